@@ -156,6 +156,6 @@ class HubSocket(Connection):
         """The socket's descriptor."""
         return self._socket.fileno()
 
-    def leave(self) -> None:
+    def close(self) -> None:
         """Leave the bus."""
         self._socket.close()

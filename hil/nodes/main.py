@@ -15,7 +15,7 @@ from firmware_py.interface.addresses import Addresses, bus_id
 from firmware_py.interface.generated.records import DriveEstop
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.parameters import addresses_from, config_from
-from hil.bus import Bus, join, provide
+from hil.bus import Bus, open_bus
 from hil.bus.addressed import addressed
 from hil.bus.base import NodeBus
 from hil.bus.wire import MAX_STANDARD_ID, REMOTE_FLAG
@@ -149,7 +149,7 @@ def operator_main(scenario: str, settings: Sequence[str], bus: str) -> None:
         print(f"playing the script for {loaded.duration_s:g} s; Ctrl-C is an E-stop", file=sys.stderr)
         loop.run(round(loaded.duration_s / OPERATOR_PERIOD_S), say, None)
         if stopped:
-            node_bus.send(codec.DRIVE_ESTOP.encode(DriveEstop()))
+            node_bus.send_all([codec.DRIVE_ESTOP.encode(DriveEstop())])
 
 
 def belong_to_parent() -> None:
@@ -164,18 +164,14 @@ def joined(spec: str, accept: Collection[int], places: Addresses) -> Iterator[Bu
 
     Prints on standard error how other programs join the bus.
     """
-    with provide(spec) as provided:
+    on_bus = [bus_id(places, can_id & MAX_STANDARD_ID) | (can_id & REMOTE_FLAG) for can_id in accept]
+    with open_bus(spec, on_bus) as (provided, bus):
         if provided.address != spec:
             print(
                 f"bus {provided.name} ({provided.reason}); join it with --bus {provided.address}",
                 file=sys.stderr,
             )
-        on_bus = [bus_id(places, can_id & MAX_STANDARD_ID) | (can_id & REMOTE_FLAG) for can_id in accept]
-        node_bus = addressed(join(provided.address, on_bus), places)
-        try:
-            yield node_bus
-        finally:
-            node_bus.close()
+        yield addressed(bus, places)
 
 
 def await_start(sync: bool, again: bool = False) -> Start:
