@@ -96,7 +96,7 @@ def _shares(axes: Any, walks: Sequence[Row], labels: Sequence[str]) -> None:
     axes.imshow(shares, cmap="RdYlGn", vmin=0.0, vmax=100.0, alpha=0.6, aspect="auto")
     axes.set_xticks(range(len(cadences)), [f"{hz:g}" for hz in cadences])
     axes.set_yticks(range(len(labels)), labels, fontsize=8)
-    axes.set(xlabel="strides a second [Hz]", title="strides with one impact, in the window [%]: walks")
+    axes.set(xlabel="stride frequency [Hz]", title="strides with one impact, in the window [%]: walks")
 
 
 def _bands(axes: Any, bands: Sequence[Band]) -> None:
