@@ -13,15 +13,8 @@ import numpy as np
 from firmware_py.interface.enums import Mode, Regime
 from hil.judge import detection
 from hil.judge.estimate_error import estimate_errors
+from hil.judge.figures import faults
 from hil.judge.figures.bus import mean_load
-from hil.judge.figures.faults import (
-    drive_end,
-    fault_figures,
-    first_fault,
-    latched_figures,
-    safe_state_figures,
-    torque_after,
-)
 from hil.judge.figures.gait import gait_figures
 from hil.judge.figures.records import (
     DetectorFigures,
@@ -246,7 +239,7 @@ def figures_from(traces: RunTraces) -> Figures:
     under_uml = bool(run.get("user_mode_linux", False))
     hold = hold_window(firmware)
     motion = hold_motion(plant, impacts, hold)
-    end = drive_end(plant, firmware)
+    end = faults.drive_end(plant, firmware)
     impacts_t_s, impacts_v_m_s = column(impacts, "t_s"), column(impacts, "v_m_s")
     before = impacts_v_m_s[impacts_t_s < hold.start_s] if hold is not None else impacts_v_m_s
     reported = column(firmware, "outputs.regime")
@@ -298,12 +291,12 @@ def figures_from(traces: RunTraces) -> Figures:
         estimate=estimate_figures(plant, firmware, hold),
         detector=detector_figures(plant, impacts, firmware),
         speed=speed_figures(plant, firmware, hold),
-        fault=lower_name(first_fault(firmware)),
-        latched=latched_figures(plant, firmware, period_s),
+        fault=lower_name(faults.first_fault(firmware)),
+        latched=faults.latched_figures(plant, firmware, period_s),
         final_mode=lower_name(Mode(int(mode[-1]))) if len(mode) else "none",
-        motor_torque_after_stop_n_m=torque_after(plant, end),
-        safe_state=safe_state_figures(plant, firmware, impacts, end),
-        after_fault=fault_figures(traces, hold),
+        motor_torque_after_stop_n_m=faults.torque_after(plant, end),
+        safe_state=faults.safe_state_figures(plant, firmware, impacts, end),
+        after_fault=faults.fault_figures(traces, hold),
         energy_residual=energy_residual(plant),
     )
 
