@@ -228,11 +228,7 @@ def run_loop(
         own_clock.leave()
         leave_realtime()
         runner.close()
-    summary = {
-        "overruns": loop.overruns,
-        "lost_records": runner.lost_records,
-        **asdict(node_bus.counters),
-    }
+    summary = {"overruns": loop.overruns, "lost_records": runner.lost_records, **asdict(node_bus.counters)}
     if sync:
         report_to_parent(json.dumps(summary))
     else:

@@ -102,11 +102,7 @@ class RunLog:
     """
 
     def __init__(
-        self,
-        to: Path | str,
-        run: Mapping[str, Any],
-        scenario: Mapping[str, Any],
-        is_over: bool = False,
+        self, to: Path | str, run: Mapping[str, Any], scenario: Mapping[str, Any], is_over: bool = False
     ) -> None:
         """`is_over`: the run has ended, so the only layout is that of the conclusion."""
         self._named = signals_of_checks(scenario)
@@ -248,8 +244,7 @@ class RunLog:
         self.drawing.truth(records)
         if self.stop_m is not None:
             self.out.declare(
-                "stop",
-                rr.SeriesLines.from_fields(names=["stop"], colors=colors([ALARM]), widths=[1.0]),
+                "stop", rr.SeriesLines.from_fields(names=["stop"], colors=colors([ALARM]), widths=[1.0])
             )
             self.out.send("stop", t_s[[0, -1]], rr.Scalars.columns(scalars=[self.stop_m] * 2))
         if self._push_off is not None:

@@ -238,11 +238,7 @@ def chart(
 
 @study.command()
 @unfolded
-def portrait(
-    preset: Preset = "table1",
-    rrd: Rrd = None,
-    common: StudyOptions = StudyOptions(),
-) -> None:
+def portrait(preset: Preset = "table1", rrd: Rrd = None, common: StudyOptions = StudyOptions()) -> None:
     """Time histories and phase portraits of both attractors for each friction law."""
     from tools.study import cases, figures, recordings, store
     from tools.study.portraits import as_table, pair
@@ -329,8 +325,7 @@ def feasibility(
         Literal["table1", "gait", "walking", "all"], typer.Option(help="table1, gait, walking or all.")
     ] = "all",
     page: Annotated[
-        Path | None,
-        file_option("The page to write; by default feasibility.md in the folder of results."),
+        Path | None, file_option("The page to write; by default feasibility.md in the folder of results.")
     ] = None,
     common: StudyOptions = StudyOptions(),
 ) -> None:
@@ -365,12 +360,7 @@ def feasibility(
             shown.add_row(one, str(sum(counts[one].values())), *cells)
         console.print(shown)
 
-    result = {
-        "feasibility": rows,
-        "verdicts": counts,
-        "page": str(written),
-        "figures": pictures,
-    }
+    result = {"feasibility": rows, "verdicts": counts, "page": str(written), "figures": pictures}
     job.answer(result, show)
 
 
@@ -378,8 +368,7 @@ def feasibility(
 @unfolded
 def pulse(
     way: Annotated[
-        Literal["turn", "subharmonic", "gated", "all"],
-        typer.Option(help="turn, subharmonic, gated or all."),
+        Literal["turn", "subharmonic", "gated", "all"], typer.Option(help="turn, subharmonic, gated or all.")
     ] = "all",
     common: StudyOptions = StudyOptions(),
 ) -> None:

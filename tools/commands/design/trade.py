@@ -29,8 +29,7 @@ def trade(
         bool, typer.Option("--quick", help="Fewer settings and repeats: about a minute.")
     ] = False,
     parts: Annotated[
-        bool,
-        typer.Option("--parts", help="Measure the cost and effect of each part of a scene instead."),
+        bool, typer.Option("--parts", help="Measure the cost and effect of each part of a scene instead.")
     ] = False,
     extremes: Annotated[
         Path | None,

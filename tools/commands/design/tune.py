@@ -48,8 +48,7 @@ class Outputs:
     out: Annotated[Path, file_option("The parameter file.")]
     plot: Annotated[Path | None, file_option("Draw a picture of the result into this file.", PICTURES)] = None
     rrd: Annotated[
-        Path | None,
-        file_option("Write the result also as a Rerun recording; open it with view.", RECORDINGS),
+        Path | None, file_option("Write the result also as a Rerun recording; open it with view.", RECORDINGS)
     ] = None
     force: Annotated[
         bool,
@@ -117,12 +116,10 @@ def conclude(
 @unfolded
 def speed(
     bandwidth_hz: Annotated[
-        float | None,
-        number("Bandwidth from target to speed, −3 dB; by default the firmware's.", low=0.1),
+        float | None, number("Bandwidth from target to speed, −3 dB; by default the firmware's.", low=0.1)
     ] = None,
     phase_margin_deg: Annotated[
-        float | None,
-        number("Phase margin; a surplus increases the integral gain.", low=1.0, high=120.0),
+        float | None, number("Phase margin; a surplus increases the integral gain.", low=1.0, high=120.0)
     ] = None,
     inertia_kg_m2: Annotated[float | None, number("Inertia of rotor and flywheel.", low=1e-7)] = None,
     tracker_rad_s: Annotated[float | None, number("Poles of the encoder tracker.", low=1.0)] = None,
@@ -175,8 +172,7 @@ def identify(
     trials: Annotated[
         int | None,
         typer.Option(
-            help="Instead of a log: number of sampled modules on which to measure the identification.",
-            min=1,
+            help="Instead of a log: number of sampled modules on which to measure the identification.", min=1
         ),
     ] = None,
     trials_out: Annotated[

@@ -33,8 +33,7 @@ def compare(
     a: Annotated[Path, typer.Argument(help="A run folder, an .rrd file, or a suite's folder.")],
     b: Annotated[Path, typer.Argument(help="The other one.")],
     out: Annotated[
-        Path | None,
-        new_option("Write both runs to one new .rrd file; open it with view.", RECORDINGS),
+        Path | None, new_option("Write both runs to one new .rrd file; open it with view.", RECORDINGS)
     ] = None,
     must_be_equal: Annotated[
         bool, typer.Option("--must-be-equal", help="Check that the runs are equal: exit status 1 if not.")

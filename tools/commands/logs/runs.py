@@ -44,8 +44,7 @@ def runs(
         bool, typer.Option(help="Open the listed runs side by side in the Rerun viewer.")
     ] = False,
     older: Annotated[
-        str | None,
-        typer.Option("--prune", help="Remove the listed runs that are older than this, e.g. 30d."),
+        str | None, typer.Option("--prune", help="Remove the listed runs that are older than this, e.g. 30d.")
     ] = None,
     as_json: Json = False,
 ) -> None:

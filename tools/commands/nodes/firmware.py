@@ -13,8 +13,7 @@ from tools.outputs import folder_option
 from tools.progress import shown_progress
 
 Scenario = Annotated[
-    str | None,
-    typer.Argument(help="A scenario with the firmware's parameters; without it the defaults."),
+    str | None, typer.Argument(help="A scenario with the firmware's parameters; without it the defaults.")
 ]
 Change = Annotated[list[str] | None, setting("Change a parameter: firmware.NAME=VALUE")]
 

@@ -42,8 +42,7 @@ def suite(
     change: Annotated[list[str] | None, setting("Change a value in every scenario, as for run")] = None,
     parameters: ParameterFiles = None,
     baseline: Annotated[
-        str | None,
-        typer.Option(help="Compare with this suite: its folder, or previous for the newest one."),
+        str | None, typer.Option(help="Compare with this suite: its folder, or previous for the newest one.")
     ] = None,
     jobs: Annotated[int, typer.Option(help="Lockstep runs at the same time.", min=1)] = 2,
     as_json: Json = False,

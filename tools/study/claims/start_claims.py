@@ -8,13 +8,7 @@ import numpy as np
 
 from tools.study.cases import PRESETS, VISCOUS_RANGE_N_S_M, case
 from tools.study.claims import claim
-from tools.study.claims.evidence import (
-    CONTACTS_S,
-    Evidence,
-    run_up,
-    share_after_ramp,
-    share_from_rest,
-)
+from tools.study.claims.evidence import CONTACTS_S, Evidence, run_up, share_after_ramp, share_from_rest
 from tools.study.intervals import contains
 
 

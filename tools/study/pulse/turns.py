@@ -157,10 +157,7 @@ def made_for(kind: Made, stride_hz: float) -> tuple[Case, State] | None:
     """
     natural_rad_s = 2.0 * math.pi * (kind.made_hz or stride_hz) * kind.turns / kind.ratio
     unit = case(
-        "table1",
-        "viscous",
-        spring_n_m=0.8 * natural_rad_s**2,
-        amplitude_m=0.06 / kind.gap_over_amplitude,
+        "table1", "viscous", spring_n_m=0.8 * natural_rad_s**2, amplitude_m=0.06 / kind.gap_over_amplitude
     )
     start, gap_m = State(0.0, 0.0, 0.0), unit.gap_m
     if kind.way == judging.SUBHARMONIC:
