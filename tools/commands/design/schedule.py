@@ -16,11 +16,6 @@ DEFAULT_BITRATE = 1_000_000
 REPORTED_BITRATES = (1_000_000, 500_000, 250_000)
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(schedule)
-
-
 def schedule(
     bitrate: Annotated[int, typer.Option(help="Bits per second.")] = DEFAULT_BITRATE,
     module: Annotated[

@@ -18,11 +18,6 @@ LONGEST_PLOT_S = 3600.0
 """Longest simulation with a plot; the plot's samples are 1 ms apart."""
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(simulate)
-
-
 def simulate(
     scene: Annotated[str, typer.Argument(help="A scene's name or its TOML file.")],
     until: Annotated[float, number("Simulated time in s.")] = 10.0,

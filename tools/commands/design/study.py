@@ -67,11 +67,6 @@ class StudyOptions:
         return StudyJob(self.out, self.cores, self.scheduler, self.as_json)
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to the program."""
-    app.add_typer(study)
-
-
 @study.command()
 @unfolded
 def sweep(

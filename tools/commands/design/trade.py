@@ -19,11 +19,6 @@ if TYPE_CHECKING:
     from tools.trade.costs import Cost
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(trade)
-
-
 def trade(
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer settings and repeats: about a minute.")

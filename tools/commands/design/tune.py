@@ -59,11 +59,6 @@ class Outputs:
     as_json: Json = False
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to the program."""
-    app.add_typer(tune)
-
-
 def given(**options: Any) -> dict[str, Any]:
     """The options that the user set; the called function has defaults for the others."""
     return {name: value for name, value in options.items() if value is not None}

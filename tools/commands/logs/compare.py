@@ -24,11 +24,6 @@ MOST_CHANGES = 10
 """Largest number of figures shown, so that they fit one screen; --json has all."""
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(compare)
-
-
 def compare(
     a: Annotated[Path, typer.Argument(help="A run folder, an .rrd file, or a suite's folder.")],
     b: Annotated[Path, typer.Argument(help="The other one.")],

@@ -17,11 +17,6 @@ if TYPE_CHECKING:
     from hil.bench.recorded_run import Run
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(inspect)
-
-
 def inspect(
     run: Logged = None,
     table: Annotated[

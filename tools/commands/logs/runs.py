@@ -20,11 +20,6 @@ MOST = 40
 """Default for the largest number of runs in the table."""
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(runs)
-
-
 def runs(
     folder: Annotated[Path, typer.Argument(help="The folder of the runs.")] = Path("runs"),
     where: Annotated[

@@ -1,15 +1,9 @@
 """`vibrohil doctor`: what this machine can run, and what to install for the rest."""
 
-import typer
 from rich.table import Table
 
 from tools.commands.options import Json
 from tools.output import answer, console, exit_of
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(doctor)
 
 
 def doctor(as_json: Json = False) -> None:

@@ -17,11 +17,6 @@ class Named(NamedTuple):
     title: str
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command(name="list")(list_names)
-
-
 def list_names(
     what: Annotated[
         Literal["scenarios", "scenes", "parameters"], typer.Argument(help="The kind of names to list.")

@@ -36,11 +36,6 @@ firmware = typer.Typer(
 )
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to the program."""
-    app.add_typer(firmware)
-
-
 @firmware.command()
 def build(
     scenario: Scenario = None,

@@ -23,11 +23,6 @@ BARS = " ▁▂▃▄▅▆▇█"
 MOST_FAILURES = 20
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(campaign)
-
-
 def campaign(
     name: Annotated[
         Literal[

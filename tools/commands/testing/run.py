@@ -16,11 +16,6 @@ if TYPE_CHECKING:
     from hil.scenario.scenario import Scenario
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(run)
-
-
 def run(
     scenario: Annotated[str, typer.Argument(help="A scenario's name or its TOML file.")],
     clock: Annotated[

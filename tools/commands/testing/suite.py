@@ -14,11 +14,6 @@ from tools.outputs import folder_option
 from tools.progress import shown_progress
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(suite)
-
-
 def suite(
     names: Annotated[
         list[str] | None, typer.Argument(help="Scenarios by name or file; by default all.")
