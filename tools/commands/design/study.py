@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
-from rich.table import Table
 
 from tools.commands.design.study_output import (
     StudyJob,
@@ -17,7 +16,7 @@ from tools.commands.design.study_output import (
     show_sweep,
 )
 from tools.commands.options import Json, number, unfolded
-from tools.output import console, figure_table
+from tools.output import console, figure_table, table_of
 from tools.outputs import RECORDINGS, file_option, folder_option
 
 study = typer.Typer(
@@ -96,8 +95,7 @@ def sweep(
     if amplitude is not None:
         chosen = [replace(case, amplitude_m=amplitude) for case in chosen]
     job = common.job()
-    if common.scheduler is None:
-        job.warm(chosen)
+    job.warm(chosen)
     with job.computing():
         found = diagrams(chosen, job.where)
     pictures = []
@@ -156,7 +154,7 @@ def basin(
     soft = start == "soft"
     size = size or (SOFT_SIZE if soft else INSTANT_SIZE)
     job = common.job()
-    if not (common.scheduler or soft):
+    if not soft:
         job.warm([case])
     compute = soft_start.compute if soft else basins.compute
     with job.computing():
@@ -195,8 +193,7 @@ def chart(
     second = over.removeprefix("r,")
     maps.check(case, second)
     job = common.job()
-    if common.scheduler is None:
-        job.warm([case])
+    job.warm([case])
     with job.computing():
         paths = work.run("map", maps.piece, maps.specs(case, second, size), job.where)
     table = pa.concat_tables([store.read(path)[0] for path in paths])
@@ -241,8 +238,7 @@ def portrait(preset: Preset = "table1", rrd: Rrd = None, common: StudyOptions = 
 
     chosen = [cases.case(preset, law) for law in cases.LAWS]
     job = common.job()
-    if common.scheduler is None:
-        job.warm(chosen)
+    job.warm(chosen)
     with job.computing():
         pairs = [pair(diagram) for diagram in diagrams(chosen, job.where)]
     samples = common.out / f"portrait-{preset}.parquet"
@@ -302,15 +298,11 @@ def claims(
         pictures += figures.basin(one, caption, common.out)
     written = page or common.out / "claims.md"
     pages.write(judged, written)
-
-    def show() -> None:
-        table = Table("claim", "the paper says", "verdict", box=None, pad_edge=False)
-        for claim in judged:
-            table.add_row(claim.id, claim.statement, claim.verdict)
-        console.print(table)
-
+    table = table_of(
+        ("claim", "the paper says", "verdict"), ((one.id, one.statement, one.verdict) for one in judged)
+    )
     result = {"claims": [asdict(claim) for claim in judged], "page": str(written), "figures": pictures}
-    job.answer(result, show)
+    job.answer(result, lambda: console.print(table))
 
 
 @study.command()
@@ -347,16 +339,15 @@ def feasibility(
         one: dict(Counter(row["verdict"] for row in rows if row["preset"] == one).most_common())
         for one in presets
     }
-
-    def show() -> None:
-        shown = Table("preset", "cells", *table.REASONS, box=None, pad_edge=False)
-        for one in presets:
-            cells = [str(counts[one].get(reason, 0)) for reason in table.REASONS]
-            shown.add_row(one, str(sum(counts[one].values())), *cells)
-        console.print(shown)
-
+    shown = table_of(
+        ("preset", "cells", *table.REASONS),
+        (
+            (one, str(sum(of_one.values())), *(str(of_one.get(reason, 0)) for reason in table.REASONS))
+            for one, of_one in counts.items()
+        ),
+    )
     result = {"feasibility": rows, "verdicts": counts, "page": str(written), "figures": pictures}
-    job.answer(result, show)
+    job.answer(result, lambda: console.print(shown))
 
 
 @study.command()

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Column, Table
+from rich.table import Column
 
 from tools.commands.options import Json
-from tools.output import EXIT_NOTHING_RAN, BadInputError, answer, console, figure, print_json
+from tools.output import EXIT_NOTHING_RAN, BadInputError, answer, console, figure, print_json, table_of
 
 if TYPE_CHECKING:
     from tools.logs.catalogue import ListedRun
@@ -84,7 +84,7 @@ def print_table(shown: "list[ListedRun]", columns: list[str]) -> None:
     """Print a line for each run."""
     words = {True: "[green]passed[/]", False: "[bold red]failed[/]", None: "[dim]no verdict[/]"}
     titles = ("begun", "", "scenario", "commit", *columns, "folder")
-    table = Table(*(Column(title, overflow="fold") for title in titles), box=None, pad_edge=False)
+    table = table_of(Column(title, overflow="fold") for title in titles)
     for run in shown:
         begun = time.strftime("%Y-%m-%d %H:%M", time.localtime(run.begun_s))
         name, figures = figure(run.figure("scenario")), [figure(run.figure(name)) for name in columns]
