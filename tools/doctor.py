@@ -142,10 +142,7 @@ def _python() -> DoctorCheck:
 def _packages() -> DoctorCheck:
     wrong = [*version_faults(LOCK.read_text()), *_import_faults()]
     return DoctorCheck(
-        "packages",
-        not wrong,
-        "make setup",
-        "; ".join(wrong) or f"as in {LOCK.name}, and they import",
+        "packages", not wrong, "make setup", "; ".join(wrong) or f"as in {LOCK.name}, and they import"
     )
 
 

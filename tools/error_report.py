@@ -10,14 +10,7 @@ import traceback
 import typer
 from typer.exceptions import TyperException
 
-from tools.output import (
-    EXIT_BAD_INPUT,
-    EXIT_INTERNAL_ERROR,
-    EXIT_INTERRUPTED,
-    BadInputError,
-    print_json,
-    progress_console,
-)
+from tools import output
 
 LONGEST_MESSAGE = 4000
 """Length of the longest error message about an input, in characters."""
@@ -43,7 +36,7 @@ def bad_input_types() -> tuple[type[Exception], ...]:
     from plant_sim.text_input import TextInputError
 
     return (
-        *(BadInputError, TextInputError, ParameterError),
+        *(output.BadInputError, TextInputError, ParameterError),
         *solver_errors(),
         *board_errors(),
         *(BusError, TraceError, UmlError, ChildRefusalError, RunError, RunFolderError),
@@ -53,7 +46,7 @@ def bad_input_types() -> tuple[type[Exception], ...]:
 
 def is_bad_input(error: Exception) -> bool:
     """Whether the input or the machine caused an error, and not a defect."""
-    if isinstance(error, BadInputError):
+    if isinstance(error, output.BadInputError):
         return True
     try:
         from plant_sim.kernels import KernelCacheError
@@ -94,10 +87,10 @@ def unwritable(error: Exception) -> str:
 
 def say_error(label: str, message: str, as_json: bool) -> None:
     """Print an error on the console and, if requested, in JSON."""
-    progress_console.print(label, style="bold red", end=" ")
-    progress_console.print(message, markup=False, soft_wrap=True)
+    output.progress_console.print(label, style="bold red", end=" ")
+    output.progress_console.print(message, markup=False, soft_wrap=True)
     if as_json:
-        print_json({"error": message})
+        output.print_json({"error": message})
 
 
 def refuse(message: str, as_json: bool) -> int:
@@ -106,7 +99,7 @@ def refuse(message: str, as_json: bool) -> int:
         half = LONGEST_MESSAGE // 2
         message = f"{message[:half]} … {message[-half:]}"
     say_error("error:", message, as_json)
-    return EXIT_BAD_INPUT
+    return output.EXIT_BAD_INPUT
 
 
 def report_internal_error(error: Exception, as_json: bool) -> int:
@@ -122,7 +115,7 @@ def report_internal_error(error: Exception, as_json: bool) -> int:
     summary = " ".join(traceback.format_exception_only(error)[-1].split())
     message = f"{summary} (a defect of vibrohil; its traceback: {where})"
     say_error("internal error:", message, as_json)
-    return EXIT_INTERNAL_ERROR
+    return output.EXIT_INTERNAL_ERROR
 
 
 def small_address_space() -> str:
@@ -139,16 +132,16 @@ def small_address_space() -> str:
 def note_small_address_space() -> None:
     """Print a note if the limit of the address space is too small for a run."""
     if note := small_address_space():
-        progress_console.print(f"note: {note}", markup=False)
+        output.progress_console.print(f"note: {note}", markup=False)
 
 
 def report_interruption(reason: str, as_json: bool) -> int:
     """Print that the program was interrupted, and by which signal."""
     message = reason or "interrupted"
-    progress_console.print(message)
+    output.progress_console.print(message)
     if as_json:
-        print_json({"error": message})
-    return EXIT_INTERRUPTED
+        output.print_json({"error": message})
+    return output.EXIT_INTERRUPTED
 
 
 def report(error: Exception, as_json: bool) -> int:
@@ -157,10 +150,12 @@ def report(error: Exception, as_json: bool) -> int:
         return report_interruption(str(error), as_json)
     if isinstance(error, TyperException):
         message = error.format_message()
-        return refuse(message, as_json) if message else EXIT_BAD_INPUT  # no message: the help was printed
+        return (
+            refuse(message, as_json) if message else output.EXIT_BAD_INPUT
+        )  # no message: the help was printed
     if isinstance(error, MemoryError):
         remedy = small_address_space() or "free some, or run less at once"
         say_error("error:", f"out of memory; {remedy}", as_json)
-        return EXIT_INTERNAL_ERROR
+        return output.EXIT_INTERNAL_ERROR
     sentence = str(error) if is_bad_input(error) else unwritable(error)
     return refuse(sentence, as_json) if sentence else report_internal_error(error, as_json)

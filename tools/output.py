@@ -11,7 +11,7 @@ import numpy as np
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 EXIT_PASSED = 0
 EXIT_CHECK_FAILED = 1
@@ -90,11 +90,20 @@ def figure(value: Any, unit: str = "") -> str:
     return f"{text} {unit}".rstrip()
 
 
+def table_of(columns: Iterable[str | Column], rows: Iterable[Iterable[str]] = (), **options: Any) -> Table:
+    """A table without lines; a column's name with a leading > heads numbers, aligned to the right."""
+    headers = (
+        Column(one[1:], justify="right", no_wrap=True) if isinstance(one, str) and one[:1] == ">" else one
+        for one in columns
+    )
+    table = Table(*headers, title_justify="left", box=None, pad_edge=False, **options)
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
 def figure_table(title: str, rows: Iterable[tuple[str, Any, str]]) -> Table:
     """A two-column table of (name, value, unit)."""
-    table = Table(title=escape(title), title_justify="left", show_header=False, box=None, pad_edge=False)
-    table.add_column(style="cyan", no_wrap=True)
-    table.add_column()
-    for name, value, unit in rows:
-        table.add_row(escape(name), escape(figure(value, unit)))
-    return table
+    shown = ((escape(name), escape(figure(value, unit))) for name, value, unit in rows)
+    columns = (Column(style="cyan", no_wrap=True), Column())
+    return table_of(columns, shown, title=escape(title), show_header=False)

@@ -1,38 +1,51 @@
-"""Plots of the plant alone, by matplotlib, as SVG or PNG."""
+"""Plots by matplotlib: a figure written into a file, and the plant alone."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from plant_sim.result import SimulationResult
 from plant_sim.scene import Scene
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 PLOT_WINDOW_S = 5.0
 """Longest time history, up to the end of the run: some ten periods at the module's frequencies."""
 
 
-def plot_motion(result: SimulationResult, scene: Scene, path: Path) -> None:
-    """Draw the last seconds of position over time, approach speeds, and the phase portrait into `path`."""
+@contextmanager
+def drawn(path: Path, width: float = 14.0, height: float = 4.4) -> Iterator["Figure"]:
+    """A figure of this size in inches, written into an SVG, PNG or PDF file at the end."""
     from matplotlib.figure import Figure
 
+    figure = Figure(figsize=(width, height), layout="constrained")
+    yield figure
+    figure.savefig(path, dpi=110)
+
+
+def plot_motion(result: SimulationResult, scene: Scene, path: Path) -> None:
+    """Draw the last seconds of position over time, approach speeds, and the phase portrait into `path`."""
     samples = result.samples
     if samples is None:
         raise ValueError("plot_motion needs a result with samples; simulate with samples_s")
     shown = samples.t_s >= samples.t_s[-1] - PLOT_WINDOW_S
     stop_m = getattr(scene.parts().stop, "position_m", np.nan)
 
-    figure = Figure(figsize=(14.0, 4.2), layout="constrained")
-    history, speeds, portrait = figure.subplots(1, 3)
-    history.plot(samples.t_s[shown], 1e3 * samples.x_m[shown], lw=1.2)
-    portrait.plot(1e3 * samples.x_m[shown], samples.v_m_s[shown], lw=0.8)
-    if np.isfinite(stop_m):
-        history.axhline(1e3 * stop_m, color="tab:red", lw=1, ls="--", label="stop")
-        portrait.axvline(1e3 * stop_m, color="tab:red", lw=1, ls="--")
-        history.legend(loc="lower right")
-    speeds.plot(result.impacts.t_s, result.impacts.v_m_s, ".", ms=4)
-    history.set(xlabel="time [s]", ylabel="position [mm]", title="last seconds")
-    speeds.set(xlabel="time [s]", ylabel="approach speed v⁻ [m/s]", title="impacts")
-    portrait.set(xlabel="position [mm]", ylabel="velocity [m/s]", title="phase portrait")
-    for axes in (history, speeds, portrait):
-        axes.grid(alpha=0.3)
-    figure.savefig(path, dpi=110)
+    with drawn(path, 14.0, 4.2) as figure:
+        history, speeds, portrait = figure.subplots(1, 3)
+        history.plot(samples.t_s[shown], 1e3 * samples.x_m[shown], lw=1.2)
+        portrait.plot(1e3 * samples.x_m[shown], samples.v_m_s[shown], lw=0.8)
+        if np.isfinite(stop_m):
+            history.axhline(1e3 * stop_m, color="tab:red", lw=1, ls="--", label="stop")
+            portrait.axvline(1e3 * stop_m, color="tab:red", lw=1, ls="--")
+            history.legend(loc="lower right")
+        speeds.plot(result.impacts.t_s, result.impacts.v_m_s, ".", ms=4)
+        history.set(xlabel="time [s]", ylabel="position [mm]", title="last seconds")
+        speeds.set(xlabel="time [s]", ylabel="approach speed v⁻ [m/s]", title="impacts")
+        portrait.set(xlabel="position [mm]", ylabel="velocity [m/s]", title="phase portrait")
+        for axes in (history, speeds, portrait):
+            axes.grid(alpha=0.3)

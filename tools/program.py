@@ -6,7 +6,6 @@ from importlib import import_module
 from typing import Annotated
 
 import typer
-from typer.models import CommandInfo
 
 from tools.examples import EXAMPLES
 from tools.output import BadInputError
@@ -39,25 +38,27 @@ COMMANDS = {
 """The modules of the commands, in the groups of the help page."""
 
 
-def register(app: typer.Typer, module: str, group: str) -> None:
-    """Add one module's command, or its group of sub-commands, to the program."""
-    commands, groups = len(app.registered_commands), len(app.registered_groups)
-    import_module(f"tools.commands.{module}").register(app)
-    for command in app.registered_commands[commands:]:
-        command.rich_help_panel = group
-        show_example(command, "")
-    for sub_commands in app.registered_groups[groups:]:
-        sub_commands.rich_help_panel = group
-        program = sub_commands.typer_instance
-        if program is not None:
-            for command in program.registered_commands:
-                show_example(command, f"{program.info.name} ")
+def add(app: typer.Typer, module: str, group: str) -> None:
+    """Add one module's command, or its group of sub-commands, to the program.
+
+    `import` and `list` are words of Python, so their modules have a longer name."""
+    name = module.rpartition(".")[2]
+    loaded = import_module(f"tools.commands.{module}")
+    command = getattr(loaded, name)
+    if not isinstance(command, typer.Typer):
+        name = name.partition("_")[0]
+        settings = getattr(loaded, "SETTINGS", None)
+        app.command(name, context_settings=settings, rich_help_panel=group, epilog=example(name))(command)
+        return
+    app.add_typer(command, rich_help_panel=group)
+    for sub_command in command.registered_commands:
+        sub_name = sub_command.name or getattr(sub_command.callback, "__name__", "")
+        sub_command.epilog = example(f"{name} {sub_name}")
 
 
-def show_example(command: CommandInfo, prefix: str) -> None:
-    """Put the command's example at the end of its help."""
-    name = str(command.name or getattr(command.callback, "__name__", ""))
-    command.epilog = f"Example: {EXAMPLES[prefix + name]}"
+def example(name: str) -> str:
+    """The last line of a command's help."""
+    return f"Example: {EXAMPLES[name]}"
 
 
 def vibrohil(
@@ -78,7 +79,7 @@ def program() -> typer.Typer:
     app.callback()(vibrohil)
     for group, modules in COMMANDS.items():
         for module in modules:
-            register(app, module, group)
+            add(app, module, group)
     return app
 
 

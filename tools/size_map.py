@@ -17,17 +17,8 @@ from typing import Any, NamedTuple
 import llvmlite.binding as llvm
 
 import firmware_py
+from firmware_py.builds import machine_code
 from firmware_py.builds.flat import layout
-from firmware_py.builds.machine_code import (
-    KEPT,
-    NAMES_EXCEPTION,
-    TARGETS,
-    WRAPPER,
-    TargetName,
-    kept,
-    raw_assembly,
-    retargeted,
-)
 from firmware_py.core.state import Config
 from firmware_py.node.tick import NodeState
 
@@ -52,9 +43,9 @@ _ADVANCE_PC, _ADVANCE_LINE, _SET_FILE, _CONST_ADD_PC, _FIXED_ADVANCE_PC = 2, 3, 
 _NAMES = ("unit", "version", "dwarf", "nothing", "kind", "file")
 
 
-def size_map(target: TargetName) -> SizeMap:
+def size_map(target: machine_code.TargetName) -> SizeMap:
     """Bytes of `code` by module, and of `config` and `state` by block, each with the largest first."""
-    precision = TARGETS[target].precision
+    precision = machine_code.TARGETS[target].precision
     state = layout(NodeState, precision)
     core = {f"core.{name}": size for name, size in blocks(state.fields["core"][0]).items()}
     parts = {
@@ -72,15 +63,15 @@ def blocks(kind: Any) -> dict[str, int]:
     return dict(zip(kind.fields, sizes, strict=True))
 
 
-def code_by_module(target: TargetName) -> dict[str, int]:
+def code_by_module(target: machine_code.TargetName) -> dict[str, int]:
     """Bytes of machine code from each module; empty if the object files of this platform are not ELF."""
     digest = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:16]
-    path = kept(f"{target}-{digest}.json")
+    path = machine_code.kept(f"{target}-{digest}.json")
     if not path.exists():
-        assembly = NAMES_EXCEPTION.sub("", raw_assembly())
+        assembly = machine_code.NAMES_EXCEPTION.sub("", machine_code.raw_assembly())
         tick = assembly.partition("\n")[0].removeprefix("; ")
-        wrapped = assembly + WRAPPER.format(tick=tick, state_size=1, state="\\00")
-        code = retargeted(with_lines(wrapped), TARGETS[target], KEPT)
+        wrapped = assembly + machine_code.WRAPPER.format(tick=tick, state_size=1, state="\\00")
+        code = machine_code.retargeted(with_lines(wrapped), machine_code.TARGETS[target], machine_code.KEPT)
         fresh = path.with_suffix(".new")
         fresh.write_text(json.dumps(bytes_by_file(line_table(code))))
         fresh.replace(path)

@@ -1,6 +1,5 @@
 """The firmware on the bus: `firmware_py.node.tick` with bytes around its words. No clock, no socket."""
 
-import sys
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Protocol
@@ -28,6 +27,8 @@ class Node(ABC):
 
     memory: NDArray[np.void] | None = None
     """The whole `NodeState` as one element of flat memory, if the build uses flat memory; else None."""
+    damage: str = ""
+    """The reason for which the parameter file was refused at power-up; empty if it was accepted."""
 
     def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
         """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
@@ -128,11 +129,12 @@ def powered_up(
     """A controller that starts with the content of its parameter file and the parameters of its build.
 
     If the file is damaged, the controller uses default parameters, reports PARAMETERS_DAMAGED on the bus and
-    does not arm.
+    does not arm; its `damage` says what is wrong with the file.
     """
     try:
         values = read_back(parameter_file, build)
     except ParameterError as error:
-        print(error, file=sys.stderr)
-        return make(config_of(parameters_of(with_overrides(build or {})), True), build)
+        node = make(config_of(parameters_of(with_overrides(build or {})), True), build)
+        node.damage = str(error)
+        return node
     return make(config_of(parameters_of(values), False), values)

@@ -12,7 +12,7 @@ import shutil
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -105,17 +105,9 @@ def run_scenario(
             if clock == "lockstep":
                 simulate(scenario, run_dir, seed, ending.outcome, progress, firmware)
             else:
-                in_processes(
-                    scenario,
-                    run_dir,
-                    seed,
-                    bus,
-                    clock == "patient",
-                    ending.outcome,
-                    progress,
-                    viewer,
-                    firmware,
-                )
+                patient, outcome = clock == "patient", ending.outcome
+                run = ProcessesRun(scenario, run_dir, seed, bus, patient, outcome, progress, viewer, firmware)
+                run.run()
             progress(1.0, "writing log and verdict")
         if viewer is not None and clock == "lockstep":
             show(run_dir, viewer)
@@ -139,37 +131,6 @@ def prepare(firmware: Build, clock: ClockName) -> None:
     image(firmware)
 
 
-def in_processes(
-    scenario: Scenario,
-    run_dir: Path,
-    seed: int,
-    bus: str,
-    patient: bool,
-    outcome: Outcome,
-    progress: Progress,
-    viewer: str | None,
-    firmware: Build,
-) -> None:
-    """Run on the wall clock or on patient clocks, on the bus that `bus` requests or names."""
-    run_folder.note(run_dir, bus=bus, kernel_can=False)
-    with provide(bus) as provided:
-        holders = provided.processes
-        run_folder.note(run_dir, **provided.described)
-        if patient and not provided.kernel_can:
-            raise BusError(
-                f"bus {provided.name} ({provided.reason}): patient clocks need a bus that delivers at once; "
-                "wanted vcan, or `vibrohil kernel -- vibrohil run … --clock patient --bus vcan`"
-            )
-        ProcessesRun(scenario, run_dir, seed, provided, patient, outcome, progress, viewer, firmware).run()
-    outcome.reasons += [
-        f"{name} did not end when asked to, and was killed"
-        for name, holder in holders.items()
-        if holder.killed_at_stop
-    ]
-    if provided.said:
-        run_folder.note(run_dir, bus_said=json.loads(provided.said))
-
-
 def program() -> str:
     """Path of the installed `vibrohil`, so that the list of processes shows the nodes by this name."""
     beside = Path(sys.executable).with_name("vibrohil")
@@ -181,25 +142,44 @@ def program() -> str:
 
 @dataclass
 class ProcessesRun:
-    """One run on the wall clock, or on patient clocks, with a process for each node."""
+    """One run on the wall clock, or on patient clocks, with a process for each node.
+
+    `bus` requests or names the bus, which is `provided` during the run.
+    """
 
     scenario: Scenario
     run_dir: Path
     seed: int
-    provided: ProvidedBus
+    bus: str
     patient: bool
     outcome: Outcome
     progress: Progress
     viewer: str | None = None
     firmware: Build = "python"
+    provided: ProvidedBus = field(init=False)
     children: dict[str, Child] = field(default_factory=dict, init=False)
 
-    def __post_init__(self) -> None:
+    def run(self) -> None:
+        """Provide the bus, run on it, and note how it ended."""
+        run_folder.note(self.run_dir, bus=self.bus, kernel_can=False)
+        with provide(self.bus) as self.provided:
+            holders = self.provided.processes
+            run_folder.note(self.run_dir, **self.provided.described)
+            if self.patient and not self.provided.kernel_can:
+                raise BusError(
+                    f"bus {self.provided.name} ({self.provided.reason}): patient clocks need a bus that "
+                    "delivers at once; wanted vcan, or "
+                    "`vibrohil kernel -- vibrohil run … --clock patient --bus vcan`"
+                )
+            self.run_on_bus()
+        self.note_killed(holders)
+        if self.provided.said:
+            run_folder.note(self.run_dir, bus_said=json.loads(self.provided.said))
+
+    def run_on_bus(self) -> None:
+        """Start, run, stop in order."""
         self.shared = shared_memory() if self.patient else -1
         self.clock = PatientClock(self.shared, Row.OPERATOR) if self.patient else MonotonicClock()
-
-    def run(self) -> None:
-        """Start, run, stop in order."""
         with ExitStack() as stack:
             if self.patient:
                 stack.callback(os.close, self.shared)
@@ -378,6 +358,14 @@ class ProcessesRun:
         if not any(reason.startswith(RECORDER) for reason in self.outcome.reasons):
             self.outcome.reasons.append(f"{recorder.how_it_ended()} at the end{recorder.why()}")
 
+    def note_killed(self, children: Mapping[str, Child]) -> None:
+        """Add a reason for each process that had to be killed."""
+        self.outcome.reasons += [
+            f"{name} did not end when asked to, and was killed"
+            for name, child in children.items()
+            if child.killed_at_stop
+        ]
+
     def stop_all(self) -> None:
         """Stop the children that still run, nodes before the recorder, and record their final reports."""
         said = {
@@ -389,8 +377,6 @@ class ProcessesRun:
         for name, one in nodes.items():
             if lost := one.get("lost_records", 0):
                 self.outcome.reasons.append(f"{name}: no room on the disk for its last {lost} records")
-        for name, child in self.children.items():
-            if child.killed_at_stop and name != LIVE:
-                self.outcome.reasons.append(f"{name} did not end when asked to, and was killed")
+        self.note_killed({name: child for name, child in self.children.items() if name != LIVE})
         self.note_dead_recorder()
         self.outcome.baseline_overruns = nodes.get("baseline", {}).get("overruns")

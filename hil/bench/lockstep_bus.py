@@ -7,7 +7,7 @@ from typing import Protocol
 from firmware_py.interface.frame import Frame
 from hil.bus.base import NodeBus
 from hil.bus.in_process import InProcessBus, InProcessNode
-from hil.can_model.error_trace import BusErrorRecord, errors_of
+from hil.can_model.fault_confinement import BusErrorRecord, errors_of
 from hil.can_model.in_process import ModelledInProcessBus
 from hil.can_model.state import UNTOUCHED
 from hil.record.traces.trace import TraceWriter

@@ -19,9 +19,8 @@ from hil.judge.figures.figures import LONGEST_HOLD_MS, figures_from
 from hil.judge.figures.records import Figures, incomplete
 from hil.judge.reasons import reasons_of
 from hil.record import provenance
-from hil.record.candump import NO_BUS
 from hil.record.run_folder import RUN_NOTE, VERDICT, clear, write_json
-from hil.record.run_traces import NO_RECORDS, RunTraces, read_json, read_run, read_scenario
+from hil.record.run_traces import RunTraces, read_json, read_run, read_scenario
 from hil.show.highlights import marks
 from hil.show.report.pages import write_report
 from hil.show.rerun_log import LOG_NAME, write_log
@@ -105,7 +104,7 @@ def write(run_dir: Path, verdict: Mapping[str, Any]) -> None:
 
 def unjudged(run: Mapping[str, Any], scenario: Mapping[str, Any], reason: str, out: Path) -> dict[str, Any]:
     """The failed verdict on a run without records; `run` is the content of its `run.json`."""
-    nothing = RunTraces(NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_BUS, run=run, scenario=scenario)
+    nothing = RunTraces(run=run, scenario=scenario)
     verdict, _ = judge(nothing, figures_from(nothing), out)
     return {**verdict, "reasons": [reason], "passed": False}
 

@@ -129,10 +129,7 @@ class Workers(Generic[Task, Result]):
     """
 
     def __init__(
-        self,
-        function: Callable[[Task], Result],
-        processes: int,
-        prepare: Callable[[], None] | None = None,
+        self, function: Callable[[Task], Result], processes: int, prepare: Callable[[], None] | None = None
     ) -> None:
         self._serve = (function, prepare)
         self._processes = processes

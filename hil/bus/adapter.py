@@ -66,6 +66,6 @@ class AdapterBus(Connection):
         """The interface's descriptor; -1 where it has none."""
         return self._bus.fileno()
 
-    def leave(self) -> None:
+    def close(self) -> None:
         """Leave the bus."""
         self._bus.shutdown()

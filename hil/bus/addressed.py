@@ -3,7 +3,7 @@
 A frame without a sender among the module's nodes is not delivered.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 from firmware_py.interface.addresses import DEFAULT, NOT_OURS, Addresses, bus_id, module_id
 from firmware_py.interface.frame import Frame
@@ -32,18 +32,9 @@ class AddressedBus:
         """The losses of the bus."""
         return self._bus.losses
 
-    @property
-    def closing(self) -> list[Callable[[], None]]:
-        """The functions that the bus calls after the node has left."""
-        return self._bus.closing
-
-    def send(self, frame: Frame) -> None:
-        """Queue one frame."""
-        self._bus.send(self._sent(frame))
-
     def send_all(self, frames: Iterable[Frame]) -> None:
         """Queue frames in order."""
-        self._bus.send_all([self._sent(frame) for frame in frames])
+        self._bus.send_all([Frame(bus_id(self._places, can_id), data) for can_id, data in frames])
 
     def receive(self) -> list[Frame]:
         """The module's frames that have arrived."""
@@ -72,6 +63,3 @@ class AddressedBus:
     def close(self) -> None:
         """Leave the bus."""
         self._bus.close()
-
-    def _sent(self, frame: Frame) -> Frame:
-        return Frame(bus_id(self._places, frame.can_id), frame.data)

@@ -2,7 +2,7 @@
 
 import select
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -46,7 +46,10 @@ class NodeBus(Protocol):
     """The interface of a bus to a node."""
 
     def send_all(self, frames: Iterable[Frame]) -> None:
-        """Queue frames in order, in as few system calls as the bus allows."""
+        """Queue frames in order, in as few system calls as the bus allows.
+
+        Frames for which the queue stays full during the retries are dropped and counted.
+        """
 
     def receive(self) -> list[Frame]:
         """All frames that have arrived, oldest first, without waiting."""
@@ -59,7 +62,6 @@ class Connection(ABC):
     """What every node's connection through a descriptor has in common; `Bus` describes its methods."""
 
     def __init__(self) -> None:
-        self.closing: list[Callable[[], None]] = []
         self.losses: list[Loss] = []
 
     @abstractmethod
@@ -71,7 +73,7 @@ class Connection(ABC):
         """A descriptor that becomes readable when frames arrive; -1 where the interface has none."""
 
     @abstractmethod
-    def leave(self) -> None:
+    def close(self) -> None:
         """Leave the bus."""
 
     def send(self, frame: Frame) -> None:
@@ -83,12 +85,6 @@ class Connection(ABC):
         if self.fileno() >= 0:
             select.select([self], [], [], timeout_s)
 
-    def close(self) -> None:
-        """Leave the bus, then call the functions in `closing`."""
-        self.leave()
-        for close in self.closing:
-            close()
-
 
 class Bus(NodeBus, Protocol):
     """One node's connection. It never receives its own frames; only `wait` may block longer than a send."""
@@ -98,15 +94,8 @@ class Bus(NodeBus, Protocol):
         """The errors counted so far."""
 
     @property
-    def closing(self) -> list[Callable[[], None]]:
-        """Functions that are called, in order, after the node has left."""
-
-    @property
     def losses(self) -> list[Loss]:
         """Losses seen by a bus opened with `stamped`, in order of time; the reader may empty the list."""
-
-    def send(self, frame: Frame) -> None:
-        """Queue one frame; if the queue stays full during the retries, the frame is dropped and counted."""
 
     def receive_stamped(self) -> list[tuple[int, Frame]]:
         """Like `receive`, with each arrival on the wall clock in ns; for a bus opened with `stamped`."""

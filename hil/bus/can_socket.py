@@ -280,6 +280,6 @@ class CanSocket(Connection):
         """The socket's descriptor."""
         return self._descriptor
 
-    def leave(self) -> None:
+    def close(self) -> None:
         """Leave the bus."""
         self._socket.close()

@@ -6,22 +6,13 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from firmware_py.interface.frame import Frame
+from hil.bus import wire
 from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Connection, Loss
-from hil.bus.wire import (
-    CAN_FRAME,
-    CONTROL_ID,
-    CONTROL_MARK,
-    FRAME_BYTES,
-    LOSS_KIND,
-    MAX_STANDARD_ID,
-    pack,
-    unpack,
-)
 
-HELLO = CAN_FRAME.pack(CONTROL_ID, 0, b"vibro-1\0")
-HELLO_STAMPED = CAN_FRAME.pack(CONTROL_ID, 1, b"vibro-1\0")
+HELLO = wire.CAN_FRAME.pack(wire.CONTROL_ID, 0, b"vibro-1\0")
+HELLO_STAMPED = wire.CAN_FRAME.pack(wire.CONTROL_ID, 1, b"vibro-1\0")
 """The greeting of a node that requests the time at which each frame passed the hub."""
-HELLO_SEND_ONLY = CAN_FRAME.pack(CONTROL_ID, 2, b"vibro-1\0")
+HELLO_SEND_ONLY = wire.CAN_FRAME.pack(wire.CONTROL_ID, 2, b"vibro-1\0")
 """The greeting of a node that only sends."""
 
 JOIN_TIMEOUT_S = 5.0
@@ -45,7 +36,7 @@ class HubSocket(Connection):
         try:
             self._socket.connect(str(path))
             self._socket.sendall(greeting)
-            answer = self._socket.recv(FRAME_BYTES, socket.MSG_WAITALL)
+            answer = self._socket.recv(wire.FRAME_BYTES, socket.MSG_WAITALL)
         except OSError as error:
             self._socket.close()
             raise BusError(
@@ -62,7 +53,7 @@ class HubSocket(Connection):
 
     def send_all(self, frames: Iterable[Frame]) -> None:
         """Queue frames in one system call."""
-        if packed := pack(frames):
+        if packed := wire.pack(frames):
             self._write(packed)
 
     def _write(self, packed: bytes) -> None:
@@ -84,31 +75,33 @@ class HubSocket(Connection):
                 return
             packed = packed[sent:]
         # The rest of a partly sent frame is sent first next time, which keeps the stream aligned to frames.
-        self._unfinished = packed[: len(packed) % FRAME_BYTES]
-        self.counters.unsent += len(packed) // FRAME_BYTES
+        self._unfinished = packed[: len(packed) % wire.FRAME_BYTES]
+        self.counters.unsent += len(packed) // wire.FRAME_BYTES
 
     def _read(self, most: int = MAX_BURST) -> bytes:
         """The whole frames that have arrived, at most `most`."""
         try:
-            chunk = self._socket.recv(most * FRAME_BYTES - len(self._received))
+            chunk = self._socket.recv(most * wire.FRAME_BYTES - len(self._received))
         except BlockingIOError:
             return b""
         except ConnectionError:
             chunk = b""
         self.ended = self.ended or not chunk
-        if self._received or len(chunk) % FRAME_BYTES:
+        if self._received or len(chunk) % wire.FRAME_BYTES:
             chunk = self._received + chunk
-            whole = len(chunk) - len(chunk) % FRAME_BYTES
+            whole = len(chunk) - len(chunk) % wire.FRAME_BYTES
             chunk, self._received = chunk[:whole], chunk[whole:]
         return chunk
 
     def receive(self) -> list[Frame]:
         """All frames that have arrived."""
         chunk = self._read()
-        if CONTROL_MARK in chunk:
-            messages = (CAN_FRAME.pack(can_id, len(data), data) for _, can_id, data in self._passed(chunk))
+        if wire.CONTROL_MARK in chunk:
+            messages = (
+                wire.CAN_FRAME.pack(can_id, len(data), data) for _, can_id, data in self._passed(chunk)
+            )
             chunk = b"".join(messages)
-        return unpack(chunk, self.counters, self._requests)
+        return wire.unpack(chunk, self.counters, self._requests)
 
     def receive_stamped(self) -> list[tuple[int, Frame]]:
         """All frames that have arrived, with the hub's wall clock in ns when it forwarded each."""
@@ -118,7 +111,7 @@ class HubSocket(Connection):
         """The data frames of `chunk` with their times in ns; other messages are counted as foreign."""
         frames = []
         for stamp_ns, can_id, data in self._passed(chunk):
-            if can_id <= MAX_STANDARD_ID:
+            if can_id <= wire.MAX_STANDARD_ID:
                 frames.append((stamp_ns, Frame(can_id, data)))
             else:
                 self.counters.foreign += 1
@@ -139,11 +132,11 @@ class HubSocket(Connection):
 
         A loss lies between the two times around its count.
         """
-        for can_id, length, data in CAN_FRAME.iter_unpack(chunk):
-            if can_id == CONTROL_ID and length == LOSS_KIND:
+        for can_id, length, data in wire.CAN_FRAME.iter_unpack(chunk):
+            if can_id == wire.CONTROL_ID and length == wire.LOSS_KIND:
                 self._lost = int.from_bytes(data, "little")
                 self.counters.lost = (self.counters.lost or 0) + self._lost
-            elif can_id == CONTROL_ID:
+            elif can_id == wire.CONTROL_ID:
                 stamp_ns = int.from_bytes(data, "little")
                 if self._lost:
                     self.losses.append(Loss(self._stamp_ns, stamp_ns, self._lost))
@@ -156,6 +149,6 @@ class HubSocket(Connection):
         """The socket's descriptor."""
         return self._socket.fileno()
 
-    def leave(self) -> None:
+    def close(self) -> None:
         """Leave the bus."""
         self._socket.close()

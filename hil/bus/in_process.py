@@ -3,7 +3,6 @@
 from collections.abc import Iterable
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import BusCounters
 
 
 class InProcessBus:
@@ -25,29 +24,30 @@ class InProcessBus:
         return node
 
 
-class InProcessNode:
-    """One node's connection; no frame is lost or late."""
+class Inbox:
+    """The receiving side of a connection in one process: frames stay queued until the node reads them."""
 
     def __init__(self) -> None:
-        self.counters = BusCounters()
-        self.listening = True
-        self.others: list[InProcessNode] = []
         self.pending: list[Frame] = []
 
-    def send(self, frame: Frame) -> None:
-        """Hand one frame to all others."""
-        for other in self.others:
-            other.pending.append(frame)
-
-    def send_all(self, frames: Iterable[Frame]) -> None:
-        """Hand frames to all others."""
-        for other in self.others:
-            other.pending.extend(frames)
-
     def receive(self) -> list[Frame]:
-        """The frames that the other nodes have sent since the last call."""
+        """The frames received since the last call."""
         received, self.pending = self.pending, []
         return received
 
     def wait(self, _: float) -> None:
         """Return at once: no frame can arrive while a node of the same process waits."""
+
+
+class InProcessNode(Inbox):
+    """One node's connection; no frame is lost or late."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.listening = True
+        self.others: list[InProcessNode] = []
+
+    def send_all(self, frames: Iterable[Frame]) -> None:
+        """Hand frames to all others."""
+        for other in self.others:
+            other.pending.extend(frames)

@@ -169,14 +169,12 @@ def join(address: str, accept: Collection[int] | None = None, stamped: bool = Fa
     return AdapterBus(interface, channel, accept)
 
 
-def open_bus(spec: str, accept: Collection[int] | None = None, stamped: bool = False) -> Bus:
-    """Join the bus that `spec` names; a bus that is made for this call ends when the node leaves."""
-    provided = provide(spec)
-    try:
-        bus = join(provided.address, accept, stamped)
-    except BusError:
-        provided.close()
-        raise
-    if provided.holder is not None:
-        bus.closing.append(provided.close)
-    return bus
+@contextmanager
+def open_bus(spec: str, accept: Collection[int] | None = None) -> Iterator[tuple[ProvidedBus, Bus]]:
+    """Make or find the bus that `spec` names, and join it; a bus made for this call ends after the block."""
+    with provide(spec) as provided:
+        bus = join(provided.address, accept)
+        try:
+            yield provided, bus
+        finally:
+            bus.close()

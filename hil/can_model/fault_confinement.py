@@ -1,4 +1,4 @@
-"""Fault confinement of a CAN node: transmit and receive error counters, and its error state.
+"""Fault confinement of a CAN node: transmit and receive error counters, its error state, and their record.
 
 Bosch, "CAN Specification 2.0", 1991, part A, section 7 (Fault Confinement); ISO 11898-1. Two values that the
 standard leaves open: a receive counter above 127 rises no further, and the next received frame sets it to
@@ -81,3 +81,26 @@ def after_receive_error(counters: ErrorCounters, first_to_signal: bool) -> Error
     if counters.receive >= PASSIVE_FROM:
         return counters
     return ErrorCounters(counters.transmit, counters.receive + (9 if first_to_signal else 1))
+
+
+class NodeErrors(NamedTuple):
+    """One node's error counters and error state."""
+
+    transmit: int = 0
+    receive: int = 0
+    error_state: ErrorState = ErrorState.ERROR_ACTIVE
+
+
+class BusErrorRecord(NamedTuple):
+    """Transmissions destroyed up to `t_s`, which their senders repeat, and the nodes' error counters."""
+
+    t_s: float
+    destroyed: int
+    plant: NodeErrors
+    firmware: NodeErrors
+    operator: NodeErrors
+
+
+def errors_of(counters: ErrorCounters) -> NodeErrors:
+    """The record of one node."""
+    return NodeErrors(counters.transmit, counters.receive, counters.error_state)

@@ -7,7 +7,7 @@ and frames that they receive have arrived by then.
 from collections.abc import Iterable, Sequence
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import BusCounters
+from hil.bus.in_process import Inbox
 from hil.can_model.modelled_bus import Delivery, ModelledBus
 
 
@@ -33,32 +33,15 @@ class ModelledInProcessBus:
         return deliveries
 
 
-class ModelledNode:
-    """One node's connection; received frames stay queued until the node reads them."""
+class ModelledNode(Inbox):
+    """One node's connection."""
 
     def __init__(self, bus: ModelledInProcessBus, name: str) -> None:
+        super().__init__()
         self._bus = bus
         self._name = name
-        self.pending: list[Frame] = []
-
-    @property
-    def counters(self) -> BusCounters:
-        """Number of frames that the node could not queue, or discarded when it went bus-off."""
-        return BusCounters(unsent=self._bus.model.lost(self._name))
-
-    def send(self, frame: Frame) -> None:
-        """Queue one frame now."""
-        self._bus.model.submit(self._name, frame, self._bus.t_ns)
 
     def send_all(self, frames: Iterable[Frame]) -> None:
         """Queue frames now; they leave in the order of their identifiers, the lowest first."""
         for frame in frames:
             self._bus.model.submit(self._name, frame, self._bus.t_ns)
-
-    def receive(self) -> list[Frame]:
-        """The frames received since the last call."""
-        received, self.pending = self.pending, []
-        return received
-
-    def wait(self, _: float) -> None:
-        """Return at once: no frame can arrive while a node of the same process waits."""

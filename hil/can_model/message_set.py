@@ -15,14 +15,7 @@ from firmware_py.interface.addresses import DEFAULT, Addresses, bus_id
 from firmware_py.interface.frame import worst_case_bits
 from firmware_py.interface.sources.dbc import database
 from hil.can_model.bits import bit_ns_of
-from hil.can_model.schedulability import (
-    ErrorModel,
-    Pacing,
-    Response,
-    Stream,
-    load,
-    response_times,
-)
+from hil.can_model.schedulability import ErrorModel, Pacing, Response, Stream, load, response_times
 
 NS_PER_MS = 1_000_000
 

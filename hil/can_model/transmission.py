@@ -7,22 +7,8 @@ the first bit in which the frames differ. This is a bit error, since arbitration
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from hil.can_model import errors_on_the_wire as wire
 from hil.can_model.bits import INTERMISSION_BITS, TAIL_BITS, wire_bits
-from hil.can_model.errors_on_the_wire import (
-    ACKNOWLEDGEMENT_DELIMITER,
-    ACKNOWLEDGEMENT_SLOT,
-    DELIMITER_BITS,
-    DOMINANT,
-    RECESSIVE,
-    RECESSIVE_TAIL_BITS,
-    SUSPEND_BITS,
-    answer_delay,
-    bits_to_contradiction,
-    disturbed_bit,
-    first_difference,
-    seen_when_disturbed,
-    signalling_bits,
-)
 from hil.can_model.fault_confinement import (
     ErrorCounters,
     ErrorState,
@@ -108,17 +94,19 @@ def _who_sends(everyone: Parts) -> tuple[Outcome | None, Parts]:
     parts = everyone
     while len({parts.pending(number).frame for number in parts.senders}) > 1:
         wires = {number: wire_bits(parts.pending(number).frame) for number in parts.senders}
-        bit = first_difference([*wires.values()])
-        losers = tuple(number for number in parts.senders if wires[number][bit] == RECESSIVE)
-        winners = tuple(number for number in parts.senders if wires[number][bit] == DOMINANT)
+        bit = wire.first_difference([*wires.values()])
+        losers = tuple(number for number in parts.senders if wires[number][bit] == wire.RECESSIVE)
+        winners = tuple(number for number in parts.senders if wires[number][bit] == wire.DOMINANT)
         if parts.any_active(losers):
             delays = [
-                bits_to_contradiction(wires[number], bit) for number in winners if parts.any_active([number])
+                wire.bits_to_contradiction(wires[number], bit)
+                for number in winners
+                if parts.any_active([number])
             ]
             if parts.any_active(parts.receivers):
-                delays.append(answer_delay(wires[winners[0]][: bit + 1], DOMINANT))
+                delays.append(wire.answer_delay(wires[winners[0]][: bit + 1], wire.DOMINANT))
             counters = parts.transmit_errors(parts.senders) | parts.receive_errors()
-            return Outcome(Failure(bit, signalling_bits(delays)), counters), parts
+            return Outcome(Failure(bit, wire.signalling_bits(delays)), counters), parts
         parts = parts._replace(senders=winners)
     return None, parts
 
@@ -160,11 +148,15 @@ def _outcome(parts: Parts, hit: Corruption | None) -> Outcome:
 def _disturbed(parts: Parts, bits_after_arbitration: int) -> Outcome:
     """A bit is inverted for all nodes: its sender detects the bit error at once."""
     frame = parts.pending(parts.senders[0]).frame
-    bit = disturbed_bit(frame, bits_after_arbitration)
-    seen = seen_when_disturbed(frame, bit)
+    bit = wire.disturbed_bit(frame, bits_after_arbitration)
+    seen = wire.seen_when_disturbed(frame, bit)
     sent_dominant, answered = parts.any_active(parts.senders), parts.any_active(parts.receivers)
-    delays = [answer_delay(seen, DOMINANT if sent_dominant else RECESSIVE)] if seen and answered else []
-    failure = Failure(bit, signalling_bits(delays), sent_dominant or answered)
+    delays = (
+        [wire.answer_delay(seen, wire.DOMINANT if sent_dominant else wire.RECESSIVE)]
+        if seen and answered
+        else []
+    )
+    failure = Failure(bit, wire.signalling_bits(delays), sent_dominant or answered)
     counters = parts.transmit_errors(parts.senders)
     if bit == len(wire_bits(frame)) + TAIL_BITS - 1:
         # The frame was valid for its receivers one bit before; for them this is an overload, no error.
@@ -175,10 +167,10 @@ def _disturbed(parts: Parts, bits_after_arbitration: int) -> Outcome:
 
 def _unacknowledged(parts: Parts, affected: int | None) -> Outcome:
     """No receiver acknowledges the frame: there is none, or the only one has received it with an error."""
-    bit = len(wire_bits(parts.pending(parts.senders[0]).frame)) + ACKNOWLEDGEMENT_SLOT
+    bit = len(wire_bits(parts.pending(parts.senders[0]).frame)) + wire.ACKNOWLEDGEMENT_SLOT
     answered = affected is not None and parts.any_active([affected])
     dominant = answered or parts.any_active(parts.senders)
-    failure = Failure(bit, signalling_bits([1] if answered else []), dominant)
+    failure = Failure(bit, wire.signalling_bits([1] if answered else []), dominant)
     charged = {
         number: after_missing_acknowledgement(parts.nodes[number].counters, dominant)
         for number in parts.senders
@@ -188,11 +180,11 @@ def _unacknowledged(parts: Parts, affected: int | None) -> Outcome:
 
 def _refused(parts: Parts, affected: int) -> Outcome:
     """One receiver finds the checksum wrong, and signals the error after the others' acknowledgement."""
-    bit = len(wire_bits(parts.pending(parts.senders[0]).frame)) + ACKNOWLEDGEMENT_DELIMITER
+    bit = len(wire_bits(parts.pending(parts.senders[0]).frame)) + wire.ACKNOWLEDGEMENT_DELIMITER
     others = [number for number in (*parts.senders, *parts.receivers) if number != affected]
     answered = parts.any_active(others)
     counters = parts.transmit_errors(parts.senders) | parts.receive_errors(affected if answered else None)
-    return Outcome(Failure(bit, signalling_bits([1] if answered else [])), counters)
+    return Outcome(Failure(bit, wire.signalling_bits([1] if answered else [])), counters)
 
 
 def _settled(
@@ -206,8 +198,8 @@ def _settled(
         arrival_bit = idle_from_bit - INTERMISSION_BITS
     else:
         arrival_bit = start_bit + failure.bit + 1
-        idle_from_bit = arrival_bit + failure.flag_bits + DELIMITER_BITS + INTERMISSION_BITS
-    recessive_from_bit = idle_from_bit - RECESSIVE_TAIL_BITS
+        idle_from_bit = arrival_bit + failure.flag_bits + wire.DELIMITER_BITS + INTERMISSION_BITS
+    recessive_from_bit = idle_from_bit - wire.RECESSIVE_TAIL_BITS
     if failure is not None and not failure.dominant:
         recessive_from_bit = start_bit + failure.bit + 1
 
@@ -241,5 +233,5 @@ def _rested(node: NodeState, idle_from_bit: int) -> NodeState:
     if error_state is ErrorState.BUS_OFF:
         return switched_off(node, counting_from_bit=0)
     if error_state is ErrorState.ERROR_PASSIVE:
-        return node._replace(silent_until_bit=idle_from_bit + SUSPEND_BITS)
+        return node._replace(silent_until_bit=idle_from_bit + wire.SUSPEND_BITS)
     return node

@@ -12,16 +12,6 @@ from firmware_py.interface.errors import FrameErrorReason
 from firmware_py.interface.frame import Frame, WordFrame
 from firmware_py.interface.generated import kinds, packing, unpacking
 from hil.drive import axis, messages
-from hil.drive.axis import (
-    BAD_CONFIG,
-    ESTOP_REQUESTED,
-    INACTIVE,
-    UNDEFINED,
-    VOLTAGE_CONTROL,
-    DriveConfig,
-    DriveState,
-    Telemetry,
-)
 from hil.drive.reports import CURRENT, ERRORS, HEARTBEAT, SUPPLY, TEMPERATURE
 from plant_sim.kernels import shared
 
@@ -73,14 +63,14 @@ def is_new_address(node_id: int, frame: Frame) -> bool:
     return frame.can_id in (ADDRESS_ID, BROADCAST_ADDRESS_ID) and own and frame.data[0] != node_id
 
 
-def torques(config: DriveConfig, drive: DriveState, telemetry: Telemetry) -> Frame:
+def torques(config: axis.DriveConfig, drive: axis.DriveState, telemetry: axis.Telemetry) -> Frame:
     """Get_Torques: the target torque and the estimate from the measured current, in N m."""
     target_n_m = axis.torque_n_m(config, drive, telemetry.omega_rad_s)
     estimate_n_m = config.torque_constant_n_m_a * telemetry.current_a
     return Frame(TORQUES_ID, struct.pack("<ff", target_n_m, estimate_n_m))
 
 
-def powers(config: DriveConfig, drive: DriveState, telemetry: Telemetry) -> Frame:
+def powers(config: axis.DriveConfig, drive: axis.DriveState, telemetry: axis.Telemetry) -> Frame:
     """Get_Powers: the electrical and the mechanical power in W."""
     electrical_w = messages.supply(config, telemetry).current_a * config.supply_v
     mechanical_w = telemetry.torque_n_m * telemetry.omega_rad_s
@@ -95,8 +85,8 @@ def meant_length(length: int) -> int:
 
 @shared
 def obey(  # noqa: PLR0912 - one command after the other
-    config: DriveConfig, drive: DriveState, frame: WordFrame, encoder_position_rev: float
-) -> tuple[DriveState, bool]:
+    config: axis.DriveConfig, drive: axis.DriveState, frame: WordFrame, encoder_position_rev: float
+) -> tuple[axis.DriveState, bool]:
     """Return the drive after a frame, and whether its command could be read; other frames change nothing.
 
     The data of E-stop and clear-errors are ignored, so clients may send any length. An axis state may also
@@ -113,13 +103,13 @@ def obey(  # noqa: PLR0912 - one command after the other
         if reason == FrameErrorReason.NONE:
             drive = axis.request_state(drive, state.requested_state)
         elif reason == FrameErrorReason.VALUE:
-            drive, reason = axis.request_state(drive, UNDEFINED), FrameErrorReason.NONE
+            drive, reason = axis.request_state(drive, axis.UNDEFINED), FrameErrorReason.NONE
     elif can_id == kinds.SET_CONTROLLER_MODE.can_id:
         mode, reason = unpacking.unpack_set_controller_mode(length, word)
         if reason == FrameErrorReason.NONE:
             drive = axis.set_mode(drive, mode.control_mode, mode.input_mode)
         elif reason == FrameErrorReason.VALUE:
-            drive, reason = axis.set_mode(drive, VOLTAGE_CONTROL, INACTIVE), FrameErrorReason.NONE
+            drive, reason = axis.set_mode(drive, axis.VOLTAGE_CONTROL, axis.INACTIVE), FrameErrorReason.NONE
     elif can_id == kinds.SET_LIMITS.can_id:
         limits, reason = unpacking.unpack_set_limits(length, word)
         if reason == FrameErrorReason.NONE:
@@ -127,7 +117,7 @@ def obey(  # noqa: PLR0912 - one command after the other
     elif can_id == kinds.CLEAR_ERRORS.can_id:
         drive = axis.clear_errors(drive)
     elif can_id == kinds.DRIVE_ESTOP.can_id:
-        drive = axis.disarm(drive, ESTOP_REQUESTED)
+        drive = axis.disarm(drive, axis.ESTOP_REQUESTED)
     elif can_id == kinds.SET_INPUT_VELOCITY.can_id:
         velocity, reason = unpacking.unpack_set_input_velocity(length, word)
         if reason == FrameErrorReason.NONE:
@@ -137,12 +127,14 @@ def obey(  # noqa: PLR0912 - one command after the other
         if reason == FrameErrorReason.NONE:
             drive = axis.set_position(drive, position.position_rev, encoder_position_rev)
     elif can_id < NODE_IDS and NOT_MODELLED >> can_id & 1:
-        drive = axis.disarm(drive, BAD_CONFIG)
+        drive = axis.disarm(drive, axis.BAD_CONFIG)
     return drive, reason == FrameErrorReason.NONE
 
 
 @shared
-def report_frame(config: DriveConfig, drive: DriveState, telemetry: Telemetry, report: int) -> WordFrame:
+def report_frame(
+    config: axis.DriveConfig, drive: axis.DriveState, telemetry: axis.Telemetry, report: int
+) -> WordFrame:
     """The frame of a report (a digit of `hil.drive.reports`)."""
     if report == CURRENT:
         return packing.pack_drive_current(messages.current(config, drive, telemetry), 0)[0]

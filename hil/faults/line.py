@@ -11,20 +11,7 @@ import numpy as np
 
 from firmware_py.interface.frame import Frame
 from hil.bus.base import NodeBus
-from hil.scenario.fault_tables import (
-    Babbling,
-    Bundled,
-    Corrupted,
-    Delayed,
-    Dropped,
-    Duplicated,
-    Fault,
-    Flood,
-    LineFault,
-    Reordered,
-    Thinned,
-    Unplugged,
-)
+from hil.scenario import fault_tables as tables
 
 PLANT = "plant"
 IDENTIFIERS = 0x800
@@ -72,7 +59,7 @@ def periods_begun(at_s: float, period_s: float, t_s: float, since_s: float) -> i
 
 
 def outgoing(  # noqa: PLR0911 - one case a fault
-    fault: LineFault,
+    fault: tables.LineFault,
     t_s: float,
     since_s: float,
     frames: Sequence[Frame],
@@ -86,25 +73,25 @@ def outgoing(  # noqa: PLR0911 - one case a fault
     if not fault.acts(t_s):
         return [*(late.frame for late in held), *frames], ()
     match fault:
-        case Dropped(can_ids=can_ids, share=share):
+        case tables.Dropped(can_ids=can_ids, share=share):
             return [f for f in frames if f.can_id not in can_ids or noise.random() >= share], ()
-        case Duplicated(can_ids=can_ids, copies=copies):
+        case tables.Duplicated(can_ids=can_ids, copies=copies):
             return [f for f in frames for _ in range(copies if f.can_id in can_ids else 1)], ()
-        case Corrupted(can_ids=can_ids, share=share):
+        case tables.Corrupted(can_ids=can_ids, share=share):
             hit = [f.can_id in can_ids and noise.random() < share for f in frames]
             return [broken(f, noise) if is_hit else f for f, is_hit in zip(frames, hit, strict=True)], ()
-        case Thinned(can_ids=can_ids, period_s=period_s, at_s=at_s):
+        case tables.Thinned(can_ids=can_ids, period_s=period_s, at_s=at_s):
             leave = periods_begun(at_s, period_s, t_s, since_s) > 0
             return [f for f in frames if leave or f.can_id not in can_ids], ()
-        case Bundled(can_ids=can_ids, period_s=period_s, at_s=at_s):
+        case tables.Bundled(can_ids=can_ids, period_s=period_s, at_s=at_s):
             bundle = (*held, *(Late(t_s, f) for f in frames if f.can_id in can_ids))
             passed = [f for f in frames if f.can_id not in can_ids]
             if periods_begun(at_s, period_s, t_s, since_s) > 0:
                 return [*(late.frame for late in bundle), *passed], ()
             return passed, bundle
-        case Reordered(can_ids=can_ids):
+        case tables.Reordered(can_ids=can_ids):
             return swapped(frames, can_ids, held)
-        case Delayed(can_ids=can_ids, delay_s=delay_s):
+        case tables.Delayed(can_ids=can_ids, delay_s=delay_s):
             late = (*held, *(Late(t_s + delay_s, f) for f in frames if f.can_id in can_ids))
             due = [frame for due_s, frame in late if due_s <= t_s + TIME_RESOLUTION_S]
             on_time = [f for f in frames if f.can_id not in can_ids]
@@ -113,14 +100,16 @@ def outgoing(  # noqa: PLR0911 - one case a fault
             return list(frames), held
 
 
-def foreign_frames(fault: LineFault, t_s: float, since_s: float, noise: np.random.Generator) -> list[Frame]:
+def foreign_frames(
+    fault: tables.LineFault, t_s: float, since_s: float, noise: np.random.Generator
+) -> list[Frame]:
     """The frames of a foreign node after `since_s` and not after `t_s`."""
     if not fault.acts(t_s):
         return []
     match fault:
-        case Babbling(can_id=can_id, data_hex=data_hex, period_s=period_s, at_s=at_s):
+        case tables.Babbling(can_id=can_id, data_hex=data_hex, period_s=period_s, at_s=at_s):
             return [Frame(can_id, bytes.fromhex(data_hex))] * periods_begun(at_s, period_s, t_s, since_s)
-        case Flood(frames_a_tick=frames_a_tick):
+        case tables.Flood(frames_a_tick=frames_a_tick):
             return [
                 Frame(int(noise.integers(IDENTIFIERS)), noise.bytes(int(noise.integers(9))))
                 for _ in range(frames_a_tick)
@@ -132,10 +121,10 @@ def foreign_frames(fault: LineFault, t_s: float, since_s: float, noise: np.rando
 class FaultyBus:
     """One node's connection with faults; `move_to` sets the time."""
 
-    def __init__(self, bus: NodeBus, node: str, faults: Sequence[Fault], seed: int) -> None:
+    def __init__(self, bus: NodeBus, node: str, faults: Sequence[tables.Fault], seed: int) -> None:
         self._bus = bus
         self._node = node
-        self._faults = [fault for fault in faults if isinstance(fault, LineFault)]
+        self._faults = [fault for fault in faults if isinstance(fault, tables.LineFault)]
         self._noise = [np.random.default_rng([seed, number]) for number in range(len(self._faults))]
         self._held: list[Held] = [()] * len(self._faults)
         self._t_s = self._since_s = 0.0
@@ -175,16 +164,16 @@ class FaultyBus:
     @property
     def _is_unplugged(self) -> bool:
         return any(
-            isinstance(fault, Unplugged) and fault.node == self._node and fault.acts(self._t_s)
+            isinstance(fault, tables.Unplugged) and fault.node == self._node and fault.acts(self._t_s)
             for fault in self._faults
         )
 
 
 def with_faults(
-    bus: NodeBus, node: str, faults: Sequence[Fault], seed: int
+    bus: NodeBus, node: str, faults: Sequence[tables.Fault], seed: int
 ) -> tuple[NodeBus, Callable[[float], None]]:
     """Return a node's bus with faults, and the function that sets its time; `bus` itself without faults."""
-    if not any(isinstance(fault, LineFault) for fault in faults):
+    if not any(isinstance(fault, tables.LineFault) for fault in faults):
         return bus, lambda _: None
     faulty = FaultyBus(bus, node, faults, seed)
     return faulty, faulty.move_to

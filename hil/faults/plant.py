@@ -1,5 +1,6 @@
 """The plant's faults in its node, tick by tick: the acting faults change parts, drive and readings."""
 
+import math
 from collections.abc import Sequence
 
 from firmware_py.interface import codec
@@ -7,23 +8,61 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import EncoderEstimates, SetInputTorque
 from hil.drive import axis
 from hil.drive.axis import DriveConfig, DriveState
-from hil.faults.physics import broken_config, broken_parts, torque_share
 from hil.faults.readings import SensorFaults
-from hil.scenario.fault_tables import (
-    BrownOut,
-    EncoderWrap,
-    Fault,
-    Kick,
-    OverTemperature,
-    PhysicalFault,
-    TorqueStuck,
-)
+from hil.scenario import fault_tables as tables
 from plant_sim.parts.drive import MotorDrive
+from plant_sim.parts.friction import times
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import NoStop
 from plant_sim.plant import Plant
 from plant_sim.sensors.readings import SensorReading
 
 DRIVE_IDS = frozenset(frame.can_id for frame in codec.CODECS.values() if frame.sender == "Drive")
 """Identifiers of the frames that the drive's electronics send."""
+JAM_N_M = 10.0
+"""Dry friction of a jammed crank, more than ten times the motor's torque: stops the crank within a tick."""
+
+
+def broken_parts(parts: Parts, faults: Sequence[tables.PhysicalFault]) -> Parts:
+    """The module's parts while `faults` act."""
+    for fault in faults:
+        match fault:
+            case tables.StiffnessChanged(factor=factor):
+                striker = parts.striker
+                parts = parts._replace(striker=striker._replace(spring_n_m=factor * striker.spring_n_m))
+            case tables.FrictionChanged(factor=factor):
+                parts = parts._replace(friction=times(parts.friction, factor))
+            case tables.StopMoved(by_m=by_m):
+                stop = parts.stop
+                if not isinstance(stop, NoStop):
+                    parts = parts._replace(stop=stop._replace(position_m=stop.position_m + by_m))
+            case tables.MotorStall():
+                if isinstance(parts.drive, MotorDrive):
+                    parts = parts._replace(drive=parts.drive._replace(dry_n_m=JAM_N_M))
+            case tables.SupplySag(supply_v=supply_v):
+                if isinstance(parts.drive, MotorDrive):
+                    parts = parts._replace(drive=parts.drive._replace(supply_v=supply_v))
+    return parts
+
+
+def broken_config(config: DriveConfig, faults: Sequence[tables.PhysicalFault]) -> DriveConfig:
+    """The drive's configuration while `faults` act."""
+    for fault in faults:
+        if isinstance(fault, tables.SupplySag):
+            config = config._replace(supply_v=fault.supply_v)
+    return config
+
+
+def torque_share(faults: Sequence[tables.PhysicalFault], pole_pairs: int, crank_rad: float) -> float:
+    """Share of the requested torque that the motor produces.
+
+    With one wire disconnected, current flows along one axis u of the windings only. Of a current requested
+    along q, perpendicular to the rotor's flux, only the projection (q·u) u flows, and its component along q
+    produces torque: the share is (q·u)² = sin²(p θ).
+    """
+    if any(isinstance(fault, tables.PhaseLoss) for fault in faults):
+        return math.sin(pole_pairs * crank_rad) ** 2
+    return 1.0
 
 
 class TurnCounter:
@@ -46,15 +85,15 @@ class TurnCounter:
 class PlantFaults:
     """A scenario's sensor, drive and module faults, for one plant and its drive."""
 
-    def __init__(self, faults: Sequence[Fault], seed: int, plant: Plant, config: DriveConfig) -> None:
+    def __init__(self, faults: Sequence[tables.Fault], seed: int, plant: Plant, config: DriveConfig) -> None:
         self._sensors = SensorFaults(faults, seed)
-        self._faults = [fault for fault in faults if isinstance(fault, PhysicalFault)]
+        self._faults = [fault for fault in faults if isinstance(fault, tables.PhysicalFault)]
         self._plant = plant
         self._parts = plant.parts
         self._config = self._acting_config = config
         motor = plant.parts.drive
         self._pole_pairs = motor.pole_pairs if isinstance(motor, MotorDrive) else 0
-        self._acting: list[PhysicalFault] = []
+        self._acting: list[tables.PhysicalFault] = []
         self._counter: TurnCounter | None = None
 
     def act(self, t_s: float, drive: DriveState) -> tuple[DriveConfig, DriveState]:
@@ -67,18 +106,18 @@ class PlantFaults:
             if parts != self._plant.parts:
                 self._plant.replace_parts(parts)
             for fault in began:
-                if isinstance(fault, Kick):
+                if isinstance(fault, tables.Kick):
                     self._plant.kick(fault.change_m_s)
-                if isinstance(fault, EncoderWrap):
+                if isinstance(fault, tables.EncoderWrap):
                     self._counter = TurnCounter(fault.count_rev, fault.wraps_at_rev)
-            if not any(isinstance(fault, EncoderWrap) for fault in acting):
+            if not any(isinstance(fault, tables.EncoderWrap) for fault in acting):
                 self._counter = None
             self._acting_config = broken_config(self._config, acting)
         config = self._acting_config
         if self.is_dead:
             return config, axis.power_up(config)
         for fault in acting:
-            if isinstance(fault, OverTemperature):
+            if isinstance(fault, tables.OverTemperature):
                 drive = drive._replace(motor_degc=fault.motor_degc)
         return config, drive
 
@@ -95,7 +134,7 @@ class PlantFaults:
     @property
     def is_dead(self) -> bool:
         """Whether the drive's electronics have no supply."""
-        return any(isinstance(fault, BrownOut) for fault in self._acting)
+        return any(isinstance(fault, tables.BrownOut) for fault in self._acting)
 
     def sent(self, frames: list[Frame]) -> list[Frame]:
         """The frames that leave the plant's node: none of the drive's while it has no supply."""
@@ -106,7 +145,7 @@ class PlantFaults:
         if self.is_dead:
             return ()
         for fault in self._acting:
-            if isinstance(fault, TorqueStuck):
+            if isinstance(fault, tables.TorqueStuck):
                 stuck = codec.SET_INPUT_TORQUE.encode(SetInputTorque(fault.torque_n_m))
                 frames = [stuck if frame.can_id == stuck.can_id else frame for frame in frames]
         return frames

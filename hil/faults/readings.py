@@ -5,18 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hil.scenario.fault_tables import (
-    EncoderSlip,
-    Fault,
-    ReadingFault,
-    SensorBiased,
-    SensorClipped,
-    SensorIntermittent,
-    SensorNoisy,
-    SensorSlow,
-    SensorStuck,
-    SensorWrongSign,
-)
+from hil.scenario import fault_tables as tables
 from plant_sim.sensors.readings import SensorReading
 
 TURN_RAD = 2.0 * math.pi
@@ -50,7 +39,7 @@ def lagging(reading: SensorReading, given: SensorReading, sensor: str, share: fl
 
 
 def disturbed(  # noqa: PLR0911 - one case a fault
-    fault: ReadingFault,
+    fault: tables.ReadingFault,
     reading: SensorReading,
     before: SensorReading,
     given: SensorReading,
@@ -62,15 +51,15 @@ def disturbed(  # noqa: PLR0911 - one case a fault
     `before` is the last reading before the fault began; `given` is this fault's last output, `elapsed_s` ago.
     """
     match fault:
-        case EncoderSlip(slip_rev=slip_rev):
+        case tables.EncoderSlip(slip_rev=slip_rev):
             return shifted(reading, "encoder", slip_rev * TURN_RAD)
-        case SensorStuck(sensor=sensor):
+        case tables.SensorStuck(sensor=sensor):
             return reading._replace(**{name: getattr(before, name) for name in FIELDS[sensor]})
-        case SensorNoisy(sensor=sensor, std=std):
+        case tables.SensorNoisy(sensor=sensor, std=std):
             return shifted(reading, sensor, std * float(noise.standard_normal()))
-        case SensorBiased(sensor=sensor, bias=bias):
+        case tables.SensorBiased(sensor=sensor, bias=bias):
             return shifted(reading, sensor, bias)
-        case SensorClipped(sensor=sensor, limit_m_s2=limit_m_s2):
+        case tables.SensorClipped(sensor=sensor, limit_m_s2=limit_m_s2):
             return reading._replace(
                 **{
                     name: min(max(getattr(reading, name), -limit_m_s2), limit_m_s2)
@@ -78,12 +67,12 @@ def disturbed(  # noqa: PLR0911 - one case a fault
                     if not name.startswith("encoder")
                 }
             )
-        case SensorSlow(sensor=sensor, lag_s=lag_s):
+        case tables.SensorSlow(sensor=sensor, lag_s=lag_s):
             return lagging(reading, given, sensor, -math.expm1(-elapsed_s / lag_s))
-        case SensorWrongSign(sensor=sensor):
+        case tables.SensorWrongSign(sensor=sensor):
             turned = reading._replace(**{name: -getattr(reading, name) for name in FIELDS[sensor]})
             return turned._replace(encoder_position_rev=turned.encoder_position_rev % 1.0)
-        case SensorIntermittent(sensor=sensor, share=share):
+        case tables.SensorIntermittent(sensor=sensor, share=share):
             if noise.random() >= share:
                 return reading
             return reading._replace(**dict.fromkeys(FIELDS[sensor], 0.0))
@@ -92,8 +81,8 @@ def disturbed(  # noqa: PLR0911 - one case a fault
 class SensorFaults:
     """All sensor faults of a scenario; call `published` once per reading."""
 
-    def __init__(self, faults: Sequence[Fault], seed: int) -> None:
-        self._faults = [fault for fault in faults if isinstance(fault, ReadingFault)]
+    def __init__(self, faults: Sequence[tables.Fault], seed: int) -> None:
+        self._faults = [fault for fault in faults if isinstance(fault, tables.ReadingFault)]
         self._noise = [np.random.default_rng([seed, 1000 + number]) for number in range(len(self._faults))]
         self._before: dict[int, SensorReading] = {}
         self._given: dict[int, SensorReading] = {}

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.record.run_traces import column
+from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import BoolArray, FloatArray, IntArray
 
 WEAKEST_V_M_S = 0.05
@@ -27,10 +29,22 @@ LARGEST_LEAD_S = 0.001
 
 @dataclass(frozen=True)
 class Matching:
-    """Pairs of indices into truth and detections, both of shape (pairs,), in order of time."""
+    """Pairs of indices into touch-downs and detections, shape (pairs,), in order of time.
+
+    `found`: mask of the touch-downs that were detected. `false`: mask of the detections that belong to none.
+    """
 
     truth: IntArray
     detection: IntArray
+    latency_s: FloatArray
+    found: BoolArray
+    false: BoolArray
+
+
+def reported(firmware: Records) -> Records:
+    """The firmware's records of the ticks that report an impact."""
+    some: Records = firmware[column(firmware, "outputs.impact") != 0.0]
+    return some
 
 
 def due(v_m_s: FloatArray, peak_force_n: FloatArray) -> BoolArray:
@@ -68,9 +82,11 @@ def match(truth_t_s: FloatArray, detection_t_s: FloatArray) -> Matching:
                 truth_pairs.append(int(truths[row]))
                 detection_pairs.append(int(detections[at]))
     by_time = np.argsort(truth_pairs, kind="stable")
-    return Matching(
-        truth=np.array(truth_pairs, np.int64)[by_time], detection=np.array(detection_pairs, np.int64)[by_time]
-    )
+    truth = np.array(truth_pairs, np.int64)[by_time]
+    detection = np.array(detection_pairs, np.int64)[by_time]
+    found, false = np.zeros(len(truth_t_s), bool), np.ones(len(detection_t_s), bool)
+    found[truth], false[detection] = True, False
+    return Matching(truth, detection, detection_t_s[detection] - truth_t_s[truth], found, false)
 
 
 def _cheapest(cost: FloatArray) -> Iterator[tuple[int, int]]:

@@ -83,11 +83,7 @@ def cut_periods(t_s: FloatArray, crank_rad: FloatArray, impacts_t_s: FloatArray)
 
 
 def decide(
-    t_s: FloatArray,
-    v_m_s: FloatArray,
-    periods: Periods,
-    impacts_t_s: FloatArray,
-    impacts_v_m_s: FloatArray,
+    t_s: FloatArray, v_m_s: FloatArray, periods: Periods, impacts_t_s: FloatArray, impacts_v_m_s: FloatArray
 ) -> Regime:
     """The regime of one window of motion.
 

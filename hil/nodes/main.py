@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ from firmware_py.interface.addresses import Addresses, bus_id
 from firmware_py.interface.generated.records import DriveEstop
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.parameters import addresses_from, config_from
-from hil.bus import Bus, join, provide
+from hil.bus import Bus, open_bus
 from hil.bus.addressed import addressed
 from hil.bus.base import NodeBus
 from hil.bus.wire import MAX_STANDARD_ID, REMOTE_FLAG
@@ -100,8 +101,9 @@ def firmware_main(scenario: str | None, settings: Sequence[str], process: NodePr
     warm_firmware(parameters, build)
 
     def make(pace: Pace, bus: NodeBus, first_tick: int) -> FirmwareRunner:
-        out_dir, seed = process.out_dir, process.seed
-        return FirmwareRunner(parameters, pace, bus, out_dir, faults, seed, first_tick, walks, node_of(build))
+        out_dir, seed, tell = process.out_dir, process.seed, partial(print, file=sys.stderr)
+        node = node_of(build)
+        return FirmwareRunner(parameters, pace, bus, out_dir, faults, seed, first_tick, walks, node, tell)
 
     process.run(FIRMWARE, make, period_s, 0.5, FIRMWARE_IDS, addresses_from(parameters), faults)
 
@@ -147,7 +149,7 @@ def operator_main(scenario: str, settings: Sequence[str], bus: str) -> None:
         print(f"playing the script for {loaded.duration_s:g} s; Ctrl-C is an E-stop", file=sys.stderr)
         loop.run(round(loaded.duration_s / OPERATOR_PERIOD_S), say, None)
         if stopped:
-            node_bus.send(codec.DRIVE_ESTOP.encode(DriveEstop()))
+            node_bus.send_all([codec.DRIVE_ESTOP.encode(DriveEstop())])
 
 
 def belong_to_parent() -> None:
@@ -162,18 +164,14 @@ def joined(spec: str, accept: Collection[int], places: Addresses) -> Iterator[Bu
 
     Prints on standard error how other programs join the bus.
     """
-    with provide(spec) as provided:
+    on_bus = [bus_id(places, can_id & MAX_STANDARD_ID) | (can_id & REMOTE_FLAG) for can_id in accept]
+    with open_bus(spec, on_bus) as (provided, bus):
         if provided.address != spec:
             print(
                 f"bus {provided.name} ({provided.reason}); join it with --bus {provided.address}",
                 file=sys.stderr,
             )
-        on_bus = [bus_id(places, can_id & MAX_STANDARD_ID) | (can_id & REMOTE_FLAG) for can_id in accept]
-        node_bus = addressed(join(provided.address, on_bus), places)
-        try:
-            yield node_bus
-        finally:
-            node_bus.close()
+        yield addressed(bus, places)
 
 
 def await_start(sync: bool, again: bool = False) -> Start:
@@ -230,11 +228,7 @@ def run_loop(
         own_clock.leave()
         leave_realtime()
         runner.close()
-    summary = {
-        "overruns": loop.overruns,
-        "lost_records": runner.lost_records,
-        **asdict(node_bus.counters),
-    }
+    summary = {"overruns": loop.overruns, "lost_records": runner.lost_records, **asdict(node_bus.counters)}
     if sync:
         report_to_parent(json.dumps(summary))
     else:

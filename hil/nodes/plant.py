@@ -87,7 +87,7 @@ class PlantNode:
         self.drive: DriveState = axis.power_up(self.drive_config)
         self.rejected = 0
         """Number of drive commands that could not be read."""
-        self._faults = PlantFaults(faults, seed, self.plant, self.drive_config) if faults else None
+        self._faults = PlantFaults(faults, seed, self.plant, self.drive_config)
         self.period_s = period_s
         self.tick = first_tick
         self.record: PlantRecord
@@ -111,15 +111,11 @@ class PlantNode:
     def publish(self) -> list[Frame]:
         """The frames of tick k: sensor samples, at most one further report of the drive, and answers."""
         self.act()
-        reading = self.plant.sense()
-        if self._faults is not None:
-            reading = self._faults.published(self.tick * self.period_s, reading)
-        self._reading = reading
+        self._reading = reading = self._faults.published(self.tick * self.period_s, self.plant.sense())
         estimates = messages.encoder_estimates(
             self.drive, reading.encoder_position_rev, reading.encoder_velocity_rev_s
         )
-        if self._faults is not None:
-            estimates = self._faults.counted(estimates)
+        estimates = self._faults.counted(estimates)
         self.counter += 1
         frames = [
             codec.ACCELEROMETER.encode(
@@ -139,7 +135,7 @@ class PlantNode:
         if self.requests:
             frames += [self._answer(can_id, encoder_frame) for can_id in self.requests[:MOST_ANSWERS]]
             self.requests.clear()
-        return frames if self._faults is None else self._faults.sent(frames)
+        return self._faults.sent(frames)
 
     def gait_frame(self, tick: int) -> list[Frame]:
         """The gait sensors' frame in `tick`; empty if no new period has begun or the frame drops out."""
@@ -179,9 +175,7 @@ class PlantNode:
         """Obey `frames`, make the record of this tick, and advance to the next."""
         plant, config = self.plant, self.drive_config
         omega_rad_s = plant.now.omega_rad_s
-        if self._faults is not None:
-            frames = self._faults.received(frames)
-        self._obey(frames)
+        self._obey(self._faults.received(frames))
         torque_n_m = axis.torque_n_m(config, self.drive, omega_rad_s)
         self.record = self._record_of(torque_n_m)
         self.gait = plant.gait_at(self._since_start_s(self.tick))
@@ -216,8 +210,7 @@ class PlantNode:
 
     def act(self) -> None:
         """Begin and end the faults that are due in this tick."""
-        if self._faults is not None:
-            self.drive_config, self.drive = self._faults.act(self.tick * self.period_s, self.drive)
+        self.drive_config, self.drive = self._faults.act(self.tick * self.period_s, self.drive)
 
     def resume(self, tick: int, drive: DriveState, reports: Reports, counter: int) -> None:
         """Continue from `tick`, to which compiled code has advanced plant and drive."""
@@ -242,9 +235,7 @@ class PlantNode:
 
     def _move(self, torque_n_m: float, dt_s: float) -> None:
         if dt_s > 0.0:
-            if self._faults is not None:
-                torque_n_m = self._faults.given_n_m(torque_n_m, self.plant.now.crank_rad)
-            self.plant.advance(torque_n_m, dt_s)
+            self.plant.advance(self._faults.given_n_m(torque_n_m, self.plant.now.crank_rad), dt_s)
 
     def _record_of(self, torque_n_m: float) -> PlantRecord:
         return PlantRecord(

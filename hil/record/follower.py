@@ -1,9 +1,10 @@
 """Reads new records in a run folder while processes write to it."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from hil.record.candump import BusLog, parse_candump
-from hil.record.run_traces import NO_RECORDS
+from hil.record.run_traces import NO_RECORDS, LogLoss, RunTraces
 from hil.record.traces import trace
 from hil.record.traces.precision import TICKED, columns_of
 from hil.record.traces.stored_trace import Columns, Records
@@ -19,8 +20,13 @@ class Follower:
         self._read = dict.fromkeys(TRACES, 0)
         self._can_log_bytes = 0
 
-    def new_records(self, name: str) -> Records:
-        """The records of one trace since the last call; none while the trace does not exist."""
+    def new_traces(self, bus: BusLog, losses: Sequence[LogLoss] = ()) -> RunTraces:
+        """The records of each trace since the last call, with these frames."""
+        plant, firmware, impacts, operator = map(self._new_records, TRACES)
+        return RunTraces(plant, firmware, impacts, operator, bus, losses=losses)
+
+    def _new_records(self, name: str) -> Records:
+        """The new records of one trace; none while the trace does not exist."""
         path = self.run_dir / f"{name}.trace"
         if not path.exists():
             return NO_RECORDS

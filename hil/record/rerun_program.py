@@ -42,9 +42,5 @@ def rerun_environment() -> dict[str, str]:
 def rerun(arguments: Sequence[str | Path]) -> subprocess.CompletedProcess[str]:
     """Run Rerun's program to its end; the caller checks its exit status."""
     return subprocess.run(
-        [rerun_program(), *arguments],
-        env=rerun_environment(),
-        capture_output=True,
-        text=True,
-        check=False,
+        [rerun_program(), *arguments], env=rerun_environment(), capture_output=True, text=True, check=False
     )

@@ -38,11 +38,11 @@ NO_RECORDS: Records = np.zeros(0, dtype=[])
 class RunTraces:
     """All records of a run. A trace that was never written is an empty array without columns."""
 
-    plant: Records
-    firmware: Records
-    impacts: Records
-    operator: Records
-    bus: Bus
+    plant: Records = field(default_factory=lambda: NO_RECORDS)
+    firmware: Records = field(default_factory=lambda: NO_RECORDS)
+    impacts: Records = field(default_factory=lambda: NO_RECORDS)
+    operator: Records = field(default_factory=lambda: NO_RECORDS)
+    bus: Bus = NO_BUS
     run: Mapping[str, Any] = field(default_factory=dict)
     outcome: Mapping[str, Any] = field(default_factory=dict)
     scenario: Mapping[str, Any] = field(default_factory=dict)
@@ -63,7 +63,7 @@ class RunTraces:
         return "gait" in self.scenario.get("scene", {})
 
 
-NOTHING_LEFT = RunTraces(NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_BUS)
+NOTHING_LEFT = RunTraces()
 """The traces of a run without any record."""
 
 

@@ -35,10 +35,7 @@ PLANT_TIMELINES = (
         {AxisState.UNDEFINED: NEUTRAL, AxisState.IDLE: NEUTRAL, AxisState.CLOSED_LOOP_CONTROL: BUSY},
     ),
     StateTimeline(
-        "states/motion",
-        "phase",
-        Phase,
-        {Phase.FLIGHT: NEUTRAL, Phase.STICK: WARN, Phase.REST_ON_STOP: WARN},
+        "states/motion", "phase", Phase, {Phase.FLIGHT: NEUTRAL, Phase.STICK: WARN, Phase.REST_ON_STOP: WARN}
     ),
 )
 
@@ -82,12 +79,7 @@ LEG_ESTIMATED_TIMELINE = StateTimeline(
     "states/leg_estimated",
     "state.gait.doing",
     GaitState,
-    {
-        GaitState.STANDING: NEUTRAL,
-        GaitState.STANCE: BUSY,
-        GaitState.SWING: GOOD,
-        GaitState.UNCERTAIN: WARN,
-    },
+    {GaitState.STANDING: NEUTRAL, GaitState.STANCE: BUSY, GaitState.SWING: GOOD, GaitState.UNCERTAIN: WARN},
 )
 """The state timelines of runs with a walk."""
 

@@ -33,21 +33,16 @@ def largest(records: Records, name: str) -> float | None:
 def first_missed(traces: RunTraces) -> float | None:
     """Time of the first touch-down that should have been detected and was not."""
     touch_down_s = column(traces.impacts, "t_s")
-    seen = traces.firmware[column(traces.firmware, "outputs.impact") != 0.0]
-    pairs = detection.match(touch_down_s, column(seen, "t_s"))
-    missed = detection.due(column(traces.impacts, "v_m_s"), column(traces.impacts, "peak_force_n"))
-    missed[pairs.truth] = False
-    return float(touch_down_s[missed][0]) if missed.any() else None
+    pairs = detection.match(touch_down_s, column(detection.reported(traces.firmware), "t_s"))
+    due = detection.due(column(traces.impacts, "v_m_s"), column(traces.impacts, "peak_force_n"))
+    return next(iter(touch_down_s[due & ~pairs.found].tolist()), None)
 
 
 def first_false_alarm(traces: RunTraces) -> float | None:
     """Time of the first detection that belongs to no touch-down."""
-    seen = traces.firmware[column(traces.firmware, "outputs.impact") != 0.0]
-    detected_s = column(seen, "t_s")
+    detected_s = column(detection.reported(traces.firmware), "t_s")
     pairs = detection.match(column(traces.impacts, "t_s"), detected_s)
-    false = np.ones(len(detected_s), bool)
-    false[pairs.detection] = False
-    return float(detected_s[false][0]) if false.any() else None
+    return next(iter(detected_s[pairs.false].tolist()), None)
 
 
 def moment_of(name: str, traces: RunTraces, figures: Figures) -> float:

@@ -18,8 +18,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
-from hil.record.follower import TRACES, Follower
-from hil.record.run_traces import RunTraces, pieces, read_json, read_scenario
+from hil.record.follower import Follower
+from hil.record.run_traces import pieces, read_json, read_scenario
 from hil.show.log_stream import VIEWER_TIMEOUT_S
 from hil.show.rerun_log import RunLog, judged
 from hil.timing.processes import READY, read_start, stop_requests
@@ -37,8 +37,7 @@ def follow(run_dir: Path, url: str, wakers: list[int]) -> None:
     ending = False
     while not ending:
         ending = bool(select.select(wakers, [], [], APPEND_PERIOD_S)[0])
-        plant, firmware, impacts, operator = (follower.new_records(name) for name in TRACES)
-        log.append(RunTraces(plant, firmware, impacts, operator, follower.new_frames()))
+        log.append(follower.new_traces(follower.new_frames()))
     with bounded("closing the connection"):
         log.close()
 

@@ -22,9 +22,9 @@ from hil.bus import Bus, join
 from hil.bus.addressed import addressed
 from hil.bus.can_log import CanLog
 from hil.record.candump import bus_log
-from hil.record.follower import TRACES, Follower
+from hil.record.follower import Follower
 from hil.record.run_folder import write_json
-from hil.record.run_traces import LOSSES, LogLoss, RunTraces, read_json, read_scenario
+from hil.record.run_traces import LOSSES, LogLoss, read_json, read_scenario
 from hil.show.rerun_log import LOG_NAME, RunLog
 from hil.timing.patient_clock import RunTimes
 from hil.timing.processes import READY, read_start, report_to_parent, stop_requests
@@ -85,8 +85,7 @@ class Recorder:
         self._arrived_s, self._can_ids, self._payloads = [], [], []
         lost = self.new_losses()
         self.can_log.flush()
-        plant, firmware, impacts, operator = (self.follower.new_records(name) for name in TRACES)
-        self.log.append(RunTraces(plant, firmware, impacts, operator, bus, losses=lost))
+        self.log.append(self.follower.new_traces(bus, lost))
 
     def new_losses(self) -> list[LogLoss]:
         """The bus's losses since the last call; all losses are also written to a file beside can.log."""

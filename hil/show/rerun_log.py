@@ -22,6 +22,7 @@ import tomli_w
 
 from firmware_py.interface.enums import LATCHED, ActingLimit, AxisError, Fault, Mode, OperatorRequest, Regime
 from hil.can_model.fault_confinement import ErrorState
+from hil.judge import detection
 from hil.judge.checks import CheckResult, checks_of, evaluate
 from hil.judge.estimate_error import EstimateErrors, estimate_errors
 from hil.judge.figures.bus import bits_by_tenth, load_over_time
@@ -101,11 +102,7 @@ class RunLog:
     """
 
     def __init__(
-        self,
-        to: Path | str,
-        run: Mapping[str, Any],
-        scenario: Mapping[str, Any],
-        is_over: bool = False,
+        self, to: Path | str, run: Mapping[str, Any], scenario: Mapping[str, Any], is_over: bool = False
     ) -> None:
         """`is_over`: the run has ended, so the only layout is that of the conclusion."""
         self._named = signals_of_checks(scenario)
@@ -247,8 +244,7 @@ class RunLog:
         self.drawing.truth(records)
         if self.stop_m is not None:
             self.out.declare(
-                "stop",
-                rr.SeriesLines.from_fields(names=["stop"], colors=colors([ALARM]), widths=[1.0]),
+                "stop", rr.SeriesLines.from_fields(names=["stop"], colors=colors([ALARM]), widths=[1.0])
             )
             self.out.send("stop", t_s[[0, -1]], rr.Scalars.columns(scalars=[self.stop_m] * 2))
         if self._push_off is not None:
@@ -289,7 +285,7 @@ class RunLog:
             self.out.state_timelines(records, (LEG_ESTIMATED_TIMELINE,))
         self.drawing.estimate(records)
         self._firmware_events(records)
-        seen = records[column(records, "outputs.impact") != 0.0]
+        seen = detection.reported(records)
         if len(seen):
             touch_down_s = column(seen, "t_s") - column(seen, "outputs.impact_age_s")
             speed = column(seen, "outputs.impact_speed_m_s")

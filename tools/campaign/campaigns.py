@@ -142,12 +142,7 @@ CAMPAIGNS: dict[str, Campaign] = {
                 (("viscous",), (1.3, 1.4), NO_IMPULSE),
                 (("viscous",), (1.3,), (0.65, 0.75, 0.85, 0.95, 1.05)),
             ),
-            numbers={
-                "hold_s": 60.0,
-                **MISMATCH,
-                "mismatch_spring": 0.05,
-                "mismatch_amplitude": 0.03,
-            },
+            numbers={"hold_s": 60.0, **MISMATCH, "mismatch_spring": 0.05, "mismatch_amplitude": 0.03},
             units={
                 "impulse": "N s",
                 "impulse_error": "%",
@@ -172,11 +167,7 @@ CAMPAIGNS: dict[str, Campaign] = {
             conditions=((("viscous",), (1.3, 1.35), NO_IMPULSE),),
             numbers={"duration_s": 50.0, "kick_low_m_s": 0.8, "kick_high_m_s": 1.4, **MISMATCH},
             units={"recovery": "s"},
-            goals=(
-                Goal("eligible", low=300),
-                Goal("success", low=1.0),
-                Goal("recovery", "p95", high=8.0),
-            ),
+            goals=(Goal("eligible", low=300), Goal("success", low=1.0), Goal("recovery", "p95", high=8.0)),
         ),
         Campaign(
             name="walk",

@@ -161,12 +161,7 @@ def result_of(
         "tuning_seed": seed < FIRST_CAMPAIGN_SEED,
         **summary(campaign, outcomes),
         "failures": [
-            {
-                "trial": outcome.trial,
-                "seed": seed,
-                "cell": cells[outcome.cell].name,
-                "why": outcome.why,
-            }
+            {"trial": outcome.trial, "seed": seed, "cell": cells[outcome.cell].name, "why": outcome.why}
             for outcome in outcomes
             if outcome.eligible and outcome.why
         ],

@@ -1,1 +1,1 @@
-"""The commands of `vibrohil`, one file each; `tools.program.program` calls the `register` of each file."""
+"""The commands of `vibrohil`, one file each with a function or a group of that name (see tools.program)."""

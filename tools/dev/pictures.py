@@ -181,7 +181,7 @@ def start_up(path: Path) -> None:
 
     for run, axes, colour, name in (
         (soft, slow, TRUTH, f"soft: S-curve of {DEFAULTS['start.rise_s']:g} s"),
-        (instant, fast, ESTIMATE, "as good as instant: 0.1 s"),
+        (instant, fast, ESTIMATE, "instant: S-curve of 0.1 s"),
     ):
         shown = within(of_plant(run, "omega_rad_s"), START_S)
         speed.plot(shown.t_s, shown.values / natural_rad_s, color=colour, lw=1.1, label=name)

@@ -59,10 +59,7 @@ def fuzz(kind: Kind, inputs: int, seed: int, progress: Callable[[int], None] = l
                 found = watched.attempt
                 cases[found.case] += 1
                 statuses[found.status] += 1
-                slowest_s, largest_mb = (
-                    max(slowest_s, watched.spent_s),
-                    max(largest_mb, watched.largest_mb),
-                )
+                slowest_s, largest_mb = (max(slowest_s, watched.spent_s), max(largest_mb, watched.largest_mb))
                 if found.wrong:
                     failures.append(Failure(seed + done, found.case, found.wrong, found.arguments))
                 if not watched.alive or (done + 1) % RENEWED_AFTER == 0:

@@ -14,28 +14,15 @@ from xml.etree import ElementTree
 
 from hil.bench.ending import was_cut_short
 from hil.record.run_traces import read_json
-from tools.fuzz.kill import (
-    END_LIMIT_S,
-    FINAL,
-    GONE_S,
-    LOOK_S,
-    REPORT,
-    SCENARIO,
-    START_LIMIT_S,
-    Kill,
-    KillError,
-    begun,
-    left_over,
-    wait_for,
-)
+from tools.fuzz import kill as killing
 from tools.fuzz.worker import children_of
 
 WORKER = "a worker"
 RUNS = 4
 """Number of scenarios of the suite, and of trials of the campaign."""
-FINISHED_BEFORE = {"early": 0, "middle": 1, "end": RUNS - 1, REPORT: RUNS}
+FINISHED_BEFORE = {"early": 0, "middle": 1, "end": RUNS - 1, killing.REPORT: RUNS}
 """Number of finished runs at the beginning of a stage; at `early` the first run has begun."""
-STAGES = {"early": (0.0, 0.5), "middle": (0.0, 0.5), "end": (0.0, 0.3), REPORT: (0.0, 0.2)}
+STAGES = {"early": (0.0, 0.5), "middle": (0.0, 0.5), "end": (0.0, 0.3), killing.REPORT: (0.0, 0.2)}
 """Time of the kill after the beginning of the stage, lowest and highest, s."""
 INTERRUPTED, PASSED = 2, 0
 STATUSES_WITHOUT_A_WORKER = {"suite": (1,), "campaign": (4,)}
@@ -51,7 +38,7 @@ class Queue:
         self._journals = folder / "runs"
         names = [f"killed-{number}.toml" for number in range(RUNS)]
         for name in names:
-            (folder / name).write_text(SCENARIO)
+            (folder / name).write_text(killing.SCENARIO)
         if self.is_suite:
             self.command = ["suite", *names, "--out", str(self.out)]
         else:
@@ -107,60 +94,60 @@ def worker_of(program: "subprocess.Popen[bytes]") -> int:
     return 0
 
 
-def await_moment(kill: Kill, queue: Queue, program: "subprocess.Popen[bytes]") -> None:
+def await_moment(kill: killing.Kill, queue: Queue, program: "subprocess.Popen[bytes]") -> None:
     """Wait until the time of the kill, or until the program has ended."""
     due = FINISHED_BEFORE[kill.stage]
-    wait_for(
+    killing.wait_for(
         lambda: program.poll() is not None or (queue.has_begun() and len(queue.finished()) >= due),
         f"{due} runs were not finished",
     )
     time.sleep(kill.at_s)
 
 
-def cause_of(kill: Kill) -> str:
+def cause_of(kill: killing.Kill) -> str:
     """Return the cause that must be named."""
     return kill.programs_cause if kill.is_of_program else f"by {kill.signal_name}"
 
 
-def after_the_parents(kill: Kill, program: "subprocess.Popen[bytes]") -> list[str]:
+def after_the_parents(kill: killing.Kill, program: "subprocess.Popen[bytes]") -> list[str]:
     """Wait for the end of the program, which received the signal itself, and return the failures."""
     if kill.number == signal.SIGSTOP:
         time.sleep(1.0)
         program.kill()
     sent_s = time.monotonic()
-    while program.poll() is None and time.monotonic() < sent_s + END_LIMIT_S:
-        time.sleep(LOOK_S)
+    while program.poll() is None and time.monotonic() < sent_s + killing.END_LIMIT_S:
+        time.sleep(killing.LOOK_S)
     took_s = time.monotonic() - sent_s
-    wrong = [] if took_s < GONE_S else [f"it took {took_s:.1f} s to end"]
-    wanted = -signal.SIGKILL if kill.number in FINAL else INTERRUPTED
+    wrong = [] if took_s < killing.GONE_S else [f"it took {took_s:.1f} s to end"]
+    wanted = -signal.SIGKILL if kill.number in killing.FINAL else INTERRUPTED
     status = program.poll()
-    is_over = kill.stage == REPORT and status == PASSED  # the signal came when all files were written
+    is_over = kill.stage == killing.REPORT and status == PASSED  # the signal came when all files were written
     return wrong if status == wanted or is_over else [*wrong, f"exit status {status}, wanted {wanted}"]
 
 
-def after_a_workers(kill: Kill, program: "subprocess.Popen[bytes]") -> list[str]:
+def after_a_workers(kill: killing.Kill, program: "subprocess.Popen[bytes]") -> list[str]:
     """Wait for the end of the program, of which a worker received the signal, and return the failures."""
-    status = program.wait(END_LIMIT_S)
+    status = program.wait(killing.END_LIMIT_S)
     wanted = (*STATUSES_WITHOUT_A_WORKER[kill.of], PASSED)  # an idle worker, or one that ignores Ctrl-C
     return [] if status in wanted else [f"exit status {status}, wanted one of {wanted}"]
 
 
-def killed_queue(kill: Kill) -> list[str]:
+def killed_queue(kill: killing.Kill) -> list[str]:
     """Start the program, kill it, and start it again; return the failures."""
     with tempfile.TemporaryDirectory(prefix="vibrohil-kills-") as name:
         folder = Path(name)
         queue = Queue(kill.of, folder)
         try:
-            with begun(queue.command, folder) as program:
+            with killing.begun(queue.command, folder) as program:
                 await_moment(kill, queue, program)
                 before = queue.finished()
                 pid = program.pid if kill.is_of_program else worker_of(program)
                 was_there = program.poll() is None and pid != 0 and kill.sent_to(pid)
                 after = after_the_parents if kill.is_of_program and was_there else after_a_workers
                 wrong = after(kill, program)
-        except (KillError, subprocess.TimeoutExpired) as error:
+        except (killing.KillError, subprocess.TimeoutExpired) as error:
             return [str(error)]
-        wrong += left_over(folder)
+        wrong += killing.left_over(folder)
         said = (folder / "said").read_text(errors="replace")
         if "Traceback" in said:
             wrong.append(said[-1000:])
@@ -171,13 +158,13 @@ def killed_queue(kill: Kill) -> list[str]:
         return wrong if program.returncode == PASSED else wrong + gone_on(kill, queue, before, folder)
 
 
-def gone_on(kill: Kill, queue: Queue, before: dict[str, str], folder: Path) -> list[str]:
+def gone_on(kill: killing.Kill, queue: Queue, before: dict[str, str], folder: Path) -> list[str]:
     """Repeat the same command and return the failures."""
     kept = queue.finished()
     wrong = [f"{name} was finished and is not kept" for name in before if kept.get(name) != before[name]]
     try:
-        with begun(queue.command, folder) as program:
-            status = program.wait(START_LIMIT_S)
+        with killing.begun(queue.command, folder) as program:
+            status = program.wait(killing.START_LIMIT_S)
     except subprocess.TimeoutExpired:
         return [*wrong, "given again it does not end"]
     if status != PASSED:

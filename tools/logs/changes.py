@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from rich.markup import escape
-from rich.table import Column, Table
+from rich.table import Column
 
-from tools.output import BadInputError, console, figure
+from tools.output import BadInputError, console, figure, table_of
 
 PREVIOUS = "previous"
 MOST_SHOWN = 10
@@ -36,7 +36,7 @@ def show_changes(changes: Sequence[Mapping[str, Any]]) -> None:
     """Print the largest changes of checked figures, then the number of figures with each verdict."""
     differing = [one for one in changes if not one["equal"]]
     titles = ("scenario", "figure", "before", "after", "margin before", "after", "")
-    table = Table(*(Column(title, overflow="fold") for title in titles), box=None, pad_edge=False)
+    table = table_of(Column(title, overflow="fold") for title in titles)
     for one in differing[:MOST_SHOWN]:
         values = (
             figure(one[side], one["unit"]) for side in ("before", "after", "margin_before", "margin_after")

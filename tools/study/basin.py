@@ -121,12 +121,7 @@ def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) 
 
 def keep(found: Basin, where: work.Where) -> None:
     """Write a map with its figures as one file."""
-    spec = {
-        "case": found.case.parameters(),
-        "ratio": found.ratio,
-        "plane": found.plane,
-        "start": found.start,
-    }
+    spec = {"case": found.case.parameters(), "ratio": found.ratio, "plane": found.plane, "start": found.start}
     store.write(where.out / f"{found.name}.parquet", found.table, spec, found.statistics)
 
 

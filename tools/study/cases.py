@@ -141,10 +141,7 @@ def case(preset: str, law: str, value: float | None = None, **changes: Any) -> C
     The default is b = 0.2 N s/m, the middle of Table 1, or μ = 0.15, its lowest value. `changes` replace
     fields.
     """
-    settings: dict[str, Any] = {
-        "spring_n_m": SPRINGS_N_M[preset],
-        "amplitude_m": AMPLITUDES_M[preset][law],
-    }
+    settings: dict[str, Any] = {"spring_n_m": SPRINGS_N_M[preset], "amplitude_m": AMPLITUDES_M[preset][law]}
     if law == "viscous":
         settings["b_n_s_m"] = 0.2 if value is None else value
     else:

@@ -116,12 +116,7 @@ def regime_bars(diagrams: Sequence[Diagram], folder: Path, name: str) -> list[st
         if diagram.onset() is None:
             stuck = set(diagram.up.table["regime"].to_pylist()) == {"stuck"}
             axes.text(
-                1.25,
-                -place,
-                "never moves" if stuck else "no impacts",
-                ha="center",
-                va="center",
-                fontsize=8,
+                1.25, -place, "never moves" if stuck else "no impacts", ha="center", va="center", fontsize=8
             )
     axes.set_yticks(
         [-place for place in range(len(diagrams))],

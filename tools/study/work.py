@@ -40,11 +40,7 @@ def here(out: Path, cores: int | None = None, scheduler: str | None = None) -> W
 
 
 def run(
-    kind: str,
-    piece: Piece,
-    specs: Sequence[store.Spec],
-    where: Where,
-    in_processes: bool = False,
+    kind: str, piece: Piece, specs: Sequence[store.Spec], where: Where, in_processes: bool = False
 ) -> list[Path]:
     """Compute the missing pieces and return the files of all pieces in the order of `specs`."""
     paths = [where.out / "pieces" / store.name_of(kind, spec) for spec in specs]

@@ -47,11 +47,5 @@ CASES = (
     Case("sticking", "table1-coulomb", ("drive.amplitude_m=0.024",), 50.0),
     Case("Stribeck", "table1-stribeck", (), 50.0),
     # Without the motor's dry loss, which no peer models, and with a stop smooth enough for Taylor series.
-    Case(
-        "motor",
-        "gait-motor-soft",
-        ("motor.dry_n_m=0.0", "stop.law=kelvin-voigt"),
-        3.0,
-        0.05,
-    ),
+    Case("motor", "gait-motor-soft", ("motor.dry_n_m=0.0", "stop.law=kelvin-voigt"), 3.0, 0.05),
 )

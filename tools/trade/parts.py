@@ -22,20 +22,9 @@ from plant_sim.parts.parts import Parts
 from plant_sim.scene import Scene, load_scene, read_scene
 from plant_sim.sensors.sensing import NoSensing, Probe, allocate_sensing, series_order
 from plant_sim.simulation import initial_state
-from plant_sim.solvers.adaptive.adaptive import (
-    DONE,
-    IMPACTS_AT_ONCE,
-    NO_GRID,
-    NO_SAMPLES,
-    advance,
-    refusal,
-)
+from plant_sim.solvers.adaptive.adaptive import DONE, IMPACTS_AT_ONCE, NO_GRID, NO_SAMPLES, advance, refusal
 from plant_sim.solvers.adaptive.observation import electrical_ledger, peak_felt_force_n
-from plant_sim.solvers.adaptive.state_layout import (
-    Memory,
-    allocate,
-    work_place,
-)
+from plant_sim.solvers.adaptive.state_layout import Memory, allocate, work_place
 from tools.trade.costs import COST_UNIT, Progress, mean
 
 RATIO = 1.3
@@ -82,10 +71,7 @@ PARTS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("sensors", {"sensors": {}}),
     ("rod of 60 mm", {"drive": {**ORBIT["drive"], "rod_m": 0.06}}),
     ("tilt of 0.1 rad uphill", {"housing": {"tilt_rad": 0.1}}),
-    (
-        "housing at 0.5 m/s², 1 Hz",
-        {"housing": {"harmonic": {"amplitude_m_s2": 0.5, "frequency_hz": 1.0}}},
-    ),
+    ("housing at 0.5 m/s², 1 Hz", {"housing": {"harmonic": {"amplitude_m_s2": 0.5, "frequency_hz": 1.0}}}),
     # A foot of 1 kg with a lever arm of 0.1 m: a tensed ankle of 500 N m/rad, a relaxed ankle of 100 N m/rad.
     ("wearer on 50 kN/m", {"wearer": {"plate_kg": 1.0, "ankle_n_m": 5e4, "ankle_n_s_m": 100.0}}),
     ("wearer on 10 kN/m", {"wearer": {"plate_kg": 1.0, "ankle_n_m": 1e4, "ankle_n_s_m": 100.0}}),

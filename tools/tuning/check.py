@@ -265,10 +265,7 @@ def _of_merits(command: str, what: str, merits: Mapping[str, Merit], name: str, 
 
 
 def check_defaults(
-    folder: Path,
-    effort: Effort = Effort(),
-    progress: Progress = lambda *_: None,
-    workers: int | None = None,
+    folder: Path, effort: Effort = Effort(), progress: Progress = lambda *_: None, workers: int | None = None
 ) -> tuple[dict[str, Any], list[Tuning]]:
     """The JSON object of `tune check`, and the tunings."""
     found = tunings(folder, effort, progress, workers)

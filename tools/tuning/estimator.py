@@ -58,11 +58,7 @@ LARGEST_NIS = 1.5
 NEAR = 1.92
 """Half of χ²₁'s 95 % quantile: a log-likelihood this near the best does not differ significantly from it."""
 FRESH_TRIALS = 60
-NAIVE = {
-    MEMORY: 0.0,
-    "estimator.initial_model_std_m_s2": 0.016,
-    "estimator.largest_model_std_m_s2": 0.016,
-}
+NAIVE = {MEMORY: 0.0, "estimator.initial_model_std_m_s2": 0.016, "estimator.largest_model_std_m_s2": 0.016}
 """The textbook's choice: R is the sensor's noise, and all readings count as independent."""
 
 

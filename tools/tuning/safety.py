@@ -58,11 +58,7 @@ def verdict_on(scenario: Scenario, seed: int, progress: Progress) -> dict[str, A
 
 
 def judged(
-    name: str,
-    values: Mapping[str, float],
-    progress: Progress,
-    seed: int = SEED,
-    bench: Bench | None = None,
+    name: str, values: Mapping[str, float], progress: Progress, seed: int = SEED, bench: Bench | None = None
 ) -> SafetyResult:
     """Run a scenario with these parameters in place of its own, and judge the run."""
     document = deepcopy(read_scenario(name))

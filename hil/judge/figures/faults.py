@@ -7,11 +7,7 @@ import numpy as np
 
 from firmware_py.interface.enums import MOVING, Fault, Mode
 from hil.judge import detection
-from hil.judge.figures.records import (
-    FaultFigures,
-    LatchedFigures,
-    SafeStateFigures,
-)
+from hil.judge.figures.records import FaultFigures, LatchedFigures, SafeStateFigures
 from hil.judge.hold import Window, capture
 from hil.record.run_traces import RunTraces, column
 from hil.record.traces.stored_trace import Records

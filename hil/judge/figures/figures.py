@@ -13,15 +13,8 @@ import numpy as np
 from firmware_py.interface.enums import Mode, Regime
 from hil.judge import detection
 from hil.judge.estimate_error import estimate_errors
+from hil.judge.figures import faults
 from hil.judge.figures.bus import mean_load
-from hil.judge.figures.faults import (
-    drive_end,
-    fault_figures,
-    first_fault,
-    latched_figures,
-    safe_state_figures,
-    torque_after,
-)
 from hil.judge.figures.gait import gait_figures
 from hil.judge.figures.records import (
     DetectorFigures,
@@ -174,29 +167,21 @@ def detector_figures(plant: Records, impacts: Records, firmware: Records) -> Det
         return nothing
     alive_until_s = float(column(firmware, "t_s")[-1]) - detection.LONGEST_LATENCY_S
     touch_down_s = column(impacts, "t_s")
-    seen = firmware[column(firmware, "outputs.impact") != 0.0]
-    detected_s = column(seen, "t_s")
-    pairs = detection.match(touch_down_s, detected_s)
-    found = np.zeros(len(touch_down_s), bool)
-    found[pairs.truth] = True
+    seen = detection.reported(firmware)
+    pairs = detection.match(touch_down_s, column(seen, "t_s"))
     due = detection.due(column(impacts, "v_m_s"), column(impacts, "peak_force_n"))
     due &= touch_down_s <= alive_until_s
-    slept_through = due & ~found & detection.slept_through(touch_down_s, column(firmware, "t_s"))
+    slept_through = due & ~pairs.found & detection.slept_through(touch_down_s, column(firmware, "t_s"))
     due &= ~slept_through
-    judged = detected_s <= alive_until_s
-    true_alarms = np.zeros(len(detected_s), bool)
-    true_alarms[pairs.detection] = True
-    latency_ms = 1e3 * (detected_s[pairs.detection] - touch_down_s[pairs.truth])
+    judged = column(seen, "t_s") <= alive_until_s
     speed_error = (
         column(seen, "outputs.impact_speed_m_s")[pairs.detection] - column(impacts, "v_m_s")[pairs.truth]
     )
-    quantiles = np.percentile(latency_ms, [50.0, 95.0]) if len(latency_ms) else None
+    quantiles = np.percentile(1e3 * pairs.latency_s, [50.0, 95.0]) if len(pairs.latency_s) else None
     return DetectorFigures(
-        precision=float(np.mean(true_alarms[judged])) if judged.any() else None,
-        recall=float(np.mean(found[due])) if due.any() else None,
-        latency_ms=Latency(None, None)
-        if quantiles is None
-        else Latency(float(quantiles[0]), float(quantiles[1])),
+        precision=float(np.mean(~pairs.false[judged])) if judged.any() else None,
+        recall=float(np.mean(pairs.found[due])) if due.any() else None,
+        latency_ms=Latency(None, None) if quantiles is None else Latency(*map(float, quantiles)),
         speed_rmse_m_s=rms(speed_error),
         slept_through=int(slept_through.sum()),
     )
@@ -254,7 +239,7 @@ def figures_from(traces: RunTraces) -> Figures:
     under_uml = bool(run.get("user_mode_linux", False))
     hold = hold_window(firmware)
     motion = hold_motion(plant, impacts, hold)
-    end = drive_end(plant, firmware)
+    end = faults.drive_end(plant, firmware)
     impacts_t_s, impacts_v_m_s = column(impacts, "t_s"), column(impacts, "v_m_s")
     before = impacts_v_m_s[impacts_t_s < hold.start_s] if hold is not None else impacts_v_m_s
     reported = column(firmware, "outputs.regime")
@@ -306,12 +291,12 @@ def figures_from(traces: RunTraces) -> Figures:
         estimate=estimate_figures(plant, firmware, hold),
         detector=detector_figures(plant, impacts, firmware),
         speed=speed_figures(plant, firmware, hold),
-        fault=lower_name(first_fault(firmware)),
-        latched=latched_figures(plant, firmware, period_s),
+        fault=lower_name(faults.first_fault(firmware)),
+        latched=faults.latched_figures(plant, firmware, period_s),
         final_mode=lower_name(Mode(int(mode[-1]))) if len(mode) else "none",
-        motor_torque_after_stop_n_m=torque_after(plant, end),
-        safe_state=safe_state_figures(plant, firmware, impacts, end),
-        after_fault=fault_figures(traces, hold),
+        motor_torque_after_stop_n_m=faults.torque_after(plant, end),
+        safe_state=faults.safe_state_figures(plant, firmware, impacts, end),
+        after_fault=faults.fault_figures(traces, hold),
         energy_residual=energy_residual(plant),
     )
 

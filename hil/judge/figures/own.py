@@ -140,8 +140,7 @@ def held(records: Records, instants_s: Signal) -> Mapping[str, Signal]:
     """The columns at `instants_s`, each with its last recorded value; NaN before the first record."""
     newest = np.searchsorted(column(records, "t_s"), instants_s, side="right") - 1
     return Columns(
-        records.dtype.names or (),
-        lambda name: np.where(newest >= 0, column(records, name)[newest], np.nan),
+        records.dtype.names or (), lambda name: np.where(newest >= 0, column(records, name)[newest], np.nan)
     )
 
 

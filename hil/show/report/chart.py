@@ -168,10 +168,7 @@ def stacked(shares: Sequence[tuple[str, float]], x_title: str) -> list[Panel]:
         last = number == len(shares)
         panels.append(
             Panel(
-                title,
-                x_title if last else "",
-                height=(bottom, top),
-                with_x_of=None if last else len(shares),
+                title, x_title if last else "", height=(bottom, top), with_x_of=None if last else len(shares)
             )
         )
         top = bottom - GAP

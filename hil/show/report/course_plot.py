@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 
+from hil.judge import detection
 from hil.judge.checks import checks_of
 from hil.judge.figures.records import Figures
 from hil.record import state_timeline
@@ -12,22 +13,7 @@ from hil.record.state_timeline import StateTimeline, state_name
 from hil.record.traces.stored_trace import Records
 from hil.show.injected import Injected, injected
 from hil.show.limits import limits
-from hil.show.report.chart import (
-    ALARM,
-    ESTIMATE,
-    TARGET,
-    TRUTH,
-    Json,
-    Plot,
-    chart,
-    css,
-    curve,
-    level,
-    on,
-    points,
-    stacked,
-    upright,
-)
+from hil.show.report import chart
 
 STRIPS = ("states/mode", "states/regime")
 LEAST_SHARE = 0.002
@@ -36,11 +22,11 @@ STATES, SPEEDS, CRANK, TORQUE = 1, 2, 3, 4
 PANEL_OF = {"impact_speed": SPEEDS, "speed": CRANK, "torque": TORQUE}
 
 
-def course(traces: RunTraces, figures: Figures) -> Plot:
+def course(traces: RunTraces, figures: Figures) -> chart.Plot:
     """The whole run: modes, regime and injected faults; impacts, crank speed and torque with their limits."""
     plant, firmware, impacts = traces.plant, traces.firmware, traces.impacts
     faults = injected(traces.scenario)
-    seen = firmware[column(firmware, "outputs.impact") != 0.0]
+    seen = detection.reported(firmware)
     reported_s = column(seen, "t_s") - column(seen, "outputs.impact_age_s")
     reported_m_s = column(seen, "outputs.impact_speed_m_s")
     plant_s, firmware_s = column(plant, "t_s"), column(firmware, "t_s")
@@ -50,26 +36,28 @@ def course(traces: RunTraces, figures: Figures) -> Plot:
     drawn = [
         *(strip(timeline, firmware, figures.duration_s) for timeline in timelines),
         *([fault_strip(faults, figures.duration_s)] if faults else []),
-        points(SPEEDS, "true impact", column(impacts, "t_s"), column(impacts, "v_m_s"), TRUTH),
-        points(SPEEDS, "reported impact", reported_s, reported_m_s, ESTIMATE, "x"),
-        curve(CRANK, "true speed", plant_s, column(plant, "omega_rad_s"), TRUTH),
-        curve(CRANK, "target speed", firmware_s, target_rad_s, TARGET, dash="dash"),
-        curve(TORQUE, "motor torque", plant_s, column(plant, "motor_torque_n_m"), TRUTH),
-        curve(TORQUE, "commanded torque", firmware_s, commanded_n_m, ESTIMATE),
+        chart.points(SPEEDS, "true impact", column(impacts, "t_s"), column(impacts, "v_m_s"), chart.TRUTH),
+        chart.points(SPEEDS, "reported impact", reported_s, reported_m_s, chart.ESTIMATE, "x"),
+        chart.curve(CRANK, "true speed", plant_s, column(plant, "omega_rad_s"), chart.TRUTH),
+        chart.curve(CRANK, "target speed", firmware_s, target_rad_s, chart.TARGET, dash="dash"),
+        chart.curve(TORQUE, "motor torque", plant_s, column(plant, "motor_torque_n_m"), chart.TRUTH),
+        chart.curve(TORQUE, "commanded torque", firmware_s, commanded_n_m, chart.ESTIMATE),
     ]
     for bound in limits(checks_of(traces.scenario), figures, faults[0].from_s if faults else None):
         if (panel := PANEL_OF.get(bound.plot)) is not None:
-            drawn.append(level(panel, bound.name, bound.value, bound.from_s, bound.to_s, ALARM, "dash"))
+            drawn.append(
+                chart.level(panel, bound.name, bound.value, bound.from_s, bound.to_s, chart.ALARM, "dash")
+            )
     latched_s = figures.latched.at_s
-    panels = stacked(
+    panels = chart.stacked(
         [("", 0.8), ("v⁻ [m/s]", 1.0), ("Ω [rad/s]", 1.0), ("torque [N m]", 1.0)], "simulated time [s]"
     )
     panels[0] = panels[0]._replace(y_axis={"autorange": "reversed", "showgrid": False})
-    content = chart(
+    content = chart.chart(
         540,
         panels,
         drawn,
-        [] if latched_s is None else [upright(TORQUE, latched_s, ALARM, "solid")],
+        [] if latched_s is None else [chart.upright(TORQUE, latched_s, chart.ALARM, "solid")],
         barmode="overlay",
         uniformtext={"minsize": 9, "mode": "hide"},
     )
@@ -79,7 +67,7 @@ def course(traces: RunTraces, figures: Figures) -> Plot:
         else f" The line across is the fault {figures.fault}, latched at {latched_s:.3f} s."
     )
     injected_text = "; ".join(f"{fault.text} at {fault.from_s:g} s" for fault in faults)
-    return Plot(
+    return chart.Plot(
         "The run",
         f"{figures.impact_count} touch-downs. Dashed: limits of checks."
         + (f" Injected: {injected_text}." if faults else "")
@@ -88,7 +76,7 @@ def course(traces: RunTraces, figures: Figures) -> Plot:
     )
 
 
-def bars(timeline: str, spans: list[tuple[float, float]], names: list[str], shades: list[str]) -> Json:
+def bars(timeline: str, spans: list[tuple[float, float]], names: list[str], shades: list[str]) -> chart.Json:
     """A row of the states' panel: a bar for each interval in s, with its name if there is room."""
     return {
         "type": "bar",
@@ -103,25 +91,25 @@ def bars(timeline: str, spans: list[tuple[float, float]], names: list[str], shad
         "textangle": 0,
         "hovertemplate": "%{text}<br>%{base:.3f} s, for %{value:.3f} s<extra></extra>",
         "marker": {"color": shades},
-        **on(STATES),
+        **chart.on(STATES),
     }
 
 
-def fault_strip(faults: list[Injected], end_s: float) -> Json:
+def fault_strip(faults: list[Injected], end_s: float) -> chart.Json:
     """The injected faults as a row of bars."""
     least_s = LEAST_SHARE * end_s
     spans = [(one.from_s, max(min(one.to_s, end_s), one.from_s + least_s)) for one in faults]
-    return bars("injected", spans, [fault.text for fault in faults], [ALARM] * len(faults))
+    return bars("injected", spans, [fault.text for fault in faults], [chart.ALARM] * len(faults))
 
 
-def strip(timeline: StateTimeline, records: Records, end_s: float) -> Json:
+def strip(timeline: StateTimeline, records: Records, end_s: float) -> chart.Json:
     """A state timeline as a row of bars."""
     values, t_s = column(records, timeline.column).astype(int), column(records, "t_s")
     starts = np.flatnonzero(np.diff(values, prepend=-1))
     states = values[starts].tolist()
     known = [next((state for state in timeline.states if state.value == value), None) for value in states]
     alarm = state_timeline.ALARM
-    shades = [css(alarm if state is None else timeline.colors.get(state, alarm)) for state in known]
+    shades = [chart.css(alarm if state is None else timeline.colors.get(state, alarm)) for state in known]
     return bars(
         timeline.entity.removeprefix("states/"),
         list(itertools.pairwise([*t_s[starts].tolist(), end_s])),

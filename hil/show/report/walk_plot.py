@@ -6,23 +6,7 @@ from hil.judge.figures.gait import phase_error, pulses_of, push_off
 from hil.judge.figures.records import Figures
 from hil.record.run_traces import RunTraces, column
 from hil.record.traces.stored_trace import Records
-from hil.show.report.chart import (
-    ALARM,
-    ESTIMATE,
-    GOOD,
-    NEUTRAL,
-    TARGET,
-    TRUTH,
-    Panel,
-    Plot,
-    band,
-    chart,
-    columns,
-    curve,
-    level,
-    points,
-    upright,
-)
+from hil.show.report import chart
 from plant_sim.arrays import BoolArray, FloatArray
 
 ANKLE, COUNTED, CYCLE, FELT, ERROR = 1, 2, 3, 4, 5
@@ -32,31 +16,36 @@ CLASSES = np.linspace(0.0, 100.0, 41)
 """Edges of the histogram's classes, in % of the gait cycle."""
 
 
-def walk(traces: RunTraces, figures: Figures) -> Plot:
+def walk(traces: RunTraces, figures: Figures) -> chart.Plot:
     """The phases of the pulses in the gait cycle, and the error of the estimated phase."""
     window = push_off(traces.scenario)
     pulses = pulses_of(traces.plant, traces.impacts)
     percent = 100.0 * pulses.phase
     known, inside = np.isfinite(pulses.phase), window.holds(pulses.phase)
     held = _held(pulses.t_s, figures)
-    kinds = ((inside, GOOD, "in the window", "circle"), (known & ~inside, ALARM, "of another turn", "x"))
-    drawn = [curve(ANKLE, "ankle moment", *push_off_curve(traces.plant), TRUTH)]
+    kinds = (
+        (inside, chart.GOOD, "in the window", "circle"),
+        (known & ~inside, chart.ALARM, "of another turn", "x"),
+    )
+    drawn = [chart.curve(ANKLE, "ankle moment", *push_off_curve(traces.plant), chart.TRUTH)]
     for which, color, name, symbol in kinds:
         counts, _ = np.histogram(percent[held & which], bins=CLASSES)
-        drawn.append(columns(COUNTED, name, CLASSES, counts, color))
-        drawn.append(points(CYCLE, f"pulse {name}", percent[which], pulses.t_s[which], color, symbol))
+        drawn.append(chart.columns(COUNTED, name, CLASSES, counts, color))
+        drawn.append(chart.points(CYCLE, f"pulse {name}", percent[which], pulses.t_s[which], color, symbol))
     if traces.is_worn:
         felt_n = column(traces.plant, "felt_force_n")
-        drawn.append(curve(FELT, "felt force", column(traces.plant, "t_s"), felt_n, TRUTH, width=0.8))
+        drawn.append(
+            chart.curve(FELT, "felt force", column(traces.plant, "t_s"), felt_n, chart.TRUTH, width=0.8)
+        )
     t_s, off = phase_error(traces.plant, traces.firmware)
-    drawn.append(curve(ERROR, "phase error", t_s, 100.0 * off, ESTIMATE, width=0.8))
-    shapes = [band(CYCLE, 100.0 * window.start, 100.0 * window.end, GOOD)]
+    drawn.append(chart.curve(ERROR, "phase error", t_s, 100.0 * off, chart.ESTIMATE, width=0.8))
+    shapes = [chart.band(CYCLE, 100.0 * window.start, 100.0 * window.end, chart.GOOD)]
     if figures.hold_start_s is not None and figures.hold_end_s is not None:
-        shapes.append(band(ERROR, figures.hold_start_s, figures.hold_end_s, TARGET))
+        shapes.append(chart.band(ERROR, figures.hold_start_s, figures.hold_end_s, chart.TARGET))
     found = figures.gait
     if found.end_s is not None:
-        shapes.append(upright(ERROR, found.end_s))
-        drawn.append(level(CYCLE, str(found.end), found.end_s, 0.0, 100.0, NEUTRAL, "dot"))
+        shapes.append(chart.upright(ERROR, found.end_s))
+        drawn.append(chart.level(CYCLE, str(found.end), found.end_s, 0.0, 100.0, chart.NEUTRAL, "dot"))
     text = (
         "No stride was held."
         if found.in_window is None or found.outside_per_stride is None
@@ -66,21 +55,21 @@ def walk(traces: RunTraces, figures: Figures) -> Plot:
     text += " The ankle's moment over the body's mass pushes off."
     worn = "" if traces.is_worn else " Nobody wears the module."
     ending = "" if found.end is None else f" The dotted line is the {found.end}."
-    return Plot(
+    return chart.Plot(
         "Pulses over the gait cycle",
         f"{text}{worn} The hold is shaded on the right.{ending}",
-        chart(460, panels(figures.duration_s), drawn, shapes, barmode="stack"),
+        chart.chart(460, panels(figures.duration_s), drawn, shapes, barmode="stack"),
     )
 
 
-def panels(duration_s: float) -> list[Panel]:
+def panels(duration_s: float) -> list[chart.Panel]:
     """Left, over the gait cycle: moment, counts, pulses; right, over time: felt force, phase error."""
     few, time = {"nticks": 4}, {"range": [0.0, duration_s]}
     error = {"range": [-15.0, 15.0]}
     return [
-        Panel("N m/kg", "", LEFT, (0.84, 1.0), CYCLE, GAIT_AXIS, few),
-        Panel("in the hold", "", LEFT, (0.63, 0.79), CYCLE, GAIT_AXIS, few),
-        Panel(
+        chart.Panel("N m/kg", "", LEFT, (0.84, 1.0), CYCLE, GAIT_AXIS, few),
+        chart.Panel("in the hold", "", LEFT, (0.63, 0.79), CYCLE, GAIT_AXIS, few),
+        chart.Panel(
             "simulated time [s]",
             "gait cycle [%]",
             LEFT,
@@ -89,8 +78,8 @@ def panels(duration_s: float) -> list[Panel]:
             GAIT_AXIS,
             {"range": [duration_s, 0.0]},
         ),
-        Panel("felt [N]", "", RIGHT, (0.63, 1.0), ERROR, time),
-        Panel("phase error [%]", "simulated time [s]", RIGHT, (0.0, 0.58), None, time, error),
+        chart.Panel("felt [N]", "", RIGHT, (0.63, 1.0), ERROR, time),
+        chart.Panel("phase error [%]", "simulated time [s]", RIGHT, (0.0, 0.58), None, time, error),
     ]
 
 

@@ -101,7 +101,7 @@ def test_an_emergency_stop_of_one_drive_is_none_of_the_other():
     join = lambda name: bus.join(listening=name != "operator")  # noqa: E731
     modules = [Module(join, places, 1.3, 1) for places in PLACES]
     play(modules, 1.0, lambda _: None)
-    modules[0].operator_bus.send(codec.DRIVE_ESTOP.encode(DriveEstop()))
+    modules[0].operator_bus.send_all([codec.DRIVE_ESTOP.encode(DriveEstop())])
     play(modules, 0.1, lambda _: None)
     assert [module.firmware.outputs.mode for module in modules] == [Mode.E_STOP, Mode.SOFT_START]
 

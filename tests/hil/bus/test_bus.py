@@ -293,9 +293,11 @@ def test_hub_ends_with_a_killed_parent_and_cleans_up() -> None:
 
 
 def test_open_bus_makes_a_bus_that_ends_with_its_node() -> None:
-    node = open_bus("local")
-    node.send(frame(1))
-    node.close()
+    with open_bus("local") as (provided, node):
+        node.send(frame(1))
+        socket = Path(provided.address.removeprefix("local:"))
+        assert socket.exists()
+    assert not socket.parent.exists()
 
 
 def test_python_can_tools_join(local: ProvidedBus) -> None:
@@ -319,20 +321,17 @@ def test_python_can_tools_join(local: ProvidedBus) -> None:
 
 
 def test_any_python_can_interface_is_a_bus() -> None:
-    first, second = open_bus("virtual:test_any"), open_bus("virtual:test_any", accept=[0x100, 0x102])
-    try:
+    name = "virtual:test_any"
+    with open_bus(name) as (_, first), open_bus(name, accept=[0x100, 0x102]) as (_, second):
         first.send_all([Frame(0x100, b"\x01"), Frame(0x101, b""), Frame(0x102, b"12345678")])
         assert second.receive() == [Frame(0x100, b"\x01"), Frame(0x102, b"12345678")]
         assert first.receive() == []
-    finally:
-        first.close()
-        second.close()
 
 
 def test_in_process_nodes_receive_from_the_others_only() -> None:
     bus = InProcessBus()
     first, second, third = bus.join(), bus.join(), bus.join()
-    first.send(frame(1))
+    first.send_all([frame(1)])
     second.send_all([frame(2), frame(3)])
     assert first.receive() == [frame(2), frame(3)]
     assert second.receive() == [frame(1)]
@@ -350,8 +349,8 @@ def test_in_process_nodes_receive_from_the_others_only() -> None:
     ],
 )
 def test_bus_that_cannot_be_opened_says_what_was_wanted(spec: str, message: str) -> None:
-    with pytest.raises(BusError, match=message):
-        open_bus(spec)
+    with pytest.raises(BusError, match=message), open_bus(spec):
+        pass
 
 
 @pytest.mark.skipif(has_kernel_can(), reason="the kernel has CAN")

@@ -367,11 +367,11 @@ def test_nodes_of_one_process_meet_on_it_in_time() -> None:
     plant.send_all([LONG, SHORT])
     assert bus.move_to(1_000_000 + (frame_bits(SHORT) + 20) * US)[0].queued_ns == 1_000_000
     assert firmware.receive() == [SHORT]
-    firmware.send(Frame(0x001, b""))
+    firmware.send_all([Frame(0x001, b"")])
     bus.move_to(1_500_000)
     assert firmware.receive() == [LONG]
     assert firmware.receive() == []
     assert plant.receive() == [Frame(0x001, b"")]
     bus.model.switch_off("firmware")
-    firmware.send(SHORT)
-    assert firmware.counters.unsent == 1
+    firmware.send_all([SHORT])
+    assert bus.model.lost("firmware") == 1

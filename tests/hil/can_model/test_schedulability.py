@@ -315,7 +315,7 @@ def test_an_odd_bit_rate_is_refused(bitrate: int) -> None:
 
 def run(*arguments: str) -> int:
     app = typer.Typer()
-    command.register(app)
+    app.command()(command.schedule)
     return app(list(arguments), standalone_mode=False) or 0
 
 

@@ -8,8 +8,7 @@ from pydantic import ValidationError
 
 from hil.judge.checks import Check, evaluate
 from hil.judge.figures.own import Window, own_figure
-from hil.record.candump import NO_BUS
-from hil.record.run_traces import NO_RECORDS, RunTraces
+from hil.record.run_traces import RunTraces
 
 WHOLE = Window(0.0, 100.0)
 LOG = {"log": {"frames_lost": 0}, "loops": {"plant": {"ticks": 1}, "firmware": {"ticks": 1}}}
@@ -105,7 +104,7 @@ def test_a_check_is_of_the_run_s_figures_or_of_one_s_own(given, said):
 
 def test_own_figures_are_checked_like_others_and_never_pass_when_missing():
     t_s = np.arange(10) * 1e-3
-    traces = RunTraces(plant(t_s, x_m=t_s), firmware(t_s, 0.0), NO_RECORDS, NO_RECORDS, NO_BUS)
+    traces = RunTraces(plant(t_s, x_m=t_s), firmware(t_s, 0.0))
     check = Check(name="farthest", expression="1e3 * max(plant.x_m)", high=9.5, unit="mm")
     (result,) = evaluate([check], LOG, traces)
     assert (result.passed, result.unit, result.limit) == (True, "mm", "\u2264 9.5")

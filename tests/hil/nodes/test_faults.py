@@ -21,8 +21,7 @@ from hil.drive.axis import is_armed
 from hil.faults.clocks import ClockFaults, FaultyClock, in_turns
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
-from hil.faults.physics import torque_share
-from hil.faults.plant import TurnCounter
+from hil.faults.plant import TurnCounter, torque_share
 from hil.faults.processes import ProcessFaults
 from hil.faults.readings import SensorFaults
 from hil.judge.figures.figures import figures_of
@@ -508,6 +507,17 @@ def test_lockstep_breaks_what_the_scenario_says_and_two_runs_are_alike(tmp_path:
     assert set(range(3000)) - set(firmware["tick"].tolist()) == set(range(1500, 1600))
     assert 200 < firmware["counters.rejected_crc"][999] < 300
     assert firmware["inputs.accelerometer.age_ticks"][-1] == pytest.approx(1000, abs=2)
+
+
+def test_the_reason_for_refused_parameters_stands_in_the_run_not_on_the_terminal(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    away = {"kind": "restarted", "at_s": 1.0, "duration_s": 0.2, "process": "firmware"}
+    run_dir = in_lockstep(tmp_path, scenario_with({"kind": "parameters-damaged", "at_s": 0.0}, away))
+    assert capfd.readouterr().err == ""
+    reasons = (run_dir / "firmware.log").read_text().splitlines()
+    assert len(reasons) == 2  # at power-up and after the restart
+    assert "motor.inertia_kg_m2 = 2.0005 kg m^2 is out of bounds" in reasons[0]
 
 
 def test_a_node_that_is_bus_off_is_silent_and_comes_back(tmp_path: Path) -> None:

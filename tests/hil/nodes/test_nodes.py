@@ -252,3 +252,11 @@ def test_a_node_alone_makes_its_folder(tmp_path, node):
     command = [sys.executable, "-m", "tools.cli", node, "soft-start-multistable", "--bus", "local"]
     subprocess.run([*command, "--out", str(out), "--until", "0.02"], check=True, capture_output=True)
     assert (out / f"{node}.trace").exists()
+
+
+def test_a_firmware_alone_says_why_it_refuses_its_parameters():
+    command = [sys.executable, "-m", "tools.cli", "firmware", "damaged-parameters-arm-nothing"]
+    done = subprocess.run(
+        [*command, "--bus", "local", "--until", "0.02"], check=True, capture_output=True, text=True
+    )
+    assert "is out of bounds; give a value from" in done.stderr

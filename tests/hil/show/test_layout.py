@@ -12,7 +12,7 @@ from firmware_py.core.inputs import Inputs
 from firmware_py.core.state import Outputs, State
 from firmware_py.interface.generated.records import Accelerometer
 from firmware_py.shell.node import Counters
-from hil.can_model.error_trace import BusErrorRecord
+from hil.can_model.fault_confinement import BusErrorRecord
 from hil.record import state_timeline
 from hil.record.rates import SLOW_BLOCKS, is_slow
 from hil.record.rerun_program import rerun_environment, rerun_program

@@ -125,9 +125,9 @@ def test_a_run_in_lockstep_does_not_wait_for_a_viewer_that_is_gone(run_dir, view
 
 def test_a_run_does_not_end_with_its_live_view(run_dir):
     provided = SimpleNamespace(processes={"hub": object()}, address="local:x", name="local")
-    run = ProcessesRun(
-        None, run_dir, 1, provided, False, Outcome(), lambda *_: None, viewer="rerun+http://x/proxy"
-    )
+    url = "rerun+http://x/proxy"
+    run = ProcessesRun(None, run_dir, 1, "local", False, Outcome(), lambda *_: None, viewer=url)
+    run.provided = provided
     run.children = dict.fromkeys(("plant", "live"), object())
     assert set(run.watched) == {"plant", "hub"}
 

@@ -12,8 +12,7 @@ from rerun.experimental import ViewerClient
 from run_folder import END_S, make_run, write_run
 
 from hil.bench.verdict import finish
-from hil.can_model.error_trace import BusErrorRecord, NodeErrors
-from hil.can_model.fault_confinement import ErrorState
+from hil.can_model.fault_confinement import BusErrorRecord, ErrorState, NodeErrors
 from hil.judge.checks import Check
 from hil.judge.figures.figures import figures_from
 from hil.record.log_reader import documents, read_traces, tables

@@ -14,9 +14,8 @@ import pytest
 from hil.bench import recorded_run
 from hil.bench.recorded_run import RunError
 from hil.record import run_folder
-from hil.record.candump import NO_BUS
 from hil.record.rerun_program import rerun, rerun_environment
-from hil.record.run_traces import NO_RECORDS, RunTraces
+from hil.record.run_traces import RunTraces
 from hil.show.rerun_log import LOG_NAME, RunLog
 from tools.logs import view
 from tools.output import BadInputError
@@ -26,7 +25,7 @@ from tools.output import BadInputError
 def log(tmp_path: Path) -> Path:
     path = tmp_path / LOG_NAME
     with closing(RunLog(path, {"scenario": "empty"}, {"title": "An empty run"})) as writer:
-        writer.append(RunTraces(NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_BUS))
+        writer.append(RunTraces())
     return path
 
 

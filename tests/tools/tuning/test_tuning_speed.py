@@ -13,8 +13,9 @@ from firmware_py.shell.parameters import DEFAULTS
 from hil.scenario.parameter_file import nested
 from tools import cli
 from tools.output import EXIT_PASSED, BadInputError
+from tools.plots import drawn
 from tools.tuning import safety
-from tools.tuning.figures.speed import draw_speed
+from tools.tuning.figures.pictures import draw_speed
 from tools.tuning.figures.views import of_speed
 from tools.tuning.speed import (
     NominalDrive,
@@ -211,7 +212,8 @@ def test_steps_end_where_they_should(design: SpeedDesign) -> None:
 
 
 def test_it_is_drawn(design: SpeedDesign, measured: MeasuredLoop, tmp_path: Path) -> None:
-    draw_speed(NominalDrive(), design, measured, tmp_path / "speed.svg")
+    with drawn(tmp_path / "speed.svg") as figure:
+        draw_speed(figure, NominalDrive(), design, measured)
     content = (tmp_path / "speed.svg").read_text()
     assert content.count("<path") > 50
 

@@ -9,14 +9,8 @@ import numpy as np
 from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
 from hil.judge import detection, true_regime
 from plant_sim.arrays import FloatArray
+from tools.campaign.trial import reference
 from tools.campaign.trial.outcome import Outcome
-from tools.campaign.trial.reference import (
-    LONGEST_GAP,
-    goes_on,
-    instant_start_captures,
-    reference,
-    would_be_lost,
-)
 from tools.campaign.trial.run import Run, run
 from tools.campaign.trial.scenarios import RUN_S, SETTLED_S, Plan, Trial, trial_of
 from tools.campaign.trial.walk_judge import judge_walk
@@ -55,7 +49,7 @@ def lost_by(done: Run, duration_s: float, omega_rad_s: float) -> str:
             f"ends in {last.mode.name.lower()} since {last.t_s:.2f} s"
             f"{': ' + last.fault.name.lower() if last.fault != Fault.NONE else ''}"
         )
-    if not goes_on(done.impacts["t_s"], duration_s, min(omega_rad_s, kept_omega(done))):
+    if not reference.goes_on(done.impacts["t_s"], duration_s, min(omega_rad_s, kept_omega(done))):
         return "in mode RUN, but without lasting impacts at the end"
     return ""
 
@@ -95,7 +89,7 @@ def start_up(trial: Trial, done: Run, outcome: Outcome) -> None:
     relative to the largest v⁻ of a slow run-up if that is larger.
     """
     sampled, duration_s, omega_rad_s = trial.sampled, trial.scenario.duration_s, trial.omega_rad_s
-    attractor = reference(sampled.scene, omega_rad_s, sampled.more_seed)
+    attractor = reference.reference(sampled.scene, omega_rad_s, sampled.more_seed)
     if not attractor.exists:
         outcome.leave_out("no impact attractor at this speed")
         ended = done.modes[-1]
@@ -105,7 +99,7 @@ def start_up(trial: Trial, done: Run, outcome: Outcome) -> None:
         elsewhere = lost_by(done, duration_s, omega_rad_s) == ""
         outcome.counts["hopeless_settled"] = int(said or elsewhere)
         return
-    outcome.counts["instant"] = int(instant_start_captures(sampled.scene, omega_rad_s))
+    outcome.counts["instant"] = int(reference.instant_start_captures(sampled.scene, omega_rad_s))
     outcome.counts["fault_before_start"] = int(
         any(change.fault != Fault.NONE and change.t_s < RUN_S for change in done.modes)
     )
@@ -157,12 +151,7 @@ def detect(trial: Trial, done: Run, outcome: Outcome) -> None:
     true_s, speeds = done.impacts["t_s"], done.impacts["v_m_s"]
     pairs = detection.match(true_s, done.detected_s)
     due, hard = true_s <= until_s, speeds >= GRAZING_M_S
-    found = np.zeros(len(true_s), bool)
-    found[pairs.truth] = True
-    alarms = np.ones(len(done.detected_s), bool)
-    alarms[pairs.detection] = False
-    latency_ms = 1e3 * (done.detected_s[pairs.detection] - true_s[pairs.truth])
-    of_hard = hard[pairs.truth]
+    found, alarms, of_hard = pairs.found, pairs.false, hard[pairs.truth]
     outcome.counts |= {
         "hits": int(np.count_nonzero(found & hard & due)),
         "misses": int(np.count_nonzero(~found & hard & due)),
@@ -179,7 +168,7 @@ def detect(trial: Trial, done: Run, outcome: Outcome) -> None:
             np.any((since_s >= 0.0) & (since_s <= AFTER_SHOCK_S))
         )
     if of_hard.any():
-        outcome.samples["latency"] = latency_ms[of_hard].tolist()
+        outcome.samples["latency"] = (1e3 * pairs.latency_s[of_hard]).tolist()
         reported_m_s = done.detections["outputs.impact_speed_m_s"][pairs.detection]
         outcome.metrics["speed_error"] = rms((reported_m_s - speeds[pairs.truth])[of_hard])
     _judge_regime(done, duration_s, outcome)
@@ -227,7 +216,7 @@ def hold(trial: Trial, done: Run, outcome: Outcome) -> None:
     outcome.why = lost_by(done, duration_s, omega_rad_s)
     held = done.impacts[done.impacts["t_s"] >= SETTLED_S]
     lasts_s = duration_s - SETTLED_S
-    if outcome.why == "" and not goes_on(held["t_s"], duration_s, omega_rad_s, lasts_s):
+    if outcome.why == "" and not reference.goes_on(held["t_s"], duration_s, omega_rad_s, lasts_s):
         outcome.why = "impacts missing during the hold"
     if len(held) < 2:
         return
@@ -262,7 +251,7 @@ def recover(trial: Trial, done: Run, outcome: Outcome) -> None:
     duration_s, omega_rad_s = trial.scenario.duration_s, trial.omega_rad_s
     kicked_s = trial.scenario.faults[0].at_s
     times = done.impacts["t_s"]
-    if not goes_on(times[times < kicked_s], kicked_s, omega_rad_s, 5.0):
+    if not reference.goes_on(times[times < kicked_s], kicked_s, omega_rad_s, 5.0):
         outcome.leave_out("no impacts before the kick")
         return
     tripped = [change for change in done.modes if change.fault == Fault.IMPULSE_LIMIT]
@@ -270,7 +259,7 @@ def recover(trial: Trial, done: Run, outcome: Outcome) -> None:
         outcome.leave_out("the kick's own impact tripped the impulse limit")
         return
     kicked = done.plant[math.ceil(kicked_s / done.tick_s)]
-    if not would_be_lost(trial.scenario.scene, kicked, omega_rad_s):
+    if not reference.would_be_lost(trial.scenario.scene, kicked, omega_rad_s):
         outcome.leave_out("the kick did not throw it out")
         return
     outcome.why = lost_by(done, duration_s, omega_rad_s)
@@ -285,7 +274,7 @@ def _back_s(done: Run, kicked_s: float, omega_rad_s: float) -> float:
     """
     target_s = 2.0 * np.pi / omega_rad_s
     times = np.concatenate([[kicked_s], done.impacts[done.impacts["t_s"] > kicked_s]["t_s"]])
-    gaps = np.flatnonzero(np.diff(times) > LONGEST_GAP * target_s)
+    gaps = np.flatnonzero(np.diff(times) > reference.LONGEST_GAP * target_s)
     from_s = times[gaps[-1] + 1] if len(gaps) else kicked_s
     turns = done.turns_s[done.turns_s > kicked_s]
     kept_s = 2.0 * np.pi / kept_omega(done)

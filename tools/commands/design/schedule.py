@@ -3,10 +3,10 @@
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Column, Table
+from rich.table import Column
 
 from tools.commands.options import Json
-from tools.output import BadInputError, answer, console, exit_of
+from tools.output import BadInputError, answer, console, exit_of, table_of
 
 if TYPE_CHECKING:
     from firmware_py.interface.addresses import Addresses
@@ -14,11 +14,6 @@ if TYPE_CHECKING:
 
 DEFAULT_BITRATE = 1_000_000
 REPORTED_BITRATES = (1_000_000, 500_000, 250_000)
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(schedule)
 
 
 def schedule(
@@ -100,14 +95,9 @@ def rows(analysed: "Schedule", disturbed: "Schedule") -> list[dict[str, Any]]:
 
 def show(payload: dict[str, Any]) -> None:
     """Print the frames by priority, then the results at other bit rates."""
-    numbers = ("bytes", "period", "response", "disturbed", "slack", "load %")
-    table = Table(
-        "id",
-        *(Column(name, no_wrap=True) for name in ("frame", "sender")),
-        *(Column(name, justify="right") for name in numbers),
-        box=None,
-        pad_edge=False,
-    )
+    names = (Column(name, no_wrap=True) for name in ("frame", "sender"))
+    numbers = (">bytes", ">period", ">response", ">disturbed", ">slack", ">load %")
+    table = table_of(("id", *names, *numbers))
     for row in payload["frames"]:
         table.add_row(
             f"0x{row['id']:03X}",

@@ -7,20 +7,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Column, Table
 
 from tools.commands.options import Json, number, setting
-from tools.output import BadInputError, answer, console, figure_table
+from tools.output import BadInputError, answer, console, figure_table, table_of
 from tools.outputs import PICTURES, file_option
 
 LONGEST_S = 86_400.0
 LONGEST_PLOT_S = 3600.0
 """Longest simulation with a plot; the plot's samples are 1 ms apart."""
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(simulate)
 
 
 def simulate(
@@ -106,17 +100,12 @@ def show(payload: dict[str, Any]) -> None:
     ]
     console.print(figure_table(f"{payload['scene']}, {payload['final']['t_s']:g} s", rows))
     if len(times):
-        names = ("time [s]", "v⁻ [m/s]", "impulse [N s]", "peak force [N]")
-        headers = [Column(name, justify="right") for name in names]
-        table = Table(*headers, title="last impacts", title_justify="left", box=None)
-        for row in range(max(0, len(times) - 5), len(times)):
-            peak = payload["peak_forces_n"][row]
-            table.add_row(
-                f"{times[row]:.6f}",
-                f"{speeds[row]:.4f}",
-                f"{payload['impulses_n_s'][row]:.4f}",
-                "—" if isnan(peak) else f"{peak:.1f}",
-            )
-        console.print(table)
+        impacts = zip(times, speeds, payload["impulses_n_s"], payload["peak_forces_n"], strict=True)
+        last = (
+            (f"{t_s:.6f}", f"{speed:.4f}", f"{impulse:.4f}", "—" if isnan(peak) else f"{peak:.1f}")
+            for t_s, speed, impulse, peak in list(impacts)[-5:]
+        )
+        names = (">time [s]", ">v⁻ [m/s]", ">impulse [N s]", ">peak force [N]")
+        console.print(table_of(names, last, title="last impacts"))
     for note in payload["notes"]:
         console.print(f"note: {note}", markup=False)

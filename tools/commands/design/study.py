@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
-from rich.table import Table
 
 from tools.commands.design.study_output import (
     StudyJob,
@@ -17,7 +16,7 @@ from tools.commands.design.study_output import (
     show_sweep,
 )
 from tools.commands.options import Json, number, unfolded
-from tools.output import console, figure_table
+from tools.output import console, figure_table, table_of
 from tools.outputs import RECORDINGS, file_option, folder_option
 
 study = typer.Typer(
@@ -67,11 +66,6 @@ class StudyOptions:
         return StudyJob(self.out, self.cores, self.scheduler, self.as_json)
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to the program."""
-    app.add_typer(study)
-
-
 @study.command()
 @unfolded
 def sweep(
@@ -101,8 +95,7 @@ def sweep(
     if amplitude is not None:
         chosen = [replace(case, amplitude_m=amplitude) for case in chosen]
     job = common.job()
-    if common.scheduler is None:
-        job.warm(chosen)
+    job.warm(chosen)
     with job.computing():
         found = diagrams(chosen, job.where)
     pictures = []
@@ -161,7 +154,7 @@ def basin(
     soft = start == "soft"
     size = size or (SOFT_SIZE if soft else INSTANT_SIZE)
     job = common.job()
-    if not (common.scheduler or soft):
+    if not soft:
         job.warm([case])
     compute = soft_start.compute if soft else basins.compute
     with job.computing():
@@ -200,8 +193,7 @@ def chart(
     second = over.removeprefix("r,")
     maps.check(case, second)
     job = common.job()
-    if common.scheduler is None:
-        job.warm([case])
+    job.warm([case])
     with job.computing():
         paths = work.run("map", maps.piece, maps.specs(case, second, size), job.where)
     table = pa.concat_tables([store.read(path)[0] for path in paths])
@@ -238,11 +230,7 @@ def chart(
 
 @study.command()
 @unfolded
-def portrait(
-    preset: Preset = "table1",
-    rrd: Rrd = None,
-    common: StudyOptions = StudyOptions(),
-) -> None:
+def portrait(preset: Preset = "table1", rrd: Rrd = None, common: StudyOptions = StudyOptions()) -> None:
     """Time histories and phase portraits of both attractors for each friction law."""
     from tools.study import cases, figures, recordings, store
     from tools.study.portraits import as_table, pair
@@ -250,8 +238,7 @@ def portrait(
 
     chosen = [cases.case(preset, law) for law in cases.LAWS]
     job = common.job()
-    if common.scheduler is None:
-        job.warm(chosen)
+    job.warm(chosen)
     with job.computing():
         pairs = [pair(diagram) for diagram in diagrams(chosen, job.where)]
     samples = common.out / f"portrait-{preset}.parquet"
@@ -311,15 +298,11 @@ def claims(
         pictures += figures.basin(one, caption, common.out)
     written = page or common.out / "claims.md"
     pages.write(judged, written)
-
-    def show() -> None:
-        table = Table("claim", "the paper says", "verdict", box=None, pad_edge=False)
-        for claim in judged:
-            table.add_row(claim.id, claim.statement, claim.verdict)
-        console.print(table)
-
+    table = table_of(
+        ("claim", "the paper says", "verdict"), ((one.id, one.statement, one.verdict) for one in judged)
+    )
     result = {"claims": [asdict(claim) for claim in judged], "page": str(written), "figures": pictures}
-    job.answer(result, show)
+    job.answer(result, lambda: console.print(table))
 
 
 @study.command()
@@ -329,8 +312,7 @@ def feasibility(
         Literal["table1", "gait", "walking", "all"], typer.Option(help="table1, gait, walking or all.")
     ] = "all",
     page: Annotated[
-        Path | None,
-        file_option("The page to write; by default feasibility.md in the folder of results."),
+        Path | None, file_option("The page to write; by default feasibility.md in the folder of results.")
     ] = None,
     common: StudyOptions = StudyOptions(),
 ) -> None:
@@ -357,29 +339,22 @@ def feasibility(
         one: dict(Counter(row["verdict"] for row in rows if row["preset"] == one).most_common())
         for one in presets
     }
-
-    def show() -> None:
-        shown = Table("preset", "cells", *table.REASONS, box=None, pad_edge=False)
-        for one in presets:
-            cells = [str(counts[one].get(reason, 0)) for reason in table.REASONS]
-            shown.add_row(one, str(sum(counts[one].values())), *cells)
-        console.print(shown)
-
-    result = {
-        "feasibility": rows,
-        "verdicts": counts,
-        "page": str(written),
-        "figures": pictures,
-    }
-    job.answer(result, show)
+    shown = table_of(
+        ("preset", "cells", *table.REASONS),
+        (
+            (one, str(sum(of_one.values())), *(str(of_one.get(reason, 0)) for reason in table.REASONS))
+            for one, of_one in counts.items()
+        ),
+    )
+    result = {"feasibility": rows, "verdicts": counts, "page": str(written), "figures": pictures}
+    job.answer(result, lambda: console.print(shown))
 
 
 @study.command()
 @unfolded
 def pulse(
     way: Annotated[
-        Literal["turn", "subharmonic", "gated", "all"],
-        typer.Option(help="turn, subharmonic, gated or all."),
+        Literal["turn", "subharmonic", "gated", "all"], typer.Option(help="turn, subharmonic, gated or all.")
     ] = "all",
     common: StudyOptions = StudyOptions(),
 ) -> None:

@@ -7,9 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
-
-from tools.output import console, figure, figure_table, print_json
+from tools.output import console, figure, figure_table, print_json, table_of
 
 if TYPE_CHECKING:
     from tools.study.basin import Basin
@@ -29,10 +27,11 @@ class StudyJob:
         self._cost: dict[str, float] = {}
 
     def warm(self, cases: "Sequence[Case]") -> None:
-        """Compile or load the kernels of these modules before any clock starts."""
+        """Compile or load the kernels of these modules before any clock starts, unless others compute."""
         from tools.study.orbits import warm
 
-        self._compile_s = warm(cases)
+        if self.where.scheduler is None:
+            self._compile_s = warm(cases)
 
     @contextmanager
     def computing(self) -> Iterator[None]:
@@ -51,18 +50,17 @@ class StudyJob:
             "cores": where.cores,
             "out": str(where.out),
         }
-        if self._as_json:
-            print_json(payload)
-            return
-        show()
         rows = [
             ("computing", payload["wall_s"], "s"),
             ("of processor time", payload["cpu_s"], "s"),
             ("compiling or loading kernels", payload["compile_s"], "s"),
             ("figures and results in", payload["out"], ""),
+            *([("page to read", payload["page"], "")] if "page" in payload else []),
         ]
-        if "page" in payload:
-            rows.append(("page to read", payload["page"], ""))
+        if self._as_json:
+            print_json(payload)
+            return
+        show()
         console.print(figure_table("", rows))
 
 
@@ -107,19 +105,19 @@ def is_nominal(case: "Case") -> bool:
 
 def show_sweep(found: "list[Diagram]") -> None:
     """Print a row per case."""
-    titles = ("preset", "friction", "run-up", "run-down", "multistable", "ends by")
-    table = Table(*titles, title="where there are impacts, in Ω/ω", title_justify="left", box=None)
-    for diagram in found:
-        kinds = sorted({edge.kind for edge in (*diagram.up.edges, *diagram.down.edges)})
-        table.add_row(
+    rows = (
+        (
             diagram.case.preset,
             diagram.case.label,
             intervals(diagram.up.with_impacts()),
             intervals(diagram.down.with_impacts()),
             intervals(diagram.multistable()),
-            ", ".join(kinds) or "—",
+            ", ".join(sorted({edge.kind for edge in (*diagram.up.edges, *diagram.down.edges)})) or "—",
         )
-    console.print(table)
+        for diagram in found
+    )
+    titles = ("preset", "friction", "run-up", "run-down", "multistable", "ends by")
+    console.print(table_of(titles, rows, title="where there are impacts, in Ω/ω"))
 
 
 def intervals(union: list[tuple[float, float]]) -> str:

@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from tools.commands.options import Json
-from tools.output import answer, console, figure, print_json
+from tools.output import answer, console, figure, table_of
 from tools.outputs import PICTURES, file_option
 from tools.progress import shown_progress
 
@@ -19,18 +19,12 @@ if TYPE_CHECKING:
     from tools.trade.costs import Cost
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(trade)
-
-
 def trade(
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer settings and repeats: about a minute.")
     ] = False,
     parts: Annotated[
-        bool,
-        typer.Option("--parts", help="Measure the cost and effect of each part of a scene instead."),
+        bool, typer.Option("--parts", help="Measure the cost and effect of each part of a scene instead.")
     ] = False,
     extremes: Annotated[
         Path | None,
@@ -92,15 +86,16 @@ def measure_parts(quick: bool, repeats: int, as_json: bool) -> None:
 
     with shown_progress() as progress:
         rows = parts.measure(quick, repeats, partial(progress, None))
-    if as_json:
-        print_json({"rows": rows, "repeats": repeats, "cores": os.cpu_count()})
-        return
-    table = _table(
-        f"parts: table1 on its impact orbit at r = {parts.RATIO}, one part changed at a time",
-        ("part", "µs/s", "×", "N s", "peak N", "felt N", "J", "at terminals J", "fold"),
-    )
-    for row in rows:
-        table.add_row(
+    payload = {"rows": rows, "repeats": repeats, "cores": os.cpu_count()}
+    answer(payload, as_json, lambda: show_parts(rows, repeats))
+
+
+def show_parts(rows: Sequence[Mapping[str, Any]], repeats: int) -> None:
+    """Print the costs and effects of a scene's parts."""
+    from tools.trade.parts import RATIO
+
+    shown = (
+        (
             row["what"].removeprefix("part: "),
             f"{row['cost']:.0f}",
             f"{row['cost_ratio']:.2f}",
@@ -111,7 +106,11 @@ def measure_parts(quick: bool, repeats: int, as_json: bool) -> None:
             figure_of(row["terminal_energy_per_cycle_j"], 3),
             f"{row['fold_r']:.2f}",
         )
-    console.print(table)
+        for row in rows
+    )
+    title = f"parts: table1 on its impact orbit at r = {RATIO}, one part changed at a time"
+    names = ("part", ">µs/s", ">×", ">N s", ">peak N", ">felt N", ">J", ">at terminals J", ">fold")
+    console.print(table_of(names, shown, title=title))
     console.print(
         "×: cost over the first part's; N s: an impact's impulse, — where impacts have ended; J: the drive's "
         "work a cycle, where windings are modelled also that at their terminals; fold: the largest r at "
@@ -149,35 +148,26 @@ def show(payload: Mapping[str, Any]) -> None:
 
 def solver_table(case: str, rows: Sequence[Mapping[str, Any]], best: Iterable[str]) -> Table:
     """Errors and cost of every method on one case; ● marks a method that no cheaper one beats in error."""
-    wanted = f"{rows[0]['impacts_wanted']} impacts, {rows[0]['regime_wanted']}"
-    table = _table(
-        f"{case}: {wanted}", ("method", "x [m]", "t [s]", "v [m/s]", "impulse", "impacts", "µs/s", "×")
-    )
     cheapest = min(row["cost"] for row in rows)
-    for row in rows:
+    errors = ("error", "impact_time_error_s", "impact_speed_error_m_s", "impulse_error")
+
+    def shown(row: Mapping[str, Any]) -> Iterator[str]:
         is_right = (row["impacts"], row["regime"]) == (row["impacts_wanted"], row["regime_wanted"])
-        mark = " ●" if row["what"] in best else ""
-        table.add_row(
-            f"{row['method']} {row['setting']}".rstrip() + mark,
-            *(
-                "—" if row[key] != row[key] else f"{row[key]:.0e}"
-                for key in ("error", "impact_time_error_s", "impact_speed_error_m_s", "impulse_error")
-            ),
-            str(row["impacts"]) if is_right else f"[red]≠ {row['impacts']}[/]",
-            f"{row['cost']:.1f}",
-            f"{row['cost'] / cheapest:.1f}",
-        )
-    return table
+        yield f"{row['method']} {row['setting']}".rstrip() + (" ●" if row["what"] in best else "")
+        yield from ("—" if math.isnan(row[key]) else f"{row[key]:.0e}" for key in errors)
+        yield str(row["impacts"]) if is_right else f"[red]≠ {row['impacts']}[/]"
+        yield f"{row['cost']:.1f}"
+        yield f"{row['cost'] / cheapest:.1f}"
+
+    titles = ("method", ">x [m]", ">t [s]", ">v [m/s]", ">impulse", ">impacts", ">µs/s", ">×")
+    title = f"{case}: {rows[0]['impacts_wanted']} impacts, {rows[0]['regime_wanted']}"
+    return table_of(titles, map(shown, rows), title=title)
 
 
 def parts_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Effect and cost of each stop model."""
-    table = _table(
-        "fidelity: table1 on its impact orbit at r = 1.3, ideal drive",
-        ("stop", "impulse [N s]", "off by", "peak [N]", "v⁻ [m/s]", "method", "µs/s"),
-    )
-    for row in rows:
-        table.add_row(
+    shown = (
+        (
             row["what"].removeprefix("fidelity: "),
             f"{row['impulse_n_s']:.4f}",
             f"{100.0 * row['error']:.1f} %",
@@ -186,17 +176,16 @@ def parts_table(rows: Sequence[Mapping[str, Any]]) -> Table:
             row["method"],
             f"{row['cost']:.1f}",
         )
-    return table
+        for row in rows
+    )
+    titles = ("stop", ">impulse [N s]", ">off by", ">peak [N]", ">v⁻ [m/s]", ">method", ">µs/s")
+    return table_of(titles, shown, title="fidelity: table1 on its impact orbit at r = 1.3, ideal drive")
 
 
 def rates_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Accuracy and cost of each control rate."""
-    table = _table(
-        "control rate: soft start to r = 1.3 with motor, sensors and firmware, in lockstep",
-        ("rate [Hz]", "x [mm]", "v [m/s]", "late [ms]", "ripple", "v⁻ [m/s]", "regime", "failed", "ms/s"),
-    )
-    for row in rows:
-        table.add_row(
+    shown = (
+        (
             str(row["rate_hz"]),
             f"{1e3 * row['error']:.2f}",
             f"{row['v_rmse_m_s']:.4f}",
@@ -207,17 +196,17 @@ def rates_table(rows: Sequence[Mapping[str, Any]]) -> Table:
             str(len(row["failed_checks"])),
             f"{1e-3 * row['cost']:.0f}",
         )
-    return table
+        for row in rows
+    )
+    numbers = (">x [mm]", ">v [m/s]", ">late [ms]", ">ripple", ">v⁻ [m/s]", ">regime", ">failed", ">ms/s")
+    title = "control rate: soft start to r = 1.3 with motor, sensors and firmware, in lockstep"
+    return table_of(("rate [Hz]", *numbers), shown, title=title)
 
 
 def builds_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Accuracy and cost of each build of the firmware."""
-    table = _table(
-        "firmware builds: the same start in lockstep; differ: decisions over a tick off the compiled build's",
-        ("build", "x [mm]", "v [m/s]", "decisions", "differ", "µs/tick"),
-    )
-    for row in rows:
-        table.add_row(
+    shown = (
+        (
             f"{row['build']}: {row['setting']}",
             f"{1e3 * row['error']:.3f}",
             f"{row['v_rmse_m_s']:.5f}",
@@ -225,19 +214,16 @@ def builds_table(rows: Sequence[Mapping[str, Any]]) -> Table:
             str(row["decisions_that_differ"]),
             f"{row['cost']:.1f}",
         )
-    return table
+        for row in rows
+    )
+    title = (
+        "firmware builds: the same start in lockstep; differ: decisions over a tick off the compiled build's"
+    )
+    return table_of(("build", ">x [mm]", ">v [m/s]", ">decisions", ">differ", ">µs/tick"), shown, title=title)
 
 
 def ticks_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Cost of a tick of the bench in compiled code."""
-    table = _table("a tick of 1 ms in compiled code, at r = 1.3 with impacts", ("what", "µs/tick"))
-    for row in rows:
-        table.add_row(row["what"].removeprefix("tick: "), f"{row['cost']:.2f}")
-    return table
-
-
-def _table(title: str, columns: Sequence[str]) -> Table:
-    table = Table(title=title, title_justify="left", box=None)
-    for index, name in enumerate(columns):
-        table.add_column(name, justify="right" if index else "left", no_wrap=True)
-    return table
+    shown = ((row["what"].removeprefix("tick: "), f"{row['cost']:.2f}") for row in rows)
+    title = "a tick of 1 ms in compiled code, at r = 1.3 with impacts"
+    return table_of(("what", ">µs/tick"), shown, title=title)

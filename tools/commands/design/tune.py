@@ -14,6 +14,8 @@ from tools.outputs import PICTURES, RECORDINGS, file_option, folder_option
 from tools.progress import Progress, counted_progress, counting, shown_progress
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from tools.tuning.figures.views import Shown
     from tools.tuning.result import Tuning
     from tools.tuning.safety import Bench
@@ -48,8 +50,7 @@ class Outputs:
     out: Annotated[Path, file_option("The parameter file.")]
     plot: Annotated[Path | None, file_option("Draw a picture of the result into this file.", PICTURES)] = None
     rrd: Annotated[
-        Path | None,
-        file_option("Write the result also as a Rerun recording; open it with view.", RECORDINGS),
+        Path | None, file_option("Write the result also as a Rerun recording; open it with view.", RECORDINGS)
     ] = None
     force: Annotated[
         bool,
@@ -60,11 +61,6 @@ class Outputs:
     as_json: Json = False
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to the program."""
-    app.add_typer(tune)
-
-
 def given(**options: Any) -> dict[str, Any]:
     """The options that the user set; the called function has defaults for the others."""
     return {name: value for name, value in options.items() if value is not None}
@@ -73,7 +69,7 @@ def given(**options: Any) -> dict[str, Any]:
 def conclude(
     outputs: Outputs,
     work: "Callable[[Progress], tuple[Tuning, Found]]",
-    draw: "Callable[[Tuning, Found, Path], None]",
+    draw: "Callable[[Figure, Tuning, Found], None]",
     shown: "Callable[[Found], Shown]",
     more: Callable[[Found], dict[str, Any]],
     bench: "Bench | None" = None,
@@ -82,6 +78,7 @@ def conclude(
 
     A file that was not written is a failed check.
     """
+    from tools.plots import drawn
     from tools.tuning.parameter_file import write
     from tools.tuning.recordings.recording import record_tuning
     from tools.tuning.safety import judge_safety
@@ -90,7 +87,8 @@ def conclude(
         tuning, found = work(progress)
         also = more(found)
         if outputs.plot is not None:
-            draw(tuning, found, outputs.plot)
+            with drawn(outputs.plot) as figure:
+                draw(figure, tuning, found)
             also["plot"] = str(outputs.plot)
         if outputs.rrd is not None:
             record_tuning(outputs.rrd, tuning, *shown(found))
@@ -117,12 +115,10 @@ def conclude(
 @unfolded
 def speed(
     bandwidth_hz: Annotated[
-        float | None,
-        number("Bandwidth from target to speed, −3 dB; by default the firmware's.", low=0.1),
+        float | None, number("Bandwidth from target to speed, −3 dB; by default the firmware's.", low=0.1)
     ] = None,
     phase_margin_deg: Annotated[
-        float | None,
-        number("Phase margin; a surplus increases the integral gain.", low=1.0, high=120.0),
+        float | None, number("Phase margin; a surplus increases the integral gain.", low=1.0, high=120.0)
     ] = None,
     inertia_kg_m2: Annotated[float | None, number("Inertia of rotor and flywheel.", low=1e-7)] = None,
     tracker_rad_s: Annotated[float | None, number("Poles of the encoder tracker.", low=1.0)] = None,
@@ -133,8 +129,7 @@ def speed(
 ) -> None:
     """Design the PI gains of the speed loop for a bandwidth and a phase margin, and measure the loop."""
     from hil.scenario.parameter_file import nested
-    from tools.tuning.figures import views
-    from tools.tuning.figures.speed import draw_speed
+    from tools.tuning.figures import pictures, views
     from tools.tuning.speed import NominalDrive, SpeedDesign, tune_speed
     from tools.tuning.speed_measurement import MeasuredLoop, compared, measure_loop
 
@@ -155,7 +150,7 @@ def speed(
     conclude(
         outputs,
         work,
-        lambda _, loop, path: draw_speed(nominal, *loop, path),
+        lambda figure, _, loop: pictures.draw_speed(figure, nominal, *loop),
         lambda loop: views.of_speed(nominal, *loop),
         lambda _: points,
     )
@@ -175,8 +170,7 @@ def identify(
     trials: Annotated[
         int | None,
         typer.Option(
-            help="Instead of a log: number of sampled modules on which to measure the identification.",
-            min=1,
+            help="Instead of a log: number of sampled modules on which to measure the identification.", min=1
         ),
     ] = None,
     trials_out: Annotated[
@@ -190,8 +184,7 @@ def identify(
     With --trials the command judges the identification itself: shares with Wilson's bounds, errors against
     the truth, and how often the 95 % bounds contain the truth.
     """
-    from tools.tuning.figures import views
-    from tools.tuning.figures.identify import draw_identified
+    from tools.tuning.figures import pictures, views
     from tools.tuning.identification.identify import bench_of, tune_identify
 
     if trials is not None:
@@ -218,8 +211,8 @@ def identify(
     conclude(
         outputs,
         work,
-        lambda _, both, path: draw_identified(both[0], both[1], path),
-        lambda both: views.of_identify(both[0], both[1]),
+        lambda figure, _, both: pictures.draw_identified(figure, *both),
+        lambda both: views.of_identify(*both),
         lambda both: {"law": both[0].law.value},
         bench_of(log, scene),
     )
@@ -246,8 +239,7 @@ def detector(
 ) -> None:
     """Choose the impact detector's floor by the costs of misses and false alarms, on sampled modules."""
     from tools.tuning.detector import tune_detector
-    from tools.tuning.figures import views
-    from tools.tuning.figures.detector import draw_detector
+    from tools.tuning.figures import pictures, views
 
     conclude(
         outputs,
@@ -257,7 +249,7 @@ def detector(
             progress=counting(progress, "trials"),
             **given(trials=trials, **vars(sampling)),
         ),
-        draw_detector,
+        pictures.draw_detector,
         views.of_detector,
         lambda points: {"characteristic": [asdict(point) for point in points]},
     )
@@ -280,8 +272,7 @@ def estimator(
 ) -> None:
     """Choose the estimator's Q and R from logs, by the likelihood of the touch-downs, without truth."""
     from tools.tuning.estimator import tune_estimator
-    from tools.tuning.figures import views
-    from tools.tuning.figures.estimator import draw_estimator
+    from tools.tuning.figures import pictures, views
 
     conclude(
         outputs,
@@ -290,7 +281,7 @@ def estimator(
             progress=counting(progress, "logs"),
             **given(modules=modules, fresh_trials=fresh_trials, **vars(sampling)),
         ),
-        draw_estimator,
+        pictures.draw_estimator,
         views.of_estimator,
         lambda points: {"tried": [asdict(point) for point in points]},
     )
@@ -312,8 +303,7 @@ def start(
     outputs: Outputs = Outputs(Path("start.toml")),
 ) -> None:
     """Tune start-up and hold loop for the fewest failures, then softest impacts, least time, least energy."""
-    from tools.tuning.figures import views
-    from tools.tuning.figures.start import draw_start
+    from tools.tuning.figures import pictures, views
     from tools.tuning.start import tune_start
 
     conclude(
@@ -323,7 +313,7 @@ def start(
             progress=counting(progress, "trials"),
             **given(candidates=candidates, trials=trials, fresh_trials=fresh_trials, **vars(sampling)),
         ),
-        draw_start,
+        pictures.draw_start,
         views.of_start,
         lambda tried: {"tried": [asdict(one) for one in tried]},
     )

@@ -7,15 +7,7 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from tools.output import console, figure, figure_table
-
-
-def columns(*titles: str) -> Table:
-    """An empty table without lines; a title with a leading < heads a column of text, aligned to the left."""
-    table = Table(box=None, pad_edge=False)
-    for title in titles:
-        table.add_column(title.removeprefix("<"), justify="left" if title.startswith("<") else "right")
-    return table
+from tools.output import console, figure, figure_table, table_of
 
 
 def show(payload: Mapping[str, Any]) -> None:
@@ -23,16 +15,15 @@ def show(payload: Mapping[str, Any]) -> None:
     from firmware_py.shell.parameters import DEFAULTS
 
     console.print(f"[bold]tune {payload['command']}[/]: {escape(payload['source'])}")
-    table = columns("<parameter", "value", "low", "high", "default", "<unit")
-    for name, value in payload["parameters"].items():
-        numbers = (value["value"], value["low"], value["high"], DEFAULTS[name])
-        table.add_row(name, *(f"{number:.5g}" for number in numbers), value["unit"])
-    console.print(table)
+    rows = (
+        (name, *(f"{x:.5g}" for x in (one["value"], one["low"], one["high"], DEFAULTS[name])), one["unit"])
+        for name, one in payload["parameters"].items()
+    )
+    console.print(table_of(("parameter", ">value", ">low", ">high", ">default", "unit"), rows))
     console.print(f"low, high: {payload['range_is']}", style="dim")
-    rows = [
-        (name.replace("_", " "), m["value"], m["unit"]) for name, m in payload["figures_of_merit"].items()
-    ]
-    console.print(figure_table("figures of merit", rows))
+    merits = payload["figures_of_merit"].items()
+    figures = [(name.replace("_", " "), one["value"], one["unit"]) for name, one in merits]
+    console.print(figure_table("figures of merit", figures))
     for warning in payload["warnings"]:
         console.print(f"[bold yellow]warning:[/] {warning}")
     show_safety(payload["safety"])
@@ -52,7 +43,8 @@ def show_safety(safety: Sequence[Mapping[str, Any]]) -> None:
 
 def show_trials(payload: Mapping[str, Any]) -> None:
     """Print rates with bounds, then errors with limits, then the wrong identifications."""
-    table = columns("<", "right", "95 % bounds", "limit", "median", "95 %", "worst", "truth in bounds")
+    titles = ("", ">right", ">95 % bounds", ">limit", ">median", ">95 %", ">worst", ">truth in bounds")
+    table = table_of(titles)
 
     def row(name: str, share: Mapping[str, Any], *errors: str) -> None:
         bounds = f"{100.0 * share['low']:.1f}–{100.0 * share['high']:.1f} %"
@@ -75,17 +67,16 @@ def show_trials(payload: Mapping[str, Any]) -> None:
 
 def show_check(payload: Mapping[str, Any]) -> None:
     """Print defaults beside tuned values, defaults beside naive values, and the warnings."""
-    table = columns("<parameter", "<tune", "default", "tuned", "<unit", "<tolerance", "<")
+    table = table_of(("parameter", "tune", ">default", ">tuned", "unit", "tolerance", ""))
     for row in payload["parameters"]:
         mark = "[green]agrees[/]" if row["passed"] else "[bold red]differs[/]"
         numbers = (f"{row[key]:.4g}" for key in ("default", "tuned"))
         table.add_row(row["parameter"], row["command"], *numbers, row["unit"], row["tolerance"], mark)
     console.print(table)
-    margins = columns("<on fresh trials", "<tune", "default", "naive", "<unit", "<naive is")
-    for one in payload["margins"]:
-        numbers = (figure(one[key]) for key in ("default", "naive"))
-        margins.add_row(one["what"], one["command"], *numbers, one["unit"], one["naive_is"])
-    console.print(margins)
+    keys = ("what", "command", "default", "naive", "unit", "naive_is")
+    margins = ([figure(one[key]) for key in keys] for one in payload["margins"])
+    titles = ("on fresh trials", "tune", ">default", ">naive", "unit", "naive is")
+    console.print(table_of(titles, margins))
     for warning in payload["warnings"]:
         console.print(f"[bold yellow]warning:[/] {warning}")
     show_safety(payload["safety"])
@@ -99,7 +90,7 @@ def show_check(payload: Mapping[str, Any]) -> None:
 
 def show_difference(payload: Mapping[str, Any], a: Path, b: Path) -> None:
     """Print differing parameters and figures of merit, then verdicts and figures of the scenarios."""
-    table = columns("<parameter", a.name, b.name, "change", "<unit")
+    table = table_of(("parameter", f">{a.name}", f">{b.name}", ">change", "unit"))
     for change in payload["changed"]:
         relative = "—" if change["relative"] is None else f"{100.0 * change['relative']:+.3g} %"
         sides = (
@@ -133,7 +124,5 @@ def show_difference(payload: Mapping[str, Any], a: Path, b: Path) -> None:
 
 
 def _side_by_side(title: str, figures: Mapping[str, Mapping[str, Any]], a: Path, b: Path) -> Table:
-    table = columns(f"<{title}", a.name, b.name, "<unit")
-    for name, one in figures.items():
-        table.add_row(name, figure(one["a"]), figure(one["b"]), one["unit"])
-    return table
+    rows = ((name, figure(one["a"]), figure(one["b"]), one["unit"]) for name, one in figures.items())
+    return table_of((title, f">{a.name}", f">{b.name}", "unit"), rows)

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Column, Table
+from rich.table import Column
 
 from tools.commands.options import Json
 from tools.logs.changes import show_changes
@@ -17,6 +17,7 @@ from tools.output import (
     answer,
     console,
     figure,
+    table_of,
 )
 from tools.outputs import RECORDINGS, new_option
 
@@ -24,17 +25,11 @@ MOST_CHANGES = 10
 """Largest number of figures shown, so that they fit one screen; --json has all."""
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(compare)
-
-
 def compare(
     a: Annotated[Path, typer.Argument(help="A run folder, an .rrd file, or a suite's folder.")],
     b: Annotated[Path, typer.Argument(help="The other one.")],
     out: Annotated[
-        Path | None,
-        new_option("Write both runs to one new .rrd file; open it with view.", RECORDINGS),
+        Path | None, new_option("Write both runs to one new .rrd file; open it with view.", RECORDINGS)
     ] = None,
     must_be_equal: Annotated[
         bool, typer.Option("--must-be-equal", help="Check that the runs are equal: exit status 1 if not.")
@@ -101,8 +96,7 @@ def show(result: dict[str, Any]) -> None:
     from tools.logs.comparison import is_timing
 
     figures, changes = result["figures"], result["largest_changes"]
-    titles = (Column(title, no_wrap=True) for title in ("figure", "a", "b", "b − a"))
-    table = Table(*titles, box=None, pad_edge=False)
+    table = table_of(Column(title, no_wrap=True) for title in ("figure", "a", "b", "b − a"))
     words = {side: "passed" if passed else "FAILED" for side, passed in result["passed"].items()}
     table.add_row("verdict", words["a"], words["b"], "")
     table.add_row("fault", figures["fault"]["a"], figures["fault"]["b"], "")

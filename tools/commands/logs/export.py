@@ -12,11 +12,6 @@ from tools.outputs import new_option, refuse_existing
 Kind = Literal["mf4", "mcap", "parquet", "csv"]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(export)
-
-
 def export(
     run: Logged = None,
     to: Annotated[

@@ -11,11 +11,6 @@ from tools.output import answer, console, figure_table
 from tools.outputs import folder_option
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command("import")(import_log)
-
-
 def import_log(
     log: Annotated[
         Path, typer.Argument(help="A candump .log, or .asc, .blf, .trc, .csv, .db, .mf4; text also .gz.")

@@ -5,21 +5,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Column, Table
+from rich.table import Column
 
 from tools.commands.options import Json, Logged
-from tools.output import BadInputError, answer, console, exit_of, figure, plain, progress_console
+from tools.output import BadInputError, answer, console, exit_of, figure, plain, progress_console, table_of
 from tools.outputs import PICTURES, TABLES, file_option
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from hil.bench.recorded_run import Run
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(inspect)
 
 
 def inspect(
@@ -70,8 +65,7 @@ def show_table(name: str, rows: "pa.Table", to: Path | None) -> None:
     """Print the columns of a table with their first and last values."""
     where = "" if to is None else f", written to {to}"
     title = escape(f"{name}: {rows.num_rows} rows{where}")
-    headers = (Column("column", no_wrap=True), "type", "first", "last")
-    shown = Table(*headers, title=title, title_justify="left", box=None)
+    shown = table_of((Column("column", no_wrap=True), "type", "first", "last"), title=title)
     for field in rows.schema:
         ends = [rows[field.name].to_numpy()[at] for at in ((0, -1) if rows.num_rows else ())]
         shown.add_row(field.name, str(field.type), *(escape(figure(plain(end))) for end in ends))
@@ -84,12 +78,11 @@ def show_figures(logged: "Run") -> None:
     from tools.commands.testing.run import show_checks
 
     columns = (Column(style="cyan", no_wrap=True), Column(no_wrap=True), Column(style="dim"))
-    title = escape(str(logged.log))
-    shown = Table(*columns, title=title, title_justify="left", show_header=False, box=None, pad_edge=False)
-    for spec in CATALOGUE.values():
-        value = escape(figure(value_of(logged.verdict, spec.name), spec.unit))
-        shown.add_row(spec.name, value, escape(spec.meaning))
-    console.print(shown)
+    rows = (
+        (one.name, escape(figure(value_of(logged.verdict, one.name), one.unit)), escape(one.meaning))
+        for one in CATALOGUE.values()
+    )
+    console.print(table_of(columns, rows, title=escape(str(logged.log)), show_header=False))
     if len(logged.traces.plant) == 0:
         console.print("this log holds no truth: what needs it is —, and impacts are counted only if true")
     show_checks(logged.verdict)

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Column, Table
+from rich.table import Column
 
 from tools.commands.options import Json
-from tools.output import EXIT_NOTHING_RAN, BadInputError, answer, console, figure, print_json
+from tools.output import EXIT_NOTHING_RAN, BadInputError, answer, console, figure, print_json, table_of
 
 if TYPE_CHECKING:
     from tools.logs.catalogue import ListedRun
@@ -18,11 +18,6 @@ COLUMNS = ("regime", "fault", "impact_v_m_s", "estimate.x_rmse_m")
 """Figures that the table shows by default."""
 MOST = 40
 """Default for the largest number of runs in the table."""
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(runs)
 
 
 def runs(
@@ -44,8 +39,7 @@ def runs(
         bool, typer.Option(help="Open the listed runs side by side in the Rerun viewer.")
     ] = False,
     older: Annotated[
-        str | None,
-        typer.Option("--prune", help="Remove the listed runs that are older than this, e.g. 30d."),
+        str | None, typer.Option("--prune", help="Remove the listed runs that are older than this, e.g. 30d.")
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -90,7 +84,7 @@ def print_table(shown: "list[ListedRun]", columns: list[str]) -> None:
     """Print a line for each run."""
     words = {True: "[green]passed[/]", False: "[bold red]failed[/]", None: "[dim]no verdict[/]"}
     titles = ("begun", "", "scenario", "commit", *columns, "folder")
-    table = Table(*(Column(title, overflow="fold") for title in titles), box=None, pad_edge=False)
+    table = table_of(Column(title, overflow="fold") for title in titles)
     for run in shown:
         begun = time.strftime("%Y-%m-%d %H:%M", time.localtime(run.begun_s))
         name, figures = figure(run.figure("scenario")), [figure(run.figure(name)) for name in columns]

@@ -7,11 +7,6 @@ import typer
 from tools.commands.options import Logged
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(view)
-
-
 def view(
     run: Logged = None,
     web: Annotated[bool, typer.Option(help="Open in a browser instead of a window; loopback only.")] = False,

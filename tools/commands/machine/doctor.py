@@ -1,15 +1,7 @@
 """`vibrohil doctor`: what this machine can run, and what to install for the rest."""
 
-import typer
-from rich.table import Table
-
 from tools.commands.options import Json
-from tools.output import answer, console, exit_of
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(doctor)
+from tools.output import answer, console, exit_of, table_of
 
 
 def doctor(as_json: Json = False) -> None:
@@ -23,11 +15,9 @@ def doctor(as_json: Json = False) -> None:
     passed, sentence = conclude(checks)
 
     def show() -> None:
-        table = Table("check", "", "detail", "remedy", box=None, pad_edge=False)
-        for check in checks:
-            mark = "[green]yes[/]" if check.passed else "[yellow]no[/]"
-            table.add_row(check.name, mark, check.detail, "" if check.passed else check.remedy)
-        console.print(table)
+        marks = {True: "[green]yes[/]", False: "[yellow]no[/]"}
+        rows = ((one.name, marks[one.passed], one.detail, "" if one.passed else one.remedy) for one in checks)
+        console.print(table_of(("check", "", "detail", "remedy"), rows))
         console.print(sentence)
 
     found = [check._asdict() for check in checks]

@@ -6,10 +6,8 @@ import typer
 
 from tools.output import BadInputError
 
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command(context_settings={"ignore_unknown_options": True})(kernel)
+SETTINGS = {"ignore_unknown_options": True}
+"""What follows the command's own options belongs to the command that it runs."""
 
 
 def kernel(

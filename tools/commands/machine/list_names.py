@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from typing import Annotated, Literal, NamedTuple
 
 import typer
-from rich.table import Column, Table
+from rich.table import Column
 
 from tools.commands.options import Json
-from tools.output import console, print_json
+from tools.output import answer, console, table_of
 
 
 class Named(NamedTuple):
@@ -15,11 +15,6 @@ class Named(NamedTuple):
 
     name: str
     title: str
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command(name="list")(list_names)
 
 
 def list_names(
@@ -30,14 +25,9 @@ def list_names(
 ) -> None:
     """List the scenarios, the scenes or the firmware's parameters, each with its title."""
     found = list({"scenarios": scenarios, "scenes": scenes, "parameters": parameters}[what]())
-    if as_json:
-        print_json({what: [one._asdict() for one in found]})
-        return
     columns = (Column(style="cyan", no_wrap=True), Column(overflow="fold"))
-    table = Table(*columns, box=None, pad_edge=False, show_header=False)
-    for one in found:
-        table.add_row(one.name, one.title)
-    console.print(table)
+    table = table_of(columns, found, show_header=False)
+    answer({what: [one._asdict() for one in found]}, as_json, lambda: console.print(table))
 
 
 def scenarios() -> Iterator[Named]:

@@ -4,17 +4,15 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
-from rich.table import Table
 from typer.core import TyperGroup
 
 from tools.commands.options import Again, Json, NodeBus, Sync, Until, setting
-from tools.output import console, print_json
+from tools.output import console, print_json, table_of
 from tools.outputs import folder_option
 from tools.progress import shown_progress
 
 Scenario = Annotated[
-    str | None,
-    typer.Argument(help="A scenario with the firmware's parameters; without it the defaults."),
+    str | None, typer.Argument(help="A scenario with the firmware's parameters; without it the defaults.")
 ]
 Change = Annotated[list[str] | None, setting("Change a parameter: firmware.NAME=VALUE")]
 
@@ -35,11 +33,6 @@ firmware = typer.Typer(
     cls=NodeUnlessNamed,
     help="The controller alone: as a node on any bus, or built for a board.",
 )
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to the program."""
-    app.add_typer(firmware)
 
 
 @firmware.command()
@@ -82,7 +75,7 @@ def build(
     if as_json:
         print_json({"target": target, "bytes": found, "map": parts, "out": str(out)})
         return
-    table = Table("what", "bytes", box=None, pad_edge=False)
+    table = table_of(("what", "bytes"))
     for name, size in found.items():
         table.add_row(name, f"{size:,}", style="bold")
         for part, part_size in parts.get(name, {}).items():
@@ -110,7 +103,7 @@ def budget(
     if as_json:
         print_json(found)
         return
-    table = Table("what", "", box=None, pad_edge=False)
+    table = table_of(("what", ""))
     for group in ("flash", "ram"):
         for name, size in found[group].items():
             table.add_row(f"{group}: {name}", f"{size:,} B")

@@ -7,11 +7,6 @@ import typer
 from tools.commands.options import NodeBus, setting
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(operator)
-
-
 def operator(
     scenario: Annotated[str, typer.Argument(help="The scenario with the script.")],
     bus: NodeBus = "auto",

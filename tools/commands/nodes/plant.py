@@ -9,11 +9,6 @@ from tools.commands.options import Again, NodeBus, Sync, Until, setting
 from tools.outputs import folder_option
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(plant)
-
-
 def plant(
     scenario: Annotated[str, typer.Argument(help="The scenario with the scene.")],
     bus: NodeBus = "auto",

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tomli_w
 import typer
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column
 
 from tools.commands.options import FirmwareBuild, Json, Workers, setting
-from tools.output import BadInputError, answer, console, exit_of, figure
+from tools.output import BadInputError, answer, console, exit_of, figure, table_of
 from tools.progress import counted_progress, shown_progress
 
 if TYPE_CHECKING:
@@ -21,11 +21,6 @@ if TYPE_CHECKING:
 
 BARS = " ▁▂▃▄▅▆▇█"
 MOST_FAILURES = 20
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(campaign)
 
 
 def campaign(
@@ -167,9 +162,8 @@ def histogram(counts: list[int]) -> str:
 def show(result: dict[str, Any]) -> None:
     """Print a campaign's result: trials by condition, distributions, shares, failures, goals."""
     console.print(f"[bold]{result['campaign']}[/]: {result['title']}, seed {result['seed']}")
-    table = Table(box=None, pad_edge=False, title="trials by condition", title_justify="left")
-    for name in ("condition", "trials", "eligible", "success", "95 % bounds"):
-        table.add_column(name, justify="left" if name == "condition" else "right")
+    titles = ("condition", ">trials", ">eligible", ">success", ">95 % bounds")
+    table = table_of(titles, title="trials by condition")
     for cell in [*result["cells"], {"cell": "all", **result}]:
         share = cell["success_share"]
         bounds = f"{100 * share['low']:.2f}–{100 * share['high']:.2f} %" if cell["eligible"] else "—"
@@ -197,9 +191,9 @@ def show(result: dict[str, Any]) -> None:
 
 def show_metrics(result: dict[str, Any]) -> None:
     """Print every metric's distribution, by condition and for all."""
-    table = Table(box=None, pad_edge=False, title="distributions", title_justify="left")
-    for name in ("metric", "condition", "n", "p50 (bounds)", "p95 (bounds)", "worst", "lowest ▸ highest"):
-        table.add_column(name, justify="left" if name in ("metric", "condition") else "right", no_wrap=True)
+    numbers = (">n", ">p50 (bounds)", ">p95 (bounds)", ">worst", ">lowest ▸ highest")
+    names = (Column(name, no_wrap=True) for name in ("metric", "condition"))
+    table = table_of([*names, *numbers], title="distributions")
     for name in result["metrics"]:
         for cell in [*result["cells"], {"cell": "all", **result}]:
             metric = cell["metrics"].get(name)
@@ -220,7 +214,7 @@ def show_metrics(result: dict[str, Any]) -> None:
 
 def show_goals(result: dict[str, Any]) -> None:
     """Print the goals and the verdict."""
-    table = Table("goal", "value", "limit", "", box=None, pad_edge=False)
+    table = table_of(("goal", "value", "limit", ""))
     for goal in result["goals"]:
         limits = [f"≥ {goal['low']:g}"] if goal["low"] is not None else []
         limits += [f"≤ {goal['high']:g}"] if goal["high"] is not None else []

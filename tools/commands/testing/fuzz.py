@@ -22,11 +22,6 @@ FirstSeed = Annotated[
 ]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to the program."""
-    app.add_typer(fuzz)
-
-
 def progress_of(what: str, count: int) -> AbstractContextManager[Callable[[int], None]]:
     """A progress bar over `count` cases; raises BadInputError for a count below 1."""
     if count < 1:

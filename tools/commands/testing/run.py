@@ -5,20 +5,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.markup import escape
-from rich.table import Column, Table
+from rich.table import Column
 
 from tools.commands.options import FirmwareBuild, Json, ParameterFiles, note_unused_bus, setting
-from tools.output import BadInputError, answer, console, exit_of, figure, figure_table
+from tools.output import BadInputError, answer, console, exit_of, figure, figure_table, table_of
 from tools.outputs import folder_option
 from tools.progress import shown_progress
 
 if TYPE_CHECKING:
     from hil.scenario.scenario import Scenario
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(run)
 
 
 def run(
@@ -124,7 +119,7 @@ def show(verdict: dict[str, Any]) -> None:
 def show_checks(verdict: dict[str, Any]) -> None:
     """Print a run's checks and its verdict."""
     figures = (Column(title, no_wrap=True) for title in ("value", "limit", ""))
-    checks = Table(Column("check", overflow="fold"), *figures, box=None, pad_edge=False)
+    checks = table_of((Column("check", overflow="fold"), *figures))
     for check in verdict["checks"]:
         mark = "[green]passed[/]" if check["passed"] else "[bold red]failed[/]"
         plain = (check["name"], figure(check["value"], check["unit"]), str(check["limit"]))

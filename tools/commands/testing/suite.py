@@ -5,18 +5,13 @@ from typing import Annotated, Any, Literal
 
 import typer
 from rich.markup import escape
-from rich.table import Column, Table
+from rich.table import Column
 
 from tools.commands.options import FirmwareBuild, Json, ParameterFiles, note_unused_bus, setting
 from tools.logs.changes import baseline_result, show_changes
-from tools.output import EXIT_NOTHING_RAN, answer, console, exit_of, figure
+from tools.output import EXIT_NOTHING_RAN, answer, console, exit_of, figure, table_of
 from tools.outputs import folder_option
 from tools.progress import shown_progress
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(suite)
 
 
 def suite(
@@ -42,8 +37,7 @@ def suite(
     change: Annotated[list[str] | None, setting("Change a value in every scenario, as for run")] = None,
     parameters: ParameterFiles = None,
     baseline: Annotated[
-        str | None,
-        typer.Option(help="Compare with this suite: its folder, or previous for the newest one."),
+        str | None, typer.Option(help="Compare with this suite: its folder, or previous for the newest one.")
     ] = None,
     jobs: Annotated[int, typer.Option(help="Lockstep runs at the same time.", min=1)] = 2,
     as_json: Json = False,
@@ -76,7 +70,7 @@ def suite(
 def show(result: dict[str, Any]) -> None:
     """Print each scenario's verdict and failures, the suite's verdict, and the changes to a baseline."""
     many = len(result["seeds"]) > 1
-    table = Table(*(Column(overflow="fold") for _ in range(2)), box=None, pad_edge=False, show_header=False)
+    table = table_of((Column(overflow="fold") for _ in range(2)), show_header=False)
     for one in result["scenarios"]:
         word = "[green]passed[/]" if one["passed"] else "[bold red]failed[/]"
         seeds = f"[bold]{one['passed_seeds']} of {one['seeds']}[/]  " if many else ""

@@ -13,14 +13,7 @@ import numpy as np
 
 from plant_sim.orbits.sections import PAPER
 from tools.study.cases import LAWS, PRESETS, case
-from tools.study.claims.claim import (
-    CONTRADICTED,
-    REPRODUCED,
-    Claim,
-    in_hz,
-    nominal,
-    per_law,
-)
+from tools.study.claims.claim import CONTRADICTED, REPRODUCED, Claim, in_hz, nominal, per_law
 from tools.study.claims.evidence import (
     CONTACTS_S,
     SOFT_RATIOS,

@@ -7,26 +7,12 @@ from typing import Any
 import numpy as np
 
 from tools.study.cases import PRESETS, VISCOUS_RANGE_N_S_M, case
-from tools.study.claims.claim import (
-    CONTRADICTED,
-    DAMPED_RATIOS,
-    REPRODUCED,
-    Claim,
-    in_hz,
-    nominal,
-    per_law,
-)
-from tools.study.claims.evidence import (
-    CONTACTS_S,
-    Evidence,
-    run_up,
-    share_after_ramp,
-    share_from_rest,
-)
+from tools.study.claims import claim
+from tools.study.claims.evidence import CONTACTS_S, Evidence, run_up, share_after_ramp, share_from_rest
 from tools.study.intervals import contains
 
 
-def smooth_basins(evidence: Evidence) -> Claim:
+def smooth_basins(evidence: Evidence) -> claim.Claim:
     """Judge C10: the number of attractors and the border between their basins."""
     found = {law: evidence.basin(law) for law in ("viscous", "coulomb")}
     numbers = {
@@ -45,10 +31,10 @@ def smooth_basins(evidence: Evidence) -> Claim:
         for one in numbers.values()
     )
     two = all(one["motions"] == 2 for one in numbers.values())
-    return Claim(
+    return claim.Claim(
         "C10",
         "In the multistable band there are two attractors, with a smooth border between their basins.",
-        REPRODUCED if smooth and two else CONTRADICTED,
+        claim.REPRODUCED if smooth and two else claim.CONTRADICTED,
         numbers,
         "In the middle of the multistable band above resonance every start ends in one of two motions. The "
         "uncertainty exponent is close to 1, its value for a smooth border, and approaches 1 with finer "
@@ -57,7 +43,7 @@ def smooth_basins(evidence: Evidence) -> Claim:
     )
 
 
-def start_decides(evidence: Evidence) -> Claim:
+def start_decides(evidence: Evidence) -> claim.Claim:
     """Judge C11: the effect of the state at start-up."""
     viscous, coulomb = case("table1", "viscous"), case("table1", "coulomb")
     from_rest = {f"r = {ratio:g}": share_from_rest(viscous, ratio) for ratio in (1.25, 1.3, 1.35, 1.4)}
@@ -70,10 +56,10 @@ def start_decides(evidence: Evidence) -> Claim:
         for duration_s in (2.0, 5.0)
     }
     holds = from_rest["r = 1.3"] == 0.0 and ramps["viscous, r = 1.3, 5 s"] == 1.0
-    return Claim(
+    return claim.Claim(
         "C11",
         "The state at start-up decides; an initialisation routine ensures the wanted motion.",
-        REPRODUCED if holds else CONTRADICTED,
+        claim.REPRODUCED if holds else claim.CONTRADICTED,
         {"impact_share_from_rest_at_once": from_rest, "impact_share_after_a_run_up": ramps},
         "If the crank starts at full speed, a striker at rest ends in the non-impact motion at r = 1.3 and "
         "above, for any initial crank angle. If the speed rises from standstill within some seconds, the "
@@ -81,10 +67,10 @@ def start_decides(evidence: Evidence) -> Claim:
     )
 
 
-def gait_frequencies(evidence: Evidence) -> Claim:
+def gait_frequencies(evidence: Evidence) -> claim.Claim:
     """Judge C12: the frequencies for slow and normal walking."""
     table: dict[str, Any] = {}
-    for diagram in nominal(evidence):
+    for diagram in claim.nominal(evidence):
         if diagram.case.law == "viscous":
             row = {}
             for hz in (2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0):
@@ -95,14 +81,14 @@ def gait_frequencies(evidence: Evidence) -> Claim:
                     "impacts" if up and down else "depends on the start" if up or down else "no impacts"
                 )
             table[diagram.case.preset] = row
-    spans = per_law(
-        [d for d in nominal(evidence) if d.onset() is not None],
-        lambda d: [in_hz(d, cut) for cut in d.up.with_impacts()[0]],
+    spans = claim.per_law(
+        [d for d in claim.nominal(evidence) if d.onset() is not None],
+        lambda d: [claim.in_hz(d, cut) for cut in d.up.with_impacts()[0]],
     )
-    return Claim(
+    return claim.Claim(
         "C12",
         "2 to 3 Hz suits slow walking, 3 to 5 Hz normal cadence, 6 Hz risks losing the impacts.",
-        CONTRADICTED,
+        claim.CONTRADICTED,
         {"motion": table, "impact_in_a_run_up_hz": spans},
         "The module as printed has impacts from about 1.2 to 2.1 Hz. Of the frequencies in the table it has "
         "impacts only at 2 Hz, and only from some starts. The module retuned to 4 Hz has impacts in most of "
@@ -113,7 +99,7 @@ def gait_frequencies(evidence: Evidence) -> Claim:
     )
 
 
-def damping(evidence: Evidence) -> Claim:
+def damping(evidence: Evidence) -> claim.Claim:
     """Judge C13: the effect of damping on peak acceleration and variability."""
     rows = {
         f"{preset}, r = {ratio:g}": {
@@ -121,13 +107,13 @@ def damping(evidence: Evidence) -> Claim:
             for b in VISCOUS_RANGE_N_S_M
         }
         for preset in PRESETS
-        for ratio in DAMPED_RATIOS
+        for ratio in claim.DAMPED_RATIOS
     }
     falls = [
         evidence.peak_n(preset, CONTACTS_S[1], ratio, VISCOUS_RANGE_N_S_M[0])
         > evidence.peak_n(preset, CONTACTS_S[1], ratio, VISCOUS_RANGE_N_S_M[-1])
         for preset in PRESETS
-        for ratio in DAMPED_RATIOS
+        for ratio in claim.DAMPED_RATIOS
     ]
     spreads = {
         f"b = {b:g}": max(
@@ -140,10 +126,10 @@ def damping(evidence: Evidence) -> Claim:
         )
         for b in VISCOUS_RANGE_N_S_M
     }
-    return Claim(
+    return claim.Claim(
         "C13",
         "More damping lowers the peak acceleration but raises variability.",
-        CONTRADICTED,
+        claim.CONTRADICTED,
         {
             "peak_falls_with_b": all(falls),
             "peak_acceleration": rows,
@@ -155,7 +141,7 @@ def damping(evidence: Evidence) -> Claim:
     )
 
 
-def caps(evidence: Evidence) -> Claim:
+def caps(evidence: Evidence) -> claim.Claim:
     """Judge C14: the limitation of the impulse by restitution and stop position."""
     base, ratio = case("table1", "viscous"), 1.1
     by_k = {f"k = {k:g}": run_up(replace(base, restitution=k), ratio).impulse_n_s for k in (0.4, 0.5, 0.6)}
@@ -171,10 +157,10 @@ def caps(evidence: Evidence) -> Claim:
         f"r = {r:g}": float(evidence.of(base).up.at(r)["impulse_n_s"]) for r in (1.0, 1.1, 1.2, 1.3, 1.4)
     }
     growth = by_amplitude["A = 60 mm"] / by_amplitude["A = 15 mm"]
-    return Claim(
+    return claim.Claim(
         "C14",
         "Restitution and stop position cap the impulse, a safety layer independent of control.",
-        CONTRADICTED if growth > 1.5 else REPRODUCED,
+        claim.CONTRADICTED if growth > 1.5 else claim.REPRODUCED,
         {"impulse_n_s": by_k | by_stop | by_amplitude | by_ratio, "growth_with_amplitude": growth},
         "The impulse is (1 + k) m v⁻, and k and x_stop do not limit v⁻: at fixed k and x_stop the impulse "
         "grows with the drive amplitude and, in the impact motion, with the crank's speed. A change of k "

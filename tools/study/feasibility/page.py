@@ -231,7 +231,7 @@ def chart(rows: Sequence[Row], folder: Path, name: str) -> list[str]:
             )
             axes.set_yticklabels(names if down == 0 else [], fontsize=7)
             if across == len(presets) - 1:
-                axes.set_xlabel("strides a second [Hz]")
+                axes.set_xlabel("stride frequency [Hz]")
     handles = [Patch(color=COLOURS[reason], label=reason) for reason in REASONS]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(REASONS), frameon=False, fontsize=8)
     figure.suptitle(

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from tools.output import table_of
 from tools.study.figures import new_figure, save
 from tools.study.pulse.judging import GATED, TURN
 from tools.study.pulse.orbits import STARTS, Band
@@ -18,11 +19,8 @@ Row = Mapping[str, Any]
 
 def bands_table(bands: Sequence[Band]) -> Table:
     """Return the table of the bands of subharmonics."""
-    titles = ("n", "gap/A", "r", "± of the cadence", "of the starts", "v/(ω gap)")
-    title = "one impact in n turns, standing leg, hard stop"
-    table = Table(*titles, title=title, title_justify="left", box=None)
-    for band in sorted(bands, key=lambda one: (one.turns, one.low)):
-        table.add_row(
+    rows = (
+        (
             str(band.turns),
             f"{band.gap_over_amplitude:g}",
             f"{band.low:.2f}–{band.high:.2f}",
@@ -30,7 +28,10 @@ def bands_table(bands: Sequence[Band]) -> Table:
             f"{100 * band.share:.0f} %",
             f"{band.v_share:.2f}",
         )
-    return table
+        for band in sorted(bands, key=lambda one: (one.turns, one.low))
+    )
+    titles = ("n", "gap/A", "r", "± of the cadence", "of the starts", "v/(ω gap)")
+    return table_of(titles, rows, title="one impact in n turns, standing leg, hard stop")
 
 
 def rows_table(rows: Sequence[Row]) -> Table:
@@ -40,7 +41,7 @@ def rows_table(rows: Sequence[Row]) -> Table:
     """
     cadences = sorted({row["stride_hz"] for row in rows})
     titles = ("", *(f"{hz:g} Hz" for hz in cadences), "felt [N]")
-    table = Table(*titles, title="strides with one impact, in the window [%]", title_justify="left", box=None)
+    table = table_of(titles, title="strides with one impact, in the window [%]")
     kinds = dict.fromkeys((label_of(row), row["ground"]) for row in rows)
     for label, ground in kinds:
         own = [row for row in rows if (label_of(row), row["ground"]) == (label, ground)]
@@ -96,7 +97,7 @@ def _shares(axes: Any, walks: Sequence[Row], labels: Sequence[str]) -> None:
     axes.imshow(shares, cmap="RdYlGn", vmin=0.0, vmax=100.0, alpha=0.6, aspect="auto")
     axes.set_xticks(range(len(cadences)), [f"{hz:g}" for hz in cadences])
     axes.set_yticks(range(len(labels)), labels, fontsize=8)
-    axes.set(xlabel="strides a second [Hz]", title="strides with one impact, in the window [%]: walks")
+    axes.set(xlabel="stride frequency [Hz]", title="strides with one impact, in the window [%]: walks")
 
 
 def _bands(axes: Any, bands: Sequence[Band]) -> None:

@@ -17,18 +17,8 @@ from tools.campaign.trial.sampling import DEFAULT_SEED
 from tools.study.cases import Case, case
 from tools.study.feasibility.feasibility import STEP_S, Driven
 from tools.study.orbits import State
+from tools.study.pulse import judging
 from tools.study.pulse.gate import WINDOW_MIDDLE
-from tools.study.pulse.judging import (
-    COLUMNS,
-    JUDGED,
-    SUBHARMONIC,
-    TURN,
-    WALKERS,
-    Walked,
-    cycles,
-    hits,
-    judged,
-)
 from tools.study.pulse.orbits import found_orbit
 
 RUN_IN = 60
@@ -93,7 +83,7 @@ def scene(module: Case, axis: str, stride_hz: float, start: State, ground: Groun
     return load_scene(tables)
 
 
-def locked(which: Scene, turns: int, seed: int, duration_s: float) -> Walked:
+def locked(which: Scene, turns: int, seed: int, duration_s: float) -> judging.Walked:
     """Simulate a walk with `turns` of the crank a stride.
 
     The crank's phase is shifted slowly until the impact is in the middle of the push-off window.
@@ -104,13 +94,13 @@ def locked(which: Scene, turns: int, seed: int, duration_s: float) -> Walked:
     assert isinstance(walking, Walking)
     whole = 2.0 * math.pi * turns
     angle_rad = drive.phase_rad
-    offset_rad = angle_rad - whole * cycles(walking, 0.0)
+    offset_rad = angle_rad - whole * judging.cycles(walking, 0.0)
     steps = round(duration_s / STEP_S)
     t_s, crank_rad, felt_n = (np.empty(steps) for _ in range(3))
     impacts: list[Impact] = []
     for k in range(steps):
         if k % 5 == 0 and turns > 0:
-            goal_rad = whole * cycles(walking, (k + 5) * STEP_S) + offset_rad
+            goal_rad = whole * judging.cycles(walking, (k + 5) * STEP_S) + offset_rad
             omega_rad_s = (goal_rad - angle_rad) / (5.0 * STEP_S)
             plant.replace_parts(plant.parts._replace(drive=drive._replace(omega_rad_s=omega_rad_s)))
             angle_rad = goal_rad
@@ -120,11 +110,11 @@ def locked(which: Scene, turns: int, seed: int, duration_s: float) -> Walked:
         felt_n[k] = now.stop_force_n if which.wearer is None else now.felt_force_n
         new = plant.take_impacts()
         impacts += new
-        for impact in hits(new):
-            late = (cycles(walking, impact.t_s) - WINDOW_MIDDLE + 0.5) % 1.0 - 0.5
+        for impact in judging.hits(new):
+            late = (judging.cycles(walking, impact.t_s) - WINDOW_MIDDLE + 0.5) % 1.0 - 0.5
             shift_rad = SHIFT * whole * late
             offset_rad += min(max(shift_rad, -LARGEST_SHIFT_RAD), LARGEST_SHIFT_RAD)
-    return Walked(Driven(impacts, t_s, crank_rad, felt_n), walking)
+    return judging.Walked(Driven(impacts, t_s, crank_rad, felt_n), walking)
 
 
 class Made(NamedTuple):
@@ -146,17 +136,17 @@ V_M_S = 0.8
 """v⁻ for which stop and wearer of the scene `walking` give a felt pulse of 16 N."""
 
 MADE = (
-    Made("60 mm", TURN, "outward", 1, 1.1, 3.0, 0.06),
-    Made("60 mm, for 0.8 Hz", TURN, "outward", 1, 1.1, 3.0, 0.06, 0.8),
-    Made("120 mm", TURN, "outward", 1, 1.1, 3.0, 0.12),
-    Made("60 mm", TURN, "forward", 1, 1.1, 3.0, 0.06),
-    Made("60 mm", TURN, "up", 1, 1.1, 3.0, 0.06),
-    Made("r 0.82", SUBHARMONIC, "outward", 2, 0.82, 2.5, None),
-    Made("r 0.87", SUBHARMONIC, "outward", 2, 0.87, 2.5, None),
-    Made("r 2.2", SUBHARMONIC, "outward", 2, 2.2, 0.75, None),
-    Made("r 0.89", SUBHARMONIC, "outward", 3, 0.89, 3.75, None),
-    Made("r 0.91", SUBHARMONIC, "outward", 4, 0.91, 5.0, None),
-    Made("r 0.92", SUBHARMONIC, "outward", 5, 0.92, 6.0, None),
+    Made("60 mm", judging.TURN, "outward", 1, 1.1, 3.0, 0.06),
+    Made("60 mm, for 0.8 Hz", judging.TURN, "outward", 1, 1.1, 3.0, 0.06, 0.8),
+    Made("120 mm", judging.TURN, "outward", 1, 1.1, 3.0, 0.12),
+    Made("60 mm", judging.TURN, "forward", 1, 1.1, 3.0, 0.06),
+    Made("60 mm", judging.TURN, "up", 1, 1.1, 3.0, 0.06),
+    Made("r 0.82", judging.SUBHARMONIC, "outward", 2, 0.82, 2.5, None),
+    Made("r 0.87", judging.SUBHARMONIC, "outward", 2, 0.87, 2.5, None),
+    Made("r 2.2", judging.SUBHARMONIC, "outward", 2, 2.2, 0.75, None),
+    Made("r 0.89", judging.SUBHARMONIC, "outward", 3, 0.89, 3.75, None),
+    Made("r 0.91", judging.SUBHARMONIC, "outward", 4, 0.91, 5.0, None),
+    Made("r 0.92", judging.SUBHARMONIC, "outward", 5, 0.92, 6.0, None),
 )
 
 
@@ -167,13 +157,10 @@ def made_for(kind: Made, stride_hz: float) -> tuple[Case, State] | None:
     """
     natural_rad_s = 2.0 * math.pi * (kind.made_hz or stride_hz) * kind.turns / kind.ratio
     unit = case(
-        "table1",
-        "viscous",
-        spring_n_m=0.8 * natural_rad_s**2,
-        amplitude_m=0.06 / kind.gap_over_amplitude,
+        "table1", "viscous", spring_n_m=0.8 * natural_rad_s**2, amplitude_m=0.06 / kind.gap_over_amplitude
     )
     start, gap_m = State(0.0, 0.0, 0.0), unit.gap_m
-    if kind.way == SUBHARMONIC:
+    if kind.way == judging.SUBHARMONIC:
         orbit = found_orbit(unit, kind.ratio, kind.turns)
         if orbit is None:
             return None
@@ -201,17 +188,19 @@ def made_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
     made = made_for(kind, hz)
     if made is not None:
         module, start = made
-        seconds = (RUN_IN + JUDGED + 2) / hz
+        seconds = (RUN_IN + judging.JUDGED + 2) / hz
         which = scene(module, kind.axis, hz, start, ground)
-        walks = [locked(which, kind.turns, DEFAULT_SEED + k, seconds) for k in range(WALKERS[kind.way])]
+        walks = [
+            locked(which, kind.turns, DEFAULT_SEED + k, seconds) for k in range(judging.WALKERS[kind.way])
+        ]
         parked = State(-module.amplitude_m, 0.0, -0.5 * math.pi)
         resting = scene(module, kind.axis, hz, parked, ground)
-        alone = hits(locked(resting, 0, DEFAULT_SEED, IDLE_S).run.impacts)
+        alone = judging.hits(locked(resting, 0, DEFAULT_SEED, IDLE_S).run.impacts)
         row |= {
             "spring_n_m": module.spring_n_m,
             "amplitude_m": module.amplitude_m,
             "gap_m": module.gap_m,
             "leg_alone_hz": len(alone) / IDLE_S,
-            **judged(walks, RUN_IN),
+            **judging.judged(walks, RUN_IN),
         }
-    return pa.Table.from_pylist([row], schema=COLUMNS), {}
+    return pa.Table.from_pylist([row], schema=judging.COLUMNS), {}

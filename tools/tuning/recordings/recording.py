@@ -58,9 +58,7 @@ def record_tuning(path: Path, tuning: Tuning, timeline: str, views: Views) -> No
                 # The whole curve, at every position of the time cursor.
                 axis_x=rrb.archetypes.TimeAxis(view_range=_whole(curves)),
                 time_ranges=rrb.VisibleTimeRange(
-                    timeline,
-                    start=rrb.TimeRangeBoundary.infinite(),
-                    end=rrb.TimeRangeBoundary.infinite(),
+                    timeline, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite()
                 ),
             )
             for name, curves in views.items()
