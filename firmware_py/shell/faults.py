@@ -1,31 +1,26 @@
-"""The table of faults: the cause, the reaction and the deadline of each.
+"""The table of faults: the cause and the deadline of each, and whether it is latched.
 
 The deadline is the largest time from the cause on the bus to torque 0 N m on the bus, with the default
 parameters. `python -m firmware_py.shell.faults` prints the table of docs/safety.md, which states the reaction
 in its text.
 """
 
-from enum import Enum
 from typing import NamedTuple
 
 from firmware_py.interface.enums import Fault
 
 
-class Reaction(Enum):
-    """The reaction to a fault."""
-
-    TORQUE_OFF = "torque 0 in the tick that detects it, drive to IDLE, latched"
-    GOES_ON = "an event frame; the nearest possible setting is used; not latched"
-
-
 class FaultLine(NamedTuple):
-    """One fault; `counts` names the modes in which it counts."""
+    """One fault; `counts` names the modes in which it counts.
+
+    `is_latched`: it stops the motor; otherwise the nearest possible setting is used.
+    """
 
     fault: Fault
     cause: str
     counts: str
     deadline_s: float
-    reaction: Reaction = Reaction.TORQUE_OFF
+    is_latched: bool = True
 
 
 MOVING = "in motion"
@@ -99,7 +94,7 @@ FAULTS: tuple[FaultLine, ...] = (
         "a ratio or an impulse that no setting can meet; the event frame names the refusal",
         "on a RUN request, and in RUN",
         30.0,
-        Reaction.GOES_ON,
+        is_latched=False,
     ),
     FaultLine(
         Fault.PARAMETERS_DAMAGED,

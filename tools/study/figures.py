@@ -219,7 +219,7 @@ def portraits(pairs: Sequence[Pair], folder: Path, name: str) -> list[str]:
                 axes.set_ylim(min(low for low, _ in speeds), max(high for _, high in speeds))
     figure.suptitle(
         f"{pairs[0].case.preset}: both motions of each friction law; points: once per drive period, at the "
-        "crank's rear dead centre",
+        "crank's backward dead centre",
         fontsize=11,
     )
     return save(figure, folder, name)

@@ -20,7 +20,7 @@ from firmware_py.interface.generated.records import (
     EncoderEstimates,
     SetAxisState,
 )
-from firmware_py.shell.faults import FAULTS, FaultLine, Reaction, markdown
+from firmware_py.shell.faults import FAULTS, FaultLine, markdown
 from plant_sim.parts.friction import Viscous
 
 TAU = 2.0 * math.pi
@@ -182,7 +182,7 @@ def events_of(frames: list[Frame]) -> list[Any]:
 
 @pytest.mark.parametrize(
     "line",
-    [line for line in FAULTS if line.reaction is Reaction.TORQUE_OFF],
+    [line for line in FAULTS if line.is_latched],
     ids=lambda line: line.fault.name,
 )
 def test_each_row(line: FaultLine) -> None:
@@ -266,7 +266,7 @@ def test_a_crank_that_the_striker_drives_is_waited_for() -> None:
 
 def test_the_table_has_every_fault_once() -> None:
     assert [line.fault for line in FAULTS] == [fault for fault in Fault if fault != Fault.NONE]
-    latched = {line.fault for line in FAULTS if line.reaction is Reaction.TORQUE_OFF}
+    latched = {line.fault for line in FAULTS if line.is_latched}
     assert latched == set(CASES)
 
 
