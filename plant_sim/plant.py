@@ -23,7 +23,6 @@ from plant_sim.solvers.adaptive.adaptive import (
     BUFFER_FULL,
     DONE,
     NO_GRID,
-    NO_SAMPLES,
     advance,
     refusal,
 )
@@ -154,9 +153,7 @@ class Plant:
         memory = self._memory
         memory.held[0].elapsed_s = memory.held[0].elapsed_low_s = 0.0
         while True:
-            status = self._advance(
-                self.parts, self._probe, memory, torque_n_m, self.t_s, dt_s, NO_GRID, NO_SAMPLES
-            )
+            status = self._advance(self.parts, self._probe, memory, torque_n_m, self.t_s, dt_s, NO_GRID)
             if memory.mode[0].impacts:
                 self._impacts += [Impact(*row) for row in memory.impacts[: memory.mode[0].impacts].tolist()]
                 memory.mode[0].impacts = 0
@@ -272,4 +269,4 @@ def warm(scene: Scene) -> None:
 
 def compiled_advance(plant: Plant) -> Callable[..., int]:
     """The kernel for the types of this plant, compiled or loaded now."""
-    return entry_point(advance, plant.parts, plant._probe, plant._memory, 0.0, 0.0, 0.0, NO_GRID, NO_SAMPLES)
+    return entry_point(advance, plant.parts, plant._probe, plant._memory, 0.0, 0.0, 0.0, NO_GRID)

@@ -55,7 +55,7 @@ from plant_sim.arrays import zeros_of
 from plant_sim.kernels import entry_point
 from plant_sim.result import Impact
 from plant_sim.sensors.gait import GaitTruth
-from plant_sim.solvers.adaptive.adaptive import NO_GRID, NO_SAMPLES
+from plant_sim.solvers.adaptive.adaptive import NO_GRID
 
 STEADY = (FrictionChanged, Kick, MotorStall, ParametersDamaged, StiffnessChanged, StopMoved, SupplySag)
 """Faults that act only at their beginning and their end, not from tick to tick."""
@@ -201,7 +201,6 @@ class Stretches:
             lent.noise.take(ticks),
             buffers,
             NO_GRID,
-            NO_SAMPLES,
         )
         self._run = self._run or entry_point(run, *arguments)
         with delayed_signals():

@@ -33,6 +33,7 @@ from plant_sim.sensors.sensing import Probe, Sensing
 from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, DONE, advance
 from plant_sim.solvers.adaptive.state_layout import (
     OBSERVED,
+    Grid,
     Memory,
 )
 
@@ -247,13 +248,12 @@ def move(
     torque_n_m: float,
     t_s: float,
     dt_s: float,
-    no_grid: Vector,
-    no_samples: Vector,
+    no_grid: Grid,
 ) -> int:
     """Advance by `dt_s` under constant torque; store finished impacts; return the solver's status."""
     memory.held[0].elapsed_s = memory.held[0].elapsed_low_s = 0.0
     while True:
-        status = advance(parts, probe, memory, torque_n_m, t_s, dt_s, no_grid, no_samples)
+        status = advance(parts, probe, memory, torque_n_m, t_s, dt_s, no_grid)
         for row in range(memory.mode[0].impacts):
             place = buffers.used[IMPACT_ROWS]
             if place < buffers.impacts.shape[0]:
@@ -307,8 +307,7 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
     samples: Vector,
     noise: Vector,
     buffers: Buffers,
-    no_grid: Vector,
-    no_samples: Vector,
+    no_grid: Grid,
 ) -> tuple[Loop, int]:
     """Run a tick for each row of `noise` (four standard normals); return the loop's state and its status.
 
@@ -357,14 +356,14 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
         status = DONE
         if armed_s > 0.0:
             begin_s = t_s + t_rest_s
-            status = move(parts, probe, memory, buffers, torque_n_m, begin_s, armed_s, no_grid, no_samples)
+            status = move(parts, probe, memory, buffers, torque_n_m, begin_s, armed_s, no_grid)
             t_s, t_rest_s = later(t_s, t_rest_s, armed_s)
         drive = axis.elapse(
             drive_config, drive, armed_s, observed[OBSERVED.omega_rad_s], observed[OBSERVED.current_a]
         )
         if status == DONE and armed_s < period_s - TIME_RESOLUTION_S:
             begin_s, rest_s, torque_n_m = t_s + t_rest_s, period_s - armed_s, 0.0
-            status = move(parts, probe, memory, buffers, torque_n_m, begin_s, rest_s, no_grid, no_samples)
+            status = move(parts, probe, memory, buffers, torque_n_m, begin_s, rest_s, no_grid)
             t_s, t_rest_s = later(t_s, t_rest_s, rest_s)
         if status != DONE:
             return Loop(number, t_s, t_rest_s, torque_n_m, drive, reports, counter, held), status

@@ -19,6 +19,7 @@ from plant_sim.solvers.adaptive.state_layout import (
     CONTACT,
     FLIGHT,
     REST,
+    Grid,
     Memory,
     restart,
     work_place,
@@ -29,12 +30,11 @@ LOOKS = 64
 
 
 class Stepwise(NamedTuple):
-    """Carrier of any other scene, with scratch of shapes (LOOKS + 1,) and (LOOKS + 1, 3)."""
+    """Carrier of any other scene, with a grid of LOOKS + 1 times as scratch."""
 
     parts: Parts
     memory: Memory
-    grid: NDArray[np.float64]
-    samples: NDArray[np.float64]
+    grid: Grid
 
 
 @jit
@@ -42,7 +42,7 @@ def follow_stepwise(
     parts: Parts, memory: Memory, y_m: float, v_m_s: float, crank_rad: float, protocol: Protocol
 ) -> Outcome:
     """`orbits.follow_orbit` in `memory`, which was allocated for these parts."""
-    carrier = Stepwise(parts, memory, np.zeros(LOOKS + 1), np.zeros((LOOKS + 1, 3)))
+    carrier = Stepwise(parts, memory, Grid(np.zeros(LOOKS + 1), np.zeros((LOOKS + 1, 3))))
     rows = sections.new_rows(protocol, crank_now(parts.drive, memory).speed_rad_s)
     return sections.follow_orbit(carrier, y_m, v_m_s, crank_rad, protocol, rows)
 
@@ -57,7 +57,7 @@ def classify_stepwise(
     impact_counts: NDArray[np.float32],
 ) -> None:
     """`orbits.classify_starts` in `memory`, which was allocated for these parts."""
-    carrier = Stepwise(parts, memory, np.zeros(LOOKS + 1), np.zeros((LOOKS + 1, 3)))
+    carrier = Stepwise(parts, memory, Grid(np.zeros(LOOKS + 1), np.zeros((LOOKS + 1, 3))))
     sections.classify_starts(carrier, starts, protocol, regimes, impact_counts)
 
 
@@ -105,18 +105,19 @@ def _(carrier: Stepwise, motion: float, until_s: float, looked_at: bool, row: Pe
 @subroutine
 def _period(carrier: Stepwise, begin_s: float, end_s: float, looked_at: bool, row: Period) -> bool:
     """Advance the motion to `end_s` and fill the row; return whether the solver failed."""
-    parts, memory, grid, samples = carrier
+    parts, memory, grid = carrier
     sections.clear(row)
     y, mode, shift_m = memory.y, memory.mode[0], _shift_m(parts)
     work = work_place(parts)
     drive_j, friction_j, loss_j = y[work], y[work + 1], y[work + 2] if has_stop(parts.stop) else 0.0
     looks = LOOKS + 1 if looked_at else 0
     for look in range(looks):
-        grid[look] = begin_s + (end_s - begin_s) * look / LOOKS
+        grid.t_s[look] = begin_s + (end_s - begin_s) * look / LOOKS
     mode.samples = mode.seen = 0
     status = BUFFER_FULL
     while status == BUFFER_FULL:
-        status = advance(parts, NoSensing(), memory, 0.0, 0.0, end_s, grid[:looks], samples)
+        looked = Grid(grid.t_s[:looks], grid.motion)
+        status = advance(parts, NoSensing(), memory, 0.0, 0.0, end_s, looked)
         for index in range(mode.impacts):
             one = memory.impacts[index]
             peak = one.peak_force_n if is_soft(parts.stop) else math.nan
@@ -128,7 +129,7 @@ def _period(carrier: Stepwise, begin_s: float, end_s: float, looked_at: bool, ro
     row.rested = mode.seen & 1 << REST != 0
     row.moved = _slid_m(parts, row.friction_j, mode.seen) > sections.STUCK_M
     if looked_at and status == DONE:
-        low, high = _extremes(samples, (end_s - begin_s) / LOOKS)
+        low, high = _extremes(grid.motion, (end_s - begin_s) / LOOKS)
         if is_rigid(parts.stop):
             high = 0.0 if row.impacts > 0 else min(high, 0.0)
         row.y_low_m, row.y_high_m = low + shift_m, high + shift_m

@@ -19,8 +19,8 @@ from plant_sim.parts.parts import Parts
 from plant_sim.plant import Plant
 from plant_sim.sensors.readings import Readers, read_sensors
 from plant_sim.sensors.sensing import Sensing
-from plant_sim.solvers.adaptive.adaptive import DONE, NO_GRID, NO_SAMPLES, advance
-from plant_sim.solvers.adaptive.state_layout import OBSERVED, Memory
+from plant_sim.solvers.adaptive.adaptive import DONE, NO_GRID, advance
+from plant_sim.solvers.adaptive.state_layout import OBSERVED, Grid, Memory
 from tools.trade.control_rate import short_start
 from tools.trade.costs import Progress
 
@@ -40,8 +40,7 @@ def run_ticks(
     noise: NDArray[np.float64],
     speed_rad_s: float,
     tick_s: float,
-    no_grid: NDArray[np.float64],
-    no_samples: NDArray[np.float64],
+    no_grid: Grid,
 ) -> float:
     """Run a tick for each row of `noise`; return the sum of the readings of speed, nan if one failed."""
     total = 0.0
@@ -52,7 +51,7 @@ def run_ticks(
         torque_n_m = START_N_M + GAIN_N_M_S * (speed_rad_s - omega_rad_s)
         memory.held[0].elapsed_s = memory.held[0].elapsed_low_s = 0.0
         memory.mode[0].impacts = 0
-        status = advance(parts, probe, memory, torque_n_m, row * tick_s, tick_s, no_grid, no_samples)
+        status = advance(parts, probe, memory, torque_n_m, row * tick_s, tick_s, no_grid)
         if status != DONE:
             return np.nan
     return total
@@ -92,7 +91,6 @@ def _plant_us(scenario: Scenario) -> float:
             speed_rad_s,
             scenario.period_s,
             NO_GRID,
-            NO_SAMPLES,
         )
         assert not np.isnan(total)
     return (time.thread_time_ns() - begun) * 1e-3 / TICKS

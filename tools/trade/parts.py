@@ -22,7 +22,7 @@ from plant_sim.parts.parts import Parts
 from plant_sim.scene import Scene, load_scene, read_scene
 from plant_sim.sensors.sensing import NoSensing, Probe, allocate_sensing, series_order
 from plant_sim.simulation import initial_state
-from plant_sim.solvers.adaptive.adaptive import DONE, IMPACTS_AT_ONCE, NO_GRID, NO_SAMPLES, advance, refusal
+from plant_sim.solvers.adaptive.adaptive import DONE, IMPACTS_AT_ONCE, NO_GRID, advance, refusal
 from plant_sim.solvers.adaptive.observation import electrical_ledger, peak_felt_force_n
 from plant_sim.solvers.adaptive.state_layout import Memory, allocate, work_place
 from tools.trade.costs import COST_UNIT, Progress, mean
@@ -106,7 +106,7 @@ def rig_of(scene: Scene) -> Rig:
     if scene.sensors is not None:
         probe = allocate_sensing(scene.sensors, speed_rad_s, parts.housing)
     memory = allocate(parts, start, scene.solver.accuracy, IMPACTS_AT_ONCE, series_order(probe))
-    kernel = entry_point(advance, parts, probe, memory, 0.0, 0.0, 0.0, NO_GRID, NO_SAMPLES)
+    kernel = entry_point(advance, parts, probe, memory, 0.0, 0.0, 0.0, NO_GRID)
     return Rig(parts, probe, memory, scene.natural_rad_s, np.array([LOOP_START_N_M]), kernel)
 
 
@@ -138,7 +138,7 @@ def settled(scene: Scene, ratio: float = RATIO) -> Rig:
 
 
 def _advance(rig: Rig, parts: Parts, torque_n_m: float, until_s: float) -> None:
-    status = rig.kernel(parts, rig.probe, rig.memory, torque_n_m, 0.0, until_s, NO_GRID, NO_SAMPLES)
+    status = rig.kernel(parts, rig.probe, rig.memory, torque_n_m, 0.0, until_s, NO_GRID)
     if status != DONE:
         raise refusal(status, parts, rig.memory, 0.0)
 

@@ -26,6 +26,7 @@ from plant_sim.solvers.adaptive.observation import (
 from plant_sim.solvers.adaptive.state_layout import (
     CONTACT,
     UNSETTLED,
+    Grid,
     Memory,
     Vector,
     allocate,
@@ -42,8 +43,7 @@ DONE, BUFFER_FULL, STEP_TOO_SMALL, TOO_COSTLY = range(4)
 IMPACTS_AT_ONCE = 4096
 """Rows of the impacts' buffer; a run with more impacts empties it in between."""
 
-NO_GRID = np.empty(0)
-NO_SAMPLES = np.empty((0, 3))
+NO_GRID = Grid(np.empty(0), np.empty((0, 3)))
 
 
 @jit
@@ -54,14 +54,13 @@ def advance(
     torque_n_m: float,
     start_s: float,
     duration_s: float,
-    grid_s: Vector,
-    samples: Vector,
+    grid: Grid,
 ) -> int:
     """Advance `memory` to `duration_s` after `start_s` under a constant torque; another call continues the
     run.
 
-    `memory.held[0].elapsed_s` is the time reached. Depth, velocity and crank angle at the times of `grid_s`
-    (ascending, absolute) are written into the rows of `samples`.
+    `memory.held[0].elapsed_s` is the time reached. Depth, velocity and crank angle at the times of `grid`
+    (absolute) are written into it.
     """
     mode, held = memory.mode[0], memory.held[0]
     if mode.phase == UNSETTLED:
@@ -72,13 +71,13 @@ def advance(
     begin_ledger(parts, memory)
     status = DONE
     while True:
-        sample_now(parts, memory, start_s, grid_s, samples)
+        sample_now(parts, memory, start_s, grid)
         if held.elapsed_s >= duration_s:
             break
         if mode.impacts == memory.impacts.shape[0]:
             status = BUFFER_FULL
             break
-        used = take_step(parts, probe, memory, torque_n_m, start_s, duration_s, grid_s, samples)
+        used = take_step(parts, probe, memory, torque_n_m, start_s, duration_s, grid)
         if used < 0.0:
             status = STEP_TOO_SMALL
             break
@@ -104,13 +103,14 @@ def simulate(
     `samples_t_s` ascends within the run. `accuracy` is the largest error per forcing period, m.
     """
     memory = allocate(parts, initial, accuracy, IMPACTS_AT_ONCE)
-    grid = np.ascontiguousarray(NO_GRID if samples_t_s is None else samples_t_s, dtype=np.float64)
-    samples = np.zeros((grid.size, 3))
-    rows = [run(parts, NoSensing(), memory, torque_n_m, initial.t_s, until_s - initial.t_s, grid, samples)]
-    while memory.held[0].elapsed_s < until_s - initial.t_s:
-        rows.append(
-            run(parts, NoSensing(), memory, torque_n_m, initial.t_s, until_s - initial.t_s, grid, samples)
-        )
+    grid = NO_GRID
+    if samples_t_s is not None:
+        times_s = np.ascontiguousarray(samples_t_s, dtype=np.float64)
+        grid = Grid(times_s, np.zeros((times_s.size, 3)))
+    duration_s = until_s - initial.t_s
+    rows: list[NDArray[np.void]] = []
+    while not rows or memory.held[0].elapsed_s < duration_s:
+        rows.append(run(parts, NoSensing(), memory, torque_n_m, initial.t_s, duration_s, grid))
     impacts = np.concatenate(rows)
     origin = origin_m(parts.stop, parts.striker)
     end = observation(memory)
@@ -122,10 +122,10 @@ def simulate(
         samples=None
         if samples_t_s is None
         else Samples(
-            t_s=grid,
-            x_m=samples[:, 0] + origin,
-            v_m_s=samples[:, 1].copy(),
-            crank_rad=samples[:, 2] % TURN_RAD,
+            t_s=grid.t_s,
+            x_m=grid.motion[:, 0] + origin,
+            v_m_s=grid.motion[:, 1].copy(),
+            crank_rad=grid.motion[:, 2] % TURN_RAD,
         ),
         peak_felt_force_n=peak_felt_force_n(parts, memory),
         electrical=electrical_ledger(parts, memory),
@@ -139,11 +139,10 @@ def run(
     torque_n_m: float,
     start_s: float,
     duration_s: float,
-    grid_s: Vector,
-    samples: Vector,
+    grid: Grid,
 ) -> NDArray[np.void]:
     """Call `advance` and raise its failures; return and clear the impacts so far, records as `Impact`."""
-    status = advance(parts, probe, memory, torque_n_m, start_s, duration_s, grid_s, samples)
+    status = advance(parts, probe, memory, torque_n_m, start_s, duration_s, grid)
     if status in (STEP_TOO_SMALL, TOO_COSTLY):
         raise refusal(status, parts, memory, start_s)
     impacts: NDArray[np.void] = memory.impacts[: memory.mode[0].impacts].copy()

@@ -20,6 +20,7 @@ from plant_sim.solvers.adaptive.state_layout import (
     STICK,
     VELOCITY,
     Flow,
+    Grid,
     Memory,
     Vector,
     ankle_place,
@@ -119,11 +120,11 @@ def _largest(force: StopForce | FeltForce, dense: Vector, share: float, before_n
 
 
 @subroutine
-def sample_now(parts: Parts, memory: Memory, start_s: float, grid_s: Vector, samples: Vector) -> None:
+def sample_now(parts: Parts, memory: Memory, start_s: float, grid: Grid) -> None:
     """Fill samples at times up to now that no step has covered: depth from the scene's stop, v, θ."""
     mode = memory.mode[0]
-    while mode.samples < grid_s.size and grid_s[mode.samples] <= start_s + memory.held[0].elapsed_s:
-        row = samples[mode.samples]
+    while mode.samples < grid.t_s.size and grid.t_s[mode.samples] <= start_s + memory.held[0].elapsed_s:
+        row = grid.motion[mode.samples]
         row[0], row[1] = from_stop_m(parts.wearer, parts.drive, memory.y), memory.y[1]
         row[2] = crank_now(parts.drive, memory).angle_rad
         mode.samples += 1
@@ -137,14 +138,13 @@ def sample_step(
     dense: Vector,
     h_s: float,
     used_s: float,
-    grid_s: Vector,
-    samples: Vector,
+    grid: Grid,
 ) -> None:
     """Fill samples at times within the used part of a step."""
     mode = memory.mode[0]
-    while mode.samples < grid_s.size and grid_s[mode.samples] < flow.time_s + used_s:
-        row = samples[mode.samples]
-        s = (grid_s[mode.samples] - flow.time_s) / h_s
+    while mode.samples < grid.t_s.size and grid.t_s[mode.samples] < flow.time_s + used_s:
+        row = grid.motion[mode.samples]
+        s = (grid.t_s[mode.samples] - flow.time_s) / h_s
         row[0] = at(dense[DEPTH], s) + plate_at(parts.wearer, parts.drive, dense, s)[0]
         row[1] = at(dense[VELOCITY], s)
         row[2] = angle_at(parts.drive, flow, s, h_s, dense)

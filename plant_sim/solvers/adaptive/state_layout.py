@@ -229,6 +229,16 @@ class Flow(NamedTuple):
     """Whether the bus limits a current loop."""
 
 
+class Grid(NamedTuple):
+    """Times at which a run is sampled, ascending, shape (n,), and the motion at them, shape (n, 3).
+
+    The motion is depth from the scene's stop, velocity and crank angle.
+    """
+
+    t_s: Vector
+    motion: Vector
+
+
 class Scratch(NamedTuple):
     """Scratch arrays of event location: shapes (ORDER + 1,) twice, (DEEPEST_HALVING + 2, ORDER + 3).
 

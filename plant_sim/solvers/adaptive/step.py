@@ -21,6 +21,7 @@ from plant_sim.solvers.adaptive.series import motion_within, series_step_s, stat
 from plant_sim.solvers.adaptive.state_layout import (
     CONTACT,
     Flow,
+    Grid,
     Held,
     Memory,
     Vector,
@@ -50,8 +51,7 @@ def take_step(
     torque_n_m: float,
     start_s: float,
     duration_s: float,
-    grid_s: Vector,
-    samples: Vector,
+    grid: Grid,
 ) -> float:
     """Take one step, at most up to an event; return its length, s, or −1 if no step is small enough."""
     y, mode, held, new = memory.y, memory.mode[0], memory.held[0], memory.new
@@ -73,7 +73,7 @@ def take_step(
     zeros = Zeros(mode.zero_depth, mode.zero_velocity, mode.zero_crank, voltage_zeros(parts.winding, memory))
     used: float = h
     event = NONE
-    has_sample = mode.samples < grid_s.size and grid_s[mode.samples] < begin_s + h
+    has_sample = mode.samples < grid.t_s.size and grid.t_s[mode.samples] < begin_s + h
     is_checked = _may_end(parts, flow, h, memory, zeros, is_series)
     dense = memory.long_dense if is_series else memory.dense
     if is_sensing(probe) or has_sample or is_checked:
@@ -88,7 +88,7 @@ def take_step(
     follow_felt(parts.wearer, parts.drive, memory, used / h)
     sense_step(probe, parts, dense, h, used, begin_s)
     if has_sample:
-        sample_step(parts, memory, flow, dense, h, used, grid_s, samples)
+        sample_step(parts, memory, flow, dense, h, used, grid)
 
     for i in range(state_size(parts)):
         y[i] = new[i]

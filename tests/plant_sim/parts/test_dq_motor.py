@@ -18,7 +18,7 @@ from plant_sim.plant import Plant
 from plant_sim.scene import Scene, SceneError, load_scene
 from plant_sim.sensors.sensing import NoSensing
 from plant_sim.simulation import initial_state, simulate
-from plant_sim.solvers.adaptive.adaptive import NO_GRID, NO_SAMPLES, run
+from plant_sim.solvers.adaptive.adaptive import NO_GRID, run
 from plant_sim.solvers.adaptive.state_layout import OBSERVED, Memory, allocate, current_place
 from plant_sim.solvers.bernstein import NODES
 
@@ -71,7 +71,7 @@ def test_agrees_with_motulator(changes: dict[str, Any], torque_n_m: float, spun_
     place, ours = current_place(parts), []
     limited = False
     for t_s in times_s:
-        run(parts, NoSensing(), memory, torque_n_m, 0.0, float(t_s), NO_GRID, NO_SAMPLES)
+        run(parts, NoSensing(), memory, torque_n_m, 0.0, float(t_s), NO_GRID)
         limited = limited or memory.mode[0].voltage_limited == 1
         i_d, i_q = memory.y[place : place + 2]
         torque = 1.5 * parts.drive.pole_pairs * (0.08 / 10.5 + (0.25e-3 - 0.35e-3) * i_d) * i_q
@@ -86,7 +86,7 @@ def test_the_loop_is_of_first_order_while_the_voltage_lasts() -> None:
     module = scene({"winding": {**SALIENT, "bandwidth_rad_s": 800.0}})
     parts, memory = started(module, 12.0, accuracy=1e-12)
     for tick in range(1, 11):
-        run(parts, NoSensing(), memory, 0.2, 0.0, 1e-3 * tick, NO_GRID, NO_SAMPLES)
+        run(parts, NoSensing(), memory, 0.2, 0.0, 1e-3 * tick, NO_GRID)
         wanted = 2.5 * -math.expm1(-0.8 * tick)
         i_d, i_q = memory.y[current_place(parts) :][:2]
         assert i_q == pytest.approx(wanted, abs=1e-9)
@@ -199,7 +199,7 @@ def test_cogging_holds_a_crank_in_its_teeth_and_ripple_shakes_a_turning_one() ->
     parts, memory = started(scene({**changes, **turning}), 2.0)
     torques = []
     for tick in range(1, 2001):
-        run(parts, NoSensing(), memory, 0.2, 0.0, 1e-3 * tick, NO_GRID, NO_SAMPLES)
+        run(parts, NoSensing(), memory, 0.2, 0.0, 1e-3 * tick, NO_GRID)
         torques.append(memory.observed[OBSERVED.motor_torque_n_m])
     # 2 % of 0.2 N m on either side; what the rippling back-EMF drives through the loop comes on top.
     ripple = 0.5 * (max(torques[200:]) - min(torques[200:]))

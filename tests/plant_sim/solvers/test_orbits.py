@@ -15,7 +15,7 @@ from plant_sim.parts.stop import NoStop, RigidStop
 from plant_sim.parts.striker import Striker
 from plant_sim.result import MotionState, Phase
 from plant_sim.sensors.sensing import NoSensing
-from plant_sim.solvers.adaptive.adaptive import NO_GRID, NO_SAMPLES, run
+from plant_sim.solvers.adaptive.adaptive import NO_GRID, run
 from plant_sim.solvers.adaptive.state_layout import Memory, allocate
 
 STRIKER = Striker(0.8, 70.0, 0.12, 9.80665)
@@ -91,6 +91,6 @@ def test_a_million_seconds_lose_no_time_against_the_crank() -> None:
     """In 260,000 steps: the crank's angle keeps their lengths, time adds them up."""
     slow = Parts(Striker(1e3, 70.0, 0.12, 9.80665), IdealDrive(0.001, 0.1, 0.0), Coulomb(0.15, 0.0), NoStop())
     memory, until_s = allocate(slow, REST, 1e-3, 4), 1e6
-    run(slow, NoSensing(), memory, 0.0, 0.0, until_s, NO_GRID, NO_SAMPLES)
+    run(slow, NoSensing(), memory, 0.0, 0.0, until_s, NO_GRID)
     turned = (0.1 * until_s - memory.held[0].crank_rad) / (2.0 * math.pi)
     assert abs(turned - round(turned)) * 2.0 * math.pi / 0.1 < 1e-8  # s

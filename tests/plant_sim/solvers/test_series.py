@@ -12,7 +12,7 @@ from plant_sim.parts.linkage import SliderCrank
 from plant_sim.scene import load_scene
 from plant_sim.sensors.sensing import NoSensing
 from plant_sim.simulation import initial_state
-from plant_sim.solvers.adaptive.adaptive import NO_GRID, NO_SAMPLES, run, simulate
+from plant_sim.solvers.adaptive.adaptive import NO_GRID, run, simulate
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.series import expand, motion_within, state_after
 from plant_sim.solvers.adaptive.state_layout import Memory, allocate
@@ -62,7 +62,7 @@ def expanded(name: str, torque_n_m: float = 0.02) -> tuple[Any, Memory]:
     scene = load_scene(changed(base, {"sensors": None, **changes}))
     parts = scene.parts()
     memory = allocate(parts, initial_state(scene), 1e-10, 100)
-    run(parts, NoSensing(), memory, torque_n_m, 0.0, T_S, NO_GRID, NO_SAMPLES)
+    run(parts, NoSensing(), memory, torque_n_m, 0.0, T_S, NO_GRID)
     _expanded(parts, memory, torque_n_m, T_S, H_S)
     return parts, memory
 
