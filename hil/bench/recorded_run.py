@@ -105,28 +105,15 @@ def single(values: pa.Array) -> pa.Array:
     return values.flatten() if bool(np.all(lengths == 1)) else values
 
 
-def columns_of(name: str, values: pa.Array) -> list[tuple[str, pa.Array]]:
-    """The columns within a struct by dotted names; any other array is returned as one column."""
-    if not pa.types.is_struct(values.type):
-        return [(name, values)]
-    found: list[tuple[str, pa.Array]] = []
-    for field, inner in zip(values.type, values.flatten(), strict=True):
-        found += columns_of(f"{name}.{field.name}" if name else field.name, inner)
-    return found
-
-
 def flat(table: pa.Table) -> pa.Table:
     """One entity's rows with one plain column per signal; `t_s` is simulated time in seconds."""
-    seconds = contiguous(table["sim_time"]).cast(pa.int64()).to_numpy() / 1e9
+    seconds = log_reader.sim_ns_of(table) / 1e9
     columns: dict[str, pa.Array] = {"t_s": pa.array(seconds), "wall_time": contiguous(table["wall_time"])}
     for component in table.column_names:
-        if component in TIMELINES:
-            continue
-        short = component.rpartition(":")[2]
-        for name, values in columns_of(
-            "" if short == "record" else short, single(contiguous(table[component]))
-        ):
-            columns[name] = values
+        if component not in TIMELINES:
+            short = component.rpartition(":")[2]
+            name = "" if short == "record" else short
+            columns |= log_reader.leaves(name, single(contiguous(table[component])))
     return pa.table(columns)
 
 

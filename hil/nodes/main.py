@@ -101,9 +101,9 @@ def firmware_main(scenario: str | None, settings: Sequence[str], process: NodePr
     warm_firmware(parameters, build)
 
     def make(pace: Pace, bus: NodeBus, first_tick: int) -> FirmwareRunner:
-        out_dir, seed, tell = process.out_dir, process.seed, partial(print, file=sys.stderr)
+        out_dir, seed, say = process.out_dir, process.seed, partial(print, file=sys.stderr)
         node = node_of(build)
-        return FirmwareRunner(parameters, pace, bus, out_dir, faults, seed, first_tick, walks, node, tell)
+        return FirmwareRunner(parameters, pace, bus, out_dir, faults, seed, first_tick, walks, node, say)
 
     process.run(FIRMWARE, make, period_s, 0.5, FIRMWARE_IDS, addresses_from(parameters), faults)
 

@@ -141,18 +141,18 @@ class FirmwareRunner:
         first_tick: int = 0,
         walks: bool = True,
         make: MakeNode = FirmwareNode,
-        tell: Callable[[str], None] | None = None,
+        say: Callable[[str], None] | None = None,
     ) -> None:
         """`first_tick`: above 0 for a process that replaces another and continues its trace.
 
-        `tell` receives the reason for which a parameter file is refused; by default it is written to
+        `say` receives the reason for which a parameter file is refused; by default it is written to
         `firmware.log` in `out_dir`, the file with the errors of the firmware's process in real time.
         """
         self.bus = bus
         self._file = ParameterMemory(parameters, faults, seed)
         self._fixed = of_the_build(parameters)
         self._make = make
-        self._tell = tell or partial(_write_line, out_dir)
+        self._say = say or partial(_write_line, out_dir)
         self._period_s = pace.period_s
         self._trace: FirmwareTrace | None = None
         self._power_up(first_tick)
@@ -164,7 +164,7 @@ class FirmwareRunner:
     def _power_up(self, tick: int) -> None:
         self.node = powered_up(self._file.read(tick * self._period_s), self._fixed, self._make)
         if self.node.damage:
-            self._tell(self.node.damage)
+            self._say(self.node.damage)
         self._alignment = Alignment()
         self._resync: Resync | None = None
         self._last_frames: list[Frame] = []

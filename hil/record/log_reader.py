@@ -187,20 +187,20 @@ def joined(one: pa.StructArray, other: pa.StructArray) -> pa.StructArray:
     return pa.StructArray.from_arrays(list(fields.values()), names=list(fields))
 
 
-def leaves(name: str, values: pa.Array) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield the flattened columns within a column by dotted names."""
-    if pa.types.is_list(values.type):
-        yield from leaves(name, values.flatten())
-    elif pa.types.is_struct(values.type):
-        for field, inner in zip(values.type, values.flatten(), strict=True):
-            yield from leaves(f"{name}.{field.name}" if name else field.name, inner)
-    else:
-        yield name, values.to_numpy(zero_copy_only=False)
+def leaves(name: str, values: pa.Array) -> Iterator[tuple[str, pa.Array]]:
+    """Yield the columns within a struct by dotted names; any other array is yielded as one column."""
+    if not pa.types.is_struct(values.type):
+        yield name, values
+        return
+    for field, inner in zip(values.type, values.flatten(), strict=True):
+        yield from leaves(f"{name}.{field.name}" if name else field.name, inner)
 
 
 def columns_of(rows: pa.Table) -> dict[str, NDArray[Any]]:
     """The logged columns of a trace, in the trace's own format."""
-    return {TIME: sim_ns_of(rows) / NS_PER_S, **dict(leaves("", contiguous(rows[RECORD])))}
+    found = leaves("", leaf(rows, RECORD))
+    columns = {name: values.to_numpy(zero_copy_only=False) for name, values in found}
+    return {TIME: sim_ns_of(rows) / NS_PER_S, **columns}
 
 
 def records_of(path: Path, entity: str) -> Records:

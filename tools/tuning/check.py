@@ -173,19 +173,8 @@ def rows_of(found: Sequence[Tuning]) -> list[Row]:
                 passed = TOLERANCES[name].holds(DEFAULTS[name], value.value, value.low, value.high)
             else:
                 tolerance, passed = TOGETHER, tuning.default_as_good
-            rows.append(
-                Row(
-                    parameter=name,
-                    command=tuning.command,
-                    unit=value.unit,
-                    default=DEFAULTS[name],
-                    tuned=value.value,
-                    low=value.low,
-                    high=value.high,
-                    tolerance=tolerance,
-                    passed=passed,
-                )
-            )
+            numbers = (DEFAULTS[name], value.value, value.low, value.high)
+            rows.append(Row(name, tuning.command, value.unit, *numbers, tolerance, passed))
     return rows
 
 

@@ -4,6 +4,7 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from hil.record.frame_tables import contiguous
@@ -29,8 +30,10 @@ def column_hashes(path: Path) -> dict[str, str]:
         for name in rows.column_names:
             if name in TIMELINES and name != "sim_time":
                 continue
-            for column, values in leaves(name, contiguous(rows[name])):
+            whole = contiguous(rows[name])
+            for column, values in leaves(name, whole.flatten() if pa.types.is_list(whole.type) else whole):
                 if column.rpartition(".")[2] in MEASURED:
                     continue
-                hashes[f"{entity}:{column}"] = hashlib.sha256(content_bytes(values)).hexdigest()
+                content = content_bytes(values.to_numpy(zero_copy_only=False))
+                hashes[f"{entity}:{column}"] = hashlib.sha256(content).hexdigest()
     return hashes
