@@ -113,7 +113,7 @@ def with_lines(assembly: str) -> str:
 def module_of(symbol: str) -> str:
     """The module of a firmware function, from numba's name for it; for another symbol its package, or itself.
 
-    >>> module_of("_ZN11firmware_py4core10elementary11_sine_aheadB3v18B42c8tJTIeFIjxB2dd")
+    >>> module_of("_ZN11firmware_py4core10elementary11sine_cosineB3v18B42c8tJTIeFIjxB2dd")
     'core.elementary'
     >>> module_of("_ZN5numba7cpython8builtins6ol_maxB3v1B42c8tJdd"), module_of("vibro_tick")
     ('numba', 'vibro_tick')

@@ -1,9 +1,9 @@
-"""sin, cos, atan2, exp and cube root, so that every build of the firmware computes the same bits.
+"""Sine, cosine, atan2, exp and cube root, so that every build of the firmware computes the same bits.
 
 The functions of two C libraries differ in the last bit. The functions here use only additions,
 multiplications, divisions and comparisons, which IEEE 754 defines to the bit; sqrt is used only to compute
 exact powers of two. Polynomials and reductions: fdlibm (Sun Microsystems, 1993; public), without its bit
-operations. sin, cos, exp and the cube root are within 1 unit in the last place of the true value, atan2
+operations. Sine, cosine, exp and the cube root are within 1 unit in the last place of the true value, atan2
 within 1.5; tests check these bounds. NaN gives NaN, and no argument raises.
 """
 
@@ -62,12 +62,12 @@ def _cosine(x: float, tail: float) -> float:
     return rest + (((1.0 - rest) - half) + (z * series - x * tail))
 
 
-def _sine_ahead(angle_rad: float, quarters: float) -> float:
-    """Sine of an angle plus a number of quarter turns."""
+def sine_cosine(angle_rad: float) -> tuple[float, float]:
+    """Sine and cosine; an angle beyond `LARGEST_EXACT_RAD` is wrapped first, to 0 beyond 10⁹ rad."""
     angle = angle_rad
     if not -LARGEST_EXACT_RAD <= angle <= LARGEST_EXACT_RAD:
         if math.isnan(angle):
-            return angle
+            return angle, angle
         angle = wrap_pi(angle)
     # The angle minus whole quarter turns, within ±π/4, is near + tail.
     turns = (angle * _QUARTER_TURNS_A_RAD + _TO_INTEGER) - _TO_INTEGER
@@ -77,25 +77,20 @@ def _sine_ahead(angle_rad: float, quarters: float) -> float:
     rest = turns * _QUARTER_REST - ((first - second) - step)
     near = second - rest
     tail = (second - near) - rest
-    turns += quarters
+    sine, cosine = _sine(near, tail), _cosine(near, tail)
     quarter = turns - 4.0 * ((0.25 * turns + _TO_INTEGER) - _TO_INTEGER)
     if quarter == 0.0:
-        return _sine(near, tail)
+        return sine, cosine
     if quarter == 1.0:
-        return _cosine(near, tail)
+        return cosine, -sine
     if quarter == -1.0:
-        return -_cosine(near, tail)
-    return -_sine(near, tail)
+        return -cosine, sine
+    return -sine, -cosine
 
 
 def sin(angle_rad: float) -> float:
-    """Sine; an angle beyond `LARGEST_EXACT_RAD` is wrapped first. 0 beyond 10⁹ rad and for infinities."""
-    return _sine_ahead(angle_rad, 0.0)
-
-
-def cos(angle_rad: float) -> float:
-    """Cosine; an angle beyond `LARGEST_EXACT_RAD` is wrapped first. 1 beyond 10⁹ rad and for infinities."""
-    return _sine_ahead(angle_rad, 1.0)
+    """Sine; see `sine_cosine`."""
+    return sine_cosine(angle_rad)[0]
 
 
 def _arctangent(ratio: float) -> float:

@@ -11,6 +11,7 @@ import math
 from typing import NamedTuple
 
 from firmware_py.core.control import gait, gait_lock, hold, speed, spin_down, start, stride_harmonic
+from firmware_py.core.elementary import sin
 from firmware_py.core.estimation import crank, detector, estimator, estimator_state, identify, regime
 from firmware_py.core.estimation.estimator_state import Contact
 from firmware_py.core.inputs import Inputs
@@ -173,6 +174,9 @@ def act(  # noqa: PLR0915 - one tick, read top to bottom
     valid_target = valid_ratio and not (follow and state.gait_lock.refusal != NO_REFUSAL)
     spins_down = state.supervisor.mode == STOPPING and config.spin_down.longest_s > 0.0
     followed_rad_s = state.spin_down.target_omega_rad_s if spins_down else state.start.target_omega_rad_s
+    implausible = monitors.is_disturbed(config.monitors.limits, crank_now) and not math.isnan(
+        speed.stretch_m(config.speed.load, sin(crank_now.angle_rad), estimate.x_m)  # NaN: the load is unknown
+    )
     monitors_now, findings = monitors.step(
         config.monitors,
         state.monitors,
@@ -183,7 +187,7 @@ def act(  # noqa: PLR0915 - one tick, read top to bottom
         sensed.impulse_n_s,
         sensed.peak_m_s2,
         followed_rad_s,
-        not math.isnan(speed.stretch_at(config.speed.load, crank_now, estimate, 0.0)),
+        implausible,
     )
     supervisor_now = supervisor.step(
         state.supervisor,

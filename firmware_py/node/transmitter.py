@@ -178,7 +178,9 @@ def queued(
     if has_gait and is_due(waiting.gait, tick, kinds.GAIT_REPORT.period_s, tick_s):
         waiting = waiting._replace(gait=Cyclic(tick, place))
         place += 1
-    return waiting._replace(next_place=place, period_ended=period_ended), lost
+    if place != waiting.next_place or period_ended != waiting.period_ended:
+        waiting = waiting._replace(next_place=place, period_ended=period_ended)
+    return waiting, lost
 
 
 def with_answer(waiting: Transmitter, answer: ParameterValue) -> tuple[Transmitter, bool]:

@@ -44,8 +44,13 @@ from plant_sim.sensors.gait import GaitTruth
 from plant_sim.sensors.readings import SensorReading
 from plant_sim.tables.scene_tables import AxisTable
 
-OBEYED_IDS = (*COMMAND_IDS, *NOT_MODELLED_IDS)
-ACCEPTED_IDS = (*OBEYED_IDS, *REQUEST_IDS, *(REMOTE_FLAG | can_id for can_id in REQUEST_IDS))
+OBEYED_IDS = frozenset((*COMMAND_IDS, *NOT_MODELLED_IDS))
+ACCEPTED_IDS = (
+    *COMMAND_IDS,
+    *NOT_MODELLED_IDS,
+    *REQUEST_IDS,
+    *(REMOTE_FLAG | can_id for can_id in REQUEST_IDS),
+)
 """Identifiers that this node receives, remote frames with their flag."""
 MOST_ANSWERS = 8
 """Largest number of requests answered per tick; further requests in the tick are ignored."""

@@ -10,7 +10,7 @@ load is predicted for the middle of that time. The integral stops while a limit 
 import math
 from typing import NamedTuple
 
-from firmware_py.core.elementary import cos, sin
+from firmware_py.core.elementary import sine_cosine
 from firmware_py.core.estimation.crank import CrankState
 from firmware_py.core.estimation.estimator_state import EstimatorState
 from firmware_py.core.numbers import clamp
@@ -58,21 +58,19 @@ class SpeedState(NamedTuple):
 INITIAL = zeroed(SpeedState, acting_limit=ActingLimit.SAFE_STATE)
 
 
-def stretch_at(load: NominalLoad, crank: CrankState, estimate: EstimatorState, ahead_s: float) -> float:
-    """The spring's stretch `ahead_s` after the estimate, m; NaN beyond the longest: the estimate is lost."""
-    angle_rad = crank.angle_rad + crank.omega_rad_s * ahead_s
-    x_m = estimate.x_m + estimate.v_m_s * ahead_s
-    stretch_m = load.amplitude_m * sin(angle_rad) + load.rest_length_m - x_m
-    return stretch_m if abs(stretch_m) <= load.longest_stretch_m else math.nan
+def stretch_m(load: NominalLoad, sine: float, x_m: float) -> float:
+    """The spring's stretch at the sine of the crank's angle; NaN beyond the longest: the estimate is lost."""
+    stretch = load.amplitude_m * sine + load.rest_length_m - x_m
+    return stretch if abs(stretch) <= load.longest_stretch_m else math.nan
 
 
 def crank_load(load: NominalLoad, crank: CrankState, estimate: EstimatorState, ahead_s: float) -> float:
     """The torque by which the spring opposes the crank `ahead_s` after the estimate, N m."""
-    stretch_m = stretch_at(load, crank, estimate, ahead_s)
-    if math.isnan(stretch_m):
+    sine, cosine = sine_cosine(crank.angle_rad + crank.omega_rad_s * ahead_s)
+    stretch = stretch_m(load, sine, estimate.x_m + estimate.v_m_s * ahead_s)
+    if math.isnan(stretch):
         return 0.0  # the estimate is lost
-    angle_rad = crank.angle_rad + crank.omega_rad_s * ahead_s
-    return load.spring_n_m * stretch_m * load.amplitude_m * cos(angle_rad)
+    return load.spring_n_m * stretch * load.amplitude_m * cosine
 
 
 def known_acceleration(

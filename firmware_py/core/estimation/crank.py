@@ -110,9 +110,11 @@ def step(
             innovation_rad=0.0,
             missed_ticks=min(state.missed_ticks + elapsed_ticks, NEVER_TICKS - 1),
         )
-    late_ticks = lateness(state, elapsed_ticks, omega_rad_s * T, wrap_pi(measured_rad - angle_rad))
-    measured_rad += late_ticks * omega_rad_s * T
     innovation_rad = wrap_pi(measured_rad - angle_rad)
+    late_ticks = lateness(state, elapsed_ticks, omega_rad_s * T, innovation_rad)
+    if late_ticks > 0:
+        measured_rad += late_ticks * omega_rad_s * T
+        innovation_rad = wrap_pi(measured_rad - angle_rad)
     if elapsed_ticks > 1:
         # The duration of an overrun is known to a tick or two only. So the angle is taken from the encoder
         # and the speed from the drive. The angle turned meanwhile corrects neither the speed nor the

@@ -29,7 +29,7 @@ trapezoid of z plus τ times its change.
 
 import math
 
-from firmware_py.core.elementary import cos, sin
+from firmware_py.core.elementary import sin, sine_cosine
 from firmware_py.core.estimation import kalman
 from firmware_py.core.estimation.accelerometer import SensorState, sense
 from firmware_py.core.estimation.estimator_state import (
@@ -160,7 +160,7 @@ def propagate(
         estimate = kalman.predict(
             estimate_of(state),
             config.strapdown if elapsed_ticks == 1 else strapdown(dt_s),
-            Push(x_m=0.5 * mean_m_s2 * dt_s * dt_s, v_m_s=mean_m_s2 * dt_s),
+            Push(0.5 * mean_m_s2 * dt_s * dt_s, mean_m_s2 * dt_s),
             _strapdown_noise(config, sensor, phase, dt_s),
         )
     else:
@@ -354,8 +354,9 @@ def _known(
     """
     striker = config.striker
     delay_s = config.sensor.delay_s
-    crank_m = striker.amplitude_m * sin(angle_rad)
-    crank_m_s = striker.amplitude_m * cos(angle_rad) * omega_rad_s
+    sine, cosine = sine_cosine(angle_rad)
+    crank_m = striker.amplitude_m * sine
+    crank_m_s = striker.amplitude_m * cosine * omega_rad_s
     known = striker.stiffness_1_s2 * (
         (1.0 + delay_s * striker.damping_1_s) * (striker.rest_length_m + crank_m) - delay_s * crank_m_s
     )

@@ -101,7 +101,7 @@ def decide(  # noqa: PLR0911 - a table, read top to bottom
 
 
 def _touched(
-    running: Period, touch_down: bool, speed_m_s: float, phase_rad: float, peak_m_s2: float
+    running: Period, touch_down: bool, speed_m_s: float, angle_rad: float, peak_m_s2: float
 ) -> Period:
     if not touch_down:
         return running._replace(peak_m_s2=at_least(peak_m_s2, running.peak_m_s2))
@@ -109,7 +109,7 @@ def _touched(
     return Period(
         impacts=impacts,
         speed_m_s=running.speed_m_s + (speed_m_s - running.speed_m_s) / impacts,
-        phase_rad=phase_rad,
+        phase_rad=wrap_pi(angle_rad - 0.5 * math.pi),
         peak_m_s2=at_least(peak_m_s2, running.peak_m_s2),
     )
 
@@ -131,13 +131,13 @@ def step(
     if not omega_rad_s >= SLOWEST_RAD_S:
         return INITIAL._replace(angle_rad=angle_rad)  # no regime while the crank stands
     turned = state.angle_rad > 1.5 * math.pi and angle_rad < 0.5 * math.pi
-    phase_rad = wrap_pi(angle_rad - omega_rad_s * age_s - 0.5 * math.pi)
+    at_impact_rad = angle_rad - omega_rad_s * age_s
     running = state.running
     if not turned:
-        running = _touched(running, touch_down, speed_m_s, phase_rad, abs(acceleration_m_s2))
+        running = _touched(running, touch_down, speed_m_s, at_impact_rad, abs(acceleration_m_s2))
         return state._replace(angle_rad=angle_rad, running=running, ended=ended)
     running = _touched(running, False, 0.0, 0.0, abs(acceleration_m_s2))
-    fresh = _touched(_EMPTY, touch_down, speed_m_s, phase_rad, abs(acceleration_m_s2))
+    fresh = _touched(_EMPTY, touch_down, speed_m_s, at_impact_rad, abs(acceleration_m_s2))
     candidate = decide(running, state.last, state.second, state.third)
     if state.periods < 2:
         candidate = Regime.UNCERTAIN

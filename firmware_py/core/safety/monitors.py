@@ -165,6 +165,11 @@ def is_overspeed(limits: Limits, inputs: Inputs, crank: CrankState) -> bool:
     )
 
 
+def is_disturbed(limits: Limits, crank: CrankState) -> bool:
+    """Whether the part of the crank's acceleration that the model does not explain exceeds its limit."""
+    return not abs(crank.disturbance_rad_s2) <= limits.disturbance_rad_s2
+
+
 def limit_fault(  # noqa: PLR0911 - a table, read top to bottom
     config: MonitorConfig,
     state: MonitorState,
@@ -224,12 +229,12 @@ def step(
     impulse_n_s: float,
     peak_m_s2: float,
     target_omega_rad_s: float,
-    load_known: bool,
+    implausible: bool,
 ) -> tuple[MonitorState, Findings]:
     """One tick. `mode` and `target_omega_rad_s` are those of the previous tick.
 
     `impulse_n_s` and `peak_m_s2` belong to an impact that has ended in this tick; 0 if there is none.
-    `load_known`: the estimated stretch of the spring is within its limit.
+    `implausible`: neither the torque nor a known load explains the crank's acceleration.
     """
     n = inputs.elapsed_ticks
     limits = config.limits
@@ -256,7 +261,6 @@ def step(
     )
     stalled = target_omega_rad_s > 1.0 and not crank.omega_rad_s > limits.stall_share * target_omega_rad_s
     runs_away = not crank.omega_rad_s <= target_omega_rad_s + RUNAWAY_RAD_S
-    implausible = load_known and not abs(crank.disturbance_rad_s2) <= limits.disturbance_rad_s2
     strong = not abs(power.current_a) <= limits.current_a
     odd_voltage = not limits.lowest_v <= power.voltage_v <= limits.highest_v
     still_rad_s = config.standstill_rad_s * (MOVES_AGAIN if state.standstill_ticks > 0 else 1.0)

@@ -46,7 +46,7 @@ def watch(
             impulse,
             peak,
             target,
-            load_known,
+            monitors.is_disturbed(config.limits, crank_state) and load_known,
         )
     assert findings is not None
     return state, findings
