@@ -7,8 +7,12 @@ import hil
 from hil.record.run_traces import read_json
 from hil.scenario.scenario import ScenarioError
 from hil.scenario.settings import SettingError
+from plant_sim.kernels import cache_folder
 
 pytest_plugins = ["pytester"]
+
+KERNELS = cache_folder().parent
+"""A session of pytester has a home of its own, in which all kernels would be compiled anew."""
 
 SCENARIO = """
 title = "The module stands still for half a second"
@@ -109,7 +113,8 @@ def test_that_fails(bench):
 """
 
 
-def test_the_plug_in_keeps_and_names_the_runs_of_a_failed_test(pytester):
+def test_the_plug_in_keeps_and_names_the_runs_of_a_failed_test(pytester, monkeypatch):
+    monkeypatch.setenv("VIBROHIL_CACHE_DIR", str(KERNELS))
     (pytester.path / "still.toml").write_text(f"seed = 7\n{SCENARIO}")
     pytester.makepyfile(TESTS)
     result = pytester.runpytest_subprocess("-p", "no:cacheprovider")

@@ -38,5 +38,11 @@ def make_run(run_dir: Path, seed: int = 1, *settings: str) -> dict[str, Any]:
     path.write_text(SCENARIO)
     scenario = load_scenario(path, settings)
     return run_scenario(
-        scenario, clock="lockstep", bus="auto", out_dir=run_dir, seed=seed, progress=lambda *_: None
+        scenario,
+        clock="lockstep",
+        bus="auto",
+        out_dir=run_dir,
+        seed=seed,
+        progress=lambda *_: None,
+        firmware="compiled",
     )

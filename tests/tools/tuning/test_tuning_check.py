@@ -86,6 +86,7 @@ def test_the_whole_chain(tmp_path: Path, monkeypatch, capsys) -> None:
     )
     monkeypatch.setattr(check, "QUICK", little)
     monkeypatch.setattr(start, "ROUNDS", 1)
+    monkeypatch.setattr(start, "SCREENING_TRIALS", 1)
     code = cli.run(["tune", "check", "--quick", "--workers", "1", "--out", str(tmp_path), "--json"])
     payload = json.loads(capsys.readouterr().out)
     rows = {row["parameter"]: row for row in payload["parameters"]}

@@ -10,8 +10,17 @@ from short_run import make_run
 from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
 from tools.tuning import estimator, safety
-from tools.tuning.estimator import FLOOR, MEMORY, NOISE, STOP, combinations_of, tune_estimator
+from tools.tuning.estimator import (
+    FLOOR,
+    MEMORY,
+    NOISE,
+    STOP,
+    Combination,
+    combinations_of,
+    tune_estimator,
+)
 from tools.tuning.recordings.innovations import said, whiteness, worth
+from tools.tuning.result import Tuning
 
 SMALL = {NOISE: (1e-5, 1e-4, 1e-3), MEMORY: (0.03, 0.3, 3.0), STOP: (1e-4, 3e-4)}
 
@@ -60,10 +69,17 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def with_the_truth(recorded: Path) -> tuple[Tuning, list[Combination]]:
+    return tune_estimator([recorded], fresh_trials=0, grid=SMALL, workers=1)
+
+
 @pytest.mark.parametrize("stripped", ["run folder", "bare log"])
-def test_no_parameter_depends_on_the_truth(recorded: Path, tmp_path: Path, stripped: str) -> None:
+def test_no_parameter_depends_on_the_truth(
+    recorded: Path, with_the_truth: tuple[Tuning, list[Combination]], tmp_path: Path, stripped: str
+) -> None:
     """A log without its truth gives the same parameters, and says nothing of errors against it."""
-    with_truth, points = tune_estimator([recorded], fresh_trials=0, grid=SMALL, workers=1)
+    with_truth, points = with_the_truth
     assert with_truth.figures_of_merit["nees"].value > 0.0
     assert all(np.isfinite(point.x_to_truth_mm) for point in points)
     if stripped == "bare log":

@@ -126,6 +126,7 @@ def test_a_search_of_edited_sources_is_another_one(monkeypatch) -> None:
 def test_the_command(tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.setattr(safety, "SCENARIOS", ())
     monkeypatch.setattr(start, "ROUNDS", 1)
+    monkeypatch.setattr(start, "SCREENING_TRIALS", 1)
     out, journal = tmp_path / "mine.toml", tmp_path / "mine.journal"
     command = ["tune", "start", "--trials", "8", "--fresh-trials", "8", "--workers", "1", "--json"]
     files = ["--out", str(out), "--plot", str(tmp_path / "mine.svg"), "--rrd", str(tmp_path / "mine.rrd")]

@@ -14,6 +14,7 @@ the unknowns are the time of touch-down, S and k. Because of the spring's pull, 
 m v⁻ less one nor the ratio of the speeds: for k = 0.5, r = 1.3 they are 0.46 and 0.52.
 """
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ from scipy.signal import butter, lfilter
 
 from firmware_py.core.estimation.detector import hertz_dissipation
 from plant_sim.arrays import FloatArray
+from plant_sim.kernels import jit
 
 STEP = 0.02
 """Time step of the curve, in S; a contact lasts some 4 S."""
@@ -53,12 +55,21 @@ class Friction(NamedTuple):
 
 NO_FRICTION = Friction(0.0, 0.0)
 
+dissipation = functools.lru_cache(hertz_dissipation)
+"""A fit changes one unknown at a time, so that half of its curves have a restitution already used."""
+
 
 def contact(
     restitution: float, pull: float, damping: float, dry: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Times, contact forces and speeds of the striker, all dimensionless, by Runge–Kutta 4."""
-    d = hertz_dissipation(restitution)
+    """Times, contact forces and speeds of the striker, all dimensionless."""
+    forces, speeds = integrated(dissipation(restitution), pull, damping, dry)
+    return np.asarray(np.arange(len(forces)) * STEP, np.float64), forces, speeds
+
+
+@jit
+def integrated(d: float, pull: float, damping: float, dry: float) -> tuple[FloatArray, FloatArray]:
+    """Contact forces and speeds of the striker until it leaves the stop, by Runge–Kutta 4."""
 
     def push(depth: float, speed: float) -> float:
         return depth**1.5 * (1.0 + d * speed) if depth > 0.0 else 0.0
@@ -66,8 +77,11 @@ def contact(
     def change(depth: float, speed: float) -> float:
         return -push(depth, speed) - pull - damping * speed - math.copysign(dry, speed)
 
-    depth, speed, pushes, speeds = 0.0, 1.0, [0.0], [1.0]
-    for _ in range(round(LONGEST / STEP)):
+    steps = round(LONGEST / STEP)
+    forces, speeds = np.empty(steps + 1), np.empty(steps + 1)
+    depth, speed = 0.0, 1.0
+    forces[0], speeds[0] = depth, speed
+    for k in range(1, steps + 1):
         a1 = change(depth, speed)
         v2 = speed + 0.5 * STEP * a1
         a2 = change(depth + 0.5 * STEP * speed, v2)
@@ -77,13 +91,18 @@ def contact(
         a4 = change(depth + STEP * v3, v4)
         depth += STEP / 6.0 * (speed + 2.0 * v2 + 2.0 * v3 + v4)
         speed += STEP / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
-        pushes.append(push(depth, speed))
-        speeds.append(speed)
-        if depth <= 0.0 or pushes[-1] < 0.0:
-            pushes[-1] = 0.0
-            break
-    times = np.asarray(np.arange(len(pushes)) * STEP, np.float64)
-    return times, np.array(pushes, np.float64), np.array(speeds, np.float64)
+        forces[k], speeds[k] = push(depth, speed), speed
+        if depth <= 0.0 or forces[k] < 0.0:
+            forces[k] = 0.0
+            return forces[: k + 1], speeds[: k + 1]
+    return forces, speeds
+
+
+@functools.cache
+def low_pass(bandwidth_hz: float) -> tuple[FloatArray, FloatArray]:
+    """Numerator and denominator of the accelerometer's low-pass, in steps of `GRID_S`."""
+    b, a = butter(2, bandwidth_hz, fs=1.0 / GRID_S)
+    return b, a
 
 
 def seen(
@@ -105,7 +124,7 @@ def seen(
     v = np.interp(grid, at, speeds) * speed_m_s
     raw = np.interp(grid, at, pushes, left=0.0, right=0.0) / share
     raw += friction.damping_1_s * v + friction.dry_m_s2 * np.sign(v)
-    b, a = butter(2, bandwidth_hz, fs=1.0 / GRID_S)
+    b, a = low_pass(bandwidth_hz)
     # Before the touch-down, the low-pass has settled on the friction in flight.
     before = friction.damping_1_s * speed_m_s + friction.dry_m_s2
     return np.interp(rows_s, grid, np.asarray(lfilter(b, a, raw - before)) + before)
