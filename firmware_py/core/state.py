@@ -112,5 +112,5 @@ INITIAL_OUTPUTS = zeroed(
     refusal=NO_REFUSAL,
     regime=Regime.UNCERTAIN,
     acting_limit=ActingLimit.SAFE_STATE,
-    drive_frame=drive_link.DriveFrame.NOTHING,
+    drive_frame=drive_link.NO_DRIVE_FRAME,
 )

@@ -18,6 +18,9 @@ class FrameErrorReason(IntEnum):
     """One of RANGE, ENUMERATION and NOT_FINITE; the reason itself is determined only for error messages."""
 
 
+ACCEPTED = FrameErrorReason.NONE
+
+
 class FrameError(ValueError):
     """A frame that must not be used, or a record that must not be sent."""
 

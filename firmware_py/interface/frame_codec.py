@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, Generic, TypeVar
 
-from firmware_py.interface.errors import FrameError, FrameErrorReason
+from firmware_py.interface.errors import ACCEPTED, FrameError, FrameErrorReason
 from firmware_py.interface.float32 import FLOAT32_MAX, float32_of
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
 from firmware_py.interface.layout import Layout, Signal, SignalKind, read_layouts
@@ -15,7 +15,6 @@ from firmware_py.interface.layout import Layout, Signal, SignalKind, read_layout
 R = TypeVar("R", bound=tuple[Any, ...])
 
 LAYOUTS = read_layouts()
-_OK = FrameErrorReason.NONE
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +56,7 @@ class FrameCodec(Generic[R]):
         that are not finite.
         """
         record, reason = self.unpack(len(data), word_of(data))
-        if reason is not _OK:
+        if reason is not ACCEPTED:
             raise unusable(self.layout, data, reason)
         return record
 

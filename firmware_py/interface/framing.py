@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from firmware_py.interface.crc import FINAL_XOR, TABLE
-from firmware_py.interface.errors import FrameErrorReason
+from firmware_py.interface.errors import ACCEPTED, FrameErrorReason
 from firmware_py.interface.float32 import FLOAT32_OVERFLOW, float32_bits, float32_of
 from firmware_py.interface.frame import WordFrame
 
@@ -60,7 +60,7 @@ def judged(kind: FrameKind, length: int, word: int, listed: bool) -> FrameErrorR
         return FrameErrorReason.LENGTH
     if kind.counter_bits > 0 and checksum(kind, word) != word >> 8 * (kind.length - 1) & 0xFF:
         return FrameErrorReason.CRC
-    return FrameErrorReason.NONE if listed else FrameErrorReason.VALUE
+    return ACCEPTED if listed else FrameErrorReason.VALUE
 
 
 def saturated(counts: float, low: int, high: int) -> int:

@@ -8,7 +8,7 @@ that is not modelled ends with the result INVALID_STATE. The heartbeat reports b
 import struct
 
 from firmware_py.interface.addresses import NODE_IDS
-from firmware_py.interface.errors import FrameErrorReason
+from firmware_py.interface.errors import ACCEPTED, FrameErrorReason
 from firmware_py.interface.frame import Frame, WordFrame
 from firmware_py.interface.generated import kinds, packing, unpacking
 from hil.drive import axis, messages
@@ -103,26 +103,26 @@ def obey(  # noqa: PLR0912 - one command after the other
     have any length; missing bytes are 0.
     """
     can_id, length, word = frame
-    reason = FrameErrorReason.NONE
+    reason = ACCEPTED
     if can_id == kinds.SET_INPUT_TORQUE.can_id:
         torque, reason = unpacking.unpack_set_input_torque(meant_length(length), word)
-        if reason == FrameErrorReason.NONE:
+        if reason == ACCEPTED:
             drive = axis.set_torque(drive, torque.torque_n_m)
     elif can_id == kinds.SET_AXIS_STATE.can_id:
         state, reason = unpacking.unpack_set_axis_state(WHOLE, word)
-        if reason == FrameErrorReason.NONE:
+        if reason == ACCEPTED:
             drive = axis.request_state(drive, state.requested_state)
         elif reason == FrameErrorReason.VALUE:
-            drive, reason = axis.request_state(drive, UNDEFINED), FrameErrorReason.NONE
+            drive, reason = axis.request_state(drive, UNDEFINED), ACCEPTED
     elif can_id == kinds.SET_CONTROLLER_MODE.can_id:
         mode, reason = unpacking.unpack_set_controller_mode(length, word)
-        if reason == FrameErrorReason.NONE:
+        if reason == ACCEPTED:
             drive = axis.set_mode(drive, mode.control_mode, mode.input_mode)
         elif reason == FrameErrorReason.VALUE:
-            drive, reason = axis.set_mode(drive, VOLTAGE_CONTROL, INACTIVE), FrameErrorReason.NONE
+            drive, reason = axis.set_mode(drive, VOLTAGE_CONTROL, INACTIVE), ACCEPTED
     elif can_id == kinds.SET_LIMITS.can_id:
         limits, reason = unpacking.unpack_set_limits(length, word)
-        if reason == FrameErrorReason.NONE:
+        if reason == ACCEPTED:
             drive = axis.set_limits(config, drive, limits.velocity_limit_rev_s, limits.current_limit_a)
     elif can_id == kinds.CLEAR_ERRORS.can_id:
         drive = axis.clear_errors(drive)
@@ -130,15 +130,15 @@ def obey(  # noqa: PLR0912 - one command after the other
         drive = axis.disarm(drive, ESTOP_REQUESTED)
     elif can_id == kinds.SET_INPUT_VELOCITY.can_id:
         velocity, reason = unpacking.unpack_set_input_velocity(length, word)
-        if reason == FrameErrorReason.NONE:
+        if reason == ACCEPTED:
             drive = axis.set_velocity(drive, velocity.velocity_rev_s, velocity.torque_feedforward_n_m)
     elif can_id == kinds.SET_ABSOLUTE_POSITION.can_id:
         position, reason = unpacking.unpack_set_absolute_position(meant_length(length), word)
-        if reason == FrameErrorReason.NONE:
+        if reason == ACCEPTED:
             drive = axis.set_position(drive, position.position_rev, encoder_position_rev)
     elif can_id < NODE_IDS and NOT_MODELLED >> can_id & 1:
         drive = axis.disarm(drive, BAD_CONFIG)
-    return drive, reason == FrameErrorReason.NONE
+    return drive, reason == ACCEPTED
 
 
 @shared

@@ -32,6 +32,8 @@ GAIN_IMPULSE = 0.2
 IMPULSE_TOLERANCE = 0.03
 """Relative error above which the requested impulse is not met."""
 
+RATIO_TOO_HIGH, IMPULSE_OUT_OF_RANGE = Refusal.RATIO_TOO_HIGH, Refusal.IMPULSE_OUT_OF_RANGE
+
 
 class HoldConfig(NamedTuple):
     """Bounds, gains and rates; `highest_phase_rad` is φ*, `impulse_slope_n_s` is J'."""
@@ -103,7 +105,7 @@ def _bound(
     """The refusal if an end of the impact region limits the requested impulse or ratio, or NONE."""
     if target_impulse_n_s <= 0.0:
         short = guarded and target_ratio - ratio > config.largest_step
-        return Refusal.RATIO_TOO_HIGH if short else NO_REFUSAL
+        return RATIO_TOO_HIGH if short else NO_REFUSAL
     if (guarded or ratio >= config.highest_ratio) and impulse_n_s < target_impulse_n_s * (
         1.0 - IMPULSE_TOLERANCE
     ):
@@ -127,19 +129,15 @@ def step(
     """One tick. `base_ratio` is the S-curve's end, `impact_n_s` the last impact's impulse."""
     if not possible(config, target_impulse_n_s):
         target_impulse_n_s = 0.0
-        unmet = Refusal.IMPULSE_OUT_OF_RANGE
+        unmet = IMPULSE_OUT_OF_RANGE
     else:
         unmet = NO_REFUSAL
     if not holding:
         return INITIAL._replace(refusal=unmet)
     wanted_trim, guarded = state.wanted_trim, state.guarded
     bound_periods, impulse_n_s, refusal = state.bound_periods, state.impulse_n_s, state.refusal
-    of_ratio = refusal in (NO_REFUSAL, Refusal.RATIO_TOO_HIGH)
-    if (
-        unmet != NO_REFUSAL
-        or refusal == Refusal.IMPULSE_OUT_OF_RANGE
-        or of_ratio != (target_impulse_n_s <= 0.0)
-    ):
+    of_ratio = refusal in (NO_REFUSAL, RATIO_TOO_HIGH)
+    if unmet != NO_REFUSAL or refusal == IMPULSE_OUT_OF_RANGE or of_ratio != (target_impulse_n_s <= 0.0):
         refusal = unmet
     if regime.ended and regime.last.impacts == 1 and regime.second.impacts == 1:
         impulse_n_s = impact_n_s if impulse_n_s <= 0.0 else impulse_n_s + 0.5 * (impact_n_s - impulse_n_s)

@@ -69,6 +69,10 @@ class AxisRequest(IntEnum):
     KEEP = 4
 
 
+NO_DRIVE_FRAME = DriveFrame.NOTHING
+OPEN, DISARM, STOP, CLOSE, KEEP = AxisRequest
+
+
 class DriveLinkConfig(NamedTuple):
     """Limits sent to the drive before it closes its loop, and times in ticks.
 
@@ -99,38 +103,38 @@ class DriveLinkState(NamedTuple):
     service_ticks: int
 
 
-INITIAL = zeroed(DriveLinkState, request=AxisRequest.OPEN, service_ticks=NEVER_TICKS)
+INITIAL = zeroed(DriveLinkState, request=OPEN, service_ticks=NEVER_TICKS)
 
 
 def requested(mode: Mode) -> AxisRequest:
     """The axis request of `mode`."""
     if mode == E_STOP:
-        return AxisRequest.STOP
+        return STOP
     if mode == SOFT_START:
-        return AxisRequest.CLOSE
+        return CLOSE
     if mode in (RUN, STOPPING):
-        return AxisRequest.KEEP
+        return KEEP
     if mode == FAULT:
-        return AxisRequest.DISARM
-    return AxisRequest.OPEN
+        return DISARM
+    return OPEN
 
 
 def frame_at(request: AxisRequest, place: int) -> DriveFrame:
     """The frame at position `place` in a round of `request`; NOTHING after the last frame."""
-    if request in (AxisRequest.OPEN, AxisRequest.DISARM) and place == 0:
+    if request in (OPEN, DISARM) and place == 0:
         return DriveFrame.IDLE
-    if request == AxisRequest.STOP and place <= 1:
+    if request == STOP and place <= 1:
         return DriveFrame.ESTOP if place == 0 else DriveFrame.IDLE
-    if request == AxisRequest.CLOSE and place <= 1:
+    if request == CLOSE and place <= 1:
         return DriveFrame.CONTROLLER_MODE if place == 0 else DriveFrame.LIMITS
-    if request == AxisRequest.CLOSE and place == 2:
+    if request == CLOSE and place == 2:
         return DriveFrame.CLOSED_LOOP
-    return DriveFrame.NOTHING
+    return NO_DRIVE_FRAME
 
 
 def is_idle(state: DriveLinkState) -> bool:
     """Whether a fresh heartbeat has confirmed that the axis carries no torque."""
-    return state.confirmed and state.request not in (AxisRequest.CLOSE, AxisRequest.KEEP)
+    return state.confirmed and state.request not in (CLOSE, KEEP)
 
 
 def step(
@@ -151,23 +155,19 @@ def step(
 
     confirmed = state.confirmed and not begins and drive.age_ticks <= config.fresh_ticks
     if drive.age_ticks == 0 and request_ticks >= config.answer_ticks:
-        closes = request in (AxisRequest.CLOSE, AxisRequest.KEEP)
+        closes = request in (CLOSE, KEEP)
         confirmed = drive.axis_state == (CLOSED_LOOP if closes else AXIS_IDLE)
 
-    period_ticks = config.arm_ticks if request == AxisRequest.CLOSE else config.repeat_ticks
+    period_ticks = config.arm_ticks if request == CLOSE else config.repeat_ticks
     place = state.place
-    if (
-        begins
-        or confirmed
-        or (round_ticks >= period_ticks and frame_at(request, place) == DriveFrame.NOTHING)
-    ):
+    if begins or confirmed or (round_ticks >= period_ticks and frame_at(request, place) == NO_DRIVE_FRAME):
         place = 0
-    frame = DriveFrame.NOTHING if confirmed else frame_at(request, place)
-    if frame != DriveFrame.NOTHING:
+    frame = NO_DRIVE_FRAME if confirmed else frame_at(request, place)
+    if frame != NO_DRIVE_FRAME:
         round_ticks = 0 if place == 0 else round_ticks
         place += 1
 
-    if frame == DriveFrame.NOTHING:
+    if frame == NO_DRIVE_FRAME:
         clears = mode == INIT and asks_clear and drive.axis_error != 0
         rests = mode == READY and confirmed and abs(encoder.velocity_rev_s) < STILL_REV_S
         if clears and service_ticks >= config.arm_ticks:

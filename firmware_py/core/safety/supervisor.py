@@ -173,7 +173,7 @@ def step(
     elif not latched:
         reason = NO_FAULT
         reason_of_drive = 0
-    if reason == Fault.DRIVE_ERROR and reason_of_drive == 0:
+    if latched and reason == Fault.DRIVE_ERROR and reason_of_drive == 0:
         # The drive reports an error before it reports the reason.
         reason_of_drive = disarm_reason
     stays = new_mode == mode
