@@ -7,8 +7,8 @@ the frame is used. After a silence in which the counter may have wrapped, an equ
 
 from typing import NamedTuple
 
-from firmware_py.interface.counters import Counters, counted, refused
-from firmware_py.interface.errors import FrameErrorReason
+from firmware_py.interface.counters import Counters, refused
+from firmware_py.interface.errors import ACCEPTED, FrameErrorReason
 from firmware_py.interface.framing import FrameKind, counter_of
 
 NEVER_TICKS = 1_000_000
@@ -48,15 +48,17 @@ def taken(
     word: int,
     tick_s: float,
 ) -> tuple[Arrival, Counters, bool]:
-    """Decide whether a frame of a source may be used: `(arrival, counters, usable)`."""
-    if reason != FrameErrorReason.NONE:
+    """Decide whether a frame may be used: `(arrival, counters, usable)`; it counts no usable frames."""
+    if reason != ACCEPTED:
         return before, refused(counters, reason), False
     if kind.counter_bits == 0:
-        return Arrival(tick, tick, -1), counted(counters, False, False), True
+        return Arrival(tick, tick, -1), counters, True
     counter, modulus = counter_of(kind, word), 1 << kind.counter_bits
     # One period less than the counter's full turn, because frames jitter.
     turn_ticks = (modulus - 1) * max(kind.period_s / tick_s, 1.0)
     if counter == before.counter and tick - before.counted_tick < turn_ticks:
-        return Arrival(before.tick, tick, counter), counted(counters, True, False), False
-    gap = before.counter >= 0 and counter != (before.counter + 1) % modulus
-    return Arrival(tick, tick, counter), counted(counters, False, gap), True
+        counters = counters._replace(rejected_repeated=counters.rejected_repeated + 1)
+        return Arrival(before.tick, tick, counter), counters, False
+    if before.counter >= 0 and counter != (before.counter + 1) % modulus:
+        counters = counters._replace(counter_gaps=counters.counter_gaps + 1)
+    return Arrival(tick, tick, counter), counters, True

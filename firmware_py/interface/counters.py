@@ -31,16 +31,10 @@ def refused(counters: Counters, reason: FrameErrorReason) -> Counters:
     return counters._replace(rejected_value=counters.rejected_value + 1)
 
 
-def counted(counters: Counters, repeated: bool, gap: bool) -> Counters:
-    """Count a valid frame: as repeated, or as taken, with `gap` if frames before it are missing."""
-    if repeated:
-        return counters._replace(rejected_repeated=counters.rejected_repeated + 1)
-    gaps = counters.counter_gaps + 1 if gap else counters.counter_gaps
-    return counters._replace(frames=counters.frames + 1, counter_gaps=gaps)
-
-
-def also_counted(counters: Counters, skipped_ticks: int, unsent: int) -> Counters:
-    """Count skipped ticks and own frames that are not sent."""
+def counted(counters: Counters, frames: int, skipped_ticks: int, unsent: int) -> Counters:
+    """Count accepted frames, skipped ticks and own frames that are not sent."""
     return counters._replace(
-        skipped_ticks=counters.skipped_ticks + skipped_ticks, unsent=counters.unsent + unsent
+        frames=counters.frames + frames,
+        skipped_ticks=counters.skipped_ticks + skipped_ticks,
+        unsent=counters.unsent + unsent,
     )

@@ -3,7 +3,7 @@
 from typing import NamedTuple, TypeVar
 
 from firmware_py.interface.arrivals import Arrival
-from firmware_py.interface.counters import Counters, also_counted
+from firmware_py.interface.counters import Counters, counted
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.framing import counter_of
 from firmware_py.interface.generated import kinds, received
@@ -48,14 +48,14 @@ def with_one(
 
 def receive(
     tick_s: float, before: Received, requests: Requests, counters: Counters, tick: int, frame: WordFrame
-) -> tuple[Received, Requests, Counters]:
-    """Process one frame that arrived before tick number `tick`; unknown identifiers are ignored."""
+) -> tuple[Received, Requests, Counters, bool]:
+    """Process one frame that arrived before tick number `tick`; the last element: whether it is used."""
     now, counters, usable = received.receive(tick_s, before, counters, tick, frame)
     if usable and frame.can_id == kinds.PARAMETER_REQUEST.can_id:
         waiting, number, lost = with_one(requests.waiting, requests.number, now.parameter_request)
         requests = Requests(waiting, number)
-        counters = also_counted(counters, 0, lost)
-    return now, requests, counters
+        counters = counted(counters, 0, 0, lost)
+    return now, requests, counters, usable
 
 
 def begins_sample(before: Received, tick: int, frame: WordFrame, first_id: int) -> bool:

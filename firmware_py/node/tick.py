@@ -23,11 +23,11 @@ from firmware_py.core.configure import config_of
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.parameter_values import Parameters
 from firmware_py.core.parameters import read_parameter, write_parameter
-from firmware_py.core.safety.drive_link import DriveFrame
+from firmware_py.core.safety.drive_link import NO_DRIVE_FRAME
 from firmware_py.core.state import INITIAL as INITIAL_CORE
 from firmware_py.core.state import INITIAL_OUTPUTS, Config, Outputs, State
 from firmware_py.core.step import act, sense, unsensed
-from firmware_py.interface.counters import NOTHING_YET, Counters, also_counted
+from firmware_py.interface.counters import NOTHING_YET, Counters, counted
 from firmware_py.interface.enums import E_STOP, FAULT, INIT, READY, Mode, ParameterOperation, ParameterStatus
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import kinds, packing
@@ -114,7 +114,7 @@ def transmitted(
     has_gait = received.gait_sensors_arrival.tick >= 0
     waiting, lost = transmitter.queued(config.tick_s, waiting, tick, before, now, has_gait)
     other = transmitter.NO_FRAME
-    if now.drive_frame != DriveFrame.NOTHING:
+    if now.drive_frame != NO_DRIVE_FRAME:
         position_rev = received.encoder_estimates.position_rev
         other = transmitter.drive_frame(config.drive_link, now.drive_frame, position_rev)
     elif transmitter.any_waits(waiting):
@@ -131,7 +131,7 @@ def tick(config: Config, state: NodeState, rx: Rx) -> tuple[NodeState, Tx]:
     sensed, inputs = unsensed(state.core), state.inputs
     last = received.accelerometer_arrival
     late = rx.elapsed_ticks > 1 and now - last.tick < LONGEST_DATED_TICKS
-    first_id = 0
+    first_id = accepted = 0
     for index in range(rx.frame_count + 1):
         is_end = index == rx.frame_count
         frame = transmitter.NO_FRAME if is_end else rx.frames[index]
@@ -143,14 +143,17 @@ def tick(config: Config, state: NodeState, rx: Rx) -> tuple[NodeState, Tx]:
             if sampled > state.ticks + sensed.ticks and now - sampled <= MOST_SAMPLES:
                 inputs = inputs_of(received, now, sampled - state.ticks)
                 sensed = sense(config, state.core.speed, sensed, inputs)
-            received = with_sensors_dated(received, now, sampled)
+            if sampled < now:
+                received = with_sensors_dated(received, now, sampled)
             last = received.accelerometer_arrival
         if not is_end:
-            received, requests, counters = receive(config.tick_s, received, requests, counters, now, frame)
+            received, requests, counters, usable = receive(
+                config.tick_s, received, requests, counters, now, frame
+            )
+            accepted += 1 if usable else 0
     core, outputs = act(config, state.core, sensed, inputs)
     waiting, lost, tx = transmitted(config, received, state.waiting, now, state.outputs, core, outputs)
-    if lost > 0 or rx.elapsed_ticks > 1:
-        counters = also_counted(counters, rx.elapsed_ticks - 1, lost)
+    counters = counted(counters, accepted, rx.elapsed_ticks - 1, lost)
     return NodeState(now, received, requests, inputs, core, outputs, waiting, counters), tx
 
 
@@ -181,6 +184,6 @@ def served(parameters: Parameters, config: Config, state: NodeState) -> tuple[Pa
     # A write repairs one parameter only, so damaged parameters remain marked as damaged.
     config = config_of(parameters, config.monitors.parameters_damaged)
     state = state._replace(
-        requests=NO_REQUESTS, waiting=waiting, counters=also_counted(state.counters, 0, lost)
+        requests=NO_REQUESTS, waiting=waiting, counters=counted(state.counters, 0, 0, lost)
     )
     return parameters, config, state
