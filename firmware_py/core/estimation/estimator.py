@@ -160,7 +160,7 @@ def propagate(
         estimate = kalman.predict(
             estimate_of(state),
             config.strapdown if elapsed_ticks == 1 else strapdown(dt_s),
-            Push(x_m=0.5 * mean_m_s2 * dt_s * dt_s, v_m_s=mean_m_s2 * dt_s),
+            Push(0.5 * mean_m_s2 * dt_s * dt_s, mean_m_s2 * dt_s),
             _strapdown_noise(config, sensor, phase, dt_s),
         )
     else:

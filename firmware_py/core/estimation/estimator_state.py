@@ -170,11 +170,5 @@ INITIAL = zeroed(EstimatorState, sensor=zeroed(SensorState, missed_ticks=NEVER_T
 
 def estimate_of(state: EstimatorState) -> StateEstimate:
     """The mean and covariance that `state` holds."""
-    return StateEstimate(
-        x_m=state.x_m,
-        v_m_s=state.v_m_s,
-        bias_m_s2=state.bias_m_s2,
-        p=Covariance(
-            xx=state.p_xx, xv=state.p_xv, xb=state.p_xb, vv=state.p_vv, vb=state.p_vb, bb=state.p_bb
-        ),
-    )
+    p = Covariance(state.p_xx, state.p_xv, state.p_xb, state.p_vv, state.p_vb, state.p_bb)
+    return StateEstimate(state.x_m, state.v_m_s, state.bias_m_s2, p)

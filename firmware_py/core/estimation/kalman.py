@@ -213,7 +213,7 @@ def predict(estimate: StateEstimate, f: Transition, push: Push, q: ProcessNoise)
 def update(estimate: StateEstimate, z: float, row: Row, variance: float) -> StateEstimate:
     """x = x + K y, P in Joseph form (`filterpy.kalman.KalmanFilter.update`)."""
     one = filterpy_filter()(estimate)
-    one.R = np.array(((variance,),))
+    one.R = variance
     one.update(z, H=_row(row))
     x_m, v_m_s, bias_m_s2 = one.x.tolist()
     return StateEstimate(x_m, v_m_s, bias_m_s2, one.covariance())
