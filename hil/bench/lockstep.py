@@ -87,10 +87,11 @@ def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
     firmware = in_turns(firmware_node, FIRMWARE, faults, pace.period_s, seed)
     operator = OperatorRunner(scenario.commands, pace, operator_bus, run_dir)
     processes = ProcessFaults(faults)
+    period_s, ticks_in_all = scenario.period_s, scenario.ticks
     plant_tick = firmware_tick = -1
-    period_ns = round(scenario.period_s * NS_PER_S)
+    period_ns = round(period_s * NS_PER_S)
     operator_period = 0
-    progress_ticks = round(PROGRESS_S / scenario.period_s)
+    progress_ticks = round(PROGRESS_S / period_s)
     now_ns = time.perf_counter_ns
     with CanLog(run_dir / "can.log") as can_log, ExitStack() as stack:
         for node in (plant, firmware, operator, bus):
@@ -104,16 +105,16 @@ def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
                 turns = [node for node in (plant, firmware) if isinstance(node, Turns)]
                 stretches = compiled.RecordedStretches(scenario, nodes, turns, can_log)
         tick = 0
-        while tick < scenario.ticks:
+        while tick < ticks_in_all:
             ticks = 0 if stretches is None else min(stretches.ticks_from(tick), progress_ticks)
             if stretches is not None and ticks > 0:
-                progress(tick / scenario.ticks, "running in lockstep")
+                progress(tick / ticks_in_all, "running in lockstep")
                 operator_period = stretches.run(tick, ticks, operator_period)
                 tick += ticks
                 plant_tick = firmware_tick = tick - 1
                 continue
             t_ns = tick * period_ns
-            t_s = tick * scenario.period_s
+            t_s = tick * period_s
             if processes.runs(PLANT, t_s):
                 set_plant_time(t_s)
                 plant.step(tick, tick - plant_tick)
@@ -136,7 +137,7 @@ def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
             for logged_ns, frames in bus.pass_time(t_ns + period_ns // 2, t_ns + period_ns):
                 can_log.write(logged_ns // NS_PER_US, frames)
             if tick % progress_ticks == 0:
-                progress(tick / scenario.ticks, "running in lockstep")
+                progress(tick / ticks_in_all, "running in lockstep")
             tick += 1
     return plant_node.lost_records + firmware_node.lost_records
 

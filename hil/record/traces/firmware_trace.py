@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -103,7 +104,7 @@ class FirmwareTrace:
         in_memory: bool = True,
     ) -> None:
         """The arguments after `walks` are those of `TraceWriter`."""
-        self._blocks = blocks_of(walks)
+        self._blocks_of = attrgetter(*blocks_of(walks))
         self.writer = TraceWriter(path, fields_of(walks), expected_records, resume, in_memory)
         self._moves = moves_to(self.writer.dtype).tolist()
         self._node: Node | None = None
@@ -112,9 +113,8 @@ class FirmwareTrace:
     def append(self, node: Node, tick: int, t_s: float, timing: LoopTiming) -> None:
         """Record a tick of `node`."""
         if node.memory is None:
-            state = node.state
-            known = (getattr(state, block) for block in self._blocks)
-            self.writer.append(tick, t_s, node.inputs, *known, node.outputs, node.counters, timing)
+            blocks = self._blocks_of(node.state)
+            self.writer.append(tick, t_s, node.inputs, *blocks, node.outputs, node.counters, timing)
             return
         if node is not self._node:
             self._node, memory = node, memoryview(node.memory.view("u1"))  # type: ignore[arg-type]  # no buffer in numpy's stubs
