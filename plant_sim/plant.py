@@ -151,12 +151,13 @@ class Plant:
 
     def _call(self, torque_n_m: float, dt_s: float) -> None:
         memory = self._memory
-        memory.held[0].elapsed_s = memory.held[0].elapsed_low_s = 0.0
+        memory.held["elapsed_s"] = memory.held["elapsed_low_s"] = 0.0
         while True:
             status = self._advance(self.parts, self._probe, memory, torque_n_m, self.t_s, dt_s, NO_GRID)
-            if memory.mode[0].impacts:
-                self._impacts += [Impact(*row) for row in memory.impacts[: memory.mode[0].impacts].tolist()]
-                memory.mode[0].impacts = 0
+            impacts = memory.mode["impacts"]
+            if impacts[0]:
+                self._impacts += [Impact(*row) for row in memory.impacts[: impacts[0]].tolist()]
+                impacts[0] = 0
             if status == DONE:
                 return
             if status != BUFFER_FULL:

@@ -48,7 +48,7 @@ def taken(
     word: int,
     tick_s: float,
 ) -> tuple[Arrival, Counters, bool]:
-    """Decide whether a frame may be used: `(arrival, counters, usable)`; a usable one is not yet counted."""
+    """Decide whether a frame may be used: `(arrival, counters, usable)`; it counts no usable frames."""
     if reason != ACCEPTED:
         return before, refused(counters, reason), False
     if kind.counter_bits == 0:

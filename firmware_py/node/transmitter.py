@@ -148,7 +148,6 @@ def queued(
 ) -> tuple[Transmitter, int]:
     """Queue the frames that fall due in this tick; also returns the number of frames lost to a full queue."""
     lost = 0
-    place = waiting.next_place
     if outputs.separation:
         impulse_n_s = max(outputs.impact_impulse_n_s, 0.0)
         one = Impact(tick, outputs.impact_age_s, outputs.impact_speed_m_s, impulse_n_s)
@@ -162,24 +161,23 @@ def queued(
         lost += more
     if outputs.refusal not in (NO_REFUSAL, before.refusal):
         lost += 0 if waiting.refusal_place == NOT_WAITING else 1
-        waiting = waiting._replace(refusal=outputs.refusal.value, refusal_place=place)
-        place += 1
-    period_ended = waiting.period_ended or outputs.period_ended
-    if period_ended and tick - waiting.regime.due_tick >= round(REGIME_S / tick_s):
-        period_ended = False
-        waiting = waiting._replace(report=regime_report(outputs), regime=Cyclic(tick, place))
-        place += 1
+        place = waiting.next_place
+        waiting = waiting._replace(refusal=outputs.refusal.value, refusal_place=place, next_place=place + 1)
+    if outputs.period_ended:
+        waiting = waiting._replace(period_ended=True)
+    if waiting.period_ended and tick - waiting.regime.due_tick >= round(REGIME_S / tick_s):
+        report, place = regime_report(outputs), waiting.next_place
+        regime = Cyclic(tick, place)
+        waiting = waiting._replace(report=report, regime=regime, period_ended=False, next_place=place + 1)
     if is_due(waiting.estimate, tick, kinds.STRIKER_ESTIMATE.period_s, tick_s):
-        waiting = waiting._replace(estimate=Cyclic(tick, place))
-        place += 1
+        place = waiting.next_place
+        waiting = waiting._replace(estimate=Cyclic(tick, place), next_place=place + 1)
     if is_due(waiting.heartbeat, tick, kinds.FIRMWARE_HEARTBEAT.period_s, tick_s):
-        waiting = waiting._replace(heartbeat=Cyclic(tick, place))
-        place += 1
+        place = waiting.next_place
+        waiting = waiting._replace(heartbeat=Cyclic(tick, place), next_place=place + 1)
     if has_gait and is_due(waiting.gait, tick, kinds.GAIT_REPORT.period_s, tick_s):
-        waiting = waiting._replace(gait=Cyclic(tick, place))
-        place += 1
-    if place != waiting.next_place or period_ended != waiting.period_ended:
-        waiting = waiting._replace(next_place=place, period_ended=period_ended)
+        place = waiting.next_place
+        waiting = waiting._replace(gait=Cyclic(tick, place), next_place=place + 1)
     return waiting, lost
 
 

@@ -6,7 +6,6 @@ only behind the unknown part of the acceleration, which is the third state. Diff
 so the encoder may count on or start again after each turn.
 """
 
-import math
 from typing import NamedTuple
 
 from firmware_py.core.elementary import exp
@@ -79,13 +78,7 @@ def step(
     known_acceleration_rad_s2: float,
 ) -> CrankState:
     """One tick: predict over the elapsed time, then correct by a fresh reading of the encoder, if any."""
-    usable = (
-        encoder.age_ticks == 0
-        and math.isfinite(encoder.position_rev)
-        and abs(encoder.position_rev) < 1e6
-        and math.isfinite(encoder.velocity_rev_s)
-        and abs(encoder.velocity_rev_s) < 1e4
-    )
+    usable = encoder.age_ticks == 0 and abs(encoder.position_rev) < 1e6 and abs(encoder.velocity_rev_s) < 1e4
     measured_rad = 0.0
     if usable:
         measured_rad = TAU * fraction(encoder.position_rev) - config.zero_rad

@@ -104,7 +104,7 @@ def _touched(
     running: Period, touch_down: bool, speed_m_s: float, angle_rad: float, peak_m_s2: float
 ) -> Period:
     if not touch_down:
-        return running._replace(peak_m_s2=at_least(peak_m_s2, running.peak_m_s2))
+        return running._replace(peak_m_s2=peak_m_s2) if peak_m_s2 > running.peak_m_s2 else running
     impacts = running.impacts + 1
     return Period(
         impacts=impacts,
