@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from changed_scenes import changed
+from changed_scenes import DELETE, changed
 from reference import Reference
 
 from plant_sim.parts.stop import RigidStop
@@ -141,7 +141,7 @@ def test_the_state_has_the_plate_and_the_ankles_account() -> None:
 
 
 def test_a_run_does_not_depend_on_its_ticks() -> None:
-    module = scene({}, "gait-motor-soft")
+    module = scene({"sensors": DELETE}, "gait-motor-soft")
     whole, plant = simulate(module, 1.5, torque_n_m=0.05), Plant(module, seed=1)
     for _ in range(1500):
         plant.advance(0.05, 1e-3)

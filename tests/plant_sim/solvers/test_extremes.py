@@ -152,7 +152,7 @@ def test_a_torque_beyond_every_limit_is_the_largest_that_the_drive_gives(
 
 @pytest.mark.parametrize("inertia_kg_m2", [1e-5, 1e-7])
 def test_a_motor_almost_without_inertia(inertia_kg_m2: float) -> None:
-    changes = {"motor.inertia_kg_m2": inertia_kg_m2, "stop": {"law": "none"}}
+    changes = {"motor.inertia_kg_m2": inertia_kg_m2, "stop.position_m": 1.0}
     result = run(MOTOR, changes, 0.5, torque_n_m=0.012)
     fine = run(MOTOR, {**changes, "solver.accuracy": 1e-12}, 0.5, torque_n_m=0.012)
     assert abs(result.final.x_m - fine.final.x_m) < 1e-8

@@ -58,7 +58,7 @@ def test_a_cluster_gives_the_same(tmp_path):
 
 def test_without_possible_impacts_no_start_has_any(tmp_path):
     weak = case("table1", "viscous", amplitude_m=0.002)
-    found = soft_start.compute(weak, 1.3, "phase", 2, work.here(tmp_path, cores=2))
+    found = soft_start.compute(weak, 1.3, "phase", 2, work.here(tmp_path, cores=1))
     assert found.statistics["impact_fraction"] == 0.0
     assert found.statistics["instant_fraction"] == 0.0
     assert sum(found.statistics["failures"].values()) == 4
@@ -75,7 +75,8 @@ def test_what_the_firmware_would_not_start_is_refused():
 
 def test_the_command_says_which_start(tmp_path, capsys):
     out = str(tmp_path)
-    command = ["study", "basin", "--start", "soft", "--plane", "phase", "--size", "2", "--out", out, "--json"]
+    what = ["--start", "soft", "--plane", "phase", "--size", "2", "--cores", "1"]
+    command = ["study", "basin", *what, "--out", out, "--json"]
     assert cli.run(command) == EXIT_PASSED
     result = json.loads(capsys.readouterr().out)
     assert result["basins"][0]["start"] == "soft"

@@ -10,7 +10,7 @@ import cloudpickle
 import pyarrow as pa
 import pytest
 
-from tools import cli
+from tools import cli, jobs
 from tools.output import EXIT_BAD_INPUT, BadInputError
 from tools.study import basin, store, work
 from tools.study.cases import case
@@ -115,7 +115,8 @@ def test_a_result_says_what_it_was_computed_from(tmp_path: Path) -> None:
     assert metadata["facts"] == {"uncertain": 0}
 
 
-def test_wrong_settings_are_refused(tmp_path: Path) -> None:
+def test_wrong_settings_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jobs, "CONNECT_TIMEOUT_S", 0.5)
     with pytest.raises(BadInputError, match=r"--cores is 0: wanted 1 or more"):
         work.here(tmp_path, 0)
     with pytest.raises(BadInputError, match=r"no Dask scheduler answers"):
