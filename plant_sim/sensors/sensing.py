@@ -114,9 +114,16 @@ is_sensing = one_of(Sensing)
 """Whether there are sensors, which need the motion within steps."""
 
 
+@by_part
 def series_order(probe: Probe) -> int:
-    """Order of a step's Taylor series: the filters are driven by polynomials of degree DEGREE."""
-    return DEGREE if isinstance(probe, Sensing) else ORDER
+    """Order of a step's Taylor series, a constant of the kernel."""
+    return ORDER
+
+
+@law(series_order, Sensing)
+def _(probe: Sensing) -> int:
+    """The filters are driven by polynomials of degree DEGREE."""
+    return DEGREE
 
 
 @by_part

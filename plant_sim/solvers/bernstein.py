@@ -77,9 +77,8 @@ def at(b: Coefficients, s: float) -> float:
 
 
 @subroutine
-def from_powers(powers: Coefficients, h: float, b: Coefficients) -> None:
-    """Coefficients of Σ c_k (h s)ᵏ, of degree n, into `b`: b_i = Σ C(i, k) / C(n, k) c_k hᵏ."""
-    degree = b.size - 1
+def from_powers(powers: Coefficients, h: float, b: Coefficients, degree: int) -> None:
+    """Coefficients of Σ c_k (h s)ᵏ, of degree n = `degree`, into `b`: b_i = Σ C(i, k) / C(n, k) c_k hᵏ."""
     scale = 1.0
     for k in range(degree + 1):
         b[k] = powers[k] * scale / _BINOMIALS[degree, k]

@@ -84,10 +84,11 @@ class Stages(NamedTuple):
 
 
 class Series(NamedTuple):
-    """Taylor coefficients of a step, shape (at least motion, order + 1), and its length."""
+    """Taylor coefficients of a step, shape (at least motion, order + 1), its length and order."""
 
     coefficients: Vector
     h_s: float
+    order: int
 
 
 Course: TypeAlias = Stages | Series
@@ -112,6 +113,6 @@ def _(course: Stages, place: int) -> float:
 def _(course: Series, place: int) -> float:
     """Σ k |c_k| hᵏ⁻¹."""
     total = 0.0
-    for k in range(course.coefficients.shape[1] - 1, 0, -1):
+    for k in range(course.order, 0, -1):
         total = total * course.h_s + k * abs(course.coefficients[place, k])
     return total

@@ -19,7 +19,7 @@ from plant_sim.parts.stop import KelvinVoigt, NoStop, RigidStop, Stop, origin_m
 from plant_sim.parts.striker import spring_force_n
 from plant_sim.parts.wearer import NoWearer
 from plant_sim.parts.winding import IdealCurrent
-from plant_sim.sensors.sensing import Probe, Sensing
+from plant_sim.sensors.sensing import Probe, Sensing, series_order
 from plant_sim.solvers.adaptive.crank import crank_in_stage
 from plant_sim.solvers.adaptive.state_layout import (
     ANGLE,
@@ -63,18 +63,18 @@ def series_step_s(
     probe: Probe, parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float
 ) -> float:
     """Expand the motion into `memory.series`; return the length of a step, s, or 0 if there is no series."""
-    return _step_s(parts, flow, memory, scale, longest_s)
+    return _step_s(parts, flow, memory, scale, longest_s, series_order(probe))
 
 
 @law(series_step_s, Sensing)
 def _(probe: Sensing, parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float) -> float:
     """A series as short as the sensors need is worth its time only if it covers the whole step."""
-    h_s = _step_s(parts, flow, memory, scale, longest_s)
+    h_s = _step_s(parts, flow, memory, scale, longest_s, series_order(probe))
     return h_s if h_s == longest_s else 0.0
 
 
 @subroutine
-def _step_s(parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float) -> float:
+def _step_s(parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float, order: int) -> float:
     if not (
         _is_endless(parts.linkage)
         and _is_regular(parts.housing)
@@ -86,11 +86,11 @@ def _step_s(parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: 
     if in_touch(flow.phase, memory.y[DEPTH]) and not _is_linear(parts.stop):
         return 0.0
     series = memory.series
-    expand(parts, flow, memory.y, series)
-    h_s = min(longest_s, _accurate_s(series, scale))
+    expand(parts, flow, memory.y, series, order)
+    h_s = min(longest_s, _accurate_s(series, scale, order))
     if flow.phase in (FLIGHT, CONTACT):
-        h_s = _seen_s(parts.friction, series[state_size(parts) + POWER], h_s)
-    if not _is_torque_constant(parts.drive, flow, series, h_s):
+        h_s = _seen_s(parts.friction, series[state_size(parts) + POWER], h_s, order)
+    if not _is_torque_constant(parts.drive, flow, series, h_s, order):
         return 0.0
     return h_s
 
@@ -111,10 +111,10 @@ def _(friction: Stribeck) -> bool:
 
 
 @subroutine
-def expand(parts: Parts, flow: Flow, y: Vector, series: Vector) -> None:
+def expand(parts: Parts, flow: Flow, y: Vector, series: Vector, order: int) -> None:
     """Taylor coefficients of the motion from the state `y` on, into `series`, shape (state + BESIDE,
     order + 1)."""
-    n, work, striker, order = state_size(parts), work_place(parts), parts.striker, series.shape[1] - 1
+    n, work, striker = state_size(parts), work_place(parts), parts.striker
     depth, velocity, loss = series[DEPTH], series[VELOCITY], series[work + 1]
     sine, spring, drag = series[n + SINE], series[n + SPRING], series[n + DRAG]
     housing_m_s2 = series[n + SHAKE]
@@ -128,7 +128,8 @@ def expand(parts: Parts, flow: Flow, y: Vector, series: Vector) -> None:
         series[i, 0] = y[i]
         for k in range(1, order + 1):
             series[i, k] = 0.0
-    expand_housing(parts.housing, flow.time_s, housing_m_s2)
+    if not is_level(parts.housing):
+        expand_housing(parts.housing, flow.time_s, housing_m_s2)
     sine[0], series[n + COSINE, 0] = math.sin(crank.angle_rad), math.cos(crank.angle_rad)
     for k in range(order):
         per = 1.0 / (k + 1)
@@ -144,7 +145,9 @@ def expand(parts: Parts, flow: Flow, y: Vector, series: Vector) -> None:
                 lost_w -= drag[j] * velocity[k - j]
             depth[k + 1] = per * velocity[k]
             force_n = spring[k] - push_n + drag[k]
-            velocity[k + 1] = per * (force_n * (1.0 / striker.mass_kg) - housing_m_s2[k])
+            if not is_level(parts.housing):
+                force_n -= striker.mass_kg * housing_m_s2[k]
+            velocity[k + 1] = per * force_n * (1.0 / striker.mass_kg)
         loss[k + 1] = per * lost_w
         if not is_level(parts.housing):
             power = 0.0
@@ -265,9 +268,8 @@ def _(friction: Stribeck, normal_n: float, direction: float, k: int, n: int, ser
 
 
 @subroutine
-def _accurate_s(series: Vector, scale: Vector) -> float:
+def _accurate_s(series: Vector, scale: Vector, order: int) -> float:
     """The length of a step, s, over which the last two terms are within the tolerances in the mean."""
-    order = series.shape[1] - 1
     last = before = 0.0
     for i in range(scale.size):
         last += (series[i, order] / scale[i]) ** 2
@@ -278,48 +280,47 @@ def _accurate_s(series: Vector, scale: Vector) -> float:
 
 
 @by_part
-def _seen_s(friction: Friction, power: Vector, h_s: float) -> float:
+def _seen_s(friction: Friction, power: Vector, h_s: float, order: int) -> float:
     """The length of a step, at most `h_s`, over which the last terms show how friction changes."""
     return h_s
 
 
 @law(_seen_s, Stribeck)
-def _(friction: Stribeck, power: Vector, h_s: float) -> float:
+def _(friction: Stribeck, power: Vector, h_s: float, order: int) -> float:
     """While p is large, all terms of e^−p are small; they show a fall of p by as much as their order."""
-    most = max(power[0] - UNSEEN, float(power.size - 1))
-    while largest_change(power, h_s) > most:
+    most = max(power[0] - UNSEEN, float(order))
+    while largest_change(power, h_s, order) > most:
         h_s *= 0.5
     return h_s
 
 
 @by_part
-def _is_torque_constant(drive: Drive, flow: Flow, series: Vector, h_s: float) -> bool:
+def _is_torque_constant(drive: Drive, flow: Flow, series: Vector, h_s: float, order: int) -> bool:
     return True
 
 
 @law(_is_torque_constant, MotorDrive)
-def _(drive: MotorDrive, flow: Flow, series: Vector, h_s: float) -> bool:
+def _(drive: MotorDrive, flow: Flow, series: Vector, h_s: float, order: int) -> bool:
     """Whether the supply does not limit the current at any speed within the step; torque falls with speed."""
     speed = series[SPEED]
-    change = largest_change(speed, h_s)
+    change = largest_change(speed, h_s, order)
     fastest = motor_torque_n_m(drive, flow.torque_n_m, speed[0] + change)
     slowest = motor_torque_n_m(drive, flow.torque_n_m, speed[0] - change)
     return fastest == slowest
 
 
 @subroutine
-def largest_change(c: Vector, h_s: float) -> float:
+def largest_change(c: Vector, h_s: float, order: int) -> float:
     """A bound of a series' change within a step: Σ |c_k| hᵏ from k = 1 on."""
     total = 0.0
-    for k in range(c.size - 1, 0, -1):
+    for k in range(order, 0, -1):
         total = (total + abs(c[k])) * h_s
     return total
 
 
 @subroutine
-def state_after(series: Vector, h_s: float, out: Vector) -> None:
+def state_after(series: Vector, h_s: float, out: Vector, order: int) -> None:
     """The state after `h_s` of a series, into `out`, shape (state,)."""
-    order = series.shape[1] - 1
     for i in range(out.size):
         total = series[i, order]
         for k in range(order - 1, -1, -1):
@@ -328,7 +329,7 @@ def state_after(series: Vector, h_s: float, out: Vector) -> None:
 
 
 @subroutine
-def motion_within(series: Vector, h_s: float, dense: Vector) -> None:
+def motion_within(series: Vector, h_s: float, dense: Vector, order: int) -> None:
     """Bernstein coefficients of the motion over a step, into `dense`, shape (motion, order + 1)."""
     for i in range(dense.shape[0]):
-        from_powers(series[i], h_s, dense[i])
+        from_powers(series[i], h_s, dense[i], order)

@@ -10,7 +10,7 @@ import math
 from plant_sim.kernels import inlined, subroutine
 from plant_sim.parts.housing import smooth_for_s
 from plant_sim.parts.parts import Parts
-from plant_sim.sensors.sensing import Probe, is_sensing, sense_step
+from plant_sim.sensors.sensing import Probe, is_sensing, sense_step, series_order
 from plant_sim.solvers.adaptive.automaton import apply, first_event, may_end
 from plant_sim.solvers.adaptive.crank import crank_now, turn_crank
 from plant_sim.solvers.adaptive.dop853 import attempt, extend
@@ -62,9 +62,9 @@ def take_step(
     longest = _longest_s(parts, memory, begin_s)
     longest_series = min(LONGEST_SERIES * longest, smooth_for_s(parts.housing, begin_s), remaining)
     h = series_step_s(probe, parts, flow, memory, scale, longest_series)
-    is_series, attempts = h > 0.0, 1.0
+    is_series, order, attempts = h > 0.0, series_order(probe), 1.0
     if is_series:
-        state_after(memory.series, h, new)
+        state_after(memory.series, h, new, order)
     else:
         h, attempts = _stages_step_s(parts, flow, memory, scale, longest, remaining)
         if h < 0.0:
@@ -74,15 +74,15 @@ def take_step(
     used: float = h
     event = NONE
     has_sample = mode.samples < grid.t_s.size and grid.t_s[mode.samples] < begin_s + h
-    is_checked = _may_end(parts, flow, h, memory, zeros, is_series)
+    is_checked = _may_end(parts, flow, h, memory, zeros, is_series, order)
     dense = memory.long_dense if is_series else memory.dense
     if is_sensing(probe) or has_sample or is_checked:
-        _look_within(parts, flow, h, memory, is_series)
+        _look_within(parts, flow, h, memory, is_series, order)
     if is_checked:
         found = first_event(parts, Step(flow, zeros, h, y, dense, memory.scratch))
         event = found.event
         if event != NONE:
-            used = _repeat(parts, flow, found, h, memory, is_series)
+            used = _repeat(parts, flow, found, h, memory, is_series, order)
     if flow.phase == CONTACT:
         follow_contact(parts, memory, dense, flow.damping_s_m, used / h)
     follow_felt(parts.wearer, parts.drive, memory, used / h)
@@ -174,42 +174,46 @@ def _eighth_root(value: float) -> float:
 
 
 @subroutine
-def _may_end(parts: Parts, flow: Flow, h_s: float, memory: Memory, zeros: Zeros, is_series: bool) -> bool:
+def _may_end(
+    parts: Parts, flow: Flow, h_s: float, memory: Memory, zeros: Zeros, is_series: bool, order: int
+) -> bool:
     """Whether an event may occur in the step."""
     y, new = memory.y, memory.new
     if is_series:
-        return may_end(parts, flow, h_s, y, new, Series(memory.series, h_s), zeros)
+        return may_end(parts, flow, h_s, y, new, Series(memory.series, h_s, order), zeros)
     return may_end(parts, flow, h_s, y, new, Stages(memory.k), zeros)
 
 
 @subroutine
-def _look_within(parts: Parts, flow: Flow, h_s: float, memory: Memory, is_series: bool) -> None:
+def _look_within(parts: Parts, flow: Flow, h_s: float, memory: Memory, is_series: bool, order: int) -> None:
     """The motion within the step, into `memory.long_dense` or `memory.dense`."""
     if is_series:
-        motion_within(memory.series, h_s, memory.long_dense)
+        motion_within(memory.series, h_s, memory.long_dense, order)
     else:
         extend(parts, flow, h_s, memory.y, memory.new, memory.k, memory.trial, memory.dense)
 
 
 @subroutine
-def _repeat(parts: Parts, flow: Flow, found: Found, h_s: float, memory: Memory, is_series: bool) -> float:
+def _repeat(
+    parts: Parts, flow: Flow, found: Found, h_s: float, memory: Memory, is_series: bool, order: int
+) -> float:
     """Repeat the step up to the event; the time of a touch-down is then corrected by Newton's method."""
     new = memory.new
     used = found.s * h_s
-    _end_at(parts, flow, used, memory, is_series)
+    _end_at(parts, flow, used, memory, is_series, order)
     closing = closing_m_s(parts.wearer, parts.drive, new)
     if found.event == TOUCH and closing != 0.0:
         correction = -new[0] / closing
         if abs(correction) < 1e-3 * used:
             used = min(used + correction, h_s)
-            _end_at(parts, flow, used, memory, is_series)
+            _end_at(parts, flow, used, memory, is_series, order)
     return used
 
 
 @subroutine
-def _end_at(parts: Parts, flow: Flow, used_s: float, memory: Memory, is_series: bool) -> None:
+def _end_at(parts: Parts, flow: Flow, used_s: float, memory: Memory, is_series: bool, order: int) -> None:
     """The state `used_s` after the step's start, into `memory.new`."""
     if is_series:
-        state_after(memory.series, used_s, memory.new)
+        state_after(memory.series, used_s, memory.new, order)
     else:
         attempt(parts, flow, used_s, memory.y, memory.scale, memory.k, memory.trial, memory.new)

@@ -41,9 +41,9 @@ ENDLESS_M = 1e9
 @jit
 def _expanded(parts, memory, torque_n_m, t_s, h_s):
     flow = flow_now(parts, memory, torque_n_m, t_s)
-    expand(parts, flow, memory.y, memory.series)
-    state_after(memory.series, h_s, memory.new)
-    motion_within(memory.series, h_s, memory.long_dense)
+    expand(parts, flow, memory.y, memory.series, ORDER)
+    state_after(memory.series, h_s, memory.new, ORDER)
+    motion_within(memory.series, h_s, memory.long_dense, ORDER)
 
 
 @jit
