@@ -76,7 +76,7 @@ def test_a_frame_that_nobody_counts_is_found(monkeypatch: pytest.MonkeyPatch) ->
 
     def deaf(tick_s: float, before: Any, requests: Any, counters: Any, now: int, frame: WordFrame) -> Any:
         if frame.length == 1:
-            return before, requests, counters
+            return before, requests, counters, False
         return receive(tick_s, before, requests, counters, now, frame)
 
     monkeypatch.setattr(tick, "receive", deaf)

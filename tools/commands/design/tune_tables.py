@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from tools.output import console, figure, figure_table, table_of
 
@@ -90,7 +90,7 @@ def show_check(payload: Mapping[str, Any]) -> None:
 
 def show_difference(payload: Mapping[str, Any], a: Path, b: Path) -> None:
     """Print differing parameters and figures of merit, then verdicts and figures of the scenarios."""
-    table = table_of(("parameter", f">{a.name}", f">{b.name}", ">change", "unit"))
+    table = table_of((Column("parameter", no_wrap=True), *_sides(a, b), ">change", "unit"))
     for change in payload["changed"]:
         relative = "—" if change["relative"] is None else f"{100.0 * change['relative']:+.3g} %"
         sides = (
@@ -125,4 +125,9 @@ def show_difference(payload: Mapping[str, Any], a: Path, b: Path) -> None:
 
 def _side_by_side(title: str, figures: Mapping[str, Mapping[str, Any]], a: Path, b: Path) -> Table:
     rows = ((name, figure(one["a"]), figure(one["b"]), one["unit"]) for name, one in figures.items())
-    return table_of((title, f">{a.name}", f">{b.name}", "unit"), rows)
+    return table_of((Column(title, no_wrap=True), *_sides(a, b), "unit"), rows)
+
+
+def _sides(a: Path, b: Path) -> list[Column]:
+    """Columns of numbers below the names of two files, which may be long."""
+    return [Column(escape(path.name), justify="right", overflow="fold") for path in (a, b)]
