@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numba
+import numpy as np
 from numba.core import config as numba_config
 from numba.core import types
 from numba.extending import overload, register_jitable
@@ -71,6 +72,14 @@ def jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
     return cached(function, cache_folder())
 
 
+def inlined_kernel(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile a kernel that Python calls and that is also a part of other kernels (see `inlined`).
+
+    It makes no arrays, so it counts no references to them.
+    """
+    return cached(function, cache_folder(), forceinline=True, _nrt=False)
+
+
 def cached(function: Callable[_P, _R], folder: Path, **options: bool) -> Callable[_P, _R]:
     """Compile a kernel with additional options of numba and cache it in `folder`."""
     # numba reads its global cache folder when it decorates; put back, for other packages have their own.
@@ -96,7 +105,11 @@ def subroutine(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a subroutine as a part of its callers; a call would copy its arguments, long records."""
+    """Compile a subroutine as a part of its callers.
+
+    A call copies its arguments. Records of some 150 numbers cost up to a microsecond, as the copies on the
+    stack may lie a multiple of 4 KiB from what is read next, which then waits for them.
+    """
     njit: Any = numba.njit
     kernel: Callable[_P, _R] = njit(nogil=True, forceinline=True, **_KERNELS_ONLY)(function)
     return kernel
@@ -116,18 +129,36 @@ def shared(function: Callable[_P, _R]) -> Callable[_P, _R]:
     return plain
 
 
+_ENTRY_POINTS: dict[Any, Callable[..., Any]] = {}
+"""Machine code by kernel and kinds of its arguments; numba takes a millisecond to find the types again."""
+
+
 def entry_point(kernel: Callable[..., _R], *arguments: object) -> Callable[..., _R]:
     """Machine code of a kernel for arguments of these types, compiled or loaded now.
 
     A call of it skips the look-up of the arguments' types, which takes longer than a short kernel for nested
     records. The caller must keep to these types; the numbers of a record count as declared.
     """
-    dispatcher: Any = kernel
-    typeof: Callable[[object], types.Type] = numba.typeof
-    signature = tuple(typeof(_as_declared(argument)) for argument in arguments)
-    dispatcher.compile(signature)
-    compiled: Callable[..., _R] = dispatcher.overloads[signature].entry_point
-    return compiled
+    key = kernel, *map(_kind, arguments)
+    if key not in _ENTRY_POINTS:
+        dispatcher: Any = kernel
+        typeof: Callable[[object], types.Type] = numba.typeof
+        signature = tuple(typeof(_as_declared(argument)) for argument in arguments)
+        dispatcher.compile(signature)
+        _ENTRY_POINTS[key] = dispatcher.overloads[signature].entry_point
+    return _ENTRY_POINTS[key]
+
+
+def _kind(value: object) -> Any:
+    """What determines the compiled type of a value."""
+    if isinstance(value, np.ndarray):
+        return value.dtype, value.ndim, value.flags.c_contiguous
+    if not isinstance(value, tuple):
+        return type(value)
+    declared = getattr(value, "__annotations__", {})
+    names = getattr(value, "_fields", range(len(value)))
+    fields = zip(names, value, strict=True)
+    return type(value), *(float if declared.get(name) is float else _kind(field) for name, field in fields)
 
 
 def _as_declared(value: object) -> Any:

@@ -25,7 +25,7 @@ from hil.drive.node import obey, report_frame
 from hil.drive.reports import NOTHING, Reports, Ticks, look, take
 from hil.nodes.compiled import kernel
 from hil.nodes.sampled import COUNTER, NOISE, TICK, WHICH, sampled_frame
-from plant_sim.kernels import shared
+from plant_sim.kernels import inlined, shared
 from plant_sim.parts.parts import Parts
 from plant_sim.sensors.readings import Readers, SensorReading, read_sensors
 from plant_sim.sensors.sampled import SAMPLED, SampledSensor
@@ -239,7 +239,7 @@ def later(t_s: float, t_rest_s: float, dt_s: float) -> tuple[float, float]:
     return sum_s, t_rest_s + ((t_s - sum_s) + dt_s)
 
 
-@shared
+@inlined
 def move(
     parts: Parts,
     probe: Probe,
@@ -262,6 +262,42 @@ def move(
         memory.mode[0].impacts = 0
         if status != BUFFER_FULL:
             return status
+
+
+@inlined
+def move_on(
+    parts: Parts,
+    probe: Probe,
+    memory: Memory,
+    buffers: Buffers,
+    config: DriveConfig,
+    drive: DriveState,
+    torque_n_m: float,
+    t_s: float,
+    t_rest_s: float,
+    period_s: float,
+    no_grid: Grid,
+) -> tuple[DriveState, float, float, float, int]:
+    """Advance by a tick, from the expiry of the drive's watchdog on without torque.
+
+    Returns the drive's state, the last torque, the time and its rounding error, and the solver's status.
+    """
+    armed_s = min(period_s, axis.watchdog_left_s(config, drive))
+    status, dt_s = DONE, armed_s
+    for is_armed in (True, False):
+        if dt_s > 0.0:
+            status = move(parts, probe, memory, buffers, torque_n_m, t_s + t_rest_s, dt_s, no_grid)
+            t_s, t_rest_s = later(t_s, t_rest_s, dt_s)
+        if is_armed:
+            omega_rad_s, current_a = (
+                memory.observed[OBSERVED.omega_rad_s],
+                memory.observed[OBSERVED.current_a],
+            )
+            drive = axis.elapse(config, drive, armed_s, omega_rad_s, current_a)
+        if status != DONE or armed_s >= period_s - TIME_RESOLUTION_S:
+            break
+        dt_s, torque_n_m = period_s - armed_s, 0.0
+    return drive, torque_n_m, t_s, t_rest_s, status
 
 
 @shared
@@ -295,7 +331,7 @@ def sent(firmware: Firmware, place: int) -> WordFrame:
 
 
 @kernel
-def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
+def run(
     parts: Parts,
     probe: Sensing,
     memory: Memory,
@@ -352,19 +388,9 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
                 drive, _ = obey(drive_config, drive, frame, reading.encoder_position_rev)
         torque_n_m = axis.torque_n_m(drive_config, drive, omega_rad_s)
         record_plant(buffers.plant[row], number, number * period_s, observed, torque_n_m, drive, reading)
-        armed_s = min(period_s, axis.watchdog_left_s(drive_config, drive))
-        status = DONE
-        if armed_s > 0.0:
-            begin_s = t_s + t_rest_s
-            status = move(parts, probe, memory, buffers, torque_n_m, begin_s, armed_s, no_grid)
-            t_s, t_rest_s = later(t_s, t_rest_s, armed_s)
-        drive = axis.elapse(
-            drive_config, drive, armed_s, observed[OBSERVED.omega_rad_s], observed[OBSERVED.current_a]
+        drive, torque_n_m, t_s, t_rest_s, status = move_on(
+            parts, probe, memory, buffers, drive_config, drive, torque_n_m, t_s, t_rest_s, period_s, no_grid
         )
-        if status == DONE and armed_s < period_s - TIME_RESOLUTION_S:
-            begin_s, rest_s, torque_n_m = t_s + t_rest_s, period_s - armed_s, 0.0
-            status = move(parts, probe, memory, buffers, torque_n_m, begin_s, rest_s, no_grid)
-            t_s, t_rest_s = later(t_s, t_rest_s, rest_s)
         if status != DONE:
             return Loop(number, t_s, t_rest_s, torque_n_m, drive, reports, counter, held), status
 

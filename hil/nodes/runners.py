@@ -264,7 +264,7 @@ class OperatorRunner:
         """The operator's frames in this period; appends its record to the trace."""
         frames = self.node.publish(period)
         if self._trace is not None:
-            self._trace.append(self.node.record)
+            self._trace.append(self.node.record(period))
         return frames
 
     def close(self) -> None:

@@ -71,7 +71,6 @@ class OperatorNode:
         self._counter = -1
         self._due_period = 0
         self._pacer: Pacer[Frame] = Pacer()
-        self.record: OperatorRecord
 
     def publish(self, period: int) -> list[Frame]:
         """The frames of period number `period`: the command every 100 ms and whenever it changes."""
@@ -81,25 +80,31 @@ class OperatorNode:
             self._acting = self._commands[self._next]
             self._next += 1
             changed = True
+        is_silent = self._acting.request is Request.SILENT
+        if changed or period >= self._due_period:
+            self._due_period = (period // PERIODS_A_COMMAND + 1) * PERIODS_A_COMMAND
+            if not is_silent:
+                self._queue(self._acting)
+        frame = self._pacer.take()
+        return [] if frame is None or is_silent else [frame]
+
+    def record(self, period: int) -> OperatorRecord:
+        """The operator's record in period number `period`, the last one published."""
+        t_s = period * OPERATOR_PERIOD_S
         _, request, target_ratio, target_impulse_n_s = self._acting
-        estop = request is Request.E_STOP
-        self.record = OperatorRecord(
+        return OperatorRecord(
             round(t_s / self._bench_period_s),
             t_s,
             ON_THE_BUS[request],
             target_ratio,
             target_impulse_n_s,
-            estop,
+            request is Request.E_STOP,
         )
-        if changed or period >= self._due_period:
-            self._due_period = (period // PERIODS_A_COMMAND + 1) * PERIODS_A_COMMAND
-            if request is not Request.SILENT:
-                self._queue(estop, OperatorCommand(ON_THE_BUS[request], target_ratio, target_impulse_n_s))
-        frame = self._pacer.take()
-        return [] if frame is None or request is Request.SILENT else [frame]
 
-    def _queue(self, estop: bool, command: OperatorCommand) -> None:
-        if estop:
+    def _queue(self, acting: Command) -> None:
+        _, request, target_ratio, target_impulse_n_s = acting
+        if request is Request.E_STOP:
             self._pacer.push(codec.DRIVE_ESTOP.encode(DriveEstop()), Urgency.AT_ONCE)
         self._counter += 1
+        command = OperatorCommand(ON_THE_BUS[request], target_ratio, target_impulse_n_s)
         self._pacer.push(codec.OPERATOR_COMMAND.encode(command, self._counter))

@@ -43,7 +43,7 @@ class NoSensing(NamedTuple):
 
 
 class Sensing(NamedTuple):
-    """Poles λ and states z of the filters, shape (3,), and the active half-sines, shape (PULSES, 2).
+    """Poles λ and states z of the filters, shape (3,), and `active[0]` half-sines, shape (PULSES, 2).
 
     `moments`: each filter's decay and moments of 1, s, s² … over a step of `step_s`, shape (3, DEGREE + 2).
     A tilted or moving housing has a fourth filter, and `shaken` of shape (2, DEGREE + 1), otherwise (0, …).
@@ -56,6 +56,7 @@ class Sensing(NamedTuple):
     step_s: Vector
     power: Vector
     pulses: Vector
+    active: NDArray[np.int64]
     pulse_s: float
     shaken: Vector
     readings: Vector
@@ -84,6 +85,7 @@ def allocate_sensing(
         step_s=np.zeros(1),
         power=np.zeros(DEGREE + 1),
         pulses=np.zeros((PULSES, 2)),
+        active=np.zeros(1, np.int64),
         pulse_s=sensors.rigid_contact_s,
         shaken=np.zeros((2 if is_felt else 0, DEGREE + 1)),
         readings=np.zeros(HOUSING + 1),
@@ -135,10 +137,11 @@ def sense_jump(probe: Probe, jump_m_s: float) -> None:
 @law(sense_jump, Sensing)
 def _(probe: Sensing, jump_m_s: float) -> None:
     pulses = probe.pulses
-    for i in range(PULSES):
+    for i in range(PULSES if jump_m_s != 0.0 else 0):
         if pulses[i, JUMP] == 0.0:
             pulses[i, AGE] = 0.0
             pulses[i, JUMP] = jump_m_s
+            probe.active[0] += 1
             return
     pulses[np.argmin(pulses[:, AGE]), JUMP] += jump_m_s
 
@@ -164,7 +167,7 @@ def _(probe: Sensing, parts: Parts, dense: Vector, h_s: float, used_s: float, be
         power[j] = (j + 1) * power[j + 1] / used_s
     for which in (LOW, HIGH):
         states[which] = _driven(moments[which], states[which], power, DEGREE - 1)
-    for i in range(PULSES):
+    for i in range(PULSES if probe.active[0] > 0 else 0):
         if probe.pulses[i, JUMP] != 0.0:
             _sense_pulse(probe, probe.pulses[i], used_s)
     _sense_housing(parts.housing, probe, used_s, begin_s)
@@ -277,3 +280,4 @@ def _sense_pulse(probe: Sensing, pulse: Vector, used_s: float) -> None:
     pulse[AGE] = age + used_s
     if pulse[AGE] >= whole:
         pulse[JUMP] = 0.0
+        probe.active[0] -= 1

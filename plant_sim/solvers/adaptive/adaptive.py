@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import jit
+from plant_sim.kernels import inlined_kernel
 from plant_sim.parts.friction import bend_m_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_rigid, origin_m
@@ -46,7 +46,7 @@ IMPACTS_AT_ONCE = 4096
 NO_GRID = Grid(np.empty(0), np.empty((0, 3)))
 
 
-@jit
+@inlined_kernel
 def advance(
     parts: Parts,
     probe: Probe,

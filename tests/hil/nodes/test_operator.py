@@ -73,7 +73,7 @@ def test_silent_operator_sends_nothing_until_it_is_back() -> None:
 def test_record_says_what_is_asked_for_at_which_tick() -> None:
     operator = OperatorNode([Command(0.02, Request.E_STOP, 0.0)], bench_period_s=0.5e-3)
     operator.publish(2)
-    assert operator.record == (40, 0.02, OperatorRequest.IDLE, 0.0, 0.0, True)
+    assert operator.record(2) == (40, 0.02, OperatorRequest.IDLE, 0.0, 0.0, True)
 
 
 def test_an_impulse_asked_for_goes_out_with_the_ratio() -> None:

@@ -89,7 +89,8 @@ def alone(
 
     The speed goes from `from_rad_s` to `to_rad_s` in `ramp_s`; the whole run lasts `duration_s`.
     """
-    plant = Plant(scene, 0, led(scene.parts()), replace(start, omega_rad_s=from_rad_s))
+    unsensed = scene.model_copy(update={"sensors": None})
+    plant = Plant(unsensed, 0, led(scene.parts()), replace(start, omega_rad_s=from_rad_s))
     if ramp_s > 0.0:
         plant.advance(FLYWHEEL_KG_M2 * (to_rad_s - from_rad_s) / ramp_s, ramp_s)
     plant.advance(0.0, duration_s - ramp_s)
