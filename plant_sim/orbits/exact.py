@@ -18,8 +18,8 @@ from plant_sim.parts.stop import RigidStop
 from plant_sim.parts.striker import Striker
 from plant_sim.result import Phase
 from plant_sim.solvers.double_double import TURN_RAD
+from plant_sim.solvers.exact.automaton import Event, Motion, after, begin, next_event
 from plant_sim.solvers.exact.ledger import booked, empty_ledger
-from plant_sim.solvers.exact.modes import Event, Motion, after, begin, next_event
 from plant_sim.solvers.exact.oscillator import Flight, Oscillator, flow, launch, oscillator
 
 REST_SPEED_M_S = 1e-9

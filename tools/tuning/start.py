@@ -3,7 +3,7 @@
 Candidates run the start-up campaign, all on the same sampled modules and starts. There are four criteria, the
 most important first: the share of starts that fail, the hardest twentieth of impacts during the start
 relative to the steady ones, the time until 95 % are captured, and the energy used. Candidates without a
-significant difference in a criterion count as equal in it (`aims`).
+significant difference in a criterion count as equal in it (`criteria`).
 
 First the default runs with each parameter alone at both ends of its range. A parameter is free if neither end
 makes a significant difference: it keeps its default, and a warning reports it. Optuna (Akiba et al., KDD
@@ -32,7 +32,6 @@ from tools.campaign.campaigns import NO_IMPULSE
 from tools.campaign.statistics import wilson
 from tools.campaign.trial.cells import Condition
 from tools.progress import Counted
-from tools.tuning.aims import CAPTURE_S, ENERGY_J, FAILED, IMPACT, choose, differing, hardest, late, starts_of
 from tools.tuning.candidates import (
     FRESH_SEED,
     TUNING_SEED,
@@ -40,6 +39,17 @@ from tools.tuning.candidates import (
     processes_for,
     refuse_same_seeds,
     run_candidates,
+)
+from tools.tuning.criteria import (
+    CAPTURE_S,
+    ENERGY_J,
+    FAILED,
+    IMPACT,
+    choose,
+    differing,
+    hardest,
+    late,
+    starts_of,
 )
 from tools.tuning.result import Merit, Tuning, tuned
 
@@ -105,7 +115,7 @@ class Ramp:
     on_front: bool = False
 
     @property
-    def aims(self) -> tuple[float, float, float, float]:
+    def objectives(self) -> tuple[float, float, float, float]:
         """The figures to be minimised, in their order: failures, overshoot, time, energy."""
         return (self.failures / max(self.eligible, 1), self.overshoot, self.capture_p95_s, self.energy_p50_j)
 
@@ -135,8 +145,8 @@ def ramp(parameters: Mapping[str, float], starts: FloatArray) -> Ramp:
 
 
 def dominates(one: Ramp, other: Ramp) -> bool:
-    """Whether `one` is as good as `other` or better in every aim, and better in at least one."""
-    pairs = list(zip(one.aims, other.aims, strict=True))
+    """Whether `one` is as good as `other` or better in every criterion, and better in at least one."""
+    pairs = list(zip(one.objectives, other.objectives, strict=True))
     return all(a <= b for a, b in pairs) and any(a < b for a, b in pairs)
 
 
@@ -212,7 +222,7 @@ def searched(
         for (trial, values), some in zip(batch, found, strict=True):
             one = ramp(values, some)
             trial.set_user_attr("ramp", vars(one))
-            study.tell(trial, [min(aim, 1e9) for aim in one.aims])
+            study.tell(trial, [min(figure, 1e9) for figure in one.objectives])
         known = finished(study)
     return known
 
@@ -239,7 +249,7 @@ def screened(run: Run) -> tuple[str, ...]:
 
 def final(tried: Sequence[Ramp], free: Sequence[str], run: Run) -> Final:
     """Run the default and the first of the front, then the best one's neighbours, until none is better."""
-    front = sorted((one for one in tried if one.on_front), key=lambda one: one.aims)
+    front = sorted((one for one in tried if one.on_front), key=lambda one: one.objectives)
     finalists: list[dict[str, float]] = []
     starts: list[FloatArray] = []
     new = [DEFAULT, *[one.parameters for one in front if one.parameters != DEFAULT][:FINALISTS]]

@@ -241,8 +241,8 @@ def towards(
     config: IdentifyConfig, state: IdentifyState, holding: bool, estimate: EstimatorState
 ) -> EstimatorState:
     """The estimate with its model a step nearer to p and f; to the nominal model if they are not trusted."""
-    aims = holding and trusted(config, state)
-    to_spring, to_friction = (state.spring, state.friction) if aims else (0.0, 0.0)
+    corrects = holding and trusted(config, state)
+    to_spring, to_friction = (state.spring, state.friction) if corrects else (0.0, 0.0)
     spring = estimate.spring_share + clamp(to_spring - estimate.spring_share, config.spring_step)
     friction = estimate.friction_share + clamp(to_friction - estimate.friction_share, config.friction_step)
     return estimate._replace(spring_share=spring, friction_share=friction)

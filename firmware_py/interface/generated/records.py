@@ -188,7 +188,7 @@ class GaitSensors(NamedTuple):
 
 
 class OperatorCommand(NamedTuple):
-    """0x048, from Operator, every 100 ms. The operator's current command. If it stays away, the
+    """0x048, from Operator, every 100 ms. The operator's current command. If it is missing, the
     module stops.
     """
 

@@ -23,8 +23,8 @@ from plant_sim.parts.wearer import NoWearer
 from plant_sim.result import EnergyLedger, Impacts, MotionState, Phase, Samples, SimulationResult
 from plant_sim.solvers.cost import ALLOWANCE, debt, too_costly
 from plant_sim.solvers.double_double import TURN_RAD, turned
+from plant_sim.solvers.exact.automaton import Event, Motion, after, begin, next_event
 from plant_sim.solvers.exact.ledger import booked, empty_ledger, stored_j
-from plant_sim.solvers.exact.modes import Event, Motion, after, begin, next_event
 from plant_sim.solvers.exact.oscillator import Oscillator, flow, launch, oscillator
 
 REST_SPEED_M_S = 1e-9

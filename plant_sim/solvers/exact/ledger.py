@@ -18,7 +18,7 @@ from plant_sim.kernels import subroutine
 from plant_sim.parts.friction import is_dry
 from plant_sim.result import Phase
 from plant_sim.solvers.double_double import two_sum
-from plant_sim.solvers.exact.modes import Motion
+from plant_sim.solvers.exact.automaton import Motion
 from plant_sim.solvers.exact.oscillator import Flight, Oscillator, flow, launch
 
 Rule = tuple[tuple[float, float], ...]

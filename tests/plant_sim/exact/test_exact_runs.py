@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from plant_sim.parts.drive import IdealDrive, MotorDrive
 from plant_sim.parts.friction import Coulomb, NoFriction, Stribeck, Viscous
 from plant_sim.parts.stop import HuntCrossley, NoStop
+from plant_sim.solvers.exact.automaton import Event, after, begin, next_event
 from plant_sim.solvers.exact.exact import UnsupportedSceneError, simulate
-from plant_sim.solvers.exact.modes import Event, after, begin, next_event
 from plant_sim.solvers.exact.oscillator import oscillator
 
 SCENES = [

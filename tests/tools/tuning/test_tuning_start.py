@@ -15,7 +15,7 @@ from tools import cli
 from tools.campaign.trial.outcome import Outcome
 from tools.output import EXIT_PASSED
 from tools.tuning import safety, start
-from tools.tuning.aims import starts_of
+from tools.tuning.criteria import starts_of
 from tools.tuning.start import (
     DEFAULT,
     SPACE,
@@ -54,7 +54,7 @@ def test_a_ramp_is_what_its_starts_came_to() -> None:
 
 def test_a_ramp_without_a_capture_is_the_worst() -> None:
     found = ramp({}, starts_of([Outcome(0, 0, why="never started")]))
-    assert found.aims == (1.0, float("inf"), float("inf"), float("inf"))
+    assert found.objectives == (1.0, float("inf"), float("inf"), float("inf"))
 
 
 def test_the_front_is_what_nothing_beats_in_all_aims() -> None:

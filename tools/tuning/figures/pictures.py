@@ -271,7 +271,7 @@ def draw_start(figure: "Figure", tuning: Tuning, tried: Sequence[start.Ramp]) ->
     """Draw a start search: each criterion against time to capture, and the Pareto front."""
     panels = figure.subplots(1, 3)
     rises = [one.parameters[start.RISE] for one in tried]
-    aims = (
+    objectives = (
         ([100.0 * one.failures / max(one.eligible, 1) for one in tried], "starts that fail [%]"),
         ([one.overshoot for one in tried], "hardest twentieth of impacts, of the steady one"),
         ([one.energy_p50_j for one in tried], "energy until captured, median [J]"),
@@ -282,7 +282,7 @@ def draw_start(figure: "Figure", tuning: Tuning, tried: Sequence[start.Ramp]) ->
         ("s", 220, "tab:green", "chosen", [one.parameters == tuning.values for one in tried]),
         ("D", 190, "tab:blue", "default", [one.parameters == start.DEFAULT for one in tried]),
     )
-    for axes, (values, name) in zip(panels, aims, strict=True):
+    for axes, (values, name) in zip(panels, objectives, strict=True):
         dots = axes.scatter(times, values, c=rises, cmap="viridis", s=28, zorder=2)
         for mark, size, colour, label, is_one in marks:
             rows = [row for row, one in enumerate(is_one) if one]

@@ -97,7 +97,7 @@ def of_detector(points: Sequence[Operating]) -> Shown:
 
 
 def of_start(tried: Sequence[Ramp]) -> Shown:
-    """The aims of the candidates in the order of the search, and again for the Pareto front alone."""
+    """The objectives of the candidates in the order of the search, and again for the Pareto front alone."""
     numbers = list(range(len(tried)))
     front = [number for number, one in enumerate(tried) if one.on_front]
     names = (
@@ -106,13 +106,13 @@ def of_start(tried: Sequence[Ramp]) -> Shown:
         "95 % captured within [s]",
         "energy [J]",
     )
-    aims = np.array([one.aims for one in tried]) * np.array([100.0, 1.0, 1.0, 1.0])
+    objectives = np.array([one.objectives for one in tried]) * np.array([100.0, 1.0, 1.0, 1.0])
     return Shown(
         "candidate",
         {
             name: {
-                "tried": curve(numbers, aims[:, place].tolist()),
-                "Pareto front": curve(front, aims[front, place].tolist(), dots=True),
+                "tried": curve(numbers, objectives[:, place].tolist()),
+                "Pareto front": curve(front, objectives[front, place].tolist(), dots=True),
             }
             for place, name in enumerate(names)
         },

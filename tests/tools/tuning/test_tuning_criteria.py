@@ -1,10 +1,10 @@
-"""Which candidates differ: the order of the aims, what counts as equal, and another sample's result."""
+"""Which candidates differ: the order of the criteria, what counts as equal, and another sample's result."""
 
 import numpy as np
 import pytest
 
 from plant_sim.arrays import FloatArray
-from tools.tuning.aims import AIMS, choose, differing, is_worse
+from tools.tuning.criteria import CRITERIA, choose, differing, is_worse
 
 COUNT = 400
 
@@ -56,12 +56,14 @@ def test_one_outlier_decides_nothing() -> None:
 
 
 def test_the_aims_that_differ_are_named() -> None:
-    names = [aim.name for aim in differing(starts(), starts(impact=1.1, energy_j=2.0))]
+    names = [criterion.name for criterion in differing(starts(), starts(impact=1.1, energy_j=2.0))]
     assert names == ["overshoot", "energy"]
 
 
-@pytest.mark.parametrize("aim", AIMS, ids=lambda aim: aim.name)
-def test_equal_candidates_rarely_differ_significantly(aim) -> None:
+@pytest.mark.parametrize("criterion", CRITERIA, ids=lambda criterion: criterion.name)
+def test_equal_candidates_rarely_differ_significantly(criterion) -> None:
     """Two candidates of one distribution on separate samples: at most one of twenty differs by chance."""
-    significant = sum(is_worse(starts(seed=2 * seed), starts(seed=2 * seed + 1), aim) for seed in range(20))
+    significant = sum(
+        is_worse(starts(seed=2 * seed), starts(seed=2 * seed + 1), criterion) for seed in range(20)
+    )
     assert significant <= 1

@@ -1,4 +1,4 @@
-"""The striker's modes as a state machine: flow until the next event, apply it, repeat.
+"""The striker as a hybrid automaton: flow until the next event, apply its transition, repeat.
 
     FLIGHT        closed-form motion; leaves by IMPACT, or with dry friction by TURN (the speed reaches zero)
     STICK         dry friction holds; leaves by RELEASE_UP or RELEASE_DOWN when the spring overcomes it

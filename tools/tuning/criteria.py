@@ -1,8 +1,8 @@
 """The criteria for a start, in their order, and significant differences between candidates.
 
 All candidates run the same trials and are compared in pairs: the bootstrap (Efron 1979) resamples the same
-trials for both. A candidate is worse in a criterion (an `Aim`) if the lower 95 % bound of the difference is
-above the criterion's resolution. Otherwise the two count as equal in it, and the next criterion decides.
+trials for both. A candidate is worse in a `Criterion` if the lower 95 % bound of the difference is above the
+criterion's resolution. Otherwise the two count as equal in it, and the next criterion decides.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,7 +23,7 @@ HARDEST = 0.05
 QUANTILE = 0.95
 
 
-class Aim(NamedTuple):
+class Criterion(NamedTuple):
     """A figure of starts that is to be small; differences up to `resolution` do not count."""
 
     name: str
@@ -42,11 +42,11 @@ def hardest(values: FloatArray) -> FloatArray:
 late = partial(np.nanquantile, q=QUANTILE, axis=-1)
 """The 95th percentile."""
 
-AIMS = (
-    Aim("failures", FAILED, partial(np.mean, axis=-1), 0.0),
-    Aim("overshoot", IMPACT, hardest, 0.0),
-    Aim("capture", CAPTURE_S, late, 0.1),
-    Aim("energy", ENERGY_J, partial(np.nanmedian, axis=-1), 0.05),
+CRITERIA = (
+    Criterion("failures", FAILED, partial(np.mean, axis=-1), 0.0),
+    Criterion("overshoot", IMPACT, hardest, 0.0),
+    Criterion("capture", CAPTURE_S, late, 0.1),
+    Criterion("energy", ENERGY_J, partial(np.nanmedian, axis=-1), 0.05),
 )
 """Reliability comes first: any significant difference counts. A wearer does not notice 0.1 s or 0.05 J."""
 
@@ -67,32 +67,36 @@ def starts_of(outcomes: Sequence[Outcome]) -> FloatArray:
     ).T
 
 
-def is_worse(one: FloatArray, other: FloatArray, aim: Aim) -> bool:
-    """Whether `one` is significantly worse than `other` in an aim."""
+def is_worse(one: FloatArray, other: FloatArray, criterion: Criterion) -> bool:
+    """Whether `one` is significantly worse than `other` in a criterion."""
     count = one.shape[1]
     resampled = np.random.default_rng(count).integers(0, count, (RESAMPLES, count))
-    differences = aim.of(one[aim.row][resampled]) - aim.of(other[aim.row][resampled])
-    return bool(np.percentile(differences, LOWER_PERCENTILE) > aim.resolution)
+    differences = criterion.of(one[criterion.row][resampled]) - criterion.of(other[criterion.row][resampled])
+    return bool(np.percentile(differences, LOWER_PERCENTILE) > criterion.resolution)
 
 
 class Choice(NamedTuple):
-    """The best of some candidates, and all that are not significantly worse in any aim."""
+    """The best of some candidates, and all that are not significantly worse in any criterion."""
 
     best: int
     alike: tuple[int, ...]
 
 
 def choose(candidates: Sequence[FloatArray]) -> Choice:
-    """In each aim, drop the candidates significantly worse than its best; the last aim's best wins."""
+    """In each criterion, drop the candidates significantly worse than its best; the last one's best wins."""
     left = list(range(len(candidates)))
     best = left[0]
-    for aim in AIMS:
-        figures = {one: float(aim.of(candidates[one][aim.row])) for one in left}
+    for criterion in CRITERIA:
+        figures = {one: float(criterion.of(candidates[one][criterion.row])) for one in left}
         best = min(left, key=figures.__getitem__)
-        left = [one for one in left if not is_worse(candidates[one], candidates[best], aim)]
+        left = [one for one in left if not is_worse(candidates[one], candidates[best], criterion)]
     return Choice(best, tuple(left))
 
 
-def differing(one: FloatArray, other: FloatArray) -> list[Aim]:
-    """The aims in which two candidates differ significantly."""
-    return [aim for aim in AIMS if is_worse(one, other, aim) or is_worse(other, one, aim)]
+def differing(one: FloatArray, other: FloatArray) -> list[Criterion]:
+    """The criteria in which two candidates differ significantly."""
+    return [
+        criterion
+        for criterion in CRITERIA
+        if is_worse(one, other, criterion) or is_worse(other, one, criterion)
+    ]
