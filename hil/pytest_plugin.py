@@ -41,7 +41,7 @@ class Bench:
         scenario: str | Path,
         *,
         set: "Settings" = (),
-        parameters: Sequence[str | Path] = (),
+        parameters: str | Path | Sequence[str | Path] = (),
         seed: int | None = None,
     ) -> "Run":
         """Run one scenario, by its name or its file, and return it judged; see `hil.run`."""

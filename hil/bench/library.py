@@ -22,23 +22,24 @@ def run(
     firmware: Build = "python",
     seed: int | None = None,
     set: Settings = (),
-    parameters: Sequence[str | Path] = (),
+    parameters: str | Path | Sequence[str | Path] = (),
     out: str | Path | None = None,
 ) -> Run:
     """Run a scenario by its name or its file, record every signal, judge it, and return the run.
 
     `firmware` is the build: `python`, `compiled`, `host-single` or, in lockstep, `cortex-m7` or `cortex-m4f`.
     `seed` is by default the scenario's.
-    `set` changes values by dotted keys, such as `{"scene.striker.spring_n_m": 72.0}`; `parameters` are files
-    of `vibrohil tune`; `out` is the run's folder, by default a new one under runs/. A run whose checks fail
-    is also returned, with `passed` False.
+    `set` changes values by dotted keys, such as `{"scene.striker.spring_n_m": 72.0}`; `parameters` is a file
+    of `vibrohil tune`, or several; `out` is the run's folder, by default a new one under runs/. A run whose
+    checks fail is also returned, with `passed` False.
 
     Raises `TextInputError` (`ScenarioError`, `SceneError`), `ParameterError`, `RunFolderError` or `BusError`
     for invalid input, each with a sentence that states the error and the remedy.
     """
     one_of("clock", clock, get_args(ClockName))
     one_of("firmware", firmware, get_args(Build))
-    loaded = load_scenario(scenario, set, [Path(file) for file in parameters])
+    files = [parameters] if isinstance(parameters, str | Path) else parameters
+    loaded = load_scenario(scenario, set, [Path(file) for file in files])
     number = loaded.seed if seed is None else whole_number("seed", seed)
     folder = None if out is None else Path(out)
     verdict = run_scenario(loaded, clock, bus, folder, number, progress=silent, firmware=firmware)

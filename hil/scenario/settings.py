@@ -7,8 +7,8 @@ from typing import Any
 
 from plant_sim.text_input import DEEPEST, TextInputError, parse_toml
 
-Settings = Sequence[str] | Mapping[str, Any]
-"""Texts `KEY=VALUE` with TOML values, or a mapping from dotted keys to values."""
+Settings = str | Sequence[str] | Mapping[str, Any]
+"""One or more texts `KEY=VALUE` with TOML values, or a mapping from dotted keys to values."""
 
 
 class SettingError(TextInputError):
@@ -28,7 +28,7 @@ def keys_and_values(settings: Settings) -> Iterator[tuple[str, Any]]:
     if isinstance(settings, Mapping):
         yield from settings.items()
         return
-    for setting in settings:
+    for setting in [settings] if isinstance(settings, str) else settings:
         path, separator, text = setting.partition("=")
         if not separator:
             raise SettingError(

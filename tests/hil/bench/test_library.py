@@ -90,6 +90,14 @@ def test_an_unusable_argument_is_named_before_a_folder_is_made(scenario, tmp_pat
     assert not (tmp_path / "run").exists()
 
 
+def test_one_setting_or_file_needs_no_list(scenario, tmp_path):
+    file = tmp_path / "calmer.toml"
+    file.write_text('format = 1\n[parameters]\n"start.rise_s" = { value = 6.0, unit = "s" }\n')
+    run = hil.run(scenario, set="script.duration_s=0.2", parameters=str(file), out=tmp_path / "run")
+    assert run.figures.duration_s == pytest.approx(0.2)
+    assert read_json(run.folder / "scenario.json")["firmware"]["start"]["rise_s"] == 6.0
+
+
 def test_a_run_has_by_default_the_seed_of_its_scenario(tmp_path):
     """A trial that a campaign keeps is repeated by its seed."""
     (tmp_path / "seeded.toml").write_text(f"seed = 7\n{SCENARIO}")
