@@ -1,5 +1,7 @@
 """The bench from Python, and as a pytest plug-in."""
 
+import tomllib
+
 import numpy as np
 import pytest
 
@@ -95,7 +97,7 @@ def test_one_setting_or_file_needs_no_list(scenario, tmp_path):
     file.write_text('format = 1\n[parameters]\n"start.rise_s" = { value = 6.0, unit = "s" }\n')
     run = hil.run(scenario, set="script.duration_s=0.2", parameters=str(file), out=tmp_path / "run")
     assert run.figures.duration_s == pytest.approx(0.2)
-    assert read_json(run.folder / "scenario.json")["firmware"]["start"]["rise_s"] == 6.0
+    assert tomllib.loads((run.folder / "scenario.toml").read_text())["firmware"]["start"]["rise_s"] == 6.0
 
 
 def test_a_run_has_by_default_the_seed_of_its_scenario(tmp_path):
