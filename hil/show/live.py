@@ -25,7 +25,7 @@ from hil.show.rerun_log import RunLog, judged
 from hil.timing.processes import READY, read_start, stop_requests
 
 APPEND_PERIOD_S = 0.25
-NICENESS = 15
+NICENESS = 12
 """A lower priority than the recorder's."""
 
 

@@ -22,7 +22,7 @@ from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import FloatArray
 
 APPLICATION_ID = "vibrohil"
-VIEWER_TIMEOUT_S = 5.0
+VIEWER_TIMEOUT_S = 8.0
 """Time after which a viewer that accepts no data is given up."""
 
 
