@@ -186,13 +186,17 @@ class Plant:
         return self._sampled_noise[which].standard_normal(signals)
 
     def sense_gait(self, t_s: float) -> GaitReading | None:
-        """Sample the gait sensors at `t_s`, every `GAIT_PERIOD_S`; None where the sample drops out.
+        """Sample the gait sensors at `t_s`, every `GAIT_PERIOD_S`; None where the sample drops out."""
+        return self.sense_gaits(np.array([t_s]))[0]
+
+    def sense_gaits(self, times_s: NDArray[np.float64]) -> list[GaitReading | None]:
+        """Sample the gait sensors at each of these times, as `sense_gait`.
 
         The module does not influence the gait, so that future times may be sampled.
         """
         if self._gait_sensors is None:
             raise PlantError("the scene has no gait sensors; add the tables [gait] and [sensors]")
-        return self._gait_sensors.read(t_s)
+        return self._gait_sensors.read(times_s)
 
     def gait_at(self, t_s: float) -> GaitTruth | None:
         """The gait at `t_s`; None without a walking wearer."""

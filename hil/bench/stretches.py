@@ -229,8 +229,8 @@ class Stretches:
         node = self._plant.node
         rows: list[tuple[int, int, int, int]] = []
         if node.plant.has_gait_sensors:
-            for number in range(tick, tick + ticks):
-                rows += [(number, *word_frame(frame)) for frame in node.gait_frame(number)]
+            frames = node.gait_frames(range(tick, tick + ticks))
+            rows = [(number, *word_frame(frame)) for number, frame in frames]
         return np.array(rows, dtype=np.int64).reshape(-1, 4)
 
     def _commands(self, until_tick: int, period: int) -> tuple[NDArray[np.int64], int]:

@@ -40,7 +40,7 @@ from plant_sim.parts.drive import MotorDrive, MotorTable
 from plant_sim.plant import Plant
 from plant_sim.result import Impact
 from plant_sim.scene import Scene
-from plant_sim.sensors.gait import GaitTruth
+from plant_sim.sensors.gait import GaitReading, GaitTruth
 from plant_sim.sensors.readings import SensorReading
 from plant_sim.tables.scene_tables import AxisTable
 
@@ -73,6 +73,12 @@ def drive_config(scene: Scene) -> DriveConfig:
         watchdog_s=axis_table.watchdog_s,
         control_mode=CONTROL_MODES[axis_table.control_mode],
     )
+
+
+def gait_record(reading: GaitReading) -> GaitSensors:
+    """The content of the gait sensors' frame."""
+    heel, toe = int(reading.heel_contact), int(reading.toe_contact)
+    return GaitSensors(reading.shank_rate_rad_s, reading.along_m_s2, heel, toe)
 
 
 class PlantNode:
@@ -132,7 +138,7 @@ class PlantNode:
         if self.tick % self._ticks_an_encoder_frame == 0:
             frames.append(encoder_frame)
         if self.plant.has_gait_sensors:
-            frames += self.gait_frame(self.tick)
+            frames += [frame for _, frame in self.gait_frames(range(self.tick, self.tick + 1))]
         frames += self.sampled.frames(self.tick)
         self.reports, report = take(look(self.report_periods, self.reports, self.tick))
         if report != NOTHING:
@@ -142,19 +148,22 @@ class PlantNode:
             self.requests.clear()
         return self._faults.sent(frames)
 
-    def gait_frame(self, tick: int) -> list[Frame]:
-        """The gait sensors' frame in `tick`; empty if no new period has begun or the frame drops out."""
-        number = tick // self._ticks_a_gait_frame
-        if number == self._last_gait_frame:
+    def gait_frames(self, ticks: range) -> list[tuple[int, Frame]]:
+        """The gait sensors' frames in these ticks: one for each period that begins, unless it drops out."""
+        due = []
+        for tick in ticks:
+            number = tick // self._ticks_a_gait_frame
+            if number != self._last_gait_frame:
+                self._last_gait_frame = number
+                due.append(tick)
+        if not due:
             return []
-        self._last_gait_frame = number
-        reading = self.plant.sense_gait(self._since_start_s(tick))
-        if reading is None:
-            return []
-        record = GaitSensors(
-            reading.shank_rate_rad_s, reading.along_m_s2, int(reading.heel_contact), int(reading.toe_contact)
-        )
-        return [codec.GAIT_SENSORS.encode(record, number)]
+        readings = self.plant.sense_gaits(np.array([self._since_start_s(tick) for tick in due]))
+        return [
+            (tick, codec.GAIT_SENSORS.encode(gait_record(reading), tick // self._ticks_a_gait_frame))
+            for tick, reading in zip(due, readings, strict=True)
+            if reading is not None
+        ]
 
     def _answer(self, can_id: int, estimates: Frame) -> Frame:
         """The frame that answers a client's request for `can_id`."""

@@ -186,10 +186,14 @@ class GaitSensors:
         self._begins = table.dropout_share / (1.0 - table.dropout_share) / frames
         self._is_out = False
 
-    def read(self, t_s: float) -> GaitReading | None:
-        """One sample, with new noise."""
+    def read(self, times_s: FloatArray) -> list[GaitReading | None]:
+        """A sample at each of these times, with new noise."""
+        truths = gaits_at(self._walking, times_s).tolist()
+        samples = zip(times_s.tolist(), truths, strict=True)
+        return [self._sample(t_s, GaitTruth(*truth)) for t_s, truth in samples]
+
+    def _sample(self, t_s: float, truth: GaitTruth) -> GaitReading | None:
         table, dice = self._table, self._dice
-        truth = gait_at(self._walking, t_s)
         rate_noise, force_noise = dice.standard_normal(2).tolist()
         heel = self._heel.read(t_s, truth.heel_load, dice)
         toe = self._toe.read(t_s, truth.toe_load, dice)
