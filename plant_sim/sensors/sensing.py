@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from plant_sim.kernels import by_part, law, one_of, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
-from plant_sim.parts.housing import Housing, Moving, Tilted, housing_m_s2
+from plant_sim.parts.housing import Housing, Moving, Tilted, housing_m_s2, is_level
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.walking import Walking
-from plant_sim.solvers.adaptive.state_layout import SPEED, VELOCITY, Vector
+from plant_sim.solvers.adaptive.state_layout import SHAKE, SPEED, VELOCITY, Vector, state_size
 from plant_sim.solvers.bernstein import DEGREE, NODES, ORDER, interpolate
 from plant_sim.tables.sensor_tables import AccelerometerTable, SensorsTable
 
@@ -30,6 +30,9 @@ Complex = NDArray[np.complex128]
 
 LOW, HIGH, SPEED_ESTIMATE, HOUSING = range(4)
 """Filters: the striker's two accelerometers, the encoder's speed, and the housing's if a_b ≠ 0."""
+
+CRANK_SPEED, STRIKER_VELOCITY, SHAKEN = range(3)
+"""Rows of Sensing.inputs."""
 
 PULSES = 32
 """Most half-sines at once; during chatter, further small ones are added to the last."""
@@ -46,6 +49,7 @@ class Sensing(NamedTuple):
     """Poles λ and states z of the filters, shape (3,), and `active[0]` half-sines, shape (PULSES, 2).
 
     `moments`: each filter's decay and moments of 1, s, s² … over a step of `step_s`, shape (3, DEGREE + 2).
+    `inputs`: power coefficients over a step of crank speed, striker velocity and a_b, shape (3, DEGREE + 1).
     A tilted or moving housing has a fourth filter, and `shaken` of shape (2, DEGREE + 1), otherwise (0, …).
     `readings` are the outputs of the filters: accelerations, m/s², and the speed, rad/s; 0 without a filter.
     """
@@ -54,7 +58,7 @@ class Sensing(NamedTuple):
     states: Complex
     moments: Complex
     step_s: Vector
-    power: Vector
+    inputs: Vector
     pulses: Vector
     active: NDArray[np.int64]
     pulse_s: float
@@ -83,7 +87,7 @@ def allocate_sensing(
         states=np.array(states),
         moments=np.zeros((len(poles), DEGREE + 2), dtype=np.complex128),
         step_s=np.zeros(1),
-        power=np.zeros(DEGREE + 1),
+        inputs=np.zeros((3, DEGREE + 1)),
         pulses=np.zeros((PULSES, 2)),
         active=np.zeros(1, np.int64),
         pulse_s=sensors.rigid_contact_s,
@@ -156,40 +160,66 @@ def sense_step(probe: Probe, parts: Parts, dense: Vector, h_s: float, used_s: fl
 def _(probe: Sensing, parts: Parts, dense: Vector, h_s: float, used_s: float, begin_s: float) -> None:
     if used_s == 0.0:
         return
-    power, moments, states = probe.power, probe.moments, probe.states
-    _note_moments(probe, used_s)
-    _crank_speed_power(parts.drive, dense, used_s / h_s, power)
-    for j in range(DEGREE + 1):
-        power[j] *= -probe.poles[SPEED_ESTIMATE].real
-    states[SPEED_ESTIMATE] = _driven(moments[SPEED_ESTIMATE], states[SPEED_ESTIMATE], power, DEGREE)
-    to_power(dense[VELOCITY], used_s / h_s, power)
-    for j in range(DEGREE):  # a = v'
-        power[j] = (j + 1) * power[j + 1] / used_s
-    for which in (LOW, HIGH):
-        states[which] = _driven(moments[which], states[which], power, DEGREE - 1)
-    for i in range(PULSES if probe.active[0] > 0 else 0):
-        if probe.pulses[i, JUMP] != 0.0:
-            _sense_pulse(probe, probe.pulses[i], used_s)
-    _sense_housing(parts.housing, probe, used_s, begin_s)
+    inputs, share = probe.inputs, used_s / h_s
+    _crank_speed_power(parts.drive, dense, share, inputs[CRANK_SPEED])
+    to_power(dense[VELOCITY], share, inputs[STRIKER_VELOCITY])
+    _interpolate_housing(parts.housing, probe, used_s, begin_s)
+    _drive_filters(probe, parts, used_s)
 
 
 @by_part
-def _sense_housing(housing: Housing, probe: Sensing, used_s: float, begin_s: float) -> None:
-    """Add the response of the accelerometers to a_b over a step."""
+def sense_series(probe: Probe, parts: Parts, series: Vector, used_s: float) -> None:
+    """Drive the filters over the first `used_s` of a step by a Taylor series."""
     return
 
 
-@law(_sense_housing, Tilted, Moving, Walking)
+@law(sense_series, Sensing)
+def _(probe: Sensing, parts: Parts, series: Vector, used_s: float) -> None:
+    if used_s == 0.0:
+        return
+    inputs = probe.inputs
+    _crank_speed_scaled(parts.drive, series, used_s, inputs[CRANK_SPEED])
+    _scaled(series[VELOCITY], used_s, inputs[STRIKER_VELOCITY])
+    if not is_level(parts.housing):
+        _scaled(series[state_size(parts) + SHAKE], used_s, inputs[SHAKEN])
+    _drive_filters(probe, parts, used_s)
+
+
+@subroutine
+def _drive_filters(probe: Sensing, parts: Parts, used_s: float) -> None:
+    """Drive the filters over `used_s` by the polynomials in `probe.inputs`."""
+    inputs, moments, states = probe.inputs, probe.moments, probe.states
+    _note_moments(probe, used_s)
+    speed, velocity = inputs[CRANK_SPEED], inputs[STRIKER_VELOCITY]
+    for j in range(DEGREE + 1):
+        speed[j] *= -probe.poles[SPEED_ESTIMATE].real
+    states[SPEED_ESTIMATE] = _driven(moments[SPEED_ESTIMATE], states[SPEED_ESTIMATE], speed, DEGREE)
+    for j in range(DEGREE):  # a = v'
+        velocity[j] = (j + 1) * velocity[j + 1] / used_s
+    for which in (LOW, HIGH):
+        states[which] = _driven(moments[which], states[which], velocity, DEGREE - 1)
+    for i in range(PULSES if probe.active[0] > 0 else 0):
+        if probe.pulses[i, JUMP] != 0.0:
+            _sense_pulse(probe, probe.pulses[i], used_s)
+    if not is_level(parts.housing):
+        for which in (LOW, HIGH):
+            states[which] += _driven(moments[which], 0.0j, inputs[SHAKEN], DEGREE)
+        states[HOUSING] = _driven(moments[HOUSING], states[HOUSING], inputs[SHAKEN], DEGREE)
+
+
+@by_part
+def _interpolate_housing(housing: Housing, probe: Sensing, used_s: float, begin_s: float) -> None:
+    """Power coefficients of a_b over a step."""
+    return
+
+
+@law(_interpolate_housing, Tilted, Moving, Walking)
 def _(housing: Tilted | Moving | Walking, probe: Sensing, used_s: float, begin_s: float) -> None:
-    power, moments, states = probe.power, probe.moments, probe.states
     values, through = probe.shaken[0], probe.shaken[1]
     for i in range(DEGREE + 1):
         values[i] = housing_m_s2(housing, begin_s + NODES[i] * used_s)
     interpolate(values, through)
-    to_power(through, 1.0, power)
-    for which in (LOW, HIGH):
-        states[which] += _driven(moments[which], 0.0j, power, DEGREE)
-    states[HOUSING] = _driven(moments[HOUSING], states[HOUSING], power, DEGREE)
+    to_power(through, 1.0, probe.inputs[SHAKEN])
 
 
 @by_part
@@ -207,6 +237,32 @@ def _(drive: IdealDrive, dense: Vector, share: float, power: Vector) -> None:
 @law(_crank_speed_power, MotorDrive)
 def _(drive: MotorDrive, dense: Vector, share: float, power: Vector) -> None:
     to_power(dense[SPEED], share, power)
+
+
+@by_part
+def _crank_speed_scaled(drive: Drive, series: Vector, used_s: float, power: Vector) -> None:
+    """Power coefficients of the crank's speed over a step by a Taylor series."""
+    raise NotImplementedError
+
+
+@law(_crank_speed_scaled, IdealDrive)
+def _(drive: IdealDrive, series: Vector, used_s: float, power: Vector) -> None:
+    power[:] = 0.0
+    power[0] = drive.omega_rad_s
+
+
+@law(_crank_speed_scaled, MotorDrive)
+def _(drive: MotorDrive, series: Vector, used_s: float, power: Vector) -> None:
+    _scaled(series[SPEED], used_s, power)
+
+
+@subroutine
+def _scaled(series: Vector, used_s: float, power: Vector) -> None:
+    """Power coefficients in t/used of Taylor coefficients in t."""
+    scale = 1.0
+    for k in range(DEGREE + 1):
+        power[k] = series[k] * scale
+        scale *= used_s
 
 
 @subroutine

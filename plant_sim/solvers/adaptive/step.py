@@ -10,7 +10,7 @@ import math
 from plant_sim.kernels import inlined, subroutine
 from plant_sim.parts.housing import smooth_for_s
 from plant_sim.parts.parts import Parts
-from plant_sim.sensors.sensing import Probe, is_sensing, sense_step, series_order
+from plant_sim.sensors.sensing import Probe, is_sensing, sense_series, sense_step, series_order
 from plant_sim.solvers.adaptive.automaton import apply, first_event, may_end
 from plant_sim.solvers.adaptive.crank import crank_now, turn_crank
 from plant_sim.solvers.adaptive.dop853 import attempt, extend
@@ -76,7 +76,7 @@ def take_step(
     has_sample = mode.samples < grid.t_s.size and grid.t_s[mode.samples] < begin_s + h
     is_checked = _may_end(parts, flow, h, memory, zeros, is_series, order)
     dense = memory.long_dense if is_series else memory.dense
-    if is_sensing(probe) or has_sample or is_checked:
+    if has_sample or is_checked or (is_sensing(probe) and not is_series):
         _look_within(parts, flow, h, memory, is_series, order)
     if is_checked:
         found = first_event(parts, Step(flow, zeros, h, y, dense, memory.scratch))
@@ -86,7 +86,7 @@ def take_step(
     if flow.phase == CONTACT:
         follow_contact(parts, memory, dense, flow.damping_s_m, used / h)
     follow_felt(parts.wearer, parts.drive, memory, used / h)
-    sense_step(probe, parts, dense, h, used, begin_s)
+    _sense(parts, probe, memory, h, used, begin_s, is_series)
     if has_sample:
         sample_step(parts, memory, flow, dense, h, used, grid)
 
@@ -191,6 +191,17 @@ def _look_within(parts: Parts, flow: Flow, h_s: float, memory: Memory, is_series
         motion_within(memory.series, h_s, memory.long_dense, order)
     else:
         extend(parts, flow, h_s, memory.y, memory.new, memory.k, memory.trial, memory.dense)
+
+
+@inlined
+def _sense(
+    parts: Parts, probe: Probe, memory: Memory, h_s: float, used_s: float, begin_s: float, is_series: bool
+) -> None:
+    """Drive the sensors' filters over the first `used_s` of the step."""
+    if is_series:
+        sense_series(probe, parts, memory.series, used_s)
+    else:
+        sense_step(probe, parts, memory.dense, h_s, used_s, begin_s)
 
 
 @subroutine
