@@ -36,6 +36,9 @@ _KERNELS_ONLY: dict[str, Any] = {
 }
 _HERE = Path(__file__).parent
 
+MOST_INT64 = 2**63 - 1
+"""Largest integer that is compiled as signed."""
+
 
 class KernelCacheError(OSError):
     """The folder for compiled kernels cannot be written."""
@@ -152,7 +155,12 @@ def entry_point(kernel: Callable[..., _R], *arguments: object) -> Callable[..., 
 def _kind(value: object) -> Any:
     """What determines the compiled type of a value."""
     if isinstance(value, np.ndarray):
-        return value.dtype, value.ndim, value.flags.c_contiguous
+        flags = value.flags
+        return value.dtype, value.ndim, flags.c_contiguous, flags.f_contiguous, flags.writeable
+    if isinstance(value, np.generic):
+        return value.dtype
+    if type(value) is int:
+        return int, value > MOST_INT64
     if not isinstance(value, tuple):
         return type(value)
     declared = getattr(value, "__annotations__", {})

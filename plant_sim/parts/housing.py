@@ -11,12 +11,12 @@ from typing import NamedTuple, TypeAlias
 from pydantic import Field
 
 from plant_sim.arrays import FloatArray
-from plant_sim.kernels import by_part, law, one_of, subroutine
+from plant_sim.kernels import by_part, law, one_of, shared, subroutine
 from plant_sim.parts.walking import Walking, felt_m_s2, felt_m_s3, unbroken_s
 from plant_sim.tables.table import Table
 
 SAME_INSTANT_S = 1e-12
-"""A step that ends this close to the beginning or end of a shock counts as ending there."""
+"""A step that ends this close to the beginning or end of a shock counts as ending there, early in a run."""
 
 
 class Level(NamedTuple):
@@ -42,6 +42,12 @@ class Moving(NamedTuple):
 
 
 Housing: TypeAlias = Level | Tilted | Moving | Walking
+
+
+@shared
+def _same_s(t_s: float) -> float:
+    """Largest distance, s, from `t_s` of a time that counts as the same instant: more than its rounding."""
+    return SAME_INSTANT_S + 4e-16 * abs(t_s)
 
 
 @by_part
@@ -82,7 +88,7 @@ def _(housing: Moving, t_s: float) -> float:
     rate = housing.harmonic_rad_s
     value = housing.harmonic_m_s2 * rate * math.cos(rate * t_s + housing.harmonic_phase_rad)
     into_s = t_s - housing.shock_start_s
-    if -SAME_INSTANT_S <= into_s < housing.shock_s - SAME_INSTANT_S:
+    if -_same_s(t_s) <= into_s < housing.shock_s - _same_s(t_s):
         rate = math.pi / housing.shock_s
         value += housing.shock_m_s2 * rate * math.cos(rate * into_s)
     return value
@@ -107,7 +113,7 @@ def _(housing: Moving, t_s: float, series: FloatArray) -> None:
     rate = housing.harmonic_rad_s
     _add_sine(housing.harmonic_m_s2, rate, rate * t_s + housing.harmonic_phase_rad, series)
     into_s = t_s - housing.shock_start_s
-    if -SAME_INSTANT_S <= into_s < housing.shock_s - SAME_INSTANT_S:
+    if -_same_s(t_s) <= into_s < housing.shock_s - _same_s(t_s):
         rate = math.pi / housing.shock_s
         _add_sine(housing.shock_m_s2, rate, rate * into_s, series)
 
@@ -131,18 +137,17 @@ def smooth_for_s(housing: Housing, t_s: float) -> float:
 @law(smooth_for_s, Moving)
 def _(housing: Moving, t_s: float) -> float:
     longest = 1.0 / housing.harmonic_rad_s if housing.harmonic_rad_s > 0.0 else math.inf
-    begin, end = housing.shock_start_s, housing.shock_start_s + housing.shock_s
-    same = SAME_INSTANT_S + 4e-16 * abs(t_s)
-    if t_s < begin - same:
-        longest = min(longest, begin - t_s)
-    elif t_s < end - same:
-        longest = min(longest, end - t_s, housing.shock_s / math.pi)
+    into_s = t_s - housing.shock_start_s
+    if into_s < -_same_s(t_s):
+        longest = min(longest, -into_s)
+    elif into_s < housing.shock_s - _same_s(t_s):
+        longest = min(longest, housing.shock_s - into_s, housing.shock_s / math.pi)
     return longest
 
 
 @law(smooth_for_s, Walking)
 def _(housing: Walking, t_s: float) -> float:
-    return unbroken_s(housing, t_s, SAME_INSTANT_S + 4e-16 * abs(t_s))
+    return unbroken_s(housing, t_s, _same_s(t_s))
 
 
 moves = one_of(Moving, Walking)

@@ -1,10 +1,10 @@
 """A step by a Taylor series, whose coefficients follow by recurrence from the parts' own equations.
 
-The length of a step follows from the last two coefficients, as in Jorba & Zou, Experimental Mathematics 14,
-2005. There are recurrences for an endless rod, a housing that no leg carries, a stop on it that is rigid, a
-linear spring or not in touch, and a motor's ideal current below the limit of its supply. All other steps are
-steps of DOP853. With sensors, whose readings leave no time for a longer step, the series has fewer terms, and
-a step that needs more of them is one of DOP853.
+The length of a step follows from the last two or three coefficients, after Jorba & Zou, Experimental
+Mathematics 14, 2005. There are recurrences for an endless rod, a housing that no leg carries, a stop on it
+that is rigid, a linear spring or not in touch, and a motor's ideal current below the limit of its supply. All
+other steps are steps of DOP853. With sensors, whose readings leave no time for a longer step, the series has
+fewer terms, and a step that needs more of them is one of DOP853.
 """
 
 import math
@@ -87,7 +87,7 @@ def _step_s(parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: 
         return 0.0
     series = memory.series
     expand(parts, flow, memory.y, series, order)
-    h_s = min(longest_s, _accurate_s(series, scale, order))
+    h_s = min(longest_s, _accurate_s(series, scale, order, _judged_terms(parts.friction)))
     if flow.phase in (FLIGHT, CONTACT):
         h_s = _seen_s(parts.friction, series[state_size(parts) + POWER], h_s, order)
     if not _is_torque_constant(parts.drive, flow, series, h_s, order):
@@ -267,16 +267,28 @@ def _(friction: Stribeck, normal_n: float, direction: float, k: int, n: int, ser
     return force_n
 
 
+@by_part
+def _judged_terms(friction: Friction) -> int:
+    """Number of last terms that determine the length of a step."""
+    return 2
+
+
+@law(_judged_terms, Stribeck)
+def _(friction: Stribeck) -> int:
+    """With δ = 2 a striker that sets off under a growing force has every third term only: t², t⁵, t⁸ …"""
+    return 3
+
+
 @subroutine
-def _accurate_s(series: Vector, scale: Vector, order: int) -> float:
-    """The length of a step, s, over which the last two terms are within the tolerances in the mean."""
-    last = before = 0.0
-    for i in range(scale.size):
-        last += (series[i, order] / scale[i]) ** 2
-        before += (series[i, order - 1] / scale[i]) ** 2
-    per_s: float = math.sqrt(last / scale.size) ** (1.0 / order)
-    per_s = max(per_s, math.sqrt(before / scale.size) ** (1.0 / (order - 1)))
-    return 1.0 / max(per_s, LEAST)
+def _accurate_s(series: Vector, scale: Vector, order: int, terms: int) -> float:
+    """The length of a step, s, over which the last `terms` are within the tolerances in the mean."""
+    per_s = LEAST
+    for k in range(order, order - terms, -1):
+        square = 0.0
+        for i in range(scale.size):
+            square += (series[i, k] / scale[i]) ** 2
+        per_s = max(per_s, math.sqrt(square / scale.size) ** (1.0 / k))
+    return 1.0 / per_s
 
 
 @by_part

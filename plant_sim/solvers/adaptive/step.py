@@ -93,7 +93,8 @@ def take_step(
     for i in range(state_size(parts)):
         y[i] = new[i]
     turn_crank(parts.drive, memory, used)
-    mode.zero_depth = mode.zero_velocity = mode.zero_crank = 0
+    if used > 0.0:  # at an event at the step's start, the other quantities are still zero
+        mode.zero_depth = mode.zero_velocity = mode.zero_crank = 0
     _pass_time(memory, flow.phase, used, remaining, duration_s)
     if used < remaining:  # what ends a call is as short as the caller asked for
         held.debt = debt(held.debt, attempts, used / longest)

@@ -12,9 +12,10 @@ from scipy import signal
 from plant_sim.methods import choose
 from plant_sim.parts.housing import Level, Moving, Tilted
 from plant_sim.plant import Plant
-from plant_sim.result import Phase, SimulationResult
+from plant_sim.result import MotionState, Phase, SimulationResult
 from plant_sim.scene import Scene, SceneError, load_scene
 from plant_sim.simulation import initial_state, simulate
+from plant_sim.solvers.adaptive import adaptive
 from plant_sim.solvers.adaptive.state_layout import allocate
 from plant_sim.tilt import levelled
 
@@ -135,6 +136,19 @@ def test_agrees_with_scipy(name: str, changes: dict[str, Any], until_s: float, t
     assert ours.final.v_m_s == pytest.approx(theirs.v, abs=1e-7)
     assert ours.energy.residual < 1e-8
     assert ours.energy.housing_work_j != 0.0
+
+
+@pytest.mark.parametrize("into_s", [0.0, 0.05])
+def test_a_shock_begins_and_ends_at_a_time_that_is_off_by_a_rounding(into_s: float) -> None:
+    """After a day a step that ends where a shock begins or ends may end a rounding before."""
+    start_s = 86400.03
+    shock = {"peak_m_s2": 30.0, "start_s": start_s, "duration_s": 0.05}
+    parts = scene({"housing.shock": shock, "solver.method": "adaptive"}).parts()
+    finals = []
+    for time_s in (start_s + into_s, math.nextafter(start_s + into_s, 0.0)):
+        start = MotionState(time_s, 0.12, 0.0, 0.0, 1.0, Phase.FLIGHT)
+        finals.append(adaptive.simulate(parts, start, time_s + 0.1).final)
+    assert finals[1].v_m_s == pytest.approx(finals[0].v_m_s, abs=1e-8)
 
 
 def test_twenty_degrees_of_swing_cause_impacts_with_the_crank_off() -> None:

@@ -116,6 +116,19 @@ def test_a_crank_that_dry_friction_holds_never_turns() -> None:
     assert plant.state.omega_rad_s == pytest.approx(0.0001 / 5e-4 * 1e-3, rel=1e-3)
 
 
+def test_a_striker_and_a_crank_set_off_at_once() -> None:
+    """The torque turns the crank against the load by which it would have set off."""
+    friction = {"law": "coulomb", "mu": 0.1, "b_n_s_m": 0.1}
+    changes = {"friction": friction, "initial": {"x_m": 0.1, "v_m_s": 0.0}, "sensors": None}
+    plant = Plant(load_scene(changed("gait-motor-soft", changes)), seed=0)
+    reference = Reference(plant.parts, 0.1, 0.0, 0.0, 0.0)
+    for _ in range(20):
+        plant.advance(0.3, 1e-3)
+    reference.run(0.02, 0.3)
+    assert plant.state.x_m == pytest.approx(reference.x, abs=1e-9)
+    assert plant.state.omega_rad_s == pytest.approx(reference.omega, abs=1e-7)
+
+
 def test_torque_that_is_no_number_is_refused() -> None:
     plant = Plant(MOTOR, seed=1)
     for torque_n_m, dt_s in ((math.nan, 1e-3), (math.inf, 1e-3), (0.1, math.nan), (0.1, -1e-3)):

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from numba.core import config
 
 from plant_sim import kernels, linking
 from plant_sim.parts import restitution
+from plant_sim.result import Phase
 
 
 def test_examples() -> None:
@@ -38,6 +40,52 @@ def test_a_subroutine_that_returns_an_array_is_refused_but_one_that_makes_it_may
     assert list(kernels.jit(lambda numbers: 2.0 * make(numbers))(np.ones(2))) == [0.0, 0.0]
     with pytest.raises(TypeError, match=r"handed_on returns .*; wanted no arrays"):
         kernels.jit(lambda numbers: hand_on(numbers)[0])(np.ones(2))
+
+
+class Numbers(NamedTuple):
+    """Numbers as they are compiled."""
+
+    real: float
+    whole: int
+
+
+def test_an_entry_point_is_made_for_each_compiled_type_and_only_once() -> None:
+    table = np.arange(12.0).reshape(3, 4)
+    fixed = table.copy()
+    fixed.flags.writeable = False
+    records = np.zeros(1, [("a", "f8")]), np.zeros(1, [("a", "i8")])
+    different: list[Any] = [
+        table,
+        np.asfortranarray(table),
+        table[:, ::2],
+        fixed,
+        table.astype("f4"),
+        table[0],
+        *records,
+        *(rows[0] for rows in records),
+        1,
+        2**63,
+        1.0,
+        True,
+        Phase.FLIGHT,
+        Numbers(1.0, 1),
+        Numbers(1.0, True),
+        Numbers(1.0, 2**63),
+        (1, 1.0),
+        (1.0, 1),
+    ]
+    kernel = kernels.jit(lambda value: 0)
+    points = [kernels.entry_point(kernel, value) for value in different]
+    assert len(set(map(id, points))) == len(different)
+    assert kernels.entry_point(kernel, table[:2]) is points[0]
+    assert kernels.entry_point(kernel, Numbers(1, 2)) is kernels.entry_point(kernel, Numbers(1.0, 1))
+
+
+def test_an_entry_point_reads_arrays_in_their_order() -> None:
+    table = np.arange(12.0).reshape(3, 4)
+    kernel = kernels.jit(lambda values: values[1, 1])
+    for values in (np.asfortranarray(table), table[:, ::2], table):
+        assert kernels.entry_point(kernel, values)(values) == values[1, 1]
 
 
 PROGRAM = """

@@ -9,6 +9,7 @@ from changed_scenes import changed
 
 from plant_sim.kernels import jit
 from plant_sim.parts.linkage import SliderCrank
+from plant_sim.plant import Plant
 from plant_sim.scene import load_scene
 from plant_sim.sensors.sensing import NoSensing
 from plant_sim.simulation import initial_state
@@ -121,3 +122,20 @@ def test_a_run_by_series_ends_as_one_by_dop853(base: str, changes: dict[str, Any
     assert series.final.crank_rad == pytest.approx(stages.final.crank_rad, abs=1e-7)
     for ledger, wanted in zip(astuple(series.energy), astuple(stages.energy), strict=True):
         assert ledger == pytest.approx(wanted, abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"friction.v_s_m_s": 1e-6, "solver.accuracy": 1e-11},
+        {"friction.v_s_m_s": 1e-4, "solver.accuracy": 1e-9, "sensors": {}},
+    ],
+)
+def test_a_series_shows_the_fall_of_friction_in_every_third_term(changes: dict[str, Any]) -> None:
+    """With δ = 2 a striker that sets off under a growing force has the terms t², t⁵, t⁸ … only."""
+    scene = load_scene(changed("table1-stribeck", {"friction.delta": 2.0, **changes}))
+    plant, parts = Plant(scene, seed=0), scene.parts()._replace(linkage=SliderCrank(ENDLESS_M))
+    for _ in range(600):
+        plant.advance(0.0, 1e-3)
+    stages = simulate(parts, initial_state(scene), 0.6, accuracy=1e-14)
+    assert plant.state.x_m == pytest.approx(stages.final.x_m, abs=1e-9)
