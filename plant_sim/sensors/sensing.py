@@ -161,7 +161,8 @@ def _(probe: Sensing, parts: Parts, dense: Vector, h_s: float, used_s: float, be
     if used_s == 0.0:
         return
     inputs, share = probe.inputs, used_s / h_s
-    _crank_speed_power(parts.drive, dense, share, inputs[CRANK_SPEED])
+    if _has_variable_speed(parts.drive):
+        to_power(dense[SPEED], share, inputs[CRANK_SPEED])
     to_power(dense[VELOCITY], share, inputs[STRIKER_VELOCITY])
     _interpolate_housing(parts.housing, probe, used_s, begin_s)
     _drive_filters(probe, parts, used_s)
@@ -178,7 +179,8 @@ def _(probe: Sensing, parts: Parts, series: Vector, used_s: float) -> None:
     if used_s == 0.0:
         return
     inputs = probe.inputs
-    _crank_speed_scaled(parts.drive, series, used_s, inputs[CRANK_SPEED])
+    if _has_variable_speed(parts.drive):
+        _scaled(series[SPEED], used_s, inputs[CRANK_SPEED])
     _scaled(series[VELOCITY], used_s, inputs[STRIKER_VELOCITY])
     if not is_level(parts.housing):
         _scaled(series[state_size(parts) + SHAKE], used_s, inputs[SHAKEN])
@@ -190,6 +192,7 @@ def _drive_filters(probe: Sensing, parts: Parts, used_s: float) -> None:
     """Drive the filters over `used_s` by the polynomials in `probe.inputs`."""
     inputs, moments, states = probe.inputs, probe.moments, probe.states
     _note_moments(probe, used_s)
+    _fill_constant_speed(parts.drive, inputs[CRANK_SPEED])
     speed, velocity = inputs[CRANK_SPEED], inputs[STRIKER_VELOCITY]
     for j in range(DEGREE + 1):
         speed[j] *= -probe.poles[SPEED_ESTIMATE].real
@@ -222,38 +225,19 @@ def _(housing: Tilted | Moving | Walking, probe: Sensing, used_s: float, begin_s
     to_power(through, 1.0, probe.inputs[SHAKEN])
 
 
-@by_part
-def _crank_speed_power(drive: Drive, dense: Vector, share: float, power: Vector) -> None:
-    """Power coefficients of the crank's speed over the used share of the step."""
-    raise NotImplementedError
-
-
-@law(_crank_speed_power, IdealDrive)
-def _(drive: IdealDrive, dense: Vector, share: float, power: Vector) -> None:
-    power[:] = 0.0
-    power[0] = drive.omega_rad_s
-
-
-@law(_crank_speed_power, MotorDrive)
-def _(drive: MotorDrive, dense: Vector, share: float, power: Vector) -> None:
-    to_power(dense[SPEED], share, power)
+_has_variable_speed = one_of(MotorDrive)
 
 
 @by_part
-def _crank_speed_scaled(drive: Drive, series: Vector, used_s: float, power: Vector) -> None:
-    """Power coefficients of the crank's speed over a step by a Taylor series."""
-    raise NotImplementedError
+def _fill_constant_speed(drive: Drive, power: Vector) -> None:
+    """Power coefficients of the crank's speed if it is constant."""
+    return
 
 
-@law(_crank_speed_scaled, IdealDrive)
-def _(drive: IdealDrive, series: Vector, used_s: float, power: Vector) -> None:
+@law(_fill_constant_speed, IdealDrive)
+def _(drive: IdealDrive, power: Vector) -> None:
     power[:] = 0.0
     power[0] = drive.omega_rad_s
-
-
-@law(_crank_speed_scaled, MotorDrive)
-def _(drive: MotorDrive, series: Vector, used_s: float, power: Vector) -> None:
-    _scaled(series[SPEED], used_s, power)
 
 
 @subroutine
