@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from tools.campaign.trial.outcome import Outcome
 from tools.campaign.trial.sampling import Disturbance, Mismatch, mismatch_of, sample
 from tools.campaign.trial.scenarios import Plan
 from tools.campaign.trial.walk_cells import WalkCell, course_of, sampled_walk
-from tools.campaign.trial.walk_judge import ended_s
+from tools.campaign.trial.walk_judge import ended_s, missing
 from tools.cli import run
 from tools.commands.testing.campaign import histogram, kept_of
 from tools.output import EXIT_BAD_INPUT, BadInputError, plain
@@ -370,3 +371,11 @@ def test_an_interrupted_campaign_keeps_what_is_finished_and_goes_on(
     assert [(one.trial, one.metrics["x"]) for one in outcomes] == [(n, 0.1 * n) for n in range(100)]
     assert sorted(ran) == list(range(100))
     assert list((tmp_path / "runs").iterdir()) == []
+
+
+def test_missing_impacts_are_reported_with_their_interval():
+    turns_s = np.arange(0.0, 60.0, 0.2)
+    impacts = np.array([(t_s,) for t_s in turns_s if not 40.1 < t_s < 41.1], np.dtype([("t_s", float)]))
+    done: Any = SimpleNamespace(turns_s=turns_s, impacts=impacts)
+    assert missing(done, (0.0, 60.0)) == "impacts missing from 40.0 to 41.2 s"
+    assert missing(done, (0.0, 39.0)) == ""

@@ -72,13 +72,16 @@ def left_s(done: Run, since_s: float) -> float:
 
 
 def missing(done: Run, hold_s: tuple[float, float]) -> str:
-    """Return since when impacts are missing in the hold, as text; empty if none are missing."""
+    """Return the first interval of the hold in which impacts are missing, as text; empty if none are."""
     begin_s, end_s = hold_s[0] + SETTLED_S, hold_s[1]
     turns_s = done.turns_s[(done.turns_s >= begin_s) & (done.turns_s <= end_s)]
     times = done.impacts["t_s"]
     times = np.concatenate([[begin_s], times[(times > begin_s) & (times < end_s)], [end_s]])
     gaps = np.flatnonzero(np.diff(times) > LONGEST_GAP * np.max(np.diff(turns_s), initial=0.0))
-    return f"impacts missing from {times[gaps[0]]:.1f} s on" if len(gaps) else ""
+    if len(gaps) == 0:
+        return ""
+    since_s, until_s = times[gaps[0]], times[gaps[0] + 1]
+    return f"impacts missing from {since_s:.1f} to {until_s:.1f} s"
 
 
 def judge_hold(done: Run, lock: LockConfig, hold_s: tuple[float, float], outcome: Outcome) -> None:
