@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup hil view test check tune lock clean
+.PHONY: help setup hil view test check lock clean
 MAKEFLAGS += --no-print-directory
 
 # A person's own pip settings must not send packages elsewhere or add unhashed ones.
@@ -21,7 +21,7 @@ COMPLETE = missing=$$($(BIN)/python -m pip check) || { echo "$$missing" >&2; exi
 LOCKED := --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-emit-index-url
 INSTALLED := $(VENV)/.installed-$(call content,requirements.lock pyproject.toml)
 INSTALLED_DEV := $(VENV)/.installed-dev-$(call content,requirements-dev.lock pyproject.toml)
-WARM := $(VENV)/.warm-$(call content,requirements.lock tools/dev/warm.py $$(find plant_sim firmware_py hil -name '*.py' | sort))
+WARM := $(VENV)/.warm-$(call content,requirements.lock tools/dev/warm.py kernel_cache.py $$(find plant_sim firmware_py hil -name '*.py' | sort))
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 15
@@ -37,13 +37,9 @@ view: setup ## the newest run in the Rerun viewer
 
 test: setup $(INSTALLED_DEV) ## all tests: most of them on all cores, then the real-time tests one by one
 	@echo "test: all but the real-time tests, and the examples in docstrings, on all cores"
-	@$(BIN)/python -m pytest -n auto --dist worksteal -m "not realtime and not uml" --doctest-modules tests $(PACKAGES)
+	@$(BIN)/python -m pytest -n auto --dist worksteal --durations=3 -m "not realtime and not uml" --doctest-modules tests $(PACKAGES)
 	@echo "test: the real-time tests, one by one so that none disturbs another's timing"
-	@$(BIN)/python -m pytest -m "realtime or uml"
-
-tune: setup ## every tuning command, and its results compared with the firmware's defaults
-	@echo "tune: speed, identify, estimator, detector, start; some twenty-five minutes on two cores; continues after an interruption"
-	@$(BIN)/vibrohil tune check --out runs/tuned
+	@$(BIN)/python -m pytest --durations=3 -m "realtime or uml"
 
 check: setup $(INSTALLED_DEV) ## formatter, linter, strict types, import contracts
 	@echo "check: format"
@@ -72,10 +68,12 @@ $(BIN)/python:
 	echo "setup: a virtual environment in $(VENV), so that nothing else on this machine changes" && \
 	"$$python" -m venv --clear $(VENV)
 
+# editable_mode=compat: setuptools' other way leaves a relative folder on Python's path, which the working folder could
+# hold with modules of somebody else (tests/trust).
 $(INSTALLED): | $(BIN)/python
 	@echo "setup: the packages of requirements.lock, checked against its hashes (1.3 GB on disk; some minutes)"
 	@$(PIP) $(FROM_LOCK) requirements.lock
-	@$(PIP) --no-deps --no-build-isolation -e .
+	@$(PIP) --no-deps --no-build-isolation --config-settings editable_mode=compat -e .
 	@$(COMPLETE)
 	@rm -f $(VENV)/.installed-[0-9]* && touch $@
 

@@ -2,8 +2,6 @@
 
 `judge_vcan.py FOLDER STATUS COUNT`: FOLDER contains the suite's output, suite.json, and the suite's folder,
 suite; STATUS is the suite's exit status, COUNT the number of scenarios that it was asked to run.
-
-For a run that failed it also prints whether the host stalled.
 """
 
 import json
@@ -20,14 +18,14 @@ wrong = []
 for scenario in suite.get("scenarios", []):
     name = scenario["name"]
     verdict = json.loads((folder / "suite" / name / "verdict.json").read_text(encoding="utf-8"))
-    timing = {key: verdict[key] for key in ("real_time", "ticks", "overruns", "baseline_overruns")}
+    keys = ("real_time", "ticks", "held_s", "own_late_s", "baseline_overruns")
+    timing = {key: verdict[key] for key in keys}
     print(f"ci: {'passed' if verdict['passed'] else 'FAILED'} {name}: {timing}, work {verdict['tick_us']}")
     for check in verdict["checks"]:
         if not check["passed"]:
             print(f"ci:     {check['name']} = {check['value']} {check['unit']}, wanted {check['limit']}")
     if not verdict["passed"]:
         print(f"ci:     fault {verdict['fault']}, {verdict['latched']}, wake-ups {verdict['wake_us']}")
-        print(f"ci:     {verdict['host_stall'] or 'no host stall'}")
     if verdict["kernel_can"] is not True:
         wrong.append(f"{name} was not on the kernel's own CAN")
     if not verdict["checks"]:

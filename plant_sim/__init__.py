@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from plant_sim.scene import Scene as Scene
     from plant_sim.scene import SceneError as SceneError
     from plant_sim.scene import load_scene as load_scene
+    from plant_sim.scene import read_scene as read_scene
     from plant_sim.scene import scene_names as scene_names
     from plant_sim.simulation import SimulationError as SimulationError
     from plant_sim.simulation import simulate as simulate
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 _NAMES = {
     "plant": ("Plant", "PlantError"),
     "result": ("EnergyLedger", "Impact", "MotionState", "Observation", "Phase", "SimulationResult"),
-    "scene": ("Scene", "SceneError", "load_scene", "scene_names"),
+    "scene": ("Scene", "SceneError", "load_scene", "read_scene", "scene_names"),
     "simulation": ("SimulationError", "simulate"),
 }
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}

@@ -1,29 +1,28 @@
-"""Compilation in this package: one `jit`, and functions that the type of a part selects at compile time.
+"""Compilation in this package: kernels, their subroutines, and functions with one law for each part.
 
-numba's cache checks only the file of the cached function. After an edit of a callee in another file, of the
-order of a record or of an enum's value, stale machine code would run. The cache folder is therefore named by
-a hash of all sources of the package, so that each edit starts a new folder.
+`jit` compiles a kernel, which Python calls; `subroutine` a function that kernels call; `by_part` a function
+that has one law for each part of a scene.
 """
 
+import dis
 import functools
-import hashlib
-import os
-import tempfile
+import typing
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, Protocol, TypeVar, cast
 
 import numba
 import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, types
 from numba.core import config as numba_config
-from numba.core import types
-from numba.extending import overload, register_jitable
+from numba.extending import intrinsic, is_jitted, overload, register_jitable
 
+import kernel_cache
 from plant_sim.linking import SubroutineCompiler
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
-_Generic = TypeVar("_Generic", bound=Callable[..., Any])
+_R_co = TypeVar("_R_co", covariant=True)
 _Law = TypeVar("_Law", bound=Callable[..., Any])
 
 
@@ -33,104 +32,89 @@ _KERNELS_ONLY: dict[str, Any] = {
     "no_cfunc_wrapper": True,
     "_nrt": False,
     "pipeline_class": SubroutineCompiler,
+    "forceinline": False,  # numba would hand on the caller's
 }
-_HERE = Path(__file__).parent
+_settings: Any = numba_config
+IS_INTERPRETED: bool = bool(_settings.DISABLE_JIT)
+"""Whether Python runs the kernels (NUMBA_DISABLE_JIT=1), so that a law can be stepped through."""
 
 MOST_INT64 = 2**63 - 1
 """Largest integer that is compiled as signed."""
 
 
-class KernelCacheError(OSError):
-    """The folder for compiled kernels cannot be written."""
+def jit(function: Callable[_P, _R], **options: bool) -> Callable[_P, _R]:
+    """Compile a kernel: no Python objects, no GIL, IEEE division; kept on disk by the state of its sources.
 
-
-@functools.cache
-def cache_folder(name: str = "plant_sim", packages: tuple[Path, ...] = (_HERE,)) -> Path:
-    """Folder of the compiled kernels of these packages, below $VIBROHIL_CACHE_DIR or the user's cache."""
-    user_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    root = Path(os.environ.get("VIBROHIL_CACHE_DIR") or user_cache / "vibrohil")
-    folder = root / f"{name}-{_source_hash(packages)}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()
-    except OSError as error:
-        raise KernelCacheError(
-            f"compiled kernels are kept in {folder}, which cannot be written ({error.strerror}); "
-            "set VIBROHIL_CACHE_DIR to a writable folder"
-        ) from error
-    return folder
-
-
-def _source_hash(packages: tuple[Path, ...]) -> str:
-    digest = hashlib.sha256(numba.__version__.encode())
-    for package in packages:
-        for source in sorted(package.rglob("*.py")):
-            digest.update(source.relative_to(package.parent).as_posix().encode())
-            digest.update(source.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a kernel: no Python objects, no GIL, IEEE division, cached per source state and types."""
-    return cached(function, cache_folder())
-
-
-def inlined_kernel(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a kernel that Python calls and that is also a part of other kernels (see `inlined`).
-
-    It makes no arrays, so it counts no references to them.
-    """
-    return cached(function, cache_folder(), forceinline=True, _nrt=False)
-
-
-def cached(function: Callable[_P, _R], folder: Path, **options: bool) -> Callable[_P, _R]:
-    """Compile a kernel with additional options of numba and cache it in `folder`."""
-    # numba reads its global cache folder when it decorates; put back, for other packages have their own.
-    settings: Any = numba_config
-    previous, settings.CACHE_DIR = settings.CACHE_DIR, str(folder)
-    try:
-        njit: Any = numba.njit
-        kernel: Callable[_P, _R] = njit(cache=True, nogil=True, error_model="numpy", **options)(function)
-    finally:
-        settings.CACHE_DIR = previous
-    return kernel
-
-
-def subroutine(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a function that only kernels call; its code is cached with theirs.
-
-    It has no entry point for Python, which is long for nested records, and counts no references to arrays;
-    this shortens the compile time of a scene's kernel, and its run time.
+    `options` are additional ones of numba.
     """
     njit: Any = numba.njit
-    kernel: Callable[_P, _R] = njit(nogil=True, **_KERNELS_ONLY)(function)
+    kernel: Callable[_P, _R] = njit(nogil=True, error_model="numpy", **options)(function)
+    if is_jitted(kernel):  # NUMBA_DISABLE_JIT leaves the function as it is
+        kernel_cache.keep(kernel)
     return kernel
 
 
-def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a subroutine as a part of its callers.
+@typing.overload
+def subroutine(function: Callable[_P, _R]) -> Callable[_P, _R]: ...
 
-    A call copies its arguments. Records of some 150 numbers cost up to a microsecond, as the copies on the
-    stack may lie a multiple of 4 KiB from what is read next, which then waits for them.
+
+@typing.overload
+def subroutine(*, inline: bool) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]: ...
+
+
+def subroutine(function: Any = None, *, inline: bool = False) -> Any:
+    """Register a function that is compiled in kernels and interpreted when Python calls it.
+
+    Its code is cached with the kernel's. It counts no references to arrays, so it makes and returns none.
+    `inline` compiles it as a part of its callers, for the few functions that are called most; if all were
+    inlined, compiling would take three times as long.
     """
-    njit: Any = numba.njit
-    kernel: Callable[_P, _R] = njit(nogil=True, forceinline=True, **_KERNELS_ONLY)(function)
-    return kernel
+    if function is None:
+        return functools.partial(subroutine, inline=inline)
+    decorate: Any = register_jitable(**_KERNELS_ONLY | {"forceinline": inline})
+    return decorate(function)
 
 
-def allocating(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a subroutine that makes arrays; others count no references, so they make and return none."""
-    njit: Any = numba.njit
-    kernel: Callable[_P, _R] = njit(nogil=True, **_KERNELS_ONLY | {"_nrt": True})(function)
-    return kernel
+def by_address(kernel: Callable[_P, int], call: Callable[..., int]) -> Callable[_P, int]:
+    """A kernel for other kernels, which make the call `call`: `call_at` with its address and its arguments.
+
+    So it is compiled once (`address_of`), and not again as a part of each caller. It returns a status.
+    """
+
+    @functools.wraps(kernel)
+    def interpreted(*arguments: _P.args, **keywords: _P.kwargs) -> int:
+        return kernel(*arguments, **keywords)
+
+    options: Any = {"_nrt": False}
+    overload(interpreted, strict=False, jit_options=options)(lambda *_: call)
+    return interpreted
 
 
-def shared(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Register a function that is compiled in kernels and interpreted when Python calls it."""
-    decorate: Any = register_jitable(**_KERNELS_ONLY)
-    plain: Callable[_P, _R] = decorate(function)
-    return plain
+def address_of(kernel: Callable[..., Any], *arguments: object) -> int:
+    """Address of a kernel's machine code for arguments of these types; 0 where Python interprets kernels."""
+    entry_point(kernel, *arguments)
+    if IS_INTERPRETED:
+        return 0
+    dispatcher: Any = kernel
+    compiled = dispatcher.overloads[_signature(arguments)]
+    address: int = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_cfunc_wrapper_name)
+    return address
 
+
+def _call_machine_code(_: Any, address: Any, arguments: Any) -> Any:
+    """Call the machine code at an address with a tuple of arguments; it returns an integer."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        unpacked = _cgutils.unpack_tuple(builder, values[1])
+        kinds = [context.get_value_type(kind) for kind in signature.args[1].types]
+        function = builder.inttoptr(values[0], ir.FunctionType(ir.IntType(64), kinds).as_pointer())
+        return builder.call(function, unpacked)
+
+    return types.int64(address, arguments), generate
+
+
+_cgutils: Any = cgutils
+call_at: Any = intrinsic(_call_machine_code)
 
 _ENTRY_POINTS: dict[Any, Callable[..., Any]] = {}
 """Machine code by kernel and kinds of its arguments; numba takes a millisecond to find the types again."""
@@ -142,18 +126,26 @@ def entry_point(kernel: Callable[..., _R], *arguments: object) -> Callable[..., 
     A call of it skips the look-up of the arguments' types, which takes longer than a short kernel for nested
     records. The caller must keep to these types; the numbers of a record count as declared.
     """
-    key = kernel, *map(_kind, arguments)
+    if IS_INTERPRETED:
+        return kernel
+    key = kernel, *map(kind_of, arguments)
     if key not in _ENTRY_POINTS:
         dispatcher: Any = kernel
-        typeof: Callable[[object], types.Type] = numba.typeof
-        signature = tuple(typeof(_as_declared(argument)) for argument in arguments)
+        signature = _signature(arguments)
         dispatcher.compile(signature)
         _ENTRY_POINTS[key] = dispatcher.overloads[signature].entry_point
     return _ENTRY_POINTS[key]
 
 
-def _kind(value: object) -> Any:
+def _signature(arguments: tuple[object, ...]) -> tuple[types.Type, ...]:
+    typeof: Callable[[object], types.Type] = numba.typeof
+    return tuple(typeof(_as_declared(argument)) for argument in arguments)
+
+
+def kind_of(value: object) -> Any:
     """What determines the compiled type of a value."""
+    if hasattr(value, "numba_type"):
+        return value.numba_type
     if isinstance(value, np.ndarray):
         flags = value.flags
         return value.dtype, value.ndim, flags.c_contiguous, flags.f_contiguous, flags.writeable
@@ -166,7 +158,7 @@ def _kind(value: object) -> Any:
     declared = getattr(value, "__annotations__", {})
     names = getattr(value, "_fields", range(len(value)))
     fields = zip(names, value, strict=True)
-    return type(value), *(float if declared.get(name) is float else _kind(field) for name, field in fields)
+    return type(value), *(float if declared.get(name) is float else kind_of(field) for name, field in fields)
 
 
 def _as_declared(value: object) -> Any:
@@ -186,20 +178,41 @@ def _as_declared(value: object) -> Any:
     )
 
 
-def by_part(generic: _Generic) -> _Generic:
-    """A function with one law per type of its first argument, selected when a kernel is compiled.
+_MEMBERS: dict[Any, tuple[type, ...]] = {}
+"""The parts that a slot's record can hold, by the record's type; `kind` is a part's place among them."""
 
-    Laws are added with `@law(generic, PartType)`; a kernel that calls the generic function then contains only
-    the law of the scene's own part. The body of the generic function is the law of all other parts; if it
-    raises NotImplementedError, each part needs a law. The same call also works interpreted.
+
+def register_kinds(record: type, members: tuple[type, ...]) -> None:
+    """Let the laws for the parts `members` apply to `record`, by its field `kind` at run time."""
+    _MEMBERS[record] = members
+
+
+class ByPart(Protocol[_P, _R_co]):
+    """A function with one law for each type of its first argument."""
+
+    def __call__(self, *arguments: _P.args, **keywords: _P.kwargs) -> _R_co:
+        """Apply the law of the first argument."""
+
+    def register(self, *parts: type) -> Callable[[_Law], _Law]:
+        """Register the decorated function as the law for these types of part."""
+
+
+def by_part(generic: Callable[_P, _R]) -> ByPart[_P, _R]:
+    """A function with one law for each type of its first argument, as `functools.singledispatch` has it.
+
+    Laws are added with `@generic.register(PartType)`, in the file of the generic function or of the part. In
+    kernels a slot's record (`plant_sim.kinds`) selects its part's law by `kind`, at run time; any other
+    record has one law, selected when the kernel is compiled. The body of the generic function is the law of
+    all other parts; if it raises NotImplementedError, each part needs a law. The same call also works
+    interpreted.
 
     >>> from typing import NamedTuple
     >>> class Sphere(NamedTuple):
     ...     radius_m: float
     >>> @by_part
     ... def volume_m3(body): ...
-    >>> @law(volume_m3, Sphere)
-    ... def _(body):
+    >>> @volume_m3.register(Sphere)
+    ... def sphere_volume_m3(body):
     ...     return 4.0 / 3.0 * 3.14159 * body.radius_m**3
     >>> round(volume_m3(Sphere(1.0)), 3)
     4.189
@@ -211,30 +224,82 @@ def by_part(generic: _Generic) -> _Generic:
     """
     laws: dict[type, Callable[..., Any]] = {}
     default = None if "NotImplementedError" in generic.__code__.co_names else generic
+    by_kind: dict[type, Callable[..., Any]] = {}
 
     @functools.wraps(generic)
     def interpreted(part: Any, *arguments: Any) -> Any:
         return laws.get(type(part), generic)(part, *arguments)
 
     def compiled(part: types.Type, *arguments: types.Type) -> Callable[..., Any] | None:
-        return laws.get(getattr(part, "instance_class", type(None)), default)
+        record = getattr(part, "instance_class", type(None))
+        if record not in _MEMBERS:
+            return laws.get(record, default)
+        if record not in by_kind:
+            chosen = [laws.get(member, default) for member in _MEMBERS[record]]
+            by_kind[record] = _choose_by_kind(generic.__name__, chosen, len(arguments))
+        return by_kind[record]
 
-    options: Any = _KERNELS_ONLY
+    def register(*parts: type) -> Callable[[_Law], _Law]:
+        def add(law: _Law) -> _Law:
+            for part in parts:
+                if law.__module__ not in (generic.__module__, part.__module__):
+                    raise TypeError(
+                        f"{law.__module__}.{law.__qualname__} is a law of {generic.__name__} for "
+                        f"{part.__name__}; a kernel is cached by what it imports, so put the law into "
+                        f"{generic.__module__} or {part.__module__}"
+                    )
+                laws[part] = law
+            return law
+
+        return add
+
+    options: Any = _KERNELS_ONLY | {"forceinline": True}
     overload(interpreted, strict=False, jit_options=options)(compiled)
-    interpreted.laws = laws  # type: ignore[attr-defined]  # read by `law` alone
-    return interpreted  # type: ignore[return-value]  # keeps the generic function's own signature for callers
+    dispatching: Any = interpreted
+    dispatching.register = register
+    return cast("ByPart[_P, _R]", dispatching)
 
 
-def law(generic: Callable[..., Any], *parts: type) -> Callable[[_Law], _Law]:
-    """Register the decorated function as the law of `generic` for these types of part."""
+def _choose_by_kind(name: str, laws: list[Callable[..., Any] | None], count: int) -> Callable[..., Any]:
+    """The function `name` of a record and `count` arguments that calls the law of the record's kind.
 
-    def register(function: _Law) -> _Law:
-        laws: dict[type, Callable[..., Any]] = generic.laws  # type: ignore[attr-defined]  # set by `by_part`
-        for part in parts:
-            laws[part] = function
-        return function
+    `laws` by kind; None where the part has no law.
+    """
+    arguments = ", ".join(["part", *(f"argument_{place}" for place in range(count))])
+    kinds: dict[Any, list[int]] = {}
+    for kind, one in enumerate(laws):
+        kinds.setdefault(one, []).append(kind)
+    if None in kinds:
+        raise TypeError(f"{name} has no law for kinds {kinds[None]}; each part of a slot needs one")
+    # The law of most kinds comes last, without a condition.
+    ordered = sorted(kinds.items(), key=lambda item: len(item[1]))
+    scope: dict[str, Any] = {}
+    lines = [f"def {name}_by_kind({arguments}):"]
+    for place, (one, its_kinds) in enumerate(ordered):
+        scope[f"law_{place}"] = _compiled_law(one)
+        result = f"return {_constant(one) or f'law_{place}({arguments})'}"
+        if place == len(ordered) - 1:
+            lines.append(f"    {result}")
+        else:
+            condition = " or ".join(f"part.kind == {kind}" for kind in its_kinds)
+            lines.append(f"    if {condition}:\n        {result}")
+    exec("\n".join(lines), scope)  # numba cannot select among functions; this text is only generated calls
+    chosen: Callable[..., Any] = scope[f"{name}_by_kind"]
+    return chosen
 
-    return register
+
+@functools.cache
+def _compiled_law(one: Callable[..., Any]) -> Callable[..., Any]:
+    """A law as a part of its callers: the constants of a kernel reach it, which saves a tenth of a tick."""
+    return subroutine(inline=True)(one)
+
+
+def _constant(one: Callable[..., Any]) -> str | None:
+    """The text of a number that is all the law returns: it needs no function. None for other laws."""
+    steps = [step for step in dis.get_instructions(one) if step.opname not in ("RESUME", "NOP")]
+    if [step.opname for step in steps] in (["RETURN_CONST"], ["LOAD_CONST", "RETURN_VALUE"]):
+        return repr(steps[0].argval)
+    return None
 
 
 def one_of(*parts: type) -> Callable[[Any], bool]:
@@ -244,8 +309,8 @@ def one_of(*parts: type) -> Callable[[Any], bool]:
     def is_one(part: Any) -> bool:
         return False
 
-    @law(is_one, *parts)
-    def _(part: Any) -> bool:
+    @is_one.register(*parts)
+    def is_this(part: Any) -> bool:
         return True
 
     return is_one

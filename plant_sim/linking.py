@@ -42,6 +42,6 @@ class SubroutineCompiler(Compiler):
         if holds_arrays and not self.state.flags.nrt:
             raise TypeError(
                 f"{func.__module__}.{func.__qualname__} returns {returned}; wanted no arrays: "
-                "let the caller pass one to fill, or decorate the function with `allocating`"
+                "let the caller pass one to fill"
             )
         return compiled

@@ -2,17 +2,18 @@
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import entry_point
+from plant_sim.kernels import entry_point, subroutine
+from plant_sim.kinds import kernel_parts
 from plant_sim.parts.housing import housing_m_s2
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import origin_m
+from plant_sim.parts.stop import is_rigid, origin_m, stop_position_m
 from plant_sim.parts.walking import Walking
-from plant_sim.result import ElectricalLedger, EnergyLedger, Impact, MotionState, Observation, Phase
+from plant_sim.result import ElectricalLedger, EnergyLedger, Impact, MotionState, Observation
 from plant_sim.scene import Scene, require_scene
 from plant_sim.sensors.gait import GaitReading, GaitSensors, GaitTruth, gait_at, gaits_at
 from plant_sim.sensors.readings import Noise, Readers, SensorReading, Sensors
@@ -24,6 +25,7 @@ from plant_sim.solvers.adaptive.adaptive import (
     DONE,
     NO_GRID,
     advance,
+    kernel_records,
     refusal,
 )
 from plant_sim.solvers.adaptive.observation import (
@@ -44,6 +46,10 @@ SAMPLED_STREAM = 11
 
 IMPACTS_A_CALL = 64
 """Rows of the impacts' buffer. Only during chatter does a tick have more; it then takes two calls."""
+
+
+POSITION_ROUNDING = 4e-16
+"""Rounding of the difference of two positions, as a share of a position."""
 
 
 class PlantError(ValueError):
@@ -73,8 +79,14 @@ class Plant:
             raise PlantError(f"seed = {seed!r}: wanted a whole number of at least 0")
         seed = int(seed)
         self.scene = require_scene(scene)
+        if scene.solver.method == "exact":
+            raise PlantError(
+                "solver.method = 'exact' simulates whole runs; a plant that is advanced tick by tick has the "
+                "adaptive solver: set it to 'auto' or 'adaptive'"
+            )
         self.parts = parts or scene.parts(seed)
         initial = initial or initial_state(scene, self.parts)
+        _require_start(initial, self.parts)
         self._sensors: Sensors | None = None
         self._probe: Probe = NoSensing()
         if scene.sensors is not None:
@@ -94,6 +106,9 @@ class Plant:
         self._t_rest_s = 0.0
         self._torque_n_m = 0.0
         self._impacts: list[Impact] = []
+        self._kernel_parts, self._kernel_probe, self._kernel_memory = kernel_records(
+            self.parts, self._probe, self._memory
+        )
         self._advance = compiled_advance(self)
         self._call(0.0, 0.0)
         self.now: Observation = observation(self._memory)
@@ -121,12 +136,21 @@ class Plant:
         """
         if tuple(map(type, parts)) != tuple(map(type, self.parts)):
             kinds = [", ".join(type(part).__name__ for part in given) for given in (parts, self.parts)]
-            raise PlantError(f"parts of kinds {kinds[0]}; this plant was compiled for {kinds[1]}, keep those")
-        before = origin_m(self.parts.stop, self.parts.striker)
-        moved_m = before - origin_m(parts.stop, parts.striker)
-        self.parts = parts
-        self._memory.y[0] += moved_m
-        self._disturb(in_contact_too=moved_m != 0.0)
+            raise PlantError(f"parts of kinds {kinds[0]}; this plant has {kinds[1]}, keep those")
+        if not self.is_clear_of(parts):
+            raise PlantError(
+                f"the striker is at x = {self.now.x_m} m, beyond the rigid stop that would be at "
+                f"{stop_position_m(parts.stop)} m; wait until the striker is clear of it (`is_clear_of`)"
+            )
+        depth_m = depth_after_m(self.parts, parts, float(self._memory.y[0]))
+        self.parts, self._kernel_parts = parts, kernel_parts(parts)
+        self._memory.y[0] = depth_m
+        self._disturb()
+
+    def is_clear_of(self, parts: Parts) -> bool:
+        """Whether the striker is before the rigid stop of these parts, or at it; True without one."""
+        depth_m = depth_after_m(self.parts, parts, float(self._memory.y[0]))
+        return not is_rigid(parts.stop) or depth_m <= 0.0
 
     def kick(self, change_m_s: float) -> None:
         """Change the striker's velocity at once, as a kick does; the accelerometers measure it.
@@ -138,16 +162,19 @@ class Plant:
             raise PlantError(f"change_m_s = {change_m_s}; wanted a finite change of velocity, in m/s")
         self._memory.y[1] += change_m_s
         sense_jump(self._probe, -change_m_s)
-        self._disturb(in_contact_too=False)
+        self._disturb()
 
-    def _disturb(self, in_contact_too: bool) -> None:
-        """Determine the phase again after a change from outside, and exclude its energy from the ledger."""
+    def _disturb(self) -> None:
+        """Enter the phase that follows from the changed state, and exclude its energy from the ledger."""
         memory = self._memory
         memory.held[0].stored_before_j = math.nan
-        if in_contact_too or memory.mode[0].phase != Phase.CONTACT:
-            memory.mode[0].phase = UNSETTLED
+        memory.mode[0].phase = UNSETTLED
         self._call(self._torque_n_m, 0.0)
         self.now = observation(memory)
+
+    @property
+    def _kernel_arguments(self) -> tuple[Parts, Probe, Memory]:
+        return self._kernel_parts, self._kernel_probe, self._kernel_memory
 
     def _call(self, torque_n_m: float, dt_s: float) -> None:
         memory = self._memory
@@ -156,7 +183,7 @@ class Plant:
         mode: Any = memory.mode
         impacts = mode["impacts"]
         while True:
-            status = self._advance(self.parts, self._probe, memory, torque_n_m, self.t_s, dt_s, NO_GRID)
+            status = self._advance(*self._kernel_arguments, torque_n_m, self.t_s, dt_s, NO_GRID)
             if impacts[0]:
                 self._impacts += [Impact(*row) for row in memory.impacts[: impacts[0]].tolist()]
                 impacts[0] = 0
@@ -212,14 +239,15 @@ class Plant:
         """Hand the module to compiled code until `take_back`. Raises PlantError without sensors."""
         if self._sensors is None or isinstance(self._probe, NoSensing):
             raise PlantError("the scene has no sensors; add the table [sensors]")
+        parts, probe, memory = self._kernel_arguments
         return Lent(
-            self.parts,
-            self._probe,
-            self._memory,
-            self._sensors.readers,
-            self._sensors.noise,
-            self._t_s,
-            self._t_rest_s,
+            parts=parts,
+            probe=cast(Sensing, probe),
+            memory=memory,
+            readers=self._sensors.readers,
+            noise=self._sensors.noise,
+            t_s=self._t_s,
+            t_rest_s=self._t_rest_s,
         )
 
     def take_back(self, t_s: float, t_rest_s: float, torque_n_m: float, status: int) -> None:
@@ -257,12 +285,37 @@ class Plant:
     @property
     def energy(self) -> EnergyLedger:
         """Energy ledger since the start."""
-        return ledger(self.now)
+        return ledger(self.now, self._memory)
 
     @property
     def electrical(self) -> ElectricalLedger | None:
         """Electrical ledger since the start; None if the windings are not modelled."""
         return electrical_ledger(self.parts, self._memory)
+
+
+@subroutine
+def depth_after_m(before: Parts, after: Parts, depth_m: float) -> float:
+    """The depth, m, from the stop's surface, as the parts `after` replace those of `before`."""
+    before_m = origin_m(before.stop, before.striker)
+    moved_m = before_m - origin_m(after.stop, after.striker)
+    if moved_m == 0.0:
+        return depth_m
+    depth_m += moved_m
+    # A depth within the rounding of the positions is none: the striker is at the stop.
+    return 0.0 if abs(depth_m) <= POSITION_ROUNDING * abs(before_m) else depth_m
+
+
+def _require_start(initial: MotionState, parts: Parts) -> None:
+    """Refuse a start that is not finite, or beyond a rigid stop."""
+    for name in ("t_s", "x_m", "v_m_s", "crank_rad", "omega_rad_s"):
+        value = getattr(initial, name)
+        if not math.isfinite(real(value)):
+            raise PlantError(f"initial: {name} = {value!r}; wanted a finite number")
+    if is_rigid(parts.stop) and initial.x_m > stop_position_m(parts.stop):
+        raise PlantError(
+            f"initial: x_m = {initial.x_m} is beyond the rigid stop at {stop_position_m(parts.stop)} m; "
+            "start at or before it, or make the stop soft"
+        )
 
 
 def warm(scene: Scene) -> None:
@@ -276,4 +329,4 @@ def warm(scene: Scene) -> None:
 
 def compiled_advance(plant: Plant) -> Callable[..., int]:
     """The kernel for the types of this plant, compiled or loaded now."""
-    return entry_point(advance, plant.parts, plant._probe, plant._memory, 0.0, 0.0, 0.0, NO_GRID)
+    return entry_point(advance, *plant._kernel_arguments, 0.0, 0.0, 0.0, NO_GRID)

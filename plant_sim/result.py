@@ -75,7 +75,7 @@ class EnergyLedger:
     """drive_work + housing_work = stored_change + friction + impact_loss + ankle, all in joules.
 
     `housing_work_j` is the work of −m a_b in the frame of a tilted or moving housing; `ankle_j` is the energy
-    dissipated in the wearer's ankle.
+    dissipated in the wearer's ankle; `stored_j` is the energy stored at the end.
     """
 
     drive_work_j: float
@@ -84,16 +84,17 @@ class EnergyLedger:
     impact_loss_j: float
     housing_work_j: float = 0.0
     ankle_j: float = 0.0
+    stored_j: float = 0.0
 
     @property
     def exchanged_j(self) -> float:
-        """The energy exchanged in the ledger: the scale of its residual."""
+        """The energy exchanged or still stored: the scale of the residual, above 0 for any motion."""
         moved_j = abs(self.drive_work_j) + abs(self.stored_change_j) + abs(self.housing_work_j)
-        return moved_j + self.friction_j + self.impact_loss_j + self.ankle_j
+        return moved_j + self.friction_j + self.impact_loss_j + self.ankle_j + abs(self.stored_j)
 
     @property
     def residual(self) -> float:
-        """What does not balance, as a fraction of the energy exchanged; 0 where none was."""
+        """What does not balance, as a fraction of the energy exchanged or stored; 0 where there is none."""
         given_j = self.drive_work_j + self.housing_work_j
         error = given_j - self.stored_change_j - self.friction_j - self.impact_loss_j - self.ankle_j
         return abs(error) / self.exchanged_j if self.exchanged_j > 0.0 else 0.0
@@ -139,12 +140,18 @@ class Impacts:
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """The motion at requested times; arrays of shape (n,)."""
+    """The module at requested times, as in `Observation`; arrays of shape (n,)."""
 
     t_s: NDArray[np.float64]
     x_m: NDArray[np.float64]
     v_m_s: NDArray[np.float64]
+    accel_m_s2: NDArray[np.float64]
     crank_rad: NDArray[np.float64]
+    omega_rad_s: NDArray[np.float64]
+    motor_torque_n_m: NDArray[np.float64]
+    current_a: NDArray[np.float64]
+    stop_force_n: NDArray[np.float64]
+    felt_force_n: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ Lengths are in metres along the striker's axis, positive towards the stop. A mis
 is not there.
 """
 
+import copy
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,7 +18,7 @@ from plant_sim.parts.friction import FrictionTable, NoFrictionTable, is_dry
 from plant_sim.parts.housing import Housing, Level, MotionTable
 from plant_sim.parts.linkage import Sine, SliderCrank
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import NoStopTable, RigidStopTable, StopTable
+from plant_sim.parts.stop import NoStopTable, RigidStopTable, SoftStopTable, StopTable
 from plant_sim.parts.striker import StrikerTable
 from plant_sim.parts.walking import TOE_OFF, Walking
 from plant_sim.parts.wearer import NoWearer, WearerTable
@@ -25,7 +26,7 @@ from plant_sim.parts.winding import IdealCurrent, Winding, WindingTable
 from plant_sim.strides import sample_strides
 from plant_sim.tables.gait_tables import GaitTable
 from plant_sim.tables.quantities import LARGEST_SPEED_RAD_S
-from plant_sim.tables.scene_tables import AxisTable, InitialTable, SolverTable
+from plant_sim.tables.scene_tables import InitialTable, SolverTable
 from plant_sim.tables.sensor_tables import SensorsTable
 from plant_sim.tables.table import Table
 from plant_sim.text_input import TextInputError, read_toml
@@ -53,7 +54,6 @@ class Scene(Table):
     initial: InitialTable = InitialTable()
     solver: SolverTable = SolverTable()
     motor: MotorTable | None = Field(default=None, description="the table [motor]")
-    axis: AxisTable | None = Field(default=None, description="the table [axis]")
     winding: WindingTable | None = Field(default=None, description="the table [winding]")
     sensors: SensorsTable | None = Field(default=None, description="the table [sensors]")
     housing: MotionTable | None = Field(default=None, description="the table [housing]")
@@ -92,7 +92,7 @@ class Scene(Table):
     def _speeds_fit(self) -> None:
         """Refuse speeds that are too high: the work per simulated second grows with them."""
         speeds = {"sqrt(striker.spring_n_m / striker.mass_kg)": self.natural_rad_s}
-        drive = self.drive.part(self.natural_rad_s, self.motor)
+        drive = self.drive.part(self.natural_rad_s, self.motor or MotorTable())
         if isinstance(drive, IdealDrive):
             speeds["the drive's speed"] = drive.omega_rad_s
         for name, speed_rad_s in speeds.items():
@@ -105,7 +105,7 @@ class Scene(Table):
     def _wearer_fits(self) -> None:
         if self.wearer is None:
             return
-        if self.stop.law not in ("kelvin-voigt", "hunt-crossley"):
+        if not isinstance(self.stop, SoftStopTable):
             raise ValueError(
                 f"wearer is given while stop.law = {self.stop.law!r}; a wearer feels a force, which only "
                 "a soft stop has: set stop.law = 'hunt-crossley' or 'kelvin-voigt', or delete the table "
@@ -142,22 +142,29 @@ class Scene(Table):
         ]
         return beyond
 
-    @property
-    def beyond_stepping(self) -> list[str]:
-        """As `beyond_closed_form`, without friction: time stepping supports every friction law."""
-        return [fault for fault in self.beyond_closed_form if not fault.startswith("friction")]
-
     def _method_fits(self) -> None:
-        beyond, unstepped = self.beyond_closed_form, self.beyond_stepping
+        beyond = self.beyond_closed_form
         if beyond and self.solver.method == "exact":
             raise ValueError(
                 f"solver.method = 'exact' has no closed form for {' and '.join(beyond)}; "
                 "use 'auto' or 'adaptive'"
             )
-        if unstepped and self.solver.method == "stepping":
-            raise ValueError(
-                f"solver.method = 'stepping' has no {' and no '.join(unstepped)}; use 'auto' or 'adaptive'"
-            )
+
+    @classmethod
+    def load(cls, source: str | Path | Mapping[str, Any]) -> Self:
+        """A checked scene as `load_scene`, of this class."""
+        try:
+            return cls.model_validate(read_scene(source))
+        except ValidationError as error:
+            raise SceneError("\n".join(messages_of(error, cls))) from error
+
+    def with_(self, changes: Mapping[str, object]) -> Self:
+        """This scene with other values, by dotted keys as in `with_values`. Raises SceneError.
+
+        >>> load_scene("table1-viscous").with_({"drive.ratio": 1.2}).drive.ratio
+        1.2
+        """
+        return self.load(with_values(self.model_dump(exclude_unset=True), changes))
 
     @property
     def natural_rad_s(self) -> float:
@@ -170,18 +177,18 @@ class Scene(Table):
         return self.striker.rest_length_m if self.initial.x_m is None else self.initial.x_m
 
     def parts(self, seed: int = 1) -> Parts:
-        """The records for which kernels are specialised; `seed` samples the strides of a walk."""
+        """The records of the parts; `seed` samples the strides of a walk."""
         striker = self.striker.part(0.0 if self.housing is None else self.housing.tilt_rad)
         wearer = NoWearer() if self.wearer is None else self.wearer.part()
         return Parts(
-            striker,
-            self.drive.part(self.natural_rad_s, self.motor),
-            self.friction.part(),
-            self.stop.part(striker.mass_kg, wearer),
-            Sine() if self.drive.rod_m is None else SliderCrank(self.drive.rod_m),
-            self._housing(seed),
-            wearer,
-            self._winding(),
+            striker=striker,
+            drive=self.drive.part(self.natural_rad_s, self.motor or MotorTable()),
+            friction=self.friction.part(),
+            stop=self.stop.part(striker.mass_kg, wearer),
+            linkage=Sine() if self.drive.rod_m is None else SliderCrank(self.drive.rod_m),
+            housing=self._housing(seed),
+            wearer=wearer,
+            winding=self._winding(),
         )
 
     def _housing(self, seed: int) -> Housing:
@@ -217,8 +224,7 @@ def scene_names() -> list[str]:
 def read_scene(source: str | Path | Mapping[str, Any]) -> dict[str, Any]:
     """The raw tables of a named scene, of a TOML file or of a mapping.
 
-    A text is a path if it has a slash or ends in `.toml`, otherwise the name of a scene. Raises
-    TextInputError.
+    A text is a path if it has a slash or ends in `.toml`, otherwise the name of a scene. Raises SceneError.
     """
     if isinstance(source, Mapping):
         return dict(source)
@@ -234,15 +240,27 @@ def read_scene(source: str | Path | Mapping[str, Any]) -> dict[str, Any]:
     else:
         path = Path(source)
     remedy = f"give a scene's file, or one of the named scenes: {', '.join(scene_names())}"
-    return read_toml(path, "scene file", remedy)
+    try:
+        return read_toml(path, "scene file", remedy)
+    except TextInputError as error:
+        raise SceneError(str(error)) from error
+
+
+def with_values(tables: Mapping[str, Any], changes: Mapping[str, object]) -> dict[str, Any]:
+    """A copy of these tables with values replaced by dotted keys, such as `drive.ratio`; None deletes one."""
+    changed: dict[str, Any] = copy.deepcopy(dict(tables))
+    for dotted, value in changes.items():
+        *path, key = dotted.split(".")
+        table = changed
+        for step in path:
+            table = table.setdefault(step, {})
+        if value is None:
+            table.pop(key, None)
+        else:
+            table[key] = value
+    return changed
 
 
 def load_scene(source: str | Path | Mapping[str, Any]) -> Scene:
-    """A checked scene from a name, a TOML file or a mapping.
-
-    Raises SceneError, and TextInputError for a file that cannot be read.
-    """
-    try:
-        return Scene.model_validate(read_scene(source))
-    except ValidationError as error:
-        raise SceneError("\n".join(messages_of(error, Scene))) from error
+    """A checked scene from a name, a TOML file or a mapping. Raises SceneError."""
+    return Scene.load(source)

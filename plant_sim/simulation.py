@@ -6,13 +6,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.methods import choose
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.parts import Parts
 from plant_sim.result import MotionState, Phase, SimulationResult
 from plant_sim.scene import Scene, require_scene
-from plant_sim.solvers import stepping
 from plant_sim.solvers.adaptive import adaptive
+from plant_sim.solvers.adaptive.adaptive import Torque
 from plant_sim.solvers.exact import exact
 from plant_sim.tilt import levelled, tilted
 from plant_sim.validation_messages import real
@@ -23,35 +22,43 @@ class SimulationError(ValueError):
 
 
 def simulate(
-    scene: Scene, until_s: float, torque_n_m: float = 0.0, samples_s: float | None = None
+    scene: Scene, until_s: float, torque_n_m: Torque = 0.0, samples_s: float | None = None
 ) -> SimulationResult:
-    """Simulate a scene from its start to `until_s` under a constant motor torque, N m.
+    """Simulate a scene from its start to `until_s` under a motor torque, N m.
 
-    `samples_s` requests samples of the motion at that spacing, both ends included. All arguments may be any
-    type of real number. Raises
-    `SimulationError`, or the solver's `SolverError` or `UnsupportedSceneError`.
+    The torque is constant, or a function of time that is read every `TORQUE_PERIOD_S` and held in between, as
+    a drive holds its command. `samples_s` requests samples of the motion at that spacing, both ends included.
+    All arguments may be any type of real number. Raises `SimulationError`, or the solver's `SolverError` or
+    `UnsupportedSceneError`.
     """
     until_s = _real(until_s, "until_s", "time to run to, in s", above_zero=True)
-    torque_n_m = _real(torque_n_m, "torque_n_m", "motor torque, in N m")
+    torque = _torque(torque_n_m)
     grid = None if samples_s is None else _grid(until_s, samples_s)
     parts = require_scene(scene).parts()
     initial = initial_state(scene, parts)
-    if torque_n_m != 0.0 and isinstance(parts.drive, IdealDrive):
+    if (callable(torque) or torque != 0.0) and isinstance(parts.drive, IdealDrive):
         raise SimulationError(
             f"torque_n_m = {torque_n_m} is given for an ideal drive, which takes none; "
             "leave it out, or set drive.model = 'motor' or 'dq-motor'"
         )
-    level = levelled(parts)
-    choice = choose(scene, level)
-    if choice.step_s is not None:
-        result = tilted(stepping.simulate(level, initial, until_s, choice.step_s, grid), parts, initial)
-    elif choice.method == "exact":
-        result = tilted(exact.simulate(level, initial, until_s, grid), parts, initial)
+    method, notes = _method(scene)
+    if method == "exact":
+        result = tilted(exact.simulate(levelled(parts), initial, until_s, grid), parts, initial)
     else:
         result = adaptive.simulate(
-            parts, initial, until_s, grid, torque_n_m=torque_n_m, accuracy=scene.solver.accuracy
+            parts, initial, until_s, grid, torque_n_m=torque, accuracy=scene.solver.accuracy
         )
-    return result if choice.note is None else replace(result, notes=(*result.notes, choice.note))
+    return replace(result, notes=notes)
+
+
+def _method(scene: Scene) -> tuple[str, tuple[str, ...]]:
+    """The method of `scene.solver`; `auto` takes the closed form if there is one, and notes its choice."""
+    if scene.solver.method != "auto":
+        return scene.solver.method, ()
+    if not scene.beyond_closed_form:
+        return "exact", ("auto took exact: a closed form is both cheapest and most accurate",)
+    beyond = " and ".join(scene.beyond_closed_form)
+    return "adaptive", (f"auto took adaptive: there is no closed form for {beyond}",)
 
 
 MOST_SAMPLES = 10_000_000
@@ -68,6 +75,17 @@ def _grid(until_s: float, samples_s: float) -> NDArray[np.float64]:
             "at most, give a longer spacing"
         )
     return np.append(spacing_s * np.arange(math.ceil(count * (1.0 - 1e-12))), until_s)
+
+
+def _torque(torque_n_m: Torque) -> Torque:
+    """The torque, whose every value is checked."""
+    if not callable(torque_n_m):
+        return _real(torque_n_m, "torque_n_m", "motor torque, in N m")
+
+    def checked_n_m(t_s: float) -> float:
+        return _real(torque_n_m(t_s), f"torque_n_m({t_s})", "motor torque, in N m")
+
+    return checked_n_m
 
 
 def _real(value: object, name: str, meaning: str, above_zero: bool = False) -> float:

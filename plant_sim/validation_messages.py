@@ -22,6 +22,7 @@ _WANTED = {
     "list_type": "a list",
     "tuple_type": "a list",
     "too_short": "a list of at least {min_length}",
+    "dict_type": "a table",
     "model_type": "a table",
     "model_attributes_type": "a table",
     "literal_error": "{expected}",

@@ -1,11 +1,20 @@
-"""For all tests: one thread for linear algebra, rare garbage collections, Ctrl-C, untimed properties."""
+"""For all tests: threads of linear algebra, garbage collections, Ctrl-C, untimed properties, layers."""
 
 import signal
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
+import pytest
 from hypothesis import settings
+from in_process import without_workers
 
 import tools  # noqa: F401 - keeps linear algebra to one thread
 from hil.timing.realtime import collect_rarely
+
+SLOW_TESTS = Path(__file__).with_name("slow.txt")
+"""The names of the tests with the marker `slow`, a line each; `pytest --measure-slow` writes them."""
+SLOW_S = 1.0
 
 collect_rarely()
 
@@ -15,3 +24,43 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """The long modes of the fuzzers and other tests, and the measurement of the slow tests."""
+    group = parser.getgroup("long modes")
+    group.addoption("--fuzz-count", type=int, help="number of frames, inputs or kills of each fuzzer")
+    group.addoption("--fuzz-seed", type=int, default=7, help="seed of each fuzzer's first case")
+    group.addoption("--endurance-ticks", type=int, default=300_000, help="ticks of the endurance run")
+    group.addoption("--identification-trials", type=int, help="sampled modules that are identified")
+    parser.addoption(
+        "--measure-slow", action="store_true", help=f"write the slow tests into {SLOW_TESTS.name}"
+    )
+
+
+def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
+    """Mark the slow tests, among them all that run on the wall clock or boot a kernel."""
+    slow = set(SLOW_TESTS.read_text(encoding="utf-8").split())
+    for item in items:
+        marked = item.get_closest_marker("realtime") or item.get_closest_marker("uml")
+        if marked or getattr(item, "originalname", None) in slow:
+            item.add_marker("slow")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """Write the names of the tests that took at least `SLOW_S`, all cases of a test together."""
+    if not config.getoption("--measure-slow"):
+        return
+    seconds: defaultdict[str, float] = defaultdict(float)
+    # Set-ups and teardowns are reports without a category.
+    for report in (*terminalreporter.getreports("passed"), *terminalreporter.getreports("")):
+        seconds[report.location[2].partition("[")[0]] += report.duration
+    slow = sorted(name for name, took_s in seconds.items() if took_s >= SLOW_S)
+    SLOW_TESTS.write_text("".join(f"{name}\n" for name in slow), encoding="utf-8")
+
+
+@pytest.fixture
+def in_process() -> Iterator[None]:
+    """Suites and campaigns run without worker processes."""
+    with without_workers():
+        yield

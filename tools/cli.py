@@ -26,6 +26,8 @@ def run(arguments: list[str]) -> int:
 
                 error_report.note_small_address_space()
                 program.refuse_removed_folder()
+                program.refuse_settings_of_numba()
+                program.pass_over_settings_of_matplotlib()
                 program.refuse_other_bytes(arguments)
                 command = program.program()
             return command(arguments, standalone_mode=False) or EXIT_PASSED
@@ -34,6 +36,8 @@ def run(arguments: list[str]) -> int:
             return error_report.report_interruption(str(error), as_json)
         except Exception as error:
             signals.raises = False
+            if signals.raised is not None:
+                return error_report.report_interruption(str(signals.raised), as_json)
             return error_report.report(error, as_json)
 
 

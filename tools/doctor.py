@@ -1,51 +1,47 @@
 """The machine's abilities for the bench, one check each, with the remedy for what is missing."""
 
-import importlib
 import os
 import platform
 import re
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.util import find_spec
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
-from firmware_py.builds.board import REMEDY as INSTALL_BOARD
-from firmware_py.builds.board import missing_tools
-from hil.bench.workers import alive, results
+from firmware_py.builds import board_tools
 from hil.bus import BusError, provide
 from hil.bus.can_socket import has_kernel_can
-from hil.bus.uml import REMEDY as INSTALL_UML
 from hil.bus.vcan import VcanError, enter_own_network
+from hil.kernel import user_mode_linux
 from hil.timing.clock import MonotonicClock
 from hil.timing.realtime import BASELINE, RealtimeReport, become_realtime
-from plant_sim.kernels import KernelCacheError, cache_folder
+from kernel_cache import KernelCacheError, root
+from tools.fmu import linker
 
 OLDEST_PYTHON = (3, 11)
 LOCK = Path(__file__).parents[1] / "requirements.lock"
 IMPORT_NAMES = {"python-can": "can", "rerun-sdk": "rerun"}
 """Packages whose import name differs from their distribution's name."""
-PERIOD_NS = 1_000_000
-WAKE_UPS = 2000
+PERIOD_NS, WAKE_UPS = 1_000_000, 500
 WAKE_LIMIT_US = 500.0
 """Half a period: a firmware tick that is later than this starts after the plant's next tick."""
 VULKAN_DRIVERS = (Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d"))
 
-Answer = TypeVar("Answer")
-
 
 class DoctorCheck(NamedTuple):
-    """One ability of the machine, present or missing."""
+    """One ability of the machine, with the remedy if it is missing and what was found."""
 
     name: str
     passed: bool
     remedy: str
-    """The remedy if the check fails; it is stated in every case."""
     detail: str
-    """The finding."""
 
 
 class Conclusion(NamedTuple):
@@ -55,13 +51,14 @@ class Conclusion(NamedTuple):
     sentence: str
 
 
-REST = {
+USES = {
     "user-mode Linux": "real SocketCAN",
     "viewer": "the Rerun viewer",
     "SCHED_FIFO": "real time beside other work",
     "mlockall": "real time without page faults",
     "timer wake-up": "real time without overruns",
     "emulated board": "the firmware on an emulated Cortex-M7",
+    "FMU linker": "`vibrohil export-fmu`",
 }
 """The use of each check beyond lockstep and the local bus, the most useful first."""
 
@@ -74,76 +71,87 @@ def conclude(found: Sequence[DoctorCheck]) -> Conclusion:
             return Conclusion(False, f"The bench cannot run here yet. {needed}: {by_name[needed].remedy}.")
     has_can = by_name["CAN in the kernel"].passed
     lacking = [
-        (check, REST[check.name])
-        for check in sorted(
-            found, key=lambda check: list(REST).index(check.name) if check.name in REST else 0
-        )
-        if check.name in REST and not check.passed and not (has_can and check.name == "user-mode Linux")
+        name for name in USES if not by_name[name].passed and not (has_can and name == "user-mode Linux")
     ]
     can = "SocketCAN" if has_can else "SocketCAN under `vibrohil kernel`"
-    buses = "" if any(what == "real SocketCAN" for _, what in lacking) else f", and on {can}"
+    buses = "" if "user-mode Linux" in lacking else f", and on {can}"
     runs = f"Here you can run every scenario in lockstep and, in real time, on the local bus{buses}"
     if not lacking:
         return Conclusion(True, f"{runs}; nothing is missing.")
-    first, what = lacking[0]
-    return Conclusion(True, f"{runs}. For {what}: {first.remedy}.")
+    return Conclusion(True, f"{runs}. For {USES[lacking[0]]}: {by_name[lacking[0]].remedy}.")
 
 
 def checks() -> list[DoctorCheck]:
-    """Run all checks; they take about five seconds."""
-    realtime, wake_us = _in_own_process(_bare_loop)
+    """Run all checks, in about a second; nothing is compiled."""
+    realtime, late_us, refusal = in_own_process()
     return [
-        _python(),
-        _packages(),
-        _kernels(),
-        _kernel_can(),
-        _vcan(),
-        _namespaces(),
-        _user_mode_linux(),
-        _board(),
+        python(),
+        packages(),
+        kernels(),
         DoctorCheck(
-            "SCHED_FIFO",
-            realtime.scheduler != "ordinary",
-            "run as root, or give this user rtprio 30 in /etc/security/limits.d and log in again",
-            f"allowed: {realtime.scheduler}"
-            if realtime.scheduler != "ordinary"
-            else "refused: any busy process delays the loops",
+            "CAN in the kernel",
+            has_kernel_can(),
+            "modprobe can can-raw, or run under another kernel: vibrohil kernel -- COMMAND",
+            f"Linux {platform.release()} opens {'an' if has_kernel_can() else 'no'} AF_CAN socket",
         ),
+        private_vcan(),
         DoctorCheck(
-            "mlockall",
-            realtime.memory_locked,
-            "run as root, or give this user memlock unlimited in /etc/security/limits.d and log in again",
-            "allowed" if realtime.memory_locked else "refused: a page fetched from disk delays the loops",
+            "rootless namespaces",
+            not refusal,
+            "sysctl kernel.unprivileged_userns_clone=1 kernel.apparmor_restrict_unprivileged_userns=0",
+            refusal or "user and network namespaces of this user's own can be made",
         ),
-        _wake_up(wake_us),
-        _viewer(),
+        programs("user-mode Linux", user_mode_linux.REMEDY, user_mode_linux.missing_programs()),
+        programs("emulated board", board_tools.REMEDY, board_tools.missing_tools()),
+        programs("FMU linker", linker.REMEDY, [p for p in (linker.LINKER,) if not shutil.which(p)]),
+        permitted("SCHED_FIFO", realtime.scheduler != "ordinary", "rtprio 30", "any busy process"),
+        permitted("mlockall", realtime.memory_locked, "memlock unlimited", "a page fetched from disk"),
+        wake_up(late_us),
+        viewer(),
     ]
 
 
-def _in_own_process(ask: Callable[[], Answer]) -> Answer:
-    """Return `ask()`, computed in a new process: a change of the process's priority ends with the process."""
-    [(_, answer)] = results(_answer, [ask], processes=1)
-    return alive(answer)
+def in_own_process() -> tuple[RealtimeReport, list[float], str]:
+    """The real-time permissions, the lateness of wake-ups in µs, and why no own network can be entered.
+
+    A forked process asks, because its priority and its network end with it.
+    """
+    context = get_context("fork")
+    ours, theirs = context.Pipe(duplex=False)
+    child = context.Process(target=bare_loop, args=(theirs,))
+    child.start()
+    found: tuple[RealtimeReport, list[float], str] = ours.recv()
+    child.join()
+    return found
 
 
-def _answer(ask: Callable[[], Answer]) -> Answer:
-    return ask()
+def bare_loop(answers: Connection) -> None:
+    """Sleep from deadline to deadline without work, then enter a network of its own; send what was found."""
+    report, clock = become_realtime(BASELINE), MonotonicClock()
+    start_ns = clock.now_ns() + PERIOD_NS
+    late_us = []
+    for tick in range(WAKE_UPS):
+        clock.sleep_until(start_ns + tick * PERIOD_NS)
+        late_us.append((clock.now_ns() - start_ns - tick * PERIOD_NS) * 1e-3)
+    try:
+        enter_own_network()
+        refusal = ""
+    except (VcanError, OSError) as error:
+        refusal = str(error)
+    answers.send((report, late_us, refusal))
 
 
-def _python() -> DoctorCheck:
-    return DoctorCheck(
-        "Python",
-        sys.version_info >= OLDEST_PYTHON,
-        "install Python 3.11 or newer, then: make clean setup PYTHON=/path/to/python3",
-        f"{platform.python_version()} at {sys.executable}",
-    )
+def python() -> DoctorCheck:
+    """Whether Python is recent enough."""
+    remedy = "install Python 3.11 or newer, then: make clean setup PYTHON=/path/to/python3"
+    detail = f"{platform.python_version()} at {sys.executable}"
+    return DoctorCheck("Python", sys.version_info >= OLDEST_PYTHON, remedy, detail)
 
 
-def _packages() -> DoctorCheck:
-    wrong = [*version_faults(LOCK.read_text()), *_import_faults()]
-    return DoctorCheck(
-        "packages", not wrong, "make setup", "; ".join(wrong) or f"as in {LOCK.name}, and they import"
-    )
+def packages() -> DoctorCheck:
+    """Whether the installed packages are those of the lock, with their modules."""
+    wrong = [*version_faults(LOCK.read_text()), *missing_modules()]
+    return DoctorCheck("packages", not wrong, "make setup", "; ".join(wrong) or f"as in {LOCK.name}")
 
 
 def version_faults(lock: str) -> list[str]:
@@ -171,24 +179,30 @@ def version_faults(lock: str) -> list[str]:
     return faults
 
 
-def _import_faults() -> list[str]:
-    """Return the project's requirements that cannot be imported, each with the error."""
+def missing_modules() -> list[str]:
+    """Return the project's requirements without their module; none is imported, which would take seconds.
+
+    Files may be gone while the package's metadata and even its empty folder remain.
+    """
+    names = [
+        re.split(r"[^\w.-]", one, maxsplit=1)[0]
+        for one in requires("vibrohil") or []
+        if "extra ==" not in one
+    ]
     faults = []
-    for requirement in requires("vibrohil") or []:
-        if "extra ==" in requirement:
-            continue
-        name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
-        try:
-            importlib.import_module(IMPORT_NAMES.get(name, name.replace("-", "_")))
-        except ImportError as error:
-            faults.append(f"{name} does not import: {error}")
+    for name in names:
+        module = IMPORT_NAMES.get(name, name.replace("-", "_"))
+        found = find_spec(module)
+        if found is None or found.origin is None:
+            faults.append(f"{name} has no module {module}")
     return faults
 
 
-def _kernels() -> DoctorCheck:
+def kernels() -> DoctorCheck:
+    """Whether the folder of compiled kernels can be written and holds kernels."""
     name, remedy = "compiled kernels", "make setup, or set VIBROHIL_CACHE_DIR to a writable folder"
     try:
-        folder = cache_folder()
+        folder = root()
     except KernelCacheError as error:
         return DoctorCheck(name, False, remedy, str(error))
     if not os.access(folder, os.W_OK):
@@ -197,17 +211,8 @@ def _kernels() -> DoctorCheck:
     return DoctorCheck(name, compiled > 0, remedy, f"{compiled} in {folder}")
 
 
-def _kernel_can() -> DoctorCheck:
-    present = has_kernel_can()
-    return DoctorCheck(
-        "CAN in the kernel",
-        present,
-        "modprobe can can-raw, or run under another kernel: vibrohil kernel -- COMMAND",
-        "AF_CAN sockets open" if present else f"Linux {platform.release()} opens no AF_CAN socket",
-    )
-
-
-def _vcan() -> DoctorCheck:
+def private_vcan() -> DoctorCheck:
+    """Whether a vcan can be made for a run alone."""
     name, remedy = "private vcan", "modprobe vcan, or: vibrohil kernel -- COMMAND"
     try:
         with provide("vcan") as bus:
@@ -216,46 +221,19 @@ def _vcan() -> DoctorCheck:
         return DoctorCheck(name, False, remedy, str(error))
 
 
-def _namespaces() -> DoctorCheck:
-    name = "rootless namespaces"
-    remedy = "sysctl kernel.unprivileged_userns_clone=1 kernel.apparmor_restrict_unprivileged_userns=0"
-    try:
-        _in_own_process(enter_own_network)
-    except (VcanError, OSError) as error:
-        return DoctorCheck(name, False, remedy, str(error))
-    return DoctorCheck(name, True, remedy, "user and network namespaces of this user's own can be made")
+def programs(name: str, remedy: str, missing: Sequence[str]) -> DoctorCheck:
+    """Whether the programs of an ability are installed."""
+    return DoctorCheck(name, not missing, remedy, f"no {', no '.join(missing)}" if missing else "installed")
 
 
-def _user_mode_linux() -> DoctorCheck:
-    found = {program: shutil.which(program) for program in ("linux.uml", "busybox")}
-    return DoctorCheck(
-        "user-mode Linux",
-        all(found.values()),
-        INSTALL_UML,
-        ", ".join(path or f"no {program}" for program, path in found.items()),
-    )
+def permitted(name: str, passed: bool, limit: str, delay: str) -> DoctorCheck:
+    """Whether this user may have a real-time permission."""
+    remedy = f"run as root, or give this user {limit} in /etc/security/limits.d and log in again"
+    return DoctorCheck(name, passed, remedy, "allowed" if passed else f"refused: {delay} delays the loops")
 
 
-def _board() -> DoctorCheck:
-    missing = missing_tools()
-    found = f"no {', no '.join(missing)}" if missing else "compiler, C library and emulator are there"
-    return DoctorCheck("emulated board", not missing, INSTALL_BOARD, found)
-
-
-def _bare_loop() -> tuple[RealtimeReport, list[float]]:
-    """Sleep from deadline to deadline without work; return the granted privileges and all delays in µs."""
-    report = become_realtime(BASELINE)
-    clock = MonotonicClock()
-    start_ns = clock.now_ns() + PERIOD_NS
-    late_us = []
-    for tick in range(WAKE_UPS):
-        deadline_ns = start_ns + tick * PERIOD_NS
-        clock.sleep_until(deadline_ns)
-        late_us.append((clock.now_ns() - deadline_ns) * 1e-3)
-    return report, late_us
-
-
-def _wake_up(late_us: list[float]) -> DoctorCheck:
+def wake_up(late_us: Sequence[float]) -> DoctorCheck:
+    """Whether the timer wakes a process in time."""
     p50_us, p99_us, worst_us = np.percentile(late_us, (50, 99, 100))
     return DoctorCheck(
         "timer wake-up",
@@ -265,14 +243,14 @@ def _wake_up(late_us: list[float]) -> DoctorCheck:
     )
 
 
-def _viewer() -> DoctorCheck:
+def viewer() -> DoctorCheck:
+    """Whether the Rerun viewer can open a window: a display and a Vulkan driver."""
     display = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
-    virtual = shutil.which("xvfb-run")
     drivers = sorted(driver.name for folder in VULKAN_DRIVERS for driver in folder.glob("*.json"))
-    screen = f"display {display}" if display else f"no display, {virtual or 'no xvfb-run'}"
+    screen = f"display {display}" if display else "no display: `vibrohil view` opens no window"
     return DoctorCheck(
         "viewer",
-        bool((display or virtual) and drivers) or sys.platform == "darwin",
-        "vibrohil view --web, or: apt-get install xvfb mesa-vulkan-drivers",
+        bool(display and drivers) or sys.platform == "darwin",
+        "vibrohil view --web, or on a display: apt-get install mesa-vulkan-drivers",
         f"{screen}; Vulkan drivers: {', '.join(drivers) or 'none'}",
     )

@@ -14,8 +14,10 @@ from tools import output
 
 LONGEST_MESSAGE = 4000
 """Length of the longest error message about an input, in characters."""
-UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
-"""Errors of the machine that are not defects of the program."""
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+"""Errors of a file that the machine does not let the program write."""
+UNUSABLE = (errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP)
+"""Errors of a file that may not be read or written; an error without a file's name is a defect."""
 GIB = 2**30
 ADDRESS_SPACE_GIB = 3
 """Address space that the largest process of a run maps; most of it is never used."""
@@ -27,7 +29,8 @@ def bad_input_types() -> tuple[type[Exception], ...]:
     from hil.bench.recorded_run import RunError
     from hil.bench.workers import WorkerDiedError
     from hil.bus import BusError
-    from hil.bus.uml import UmlError
+    from hil.bus.xcp_master import XcpMasterError
+    from hil.kernel.user_mode_linux import UmlError
     from hil.record.damage import DamagedFileError
     from hil.record.rerun_program import RerunError
     from hil.record.run_folder import RunFolderError
@@ -39,7 +42,7 @@ def bad_input_types() -> tuple[type[Exception], ...]:
         *(output.BadInputError, TextInputError, ParameterError),
         *solver_errors(),
         *board_errors(),
-        *(BusError, TraceError, UmlError, ChildRefusalError, RunError, RunFolderError),
+        *(BusError, TraceError, UmlError, XcpMasterError, ChildRefusalError, RunError, RunFolderError),
         *(DamagedFileError, RerunError, WorkerDiedError),
     )
 
@@ -49,7 +52,7 @@ def is_bad_input(error: Exception) -> bool:
     if isinstance(error, output.BadInputError):
         return True
     try:
-        from plant_sim.kernels import KernelCacheError
+        from kernel_cache import KernelCacheError
 
         if isinstance(error, KernelCacheError):  # then the modules of the other types cannot be imported
             return True
@@ -77,12 +80,21 @@ def board_errors() -> tuple[type[Exception], ...]:
     return (BoardError,)
 
 
-def unwritable(error: Exception) -> str:
-    """A sentence about a file that the machine does not allow to be written; empty for another error."""
-    if not isinstance(error, OSError) or error.errno not in UNWRITABLE:
+def refused_by_the_machine(error: Exception) -> str:
+    """A sentence about a file or memory that the machine does not give the program; empty for others."""
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+        files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+        return f"more than {files} open files are needed; raise the limit, for example with ulimit -n 256"
+    if isinstance(error, ImportError):
+        return small_address_space()
+    if not isinstance(error, OSError):
         return ""
     place = "a file" if error.filename is None else error.filename
-    return f"{place} cannot be written ({error.strerror}); make room or give permission, or write elsewhere"
+    if error.errno in NO_ROOM:
+        return f"{place} cannot be written ({error.strerror}); make room, or write elsewhere"
+    if error.errno == errno.EACCES or (error.errno in UNUSABLE and error.filename is not None):
+        return f"{place} cannot be used ({error.strerror}); give permission, or name another"
+    return ""
 
 
 def say_error(label: str, message: str, as_json: bool) -> None:
@@ -157,5 +169,5 @@ def report(error: Exception, as_json: bool) -> int:
         remedy = small_address_space() or "free some, or run less at once"
         say_error("error:", f"out of memory; {remedy}", as_json)
         return output.EXIT_INTERNAL_ERROR
-    sentence = str(error) if is_bad_input(error) else unwritable(error)
+    sentence = str(error) if is_bad_input(error) else refused_by_the_machine(error)
     return refuse(sentence, as_json) if sentence else report_internal_error(error, as_json)

@@ -93,8 +93,8 @@ def _client(address: str) -> Iterator[Any]:
     except (OSError, ValueError) as error:
         raise BadInputError(
             f"--scheduler {address}: no Dask scheduler answers there ({error}); start one with "
-            "`dask scheduler`, its workers with `dask worker ADDRESS --nthreads 1`, and give the address "
-            "it prints"
+            "`dask scheduler --host 127.0.0.1`, its workers with `dask worker ADDRESS --nthreads 1`, and "
+            "give the address it prints; whoever reaches it runs code, so use TLS between machines"
         ) from error
     with client:
         yield client

@@ -3,15 +3,19 @@
 import json
 import math
 import os
+import re
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TextIO
 
 import numpy as np
 import typer
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
+from rich.segment import Segment
 from rich.table import Column, Table
+
+from hil.judge.figures import text as figure_texts
 
 EXIT_PASSED = 0
 EXIT_CHECK_FAILED = 1
@@ -19,17 +23,33 @@ EXIT_INTERRUPTED = 2
 EXIT_INTERNAL_ERROR = 3
 EXIT_BAD_INPUT = 4
 EXIT_NOTHING_RAN = 5
+"""Nothing ran, or something that ran was not judged."""
 
 PIPED_WIDTH = 240
 """Width in characters where the output is no terminal: each row of a table stays on one line, for grep."""
 
 
+CONTROL = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u202a-\\u202e\\u2066-\\u2069]")
+"""Characters that command a terminal, or reverse the direction of text; tab and line feed are left."""
+
+
+class TextConsole(Console):
+    """A console that prints no control characters of texts: names and reasons may come from foreign files."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """The segments of a renderable; rich's own commands to the terminal are segments of their own."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(CONTROL.sub("", segment.text), segment.style)
+
+
 def console_on(stream: TextIO | None) -> Console:
     """A console on standard output or error, as wide as the terminal or $COLUMNS, else PIPED_WIDTH."""
     in_terminal = stream is not None and stream.isatty()
-    free = not in_terminal and "COLUMNS" not in os.environ
-    width = PIPED_WIDTH if free else None
-    return Console(stderr=stream is sys.stderr, width=width, highlight=False)
+    given = os.environ.get("COLUMNS", "")
+    if not (given.isdecimal() and int(given) > 0):
+        os.environ.pop("COLUMNS", None)  # rich would print nothing in 0 columns
+    width = PIPED_WIDTH if not in_terminal and "COLUMNS" not in os.environ else None
+    return TextConsole(stderr=stream is sys.stderr, width=width, highlight=False)
 
 
 console = console_on(sys.stdout)
@@ -41,7 +61,7 @@ class BadInputError(ValueError):
 
 
 def exit_of(verdict: Mapping[str, Any]) -> int:
-    """The exit status of a verdict; EXIT_NOTHING_RAN if nothing was checked."""
+    """The exit status of a verdict; EXIT_NOTHING_RAN if nothing was judged."""
     if verdict["passed"] is None:
         return EXIT_NOTHING_RAN
     return EXIT_PASSED if verdict["passed"] else EXIT_CHECK_FAILED
@@ -80,30 +100,38 @@ def answer(
         raise typer.Exit(status)
 
 
-def figure(value: Any, unit: str = "") -> str:
-    """A figure as text: four significant digits and the unit; an em dash if there is no value."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return "—"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    text = f"{value:.4g}" if isinstance(value, float) else str(value)
-    return f"{text} {unit}".rstrip()
+NO_VALUE = figure_texts.NO_VALUE
+figure = figure_texts.figure_text
+
+
+def marked(verdict: str, loud: bool = False) -> str:
+    """A verdict (passed, failed, not-judged) in words and colour; `loud`: in capitals."""
+    words = verdict.replace("-", " ")
+    style = {"passed": "bold green" if loud else "green", "failed": "bold red"}.get(words, "bold yellow")
+    return f"[{style}]{words.upper() if loud else words}[/]"
 
 
 def table_of(columns: Iterable[str | Column], rows: Iterable[Iterable[str]] = (), **options: Any) -> Table:
-    """A table without lines; a column's name with a leading > heads numbers, aligned to the right."""
-    headers = (
-        Column(one[1:], justify="right", no_wrap=True) if isinstance(one, str) and one[:1] == ">" else one
-        for one in columns
-    )
+    """A table without lines; a column's name with a leading > heads numbers, aligned to the right.
+
+    Names are no markup, as they may contain units in brackets."""
+
+    def header(one: str | Column) -> Column:
+        if isinstance(one, Column):
+            return one
+        is_number = one.startswith(">")
+        text = escape(one.removeprefix(">"))
+        return Column(text, justify="right", no_wrap=True) if is_number else Column(text)
+
+    headers = map(header, columns)
     table = Table(*headers, title_justify="left", box=None, pad_edge=False, **options)
     for row in rows:
         table.add_row(*row)
     return table
 
 
-def figure_table(title: str, rows: Iterable[tuple[str, Any, str]]) -> Table:
+def figure_table(title: str | None, rows: Iterable[tuple[str, Any, str]]) -> Table:
     """A two-column table of (name, value, unit)."""
     shown = ((escape(name), escape(figure(value, unit))) for name, value, unit in rows)
     columns = (Column(style="cyan", no_wrap=True), Column())
-    return table_of(columns, shown, title=escape(title), show_header=False)
+    return table_of(columns, shown, title=title and escape(title), show_header=False)

@@ -1,5 +1,6 @@
 """Output options of a command, which reject an unwritable place before any work."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -41,7 +42,7 @@ def _option(description: str, refuse: Callable[[str, Path], None]) -> Any:
 def refuse_existing(option: str, path: Path, endings: tuple[str, ...] = ()) -> None:
     """Raise BadInputError unless a new file can be made at `path`."""
     try:
-        if path.exists():
+        if os.path.lexists(path):  # a link to a missing file too: the file would be made at its end
             raise BadInputError(f"{option} is {path}: that is there already; remove it, or name another")
     except OSError as error:
         raise BadInputError(f"{option} is {path}: {error.strerror}; name another place") from error

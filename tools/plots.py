@@ -17,14 +17,29 @@ PLOT_WINDOW_S = 5.0
 """Longest time history, up to the end of the run: some ten periods at the module's frequencies."""
 
 
+def use_style() -> None:
+    """Draw as matplotlib does by default, in our size of text and without the upper and right line.
+
+    The defaults come first: some packages change them as they are imported (motulator shows a grid).
+    """
+    import matplotlib
+
+    matplotlib.rcdefaults()
+    matplotlib.rcParams.update(
+        {"svg.hashsalt": "vibrohil", "font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
+    )
+
+
 @contextmanager
 def drawn(path: Path, width: float = 14.0, height: float = 4.4) -> Iterator["Figure"]:
     """A figure of this size in inches, written into an SVG, PNG or PDF file at the end."""
     from matplotlib.figure import Figure
 
+    use_style()
     figure = Figure(figsize=(width, height), layout="constrained")
     yield figure
-    figure.savefig(path, dpi=110)
+    dated = {"Date": None} if path.suffix.lower() == ".svg" else None  # the same data give the same file
+    figure.savefig(path, dpi=110, metadata=dated)
 
 
 def plot_motion(result: SimulationResult, scene: Scene, path: Path) -> None:

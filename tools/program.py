@@ -2,7 +2,9 @@
 
 import functools
 import os
+from contextlib import chdir
 from importlib import import_module
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -25,32 +27,30 @@ def print_version(wanted: bool) -> None:
 
 
 COMMANDS = {
-    "Test the firmware": ("testing.run", "testing.suite", "testing.campaign", "testing.fuzz"),
-    "Look at runs": (
-        *("logs.runs", "logs.view", "logs.inspect", "logs.compare"),
-        *("logs.import_log", "logs.export"),
-    ),
-    "Design": ("design.tune", "design.trade", "design.schedule"),
-    "The module alone": ("design.simulate", "design.study"),
-    "One node on a bus": ("nodes.firmware", "nodes.plant", "nodes.operator"),
-    "This machine": ("machine.doctor", "machine.kernel", "machine.list_names"),
+    "Test the firmware": ("new", "run", "suite", "campaign"),
+    "Look at runs": ("runs", "view", "inspect", "compare", "replay", "import_log", "export"),
+    "Design": ("tune", "trade", "schedule"),
+    "The module alone": ("simulate", "study", "export_fmu"),
+    "One node on a bus": ("firmware", "plant", "operator", "measure", "calibrate"),
+    "This machine": ("doctor", "kernel", "list_names"),
 }
 """The modules of the commands, in the groups of the help page."""
+OTHER_NAMES = {"import_log": "import", "list_names": "list"}
+"""`import` and `list` are words of Python, so the modules of these commands have a longer name."""
+NUMBA_SETTINGS, MATPLOTLIB_SETTINGS = ".numba_config.yaml", "matplotlibrc"
 
 
 def add(app: typer.Typer, module: str, group: str) -> None:
-    """Add one module's command, or its group of sub-commands, to the program.
-
-    `import` and `list` are words of Python, so their modules have a longer name."""
-    name = module.rpartition(".")[2]
+    """Add one module's command, or its group of sub-commands, to the program."""
+    name = OTHER_NAMES.get(module, module.replace("_", "-"))
     loaded = import_module(f"tools.commands.{module}")
-    command = getattr(loaded, name)
+    command = getattr(loaded, module)
     if not isinstance(command, typer.Typer):
-        name = name.partition("_")[0]
         settings = getattr(loaded, "SETTINGS", None)
         app.command(name, context_settings=settings, rich_help_panel=group, epilog=example(name))(command)
         return
-    app.add_typer(command, rich_help_panel=group)
+    epilog = example(name) if name in EXAMPLES else None
+    app.add_typer(command, rich_help_panel=group, epilog=epilog)
     for sub_command in command.registered_commands:
         sub_name = sub_command.name or getattr(sub_command.callback, "__name__", "")
         sub_command.epilog = example(f"{name} {sub_name}")
@@ -89,6 +89,22 @@ def refuse_removed_folder() -> None:
         os.getcwd()
     except FileNotFoundError as error:
         raise BadInputError("the current folder was removed; change to another folder") from error
+
+
+def refuse_settings_of_numba() -> None:
+    """Raise BadInputError if the current folder holds settings of numba, which would change the kernels."""
+    if os.path.lexists(NUMBA_SETTINGS):
+        raise BadInputError(
+            f"the current folder holds {NUMBA_SETTINGS}, and numba would compile by its settings; "
+            "remove it, or start in another folder (settings of your own: the variables NUMBA_…)"
+        )
+
+
+def pass_over_settings_of_matplotlib() -> None:
+    """Import matplotlib elsewhere if the current folder holds settings of it, which it would read first."""
+    if os.path.lexists(MATPLOTLIB_SETTINGS):
+        with chdir(Path(__file__).parent):
+            import_module("matplotlib")
 
 
 def refuse_other_bytes(arguments: list[str]) -> None:

@@ -4,19 +4,15 @@ The image reads requests from standard input and answers on standard output; see
 """
 
 import hashlib
-import shutil
 import subprocess
 import tempfile
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+from firmware_py.builds.board_tools import COMPILER, EMULATOR, REMEDY, missing_tools
 from firmware_py.builds.c_header import header
 from firmware_py.builds.machine_code import TARGETS, kept, object_code
 
-COMPILER, EMULATOR = "arm-none-eabi-gcc", "qemu-system-arm"
-REMEDY = (
-    "install Debian's packages: apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
-)
 SOURCES = Path(__file__).parent / "board_image"
 BoardName = Literal["cortex-m7", "cortex-m4f"]
 
@@ -49,18 +45,6 @@ class BoardError(ValueError):
     """The image cannot be built or run here; the message names the remedy."""
 
 
-def missing_tools() -> list[str]:
-    """The names of the missing programs and libraries."""
-    missing = [program for program in (COMPILER, EMULATOR) if shutil.which(program) is None]
-    if COMPILER not in missing:
-        found = subprocess.run(
-            [COMPILER, "-print-file-name=libc_nano.a"], capture_output=True, text=True, check=True
-        )
-        if not Path(found.stdout.strip()).is_absolute():
-            missing.append("newlib")
-    return missing
-
-
 def refuse_without_tools() -> None:
     """Raise BoardError if a program or library is missing."""
     if missing := missing_tools():
@@ -84,14 +68,15 @@ def image(name: BoardName) -> Path:
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(SOURCES.iterdir()))).hexdigest()[
         :16
     ]
-    path = kept(f"{name}-{digest}.elf")
-    if not path.exists():
-        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-            _link(name, Path(folder)).replace(path)
-    return path
+    return kept(f"{name}-{digest}.elf", lambda: _link(name))
 
 
-def _link(name: BoardName, folder: Path) -> Path:
+def _link(name: BoardName) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        return _link_in(Path(folder), name)
+
+
+def _link_in(folder: Path, name: BoardName) -> bytes:
     (folder / "vibro_firmware.o").write_bytes(object_code(name))
     (folder / "vibro_firmware.h").write_text(header(TARGETS[name].precision), encoding="utf-8")
     linked = folder / "image.elf"
@@ -100,7 +85,7 @@ def _link(name: BoardName, folder: Path) -> Path:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise BoardError(f"{COMPILER} cannot link the image: {done.stderr.strip()}")
-    return linked
+    return linked.read_bytes()
 
 
 def start(name: BoardName) -> "subprocess.Popen[bytes]":

@@ -12,11 +12,12 @@ from typing import Any, get_args, get_origin
 
 from firmware_py.builds.flat import Precision, layout, members
 from firmware_py.builds.single_precision import single
-from firmware_py.core.state import Config
+from firmware_py.core.config import Config
 from firmware_py.interface.frame import WordFrame
-from firmware_py.node.tick import MAX_RX, NodeState, Tx
+from firmware_py.node.memory import FirmwareState
+from firmware_py.node.tick import MAX_RX, Tx
 
-RECORDS = (Config, NodeState, WordFrame, Tx)
+RECORDS = (Config, FirmwareState, WordFrame, Tx)
 """Types of the objects to which the function's pointers point."""
 CPP_KEYWORDS = ("operator",)
 """Member names that are keywords of C++; they get an underscore."""
@@ -47,16 +48,24 @@ BOTTOM = """\
 /* One control period, called once in config->tick_s. It allocates nothing, keeps nothing beside `state`, and
  * reads no clock.
  *
- * `state` begins as a copy of vibro_initial_state. `elapsed_ticks` is 1, or more after skipped periods.
- * `frames` are those received since the last call, at most VIBRO_MAX_FRAMES, in the order of their arrival.
- * tx->torque is to be sent at once, tx->other if tx->frame_count is 2.
+ * `state` begins as a copy of vibro_initial_state. `behind_ticks` is 0. After n missed periods call it once
+ * for each of them, with its frames and `behind_ticks` n, n - 1, ... 1, then for the present period; send the
+ * last torque only. `frames` are those received in the period, at most VIBRO_MAX_FRAMES, in order of their
+ * arrival.
+ * The first tx->frame_count (0 to 3) of tx->first, tx->second and tx->third are to be sent at once, in order.
  *
  * Returns 0; another number where the arithmetic failed, with `state` and `tx` unchanged: stop the drive.
  */
-int32_t vibro_tick(const vibro_config *config, vibro_node_state *state, int64_t elapsed_ticks,
+int32_t vibro_tick(const vibro_config *config, vibro_firmware_state *state, int64_t behind_ticks,
                    int64_t frame_count, const vibro_word_frame *frames, vibro_tx *tx);
 
-extern const vibro_node_state vibro_initial_state;
+/* Calibration over XCP: call it after a tick's frames have been sent, never while a tick runs. It processes
+ * the write that the tick has received, if any. A commit changes the tuning parameters in `config` and the
+ * constants that follow from them. Without it each write is refused, and `config` may be const. Returns 0.
+ */
+int32_t vibro_calibrate(vibro_config *config, vibro_firmware_state *state);
+
+extern const vibro_firmware_state vibro_initial_state;
 
 #ifdef __cplusplus
 }
@@ -133,8 +142,8 @@ def needed(kind: Any) -> Iterator[Any]:
 def c_name(kind: type) -> str:
     """The name of a Python class in C.
 
-    >>> c_name(NodeState)
-    'vibro_node_state'
+    >>> c_name(FirmwareState)
+    'vibro_firmware_state'
     """
     return "vibro_" + re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
 

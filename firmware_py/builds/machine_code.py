@@ -1,12 +1,13 @@
 """The firmware as an object file for any target: numba's unoptimised code, compiled by LLVM alone.
 
-    int32_t vibro_tick(const vibro_config *, vibro_node_state *, int64_t elapsed_ticks, int64_t frame_count,
-                       const vibro_word_frame *, vibro_tx *)
+    int32_t vibro_tick(const vibro_config *, vibro_firmware_state *, int64_t behind_ticks,
+                       int64_t frame_count, const vibro_word_frame *, vibro_tx *)
+    int32_t vibro_calibrate(vibro_config *, vibro_firmware_state *)
 
-It returns 0, or another number with state and tx unchanged if the arithmetic failed. The object also holds
-the constant `vibro_initial_state`. It requires functions for operations without an instruction on its target
-and for copying and filling memory, but no operating system and no inexact mathematics of a C library, whose
-last bits differ from another's.
+They return 0; `vibro_tick` another number with state and tx unchanged if the arithmetic failed. The object
+also holds the constant `vibro_initial_state`. It requires functions for operations without an instruction on
+its target and for copying and filling memory, but no operating system and no inexact mathematics of a C
+library, whose last bits differ from another's.
 """
 
 import os
@@ -14,7 +15,7 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -22,10 +23,11 @@ from typing import Literal, NamedTuple
 import llvmlite.binding as llvm
 
 from firmware_py.builds import single_precision
-from firmware_py.builds.cache import cache_folder
 from firmware_py.builds.flat import Precision, in_precision, layout, stored
-from firmware_py.core.state import Config
-from firmware_py.node.tick import INITIAL, NodeState, Tx
+from firmware_py.core.config import Config
+from firmware_py.node.memory import INITIAL, FirmwareState
+from firmware_py.node.tick import Tx
+from kernel_cache import folder_of, kept_file
 
 TargetName = Literal["cortex-m7", "cortex-m4f", "host", "host-single"]
 
@@ -50,7 +52,9 @@ TARGETS: dict[TargetName, Target] = {
 }
 """The host's features are not used: a fused multiply-add that another target lacks would change bits."""
 
-ENTRY = "vibro_tick"
+ENTRY, CALIBRATE = "vibro_tick", "vibro_calibrate"
+NO_GAIT = "without-gait"
+"""Argument of `raw_ir`, and part of the names of files, for code that does not follow a gait."""
 SPEED = 2
 LLVM_REGION_BUDGET = 10_000
 """LLVM's default of the limit that `whole_registers` sets."""
@@ -60,17 +64,23 @@ and LLVM cannot compile a call with kilobytes of arguments for ARM."""
 FRAMING = "9interface7framing"
 """Part of a mangled name; these functions are inlined too, so that frame lengths become constants."""
 WRAPPER = """
-define i32 @vibro_tick(ptr %config, ptr %state, i64 %elapsed, i64 %count, ptr %frames, ptr %tx) {{
+define i32 @vibro_tick(ptr %config, ptr %state, i64 %current, i64 %count, ptr %frames, ptr %tx) {{
   %returned = alloca i64
   %raised = alloca ptr
   %status = call i32 @{tick}(
     ptr %returned, ptr %raised,
-    ptr %config, ptr %state, i64 %elapsed, i64 %count, ptr %frames, ptr %tx)
+    ptr %config, ptr %state, i64 %current, i64 %count, ptr %frames, ptr %tx)
+  ret i32 %status
+}}
+define i32 @vibro_calibrate(ptr %config, ptr %state) {{
+  %returned = alloca i64
+  %raised = alloca ptr
+  %status = call i32 @{calibrate}(ptr %returned, ptr %raised, ptr %config, ptr %state)
   ret i32 %status
 }}
 @vibro_initial_state = constant [{state_size} x i8] c"{state}", align 8
 """
-KEPT = (ENTRY, "vibro_initial_state")
+KEPT = (ENTRY, CALIBRATE, "vibro_initial_state")
 NAMES_EXCEPTION = re.compile(r"^ *store ptr @\.const\.picklebuf\S*, ptr \S*.*\n", re.MULTILINE)
 """Stores of numba's pickled exceptions, which are removed: the wrapper only uses the status."""
 
@@ -80,39 +90,43 @@ def escaped(content: bytes) -> str:
     return "".join(f"\\{byte:02x}" for byte in content)
 
 
-def kept(name: str) -> Path:
-    """Path of a cached file that depends only on the firmware's sources."""
-    folder = cache_folder()
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder / name
+def kept(name: str, make: Callable[[], bytes]) -> Path:
+    """Path of a cached file of what `make` returns, which depends on the firmware's sources alone."""
+    builders = sorted(Path(__file__).parent.glob("*.py"))
+    return kept_file(folder_of("firmware_py.builds", *builders), name, make)
 
 
-def raw_assembly() -> str:
+def raw_assembly(has_gait: bool = True) -> str:
     """The firmware's LLVM assembly as `raw_ir` writes it; the first time it takes half a minute."""
-    path = kept("raw.ll")
-    if not path.exists():
-        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-            fresh = Path(folder) / path.name
-            environment = os.environ | {"NUMBA_OPT": "0"}
-            command = [sys.executable, "-m", "firmware_py.builds.raw_ir", str(fresh)]
-            subprocess.run(command, env=environment, check=True)
-            fresh.replace(path)
-    return path.read_text()
+    return kept(f"raw{variant(has_gait)}.ll", lambda: _raw_assembly(has_gait)).read_text()
 
 
-def object_code(target: TargetName) -> bytes:
-    """The firmware as a relocatable object file."""
-    path = kept(f"{target}.o")
-    if not path.exists():
-        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-            fresh = Path(folder) / path.name
-            assembly = NAMES_EXCEPTION.sub("", raw_assembly())
-            state = in_precision(stored(INITIAL), NodeState, TARGETS[target].precision).tobytes()
-            tick = assembly.partition("\n")[0].removeprefix("; ")
-            wrapper = WRAPPER.format(tick=tick, state_size=len(state), state=escaped(state))
-            fresh.write_bytes(retargeted(assembly + wrapper, TARGETS[target], KEPT))
-            fresh.replace(path)
-    return path.read_bytes()
+def variant(has_gait: bool) -> str:
+    """Part of the names of the files."""
+    return "" if has_gait else f"-{NO_GAIT}"
+
+
+def _raw_assembly(has_gait: bool) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        fresh = Path(folder) / "raw.ll"
+        command = [sys.executable, "-P", "-m", "firmware_py.builds.raw_ir", str(fresh)]
+        command += [] if has_gait else [NO_GAIT]
+        subprocess.run(command, env=os.environ | {"NUMBA_OPT": "0"}, check=True)
+        return fresh.read_bytes()
+
+
+def object_code(target: TargetName, has_gait: bool = True) -> bytes:
+    """The firmware as a relocatable object file; without a gait, the operator alone asks for a ratio."""
+    name = f"{target}{variant(has_gait)}.o"
+    return kept(name, lambda: _object_code(target, has_gait)).read_bytes()
+
+
+def _object_code(target: TargetName, has_gait: bool) -> bytes:
+    assembly = NAMES_EXCEPTION.sub("", raw_assembly(has_gait))
+    state = in_precision(stored(INITIAL), FirmwareState, TARGETS[target].precision).tobytes()
+    tick, calibrate = assembly.partition("\n")[0].removeprefix("; ").split()
+    wrapper = WRAPPER.format(tick=tick, calibrate=calibrate, state_size=len(state), state=escaped(state))
+    return retargeted(assembly + wrapper, TARGETS[target], KEPT)
 
 
 @contextmanager
@@ -158,13 +172,13 @@ def retargeted(assembly: str, target: Target, kept_names: Collection[str]) -> by
         return bytes(machine.emit_object(module))
 
 
-def sizes(target: TargetName) -> dict[str, int]:
+def sizes(target: TargetName, has_gait: bool = True) -> dict[str, int]:
     """Bytes of the target's object file in flash, and of its caller's structs in RAM."""
-    code, precision = object_code(target), TARGETS[target].precision
+    code, precision = object_code(target, has_gait), TARGETS[target].precision
     text = constants = 0
     for section in llvm.ObjectFileRef.from_data(code).sections():  # an iterator that reuses one object
         text += section.size() if section.is_text() else 0
         constants += section.size() if (section.name() or b"").startswith(b".rodata") else 0
-    records = {"config": Config, "state": NodeState, "tx": Tx}
+    records = {"config": Config, "state": FirmwareState, "tx": Tx}
     structs = {name: layout(kind, precision).itemsize for name, kind in records.items()}
     return {"code": text, "constants": constants, **structs}

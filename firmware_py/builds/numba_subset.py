@@ -15,49 +15,40 @@ from typing import Any, get_args, get_origin
 
 from llvmlite import ir
 from numba.core import types
-from numba.cpython.unsafe.tuple import tuple_setitem
 from numba.extending import intrinsic, overload, register_jitable
 
 import firmware_py.builds.numba_replace
 import firmware_py.core
 import firmware_py.node
 from firmware_py.builds.flat import members
-from firmware_py.core import parameters
-from firmware_py.core.estimation import kalman
 from firmware_py.interface import arrivals, counters, enums, float32, framing
 from firmware_py.interface.enums import AxisState, OperatorRequest
 from firmware_py.interface.generated import packing, received, unpacking
 
 _tuple: Any = types.BaseTuple.from_types
-_with_item: Any = tuple_setitem
 
 
-def _with_value(parameters: Any, index: Any, value: Any) -> Any:
-    return _with_item(parameters, index, value)
-
-
-INSTEAD: dict[Any, Any] = {
-    kalman.predict: kalman.predict_written_out,
-    kalman.update: kalman.update_written_out,
-    parameters.with_value: _with_value,
-}
-"""Replacements of functions in compiled code: filterpy's algebra by the same algebra written out."""
+REPLACEMENTS = "firmware_py.builds.replacements"
+"""Loaded by name, as the subset is: a kernel of the bench that imports this module contains no part of the
+core, and is not compiled anew with it."""
 
 
 @functools.cache
-def register(inlined: bool = True) -> None:
+def register(inlined: bool = True, has_gait: bool = True) -> None:
     """Register the firmware's functions for calls from compiled code.
 
     `inlined`: functions are inlined. Records of hundreds of members are then not copied at each call, which
-    would take two thirds of a tick; the code is larger, too large for a board.
+    would take two thirds of a tick; the code is larger, too large for a board. `has_gait`: the code that
+    follows a gait is part of it.
     """
+    instead = importlib.import_module(REPLACEMENTS).instead_of(has_gait)
     options: Any = {"forceinline": inlined}
     for module in subset():
         for function in vars(module).values():
             if isinstance(function, FunctionType) and function.__module__ == module.__name__:
-                if function in INSTEAD:
+                if function in instead:
                     replaced = overload(function, strict=False, jit_options=options)
-                    replaced(functools.partial(_instead, INSTEAD[function]))
+                    replaced(functools.partial(_instead, instead[function]))
                 else:
                     register_jitable(**options)(function)
     for function, instruction in INSTRUCTIONS.items():
@@ -103,7 +94,7 @@ def loader(kind: type[Any]) -> Any:
     def load(_: Any, address: types.Type) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             model = context.data_model_manager[record]
-            return model.load_from_data_pointer(builder, _pointer(builder, model, arguments[0]))
+            return model.load_from_data_pointer(builder, pointer_to(builder, model, arguments[0]))
 
         return record(address), generate
 
@@ -116,13 +107,30 @@ def store(_: Any, record: types.Type, address: types.Type) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         model = context.data_model_manager[record]
-        builder.store(model.as_data(builder, arguments[0]), _pointer(builder, model, arguments[1]))
+        builder.store(model.as_data(builder, arguments[0]), pointer_to(builder, model, arguments[1]))
         return context.get_dummy_value()
 
     return types.none(record, address), generate
 
 
-def _pointer(builder: Any, model: Any, address: Any) -> Any:
+def member_place(record: Any, name: str, kind: Any = types.voidptr) -> Any:
+    """`place(address)` for compiled code: the address, of type `kind`, of a member of a record in memory."""
+    whole, index = numba_type(record), members(record).index((name, dict(members(record))[name]))
+
+    @intrinsic
+    def place(_: Any, address: types.Type) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            pointer = pointer_to(builder, context.data_model_manager[whole], arguments[0])
+            inner = builder.gep(pointer, [ir.IntType(32)(0), ir.IntType(32)(index)])
+            return builder.bitcast(inner, context.get_value_type(kind))
+
+        return kind(address), generate
+
+    return place
+
+
+def pointer_to(builder: Any, model: Any, address: Any) -> Any:
+    """The address, an integer or any pointer, as a pointer to a record."""
     kind = model.get_data_type().as_pointer()
     is_pointer = isinstance(address.type, ir.PointerType)
     return builder.bitcast(address, kind) if is_pointer else builder.inttoptr(address, kind)

@@ -1,26 +1,32 @@
 """`NUMBA_OPT=0 python -m firmware_py.builds.raw_ir FILE`: the firmware as numba passes it to LLVM.
 
-Writes the LLVM assembly of `flat_tick` and of all functions that it calls, not optimised, to FILE; the first
-line is a comment with the function's name. It needs its own process, because numba reads NUMBA_OPT only once.
+Writes the LLVM assembly of `flat_tick`, `flat_calibrate` and all functions that they call, not optimised, to
+FILE; the first line is a comment with the names of these two. A second argument `NO_GAIT` leaves out the
+gait. It needs its own process, because numba reads NUMBA_OPT only once.
 """
 
 import sys
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding as llvm
 import numba
 
-from firmware_py.builds.flat_tick import SIGNATURE, flat_tick
+from firmware_py.builds.flat_tick import CALIBRATE_SIGNATURE, SIGNATURE, flat_calibrate, flat_tick
+from firmware_py.builds.machine_code import NO_GAIT
 from firmware_py.builds.numba_subset import register
 
 
 def main() -> None:
     """Write the file."""
-    register(inlined=False)
-    dispatcher = numba.njit(SIGNATURE)(flat_tick)
-    result: Any = next(iter(dispatcher.overloads.values()))
-    text = result.library.get_llvm_str()
-    Path(sys.argv[1]).write_text(f"; {result.fndesc.mangled_name}\n{text}")
+    register(inlined=False, has_gait=sys.argv[2:] != [NO_GAIT])
+    functions = ((SIGNATURE, flat_tick), (CALIBRATE_SIGNATURE, flat_calibrate))
+    dispatchers = [numba.njit(signature)(function) for signature, function in functions]
+    results: list[Any] = [next(iter(one.overloads.values())) for one in dispatchers]
+    first, second = (llvm.parse_assembly(one.library.get_llvm_str()) for one in results)
+    first.link_in(second)
+    names = " ".join(one.fndesc.mangled_name for one in results)
+    Path(sys.argv[1]).write_text(f"; {names}\n{first}")
 
 
 if __name__ == "__main__":

@@ -77,9 +77,8 @@ class GaitInput(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """All inputs of a tick. `elapsed_ticks`: ticks since the previous one, 1 or, after an overrun, more."""
+    """All inputs of a tick."""
 
-    elapsed_ticks: int
     accelerometer: AccelerometerInput
     measurements: Measurements
     encoder: EncoderInput

@@ -1,14 +1,14 @@
 """Additional sensors that correct the estimate: the row of H and the noise of each.
 
-Each sensor measures z = H (x, v, bias) + noise and sends a frame of its own. To add a sensor, add it to the
-two records and two functions below, its frame to `vibro.dbc`, and the deviation of its noise to the
-parameters.
+Each sensor measures z = H (x, v, bias) + noise and sends a frame of its own. To add one, add it to the two
+records and two functions below, its frame to `vibro.dbc`, and the deviation of its noise to the parameters.
+The accelerometer is no such sensor, because its reading also depends on the crank: see `accelerometer`.
 """
 
 from typing import NamedTuple
 
-from firmware_py.core.parameter_values import Parameters
 from firmware_py.interface.arrivals import Arrival, age
+from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.generated.received import INITIAL, Received
 
 
@@ -59,7 +59,7 @@ NOTHING_MEASURED = measurements(INITIAL, 0)
 
 def measured(parameters: Parameters) -> AllMeasured:
     """The row of H and the variance of each sensor, from the parameters."""
-    coarse_m = parameters.estimator_coarse_std_m
+    coarse_m = parameters.estimator.coarse_std_m
     return AllMeasured(
         Measured(1.0, 0.0, 0.0, coarse_m * coarse_m),
     )

@@ -1,11 +1,12 @@
-"""The core's config, state and outputs, composed of the records of its blocks."""
+"""The core's state and outputs, composed of the records of its blocks."""
 
 from typing import NamedTuple
 
-from firmware_py.core.control import gait, gait_lock, hold, speed, spin_down, start, stride_harmonic
-from firmware_py.core.estimation import crank, detector, estimator_state, identify, regime
+from firmware_py.core.control import hold, speed, spin_down, start
+from firmware_py.core.estimation import crank, detector, estimator_state, regime
+from firmware_py.core.gait import gait, gait_lock, stride_harmonic
 from firmware_py.core.records import zeroed
-from firmware_py.core.safety import drive_link, monitors, supervisor
+from firmware_py.core.safety import drive_link, gate, monitors, supervisor, watchdog_proof
 from firmware_py.interface.enums import (
     INIT,
     NO_FAULT,
@@ -18,25 +19,6 @@ from firmware_py.interface.enums import (
 )
 
 
-class Config(NamedTuple):
-    """The core's configuration; it changes only when parameters are written, between two ticks."""
-
-    tick_s: float
-    drive_link: drive_link.DriveLinkConfig
-    crank: crank.CrankConfig
-    estimator: estimator_state.EstimatorConfig
-    detector: detector.DetectorConfig
-    start: start.StartConfig
-    hold: hold.HoldConfig
-    speed: speed.SpeedConfig
-    monitors: monitors.MonitorConfig
-    gait: gait.GaitConfig
-    gait_lock: gait_lock.LockConfig
-    stride_harmonic: stride_harmonic.StrideHarmonicConfig
-    identify: identify.IdentifyConfig
-    spin_down: spin_down.SpinDownConfig
-
-
 class State(NamedTuple):
     """The core's state, from one tick to the next."""
 
@@ -47,18 +29,19 @@ class State(NamedTuple):
     start: start.StartState
     hold: hold.HoldState
     speed: speed.SpeedState
+    gate: gate.GateState
     monitors: monitors.MonitorState
     supervisor: supervisor.SupervisorState
     drive_link: drive_link.DriveLinkState
+    proof: watchdog_proof.ProofState
     gait: gait.CycleState
     gait_lock: gait_lock.LockState
     stride_harmonic: stride_harmonic.StrideHarmonicState
-    identify: identify.IdentifyState
     spin_down: spin_down.SpinDownState
 
 
 class Outputs(NamedTuple):
-    """The core's outputs.
+    """The core's outputs. `withholds`: no frame may be sent to the drive, whose watchdog is tested.
 
     `impact` marks the tick in which a touch-down is detected. The touch-down lies `impact_age_s` before the
     sensors' time, at the speed `impact_speed_m_s`; `impact_impulse_n_s` is the expected impulse until
@@ -75,6 +58,7 @@ class Outputs(NamedTuple):
     torque_n_m: float
     target_omega_rad_s: float
     drive_frame: drive_link.DriveFrame
+    withholds: bool
     impact: bool
     separation: bool
     impact_age_s: float
@@ -94,13 +78,14 @@ INITIAL = State(
     start=start.INITIAL,
     hold=hold.INITIAL,
     speed=speed.INITIAL,
+    gate=gate.INITIAL,
     monitors=monitors.INITIAL,
     supervisor=supervisor.INITIAL,
     drive_link=drive_link.INITIAL,
+    proof=watchdog_proof.INITIAL,
     gait=gait.INITIAL,
     gait_lock=gait_lock.INITIAL,
     stride_harmonic=stride_harmonic.INITIAL,
-    identify=identify.INITIAL,
     spin_down=spin_down.INITIAL,
 )
 

@@ -1,345 +1,350 @@
-"""One tick of the firmware: crank, estimate, impacts, regime, limits, mode, target speed, torque.
+"""One tick of the control blocks:
 
-    step(config, state, inputs) -> (state, outputs)
+    sense(config, state, inputs) -> sensed                                    the observers
+    decide(config, state, sensed, inputs, found) -> decided                   the mode, the target, the torque
+    guard(config, decided, gate, found, inputs) -> (gate, decided)            the gate permits the torque
 
-Sensors are sampled at t_k, the step runs before t_{k+1}, and its torque acts from t_{k+1} for one tick. After
-an overrun `sense` runs once for each waiting sample, at the time of that sample; then `act` runs once, on the
-newest sample.
+and `step`, which calls them. Sensors are sampled at t_k, the tick runs before t_{k+1}, and its torque acts
+from t_{k+1} for one tick. A tick that catches up (`is_current` is False) belongs to a period that was missed:
+its torque is not sent, and the last one that was sent goes on acting.
 """
 
 import math
 from typing import NamedTuple
 
-from firmware_py.core.control import gait, gait_lock, hold, speed, spin_down, start, stride_harmonic
+from firmware_py.core.config import Config
+from firmware_py.core.control import hold, speed, spin_down, start
 from firmware_py.core.elementary import sin
-from firmware_py.core.estimation import crank, detector, estimator, estimator_state, identify, regime
+from firmware_py.core.estimation import crank, detector, estimator, estimator_state, regime
 from firmware_py.core.estimation.estimator_state import Contact
+from firmware_py.core.gait import follow
+from firmware_py.core.gait.follow import WalkState
+from firmware_py.core.gait.gait_lock import Moment
 from firmware_py.core.inputs import Inputs
-from firmware_py.core.numbers import clamp
-from firmware_py.core.safety import drive_link, monitors, supervisor
-from firmware_py.core.state import Config, Outputs, State
-from firmware_py.interface.arrivals import NEVER_TICKS
+from firmware_py.core.request import Request
+from firmware_py.core.safety import drive_link, gate, monitors, supervisor, watchdog_proof
+from firmware_py.core.safety.monitors import Watched
+from firmware_py.core.safety.supervisor import Observed
+from firmware_py.core.state import Outputs, State
 from firmware_py.interface.enums import (
     ASKS_CLEAR,
     ASKS_RUN,
     CLOSED_LOOP,
     MOVING,
+    NO_FAULT,
     NO_LIMIT,
     NO_REFUSAL,
     READY,
     RUN,
     STOPPING,
     ActingLimit,
+    Mode,
     Refusal,
 )
 
 
 class Sensed(NamedTuple):
-    """The result of all samples since the last command: one sample, or more after an overrun.
+    """The observers after this tick's sample; `contact` is the detector's result."""
 
-    `ticks` counts from the last command to the newest sample; `contact` is the detector's result for the
-    newest sample. `separation_ticks` counts from the separation to the newest sample. If several impacts
-    ended, `impulse_n_s` and `peak_m_s2` are the largest values.
-    """
-
-    ticks: int
     crank: crank.CrankState
     estimator: estimator_state.EstimatorState
     detector: detector.DetectorState
     regime: regime.RegimeState
-    gait: gait.CycleState
     contact: Contact
-    touch_down: bool
-    separation: bool
-    separation_ticks: int
-    impulse_n_s: float
-    peak_m_s2: float
 
 
-def refused(
-    valid_ratio: bool, waits_for_crank: bool, by_gait: Refusal, by_hold: Refusal, by_stride_harmonic: Refusal
-) -> Refusal:
-    """The first reason why a RUN request is not followed; NO_REFUSAL if it is."""
-    if not valid_ratio:
-        return Refusal.RATIO_OUT_OF_RANGE
-    if waits_for_crank:
-        return Refusal.CRANK_TOO_FAST
-    if by_gait != NO_REFUSAL:
-        return by_gait
-    return by_hold if by_hold != NO_REFUSAL else by_stride_harmonic
+class Supervised(NamedTuple):
+    """The mode and its reasons. `valid_ratio`: the ratio may be run. `proven`: a start may begin."""
+
+    monitors: monitors.MonitorState
+    findings: monitors.Findings
+    supervisor: supervisor.SupervisorState
+    valid_ratio: bool
+    proven: bool
 
 
-def unsensed(state: State) -> Sensed:
-    """The `Sensed` of a tick before its first sample."""
-    return Sensed(
-        0,
-        state.crank,
-        state.estimator,
-        state.detector,
-        state.regime,
-        state.gait,
-        detector.FLYING,
-        False,
-        False,
-        0,
-        0.0,
-        0.0,
-    )
+class Command(NamedTuple):
+    """The proposed motion: target speed and, in `speed`, the torque."""
+
+    start: start.StartState
+    hold: hold.HoldState
+    spin_down: spin_down.SpinDownState
+    speed: speed.SpeedState
+    target_rad_s: float
 
 
-def sense(config: Config, commanded: speed.SpeedState, sensed: Sensed, inputs: Inputs) -> Sensed:
-    """Process one sample: update crank, estimate, impacts, regime and gait from `sensed`."""
-    n = inputs.elapsed_ticks - sensed.ticks
-    waited = sensed.ticks > 0
-    acting_n_m = commanded.torque_n_m if waited else commanded.acting_n_m
-    crank_now = crank.step(
-        config.crank,
-        sensed.crank,
-        inputs.encoder,
-        n,
-        speed.known_acceleration(config.speed, acting_n_m, sensed.crank, sensed.estimator),
-    )
+class Linked(NamedTuple):
+    """The drive's axis: the test of its watchdog, its state, and the frame to be sent."""
+
+    proof: watchdog_proof.ProofState
+    drive_link: drive_link.DriveLinkState
+    frame: drive_link.DriveFrame
+
+
+class Decided(NamedTuple):
+    """The result of `decide`; the torque is only proposed."""
+
+    supervised: Supervised
+    walk: WalkState
+    command: Command
+    linked: Linked
+    acting_limit: ActingLimit
+    refusal: Refusal
+
+
+def sense(config: Config, state: State, inputs: Inputs) -> Sensed:
+    """Update crank, estimate, impacts and regime by this tick's sample."""
+    known_rad_s2 = speed.known_acceleration(config, state.speed.acting_n_m, state.crank, state.estimator)
+    crank_now = crank.step(config, state.crank, inputs.encoder, known_rad_s2)
     predicted = estimator.propagate(
-        config.estimator,
-        sensed.estimator,
-        inputs.accelerometer,
-        sensed.detector.phase,
-        crank_now.angle_rad,
-        crank_now.omega_rad_s,
-        n,
+        config, state.estimator, inputs.accelerometer, state.detector.phase, crank_now
     )
-    detector_now, contact = detector.step(config.detector, sensed.detector, predicted, n)
-    estimate = estimator.correct(
-        config.estimator,
-        sensed.estimator,
-        predicted,
-        contact,
-        inputs.measurements,
-        crank_now.angle_rad,
-        crank_now.omega_rad_s,
-        n,
-    )
-    regime_now = regime.step(
-        sensed.regime,
-        crank_now.angle_rad,
-        crank_now.omega_rad_s,
-        contact.touch_down,
-        contact.age_s,
-        contact.approach_speed_m_s,
-        predicted.sensor.acceleration_m_s2,
-        waited and sensed.regime.ended,
-    )
-    gait_now = sensed.gait
-    if inputs.gait.age_ticks < NEVER_TICKS:
-        gait_now = gait.step(config.gait, sensed.gait, inputs.gait, n)
-    separation_ticks = sensed.separation_ticks + n if sensed.separation else 0
-    impulse_n_s, peak_m_s2 = sensed.impulse_n_s, sensed.peak_m_s2
-    if contact.separation:  # NaN counts as the largest
-        separation_ticks = 0
-        impulse_n_s = impulse_n_s if detector_now.impulse_n_s <= impulse_n_s else detector_now.impulse_n_s
-        peak_m_s2 = peak_m_s2 if detector_now.peak_m_s2 <= peak_m_s2 else detector_now.peak_m_s2
-    return Sensed(
-        inputs.elapsed_ticks,
-        crank_now,
-        estimate,
-        detector_now,
-        regime_now,
-        gait_now,
-        contact,
-        sensed.touch_down or contact.touch_down,
-        sensed.separation or contact.separation,
-        separation_ticks,
-        impulse_n_s,
-        peak_m_s2,
-    )
+    detector_now, contact = detector.step(config, state.detector, predicted)
+    estimate = estimator.correct(config, state.estimator, predicted, contact, inputs.measurements, crank_now)
+    regime_now = regime.step(state.regime, crank_now, contact, predicted.sensor.acceleration_m_s2)
+    return Sensed(crank_now, estimate, detector_now, regime_now, contact)
 
 
-def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
-    """One tick of the whole controller, on one sample."""
-    return act(config, state, sense(config, state.speed, unsensed(state), inputs), inputs)
+def supervise(
+    config: Config, state: State, sensed: Sensed, inputs: Inputs, found: gate.GateFindings
+) -> Supervised:
+    """Findings of the monitors and the mode; `found`: the gate's findings."""
+    mode, estimate = state.supervisor.mode, sensed.estimator
+    spins_down = mode == STOPPING and config.d.spin_down_s > 0.0
+    target_rad_s = state.spin_down.target_omega_rad_s if spins_down else state.start.target_omega_rad_s
+    stretch_m = speed.stretch_m(config, sin(sensed.crank.angle_rad), estimate.x_m)
+    watched = Watched(
+        mode=mode,
+        axis_state=inputs.drive.axis_state,
+        crank=sensed.crank,
+        estimate=estimate,
+        impulse_n_s=sensed.detector.impulse_n_s if sensed.contact.separation else 0.0,
+        target_omega_rad_s=target_rad_s,
+        disturbed=monitors.is_disturbed(config, sensed.crank, not math.isnan(stretch_m)),
+    )
+    monitors_now, findings = monitors.step(config, state.monitors, found, watched)
+    if watchdog_proof.tolerates(state.proof, inputs.drive):
+        findings = findings._replace(drive=NO_FAULT)
+    proven = watchdog_proof.may_start(config, state.proof)
+    valid_ratio = start.valid_ratio(config, inputs.operator.target_ratio)
+    walk = WalkState(state.gait, state.gait_lock, state.stride_harmonic)
+    observed = Observed(
+        estop=inputs.estop,
+        request=inputs.operator.request,
+        disarm_reason=inputs.drive.disarm_reason,
+        target_valid=valid_ratio and follow.accepts(config, walk),
+        axis_idle=drive_link.is_idle(state.drive_link),
+        captured=state.start.captured,
+        start_failed=state.start.failed,
+        proof_passed=state.proof.passed,
+        proof_failed=state.proof.failed,
+        proven=proven,
+    )
+    supervisor_now = supervisor.step(state.supervisor, findings, observed)
+    return Supervised(monitors_now, findings, supervisor_now, valid_ratio, proven)
 
 
-def act(  # noqa: PLR0915 - one tick, read top to bottom
-    config: Config, state: State, sensed: Sensed, inputs: Inputs
-) -> tuple[State, Outputs]:
-    """Limits, mode, target speed and torque, from the samples sensed so far."""
-    n = inputs.elapsed_ticks
-    crank_now, estimate, detector_now = sensed.crank, sensed.estimator, sensed.detector
-    regime_now, gait_now = sensed.regime, sensed.gait
-    since_touch_down_s = detector_now.since_touch_down_s + sensed.separation_ticks * config.tick_s
+def choose_request(
+    config: Config, state: State, sensed: Sensed, inputs: Inputs, mode: Mode
+) -> tuple[WalkState, Request]:
+    """The request to start and hold: the operator's, or the gait's."""
+    walk = WalkState(state.gait, state.gait_lock, state.stride_harmonic)
+    moment = Moment(
+        moving=mode in MOVING,
+        holding=mode == RUN and state.start.stage == start.HOLD,
+        angle_rad=sensed.crank.angle_rad,
+        regime=sensed.regime,
+        touch_down=sensed.contact.touch_down,
+        since_touch_down_s=sensed.detector.since_touch_down_s,
+        impact_n_s=sensed.detector.impulse_n_s,
+    )
+    return follow.ask(config, walk, inputs.gait, inputs.operator, moment)
 
-    # Supervise
-    follow = config.gait_lock.follow
-    valid_ratio = start.valid_ratio(config.start, inputs.operator.target_ratio)
-    valid_target = valid_ratio and not (follow and state.gait_lock.refusal != NO_REFUSAL)
-    spins_down = state.supervisor.mode == STOPPING and config.spin_down.longest_s > 0.0
-    followed_rad_s = state.spin_down.target_omega_rad_s if spins_down else state.start.target_omega_rad_s
-    implausible = monitors.is_disturbed(config.monitors.limits, crank_now) and not math.isnan(
-        speed.stretch_m(config.speed.load, sin(crank_now.angle_rad), estimate.x_m)  # NaN: the load is unknown
-    )
-    monitors_now, findings = monitors.step(
-        config.monitors,
-        state.monitors,
-        state.supervisor.mode,
-        inputs,
-        crank_now,
-        estimate,
-        sensed.impulse_n_s,
-        sensed.peak_m_s2,
-        followed_rad_s,
-        implausible,
-    )
-    supervisor_now = supervisor.step(
-        state.supervisor,
-        findings,
-        inputs.estop,
-        inputs.operator.request,
-        inputs.drive.disarm_reason,
-        valid_target,
-        drive_link.is_idle(state.drive_link),
-        state.start.captured,
-        state.start.failed,
-        n,
-    )
-    mode = supervisor_now.mode
-    moving = mode in MOVING
 
-    # Command
-    target_ratio = inputs.operator.target_ratio
-    holding = mode == RUN and state.start.stage == start.HOLD
-    identify_now = state.identify
-    contact = sensed.contact
-    if config.identify.enabled and (contact.touch_down or estimate.flight.ticks % identify.SAMPLE_TICKS == 0):
-        identify_now = identify.step(
-            config.identify,
-            config.estimator.striker,
-            state.identify,
-            estimate,
-            holding,
-            contact,
-            crank_now.angle_rad,
-            crank_now.omega_rad_s,
-        )
-        if contact.touch_down:
-            estimate = identify.towards(config.identify, identify_now, holding, estimate)
-    lock_now, stride_harmonic_now = state.gait_lock, state.stride_harmonic
-    if follow:
-        lock_now = gait_lock.step(
-            config.gait_lock,
-            state.gait_lock,
-            gait_now,
-            moving,
-            holding,
-            crank_now.angle_rad,
-            regime_now,
-            sensed.touch_down,
-            since_touch_down_s,
-            n,
-            state.stride_harmonic.aim_ratio,
-        )
-        asked_n_s = inputs.operator.target_impulse_n_s
-        stride_harmonic_now = stride_harmonic.step(
-            config.stride_harmonic,
-            state.stride_harmonic,
-            holding,
-            lock_now.harmonic,
-            lock_now.base_ratio + lock_now.trim,
-            asked_n_s if hold.possible(config.hold, asked_n_s) else 0.0,
-            regime_now,
-            detector_now.impulse_n_s,
-        )
-        target_ratio = lock_now.base_ratio
-    hold_now = hold.step(
-        config.hold,
-        state.hold,
-        holding and not follow and target_ratio >= config.start.capture_ratio,
-        state.start.to_rad_s / config.hold.natural_rad_s,
-        target_ratio,
-        inputs.operator.target_impulse_n_s,
-        regime_now,
-        detector_now.impulse_n_s,
-        n,
+def command(
+    config: Config,
+    state: State,
+    sensed: Sensed,
+    mode: Mode,
+    request: Request,
+    is_closed: bool,
+    is_current: bool,
+) -> Command:
+    """The target speed of a start, hold or stop, and the torque of the speed loop."""
+    hold_acts = mode == RUN and state.start.stage == start.HOLD and not request.sets_hold_ratio
+    if hold_acts and request.ratio >= config.p.start.capture_ratio:
+        base_ratio = state.start.to_rad_s / config.d.natural_rad_s
+        impact_n_s = sensed.detector.impulse_n_s
+        hold_now = hold.step(config, state.hold, request, base_ratio, sensed.regime, impact_n_s)
+    else:
+        hold_now = hold.rest(config, request)
+    goal = start.Goal(
+        ratio=request.ratio,
+        trim=request.trim if request.sets_hold_ratio else hold_now.trim,
+        trim_rate_1_s=request.trim_rate_1_s if request.sets_hold_ratio else hold_now.trim_rate_1_s,
+        may_retreat=not request.sets_hold_ratio,
     )
+    omega_rad_s = sensed.crank.omega_rad_s
     start_now = start.step(
-        config.start,
-        state.start,
-        mode,
-        target_ratio,
-        inputs.drive.axis_state == CLOSED_LOOP,
-        crank_now.omega_rad_s,
-        regime_now,
-        lock_now.trim if follow else hold_now.trim,
-        lock_now.trim_rate_1_s if follow else hold_now.trim_rate_1_s,
-        not follow,
-        n,
+        config, state.start, mode, goal, drive_ready=is_closed, omega_rad_s=omega_rad_s, regime=sensed.regime
     )
     spin_down_now = spin_down.INITIAL
     target_rad_s, target_rad_s2 = start_now.target_omega_rad_s, start_now.target_acceleration_rad_s2
-    if mode == STOPPING and config.spin_down.longest_s > 0.0:
-        spin_down_now = spin_down.step(config.spin_down, state.spin_down, crank_now, estimate, n)
+    if mode == STOPPING and config.d.spin_down_s > 0.0:
+        spin_down_now = spin_down.step(config, state.spin_down, sensed.crank, sensed.estimator)
         target_rad_s, target_rad_s2 = spin_down_now.target_omega_rad_s, 0.0
-    if moving and inputs.drive.axis_state == CLOSED_LOOP:
-        speed_now = speed.step(config.speed, state.speed, crank_now, estimate, target_rad_s, target_rad_s2, n)
+    if not is_current:
+        speed_now = speed.keep(state.speed)
+    elif mode in MOVING and is_closed:
+        speed_now = speed.step(
+            config, state.speed, sensed.crank, sensed.estimator, target_rad_s, target_rad_s2
+        )
     else:
         speed_now = speed.safe(state.speed)
+    return Command(start_now, hold_now, spin_down_now, speed_now, target_rad_s)
 
-    asks_clear = inputs.operator.request == ASKS_CLEAR and not findings.operator_lost
-    drive_link_now, drive_frame = drive_link.step(
-        config.drive_link, state.drive_link, mode, inputs.drive, inputs.encoder, asks_clear, n
+
+def link(config: Config, state: State, sensed: Sensed, inputs: Inputs, supervised: Supervised) -> Linked:
+    """The requested state of the drive's axis, and the frame that requests it."""
+    mode, before = supervised.supervisor.mode, state.drive_link
+    proof_now = watchdog_proof.step(
+        config,
+        state.proof,
+        mode,
+        inputs.drive,
+        axis_is_closed=drive_link.is_closed(before),
+        axis_is_idle=drive_link.is_idle(before),
+        omega_rad_s=sensed.crank.omega_rad_s,
     )
-    acting_limit = speed_now.acting_limit
-    if acting_limit == NO_LIMIT and hold_now.guarded:
+    asks_clear = inputs.operator.request == ASKS_CLEAR and not supervised.findings.operator_lost
+    drive_link_now, frame = drive_link.step(
+        config,
+        before,
+        mode,
+        proof_now.stage,
+        drive=inputs.drive,
+        encoder=inputs.encoder,
+        asks_clear=asks_clear,
+    )
+    return Linked(proof_now, drive_link_now, frame)
+
+
+def find_refusal(
+    config: Config, inputs: Inputs, supervised: Supervised, request: Request, by_control: Refusal
+) -> Refusal:
+    """The first reason why a RUN request is not followed; NO_REFUSAL if it is, or if there is none."""
+    if inputs.operator.request != ASKS_RUN or supervised.findings.operator_lost:
+        return NO_REFUSAL
+    if not supervised.valid_ratio:
+        return Refusal.RATIO_OUT_OF_RANGE
+    is_ready = supervised.supervisor.mode == READY
+    if is_ready and supervised.findings.freewheel_overspeed:
+        return Refusal.CRANK_TOO_FAST
+    if is_ready and not supervised.proven:
+        return Refusal.WATCHDOG_UNPROVEN
+    if request.refusal != NO_REFUSAL:
+        return request.refusal
+    return by_control if by_control != NO_REFUSAL else request.unmet
+
+
+def decide(
+    config: Config, state: State, sensed: Sensed, inputs: Inputs, found: gate.GateFindings, is_current: bool
+) -> Decided:
+    """The mode, whose request counts, the proposed torque, and the drive's axis."""
+    supervised = supervise(config, state, sensed, inputs, found)
+    mode = supervised.supervisor.mode
+    walk, request = choose_request(config, state, sensed, inputs, mode)
+    is_closed = inputs.drive.axis_state == CLOSED_LOOP
+    proposed = command(config, state, sensed, mode, request, is_closed=is_closed, is_current=is_current)
+    linked = link(config, state, sensed, inputs, supervised)
+    retreated = (
+        mode in MOVING
+        and not request.sets_hold_ratio
+        and start.has_retreated(config, proposed.start, request.ratio)
+    )
+    acting_limit = proposed.speed.acting_limit
+    if acting_limit == NO_LIMIT and proposed.hold.guarded:
         acting_limit = ActingLimit.IMPACT_PHASE
-    retreated = moving and not follow and start.retreated(config.start, start_now, target_ratio)
     if acting_limit == NO_LIMIT and retreated:
         acting_limit = ActingLimit.RETREAT
-    refusal = NO_REFUSAL
-    if inputs.operator.request == ASKS_RUN and not findings.operator_lost:
-        lost_again = retreated and start_now.attempts > 1  # after a retreat, or no impact in the dip
-        refusal = refused(
-            valid_ratio,
-            mode == READY and findings.freewheel_overspeed,
-            lock_now.refusal if follow else NO_REFUSAL,
-            Refusal.RATIO_TOO_HIGH if lost_again else hold_now.refusal,
-            stride_harmonic_now.refusal,
-        )
-    outputs = Outputs(
-        mode,
-        supervisor_now.fault,
-        supervisor_now.disarm_reason,
-        refusal,
-        regime_now.regime,
-        acting_limit,
-        clamp(speed_now.torque_n_m, config.speed.torque_limit_n_m),
-        target_rad_s,
-        drive_frame,
-        sensed.touch_down,
-        sensed.separation,
-        since_touch_down_s,
-        detector_now.approach_speed_m_s,
-        detector_now.impulse_n_s,
-        regime_now.ended,
-        regime_now.last.impacts,
-        regime_now.last.phase_rad,
-        regime_now.last.peak_m_s2,
+    # After a retreat, or if there is no impact in the dip, the ratio is too high.
+    is_lost_again = retreated and proposed.start.attempts > 1
+    by_control = Refusal.RATIO_TOO_HIGH if is_lost_again else proposed.hold.refusal
+    refusal = find_refusal(config, inputs, supervised, request, by_control)
+    return Decided(supervised, walk, proposed, linked, acting_limit, refusal)
+
+
+def guard(
+    config: Config,
+    decided: Decided,
+    gate_now: gate.GateState,
+    found: gate.GateFindings,
+    inputs: Inputs,
+    is_current: bool,
+) -> tuple[gate.GateState, Decided]:
+    """The gate's last word on the torque; a tick that catches up keeps the torque that was sent."""
+    proposed = decided.command.speed
+    gate_now, torque_n_m, gate_limit = gate.permit(
+        config.d.gate, gate_now, found, inputs, proposed.torque_n_m
     )
-    return (
-        State(
-            crank_now,
-            estimate,
-            detector_now,
-            regime_now,
-            start_now,
-            hold_now,
-            speed_now,
-            monitors_now,
-            supervisor_now,
-            drive_link_now,
-            gait_now,
-            lock_now,
-            stride_harmonic_now,
-            identify_now,
-            spin_down_now,
-        ),
-        outputs,
+    if gate_limit == NO_LIMIT:
+        return gate_now, decided
+    permitted = proposed._replace(torque_n_m=torque_n_m) if is_current else proposed
+    command_now = decided.command._replace(speed=permitted)
+    return gate_now, decided._replace(command=command_now, acting_limit=gate_limit)
+
+
+def step(
+    config: Config, state: State, inputs: Inputs, gate_now: gate.GateState, is_current: bool
+) -> tuple[State, Outputs]:
+    """One period. `gate_now`: the gate's state after the readings of this tick."""
+    sensed = sense(config, state, inputs)
+    gate_now, found = gate.judge(config.d.gate, gate_now, inputs)
+    decided = decide(config, state, sensed, inputs, found, is_current)
+    gate_now, decided = guard(config, decided, gate_now, found, inputs, is_current)
+    supervised, walk, proposed, linked = decided.supervised, decided.walk, decided.command, decided.linked
+    state = State(
+        crank=sensed.crank,
+        estimator=sensed.estimator,
+        detector=sensed.detector,
+        regime=sensed.regime,
+        start=proposed.start,
+        hold=proposed.hold,
+        speed=proposed.speed,
+        gate=gate_now,
+        monitors=supervised.monitors,
+        supervisor=supervised.supervisor,
+        drive_link=linked.drive_link,
+        proof=linked.proof,
+        gait=walk.gait,
+        gait_lock=walk.gait_lock,
+        stride_harmonic=walk.stride_harmonic,
+        spin_down=proposed.spin_down,
+    )
+    return state, outputs_of(state, sensed.contact, decided)
+
+
+def outputs_of(state: State, contact: Contact, decided: Decided) -> Outputs:
+    """What the tick sends and reports."""
+    last = state.regime.last
+    return Outputs(
+        mode=state.supervisor.mode,
+        fault=state.supervisor.fault,
+        disarm_reason=state.supervisor.disarm_reason,
+        refusal=decided.refusal,
+        regime=state.regime.regime,
+        acting_limit=decided.acting_limit,
+        torque_n_m=state.speed.torque_n_m,
+        target_omega_rad_s=decided.command.target_rad_s,
+        drive_frame=decided.linked.frame,
+        withholds=state.proof.stage == watchdog_proof.WITHHOLD,
+        impact=contact.touch_down,
+        separation=contact.separation,
+        impact_age_s=state.detector.since_touch_down_s,
+        impact_speed_m_s=state.detector.approach_speed_m_s,
+        impact_impulse_n_s=state.detector.impulse_n_s,
+        period_ended=state.regime.ended,
+        period_impacts=last.impacts,
+        impact_phase_rad=last.phase_rad,
+        peak_acceleration_m_s2=last.peak_m_s2,
     )

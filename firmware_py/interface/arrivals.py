@@ -7,12 +7,19 @@ the frame is used. After a silence in which the counter may have wrapped, an equ
 
 from typing import NamedTuple
 
-from firmware_py.interface.counters import Counters, refused
-from firmware_py.interface.errors import ACCEPTED, FrameErrorReason
+from firmware_py.interface.counters import Counters, count_refusal
+from firmware_py.interface.frame import ACCEPTED, FrameErrorReason
 from firmware_py.interface.framing import FrameKind, counter_of
 
 NEVER_TICKS = 1_000_000
 """The age of a source that was never received."""
+
+
+class Now(NamedTuple):
+    """The number of the present tick, and the period of all ticks."""
+
+    tick: int
+    tick_s: float
 
 
 class Arrival(NamedTuple):
@@ -34,31 +41,25 @@ def age(tick: int, arrival: Arrival) -> int:
     return min(tick - arrival.tick, NEVER_TICKS)
 
 
-def dated(arrival: Arrival, tick: int, sampled: int) -> Arrival:
-    """The arrival, dated back to the tick `sampled` if it was received in `tick`."""
-    return Arrival(sampled, sampled, arrival.counter) if arrival.tick == tick else arrival
-
-
-def taken(
+def accept(
     before: Arrival,
     counters: Counters,
-    tick: int,
-    reason: FrameErrorReason,
     kind: FrameKind,
+    reason: FrameErrorReason,
     word: int,
-    tick_s: float,
+    now: Now,
 ) -> tuple[Arrival, Counters, bool]:
     """Decide whether a frame may be used: `(arrival, counters, usable)`; it counts no usable frames."""
     if reason != ACCEPTED:
-        return before, refused(counters, reason), False
+        return before, count_refusal(counters, reason), False
     if kind.counter_bits == 0:
-        return Arrival(tick, tick, -1), counters, True
+        return Arrival(now.tick, now.tick, -1), counters, True
     counter, modulus = counter_of(kind, word), 1 << kind.counter_bits
     # One period less than the counter's full turn, because frames jitter.
-    turn_ticks = (modulus - 1) * max(kind.period_s / tick_s, 1.0)
-    if counter == before.counter and tick - before.counted_tick < turn_ticks:
+    turn_ticks = (modulus - 1) * max(kind.period_s / now.tick_s, 1.0)
+    if counter == before.counter and now.tick - before.counted_tick < turn_ticks:
         counters = counters._replace(rejected_repeated=counters.rejected_repeated + 1)
-        return Arrival(before.tick, tick, counter), counters, False
+        return Arrival(before.tick, now.tick, counter), counters, False
     if before.counter >= 0 and counter != (before.counter + 1) % modulus:
         counters = counters._replace(counter_gaps=counters.counter_gaps + 1)
-    return Arrival(tick, tick, counter), counters, True
+    return Arrival(now.tick, now.tick, counter), counters, True

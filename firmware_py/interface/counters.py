@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from firmware_py.interface.errors import FrameErrorReason
+from firmware_py.interface.frame import FrameErrorReason
 
 
 class Counters(NamedTuple):
@@ -19,10 +19,19 @@ class Counters(NamedTuple):
     unsent: int
 
 
-NOTHING_YET = Counters(0, 0, 0, 0, 0, 0, 0, 0)
+NOTHING_YET = Counters(
+    frames=0,
+    rejected_length=0,
+    rejected_crc=0,
+    rejected_value=0,
+    rejected_repeated=0,
+    counter_gaps=0,
+    skipped_ticks=0,
+    unsent=0,
+)
 
 
-def refused(counters: Counters, reason: FrameErrorReason) -> Counters:
+def count_refusal(counters: Counters, reason: FrameErrorReason) -> Counters:
     """Count a frame that the codec refuses."""
     if reason == FrameErrorReason.LENGTH:
         return counters._replace(rejected_length=counters.rejected_length + 1)
@@ -31,7 +40,7 @@ def refused(counters: Counters, reason: FrameErrorReason) -> Counters:
     return counters._replace(rejected_value=counters.rejected_value + 1)
 
 
-def counted(counters: Counters, frames: int, skipped_ticks: int, unsent: int) -> Counters:
+def count_frames(counters: Counters, frames: int, skipped_ticks: int, unsent: int) -> Counters:
     """Count accepted frames, skipped ticks and own frames that are not sent."""
     return counters._replace(
         frames=counters.frames + frames,

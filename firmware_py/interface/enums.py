@@ -13,6 +13,8 @@ class Mode(IntEnum):
     STOPPING = 4
     FAULT = 5
     E_STOP = 6
+    PROOF = 7
+    """The drive's command watchdog is tested, at zero torque."""
 
 
 MOVING = (Mode.SOFT_START, Mode.RUN, Mode.STOPPING)
@@ -22,11 +24,12 @@ LATCHED = (Mode.FAULT, Mode.E_STOP)
 
 
 class OperatorRequest(IntEnum):
-    """The operator's request. RUN starts only from READY, and only after IDLE has been requested."""
+    """The operator's request. RUN and PROVE_WATCHDOG act only in READY, and only after a request for IDLE."""
 
     IDLE = 0
     RUN = 1
     CLEAR_FAULTS = 2
+    PROVE_WATCHDOG = 3
 
 
 class Regime(IntEnum):
@@ -84,6 +87,7 @@ class Fault(IntEnum):
     LOAD_IMPLAUSIBLE = 21
     STOP_FAILED = 22
     STALE_SAMPLES = 23
+    DRIVE_WATCHDOG = 24
 
 
 class Refusal(IntEnum):
@@ -98,6 +102,7 @@ class Refusal(IntEnum):
     NO_HARMONIC = 6
     RATIO_TOO_HIGH = 7
     CRANK_TOO_FAST = 8
+    WATCHDOG_UNPROVEN = 9
 
 
 class ActingLimit(IntEnum):
@@ -206,21 +211,51 @@ class InputMode(IntEnum):
     TUNING = 8
 
 
-class ParameterOperation(IntEnum):
-    """Operation of a parameter request."""
+class XcpCommandCode(IntEnum):
+    """XCP: the commands that the firmware's slave has."""
 
-    READ = 0
-    WRITE = 1
+    ALLOC_ODT_ENTRY = 0xD3
+    ALLOC_ODT = 0xD4
+    ALLOC_DAQ = 0xD5
+    FREE_DAQ = 0xD6
+    GET_DAQ_EVENT_INFO = 0xD7
+    GET_DAQ_LIST_INFO = 0xD8
+    GET_DAQ_RESOLUTION_INFO = 0xD9
+    GET_DAQ_PROCESSOR_INFO = 0xDA
+    GET_DAQ_CLOCK = 0xDC
+    START_STOP_SYNCH = 0xDD
+    START_STOP_DAQ_LIST = 0xDE
+    GET_DAQ_LIST_MODE = 0xDF
+    SET_DAQ_LIST_MODE = 0xE0
+    WRITE_DAQ = 0xE1
+    SET_DAQ_PTR = 0xE2
+    DOWNLOAD = 0xF0
+    BUILD_CHECKSUM = 0xF3
+    SHORT_UPLOAD = 0xF4
+    UPLOAD = 0xF5
+    SET_MTA = 0xF6
+    GET_ID = 0xFA
+    GET_COMM_MODE_INFO = 0xFB
+    SYNCH = 0xFC
+    GET_STATUS = 0xFD
+    DISCONNECT = 0xFE
+    CONNECT = 0xFF
 
 
-class ParameterStatus(IntEnum):
-    """Result of a parameter request."""
+class XcpError(IntEnum):
+    """XCP: the errors of the firmware's slave; NONE stands for a positive response."""
 
-    OK = 0
-    UNKNOWN_INDEX = 1
-    OUT_OF_RANGE = 2
-    NOT_WHILE_MOVING = 3
-    NOT_WRITABLE = 4
+    CMD_SYNCH = 0x00
+    DAQ_ACTIVE = 0x11
+    CMD_UNKNOWN = 0x20
+    OUT_OF_RANGE = 0x22
+    WRITE_PROTECTED = 0x23
+    ACCESS_DENIED = 0x24
+    MODE_NOT_VALID = 0x27
+    SEQUENCE = 0x29
+    DAQ_CONFIG = 0x2A
+    MEMORY_OVERFLOW = 0x30
+    NONE = 0xFF
 
 
 class ParameterTier(IntEnum):
@@ -235,8 +270,8 @@ class ParameterTier(IntEnum):
 
 
 # Members used in a tick have names of their own, because a look-up in the enum takes ten times longer.
-INIT, READY, SOFT_START, RUN, STOPPING, FAULT, E_STOP = Mode
-ASKS_IDLE, ASKS_RUN, ASKS_CLEAR = OperatorRequest
+INIT, READY, SOFT_START, RUN, STOPPING, FAULT, E_STOP, PROOF = Mode
+ASKS_IDLE, ASKS_RUN, ASKS_CLEAR, ASKS_PROOF = OperatorRequest
 FREE, CONTACT = ContactPhase
 NO_FAULT, NO_LIMIT, NO_REFUSAL = Fault.NONE, ActingLimit.NONE, Refusal.NONE
 AXIS_IDLE, CLOSED_LOOP = AxisState.IDLE, AxisState.CLOSED_LOOP_CONTROL

@@ -3,9 +3,8 @@
 from typing import NamedTuple
 
 from firmware_py.interface.crc import FINAL_XOR, TABLE
-from firmware_py.interface.errors import ACCEPTED, FrameErrorReason
 from firmware_py.interface.float32 import FLOAT32_OVERFLOW, float32_bits, float32_of
-from firmware_py.interface.frame import WordFrame
+from firmware_py.interface.frame import ACCEPTED, FrameErrorReason, WordFrame
 
 
 class FrameKind(NamedTuple):
@@ -42,7 +41,7 @@ def counter_of(kind: FrameKind, word: int) -> int:
     return word >> 8 * (kind.length - 1) - kind.counter_bits & (1 << kind.counter_bits) - 1
 
 
-def framed(kind: FrameKind, word: int, counter: int, sendable: bool) -> tuple[WordFrame, bool]:
+def seal(kind: FrameKind, word: int, counter: int, sendable: bool) -> tuple[WordFrame, bool]:
     """`(frame, sendable)`: the word with counter and CRC, if the kind has them; word 0 if not sendable."""
     if not sendable:
         return WordFrame(kind.can_id, kind.length, 0), False
@@ -54,7 +53,7 @@ def framed(kind: FrameKind, word: int, counter: int, sendable: bool) -> tuple[Wo
     return WordFrame(kind.can_id, kind.length, word), True
 
 
-def judged(kind: FrameKind, length: int, word: int, listed: bool) -> FrameErrorReason:
+def check_frame(kind: FrameKind, length: int, word: int, listed: bool) -> FrameErrorReason:
     """The reason why a frame must not be used, or NONE. `listed`: the values of its signals are valid."""
     if length != kind.length:
         return FrameErrorReason.LENGTH

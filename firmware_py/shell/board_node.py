@@ -9,20 +9,23 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 
 from firmware_py.builds import board
-from firmware_py.builds.flat import Memory, Precision, copier, in_precision, layout
+from firmware_py.builds.flat import Memory, Precision, copier, in_precision, layout, loaded
 from firmware_py.builds.machine_code import TARGETS
-from firmware_py.core.state import Config
-from firmware_py.node.tick import NodeState, Tx
+from firmware_py.core.config import Config
+from firmware_py.node.memory import FirmwareState
+from firmware_py.node.tick import Tx
+from firmware_py.node.xcp import NO_REQUEST, REQUEST
 from firmware_py.shell.flat_node import FRAME_BYTES, FlatNode
+from firmware_py.shell.parameters import values_of
 
-TICK, CONFIG, STATE, MEASURED_TICK = range(4)
-REQUEST = struct.Struct("<3q")
+TICK, CONFIG, STATE, MEASURED_TICK, READ_CONFIG = range(5)
+MESSAGE = struct.Struct("<3q")
 
 
 def reply_layout(precision: Precision) -> "np.dtype[np.void]":
     """The layout of the board's reply to a tick."""
     numbers = ((name, np.int64) for name in ("status", "timer_ticks", "stack_bytes"))
-    return np.dtype([*numbers, ("tx", layout(Tx, precision)), ("state", layout(NodeState, precision))])
+    return np.dtype([*numbers, ("tx", layout(Tx, precision)), ("state", layout(FirmwareState, precision))])
 
 
 class BoardDiedError(RuntimeError):
@@ -45,27 +48,47 @@ class BoardNode(FlatNode):
         self._to_board = cast(BinaryIO, board_process.stdin)
         self._from_board = cast(BinaryIO, board_process.stdout)
         self.reply = np.zeros(1, reply_layout(self._precision))
-        self._take_state = copier(self.reply["state"], self.memory)
+        self._take_state = copier(self.reply["state"], self.whole)
         self._reply_bytes = memoryview(self.reply.view("u1"))  # type: ignore[arg-type]  # no buffer in stubs
         self._send(CONFIG, Config, self.flat_config)
 
-    def run(self, elapsed_ticks: int, frame_count: int, frames: Any) -> bool:
-        """One tick."""
-        request = REQUEST.pack(self.kind, elapsed_ticks, frame_count)
+    def run(self, behind_ticks: int, frame_count: int, frames: Any) -> bool:
+        """One tick, before which the board processes a write over XCP."""
+        is_asked = self.pool[REQUEST] != NO_REQUEST
+        request = MESSAGE.pack(self.kind, behind_ticks, frame_count)
         self._write(request + bytes(memoryview(frames)[: FRAME_BYTES * frame_count]))
-        if self._from_board.readinto(self._reply_bytes) != self.reply.nbytes:  # type: ignore[attr-defined]
-            raise BoardDiedError(f"the emulated board has ended, status {self._process.wait()}")
+        self._read(self._reply_bytes)
+        if is_asked:
+            self._read_config()
         self.tx[:] = self.reply["tx"]
         self._take_state()
         return bool(self.reply["status"][0] == 0)
 
-    def changed(self) -> None:
+    def calibrate(self) -> bool:
+        """Nothing to do: the board processes the request by itself."""
+        return False
+
+    def _read_config(self) -> None:
+        """Take the board's config and parameters."""
+        own = np.zeros(1, layout(Config, self._precision))
+        self._write(MESSAGE.pack(READ_CONFIG, 0, 0))
+        self._read(memoryview(own.view("u1")))  # type: ignore[arg-type]  # no buffer in stubs
+        copier(own, self.flat_config)()
+        self.config = loaded(Config, self.flat_config[0].item())
+        self.values = values_of(self.config.p)
+
+    def _read(self, reply: memoryview) -> None:
+        """Fill a buffer with the board's reply."""
+        if self._from_board.readinto(reply) != reply.nbytes:  # type: ignore[attr-defined]
+            raise BoardDiedError(f"the emulated board has ended, status {self._process.wait()}")
+
+    def push_memory(self) -> None:
         """Send config and state to the board."""
         self._send(CONFIG, Config, self.flat_config)
-        self._send(STATE, NodeState, self.memory)
+        self._send(STATE, FirmwareState, self.whole)
 
     def _send(self, kind: int, record: type[Any], content: Memory) -> None:
-        self._write(REQUEST.pack(kind, 0, 0) + in_precision(content, record, self._precision).tobytes())
+        self._write(MESSAGE.pack(kind, 0, 0) + in_precision(content, record, self._precision).tobytes())
 
     def _write(self, message: bytes) -> None:
         try:

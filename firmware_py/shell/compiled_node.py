@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from firmware_py.builds.entry import entry
-from firmware_py.core.state import Config
+from firmware_py.core.config import Config
 from firmware_py.shell.native import Native, NativeNode
 
 
@@ -22,13 +22,13 @@ class CompiledNode(NativeNode):
         """Numba's function, on the node's own memory."""
         return Native(entry.address, 1, self.flat_config, self.memory, "double")
 
-    def run(self, elapsed_ticks: int, frame_count: int, frames: Any) -> bool:
+    def run(self, behind_ticks: int, frame_count: int, frames: Any) -> bool:
         """One tick."""
         config, state, sent = self._addresses
-        return bool(self._entry(config, state, elapsed_ticks, frame_count, frames, sent))
+        return bool(self._entry(config, state, behind_ticks, frame_count, frames, sent))
 
-    def changed(self) -> None:
+    def push_memory(self) -> None:
         """Nothing to do: the tick reads config and state from this memory."""
 
-    def ticked(self) -> None:
+    def pull_state(self) -> None:
         """Nothing to do: the tick writes to `memory`."""

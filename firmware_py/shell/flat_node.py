@@ -4,17 +4,18 @@ import ctypes
 import struct
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 from firmware_py.builds.flat import Memory, loaded, stored
+from firmware_py.core.config import Config
 from firmware_py.core.records import Record
-from firmware_py.core.state import Config
 from firmware_py.interface.frame import Frame, bytes_of, word_of
-from firmware_py.node.tick import INITIAL, MAX_RX, NO_TX, NodeState, served
-from firmware_py.shell.node import Node, fitting, refuse_other_elapsed
+from firmware_py.node.memory import INITIAL, pool_of
+from firmware_py.node.tick import MAX_RX, NO_TX
+from firmware_py.shell.node import Node
 
 FRAME_BYTES = 24
-_TX = struct.Struct("<7q")
+_TX = struct.Struct("<10q")
 _RX = [struct.Struct(f"<{3 * count}q") for count in range(MAX_RX + 1)]
 
 
@@ -25,43 +26,47 @@ class FirmwareFailedError(ArithmeticError):
 class FlatNode(Node):
     """A node in flat memory; a subclass runs its tick.
 
-    `memory` holds the whole `NodeState`, one element laid out by `firmware_py.builds.flat.layout`.
+    `whole` holds the `FirmwareState`, one element laid out by `firmware_py.builds.flat.layout`; `memory` is
+    its first member, the `NodeState`, at the same address, and `pool` its last one.
     """
 
     def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
         """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
         super().__init__(config, parameters)
-        self.memory: Memory = stored(INITIAL)
+        self.whole: Memory = stored(INITIAL._replace(pool=tuple(pool_of(list(self.values.values())))))
+        self.memory: Memory = self.whole["node"]
+        self.pool = cast("list[int]", self.whole["pool"][0])  # an array, used like a list
         self.flat_config = stored(config)
         self.tx = stored(NO_TX)
         self._sent = memoryview(self.tx.view("u1"))  # type: ignore[arg-type]  # numpy's stubs lack the buffer
         self._rx = ctypes.create_string_buffer(_RX[-1].size)
-        self._requests = self.memory["requests"]["number"]
+
+    @property
+    def ticks(self) -> int:
+        """The number of periods since power-up."""
+        return int(self.memory["ticks"][0])
 
     @abstractmethod
-    def run(self, elapsed_ticks: int, frame_count: int, frames: Any) -> bool:
+    def run(self, behind_ticks: int, frame_count: int, frames: Any) -> bool:
         """Run one tick on `memory` and write its frames to `tx`; False if the arithmetic failed."""
 
     @abstractmethod
-    def changed(self) -> None:
-        """Called after `flat_config` and `memory` have been changed."""
+    def push_memory(self) -> None:
+        """Hand over `flat_config` and `whole` after a change; a tick uses them from then on."""
 
     def part(self, kind: type[Record], name: str) -> Record:
         """The member `name` of the `NodeState`, a record of type `kind`."""
         record: Record = loaded(kind, self.memory[name][0].item())
         return record
 
-    def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
-        """Run one control tick on the `fitting` frames; `elapsed_ticks` exceeds 1 after skipped ticks."""
-        refuse_other_elapsed(elapsed_ticks)
-        if self._requests[0] > 0:
-            self._serve()
+    def run_period(self, frames: Sequence[Frame], behind_ticks: int) -> list[Frame]:
+        """Run one control period, `behind_ticks` before the present one."""
         words: list[int] = []
-        for can_id, data in fitting(frames_in):
+        for can_id, data in frames:
             words += (can_id, len(data), word_of(data))
         count = len(words) // 3
         _RX[count].pack_into(self._rx, 0, *words)
-        if not self.run(elapsed_ticks, count, self._rx):
+        if not self.run(behind_ticks, count, self._rx):
             raise FirmwareFailedError("a division by zero or a domain error in the firmware's tick")
         frame_count, *words = _TX.unpack_from(self._sent)
         return [
@@ -69,9 +74,10 @@ class FlatNode(Node):
             for place in range(0, 3 * frame_count, 3)
         ]
 
-    def _serve(self) -> None:
-        """Answer parameter requests; interpreted, because requests are rare."""
-        state = loaded(NodeState, self.memory[0].item())
-        self.parameters, self.config, state = served(self.parameters, self.config, state)
-        self.memory[:], self.flat_config[:] = stored(state), stored(self.config)
-        self.changed()
+    def calibrate(self) -> bool:
+        """Judge the waiting request of XCP; interpreted, because requests are rare."""
+        is_judged = super().calibrate()
+        if is_judged:
+            self.flat_config[:] = stored(self.config)
+            self.push_memory()
+        return is_judged

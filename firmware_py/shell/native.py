@@ -10,11 +10,11 @@ from firmware_py.shell.flat_node import FlatNode
 class Native(NamedTuple):
     """The address of a C function in this process, and the memory on which it works.
 
-    The function returns `done` unless its arithmetic has failed.
+    The function returns `success` unless its arithmetic has failed.
     """
 
-    tick: int
-    done: int
+    tick_address: int
+    success: int
     config: Memory
     state: Memory
     precision: Precision
@@ -26,8 +26,8 @@ class NativeNode(FlatNode):
     @property
     @abstractmethod
     def native(self) -> Native:
-        """The node's function and memory; `changed` may replace the memory."""
+        """The node's function and memory; `push_memory` may replace the memory."""
 
     @abstractmethod
-    def ticked(self) -> None:
+    def pull_state(self) -> None:
         """Update `memory` after other code has called the function."""

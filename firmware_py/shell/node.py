@@ -7,16 +7,22 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_py.core.config import Config
 from firmware_py.core.configure import config_of
-from firmware_py.core.estimation.kalman import filterpy_filter
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.records import Record
-from firmware_py.core.state import Config, Outputs, State
+from firmware_py.core.state import Outputs, State
 from firmware_py.interface.counters import Counters
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
+from firmware_py.interface.generated.kinds import SET_INPUT_TORQUE
 from firmware_py.interface.generated.received import RECEIVED_IDS
-from firmware_py.node.tick import INITIAL, MAX_RX, Rx, served, tick
-from firmware_py.shell.parameters import ParameterError, parameters_of, read_back, with_overrides
+from firmware_py.node import calibration, memory, xcp
+from firmware_py.node.tick import INITIAL, Rx, tick
+from firmware_py.shell.catching_up import divide_frames, fit_frames
+from firmware_py.shell.parameters import ParameterError, parameters_of, read_back, values_of, with_overrides
+
+LONGEST_CATCH_UP_S = 0.5
+"""Longer than the watchdogs of links and sensors (`ceiling.link_watchdog_s`): raise both together."""
 
 
 class Node(ABC):
@@ -27,21 +33,69 @@ class Node(ABC):
 
     memory: NDArray[np.void] | None = None
     """The whole `NodeState` as one element of flat memory, if the build uses flat memory; else None."""
+    pool: list[int]
+    """The memory of the XCP slave (`firmware_py.node.xcp`)."""
+    elapsed_ticks: int = 0
+    """Periods since the previous call of `tick`, as of the last one."""
     damage: str = ""
     """The reason for which the parameter file was refused at power-up; empty if it was accepted."""
 
     def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
         """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
         self.config = config
-        self.parameters = parameters_of(with_overrides(parameters or {}))
+        self.values = with_overrides(parameters or {})
 
     @abstractmethod
     def part(self, kind: type[Record], name: str) -> Record:
         """The member `name` of the `NodeState`, a record of type `kind`."""
 
     @abstractmethod
+    def run_period(self, frames: Sequence[Frame], behind_ticks: int) -> list[Frame]:
+        """Run one control period, `behind_ticks` before the present one."""
+
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
-        """Run one control tick on the `fitting` frames; `elapsed_ticks` exceeds 1 after skipped ticks."""
+        """Run every period since the last call, each on its own frames, and return what is to be sent.
+
+        `elapsed_ticks` exceeds 1 after missed periods. Of the torques only the last one is sent. If more than
+        `LONGEST_CATCH_UP_S` was missed, nothing is caught up: all frames belong to the present period, and
+        the silence before it lets the watchdogs stop the motor.
+        """
+        if elapsed_ticks < 1:
+            raise ValueError(f"elapsed_ticks = {elapsed_ticks}; a tick is later than the one before it")
+        self.elapsed_ticks = elapsed_ticks
+        if elapsed_ticks == 1:
+            return self._run_period(frames_in, 0)
+        most_ticks = round(LONGEST_CATCH_UP_S / self.config.tick_s)
+        if elapsed_ticks <= most_ticks:
+            periods = divide_frames(frames_in, elapsed_ticks)
+        else:
+            periods = [*([] for _ in range(most_ticks - 1)), list(frames_in)]
+        sent: list[Frame] = []
+        for behind_ticks in range(len(periods) - 1, 0, -1):
+            others = self._run_period(periods[-1 - behind_ticks], behind_ticks)
+            sent += (one for one in others if one.can_id != SET_INPUT_TORQUE.can_id)
+        newest = self._run_period(periods[-1], 0)
+        first = 1 if newest and newest[0].can_id == SET_INPUT_TORQUE.can_id else 0
+        return newest[:first] + sent + newest[first:]
+
+    def _run_period(self, frames: Sequence[Frame], behind_ticks: int) -> list[Frame]:
+        self.calibrate()
+        return self.run_period(fit_frames(frames), behind_ticks)
+
+    def calibrate(self) -> bool:
+        """Judge the waiting request of XCP, if there is one; a commit changes `values` and `config`."""
+        if self.pool[xcp.REQUEST] == xcp.NO_REQUEST:
+            return False
+        before = self.config
+        self.config = calibration.calibrate(self.pool, before, self.outputs.mode)
+        if self.config is not before:
+            self.values = values_of(self.config.p)
+        return True
+
+    @property
+    @abstractmethod
+    def ticks(self) -> int:
+        """The number of periods since power-up."""
 
     @property
     def can_ids(self) -> Collection[int]:
@@ -82,45 +136,26 @@ class FirmwareNode(Node):
     def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
         """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
         super().__init__(config, parameters)
-        self._state = INITIAL
-        filterpy_filter()  # imports filterpy now, not in the first tick
+        self._state, self.pool = INITIAL, memory.pool_of(list(self.values.values()))
+        import filterpy.kalman  # noqa: F401, PLC0415 - now, not in the first tick: it takes a second
 
     def part(self, kind: type[Record], name: str) -> Record:
         """The member `name` of the `NodeState`, a record of type `kind`."""
         record: Record = getattr(self._state, name)
         return record
 
-    def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
-        """Run one control tick on the `fitting` frames; `elapsed_ticks` exceeds 1 after skipped ticks."""
-        refuse_other_elapsed(elapsed_ticks)
-        if self._state.requests.number > 0:
-            self.parameters, self.config, self._state = served(self.parameters, self.config, self._state)
-        frames = [WordFrame(can_id, len(data), word_of(data)) for can_id, data in fitting(frames_in)]
-        self._state, tx = tick(self.config, self._state, Rx(elapsed_ticks, len(frames), frames))
-        torque = Frame(tx.torque.can_id, bytes_of(tx.torque.word, tx.torque.length))
-        if tx.frame_count == 1:
-            return [torque]
-        return [torque, Frame(tx.other.can_id, bytes_of(tx.other.word, tx.other.length))]
+    @property
+    def ticks(self) -> int:
+        """The number of periods since power-up."""
+        return self._state.ticks
 
-
-def fitting(frames: Sequence[Frame]) -> Sequence[Frame]:
-    """The frames that a receive queue of `MAX_RX` keeps: the newest ones and the last of each identifier.
-
-    An E-stop that is sent once, at the beginning of a long overrun, is therefore obeyed afterwards.
-    """
-    if len(frames) <= MAX_RX:
-        return frames
-    last = {frame[0]: place for place, frame in enumerate(frames) if frame[0] in RECEIVED_IDS}
-    kept = set(last.values())
-    others = [place for place in range(len(frames)) if place not in kept]
-    kept.update(others[len(kept) - MAX_RX :])
-    return [frames[place] for place in sorted(kept)]
-
-
-def refuse_other_elapsed(elapsed_ticks: int) -> None:
-    """Raise ValueError if a tick is not later than the previous one."""
-    if elapsed_ticks < 1:
-        raise ValueError(f"elapsed_ticks = {elapsed_ticks}; a tick comes at least one tick after the last")
+    def run_period(self, frames: Sequence[Frame], behind_ticks: int) -> list[Frame]:
+        """Run one control period, `behind_ticks` before the present one."""
+        words = [WordFrame(can_id, len(data), word_of(data)) for can_id, data in frames]
+        self._state, tx = tick(self.config, self._state, Rx(behind_ticks, len(words), words))
+        tx = xcp.exchange(self.pool, self._state, self.config.tick_s, self._state, tx)
+        sent = (tx.first, tx.second, tx.third)[: tx.frame_count]
+        return [Frame(can_id, bytes_of(word, length)) for can_id, length, word in sent]
 
 
 def powered_up(

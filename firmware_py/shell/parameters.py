@@ -1,7 +1,8 @@
-"""The parameters by name: overrides of scenarios and tools, the parameter file, and errors in either.
+"""The parameters by name: overrides of scenarios and tools, the parameter file, requests over the bus.
 
-`interface/sources/parameters.toml` lists the parameters; the core's `parameters` reads and writes them by
-index.
+`interface/parameters.toml` lists the parameters. A set of values is a dictionary with the dotted name
+of every parameter; `parameters_of` makes the firmware's record of it. Values and bounds are compared as
+float32, the precision of the bus, so that a bound itself can be written.
 """
 
 import difflib
@@ -12,13 +13,25 @@ from typing import Any
 
 import tomli_w
 
+from firmware_py.core.config import Config
 from firmware_py.core.configure import config_of
-from firmware_py.core.parameter_values import ORDERED, Parameters
-from firmware_py.core.parameters import conflict, within_bounds
-from firmware_py.core.state import Config
+from firmware_py.core.conflicts import (
+    Conflict,
+    conflict_of,
+    highest_ratio,
+    nominal_rad_s,
+    recovery_s,
+    start_s,
+)
+from firmware_py.core.control.start import LONGEST_SEARCH_S
+from firmware_py.core.numbers import TAU
+from firmware_py.core.safety.gate import CLIPPED_SHARE
 from firmware_py.interface.addresses import Addresses, addresses
 from firmware_py.interface.enums import ParameterTier
-from firmware_py.interface.sources.parameter_table import INDEX, TABLE, Parameter
+from firmware_py.interface.float32 import FLOAT32_OVERFLOW, float32_bits, float32_of
+from firmware_py.interface.generated import parameters as parameter_records
+from firmware_py.interface.generated.parameters import Parameters
+from firmware_py.interface.parameter_table import TABLE, Parameter, record_name
 
 BY_NAME: dict[str, Parameter] = {parameter.name: parameter for parameter in TABLE}
 DEFAULTS: dict[str, float] = {parameter.name: parameter.default for parameter in TABLE}
@@ -32,15 +45,32 @@ class ParameterError(ValueError):
     """A parameter that does not exist, is not a number or is out of bounds; or an invalid file."""
 
 
-def flattened(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested tables as dotted names: `{"stop": {"restitution": 0.4}}` gives `{"stop.restitution": 0.4}`."""
-    flat: dict[str, Any] = {}
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            flat.update(flattened(value, f"{prefix}{key}."))
-        else:
-            flat[f"{prefix}{key}"] = value
-    return flat
+def parameters_of(values: Mapping[str, float]) -> Parameters:
+    """The firmware's `Parameters` from a complete set of values, such as that of `with_overrides`."""
+    rows: dict[str, dict[str, float]] = {}
+    for one in TABLE:
+        value = values[one.name]
+        rows.setdefault(one.table, {})[one.key] = int(value) if one.whole else float(value)
+    records = {table: getattr(parameter_records, record_name(table))(**row) for table, row in rows.items()}
+    return Parameters(**records)
+
+
+def values_of(p: Parameters) -> dict[str, float]:
+    """The complete set of values of a record: the inverse of `parameters_of`."""
+    return {one.name: float(getattr(getattr(p, one.table), one.key)) for one in TABLE}
+
+
+def config_from(overrides: Mapping[str, Any]) -> Config:
+    """The core's configuration from the defaults with `overrides`."""
+    return config_of(parameters_of(with_overrides(overrides)), False)
+
+
+# --- one value --------------------------------------------------------------------------------------------
+
+
+def rounded(value: float) -> float:
+    """The float32 nearest to `value`, and `value` itself if it is NaN or beyond the range of float32."""
+    return float32_of(float32_bits(value)) if abs(value) < FLOAT32_OVERFLOW else value
 
 
 def checked(name: str, value: Any) -> float:
@@ -54,7 +84,8 @@ def checked(name: str, value: Any) -> float:
     bounds = f"from {parameter.low:g} to {parameter.high:g}{unit}"
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ParameterError(f"{name} = {value!r} is no number; give one {bounds}")
-    if not within_bounds(INDEX[name], float(value)):
+    is_within = rounded(parameter.low) <= rounded(value) <= rounded(parameter.high)
+    if not is_within or (parameter.whole and not float(value).is_integer()):
         count = "; a count is a whole number" if parameter.whole else ""
         raise ParameterError(f"{name} = {value!r}{unit} is out of bounds; give a value {bounds}{count}")
     return float(value)
@@ -69,29 +100,102 @@ def checked_in_file(name: str, value: Any) -> float:
     return checked(name, value)
 
 
+# --- all values together ----------------------------------------------------------------------------------
+
+
+def flattened(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested tables as dotted names: `{"stop": {"restitution": 0.4}}` gives `{"stop.restitution": 0.4}`."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping) and (value or f"{prefix}{key}" not in DEFAULTS):
+            flat.update(flattened(value, f"{prefix}{key}."))
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
 def with_overrides(overrides: Mapping[str, Any]) -> dict[str, float]:
     """All parameters: the defaults, replaced by `overrides` (dotted names or nested tables).
 
     The caller configures the build, so parameters of the tier BUILD are accepted too.
     """
     values = DEFAULTS | {name: checked(name, value) for name, value in flattened(overrides).items()}
-    place = conflict(parameters_of(values))
-    if place >= 0:
-        lower, upper = (TABLE[index].name for index in ORDERED[place])
-        raise ParameterError(
-            f"{lower} = {values[lower]:g} exceeds {upper} = {values[upper]:g}; change one of them"
-        )
+    refuse_conflicts(values)
     return values
 
 
-def parameters_of(values: Mapping[str, float]) -> Parameters:
-    """The firmware's `Parameters` from a complete set of values, such as that of `with_overrides`."""
-    return Parameters(*(values[name] for name in INDEX))
+def refuse_conflicts(values: Mapping[str, float]) -> None:
+    """Raise ParameterError if values that are within their own bounds do not fit together.
+
+    See `core.conflicts`; or a value is above its ceiling, or a limit is above what can be measured.
+    """
+    for one in TABLE:
+        if one.at_most and rounded(values[one.name]) > rounded(values[one.at_most]):
+            raise ParameterError(
+                f"{one.name} = {values[one.name]:g} exceeds {one.at_most} = {values[one.at_most]:g}; "
+                "change one of them"
+            )
+    p = parameters_of(values)
+    conflict = conflict_of(p)
+    if conflict != Conflict.NONE:
+        raise ParameterError(conflict_text(p, conflict))
+    seen_m_s2 = CLIPPED_SHARE * p.sensor.high_full_scale_m_s2 - p.sensor.high_offset_m_s2
+    most_n = p.striker.mass_kg * seen_m_s2
+    if rounded(p.limit.force_n) > rounded(most_n):
+        raise ParameterError(
+            f"limit.force_n = {p.limit.force_n:g} N exceeds the {most_n:g} N that the high range "
+            f"shows on striker.mass_kg = {p.striker.mass_kg:g}; lower the limit"
+        )
 
 
-def config_from(overrides: Mapping[str, Any]) -> Config:
-    """The core's configuration from the defaults with `overrides`."""
-    return config_of(parameters_of(with_overrides(overrides)), False)
+def conflict_text(p: Parameters, conflict: Conflict) -> str:
+    """What does not fit together, and the remedy."""
+    fails = f"but fails after {LONGEST_SEARCH_S:g} s; lower one of them"
+    turn_s, highest = TAU / nominal_rad_s(p), highest_ratio(p)
+    if conflict == Conflict.LONG_START:
+        return (
+            f"a start takes up to {start_s(p, turn_s):.1f} s with start.approach_s = "
+            f"{p.start.approach_s:g} s, start.rise_s = {p.start.rise_s:g} s and start.confirm_periods = "
+            f"{p.start.confirm_periods} periods of this striker, {fails}"
+        )
+    if conflict == Conflict.LONG_RECOVERY:
+        return (
+            f"a recovery takes {recovery_s(p, turn_s):.1f} s with start.lost_periods = "
+            f"{p.start.lost_periods}, start.dwell_periods = {p.start.dwell_periods}, start.again_s = "
+            f"{p.start.again_s:g} s and start.confirm_periods = {p.start.confirm_periods}, {fails}"
+        )
+    if conflict == Conflict.FAST_RATIO:
+        name = "gait.highest_ratio + gait.margin" if p.gait.follow > 0 else "start.highest_ratio"
+        return (
+            f"{name} = {highest:g} is a speed of {highest * nominal_rad_s(p):.1f} rad/s for this striker, "
+            f"above limit.speed_rad_s = {p.limit.speed_rad_s:g}; lower the ratio or raise the limit"
+        )
+    return (
+        f"gait.highest_ratio = {p.gait.highest_ratio:g} with gait.margin = {p.gait.margin:g} exceeds "
+        f"start.free_ratio = {p.start.free_ratio:g}; lower one of the first two"
+    )
+
+
+def with_proof(overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """`overrides` with the test of the drive's watchdog required before a start, unless they say otherwise.
+
+    For a firmware whose bus may carry a real drive.
+    """
+    return {"watchdog.proof_required": 1.0} | flattened(overrides)
+
+
+def addresses_from(values: Mapping[str, Any]) -> Addresses:
+    """The module's node numbers, from values or overrides; raises `AddressError` if they are impossible."""
+    complete = with_overrides(values)
+    return addresses(int(complete["bus.drive_node"]), int(complete["bus.own_node"]))
+
+
+def of_the_build(values: Mapping[str, Any]) -> dict[str, float]:
+    """The parameters of the build among `values`."""
+    return {name: value for name, value in flattened(values).items() if name in OF_THE_BUILD}
+
+
+# --- the parameter file -----------------------------------------------------------------------------------
 
 
 def _checksum(values: Mapping[str, float]) -> str:
@@ -131,14 +235,3 @@ def read_back(
             "was edited by hand; write it again with written()"
         )
     return with_overrides(values | of_the_build(build or {}))
-
-
-def addresses_from(values: Mapping[str, Any]) -> Addresses:
-    """The module's node numbers, from values or overrides; raises `AddressError` if they are impossible."""
-    complete = with_overrides(values)
-    return addresses(int(complete["bus.drive_node"]), int(complete["bus.own_node"]))
-
-
-def of_the_build(values: Mapping[str, Any]) -> dict[str, float]:
-    """The parameters of the build among `values`."""
-    return {name: value for name, value in flattened(values).items() if name in OF_THE_BUILD}

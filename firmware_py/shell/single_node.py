@@ -8,12 +8,13 @@ from typing import Any, cast
 from firmware_py.builds.flat import copier, in_precision
 from firmware_py.builds.loaded_object import function
 from firmware_py.builds.machine_code import ENTRY, object_code
-from firmware_py.core.state import Config
-from firmware_py.node.tick import NodeState
+from firmware_py.core.config import Config
+from firmware_py.node.memory import FirmwareState
 from firmware_py.shell.native import Native, NativeNode
 
 POINTER, INTEGER = ctypes.c_void_p, ctypes.c_int64
-TICK = ctypes.CFUNCTYPE(ctypes.c_int32, POINTER, POINTER, INTEGER, INTEGER, POINTER, POINTER)
+ARGUMENTS = (POINTER, POINTER, INTEGER, INTEGER, POINTER, POINTER)
+TICK = ctypes.CFUNCTYPE(ctypes.c_int32, *ARGUMENTS)
 
 
 @functools.cache
@@ -29,9 +30,9 @@ class SingleNode(NativeNode):
         """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
         super().__init__(config, parameters)
         self._tick = vibro_tick()
-        self._own = in_precision(self.memory, NodeState, "single")
-        self._take, self._give = copier(self._own, self.memory), copier(self.memory, self._own)
-        self.changed()
+        self._own = in_precision(self.whole, FirmwareState, "single")
+        self._take, self._give = copier(self._own, self.whole), copier(self.whole, self._own)
+        self.push_memory()
 
     @property
     def native(self) -> Native:
@@ -39,18 +40,18 @@ class SingleNode(NativeNode):
         address = cast(int, ctypes.cast(self._tick, POINTER).value)
         return Native(address, 0, self._own_config, self._own, "single")
 
-    def run(self, elapsed_ticks: int, frame_count: int, frames: Any) -> bool:
+    def run(self, behind_ticks: int, frame_count: int, frames: Any) -> bool:
         """One tick."""
         config, state, sent = (memory.ctypes.data for memory in (self._own_config, self._own, self.tx))
-        status = self._tick(config, state, elapsed_ticks, frame_count, ctypes.addressof(frames), sent)
-        self.ticked()
+        status = self._tick(config, state, behind_ticks, frame_count, ctypes.addressof(frames), sent)
+        self.pull_state()
         return bool(status == 0)
 
-    def changed(self) -> None:
+    def push_memory(self) -> None:
         """Round config and state to single precision."""
         self._own_config = in_precision(self.flat_config, Config, "single")
         self._give()
 
-    def ticked(self) -> None:
+    def pull_state(self) -> None:
         """Copy the state to `memory`, in double precision."""
         self._take()

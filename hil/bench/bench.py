@@ -1,46 +1,56 @@
-"""A whole run: folder, bus, processes, common start, supervision, and the finished log.
+"""A whole run in the steps prepare, start, watch, judge, publish.
 
-In real time this process acts as the operator at 100 Hz and monitors the other processes in between: a child
-that ends early is reported within 100 ms, the others continue for half a second so that their reaction is
-logged, then all are stopped in order and the run folder is completed as after any run.
+`prepare` makes the firmware's image; `ProcessesRun` starts the processes on a bus and watches them. After any
+end `hil.bench.ending` has the run judged and its log, report and verdict published (`hil.bench.verdict`).
+
+In real time this process acts as the operator at 100 Hz and supervises the other processes in between. At the
+end all are stopped in order, and the run folder is completed as after any run.
+
+On a bus made for the run alone, time is held while a node is late (`hil.timing.pacemaker`). On any other bus,
+and on request, time is strict: a late node misses periods.
 """
 
 import gc
 import json
+import math
 import os
 import shutil
 import signal
 import sys
 import time
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack, nullcontext
-from dataclasses import dataclass, field
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from firmware_py.shell.builds import Build
+from firmware_py.interface.addresses import bus_id
 from firmware_py.shell.parameters import addresses_from
 from hil.bench import beginning
 from hil.bench.ending import Outcome, ending_with_a_verdict
 from hil.bench.lockstep import Progress, simulate
-from hil.bench.soak import SAMPLE_S, SETTLING_SHARE, MemoryWatch
-from hil.bus import ProvidedBus, join, provide
+from hil.bench.options import RunOptions
+from hil.bench.supervision import BASELINE, Supervision, again_name, plan_of
+from hil.bus import Bus, ProvidedBus, join, join_in_turns, provide, shared
 from hil.bus.addressed import addressed
-from hil.bus.base import BusError
+from hil.bus.hub_socket import TurnSocket
+from hil.faults.counted import FAULTS_ACTED, counted
 from hil.faults.line import with_faults
-from hil.faults.processes import FIRMWARE, ProcessFaults
+from hil.faults.on_process import FIRMWARE, ProcessFault
+from hil.faults.processes import ProcessFaults
+from hil.judge.verdict import RunVerdict
 from hil.nodes.runners import OperatorRunner, Pace
 from hil.record import run_folder
-from hil.scenario.operator import OPERATOR_PERIOD_S
+from hil.scenario.operator import OPERATOR_PERIOD_S, RECEIVED_IDS
 from hil.scenario.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
 from hil.show.live import show
-from hil.timing.clock import NS_PER_S, ClockName, MonotonicClock
-from hil.timing.loop import FixedRateLoop
-from hil.timing.patient_clock import PatientClock, Row, shared_memory
-from hil.timing.processes import Child, Start
+from hil.timing.clock import NS_PER_S, MonotonicClock, TimeName
+from hil.timing.loop import FixedRateLoop, LoopTiming, run_turns
+from hil.timing.pacemaker import LONGEST_HOLD_NS, PACEMAKER, Member, shared_turn_times
+from hil.timing.processes import Child, Start, has_stopped, is_busy
 from hil.timing.realtime import OPERATOR_PRIORITY, fixed_priority, settle_garbage
 
-READY_TIMEOUT_S = 120.0
+READY_TIMEOUT_S = 600.0
 """Longest start of a child, with imports and kernels to compile, on a busy machine."""
 START_DELAY_S = 0.3
 RECORDER = "recorder"
@@ -48,27 +58,17 @@ RECORDER_AT_WORK_S = 120.0
 """Time for the recorder to write frames left over from the run; on a busy machine this may be a whole run."""
 LIVE = "live"
 """Name of the child that shows the run in a viewer."""
-PERIODS_A_LOOK = 10
-"""Operator's periods between two checks of the other processes."""
-REACTION_S = 0.5
-"""Time for which the surviving nodes are recorded after a node has died."""
+END_WAIT_S = 0.5
+"""Time until a pacemaker that has been killed is seen to have ended."""
 END_TIMEOUT_S = 5.0
-END_SLACK_S = 0.1
-"""A loop may complete its ticks and end by this time before the operator's last period."""
+GRACE_S = 1.0
+"""Time after the longest hold in which the pacemaker itself ends the run; it may have been stopped."""
 
 
-def again_name(process: str) -> str:
-    """Name of the process that replaces a restarted one."""
-    return f"{process}-again"
-
-
-ROWS = {
-    "firmware": Row.FIRMWARE,
-    "plant": Row.PLANT,
-    again_name("firmware"): Row.FIRMWARE_AGAIN,
-    again_name("plant"): Row.PLANT_AGAIN,
-}
-"""The nodes' rows in the patient clocks' shared memory."""
+NODES = ("plant", "firmware", again_name("plant"), again_name("firmware"))
+"""The processes of nodes, without this one."""
+LATE = ("hub", PACEMAKER, *NODES)
+"""The processes that can hold up a run, without this one."""
 
 
 class BenchError(RuntimeError):
@@ -76,59 +76,43 @@ class BenchError(RuntimeError):
 
 
 def run_scenario(
-    scenario: Scenario,
-    clock: ClockName,
-    bus: str,
-    out_dir: Path | None,
-    seed: int,
-    progress: Progress,
-    viewer: str | None = None,
-    only_if_failed: bool = False,
-    firmware: Build = "python",
-    of_a_suite: bool = False,
-    keep_traces: bool = True,
-) -> dict[str, Any]:
-    """Run `scenario` and return its verdict; all files of the run are in its folder.
-
-    `viewer`: URL of an open viewer, which shows the run: in real time during the run, in lockstep at its end.
-    `only_if_failed`: a run that has passed leaves only its verdict. `of_a_suite`: an interrupted run is not
-    judged. `keep_traces`: if False, the traces of a run that has passed are removed; its log remains.
-    """
-    prepare(firmware, clock)
-    if clock != "lockstep":
+    scenario: Scenario, options: RunOptions, out_dir: Path | None, seed: int, progress: Progress
+) -> RunVerdict:
+    """Run `scenario` and return its verdict; all files of the run are in its folder."""
+    prepare(options)
+    in_lockstep = options.clock == "lockstep"
+    if not in_lockstep:
         refuse_other_periods(scenario.period_s)
         refuse_modelled_bus(scenario)
     with run_folder.claimed(scenario.name, out_dir) as run_dir:
-        beginning.begin(run_dir, scenario, clock, seed)
-        run_folder.note(run_dir, firmware=firmware)
-        with ending_with_a_verdict(run_dir, only_if_failed, of_a_suite) as ending:
-            if clock == "lockstep":
-                simulate(scenario, run_dir, seed, ending.outcome, progress, firmware)
+        beginning.begin(run_dir, scenario, options.clock, seed)
+        run_folder.note(run_dir, firmware=options.firmware)
+        with ending_with_a_verdict(run_dir, options.only_if_failed, options.of_a_suite) as ending:
+            if in_lockstep:
+                simulate(scenario, run_dir, seed, ending.outcome, progress, options.firmware)
             else:
-                patient, outcome = clock == "patient", ending.outcome
-                run = ProcessesRun(scenario, run_dir, seed, bus, patient, outcome, progress, viewer, firmware)
-                run.run()
+                ProcessesRun(scenario, options, run_dir, seed, ending.outcome, progress).run()
             progress(1.0, "writing log and verdict")
-        if viewer is not None and clock == "lockstep":
-            show(run_dir, viewer)
-        if not keep_traces and ending.verdict["passed"]:
+        if options.viewer is not None and in_lockstep:
+            show(run_dir, options.viewer)
+        if not options.keep_traces and ending.verdict.passed:
             run_folder.keep_the_log(run_dir)
     return ending.verdict
 
 
-def prepare(firmware: Build, clock: ClockName) -> None:
+def prepare(options: RunOptions) -> None:
     """Make the image of an emulated build; raises BoardError if the build cannot run here."""
-    match firmware:
+    match options.firmware:
         case "python" | "compiled" | "host-single":
             return
     from firmware_py.builds.board import BoardError, image  # noqa: PLC0415 - imports LLVM
 
-    if clock != "lockstep":
+    if options.clock != "lockstep":
         raise BoardError(
-            f"--firmware {firmware} with --clock {clock}: an emulated board keeps no wall clock's time; "
-            "give --clock lockstep"
+            f"--firmware {options.firmware} with --clock {options.clock}: an emulated board keeps no wall "
+            "clock's time; give --clock lockstep"
         )
-    image(firmware)
+    image(options.firmware)
 
 
 def program() -> str:
@@ -142,91 +126,119 @@ def program() -> str:
 
 @dataclass
 class ProcessesRun:
-    """One run on the wall clock, or on patient clocks, with a process for each node.
+    """One run in real time, with a process for each node.
 
-    `bus` requests or names the bus, which is `provided` during the run.
+    The bus of `options` is `provided` during the run.
     """
 
     scenario: Scenario
+    options: RunOptions
     run_dir: Path
     seed: int
-    bus: str
-    patient: bool
     outcome: Outcome
     progress: Progress
-    viewer: str | None = None
-    firmware: Build = "python"
     provided: ProvidedBus = field(init=False)
+    turn_times: int | None = field(default=None, init=False)
+    """Descriptor of the memory for the turns' times, if time is held."""
+    operator_counters: dict[str, Any] = field(default_factory=dict, init=False)
+    giver: TurnSocket | None = field(default=None, init=False)
+    """The operator's connection to the pacemaker, if time is held."""
+    ended_early: bool = field(default=False, init=False)
+    """Whether turns ended before the script."""
+    waited_for: str | None = field(default=None, init=False)
+    """The process that was waited for longer than the longest hold."""
     children: dict[str, Child] = field(default_factory=dict, init=False)
 
     def run(self) -> None:
         """Provide the bus, run on it, and note how it ended."""
-        run_folder.note(self.run_dir, bus=self.bus, kernel_can=False)
-        with provide(self.bus) as self.provided:
+        run_folder.note(self.run_dir, bus=self.options.bus, kernel_can=False)
+        with ExitStack() as stack:
+            if self.options.time == "held":
+                self.turn_times = shared_turn_times()
+                stack.callback(os.close, self.turn_times)
+            self.provided = stack.enter_context(shared(provide(self.options.bus, self.turn_times)))
             holders = self.provided.processes
-            run_folder.note(self.run_dir, **self.provided.described)
-            if self.patient and not self.provided.kernel_can:
-                raise BusError(
-                    f"bus {self.provided.name} ({self.provided.reason}): patient clocks need a bus that "
-                    "delivers at once; wanted vcan, or "
-                    "`vibrohil kernel -- vibrohil run … --clock patient --bus vcan`"
-                )
+            time_name: TimeName = "strict" if self.provided.turns is None else "held"
+            run_folder.note(self.run_dir, time=time_name, **self.provided.described)
             self.run_on_bus()
-        self.note_killed(holders)
         if self.provided.said:
-            run_folder.note(self.run_dir, bus_said=json.loads(self.provided.said))
+            said = json.loads(self.provided.said)
+            self.note_holds(said)
+            run_folder.note(self.run_dir, bus_said=said)
+        self.note_killed({**self.children, **holders})
 
     def run_on_bus(self) -> None:
-        """Start, run, stop in order."""
-        self.shared = shared_memory() if self.patient else -1
-        self.clock = PatientClock(self.shared, Row.OPERATOR) if self.patient else MonotonicClock()
+        """Start the processes, watch them to their end, and stop them in order."""
+        self.clock = MonotonicClock()
         with ExitStack() as stack:
-            if self.patient:
-                stack.callback(os.close, self.shared)
             stack.callback(self.stop_all)
-            self.start_all()
-            places = addresses_from(self.scenario.parameters)
-            operator_bus = addressed(join(self.provided.address, accept=()), places)
-            stack.callback(operator_bus.close)
+            self.start()
+            operator_bus = self.joined_as_operator(stack)
             pace = Pace(self.scenario.period_s, self.scenario.duration_s)
-            faulty_bus, set_time = with_faults(operator_bus, "operator", self.scenario.faults, self.seed)
+            faults = counted(self.scenario.faults)
+            faulty_bus, set_time = with_faults(operator_bus, "operator", faults, self.seed)
             operator = OperatorRunner(self.scenario.commands, pace, faulty_bus, self.run_dir)
             stack.callback(operator.close)
             settle_garbage()
             stack.callback(gc.unfreeze)
-            delay_s = 0.0 if self.patient else START_DELAY_S
-            t0_ns = self.clock.now_ns() + round(delay_s * NS_PER_S)
-            began_s = time.monotonic() + delay_s
+            t0_ns = self.clock.now_ns() + round(START_DELAY_S * NS_PER_S)
+            began_s = time.monotonic() + START_DELAY_S
             wall_start_ns = time.time_ns() + t0_ns - self.clock.now_ns()
             run_folder.note(self.run_dir, t0_ns=t0_ns, wall_start_s=wall_start_ns / NS_PER_S)
             later = {again_name(process) for _, process, _ in ProcessFaults(self.scenario.faults).restarts()}
             for name, child in self.children.items():
                 if name not in later:
-                    child.start(self.start_of(name, t0_ns))
+                    child.start(Start(t0_ns))
+            if self.provided.pacemaker is not None:
+                self.provided.pacemaker.tell(plan_of(self.scenario, t0_ns).as_line())
             try:
-                self.attend(operator, set_time, t0_ns)
-                if not self.outcome.reasons:
+                self.watch(operator, set_time, t0_ns)
+                if not self.outcome.reasons and not self.ended_early:
                     self.await_ends()
             finally:
+                self.operator_counters = {**asdict(operator_bus.counters), FAULTS_ACTED: faults.counts}
                 self.outcome.wall_s = max(0.0, time.monotonic() - began_s)
 
-    def start_of(self, name: str, t0_ns: int, first_tick: int = 0) -> Start:
-        """The start message of a child process."""
-        if not self.patient:
-            return Start(t0_ns, first_tick)
-        return Start(t0_ns, first_tick, self.shared, ROWS.get(name, -1))
+    def joined_as_operator(self, stack: ExitStack) -> Bus:
+        """Join the bus, and the pacemaker if there is one."""
+        address, turns = self.provided.address, self.provided.turns
+        places = addresses_from(self.scenario.parameters)
+        accept = [bus_id(places, can_id) for can_id in RECEIVED_IDS]
+        if turns is None:
+            bus = join(address, accept)
+        else:
+            bus, self.giver = join_in_turns(address, turns, Member.OPERATOR, accept)
+            self.giver.patience_s = LONGEST_HOLD_NS / NS_PER_S + GRACE_S
+            stack.callback(self.giver.close)
+        stack.callback(bus.close)
+        return addressed(bus, places)
 
-    def restart(self, name: str, t0_ns: int, first_tick: int) -> None:
-        """Start a process that replaces another."""
-        if isinstance(self.clock, PatientClock):
-            self.clock.expect(ROWS[name], t0_ns + round(first_tick * self.scenario.period_s * NS_PER_S))
-        self.children[name].start(self.start_of(name, t0_ns, first_tick))
+    def note_endless_hold(self, t_s: float) -> None:
+        """Say why turns ended before the script although no process has ended: one of them is late for ever.
+
+        A process that is computing is late by its own fault; otherwise the run proves nothing.
+        """
+        running = {name: child for name, child in self.watched.items() if not child.ended}
+        late = [name for name, child in running.items() if name in LATE and has_stopped(child.pid)]
+        busy = [name for name, child in running.items() if name in LATE and is_busy(child.pid)]
+        longest = f"for more than {LONGEST_HOLD_NS / NS_PER_S:g} s"
+        if busy and not late:
+            self.outcome.reasons.append(f"{busy[0]} computed in one tick {longest}")
+            return
+        self.waited_for = late[0] if late else None
+        self.outcome.cut_s, self.outcome.cut_by = t_s, self.waited_for or "run"
+        self.outcome.not_judged.append(f"the host held up the {self.outcome.cut_by} {longest} at {t_s:.2f} s")
+
+    def note_holds(self, said: Mapping[str, Any]) -> None:
+        """Add the pacemaker's report on holds to the outcome."""
+        self.outcome.held_s, self.outcome.own_late_s = said.get("held_s"), said.get("own_late_s")
+        self.outcome.holds = said.get("holds", [])
 
     @property
     def watched(self) -> dict[str, Child]:
         """Every process whose end ends the run; the viewer is excluded, since it may be closed."""
         needed = {name: child for name, child in self.children.items() if name != LIVE}
-        return {**needed, **self.provided.processes}
+        return {**self.provided.processes, **needed}
 
     def commands(self) -> dict[str, list[str]]:
         """The command line of each child, in the order in which they are stopped."""
@@ -235,11 +247,16 @@ class ProcessesRun:
         duration = str(self.scenario.duration_s)
         common = ["--bus", address, "--out", str(self.run_dir), "--sync", "--until", duration]
         common += ["--seed", str(self.seed)]
-        python = [sys.executable, "-m"]
+        if self.provided.turns is not None:
+            common += ["--turns", str(self.provided.turns)]
+        recorder = [sys.executable, "-P", "-m", "hil.show.recorder", str(self.run_dir), "--bus", address]
+        if self.provided.turns is not None:
+            recorder += ["--turn-times", str(self.turn_times)]
+        python = [sys.executable, "-P", "-m"]
         baseline = [*python, "hil.timing.baseline", "--ticks", str(self.scenario.ticks)]
-        live = [*python, "hil.show.live", str(self.run_dir), "--to", str(self.viewer)]
+        live = [*python, "hil.show.live", str(self.run_dir), "--to", str(self.options.viewer)]
         restarts = ProcessFaults(self.scenario.faults).restarts()
-        build = {FIRMWARE: ["--firmware", self.firmware]}
+        build = {FIRMWARE: ["--firmware", self.options.firmware]}
         again = {
             again_name(process): [program(), process, scenario, *common, *build.get(process, []), "--again"]
             for _, process, _ in restarts
@@ -248,17 +265,17 @@ class ProcessesRun:
             "firmware": [program(), "firmware", scenario, *common, *build[FIRMWARE]],
             "plant": [program(), "plant", scenario, *common],
             **again,
-            **({} if self.patient else {"baseline": baseline}),
-            RECORDER: [*python, "hil.show.recorder", str(self.run_dir), "--bus", address],
-            **({} if self.viewer is None else {LIVE: live}),
+            BASELINE: baseline,
+            RECORDER: recorder,
+            **({} if self.options.viewer is None else {LIVE: live}),
         }
 
-    def start_all(self) -> None:
+    def start(self) -> None:
         """Start the children together and wait until each is warmed up and on the bus."""
         self.progress(0.0, f"starting on {self.provided.name}")
-        descriptors = [self.shared] if self.patient else []
         for name, command in self.commands().items():
-            self.children[name] = Child(name, command, self.run_dir / f"{name}.log", descriptors)
+            inherited = [self.turn_times] if name == RECORDER and self.turn_times is not None else []
+            self.children[name] = Child(name, command, self.run_dir / f"{name}.log", inherited)
         pids = {name: child.pid for name, child in self.watched.items()}
         run_folder.write_json(self.run_dir / "processes.json", {"operator": os.getpid(), **pids})
         allowed = {}
@@ -267,67 +284,99 @@ class ProcessesRun:
                 allowed[name] = json.loads(said)
         run_folder.note(self.run_dir, realtime=allowed)
 
-    def attend(self, operator: OperatorRunner, set_time: Callable[[float], None], t0_ns: int) -> None:
-        """Act as the operator to the end of the script, or until `REACTION_S` after a child has ended."""
-        with nullcontext() if self.patient else fixed_priority(OPERATOR_PRIORITY):
-            try:
-                self.play(operator, set_time, t0_ns)
-            finally:
-                self.clock.leave()
+    def watch(self, operator: OperatorRunner, set_time: Callable[[float], None], t0_ns: int) -> None:
+        """Act as the operator, and supervise the other processes in between.
 
-    def play(self, operator: OperatorRunner, set_time: Callable[[float], None], t0_ns: int) -> None:
-        """Run the operator's loop, with periodic checks of the other processes."""
-        period_ns = round(OPERATOR_PERIOD_S * NS_PER_S)
-        loop = FixedRateLoop(self.clock, t0_ns, period_ns)
-        periods = round(self.scenario.duration_s / OPERATOR_PERIOD_S)
-        last_period = periods
-        scripted = ProcessFaults(self.scenario.faults)
-        signals, restarts = scripted.signals(), scripted.restarts()
-        watched = self.watched
-        dead: set[str] = set()
-        memory = MemoryWatch({name: child.pid for name, child in watched.items()})
-        next_look = 0
-        next_sample_s = 0.0
+        Ends with the script, or `REACTION_S` after a child has ended.
+        """
+        supervision = Supervision(
+            self.scenario,
+            self.watched,
+            self.outcome,
+            self.progress,
+            pauses=self.giver is None,
+            is_out_of_turns=lambda: self.is_out_of_turns,
+            t0_ns=t0_ns,
+        )
+        with fixed_priority(OPERATOR_PRIORITY):
+            if self.giver is None:
+                reached = self.play_strictly(operator, set_time, supervision)
+            else:
+                reached = self.play_in_turns(self.giver, operator, set_time, supervision)
+        if self.giver is not None:
+            self.ended_early = reached < supervision.periods - 1
+            if self.ended_early and self.provided.pacemaker is not None:
+                self.provided.pacemaker.wait(END_WAIT_S)
+        supervision.look(reached)
+        if self.ended_early and not self.outcome.reasons:
+            self.note_endless_hold(reached * OPERATOR_PERIOD_S)
+        supervision.note_memory()
+
+    @property
+    def is_out_of_turns(self) -> bool:
+        """Whether the nodes have ended, or are about to, because no more turns are given."""
+        pacemaker = self.provided.pacemaker
+        return pacemaker is not None and (self.ended_early or pacemaker.ended)
+
+    def play_in_turns(
+        self,
+        giver: TurnSocket,
+        operator: OperatorRunner,
+        set_time: Callable[[float], None],
+        supervision: Supervision,
+    ) -> int:
+        """Make the operator's steps in its turns, and supervise after each; return its last period."""
+        period_s = self.scenario.period_s
+        ticks_a_period = round(OPERATOR_PERIOD_S / period_s)
+        reached = 0
+
+        def step(tick: int) -> int:
+            supervision.act(tick * period_s)
+            set_time(tick * period_s)
+            operator.step(tick)
+            return operator.due_tick
+
+        def between(tick: int, _: LoopTiming) -> None:
+            nonlocal reached
+            reached = tick // ticks_a_period
+            if supervision.attend(reached):
+                giver.leave()
+
+        run_turns(giver, step, between)
+        return reached
+
+    def play_strictly(
+        self, operator: OperatorRunner, set_time: Callable[[float], None], supervision: Supervision
+    ) -> int:
+        """Make the operator's steps by the wall clock, and supervise; return its last period."""
+        t0_ns = supervision.t0_ns
+        loop = FixedRateLoop(self.clock, t0_ns, round(OPERATOR_PERIOD_S * NS_PER_S))
+        reached = 0
 
         def step(period: int, _: int) -> None:
-            nonlocal next_look
+            nonlocal reached
+            reached = period
             t_s = period * OPERATOR_PERIOD_S
-            while signals and signals[0].at_s <= t_s:
-                self.children[signals[0].process].signal(signals[0].number)
-                del signals[0]
-            while restarts and restarts[0].at_s <= t_s:
-                first_tick = round(restarts[0].start_s / self.scenario.period_s)
-                self.restart(again_name(restarts[0].process), t0_ns, first_tick)
-                del restarts[0]
-            set_time(t_s)
-            operator.step(period)
-            if period >= min(next_look, last_period):
-                next_look = period + PERIODS_A_LOOK
-                look(period)
-            if period >= last_period:
+            supervision.act(t_s)
+            self.act(operator, set_time, t0_ns, t_s)
+            if supervision.attend(period):
                 loop.stop()
 
-        def look(period: int) -> None:
-            """Check the other processes and sample their memory, less often than commands are sent."""
-            nonlocal last_period, next_sample_s
-            t_s = period * OPERATOR_PERIOD_S
-            for name, child in watched.items():
-                if name not in dead and child.ended:
-                    dead.add(name)
-                    its_last_ticks = child.succeeded and t_s > self.scenario.duration_s - END_SLACK_S
-                    if its_last_ticks or scripted.kills(name, by_s=t_s):
-                        continue
-                    self.outcome.reasons.append(f"{child.how_it_ended()} at {t_s:.2f} s{child.why()}")
-                    last_period = min(last_period, period + round(REACTION_S / OPERATOR_PERIOD_S))
-            self.progress(period / periods, "running")
-            if t_s >= next_sample_s:
-                next_sample_s += SAMPLE_S
-                memory.sample()
-
-        loop.run(periods, step, None)
+        loop.run(supervision.periods, step, None)
         self.continue_paused()
-        self.outcome.memory_growth_mb = memory.growth_mb()
-        self.outcome.memory_watched_s = (1.0 - SETTLING_SHARE) * self.scenario.duration_s
+        return reached
+
+    def act(
+        self, operator: OperatorRunner, set_time: Callable[[float], None], t0_ns: int, from_s: float
+    ) -> None:
+        """Make the operator's steps in one `OPERATOR_PERIOD_S`; after a host stall it makes one for all."""
+        period_s = self.scenario.period_s
+        first_tick = math.ceil(from_s / period_s - 1e-6)
+        until_tick = math.ceil((from_s + OPERATOR_PERIOD_S) / period_s - 1e-6)
+        while (tick := max(operator.due_tick, first_tick)) < until_tick:
+            self.clock.sleep_until(t0_ns + round(tick * period_s * NS_PER_S))
+            set_time(tick * period_s)
+            operator.step(tick)
 
     def continue_paused(self) -> None:
         """End the nodes that are paused beyond the end of the script; as in lockstep, they tick no more."""
@@ -340,7 +389,7 @@ class ProcessesRun:
         scripted = ProcessFaults(self.scenario.faults)
         later = [again_name(process) for _, process, _ in scripted.restarts()]
         for name, child in self.children.items():
-            if name not in ("firmware", "plant", "baseline", *later):
+            if name not in ("firmware", "plant", BASELINE, *later):
                 continue
             if scripted.kills(name):
                 continue
@@ -359,11 +408,25 @@ class ProcessesRun:
             self.outcome.reasons.append(f"{recorder.how_it_ended()} at the end{recorder.why()}")
 
     def note_killed(self, children: Mapping[str, Child]) -> None:
-        """Add a reason for each process that had to be killed."""
+        """Add a reason for each process that had to be killed, except one that is waited for in vain."""
         self.outcome.reasons += [
             f"{name} did not end when asked to, and was killed"
             for name, child in children.items()
-            if child.killed_at_stop
+            if child.killed_at_stop and name not in (LIVE, self.waited_for)
+        ]
+
+    def note_fault_effects(self, nodes: Mapping[str, dict[str, Any]]) -> None:
+        """Move the nodes' counts of what the faults acted on to the outcome.
+
+        The counts are unknown if a node has left none because it was killed. Faults of processes are not
+        counted: this process makes them act by signals and turns.
+        """
+        counts = {name: one.pop(FAULTS_ACTED) for name, one in nodes.items() if FAULTS_ACTED in one}
+        if set(counts) != {"operator", *NODES} & {"operator", *self.children}:
+            return
+        self.outcome.faults_acted = [
+            None if isinstance(fault, ProcessFault) else sum(its_counts)
+            for fault, *its_counts in zip(self.scenario.faults, *counts.values(), strict=True)
         ]
 
     def stop_all(self) -> None:
@@ -373,10 +436,12 @@ class ProcessesRun:
             for name, child in self.children.items()
         }
         nodes = {name: json.loads(line) for name, line in said.items() if line.startswith("{")}
+        if self.operator_counters:
+            nodes["operator"] = self.operator_counters
+        self.note_fault_effects(nodes)
         run_folder.note(self.run_dir, nodes=nodes)
         for name, one in nodes.items():
             if lost := one.get("lost_records", 0):
                 self.outcome.reasons.append(f"{name}: no room on the disk for its last {lost} records")
-        self.note_killed({name: child for name, child in self.children.items() if name != LIVE})
         self.note_dead_recorder()
-        self.outcome.baseline_overruns = nodes.get("baseline", {}).get("overruns")
+        self.outcome.baseline_overruns = nodes.get(BASELINE, {}).get("overruns")

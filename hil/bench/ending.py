@@ -7,19 +7,21 @@ recorded, so that they cannot interrupt the judgement.
 
 import errno
 import signal
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hil.bench.verdict import KILLED, amend, finish, prejudge
+from hil.bench.verdict import KILLED, failed_for, finish, prejudge, write
+from hil.bus.base import BusError
+from hil.judge.verdict import RunVerdict, read_verdict
 from hil.record import run_folder
 from hil.record.traces import trace
 from hil.timing.processes import ChildError, ChildRefusalError
 from hil.timing.signals import Interrupted, ending_signals, interruption
 
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @dataclass
@@ -30,6 +32,19 @@ class Outcome:
     """Elapsed time from the start to the end of the loops."""
     reasons: list[str] = field(default_factory=list)
     """Reasons why the run fails regardless of its checks, one sentence each."""
+    faults_acted: list[int | None] = field(default_factory=list)
+    """What each fault of the script acted on: frames, readings, ticks or starts; None: unknown."""
+    not_judged: list[str] = field(default_factory=list)
+    """Reasons why the run proves nothing, one sentence each; it is not judged unless it fails."""
+    held_s: float | None = None
+    """Time for which the host held the run up; None where time was not held."""
+    own_late_s: float | None = None
+    """Time for which nodes held the run up by their own work."""
+    holds: list[dict[str, Any]] = field(default_factory=list)
+    """The holds, as records of `hil.timing.pacemaker.Hold`."""
+    cut_s: float | None = None
+    """Time at which a run was ended because a process, `cut_by`, was held up for too long."""
+    cut_by: str | None = None
     baseline_overruns: int | None = None
     memory_growth_mb: dict[str, float] = field(default_factory=dict)
     """Growth by process after it has settled, in runs that are long enough."""
@@ -37,14 +52,13 @@ class Outcome:
     """Time over which the growth was measured."""
 
 
-def was_cut_short(verdict: Mapping[str, Any]) -> bool:
+def was_cut_short(verdict: RunVerdict) -> bool:
     """Whether a run was interrupted or not judged, so that its result is unknown."""
-    reasons = verdict.get("reasons", [KILLED])
-    return any(reason == KILLED or reason.startswith("interrupted by") for reason in reasons)
+    return any(reason == KILLED or reason.startswith("interrupted by") for reason in verdict.reasons)
 
 
 def is_no_room(error: BaseException) -> bool:
-    """Whether the error is a full disk or an exceeded quota."""
+    """Whether the error is a full disk, an exceeded quota, or a file beyond `ulimit -f`."""
     return isinstance(error, OSError) and error.errno in NO_ROOM
 
 
@@ -67,10 +81,16 @@ def reason_of(error: BaseException) -> str:
 
 @dataclass
 class Ending:
-    """A run's outcome, filled during the run, and its verdict afterwards."""
+    """A run's outcome, filled during the run, and its verdict: until its end, that of a killed run."""
 
+    verdict: RunVerdict
     outcome: Outcome = field(default_factory=Outcome)
-    verdict: dict[str, Any] = field(default_factory=dict)
+
+    def amend(self) -> None:
+        """Write the verdict again, with the figures in the folder, failed for the outcome's reasons."""
+        found = read_verdict(self.verdict.folder / run_folder.VERDICT)
+        self.verdict = failed_for(found, self.outcome.reasons)
+        write(self.verdict)
 
 
 @contextmanager
@@ -84,30 +104,34 @@ def ending_with_a_verdict(
     `only_if_failed`: a run that has passed keeps only its verdict. `of_a_suite`: an interrupted run is not
     judged, since its suite must end at once and runs it again.
     """
-    ending = Ending()
+    ending = Ending(prejudge(run_dir, KILLED))
     reasons = ending.outcome.reasons
-    prejudge(run_dir, KILLED)
     take_room(run_dir)
     with ending_signals() as signals:
         raised: BaseException | None = None
         try:
             yield ending
         except BaseException as error:
-            raised = error
-            if (reason := reason_of(error)) not in reasons:
+            raised = signals.raised or error
+            if (reason := reason_of(raised)) not in reasons:
                 reasons.append(reason)
         signals.raises = False
         if of_a_suite and isinstance(raised, Interrupted):
+            raise raised
+        if (
+            isinstance(raised, BusError | ChildRefusalError) and ending.outcome.wall_s == 0.0
+        ):  # the bus is wrong: nothing ran
+            run_folder.discard(run_dir)
             raise raised
         try:
             ending.verdict = close(run_dir, ending.outcome, only_if_failed)
         except Exception as error:
             reasons.append(f"while its log and report were written: {reason_of(error)}")
-            ending.verdict = amend(run_dir, reasons)
+            ending.amend()
             raised = raised or error
         if signals.came and (raised is None or is_verdict(raised)):
             reasons.append(f"{signals.came[0]} while its log and report were written")
-            ending.verdict = amend(run_dir, reasons)
+            ending.amend()
             raised = Interrupted(signals.came[0])
     if raised is not None and not is_verdict(raised):
         raise raised
@@ -123,7 +147,7 @@ def take_room(run_dir: Path) -> None:
         raise
 
 
-def close(run_dir: Path, outcome: Outcome, only_if_failed: bool = False) -> dict[str, Any]:
+def close(run_dir: Path, outcome: Outcome, only_if_failed: bool = False) -> RunVerdict:
     """Collect the files of a run that has ended, and judge it."""
     run_folder.free_reserve(run_dir)
     trace.bring_home(run_dir)

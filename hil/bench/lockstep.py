@@ -11,25 +11,30 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from firmware_py.shell.builds import NATIVE, Build, node_of
 from firmware_py.shell.node import MakeNode
 from hil.bench import beginning
 from hil.bench.ending import Outcome
 from hil.bench.lockstep_bus import FIRMWARE, OPERATOR, PLANT, BusAsModelled, IdealBus, LockstepBus
-from hil.bench.soak import SETTLING_SHARE, MemoryWatch
 from hil.bus.can_log import CanLog
 from hil.bus.in_process import InProcessNode
 from hil.faults.clocks import Turns, in_turns
+from hil.faults.counted import CountedFaults, counted
 from hil.faults.line import with_faults
 from hil.faults.processes import ProcessFaults
 from hil.nodes.runners import FirmwareRunner, OperatorRunner, Pace, PlantRunner
 from hil.record import run_folder
-from hil.scenario.operator import OPERATOR_PERIOD_S
 from hil.scenario.scenario import Scenario
+from hil.scenario.soak import SETTLING_SHARE, MemoryWatch
 from hil.timing.clock import NS_PER_S
 from hil.timing.loop import LoopTiming
+from hil.timing.signals import delayed_signals
 from plant_sim.scene import Scene
+
+if TYPE_CHECKING:
+    from hil.bench.stretches import RecordedStretches
 
 Progress = Callable[[float, str], None]
 """Called with the completed share of the run, 0…1, and the present activity."""
@@ -44,102 +49,141 @@ WARM: list[tuple[Scene, bool, Build]] = []
 """Compiled or loaded combinations in this process: scene, whether the bus is ideal, and build."""
 PROGRESS_S = 0.5
 """Simulated time between two reports of progress, at most twice this."""
-TIME_RESOLUTION_S = 1e-9
 NS_PER_US = 1000
 UNTIMED = LoopTiming(0, 0.0, 0.0, 0)
 """Timing of the plant, which is not measured in lockstep."""
 
 
-def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
+def run_lockstep(
     scenario: Scenario,
     run_dir: Path,
     seed: int,
     progress: Progress,
     build: Build = "python",
     make: MakeNode | None = None,
+    counts: CountedFaults | None = None,
 ) -> int:
     """Run the whole scenario; write traces and can.log to `run_dir`. Times in can.log are simulated times.
 
-    `make` replaces the firmware node of `build`, for example by one that measures. Returns the number of
-    records for which the disk had no room.
+    `make` replaces the firmware node of `build`, for example by one that measures. `counts`: the
+    scenario's faults, in which their effects are counted. Returns the number of records for which the disk
+    had no room.
     """
-    bus: LockstepBus = IdealBus() if scenario.bitrate is None else BusAsModelled(scenario.bitrate, run_dir)
-    pace = Pace(scenario.period_s, scenario.duration_s, is_timed=False)
-    faults = scenario.faults
-    at_nodes = bus.break_by(faults)
-    to_plant = bus.join(PLANT)
-    plant_bus, set_plant_time = with_faults(to_plant, PLANT, at_nodes, seed)
-    firmware_bus, set_firmware_time = with_faults(bus.join(FIRMWARE), FIRMWARE, at_nodes, seed)
-    operator_bus, set_operator_time = with_faults(bus.join(OPERATOR), OPERATOR, at_nodes, seed)
-    plant_node = PlantRunner(scenario.scene, seed, pace, plant_bus, run_dir, faults)
-    plant = in_turns(plant_node, PLANT, faults, pace.period_s, seed)
-    walks = scenario.scene.gait is not None
-    firmware_node = FirmwareRunner(
-        scenario.parameters,
-        pace,
-        firmware_bus,
-        run_dir,
-        faults,
-        seed,
-        walks=walks,
-        make=make or node_of(build),
-    )
-    firmware = in_turns(firmware_node, FIRMWARE, faults, pace.period_s, seed)
-    operator = OperatorRunner(scenario.commands, pace, operator_bus, run_dir)
-    processes = ProcessFaults(faults)
-    period_s, ticks_in_all = scenario.period_s, scenario.ticks
-    plant_tick = firmware_tick = -1
-    period_ns = round(period_s * NS_PER_S)
-    operator_period = 0
-    progress_ticks = round(PROGRESS_S / period_s)
-    now_ns = time.perf_counter_ns
-    with CanLog(run_dir / "can.log") as can_log, ExitStack() as stack:
-        for node in (plant, firmware, operator, bus):
-            stack.callback(node.close)
-        stretches = None
-        if build in NATIVE and make is None and isinstance(to_plant, InProcessNode):
-            from hil.bench import stretches as compiled  # noqa: PLC0415 - imports compiled code
-
-            if compiled.has_stretches(scenario):
-                nodes = compiled.Nodes(plant_node, firmware_node, operator, to_plant)
-                turns = [node for node in (plant, firmware) if isinstance(node, Turns)]
-                stretches = compiled.RecordedStretches(scenario, nodes, turns, can_log)
-        tick = 0
+    faults = counted(scenario.faults) if counts is None else counts
+    with ExitStack() as stack:
+        nodes = LockstepNodes(scenario, run_dir, seed, faults, make or node_of(build), stack)
+        stretches = nodes.stretches() if build in NATIVE and make is None else None
+        tick, ticks_in_all = 0, scenario.ticks
+        progress_ticks = round(PROGRESS_S / scenario.period_s)
+        shown_tick = 0
         while tick < ticks_in_all:
-            ticks = 0 if stretches is None else min(stretches.ticks_from(tick), progress_ticks)
-            if stretches is not None and ticks > 0:
+            if tick >= shown_tick:
                 progress(tick / ticks_in_all, "running in lockstep")
-                operator_period = stretches.run(tick, ticks, operator_period)
-                tick += ticks
-                plant_tick = firmware_tick = tick - 1
-                continue
-            t_ns = tick * period_ns
-            t_s = tick * period_s
-            if processes.runs(PLANT, t_s):
-                set_plant_time(t_s)
-                plant.step(tick, tick - plant_tick)
-                plant.record(tick, UNTIMED)
-                plant_tick = tick
-            while operator_period * OPERATOR_PERIOD_S <= t_s + TIME_RESOLUTION_S:
-                set_operator_time(operator_period * OPERATOR_PERIOD_S)
-                operator.step(operator_period)
-                operator_period += 1
-            for logged_ns, frames in bus.pass_time(t_ns, t_ns + period_ns // 2):
-                can_log.write(logged_ns // NS_PER_US, frames)
+                shown_tick = tick + progress_ticks
+            with delayed_signals():
+                ticks = 0 if stretches is None else min(stretches.ticks_from(tick), progress_ticks)
+                if stretches is not None and ticks > 0:
+                    stretches.run(tick, ticks)
+                    nodes.resume(tick + ticks)
+                    tick += ticks
+                else:
+                    nodes.tick(tick)
+                    tick += 1
+    return nodes.lost_records
 
-            if processes.runs(FIRMWARE, t_s):
-                started_ns = now_ns()
-                set_firmware_time(t_s)
-                firmware.step(tick, tick - firmware_tick)
-                work_us = (now_ns() - started_ns) * 1e-3
-                firmware.record(tick, LoopTiming(0, 0.0, work_us, 0))
-                firmware_tick = tick
-            for logged_ns, frames in bus.pass_time(t_ns + period_ns // 2, t_ns + period_ns):
-                can_log.write(logged_ns // NS_PER_US, frames)
-            if tick % progress_ticks == 0:
-                progress(tick / ticks_in_all, "running in lockstep")
-            tick += 1
-    return plant_node.lost_records + firmware_node.lost_records
+
+class LockstepNodes:
+    """The nodes of lockstep on their bus, and the order in which they act in a tick."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        run_dir: Path,
+        seed: int,
+        faults: CountedFaults,
+        make: MakeNode,
+        stack: ExitStack,
+    ) -> None:
+        """`stack` closes the files."""
+        self._scenario = scenario
+        self._bus: LockstepBus = (
+            IdealBus() if scenario.bitrate is None else BusAsModelled(scenario.bitrate, run_dir)
+        )
+        pace = Pace(scenario.period_s, scenario.duration_s, is_timed=False)
+        at_nodes = self._bus.break_by(faults)
+        self._to_plant = self._bus.join(PLANT)
+        plant_bus, self._set_plant_time = with_faults(self._to_plant, PLANT, at_nodes, seed)
+        firmware_bus, self._set_firmware_time = with_faults(
+            self._bus.join(FIRMWARE), FIRMWARE, at_nodes, seed
+        )
+        self._to_operator = self._bus.join(OPERATOR)
+        operator_bus, self._set_operator_time = with_faults(self._to_operator, OPERATOR, at_nodes, seed)
+        self._plant_node = PlantRunner(scenario.scene, seed, pace, plant_bus, run_dir, faults)
+        self._firmware_node = FirmwareRunner(
+            scenario.parameters,
+            pace,
+            firmware_bus,
+            run_dir,
+            faults,
+            seed,
+            walks=scenario.scene.gait is not None,
+            make=make,
+        )
+        self._plant = in_turns(self._plant_node, PLANT, faults, pace.period_s, seed)
+        self._firmware = in_turns(self._firmware_node, FIRMWARE, faults, pace.period_s, seed)
+        self._operator = OperatorRunner(scenario.commands, pace, operator_bus, run_dir)
+        self._processes = ProcessFaults(faults)
+        self._can_log = stack.enter_context(CanLog(run_dir / "can.log"))
+        for node in (self._plant, self._firmware, self._operator, self._bus):
+            stack.callback(node.close)
+        self._plant_tick = self._firmware_tick = -1
+        self._period_ns = round(scenario.period_s * NS_PER_S)
+
+    def stretches(self) -> "RecordedStretches | None":
+        """The compiled stretches of a run on the ideal bus."""
+        from hil.bench import stretches as compiled  # noqa: PLC0415 - imports compiled code
+
+        to_plant, to_operator = self._to_plant, self._to_operator
+        if not (isinstance(to_plant, InProcessNode) and isinstance(to_operator, InProcessNode)):
+            return None
+        nodes = compiled.Nodes(self._plant_node, self._firmware_node, self._operator, to_plant, to_operator)
+        turns = [node for node in (self._plant, self._firmware) if isinstance(node, Turns)]
+        return compiled.RecordedStretches(self._scenario, nodes, turns, self._can_log)
+
+    def tick(self, tick: int) -> None:
+        """Run one tick: the plant and the operator at t_k, the firmware half a period later."""
+        t_s, t_ns, half_ns = tick * self._scenario.period_s, tick * self._period_ns, self._period_ns // 2
+        if self._processes.takes_turn(PLANT, t_s):
+            self._set_plant_time(t_s)
+            self._plant.step(tick, tick - self._plant_tick)
+            self._plant.record(tick, UNTIMED)
+            self._plant_tick = tick
+        if self._operator.due_tick <= tick:
+            self._set_operator_time(t_s)
+            self._operator.step(tick)
+        self._pass_time(t_ns, t_ns + half_ns)
+        if self._processes.takes_turn(FIRMWARE, t_s):
+            started_ns = time.perf_counter_ns()
+            self._set_firmware_time(t_s)
+            self._firmware.step(tick, tick - self._firmware_tick)
+            work_us = (time.perf_counter_ns() - started_ns) * 1e-3
+            self._firmware.record(tick, LoopTiming(0, 0.0, work_us, 0))
+            self._firmware_tick = tick
+        self._pass_time(t_ns + half_ns, t_ns + self._period_ns)
+
+    def _pass_time(self, from_ns: int, to_ns: int) -> None:
+        """Advance the bus, and log its frames."""
+        for logged_ns, frames in self._bus.pass_time(from_ns, to_ns):
+            self._can_log.write(logged_ns // NS_PER_US, frames)
+
+    def resume(self, tick: int) -> None:
+        """Continue from `tick`, to which a stretch has advanced the nodes."""
+        self._plant_tick = self._firmware_tick = tick - 1
+
+    @property
+    def lost_records(self) -> int:
+        """Records for which the disk had no room."""
+        return self._plant_node.lost_records + self._firmware_node.lost_records
 
 
 def in_lockstep(
@@ -175,11 +219,13 @@ def simulate(
         memory.sample()
         progress(done, doing)
 
+    faults = counted(scenario.faults)
     try:
-        if lost := run_lockstep(scenario, run_dir, seed, watched, firmware):
+        if lost := run_lockstep(scenario, run_dir, seed, watched, firmware, counts=faults):
             outcome.reasons.append(f"no room on the disk for the last {lost} records")
     finally:
         outcome.wall_s = time.perf_counter() - started
+        outcome.faults_acted = list(faults.counts)
     if any(check.name.startswith("memory.") for check in scenario.checks):
         outcome.memory_growth_mb = memory.growth_mb()
         outcome.memory_watched_s = (1.0 - SETTLING_SHARE) * scenario.duration_s

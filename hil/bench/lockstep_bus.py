@@ -9,9 +9,13 @@ from hil.bus.base import NodeBus
 from hil.bus.in_process import InProcessBus, InProcessNode
 from hil.can_model.fault_confinement import BusErrorRecord, errors_of
 from hil.can_model.in_process import ModelledInProcessBus
+from hil.can_model.modelled_bus import Delivery
 from hil.can_model.state import UNTOUCHED
+from hil.faults.counted import counted
+from hil.faults.fault import Fault
+from hil.faults.kinds.babbling import Babbling
+from hil.faults.on_bus import ModelledFault
 from hil.record.traces.trace import TraceWriter
-from hil.scenario.fault_tables import Babbling, BusOff, Disturbed, Fault, ModelledFault
 from hil.timing.clock import NS_PER_S
 
 PLANT, FIRMWARE, OPERATOR = NODES = ("plant", "firmware", "operator")
@@ -34,7 +38,7 @@ class LockstepBus(Protocol):
     def join(self, name: str) -> NodeBus:
         """The connection of one of the nodes."""
 
-    def break_by(self, faults: Sequence[Fault]) -> list[Fault]:
+    def break_by(self, faults: Sequence[Fault]) -> Sequence[Fault]:
         """Add the faults that act on the bus itself; return the others, which act at nodes' connections."""
 
     def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
@@ -52,12 +56,12 @@ class IdealBus:
         self._log = self._bus.join()
 
     def join(self, name: str) -> InProcessNode:
-        """The connection of one of the nodes; the operator's only sends."""
-        return self._bus.join(listening=name != OPERATOR)
+        """The connection of one of the nodes."""
+        return self._bus.join()
 
-    def break_by(self, faults: Sequence[Fault]) -> list[Fault]:
+    def break_by(self, faults: Sequence[Fault]) -> Sequence[Fault]:
         """Return all faults: none acts on an ideal bus."""
-        return list(faults)
+        return faults
 
     def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
         """Return the frames sent since the last call, logged at `from_ns`."""
@@ -76,7 +80,10 @@ class BusAsModelled:
     def __init__(self, bitrate: int, out_dir: Path) -> None:
         self._bus = ModelledInProcessBus((*NODES, STRANGER), bitrate)
         self._faults: list[ModelledFault] = []
-        self._begun: list[ModelledFault] = []
+        self._counts = counted(())
+        self._babbling: list[Babbling] = []
+        self._disturbed: frozenset[int] = frozenset()
+        """Identifiers whose transmissions are destroyed now."""
         self._errors = TraceWriter(out_dir / "bus_errors.trace", [("", BusErrorRecord)])
         self._last_errors = 0, [UNTOUCHED] * len(NODES)
 
@@ -84,23 +91,28 @@ class BusAsModelled:
         """The connection of one of the nodes."""
         return self._bus.join(name)
 
-    def break_by(self, faults: Sequence[Fault]) -> list[Fault]:
+    def break_by(self, faults: Sequence[Fault]) -> Sequence[Fault]:
         """Add bus-off, destroyed transmissions and babbling to the model; return the other faults."""
+        self._counts = counted(faults)
         self._faults = [fault for fault in faults if isinstance(fault, ModelledFault)]
         for fault in faults:
             if isinstance(fault, Babbling):
-                frame = Frame(fault.can_id, bytes.fromhex(fault.data_hex))
                 until_ns = FOREVER_NS if fault.duration_s is None else in_ns(fault.end_s)
-                self._bus.model.babble(STRANGER, frame, in_ns(fault.period_s), in_ns(fault.at_s), until_ns)
-        return [fault for fault in faults if not isinstance(fault, Babbling)]
+                self._babbling.append(fault)
+                self._bus.model.babble(
+                    STRANGER, fault.frame, in_ns(fault.period_s), in_ns(fault.at_s), until_ns
+                )
+        return self._counts.some(fault for fault in faults if not isinstance(fault, Babbling))
 
     def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
         """Advance the model; return the frames that have arrived, logged at their arrival."""
         if self._faults:
             self._break(from_ns / NS_PER_S)
-        logged = [(delivery.t_ns, [delivery.frame]) for delivery in self._bus.move_to(to_ns)]
-        for sender in (OPERATOR, STRANGER):
-            self._bus.join(sender).pending.clear()
+        destroyed = self._bus.model.figures.errors
+        deliveries = self._bus.move_to(to_ns)
+        logged = [(delivery.t_ns, [delivery.frame]) for delivery in deliveries]
+        self._count(from_ns / NS_PER_S, deliveries, self._bus.model.figures.errors - destroyed)
+        self._bus.join(STRANGER).pending.clear()
         self._note_errors(to_ns / NS_PER_S)
         return logged
 
@@ -115,18 +127,25 @@ class BusAsModelled:
             self._last_errors = destroyed, counters = errors
             self._errors.append(BusErrorRecord(t_s, destroyed, *map(errors_of, counters)))
 
+    def _count(self, t_s: float, deliveries: Sequence[Delivery], destroyed: int) -> None:
+        """Count the transmissions destroyed, and the foreign frames, of an interval that begins at `t_s`."""
+        for fault in self._faults:
+            if fault.acts(t_s):
+                self._counts.acted(fault, fault.acted(destroyed))
+        for babbling in self._babbling:
+            foreign = [one for one in deliveries if one.sender == STRANGER and one.frame == babbling.frame]
+            self._counts.acted(babbling, len(foreign))
+
     def _break(self, t_s: float) -> None:
         model = self._bus.model
+        disturbed: frozenset[int] = frozenset()
         for fault in self._faults:
-            acts, begun = fault.acts(t_s), fault in self._begun
-            if acts and isinstance(fault, BusOff):
-                model.switch_off(fault.node)
-            if acts and not begun:
-                self._begun.append(fault)
-                if isinstance(fault, Disturbed):
-                    for can_id in fault.can_ids:
-                        model.corrupt(can_id, hits=EVERY)
-            elif begun and not acts:
-                self._begun.remove(fault)
-                if isinstance(fault, Disturbed):
-                    model.end_corruption()
+            if fault.acts(t_s):
+                disturbed |= fault.destroyed_ids
+                if fault.node_off is not None:
+                    model.switch_off(fault.node_off)
+        if disturbed != self._disturbed:
+            self._disturbed = disturbed
+            model.end_corruption()
+            for can_id in sorted(disturbed):
+                model.corrupt(can_id, hits=EVERY)

@@ -19,16 +19,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from hil.bench.verdict import judge
-from hil.judge.figures.figures import figures_from
 from hil.judge.figures.records import Figures, TrueImpact
+from hil.judge.judge import judge
+from hil.judge.verdict import RunVerdict, Verdict
 from hil.record import log_reader
 from hil.record.damage import reading
 from hil.record.frame_tables import contiguous
-from hil.record.log_file import repair
+from hil.record.log_file import is_whole, repair
 from hil.record.log_reader import TIMELINES, read_traces
+from hil.record.new_file import is_foreign
 from hil.record.rerun_program import RerunError
-from hil.record.run_folder import RUNS, VERDICT, is_in_use, is_own
+from hil.record.run_folder import RUNS, VERDICT, is_in_use, is_own, refuse_irregular
 from hil.record.run_traces import RunTraces
 from hil.show.rerun_log import LOG_NAME, rebuild
 
@@ -45,7 +46,7 @@ class RunError(ValueError):
 
 def newest_run() -> Path:
     """The run folder of the run that began last."""
-    begun = sorted(RUNS.glob("*/run.json"), key=lambda path: path.stat().st_mtime)
+    begun = sorted(RUNS.glob("*/run.json"), key=lambda path: path.lstat().st_mtime)
     if not begun:
         raise RunError(f"no run in {RUNS}/; make one with `vibrohil run soft-start-multistable`, or name one")
     return begun[-1].parent
@@ -54,14 +55,17 @@ def newest_run() -> Path:
 def log_of(run: Path | None) -> Path:
     """Path of a run's log, by its folder, its file, or the newest run; an incomplete log is repaired.
 
-    For a run that has not ended this is a copy of its log, which is removed at the end of this process.
+    For a run that has not ended, and for an incomplete log of another user, this is a copy, which is removed
+    at the end of this process. Raises RunFolderError for a folder with links, pipes or devices.
     """
     place = newest_run() if run is None else run
     if place.suffix == ".rrd":
         if not place.exists():
             raise RunError(f"{place} is not there; name a run folder or an .rrd file")
-        repair(place)
-        return place
+        log = copied(place) if is_foreign(place) and not is_whole(place) else place
+        repair(log)
+        return log
+    refuse_irregular(place)
     if not (place / "plant.trace").exists() and not (place / LOG_NAME).exists():
         if is_own(place):
             raise RunError(f"{place} has no log: its run has not begun, or was ended before; see {VERDICT}")
@@ -70,10 +74,8 @@ def log_of(run: Path | None) -> Path:
     if not log.exists():
         return rebuilt(place)
     is_running = not (place / "outcome.json").exists() and is_in_use(place)
-    if is_running:
-        folder = Path(tempfile.mkdtemp(prefix="vibrohil-view-"))
-        atexit.register(shutil.rmtree, folder, ignore_errors=True)
-        log = Path(shutil.copy(log, folder))
+    if is_running or (is_foreign(place) and not is_whole(log)):
+        log = copied(log)
     try:
         repair(log)
     except RerunError:
@@ -84,9 +86,21 @@ def log_of(run: Path | None) -> Path:
 
 
 def rebuilt(run_dir: Path) -> Path:
-    """Rebuild a run's log from its traces and return its path."""
+    """Rebuild a run's log from its traces, elsewhere if the folder is another user's, and return its path."""
     with reading(run_dir, "its traces make no run; import its can.log to see the frames"):
-        return rebuild(run_dir)
+        return rebuild(run_dir, temporary_folder() if is_foreign(run_dir) else None)
+
+
+def copied(log: Path) -> Path:
+    """A copy of a log, which is removed at the end of this process."""
+    return Path(shutil.copy(log, temporary_folder()))
+
+
+def temporary_folder() -> Path:
+    """A folder that is removed at the end of this process."""
+    folder = Path(tempfile.mkdtemp(prefix="vibrohil-view-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
 
 
 def named(name: str, among: list[str], what: str) -> str:
@@ -130,10 +144,15 @@ class Run:
             return [name.removeprefix("/") for name in log_reader.names(self.log)]
 
     def table(self, name: str) -> pa.Table:
-        """One table with a row per tick (impact, frame, event) and a column per signal."""
+        """One table with a row per tick (impact, frame, event) and a column per signal.
+
+        A column that is logged less often has the metadata `held`: its rows repeat the last logged value.
+        """
         entity = f"/{named(name, self.names, 'table')}"
         with reading(self.log, f"other tables may still be read; {name} may not"):
-            return flat(log_reader.table(self.log, entity))
+            rows, held = flat(log_reader.table(self.log, entity)), log_reader.held_columns(self.log, entity)
+        marked = (one.with_metadata({"held": "true"}) if one.name in held else one for one in rows.schema)
+        return rows.cast(pa.schema(marked))
 
     def blocks(self, name: str) -> Iterator[pa.Table]:
         """Yield the rows of a table in order of time, in blocks."""
@@ -175,8 +194,16 @@ class Run:
 
     @property
     def passed(self) -> bool:
-        """Whether every check passed and the run has no other reason to fail."""
-        return bool(self.verdict["passed"])
+        """Whether every check passed and the run has no other reason to fail; a run not judged has not."""
+        return bool(self.judged.passed)
+
+    @property
+    def why_not_judged(self) -> list[str]:
+        """The reasons why the run is not judged, one sentence each; empty if it has passed or failed."""
+        if self.judged.verdict is not Verdict.NOT_JUDGED:
+            return []
+        doubted = [check for check in self.judged.checks if check.verdict is Verdict.NOT_JUDGED]
+        return [*self.judged.not_judged, *(f"{check.name}: {check.reason}" for check in doubted)]
 
     @cached_property
     def traces(self) -> RunTraces:
@@ -184,19 +211,22 @@ class Run:
         with reading(self.log, TABLES_ARE_LEFT):
             return read_traces(self.log)
 
-    @cached_property
+    @property
     def figures(self) -> Figures:
         """All figures, computed from the log."""
+        return self.judged.figures
+
+    @cached_property
+    def judged(self) -> RunVerdict:
+        """The verdict, computed from the log."""
         traces = self.traces
         with reading(self.log, TABLES_ARE_LEFT):
-            return figures_from(traces)
+            return judge(traces, self.log.parent)
 
     @cached_property
     def verdict(self) -> dict[str, Any]:
-        """The verdict, computed from the log, with the keys of `verdict.json`."""
-        traces, figures = self.traces, self.figures
-        with reading(self.log, TABLES_ARE_LEFT):
-            return judge(traces, figures, self.log.parent)[0]
+        """The verdict with the keys of `verdict.json`."""
+        return self.judged.as_json()
 
 
 def open_run(run: str | Path | None = None) -> Run:

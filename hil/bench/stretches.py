@@ -2,8 +2,8 @@
 
 A stretch ends before a fault begins, and the next one starts some time after the fault has ended. Faults that
 only change the module's parts or the drive's configuration begin and end between two stretches. There is no
-stretch while a node's clock differs from the bench's, nor in runs with a modelled bus or an encoder with a
-period of its own. Frames, traces and can.log equal those of tick-by-tick lockstep.
+stretch while a node's clock differs from the bench's, nor in runs with a modelled bus. Frames, traces and
+can.log equal those of tick-by-tick lockstep.
 
 `records_of` runs a whole scenario in stretches without a run folder, for campaigns.
 """
@@ -15,39 +15,30 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
+from firmware_py.node.xcp import IS_CONNECTED
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.flat_node import FirmwareFailedError
 from firmware_py.shell.native import NativeNode
 from hil.bus.can_log import CanLog
 from hil.bus.in_process import InProcessBus, InProcessNode
 from hil.faults.clocks import Turns
+from hil.faults.fault import Fault
 from hil.nodes.closed_loop import (
     FIRMWARE_FAILED,
     LINE_BYTES,
-    MOST_FRAMES,
-    NO_FRAME,
+    LOG_BYTES,
+    MOST_RECEIVED,
+    TO_PLANT,
+    Bench,
     Buffers,
-    Constants,
     Firmware,
-    Held,
-    Loop,
     run,
 )
+from hil.nodes.frame_rows import frames_in, word_frame
+from hil.nodes.plant_steps import Module, PlantState
 from hil.nodes.runners import FirmwareRunner, OperatorRunner, Pace, PlantRunner
 from hil.record.traces.firmware_trace import columns_in, moves_to
 from hil.record.traces.plant_trace import PlantRecord
-from hil.scenario.fault_tables import (
-    Fault,
-    FrictionChanged,
-    Kick,
-    MotorStall,
-    ParametersDamaged,
-    StiffnessChanged,
-    StopMoved,
-    SupplySag,
-)
-from hil.scenario.operator import OPERATOR_PERIOD_S
 from hil.scenario.scenario import Scenario
 from hil.timing.clock import NS_PER_S
 from hil.timing.signals import delayed_signals
@@ -57,8 +48,6 @@ from plant_sim.result import Impact
 from plant_sim.sensors.gait import GaitTruth
 from plant_sim.solvers.adaptive.adaptive import NO_GRID
 
-STEADY = (FrictionChanged, Kick, MotorStall, ParametersDamaged, StiffnessChanged, StopMoved, SupplySag)
-"""Faults that act only at their beginning and their end, not from tick to tick."""
 AHEAD_S = 0.005
 """Time from the end of a stretch to the beginning of any other fault."""
 BEHIND_S = 0.25
@@ -67,20 +56,17 @@ SAME_INSTANT_S = 1e-9
 LONGEST_TICKS = 4096
 """Longest stretch in ticks; the size of the buffers."""
 LINES_A_TICK = 8
-
-
-def has_stretches(scenario: Scenario) -> bool:
-    """Whether any part of a run of the scenario may use compiled stretches."""
-    scene = scenario.scene
-    encoder_has_period = scene.axis is not None and scene.axis.encoder_s is not None
-    return scenario.bitrate is None and not encoder_has_period
+MOST_IN_TRANSIT = 3
+"""Most frames in transit to the plant at the beginning of a stretch: a command and the firmware's frames."""
+MOST_SENT = 3
+"""Most frames that operator and firmware send in a tick."""
 
 
 def quiet_until_s(faults: Sequence[Fault], t_s: float) -> float:
     """The end of the interval from `t_s` on in which no fault changes or acts; `t_s` if there is none."""
     until_s = math.inf
     for fault in faults:
-        if isinstance(fault, STEADY):
+        if fault.is_steady:
             edges_s = [edge_s for edge_s in (fault.at_s, fault.end_s) if edge_s > t_s + SAME_INSTANT_S]
             until_s = min([until_s, *edges_s])
         elif t_s < fault.at_s - AHEAD_S:
@@ -88,16 +74,6 @@ def quiet_until_s(faults: Sequence[Fault], t_s: float) -> float:
         elif t_s < fault.end_s + BEHIND_S:
             return t_s
     return until_s
-
-
-def word_frame(frame: Frame) -> WordFrame:
-    """Convert a frame of the bus to a frame of the compiled code."""
-    return WordFrame(frame.can_id, len(frame.data), word_of(frame.data))
-
-
-def byte_frame(frame: WordFrame) -> Frame:
-    """Convert a frame of the compiled code to a frame of the bus."""
-    return Frame(frame.can_id, bytes_of(frame.word, frame.length))
 
 
 class Records(NamedTuple):
@@ -115,12 +91,13 @@ class Records(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """The nodes of lockstep; `to_plant` holds the frames that the plant receives next."""
+    """The nodes of lockstep, and the frames that plant and operator receive next."""
 
     plant: PlantRunner
     firmware: FirmwareRunner
     operator: OperatorRunner
     to_plant: InProcessNode
+    to_operator: InProcessNode
 
 
 class Stretches:
@@ -129,29 +106,34 @@ class Stretches:
     def __init__(self, scenario: Scenario, nodes: Nodes, columns: Any, is_logged: bool) -> None:
         """`columns`: packed type of the firmware's recorded columns (`hil.record.traces.firmware_trace`)."""
         self._scenario = scenario
-        self._plant, self._firmware, self._operator, self._to_plant = nodes
+        self._plant, self._firmware, self._operator, self._to_plant, self._to_operator = nodes
         self._period_ns = round(scenario.period_s * NS_PER_S)
-        self._run: Callable[..., tuple[Loop, int]] | None = None
+        self._run: Callable[..., tuple[PlantState, int]] | None = None
         self._columns, precision = columns, self._native_node().native.precision
         self._firmware_rows = np.zeros(LONGEST_TICKS, columns_in(columns, precision))
         self._buffers = Buffers(
             plant=np.zeros((LONGEST_TICKS, len(PlantRecord._fields))),
             firmware=self._firmware_rows.view(np.uint8),
             moves=moves_to(self._firmware_rows.dtype, precision),
-            impacts=zeros_of(Impact, LONGEST_TICKS),
             can_log=np.zeros(LONGEST_TICKS * LINES_A_TICK * LINE_BYTES if is_logged else 0, np.uint8),
-            used=np.zeros(3, np.int64),
+            used=np.zeros(4, np.int64),
         )
+        self._impacts, self._impact_count = zeros_of(Impact, LONGEST_TICKS), np.zeros(1, np.int64)
+        self._in_transit = np.zeros((MOST_IN_TRANSIT + MOST_SENT, 3), np.int64)
 
     def ticks_from(self, tick: int) -> int:
-        """Number of ticks from `tick` on that may be compiled."""
+        """Number of ticks from `tick` on that may be compiled; one while the operator waits for an answer."""
         scenario = self._scenario
         quiet_s = quiet_until_s(scenario.faults, tick * scenario.period_s)
         until = scenario.ticks
         if quiet_s < math.inf:
-            until = min(until, math.ceil((quiet_s - SAME_INSTANT_S) / scenario.period_s))
-        is_asked = self._native_node().memory["requests"]["number"][0] > 0 or self._plant.node.requests
-        is_ready = self._firmware.is_in_step and len(self._to_plant.pending) <= len(Held._fields)
+            until = min(until, math.floor((quiet_s + SAME_INSTANT_S) / scenario.period_s))
+        listening_tick = self._operator.node.listening_tick
+        if listening_tick is not None:
+            until = min(until, max(listening_tick, tick + 1))
+        is_asked = self._native_node().whole["pool"][0, IS_CONNECTED] or self._plant.node.requests
+        is_asked = is_asked or self._plant.node.has_waiting_fault
+        is_ready = self._firmware.is_in_step and len(self._to_plant.pending) <= MOST_IN_TRANSIT
         return min(until - tick, LONGEST_TICKS) if is_ready and not is_asked else 0
 
     def _native_node(self) -> NativeNode:
@@ -160,89 +142,65 @@ class Stretches:
         assert isinstance(node, NativeNode)
         return node
 
-    def run(self, tick: int, ticks: int, operator_period: int) -> tuple[Records, int]:
-        """Run `ticks` from `tick` on; return their records and the operator's next period."""
-        period_s, buffers = self._scenario.period_s, self._buffers
-        plant = self._plant.node
-        plant.act()
-        gait_frames = self._gait_frames(tick, ticks)
-        commands, operator_period = self._commands(tick + ticks, operator_period)
-        lent = plant.plant.lend()
-        constants = Constants(
-            period_s,
-            self._period_ns,
-            lent.readers,
-            plant.plant.sampled,
-            plant.drive_config,
-            plant.report_periods,
-            self._firmware_rows.itemsize,
-        )
-        frames, sent = np.zeros((MOST_FRAMES, 3), np.int64), np.zeros(7, np.int64)
-        node = self._native_node()
-        tick_address, done, config, state, _ = node.native
+    def run(self, tick: int, ticks: int) -> Records:
+        """Run `ticks` from `tick` on; return their records."""
+        plant, node, buffers = self._plant.node, self._native_node(), self._buffers
+        plant.act(ticks)
+        frames, sent = np.zeros((MOST_RECEIVED, 3), np.int64), np.zeros(1 + 3 * MOST_SENT, np.int64)
+        tick_address, success, config, memory, _ = node.native
         firmware = Firmware(
-            tick_address, done, config.ctypes.data, state.ctypes.data, frames, sent, state.view(np.uint8)
+            tick=tick_address,
+            success=success,
+            config=config.ctypes.data,
+            state=memory.ctypes.data,
+            frames=frames,
+            sent=sent,
+            state_bytes=memory.view(np.uint8),
+            record_bytes=self._firmware_rows.itemsize,
         )
-        held = [word_frame(frame) for frame in self._to_plant.receive()]
-        held += [NO_FRAME] * (len(Held._fields) - len(held))
-        drive, reports, counter = plant.drive, plant.reports, plant.counter
-        loop = Loop(tick, lent.t_s, lent.t_rest_s, 0.0, drive, reports, counter, Held(*held))
-        buffers.used[:] = 0
-        arguments = (
-            lent.parts,
-            lent.probe,
-            lent.memory,
-            constants,
-            firmware,
-            loop,
-            gait_frames,
-            commands,
-            plant.sampled.rows(tick, ticks),
-            lent.noise.take(ticks),
-            buffers,
-            NO_GRID,
+        held = self._to_plant.receive()
+        buffers.used[:] = self._impact_count[0] = 0
+        buffers.used[TO_PLANT] = len(held)
+        for place, frame in enumerate(held):
+            self._in_transit[place] = word_frame(frame)
+        lent = plant.plant.lend()
+        bench = Bench(
+            period_s=self._scenario.period_s,
+            period_ns=self._period_ns,
+            module=Module(lent.parts, lent.probe, lent.memory, NO_GRID, self._impacts, self._impact_count),
+            readers=lent.readers,
+            setup=plant.setup,
+            due=plant.due(ticks),
+            noise=lent.noise.take(ticks),
+            commands=self._commands(tick + ticks),
+            to_plant=self._in_transit,
+            firmware=firmware,
+            buffers=buffers,
         )
-        self._run = self._run or entry_point(run, *arguments)
-        with delayed_signals():
-            loop, status = self._run(*arguments)
+        self._run = self._run or entry_point(run, bench, plant.state, ticks)
+        state, status = self._run(bench, plant.state, ticks)
         if status == FIRMWARE_FAILED:
             raise FirmwareFailedError(
-                f"a division by zero or a domain error in the compiled firmware's tick {loop.tick}"
+                f"a division by zero or a domain error in the compiled firmware's tick {state.tick}"
             )
-        node.ticked()
-        plant.plant.take_back(loop.t_s, loop.t_rest_s, loop.torque_n_m, status)
-        plant.resume(loop.tick, loop.drive, loop.reports, loop.counter)
-        self._to_plant.pending += [byte_frame(frame) for frame in loop.held if frame.can_id != 0]
-        last = [byte_frame(WordFrame(*frame)) for frame in frames.tolist() if frame[0] != 0]
-        self._firmware.resume(tick + ticks - 1, last)
-        _, impacts, log_bytes = buffers.used.tolist()
-        records = Records(
+        node.pull_state()
+        plant.resume(state, status)
+        self._to_plant.pending += frames_in(self._in_transit[: buffers.used[TO_PLANT]])
+        self._to_operator.pending += frames_in(sent[1:].reshape(-1, 3)[: sent[0]])
+        self._firmware.resume(tick + ticks - 1, frames_in(frames))
+        return Records(
             buffers.plant[:ticks],
             self._firmware_rows[:ticks].astype(self._columns, copy=False),
-            buffers.impacts[:impacts],
-            buffers.can_log[:log_bytes],
+            self._impacts[: self._impact_count[0]],
+            buffers.can_log[: buffers.used[LOG_BYTES]],
         )
-        return records, operator_period
 
-    def _gait_frames(self, tick: int, ticks: int) -> NDArray[np.int64]:
-        """The gait sensors' frames in these ticks, rows of tick, identifier, length and word."""
-        node = self._plant.node
+    def _commands(self, until_tick: int) -> NDArray[np.int64]:
+        """The operator's frames before `until_tick`, rows as of the gait sensors."""
         rows: list[tuple[int, int, int, int]] = []
-        if node.plant.has_gait_sensors:
-            frames = node.gait_frames(range(tick, tick + ticks))
-            rows = [(number, *word_frame(frame)) for number, frame in frames]
+        while (tick := self._operator.due_tick) < until_tick:
+            rows += [(tick, *word_frame(frame)) for frame in self._operator.frames(tick)]
         return np.array(rows, dtype=np.int64).reshape(-1, 4)
-
-    def _commands(self, until_tick: int, period: int) -> tuple[NDArray[np.int64], int]:
-        """The operator's frames before `until_tick`, rows as of the gait sensors, and its next period."""
-        rows: list[tuple[int, int, int, int]] = []
-        period_s = self._scenario.period_s
-        while True:
-            tick = math.ceil(period * OPERATOR_PERIOD_S / period_s - 1e-6)
-            if tick >= until_tick:
-                return np.array(rows, dtype=np.int64).reshape(-1, 4), period
-            rows += [(tick, *word_frame(frame)) for frame in self._operator.frames(period)]
-            period += 1
 
 
 class RecordedStretches:
@@ -264,9 +222,9 @@ class RecordedStretches:
             return 0
         return self._stretches.ticks_from(tick)
 
-    def run(self, tick: int, ticks: int, operator_period: int) -> int:
-        """Run `ticks` from `tick` on; return the operator's next period."""
-        records, operator_period = self._stretches.run(tick, ticks, operator_period)
+    def run(self, tick: int, ticks: int) -> None:
+        """Run `ticks` from `tick` on."""
+        records = self._stretches.run(tick, ticks)
         rows, node = self._plant_rows[:ticks], self._plant.node
         for column, name in enumerate(PlantRecord._fields):
             rows[name] = records.plant[:, column]
@@ -281,7 +239,6 @@ class RecordedStretches:
         self._can_log.append(records.can_log.tobytes())
         for turns in self._turns:
             turns.resume(tick + ticks)
-        return operator_period
 
 
 def records_of(scenario: Scenario, seed: int, columns: Any, build: Build = "compiled") -> Iterator[Records]:
@@ -290,11 +247,11 @@ def records_of(scenario: Scenario, seed: int, columns: Any, build: Build = "comp
     `columns`: the firmware's recorded columns. `build`: one of `firmware_py.shell.builds.NATIVE`. Raises
     ValueError for faults that act from tick to tick, which need lockstep's nodes.
     """
-    if not has_stretches(scenario) or not all(isinstance(fault, STEADY) for fault in scenario.faults):
+    if scenario.bitrate is not None or not all(fault.is_steady for fault in scenario.faults):
         kinds = ", ".join(fault.kind for fault in scenario.faults)
         raise ValueError(
-            f"scenario {scenario.name!r} has a modelled bus, an encoder with a period of its own, or faults "
-            f"that act from tick to tick ({kinds}); run it in lockstep"
+            f"scenario {scenario.name!r} has a modelled bus, or faults that act from tick to tick "
+            f"({kinds}); run it in lockstep"
         )
     bus = InProcessBus()
     to_plant = bus.join()
@@ -303,12 +260,19 @@ def records_of(scenario: Scenario, seed: int, columns: Any, build: Build = "comp
     firmware = FirmwareRunner(
         scenario.parameters, pace, bus.join(), None, scenario.faults, seed, make=node_of(build)
     )
-    operator = OperatorRunner(scenario.commands, pace, bus.join(listening=False), None)
-    nodes = Nodes(plant, firmware, operator, to_plant)
+    to_operator = bus.join()
+    operator = OperatorRunner(scenario.commands, pace, to_operator, None)
+    nodes = Nodes(plant, firmware, operator, to_plant, to_operator)
     stretches = Stretches(scenario, nodes, columns, is_logged=False)
-    tick = operator_period = 0
+    tick = 0
     while tick < scenario.ticks:
         ticks = stretches.ticks_from(tick)
-        records, operator_period = stretches.run(tick, ticks, operator_period)
+        if ticks == 0:
+            raise ValueError(
+                f"scenario {scenario.name!r} has a fault that acts within tick {tick}; run it in lockstep, "
+                "or let the fault begin and end with a tick"
+            )
+        with delayed_signals():
+            records = stretches.run(tick, ticks)
         yield records
         tick += ticks

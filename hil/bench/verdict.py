@@ -9,114 +9,74 @@ run.rrd, verdict.json, junit.xml, report.html   made from the above by `finish`,
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from hil.judge import junit
-from hil.judge.checks import CheckResult, checks_of, evaluate
-from hil.judge.figures.figures import LONGEST_HOLD_MS, figures_from
-from hil.judge.figures.records import Figures, incomplete
-from hil.judge.reasons import reasons_of
-from hil.record import provenance
+from hil.judge.judge import judge
+from hil.judge.verdict import RunVerdict
+from hil.record.new_file import write_anew
 from hil.record.run_folder import RUN_NOTE, VERDICT, clear, write_json
 from hil.record.run_traces import RunTraces, read_json, read_run, read_scenario
-from hil.show.highlights import marks
 from hil.show.report.pages import write_report
 from hil.show.rerun_log import LOG_NAME, write_log
 
 KILLED = "the run is not finished, or its process was killed before the verdict"
 
 
-def verdict_of(
-    figures: Mapping[str, Any], results: Sequence[CheckResult], reasons: Sequence[str], out: Path
-) -> dict[str, Any]:
-    """The verdict as it is written and printed: all figures, the checks, and whether the run has passed.
-
-    `passed` is None without checks and without another reason to fail.
-    """
-    nothing_checked = not results and not reasons
-    passed = None if nothing_checked else not reasons and all(result.passed for result in results)
-    return {
-        **figures,
-        "checks": [asdict(result) for result in results],
-        "incomplete": incomplete(figures),
-        "reasons": list(reasons),
-        "passed": passed,
-        "out": str(out),
-    }
-
-
-def host_stall(traces: RunTraces, figures: Figures) -> str | None:
-    """A sentence on the longest stall of a loop caused by the machine; None without a relevant stall.
-
-    Only runs in real time are examined, and only if the scenario itself has no pause or restart.
-    """
-    faults = traces.scenario.get("script", {}).get("faults", [])
-    if figures.clock != "real" or any(fault["kind"] in ("paused", "restarted") for fault in faults):
-        return None
-    loops = {"plant": figures.loops.plant, "firmware": figures.loops.firmware}
-    name = max(loops, key=lambda one: loops[one].longest_hold_ms or 0.0)
-    held_ms, at_s = loops[name].longest_hold_ms, loops[name].longest_hold_at_s
-    if held_ms is None or at_s is None or held_ms < LONGEST_HOLD_MS:
-        return None
-    return (
-        f"host stall: the machine held up the {name}'s loop for {held_ms:.0f} ms at {at_s:.2f} s; "
-        "the checks that failed may fail for that alone"
-    )
-
-
-def judge(traces: RunTraces, figures: Figures, out: Path) -> tuple[dict[str, Any], list[CheckResult]]:
-    """The verdict on a run from its traces and figures, and the results of its checks."""
-    content = figures.as_json() | {"provenance": {key: traces.run.get(key) for key in provenance.KEYS}}
-    results = evaluate(checks_of(traces.scenario), content, traces)
-    failed = not all(result.passed for result in results)
-    content["host_stall"] = host_stall(traces, figures) if failed else None
-    content["first_failure_s"] = min((mark.t_s for mark in marks(results, traces, figures)), default=None)
-    return verdict_of(content, results, reasons_of(traces), out), results
-
-
-def finish(run_dir: Path, only_if_failed: bool = False) -> dict[str, Any]:
+def finish(run_dir: Path, only_if_failed: bool = False) -> RunVerdict:
     """Judge the run in `run_dir`, also an interrupted one, and write its log, report and verdict.
 
-    Until log and report are complete, the verdict names a kill as the reason.
     `only_if_failed`: a run that has passed keeps only its verdict and `run.json`.
     """
     traces = read_run(run_dir)
-    figures = figures_from(traces)
-    verdict, results = judge(traces, figures, run_dir)
-    if only_if_failed and verdict["passed"]:
+    verdict = judge(traces, run_dir)
+    if only_if_failed and verdict.passed:
         clear(run_dir, keep=(RUN_NOTE,))
-        write_json(run_dir / VERDICT, verdict)
-        return verdict
-    write(run_dir, {**verdict, "reasons": [*verdict["reasons"], KILLED], "passed": False})
-    write_log(run_dir / LOG_NAME, traces, figures, results)
-    write_report(run_dir / "report.html", traces, figures, verdict)
-    write(run_dir, verdict)
+        write_json(run_dir / VERDICT, document_of(verdict))
+    else:
+        publish(run_dir, traces, verdict)
     return verdict
 
 
-def write(run_dir: Path, verdict: Mapping[str, Any]) -> None:
-    """Write verdict.json and junit.xml."""
-    write_json(run_dir / VERDICT, verdict)
-    (run_dir / "junit.xml").write_text(junit.document([verdict]), encoding="utf-8")
+def publish(run_dir: Path, traces: RunTraces, verdict: RunVerdict) -> None:
+    """Write the views of a verdict: log, report, JUnit and JSON.
+
+    Until log and report are complete, the verdict names a kill as the reason.
+    """
+    write(failed_for(verdict, [*verdict.reasons, KILLED]))
+    write_log(run_dir / LOG_NAME, traces, verdict)
+    write_report(run_dir / "report.html", traces, verdict)
+    write(verdict)
 
 
-def unjudged(run: Mapping[str, Any], scenario: Mapping[str, Any], reason: str, out: Path) -> dict[str, Any]:
+def failed_for(verdict: RunVerdict, reasons: Sequence[str]) -> RunVerdict:
+    """The verdict with the same figures that fails for these reasons."""
+    return replace(verdict, reasons=tuple(reasons), doubts=())
+
+
+def document_of(verdict: RunVerdict) -> dict[str, Any]:
+    """The content of verdict.json, which names the run's folder without its place on this machine."""
+    return {**verdict.as_json(), "out": verdict.folder.name}
+
+
+def write(verdict: RunVerdict) -> None:
+    """Write verdict.json and junit.xml into the run's folder."""
+    write_json(verdict.folder / VERDICT, document_of(verdict))
+    write_anew(verdict.folder / "junit.xml", junit.document([verdict]))
+
+
+def without_records(
+    run: Mapping[str, Any], scenario: Mapping[str, Any], reason: str, folder: Path
+) -> RunVerdict:
     """The failed verdict on a run without records; `run` is the content of its `run.json`."""
-    nothing = RunTraces(run=run, scenario=scenario)
-    verdict, _ = judge(nothing, figures_from(nothing), out)
-    return {**verdict, "reasons": [reason], "passed": False}
+    return failed_for(judge(RunTraces(run=run, scenario=scenario), folder), [reason])
 
 
-def prejudge(run_dir: Path, reason: str) -> None:
+def prejudge(run_dir: Path, reason: str) -> RunVerdict:
     """Write a failed verdict for a run that has not begun; it remains if no other can be written."""
     run = read_json(run_dir / RUN_NOTE)
-    write(run_dir, unjudged(run, read_scenario(run_dir), reason, run_dir))
-
-
-def amend(run_dir: Path, reasons: Sequence[str]) -> dict[str, Any]:
-    """Change the verdict in `run_dir` to failed for these reasons, with the same figures."""
-    verdict = {**read_json(run_dir / VERDICT), "reasons": list(reasons), "passed": False}
-    write(run_dir, verdict)
+    verdict = without_records(run, read_scenario(run_dir), reason, run_dir)
+    write(verdict)
     return verdict

@@ -2,12 +2,16 @@
 
 If a worker is killed, for example for lack of memory, only its present task is lost. When the program ends,
 all workers end at once, even during a task. Ctrl-C reaches the program alone.
+
+The workers' temporary files are in a folder of their own. A shell process removes it as soon as the program
+and all workers have ended, so that no kill leaves a file behind.
 """
 
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 import traceback
 from collections import deque
@@ -19,7 +23,7 @@ from multiprocessing import spawn
 from multiprocessing.connection import Connection, Pipe, wait
 from typing import Any, Generic, NamedTuple, Self, TypeVar
 
-from hil.timing.patient_clock import has_stopped
+from hil.timing.processes import has_stopped
 from hil.timing.realtime import collect_rarely, end_with_parent
 from hil.timing.signals import Interrupted
 
@@ -32,6 +36,8 @@ LOOK_S = 1.0
 MOST_LOOKS_STOPPED = 10
 """Successive checks after which a stopped worker is killed; none takes place while the program is stopped."""
 PROGRAM = "from hil.bench.workers import main; main()"
+REMOVAL = """trap "" INT HUP TERM; read -r _; exec rm -rf -- "$1" """
+"""Shell program that removes a folder once every writer of its standard input has ended."""
 
 
 class WorkerDiedError(RuntimeError):
@@ -122,6 +128,26 @@ def interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+class TemporaryFolder:
+    """A folder for temporary files, removed when this process and all holders of `held` have ended or closed.
+
+    This holds for any end, SIGKILL included, since the kernel closes a process's descriptors.
+    """
+
+    def __init__(self) -> None:
+        self.path = tempfile.mkdtemp(prefix="vibrohil-workers-")
+        ours, self.held = os.pipe()
+        self._removal = subprocess.Popen(
+            ["sh", "-c", REMOVAL, "sh", self.path], stdin=ours, start_new_session=True
+        )
+        os.close(ours)
+
+    def close(self) -> None:
+        """Close this process's end and wait until the folder is removed."""
+        os.close(self.held)
+        self._removal.wait()
+
+
 class Workers(Generic[Task, Result]):
     """At most `processes` workers that run `function` on one task after another; each calls `prepare` first.
 
@@ -135,6 +161,7 @@ class Workers(Generic[Task, Result]):
         self._processes = processes
         self._idle: list[Worker] = []
         self._busy: list[tuple[Worker, Task]] = []
+        self._temporary: TemporaryFolder | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -144,8 +171,15 @@ class Workers(Generic[Task, Result]):
         for worker in self._idle:  # idle workers end when their pipe closes, all at once
             worker.pipe.close()
         for worker in self._idle:
-            worker.process.wait()
+            try:
+                worker.process.wait(JOIN_TIMEOUT_S)
+            except subprocess.TimeoutExpired:  # a stopped process does not see that its pipe has closed
+                worker.process.kill()
+                worker.process.wait()
         self._idle.clear()
+        if self._temporary is not None:
+            self._temporary.close()
+            self._temporary = None
 
     def results(self, tasks: Sequence[Task]) -> Generator[tuple[Task, Result | Died]]:
         """Yield each task with its result in the order of completion.
@@ -196,11 +230,14 @@ class Workers(Generic[Task, Result]):
 
     def _started(self) -> Worker:
         ours, theirs = Pipe()
+        if self._temporary is None:
+            self._temporary = TemporaryFolder()
         with theirs, interrupts_blocked():
             process = subprocess.Popen(
-                [sys.executable, "-c", PROGRAM, str(theirs.fileno()), str(os.getpid())],
+                [sys.executable, "-P", "-c", PROGRAM, str(theirs.fileno()), str(os.getpid())],
                 stdin=subprocess.DEVNULL,
-                pass_fds=[theirs.fileno()],
+                pass_fds=[theirs.fileno(), self._temporary.held],
+                env={**os.environ, "TMPDIR": self._temporary.path},
                 preexec_fn=killed_with_parent,  # noqa: PLW1509  one system call, no lock
             )
         with suppress(BrokenPipeError):  # the worker has already ended; `results` sees the end of its pipe

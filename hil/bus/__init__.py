@@ -1,6 +1,18 @@
 """Every bus behind one `open_bus(spec)`."""
 
 from hil.bus.base import Bus, BusCounters, BusError, Loss
-from hil.bus.opening import ProvidedBus, join, open_bus, provide
+from hil.bus.opening import ProvidedBus, is_own_bus, join, join_in_turns, open_bus, provide, shared
 
-__all__ = ["Bus", "BusCounters", "BusError", "Loss", "ProvidedBus", "join", "open_bus", "provide"]
+__all__ = [
+    "Bus",
+    "BusCounters",
+    "BusError",
+    "Loss",
+    "ProvidedBus",
+    "is_own_bus",
+    "join",
+    "join_in_turns",
+    "open_bus",
+    "provide",
+    "shared",
+]

@@ -24,6 +24,8 @@ class BusError(ValueError):
 class BusCounters:
     """Counts of a node's errors on the bus, in frames."""
 
+    sent: int = 0
+    """Frames that the node has handed over, `unsent` included."""
     waited: int = 0
     """Sends that met a full transmit queue and had to wait."""
     unsent: int = 0

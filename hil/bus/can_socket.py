@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Connection, Loss
+from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Connection, Loss
 from hil.bus.wire import FRAME_BYTES, MAX_STANDARD_ID, pack, unpack
 from hil.timing.realtime import libc
 
@@ -211,6 +211,7 @@ class CanSocket(Connection):
     def send_all(self, frames: Iterable[Frame]) -> None:
         """Queue frames in one system call for each batch."""
         packed = pack(frames)
+        self._counters.sent += len(packed) // FRAME_BYTES
         for start in range(0, len(packed), BATCH * FRAME_BYTES):
             self._write(packed[start : start + BATCH * FRAME_BYTES])
 
@@ -234,9 +235,13 @@ class CanSocket(Connection):
             time.sleep(SEND_RETRY_S)
 
     def receive(self) -> list[Frame]:
-        """The frames that have arrived, at most one batch."""
-        count = self._take(self._incoming)
-        return unpack(self._incoming.buffer[: count * FRAME_BYTES], self._counters, self._requests)
+        """The frames that have arrived, at most `MAX_BURST`."""
+        frames: list[Frame] = []
+        count = BATCH
+        while count == BATCH and len(frames) < MAX_BURST:
+            count = self._take(self._incoming)
+            frames += unpack(self._incoming.buffer[: count * FRAME_BYTES], self._counters, self._requests)
+        return frames
 
     def _take(self, batch: FrameBatch) -> int:
         """Fill the batch with the frames that have arrived and return their number."""

@@ -1,13 +1,21 @@
-"""A node on the bus `local`: a stream to and from the hub; one system call moves all frames of a tick."""
+"""A node on the bus `local`: a stream to and from the hub; one system call moves all frames of a tick.
 
+A node that takes turns (`hil.timing.pacemaker`) receives the frames of a turn with the mark of its beginning
+behind them, and sends its own frames with the mark of its end behind them: one system call for each.
+"""
+
+import os
 import socket
+import tempfile
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from firmware_py.interface.frame import Frame
 from hil.bus import wire
 from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Connection, Loss
+from hil.timing.pacemaker import Turn
 
 HELLO = wire.CAN_FRAME.pack(wire.CONTROL_ID, 0, b"vibro-1\0")
 HELLO_STAMPED = wire.CAN_FRAME.pack(wire.CONTROL_ID, 1, b"vibro-1\0")
@@ -15,7 +23,48 @@ HELLO_STAMPED = wire.CAN_FRAME.pack(wire.CONTROL_ID, 1, b"vibro-1\0")
 HELLO_SEND_ONLY = wire.CAN_FRAME.pack(wire.CONTROL_ID, 2, b"vibro-1\0")
 """The greeting of a node that only sends."""
 
+FIRST_MEMBER = 16
+"""The greeting of a node that takes turns: its number as `Member`, plus this."""
+
+TURN_MARK = wire.CONTROL_MARK + bytes((wire.TURN_KIND,))
+MARKS_BYTES = 2 * wire.FRAME_BYTES
+"""The mark of a turn's beginning: when it was due, and its tick."""
+
+LARGEST_WORD = (1 << 32) - 1
 JOIN_TIMEOUT_S = 5.0
+FOLDER_PREFIX, SOCKET_NAME = "vibrohil-", "bus"
+"""A private hub listens at the socket of this name, in a folder of its own whose name begins so."""
+
+
+def runtime_folder() -> Path:
+    """Where the folders of private buses are made."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
+    return Path(runtime if runtime and Path(runtime).is_dir() else tempfile.gettempdir())
+
+
+def running_hubs() -> list[Path]:
+    """The sockets of this user's private hubs that accept a connection."""
+    return [
+        path for path in sorted(runtime_folder().glob(f"{FOLDER_PREFIX}*/{SOCKET_NAME}")) if answers(path)
+    ]
+
+
+def answers(path: Path) -> bool:
+    """Whether a program of this user listens at `path`; it sees a connection that ends at once."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
+        link.settimeout(JOIN_TIMEOUT_S)
+        try:
+            is_ours = path.stat().st_uid == os.getuid()
+            if is_ours:
+                link.connect(str(path))
+        except OSError:
+            return False
+        return is_ours
+
+
+def member_greeting(member: int) -> bytes:
+    """The greeting of a node that takes turns."""
+    return wire.CAN_FRAME.pack(wire.CONTROL_ID, FIRST_MEMBER + member, b"vibro-1\0")
 
 
 class HubSocket(Connection):
@@ -54,6 +103,7 @@ class HubSocket(Connection):
     def send_all(self, frames: Iterable[Frame]) -> None:
         """Queue frames in one system call."""
         if packed := wire.pack(frames):
+            self.counters.sent += len(packed) // wire.FRAME_BYTES
             self._write(packed)
 
     def _write(self, packed: bytes) -> None:
@@ -95,7 +145,9 @@ class HubSocket(Connection):
 
     def receive(self) -> list[Frame]:
         """All frames that have arrived."""
-        chunk = self._read()
+        return self._unpacked(self._read())
+
+    def _unpacked(self, chunk: bytes) -> list[Frame]:
         if wire.CONTROL_MARK in chunk:
             messages = (
                 wire.CAN_FRAME.pack(can_id, len(data), data) for _, can_id, data in self._passed(chunk)
@@ -152,3 +204,62 @@ class HubSocket(Connection):
     def close(self) -> None:
         """Leave the bus."""
         self._socket.close()
+
+
+class TurnSocket(HubSocket):
+    """A node that takes turns: its connection to the pacemaker, and on `local` also its bus.
+
+    It may wait without limit for its turn. A turn's frames are sent at its end.
+    """
+
+    def __init__(self, path: Path, member: int, requests: frozenset[int] = frozenset()) -> None:
+        super().__init__(path, member_greeting(member), requests)
+        self._socket.settimeout(None)
+        self._arrived = b""
+        self.patience_s: float | None = None
+        """Longest time to wait for a turn; after it there are no more turns."""
+        self._outgoing = b""
+
+    def await_turn(self) -> Turn | None:
+        """Wait for the node's turn; None if there is none any more."""
+        if self.patience_s != self._socket.gettimeout():
+            self._socket.settimeout(self.patience_s)
+        chunk = b""
+        while chunk[-wire.FRAME_BYTES :][:5] != TURN_MARK:
+            try:
+                more = self._read()
+            except TimeoutError:
+                return None
+            if not more and self.ended:
+                return None
+            chunk += more
+        marks = [
+            int.from_bytes(data, "little") for _, _, data in wire.CAN_FRAME.iter_unpack(chunk[-MARKS_BYTES:])
+        ]
+        self._arrived += chunk[:-MARKS_BYTES]  # a step that is late leaves the frames of its turn
+        return Turn(tick=marks[1], due_ns=marks[0])
+
+    def end_turn(self, cpu_ns: int, next_tick: int) -> None:
+        """Send the turn's frames, and that it has ended: its CPU time, and the tick of the next turn."""
+        end = wire.TURN_END.pack(min(cpu_ns // 1000, LARGEST_WORD), next_tick)
+        packed, self._outgoing = self._outgoing + wire.control(wire.END_KIND, end), b""
+        try:
+            self._socket.sendall(packed)
+        except ConnectionError:
+            self.ended = True
+
+    def _write(self, packed: bytes) -> None:
+        self._outgoing += packed
+
+    def receive(self) -> list[Frame]:
+        """The frames that had arrived when the turn began, since the last call."""
+        chunk, self._arrived = self._arrived, b""
+        return self._unpacked(chunk)
+
+    def wait(self, timeout_s: float) -> None:
+        """Return at once: no frame arrives during a turn."""
+
+    def leave(self) -> None:
+        """Take no more turns; safe in a signal handler."""
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)

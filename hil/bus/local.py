@@ -11,15 +11,18 @@ from pathlib import Path
 from typing import Any
 
 import can
+from can.typechecking import AutoDetectedConfig
 
 from firmware_py.interface.frame import Frame
 from hil.bus.base import BusError
-from hil.bus.hub_socket import HELLO_SEND_ONLY, HELLO_STAMPED, HubSocket
+from hil.bus.hub_socket import HELLO_SEND_ONLY, HELLO_STAMPED, HubSocket, running_hubs
 from hil.bus.wire import REMOTE_FLAG
 
 EXTENDED_FLAG = 0x80000000
 """SocketCAN's flag in the identifier of an extended frame."""
 IDENTIFIER_MASK = 0x1FFFFFFF
+INTERFACE = "vibrohil"
+"""Name of this interface in python-can."""
 
 
 class LocalBus(can.BusABC):
@@ -51,6 +54,7 @@ class LocalBus(can.BusABC):
             self._sender = HubSocket(Path(path), HELLO_SEND_ONLY) if receive_own_messages else self._hub
         except BusError as error:
             raise can.CanInitializationError(str(error)) from error
+        self._is_closed = False
         self._own: deque[tuple[int, bytes]] = deque()
         self._can_protocol = can.CanProtocol.CAN_20
         self.channel_info = f"local:{path}"
@@ -61,7 +65,17 @@ class LocalBus(can.BusABC):
         """Messages lost because this program did not receive them in time."""
         return self._hub.counters.lost
 
+    @staticmethod
+    def _detect_available_configs() -> list[AutoDetectedConfig]:
+        """The hubs of this user's runs that accept a connection."""
+        return [{"interface": INTERFACE, "channel": str(path)} for path in running_hubs()]
+
+    def _refuse_closed(self) -> None:
+        if self._is_closed:
+            raise can.CanOperationError(f"{self.channel_info}: this bus is shut down; open a new one")
+
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        self._refuse_closed()
         if (message := self._next_message()) is None and timeout != 0 and not self._hub.ended:
             select.select([self._hub], [], [], timeout)
             message = self._next_message()
@@ -93,6 +107,7 @@ class LocalBus(can.BusABC):
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Queue one message of classic CAN; raises `CanOperationError` if the queue stays full."""
+        self._refuse_closed()
         if msg.is_fd or msg.is_error_frame:
             raise can.CanOperationError(
                 "the bus carries classic data and remote frames: no CAN FD, no errors"
@@ -110,11 +125,13 @@ class LocalBus(can.BusABC):
 
     def fileno(self) -> int:
         """A descriptor that is readable while messages wait."""
+        self._refuse_closed()
         return self._hub.fileno()
 
     def shutdown(self) -> None:
         """Leave the bus."""
         super().shutdown()
+        self._is_closed = True
         self._hub.close()
         if self._sender is not self._hub:
             self._sender.close()

@@ -1,6 +1,5 @@
 """Provides and joins the bus that an address names."""
 
-import os
 import shutil
 import sys
 import tempfile
@@ -11,11 +10,23 @@ from pathlib import Path
 
 from hil.bus.base import Bus, BusError
 from hil.bus.can_socket import CanSocket, fetch_can_socket, has_kernel_can, open_can_socket
-from hil.bus.hub_socket import HELLO, HELLO_SEND_ONLY, HELLO_STAMPED, HubSocket
+from hil.bus.hub_socket import (
+    FOLDER_PREFIX,
+    HELLO,
+    HELLO_SEND_ONLY,
+    HELLO_STAMPED,
+    SOCKET_NAME,
+    HubSocket,
+    TurnSocket,
+    runtime_folder,
+)
 from hil.bus.wire import requests_in
+from hil.timing.pacemaker import PACEMAKER
 from hil.timing.processes import READY, Child, ChildError
 
 READY_TIMEOUT_S = 20.0
+COUNT_LOSSES = ("local", "vcan", "socketcan")
+"""Kinds of address where frames lost on the way to a node are counted."""
 
 
 @dataclass
@@ -31,30 +42,38 @@ class ProvidedBus:
     """Reason for the choice of this bus."""
     holder: Child | None = None
     folder: Path | None = None
+    bridge: Child | None = None
+    """The process that joins an adapter to the run's hub."""
+    turns: Path | None = None
+    """The socket of the pacemaker, which gives turns to the nodes of a run; None without one."""
+    pacemaker: Child | None = None
+    """The pacemaker's process: the hub of `local`, or one beside another bus."""
     said: str = field(default="", init=False)
-    """The last output of the holder process, reported when it ended."""
+    """The last output of the pacemaker, else of the process that provides the bus."""
 
     @property
     def processes(self) -> Mapping[str, Child]:
-        """The process that provides the bus, by its name; empty if there is none."""
-        return {} if self.holder is None else {self.holder.name: self.holder}
+        """The processes that provide the bus and give the turns, by their names."""
+        children = (self.bridge, self.holder, self.pacemaker)
+        return {child.name: child for child in children if child is not None}
 
     @property
     def described(self) -> dict[str, str | bool]:
-        """A run's record of its bus."""
+        """A run's record of its bus; the address of a private bus is a path of this machine and left out."""
+        public = {} if self.folder is not None else {"bus_address": self.address}
         return {
             "bus": self.name,
-            "bus_address": self.address,
+            **public,
             "bus_reason": self.reason,
             "kernel_can": self.kernel_can,
-            "counts_losses": self.address.partition(":")[0] in ("local", "vcan", "socketcan"),
+            "counts_losses": self.bridge is None and self.address.partition(":")[0] in COUNT_LOSSES,
         }
 
     def close(self) -> None:
-        """Stop the holder process and remove the bus's folder."""
-        if self.holder is not None:
-            self.said = self.holder.stop()
-            self.holder = None
+        """Stop the bus's processes and remove its folder."""
+        for child in self.processes.values():
+            self.said = child.stop()
+        self.bridge = self.holder = self.pacemaker = None
         if self.folder is not None:
             shutil.rmtree(self.folder, ignore_errors=True)
             self.folder = None
@@ -68,10 +87,7 @@ class ProvidedBus:
 
 def private_folder() -> Path:
     """A new folder that only this user may enter, with a path short enough for a Unix socket."""
-    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
-    return Path(
-        tempfile.mkdtemp(prefix="vibrohil-", dir=runtime if Path(runtime).is_dir() and runtime else None)
-    )
+    return Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX, dir=runtime_folder()))
 
 
 @contextmanager
@@ -88,18 +104,28 @@ def closed_unless_up(provided: ProvidedBus) -> Iterator[None]:
         raise
 
 
-def provide_local(reason: str) -> ProvidedBus:
+def started_hub(name: str, path: Path, turn_times: int | None) -> Child:
+    """Start a hub at `path`; as a pacemaker it writes the times of the turns to the memory `turn_times`."""
+    command = [sys.executable, "-P", "-m", "hil.bus.hub", str(path)]
+    if turn_times is None:
+        return Child(name, command)
+    return Child(name, [*command, "--turn-times", str(turn_times)], descriptors=[turn_times])
+
+
+def provide_local(reason: str, turn_times: int | None = None) -> ProvidedBus:
     """Start a hub for this run alone."""
     folder = private_folder()
-    path = folder / "bus"
-    hub = Child("hub", [sys.executable, "-m", "hil.bus.hub", str(path)])
+    path = folder / SOCKET_NAME
+    hub = started_hub("hub", path, turn_times)
     provided = ProvidedBus("local", f"local:{path}", False, reason, hub, folder)
+    if turn_times is not None:
+        provided.turns, provided.pacemaker = path, hub
     with closed_unless_up(provided):
         hub.wait_ready(READY_TIMEOUT_S)
     return provided
 
 
-def provide_vcan(reason: str) -> ProvidedBus:
+def provide_vcan(reason: str, turn_times: int | None = None) -> ProvidedBus:
     """Make a vcan interface for this run alone; raises `BusError` if the machine supports none."""
     if not has_kernel_can():
         raise BusError(
@@ -107,38 +133,74 @@ def provide_vcan(reason: str) -> ProvidedBus:
             "`vibrohil kernel -- vibrohil run … --bus vcan`"
         )
     folder = private_folder()
-    holder = Child("vcan", [sys.executable, "-m", "hil.bus.vcan", str(folder)])
+    holder = Child("vcan", [sys.executable, "-P", "-m", "hil.bus.vcan", str(folder)])
     provided = ProvidedBus("vcan", "", True, reason, holder, folder)
     with closed_unless_up(provided):
         word, _, rest = holder.read_line(READY_TIMEOUT_S).partition(" ")
         if word != READY:
             raise BusError(f"bus vcan: {rest}")
         provided.address = rest
+        if turn_times is not None:
+            provided.turns = folder / "turns"
+            provided.pacemaker = started_hub(PACEMAKER, provided.turns, turn_times)
+            provided.pacemaker.wait_ready(READY_TIMEOUT_S)
     return provided
 
 
-def provide(spec: str) -> ProvidedBus:
+def is_own_bus(spec: str) -> bool:
+    """Whether `spec` names a bus that the bench provides, so that no real drive can be on it.
+
+    >>> [is_own_bus(spec) for spec in ("auto", "vcan", "local:/run/bus", "socketcan:can0")]
+    [True, True, True, False]
+    """
+    return spec.partition(":")[0] in ("auto", "local", "vcan")
+
+
+def provide(spec: str, turn_times: int | None = None) -> ProvidedBus:
     """Make the bus that `spec` requests, or use the existing bus that it names.
 
     `auto`: vcan where it works, else local. `vcan`, `local`: a new private bus. `local:PATH`, `vcan:PATH`: a
     bus of another process. `socketcan:can0` or any `interface:channel` of python-can: used as it is.
+    `turn_times`: the descriptor of `shared_turn_times`; a private bus then also has a pacemaker.
     """
     if spec == "auto":
         try:
-            return provide_vcan("auto: vcan works here")
+            return provide_vcan("auto: vcan works here", turn_times)
         except BusError as error:
-            return provide_local(f"auto: no vcan here, so a hub of our own ({error})")
+            return provide_local(f"auto: no vcan here, so a hub of our own ({error})", turn_times)
     if spec == "vcan":
-        return provide_vcan("requested")
+        return provide_vcan("requested", turn_times)
     if spec == "local":
-        return provide_local("requested")
+        return provide_local("requested", turn_times)
     interface, separator, channel = spec.partition(":")
     if not (separator and interface and channel):
         raise BusError(
             f"bus {spec!r} is not known; wanted auto, vcan, local, local:PATH, socketcan:can0 or any "
             "interface:channel of python-can"
         )
+    if interface in COUNT_LOSSES:
+        join(spec, ()).close()  # a wrong name is reported before any process starts
     return ProvidedBus(spec, spec, interface in ("socketcan", "vcan"), "requested")
+
+
+def shared(provided: ProvidedBus) -> ProvidedBus:
+    """The bus for several nodes of this machine: an adapter is joined to a hub where these nodes meet.
+
+    Kernel CAN, hubs and a bus that is bridged already are handed back as they are.
+    """
+    interface, _, _ = provided.address.partition(":")
+    if interface in COUNT_LOSSES:
+        return provided
+    bus = provide_local(f"{provided.reason}, and joined to a hub where the nodes of this machine meet")
+    with closed_unless_up(bus):
+        hub = bus.address.removeprefix("local:")
+        command = [sys.executable, "-P", "-m", "hil.bus.bridge", hub, provided.address]
+        bus.name = provided.name
+        bus.bridge = Child("bridge", command)
+        line = bus.bridge.read_line(READY_TIMEOUT_S)
+        if line != READY:
+            raise BusError(line.removeprefix("failed "))
+    return bus
 
 
 def join(address: str, accept: Collection[int] | None = None, stamped: bool = False) -> Bus:
@@ -167,6 +229,17 @@ def join(address: str, accept: Collection[int] | None = None, stamped: bool = Fa
     from hil.bus.adapter import AdapterBus  # noqa: PLC0415  python-can takes 0.1 s to import
 
     return AdapterBus(interface, channel, accept)
+
+
+def join_in_turns(
+    address: str, turns: Path, member: int, accept: Collection[int] = ()
+) -> tuple[Bus, TurnSocket]:
+    """Join a run's own bus at `address` as a node that takes turns from the pacemaker at `turns`.
+
+    On `local` both are one connection.
+    """
+    giver = TurnSocket(turns, member, requests_in(accept))
+    return (giver if address == f"local:{turns}" else join(address, accept)), giver
 
 
 @contextmanager

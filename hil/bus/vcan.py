@@ -1,15 +1,13 @@
-"""A private vcan interface for one run; it ends with the process that made it.
+"""A private vcan interface for one run, in a network namespace of its own, which ends with its process.
 
-`python -m hil.bus.vcan FOLDER` makes the interface and keeps it until its standard input ends. If it has the
-permission, it makes the interface in the machine's network namespace and prints `ready socketcan:NAME`.
-Otherwise it enters a new user and network namespace, makes the interface there, and prints `ready
-vcan:FOLDER/vcan`: a Unix socket through which it passes CAN sockets opened in that namespace. A socket stays
-in the namespace in which it was opened, so the nodes need not enter it.
+`python -m hil.bus.vcan FOLDER` makes the namespace and the interface and keeps them until its standard input
+ends. It prints `ready vcan:FOLDER/vcan`: a Unix socket through which it passes CAN sockets opened in that
+namespace. A socket stays in the namespace in which it was opened, so the nodes need not enter it. No other
+user of the machine can open a CAN socket there: the folder is the user's own, and so is the namespace.
 """
 
 import argparse
 import ctypes
-import errno
 import json
 import os
 import selectors
@@ -25,6 +23,8 @@ from hil.timing.realtime import libc
 CLONE_NEWUSER = 0x10000000
 CLONE_NEWNET = 0x40000000
 REQUEST_BYTES = 1 << 14
+INTERFACE = "vcan0"
+"""Its name in the namespace, where it is the only one beside `lo`."""
 
 
 class VcanError(RuntimeError):
@@ -41,8 +41,6 @@ def make_interface(name: str) -> None:
             netlink.link("add", ifname=name, kind="vcan")
             netlink.link("set", index=netlink.link_lookup(ifname=name)[0], state="up")
         except NetlinkError as error:
-            if error.code == errno.EPERM:
-                raise PermissionError(error.code, str(error)) from error
             raise VcanError(
                 f"the kernel makes no vcan interface ({error}); wanted its module vcan"
             ) from error
@@ -58,12 +56,14 @@ def remove_interface(name: str) -> None:
 
 
 def enter_own_network() -> None:
-    """Move this process into a new user namespace, as its root, and a new network namespace."""
+    """Move this process into a new network namespace; without permission also into a new user namespace."""
     library = libc()
+    if library is not None and library.unshare(CLONE_NEWNET) == 0:
+        return
     user, group = os.getuid(), os.getgid()
     if library is None or library.unshare(CLONE_NEWUSER | CLONE_NEWNET) != 0:
         raise VcanError(
-            f"this user may neither make a vcan interface nor a user namespace "
+            f"this user may make neither a network namespace nor a user namespace "
             f"({os.strerror(ctypes.get_errno())}); wanted root or kernel.unprivileged_userns_clone=1"
         )
     Path("/proc/self/setgroups").write_text("deny")
@@ -86,35 +86,31 @@ def hand_out(listener: socket.socket, interface: str) -> None:
 def main() -> None:
     """Make the interface, report its address, keep it until standard input ends."""
     parser = argparse.ArgumentParser(description="Holds a private vcan interface.")
-    parser.add_argument("folder", type=Path, help="the user's own; for the socket, where one is needed")
-    folder: Path = parser.parse_args().folder
-    name = f"vibro{os.getpid()}"
-    with stop_requests() as stop, selectors.DefaultSelector() as selector:
+    parser.add_argument("folder", type=Path, help="the user's own; for the socket that hands out CAN sockets")
+    path: Path = parser.parse_args().folder / "vcan"
+    with (
+        stop_requests() as stop,
+        selectors.DefaultSelector() as selector,
+        socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener,
+    ):
         selector.register(stop, selectors.EVENT_READ)
         selector.register(sys.stdin, selectors.EVENT_READ)
         try:
-            try:
-                make_interface(name)
-                address = f"socketcan:{name}"
-            except PermissionError:
-                enter_own_network()
-                make_interface(name)
-                address = f"vcan:{folder / 'vcan'}"
+            enter_own_network()
+            make_interface(INTERFACE)
         except VcanError as error:
             report_to_parent(f"failed {error}")
             return
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
-            if address.startswith("vcan:"):
-                listener.bind(str(folder / "vcan"))
-                listener.listen()
-                selector.register(listener, selectors.EVENT_READ)
-            report_to_parent(f"{READY} {address}")
-            while all(key.fileobj is listener for key, _ in selector.select()):
-                hand_out(listener, name)
-    remove_interface(name)
-    (folder / "vcan").unlink(missing_ok=True)
+        listener.bind(str(path))
+        listener.listen()
+        selector.register(listener, selectors.EVENT_READ)
+        report_to_parent(f"{READY} vcan:{path}")
+        while all(key.fileobj is listener for key, _ in selector.select()):
+            hand_out(listener, INTERFACE)
+    remove_interface(INTERFACE)
+    path.unlink(missing_ok=True)
     with suppress(OSError):
-        folder.rmdir()
+        path.parent.rmdir()
 
 
 if __name__ == "__main__":

@@ -19,6 +19,16 @@ CONTROL_ID = 0xFFFFFFFF
 CONTROL_MARK = CONTROL_ID.to_bytes(4, "little")
 STAMP_KIND, LOSS_KIND = 8, 9
 """Length field of a control record: wall clock in ns of the frames after it, or a count of lost frames."""
+DUE_KIND, TURN_KIND, END_KIND = 10, 11, 12
+"""Of the pacemaker: when a turn was due in ns, and its tick. Of a node at its turn's end: `TURN_END`."""
+TURN_END = struct.Struct("<II")
+"""The CPU time of a turn in µs, and the tick of the node's next turn."""
+
+
+def control(kind: int, value: int | bytes) -> bytes:
+    """Pack a control record of the stream between hub and node."""
+    data = value if isinstance(value, bytes) else value.to_bytes(8, "little")
+    return CAN_FRAME.pack(CONTROL_ID, kind, data)
 
 
 def pack(frames: Iterable[Frame]) -> bytes:

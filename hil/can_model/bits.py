@@ -32,8 +32,13 @@ TAIL_BITS = DELIMITERS_AND_ACK_BITS + END_OF_FRAME_BITS
 
 BITS_BEFORE_DATA = 19
 """Start bit to length code."""
-ARBITRATION_BITS = 13
-"""Start bit, identifier and RTR, before stuffing: the part in which several nodes may send."""
+RECESSIVE_TAIL_BITS = 1 + END_OF_FRAME_BITS + INTERMISSION_BITS
+"""Acknowledgement delimiter to intermission: the run of recessive bits after every frame. An error
+delimiter and its intermission have the same length."""
+ERROR_FRAME_BITS = 2 * 6 + 8
+"""The longest error frame: an error flag, the flags that answer it, and the delimiter of recessive bits."""
+SUSPEND_BITS = 8
+"""Bits for which an error-passive node suspends transmission after a frame of its own."""
 
 _IDLE = 1
 """State of the stuffing rule on an idle bus: run 0 of recessive bits."""
@@ -123,17 +128,7 @@ def unstuffed_bits(frame: Frame) -> tuple[int, ...]:
     return body + _bits(crc15(body), CRC_BITS)
 
 
-def wire_bits(frame: Frame) -> tuple[int, ...]:
-    """Return the stuffed part of the frame, start bit to checksum, as it stands on the wire."""
-    return stuffed(unstuffed_bits(frame))
-
-
-def arbitration_length(frame: Frame) -> int:
-    """Return the number of wire bits up to and including RTR, with stuff bits."""
-    return len(stuffed(unstuffed_bits(frame)[:ARBITRATION_BITS]))
-
-
-# The functions below compute the same lengths from tables, for models that send millions of frames.
+# The functions below compute lengths from tables, for models that send millions of frames.
 
 _STATES = 2 * STUFF_RUN
 _STATE_BITS = 4

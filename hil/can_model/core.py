@@ -5,15 +5,13 @@ frame is not interrupted. `advance` computes all frames that start before a give
 frames at that time. Nodes have numbers.
 
 Simplifications: all nodes share one bit grid; there are no overload and no remote frames; a node that is
-switched off while its frame is on the wire completes the frame; an error-passive node completes its error
-signalling with the others, where a real node may need up to 6 more recessive bits.
+switched off while its frame is on the wire completes the frame; every error takes its worst-case time.
 """
 
 from bisect import bisect
 
 from firmware_py.interface.frame import Frame
-from hil.can_model.bits import INTERMISSION_BITS, frame_bits
-from hil.can_model.errors_on_the_wire import RECESSIVE_TAIL_BITS
+from hil.can_model.bits import INTERMISSION_BITS, RECESSIVE_TAIL_BITS, frame_bits
 from hil.can_model.fault_confinement import RECOVERY_RUN_BITS
 from hil.can_model.state import UNTOUCHED, Arrival, BusState, NodeState, Pending, switched_off, with_node
 from hil.can_model.transmission import transmit
@@ -124,15 +122,15 @@ def _undisturbed(state: BusState, start_bit: int, sender: int) -> tuple[BusState
     nodes = (*state.nodes[:sender], after, *state.nodes[sender + 1 :])
     idle_from_bit = start_bit + pending.bits
     arrived = BusState(
-        nodes,
-        start_bit,
-        idle_from_bit,
-        idle_from_bit - RECESSIVE_TAIL_BITS,
-        state.corruptions,
-        state.queued,
-        state.frames + 1,
-        state.errors,
-        state.busy_bits + pending.bits,
+        nodes=nodes,
+        now_bit=start_bit,
+        idle_from_bit=idle_from_bit,
+        recessive_from_bit=idle_from_bit - RECESSIVE_TAIL_BITS,
+        corruptions=state.corruptions,
+        queued=state.queued,
+        frames=state.frames + 1,
+        errors=state.errors,
+        busy_bits=state.busy_bits + pending.bits,
     )
     receivers = (*range(sender), *range(sender + 1, len(nodes)))
     return arrived, Arrival(idle_from_bit - INTERMISSION_BITS, (sender,), receivers, pending)

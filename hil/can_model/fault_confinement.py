@@ -54,13 +54,12 @@ def after_transmit_error(counters: ErrorCounters) -> ErrorCounters:
     return ErrorCounters(counters.transmit + 8, counters.receive)
 
 
-def after_missing_acknowledgement(counters: ErrorCounters, flag_met_dominant: bool) -> ErrorCounters:
+def after_missing_acknowledgement(counters: ErrorCounters) -> ErrorCounters:
     """Return the counters of a sender whose frame no node has acknowledged.
 
-    The counters of an error-passive sender do not change if no node answered its flag, so a node that is
-    alone on the bus never goes bus-off.
+    Those of an error-passive sender do not change, so a node that is alone on the bus never goes bus-off.
     """
-    if counters.error_state is ErrorState.ERROR_PASSIVE and not flag_met_dominant:
+    if counters.error_state is ErrorState.ERROR_PASSIVE:
         return counters
     return after_transmit_error(counters)
 
@@ -72,15 +71,9 @@ def after_receiving(counters: ErrorCounters) -> ErrorCounters:
     return ErrorCounters(counters.transmit, max(counters.receive - 1, 0))
 
 
-def after_receive_error(counters: ErrorCounters, first_to_signal: bool) -> ErrorCounters:
-    """Return the counters of a receiver that has seen an error.
-
-    The receiver that signals first sees the others' flags follow its own. Its counter rises by more, since
-    the error is probably its own.
-    """
-    if counters.receive >= PASSIVE_FROM:
-        return counters
-    return ErrorCounters(counters.transmit, counters.receive + (9 if first_to_signal else 1))
+def after_receive_error(counters: ErrorCounters) -> ErrorCounters:
+    """Return the counters of a receiver that has seen an error of the sender."""
+    return ErrorCounters(counters.transmit, min(counters.receive + 1, PASSIVE_FROM))
 
 
 class NodeErrors(NamedTuple):

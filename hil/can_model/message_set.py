@@ -12,8 +12,8 @@ from typing import NamedTuple
 from cantools.database.can import Message
 
 from firmware_py.interface.addresses import DEFAULT, Addresses, bus_id
+from firmware_py.interface.dbc import database
 from firmware_py.interface.frame import worst_case_bits
-from firmware_py.interface.sources.dbc import database
 from hil.can_model.bits import bit_ns_of
 from hil.can_model.schedulability import ErrorModel, Pacing, Response, Stream, load, response_times
 
@@ -25,6 +25,13 @@ TICK_NS = NS_PER_MS
 QUEUING_JITTER_NS = 100_000
 """Largest delay with which a node queues its frames. Loops under real-time scheduling wake 20 to 70 µs late
 in 99.9 % of their ticks, microcontrollers far less; a run with later wake-ups is marked as not real-time."""
+
+XCP = ("XcpCommand", "XcpResponse")
+"""The frames of measurement and calibration. A master sends at most one command per tick; the firmware sends
+at most one response and one sample, which have the same identifier."""
+XCP_DEADLINE_NS = 10 * NS_PER_MS
+"""Deadline of these frames, which control nothing: samples carry their tick, and a master waits for
+responses."""
 
 ALL_SENDERS = frozenset({"Drive", "Sensors", "Firmware", "Operator"})
 PACED_SENDERS = ALL_SENDERS
@@ -61,13 +68,25 @@ class Schedule(NamedTuple):
 
 
 def bus_streams(
-    bitrate: int, paced: Collection[str] = PACED_SENDERS, modules: Sequence[Addresses] = (DEFAULT,)
+    bitrate: int,
+    paced: Collection[str] = PACED_SENDERS,
+    modules: Sequence[Addresses] = (DEFAULT,),
+    is_measured: bool = True,
 ) -> list[Stream]:
-    """Return all streams of `modules` at `bitrate`; senders in `paced` queue one slow frame a tick."""
+    """Return all streams of `modules` at `bitrate`; senders in `paced` queue one slow frame a tick.
+
+    `is_measured`: a master of XCP sends a command and receives a response and a sample in every tick.
+    """
     streams = [
         stream
         for number, places in enumerate(modules)
         for stream in _module_streams(bitrate, paced, places, "" if len(modules) == 1 else f" {number}")
+        if is_measured or not stream.name.startswith(XCP)
+    ]
+    streams += [
+        stream._replace(name=stream.name.replace("Response", "Sample"))
+        for stream in streams
+        if stream.name.startswith("XcpResponse")
     ]
     return sorted(streams, key=lambda stream: stream.can_id)
 
@@ -88,7 +107,7 @@ def _module_streams(bitrate: int, paced: Collection[str], places: Addresses, suf
                 length=message.length,
                 period_ns=period_ns,
                 jitter_ns=QUEUING_JITTER_NS,
-                deadline_ns=period_ns,
+                deadline_ns=XCP_DEADLINE_NS if message.name in XCP else period_ns,
                 transmission_ns=worst_case_bits(message.length) * bit_ns,
                 pacing=Pacing(f"{sender}{suffix}", TICK_NS) if is_paced else None,
             )
@@ -109,7 +128,8 @@ def bus_schedule(
     paced: Collection[str] = PACED_SENDERS,
     errors: ErrorModel | None = None,
     modules: Sequence[Addresses] = (DEFAULT,),
+    is_measured: bool = True,
 ) -> Schedule:
-    """Analyse a bus of `bitrate` bit/s with the modules at these places."""
-    streams = bus_streams(bitrate, paced, modules)
+    """Analyse a bus of `bitrate` bit/s with the modules at these places; arguments as of `bus_streams`."""
+    streams = bus_streams(bitrate, paced, modules, is_measured)
     return Schedule(bitrate, float(load(streams)), response_times(streams, bit_ns_of(bitrate), errors))

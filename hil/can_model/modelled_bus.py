@@ -32,7 +32,7 @@ class BusFigures(NamedTuple):
     frames: int
     """Transmissions without error."""
     errors: int
-    """Transmissions that failed for at least one node."""
+    """Transmissions that failed."""
     busy_ns: int
     """Bus time of all transmissions, including intermissions."""
     lost: int
@@ -83,19 +83,11 @@ class ModelledBus:
 
     # --- faults: each acts from the time of the last call on -----------------------------------------
 
-    def corrupt(
-        self,
-        can_id: int | None = None,
-        skip: int = 0,
-        hits: int = 1,
-        bit: int = 0,
-        seen_by: str | None = None,
-    ) -> None:
-        """Destroy transmissions as described in `Corruption`."""
-        affected = None if seen_by is None else self._number(seen_by)
-        corruption = Corruption(can_id, skip, hits, bit, affected)
-        if skip < 0 or hits < 1 or bit < 0:
-            raise ValueError(f"{corruption}: wanted skip and bit of 0 or more and hits of 1 or more")
+    def corrupt(self, can_id: int | None = None, hits: int = 1) -> None:
+        """Destroy the next `hits` transmissions with this identifier (None: of all frames)."""
+        if hits < 1:
+            raise ValueError(f"hits = {hits}; wanted 1 or more")
+        corruption = Corruption(can_id, hits)
         self._state = self._state._replace(corruptions=(*self._state.corruptions, corruption))
 
     def end_corruption(self) -> None:

@@ -20,9 +20,11 @@ from functools import partial
 from itertools import groupby
 from typing import NamedTuple
 
-ERROR_BITS = 31
-"""Largest cost of an error in bits, without the frame's repetition: two consecutive error flags of 6 bits,
-delimiter 8, intermission 3, and 8 bits for which an error-passive sender suspends transmission."""
+from hil.can_model.bits import ERROR_FRAME_BITS, INTERMISSION_BITS, SUSPEND_BITS
+
+ERROR_BITS = ERROR_FRAME_BITS + INTERMISSION_BITS + SUSPEND_BITS
+"""Largest cost of an error in bits, without the frame's repetition: the error frame, the intermission, and
+the bits for which an error-passive sender suspends transmission."""
 
 MAX_ITERATIONS = 100_000
 

@@ -19,19 +19,13 @@ class Pending(NamedTuple):
 
 
 class Corruption(NamedTuple):
-    """A disturbance that destroys transmissions; a repetition counts as a further transmission.
+    """A disturbance that destroys the next `hits` transmissions with `can_id` (None: of all frames).
 
-    Of the transmissions with `can_id` (None: of all), `skip` pass and the next `hits` are disturbed, `bit`
-    bits after their arbitration or, in a shorter frame, at its last bit. A frame that is disturbed in its
-    last bit is valid for its receivers but not for its sender, so it arrives twice. If `seen_by` is a node,
-    only this node detects an error: it finds the checksum wrong, whatever `bit` is.
+    A repetition counts as a further transmission.
     """
 
     can_id: int | None = None
-    skip: int = 0
     hits: int = 1
-    bit: int = 0
-    seen_by: int | None = None
 
 
 class NodeState(NamedTuple):
@@ -60,7 +54,7 @@ class BusState(NamedTuple):
     frames: int = 0
     """Transmissions without error."""
     errors: int = 0
-    """Transmissions that failed for at least one node."""
+    """Transmissions that failed."""
     busy_bits: int = 0
 
 
@@ -71,8 +65,6 @@ class Arrival(NamedTuple):
     senders: tuple[int, ...]
     receivers: tuple[int, ...]
     pending: Pending
-    complete: bool = True
-    """Whether the senders have seen no error; otherwise they repeat the frame."""
 
 
 def with_node(state: BusState, number: int, node: NodeState) -> BusState:

@@ -13,7 +13,7 @@ import math
 from typing import NamedTuple
 
 from firmware_py.interface.enums import AXIS_IDLE, CLOSED_LOOP, AxisError, AxisState
-from plant_sim.kernels import shared
+from plant_sim.kernels import subroutine
 
 TORQUE_CONTROL, VELOCITY_CONTROL = 1, 2
 """ODrive's ControlMode."""
@@ -54,7 +54,11 @@ class DriveConfig(NamedTuple):
     current_limit_a: float
     velocity_limit_rad_s: float
     watchdog_s: float = 0.05
-    """Longest time without a command before the axis disarms: half of the 100 ms to a safe state."""
+    """Longest time without a command before the axis disarms: half of the 100 ms to a safe state.
+
+    Infinite: the watchdog is off."""
+    is_fed_by_every_frame: bool = False
+    """Whether every frame to the drive resets the watchdog, as a real ODrive's; else only a setpoint does."""
     velocity_tolerance: float = 1.2
     """ODrive's vel_limit_tolerance: the axis disarms above limit × tolerance."""
     velocity_gain_n_m_s: float = 0.167 / TURN_RAD
@@ -146,7 +150,7 @@ class Telemetry(NamedTuple):
     omega_rad_s: float
 
 
-@shared
+@subroutine
 def power_up(config: DriveConfig) -> DriveState:
     """The drive at power-up: idle, cold, with the limits of its configuration."""
     return DriveState(
@@ -162,13 +166,13 @@ def power_up(config: DriveConfig) -> DriveState:
 # --- commands --------------------------------------------------------------------------------------
 
 
-@shared
+@subroutine
 def set_torque(drive: DriveState, torque_n_m: float) -> DriveState:
     """Apply a torque command and reset the watchdog; in velocity mode the torque is the feed-forward."""
     return drive._replace(setpoint=drive.setpoint._replace(torque_n_m=torque_n_m, age_s=0.0))
 
 
-@shared
+@subroutine
 def set_velocity(drive: DriveState, velocity_rev_s: float, torque_n_m: float) -> DriveState:
     """Apply a velocity command and reset the watchdog; in torque mode only its feed-forward torque acts."""
     velocity_rad_s = velocity_rev_s * TURN_RAD
@@ -176,7 +180,7 @@ def set_velocity(drive: DriveState, velocity_rev_s: float, torque_n_m: float) ->
     return drive._replace(setpoint=setpoint)
 
 
-@shared
+@subroutine
 def set_mode(drive: DriveState, control_mode: int, input_mode: int) -> DriveState:
     """Set control mode and input mode; an armed axis disarms if the mode is not modelled."""
     setpoint, loop = drive.setpoint, drive.loop
@@ -189,7 +193,7 @@ def set_mode(drive: DriveState, control_mode: int, input_mode: int) -> DriveStat
     return drive
 
 
-@shared
+@subroutine
 def is_modelled(setpoint: Setpoint) -> bool:
     """Whether the mode is modelled: torque with passthrough, velocity with passthrough or ramp."""
     if setpoint.input_mode == PASSTHROUGH:
@@ -197,20 +201,20 @@ def is_modelled(setpoint: Setpoint) -> bool:
     return setpoint.input_mode == VELOCITY_RAMP and setpoint.control_mode == VELOCITY_CONTROL
 
 
-@shared
+@subroutine
 def set_limits(config: DriveConfig, drive: DriveState, velocity_rev_s: float, current_a: float) -> DriveState:
     """Set the limits: not negative, and the current limit at most the configuration's."""
     current_a = min(max(0.0, current_a), config.current_limit_a)
     return drive._replace(limits=Limits(max(0.0, velocity_rev_s) * TURN_RAD, current_a))
 
 
-@shared
+@subroutine
 def set_position(drive: DriveState, position_rev: float, encoder_position_rev: float) -> DriveState:
     """Set the offset so that the encoder's present position is reported as `position_rev`."""
     return drive._replace(position_offset_rev=position_rev - encoder_position_rev)
 
 
-@shared
+@subroutine
 def request_state(drive: DriveState, requested: int) -> DriveState:
     """Arm, calibrate, or disarm the axis; a refusal appears in its procedure result.
 
@@ -237,13 +241,13 @@ def request_state(drive: DriveState, requested: int) -> DriveState:
     return drive._replace(axis=axis, setpoint=setpoint, loop=loop)
 
 
-@shared
+@subroutine
 def is_calibration(state: int) -> bool:
     """Whether `state` is a modelled calibration."""
     return state in (FULL_CALIBRATION, MOTOR_CALIBRATION, ENCODER_CALIBRATION)
 
 
-@shared
+@subroutine
 def armed_state(requested: int) -> AxisState:
     """The armed state with the requested number: a calibration, or closed loop."""
     if requested == FULL_CALIBRATION:
@@ -253,13 +257,13 @@ def armed_state(requested: int) -> AxisState:
     return ENCODER_CALIBRATION if requested == ENCODER_CALIBRATION else CLOSED_LOOP
 
 
-@shared
+@subroutine
 def clear_errors(drive: DriveState) -> DriveState:
     """Clear the errors, so that the axis may arm again."""
     return drive._replace(axis=drive.axis._replace(errors=NO_ERROR))
 
 
-@shared
+@subroutine
 def disarm(drive: DriveState, error: int) -> DriveState:
     """Disarm the axis with an error (one of `AxisError`), which stays until it is cleared."""
     axis = drive.axis._replace(state=AXIS_IDLE, errors=drive.axis.errors | error)
@@ -268,22 +272,28 @@ def disarm(drive: DriveState, error: int) -> DriveState:
     return drive._replace(axis=axis, setpoint=drive.setpoint._replace(torque_n_m=0.0, velocity_rad_s=0.0))
 
 
+@subroutine
+def feed_watchdog(drive: DriveState) -> DriveState:
+    """Reset the watchdog without a setpoint."""
+    return drive._replace(setpoint=drive.setpoint._replace(age_s=0.0))
+
+
 # --- time ------------------------------------------------------------------------------------------
 
 
-@shared
+@subroutine
 def is_armed(drive: DriveState) -> bool:
     """Whether the axis is armed, so that the motor can carry current."""
     return drive.axis.state != AXIS_IDLE
 
 
-@shared
+@subroutine
 def watchdog_left_s(config: DriveConfig, drive: DriveState) -> float:
     """Time until the watchdog disarms the axis; infinite in states that expect no commands."""
     return config.watchdog_s - drive.setpoint.age_s if drive.axis.state == CLOSED_LOOP else math.inf
 
 
-@shared
+@subroutine
 def torque_n_m(config: DriveConfig, drive: DriveState, omega_rad_s: float) -> float:
     """Torque requested of the motor, within the limits of current and velocity."""
     if not is_armed(drive):
@@ -297,7 +307,7 @@ def torque_n_m(config: DriveConfig, drive: DriveState, omega_rad_s: float) -> fl
     return min(max(drive.setpoint.torque_n_m, lowest), highest)
 
 
-@shared
+@subroutine
 def elapse(  # noqa: PLR0911 - one cause to disarm after the other
     config: DriveConfig, drive: DriveState, dt_s: float, omega_rad_s: float, current_a: float
 ) -> DriveState:
@@ -327,13 +337,13 @@ def elapse(  # noqa: PLR0911 - one cause to disarm after the other
 # --- velocity mode ---------------------------------------------------------------------------------
 
 
-@shared
+@subroutine
 def holds_velocity(drive: DriveState) -> bool:
     """Whether an armed axis controls speed, not torque."""
     return drive.axis.state != CLOSED_LOOP or drive.setpoint.control_mode == VELOCITY_CONTROL
 
 
-@shared
+@subroutine
 def velocity_torque_n_m(config: DriveConfig, drive: DriveState, omega_rad_s: float) -> float:
     """Torque of the velocity loop before the current limit."""
     error_rad_s = target_rad_s(config, drive, 0.0) - omega_rad_s
@@ -343,7 +353,7 @@ def velocity_torque_n_m(config: DriveConfig, drive: DriveState, omega_rad_s: flo
     return torque_n_m
 
 
-@shared
+@subroutine
 def target_rad_s(config: DriveConfig, drive: DriveState, dt_s: float) -> float:
     """Target speed `dt_s` from now, within the velocity limit: command, ramp, or calibration scan."""
     _, setpoint, limits, _, _, loop = drive
@@ -356,7 +366,7 @@ def target_rad_s(config: DriveConfig, drive: DriveState, dt_s: float) -> float:
     return min(max(wanted_rad_s, -limits.velocity_rad_s), limits.velocity_rad_s)
 
 
-@shared
+@subroutine
 def regulate(config: DriveConfig, drive: DriveState, dt_s: float, omega_rad_s: float) -> DriveState:
     """Advance the velocity loop by `dt_s`: its ramp and its integral, which decays at the current limit."""
     integral_n_m = drive.loop.integral_n_m
@@ -372,13 +382,13 @@ def regulate(config: DriveConfig, drive: DriveState, dt_s: float, omega_rad_s: f
 # --- calibration -----------------------------------------------------------------------------------
 
 
-@shared
+@subroutine
 def scan_begins_s(config: DriveConfig, state: AxisState) -> float:
     """Time from the beginning of a calibration until it turns the crank."""
     return 0.0 if state == ENCODER_CALIBRATION else config.motor_calibration_s
 
 
-@shared
+@subroutine
 def scan_rad_s(config: DriveConfig, drive: DriveState) -> float:
     """Crank speed in a calibration: 0 for the motor's, forward and then back for the encoder's."""
     state, elapsed_s = drive.axis.state, drive.loop.elapsed_s - scan_begins_s(config, drive.axis.state)
@@ -387,7 +397,7 @@ def scan_rad_s(config: DriveConfig, drive: DriveState) -> float:
     return config.scan_rad_s if elapsed_s < config.scan_s else -config.scan_rad_s
 
 
-@shared
+@subroutine
 def calibrate(config: DriveConfig, drive: DriveState, dt_s: float, omega_rad_s: float) -> DriveState:
     """Advance a calibration by `dt_s`; a crank that does not follow the scan ends it with an error."""
     axis, before_s = drive.axis, drive.loop.elapsed_s

@@ -8,12 +8,11 @@ that is not modelled ends with the result INVALID_STATE. The heartbeat reports b
 import struct
 
 from firmware_py.interface.addresses import NODE_IDS
-from firmware_py.interface.errors import ACCEPTED, FrameErrorReason
-from firmware_py.interface.frame import Frame, WordFrame
+from firmware_py.interface.frame import ACCEPTED, Frame, FrameErrorReason, WordFrame
 from firmware_py.interface.generated import kinds, packing, unpacking
 from hil.drive import axis, messages
 from hil.drive.reports import CURRENT, ERRORS, HEARTBEAT, SUPPLY, TEMPERATURE
-from plant_sim.kernels import shared
+from plant_sim.kernels import subroutine
 
 COMMAND_IDS = (
     kinds.DRIVE_ESTOP.can_id,
@@ -77,13 +76,13 @@ def powers(config: axis.DriveConfig, drive: axis.DriveState, telemetry: axis.Tel
     return Frame(POWERS_ID, struct.pack("<ff", electrical_w, mechanical_w))
 
 
-@shared
+@subroutine
 def meant_length(length: int) -> int:
     """Length of a command with an unused second half, which CANSimple's clients may omit."""
     return WHOLE if length == HALF else length
 
 
-@shared
+@subroutine
 def obey(  # noqa: PLR0912 - one command after the other
     config: axis.DriveConfig, drive: axis.DriveState, frame: WordFrame, encoder_position_rev: float
 ) -> tuple[axis.DriveState, bool]:
@@ -94,6 +93,8 @@ def obey(  # noqa: PLR0912 - one command after the other
     """
     can_id, length, word = frame
     reason = ACCEPTED
+    if config.is_fed_by_every_frame and can_id < NODE_IDS:
+        drive = axis.feed_watchdog(drive)
     if can_id == kinds.SET_INPUT_TORQUE.can_id:
         torque, reason = unpacking.unpack_set_input_torque(meant_length(length), word)
         if reason == ACCEPTED:
@@ -131,7 +132,7 @@ def obey(  # noqa: PLR0912 - one command after the other
     return drive, reason == ACCEPTED
 
 
-@shared
+@subroutine
 def report_frame(
     config: axis.DriveConfig, drive: axis.DriveState, telemetry: axis.Telemetry, report: int
 ) -> WordFrame:

@@ -7,7 +7,7 @@ The queue is one integer with a digit per report; the lowest digit leaves next.
 from typing import Any, NamedTuple
 
 from firmware_py.interface import codec
-from plant_sim.kernels import shared
+from plant_sim.kernels import subroutine
 
 CURRENT, HEARTBEAT, ERRORS, TEMPERATURE, SUPPLY = range(1, 6)
 """The reports, and their digits in the queue."""
@@ -55,7 +55,7 @@ def first_reports(tick: int) -> Reports:
     return Reports(NOTHING, tick - 1, tick)
 
 
-@shared
+@subroutine
 def look(ticks: Ticks, reports: Reports, tick: int) -> Reports:
     """Queue the reports whose period has begun since the last check."""
     if tick < reports.next_tick:
@@ -69,7 +69,7 @@ def look(ticks: Ticks, reports: Reports, tick: int) -> Reports:
     return Reports(waiting, tick, next_tick)
 
 
-@shared
+@subroutine
 def _queued(waiting: int, report: int) -> int:
     """Return the queue with a report appended."""
     end = 1
@@ -78,7 +78,7 @@ def _queued(waiting: int, report: int) -> int:
     return waiting + report * end
 
 
-@shared
+@subroutine
 def take(reports: Reports) -> tuple[Reports, int]:
     """Return the remaining reports and the report that leaves in this tick, `NOTHING` if none waits."""
     left = Reports(reports.waiting >> DIGIT_BITS, reports.looked_tick, reports.next_tick)

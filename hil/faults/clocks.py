@@ -1,8 +1,9 @@
 """Clock faults: wrong time readings and late wake-ups of a process.
 
 If the clock jumps forwards, the loop skips the ticks in between once; if it jumps backwards, the loop sleeps
-until its next deadline comes again. Jitter wakes the loop late. In real time `FaultyClock` wraps the
-machine's clock; in lockstep `Turns` calls a node's steps as the same loop would on the faulty clock.
+until its next deadline comes again. Jitter wakes the loop late. In strict time `FaultyClock` wraps the
+machine's clock; in lockstep, and where a pacemaker gives the turns, `Turns` calls a node's steps as the same
+loop would on the faulty clock.
 """
 
 import math
@@ -11,8 +12,9 @@ from typing import Protocol
 
 import numpy as np
 
-from hil.faults.processes import FIRMWARE
-from hil.scenario.fault_tables import ClockJitter, ClockJumped, Fault, Restarted
+from hil.faults.counted import counted
+from hil.faults.fault import Fault
+from hil.faults.on_process import ClockFault, ProcessFault
 from hil.timing.clock import NS_PER_S, Clock
 from hil.timing.loop import LoopTiming
 
@@ -24,11 +26,11 @@ class ClockFaults:
     """A scenario's faults of one process's clock. Times `t_s` are true times from the start."""
 
     def __init__(self, faults: Sequence[Fault], process: str, seed: int) -> None:
-        jumps = [fault for fault in faults if isinstance(fault, ClockJumped) and process == FIRMWARE]
-        self._jumps = sorted(jumps, key=lambda jump: jump.at_s)
-        self._jitters = [
-            fault for fault in faults if isinstance(fault, ClockJitter) and fault.process == process
-        ]
+        self._faults = counted(faults)
+        own = [fault for fault in faults if isinstance(fault, ClockFault)]
+        own = sorted((fault for fault in own if fault.faulty_process() == process), key=lambda one: one.at_s)
+        self._jumps = [fault for fault in own if fault.ahead_s]
+        self._jitters = [fault for fault in own if fault.latest_s]
         self._noise = np.random.default_rng([seed, SEED_OF_CLOCKS])
 
     @property
@@ -38,19 +40,25 @@ class ClockFaults:
 
     def offset_s(self, t_s: float) -> float:
         """The time by which the clock is ahead."""
-        return math.fsum(jump.by_s for jump in self._jumps if jump.acts(t_s))
+        acting = [jump for jump in self._jumps if jump.acts(t_s)]
+        for jump in acting:
+            self._faults.acted(jump)
+        return math.fsum(jump.ahead_s for jump in acting)
 
     def true_s(self, own_s: float) -> float:
         """The true time at which the clock first shows `own_s` or more."""
         t_s = own_s
         for jump in self._jumps:
             if t_s >= jump.at_s:
-                t_s = max(t_s - jump.by_s, jump.at_s)
+                t_s = max(t_s - jump.ahead_s, jump.at_s)
         return t_s
 
     def lateness_s(self, t_s: float) -> float:
         """The delay of the next wake-up, sampled anew at each call."""
-        largest_s = sum(jitter.largest_s for jitter in self._jitters if jitter.acts(t_s))
+        acting = [jitter for jitter in self._jitters if jitter.acts(t_s)]
+        for jitter in acting:
+            self._faults.acted(jitter)
+        largest_s = sum(jitter.latest_s for jitter in acting)
         return float(self._noise.uniform(0.0, largest_s)) if largest_s else 0.0
 
 
@@ -90,20 +98,34 @@ class Runner(Protocol):
         """Close the traces."""
 
 
+def restarts(fault: Fault, process: str) -> bool:
+    """Whether a fault ends a process and starts it anew."""
+    return isinstance(fault, ProcessFault) and fault.starts_anew and fault.process == process
+
+
 class Turns:
-    """Calls a runner in lockstep, once per slot of the bench, when its clock or its process has a fault.
+    """Calls a runner once per slot of the bench when its clock or its process has a fault.
 
     Slot k lasts from the node's instant in tick k to the other node's next instant, half a period later. A
     step that is due after its slot runs in a later slot, before that slot's own step.
     """
 
     def __init__(
-        self, runner: Runner, process: str, faults: Sequence[Fault], period_s: float, seed: int
+        self,
+        runner: Runner,
+        process: str,
+        faults: Sequence[Fault],
+        period_s: float,
+        seed: int,
+        first_slot: int = 0,
     ) -> None:
+        """`first_slot`: above 0 for a process that replaces another, whose restart is over."""
         self._runner = runner
         self._clock = ClockFaults(faults, process, seed)
         self._starts_s = sorted(
-            fault.end_s for fault in faults if isinstance(fault, Restarted) and fault.process == process
+            fault.end_s
+            for fault in faults
+            if restarts(fault, process) and fault.end_s > first_slot * period_s + 1e-9
         )
         self._period_s = period_s
         self._next_tick = 0
@@ -111,6 +133,9 @@ class Turns:
         self._last_slot = -1
         self._late_ticks: float | None = None
         self._unrecorded: int | None = None
+        if first_slot > 0:
+            self.resume(first_slot + round(self._clock.offset_s(first_slot * period_s) / period_s))
+            self._last_slot = first_slot - 1
 
     def step(self, slot: int, _: int) -> None:
         """Run the steps that are due in this slot of the bench."""
@@ -161,10 +186,14 @@ class Turns:
 
 
 def in_turns(
-    runner: Runner, process: str, faults: Sequence[Fault], period_s: float, seed: int
+    runner: Runner,
+    process: str,
+    faults: Sequence[Fault],
+    period_s: float,
+    seed: int,
+    first_slot: int = 0,
 ) -> Runner | Turns:
-    """The object that lockstep calls for a runner: the runner itself without a clock or restart fault."""
-    restarted = any(isinstance(fault, Restarted) and fault.process == process for fault in faults)
-    if restarted or ClockFaults(faults, process, seed).any:
-        return Turns(runner, process, faults, period_s, seed)
+    """The object that is called in a runner's turns: itself if its process has no clock or restart fault."""
+    if any(restarts(fault, process) for fault in faults) or ClockFaults(faults, process, seed).any:
+        return Turns(runner, process, faults, period_s, seed, first_slot)
     return runner

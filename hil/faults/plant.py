@@ -5,121 +5,92 @@ from collections.abc import Sequence
 
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.generated.records import EncoderEstimates, SetInputTorque
+from firmware_py.interface.generated.records import EncoderEstimates
 from hil.drive import axis
 from hil.drive.axis import DriveConfig, DriveState
+from hil.faults.counted import counted
+from hil.faults.fault import Fault
+from hil.faults.on_plant import PhysicalFault, TurnCounter
 from hil.faults.readings import SensorFaults
-from hil.scenario import fault_tables as tables
 from plant_sim.parts.drive import MotorDrive
-from plant_sim.parts.friction import times
-from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import NoStop
 from plant_sim.plant import Plant
 from plant_sim.sensors.readings import SensorReading
 
 DRIVE_IDS = frozenset(frame.can_id for frame in codec.CODECS.values() if frame.sender == "Drive")
 """Identifiers of the frames that the drive's electronics send."""
-JAM_N_M = 10.0
-"""Dry friction of a jammed crank, more than ten times the motor's torque: stops the crank within a tick."""
-
-
-def broken_parts(parts: Parts, faults: Sequence[tables.PhysicalFault]) -> Parts:
-    """The module's parts while `faults` act."""
-    for fault in faults:
-        match fault:
-            case tables.StiffnessChanged(factor=factor):
-                striker = parts.striker
-                parts = parts._replace(striker=striker._replace(spring_n_m=factor * striker.spring_n_m))
-            case tables.FrictionChanged(factor=factor):
-                parts = parts._replace(friction=times(parts.friction, factor))
-            case tables.StopMoved(by_m=by_m):
-                stop = parts.stop
-                if not isinstance(stop, NoStop):
-                    parts = parts._replace(stop=stop._replace(position_m=stop.position_m + by_m))
-            case tables.MotorStall():
-                if isinstance(parts.drive, MotorDrive):
-                    parts = parts._replace(drive=parts.drive._replace(dry_n_m=JAM_N_M))
-            case tables.SupplySag(supply_v=supply_v):
-                if isinstance(parts.drive, MotorDrive):
-                    parts = parts._replace(drive=parts.drive._replace(supply_v=supply_v))
-    return parts
-
-
-def broken_config(config: DriveConfig, faults: Sequence[tables.PhysicalFault]) -> DriveConfig:
-    """The drive's configuration while `faults` act."""
-    for fault in faults:
-        if isinstance(fault, tables.SupplySag):
-            config = config._replace(supply_v=fault.supply_v)
-    return config
-
-
-def torque_share(faults: Sequence[tables.PhysicalFault], pole_pairs: int, crank_rad: float) -> float:
-    """Share of the requested torque that the motor produces.
-
-    With one wire disconnected, current flows along one axis u of the windings only. Of a current requested
-    along q, perpendicular to the rotor's flux, only the projection (q·u) u flows, and its component along q
-    produces torque: the share is (q·u)² = sin²(p θ).
-    """
-    if any(isinstance(fault, tables.PhaseLoss) for fault in faults):
-        return math.sin(pole_pairs * crank_rad) ** 2
-    return 1.0
-
-
-class TurnCounter:
-    """A position that counts revolutions from `count_rev` on, and wraps to its negative at `wraps_at_rev`."""
-
-    def __init__(self, count_rev: int, wraps_at_rev: int) -> None:
-        self._turns_rev = count_rev
-        self._wraps_at_rev = wraps_at_rev
-        self._last_rev: float | None = None
-
-    def counted_rev(self, circular_rev: float) -> float:
-        """The count at a position of 0 … 1, which has moved by less than half a turn since the last call."""
-        if self._last_rev is not None:
-            self._turns_rev -= round(circular_rev - self._last_rev)
-        self._last_rev = circular_rev
-        wide_rev = 2 * self._wraps_at_rev
-        return (self._turns_rev + circular_rev + self._wraps_at_rev) % wide_rev - self._wraps_at_rev
+SAME_INSTANT_S = 1e-9
 
 
 class PlantFaults:
     """A scenario's sensor, drive and module faults, for one plant and its drive."""
 
-    def __init__(self, faults: Sequence[tables.Fault], seed: int, plant: Plant, config: DriveConfig) -> None:
-        self._sensors = SensorFaults(faults, seed)
-        self._faults = [fault for fault in faults if isinstance(fault, tables.PhysicalFault)]
+    def __init__(self, faults: Sequence[Fault], seed: int, plant: Plant, config: DriveConfig) -> None:
+        self._counts = counted(faults)
+        self._sensors = SensorFaults(self._counts, seed)
+        self._faults = [fault for fault in self._counts if isinstance(fault, PhysicalFault)]
+        edges_s = {edge_s for fault in self._faults for edge_s in (fault.at_s, fault.end_s)}
+        self._edges_s = sorted(edge_s for edge_s in edges_s if edge_s < math.inf)
         self._plant = plant
         self._parts = plant.parts
         self._config = self._acting_config = config
         motor = plant.parts.drive
         self._pole_pairs = motor.pole_pairs if isinstance(motor, MotorDrive) else 0
-        self._acting: list[tables.PhysicalFault] = []
-        self._counter: TurnCounter | None = None
+        self._acting: list[PhysicalFault] = []
+        self.waits = False
+        """Whether a stop waits to move until the striker is clear of its new place."""
+        self._changing: list[PhysicalFault] = []
+        """The acting faults that change the plant in every tick."""
+        self._counters: list[tuple[PhysicalFault, TurnCounter]] = []
 
-    def act(self, t_s: float, drive: DriveState) -> tuple[DriveConfig, DriveState]:
-        """Begin and end the faults due at `t_s`; return the drive, as at power-up while it has no supply."""
+    def edges_s(self, from_s: float, to_s: float) -> list[float]:
+        """The times at which a fault of module or drive begins or ends, with `from_s` ≤ t < `to_s`."""
+        return [
+            edge_s for edge_s in self._edges_s if from_s - SAME_INSTANT_S <= edge_s < to_s - SAME_INSTANT_S
+        ]
+
+    def act(self, t_s: float, drive: DriveState, ticks: int = 1) -> tuple[DriveConfig, DriveState]:
+        """Begin and end the faults due at `t_s`; return the drive, as at power-up while it has no supply.
+
+        `ticks`: the number of ticks for which the faults act until the next call.
+        """
         acting = [fault for fault in self._faults if fault.acts(t_s)]
-        if acting != self._acting:
+        if acting != self._acting or self.waits:
             began = [fault for fault in acting if fault not in self._acting]
             self._acting = acting
-            parts = broken_parts(self._parts, acting)
-            if parts != self._plant.parts:
-                self._plant.replace_parts(parts)
+            self._break(acting)
             for fault in began:
-                if isinstance(fault, tables.Kick):
-                    self._plant.kick(fault.change_m_s)
-                if isinstance(fault, tables.EncoderWrap):
-                    self._counter = TurnCounter(fault.count_rev, fault.wraps_at_rev)
-            if not any(isinstance(fault, tables.EncoderWrap) for fault in acting):
-                self._counter = None
-            self._acting_config = broken_config(self._config, acting)
+                if fault.kick_m_s:
+                    self._plant.kick(fault.kick_m_s)
+                    self._counts.acted(fault)
+                if (counter := fault.turn_counter()) is not None:
+                    self._counters.append((fault, counter))
+            self._counters = [(fault, counter) for fault, counter in self._counters if fault in acting]
+        for fault in self._changing:
+            self._counts.acted(fault, ticks)
         config = self._acting_config
         if self.is_dead:
             return config, axis.power_up(config)
         for fault in acting:
-            if isinstance(fault, tables.OverTemperature):
-                drive = drive._replace(motor_degc=fault.motor_degc)
+            drive = fault.drive(drive)
         return config, drive
+
+    def _break(self, acting: Sequence[PhysicalFault]) -> None:
+        """Give plant and drive the changes of these faults; a rigid stop stays until the striker is clear."""
+        parts, config = self._parts, self._config
+        for fault in acting:
+            parts, config = fault.parts(parts), fault.config(config)
+        self.waits = not self._plant.is_clear_of(parts)
+        if self.waits:
+            parts = parts._replace(stop=self._plant.parts.stop)
+        if parts != self._plant.parts:
+            self._plant.replace_parts(parts)
+        self._acting_config = config
+        self._changing = [
+            fault
+            for fault in acting
+            if fault.changes(self._parts, self._config)
+            and not (self.waits and fault.parts(self._parts).stop != self._parts.stop)
+        ]
 
     def published(self, t_s: float, reading: SensorReading) -> SensorReading:
         """The sensors' reading with the acting faults, from the true reading."""
@@ -127,14 +98,15 @@ class PlantFaults:
 
     def counted(self, estimates: EncoderEstimates) -> EncoderEstimates:
         """The drive's reported position, from its circular position."""
-        if self._counter is None:
-            return estimates
-        return estimates._replace(position_rev=self._counter.counted_rev(estimates.position_rev))
+        for fault, counter in self._counters[-1:]:
+            self._counts.acted(fault)
+            estimates = estimates._replace(position_rev=counter.counted_rev(estimates.position_rev))
+        return estimates
 
     @property
     def is_dead(self) -> bool:
         """Whether the drive's electronics have no supply."""
-        return any(isinstance(fault, tables.BrownOut) for fault in self._acting)
+        return any(fault.cuts_supply for fault in self._acting)
 
     def sent(self, frames: list[Frame]) -> list[Frame]:
         """The frames that leave the plant's node: none of the drive's while it has no supply."""
@@ -145,11 +117,18 @@ class PlantFaults:
         if self.is_dead:
             return ()
         for fault in self._acting:
-            if isinstance(fault, tables.TorqueStuck):
-                stuck = codec.SET_INPUT_TORQUE.encode(SetInputTorque(fault.torque_n_m))
-                frames = [stuck if frame.can_id == stuck.can_id else frame for frame in frames]
+            given = fault.received(frames)
+            if given is not frames:
+                changed = sum(one != other for one, other in zip(frames, given, strict=True))
+                self._counts.acted(fault, changed)
+                frames = given
         return frames
 
     def given_n_m(self, torque_n_m: float, crank_rad: float) -> float:
         """The motor's torque for the torque that the drive requests."""
-        return torque_n_m * torque_share(self._acting, self._pole_pairs, crank_rad)
+        for fault in self._acting:
+            given_n_m = fault.given_n_m(torque_n_m, self._pole_pairs, crank_rad)
+            if given_n_m != torque_n_m:
+                self._counts.acted(fault)
+            torque_n_m = given_n_m
+        return torque_n_m

@@ -1,25 +1,25 @@
 """Checks: limits of figures, and their evaluation on a run.
 
-A figure that is missing, NaN, or computed from an incomplete log never passes. If a node has recorded no
-tick, no figure passes: a firmware that never ran has latched no fault.
+A figure that is missing or NaN fails its check, and the result says why. If a node has recorded no tick,
+every check fails: a firmware that never ran has latched no fault. A figure that is computed from an
+incomplete log is not judged.
 """
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, model_validator
 
-from hil.judge.figures.records import CATALOGUE, incomplete, value_of
+from hil.judge.figures.records import CATALOGUE, Figures, Origin, incomplete, value_of
+from hil.judge.gaps import doubt_of
 from hil.judge.requirements import requirements
+from hil.judge.verdict import CheckResult, Value, Verdict
 from hil.record.run_traces import NOTHING_LEFT, RunTraces
 from plant_sim.validation_messages import nearest
 
 LONGEST_S = 86_400.0
 """Longest duration of a run."""
-
-Value = bool | int | float | str
 
 
 class Check(BaseModel):
@@ -82,6 +82,10 @@ class Check(BaseModel):
             raise ValueError(
                 f"check {self.name!r} has no limit, or both kinds; give low, high or both, or equals"
             )
+        is_text = spec is not None and spec.is_text
+        if is_text != (isinstance(self.equals, str) and not bounded):
+            wanted = "a text; give equals and a text" if is_text else "a number; give low, high or a number"
+            raise ValueError(f"check {self.name!r} cannot pass: the figure is {wanted}")
         if self.low is not None and self.high is not None and self.low > self.high:
             raise ValueError(f"check {self.name!r} cannot pass: low {self.low} is above high {self.high}")
         return self
@@ -94,18 +98,6 @@ class Check(BaseModel):
         if self.low is None:
             return f"≤ {self.high:g}"
         return f"≥ {self.low:g}" if self.high is None else f"{self.low:g} … {self.high:g}"
-
-
-@dataclass(frozen=True, slots=True)
-class CheckResult:
-    """Result of one check: measured value, unit and limit."""
-
-    name: str
-    passed: bool
-    value: Value | None
-    unit: str
-    limit: str
-    requirement: str | None = None
 
 
 def margin(check: Check, value: Any) -> float:
@@ -130,34 +122,96 @@ def within(check: Check, value: Any) -> bool:
     return margin(check, value) >= 0.0
 
 
-def own_value(check: Check, traces: RunTraces) -> float | None:
-    """The value of a check's own expression."""
-    from hil.judge.figures.own import Window, own_figure  # noqa: PLC0415 - most scenarios have none
+def margin_share(check: Check, value: Any) -> float | None:
+    """The margin as a share of the limits' half width, or of the only limit; None for texts and a limit of 0.
 
-    assert check.expression is not None
-    return own_figure(check.expression, Window(check.from_s, check.to_s), traces.plant, traces.firmware)
+    A lower limit of a share, such as 0.99, has 1 as its other end. A lower limit of 0 counts as none,
+    because the figures that have it (times, counts, errors) are never negative.
+
+    >>> margin_share(Check(name="peak_force_n", low=90.0, high=180.0), 135.0)
+    1.0
+    >>> margin_share(Check(name="estimate.x_rmse_m", high=0.002), 0.0005)
+    0.75
+    >>> margin_share(Check(name="detector.recall", low=0.9), 1.0)
+    1.0
+    """
+    if check.equals is not None or not isinstance(value, int | float) or not math.isfinite(value):
+        return None
+    low, high = check.low, check.high
+    if high is not None and low == 0.0:
+        return (high - value) / high if high > 0.0 else None
+    if high is not None:
+        scale = abs(high) if low is None else 0.5 * (high - low)
+    elif low is not None:
+        scale = 1.0 - low if 0.0 < low < 1.0 and value <= 1.0 else abs(low)
+    else:
+        return None
+    return margin(check, value) / scale if scale > 0.0 else None
 
 
-def left_no_tick(figures: Mapping[str, Any]) -> bool:
-    """Whether the loop of plant or firmware has recorded no tick."""
-    return any(loop["ticks"] == 0 for loop in figures["loops"].values())
+def measured(check: Check, figures: Figures, traces: RunTraces) -> tuple[Value | None, str | None]:
+    """The value of a check's figure, or None and the reason why the run does not have it."""
+    if silent := [name for name in ("plant", "firmware") if getattr(figures.loops, name).ticks == 0]:
+        return None, f"{' and '.join(silent)} recorded no tick"
+    if check.expression is not None:
+        from hil.judge.figures.expression import ExpressionError  # noqa: PLC0415 - most have none
+        from hil.judge.figures.own import Window, own_figure  # noqa: PLC0415
+
+        try:
+            window = Window(check.from_s, check.to_s)
+            return own_figure(check.expression, window, traces.plant, traces.firmware), None
+        except ExpressionError as error:
+            return None, str(error)
+    value = value_of(figures, check.name)
+    spec = CATALOGUE[check.name]
+    if spec.origin is Origin.HOLD and figures.hold_start_s is None:
+        return value, "the firmware never reached mode RUN, so the run has no hold"
+    if value is None:
+        return None, f"the run does not have this figure ({spec.meaning})"
+    return value, None
+
+
+def doubt(check: Check, figures: Figures) -> str | None:
+    """The reason why a check cannot be judged; None if it can."""
+    if check.name in incomplete(figures):
+        return f"can.log lacks {figures.log.frames_lost} frames, from which this figure is computed"
+    return doubt_of(check.name, window_s(check, figures), figures.gaps)
+
+
+def window_s(check: Check, figures: Figures) -> tuple[float, float]:
+    """The interval in s over which a check's figure is taken: its own, the hold, or the whole run."""
+    if check.expression is not None:
+        return check.from_s, check.to_s
+    if CATALOGUE[check.name].origin is Origin.HOLD and figures.hold_start_s is not None:
+        return figures.hold_start_s, figures.hold_end_s or LONGEST_S
+    return 0.0, LONGEST_S
 
 
 def evaluate(
-    checks: Iterable[Check], figures: Mapping[str, Any], traces: RunTraces = NOTHING_LEFT
+    checks: Iterable[Check], figures: Figures, traces: RunTraces = NOTHING_LEFT
 ) -> list[CheckResult]:
-    """Evaluate each check on the figures, given as `Figures.as_json()`, and own expressions on `traces`."""
-    doubtful, nothing_ran = incomplete(figures), left_no_tick(figures)
+    """Evaluate each check on the figures, and own expressions on `traces`."""
     results = []
     for check in checks:
-        if check.expression is None:
-            value, unit = value_of(figures, check.name), CATALOGUE[check.name].unit
-        else:
-            value, unit = own_value(check, traces), check.unit or ""
-        if nothing_ran:
-            value = None
-        passed = within(check, value) and check.name not in doubtful
-        results.append(CheckResult(check.name, passed, value, unit, check.limit, check.requirement))
+        value, reason = measured(check, figures, traces)
+        verdict = Verdict.PASSED if within(check, value) else Verdict.FAILED
+        if (doubted := doubt(check, figures)) is not None:
+            verdict, reason = Verdict.NOT_JUDGED, doubted
+        unit = check.unit or "" if check.expression is not None else CATALOGUE[check.name].unit
+        reason = None if verdict is Verdict.PASSED else reason
+        share = margin_share(check, value)
+        results.append(
+            CheckResult(
+                name=check.name,
+                verdict=verdict,
+                value=value,
+                unit=unit,
+                limit=check.limit,
+                requirement=check.requirement,
+                reason=reason,
+                margin_share=share,
+            )
+        )
     return results
 
 

@@ -1,5 +1,6 @@
-"""The reasons for which a run fails regardless of its checks."""
+"""The reasons for which a run fails, or is not judged, regardless of its checks."""
 
+from hil.judge.verdict import FaultEffect
 from hil.record.run_traces import RunTraces
 
 IMPORTED = "imported"
@@ -15,3 +16,23 @@ def reasons_of(traces: RunTraces) -> list[str]:
         return reasons
     nodes = {"plant": traces.plant, "firmware": traces.firmware}
     return reasons + [f"{name} left no trace" for name, records in nodes.items() if len(records) == 0]
+
+
+def fault_effects(traces: RunTraces) -> list[FaultEffect]:
+    """The effect of each fault of the script, in its order; unknown for runs that did not count."""
+    faults = traces.scenario.get("script", {}).get("faults", [])
+    counts = traces.outcome.get("faults_acted") or [None] * len(faults)
+    return [
+        FaultEffect(fault["kind"], float(fault["at_s"]), count)
+        for fault, count in zip(faults, counts, strict=True)
+    ]
+
+
+def doubts_of(traces: RunTraces) -> list[str]:
+    """The reasons why this run is not judged, one sentence each."""
+    idle = [
+        f"the fault {effect.kind!r} at {effect.at_s:g} s acted on nothing, so the run shows nothing of it"
+        for effect in fault_effects(traces)
+        if effect.acted_on == 0
+    ]
+    return [*traces.outcome.get("not_judged", []), *idle]

@@ -8,16 +8,17 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
+from hil.judge.verdict import RunVerdict, Verdict, worst
+
 
 class Requirement(BaseModel):
-    """A requirement in one sentence; `tests`: test files that prove it where no scenario can."""
+    """A requirement in one sentence."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     text: str
     source: str
     """The page under docs that states the requirement, with its section."""
-    tests: tuple[str, ...] = ()
 
 
 @cache
@@ -27,25 +28,26 @@ def requirements() -> Mapping[str, Requirement]:
     return {name: Requirement.model_validate(table) for name, table in document.items()}
 
 
-def trace(verdicts: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """For each requirement the checks that prove it, and whether all passed (None if none has run).
+def trace(verdicts: Iterable[RunVerdict]) -> dict[str, Any]:
+    """For each requirement the checks that prove it, and the verdict on it (None if none has run).
 
-    A run that fails regardless of its checks proves no requirement.
+    A run that fails or is not judged regardless of its checks proves no requirement.
     """
-    proofs: dict[str, list[dict[str, Any]]] = {name: [] for name in requirements()}
-    for verdict in verdicts:
-        for check in verdict["checks"]:
-            if check.get("requirement") is not None:
-                proof = {"name": check["name"], "limit": check["limit"]}
-                passed = check["passed"] and not verdict["reasons"]
-                proofs[check["requirement"]].append(
-                    {"scenario": verdict["scenario"], **proof, "passed": passed}
-                )
+    proofs: dict[str, list[tuple[Verdict, dict[str, Any]]]] = {name: [] for name in requirements()}
+    for run in verdicts:
+        of_run = Verdict.FAILED if run.reasons else Verdict.NOT_JUDGED if run.not_judged else None
+        for check in run.checks:
+            if check.requirement is not None:
+                verdict = of_run or check.verdict
+                proof: dict[str, Any] = {"scenario": run.scenario, "name": check.name, "limit": check.limit}
+                proof |= {"passed": verdict.passed, "verdict": verdict.value}
+                proofs[check.requirement].append((verdict, proof))
     return {
         name: {
             "text": requirements()[name].text,
-            "passed": all(proof["passed"] for proof in found) if found else None,
-            "checks": found,
+            "passed": worst(verdict for verdict, _ in found).passed,
+            "verdict": worst(verdict for verdict, _ in found).value if found else None,
+            "checks": [proof for _, proof in found],
         }
         for name, found in proofs.items()
     }

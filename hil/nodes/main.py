@@ -4,7 +4,7 @@ import json
 import signal
 import sys
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -12,31 +12,34 @@ from typing import NamedTuple
 
 from firmware_py.interface import codec
 from firmware_py.interface.addresses import Addresses, bus_id
-from firmware_py.interface.generated.records import DriveEstop
 from firmware_py.shell.builds import Build, node_of
-from firmware_py.shell.parameters import addresses_from, config_from
-from hil.bus import Bus, open_bus
+from firmware_py.shell.parameters import addresses_from, config_from, with_proof
+from hil.bus import Bus, is_own_bus, join_in_turns, open_bus
 from hil.bus.addressed import addressed
 from hil.bus.base import NodeBus
+from hil.bus.hub_socket import TurnSocket
 from hil.bus.wire import MAX_STANDARD_ID, REMOTE_FLAG
-from hil.faults.clocks import ClockFaults, FaultyClock
+from hil.faults.clocks import ClockFaults, FaultyClock, Runner, Turns, in_turns
+from hil.faults.counted import FAULTS_ACTED, CountedFaults, counted
 from hil.faults.line import with_faults
-from hil.faults.processes import FIRMWARE, PLANT
+from hil.faults.on_process import FIRMWARE, PLANT
 from hil.nodes.plant import ACCEPTED_IDS
 from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner, empty
 from hil.nodes.warm import warm_firmware, warm_plant
 from hil.record.traces.trace import bring_home
-from hil.scenario.fault_tables import Fault
-from hil.scenario.operator import OPERATOR_PERIOD_S, OperatorNode
+from hil.scenario.operator import RECEIVED_IDS, OperatorNode
 from hil.scenario.scenario import load_scenario, refuse_other_periods
 from hil.scenario.settings import apply_settings
 from hil.timing.clock import NS_PER_S, Clock, MonotonicClock
-from hil.timing.loop import FixedRateLoop
+from hil.timing.loop import FixedRateLoop, run_turns
+from hil.timing.pacemaker import AGAIN, Member
 from hil.timing.processes import READY, Start, read_start, report_to_parent
 from hil.timing.realtime import NODE, become_realtime, die_with_parent, leave_realtime
 
 START_DELAY_S = 0.2
 """Time from readiness to the start of a node that runs alone."""
+ESTOP_PATIENCE_S = 2.0
+"""Longest wait for the confirmation of an E-stop after the operator's script: twenty heartbeats."""
 
 FIRMWARE_IDS = [frame.can_id for frame in codec.CODECS.values() if frame.sender != "Firmware"]
 """Identifiers that the firmware receives."""
@@ -46,7 +49,8 @@ class NodeProcess(NamedTuple):
     """Settings of a node's process: bus, output folder, seed, start and end.
 
     `sync`: another process starts the node and sends the start time. `again`: the node replaces a node that
-    ended, and continues its trace.
+    ended, and continues its trace. `turns`: the socket of the pacemaker that gives the node its turns;
+    without it the node's time is strict.
     """
 
     bus: str
@@ -55,6 +59,7 @@ class NodeProcess(NamedTuple):
     sync: bool
     again: bool
     until_s: float | None
+    turns: Path | None = None
 
     def run(
         self,
@@ -64,38 +69,66 @@ class NodeProcess(NamedTuple):
         offset: float,
         accept: Collection[int],
         places: Addresses,
-        faults: Sequence[Fault],
+        faults: CountedFaults,
     ) -> None:
         """Join the bus, start and run the node that `make` returns for pace, bus and first tick.
 
-        `offset`: delay of its ticks in periods. `accept`: the identifiers that it receives.
+        `offset`: delay of its ticks in periods. `accept`: the identifiers that it receives. `faults`: the
+        sequence in which the node counts what they act on.
         """
         pace = Pace(period_s, self.until_s)
         start = await_start(self.sync, again=True) if self.again else Start(0)
         if self.out_dir is not None:
             self.out_dir.mkdir(parents=True, exist_ok=True)
-        with joined(self.bus, accept, places) as node_bus:
+        clock_faults = ClockFaults(faults, name, self.seed)
+        own_tick = start.first_tick + round(clock_faults.offset_s(start.first_tick * period_s) / period_s)
+        if self.turns is None:
+            joining = joined(self.bus, accept, places)
+        else:
+            member = Member[(name + AGAIN * self.again).upper().replace("-", "_")]
+            joining = joined_in_turns(self.bus, self.turns, member, accept, places)
+        with joining as (node_bus, giver):
             faulty_bus, set_time = with_faults(node_bus, name, faults, self.seed)
-            runner = make(pace, faulty_bus, start.first_tick)
-            clock_faults = ClockFaults(faults, name, self.seed)
+            runner = make(pace, faulty_bus, own_tick if giver else start.first_tick)
+            if giver is not None:
+                empty(node_bus)
             begin = start if self.again else await_start(self.sync)
-            run_loop(runner, pace, offset, node_bus, begin, set_time, clock_faults, self.sync)
+            if giver is None:
+                overruns = run_strictly(
+                    runner, pace, offset, node_bus, begin, set_time, clock_faults, self.sync
+                )
+            else:
+                stepped = in_turns(runner, name, faults, period_s, self.seed, start.first_tick)
+                run_in_turns(giver, stepped, node_bus, begin, set_time, period_s)
+                overruns = 0
+            summary = {"overruns": overruns, "lost_records": runner.lost_records, **asdict(node_bus.counters)}
+            summary[FAULTS_ACTED] = faults.counts
+            if self.sync:
+                report_to_parent(json.dumps(summary))
+            else:
+                print(json.dumps(summary), file=sys.stderr)
         if self.out_dir is not None and not self.sync:
             bring_home(self.out_dir)
 
 
 def firmware_main(scenario: str | None, settings: Sequence[str], process: NodeProcess, build: Build) -> None:
-    """`vibrohil firmware`: the controller on a bus, with a scenario's parameters or its defaults."""
+    """`vibrohil firmware`: the controller on a bus, with a scenario's parameters or its defaults.
+
+    On a bus that the bench has not made, no start comes before the test of the drive's watchdog, unless the
+    parameters say otherwise.
+    """
     if process.sync:
         belong_to_parent()
-    faults: Sequence[Fault] = ()
+    faults = counted(())
     walks = True
     if scenario is None:
         parameters = apply_settings({"firmware": {}}, settings)["firmware"]
     else:
         loaded = load_scenario(scenario, settings)
-        parameters, faults = loaded.parameters, loaded.faults
+        parameters, faults = loaded.parameters, counted(loaded.faults)
         walks = loaded.scene.gait is not None
+    if not (process.sync or is_own_bus(process.bus)):
+        parameters = with_proof(parameters)
     period_s = config_from(parameters).tick_s
     refuse_other_periods(period_s)
     warm_firmware(parameters, build)
@@ -116,40 +149,57 @@ def plant_main(scenario: str, settings: Sequence[str], process: NodeProcess) -> 
     places = addresses_from(loaded.parameters)
     refuse_other_periods(loaded.period_s)
     warm_plant(loaded.scene)
+    faults = counted(loaded.faults)
 
     def make(pace: Pace, bus: NodeBus, first_tick: int) -> PlantRunner:
-        out_dir, faults = process.out_dir, loaded.faults
-        runner = PlantRunner(loaded.scene, process.seed, pace, bus, out_dir, faults, first_tick)
+        runner = PlantRunner(loaded.scene, process.seed, pace, bus, process.out_dir, faults, first_tick)
         runner.node.node_id = places.drive_node
         return runner
 
-    process.run(PLANT, make, loaded.period_s, 0.0, ACCEPTED_IDS, places, loaded.faults)
+    process.run(PLANT, make, loaded.period_s, 0.0, ACCEPTED_IDS, places, faults)
 
 
-def operator_main(scenario: str, settings: Sequence[str], bus: str) -> None:
-    """`vibrohil operator`: a scenario's script on `bus`; sends an E-stop if it is ended early."""
+def operator_main(scenario: str, settings: Sequence[str], bus: str) -> bool:
+    """`vibrohil operator`: a scenario's script on `bus`; sends an E-stop if it is ended early.
+
+    An E-stop is repeated until the firmware confirms it, for at most `ESTOP_PATIENCE_S` beyond the end.
+    Returns whether every E-stop was confirmed.
+    """
     loaded = load_scenario(scenario, settings)
     node = OperatorNode(loaded.commands, loaded.period_s)
     clock = MonotonicClock()
-    stopped = False
-    with joined(bus, (), addresses_from(loaded.parameters)) as node_bus:
+    is_stopped = False
+    last_tick = loaded.ticks - 1
+    patience_ticks = round(ESTOP_PATIENCE_S / loaded.period_s)
+    with joined(bus, RECEIVED_IDS, addresses_from(loaded.parameters)) as (node_bus, _):
         t0_ns = clock.now_ns() + round(START_DELAY_S * NS_PER_S)
-        loop = FixedRateLoop(clock, t0_ns, round(OPERATOR_PERIOD_S * NS_PER_S))
+        loop = FixedRateLoop(clock, t0_ns, round(loaded.period_s * NS_PER_S))
 
         def stop(*_: object) -> None:
-            nonlocal stopped
-            stopped = True
-            loop.stop()
+            nonlocal is_stopped
+            is_stopped = True
 
-        def say(period: int, _: int) -> None:
-            node_bus.send_all(node.publish(period))
+        def step(tick: int, _: int) -> None:
+            nonlocal last_tick
+            if is_stopped and last_tick > tick:
+                node.emergency_stop(tick)
+                last_tick = tick
+            if tick >= node.due_tick:
+                node_bus.send_all(node.publish(tick, node_bus.receive()))
+            if tick >= last_tick + (patience_ticks if node.estop_is_unconfirmed else 0):
+                loop.stop()
 
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, stop)
         print(f"playing the script for {loaded.duration_s:g} s; Ctrl-C is an E-stop", file=sys.stderr)
-        loop.run(round(loaded.duration_s / OPERATOR_PERIOD_S), say, None)
-        if stopped:
-            node_bus.send_all([codec.DRIVE_ESTOP.encode(DriveEstop())])
+        loop.run(None, step, None)
+    if node.estop_is_unconfirmed:
+        print(
+            "error: no firmware has confirmed the E-stop; cut the drive's supply, then check the bus, "
+            "the firmware and the node numbers bus.drive_node and bus.own_node",
+            file=sys.stderr,
+        )
+    return not node.estop_is_unconfirmed
 
 
 def belong_to_parent() -> None:
@@ -158,20 +208,34 @@ def belong_to_parent() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
+def on_bus(accept: Collection[int], places: Addresses) -> list[int]:
+    """The identifiers of the module at `places` for those of `vibro.dbc`, remote frames with their flag."""
+    return [bus_id(places, can_id & MAX_STANDARD_ID) | (can_id & REMOTE_FLAG) for can_id in accept]
+
+
 @contextmanager
-def joined(spec: str, accept: Collection[int], places: Addresses) -> Iterator[Bus]:
+def joined_in_turns(
+    address: str, turns: Path, member: int, accept: Collection[int], places: Addresses
+) -> Iterator[tuple[Bus, TurnSocket | None]]:
+    """Join a run's own bus and its pacemaker."""
+    bus, giver = join_in_turns(address, turns, member, on_bus(accept, places))
+    with closing(giver), closing(bus):
+        yield addressed(bus, places), giver
+
+
+@contextmanager
+def joined(spec: str, accept: Collection[int], places: Addresses) -> Iterator[tuple[Bus, TurnSocket | None]]:
     """Make or find the bus that `spec` names, and join it with the identifiers of the module at `places`.
 
     Prints on standard error how other programs join the bus.
     """
-    on_bus = [bus_id(places, can_id & MAX_STANDARD_ID) | (can_id & REMOTE_FLAG) for can_id in accept]
-    with open_bus(spec, on_bus) as (provided, bus):
+    with open_bus(spec, on_bus(accept, places)) as (provided, bus):
         if provided.address != spec:
             print(
                 f"bus {provided.name} ({provided.reason}); join it with --bus {provided.address}",
                 file=sys.stderr,
             )
-        yield addressed(bus, places)
+        yield addressed(bus, places), None
 
 
 def await_start(sync: bool, again: bool = False) -> Start:
@@ -188,7 +252,37 @@ def await_start(sync: bool, again: bool = False) -> Start:
     return Start(MonotonicClock().now_ns() + round(START_DELAY_S * NS_PER_S))
 
 
-def run_loop(
+def run_in_turns(
+    giver: TurnSocket,
+    runner: Runner | Turns,
+    node_bus: Bus,
+    start: Start,
+    set_time: Callable[[float], None],
+    period_s: float,
+) -> None:
+    """Run in the turns of the pacemaker to its end or to SIGTERM, each tick as in lockstep."""
+    if start.first_tick > 0:
+        become_realtime(NODE)
+    signal.signal(signal.SIGTERM, lambda *_: giver.leave())
+    last_tick = start.first_tick - 1
+
+    def step(tick: int) -> int:
+        nonlocal last_tick
+        if tick == start.first_tick > 0:
+            empty(node_bus)
+        set_time(tick * period_s)
+        runner.step(tick, tick - last_tick)
+        last_tick = tick
+        return tick + 1
+
+    try:
+        run_turns(giver, step, runner.record)
+    finally:
+        leave_realtime()
+        runner.close()
+
+
+def run_strictly(
     runner: FirmwareRunner | PlantRunner,
     pace: Pace,
     offset: float,
@@ -197,14 +291,14 @@ def run_loop(
     set_time: Callable[[float], None],
     clock_faults: ClockFaults,
     sync: bool,
-) -> None:
-    """Run from the start, delayed by `offset` periods, to the end or to SIGTERM or Ctrl-C."""
-    if start.shared >= 0:
-        leave_realtime()  # no process can be late, and the recorder needs the CPU as well
-    elif start.first_tick > 0:
+) -> int:
+    """Run from the start, delayed by `offset` periods, to the end or to SIGTERM or Ctrl-C.
+
+    Time is strict: it does not wait for a late node. Returns the number of ticks that the loop has missed.
+    """
+    if start.first_tick > 0:
         become_realtime(NODE)
-    own_clock = start.clock()
-    clock: Clock = own_clock
+    clock: Clock = MonotonicClock()
     ticks = pace.ticks
     if clock_faults.any:
         clock = FaultyClock(clock, clock_faults, start.t0_ns)
@@ -225,11 +319,6 @@ def run_loop(
     try:
         loop.run(ticks, step, runner.record, start.first_tick)
     finally:
-        own_clock.leave()
         leave_realtime()
         runner.close()
-    summary = {"overruns": loop.overruns, "lost_records": runner.lost_records, **asdict(node_bus.counters)}
-    if sync:
-        report_to_parent(json.dumps(summary))
-    else:
-        print(json.dumps(summary), file=sys.stderr)
+    return loop.overruns

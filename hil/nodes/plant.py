@@ -4,17 +4,19 @@ At t_k `publish` returns the frames of the sensors. `advance` then obeys the fra
 moves the module to t_{k+1}. If the loop has skipped ticks, `sleep_through` advances the module by their time.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.interface import codec
-from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
+from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import Accelerometer, GaitSensors
 from hil.bus.wire import REMOTE_FLAG
 from hil.drive import axis, messages
 from hil.drive.axis import TIME_RESOLUTION_S, DriveConfig, DriveState, Telemetry
+from hil.drive.axis_table import AxisTable, axis_of
 from hil.drive.node import (
     COMMAND_IDS,
     NOT_MODELLED_IDS,
@@ -31,18 +33,19 @@ from hil.drive.node import (
     report_frame,
     torques,
 )
-from hil.drive.reports import NOTHING, Reports, first_reports, look, report_ticks, take, ticks_of
+from hil.drive.reports import NOTHING, Ticks, first_reports, look, report_ticks, take, ticks_of
+from hil.faults.fault import Fault
 from hil.faults.plant import PlantFaults
+from hil.nodes.frame_rows import byte_frame, word_frame
+from hil.nodes.plant_steps import Due, PlantState, Setup
 from hil.nodes.sampled import SampledFrames
 from hil.record.traces.plant_trace import PlantRecord
-from hil.scenario.fault_tables import Fault
 from plant_sim.parts.drive import MotorDrive, MotorTable
 from plant_sim.plant import Plant
 from plant_sim.result import Impact
 from plant_sim.scene import Scene
 from plant_sim.sensors.gait import GaitReading, GaitTruth
 from plant_sim.sensors.readings import SensorReading
-from plant_sim.tables.scene_tables import AxisTable
 
 OBEYED_IDS = frozenset((*COMMAND_IDS, *NOT_MODELLED_IDS))
 ACCEPTED_IDS = (
@@ -63,16 +66,25 @@ def drive_config(scene: Scene) -> DriveConfig:
     """Configuration of the drive for the scene's motor; for a default motor if the scene's drive is ideal."""
     drive = scene.parts().drive
     motor: MotorDrive | MotorTable = drive if isinstance(drive, MotorDrive) else MotorTable()
-    axis_table = scene.axis or AxisTable()
+    axis_table = axis_of(scene) or AxisTable()
     return DriveConfig(
         motor.torque_constant_n_m_a,
         motor.resistance_ohm,
         motor.supply_v,
         motor.current_limit_a,
         motor.speed_limit_rad_s,
-        watchdog_s=axis_table.watchdog_s,
+        watchdog_s=math.inf if axis_table.watchdog_feed == "off" else axis_table.watchdog_s,
+        is_fed_by_every_frame=axis_table.watchdog_feed == "frames",
         control_mode=CONTROL_MODES[axis_table.control_mode],
     )
+
+
+def frame_ticks(scene: Scene, period_s: float) -> tuple[Ticks, int]:
+    """The periods of the drive's reports and of the encoder's frame, in ticks of `period_s`."""
+    configured = axis_of(scene)
+    encoder_s = (configured or AxisTable()).encoder_s or period_s
+    heartbeat_s = None if configured is None else configured.heartbeat_s
+    return report_ticks(period_s, heartbeat_s), max(1, round(encoder_s / period_s))
 
 
 def gait_record(reading: GaitReading) -> GaitSensors:
@@ -106,10 +118,7 @@ class PlantNode:
         """The gait at t_k; None without a walk."""
         self.began_s = first_tick * period_s
         self.counter = -1
-        axis_table = scene.axis or AxisTable()
-        self._ticks_an_encoder_frame = max(1, round((axis_table.encoder_s or period_s) / period_s))
-        heartbeat_s = None if scene.axis is None else scene.axis.heartbeat_s
-        self.report_periods = report_ticks(period_s, heartbeat_s)
+        self._report_ticks, self._ticks_an_encoder_frame = frame_ticks(scene, period_s)
         self.reports = first_reports(first_tick)
         self._reading: SensorReading
         self.node_id = 0
@@ -140,7 +149,7 @@ class PlantNode:
         if self.plant.has_gait_sensors:
             frames += [frame for _, frame in self.gait_frames(range(self.tick, self.tick + 1))]
         frames += self.sampled.frames(self.tick)
-        self.reports, report = take(look(self.report_periods, self.reports, self.tick))
+        self.reports, report = take(look(self._report_ticks, self.reports, self.tick))
         if report != NOTHING:
             frames.append(self._report(report))
         if self.requests:
@@ -178,8 +187,7 @@ class PlantNode:
         return VERSION if can_id == VERSION_ID else address(self.node_id)
 
     def _report(self, report: int) -> Frame:
-        can_id, length, word = report_frame(self.drive_config, self.drive, self._telemetry(), report)
-        return Frame(can_id, bytes_of(word, length))
+        return byte_frame(*report_frame(self.drive_config, self.drive, self._telemetry(), report))
 
     def _telemetry(self) -> Telemetry:
         now = self.plant.now
@@ -193,24 +201,38 @@ class PlantNode:
         torque_n_m = axis.torque_n_m(config, self.drive, omega_rad_s)
         self.record = self._record_of(torque_n_m)
         self.gait = plant.gait_at(self._since_start_s(self.tick))
-        armed_s = min(self.period_s, axis.watchdog_left_s(config, self.drive))
-        self._move(torque_n_m, armed_s)
-        now = plant.now
-        self.drive = axis.elapse(config, self.drive, armed_s, now.omega_rad_s, now.current_a)
-        if armed_s < self.period_s - TIME_RESOLUTION_S:
-            self._move(0.0, self.period_s - armed_s)
+        begin_s = self.tick * self.period_s
+        left_s = self.period_s
+        for edge_s in self._faults.edges_s(begin_s + 2.0 * TIME_RESOLUTION_S, begin_s + self.period_s):
+            part_s = edge_s - (begin_s + self.period_s - left_s)
+            self._drive_on(torque_n_m, part_s)
+            left_s -= part_s
+            self.drive_config, self.drive = self._faults.act(edge_s, self.drive)
+            torque_n_m = axis.torque_n_m(self.drive_config, self.drive, plant.now.omega_rad_s)
+        self._drive_on(torque_n_m, left_s)
         self.tick += 1
+
+    def _drive_on(self, torque_n_m: float, dt_s: float) -> None:
+        """Advance by `dt_s` under the drive's torque, until its watchdog expires."""
+        config = self.drive_config
+        armed_s = min(dt_s, axis.watchdog_left_s(config, self.drive))
+        self._move(torque_n_m, armed_s)
+        now = self.plant.now
+        self.drive = axis.elapse(config, self.drive, armed_s, now.omega_rad_s, now.current_a)
+        if armed_s < dt_s - TIME_RESOLUTION_S:
+            self._move(0.0, dt_s - armed_s)
 
     def _obey(self, frames: Sequence[Frame]) -> None:
         for frame in frames:
             can_id, data = frame
             if can_id in OBEYED_IDS:
-                words = WordFrame(can_id, len(data), word_of(data))
                 position_rev = self._reading.encoder_position_rev
-                self.drive, was_read = obey(self.drive_config, self.drive, words, position_rev)
+                self.drive, was_read = obey(self.drive_config, self.drive, word_frame(frame), position_rev)
                 self.rejected += not was_read
             elif not data and can_id in REQUEST_IDS:
                 self.requests.append(can_id)
+                if self.drive_config.is_fed_by_every_frame:
+                    self.drive = axis.feed_watchdog(self.drive)
             elif is_new_address(self.node_id, frame):
                 self.drive = axis.disarm(self.drive, axis.BAD_CONFIG)  # the node number is a parameter
 
@@ -222,28 +244,65 @@ class PlantNode:
     def _since_start_s(self, tick: int) -> float:
         return tick * self.period_s - self.began_s
 
-    def act(self) -> None:
-        """Begin and end the faults that are due in this tick."""
-        self.drive_config, self.drive = self._faults.act(self.tick * self.period_s, self.drive)
+    def act(self, ticks: int = 1) -> None:
+        """Begin and end the faults that are due in this tick; they act for `ticks` until the next call."""
+        self.drive_config, self.drive = self._faults.act(self.tick * self.period_s, self.drive, ticks)
 
-    def resume(self, tick: int, drive: DriveState, reports: Reports, counter: int) -> None:
-        """Continue from `tick`, to which compiled code has advanced plant and drive."""
-        self.tick, self.drive, self.reports, self.counter = tick, drive, reports, counter
+    @property
+    def has_waiting_fault(self) -> bool:
+        """Whether a fault is due that cannot act yet (`PlantFaults.waits`)."""
+        return self._faults.waits
+
+    @property
+    def setup(self) -> Setup:
+        """The drive's configuration and the frames' periods, for compiled steps."""
+        sensors = self.sampled.all_sensors()
+        return Setup(self.drive_config, self._report_ticks, self._ticks_an_encoder_frame, sensors)
+
+    @property
+    def state(self) -> PlantState:
+        """The state between two ticks, for compiled steps."""
+        lent = self.plant.lend()
+        return PlantState(
+            self.tick, self.counter, self.reports, self.drive, lent.t_s, lent.t_rest_s, torque_n_m=0.0
+        )
+
+    def due(self, ticks: int) -> Due:
+        """The gait sensors' frames and the samples of the next `ticks`, for compiled steps."""
+        numbers = range(self.tick, self.tick + ticks)
+        frames = self.gait_frames(numbers) if self.plant.has_gait_sensors else []
+        rows = [(number, *word_frame(frame)) for number, frame in frames]
+        gait = np.array(rows, dtype=np.int64).reshape(-1, 4)
+        return Due(gait, self.sampled.rows(self.tick, ticks), np.zeros(2, np.int64))
+
+    def resume(self, state: PlantState, status: int) -> None:
+        """Continue from the state that compiled steps have reached, with the solver's status."""
+        self.tick, self.counter, self.reports, self.drive, t_s, t_rest_s, torque_n_m = state
+        self.plant.take_back(t_s, t_rest_s, torque_n_m, status)
 
     def sleep_through(self, ticks: int, frames: Sequence[Frame]) -> None:
         """Advance by `ticks` in which this process did not run; `frames` arrived in that time.
 
-        The module moves under the torque of the last command until the drive's watchdog would expire. The
+        The module moves under the torque of the last command until the drive's watchdog would expire; faults
+        of module and drive act at their times. The
         pause does not count towards the watchdog afterwards, since this process could not receive commands in
         it.
         """
         if self.counter < 0:  # the first sample has not been sent yet
             self._reading = self.plant.sense()
         self._obey(frames)
-        pause_s = ticks * self.period_s
+        begin_s, pause_s = self.tick * self.period_s, ticks * self.period_s
         held_s = min(pause_s, axis.watchdog_left_s(self.drive_config, self.drive))
-        self._move(axis.torque_n_m(self.drive_config, self.drive, self.plant.now.omega_rad_s), held_s)
-        self._move(0.0, pause_s - held_s)
+        gone_s = 0.0
+        edges_s = self._faults.edges_s(begin_s, begin_s + pause_s)
+        for until_s in (*(edge_s - begin_s for edge_s in edges_s), pause_s):
+            torque_n_m = axis.torque_n_m(self.drive_config, self.drive, self.plant.now.omega_rad_s)
+            armed_until_s = min(max(held_s, gone_s), until_s)
+            self._move(torque_n_m, armed_until_s - gone_s)
+            self._move(0.0, until_s - armed_until_s)
+            if until_s < pause_s:
+                self.drive_config, self.drive = self._faults.act(begin_s + until_s, self.drive)
+            gone_s = until_s
         self.tick += ticks
         self.counter += ticks  # the sensors continued to sample: their counter counts periods
 

@@ -10,10 +10,14 @@ sample is used; the samples of the next tick are current.
 
 from collections.abc import Sequence
 
-from firmware_py.interface import codec
-from firmware_py.interface.codec import FrameError
 from firmware_py.interface.frame import Frame
-from firmware_py.node.receiver import LONGEST_DATED_TICKS
+from firmware_py.shell.catching_up import (
+    ACCELEROMETER,
+    COUNTER_MODULUS,
+    LONGEST_DATED_TICKS,
+    is_sampled,
+    sample_counter,
+)
 
 PATIENCE_TICKS = 25
 """Longest wait for a current sample after a pause, in ticks; then the sensors count as silent."""
@@ -22,28 +26,9 @@ AT_ONCE, AT_LAST = (0, 1), (0, 1, -1)
 """Accepted deviations of a counter in ticks, best first: this tick's sample, then the next tick's, which may
 also have arrived. The previous tick's comes last, since it would leave the firmware a tick behind."""
 
-MODULUS = 1 << codec.ACCELEROMETER.layout.counter_bits
-ACCELEROMETER, ENCODER = codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id
-
 STEADY_SAMPLES = 2
 """Largest number of samples per tick from sensors in steady operation. If no more arrive, they are current
 regardless of their counter, since the counter before the pause may have been assigned to a wrong tick."""
-
-
-def counter_of(frame: Frame) -> int | None:
-    """The rolling counter of an accelerometer frame; None for another or a damaged frame."""
-    if frame.can_id != ACCELEROMETER:
-        return None
-    try:
-        codec.ACCELEROMETER.decode(frame.data)
-    except FrameError:
-        return None
-    return codec.ACCELEROMETER.counter(frame.data)
-
-
-def is_sampled(frame: Frame) -> bool:
-    """Whether a frame is part of a sample, which belongs to one tick."""
-    return frame.can_id in (ACCELEROMETER, ENCODER)
 
 
 class Resync:
@@ -54,7 +39,7 @@ class Resync:
     """
 
     def __init__(self, last_tick: int, last_frames: Sequence[Frame]) -> None:
-        counters = [counter for counter in map(counter_of, last_frames) if counter is not None]
+        counters = [counter for counter in map(sample_counter, last_frames) if counter is not None]
         self._last_tick = last_tick
         self._lead = counters[-1] - last_tick if counters else None
         self._left_ticks = PATIENCE_TICKS
@@ -96,13 +81,17 @@ class Resync:
 
     def _look(self, tick: int, jitters: Sequence[int]) -> None:
         """Search for the sample of `tick` within `jitters`; any sample if no earlier counter is known."""
-        places = {counter_of(frame): place for place, frame in enumerate(self._gathered)}
+        places = {sample_counter(frame): place for place, frame in enumerate(self._gathered)}
         places.pop(None, None)
         if self._lead is None:
             self.is_fresh = bool(places)
             return
         now = self._lead + tick
-        near = [places[(now + jitter) % MODULUS] for jitter in jitters if (now + jitter) % MODULUS in places]
+        near = [
+            places[(now + jitter) % COUNTER_MODULUS]
+            for jitter in jitters
+            if (now + jitter) % COUNTER_MODULUS in places
+        ]
         self.is_fresh = bool(near)
         if near:
             self._hold_back(near[0])

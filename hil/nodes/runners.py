@@ -12,6 +12,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.shell.node import FirmwareNode, MakeNode, powered_up
 from firmware_py.shell.parameters import of_the_build
 from hil.bus.base import NodeBus
+from hil.faults.fault import Fault
 from hil.faults.memory import ParameterMemory
 from hil.nodes.alignment import Alignment
 from hil.nodes.plant import PlantNode
@@ -19,7 +20,6 @@ from hil.nodes.resync import Resync
 from hil.record.traces.firmware_trace import FirmwareTrace
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import TraceWriter
-from hil.scenario.fault_tables import Fault
 from hil.scenario.operator import Command, OperatorNode, OperatorRecord
 from hil.timing.loop import LoopTiming
 from plant_sim.result import Impact
@@ -247,7 +247,7 @@ def _write_line(out_dir: Path | None, line: str) -> None:
 
 
 class OperatorRunner:
-    """The operator's node; a step per `OPERATOR_PERIOD_S`."""
+    """The operator's node; call `step` in tick `due_tick`."""
 
     def __init__(self, commands: Sequence[Command], pace: Pace, bus: NodeBus, out_dir: Path | None) -> None:
         self.node = OperatorNode(commands, pace.period_s)
@@ -256,15 +256,20 @@ class OperatorRunner:
         if out_dir is not None:
             self._trace = TraceWriter(out_dir / "operator.trace", [("", OperatorRecord)])
 
-    def step(self, period: int) -> None:
-        """Run one period."""
-        self.bus.send_all(self.frames(period))
+    @property
+    def due_tick(self) -> int:
+        """Tick of the next step."""
+        return self.node.due_tick
 
-    def frames(self, period: int) -> list[Frame]:
-        """The operator's frames in this period; appends its record to the trace."""
-        frames = self.node.publish(period)
+    def step(self, tick: int) -> None:
+        """Act in `tick`."""
+        self.bus.send_all(self.frames(tick))
+
+    def frames(self, tick: int) -> list[Frame]:
+        """The operator's frames of `tick`; appends its record to the trace."""
+        frames = self.node.publish(tick, self.bus.receive())
         if self._trace is not None:
-            self._trace.append(self.node.record(period))
+            self._trace.append(self.node.record())
         return frames
 
     def close(self) -> None:

@@ -12,10 +12,11 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from firmware_py.interface.codec import CODECS
-from firmware_py.interface.frame import Frame, WordFrame, bytes_of
+from firmware_py.interface.frame import Frame, WordFrame
 from firmware_py.interface.generated import records
 from hil.drive.reports import ticks_of
-from plant_sim.kernels import by_part, law
+from hil.nodes.frame_rows import byte_frame
+from plant_sim.kernels import by_part
 from plant_sim.plant import Plant
 from plant_sim.sensors.sampled import SAMPLED, SampledSensor, signals
 
@@ -44,7 +45,7 @@ def packed(kind: type[SampledSensor]) -> Callable[[SampledSensor, Vector, Vector
 
 
 for _kind in SAMPLED:
-    law(frame_of, _kind)(packed(_kind))
+    frame_of.register(_kind)(packed(_kind))
 
 
 def sampled_frame(
@@ -55,10 +56,8 @@ def sampled_frame(
 
 
 @overload(sampled_frame, strict=False, jit_options={"error_model": "numpy"})
-def _(sensors: Any, which: Any, observed: Any, noise: Any, counter: Any) -> Any:
+def _sampled_frame_of_types(sensors: Any, which: Any, observed: Any, noise: Any, counter: Any) -> Any:
     """Compiled version: numba cannot index a tuple of records of several types by a variable."""
-    if len(sensors) == 0:
-        return lambda sensors, which, observed, noise, counter: WordFrame(0, 0, 0)
     if len(sensors) == 1:
         return lambda sensors, which, observed, noise, counter: frame_of(sensors[0], observed, noise, counter)
 
@@ -79,12 +78,18 @@ class SampledFrames:
         self._ticks = [ticks_of(its_codec, period_s) for its_codec in self._codecs]
         self._last = [-1] * len(self._codecs)
 
+    def all_sensors(self) -> tuple[SampledSensor, ...]:
+        """A sensor of every kind for `sampled_frame`, so that all scenes have one kernel; rows name only the
+        fitted ones."""
+        fitted = {type(sensor): sensor for sensor in self._plant.sampled}
+        return tuple(fitted.get(kind) or kind(*[0.0] * len(kind._fields)) for kind in SAMPLED)
+
     def frames(self, tick: int) -> list[Frame]:
         """The frames of the sensors that are sampled in `tick`, from the plant's present state."""
         frames = []
         for which, number, noise in self._samples(tick):
             frame = frame_of(self._plant.sampled[which], self._plant.observed, noise, number)
-            frames.append(Frame(frame.can_id, bytes_of(frame.word, frame.length)))
+            frames.append(byte_frame(*frame))
         return frames
 
     def rows(self, tick: int, ticks: int) -> Vector:
@@ -92,7 +97,8 @@ class SampledFrames:
         rows = []
         for number in range(tick, tick + ticks) if self._codecs else ():
             for which, counter, noise in self._samples(number):
-                rows.append([number, which, counter, *noise, *[0.0] * (MOST_SIGNALS - len(noise))])
+                kind = SAMPLED.index(type(self._plant.sampled[which]))
+                rows.append([number, kind, counter, *noise, *[0.0] * (MOST_SIGNALS - len(noise))])
         return np.array(rows, dtype=np.float64).reshape(-1, NOISE + MOST_SIGNALS)
 
     def _samples(self, tick: int) -> Iterator[tuple[int, int, Vector]]:

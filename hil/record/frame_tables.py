@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from firmware_py.interface.codec import CODEC_BY_ID, CODECS, FrameCodec
 from firmware_py.interface.crc import FINAL_XOR, INITIAL, TABLE
-from firmware_py.interface.layout import SignalKind
+from firmware_py.interface.dbc import SignalKind
 from hil.record.candump import MOST_BYTES, BusLog, tenths_of
 from plant_sim.arrays import BoolArray, FloatArray, IntArray
 

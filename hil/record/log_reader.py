@@ -21,7 +21,7 @@ from hil.record.traces.precision import NS_PER_S, TIME
 from hil.record.traces.stored_trace import ByColumn, Records, StoredColumns
 
 TIMELINES = ("sim_time", "wall_time")
-MEASURED = frozenset({"deadline_ns", "work_us", "wake_latency_us", "overruns"})
+MEASURED = frozenset({"deadline_ns", "work_us", "wake_latency_us", "overruns", "cpu_us"})
 """Columns that depend on the machine and therefore differ between runs."""
 ROW_ID = "rerun.controls.RowId"
 FENCE = re.compile(r"\A```\w*\n(.*)\n```\Z", re.DOTALL)
@@ -194,6 +194,17 @@ def leaves(name: str, values: pa.Array) -> Iterator[tuple[str, pa.Array]]:
         return
     for field, inner in zip(values.type, values.flatten(), strict=True):
         yield from leaves(f"{name}.{field.name}" if name else field.name, inner)
+
+
+def held_columns(path: Path, name: str) -> frozenset[str]:
+    """Columns that are logged less often than the table has rows, which hold the last logged value."""
+    if not has_slow(name, entities(path)):
+        return frozenset()
+    fast, slow = (
+        {column for column, _ in leaves("", leaf(next(blocks(path, entity)), RECORD))}
+        for entity in (name, slow_entity(name))
+    )
+    return frozenset(slow - fast)
 
 
 def columns_of(rows: pa.Table) -> dict[str, NDArray[Any]]:

@@ -29,7 +29,7 @@ def rerun_environment() -> dict[str, str]:
     unchanged.
     """
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    folder = cache / "vibrohil" / "rerun-settings"
+    folder = cache / "vibrohil-rerun-settings"
     environment = {**os.environ, "XDG_CONFIG_HOME": str(folder)}
     if not (folder / "rerun" / "analytics.json").exists():
         folder.mkdir(parents=True, exist_ok=True)

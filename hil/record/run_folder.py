@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from hil.record.new_file import is_regular, made_anew
 from hil.record.run_traces import CAN_LOG
 from hil.record.traces import trace
 
@@ -43,21 +44,65 @@ MADE_BY_A_RUN = (
 """Every file that a run may write; the suffix `.new` marks unfinished files."""
 
 
+MADE_BY_A_SUITE = (SUITE_NOTE, f"{SUITE_NOTE}.new", "junit.xml", "index.html")
+"""Every file that a suite itself may write."""
+MOST_NOTE_BYTES = 64 << 20
+"""Size of the largest JSON or TOML file of a run that is read."""
+BLOCK_BYTES = 512
+"""Unit of `st_blocks`."""
+LARGEST_SHARE_OF_HOLES = 100
+"""Largest size of a file over its size on the disk; a file system that compresses stays below."""
+
+
 class RunFolderError(ValueError):
     """A folder cannot be used for a run; the message names the remedy."""
 
 
+def read_note(path: Path) -> dict[str, Any]:
+    """A JSON object in a run folder; empty for a file that is none, or that is a link, pipe or device."""
+    if not is_regular(path) or path.stat().st_size > MOST_NOTE_BYTES:
+        return {}
+    try:
+        content = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
 def is_own(folder: Path, note_name: str = RUN_NOTE) -> bool:
     """Whether the folder was made by this program, according to its note."""
-    try:
-        content = json.loads((folder / note_name).read_bytes())
-    except (OSError, ValueError):
-        return False
-    return isinstance(content, dict) and content.get(MADE_BY) == MAKER
+    return read_note(folder / note_name).get(MADE_BY) == MAKER
+
+
+def refuse_irregular(run_dir: Path) -> None:
+    """Raise RunFolderError if a file of a run is a link, a pipe or a device, or is far too large.
+
+    A file that is mostly holes takes no space to pass on, and has no end for its reader.
+    """
+    for name in MADE_BY_A_RUN:
+        path = run_dir / name
+        if not os.path.lexists(path) or trace.is_elsewhere(path):
+            continue
+        if not is_regular(path):
+            raise RunFolderError(
+                f"{path} is no file but a link, folder, pipe or device; a run makes only files"
+            )
+        found = path.stat()
+        if path.suffix in (".json", ".toml") and found.st_size > MOST_NOTE_BYTES:
+            raise RunFolderError(f"{path} has {found.st_size} bytes; wanted {MOST_NOTE_BYTES} at most")
+        if found.st_size > LARGEST_SHARE_OF_HOLES * (BLOCK_BYTES * found.st_blocks + MOST_NOTE_BYTES):
+            raise RunFolderError(
+                f"{path} has {found.st_size} bytes, and {BLOCK_BYTES * found.st_blocks} on the disk; "
+                "a run makes no such holes"
+            )
 
 
 def refuse_foreign(folder: Path, note_name: str = RUN_NOTE) -> None:
     """Raise RunFolderError if `folder` is no folder, or is not empty and was not made by this program."""
+    if folder.is_symlink() and not folder.exists():
+        raise RunFolderError(
+            f"--out: {folder} is a link to {os.readlink(folder)}, which does not exist; name another folder"
+        )
     if folder.exists() and not folder.is_dir():
         raise RunFolderError(f"--out: {folder} is no folder; name a new or an empty one")
     if folder.is_dir() and any(folder.iterdir()) and not is_own(folder, note_name):
@@ -65,6 +110,22 @@ def refuse_foreign(folder: Path, note_name: str = RUN_NOTE) -> None:
             f"--out: {folder} is not empty, and no {note_name} in it says that vibrohil made it; "
             "name a new or an empty folder"
         )
+    for name in (*MADE_BY_A_RUN, *MADE_BY_A_SUITE):
+        if (folder / name).is_dir() and not (folder / name).is_symlink():
+            raise RunFolderError(
+                f"--out: {folder / name} is a folder in the place of a file; remove it, or name another"
+            )
+
+
+def refuse_links(folder: Path, within: Path) -> None:
+    """Raise RunFolderError if `folder`, or one between it and `within`, is a link: it may lead anywhere."""
+    for one in (folder, *folder.parents):
+        if one == within:
+            return
+        if one.is_symlink():
+            raise RunFolderError(
+                f"--out: {one} is a link to {os.readlink(one)}; remove it, or name another folder"
+            )
 
 
 def new_folder(name: str) -> Path:
@@ -91,10 +152,12 @@ def new_folder(name: str) -> Path:
 def claimed(name: str, out_dir: Path | None, note_name: str = RUN_NOTE) -> Iterator[Path]:
     """Lock a folder for this process until the end of the block: `out_dir`, or a new one under `runs`.
 
+    Yields its absolute path, so that it remains the same folder if the working directory changes.
+
     The lock ends with the process in any case. Raises RunFolderError if `out_dir` is in use, or is neither
     empty nor made by this program.
     """
-    folder = new_folder(name) if out_dir is None else out_dir
+    folder = (new_folder(name) if out_dir is None else out_dir).absolute()
     refuse_foreign(folder, note_name)
     folder.mkdir(parents=True, exist_ok=True)
     lock = os.open(folder, os.O_RDONLY)
@@ -121,10 +184,28 @@ def is_in_use(folder: Path) -> bool:
     return False
 
 
+def discard_unused(run_dir: Path, below: Path) -> bool:
+    """Remove the files of a run unless it or a suite around it, below `below`, is in progress."""
+    if any(is_in_use(folder) for folder in run_dir.parents if folder.is_relative_to(below)):
+        return False
+    lock = os.open(run_dir, os.O_RDONLY)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        discard(run_dir)
+    except BlockingIOError:
+        return False
+    finally:
+        os.close(lock)
+    return True
+
+
 def clear(run_dir: Path, keep: tuple[str, ...] = ()) -> None:
     """Remove the files that a run writes, except `keep`."""
-    if (run_dir / WARM_UP).is_dir():
-        discard(run_dir / WARM_UP)
+    warm_up = run_dir / WARM_UP
+    if warm_up.is_symlink():
+        warm_up.unlink()
+    elif warm_up.is_dir():
+        discard(warm_up)
     for name in set(MADE_BY_A_RUN) - set(keep):
         path = run_dir / name
         if path.is_symlink() and trace.is_elsewhere(path):
@@ -157,7 +238,7 @@ def free_reserve(run_dir: Path) -> None:
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a JSON file atomically, since other processes may read it."""
-    unfinished = path.with_name(f"{path.name}.new")
+    unfinished = made_anew(path.with_name(f"{path.name}.new"))
     unfinished.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
     unfinished.rename(path)
 

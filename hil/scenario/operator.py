@@ -1,23 +1,31 @@
 """The operator's node: sends a script's commands at 10 Hz, and an E-stop at once.
 
-It sends one frame per period: the command that belongs to an E-stop follows in the next period.
+A line of the script acts in the first tick at or after its time; of several lines in one tick the last acts.
+An E-stop is an exception: its frame is sent in its tick and repeated until a heartbeat of the firmware
+confirms it, and no other line acts before. The command that belongs to it follows in the next tick, because
+the node sends at most one frame per tick.
 """
 
+import math
 from collections.abc import Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
 from firmware_py.interface import codec
-from firmware_py.interface.enums import OperatorRequest
+from firmware_py.interface.codec import FrameError
+from firmware_py.interface.enums import Mode, OperatorRequest
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import DriveEstop, OperatorCommand
-from firmware_py.interface.pacing import Pacer, Urgency
+from hil.scenario.pacing import Pacer, Urgency
 
 OPERATOR_PERIOD_S = 0.01
-"""Period at which the operator reads the script; an E-stop or a change is sent within it."""
+"""Longest time between two steps of the operator."""
 COMMAND_PERIOD_S = codec.OPERATOR_COMMAND.period_s or 0.1
 """Period at which the operator repeats its command; the firmware monitors it."""
-PERIODS_A_COMMAND = round(COMMAND_PERIOD_S / OPERATOR_PERIOD_S)
+ESTOP_PERIOD_S = 0.02
+"""Period of the E-stop until it is confirmed; also the shortest time to a confirming heartbeat."""
+RECEIVED_IDS = (codec.FIRMWARE_HEARTBEAT.can_id,)
+"""Identifiers that the operator receives."""
 
 
 class Request(StrEnum):
@@ -27,6 +35,7 @@ class Request(StrEnum):
     RUN = "run"
     CLEAR_FAULTS = "clear-faults"
     E_STOP = "e-stop"
+    PROVE_WATCHDOG = "prove-watchdog"
     SILENT = "silent"
     """The operator's node is absent: it sends no frames."""
 
@@ -36,6 +45,7 @@ ON_THE_BUS = {
     Request.RUN: OperatorRequest.RUN,
     Request.CLEAR_FAULTS: OperatorRequest.CLEAR_FAULTS,
     Request.E_STOP: OperatorRequest.IDLE,
+    Request.PROVE_WATCHDOG: OperatorRequest.PROVE_WATCHDOG,
     Request.SILENT: OperatorRequest.IDLE,
 }
 
@@ -49,8 +59,14 @@ class Command(NamedTuple):
     target_impulse_n_s: float = 0.0
 
 
+EMERGENCY_STOP = Command(0.0, Request.E_STOP, 0.0)
+
+
 class OperatorRecord(NamedTuple):
-    """The operator's request in one of its periods; `tick` counts the bench's ticks."""
+    """The operator's request in one of its steps; `tick` counts the bench's ticks.
+
+    `estop`: an E-stop is the last line of the script, or is not confirmed yet.
+    """
 
     tick: int
     t_s: float
@@ -60,51 +76,123 @@ class OperatorRecord(NamedTuple):
     estop: bool
 
 
+def reports_estop(frame: Frame) -> bool:
+    """Whether `frame` is a valid heartbeat of a firmware that is in E_STOP."""
+    if frame.can_id != codec.FIRMWARE_HEARTBEAT.can_id:
+        return False
+    try:
+        return bool(codec.FIRMWARE_HEARTBEAT.decode(frame.data).mode == Mode.E_STOP)
+    except FrameError:
+        return False
+
+
 class OperatorNode:
-    """Executes a script: `publish` at each multiple of `OPERATOR_PERIOD_S` returns the frames to send."""
+    """Executes a script: call `publish` in tick `due_tick`, or as soon afterwards as possible."""
 
-    def __init__(self, commands: Sequence[Command], bench_period_s: float) -> None:
-        self._commands = sorted(commands, key=lambda command: command.at_s)
-        self._bench_period_s = bench_period_s
-        self._acting = Command(0.0, Request.IDLE, 0.0)
-        self._next = 0
+    def __init__(self, commands: Sequence[Command], period_s: float) -> None:
+        """`period_s`: the bench's period."""
+        in_order = sorted(commands, key=lambda command: command.at_s)
+        self._lines = [(math.ceil(command.at_s / period_s - 1e-6), command) for command in in_order]
+        self._period_s = period_s
+        self._step_ticks, self._command_ticks, self._repeat_ticks = (
+            max(round(duration_s / period_s), 1)
+            for duration_s in (OPERATOR_PERIOD_S, COMMAND_PERIOD_S, ESTOP_PERIOD_S)
+        )
+        self._line = Command(0.0, Request.IDLE, 0.0)
+        self._next_line = 0
+        self._tick = 0
         self._counter = -1
-        self._due_period = 0
+        self._command_tick = 0
+        self._estop_since_tick: int | None = None
+        self._estop_tick = 0
         self._pacer: Pacer[Frame] = Pacer()
+        self.due_tick = 0
+        """Tick of the next step."""
 
-    def publish(self, period: int) -> list[Frame]:
-        """The frames of period number `period`: the command every 100 ms and whenever it changes."""
-        t_s = period * OPERATOR_PERIOD_S
-        changed = False
-        while self._next < len(self._commands) and self._commands[self._next].at_s <= t_s + 1e-9:
-            self._acting = self._commands[self._next]
-            self._next += 1
-            changed = True
-        is_silent = self._acting.request is Request.SILENT
-        if changed or period >= self._due_period:
-            self._due_period = (period // PERIODS_A_COMMAND + 1) * PERIODS_A_COMMAND
-            if not is_silent:
-                self._queue(self._acting)
+    @property
+    def estop_is_unconfirmed(self) -> bool:
+        """Whether an E-stop is repeated that no heartbeat has confirmed."""
+        return self._estop_since_tick is not None
+
+    @property
+    def listening_tick(self) -> int | None:
+        """The tick from which on received frames matter: that of the present or the next E-stop, or None."""
+        if self._estop_since_tick is not None:
+            return self._estop_since_tick
+        lines = self._lines[self._next_line :]
+        return next((tick for tick, line in lines if line.request is Request.E_STOP), None)
+
+    def emergency_stop(self, tick: int) -> None:
+        """End the script with an E-stop in `tick`."""
+        self._lines = []
+        self._next_line = 0
+        self._begin(EMERGENCY_STOP, tick)
+        self.due_tick = tick
+
+    def publish(self, tick: int, received: Sequence[Frame] = ()) -> list[Frame]:
+        """The frames of `tick`; `received`: the frames that have arrived since the last step."""
+        self._tick = tick
+        before = self._acting
+        if self._confirms(tick, received):
+            self._estop_since_tick = None
+        while self._next_line < len(self._lines) and self._lines[self._next_line][0] <= tick:
+            self._begin(self._lines[self._next_line][1], tick)
+            self._next_line += 1
+        if self.estop_is_unconfirmed and tick >= self._estop_tick:
+            self._estop_tick = tick + self._repeat_ticks
+            self._pacer.push(codec.DRIVE_ESTOP.encode(DriveEstop()), Urgency.AT_ONCE)
+        acting = self._acting
+        if acting is not before or tick >= self._command_tick:
+            self._command_tick = (tick // self._command_ticks + 1) * self._command_ticks
+            if acting.request is not Request.SILENT:
+                self._counter += 1
+                command = OperatorCommand(
+                    ON_THE_BUS[acting.request], acting.target_ratio, acting.target_impulse_n_s
+                )
+                self._pacer.push(codec.OPERATOR_COMMAND.encode(command, self._counter))
         frame = self._pacer.take()
-        return [] if frame is None or is_silent else [frame]
+        self.due_tick = self._next_step(tick)
+        return [] if frame is None or acting.request is Request.SILENT else [frame]
 
-    def record(self, period: int) -> OperatorRecord:
-        """The operator's record in period number `period`, the last one published."""
-        t_s = period * OPERATOR_PERIOD_S
+    def record(self) -> OperatorRecord:
+        """The operator's record of its last step."""
         _, request, target_ratio, target_impulse_n_s = self._acting
         return OperatorRecord(
-            round(t_s / self._bench_period_s),
-            t_s,
+            self._tick,
+            self._tick * self._period_s,
             ON_THE_BUS[request],
             target_ratio,
             target_impulse_n_s,
             request is Request.E_STOP,
         )
 
-    def _queue(self, acting: Command) -> None:
-        _, request, target_ratio, target_impulse_n_s = acting
-        if request is Request.E_STOP:
-            self._pacer.push(codec.DRIVE_ESTOP.encode(DriveEstop()), Urgency.AT_ONCE)
-        self._counter += 1
-        command = OperatorCommand(ON_THE_BUS[request], target_ratio, target_impulse_n_s)
-        self._pacer.push(codec.OPERATOR_COMMAND.encode(command, self._counter))
+    @property
+    def _acting(self) -> Command:
+        """The command that is sent: an unconfirmed E-stop, else the last line of the script."""
+        return EMERGENCY_STOP if self.estop_is_unconfirmed else self._line
+
+    def _confirms(self, tick: int, received: Sequence[Frame]) -> bool:
+        """Whether a received heartbeat confirms the E-stop.
+
+        A heartbeat that arrives within `ESTOP_PERIOD_S` may have been sent before the firmware received it.
+        """
+        since_tick = self._estop_since_tick
+        is_answered = since_tick is not None and tick > since_tick + self._repeat_ticks
+        return is_answered and any(map(reports_estop, received))
+
+    def _begin(self, line: Command, tick: int) -> None:
+        """Let a line of the script begin in `tick`."""
+        self._line = line
+        if line.request is Request.E_STOP:
+            self._estop_since_tick = self._estop_tick = tick
+
+    def _next_step(self, tick: int) -> int:
+        """The tick of the step after the one in `tick`."""
+        if len(self._pacer) > 0:
+            return tick + 1
+        due_ticks = [(tick // self._step_ticks + 1) * self._step_ticks, self._command_tick]
+        if self.estop_is_unconfirmed:
+            due_ticks.append(self._estop_tick)
+        if self._next_line < len(self._lines):
+            due_ticks.append(self._lines[self._next_line][0])
+        return min(due_ticks)

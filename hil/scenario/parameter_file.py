@@ -14,19 +14,21 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.shell.parameters import BY_NAME, ParameterError, checked_in_file
+from hil.record.formats import PARAMETERS, FormatError, refuse_other_format
 from plant_sim.text_input import read_toml
 
-FORMAT = 1
+TUNE = "write it with `vibrohil tune`"
 
 
 def read_document(path: Path) -> dict[str, Any]:
     """Return the file's tables; raises TextInputError or ParameterError if it has another format."""
     document = read_toml(path, "parameter file", "give one that `vibrohil tune` has written")
-    if document.get("format") != FORMAT or not isinstance(document.get("parameters"), dict):
-        raise ParameterError(
-            f"parameter file {str(path)!r} has format = {document.get('format')!r}, wanted {FORMAT} and a "
-            "table [parameters]; write it with `vibrohil tune`"
-        )
+    try:
+        refuse_other_format(f"parameter file {str(path)!r}", document, PARAMETERS, TUNE)
+    except FormatError as error:
+        raise ParameterError(str(error)) from error
+    if not isinstance(document.get("parameters"), dict):
+        raise ParameterError(f"parameter file {str(path)!r} has no table [parameters]; {TUNE}")
     return document
 
 

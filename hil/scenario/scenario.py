@@ -1,8 +1,8 @@
 """A scenario: a plant, the firmware's parameters, a script of commands, and the checks that judge the run.
 
-The files lie in hil/scenarios, in folders by the kind of fault, and are named as sentences. `read_scenario`
-returns the raw tables with a scene's name replaced by its tables, so that every value can be changed;
-`load_scenario` checks them.
+The files lie in hil/scenarios, in folders by the kind of fault, and are named as sentences.
+`hil.scenario.files` reads their complete tables, so that every value can be changed; `load_scenario` checks
+them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,20 +12,23 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from firmware_py.core.state import Config
+from firmware_py.core.config import Config
 from firmware_py.shell.parameters import config_from
 from hil.can_model.bits import bit_ns_of
+from hil.drive.axis_table import BenchScene
+from hil.faults.every import AnyFault
+from hil.faults.fault import Fault
+from hil.faults.on_bus import ModelledFault
+from hil.faults.on_process import ClockFault, ProcessFault
 from hil.judge.checks import Check
-from hil.scenario.fault_tables import AnyFault, BusOff, Disturbed, Fault, Killed, Restarted
+from hil.scenario.files import ScenarioError, read_scenario, scenario_name
 from hil.scenario.operator import Command, Request
-from hil.scenario.parameter_file import merged, read_parameters
+from hil.scenario.parameter_file import merged
 from hil.scenario.settings import Settings, apply_settings, as_texts
-from plant_sim.scene import Scene, load_scene, read_scene
+from plant_sim.scene import Scene
 from plant_sim.tables.table import Table
-from plant_sim.text_input import TextInputError, read_toml
-from plant_sim.validation_messages import messages_of, nearest
+from plant_sim.validation_messages import messages_of
 
-SCENARIOS = Path(__file__).parents[1] / "scenarios"
 LARGEST_RATIO = 4.0
 """Largest ratio that the command frame can carry."""
 LARGEST_IMPULSE_N_S = 6.5
@@ -36,16 +39,13 @@ REALTIME_PERIOD_S = 1e-3
 """Tick at the highest rate that classic CAN at 1 Mbit/s can carry."""
 
 
-class ScenarioError(TextInputError):
-    """A scenario cannot be run; the message has one sentence per error."""
-
-
 class CommandTable(Table):
     """One line of the script."""
 
     at_s: float = Field(ge=0.0, description="the command's time, in s from the start")
-    request: Literal["idle", "run", "clear-faults", "e-stop", "silent"] = Field(
-        description="the request: idle, run, clear-faults, e-stop or silent"
+    request: Literal["idle", "run", "clear-faults", "e-stop", "prove-watchdog", "silent"] = Field(
+        description="the request: idle, run, clear-faults, e-stop (repeated until the firmware confirms it), "
+        "prove-watchdog (of the drive, before a start) or silent"
     )
     target_ratio: float | None = Field(
         default=None, gt=0.0, le=LARGEST_RATIO, description="the drive's speed as a ratio of the nominal ω"
@@ -94,13 +94,19 @@ class ScriptTable(Table):
                     f"the fault {fault.kind!r} at {fault.at_s} s comes after the end, script.duration_s = "
                     f"{self.duration_s}; let it begin earlier, or let the run last longer"
                 )
+            if isinstance(fault, ProcessFault) and fault.starts_anew and fault.end_s >= self.duration_s:
+                raise ValueError(
+                    f"the fault {fault.kind!r} at {fault.at_s} s starts the {fault.process} anew at "
+                    f"{fault.end_s:g} s, after the end, script.duration_s = {self.duration_s}; let the run "
+                    "last longer, or take the fault 'killed'"
+                )
         return self
 
     @model_validator(mode="after")
     def _a_process_ends_once(self) -> Self:
         ended: set[str] = set()
         for fault in self.faults:
-            if isinstance(fault, Killed | Restarted):
+            if isinstance(fault, ProcessFault) and fault.ends_process:
                 if fault.process in ended:
                     raise ValueError(f"the {fault.process} ends twice; kill or restart a process once a run")
                 ended.add(fault.process)
@@ -134,12 +140,16 @@ class ScenarioTable(Table):
     )
     script: ScriptTable = Field(description="the table [script] with duration_s and commands")
     seed: int = Field(default=1, ge=0, description="the default seed of a run")
-    checks: list[Check] = Field(default=[], description="the tables [[checks]]")
+    checks: list[Check] = Field(
+        default=[],
+        description="the checks, as tables or as names of sets; a check with the name of one in a set before "
+        "it changes the given keys of that one",
+    )
 
     @model_validator(mode="after")
     def _bus_faults_have_a_bus(self) -> Self:
         for fault in self.script.faults:
-            if isinstance(fault, BusOff | Disturbed) and self.bus is None:
+            if isinstance(fault, ModelledFault) and self.bus is None:
                 raise ValueError(
                     f"the fault {fault.kind!r} acts in the bus model, and the scenario has none; "
                     "add the table [bus]"
@@ -180,35 +190,6 @@ class Scenario:
         return round(self.duration_s / self.period_s)
 
 
-def scenario_names() -> list[str]:
-    """Names of the scenarios that come with the package."""
-    return sorted(path.stem for path in SCENARIOS.rglob("*.toml"))
-
-
-def scenario_path(source: str | Path) -> Path:
-    """The file of a named scenario, or the path itself: a text with a slash or ending in .toml."""
-    if isinstance(source, str) and not source.endswith(".toml") and "/" not in source:
-        if source not in scenario_names():
-            raise ScenarioError(
-                f"{source!r} is no named scenario; "
-                f"{nearest(source, scenario_names(), '`vibrohil list` shows all of them')} "
-                "(a file's path ends in .toml)"
-            )
-        return next(SCENARIOS.rglob(f"{source}.toml"))
-    return Path(source)
-
-
-def read_scenario(source: str | Path) -> dict[str, Any]:
-    """The raw tables of a named scenario or of a TOML file, its scene written out."""
-    path = scenario_path(source)
-    document = read_toml(path, "scenario file", "give a scenario's file, or the name of a scenario")
-    if isinstance(document.get("scene"), str):
-        document["scene"] = read_scene(document["scene"])
-    if isinstance(document.get("firmware"), str):
-        document["firmware"] = read_parameters(path.parent / document["firmware"])
-    return {"firmware": {}, **document}
-
-
 def load_scenario(
     source: str | Path, settings: Settings = (), parameter_files: Sequence[Path] = ()
 ) -> Scenario:
@@ -221,7 +202,7 @@ def load_scenario(
     if parameter_files:
         document["firmware"] = merged(document["firmware"], parameter_files)
     changes = (*map(str, parameter_files), *as_texts(settings))
-    return check_scenario(apply_settings(document, settings), scenario_path(source).stem, changes)
+    return check_scenario(apply_settings(document, settings), scenario_name(source), changes)
 
 
 def check_scenario(document: Mapping[str, Any], name: str, changes: Sequence[str] = ()) -> Scenario:
@@ -230,13 +211,17 @@ def check_scenario(document: Mapping[str, Any], name: str, changes: Sequence[str
         table = ScenarioTable.model_validate(document)
     except ValidationError as error:
         raise ScenarioError("\n".join(messages_of(error, ScenarioTable))) from error
-    scene = load_scene(table.scene)
+    scene = BenchScene.load(table.scene)
     _refuse_without_motor_or_sensors(scene)
+    config = config_from(table.firmware)
+    _refuse_less_than_a_tick(table.script.duration_s, config.tick_s)
+    _refuse_without_object(table.script.faults, scene)
+    _refuse_small_jumps(table.script.faults, config.tick_s)
     return Scenario(
         name=name,
         title=table.title,
         scene=scene,
-        config=config_from(table.firmware),
+        config=config,
         parameters=table.firmware,
         bitrate=None if table.bus is None else table.bus.bitrate,
         duration_s=table.script.duration_s,
@@ -267,6 +252,36 @@ def _refuse_without_motor_or_sensors(scene: Scene) -> None:
         )
     if scene.sensors is None:
         raise ScenarioError("scene has no sensors for the firmware to read; add the table [scene.sensors]")
+
+
+def _refuse_less_than_a_tick(duration_s: float, tick_s: float) -> None:
+    if duration_s < tick_s:
+        raise ScenarioError(
+            f"script.duration_s = {duration_s:g} is shorter than a tick, "
+            f"firmware.control.tick_s = {tick_s:g}; let the run last longer"
+        )
+
+
+def _refuse_without_object(faults: Sequence[Fault], scene: Scene) -> None:
+    """Raise `ScenarioError` if a fault of the script cannot act on anything."""
+    reasons = [(fault, fault.without_object(scene, faults)) for fault in faults]
+    sentences = [
+        f"the fault {fault.kind!r} at {fault.at_s:g} s cannot act: {reason}"
+        for fault, reason in reasons
+        if reason is not None
+    ]
+    if sentences:
+        raise ScenarioError("\n".join(sentences))
+
+
+def _refuse_small_jumps(faults: Sequence[Fault], tick_s: float) -> None:
+    """Raise `ScenarioError` if a clock jumps by less than half a tick."""
+    for fault in faults:
+        if isinstance(fault, ClockFault) and not fault.latest_s and abs(fault.ahead_s) < 0.5 * tick_s:
+            raise ScenarioError(
+                f"the fault {fault.kind!r} at {fault.at_s:g} s cannot act: a jump of less than half a tick, "
+                f"{tick_s:g} s, moves no tick"
+            )
 
 
 def refuse_other_periods(period_s: float) -> None:

@@ -1,9 +1,11 @@
 """Changes to a scene, the firmware's parameters or a script by dotted keys: `--set`, or a Python mapping."""
 
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from typing import Any
+
+import numpy as np
 
 from plant_sim.text_input import DEEPEST, TextInputError, parse_toml
 
@@ -18,18 +20,24 @@ class SettingError(TextInputError):
 def parse_value(text: str) -> Any:
     """Parse a TOML value: 1.3, true, "word", [1, 2]; a bare word is a string. Raises TextInputError."""
     try:
-        return parse_toml(f"value = {text}")["value"]
+        document = parse_toml(f"value = {text}")
     except tomllib.TOMLDecodeError:
-        return text
+        document = {"value": text}
+    if len(document) > 1 or (document["value"] == text and "\n" in text):
+        raise TextInputError("it has a second line; give each setting by itself")
+    return document["value"]
 
 
 def keys_and_values(settings: Settings) -> Iterator[tuple[str, Any]]:
-    """The dotted key and the value of each setting."""
+    """The dotted key and the value of each setting; raises SettingError for anything but `Settings`."""
+    if isinstance(settings, bytes) or not isinstance(settings, Iterable):
+        raise SettingError(f"set = {settings!r}: wanted texts KEY=VALUE, or a mapping from keys to values")
     if isinstance(settings, Mapping):
-        yield from settings.items()
+        for key, value in settings.items():
+            yield as_text(key), toml_value(key, value)
         return
     for setting in [settings] if isinstance(settings, str) else settings:
-        path, separator, text = setting.partition("=")
+        path, separator, text = as_text(setting).partition("=")
         if not separator:
             raise SettingError(
                 f"--set {setting!r} is not KEY=VALUE with a dotted key, e.g. scene.drive.ratio=1.3"
@@ -40,35 +48,85 @@ def keys_and_values(settings: Settings) -> Iterator[tuple[str, Any]]:
             raise SettingError(f"--set {setting!r}: {error}; give a plain value") from error
 
 
+def as_text(setting: object) -> str:
+    """A setting or its key; raises SettingError unless it is a text."""
+    if not isinstance(setting, str):
+        raise SettingError(f"set has {setting!r}: wanted a text with a dotted key, e.g. scene.drive.ratio")
+    return setting
+
+
+def toml_value(key: str, value: Any) -> Any:
+    """A Python value as TOML has it, numpy's numbers and arrays too; raises SettingError for others."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {name: toml_value(f"{key}.{name}", inner) for name, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [toml_value(key, inner) for inner in value]
+    if not isinstance(value, bool | int | float | str):
+        raise SettingError(
+            f"set {key!r} = {value!r}: wanted a number, a text, true or false, or a list or table of them"
+        )
+    return value
+
+
 def as_texts(settings: Settings) -> list[str]:
     """The settings as texts KEY=VALUE."""
     return [f"{key}={value}" for key, value in keys_and_values(settings)]
+
+
+def split_key(key: str) -> list[str]:
+    """The parts of a dotted key; raises TextInputError."""
+    parts = key.split(".")
+    if not all(parts):
+        raise TextInputError(f"{key!r} is no dotted key, e.g. scene.drive.ratio")
+    if len(parts) > DEEPEST:
+        raise TextInputError(f"{key!r} has more than {DEEPEST} parts; no key is so deep")
+    return parts
+
+
+def put(document: dict[str, Any], keys: Sequence[str], value: Any) -> None:
+    """Set the value at the parts of a dotted key; raises TextInputError.
+
+    Missing tables are made. A table of a list has its place, from 0, as key.
+    """
+    place: Any = document
+    for depth, key in enumerate(keys):
+        here = ".".join(keys[: depth + 1])
+        is_last = depth == len(keys) - 1
+        if isinstance(place, list):
+            if key not in map(str, range(len(place))):
+                raise TextInputError(f"{here}: the list has {len(place)} entries; give a place, from 0")
+            if is_last:
+                place[int(key)] = deepcopy(value)
+            else:
+                place = place[int(key)]
+        elif is_last:
+            place[key] = deepcopy(value)
+        else:
+            place = place.setdefault(key, {})
+        if not is_last and not isinstance(place, dict | list):
+            raise TextInputError(f"{here} is a value, not a table")
 
 
 def apply_settings(document: Mapping[str, Any], settings: Settings) -> dict[str, Any]:
     """A copy of `document` with each value of `settings` in its place.
 
     The first word of a key must be one of the document's own tables (such as scene, firmware, script);
-    tables below it are made as needed.
+    tables below it are made as needed, and a number is a place in a list, from 0.
     """
     changed: dict[str, Any] = deepcopy(dict(document))
     for setting, value in keys_and_values(settings):
-        keys = setting.split(".")
-        if len(keys) < 2 or not all(keys):
+        first, _, rest = setting.partition(".")
+        if not (first and rest):
             raise SettingError(
                 f"--set {setting!r} is not KEY=VALUE with a dotted key, e.g. scene.drive.ratio=1.3"
             )
-        if len(keys) > DEEPEST:
-            raise SettingError(f"--set {setting!r} has a key of more than {DEEPEST} parts; none is so deep")
-        if keys[0] not in changed:
+        if first not in changed:
             known = ", ".join(f"{key}." for key in changed)
-            raise SettingError(f"--set {setting!r} starts with {keys[0]!r}; wanted one of {known}")
-        table = changed
-        for depth, key in enumerate(keys[:-1]):
-            table = table.setdefault(key, {})
-            if not isinstance(table, dict):
-                raise SettingError(
-                    f"--set {setting!r}: {'.'.join(keys[: depth + 1])} is a value, not a table"
-                )
-        table[keys[-1]] = deepcopy(value)
+            raise SettingError(f"--set {setting!r} starts with {first!r}; wanted one of {known}")
+        try:
+            put(changed, split_key(setting), value)
+        except TextInputError as error:
+            raise SettingError(f"--set: {error}") from error
     return changed

@@ -67,6 +67,10 @@ class Mark(NamedTuple):
     text: str
 
 
+APPROACH_SPEED, PEAK_FORCE = "Approach speed v⁻ [m/s]", "Peak force [N]"
+"""Titles of plots that stand in several tabs, or that a run without impacts does not have."""
+
+
 def overview(
     detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None, contents: Contents
 ) -> Any:
@@ -79,7 +83,7 @@ def overview(
         plot("Striker, close up [m]", *POSITION, span_s=detail_s, legend=rrb.Corner2D.LeftBottom),
         rrb.Horizontal(
             *(
-                [plot("Impacts", *IMPACTS, range_y=speeds_m_s, legend=rrb.Corner2D.LeftBottom)]
+                [plot(APPROACH_SPEED, *IMPACTS, range_y=speeds_m_s, legend=rrb.Corner2D.LeftBottom)]
                 if contents.impacts
                 else []
             ),
@@ -96,7 +100,7 @@ def start_up(
     run_up_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None, contents: Contents
 ) -> Any:
     """The start-up of the striker to its orbit."""
-    impact_plots = [plot("Impacts", *IMPACTS, span_s=run_up_s, range_y=speeds_m_s)] * contents.impacts
+    impact_plots = [plot(APPROACH_SPEED, *IMPACTS, span_s=run_up_s, range_y=speeds_m_s)] * contents.impacts
     return shares(
         rrb.Vertical,
         plot("Striker [m]", *POSITION, span_s=run_up_s, legend=rrb.Corner2D.LeftBottom),
@@ -152,7 +156,11 @@ def estimator(
                 range_y=innovations_m_s2,
             ),
             plot(
-                "NIS", Line("/firmware", "state.estimator.nis", "NIS", "", OTHER), range_y=(0.0, LARGEST_NIS)
+                "NIS; its mean is 1 if the uncertainty is right",
+                Line("/firmware", "state.estimator.nis", "NIS", "", OTHER),
+                Whole("/nis_expected"),
+                range_y=(0.0, LARGEST_NIS),
+                legend=None,
             ),
             plot(
                 "Accelerometer bias [m/s²]",
@@ -178,15 +186,15 @@ def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float
         forces += [Line("/plant", "felt_force_n", "felt by the wearer", "N", OTHER), Whole("/limits/felt/**")]
     return rrb.Vertical(
         rrb.Horizontal(
-            plot("Approach speed", *IMPACTS, range_y=speeds_m_s, legend=rrb.Corner2D.LeftBottom),
+            plot(APPROACH_SPEED, *IMPACTS, range_y=speeds_m_s, legend=rrb.Corner2D.LeftBottom),
             plot(
-                "Impulse",
+                "Impulse [N s]",
                 Dots("/impacts/truth", "impulse_n_s", "impulse [N s]", TRUTH, "diamond"),
                 Whole("/limits/impulse/**"),
                 legend=rrb.Corner2D.RightBottom,
             ),
             plot(
-                "Peak force",
+                PEAK_FORCE,
                 Dots("/impacts/truth", "peak_force_n", "peak force [N]", TRUTH, "circle"),
                 Whole("/limits/peak_force/**"),
                 legend=rrb.Corner2D.RightBottom,
@@ -204,7 +212,7 @@ def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float
     )
 
 
-OUTSIDE = "outside: the impact of another turn of the stride"
+OUTSIDE = "another turn's pulse"
 """Legend of pulses outside of the window: a stride has several crank turns with an impact each, and only one
 of them belongs to the window."""
 
@@ -238,6 +246,7 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
                 Dots("/gait/inside", None, "in the window", GOOD, "circle"),
                 Dots("/gait/outside", None, OUTSIDE, ALARM, "cross"),
                 range_y=(0.0, 1.0),
+                legend=None,
             ),
             plot(
                 "Strides a second, crank turns a stride, confidence",
@@ -392,10 +401,11 @@ def overlay(difference_s: float | None) -> rrb.Blueprint:
             rrb.Horizontal(*sides, mark),
             both("True position, close up [m]", "/plant", position, "m", span_s=close_up_s),
             rrb.Horizontal(
-                both("True position [m]", "/plant", position, "m"),
-                both("Crank speed [rad/s]", "/plant", "omega_rad_s", "rad/s"),
+                plot("True position, b − a [mm]", Whole("/b_minus_a/x_mm"), legend=None),
+                plot("Crank speed, b − a [rad/s]", Whole("/b_minus_a/omega_rad_s"), legend=None),
             ),
             rrb.Horizontal(
+                both("Crank speed [rad/s]", "/plant", "omega_rad_s", "rad/s"),
                 plot(
                     "Impacts, v⁻ [m/s]",
                     Dots("/a/impacts/truth", "v_m_s", "a", TRUTH, "circle"),

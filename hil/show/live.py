@@ -18,10 +18,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
-from hil.record.follower import Follower
-from hil.record.run_traces import pieces, read_json, read_scenario
+from hil.judge.judge import judge
+from hil.record.run_traces import pieces, read_json, read_run, read_scenario
+from hil.show.follower import Follower
 from hil.show.log_stream import VIEWER_TIMEOUT_S
-from hil.show.rerun_log import RunLog, judged
+from hil.show.rerun_log import RunLog
 from hil.timing.processes import READY, read_start, stop_requests
 
 APPEND_PERIOD_S = 0.25
@@ -44,19 +45,20 @@ def follow(run_dir: Path, url: str, wakers: list[int]) -> None:
 
 def send(run_dir: Path, url: str) -> None:
     """Show a run that has ended."""
-    traces, figures, results = judged(run_dir)
+    traces = read_run(run_dir)
+    verdict = judge(traces, run_dir)
     with bounded(f"connecting to {url}"):
         log = RunLog(url, traces.run, traces.scenario)
     for piece in pieces(traces):
         log.append(piece)
-    log.conclude(traces, figures, results)
+    log.conclude(traces, verdict)
     with bounded("closing the connection"):
         log.close()
 
 
 def show(run_dir: Path, url: str) -> None:
     """Show a run that has ended in an open viewer; a failed connection is reported on standard error."""
-    command = [sys.executable, "-m", "hil.show.live", str(run_dir), "--to", url, "--whole"]
+    command = [sys.executable, "-P", "-m", "hil.show.live", str(run_dir), "--to", url, "--whole"]
     subprocess.run(command, check=False)
 
 

@@ -22,17 +22,19 @@ from hil.bus import Bus, join
 from hil.bus.addressed import addressed
 from hil.bus.can_log import CanLog
 from hil.record.candump import bus_log
-from hil.record.follower import Follower
 from hil.record.run_folder import write_json
 from hil.record.run_traces import LOSSES, LogLoss, read_json, read_scenario
+from hil.show.follower import Follower
 from hil.show.rerun_log import LOG_NAME, RunLog
-from hil.timing.patient_clock import RunTimes
+from hil.timing.pacemaker import TurnTimes
 from hil.timing.processes import READY, read_start, report_to_parent, stop_requests
 from hil.timing.realtime import settle_garbage
 
 APPEND_PERIOD_S = 1.0
 DRAIN_PERIOD_S = 0.02
 """Period of reading the bus; about sixty frames wait in its buffer, with their arrival times."""
+LATEST_DELIVERY_S = 0.05
+"""Longest wait for frames that an adapter delivers late, after the end of the run."""
 NICENESS = 10
 """A lower priority than the loops', even if they run at ordinary priority."""
 
@@ -40,8 +42,8 @@ NICENESS = 10
 class Recorder:
     """Follows one run: reads the bus, appends to can.log and run.rrd."""
 
-    def __init__(self, run_dir: Path, bus: Bus | None, times: RunTimes | None = None) -> None:
-        """`times`: converts times in a run on patient clocks."""
+    def __init__(self, run_dir: Path, bus: Bus | None, times: TurnTimes | None = None) -> None:
+        """`times`: the times of the turns, in a run whose time is held."""
         self.times = times
         self.run_dir = run_dir
         self.bus = bus
@@ -105,8 +107,10 @@ class Recorder:
     def close(self) -> None:
         """Write all frames sent up to now and the remaining records, and close both files."""
         self._until_ns = time.time_ns()
-        while self.bus is not None and self.drain():
-            self.bus.wait(DRAIN_PERIOD_S)
+        if self.bus is not None:
+            self.bus.wait(LATEST_DELIVERY_S)
+            while self.drain():
+                self.bus.wait(LATEST_DELIVERY_S)
         self.append()
         self.can_log.close()
         self.log.close()
@@ -117,8 +121,6 @@ def record(recorder: Recorder, wakers: list[int]) -> None:
     due_s = time.monotonic() + APPEND_PERIOD_S
     while not select.select(wakers, [], [], DRAIN_PERIOD_S)[0]:
         recorder.drain()
-        if recorder.times is not None:
-            recorder.times.has_caught_up()
         if time.monotonic() >= due_s:
             recorder.append()
             due_s += APPEND_PERIOD_S
@@ -130,6 +132,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Record a run that is going on.")
     parser.add_argument("run_dir", type=Path)
     parser.add_argument("--bus", help="the address of the bus whose frames go to can.log")
+    parser.add_argument("--turn-times", type=int, help="descriptor of the memory with the turns' times")
     arguments = parser.parse_args()
     os.nice(NICENESS)
     stopping = stop_requests()
@@ -137,8 +140,8 @@ def main() -> None:
     bus = None if arguments.bus is None else addressed(join(arguments.bus, stamped=True), places)
     settle_garbage()
     report_to_parent(READY)
-    start = read_start()
-    times = None if start.shared < 0 else RunTimes(start.shared, start.t0_ns)
+    read_start()
+    times = None if arguments.turn_times is None else TurnTimes(arguments.turn_times)
     recorder = Recorder(arguments.run_dir, bus, times)
     record(recorder, [stopping.fileno(), sys.stdin.fileno()])
     lost = None if bus is None else bus.counters.lost

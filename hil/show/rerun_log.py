@@ -23,13 +23,13 @@ import tomli_w
 from firmware_py.interface.enums import LATCHED, ActingLimit, AxisError, Fault, Mode, OperatorRequest, Regime
 from hil.can_model.fault_confinement import ErrorState
 from hil.judge import detection
-from hil.judge.checks import CheckResult, checks_of, evaluate
+from hil.judge.checks import checks_of
 from hil.judge.estimate_error import EstimateErrors, estimate_errors
 from hil.judge.figures.bus import bits_by_tenth, load_over_time
-from hil.judge.figures.figures import figures_from
 from hil.judge.figures.gait import push_off
-from hil.judge.figures.records import Figures
-from hil.judge.reasons import IMPORTED, reasons_of
+from hil.judge.judge import judge
+from hil.judge.reasons import IMPORTED
+from hil.judge.verdict import RunVerdict, Verdict
 from hil.record.candump import BusLog
 from hil.record.frame_tables import FREQUENT, decoded, in_rows
 from hil.record.log_file import written_whole
@@ -147,16 +147,20 @@ class RunLog:
         self.out.send_events()
         self.out.flush()
 
-    def conclude(self, traces: RunTraces, figures: Figures, results: Sequence[CheckResult]) -> None:
+    def conclude(self, traces: RunTraces, verdict: RunVerdict) -> None:
         """Log the results of the ended run: outcome, verdict, checks, limits, errors, faults."""
+        figures = verdict.figures
+        for hold in figures.time_held:
+            self.out.event(hold.t_s, f"time held: {hold.in_words}", "INFO")
+        for gap in figures.gaps:
+            self.out.event(gap.from_s, f"the host {gap.in_words}", "WARN")
         self.out.document("about/outcome", json.dumps(dict(traces.outcome), indent=2), "json")
-        reasons = reasons_of(traces)
-        text = verdict_text(self._scenario.get("title", "run"), self._run, results, reasons)
+        text = verdict_text(self._scenario.get("title", "run"), self._run, verdict)
         self.out.markdown("about/verdict", text)
-        failed = sorted(marks(results, traces, figures))
+        failed = sorted(marks(verdict.checks, traces, figures))
         for mark in failed:
             self.out.event(mark.t_s, mark.text, "ERROR")
-        for mark in sorted(marks(results, traces, figures, passed=True)):
+        for mark in sorted(marks(verdict.checks, traces, figures, Verdict.PASSED)):
             self.out.event(mark.t_s, mark.text, "INFO")
         self._checks(failed)
         faults = injected(self._scenario)
@@ -285,6 +289,9 @@ class RunLog:
             self.out.state_timelines(records, (LEG_ESTIMATED_TIMELINE,))
         self.drawing.estimate(records)
         self._firmware_events(records)
+        self.out.declare("nis_expected", rr.SeriesLines(names=["1"], colors=colors([TARGET]), widths=[1.0]))
+        ends_s = column(records, "t_s")[[0, -1]]
+        self.out.send("nis_expected", ends_s, rr.Scalars.columns(scalars=[1.0] * 2))
         seen = detection.reported(records)
         if len(seen):
             touch_down_s = column(seen, "t_s") - column(seen, "outputs.impact_age_s")
@@ -392,7 +399,7 @@ class RunLog:
             self.out.send("can/load", t_s, rr.Scalars.columns(scalars=load))
 
 
-def write_log(path: Path, traces: RunTraces, figures: Figures, results: Sequence[CheckResult]) -> Path:
+def write_log(path: Path, traces: RunTraces, verdict: RunVerdict) -> Path:
     """Write the log of a whole run; the file gets its name when it is complete."""
     with (
         written_whole(path) as unfinished,
@@ -400,17 +407,11 @@ def write_log(path: Path, traces: RunTraces, figures: Figures, results: Sequence
     ):
         for piece in pieces(traces):
             log.append(piece)
-        log.conclude(traces, figures, results)
+        log.conclude(traces, verdict)
     return path
 
 
-def judged(run_dir: Path) -> tuple[RunTraces, Figures, list[CheckResult]]:
-    """Traces, figures and check results of a run, even of a killed one."""
+def rebuild(run_dir: Path, into: Path | None = None) -> Path:
+    """Rebuild `run.rrd` from the traces of a run, in the run's folder or in another one."""
     traces = read_run(run_dir)
-    figures = figures_from(traces)
-    return traces, figures, evaluate(checks_of(traces.scenario), figures.as_json(), traces)
-
-
-def rebuild(run_dir: Path) -> Path:
-    """Rebuild `run.rrd` from the traces of a run."""
-    return write_log(run_dir / LOG_NAME, *judged(run_dir))
+    return write_log((into or run_dir) / LOG_NAME, traces, judge(traces, run_dir))

@@ -9,8 +9,11 @@ from hil.timing.realtime import libc
 TIMER_ABSTIME = 1
 NS_PER_S = 1_000_000_000
 
-ClockName = Literal["real", "patient", "lockstep"]
-"""Wall clock; a clock that waits for every process (`hil.timing.patient_clock`); all in one process."""
+ClockName = Literal["real", "lockstep"]
+"""Processes on the wall clock; all nodes in one process, as fast as possible."""
+
+TimeName = Literal["held", "strict"]
+"""Real time that is held while a process is late (`hil.timing.pacemaker`), or that goes on without it."""
 
 
 class Clock(Protocol):
@@ -54,6 +57,3 @@ class MonotonicClock:
         self._deadline.seconds, self._deadline.nanoseconds = divmod(deadline_ns, NS_PER_S)
         while self._nanosleep(time.CLOCK_MONOTONIC, TIMER_ABSTIME, self._deadline_pointer, None) != 0:
             pass
-
-    def leave(self) -> None:
-        """Do nothing: on this clock no process waits for another."""

@@ -13,8 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from hil.timing.clock import MonotonicClock
-from hil.timing.patient_clock import PatientClock, Row, has_stopped
 from hil.timing.realtime import end_with_parent
 
 READY = "ready"
@@ -23,10 +21,51 @@ BAD_INPUT_STATUS = 4
 """The program's exit status if its input is invalid."""
 
 STOP_TIMEOUT_S = 3.0
+EXIT_TIMEOUT_S = 60.0
+"""Additional time for a process whose first thread has ended, and whose others a busy host holds up."""
+BUSY_LOOK_S = 0.2
 LOOK_S = 1.0
 MOST_LOOKS_STOPPED = 5
 """Successive checks, `LOOK_S` apart, that find a starting child stopped by a signal before it is given up."""
 SHOWN_LINES = 12
+
+
+DEAD, STOPPED = "ZX", "Tt"
+"""States of a process that has ended, and of one that was stopped by a signal; proc(5)."""
+
+
+def state_of(pid: int) -> str:
+    """The letter of a process's state; a letter of `DEAD` for none, and "R" where the system has no /proc.
+
+    The first thread of a process may be dead while others still end.
+    """
+    if not Path("/proc/self/stat").exists() or pid == 0:
+        return "R"
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return DEAD[0]
+
+
+def has_stopped(pid: int) -> bool:
+    """Whether a process is dead or was stopped by a signal; False where the system has no /proc."""
+    return state_of(pid) in DEAD + STOPPED
+
+
+def cpu_s(pid: int) -> float:
+    """CPU time of a process in s; 0 where the system has no /proc or the process has ended."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except (FileNotFoundError, ProcessLookupError):
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def is_busy(pid: int) -> bool:
+    """Whether a process uses most of a CPU now."""
+    before_s = cpu_s(pid)
+    time.sleep(BUSY_LOOK_S)
+    return cpu_s(pid) - before_s > 0.5 * BUSY_LOOK_S
 
 
 def stop_requests() -> socket.socket:
@@ -50,20 +89,10 @@ def report_to_parent(line: str) -> None:
 
 
 class Start(NamedTuple):
-    """The common start time, and the first tick of a process that starts later.
-
-    `shared` is the descriptor of the patient clocks' shared memory (`hil.timing.patient_clock`), and `row`
-    the process's row in it; both are -1 on the wall clock.
-    """
+    """The common start time, and the first tick of a process that starts later."""
 
     t0_ns: int
     first_tick: int = 0
-    shared: int = -1
-    row: int = -1
-
-    def clock(self) -> MonotonicClock | PatientClock:
-        """The clock for the process that received this start."""
-        return MonotonicClock() if self.shared < 0 else PatientClock(self.shared, Row(self.row))
 
 
 def read_start() -> Start:
@@ -187,7 +216,10 @@ class Child:
 
     def start(self, start: Start) -> None:
         """Send the child the start for which it waits in `read_start`."""
-        line = " ".join(map(str, start))
+        self.tell(" ".join(map(str, start)))
+
+    def tell(self, line: str) -> None:
+        """Write a line to the child's standard input."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(f"{line}\n".encode())
@@ -215,11 +247,18 @@ class Child:
         """
         if not self.ended:
             self._process.terminate()
-        for patience_s in (STOP_TIMEOUT_S, at_work_s):
+        with suppress(subprocess.TimeoutExpired):
+            return self._last_output(STOP_TIMEOUT_S)
+        state = state_of(self.pid)
+        if state in DEAD:
+            at_work_s = max(at_work_s, EXIT_TIMEOUT_S)
+        if state not in STOPPED:
             with suppress(subprocess.TimeoutExpired):
-                return self._process.communicate(timeout=patience_s)[0].decode(errors="replace")
-            if has_stopped(self.pid):
-                break
+                return self._last_output(at_work_s)
         self._process.kill()
         self.killed_at_stop = True
-        return self._process.communicate()[0].decode(errors="replace")
+        return self._last_output()
+
+    def _last_output(self, timeout_s: float | None = None) -> str:
+        """Wait for the child's end, and return the rest of its standard output; may raise TimeoutExpired."""
+        return self._process.communicate(timeout=timeout_s)[0].decode(errors="replace")

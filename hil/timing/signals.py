@@ -19,11 +19,18 @@ def interruption(number: signal.Signals) -> str:
     return f"interrupted by {'Ctrl-C' if number == signal.SIGINT else number.name}"
 
 
+def is_ctrl_c(error: BaseException) -> bool:
+    """Whether the exception is an interruption by Ctrl-C, and not by SIGTERM or SIGHUP."""
+    return isinstance(error, KeyboardInterrupt) or str(error) == interruption(signal.SIGINT)
+
+
 class EndingSignals:
     """SIGINT, SIGTERM and SIGHUP within a block: the first raises `Interrupted`, later ones are recorded."""
 
     def __init__(self) -> None:
         self.raises = True
+        self.raised: Interrupted | None = None
+        """The interruption; a library may have lost it, or have made another error of it."""
         self.came: list[str] = []
 
     def handle(self, number: int, _: FrameType | None) -> None:
@@ -34,7 +41,8 @@ class EndingSignals:
         reason = interruption(signal.Signals(number))
         if self.raises:
             self.raises = False
-            raise Interrupted(reason)
+            self.raised = Interrupted(reason)
+            raise self.raised
         self.came.append(reason)
 
 
@@ -46,8 +54,9 @@ DELAYS: list[list[tuple[EndingSignals, signal.Signals]]] = []
 def delayed_signals() -> Iterator[None]:
     """Raise `Interrupted` only at the end of a block that no exception may interrupt.
 
-    Within an import the exception may be lost. Where compiled code makes records of its results, numba does
-    not check for it, and the process would end with a segmentation fault.
+    Within an import, a destructor or a callback of a library the exception may be lost. Where compiled code
+    makes records of its results, numba does not check for it, and the process would end with a segmentation
+    fault. So a tick of the simulation is never interrupted, only what follows it.
     """
     delayed: list[tuple[EndingSignals, signal.Signals]] = []
     DELAYS.append(delayed)

@@ -6,7 +6,8 @@ from typing import Annotated, Literal, NamedTuple, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from plant_sim.kernels import by_part, law
+from plant_sim.kernels import by_part
+from plant_sim.parts.sizes import motion_size
 from plant_sim.tables.table import Table
 
 
@@ -41,6 +42,23 @@ class MotorDrive(NamedTuple):
 Drive: TypeAlias = IdealDrive | MotorDrive
 
 
+@motion_size.register(MotorDrive)
+def _motor_drive_motion_size(part: MotorDrive) -> int:
+    """Angle and speed of the crank."""
+    return 2
+
+
+@by_part
+def constant_speed_rad_s(drive: Drive) -> float:
+    """Ω of an ideal drive, rad/s; 0 for a motor, which finds its own speed."""
+    return 0.0
+
+
+@constant_speed_rad_s.register(IdealDrive)
+def _ideal_drive_constant_speed_rad_s(drive: IdealDrive) -> float:
+    return drive.omega_rad_s
+
+
 @by_part
 def motor_current_a(drive: Drive, torque_n_m: float, omega_rad_s: float) -> float:
     """Current, A, for a commanded torque, limited by the drive and by the supply voltage.
@@ -50,8 +68,8 @@ def motor_current_a(drive: Drive, torque_n_m: float, omega_rad_s: float) -> floa
     return 0.0
 
 
-@law(motor_current_a, MotorDrive)
-def _(drive: MotorDrive, torque_n_m: float, omega_rad_s: float) -> float:
+@motor_current_a.register(MotorDrive)
+def _motor_drive_current_a(drive: MotorDrive, torque_n_m: float, omega_rad_s: float) -> float:
     back_emf_v = drive.torque_constant_n_m_a * omega_rad_s
     current_a = torque_n_m / drive.torque_constant_n_m_a
     current_a = min(max(current_a, -drive.current_limit_a), drive.current_limit_a)
@@ -65,8 +83,8 @@ def motor_torque_n_m(drive: Drive, torque_n_m: float, omega_rad_s: float) -> flo
     return 0.0
 
 
-@law(motor_torque_n_m, MotorDrive)
-def _(drive: MotorDrive, torque_n_m: float, omega_rad_s: float) -> float:
+@motor_torque_n_m.register(MotorDrive)
+def _motor_drive_torque_n_m(drive: MotorDrive, torque_n_m: float, omega_rad_s: float) -> float:
     return drive.torque_constant_n_m_a * motor_current_a(drive, torque_n_m, omega_rad_s)
 
 
@@ -140,15 +158,12 @@ class IdealDriveTable(CrankTable):
             )
         return self
 
-    def part(self, natural_rad_s: float, motor: MotorTable | None) -> IdealDrive:
+    def part(self, natural_rad_s: float, motor: MotorTable) -> IdealDrive:
         """The drive of a striker with this natural frequency."""
-        units = (
-            (self.ratio, natural_rad_s),
-            (self.frequency_hz, 2.0 * math.pi),
-            (self.speed_rad_s, 1.0),
-        )
-        speed = sum(value * unit for value, unit in units if value is not None)  # exactly one is given
-        return IdealDrive(self.amplitude_m, speed, self.phase_rad)
+        # exactly one is given
+        speed_rad_s = (self.ratio or 0.0) * natural_rad_s
+        speed_rad_s += (self.frequency_hz or 0.0) * 2.0 * math.pi + (self.speed_rad_s or 0.0)
+        return IdealDrive(self.amplitude_m, speed_rad_s, self.phase_rad)
 
 
 _SPEEDS = ("ratio", "frequency_hz", "speed_rad_s")
@@ -170,9 +185,22 @@ class TorqueDriveTable(CrankTable):
                 )
         return data
 
-    def part(self, natural_rad_s: float, motor: MotorTable | None) -> MotorDrive:
-        """The drive on this motor, or on the default motor."""
-        return MotorDrive(self.amplitude_m, self.phase_rad, **(motor or MotorTable()).model_dump())
+    def part(self, natural_rad_s: float, motor: MotorTable) -> MotorDrive:
+        """The drive on this motor."""
+        return MotorDrive(
+            amplitude_m=self.amplitude_m,
+            phase_rad=self.phase_rad,
+            inertia_kg_m2=motor.inertia_kg_m2,
+            torque_constant_n_m_a=motor.torque_constant_n_m_a,
+            resistance_ohm=motor.resistance_ohm,
+            inductance_h=motor.inductance_h,
+            pole_pairs=motor.pole_pairs,
+            supply_v=motor.supply_v,
+            current_limit_a=motor.current_limit_a,
+            viscous_n_m_s=motor.viscous_n_m_s,
+            dry_n_m=motor.dry_n_m,
+            speed_limit_rad_s=motor.speed_limit_rad_s,
+        )
 
 
 class MotorDriveTable(TorqueDriveTable):
@@ -182,7 +210,7 @@ class MotorDriveTable(TorqueDriveTable):
 
 
 class DqMotorDriveTable(TorqueDriveTable):
-    """A motor with its windings in the rotor's frame, current loop, bus voltage, cogging and ripple."""
+    """A motor with its windings in the rotor's frame, current loop and bus voltage."""
 
     model: Literal["dq-motor"]
 

@@ -1,7 +1,7 @@
 """Friction laws of the striker's guide. Dry ones are set-valued at rest: the striker sticks.
 
-Solvers name no law. The adaptive solver calls for the force and for its limit at rest; time stepping treats
-b v as viscous and the rest of the force as dry; the closed form supports only the laws of `ClosedForm`.
+Solvers name no law. The adaptive solver calls for the force and for its limit at rest; the closed form
+supports only the laws of `ClosedForm`.
 """
 
 import math
@@ -9,7 +9,7 @@ from typing import Annotated, Literal, NamedTuple, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from plant_sim.kernels import by_part, law, one_of
+from plant_sim.kernels import by_part, one_of
 from plant_sim.tables.table import Table
 
 ROUNDING = 1e-14
@@ -54,13 +54,13 @@ def static_limit_n(friction: Friction, normal_n: float) -> float:
     return 0.0
 
 
-@law(static_limit_n, Coulomb)
-def _(friction: Coulomb, normal_n: float) -> float:
+@static_limit_n.register(Coulomb)
+def _coulomb_static_limit_n(friction: Coulomb, normal_n: float) -> float:
     return friction.mu * normal_n
 
 
-@law(static_limit_n, Stribeck)
-def _(friction: Stribeck, normal_n: float) -> float:
+@static_limit_n.register(Stribeck)
+def _stribeck_static_limit_n(friction: Stribeck, normal_n: float) -> float:
     return friction.mu_s * normal_n
 
 
@@ -70,18 +70,18 @@ def friction_force_n(friction: Friction, normal_n: float, v_m_s: float, directio
     return 0.0
 
 
-@law(friction_force_n, Viscous)
-def _(friction: Viscous, normal_n: float, v_m_s: float, direction: float) -> float:
+@friction_force_n.register(Viscous)
+def _viscous_friction_force_n(friction: Viscous, normal_n: float, v_m_s: float, direction: float) -> float:
     return -friction.b_n_s_m * v_m_s
 
 
-@law(friction_force_n, Coulomb)
-def _(friction: Coulomb, normal_n: float, v_m_s: float, direction: float) -> float:
+@friction_force_n.register(Coulomb)
+def _coulomb_friction_force_n(friction: Coulomb, normal_n: float, v_m_s: float, direction: float) -> float:
     return -friction.mu * normal_n * direction - friction.b_n_s_m * v_m_s
 
 
-@law(friction_force_n, Stribeck)
-def _(friction: Stribeck, normal_n: float, v_m_s: float, direction: float) -> float:
+@friction_force_n.register(Stribeck)
+def _stribeck_friction_force_n(friction: Stribeck, normal_n: float, v_m_s: float, direction: float) -> float:
     speed = v_m_s * (direction / friction.v_s_m_s)
     # Where a stage slides backwards the law is continued smoothly, as far as a solver may look ahead.
     if friction.delta == 1.0:
@@ -106,21 +106,9 @@ def damping_n_s_m(friction: Friction) -> float:
     return 0.0
 
 
-@law(damping_n_s_m, Viscous, Coulomb, Stribeck)
-def _(friction: Viscous | Coulomb | Stribeck) -> float:
+@damping_n_s_m.register(Viscous, Coulomb, Stribeck)
+def _viscous_or_coulomb_or_stribeck_damping_n_s_m(friction: Viscous | Coulomb | Stribeck) -> float:
     return friction.b_n_s_m
-
-
-@by_part
-def dry_force_n(friction: Friction, normal_n: float, v_m_s: float) -> float:
-    """Magnitude, N, of the friction at a speed, without b v."""
-    speed = abs(v_m_s)
-    return -friction_force_n(friction, normal_n, speed, 1.0) - damping_n_s_m(friction) * speed
-
-
-@law(dry_force_n, Coulomb)
-def _(friction: Coulomb, normal_n: float, v_m_s: float) -> float:
-    return friction.mu * normal_n
 
 
 @by_part
@@ -129,8 +117,8 @@ def bend_m_s(friction: Friction) -> float:
     return math.inf
 
 
-@law(bend_m_s, Stribeck)
-def _(friction: Stribeck) -> float:
+@bend_m_s.register(Stribeck)
+def _stribeck_bend_m_s(friction: Stribeck) -> float:
     return friction.v_s_m_s
 
 
@@ -140,23 +128,23 @@ def times(friction: Friction, factor: float) -> Friction:
     raise NotImplementedError
 
 
-@law(times, NoFriction)
-def _(friction: NoFriction, factor: float) -> NoFriction:
+@times.register(NoFriction)
+def _no_friction_times(friction: NoFriction, factor: float) -> NoFriction:
     return friction
 
 
-@law(times, Viscous)
-def _(friction: Viscous, factor: float) -> Viscous:
+@times.register(Viscous)
+def _viscous_times(friction: Viscous, factor: float) -> Viscous:
     return Viscous(factor * friction.b_n_s_m)
 
 
-@law(times, Coulomb)
-def _(friction: Coulomb, factor: float) -> Coulomb:
+@times.register(Coulomb)
+def _coulomb_times(friction: Coulomb, factor: float) -> Coulomb:
     return Coulomb(factor * friction.mu, factor * friction.b_n_s_m)
 
 
-@law(times, Stribeck)
-def _(friction: Stribeck, factor: float) -> Stribeck:
+@times.register(Stribeck)
+def _stribeck_times(friction: Stribeck, factor: float) -> Stribeck:
     return friction._replace(
         mu=factor * friction.mu, mu_s=factor * friction.mu_s, b_n_s_m=factor * friction.b_n_s_m
     )

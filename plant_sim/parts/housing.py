@@ -11,7 +11,8 @@ from typing import NamedTuple, TypeAlias
 from pydantic import Field
 
 from plant_sim.arrays import FloatArray
-from plant_sim.kernels import by_part, law, one_of, shared, subroutine
+from plant_sim.kernels import by_part, one_of, subroutine
+from plant_sim.parts.sizes import ledger_size
 from plant_sim.parts.walking import Walking, felt_m_s2, felt_m_s3, unbroken_s
 from plant_sim.tables.table import Table
 
@@ -44,7 +45,12 @@ class Moving(NamedTuple):
 Housing: TypeAlias = Level | Tilted | Moving | Walking
 
 
-@shared
+@ledger_size.register(Tilted, Moving)
+def _housing_ledger_size(part: Tilted | Moving) -> int:
+    return 1
+
+
+@subroutine
 def _same_s(t_s: float) -> float:
     """Largest distance, s, from `t_s` of a time that counts as the same instant: more than its rounding."""
     return SAME_INSTANT_S + 4e-16 * abs(t_s)
@@ -56,13 +62,13 @@ def housing_m_s2(housing: Housing, t_s: float) -> float:
     return 0.0
 
 
-@law(housing_m_s2, Tilted)
-def _(housing: Tilted, t_s: float) -> float:
+@housing_m_s2.register(Tilted)
+def _tilted_housing_m_s2(housing: Tilted, t_s: float) -> float:
     return housing.along_m_s2
 
 
-@law(housing_m_s2, Moving)
-def _(housing: Moving, t_s: float) -> float:
+@housing_m_s2.register(Moving)
+def _moving_housing_m_s2(housing: Moving, t_s: float) -> float:
     value = housing.along_m_s2 + housing.harmonic_m_s2 * math.sin(
         housing.harmonic_rad_s * t_s + housing.harmonic_phase_rad
     )
@@ -72,9 +78,20 @@ def _(housing: Moving, t_s: float) -> float:
     return value
 
 
-@law(housing_m_s2, Walking)
-def _(housing: Walking, t_s: float) -> float:
+@housing_m_s2.register(Walking)
+def _walking_housing_m_s2(housing: Walking, t_s: float) -> float:
     return felt_m_s2(housing, t_s)
+
+
+@by_part
+def steady_m_s2(housing: Housing) -> float:
+    """The constant part of a_b, m/s², in which sensors are at rest; of any other motion a_b at t = 0."""
+    return housing_m_s2(housing, 0.0)
+
+
+@steady_m_s2.register(Moving)
+def _moving_steady_m_s2(housing: Moving) -> float:
+    return housing.along_m_s2
 
 
 @by_part
@@ -83,8 +100,8 @@ def housing_m_s3(housing: Housing, t_s: float) -> float:
     return 0.0
 
 
-@law(housing_m_s3, Moving)
-def _(housing: Moving, t_s: float) -> float:
+@housing_m_s3.register(Moving)
+def _moving_housing_m_s3(housing: Moving, t_s: float) -> float:
     rate = housing.harmonic_rad_s
     value = housing.harmonic_m_s2 * rate * math.cos(rate * t_s + housing.harmonic_phase_rad)
     into_s = t_s - housing.shock_start_s
@@ -94,8 +111,8 @@ def _(housing: Moving, t_s: float) -> float:
     return value
 
 
-@law(housing_m_s3, Walking)
-def _(housing: Walking, t_s: float) -> float:
+@housing_m_s3.register(Walking)
+def _walking_housing_m_s3(housing: Walking, t_s: float) -> float:
     return felt_m_s3(housing, t_s)
 
 
@@ -106,8 +123,8 @@ def expand_housing(housing: Housing, t_s: float, series: FloatArray) -> None:
     series[0] = housing_m_s2(housing, t_s)
 
 
-@law(expand_housing, Moving)
-def _(housing: Moving, t_s: float, series: FloatArray) -> None:
+@expand_housing.register(Moving)
+def _moving_expand_housing(housing: Moving, t_s: float, series: FloatArray) -> None:
     series[:] = 0.0
     series[0] = housing.along_m_s2
     rate = housing.harmonic_rad_s
@@ -134,8 +151,8 @@ def smooth_for_s(housing: Housing, t_s: float) -> float:
     return math.inf
 
 
-@law(smooth_for_s, Moving)
-def _(housing: Moving, t_s: float) -> float:
+@smooth_for_s.register(Moving)
+def _moving_smooth_for_s(housing: Moving, t_s: float) -> float:
     longest = 1.0 / housing.harmonic_rad_s if housing.harmonic_rad_s > 0.0 else math.inf
     into_s = t_s - housing.shock_start_s
     if into_s < -_same_s(t_s):
@@ -145,13 +162,10 @@ def _(housing: Moving, t_s: float) -> float:
     return longest
 
 
-@law(smooth_for_s, Walking)
-def _(housing: Walking, t_s: float) -> float:
+@smooth_for_s.register(Walking)
+def _walking_smooth_for_s(housing: Walking, t_s: float) -> float:
     return unbroken_s(housing, t_s, _same_s(t_s))
 
-
-moves = one_of(Moving, Walking)
-"""Whether a_b changes with time."""
 
 is_level = one_of(Level)
 """Whether a_b = 0."""
@@ -173,6 +187,30 @@ class ShockTable(Table):
     duration_s: float = Field(gt=0.0, description="the shock's duration in s")
 
 
+NO_SWING = HarmonicTable.model_construct(amplitude_m_s2=0.0, frequency_hz=0.0)
+NO_SHOCK = ShockTable.model_construct(peak_m_s2=0.0, start_s=0.0, duration_s=0.0)
+
+
+@subroutine
+def tilt_m_s2(gravity_m_s2: float, tilt_rad: float) -> float:
+    """Gravity's part along an axis that rises by this angle towards the stop, as a_b."""
+    return gravity_m_s2 * math.sin(tilt_rad)
+
+
+@subroutine
+def moving(along_m_s2: float, swing: HarmonicTable, shock: ShockTable) -> Moving:
+    """A housing with this swing and this shock."""
+    return Moving(
+        along_m_s2=along_m_s2,
+        harmonic_m_s2=swing.amplitude_m_s2,
+        harmonic_rad_s=2.0 * math.pi * swing.frequency_hz,
+        harmonic_phase_rad=swing.phase_rad,
+        shock_m_s2=shock.peak_m_s2,
+        shock_start_s=shock.start_s,
+        shock_s=shock.duration_s,
+    )
+
+
 class MotionTable(Table):
     """[housing]: tilt and acceleration of the module's housing along the striker's axis."""
 
@@ -187,16 +225,7 @@ class MotionTable(Table):
 
     def part(self, gravity_m_s2: float) -> Tilted | Moving:
         """The housing under this gravity."""
-        along_m_s2 = gravity_m_s2 * math.sin(self.tilt_rad)
-        swing, shock = self.harmonic, self.shock
-        if swing is None and shock is None:
+        along_m_s2 = tilt_m_s2(gravity_m_s2, self.tilt_rad)
+        if self.harmonic is None and self.shock is None:
             return Tilted(along_m_s2)
-        return Moving(
-            along_m_s2,
-            *(
-                (swing.amplitude_m_s2, 2.0 * math.pi * swing.frequency_hz, swing.phase_rad)
-                if swing
-                else (0.0,) * 3
-            ),
-            *((shock.peak_m_s2, shock.start_s, shock.duration_s) if shock else (0.0,) * 3),
-        )
+        return moving(along_m_s2, self.harmonic or NO_SWING, self.shock or NO_SHOCK)

@@ -7,7 +7,7 @@ and energy is conserved between crank and piston.
 import math
 from typing import NamedTuple, TypeAlias
 
-from plant_sim.kernels import by_part, law
+from plant_sim.kernels import by_part
 
 
 class Sine(NamedTuple):
@@ -33,13 +33,13 @@ def piston_m(linkage: Linkage, amplitude_m: float, theta_rad: float) -> float:
     raise NotImplementedError
 
 
-@law(piston_m, Sine)
-def _(linkage: Sine, amplitude_m: float, theta_rad: float) -> float:
+@piston_m.register(Sine)
+def _sine_piston_m(linkage: Sine, amplitude_m: float, theta_rad: float) -> float:
     return amplitude_m * math.sin(theta_rad)
 
 
-@law(piston_m, SliderCrank)
-def _(linkage: SliderCrank, amplitude_m: float, theta_rad: float) -> float:
+@piston_m.register(SliderCrank)
+def _slider_crank_piston_m(linkage: SliderCrank, amplitude_m: float, theta_rad: float) -> float:
     across = amplitude_m * math.cos(theta_rad)
     along = math.sqrt(linkage.rod_m * linkage.rod_m - across * across)
     # √(L² − a²) − L = −a² / (L + √(L² − a²)), without the difference of two near numbers
@@ -52,13 +52,15 @@ def crank_torque_n_m(linkage: Linkage, force_n: float, amplitude_m: float, theta
     raise NotImplementedError
 
 
-@law(crank_torque_n_m, Sine)
-def _(linkage: Sine, force_n: float, amplitude_m: float, theta_rad: float) -> float:
+@crank_torque_n_m.register(Sine)
+def _sine_crank_torque_n_m(linkage: Sine, force_n: float, amplitude_m: float, theta_rad: float) -> float:
     return force_n * amplitude_m * math.cos(theta_rad)
 
 
-@law(crank_torque_n_m, SliderCrank)
-def _(linkage: SliderCrank, force_n: float, amplitude_m: float, theta_rad: float) -> float:
+@crank_torque_n_m.register(SliderCrank)
+def _slider_crank_crank_torque_n_m(
+    linkage: SliderCrank, force_n: float, amplitude_m: float, theta_rad: float
+) -> float:
     across = amplitude_m * math.cos(theta_rad)
     along = math.sqrt(linkage.rod_m * linkage.rod_m - across * across)
     return force_n * across * (1.0 + amplitude_m * math.sin(theta_rad) / along)
@@ -70,13 +72,13 @@ def sine_at(linkage: Linkage, amplitude_m: float, level_m: float) -> float:
     raise NotImplementedError
 
 
-@law(sine_at, Sine)
-def _(linkage: Sine, amplitude_m: float, level_m: float) -> float:
+@sine_at.register(Sine)
+def _sine_at_of_sine(linkage: Sine, amplitude_m: float, level_m: float) -> float:
     return level_m / amplitude_m
 
 
-@law(sine_at, SliderCrank)
-def _(linkage: SliderCrank, amplitude_m: float, level_m: float) -> float:
+@sine_at.register(SliderCrank)
+def _slider_crank_sine_at(linkage: SliderCrank, amplitude_m: float, level_m: float) -> float:
     # (s − A sin θ)² = L² − A² cos² θ with s = x_A + L: sin θ = (s² − L² + A²) / (2 A s)
     reach = level_m + linkage.rod_m
     if reach <= 0.0:

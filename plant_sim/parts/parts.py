@@ -1,4 +1,4 @@
-"""The parts of one scene, for whose types the solvers are compiled."""
+"""The parts of one scene."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ from plant_sim.parts.winding import IdealCurrent, Winding
 
 
 class Parts(NamedTuple):
-    """One part of each kind; kernels are specialised for their types."""
+    """One part for each slot; the declared types are the parts that a slot can hold (`plant_sim.kinds`)."""
 
     striker: Striker
     drive: Drive

@@ -5,12 +5,40 @@ approach speeds, m/s; k is the ratio of separation to approach speed.
 """
 
 import math
-from collections.abc import Callable
+from typing import NamedTuple
+
+from plant_sim.kernels import by_part, subroutine
 
 HERTZ_EXPONENT = 1.5
 """F ∝ δ^1.5 for a rounded striker on a flat pad (Hertz)."""
 
+_QUARTER = (
+    math.sqrt(math.pi)
+    * math.gamma(1.0 + 1.0 / (HERTZ_EXPONENT + 1.0))
+    / math.gamma(0.5 + 1.0 / (HERTZ_EXPONENT + 1.0))
+)
+"""∫₀¹ du / √(1 − uⁿ⁺¹) for Hertz's exponent."""
 
+
+class Dissipation(NamedTuple):
+    """The unknown d of `hunt_crossley_dissipation`."""
+
+    restitution: float
+
+
+class LogDamping(NamedTuple):
+    """The unknown ln ζ of `kelvin_voigt_damping`."""
+
+    restitution: float
+
+
+@by_part
+def imbalance(unknown: Dissipation | LogDamping, value: float) -> float:
+    """A function that falls with `value` and is 0 at the unknown's value."""
+    raise NotImplementedError
+
+
+@subroutine
 def hunt_crossley_dissipation(restitution: float) -> float:
     """Dimensionless d = λ v⁻ of F = K δⁿ (1 + λ δ') that returns the striker at k v⁻, for any exponent n.
 
@@ -23,23 +51,32 @@ def hunt_crossley_dissipation(restitution: float) -> float:
     """
     if restitution >= 1.0:
         return 0.0
-
-    def imbalance(d: float) -> float:
-        return _log_remainder(d) - restitution**2 * _log_remainder(-restitution * d)
-
+    unknown = Dissipation(restitution)
     largest = math.nextafter(1.0 / restitution, 0.0)
-    if imbalance(largest) > 0.0:  # the root is closer to 1/k than numbers are
+    if imbalance(unknown, largest) > 0.0:  # the root is closer to 1/k than numbers are
         return largest
-    return _root(imbalance, 0.0, largest)
+    return root(unknown, 0.0, largest)
 
 
-def _log_remainder(u: float) -> float:
+@imbalance.register(Dissipation)
+def dissipation_imbalance(unknown: Dissipation, value: float) -> float:
+    """G(d) − G(−k d), over d²."""
+    k = unknown.restitution
+    return log_remainder(value) - k * k * log_remainder(-k * value)
+
+
+@subroutine
+def log_remainder(u: float) -> float:
     """(u − ln(1 + u)) / u², by its series where the difference would cancel."""
     if abs(u) > 0.1:
         return (u - math.log1p(u)) / (u * u)
-    return sum((-u) ** j / (j + 2) for j in range(18))  # next term below 1e-19
+    total = 0.0
+    for j in range(18):  # next term below 1e-19
+        total += (-u) ** float(j) / (j + 2)
+    return total
 
 
+@subroutine
 def hertz_stiffness(mass_kg: float, contact_s: float, speed_m_s: float) -> float:
     """K in N/m^1.5 of F = K δ^1.5 with the elastic contact time `contact_s` at approach speed `speed_m_s`.
 
@@ -47,17 +84,19 @@ def hertz_stiffness(mass_kg: float, contact_s: float, speed_m_s: float) -> float
     (Johnson, Contact Mechanics, 1985, section 11.4).
     """
     n = HERTZ_EXPONENT
-    quarter = math.sqrt(math.pi) * math.gamma(1.0 + 1.0 / (n + 1.0)) / math.gamma(0.5 + 1.0 / (n + 1.0))
-    deepest_m = contact_s * speed_m_s / (2.0 * quarter)
-    stiffness: float = (n + 1.0) * mass_kg * speed_m_s**2 / (2.0 * deepest_m ** (n + 1.0))
+    deepest_m = contact_s * speed_m_s / (2.0 * _QUARTER)
+    stiffness: float = (n + 1.0) * mass_kg * (speed_m_s * speed_m_s) / (2.0 * deepest_m ** (n + 1.0))
     return stiffness
 
 
+@subroutine
 def linear_stiffness(mass_kg: float, contact_s: float) -> float:
     """K in N/m of a linear stop with the elastic contact time `contact_s`: half a period, T = π √(m/K)."""
-    return mass_kg * (math.pi / contact_s) ** 2
+    rate = math.pi / contact_s
+    return mass_kg * (rate * rate)
 
 
+@subroutine
 def kelvin_voigt_restitution(zeta: float) -> float:
     """Restitution k of F = K δ + D δ' ≥ 0 at damping ratio ζ = D / (2 √(K m)), released when F would pull.
 
@@ -76,26 +115,32 @@ def kelvin_voigt_restitution(zeta: float) -> float:
     return math.exp(-zeta * tau)
 
 
+@subroutine
 def kelvin_voigt_damping(mass_kg: float, stiffness_n_m: float, restitution: float) -> float:
     """D in N s/m of F = K δ + D δ' ≥ 0 for a given restitution."""
     if restitution >= 1.0:
         return 0.0
-
-    def excess(log_zeta: float) -> float:
-        return math.log(kelvin_voigt_restitution(math.exp(log_zeta))) - math.log(restitution)
-
-    zeta = math.exp(_root(excess, -50.0, 50.0))
+    zeta = math.exp(root(LogDamping(restitution), -50.0, 50.0))
     return 2.0 * zeta * math.sqrt(stiffness_n_m * mass_kg)
 
 
-def _root(falling: Callable[[float], float], low: float, high: float) -> float:
-    """Root of a function that falls from above zero to below: bisection down to two adjacent floats.
+@imbalance.register(LogDamping)
+def log_damping_imbalance(unknown: LogDamping, value: float) -> float:
+    """ln k(ζ) − ln k."""
+    return math.log(kelvin_voigt_restitution(math.exp(value))) - math.log(unknown.restitution)
+
+
+@subroutine
+def root(unknown: Dissipation | LogDamping, low: float, high: float) -> float:
+    """The unknown's value, between `low` and `high`: bisection down to two adjacent floats.
 
     scipy.optimize is not used because its import takes longer than everything else that a scene needs.
     """
-    while low < (middle := low + 0.5 * (high - low)) < high:
-        if falling(middle) > 0.0:
+    middle = low + 0.5 * (high - low)
+    while low < middle < high:
+        if imbalance(unknown, middle) > 0.0:
             low = middle
         else:
             high = middle
+        middle = low + 0.5 * (high - low)
     return high

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, NamedTuple, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from plant_sim.kernels import by_part, law, one_of
+from plant_sim.kernels import by_part, one_of
 from plant_sim.parts.restitution import (
     HERTZ_EXPONENT,
     hertz_stiffness,
@@ -13,6 +13,7 @@ from plant_sim.parts.restitution import (
     kelvin_voigt_damping,
     linear_stiffness,
 )
+from plant_sim.parts.sizes import ledger_size
 from plant_sim.parts.striker import Striker
 from plant_sim.parts.wearer import Wearer, contact_mass_kg
 from plant_sim.tables.table import Table
@@ -55,19 +56,30 @@ LEAST_TOUCH_SPEED_M_S = 1e-3
 """Below this speed λ is constant: a striker laid on the stop would meet unbounded damping."""
 
 
+@ledger_size.register(RigidStop)
+def _rigid_stop_ledger_size(part: RigidStop) -> int:
+    return 1
+
+
+@ledger_size.register(KelvinVoigt, HuntCrossley)
+def _soft_stop_ledger_size(part: KelvinVoigt | HuntCrossley) -> int:
+    """The loss, and the impulse."""
+    return 2
+
+
 @by_part
 def origin_m(stop: Stop, striker: Striker) -> float:
     """Origin of the depth, m: the stop, so that depths near it keep their digits."""
     raise NotImplementedError
 
 
-@law(origin_m, NoStop)
-def _(stop: NoStop, striker: Striker) -> float:
+@origin_m.register(NoStop)
+def _no_stop_origin_m(stop: NoStop, striker: Striker) -> float:
     return striker.rest_length_m
 
 
-@law(origin_m, RigidStop, KelvinVoigt, HuntCrossley)
-def _(stop: RigidStop | KelvinVoigt | HuntCrossley, striker: Striker) -> float:
+@origin_m.register(RigidStop, KelvinVoigt, HuntCrossley)
+def _stop_origin_m(stop: RigidStop | KelvinVoigt | HuntCrossley, striker: Striker) -> float:
     return stop.position_m
 
 
@@ -77,8 +89,8 @@ def damping_s_m(stop: Stop, touch_speed_m_s: float) -> float:
     return 0.0
 
 
-@law(damping_s_m, HuntCrossley)
-def _(stop: HuntCrossley, touch_speed_m_s: float) -> float:
+@damping_s_m.register(HuntCrossley)
+def _hunt_crossley_damping_s_m(stop: HuntCrossley, touch_speed_m_s: float) -> float:
     return stop.dissipation / max(touch_speed_m_s, LEAST_TOUCH_SPEED_M_S)
 
 
@@ -88,13 +100,13 @@ def elastic_force_n(stop: Stop, depth_m: float) -> float:
     return 0.0
 
 
-@law(elastic_force_n, KelvinVoigt)
-def _(stop: KelvinVoigt, depth_m: float) -> float:
+@elastic_force_n.register(KelvinVoigt)
+def _kelvin_voigt_elastic_force_n(stop: KelvinVoigt, depth_m: float) -> float:
     return stop.stiffness_n_m * depth_m
 
 
-@law(elastic_force_n, HuntCrossley)
-def _(stop: HuntCrossley, depth_m: float) -> float:
+@elastic_force_n.register(HuntCrossley)
+def _hunt_crossley_elastic_force_n(stop: HuntCrossley, depth_m: float) -> float:
     force_n: float = stop.stiffness_n_mn * max(depth_m, 0.0) ** stop.exponent
     return force_n
 
@@ -105,13 +117,17 @@ def stop_force_n(stop: Stop, elastic_n: float, v_m_s: float, damping_s_m: float)
     return 0.0
 
 
-@law(stop_force_n, KelvinVoigt)
-def _(stop: KelvinVoigt, elastic_n: float, v_m_s: float, damping_s_m: float) -> float:
+@stop_force_n.register(KelvinVoigt)
+def _kelvin_voigt_stop_force_n(
+    stop: KelvinVoigt, elastic_n: float, v_m_s: float, damping_s_m: float
+) -> float:
     return elastic_n + stop.damping_n_s_m * v_m_s
 
 
-@law(stop_force_n, HuntCrossley)
-def _(stop: HuntCrossley, elastic_n: float, v_m_s: float, damping_s_m: float) -> float:
+@stop_force_n.register(HuntCrossley)
+def _hunt_crossley_stop_force_n(
+    stop: HuntCrossley, elastic_n: float, v_m_s: float, damping_s_m: float
+) -> float:
     return elastic_n * max(1.0 + damping_s_m * v_m_s, 0.0)  # it never pulls
 
 
@@ -121,13 +137,13 @@ def elastic_energy_j(stop: Stop, depth_m: float) -> float:
     return 0.0
 
 
-@law(elastic_energy_j, KelvinVoigt)
-def _(stop: KelvinVoigt, depth_m: float) -> float:
+@elastic_energy_j.register(KelvinVoigt)
+def _kelvin_voigt_elastic_energy_j(stop: KelvinVoigt, depth_m: float) -> float:
     return 0.5 * stop.stiffness_n_m * depth_m * depth_m
 
 
-@law(elastic_energy_j, HuntCrossley)
-def _(stop: HuntCrossley, depth_m: float) -> float:
+@elastic_energy_j.register(HuntCrossley)
+def _hunt_crossley_elastic_energy_j(stop: HuntCrossley, depth_m: float) -> float:
     return elastic_force_n(stop, depth_m) * depth_m / (stop.exponent + 1.0)
 
 
@@ -141,8 +157,8 @@ def stop_position_m(stop: Stop) -> float:
     return math.inf
 
 
-@law(stop_position_m, RigidStop)
-def _(stop: RigidStop) -> float:
+@stop_position_m.register(RigidStop)
+def _rigid_stop_position_m(stop: RigidStop) -> float:
     return stop.position_m
 
 
@@ -159,8 +175,8 @@ def restitution(stop: Stop) -> float:
     return 1.0
 
 
-@law(restitution, RigidStop)
-def _(stop: RigidStop) -> float:
+@restitution.register(RigidStop)
+def _rigid_stop_restitution(stop: RigidStop) -> float:
     return stop.restitution
 
 
@@ -170,13 +186,13 @@ def contact_rate_rad_s(stop: Stop, mass_kg: float, touch_speed_m_s: float) -> fl
     return 0.0
 
 
-@law(contact_rate_rad_s, KelvinVoigt)
-def _(stop: KelvinVoigt, mass_kg: float, touch_speed_m_s: float) -> float:
+@contact_rate_rad_s.register(KelvinVoigt)
+def _kelvin_voigt_contact_rate_rad_s(stop: KelvinVoigt, mass_kg: float, touch_speed_m_s: float) -> float:
     return math.sqrt(stop.stiffness_n_m / mass_kg)
 
 
-@law(contact_rate_rad_s, HuntCrossley)
-def _(stop: HuntCrossley, mass_kg: float, touch_speed_m_s: float) -> float:
+@contact_rate_rad_s.register(HuntCrossley)
+def _hunt_crossley_contact_rate_rad_s(stop: HuntCrossley, mass_kg: float, touch_speed_m_s: float) -> float:
     # ½ m v² = K δⁿ⁺¹ / (n + 1)
     speed = max(touch_speed_m_s, LEAST_TOUCH_SPEED_M_S)
     order = stop.exponent + 1.0

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from pydantic import Field
 
-from plant_sim.kernels import shared
+from plant_sim.kernels import subroutine
 from plant_sim.tables.table import STANDARD_GRAVITY_M_S2, Table
 
 
@@ -21,19 +21,25 @@ class Striker(NamedTuple):
     gravity_m_s2: float
 
 
-@shared
+@subroutine
+def has_linear_spring(striker: Striker) -> bool:
+    """Whether the spring's force is proportional to its stretch, as in a Taylor series."""
+    return True
+
+
+@subroutine
 def spring_force_n(striker: Striker, stretch_m: float) -> float:
     """Force, N, of the coupling spring along +x, stretched by x_A + l0 − x."""
     return striker.spring_n_m * stretch_m
 
 
-@shared
+@subroutine
 def spring_energy_j(striker: Striker, stretch_m: float) -> float:
     """Energy, J, in the coupling spring."""
     return 0.5 * striker.spring_n_m * stretch_m * stretch_m
 
 
-@shared
+@subroutine
 def spring_stretch_m(striker: Striker, force_n: float) -> float:
     """Stretch, m, of the coupling spring under a force."""
     return force_n / striker.spring_n_m

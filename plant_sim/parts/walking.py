@@ -28,7 +28,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import shared
+from plant_sim.kernels import subroutine
+from plant_sim.parts.sizes import ledger_size
 
 Rows: TypeAlias = NDArray[np.float64]
 Jet: TypeAlias = tuple[float, float, float, float]
@@ -109,6 +110,11 @@ class Walking(NamedTuple):
     rows: Rows
 
 
+@ledger_size.register(Walking)
+def _walking_ledger_size(part: Walking) -> int:
+    return 1
+
+
 class Leg(NamedTuple):
     """The shank: lean and its rates, and the specific force at the housing with its time derivative."""
 
@@ -122,7 +128,7 @@ class Leg(NamedTuple):
     outward_m_s3: float
 
 
-@shared
+@subroutine
 def row_at(rows: Rows, t_s: float) -> int:
     """The last row that has begun."""
     low, high = 0, rows.shape[0]
@@ -135,7 +141,7 @@ def row_at(rows: Rows, t_s: float) -> int:
     return low
 
 
-@shared
+@subroutine
 def _going_over(first: float, last: float, into_s: float, length_s: float) -> Jet:
     """Transition from `first` to `last` by S = 10 s³ − 15 s⁴ + 6 s⁵, with S' = S'' = 0 at both ends."""
     if first == last or into_s >= length_s:
@@ -151,7 +157,7 @@ def _going_over(first: float, last: float, into_s: float, length_s: float) -> Je
     )
 
 
-@shared
+@subroutine
 def cycles_at(row: Rows, t_s: float) -> float:
     """φ, in cycles since the first heel strike: the integral of the frequency."""
     into_s, length_s, first_hz = t_s - row[BEGIN_S], row[LENGTH_S], row[FROM_HZ]
@@ -163,7 +169,7 @@ def cycles_at(row: Rows, t_s: float) -> float:
     return float(row[PHASE] + first_hz * into_s + grown)
 
 
-@shared
+@subroutine
 def _warped(cycles: float, hertz: Jet, warp: float) -> Jet:
     """χ = φ + warp · sin² π φ and its derivatives in time."""
     turn = 2.0 * math.pi
@@ -182,7 +188,7 @@ def _warped(cycles: float, hertz: Jet, warp: float) -> Jet:
     )
 
 
-@shared
+@subroutine
 def _curve(
     coefficients: tuple[tuple[float, ...], tuple[float, ...]], phase: Jet
 ) -> tuple[float, float, float, float]:
@@ -204,7 +210,7 @@ def _curve(
     return value, d1 * p1, d2 * p1 * p1 + d1 * p2, d3 * p1 * p1 * p1 + 3.0 * d2 * p1 * p2 + d1 * p3
 
 
-@shared
+@subroutine
 def _times(p: Jet, q: Jet) -> Jet:
     """Product of two jets, by Leibniz' rule."""
     return (
@@ -215,7 +221,7 @@ def _times(p: Jet, q: Jet) -> Jet:
     )
 
 
-@shared
+@subroutine
 def _bump(peak: float, into_s: float, length_s: float) -> tuple[float, float]:
     """peak · sin²(π t/T) for 0 < t < T, and its time derivative."""
     if peak == 0.0 or into_s <= 0.0 or into_s >= length_s:
@@ -224,7 +230,7 @@ def _bump(peak: float, into_s: float, length_s: float) -> tuple[float, float]:
     return peak * math.sin(angle) ** 2, peak * math.pi / length_s * math.sin(2.0 * angle)
 
 
-@shared
+@subroutine
 def leg_at(walking: Walking, t_s: float) -> Leg:
     """State of the shank at `t_s`."""
     row = walking.rows[row_at(walking.rows, t_s)]
@@ -245,53 +251,53 @@ def leg_at(walking: Walking, t_s: float) -> Leg:
     strike, strike1 = _bump(row[STRIKE_M_S2], into_s, STRIKE_S)
     knock, knock1 = _bump(row[KNOCK_M_S2], into_s, KNOCK_S)
     return Leg(
-        lean[0],
-        lean[1],
-        x2 * sine + fall * cosine - h * lean[1] * lean[1] + strike,
-        x2 * cosine - fall * sine + h * lean[2] - STRIKE_BACKWARD * strike - knock,
-        sway[2] - fall * math.sin(tilt[0]) + h * tilt[2],
-        x3 * sine
+        lean_rad=lean[0],
+        lean_rad_s=lean[1],
+        up_m_s2=x2 * sine + fall * cosine - h * lean[1] * lean[1] + strike,
+        forward_m_s2=x2 * cosine - fall * sine + h * lean[2] - STRIKE_BACKWARD * strike - knock,
+        outward_m_s2=sway[2] - fall * math.sin(tilt[0]) + h * tilt[2],
+        up_m_s3=x3 * sine
         + fall1 * cosine
         + (x2 * cosine - fall * sine) * lean[1]
         - 2.0 * h * lean[1] * lean[2]
         + strike1,
-        x3 * cosine
+        forward_m_s3=x3 * cosine
         - fall1 * sine
         - (x2 * sine + fall * cosine) * lean[1]
         + h * lean[3]
         - STRIKE_BACKWARD * strike1
         - knock1,
-        sway[3] - fall1 * math.sin(tilt[0]) - fall * math.cos(tilt[0]) * tilt[1] + h * tilt[3],
+        outward_m_s3=sway[3] - fall1 * math.sin(tilt[0]) - fall * math.cos(tilt[0]) * tilt[1] + h * tilt[3],
     )
 
 
-@shared
+@subroutine
 def ankle_n_m_kg(phase: float) -> float:
     """Moment of the ankle at χ in natural walking, N m/kg: positive if it pushes the toes down."""
     return _curve(ANKLE_N_M_KG, (phase, 0.0, 0.0, 0.0))[0]
 
 
-@shared
+@subroutine
 def along_axis(walking: Walking, up: float, forward: float, outward: float) -> float:
     """Component along the striker's axis of a vector given in the shank's directions."""
     return walking.axis_up * up + walking.axis_forward * forward + walking.axis_outward * outward
 
 
-@shared
+@subroutine
 def felt_m_s2(walking: Walking, t_s: float) -> float:
     """a_b along the striker's axis, m/s²."""
     leg = leg_at(walking, t_s)
     return along_axis(walking, leg.up_m_s2, leg.forward_m_s2, leg.outward_m_s2)
 
 
-@shared
+@subroutine
 def felt_m_s3(walking: Walking, t_s: float) -> float:
     """Time derivative of a_b, m/s³."""
     leg = leg_at(walking, t_s)
     return along_axis(walking, leg.up_m_s3, leg.forward_m_s3, leg.outward_m_s3)
 
 
-@shared
+@subroutine
 def unbroken_s(walking: Walking, t_s: float, same_s: float) -> float:
     """Longest smooth interval from `t_s`, s: a radian of the fastest wave, up to the end of a row or bump."""
     rows = walking.rows

@@ -8,7 +8,8 @@ from typing import NamedTuple, TypeAlias
 
 from pydantic import Field
 
-from plant_sim.kernels import by_part, law, one_of
+from plant_sim.kernels import by_part, one_of
+from plant_sim.parts.sizes import ledger_size, motion_size
 from plant_sim.tables.table import Table
 
 
@@ -31,14 +32,25 @@ is_worn = one_of(Ankle)
 """Whether the stop rests on a wearer."""
 
 
+@motion_size.register(Ankle)
+def _ankle_motion_size(part: Ankle) -> int:
+    """Position and velocity of the plate."""
+    return 2
+
+
+@ledger_size.register(Ankle)
+def _ankle_ledger_size(part: Ankle) -> int:
+    return 1
+
+
 @by_part
 def contact_mass_kg(wearer: Wearer, striker_kg: float) -> float:
     """Effective mass of a contact: the striker's, or the reduced mass of striker and plate."""
     return striker_kg
 
 
-@law(contact_mass_kg, Ankle)
-def _(wearer: Ankle, striker_kg: float) -> float:
+@contact_mass_kg.register(Ankle)
+def _ankle_contact_mass_kg(wearer: Ankle, striker_kg: float) -> float:
     return striker_kg * wearer.plate_kg / (striker_kg + wearer.plate_kg)
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from plant_sim.arrays import FloatArray
-from plant_sim.kernels import jit, shared
+from plant_sim.kernels import jit, subroutine
 from plant_sim.parts.walking import (
     BEGIN_S,
     FROM_HZ,
@@ -93,7 +93,7 @@ def gait_at(walking: Walking, t_s: float) -> GaitTruth:
     return GaitTruth(LegState(int(state)), bool(tripping), *others)
 
 
-@shared
+@subroutine
 def _truth(walking: Walking, t_s: float) -> tuple[float, ...]:
     leg = leg_at(walking, t_s)
     row = walking.rows[row_at(walking.rows, t_s)]
@@ -136,19 +136,19 @@ def phases_at(walking: Walking, times_s: FloatArray) -> FloatArray:
     return cycles % 1.0
 
 
-@shared
+@subroutine
 def heel_load(phase: float) -> float:
     """Load of the heel over the cycle: from heel strike on, 0 from heel-off at 42 % on."""
     return _rise(phase, 0.0, 0.06) * (1.0 - _rise(phase, 0.15, 0.42))
 
 
-@shared
+@subroutine
 def toe_load(phase: float) -> float:
     """Load of the toe over the cycle: from foot-flat on, largest in push-off, 0 from toe-off on."""
     return _rise(phase, 0.08, 0.45) * (1.0 - _rise(phase, 0.5, TOE_OFF))
 
 
-@shared
+@subroutine
 def _rise(phase: float, begin: float, end: float) -> float:
     s = min(max((phase - begin) / (end - begin), 0.0), 1.0)
     return s * s * (3.0 - 2.0 * s)

@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import shared
+from plant_sim.kernels import subroutine
 from plant_sim.sensors.sensing import HIGH, HOUSING, LOW, SPEED_ESTIMATE, Sensing
 from plant_sim.tables.sensor_tables import AccelerometerTable, SensorsTable
 
@@ -50,6 +50,7 @@ class Readers(NamedTuple):
     encoder_noise_rad_s: float
 
 
+@subroutine
 def accelerometer_reader(table: AccelerometerTable) -> AccelerometerReader:
     """The reader of an accelerometer with these parameters."""
     # A Butterworth of second order passes the noise of π/(2√2) f_c.
@@ -63,6 +64,7 @@ def accelerometer_reader(table: AccelerometerTable) -> AccelerometerReader:
     )
 
 
+@subroutine
 def readers(sensors: SensorsTable) -> Readers:
     """The readers of a scene's sensors."""
     return Readers(
@@ -74,27 +76,27 @@ def readers(sensors: SensorsTable) -> Readers:
     )
 
 
-@shared
+@subroutine
 def read_accelerometer(reader: AccelerometerReader, filtered_m_s2: float, noise: float) -> float:
     """One reading, m/s², from the filtered truth and a standard normal; it saturates in counts."""
     count = round(filtered_m_s2 / reader.count_m_s2 + reader.bias + reader.noise * noise)
     return min(max(count, -reader.most), reader.most) * reader.count_m_s2
 
 
-@shared
+@subroutine
 def read_position_rev(readers: Readers, crank_rad: float) -> float:
     """The encoder's position, circular in [0, 1) revolutions."""
     counts = readers.encoder_counts
     return math.floor(crank_rad / TURN_RAD * counts) % counts / counts
 
 
-@shared
+@subroutine
 def read_velocity_rev_s(readers: Readers, filtered_rad_s: float, noise: float) -> float:
     """The encoder's speed estimate, rev/s, from the filtered truth and a standard normal."""
     return (filtered_rad_s + readers.encoder_noise_rad_s * noise) / TURN_RAD
 
 
-@shared
+@subroutine
 def read_sensors(readers: Readers, filtered: Numbers, crank_rad: float, noise: Numbers) -> SensorReading:
     """Read every sensor once: `filtered` as `Sensing.readings`, `noise` four standard normals."""
     return SensorReading(

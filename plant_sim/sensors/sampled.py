@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from plant_sim.kernels import by_part, law
+from plant_sim.kernels import by_part
 from plant_sim.solvers.adaptive.state_layout import OBSERVED
 from plant_sim.tables.table import Table
 
@@ -37,8 +37,8 @@ def signals(sensor: SampledSensor, observed: Vector, noise: Vector) -> tuple[flo
     raise NotImplementedError
 
 
-@law(signals, CoarsePosition)
-def _(sensor: CoarsePosition, observed: Vector, noise: Vector) -> tuple[float, ...]:
+@signals.register(CoarsePosition)
+def _coarse_position_signals(sensor: CoarsePosition, observed: Vector, noise: Vector) -> tuple[float, ...]:
     return (observed[OBSERVED.x_m] + sensor.noise_m * noise[0],)
 
 

@@ -17,11 +17,10 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import by_part, law, one_of, subroutine
+from plant_sim.kernels import by_part, one_of, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
-from plant_sim.parts.housing import Housing, Moving, Tilted, housing_m_s2, is_level
+from plant_sim.parts.housing import Housing, Level, housing_m_s2, is_level, steady_m_s2
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.walking import Walking
 from plant_sim.solvers.adaptive.state_layout import SHAKE, SPEED, VELOCITY, Vector, state_size
 from plant_sim.solvers.bernstein import DEGREE, NODES, ORDER, interpolate
 from plant_sim.tables.sensor_tables import AccelerometerTable, SensorsTable
@@ -73,19 +72,12 @@ def allocate_sensing(
     sensors: SensorsTable, crank_speed_rad_s: float, housing: Housing | None = None
 ) -> Sensing:
     """Filters in steady state for a striker at rest, the constant part of a_b and a steady crank."""
-    poles = [_pole(sensors.striker_low), _pole(sensors.striker_high), -sensors.encoder.bandwidth_rad_s + 0.0j]
-    states = [0.0j, 0.0j, crank_speed_rad_s + 0.0j]
-    is_felt = isinstance(housing, Tilted | Moving | Walking)
-    if isinstance(housing, Tilted | Moving | Walking):
-        poles.append(_pole(sensors.housing))
-        states.append(0.0j)
-        along_m_s2 = housing_m_s2(housing, 0.0) if isinstance(housing, Walking) else housing.along_m_s2
-        for which in (LOW, HIGH, HOUSING):
-            states[which] = -along_m_s2 / poles[which]  # where z' = λ z + a stays
+    is_felt = housing is not None and not is_level(housing)
+    filters = HOUSING + 1 if is_felt else HOUSING
     sensing = Sensing(
-        poles=np.array(poles),
-        states=np.array(states),
-        moments=np.zeros((len(poles), DEGREE + 2), dtype=np.complex128),
+        poles=np.zeros(filters, np.complex128),
+        states=np.zeros(filters, np.complex128),
+        moments=np.zeros((filters, DEGREE + 2), dtype=np.complex128),
         step_s=np.zeros(1),
         inputs=np.zeros((3, DEGREE + 1)),
         pulses=np.zeros((PULSES, 2)),
@@ -94,11 +86,30 @@ def allocate_sensing(
         shaken=np.zeros((2 if is_felt else 0, DEGREE + 1)),
         readings=np.zeros(HOUSING + 1),
     )
-    note_readings(sensing)
+    settle_filters(sensing, sensors, crank_speed_rad_s, Level() if housing is None else housing)
     return sensing
 
 
-def _pole(table: AccelerometerTable) -> complex:
+@subroutine
+def settle_filters(
+    sensing: Sensing, sensors: SensorsTable, crank_speed_rad_s: float, housing: Housing
+) -> None:
+    """Set the filters' poles, and their states to the steady ones of `allocate_sensing`."""
+    poles, states = sensing.poles, sensing.states
+    poles[LOW], poles[HIGH] = pole(sensors.striker_low), pole(sensors.striker_high)
+    poles[SPEED_ESTIMATE] = complex(-sensors.encoder.bandwidth_rad_s, 0.0)
+    states[SPEED_ESTIMATE] = complex(crank_speed_rad_s, 0.0)
+    if not is_level(housing):
+        poles[HOUSING] = pole(sensors.housing)
+        along_m_s2 = steady_m_s2(housing)
+        for which in (LOW, HIGH, HOUSING):
+            states[which] = -along_m_s2 / poles[which]  # where z' = λ z + a stays
+    note_readings(sensing)
+
+
+@subroutine
+def pole(table: AccelerometerTable) -> complex:
+    """λ of an accelerometer's filter."""
     return 2.0 * math.pi * table.bandwidth_hz * complex(-1.0, 1.0) / math.sqrt(2.0)
 
 
@@ -108,8 +119,8 @@ def note_readings(probe: Probe) -> None:
     return
 
 
-@law(note_readings, Sensing)
-def _(probe: Sensing) -> None:
+@note_readings.register(Sensing)
+def _sensing_note_readings(probe: Sensing) -> None:
     poles, states, readings = probe.poles, probe.states, probe.readings
     for which in range(poles.size):
         readings[which] = 2.0 * poles[which].imag * states[which].imag
@@ -126,8 +137,8 @@ def series_order(probe: Probe) -> int:
     return ORDER
 
 
-@law(series_order, Sensing)
-def _(probe: Sensing) -> int:
+@series_order.register(Sensing)
+def _sensing_series_order(probe: Sensing) -> int:
     """The filters are driven by polynomials of degree DEGREE."""
     return DEGREE
 
@@ -138,8 +149,8 @@ def sense_jump(probe: Probe, jump_m_s: float) -> None:
     return
 
 
-@law(sense_jump, Sensing)
-def _(probe: Sensing, jump_m_s: float) -> None:
+@sense_jump.register(Sensing)
+def _sensing_sense_jump(probe: Sensing, jump_m_s: float) -> None:
     pulses = probe.pulses
     for i in range(PULSES if jump_m_s != 0.0 else 0):
         if pulses[i, JUMP] == 0.0:
@@ -156,8 +167,10 @@ def sense_step(probe: Probe, parts: Parts, dense: Vector, h_s: float, used_s: fl
     return
 
 
-@law(sense_step, Sensing)
-def _(probe: Sensing, parts: Parts, dense: Vector, h_s: float, used_s: float, begin_s: float) -> None:
+@sense_step.register(Sensing)
+def _sensing_sense_step(
+    probe: Sensing, parts: Parts, dense: Vector, h_s: float, used_s: float, begin_s: float
+) -> None:
     if used_s == 0.0:
         return
     inputs, share = probe.inputs, used_s / h_s
@@ -174,8 +187,8 @@ def sense_series(probe: Probe, parts: Parts, series: Vector, used_s: float) -> N
     return
 
 
-@law(sense_series, Sensing)
-def _(probe: Sensing, parts: Parts, series: Vector, used_s: float) -> None:
+@sense_series.register(Sensing)
+def _sensing_sense_series(probe: Sensing, parts: Parts, series: Vector, used_s: float) -> None:
     if used_s == 0.0:
         return
     inputs = probe.inputs
@@ -213,16 +226,16 @@ def _drive_filters(probe: Sensing, parts: Parts, used_s: float) -> None:
 @by_part
 def _interpolate_housing(housing: Housing, probe: Sensing, used_s: float, begin_s: float) -> None:
     """Power coefficients of a_b over a step."""
-    return
-
-
-@law(_interpolate_housing, Tilted, Moving, Walking)
-def _(housing: Tilted | Moving | Walking, probe: Sensing, used_s: float, begin_s: float) -> None:
     values, through = probe.shaken[0], probe.shaken[1]
     for i in range(DEGREE + 1):
         values[i] = housing_m_s2(housing, begin_s + NODES[i] * used_s)
     interpolate(values, through)
     to_power(through, 1.0, probe.inputs[SHAKEN])
+
+
+@_interpolate_housing.register(Level)
+def _level_interpolate_housing(housing: Level, probe: Sensing, used_s: float, begin_s: float) -> None:
+    return
 
 
 _has_variable_speed = one_of(MotorDrive)
@@ -234,8 +247,8 @@ def _fill_constant_speed(drive: Drive, power: Vector) -> None:
     return
 
 
-@law(_fill_constant_speed, IdealDrive)
-def _(drive: IdealDrive, power: Vector) -> None:
+@_fill_constant_speed.register(IdealDrive)
+def _ideal_drive_fill_constant_speed(drive: IdealDrive, power: Vector) -> None:
     power[:] = 0.0
     power[0] = drive.omega_rad_s
 

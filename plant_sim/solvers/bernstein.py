@@ -7,11 +7,13 @@ interval is halved.
 """
 
 import math
+from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import subroutine
+from plant_sim.kernels import jit, subroutine
 
 Coefficients = NDArray[np.float64]
 
@@ -24,17 +26,37 @@ ORDER = 16
 NO_ROOT = 2.0
 """Returned if there is no root in [0, 1]."""
 
+ROOT_ROUNDING = 2e-15
+"""Width, as a share of a root, of the bracket at which its location ends."""
+
 DEEPEST_HALVING = 40
 """An excursion narrower than 2⁻⁴⁰ of a step is below rounding: it is no crossing."""
 
 
-NODES: Coefficients = 0.5 - 0.5 * np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
+MOST_CHORDS = 60
+"""Most trials of regula falsi; a root of a step takes about ten."""
+
+NODES: Coefficients = np.array([0.5 - 0.5 * math.cos(math.pi * i / DEGREE) for i in range(DEGREE + 1)])
 """Interpolation nodes: Chebyshev points of the second kind, with both ends."""
 
 
-def _basis(s: float) -> list[float]:
+def _basis(s: Fraction) -> list[Fraction]:
     """The Bernstein polynomials at s."""
-    return [math.comb(DEGREE, i) * s**i * (1.0 - s) ** (DEGREE - i) for i in range(DEGREE + 1)]
+    return [math.comb(DEGREE, i) * s**i * (1 - s) ** (DEGREE - i) for i in range(DEGREE + 1)]
+
+
+def _inverse(matrix: list[list[Fraction]]) -> Coefficients:
+    """The inverse, each number rounded once: the last bits of LAPACK's depend on processor and memory."""
+    size = len(matrix)
+    rows = [[*row, *(Fraction(i == j) for j in range(size))] for i, row in enumerate(matrix)]
+    for i in range(size):
+        pivot = next(k for k in range(i, size) if rows[k][i] != 0)
+        rows[i], rows[pivot] = rows[pivot], rows[i]
+        rows[i] = [one / rows[i][i] for one in rows[i]]
+        for k in range(size):
+            if k != i:
+                rows[k] = [one - rows[k][i] * other for one, other in zip(rows[k], rows[i], strict=True)]
+    return np.array([[float(one) for one in row[size:]] for row in rows])
 
 
 _BINOMIALS: Coefficients = np.array(
@@ -44,7 +66,33 @@ _BINOMIALS: Coefficients = np.array(
 _START, _WIDTH = ORDER + 1, ORDER + 2
 """Columns of the stack of `first_rise` behind the coefficients."""
 
-_FROM_VALUES: Coefficients = np.linalg.inv(np.array([_basis(float(s)) for s in NODES]))
+_FROM_VALUES: Coefficients = _inverse([_basis(Fraction(float(s))) for s in NODES])
+
+
+class Scratch(NamedTuple):
+    """Scratch arrays of event location: shapes (ORDER + 1,) twice, (DEEPEST_HALVING + 2, ORDER + 3).
+
+    `inner` is the motion within a step; only windings use it.
+    """
+
+    poly: Coefficients
+    press: Coefficients
+    stack: Coefficients
+    inner: Coefficients
+
+
+def scratch_arrays(motion: int) -> Scratch:
+    """Scratch arrays; `inner` holds this number of quantities."""
+    return Scratch(
+        np.zeros(ORDER + 1),
+        np.zeros(ORDER + 1),
+        np.zeros((DEEPEST_HALVING + 2, ORDER + 3)),
+        np.zeros(motion),
+    )
+
+
+new_scratch = jit(scratch_arrays)
+"""`scratch_arrays` for kernels."""
 
 
 @subroutine
@@ -96,8 +144,10 @@ def without_root_at_start(b: Coefficients, degree: int) -> None:
 
 
 @subroutine
-def first_rise(b: Coefficients, degree: int, stack: Coefficients) -> float:
+def first_rise(b: Coefficients, degree: int, stack: Coefficients, accuracy: float = ROOT_ROUNDING) -> float:
     """Smallest s in [0, 1] at which p, negative before, reaches 0; NO_ROOT if it never does, or p = 0.
+
+    It is too late by `accuracy` at most, as a share of itself.
 
     `stack` is scratch of shape (DEEPEST_HALVING + 2, ORDER + 3): coefficients, start, width.
     """
@@ -118,7 +168,7 @@ def first_rise(b: Coefficients, degree: int, stack: Coefficients) -> float:
         if c[0] >= 0.0:
             return float(start)
         if _sign_changes(c, degree) == 1:
-            return float(start + width * _only_root(c, degree))
+            return float(start + width * _only_root(c, degree, accuracy))
         if top == DEEPEST_HALVING:
             if c[degree] >= 0.0:
                 return float(start)
@@ -171,20 +221,23 @@ def _halve(stack: Coefficients, top: int, degree: int) -> None:
 
 
 @subroutine
-def _only_root(b: Coefficients, degree: int) -> float:
+def _only_root(b: Coefficients, degree: int, accuracy: float) -> float:
     """The one root of p in (0, 1], p(0) < 0 ≤ p(1), by regula falsi with Illinois weights.
 
-    No trial point is closer to an end than a rounding, so that the bracket of a root near an end shrinks from
-    both sides.
+    No trial point is closer to an end than the accuracy, so that the bracket of a root near an end shrinks
+    from both sides. After MOST_CHORDS trials, as with values near the least number, the bracket is halved.
     """
     low, high = 0.0, 1.0
     p_low, p_high = b[0], b[degree]
-    side = 0
+    side, trials = 0, 0
     while True:
-        least = 1e-15 * high
+        least = 0.5 * accuracy * high
         if high - low <= 2.0 * least:
             return high
+        trials += 1
         s: float = (low * p_high - high * p_low) / (p_high - p_low)
+        if trials > MOST_CHORDS:
+            s = 0.5 * (low + high)
         s = min(max(s, low + least), high - least)
         p = evaluate(b, degree, s)
         if p == 0.0:
@@ -199,3 +252,34 @@ def _only_root(b: Coefficients, degree: int) -> float:
             if side == -1:
                 p_high *= 0.5
             side = -1
+
+
+@subroutine
+def root(
+    b: Coefficients,
+    sign: float,
+    offset: float,
+    zeros: int,
+    scratch: Scratch,
+    accuracy: float = ROOT_ROUNDING,
+) -> float:
+    """First s at which sign · p(s) + offset, negative at first, reaches 0.
+
+    `zeros` leading derivatives, the value included, are zero at s = 0, which is no such root. `accuracy` is
+    that of `first_rise`.
+    """
+    poly = scratch.poly
+    degree = b.size - 1
+    for i in range(b.size):
+        poly[i] = sign * b[i] + offset
+    while degree > b.size - 1 - zeros:
+        without_root_at_start(poly, degree)
+        degree -= 1
+    return first_rise(poly, degree, scratch.stack, accuracy)
+
+
+@subroutine
+def first_beyond(b: Coefficients, slope: float, offset: float, limit: float, scratch: Scratch) -> float:
+    """First s at which |slope · p(s) + offset|, below the limit at first, passes it."""
+    upward = root(b, slope, offset - limit, 0, scratch)
+    return min(upward, root(b, -slope, -offset - limit, 0, scratch))

@@ -1,10 +1,10 @@
 """A bound on the work of a run: steps and events have a cost, which simulated time pays off.
 
-A leaky bucket (Turner, IEEE Commun. Mag. 24, 1986): each step or event adds its cost, simulated time reduces
+A leaky bucket (Turner, IEEE Commun. Mag. 24, 1986): each step or event costs 1, simulated time reduces
 the debt. A burst is accepted; a persistent excess is refused, independent of the length of the run before.
 """
 
-from plant_sim.kernels import shared
+from plant_sim.kernels import subroutine
 
 ALLOWANCE = 1_000_000.0
 """Largest debt of a run, about a second of computing. The named scenes stay below a thousandth of it."""
@@ -12,15 +12,12 @@ ALLOWANCE = 1_000_000.0
 COST_A_RADIAN = 10_000.0
 """Cost paid off by each radian of the fastest of striker, crank, ankle, housing and current."""
 
-TIME_STEP = 0.01
-"""Cost of a step of time stepping; a step of the adaptive solver and an event cost 1."""
-
 
 class SolverError(RuntimeError):
     """A run that cannot continue; the message states the time, the motion and the remedy."""
 
 
-@shared
+@subroutine
 def debt(before: float, cost: float, radians: float) -> float:
     """Debt of a run after it has spent `cost` on an interval in which its fastest part turned by
     `radians`."""

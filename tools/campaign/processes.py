@@ -1,19 +1,26 @@
 """Run a campaign's trials on all cores, or on a Dask scheduler's workers."""
 
+import fcntl
+import json
 import os
-from collections.abc import Sequence
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
-from typing import NamedTuple
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pyarrow as pa
 
 from hil.record import provenance
 from hil.record.run_folder import RUNS
-from tools.campaign.journal import journal
 from tools.campaign.trial.outcome import Outcome
 from tools.campaign.trial.scenarios import Plan
-from tools.jobs import running
-from tools.progress import Counted
+from tools.output import BadInputError
+from tools.study import store, work
 
-BATCHES_A_WORKER = 16
+BATCHES = 64
 LARGEST_BATCH = 32
 
 
@@ -31,41 +38,57 @@ def run_batch(batch: Batch) -> list[Outcome]:
     return [run_trial(batch.plan, trial) for trial in batch.trials]
 
 
-def batches(plan: Plan, trials: Sequence[int], workers: int) -> list[Batch]:
-    """Divide the trials into batches.
+def batches(plan: Plan, trials: int) -> list[Batch]:
+    """Divide the trials into batches; the division depends on their number alone."""
+    size = max(1, min(LARGEST_BATCH, trials // BATCHES))
+    begins = range(0, trials, size)
+    return [Batch(plan, list(range(begin, min(begin + size, trials)))) for begin in begins]
 
-    The first batch has one trial of each friction law, so that each kernel is compiled once.
+
+def piece(plan: Plan, spec: store.Spec) -> tuple[pa.Table, dict[str, Any]]:
+    """Run the trials of a specification; a row of the table is an outcome in JSON."""
+    outcomes = run_batch(Batch(plan, spec["trials"]))
+    return pa.table({"outcome": [json.dumps(asdict(one)) for one in outcomes]}), {}
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Make a campaign's folder and lock it until the end of the block; an empty folder is then removed.
+
+    The lock ends with the process in any case. Raises BadInputError if another process has locked it.
     """
-    laws: dict[str, int] = {}
-    for trial in trials:
-        laws.setdefault(plan.cell_of(trial).law, trial)
-    first = sorted(laws.values())
-    rest = sorted(set(trials) - set(first))
-    size = max(1, min(LARGEST_BATCH, len(rest) // (workers * BATCHES_A_WORKER)))
-    parts = [first] + [rest[begin : begin + size] for begin in range(0, len(rest), size)]
-    return [Batch(plan, part) for part in parts if part]
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise BadInputError(
+                f"{folder} is in use by the same campaign; wait until it has ended, or name another --seed"
+            ) from error
+        try:
+            yield
+        finally:
+            with suppress(OSError):  # it holds finished batches, or is gone
+                folder.rmdir()
+    finally:
+        os.close(lock)
 
 
 def run_all(
-    plan: Plan, trials: int, progress: Counted, workers: int | None = None, scheduler: str | None = None
+    plan: Plan, trials: int, workers: int | None = None, scheduler: str | None = None
 ) -> list[Outcome]:
     """Run all trials and return their outcomes in order of the trials' numbers.
 
-    Outcomes that an interrupted campaign has left in its journal are taken from there. The journal's name
-    contains a digest of everything on which an outcome depends.
+    The batches that an interrupted campaign has finished are taken from its folder, whose name contains a
+    digest of everything on which the batches and their outcomes depend. Raises BadInputError if the same
+    campaign is running.
     """
-    count = workers or os.cpu_count() or 1
-    RUNS.mkdir(exist_ok=True)
-    path = RUNS / f"campaign-{plan.campaign}-{provenance.key(plan)[:16]}.jsonl"
-    with journal(path) as (entries, add):
-        known = {entry["trial"]: Outcome(**entry) for entry in entries}
-        missing = [trial for trial in range(trials) if trial not in known]
-        progress(trials - len(missing), trials)
-        with running(run_batch, count, scheduler) as run:
-            for _, outcomes in run(batches(plan, missing, count)):
-                for outcome in outcomes:
-                    add(asdict(outcome))
-                    known[outcome.trial] = outcome
-                progress(sum(trial in known for trial in range(trials)), trials)
-    path.unlink(missing_ok=True)
-    return [known[trial] for trial in range(trials)]
+    folder = RUNS / f"campaign-{plan.campaign}-{provenance.key(plan, trials)[:16]}"
+    specs = [{"trials": batch.trials} for batch in batches(plan, trials)]
+    where = work.here(folder, workers, scheduler)
+    with locked(folder):
+        paths = work.run("batch", partial(piece, plan), specs, where, threads=False)
+        texts = [text for path in paths for text in store.read(path)[0]["outcome"].to_pylist()]
+        shutil.rmtree(folder)
+    return [Outcome(**json.loads(text)) for text in texts]

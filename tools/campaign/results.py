@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from tools.campaign import limits
 from tools.campaign.campaigns import Campaign, Goal
 from tools.campaign.statistics import Distribution, distribution, wilson
 from tools.campaign.trial.cells import Cell
@@ -23,10 +24,11 @@ SHARES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "regime_uncertain": (("periods_uncertain",), ("periods",)),
     "instant_start_captures": (("instant",), ("eligible",)),
     "fault_before_start": (("fault_before_start",), ("eligible",)),
-    "shocks_taken_for_impacts": (("shocks_taken_for_impacts",), ("shocks",)),
     "hopeless_settled": (("hopeless_settled",), ("hopeless",)),
     "in_window": (("strides_hit",), ("strides",)),
     "in_force": (("turns_in_force",), ("turns",)),
+    "within_band": (("within",), ("eligible",)),
+    **limits.SHARES,
 }
 """Shares of counts summed over trials: (numerator's counts, denominator's counts).
 
@@ -111,6 +113,17 @@ def judged(goal: Goal, value: float | None) -> bool | None:
     return math.isfinite(value) and above and below
 
 
+def verdict_of(passed: Sequence[bool | None]) -> bool | None:
+    """Return False if a goal is missed, None if one is not measured or there are none, else True.
+
+    >>> verdict_of([True, None]), verdict_of([None, False]), verdict_of([])
+    (None, False, None)
+    """
+    if False in passed:
+        return False
+    return True if passed and None not in passed else None
+
+
 def summary(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Return the counts, shares and metrics of the outcomes."""
     counts = counts_of(outcomes)
@@ -129,7 +142,7 @@ def result_of(
 ) -> dict[str, Any]:
     """Return the JSON object of a campaign."""
     by_cell = [[outcome for outcome in outcomes if outcome.cell == number] for number in range(len(cells))]
-    goals = []
+    goals: list[dict[str, Any]] = []
     for goal in campaign.goals:
         some = [
             outcome
@@ -137,9 +150,10 @@ def result_of(
             if cell.name.startswith(goal.where)
             for outcome in part
         ]
+        has_cell = any(cell.name.startswith(goal.where) for cell in cells)  # --set may leave conditions out
+        if not has_cell or (goal.full_size and len(outcomes) < campaign.trials):
+            continue
         value = figure_of(goal, summary(campaign, some)) if some else None
-        if goal.figure == "eligible" and len(outcomes) < campaign.trials:
-            value = None
         goals.append(
             {
                 "figure": " ".join(word for word in (goal.where, goal.figure, goal.quantile) if word),
@@ -148,9 +162,10 @@ def result_of(
                 "low": goal.low,
                 "high": goal.high,
                 "passed": judged(goal, value),
+                "wanted": goal.wanted,
+                "reason": goal.reason,
             }
         )
-    measured = [goal for goal in goals if goal["passed"] is not None]
     simulated_s = sum(outcome.simulated_s for outcome in outcomes)
     # The median is not affected by the few trials that compiled or loaded kernels.
     speeds = [outcome.simulated_s / outcome.compute_s for outcome in outcomes if outcome.compute_s > 0.0]
@@ -170,7 +185,7 @@ def result_of(
             {"cell": cell.name, **summary(campaign, part)} for cell, part in zip(cells, by_cell, strict=True)
         ],
         "goals": goals,
-        "passed": bool(measured) and all(goal["passed"] for goal in measured),
+        "passed": verdict_of([goal["passed"] for goal in goals]),
         "wall_s": wall_s,
         "simulated_s": simulated_s,
         "realtime_factor_a_core": float(np.median(speeds)) if speeds else math.nan,

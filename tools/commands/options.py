@@ -45,6 +45,13 @@ ParameterFiles = Annotated[
     list[Path] | None,
     typer.Option(help="A parameter file of `vibrohil tune`; repeatable; --set overrides it."),
 ]
+RealTime = Annotated[
+    Literal["held", "strict"],
+    typer.Option(
+        help="Real time: held while a process is late, or strict, which misses periods. On a bus that is not "
+        "the run's own, time is strict."
+    ),
+]
 Workers = Annotated[int | None, typer.Option(help="Number of processes; by default one per core.", min=1)]
 NodeBus = Annotated[str, typer.Option(help="The bus to join, e.g. socketcan:can0 or local:PATH.")]
 Sync = Annotated[
@@ -52,6 +59,10 @@ Sync = Annotated[
 ]
 Again = Annotated[
     bool, typer.Option("--again", help="With --sync: join when requested, and continue the trace.")
+]
+Turns = Annotated[
+    Path | None,
+    typer.Option(help="The socket of a run's pacemaker, which gives this node its turns.", hidden=True),
 ]
 Until = Annotated[float | None, number("Stop after this time in s; by default on Ctrl-C.")]
 

@@ -10,6 +10,7 @@ firmware's core is decorated.
 """
 
 import ast
+import faulthandler
 import gc
 import importlib
 import importlib.abc
@@ -127,6 +128,7 @@ def members_of(module: ModuleType) -> dict[str, list[str]]:
 
 def passes(name: str, code: ast.Module, tests: Sequence[str]) -> bool:
     """Whether the tests pass with `code` as the module; they run in a forked process."""
+    faulthandler.cancel_dump_traceback_later()  # it waits for a thread, which a fork does not copy
     child = os.fork()
     if child == 0:
         os._exit(_in_child(name, code, tests))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from firmware_py.shell.parameters import DEFAULTS
 from hil.bench.bench import run_scenario
+from hil.bench.options import RunOptions
 from hil.record.run_traces import RunTraces, column, read_run
 from hil.scenario.scenario import load_scenario
 from hil.show.report.chart import ALARM, ESTIMATE, TARGET, TRUTH
@@ -47,14 +48,8 @@ def made(scenario: str, *settings: str) -> RunTraces:
     """Run a scenario in lockstep and return its traces."""
     with tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder) / "run"
-        run_scenario(
-            load_scenario(scenario, settings),
-            clock="lockstep",
-            bus="auto",
-            out_dir=run_dir,
-            seed=1,
-            progress=lambda *_: None,
-        )
+        lockstep = RunOptions(clock="lockstep")
+        run_scenario(load_scenario(scenario, settings), lockstep, run_dir, 1, lambda *_: None)
         traces = read_run(run_dir)
         return replace(traces, plant=traces.plant[:], firmware=traces.firmware[:], impacts=traces.impacts[:])
 

@@ -32,7 +32,7 @@ def probed(python: Path) -> tuple[str, float] | None:
     """The interpreter behind `python` and its time in s; None if it is unusable or of another version."""
     try:
         said = subprocess.run(
-            [python, "-c", PROBE], capture_output=True, text=True, timeout=PATIENCE_S, check=True
+            [python, "-I", "-c", PROBE], capture_output=True, text=True, timeout=PATIENCE_S, check=True
         ).stdout
         major, minor, time_s, executable = said.split(maxsplit=3)
         version, taken_s = (int(major), int(minor)), float(time_s)

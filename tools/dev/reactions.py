@@ -1,15 +1,15 @@
 """Reaction times by frames on the bus: fault → torque 0 → IDLE → the drive's heartbeat reports idle.
 
-    python -m tools.dev.reactions --seeds 20 [--write] [SCENARIO…]
+    python -m tools.dev.reactions --seeds 20 [SCENARIO…]
 
 Runs scenarios in lockstep on the compiled firmware, two at a time, each with several seeds, which also change
 the time of the fault. Prints the longest of each reaction time for every scenario and fault that the firmware
-latched; --write puts this table into docs/safety.md. The times count from the beginning of the scenario's
-first fault; IDLE counts only after the last torque other than 0.
+latched, as in docs/data/reactions.csv, and the longest of each fault, as in docs/safety.md.
+The times count from the beginning of the scenario's first fault; IDLE counts only after the last torque other
+than 0.
 """
 
 import argparse
-import itertools
 import math
 import shutil
 import sys
@@ -30,9 +30,9 @@ from firmware_py.interface.generated.records import (
 )
 from hil.bench import workers
 from hil.bench.lockstep import run_lockstep, silent
-from hil.bench.suite import PROCESSES, Case, cases_of, scenarios_for
-from hil.scenario.fault_tables import Flood
+from hil.faults.kinds.flood import Flood
 from hil.scenario.scenario import Scenario
+from hil.suite.suite import PROCESSES, Case, cases_of, scenarios_for
 
 IDLE = SetAxisState(AxisState.IDLE)
 WATCHED = {
@@ -45,10 +45,6 @@ WATCHED = {
     )
 }
 """The evaluated identifiers by their text in `can.log`."""
-
-
-HEAD = "| fault latched | scenario | runs | torque 0 | IDLE sent | idle confirmed |"
-SAFETY = Path(__file__).parents[2] / "docs" / "safety.md"
 
 
 class Reaction(NamedTuple):
@@ -116,23 +112,36 @@ def shown(time_s: float) -> str:
     return f"{1000.0 * time_s:.0f} ms" if math.isfinite(time_s) else "never"
 
 
-def markdown(found: dict[tuple[Fault, str], list[Reaction]]) -> str:
-    """The table of docs/safety.md; `found` by fault and scenario."""
-    lines = [HEAD, "|---|---|---|---|---|---|"]
+def cells(found: dict[tuple[Fault, str], list[Reaction]]) -> str:
+    """The text of the data file: the longest times in ms of each fault and scenario; empty for never."""
+    lines = ["fault,scenario,runs,torque_zero_ms,idle_sent_ms,idle_confirmed_ms"]
     for fault, name in sorted(found):
-        reactions = found[fault, name]
-        times = " | ".join(map(shown, worst(reactions)))
-        lines.append(f"| {fault.name} | `{name}` | {len(reactions)} | {times} |")
+        longest = (
+            f"{1e3 * time_s:.0f}" if math.isfinite(time_s) else "" for time_s in worst(found[fault, name])
+        )
+        lines.append(",".join((fault.name, name, str(len(found[fault, name])), *longest)))
+    return "\n".join(lines) + "\n"
+
+
+def markdown(found: dict[tuple[Fault, str], list[Reaction]]) -> str:
+    """The table of docs/safety.md: the longest times of each fault; `found` by fault and scenario."""
+    lines = [
+        "| fault latched | scenarios | runs | torque 0 | IDLE sent | idle confirmed |",
+        "|---|---:|---:|---|---|---|",
+    ]
+    for fault in sorted({fault for fault, _ in found}):
+        of_fault = [reactions for (latched_fault, _), reactions in found.items() if latched_fault == fault]
+        times = " | ".join(map(longest_of, zip(*map(worst, of_fault), strict=True)))
+        lines.append(f"| {fault.name} | {len(of_fault)} | {sum(map(len, of_fault))} | {times} |")
     return "\n".join(lines)
 
 
-def with_table(page: str, table: str) -> str:
-    """`page` with `table` in place of the table that begins with HEAD."""
-    before, head, rest = page.partition(HEAD)
-    if not head:
-        raise SystemExit(f"{SAFETY} has no line {HEAD!r}; put it where the table is to stand")
-    after = rest.splitlines(keepends=True)[1:]
-    return before + table + "\n" + "".join(itertools.dropwhile(lambda line: line.startswith("|"), after))
+def longest_of(times_s: Sequence[float]) -> str:
+    """The longest finite time of several scenarios as text, and how many of them never come to the step."""
+    finite_s = [time_s for time_s in times_s if math.isfinite(time_s)]
+    never = len(times_s) - len(finite_s)
+    texts = [shown(max(finite_s))] if finite_s else []
+    return ", ".join([*texts, f"never in {never}"] if never else texts)
 
 
 def attributable(scenario: Scenario) -> bool:
@@ -141,11 +150,10 @@ def attributable(scenario: Scenario) -> bool:
 
 
 def main() -> None:
-    """Run the scenarios of the command line and print the table."""
+    """Run the scenarios of the command line and print their times."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="SCENARIO", help="all with a fault without")
     parser.add_argument("--seeds", type=int, default=20, help="runs of each scenario (default 20)")
-    parser.add_argument("--write", action="store_true", help="the table of docs/safety.md too")
     asked = parser.parse_args()
     scenarios, _ = scenarios_for(asked.names, "lockstep")
     found: dict[tuple[Fault, str], list[Reaction]] = {}
@@ -160,10 +168,7 @@ def main() -> None:
             print(f"{name}, seed {case.seed}: {what}: {', '.join(map(shown, times))}", file=sys.stderr)
             if fault is not None:
                 found.setdefault((fault, name), []).append(times)
-    table = markdown(found)
-    print(table)
-    if asked.write:
-        SAFETY.write_text(with_table(SAFETY.read_text(), table))
+    print(cells(found), markdown(found), sep="\n")
 
 
 if __name__ == "__main__":

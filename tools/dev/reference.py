@@ -16,23 +16,19 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from firmware_py.interface import codec, enums
-from firmware_py.interface.layout import Signal, SignalKind
-from firmware_py.interface.sources.dbc import database
-from firmware_py.interface.sources.parameter_table import TABLE
+from firmware_py.interface.dbc import Signal, SignalKind, database
+from firmware_py.interface.parameter_table import TABLE
+from hil.drive.axis_table import BenchScene
+from hil.faults.every import KINDS, PLACES
+from hil.judge.checks import Check
 from hil.judge.figures.records import CATALOGUE
 from hil.judge.requirements import requirements
-from hil.scenario import fault_tables as tables
-from hil.scenario.scenario import (
-    CommandTable,
-    Scenario,
-    ScenarioTable,
-    ScriptTable,
-    load_scenario,
-    scenario_names,
-)
-from plant_sim.scene import Scene
+from hil.scenario.differences import FileTable, check_sets
+from hil.scenario.files import scenario_names
+from hil.scenario.scenario import CommandTable, Scenario, ScenarioTable, ScriptTable, load_scenario
 from plant_sim.tables.quantities import QUANTITIES
 from plant_sim.tables.table import tables_in
+from tools.dev.coverage_map import proving_scenarios, proving_tests
 from tools.program import program
 
 PLACE = Path("docs/reference")
@@ -103,8 +99,8 @@ def frames() -> str:
     for name in enums.__dict__:
         kind = getattr(enums, name)
         if isinstance(kind, type) and issubclass(kind, IntEnum) and kind is not IntEnum:
-            rows = (row(value.value, f"`{value.name}`") for value in kind)
-            parts += [f"### {name}\n\n{first_sentences(kind)}", table(["value", "name"], rows)]
+            values = ", ".join(f"{value.value} `{value.name}`" for value in kind)
+            parts.append(f"### {name}\n\n{first_sentences(kind)}\n\n{values}.")
     return page("Frames", *parts)
 
 
@@ -115,6 +111,7 @@ def parameters() -> str:
             index,
             f"`{one.name}`",
             one.tier.name.lower(),
+            "—" if not one.is_calibrated else "in motion" if one.while_running else "at rest",
             one.unit,
             f"{one.default:g}",
             f"{one.low:g} … " + (f"`{one.at_most}`" if one.at_most else f"{one.high:g}"),
@@ -125,14 +122,16 @@ def parameters() -> str:
     return page(
         "Firmware parameters",
         "The nominal parameters of the module and the tuning of the controller. A scenario sets them under "
-        "`[firmware]`, the command line with `--set firmware.NAME=VALUE`, the bus by index.",
+        "`[firmware]`, the command line with `--set firmware.NAME=VALUE`, XCP by its name in the "
+        "A2L file.",
         "The **tier** of a parameter determines who may change it. **build**: the control period and the "
-        "hard ceilings; the bus can read but not write them (`NOT_WRITABLE`), and a parameter file that "
+        "hard ceilings; a parameter file that "
         "contains one is rejected. A scenario may set them, because it also describes the bench's build. "
         "**module**: the "
-        "nominal parameters of the module and its motor. **tuning**: the controller's behaviour. The bus can "
-        "write both at rest, within their bounds. A bound given as a name is the value of that parameter.",
-        table(["index", "name", "tier", "unit", "default", "bounds", "meaning"], rows),
+        "nominal parameters of the module and its motor. **tuning**: the controller's behaviour. The "
+        "column **XCP** says when [a master](../how-to/measure-and-calibrate.md) may change it, within "
+        "its bounds. A bound given as a name is the value of that parameter.",
+        table(["index", "name", "tier", "XCP", "unit", "default", "bounds", "meaning"], rows),
     )
 
 
@@ -148,14 +147,15 @@ def figures() -> str:
 
 
 def requirement_rows() -> Iterator[str]:
-    """A row for each requirement: its source, and the numbers of checks and scenarios that prove it."""
+    """A row for each requirement: its source, the numbers of checks that prove it, and its tests."""
+    of_tests = proving_tests()
     scenarios = [load_scenario(name) for name in scenario_names()]
     for name, one in requirements().items():
         proofs = [(scenario.name, check) for scenario in scenarios for check in scenario.checks]
         proving = [scenario for scenario, check in proofs if check.requirement == name]
         where = f"[{one.source.partition('#')[0]}]({one.source})"
         in_scenarios = f"{len(proving)} in {len(set(proving))} scenarios" if proving else "—"
-        tests = ", ".join(f"`{test}`" for test in one.tests) or "—"
+        tests = "<br>".join(f"`{test}`" for test in of_tests[name]) or "—"
         yield row(f'<a id="{name.lower()}"></a>{name}', one.text, where, in_scenarios, tests)
 
 
@@ -166,8 +166,15 @@ def requirement_page() -> str:
         "The requirements on the module, and the checks and tests that prove them. A scenario's check names "
         "its requirement with the key `requirement`. `vibrohil suite` lists for each requirement the checks "
         "that prove it and their results: on its page, in `suite.json` and in JUnit. The tests fail if a "
-        "requirement has no proof, or if a scenario's check proves no requirement.",
+        "requirement has no proof, or if a scenario's check proves no requirement. A test names its "
+        'requirement with `@pytest.mark.requirement("S-01")`; `pytest -k NAME` runs it.',
         table(["id", "requirement", "stated in", "checks", "tests"], requirement_rows()),
+        "## Scenarios",
+        "The scenarios by the requirements that their checks prove; `vibrohil run NAME` runs one.",
+        table(
+            ["proved", "scenarios"],
+            (row(" ".join(proved), "<br>".join(names)) for proved, names in proving_scenarios().items()),
+        ),
     )
 
 
@@ -220,15 +227,29 @@ def keys_of(fields: Mapping[str, FieldInfo]) -> str:
     return table(["key", "default", "bounds", "meaning"], rows)
 
 
+def check_set_rows() -> Iterator[str]:
+    """A row for each set of checks that a scenario may name."""
+    for name, one in check_sets().items():
+        limits = (f"`{check['name']}` {limit_of(check)}".rstrip() for check in one["checks"])
+        yield row(f"`{name}`", one["title"], "<br>".join(limits))
+
+
+def limit_of(check: Mapping[str, Any]) -> str:
+    """The limit of a check in a set as text; empty if the scenario gives it."""
+    bounded = {"low", "high", "equals"} & check.keys()
+    return f"{Check.model_validate(check).limit} {check.get('unit', '')}" if bounded else ""
+
+
 def scenes() -> str:
     """Every key of a scene's and a scenario's file."""
     parts = ["A part without a table is absent. Unknown keys are rejected."]
-    of_scenario: list[type[BaseModel]] = [ScenarioTable, ScriptTable, CommandTable]
-    for heading, found in (("A scenario", of_scenario), ("A scene", [*tables_in(Scene)][1:])):
+    of_scenario: list[type[BaseModel]] = [ScenarioTable, FileTable, ScriptTable, CommandTable]
+    for heading, found in (("A scenario", of_scenario), ("A scene", [*tables_in(BenchScene)][1:])):
         parts.append(f"## {heading}")
         for model in found:
             name = model.__name__.removesuffix("Table")
             parts += [f"### {name}\n\n{first_sentences(model)}", keys_of(model.model_fields)]
+    parts += ["## Sets of checks", table(["name", "title", "checks"], check_set_rows())]
     parts.append(
         "## Sizes\n\nEvery number has a largest size, and a number above 0 has a smallest one, by the unit "
         "at the end of its key; the first matching row applies. A number that may be 0 is 0 or at least "
@@ -239,15 +260,6 @@ def scenes() -> str:
     return page("Scenarios and scenes", *parts)
 
 
-FAULT_PLACES = (
-    ("On the bus", get_args(tables.LineFault) + get_args(tables.ModelledFault)),
-    ("At the sensors", get_args(tables.ReadingFault)),
-    ("In the drive and the module", get_args(tables.PhysicalFault)),
-    (
-        "In processes, clocks and memory",
-        (*get_args(tables.ProcessFault), *get_args(tables.ClockFault), tables.ParametersDamaged),
-    ),
-)
 DEADLINES = {
     "after_fault.torque_zero_after_s": "the motor's torque is 0 within",
     "safe_state.command_zero_after_s": "the commanded torque is 0 within",
@@ -276,9 +288,9 @@ def faults() -> str:
         "beginning in s from the start, and `duration_s`, by default to the end of the run. The reaction is "
         "measured on the truth. `vibrohil suite --seeds 20` runs each fault with twenty seeds."
     ]
-    for heading, kinds in FAULT_PLACES:
-        parts.append(f"## {heading}")
-        for kind in kinds:
+    for place in PLACES:
+        parts.append(f"## {place}")
+        for kind in (one for one in KINDS if one.place == place):
             name = kind.model_fields["kind"].annotation
             own = {
                 key: field
@@ -308,16 +320,24 @@ def every_command(group: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 def commands() -> str:
     """Every command and its options."""
     whole: Any = typer.main.get_command(program())
+    every_name = list(every_command(whole))
+    without = [
+        name
+        for name, command in every_name
+        if not hasattr(command, "commands") and not any("--json" in option.opts for option in command.params)
+    ]
+    names = ", ".join(f"`{name}`" for name in without)
     parts = [
         "Every command describes itself with `--help`. With `--json` it prints one JSON object on standard "
-        "output. Exit statuses: 0 all passed, 1 a check failed, 2 interrupted (by Ctrl-C, "
+        f"output ({names} do not have this option). Exit "
+        "statuses: 0 all passed, 1 a check failed, 2 interrupted (by Ctrl-C, "
         "SIGTERM or SIGHUP), 3 internal error, 4 usage or "
         "bad input, 5 nothing ran."
     ]
-    for name, command in every_command(whole):
+    for name, command in every_name:
         lines = []
         for option in command.params:
-            if option.name == "help":
+            if option.name == "help" or "--json" in option.opts:
                 continue
             every = (*option.opts, *option.secondary_opts)
             names = ", ".join(f"`{one}`" for one in every) or f"`{option.name}`"

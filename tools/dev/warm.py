@@ -1,29 +1,47 @@
-"""`python -m tools.dev.warm`: compiles the kernels of nearly every run, and all modules, in advance."""
+"""`python -m tools.dev.warm`: compiles all kernels of runs and studies, and all modules, in advance."""
 
 import compileall
 import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
+
 from hil.bench.lockstep import warm_lockstep
 from hil.scenario.scenario import load_scenario
-from plant_sim.kernels import cache_folder
+from kernel_cache import root
+from plant_sim.scene import load_scene, read_scene
+from plant_sim.simulation import simulate
+from tools.study.cases import case
+from tools.study.orbits import closed, follow
+from tools.study.orbits.sections import CLASSIFY
 
 DEFAULT_SCENARIO = "soft-start-multistable"
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("plant_sim", "firmware_py", "hil", "tools")
 
 
+def warm_studies() -> None:
+    """Compile the kernels of every solver and of the orbits. They serve every scene."""
+    for method in ("exact", "adaptive"):
+        table = read_scene("table1-viscous") | {"solver": {"method": method, "accuracy": 1e-3}}
+        simulate(load_scene(table), 0.1)
+    for law in ("viscous", "stribeck"):
+        one = case("table1", law)
+        follow.warm([one])
+        follow.classify(one, 1.0, np.zeros((1, 3)), CLASSIFY)
+    closed.ramp(case("table1", "viscous").closed_parts(1.0), 0.0, 0.1, 10)
+
+
 def main() -> None:
     """Compile the kernels, and print the reason for the waiting time first."""
-    print(
-        f"setup: compiling plant and firmware into {cache_folder().parent}; about a minute, once", flush=True
-    )
+    print(f"setup: compiling plant and firmware into {root()}; about a minute, once", flush=True)
     started_s = time.perf_counter()
     for package in PACKAGES:  # where PYTHONDONTWRITEBYTECODE is set, each start would compile them again
         compileall.compile_dir(ROOT / package, quiet=2)
     with tempfile.TemporaryDirectory() as folder:
         warm_lockstep(load_scenario(DEFAULT_SCENARIO), "compiled", Path(folder))
+    warm_studies()
     print(f"setup: ready after {time.perf_counter() - started_s:.1f} s", flush=True)
 
 

@@ -7,10 +7,11 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from hil.judge.figures.records import CATALOGUE, value_of
-from hil.record.run_folder import RUNS, discard, is_own
+from hil.judge.verdict import Verdict
+from hil.record.run_folder import RUNS, VERDICT, discard_unused, is_own, read_note
 from tools.output import BadInputError
 
 COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
@@ -37,8 +38,15 @@ class ListedRun:
 
     @property
     def passed(self) -> bool | None:
-        """Whether the run has passed; None without a verdict."""
-        return None if self.verdict is None else bool(self.verdict["passed"])
+        """Whether the run has passed; None without a verdict or if it is not judged."""
+        return None if self.verdict is None else self.verdict["passed"]
+
+    @property
+    def word(self) -> Verdict | None:
+        """The verdict; None for a run that left none."""
+        if self.verdict is None:
+            return None
+        return {True: Verdict.PASSED, False: Verdict.FAILED}.get(self.verdict["passed"], Verdict.NOT_JUDGED)
 
     @property
     def commit(self) -> str:
@@ -66,20 +74,17 @@ def listed(runs: Path) -> list[ListedRun]:
     found = []
     for document in runs.glob("**/run.json"):
         folder = document.parent
-        try:
-            text = (folder / "verdict.json").read_text(encoding="utf-8")
-            verdict = json.loads(text)
-        except (OSError, ValueError):
-            verdict = None
-        found.append(ListedRun(folder, document.stat().st_mtime, verdict))
+        verdict = read_note(folder / VERDICT)
+        found.append(ListedRun(folder, document.lstat().st_mtime, verdict if "passed" in verdict else None))
     return sorted(found, key=lambda run: run.begun_s, reverse=True)
 
 
 def refuse_other_figures(option: str, text: str, name: str) -> None:
-    """Raise BadInputError unless `name` is `passed` or the name of a figure."""
-    if name not in CATALOGUE and name != "passed":
+    """Raise BadInputError unless `name` is `passed`, `verdict` or the name of a figure."""
+    if name not in CATALOGUE and name not in ("passed", "verdict"):
         raise BadInputError(
-            f"{option} {text!r}: no figure {name!r}; docs/reference/figures.md lists them, beside `passed`"
+            f"{option} {text!r}: no figure {name!r}; docs/reference/figures.md lists them, beside `passed` "
+            "and `verdict`"
         )
 
 
@@ -99,6 +104,15 @@ def condition(text: str) -> Callable[[ListedRun], bool]:
         wanted: Any = json.loads(wanted_text)
     except ValueError:
         wanted = wanted_text
+    if wanted is None or isinstance(wanted, list | dict):
+        raise BadInputError(f"--where {text!r}: wanted a number, true, false or a word after {sign}")
+    is_text = name == "verdict" or (name in CATALOGUE and CATALOGUE[name].is_text)
+    if is_text and not isinstance(wanted, str):
+        wanted = wanted_text
+    elif isinstance(wanted, str) and not is_text:
+        raise BadInputError(
+            f"--where {text!r}: {name} is no text; write a number, true or false after {sign}"
+        )
     compare = COMPARISONS[sign]
 
     def meets(run: ListedRun) -> bool:
@@ -126,13 +140,20 @@ def age_s(text: str) -> float:
     return float(match[1]) * UNITS_S[match[2]]
 
 
-def prune(runs: Iterable[ListedRun], older_than_s: float) -> list[Path]:
-    """Remove the files of runs that began more than `older_than_s` ago, and return the runs' folders.
+class Pruned(NamedTuple):
+    """The folders of the runs that were removed, and of those that are in progress and stay."""
 
-    A folder that holds other files too stays with these files. A folder that no run has made is not touched.
+    removed: list[Path]
+    in_use: list[Path]
+
+
+def prune(runs: Iterable[ListedRun], older_than_s: float, below: Path) -> Pruned:
+    """Remove the files of runs in the folder `below` that began more than `older_than_s` ago.
+
+    A folder that holds other files too stays with these files. A folder that no run has made is not touched,
+    nor is a run in progress or any run of a suite in progress.
     """
     latest_s = time.time() - older_than_s
     old = [run.folder for run in runs if run.begun_s < latest_s and is_own(run.folder)]
-    for folder in old:
-        discard(folder)
-    return old
+    is_removed = {folder: discard_unused(folder, below) for folder in old}
+    return Pruned(*([folder for folder in old if is_removed[folder] is kind] for kind in (True, False)))

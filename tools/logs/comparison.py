@@ -1,8 +1,8 @@
 """Two runs side by side: the figures of both, and the first moment at which a signal differs.
 
 Signals are compared on simulated time, record by record and bit by bit as logged; measured times of the
-machine are left out. Frames are compared unless a run had the clock `real` or `patient`: the frames of such a
-run have the times of their reception.
+machine are left out. Frames are compared unless a run was in strict real time: the frames of such a run have
+the times of their reception.
 """
 
 import math
@@ -18,10 +18,13 @@ from rerun.chunk import RrdReader
 
 from hil.bench.recorded_run import Run
 from hil.judge.figures.records import CATALOGUE, value_of
+from hil.judge.tolerance import Tolerance, tolerance_of
 from hil.record.log_reader import MEASURED
-from hil.record.state_timeline import ALARM
+from hil.record.run_traces import column
+from hil.record.state_timeline import ALARM, OTHER
 from hil.show.layout import overlay
 from hil.show.log_stream import colors, recorded
+from plant_sim.arrays import FloatArray
 from tools.output import BadInputError
 
 TRACES = ("operator", "plant", "impacts/truth", "firmware")
@@ -82,19 +85,19 @@ def first_in_table(name: str, table_a: pa.Table, table_b: pa.Table) -> Differenc
         if paired < max(len(t_a), len(t_b)):
             times = cell(t_a, paired), cell(t_b, paired)
             found = Difference(float(min(t for t in times if t is not None)), f"{name}.t_s", *times)
-    for column in table_a.column_names:
+    for signal in table_a.column_names:
         if (
-            column in NOT_COMPARED
-            or column.rpartition(".")[2] in MEASURED
-            or column not in table_b.column_names
+            signal in NOT_COMPARED
+            or signal.rpartition(".")[2] in MEASURED
+            or signal not in table_b.column_names
         ):
             continue
-        values_a, values_b = table_a[column].to_numpy()[rows_a], table_b[column].to_numpy()[rows_b]
+        values_a, values_b = table_a[signal].to_numpy()[rows_a], table_b[signal].to_numpy()[rows_b]
         unlike = np.flatnonzero(~alike(values_a, values_b))
         if len(unlike) and (found is None or shared_s[unlike[0]] < found.t_s):
             row = int(unlike[0])
             found = Difference(
-                float(shared_s[row]), f"{name}.{column}", cell(values_a, row), cell(values_b, row)
+                float(shared_s[row]), f"{name}.{signal}", cell(values_a, row), cell(values_b, row)
             )
     return found
 
@@ -136,10 +139,15 @@ def first_in_blocks(
     return next((difference for difference in found if difference is not None), None)
 
 
+def is_strict(run: Mapping[str, Any]) -> bool:
+    """Whether a run was in strict real time, by its `run.json`."""
+    return run.get("clock") == "real" and run.get("time") != "held"
+
+
 def first_difference(a: Run, b: Run) -> Difference | None:
     """The first difference of two runs; of simultaneous differences the first in the order of TRACES."""
     names = [name for name in TRACES if name in a.names or name in b.names]
-    if all(run.traces.run.get("clock") not in ("real", "patient") for run in (a, b)):
+    if not any(is_strict(run.traces.run) for run in (a, b)):
         names += [name for name in ("can/raw",) if name in a.names or name in b.names]
     if not names:
         raise BadInputError(f"{a.log} and {b.log} hold neither traces nor frames to compare")
@@ -161,7 +169,7 @@ def figures_side_by_side(a: Run, b: Run) -> dict[str, dict[str, Any]]:
     """Every figure of both runs, by dotted name: a, b, b − a if both are numbers, and the unit."""
     rows = {}
     for spec in CATALOGUE.values():
-        value_a, value_b = (value_of(run.verdict, spec.name) for run in (a, b))
+        value_a, value_b = (value_of(run.figures, spec.name) for run in (a, b))
         numbers = all(
             isinstance(value, int | float) and not isinstance(value, bool) for value in (value_a, value_b)
         )
@@ -175,8 +183,33 @@ def is_timing(name: str) -> bool:
     return name.split(".", maxsplit=1)[0] in TIMING
 
 
-def largest_changes(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """The figures that differ: texts and missing ones first, then by relative change; timing comes last."""
+def flips_of(a: Run, b: Run) -> list[dict[str, Any]]:
+    """The checks that both runs have and that only one has passed; those that b has not passed come first."""
+    of_a = {(check["name"], check["limit"]): check for check in a.verdict.get("checks", [])}
+    flips = []
+    for check in b.verdict.get("checks", []):
+        other = of_a.get((check["name"], check["limit"]))
+        if other is not None and other["passed"] != check["passed"]:
+            same = {key: check[key] for key in ("name", "limit", "unit")}
+            flips.append(
+                same
+                | {
+                    "a": other["passed"],
+                    "b": check["passed"],
+                    "value_a": other["value"],
+                    "value_b": check["value"],
+                }
+            )
+    return sorted(flips, key=lambda one: one["b"] is True)
+
+
+def largest_changes(
+    figures: Mapping[str, Mapping[str, Any]], tolerances: Mapping[str, Tolerance] | None = None
+) -> list[str]:
+    """The figures beyond their tolerance: texts and missing ones first, then by relative change.
+
+    Timing comes last.
+    """
 
     def size(name: str) -> float:
         row = figures[name]
@@ -184,27 +217,54 @@ def largest_changes(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
             return math.inf
         return float(abs(row["change"]) / max(abs(row["a"]), abs(row["b"])))
 
-    differing = [name for name, row in figures.items() if row["a"] != row["b"]]
+    differing = [
+        name
+        for name, row in figures.items()
+        if not tolerance_of(tolerances or {}, name).holds(row["a"], row["b"])
+    ]
     return sorted(differing, key=lambda name: (is_timing(name), -size(name)))
 
 
-def compare(a: Run, b: Run) -> dict[str, Any]:
-    """The figures of both runs, whether all signals are equal, and the first difference."""
+def compare(a: Run, b: Run, tolerances: Mapping[str, Tolerance] | None = None) -> dict[str, Any]:
+    """The changed verdicts, both runs' figures, whether all signals are equal, and the first difference.
+
+    `within_tolerance`: no verdict differs, and every figure of the module is within its tolerance.
+    """
     difference = first_difference(a, b)
     figures = figures_side_by_side(a, b)
+    flips = flips_of(a, b)
+    beyond = largest_changes(figures, tolerances)
     return {
         "a": str(a.log),
         "b": str(b.log),
         "equal": difference is None,
         "first_difference": None if difference is None else difference._asdict(),
+        "flips": flips,
         "figures": figures,
-        "largest_changes": largest_changes(figures),
-        "passed": {side: run.passed for side, run in zip(SIDES, (a, b), strict=True)},
+        "largest_changes": beyond,
+        "within_tolerance": not flips
+        and a.verdict["passed"] == b.verdict["passed"]
+        and all(map(is_timing, beyond)),
+        "passed": {side: run.verdict["passed"] for side, run in zip(SIDES, (a, b), strict=True)},
+        "verdict": {side: run.verdict["verdict"] for side, run in zip(SIDES, (a, b), strict=True)},
     }
 
 
+def position_and_speed_apart(a: Run, b: Run) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+    """True position in mm and crank speed in rad/s, b minus a at their common ticks: name, s, values."""
+    first, second = a.traces.plant, b.traces.plant
+    _, of_a, of_b = np.intersect1d(
+        column(first, "tick"), column(second, "tick"), return_indices=True, assume_unique=True
+    )
+    t_s = column(first, "t_s")[of_a]
+    for name, source, factor in (("x_mm", "x_m", 1e3), ("omega_rad_s", "omega_rad_s", 1.0)):
+        apart = factor * (column(second, source)[of_b] - column(first, source)[of_a])
+        if len(apart):
+            yield name, t_s, apart
+
+
 def write_overlay(a: Run, b: Run, difference: Difference | None, path: Path) -> None:
-    """Write both runs into one recording, one under /a and the other under /b, with plots of both."""
+    """Write both runs into one recording, under /a and /b, with plots of both and of b − a."""
     name = f"{a.log.parent.name} (a), {b.log.parent.name} (b)"
     layout = overlay(None if difference is None else difference.t_s)
     needed_bytes = 2 * sum(run.log.stat().st_size for run in (a, b))
@@ -213,6 +273,13 @@ def write_overlay(a: Run, b: Run, difference: Difference | None, path: Path) -> 
             for chunk in RrdReader(run.log).store().stream():
                 if not chunk.entity_path.startswith("/__"):
                     recording.send_chunks([chunk.with_entity_path(f"/{side}{chunk.entity_path}")])
+        for name, t_s, values in position_and_speed_apart(a, b):
+            entity = f"b_minus_a/{name}"
+            style = rr.SeriesLines(names=["b − a"], colors=colors([OTHER]), widths=[1.2])
+            recording.log(entity, style, static=True)
+            recording.send_columns(
+                entity, [rr.TimeColumn("sim_time", duration=t_s)], rr.Scalars.columns(scalars=values)
+            )
         if difference is not None:
             text = f"first difference: {difference.signal}"
             recording.log(

@@ -1,13 +1,13 @@
-"""CAN logs of other programs, read by python-can's readers: text formats line by line.
+"""CAN logs of other programs: every message is read, or counted with its place and the reason.
 
-The error for an unreadable line has the line's number; a tolerant reading lists such lines and leaves them
-out. A truncated log is reported, because python-can's readers end without an error there.
+A log is somebody else's file. So limits hold for what comes out of it (its messages, its unpacked bytes, the
+time that it spans), not only for its size; and a format whose reader evaluates what the file says is refused.
 """
 
-import gzip
-import io
-import zlib
-from collections.abc import Sequence
+import logging
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,64 +15,141 @@ import can
 
 from tools.output import BadInputError
 
-TEXT_READERS = {
-    ".log": can.CanutilsLogReader,
-    ".asc": can.ASCReader,
-    ".trc": can.TRCReader,
-    ".csv": can.CSVReader,
-}
-FORMATS = "candump's .log, or .asc, .blf, .trc, .csv, .db or .mf4, the text formats also with .gz"
-COMMENTS = ("#", ";", "//")
-"""Beginnings of a comment in candump's log; comments and blank lines are left out."""
-MOST_BAD_LINES = 100
-"""Largest number of unreadable lines: each restarts the reading, and more mean a log of another format."""
+FORMATS = "candump -L's .log, or .asc, .blf, .trc, .csv or .db, the text formats also with .gz"
 SHOWN_CHARACTERS = 60
+SHOWN_LINES = 100
+"""Largest number of ignored lines that are listed; the others are only counted."""
 LATEST_S = 1e11
 """Latest time of a message: Unix time of the year 5138."""
 LARGEST_BYTES = 64 << 20
-"""Largest unpacked log: a quarter of an hour of the bus, which takes python-can a gigabyte of memory."""
+"""Largest log, unpacked."""
+MOST_MESSAGES = 400_000
+"""Largest number of messages: a hundred seconds of a busy bus; their import takes 0.6 GB of memory."""
+MOST_BAD_LINES = 1000
+"""Largest number of unreadable lines; more mean a log of another format."""
+MOST_BYTES = 8
+MAX_STANDARD_ID = 0x7FF
 
 
 class BadLine(NamedTuple):
-    """An unreadable line: its number from 1 on, its shortened text, and the reason."""
+    """A line that is no message: its number from 1 on, its shortened text, and the reason."""
 
     number: int
     text: str
     why: str
 
 
-class ForeignLog(NamedTuple):
-    """All messages of a log in the file's order, the lines left out, and a sign of truncation, if any."""
+class LoggedMessage(NamedTuple):
+    """A message: time in s, channel, its line (in a binary log its number), identifier, bytes.
 
-    messages: list[can.Message]
-    left_out: list[BadLine]
-    truncated: str | None
+    `kind` says what it is, if it cannot be a frame of the bench; None for a classic 11-bit data frame.
+    """
+
+    t_s: float
+    channel: str
+    place: int
+    can_id: int
+    data: bytes
+    kind: str | None
 
 
-class CountedLines(io.TextIOBase):
-    """A text file from lines that leaves some lines out; `number` is the last line that was read."""
+@dataclass
+class ForeignLog:
+    """The content of a log, in the file's order."""
 
-    def __init__(self, lines: Sequence[str], left_out: set[int]) -> None:
-        super().__init__()
-        self.number = 0
-        self._lines = lines
-        self._left_out = left_out
+    messages: list[LoggedMessage] = field(default_factory=list)
+    left_out: list[BadLine] = field(default_factory=list)
+    """Lines that are meant as messages but cannot be read."""
+    ignored: list[BadLine] = field(default_factory=list)
+    """The first lines that are no messages, for example statistics of the bus."""
+    ignored_count: int = 0
+    other_objects: Counter[str] = field(default_factory=Counter)
+    """Counts of a binary log's objects that are no messages."""
+    truncated: str | None = None
+    """A sign that the log is cut short; None without one."""
 
-    def readline(self, _: int | None = -1) -> str:  # type: ignore[override]  # no reader asks for a part
-        """The next line; empty at the end."""
-        while self.number < len(self._lines):
-            self.number += 1
-            if self.number not in self._left_out:
-                return self._lines[self.number - 1]
-        return ""
+    def add(self, message: can.Message, place: int, path: Path) -> None:
+        """Append a message; ValueError if it contradicts itself, BadInputError for too many."""
+        if len(self.messages) >= MOST_MESSAGES:
+            raise too_many(path)
+        check(message)
+        self.messages.append(
+            LoggedMessage(
+                float(message.timestamp),
+                str(message.channel),
+                place,
+                message.arbitration_id,
+                bytes(message.data),
+                kind_of(message),
+            )
+        )
 
-    def read(self, _: int | None = -1) -> str:
-        """All remaining lines."""
-        return "".join(self)
+    def ignore(self, line: BadLine) -> None:
+        """Count a line that is no message."""
+        self.ignored_count += 1
+        if len(self.ignored) < SHOWN_LINES:
+            self.ignored.append(line)
+
+
+def too_many(path: Path) -> BadInputError:
+    """The error for a log of more than MOST_MESSAGES."""
+    return BadInputError(f"{path} holds more than {MOST_MESSAGES:,} messages; cut it and import its parts")
+
+
+def kind_of(message: can.Message) -> str | None:
+    """The kind of a message that cannot be a frame of the bench; None for a classic 11-bit data frame."""
+    if message.is_error_frame:
+        return "error frame"
+    if message.is_remote_frame:
+        return "remote frame"
+    if message.is_fd:
+        return "CAN FD"
+    if message.is_extended_id:
+        return "29-bit identifier"
+    if message.arbitration_id > MAX_STANDARD_ID:
+        return "11-bit frame with an identifier above 0x7FF"
+    return None
+
+
+def check(message: can.Message) -> None:
+    """Raise ValueError for a message with an invalid time, identifier or number of bytes."""
+    if not (isinstance(message.timestamp, int | float) and abs(message.timestamp) < LATEST_S):
+        raise ValueError(f"a message has the time {message.timestamp!r}")
+    if not (isinstance(message.arbitration_id, int) and 0 <= message.arbitration_id < 1 << 29):
+        raise ValueError(f"a message has the identifier {message.arbitration_id!r}")
+    if message.is_remote_frame or message.is_error_frame:
+        return
+    held = len(message.data)
+    if not message.is_fd and (held > MOST_BYTES or held != min(message.dlc, MOST_BYTES)):
+        raise ValueError(f"a classic frame states {message.dlc} bytes and has {held}; wanted at most 8")
+
+
+def bad_line(number: int, text: str, why: object) -> BadLine:
+    """A line with its text shortened."""
+    reason = str(why) or type(why).__name__
+    return BadLine(number, text.strip()[:SHOWN_CHARACTERS], reason[: 2 * SHOWN_CHARACTERS])
+
+
+def refuse_large(path: Path, size: int) -> None:
+    """Raise `BadInputError` for a log of more than LARGEST_BYTES, before its messages take all memory."""
+    if size > LARGEST_BYTES:
+        raise BadInputError(
+            f"{path} holds more than {LARGEST_BYTES >> 20} MB once unpacked; cut it and import its parts"
+        )
 
 
 def read_log(path: Path, tolerant: bool = False) -> ForeignLog:
-    """Read a log in the format given by its name's ending; `BadInputError` if it cannot be read."""
+    """Read a log in the format given by its name's ending; `BadInputError` if it cannot be read.
+
+    A tolerant reading leaves unreadable lines out, and of a binary log what follows an error.
+    """
+    from tools.logs.foreign_binary import BINARY_READERS, read_binary
+    from tools.logs.foreign_text import TEXT_READERS, read_text
+
+    if not path.is_file():
+        state = "no file" if path.exists() else "not there"
+        raise BadInputError(f"{path} is {state}; wanted {FORMATS}")
+    logging.getLogger("can").setLevel(logging.CRITICAL)  # what its readers skip is counted here
     suffixes = [suffix.lower() for suffix in path.suffixes]
     packed = suffixes[-1:] == [".gz"]
     kind = suffixes[-2] if packed and len(suffixes) > 1 else path.suffix.lower()
@@ -80,80 +157,36 @@ def read_log(path: Path, tolerant: bool = False) -> ForeignLog:
         return read_text(path, kind, packed, tolerant)
     if packed:
         raise BadInputError(f"{path}: of packed logs only text is read; wanted {FORMATS}")
-    return read_binary(path, tolerant)
+    if kind == ".mf4":
+        raise BadInputError(
+            f"{path}: .mf4 is not imported, because its reader evaluates formulas of the file, and "
+            f"such a formula can run any program; convert the log to one of {FORMATS}"
+        )
+    if kind not in BINARY_READERS:
+        raise BadInputError(f"{path} is no CAN log by its name; wanted {FORMATS}")
+    return read_binary(path, kind, tolerant)
 
 
-def read_text(path: Path, kind: str, packed: bool, tolerant: bool) -> ForeignLog:
-    """Read a log in a text format."""
-    try:
-        with path.open("rb") as stored:
-            content = (gzip.GzipFile(fileobj=stored) if packed else stored).read(LARGEST_BYTES + 1)
-        refuse_large(path, len(content))
-        text = content.decode()
-    except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
-        raise BadInputError(f"{path} cannot be read as text ({error}); wanted {FORMATS}") from error
-    lines = text.splitlines(keepends=True)
-    left_out: set[int] = set()
-    if kind == ".log":
-        left_out = {n for n, line in enumerate(lines, 1) if not line.strip() or line.startswith(COMMENTS)}
-    bad: list[BadLine] = []
-    while True:
-        file = CountedLines(lines, left_out)
-        try:
-            with TEXT_READERS[kind](file) as reader:
-                return ForeignLog(list(map(timed, reader)), bad, text_truncation(kind, text))
-        except Exception as error:  # whatever a reader of python-can raises on a bad line
-            line = lines[file.number - 1].strip()[:SHOWN_CHARACTERS] if file.number else ""
-            bad.append(BadLine(file.number, line, str(error) or type(error).__name__))
-            left_out.add(file.number)
-        worst = bad[-1]
-        where = f"{path}, line {worst.number}: {worst.text!r} cannot be read ({worst.why})"
-        if not tolerant:
-            raise BadInputError(f"{where}; wanted {FORMATS}; --tolerant leaves such lines out")
-        if len(bad) > MOST_BAD_LINES or worst.number == 0:
-            raise BadInputError(f"{where}; {len(bad)} such lines: is it a {kind} log? Wanted {FORMATS}")
+class ClockJump(NamedTuple):
+    """Consecutive messages far apart or in the wrong order: place of the second, times in s."""
+
+    place: int
+    from_s: float
+    to_s: float
 
 
-def text_truncation(kind: str, text: str) -> str | None:
-    """A sign that a log in a text format is truncated; None without one."""
-    if kind == ".asc" and "begin triggerblock" in text.lower() and "end triggerblock" not in text.lower():
-        return "its last line is not End TriggerBlock"
-    return "its last line has no end" if text and not text.endswith("\n") else None
+BACKWARD_S = 1e-3
+"""Loggers with a thread for each channel write messages a little out of order; more is a jump."""
+FORWARD_S = 1.0
+"""A longer gap is a jump of the clock or a silence of the bus, which a log does not distinguish."""
 
 
-def timed(message: can.Message) -> can.Message:
-    """Return the message; `ValueError` if its time is invalid, as in a damaged file."""
-    if not (isinstance(message.timestamp, int | float) and abs(message.timestamp) < LATEST_S):
-        raise ValueError(f"a message has the time {message.timestamp!r}")
-    return message
-
-
-def refuse_large(path: Path, size: int) -> None:
-    """Raise `BadInputError` for a log of more than LARGEST_BYTES, before its messages take all memory."""
-    if size > LARGEST_BYTES:
-        raise BadInputError(f"{path} holds more than {LARGEST_BYTES >> 20} MB; cut it and import its parts")
-
-
-def read_binary(path: Path, tolerant: bool) -> ForeignLog:
-    """Read a log in a binary format; a tolerant reading keeps the messages before an error."""
-    messages: list[can.Message] = []
-    refuse_large(path, path.stat().st_size)
-    try:
-        with can.LogReader(path) as reader:
-            truncated = blf_truncation(path, reader) if isinstance(reader, can.BLFReader) else None
-            messages.extend(map(timed, reader))
-    except Exception as error:  # whatever a reader of python-can raises on a bad file
-        if not (tolerant and messages):
-            hint = "; --tolerant keeps what comes before" if messages else ""
-            raise BadInputError(
-                f"{path} cannot be read as a CAN log ({error}) after {len(messages)} messages; wanted "
-                f"{FORMATS}{hint}"
-            ) from error
-        truncated = str(error) or type(error).__name__
-    return ForeignLog(messages, [], truncated)
-
-
-def blf_truncation(path: Path, reader: can.BLFReader) -> str | None:
-    """The sizes of a .blf file that is shorter than its header states; None for a complete file."""
-    there, wanted = path.stat().st_size, reader.file_size
-    return f"it has {there} of {wanted} bytes" if there < wanted else None
+def clock_jumps(messages: Iterable[LoggedMessage]) -> list[ClockJump]:
+    """The jumps of the clock in the file's order, the silences of the bus included."""
+    jumps = []
+    before: LoggedMessage | None = None
+    for message in messages:
+        if before is not None and not -BACKWARD_S <= message.t_s - before.t_s < FORWARD_S:
+            jumps.append(ClockJump(message.place, before.t_s, message.t_s))
+        before = message
+    return jumps

@@ -1,11 +1,10 @@
 """A CAN log of a real bench in the layout of a run: the bus traffic, without truth."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-
-import can
 
 from firmware_py.interface.codec import CODEC_BY_ID, FrameError
 from firmware_py.interface.frame import Frame
@@ -16,13 +15,17 @@ from hil.record.bus_reconstruction import FIELDS, ticks_seen
 from hil.record.run_traces import read_bus
 from hil.record.traces.trace import TraceWriter
 from hil.show.rerun_log import rebuild
-from tools.logs.foreign_logs import FORMATS, read_log
+from tools.logs.foreign_logs import SHOWN_LINES, ClockJump, LoggedMessage, clock_jumps, read_log
 from tools.output import BadInputError
 
 PERIOD_S = 1e-3
 """The bus's tick."""
+LONGEST_S = 86400.0
+"""Longest time that a log may span; more is a clock that was set."""
 EARLIEST_WALL_S = 1e8
 """Times before 1973 are not wall time; they count from the start of the log."""
+NO_CHANNEL = str(None)
+"""The channel of a message for which the log names none."""
 
 
 @dataclass
@@ -39,20 +42,12 @@ class Census:
     """Counts by kind of frames other than data frames of classic CAN with 11-bit identifiers."""
 
 
-def kind_of(message: can.Message) -> str | None:
-    """The kind of a message that cannot be a frame of the bench; None for a classic 11-bit data frame."""
-    if message.is_error_frame:
-        return "error frame"
-    if message.is_remote_frame:
-        return "remote frame"
-    if message.is_fd:
-        return "CAN FD"
-    return "29-bit identifier" if message.is_extended_id else None
+def of_channel(messages: list[LoggedMessage], channel: str | None, path: Path) -> list[LoggedMessage]:
+    """The messages of one channel; BadInputError if a log has several and none is named.
 
-
-def of_channel(messages: list[can.Message], channel: str | None, path: Path) -> list[can.Message]:
-    """The messages of one channel; BadInputError if a log has several and none is named."""
-    channels = Counter(str(message.channel) for message in messages)
+    Messages without a channel, such as error frames in candump's logs, belong to each.
+    """
+    channels = Counter(message.channel for message in messages if message.channel != NO_CHANNEL)
     found = ", ".join(f"{name} ({number} messages)" for name, number in sorted(channels.items()))
     if channel is None and len(channels) > 1:
         raise BadInputError(f"{path} has the channels {found}; choose one with --channel")
@@ -60,7 +55,7 @@ def of_channel(messages: list[can.Message], channel: str | None, path: Path) -> 
         raise BadInputError(
             f"{path} has no channel {channel}, but {found}; choose one of these with --channel"
         )
-    return messages if channel is None else [m for m in messages if str(m.channel) == channel]
+    return messages if channel is None else [m for m in messages if m.channel in (channel, NO_CHANNEL)]
 
 
 def count(census: Census, frame: Frame) -> None:
@@ -78,27 +73,33 @@ def count(census: Census, frame: Frame) -> None:
         census.refused[name] += 1
 
 
+def refuse_long(path: Path, duration_s: float, jumps: Sequence[ClockJump]) -> None:
+    """Raise `BadInputError` for a log that spans more than `LONGEST_S`, and name its first jump."""
+    if duration_s > LONGEST_S:
+        place, from_s, to_s = max(jumps, key=lambda jump: abs(jump.to_s - jump.from_s))
+        raise BadInputError(
+            f"{path} spans {duration_s:g} s, more than {LONGEST_S:g} s: at line or message {place} the time "
+            f"goes from {from_s:.6f} to {to_s:.6f} s; cut the log there and import its parts"
+        )
+
+
 def import_log(
     path: Path, out_dir: Path | None, channel: str | None = None, tolerant: bool = False
 ) -> dict[str, Any]:
     """Make a run folder from a log; return the folder's path and the contents of the log."""
-    if not path.is_file():
-        state = "no file" if path.exists() else "not there"
-        raise BadInputError(f"{path} is {state}; wanted {FORMATS}")
-    census = Census()
-    frames: list[tuple[float, Frame]] = []
     log = read_log(path, tolerant)
-    for message in of_channel(log.messages, channel, path):
-        why = kind_of(message)
-        if why is not None:
-            census.skipped[why] += 1
-            continue
-        frame = Frame(message.arbitration_id, bytes(message.data))
-        count(census, frame)
-        frames.append((message.timestamp, frame))
+    chosen = of_channel(log.messages, channel, path)
+    census = Census(skipped=Counter(message.kind for message in chosen if message.kind is not None))
+    jumps = clock_jumps(chosen)
+    frames = [
+        (message.t_s, Frame(message.can_id, message.data)) for message in chosen if message.kind is None
+    ]
     if not frames:
         raise BadInputError(f"{path} holds no data frame of classic CAN with an 11-bit identifier")
+    for _, frame in frames:
+        count(census, frame)
     frames.sort(key=lambda stamped: stamped[0])
+    refuse_long(path, frames[-1][0] - frames[0][0], jumps)
     first_s = frames[0][0]
     with run_folder.claimed(path.stem, out_dir) as run_dir:
         run_folder.clear(run_dir)
@@ -106,7 +107,7 @@ def import_log(
             run_dir,
             scenario=path.name,
             clock=IMPORTED,
-            bus=str(path),
+            bus=path.name,
             kernel_can=False,
             period_s=PERIOD_S,
             wall_start_s=first_s if first_s > EARLIEST_WALL_S else 0.0,
@@ -131,6 +132,11 @@ def import_log(
         "refused": dict(sorted(census.refused.items())),
         "skipped": dict(census.skipped),
         "left_out": [line._asdict() for line in log.left_out],
+        "ignored": log.ignored_count,
+        "ignored_lines": [line._asdict() for line in log.ignored],
+        "other_objects": dict(sorted(log.other_objects.items())),
+        "clock_jumps": len(jumps),
+        "clock_jumps_first": [jump._asdict() for jump in jumps[:SHOWN_LINES]],
         "truncated": log.truncated,
         "firmware_seen": bool(ticks),
     }

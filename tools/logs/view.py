@@ -6,13 +6,13 @@ import subprocess
 import sys
 import time
 import webbrowser
-from collections.abc import Sequence
 from pathlib import Path
 
 from hil.bench.recorded_run import log_of
 from hil.record.rerun_program import RerunError, rerun_environment, rerun_program
 from hil.record.run_folder import VERDICT
 from hil.record.run_traces import read_json
+from hil.timing.signals import Interrupted, is_ctrl_c
 from tools.logs import quiet_viewer
 from tools.output import BadInputError, progress_console
 
@@ -56,8 +56,9 @@ def view(run: Path | None, web: bool, live: bool) -> None:
             subprocess.run(live_viewer_command(web), env=rerun_environment(), check=True)
         else:
             in_window(log)
-    except KeyboardInterrupt:
-        return
+    except (Interrupted, KeyboardInterrupt) as error:
+        if not is_ctrl_c(error):
+            raise
     except subprocess.CalledProcessError as error:
         raise RerunError(f"the viewer ended with status {error.returncode}") from error
 
@@ -95,15 +96,6 @@ def put_cursor(url: str, at_s: float, viewer: subprocess.Popen[bytes]) -> None:
                 progress_console.print(f"the first failed check is at {at_s:.3f} s ({error})")
                 return
             time.sleep(0.2)
-
-
-def view_together(folders: Sequence[Path]) -> None:
-    """Open several runs in one viewer; return when its window is closed."""
-    if not has_display():
-        raise BadInputError(
-            "no display to open a window on; look at one run in a browser with `vibrohil view --web`"
-        )
-    subprocess.run(viewer_command(*map(log_of, folders)), env=rerun_environment(), check=False)
 
 
 def in_browser(command: list[str], shown: str) -> None:

@@ -1,1 +1,1 @@
-"""Studies: the paper's diagrams and claims, feasibility for a walk, and ways to give one pulse a stride."""
+"""Studies: the paper's diagrams and claims and feasibility for a walk."""

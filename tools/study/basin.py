@@ -19,13 +19,15 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from plant_sim.orbits.sections import CLASSIFY
 from tools.campaign.statistics import wilson
 from tools.study import store, work
 from tools.study.cases import Case
-from tools.study.orbits import classify
+from tools.study.orbits.follow import classify
+from tools.study.orbits.sections import CLASSIFY
 
 PLANES = ("state", "phase")
+START = "instant"
+"""How every start begins: with the crank at full speed."""
 
 LOWEST_START_M = -0.1
 FASTEST_START_M_S = 0.8
@@ -82,14 +84,11 @@ class Basin:
     uncertain: int
     """Number of cells whose orbit had not settled by the end of its run; its last periods decide."""
     statistics: dict[str, Any]
-    start: str = "instant"
-    """instant: the crank starts at full speed; soft: the firmware's soft start (tools.study.soft_start)."""
 
     @property
     def name(self) -> str:
         """Name of the map's files."""
-        soft = "-soft" if self.start == "soft" else ""
-        return f"basin-{self.case.preset}-{self.case.law}-r{self.ratio:g}-{self.plane}{soft}"
+        return f"basin-{self.case.preset}-{self.case.law}-r{self.ratio:g}-{self.plane}"
 
     def as_json(self) -> dict[str, Any]:
         """Return the basin's parameters and figures as a JSON object."""
@@ -99,10 +98,10 @@ class Basin:
             "parameters": self.case.parameters(),
             "ratio": self.ratio,
             "plane": self.plane,
-            "start": self.start,
+            "start": START,
             "size": self.size,
             "uncertain": self.uncertain,
-            "border_bound_m": BORDER_BOUND_M if self.start == "instant" else None,
+            "border_bound_m": BORDER_BOUND_M,
             **self.statistics,
         }
 
@@ -121,7 +120,7 @@ def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) 
 
 def keep(found: Basin, where: work.Where) -> None:
     """Write a map with its figures as one file."""
-    spec = {"case": found.case.parameters(), "ratio": found.ratio, "plane": found.plane, "start": found.start}
+    spec = {"case": found.case.parameters(), "ratio": found.ratio, "plane": found.plane, "start": START}
     store.write(where.out / f"{found.name}.parquet", found.table, spec, found.statistics)
 
 

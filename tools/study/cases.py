@@ -10,6 +10,7 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.restitution import HERTZ_EXPONENT, hertz_stiffness, hunt_crossley_dissipation
 from plant_sim.parts.stop import CONTACT_REFERENCE_SPEED_M_S, HuntCrossley, RigidStop
 from plant_sim.parts.striker import Striker
+from plant_sim.scene import Scene, load_scene
 from plant_sim.tables.table import STANDARD_GRAVITY_M_S2
 
 LAWS = ("viscous", "coulomb", "stribeck")
@@ -101,6 +102,17 @@ class Case:
         """Return the table `[friction]` of a scene."""
         return {"law": self.law, **{name: getattr(self, name) for name in COEFFICIENTS[self.law]}}
 
+    def scene(self, ratio: float) -> Scene:
+        """Return the scene of a rigid stop at Ω = ratio · ω."""
+        return load_scene(
+            {
+                "striker": self.striker_table(),
+                "drive": {"model": "ideal", "amplitude_m": self.amplitude_m, "ratio": ratio},
+                "friction": self.friction_table(),
+                "stop": {"law": "rigid", "position_m": self.stop_m, "restitution": self.restitution},
+            }
+        )
+
     def striker(self) -> Striker:
         """Return the striker: mass, spring and rest length."""
         return Striker(self.mass_kg, self.spring_n_m, self.rest_length_m, STANDARD_GRAVITY_M_S2)
@@ -114,7 +126,7 @@ class Case:
         return Viscous(self.b_n_s_m) if self.law == "viscous" else Coulomb(self.mu, self.b_n_s_m)
 
     def friction(self) -> Friction:
-        """Return the law as a case of Stribeck's law, so that all laws share one kernel."""
+        """Return the law as a case of Stribeck's law."""
         static = self.mu_s if self.law == "stribeck" else self.mu
         return Stribeck(self.mu, static, self.v_s_m_s, self.delta, self.b_n_s_m)
 
@@ -129,6 +141,10 @@ class Case:
         stiffness = hertz_stiffness(self.mass_kg, self.contact_s, CONTACT_REFERENCE_SPEED_M_S)
         dissipation = hunt_crossley_dissipation(self.restitution)
         return HuntCrossley(self.stop_m, stiffness, HERTZ_EXPONENT, dissipation)
+
+    def closed_parts(self, ratio: float) -> Parts:
+        """Return the parts for the closed-form solution."""
+        return Parts(self.striker(), self.drive(ratio), self.closed_friction(), self.rigid_stop())
 
     def parts(self, ratio: float) -> Parts:
         """Return the parts for the adaptive solver."""

@@ -4,12 +4,12 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.orbits.sections import Regime
+from tools import plots
 from tools.study.basin import Basin
 from tools.study.basin import axes as starts_of
+from tools.study.branches.saddle import Portrait
 from tools.study.cases import Case
 from tools.study.intervals import Interval
 from tools.study.portraits import Motion, Pair
@@ -28,12 +28,9 @@ LAW_NAMES = {"viscous": "viscous", "coulomb": "Coulomb", "stribeck": "Coulomb–
 
 def new_figure(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple["Figure", Any]:
     """Return a figure and its grid of axes, which is always two-dimensional."""
-    import matplotlib
     from matplotlib.figure import Figure
 
-    matplotlib.rcParams.update(
-        {"svg.hashsalt": "vibrohil", "font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
-    )
+    plots.use_style()
     figure = Figure(figsize=(width, height), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
@@ -104,37 +101,45 @@ def _branches(axes: NDArray[Any], case: Case, sweep: Sweep, colour: str, marker:
     axes[3].plot(ratio, sweep.column("impacts"), **style)
 
 
-def regime_bars(diagrams: Sequence[Diagram], folder: Path, name: str) -> list[str]:
-    """Draw the ratios with impacts of each case as two bars, run-up above run-down."""
-    figure, grid = new_figure(1, 1, 9.0, 0.9 + 0.36 * len(diagrams))
-    axes = grid[0, 0]
-    for place, diagram in enumerate(diagrams):
-        for sweep, colour, shift in ((diagram.up, UP_COLOUR, 0.17), (diagram.down, DOWN_COLOUR, -0.17)):
-            axes.barh(-place + shift, HIGH_RATIO - LOW_RATIO, 0.3, left=LOW_RATIO, color=NON_IMPACT_COLOUR)
-            for low, high in sweep.with_impacts():
-                axes.barh(-place + shift, high - low, 0.3, left=low, color=colour)
-        if diagram.onset() is None:
-            stuck = set(diagram.up.table["regime"].to_pylist()) == {"stuck"}
-            axes.text(
-                1.25, -place, "never moves" if stuck else "no impacts", ha="center", va="center", fontsize=8
-            )
-    axes.set_yticks(
-        [-place for place in range(len(diagrams))],
-        [f"{diagram.case.preset}, {_title(diagram.case)}" for diagram in diagrams],
+def _mark(axes: "Axes", portrait: Portrait) -> list[Any]:
+    """Mark rest, attractors and the unstable orbit with its manifold; return the legend's lines."""
+    style: dict[str, Any] = {"clip_on": True, "ls": "none", "mec": "k", "zorder": 3}
+    lines = axes.plot(0.0, 0.0, "P", color="w", ms=8, label="rest", **style)
+    lines += axes.plot(
+        1e3 * portrait.attractors[:, 0],
+        portrait.attractors[:, 1],
+        "*",
+        color="w",
+        ms=12,
+        label="attractors",
+        **style,
     )
-    axes.set(
-        xlabel="Ω/ω",
-        xlim=(LOW_RATIO, HIGH_RATIO),
-        title="Where there are impacts: run-up (blue), run-down (orange)",
-    )
-    axes.axvspan(0.9, 1.1, fill=False, ec="k", lw=0.8, ls=":")
-    return save(figure, folder, name)
+    if portrait.saddle is not None:
+        limits = axes.axis()
+        lines += axes.plot(
+            1e3 * portrait.saddle[0],
+            portrait.saddle[1],
+            "X",
+            color=BORDER_COLOUR,
+            ms=9,
+            label="unstable orbit",
+            **style,
+        )
+        lines += axes.plot(
+            1e3 * portrait.manifold[:, 0],
+            portrait.manifold[:, 1],
+            color=BORDER_COLOUR,
+            lw=1.5,
+            label="its stable manifold",
+        )
+        axes.axis(limits)
+    return lines
 
 
-def basin(found: Basin, caption: str, folder: Path) -> list[str]:
+def basin(found: Basin, caption: str, folder: Path, portrait: Portrait | None = None) -> list[str]:
     """Draw a map of starts, coloured by the regime in which they end.
 
-    With a soft start, the starts are outlined that would end in impacts if the crank started at full speed.
+    `portrait`: attractors, unstable orbit and its stable manifold, to mark in the plane of states.
     """
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
@@ -171,26 +176,10 @@ def basin(found: Basin, caption: str, folder: Path) -> list[str]:
         Patch(color=IMPACT_COLOUR, label="ends in impact motion"),
         Patch(color=NON_IMPACT_COLOUR, label="ends without"),
     ]
-    is_soft = found.start == "soft"
-    at_once = found.table["instant"].to_numpy(zero_copy_only=False).reshape(shape) if is_soft else impacts
-    if is_soft and at_once.any() and not at_once.all():
-        axes.contourf(across_m * 1e3, up, at_once, levels=[-0.5, 0.5], hatches=["///"], colors="none")
-        axes.contour(across_m * 1e3, up, at_once, levels=[0.5], colors="k", linewidths=1.0)
-        handles.append(Patch(fill=False, hatch="///", label="would end without by an instant start"))
-    axes.legend(handles=handles, loc="upper left" if is_soft else "lower left", fontsize=8)
+    if portrait is not None:
+        handles += _mark(axes, portrait)
+    axes.legend(handles=handles, loc="lower left", fontsize=8)
     return save(figure, folder, found.name)
-
-
-REGIME_COLOURS = {
-    Regime.NON_IMPACT: NON_IMPACT_COLOUR,
-    Regime.IMPACT: IMPACT_COLOUR,
-    Regime.PERIOD_N: "#cc79a7",
-    Regime.LOST: "#ffffff",
-    Regime.CHATTERING: "#56b4e9",
-    Regime.STUCK: "#8c8c8c",
-    Regime.UNCERTAIN: "#e69f00",
-}
-"""Colour of each regime in charts."""
 
 
 def portraits(pairs: Sequence[Pair], folder: Path, name: str) -> list[str]:
@@ -240,55 +229,3 @@ def _portrait(axes: NDArray[Any], motion: Motion, kind: str) -> None:
     axes[1].set(xlabel="x − l0 [mm]", ylabel="v [m/s]")
     for one in axes:
         one.grid(alpha=0.25)
-
-
-def chart(
-    case: Case,
-    label: str,
-    ratios: NDArray[np.float64],
-    values: NDArray[np.float64],
-    reliability: NDArray[np.float64],
-    regimes: NDArray[np.int64],
-    from_rest: NDArray[np.bool_],
-    folder: Path,
-    name: str,
-) -> list[str]:
-    """Draw the start-up reliability with the border of starts from rest, and beside it the regimes."""
-    from matplotlib.colors import BoundaryNorm, ListedColormap
-    from matplotlib.patches import Patch
-
-    figure, grid = new_figure(1, 2, 12.5, 5.2, sharey=True)
-    extent = (ratios[0], ratios[-1], values[0], values[-1])
-    shared: dict[str, Any] = {
-        "origin": "lower",
-        "extent": extent,
-        "aspect": "auto",
-        "interpolation": "nearest",
-    }
-    left, right = grid[0]
-    image = left.imshow(100.0 * reliability, cmap="Blues", vmin=0.0, vmax=100.0, **shared)
-    figure.colorbar(image, ax=left, label="starts that end in impact motion [%]")
-    if from_rest.any() and not from_rest.all():
-        left.contour(
-            ratios, values, from_rest.astype(float), levels=[0.5], colors=BORDER_COLOUR, linewidths=1.6
-        )
-    left.set(xlabel="Ω/ω", ylabel=label, title="start-up reliability; orange line: from rest at once")
-    colours = ListedColormap([REGIME_COLOURS[regime] for regime in Regime])
-    edges = BoundaryNorm(np.arange(len(Regime) + 1) - 0.5, len(Regime))
-    right.imshow(regimes, cmap=colours, norm=edges, **shared)
-    seen = [regime for regime in Regime if (regimes == regime).any()]
-    handles = [
-        Patch(
-            facecolor=REGIME_COLOURS[one],
-            edgecolor=NON_IMPACT_LINE_COLOUR,
-            linewidth=0.5,
-            label=one.name.lower().replace("_", "-"),
-        )
-        for one in seen
-    ]
-    right.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False)
-    right.set(xlabel="Ω/ω", title="regime (of impact, where any start ends so)")
-    figure.suptitle(
-        f"{case.preset}, {_title(case)}, k = {case.restitution:g}, but for what the axes vary", fontsize=10
-    )
-    return save(figure, folder, name)

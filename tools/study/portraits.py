@@ -4,14 +4,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
-from plant_sim.orbits.sections import PAPER, SECTION_RAD
 from plant_sim.result import MotionState, Phase, SimulationResult
 from plant_sim.solvers.adaptive import adaptive
 from tools.study.cases import Case
-from tools.study.orbits import State, follow
+from tools.study.orbits.follow import State, follow
+from tools.study.orbits.sections import PAPER, SECTION_RAD
 from tools.study.sweep import Diagram, end_state
 
 SHOWN_PERIODS = 4
@@ -101,30 +100,3 @@ def with_impacts(
     v_m_s = np.concatenate((samples.v_m_s, impacts.v_m_s, impacts.v_after_m_s))
     order = np.argsort(t_s, kind="stable")
     return t_s[order], x_m[order], v_m_s[order]
-
-
-def as_table(pairs: list[Pair]) -> pa.Table:
-    """Return all points of the pictures; `kind` is sample, or section for a Poincaré point (no time)."""
-    parts = []
-    for both in pairs:
-        for name, one in (("impact", both.impact), ("non-impact", both.non_impact)):
-            if one is None:
-                continue
-            sections = len(one.points)
-            count = len(one.t_s) + sections
-            parts.append(
-                pa.table(
-                    {
-                        "law": [both.case.law] * count,
-                        "motion": [name] * count,
-                        "ratio": [one.ratio] * count,
-                        "kind": ["sample"] * len(one.t_s) + ["section"] * sections,
-                        "t_s": pa.array(
-                            np.concatenate((one.t_s, np.full(sections, np.nan))), from_pandas=True
-                        ),
-                        "x_m": np.concatenate((one.x_m, one.points[:, 0])),
-                        "v_m_s": np.concatenate((one.v_m_s, one.points[:, 1])),
-                    }
-                )
-            )
-    return pa.concat_tables(parts)

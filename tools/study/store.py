@@ -33,12 +33,6 @@ def name_of(kind: str, spec: Spec) -> str:
     return f"{kind}-{provenance.key(kind, json.dumps(spec, sort_keys=True))[:20]}.parquet"
 
 
-def columns(names: str, texts: str = "", counts: str = "") -> pa.Schema:
-    """Return a table's schema, columns in order: `texts` are strings, `counts` integers, others floats."""
-    kinds = dict.fromkeys(texts.split(), pa.string()) | dict.fromkeys(counts.split(), pa.int64())
-    return pa.schema([(name, kinds.get(name, pa.float64())) for name in names.split()])
-
-
 def write(path: Path, table: pa.Table, spec: Spec, facts: Mapping[str, Any]) -> None:
     """Write a table with its specification, versions and facts atomically."""
     metadata = {"spec": spec, "versions": versions(), "facts": facts}

@@ -15,11 +15,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from plant_sim.orbits.sections import CLASSIFY, PAPER, Outcome, Regime
 from tools.study import store, work
 from tools.study.cases import Case
 from tools.study.intervals import Interval, symmetric_difference, width
-from tools.study.orbits import AT_REST, State, follow
+from tools.study.orbits.follow import AT_REST, State, follow
+from tools.study.orbits.sections import CLASSIFY, PAPER, Outcome, Regime
 
 LOW_RATIO, HIGH_RATIO, RATIOS = 0.7, 1.8, 111
 """The paper's range of ratios, in steps of 0.01."""

@@ -2,7 +2,7 @@
 
 A piece is a function of one plain specification and returns a table with some facts. On this machine pieces
 run in threads: kernels release the interpreter's lock, so that threads use all cores as processes would, but
-kernels are compiled or loaded only once and tables are passed on without a copy. Closed loops run in
+kernels are compiled or loaded only once and tables are passed on without a copy. Trials of campaigns run in
 processes, because their judges are Python code.
 """
 
@@ -40,14 +40,14 @@ def here(out: Path, cores: int | None = None, scheduler: str | None = None) -> W
 
 
 def run(
-    kind: str, piece: Piece, specs: Sequence[store.Spec], where: Where, in_processes: bool = False
+    kind: str, piece: Piece, specs: Sequence[store.Spec], where: Where, threads: bool = True
 ) -> list[Path]:
     """Compute the missing pieces and return the files of all pieces in the order of `specs`."""
     paths = [where.out / "pieces" / store.name_of(kind, spec) for spec in specs]
     missing = [index for index, path in enumerate(paths) if not store.is_complete(path)]
     if not missing:
         return paths
-    runner = running(piece, where.cores, where.scheduler, threads=not in_processes)
+    runner = running(piece, where.cores, where.scheduler, threads=threads)
     with counted_progress(kind, len(specs)) as progress, runner as run_on:
         results = run_on([specs[index] for index in missing])
         for done, (number, (table, facts)) in enumerate(results, len(specs) - len(missing) + 1):

@@ -19,7 +19,7 @@ from plant_sim.parts.parts import Parts
 from plant_sim.plant import Plant
 from plant_sim.sensors.readings import Readers, read_sensors
 from plant_sim.sensors.sensing import Sensing
-from plant_sim.solvers.adaptive.adaptive import DONE, NO_GRID, advance
+from plant_sim.solvers.adaptive.adaptive import DONE, NO_GRID, call_advance
 from plant_sim.solvers.adaptive.state_layout import OBSERVED, Grid, Memory
 from tools.trade.control_rate import short_start
 from tools.trade.costs import Progress
@@ -51,7 +51,7 @@ def run_ticks(
         torque_n_m = START_N_M + GAIN_N_M_S * (speed_rad_s - omega_rad_s)
         memory.held[0].elapsed_s = memory.held[0].elapsed_low_s = 0.0
         memory.mode[0].impacts = 0
-        status = advance(parts, probe, memory, torque_n_m, row * tick_s, tick_s, no_grid)
+        status = call_advance(parts, probe, memory, torque_n_m, row * tick_s, tick_s, no_grid)
         if status != DONE:
             return np.nan
     return total

@@ -11,13 +11,13 @@ from firmware_py.interface.frame import Frame
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.node import FirmwareNode
 from hil.bench.lockstep import in_lockstep, run_lockstep, silent
-from hil.judge.decisions import Decisions, decisions_of, differences
 from hil.judge.figures.figures import figures_of
 from hil.nodes.warm import warm_firmware, warm_plant
 from hil.record.traces.trace import read
 from hil.scenario.scenario import Scenario
 from tools.trade.control_rate import short_start
 from tools.trade.costs import Progress
+from tools.trade.decisions import Decisions, decisions_of, differences
 
 BUILDS: tuple[tuple[Build, str], ...] = (
     ("python", "interpreted, filterpy's algebra"),

@@ -10,7 +10,8 @@ from hil.bench.lockstep import in_lockstep, silent
 from hil.judge.checks import evaluate
 from hil.judge.figures.figures import figures_of
 from hil.nodes.warm import warm_firmware, warm_plant
-from hil.scenario.scenario import Scenario, check_scenario, read_scenario
+from hil.scenario.files import read_scenario
+from hil.scenario.scenario import Scenario, check_scenario
 from tools.trade.costs import Progress
 
 SCENARIO = "soft-start-multistable"
@@ -50,7 +51,7 @@ def _row(rate_hz: int) -> dict[str, Any]:
         run_dir, _ = in_lockstep(scenario, Path(folder) / "run", 1, silent)
         spent_us = (time.thread_time_ns() - begun) * 1e-3
         figures = figures_of(run_dir)
-    results = evaluate(scenario.checks, figures.as_json())
+    results = evaluate(scenario.checks, figures)
     failed = [result.name for result in results if not result.passed]
     estimate = figures.estimate.x_rmse_m
     return {

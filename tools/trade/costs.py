@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tools.trade import heyoka_peer, own, scipy_peer
+from tools.trade import own
 from tools.trade.answers import Errors, Method, errors_of
-from tools.trade.automaton import has_peers
 from tools.trade.cases import Case
+from tools.trade.peers import heyoka_peer, scipy_peer
+from tools.trade.peers.automaton import has_peers
 
 REPEATS, QUICK_REPEATS = 7, 3
 
@@ -32,8 +33,6 @@ class Cost(NamedTuple):
     errors: Errors
     least_us_s: float
     median_us_s: float
-    first_us_s: float
-    """Shortest first call; at a first call the processor's caches hold another method's code."""
 
     @property
     def is_right(self) -> bool:
@@ -53,7 +52,6 @@ class Cost(NamedTuple):
             "cost": self.least_us_s,
             "unit": f"{STATE_UNIT}; {COST_UNIT}",
             "cost_median": self.median_us_s,
-            "cost_first": self.first_us_s,
             "impact_time_error_s": errors.time_s,
             "impact_speed_error_m_s": errors.speed_m_s,
             "impulse_error": errors.impulse,
@@ -92,33 +90,29 @@ def measure(case: Case, methods: Sequence[Method], repeats: int, progress: Progr
             case,
             method,
             error,
-            min(spent.call for spent in row) / case.until_s,
-            statistics.median(spent.call for spent in row) / case.until_s,
-            min(spent.first for spent in row) / case.until_s,
+            min(row) / case.until_s,
+            statistics.median(row) / case.until_s,
         )
         for method, error, row in zip(methods, errors, zip(*rounds, strict=True), strict=True)
     ]
 
 
-class Spent(NamedTuple):
-    """Processor time of a first call, and of a call in the row that follows it, µs."""
+def spent_us(solve: Callable[[], object]) -> float:
+    """Processor time of a call, µs: of a row of calls that takes ROW_US in all, after a first call.
 
-    first: float
-    call: float
-
-
-def spent_us(solve: Callable[[], object]) -> Spent:
-    """Time a first call and a row of calls of ROW_US in all; a first call of this length replaces the row."""
+    At a first call the processor's caches hold another method's code. A first call of this length replaces
+    the row.
+    """
     begun = time.thread_time_ns()
     solve()
     first = (time.thread_time_ns() - begun) * 1e-3
     if first >= ROW_US:
-        return Spent(first, first)
+        return first
     calls = math.ceil(ROW_US / first)
     begun = time.thread_time_ns()
     for _ in range(calls):
         solve()
-    return Spent(first, (time.thread_time_ns() - begun) * 1e-3 / calls)
+    return (time.thread_time_ns() - begun) * 1e-3 / calls
 
 
 def mean(values: Any) -> float:

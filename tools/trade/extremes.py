@@ -3,25 +3,22 @@
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from copy import deepcopy
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from plant_sim.plant import Plant
 from plant_sim.result import MotionState
-from plant_sim.scene import Scene, SceneError, load_scene, read_scene
+from plant_sim.scene import Scene, SceneError, load_scene, read_scene, with_values
 from plant_sim.simulation import simulate
 from plant_sim.solvers.cost import SolverError
 from plant_sim.solvers.exact.exact import UnsupportedSceneError
+from tools import plots
 
-METHODS = ("exact", "adaptive", "stepping", "Plant")
+METHODS = ("exact", "adaptive", "Plant")
 REFUSALS = SceneError, UnsupportedSceneError, SolverError
 
 FINE = 1e-13
 """Accuracy of the adaptive run that is the reference if there is no closed form."""
-
-STEPPING_ACCURACY = 1e-4
-"""Requested accuracy of time stepping, a first-order method: finer steps would take minutes."""
 
 NATURAL_RAD_S = math.sqrt(70.0 / 0.8)
 CRITICAL_N_S_M = 2.0 * math.sqrt(70.0 * 0.8)
@@ -31,6 +28,14 @@ KELVIN_VOIGT = HUNT_CROSSLEY | {"law": "kelvin-voigt"}
 THROWN = {"initial.v_m_s": 0.7, "drive.ratio": 1.0}
 """Initial state from which the striker reaches the stop within a tenth of a second."""
 STILL = {"drive.ratio": None, "drive.speed_rad_s": 0.0, "drive.amplitude_m": 0.0}
+
+
+class Disturbance(NamedTuple):
+    """A kick of the striker, or a shift of its stop, within a run."""
+
+    at_s: float
+    kick_m_s: float = 0.0
+    stop_by_m: float = 0.0
 
 
 class Extreme(NamedTuple):
@@ -45,6 +50,8 @@ class Extreme(NamedTuple):
     tick_s: float = 1e-3
     axis: float | None = None
     """Value on the plot's axis, if `what` has a range."""
+    disturbance: Disturbance | None = None
+    """Ideal drives only."""
 
 
 class Cell(NamedTuple):
@@ -57,21 +64,6 @@ class Cell(NamedTuple):
     refusal: str
 
 
-def changed(base: str, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a named scene's tables with dotted keys replaced; the value None deletes a key."""
-    tables = deepcopy(read_scene(base))
-    for dotted, value in changes.items():
-        *path, key = dotted.split(".")
-        table = tables
-        for step in path:
-            table = table.setdefault(step, {})
-        if value is None:
-            table.pop(key, None)
-        else:
-            table[key] = value
-    return tables
-
-
 def _range(
     what: str, base: str, key: str, values: Sequence[float], unit: str = "", **given: Any
 ) -> Iterator[Extreme]:
@@ -80,15 +72,30 @@ def _range(
         yield Extreme(what, f"{value:g}{unit}", base, {**common, key: value}, axis=value, **given)
 
 
-def _extremes() -> Iterator[Extreme]:  # noqa: PLR0912  # a list; loops are its rows
-    viscous, coulomb, stribeck, motor = (
-        "table1-viscous",
-        "table1-coulomb",
-        "table1-stribeck",
-        "table1-motor-soft",
+VISCOUS, COULOMB, STRIBECK, MOTOR = (
+    "table1-viscous",
+    "table1-coulomb",
+    "table1-stribeck",
+    "table1-motor-soft",
+)
+WITHOUT_FRICTION = {"friction": {"law": "none"}}
+
+
+def _extremes() -> Iterator[Extreme]:
+    yield from _friction_and_impact()
+    yield from _instants()
+    yield from _scales()
+    yield from _soft_stops_and_starts()
+    yield from _motor()
+    yield from _disturbances()
+    yield from _nonsense()
+
+
+def _friction_and_impact() -> Iterator[Extreme]:
+    """Resonance, damping, restitution and the laws of friction at their ends."""
+    yield Extreme(
+        "resonance without damping", "r = 1, b = 0", VISCOUS, {**WITHOUT_FRICTION, "drive.ratio": 1.0}, 1.5
     )
-    none = {"friction": {"law": "none"}}
-    yield Extreme("resonance without damping", "r = 1, b = 0", viscous, {**none, "drive.ratio": 1.0}, 1.5)
     for factor, value in (
         (1.0 - 1e-12, "(1 − 1e-12) b_c"),
         (1.0, "b_c"),
@@ -97,52 +104,60 @@ def _extremes() -> Iterator[Extreme]:  # noqa: PLR0912  # a list; loops are its 
         (1e4, "1e4 b_c"),
     ):
         yield Extreme(
-            "critical damping", value, viscous, {**THROWN, "friction.b_n_s_m": factor * CRITICAL_N_S_M}
+            "critical damping", value, VISCOUS, {**THROWN, "friction.b_n_s_m": factor * CRITICAL_N_S_M}
         )
     for k, value in ((0.0, "0"), (1.0 - 1e-12, "1 − 1e-12"), (1.0, "1")):
-        yield Extreme("restitution k", value, viscous, {**THROWN, "stop.restitution": k})
-    yield Extreme("no excitation", "A = 0", viscous, {"initial.v_m_s": 0.7, "drive.amplitude_m": 0.0})
+        yield Extreme("restitution k", value, VISCOUS, {**THROWN, "stop.restitution": k})
+    yield Extreme("no excitation", "A = 0", VISCOUS, {"initial.v_m_s": 0.7, "drive.amplitude_m": 0.0})
     for mu in (0.0, 0.3, 1e6):
-        yield Extreme("dry friction μ", f"{mu:g}", coulomb, {**THROWN, "friction.mu": mu})
+        yield Extreme("dry friction μ", f"{mu:g}", COULOMB, {**THROWN, "friction.mu": mu})
     yield Extreme(
-        "Stribeck without a fall", "μ_s = μ", stribeck, {"friction.mu_s": 0.15, "friction.mu": 0.15}
+        "Stribeck without a fall", "μ_s = μ", STRIBECK, {"friction.mu_s": 0.15, "friction.mu": 0.15}
     )
     yield from _range(
-        "Stribeck speed v_s", stribeck, "friction.v_s_m_s", (1e-1, 1e-2, 1e-3, 1e-5, 1e-7, 1e-14), " m/s"
+        "Stribeck speed v_s", STRIBECK, "friction.v_s_m_s", (1e-1, 1e-2, 1e-3, 1e-5, 1e-7, 1e-14), " m/s"
     )
-    yield from _range("Stribeck exponent δ", stribeck, "friction.delta", (0.1, 0.5, 1.0, 2.0, 10.0))
+    yield from _range("Stribeck exponent δ", STRIBECK, "friction.delta", (0.1, 0.5, 1.0, 2.0, 10.0))
+
+
+def _instants() -> Iterator[Extreme]:
+    """Gaps of nothing, grazing, two events in one instant, chatter."""
     for gap_m, value in ((-1e-12, "−1e-12 m"), (0.0, "0"), (1e-12, "1e-12 m")):
         start = {"stop.position_m": 0.12 + gap_m, "initial.x_m": 0.12 + min(gap_m, 0.0)}
-        yield Extreme("gap", value, viscous, start, 2.0)
+        yield Extreme("gap", value, VISCOUS, start, 2.0)
     laid = {"stop.position_m": 0.10, "initial.x_m": 0.10}
-    yield Extreme("gap", "−20 mm: pre-loaded, rigid", viscous, laid, 2.0)
+    yield Extreme("gap", "−20 mm: pre-loaded, rigid", VISCOUS, laid, 2.0)
     for stop in (HUNT_CROSSLEY, KELVIN_VOIGT):
         soft = {"stop": stop | {"position_m": 0.10}, "initial.x_m": 0.10}
-        yield Extreme("gap", f"−20 mm: pre-loaded, {stop['law']}", viscous, soft, 2.0)
+        yield Extreme("gap", f"−20 mm: pre-loaded, {stop['law']}", VISCOUS, soft, 2.0)
     for beyond_m, value in ((-1e-12, "1e-12 m short of"), (0.0, "at"), (1e-12, "1e-12 m beyond")):
-        swing = {**none, **STILL, "initial.x_m": 0.06, "stop.position_m": 0.18 - beyond_m}
-        yield Extreme("grazing: the swing ends", f"{value} the stop", viscous, swing)
+        swing = {**WITHOUT_FRICTION, **STILL, "initial.x_m": 0.06, "stop.position_m": 0.18 - beyond_m}
+        yield Extreme("grazing: the swing ends", f"{value} the stop", VISCOUS, swing)
     dry_m = 0.15 * 0.8 * 9.80665 / 70.0
     yield Extreme(
         "two events in one instant",
         "halt and touch-down",
-        coulomb,
+        COULOMB,
         {**STILL, "friction.mu": 0.15, "initial.x_m": 0.06 - 2.0 * dry_m},
     )
     yield Extreme(
         "chatter to rest on the stop, and release",
         "a turn at a time",
-        viscous,
+        VISCOUS,
         {"stop.position_m": 0.12, "drive.ratio": 0.3},
         5.0,
     )
+
+
+def _scales() -> Iterator[Extreme]:
+    """Crank speeds, durations and masses over many powers of ten."""
     for ratio in (0.0, 1e-6, 1e-3, 1.0, 10.0, 100.0, 1e4):
         speed = {"initial.v_m_s": 0.5, "drive.ratio": None, "drive.speed_rad_s": ratio * NATURAL_RAD_S}
         until_s = 0.05 if ratio > 100.0 else 1.0
-        yield Extreme("crank speed Ω/ω", f"{ratio:g}", viscous, speed, until_s, axis=ratio or None)
+        yield Extreme("crank speed Ω/ω", f"{ratio:g}", VISCOUS, speed, until_s, axis=ratio or None)
     slow = {"striker.mass_kg": 1e3, "drive.ratio": 0.5}  # 24 s a swing, so that 1e6 s compute fast
-    yield Extreme("long runs", "a day, in ticks of 0.1 s", viscous, slow, 86400.0, tick_s=0.1)
-    yield Extreme("long runs", "1e6 s, in ticks of 10 s", viscous, slow, 1e6, tick_s=10.0)
+    yield Extreme("long runs", "a day, in ticks of 0.1 s", VISCOUS, slow, 86400.0, tick_s=0.1)
+    yield Extreme("long runs", "1e6 s, in ticks of 10 s", VISCOUS, slow, 1e6, tick_s=10.0)
     for mass_kg, until_s in ((1e-6, 2e-3), (1e3, 100.0)):
         natural = math.sqrt(70.0 / mass_kg)
         moving = {
@@ -150,36 +165,48 @@ def _extremes() -> Iterator[Extreme]:  # noqa: PLR0912  # a list; loops are its 
             "friction.b_n_s_m": 0.02 * mass_kg * natural,
             "initial.v_m_s": 0.05 * natural,
         }
-        yield Extreme("striker's mass", f"{mass_kg:g} kg", viscous, moving, until_s, tick_s=until_s / 100.0)
+        yield Extreme("striker's mass", f"{mass_kg:g} kg", VISCOUS, moving, until_s, tick_s=until_s / 100.0)
+
+
+def _soft_stops_and_starts() -> Iterator[Extreme]:
+    """Stiffnesses, starts on and beyond the stop, rest inside a pad."""
     for stop in (HUNT_CROSSLEY, KELVIN_VOIGT):
         rigidless = {key: value for key, value in stop.items() if key != "contact_s"}
         for stiffness in (1e2, 1e4, 1e6, 1e9):
             yield Extreme(
                 f"stiffness, {stop['law']}",
                 f"{stiffness:g} N/m" + ("^1.5" if stop is HUNT_CROSSLEY else ""),
-                viscous,
+                VISCOUS,
                 {**THROWN, "stop": rigidless | {"stiffness": stiffness}},
                 axis=stiffness,
             )
-    yield Extreme("start", "on the stop", viscous, {"initial.x_m": 0.18, "drive.ratio": 1.0})
-    yield Extreme("start", "1 mm beyond the stop", viscous, {"initial.x_m": 0.181})
+    yield Extreme("start", "on the stop", VISCOUS, {"initial.x_m": 0.18, "drive.ratio": 1.0})
+    yield Extreme("start", "1 mm beyond the stop", VISCOUS, {"initial.x_m": 0.181})
     for depth_m, value in ((1e-3, "1 mm"), (1.0, "1 m")):
         inside = {"stop": HUNT_CROSSLEY, "initial.x_m": 0.18 + depth_m}
-        yield Extreme("start", f"{value} inside a soft stop", viscous, inside, 0.2)
+        yield Extreme("start", f"{value} inside a soft stop", VISCOUS, inside, 0.2)
     pad = {"stop": HUNT_CROSSLEY | {"position_m": 0.11}, "initial.x_m": 0.10, "initial.v_m_s": 0.5}
-    yield Extreme("dry friction inside a pad", "pre-loaded, it sticks there", coulomb, {**STILL, **pad})
+    yield Extreme("dry friction inside a pad", "pre-loaded, it sticks there", COULOMB, {**STILL, **pad})
+
+
+def _motor() -> Iterator[Extreme]:
+    """A light motor, its dry loss, a striker that drives it, no supply."""
     for inertia in (1e-5, 1e-7, 1e-9):
         light = {"motor.inertia_kg_m2": inertia}
-        yield Extreme("motor's inertia J", f"{inertia:g} kg m²", motor, light, 0.5, 0.012, axis=inertia)
+        yield Extreme("motor's inertia J", f"{inertia:g} kg m²", MOTOR, light, 0.5, 0.012, axis=inertia)
     for torque_n_m, value in (
         (0.0049, "stalled below it"),
         (0.005, "equal to it"),
         (0.0051, "just above it"),
     ):
-        yield Extreme("torque at the dry loss", value, motor, {}, 1.0, torque_n_m)
+        yield Extreme("torque at the dry loss", value, MOTOR, {}, 1.0, torque_n_m)
     back = {"initial.x_m": 0.0, "drive.phase_rad": 0.5}
-    yield Extreme("motor", "back-driven by the striker", motor, back, 1.0)
-    yield Extreme("motor", "supply sagged to 1 mV", motor, {"motor.supply_v": 1e-3}, 1.0, 0.1)
+    yield Extreme("motor", "back-driven by the striker", MOTOR, back, 1.0)
+    yield Extreme("motor", "supply sagged to 1 mV", MOTOR, {"motor.supply_v": 1e-3}, 1.0, 0.1)
+
+
+def _nonsense() -> Iterator[Extreme]:
+    """Scenes that are to be refused."""
     for value, wrong in (
         ("mass −1 kg", {"striker.mass_kg": -1.0}),
         ("mass nan", {"striker.mass_kg": math.nan}),
@@ -189,7 +216,26 @@ def _extremes() -> Iterator[Extreme]:  # noqa: PLR0912  # a list; loops are its 
         ("an unknown key", {"striker.mass_g": 800.0}),
         ("a text for a number", {"striker.mass_kg": "0.8 kg"}),
     ):
-        yield Extreme("nonsense", value, viscous, wrong)
+        yield Extreme("nonsense", value, VISCOUS, wrong)
+
+
+def _disturbances() -> Iterator[Extreme]:
+    """Kicks and a moved stop in each phase; a striker in a pad without memory may be kicked in contact."""
+    on_stop = {**STILL, "initial.x_m": 0.10, "stop.position_m": 0.10}
+    in_pad = {**THROWN, "stop": KELVIN_VOIGT, "initial.x_m": 0.1795}
+    for value, base, changes, disturbance in (
+        ("−1 m/s in flight", VISCOUS, THROWN, Disturbance(0.05, -1.0)),
+        ("+100 m/s in flight", VISCOUS, THROWN, Disturbance(0.05, 100.0)),
+        ("−0.5 m/s at rest on the stop", VISCOUS, on_stop, Disturbance(0.5, -0.5)),
+        ("+0.5 m/s at rest on the stop", VISCOUS, on_stop, Disturbance(0.5, 0.5)),
+        ("0.5 m/s while friction holds", COULOMB, STILL, Disturbance(0.5, 0.5)),
+        ("1e-12 m/s while friction holds", COULOMB, STILL, Disturbance(0.5, 1e-12)),
+        ("−1.5 m/s in a Kelvin–Voigt pad", VISCOUS, in_pad, Disturbance(0.002, -1.5)),
+    ):
+        yield Extreme("a kick", value, base, changes, disturbance=disturbance)
+    for value, by_m in (("by −20 mm", -0.02), ("by +20 mm", 0.02)):
+        moved = Disturbance(0.05, stop_by_m=by_m)
+        yield Extreme("the stop moves", value, VISCOUS, THROWN, disturbance=moved)
 
 
 EXTREMES = tuple(_extremes())
@@ -198,22 +244,43 @@ EXTREMES = tuple(_extremes())
 def scene_of(extreme: Extreme, method: str, accuracy: float | None = None) -> Scene:
     """Return the scene of an extreme case for a method; raises `SceneError`."""
     solver: dict[str, Any] = {"method": "adaptive" if method == "Plant" else method}
-    if method == "stepping":
-        solver["accuracy"] = STEPPING_ACCURACY
     if accuracy is not None:
         solver["accuracy"] = accuracy
-    return load_scene(changed(extreme.base, {**extreme.changes, "solver": solver}))
+    return load_scene(with_values(read_scene(extreme.base), {**extreme.changes, "solver": solver}))
 
 
 def end_of(extreme: Extreme, method: str, accuracy: float | None = None) -> MotionState:
     """Return the final state of an extreme case by a method; raises one of `REFUSALS`."""
     scene = scene_of(extreme, method, accuracy)
+    disturbance = extreme.disturbance
     if method != "Plant":
-        return simulate(scene, extreme.until_s, torque_n_m=extreme.torque_n_m).final
+        if disturbance is None:
+            return simulate(scene, extreme.until_s, torque_n_m=extreme.torque_n_m).final
+        return _disturbed(scene, extreme.until_s, disturbance)
     plant = Plant(scene, seed=1)
-    for _ in range(round(extreme.until_s / extreme.tick_s)):
+    for tick in range(round(extreme.until_s / extreme.tick_s)):
+        if disturbance is not None and tick == round(disturbance.at_s / extreme.tick_s):
+            plant.kick(disturbance.kick_m_s)
+            stop: Any = plant.parts.stop
+            moved = stop._replace(position_m=stop.position_m + disturbance.stop_by_m)
+            plant.replace_parts(plant.parts._replace(stop=moved))
         plant.advance(extreme.torque_n_m, extreme.tick_s)
     return plant.state
+
+
+def _disturbed(scene: Scene, until_s: float, disturbance: Disturbance) -> MotionState:
+    """Return the final state of two runs, the second from the disturbed end of the first."""
+    before = simulate(scene, disturbance.at_s).final
+    stop: Any = scene.stop
+    after = scene.with_(
+        {
+            "initial.x_m": before.x_m,
+            "initial.v_m_s": before.v_m_s + disturbance.kick_m_s,
+            "drive.phase_rad": before.crank_rad,
+            "stop.position_m": stop.position_m + disturbance.stop_by_m,
+        }
+    )
+    return simulate(after, until_s - disturbance.at_s).final
 
 
 def measure(extreme: Extreme) -> dict[str, Cell]:
@@ -229,9 +296,8 @@ def measure(extreme: Extreme) -> dict[str, Cell]:
         except REFUSALS as error:
             cells[method] = Cell(math.nan, str(error))
     if ends:
-        finest = "adaptive" if "adaptive" in ends else "stepping"
-        fine = end_of(extreme, finest, FINE if finest == "adaptive" else 0.1 * STEPPING_ACCURACY)
-        striker = scene_of(extreme, finest).striker
+        fine = end_of(extreme, "adaptive", FINE)
+        striker = scene_of(extreme, "adaptive").striker
         natural_rad_s = math.sqrt(striker.spring_n_m / striker.mass_kg)
         for method, end in ends.items():
             truth = ends["exact"] if "exact" in ends and method != "exact" else fine
@@ -244,25 +310,25 @@ INTRODUCTION = """\
 # Extreme cases, by every solver
 
 This page gives the error of each solver in extreme cases, or the reason why the solver rejects the case. It
-is written by `vibrohil trade --extremes docs/extremes.md`, and tests measure each row again.
+is written by `vibrohil trade extremes --page docs/extremes.md`, and tests measure each row again.
 
 A cell is the error of the state at the end of a run, in m: the error of the position or of the velocity
 divided by ω, whichever is larger. *refused* gives the number of the error message in the list below.
-`Plant` advances the module tick by tick, with ticks of 1 ms unless stated otherwise. The requested accuracy
-is 1e-9 m per period, and {stepping:g} for time stepping. All other parameters are those of the scenes
-`table1-viscous`, `-coulomb`, `-stribeck` and `-motor-soft`.
+`Plant` advances the module tick by tick, with ticks of 1 ms unless stated otherwise. A kick or a moved stop
+is a disturbance of the running plant; `exact` and `adaptive` begin a second run at the disturbed state. The
+requested accuracy is 1e-9 m per period. All other parameters are those of the scenes `table1-viscous`,
+`-coulomb`, `-stribeck` and `-motor-soft`.
 
 The reference is the closed form. For the closed form itself, and if there is none, the reference is the
-adaptive solver at {fine:g}, or time stepping at a tenth of its step if the adaptive solver rejects the
-case. The first column therefore contains the errors of both methods.
+adaptive solver at {fine:g}. The first column therefore contains the errors of both methods.
 
 ![error over the parameter](extremes.svg)
 
-| extreme | value | exact | adaptive | stepping | Plant |
-|---|---|---|---|---|---|
+| extreme | value | exact | adaptive | Plant |
+|---|---|---|---|---|
 """
 
-ROW = re.compile(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", re.MULTILINE)
+ROW = re.compile(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", re.MULTILINE)
 SENTENCE = re.compile(r"^(\d+)\. (.+)$", re.MULTILINE)
 
 
@@ -284,7 +350,7 @@ def write(page: Path, progress: Callable[[str], None]) -> list[dict[str, Any]]:
             )
         lines.append(f"| {extreme.what} | {extreme.value} | {' | '.join(shown)} |")
     refusals = [f"{number}. {sentence}" for number, sentence in enumerate(sentences, 1)]
-    text = INTRODUCTION.format(stepping=STEPPING_ACCURACY, fine=FINE)
+    text = INTRODUCTION.format(fine=FINE)
     page.write_text(text + "\n".join([*lines, "", "## Refusals", "", *refusals, ""]), encoding="utf-8")
     draw(measured, page.with_suffix(".svg"))
     return [
@@ -314,17 +380,15 @@ def read(page: Path) -> dict[tuple[str, str], dict[str, Cell]]:
 
 def draw(measured: Sequence[tuple[Extreme, Mapping[str, Cell]]], path: Path) -> None:
     """Draw the error over the parameter, with a panel for each range."""
-    import matplotlib
     from matplotlib.figure import Figure
 
-    matplotlib.rcParams["svg.hashsalt"] = "vibrohil"
-
+    plots.use_style()
     ranges = [what for what in dict.fromkeys(one.what for one, _ in measured) if _has_range(measured, what)]
     columns = 3
     figure = Figure(figsize=(12.0, 6.4), layout="constrained")
     grid = figure.subplots(-(-len(ranges) // columns), columns, squeeze=False, sharey=True)
     for axes, what in zip(grid.flat, ranges, strict=False):
-        for method, marker in zip(METHODS, "*os^", strict=True):
+        for method, marker in zip(METHODS, "*o^", strict=True):
             points = [
                 (one.axis, max(cells[method].error_m, 1e-17))
                 for one, cells in measured

@@ -7,42 +7,24 @@ from typing import Any
 
 import numpy as np
 
-from hil.scenario.settings import apply_settings
-from plant_sim.scene import Scene, load_scene, read_scene
 from plant_sim.simulation import simulate
 from tools.trade.costs import COST_UNIT, Progress, mean, spent_us
+from tools.trade.parts import HERTZ, RATIO, RIGID, scene_with
 
 UNTIL_S = 30.0
 """Duration of a run, s; its second half is evaluated."""
 
-RATIO = 1.3
-
-ORBIT = (
-    f"drive.ratio={RATIO}",
-    # State just after separation, the crank 27° past its forward dead centre, on the orbit with one impact a
-    # period.
-    "drive.phase_rad=2.04",
-    "initial.x_m=0.1799",
-    "initial.v_m_s=-0.455",
-)
-
-STOPS = (
-    ("Hunt–Crossley, 10 ms", ("stop.law=hunt-crossley", "stop.contact_s=0.01")),
-    ("rigid", ()),
-    ("Kelvin–Voigt, 10 ms", ("stop.law=kelvin-voigt", "stop.contact_s=0.01")),
-    ("Hunt–Crossley, 2 ms", ("stop.law=hunt-crossley", "stop.contact_s=0.002")),
-    ("Hunt–Crossley, 5 ms", ("stop.law=hunt-crossley", "stop.contact_s=0.005")),
-    ("Hunt–Crossley, 30 ms", ("stop.law=hunt-crossley", "stop.contact_s=0.03")),
+STOPS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("Hunt–Crossley, 10 ms", HERTZ),
+    ("rigid", RIGID),
+    ("Kelvin–Voigt, 10 ms", {**HERTZ, "law": "kelvin-voigt"}),
+    ("Hunt–Crossley, 2 ms", {**HERTZ, "contact_s": 0.002}),
+    ("Hunt–Crossley, 5 ms", {**HERTZ, "contact_s": 0.005}),
+    ("Hunt–Crossley, 30 ms", {**HERTZ, "contact_s": 0.03}),
 )
 """Stops; the first, the bench's own, is the reference for the others."""
 
 QUICK_STOPS = 2
-
-
-def scene_with(stop: tuple[str, ...]) -> Scene:
-    """Return the scene table1 on its impact orbit with a stop."""
-    settings = [f"scene.{setting}" for setting in ORBIT + stop]
-    return load_scene(apply_settings({"scene": read_scene("table1-viscous")}, settings)["scene"])
 
 
 def measure(quick: bool, repeats: int, progress: Progress) -> list[dict[str, Any]]:
@@ -50,14 +32,13 @@ def measure(quick: bool, repeats: int, progress: Progress) -> list[dict[str, Any
 
     The error is the impulse's relative deviation from the first stop's.
     """
-    scenes = [(name, scene_with(stop)) for name, stop in (STOPS[:QUICK_STOPS] if quick else STOPS)]
+    scenes = [(name, scene_with({"stop": stop})) for name, stop in (STOPS[:QUICK_STOPS] if quick else STOPS)]
     results = []
     for name, scene in scenes:
         progress(name)
         results.append(simulate(scene, UNTIL_S))
     rounds = [
-        [spent_us(partial(simulate, scene, UNTIL_S)).call / UNTIL_S for _, scene in scenes]
-        for _ in range(repeats)
+        [spent_us(partial(simulate, scene, UNTIL_S)) / UNTIL_S for _, scene in scenes] for _ in range(repeats)
     ]
     wanted = math.nan
     rows: list[dict[str, Any]] = []

@@ -1,4 +1,4 @@
-"""This package's solvers as methods of the comparison."""
+"""The plant's solvers as methods of the comparison, and time stepping beside them."""
 
 import math
 
@@ -7,11 +7,11 @@ from plant_sim.parts.friction import Stribeck
 from plant_sim.parts.stop import NoStop, RigidStop
 from plant_sim.result import SimulationResult
 from plant_sim.simulation import initial_state
-from plant_sim.solvers import stepping
 from plant_sim.solvers.adaptive import adaptive
 from plant_sim.solvers.exact import exact
 from tools.trade.answers import Answer, Method, Solve, answer
 from tools.trade.cases import Case
+from tools.trade.peers import stepping
 
 ACCURACIES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 STEPS_RAD = (0.1, 0.03, 0.01, 0.003, 0.001, 0.0003)
@@ -31,7 +31,7 @@ def has_closed_form(case: Case) -> bool:
 
 
 def is_steppable(case: Case) -> bool:
-    """Return whether the stepping solver supports the case."""
+    """Return whether time stepping supports the case."""
     parts = case.scene.parts()
     return isinstance(parts.drive, IdealDrive) and isinstance(parts.stop, NoStop | RigidStop)
 
@@ -62,7 +62,13 @@ def _adaptive(case: Case, accuracy: float) -> Solve:
 
 def _stepping(case: Case, step_s: float) -> Solve:
     parts, start = case.scene.parts(), initial_state(case.scene)
-    return lambda: _answer(stepping.simulate(parts, start, case.until_s, step_s))
+
+    def solve() -> Answer:
+        run = stepping.simulate(parts, start, case.until_s, step_s)
+        t_s, v_m_s, v_after_m_s = run.impacts
+        return answer(t_s, v_m_s, v_after_m_s, run.x_m, run.v_m_s)
+
+    return solve
 
 
 def _answer(result: SimulationResult) -> Answer:

@@ -17,8 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.kernels import entry_point
+from plant_sim.kinds import kernel_parts, kernel_probe
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.parts import Parts
+from plant_sim.references import by_reference
 from plant_sim.scene import Scene, load_scene, read_scene
 from plant_sim.sensors.sensing import NoSensing, Probe, allocate_sensing, series_order
 from plant_sim.simulation import initial_state
@@ -38,6 +40,7 @@ LOOP_S = 5e-3
 """Period of the speed loop, s. Below: its gains (they hold r = 1.3 with 3 % of ripple), its first torque."""
 LOOP_N_M_S, LOOP_N_M, LOOP_START_N_M = 0.05, 0.3, 0.06
 
+RIGID = {"law": "rigid", "position_m": 0.18, "restitution": 0.5}
 HERTZ = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
 
 # State just after separation, the crank 27° past its forward dead centre: the orbit with one impact a period.
@@ -49,7 +52,6 @@ ORBIT: dict[str, Any] = {
 
 MOTOR = {"model": "motor", "amplitude_m": 0.02, "phase_rad": 2.04}
 DQ_MOTOR = {**MOTOR, "model": "dq-motor"}
-COGGING = {"order": 84, "amplitude_n_m": 2e-3}
 
 PARTS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("viscous, ideal, Hunt–Crossley", {}),
@@ -60,14 +62,10 @@ PARTS: tuple[tuple[str, dict[str, Any]], ...] = (
         "Stribeck, μ = 0.02, μ_s 0.03",
         {"friction": {"law": "stribeck", "mu": 0.02, "mu_s": 0.03, "v_s_m_s": 0.05, "delta": 1.0}},
     ),
-    ("rigid stop", {"stop": {"law": "rigid", "position_m": 0.18, "restitution": 0.5}}),
+    ("rigid stop", {"stop": RIGID}),
     ("Kelvin–Voigt, 10 ms", {"stop": {**HERTZ, "law": "kelvin-voigt"}}),
     ("motor at speed", {"drive": MOTOR}),
     ("d-q motor at speed", {"drive": DQ_MOTOR}),
-    (
-        "d-q motor, cogging and ripple",
-        {"drive": DQ_MOTOR, "winding": {"cogging": [COGGING], "ripple": [{"order": 6, "share": 0.02}]}},
-    ),
     ("sensors", {"sensors": {}}),
     ("rod of 60 mm", {"drive": {**ORBIT["drive"], "rod_m": 0.06}}),
     ("tilt of 0.1 rad uphill", {"housing": {"tilt_rad": 0.1}}),
@@ -106,8 +104,9 @@ def rig_of(scene: Scene) -> Rig:
     if scene.sensors is not None:
         probe = allocate_sensing(scene.sensors, speed_rad_s, parts.housing)
     memory = allocate(parts, start, scene.solver.accuracy, IMPACTS_AT_ONCE, series_order(probe))
-    kernel = entry_point(advance, parts, probe, memory, 0.0, 0.0, 0.0, NO_GRID)
-    return Rig(parts, probe, memory, scene.natural_rad_s, np.array([LOOP_START_N_M]), kernel)
+    probe, own_memory = kernel_probe(probe), by_reference(memory)
+    kernel = entry_point(advance, kernel_parts(parts), probe, own_memory, 0.0, 0.0, 0.0, NO_GRID)
+    return Rig(parts, probe, own_memory, scene.natural_rad_s, np.array([LOOP_START_N_M]), kernel)
 
 
 def carry_on(rig: Rig, ratio: float, periods: int) -> NDArray[np.void]:
@@ -138,7 +137,7 @@ def settled(scene: Scene, ratio: float = RATIO) -> Rig:
 
 
 def _advance(rig: Rig, parts: Parts, torque_n_m: float, until_s: float) -> None:
-    status = rig.kernel(parts, rig.probe, rig.memory, torque_n_m, 0.0, until_s, NO_GRID)
+    status = rig.kernel(kernel_parts(parts), rig.probe, rig.memory, torque_n_m, 0.0, until_s, NO_GRID)
     if status != DONE:
         raise refusal(status, parts, rig.memory, 0.0)
 

@@ -19,7 +19,7 @@ from tools.campaign.results import counts_of, shares_of, values_of
 from tools.campaign.trial.outcome import Outcome
 from tools.output import BadInputError
 from tools.progress import Counted
-from tools.tuning.candidates import FRESH_SEED, TUNING_SEED, refuse_same_seeds, run_candidates
+from tools.tuning.candidates import SAMPLING, Sampling, run_candidates
 from tools.tuning.result import Merit, Tuning, tuned
 
 PARAMETER = "detector.floor_m_s2"
@@ -97,14 +97,11 @@ def tune_detector(
     cost_miss: float = COST_MISS,
     cost_false_alarm: float = COST_FALSE_ALARM,
     trials: int = TRIALS,
-    seed: int = TUNING_SEED,
-    fresh_seed: int = FRESH_SEED,
     floors_m_s2: Sequence[float] | None = None,
+    sampling: Sampling = SAMPLING,
     progress: Counted = lambda *_: None,
-    workers: int | None = None,
 ) -> tuple[Tuning, list[Operating]]:
     """The floor for these costs, judged on fresh trials, and the whole characteristic."""
-    refuse_same_seeds(seed, fresh_seed)
     if cost_miss <= 0.0 or cost_false_alarm <= 0.0:
         raise BadInputError(
             f"--cost-miss {cost_miss:g}, --cost-false-alarm {cost_false_alarm:g}: wanted both above 0"
@@ -118,15 +115,15 @@ def tune_detector(
         def noted(done: int, _: int) -> None:
             progress(before + done, total)
 
-        found = run_candidates("detect", candidates, its_seed, trials, noted, workers)
+        found = run_candidates("detect", candidates, its_seed, trials, noted, sampling.workers)
         return [
             operating(floor, outcomes, cost_miss, cost_false_alarm)
             for floor, outcomes in zip(floors, found, strict=True)
         ]
 
-    points = tried(floors_m_s2, seed, 0)
+    points = tried(floors_m_s2, sampling.seed, 0)
     best, alike = chosen(points)
-    fresh, default = tried((best.floor_m_s2, DEFAULTS[PARAMETER]), fresh_seed, swept)
+    fresh, default = tried((best.floor_m_s2, DEFAULTS[PARAMETER]), sampling.fresh_seed, swept)
     warnings = []
     if best.floor_m_s2 in (floors_m_s2[0], floors_m_s2[-1]) and len(alike) == 1:
         warnings.append("the best floor lies at the end of those tried: the costs ask for one beyond")
@@ -134,9 +131,9 @@ def tune_detector(
         command="detector",
         source=(
             f"campaign detect, {trials} trials a floor, cost {cost_miss:g} a miss and {cost_false_alarm:g} a "
-            f"false alarm; judged on seed {fresh_seed}"
+            f"false alarm; judged on seed {sampling.fresh_seed}"
         ),
-        seed=seed,
+        seed=sampling.seed,
         range_is="floors whose cost does not differ significantly from the least",
         parameters={PARAMETER: tuned(PARAMETER, best.floor_m_s2, alike[0].floor_m_s2, alike[-1].floor_m_s2)},
         figures_of_merit={**merits("", fresh), **merits("default_", default)},

@@ -13,8 +13,7 @@ parameters within 5 % of the least error of position. A limit of NIS excludes co
 too small.
 
 The sensor's own noise, a lower limit of the σ² that the filter learns, follows from the second differences of
-the readings. NIS, a whiteness test, and errors against filterpy's smoother are reported too. If a log comes
-with a truth, so are NEES and errors against the truth; no parameter depends on them.
+the readings. NIS is reported too.
 """
 
 import math
@@ -22,7 +21,7 @@ import os
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,11 +31,11 @@ from firmware_py.shell.parameters import DEFAULTS
 from hil.scenario.parameter_file import nested
 from plant_sim.arrays import FloatArray
 from tools.campaign.trial.cells import LAWS, Cell
-from tools.campaign.trial.sampling import Mismatch, sample
+from tools.campaign.trial.sampling import Mismatch, Sampled, sample
 from tools.jobs import running
 from tools.output import BadInputError
 from tools.progress import Counted
-from tools.tuning.candidates import FRESH_SEED, TUNING_SEED, refuse_same_seeds, run_candidates
+from tools.tuning.candidates import SAMPLING, Sampling, run_candidates
 from tools.tuning.recordings.readings import Ticks
 from tools.tuning.result import Merit, Tuning, Value, tuned
 
@@ -72,30 +71,23 @@ class Source(NamedTuple):
 
 
 class Log(NamedTuple):
-    """The nominal parameters of a log's run, the sensors' frames, and the truth (x, v), shape (2, ticks)."""
+    """The nominal parameters of a log's run, and the sensors' frames."""
 
     nominal: dict[str, Any]
     ticks: Ticks
-    truth: FloatArray | None
 
 
-class Score(NamedTuple):
-    """The results of a log with a combination of parameters; errors in m and m/s."""
+class Replayed(NamedTuple):
+    """A log: means over its innovations for each combination, shape (n,), and what they are worth.
 
-    flight: Any
-    stop: Any
-    x_to_smoother_m: float
-    x_to_truth_m: float
-    v_to_truth_m_s: float
-    nees: float
+    `likelihood`: of the innovations at the stop; `stop`: their effective number; `noise_m_s2`: the sensor's
+    own noise.
+    """
 
-
-class Worth(NamedTuple):
-    """Effective numbers of a log's innovations, p-value of their whiteness, and the sensor's noise."""
-
-    flight: float
+    likelihood: FloatArray
+    nis_flight: FloatArray
+    nis_stop: FloatArray
     stop: float
-    white_flight: float
     noise_m_s2: float
 
 
@@ -107,125 +99,77 @@ class Combination:
     likelihood: float
     nis_flight: float
     nis_stop: float
-    x_to_smoother_mm: float
-    x_to_truth_mm: float
-    v_to_truth_m_s: float
-    nees: float
 
 
 # --- in a process that compiles the firmware ----------------------------------------------------------
 
 
-@lru_cache(maxsize=64)
-def _log(source: Source) -> Log:
-    return _of_file(Path(source.path)) if source.path else _sampled(source)
-
-
-def _of_file(path: Path) -> Log:
-    from hil.record.run_traces import column, read_trace
+def read_log(path: Path) -> Log:
+    """The log of a run folder or candump file."""
     from tools.tuning.identification.identify import nominal_of
     from tools.tuning.recordings.readings import read_ticks
 
     values = nominal_of(path)
     changed = {name: value for name, value in values.items() if value != DEFAULTS[name]}
-    ticks = read_ticks(path, values["control.tick_s"])
-    truth = None
-    if path.is_dir() and (path / "plant.trace").exists():
-        plant = read_trace(path / "plant.trace")
-        rows = column(plant, "tick").astype(int)
-        truth = np.full((2, len(ticks.low_m_s2)), np.nan)
-        inside = rows < truth.shape[1]
-        truth[0, rows[inside]], truth[1, rows[inside]] = (
-            column(plant, "x_m")[inside],
-            column(plant, "v_m_s")[inside],
-        )
-    return Log(nested(changed), ticks, truth)
+    return Log(nested(changed), read_ticks(path, values["control.tick_s"]))
 
 
-def _sampled(source: Source) -> Log:
+def sampled_module(seed: int, number: int) -> tuple[Cell, Sampled]:
+    """The condition and the truth of the sampled module with this number."""
+    law, ratio = CONDITIONS[number % len(CONDITIONS)]
+    cell = Cell(law, ratio, 0.0, LAWS[law].scene, LAWS[law].nominal)
+    return cell, sample(cell.scene, Mismatch(), seed, number)
+
+
+def record_log(source: Source) -> Log:
+    """The log of a sampled module."""
     from tools.tuning.recordings.recorded import record
 
-    law, ratio = CONDITIONS[source.number % len(CONDITIONS)]
-    cell = Cell(law, ratio, 0.0, LAWS[law].scene, LAWS[law].nominal)
-    sampled = sample(cell.scene, Mismatch(), source.seed, source.number)
-    ticks, truth = record(cell, sampled, source.seconds)
-    return Log(deepcopy(dict(cell.firmware)), ticks, np.stack([truth.x_m, truth.v_m_s]))
+    cell, sampled = sampled_module(source.seed, source.number)
+    return Log(deepcopy(dict(cell.firmware)), record(cell, sampled, source.seconds)[0])
 
 
-def _course(log: Log, parameters: dict[str, float]) -> tuple[Any, FloatArray, int]:
-    """Configuration, the estimator's history without its beginning, and the history's first tick."""
+def course_of(log: Log, parameters: dict[str, float]) -> FloatArray:
+    """The estimator's history with these parameters, without its beginning: the columns of `replay`."""
     from firmware_py.shell.parameters import config_from
     from tools.tuning.recordings.replay import replay
 
     firmware = deepcopy(log.nominal)
     for block, table in nested(parameters).items():
         firmware.setdefault(block, {}).update(table)
-    config = config_from(firmware)
     begin = round(SETTLING_SHARE * len(log.ticks.low_m_s2))
-    return config, replay(config, log.ticks)[begin:], begin
+    return replay(config_from(firmware), log.ticks)[begin:]
 
 
-@lru_cache(maxsize=64)
-def _yardstick(source: Source) -> Any:
-    from tools.tuning.recordings.smoother import smoothed
-
-    config, course, _ = _course(_log(source), {})
-    return smoothed(config, course)
-
-
-def weigh(source: Source) -> Worth:
-    """Effective numbers of a log's innovations with the run's own parameters, and the sensor's noise."""
+def replayed(combinations: Sequence[dict[str, float]], source: Source) -> Replayed:
+    """Replay a log with all combinations; the effective number is that of the run's own parameters."""
     from tools.tuning.recordings import replay
-    from tools.tuning.recordings.innovations import whiteness, worth
+    from tools.tuning.recordings.innovations import said, worth
 
-    log = _log(source)
-    config, course, _ = _course(log, {})
-    flying, stop = course[course[:, replay.FLYING] > 0.0], course[course[:, replay.AT_STOP] > 0.0]
-    y = flying[:, replay.INNOVATION] / flying[:, replay.INNOVATION_STD]
-    nu = stop[:, replay.STOP_INNOVATION] / np.sqrt(stop[:, replay.STOP_VARIANCE])
-    every = max(round(config.estimator.noise.readings_as_one), 1)
+    log = read_log(Path(source.path)) if source.path else record_log(source)
+
+    def innovations(parameters: dict[str, float]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Innovations and their variances, in flight and at the stop."""
+        course = course_of(log, parameters)
+        flying, stop = course[course[:, replay.FLYING] > 0.0], course[course[:, replay.AT_STOP] > 0.0]
+        return (
+            flying[:, replay.INNOVATION],
+            flying[:, replay.INNOVATION_STD] ** 2,
+            stop[:, replay.STOP_INNOVATION],
+            stop[:, replay.STOP_VARIANCE],
+        )
+
+    *_, nu, nu_variance = innovations({})
+    rows = []
+    for parameters in combinations:
+        found = innovations(parameters)
+        at_stop = said(*found[2:])
+        rows.append((at_stop.likelihood, said(*found[:2]).nis, at_stop.nis))
     # Second differences of white noise have 6 times its variance; median |x| of a normal is 0.6745 σ.
     bends = np.abs(np.diff(log.ticks.low_m_s2, 2))
     noise_m_s2 = float(np.nanmedian(bends)) / 0.6745 / math.sqrt(6.0)
-    return Worth(worth(y), worth(nu), whiteness(y[::every]), noise_m_s2)
-
-
-def score(source: Source, combinations: Sequence[dict[str, float]]) -> list[Score]:
-    """The results of a log with each combination of parameters."""
-    return [_score(source, parameters) for parameters in combinations]
-
-
-def _score(source: Source, parameters: dict[str, float]) -> Score:
-    from tools.tuning.recordings import replay
-    from tools.tuning.recordings.innovations import said
-
-    log, yardstick = _log(source), _yardstick(source)
-    _, course, begin = _course(log, parameters)
-    flying, stop = course[course[:, replay.FLYING] > 0.0], course[course[:, replay.AT_STOP] > 0.0]
-
-    def rms(error: FloatArray) -> float:
-        return float(np.sqrt(np.nanmean(error**2)))
-
-    x_truth = v_truth = nees = math.nan
-    if log.truth is not None:
-        x_error = course[:, replay.X] - log.truth[0, begin:]
-        v_error = course[:, replay.V] - log.truth[1, begin:]
-        x_truth, v_truth = rms(x_error), rms(v_error)
-        xx, xv, vv = (course[:, place] for place in (replay.P_XX, replay.P_XV, replay.P_VV))
-        # eᵀ P⁻¹ e over (x, v); its mean is 2 for a consistent filter
-        nees = float(
-            np.nanmean(
-                (vv * x_error**2 - 2.0 * xv * x_error * v_error + xx * v_error**2) / (xx * vv - xv * xv)
-            )
-        )
-    return Score(
-        flight=said(flying[:, replay.INNOVATION], flying[:, replay.INNOVATION_STD] ** 2),
-        stop=said(stop[:, replay.STOP_INNOVATION], stop[:, replay.STOP_VARIANCE]),
-        x_to_smoother_m=rms(course[:, replay.X] - yardstick.x_m),
-        x_to_truth_m=x_truth,
-        v_to_truth_m_s=v_truth,
-        nees=nees,
-    )
+    likelihood, nis_flight, nis_stop = np.array(rows).T
+    return Replayed(likelihood, nis_flight, nis_stop, worth(nu / np.sqrt(nu_variance)), noise_m_s2)
 
 
 # --- all logs -----------------------------------------------------------------------------------------
@@ -237,46 +181,39 @@ def combinations_of(grid: dict[str, tuple[float, ...]]) -> list[dict[str, float]
     return [dict(zip(grid, point.tolist(), strict=True)) for point in points]
 
 
-def _together(parameters: dict[str, float], scores: Sequence[Score], worths: Sequence[Worth]) -> Combination:
-    def middle(values: Sequence[float]) -> float:
-        known = [value for value in values if math.isfinite(value)]
-        return float(np.median(known)) if known else math.nan
-
-    return Combination(
-        parameters=parameters,
-        likelihood=sum(worth.stop * one.stop.likelihood for one, worth in zip(scores, worths, strict=True)),
-        nis_flight=middle([one.flight.nis for one in scores]),
-        nis_stop=middle([one.stop.nis for one in scores]),
-        x_to_smoother_mm=1e3 * middle([one.x_to_smoother_m for one in scores]),
-        x_to_truth_mm=1e3 * middle([one.x_to_truth_m for one in scores]),
-        v_to_truth_m_s=middle([one.v_to_truth_m_s for one in scores]),
-        nees=middle([one.nees for one in scores]),
-    )
-
-
-def scored(
+def replay_all(
     sources: Sequence[Source],
     combinations: Sequence[dict[str, float]],
     progress: Counted,
     workers: int | None = None,
-) -> tuple[list[Combination], list[Worth]]:
-    """Replay all logs with all combinations, on all cores: results by combination, worths by log."""
-    found: dict[int, tuple[Worth, list[Score]]] = {}
+) -> tuple[list[Combination], list[Replayed]]:
+    """Replay all logs with all combinations, on all cores: results by combination, and by log."""
+    found: dict[int, Replayed] = {}
     count = min(workers or os.cpu_count() or 1, len(sources))
-    with running(partial(_weighed, combinations), count) as run:
+    with running(partial(replayed, combinations), count) as run:
         for number, result in run(sources):
             found[number] = result
             progress(len(found), len(sources))
-    worths, scores = zip(*(found[number] for number in range(len(sources))), strict=True)
+    logs = [found[number] for number in range(len(sources))]
+
+    def middle(values: Sequence[float]) -> float:
+        known = [value for value in values if math.isfinite(value)]
+        return float(np.median(known)) if known else math.nan
+
     return [
-        _together(parameters, [mine[place] for mine in scores], worths)
+        Combination(
+            parameters=parameters,
+            likelihood=float(sum(one.stop * one.likelihood[place] for one in logs)),
+            nis_flight=middle([one.nis_flight[place] for one in logs]),
+            nis_stop=middle([one.nis_stop[place] for one in logs]),
+        )
         for place, parameters in enumerate(combinations)
-    ], list(worths)
+    ], logs
 
 
-def _weighed(combinations: Sequence[dict[str, float]], source: Source) -> tuple[Worth, list[Score]]:
-    """Replay one log with all combinations, in a worker process."""
-    return weigh(source), score(source, combinations)
+def consistent(points: Sequence[Combination]) -> Sequence[Combination]:
+    """The combinations whose variance at the stop is not too small; all if it is in every one."""
+    return [one for one in points if one.nis_stop <= LARGEST_NIS] or points
 
 
 def profile(points: Sequence[Combination], name: str) -> dict[float, float]:
@@ -292,63 +229,49 @@ def tune_estimator(
     logs: Sequence[Path] = (),
     modules: int = MODULES,
     seconds: float = SECONDS,
-    seed: int = TUNING_SEED,
-    fresh_seed: int = FRESH_SEED,
     fresh_trials: int = FRESH_TRIALS,
     grid: dict[str, tuple[float, ...]] | None = None,
+    sampling: Sampling = SAMPLING,
     progress: Counted = lambda *_: None,
-    workers: int | None = None,
 ) -> tuple[Tuning, list[Combination]]:
     """The most likely combination from logs, or from sampled modules' logs; judged on fresh modules."""
-    refuse_same_seeds(seed, fresh_seed)
     for path in logs:
         if not path.exists():
             raise BadInputError(f"{path} is not there; give a run folder or a candump log")
     sources = [Source(str(path), 0, 0, 0.0) for path in logs] or [
-        Source("", seed, number, seconds) for number in range(modules)
+        Source("", sampling.seed, number, seconds) for number in range(modules)
     ]
     combinations = combinations_of(grid or GRID)
     here = {name: DEFAULTS[name] for name in (grid or GRID)}
-    points, worths = scored(sources, [*combinations, here], progress, workers)
+    points, by_log = replay_all(sources, [*combinations, here], progress, sampling.workers)
     points, default = points[:-1], points[-1]
-    consistent = [one for one in points if one.nis_stop <= LARGEST_NIS] or points
-    best = max(consistent, key=lambda one: one.likelihood)
+    sound = consistent(points)
+    best = max(sound, key=lambda one: one.likelihood)
     parameters: dict[str, Value] = {}
     for name in grid or GRID:
-        near = [value for value, one in profile(consistent, name).items() if one > best.likelihood - NEAR]
+        near = [value for value, one in profile(sound, name).items() if one > best.likelihood - NEAR]
         parameters[name] = tuned(name, best.parameters[name], min(near), max(near))
-    noises = [one.noise_m_s2 for one in worths]
+    noises = [one.noise_m_s2 for one in by_log]
     parameters[FLOOR] = tuned(FLOOR, float(np.median(noises)), min(noises), max(noises))
     values = {name: value.value for name, value in parameters.items()}
     merits = {
         "log_likelihood": Merit(best.likelihood, "1"),
         "likeliest_nis_stop": Merit(max(points, key=lambda one: one.likelihood).nis_stop, "1"),
         "log_likelihood_over_default": Merit(best.likelihood - default.likelihood, "1"),
-        "witnesses_in_flight": Merit(sum(one.flight for one in worths), "1"),
-        "witnesses_at_the_stop": Merit(sum(one.stop for one in worths), "1"),
+        "witnesses_at_the_stop": Merit(sum(one.stop for one in by_log), "1"),
         "nis_flight": Merit(best.nis_flight, "1"),
         "nis_stop": Merit(best.nis_stop, "1"),
         "default_nis_flight": Merit(default.nis_flight, "1"),
         "default_nis_stop": Merit(default.nis_stop, "1"),
-        "white_flight": Merit(float(np.nanmedian([one.white_flight for one in worths])), "1"),
-        "x_to_smoother": Merit(best.x_to_smoother_mm, "mm"),
     }
-    if math.isfinite(best.nees):
-        merits |= {
-            "nees": Merit(best.nees, "1"),
-            "x_to_truth": Merit(best.x_to_truth_mm, "mm"),
-            "v_to_truth": Merit(best.v_to_truth_m_s, "m/s"),
-            "default_x_to_truth": Merit(default.x_to_truth_mm, "mm"),
-            "default_v_to_truth": Merit(default.v_to_truth_m_s, "m/s"),
-        }
-    warnings = _warnings(parameters, worths, grid or GRID)
+    warnings = _warnings(parameters, by_log, grid or GRID)
     if not math.isfinite(best.nis_stop):
         warnings.append("no touch-down in the logs: Q and R stay as they are")
         parameters = {FLOOR: parameters[FLOOR]}
         values = {FLOOR: values[FLOOR]}
     if fresh_trials:
         judged = run_candidates(
-            "estimate", [values, {}, NAIVE], fresh_seed, fresh_trials, lambda *_: None, workers
+            "estimate", [values, {}, NAIVE], sampling.fresh_seed, fresh_trials, workers=sampling.workers
         )
         for prefix, outcomes in zip(("fresh_", "fresh_default_", "fresh_naive_"), judged, strict=True):
             for name, unit in (("x_rmse", "mm"), ("v_rmse", "m/s")):
@@ -357,8 +280,8 @@ def tune_estimator(
     what = ", ".join(str(path) for path in logs) or f"{modules} sampled modules, {seconds:g} s each"
     tuning = Tuning(
         command="estimator",
-        source=f"{what}; judged on seed {fresh_seed}" if fresh_trials else what,
-        seed=None if logs else seed,
+        source=f"{what}; judged on seed {sampling.fresh_seed}" if fresh_trials else what,
+        seed=None if logs else sampling.seed,
         range_is="values whose likelihood, whatever the others, does not differ significantly from the best",
         parameters=parameters,
         figures_of_merit=merits,
@@ -368,7 +291,7 @@ def tune_estimator(
 
 
 def _warnings(
-    parameters: dict[str, Value], worths: Sequence[Worth], grid: dict[str, tuple[float, ...]]
+    parameters: dict[str, Value], logs: Sequence[Replayed], grid: dict[str, tuple[float, ...]]
 ) -> list[str]:
     """The parameters that the logs cannot identify."""
     found = []
@@ -378,7 +301,7 @@ def _warnings(
             found.append(f"{name}: the logs cannot identify it, all values tried are as likely")
         elif value.value in (tried[0], tried[-1]):
             found.append(f"{name}: the most likely value lies at the end of those tried")
-    if sum(one.stop for one in worths) < 5.0:
+    if sum(one.stop for one in logs) < 5.0:
         found.append(
             "the logs inform about the stop as fewer than five touch-downs would; use logs of more modules"
         )

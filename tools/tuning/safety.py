@@ -12,11 +12,12 @@ from typing import Any
 
 from firmware_py.shell.parameters import ParameterError, with_overrides
 from hil.bench.lockstep import Progress, in_lockstep
-from hil.bench.verdict import judge
-from hil.judge.figures.figures import figures_from
+from hil.judge.judge import judge
+from hil.judge.verdict import RunVerdict
 from hil.record.run_traces import read_run
+from hil.scenario.files import read_scenario
 from hil.scenario.parameter_file import nested
-from hil.scenario.scenario import Scenario, check_scenario, read_scenario
+from hil.scenario.scenario import Scenario, check_scenario
 
 SCENARIOS = ("quick-start-below-the-band", "e-stop-in-the-hold")
 SEED = 1
@@ -49,12 +50,11 @@ class Bench:
     ratio: float
 
 
-def verdict_on(scenario: Scenario, seed: int, progress: Progress) -> dict[str, Any]:
+def verdict_on(scenario: Scenario, seed: int, progress: Progress) -> RunVerdict:
     """Run a scenario in a folder that is removed again; return the verdict with all figures."""
     with tempfile.TemporaryDirectory(prefix="vibrohil-tune-") as folder:
         run_dir, _ = in_lockstep(scenario, Path(folder), seed, progress, "compiled")
-        traces = read_run(run_dir)
-        return judge(traces, figures_from(traces), run_dir)[0]
+        return judge(read_run(run_dir), run_dir)
 
 
 def judged(
@@ -75,12 +75,7 @@ def judged(
     except ParameterError as error:
         return SafetyResult(name, seed, False, str(error))
     verdict = verdict_on(scenario, seed, progress)
-    failed = [
-        f"{one['name']} = {one['value']} {one['unit']}".strip()
-        for one in verdict["checks"]
-        if not one["passed"]
-    ]
-    return SafetyResult(name, seed, bool(verdict["passed"]), ", ".join([*verdict["reasons"], *failed]))
+    return SafetyResult(name, seed, bool(verdict.passed), "; ".join(verdict.why_not_passed))
 
 
 def judge_safety(

@@ -2,24 +2,25 @@
  *
  * A request consists of its kind and two numbers. TICK is followed by the received frames; CONFIG and STATE are
  * followed by a new config or state, which replaces the present one. The reply to TICK is the status, the frames
- * to be sent and the state; MEASURED_TICK, which is slower, also reports the time and the stack of the tick.
+ * to be sent and the state; MEASURED_TICK, which is slower, also reports the time and the stack of the tick. The
+ * reply to READ_CONFIG is the config. Before each tick a write over XCP is processed.
  * The bytes are carried by semihosting, a debugger's interface that the firmware itself does not use.
  */
 #include <string.h>
 
 #include "vibro_firmware.h"
 
-enum { TICK, CONFIG, STATE, MEASURED_TICK };
+enum { TICK, CONFIG, STATE, MEASURED_TICK, READ_CONFIG };
 enum { SYS_OPEN = 0x01, SYS_WRITE = 0x05, SYS_READ = 0x06, SYS_EXIT_EXTENDED = 0x20 };
 enum { READ_BINARY = 1, WRITE_BINARY = 5, ENDED = 0x20026 };
 
 static struct {
-    int64_t kind, elapsed_ticks, frame_count;
+    int64_t kind, behind_ticks, frame_count;
 } request;
 static struct {
     int64_t status, timer_ticks, stack_bytes;
     vibro_tx tx;
-    vibro_node_state state;
+    vibro_firmware_state state;
 } reply;
 static vibro_config config;
 static vibro_word_frame frames[VIBRO_MAX_FRAMES];
@@ -69,7 +70,8 @@ static void give(const void *place, uint32_t size) {
 enum { CONTROL, VALUE, RELOAD, PAINT = 0x50A17ED, PAINTED_WORDS = 4096 };
 
 static void tick(void) {
-    reply.status = vibro_tick(&config, &reply.state, request.elapsed_ticks, request.frame_count, frames, &reply.tx);
+    vibro_calibrate(&config, &reply.state);
+    reply.status = vibro_tick(&config, &reply.state, request.behind_ticks, request.frame_count, frames, &reply.tx);
 }
 
 static __attribute__((noinline)) void measured_tick(void) {
@@ -101,6 +103,8 @@ static void serve(void) {
             take(&config, sizeof config);
         } else if (request.kind == STATE) {
             take(&reply.state, sizeof reply.state);
+        } else if (request.kind == READ_CONFIG) {
+            give(&config, sizeof config);
         } else {
             take(frames, (uint32_t)request.frame_count * sizeof frames[0]);
             if (request.kind == MEASURED_TICK) {

@@ -1,1 +1,1 @@
-"""Control of the motor: starting, holding, following a gait, stopping."""
+"""Control of the motor: starting, holding, stopping."""

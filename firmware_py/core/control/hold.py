@@ -15,9 +15,11 @@ depends on r, but there Δ_guard is the larger step and is not used.
 
 from typing import NamedTuple
 
+from firmware_py.core.config import Config
 from firmware_py.core.estimation.regime import RegimeState
 from firmware_py.core.numbers import clamp
 from firmware_py.core.records import zeroed
+from firmware_py.core.request import Request
 from firmware_py.interface.enums import NO_REFUSAL, Refusal
 
 PHASE_SLOPE_RAD = 1.4
@@ -35,23 +37,6 @@ IMPULSE_TOLERANCE = 0.03
 RATIO_TOO_HIGH, IMPULSE_OUT_OF_RANGE = Refusal.RATIO_TOO_HIGH, Refusal.IMPULSE_OUT_OF_RANGE
 
 
-class HoldConfig(NamedTuple):
-    """Bounds, gains and rates; `highest_phase_rad` is φ*, `impulse_slope_n_s` is J'."""
-
-    tick_s: float
-    natural_rad_s: float
-    lowest_ratio: float
-    highest_ratio: float
-    highest_phase_rad: float
-    gain_phase: float
-    impulse_slope_n_s: float
-    largest_step: float
-    rate_1_s: float
-    lowest_impulse_n_s: float
-    highest_impulse_n_s: float
-    refusing_periods: int
-
-
 class HoldState(NamedTuple):
     """`trim` is the ratio's present difference from the S-curve's end, `wanted_trim` its target."""
 
@@ -67,100 +52,95 @@ class HoldState(NamedTuple):
 INITIAL = zeroed(HoldState, refusal=NO_REFUSAL)
 
 
-def phase_step(config: HoldConfig, phase_rad: float) -> float:
+def phase_step(config: Config, phase_rad: float) -> float:
     """Δ_guard: the largest increase of the ratio at this phase; if negative, the ratio must fall."""
     within_rad = clamp(phase_rad, 1.5)
     slope_rad = PHASE_SLOPE_RAD * (1.0 + PHASE_SLOPE_GROWTH * (within_rad if within_rad > 0.0 else 0.0))
-    error_rad = config.highest_phase_rad - within_rad
-    gain = config.gain_phase if error_rad >= 0.0 else max(config.gain_phase, GAIN_RETREAT)
+    error_rad = config.d.highest_phase_rad - within_rad
+    gain = config.p.hold.gain_phase if error_rad >= 0.0 else max(config.p.hold.gain_phase, GAIN_RETREAT)
     return gain * error_rad / slope_rad
 
 
-def wanted_step(
-    config: HoldConfig, ratio: float, target_ratio: float, target_impulse_n_s: float, impulse_n_s: float
-) -> float:
+def wanted_step(config: Config, ratio: float, request: Request, impulse_n_s: float) -> float:
     """Δ_want, bounded by the largest step."""
-    if target_impulse_n_s > 0.0:
-        step = GAIN_IMPULSE * (target_impulse_n_s - impulse_n_s) / config.impulse_slope_n_s
+    if request.impulse_n_s > 0.0:
+        step = GAIN_IMPULSE * (request.impulse_n_s - impulse_n_s) / config.p.hold.impulse_slope_n_s
     else:
-        step = target_ratio - ratio
-    return clamp(step, config.largest_step)
+        step = request.ratio - ratio
+    return clamp(step, config.p.hold.largest_step)
 
 
-def possible(config: HoldConfig, target_impulse_n_s: float) -> bool:
+def possible(config: Config, target_impulse_n_s: float) -> bool:
     """Whether a requested impulse is possible; 0 means no request, and NaN is impossible."""
     return target_impulse_n_s == 0.0 or (
-        config.lowest_impulse_n_s <= target_impulse_n_s <= config.highest_impulse_n_s
+        config.p.hold.lowest_impulse_n_s <= target_impulse_n_s <= config.p.hold.highest_impulse_n_s
     )
 
 
-def _bound(
-    config: HoldConfig,
-    ratio: float,
-    guarded: bool,
-    target_ratio: float,
-    target_impulse_n_s: float,
-    impulse_n_s: float,
-) -> Refusal:
+def find_unmet(config: Config, target_impulse_n_s: float) -> Refusal:
+    """The refusal of an impossible impulse, or NONE."""
+    return NO_REFUSAL if possible(config, target_impulse_n_s) else IMPULSE_OUT_OF_RANGE
+
+
+def rest(config: Config, request: Request) -> HoldState:
+    """The state of a tick in which nothing is held."""
+    return INITIAL._replace(refusal=find_unmet(config, request.impulse_n_s))
+
+
+def find_bound(config: Config, ratio: float, guarded: bool, request: Request, impulse_n_s: float) -> Refusal:
     """The refusal if an end of the impact region limits the requested impulse or ratio, or NONE."""
+    target_impulse_n_s = request.impulse_n_s
     if target_impulse_n_s <= 0.0:
-        short = guarded and target_ratio - ratio > config.largest_step
+        short = guarded and request.ratio - ratio > config.p.hold.largest_step
         return RATIO_TOO_HIGH if short else NO_REFUSAL
-    if (guarded or ratio >= config.highest_ratio) and impulse_n_s < target_impulse_n_s * (
+    if (guarded or ratio >= config.p.start.highest_ratio) and impulse_n_s < target_impulse_n_s * (
         1.0 - IMPULSE_TOLERANCE
     ):
         return Refusal.IMPULSE_TOO_HIGH
-    if ratio <= config.lowest_ratio and impulse_n_s > target_impulse_n_s * (1.0 + IMPULSE_TOLERANCE):
+    if ratio <= config.p.hold.lowest_ratio and impulse_n_s > target_impulse_n_s * (1.0 + IMPULSE_TOLERANCE):
         return Refusal.IMPULSE_TOO_LOW
     return NO_REFUSAL
 
 
 def step(
-    config: HoldConfig,
+    config: Config,
     state: HoldState,
-    holding: bool,
+    request: Request,
     base_ratio: float,
-    target_ratio: float,
-    target_impulse_n_s: float,
     regime: RegimeState,
     impact_n_s: float,
-    elapsed_ticks: int,
 ) -> HoldState:
-    """One tick. `base_ratio` is the S-curve's end, `impact_n_s` the last impact's impulse."""
-    if not possible(config, target_impulse_n_s):
-        target_impulse_n_s = 0.0
-        unmet = IMPULSE_OUT_OF_RANGE
-    else:
-        unmet = NO_REFUSAL
-    if not holding:
-        return INITIAL._replace(refusal=unmet)
+    """One tick of a captured motion. `base_ratio`: the S-curve's end; `impact_n_s`: the last impact's."""
+    unmet = find_unmet(config, request.impulse_n_s)
+    if unmet != NO_REFUSAL:
+        request = request._replace(impulse_n_s=0.0)
     wanted_trim, guarded = state.wanted_trim, state.guarded
     bound_periods, impulse_n_s, refusal = state.bound_periods, state.impulse_n_s, state.refusal
     of_ratio = refusal in (NO_REFUSAL, RATIO_TOO_HIGH)
-    if unmet != NO_REFUSAL or refusal == IMPULSE_OUT_OF_RANGE or of_ratio != (target_impulse_n_s <= 0.0):
+    if unmet != NO_REFUSAL or refusal == IMPULSE_OUT_OF_RANGE or of_ratio != (request.impulse_n_s <= 0.0):
         refusal = unmet
     if regime.ended and regime.last.impacts == 1 and regime.second.impacts == 1:
         impulse_n_s = impact_n_s if impulse_n_s <= 0.0 else impulse_n_s + 0.5 * (impact_n_s - impulse_n_s)
         ratio = base_ratio + wanted_trim
-        wanted = wanted_step(config, ratio, target_ratio, target_impulse_n_s, impulse_n_s)
+        wanted = wanted_step(config, ratio, request, impulse_n_s)
         guard = phase_step(config, regime.last.phase_rad)
         guarded = guard < wanted
-        moved = ratio + clamp(guard if guarded else wanted, config.largest_step)
-        moved = min(moved, config.highest_ratio)
-        moved = max(moved, min(config.lowest_ratio, base_ratio))
+        moved = ratio + clamp(guard if guarded else wanted, config.p.hold.largest_step)
+        moved = min(moved, config.p.start.highest_ratio)
+        moved = max(moved, min(config.p.hold.lowest_ratio, base_ratio))
         wanted_trim = moved - base_ratio
-        bound = _bound(config, moved, guarded, target_ratio, target_impulse_n_s, impulse_n_s)
+        bound = find_bound(config, moved, guarded, request, impulse_n_s)
         bound_periods = bound_periods + 1 if bound != NO_REFUSAL else 0
-        if unmet == NO_REFUSAL and (bound == NO_REFUSAL or bound_periods >= config.refusing_periods):
+        if unmet == NO_REFUSAL and (bound == NO_REFUSAL or bound_periods >= config.p.hold.refusing_periods):
             refusal = bound
-    dt_s = elapsed_ticks * config.tick_s
-    change = clamp(wanted_trim - state.trim, config.rate_1_s * dt_s)
+    dt_s = config.tick_s
+    change = clamp(wanted_trim - state.trim, config.p.hold.rate_1_s * dt_s)
     return HoldState(
-        state.trim + change,
-        change / dt_s,
-        wanted_trim,
-        guarded,
-        bound_periods,
-        impulse_n_s,
-        refusal,
+        trim=state.trim + change,
+        trim_rate_1_s=change / dt_s,
+        wanted_trim=wanted_trim,
+        guarded=guarded,
+        bound_periods=bound_periods,
+        impulse_n_s=impulse_n_s,
+        refusal=refusal,
     )

@@ -10,6 +10,7 @@ load is predicted for the middle of that time. The integral stops while a limit 
 import math
 from typing import NamedTuple
 
+from firmware_py.core.config import Config
 from firmware_py.core.elementary import sine_cosine
 from firmware_py.core.estimation.crank import CrankState
 from firmware_py.core.estimation.estimator_state import EstimatorState
@@ -17,31 +18,8 @@ from firmware_py.core.numbers import clamp
 from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import NO_LIMIT, ActingLimit
 
-
-class NominalLoad(NamedTuple):
-    """Nominal load of the motor: inertia, losses and the striker's spring with its longest stretch."""
-
-    inertia_kg_m2: float
-    viscous_n_m_s: float
-    dry_n_m: float
-    spring_n_m: float
-    amplitude_m: float
-    rest_length_m: float
-    longest_stretch_m: float
-
-
-class SpeedConfig(NamedTuple):
-    """Gains by tools.tuning.speed. `lead_s`: from the sensors' time to the middle of the torque's tick."""
-
-    tick_s: float
-    gain_p_n_m_s: float
-    gain_i_n_m: float
-    lead_s: float
-    load: NominalLoad
-    load_share: float
-    torque_limit_n_m: float
-    torque_rate_n_m_s: float
-    speed_limit_rad_s: float
+LEAD_TICKS = 1.5
+"""From the sensors' time t_k to the middle of the torque, which acts from t_{k+1} to t_{k+2}."""
 
 
 class SpeedState(NamedTuple):
@@ -58,39 +36,39 @@ class SpeedState(NamedTuple):
 INITIAL = zeroed(SpeedState, acting_limit=ActingLimit.SAFE_STATE)
 
 
-def stretch_m(load: NominalLoad, sine: float, x_m: float) -> float:
+def stretch_m(config: Config, sine: float, x_m: float) -> float:
     """The spring's stretch at the sine of the crank's angle; NaN beyond the longest: the estimate is lost."""
-    stretch = load.amplitude_m * sine + load.rest_length_m - x_m
-    return stretch if abs(stretch) <= load.longest_stretch_m else math.nan
+    stretch = config.p.drive.amplitude_m * sine + config.p.striker.rest_length_m - x_m
+    return stretch if abs(stretch) <= config.p.limit.stretch_m else math.nan
 
 
-def crank_load(load: NominalLoad, crank: CrankState, estimate: EstimatorState, ahead_s: float) -> float:
+def crank_load(config: Config, crank: CrankState, estimate: EstimatorState, ahead_s: float) -> float:
     """The torque by which the spring opposes the crank `ahead_s` after the estimate, N m."""
     sine, cosine = sine_cosine(crank.angle_rad + crank.omega_rad_s * ahead_s)
-    stretch = stretch_m(load, sine, estimate.x_m + estimate.v_m_s * ahead_s)
+    stretch = stretch_m(config, sine, estimate.x_m + estimate.v_m_s * ahead_s)
     if math.isnan(stretch):
         return 0.0  # the estimate is lost
-    return load.spring_n_m * stretch * load.amplitude_m * cosine
+    return config.p.striker.spring_n_m * stretch * config.p.drive.amplitude_m * cosine
 
 
 def known_acceleration(
-    config: SpeedConfig, acting_n_m: float, crank: CrankState, estimate: EstimatorState
+    config: Config, acting_n_m: float, crank: CrankState, estimate: EstimatorState
 ) -> float:
     """The known part of the crank's acceleration over the tick that ended with the newest sample, rad/s².
 
     `acting_n_m` is the torque that acted during that tick.
     """
-    load = config.load
-    losses_n_m = load.viscous_n_m_s * crank.omega_rad_s
+    motor = config.p.motor
+    losses_n_m = motor.viscous_n_m_s * crank.omega_rad_s
     if crank.omega_rad_s > 0.2:
-        losses_n_m += load.dry_n_m
+        losses_n_m += motor.dry_n_m
     elif crank.omega_rad_s < -0.2:
-        losses_n_m -= load.dry_n_m
-    elif abs(acting_n_m) < 2.0 * load.dry_n_m:
+        losses_n_m -= motor.dry_n_m
+    elif abs(acting_n_m) < 2.0 * motor.dry_n_m:
         return 0.0
-    crank_n_m = config.load_share * crank_load(load, crank, estimate, 0.5 * config.tick_s)
-    known = (acting_n_m - losses_n_m - crank_n_m) / load.inertia_kg_m2
-    return clamp(known, 2.0 * config.torque_limit_n_m / load.inertia_kg_m2)
+    crank_n_m = config.p.speed.load_share * crank_load(config, crank, estimate, 0.5 * config.tick_s)
+    known = (acting_n_m - losses_n_m - crank_n_m) / motor.inertia_kg_m2
+    return clamp(known, 2.0 * config.p.speed.torque_limit_n_m / motor.inertia_kg_m2)
 
 
 def safe(state: SpeedState) -> SpeedState:
@@ -98,54 +76,62 @@ def safe(state: SpeedState) -> SpeedState:
     return INITIAL._replace(acting_n_m=state.torque_n_m)
 
 
+def keep(state: SpeedState) -> SpeedState:
+    """The state after a period in which no torque was sent: the last one went on acting."""
+    return state._replace(acting_n_m=state.torque_n_m)
+
+
 def step(
-    config: SpeedConfig,
+    config: Config,
     state: SpeedState,
     crank: CrankState,
     estimate: EstimatorState,
     target_omega_rad_s: float,
     target_acceleration_rad_s2: float,
-    elapsed_ticks: int,
 ) -> SpeedState:
     """One tick of the loop; the torque is finite and within all limits for any input."""
-    load = config.load
-    dry_n_m = load.dry_n_m * clamp(target_omega_rad_s, 0.5) / 0.5
+    motor = config.p.motor
+    dry_n_m = motor.dry_n_m * clamp(target_omega_rad_s, 0.5) / 0.5
     feedforward_n_m = clamp(
-        load.inertia_kg_m2 * target_acceleration_rad_s2
-        + load.viscous_n_m_s * target_omega_rad_s
+        motor.inertia_kg_m2 * target_acceleration_rad_s2
+        + motor.viscous_n_m_s * target_omega_rad_s
         + dry_n_m
-        + config.load_share * crank_load(load, crank, estimate, config.lead_s),
-        config.torque_limit_n_m,
+        + config.p.speed.load_share * crank_load(config, crank, estimate, LEAD_TICKS * config.tick_s),
+        config.p.speed.torque_limit_n_m,
     )
     error_rad_s = target_omega_rad_s - crank.omega_rad_s
-    wanted_n_m = feedforward_n_m + config.gain_p_n_m_s * error_rad_s + state.integral_n_m
+    wanted_n_m = feedforward_n_m + config.p.speed.gain_p_n_m_s * error_rad_s + state.integral_n_m
 
     acting_limit = NO_LIMIT
-    torque_n_m = clamp(wanted_n_m, config.torque_limit_n_m)
+    torque_n_m = clamp(wanted_n_m, config.p.speed.torque_limit_n_m)
     if torque_n_m != wanted_n_m:
         acting_limit = ActingLimit.TORQUE
-    if crank.omega_rad_s > config.speed_limit_rad_s and torque_n_m > 0.0:
-        torque_n_m = 0.0
-        acting_limit = ActingLimit.SPEED
-    change_n_m = clamp(
-        torque_n_m - state.torque_n_m, config.torque_rate_n_m_s * config.tick_s * elapsed_ticks
-    )
+    change_n_m = clamp(torque_n_m - state.torque_n_m, config.p.speed.torque_rate_n_m_s * config.tick_s)
     if state.torque_n_m + change_n_m != torque_n_m and abs(torque_n_m - state.torque_n_m) > abs(change_n_m):
         acting_limit = ActingLimit.TORQUE_RATE
         torque_n_m = state.torque_n_m + change_n_m
+    # The limit of the speed and NaN come last: they cut the torque at once, whatever its rate.
+    forward = torque_n_m > 0.0 and not crank.omega_rad_s <= config.p.limit.speed_rad_s
+    backward = torque_n_m < 0.0 and not crank.omega_rad_s >= -config.p.limit.speed_rad_s
+    if forward or backward:
+        torque_n_m = 0.0
+        acting_limit = ActingLimit.SPEED
+    if not math.isfinite(wanted_n_m):
+        torque_n_m = 0.0
+        acting_limit = ActingLimit.TORQUE
 
     integral_n_m = state.integral_n_m
     pushes_on = error_rad_s * (wanted_n_m - torque_n_m) > 0.0
     if acting_limit == NO_LIMIT or not pushes_on:
         integral_n_m = clamp(
-            integral_n_m + config.gain_i_n_m * error_rad_s * config.tick_s * elapsed_ticks,
-            config.torque_limit_n_m,
+            integral_n_m + config.p.speed.gain_i_n_m * error_rad_s * config.tick_s,
+            config.p.speed.torque_limit_n_m,
         )
     return SpeedState(
         integral_n_m,
         error_rad_s,
         feedforward_n_m,
-        clamp(torque_n_m, config.torque_limit_n_m),
+        clamp(torque_n_m, config.p.speed.torque_limit_n_m),
         state.torque_n_m,
         acting_limit,
     )

@@ -19,6 +19,7 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
+from firmware_py.core.config import Config
 from firmware_py.core.elementary import atan2
 from firmware_py.core.estimation.crank import CrankState
 from firmware_py.core.estimation.estimator_state import EstimatorState
@@ -40,23 +41,6 @@ class SpinDownStage(IntEnum):
     PARK = 2
 
 
-class SpinDownConfig(NamedTuple):
-    """`longest_s`: longest braking (0: the S-curve alone). `gain` is g.
-
-    `share`: the swing at which braking ends, as a share of the way to the stop.
-    """
-
-    tick_s: float
-    longest_s: float
-    natural_rad_s: float
-    amplitude_m: float
-    rest_length_m: float
-    stop_m: float
-    share: float
-    gain: float
-    highest_rad_s: float
-
-
 class SpinDownState(NamedTuple):
     """`swing_m` is the striker's amplitude about its rest position with the crank parked.
 
@@ -74,26 +58,27 @@ INITIAL = zeroed(SpinDownState, stage=SpinDownStage.OFF)
 
 
 def step(
-    config: SpinDownConfig,
+    config: Config,
     state: SpinDownState,
     crank: CrankState,
     estimate: EstimatorState,
-    elapsed_ticks: int,
 ) -> SpinDownState:
     """One tick of a stop: the crank's target speed."""
-    natural_rad_s = config.natural_rad_s
+    natural_rad_s = config.d.natural_rad_s
     highest_rad_s = state.highest_rad_s
     if state.stage == SpinDownStage.OFF:
-        highest_rad_s = clamp(at_least(crank.omega_rad_s, 0.0), config.highest_rad_s)
-    away_m, lag_m = estimate.x_m - config.rest_length_m, estimate.v_m_s / natural_rad_s
-    swing_m = math.sqrt((away_m + config.amplitude_m) * (away_m + config.amplitude_m) + lag_m * lag_m)
-    since_s = state.since_s + elapsed_ticks * config.tick_s
-    reach_m = config.stop_m - config.rest_length_m + config.amplitude_m
-    swings = swing_m > config.share * reach_m and since_s < config.longest_s  # NaN: False
+        highest_rad_s = clamp(at_least(crank.omega_rad_s, 0.0), config.d.spin_down_highest_rad_s)
+    away_m, lag_m = estimate.x_m - config.p.striker.rest_length_m, estimate.v_m_s / natural_rad_s
+    swing_m = math.sqrt(
+        (away_m + config.p.drive.amplitude_m) * (away_m + config.p.drive.amplitude_m) + lag_m * lag_m
+    )
+    since_s = state.since_s + config.tick_s
+    reach_m = config.p.stop.position_m - config.p.striker.rest_length_m + config.p.drive.amplitude_m
+    swings = swing_m > config.p.spin_down.share * reach_m and since_s < config.d.spin_down_s  # NaN: False
     stage = SpinDownStage.BRAKE if swings and state.stage != SpinDownStage.PARK else SpinDownStage.PARK
     if stage == SpinDownStage.BRAKE:
         error_rad = wrap_pi(atan2(-lag_m, away_m) - crank.angle_rad + WAITS_RAD) - WAITS_RAD
-        wanted_rad_s = at_least(natural_rad_s * (1.0 + config.gain * error_rad), 0.0)
+        wanted_rad_s = at_least(natural_rad_s * (1.0 + config.p.spin_down.gain * error_rad), 0.0)
     else:
         error_rad = wrap_pi(-0.5 * math.pi - crank.angle_rad)
         wanted_rad_s = clamp(natural_rad_s * PARK_GAIN * error_rad, natural_rad_s)

@@ -15,6 +15,7 @@ again. After a bounded number of attempts the start has failed.
 from enum import IntEnum
 from typing import NamedTuple
 
+from firmware_py.core.config import Config
 from firmware_py.core.estimation.regime import RegimeState
 from firmware_py.core.numbers import at_least
 from firmware_py.core.records import zeroed
@@ -42,29 +43,6 @@ class Stage(IntEnum):
 REST, RISE, CONFIRM, HOLD, DIP, DWELL, STOP, APPROACH = Stage
 
 
-class StartConfig(NamedTuple):
-    """Times of the S-curves; `natural_rad_s` is the nominal ω that ratios refer to."""
-
-    tick_s: float
-    natural_rad_s: float
-    lowest_ratio: float
-    highest_ratio: float
-    free_ratio: float
-    capture_ratio: float
-    dip_ratio: float
-    approach_ratio: float
-    approach_s: float
-    rise_s: float
-    again_s: float
-    stop_s: float
-    confirm_periods: int
-    missing_periods: int
-    lost_periods: int
-    dwell_periods: int
-    attempts: int
-    retreat_ratio: float
-
-
 class StartState(NamedTuple):
     """The S-curve runs from `from_rad_s` to `to_rad_s`; `s` is its progress.
 
@@ -86,6 +64,18 @@ class StartState(NamedTuple):
     failed: bool
     ceiling_ratio: float
     searching_s: float
+
+
+class Goal(NamedTuple):
+    """The ratio to start to, and in the hold the `trim` that is added to it.
+
+    `may_retreat`: after a loss of impacts the curve ends below the ratio, at `ceiling_ratio`.
+    """
+
+    ratio: float
+    trim: float
+    trim_rate_1_s: float
+    may_retreat: bool
 
 
 LONGEST_SEARCH_S = 29.0
@@ -110,12 +100,12 @@ def s_curve(s: float) -> tuple[float, float]:
     return s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s)
 
 
-def valid_ratio(config: StartConfig, ratio: float) -> bool:
+def valid_ratio(config: Config, ratio: float) -> bool:
     """Whether the operator's ratio is within the valid range; NaN is not."""
-    return config.lowest_ratio <= ratio <= config.highest_ratio
+    return config.p.start.lowest_ratio <= ratio <= config.p.start.highest_ratio
 
 
-def _curve(
+def begin_curve(
     state: StartState, stage: Stage, from_rad_s: float, to_rad_s: float, duration_s: float, attempts: int
 ) -> StartState:
     """The state at the beginning of a new S-curve."""
@@ -133,11 +123,11 @@ def _curve(
     )
 
 
-def _advanced(config: StartConfig, state: StartState, elapsed_ticks: int) -> StartState:
+def advance(config: Config, state: StartState) -> StartState:
     """The state advanced along the curve; in the hold, which sets its own target, unchanged."""
     if state.stage == HOLD:
         return state
-    s = state.s + elapsed_ticks * config.tick_s / state.duration_s
+    s = state.s + config.tick_s / state.duration_s
     height, slope = s_curve(s)
     span = state.to_rad_s - state.from_rad_s
     return state._replace(
@@ -147,8 +137,8 @@ def _advanced(config: StartConfig, state: StartState, elapsed_ticks: int) -> Sta
     )
 
 
-def _counted(state: StartState, regime: RegimeState) -> StartState:
-    """Count periods with an impact (from 0 after two in a row without one), and periods without."""
+def count_periods(state: StartState, regime: RegimeState) -> StartState:
+    """Count periods: `hits` with an impact, from 0 again after two misses; `misses` in a row."""
     if not regime.ended:
         return state
     # A single period without an impact may be an outlier, or half of an orbit of period two.
@@ -158,102 +148,133 @@ def _counted(state: StartState, regime: RegimeState) -> StartState:
     return state._replace(hits=hits if hit or odd else 0, misses=0 if hit else state.misses + 1)
 
 
-def _at(state: StartState, stage: Stage, hits: int, captured: bool, failed: bool) -> StartState:
+def enter_stage(state: StartState, stage: Stage, hits: int, captured: bool, failed: bool) -> StartState:
     """The state at another stage, with the count of impacts at `hits` and no misses."""
     return state._replace(stage=stage, hits=hits, misses=0, captured=captured, failed=failed)
 
 
-def _again(config: StartConfig, state: StartState, held_periods: int) -> StartState:
+def dip_again(config: Config, state: StartState, held_periods: int) -> StartState:
     """Dip for another attempt, which ends a step below the ratio at which the impacts were lost; or fail.
 
     Each step is longer than the previous one, so that three steps reach a fold that lies far below.
     """
-    if state.attempts >= config.attempts:
-        return _at(state, state.stage, 0, captured=False, failed=True)
-    lost_ratio = min(state.target_omega_rad_s / at_least(config.natural_rad_s, 1e-3), config.free_ratio)
+    if state.attempts >= config.p.start.attempts:
+        return enter_stage(state, state.stage, 0, captured=False, failed=True)
+    lost_ratio = min(
+        state.target_omega_rad_s / at_least(config.d.natural_rad_s, 1e-3), config.p.start.free_ratio
+    )
     if state.attempts > 0:
         lost_ratio = min(lost_ratio, state.ceiling_ratio)
     # The first time, if the impacts had lasted long, the speed was not the cause of the loss.
-    has_held = held_periods >= 2 * config.confirm_periods and state.attempts == 0
-    step_ratio = 0.0 if has_held else config.retreat_ratio * (1 + state.attempts)
-    dip_rad_s = config.dip_ratio * config.natural_rad_s
-    dip = _curve(state, DIP, state.target_omega_rad_s, dip_rad_s, DIP_S, state.attempts + 1)
-    ceiling_ratio = at_least(lost_ratio - step_ratio, config.dip_ratio)
+    has_held = held_periods >= 2 * config.p.start.confirm_periods and state.attempts == 0
+    step_ratio = 0.0 if has_held else config.p.start.retreat_ratio * (1 + state.attempts)
+    dip_rad_s = config.p.start.dip_ratio * config.d.natural_rad_s
+    dip = begin_curve(state, DIP, state.target_omega_rad_s, dip_rad_s, DIP_S, state.attempts + 1)
+    ceiling_ratio = at_least(lost_ratio - step_ratio, config.p.start.dip_ratio)
     return dip._replace(captured=False, failed=False, ceiling_ratio=ceiling_ratio)
 
 
-def retreated(config: StartConfig, state: StartState, target_ratio: float) -> bool:
+def has_retreated(config: Config, state: StartState, target_ratio: float) -> bool:
     """Whether the speed is below the requested one because the impacts were lost at higher speed."""
-    highest_ratio = min(target_ratio, config.free_ratio)
+    highest_ratio = min(target_ratio, config.p.start.free_ratio)
     return (
         state.ceiling_ratio < highest_ratio
-        and state.target_omega_rad_s < highest_ratio * config.natural_rad_s * (1.0 - 1e-6)
+        and state.target_omega_rad_s < highest_ratio * config.d.natural_rad_s * (1.0 - 1e-6)
     )
 
 
-def _begin(config: StartConfig, omega_rad_s: float, goal_rad_s: float) -> StartState:
+def begin_start(config: Config, omega_rad_s: float, goal_rad_s: float) -> StartState:
     """The first S-curve, from the present speed; without the approach if the rise is shorter than that."""
-    approach_rad_s = config.approach_ratio * config.natural_rad_s
-    if approach_rad_s < goal_rad_s and config.approach_s < config.rise_s:
-        return _curve(INITIAL, APPROACH, omega_rad_s, approach_rad_s, config.approach_s, 0)
-    return _curve(INITIAL, RISE, omega_rad_s, goal_rad_s, config.rise_s, 0)
+    approach_rad_s = config.p.start.approach_ratio * config.d.natural_rad_s
+    if approach_rad_s < goal_rad_s and config.p.start.approach_s < config.p.start.rise_s:
+        return begin_curve(INITIAL, APPROACH, omega_rad_s, approach_rad_s, config.p.start.approach_s, 0)
+    return begin_curve(INITIAL, RISE, omega_rad_s, goal_rad_s, config.p.start.rise_s, 0)
 
 
-def _moved(  # noqa: PLR0911 - stages, read top to bottom
-    config: StartConfig,
+def begin_rise(state: StartState, goal_rad_s: float, duration_s: float, attempts: int) -> StartState:
+    """The state at the beginning of an S-curve from the present target to the goal."""
+    return begin_curve(state, RISE, state.target_omega_rad_s, goal_rad_s, duration_s, attempts)
+
+
+def lead_to_rise(config: Config, state: StartState, goal_rad_s: float) -> StartState:
+    """One tick of approach, dip or dwell, each of which a rise to the goal follows."""
+    arrived = state.s >= 1.0
+    if state.stage == APPROACH:
+        return begin_rise(state, goal_rad_s, config.p.start.rise_s, 0) if arrived else state
+    if state.stage == DIP:
+        return enter_stage(state, DWELL, 0, captured=False, failed=False) if arrived else state
+    has_impacts = state.hits >= config.p.start.dwell_periods
+    if not (has_impacts or state.misses >= config.p.start.missing_periods):
+        return state
+    # If the dip has no impacts either, there may be none at any speed: the attempt counts twice.
+    attempts = state.attempts + (0 if has_impacts else 1)
+    return begin_rise(state, goal_rad_s, config.p.start.again_s, attempts)
+
+
+def follow_goal(config: Config, state: StartState, goal_rad_s: float) -> StartState:
+    """The beginning of an S-curve to a goal that has changed; the counts of impacts and misses continue."""
+    share = abs(goal_rad_s - state.target_omega_rad_s) / at_least(config.d.natural_rad_s, 1e-3)
+    duration_s = at_least(config.p.start.rise_s * share, SHORTEST_CHANGE_S)
+    curve = begin_rise(state, goal_rad_s, duration_s, state.attempts)
+    return curve._replace(hits=state.hits, misses=state.misses)
+
+
+def end_rise(config: Config, state: StartState) -> StartState:
+    """One tick of a rise; at its end the impacts are to be confirmed."""
+    if state.s < 1.0:
+        return state
+    # Impacts during the rise count, but the last two of the required ones must occur at the target.
+    hits = min(state.hits, max(config.p.start.confirm_periods - 2, 0))
+    return enter_stage(state, CONFIRM, hits, captured=state.captured, failed=False)
+
+
+def confirm(config: Config, state: StartState, needs_impacts: bool) -> StartState:
+    """One tick at the goal until the required number of periods with impacts, or too many without."""
+    if not needs_impacts or state.hits >= config.p.start.confirm_periods:
+        return enter_stage(state, HOLD, 0, captured=True, failed=False)
+    return dip_again(config, state, 0) if state.misses >= config.p.start.missing_periods else state
+
+
+def keep_ratio(config: Config, state: StartState, goal_rad_s: float, goal: Goal) -> StartState:
+    """One tick of the hold: the target with its trim."""
+    lasted = state.attempts > 0 and state.hits >= 10 * config.p.start.confirm_periods
+    return state._replace(
+        stage=HOLD,
+        to_rad_s=goal_rad_s,
+        target_omega_rad_s=goal_rad_s + goal.trim * config.d.natural_rad_s,
+        target_acceleration_rad_s2=goal.trim_rate_1_s * config.d.natural_rad_s,
+        attempts=0 if lasted else state.attempts,
+    )
+
+
+def move_target(
+    config: Config,
     state: StartState,
     goal_rad_s: float,
     needs_impacts: bool,
     regime: RegimeState,
-    trim: float,
-    trim_rate_1_s: float,
-    elapsed_ticks: int,
+    goal: Goal,
 ) -> StartState:
-    """One tick of a start or of the hold after it."""
+    """One tick of a start or of the hold after it. Approach, dip and dwell end before a new goal counts."""
     held_periods = state.hits  # before a miss resets the count
-    state = _advanced(config, _counted(state, regime), elapsed_ticks)
-    arrived, target_rad_s = state.s >= 1.0, state.target_omega_rad_s
-    if state.stage == APPROACH:
-        return _curve(state, RISE, target_rad_s, goal_rad_s, config.rise_s, 0) if arrived else state
-    if state.stage == DIP:
-        return _at(state, DWELL, 0, captured=False, failed=False) if arrived else state
-    if state.stage == DWELL:
-        settled = state.hits >= config.dwell_periods or state.misses >= config.missing_periods
-        # If the dip has no impacts either, there may be none at any speed: the attempt counts twice.
-        attempts = state.attempts + (0 if state.hits >= config.dwell_periods else 1)
-        return _curve(state, RISE, target_rad_s, goal_rad_s, config.again_s, attempts) if settled else state
-    if abs(goal_rad_s - state.to_rad_s) > SMALL_CHANGE * config.natural_rad_s:
-        share = abs(goal_rad_s - target_rad_s) / at_least(config.natural_rad_s, 1e-3)
-        duration_s = at_least(config.rise_s * share, SHORTEST_CHANGE_S)
-        # The counts of impacts and misses continue.
-        curve = _curve(state, RISE, target_rad_s, goal_rad_s, duration_s, state.attempts)
-        return curve._replace(hits=state.hits, misses=state.misses)
+    state = advance(config, count_periods(state, regime))
+    if state.stage in (APPROACH, DIP, DWELL):
+        return lead_to_rise(config, state, goal_rad_s)
+    if abs(goal_rad_s - state.to_rad_s) > SMALL_CHANGE * config.d.natural_rad_s:
+        return follow_goal(config, state, goal_rad_s)
     if state.stage == RISE:
-        # Impacts during the rise count, but the last two of the required ones must occur at the target.
-        hits = min(state.hits, max(config.confirm_periods - 2, 0))
-        return _at(state, CONFIRM, hits, captured=state.captured, failed=False) if arrived else state
+        return end_rise(config, state)
     if state.stage == CONFIRM:
-        if not needs_impacts or state.hits >= config.confirm_periods:
-            return _at(state, HOLD, 0, captured=True, failed=False)
-        return _again(config, state, 0) if state.misses >= config.missing_periods else state
-    if needs_impacts and state.misses >= config.lost_periods:
-        return _again(config, state, held_periods)
-    again = state.attempts > 0 and state.hits >= 10 * config.confirm_periods
-    return state._replace(
-        stage=HOLD,
-        to_rad_s=goal_rad_s,
-        target_omega_rad_s=goal_rad_s + trim * config.natural_rad_s,
-        target_acceleration_rad_s2=trim_rate_1_s * config.natural_rad_s,
-        attempts=0 if again else state.attempts,
-    )
+        return confirm(config, state, needs_impacts)
+    if needs_impacts and state.misses >= config.p.start.lost_periods:
+        return dip_again(config, state, held_periods)
+    return keep_ratio(config, state, goal_rad_s, goal)
 
 
-def _bounded(
-    config: StartConfig, state: StartState, mode: Mode, needs_impacts: bool, elapsed_ticks: int
-) -> StartState:
+def bound_search(config: Config, state: StartState, mode: Mode, needs_impacts: bool) -> StartState:
     """The state, failed if the impacts have been missing for longer than `LONGEST_SEARCH_S`."""
-    found = state.stage == HOLD or state.hits >= config.confirm_periods or not needs_impacts
-    searching_s = state.searching_s + elapsed_ticks * config.tick_s
+    found = state.stage == HOLD or state.hits >= config.p.start.confirm_periods or not needs_impacts
+    searching_s = state.searching_s + config.tick_s
     if mode == RUN and found:
         searching_s = 0.0
     overdue = searching_s > LONGEST_SEARCH_S
@@ -263,39 +284,35 @@ def _bounded(
 
 
 def step(
-    config: StartConfig,
+    config: Config,
     state: StartState,
     mode: Mode,
-    target_ratio: float,
+    goal: Goal,
     drive_ready: bool,
     omega_rad_s: float,
     regime: RegimeState,
-    trim: float,
-    trim_rate_1_s: float,
-    may_retreat: bool,
-    elapsed_ticks: int,
 ) -> StartState:
     """One tick: the target speed, and whether the requested regime is captured or the start has failed.
 
     The S-curve ends at the requested ratio, but not above `free_ratio`, the highest ratio that needs no guard
-    on the impact phase, nor, if `may_retreat`, above `ceiling_ratio`; in the hold `trim` is added.
+    on the impact phase, nor, if the goal may retreat, above `ceiling_ratio`.
     """
     if mode == STOPPING:
         if state.stage != STOP:
             # If the crank is slower than its target, begin at its speed: a stop must not accelerate it.
             from_rad_s = min(at_least(omega_rad_s, 0.0), state.target_omega_rad_s)
-            state = _curve(state, STOP, from_rad_s, 0.0, config.stop_s, 0)
-        return _advanced(config, state, elapsed_ticks)
+            state = begin_curve(state, STOP, from_rad_s, 0.0, config.p.start.stop_s, 0)
+        return advance(config, state)
     if mode not in (SOFT_START, RUN):
         return INITIAL
     if not drive_ready or state.failed:
         return state
-    goal_ratio = min(target_ratio, config.free_ratio)
-    if may_retreat:
+    goal_ratio = min(goal.ratio, config.p.start.free_ratio)
+    if goal.may_retreat:
         goal_ratio = min(goal_ratio, state.ceiling_ratio)
-    goal_rad_s = goal_ratio * config.natural_rad_s
-    needs_impacts = target_ratio >= config.capture_ratio
+    goal_rad_s = goal_ratio * config.d.natural_rad_s
+    needs_impacts = goal.ratio >= config.p.start.capture_ratio
     if state.stage in (REST, STOP):
-        return _begin(config, omega_rad_s, goal_rad_s)
-    now = _moved(config, state, goal_rad_s, needs_impacts, regime, trim, trim_rate_1_s, elapsed_ticks)
-    return _bounded(config, now, mode, needs_impacts, elapsed_ticks)
+        return begin_start(config, omega_rad_s, goal_rad_s)
+    now = move_target(config, state, goal_rad_s, needs_impacts, regime, goal)
+    return bound_search(config, now, mode, needs_impacts)

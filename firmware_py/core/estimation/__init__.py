@@ -1,1 +1,1 @@
-"""Estimation: crank, striker, impacts, regime, and identification of spring and friction."""
+"""Estimation: crank, striker, impacts and regime."""

@@ -3,6 +3,7 @@
 import math
 from typing import NamedTuple
 
+from firmware_py.core.config import Config
 from firmware_py.core.inputs import AccelerometerInput
 from firmware_py.core.numbers import at_least
 from firmware_py.interface.arrivals import NEVER_TICKS
@@ -11,20 +12,6 @@ CLIPPED_SHARE = 0.98
 """Share of the full scale above which a reading may be clipped."""
 FEWEST_HOUSING = 1000
 """Weight of the housing's initial offset 0, in readings, because the housing may move from the start."""
-
-
-class NominalSensors(NamedTuple):
-    """The accelerometers: full scales, delay of the low-pass, weight of the housing.
-
-    `high_offset_rate` and `housing_rate` are the shares of a difference that a reading adds to an offset.
-    """
-
-    low_full_scale_m_s2: float
-    high_full_scale_m_s2: float
-    delay_s: float
-    high_offset_rate: float
-    housing_weight: float
-    housing_rate: float
 
 
 class SensorState(NamedTuple):
@@ -44,43 +31,41 @@ class SensorState(NamedTuple):
     missed_ticks: int
 
 
-def sense(
-    config: NominalSensors, state: SensorState, new: AccelerometerInput, elapsed_ticks: int
-) -> SensorState:
+def sense(config: Config, state: SensorState, new: AccelerometerInput) -> SensorState:
     """Choose the range, and learn the high range's offset from the low range at small readings.
 
     If the housing's reading is clipped or not finite, the striker's reading is not used either.
     """
-    housing_used = config.housing_weight > 0.0
+    housing_used = config.p.sensor.housing_weight > 0.0
     if not (
         new.age_ticks == 0
         and math.isfinite(new.low_m_s2)
         and math.isfinite(new.high_m_s2)
         and math.isfinite(new.housing_m_s2)
-        and not (housing_used and abs(new.housing_m_s2) > CLIPPED_SHARE * config.low_full_scale_m_s2)
+        and not (housing_used and abs(new.housing_m_s2) > CLIPPED_SHARE * config.p.sensor.low_full_scale_m_s2)
     ):
-        return state._replace(missed_ticks=min(state.missed_ticks + elapsed_ticks, NEVER_TICKS))
+        return state._replace(missed_ticks=min(state.missed_ticks + 1, NEVER_TICKS))
     offset_m_s2 = state.high_offset_m_s2
-    if abs(new.low_m_s2) < 0.95 * config.low_full_scale_m_s2:
+    if abs(new.low_m_s2) < 0.95 * config.p.sensor.low_full_scale_m_s2:
         acceleration_m_s2 = new.low_m_s2
         clipped = False
         # Only at small readings: the ranges differ on the flanks of an impact.
-        if abs(new.low_m_s2) < 0.2 * config.low_full_scale_m_s2:
-            offset_m_s2 += config.high_offset_rate * (new.high_m_s2 - new.low_m_s2 - offset_m_s2)
+        if abs(new.low_m_s2) < 0.2 * config.p.sensor.low_full_scale_m_s2:
+            offset_m_s2 += config.d.high_offset_rate * (new.high_m_s2 - new.low_m_s2 - offset_m_s2)
     else:
         acceleration_m_s2 = new.high_m_s2 - offset_m_s2
-        clipped = abs(new.high_m_s2) > CLIPPED_SHARE * config.high_full_scale_m_s2
+        clipped = abs(new.high_m_s2) > CLIPPED_SHARE * config.p.sensor.high_full_scale_m_s2
     # At first the mean of all readings, later an exponential average.
-    rate = at_least(1.0 / (state.housing_readings + FEWEST_HOUSING), config.housing_rate)
+    rate = at_least(1.0 / (state.housing_readings + FEWEST_HOUSING), config.d.housing_rate)
     housing_offset_m_s2 = state.housing_offset_m_s2 + rate * (new.housing_m_s2 - state.housing_offset_m_s2)
     return SensorState(
-        acceleration_m_s2,
-        state.acceleration_m_s2,
-        state.before_m_s2,
-        new.housing_m_s2 - housing_offset_m_s2,
-        housing_offset_m_s2,
-        min(state.housing_readings + 1, NEVER_TICKS),
-        offset_m_s2,
-        clipped,
-        0,
+        acceleration_m_s2=acceleration_m_s2,
+        before_m_s2=state.acceleration_m_s2,
+        second_m_s2=state.before_m_s2,
+        housing_m_s2=new.housing_m_s2 - housing_offset_m_s2,
+        housing_offset_m_s2=housing_offset_m_s2,
+        housing_readings=min(state.housing_readings + 1, NEVER_TICKS),
+        high_offset_m_s2=offset_m_s2,
+        clipped=clipped,
+        missed_ticks=0,
     )

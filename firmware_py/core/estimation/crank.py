@@ -8,6 +8,7 @@ so the encoder may count on or start again after each turn.
 
 from typing import NamedTuple
 
+from firmware_py.core.config import Config
 from firmware_py.core.elementary import exp
 from firmware_py.core.inputs import EncoderInput
 from firmware_py.core.numbers import TAU, clamp, fraction, wrap_pi, wrap_two_pi
@@ -19,18 +20,6 @@ FASTEST_RAD_S = 1000.0
 
 LATEST_TICKS = 10
 """Largest age of a late reading; a reading that lags by more is wrong, and a longer gap is a fault."""
-
-
-class CrankConfig(NamedTuple):
-    """`gain_…` are g, h and k of the tracker for one tick, computed from `bandwidth_rad_s`."""
-
-    tick_s: float
-    zero_rad: float
-    bandwidth_rad_s: float
-    gain_angle: float
-    gain_speed: float
-    gain_acceleration: float
-    largest_disturbance_rad_s2: float
 
 
 class CrankState(NamedTuple):
@@ -57,13 +46,13 @@ def critically_damped_gains(bandwidth_rad_s: float, tick_s: float) -> tuple[floa
     return 1.0 - pole * pole * pole, 1.5 * rest * rest * (1.0 + pole), 0.5 * rest * rest * rest
 
 
-def lateness(state: CrankState, elapsed_ticks: int, way_rad: float, innovation_rad: float) -> int:
+def lateness(state: CrankState, way_rad: float, innovation_rad: float) -> int:
     """Estimated age of a reading, in ticks; the encoder's frame carries no time.
 
     It is the age that best explains how far the reading lags, if the crank turns by `way_rad` per tick. It
-    is bounded by the age of the previous reading plus the ticks since then.
+    is bounded by the age of the previous reading plus the ticks without one since then.
     """
-    oldest = min(state.late_ticks + state.missed_ticks + elapsed_ticks - 1, LATEST_TICKS)
+    oldest = min(state.late_ticks + state.missed_ticks, LATEST_TICKS)
     behind_rad = -innovation_rad if way_rad >= 0.0 else innovation_rad
     if behind_rad <= 0.0 or oldest == 0:
         return 0
@@ -71,17 +60,16 @@ def lateness(state: CrankState, elapsed_ticks: int, way_rad: float, innovation_r
 
 
 def step(
-    config: CrankConfig,
+    config: Config,
     state: CrankState,
     encoder: EncoderInput,
-    elapsed_ticks: int,
     known_acceleration_rad_s2: float,
 ) -> CrankState:
-    """One tick: predict over the elapsed time, then correct by a fresh reading of the encoder, if any."""
+    """One tick: predict, then correct by a fresh reading of the encoder, if any."""
     usable = encoder.age_ticks == 0 and abs(encoder.position_rev) < 1e6 and abs(encoder.velocity_rev_s) < 1e4
     measured_rad = 0.0
     if usable:
-        measured_rad = TAU * fraction(encoder.position_rev) - config.zero_rad
+        measured_rad = TAU * fraction(encoder.position_rev) - config.p.crank.zero_rad
         if state.missed_ticks >= NEVER_TICKS:
             return INITIAL._replace(
                 angle_rad=wrap_two_pi(measured_rad),
@@ -92,49 +80,38 @@ def step(
         return state
 
     T = config.tick_s
-    dt_s = elapsed_ticks * T
     a = clamp(known_acceleration_rad_s2, 1e5) + state.disturbance_rad_s2
-    angle_rad = state.angle_rad + state.omega_rad_s * dt_s + 0.5 * a * dt_s * dt_s
-    omega_rad_s = state.omega_rad_s + a * dt_s
+    angle_rad = state.angle_rad + state.omega_rad_s * T + 0.5 * a * T * T
+    omega_rad_s = state.omega_rad_s + a * T
     if not usable:
         return state._replace(
             angle_rad=wrap_two_pi(angle_rad),
             omega_rad_s=clamp(omega_rad_s, FASTEST_RAD_S),
             innovation_rad=0.0,
-            missed_ticks=min(state.missed_ticks + elapsed_ticks, NEVER_TICKS - 1),
+            missed_ticks=min(state.missed_ticks + 1, NEVER_TICKS - 1),
         )
     innovation_rad = wrap_pi(measured_rad - angle_rad)
-    late_ticks = lateness(state, elapsed_ticks, omega_rad_s * T, innovation_rad)
+    late_ticks = lateness(state, omega_rad_s * T, innovation_rad)
     if late_ticks > 0:
         measured_rad += late_ticks * omega_rad_s * T
         innovation_rad = wrap_pi(measured_rad - angle_rad)
-    if elapsed_ticks > 1:
-        # The duration of an overrun is known to a tick or two only. So the angle is taken from the encoder
-        # and the speed from the drive. The angle turned meanwhile corrects neither the speed nor the
-        # disturbance: the errors of several durations would add up there.
-        return CrankState(
-            angle_rad=wrap_two_pi(measured_rad),
-            omega_rad_s=clamp(TAU * encoder.velocity_rev_s, FASTEST_RAD_S),
-            disturbance_rad_s2=0.0,
-            innovation_rad=innovation_rad,
-            missed_ticks=0,
-            late_ticks=late_ticks,
-        )
-    g, h, k = config.gain_angle, config.gain_speed, config.gain_acceleration
+    g, h, k = config.d.crank_gains
     if state.missed_ticks > 0 or late_ticks > 0:
         # A reading after missed ones covers the whole time since then: the same bandwidth with a longer T.
         # Late readings are extrapolated by the estimated speed, which feeds the error of that speed back: the
         # bandwidth must be lower.
         late_s = late_ticks * T
         T = (state.missed_ticks + 1) * T
-        g, h, k = critically_damped_gains(config.bandwidth_rad_s / (1.0 + config.bandwidth_rad_s * late_s), T)
+        g, h, k = critically_damped_gains(
+            config.p.crank.bandwidth_rad_s / (1.0 + config.p.crank.bandwidth_rad_s * late_s), T
+        )
     # θ += g e, ω += h e / T, a += 2 k e / T²
     return CrankState(
         wrap_two_pi(angle_rad + g * innovation_rad),
         clamp(omega_rad_s + h * innovation_rad / T, FASTEST_RAD_S),
         clamp(
             state.disturbance_rad_s2 + 2.0 * k * innovation_rad / (T * T),
-            config.largest_disturbance_rad_s2,
+            config.p.crank.largest_disturbance_rad_s2,
         ),
         innovation_rad,
         0,

@@ -29,37 +29,37 @@ trapezoid of z plus τ times its change.
 
 import math
 
+from firmware_py.core.config import Config, Row
 from firmware_py.core.elementary import sin, sine_cosine
 from firmware_py.core.estimation import kalman
 from firmware_py.core.estimation.accelerometer import SensorState, sense
+from firmware_py.core.estimation.crank import CrankState
 from firmware_py.core.estimation.estimator_state import (
+    BEND_SHARE,
+    BIAS_FLOOR_M_S2,
+    BIAS_NOISE,
+    CONTACT_NOISE,
+    GAP_NOISE,
     INITIAL,
-    NO_FLIGHT,
-    AdaptiveNoise,
+    INITIAL_BIAS_STD_M_S2,
+    INITIAL_POSITION_STD_M,
+    INITIAL_VELOCITY_STD_M_S,
+    POSITION_FLOOR_M,
+    SEPARATION_JITTER_S,
+    STILL_M_S2,
+    VELOCITY_FLOOR_M_S,
     Contact,
-    EstimatorConfig,
     EstimatorState,
-    Flight,
     Prediction,
     estimate_of,
 )
-from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, Push, Row, StateEstimate, Transition
-from firmware_py.core.estimation.newton import newton, thrown_back
-from firmware_py.core.estimation.striker_model import is_of_the_stop, model_acceleration
+from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, Push, StateEstimate
+from firmware_py.core.estimation.newton import newton, restitution_variance, stop_variance
 from firmware_py.core.inputs import AccelerometerInput
-from firmware_py.core.measurements import Measurements
+from firmware_py.core.measurements import Measurements, measured
 from firmware_py.core.numbers import at_least
 from firmware_py.interface.arrivals import NEVER_TICKS
-from firmware_py.interface.enums import CONTACT, FREE, ContactPhase
-
-LONGEST_GAP_TICKS = 100
-"""Most ticks without a reading that the model predicts in one step, one after the other.
-
-The written-out algebra is used for them: this many calls of filterpy would take longer than a tick.
-"""
-
-LONGEST_TRAPEZOID_TICKS = 5
-"""A longer gap can hide half of a soft impact from the readings before and after it."""
+from firmware_py.interface.enums import FREE, ContactPhase
 
 STILL_M_S = 0.05
 """Speed below which the striker may be stuck; 2 σ of the velocity replace it if they are larger."""
@@ -69,246 +69,250 @@ LONGEST_SLIDE = 5
 STILL_VARIANCE = 1e-4
 """Variance of the zero-velocity update: (10 mm/s)², because successive readings are correlated."""
 
-LONGEST_FLIGHT_TICKS = 5000
-"""A longer flight without an impact begins anew."""
-
 DOUBT_VARIANCE = 1e-4
 """(10 mm)²: after a touch-down the variance of x is far smaller, unless the estimate excluded it."""
 DOUBT_SIGMAS = 10.0
 """An estimate further from the stop than this many deviations and 20 mm excludes a touch-down."""
 
+INITIAL_COVARIANCE = Covariance(
+    INITIAL_POSITION_STD_M * INITIAL_POSITION_STD_M,
+    0.0,
+    0.0,
+    INITIAL_VELOCITY_STD_M_S * INITIAL_VELOCITY_STD_M_S,
+    0.0,
+    INITIAL_BIAS_STD_M_S2 * INITIAL_BIAS_STD_M_S2,
+)
 LARGEST = 1e3
 """Largest magnitude of a state, in SI units; an estimate beyond it has diverged and starts anew."""
 
 
-def strapdown(dt_s: float) -> Transition:
-    """F of a tick that integrates the accelerometer; the bias is subtracted from the reading."""
-    return Transition(1.0, dt_s, -0.5 * dt_s * dt_s, 0.0, 1.0, -dt_s)
-
-
-def _strapdown_noise(
-    config: EstimatorConfig, sensor: SensorState, phase: ContactPhase, dt_s: float
-) -> ProcessNoise:
+def strapdown_noise(config: Config, sensor: SensorState, phase: ContactPhase, dt_s: float) -> ProcessNoise:
     """Q of a tick; in contact with the trapezoid's error, estimated from the second difference of z."""
     if phase == FREE:
-        return config.strapdown_noise
+        noise_m_s = config.p.estimator.velocity_noise_m_s
+        return ProcessNoise(0.0, noise_m_s * noise_m_s, BIAS_NOISE)
     bend_m_s2 = sensor.acceleration_m_s2 - 2.0 * sensor.before_m_s2 + sensor.second_m_s2
-    error_m_s = config.bend_share * bend_m_s2 * dt_s
-    return config.contact_noise._replace(vv=config.contact_noise.vv + error_m_s * error_m_s)
+    error_m_s = BEND_SHARE * bend_m_s2 * dt_s
+    return CONTACT_NOISE._replace(vv=CONTACT_NOISE.vv + error_m_s * error_m_s)
 
 
-def _by_model(
-    config: EstimatorConfig, estimate: StateEstimate, angle_rad: float, omega_rad_s: float, ticks: int
-) -> tuple[StateEstimate, float]:
-    """Predict the estimate over `ticks` without a reading, up to the crank angle `angle_rad`, by the model.
-
-    Also returns the approach speed of the last impact that the model predicts in a long gap, 0 without one.
-    """
-    bounded = min(ticks, LONGEST_GAP_TICKS)
-    approach_m_s = 0.0
-    for tick in range(bounded):
-        middle_rad = angle_rad - omega_rad_s * config.tick_s * (bounded - tick - 0.5)
-        # The spring's rest position x0 + x_A moves the fixed point of the damped oscillator.
-        fixed_m = config.striker.rest_length_m + config.striker.amplitude_m * sin(middle_rad)
-        estimate = kalman.predict_written_out(
-            estimate,
-            config.model,
-            Push(x_m=(1.0 - config.model.x_x) * fixed_m, v_m_s=-config.model.v_x * fixed_m),
-            config.model_noise,
-        )
-        unseen = bounded > LONGEST_TRAPEZOID_TICKS  # an impact does not end within a shorter gap
-        if unseen and estimate.x_m > config.striker.stop_m and estimate.v_m_s > 0.0:
-            approach_m_s = estimate.v_m_s
-            estimate = thrown_back(config, estimate)
-    return estimate, approach_m_s
+def predict_by_model(
+    config: Config, estimate: StateEstimate, angle_rad: float, omega_rad_s: float
+) -> StateEstimate:
+    """Predict the estimate over a tick without a reading, up to the crank angle `angle_rad`, by the model."""
+    middle_rad = angle_rad - 0.5 * omega_rad_s * config.tick_s
+    # The spring's rest position x0 + x_A moves the fixed point of the damped oscillator.
+    fixed_m = config.p.striker.rest_length_m + config.p.drive.amplitude_m * sin(middle_rad)
+    flight = config.d.flight
+    push = Push(x_m=(1.0 - flight.x_x) * fixed_m, v_m_s=-flight.v_x * fixed_m)
+    return kalman.predict(estimate, flight, push, GAP_NOISE)
 
 
-def propagate(
-    config: EstimatorConfig,
-    state: EstimatorState,
-    accelerometer: AccelerometerInput,
-    phase: ContactPhase,
-    angle_rad: float,
-    omega_rad_s: float,
-    elapsed_ticks: int,
-) -> Prediction:
-    """Predict the estimate to the time of the newest reading, and compute the innovation; no correction yet.
-
-    `angle_rad` and `omega_rad_s` describe the crank at the same time.
-    """
-    sensor = sense(config.sensor, state.sensor, accelerometer, elapsed_ticks)
-    fresh = sensor.missed_ticks == 0
-    carried = False
-    mean_m_s2 = 0.0
-    spread = config.spread
-    if not state.started:
-        estimate = StateEstimate(
-            x_m=config.striker.rest_length_m + config.striker.amplitude_m * sin(angle_rad),
-            v_m_s=0.0,
-            bias_m_s2=0.0,
-            p=Covariance(spread.initial_xx, 0.0, 0.0, spread.initial_vv, 0.0, spread.initial_bb),
-        )
-    elif fresh and state.sensor.missed_ticks == 0 and elapsed_ticks <= LONGEST_TRAPEZOID_TICKS:
-        dt_s = elapsed_ticks * config.tick_s
-        carried = True
-        # ∫a dt = (z₀ + z₁) dt/2 + τ (z₁ − z₀)
-        mean_m_s2 = (
-            0.5 * (sensor.acceleration_m_s2 + state.sensor.acceleration_m_s2)
-            + (sensor.acceleration_m_s2 - state.sensor.acceleration_m_s2) * config.sensor.delay_s / dt_s
-            - 0.5 * config.sensor.housing_weight * (sensor.housing_m_s2 + state.sensor.housing_m_s2)
-        )
-        estimate = kalman.predict(
-            estimate_of(state),
-            config.strapdown if elapsed_ticks == 1 else strapdown(dt_s),
-            Push(0.5 * mean_m_s2 * dt_s * dt_s, mean_m_s2 * dt_s),
-            _strapdown_noise(config, sensor, phase, dt_s),
-        )
-    else:
-        estimate = estimate_of(state)
-        if phase == CONTACT and elapsed_ticks > LONGEST_TRAPEZOID_TICKS:
-            # The impact during which the gap began has ended; the separation was not measured.
-            since_rad = omega_rad_s * elapsed_ticks * config.tick_s
-            estimate = newton(config, estimate.bias_m_s2, state.touch_down, angle_rad - since_rad, 0.0)
-        estimate, approach_m_s = _by_model(config, estimate, angle_rad, omega_rad_s, elapsed_ticks)
-        if fresh and approach_m_s > 0.0 and is_of_the_stop(config.striker, sensor.acceleration_m_s2):
-            # The impact that began in the gap has not ended yet.
-            estimate = StateEstimate(config.striker.stop_m, approach_m_s, estimate.bias_m_s2, estimate.p)
-
-    innovation = of_state_m_s2 = 0.0
-    model_variance = state.model_variance if state.started else config.noise.start
-    variance = model_variance
-    own_variance = 0.0
-    if fresh:
-        of_state_m_s2 = sensor.acceleration_m_s2 - _known(config, state, estimate, angle_rad, omega_rad_s)
-        innovation = kalman.innovation(estimate, of_state_m_s2, config.row)
-        own_variance = at_least(kalman.innovation_variance(estimate.p, config.row, 0.0), 0.0)
-        variance = own_variance + model_variance + _dry_variance(config, estimate)
-    return Prediction(
-        estimate,
-        sensor,
-        innovation,
-        math.sqrt(variance),
-        math.sqrt(own_variance),
-        innovation * innovation / variance,
-        model_variance,
-        state.started or fresh,
-        carried,
-        mean_m_s2,
-        of_state_m_s2,
+def integrate_reading(
+    config: Config, state: EstimatorState, sensor: SensorState, phase: ContactPhase
+) -> StateEstimate:
+    """Predict the estimate over a tick with a reading at both ends."""
+    dt_s, before = config.tick_s, state.sensor
+    # ∫a dt = (z₀ + z₁) dt/2 + τ (z₁ − z₀)
+    mean_m_s2 = (
+        0.5 * (sensor.acceleration_m_s2 + before.acceleration_m_s2)
+        + (sensor.acceleration_m_s2 - before.acceleration_m_s2) * config.d.sensor_delay_s / dt_s
+        - 0.5 * config.p.sensor.housing_weight * (sensor.housing_m_s2 + before.housing_m_s2)
+    )
+    return kalman.predict(
+        estimate_of(state),
+        config.d.strapdown,
+        Push(0.5 * mean_m_s2 * dt_s * dt_s, mean_m_s2 * dt_s),
+        strapdown_noise(config, sensor, phase, dt_s),
     )
 
 
-def _measured(config: EstimatorConfig, estimate: StateEstimate, measurements: Measurements) -> StateEstimate:
+def propagate(
+    config: Config,
+    state: EstimatorState,
+    accelerometer: AccelerometerInput,
+    phase: ContactPhase,
+    crank: CrankState,
+) -> Prediction:
+    """Predict the estimate to the time of the newest reading, and compute the innovation; no correction yet.
+
+    `crank` describes the crank at the same time.
+    """
+    angle_rad, omega_rad_s = crank.angle_rad, crank.omega_rad_s
+    sensor = sense(config, state.sensor, accelerometer)
+    fresh = sensor.missed_ticks == 0
+    carried = state.started and fresh and state.sensor.missed_ticks == 0
+    if carried:
+        estimate = integrate_reading(config, state, sensor, phase)
+    elif state.started:
+        estimate = predict_by_model(config, estimate_of(state), angle_rad, omega_rad_s)
+    else:
+        estimate = StateEstimate(
+            x_m=config.p.striker.rest_length_m + config.p.drive.amplitude_m * sin(angle_rad),
+            v_m_s=0.0,
+            bias_m_s2=0.0,
+            p=INITIAL_COVARIANCE,
+        )
+
+    innovation = linear_part_m_s2 = 0.0
+    start_m_s2 = config.p.estimator.initial_model_std_m_s2
+    model_variance = state.model_variance if state.started else start_m_s2 * start_m_s2
+    variance = model_variance
+    own_variance = 0.0
+    if fresh:
+        linear_part_m_s2 = sensor.acceleration_m_s2 - known_part(config, estimate, angle_rad, omega_rad_s)
+        innovation = kalman.innovation(estimate, linear_part_m_s2, config.d.row)
+        own_variance = at_least(kalman.innovation_variance(estimate.p, config.d.row, 0.0), 0.0)
+        variance = own_variance + model_variance + dry_variance(config, estimate)
+    return Prediction(
+        estimate=estimate,
+        sensor=sensor,
+        innovation_m_s2=innovation,
+        innovation_std_m_s2=math.sqrt(variance),
+        spread_m_s2=math.sqrt(own_variance),
+        nis=innovation * innovation / variance,
+        model_variance=model_variance,
+        started=state.started or fresh,
+        carried=carried,
+        linear_part_m_s2=linear_part_m_s2,
+    )
+
+
+def correct_by_sensors(config: Config, estimate: StateEstimate, measurements: Measurements) -> StateEstimate:
     """The estimate, corrected by the measurements that have come in this tick."""
+    rows = measured(config.p)
     for index in range(len(measurements)):
         z, age_ticks = measurements[index]
         if age_ticks == 0 and math.isfinite(z):
-            x, v, bias, variance = config.measured[index]
+            x, v, bias, variance = rows[index]
             estimate = kalman.update(estimate, z, Row(x, v, bias), variance)
     return estimate
 
 
+def correct_at_stop(
+    config: Config, estimate: StateEstimate, contact: Contact, velocity_m_s: float, jitter_s: float
+) -> StateEstimate:
+    """x = x_stop: the estimate after a touch-down or separation, since which the striker moved v · age."""
+    z = config.p.stop.position_m + velocity_m_s * contact.age_s
+    jitter_m = velocity_m_s * jitter_s
+    doubt = doubt_variance(z - estimate.x_m, estimate.p.xx) if contact.touch_down else 0.0
+    variance = stop_variance(config) + jitter_m * jitter_m + doubt
+    return kalman.update(add_doubt(estimate, doubt), z, Row(1.0, 0.0, 0.0), variance)
+
+
+def correct_by_law(config: Config, estimate: StateEstimate, before_m_s: float) -> StateEstimate:
+    """Newton's law in addition to the measured change of speed, for impacts too short to sample."""
+    return kalman.update(
+        estimate,
+        -config.p.stop.restitution * before_m_s,
+        Row(0.0, 1.0, 0.0),
+        before_m_s * before_m_s * restitution_variance(config),
+    )
+
+
+def correct_by_model(
+    config: Config, predicted: Prediction, still_ticks: int, crank: CrankState
+) -> StateEstimate:
+    """The estimate in free flight after the reading; `still_ticks`: see `EstimatorState`."""
+    estimate, linear_part_m_s2 = predicted.estimate, predicted.linear_part_m_s2
+    waits = 1 if two_sigma_m_s(estimate) < STILL_M_S else LONGEST_SLIDE
+    stuck = still_ticks > waits * config.d.ticks.still
+    if stuck:
+        estimate = kalman.update(estimate, 0.0, Row(0.0, 1.0, 0.0), STILL_VARIANCE)
+        known = known_part(config, estimate, crank.angle_rad, crank.omega_rad_s)
+        linear_part_m_s2 = predicted.sensor.acceleration_m_s2 - known
+    hold_m = config.d.dry_m_s2 / config.d.stiffness_1_s2
+    if not stuck or estimate.p.xx > hold_m * hold_m:
+        variance = predicted.model_variance + dry_variance(config, estimate)
+        estimate = kalman.update(
+            estimate, linear_part_m_s2, config.d.row, config.d.readings_as_one * variance
+        )
+    return estimate
+
+
+def is_finite(estimate: StateEstimate) -> bool:
+    """Whether the estimate has not diverged."""
+    p = estimate.p
+    return (
+        abs(estimate.x_m) < LARGEST
+        and abs(estimate.v_m_s) < LARGEST
+        and abs(estimate.bias_m_s2) < LARGEST
+        and math.isfinite(p.xx + p.vv + p.bb + p.xv + p.xb + p.vb)
+    )
+
+
+def correct_by_contact(
+    config: Config, state: EstimatorState, predicted: Prediction, contact: Contact, crank: CrankState
+) -> tuple[StateEstimate, StateEstimate]:
+    """`(estimate, touch_down)`: the estimate corrected at touch-down and separation, and that at touch-down.
+
+    A separation while the position is in doubt corrects nothing.
+    """
+    estimate, approach_m_s = predicted.estimate, contact.approach_speed_m_s
+    if contact.touch_down:
+        jitter_s = config.p.estimator.touch_down_jitter_s
+        estimate = correct_at_stop(config, estimate, contact, approach_m_s, jitter_s)
+        position_m = config.p.stop.position_m
+        return estimate, StateEstimate(position_m, approach_m_s, estimate.bias_m_s2, estimate.p)
+    if contact.separation and estimate.p.xx < DOUBT_VARIANCE:
+        if contact.measured:
+            estimate = correct_at_stop(config, estimate, contact, estimate.v_m_s, SEPARATION_JITTER_S)
+            estimate = correct_by_law(config, estimate, approach_m_s)
+        else:
+            before = state.touch_down
+            estimate = newton(config, estimate.bias_m_s2, before, crank.angle_rad, contact.age_s)
+    return estimate, state.touch_down
+
+
 def correct(
-    config: EstimatorConfig,
+    config: Config,
     state: EstimatorState,
     predicted: Prediction,
     contact: Contact,
     measurements: Measurements,
-    angle_rad: float,
-    omega_rad_s: float,
-    elapsed_ticks: int,
+    crank: CrankState,
 ) -> EstimatorState:
     """Correct the prediction: by the model in free flight, by the stop at touch-down and separation.
 
     `measurements` correct it in the tick in which they are received.
     """
-    estimate = predicted.estimate
-    touch_down = state.touch_down
-    striker = config.striker
+    estimate, touch_down = correct_by_contact(config, state, predicted, contact, crank)
     by_model = contact.settled and predicted.started and predicted.sensor.missed_ticks == 0
     model_variance = predicted.model_variance
-    still_ticks = _still_ticks(config, state.still_ticks, predicted, elapsed_ticks) if by_model else 0
-    gated_ticks = _gated_ticks(config, state.gated_ticks, predicted, elapsed_ticks)
-    sure = estimate.p.xx < DOUBT_VARIANCE
-    if contact.touch_down or (contact.separation and contact.measured and sure):
-        # Since the touch-down or separation the striker has moved by about v · age.
-        v_m_s, jitter_s = estimate.v_m_s, config.separation_jitter_s
-        if contact.touch_down:
-            v_m_s, jitter_s = contact.approach_speed_m_s, config.touch_down_jitter_s
-        z = striker.stop_m + v_m_s * contact.age_s
-        jitter_m = v_m_s * jitter_s
-        doubt = _doubt(z - estimate.x_m, estimate.p.xx) if contact.touch_down else 0.0
-        variance = config.stop_variance + jitter_m * jitter_m + doubt
-        estimate = kalman.update(_doubted(config, estimate, doubt), z, Row(1.0, 0.0, 0.0), variance)
-        if contact.touch_down:
-            touch_down = StateEstimate(striker.stop_m, v_m_s, estimate.bias_m_s2, estimate.p)
-        else:
-            # Newton's law in addition to the measured change of speed, for impacts too short to sample.
-            before_m_s = contact.approach_speed_m_s
-            estimate = kalman.update(
-                estimate,
-                -striker.restitution * before_m_s,
-                Row(0.0, 1.0, 0.0),
-                before_m_s * before_m_s * config.restitution_variance,
-            )
-    elif contact.separation:
-        # After a longer gap `propagate` has applied Newton's law already.
-        if sure and not contact.measured and elapsed_ticks <= LONGEST_TRAPEZOID_TICKS:
-            estimate = newton(config, estimate.bias_m_s2, touch_down, angle_rad, contact.age_s)
-    elif by_model and not 0 < gated_ticks <= config.noise.gate_ticks:
-        of_state_m_s2 = predicted.of_state_m_s2
-        waits = 1 if two_sigma_m_s(estimate) < STILL_M_S else LONGEST_SLIDE
-        stuck = still_ticks > waits * config.noise.still_ticks
-        if stuck:
-            estimate = kalman.update(estimate, 0.0, Row(0.0, 1.0, 0.0), STILL_VARIANCE)
-            known = _known(config, state, estimate, angle_rad, omega_rad_s)
-            of_state_m_s2 = predicted.sensor.acceleration_m_s2 - known
-        hold_m = striker.dry_m_s2 / striker.stiffness_1_s2
-        if not stuck or estimate.p.xx > hold_m * hold_m:
-            learnt = config.noise.readings_as_one * (model_variance + _dry_variance(config, estimate))
-            estimate = kalman.update(estimate, of_state_m_s2, config.row, learnt)
+    still_ticks = count_still_ticks(config, state.still_ticks, predicted) if by_model else 0
+    gated_ticks = count_gated_ticks(config, state.gated_ticks, predicted)
+    if by_model and not 0 < gated_ticks <= config.d.ticks.gated:
+        estimate = correct_by_model(config, predicted, still_ticks, crank)
         own = predicted.spread_m_s2 * predicted.spread_m_s2
-        model_variance = _learnt(config.noise, model_variance, predicted.innovation_m_s2, own, elapsed_ticks)
-    estimate = _measured(config, estimate, measurements)
-    flight = NO_FLIGHT
-    if config.has_flights and contact.settled:
-        flight = _flight(config, state, predicted, elapsed_ticks)
-    spread = config.spread
-    p = estimate.p
-    if not (
-        abs(estimate.x_m) < LARGEST
-        and abs(estimate.v_m_s) < LARGEST
-        and abs(estimate.bias_m_s2) < LARGEST
-        and math.isfinite(p.xx + p.vv + p.bb + p.xv + p.xb + p.vb)
-    ):
-        return INITIAL
+        model_variance = learn_variance(config, model_variance, predicted.innovation_m_s2, own)
+    estimate = correct_by_sensors(config, estimate, measurements)
+    if not is_finite(estimate):
+        return INITIAL._replace(sensor=predicted.sensor)
+    p, nis = estimate.p, predicted.nis if by_model else 0.0
     return EstimatorState(
-        estimate.x_m,
-        estimate.v_m_s,
-        estimate.bias_m_s2,
-        at_least(p.xx, spread.floor_xx),
-        p.xv,
-        p.xb,
-        at_least(p.vv, spread.floor_vv),
-        p.vb,
-        at_least(p.bb, spread.floor_bb),
-        predicted.innovation_m_s2,
-        predicted.innovation_std_m_s2,
-        predicted.spread_m_s2,
-        predicted.nis if by_model else 0.0,
-        model_variance,
-        still_ticks,
-        gated_ticks,
-        predicted.sensor,
-        touch_down,
-        predicted.started,
-        flight,
-        state.spring_share,
-        state.friction_share,
+        x_m=estimate.x_m,
+        v_m_s=estimate.v_m_s,
+        bias_m_s2=estimate.bias_m_s2,
+        p_xx=at_least(p.xx, POSITION_FLOOR_M * POSITION_FLOOR_M),
+        p_xv=p.xv,
+        p_xb=p.xb,
+        p_vv=at_least(p.vv, VELOCITY_FLOOR_M_S * VELOCITY_FLOOR_M_S),
+        p_vb=p.vb,
+        p_bb=at_least(p.bb, BIAS_FLOOR_M_S2 * BIAS_FLOOR_M_S2),
+        innovation_m_s2=predicted.innovation_m_s2,
+        innovation_std_m_s2=predicted.innovation_std_m_s2,
+        spread_m_s2=predicted.spread_m_s2,
+        nis=nis,
+        model_variance=model_variance,
+        still_ticks=still_ticks,
+        gated_ticks=gated_ticks,
+        sensor=predicted.sensor,
+        touch_down=touch_down,
+        started=predicted.started,
     )
 
 
-def _doubt(away_m: float, variance: float) -> float:
+def doubt_variance(away_m: float, variance: float) -> float:
     """The variance to be added at a touch-down that the estimate excludes, m²; 0 if it does not exclude it.
 
     Either the estimate is wrong or another force has acted: both positions are equally likely.
@@ -318,57 +322,28 @@ def _doubt(away_m: float, variance: float) -> float:
     return away_m * away_m
 
 
-def _doubted(config: EstimatorConfig, estimate: StateEstimate, doubt: float) -> StateEstimate:
+def add_doubt(estimate: StateEstimate, doubt: float) -> StateEstimate:
     """The estimate with the variance `doubt` added to x and, if it is not 0, that of power-up added to v."""
     p = estimate.p
-    faster = config.spread.initial_vv if doubt > 0.0 else 0.0
+    faster = INITIAL_COVARIANCE.vv if doubt > 0.0 else 0.0
     return estimate._replace(p=p._replace(xx=p.xx + doubt, vv=p.vv + faster))
 
 
-def _flight(
-    config: EstimatorConfig, state: EstimatorState, predicted: Prediction, elapsed_ticks: int
-) -> Flight:
-    """The flight one tick later; after a gap in the readings a new flight begins."""
-    flight = state.flight
-    if not (0 <= flight.ticks < LONGEST_FLIGHT_TICKS and predicted.carried):
-        return Flight(predicted.estimate.x_m, predicted.estimate.v_m_s, 0)
-    dt_s = elapsed_ticks * config.tick_s
-    change_m_s = predicted.mean_m_s2 * dt_s
-    return Flight(
-        flight.x_m + (flight.v_m_s + 0.5 * change_m_s) * dt_s,
-        flight.v_m_s + change_m_s,
-        flight.ticks + elapsed_ticks,
-    )
-
-
-def _known(
-    config: EstimatorConfig,
-    state: EstimatorState,
-    estimate: StateEstimate,
-    angle_rad: float,
-    omega_rad_s: float,
-) -> float:
+def known_part(config: Config, estimate: StateEstimate, angle_rad: float, omega_rad_s: float) -> float:
     """The part of the model's delayed acceleration that does not depend linearly on the state, m/s².
 
     a_d = a − τ a' with a' = −(c/m) (x' − x_A') − (b/m) a
     """
-    striker = config.striker
-    delay_s = config.sensor.delay_s
+    d, delay_s, amplitude_m = config.d, config.d.sensor_delay_s, config.p.drive.amplitude_m
     sine, cosine = sine_cosine(angle_rad)
-    crank_m = striker.amplitude_m * sine
-    crank_m_s = striker.amplitude_m * cosine * omega_rad_s
-    known = striker.stiffness_1_s2 * (
-        (1.0 + delay_s * striker.damping_1_s) * (striker.rest_length_m + crank_m) - delay_s * crank_m_s
-    )
+    crank_m = amplitude_m * sine
+    crank_m_s = amplitude_m * cosine * omega_rad_s
+    rest_m = config.p.striker.rest_length_m + crank_m
+    known = d.stiffness_1_s2 * ((1.0 + delay_s * d.damping_1_s) * rest_m - delay_s * crank_m_s)
     if estimate.v_m_s > 0.0:
-        known -= striker.dry_m_s2
+        known -= d.dry_m_s2
     elif estimate.v_m_s < 0.0:
-        known += striker.dry_m_s2
-    if state.spring_share != 0.0 or state.friction_share != 0.0:
-        # The identified corrections are evaluated at the estimate; H stays nominal.
-        pull = striker.stiffness_1_s2 * (estimate.x_m - striker.rest_length_m - crank_m)
-        friction = -model_acceleration(striker, angle_rad, estimate.x_m, estimate.v_m_s) - pull
-        known -= state.spring_share * pull + state.friction_share * friction
+        known += d.dry_m_s2
     return known
 
 
@@ -377,42 +352,40 @@ def two_sigma_m_s(estimate: StateEstimate) -> float:
     return 2.0 * math.sqrt(at_least(estimate.p.vv, 0.0))
 
 
-def _dry_variance(config: EstimatorConfig, estimate: StateEstimate) -> float:
+def dry_variance(config: Config, estimate: StateEstimate) -> float:
     """Variance of the model's acceleration where dry friction may hold or reverse, (m/s²)²; else 0."""
-    dry = config.striker.dry_m_s2
+    dry = config.d.dry_m_s2
     if dry <= 0.0 or abs(estimate.v_m_s) >= 0.02 + two_sigma_m_s(estimate):
         return 0.0
     return dry * dry
 
 
-def _learnt(
-    noise: AdaptiveNoise, variance: float, innovation_m_s2: float, own_variance: float, elapsed_ticks: int
-) -> float:
+def learn_variance(config: Config, variance: float, innovation_m_s2: float, own_variance: float) -> float:
     """σ² += rate (y² − H P Hᵀ − σ²), within its bounds; y² counts up to 9 σ²: more is due to an impact."""
     seen = min(innovation_m_s2 * innovation_m_s2 - own_variance, 9.0 * variance)
-    rate = min(elapsed_ticks * noise.learning_rate, 1.0)
-    return min(at_least(variance + rate * (seen - variance), noise.floor), noise.ceiling)
+    floor_m_s2 = config.p.estimator.model_std_m_s2
+    ceiling_m_s2 = config.p.estimator.largest_model_std_m_s2
+    learnt = at_least(variance + config.d.learning_rate * (seen - variance), floor_m_s2 * floor_m_s2)
+    return min(learnt, ceiling_m_s2 * ceiling_m_s2)
 
 
-def _still_ticks(config: EstimatorConfig, still_ticks: int, predicted: Prediction, elapsed_ticks: int) -> int:
+def count_still_ticks(config: Config, still_ticks: int, predicted: Prediction) -> int:
     """Ticks for which a striker on a dry guide has been at rest, with an acceleration near 0."""
-    if config.striker.dry_m_s2 <= 0.0:
+    if config.d.dry_m_s2 <= 0.0:
         return 0
     estimate, sensor = predicted.estimate, predicted.sensor
     pulled = abs(sensor.acceleration_m_s2 - estimate.bias_m_s2 - sensor.housing_m_s2)
     slow_m_s = at_least(two_sigma_m_s(estimate), STILL_M_S)
-    still = pulled < config.noise.still_m_s2 and abs(estimate.v_m_s) < slow_m_s
-    return min(still_ticks + elapsed_ticks, NEVER_TICKS) if still else 0
+    still = pulled < STILL_M_S2 and abs(estimate.v_m_s) < slow_m_s
+    return min(still_ticks + 1, NEVER_TICKS) if still else 0
 
 
-def _gated_ticks(config: EstimatorConfig, gated_ticks: int, predicted: Prediction, elapsed_ticks: int) -> int:
+def count_gated_ticks(config: Config, gated_ticks: int, predicted: Prediction) -> int:
     """Ticks for which the innovation has been beyond the gate.
 
     An unmodelled force acts on the striker, so the accelerometer alone moves the estimate. If the innovation
     stays beyond the gate for too long, the estimate is lost, and the model corrects it again.
     """
-    if abs(predicted.innovation_m_s2) <= config.noise.gate_sigmas * predicted.innovation_std_m_s2:
+    if abs(predicted.innovation_m_s2) <= config.p.estimator.gate_sigmas * predicted.innovation_std_m_s2:
         return 0
-    if elapsed_ticks > 1:  # skipped ticks may hide an impact: the estimate is lost, unless the impact lasts
-        return 1 if is_of_the_stop(config.striker, predicted.sensor.acceleration_m_s2) else NEVER_TICKS
     return min(gated_ticks + 1, NEVER_TICKS)

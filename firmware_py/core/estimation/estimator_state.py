@@ -1,11 +1,9 @@
-"""The estimator's configuration, its state, and its intermediate results within a tick."""
+"""The estimator's state, its constants, and its intermediate results within a tick."""
 
 from typing import NamedTuple
 
-from firmware_py.core.estimation.accelerometer import NominalSensors, SensorState
-from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, Row, StateEstimate, Transition
-from firmware_py.core.estimation.striker_model import NominalStriker
-from firmware_py.core.measurements import AllMeasured
+from firmware_py.core.estimation.accelerometer import SensorState
+from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, StateEstimate
 from firmware_py.core.records import zeroed
 from firmware_py.interface.arrivals import NEVER_TICKS
 
@@ -21,80 +19,18 @@ VELOCITY_FLOOR_M_S = 0.0005
 """One count of the high range, integrated over a tick."""
 BIAS_FLOOR_M_S2 = 0.001
 """Floor that lets the estimate follow a drifting bias."""
-BIAS_NOISE_M_S2 = 0.0001
-"""Per tick: allows a drift of 0.2 g per hour and more."""
-CONTACT_NOISE_M_S = 0.001
-"""Per tick in contact: counts of 49 mg, aliasing."""
+BIAS_NOISE = 0.0001 * 0.0001
+"""Variance per tick: allows a drift of 0.2 g per hour and more."""
+CONTACT_NOISE = ProcessNoise(0.0, 0.001 * 0.001, BIAS_NOISE)
+"""Q of a tick in contact, for 1 mm/s: counts of 49 mg, aliasing."""
+GAP_NOISE = ProcessNoise(0.0, 0.003 * 0.003, BIAS_NOISE)
+"""Q of a tick without a reading, for 3 mm/s: an impact may be missed."""
 BEND_SHARE = 0.05
 """The trapezoid's error, as a share of the second difference of the readings."""
-GAP_NOISE_M_S = 0.003
-"""Per tick without a reading: an impact may be missed."""
 SEPARATION_JITTER_S = 0.001
 """Larger than at touch-down: a contact ends more softly than it starts."""
 STILL_M_S2 = 0.25
 """Largest reading of a striker that a dry guide holds: noise, and a bias not yet known."""
-
-
-class Spread(NamedTuple):
-    """Variances at power-up, and floors that no update may go below."""
-
-    initial_xx: float
-    initial_vv: float
-    initial_bb: float
-    floor_xx: float
-    floor_vv: float
-    floor_bb: float
-
-
-class AdaptiveNoise(NamedTuple):
-    """Variance σ² of a single innovation by the model: floor, initial value and ceiling of the learnt value.
-
-    `readings_as_one` is N; `learning_rate` is per tick.
-    """
-
-    floor: float
-    start: float
-    ceiling: float
-    learning_rate: float
-    readings_as_one: float
-    still_m_s2: float
-    still_ticks: int
-    gate_sigmas: float
-    gate_ticks: int
-
-
-class EstimatorConfig(NamedTuple):
-    """F and Q per tick, the variance of the model, and the variances of the stop and of Newton's law."""
-
-    tick_s: float
-    striker: NominalStriker
-    sensor: NominalSensors
-    spread: Spread
-    row: Row
-    model: Transition
-    strapdown: Transition
-    strapdown_noise: ProcessNoise
-    model_noise: ProcessNoise
-    contact_noise: ProcessNoise
-    bend_share: float
-    noise: AdaptiveNoise
-    stop_variance: float
-    measured: AllMeasured
-    touch_down_jitter_s: float
-    separation_jitter_s: float
-    restitution_variance: float
-    has_flights: bool
-
-
-class Flight(NamedTuple):
-    """The striker's motion in free flight, integrated from the readings alone since the flight began.
-
-    It begins with the estimate at that time. `ticks` counts from then on; −1: no free flight.
-    """
-
-    x_m: float
-    v_m_s: float
-    ticks: int
 
 
 class EstimatorState(NamedTuple):
@@ -103,8 +39,7 @@ class EstimatorState(NamedTuple):
     `innovation_std_m_s2` is the standard deviation of the innovation, `spread_m_s2` the part of it due to P.
     `nis` is the normalised innovation squared of a correction by the model, 0 without a correction.
     `model_variance` is the learnt σ² of the model's acceleration. `still_ticks` is the time for which the
-    striker has been at rest, `gated_ticks` the time for which the innovation has been gated. `spring_share`
-    and `friction_share` are the relative corrections of the model's spring and friction (`identify`).
+    striker has been at rest, `gated_ticks` the time for which the innovation has been gated.
     """
 
     x_m: float
@@ -126,17 +61,14 @@ class EstimatorState(NamedTuple):
     sensor: SensorState
     touch_down: StateEstimate
     started: bool
-    flight: Flight
-    spring_share: float
-    friction_share: float
 
 
 class Prediction(NamedTuple):
     """The estimate predicted to the time of the newest reading, and its innovation, before any correction.
 
     The innovation's fields are those of `EstimatorState`. `carried`: the readings at both ends of the tick
-    moved the estimate, with the mean acceleration `mean_m_s2`. `of_state_m_s2`: the reading minus the part of
-    the model that does not depend on the state.
+    moved the estimate. `linear_part_m_s2`: the reading minus the part of the model that does not depend
+    linearly on the state.
     """
 
     estimate: StateEstimate
@@ -148,8 +80,7 @@ class Prediction(NamedTuple):
     model_variance: float
     started: bool
     carried: bool
-    mean_m_s2: float
-    of_state_m_s2: float
+    linear_part_m_s2: float
 
 
 class Contact(NamedTuple):
@@ -163,9 +94,7 @@ class Contact(NamedTuple):
     settled: bool
 
 
-NO_FLIGHT = Flight(0.0, 0.0, -1)
-
-INITIAL = zeroed(EstimatorState, sensor=zeroed(SensorState, missed_ticks=NEVER_TICKS), flight=NO_FLIGHT)
+INITIAL = zeroed(EstimatorState, sensor=zeroed(SensorState, missed_ticks=NEVER_TICKS))
 
 
 def estimate_of(state: EstimatorState) -> StateEstimate:

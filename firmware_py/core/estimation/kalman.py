@@ -4,11 +4,12 @@ State x = (position, velocity, accelerometer bias). `builds.numba_subset` replac
 `predict_written_out` and `update_written_out`.
 """
 
-from functools import cache, lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from firmware_py.core.config import Row, Transition
 
 
 class Covariance(NamedTuple):
@@ -31,17 +32,6 @@ class StateEstimate(NamedTuple):
     p: Covariance
 
 
-class Transition(NamedTuple):
-    """The rows of F for position and velocity; the bias keeps its value."""
-
-    x_x: float
-    x_v: float
-    x_b: float
-    v_x: float
-    v_v: float
-    v_b: float
-
-
 class Push(NamedTuple):
     """The increment of the state by the known input: u."""
 
@@ -55,14 +45,6 @@ class ProcessNoise(NamedTuple):
     xx: float
     vv: float
     bb: float
-
-
-class Row(NamedTuple):
-    """One row of H."""
-
-    x: float
-    v: float
-    b: float
 
 
 def innovation(estimate: StateEstimate, z: float, row: Row) -> float:
@@ -145,75 +127,41 @@ def update_written_out(estimate: StateEstimate, z: float, row: Row, variance: fl
     )
 
 
-Array = NDArray[np.float64]
+# The interpreted build. The first call imports filterpy, which takes a second; no other build needs it.
 
 
-def _constant(rows: object) -> Array:
-    array = np.array(rows)
-    array.setflags(write=False)
-    return array
+def matrix(p: Covariance) -> NDArray[np.float64]:
+    """P, shape (3, 3)."""
+    return np.array(((p.xx, p.xv, p.xb), (p.xv, p.vv, p.vb), (p.xb, p.vb, p.bb)))
 
 
-# F, Q and H are the same in almost every tick.
-@lru_cache(maxsize=16)
-def _transition(f: Transition) -> Array:
-    return _constant([[f.x_x, f.x_v, f.x_b], [f.v_x, f.v_v, f.v_b], [0.0, 0.0, 1.0]])
-
-
-@lru_cache(maxsize=16)
-def _diagonal(q: ProcessNoise) -> Array:
-    return _constant(np.diag(np.array(q)))
-
-
-@lru_cache(maxsize=16)
-def _row(row: Row) -> Array:
-    return _constant([row])
-
-
-@cache
-def filterpy_filter() -> Any:
-    """Class of filterpy's filter; each call of `predict` or `update` makes an instance, so no state remains.
-
-    filterpy's own `__init__` takes longer than the whole tick; the attributes that it would set are the same
-    in every call and are set on the class. filterpy's functions of the same names take 25 µs per tick longer.
-    Importing filterpy takes a second, so a node calls this function before its first tick; builds with the
-    written-out algebra never call it.
-    """
-    import filterpy.kalman  # noqa: PLC0415 - see above
-
-    class Filter(filterpy.kalman.KalmanFilter):  # type: ignore[misc]  # filterpy has no types
-        B = None
-        dim_z = 1
-        inv = staticmethod(np.reciprocal)  # S is one by one
-        _I = _constant(np.eye(3))
-        _alpha_sq = 1.0
-
-        def __init__(self, estimate: StateEstimate) -> None:
-            (xx, xv, xb, vv, vb, bb) = estimate.p
-            self.x = np.array(estimate[:3])
-            self.P = np.array(((xx, xv, xb), (xv, vv, vb), (xb, vb, bb)))
-
-        def covariance(self) -> Covariance:
-            (xx, xv, xb), (_, vv, vb), (_, _, bb) = self.P.tolist()
-            return Covariance(xx, xv, xb, vv, vb, bb)
-
-    return Filter
+def estimate_of(x: NDArray[np.float64], p: NDArray[np.float64]) -> StateEstimate:
+    """The estimate of the mean x, shape (3,), and the covariance P, shape (3, 3)."""
+    (xx, xv, xb), (_, vv, vb), (_, _, bb) = p.tolist()
+    x_m, v_m_s, bias_m_s2 = x.tolist()
+    return StateEstimate(x_m, v_m_s, bias_m_s2, Covariance(xx, xv, xb, vv, vb, bb))
 
 
 def predict(estimate: StateEstimate, f: Transition, push: Push, q: ProcessNoise) -> StateEstimate:
-    """F x and P = F P Fᵀ + Q (`filterpy.kalman.KalmanFilter.predict`), then x = F x + u."""
-    one = filterpy_filter()(estimate)
-    one.F = _transition(f)
-    one.Q = _diagonal(q)
-    one.predict()
-    x_m, v_m_s, bias_m_s2 = one.x.tolist()
-    return StateEstimate(x_m + push.x_m, v_m_s + push.v_m_s, bias_m_s2, one.covariance())
+    """x = F x + u, P = F P Fᵀ + Q, by `filterpy.kalman.predict` with u through B = I."""
+    from filterpy import kalman  # noqa: PLC0415 - see above
+
+    x, p = kalman.predict(
+        np.array(estimate[:3]),
+        matrix(estimate.p),
+        F=np.array(((f.x_x, f.x_v, f.x_b), (f.v_x, f.v_v, f.v_b), (0.0, 0.0, 1.0))),
+        Q=np.diag(q),
+        u=np.array((push.x_m, push.v_m_s, 0.0)),
+        B=np.eye(3),
+    )
+    return estimate_of(x, p)
 
 
 def update(estimate: StateEstimate, z: float, row: Row, variance: float) -> StateEstimate:
-    """x = x + K y, P in Joseph form (`filterpy.kalman.KalmanFilter.update`)."""
-    one = filterpy_filter()(estimate)
-    one.R = variance
-    one.update(z, H=_row(row))
-    x_m, v_m_s, bias_m_s2 = one.x.tolist()
-    return StateEstimate(x_m, v_m_s, bias_m_s2, one.covariance())
+    """x = x + K y, P in Joseph form, by `filterpy.kalman.update`."""
+    from filterpy import kalman  # noqa: PLC0415 - see above
+
+    x, p = kalman.update(
+        np.array(estimate[:3]), matrix(estimate.p), z, np.array(((variance,),)), H=np.array((row,))
+    )
+    return estimate_of(x, p)

@@ -11,6 +11,8 @@ the crank ends no period: there is no regime, and the decision starts anew.
 import math
 from typing import NamedTuple
 
+from firmware_py.core.estimation.crank import CrankState
+from firmware_py.core.estimation.estimator_state import Contact
 from firmware_py.core.numbers import at_least, wrap_pi
 from firmware_py.interface.enums import Regime
 
@@ -100,9 +102,10 @@ def decide(  # noqa: PLR0911 - a table, read top to bottom
     return Regime.UNCERTAIN
 
 
-def _touched(
+def add_sample(
     running: Period, touch_down: bool, speed_m_s: float, angle_rad: float, peak_m_s2: float
 ) -> Period:
+    """The period after a sample; with a touch-down, its speed and the crank's angle count."""
     if not touch_down:
         return running._replace(peak_m_s2=peak_m_s2) if peak_m_s2 > running.peak_m_s2 else running
     impacts = running.impacts + 1
@@ -114,30 +117,20 @@ def _touched(
     )
 
 
-def step(
-    state: RegimeState,
-    angle_rad: float,
-    omega_rad_s: float,
-    touch_down: bool,
-    age_s: float,
-    speed_m_s: float,
-    acceleration_m_s2: float,
-    ended: bool,
-) -> RegimeState:
-    """One sample. `age_s` is the time from touch-down to the given crank angle.
-
-    `ended`: a period ended with an earlier sample of the same tick.
-    """
+def step(state: RegimeState, crank: CrankState, contact: Contact, acceleration_m_s2: float) -> RegimeState:
+    """One sample; crank, contact and the striker's acceleration belong to the same time."""
+    angle_rad, omega_rad_s = crank.angle_rad, crank.omega_rad_s
+    touch_down, speed_m_s = contact.touch_down, contact.approach_speed_m_s
     if not omega_rad_s >= SLOWEST_RAD_S:
         return INITIAL._replace(angle_rad=angle_rad)  # no regime while the crank stands
     turned = state.angle_rad > 1.5 * math.pi and angle_rad < 0.5 * math.pi
-    at_impact_rad = angle_rad - omega_rad_s * age_s
+    at_impact_rad = angle_rad - omega_rad_s * contact.age_s
     running = state.running
     if not turned:
-        running = _touched(running, touch_down, speed_m_s, at_impact_rad, abs(acceleration_m_s2))
-        return state._replace(angle_rad=angle_rad, running=running, ended=ended)
-    running = _touched(running, False, 0.0, 0.0, abs(acceleration_m_s2))
-    fresh = _touched(_EMPTY, touch_down, speed_m_s, at_impact_rad, abs(acceleration_m_s2))
+        running = add_sample(running, touch_down, speed_m_s, at_impact_rad, abs(acceleration_m_s2))
+        return state._replace(angle_rad=angle_rad, running=running, ended=False)
+    running = add_sample(running, False, 0.0, 0.0, abs(acceleration_m_s2))
+    fresh = add_sample(_EMPTY, touch_down, speed_m_s, at_impact_rad, abs(acceleration_m_s2))
     candidate = decide(running, state.last, state.second, state.third)
     if state.periods < 2:
         candidate = Regime.UNCERTAIN

@@ -1,42 +1,21 @@
 """The nominal striker in free flight: m x'' + c (x − l0 − A sin θ) + b x' + μ m g sign x' = 0."""
 
 import math
-from typing import NamedTuple
 
+from firmware_py.core.config import Config, Transition
 from firmware_py.core.elementary import sin
-from firmware_py.core.estimation.kalman import Transition
-
-PULL_FACTOR = 1.5
-"""A reading beyond this many times the nominal spring's largest acceleration is due to the stop."""
 
 
-class NominalStriker(NamedTuple):
-    """The firmware's nominal striker, forces per unit of mass; the plant's true values may differ."""
-
-    stiffness_1_s2: float
-    damping_1_s: float
-    dry_m_s2: float
-    rest_length_m: float
-    amplitude_m: float
-    stop_m: float
-    restitution: float
-
-
-def model_acceleration(config: NominalStriker, angle_rad: float, x_m: float, v_m_s: float) -> float:
+def model_acceleration(config: Config, angle_rad: float, x_m: float, v_m_s: float) -> float:
     """x'' in free flight, m/s²."""
-    friction = config.damping_1_s * v_m_s
+    p, d = config.p, config.d
+    friction = d.damping_1_s * v_m_s
     if v_m_s > 0.0:
-        friction += config.dry_m_s2
+        friction += d.dry_m_s2
     elif v_m_s < 0.0:
-        friction -= config.dry_m_s2
-    pull = config.stiffness_1_s2 * (x_m - config.rest_length_m - config.amplitude_m * sin(angle_rad))
+        friction -= d.dry_m_s2
+    pull = d.stiffness_1_s2 * (x_m - p.striker.rest_length_m - p.drive.amplitude_m * sin(angle_rad))
     return -pull - friction
-
-
-def is_of_the_stop(striker: NominalStriker, reading_m_s2: float) -> bool:
-    """Whether only the stop can cause this reading: it exceeds the spring's pull anywhere in the travel."""
-    travel_m = striker.stop_m - striker.rest_length_m + striker.amplitude_m
-    return reading_m_s2 < -PULL_FACTOR * (striker.stiffness_1_s2 * travel_m + striker.dry_m_s2)
 
 
 def free_flight(stiffness_1_s2: float, damping_1_s: float, dt_s: float) -> Transition:
@@ -59,3 +38,8 @@ def free_flight(stiffness_1_s2: float, damping_1_s: float, dt_s: float) -> Trans
         v_v=decay * (cosine - sigma * sine_over_omega),
         v_b=0.0,
     )
+
+
+def strapdown(dt_s: float) -> Transition:
+    """F of a tick that integrates the accelerometer; the bias is subtracted from the reading."""
+    return Transition(1.0, dt_s, -0.5 * dt_s * dt_s, 0.0, 1.0, -dt_s)

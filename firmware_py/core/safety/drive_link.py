@@ -1,12 +1,17 @@
 """The drive's axis: the state requested, the frames sent, and the confirmation by a fresh heartbeat.
 
-    step(config, state, mode, drive, encoder, asks_clear, elapsed_ticks) -> (state, frame)
+    step(config, state, mode, stage, drive, encoder, asks_clear) -> (state, frame)
 
 The mode alone decides the request: only SOFT_START closes the axis, E_STOP stops the drive, RUN and STOPPING
-leave the axis as it is, every other mode opens it. A new request drops the frames of the previous request, so
-no arming frame is sent after SOFT_START. The frames of a request are repeated until a heartbeat that was
-received at least `answer_ticks` after the request agrees with it, and again as soon as that heartbeat is
-stale. An earlier heartbeat may have been sent before the drive received the request.
+leave the axis as it is, every other mode opens it. In PROOF the stage of the watchdog's test decides. A new
+request drops the frames of the previous request, so no arming frame is sent after SOFT_START. The frames of a
+request are repeated until a heartbeat that was received at least `REPEAT_S` after the request agrees with
+it, and again as soon as that heartbeat is stale. An earlier heartbeat may have been sent before the drive
+received the request.
+
+No frame of a drive reports its controller mode and its limits. They are therefore sent in `SETTING_ROUNDS`
+rounds up to the first request for closed loop, and before each further one; once a heartbeat has reported the
+closed axis, they are not sent any more, so that they cannot feed a watchdog that counts every frame.
 
 A tick sends the torque and at most one other frame; the frame chosen here precedes all waiting frames.
 """
@@ -14,8 +19,11 @@ A tick sends the torque and at most one other frame; the frame chosen here prece
 from enum import IntEnum
 from typing import NamedTuple
 
+from firmware_py.core.config import Config
 from firmware_py.core.inputs import DriveInput, EncoderInput
 from firmware_py.core.records import zeroed
+from firmware_py.core.safety import watchdog_proof
+from firmware_py.core.safety.watchdog_proof import ProofStage
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import (
     AXIS_IDLE,
@@ -23,6 +31,7 @@ from firmware_py.interface.enums import (
     E_STOP,
     FAULT,
     INIT,
+    PROOF,
     READY,
     RUN,
     SOFT_START,
@@ -34,7 +43,13 @@ REPEAT_S = 0.020
 """Period of IDLE and E-stop until they are confirmed; also the shortest time to a confirming heartbeat."""
 
 ARM_S = 0.050
-"""Period of the arming frames, and of Clear_Errors."""
+"""Period of the requests for closed loop, and of Clear_Errors."""
+
+SETTING_ROUNDS = 3
+"""Rounds of controller mode and limits up to the first request for closed loop, `REPEAT_S` apart.
+
+The settings reach the drive even if its frames are lost for 20 ms.
+"""
 
 RE_ZERO_S = 1.0
 RE_ZERO_REV = 64.0
@@ -73,24 +88,11 @@ NO_DRIVE_FRAME = DriveFrame.NOTHING
 OPEN, DISARM, STOP, CLOSE, KEEP = AxisRequest
 
 
-class DriveLinkConfig(NamedTuple):
-    """Limits sent to the drive before it closes its loop, and times in ticks.
-
-    A heartbeat older than `fresh_ticks` confirms nothing.
-    """
-
-    speed_limit_rad_s: float
-    current_limit_a: float
-    repeat_ticks: int
-    answer_ticks: int
-    arm_ticks: int
-    re_zero_ticks: int
-    fresh_ticks: int
-
-
 class DriveLinkState(NamedTuple):
-    """The axis request and its progress. `place` counts the frames of this round that have been sent.
+    """The axis request and its progress.
 
+    `place` counts the frames of this round that have been sent, `rounds` the rounds with settings, up to
+    `SETTING_ROUNDS`.
     `request_ticks`, `round_ticks`, `service_ticks`: time since the request began, since its first frame was
     last sent, and since the last Clear_Errors or Set_Absolute_Position.
     """
@@ -99,6 +101,7 @@ class DriveLinkState(NamedTuple):
     request_ticks: int
     round_ticks: int
     place: int
+    rounds: int
     confirmed: bool
     service_ticks: int
 
@@ -106,8 +109,12 @@ class DriveLinkState(NamedTuple):
 INITIAL = zeroed(DriveLinkState, request=OPEN, service_ticks=NEVER_TICKS)
 
 
-def requested(mode: Mode) -> AxisRequest:
-    """The axis request of `mode`."""
+def find_request(mode: Mode, stage: ProofStage) -> AxisRequest:  # noqa: PLR0911 - a table
+    """The axis request of `mode`, and in PROOF of the stage of the test."""
+    if mode == PROOF and stage == watchdog_proof.CLOSE:
+        return CLOSE
+    if mode == PROOF and stage == watchdog_proof.WITHHOLD:
+        return KEEP
     if mode == E_STOP:
         return STOP
     if mode == SOFT_START:
@@ -119,15 +126,18 @@ def requested(mode: Mode) -> AxisRequest:
     return OPEN
 
 
-def frame_at(request: AxisRequest, place: int) -> DriveFrame:
-    """The frame at position `place` in a round of `request`; NOTHING after the last frame."""
+def choose_frame(request: AxisRequest, place: int, is_set: bool) -> DriveFrame:
+    """The frame at position `place` in a round of `request`; NOTHING after the last frame.
+
+    `is_set`: controller mode and limits have been sent often enough to request closed loop.
+    """
     if request in (OPEN, DISARM) and place == 0:
         return DriveFrame.IDLE
     if request == STOP and place <= 1:
         return DriveFrame.ESTOP if place == 0 else DriveFrame.IDLE
     if request == CLOSE and place <= 1:
         return DriveFrame.CONTROLLER_MODE if place == 0 else DriveFrame.LIMITS
-    if request == CLOSE and place == 2:
+    if request == CLOSE and place == 2 and is_set:
         return DriveFrame.CLOSED_LOOP
     return NO_DRIVE_FRAME
 
@@ -137,43 +147,64 @@ def is_idle(state: DriveLinkState) -> bool:
     return state.confirmed and state.request not in (CLOSE, KEEP)
 
 
+def is_closed(state: DriveLinkState) -> bool:
+    """Whether a fresh heartbeat has confirmed the axis that the present request has closed."""
+    return state.confirmed and state.request == CLOSE
+
+
 def step(
-    config: DriveLinkConfig,
+    config: Config,
     state: DriveLinkState,
     mode: Mode,
+    stage: ProofStage,
     drive: DriveInput,
     encoder: EncoderInput,
     asks_clear: bool,
-    elapsed_ticks: int,
 ) -> tuple[DriveLinkState, DriveFrame]:
-    """One tick. `mode`: after this tick's transition. `asks_clear`: the operator requests CLEAR_FAULTS."""
-    request = requested(mode)
+    """One tick. `mode`, `stage`: after this tick's transition. `asks_clear`: CLEAR_FAULTS is requested."""
+    request = find_request(mode, stage)
     begins = request != state.request
-    request_ticks = 0 if begins else min(state.request_ticks + elapsed_ticks, NEVER_TICKS)
-    round_ticks = min(state.round_ticks + elapsed_ticks, NEVER_TICKS)
-    service_ticks = min(state.service_ticks + elapsed_ticks, NEVER_TICKS)
+    request_ticks = 0 if begins else min(state.request_ticks + 1, NEVER_TICKS)
+    round_ticks = min(state.round_ticks + 1, NEVER_TICKS)
+    service_ticks = min(state.service_ticks + 1, NEVER_TICKS)
 
-    confirmed = state.confirmed and not begins and drive.age_ticks <= config.fresh_ticks
-    if drive.age_ticks == 0 and request_ticks >= config.answer_ticks:
+    rounds = 0 if begins else state.rounds
+    is_set = rounds >= SETTING_ROUNDS
+    confirmed = state.confirmed and not begins and drive.age_ticks <= config.d.ticks.drive
+    if drive.age_ticks == 0 and request_ticks >= config.d.ticks.repeat and (is_set or request != CLOSE):
         closes = request in (CLOSE, KEEP)
         confirmed = drive.axis_state == (CLOSED_LOOP if closes else AXIS_IDLE)
 
-    period_ticks = config.arm_ticks if request == CLOSE else config.repeat_ticks
+    period_ticks = config.d.ticks.arm if request == CLOSE and is_set else config.d.ticks.repeat
     place = state.place
-    if begins or confirmed or (round_ticks >= period_ticks and frame_at(request, place) == NO_DRIVE_FRAME):
+    is_sent = choose_frame(request, place, is_set) == NO_DRIVE_FRAME
+    if begins or confirmed or (is_sent and round_ticks >= period_ticks):
         place = 0
-    frame = NO_DRIVE_FRAME if confirmed else frame_at(request, place)
+    frame = NO_DRIVE_FRAME if confirmed else choose_frame(request, place, is_set)
     if frame != NO_DRIVE_FRAME:
         round_ticks = 0 if place == 0 else round_ticks
+        rounds = min(rounds + 1, SETTING_ROUNDS) if frame == DriveFrame.LIMITS else rounds
         place += 1
 
     if frame == NO_DRIVE_FRAME:
-        clears = mode == INIT and asks_clear and drive.axis_error != 0
+        may_clear = (mode == INIT and asks_clear) or (mode == PROOF and stage == watchdog_proof.CLEAR)
+        clears = may_clear and drive.axis_error != 0
         rests = mode == READY and confirmed and abs(encoder.velocity_rev_s) < STILL_REV_S
-        if clears and service_ticks >= config.arm_ticks:
+        if clears and service_ticks >= config.d.ticks.arm:
             frame = DriveFrame.CLEAR_ERRORS
             service_ticks = 0
-        elif rests and abs(encoder.position_rev) >= RE_ZERO_REV and service_ticks >= config.re_zero_ticks:
+        elif rests and abs(encoder.position_rev) >= RE_ZERO_REV and service_ticks >= config.d.ticks.re_zero:
             frame = DriveFrame.RE_ZERO
             service_ticks = 0
-    return DriveLinkState(request, request_ticks, round_ticks, place, confirmed, service_ticks), frame
+    return (
+        DriveLinkState(
+            request=request,
+            request_ticks=request_ticks,
+            round_ticks=round_ticks,
+            place=place,
+            rounds=rounds,
+            confirmed=confirmed,
+            service_ticks=service_ticks,
+        ),
+        frame,
+    )

@@ -2,9 +2,11 @@
 
 Nothing moves at power-up. INIT waits until every input is fresh and the drive has no error. READY waits until
 the operator has requested IDLE, the drive has confirmed that its axis is idle, and the crank is slow enough
-to be taken over; only then does a RUN request start the motor. A fault is latched with its first reason, and
-so is an E-stop. Both are cleared only by a CLEAR_FAULTS that the operator sends afterwards, once the cause
-has gone, and lead to INIT, so that all conditions of a start are checked again. Clearing never arms.
+to be taken over; only then does a RUN request start the motor. The test of the drive's watchdog (PROOF)
+begins likewise, by a request of its own and with the crank at rest; where it is required, no start comes
+before it. A fault is latched with its first reason, and so is an E-stop. Both are cleared only by a
+CLEAR_FAULTS that the operator sends afterwards, once the cause has gone, and lead to INIT, so that all
+conditions of a start are checked again. Clearing never arms.
 """
 
 from typing import NamedTuple
@@ -14,6 +16,7 @@ from firmware_py.core.safety.monitors import Findings
 from firmware_py.interface.enums import (
     ASKS_CLEAR,
     ASKS_IDLE,
+    ASKS_PROOF,
     ASKS_RUN,
     E_STOP,
     FAULT,
@@ -21,6 +24,7 @@ from firmware_py.interface.enums import (
     LATCHED,
     MOVING,
     NO_FAULT,
+    PROOF,
     READY,
     RUN,
     SOFT_START,
@@ -32,7 +36,10 @@ from firmware_py.interface.enums import (
 
 
 class Conditions(NamedTuple):
-    """All inputs of a transition. `fault` is the fault that counts in this mode, or NONE."""
+    """All inputs of a transition. `fault` is the fault that counts in this mode, or NONE.
+
+    `proof_passed`: the test of the drive's watchdog has passed. `proven`: it has passed or is not required.
+    """
 
     estop: bool
     fault: Fault
@@ -47,6 +54,27 @@ class Conditions(NamedTuple):
     freewheel_overspeed: bool
     captured: bool
     standstill: bool
+    proof_passed: bool
+    proven: bool
+
+
+class Observed(NamedTuple):
+    """What the supervisor observes in a tick beside the findings.
+
+    `disarm_reason` belongs to an error of the drive that is still active, else it is 0. `proof_…`: result of
+    the test of the drive's watchdog; `proven`: it has passed or is not required.
+    """
+
+    estop: bool
+    request: OperatorRequest
+    disarm_reason: int
+    target_valid: bool
+    axis_idle: bool
+    captured: bool
+    start_failed: bool
+    proof_passed: bool
+    proof_failed: bool
+    proven: bool
 
 
 class SupervisorState(NamedTuple):
@@ -60,13 +88,12 @@ class SupervisorState(NamedTuple):
     disarm_reason: int
     idle_seen: bool
     clear_armed: bool
-    ticks_in_mode: int
 
 
 INITIAL = zeroed(SupervisorState, mode=INIT, fault=NO_FAULT)
 
 
-def transition(mode: Mode, conditions: Conditions) -> Mode:  # noqa: PLR0911 - a table, read top to bottom
+def transition(mode: Mode, conditions: Conditions) -> Mode:  # noqa: PLR0911, PLR0912 - a table
     """The mode after this tick."""
     if conditions.estop:
         return E_STOP
@@ -86,8 +113,15 @@ def transition(mode: Mode, conditions: Conditions) -> Mode:  # noqa: PLR0911 - a
     if mode == READY:
         if not (conditions.inputs_fresh and conditions.operator_fresh):
             return INIT
-        may_start = conditions.axis_idle and conditions.idle_seen and conditions.target_valid
-        return SOFT_START if asks_run and may_start and not conditions.freewheel_overspeed else READY
+        may_close = conditions.axis_idle and conditions.idle_seen and not conditions.freewheel_overspeed
+        if asks_run and may_close and conditions.target_valid and conditions.proven:
+            return SOFT_START
+        asks_proof = conditions.operator_fresh and conditions.request == ASKS_PROOF
+        return PROOF if asks_proof and may_close and conditions.standstill else READY
+    if mode == PROOF:
+        asks_proof = conditions.operator_fresh and conditions.request == ASKS_PROOF
+        unfinished = PROOF if asks_proof else INIT
+        return READY if conditions.proof_passed else unfinished
     if mode == STOPPING:
         return READY if conditions.standstill else STOPPING
     if not (asks_run and conditions.target_valid):
@@ -97,15 +131,18 @@ def transition(mode: Mode, conditions: Conditions) -> Mode:  # noqa: PLR0911 - a
     return RUN
 
 
-def counting_fault(mode: Mode, findings: Findings, start_failed: bool) -> Fault:  # noqa: PLR0911 - a table
+def counting_fault(  # noqa: PLR0911 - a table
+    mode: Mode, findings: Findings, start_failed: bool, proof_failed: bool
+) -> Fault:
     """The finding that is a fault in `mode`, or NONE.
 
     Damaged parameters are a fault from power-up on; only a power-up with valid parameters ends it. A stale
     input is a fault only in motion; before, it keeps the firmware out of READY. Overspeed is a fault only in
-    motion, too: the swinging striker may drive a free crank faster. In FAULT and E_STOP the result is the
-    reason against clearing; a drive's error is none, because clearing resets it.
+    motion, too: the swinging striker may drive a free crank faster. The test of the drive's watchdog counts
+    as motion. In FAULT and E_STOP the result is the reason against clearing; a drive's error is none, because
+    clearing resets it.
     """
-    moving = mode in MOVING
+    moving = mode in MOVING or mode == PROOF
     latched = mode in LATCHED
     if findings.parameters_damaged:
         return Fault.PARAMETERS_DAMAGED
@@ -121,6 +158,8 @@ def counting_fault(mode: Mode, findings: Findings, start_failed: bool) -> Fault:
         return Fault.OVERSPEED
     if findings.watchdog == NO_FAULT and findings.limit != NO_FAULT:
         return findings.limit
+    if proof_failed and mode == PROOF:
+        return Fault.DRIVE_WATCHDOG
     if start_failed and mode == SOFT_START:
         return Fault.START_FAILED
     if start_failed and mode == RUN:
@@ -128,62 +167,51 @@ def counting_fault(mode: Mode, findings: Findings, start_failed: bool) -> Fault:
     return NO_FAULT
 
 
-def step(
-    state: SupervisorState,
-    findings: Findings,
-    estop: bool,
-    request: OperatorRequest,
-    disarm_reason: int,
-    target_valid: bool,
-    axis_idle: bool,
-    captured: bool,
-    start_failed: bool,
-    elapsed_ticks: int,
-) -> SupervisorState:
-    """One tick: the new mode, the latched reason, and the requests seen since the mode began.
-
-    `disarm_reason` belongs to an error that is still active, else it is 0.
-    """
-    mode = state.mode
-    operator_fresh = not findings.operator_lost
-    fault = counting_fault(mode, findings, start_failed)
-    conditions = Conditions(
-        estop,
-        fault,
-        findings.watchdog == NO_FAULT,
-        findings.drive == NO_FAULT,
-        operator_fresh,
-        request,
-        state.idle_seen,
-        state.clear_armed,
-        target_valid,
-        axis_idle,
-        findings.freewheel_overspeed,
-        captured,
-        findings.standstill,
-    )
-    new_mode = transition(mode, conditions)
-
-    latched = new_mode in LATCHED
-    reason = state.fault
-    reason_of_drive = state.disarm_reason
-    if new_mode == FAULT and mode != FAULT:
-        reason = fault
-        reason_of_drive = 0
-    elif not latched:
-        reason = NO_FAULT
-        reason_of_drive = 0
-    if latched and reason == Fault.DRIVE_ERROR and reason_of_drive == 0:
+def latch_reason(
+    state: SupervisorState, new_mode: Mode, fault: Fault, disarm_reason: int
+) -> tuple[Fault, int]:
+    """The latched fault and the drive's reason after this tick; NONE and 0 in other modes."""
+    if new_mode not in LATCHED:
+        return NO_FAULT, 0
+    reason, reason_of_drive = state.fault, state.disarm_reason
+    if new_mode == FAULT and state.mode != FAULT:
+        reason, reason_of_drive = fault, 0
+    if reason == Fault.DRIVE_ERROR and reason_of_drive == 0:
         # The drive reports an error before it reports the reason.
         reason_of_drive = disarm_reason
-    stays = new_mode == mode
-    idle = operator_fresh and request == ASKS_IDLE
-    let_go = operator_fresh and request != ASKS_CLEAR
+    return reason, reason_of_drive
+
+
+def step(state: SupervisorState, findings: Findings, now: Observed) -> SupervisorState:
+    """One tick: the new mode, the latched reason, and the requests seen since the mode began."""
+    operator_fresh = not findings.operator_lost
+    fault = counting_fault(state.mode, findings, now.start_failed, now.proof_failed)
+    conditions = Conditions(
+        estop=now.estop,
+        fault=fault,
+        inputs_fresh=findings.watchdog == NO_FAULT,
+        drive_well=findings.drive == NO_FAULT,
+        operator_fresh=operator_fresh,
+        request=now.request,
+        idle_seen=state.idle_seen,
+        clear_armed=state.clear_armed,
+        target_valid=now.target_valid,
+        axis_idle=now.axis_idle,
+        freewheel_overspeed=findings.freewheel_overspeed,
+        captured=now.captured,
+        standstill=findings.standstill,
+        proof_passed=now.proof_passed,
+        proven=now.proven,
+    )
+    new_mode = transition(state.mode, conditions)
+    reason, reason_of_drive = latch_reason(state, new_mode, fault, now.disarm_reason)
+    stays = new_mode == state.mode
+    idle = operator_fresh and now.request == ASKS_IDLE
+    let_go = operator_fresh and now.request != ASKS_CLEAR
     return SupervisorState(
-        new_mode,
-        reason,
-        reason_of_drive,
-        new_mode == READY and stays and (state.idle_seen or idle),
-        latched and stays and (state.clear_armed or let_go),
-        state.ticks_in_mode + elapsed_ticks if stays else 0,
+        mode=new_mode,
+        fault=reason,
+        disarm_reason=reason_of_drive,
+        idle_seen=new_mode == READY and stays and (state.idle_seen or idle),
+        clear_armed=new_mode in LATCHED and stays and (state.clear_armed or let_go),
     )

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from firmware_py.interface.arrivals import NEVER, Arrival, dated, taken
+from firmware_py.interface.arrivals import NEVER, Arrival, Now, accept
 from firmware_py.interface.counters import Counters
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import kinds, records, unpacking
@@ -19,7 +19,7 @@ RECEIVED_IDS = (
     kinds.DRIVE_SUPPLY.can_id,
     kinds.OPERATOR_COMMAND.can_id,
     kinds.DRIVE_ESTOP.can_id,
-    kinds.PARAMETER_REQUEST.can_id,
+    kinds.XCP_COMMAND.can_id,
 )
 """The identifiers that the firmware receives, the most frequent first."""
 
@@ -48,8 +48,8 @@ class Received(NamedTuple):
     operator_command: records.OperatorCommand
     operator_command_arrival: Arrival
     drive_estop_arrival: Arrival
-    parameter_request: records.ParameterRequest
-    parameter_request_arrival: Arrival
+    xcp_command: records.XcpCommand
+    xcp_command_arrival: Arrival
 
 
 INITIAL = Received(
@@ -74,31 +74,21 @@ INITIAL = Received(
     operator_command=records.OperatorCommand(0, 0.0, 0.0),
     operator_command_arrival=NEVER,
     drive_estop_arrival=NEVER,
-    parameter_request=records.ParameterRequest(0.0, 0, 0),
-    parameter_request_arrival=NEVER,
+    xcp_command=records.XcpCommand(0, 0, 0),
+    xcp_command_arrival=NEVER,
 )
 
 
-def with_sensors_dated(received: Received, tick: int, sampled: int) -> Received:
-    """`received`, with the sensors' arrivals in `tick` dated back to the earlier tick `sampled`."""
-    return received._replace(
-        encoder_estimates_arrival=dated(received.encoder_estimates_arrival, tick, sampled),
-        accelerometer_arrival=dated(received.accelerometer_arrival, tick, sampled),
-        gait_sensors_arrival=dated(received.gait_sensors_arrival, tick, sampled),
-        coarse_position_arrival=dated(received.coarse_position_arrival, tick, sampled),
-    )
-
-
 def receive(
-    tick_s: float, received: Received, counters: Counters, tick: int, frame: WordFrame
+    now: Now, received: Received, counters: Counters, frame: WordFrame
 ) -> tuple[Received, Counters, bool]:
-    """Process one frame that arrived before tick number `tick`: `(received, counters, usable)`."""
+    """Process one frame that arrived before the present tick: `(received, counters, usable)`."""
     can_id, length, word = frame
     usable = False
     if can_id == kinds.ENCODER_ESTIMATES.can_id:
         encoder_estimates, reason = unpacking.unpack_encoder_estimates(length, word)
-        arrival, counters, usable = taken(
-            received.encoder_estimates_arrival, counters, tick, reason, kinds.ENCODER_ESTIMATES, word, tick_s
+        arrival, counters, usable = accept(
+            received.encoder_estimates_arrival, counters, kinds.ENCODER_ESTIMATES, reason, word, now
         )
         received = received._replace(
             encoder_estimates_arrival=arrival,
@@ -106,32 +96,32 @@ def receive(
         )
     elif can_id == kinds.ACCELEROMETER.can_id:
         accelerometer, reason = unpacking.unpack_accelerometer(length, word)
-        arrival, counters, usable = taken(
-            received.accelerometer_arrival, counters, tick, reason, kinds.ACCELEROMETER, word, tick_s
+        arrival, counters, usable = accept(
+            received.accelerometer_arrival, counters, kinds.ACCELEROMETER, reason, word, now
         )
         received = received._replace(
             accelerometer_arrival=arrival, accelerometer=accelerometer if usable else received.accelerometer
         )
     elif can_id == kinds.GAIT_SENSORS.can_id:
         gait_sensors, reason = unpacking.unpack_gait_sensors(length, word)
-        arrival, counters, usable = taken(
-            received.gait_sensors_arrival, counters, tick, reason, kinds.GAIT_SENSORS, word, tick_s
+        arrival, counters, usable = accept(
+            received.gait_sensors_arrival, counters, kinds.GAIT_SENSORS, reason, word, now
         )
         received = received._replace(
             gait_sensors_arrival=arrival, gait_sensors=gait_sensors if usable else received.gait_sensors
         )
     elif can_id == kinds.DRIVE_CURRENT.can_id:
         drive_current, reason = unpacking.unpack_drive_current(length, word)
-        arrival, counters, usable = taken(
-            received.drive_current_arrival, counters, tick, reason, kinds.DRIVE_CURRENT, word, tick_s
+        arrival, counters, usable = accept(
+            received.drive_current_arrival, counters, kinds.DRIVE_CURRENT, reason, word, now
         )
         received = received._replace(
             drive_current_arrival=arrival, drive_current=drive_current if usable else received.drive_current
         )
     elif can_id == kinds.COARSE_POSITION.can_id:
         coarse_position, reason = unpacking.unpack_coarse_position(length, word)
-        arrival, counters, usable = taken(
-            received.coarse_position_arrival, counters, tick, reason, kinds.COARSE_POSITION, word, tick_s
+        arrival, counters, usable = accept(
+            received.coarse_position_arrival, counters, kinds.COARSE_POSITION, reason, word, now
         )
         received = received._replace(
             coarse_position_arrival=arrival,
@@ -139,8 +129,8 @@ def receive(
         )
     elif can_id == kinds.DRIVE_HEARTBEAT.can_id:
         drive_heartbeat, reason = unpacking.unpack_drive_heartbeat(length, word)
-        arrival, counters, usable = taken(
-            received.drive_heartbeat_arrival, counters, tick, reason, kinds.DRIVE_HEARTBEAT, word, tick_s
+        arrival, counters, usable = accept(
+            received.drive_heartbeat_arrival, counters, kinds.DRIVE_HEARTBEAT, reason, word, now
         )
         received = received._replace(
             drive_heartbeat_arrival=arrival,
@@ -148,16 +138,16 @@ def receive(
         )
     elif can_id == kinds.DRIVE_ERRORS.can_id:
         drive_errors, reason = unpacking.unpack_drive_errors(length, word)
-        arrival, counters, usable = taken(
-            received.drive_errors_arrival, counters, tick, reason, kinds.DRIVE_ERRORS, word, tick_s
+        arrival, counters, usable = accept(
+            received.drive_errors_arrival, counters, kinds.DRIVE_ERRORS, reason, word, now
         )
         received = received._replace(
             drive_errors_arrival=arrival, drive_errors=drive_errors if usable else received.drive_errors
         )
     elif can_id == kinds.DRIVE_TEMPERATURE.can_id:
         drive_temperature, reason = unpacking.unpack_drive_temperature(length, word)
-        arrival, counters, usable = taken(
-            received.drive_temperature_arrival, counters, tick, reason, kinds.DRIVE_TEMPERATURE, word, tick_s
+        arrival, counters, usable = accept(
+            received.drive_temperature_arrival, counters, kinds.DRIVE_TEMPERATURE, reason, word, now
         )
         received = received._replace(
             drive_temperature_arrival=arrival,
@@ -165,16 +155,16 @@ def receive(
         )
     elif can_id == kinds.DRIVE_SUPPLY.can_id:
         drive_supply, reason = unpacking.unpack_drive_supply(length, word)
-        arrival, counters, usable = taken(
-            received.drive_supply_arrival, counters, tick, reason, kinds.DRIVE_SUPPLY, word, tick_s
+        arrival, counters, usable = accept(
+            received.drive_supply_arrival, counters, kinds.DRIVE_SUPPLY, reason, word, now
         )
         received = received._replace(
             drive_supply_arrival=arrival, drive_supply=drive_supply if usable else received.drive_supply
         )
     elif can_id == kinds.OPERATOR_COMMAND.can_id:
         operator_command, reason = unpacking.unpack_operator_command(length, word)
-        arrival, counters, usable = taken(
-            received.operator_command_arrival, counters, tick, reason, kinds.OPERATOR_COMMAND, word, tick_s
+        arrival, counters, usable = accept(
+            received.operator_command_arrival, counters, kinds.OPERATOR_COMMAND, reason, word, now
         )
         received = received._replace(
             operator_command_arrival=arrival,
@@ -182,17 +172,16 @@ def receive(
         )
     elif can_id == kinds.DRIVE_ESTOP.can_id:
         _, reason = unpacking.unpack_drive_estop(length, word)
-        arrival, counters, usable = taken(
-            received.drive_estop_arrival, counters, tick, reason, kinds.DRIVE_ESTOP, word, tick_s
+        arrival, counters, usable = accept(
+            received.drive_estop_arrival, counters, kinds.DRIVE_ESTOP, reason, word, now
         )
         received = received._replace(drive_estop_arrival=arrival)
-    elif can_id == kinds.PARAMETER_REQUEST.can_id:
-        parameter_request, reason = unpacking.unpack_parameter_request(length, word)
-        arrival, counters, usable = taken(
-            received.parameter_request_arrival, counters, tick, reason, kinds.PARAMETER_REQUEST, word, tick_s
+    elif can_id == kinds.XCP_COMMAND.can_id:
+        xcp_command, reason = unpacking.unpack_xcp_command(length, word)
+        arrival, counters, usable = accept(
+            received.xcp_command_arrival, counters, kinds.XCP_COMMAND, reason, word, now
         )
         received = received._replace(
-            parameter_request_arrival=arrival,
-            parameter_request=parameter_request if usable else received.parameter_request,
+            xcp_command_arrival=arrival, xcp_command=xcp_command if usable else received.xcp_command
         )
     return received, counters, usable

@@ -204,17 +204,19 @@ class OperatorCommand(NamedTuple):
     """
 
 
-class ParameterRequest(NamedTuple):
-    """0x049, from Operator. Reads or writes one firmware parameter."""
+class XcpCommand(NamedTuple):
+    """0x049, from Operator. XCP command (CMD) of a measurement and calibration system, always of
+    eight bytes (MAX_DLC_REQUIRED); one at a time.
+    """
 
-    value: float
-    """New value in the parameter's own unit; 0 for a read."""
+    command: int
+    """XCP command code. Unknown codes are answered, so no values are listed."""
 
-    parameter_index: int
-    """Position of the parameter in the firmware's table."""
+    low: int
+    """Bytes 1 to 3."""
 
-    operation: int
-    """Read or write."""
+    high: int
+    """Bytes 4 to 7."""
 
 
 class FirmwareHeartbeat(NamedTuple):
@@ -293,22 +295,6 @@ class FaultEvent(NamedTuple):
     """Reason of a refusal; NONE with a fault."""
 
 
-class ParameterValue(NamedTuple):
-    """0x077, from Firmware. The answer to a parameter request."""
-
-    value: float
-    """The parameter's value after the request, in its own unit."""
-
-    parameter_index: int
-    """Position of the parameter in the firmware's table."""
-
-    tier: int
-    """Tier of the parameter; MODULE if there is no such parameter."""
-
-    status: int
-    """Result of the request."""
-
-
 class GaitReport(NamedTuple):
     """0x07C, from Firmware, every 40 ms. Estimate of the wearer's gait, and the crank's lock to it."""
 
@@ -332,3 +318,18 @@ class GaitReport(NamedTuple):
 
     confidence: float
     """Confidence in phase and frequency: 0 none, 1 full."""
+
+
+class XcpResponse(NamedTuple):
+    """0x07E, from Firmware. XCP response (RES), error (ERR) or measured sample (DAQ), always of eight
+    bytes.
+    """
+
+    packet: int
+    """XCP packet identifier: 255 response, 254 error, otherwise the number of the sample's ODT."""
+
+    low: int
+    """Bytes 1 to 3."""
+
+    high: int
+    """Bytes 4 to 7."""

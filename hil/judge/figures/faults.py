@@ -104,7 +104,15 @@ def fault_figures(traces: RunTraces, hold: Window | None) -> FaultFigures:
     plant, impacts = traces.plant, traces.impacts
     fault = first_of_the_script(traces.scenario)
     if fault is None or len(plant) == 0 or column(plant, "t_s")[-1] < fault.start_s:
-        return FaultFigures(None, None, None, None, None, None, None)
+        return FaultFigures(
+            torque_zero_after_s=None,
+            impacts_after_zero=None,
+            largest_torque_n_m=None,
+            largest_speed_rad_s=None,
+            peak_force_n=None,
+            impacts_again_after_s=None,
+            turning_at_end_rad_s=None,
+        )
     t_s, torque_n_m = column(plant, "t_s"), column(plant, "motor_torque_n_m")
     speed = column(plant, "omega_rad_s")
     since = t_s >= fault.start_s

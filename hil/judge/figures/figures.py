@@ -4,7 +4,7 @@ Truth is the plant's trace and its located impacts; the estimate is the firmware
 signals the figures use only the hold (mode RUN), its commands, faults, detections and estimates.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +30,13 @@ from hil.judge.figures.records import (
     Spread,
     TrueImpact,
 )
+from hil.judge.gaps import TimeHeld, gaps_of
 from hil.judge.hold import Window, hold_motion, hold_window
 from hil.record.rates import slow_rows
 from hil.record.run_traces import RunTraces, column, read_run
 from hil.record.state_timeline import lower_name
 from hil.record.traces.stored_trace import Records
+from hil.timing.pacemaker import AGAIN
 from plant_sim.arrays import FloatArray
 
 DEFAULT_PERIOD_S = 1e-3
@@ -75,13 +77,15 @@ def loop_timing(records: Records, period_s: float) -> LoopTiming:
     tick = column(records, "tick")
     work_us, wake_us = column(records, "work_us"), column(records, "wake_latency_us")
     half_tick_us = 0.5e6 * period_s
+    has_cpu = "cpu_us" in (records.dtype.names or ())
+    own_us = column(records, "cpu_us") if has_cpu else work_us
     held = np.diff(tick) - 1.0
     longest = int(np.argmax(held)) if len(held) else None
     return LoopTiming(
         ticks=len(tick),
         overruns=int(tick[-1]) + 1 - len(tick) if len(tick) else 0,
         late_wakeups=int(np.count_nonzero(wake_us > half_tick_us)),
-        long_work=int(np.count_nonzero(work_us > half_tick_us)),
+        long_work=int(np.count_nonzero(own_us > half_tick_us)),
         longest_hold_ms=None if longest is None else 1e3 * period_s * float(held[longest]),
         longest_hold_at_s=None if longest is None else period_s * (float(tick[longest]) + 1.0),
         work_us=spread(work_us[work_us > 0.0]),
@@ -89,12 +93,22 @@ def loop_timing(records: Records, period_s: float) -> LoopTiming:
     )
 
 
-def met_its_timing(loops: Loops, baseline_overruns: int | None, under_uml: bool) -> bool:
-    """Whether both loops met their overrun and work limits, and neither stalled for `LONGEST_HOLD_MS`."""
+def met_its_timing(
+    loops: Loops, baseline_overruns: int | None, under_uml: bool, held_ms: Sequence[float] = ()
+) -> bool:
+    """Whether both loops met their overrun and work limits, and neither stalled for `LONGEST_HOLD_MS`.
+
+    `held_ms`: the holds of a run in which time is held; each tick held counts as an overrun.
+    """
+    held = int(sum(held_ms))
+    if max(held_ms, default=0.0) >= LONGEST_HOLD_MS:
+        return False
     for loop in (loops.plant, loops.firmware):
         due = loop.ticks + loop.overruns
         granted = OVERRUN_FRACTION_UML * due if under_uml else OVERRUN_FRACTION * due
-        if loop.ticks == 0 or loop.overruns > 2 * (baseline_overruns or 0) + granted:
+        if loop.ticks == 0 or loop.overruns + held > 2 * (baseline_overruns or 0) + granted:
+            return False
+        if loop.long_work > granted:
             return False
         if (loop.longest_hold_ms or 0.0) >= LONGEST_HOLD_MS:
             return False
@@ -221,11 +235,25 @@ def memory_figures(outcome: Mapping[str, Any]) -> MemoryFigures:
 def log_figures(traces: RunTraces, clock: str) -> LogFigures:
     """The frames lost by the recorder."""
     if not traces.run.get("counts_losses", clock == "lockstep"):
-        return LogFigures(None, None)
+        return LogFigures(None, None, None)
     return LogFigures(
         frames_lost=sum(loss.frames for loss in traces.losses),
         lost_s=sum(loss.to_s - loss.from_s for loss in traces.losses),
+        frames_foreign=foreign_frames(traces),
     )
+
+
+def foreign_frames(traces: RunTraces) -> int | None:
+    """Frames on the bus that none of the run's own processes has sent; None if one has not reported."""
+    nodes = traces.run.get("nodes", {})
+    own = ("plant", "firmware", "operator")
+    if "recorder" not in nodes or any("sent" not in nodes.get(name, {}) for name in own):
+        return None
+    senders = [one for name, one in nodes.items() if name.removesuffix(AGAIN) in own]
+    sent = sum(one["sent"] - one["unsent"] for one in senders)
+    lost = sum(loss.frames for loss in traces.losses)
+    foreign: int = nodes["recorder"]["frames"] + lost - sent
+    return max(0, foreign)
 
 
 def figures_from(traces: RunTraces) -> Figures:
@@ -237,6 +265,8 @@ def figures_from(traces: RunTraces) -> Figures:
     loops = Loops(plant=loop_timing(plant, period_s), firmware=loop_timing(firmware, period_s))
     baseline = outcome.get("baseline_overruns")
     under_uml = bool(run.get("user_mode_linux", False))
+    time_held = tuple(TimeHeld(**one) for one in outcome.get("holds", []))
+    held_ms = [1e3 * (one.held_s + one.own_s) for one in time_held]
     hold = hold_window(firmware)
     motion = hold_motion(plant, impacts, hold)
     end = faults.drive_end(plant, firmware)
@@ -256,7 +286,12 @@ def figures_from(traces: RunTraces) -> Figures:
         clock=clock,
         bus=str(run.get("bus", "")),
         kernel_can=bool(run.get("kernel_can", False)),
-        real_time=met_its_timing(loops, baseline, under_uml) if clock == "real" else None,
+        real_time=met_its_timing(loops, baseline, under_uml, held_ms) if clock == "real" else None,
+        time=str(run.get("time", "strict")) if clock == "real" else None,
+        held_s=outcome.get("held_s"),
+        own_late_s=outcome.get("own_late_s"),
+        time_held=time_held,
+        gaps=tuple(gaps_of(traces, period_s)),
         duration_s=duration_s,
         ticks=loops.firmware.ticks,
         overruns=loops.plant.overruns + loops.firmware.overruns,

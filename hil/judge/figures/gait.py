@@ -58,8 +58,8 @@ class GaitEnd(NamedTuple):
 
 def push_off(scenario: Mapping[str, Any]) -> PushOff:
     """The window of a scenario's firmware."""
-    lock = config_from(scenario.get("firmware", {})).gait_lock
-    return PushOff(lock.window_start, lock.window_end)
+    gait = config_from(scenario.get("firmware", {})).p.gait
+    return PushOff(gait.window_start, gait.window_end)
 
 
 def phase_at(plant: Records, t_s: FloatArray) -> FloatArray:

@@ -1,33 +1,28 @@
 """Figures defined by a user: an expression of a run's logged signals within a time window.
 
 Signals are named as in the log, `plant.omega_rad_s`, `firmware.outputs.torque_n_m`, and are arrays over the
-plant's instants; firmware signals have the value of the last tick by each instant. `FUNCTIONS` reduce them to
+plant's instants; firmware signals have the value of the last tick by each instant. `REDUCERS` reduce them to
 numbers. Figures of a step response are python-control's, for the signal minus its first value in the window.
 """
 
-import difflib
 import math
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from asteval import Interpreter
-from numpy.typing import NDArray
 
+from hil.judge.figures.expression import ExpressionError, Signal, evaluate
 from hil.record.run_traces import column
 from hil.record.traces.firmware_trace import fields_of
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.stored_trace import Records
 from hil.record.traces.trace import flatten
 
-Signal = NDArray[np.float64]
-
 FINAL_SHARE: Final = 0.1
 """Share of a window, at its end, whose median is the final value of a step response."""
 SAMPLES_TO_TRY: Final = 200
 
-FUNCTIONS: Final[Mapping[str, Callable[[Any], Any]]] = {
+REDUCERS: Final[Mapping[str, Callable[[Signal], float]]] = {
     "min": lambda signal: float(np.min(signal)),
     "max": lambda signal: float(np.max(signal)),
     "mean": lambda signal: float(np.mean(signal)),
@@ -36,15 +31,10 @@ FUNCTIONS: Final[Mapping[str, Callable[[Any], Any]]] = {
     "rms": lambda signal: float(np.sqrt(np.mean(np.square(signal)))),
     "first": lambda signal: float(signal[0]),
     "last": lambda signal: float(signal[-1]),
-    "abs": np.abs,
-    "sqrt": np.sqrt,
 }
+ELEMENTWISE: Final[Mapping[str, Callable[[Any], Any]]] = {"abs": np.abs, "sqrt": np.sqrt}
 OF_A_STEP: Final = {"rise_s": "RiseTime", "settling_s": "SettlingTime", "overshoot": "Overshoot"}
 """Our names for python-control's figures of a step response; the overshoot is in percent of the step."""
-
-
-class ExpressionError(ValueError):
-    """An expression cannot be evaluated; the message says why."""
 
 
 class Window(NamedTuple):
@@ -73,26 +63,6 @@ class Columns(Mapping[str, Signal]):
         return len(self._names)
 
 
-class Signals:
-    """The columns of a trace, or of one of its dotted prefixes, as attributes."""
-
-    def __init__(self, name: str, columns: Mapping[str, Signal]) -> None:
-        self._name = name
-        self._columns = columns
-
-    def __getattr__(self, name: str) -> Any:
-        if name in self._columns:
-            return self._columns[name]
-        inner = [key.removeprefix(f"{name}.") for key in self._columns if key.startswith(f"{name}.")]
-        if inner:
-            return Signals(
-                f"{self._name}.{name}", Columns(inner, lambda rest: self._columns[f"{name}.{rest}"])
-            )
-        heads = list(dict.fromkeys(key.partition(".")[0] for key in self._columns))
-        near = difflib.get_close_matches(name, heads, n=3, cutoff=0.4) or heads
-        raise AttributeError(f"no signal {self._name}.{name}; it has {', '.join(near)}")
-
-
 def step_figure(key: str, t_s: Signal) -> Callable[[Signal], float]:
     """A figure of a step response over the window `t_s`."""
 
@@ -108,21 +78,8 @@ def step_figure(key: str, t_s: Signal) -> Callable[[Signal], float]:
 
 def worked_out(expression: str, t_s: Signal, signals: Mapping[str, Mapping[str, Signal]]) -> float:
     """Evaluate the expression on signals over `t_s`; raises ExpressionError."""
-    names = {name: Signals(name, columns) for name, columns in signals.items()}
     steps = {name: step_figure(key, t_s) for name, key in OF_A_STEP.items()}
-    interpreter = Interpreter(symtable={**FUNCTIONS, **steps, **names, "pi": math.pi}, minimal=True)
-    with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")
-        value = interpreter(expression, show_errors=False)
-    if interpreter.error:
-        _, message = interpreter.error[0].get_error()
-        raise ExpressionError(f"{expression!r} cannot be worked out: {message.splitlines()[-1]}")
-    if np.ndim(value) != 0:
-        known = ", ".join([*FUNCTIONS, *OF_A_STEP])
-        raise ExpressionError(f"{expression!r} is a signal; make a number of it, by {known}")
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-        raise ExpressionError(f"{expression!r} gives {value!r}; wanted a number")
-    return float(value)
+    return evaluate(expression, signals, {**REDUCERS, **steps}, ELEMENTWISE)
 
 
 def refuse_unknown(expression: str) -> None:
@@ -144,21 +101,25 @@ def held(records: Records, instants_s: Signal) -> Mapping[str, Signal]:
     )
 
 
-def own_figure(expression: str, window: Window, plant: Records, firmware: Records) -> float | None:
-    """The figure of a run; None without records in the window, or if it cannot be evaluated on them."""
-    t_s = column(plant, "t_s")
-    if len(firmware) == 0 or len(t_s) == 0:
-        return None
+def own_figure(expression: str, window: Window, plant: Records, firmware: Records) -> float:
+    """The figure of a run; raises ExpressionError, which says why the run does not have it."""
+    t_s, ticks_s = column(plant, "t_s"), column(firmware, "t_s")
+    if len(ticks_s) == 0 or len(t_s) == 0:
+        raise ExpressionError("plant or firmware recorded no tick")
     rows = (t_s >= window.from_s) & (t_s < window.to_s)
     instants_s = t_s[rows]
     if instants_s.size == 0:
-        return None
+        raise ExpressionError(
+            f"nothing was recorded from {window.from_s:g} s to {window.to_s:g} s: "
+            f"the run lasted from {t_s[0]:g} s to {t_s[-1]:g} s"
+        )
     signals = {
         "plant": Columns(plant.dtype.names or (), lambda name: column(plant, name)[rows]),
         "firmware": held(firmware, instants_s),
     }
-    try:
-        value = worked_out(expression, instants_s, signals)
-    except ExpressionError:
-        return None
-    return value if math.isfinite(value) else None
+    value = worked_out(expression, instants_s, signals)
+    if not math.isfinite(value):
+        early = "firmware." in expression and instants_s[0] < ticks_s[0]
+        remedy = f"; the firmware has no signal before its first tick at {ticks_s[0]:g} s, so begin later"
+        raise ExpressionError(f"{expression!r} gives {value:g}{remedy if early else ''}")
+    return value

@@ -8,14 +8,23 @@ unless a name says otherwise.
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, is_dataclass
+from enum import Enum, auto
 from typing import Annotated, Any, NamedTuple, TypeAlias, get_args, get_origin, get_type_hints
 
+from hil.judge.gaps import Gap, TimeHeld
 from hil.record.run_traces import LogLoss
 
 Number: TypeAlias = float | None
 """A figure that some runs do not have."""
-FROM_LOG = True
-"""Marks a figure that is computed from can.log, and is thus incomplete if frames are missing there."""
+
+
+class Origin(Enum):
+    """What a figure needs beyond the traces of plant and firmware."""
+
+    LOG = auto()
+    """Computed from can.log: incomplete if frames are missing there."""
+    HOLD = auto()
+    """Computed over the hold: a run that never reaches mode RUN does not have it."""
 
 
 def plain(value: Any) -> Any:
@@ -51,7 +60,7 @@ class LoopTiming:
     ticks: Annotated[int, "", "ticks run"]
     overruns: Annotated[int, "", "ticks skipped because the next deadline had passed"]
     late_wakeups: Annotated[int, "", "wake-ups more than half a tick late"]
-    long_work: Annotated[int, "", "ticks whose work took more than half a tick"]
+    long_work: Annotated[int, "", "ticks in which the node's own work, its CPU time, exceeded half a tick"]
     longest_hold_ms: Annotated[Number, "ms", "the loop's longest stall between two ticks"]
     longest_hold_at_s: Annotated[Number, "s", "the beginning of this stall"]
     work_us: Annotated[Spread, "", "work in a tick"]
@@ -86,11 +95,11 @@ class MemoryFigures:
 class EstimateFigures:
     """The firmware's estimate against the truth of the same tick, over the hold."""
 
-    x_rmse_m: Annotated[Number, "m", "RMS error of the striker's position"]
-    v_rmse_m_s: Annotated[Number, "m/s", "RMS error of the striker's velocity"]
-    x_worst_m: Annotated[Number, "m", "largest error of the striker's position"]
+    x_rmse_m: Annotated[Number, "m", "RMS error of the striker's position", Origin.HOLD]
+    v_rmse_m_s: Annotated[Number, "m/s", "RMS error of the striker's velocity", Origin.HOLD]
+    x_worst_m: Annotated[Number, "m", "largest error of the striker's position", Origin.HOLD]
     nis_mean: Annotated[
-        Number, "", "mean normalised innovation squared; 1 if the filter's covariance is right"
+        Number, "", "mean normalised innovation squared; 1 if the filter's covariance is right", Origin.HOLD
     ]
 
 
@@ -111,9 +120,9 @@ class DetectorFigures:
 class SpeedFigures:
     """The crank's true speed over the second half of the hold."""
 
-    mean_rad_s: Annotated[Number, "rad/s", "mean crank speed"]
-    error: Annotated[Number, "", "mean crank speed divided by its mean target, minus one"]
-    ripple: Annotated[Number, "", "half of the peak-to-peak crank speed, divided by its mean"]
+    mean_rad_s: Annotated[Number, "rad/s", "mean crank speed", Origin.HOLD]
+    error: Annotated[Number, "", "mean crank speed divided by its mean target, minus one", Origin.HOLD]
+    ripple: Annotated[Number, "", "half of the peak-to-peak crank speed, divided by its mean", Origin.HOLD]
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +169,10 @@ class FaultFigures:
         Number, "N", "largest force of impacts on the stop from the fault's beginning on; 0 without impacts"
     ]
     impacts_again_after_s: Annotated[
-        Number, "s", "from the fault's end until every drive period of the hold had an impact again"
+        Number,
+        "s",
+        "from the fault's end until every drive period of the hold had an impact again",
+        Origin.HOLD,
     ]
     turning_at_end_rad_s: Annotated[Number, "rad/s", "mean crank speed over the run's last half second"]
 
@@ -171,10 +183,10 @@ class FeltFigures:
 
     peak_n: Annotated[Number, "N", "largest force on the wearer, in either direction"]
     settled_low_n: Annotated[
-        Number, "N", "smallest peak force of a crank turn in the second half of the hold"
+        Number, "N", "smallest peak force of a crank turn in the second half of the hold", Origin.HOLD
     ]
     settled_high_n: Annotated[
-        Number, "N", "largest peak force of a crank turn in the second half of the hold"
+        Number, "N", "largest peak force of a crank turn in the second half of the hold", Origin.HOLD
     ]
 
 
@@ -183,13 +195,17 @@ class GaitFigures:
     """Figures of a walk over the hold; strides count from the fifth whole one to a stop or a stumble."""
 
     phase_rmse_percent: Annotated[
-        Number, "%", "RMS error of the estimated gait phase, as a share of the cycle"
+        Number, "%", "RMS error of the estimated gait phase, as a share of the cycle", Origin.HOLD
     ]
-    phase_worst_percent: Annotated[Number, "%", "largest error of the estimated gait phase"]
-    strides: Annotated[int | None, "", "number of whole strides that count"]
-    in_window: Annotated[Number, "", "share of the strides with a pulse in the firmware's window"]
-    pulses_per_stride: Annotated[Number, "", "mean number of pulses in a stride"]
-    outside_per_stride: Annotated[Number, "", "mean number of pulses outside of the window in a stride"]
+    phase_worst_percent: Annotated[Number, "%", "largest error of the estimated gait phase", Origin.HOLD]
+    strides: Annotated[int | None, "", "number of whole strides that count", Origin.HOLD]
+    in_window: Annotated[
+        Number, "", "share of the strides with a pulse in the firmware's window", Origin.HOLD
+    ]
+    pulses_per_stride: Annotated[Number, "", "mean number of pulses in a stride", Origin.HOLD]
+    outside_per_stride: Annotated[
+        Number, "", "mean number of pulses outside of the window in a stride", Origin.HOLD
+    ]
     end: Annotated[str | None, "", "the end of the steady walk: stop or stumble"]
     end_s: Annotated[Number, "s", "time at which the leg stood still or the foot tripped"]
     last_pulse_after_s: Annotated[
@@ -213,6 +229,9 @@ class LogFigures:
         int | None, "", "frames that the recorder lost; none if the bus does not count them"
     ]
     lost_s: Annotated[Number, "s", "total time around the lost frames"]
+    frames_foreign: Annotated[
+        int | None, "", "frames that came from none of the run's own processes; none if that is not known"
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,37 +239,50 @@ class Figures:
     """All figures of a run."""
 
     scenario: Annotated[str, "", "the scenario's name"]
-    clock: Annotated[str, "", "real, patient or lockstep"]
+    clock: Annotated[str, "", "real or lockstep"]
     bus: Annotated[str, "", "the bus of the run"]
     kernel_can: Annotated[bool, "", "whether frames went through the kernel's CAN stack"]
     real_time: Annotated[bool | None, "", "whether a real-time run met its timing; none with other clocks"]
     duration_s: Annotated[float, "s", "simulated duration"]
     ticks: Annotated[int, "", "ticks that the firmware ran"]
+    time: Annotated[str | None, "", "held or strict real time; none in lockstep"]
+    held_s: Annotated[
+        Number, "s", "total time for which the host held the run up; none where time is not held"
+    ]
+    own_late_s: Annotated[Number, "s", "total time for which processes held the run up by their own work"]
+    time_held: Annotated[tuple[TimeHeld, ...], "", "the holds of a millisecond or longer"]
+    gaps: Annotated[tuple[Gap, ...], "", "in strict time: intervals in which the host held a process up"]
     overruns: Annotated[int, "", "ticks skipped, both loops"]
     baseline_overruns: Annotated[int | None, "", "ticks that a bare sleep loop beside the run skipped"]
     late_wakeups: Annotated[int, "", "wake-ups more than half a tick late, both loops"]
-    long_work: Annotated[int, "", "ticks whose work took more than half a tick, both loops"]
+    long_work: Annotated[
+        int, "", "ticks in which a node's own work, its CPU time, exceeded half a tick, both loops"
+    ]
     tick_us: Annotated[Spread, "", "work in a firmware tick"]
     wake_us: Annotated[Spread, "", "wake-up latency of the firmware's loop"]
     loops: Annotated[Loops, "", "timing of each loop"]
-    bus_load: Annotated[Number, "", "mean load of the bus at 1 Mbit/s, worst-case bit stuffing", FROM_LOG]
+    bus_load: Annotated[Number, "", "mean load of the bus at 1 Mbit/s, worst-case bit stuffing", Origin.LOG]
     realtime_factor: Annotated[Number, "", "simulated time divided by elapsed time"]
     memory: Annotated[MemoryFigures, "", "growth of the processes' own memory"]
     log: Annotated[LogFigures, "", "frames missing in can.log"]
     losses: Annotated[tuple[LogLoss, ...], "", "intervals in which the recorder lost frames"]
     impacts: Annotated[tuple[TrueImpact, ...], "", "the true touch-downs"]
     impact_count: Annotated[int, "", "true touch-downs of the run"]
-    regime: Annotated[str, "", "the striker's true regime during the hold"]
+    regime: Annotated[str, "", "the striker's true regime during the hold", Origin.HOLD]
     regime_estimated: Annotated[str, "", "the regime that the firmware reported at the end of the hold"]
-    hold_start_s: Annotated[Number, "s", "end of the run-up"]
-    hold_end_s: Annotated[Number, "s", "end of the hold"]
-    impacts_per_period: Annotated[Number, "", "impacts per turn of the crank during the hold"]
-    capture_s: Annotated[Number, "s", "first impact after which every drive period of the hold has an impact"]
+    hold_start_s: Annotated[Number, "s", "end of the run-up", Origin.HOLD]
+    hold_end_s: Annotated[Number, "s", "end of the hold", Origin.HOLD]
+    impacts_per_period: Annotated[Number, "", "impacts per turn of the crank during the hold", Origin.HOLD]
+    capture_s: Annotated[
+        Number, "s", "first impact after which every drive period of the hold has an impact", Origin.HOLD
+    ]
     largest_v_m_s: Annotated[Number, "m/s", "largest approach speed of the run"]
     largest_v_on_the_way_m_s: Annotated[Number, "m/s", "largest approach speed before the hold"]
-    impact_v_m_s: Annotated[Number, "m/s", "median approach speed over the second half of the hold"]
+    impact_v_m_s: Annotated[
+        Number, "m/s", "median approach speed over the second half of the hold", Origin.HOLD
+    ]
     impact_impulse_n_s: Annotated[
-        Number, "N s", "median impulse of an impact over the second half of the hold"
+        Number, "N s", "median impulse of an impact over the second half of the hold", Origin.HOLD
     ]
     peak_force_n: Annotated[Number, "N", "largest force on the stop; none with a rigid stop"]
     felt: Annotated[FeltFigures, "", "the force on the wearer"]
@@ -277,12 +309,13 @@ class Figures:
 
 
 class FigureSpec(NamedTuple):
-    """Name, unit and meaning of a figure."""
+    """Name, unit and meaning of a figure, and whether it is a text."""
 
     name: str
     unit: str
     meaning: str
-    from_log: bool = False
+    origin: Origin | None = None
+    is_text: bool = False
 
 
 def walk(record: type, prefix: str = "") -> Iterator[FigureSpec]:
@@ -292,23 +325,24 @@ def walk(record: type, prefix: str = "") -> Iterator[FigureSpec]:
         if isinstance(kind, type) and is_dataclass(kind):
             yield from walk(kind, f"{prefix}{name}.")
         elif get_origin(kind) is not tuple:
-            yield FigureSpec(f"{prefix}{name}", *quantity)
+            is_text = str in (kind, *get_args(kind))
+            yield FigureSpec(f"{prefix}{name}", *quantity)._replace(is_text=is_text)
 
 
 CATALOGUE: Mapping[str, FigureSpec] = {spec.name: spec for spec in walk(Figures)}
 """Every figure that a check may name."""
 
 
-def incomplete(figures: Mapping[str, Any]) -> list[str]:
-    """Names of the figures in `Figures.as_json()` that are computed from a log which lacks frames."""
-    if not figures["log"]["frames_lost"]:
+def incomplete(figures: Figures) -> list[str]:
+    """Names of the figures that are computed from a log which lacks frames."""
+    if not figures.log.frames_lost:
         return []
-    return [spec.name for spec in CATALOGUE.values() if spec.from_log]
+    return [spec.name for spec in CATALOGUE.values() if spec.origin is Origin.LOG]
 
 
-def value_of(figures: Mapping[str, Any], name: str) -> Any:
-    """The figure at a dotted name of `Figures.as_json()`."""
-    value: Any = figures
+def value_of(figures: Any, name: str) -> Any:
+    """The figure at a dotted name, in `Figures` or in its JSON; None for a number that is not finite."""
+    value = figures
     for part in name.split("."):
-        value = value[part]
-    return value
+        value = value[part] if isinstance(value, Mapping) else getattr(value, part)
+    return plain(value)

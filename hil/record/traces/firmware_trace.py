@@ -22,7 +22,7 @@ OF_A_WALK = ("gait", "gait_lock")
 """Parts of the firmware's state that are recorded only in runs with a gait."""
 MEMORY_OF = {"inputs": "inputs", "state": "core", "outputs": "outputs", "counters": "counters"}
 """Member of the firmware's memory for each prefix of the trace's columns."""
-HEAD, TAIL = struct.Struct("<qd"), struct.Struct("<qddq")
+HEAD, TAIL = struct.Struct("<qd"), struct.Struct("<qddqd")
 """A record's tick and time, and its `LoopTiming`; the firmware's signals lie between them."""
 
 

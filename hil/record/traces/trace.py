@@ -26,9 +26,11 @@ from typing import Any, NamedTuple, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.record import formats
+from hil.record.new_file import made_anew
 from hil.timing.realtime import is_user_mode_linux
 
-MAGIC = b"VHTRACE1"
+MAGIC = b"VHTRACE%d" % formats.TRACE
 PREAMBLE = struct.Struct("<8sIIQ")
 COUNT = struct.Struct("<Q")
 COUNT_OFFSET = 16
@@ -36,6 +38,9 @@ WINDOW_BYTES = 8 << 20
 """Increment of the file's size: about ten seconds of a hundred columns at 1 kHz."""
 LARGEST_FIRST_WINDOW_BYTES = 256 << 20
 """Largest size in memory from the start: about two minutes of the firmware's records."""
+
+LARGEST_HEADER_BYTES = 1 << 20
+"""Ten times the header of the firmware's trace, which has the most columns."""
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EAGAIN, errno.ENOMEM)
 """A full disk, an exceeded quota; no memory to map the file, or none that may be locked."""
@@ -179,17 +184,18 @@ class TraceWriter:
         self._window: mmap.mmap | None = None
         self._offset = 0
         self._last_offset = -1
-        first_bytes = min(expected_bytes, LARGEST_FIRST_WINDOW_BYTES) if in_memory else 0
+        first_bytes = max(1, min(expected_bytes, LARGEST_FIRST_WINDOW_BYTES)) if in_memory else 0
         window = self._open_window(max(WINDOW_BYTES, first_bytes))
-        if first_bytes and self.count == 0:
+        if self.count == 0:
             # Loads each page as writable; not when the file grows, which would load thousands within a loop.
-            np.frombuffer(window, np.uint8)[:: mmap.PAGESIZE] = 0
+            # The first page of a file alone takes some milliseconds.
+            np.frombuffer(window, np.uint8)[: first_bytes : mmap.PAGESIZE] = 0
 
     def _create(self, path: Path, home: Path, described: bytes) -> None:
         """Create a file with its header at `home`; `path` becomes a link to it."""
         # The file gets its name once its header is complete, so that no reader finds an incomplete header.
-        unfinished = home.with_name(f"{home.name}.new")
-        self._file = unfinished.open("w+b")
+        unfinished = made_anew(home.with_name(f"{home.name}.new"))
+        self._file = unfinished.open("r+b")
         self._file.truncate(self._header_bytes)
         self._header = mmap.mmap(self._file.fileno(), self._header_bytes)
         self._header[PREAMBLE.size : PREAMBLE.size + len(described)] = described
@@ -306,9 +312,14 @@ def refuse_full_disk(home: Path, needed_bytes: int) -> None:
 
 
 def is_elsewhere(path: Path) -> bool:
-    """Whether a trace of a run folder is a link to a writer's file in memory."""
+    """Whether a trace of a run folder is a link to a writer's file in memory.
+
+    Only the memory of user-mode Linux is the run's alone; on a machine any user writes there.
+    """
+    if not (is_user_mode_linux() and path.is_symlink()):
+        return False
     home = path.resolve()
-    return path.is_symlink() and home.parent == MEMORY and home.name.startswith("vibrohil-")
+    return home.parent == MEMORY and home.name.startswith("vibrohil-")
 
 
 def bring_home(run_dir: Path) -> None:
@@ -316,7 +327,7 @@ def bring_home(run_dir: Path) -> None:
     for link in run_dir.glob("*.trace"):
         if is_elsewhere(link):
             elsewhere = link.resolve()
-            copy = link.with_name(f"{link.name}.new")
+            copy = made_anew(link.with_name(f"{link.name}.new"))
             shutil.copyfile(elsewhere, copy)
             copy.replace(link)
             elsewhere.unlink()
@@ -335,12 +346,17 @@ def layout_of(path: Path) -> Layout:
     with path.open("rb") as file:
         preamble = file.read(PREAMBLE.size)
         if len(preamble) < PREAMBLE.size or not preamble.startswith(MAGIC):
-            raise TraceError(f"{path} is no trace: it starts with {preamble[:8]!r}, wanted {MAGIC!r}")
+            raise TraceError(
+                f"{path} is no trace of format {formats.TRACE}: it starts with {preamble[:8]!r}, "
+                f"wanted {MAGIC!r}; read it with the version that wrote it"
+            )
         _, header_bytes, record_bytes, count = PREAMBLE.unpack(preamble)
+        if not PREAMBLE.size < header_bytes <= LARGEST_HEADER_BYTES:
+            raise TraceError(f"{path} is damaged: its header has {header_bytes} bytes")
         described = file.read(header_bytes - PREAMBLE.size).rstrip(b"\0")
         held_bytes = max(0, os.fstat(file.fileno()).st_size - header_bytes)
     dtype = np.dtype([(name, NUMPY_CODES[code]) for name, code in json.loads(described)])
-    if dtype.itemsize != record_bytes:
+    if dtype.itemsize != record_bytes or record_bytes == 0:
         raise TraceError(
             f"{path} is damaged: a record has {record_bytes} bytes, its columns {dtype.itemsize}"
         )

@@ -34,24 +34,22 @@ MOST_POINTS = 2400
 """Largest number of points of a curve: the pixels of a wide screen."""
 LEGEND_PX, X_TITLE_PX, SIDE_PX = 30, 44, 62
 """Margins above, below and on the left of a chart."""
-GAP = 0.05
-"""Gap between panels, as a share of the chart."""
+LEGEND_GAP = 0.09
+"""Gap between panels below each other, with room for a panel's legend."""
 
 
 class Panel(NamedTuple):
-    """One pair of axes, and its place in the chart, as shares of width and height from the lower left.
+    """One pair of axes, and its place in the chart, as shares of the height from below.
 
     `with_x_of`: number of the panel, counted from 1, whose x axis this panel shares.
     """
 
     y_title: str
     x_title: str = ""
-    width: tuple[float, float] = (0.0, 1.0)
     height: tuple[float, float] = (0.0, 1.0)
     with_x_of: int | None = None
-    x_axis: Mapping[str, Any] = MappingProxyType({})
     y_axis: Mapping[str, Any] = MappingProxyType({})
-    """Further settings of the axes."""
+    """Further settings of the y axis."""
 
 
 class Plot(NamedTuple):
@@ -60,8 +58,6 @@ class Plot(NamedTuple):
     title: str
     caption: str
     chart: Json
-    half: bool = False
-    """Whether the chart takes half of the page's width."""
 
 
 def thinned(t: FloatArray, *values: FloatArray) -> tuple[FloatArray, ...]:
@@ -120,7 +116,7 @@ def level(
     panel: int, name: str, value: float, from_x: float, to_x: float, color: str, dash: str = "solid"
 ) -> Json:
     """A horizontal line; only a solid one has an entry in the legend."""
-    line, named = {"color": color, "width": 1.2, "dash": dash}, dash == "solid"
+    line, named = {"color": color, "width": 2.0, "dash": dash}, dash == "solid"
     ends = [from_x, to_x], [value, value]
     return trace(panel, "scatter", name, *ends, mode="lines", line=line, showlegend=named)
 
@@ -131,18 +127,6 @@ def points(panel: int, name: str, x: FloatArray, y: FloatArray, color: str, symb
     return trace(panel, "scatter", name, *thinned(x, y), mode="markers", marker=marker)
 
 
-def columns(panel: int, name: str, edges: FloatArray, counts: ArrayLike, color: str) -> Json:
-    """The columns of a histogram between `edges`, shape (n + 1,), with `counts`, shape (n,)."""
-    middles, widths = 0.5 * (edges[1:] + edges[:-1]), numbers(np.diff(edges))
-    return trace(panel, "bar", name, middles, counts, width=widths, marker={"color": color}, showlegend=False)
-
-
-def outline(panel: int, name: str, edges: FloatArray, counts: ArrayLike, color: str, named: bool) -> Json:
-    """The outline of a histogram between `edges`, shape (n + 1,), with `counts`, shape (n,)."""
-    line, heights = {"color": color, "width": 1.2, "shape": "hv"}, np.append(counts, 0.0)
-    return trace(panel, "scatter", name, edges, heights, mode="lines", line=line, showlegend=named)
-
-
 def upright(panel: int, x: float, color: str = NEUTRAL, dash: str = "dot") -> Json:
     """A vertical line through the whole height of the chart."""
     line = {"color": color, "width": 1, "dash": dash}
@@ -150,17 +134,10 @@ def upright(panel: int, x: float, color: str = NEUTRAL, dash: str = "dot") -> Js
     return {"type": "line", "xref": axis("x", panel), "yref": "paper", "line": line, **ends}
 
 
-def band(panel: int, from_x: float, to_x: float, color: str) -> Json:
-    """A shaded band through the whole height of the chart, behind all curves."""
-    ends = {"x0": from_x, "x1": to_x, "y0": 0.0, "y1": 1.0}
-    shade = {"fillcolor": color, "opacity": 0.15, "line": {"width": 0}, "layer": "below"}
-    return {"type": "rect", "xref": axis("x", panel), "yref": "paper", **shade, **ends}
-
-
 def stacked(shares: Sequence[tuple[str, float]], x_title: str) -> list[Panel]:
     """Panels below each other, each with the title of its y axis and its share of the height; one x axis."""
     whole = sum(share for _, share in shares)
-    room = (1.0 - GAP * (len(shares) - 1)) / whole
+    room = (1.0 - LEGEND_GAP * (len(shares) - 1)) / whole
     panels: list[Panel] = []
     top = 1.0
     for number, (title, share) in enumerate(shares, 1):
@@ -171,17 +148,8 @@ def stacked(shares: Sequence[tuple[str, float]], x_title: str) -> list[Panel]:
                 title, x_title if last else "", height=(bottom, top), with_x_of=None if last else len(shares)
             )
         )
-        top = bottom - GAP
+        top = bottom - LEGEND_GAP
     return panels
-
-
-def side_by_side(titles: Sequence[str], y_title: str = "") -> list[Panel]:
-    """Panels of equal width, each with the title of its x axis; the first one with `y_title`."""
-    step = (1.0 + 2.0 * GAP) / len(titles)
-    return [
-        Panel("" if place else y_title, title, width=(place * step, (place + 1) * step - 2.0 * GAP))
-        for place, title in enumerate(titles)
-    ]
 
 
 def chart(
@@ -191,7 +159,7 @@ def chart(
     shapes: Sequence[Json] = (),
     **layout: Any,
 ) -> Json:
-    """Data and layout of a chart; `layout`: further settings."""
+    """Data and layout of a chart, with a legend above each panel; `layout`: further settings."""
     axes: Json = {}
     for number, panel in enumerate(panels, 1):
         moves = (
@@ -200,22 +168,24 @@ def chart(
             else {"matches": axis("x", panel.with_x_of), "showticklabels": False}
         )
         plain: Json = {"zeroline": False, "gridcolor": "rgba(128, 134, 143, 0.25)"}
-        x = {"anchor": axis("y", number), "domain": panel.width, "title": {"text": panel.x_title}, **moves}
+        x = {"anchor": axis("y", number), "title": {"text": panel.x_title}, **moves}
         y = {"anchor": axis("x", number), "domain": panel.height, "title": {"text": panel.y_title}}
-        axes[axis("xaxis", number)] = {**plain, **x, **panel.x_axis}
+        axes[axis("xaxis", number)] = {**plain, **x}
         axes[axis("yaxis", number)] = {**plain, **y, **panel.y_axis}
+        axes[axis("legend", number)] = {
+            **{"orientation": "h", "traceorder": "normal", "xanchor": "left", "yanchor": "bottom"},
+            **{"x": 0.0, "y": panel.height[1], "font": {"size": 11}},
+        }
     return {
-        "data": list(traces),
+        "data": [{**one, "legend": axis("legend", int(one["yaxis"][1:] or 1))} for one in traces],
         "layout": {
             "height": height_px,
             "margin": {"l": SIDE_PX, "r": 12, "t": LEGEND_PX, "b": X_TITLE_PX},
-            "legend": {"orientation": "h", "traceorder": "normal", "x": 0.0, "y": 1.0, "yanchor": "bottom"},
             "font": {"family": "system-ui, sans-serif", "size": 12},
             "paper_bgcolor": "rgba(0, 0, 0, 0)",
             "plot_bgcolor": "rgba(0, 0, 0, 0)",
             "modebar": {"bgcolor": "rgba(0, 0, 0, 0)"},
             "hovermode": "closest",
-            "bargap": 0,
             "shapes": list(shapes),
             **axes,
             **layout,

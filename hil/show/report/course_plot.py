@@ -18,12 +18,18 @@ from hil.show.report import chart
 STRIPS = ("states/mode", "states/regime")
 LEAST_SHARE = 0.002
 """Smallest width of an injected fault, as a share of the run."""
-STATES, SPEEDS, CRANK, TORQUE = 1, 2, 3, 4
+STATES, POSITION, SPEEDS, CRANK, TORQUE = range(1, 6)
 PANEL_OF = {"impact_speed": SPEEDS, "speed": CRANK, "torque": TORQUE}
 
 
+def stop_of(traces: RunTraces) -> float | None:
+    """The stop's position, in m."""
+    position = traces.scenario.get("scene", {}).get("stop", {}).get("position_m")
+    return None if position is None else float(position)
+
+
 def course(traces: RunTraces, figures: Figures) -> chart.Plot:
-    """The whole run: modes, regime and injected faults; impacts, crank speed and torque with their limits."""
+    """The whole run: modes, regime, injected faults; position, impacts, crank speed, torque; limits."""
     plant, firmware, impacts = traces.plant, traces.firmware, traces.impacts
     faults = injected(traces.scenario)
     seen = detection.reported(firmware)
@@ -36,6 +42,7 @@ def course(traces: RunTraces, figures: Figures) -> chart.Plot:
     drawn = [
         *(strip(timeline, firmware, figures.duration_s) for timeline in timelines),
         *([fault_strip(faults, figures.duration_s)] if faults else []),
+        chart.curve(POSITION, "true position", plant_s, 1e3 * column(plant, "x_m"), chart.TRUTH),
         chart.points(SPEEDS, "true impact", column(impacts, "t_s"), column(impacts, "v_m_s"), chart.TRUTH),
         chart.points(SPEEDS, "reported impact", reported_s, reported_m_s, chart.ESTIMATE, "x"),
         chart.curve(CRANK, "true speed", plant_s, column(plant, "omega_rad_s"), chart.TRUTH),
@@ -43,6 +50,8 @@ def course(traces: RunTraces, figures: Figures) -> chart.Plot:
         chart.curve(TORQUE, "motor torque", plant_s, column(plant, "motor_torque_n_m"), chart.TRUTH),
         chart.curve(TORQUE, "commanded torque", firmware_s, commanded_n_m, chart.ESTIMATE),
     ]
+    if (stop_m := stop_of(traces)) is not None:
+        drawn.append(chart.level(POSITION, "stop", 1e3 * stop_m, 0.0, figures.duration_s, chart.ALARM))
     for bound in limits(checks_of(traces.scenario), figures, faults[0].from_s if faults else None):
         if (panel := PANEL_OF.get(bound.plot)) is not None:
             drawn.append(
@@ -50,11 +59,12 @@ def course(traces: RunTraces, figures: Figures) -> chart.Plot:
             )
     latched_s = figures.latched.at_s
     panels = chart.stacked(
-        [("", 0.8), ("v⁻ [m/s]", 1.0), ("Ω [rad/s]", 1.0), ("torque [N m]", 1.0)], "simulated time [s]"
+        [("", 0.8), ("x [mm]", 1.6), ("v⁻ [m/s]", 1.0), ("Ω [rad/s]", 1.0), ("torque [N m]", 1.0)],
+        "simulated time [s]",
     )
     panels[0] = panels[0]._replace(y_axis={"autorange": "reversed", "showgrid": False})
     content = chart.chart(
-        540,
+        700,
         panels,
         drawn,
         [] if latched_s is None else [chart.upright(TORQUE, latched_s, chart.ALARM, "solid")],

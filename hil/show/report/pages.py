@@ -11,8 +11,12 @@ from urllib.parse import quote
 import tomli_w
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
-from hil.judge import junit
-from hil.judge.figures.records import CATALOGUE, Figures, FigureSpec, value_of
+from hil.judge.figures.records import CATALOGUE, Figures, value_of
+from hil.judge.figures.text import figure_text
+from hil.judge.gaps import longest_holds
+from hil.judge.seeds import ScenarioVerdict
+from hil.judge.verdict import BY_GRAVITY, RunVerdict, worst
+from hil.record.new_file import write_anew
 from hil.record.run_traces import RunTraces
 from hil.show.report.plots import plots
 
@@ -52,30 +56,12 @@ LINKED = ("run.rrd", "can.log", "scenario.toml", "verdict.json")
 """Files of the run to which the page links."""
 
 
-def shown(value: Any, unit: str) -> str:
-    """A figure as text.
-
-    >>> shown(0.02345678, "m"), shown(None, "N"), shown(0.25, ""), shown(True, "")
-    ('0.02346 m', '—', '0.25', 'yes')
-    """
-    if value is None:
-        return "—"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    text = f"{value:.4g}" if isinstance(value, float) else str(value)
-    return f"{text} {unit}".rstrip()
-
-
-def described(spec: FigureSpec, verdict: Mapping[str, Any]) -> str:
-    """The meaning of a figure, and whether the figure is incomplete."""
-    return f"{spec.meaning}; incomplete: frames lost" if spec.name in verdict["incomplete"] else spec.meaning
-
-
-def tile(headline: Headline, content: Mapping[str, Any]) -> tuple[str, str]:
+def tile(headline: Headline, figures: Figures) -> tuple[str, str]:
     """A headline's label and its value as text."""
-    value = value_of(content, headline.name)
-    scaled = value if headline.factor == 1.0 or value is None else headline.factor * value
-    return headline.label, shown(scaled, headline.unit)
+    value = value_of(figures, headline.name)
+    return headline.label, figure_text(
+        value if headline.factor == 1.0 else headline.factor * value, headline.unit
+    )
 
 
 @cache
@@ -93,73 +79,72 @@ def library() -> str:
     return (resources.files("hil.show.report") / "templates" / "plotly-basic.min.js").read_text("utf-8")
 
 
-def write_report(path: Path, traces: RunTraces, figures: Figures, verdict: Mapping[str, Any]) -> None:
+def write_report(path: Path, traces: RunTraces, verdict: RunVerdict) -> None:
     """Write the page of one run."""
-    content = figures.as_json()
-    rows = [
-        (spec.name, shown(value_of(content, spec.name), spec.unit), described(spec, verdict))
-        for spec in CATALOGUE.values()
-    ]
+    figures = verdict.figures
+    headlines = (*HEADLINES, *(WALK_HEADLINES if traces.is_walked else ()))
     page = template("report.html.j2").render(
         verdict=verdict,
-        title=traces.scenario.get("title", verdict["scenario"]),
+        title=traces.scenario.get("title", verdict.scenario),
         changes=traces.run.get("changes", []),
-        checks=[{**check, "shown": shown(check["value"], check["unit"])} for check in verdict["checks"]],
-        headlines=[
-            tile(headline, content)
-            for headline in (*HEADLINES, *(WALK_HEADLINES if traces.is_walked else ()))
-        ],
+        headlines=[tile(one, figures) for one in headlines if value_of(figures, one.name) is not None],
         plots=plots(traces, figures),
         library=library(),
         files=[name for name in LINKED if (path.parent / name).exists()],
-        figures=rows,
+        rows=[
+            (spec.name, figure_text(value_of(figures, spec.name), spec.unit), spec.meaning)
+            for spec in CATALOGUE.values()
+        ],
         scenario=tomli_w.dumps(dict(traces.scenario)),
+        longest_holds=longest_holds(figures.time_held),
         run={key: value for key, value in traces.run.items() if key != "versions"},
         versions=traces.run.get("versions", {}),
+        text=figure_text,
     )
-    path.write_text(page, encoding="utf-8")
+    write_anew(path, page)
 
 
-def row_of(verdict: Mapping[str, Any], beside: Path) -> dict[str, Any]:
-    """One run's row on the page of a suite: link to its own page, checks, and reasons for failure."""
-    failed = [check for check in verdict["checks"] if not check["passed"]]
-    page = Path(verdict["out"]) / "report.html"
-    return {
-        "seeds": 1,
-        **verdict,
-        "page": quote(os.path.relpath(page, beside)) if page.exists() else None,
-        "worst": [
-            {
-                **check,
-                "shown": shown(check["value"], check["unit"]),
-                "range": [shown(check.get(side), check["unit"]) for side in ("lowest", "highest")],
-            }
-            for check in verdict["checks"]
-        ],
-        "wrong": [
-            *verdict["reasons"],
-            *filter(None, [verdict.get("host_stall")]),
-            *(f"{check['name']} is {junit.measured(check)}" for check in failed),
-        ],
-        "passed_checks": len(verdict["checks"]) - len(failed),
-    }
+def nearest_limit(verdict: RunVerdict) -> tuple[int, str]:
+    """The smallest margin of a run's checks in percent, and a sentence on that check; 100 if none has one."""
+    bars = [(check.margin_percent, check) for check in verdict.checks if check.margin_percent is not None]
+    if not bars:
+        return 100, "no check with a margin"
+    percent, check = min(bars, key=lambda bar: bar[0])
+    return percent, f"nearest to its limit: {check.sentence}"
+
+
+class Row(NamedTuple):
+    """One scenario on the page of a suite; `page`: link to its report, if it has one."""
+
+    verdict: ScenarioVerdict
+    page: str | None
+    margin: int
+    nearest: str
+
+
+def row_of(verdict: ScenarioVerdict, beside: Path) -> Row:
+    """One scenario's row on the page of a suite in the folder `beside`."""
+    page = verdict.folder / "report.html"
+    link = quote(os.path.relpath(page, beside)) if page.exists() else None
+    return Row(verdict, link, *nearest_limit(verdict))
 
 
 def write_suite_report(
     path: Path,
-    verdicts: Sequence[Mapping[str, Any]],
+    verdicts: Sequence[ScenarioVerdict],
     requirements: Mapping[str, Any],
     changes: Sequence[Mapping[str, Any]] | None = None,
 ) -> None:
-    """Write the page of a suite: a row with a link for each run, failed runs first, and the requirements.
+    """Write the page of a suite: changes, an overview, a row for each run, the worst first, the requirements.
 
-    `changes`: differences from another suite, from `hil.bench.changes`.
+    `changes`: differences from another suite, from `hil.suite.changes`.
     """
-    rows = sorted((row_of(verdict, path.parent) for verdict in verdicts), key=lambda row: bool(row["passed"]))
-    changed = None
-    if changes is not None:
-        sides = ("before", "after", "margin_before", "margin_after")
-        differing = [one for one in changes if not one["equal"]]
-        changed = [{**one, **{side: shown(one[side], one["unit"]) for side in sides}} for one in differing]
-    page = template("suite.html.j2").render(rows=rows, requirements=requirements, changed=changed)
-    path.write_text(page, encoding="utf-8")
+    ordered = sorted(verdicts, key=lambda one: BY_GRAVITY.index(one.verdict))
+    page = template("suite.html.j2").render(
+        rows=[row_of(one, path.parent) for one in ordered],
+        verdict=worst(one.verdict for one in verdicts),
+        requirements=requirements,
+        changed=None if changes is None else [one for one in changes if not one["equal"]],
+        text=figure_text,
+    )
+    write_anew(path, page)

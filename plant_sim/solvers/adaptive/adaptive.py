@@ -1,17 +1,21 @@
 """The adaptive solver for any scene: steps by Taylor series or DOP853, from event to event."""
 
 import math
+from collections.abc import Callable, Iterator
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import inlined_kernel
+from plant_sim.kernels import address_of, by_address, call_at, entry_point, jit
+from plant_sim.kinds import kernel_parts, kernel_probe
 from plant_sim.parts.friction import bend_m_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_rigid, origin_m
-from plant_sim.result import Impact, Impacts, MotionState, Samples, SimulationResult
+from plant_sim.references import by_reference
+from plant_sim.result import Impact, Impacts, MotionState, Observation, Samples, SimulationResult
 from plant_sim.sensors.sensing import NoSensing, Probe, note_readings
-from plant_sim.solvers.adaptive.automaton import settle
+from plant_sim.solvers.adaptive.automaton import determine_phase
 from plant_sim.solvers.adaptive.crank import settle_crank
 from plant_sim.solvers.adaptive.observation import (
     begin_ledger,
@@ -25,6 +29,7 @@ from plant_sim.solvers.adaptive.observation import (
 )
 from plant_sim.solvers.adaptive.state_layout import (
     CONTACT,
+    READINGS,
     UNSETTLED,
     Grid,
     Memory,
@@ -43,10 +48,16 @@ DONE, BUFFER_FULL, STEP_TOO_SMALL, TOO_COSTLY = range(4)
 IMPACTS_AT_ONCE = 4096
 """Rows of the impacts' buffer; a run with more impacts empties it in between."""
 
-NO_GRID = Grid(np.empty(0), np.empty((0, 3)))
+TORQUE_PERIOD_S = 1e-3
+"""Time for which a torque that varies is held: the tick of the bench's drive."""
+
+Torque: TypeAlias = float | Callable[[float], float]
+"""A motor's torque, N m: constant, or a function of time in s."""
+
+NO_GRID: Grid = by_reference(Grid(np.empty(0), np.empty((0, READINGS))))
 
 
-@inlined_kernel
+@jit
 def advance(
     parts: Parts,
     probe: Probe,
@@ -59,19 +70,19 @@ def advance(
     """Advance `memory` to `duration_s` after `start_s` under a constant torque; another call continues the
     run.
 
-    `memory.held[0].elapsed_s` is the time reached. Depth, velocity and crank angle at the times of `grid`
-    (absolute) are written into it.
+    `memory.held[0].elapsed_s` is the time reached. The samples at the times of `grid` (absolute)
+    are written into it.
     """
     mode, held = memory.mode[0], memory.held[0]
     if mode.phase == UNSETTLED:
-        settle(parts, memory, torque_n_m, start_s)
-    elif mode.crank_stuck == 1:
+        determine_phase(parts, memory, torque_n_m, start_s)
+    elif mode.crank_stuck == 1 or mode.zero_crank > 0:  # the torque may have changed
         settle_crank(parts.drive, parts, memory, torque_n_m)
     settle_voltage(parts.winding, parts.drive, parts, memory, torque_n_m)
     begin_ledger(parts, memory)
     status = DONE
     while True:
-        sample_now(parts, memory, start_s, grid)
+        sample_now(parts, memory, torque_n_m, start_s, grid)
         if held.elapsed_s >= duration_s:
             break
         if mode.impacts == memory.impacts.shape[0]:
@@ -89,47 +100,69 @@ def advance(
     return status
 
 
+def kernel_records(parts: Parts, probe: Probe, memory: Memory) -> tuple[Parts, Probe, Memory]:
+    """Parts, sensors' filters and memory for kernels; with the memory they have the address of `advance`."""
+    its_parts, its_probe = kernel_parts(parts), kernel_probe(probe)
+    address = address_of(advance, its_parts, its_probe, by_reference(memory), 0.0, 0.0, 0.0, NO_GRID)
+    return its_parts, its_probe, by_reference(memory._replace(advance_at=address))
+
+
+call_advance = by_address(advance, lambda *arguments: call_at(arguments[2].advance_at, arguments))
+"""`advance`, for other kernels; its memory is one of `kernel_records`."""
+
+
 def simulate(
     parts: Parts,
     initial: MotionState,
     until_s: float,
     samples_t_s: Vector | None = None,
     *,
-    torque_n_m: float = 0.0,
+    torque_n_m: Torque = 0.0,
     accuracy: float = 1e-9,
 ) -> SimulationResult:
-    """Simulate from `initial` (whose phase is determined again) to `until_s` under a constant motor torque.
+    """Simulate from `initial` (whose phase is determined again) to `until_s` under a motor torque.
 
     `samples_t_s` ascends within the run. `accuracy` is the largest error per forcing period, m.
     """
     memory = allocate(parts, initial, accuracy, IMPACTS_AT_ONCE)
-    grid = NO_GRID
-    if samples_t_s is not None:
-        times_s = np.ascontiguousarray(samples_t_s, dtype=np.float64)
-        grid = Grid(times_s, np.zeros((times_s.size, 3)))
+    times_s = np.array(() if samples_t_s is None else samples_t_s, dtype=np.float64)
+    grid = Grid(times_s, np.zeros((times_s.size, READINGS)))
     duration_s = until_s - initial.t_s
     rows: list[NDArray[np.void]] = []
-    while not rows or memory.held[0].elapsed_s < duration_s:
-        rows.append(run(parts, NoSensing(), memory, torque_n_m, initial.t_s, duration_s, grid))
+    for held_n_m, held_until_s in _held(torque_n_m, initial.t_s, duration_s):
+        rows.append(run(parts, NoSensing(), memory, held_n_m, initial.t_s, held_until_s, grid))
+        while memory.held[0].elapsed_s < held_until_s:  # the buffer of impacts was full
+            rows.append(run(parts, NoSensing(), memory, held_n_m, initial.t_s, held_until_s, grid))
     impacts = np.concatenate(rows)
     origin = origin_m(parts.stop, parts.striker)
     end = observation(memory)
     return SimulationResult(
         impacts=Impacts(**{name: impacts[name] for name in Impact._fields}),
         final=motion_state(end, until_s),
-        energy=ledger(end),
+        energy=ledger(end, memory),
         method="adaptive",
-        samples=None
-        if samples_t_s is None
-        else Samples(
-            t_s=grid.t_s,
-            x_m=grid.motion[:, 0] + origin,
-            v_m_s=grid.motion[:, 1].copy(),
-            crank_rad=grid.motion[:, 2] % TURN_RAD,
-        ),
+        samples=None if samples_t_s is None else _samples(grid, origin),
         peak_felt_force_n=peak_felt_force_n(parts, memory),
         electrical=electrical_ledger(parts, memory),
     )
+
+
+def _samples(grid: Grid, origin_m: float) -> Samples:
+    """The samples of a grid, whose positions count from `origin_m`."""
+    columns = dict(zip(Observation._fields[:READINGS], grid.rows.T.copy(), strict=True))
+    columns["x_m"] += origin_m
+    columns["crank_rad"] %= TURN_RAD
+    return Samples(t_s=grid.t_s, **columns)
+
+
+def _held(torque_n_m: Torque, start_s: float, duration_s: float) -> Iterator[tuple[float, float]]:
+    """The torques that are held one after the other, N m, each up to a time after the start, s."""
+    if not callable(torque_n_m):
+        yield torque_n_m, duration_s
+        return
+    for tick in range(max(math.ceil(duration_s / TORQUE_PERIOD_S - 1e-9), 1)):
+        until_s = min((tick + 1) * TORQUE_PERIOD_S, duration_s)
+        yield torque_n_m(start_s + tick * TORQUE_PERIOD_S), until_s
 
 
 def run(
@@ -142,7 +175,9 @@ def run(
     grid: Grid,
 ) -> NDArray[np.void]:
     """Call `advance` and raise its failures; return and clear the impacts so far, records as `Impact`."""
-    status = advance(parts, probe, memory, torque_n_m, start_s, duration_s, grid)
+    records = kernel_parts(parts), kernel_probe(probe), by_reference(memory)
+    arguments = (*records, float(torque_n_m), float(start_s), float(duration_s), by_reference(grid))
+    status = entry_point(advance, *arguments)(*arguments)
     if status in (STEP_TOO_SMALL, TOO_COSTLY):
         raise refusal(status, parts, memory, start_s)
     impacts: NDArray[np.void] = memory.impacts[: memory.mode[0].impacts].copy()

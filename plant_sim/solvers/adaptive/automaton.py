@@ -29,7 +29,6 @@ from plant_sim.solvers.adaptive.event_location import (
     Step,
     Zeros,
     earlier,
-    root,
     steepest,
 )
 from plant_sim.solvers.adaptive.state_layout import (
@@ -44,6 +43,7 @@ from plant_sim.solvers.adaptive.state_layout import (
     Flow,
     Memory,
     Vector,
+    enter,
 )
 from plant_sim.solvers.adaptive.stiction import dry_limit_n, from_rest, release, release_event
 from plant_sim.solvers.adaptive.stop import (
@@ -58,35 +58,46 @@ from plant_sim.solvers.adaptive.stop import (
 )
 from plant_sim.solvers.adaptive.wearer import closing_m_s
 from plant_sim.solvers.adaptive.winding import limit_voltage, voltage_events, voltage_may_end
-from plant_sim.solvers.bernstein import NO_ROOT
+from plant_sim.solvers.bernstein import NO_ROOT, root
 
 
 @subroutine
-def settle(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> None:
-    """Determine the phase of a module after a restart or a change from outside."""
-    y, mode, stop = memory.y, memory.mode[0], parts.stop
+def determine_phase(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> None:
+    """Enter the phases that follow from the state alone: at a start and after a disturbance.
+
+    Only an impact at a soft stop continues, if the striker is still in it.
+    """
+    y, mode = memory.y, memory.mode[0]
+    memory.held[0].last_step_s = 0.0
     settle_crank(parts.drive, parts, memory, torque_n_m)
-    mode.phase = FLIGHT
-    mode.direction = 1 if y[1] > 0.0 else -1
-    if is_soft(stop) and y[0] > 0.0:
-        lets_go = LET_GO
-        if mode.in_impact == NO_IMPACT:
-            lets_go = NO_IMPACT
-            open_contact(parts, memory, time_s, 0)
-        mode.phase = CONTACT
-        mode.in_impact = IN_CONTACT
-        closing = closing_m_s(parts.wearer, parts.drive, y)
-        if stop_force_n(stop, elastic_force_n(stop, y[0]), closing, memory.contact[0].damping_s_m) < 0.0:
-            memory.contact[0].leave_m_s = closing
-            mode.phase = FLIGHT
-            mode.in_impact = lets_go
-    elif is_soft(stop) and mode.in_impact != NO_IMPACT:  # taken out of it from outside
-        memory.contact[0].leave_m_s = closing_m_s(parts.wearer, parts.drive, y)
-        record_contact(parts, memory)
+    closing = closing_m_s(parts.wearer, parts.drive, y)
+    enter(mode, FLIGHT, 1 if y[1] > 0.0 else -1, 1 if y[0] == 0.0 and closing < 0.0 else 0, 0)
+    if is_soft(parts.stop):
+        _determine_contact(parts, memory, closing, time_s)
     if y[1] == 0.0:
         from_rest(parts, memory, time_s)
-    elif y[0] == 0.0 and y[1] < 0.0:
-        mode.zero_depth = 1
+
+
+@subroutine
+def _determine_contact(parts: Parts, memory: Memory, closing: float, time_s: float) -> None:
+    """Begin, continue or end an impact at a soft stop, from the state alone."""
+    y, mode, stop, contact = memory.y, memory.mode[0], parts.stop, memory.contact[0]
+    if y[0] < 0.0 or (y[0] == 0.0 and closing <= 0.0):
+        if mode.in_impact != NO_IMPACT:
+            contact.leave_m_s = closing
+            record_contact(parts, memory)
+        return
+    before = mode.in_impact
+    zeros = leaving_zeros(stop) if y[0] == 0.0 else 0
+    if before == NO_IMPACT:
+        open_contact(parts, memory, time_s, zeros)
+    else:
+        enter(mode, CONTACT, mode.direction, zeros, 0)
+        mode.in_impact = IN_CONTACT
+    if stop_force_n(stop, elastic_force_n(stop, y[0]), closing, contact.damping_s_m) < 0.0:
+        contact.leave_m_s = closing
+        enter(mode, FLIGHT, mode.direction, 0, 0)
+        mode.in_impact = NO_IMPACT if before == NO_IMPACT else LET_GO
 
 
 @subroutine
@@ -134,8 +145,9 @@ def apply(parts: Parts, probe: Probe, memory: Memory, torque_n_m: float, event: 
         leave(parts, memory)
     elif event == CLEAR:
         memory.y[0] = 0.0
-        memory.mode[0].zero_depth = 1
-        if memory.mode[0].in_impact == LET_GO:
+        mode = memory.mode[0]
+        enter(mode, mode.phase, mode.direction, 1, mode.zero_velocity)
+        if mode.in_impact == LET_GO:
             record_contact(parts, memory)
     elif event == HALT:
         memory.y[1] = 0.0
@@ -155,9 +167,9 @@ def _touch(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
     y[0] = 0.0
     v = closing_m_s(parts.wearer, parts.drive, y)
     if v < 0.0:  # a graze that rounding made an event
-        mode.zero_depth = 1
+        enter(mode, mode.phase, mode.direction, 1, mode.zero_velocity)
     elif v == 0.0 and y[1] != 0.0:  # striker and plate side by side
-        mode.zero_depth = 2
+        enter(mode, mode.phase, mode.direction, 2, mode.zero_velocity)
     elif v == 0.0:
         from_rest(parts, memory, time_s)
     elif is_soft(parts.stop):

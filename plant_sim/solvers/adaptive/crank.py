@@ -7,14 +7,14 @@ independent of the striker's.
 
 import math
 
-from plant_sim.kernels import by_part, law, subroutine
+from plant_sim.kernels import by_part, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_torque_n_m
 from plant_sim.parts.friction import ROUNDING
 from plant_sim.parts.linkage import crank_torque_n_m, piston_m
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
 from plant_sim.parts.striker import spring_force_n
-from plant_sim.parts.winding import DqWinding, Winding, cogging, wave_sum
+from plant_sim.parts.winding import DqWinding, Winding
 from plant_sim.solvers.adaptive.event_location import (
     CRANK_BREAK,
     CRANK_HALT,
@@ -22,9 +22,7 @@ from plant_sim.solvers.adaptive.event_location import (
     Found,
     Step,
     earlier,
-    first_beyond,
     look_within,
-    root,
     steepest,
 )
 from plant_sim.solvers.adaptive.state_layout import (
@@ -35,10 +33,11 @@ from plant_sim.solvers.adaptive.state_layout import (
     Memory,
     Vector,
     current_place,
+    enter_crank,
 )
 from plant_sim.solvers.adaptive.wearer import from_stop_m, place_within
 from plant_sim.solvers.adaptive.winding import turning_torque_n_m
-from plant_sim.solvers.bernstein import DEGREE, NO_ROOT, NODES, at, interpolate
+from plant_sim.solvers.bernstein import DEGREE, NO_ROOT, NODES, at, first_beyond, interpolate, root
 from plant_sim.solvers.double_double import TURN_LOW_RAD, TURN_RAD
 
 
@@ -48,13 +47,13 @@ def crank_now(drive: Drive, memory: Memory) -> Crank:
     raise NotImplementedError
 
 
-@law(crank_now, IdealDrive)
-def _(drive: IdealDrive, memory: Memory) -> Crank:
+@crank_now.register(IdealDrive)
+def _ideal_drive_crank_now(drive: IdealDrive, memory: Memory) -> Crank:
     return Crank(memory.held[0].crank_rad, drive.omega_rad_s)
 
 
-@law(crank_now, MotorDrive)
-def _(drive: MotorDrive, memory: Memory) -> Crank:
+@crank_now.register(MotorDrive)
+def _motor_drive_crank_now(drive: MotorDrive, memory: Memory) -> Crank:
     return Crank(memory.y[ANGLE], memory.y[SPEED])
 
 
@@ -64,13 +63,13 @@ def crank_in_stage(drive: Drive, flow: Flow, tau_s: float, y: Vector) -> Crank:
     raise NotImplementedError
 
 
-@law(crank_in_stage, IdealDrive)
-def _(drive: IdealDrive, flow: Flow, tau_s: float, y: Vector) -> Crank:
+@crank_in_stage.register(IdealDrive)
+def _ideal_drive_crank_in_stage(drive: IdealDrive, flow: Flow, tau_s: float, y: Vector) -> Crank:
     return Crank(flow.angle_rad + drive.omega_rad_s * tau_s, drive.omega_rad_s)
 
 
-@law(crank_in_stage, MotorDrive)
-def _(drive: MotorDrive, flow: Flow, tau_s: float, y: Vector) -> Crank:
+@crank_in_stage.register(MotorDrive)
+def _motor_drive_crank_in_stage(drive: MotorDrive, flow: Flow, tau_s: float, y: Vector) -> Crank:
     return Crank(y[ANGLE], y[SPEED])
 
 
@@ -80,13 +79,13 @@ def angle_at(drive: Drive, flow: Flow, s: float, h_s: float, dense: Vector) -> f
     raise NotImplementedError
 
 
-@law(angle_at, IdealDrive)
-def _(drive: IdealDrive, flow: Flow, s: float, h_s: float, dense: Vector) -> float:
+@angle_at.register(IdealDrive)
+def _ideal_drive_angle_at(drive: IdealDrive, flow: Flow, s: float, h_s: float, dense: Vector) -> float:
     return flow.angle_rad + drive.omega_rad_s * s * h_s
 
 
-@law(angle_at, MotorDrive)
-def _(drive: MotorDrive, flow: Flow, s: float, h_s: float, dense: Vector) -> float:
+@angle_at.register(MotorDrive)
+def _motor_drive_angle_at(drive: MotorDrive, flow: Flow, s: float, h_s: float, dense: Vector) -> float:
     return at(dense[ANGLE], s)
 
 
@@ -96,15 +95,15 @@ def turn_crank(drive: Drive, memory: Memory, h_s: float) -> None:
     raise NotImplementedError
 
 
-@law(turn_crank, IdealDrive)
-def _(drive: IdealDrive, memory: Memory, h_s: float) -> None:
+@turn_crank.register(IdealDrive)
+def _ideal_drive_turn_crank(drive: IdealDrive, memory: Memory, h_s: float) -> None:
     angle_rad, turns = within_a_turn(memory.held[0].crank_rad + drive.omega_rad_s * h_s)
     memory.held[0].crank_rad = angle_rad
     memory.mode[0].turns += turns
 
 
-@law(turn_crank, MotorDrive)
-def _(drive: MotorDrive, memory: Memory, h_s: float) -> None:
+@turn_crank.register(MotorDrive)
+def _motor_drive_turn_crank(drive: MotorDrive, memory: Memory, h_s: float) -> None:
     angle_rad, turns = within_a_turn(memory.y[ANGLE])
     memory.y[ANGLE] = angle_rad
     memory.mode[0].turns += turns
@@ -149,16 +148,16 @@ def crank_derivative(
     raise NotImplementedError
 
 
-@law(crank_derivative, IdealDrive)
-def _(
+@crank_derivative.register(IdealDrive)
+def _ideal_drive_crank_derivative(
     drive: IdealDrive, flow: Flow, torque_n_m: float, load_n_m: float, crank: Crank, work: int, out: Vector
 ) -> float:
     out[work] = load_n_m * crank.speed_rad_s
     return 0.0
 
 
-@law(crank_derivative, MotorDrive)
-def _(
+@crank_derivative.register(MotorDrive)
+def _motor_drive_crank_derivative(
     drive: MotorDrive, flow: Flow, torque_n_m: float, load_n_m: float, crank: Crank, work: int, out: Vector
 ) -> float:
     if flow.crank_stuck:
@@ -179,8 +178,8 @@ def rotor_energy_j(drive: Drive, omega_rad_s: float) -> float:
     return 0.0
 
 
-@law(rotor_energy_j, MotorDrive)
-def _(drive: MotorDrive, omega_rad_s: float) -> float:
+@rotor_energy_j.register(MotorDrive)
+def _motor_drive_rotor_energy_j(drive: MotorDrive, omega_rad_s: float) -> float:
     return 0.5 * drive.inertia_kg_m2 * omega_rad_s * omega_rad_s
 
 
@@ -190,7 +189,7 @@ def crank_net_n_m(parts: Parts, torque_n_m: float, angle_rad: float, y: Vector) 
     place = current_place(parts)
     torque = turning_torque_n_m(parts.winding, parts.drive, torque_n_m, Crank(angle_rad, 0.0), y, place)
     load = crank_load_n_m(parts, angle_rad, from_stop_m(parts.wearer, parts.drive, y))
-    return torque + wave_sum(cogging(parts.winding), angle_rad) - load
+    return torque - load
 
 
 @subroutine
@@ -208,23 +207,20 @@ def settle_crank(drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) 
     return
 
 
-@law(settle_crank, MotorDrive)
-def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+@settle_crank.register(MotorDrive)
+def _motor_drive_settle_crank(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
     y, mode = memory.y, memory.mode[0]
-    mode.crank_stuck = 0
-    mode.zero_crank = 0
     if drive.dry_n_m == 0.0:
-        mode.crank_direction = 0
+        enter_crank(mode, 0, 0, 0)
         return
     if y[SPEED] != 0.0:
-        mode.crank_direction = 1 if y[SPEED] > 0.0 else -1
+        enter_crank(mode, 0, 1 if y[SPEED] > 0.0 else -1, 0)
         return
     net = crank_net_n_m(parts, torque_n_m, y[ANGLE], y)
-    mode.crank_direction = 1 if net > 0.0 else -1
-    mode.zero_crank = 1
     if abs(net) <= crank_limit_n_m(parts, drive.dry_n_m, torque_n_m, y[ANGLE], y):
-        mode.crank_direction = 0
-        mode.crank_stuck = 1
+        enter_crank(mode, 1, 0, 1)
+    else:
+        enter_crank(mode, 0, 1 if net > 0.0 else -1, 1)
 
 
 @by_part
@@ -233,17 +229,17 @@ def halt_or_break_crank(drive: Drive, parts: Parts, memory: Memory, torque_n_m: 
     return
 
 
-@law(halt_or_break_crank, MotorDrive)
-def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float, event: int) -> None:
+@halt_or_break_crank.register(MotorDrive)
+def _motor_drive_halt_or_break_crank(
+    drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float, event: int
+) -> None:
     y, mode = memory.y, memory.mode[0]
     if event == CRANK_HALT:
         y[SPEED] = 0.0
         settle_crank(drive, parts, memory, torque_n_m)
         return
     net = crank_net_n_m(parts, torque_n_m, y[ANGLE], y)
-    mode.crank_stuck = 0
-    mode.crank_direction = 1 if net > 0.0 else -1
-    mode.zero_crank = 2
+    enter_crank(mode, 0, 1 if net > 0.0 else -1, 2)
 
 
 @by_part
@@ -252,8 +248,10 @@ def crank_may_halt(drive: Drive, flow: Flow, h_s: float, y: Vector, new: Vector,
     return False
 
 
-@law(crank_may_halt, MotorDrive)
-def _(drive: MotorDrive, flow: Flow, h_s: float, y: Vector, new: Vector, course: Course) -> bool:
+@crank_may_halt.register(MotorDrive)
+def _motor_drive_crank_may_halt(
+    drive: MotorDrive, flow: Flow, h_s: float, y: Vector, new: Vector, course: Course
+) -> bool:
     if drive.dry_n_m == 0.0:
         return False
     if flow.crank_stuck:
@@ -268,8 +266,8 @@ def crank_events(drive: Drive, parts: Parts, step: Step, found: Found) -> Found:
     return found
 
 
-@law(crank_events, MotorDrive)
-def _(drive: MotorDrive, parts: Parts, step: Step, found: Found) -> Found:
+@crank_events.register(MotorDrive)
+def _motor_drive_crank_events(drive: MotorDrive, parts: Parts, step: Step, found: Found) -> Found:
     flow = step.flow
     if drive.dry_n_m == 0.0:
         return found
@@ -294,8 +292,8 @@ def _break_event(winding: Winding, drive: MotorDrive, parts: Parts, step: Step) 
     return first_beyond(place, slope, net, limit, scratch)
 
 
-@law(_break_event, DqWinding)
-def _(winding: DqWinding, drive: MotorDrive, parts: Parts, step: Step) -> float:
+@_break_event.register(DqWinding)
+def _dq_winding_break_event(winding: DqWinding, drive: MotorDrive, parts: Parts, step: Step) -> float:
     flow, y, values, net = step.flow, step.y, step.scratch.poly, step.scratch.press[: DEGREE + 1]
     for i in range(DEGREE + 1):
         look_within(step.dense, NODES[i], step.scratch)
@@ -311,8 +309,8 @@ def angle_event(drive: Drive, up_rad: float, down_rad: float, step: Step) -> flo
     raise NotImplementedError
 
 
-@law(angle_event, IdealDrive)
-def _(drive: IdealDrive, up_rad: float, down_rad: float, step: Step) -> float:
+@angle_event.register(IdealDrive)
+def _ideal_drive_angle_event(drive: IdealDrive, up_rad: float, down_rad: float, step: Step) -> float:
     turn, begin_rad = drive.omega_rad_s * step.h_s, step.flow.angle_rad
     bound = up_rad - begin_rad if turn > 0.0 else down_rad - begin_rad
     if abs(bound) > abs(turn):
@@ -320,7 +318,7 @@ def _(drive: IdealDrive, up_rad: float, down_rad: float, step: Step) -> float:
     return bound / turn
 
 
-@law(angle_event, MotorDrive)
-def _(drive: MotorDrive, up_rad: float, down_rad: float, step: Step) -> float:
+@angle_event.register(MotorDrive)
+def _motor_drive_angle_event(drive: MotorDrive, up_rad: float, down_rad: float, step: Step) -> float:
     angle, scratch = step.dense[ANGLE], step.scratch
     return min(root(angle, 1.0, -up_rad, 0, scratch), root(angle, -1.0, down_rad, 0, scratch))

@@ -67,7 +67,7 @@ D = _table("""
 """Weights of the continuous extension."""
 
 
-@subroutine
+@subroutine(inline=True)
 def attempt(
     parts: Parts, flow: Flow, h_s: float, y: Vector, scale: Vector, k: Vector, trial: Vector, new: Vector
 ) -> float:
@@ -95,7 +95,7 @@ def attempt(
     return abs(h_s) * fifth / math.sqrt((fifth + 0.01 * third) * n)
 
 
-@subroutine
+@subroutine(inline=True)
 def _slope(k: Vector, stage: int, first: int, i: int) -> float:
     """Σ a_j k_j of one quantity; the row of A holds zeros in columns 1 to `first` − 1."""
     total: float = A[stage, 0] * k[0, i]

@@ -6,9 +6,9 @@ rest from its limit. A quantity that starts at zero is first divided by s, becau
 
 from typing import NamedTuple, TypeAlias
 
-from plant_sim.kernels import by_part, law, subroutine
-from plant_sim.solvers.adaptive.state_layout import Flow, Scratch, Vector
-from plant_sim.solvers.bernstein import at, first_rise, without_root_at_start
+from plant_sim.kernels import by_part, subroutine
+from plant_sim.solvers.adaptive.state_layout import Flow, Vector
+from plant_sim.solvers.bernstein import Scratch, at
 
 NONE, TOUCH, LEAVE, CLEAR, PRESS, HALT, RELEASE, CRANK_HALT, CRANK_BREAK, LIMIT, UNLIMIT = range(11)
 """Events: touch-down; end of contact; clearing a stop that released early, or pressing it again; halt;
@@ -51,26 +51,6 @@ def earlier(found: Found, event: int, s: float) -> Found:
 
 
 @subroutine
-def root(b: Vector, sign: float, offset: float, zeros: int, scratch: Scratch) -> float:
-    """First s at which sign · p(s) + offset, negative at first, reaches 0; `zeros` as in Zeros."""
-    poly = scratch.poly
-    degree = b.size - 1
-    for i in range(b.size):
-        poly[i] = sign * b[i] + offset
-    while degree > b.size - 1 - zeros:
-        without_root_at_start(poly, degree)
-        degree -= 1
-    return first_rise(poly, degree, scratch.stack)
-
-
-@subroutine
-def first_beyond(b: Vector, slope: float, offset: float, limit: float, scratch: Scratch) -> float:
-    """First s at which |slope · p(s) + offset|, below the limit at first, passes it."""
-    upward = root(b, slope, offset - limit, 0, scratch)
-    return min(upward, root(b, -slope, -offset - limit, 0, scratch))
-
-
-@subroutine
 def look_within(dense: Vector, s: float, scratch: Scratch) -> None:
     """The motion within a step, into `scratch.inner`."""
     for i in range(dense.shape[0]):
@@ -100,8 +80,8 @@ def steepest(course: Course, place: int) -> float:
     raise NotImplementedError
 
 
-@law(steepest, Stages)
-def _(course: Stages, place: int) -> float:
+@steepest.register(Stages)
+def _stages_steepest(course: Stages, place: int) -> float:
     """Twice the largest slope of a stage."""
     largest = 0.0
     for stage in range(12):
@@ -109,8 +89,8 @@ def _(course: Stages, place: int) -> float:
     return 2.0 * largest
 
 
-@law(steepest, Series)
-def _(course: Series, place: int) -> float:
+@steepest.register(Series)
+def _series_steepest(course: Series, place: int) -> float:
     """Σ k |c_k| hᵏ⁻¹."""
     total = 0.0
     for k in range(course.order, 0, -1):

@@ -3,15 +3,14 @@
 m_B (x'' + a_b) = c (x_A + l0 − x) + F_f − F_stop, and those of crank, windings and foot plate.
 """
 
-from plant_sim.kernels import by_part, law, subroutine
+from plant_sim.kernels import by_part, subroutine
 from plant_sim.parts.friction import friction_force_n
-from plant_sim.parts.housing import Housing, Moving, Tilted, housing_m_s2
+from plant_sim.parts.housing import Housing, Level, housing_m_s2
 from plant_sim.parts.linkage import crank_torque_n_m, piston_m
 from plant_sim.parts.parts import Parts
+from plant_sim.parts.sizes import ledger_size
 from plant_sim.parts.stop import elastic_energy_j, elastic_force_n, is_soft, origin_m, stop_force_n
 from plant_sim.parts.striker import spring_energy_j
-from plant_sim.parts.walking import Walking
-from plant_sim.parts.winding import cogging, wave_energy, wave_sum
 from plant_sim.solvers.adaptive.crank import (
     coupling_n,
     crank_derivative,
@@ -28,7 +27,6 @@ from plant_sim.solvers.adaptive.state_layout import (
     Vector,
     current_place,
     housing_place,
-    ledger_size,
     work_place,
 )
 from plant_sim.solvers.adaptive.stop import in_touch
@@ -47,19 +45,19 @@ def flow_now(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> 
     """Constants of the step that begins now."""
     mode = memory.mode[0]
     return Flow(
-        mode.phase,
-        float(mode.direction),
-        memory.contact[0].damping_s_m if is_soft(parts.stop) else 0.0,
-        crank_now(parts.drive, memory).angle_rad,
-        torque_n_m,
-        float(mode.crank_direction),
-        mode.crank_stuck == 1,
-        time_s,
-        is_voltage_limited(parts.winding, memory),
+        phase=mode.phase,
+        direction=float(mode.direction),
+        damping_s_m=memory.contact[0].damping_s_m if is_soft(parts.stop) else 0.0,
+        angle_rad=crank_now(parts.drive, memory).angle_rad,
+        torque_n_m=torque_n_m,
+        crank_direction=float(mode.crank_direction),
+        crank_stuck=mode.crank_stuck == 1,
+        time_s=time_s,
+        voltage_limited=is_voltage_limited(parts.winding, memory),
     )
 
 
-@subroutine
+@subroutine(inline=True)
 def derivative(parts: Parts, flow: Flow, tau_s: float, y: Vector, out: Vector) -> None:
     """Time derivative of the state `tau_s` after the step's start, into `out`."""
     striker, drive, friction, stop = parts.striker, parts.drive, parts.friction, parts.stop
@@ -69,8 +67,7 @@ def derivative(parts: Parts, flow: Flow, tau_s: float, y: Vector, out: Vector) -
     load = crank_torque_n_m(parts.linkage, spring, drive.amplitude_m, crank.angle_rad)
     work = work_place(parts)
     torque = turning_torque_n_m(parts.winding, drive, flow.torque_n_m, crank, y, current_place(parts))
-    held_back = load - wave_sum(cogging(parts.winding), crank.angle_rad)
-    crank_loss = crank_derivative(drive, flow, torque, held_back, crank, work, out)
+    crank_loss = crank_derivative(drive, flow, torque, load, crank, work, out)
     closing = closing_m_s(parts.wearer, drive, y)
     a_b = housing_m_s2(parts.housing, flow.time_s + tau_s)
     for account in range(work + 2, work + 2 + ledger_size(stop)):
@@ -98,18 +95,19 @@ def derivative(parts: Parts, flow: Flow, tau_s: float, y: Vector, out: Vector) -
 
 @by_part
 def _housing_derivative(housing: Housing, parts: Parts, a_b: float, y: Vector, out: Vector) -> None:
-    return
-
-
-@law(_housing_derivative, Tilted, Moving, Walking)
-def _(housing: Tilted | Moving | Walking, parts: Parts, a_b: float, y: Vector, out: Vector) -> None:
+    """Fill in the power of the housing."""
     momentum = parts.striker.mass_kg * y[1] + plate_momentum_n_s(parts.wearer, parts.drive, y)
     out[housing_place(parts)] = -a_b * momentum
 
 
+@_housing_derivative.register(Level)
+def _level_housing_derivative(housing: Level, parts: Parts, a_b: float, y: Vector, out: Vector) -> None:
+    return
+
+
 @subroutine
 def stored_energy_j(parts: Parts, phase: int, y: Vector, crank: Crank) -> float:
-    """Energy, J, in striker, coupling spring, stop's spring, rotor, cogging, foot plate and ankle."""
+    """Energy, J, in striker, coupling spring, stop's spring, rotor, foot plate and ankle."""
     striker, drive, stop = parts.striker, parts.drive, parts.stop
     depth_m, v_m_s = y[0], y[1]
     piston = piston_m(parts.linkage, drive.amplitude_m, crank.angle_rad)
@@ -119,5 +117,4 @@ def stored_energy_j(parts: Parts, phase: int, y: Vector, crank: Crank) -> float:
     if in_touch(phase, depth_m):
         energy += elastic_energy_j(stop, depth_m)
     energy += plate_energy_j(parts.wearer, drive, y)
-    energy += wave_energy(cogging(parts.winding), crank.angle_rad)
     return energy + rotor_energy_j(drive, crank.speed_rad_s)

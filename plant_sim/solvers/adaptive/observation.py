@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from plant_sim.kernels import by_part, law, subroutine
+from plant_sim.kernels import by_part, subroutine
 from plant_sim.parts.drive import Drive
 from plant_sim.parts.housing import is_level
 from plant_sim.parts.parts import Parts
@@ -11,11 +11,12 @@ from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m, s
 from plant_sim.parts.wearer import Ankle, Wearer, is_worn
 from plant_sim.parts.winding import DqWinding
 from plant_sim.result import ElectricalLedger, EnergyLedger, MotionState, Observation, Phase
-from plant_sim.solvers.adaptive.crank import angle_at, crank_now
+from plant_sim.solvers.adaptive.crank import crank_in_stage, crank_now
 from plant_sim.solvers.adaptive.motion import derivative, flow_now, stored_energy_j
 from plant_sim.solvers.adaptive.state_layout import (
     DEPTH,
     OBSERVED,
+    READINGS,
     REST,
     STICK,
     VELOCITY,
@@ -60,16 +61,16 @@ def force_at(force: StopForce | FeltForce, dense: Vector, s: float) -> float:
     raise NotImplementedError
 
 
-@law(force_at, StopForce)
-def _(force: StopForce, dense: Vector, s: float) -> float:
+@force_at.register(StopForce)
+def _stop_force_at(force: StopForce, dense: Vector, s: float) -> float:
     parts = force.parts
     depth = max(at(dense[DEPTH], s), 0.0)
     closing = at(dense[VELOCITY], s) - plate_at(parts.wearer, parts.drive, dense, s)[1]
     return stop_force_n(parts.stop, elastic_force_n(parts.stop, depth), closing, force.damping_s_m)
 
 
-@law(force_at, FeltForce)
-def _(force: FeltForce, dense: Vector, s: float) -> float:
+@force_at.register(FeltForce)
+def _felt_force_at(force: FeltForce, dense: Vector, s: float) -> float:
     place, velocity = plate_at(force.wearer, force.drive, dense, s)
     return abs(force.wearer.stiffness_n_m * place + force.wearer.damping_n_s_m * velocity)
 
@@ -87,8 +88,8 @@ def follow_felt(wearer: Wearer, drive: Drive, memory: Memory, share: float) -> N
     return
 
 
-@law(follow_felt, Ankle)
-def _(wearer: Ankle, drive: Drive, memory: Memory, share: float) -> None:
+@follow_felt.register(Ankle)
+def _ankle_follow_felt(wearer: Ankle, drive: Drive, memory: Memory, share: float) -> None:
     contact = memory.contact[0]
     contact.peak_felt_n = _largest(FeltForce(wearer, drive), memory.dense, share, contact.peak_felt_n)
 
@@ -120,35 +121,50 @@ def _largest(force: StopForce | FeltForce, dense: Vector, share: float, before_n
 
 
 @subroutine
-def sample_now(parts: Parts, memory: Memory, start_s: float, grid: Grid) -> None:
-    """Fill samples at times up to now that no step has covered: depth from the scene's stop, v, θ."""
-    mode = memory.mode[0]
-    while mode.samples < grid.t_s.size and grid.t_s[mode.samples] <= start_s + memory.held[0].elapsed_s:
-        row = grid.motion[mode.samples]
-        row[0], row[1] = from_stop_m(parts.wearer, parts.drive, memory.y), memory.y[1]
-        row[2] = crank_now(parts.drive, memory).angle_rad
+def sample_now(parts: Parts, memory: Memory, torque_n_m: float, start_s: float, grid: Grid) -> None:
+    """Fill samples at times up to now that no step has covered."""
+    mode, now_s = memory.mode[0], start_s + memory.held[0].elapsed_s
+    while mode.samples < grid.t_s.size and grid.t_s[mode.samples] <= now_s:
+        flow = flow_now(parts, memory, torque_n_m, now_s)
+        note(parts, flow, 0.0, memory.y, memory.k[0], grid.rows[mode.samples])
         mode.samples += 1
 
 
 @subroutine
 def sample_step(
-    parts: Parts,
-    memory: Memory,
-    flow: Flow,
-    dense: Vector,
-    h_s: float,
-    used_s: float,
-    grid: Grid,
+    parts: Parts, memory: Memory, flow: Flow, dense: Vector, h_s: float, used_s: float, grid: Grid
 ) -> None:
     """Fill samples at times within the used part of a step."""
-    mode = memory.mode[0]
+    mode, y = memory.mode[0], memory.trial
     while mode.samples < grid.t_s.size and grid.t_s[mode.samples] < flow.time_s + used_s:
-        row = grid.motion[mode.samples]
-        s = (grid.t_s[mode.samples] - flow.time_s) / h_s
-        row[0] = at(dense[DEPTH], s) + plate_at(parts.wearer, parts.drive, dense, s)[0]
-        row[1] = at(dense[VELOCITY], s)
-        row[2] = angle_at(parts.drive, flow, s, h_s, dense)
+        tau_s = grid.t_s[mode.samples] - flow.time_s
+        for i in range(dense.shape[0]):
+            y[i] = at(dense[i], tau_s / h_s)
+        note(parts, flow, tau_s, y, memory.k[1], grid.rows[mode.samples])
         mode.samples += 1
+
+
+@subroutine
+def note(parts: Parts, flow: Flow, tau_s: float, y: Vector, slopes: Vector, row: Vector) -> None:
+    """Write the module `tau_s` after a step's start, where its motion is `y`, as a row of `Grid`.
+
+    `slopes` is scratch.
+    """
+    drive, winding = parts.drive, parts.winding
+    row[OBSERVED.x_m], row[OBSERVED.v_m_s] = from_stop_m(parts.wearer, drive, y), y[1]
+    if row.size < READINGS:
+        return
+    derivative(parts, flow, tau_s, y, slopes)
+    row[OBSERVED.accel_m_s2] = slopes[1]
+    row[OBSERVED.stop_force_n] = 0.0
+    if is_soft(parts.stop) and in_touch(flow.phase, y[0]):
+        elastic_n, closing = elastic_force_n(parts.stop, y[0]), closing_m_s(parts.wearer, drive, y)
+        row[OBSERVED.stop_force_n] = stop_force_n(parts.stop, elastic_n, closing, flow.damping_s_m)
+    crank, place = crank_in_stage(drive, flow, tau_s, y), current_place(parts)
+    row[OBSERVED.crank_rad], row[OBSERVED.omega_rad_s] = crank.angle_rad, crank.speed_rad_s
+    row[OBSERVED.current_a] = turning_current_a(winding, drive, flow.torque_n_m, crank, y, place)
+    row[OBSERVED.motor_torque_n_m] = turning_torque_n_m(winding, drive, flow.torque_n_m, crank, y, place)
+    row[OBSERVED.felt_force_n] = felt_force_n(parts.wearer, drive, y)
 
 
 @subroutine
@@ -166,24 +182,9 @@ def observe(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> N
     """Write the present observation of the module."""
     y, observed = memory.y, memory.observed
     flow = flow_now(parts, memory, torque_n_m, time_s)
-    observed[OBSERVED.x_m] = from_stop_m(parts.wearer, parts.drive, y) + origin_m(parts.stop, parts.striker)
-    observed[OBSERVED.v_m_s] = y[1]
-    derivative(parts, flow, 0.0, y, memory.k[0])
-    observed[OBSERVED.accel_m_s2] = memory.k[0, 1]
-    observed[OBSERVED.stop_force_n] = 0.0
-    if is_soft(parts.stop) and in_touch(flow.phase, y[0]):
-        observed[OBSERVED.stop_force_n] = stop_force_n(
-            parts.stop,
-            elastic_force_n(parts.stop, y[0]),
-            closing_m_s(parts.wearer, parts.drive, y),
-            flow.damping_s_m,
-        )
-    crank, winding, place = crank_now(parts.drive, memory), parts.winding, current_place(parts)
-    observed[OBSERVED.current_a] = turning_current_a(winding, parts.drive, torque_n_m, crank, y, place)
-    observed[OBSERVED.motor_torque_n_m] = turning_torque_n_m(
-        winding, parts.drive, torque_n_m, crank, y, place
-    )
-    observed[OBSERVED.felt_force_n] = felt_force_n(parts.wearer, parts.drive, y)
+    note(parts, flow, 0.0, y, memory.k[0], observed)
+    observed[OBSERVED.x_m] += origin_m(parts.stop, parts.striker)
+    crank = crank_now(parts.drive, memory)
     work = work_place(parts)
     observed[OBSERVED.drive_work_j] = y[work]
     stored_j = stored_energy_j(parts, flow.phase, y, crank)
@@ -195,8 +196,6 @@ def observe(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> N
         observed[OBSERVED.housing_work_j] = y[housing_place(parts)]
     if is_worn(parts.wearer):
         observed[OBSERVED.ankle_j] = y[ankle_place(parts)]
-    observed[OBSERVED.crank_rad] = crank.angle_rad
-    observed[OBSERVED.omega_rad_s] = crank.speed_rad_s
     observed[OBSERVED.phase] = flow.phase
     if flow.phase == REST and held_force_n(parts, crank.angle_rad, y, time_s) < dry_limit_n(parts):
         observed[OBSERVED.phase] = STICK  # friction holds it there, the stop does not have to
@@ -216,7 +215,7 @@ def motion_state(now: Observation, t_s: float) -> MotionState:
     return MotionState(t_s, now.x_m, now.v_m_s, now.crank_rad, now.omega_rad_s, now.phase)
 
 
-def ledger(now: Observation) -> EnergyLedger:
+def ledger(now: Observation, memory: Memory) -> EnergyLedger:
     """The ledger in `now`."""
     return EnergyLedger(
         drive_work_j=now.drive_work_j,
@@ -225,6 +224,7 @@ def ledger(now: Observation) -> EnergyLedger:
         impact_loss_j=now.impact_loss_j,
         housing_work_j=now.housing_work_j,
         ankle_j=now.ankle_j,
+        stored_j=now.stored_j + float(memory.held[0].stored_before_j),
     )
 
 

@@ -1,5 +1,8 @@
 """A step by a Taylor series, whose coefficients follow by recurrence from the parts' own equations.
 
+A law that is linear but for a constant holds for the coefficients as for the values, with the constant in the
+first one.
+
 The length of a step follows from the last two or three coefficients, after Jorba & Zou, Experimental
 Mathematics 14, 2005. There are recurrences for an endless rod, a housing that no leg carries, a stop on it
 that is rigid, a linear spring or not in touch, and a motor's ideal current below the limit of its supply. All
@@ -9,17 +12,26 @@ fewer terms, and a step that needs more of them is one of DOP853.
 
 import math
 
-from plant_sim.kernels import by_part, law, one_of, subroutine
+from plant_sim.kernels import by_part, one_of, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_torque_n_m
-from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Stribeck, Viscous
+from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Stribeck, Viscous, friction_force_n
 from plant_sim.parts.housing import Level, Moving, Tilted, expand_housing, is_level
 from plant_sim.parts.linkage import Sine
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import KelvinVoigt, NoStop, RigidStop, Stop, origin_m
-from plant_sim.parts.striker import spring_force_n
+from plant_sim.parts.stop import (
+    KelvinVoigt,
+    NoStop,
+    RigidStop,
+    Stop,
+    elastic_force_n,
+    is_soft,
+    origin_m,
+    stop_force_n,
+)
+from plant_sim.parts.striker import has_linear_spring, spring_force_n
 from plant_sim.parts.wearer import NoWearer
 from plant_sim.parts.winding import IdealCurrent
-from plant_sim.sensors.sensing import Probe, Sensing, series_order
+from plant_sim.sensors.sensing import Probe, Sensing
 from plant_sim.solvers.adaptive.crank import crank_in_stage
 from plant_sim.solvers.adaptive.state_layout import (
     ANGLE,
@@ -43,13 +55,16 @@ from plant_sim.solvers.adaptive.state_layout import (
     work_place,
 )
 from plant_sim.solvers.adaptive.stop import in_touch
-from plant_sim.solvers.bernstein import from_powers
+from plant_sim.solvers.bernstein import DEGREE, ORDER, from_powers
 
 UNSEEN = 40.0
 """e^−40 is below rounding."""
 
 LEAST = 1e-300
 """Keeps the length of a step finite if nothing moves."""
+
+CLEARLY_WITHIN = 0.5
+"""A longest step whose last terms are below this share of the tolerances is taken whole."""
 
 _is_endless = one_of(Sine)
 _is_regular = one_of(Level, Tilted, Moving)
@@ -63,17 +78,19 @@ def series_step_s(
     probe: Probe, parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float
 ) -> float:
     """Expand the motion into `memory.series`; return the length of a step, s, or 0 if there is no series."""
-    return _step_s(parts, flow, memory, scale, longest_s, series_order(probe))
+    return _step_s(parts, flow, memory, scale, longest_s, ORDER)
 
 
-@law(series_step_s, Sensing)
-def _(probe: Sensing, parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float) -> float:
+@series_step_s.register(Sensing)
+def _sensing_series_step_s(
+    probe: Sensing, parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float
+) -> float:
     """A series as short as the sensors need is worth its time only if it covers the whole step."""
-    h_s = _step_s(parts, flow, memory, scale, longest_s, series_order(probe))
+    h_s = _step_s(parts, flow, memory, scale, longest_s, DEGREE)
     return h_s if h_s == longest_s else 0.0
 
 
-@subroutine
+@subroutine(inline=True)
 def _step_s(parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float, order: int) -> float:
     if not (
         _is_endless(parts.linkage)
@@ -81,13 +98,14 @@ def _step_s(parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: 
         and _is_fixed(parts.wearer)
         and _is_ideal(parts.winding)
         and _has_recurrence(parts.friction)
+        and has_linear_spring(parts.striker)
     ):
         return 0.0
     if in_touch(flow.phase, memory.y[DEPTH]) and not _is_linear(parts.stop):
         return 0.0
     series = memory.series
     expand(parts, flow, memory.y, series, order)
-    h_s = min(longest_s, _accurate_s(series, scale, order, _judged_terms(parts.friction)))
+    h_s = _accurate_s(series, scale, order, _judged_terms(parts.friction), longest_s)
     if flow.phase in (FLIGHT, CONTACT):
         h_s = _seen_s(parts.friction, series[state_size(parts) + POWER], h_s, order)
     if not _is_torque_constant(parts.drive, flow, series, h_s, order):
@@ -100,17 +118,17 @@ def _has_recurrence(friction: Friction) -> bool:
     return False
 
 
-@law(_has_recurrence, NoFriction, Viscous, Coulomb)
-def _(friction: NoFriction | Viscous | Coulomb) -> bool:
+@_has_recurrence.register(NoFriction, Viscous, Coulomb)
+def _no_friction_or_viscous_or_coulomb_has_recurrence(friction: NoFriction | Viscous | Coulomb) -> bool:
     return True
 
 
-@law(_has_recurrence, Stribeck)
-def _(friction: Stribeck) -> bool:
+@_has_recurrence.register(Stribeck)
+def _stribeck_has_recurrence(friction: Stribeck) -> bool:
     return friction.delta in (1.0, 2.0)
 
 
-@subroutine
+@subroutine(inline=True)
 def expand(parts: Parts, flow: Flow, y: Vector, series: Vector, order: int) -> None:
     """Taylor coefficients of the motion from the state `y` on, into `series`, shape (state + BESIDE,
     order + 1)."""
@@ -123,22 +141,22 @@ def expand(parts: Parts, flow: Flow, y: Vector, series: Vector, order: int) -> N
     reach_m = striker.rest_length_m - origin_m(parts.stop, striker)
     normal_n = striker.mass_kg * striker.gravity_m_s2
     slides = flow.phase in (FLIGHT, CONTACT)
-    is_pressed = in_touch(flow.phase, y[DEPTH])
+    is_pressed = is_soft(parts.stop) and in_touch(flow.phase, y[DEPTH])
     for i in range(n):
         series[i, 0] = y[i]
-        for k in range(1, order + 1):
-            series[i, k] = 0.0
     if not is_level(parts.housing):
         expand_housing(parts.housing, flow.time_s, housing_m_s2)
     sine[0], series[n + COSINE, 0] = math.sin(crank.angle_rad), math.cos(crank.angle_rad)
     for k in range(order):
         per = 1.0 / (k + 1)
+        for account in range(work + 2, n):
+            series[account, k + 1] = 0.0
         stretch_m = parts.drive.amplitude_m * sine[k] - depth[k] + _at_start(reach_m, k)
         spring[k] = spring_force_n(striker, stretch_m)
         lost_w = _turn(parts.drive, flow, torque_n_m, k, per, n, work, series)
         push_n = 0.0
         if is_pressed:
-            push_n = _press(parts.stop, k, per, work, series)
+            push_n = _press(parts.stop, flow.damping_s_m, k, per, work, series)
         if slides:
             drag[k] = _drag(parts.friction, normal_n, flow.direction, k, n, series)
             for j in range(k + 1):
@@ -148,6 +166,8 @@ def expand(parts: Parts, flow: Flow, y: Vector, series: Vector, order: int) -> N
             if not is_level(parts.housing):
                 force_n -= striker.mass_kg * housing_m_s2[k]
             velocity[k + 1] = per * force_n * (1.0 / striker.mass_kg)
+        else:
+            depth[k + 1] = velocity[k + 1] = 0.0
         loss[k + 1] = per * lost_w
         if not is_level(parts.housing):
             power = 0.0
@@ -156,7 +176,7 @@ def expand(parts: Parts, flow: Flow, y: Vector, series: Vector, order: int) -> N
             series[housing_place(parts), k + 1] = per * striker.mass_kg * power
 
 
-@subroutine
+@subroutine(inline=True)
 def _at_start(value: float, k: int) -> float:
     """Coefficient k of a constant."""
     return value if k == 0 else 0.0
@@ -170,8 +190,8 @@ def _turn(
     raise NotImplementedError
 
 
-@law(_turn, IdealDrive)
-def _(
+@_turn.register(IdealDrive)
+def _ideal_drive_turn(
     drive: IdealDrive, flow: Flow, torque_n_m: float, k: int, per: float, n: int, work: int, series: Vector
 ) -> float:
     sine, cosine, spring = series[n + SINE], series[n + COSINE], series[n + SPRING]
@@ -184,8 +204,8 @@ def _(
     return 0.0
 
 
-@law(_turn, MotorDrive)
-def _(
+@_turn.register(MotorDrive)
+def _motor_drive_turn(
     drive: MotorDrive, flow: Flow, torque_n_m: float, k: int, per: float, n: int, work: int, series: Vector
 ) -> float:
     sine, cosine, spring, speed = series[n + SINE], series[n + COSINE], series[n + SPRING], series[SPEED]
@@ -197,6 +217,7 @@ def _(
         square += speed[j] * speed[k - j]
     sine[k + 1], cosine[k + 1] = per * sine_rate, per * cosine_rate
     if flow.crank_stuck:
+        series[ANGLE, k + 1] = speed[k + 1] = series[work, k + 1] = 0.0
         return 0.0
     dry_n_m = drive.dry_n_m * flow.crank_direction
     held_n_m = drive.viscous_n_m_s * speed[k] + drive.amplitude_m * load_n
@@ -208,20 +229,15 @@ def _(
     return lost_w
 
 
-@by_part
-def _press(stop: Stop, k: int, per: float, work: int, series: Vector) -> float:
-    """Coefficients k + 1 of a soft stop's loss and impulse; return coefficient k of its force, N."""
-    return 0.0
-
-
-@law(_press, KelvinVoigt)
-def _(stop: KelvinVoigt, k: int, per: float, work: int, series: Vector) -> float:
+@subroutine(inline=True)
+def _press(stop: Stop, damping_s_m: float, k: int, per: float, work: int, series: Vector) -> float:
+    """Coefficients k + 1 of a linear stop's loss and impulse; return coefficient k of its force, N."""
     velocity = series[VELOCITY]
     square = 0.0
     for j in range(k + 1):
         square += velocity[j] * velocity[k - j]
-    push_n: float = stop.stiffness_n_m * series[DEPTH, k] + stop.damping_n_s_m * velocity[k]
-    series[work + 2, k + 1] = per * stop.damping_n_s_m * square
+    push_n = stop_force_n(stop, elastic_force_n(stop, series[DEPTH, k]), velocity[k], damping_s_m)
+    series[work + 2, k + 1] = per * stop_force_n(stop, 0.0, square, damping_s_m)
     series[work + 3, k + 1] = per * push_n
     return push_n
 
@@ -229,24 +245,13 @@ def _(stop: KelvinVoigt, k: int, per: float, work: int, series: Vector) -> float
 @by_part
 def _drag(friction: Friction, normal_n: float, direction: float, k: int, n: int, series: Vector) -> float:
     """Coefficient k of the friction force, N, of a striker sliding in `direction`, ±1."""
-    return 0.0
+    return friction_force_n(friction, _at_start(normal_n, k), series[VELOCITY, k], direction)
 
 
-@law(_drag, Viscous)
-def _(friction: Viscous, normal_n: float, direction: float, k: int, n: int, series: Vector) -> float:
-    force_n: float = -friction.b_n_s_m * series[VELOCITY, k]
-    return force_n
-
-
-@law(_drag, Coulomb)
-def _(friction: Coulomb, normal_n: float, direction: float, k: int, n: int, series: Vector) -> float:
-    dry_n = friction.mu * normal_n * direction
-    force_n: float = -_at_start(dry_n, k) - friction.b_n_s_m * series[VELOCITY, k]
-    return force_n
-
-
-@law(_drag, Stribeck)
-def _(friction: Stribeck, normal_n: float, direction: float, k: int, n: int, series: Vector) -> float:
+@_drag.register(Stribeck)
+def _stribeck_drag(
+    friction: Stribeck, normal_n: float, direction: float, k: int, n: int, series: Vector
+) -> float:
     velocity, power, fall = series[VELOCITY], series[n + POWER], series[n + FALL]
     per_speed = direction / friction.v_s_m_s
     power[k] = per_speed * velocity[k]
@@ -273,22 +278,28 @@ def _judged_terms(friction: Friction) -> int:
     return 2
 
 
-@law(_judged_terms, Stribeck)
-def _(friction: Stribeck) -> int:
+@_judged_terms.register(Stribeck)
+def _stribeck_judged_terms(friction: Stribeck) -> int:
     """With δ = 2 a striker that sets off under a growing force has every third term only: t², t⁵, t⁸ …"""
     return 3
 
 
-@subroutine
-def _accurate_s(series: Vector, scale: Vector, order: int, terms: int) -> float:
-    """The length of a step, s, over which the last `terms` are within the tolerances in the mean."""
-    per_s = LEAST
-    for k in range(order, order - terms, -1):
+@subroutine(inline=True)
+def _accurate_s(series: Vector, scale: Vector, order: int, terms: int, longest_s: float) -> float:
+    """The length of a step, s, at most `longest_s`, over which the last `terms` are within the tolerances in
+    the mean."""
+    per_s, longest_power = LEAST, 1.0
+    for _ in range(order - terms):
+        longest_power *= longest_s
+    for k in range(order - terms + 1, order + 1):
+        longest_power *= longest_s
         square = 0.0
         for i in range(scale.size):
             square += (series[i, k] / scale[i]) ** 2
-        per_s = max(per_s, math.sqrt(square / scale.size) ** (1.0 / k))
-    return 1.0 / per_s
+        mean = math.sqrt(square / scale.size)
+        if not mean * longest_power <= CLEARLY_WITHIN:  # a root takes longer than all else here
+            per_s = max(per_s, mean ** (1.0 / k))
+    return min(longest_s, 1.0 / per_s)
 
 
 @by_part
@@ -297,8 +308,8 @@ def _seen_s(friction: Friction, power: Vector, h_s: float, order: int) -> float:
     return h_s
 
 
-@law(_seen_s, Stribeck)
-def _(friction: Stribeck, power: Vector, h_s: float, order: int) -> float:
+@_seen_s.register(Stribeck)
+def _stribeck_seen_s(friction: Stribeck, power: Vector, h_s: float, order: int) -> float:
     """While p is large, all terms of e^−p are small; they show a fall of p by as much as their order."""
     most = max(power[0] - UNSEEN, float(order))
     while largest_change(power, h_s, order) > most:
@@ -311,8 +322,10 @@ def _is_torque_constant(drive: Drive, flow: Flow, series: Vector, h_s: float, or
     return True
 
 
-@law(_is_torque_constant, MotorDrive)
-def _(drive: MotorDrive, flow: Flow, series: Vector, h_s: float, order: int) -> bool:
+@_is_torque_constant.register(MotorDrive)
+def _motor_drive_is_torque_constant(
+    drive: MotorDrive, flow: Flow, series: Vector, h_s: float, order: int
+) -> bool:
     """Whether the supply does not limit the current at any speed within the step; torque falls with speed."""
     speed = series[SPEED]
     change = largest_change(speed, h_s, order)
@@ -330,7 +343,7 @@ def largest_change(c: Vector, h_s: float, order: int) -> float:
     return total
 
 
-@subroutine
+@subroutine(inline=True)
 def state_after(series: Vector, h_s: float, out: Vector, order: int) -> None:
     """The state after `h_s` of a series, into `out`, shape (state,)."""
     for i in range(out.size):

@@ -15,17 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.arrays import One, zeros_of
-from plant_sim.kernels import by_part, law, shared
+from plant_sim.kernels import by_part, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
 from plant_sim.parts.friction import bend_m_s
-from plant_sim.parts.housing import Housing, Moving, Tilted
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, RigidStop, Stop, is_soft, origin_m
-from plant_sim.parts.walking import Walking
-from plant_sim.parts.wearer import Ankle, Wearer, is_worn
+from plant_sim.parts.sizes import ledger_size, motion_size
+from plant_sim.parts.stop import is_soft, origin_m
+from plant_sim.parts.wearer import is_worn
 from plant_sim.parts.winding import DqWinding, Winding
 from plant_sim.result import Impact, MotionState, Observation, Phase
-from plant_sim.solvers.bernstein import DEEPEST_HALVING, DEGREE, ORDER
+from plant_sim.solvers.bernstein import DEGREE, ORDER, Scratch, scratch_arrays
 from plant_sim.solvers.double_double import TURN_RAD
 
 Vector = NDArray[np.float64]
@@ -43,82 +42,50 @@ SINE, COSINE, SPRING, DRAG, POWER, FALL, SHAKE, BESIDE = range(8)
 exponent and exponential of Stribeck's law, a_b of the housing."""
 
 
-@by_part
-def motion_size(part: Drive | Wearer | Winding) -> int:
-    """Number of quantities of motion that a part adds to the striker's two."""
-    return 0
-
-
-@law(motion_size, MotorDrive, Ankle)
-def _(part: MotorDrive | Ankle) -> int:
-    return 2
-
-
-@law(motion_size, DqWinding)
-def _(part: DqWinding) -> int:
-    return 4
-
-
-@by_part
-def ledger_size(part: Stop | Housing | Wearer | Winding) -> int:
-    """Number of integrals that a part adds to the ledger's two, of drive and friction."""
-    return 0
-
-
-@law(ledger_size, RigidStop, Tilted, Moving, Walking, Ankle)
-def _(part: RigidStop | Tilted | Moving | Walking | Ankle) -> int:
-    return 1
-
-
-@law(ledger_size, KelvinVoigt, HuntCrossley, DqWinding)
-def _(part: KelvinVoigt | HuntCrossley | DqWinding) -> int:
-    return 2
-
-
-@shared
+@subroutine
 def plate_place(drive: Drive) -> int:
     """Place of the foot plate's position in the state, followed by its velocity, if there is a wearer."""
     return 2 + motion_size(drive)
 
 
-@shared
+@subroutine
 def current_place(parts: Parts) -> int:
     """Place of the windings' currents in the state, if they are modelled."""
     return plate_place(parts.drive) + motion_size(parts.wearer)
 
 
-@shared
+@subroutine
 def work_place(parts: Parts) -> int:
     """Place of the drive's work in the state; friction's follows, then the stop's loss and impulse."""
     return current_place(parts) + motion_size(parts.winding)
 
 
-@shared
+@subroutine
 def housing_place(parts: Parts) -> int:
     """Place of the housing's work in the state, if it is tilted or moves."""
     return work_place(parts) + 2 + ledger_size(parts.stop)
 
 
-@shared
+@subroutine
 def ankle_place(parts: Parts) -> int:
     """Place of the ankle's loss in the state, if there is a wearer."""
     return housing_place(parts) + ledger_size(parts.housing)
 
 
-@shared
+@subroutine
 def terminal_place(parts: Parts) -> int:
     """Place of the work at a motor's terminals in the state, if its windings are modelled."""
     return ankle_place(parts) + ledger_size(parts.wearer)
 
 
-@shared
+@subroutine
 def state_size(parts: Parts) -> int:
     """Length of the integrated state."""
     return terminal_place(parts) + ledger_size(parts.winding)
 
 
 UNSETTLED = -1
-"""Phase of a module before the solver has determined it."""
+"""Phase of a module at a start or after a disturbance, before the solver has determined it."""
 
 NO_IMPACT, IN_CONTACT, LET_GO = range(3)
 """Values of `in_impact`; LET_GO: the stop's force has ended, but the striker has not cleared its surface."""
@@ -143,6 +110,22 @@ class Mode:
     seen: int
     """Bit p is set if phase p has taken time since it was cleared."""
     voltage_limited: int
+
+
+@subroutine
+def enter(mode: Mode, phase: int, direction: int, zero_depth: int, zero_velocity: int) -> None:
+    """Begin a phase of the striker: set all that belongs to it; nothing of the phase before remains.
+
+    `direction` of sliding, ±1, or 0 at rest; the zeros as in `event_location.Zeros`.
+    """
+    mode.phase, mode.direction = phase, direction
+    mode.zero_depth, mode.zero_velocity = zero_depth, zero_velocity
+
+
+@subroutine
+def enter_crank(mode: Mode, stuck: int, direction: int, zero_crank: int) -> None:
+    """Begin a phase of the crank: stuck (1) or turning in `direction`, which is 0 without a dry loss."""
+    mode.crank_stuck, mode.crank_direction, mode.zero_crank = stuck, direction, zero_crank
 
 
 class Held:
@@ -230,25 +213,18 @@ class Flow(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """Times at which a run is sampled, ascending, shape (n,), and the motion at them, shape (n, 3).
+    """Times at which a run is sampled, ascending, shape (n,), and the module at them, shape (n, columns).
 
-    The motion is depth from the scene's stop, velocity and crank angle.
+    A row begins as an `Observation` does, with the position counted from the scene's stop: all READINGS, or
+    position and velocity alone.
     """
 
     t_s: Vector
-    motion: Vector
+    rows: Vector
 
 
-class Scratch(NamedTuple):
-    """Scratch arrays of event location: shapes (ORDER + 1,) twice, (DEEPEST_HALVING + 2, ORDER + 3).
-
-    `inner` is the motion within a step; only windings use it.
-    """
-
-    poly: Vector
-    press: Vector
-    stack: Vector
-    inner: Vector
+READINGS = Observation._fields.index("felt_force_n") + 1
+"""Number of an observation's fields that describe the present instant alone."""
 
 
 class Memory(NamedTuple):
@@ -276,6 +252,8 @@ class Memory(NamedTuple):
     long_dense: Vector
     """Bernstein coefficients of the motion within it, shape (motion, order + 1)."""
     scratch: Scratch
+    advance_at: int
+    """Address of the kernel `advance`; 0 until a kernel may need it (`adaptive.kernel_records`)."""
 
 
 def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int, order: int = ORDER) -> Memory:
@@ -285,9 +263,7 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int, 
     """
     striker, stop = parts.striker, parts.stop
     motion, size = work_place(parts), state_size(parts)
-    natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
     has_winding = isinstance(parts.winding, DqWinding)
-    scale = _scale(parts, accuracy)
     memory = Memory(
         y=np.zeros(size),
         mode=zeros_of(Mode, 1),
@@ -295,28 +271,24 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int, 
         contact=zeros_of(Contact, 1 if is_soft(stop) else 0),
         impacts=zeros_of(Impact, impacts),
         observed=np.zeros(len(OBSERVED)),
-        scale=scale,
-        contact_scale=SHARE_OF_A_CONTACT * scale[: None if is_soft(stop) else 0],
+        scale=np.zeros(size),
+        contact_scale=np.zeros(size if is_soft(stop) else 0),
         k=np.zeros((STAGES, size)),
         trial=np.zeros(size),
         new=np.zeros(size),
         dense=np.zeros((motion, DEGREE + 1)),
         series=np.zeros((size + BESIDE, order + 1)),
         long_dense=np.zeros((motion, order + 1)),
-        scratch=Scratch(
-            poly=np.zeros(ORDER + 1),
-            press=np.zeros(ORDER + 1),
-            stack=np.zeros((DEEPEST_HALVING + 2, ORDER + 3)),
-            inner=np.zeros(motion if has_winding else 0),
-        ),
+        scratch=scratch_arrays(motion if has_winding else 0),
+        advance_at=0,
     )
-    memory.held[0].rest_m_s = 0.01 * accuracy * natural  # such a rebound's height is far below the accuracy
+    set_accuracy(parts, memory, accuracy)
     depth_m = initial.x_m - origin_m(stop, striker)
     restart(parts, memory, depth_m, initial.v_m_s, initial.crank_rad, initial.omega_rad_s)
     return memory
 
 
-@shared
+@subroutine
 def restart(
     parts: Parts, memory: Memory, depth_m: float, v_m_s: float, crank_rad: float, omega_rad_s: float
 ) -> None:
@@ -340,38 +312,72 @@ def _set_crank(drive: Drive, memory: Memory, angle_rad: float, omega_rad_s: floa
     raise NotImplementedError
 
 
-@law(_set_crank, IdealDrive)
-def _(drive: IdealDrive, memory: Memory, angle_rad: float, omega_rad_s: float) -> None:
+@_set_crank.register(IdealDrive)
+def _ideal_drive_set_crank(drive: IdealDrive, memory: Memory, angle_rad: float, omega_rad_s: float) -> None:
     memory.held[0].crank_rad = angle_rad
 
 
-@law(_set_crank, MotorDrive)
-def _(drive: MotorDrive, memory: Memory, angle_rad: float, omega_rad_s: float) -> None:
+@_set_crank.register(MotorDrive)
+def _motor_drive_set_crank(drive: MotorDrive, memory: Memory, angle_rad: float, omega_rad_s: float) -> None:
     memory.y[ANGLE], memory.y[SPEED] = angle_rad, omega_rad_s
 
 
-def _scale(parts: Parts, accuracy: float) -> Vector:
-    """Tolerated error of one step in each quantity, equivalent to a step's share of `accuracy` in
+@subroutine
+def set_accuracy(parts: Parts, memory: Memory, accuracy: float) -> None:
+    """Set the tolerated error of one step in each quantity, equivalent to a step's share of `accuracy` in
     position."""
-    striker, drive, stop = parts.striker, parts.drive, parts.stop
+    striker, stop, scale = parts.striker, parts.stop, memory.scale
     natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
-    length = max(drive.amplitude_m, 1e-3)
-    motion = [1.0, natural]
-    share = SHARE_OF_A_STEP
-    if isinstance(drive, MotorDrive):
-        share = SHARE_OF_A_MOTOR_STEP
-        motion += [1.0 / length, natural / length]
+    length = max(parts.drive.amplitude_m, 1e-3)
+    scale[DEPTH], scale[VELOCITY] = 1.0, natural
+    _set_crank_scale(parts.drive, scale, length, natural)
     if is_worn(parts.wearer):
-        motion += [1.0, natural]
-    if isinstance(drive, MotorDrive) and isinstance(parts.winding, DqWinding):
-        # An error of current dies out within 1/α; until then it turns the crank: δω = K_t δi / (J α).
-        winding, alpha = parts.winding, parts.winding.bandwidth_rad_s
-        current = drive.inertia_kg_m2 * alpha / drive.torque_constant_n_m_a * natural / length
-        motion += [current, current, alpha * winding.d_inductance_h * current]
-        motion += [alpha * winding.q_inductance_h * current]
+        plate = plate_place(parts.drive)
+        scale[plate], scale[plate + 1] = 1.0, natural
+    currents = scale[current_place(parts) :]
+    _set_current_scale(parts.winding, parts.drive, currents, length, natural)
     force = striker.spring_n_m * max(length, abs(striker.rest_length_m - origin_m(stop, striker)))
-    ledger = [force, force, force, striker.mass_kg * natural][: 2 + ledger_size(stop)]
-    ledger += [force] * (state_size(parts) - housing_place(parts))
-    scale: Vector = share * accuracy * np.array(motion + ledger)
-    scale[1] = min(scale[1], SHARE_OF_BEND * bend_m_s(parts.friction))
-    return scale
+    work = work_place(parts)
+    scale[work:] = force
+    if ledger_size(stop) == 2:
+        scale[work + 3] = striker.mass_kg * natural
+    share = SHARE_OF_A_MOTOR_STEP if motion_size(parts.drive) > 0 else SHARE_OF_A_STEP
+    for i in range(scale.size):
+        scale[i] *= share * accuracy
+    scale[VELOCITY] = min(scale[VELOCITY], SHARE_OF_BEND * bend_m_s(parts.friction))
+    for i in range(memory.contact_scale.size):
+        memory.contact_scale[i] = SHARE_OF_A_CONTACT * scale[i]
+    memory.held[0].rest_m_s = 0.01 * accuracy * natural  # such a rebound's height is far below the accuracy
+
+
+@by_part
+def _set_crank_scale(drive: Drive, scale: Vector, length_m: float, natural_rad_s: float) -> None:
+    """Set the unit of a motor's angle and speed."""
+    return
+
+
+@_set_crank_scale.register(MotorDrive)
+def _motor_drive_set_crank_scale(
+    drive: MotorDrive, scale: Vector, length_m: float, natural_rad_s: float
+) -> None:
+    scale[ANGLE], scale[SPEED] = 1.0 / length_m, natural_rad_s / length_m
+
+
+@by_part
+def _set_current_scale(
+    winding: Winding, drive: Drive, scale: Vector, length_m: float, natural_rad_s: float
+) -> None:
+    """Set the units of the windings' currents and voltages, from the beginning of `scale` on."""
+    return
+
+
+@_set_current_scale.register(DqWinding)
+def _dq_winding_set_current_scale(
+    winding: DqWinding, drive: MotorDrive, scale: Vector, length_m: float, natural_rad_s: float
+) -> None:
+    # An error of current dies out within 1/α; until then it turns the crank: δω = K_t δi / (J α).
+    alpha = winding.bandwidth_rad_s
+    current = drive.inertia_kg_m2 * alpha / drive.torque_constant_n_m_a * natural_rad_s / length_m
+    scale[0] = scale[1] = current
+    scale[2] = alpha * winding.d_inductance_h * current
+    scale[3] = alpha * winding.q_inductance_h * current

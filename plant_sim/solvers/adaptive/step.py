@@ -7,7 +7,7 @@ the state there has the accuracy of a step.
 
 import math
 
-from plant_sim.kernels import inlined, subroutine
+from plant_sim.kernels import subroutine
 from plant_sim.parts.housing import smooth_for_s
 from plant_sim.parts.parts import Parts
 from plant_sim.sensors.sensing import Probe, is_sensing, sense_series, sense_step, series_order
@@ -43,7 +43,7 @@ rest; the error per forcing period then exceeds the accuracy.
 """
 
 
-@inlined
+@subroutine(inline=True)
 def take_step(
     parts: Parts,
     probe: Probe,
@@ -194,7 +194,7 @@ def _look_within(parts: Parts, flow: Flow, h_s: float, memory: Memory, is_series
         extend(parts, flow, h_s, memory.y, memory.new, memory.k, memory.trial, memory.dense)
 
 
-@inlined
+@subroutine(inline=True)
 def _sense(
     parts: Parts, probe: Probe, memory: Memory, h_s: float, used_s: float, begin_s: float, is_series: bool
 ) -> None:

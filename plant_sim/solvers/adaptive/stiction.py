@@ -6,17 +6,16 @@ The striker sticks by dry friction, or rests on a rigid stop. The law of frictio
 
 import math
 
-from plant_sim.kernels import by_part, law, subroutine
+from plant_sim.kernels import by_part, subroutine
 from plant_sim.parts.friction import ROUNDING, static_limit_n
-from plant_sim.parts.housing import Housing, Level, Moving, Tilted, housing_m_s2, housing_m_s3
+from plant_sim.parts.housing import Housing, Level, Tilted, housing_m_s2, housing_m_s3
 from plant_sim.parts.linkage import crank_torque_n_m, sine_at
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m
 from plant_sim.parts.striker import spring_force_n, spring_stretch_m
-from plant_sim.parts.walking import Walking
 from plant_sim.parts.wearer import Ankle, Wearer
 from plant_sim.solvers.adaptive.crank import angle_at, angle_event, coupling_n, crank_now
-from plant_sim.solvers.adaptive.event_location import Step, root
+from plant_sim.solvers.adaptive.event_location import Step
 from plant_sim.solvers.adaptive.state_layout import (
     CONTACT,
     FLIGHT,
@@ -24,12 +23,12 @@ from plant_sim.solvers.adaptive.state_layout import (
     REST,
     STICK,
     Memory,
-    Scratch,
     Vector,
+    enter,
 )
 from plant_sim.solvers.adaptive.stop import leaving_zeros, open_contact
 from plant_sim.solvers.adaptive.wearer import from_stop_m
-from plant_sim.solvers.bernstein import DEGREE, NODES, interpolate
+from plant_sim.solvers.bernstein import DEGREE, NODES, Scratch, interpolate, root
 from plant_sim.solvers.double_double import TURN_RAD
 
 NEAR_RAD = 1e-9
@@ -102,19 +101,10 @@ def _next(angle_rad: float, after_rad: float) -> float:
 
 @by_part
 def release_event(housing: Housing, parts: Parts, step: Step) -> float:
-    """First s at which a resting striker breaks away."""
-    raise NotImplementedError
+    """First s at which a resting striker breaks away.
 
-
-@law(release_event, Level, Tilted)
-def _(housing: Level | Tilted, parts: Parts, step: Step) -> float:
-    up, down = _release_angles(parts, step.flow.phase, step.flow.angle_rad, step.y[0])
-    return angle_event(parts.drive, up, down, step)
-
-
-@law(release_event, Moving, Walking)
-def _(housing: Moving | Walking, parts: Parts, step: Step) -> float:
-    """The sum of spring and housing force is approximated by a polynomial, to 1e-9 over a radian."""
+    The sum of spring and housing force is approximated by a polynomial, to 1e-9 over a radian.
+    """
     flow, h_s = step.flow, step.h_s
     values, pull = step.scratch.poly, step.scratch.press[: DEGREE + 1]
     largest = 0.0
@@ -126,6 +116,12 @@ def _(housing: Moving | Walking, parts: Parts, step: Step) -> float:
     limit = dry_limit_n(parts) + ROUNDING * largest
     down = _break(pull, -1.0, limit, step.scratch)
     return min(down, _break(pull, 1.0, limit, step.scratch)) if flow.phase == STICK else down
+
+
+@release_event.register(Level, Tilted)
+def _level_or_tilted_release_event(housing: Level | Tilted, parts: Parts, step: Step) -> float:
+    up, down = _release_angles(parts, step.flow.phase, step.flow.angle_rad, step.y[0])
+    return angle_event(parts.drive, up, down, step)
 
 
 @subroutine
@@ -150,7 +146,7 @@ def from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
     breaks_forward = not is_on_stop and (net > dry + near or (net > dry - near and growth > 0.0))
     breaks_back = net < -dry - near or (net < near - dry and growth < 0.0)
     if not breaks_forward and not breaks_back and (is_on_stop or dry > 0.0):
-        mode.phase = REST if is_on_stop else STICK
+        enter(mode, REST if is_on_stop else STICK, 0, 0, 0)
         return
     forward = breaks_forward
     if breaks_forward == breaks_back:  # free, and without a pull
@@ -164,8 +160,8 @@ def _set_off_force_n(wearer: Wearer, parts: Parts, memory: Memory, time_s: float
     return held_force_n(parts, crank_now(parts.drive, memory).angle_rad, memory.y, time_s)
 
 
-@law(_set_off_force_n, Ankle)
-def _(wearer: Ankle, parts: Parts, memory: Memory, time_s: float) -> float:
+@_set_off_force_n.register(Ankle)
+def _ankle_set_off_force_n(wearer: Ankle, parts: Parts, memory: Memory, time_s: float) -> float:
     force_n = held_force_n(parts, crank_now(parts.drive, memory).angle_rad, memory.y, time_s)
     if memory.y[0] == 0.0:  # at a plate at rest, which the housing moves along as it does the striker
         force_n += parts.striker.mass_kg * housing_m_s2(parts.housing, time_s)
@@ -180,26 +176,23 @@ def _pull_growth(housing: Housing, parts: Parts, memory: Memory, time_s: float) 
     Within that distance of the limit the derivative decides, so that no release is missed. At the piston's
     dead centres the derivative vanishes, and no breakaway begins.
     """
-    raise NotImplementedError
-
-
-@law(_pull_growth, Level, Tilted)
-def _(housing: Level | Tilted, parts: Parts, memory: Memory, time_s: float) -> tuple[float, float]:
-    crank, spring_n_m = crank_now(parts.drive, memory), parts.striker.spring_n_m
-    if abs(math.cos(crank.angle_rad)) < 1e-4:
-        return 0.0, 0.0
-    per_rad = crank_torque_n_m(parts.linkage, spring_n_m, parts.drive.amplitude_m, crank.angle_rad)
-    return per_rad * crank.speed_rad_s, abs(per_rad) * 2.0 * NEAR_RAD
-
-
-@law(_pull_growth, Moving, Walking)
-def _(housing: Moving | Walking, parts: Parts, memory: Memory, time_s: float) -> tuple[float, float]:
     crank, striker = crank_now(parts.drive, memory), parts.striker
     per_rad = crank_torque_n_m(parts.linkage, striker.spring_n_m, parts.drive.amplitude_m, crank.angle_rad)
     shaken = striker.mass_kg * housing_m_s3(housing, time_s)
     natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
     growth = per_rad * crank.speed_rad_s - shaken
     return growth, (abs(per_rad) + abs(shaken) / natural) * 2.0 * NEAR_RAD
+
+
+@_pull_growth.register(Level, Tilted)
+def _level_or_tilted_pull_growth(
+    housing: Level | Tilted, parts: Parts, memory: Memory, time_s: float
+) -> tuple[float, float]:
+    crank, spring_n_m = crank_now(parts.drive, memory), parts.striker.spring_n_m
+    if abs(math.cos(crank.angle_rad)) < 1e-4:
+        return 0.0, 0.0
+    per_rad = crank_torque_n_m(parts.linkage, spring_n_m, parts.drive.amplitude_m, crank.angle_rad)
+    return per_rad * crank.speed_rad_s, abs(per_rad) * 2.0 * NEAR_RAD
 
 
 @subroutine
@@ -214,13 +207,11 @@ def release(parts: Parts, memory: Memory, time_s: float) -> None:
 def _set_off(parts: Parts, memory: Memory, time_s: float, forward: bool, zeros: int) -> None:
     """Slide from v = 0; the first `zeros` derivatives, v included, are zero."""
     y, mode = memory.y, memory.mode[0]
-    mode.direction = 1 if forward else -1
-    mode.zero_velocity = zeros
+    direction = 1 if forward else -1
     if mode.in_impact == IN_CONTACT:
-        mode.phase = CONTACT
+        enter(mode, CONTACT, direction, mode.zero_depth, zeros)
         return
-    mode.phase = FLIGHT
-    if y[0] == 0.0 and not forward:
-        mode.zero_depth = zeros + 1
-    elif is_soft(parts.stop) and y[0] == 0.0:
+    sets_off_surface = y[0] == 0.0 and not forward
+    enter(mode, FLIGHT, direction, zeros + 1 if sets_off_surface else mode.zero_depth, zeros)
+    if is_soft(parts.stop) and y[0] == 0.0 and forward:
         open_contact(parts, memory, time_s, zeros + leaving_zeros(parts.stop))

@@ -6,7 +6,7 @@ An impact at a rigid stop takes no time; one at a soft stop is a contact. The la
 
 import math
 
-from plant_sim.kernels import by_part, law, subroutine
+from plant_sim.kernels import by_part, subroutine
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import (
     HuntCrossley,
@@ -21,7 +21,7 @@ from plant_sim.parts.stop import (
 from plant_sim.parts.wearer import contact_mass_kg
 from plant_sim.sensors.sensing import Probe, sense_jump
 from plant_sim.solvers.adaptive.crank import crank_now
-from plant_sim.solvers.adaptive.event_location import CLEAR, LEAVE, PRESS, TOUCH, Found, Step, earlier, root
+from plant_sim.solvers.adaptive.event_location import CLEAR, LEAVE, PRESS, TOUCH, Found, Step, earlier
 from plant_sim.solvers.adaptive.state_layout import (
     CONTACT,
     DEPTH,
@@ -31,9 +31,11 @@ from plant_sim.solvers.adaptive.state_layout import (
     NO_IMPACT,
     STICK,
     Memory,
+    enter,
     work_place,
 )
 from plant_sim.solvers.adaptive.wearer import closing_m_s
+from plant_sim.solvers.bernstein import root
 
 
 @subroutine
@@ -48,15 +50,15 @@ def stop_events(stop: Stop, parts: Parts, step: Step, found: Found) -> Found:
     return found
 
 
-@law(stop_events, RigidStop)
-def _(stop: RigidStop, parts: Parts, step: Step, found: Found) -> Found:
+@stop_events.register(RigidStop)
+def _rigid_stop_events(stop: RigidStop, parts: Parts, step: Step, found: Found) -> Found:
     if step.flow.phase != FLIGHT:
         return found
     return earlier(found, TOUCH, root(step.dense[DEPTH], 1.0, 0.0, step.zeros.depth, step.scratch))
 
 
-@law(stop_events, HuntCrossley)
-def _(stop: HuntCrossley, parts: Parts, step: Step, found: Found) -> Found:
+@stop_events.register(HuntCrossley)
+def _hunt_crossley_stop_events(stop: HuntCrossley, parts: Parts, step: Step, found: Found) -> Found:
     depth, zeros = step.dense[DEPTH], step.zeros.depth
     if step.flow.phase == FLIGHT:
         return earlier(found, TOUCH, root(depth, 1.0, 0.0, zeros, step.scratch))
@@ -65,8 +67,8 @@ def _(stop: HuntCrossley, parts: Parts, step: Step, found: Found) -> Found:
     return found
 
 
-@law(stop_events, KelvinVoigt)
-def _(stop: KelvinVoigt, parts: Parts, step: Step, found: Found) -> Found:
+@stop_events.register(KelvinVoigt)
+def _kelvin_voigt_stop_events(stop: KelvinVoigt, parts: Parts, step: Step, found: Found) -> Found:
     slope_s = stop.damping_n_s_m / stop.stiffness_n_m
     phase, zeros, scratch = step.flow.phase, step.zeros.depth, step.scratch
     depth = step.dense[DEPTH]
@@ -91,8 +93,8 @@ def leaving_zeros(stop: Stop) -> int:
     return 1
 
 
-@law(leaving_zeros, KelvinVoigt)
-def _(stop: KelvinVoigt) -> int:
+@leaving_zeros.register(KelvinVoigt)
+def _kelvin_voigt_leaving_zeros(stop: KelvinVoigt) -> int:
     return 0 if stop.damping_n_s_m > 0.0 else 1
 
 
@@ -103,8 +105,7 @@ def rebound(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
     v = memory.y[1]
     memory.y[1] = -k * v
     memory.y[work_place(parts) + 2] += 0.5 * mass * v * v * (1.0 - k * k)
-    memory.mode[0].direction = -1
-    memory.mode[0].zero_depth = 1
+    enter(memory.mode[0], FLIGHT, -1, 1, 0)
     _record(
         memory, time_s, v, -k * v, mass * (1.0 + k) * v, math.nan, crank_now(parts.drive, memory).angle_rad
     )
@@ -123,9 +124,8 @@ def come_to_rest(parts: Parts, memory: Memory) -> None:
 def open_contact(parts: Parts, memory: Memory, time_s: float, zeros: int) -> None:
     """Begin a contact with a soft stop; `zeros` is as in `leaving_zeros`."""
     y, mode, contact = memory.y, memory.mode[0], memory.contact[0]
-    mode.phase = CONTACT
+    enter(mode, CONTACT, mode.direction, zeros, mode.zero_velocity)
     mode.in_impact = IN_CONTACT
-    mode.zero_depth = zeros
     speed = max(closing_m_s(parts.wearer, parts.drive, y), 0.0)
     contact.touch_s = time_s
     contact.touch_m_s = speed
@@ -145,13 +145,13 @@ def press_again(parts: Parts, memory: Memory, time_s: float) -> None:
 
     The earlier contact continues.
     """
+    mode = memory.mode[0]
     memory.y[work_place(parts) + 2] -= elastic_energy_j(parts.stop, memory.y[0])
-    if memory.mode[0].in_impact == NO_IMPACT:
+    if mode.in_impact == NO_IMPACT:
         open_contact(parts, memory, time_s, 1)
         return
-    memory.mode[0].phase = CONTACT
-    memory.mode[0].in_impact = IN_CONTACT
-    memory.mode[0].zero_depth = 1
+    enter(mode, CONTACT, mode.direction, 1, mode.zero_velocity)
+    mode.in_impact = IN_CONTACT
 
 
 @subroutine
@@ -165,10 +165,9 @@ def leave(parts: Parts, memory: Memory) -> None:
     if not lets_go_early:
         y[0] = 0.0
     y[work_place(parts) + 2] += elastic_energy_j(parts.stop, y[0])
-    mode.phase = FLIGHT
-    mode.in_impact = LET_GO
     closing = closing_m_s(parts.wearer, parts.drive, y)
-    mode.zero_depth = 1 if closing < 0.0 else 2
+    enter(mode, FLIGHT, mode.direction, 1 if closing < 0.0 else 2, mode.zero_velocity)
+    mode.in_impact = LET_GO
     memory.contact[0].leave_m_s = closing
     if not lets_go_early:
         record_contact(parts, memory)

@@ -5,7 +5,7 @@ Without a wearer the stop is fixed to the housing, and p = 0.
 
 import math
 
-from plant_sim.kernels import by_part, law, subroutine
+from plant_sim.kernels import by_part, subroutine
 from plant_sim.parts.drive import Drive
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.wearer import Ankle, Wearer
@@ -20,8 +20,8 @@ def from_stop_m(wearer: Wearer, drive: Drive, y: Vector) -> float:
     return depth_m
 
 
-@law(from_stop_m, Ankle)
-def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
+@from_stop_m.register(Ankle)
+def _ankle_from_stop_m(wearer: Ankle, drive: Drive, y: Vector) -> float:
     place_m: float = y[0] + y[plate_place(drive)]
     return place_m
 
@@ -33,8 +33,8 @@ def closing_m_s(wearer: Wearer, drive: Drive, y: Vector) -> float:
     return v_m_s
 
 
-@law(closing_m_s, Ankle)
-def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
+@closing_m_s.register(Ankle)
+def _ankle_closing_m_s(wearer: Ankle, drive: Drive, y: Vector) -> float:
     v_m_s: float = y[1] - y[plate_place(drive) + 1]
     return v_m_s
 
@@ -52,8 +52,8 @@ def plate_at(wearer: Wearer, drive: Drive, dense: Vector, s: float) -> tuple[flo
     return 0.0, 0.0
 
 
-@law(plate_at, Ankle)
-def _(wearer: Ankle, drive: Drive, dense: Vector, s: float) -> tuple[float, float]:
+@plate_at.register(Ankle)
+def _ankle_plate_at(wearer: Ankle, drive: Drive, dense: Vector, s: float) -> tuple[float, float]:
     place = plate_place(drive)
     return at(dense[place], s), at(dense[place + 1], s)
 
@@ -64,8 +64,8 @@ def felt_force_n(wearer: Wearer, drive: Drive, y: Vector) -> float:
     return 0.0
 
 
-@law(felt_force_n, Ankle)
-def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
+@felt_force_n.register(Ankle)
+def _ankle_felt_force_n(wearer: Ankle, drive: Drive, y: Vector) -> float:
     place = plate_place(drive)
     force_n: float = wearer.stiffness_n_m * y[place] + wearer.damping_n_s_m * y[place + 1]
     return force_n
@@ -77,8 +77,8 @@ def plate_momentum_n_s(wearer: Wearer, drive: Drive, y: Vector) -> float:
     return 0.0
 
 
-@law(plate_momentum_n_s, Ankle)
-def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
+@plate_momentum_n_s.register(Ankle)
+def _ankle_plate_momentum_n_s(wearer: Ankle, drive: Drive, y: Vector) -> float:
     momentum_n_s: float = wearer.plate_kg * y[plate_place(drive) + 1]
     return momentum_n_s
 
@@ -89,8 +89,8 @@ def plate_energy_j(wearer: Wearer, drive: Drive, y: Vector) -> float:
     return 0.0
 
 
-@law(plate_energy_j, Ankle)
-def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
+@plate_energy_j.register(Ankle)
+def _ankle_plate_energy_j(wearer: Ankle, drive: Drive, y: Vector) -> float:
     p, v = y[plate_place(drive)], y[plate_place(drive) + 1]
     energy_j: float = 0.5 * (wearer.plate_kg * v * v + wearer.stiffness_n_m * p * p)
     return energy_j
@@ -102,8 +102,10 @@ def plate_derivative(wearer: Wearer, parts: Parts, push_n: float, a_b: float, y:
     return
 
 
-@law(plate_derivative, Ankle)
-def _(wearer: Ankle, parts: Parts, push_n: float, a_b: float, y: Vector, out: Vector) -> None:
+@plate_derivative.register(Ankle)
+def _ankle_plate_derivative(
+    wearer: Ankle, parts: Parts, push_n: float, a_b: float, y: Vector, out: Vector
+) -> None:
     place = plate_place(parts.drive)
     v = y[place + 1]
     out[place] = v
@@ -117,6 +119,6 @@ def ankle_s(wearer: Wearer) -> float:
     return math.inf
 
 
-@law(ankle_s, Ankle)
-def _(wearer: Ankle) -> float:
+@ankle_s.register(Ankle)
+def _plate_on_ankle_s(wearer: Ankle) -> float:
     return math.sqrt(wearer.plate_kg / wearer.stiffness_n_m)

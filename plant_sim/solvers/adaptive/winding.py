@@ -7,7 +7,7 @@ the state; at `terminal_place` the work at their terminals and the copper loss.
 import math
 from typing import NamedTuple
 
-from plant_sim.kernels import by_part, law, subroutine
+from plant_sim.kernels import by_part, subroutine
 from plant_sim.parts.drive import Drive, MotorDrive, motor_current_a, motor_torque_n_m
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.winding import (
@@ -15,7 +15,6 @@ from plant_sim.parts.winding import (
     Winding,
     asked_current_a,
     flux_wb,
-    mean_flux_wb,
     voltage_limit_v,
 )
 from plant_sim.solvers.adaptive.event_location import (
@@ -26,7 +25,6 @@ from plant_sim.solvers.adaptive.event_location import (
     Step,
     earlier,
     look_within,
-    root,
     steepest,
 )
 from plant_sim.solvers.adaptive.state_layout import (
@@ -38,7 +36,7 @@ from plant_sim.solvers.adaptive.state_layout import (
     current_place,
     terminal_place,
 )
-from plant_sim.solvers.bernstein import DEGREE, NODES, interpolate
+from plant_sim.solvers.bernstein import DEGREE, NODES, interpolate, root
 
 STABLE = 4.5
 """h |λ| for which DOP853 damps a real pole well; its limit of stability is about 6."""
@@ -59,8 +57,10 @@ def turning_current_a(
     return motor_current_a(drive, torque_n_m, crank.speed_rad_s)
 
 
-@law(turning_current_a, DqWinding)
-def _(winding: DqWinding, drive: Drive, torque_n_m: float, crank: Crank, y: Vector, place: int) -> float:
+@turning_current_a.register(DqWinding)
+def _dq_winding_turning_current_a(
+    winding: DqWinding, drive: Drive, torque_n_m: float, crank: Crank, y: Vector, place: int
+) -> float:
     current_a: float = y[place + 1]
     return current_a
 
@@ -73,13 +73,14 @@ def turning_torque_n_m(
     return motor_torque_n_m(drive, torque_n_m, crank.speed_rad_s)
 
 
-@law(turning_torque_n_m, DqWinding)
-def _(winding: DqWinding, drive: MotorDrive, torque_n_m: float, crank: Crank, y: Vector, place: int) -> float:
+@turning_torque_n_m.register(DqWinding)
+def _dq_winding_turning_torque_n_m(
+    winding: DqWinding, drive: MotorDrive, torque_n_m: float, crank: Crank, y: Vector, place: int
+) -> float:
     i_d, i_q = y[place], y[place + 1]
     saliency_h = winding.d_inductance_h - winding.q_inductance_h
     # T = 3/2 p (ψ i_q + (L_d − L_q) i_d i_q)
-    flux = flux_wb(winding, drive, crank.angle_rad)
-    torque: float = 1.5 * drive.pole_pairs * (flux + saliency_h * i_d) * i_q
+    torque: float = 1.5 * drive.pole_pairs * (flux_wb(drive) + saliency_h * i_d) * i_q
     return torque
 
 
@@ -95,7 +96,7 @@ def asked_voltages(
         u_d - alpha * L_d * i_d - electrical * L_q * i_q,
         u_q
         + alpha * L_q * (asked_current_a(drive, torque_n_m) - i_q)
-        + electrical * (L_d * i_d + mean_flux_wb(drive)),
+        + electrical * (L_d * i_d + flux_wb(drive)),
     )
 
 
@@ -117,8 +118,8 @@ def winding_derivative(
     return
 
 
-@law(winding_derivative, DqWinding)
-def _(
+@winding_derivative.register(DqWinding)
+def _dq_winding_derivative(
     winding: DqWinding, drive: MotorDrive, parts: Parts, flow: Flow, crank: Crank, y: Vector, out: Vector
 ) -> None:
     place, account = current_place(parts), terminal_place(parts)
@@ -132,9 +133,7 @@ def _(
     v_d, v_q = share * asked.d, share * asked.q
     electrical = drive.pole_pairs * omega_rad_s
     out[place] = (v_d - R * i_d + electrical * L_q * i_q) / L_d
-    out[place + 1] = (
-        v_q - R * i_q - electrical * (L_d * i_d + flux_wb(winding, drive, crank.angle_rad))
-    ) / L_q
+    out[place + 1] = (v_q - R * i_q - electrical * (L_d * i_d + flux_wb(drive))) / L_q
     # u' = α R (i* − i) + (R/L)(v − v*): nothing is added up that the bus cannot give
     alpha_R = winding.bandwidth_rad_s * R
     out[place + 2] = -alpha_R * i_d + R / L_d * (v_d - asked.d)
@@ -161,8 +160,8 @@ def voltage_may_end(
     return False
 
 
-@law(voltage_may_end, DqWinding)
-def _(
+@voltage_may_end.register(DqWinding)
+def _dq_winding_voltage_may_end(
     winding: DqWinding,
     drive: MotorDrive,
     parts: Parts,
@@ -191,7 +190,7 @@ def _(
         steep_u_q
         + alpha * L_q * steep_q
         + L_d * (faster * most_d + fastest * steep_d)
-        + faster * mean_flux_wb(drive)
+        + faster * flux_wb(drive)
     )
     before = asked_voltages(winding, drive, torque_n_m, y[SPEED], y, place)
     after = asked_voltages(winding, drive, torque_n_m, new[SPEED], new, place)
@@ -208,8 +207,8 @@ def current_s(winding: Winding, drive: Drive) -> float:
     return math.inf
 
 
-@law(current_s, DqWinding)
-def _(winding: DqWinding, drive: MotorDrive) -> float:
+@current_s.register(DqWinding)
+def _dq_winding_current_s(winding: DqWinding, drive: MotorDrive) -> float:
     """The loop's poles are −α and, where the integral cancels them, −R/L_d and −R/L_q."""
     cancelled = drive.resistance_ohm / min(winding.d_inductance_h, winding.q_inductance_h)
     return STABLE / max(winding.bandwidth_rad_s, cancelled)
@@ -226,7 +225,7 @@ def stays_within_voltage(
     L_d, L_q, alpha = winding.d_inductance_h, winding.q_inductance_h, winding.bandwidth_rad_s
     d = u_d + alpha * L_d * i_d + electrical * L_q * i_q
     q = u_q + alpha * L_q * (abs(asked_current_a(drive, torque_n_m)) + i_q)
-    q += electrical * (L_d * i_d + mean_flux_wb(drive))
+    q += electrical * (L_d * i_d + flux_wb(drive))
     limit = voltage_limit_v(drive)
     within: bool = d * d + q * q < limit * limit
     return within
@@ -251,8 +250,10 @@ def settle_voltage(winding: Winding, drive: Drive, parts: Parts, memory: Memory,
     return
 
 
-@law(settle_voltage, DqWinding)
-def _(winding: DqWinding, drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+@settle_voltage.register(DqWinding)
+def _dq_winding_settle_voltage(
+    winding: DqWinding, drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float
+) -> None:
     place, y = current_place(parts), memory.y
     excess = voltage_excess(winding, drive, torque_n_m, y[SPEED], y, place)
     memory.mode[0].voltage_limited = 1 if excess > 0.0 else 0
@@ -265,8 +266,8 @@ def limit_voltage(winding: Winding, memory: Memory, event: int) -> None:
     return
 
 
-@law(limit_voltage, DqWinding)
-def _(winding: DqWinding, memory: Memory, event: int) -> None:
+@limit_voltage.register(DqWinding)
+def _dq_winding_limit_voltage(winding: DqWinding, memory: Memory, event: int) -> None:
     memory.mode[0].voltage_limited = 1 if event == LIMIT else 0
     memory.mode[0].zero_voltage = 1
 
@@ -277,8 +278,8 @@ def is_voltage_limited(winding: Winding, memory: Memory) -> bool:
     return False
 
 
-@law(is_voltage_limited, DqWinding)
-def _(winding: DqWinding, memory: Memory) -> bool:
+@is_voltage_limited.register(DqWinding)
+def _dq_winding_is_voltage_limited(winding: DqWinding, memory: Memory) -> bool:
     limited: bool = memory.mode[0].voltage_limited == 1
     return limited
 
@@ -289,8 +290,8 @@ def voltage_zeros(winding: Winding, memory: Memory) -> int:
     return 0
 
 
-@law(voltage_zeros, DqWinding)
-def _(winding: DqWinding, memory: Memory) -> int:
+@voltage_zeros.register(DqWinding)
+def _dq_winding_voltage_zeros(winding: DqWinding, memory: Memory) -> int:
     zeros: int = memory.mode[0].zero_voltage
     memory.mode[0].zero_voltage = 0
     return zeros
@@ -302,8 +303,10 @@ def voltage_events(winding: Winding, drive: Drive, parts: Parts, step: Step, fou
     return found
 
 
-@law(voltage_events, DqWinding)
-def _(winding: DqWinding, drive: MotorDrive, parts: Parts, step: Step, found: Found) -> Found:
+@voltage_events.register(DqWinding)
+def _dq_winding_voltage_events(
+    winding: DqWinding, drive: MotorDrive, parts: Parts, step: Step, found: Found
+) -> Found:
     flow, dense, scratch = step.flow, step.dense, step.scratch
     values, excess = scratch.poly, scratch.press[: DEGREE + 1]
     place = current_place(parts)

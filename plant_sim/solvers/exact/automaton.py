@@ -13,9 +13,9 @@
 A striker that sticks has no speed and therefore cannot meet the stop. Every function here is pure and
 compiled, so that studies can run this loop inside kernels of their own:
 
-    motion = begin(o, t_s, x − l0, v, crank)
+    motion, scratch = begin(o, t_s, x − l0, v, crank), new_scratch(0)
     while True:
-        arrival, event = next_event(o, motion, until_s)
+        arrival, event = next_event(o, motion, until_s, scratch)
         …a study's evaluation of `motion`, `arrival` and `event`…
         if event == Event.HORIZON: break
         motion = after(o, arrival, event, rest_speed_m_s)
@@ -27,11 +27,18 @@ from typing import NamedTuple
 
 from plant_sim.kernels import subroutine
 from plant_sim.parts.friction import ROUNDING as HELD_ROUNDING
-from plant_sim.parts.friction import is_dry
-from plant_sim.parts.stop import has_stop
 from plant_sim.result import Phase
+from plant_sim.solvers.bernstein import Scratch
 from plant_sim.solvers.double_double import TURN_RAD, add, turned
-from plant_sim.solvers.exact.crossing import Crossing, clear_up_to, cross_cells, sets_off
+from plant_sim.solvers.exact.crossing import (
+    LEAST_SPAN,
+    backing,
+    event_near,
+    first_crossing,
+    overlap,
+    point_after,
+    return_s,
+)
 from plant_sim.solvers.exact.oscillator import (
     Flight,
     Oscillator,
@@ -40,13 +47,9 @@ from plant_sim.solvers.exact.oscillator import (
     launch,
     point,
 )
-from plant_sim.solvers.exact.roots import clear_span, polish
 
-SETTLED = 5e-2  # spans below this over the fastest rate leave a Taylor polynomial exact to rounding
-SCAN_SPAN = 2.0  # the derivatives' bound is taken over this many over ω
 CERTAIN = 1e-3  # share of the pressing acceleration that may change until chatter is over
 RESOLVED = 4e-15  # least height of a bounce over the position's scale: some roundings
-SMALL = 1e-2
 ROUNDING = 2.3e-16
 LEAST_SPEED_M_S = 1e-100
 HALF_PI = 0.5 * math.pi
@@ -104,19 +107,29 @@ def _moving(
     push = o.amplitude_m * sin_crank - y  # spring force over c
     held = o.dry_offset_m
     if v != 0.0:
-        if is_dry(o.friction):
+        if o.is_dry:
             direction = math.copysign(1.0, v)
-    elif is_dry(o.friction) and held > 0.0 and abs(push) <= held + _doubt_m(o, y):
+    elif o.is_dry and held > 0.0 and abs(push) <= held + _doubt_m(o, y):
         phase = Phase.STICK
-    elif (
-        has_stop(o.stop) and y >= o.gap_m and (push > held or (push >= -_doubt_m(o, y) and cos_crank >= 0.0))
-    ):
+    elif o.has_stop and y >= o.gap_m and (push > held or (push >= -_doubt_m(o, y) and cos_crank >= 0.0)):
         phase = Phase.REST_ON_STOP
     else:
-        poised = push == 0.0 and has_stop(o.stop) and y >= o.gap_m
-        if is_dry(o.friction):
+        poised = push == 0.0 and o.has_stop and y >= o.gap_m
+        if o.is_dry:
             direction = math.copysign(1.0, push)
-    return Motion(t, t_low, crank, crank_low, sin_crank, cos_crank, y, v, phase, direction, poised)
+    return Motion(
+        t_s=t,
+        t_low_s=t_low,
+        crank_rad=crank,
+        crank_low_rad=crank_low,
+        sin_crank=sin_crank,
+        cos_crank=cos_crank,
+        y_m=y,
+        v_m_s=v,
+        phase=phase,
+        direction=direction,
+        poised=poised,
+    )
 
 
 @subroutine
@@ -126,10 +139,10 @@ def _doubt_m(o: Oscillator, y: float) -> float:
 
 
 @subroutine
-def next_event(o: Oscillator, motion: Motion, until_s: float) -> tuple[Motion, Event]:
+def next_event(o: Oscillator, motion: Motion, until_s: float, scratch: Scratch) -> tuple[Motion, Event]:
     """The motion just before the first event up to `until_s`, and that event."""
     if motion.phase == Phase.FLIGHT:
-        return _fly(o, motion, until_s)
+        return _fly(o, motion, until_s, scratch)
     return _wait(o, motion, until_s)
 
 
@@ -138,17 +151,17 @@ def _arrive(o: Oscillator, motion: Motion, duration: float, y: float, v: float) 
     t, t_low = add(motion.t_s, motion.t_low_s, duration)
     crank, crank_low = turned(motion.crank_rad, motion.crank_low_rad, o.drive_rad_s, 0.0, duration)
     return Motion(
-        t,
-        t_low,
-        crank,
-        crank_low,
-        math.sin(crank),
-        math.cos(crank),
-        y,
-        v,
-        motion.phase,
-        motion.direction,
-        False,
+        t_s=t,
+        t_low_s=t_low,
+        crank_rad=crank,
+        crank_low_rad=crank_low,
+        sin_crank=math.sin(crank),
+        cos_crank=math.cos(crank),
+        y_m=y,
+        v_m_s=v,
+        phase=motion.phase,
+        direction=motion.direction,
+        poised=False,
     )
 
 
@@ -157,17 +170,17 @@ def _at_horizon(o: Oscillator, motion: Motion, until_s: float, y: float, v: floa
     span = (until_s - motion.t_s) - motion.t_low_s
     there = _arrive(o, motion, span, y, v)
     return Motion(
-        until_s,
-        0.0,
-        there.crank_rad,
-        there.crank_low_rad,
-        there.sin_crank,
-        there.cos_crank,
-        y,
-        v,
-        motion.phase,
-        motion.direction,
-        motion.poised and span <= 0.0,
+        t_s=until_s,
+        t_low_s=0.0,
+        crank_rad=there.crank_rad,
+        crank_low_rad=there.crank_low_rad,
+        sin_crank=there.sin_crank,
+        cos_crank=there.cos_crank,
+        y_m=y,
+        v_m_s=v,
+        phase=motion.phase,
+        direction=motion.direction,
+        poised=motion.poised and span <= 0.0,
     )
 
 
@@ -208,35 +221,6 @@ def _level_angle(level: float, amplitude: float) -> float:
 
 
 @subroutine
-def _derivative_bounds(o: Oscillator, p: Point, span: float) -> tuple[float, float, float]:
-    """Bounds on the fourth, fifth and sixth derivative of y over a span from a point.
-
-    The free energy norm √(ω² y² + y'²) grows by at most the force per mass; each further derivative is
-    bounded by the equation of motion, or where damping is strong by z' = −2σ z + f ⇒ |z| ≤ max(|z0|, max|f|
-    / 2σ).
-    """
-    w, w2, drag, Omega = o.natural_rad_s, o.stiffness_1_s2, 2.0 * o.decay_1_s, o.drive_rad_s
-    drive = w2 * o.amplitude_m
-    drive_1, drive_2 = drive * Omega, drive * Omega * Omega
-    force = drive + w2 * o.dry_offset_m
-    b1 = math.sqrt(w2 * p.y_m * p.y_m + p.v_m_s * p.v_m_s) + force * span
-    b2 = w * b1 + force
-    if drag <= 0.5 * w:
-        b2 += drag * b1
-        b3 = drag * b2 + w2 * b1 + drive_1
-        b4 = drag * b3 + w2 * b2 + drive_2
-    else:
-        b1 = min(b1, max(abs(p.v_m_s), b2 / drag))
-        b2 = min(b2 + drag * b1, max(abs(p.a_m_s2), (w2 * b1 + drive_1) / drag))
-        pull = w2 * b1 + drive_1
-        b3 = min(drag * b2 + pull, max(abs(p.jerk_m_s3), (w2 * b2 + drive_2) / drag))
-        pull = w2 * b2 + drive_2
-        b4 = min(drag * b3 + pull, max(abs(p.snap_m_s4), (w2 * b3 + drive_2 * Omega) / drag))
-    b5 = drag * b4 + w2 * b3 + drive_2 * Omega
-    return b4, b5, drag * b5 + w2 * b4 + drive_2 * Omega * Omega
-
-
-@subroutine
 def _quiet_from(o: Oscillator, flight: Flight) -> float:
     """Time after the start of a flight without dry friction from which on it stays clear of the stop, s."""
     room = o.gap_m - o.steady_m
@@ -249,134 +233,76 @@ def _quiet_from(o: Oscillator, flight: Flight) -> float:
 
 
 @subroutine
-def _fly(o: Oscillator, motion: Motion, until_s: float) -> tuple[Motion, Event]:
-    """Fly to the stop or the turn: prove a span clear, advance over it, and locate the event once it is
-    close.
+def _fly(o: Oscillator, motion: Motion, until_s: float, scratch: Scratch) -> tuple[Motion, Event]:
+    """Fly to the stop or the turn, from span to span; each ends where an event may occur first.
 
-    Cells cover most of a flight. Where their proof fails, a step by the bounds on derivatives is taken; after
-    a step that is as long as a cell, cells are tried again.
+    There the event is located if it is surely near; otherwise a shorter span decides.
     """
     direction = motion.direction
+    if o.has_stop and motion.y_m >= o.gap_m and motion.v_m_s > 0.0:
+        return _arrive(o, motion, 0.0, o.gap_m, motion.v_m_s), Event.IMPACT
     end = (until_s - motion.t_s) - motion.t_low_s
     flight = launch(o, motion.y_m, motion.v_m_s, motion.sin_crank, motion.cos_crank, direction)
     here = point(o, flight, 0.0, motion.y_m, motion.v_m_s, 0.0, 1.0)
     if motion.poised or (motion.v_m_s == 0.0 and direction * here.a_m_s2 < 0.0):
         here = _without_force(here)
-    first_period = TURN_RAD / o.natural_rad_s
+    first_period, least = TURN_RAD / o.natural_rad_s, LEAST_SPAN / o.fastest_1_s
     last = end + ROUNDING * abs(until_s)  # an event whose time rounds to the end belongs to the run
-    scan_end = last if has_stop(o.stop) or is_dry(o.friction) else -1.0
-    in_cells = sets_off(o, here, direction)
-    while here.h_s <= scan_end:
-        if in_cells:
-            crossing = cross_cells(o, flight, here, direction, last)
+    scan_end = last if o.has_stop or o.is_dry else -1.0
+    # At the least speeds the guess rounds to 0, and a span of 0 would never end.
+    span = max(_first_span_s(o, here, direction), 2.0 * least)
+    while here.h_s < scan_end:
+        there = point_after(o, flight, here, span)  # beyond the end, too: events do not depend on it
+        crossing = first_crossing(o, here, there, direction, scratch)
+        found, is_clear = False, crossing.s > 1.0
+        if is_clear:
+            span = min(2.0 * span, o.span_s)
         else:
-            crossing = _step_on(o, here, direction, last)
-        if crossing.found:
-            arrival = _arrive(o, motion, crossing.time_s, crossing.y_m, crossing.v_m_s)
+            near = point_after(o, flight, here, crossing.s * span)
+            found, there = event_near(o, flight, near, direction, crossing.at_stop)
+            if not found and crossing.s * span < least:  # it touches zero within rounding
+                there = point_after(o, flight, here, least)
+                found = there.overlap_m > 0.0 if crossing.at_stop else direction * there.v_m_s < 0.0
+            span = max(0.5 * span, 2.0 * least)
+        if found:
+            y, v = (o.gap_m, there.v_m_s) if crossing.at_stop else (min(there.y_m, o.gap_m), 0.0)
+            arrival = _arrive(o, motion, there.h_s, y, v)
             if arrival.t_s <= until_s:
                 return arrival, Event.IMPACT if crossing.at_stop else Event.TURN
             break
-        h = crossing.clear_s
-        if h >= last:
-            break
-        if not is_dry(o.friction) and here.h_s < first_period <= h:
+        if not o.is_dry and here.h_s < first_period <= there.h_s:
             scan_end = min(last, _quiet_from(o, flight))
-        in_cells = not in_cells and h - here.h_s >= o.cells.span_s > 0.0
-        if h > here.h_s:
-            y, v, sin_drive, cos_drive = flow(o, flight, h)
-            here = point(o, flight, h, y, v, sin_drive, cos_drive)
+        here = there
     y, v, _, _ = flow(o, flight, end)
     return _at_horizon(o, motion, until_s, min(y, o.gap_m), v), Event.HORIZON
 
 
 @subroutine
-def _step_on(o: Oscillator, here: Point, direction: float, last: float) -> Crossing:
-    """Advance by one step from the bounds on derivatives."""
-    settled = SETTLED / o.fastest_1_s
-    step, event = _look_ahead(o, here, direction, min(last - here.h_s, SCAN_SPAN / o.natural_rad_s))
-    if event != Event.HORIZON and step <= settled:
-        rest, y, v = _settle(o, here, direction, event, step, 2.0 * settled)
-        if rest >= 0.0:
-            return Crossing(here.h_s, True, event == Event.IMPACT, here.h_s + rest, y, v)
-        step = max(step, 1e-7 * settled)  # it touches zero within rounding: pass it
-    return clear_up_to(here.h_s + step)
+def _first_span_s(o: Oscillator, here: Point, direction: float) -> float:
+    """The span in which a flight's event is first looked for, s: somewhat more than a short bounce takes."""
+    soon = math.inf
+    if o.has_stop:
+        soon = return_s(overlap(here))
+    if o.is_dry:
+        soon = min(soon, return_s(backing(here, direction)))
+    return min(1.25 * soon, o.span_s)
 
 
 @subroutine
 def _without_force(p: Point) -> Point:
     """A point just released, whose net force is zero: rounding must not push it back."""
     return Point(
-        p.h_s, p.y_m, p.v_m_s, 0.0, p.jerk_m_s3, p.snap_m_s4, p.crackle_m_s5, p.piston_m, p.piston_cos_m
+        h_s=p.h_s,
+        y_m=p.y_m,
+        overlap_m=p.overlap_m,
+        v_m_s=p.v_m_s,
+        a_m_s2=0.0,
+        jerk_m_s3=p.jerk_m_s3,
+        snap_m_s4=p.snap_m_s4,
+        crackle_m_s5=p.crackle_m_s5,
+        piston_m=p.piston_m,
+        piston_cos_m=p.piston_cos_m,
     )
-
-
-@subroutine
-def _look_ahead(o: Oscillator, p: Point, direction: float, span: float) -> tuple[float, Event]:
-    """A span without an event, and the event that may follow it."""
-    b4, b5, b6 = _derivative_bounds(o, p, span)
-    step, event = span, Event.HORIZON
-    if has_stop(o.stop):
-        overlap = min(p.y_m - o.gap_m, 0.0)
-        clear = clear_span(overlap, p.v_m_s, p.a_m_s2, p.jerk_m_s3, p.snap_m_s4, b4, b5, step)
-        if clear < step:
-            step, event = clear, Event.IMPACT
-    if is_dry(o.friction):
-        s = -direction
-        clear = clear_span(
-            min(s * p.v_m_s, 0.0),
-            s * p.a_m_s2,
-            s * p.jerk_m_s3,
-            s * p.snap_m_s4,
-            s * p.crackle_m_s5,
-            b5,
-            b6,
-            step,
-        )
-        if clear < step:
-            step, event = clear, Event.TURN
-    return step, event
-
-
-@subroutine
-def _settle(
-    o: Oscillator, p: Point, direction: float, event: Event, step: float, limit: float
-) -> tuple[float, float, float]:
-    """Time from a point to the event close by, −1 if it does not happen, with y and y' just before it.
-
-    The root of a Taylor polynomial of low degree, then one step of Newton's method with all terms, which has
-    to be small against the distance to the next turn: near grazing the event is left to a closer point.
-    """
-    y, v, a, d3, d4, d5 = p.y_m, p.v_m_s, p.a_m_s2, p.jerk_m_s3, p.snap_m_s4, p.crackle_m_s5
-    back = -direction
-    overlap, against = min(y - o.gap_m, 0.0), min(back * v, 0.0)
-    if event == Event.IMPACT:
-        s = 0.0 if overlap == 0.0 and v > 0.0 else polish(overlap, v, a, d3, d4, d5, step, limit)
-    else:
-        at_once = against == 0.0 and back * a > 0.0
-        s = 0.0 if at_once else polish(against, back * a, back * d3, back * d4, back * d5, 0.0, step, limit)
-    if s <= 0.0:
-        return (s, o.gap_m, v) if event == Event.IMPACT else (s, y, 0.0)
-    drag, w2, square = 2.0 * o.decay_1_s, o.stiffness_1_s2, o.drive_rad_s * o.drive_rad_s
-    x4 = square * square * p.piston_m  # derivatives of x_A
-    x5 = square * square * o.drive_rad_s * p.piston_cos_m
-    d6 = -drag * d5 - w2 * (d4 - x4)
-    d7 = -drag * d6 - w2 * (d5 - x5)
-    d8 = -drag * d7 - w2 * (d6 + square * x4)
-    d9 = -drag * d8 - w2 * (d7 + square * x5)
-    high = d6 / 720 + s * (d7 / 5040 + s * (d8 / 40320 + s * d9 / 362880))
-    high_rate = d6 / 120 + s * (d7 / 720 + s * (d8 / 5040 + s * d9 / 40320))
-    rise = s * (v + s * (a / 2 + s * (d3 / 6 + s * (d4 / 24 + s * (d5 / 120 + s * high)))))
-    speed = v + s * (a + s * (d3 / 2 + s * (d4 / 6 + s * (d5 / 24 + s * high_rate))))
-    pull = a + s * (d3 + s * (d4 / 2 + s * d5 / 6))
-    if event == Event.IMPACT:
-        correction = -(overlap + rise) / speed
-        if not (speed > 0.0 and abs(correction * pull) <= SMALL * speed):
-            return -1.0, y, v
-        return max(s + correction, 0.0), o.gap_m, speed + correction * pull
-    correction = -speed / pull
-    if not abs(correction * (d3 + s * (d4 + s * d5 / 2))) <= SMALL * abs(pull):
-        return -1.0, y, v
-    return max(s + correction, 0.0), min(y + rise, o.gap_m), 0.0
 
 
 @subroutine
@@ -392,24 +318,24 @@ def after(o: Oscillator, arrival: Motion, event: Event, rest_speed_m_s: float) -
             o, m.t_s, m.t_low_s, m.crank_rad, m.crank_low_rad, m.sin_crank, m.cos_crank, m.y_m, 0.0
         )
     phase, direction = Phase.FLIGHT, 0.0
-    if is_dry(o.friction):
+    if o.is_dry:
         direction = 1.0 if event == Event.RELEASE_UP else -1.0
-        if event == Event.RELEASE_UP and has_stop(o.stop) and m.y_m >= o.gap_m:
+        if event == Event.RELEASE_UP and o.has_stop and m.y_m >= o.gap_m:
             phase = Phase.REST_ON_STOP
         elif m.phase == Phase.REST_ON_STOP and o.dry_offset_m > 0.0:
             phase = Phase.STICK
     return Motion(
-        m.t_s,
-        m.t_low_s,
-        m.crank_rad,
-        m.crank_low_rad,
-        m.sin_crank,
-        m.cos_crank,
-        m.y_m,
-        0.0,
-        phase,
-        direction,
-        phase == Phase.FLIGHT,
+        t_s=m.t_s,
+        t_low_s=m.t_low_s,
+        crank_rad=m.crank_rad,
+        crank_low_rad=m.crank_low_rad,
+        sin_crank=m.sin_crank,
+        cos_crank=m.cos_crank,
+        y_m=m.y_m,
+        v_m_s=0.0,
+        phase=phase,
+        direction=direction,
+        poised=phase == Phase.FLIGHT,
     )
 
 
@@ -428,7 +354,7 @@ def _rebound(o: Oscillator, m: Motion, rest_speed_m_s: float) -> Motion:
     push = o.stiffness_1_s2 * (o.amplitude_m * m.sin_crank - o.gap_m)
     dry = o.stiffness_1_s2 * o.dry_offset_m
     if speed > 0.0 and push > dry:
-        height = RESOLVED * (abs(o.gap_m) + o.amplitude_m) if is_dry(o.friction) else 0.0
+        height = RESOLVED * (abs(o.gap_m) + o.amplitude_m) if o.is_dry else 0.0
         if speed <= rest_speed_m_s or speed * speed <= 2.0 * (push + dry) * height:
             ratio = math.sqrt((push - dry) / (push + dry))
             lasting = speed * (1.0 / (push + dry) + ratio / (push - dry)) / max(1.0 - k * ratio, 1e-300)

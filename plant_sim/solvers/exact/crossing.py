@@ -1,157 +1,228 @@
-"""A flight in cells: the time up to which it is clear of stop and turn, and the event that ends it.
+"""The event that ends a flight: a polynomial above each guard over a span, and its first root.
 
 The guards are the striker's overlap with the stop and, with dry friction, its speed against the direction it
 slides in: both are ≤ 0 in a flight, and the first to reach zero ends it.
+
+Over a span of length h a guard g is known with three derivatives at both ends. With Bernstein's polynomials
+B₀…B₇ of s / h, Hermite's interpolant p is Σ bᵢ Bᵢ; b₀…b₃ follow from the derivatives at the start, b₄…b₇ from
+those at the end, and
+
+    |g − p| ≤ max|g⁽⁸⁾| s⁴ (h − s)⁴ / 8! ≤ E (B₃ + B₄),   E = max|g⁽⁸⁾| h⁸ / (2 · 35 · 8!),
+
+for s⁴ (h − s)⁴ is the mean of h − s times s⁴ (h − s)³ = h⁷ B₄ / 35 and of s times s³ (h − s)⁴ = h⁷ B₃ / 35.
+So p + E (B₃ + B₄) lies above g, and g has no root before it has one. Spans that end there converge to a root
+from the left, and pass a near miss without a false root.
 """
 
+import math
 from typing import NamedTuple
 
 from plant_sim.kernels import subroutine
-from plant_sim.parts.friction import is_dry
-from plant_sim.parts.stop import has_stop
-from plant_sim.solvers.exact.cells import Doubt, Place, bends_below, doubt, onward
-from plant_sim.solvers.exact.oscillator import Flight, Oscillator, Point, flow, point
-from plant_sim.solvers.exact.roots import guess_between, near_root
+from plant_sim.solvers.bernstein import DEGREE, NO_ROOT, Scratch, root
+from plant_sim.solvers.exact.oscillator import (
+    REMAINDER,
+    Flight,
+    Oscillator,
+    Point,
+    flow,
+    point,
+    with_derivatives,
+)
 
-MOST_CELLS = 32  # until rounding is shaken off by the closed form
-MOST_TRIES = 4
-CLOSE = 5e-3  # of the fastest rate's angle: a quartic is then exact to rounding
+STRONG_DRAG = 0.5
+"""2σ / ω from which a derivative's bound follows from its own decay."""
+
+SHORT = 0.1  # of the fastest rate's angle: a Taylor polynomial of degree 9 is exact to rounding
+CLOSE = 5e-3  # of that angle: a quartic is exact to rounding
 STRAIGHT = 1e-3  # change of slope up to which a root's series is exact to rounding
+NEARLY_STRAIGHT = 0.05  # change of slope up to which a guard surely has one root near
+ROOT_SHARE = 1e-6  # of a span: an event near is located by Newton's method
+LEAST_SPAN = 1e-8  # of the fastest rate's angle: a motion over less is within rounding
+MOST_TRIES = 4
+
+
+class Guard(NamedTuple):
+    """A guard and its first four derivatives at one instant."""
+
+    value: float
+    slope: float
+    bend: float
+    third: float
+    fourth: float
 
 
 class Crossing(NamedTuple):
-    """Time up to which a flight is clear, and the event at its end if one is found: on the stop, otherwise a
-    turn."""
+    """The time up to which a span is clear of events, over its length (NO_ROOT: all of it), and the guard's
+    event that may follow: on the stop, otherwise a turn."""
 
-    clear_s: float
-    found: bool
+    s: float
     at_stop: bool
-    time_s: float  # of the event; then y and y' just before it
-    y_m: float
-    v_m_s: float
 
 
-class Cell(NamedTuple):
-    """A cell that begins `start_s` after the start of its flight."""
-
-    start_s: float
-    left: Place
-    right: Place
-    doubts: Doubt
+@subroutine(inline=True)
+def overlap(p: Point) -> Guard:
+    """The striker's overlap with the stop, m."""
+    return Guard(min(p.overlap_m, 0.0), p.v_m_s, p.a_m_s2, p.jerk_m_s3, p.snap_m_s4)
 
 
-@subroutine
-def clear_up_to(clear_s: float) -> Crossing:
-    """No event found."""
-    return Crossing(clear_s, False, False, 0.0, 0.0, 0.0)
-
-
-@subroutine
-def sets_off(o: Oscillator, here: Point, direction: float) -> bool:
-    """Whether a flight leaves stop and turn behind fast enough for its first cell to be clear."""
-    third = o.cells.span_s / 3.0
-    doubts = doubt(o.cells, here.y_m, here.v_m_s, o.natural_rad_s)
-    leaves = third > 0.0
-    if has_stop(o.stop):
-        leaves = leaves and here.y_m - o.gap_m + third * here.v_m_s < -doubts.place_m
-    if is_dry(o.friction):
-        slow = -direction * (here.v_m_s + third * here.a_m_s2)
-        leaves = leaves and (slow < -doubts.speed_m_s or here.v_m_s == here.a_m_s2 == 0.0)
-    return leaves
+@subroutine(inline=True)
+def backing(p: Point, direction: float) -> Guard:
+    """The striker's speed against the direction it slides in, m/s."""
+    back = -direction
+    return Guard(
+        min(back * p.v_m_s, 0.0),
+        back * p.a_m_s2,
+        back * p.jerk_m_s3,
+        back * p.snap_m_s4,
+        back * p.crackle_m_s5,
+    )
 
 
 @subroutine
-def cross_cells(o: Oscillator, flight: Flight, here: Point, direction: float, last_s: float) -> Crossing:
-    """Advance from cell to cell while they are clear, and find the event in the first that is not."""
-    span = o.cells.span_s
-    left = Place(here.y_m - flight.offset_m, here.v_m_s, here.a_m_s2, here.piston_m, here.piston_cos_m)
-    for index in range(MOST_CELLS):
-        start_s = here.h_s + index * span
-        if start_s >= last_s:
-            return clear_up_to(start_s)
-        cell = Cell(
-            start_s, left, onward(o.cells, left), doubt(o.cells, left.z_m, left.v_m_s, o.natural_rad_s)
-        )
-        if not _is_clear(o, flight, cell, direction):
-            return _event_within(o, flight, cell, direction)
-        left = cell.right
-    return clear_up_to(here.h_s + MOST_CELLS * span)
-
-
-@subroutine
-def _is_clear(o: Oscillator, flight: Flight, cell: Cell, direction: float) -> bool:
-    """Whether neither guard, ≤ 0 at the cell's start, has a root in it."""
-    left, right, doubts, span = cell.left, cell.right, cell.doubts, o.cells.span_s
-    clear = True
-    if has_stop(o.stop):
-        gap, slack = o.gap_m - flight.offset_m, doubts.place_m + doubts.blur_m
-        end = right.z_m - gap
-        clear = end < -slack and bends_below(left.z_m - gap, left.v_m_s, end, right.v_m_s, span, slack)
-    if is_dry(o.friction):
-        s, slack = -direction, doubts.speed_m_s + doubts.blur_m_s
-        end = s * right.v_m_s
-        clear = clear and end < -slack
-        clear = clear and bends_below(s * left.v_m_s, s * left.a_m_s2, end, s * right.a_m_s2, span, slack)
-    return clear
-
-
-@subroutine
-def _event_within(o: Oscillator, flight: Flight, cell: Cell, direction: float) -> Crossing:
-    """The event in a cell: a root that Newton's method finds and up to which the cell is proved clear.
-
-    No event is returned where the guard passes zero twice or grazes it; finer methods then decide.
-    """
-    s, span, gap = -direction, o.cells.span_s, o.gap_m - flight.offset_m
-    left, right, nothing = cell.left, cell.right, clear_up_to(cell.start_s)
-    at_stop = has_stop(o.stop) and right.z_m > gap
-    if at_stop:
-        time = guess_between(left.z_m - gap, left.v_m_s, right.z_m - gap, right.v_m_s, span)
-    elif is_dry(o.friction) and s * right.v_m_s > 0.0:
-        time = guess_between(s * left.v_m_s, s * left.a_m_s2, s * right.v_m_s, s * right.a_m_s2, span)
-    else:
-        return nothing
-    for _ in range(MOST_TRIES):
-        h = cell.start_s + time
+def point_after(o: Oscillator, flight: Flight, here: Point, rest_s: float) -> Point:
+    """The point of a flight `rest_s` after a point; over a short time by Taylor's polynomial."""
+    h = here.h_s + rest_s
+    if abs(rest_s) * o.fastest_1_s > SHORT:
         y, v, sin_drive, cos_drive = flow(o, flight, h)
-        p = point(o, flight, h, y, v, sin_drive, cos_drive)
-        if at_stop:
-            g, slope, bend, third, fourth = y - o.gap_m, v, p.a_m_s2, p.jerk_m_s3, p.snap_m_s4
-        else:
-            g, slope, bend = s * v, s * p.a_m_s2, s * p.jerk_m_s3
-            third, fourth = s * p.snap_m_s4, s * p.crackle_m_s5
-        if not slope > 0.0:
-            return nothing
-        rest = -g / slope
-        if abs(rest) <= CLOSE / o.fastest_1_s and abs(bend * rest) <= STRAIGHT * slope:
-            rest = near_root(g, slope, bend, third, fourth)
-            return _proved(o, flight, cell, direction, p, rest, at_stop)
-        time = min(max(time + rest, 0.0), span)
-    return nothing
+        return point(o, flight, h, y, v, sin_drive, cos_drive)
+    drag, w2, square, s = 2.0 * o.decay_1_s, o.stiffness_1_s2, o.drive_rad_s * o.drive_rad_s, rest_s
+    v, a, d3, d4, d5 = here.v_m_s, here.a_m_s2, here.jerk_m_s3, here.snap_m_s4, here.crackle_m_s5
+    x4 = square * square * here.piston_m  # derivatives of x_A
+    x5 = square * square * o.drive_rad_s * here.piston_cos_m
+    d6 = -drag * d5 - w2 * (d4 - x4)
+    d7 = -drag * d6 - w2 * (d5 - x5)
+    d8 = -drag * d7 - w2 * (d6 + square * x4)
+    d9 = -drag * d8 - w2 * (d7 + square * x5)
+    high = d6 / 720 + s * (d7 / 5040 + s * (d8 / 40320 + s * d9 / 362880))
+    high_rate = d6 / 120 + s * (d7 / 720 + s * (d8 / 5040 + s * d9 / 40320))
+    rise = s * (v + s * (a / 2 + s * (d3 / 6 + s * (d4 / 24 + s * (d5 / 120 + s * high)))))
+    v += s * (a + s * (d3 / 2 + s * (d4 / 6 + s * (d5 / 24 + s * high_rate))))
+    sine, cosine = math.sin(o.drive_rad_s * s), math.cos(o.drive_rad_s * s)
+    x_A = here.piston_m * cosine + here.piston_cos_m * sine
+    x_cos = here.piston_cos_m * cosine - here.piston_m * sine
+    return with_derivatives(o, flight.offset_m, h, here.y_m + rise, here.overlap_m + rise, v, x_A, x_cos)
+
+
+@subroutine(inline=True)
+def high_derivative_bounds(o: Oscillator, p: Point, span: float) -> tuple[float, float]:
+    """Bounds on the eighth and the ninth derivative of y over a span from a point.
+
+    The free energy norm √(ω² y² + y'²) grows by at most the force per mass; each further derivative z is
+    bounded by the equation of motion, or where damping is strong by z' = −2σ z + f ⇒ |z| ≤ max(|z0|, max|f|
+    / 2σ).
+    """
+    w, w2, drag, Omega = o.natural_rad_s, o.stiffness_1_s2, 2.0 * o.decay_1_s, o.drive_rad_s
+    is_strong = drag > STRONG_DRAG * w
+    drive = w2 * o.amplitude_m
+    force = drive + w2 * o.dry_offset_m
+    low = math.sqrt(w2 * p.y_m * p.y_m + p.v_m_s * p.v_m_s) + force * span
+    pull = w * low + force
+    rate = drive * Omega
+    if is_strong:
+        low = min(low, max(abs(p.v_m_s), pull / drag))
+    high = drag * low + pull
+    if is_strong:
+        high = min(high, max(abs(p.a_m_s2), (w2 * low + rate) / drag))
+    before, here, piston, after = p.v_m_s, p.a_m_s2, Omega * p.piston_cos_m, -Omega * Omega * p.piston_m
+    for _ in range(3, 10):
+        low, high, pull = high, drag * high + w2 * low + rate, w2 * high
+        rate *= Omega
+        if is_strong:
+            before, here = here, -drag * here - w2 * (before - piston)
+            piston, after = after, -Omega * Omega * piston
+            high = min(high, max(abs(here), (pull + rate) / drag))
+    return low, high
 
 
 @subroutine
-def _proved(
-    o: Oscillator, flight: Flight, cell: Cell, direction: float, p: Point, rest: float, at_stop: bool
-) -> Crossing:
-    """The event `rest` seconds from a point close by, if its cell is clear of both guards up to it."""
-    v, a, jerk, snap, crackle = p.v_m_s, p.a_m_s2, p.jerk_m_s3, p.snap_m_s4, p.crackle_m_s5
-    y = p.y_m + rest * (v + rest * (a / 2 + rest * (jerk / 6 + rest * (snap / 24 + rest * crackle / 120))))
-    v = v + rest * (a + rest * (jerk / 2 + rest * (snap / 6 + rest * crackle / 24)))
-    a = a + rest * (jerk + rest * (snap / 2 + rest * crackle / 6))
-    y, v = (o.gap_m, v) if at_stop else (y, 0.0)
-
-    left, doubts, time = cell.left, cell.doubts, p.h_s + rest
-    span = time - cell.start_s
-    share = (span / o.cells.span_s) ** 4  # of the cell's E
-    clear = 0.0 < span <= o.cells.span_s
-    if has_stop(o.stop):
-        start, end, slack = left.z_m - (o.gap_m - flight.offset_m), y - o.gap_m, doubts.blur_m
-        clear = clear and (at_stop or end < -slack)
-        clear = clear and bends_below(start, left.v_m_s, end, v, span, slack + share * doubts.place_m)
-    if is_dry(o.friction):
-        s, slack = -direction, doubts.blur_m_s
-        clear = clear and (not at_stop or s * v < -slack)
-        clear = clear and bends_below(
-            s * left.v_m_s, s * left.a_m_s2, s * v, s * a, span, slack + share * doubts.speed_m_s
+def first_crossing(o: Oscillator, here: Point, there: Point, direction: float, scratch: Scratch) -> Crossing:
+    """Where an event may occur first between two points of a flight; before, there is none."""
+    span = there.h_s - here.h_s
+    square = span * span
+    share = REMAINDER * square * square * square * square
+    eighth, ninth = high_derivative_bounds(o, here, span)
+    first, at_stop = NO_ROOT, False
+    if o.has_stop:
+        first = _first_root(
+            overlap(here), _at_end(overlap(there), there.overlap_m), span, share * eighth, scratch
         )
-    return Crossing(cell.start_s, True, at_stop, time, y, v) if clear else clear_up_to(cell.start_s)
+        at_stop = first <= 1.0
+    if o.is_dry:
+        end = _at_end(backing(there, direction), -direction * there.v_m_s)
+        turn = _first_root(backing(here, direction), end, span, share * ninth, scratch)
+        if turn < first:
+            first, at_stop = turn, False
+    return Crossing(first, at_stop)
+
+
+@subroutine(inline=True)
+def _at_end(guard: Guard, value: float) -> Guard:
+    """The guard at the end of a span, where it may be beyond zero."""
+    return Guard(value, guard.slope, guard.bend, guard.third, guard.fourth)
+
+
+@subroutine(inline=True)
+def _first_root(start: Guard, end: Guard, span: float, doubt: float, scratch: Scratch) -> float:
+    """First s at which the polynomial above a guard reaches zero after its start; `doubt` is E."""
+    step, bend, third = span / 7.0, span * span / 42.0, span * span * span / 210.0
+    b1 = start.value + step * start.slope
+    b2 = b1 + (step * start.slope + bend * start.bend)
+    b3 = b2 + (step * start.slope + 2.0 * bend * start.bend) + third * start.third + doubt
+    b6 = end.value - step * end.slope
+    b5 = b6 - (step * end.slope - bend * end.bend)
+    b4 = b5 - (step * end.slope - 2.0 * bend * end.bend) - third * end.third + doubt
+    if max(b1, b2, b3) < 0.0 and max(b4, b5, b6, end.value) < 0.0:
+        return NO_ROOT
+    b = scratch.press[: DEGREE + 1]
+    b[0], b[1], b[2], b[3] = start.value, b1, b2, b3
+    b[4], b[5], b[6], b[7] = b4, b5, b6, end.value
+    zeros = 0
+    if start.value == 0.0:
+        zeros = 1
+        if start.slope == 0.0:
+            zeros = 3 if start.bend == 0.0 else 2
+    return root(b, 1.0, 0.0, zeros, scratch, ROOT_SHARE)
+
+
+@subroutine
+def event_near(
+    o: Oscillator, flight: Flight, near: Point, direction: float, at_stop: bool
+) -> tuple[bool, Point]:
+    """Whether a guard, clear up to a point, surely has a root near it; and the point of the event."""
+    p = near
+    for _ in range(MOST_TRIES):
+        guard = Guard(p.overlap_m, p.v_m_s, p.a_m_s2, p.jerk_m_s3, p.snap_m_s4)
+        if not at_stop:
+            guard = _at_end(backing(p, direction), -direction * p.v_m_s)
+        if not guard.slope > 0.0:
+            break
+        rest = -guard.value / guard.slope
+        if abs(rest) * o.fastest_1_s > SHORT or abs(guard.bend * rest) > NEARLY_STRAIGHT * guard.slope:
+            break
+        is_last = abs(rest) * o.fastest_1_s <= CLOSE and abs(guard.bend * rest) <= STRAIGHT * guard.slope
+        p = point_after(o, flight, p, near_root(guard))
+        if is_last:
+            return True, p
+    return False, near
+
+
+@subroutine
+def near_root(guard: Guard) -> float:
+    """Distance to a close root of a nearly linear Taylor polynomial.
+
+    The reversed series (Abramowitz & Stegun 3.6.25) in r = −g / slope; for |bend r| ≤ slope / 1000 its
+    remainder is below 1e-12 of r.
+    """
+    per_slope = 1.0 / guard.slope
+    r = -guard.value * per_slope
+    b, c, d = guard.bend / 2 * per_slope, guard.third / 6 * per_slope, guard.fourth / 24 * per_slope
+    return r + r * r * (-b + r * ((2.0 * b * b - c) + r * (5.0 * b * (c - b * b) - d)))
+
+
+@subroutine
+def return_s(guard: Guard) -> float:
+    """Time until a guard returns to zero as its parabola does, s; ∞ if it does not."""
+    discriminant = guard.slope * guard.slope - 2.0 * guard.bend * guard.value
+    if guard.bend <= 0.0 or discriminant < 0.0:
+        return math.inf
+    return (math.sqrt(discriminant) - guard.slope) / guard.bend

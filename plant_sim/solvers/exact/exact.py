@@ -5,27 +5,27 @@ into calls.
 """
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.kernels import entry_point, jit, subroutine
-from plant_sim.parts.drive import IdealDrive
+from plant_sim.kinds import kernel_parts
+from plant_sim.parts.drive import IdealDrive, constant_speed_rad_s
 from plant_sim.parts.friction import ClosedForm
 from plant_sim.parts.housing import Level
 from plant_sim.parts.linkage import Sine
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import NoStop, RigidStop, Stop
+from plant_sim.parts.stop import NoStop, RigidStop
 from plant_sim.parts.striker import Striker
 from plant_sim.parts.wearer import NoWearer
 from plant_sim.result import EnergyLedger, Impacts, MotionState, Phase, Samples, SimulationResult
+from plant_sim.solvers.bernstein import new_scratch
 from plant_sim.solvers.cost import ALLOWANCE, debt, too_costly
 from plant_sim.solvers.double_double import TURN_RAD, turned
 from plant_sim.solvers.exact.automaton import Event, Motion, after, begin, next_event
 from plant_sim.solvers.exact.ledger import booked, empty_ledger, stored_j
-from plant_sim.solvers.exact.oscillator import Oscillator, flow, launch, oscillator
+from plant_sim.solvers.exact.oscillator import Oscillator, flow, launch, oscillator, point
 
 REST_SPEED_M_S = 1e-9
 """Chatter that is certain to end at rest ends below this speed; the later motion does not depend on the
@@ -38,32 +38,33 @@ class UnsupportedSceneError(ValueError):
 
 @jit
 def _run(
-    striker: Striker,
-    drive: IdealDrive,
-    friction: ClosedForm,
-    stop: Stop,
+    parts: Parts,
     start: tuple[float, float, float, float],
     until_s: float,
     rest_speed_m_s: float,
     samples_t_s: NDArray[np.float64],
     samples: NDArray[np.float64],
 ) -> tuple[
-    NDArray[np.float64], tuple[float, float, float, float], tuple[float, float, float, float], int, bool
+    NDArray[np.float64],
+    tuple[float, float, float, float],
+    tuple[float, float, float, float, float],
+    int,
+    bool,
 ]:
     """A whole run: impacts, final (t, y, v, crank), energies, phase, and whether it was too costly.
 
     `start` is (t, y, v, crank). Shapes: impacts (6, n) in the order of `Impacts`; samples
-    (len(samples_t_s), 3) as y, v, crank.
+    (len(samples_t_s), 4) as y, v, acceleration, crank.
     """
-    o = oscillator(striker, drive, friction, stop)
+    o = oscillator(parts)
     motion = begin(o, start[0], start[1], start[2], start[3])
     before_j = stored_j(o, motion)
-    ledger = empty_ledger()
+    ledger, scratch = empty_ledger(), new_scratch(0)
     fastest_rad_s, behind = max(o.drive_rad_s, o.natural_rad_s), 0.0
     rows, found, next_sample = np.empty((64, 4)), 0, 0
     event = Event.IMPACT
     while event != Event.HORIZON and behind <= ALLOWANCE:
-        arrival, event = next_event(o, motion, until_s)
+        arrival, event = next_event(o, motion, until_s, scratch)
         departure = after(o, arrival, event, rest_speed_m_s)
         ledger = booked(o, ledger, motion, arrival, departure)
         next_sample = _sample(o, motion, arrival, event, samples_t_s, samples, next_sample)
@@ -77,7 +78,7 @@ def _run(
             found += 1
         behind = debt(behind, 1.0, (arrival.t_s - motion.t_s) * fastest_rad_s)
         motion = departure
-    impacts = np.empty((6, found))
+    impacts, after_j = np.empty((6, found)), stored_j(o, motion)
     for index in range(found):
         v, v_after = rows[index, 1], rows[index, 2]
         impacts[0, index] = rows[index, 0]
@@ -91,17 +92,14 @@ def _run(
         (motion.t_s, motion.y_m, motion.v_m_s, motion.crank_rad),
         (
             ledger.drive_j + ledger.drive_low_j,
-            stored_j(o, motion) - before_j,
+            after_j - before_j,
             ledger.friction_j + ledger.friction_low_j,
             ledger.impact_j + ledger.impact_low_j,
+            after_j,
         ),
         motion.phase.value,
         event != Event.HORIZON,
     )
-
-
-_compiled_runs: dict[tuple[type, type], Callable[..., Any]] = {}
-"""`_run` compiled for each kind of friction and stop, the only types of its arguments that differ."""
 
 
 @subroutine
@@ -123,13 +121,15 @@ def _sample(
         if samples_t_s[index] >= arrival.t_s and event != Event.HORIZON:
             break
         h = min(max((samples_t_s[index] - motion.t_s) - motion.t_low_s, 0.0), end)
-        y, v = motion.y_m, 0.0
+        y, v, a = motion.y_m, 0.0, 0.0
         if motion.phase == Phase.FLIGHT:
-            y, v, _, _ = flow(o, flight, h)
+            y, v, sin_drive, cos_drive = flow(o, flight, h)
+            a = point(o, flight, h, y, v, sin_drive, cos_drive).a_m_s2
         crank, _ = turned(motion.crank_rad, motion.crank_low_rad, o.drive_rad_s, 0.0, h)
         samples[index, 0] = min(y, o.gap_m)
         samples[index, 1] = v
-        samples[index, 2] = crank
+        samples[index, 2] = a
+        samples[index, 3] = crank
         index += 1
     return index
 
@@ -162,12 +162,9 @@ def simulate(
     grid = sample_times(initial, until_s, samples_t_s)
     until_s = float(until_s)
     start = start_of(striker, stop, initial)
-    samples = np.empty((len(grid), 3))
-    arguments = (striker, drive, friction, stop, start, until_s, float(rest_speed_m_s), grid, samples)
-    kinds = type(friction), type(stop)
-    if kinds not in _compiled_runs:
-        _compiled_runs[kinds] = entry_point(_run, *arguments)
-    impacts, final, energies, phase, too_many = _compiled_runs[kinds](*arguments)
+    samples = np.empty((len(grid), 4))
+    arguments = (kernel_parts(parts), start, until_s, float(rest_speed_m_s), grid, samples)
+    impacts, final, energies, phase, too_many = entry_point(_run, *arguments)(*arguments)
     if too_many:
         t_s, y_m, v_m_s, _ = final
         place = f"at t = {t_s:.9g} s, x = {striker.rest_length_m + y_m:.9g} m, v = {v_m_s:.6g} m/s"
@@ -178,10 +175,16 @@ def simulate(
         final=MotionState(
             t_s, _position_m(striker, stop, y_m), v_m_s, crank_rad % TURN_RAD, drive.omega_rad_s, Phase(phase)
         ),
-        energy=EnergyLedger(*energies),
+        energy=ledger_of(energies),
         method="exact",
-        samples=None if samples_t_s is None else _samples(striker, stop, grid, samples),
+        samples=None if samples_t_s is None else _samples(parts, grid, samples),
     )
+
+
+def ledger_of(energies: tuple[float, float, float, float, float]) -> EnergyLedger:
+    """The ledger of the drive's work, stored change, friction, impact loss and energy stored at the end."""
+    drive_j, change_j, friction_j, impact_j, stored_at_end_j = energies
+    return EnergyLedger(drive_j, change_j, friction_j, impact_j, stored_j=stored_at_end_j)
 
 
 def require_plain(parts: Parts) -> None:
@@ -240,12 +243,22 @@ def _position_m(striker: Striker, stop: NoStop | RigidStop, y_m: float) -> float
     return stop.position_m if y_m >= stop.position_m - striker.rest_length_m else min(x_m, stop.position_m)
 
 
-def _samples(
-    striker: Striker, stop: NoStop | RigidStop, t_s: NDArray[np.float64], samples: NDArray[np.float64]
-) -> Samples:
-    y_m, v_m_s, crank_rad = samples.T
-    x_m = striker.rest_length_m + y_m
+def _samples(parts: Parts, t_s: NDArray[np.float64], samples: NDArray[np.float64]) -> Samples:
+    y_m, v_m_s, accel_m_s2, crank_rad = samples.T.copy()
+    rest_m, stop = parts.striker.rest_length_m, parts.stop
+    x_m = rest_m + y_m
     if isinstance(stop, RigidStop):
-        x_m = np.where(y_m >= stop.position_m - striker.rest_length_m, stop.position_m, x_m)
-        x_m = np.minimum(x_m, stop.position_m)
-    return Samples(t_s=t_s, x_m=x_m, v_m_s=v_m_s, crank_rad=crank_rad % TURN_RAD)
+        x_m = np.minimum(np.where(y_m >= stop.position_m - rest_m, stop.position_m, x_m), stop.position_m)
+    omega_rad_s, none = np.full_like(t_s, constant_speed_rad_s(parts.drive)), np.zeros_like(t_s)
+    return Samples(
+        t_s=t_s,
+        x_m=x_m,
+        v_m_s=v_m_s,
+        accel_m_s2=accel_m_s2,
+        crank_rad=crank_rad % TURN_RAD,
+        omega_rad_s=omega_rad_s,
+        motor_torque_n_m=none,
+        current_a=none,
+        stop_force_n=none,
+        felt_force_n=none,
+    )

@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 
 from plant_sim.kernels import subroutine
-from plant_sim.parts.friction import is_dry
 from plant_sim.result import Phase
 from plant_sim.solvers.double_double import two_sum
 from plant_sim.solvers.exact.automaton import Motion
@@ -99,7 +98,7 @@ def _flow_energies(o: Oscillator, motion: Motion, arrival: Motion) -> tuple[floa
     else:
         y_cos, v2 = _closed_form(o, flight, motion, arrival, h)
     friction = 2.0 * o.decay_1_s * o.mass_kg * v2
-    if is_dry(o.friction):
+    if o.is_dry:
         friction += o.spring_n_m * o.dry_offset_m * abs(arrival.y_m - motion.y_m)
     return half_piston - o.spring_n_m * A * o.drive_rad_s * y_cos, friction
 

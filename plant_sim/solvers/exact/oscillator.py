@@ -19,25 +19,35 @@ import math
 from typing import NamedTuple
 
 from plant_sim.kernels import jit, subroutine
-from plant_sim.parts.drive import IdealDrive
-from plant_sim.parts.friction import ClosedForm, damping_n_s_m, static_limit_n
-from plant_sim.parts.stop import Stop, restitution, stop_position_m
+from plant_sim.parts.drive import Drive, constant_speed_rad_s
+from plant_sim.parts.friction import Friction, damping_n_s_m, is_dry, static_limit_n
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import Stop, has_stop, restitution, stop_position_m
 from plant_sim.parts.striker import Striker
 from plant_sim.solvers.double_double import quotient, square_root, turned, two_product
-from plant_sim.solvers.exact.cells import Cells, cells
 
 RESONANT_GAIN = 40.0
 """Ratio of steady amplitude to A above which the steady motion is not used, because cancellation loses
 digits."""
 
+REMAINDER = 1.0 / (2.0 * 35.0 * 40320.0)
+"""Doubt about a motion within a span h between Hermite's interpolants, over its 8th derivative times h⁸."""
+
+LONGEST_RAD, SHARE = 3.2, 1e-2
+"""Longest span in which an event is looked for: the angle over ω, and the doubt about the position there as a
+share of gap and piston stroke."""
+
+LEAST_LENGTH_M = 1e-100
+"""A stroke or a length of dry friction below this is taken as none, since its square would vanish."""
+
 LONG_ANGLE_RAD = 32.0  # beyond this an angle is reduced in two floats
 
 
 class Oscillator(NamedTuple):
-    """Constants of one scene; the types of `friction` and `stop` select the kernel's code at compile time."""
+    """Constants of one scene."""
 
-    friction: ClosedForm
-    stop: Stop
+    is_dry: bool
+    has_stop: bool
     mass_kg: float
     spring_n_m: float
     amplitude_m: float
@@ -62,7 +72,7 @@ class Oscillator(NamedTuple):
     far_re_s: float  # 1 / (iΩ − λ2)
     far_im_s: float
     fastest_1_s: float  # the n-th derivative of the motion scales with at most its n-th power
-    cells: Cells
+    span_s: float  # longest span in which a flight's event is looked for
 
 
 class Flight(NamedTuple):
@@ -78,10 +88,23 @@ class Flight(NamedTuple):
 
 
 @jit
-def oscillator(striker: Striker, drive: IdealDrive, friction: ClosedForm, stop: Stop) -> Oscillator:
-    """Constants of a scene with an ideal drive; callable from kernels, once per scene."""
-    Omega = drive.omega_rad_s
+def oscillator(parts: Parts) -> Oscillator:
+    """Constants of a scene with an ideal drive."""
+    return oscillator_at(parts, constant_speed_rad_s(parts.drive))
+
+
+@subroutine
+def oscillator_at(parts: Parts, Omega: float) -> Oscillator:
+    """Constants of a scene at the drive's speed Ω, rad/s."""
+    return oscillator_of(parts.striker, parts.drive, parts.friction, parts.stop, Omega)
+
+
+@subroutine
+def oscillator_of(striker: Striker, drive: Drive, friction: Friction, stop: Stop, Omega: float) -> Oscillator:
+    """Constants of these parts at the drive's speed Ω, rad/s."""
     w2, w2_low = quotient(striker.spring_n_m, striker.mass_kg)
+    amplitude_m = _length_m(drive.amplitude_m)
+    held_m = _length_m(static_limit_n(friction, striker.gravity_m_s2) / w2)
     w, _w_low = square_root(w2, w2_low)
     sigma, sigma_low = quotient(damping_n_s_m(friction), 2.0 * striker.mass_kg)
     square, square_low = two_product(sigma, sigma)
@@ -105,11 +128,11 @@ def oscillator(striker: Striker, drive: IdealDrive, friction: ClosedForm, stop: 
     near, far = sigma * sigma + beat * beat, sigma * sigma + total * total
 
     return Oscillator(
-        friction,
-        stop,
+        is_dry(friction),
+        has_stop(stop),
         striker.mass_kg,
         striker.spring_n_m,
-        drive.amplitude_m,
+        amplitude_m,
         Omega,
         w2,
         w,
@@ -117,12 +140,12 @@ def oscillator(striker: Striker, drive: IdealDrive, friction: ClosedForm, stop: 
         nu,
         nu_low,
         split,
-        static_limit_n(friction, striker.gravity_m_s2) / w2,
+        held_m,
         stop_position_m(stop) - striker.rest_length_m,
         restitution(stop),
-        drive.amplitude_m * in_phase,
-        drive.amplitude_m * quadrature,
-        abs(drive.amplitude_m) * gain,
+        amplitude_m * in_phase,
+        amplitude_m * quadrature,
+        abs(amplitude_m) * gain,
         resonant,
         beat,
         not near > 0.0,
@@ -131,8 +154,25 @@ def oscillator(striker: Striker, drive: IdealDrive, friction: ClosedForm, stop: 
         sigma / far,
         -total / far,
         max(w, Omega, 2.0 * sigma),
-        cells(w2, w, 2.0 * sigma, Omega, drive.amplitude_m, stop_position_m(stop) - striker.rest_length_m),
+        _longest_span_s(w, w2, Omega, abs(amplitude_m), stop_position_m(stop) - striker.rest_length_m),
     )
+
+
+@subroutine(inline=True)
+def _length_m(length_m: float) -> float:
+    return length_m if abs(length_m) >= LEAST_LENGTH_M else 0.0
+
+
+@subroutine
+def _longest_span_s(w: float, w2: float, Omega: float, amplitude_m: float, gap_m: float) -> float:
+    """The span of LONGEST_RAD, or a shorter one where the drive's speed makes the motion doubtful."""
+    length = amplitude_m + (abs(gap_m) if math.isfinite(gap_m) else 0.0)
+    driven = amplitude_m / length if length > 0.0 else 0.0
+    eighth = w2 * (w2 * w2 * w2 + Omega**6 * driven)  # per length, which may be the least there is
+    span = LONGEST_RAD / w
+    if eighth > 0.0:
+        span = min(span, math.sqrt(math.sqrt(math.sqrt(SHARE / (REMAINDER * eighth)))))
+    return span
 
 
 @subroutine
@@ -229,6 +269,13 @@ def _sin_cos(rate: float, rate_low: float, h: float) -> tuple[float, float]:
 
 
 @subroutine
+def free_flow(o: Oscillator, h: float) -> tuple[float, float, float]:
+    """C, S and D after h seconds; the flow's derivative by its start is [[C, S], [−ω² S, D]]."""
+    sin_ringing, cos_ringing = _sin_cos(o.ringing_rad_s, o.ringing_low_rad_s, h)
+    return _free_response(o, h, sin_ringing, cos_ringing)
+
+
+@subroutine
 def flow(o: Oscillator, flight: Flight, h: float) -> tuple[float, float, float, float]:
     """y and y' h seconds into a flight, with the sine and cosine of Ω h."""
     if o.resonant:
@@ -248,6 +295,7 @@ class Point(NamedTuple):
 
     h_s: float
     y_m: float
+    overlap_m: float  # y − gap; of a short bounce it keeps digits that y loses
     v_m_s: float
     a_m_s2: float
     jerk_m_s3: float
@@ -261,14 +309,21 @@ class Point(NamedTuple):
 def point(
     o: Oscillator, flight: Flight, h: float, y: float, v: float, sin_drive: float, cos_drive: float
 ) -> Point:
-    """The derivatives from the equation of motion and its time derivatives, given y, y' and the drive's
-    angle."""
-    drag, w2, Omega = 2.0 * o.decay_1_s, o.stiffness_1_s2, o.drive_rad_s
+    """The point `h` seconds into a flight, given y, y' and the sine and cosine of Ω h."""
     x_A = flight.piston_sin_m * sin_drive + flight.piston_cos_m * cos_drive
     x_cos = flight.piston_sin_m * cos_drive - flight.piston_cos_m * sin_drive
+    return with_derivatives(o, flight.offset_m, h, y, y - o.gap_m, v, x_A, x_cos)
+
+
+@subroutine
+def with_derivatives(
+    o: Oscillator, offset: float, h: float, y: float, overlap: float, v: float, x_A: float, x_cos: float
+) -> Point:
+    """The point with its derivatives, from the equation of motion and that equation's time derivatives."""
+    drag, w2, Omega = 2.0 * o.decay_1_s, o.stiffness_1_s2, o.drive_rad_s
     v_A = Omega * x_cos
-    a = -drag * v - w2 * ((y - flight.offset_m) - x_A)
+    a = -drag * v - w2 * ((y - offset) - x_A)
     jerk = -drag * a - w2 * (v - v_A)
     snap = -drag * jerk - w2 * (a + Omega * Omega * x_A)
     crackle = -drag * snap - w2 * (jerk + Omega * Omega * v_A)
-    return Point(h, y, v, a, jerk, snap, crackle, x_A, x_cos)
+    return Point(h, y, overlap, v, a, jerk, snap, crackle, x_A, x_cos)

@@ -11,20 +11,20 @@ import pytest
 from closed_loop import Bench
 from hypothesis import given
 from hypothesis import strategies as st
-from records import leaves
+from records import leaves, run_step
 from walker import walk
+from xcp_session import calibrate, commands_of
 
-from firmware_py.builds import cache, flat
+from firmware_py.builds import flat
 from firmware_py.core.estimation import kalman
 from firmware_py.core.state import INITIAL as STARTED
-from firmware_py.core.step import step
 from firmware_py.interface import codec
-from firmware_py.interface.enums import Mode, OperatorRequest
+from firmware_py.interface.enums import Mode, OperatorRequest, XcpError
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.generated.records import Accelerometer, DriveEstop, GaitSensors, ParameterRequest
+from firmware_py.interface.generated.records import Accelerometer, DriveEstop, GaitSensors
 from firmware_py.node.tick import INITIAL, MAX_RX, NodeState
 from firmware_py.shell.builds import Build, node_of
-from firmware_py.shell.node import fitting
+from firmware_py.shell.catching_up import fit_frames
 from firmware_py.shell.parameters import config_from
 from hil.record.traces.firmware_trace import FirmwareTrace
 from hil.record.traces.trace import read
@@ -70,9 +70,9 @@ def test_an_e_stop_at_the_beginning_of_a_long_pause_is_obeyed_after_it(build: Bu
     node.tick([], 1)
     node.tick([estop, *samples], 600)
     assert node.outputs.mode == Mode.E_STOP
-    assert len(fitting([estop, *samples])) == MAX_RX
-    assert fitting([estop, *samples])[0] == estop
-    assert fitting([estop, *samples])[1:] == samples[600 - MAX_RX + 1 :]
+    assert len(fit_frames([estop, *samples])) == MAX_RX
+    assert fit_frames([estop, *samples])[0] == estop
+    assert fit_frames([estop, *samples])[1:] == samples[600 - MAX_RX + 1 :]
 
 
 @pytest.mark.usefixtures("written_out")
@@ -187,7 +187,7 @@ def test_filterpy_and_the_written_out_algebra_give_one_run(
     monkeypatch.setattr(kalman, "update", kalman.update_written_out)
     other = STARTED
     for inputs, state, outputs in zip(walked.inputs, walked.states, walked.outputs, strict=True):
-        other, other_outputs = step(walked.node.config, other, inputs)
+        other, other_outputs = run_step(walked.node.config, other, inputs)
         assert outputs.mode == other_outputs.mode
         assert outputs.impact == other_outputs.impact
         assert state.estimator.x_m == pytest.approx(other.estimator.x_m, abs=1e-12)
@@ -195,23 +195,17 @@ def test_filterpy_and_the_written_out_algebra_give_one_run(
         assert outputs.torque_n_m == pytest.approx(other_outputs.torque_n_m, abs=1e-10)
 
 
-def test_the_cache_folder_is_named_by_the_sources(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("VIBROHIL_CACHE_DIR", str(tmp_path))
-    assert cache.cache_folder().parent == tmp_path
-    assert cache.source_hash() in cache.cache_folder().name
-
-
-def test_parameters_are_read_and_written_alike() -> None:
+def test_xcp_is_served_alike() -> None:
+    """Calibration, its refusals, uploads and DAQ lists: the same frames in the same ticks."""
     nodes = [node_of(build)(config_from({}), {}) for build in ("python", "compiled")]  # type: ignore[arg-type]
-    requests = [(40, 0, 0.0), (40, 1, 1e9), (7, 1, 80.0), (0, 1, 0.004), (9000, 0, 0.0), (7, 0, 0.0)]
-    for number, (index, operation, value) in enumerate(requests):
-        frame = codec.PARAMETER_REQUEST.encode(ParameterRequest(value, index, operation), number)
-        sent = [[one.tick([frame] if k == 0 else [], 1) for k in range(5)] for one in nodes]
-        assert sent[0] == sent[1]
-        assert any(one.can_id == codec.PARAMETER_VALUE.can_id for tick in sent[1] for one in tick)
-    assert nodes[0].parameters == nodes[1].parameters
+    for frame in commands_of(random.Random(1), 3000):
+        sent = [one.tick([frame], 1) for one in nodes]
+        assert sent[0] == sent[1], frame
+    errors = [calibrate(one, "start.rise_s", 6.0) for one in nodes]
+    assert errors == [XcpError.NONE, XcpError.NONE]
+    assert nodes[0].values == nodes[1].values
     assert nodes[1].config == nodes[0].config
-    assert nodes[1].parameters[7] == 80.0
+    assert nodes[1].values["start.rise_s"] == 6.0
 
 
 def test_a_trace_gets_the_same_numbers(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from compiled_calls import as_compiled
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from firmware_py.builds import board
+from firmware_py.builds import board, board_tools
 from firmware_py.builds.loaded_object import function
 from firmware_py.builds.machine_code import TARGETS, TargetName, object_code, retargeted
 from firmware_py.core.elementary import LARGEST_EXACT_RAD, atan2, cube_root, exp, sin, sine_cosine
@@ -222,7 +222,9 @@ def on_a_board(name: board.BoardName, assembly: str, x: NDArray[Any], y: NDArray
     return subprocess.run(command, input=x.tobytes() + y.tobytes(), capture_output=True, check=True).stdout
 
 
-NO_BOARD = pytest.mark.skipif(bool(board.missing_tools()), reason=f"no emulated board: {board.REMEDY}")
+NO_BOARD = pytest.mark.skipif(
+    bool(board_tools.missing_tools()), reason=f"no emulated board: {board_tools.REMEDY}"
+)
 
 
 @NO_BOARD

@@ -3,20 +3,26 @@
 import ctypes
 import random
 import shutil
+import struct
 import subprocess
 from pathlib import Path
 
 import pytest
 from closed_loop import Bench
+from xcp_session import command
 
 from firmware_py.builds.c_header import config_header, header
 from firmware_py.builds.flat import Precision, in_precision, stored
 from firmware_py.builds.machine_code import object_code, sizes
-from firmware_py.core.state import Config
+from firmware_py.core.config import Config
+from firmware_py.interface.enums import XcpCommandCode
 from firmware_py.interface.frame import Frame, word_of
-from firmware_py.node.tick import INITIAL, NO_TX
+from firmware_py.interface.parameter_table import INDEX
+from firmware_py.node import xcp
+from firmware_py.node.memory import INITIAL
+from firmware_py.node.tick import NO_TX
 from firmware_py.shell.builds import node_of
-from firmware_py.shell.node import fitting
+from firmware_py.shell.catching_up import fit_frames
 from firmware_py.shell.parameters import config_from
 
 
@@ -44,15 +50,13 @@ def test_the_object_file_computes_the_bits_of_the_compiled_build(loaded: ctypes.
 
     def change(_: int, frames: list[Frame]) -> list[Frame]:
         kept = [frame for frame in frames if dice.random() < 0.99]
-        words = [
-            word for frame in fitting(kept) for word in (frame.can_id, len(frame.data), word_of(frame.data))
-        ]
+        words = [word for one in fit_frames(kept) for word in (one.can_id, len(one.data), word_of(one.data))]
         memory = (integer * len(words))(*words)
-        status = tick(config.ctypes.data, state.ctypes.data, 1, len(words) // 3, memory, tx.ctypes.data)
+        status = tick(config.ctypes.data, state.ctypes.data, 0, len(words) // 3, memory, tx.ctypes.data)
         node.tick(kept, 1)
         assert status == 0
         assert node.memory is not None
-        assert state.tobytes() == node.memory.tobytes(), bench.tick
+        assert state["node"].tobytes() == node.memory.tobytes(), bench.tick
         return kept
 
     bench = Bench(parameters, change=change, build="python")
@@ -76,13 +80,13 @@ def test_sizes_are_counted() -> None:
     assert found["constants"] > found["state"]
 
 
-PAGE = Path(__file__).parents[3] / "docs/how-to/put-the-firmware-on-a-board.md"
+EXAMPLE = Path(__file__).parents[3] / "docs/how-to/put-the-firmware-on-a-board/control.c"
 DRIVER = """
 static int64_t frames[4096][3];
 static int64_t count;
 int64_t *sent(void) { return &frames[0][0]; }
 int64_t sent_count(void) { return count; }
-const void *config(void) { return &VIBRO_CONFIG; }
+const void *built_config(void) { return &VIBRO_CONFIG; }
 void can_send(uint32_t can_id, uint32_t length, const void *data) {
     frames[count][0] = can_id;
     frames[count][1] = length;
@@ -92,8 +96,8 @@ void can_send(uint32_t can_id, uint32_t length, const void *data) {
 
 
 def example() -> str:
-    """The code on the page for people with a board."""
-    return PAGE.read_text("utf-8").partition("```c\n")[2].partition("```")[0]
+    """The code beside the page for people with a board."""
+    return EXAMPLE.read_text("utf-8")
 
 
 def compiled(compiler: str, source: Path, text: str, *options: str, precision: Precision = "double") -> None:
@@ -141,16 +145,25 @@ def test_the_example_for_a_board_sends_what_the_compiled_build_does(tmp_path: Pa
     compiled("gcc", tmp_path / "a.c", example() + DRIVER, *more)
     board = ctypes.CDLL(str(library))
     board.sent.restype = ctypes.POINTER(ctypes.c_int64)
-    board.config.restype = ctypes.c_void_p
+    board.built_config.restype = ctypes.c_void_p
     wanted = stored(config_from({}))
-    assert ctypes.string_at(board.config(), wanted.nbytes) == wanted.tobytes()
+    assert ctypes.string_at(board.built_config(), wanted.nbytes) == wanted.tobytes()
     sent: list[tuple[int, int, int]] = []
     board.control_power_up()
 
-    def change(_: int, frames: list[Frame]) -> list[Frame]:
+    gain = 4 * INDEX["speed.gain_p_n_m_s"]
+    writes = [(gain, struct.pack("<f", 0.06)), (4 * xcp.COMMIT, struct.pack("<I", 1))]
+    commands = [command(XcpCommandCode.CONNECT)]
+    for address, data in writes:
+        mta = (0, 0, xcp.CHARACTERISTICS, *struct.pack("<I", address))
+        commands += [command(XcpCommandCode.SET_MTA, *mta), command(XcpCommandCode.DOWNLOAD, 4, *data)]
+
+    def change(tick: int, frames: list[Frame]) -> list[Frame]:
+        if tick % 10 == 0 and commands:
+            frames = [*frames, commands.pop(0)]
         for frame in frames:
             board.control_receive(frame.can_id, len(frame.data), frame.data)
-        board.control_tick(ctypes.c_int64(1))
+        board.control_tick(ctypes.c_int64(0))
         sent.extend((frame.can_id, len(frame.data), word_of(frame.data)) for frame in node.tick(frames, 1))
         return frames
 
@@ -161,3 +174,4 @@ def test_the_example_for_a_board_sends_what_the_compiled_build_does(tmp_path: Pa
     words = board.sent()[: 3 * board.sent_count()]
     assert list(zip(words[::3], words[1::3], words[2::3], strict=True)) == sent
     assert len(sent) > 500
+    assert node.values["speed.gain_p_n_m_s"] == pytest.approx(0.06, abs=1e-8)

@@ -4,10 +4,10 @@ import struct
 
 import pytest
 from closed_loop import Bench
-from records import leaves
+from records import leaves, run_step
 
-from firmware_py.core.state import Config, Outputs, State
-from firmware_py.core.step import step
+from firmware_py.core.config import Config
+from firmware_py.core.state import Outputs, State
 from firmware_py.shell.parameters import config_from
 
 
@@ -29,7 +29,7 @@ def test_a_replay_from_any_snapshot_gives_the_same_bits(recorded: Bench) -> None
     for start in range(500, 3000, 250):
         state = recorded.states[start]
         for k in range(start + 1, start + 40):
-            state, outputs = step(config, state, recorded.inputs[k])
+            state, outputs = run_step(config, state, recorded.inputs[k])
             assert bits(state) == bits(recorded.states[k]), k
             assert bits(outputs) == bits(recorded.outputs[k]), k
 
@@ -40,9 +40,9 @@ def test_another_node_between_two_ticks_changes_nothing(recorded: Bench) -> None
     others: State = recorded.states[1000]
     state: State = recorded.states[1000]
     for k in range(1001, 2500):
-        first: tuple[State, Outputs] = step(recorded.node.config, state, recorded.inputs[k])
-        others, _ = step(other, others, recorded.inputs[k])
-        second = step(recorded.node.config, state, recorded.inputs[k])
+        first: tuple[State, Outputs] = run_step(recorded.node.config, state, recorded.inputs[k])
+        others, _ = run_step(other, others, recorded.inputs[k])
+        second = run_step(recorded.node.config, state, recorded.inputs[k])
         assert bits(first[0]) == bits(second[0]), k
         state = second[0]
         assert bits(state) == bits(recorded.states[k]), k

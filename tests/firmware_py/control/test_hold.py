@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Callable
+from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +14,13 @@ from firmware_py.core.control import hold
 from firmware_py.core.control.hold import HoldState
 from firmware_py.core.estimation import regime
 from firmware_py.core.estimation.regime import Period
-from firmware_py.interface.enums import ActingLimit, Mode, Refusal, Regime
+from firmware_py.core.gait import follow
+from firmware_py.core.inputs import OperatorInput
+from firmware_py.core.request import Request
+from firmware_py.interface.enums import ActingLimit, Mode, OperatorRequest, Refusal, Regime
 from firmware_py.shell.parameters import config_from
 
-CONFIG = config_from({}).hold
+CONFIG = config_from({})
 M_KG, C_N_M, B_N_S_M, A_M, GAP_M, K = 0.8, 70.0, 0.2, 0.02, 0.06, 0.5
 OMEGA = math.sqrt(C_N_M / M_KG)
 
@@ -27,24 +32,25 @@ def next_impact(v_m_s: float, phase_rad: float, ratio: float) -> tuple[float, fl
     gain = OMEGA**2 * A_M / complex(OMEGA**2 - speed**2, 2.0 * sigma * speed)
     theta0 = phase_rad + 0.5 * math.pi
 
-    def steady(t: float) -> tuple[float, float]:
+    def steady(t: Any) -> tuple[Any, Any]:
         z = gain * np.exp(1j * (speed * t + theta0))
         return z.imag, speed * z.real
 
     x0, v0 = GAP_M - steady(0.0)[0], -K * v_m_s - steady(0.0)[1]
 
-    def place(t: float) -> float:
-        free = x0 * math.cos(omega_d * t) + (v0 + sigma * x0) / omega_d * math.sin(omega_d * t)
-        return steady(t)[0] + math.exp(-sigma * t) * free - GAP_M
+    def place(t: Any) -> Any:
+        free = x0 * np.cos(omega_d * t) + (v0 + sigma * x0) / omega_d * np.sin(omega_d * t)
+        return steady(t)[0] + np.exp(-sigma * t) * free - GAP_M
 
     times = np.linspace(0.05, 1.6 * 2.0 * math.pi / speed, 400)
-    heights = [place(float(t)) for t in times]
-    k = next(k for k in range(1, len(times)) if heights[k - 1] < 0.0 <= heights[k])
+    heights = place(times)
+    k = 1 + int(np.flatnonzero((heights[:-1] < 0.0) & (heights[1:] >= 0.0))[0])
     t = brentq(place, times[k - 1], times[k], xtol=1e-13)
     h = 1e-6
     return (place(t + h) - place(t - h)) / (2 * h), phase_rad + speed * t - 2.0 * math.pi
 
 
+@cache
 def steady_impact(ratio: float) -> tuple[float, float]:
     """The orbit with one impact a period, followed from r = 1 upwards as a start does."""
     v, phase = 0.4, 0.05
@@ -80,7 +86,9 @@ def test_the_phase_rises_with_the_speed_at_about_the_scheduled_slope() -> None:
     for ratio in RATIOS[1:]:
         slope = (steady_impact(ratio + 0.005)[1] - steady_impact(ratio - 0.005)[1]) / 0.01
         phase = steady_impact(ratio)[1]
-        scheduled = CONFIG.gain_phase * (CONFIG.highest_phase_rad - phase) / hold.phase_step(CONFIG, phase)
+        scheduled = (
+            CONFIG.p.hold.gain_phase * (CONFIG.d.highest_phase_rad - phase) / hold.phase_step(CONFIG, phase)
+        )
         assert 0.4 < slope / scheduled < 2.5, (ratio, slope, scheduled)
 
 
@@ -99,10 +107,15 @@ def test_the_impulse_loop_is_stable_and_its_sign_is_right(ratio: float, late: bo
     held = (1.0 + K) * M_KG * steady_impact(ratio)[0]
 
     def law(v: float, _phase: float, r: float) -> float:
-        return hold.wanted_step(CONFIG, r, 0.0, held, (1.0 + K) * M_KG * v)
+        return hold.wanted_step(CONFIG, r, request(0.0, held), (1.0 + K) * M_KG * v)
 
     assert largest_eigenvalue(ratio, law, late) < 0.98
     assert largest_eigenvalue(ratio, lambda *impact: -law(*impact), late) > 1.0
+
+
+def request(ratio: float, impulse_n_s: float) -> Request:
+    operator = OperatorInput(OperatorRequest.RUN, ratio, impulse_n_s, 0)
+    return follow.operator_request(operator)
 
 
 def period(phase_deg: float, impacts: int = 1) -> regime.RegimeState:
@@ -123,7 +136,10 @@ def held(
     state = hold.INITIAL
     for tick in range(500 * periods):
         seen = period(phase_deg, impacts) if tick % 500 == 0 else regime.INITIAL
-        state = hold.step(CONFIG, state, holding, 1.3, target, impulse, seen, impact, 1)
+        if holding:
+            state = hold.step(CONFIG, state, request(target, impulse), 1.3, seen, impact)
+        else:
+            state = hold.rest(CONFIG, request(target, impulse))
     return state
 
 
@@ -169,16 +185,16 @@ def test_a_ratio_that_the_guard_keeps_from_is_refused() -> None:
     assert held(5, target=1.4, phase_deg=64.6).refusal == Refusal.NONE
     assert held(30, target=1.4).refusal == Refusal.NONE
     state = held(30, target=1.4, phase_deg=64.6)
-    asked = hold.step(CONFIG, state, True, 1.3, 1.4, 0.8, regime.INITIAL, 0.8, 1)
+    asked = hold.step(CONFIG, state, request(1.4, 0.8), 1.3, regime.INITIAL, 0.8)
     assert asked.refusal == Refusal.NONE
-    lowered = hold.step(CONFIG, state, True, 1.3, 1.3, 0.0, period(64.6), 0.8, 1)
+    lowered = hold.step(CONFIG, state, request(1.3, 0.0), 1.3, period(64.6), 0.8)
     assert lowered.refusal == Refusal.NONE
     assert held(80, impulse=5.0, target=1.4, phase_deg=64.6).refusal == Refusal.IMPULSE_OUT_OF_RANGE
 
 
 def test_a_refusal_ends_with_its_request() -> None:
     state = held(2, impulse=5.0)
-    assert hold.step(CONFIG, state, True, 1.3, 1.3, 0.0, regime.INITIAL, 0.8, 1).refusal == Refusal.NONE
+    assert hold.step(CONFIG, state, request(1.3, 0.0), 1.3, regime.INITIAL, 0.8).refusal == Refusal.NONE
     assert held(1, impulse=5.0, holding=False).refusal == Refusal.IMPULSE_OUT_OF_RANGE
 
 
@@ -188,6 +204,7 @@ def test_not_a_number_moves_nothing() -> None:
         assert abs(state.trim) < 0.0751
 
 
+@pytest.mark.requirement("P-08")
 def test_an_impulse_asked_for_is_given_and_the_stop_agrees() -> None:
     bench = Bench({"start.rise_s": 2.0}, ratio=1.2, impulse_n_s=0.85)
     true: list[float] = []

@@ -9,7 +9,7 @@ from firmware_py.core.estimation import crank, estimator_state
 from firmware_py.interface.enums import ActingLimit
 from firmware_py.shell.parameters import config_from
 
-CONFIG = config_from({}).speed
+CONFIG = config_from({})
 CRANK = crank.INITIAL._replace(angle_rad=0.0, omega_rad_s=12.0, missed_ticks=0)
 ESTIMATE = estimator_state.INITIAL._replace(x_m=0.12)
 
@@ -17,7 +17,7 @@ ESTIMATE = estimator_state.INITIAL._replace(x_m=0.12)
 def step(
     state: speed.SpeedState = speed.INITIAL, target: float = 12.0, omega: float = 12.0
 ) -> speed.SpeedState:
-    return speed.step(CONFIG, state, CRANK._replace(omega_rad_s=omega), ESTIMATE, target, 0.0, 1)
+    return speed.step(CONFIG, state, CRANK._replace(omega_rad_s=omega), ESTIMATE, target, 0.0)
 
 
 def test_the_load_is_the_work_gradient_of_the_spring() -> None:
@@ -28,18 +28,16 @@ def test_the_load_is_the_work_gradient_of_the_spring() -> None:
 
     for theta in np.linspace(0.0, 6.2, 9):
         slope = (energy(theta + 1e-6) - energy(theta - 1e-6)) / 2e-6
-        load = speed.crank_load(
-            CONFIG.load, CRANK._replace(angle_rad=theta), ESTIMATE._replace(x_m=0.15), 0.0
-        )
+        load = speed.crank_load(CONFIG, CRANK._replace(angle_rad=theta), ESTIMATE._replace(x_m=0.15), 0.0)
         assert load == pytest.approx(slope, abs=1e-8)
 
 
 @pytest.mark.parametrize("x_m", [-6.0, 5.0, math.nan, math.inf])
 def test_nothing_is_fed_forward_from_an_estimate_that_is_lost(x_m: float) -> None:
     lost = ESTIMATE._replace(x_m=x_m)
-    assert speed.crank_load(CONFIG.load, CRANK, lost, 0.0) == 0.0
-    near = ESTIMATE._replace(x_m=0.12 - 0.99 * CONFIG.load.longest_stretch_m)
-    assert speed.crank_load(CONFIG.load, CRANK, near, 0.0) > 0.2
+    assert speed.crank_load(CONFIG, CRANK, lost, 0.0) == 0.0
+    near = ESTIMATE._replace(x_m=0.12 - 0.99 * CONFIG.p.limit.stretch_m)
+    assert speed.crank_load(CONFIG, CRANK, near, 0.0) > 0.2
 
 
 def test_torque_never_leaves_its_limits_and_is_always_a_number() -> None:
@@ -48,19 +46,19 @@ def test_torque_never_leaves_its_limits_and_is_always_a_number() -> None:
         state = speed.INITIAL
         for _ in range(3):
             state = speed.step(
-                CONFIG, state, CRANK._replace(omega_rad_s=omega), ESTIMATE._replace(x_m=x), target, target, 1
+                CONFIG, state, CRANK._replace(omega_rad_s=omega), ESTIMATE._replace(x_m=x), target, target
             )
-            assert abs(state.torque_n_m) <= CONFIG.torque_limit_n_m
+            assert abs(state.torque_n_m) <= CONFIG.p.speed.torque_limit_n_m
             assert math.isfinite(state.integral_n_m)
 
 
 def test_the_rate_is_limited_and_said_so() -> None:
     state = step(target=19.0, omega=0.0)
-    assert state.torque_n_m == pytest.approx(CONFIG.torque_rate_n_m_s * 1e-3)
+    assert state.torque_n_m == pytest.approx(CONFIG.p.speed.torque_rate_n_m_s * 1e-3)
     assert state.acting_limit == ActingLimit.TORQUE_RATE
     for _ in range(30):
         state = step(state, target=19.0, omega=0.0)
-    assert state.torque_n_m == CONFIG.torque_limit_n_m
+    assert state.torque_n_m == CONFIG.p.speed.torque_limit_n_m
     assert state.acting_limit == ActingLimit.TORQUE
 
 
@@ -78,7 +76,7 @@ def test_the_integral_removes_a_lasting_error() -> None:
     state = speed.INITIAL
     for _ in range(1000):
         state = step(state, target=12.0, omega=11.9)
-    assert state.integral_n_m == pytest.approx(CONFIG.gain_i_n_m * 0.1, rel=0.05)
+    assert state.integral_n_m == pytest.approx(CONFIG.p.speed.gain_i_n_m * 0.1, rel=0.05)
 
 
 def test_beyond_the_speed_limit_nothing_pushes_on() -> None:
@@ -87,6 +85,23 @@ def test_beyond_the_speed_limit_nothing_pushes_on() -> None:
         state = step(state, target=25.0, omega=20.5)
     assert state.torque_n_m <= 0.0
     assert state.acting_limit == ActingLimit.SPEED
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_speed_limit_cuts_the_torque_at_once(side: float) -> None:
+    """A torque that the rate limit lowered by 0.06 N m a tick would push the crank on for ten ticks."""
+    pushing = speed.INITIAL._replace(torque_n_m=0.6 * side, acting_n_m=0.6 * side)
+    state = step(pushing, target=25.0 * side, omega=20.5 * side)
+    assert (state.torque_n_m, state.acting_limit) == (0.0, ActingLimit.SPEED)
+    state = step(pushing, target=25.0 * side, omega=20.0 * side)  # at the limit only the rate acts
+    assert state.torque_n_m == pytest.approx(0.54 * side)
+    assert state.acting_limit == ActingLimit.TORQUE_RATE
+
+
+def test_nan_cuts_the_torque_at_once() -> None:
+    pushing = speed.INITIAL._replace(torque_n_m=0.6, acting_n_m=0.6)
+    for target, omega in ((math.nan, 12.0), (12.0, math.nan)):
+        assert step(pushing, target=target, omega=omega).torque_n_m == 0.0
 
 
 def test_safe_is_zero_at_once() -> None:
@@ -101,7 +116,7 @@ def test_safe_is_zero_at_once() -> None:
 def test_the_tracker_gets_the_acting_torque() -> None:
     state = speed.INITIAL._replace(torque_n_m=0.3, acting_n_m=0.1)
     still = ESTIMATE._replace(x_m=0.12 + 0.02 * math.sin(12.0 * 0.5e-3))
-    load = CONFIG.load
+    load = CONFIG.p.motor
     expected = (0.1 - load.viscous_n_m_s * 12.0 - load.dry_n_m) / load.inertia_kg_m2
     assert speed.known_acceleration(CONFIG, state.acting_n_m, CRANK, still) == pytest.approx(
         expected, rel=1e-3

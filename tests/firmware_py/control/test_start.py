@@ -2,13 +2,14 @@ import numpy as np
 import pytest
 
 from firmware_py.core.control import start
-from firmware_py.core.control.start import Stage
+from firmware_py.core.control.start import Goal, Stage
 from firmware_py.core.estimation import regime
 from firmware_py.core.estimation.regime import Period
 from firmware_py.interface.enums import Mode
 from firmware_py.shell.parameters import config_from
 
-CONFIG = config_from({}).start
+CONFIG = config_from({})
+GOAL = Goal(1.3, 0.0, 0.0, True)
 QUIET = regime.INITIAL
 
 
@@ -29,9 +30,8 @@ def until(
     targets = []
     for tick in range(round(seconds * 1000)):
         seen = periods(hits) if tick % 500 == 499 else QUIET
-        state = start.step(
-            CONFIG, state, mode, ratio, True, state.target_omega_rad_s, seen, trim, 0.0, may_retreat, 1
-        )
+        goal = Goal(ratio, trim, 0.0, may_retreat)
+        state = start.step(CONFIG, state, mode, goal, True, state.target_omega_rad_s, seen)
         targets.append(state.target_omega_rad_s)
     return state, np.array(targets)
 
@@ -50,31 +50,31 @@ def test_the_s_curve_starts_and_ends_flat_and_never_turns_back() -> None:
 
 def test_the_rise_reaches_the_target_in_its_time_without_overshoot() -> None:
     state, targets = until(start.INITIAL, 5.8, hits=False)
-    goal, near = 1.3 * CONFIG.natural_rad_s, CONFIG.approach_ratio * CONFIG.natural_rad_s
+    goal, near = 1.3 * CONFIG.d.natural_rad_s, CONFIG.p.start.approach_ratio * CONFIG.d.natural_rad_s
     assert targets[-1] == pytest.approx(goal, rel=1e-12)
     assert np.all(np.diff(targets) >= 0.0)
-    assert np.searchsorted(targets, near * (1 - 1e-9)) == pytest.approx(1e3 * CONFIG.approach_s, abs=5)
-    whole_s = CONFIG.approach_s + CONFIG.rise_s
+    assert np.searchsorted(targets, near * (1 - 1e-9)) == pytest.approx(
+        1e3 * CONFIG.p.start.approach_s, abs=5
+    )
+    whole_s = CONFIG.p.start.approach_s + CONFIG.p.start.rise_s
     assert np.searchsorted(targets, goal * (1 - 1e-9)) == pytest.approx(1e3 * whole_s, abs=5)
-    steepest = 1e3 * np.diff(targets)[round(1e3 * CONFIG.approach_s) + 5 :].max()
-    assert steepest == pytest.approx(1.5 * (goal - near) / CONFIG.rise_s, rel=1e-2)
+    steepest = 1e3 * np.diff(targets)[round(1e3 * CONFIG.p.start.approach_s) + 5 :].max()
+    assert steepest == pytest.approx(1.5 * (goal - near) / CONFIG.p.start.rise_s, rel=1e-2)
     assert state.stage == Stage.CONFIRM
 
 
 def test_a_fast_crank_is_first_brought_below_resonance() -> None:
-    freewheel_overspeed = 1.2 * CONFIG.natural_rad_s
-    state = start.step(
-        CONFIG, start.INITIAL, Mode.SOFT_START, 1.3, True, freewheel_overspeed, QUIET, 0.0, 0.0, True, 1
-    )
+    freewheel_overspeed = 1.2 * CONFIG.d.natural_rad_s
+    state = start.step(CONFIG, start.INITIAL, Mode.SOFT_START, GOAL, True, freewheel_overspeed, QUIET)
     assert state.stage == Stage.APPROACH
     assert state.target_omega_rad_s == freewheel_overspeed
-    _, targets = until(state, CONFIG.approach_s, hits=False)
-    assert targets[-1] == pytest.approx(CONFIG.approach_ratio * CONFIG.natural_rad_s, rel=1e-3)
+    _, targets = until(state, CONFIG.p.start.approach_s, hits=False)
+    assert targets[-1] == pytest.approx(CONFIG.p.start.approach_ratio * CONFIG.d.natural_rad_s, rel=1e-3)
 
 
 def test_a_rise_that_is_quicker_than_the_approach_goes_straight_to_its_target() -> None:
-    quick = config_from({"start.rise_s": 0.1}).start
-    assert start._begin(quick, 0.0, 12.0).stage == Stage.RISE
+    quick = config_from({"start.rise_s": 0.1})
+    assert start.begin_start(quick, 0.0, 12.0).stage == Stage.RISE
 
 
 def test_impacts_in_consecutive_periods_capture() -> None:
@@ -91,7 +91,7 @@ def test_below_the_onset_of_impacts_none_are_waited_for() -> None:
 def dips_of(targets: np.ndarray) -> int:
     """How often the targets came down to the dip."""
     return np.count_nonzero(
-        np.diff((targets < (CONFIG.dip_ratio + 1e-9) * CONFIG.natural_rad_s).astype(int)) == 1
+        np.diff((targets < (CONFIG.p.start.dip_ratio + 1e-9) * CONFIG.d.natural_rad_s).astype(int)) == 1
     )
 
 
@@ -100,8 +100,8 @@ def test_a_failed_capture_dips_and_then_gives_up_within_30_s() -> None:
     state, targets = until(start.INITIAL, 30.0, hits=False)
     assert state.failed
     assert not state.captured
-    assert state.attempts >= CONFIG.attempts
-    assert dips_of(targets) == (CONFIG.attempts + 1) // 2
+    assert state.attempts >= CONFIG.p.start.attempts
+    assert dips_of(targets) == (CONFIG.p.start.attempts + 1) // 2
     frozen, _ = until(state, 1.0)
     assert frozen == state
 
@@ -112,9 +112,9 @@ def test_each_loss_ends_the_next_curve_a_longer_step_lower() -> None:
     while not state.failed:
         state, _ = until(state, 1.1, Mode.RUN, ratio=1.2, hits=False)
         state, targets = until(state, 5.5, Mode.RUN, ratio=1.2)
-        ends.append(targets[-1] / CONFIG.natural_rad_s)
-    assert ends[: CONFIG.attempts] == pytest.approx([1.17, 1.11, CONFIG.dip_ratio], rel=1e-9)
-    assert state.attempts == CONFIG.attempts
+        ends.append(targets[-1] / CONFIG.d.natural_rad_s)
+    assert ends[: CONFIG.p.start.attempts] == pytest.approx([1.17, 1.11, CONFIG.p.start.dip_ratio], rel=1e-9)
+    assert state.attempts == CONFIG.p.start.attempts
 
 
 def test_what_has_held_for_long_is_tried_again_where_it_was_once() -> None:
@@ -123,43 +123,43 @@ def test_what_has_held_for_long_is_tried_again_where_it_was_once() -> None:
     for _ in range(2):
         state, _ = until(state, 1.1, Mode.RUN, ratio=1.2, hits=False)
         state, targets = until(state, 5.5, Mode.RUN, ratio=1.2)
-        ends.append(targets[-1] / CONFIG.natural_rad_s)
+        ends.append(targets[-1] / CONFIG.d.natural_rad_s)
     assert ends == pytest.approx([1.2, 1.14], rel=1e-9)
 
 
 def test_a_loss_in_the_hold_counts_from_where_the_hold_had_gone() -> None:
     state, _ = until(start.INITIAL, 8.0, ratio=1.2)
     state, targets = until(state, 1.0, Mode.RUN, ratio=1.2, trim=-0.05)
-    assert targets[-1] == pytest.approx(1.15 * CONFIG.natural_rad_s)
+    assert targets[-1] == pytest.approx(1.15 * CONFIG.d.natural_rad_s)
     state, targets = until(state, 1.1, Mode.RUN, ratio=1.2, hits=False, trim=-0.05)
     assert state.stage == Stage.DIP
-    assert targets.max() == pytest.approx(1.15 * CONFIG.natural_rad_s)
-    assert start.retreated(CONFIG, state, 1.2)
+    assert targets.max() == pytest.approx(1.15 * CONFIG.d.natural_rad_s)
+    assert start.has_retreated(CONFIG, state, 1.2)
     state, targets = until(state, 6.0, Mode.RUN, ratio=1.2)
-    assert targets[-1] == pytest.approx(1.12 * CONFIG.natural_rad_s)
-    assert start.retreated(CONFIG, state, 1.2)
+    assert targets[-1] == pytest.approx(1.12 * CONFIG.d.natural_rad_s)
+    assert start.has_retreated(CONFIG, state, 1.2)
     # The hold leads back to what was asked for; then nothing holds it off.
     state, _ = until(state, 0.1, Mode.RUN, ratio=1.2, trim=0.08)
-    assert not start.retreated(CONFIG, state, 1.2)
+    assert not start.has_retreated(CONFIG, state, 1.2)
 
 
 def test_no_curve_ends_below_the_dip_and_a_ratio_below_it_is_kept() -> None:
     state, _ = until(start.INITIAL, 8.0, ratio=1.06)
     state, _ = until(state, 2.0, Mode.RUN, ratio=1.06, hits=False)
     state, targets = until(state, 9.0, Mode.RUN, ratio=1.06)
-    assert targets[-1] == pytest.approx(CONFIG.dip_ratio * CONFIG.natural_rad_s)
+    assert targets[-1] == pytest.approx(CONFIG.p.start.dip_ratio * CONFIG.d.natural_rad_s)
     state, _ = until(start.INITIAL, 8.0, ratio=0.95)
     state, _ = until(state, 2.0, Mode.RUN, ratio=0.95, hits=False)
     state, targets = until(state, 9.0, Mode.RUN, ratio=0.95)
-    assert targets[-1] == pytest.approx(0.95 * CONFIG.natural_rad_s)
-    assert not start.retreated(CONFIG, state, 0.95)
+    assert targets[-1] == pytest.approx(0.95 * CONFIG.d.natural_rad_s)
+    assert not start.has_retreated(CONFIG, state, 0.95)
 
 
 def test_a_speed_that_the_gait_sets_is_not_retreated_from() -> None:
     state, _ = until(start.INITIAL, 8.0, ratio=1.2)
     state, _ = until(state, 2.0, Mode.RUN, ratio=1.2, hits=False, may_retreat=False)
     state, targets = until(state, 9.0, Mode.RUN, ratio=1.2, may_retreat=False)
-    assert targets[-1] == pytest.approx(1.2 * CONFIG.natural_rad_s)
+    assert targets[-1] == pytest.approx(1.2 * CONFIG.d.natural_rad_s)
 
 
 def test_a_lost_regime_is_recaptured() -> None:
@@ -169,8 +169,8 @@ def test_a_lost_regime_is_recaptured() -> None:
     assert not state.captured
     state, targets = until(state, 9.0, Mode.RUN)
     assert state.captured
-    assert targets.min() == pytest.approx(CONFIG.dip_ratio * CONFIG.natural_rad_s, rel=1e-9)
-    assert targets[-1] == pytest.approx(1.27 * CONFIG.natural_rad_s, rel=1e-9)
+    assert targets.min() == pytest.approx(CONFIG.p.start.dip_ratio * CONFIG.d.natural_rad_s, rel=1e-9)
+    assert targets[-1] == pytest.approx(1.27 * CONFIG.d.natural_rad_s, rel=1e-9)
     state, _ = until(state, 30.0, Mode.RUN)
     assert state.attempts == 0
 
@@ -178,7 +178,7 @@ def test_a_lost_regime_is_recaptured() -> None:
 def test_a_new_target_is_approached_on_a_curve_of_its_own() -> None:
     state, _ = until(start.INITIAL, 8.0)
     state, targets = until(state, 3.0, Mode.RUN, ratio=1.1)
-    assert targets[-1] == pytest.approx(1.1 * CONFIG.natural_rad_s, rel=1e-12)
+    assert targets[-1] == pytest.approx(1.1 * CONFIG.d.natural_rad_s, rel=1e-12)
     assert np.all(np.diff(targets) <= 0.0)
     assert state.captured
 
@@ -192,14 +192,14 @@ def test_stopping_goes_to_zero_in_its_time() -> None:
 
 
 def test_nothing_is_asked_for_until_the_drive_is_ready() -> None:
-    state = start.step(CONFIG, start.INITIAL, Mode.SOFT_START, 1.3, False, 0.0, QUIET, 0.0, 0.0, True, 1)
+    state = start.step(CONFIG, start.INITIAL, Mode.SOFT_START, GOAL, False, 0.0, QUIET)
     assert state == start.INITIAL
 
 
 @pytest.mark.parametrize("mode", [Mode.INIT, Mode.READY, Mode.FAULT, Mode.E_STOP])
 def test_modes_without_motion_forget_everything(mode: Mode) -> None:
     state, _ = until(start.INITIAL, 6.0)
-    assert start.step(CONFIG, state, mode, 1.3, True, 12.0, QUIET, 0.0, 0.0, True, 1) == start.INITIAL
+    assert start.step(CONFIG, state, mode, GOAL, True, 12.0, QUIET) == start.INITIAL
 
 
 @pytest.mark.parametrize(("ratio", "valid"), [(1.3, True), (0.0, False), (3.0, False), (float("nan"), False)])
@@ -208,5 +208,5 @@ def test_ratios_that_can_be_run(ratio: float, valid: bool) -> None:
 
 
 def test_a_start_onto_a_turning_crank_begins_at_its_speed() -> None:
-    state = start.step(CONFIG, start.INITIAL, Mode.SOFT_START, 1.3, True, 3.0, QUIET, 0.0, 0.0, True, 1)
+    state = start.step(CONFIG, start.INITIAL, Mode.SOFT_START, GOAL, True, 3.0, QUIET)
     assert state.target_omega_rad_s == 3.0

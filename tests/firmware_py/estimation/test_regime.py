@@ -2,7 +2,9 @@ import math
 
 import pytest
 
-from firmware_py.core.estimation import regime
+from firmware_py.core.estimation import crank, regime
+from firmware_py.core.estimation.detector import FLYING
+from firmware_py.core.estimation.estimator_state import Contact
 from firmware_py.core.estimation.regime import Period
 from firmware_py.interface.enums import Regime
 
@@ -40,6 +42,17 @@ def test_four_periods_decide(periods: list[Period], expected: Regime) -> None:
     assert regime.decide(*periods) == expected
 
 
+def step(
+    state: regime.RegimeState,
+    angle_rad: float,
+    omega_rad_s: float,
+    contact: Contact = FLYING,
+    acceleration_m_s2: float = 0.1,
+) -> regime.RegimeState:
+    turning = crank.INITIAL._replace(angle_rad=angle_rad, omega_rad_s=omega_rad_s)
+    return regime.step(state, turning, contact, acceleration_m_s2)
+
+
 def turn(
     state: regime.RegimeState, impacts: int, speed: float = 0.9, phase_deg: float = 48.0
 ) -> regime.RegimeState:
@@ -50,7 +63,9 @@ def turn(
     for tick in range(ticks):
         angle = 2 * math.pi * tick / ticks
         touch = any(angle - 2 * math.pi / ticks < place <= angle for place in places)
-        state = regime.step(state, angle, OMEGA, touch, 0.0, speed, -250.0 if touch else 20.0, False)
+        state = step(
+            state, angle, OMEGA, Contact(touch, False, 0.0, speed, True, True), -250.0 if touch else 20.0
+        )
     return state
 
 
@@ -98,7 +113,7 @@ def test_a_crank_that_stands_has_no_regime(omega: float) -> None:
     for _ in range(6):
         state = turn(state, 1)
     assert state.regime == Regime.IMPACT
-    state = regime.step(state, 1.0, omega, False, 0.0, 0.0, 0.1, False)
+    state = step(state, 1.0, omega)
     assert state == regime.INITIAL._replace(angle_rad=1.0)
 
 
@@ -106,7 +121,7 @@ def test_the_slowest_crank_that_turns_keeps_its_regime() -> None:
     state = regime.INITIAL
     for _ in range(6):
         state = turn(state, 1)
-    state = regime.step(state, 1.0, regime.SLOWEST_RAD_S, False, 0.0, 0.0, 0.1, False)
+    state = step(state, 1.0, regime.SLOWEST_RAD_S)
     assert state.regime == Regime.IMPACT
 
 
@@ -114,7 +129,7 @@ def test_an_encoder_that_flickers_about_zero_at_rest_ends_no_period() -> None:
     state = regime.INITIAL
     for tick in range(20):
         angle = 1e-3 if tick % 2 else 2.0 * math.pi - 1e-3
-        state = regime.step(state, angle, 0.0, False, 0.0, 0.0, 0.1, False)
+        state = step(state, angle, 0.0)
         assert not state.ended
     assert state.periods == 0
 
@@ -123,7 +138,7 @@ def test_after_a_stand_a_regime_is_found_anew() -> None:
     state = regime.INITIAL
     for _ in range(6):
         state = turn(state, 1)
-    state = regime.step(state, 0.0, 0.0, False, 0.0, 0.0, 0.1, False)
+    state = step(state, 0.0, 0.0)
     seen = []
     for _ in range(6):
         state = turn(state, 0)

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.builds.flat import loaded, stored
+from firmware_py.core.config import Config
 from firmware_py.core.inputs import Inputs
-from firmware_py.core.state import Config, Outputs, State
+from firmware_py.core.state import Outputs, State
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisState, Mode, OperatorRequest
 from firmware_py.interface.frame import Frame
@@ -121,7 +122,7 @@ class Bench:
         self.node.config = config
         if isinstance(self.node, FlatNode):
             self.node.flat_config[:] = stored(config)
-            self.node.changed()
+            self.node.push_memory()
 
     @property
     def mode(self) -> Mode:

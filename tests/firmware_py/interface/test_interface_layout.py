@@ -4,7 +4,7 @@ import cantools.database
 import pytest
 from cantools.database.can import Database, Message
 
-from firmware_py.interface.sources.dbc_layout import LayoutError, layout_of
+from firmware_py.interface.dbc import LayoutError, layout_of
 
 KINDS = """
 BA_DEF_ SG_ "SignalKind" ENUM "Quantity","Enumeration","Flags","Exact","Counter","Crc";

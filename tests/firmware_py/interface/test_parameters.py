@@ -1,18 +1,28 @@
-import ast
 import math
 
+import numpy as np
 import pytest
-from compiled_calls import as_compiled
 
-from firmware_py.core import parameter_values
-from firmware_py.core.configure import config_of
-from firmware_py.core.estimation import detector
-from firmware_py.core.parameters import read_parameter, write_parameter
-from firmware_py.interface.enums import ParameterStatus, ParameterTier
-from firmware_py.interface.sources import parameter_table
-from firmware_py.interface.sources.parameter_table import INDEX, TABLE
+from firmware_py.core.configure import after_commit, config_of
+from firmware_py.core.estimation import stop_model
+from firmware_py.interface import parameter_table
+from firmware_py.interface.enums import READY, XcpError
+from firmware_py.interface.parameter_table import INDEX, TABLE
+from firmware_py.node.calibration import calibrate
+from firmware_py.node.memory import pool_of
+from firmware_py.node.xcp import (
+    ADDRESS,
+    COMMIT,
+    ELEMENT_BYTES,
+    ERROR,
+    LOW,
+    PACKET,
+    REQUEST,
+    VALUE,
+    WRITE,
+)
 from firmware_py.shell import parameters
-from firmware_py.shell.parameters import DEFAULTS, ParameterError, config_from
+from firmware_py.shell.parameters import DEFAULTS, ParameterError, config_from, rounded
 
 
 def test_the_table_is_in_itself_consistent() -> None:
@@ -30,19 +40,19 @@ def test_the_table_is_in_itself_consistent() -> None:
 
 def test_the_defaults_are_table_1_at_20_mm() -> None:
     config = config_from({})
-    assert config.start.natural_rad_s == pytest.approx(9.354, abs=1e-3)
-    assert config.estimator.striker.stop_m - config.estimator.striker.rest_length_m == pytest.approx(0.06)
-    assert config.speed.load.amplitude_m == 0.02
+    assert config.d.natural_rad_s == pytest.approx(9.354, abs=1e-3)
+    assert config.p.stop.position_m - config.p.striker.rest_length_m == pytest.approx(0.06)
+    assert config.p.drive.amplitude_m == 0.02
     assert config.tick_s == 0.001
 
 
 @pytest.mark.parametrize("overrides", [{"stop.restitution": 0.4}, {"stop": {"restitution": 0.4}}])
 def test_overrides_by_dotted_name_or_table(overrides: dict) -> None:
-    assert config_from(overrides).estimator.striker.restitution == 0.4
+    assert config_from(overrides).p.stop.restitution == 0.4
 
 
 def test_whole_numbers_are_taken_as_floats() -> None:
-    assert config_from({"start.rise_s": 4}).start.rise_s == 4.0
+    assert config_from({"start.rise_s": 4}).p.start.rise_s == 4.0
 
 
 @pytest.mark.parametrize(
@@ -83,7 +93,7 @@ def test_bounds_hold_on_both_sides_and_every_bound_gives_a_configuration(
 @pytest.mark.parametrize("restitution", [0.0, 0.05, 0.3, 0.5, 0.9, 1.0])
 def test_hunt_crossley_gives_back_the_restitution(restitution: float) -> None:
     """Integrate m v dv/dδ = −K δ^1.5 (1 + λ v) in closed form: the loading and unloading areas are equal."""
-    d = detector.hertz_dissipation(restitution)
+    d = stop_model.hertz_dissipation(restitution)
     if restitution in (0.0, 1.0):
         assert d >= 0.0
         return
@@ -98,7 +108,7 @@ def test_hunt_crossley_gives_back_the_restitution(restitution: float) -> None:
 
 def test_the_start_of_a_contact_is_hertz() -> None:
     """10 ms at 0.9 m/s: integrate the elastic contact and time it."""
-    growth = detector.contact_growth(0.8, 0.010, 1.0)
+    growth = stop_model.contact_growth(0.8, 0.010, 1.0)
     x, v, t, h = 0.0, 0.9, 0.0, 1e-6
     while x >= 0.0:
         v -= h * growth * max(x, 0.0) ** 1.5
@@ -139,66 +149,75 @@ def test_a_damaged_file_is_refused(damage) -> None:
         parameters.read_back(damage(text))
 
 
-def test_the_checked_in_values_are_those_of_the_table() -> None:
-    written = ast.parse(parameter_table.TARGET.read_text(encoding="utf-8"))
-    assert ast.dump(written) == ast.dump(ast.parse(parameter_table.source()))
+def next_on_the_bus(value: float) -> float:
+    """The next larger float32, the precision in which bounds are compared."""
+    return float(np.nextafter(np.float32(value), np.float32(np.inf)))
+
+
+def write(values: dict[str, float], name: str, value: float) -> tuple[dict[str, float], XcpError]:
+    """The values in use after a write over the bus at rest and its commit; NONE, or why it was refused."""
+    pool, error = pool_of(list(values.values())), XcpError.NONE
+    config = config_of(parameters.parameters_of(values), False)
+    bits = int(np.float32(value).view(np.uint32))
+    for place, word in ((INDEX[name], bits), (COMMIT, 1)):
+        pool[ADDRESS], pool[REQUEST], pool[VALUE] = ELEMENT_BYTES * place, WRITE, word
+        config = calibrate(pool, config, READY)
+        if pool[PACKET] == ERROR and error is XcpError.NONE:
+            error = XcpError(pool[LOW])
+    return parameters.values_of(config.p), error
 
 
 @pytest.mark.parametrize("parameter", TABLE, ids=lambda p: p.name)
-def test_every_parameter_is_read_and_written_by_its_index(parameter: parameter_table.Parameter) -> None:
-    """Of the build none is written; of the others only their own value changes, and only within bounds."""
-    before, index = parameter_values.DEFAULTS, INDEX[parameter.name]
-    value, tier, status = read_parameter(before, index)
-    assert (value, tier, status) == (parameter.default, parameter.tier, ParameterStatus.OK)
-    if parameter.tier is ParameterTier.BUILD:
+def test_every_tuning_parameter_is_written_within_its_bounds(parameter: parameter_table.Parameter) -> None:
+    """Those of build, module and safety are write-protected; of the others only their own value changes."""
+    before, name = DEFAULTS, parameter.name
+    assert before[name] == parameter.default
+    if not parameter.is_calibrated:
         for wanted in (parameter.low, parameter.default, parameter.high):
-            assert write_parameter(before, index, wanted) == (before, ParameterStatus.NOT_WRITABLE)
+            assert write(before, name, wanted) == (before, XcpError.WRITE_PROTECTED)
         return
-    assert write_parameter(before, index, parameter.default) == (before, ParameterStatus.OK)
-    for wanted in (math.nan, math.inf, -math.inf, math.nextafter(parameter.high, math.inf)):
-        assert write_parameter(before, index, wanted) == (before, ParameterStatus.OUT_OF_RANGE)
-    after, status = write_parameter(before, index, parameter.low)
-    if status is ParameterStatus.OK:
-        assert after == before._replace(**{parameter.field: parameter.low})
+    assert write(before, name, parameter.default) == (before, XcpError.NONE)
+    for wanted in (math.nan, math.inf, -math.inf, next_on_the_bus(parameter.high)):
+        assert write(before, name, wanted) == (before, XcpError.OUT_OF_RANGE)
+    after, error = write(before, name, parameter.low)
+    if error is XcpError.NONE:
+        assert after == before | {name: rounded(parameter.low)}
 
 
-def test_an_index_that_is_none() -> None:
-    before = parameter_values.DEFAULTS
-    for index in (-1, len(TABLE), 16383):
-        assert read_parameter(before, index) == (0.0, ParameterTier.MODULE, ParameterStatus.UNKNOWN_INDEX)
-        assert write_parameter(before, index, 1.0) == (before, ParameterStatus.UNKNOWN_INDEX)
+@pytest.mark.parametrize("parameter", [p for p in TABLE if p.is_calibrated], ids=lambda p: p.name)
+@pytest.mark.parametrize("follow", [0, 1])
+def test_a_commit_derives_every_constant_anew_that_follows_from_tuning(
+    parameter: parameter_table.Parameter, follow: int
+) -> None:
+    """What a commit keeps does not depend on the parameter."""
+    before = parameters.parameters_of(DEFAULTS | {"gait.follow": follow})
+    for value in (parameter.low, parameter.high):
+        after = parameters.parameters_of(DEFAULTS | {"gait.follow": follow, parameter.name: value})
+        assert after_commit(config_of(before, True), after) == config_of(after, True)
 
 
 @pytest.mark.parametrize("parameter", [p for p in TABLE if p.at_most], ids=lambda p: p.name)
 def test_no_parameter_is_written_above_its_ceiling(parameter: parameter_table.Parameter) -> None:
     """By the bus or by a file: torque, current, speed and watchdogs end at the build's numbers."""
-    before = parameter_values.DEFAULTS
     assert parameter.at_most is not None
-    ceiling = getattr(before, parameter.at_most.replace(".", "_"))
-    at, status = write_parameter(before, INDEX[parameter.name], ceiling)
-    assert status is ParameterStatus.OK
-    above = math.nextafter(ceiling, math.inf)
-    assert write_parameter(at, INDEX[parameter.name], above) == (at, ParameterStatus.OUT_OF_RANGE)
+    above = next_on_the_bus(DEFAULTS[parameter.at_most])
+    error = XcpError.OUT_OF_RANGE if parameter.is_calibrated else XcpError.WRITE_PROTECTED
+    assert write(DEFAULTS, parameter.name, above) == (DEFAULTS, error)
     with pytest.raises(ParameterError, match=parameter.at_most):
         parameters.read_back(parameters.written(DEFAULTS | {parameter.name: above}))
 
 
 def test_torque_current_speed_and_watchdogs_have_ceilings() -> None:
     bounded = {p.name for p in TABLE if p.at_most and p.at_most.startswith("ceiling.")}
-    watchdogs = {p.name for p in TABLE if p.name.startswith("watchdog.")} - {"watchdog.enable_s"}
+    watchdogs = {p.name for p in TABLE if p.name.startswith("watchdog.")} - {
+        "watchdog.enable_s",
+        "watchdog.proof_required",
+    }
     limits = {"speed.torque_limit_n_m", "speed.current_limit_a", "limit.current_a"}
+    limits |= {"limit.force_n", "limit.impulse_n_s"}
+    limits |= {"limit.inverter_degc", "limit.motor_degc", "limit.highest_v"}
     speeds = {"limit.overspeed_rad_s", "limit.drive_speed_rad_s"}
     assert watchdogs | limits | speeds == bounded
-
-
-def test_interpreted_and_compiled_write_and_configure_alike() -> None:
-    before = parameter_values.DEFAULTS
-    compiled_write, compiled_config = as_compiled(write_parameter), as_compiled(config_of)
-    for index in range(-1, parameter_values.COUNT + 1):
-        after, status = write_parameter(before, index, 0.5)
-        other_after, other_status = compiled_write(before, index, 0.5)
-        assert (other_after, other_status) == (after, status), index
-    assert repr(compiled_config(before, False)) == repr(config_of(before, False))
 
 
 def test_a_refusal_names_the_unit_of_what_has_one() -> None:
@@ -210,3 +229,112 @@ def test_a_refusal_names_the_unit_of_what_has_one() -> None:
         ParameterError, match=r"^stop.restitution = 7 is out of bounds; give a value from 0 to 1$"
     ):
         config_from({"stop.restitution": 7})
+
+
+@pytest.mark.parametrize("parameter", TABLE, ids=lambda parameter: parameter.name)
+def test_a_bound_can_be_written_over_the_bus(parameter: parameter_table.Parameter) -> None:
+    """The bus carries a float32: 0.8 arrives as 0.800000012."""
+    if not parameter.is_calibrated:
+        return
+    before = DEFAULTS
+    for bound in (parameter.low, parameter.high):
+        value = rounded(bound)
+        assert parameters.checked(parameter.name, value) == value
+        wanted = before | {parameter.name: value}
+        try:
+            parameters.refuse_conflicts(wanted)
+        except ParameterError:
+            wanted = before
+        after, _ = write(before, parameter.name, value)
+        assert {name: rounded(one) for name, one in after.items()} == {
+            name: rounded(one) for name, one in wanted.items()
+        }
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"start.rise_s": 40.0}, r"a start takes up to 44\.\d s .*start.rise_s = 40 s.* fails after 29 s"),
+        ({"start.rise_s": 20.0, "start.approach_s": 15.0}, "a start takes up to .*start.approach_s = 15 s"),
+        ({"start.confirm_periods": 40}, "a start takes up to .*start.confirm_periods = 40"),
+        ({"striker.spring_n_m": 2.0}, "a recovery takes 43.3 s"),
+        ({"start.again_s": 27.0}, r"a recovery takes .*start.again_s = 27 s.* fails after 29 s; lower"),
+        ({"start.dwell_periods": 40}, "a recovery takes .*start.dwell_periods = 40"),
+        (
+            {"striker.spring_n_m": 300.0},
+            "start.highest_ratio = 1.45 is a speed of 28.1 rad/s.*limit.speed_rad_s = 20",
+        ),
+        ({"limit.speed_rad_s": 13.0}, "start.highest_ratio = 1.45 is a speed of 13.6 rad/s"),
+        ({"gait.follow": 1, "gait.highest_ratio": 1.31}, "gait.highest_ratio = 1.31 with gait.margin = 0.02"),
+    ],
+)
+def test_bounds_that_fit_together_are_checked_together(values: dict[str, float], sentence: str) -> None:
+    """Each value is within its own bounds, but a module without any fault would fail."""
+    with pytest.raises(ParameterError, match=sentence):
+        config_from(values)
+    for name, value in values.items():
+        assert parameters.checked(name, value) == value
+
+
+def test_a_start_of_29_s_may_still_be_asked_for() -> None:
+    config_from({"start.rise_s": 24.0})
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("limit.force_n", 100_000.0),
+        ("limit.impulse_n_s", 1000.0),
+        ("limit.motor_degc", 200.0),
+        ("limit.highest_v", 100.0),
+        ("limit.stall_s", 60.0),
+        ("limit.overcurrent_s", 10.0),
+        ("limit.estimate_s", 60.0),
+        ("limit.voltage_s", 10.0),
+        ("watchdog.enable_s", 60.0),
+        ("striker.mass_kg", 0.001),
+        ("sensor.high_full_scale_m_s2", 1e5),
+    ],
+)
+def test_no_limit_can_be_moved_out_of_the_way(name: str, value: float) -> None:
+    assert write(DEFAULTS, name, value) == (DEFAULTS, XcpError.WRITE_PROTECTED)
+    with pytest.raises(ParameterError):
+        parameters.with_overrides({name: value})
+
+
+def test_a_force_limit_that_the_sensor_cannot_show_is_refused() -> None:
+    """0.98 of 1961 m/s² less the offset of 10 m/s² on 0.8 kg: 1529.7 N."""
+    for name, good, bad in (
+        ("striker.mass_kg", 0.79, 0.78),
+        ("sensor.high_full_scale_m_s2", 1930.0, 1920.0),
+        ("sensor.high_offset_m_s2", 47.0, 48.0),
+    ):
+        config_from({name: good})
+        with pytest.raises(ParameterError, match=r"limit.force_n = 1500 N exceeds the 1[45]\d+"):
+            config_from({name: bad})
+    assert config_from({"striker.mass_kg": 0.5, "limit.force_n": 900.0}).d.gate.peak_m_s2 == 1800.0
+
+
+def test_a_parameter_may_equal_its_ceiling_as_a_float32() -> None:
+    values = DEFAULTS
+    for name, ceiling in (
+        ("speed.torque_limit_n_m", "ceiling.torque_n_m"),
+        ("watchdog.sensor_s", "ceiling.sensor_watchdog_s"),
+    ):
+        value = rounded(values[ceiling])
+        assert value > values[ceiling]
+        assert parameters.with_overrides({name: value})[name] == value
+        with pytest.raises(ParameterError):
+            parameters.with_overrides({name: 1.0001 * value})
+
+
+def test_a_firmware_that_may_meet_a_real_drive_requires_the_test_of_its_watchdog() -> None:
+    assert parameters.with_proof({"start": {"rise_s": 2.0}}) == {
+        "watchdog.proof_required": 1.0,
+        "start.rise_s": 2.0,
+    }
+    for chosen in ({"watchdog": {"proof_required": 0}}, {"watchdog.proof_required": 0}):
+        assert parameters.with_proof(chosen) == {"watchdog.proof_required": 0}
+    assert write(DEFAULTS, "watchdog.proof_required", 1.0)[1] is XcpError.WRITE_PROTECTED
+    with pytest.raises(ParameterError, match="settled by the build"):
+        parameters.checked_in_file("watchdog.proof_required", 0.0)

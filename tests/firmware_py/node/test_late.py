@@ -89,10 +89,8 @@ def test_the_limits_on_an_impact_hold_within_an_overrun() -> None:
 
 
 @pytest.mark.parametrize(("before", "ticks"), [(2, 25), (5, 32), (8, 32), (16, 40), (66, 90)])
-def test_a_first_reading_in_the_midst_of_an_impact_is_not_taken_for_the_spring_s(
-    before: int, ticks: int
-) -> None:
-    """More than the samples that are kept has passed; the oldest of those is of a contact already."""
+def test_an_impact_within_a_long_overrun_is_measured(before: int, ticks: int) -> None:
+    """However long the overrun, every sample is used in its own period."""
     bench = overrun(touch_down_tick() - before, ticks)
     speed_m_s = bench.touch_downs[-1][1]
     state, truth = bench.node.state, bench.motions[-1]
@@ -101,6 +99,13 @@ def test_a_first_reading_in_the_midst_of_an_impact_is_not_taken_for_the_spring_s
     bench.run(0.02)
     assert bench.node.outputs.impact_impulse_n_s == pytest.approx(1.5 * MASS_KG * speed_m_s, rel=0.1)
     assert bench.node.outputs.fault == Fault.NONE
+
+
+def test_nothing_is_caught_up_beyond_every_watchdog() -> None:
+    bench = overrun(touch_down_tick() - 100, 1000)
+    assert (bench.node.elapsed_ticks, bench.node.outputs.mode) == (1001, Mode.FAULT)
+    assert [frame.can_id for frame in bench.sent].count(codec.SET_INPUT_TORQUE.can_id) == 1
+    assert codec.SET_INPUT_TORQUE.decode(bench.sent[0].data).torque_n_m == 0.0
 
 
 @pytest.mark.parametrize("silent_ticks", [2, 40])

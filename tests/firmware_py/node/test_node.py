@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import pytest
 from closed_loop import Bench
+from xcp_session import calibrate
 
 from firmware_py.interface import codec
 from firmware_py.interface.arrivals import NEVER_TICKS
@@ -13,8 +14,7 @@ from firmware_py.interface.enums import (
     Fault,
     Mode,
     OperatorRequest,
-    ParameterStatus,
-    ParameterTier,
+    XcpError,
 )
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import (
@@ -24,15 +24,12 @@ from firmware_py.interface.generated.records import (
     EncoderEstimates,
     FirmwareHeartbeat,
     OperatorCommand,
-    ParameterRequest,
-    ParameterValue,
     SetAbsolutePosition,
     SetAxisState,
     SetControllerMode,
     SetInputTorque,
     SetLimits,
 )
-from firmware_py.interface.sources.parameter_table import INDEX
 from firmware_py.shell.node import FirmwareNode, powered_up
 from firmware_py.shell.parameters import BY_NAME, DEFAULTS, config_from, written
 
@@ -129,7 +126,7 @@ def test_a_stuck_sender_never_counts_as_received_again() -> None:
 
 def test_frames_of_others_are_passed_over() -> None:
     one = node()
-    one.tick([Frame(0x7FF, b""), codec.encode(SetInputTorque(0.3)), Frame(0x077, b"\x01")], 1)
+    one.tick([Frame(0x7FF, b""), codec.encode(SetInputTorque(0.3)), Frame(0x07E, b"\x01")], 1)
     assert one.counters == one.counters._replace(frames=0, rejected_crc=0, rejected_length=0)
 
 
@@ -167,18 +164,6 @@ def test_a_tick_sends_the_torque_and_at_most_one_other_frame() -> None:
     assert counts == {1, 2}
 
 
-def test_answers_beyond_the_queue_are_lost_and_counted() -> None:
-    one = node()
-    requests = [codec.PARAMETER_REQUEST.encode(ParameterRequest(0.0, 0, 0), k % 16) for k in range(40)]
-    sent = one.tick(requests, 1)
-    for _ in range(100):
-        sent += one.tick([], 1)
-    one.tick(requests[:1], 1)
-    answers = sum(frame.can_id == codec.PARAMETER_VALUE.can_id for frame in sent)
-    assert answers == 40 - one.counters.unsent
-    assert 1 <= one.counters.unsent < 40
-
-
 def test_own_counters_roll() -> None:
     one, counters = node(), []
     for _ in range(2000):
@@ -202,7 +187,7 @@ def test_the_drive_is_enabled_only_on_a_start_and_let_go_on_a_stop() -> None:
         bench.run(0.001, keep=False)
         sent += [codec.decode(frame) for frame in bench.sent]
     kinds = [type(record) for record in sent if type(record) in (SetControllerMode, SetLimits, SetAxisState)]
-    assert kinds[:3] == [SetControllerMode, SetLimits, SetAxisState]
+    assert kinds[:7] == [*(SetControllerMode, SetLimits) * 3, SetAxisState]
     assert SetControllerMode(1, 1) in sent
     limits = next(record for record in sent if isinstance(record, SetLimits))
     assert limits.current_limit_a == 10.0
@@ -214,6 +199,7 @@ def test_the_drive_is_enabled_only_on_a_start_and_let_go_on_a_stop() -> None:
     assert bench.axis_state == AxisState.IDLE
 
 
+@pytest.mark.requirement("S-07")
 def test_an_e_stop_frame_stops_in_the_same_tick_and_is_repeated_to_the_drive() -> None:
     bench = Bench().started()
     bench.run(1.0, keep=False)
@@ -241,44 +227,23 @@ def test_an_e_stop_frame_stops_in_the_same_tick_and_is_repeated_to_the_drive() -
     assert bench.asked_again() == Mode.SOFT_START
 
 
-def ask(one: FirmwareNode, request: ParameterRequest, counter: int) -> ParameterValue:
-    sent = one.tick([codec.PARAMETER_REQUEST.encode(request, counter)], 1)
-    for _ in range(5):
-        sent += one.tick([], 1)
-    return next(record for record in map(codec.decode, sent) if isinstance(record, ParameterValue))
-
-
-def test_parameters_are_read_and_written_by_index_with_their_bounds_checked() -> None:
+def test_a_parameter_is_calibrated_within_its_bounds_and_by_a_commit() -> None:
     one = FirmwareNode(config_from({"start.rise_s": 4.0}), {"start.rise_s": 4.0})
-    index, tier = INDEX["start.rise_s"], ParameterTier.TUNING
-    assert ask(one, ParameterRequest(0.0, index, 0), 0) == ParameterValue(
-        4.0, index, tier, ParameterStatus.OK
-    )
-    assert ask(one, ParameterRequest(6.0, index, 1), 1) == ParameterValue(
-        6.0, index, tier, ParameterStatus.OK
-    )
-    assert one.config.start.rise_s == 6.0
+    assert calibrate(one, "start.rise_s", 6.0) is XcpError.NONE
+    assert one.config.p.start.rise_s == 6.0
     too_long = BY_NAME["start.rise_s"].high + 1.0
-    refused = ask(one, ParameterRequest(too_long, index, 1), 2)
-    assert refused == ParameterValue(6.0, index, tier, ParameterStatus.OUT_OF_RANGE)
-    assert one.config.start.rise_s == 6.0
-    assert ask(one, ParameterRequest(0.0, 16_000, 0), 3).status == ParameterStatus.UNKNOWN_INDEX
+    assert calibrate(one, "start.rise_s", too_long) is XcpError.OUT_OF_RANGE
+    assert calibrate(one, "control.tick_s", 0.00025) is XcpError.WRITE_PROTECTED
+    assert (one.config.p.start.rise_s, one.config.tick_s) == (6.0, 0.001)
 
 
-def test_the_control_period_is_read_but_never_written_over_the_bus() -> None:
-    one = FirmwareNode(config_from({}))
-    before, index = one.config, INDEX["control.tick_s"]
-    answer = ask(one, ParameterRequest(0.00025, index, 1), 0)
-    assert (answer.status, answer.tier) == (ParameterStatus.NOT_WRITABLE, ParameterTier.BUILD)
-    assert one.config == before
-
-
-def test_parameters_are_not_written_while_it_moves() -> None:
+def test_parameters_are_not_written_while_it_moves_unless_they_are_marked() -> None:
     bench = Bench().started()
     bench.run(0.5, keep=False)
-    index = INDEX["start.rise_s"]
-    answer = ask(bench.node, ParameterRequest(6.0, index, 1), 0)
-    assert (answer.status, answer.value) == (ParameterStatus.NOT_WHILE_MOVING, DEFAULTS["start.rise_s"])
+    assert calibrate(bench.node, "start.rise_s", 6.0) is XcpError.WRITE_PROTECTED
+    assert calibrate(bench.node, "speed.gain_p_n_m_s", 0.0625) is XcpError.NONE
+    assert bench.node.config.p.speed.gain_p_n_m_s == 0.0625
+    assert bench.node.config.p.start.rise_s == DEFAULTS["start.rise_s"]
 
 
 def test_a_fault_is_reported_once_with_the_drives_reason() -> None:
@@ -393,10 +358,11 @@ def test_a_position_that_has_run_far_is_brought_back_by_whole_turns_at_rest(turn
 
 def test_a_good_parameter_file_is_used() -> None:
     one = powered_up(written(DEFAULTS | {"stop.restitution": 0.43}))
-    assert one.parameters.stop_restitution == 0.43
+    assert one.values["stop.restitution"] == 0.43
     assert one.config == config_from({"stop.restitution": 0.43})
 
 
+@pytest.mark.requirement("S-09")
 def test_damaged_parameters_are_said_and_nothing_moves_whatever_is_asked_for() -> None:
     broken = powered_up(written(DEFAULTS).replace("mass_kg = 0.8", "mass_kg = 0.9"))
     bench = Bench()
@@ -409,8 +375,7 @@ def test_damaged_parameters_are_said_and_nothing_moves_whatever_is_asked_for() -
             bench.run(0.001, keep=False)
             sent += [codec.decode(frame) for frame in bench.sent]
         # A parameter written makes one of them known, and the others no better.
-        index = INDEX["stop.restitution"]
-        bench.node.tick([codec.encode(ParameterRequest(0.4, index, 1))], 1)
+        assert calibrate(bench.node, "start.rise_s", 6.0) is XcpError.NONE
     beats = [record for record in sent if isinstance(record, FirmwareHeartbeat)]
     assert {(beat.mode, beat.fault) for beat in beats} == {(Mode.FAULT, Fault.PARAMETERS_DAMAGED)}
     assert {record for record in sent if isinstance(record, SetInputTorque)} == {SetInputTorque(0.0)}

@@ -6,16 +6,16 @@ from typing import Any
 
 import pytest
 from closed_loop import Bench, scene_with
+from xcp_session import command
 
 from firmware_py.interface import codec
-from firmware_py.interface.enums import MOVING, AxisState, Fault, Mode, OperatorRequest
+from firmware_py.interface.enums import MOVING, AxisState, Fault, Mode, OperatorRequest, XcpCommandCode
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import (
     DriveEstop,
     DriveHeartbeat,
     DriveTemperature,
     FaultEvent,
-    ParameterRequest,
     SetAxisState,
     SetControllerMode,
     SetInputTorque,
@@ -146,7 +146,7 @@ def test_an_e_stop_is_repeated_until_the_drive_has_let_go() -> None:
 
 def test_idle_and_the_fault_event_stand_behind_nothing() -> None:
     bench = armed()
-    asked = [codec.PARAMETER_REQUEST.encode(ParameterRequest(0.0, 0, 0), k % 16) for k in range(40)]
+    asked = [command(XcpCommandCode.CONNECT)] * 40
     hot = codec.DRIVE_TEMPERATURE.encode(DriveTemperature(95.0, 30.0))
     bench.change = lambda _, frames: [*frames, *asked, hot]
     bench.run(0.001, keep=False)
@@ -182,6 +182,27 @@ def test_a_drive_that_closes_its_axis_by_itself_is_opened_again() -> None:
     bench.axis_state = AxisState.CLOSED_LOOP_CONTROL.value
     bench.run(0.11, keep=False)
     assert bench.axis_state == AxisState.IDLE
+
+
+@pytest.mark.parametrize("lost", ARMING)
+def test_no_axis_closes_with_stored_settings_if_a_setting_is_lost_for_20_ms(lost: type) -> None:
+    bench = in_soft_start()
+    obey, start = bench._obey, bench.tick
+    received: list[object] = []
+
+    def hard_of_hearing(frames: list[Frame]) -> None:
+        arrived = [f for f in frames if bench.tick >= start + 20 or not isinstance(codec.decode(f), lost)]
+        received.extend(map(codec.decode, arrived))
+        obey(arrived)
+
+    bench._obey = hard_of_hearing  # type: ignore[method-assign]
+    until(bench, lambda: bench.axis_state == AxisState.CLOSED_LOOP_CONTROL)
+    settings = {type(record) for record in received[: received.index(CLOSED_LOOP)]}
+    assert settings >= set(ARMING)
+    bench.run(0.2, keep=False)
+    received.clear()
+    bench.run(0.3, keep=False)
+    assert not any(map(arms, received))
 
 
 def test_arming_is_repeated_until_the_heartbeat_says_closed() -> None:

@@ -7,7 +7,7 @@ import pytest
 from closed_loop import Bench
 
 from firmware_py.core.control import spin_down, start
-from firmware_py.core.control.start import StartState
+from firmware_py.core.control.start import Goal, StartState
 from firmware_py.core.estimation import crank, estimator_state, regime
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, Mode, OperatorRequest
@@ -15,8 +15,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import EncoderEstimates, SetInputTorque
 from firmware_py.shell.parameters import config_from
 
-CONFIG = config_from({}).start
-STEP_TICKS = 10
+CONFIG = config_from({})
 PERIOD_TICKS = 500
 LONGEST_S = 30.0
 HIT, MISS = 1, 0
@@ -35,10 +34,10 @@ def started(
 ) -> list[StartState]:
     """A start with `pattern` of impacts by period and `ratio` requested by tick."""
     states = []
-    for tick in range(0, round(1000 * seconds), STEP_TICKS):
+    for tick in range(0, round(1000 * seconds)):
         period = tick // PERIOD_TICKS
         what = ended(pattern(period)) if tick % PERIOD_TICKS == 0 else regime.INITIAL
-        state = start.step(CONFIG, state, mode, ratio(tick), True, 0.0, what, 0.0, 0.0, True, STEP_TICKS)
+        state = start.step(CONFIG, state, mode, Goal(ratio(tick), 0.0, 0.0, True), True, 0.0, what)
         states.append(state)
     return states
 
@@ -77,15 +76,15 @@ def test_a_start_ends_within_30_s() -> None:
 
 
 def test_impacts_that_are_lost_in_the_hold_are_back_within_30_s_or_it_has_failed() -> None:
-    lost = start._again(CONFIG, held(), 0)
+    lost = start.dip_again(CONFIG, held(), 0)
     endless = []
     for pattern, dither in EVERY:
         since_s, run, longest_s = 0.0, 0, 0.0
         for tick, state in enumerate(started(Mode.RUN, PATTERNS[pattern], DITHERS[dither], 70.0, lost)):
-            if tick * STEP_TICKS % PERIOD_TICKS == 0:
-                run = run + 1 if PATTERNS[pattern](tick * STEP_TICKS // PERIOD_TICKS) == HIT else 0
-            found = run >= CONFIG.confirm_periods or state.stage == start.HOLD or state.failed
-            since_s = 0.0 if found else since_s + 0.001 * STEP_TICKS
+            if tick % PERIOD_TICKS == 0:
+                run = run + 1 if PATTERNS[pattern](tick // PERIOD_TICKS) == HIT else 0
+            found = run >= CONFIG.p.start.confirm_periods or state.stage == start.HOLD or state.failed
+            since_s = 0.0 if found else since_s + 0.001
             longest_s = max(longest_s, since_s)
         if longest_s > LONGEST_S:
             endless.append((pattern, dither))
@@ -186,9 +185,8 @@ def test_a_stop_begins_at_the_crank_s_speed_where_that_lags_behind_its_target() 
     for omega_rad_s in (-1.0, 0.0, 5.0, 12.0, 15.0):
         stops, omega = state, min(max(omega_rad_s, 0.0), 12.0)
         for _ in range(1100):
-            stops = start.step(
-                CONFIG, stops, Mode.STOPPING, 1.3, True, omega_rad_s, regime.INITIAL, 0.0, 0.0, True, 1
-            )
+            goal = Goal(1.3, 0.0, 0.0, True)
+            stops = start.step(CONFIG, stops, Mode.STOPPING, goal, True, omega_rad_s, regime.INITIAL)
             assert stops.target_omega_rad_s <= omega
             omega = stops.target_omega_rad_s
         assert omega == 0.0
@@ -196,7 +194,7 @@ def test_a_stop_begins_at_the_crank_s_speed_where_that_lags_behind_its_target() 
 
 @pytest.mark.parametrize("omega_rad_s", [-3.0, 0.0, 2.0, 9.0, 12.0])
 def test_no_target_of_a_walk_s_stop_is_above_the_speed_it_began_with(omega_rad_s: float) -> None:
-    config = config_from({"gait.follow": 1}).spin_down
+    config = config_from({"gait.follow": 1})
     state = spin_down.INITIAL
     for tick in range(4000):
         # A striker that swings far ahead of the crank asks for the highest speed.
@@ -205,5 +203,5 @@ def test_no_target_of_a_walk_s_stop_is_above_the_speed_it_began_with(omega_rad_s
         )
         speed_rad_s = omega_rad_s if tick == 0 else state.target_omega_rad_s
         turning_crank = crank.INITIAL._replace(angle_rad=0.005 * tick % math.tau, omega_rad_s=speed_rad_s)
-        state = spin_down.step(config, state, turning_crank, swing, 1)
+        state = spin_down.step(config, state, turning_crank, swing)
         assert abs(state.target_omega_rad_s) <= max(omega_rad_s, 0.0)

@@ -1,24 +1,26 @@
 """The link to the drive's axis: every request against every event, held to rules written independently."""
 
 import itertools
+import random
 
 import pytest
 from records import HEALTHY
 
 from firmware_py.core.inputs import DriveInput
-from firmware_py.core.safety import drive_link
+from firmware_py.core.safety import drive_link, watchdog_proof
 from firmware_py.core.safety.drive_link import AxisRequest, DriveFrame, DriveLinkState
+from firmware_py.core.safety.watchdog_proof import ProofStage
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import AxisState, Mode
 from firmware_py.shell.parameters import config_from
 
-CONFIG = config_from({}).drive_link
+CONFIG = config_from({})
 ENCODER = HEALTHY.encoder
 STALE = DriveInput(AxisState.IDLE, 0, 0, 50)
 """A heartbeat that was received long ago, but is no reason for alarm yet."""
 OPENED = DriveInput(AxisState.IDLE, 0, 0, 0)
 CLOSED = DriveInput(AxisState.CLOSED_LOOP_CONTROL, 0, 0, 0)
-SILENT = DriveInput(AxisState.IDLE, 0, 0, CONFIG.fresh_ticks + 1)
+SILENT = DriveInput(AxisState.IDLE, 0, 0, CONFIG.d.ticks.drive + 1)
 ARMING = (DriveFrame.CONTROLLER_MODE, DriveFrame.LIMITS, DriveFrame.CLOSED_LOOP)
 DISARMING = (DriveFrame.IDLE, DriveFrame.ESTOP)
 ROUNDS = {
@@ -36,7 +38,9 @@ REQUESTS = {
     Mode.STOPPING: AxisRequest.KEEP,
     Mode.FAULT: AxisRequest.DISARM,
     Mode.E_STOP: AxisRequest.STOP,
+    Mode.PROOF: AxisRequest.OPEN,
 }
+"""The stage of the watchdog's test decides in PROOF; at rest, the axis stays open."""
 
 
 def step(
@@ -46,10 +50,10 @@ def step(
     position_rev: float = 0.0,
     velocity_rev_s: float = 0.0,
     asks_clear: bool = False,
-    elapsed_ticks: int = 1,
+    stage: ProofStage = watchdog_proof.REST,
 ) -> tuple[DriveLinkState, DriveFrame]:
     encoder = ENCODER._replace(position_rev=position_rev, velocity_rev_s=velocity_rev_s)
-    return drive_link.step(CONFIG, state, mode, drive, encoder, asks_clear, elapsed_ticks)
+    return drive_link.step(CONFIG, state, mode, stage, drive, encoder, asks_clear)
 
 
 def frames(
@@ -67,24 +71,29 @@ def frames(
 def states() -> list[DriveLinkState]:
     """Every request, unconfirmed and confirmed, at every place of a round and at the edges of its times."""
     return [
-        DriveLinkState(request, request_ticks, round_ticks, place, confirmed, service_ticks)
+        DriveLinkState(request, request_ticks, round_ticks, place, rounds, confirmed, 0)
         for request in AxisRequest
         for request_ticks in (18, 19)
         for round_ticks in (18, 19, 48, 49)
         for place in range(4)
+        for rounds in ((2, 3) if request == AxisRequest.CLOSE else (0,))
         for confirmed in (False, True)
-        for service_ticks in (48, 49, 998, 999)
     ]
 
 
-EVENTS = [
-    (DriveInput(axis_state, error, 0, age_ticks), position_rev, velocity_rev_s, asks_clear)
+HEARTBEATS = [
+    DriveInput(axis_state, 0, 0, age_ticks)
     for axis_state in (AxisState.IDLE, AxisState.CLOSED_LOOP_CONTROL, AxisState.UNDEFINED)
+    for age_ticks in (0, 1, CONFIG.d.ticks.drive, CONFIG.d.ticks.drive + 1)
+]
+SERVICES = [
+    (service_ticks, error, position_rev, velocity_rev_s, asks_clear)
+    for service_ticks in (48, 49, 998, 999)
     for error in (0, 0x200)
-    for age_ticks in (0, 1, CONFIG.fresh_ticks, CONFIG.fresh_ticks + 1)
     for position_rev, velocity_rev_s in ((0.0, 0.0), (64.0, 0.019), (-64.0, 0.02))
     for asks_clear in (False, True)
 ]
+"""What decides on the service frames and on nothing else: each heartbeat meets a sample of these."""
 
 
 def test_frames_and_requests_have_numbers_of_their_own() -> None:
@@ -94,17 +103,27 @@ def test_frames_and_requests_have_numbers_of_their_own() -> None:
 
 
 def test_nothing_is_remembered_at_power_up() -> None:
-    nothing = DriveLinkState(AxisRequest.OPEN, 0, 0, 0, confirmed=False, service_ticks=NEVER_TICKS)
+    nothing = DriveLinkState(AxisRequest.OPEN, 0, 0, 0, 0, confirmed=False, service_ticks=NEVER_TICKS)
     assert nothing == drive_link.INITIAL
 
 
 @pytest.mark.parametrize("mode", list(Mode))
 def test_every_state_under_every_event(mode: Mode) -> None:
-    request = REQUESTS[mode]
-    for state, (drive, position_rev, velocity_rev_s, asks_clear) in itertools.product(states(), EVENTS):
+    request, dice = REQUESTS[mode], random.Random(mode)
+    cases = (
+        (state._replace(service_ticks=service_ticks), heartbeat._replace(axis_error=error), *service)
+        for state, heartbeat in itertools.product(states(), HEARTBEATS)
+        for service_ticks, error, *service in dice.sample(SERVICES, 6)
+    )
+    for state, drive, position_rev, velocity_rev_s, asks_clear in cases:
         after, frame = step(state, mode, drive, position_rev, velocity_rev_s, asks_clear)
         begins = request != state.request
         assert after.request == request
+        # Closed loop is requested only after three rounds of settings.
+        is_set = request != AxisRequest.CLOSE or state.rounds == 3
+        round_of = ROUNDS[request] if is_set else ROUNDS[request][:2]
+        assert is_set or frame != DriveFrame.CLOSED_LOOP
+        assert after.rounds == min((0 if begins else state.rounds) + (frame == DriveFrame.LIMITS), 3)
         # Only SOFT_START arms, whatever was waiting.
         assert mode == Mode.SOFT_START or frame not in ARMING
         assert mode not in (Mode.RUN, Mode.STOPPING) or frame == DriveFrame.NOTHING
@@ -117,17 +136,18 @@ def test_every_state_under_every_event(mode: Mode) -> None:
             if request in (AxisRequest.OPEN, AxisRequest.DISARM, AxisRequest.STOP)
             else AxisState.CLOSED_LOOP_CONTROL
         )
-        answered = not begins and drive.age_ticks == 0 and state.request_ticks + 1 >= 20
+        answered = not begins and drive.age_ticks == 0 and state.request_ticks + 1 >= 20 and is_set
         if answered:
             assert after.confirmed == (drive.axis_state == wanted)
         else:
             assert after.confirmed == (not begins and state.confirmed and drive.age_ticks <= 350)
         # Unconfirmed, a round goes on tick by tick; once it and its period are over, it begins again.
         if not after.confirmed and not begins:
-            round_of = ROUNDS[request]
             if state.place < len(round_of):
                 assert frame == round_of[state.place]
-            elif state.round_ticks + 1 >= (50 if request == AxisRequest.CLOSE else 20) and round_of:
+            elif (
+                state.round_ticks + 1 >= (50 if request == AxisRequest.CLOSE and is_set else 20) and round_of
+            ):
                 assert frame == round_of[0]
             else:
                 assert frame not in (*ARMING, *DISARMING)
@@ -151,13 +171,28 @@ def test_a_silent_drive_is_sent_idle_every_20_ms_for_ever() -> None:
         assert sent == dict.fromkeys(range(0, 5000, 20), DriveFrame.IDLE)
 
 
-def test_arming_is_three_frames_every_50_ms_until_the_axis_is_closed() -> None:
-    state, sent = frames(drive_link.INITIAL, Mode.SOFT_START, 120)
-    assert sent == {50 * k + place: frame for k in range(3) for place, frame in enumerate(ARMING)}
+def test_settings_come_before_every_request_for_closed_loop_until_the_axis_is_closed() -> None:
+    state, sent = frames(drive_link.INITIAL, Mode.SOFT_START, 140)
+    settings = {at + place: frame for at in (0, 20) for place, frame in enumerate(ARMING[:2])}
+    rounds = {at + place: frame for at in (40, 90) for place, frame in enumerate(ARMING)}
+    assert sent == settings | rounds
+    assert not drive_link.is_closed(state)
     state, sent = frames(state, Mode.SOFT_START, 100, CLOSED)
     assert sent == {}
-    assert state.confirmed
+    assert drive_link.is_closed(state)
     assert not drive_link.is_idle(state)
+
+
+@pytest.mark.parametrize("answer_tick", range(20, 60))
+def test_a_heartbeat_confirms_closed_loop_only_after_it_has_been_requested(answer_tick: int) -> None:
+    """A drive that closes its axis before has the settings that it had stored."""
+    state, before = frames(drive_link.INITIAL, Mode.SOFT_START, answer_tick)
+    state, _ = frames(state, Mode.SOFT_START, 1, CLOSED)
+    assert state.confirmed == (answer_tick > 41)
+    _, after = frames(state, Mode.SOFT_START, 100)
+    sent = [*before.values(), *after.values()]
+    assert sent.count(DriveFrame.LIMITS) >= 3
+    assert sent.count(DriveFrame.CONTROLLER_MODE) >= 3
 
 
 @pytest.mark.parametrize("ticks", range(1, 6))
@@ -223,11 +258,25 @@ def test_a_far_position_is_brought_back_once_a_second() -> None:
     assert [tick for tick, frame in enumerate(sent) if frame == DriveFrame.RE_ZERO] == [0, 1000, 2000]
 
 
-def test_skipped_ticks_count() -> None:
-    state, _ = step(drive_link.INITIAL, Mode.INIT, elapsed_ticks=5)
-    state, frame = step(state, Mode.INIT, elapsed_ticks=19)
-    assert frame == DriveFrame.NOTHING
-    state, frame = step(state, Mode.INIT, elapsed_ticks=7)
-    assert frame == DriveFrame.IDLE
-    assert state.request_ticks == 31
-    assert state.service_ticks == NEVER_TICKS
+def test_in_the_test_of_the_watchdog_its_stage_decides() -> None:
+    """In any other mode the stage decides nothing."""
+    wanted = dict(
+        zip(
+            ProofStage, (AxisRequest.OPEN, AxisRequest.CLOSE, AxisRequest.KEEP, AxisRequest.OPEN), strict=True
+        )
+    )
+    for mode, stage in itertools.product(Mode, ProofStage):
+        expected = wanted[stage] if mode == Mode.PROOF else REQUESTS[mode]
+        assert drive_link.find_request(mode, stage) == expected
+    state, frame = drive_link.INITIAL, DriveFrame.NOTHING
+    wrong = DriveInput(AxisState.IDLE, 0x01000000, 0, 50)
+    sent = []
+    for _ in range(60):
+        state, frame = step(state, Mode.PROOF, wrong, stage=watchdog_proof.CLEAR)
+        sent.append(frame)
+    assert sent[:2] == [DriveFrame.IDLE, DriveFrame.CLEAR_ERRORS]
+    assert sent.count(DriveFrame.CLEAR_ERRORS) == 2
+    for stage in (watchdog_proof.REST, watchdog_proof.CLOSE, watchdog_proof.WITHHOLD):
+        for _ in range(60):
+            state, frame = step(state, Mode.PROOF, wrong, stage=stage, asks_clear=True)
+            assert frame != DriveFrame.CLEAR_ERRORS

@@ -5,19 +5,20 @@ import itertools
 import pytest
 
 from firmware_py.core.records import zeroed
-from firmware_py.core.safety import supervisor
+from firmware_py.core.safety import supervisor, watchdog_proof
 from firmware_py.core.safety.monitors import Findings
 from firmware_py.core.safety.supervisor import Conditions, SupervisorState, counting_fault, transition
+from firmware_py.core.safety.watchdog_proof import ProofState
 from firmware_py.interface.enums import LATCHED, MOVING, Fault, Mode, OperatorRequest
 
 NO_FINDINGS = zeroed(Findings, watchdog=Fault.NONE, limit=Fault.NONE, drive=Fault.NONE, standstill=True)
 
 
 def all_conditions() -> list[Conditions]:
-    flags = itertools.product((False, True), repeat=11)
+    flags = itertools.product((False, True), repeat=13)
     return [
-        Conditions(e, f, i, d, o, r, s, c, t, a, w, k, z)
-        for (e, i, d, o, s, c, t, a, w, k, z) in flags
+        Conditions(e, f, i, d, o, r, s, c, t, a, w, k, z, y, p)
+        for (e, i, d, o, s, c, t, a, w, k, z, y, p) in flags
         for f in (Fault.NONE, Fault.OVERSPEED)
         for r in OperatorRequest
     ]
@@ -27,7 +28,7 @@ CONDITIONS = all_conditions()
 
 
 @pytest.mark.parametrize("mode", list(Mode))
-def test_every_mode_under_every_condition(mode: Mode) -> None:
+def test_every_mode_under_every_condition(mode: Mode) -> None:  # noqa: PLR0912 - one rule after the other
     for c in CONDITIONS:
         after = transition(mode, c)
         assert isinstance(after, Mode)
@@ -43,10 +44,11 @@ def test_every_mode_under_every_condition(mode: Mode) -> None:
             assert c.axis_idle
             assert c.inputs_fresh
             assert c.target_valid
+            assert c.proven
             assert not c.freewheel_overspeed
             assert c.fault == Fault.NONE
         # A fault ends all motion in the same tick, and keeps it from beginning.
-        if c.fault != Fault.NONE and mode in (*MOVING, Mode.READY, Mode.INIT):
+        if c.fault != Fault.NONE and mode in (*MOVING, Mode.READY, Mode.INIT, Mode.PROOF):
             assert after == Mode.FAULT
         # What is latched is left only for INIT, by a fresh, armed request to clear, with the cause gone.
         if mode in LATCHED:
@@ -69,15 +71,26 @@ def test_every_mode_under_every_condition(mode: Mode) -> None:
             assert after == (Mode.READY if c.standstill else Mode.STOPPING)
         if mode == Mode.READY and c.fault == Fault.NONE:
             fresh = c.inputs_fresh and c.operator_fresh
-            starts = (
-                wants_run and c.idle_seen and c.axis_idle and c.target_valid and not c.freewheel_overspeed
-            )
-            assert after == ((Mode.SOFT_START if starts else Mode.READY) if fresh else Mode.INIT)
+            may_close = c.idle_seen and c.axis_idle and not c.freewheel_overspeed
+            wanted = Mode.READY
+            if wants_run and may_close and c.target_valid and c.proven:
+                wanted = Mode.SOFT_START
+            if c.request == OperatorRequest.PROVE_WATCHDOG and may_close and c.standstill:
+                wanted = Mode.PROOF
+            assert after == (wanted if fresh else Mode.INIT)
+        # The test of the drive's watchdog lasts while it is asked for; afterwards all conditions count again.
+        if mode == Mode.PROOF and c.fault == Fault.NONE:
+            asked = c.operator_fresh and c.request == OperatorRequest.PROVE_WATCHDOG
+            assert after == (Mode.READY if c.proof_passed else Mode.PROOF if asked else Mode.INIT)
+        if after == Mode.PROOF:
+            assert mode in (Mode.READY, Mode.PROOF)
         # Clearing never arms.
         if c.request == OperatorRequest.CLEAR_FAULTS:
-            assert after not in (Mode.SOFT_START, Mode.RUN)
+            assert after not in (Mode.SOFT_START, Mode.RUN, Mode.PROOF) or mode == after == Mode.PROOF
 
 
+TESTED = (*MOVING, Mode.PROOF)
+"""Modes in which the axis may be closed."""
 WATCHDOG = NO_FINDINGS._replace(watchdog=Fault.SENSOR_TIMEOUT)
 LIMIT = NO_FINDINGS._replace(limit=Fault.OVERCURRENT)
 FAST = NO_FINDINGS._replace(overspeed=True, freewheel_overspeed=True)
@@ -90,12 +103,12 @@ DAMAGED = NO_FINDINGS._replace(parameters_damaged=True)
     ("findings", "failed", "expected"),
     [
         (NO_FINDINGS, False, {}),
-        (WATCHDOG, False, dict.fromkeys((*MOVING, *LATCHED), Fault.SENSOR_TIMEOUT)),
-        (LIMIT, False, dict.fromkeys((*MOVING, *LATCHED, Mode.READY), Fault.OVERCURRENT)),
-        (FAST, False, dict.fromkeys((*MOVING, *LATCHED), Fault.OVERSPEED)),
+        (WATCHDOG, False, dict.fromkeys((*TESTED, *LATCHED), Fault.SENSOR_TIMEOUT)),
+        (LIMIT, False, dict.fromkeys((*TESTED, *LATCHED, Mode.READY), Fault.OVERCURRENT)),
+        (FAST, False, dict.fromkeys((*TESTED, *LATCHED), Fault.OVERSPEED)),
         (NO_FINDINGS._replace(freewheel_overspeed=True), False, {}),
-        (DRIVE, False, dict.fromkeys((*MOVING, Mode.READY), Fault.DRIVE_ERROR)),
-        (ALONE, False, dict.fromkeys(MOVING, Fault.OPERATOR_TIMEOUT)),
+        (DRIVE, False, dict.fromkeys((*TESTED, Mode.READY), Fault.DRIVE_ERROR)),
+        (ALONE, False, dict.fromkeys(TESTED, Fault.OPERATOR_TIMEOUT)),
         (DAMAGED, False, dict.fromkeys(Mode, Fault.PARAMETERS_DAMAGED)),
         (WATCHDOG._replace(parameters_damaged=True), True, dict.fromkeys(Mode, Fault.PARAMETERS_DAMAGED)),
         (NO_FINDINGS, True, {Mode.SOFT_START: Fault.START_FAILED, Mode.RUN: Fault.ATTRACTOR_LOST}),
@@ -105,7 +118,29 @@ def test_which_finding_is_a_fault_in_which_mode(
     findings: Findings, failed: bool, expected: dict[Mode, Fault]
 ) -> None:
     for mode in Mode:
-        assert counting_fault(mode, findings, failed) == expected.get(mode, Fault.NONE), mode
+        assert counting_fault(mode, findings, failed, False) == expected.get(mode, Fault.NONE), mode
+
+
+def test_a_failed_test_of_the_watchdog_is_a_fault_in_proof_alone() -> None:
+    for mode in Mode:
+        wanted = Fault.DRIVE_WATCHDOG if mode == Mode.PROOF else Fault.NONE
+        assert counting_fault(mode, NO_FINDINGS, False, True) == wanted
+    state = supervisor.INITIAL._replace(mode=Mode.PROOF)
+    asked = OperatorRequest.PROVE_WATCHDOG
+    failed = step(state, request=asked, proof=watchdog_proof.INITIAL._replace(failed=True))
+    assert (failed.mode, failed.fault) == (Mode.FAULT, Fault.DRIVE_WATCHDOG)
+    passed = step(state, request=asked, proof=watchdog_proof.INITIAL._replace(passed=True))
+    assert (passed.mode, passed.idle_seen) == (Mode.READY, False)
+
+
+OBSERVED = zeroed(
+    supervisor.Observed,
+    request=OperatorRequest.IDLE,
+    disarm_reason=0x200,
+    target_valid=True,
+    axis_idle=True,
+    proven=True,
+)
 
 
 def step(
@@ -116,20 +151,25 @@ def step(
     captured: bool = False,
     failed: bool = False,
     axis_idle: bool = True,
+    proof: ProofState = watchdog_proof.INITIAL,
 ) -> SupervisorState:
-    return supervisor.step(state, findings, estop, request, 0x200, True, axis_idle, captured, failed, 1)
+    now = OBSERVED._replace(
+        request=request,
+        estop=estop,
+        captured=captured,
+        start_failed=failed,
+        axis_idle=axis_idle,
+        proof_passed=proof.passed,
+        proof_failed=proof.failed,
+    )
+    return supervisor.step(state, findings, now)
 
 
 def test_nothing_is_remembered_at_power_up() -> None:
-    assert SupervisorState(Mode.INIT, Fault.NONE, 0, False, False, 0) == supervisor.INITIAL
+    assert SupervisorState(Mode.INIT, Fault.NONE, 0, False, False) == supervisor.INITIAL
 
 
-def test_the_time_in_a_mode_is_counted() -> None:
-    state = step(step(running(), NO_FINDINGS, OperatorRequest.RUN), NO_FINDINGS, OperatorRequest.RUN)
-    assert state.ticks_in_mode == 2
-    assert step(state, LIMIT, OperatorRequest.RUN).ticks_in_mode == 0
-
-
+@pytest.mark.requirement("S-10")
 def test_the_way_to_motion_and_back() -> None:
     state = supervisor.INITIAL
     modes = []
@@ -163,6 +203,7 @@ def running() -> SupervisorState:
     return supervisor.INITIAL._replace(mode=Mode.RUN)
 
 
+@pytest.mark.requirement("S-11")
 def test_the_first_reason_stays_latched() -> None:
     state = step(running(), FAST, OperatorRequest.RUN)
     assert (state.mode, state.fault, state.disarm_reason) == (Mode.FAULT, Fault.OVERSPEED, 0)
@@ -178,7 +219,7 @@ def test_the_drives_reason_is_latched_when_it_arrives() -> None:
     state = running()
     for arriving, latched in ((0, 0), (0, 0), (0x200, 0x200), (0x100, 0x200)):
         request = OperatorRequest.RUN
-        state = supervisor.step(state, drive, False, request, arriving, True, True, False, False, 1)
+        state = supervisor.step(state, drive, OBSERVED._replace(request=request, disarm_reason=arriving))
         assert (state.mode, state.fault) == (Mode.FAULT, Fault.DRIVE_ERROR)
         assert state.disarm_reason == latched
 
@@ -191,6 +232,7 @@ def test_a_crank_that_the_striker_drives_only_delays_the_start() -> None:
     assert step(state, NO_FINDINGS, OperatorRequest.RUN).mode == Mode.SOFT_START
 
 
+@pytest.mark.requirement("S-13")
 def test_a_clear_that_was_already_being_sent_does_not_clear() -> None:
     state = step(running(), LIMIT, OperatorRequest.CLEAR_FAULTS)
     for _ in range(5):
@@ -206,6 +248,7 @@ def test_a_clear_that_was_already_being_sent_does_not_clear() -> None:
     assert step(state, NO_FINDINGS, OperatorRequest.RUN).mode == Mode.READY
 
 
+@pytest.mark.requirement("S-13")
 def test_a_cause_that_stands_cannot_be_cleared() -> None:
     state = step(running(), WATCHDOG, OperatorRequest.RUN)
     state = step(state, WATCHDOG, OperatorRequest.IDLE)

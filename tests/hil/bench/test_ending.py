@@ -17,15 +17,22 @@ from resting import resting
 from waiting import waited_for
 
 from hil.bench.bench import run_scenario
-from hil.bench.soak import prolonged
-from hil.bench.suite import run_suite
+from hil.bench.options import RunOptions
+from hil.bench.verdict import failed_for
 from hil.judge import junit
+from hil.judge.judge import judge
+from hil.record.run_traces import RunTraces
 from hil.record.traces import trace
 from hil.record.traces.trace import TraceWriter
-from hil.scenario.scenario import check_scenario, load_scenario, read_scenario
+from hil.scenario.files import read_scenario
+from hil.scenario.scenario import check_scenario, load_scenario
+from hil.scenario.soak import prolonged
+from hil.suite.suite import Chosen, run_suite
 from hil.timing.loop import FixedRateLoop
 from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_INTERRUPTED
+
+LOCKSTEP = RunOptions(clock="lockstep")
 
 PROGRAM = Path(sys.executable).with_name("vibrohil")
 GONE_S = 6.0
@@ -89,7 +96,9 @@ def test_a_signal_in_lockstep_is_named_by_the_verdict(
     number: signal.Signals, tmp_path: Path, begin: Callable[..., subprocess.Popen[str]]
 ) -> None:
     out = tmp_path / "out"
-    bench = begin("run", rests(tmp_path, "rests", 600.0), "--clock", "lockstep", "--out", out)
+    bench = begin(
+        "run", rests(tmp_path, "rests", 600.0), "--clock", "lockstep", "--firmware", "python", "--out", out
+    )
     waited_for(lambda: has_begun(out))
     bench.send_signal(number)
     assert bench.wait(60.0) == EXIT_INTERRUPTED
@@ -139,11 +148,11 @@ def test_an_interrupted_suite_is_gone_in_two_seconds_keeps_what_is_finished_and_
     before = (out / "quick" / "run.json").stat().st_mtime_ns
     for n in range(4):
         rests(tmp_path, f"long-{n}", 0.3)
-    result = run_suite(names, "lockstep", "auto", out, [1], silent, processes=1)
+    result = run_suite(Chosen(names), LOCKSTEP, out, [1], silent, processes=1)
     assert result["passed"]
     assert (out / "quick" / "run.json").stat().st_mtime_ns == before
     # A suite that is complete starts anew.
-    run_suite(names[:1], "lockstep", "auto", out, [1], silent, processes=1)
+    run_suite(Chosen(names[:1]), LOCKSTEP, out, [1], silent, processes=1)
     assert (out / "quick" / "run.json").stat().st_mtime_ns > before
 
 
@@ -167,13 +176,8 @@ def test_a_killed_worker_costs_only_its_scenario(
 
 
 def test_junit_stays_xml_whatever_a_process_has_written() -> None:
-    verdict = {
-        "scenario": "s\x00",
-        "checks": [],
-        "reasons": ["firmware ended: \x1b[31mred\x1b[0m \ud800 \x0b\ufffe ok"],
-        "passed": False,
-        "duration_s": 1.0,
-    }
+    reason = "firmware ended: \x1b[31mred\x1b[0m \ud800 \x0b\ufffe ok"
+    verdict = failed_for(judge(RunTraces(run={"scenario": "s\x00"}), Path()), [reason])
     text = junit.document([verdict])
     error = ElementTree.fromstring(text.split("\n", 1)[1].encode()).find("testsuite/testcase/error")
     assert error is not None
@@ -228,9 +232,10 @@ def test_a_full_disk_in_lockstep_is_a_failed_verdict_that_says_so(
     def full(*_: Any) -> None:
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr("hil.bus.can_log.CanLog.write", full)
+    for method in ("write", "append"):  # tick by tick, and in compiled stretches
+        monkeypatch.setattr(f"hil.bus.can_log.CanLog.{method}", full)
     scenario = load_scenario(rests(tmp_path, "rests", 0.3))
-    verdict = run_scenario(scenario, "lockstep", "auto", tmp_path / "out", 1, silent)
+    verdict = run_scenario(scenario, LOCKSTEP, tmp_path / "out", 1, silent).as_json()
     assert verdict["passed"] is False
     assert any("no room on the disk" in reason for reason in verdict["reasons"])
 

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 import hil
+from hil.record.rates import is_slow
 from hil.record.run_traces import read_json
-from hil.scenario.scenario import ScenarioError
+from hil.scenario.files import ScenarioError
 from hil.scenario.settings import SettingError
-from plant_sim.kernels import cache_folder
+from kernel_cache import root
 
 pytest_plugins = ["pytester"]
 
-KERNELS = cache_folder().parent
+KERNELS = root()
 """A session of pytester has a home of its own, in which all kernels would be compiled anew."""
 
 SCENARIO = """
@@ -52,6 +53,14 @@ def test_a_run_is_an_object_with_verdict_signals_and_impacts(run):
     assert run.table("firmware").num_rows == 1000
 
 
+def test_a_table_says_which_columns_are_held_between_samples(run):
+    rows = run.table("firmware")
+    held = {field.name for field in rows.schema if field.metadata == {b"held": b"true"}}
+    assert held == {name for name in rows.column_names if is_slow(f"firmware.{name}")}
+    assert held
+    assert "outputs.torque_n_m" not in held
+
+
 def test_a_finished_run_is_opened_by_its_folder(run):
     again = hil.open_run(run.folder)
     assert again.verdict == run.verdict
@@ -77,12 +86,14 @@ def test_what_cannot_run_raises_a_sentence():
 @pytest.mark.parametrize(
     ("argument", "wanted"),
     [
-        ({"clock": "lock-step"}, "clock = 'lock-step': wanted real, patient or lockstep"),
+        ({"clock": "lock-step"}, "clock = 'lock-step': wanted real or lockstep"),
         ({"firmware": "c"}, "firmware = 'c': wanted python, compiled, host-single, cortex-m7 or cortex-m4f"),
         ({"seed": -1}, "seed = -1: wanted a whole number of at least 0"),
         ({"seed": 1.5}, "seed = 1.5: wanted a whole number of at least 0"),
         ({"seed": "a"}, "seed = 'a': wanted a whole number of at least 0"),
         ({"seed": float("nan")}, "seed = nan: wanted a whole number of at least 0"),
+        ({"parameters": None}, "parameters = None: wanted a text or a path"),
+        ({"parameters": [5]}, "parameters = 5: wanted a text or a path"),
     ],
 )
 def test_an_unusable_argument_is_named_before_a_folder_is_made(scenario, tmp_path, argument, wanted):
@@ -90,6 +101,18 @@ def test_an_unusable_argument_is_named_before_a_folder_is_made(scenario, tmp_pat
         hil.run(scenario, out=tmp_path / "run", **argument)
     assert str(refused.value) == wanted
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("settings", [None, 5, b"a.b=1", [5], {5: 1}, [("script.duration_s", 1.0)]])
+def test_settings_of_another_type_are_refused(scenario, settings):
+    with pytest.raises(SettingError, match=r"^set "):
+        hil.run(scenario, set=settings)
+
+
+@pytest.mark.parametrize("argument", [None, 5, b"mine", {"title": "mine"}])
+def test_a_scenario_that_is_no_text_or_path_is_refused(argument):
+    with pytest.raises(ScenarioError, match=r"^scenario = .*: wanted a text or a path$"):
+        hil.run(argument)
 
 
 def test_one_setting_or_file_needs_no_list(scenario, tmp_path):
@@ -134,15 +157,94 @@ def test_the_plug_in_keeps_and_names_the_runs_of_a_failed_test(pytester, monkeyp
     result.stdout.fnmatch_lines(["*vibrohil: run folders kept*", f"*{kept[0].name}*"])
 
 
+PLACES = """
+import os
+from pathlib import Path
+
+import pytest
+
+HOME = Path.cwd()
+
+def test_that_fails(bench):
+    bench.run(HOME / "still.toml", set={"script.duration_s": 0.21})
+    assert False
+
+
+def test_that_passes_elsewhere(bench, monkeypatch):
+    bench.run(HOME / "still.toml", set={"script.duration_s": 0.22})
+    (HOME / "elsewhere").mkdir()
+    (HOME / "elsewhere" / "runs").symlink_to(HOME / "runs")
+    monkeypatch.chdir(HOME / "elsewhere")
+
+
+@pytest.fixture
+def fails_in_set_up(bench):
+    bench.run(HOME / "still.toml", set={"script.duration_s": 0.23})
+    raise ValueError("set-up")
+
+
+@pytest.fixture
+def fails_in_teardown(bench):
+    yield
+    raise ValueError("teardown")
+
+
+def test_whose_set_up_fails(fails_in_set_up):
+    pass
+
+
+def test_whose_teardown_fails(fails_in_teardown, bench):
+    bench.run(HOME / "still.toml", set={"script.duration_s": 0.24})
+
+
+def test_that_writes_into_its_folder(bench):
+    run = bench.run(HOME / "still.toml", set={"script.duration_s": 0.26})
+    (run.folder / "own.txt").write_text("mine")
+"""
+
+
+def test_the_plug_in_removes_no_folder_but_those_of_tests_that_pass(pytester, monkeypatch):
+    """Also where a test changes directory, and where set-up or teardown fails; never a user's own file."""
+    monkeypatch.setenv("VIBROHIL_CACHE_DIR", str(KERNELS))
+    (pytester.path / "still.toml").write_text(SCENARIO)
+    pytester.makepyfile(PLACES)
+    result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
+    result.assert_outcomes(passed=3, failed=1, errors=2)
+    kept = {}
+    for folder in (pytester.path / "runs").iterdir():
+        own = (folder / "own.txt").exists()
+        assert not (own and (folder / "run.rrd").exists())
+        kept["own" if own else hil.open_run(folder).figures.duration_s] = folder
+    assert set(kept) == {0.21, 0.23, 0.24, "own"}
+    for name in (0.21, 0.23, 0.24):
+        result.stdout.fnmatch_lines(["*run folders kept*", str(kept[name])])
+        assert kept[name].is_absolute()
+
+
+def test_a_run_that_is_not_judged_fails_its_test(pytester, monkeypatch):
+    monkeypatch.setenv("VIBROHIL_CACHE_DIR", str(KERNELS))
+    (pytester.path / "unchecked.toml").write_text(SCENARIO.partition("[[checks]]")[0])
+    pytester.makepyfile("""
+        def test_nothing_is_asserted(bench):
+            bench.run("unchecked.toml")
+    """)
+    result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(
+        ["*is not judged: nothing was checked; give the scenario*", "*run folders kept*"]
+    )
+
+
 def test_clock_bus_and_build_of_the_session_are_those_of_its_runs(pytester):
     pytester.makepyfile(
         """
         def test_options(bench):
-            assert (bench.clock, bench.bus, bench.firmware) == ("real", "local", "compiled")
+            assert (bench.clock, bench.time) == ("real", "strict")
+            assert (bench.bus, bench.firmware) == ("local", "python")
         """
     )
-    clock = ("--vibrohil-clock", "real", "--vibrohil-bus", "local")
-    options = (*clock, "--vibrohil-firmware", "compiled")
+    clock = ("--vibrohil-clock", "real", "--vibrohil-time", "strict", "--vibrohil-bus", "local")
+    options = (*clock, "--vibrohil-firmware", "python")
     result = pytester.runpytest_subprocess("-p", "no:cacheprovider", *options)
     result.assert_outcomes(passed=1)
 

@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from firmware_py.interface.enums import Mode
+from firmware_py.shell.builds import Build
 from hil.bench import lockstep
 from hil.bench.beginning import begin
 from hil.bench.lockstep import run_lockstep
@@ -12,7 +14,8 @@ from hil.judge.checks import evaluate
 from hil.judge.figures.figures import figures_of
 from hil.record.run_folder import note
 from hil.record.traces import trace
-from hil.scenario.scenario import Scenario, check_scenario, load_scenario, read_scenario
+from hil.scenario.files import read_scenario
+from hil.scenario.scenario import Scenario, check_scenario, load_scenario
 from hil.scenario.settings import apply_settings
 
 MEASURED = ("wake_latency_us", "work_us")
@@ -25,11 +28,11 @@ QUICK = [
 ]
 
 
-def run(scenario: Scenario, run_dir: Path, seed: int = 1) -> Path:
+def run(scenario: Scenario, run_dir: Path, seed: int = 1, build: Build = "compiled") -> Path:
     run_dir.mkdir(exist_ok=True)
     begin(run_dir, scenario, "lockstep", seed)
     note(run_dir, bus="in-process", kernel_can=False, wall_start_s=0.0)
-    run_lockstep(scenario, run_dir, seed, lambda *_: None)
+    run_lockstep(scenario, run_dir, seed, lambda *_: None, build)
     return run_dir
 
 
@@ -137,7 +140,7 @@ def test_other_control_periods_run_the_same_physics(tick_s: float, tmp_path: Pat
 )
 def test_short_scenarios_pass_their_checks(name: str, tmp_path: Path) -> None:
     scenario = load_scenario(name)
-    figures = figures_of(run(scenario, tmp_path)).as_json()
+    figures = figures_of(run(scenario, tmp_path))
     failed = [result for result in evaluate(scenario.checks, figures) if not result.passed]
     assert not failed
 
@@ -159,3 +162,23 @@ def test_at_250_kbit_s_samples_are_late(tmp_path: Path) -> None:
     scenario = check_scenario({**document, "bus": {"bitrate": 250_000}}, "modelled")
     firmware = trace.read(run(scenario, tmp_path) / "firmware.trace")
     assert max(firmware["inputs.accelerometer.age_ticks"][10:]) > 0
+
+
+@pytest.mark.parametrize(
+    ("script", "stop_s"),
+    [
+        ('{at_s=0.501,request="e-stop"},{at_s=0.505,request="run",target_ratio=1.1}', 0.501),
+        ('{at_s=0.5,request="run",target_ratio=1.1},{at_s=0.5,request="e-stop"}', 0.5),
+        ('{at_s=0.5,request="e-stop"},{at_s=0.5,request="run",target_ratio=1.1}', 0.5),
+        ('{at_s=0.797,request="e-stop"}', 0.797),
+    ],
+    ids=["run-right-after", "run-before-in-one-instant", "run-after-in-one-instant", "in-the-last-5-ms"],
+)
+def test_an_e_stop_of_the_script_is_on_the_bus_in_its_tick(
+    script: str, stop_s: float, tmp_path: Path
+) -> None:
+    settings = ["script.duration_s=0.8", f"script.commands=[{script}]"]
+    run_lockstep(load_scenario("soft-start-multistable", settings), tmp_path, 1, lambda *_: None, "compiled")
+    frames = [line.split() for line in (tmp_path / "can.log").read_text().splitlines()]
+    assert next(at for at, _, frame in frames if frame == "002#") == f"({stop_s:.6f})"
+    assert trace.read(tmp_path / "firmware.trace")["outputs.mode"][-1] == Mode.E_STOP

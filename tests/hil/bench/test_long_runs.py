@@ -13,7 +13,7 @@ from hil.record.traces.trace import TraceWriter
 MINUTES = 3, 6
 JUDGE = """
 from hil.bench.verdict import finish
-assert finish(Path(sys.argv[1]))["ticks"] == int(sys.argv[2])
+assert finish(Path(sys.argv[1])).figures.ticks == int(sys.argv[2])
 """
 INSPECT = """
 from hil.bench.recorded_run import Run
@@ -34,11 +34,11 @@ LARGEST_GROWTH_MB_A_MINUTE = {JUDGE: 8.0, INSPECT: 8.0, COMPARE: 16.0, EXPORT: 1
 """Sixteen columns of 60,000 numbers each: what one figure works on at a time. Twice that for two runs, and
 for the decoded frames of one name."""
 BEFORE = """
-import resource, sys
+import sys
 from pathlib import Path
 """
 AFTER = """
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+print(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0])
 """
 KINDS = {"f": float, "i": int, "b": bool}
 

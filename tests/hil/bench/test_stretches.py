@@ -12,19 +12,22 @@ from firmware_py.builds.flat import layout
 from firmware_py.interface.frame import Frame
 from firmware_py.node.tick import NodeState
 from hil.bench import stretches
-from hil.bench.lockstep import run_lockstep
-from hil.bench.stretches import quiet_until_s, word_frame
+from hil.bench.lockstep import LockstepNodes, run_lockstep
+from hil.bench.stretches import quiet_until_s
 from hil.bus.can_log import CanLog
 from hil.nodes.closed_loop import LINE_BYTES, log_line
+from hil.nodes.frame_rows import word_frame
 from hil.record.traces import trace
 from hil.record.traces.firmware_trace import moves_to
-from hil.scenario.scenario import check_scenario, read_scenario
+from hil.scenario.files import read_scenario
+from hil.scenario.scenario import check_scenario
 from hil.scenario.settings import apply_settings
 
 SETTINGS = [
     "script.duration_s=4.0",
     "scene.sensors.coarse.noise_m=0.002",
-    'script.commands=[{at_s=0.2,request="run",target_ratio=1.1},{at_s=3.0,request="e-stop"}]',
+    'script.commands=[{at_s=0.2,request="run",target_ratio=1.1},{at_s=3.001,request="e-stop"},'
+    '{at_s=3.005,request="clear-faults"}]',
     "firmware.start.rise_s=1.0",
 ]
 STIFFER = {"kind": "stiffness-changed", "at_s": 1.0, "factor": 1.1}
@@ -71,16 +74,16 @@ def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
     lengths: list[int] = []
     run = stretches.Stretches.run
 
-    def counted(self: stretches.Stretches, tick: int, ticks: int, operator_period: int) -> Any:
+    def counted(self: stretches.Stretches, tick: int, ticks: int) -> Any:
         lengths.append(ticks)
-        return run(self, tick, ticks, operator_period)
+        return run(self, tick, ticks)
 
     monkeypatch.setattr(stretches.Stretches, "run", counted)
     folders = tmp_path / "in-stretches", tmp_path / "tick-by-tick"
     for folder in folders:
         folder.mkdir()
         run_lockstep(scenario, folder, 1, lambda *_: None, "compiled")
-        monkeypatch.setattr(stretches, "has_stretches", lambda _: False)
+        monkeypatch.setattr(LockstepNodes, "stretches", lambda _: None)
     assert sum(lengths) > (0.5 if faults else 0.99) * scenario.ticks
     ours, wanted = ((folder / "can.log").read_bytes() for folder in folders)
     assert ours == wanted

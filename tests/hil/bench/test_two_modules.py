@@ -17,21 +17,20 @@ from firmware_py.interface.addresses import (
 from firmware_py.interface.enums import Mode, Regime
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import DriveEstop
-from firmware_py.shell.node import FirmwareNode
+from firmware_py.shell.builds import node_of
 from firmware_py.shell.parameters import addresses_from, parameters_of, with_overrides
 from hil.bus.addressed import AddressedBus, addressed
 from hil.bus.in_process import InProcessBus
 from hil.can_model.in_process import ModelledInProcessBus
 from hil.can_model.message_set import bus_schedule
 from hil.nodes.plant import PlantNode
-from hil.scenario.operator import OPERATOR_PERIOD_S, OperatorNode
+from hil.scenario.operator import OperatorNode
 from hil.scenario.scenario import load_scenario
 
 TICK_NS = 1_000_000
 PLACES = (addresses(0, 2), addresses(1, 5))
 RATIOS = (1.3, 1.25)
-SECONDS = 9.0
-TICKS_AN_OPERATOR_PERIOD = round(OPERATOR_PERIOD_S * 1e9) // TICK_NS
+SECONDS = 6.0
 NODES = ("plant", "firmware", "operator")
 COMMANDS = {0x02, 0x04, 0x06, 0x07, 0x0B, 0x0C, 0x0D, 0x0E, 0x0F, 0x10, 0x11, 0x12, 0x13, 0x16, 0x18, 0x19}
 COMMANDS |= {0x1A, 0x1B, 0x1F}
@@ -41,21 +40,21 @@ class Module:
     """Plant, firmware and operator of one module, at its place on a bus that all nodes join by name."""
 
     def __init__(self, join, places: Addresses, ratio: float, seed: int) -> None:
-        scenario = load_scenario("soft-start-multistable")
+        scenario = load_scenario("soft-start-multistable", ["firmware.start.rise_s=2.0"])
         commands = [one._replace(target_ratio=ratio) for one in scenario.commands]
         buses = (addressed(join(name), places) for name in ("plant", "firmware", "operator"))
         self.plant_bus, self.firmware_bus, self.operator_bus = buses
         self.plant = PlantNode(scenario.scene, seed)
         values = with_overrides(scenario.parameters)
-        self.firmware = FirmwareNode(config_of(parameters_of(values), False), values)
-        self.operator = OperatorNode(commands, OPERATOR_PERIOD_S)
+        self.firmware = node_of("compiled")(config_of(parameters_of(values), False), values)
+        self.operator = OperatorNode(commands, 1e-9 * TICK_NS)
         self.speeds: list[float] = []
 
     def plant_turn(self, tick: int) -> None:
         self.plant_bus.send_all(self.plant.publish())
         self.plant.advance(self.plant_bus.receive())
-        if tick % TICKS_AN_OPERATOR_PERIOD == 0:
-            self.operator_bus.send_all(self.operator.publish(tick // TICKS_AN_OPERATOR_PERIOD))
+        if tick >= self.operator.due_tick:
+            self.operator_bus.send_all(self.operator.publish(tick))
         self.speeds.append(self.plant.plant.now.omega_rad_s)
 
     def firmware_turn(self) -> None:

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from multiprocessing import Pipe
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 from hil.bench import workers
 from hil.bench.workers import Died, WorkerDiedError, Workers, alive, results
-from hil.timing.patient_clock import has_stopped
+from hil.timing.processes import has_stopped
 from hil.timing.signals import ending_signals
 
 KILLED_AT_A_START = """
@@ -90,6 +91,14 @@ def test_a_worker_that_is_stopped_for_long_costs_its_task_alone(monkeypatch: pyt
     assert found == {0: Died("was stopped by a signal, and after 1 s killed"), 1: 1}
 
 
+def test_a_worker_that_is_stopped_while_idle_does_not_hold_the_program() -> None:
+    with Workers(pid_after, 1) as some:
+        pid = alive(dict(some.results([1]))[1])
+        os.kill(pid, signal.SIGSTOP)
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
 def asked_to_end(_: int) -> None:
     """SIGTERM comes."""
     with ending_signals():
@@ -114,6 +123,46 @@ def test_a_worker_does_not_outlive_a_program_that_is_killed_while_it_begins() ->
     while not has_stopped(worker) and time.monotonic() < deadline_s:
         time.sleep(0.01)
     assert has_stopped(worker)
+
+
+TEMPORARY = """
+import os, sys, tempfile
+sys.path.insert(0, sys.argv[1])
+from hil.bench.workers import Workers
+from test_workers import temporary_folder
+with Workers(temporary_folder, 2) as some:
+    for task, folder in some.results(["kept", sys.argv[2]]):
+        print(folder, flush=True)
+    os.kill(os.getpid(), int(sys.argv[3]))
+"""
+
+
+def temporary_folder(task: str) -> str:
+    """Make a temporary folder with a file and leave it; "killed" kills the process."""
+    folder = Path(tempfile.mkdtemp())
+    (folder / "file").write_text(task)
+    if task == "killed":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return str(folder)
+
+
+@pytest.mark.parametrize(("task", "number"), [("killed", 0), ("idle", signal.SIGKILL), ("idle", 0)])
+def test_no_temporary_file_of_a_worker_remains_whoever_is_killed(
+    task: str, number: int, tmp_path: Path
+) -> None:
+    program = subprocess.run(
+        [sys.executable, "-c", TEMPORARY, str(Path(__file__).parent), task, str(number)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+    )
+    assert program.returncode == -number
+    assert str(tmp_path) in program.stdout, program.stderr
+    deadline_s = time.monotonic() + 2.0
+    while list(tmp_path.iterdir()) and time.monotonic() < deadline_s:
+        time.sleep(0.01)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_worker_whose_program_is_gone_with_an_answer_unread_ends_in_silence(

@@ -50,9 +50,10 @@ def stuffed_most(stream: Stream, dice: random.Random) -> Frame:
 
 def test_the_critical_instant_reaches_the_bound() -> None:
     """All frames at once, one bit after the longest less urgent one has begun: the bound for frames of
-    exactly these lengths, less that bit."""
+    exactly these lengths, less that bit. Of streams that share an identifier one is played, since for both
+    together the bound is safe, not exact."""
     streams = [stream._replace(jitter_ns=0) for stream in bus_streams(1_000_000, paced=())]
-    streams = [stream for stream in streams if (stream.can_id, stream.sender) != (0x002, "Firmware")]
+    streams = list({stream.can_id: stream for stream in reversed(streams)}.values())
     names = sorted({stream.sender for stream in streams})
     dice = random.Random(5)
     frames = {stream.can_id: stuffed_most(stream, dice) for stream in streams}

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import can
 import pytest
-from pyroute2 import IPRoute
+from kernel_interface import made_interface
 from waiting import message_data
 
 from firmware_py.interface.enums import AxisError, AxisState, ProcedureResult
@@ -50,12 +50,6 @@ needs_odrives_examples = pytest.mark.skipif(
 @pytest.fixture(scope="module")
 def bus() -> Iterator[can.BusABC]:
     """What a bystander sees of the plant's bus, which is called as ODrive's examples want it."""
-    if not Path("/sys/class/net", CHANNEL).exists():
-        with IPRoute() as route:
-            route.link("add", ifname=CHANNEL, kind="vcan")
-            route.link("set", index=route.link_lookup(ifname=CHANNEL)[0], state="up")
-    else:
-        pytest.fail(f"{CHANNEL} exists: a drive may hang on it; run this in a network namespace of its own")
     plant = [
         program(),
         "plant",
@@ -65,7 +59,7 @@ def bus() -> Iterator[can.BusABC]:
         "--bus",
         f"socketcan:{CHANNEL}",
     ]
-    with subprocess.Popen(plant, stderr=subprocess.PIPE) as process:
+    with made_interface(CHANNEL), subprocess.Popen(plant, stderr=subprocess.PIPE) as process:
         try:
             assert process.stderr is not None
             assert process.stderr.readline().startswith(b"running")

@@ -23,6 +23,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.shell.node import FirmwareNode
 from hil.bench.bench import program, run_scenario
 from hil.bench.lockstep import in_lockstep
+from hil.bench.options import RunOptions
 from hil.bus import provide
 from hil.record.traces import trace
 from hil.scenario.scenario import Scenario, load_scenario
@@ -129,7 +130,7 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Live:
             except BlockingIOError:
                 """Nothing new is shown."""
 
-        run_scenario(scenario(), "real", address, folder / "run", seed=1, progress=look)
+        run_scenario(scenario(), RunOptions(bus=address), folder / "run", 1, look)
         look(1.0, "")
         process.kill()
     return Live(folder, screen_bytes.decode(errors="replace"))
@@ -183,7 +184,7 @@ def test_a_log_played_back_gives_the_firmware_the_same_decisions(live: Live, tmp
 
 @pytest.mark.parametrize("settings", [SHORT, STOPPED], ids=["fault", "stop"])
 def test_a_log_of_lockstep_gives_the_firmware_the_same_frames(settings: list[str], tmp_path: Path) -> None:
-    run_dir, _ = in_lockstep(scenario(settings), tmp_path, 1, silent)
+    run_dir, _ = in_lockstep(scenario(settings), tmp_path, 1, silent, "compiled")
     played = scenario(settings)
     node = FirmwareNode(played.config, played.parameters)
     received: list[Frame] = []

@@ -11,8 +11,9 @@ import typer
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from firmware_py.interface.dbc import database
 from firmware_py.interface.frame import worst_case_bits
-from firmware_py.interface.sources.dbc import database
+from firmware_py.interface.generated.kinds import XCP_COMMAND
 from hil.can_model.bits import BitRateError
 from hil.can_model.message_set import (
     ALL_SENDERS,
@@ -29,7 +30,7 @@ from hil.can_model.schedulability import (
     load,
     response_times,
 )
-from tools.commands.design import schedule as command
+from tools.commands import schedule as command
 
 MS = 1_000_000
 TAU = 1
@@ -283,13 +284,26 @@ def test_every_frame_with_a_sender_is_analysed_with_the_timing_of_the_dbc() -> N
 
 def test_what_1_mbit_promises() -> None:
     """Every node's frames all in one tick are too much; one slow frame a tick and node is not."""
-    assert bus_schedule(1_000_000, paced=()).late == ["SetInputTorque", "Accelerometer"]
+    assert bus_schedule(1_000_000, paced=(), is_measured=False).late == ["SetInputTorque", "Accelerometer"]
     paced = bus_schedule(1_000_000, paced=ALL_SENDERS)
     assert paced.schedulable
     accelerometer = next(one for one in paced.responses if one.stream.name == "Accelerometer")
     # jitter, blocking, one slow frame of drive and firmware each, the operator's E-stop, three of the tick's
     assert accelerometer.response_ns == 100_000 + 135_000 * 6 + 55_000
     assert bus_schedule(1_000_000, paced=ALL_SENDERS, errors=ONE_ERROR).late == ["Accelerometer"]
+
+
+def test_measurement_delays_no_frame_of_control() -> None:
+    """Samples and responses are the least urgent frames of the module; a command is one of the operator's."""
+    measured, alone = bus_schedule(1_000_000), bus_schedule(1_000_000, is_measured=False)
+    assert alone.load < 0.60
+    assert 0.95 < measured.load < 1.0
+    assert measured.schedulable
+    assert {one.stream.name for one in measured.responses[-2:]} == {"XcpResponse", "XcpSample"}
+    bounds = {(one.stream.name, one.stream.sender): one.response_ns for one in measured.responses}
+    for one in alone.responses:
+        if one.stream.can_id < XCP_COMMAND.can_id:
+            assert bounds[one.stream.name, one.stream.sender] == one.response_ns, one.stream.name
 
 
 @pytest.mark.parametrize("bitrate", [500_000, 250_000])

@@ -7,7 +7,7 @@ for one tick. All of that lies within what the analysis assumes, so no response 
 
 import heapq
 import random
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -26,8 +26,6 @@ SAVE_UP_ODDS = 200
 """Once in this number of ticks, a node begins to save up its slow frames …"""
 SAVE_UP_TICKS = 12
 """… for this number of ticks."""
-LONGEST_BIT = 140
-"""Bits after arbitration; the last bit of every frame lies before."""
 
 
 class Worst(NamedTuple):
@@ -55,7 +53,6 @@ class _Source:
         self.stream = stream
         self.due_ns = dice.randrange(stream.period_ns)
         self.payloads = [_payload(stream, dice) for _ in range(PAYLOADS)]
-        self.queued_ns: deque[int] = deque()
         self.worst_ns = 0
         self.frames = 0
 
@@ -108,7 +105,8 @@ def soak(
     bit_ns = bit_ns_of(bitrate)
     names = sorted({stream.sender for stream in streams})
     sources = [_Source(stream, dice) for stream in streams]
-    by_stream = {(names.index(source.stream.sender), source.stream.can_id): source for source in sources}
+    queued: dict[tuple[int, int], deque[tuple[_Source, int]]] = defaultdict(deque)
+    """By node and identifier, oldest first: two streams of a node may share an identifier."""
     senders = [
         _Sender(number, [source for source in sources if source.stream.sender == name], tick_ns, dice)
         for number, name in enumerate(names)
@@ -120,9 +118,9 @@ def soak(
 
     def note(arrivals: Sequence[Arrival]) -> None:
         for arrival in arrivals:
-            for number in arrival.senders if arrival.complete else ():
-                source = by_stream[number, arrival.pending.can_id]
-                response_ns = arrival.bit * bit_ns - source.queued_ns.popleft()
+            for number in arrival.senders:
+                source, queued_ns = queued[number, arrival.pending.can_id].popleft()
+                response_ns = arrival.bit * bit_ns - queued_ns
                 source.worst_ns = max(source.worst_ns, response_ns)
                 source.frames += 1
 
@@ -133,12 +131,11 @@ def soak(
         state, arrivals = advance(state, -(-now_ns // bit_ns))
         note(arrivals)
         if errors is not None and now_ns >= next_error_ns and not state.corruptions:
-            hits = (Corruption(bit=dice.randrange(LONGEST_BIT)),) * errors.burst
-            state = state._replace(corruptions=hits)
+            state = state._replace(corruptions=(Corruption(hits=errors.burst),))
             next_error_ns = now_ns + 2 * errors.gap_ns
         sender = senders[number]
         for source in sender.due(dice):
-            source.queued_ns.append(sender.tick_ns)
+            queued[number, source.stream.can_id].append((source, sender.tick_ns))
             state = queue(state, number, dice.choice(source.payloads), QUEUE_FRAMES)
         sender.tick_ns += sender.period_ns
         heapq.heapreplace(ticks, (sender.tick_ns + dice.randint(0, sender.jitter_ns), number))

@@ -165,11 +165,11 @@ def make_run() -> MadeUpRun:
         "crank_rad": np.zeros(m),
     }
     operator = {
-        "tick": ticks[::100],
-        "t_s": t_s[::100],
-        "request": np.where((t_s[::100] >= START_S) & (t_s[::100] < STOP_S), 1, 0),
-        "target_ratio": np.full(n // 100, 1.3),
-        "estop": np.zeros(n // 100, bool),
+        "tick": ticks[::10],
+        "t_s": t_s[::10],
+        "request": np.where((t_s[::10] >= START_S) & (t_s[::10] < STOP_S), 1, 0),
+        "target_ratio": np.full(n // 10, 1.3),
+        "estop": np.zeros(n // 10, bool),
     }
     lines = [f"({t:.6f}) vcan0 028#{ACCELEROMETER}\n({t + 5e-4:.6f}) vcan0 00E#{TORQUE}\n" for t in t_s]
     return MadeUpRun(

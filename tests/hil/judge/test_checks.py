@@ -1,5 +1,7 @@
 """Checks: two-sided, deaf to NaN, and strict about names."""
 
+from types import SimpleNamespace
+
 import pytest
 from pydantic import ValidationError
 
@@ -7,15 +9,16 @@ from hil.judge.checks import Check, evaluate
 
 
 def figures(**values):
-    whole = {"log": {"frames_lost": 0}, "loops": {"plant": {"ticks": 1}, "firmware": {"ticks": 1}}}
-    return {
-        "regime": "impact",
-        "real_time": True,
-        "impact_count": 8,
-        "peak_force_n": 250.0,
-        **whole,
-        **values,
-    }
+    ticked = SimpleNamespace(ticks=1)
+    known = {"regime": "impact", "real_time": True, "impact_count": 8, "peak_force_n": 250.0}
+    return SimpleNamespace(
+        log=SimpleNamespace(frames_lost=0),
+        gaps=(),
+        hold_start_s=1.0,
+        hold_end_s=9.0,
+        loops=SimpleNamespace(plant=ticked, firmware=ticked),
+        **{**known, **values},
+    )
 
 
 @pytest.mark.parametrize(
@@ -69,6 +72,10 @@ def test_equality(name, equals, passed):
         ({"name": "regime"}, "give low, high or both, or equals"),
         ({"name": "regime", "equals": "impact", "low": 1.0}, "give low, high or both, or equals"),
         ({"name": "peak_force_n", "low": 2.0, "high": 1.0}, "cannot pass"),
+        ({"name": "fault", "equals": 5}, "cannot pass: the figure is a text"),
+        ({"name": "fault", "high": 5.0}, "cannot pass: the figure is a text"),
+        ({"name": "impact_count", "equals": "zero"}, "cannot pass: the figure is a number"),
+        ({"name": "mine", "expression": "max(plant.x_m)", "equals": "x"}, "the figure is a number"),
         ({"name": "peak_force_n", "low": float("nan")}, "finite"),
         ({"name": "peak_force_n", "high": 1.0, "unit": "kN"}, "the figure is in 'N'"),
         ({"name": "peak_force_n", "high": 1.0, "tolerance": 1.0}, "tolerance"),

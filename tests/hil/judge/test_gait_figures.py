@@ -16,7 +16,6 @@ from hil.judge.figures.records import GaitFigures
 from hil.record.log_reader import tables
 from hil.record.run_traces import read_run
 from hil.show.report.plots import plots
-from hil.show.report.walk_plot import push_off_curve
 from hil.show.rerun_log import RunLog, rebuild
 from plant_sim.sensors.gait import LegState
 
@@ -159,7 +158,7 @@ def test_the_report_has_the_plot_and_the_log_the_pulses(tmp_path) -> None:
     traces = read_run(folder)
     drawn = {plot.title: plot for plot in plots(traces, figures_of(folder))}
     assert "Of 2 strides 100 % have a pulse in the window" in drawn["Pulses over the gait cycle"].caption
-    assert "The dotted line is the stop" in drawn["Pulses over the gait cycle"].caption
+    assert "the end of the hold, and the stop" in drawn["Pulses over the gait cycle"].caption
     finish(folder)
     assert "strides with a pulse in the window" in (folder / "report.html").read_text()
     assert rebuild(folder).stat().st_size > 0
@@ -167,14 +166,6 @@ def test_the_report_has_the_plot_and_the_log_the_pulses(tmp_path) -> None:
     assert "Pulses over the gait cycle" not in {
         plot.title for plot in plots(read_run(other), figures_of(other))
     }
-
-
-def test_push_off_is_averaged_over_the_cycle_where_somebody_walks(tmp_path) -> None:
-    """The made-up moment is the phase itself."""
-    traces = read_run(write_run(walk(until_s=5.0), tmp_path / "run"))
-    percent, moment = push_off_curve(traces.plant)
-    assert len(percent) == 100
-    assert moment == pytest.approx(0.01 * percent, abs=0.006)
 
 
 def test_pulses_are_placed_alike_in_a_log_written_in_pieces(tmp_path) -> None:

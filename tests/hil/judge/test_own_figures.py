@@ -1,17 +1,21 @@
 """Figures of one's own: against closed forms, on the instants that they say, and refused before a run."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from hil.judge.checks import Check, evaluate
-from hil.judge.figures.own import Window, own_figure
+from hil.judge.figures.own import ExpressionError, Window, own_figure
 from hil.record.run_traces import RunTraces
 
 WHOLE = Window(0.0, 100.0)
-LOG = {"log": {"frames_lost": 0}, "loops": {"plant": {"ticks": 1}, "firmware": {"ticks": 1}}}
+TICKED = SimpleNamespace(ticks=1)
+LOG = SimpleNamespace(
+    log=SimpleNamespace(frames_lost=0), gaps=(), loops=SimpleNamespace(plant=TICKED, firmware=TICKED)
+)
 
 
 def plant(t_s, **columns):
@@ -67,7 +71,15 @@ def test_a_window_has_its_begin_and_not_its_end():
     records, idle = plant(t_s, x_m=t_s), firmware(t_s, 0.0)
     assert own_figure("first(plant.x_m)", Window(2.0, 5.0), records, idle) == 2.0
     assert own_figure("last(plant.x_m)", Window(2.0, 5.0), records, idle) == 4.0
-    assert own_figure("last(plant.x_m)", Window(20.0, 50.0), records, idle) is None
+    with pytest.raises(ExpressionError, match=r"nothing was recorded from 20 s to 50 s: .* from 0 s to 9 s"):
+        own_figure("last(plant.x_m)", Window(20.0, 50.0), records, idle)
+
+
+def test_a_signal_of_the_firmware_before_its_first_tick_is_named_as_the_reason():
+    t_s = np.arange(6) * 1.0
+    late = firmware([1.5, 2.5], [10.0, 20.0])
+    with pytest.raises(ExpressionError, match=r"gives nan; .* before its first tick at 1.5 s"):
+        own_figure("mean(firmware.outputs.torque_n_m)", WHOLE, plant(t_s, x_m=t_s), late)
 
 
 @pytest.mark.parametrize(
@@ -78,15 +90,47 @@ def test_a_window_has_its_begin_and_not_its_end():
         ("plant.omega_rad_s", r"is a signal; make a number of it, by min, max"),
         ("max(firmware.state.estimator)", r"cannot be worked out"),
         ("max(plant.x_m", r"cannot be worked out: .*never closed"),
-        ("largest(plant.x_m)", r"cannot be worked out: .*'largest' is not defined"),
+        ("largest(plant.x_m)", r"'largest' is not defined; functions are min"),
         ("open('/etc/hostname')", r"'open' is not defined"),
         ("plant.__class__", r"cannot be worked out"),
-        ("'word'", r"gives 'word'; wanted a number"),
+        ("'word'", r"\"'word'\" is not allowed; wanted numbers"),
+        ("max(3.0)", r"max is a function of a signal; got a number"),
+        ("max(plant.x_m, 2.0)", r"is not allowed"),
+        ("max(plant.x_m[0])", r"'plant.x_m\[0\]' is not allowed"),
+        ("max(plant.x_m).real", r"a dot only stands in the name of a signal"),
+        ("max(plant)", r"plant is no signal; it has"),
+        ("lambda: 1", r"is not allowed"),
+        ("+".join(["1"] * 200), r"more than 100 operations within one another"),
+        ("1" * 1001, r"it has 1001 characters; wanted 1000 at most"),
+        ("(" * 400, r"cannot be worked out"),
+        ("1\x002", r"cannot be worked out"),
     ],
 )
 def test_what_no_run_could_work_out_is_refused_before_it(expression, said):
     with pytest.raises(ValidationError, match=said):
         Check(name="mine", expression=expression, high=1.0)
+
+
+@pytest.mark.parametrize(
+    ("expression", "value"),
+    [
+        ("2**10 + 7 // 2 - 7 % 4 * -1 / +2", 1024 + 3 + 1.5),
+        ("max(plant.x_m) ** 0.5", 2.0),
+        ("mean(plant.x_m > 1.5)", 0.6),
+        ("sqrt(16) + abs(-1) + pi", 5.0 + math.pi),
+        ("rms(plant.x_m - 1)", math.sqrt(15 / 5)),
+    ],
+)
+def test_an_expression_gives_what_python_would(expression, value):
+    t_s = np.arange(5) * 1.0
+    assert own_figure(expression, WHOLE, plant(t_s, x_m=t_s), firmware(t_s, 0.0)) == pytest.approx(value)
+
+
+@pytest.mark.parametrize("expression", ["(((9**9999)**9999)**9999)", "9" * 999, "-1e308 * 10", "(-8) ** 0.5"])
+def test_powers_and_numbers_without_bound_take_no_time_and_give_no_figure(expression):
+    t_s = np.arange(5) * 1.0
+    with pytest.raises(ExpressionError, match=r"gives (-?inf|nan)"):
+        own_figure(expression, WHOLE, plant(t_s, x_m=t_s), firmware(t_s, 0.0))
 
 
 @pytest.mark.parametrize(

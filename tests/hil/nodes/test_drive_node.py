@@ -28,21 +28,22 @@ TICK_S = 1e-3
 class Drive:
     """An axis and what its commands have made of it."""
 
-    def __init__(self) -> None:
-        self.state = axis.power_up(CONFIG)
+    def __init__(self, config: DriveConfig = CONFIG) -> None:
+        self.config = config
+        self.state = axis.power_up(config)
         self.rejected = 0
 
     def handle(self, frames: Sequence[Frame], encoder_position_rev: float) -> None:
         for can_id, data in frames:
             frame = WordFrame(can_id, len(data), word_of(data))
-            self.state, was_read = obey(CONFIG, self.state, frame, encoder_position_rev)
+            self.state, was_read = obey(self.config, self.state, frame, encoder_position_rev)
             self.rejected += not was_read
 
     def elapse(self, dt_s: float, omega_rad_s: float, current_a: float) -> None:
-        self.state = axis.elapse(CONFIG, self.state, dt_s, omega_rad_s, current_a)
+        self.state = axis.elapse(self.config, self.state, dt_s, omega_rad_s, current_a)
 
     def torque_n_m(self, omega_rad_s: float) -> float:
-        return axis.torque_n_m(CONFIG, self.state, omega_rad_s)
+        return axis.torque_n_m(self.config, self.state, omega_rad_s)
 
     @property
     def armed(self) -> bool:
@@ -172,6 +173,41 @@ def test_watchdog_disarms_after_fifty_milliseconds_without_a_command() -> None:
     assert drive.state.axis.errors == AxisError.WATCHDOG_TIMER_EXPIRED
     assert drive.state.axis.disarm_reason == AxisError.WATCHDOG_TIMER_EXPIRED
     assert drive.state.axis.procedure_result == DISARMED
+
+
+EVERY_FRAME = [
+    *(Frame(0x02, b""), Frame(0x07, struct.pack("<II", 8, 0)), Frame(0x0B, struct.pack("<II", 1, 1))),
+    *(
+        velocity(0.0),
+        torque(0.0),
+        limits(5.0, 10.0),
+        Frame(0x18, b"\0"),
+        Frame(0x19, bytes(8)),
+        Frame(0x09, b""),
+    ),
+]
+
+
+@pytest.mark.parametrize("frame", EVERY_FRAME)
+def test_every_frame_to_a_real_odrive_feeds_its_watchdog(frame: Frame) -> None:
+    drive = Drive(CONFIG._replace(is_fed_by_every_frame=True))
+    drive.handle([ARM], 0.0)
+    drive.elapse(0.049, 0.0, 0.0)
+    drive.handle([frame], 0.0)
+    assert axis.watchdog_left_s(drive.config, drive.state) >= 0.05
+    drive.handle([ARM], 0.0)
+    drive.elapse(0.049, 0.0, 0.0)
+    before = drive.state
+    drive.handle([Frame(frame.can_id + 0x20, frame.data)], 0.0)  # the frame of another drive
+    assert drive.state == before
+
+
+def test_a_drive_without_a_watchdog_keeps_its_torque() -> None:
+    drive = Drive(CONFIG._replace(watchdog_s=math.inf))
+    drive.handle([ARM, torque(0.25)], 0.0)
+    for _ in range(100):
+        drive.elapse(1.0, 0.0, 0.0)
+    assert drive.torque_n_m(0.0) == 0.25
 
 
 def test_each_command_feeds_the_watchdog_and_nothing_else_does() -> None:

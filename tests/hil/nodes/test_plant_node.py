@@ -12,13 +12,15 @@ from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisError, AxisState
 from firmware_py.interface.frame import Frame
 from hil.drive.axis import is_armed
+from hil.drive.axis_table import BenchScene
+from hil.faults.kinds.stop_moved import StopMoved
 from hil.nodes.plant import PlantNode
 from hil.record.traces.plant_trace import PlantRecord
+from plant_sim.parts.stop import RigidStop
 from plant_sim.plant import Plant
 from plant_sim.result import Observation
 from plant_sim.scene import load_scene, read_scene
 from plant_sim.sensors.readings import SensorReading
-from plant_sim.tables.scene_tables import AxisTable
 
 ARM = Frame(0x07, struct.pack("<I", AxisState.CLOSED_LOOP_CONTROL) + bytes(4))
 
@@ -336,7 +338,7 @@ def test_discovery_finds_the_drive_at_its_node_number() -> None:
 def test_watchdog_and_periods_are_keys_of_the_scene() -> None:
     """A client that waits for state 8 in a heartbeat before its first command needs the longer watchdog."""
     table = {"watchdog_s": 0.5, "heartbeat_s": 0.02, "encoder_s": 0.01}
-    scene = load_scene("table1-motor-soft").model_copy(update={"axis": AxisTable(**table)})
+    scene = BenchScene.load(read_scene("table1-motor-soft") | {"axis": table})
     node = PlantNode(scene, 1)
     sent = Counter[int]()
     for tick in range(400):
@@ -344,3 +346,25 @@ def test_watchdog_and_periods_are_keys_of_the_scene() -> None:
         node.advance([ARM] if tick == 0 else [])
     assert (sent[0x001], sent[0x009]) == (20, 40)
     assert node.drive.axis.state == AxisState.CLOSED_LOOP_CONTROL
+
+
+def test_a_stop_that_would_move_behind_the_striker_waits_until_the_striker_is_clear() -> None:
+    fault = StopMoved(kind="stop-moved", at_s=0.05, by_m=-0.05)
+    changes = {"initial": {"x_m": 0.179, "v_m_s": 0.0}, "sensors": {}}
+    scene = load_scene({**read_scene("table1-viscous"), **changes})
+    node = PlantNode(scene, 0, faults=[fault])
+    stop = node.plant.parts.stop
+    assert isinstance(stop, RigidStop)
+    last_m, waited = 0.179, 0
+    while node.plant.parts.stop == stop:
+        node.publish()
+        waited += node.has_waiting_fault
+        assert abs(node.plant.state.x_m - last_m) < 2e-3
+        last_m = node.plant.state.x_m
+        if node.plant.parts.stop != stop:
+            break
+        node.advance([])
+    assert waited > 0
+    assert not node.has_waiting_fault
+    assert node.plant.parts.stop.position_m == pytest.approx(stop.position_m - 0.05)
+    assert node.plant.state.x_m <= stop.position_m - 0.05

@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from firmware_py.shell.parameters import ParameterError
+from hil.scenario.files import ScenarioError, read_scenario, scenario_names
 from hil.scenario.operator import Command, Request
-from hil.scenario.scenario import ScenarioError, check_scenario, load_scenario, read_scenario, scenario_names
+from hil.scenario.scenario import check_scenario, load_scenario
 from plant_sim.scene import SceneError
 from plant_sim.text_input import TextInputError
 

@@ -1,23 +1,19 @@
 """A watchdog that expires within a tick: the loop's compiled step against the node, to the bit."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from hil.drive import axis
-from hil.nodes.closed_loop import Buffers, move_on
 from hil.nodes.compiled import kernel
 from hil.nodes.plant import PlantNode
+from hil.nodes.plant_steps import Module, move_on
 from plant_sim.scene import load_scene
-from plant_sim.solvers.adaptive.adaptive import DONE, NO_GRID
+from plant_sim.solvers.adaptive.adaptive import NO_GRID
 
 PERIOD_S = 4e-3
 
 
-@kernel
-def moved(parts, probe, memory, buffers, config, drive, torque_n_m, t_s, t_rest_s, no_grid):
-    return move_on(parts, probe, memory, buffers, config, drive, torque_n_m, t_s, t_rest_s, PERIOD_S, no_grid)
+moved = kernel(move_on)
 
 
 def armed_node(left_s: float) -> PlantNode:
@@ -34,28 +30,15 @@ def armed_node(left_s: float) -> PlantNode:
 @pytest.mark.parametrize("left_s", [0.0, 1e-3, PERIOD_S - 1e-10, PERIOD_S, 5e-3])
 def test_a_tick_of_the_compiled_loop_is_one_of_the_node(left_s: float) -> None:
     node, ours = armed_node(left_s), armed_node(left_s)
-    lent, no_bytes = ours.plant.lend(), np.zeros(0, np.uint8)
-    buffers = Buffers(
-        np.zeros((0, 1)),
-        no_bytes,
-        np.zeros((0, 3), np.int64),
-        lent.memory.impacts,
-        no_bytes,
-        np.zeros(3, int),
-    )
-    drive, t_s, t_rest_s = ours.drive, lent.t_s, lent.t_rest_s
+    lent = ours.plant.lend()
+    module = Module(*lent[:3], NO_GRID, lent.memory.impacts, np.zeros(1, np.int64))
     for _ in range(10):
         node.publish()
         node.advance([])
-        torque_n_m: Any = axis.torque_n_m(ours.drive_config, drive, ours.plant.now.omega_rad_s)
-        drive, torque_n_m, t_s, t_rest_s, status = moved(
-            *lent[:3], buffers, ours.drive_config, drive, torque_n_m, t_s, t_rest_s, NO_GRID
-        )
-        ours.plant.take_back(t_s, t_rest_s, torque_n_m, status)
-        assert status == DONE
-        assert drive == node.drive
-        assert (t_s, t_rest_s) == node.plant.lend()[-2:]
+        torque_n_m = axis.torque_n_m(ours.drive_config, ours.drive, ours.plant.now.omega_rad_s)
+        ours.resume(*moved(module, ours.drive_config, ours.state._replace(torque_n_m=torque_n_m), PERIOD_S))
+        assert ours.drive == node.drive
+        assert ours.plant.lend()[-2:] == node.plant.lend()[-2:]
         assert ours.plant.state == node.plant.state
         assert ours.plant.energy == node.plant.energy
-    assert drive.axis.errors != axis.NO_ERROR
-    assert t_rest_s != 0.0
+    assert ours.drive.axis.errors != axis.NO_ERROR

@@ -9,14 +9,18 @@ import can
 import pytest
 from resting import resting
 
-from hil.bench import suite
 from hil.bench.bench import run_scenario
-from hil.bench.suite import Case, judged, run_suite
-from hil.record.run_folder import RunFolderError, claimed
+from hil.bench.options import RunOptions
+from hil.bus.base import BusError
+from hil.record.run_folder import WARM_UP, RunFolderError, claimed, clear, write_note
 from hil.record.run_traces import read_bus
 from hil.scenario.scenario import Scenario, load_scenario
+from hil.suite import suite
+from hil.suite.suite import Case, Chosen, judged, run_suite
 from tools.cli import run
 from tools.output import EXIT_BAD_INPUT
+
+LOCKSTEP = RunOptions(clock="lockstep")
 
 USERS_FILES = ("scenario.toml", "notes.log", "report.html", "mine.rrd")
 
@@ -26,7 +30,7 @@ def silent(_: float, __: str) -> None:
 
 
 def run_short(scenario: Scenario, out_dir: Path | None) -> dict[str, Any]:
-    return run_scenario(scenario, "lockstep", "auto", out_dir, seed=1, progress=silent)
+    return run_scenario(scenario, LOCKSTEP, out_dir, 1, silent).as_json()
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -102,27 +106,29 @@ def test_a_run_that_breaks_off_is_not_judged_by_the_figures_of_the_one_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     case = Case(load_scenario(resting(tmp_path)), 1, tmp_path / "out", False)
-    assert judged(case, "lockstep", "auto")["ticks"] == 300
+    assert judged(case, LOCKSTEP).figures.ticks == 300
 
     def breaks(*_: object) -> None:
         raise RuntimeError("no compiler")
 
     monkeypatch.setattr("hil.bench.lockstep.warm_lockstep", breaks)
-    verdict = judged(case, "lockstep", "auto")
-    assert verdict["passed"] is False
-    assert verdict["ticks"] == 0
-    assert "no compiler" in verdict["reasons"][0]
+    verdict = judged(case, LOCKSTEP)
+    assert verdict.passed is False
+    assert verdict.figures.ticks == 0
+    assert "no compiler" in verdict.reasons[0]
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_suite_refuses_two_scenarios_of_one_name_and_runs_one_given_twice_once(tmp_path: Path) -> None:
     a, b = resting(tmp_path / "a"), resting(tmp_path / "b")
     arguments = ["suite", str(a), str(b), "--out", str(tmp_path / "out"), "--json"]
     assert run(arguments) == EXIT_BAD_INPUT
     assert not (tmp_path / "out").exists()
-    result = run_suite([str(a), str(a)], "lockstep", "auto", tmp_path / "out", [1], silent)
+    result = run_suite(Chosen([str(a), str(a)]), LOCKSTEP, tmp_path / "out", [1], silent)
     assert [one["name"] for one in result["scenarios"]] == ["rests"]
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_suite_takes_no_folder_that_is_not_its_own(tmp_path: Path) -> None:
     name = str(resting(tmp_path))
     mine = tmp_path / "mine"
@@ -131,17 +137,18 @@ def test_a_suite_takes_no_folder_that_is_not_its_own(tmp_path: Path) -> None:
     assert run(["suite", name, "--out", str(mine)]) == EXIT_BAD_INPUT
     assert contents(mine) == {"junit.xml": b"mine"}
     own = tmp_path / "own"
-    run_suite([name], "lockstep", "auto", own, [1], silent)
+    run_suite(Chosen([name]), LOCKSTEP, own, [1], silent)
     (own / "rests" / "run.json").unlink()
     before = contents(own / "rests")
     assert run(["suite", name, "--out", str(own)]) == EXIT_BAD_INPUT
     assert contents(own / "rests") == before
 
 
+@pytest.mark.usefixtures("in_process")
 def test_two_suites_may_follow_each_other_in_one_folder(tmp_path: Path) -> None:
     name = str(resting(tmp_path))
     for seeds in ([1], [1, 2], [1, 2]):
-        result = run_suite([name], "lockstep", "auto", tmp_path / f"out-{len(seeds)}", seeds, suite.silent)
+        result = run_suite(Chosen([name]), LOCKSTEP, tmp_path / f"out-{len(seeds)}", seeds, suite.silent)
         assert result["passed"]
 
 
@@ -180,3 +187,56 @@ def test_what_a_good_run_keeps_has_bounds(tmp_path: Path, name: str) -> None:
     minutes = load_scenario(name).duration_s / 60.0
     assert kept.pop("report.html") < REPORT_MB * 1e6
     assert sum(kept.values()) / minutes < MOST_KEPT_MB_A_MINUTE * 1e6, kept
+
+
+def test_a_link_to_nowhere_is_refused_as_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "out").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(RunFolderError, match=r"is a link to .*nowhere, which does not exist"):
+        run_short(load_scenario(resting(tmp_path)), tmp_path / "out")
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_a_new_folder_has_an_absolute_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with claimed("rests", None) as run_dir, claimed("rests", Path("out")) as given:
+        assert run_dir.parent == tmp_path / "runs"
+        assert given == tmp_path / "out"
+
+
+def test_a_wrong_bus_leaves_no_folder_of_a_failed_run(tmp_path: Path) -> None:
+    scenario = load_scenario(resting(tmp_path))
+    with pytest.raises(BusError, match="nosuch:1 did not open"):
+        run_scenario(scenario, RunOptions(bus="nosuch:1"), tmp_path / "out", 1, lambda *_: None)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_warm_up_that_is_a_link_is_removed_and_its_target_kept(tmp_path: Path) -> None:
+    precious, folder = tmp_path / "precious", tmp_path / "run"
+    precious.mkdir()
+    folder.mkdir()
+    (precious / "can.log").write_text("precious\n")
+    (folder / WARM_UP).symlink_to(precious)
+    clear(folder)
+    assert (precious / "can.log").read_text() == "precious\n"
+    assert not (folder / WARM_UP).is_symlink()
+
+
+@pytest.mark.parametrize(("note", "name"), [("run.json", "run.rrd.new"), ("suite.json", "index.html")])
+def test_a_folder_in_the_place_of_a_file_is_reported_before_the_run(
+    tmp_path: Path, note: str, name: str
+) -> None:
+    write_note(tmp_path / note, {})
+    (tmp_path / name).mkdir()
+    with pytest.raises(RunFolderError, match=f"{name} is a folder in the place of a file"):
+        claimed("mine", tmp_path, note).__enter__()
+
+
+@pytest.mark.parametrize("out", ["a-file/run", "x" * 300, "loop"])
+def test_a_place_that_can_hold_no_folder_is_bad_input(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, out: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a-file").touch()
+    (tmp_path / "loop").symlink_to("loop")
+    command = ["run", "soft-start-multistable", "--clock", "lockstep", "--out", out]
+    assert run(command) == EXIT_BAD_INPUT

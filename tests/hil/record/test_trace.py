@@ -199,3 +199,11 @@ def test_trace_that_lies_in_memory_is_read_through_its_link_and_brought_home(
     assert list(memory.iterdir()) == []
     trace.bring_home(run_dir)
     assert trace.read(path)["tick"].tolist() == [7]
+
+
+@pytest.mark.skipif(not Path("/proc/self/smaps").exists(), reason="the system does not report mappings")
+def test_the_first_page_of_a_trace_is_in_memory_before_the_first_record(tmp_path: Path) -> None:
+    with trace.TraceWriter(tmp_path / "a.trace", [("tick", int)]):
+        mappings = Path("/proc/self/smaps").read_text().split(f"{tmp_path}/a.trace")[1:]
+    assert len(mappings) == 2
+    assert all(int(one.split("Rss:")[1].split()[0]) > 0 for one in mappings)

@@ -1,5 +1,6 @@
 """The live view: an open viewer gets all that is recorded, and its end is nobody's loss."""
 
+import itertools
 import signal
 import socket
 import subprocess
@@ -13,9 +14,10 @@ from run_folder import make_run, write_run
 
 from hil.bench.bench import ProcessesRun
 from hil.bench.ending import Outcome
-from hil.record.follower import Follower
+from hil.bench.options import RunOptions
 from hil.record.log_file import repair
 from hil.record.rerun_program import rerun_environment, rerun_program
+from hil.show.follower import Follower
 from hil.show.live import show
 from hil.show.rerun_log import rebuild
 from hil.timing.processes import Child, Start
@@ -27,28 +29,40 @@ def run_dir(tmp_path):
 
 
 @pytest.fixture
-def viewer(tmp_path):
-    """What takes the place of a viewer: it keeps what it is sent in `received.rrd`."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    received = tmp_path / "received.rrd"
-    process = subprocess.Popen(
-        [rerun_program(), "--bind", "127.0.0.1", "--port", str(port), "--save", received],
-        env={**rerun_environment(), "RUST_LOG": "off"},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    deadline = time.monotonic() + 20.0
-    while time.monotonic() < deadline:
-        with socket.socket() as caller:
-            if caller.connect_ex(("127.0.0.1", port)) == 0:
-                break
-        time.sleep(0.05)
-    yield SimpleNamespace(process=process, url=f"rerun+http://127.0.0.1:{port}/proxy", received=received)
-    if process.poll() is None:
-        process.send_signal(signal.SIGINT)
-    process.wait(10.0)
+def open_viewer():
+    """Starts what takes the place of a viewer: it keeps what it is sent in `received.rrd` in a folder."""
+    processes = []
+
+    def open_viewer(folder):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        received = folder / "received.rrd"
+        process = subprocess.Popen(
+            [rerun_program(), "--bind", "127.0.0.1", "--port", str(port), "--save", received],
+            env={**rerun_environment(), "RUST_LOG": "off"},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        processes.append(process)
+        deadline = time.monotonic() + 20.0
+        while time.monotonic() < deadline:
+            with socket.socket() as caller:
+                if caller.connect_ex(("127.0.0.1", port)) == 0:
+                    break
+            time.sleep(0.05)
+        return SimpleNamespace(process=process, url=f"rerun+http://127.0.0.1:{port}/proxy", received=received)
+
+    yield open_viewer
+    for process in processes:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        process.wait(10.0)
+
+
+@pytest.fixture
+def viewer(open_viewer, tmp_path):
+    return open_viewer(tmp_path)
 
 
 def end(viewer):
@@ -80,7 +94,9 @@ def test_a_run_that_goes_on_is_shown_whole(run_dir, viewer):
     shown, whole = column_hashes(viewer.received), column_hashes(rebuild(run_dir))
     differing = {name.split(":")[0] for name in whole if shown.get(name) != whole[name]}
     at_the_end = {"/events", "/estimate_error"}
-    assert differing <= {"/stop", *at_the_end}, "the stop's line comes in pieces, the verdict at the end"
+    assert differing <= {"/stop", "/nis_expected", *at_the_end}, (
+        "the lines come in pieces, the verdict at the end"
+    )
     assert "/firmware:trace:record.outputs.mode" in shown
 
 
@@ -95,26 +111,31 @@ def shown(viewer):
     return viewer.received.exists() and viewer.received.stat().st_size > 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-@pytest.mark.parametrize("after", ["before it connects", "while it shows"])
-def test_a_viewer_that_is_gone_ends_only_the_view(run_dir, viewer, number, after):
-    if after == "before it connects":
+def test_a_viewer_that_is_gone_ends_only_the_view(open_viewer, tmp_path):
+    """Killed or stopped, before the view connects or while it shows; all at once, as each is waited for."""
+    views = []
+    for number, before in itertools.product((signal.SIGKILL, signal.SIGSTOP), (True, False)):
+        folder = write_run(make_run(), tmp_path / f"{number.name}-{before}")
+        viewer = open_viewer(folder)
+        if before:
+            viewer.process.send_signal(number)
+        live = start(folder, viewer)
+        while not before and not shown(viewer):
+            time.sleep(0.01)
         viewer.process.send_signal(number)
-    live = start(run_dir, viewer)
-    while after == "while it shows" and not shown(viewer):
-        time.sleep(0.01)
-    viewer.process.send_signal(number)
-    can_log = run_dir / "can.log"
-    line = can_log.read_text().splitlines(keepends=True)[-1]
+        views.append((folder / "can.log", viewer, live))
+    line = views[0][0].read_text().splitlines(keepends=True)[-1]
     for _ in range(60):
-        with can_log.open("a") as file:
-            file.write(line)
-        if live.wait(1.0):
+        for can_log, _, _ in views:
+            with can_log.open("a") as file:
+                file.write(line)
+        if all(live.wait(0.25) for _, _, live in views):
             break
-    live.stop()
-    viewer.process.send_signal(signal.SIGCONT)
-    assert live.how_it_ended() == "live ended with status 1", "of its own accord"
-    assert "the live view ended" in live.last_errors()
+    for _, viewer, live in views:
+        live.stop()
+        viewer.process.send_signal(signal.SIGCONT)
+        assert live.how_it_ended() == "live ended with status 1", "of its own accord"
+        assert "the live view ended" in live.last_errors()
 
 
 def test_a_run_in_lockstep_does_not_wait_for_a_viewer_that_is_gone(run_dir, viewer, capfd):
@@ -126,7 +147,7 @@ def test_a_run_in_lockstep_does_not_wait_for_a_viewer_that_is_gone(run_dir, view
 def test_a_run_does_not_end_with_its_live_view(run_dir):
     provided = SimpleNamespace(processes={"hub": object()}, address="local:x", name="local")
     url = "rerun+http://x/proxy"
-    run = ProcessesRun(None, run_dir, 1, "local", False, Outcome(), lambda *_: None, viewer=url)
+    run = ProcessesRun(None, RunOptions(viewer=url), run_dir, 1, Outcome(), lambda *_: None)
     run.provided = provided
     run.children = dict.fromkeys(("plant", "live"), object())
     assert set(run.watched) == {"plant", "hub"}

@@ -1,6 +1,7 @@
 """The log: all of the traces, read back; the same whoever wrote it; mended when cut."""
 
 from contextlib import closing
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,8 +12,9 @@ from part_of_a_run import part
 from run_folder import END_S, STOP_M, T_S, make_run, write_run
 
 from firmware_py.interface.enums import Fault, Mode
-from hil.judge.checks import CheckResult
 from hil.judge.figures.figures import figures_from, figures_of
+from hil.judge.judge import judge
+from hil.judge.verdict import CheckResult, Verdict
 from hil.record import log_file
 from hil.record.log_file import ROOM_BYTES, is_whole, repair, written_whole
 from hil.record.log_reader import read_traces, tables
@@ -21,7 +23,7 @@ from hil.record.rerun_program import RerunError, rerun
 from hil.record.run_traces import read_run
 from hil.show.highlights import highlights
 from hil.show.log_stream import recording_id
-from hil.show.rerun_log import LOG_NAME, RunLog, judged, rebuild, write_log
+from hil.show.rerun_log import LOG_NAME, RunLog, rebuild, write_log
 
 
 @pytest.fixture(scope="module")
@@ -182,7 +184,7 @@ def test_a_log_written_in_pieces_holds_the_same_as_one_written_at_once(run_dir, 
     live, whole = column_hashes(path), column_hashes(log_path)
     differing = {name.split(":")[0] for name in whole if live.get(name) != whole[name]}
     # The stop's line has two points a piece, and checks are judged at the end; all else is the same.
-    assert differing == {"/stop", "/estimate_error", "/events"}
+    assert differing == {"/stop", "/nis_expected", "/estimate_error", "/events"}
 
 
 @pytest.mark.parametrize("lost", [1, 100, 1000, 100_000])
@@ -285,8 +287,8 @@ def test_the_same_run_keeps_its_identity():
 
 def test_write_log_leaves_no_half_written_file(run_dir, tmp_path):
     traces = read_run(run_dir)
-    result = CheckResult("regime", passed=True, value="impact", unit="", limit="= impact")
-    write_log(tmp_path / LOG_NAME, traces, figures_from(traces), [result])
+    result = CheckResult("regime", Verdict.PASSED, value="impact", unit="", limit="= impact")
+    write_log(tmp_path / LOG_NAME, traces, replace(judge(traces, run_dir), checks=(result,)))
     assert [path.name for path in tmp_path.iterdir()] == [LOG_NAME]
 
 
@@ -298,8 +300,9 @@ def test_a_log_for_which_the_disk_has_no_room_leaves_the_one_that_was_there(
     path.write_bytes(log_path.read_bytes())
     free_bytes = iter([ROOM_BYTES] * pieces_before)
     monkeypatch.setattr(log_file.shutil, "disk_usage", lambda _: SimpleNamespace(free=next(free_bytes, 0)))
+    traces = read_run(run_dir)
     with pytest.raises(OSError, match="No space left"):
-        write_log(path, *judged(run_dir))
+        write_log(path, traces, judge(traces, run_dir))
     assert path.read_bytes() == log_path.read_bytes()
     assert list(tmp_path.iterdir()) == [path]
 

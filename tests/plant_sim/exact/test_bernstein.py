@@ -1,6 +1,9 @@
 """Roots that cannot be stepped over, against polynomials whose roots are known."""
 
 import math
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -72,3 +75,28 @@ def test_ends_of_the_step_count() -> None:
     assert first_rise(Polynomial([-1.0, 1.0])) == 1.0
     assert first_rise(Polynomial([0.0, 1.0])) == 0.0
     assert first_rise(Polynomial([-1.0, 0.999999])) == NO_ROOT
+
+
+CONSTANTS = """
+import hashlib, importlib, pkgutil, numpy, plant_sim
+digest = hashlib.sha256()
+for found in pkgutil.walk_packages(plant_sim.__path__, "plant_sim."):
+    for name, value in sorted(vars(importlib.import_module(found.name)).items()):
+        if isinstance(value, numpy.ndarray):
+            digest.update(name.encode() + value.tobytes())
+print(digest.hexdigest())
+"""
+
+
+def test_constants_of_kernels_do_not_depend_on_the_linear_algebra_of_the_machine() -> None:
+    """Kernels and FMUs are compiled with them in different processes, and must agree to the bit."""
+    found = [
+        subprocess.run(
+            [sys.executable, "-P", "-c", CONSTANTS],
+            env=os.environ | {"OPENBLAS_CORETYPE": kind},
+            check=True,
+            capture_output=True,
+        ).stdout
+        for kind in ("Prescott", "Haswell")
+    ]
+    assert found[0] == found[1]

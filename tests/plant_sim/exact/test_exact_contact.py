@@ -185,6 +185,28 @@ def test_stuck_on_the_stop_between_press_and_pull():
         assert simulate(parts, start(REST_M), until_s).final.phase == phase
 
 
+@pytest.mark.parametrize("v_m_s", [s * 10.0**e for s in (-1, 1) for e in (-12, -25, -60, -99, -150, -300)])
+def test_a_flight_of_any_speed_ends(v_m_s: float) -> None:
+    """The parabola to the turn of the least speeds rounds to no time at all."""
+    parts = module(0.03, 1.3, Coulomb(0.15, 0.0), RigidStop(REST_M + 0.06, 0.5))
+    ended = simulate(parts, start(REST_M + 0.05, v_m_s, 2.6), 3.0)
+    rest = simulate(parts, start(REST_M + 0.05, 0.0, 2.6), 3.0)
+    assert ended.final.x_m == pytest.approx(rest.final.x_m, abs=1e-9)
+
+
+@pytest.mark.parametrize("stroke_m", [5e-324, 1e-250, 1e-160, 1e-101, 1e-99])
+@pytest.mark.parametrize("mu", [0.0, 5e-324, 1e-250, 0.3])
+@pytest.mark.parametrize("gap_m", [0.0, 9e-119])
+def test_a_stroke_of_any_length_ends(stroke_m: float, mu: float, gap_m: float) -> None:
+    """The span of the search for events and the squares of the least lengths round to zero."""
+    stop = RigidStop(REST_M + gap_m, 0.5)
+    ended, without = (
+        simulate(module(amplitude_m, 1.3, Coulomb(mu, 0.1), stop), start(REST_M - 0.06, 0.0, 1.0), 5.0)
+        for amplitude_m in (stroke_m, 0.0)
+    )
+    assert ended.final.x_m == pytest.approx(without.final.x_m, abs=1e-12)
+
+
 @settings(max_examples=80, derandomize=True)
 @given(
     gap_m=st.floats(-0.04, 0.04),

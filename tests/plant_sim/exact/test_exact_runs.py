@@ -9,12 +9,14 @@ from exact_scenes import MASS_KG, NATURAL_RAD_S, REST_M, STOP, module, random_mo
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant_sim.parts.drive import IdealDrive, MotorDrive
+from plant_sim.kinds import kernel_parts
+from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.friction import Coulomb, NoFriction, Stribeck, Viscous
 from plant_sim.parts.stop import HuntCrossley, NoStop
+from plant_sim.solvers.bernstein import new_scratch
 from plant_sim.solvers.exact.automaton import Event, after, begin, next_event
 from plant_sim.solvers.exact.exact import UnsupportedSceneError, simulate
-from plant_sim.solvers.exact.oscillator import oscillator
+from plant_sim.solvers.exact.oscillator import oscillator_at
 
 SCENES = [
     module(0.02, 1.3, Viscous(0.2)),
@@ -88,6 +90,7 @@ def test_impulse_is_mass_times_change_of_speed_and_newtons_law_holds():
 
 @settings(max_examples=300, derandomize=True)
 @given(seed=st.integers(0, 10**6))
+@pytest.mark.requirement("B-01")
 def test_the_energy_ledger_balances(seed):
     parts, initial = random_module(np.random.default_rng(seed))
     assert simulate(parts, initial, 10.0).energy.residual < 1e-12
@@ -155,14 +158,14 @@ def test_ends_and_samples_out_of_order_are_refused():
 
 
 @numba.njit(parallel=True, error_model="numpy")
-def _count_impacts(striker, omegas_rad_s, friction, stop, until_s):
+def _count_impacts(parts, omegas_rad_s, until_s):
     counts = np.zeros(len(omegas_rad_s), dtype=np.int64)
     for index in numba.prange(len(omegas_rad_s)):
-        o = oscillator(striker, IdealDrive(0.02, omegas_rad_s[index], 0.0), friction, stop)
-        motion = begin(o, 0.0, 0.0, 0.0, 0.0)
+        o = oscillator_at(parts, omegas_rad_s[index])
+        motion, scratch = begin(o, 0.0, 0.0, 0.0, 0.0), new_scratch(0)
         event = Event.IMPACT
         while event != Event.HORIZON:
-            arrival, event = next_event(o, motion, until_s)
+            arrival, event = next_event(o, motion, until_s, scratch)
             counts[index] += event == Event.IMPACT
             motion = after(o, arrival, event, 1e-9)
     return counts
@@ -171,7 +174,7 @@ def _count_impacts(striker, omegas_rad_s, friction, stop, until_s):
 def test_the_kernel_runs_in_a_callers_parallel_loop():
     parts = SCENES[0]
     omegas_rad_s = np.linspace(0.8, 1.4, 24) * NATURAL_RAD_S
-    counts = _count_impacts(parts.striker, omegas_rad_s, parts.friction, parts.stop, 20.0)
+    counts = _count_impacts(kernel_parts(parts), omegas_rad_s, 20.0)
     for count, omega in zip(counts, omegas_rad_s, strict=True):
         drive = parts.drive._replace(omega_rad_s=float(omega))
         assert count == len(simulate(parts._replace(drive=drive), start(), 20.0).impacts.t_s)

@@ -1,4 +1,4 @@
-"""Scenes and starts for the tests of the exact and stepping solvers."""
+"""Scenes and starts for the tests of the exact solver and of time stepping."""
 
 import math
 

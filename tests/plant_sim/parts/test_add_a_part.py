@@ -1,4 +1,4 @@
-"""The page on adding a part: each change, put into a copy of the packages, does what the page says.
+"""The page on adding a part: the changes, put into a copy of the packages, do what the page says.
 
 A new part moves as scipy says it does; a new sensor's frames are the plant's truth and correct the estimate.
 """
@@ -12,19 +12,24 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import pytest
 from reference import Reference
 
+from plant_sim.parts.stop import HuntCrossley
 from plant_sim.scene import load_scene
 from plant_sim.simulation import initial_state
 
 REPOSITORY = Path(__file__).parents[3]
 PAGE = (REPOSITORY / "docs/how-to/add-a-part.md").read_text("utf-8")
-LAW_CHANGE, BACKLASH_CHANGE, SENSOR_CHANGE = re.findall(
-    r"^```diff\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE
-)
-COUNTS = re.findall(r"^\| (.*) \| (\d+) \| (\d+) \|", PAGE, re.MULTILINE)
+BESIDE = re.findall(r"\]\((add-a-part/(\w+)\.diff)\)", PAGE)
+CHANGES = {name: (REPOSITORY / "docs/how-to" / file).read_text("utf-8") for file, name in BESIDE}
+COUNTS = re.findall(r"^\| .* \| (\d+) \| (\d+) \|", PAGE, re.MULTILINE)
 COMMANDS = re.findall(r"^python -m (\S+)", PAGE, re.MULTILINE)
+
+SOFT = HuntCrossley(0.18, 2e4, 1.0, 0.0)
+"""A soft stop, whose force `OnRubber` replaces."""
 
 RESULTS = """
 import ast
@@ -60,16 +65,42 @@ class WithBacklash(Reference):
         return striker.spring_n_m * math.copysign(max(abs(stretch) - self.backlash_m, 0.0), stretch)
 
 
+class OnRubber(Reference):
+    """The stop of the page's second change."""
+
+    def _stop_force(self, depth: float, v: float) -> float:
+        return (2e4 + 1e9 * depth * depth) * depth * max(1.0 + 0.5 * v, 0.0)
+
+
+class TippingOver(Reference):
+    """The housing of the page's third change."""
+
+    def _shaken(self, t: float) -> float:
+        return self.parts.striker.gravity_m_s2 * math.sin(0.1 + 0.05 * t) / math.cos(0.1)
+
+
 def files_of(change: str) -> list[str]:
     return re.findall(r"^\+\+\+ b/(.*)$", change, re.MULTILINE)
 
 
-def with_change(change: str, script: str, results: str, folder: Path) -> list[list]:
-    """What the page's script leaves on a package with that change."""
-    copied("plant_sim", folder)
-    applied(change, folder)
-    begin = "from plant_sim import load_scene, simulate\nfrom plant_sim.scene import read_scene\n"
-    return json.loads(python(folder, "-c", begin + script_of(script) + RESULTS.format(results=results)))
+@pytest.fixture(scope="module")
+def packages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the packages with the changes of the plant's parts; all share the plant's one kernel."""
+    folder: Path = tmp_path_factory.mktemp("changed")
+    for package in ("firmware_py", "hil", "plant_sim", "tools", "docs"):
+        copied(package, folder)
+    for name in ("law", "stop", "housing", "backlash"):
+        applied(CHANGES[name], folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def results(packages: Path) -> dict[str, list]:
+    """What each of the page's scripts leaves, interpreted; the sensor's run compiles the same changes."""
+    scripts = "".join(script_of(name) for name in ("law", "stop", "housing", "backlash"))
+    print_results = RESULTS.format(results="adaptive, pad, tipping, backlash")
+    runs = json.loads(python(packages, "-c", scripts + print_results, interpreted=True))
+    return dict(zip(("law", "stop", "housing", "backlash"), runs, strict=True))
 
 
 def copied(package: str, folder: Path) -> None:
@@ -86,12 +117,12 @@ def script_of(name: str) -> str:
     return lines[1]
 
 
-def python(folder: Path, *arguments: str) -> str:
+def python(folder: Path, *arguments: str, interpreted: bool = False) -> str:
     """What Python prints on the packages in `folder`."""
     done = subprocess.run(
         [sys.executable, *arguments],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(folder)},
+        env={**os.environ, "PYTHONPATH": str(folder), "NUMBA_DISABLE_JIT": str(int(interpreted))},
         capture_output=True,
         text=True,
         check=False,
@@ -114,10 +145,10 @@ def changed(before: dict[str, str], after: dict[str, str]) -> set[str]:
     return {name for name in before.keys() | after.keys() if before.get(name) != after.get(name)}
 
 
-def by_scipy(kind: type[Reference], name: str) -> Reference:
-    scene = load_scene(name)
+def by_scipy(kind: type[Reference], name: str, changes: dict, **parts: Any) -> Reference:
+    scene = load_scene(name).with_(changes)
     start = initial_state(scene)
-    run = kind(scene.parts(), start.x_m, start.v_m_s, start.crank_rad, start.omega_rad_s)
+    run = kind(scene.parts()._replace(**parts), start.x_m, start.v_m_s, start.crank_rad, start.omega_rad_s)
     run.run(3.0)
     return run
 
@@ -128,28 +159,34 @@ def error_m(result: list, truth: Reference) -> float:
     return max(abs(result[0] - truth.x), abs(result[1] - truth.v) / natural)
 
 
-def test_a_law_of_friction_is_one_file(tmp_path: Path) -> None:
-    adaptive, stepping = with_change(LAW_CHANGE, "law", "adaptive, stepping", tmp_path)
-    truth = by_scipy(HessSoom, "table1-coulomb")
-    assert adaptive[4] == "adaptive"
-    assert stepping[4] == "stepping"
-    assert error_m(adaptive, truth) < 1e-8
-    assert error_m(stepping, truth) < 1e-3
-    assert adaptive[2] == stepping[2] == len(truth.impacts_t)
-    assert abs(adaptive[3]) < 1e-8
-    assert COUNTS[0][:2] == ("a law of friction", str(len(files_of(LAW_CHANGE))))
-    assert len(files_of(LAW_CHANGE)) <= 3
+@pytest.mark.parametrize(
+    ("name", "place", "most"), [("law", 0, 1), ("stop", 1, 2), ("housing", 2, 3), ("backlash", 3, 3)]
+)
+def test_a_change_alone_fits_and_has_as_few_files_as_the_page_says(name: str, place: int, most: int) -> None:
+    check = ["git", "apply", "--check", "-"]
+    subprocess.run(check, input=CHANGES[name], text=True, cwd=REPOSITORY, check=True)
+    files = files_of(CHANGES[name])
+    assert COUNTS[place][0] == str(len(files))
+    assert len(files) <= most
 
 
-def test_backlash_in_the_crank_is_four_files(tmp_path: Path) -> None:
-    [end] = with_change(BACKLASH_CHANGE, "backlash", "backlash,", tmp_path)
-    truth = by_scipy(WithBacklash, "table1-viscous")
-    assert end[4] == "adaptive"
-    assert error_m(end, truth) < 1e-8
-    assert end[2] == len(truth.impacts_t)
-    assert abs(end[3]) < 1e-7
-    assert COUNTS[1][:2] == ("backlash in the crank", str(len(files_of(BACKLASH_CHANGE))))
-    assert len(files_of(BACKLASH_CHANGE)) <= 4
+@pytest.mark.parametrize(
+    ("name", "kind", "base", "changes", "parts", "energy"),
+    [
+        ("law", HessSoom, "table1-coulomb", {}, {}, 1e-8),
+        ("stop", OnRubber, "table1-viscous", {"drive.ratio": 1.0}, {"stop": SOFT}, 1e-8),
+        ("housing", TippingOver, "table1-viscous", {"housing": {"tilt_rad": 0.1}}, {}, 1e-8),
+        ("backlash", WithBacklash, "table1-viscous", {}, {}, 1e-7),
+    ],
+)
+def test_a_changed_module_moves_as_scipy_says(
+    results: dict[str, list], name: str, kind: type, base: str, changes: dict, parts: dict, energy: float
+) -> None:
+    truth = by_scipy(kind, base, changes, **parts)
+    assert results[name][4] == "adaptive"
+    assert error_m(results[name], truth) < 1e-8
+    assert results[name][2] == len(truth.impacts_t)
+    assert abs(results[name][3]) < energy
 
 
 SENSOR_RESULTS = """
@@ -179,22 +216,20 @@ for which in range(len(sensors)):
 """
 
 
-def test_a_sensor_is_four_files(tmp_path: Path) -> None:
+def test_a_sensor_is_four_files(packages: Path) -> None:
     """Through all packages: sampled, sent, received and used, in Python and in compiled code."""
-    for package in ("firmware_py", "hil", "plant_sim", "tools", "docs"):
-        copied(package, tmp_path)
-    original = contents(tmp_path)
-    applied(SENSOR_CHANGE, tmp_path)
-    edited = changed(original, contents(tmp_path))
-    assert edited == set(files_of(SENSOR_CHANGE))
+    original = contents(packages)
+    applied(CHANGES["sensor"], packages)
+    edited = changed(original, contents(packages))
+    assert edited == set(files_of(CHANGES["sensor"]))
     for command in COMMANDS:
-        python(tmp_path, "-m", command)
-    written = changed(original, contents(tmp_path)) - edited
-    assert COUNTS[2] == ("a sensor that the firmware uses", str(len(edited)), str(len(written)))
+        python(packages, "-m", command)
+    written = changed(original, contents(packages)) - edited
+    assert COUNTS[4] == (str(len(edited)), str(len(written)))
     assert len(edited) <= 4
-    assert python(tmp_path, "-c", COMPILED_FRAMES).split() == ["41", "52"]
+    assert python(packages, "-c", COMPILED_FRAMES).split() == ["41", "52"]
     (by_sensor, without), frames, noise_m_s, bias_m_s = json.loads(
-        python(tmp_path, "-c", script_of("sensor") + SENSOR_RESULTS)
+        python(packages, "-c", script_of("sensor") + SENSOR_RESULTS)
     )
     assert frames == 400
     assert 0.009 < noise_m_s < 0.011

@@ -7,24 +7,22 @@ from typing import Any
 import numpy as np
 import pytest
 from changed_scenes import DELETE, changed
-from kernel_code import arithmetic, constant, kernel_code
 from motulator_drive import motulator_motion
 from weak_motor import mean_speed_ratio
 
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.winding import DqWinding, IdealCurrent, Smooth, Waves
+from plant_sim.parts.winding import DqWinding, IdealCurrent
 from plant_sim.plant import Plant
 from plant_sim.scene import Scene, SceneError, load_scene
 from plant_sim.sensors.sensing import NoSensing
 from plant_sim.simulation import initial_state, simulate
-from plant_sim.solvers.adaptive.adaptive import NO_GRID, run
-from plant_sim.solvers.adaptive.state_layout import OBSERVED, Memory, allocate, current_place
-from plant_sim.solvers.bernstein import NODES
+from plant_sim.solvers.adaptive.adaptive import run
+from plant_sim.solvers.adaptive.state_layout import Grid, Memory, allocate, current_place
+
+NO_SAMPLES = Grid(np.empty(0), np.empty((0, 2)))
 
 SALIENT = {"d_inductance_h": 0.25e-3, "q_inductance_h": 0.35e-3}
-COGGING = [{"order": 84, "amplitude_n_m": 2e-3}, {"order": 12, "amplitude_n_m": 1e-3, "phase_rad": 0.7}]
-RIPPLE = [{"order": 6, "share": 0.02, "phase_rad": 0.3}]
 
 
 def scene(changes: dict[str, Any], name: str = "table1-motor-soft") -> Scene:
@@ -71,7 +69,7 @@ def test_agrees_with_motulator(changes: dict[str, Any], torque_n_m: float, spun_
     place, ours = current_place(parts), []
     limited = False
     for t_s in times_s:
-        run(parts, NoSensing(), memory, torque_n_m, 0.0, float(t_s), NO_GRID)
+        run(parts, NoSensing(), memory, torque_n_m, 0.0, float(t_s), NO_SAMPLES)
         limited = limited or memory.mode[0].voltage_limited == 1
         i_d, i_q = memory.y[place : place + 2]
         torque = 1.5 * parts.drive.pole_pairs * (0.08 / 10.5 + (0.25e-3 - 0.35e-3) * i_d) * i_q
@@ -86,7 +84,7 @@ def test_the_loop_is_of_first_order_while_the_voltage_lasts() -> None:
     module = scene({"winding": {**SALIENT, "bandwidth_rad_s": 800.0}})
     parts, memory = started(module, 12.0, accuracy=1e-12)
     for tick in range(1, 11):
-        run(parts, NoSensing(), memory, 0.2, 0.0, 1e-3 * tick, NO_GRID)
+        run(parts, NoSensing(), memory, 0.2, 0.0, 1e-3 * tick, NO_SAMPLES)
         wanted = 2.5 * -math.expm1(-0.8 * tick)
         i_d, i_q = memory.y[current_place(parts) :][:2]
         assert i_q == pytest.approx(wanted, abs=1e-9)
@@ -107,13 +105,9 @@ def test_a_fast_loop_is_the_torque_mode_motor() -> None:
     assert away[0] == pytest.approx(1e-3, rel=0.2)
 
 
-def uneven(changes: dict[str, Any]) -> Scene:
-    return scene({"winding": {**SALIENT, "cogging": COGGING, "ripple": RIPPLE}, **changes})
-
-
 def test_the_ledgers_balance() -> None:
-    """Mechanical and electrical, with cogging, ripple and a bus that limits now and then."""
-    plant = Plant(uneven({"motor.supply_v": 4.0}), seed=1)
+    """Mechanical and electrical, with a bus that limits now and then."""
+    plant = Plant(scene({"winding": SALIENT, "motor.supply_v": 4.0}), seed=1)
     limited = 0
     for tick in range(4000):
         plant.advance(0.08 + 0.3 * math.sin(0.013 * tick) + 0.1 * math.sin(0.17 * tick), 1e-3)
@@ -129,7 +123,7 @@ def test_the_ledgers_balance() -> None:
 
 
 def test_a_run_does_not_depend_on_how_it_is_cut_into_ticks() -> None:
-    module = uneven({"motor.supply_v": 4.0})
+    module = scene({"winding": SALIENT, "motor.supply_v": 4.0})
     whole, plant = simulate(module, 2.0, torque_n_m=0.25), Plant(module, seed=1)
     for _ in range(2000):
         plant.advance(0.25, 1e-3)
@@ -182,30 +176,6 @@ def test_a_crank_that_dry_friction_holds_breaks_away_as_the_current_comes() -> N
     assert held.state.crank_rad == 0.0
 
 
-def test_cogging_holds_a_crank_in_its_teeth_and_ripple_shakes_a_turning_one() -> None:
-    """Without dry loss a crank swings about a stable tooth: sin(12 θ) falls at θ = π/12."""
-    tooth = [{"order": 12, "amplitude_n_m": 0.02}, {"order": 24, "amplitude_n_m": 0.0}]
-    changes = {"drive.amplitude_m": 0.0, "motor.dry_n_m": 0.0, "motor.viscous_n_m_s": 2e-3}
-    caught = uneven({**changes, "winding": {"cogging": tooth, "ripple": RIPPLE}, "drive.phase_rad": 0.2})
-    plant = Plant(caught, seed=1)
-    for _ in range(6000):
-        plant.advance(0.0, 1e-3)
-    assert plant.state.crank_rad == pytest.approx(math.pi / 12.0, abs=1e-5)
-    # What the tooth stored has been rubbed off, 0.02/12 (cos 2.4 − cos π), and what the rippling flux gave.
-    given_j = 0.02 / 12.0 * (math.cos(2.4) + 1.0) + plant.energy.drive_work_j
-    assert plant.energy.friction_j == pytest.approx(given_j, rel=1e-9)
-    even = [{**wave, "amplitude_n_m": 0.0} for wave in COGGING]
-    turning = {"winding": {"cogging": even, "ripple": RIPPLE}, "motor.inertia_kg_m2": 1e6}
-    parts, memory = started(scene({**changes, **turning}), 2.0)
-    torques = []
-    for tick in range(1, 2001):
-        run(parts, NoSensing(), memory, 0.2, 0.0, 1e-3 * tick, NO_GRID)
-        torques.append(memory.observed[OBSERVED.motor_torque_n_m])
-    # 2 % of 0.2 N m on either side; what the rippling back-EMF drives through the loop comes on top.
-    ripple = 0.5 * (max(torques[200:]) - min(torques[200:]))
-    assert ripple == pytest.approx(0.004, rel=0.1)
-
-
 def test_the_state_has_what_the_scene_names() -> None:
     plain, dq = load_scene("table1-motor-soft"), scene({})
     for module, size, motion in ((plain, 8, 4), (dq, 8 + 4 + 2, 8)):
@@ -213,23 +183,7 @@ def test_the_state_has_what_the_scene_names() -> None:
         assert (memory.y.size, memory.dense.shape[0]) == (size, motion)
         assert memory.scratch.inner.size == (0 if module is plain else motion)
     assert isinstance(plain.parts().winding, IdealCurrent)
-    smooth, waving = dq.parts().winding, uneven({}).parts().winding
-    assert isinstance(smooth, DqWinding)
-    assert isinstance(waving, DqWinding)
-    assert isinstance(smooth.cogging, Smooth)
-    assert isinstance(waving.cogging, Waves)
-    assert len(waving.cogging.waves) == 2
-
-
-def test_the_kernel_holds_only_what_the_scene_names() -> None:
-    """Only windings have a voltage to look for at a step's inner points."""
-    hertz = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
-    motor = {"model": "motor", "amplitude_m": 0.02, "rod_m": 0.1}  # no step is a Taylor series
-    plain = kernel_code({"stop": hertz, "drive": motor})
-    smooth = kernel_code({"stop": hertz, "drive": {**motor, "model": "dq-motor"}})
-    assert constant(NODES[1]) not in plain
-    assert constant(NODES[1]) in smooth
-    assert arithmetic(plain) < arithmetic(smooth)
+    assert isinstance(dq.parts().winding, DqWinding)
 
 
 @pytest.mark.parametrize(
@@ -249,16 +203,6 @@ def test_the_kernel_holds_only_what_the_scene_names() -> None:
             "table1-motor-soft",
             {"drive.model": "dq-motor", "winding": {"bandwidth_rad_s": 0.0}},
             "winding.bandwidth_rad_s = 0.0 is not a number greater than 0",
-        ),
-        (
-            "table1-motor-soft",
-            {"drive.model": "dq-motor", "winding": {"ripple": [{"order": 6, "share": 1.5}]}},
-            "winding.ripple.0.share = 1.5 is not a number less than 1",
-        ),
-        (
-            "table1-motor-soft",
-            {"drive.model": "dq-motor", "winding": {"cogging": [{"amplitude_n_m": 1e-3}]}},
-            "winding.cogging.0.order is missing; give the number of periods in a turn of the crank",
         ),
         (
             "table1-motor-soft",

@@ -9,7 +9,6 @@ from changed_scenes import changed
 from reference import Reference
 from scipy import signal
 
-from plant_sim.methods import choose
 from plant_sim.parts.housing import Level, Moving, Tilted
 from plant_sim.plant import Plant
 from plant_sim.result import MotionState, Phase, SimulationResult
@@ -17,7 +16,6 @@ from plant_sim.scene import Scene, SceneError, load_scene
 from plant_sim.simulation import initial_state, simulate
 from plant_sim.solvers.adaptive import adaptive
 from plant_sim.solvers.adaptive.state_layout import allocate
-from plant_sim.tilt import levelled
 
 G = 9.80665
 TILT = {"housing.tilt_rad": 0.2}
@@ -250,24 +248,6 @@ def test_friction_of_a_tilted_guide_holds_up_to_its_angle() -> None:
         assert simulate(scene(changes, "table1-coulomb"), 1e-3).final.phase == phase
 
 
-def test_stepping_keeps_its_accuracy_on_a_tilt() -> None:
-    """The striker falls by 9 cm of sag and swings back: for the longer way the step is shorter."""
-    changes = {"drive.amplitude_m": 0.001, "housing.tilt_rad": 1.0, "stop": {"law": "none"}}
-    asked = {"solver.method": "stepping", "solver.accuracy": 1e-3}
-    module, level = scene({**changes, **asked}), scene({**changes, **asked, "housing.tilt_rad": 0.0})
-    step_s = choose(module, levelled(module.parts())).step_s
-    level_step_s = choose(level, levelled(level.parts())).step_s
-    assert step_s is not None
-    assert level_step_s is not None
-    assert step_s < 0.2 * level_step_s
-    period_s = 2.0 * math.pi / (1.3 * module.natural_rad_s)
-    ours = simulate(module, period_s)
-    truth = simulate(scene({**changes, "solver.method": "exact"}), period_s)
-    assert ours.final.x_m == pytest.approx(truth.final.x_m, abs=1e-3)
-    assert ours.energy.residual < 1e-9
-    assert ours.energy.housing_work_j == pytest.approx(truth.energy.housing_work_j, rel=0.02)
-
-
 @pytest.mark.parametrize(
     ("changes", "part", "state"),
     [({}, Level, 5), ({"housing": {}}, Tilted, 6), (TILT, Tilted, 6), (SWING, Moving, 6)],
@@ -291,7 +271,7 @@ def test_the_state_has_one_more_account_for_a_housing(
             "housing.shock.duration_s = 0.0 is not a number greater than 0",
         ),
         ({**SWING, "solver.method": "exact"}, "'exact' has no closed form for housing.harmonic"),
-        ({**KNOCK, "solver.method": "stepping"}, "'stepping' has no housing.shock"),
+        ({**KNOCK, "solver.method": "exact"}, "'exact' has no closed form for housing.shock"),
     ],
 )
 def test_what_makes_no_sense_is_refused(changes: dict[str, Any], said: str) -> None:

@@ -1,6 +1,7 @@
 """The package as a library: its public names, the numbers it takes, and what it says of others."""
 
 import math
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,8 @@ import plant_sim
 from plant_sim import Plant, SceneError, load_scene, simulate
 from plant_sim.parts.striker import Striker
 from plant_sim.plant import PlantError
+from plant_sim.result import Samples
 from plant_sim.simulation import SimulationError
-from plant_sim.text_input import TextInputError
 
 VISCOUS = load_scene("table1-viscous")
 
@@ -32,6 +33,47 @@ def test_any_real_number_is_a_time_and_a_spacing(number: Any) -> None:
     assert result.samples is not None
     assert same.samples is not None
     assert np.array_equal(result.samples.x_m, same.samples.x_m)
+
+
+READINGS = [field.name for field in fields(Samples) if field.name != "t_s"]
+
+
+@pytest.mark.parametrize(
+    ("scene", "changes", "torque_n_m"),
+    [
+        ("table1-motor-soft", {"initial": {"x_m": 0.17, "v_m_s": 0.9}}, 0.05),
+        ("table1-dq-motor", {"initial": {"x_m": 0.17, "v_m_s": 0.9}}, 0.05),
+        ("table1-viscous", {"drive.ratio": 1.0, "solver.method": "adaptive"}, 0.0),
+    ],
+)
+def test_samples_hold_every_reading_of_a_plant_at_those_times(
+    scene: str, changes: dict[str, Any], torque_n_m: float
+) -> None:
+    one = load_scene(scene).with_({"solver.accuracy": 1e-11, "sensors": None, **changes})
+    samples = simulate(one, 1.5, torque_n_m, samples_s=0.01).samples
+    assert samples is not None
+    plant = Plant(one, seed=0)
+    for index in range(len(samples.t_s)):
+        for name in READINGS:
+            wanted, scale = getattr(plant.now, name), max(1.0, np.abs(getattr(samples, name)).max())
+            if index > 0:  # at the start the plant does not know its torque yet
+                assert getattr(samples, name)[index] == pytest.approx(wanted, abs=1e-6 * scale), name
+        plant.advance(torque_n_m, 0.01)
+    assert np.ptp(samples.accel_m_s2) > 1.0
+    if torque_n_m != 0.0:
+        assert np.ptp(samples.omega_rad_s) > 1.0
+        assert samples.current_a[-1] == pytest.approx(torque_n_m / 0.08, rel=0.1)
+        assert samples.stop_force_n.max() > 0.0
+
+
+def test_both_solvers_sample_alike() -> None:
+    changes = {"drive.ratio": 1.0, "solver.accuracy": 1e-11}
+    exact, adaptive = (
+        simulate(VISCOUS.with_({**changes, "solver.method": method}), 3.0, samples_s=0.01).samples
+        for method in ("exact", "adaptive")
+    )
+    for name in READINGS:
+        assert getattr(exact, name) == pytest.approx(getattr(adaptive, name), abs=1e-7), name
 
 
 def test_a_whole_number_does_not_round_later_ones() -> None:
@@ -114,7 +156,7 @@ def test_what_is_no_scene_is_refused_in_a_sentence() -> None:
         Plant({}, seed=1)  # type: ignore[arg-type]
     with pytest.raises(SceneError, match="scene = 3: wanted a scene's name, the path of a TOML file, or its"):
         load_scene(3)  # type: ignore[arg-type]
-    with pytest.raises(TextInputError, match="cannot be read"):
+    with pytest.raises(SceneError, match="cannot be read"):
         load_scene(Path("nowhere.toml"))
 
 
@@ -122,3 +164,17 @@ def test_what_is_no_scene_is_refused_in_a_sentence() -> None:
 def test_what_is_no_seed_is_refused_in_a_sentence(seed: Any) -> None:
     with pytest.raises(PlantError, match="wanted a whole number of at least 0"):
         Plant(VISCOUS, seed=seed)
+
+
+def test_a_torque_may_be_a_function_of_time_that_is_held_for_a_tick() -> None:
+    scene = load_scene("table1-motor-soft")
+    plant = Plant(scene, seed=1)
+    for tick in range(300):
+        plant.advance(0.1 * math.sin(0.02 * tick), 1e-3)
+    final = simulate(scene, 0.3, lambda t_s: 0.1 * math.sin(20.0 * t_s)).final
+    assert final.omega_rad_s == pytest.approx(plant.state.omega_rad_s, rel=1e-7)
+    assert final.x_m == pytest.approx(plant.state.x_m, abs=1e-9)
+    with pytest.raises(SimulationError, match=r"torque_n_m\(0.0\) = nan: wanted a finite motor torque"):
+        simulate(scene, 0.3, lambda t_s: math.nan)
+    with pytest.raises(SimulationError, match="is given for an ideal drive, which takes none"):
+        simulate(VISCOUS, 0.3, lambda t_s: 0.0)

@@ -60,14 +60,6 @@ def test_a_scene_beyond_bounds_is_refused_with_the_key(changes: dict[str, Any], 
     assert said in str(refusal.value)
 
 
-def test_a_run_of_too_many_steps_is_refused() -> None:
-    scene = load_scene(
-        changed("table1-viscous", {"solver": {"method": "stepping", "step_s": 1e-9}, "drive.ratio": 1.0})
-    )
-    with pytest.raises(SolverError, match=r"solver\.step_s"):
-        simulate(scene, 10.0)
-
-
 def test_a_striker_at_rest_on_its_stop_stays_there() -> None:
     """The motor stands, the spring is relaxed and the stop just touched: nothing happens, at little cost."""
     result = simulate(load_scene(changed("table1-motor-soft", {"stop.position_m": 0.12})), 1.0)

@@ -129,6 +129,7 @@ def test_error_follows_the_accuracy_asked_for() -> None:
         ("gait-motor-soft", {}),
     ],
 )
+@pytest.mark.requirement("B-01")
 def test_energy_balances(name: str, changes: dict[str, Any]) -> None:
     torque_n_m = 0.05 if name == "gait-motor-soft" else 0.0
     result = simulate(scene(name, changes), 10.0, torque_n_m=torque_n_m)
@@ -141,6 +142,7 @@ def test_energy_balances(name: str, changes: dict[str, Any]) -> None:
         assert result.energy.impact_loss_j == pytest.approx(np.sum(lost_j), rel=1e-9)
 
 
+@pytest.mark.requirement("P-13")
 def test_a_soft_stop_gives_impulse_peak_and_restitution() -> None:
     """Light spring and drive beside the stop: the impact is the stop's own."""
     impacts = simulate(scene("table1-viscous", {"drive.ratio": 1.0, "stop": HERTZ}), 10.0).impacts

@@ -12,7 +12,7 @@ from plant_sim.result import Phase
 from plant_sim.scene import load_scene
 from plant_sim.simulation import simulate
 
-METHODS = ["exact", "adaptive", "stepping"]
+METHODS = ["exact", "adaptive"]
 
 BALANCED: dict[str, Any] = {
     "striker": {"mass_kg": 0.5, "spring_n_m": 64.0, "rest_length_m": 0.125, "gravity_m_s2": 8.0},

@@ -1,20 +1,15 @@
 """Kernels are cached by the state of the sources, and are made for the types of a scene's parts."""
 
 import doctest
-import errno
-import os
-import subprocess
-import sys
-import tempfile
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from numba.core import config
 
-from plant_sim import kernels, linking
+from plant_sim import kernels
 from plant_sim.parts import restitution
+from plant_sim.parts.friction import static_limit_n
+from plant_sim.parts.stop import RigidStop
 from plant_sim.result import Phase
 
 
@@ -23,23 +18,19 @@ def test_examples() -> None:
     assert doctest.testmod(restitution).failed == 0
 
 
-def test_another_packages_cache_folder_is_left_alone() -> None:
-    before = config.CACHE_DIR
-    kernels.jit(lambda x: x)
-    assert before == config.CACHE_DIR
-
-
-def test_a_subroutine_that_returns_an_array_is_refused_but_one_that_makes_it_may() -> None:
-    def made(numbers):  # type: ignore[no-untyped-def]
-        return np.zeros(numbers.size)
-
-    def handed_on(numbers):  # type: ignore[no-untyped-def]
+def test_a_subroutine_that_returns_an_array_is_refused() -> None:
+    @kernels.subroutine
+    def hand_on(numbers):  # type: ignore[no-untyped-def]
         return numbers
 
-    make, hand_on = kernels.allocating(made), kernels.subroutine(handed_on)
-    assert list(kernels.jit(lambda numbers: 2.0 * make(numbers))(np.ones(2))) == [0.0, 0.0]
-    with pytest.raises(TypeError, match=r"handed_on returns .*; wanted no arrays"):
+    with pytest.raises(TypeError, match=r"hand_on returns .*; wanted no arrays"):
         kernels.jit(lambda numbers: hand_on(numbers)[0])(np.ones(2))
+
+
+def test_a_law_in_a_file_that_a_kernel_need_not_import_is_refused() -> None:
+    """A cached kernel would not be compiled anew after a change of the law."""
+    with pytest.raises(TypeError, match=r"put the law into plant_sim.parts.friction or plant_sim.parts.stop"):
+        static_limit_n.register(RigidStop)(lambda stop, normal_n: 0.0)
 
 
 class Numbers(NamedTuple):
@@ -86,75 +77,3 @@ def test_an_entry_point_reads_arrays_in_their_order() -> None:
     kernel = kernels.jit(lambda values: values[1, 1])
     for values in (np.asfortranarray(table), table[:, ::2], table):
         assert kernels.entry_point(kernel, values)(values) == values[1, 1]
-
-
-PROGRAM = """
-import sys
-import tempfile
-sys.path.insert(0, {root!r})
-from plant_sim.caller import call
-print(call(1.0))
-"""
-
-
-def test_an_edited_callee_in_another_file_is_never_run_stale(tmp_path: Path) -> None:
-    package = tmp_path / "plant_sim"
-    package.mkdir()
-    (package / "__init__.py").touch()
-    for module in (kernels, linking):
-        (package / Path(module.__file__).name).write_text(Path(module.__file__).read_text())
-    (package / "caller.py").write_text(
-        "from plant_sim.kernels import jit\nfrom plant_sim.callee import value\n"
-        "@jit\ndef call(x):\n    return value(x)\n"
-    )
-    # Python itself takes an edit within the same second and of the same length for none: no bytecode is kept.
-    environment = {
-        "VIBROHIL_CACHE_DIR": str(tmp_path / "cache"),
-        "PYTHONPATH": "",
-        "PYTHONDONTWRITEBYTECODE": "1",
-    }
-    answers = []
-    for factor in ("2.0", "3.0", "3.0"):
-        (package / "callee.py").write_text(
-            f"from plant_sim.kernels import subroutine\n@subroutine\ndef value(x):\n    return {factor} * x\n"
-        )
-        run = subprocess.run(
-            [sys.executable, "-c", PROGRAM.format(root=str(tmp_path))],
-            env=os.environ | environment,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        answers.append(float(run.stdout))
-    assert answers == [2.0, 3.0, 3.0]
-    assert len(list((tmp_path / "cache").iterdir())) == 2
-
-
-def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
-    blocked = tmp_path / "file"
-    blocked.touch()
-    run = subprocess.run(
-        [sys.executable, "-c", "import plant_sim.plant"],
-        env={
-            **os.environ,
-            "VIBROHIL_CACHE_DIR": str(blocked),
-            "PYTHONPATH": str(Path(kernels.__file__).parents[1]),
-        },
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.returncode != 0
-    assert "set VIBROHIL_CACHE_DIR to a writable folder" in run.stderr
-
-
-def test_an_existing_folder_that_cannot_be_written_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(**_: object) -> None:
-        raise PermissionError(errno.EACCES, "Permission denied")
-
-    monkeypatch.setenv("VIBROHIL_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(tempfile, "TemporaryFile", refuse)  # root may write anywhere
-    with pytest.raises(kernels.KernelCacheError, match=r"cannot be written \(Permission denied\); set"):
-        kernels.cache_folder("unwritable", ())

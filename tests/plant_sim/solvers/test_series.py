@@ -8,16 +8,20 @@ import pytest
 from changed_scenes import changed
 
 from plant_sim.kernels import jit
+from plant_sim.kinds import kernel_parts
 from plant_sim.parts.linkage import SliderCrank
 from plant_sim.plant import Plant
+from plant_sim.references import by_reference
 from plant_sim.scene import load_scene
 from plant_sim.sensors.sensing import NoSensing
 from plant_sim.simulation import initial_state
-from plant_sim.solvers.adaptive.adaptive import NO_GRID, run, simulate
+from plant_sim.solvers.adaptive.adaptive import run, simulate
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.series import expand, motion_within, state_after
-from plant_sim.solvers.adaptive.state_layout import Memory, allocate
+from plant_sim.solvers.adaptive.state_layout import Grid, Memory, allocate
 from plant_sim.solvers.bernstein import ORDER, at
+
+NO_SAMPLES = Grid(np.empty(0), np.empty((0, 2)))
 
 KELVIN_VOIGT = {"law": "kelvin-voigt", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
 SHAKEN = {
@@ -63,8 +67,8 @@ def expanded(name: str, torque_n_m: float = 0.02) -> tuple[Any, Memory]:
     scene = load_scene(changed(base, {"sensors": None, **changes}))
     parts = scene.parts()
     memory = allocate(parts, initial_state(scene), 1e-10, 100)
-    run(parts, NoSensing(), memory, torque_n_m, 0.0, T_S, NO_GRID)
-    _expanded(parts, memory, torque_n_m, T_S, H_S)
+    run(parts, NoSensing(), memory, torque_n_m, 0.0, T_S, NO_SAMPLES)
+    _expanded(kernel_parts(parts), by_reference(memory), torque_n_m, T_S, H_S)
     return parts, memory
 
 
@@ -75,11 +79,12 @@ def test_a_series_obeys_the_equations_of_motion(name: str) -> None:
     size = memory.y.size
     series = memory.series[:size]
     slopes = np.zeros(size)
-    _slopes(parts, memory, 0.02, T_S, memory.y, slopes)
+    records = kernel_parts(parts), by_reference(memory)
+    _slopes(*records, 0.02, T_S, memory.y, slopes)
     assert series[:, 1] == pytest.approx(slopes, rel=1e-12, abs=1e-13)
     if parts.drive.phase_rad == 0.0 and hasattr(parts.drive, "omega_rad_s"):
         memory.held[0].crank_rad += parts.drive.omega_rad_s * H_S
-    _slopes(parts, memory, 0.02, T_S + H_S, memory.new, slopes)
+    _slopes(*records, 0.02, T_S + H_S, memory.new, slopes)
     at_end = (series[:, 1:] * np.arange(1, ORDER + 1) * H_S ** np.arange(ORDER)).sum(axis=1)
     assert at_end == pytest.approx(slopes, rel=1e-9, abs=1e-11)
 

@@ -25,7 +25,6 @@ READERS = {
     "scene": ["simulate", "{}", "--until", "0.1"],
     "scenario": ["run", "{}", "--clock", "lockstep"],
     "parameters": ["run", "soft-start-multistable", "--clock", "lockstep", "--parameters", "{}"],
-    "difference": ["tune", "diff", "{}", "{}", "--no-suite"],
 }
 
 

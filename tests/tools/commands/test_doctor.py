@@ -7,13 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from plant_sim import kernels
+from hil.kernel import user_mode_linux
+from kernel_cache import KernelCacheError
 from tools import doctor
+from tools.logs import view
 
 
 def test_every_check_has_a_name_a_finding_and_a_remedy() -> None:
     found = doctor.checks()
-    assert len({check.name for check in found}) == len(found) == 12
+    assert len({check.name for check in found}) == len(found) == 13
     for check in found:
         assert check.detail, check
         assert check.remedy, check
@@ -38,41 +40,57 @@ def test_an_installed_package_is_held_against_the_lock() -> None:
     ]
 
 
+def test_a_requirement_without_its_module_is_found_and_none_is_imported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "emptied").mkdir()
+    monkeypatch.syspath_prepend(tmp_path)
+    wanted = ["no-such-package>=1", "emptied", "antigravity", "python-can", "only-extra; extra == 'x'"]
+    monkeypatch.setattr(doctor, "requires", lambda _: wanted)
+    assert doctor.missing_modules() == [
+        "no-such-package has no module no_such_package",
+        "emptied has no module emptied",
+    ]
+    assert not doctor.packages().passed
+    assert "antigravity" not in sys.modules
+
+
 def test_late_wake_ups_fail() -> None:
-    assert doctor._wake_up([80.0] * 99 + [499.0]).passed
-    assert not doctor._wake_up([80.0] * 98 + [900.0] * 2).passed
+    assert doctor.wake_up([80.0] * 99 + [499.0]).passed
+    assert not doctor.wake_up([80.0] * 98 + [900.0] * 2).passed
 
 
 def test_a_cold_or_unwritable_cache_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "cache_folder", lambda: tmp_path)
-    assert not doctor._kernels().passed
+    monkeypatch.setattr(doctor, "root", lambda: tmp_path)
+    assert not doctor.kernels().passed
     (tmp_path / "kernel.nbc").touch()
-    assert doctor._kernels().passed
+    assert doctor.kernels().passed
 
     def refuse() -> Path:
-        raise kernels.KernelCacheError("not writable")
+        raise KernelCacheError("not writable")
 
-    monkeypatch.setattr(doctor, "cache_folder", refuse)
-    assert doctor._kernels() == doctor.DoctorCheck(
-        "compiled kernels", False, doctor._kernels().remedy, "not writable"
+    monkeypatch.setattr(doctor, "root", refuse)
+    assert doctor.kernels() == doctor.DoctorCheck(
+        "compiled kernels", False, doctor.kernels().remedy, "not writable"
     )
 
 
 def test_missing_programs_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "which", lambda name: None)
-    check = doctor._user_mode_linux()
+    monkeypatch.setattr(user_mode_linux, "has_amx", lambda cpuinfo: False)
+    check = next(one for one in doctor.checks() if one.name == "user-mode Linux")
     assert (check.passed, check.detail) == (False, "no linux.uml, no busybox")
     assert "apt-get install user-mode-linux busybox" in check.remedy
 
 
 def test_an_old_python_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert doctor._python().passed
+    assert doctor.python().passed
     monkeypatch.setattr(sys, "version_info", (3, 10, 12))
-    assert not doctor._python().passed
+    assert not doctor.python().passed
 
 
 def found_with(**passed: bool) -> list[doctor.DoctorCheck]:
-    names = ("Python", "packages", "CAN in the kernel", *doctor.REST)
+    names = ("Python", "packages", "CAN in the kernel", *doctor.USES)
     return [doctor.DoctorCheck(name, passed.get(name, True), f"mend {name}", "found") for name in names]
 
 
@@ -99,3 +117,15 @@ def test_without_its_packages_the_bench_does_not_run() -> None:
     conclusion = doctor.conclude(found_with(packages=False))
     assert not conclusion.main_job_runs
     assert conclusion.sentence == "The bench cannot run here yet. packages: mend packages."
+
+
+@pytest.mark.parametrize("display", ["", ":7"])
+def test_the_viewer_works_where_view_opens_a_window(monkeypatch: pytest.MonkeyPatch, display: str) -> None:
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    if display:
+        monkeypatch.setenv("DISPLAY", display)
+    monkeypatch.setattr(doctor, "VULKAN_DRIVERS", (Path(__file__).parent,))
+    monkeypatch.setattr(Path, "glob", lambda *_: iter([Path("driver.json")]))
+    monkeypatch.setattr(doctor.shutil, "which", lambda _: "/usr/bin/xvfb-run")
+    assert doctor.viewer().passed is view.has_display() is bool(display)

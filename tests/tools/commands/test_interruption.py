@@ -1,9 +1,11 @@
-"""A signal while the program's modules are still imported ends it as a later signal does."""
+"""A signal while the program's modules are imported or its kernels compiled ends it as a later one does."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -34,10 +36,38 @@ def interrupted_import(module: str, number: signal.Signals) -> subprocess.Comple
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("module", ["typer", "numpy", "rich.console", "tools.commands.testing.run"])
+@pytest.mark.parametrize("module", ["typer", "numpy", "rich.console", "tools.commands.run"])
 def test_a_signal_during_an_import_is_an_interruption(module: str, number: signal.Signals) -> None:
     ended = interrupted_import(module, number)
     name = "Ctrl-C" if number == signal.SIGINT else "SIGTERM"
     assert ended.returncode == EXIT_INTERRUPTED, ended.stderr
     assert json.loads(ended.stdout) == {"error": f"interrupted by {name}"}
     assert ended.stderr == f"interrupted by {name}\n"
+
+
+INTERRUPTED_COMPILATION = """
+import os, signal, sys
+from numba.core.compiler_machinery import PassManager
+
+run = PassManager.run
+
+def interrupting(manager, state):
+    os.kill(os.getpid(), signal.SIGTERM)
+    print("compiles", file=sys.stderr)
+    return run(manager, state)
+
+PassManager.run = interrupting
+from tools.cli import main
+main()
+"""
+"""Starts the program; sends it a signal whenever the compilation of a function begins."""
+
+
+def test_a_signal_during_a_compilation_is_an_interruption(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", INTERRUPTED_COMPILATION, "run", "soft-start-multistable"]
+    options = ["--clock", "lockstep", "--out", str(tmp_path / "run"), "--json"]
+    environment = os.environ | {"VIBROHIL_CACHE_DIR": str(tmp_path / "kernels")}
+    ended = subprocess.run([*command, *options], capture_output=True, text=True, check=False, env=environment)
+    assert ended.returncode == EXIT_INTERRUPTED, ended.stderr
+    assert json.loads(ended.stdout) == {"error": "interrupted by SIGTERM"}
+    assert ended.stderr == "interrupted by SIGTERM\n"

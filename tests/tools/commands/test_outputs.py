@@ -11,14 +11,22 @@ from typing import Any
 import pytest
 from options import options_of
 
-from hil.scenario.scenario import scenario_names
+from hil.scenario.files import scenario_names
 from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_INTERNAL_ERROR, BadInputError
 
-FOLDERS = {"run", "suite", "import", "firmware node", "firmware build", "plant", "tune check"}
+FOLDERS = {"run", "suite", "import", "firmware node", "firmware build", "plant", "measure"}
 """Commands whose --out is a folder; `study`'s is one, too."""
-READ = {("run", "--parameters"), ("suite", "--parameters"), ("suite", "--baseline")}
-"""Options that name a file to read."""
+READ = {
+    ("run", "--parameters"),
+    ("replay", "--parameters"),
+    ("export-fmu", "--parameters"),
+    ("suite", "--parameters"),
+    ("suite", "--baseline"),
+    ("plant", "--turns"),
+    ("firmware node", "--turns"),
+}
+"""Options that name a file to read, or the socket of a run's pacemaker, which a node joins."""
 
 
 def outputs() -> list[tuple[str, str]]:
@@ -62,11 +70,12 @@ def test_a_format_that_nobody_writes_is_refused(
     assert "ending in" in refused(command, option, tmp_path / "x.xyz", capsys)
 
 
-ENDINGS = {"--extremes": ".md", "--rrd": ".rrd", "--plot": ".svg", "--to": ".csv"}
+ENDINGS = {"--page": ".md", "--rrd": ".rrd", "--plot": ".svg", "--to": ".csv"}
 
 
 def file_name(command: str, option: str) -> str:
-    return "x" + (".rrd" if (command, option) == ("compare", "--out") else ENDINGS.get(option, ".toml"))
+    its_own = {"compare --out": ".rrd", "export-fmu --out": ".fmu"}
+    return "x" + its_own.get(f"{command} {option}", ENDINGS.get(option, ".toml"))
 
 
 @pytest.mark.parametrize(("command", "option"), FILES)
@@ -188,7 +197,7 @@ def test_a_bus_that_is_not_used_is_named(command: list[str], monkeypatch, capsys
         raise BadInputError("enough")
 
     monkeypatch.setattr("hil.bench.bench.run_scenario", ended)
-    monkeypatch.setattr("hil.bench.suite.run_suite", ended)
+    monkeypatch.setattr("hil.suite.suite.run_suite", ended)
     for bus, notes in (("auto", 0), ("vcan", 1)):
         assert cli.run([*command, "--bus", bus]) == EXIT_BAD_INPUT
         assert (

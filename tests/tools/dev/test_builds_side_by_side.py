@@ -7,9 +7,9 @@ import pytest
 
 from firmware_py.core.estimation import kalman
 from firmware_py.interface.enums import Fault, Mode
-from hil.judge.decisions import Decisions, decisions_of, differences
 from hil.scenario.scenario import load_scenario
 from tools.dev import builds
+from tools.trade.decisions import Decisions, decisions_of, differences
 
 TRACE = np.dtype([("tick", int), ("outputs.mode", int), ("outputs.fault", int), ("outputs.impact", bool)])
 
@@ -53,13 +53,6 @@ SHORT = [
     "script.commands=[{at_s=0.5,request='run',target_ratio=1.1},{at_s=10.0,request='idle'}]",
     "script.duration_s=12.0",
 ]
-
-
-def test_filterpy_s_algebra_decides_as_the_compiled_build_does() -> None:
-    scenario = load_scenario("soft-start-multistable", SHORT)
-    python = builds.decided_by_python(scenario, 1)
-    assert len(python.impacts) > 5
-    assert differences(python, builds.decided_by_compiled(scenario, 1)) == []
 
 
 def test_a_byte_that_differs_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ import pytest
 import typer
 
 from firmware_py.core.state import State
-from firmware_py.interface.sources.parameter_table import TABLE
+from firmware_py.interface.parameter_table import TABLE
 from hil.judge.figures.records import CATALOGUE
 from hil.scenario.scenario import load_scenario
 from tools import cli
@@ -94,7 +94,7 @@ def test_what_is_shown_works(about, tmp_path, monkeypatch, capsys):
                 status = cli.run(command)
                 assert status == expected, f"{name}: vibrohil {' '.join(command)}: {capsys.readouterr()}"
                 ran += 1
-    assert ran >= 12
+    assert ran >= 10, "the pages show fewer commands than they did: is a block no longer marked?"
 
 
 EXAMPLES_SHOWN = [shlex.split(example)[1:] for example in EXAMPLES.values()]
@@ -112,7 +112,8 @@ def test_every_command_and_option_that_is_shown_is_there(place, shown):
             continue
         assert name in commands, f"{place}: vibrohil {name}"
         command = commands[name]
-        if hasattr(command, "commands") and words and words[0] != "--help":
+        runs_alone = getattr(command, "invoke_without_command", False) and words and words[0].startswith("--")
+        if hasattr(command, "commands") and words and words[0] != "--help" and not runs_alone:
             named = words[0] if words[0] in command.commands else getattr(command, "unnamed", words[0])
             assert named in command.commands, f"{place}: vibrohil {name} {words[0]}"
             command = command.commands[named]
@@ -143,7 +144,12 @@ def test_every_setting_that_is_shown_can_be_made(page):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_parameter_that_is_named_is_one(page):
     known = {one.name for one in TABLE} | set(CATALOGUE)
-    named = set(PARAMETER.findall(page.read_text("utf-8")))
+    text = page.read_text("utf-8")
+    if page.name == "changes.md":  # its tables have the old name before the new one
+        text = "\n".join(line.rsplit("|", 2)[1] for line in text.splitlines() if line.startswith("|"))
+    if page.name == "export-an-fmu.md":
+        known |= {"motor.torque_n_m", "stop.law"}  # an input of the unit, and a key of scenes that it lacks
+    named = set(PARAMETER.findall(text))
     assert named <= known, f"{page.name} names {named - known}"
 
 
@@ -172,4 +178,4 @@ def test_the_sizes_of_the_blocks_states_are_those_of_the_code():
     }
     states = {name: words_of(kind) for name, kind in get_type_hints(State).items()}
     assert said == {name: states[name] for name in said}
-    assert len(said) == len(states) - 1  # docs/safety.md describes the drive link
+    assert set(states) - set(said) == {"drive_link", "proof"}  # docs/safety.md describes them

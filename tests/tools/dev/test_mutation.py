@@ -1,5 +1,6 @@
 """The mutation tool on a module of a few lines."""
 
+import ast
 import importlib
 import sys
 import textwrap
@@ -60,6 +61,14 @@ def tests_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callab
     yield write
     for name in ("small_package", "small_package.module"):
         sys.modules.pop(name, None)
+
+
+def test_the_projects_own_tests_pass_with_its_own_options() -> None:
+    root = Path(__file__).parents[3]
+    code = ast.parse((root / "firmware_py/core/numbers.py").read_text())
+    assert mutation.passes(
+        "firmware_py.core.numbers", code, [str(root / "tests/firmware_py/node/test_numbers.py")]
+    )
 
 
 @pytest.mark.parametrize(("x", "survives"), [(2.0, False), (5.0, True)])

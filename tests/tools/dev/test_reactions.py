@@ -4,8 +4,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisState, Fault, Mode
 from firmware_py.interface.generated.records import DriveHeartbeat, FirmwareHeartbeat, SetInputTorque
@@ -15,11 +13,11 @@ from tools.dev.reactions import (
     IDLE,
     Reaction,
     attributable,
+    cells,
     latched,
     markdown,
     reaction,
     records,
-    with_table,
     worst,
 )
 
@@ -71,17 +69,20 @@ def test_the_first_latched_fault_counts() -> None:
 def test_the_table_has_the_worst_of_each_time() -> None:
     reactions = [Reaction(0.001, 0.002, 0.1), Reaction(0.003, 0.001, math.inf)]
     assert worst(reactions) == Reaction(0.003, 0.002, math.inf)
-    row = markdown({(Fault.OVERSPEED, "too-fast"): reactions}).splitlines()[-1]
-    assert row == "| OVERSPEED | `too-fast` | 2 | 3 ms | 2 ms | never |"
-
-
-def test_the_table_takes_the_place_of_the_page_s_and_nothing_else_s() -> None:
-    table = markdown({(Fault.OVERSPEED, "too-fast"): [Reaction(0.003, 0.002, math.inf)]})
-    other = "| code | fault |\n|---|---|\n| 1 | SENSOR_TIMEOUT |\n"
-    page = f"# Reaction times\n\n{markdown({})}\n| old |\n\nText.\n\n{other}"
-    assert with_table(page, table) == f"# Reaction times\n\n{table}\n\nText.\n\n{other}"
-    with pytest.raises(SystemExit, match="no line"):
-        with_table(other, table)
+    found = {
+        (Fault.OVERSPEED, "too-fast"): reactions,
+        (Fault.OVERSPEED, "much-too-fast"): [Reaction(0.002, 0.004, 0.2)],
+        (Fault.STALL, "too-slow"): [Reaction(math.inf, math.inf, math.inf)],
+    }
+    assert cells(found).splitlines()[1:] == [
+        "OVERSPEED,much-too-fast,1,2,4,200",
+        "OVERSPEED,too-fast,2,3,2,",
+        "STALL,too-slow,1,,,",
+    ]
+    assert markdown(found).splitlines()[2:] == [
+        "| OVERSPEED | 2 | 3 | 3 ms | 4 ms | 200 ms, never in 1 |",
+        "| STALL | 1 | 1 | never in 1 | never in 1 | never in 1 |",
+    ]
 
 
 def test_a_flood_s_frames_are_nobody_s_reaction() -> None:

@@ -1,30 +1,40 @@
 """Fuzzing finds nothing in the nodes as they are, and finds what is put into them."""
 
 import itertools
-import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from fuzzing import frames as fuzz
+from fuzzing import kill as killing
+from fuzzing import kills as fuzz_kills
+from fuzzing import queue_kills
 
 from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
 from firmware_py.interface.frame import Frame, WordFrame
 from firmware_py.interface.generated import unpacking
 from firmware_py.node import tick
+from hil.bench.workers import Workers
 from hil.drive import axis as drive
-from tools.cli import run
-from tools.fuzz import frames as fuzz
-from tools.fuzz import kills as fuzz_kills
 
 
-def test_sixty_thousand_frames_do_no_harm(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["fuzz", "frames", "--count", "60000", "--seed", "7", "--json"]) == 0
-    outcome = json.loads(capsys.readouterr().out)
-    assert outcome["failures"] == []
-    assert outcome["frames"] >= 60000
-    assert outcome["frames"] == outcome["taken"] + outcome["dropped"] + outcome["not_addressed"]
-    assert outcome["dropped"] > 1000
-    assert outcome["ticks_with_torque"] > 100
+def test_random_frames_do_no_harm(pytestconfig: pytest.Config) -> None:
+    """No exception, no torque beyond its limit, and every frame counted."""
+    count = pytestconfig.getoption("fuzz_count") or 60_000
+    outcome = fuzz.fuzz(count, pytestconfig.getoption("fuzz_seed"))
+    assert outcome.failures == ()
+    assert outcome.frames >= count
+    assert outcome.frames == outcome.taken + outcome.dropped + outcome.not_addressed
+    assert outcome.dropped > 1000
+    assert outcome.ticks_with_torque > 100
 
 
 def test_all_kinds_of_strangers_come() -> None:
@@ -74,10 +84,10 @@ def test_an_exception_is_found_and_its_life_can_be_repeated(monkeypatch: pytest.
 def test_a_frame_that_nobody_counts_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     receive = tick.receive
 
-    def deaf(tick_s: float, before: Any, requests: Any, counters: Any, now: int, frame: WordFrame) -> Any:
+    def deaf(now: Any, before: Any, counters: Any, frame: WordFrame) -> Any:
         if frame.length == 1:
-            return before, requests, counters, False
-        return receive(tick_s, before, requests, counters, now, frame)
+            return before, counters, False
+        return receive(now, before, counters, frame)
 
     monkeypatch.setattr(tick, "receive", deaf)
     assert "frames for the firmware" in fuzz.fuzz(30_000, 1).failures[0].what
@@ -85,13 +95,42 @@ def test_a_frame_that_nobody_counts_is_found(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_every_kind_of_kill_comes_once_before_any_comes_again() -> None:
     # The program at each stage: in real time, in lockstep, of a suite, of a campaign; until the end five
-    # other processes of a run, and a worker of each.
-    kinds = 4 * 5 * 4 + 5 * 5 * 3 + 2 * 5 * 3
+    # other processes of a run, and a worker of each; a campaign writes no report.
+    kinds = 4 * 5 * 4 - 5 + 5 * 5 * 3 + 2 * 5 * 3
     first = list(itertools.islice(fuzz_kills.kills(3), kinds))
     assert len({(kill.of, kill.process, kill.number, kill.stage) for kill in first}) == kinds
     assert first == list(itertools.islice(fuzz_kills.kills(3), kinds))
 
 
+def idle(_: int) -> int:
+    return os.getpid()
+
+
+def test_kills_find_the_workers_of_a_suite_and_a_campaign_as_they_are_started() -> None:
+    with Workers(idle, 1) as some:
+        pid = dict(some.results([1]))[1]
+        assert queue_kills.worker_of(SimpleNamespace(pid=os.getpid())) == pid
+    assert queue_kills.worker_of(SimpleNamespace(pid=os.getpid())) == 0
+
+
+@pytest.mark.parametrize("of", fuzz_kills.QUEUES)
+def test_a_kill_without_a_victim_is_a_failure(of: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    @contextmanager
+    def already_over(arguments: list[str], folder: Path) -> Iterator["subprocess.Popen[bytes]"]:
+        (folder / "tmp").mkdir()
+        (folder / "said").write_text("")
+        program = subprocess.Popen([sys.executable, "-c", ""])
+        program.wait()
+        yield program
+
+    monkeypatch.setattr(killing, "begun", already_over)
+    kill = killing.Kill(of, queue_kills.WORKER, signal.SIGKILL, "middle", 0.0)
+    assert killing.NO_VICTIM in queue_kills.killed_queue(kill)
+
+
 @pytest.mark.realtime
-def test_some_kills_leave_nothing_but_a_verdict() -> None:
-    assert fuzz_kills.fuzz_kills(4, seed=1, progress=lambda _: None) == []
+@pytest.mark.parametrize("of_workers", [False, True], ids=["of all", "of workers"])
+def test_kills_leave_nothing_but_a_verdict(of_workers: bool, pytestconfig: pytest.Config) -> None:
+    count = pytestconfig.getoption("fuzz_count") or 3
+    seed = pytestconfig.getoption("fuzz_seed")
+    assert fuzz_kills.fuzz_kills(count, seed, lambda _: None, of_workers) == []

@@ -1,6 +1,5 @@
 """Damaged input does no harm at the command line, and the fuzzers find what does."""
 
-import json
 import subprocess
 import tempfile
 import time
@@ -11,22 +10,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fuzzing import inputs, worker
+from fuzzing.damage import damaged_bytes
 
 from tools import cli
-from tools.fuzz import inputs, worker
-from tools.fuzz.damage import damaged_bytes
 
 
 @pytest.mark.parametrize(("kind", "count"), [("files", 20), ("scenes", 30)])
 def test_damaged_input_ends_in_a_verdict_or_a_sentence(
-    kind: str, count: int, capsys: pytest.CaptureFixture[str]
+    kind: worker.Kind, count: int, pytestconfig: pytest.Config
 ) -> None:
-    status = cli.run(["fuzz", kind, "--count", str(count), "--seed", "7", "--json"])
-    outcome = json.loads(capsys.readouterr().out)
-    assert outcome["failures"] == []
-    assert status == 0
-    assert outcome["inputs"] == count == sum(outcome["statuses"].values()) == sum(outcome["cases"].values())
-    assert outcome["statuses"]["4"] > 3
+    """No traceback, at most 20 s and 2 GB, no file changed but its own, no temporary file left."""
+    count = pytestconfig.getoption("fuzz_count") or count
+    outcome = inputs.fuzz(kind, count, pytestconfig.getoption("fuzz_seed"))
+    assert outcome.failures == ()
+    assert outcome.inputs == count == sum(outcome.statuses.values()) == sum(outcome.cases.values())
+    assert outcome.statuses[4] > 3
 
 
 @pytest.mark.parametrize("kind", ["files", "scenes"])

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.bench.bench import run_scenario
+from hil.bench.options import RunOptions
 from hil.scenario.scenario import load_scenario
 
 SCENARIO = """
@@ -37,12 +38,4 @@ def make_run(run_dir: Path, seed: int = 1, *settings: str) -> dict[str, Any]:
     path = run_dir.parent / "short.toml"
     path.write_text(SCENARIO)
     scenario = load_scenario(path, settings)
-    return run_scenario(
-        scenario,
-        clock="lockstep",
-        bus="auto",
-        out_dir=run_dir,
-        seed=seed,
-        progress=lambda *_: None,
-        firmware="compiled",
-    )
+    return run_scenario(scenario, RunOptions(clock="lockstep"), run_dir, seed, lambda *_: None).as_json()

@@ -1,6 +1,7 @@
 """Two runs side by side: equal where they are, and the first difference named where they are not."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -8,10 +9,20 @@ import pytest
 from short_run import make_run
 
 from hil.bench.recorded_run import open_run
+from hil.judge.tolerance import Tolerance
 from hil.record.log_reader import tables
 from tools import cli
-from tools.logs.comparison import Difference, compare, first_in_blocks, first_in_table, largest_changes
-from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
+from tools.commands.compare import show
+from tools.logs.changes import flip
+from tools.logs.comparison import (
+    Difference,
+    compare,
+    first_in_blocks,
+    first_in_table,
+    flips_of,
+    largest_changes,
+)
+from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PASSED
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +55,9 @@ def test_another_seed_differs_from_the_first_noisy_sample_on(runs, capsys):
     log = tables(out)
     plant_a, plant_b = log["/a/plant"], log["/b/plant"]
     assert plant_a.num_rows == plant_b.num_rows == 3000
+    x_a, x_b = (open_run(runs / name).signal("plant.x_m")[1] for name in ("first", "other"))
+    apart = [value for (value,) in log["/b_minus_a/x_mm"]["Scalars:scalars"].to_pylist()]
+    assert apart == pytest.approx(1e3 * (np.asarray(x_b, float) - np.asarray(x_a, float)), abs=1e-9)
     assert log["/difference"]["StateChange:state"].to_pylist() == [[f"first difference: {first['signal']}"]]
 
 
@@ -70,6 +84,48 @@ def test_the_largest_change_comes_first_and_what_the_machine_took_last():
     }
     wanted = ["regime", "largest_v_m_s", "speed.error", "peak_force_n", "tick_us.p99"]
     assert largest_changes(figures) == wanted
+    tolerances = {"speed.error": Tolerance(1e-5, 0.0), "peak_force_n": Tolerance(0.0, 0.01)}
+    assert largest_changes(figures, tolerances) == ["regime", "largest_v_m_s", "tick_us.p99"]
+
+
+def verdict_run(*checks, passed=True):
+    """A run of which only verdict and checks are read; a check is (name, passed, value)."""
+    rows = [
+        {"name": name, "limit": "≤ 1", "unit": "m", "passed": ok, "value": value}
+        for name, ok, value in checks
+    ]
+    return SimpleNamespace(verdict={"checks": rows}, passed=passed)
+
+
+def test_checks_that_only_one_run_passes_are_found_and_the_newly_failed_come_first():
+    a = verdict_run(("one", False, 2.0), ("two", True, 0.9), ("three", True, 0.1), ("four", True, 0.2))
+    b = verdict_run(("one", True, 0.9), ("two", False, 1.1), ("three", True, 0.2), ("four", None, None))
+    found = flips_of(a, b)
+    assert [(one["name"], one["a"], one["b"]) for one in found] == [
+        ("two", True, False),
+        ("four", True, None),
+        ("one", False, True),
+    ]
+
+
+def test_a_changed_verdict_is_shown_in_red_above_all_figures(runs, capsys):
+    result = compare(open_run(runs / "first"), open_run(runs / "other"))
+    result["flips"] = flips_of(
+        verdict_run(("striker_x_m", True, 0.9)), verdict_run(("striker_x_m", False, 1.1))
+    )
+    show(result)
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines[:4]] == ["figure", "verdict", "fault", "striker_x_m"]
+    assert lines[3].rstrip().endswith("passed → failed")
+    assert flip(True, False).startswith("[bold red]")
+    assert flip(False, None).startswith("[bold red]")
+
+
+def test_runs_of_two_seeds_are_equal_within_a_wide_tolerance(runs):
+    command = ["compare", str(runs / "first"), str(runs / "other"), "--must-be-equal"]
+    assert cli.run([*command, "--tolerance", "*=1e-12"]) == EXIT_CHECK_FAILED
+    assert cli.run([*command, "--tolerance", "*=1e9,1"]) == EXIT_PASSED
+    assert cli.run([*command, "--tolerance", "nothing=1"]) == EXIT_BAD_INPUT
 
 
 def table(t_s, **columns):

@@ -11,6 +11,7 @@ from pyarrow import csv, parquet
 from short_run import make_run
 
 from firmware_py.interface import codec
+from firmware_py.interface.dbc import database
 from hil.bench.recorded_run import open_run
 from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
@@ -48,6 +49,21 @@ def exported(run_dir, kind, out):
     with redirect_stdout(io.StringIO()) as printed:
         assert cli.run(["export", str(run_dir), "--to", kind, "--out", str(out), "--json"]) == EXIT_PASSED
     return json.loads(printed.getvalue())
+
+
+def test_every_signal_of_the_dbc_is_exported_counters_and_crcs_too(run_dir, tmp_path):
+    """Held to cantools, which decodes the raw bytes."""
+    result = exported(run_dir, "parquet", tmp_path / "run")
+    raw = open_run(run_dir).table("can/raw")
+    for name in result["frames"]:
+        message = database().get_message_by_name(name)
+        table = parquet.read_table(tmp_path / "run" / f"{name}.parquet")
+        rows = np.flatnonzero(raw["can_id"].to_numpy() == message.frame_id)
+        wanted = [message.decode(data, decode_choices=False) for data in raw["data"].take(rows).to_pylist()]
+        assert set(table.column_names) == {"t_s", "wall_time", *(signal.name for signal in message.signals)}
+        for signal in message.signals:
+            found = table[signal.name].to_numpy()
+            np.testing.assert_allclose(found, [one[signal.name] for one in wanted], rtol=1e-6, atol=1e-9)
 
 
 def test_mf4(run_dir, truth, tmp_path):

@@ -150,7 +150,7 @@ def test_times_of_a_wall_clock_stay_on_the_wall_time(tmp_path):
         ("broken.log", "hello", ".log"),
         ("empty.log", "", "no data frame"),
         ("broken.db", "SQLite format 3\0 and no more", "cannot be read"),
-        ("broken.mf4", "hello", "cannot be read"),
+        ("broken.mf4", "hello", ".mf4 is not imported"),
         ("broken.trc", "hello", "no data frame"),
         ("broken.csv.gz", "hello", "cannot be read as text"),
         ("broken.blf.gz", "hello", "only text"),
@@ -223,6 +223,17 @@ def test_a_log_that_is_cut_short_says_so(tmp_path, capsys, kind):
     arguments = ["import", str(path), "--out", str(tmp_path / "run"), "--tolerant", "--json"]
     assert cli.run(arguments) == EXIT_PASSED
     assert json.loads(capsys.readouterr().out)["truncated"]
+
+
+def test_an_error_frame_without_a_channel_is_counted_for_each(tmp_path, capsys):
+    path = tmp_path / "bench.log"
+    frames = "".join(f"(1700000000.{k}) can{k % 2} 00E#CDCC4C3D\n" for k in range(10))
+    path.write_text(f"{frames}(1700000001.0) can0 20000080#0000000000000000\n")
+    for channel in ("can0", "can1"):
+        command = ["import", str(path), "--out", str(tmp_path / channel), "--json", "--channel", channel]
+        assert cli.run(command) == EXIT_PASSED
+        result = json.loads(capsys.readouterr().out)
+        assert (result["frames"], result["skipped"]) == (5, {"error frame": 1})
 
 
 def test_of_several_channels_one_is_chosen(tmp_path, capsys):

@@ -1,7 +1,7 @@
 """What people open in a browser, opened in one: reports in light and dark, and the viewer on a run's log."""
 
-import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -9,9 +9,13 @@ import pytest
 from browser import Browser, Picture, drawn_in, near
 from short_run import make_run
 
+from hil.judge.checks import checks_of
 from hil.judge.requirements import trace
+from hil.judge.seeds import merged
+from hil.judge.verdict import read_verdict
 from hil.record import state_timeline
 from hil.record.rerun_program import rerun_environment
+from hil.record.run_traces import read_scenario
 from hil.show.report.pages import write_suite_report
 from tools.logs import view
 from tools.logs.quiet_viewer import served
@@ -28,7 +32,7 @@ def rgb(rgba: int) -> tuple[int, int, int]:
 
 
 TRUTH, STOP, START = map(rgb, (state_timeline.TRUTH, state_timeline.ALARM, state_timeline.WARN))
-FIGURES = ["The run", "Start-up", "Detection and impacts", "Bus"]
+FIGURES = ["The run"]
 """The plots that a run has which was too short to hold a speed."""
 CAPTIONS = "Array.from(document.querySelectorAll('figcaption b'), b => b.innerText.replace(/\\.$/, ''))"
 
@@ -61,7 +65,7 @@ def test_a_report_shows_verdict_and_plots_and_loads_nothing(browser, run_dir, da
     assert near(top, PAPER[dark], 4) > 0.6 * top.shape[0] * top.shape[1]
     assert near(top, GREEN[dark], 8) > 800, "the badge of the verdict"
 
-    browser.evaluate("document.querySelectorAll('.chart')[1].scrollIntoView()")
+    browser.evaluate("document.querySelectorAll('.chart')[0].scrollIntoView()")
     plot = browser.look()
     assert near(plot, TRUTH) > 500, "the striker's position"
     assert near(plot, STOP, 60) > 500, "the stop"
@@ -69,13 +73,15 @@ def test_a_report_shows_verdict_and_plots_and_loads_nothing(browser, run_dir, da
 
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 def test_a_suites_page_leads_to_each_run(browser, run_dir, tmp_path, dark):
-    verdict = json.loads((run_dir / "verdict.json").read_text())
-    failed = {**verdict, "passed": False, "reasons": ["plant left no trace"]}
-    write_suite_report(tmp_path / "index.html", [verdict, failed], trace([verdict, failed]))
+    verdict = read_verdict(run_dir / "verdict.json")
+    checks = checks_of(read_scenario(run_dir))
+    runs = (verdict, replace(verdict, reasons=("plant left no trace",)))
+    both = [merged(checks, {1: one}) for one in runs]
+    write_suite_report(tmp_path / "index.html", both, trace(both))
     browser.open((tmp_path / "index.html").as_uri(), dark)
-    browser.wait_for("document.querySelectorAll('a').length == 2")
+    browser.wait_for("document.querySelectorAll('td a').length == 2")
     assert near(browser.look(), RED[dark], 8) > 800
-    browser.follow("a")
+    browser.follow("td a")
     assert browser.evaluate(CAPTIONS) == FIGURES
 
 

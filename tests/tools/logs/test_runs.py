@@ -3,14 +3,19 @@
 import json
 import os
 import time
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from hil.judge.judge import judge
+from hil.judge.verdict import CheckResult, Verdict
+from hil.record import run_folder
+from hil.record.run_traces import RunTraces
 from tools import cli
-from tools.commands.testing.run import show_checks
-from tools.commands.testing.suite import line_of
+from tools.commands.run import show_checks
+from tools.commands.suite import line_of
 from tools.logs import catalogue as runs
-from tools.logs import view
 from tools.output import EXIT_BAD_INPUT, EXIT_NOTHING_RAN, EXIT_PASSED, BadInputError, console
 
 VERDICTS = {
@@ -51,14 +56,13 @@ def test_every_run_is_listed_the_newest_first(folder):
         (["impact_v_m_s>0.4", "impact_v_m_s<=0.5"], ["suite/soft"]),
         (["fault != none"], ["suite/soft"]),
         (["scenario=three"], ["suite/none"]),
-        (["impact_v_m_s = fast"], []),
     ],
 )
 def test_conditions_choose_runs_by_their_figures(folder, conditions, wanted):
     assert names(runs.chosen(runs.listed(folder), conditions), folder) == wanted
 
 
-@pytest.mark.parametrize("text", ["impact_v_m_s", "speeed.error < 1", "< 3"])
+@pytest.mark.parametrize("text", ["impact_v_m_s", "speeed.error < 1", "< 3", "impact_v_m_s = fast"])
 def test_a_condition_that_is_none_is_refused(text):
     with pytest.raises(BadInputError, match="--where"):
         runs.condition(text)
@@ -91,33 +95,14 @@ def test_pruning_takes_nothing_that_no_run_has_made(folder, capsys):
     assert not (folder / "suite" / "soft").exists()
 
 
-def test_scenarios_scenes_and_parameters_are_listed_with_their_titles(capsys):
-    for what, name in (
-        ("scenarios", "soft-start-multistable"),
-        ("scenes", "gait"),
-        ("parameters", "start.rise_s"),
-    ):
-        assert cli.run(["list", what, "--json"]) == EXIT_PASSED
-        found = {one["name"]: one["title"] for one in json.loads(capsys.readouterr().out)[what]}
-        assert len(found[name]) > 20
-    assert found["bus.drive_node"].startswith("0: the drive's node number")
-    assert found["start.rise_s"].startswith("4 s: ")
-
-
 def test_the_version_names_the_commit(capsys):
     assert cli.run(["--version"]) == EXIT_PASSED
     assert capsys.readouterr().out.startswith("vibrohil 0.1.0")
 
 
-def test_the_listed_runs_that_have_a_log_are_viewed_together(folder, monkeypatch, capsys):
-    viewed = []
-    monkeypatch.setattr(view, "view_together", viewed.extend)
-    assert cli.run(["runs", str(folder), "--view"]) == EXIT_BAD_INPUT
-    assert "none of these runs has a log" in " ".join(capsys.readouterr().err.split())
-    for name in ("good", "suite/soft"):
-        (folder / name / "run.rrd").touch()
-    assert cli.run(["runs", str(folder), "--view", "--where", "passed=true"]) == EXIT_PASSED
-    assert viewed == [folder / "good"]
+def failed(check, *reasons):
+    """The verdict on a run without records in which this check has failed."""
+    return replace(judge(RunTraces(), Path()), checks=(check,), reasons=reasons)
 
 
 def test_names_and_paths_in_brackets_are_printed_as_they_are(tmp_path, monkeypatch, capsys):
@@ -126,19 +111,20 @@ def test_names_and_paths_in_brackets_are_printed_as_they_are(tmp_path, monkeypat
     run = tmp_path / odd
     run.mkdir(parents=True)
     (run / "run.json").write_text('{"made_by": "vibrohil"}')
-    check = {"name": odd, "value": odd, "unit": odd, "limit": odd, "passed": False}
+    check = {"name": odd, "value": odd, "unit": odd, "limit": odd, "passed": False, "verdict": "failed"}
+    check |= {"reason": None}
     (run / "verdict.json").write_text(json.dumps({"scenario": odd, "passed": False, "checks": [check]}))
     assert cli.run(["runs", str(tmp_path)]) == EXIT_PASSED
     assert capsys.readouterr().out.count(odd) == 2
-    show_checks({"checks": [check], "reasons": [odd], "passed": False, "out": odd})
+    show_checks(failed(CheckResult(odd, Verdict.FAILED, odd, odd, odd), odd))
     assert "".join(capsys.readouterr().out.split()).count("".join(odd.split())) == 6
     assert line_of(check, many=False).count(r"\[/bold]") == 4
 
 
 def test_verdicts_of_checks_are_whole_in_a_narrow_terminal(monkeypatch, capsys):
     monkeypatch.setattr(console, "_width", 40)
-    check = {"name": "safe_state.impacts_after_the_stop", "value": 247.123, "unit": "N", "limit": "200 … 260"}
-    show_checks({"checks": [check | {"passed": False}], "reasons": [], "passed": False, "out": "x"})
+    name = "safe_state.impacts_after_the_stop"
+    show_checks(failed(CheckResult(name, Verdict.FAILED, 247.123, "N", "200 … 260")))
     said = capsys.readouterr().out
     assert all(whole in said for whole in ("247.1 N", "200 … 260", "failed"))
 
@@ -159,3 +145,43 @@ def test_without_any_run_so_far_none_is_listed(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert cli.run(["runs", "--json"]) == EXIT_NOTHING_RAN
     assert json.loads(capsys.readouterr().out) == {"runs": []}
+
+
+def begun_long_ago(folder):
+    """A run's folder that `runs` lists, of 1970."""
+    folder.mkdir(parents=True)
+    run_folder.write_note(folder / "run.json", {"scenario": "mine"})
+    os.utime(folder / "run.json", (0, 0))
+    return folder
+
+
+def test_a_run_in_progress_and_the_runs_of_a_suite_in_progress_are_not_pruned(tmp_path, capsys):
+    free, going = begun_long_ago(tmp_path / "free"), begun_long_ago(tmp_path / "going")
+    of_suite = begun_long_ago(tmp_path / "suite" / "mine")
+    run_folder.write_note(tmp_path / "suite" / "suite.json", {})
+    with run_folder.claimed("mine", going), run_folder.claimed("suite", of_suite.parent, "suite.json"):
+        assert cli.run(["runs", str(tmp_path), "--prune", "1d", "--json"]) == EXIT_PASSED
+        result = json.loads(capsys.readouterr().out)
+        assert result["removed"] == [str(free)]
+        assert set(result["in_use"]) == {str(going), str(of_suite)}
+        assert [folder.exists() for folder in (free, going, of_suite)] == [False, True, True]
+    assert cli.run(["runs", str(tmp_path), "--prune", "1d", "--json"]) == EXIT_PASSED
+    assert [folder.exists() for folder in (going, of_suite)] == [False, False]
+
+
+@pytest.mark.parametrize("value", ["[1]", "null", "{}", '{"a": 1}'])
+@pytest.mark.parametrize("sign", ["<", "="])
+def test_a_condition_on_a_list_a_table_or_null_is_refused(folder, capsys, sign, value):
+    assert cli.run(["runs", str(folder), "--where", f"impact_count{sign}{value}"]) == EXIT_BAD_INPUT
+    assert "wanted a number, true, false or a word" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ['impact_count<"x"', "impact_count<0x10", "impact_count<<1", "passed=yes"])
+def test_a_condition_that_no_value_of_the_figure_can_meet_is_refused(folder, capsys, text):
+    assert cli.run(["runs", str(folder), "--where", text]) == EXIT_BAD_INPUT
+    assert "is no text; write a number, true or false" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_figure_that_is_a_text_is_compared_with_any_word(folder):
+    for text, status in (("scenario!=5", EXIT_PASSED), ("fault=5", EXIT_NOTHING_RAN)):
+        assert cli.run(["runs", str(folder), "--where", text, "--json"]) == status

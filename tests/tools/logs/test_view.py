@@ -17,6 +17,7 @@ from hil.record import run_folder
 from hil.record.rerun_program import rerun, rerun_environment
 from hil.record.run_traces import RunTraces
 from hil.show.rerun_log import LOG_NAME, RunLog
+from tools import cli
 from tools.logs import view
 from tools.output import BadInputError
 
@@ -161,3 +162,14 @@ def test_a_viewer_for_live_runs_is_bound_to_loopback():
     for web in (False, True):
         command = view.live_viewer_command(web)
         assert command[command.index("--bind") + 1] == "127.0.0.1"
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 0), (signal.SIGTERM, 2)])
+def test_ctrl_c_is_the_way_to_end_a_viewer_in_a_browser(monkeypatch, tmp_path, number, status):
+    def shown(*_):
+        os.kill(os.getpid(), number)
+        time.sleep(5.0)
+
+    monkeypatch.setattr(view, "in_browser", shown)
+    monkeypatch.setattr(view, "log_of", lambda _: tmp_path / "run.rrd")
+    assert cli.run(["view", str(tmp_path), "--web"]) == status

@@ -1,7 +1,10 @@
 """The feasibility table: turns a stride, what counts as lost, hard or soft, and the page of it."""
 
+import csv
+import itertools
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +13,8 @@ from plant_sim.result import Impact
 from plant_sim.scene import load_scene
 from tools import cli
 from tools.output import EXIT_BAD_INPUT, plain
-from tools.study.feasibility import feasibility
-from tools.study.feasibility import page as feasibility_page
-from tools.study.feasibility.feasibility import (
+from tools.study import feasibility
+from tools.study.feasibility import (
     FEASIBLE,
     LEG_IMPACTS,
     LOST,
@@ -116,38 +118,22 @@ def test_the_shipped_module_serves_a_walk_across_the_legs_swing_and_not_within_i
     assert within["idle_impacts_hz"] > feasibility.IDLE_IMPACTS_HZ
 
 
-def test_a_cell_says_what_was_measured() -> None:
-    row = {"verdict": TOO_HARD, "harmonic": 2, "ratio": 1.074, "felt_low_n": 31.2, "felt_high_n": 51.9}
-    assert feasibility_page.text_of(row) == "hard 2×, r 1.07, 31–52"
-    assert feasibility_page.text_of({"verdict": NO_TURNS, "harmonic": 0}) == "n"
+def test_the_cells_are_kept_with_what_was_measured(tmp_path: Path) -> None:
+    measured = dict.fromkeys(feasibility.CELL, 1.0) | {"ratio": math.nan}
+    feasibility.write_cells([measured | {"missed_share": 0.5}], tmp_path / "cells.csv")
+    (read,) = csv.DictReader((tmp_path / "cells.csv").read_text("utf-8").splitlines())
+    assert read == {name: "" if name == "ratio" else "1" for name in feasibility.CELL}
 
 
-def test_the_page_says_where_all_holds_and_where_nothing_can() -> None:
-    def row(axis: str, stride_hz: float, verdict: str) -> dict[str, object]:
-        return {
-            **STOP._asdict(),
-            "axis": axis,
-            "stride_hz": stride_hz,
-            "verdict": verdict,
-            "harmonic": 6,
-            "ratio": 1.0,
-            "region_low": 0.97,
-            "region_high": 1.17,
-            "idle_impacts_hz": 0.0,
-            "felt_low_n": 12.0,
-            "felt_high_n": 30.0,
-        }
-
-    rows = [
-        row(axis, hz, FEASIBLE if axis == "outward" and hz > 0.5 else TOO_HARD)
-        for axis in feasibility.AXES
-        for hz in (0.4, 0.8, 1.0)
-    ]
-    text = "\n".join(feasibility_page.lines(rows, None))
-    assert "2 of 3 cadences at best (axis outward: viscous, 30 ms, compliant)" in text
-    assert "Cadences without a suitable setting: 0.4 Hz." in text
-    assert "| walking | outward | 3 | 2 | 0 | 0 | 0 | 0 | 1 | 0 |" in text
-    assert "| walking | 4.8–6.0 | 0.8, 1 | 9 | 2 |" in text
+def test_the_counts_of_the_page_are_those_of_its_cells() -> None:
+    page = Path(__file__).parents[3] / "docs" / "feasibility.md"
+    rows = list(csv.DictReader((page.parent / "data" / "feasibility.csv").read_text("utf-8").splitlines()))
+    assert len(rows) == 864
+    text = page.read_text("utf-8")
+    for preset, axis in itertools.product(feasibility.MODULES, feasibility.AXES):
+        verdicts = [row["verdict"] for row in rows if (row["preset"], row["axis"]) == (preset, axis)]
+        counts = [len(verdicts), *(verdicts.count(reason) for reason in feasibility.REASONS)]
+        assert f"| {preset} | {axis} | {' | '.join(map(str, counts))} |" in text
 
 
 def test_an_unknown_preset_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,12 +1,11 @@
-"""Basins and charts in numbers: shares, exponents and entropies against maps whose answers are known."""
+"""Basins in numbers: shares, exponents and entropies against maps whose answers are known."""
 
 import math
 
 import numpy as np
 import pytest
 
-from tools.output import BadInputError
-from tools.study import basin, maps
+from tools.study import basin
 from tools.study.cases import case
 
 
@@ -56,28 +55,3 @@ def test_planes_hold_what_their_axes_say() -> None:
     assert np.allclose(table["crank_rad"].to_numpy().reshape(20, 20)[:, 5], crank)
     assert facts == {"uncertain": 0}
     assert 0.4 < (table["impacts"].to_numpy() > 0.0).mean() < 0.8
-
-
-def test_a_chart_shows_where_every_start_has_impacts() -> None:
-    one = case("table1", "viscous")
-    spec = {"case": one.parameters(), "ratios": [1.05, 1.3, 1.7], "value": 0.02}
-    table, _ = maps.piece(spec)
-    share = table["reliability"].to_pylist()
-    assert share[0] == 1.0
-    assert 0.5 < share[1] < 0.8  # 65 % of random states in this box were found by another program
-    assert share[2] == 0.0
-    assert table["from_rest"].to_pylist() == [True, False, False]
-
-
-def test_starts_fill_their_box() -> None:
-    begun = maps.starts(case("table1", "coulomb"))
-    assert begun.shape == (maps.STARTS + 1, 3)
-    assert not begun[0].any()
-    assert np.allclose(begun[1:].mean(axis=0), [0.0, 0.0, math.pi], atol=[0.006, 0.05, 0.3])
-
-
-def test_charts_over_what_a_law_has_not_are_refused() -> None:
-    with pytest.raises(BadInputError, match=r"that law has no mu"):
-        maps.check(case("table1", "viscous"), "mu")
-    with pytest.raises(BadInputError, match=r"that law has no b"):
-        maps.check(case("table1", "coulomb"), "b")

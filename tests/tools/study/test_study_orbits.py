@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plant_sim.orbits import adaptive as adaptive_orbits
-from plant_sim.orbits.sections import CLASSIFY, PAPER, Regime
 from plant_sim.result import MotionState, Phase
 from plant_sim.solvers.adaptive.state_layout import allocate
 from tools.study.basin import BORDER_BOUND_M, axes
 from tools.study.cases import Case, case
-from tools.study.orbits import AT_REST, State, classify, follow
+from tools.study.orbits.follow import AT_REST, State, classify, classify_starts, follow, follow_orbit
+from tools.study.orbits.sections import CLASSIFY, PAPER, Regime
+from tools.study.orbits.stepwise import stepwise
 from tools.study.sweep import CONTINUE, run
 
 VISCOUS, COULOMB = case("table1", "viscous"), case("table1", "coulomb")
@@ -23,7 +23,7 @@ def by_the_other_solver(case: Case, ratio: float, start: State):
     parts = case.parts(ratio)
     rest = MotionState(0.0, case.rest_length_m, 0.0, 0.0, 0.0, Phase.FLIGHT)
     memory = allocate(parts, rest, 1e-11, 256)
-    return adaptive_orbits.follow_stepwise(parts, memory, *start, PAPER)
+    return follow_orbit(stepwise(parts, memory), start, PAPER)
 
 
 @pytest.mark.parametrize(
@@ -125,8 +125,7 @@ def test_every_cell_of_a_basin_is_the_other_solvers() -> None:
     early, _ = classify(VISCOUS, 1.3, starts, CLASSIFY)
     parts = VISCOUS.parts(1.3)
     rest = MotionState(0.0, 0.12, 0.0, 0.0, 0.0, Phase.FLIGHT)
-    late, impacts = np.empty(len(starts), np.int8), np.empty(len(starts), np.float32)
     whole = CLASSIFY._replace(settle_s=40.0, record_s=10.0, stop_early=False)
     memory = allocate(parts, rest, 1e-12, 256)
-    adaptive_orbits.classify_stepwise(parts, memory, starts, whole, late, impacts)
+    late, _ = classify_starts(stepwise(parts, memory), starts, whole)
     assert np.array_equal(early, -1 - late)

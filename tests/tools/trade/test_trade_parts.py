@@ -43,7 +43,7 @@ def test_figures_of_the_orbit() -> None:
 
 
 def test_the_command_prints_json(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.run(["trade", "--parts", "--quick", "--json"]) == 0
+    assert cli.run(["trade", "parts", "--quick", "--json"]) == 0
     payload = json.loads(capsys.readouterr().out)
     first, *others = payload["rows"]
     assert first["cost_ratio"] == 1.0

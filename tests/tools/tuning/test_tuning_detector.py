@@ -11,7 +11,7 @@ from tools import cli
 from tools.campaign.trial.outcome import Outcome
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
 from tools.tuning import safety
-from tools.tuning.candidates import refuse_same_seeds, run_candidates
+from tools.tuning.candidates import Sampling, run_candidates
 from tools.tuning.detector import PARAMETER, Operating, chosen, operating, tune_detector
 
 ANY = Operating(1.0, 100, 0, 0, 1.0, 1.0, 0.99, 1.0, 1.0, 1.4, 1.9, 0.0, 1.0, 0.0)
@@ -54,10 +54,10 @@ def test_costs_are_what_is_stated() -> None:
 
 
 def test_what_chooses_does_not_judge() -> None:
-    refuse_same_seeds(41, 30_000)
+    Sampling(41, 30_000)
     for seed, fresh_seed in ((10_000, 30_000), (41, 9_999)):
         with pytest.raises(BadInputError, match="chosen on a seed below 10000"):
-            refuse_same_seeds(seed, fresh_seed)
+            Sampling(seed, fresh_seed)
     with pytest.raises(BadInputError, match="wanted both above 0"):
         tune_detector(cost_miss=0.0)
 

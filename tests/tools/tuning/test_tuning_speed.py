@@ -7,6 +7,7 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
+from measured_loop import MeasuredLoop, measure_loop
 
 from firmware_py.core.estimation.crank import critically_damped_gains
 from firmware_py.shell.parameters import DEFAULTS
@@ -15,8 +16,7 @@ from tools import cli
 from tools.output import EXIT_PASSED, BadInputError
 from tools.plots import drawn
 from tools.tuning import safety
-from tools.tuning.figures.pictures import draw_speed
-from tools.tuning.figures.views import of_speed
+from tools.tuning.pictures import draw_speed
 from tools.tuning.speed import (
     NominalDrive,
     SpeedDesign,
@@ -28,7 +28,6 @@ from tools.tuning.speed import (
     speed_loop,
     tune_speed,
 )
-from tools.tuning.speed_measurement import MeasuredLoop, compared, measure_loop
 
 J, B, T, TRACKER = 5e-4, 1e-4, 1e-3, DEFAULTS["crank.bandwidth_rad_s"]
 
@@ -139,14 +138,6 @@ def test_the_loop_measured_on_the_bench_is_the_designed_one(
     assert np.abs(ratio[hertz <= 8.0]).min() > 0.97
 
 
-def test_measured_margins_stand_beside_the_designed_ones(measured: MeasuredLoop) -> None:
-    tuning, _ = tune_speed()
-    figures = compared(tuning, NominalDrive(), measured)[0].figures_of_merit
-    assert figures["measured_phase_margin"].value == pytest.approx(figures["phase_margin"].value, abs=2.5)
-    assert figures["measured_gain_margin"].value == pytest.approx(figures["gain_margin"].value, abs=0.7)
-    assert figures["measured_disk_margin"].value == pytest.approx(figures["disk_margin"].value, rel=0.05)
-
-
 def test_the_measurement_sees_other_gains() -> None:
     gains = {"speed.gain_p_n_m_s": 0.03, "speed.gain_i_n_m": 0.3}
     other = measure_loop(nested(gains), window_s=5.0)
@@ -181,7 +172,7 @@ def test_the_command_takes_the_motor_and_the_tracker_that_are_named(
     tmp_path: Path, monkeypatch, capsys
 ) -> None:
     monkeypatch.setattr(safety, "SCENARIOS", ())
-    command = ["tune", "speed", "--no-measure", "--json", "--out", str(tmp_path / "mine.toml")]
+    command = ["tune", "speed", "--json", "--out", str(tmp_path / "mine.toml")]
     found = []
     for options in ([], ["--tracker-rad-s", "500"], ["--inertia-kg-m2", "1e-3"]):
         assert cli.run([*command, *options]) == EXIT_PASSED
@@ -211,22 +202,8 @@ def test_steps_end_where_they_should(design: SpeedDesign) -> None:
         assert speed[-1] == pytest.approx(end, abs=1e-3)
 
 
-def test_it_is_drawn(design: SpeedDesign, measured: MeasuredLoop, tmp_path: Path) -> None:
+def test_it_is_drawn(design: SpeedDesign, tmp_path: Path) -> None:
     with drawn(tmp_path / "speed.svg") as figure:
-        draw_speed(figure, NominalDrive(), design, measured)
+        draw_speed(figure, NominalDrive(), design)
     content = (tmp_path / "speed.svg").read_text()
     assert content.count("<path") > 50
-
-
-def test_the_recordings_bode_plot_is_over_the_logarithm_of_frequency(design: SpeedDesign) -> None:
-    """The axis of a timeline is linear, so it counts thousandths of a decade."""
-    record = of_speed(NominalDrive(), design, None)
-    assert record.timeline == "frequency_1000_log10_hz"
-    loop = respond(NominalDrive(), design.gain_p_n_m_s, design.gain_i_n_m)
-    hertz = loop.omega_rad_s / (2.0 * np.pi)
-    assert set(record.views) == {
-        "gain [dB] over 1000 log10(f / 1 Hz)",
-        "phase [deg] over 1000 log10(f / 1 Hz)",
-    }
-    for curves in record.views.values():
-        np.testing.assert_allclose(10.0 ** (curves["L, designed"].steps / 1000.0), hertz, rtol=2e-3)

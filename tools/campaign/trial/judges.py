@@ -9,6 +9,7 @@ import numpy as np
 from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
 from hil.judge import detection, true_regime
 from plant_sim.arrays import FloatArray
+from tools.campaign import limits
 from tools.campaign.trial import reference
 from tools.campaign.trial.outcome import Outcome
 from tools.campaign.trial.run import Run, run
@@ -24,8 +25,6 @@ CAPTURED_S = RUN_S + 8.0
 KICK_FAULT_S = 1.0
 """An impulse-limit fault within this time after a kick is attributed to the kick, s."""
 GRAZING_M_S = 0.05
-AFTER_SHOCK_S = 0.1
-"""A false alarm within this time after the start of a shock is attributed to the shock, s."""
 LATE_IMPACTS = 10
 """Number of last impacts whose mean v⁻ is the steady v⁻; its largest value is taken from twice as many."""
 LATE_TURNS = 10
@@ -159,14 +158,6 @@ def detect(trial: Trial, done: Run, outcome: Outcome) -> None:
         "soft_hits": int(np.count_nonzero(found & ~hard & due)),
         "soft": int(np.count_nonzero(~hard & due)),
     }
-    housing = trial.scenario.scene.housing
-    shock = housing.shock if housing else None
-    if shock is not None:
-        since_s = done.detected_s[alarms] - shock.start_s
-        outcome.counts["shocks"] = 1
-        outcome.counts["shocks_taken_for_impacts"] = int(
-            np.any((since_s >= 0.0) & (since_s <= AFTER_SHOCK_S))
-        )
     if of_hard.any():
         outcome.samples["latency"] = (1e3 * pairs.latency_s[of_hard]).tolist()
         reported_m_s = done.detections["outputs.impact_speed_m_s"][pairs.detection]
@@ -285,9 +276,7 @@ def _back_s(done: Run, kicked_s: float, omega_rad_s: float) -> float:
 JUDGES: dict[str, Callable[[Trial, Run, Outcome], None]] = {
     "start-up": start_up,
     "estimate": estimate,
-    "estimate-coarse": estimate,
     "detect": detect,
-    "shock": detect,
     "hold": hold,
     "recover": recover,
     "walk": judge_walk,
@@ -297,8 +286,14 @@ JUDGES: dict[str, Callable[[Trial, Run, Outcome], None]] = {
 def run_trial(plan: Plan, number: int) -> Outcome:
     """Sample, run and judge the trial with this number."""
     started_s = time.process_time()
+    outcome = Outcome(number, number % len(plan.cells))
+    cell = plan.cell_of(number)
+    if plan.campaign == "limits":
+        limits.run_limits(plan, cell, number, outcome)
+        outcome.compute_s = time.process_time() - started_s
+        return outcome
     trial = trial_of(plan, number)
-    outcome = Outcome(number, number % len(plan.cells), simulated_s=trial.scenario.duration_s)
+    outcome.simulated_s = trial.scenario.duration_s
     done = run(trial.scenario, trial.scenario.seed, firmware=plan.firmware)
     JUDGES[plan.campaign](trial, done, outcome)
     outcome.compute_s = time.process_time() - started_s

@@ -102,7 +102,8 @@ class Run:
 
 def run(scenario: Scenario, seed: int, more: Sequence[str] = (), firmware: Build = "compiled") -> Run:
     """Run a scenario from power-up on; `more` names signals to keep in addition to `SIGNALS`."""
-    kept = in_stretches if firmware in NATIVE else in_a_folder
+    is_steady = all(fault.is_steady for fault in scenario.faults)
+    kept = in_stretches if firmware in NATIVE and is_steady else in_a_folder
     plant, known, impacts = kept(scenario, seed, columns_of([*SIGNALS, *more]), firmware)
     return Run(
         scenario.scene.parts(seed),

@@ -17,7 +17,8 @@ from plant_sim.scene import Scene, load_scene
 from plant_sim.tables.table import STANDARD_GRAVITY_M_S2
 
 FIRST_CAMPAIGN_SEED = 10_000
-DEFAULT_SEED = 20_260
+SWING_HZ = (0.5, 2.0)
+"""Range of the frequency of the housing's oscillation: strides."""
 LARGEST_RUN_SEED = 10**9
 """Upper bound of a run's seed; a scenario accepts no larger one."""
 
@@ -34,20 +35,6 @@ class Mismatch:
     dry_friction: float = 0.10
     bias_g: float = 0.05
     amplitude: float = 0.0
-
-
-@dataclass(frozen=True)
-class Disturbance:
-    """Motion of the housing: an oscillation of up to `swing_m_s2`, and one shock of ±`shock_g`."""
-
-    swing_m_s2: float = 0.0
-    shock_g: float = 0.0
-
-    SWING_HZ = (0.5, 2.0)
-    SHOCK_S = (0.005, 0.02)
-    """Ranges of the oscillation's frequency (strides) and of the shock's duration (heel strikes)."""
-    FIRST_SHOCK_S = 12.0
-    """Earliest time of the shock, s: after the soft start."""
 
 
 @dataclass(frozen=True)
@@ -68,40 +55,19 @@ def mismatch_of(table: Mapping[str, float]) -> Mismatch:
     )
 
 
-def _moving_housing(
-    disturbance: Disturbance, until_s: float, truth: np.random.Generator
-) -> dict[str, dict[str, float]]:
-    housing: dict[str, dict[str, float]] = {}
-    if disturbance.swing_m_s2 > 0.0:
-        housing["harmonic"] = {
-            "amplitude_m_s2": float(truth.uniform(0.0, disturbance.swing_m_s2)),
-            "frequency_hz": float(truth.uniform(*disturbance.SWING_HZ)),
-            "phase_rad": float(truth.uniform(0.0, 2.0 * np.pi)),
-        }
-    if disturbance.shock_g > 0.0:
-        sign = 1.0 if truth.uniform() < 0.5 else -1.0
-        housing["shock"] = {
-            "peak_m_s2": sign * disturbance.shock_g * STANDARD_GRAVITY_M_S2,
-            "start_s": float(truth.uniform(disturbance.FIRST_SHOCK_S, until_s - 1.0)),
-            "duration_s": float(truth.uniform(*disturbance.SHOCK_S)),
-        }
-    return housing
-
-
 def sample(
     scene: Mapping[str, Any],
     mismatch: Mismatch,
     seed: int,
     trial: int,
-    disturbance: Disturbance = Disturbance(),
-    until_s: float = 0.0,
+    swing_m_s2: float = 0.0,
     at_rest: bool = False,
 ) -> Sampled:
     """Sample the truth of a trial.
 
     The initial position is −0.1 to 0.06 m from l₀ but not beyond the stop, the initial velocity ±0.8 m/s, the
-    crank's phase arbitrary. With `at_rest` the striker keeps the scene's initial state. A shock starts at
-    least 1 s before `until_s`.
+    crank's phase arbitrary. With `at_rest` the striker keeps the scene's initial state. The
+    housing oscillates with an amplitude of up to `swing_m_s2`.
     """
     noise, truth, more = (np.random.default_rng([seed, trial, stream]) for stream in range(3))
 
@@ -130,7 +96,12 @@ def sample(
             "x_m": float(striker["rest_length_m"] + truth.uniform(-0.1, highest_m)),
             "v_m_s": about(0.8),
         }
-    if housing := _moving_housing(disturbance, until_s, truth):
-        sampled["housing"] = housing
+    if swing_m_s2 > 0.0:
+        harmonic = {
+            "amplitude_m_s2": float(truth.uniform(0.0, swing_m_s2)),
+            "frequency_hz": float(truth.uniform(*SWING_HZ)),
+            "phase_rad": float(truth.uniform(0.0, 2.0 * np.pi)),
+        }
+        sampled["housing"] = {**sampled.get("housing", {}), "harmonic": harmonic}
     run_seed = int(noise.integers(LARGEST_RUN_SEED))
     return Sampled(sampled, load_scene(sampled), run_seed, more, (seed, trial, 2))

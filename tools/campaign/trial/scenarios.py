@@ -3,6 +3,7 @@
 `vibrohil run` repeats the trial bit for bit and records all signals.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -10,7 +11,7 @@ from firmware_py.shell.builds import Build
 from hil.scenario.operator import Command, Request
 from hil.scenario.scenario import Scenario, check_scenario
 from tools.campaign.trial.cells import Cell
-from tools.campaign.trial.sampling import Disturbance, Sampled, mismatch_of, sample
+from tools.campaign.trial.sampling import Sampled, mismatch_of, sample
 from tools.campaign.trial.walk_cells import WalkCell, sampled_walk
 
 CLEAR_S, IDLE_S, RUN_S = 1.0, 1.3, 1.6
@@ -19,6 +20,9 @@ WALK_RUN_S = 0.5
 """Time of the command RUN in a walk, s; it can be early because the striker starts at rest."""
 SETTLED_S = RUN_S + 15.0
 """Time from which a hold is judged and a kick may occur, s."""
+
+TICK_S = 1e-3
+"""The firmware's period in every trial."""
 
 
 class Plan(NamedTuple):
@@ -45,7 +49,7 @@ class Trial(NamedTuple):
     @property
     def omega_rad_s(self) -> float:
         """Crank speed that the operator requests."""
-        return self.scenario.commands[-1].target_ratio * self.scenario.config.start.natural_rad_s
+        return self.scenario.commands[-1].target_ratio * self.scenario.config.d.natural_rad_s
 
 
 def script(cell: Cell) -> list[Command]:
@@ -83,11 +87,16 @@ def scenario_of(
     return check_scenario(document, name)
 
 
+def first_tick_s(t_s: float) -> float:
+    """The first tick that is not before a time, s. The compiled loop's faults begin and end with a tick."""
+    return math.ceil(t_s / TICK_S) * TICK_S
+
+
 def kick(numbers: Mapping[str, Any], sampled: Sampled) -> dict[str, Any]:
-    """Return a kick fault of sampled size and sign at a sampled time in the settled hold."""
+    """Return a kick fault of sampled size and sign at a sampled tick in the settled hold."""
     size = float(sampled.more.uniform(numbers["kick_low_m_s"], numbers["kick_high_m_s"]))
     sign = 1.0 if sampled.more.uniform() < 0.5 else -1.0
-    at_s = SETTLED_S + float(sampled.more.uniform(0.0, 1.0))
+    at_s = first_tick_s(SETTLED_S + float(sampled.more.uniform(0.0, 1.0)))
     return {"kind": "kick", "at_s": at_s, "change_m_s": sign * size}
 
 
@@ -98,14 +107,12 @@ def trial_of(plan: Plan, trial: int) -> Trial:
         sampled, course = sampled_walk(cell, numbers, plan.seed, trial)
         duration_s = course.duration_s
     else:
-        until_s = float(numbers.get("duration_s", 0.0))
-        moved = Disturbance(numbers.get("swing_m_s2", 0.0), numbers.get("shock_g", 0.0))
-        sampled = sample(cell.scene, mismatch_of(numbers), plan.seed, trial, moved, until_s)
-        duration_s = SETTLED_S + float(numbers["hold_s"]) if "hold_s" in numbers else until_s
+        swing_m_s2 = numbers.get("swing_m_s2", 0.0)
+        sampled = sample(cell.scene, mismatch_of(numbers), plan.seed, trial, swing_m_s2)
+        duration_s = SETTLED_S + float(numbers["hold_s"]) if "hold_s" in numbers else numbers["duration_s"]
     faults = [kick(numbers, sampled)] if "kick_low_m_s" in numbers else []
-    scene = dict(sampled.tables)
-    if "coarse_noise_m" in numbers:
-        scene["sensors"] = {**scene["sensors"], "coarse": {"noise_m": numbers["coarse_noise_m"]}}
     name = f"{plan.campaign}-{plan.seed}-{trial}"
-    scenario = scenario_of(name, scene, cell.firmware, script(cell), duration_s, sampled.run_seed, faults)
+    scenario = scenario_of(
+        name, sampled.tables, cell.firmware, script(cell), duration_s, sampled.run_seed, faults
+    )
     return Trial(cell, sampled, scenario)

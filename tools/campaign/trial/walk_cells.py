@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hil.scenario.scenario import read_scenario
+from hil.scenario.files import read_scenario
 from hil.scenario.settings import apply_settings
 from plant_sim.scene import read_scene
 from tools.campaign.trial.cells import Cell, listed, numbers_after, refuse_unlisted

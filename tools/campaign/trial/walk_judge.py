@@ -7,8 +7,8 @@ the leg's own motion causes after the pause are counted separately.
 
 import numpy as np
 
-from firmware_py.core.control.gait_lock import LockConfig
 from firmware_py.interface.enums import Fault, Mode
+from firmware_py.interface.generated.parameters import Gait
 from hil.judge.detection import WEAKEST_V_M_S
 from hil.judge.figures.gait import following
 from plant_sim.parts.walking import BEGIN_S, FROM_SIZE, KNOCK_M_S2, TO_SIZE, Walking
@@ -38,7 +38,7 @@ def judge_walk(trial: Trial, done: Run, outcome: Outcome) -> None:
         outcome.why = f"no hold: {last_word(done)}"
         return
     hold_s = (captured.t_s, min(left_s(done, captured.t_s), scenario.duration_s, ends_s))
-    judge_hold(done, scenario.config.gait_lock, hold_s, outcome)
+    judge_hold(done, scenario.config.p.gait, hold_s, outcome)
     if cell.course in ("stop", "stumble"):
         judge_end(done, ends_s, hold_s, PRESETS[cell.preset].last_pulse_s, outcome)
     elif done.modes[-1].mode != Mode.RUN:
@@ -84,7 +84,7 @@ def missing(done: Run, hold_s: tuple[float, float]) -> str:
     return f"impacts missing from {since_s:.1f} to {until_s:.1f} s"
 
 
-def judge_hold(done: Run, lock: LockConfig, hold_s: tuple[float, float], outcome: Outcome) -> None:
+def judge_hold(done: Run, gait: Gait, hold_s: tuple[float, float], outcome: Outcome) -> None:
     """Judge the felt force of each turn, the pulses of each stride, and the error of the gait phase."""
     begin_s, end_s = hold_s[0] + SETTLED_S, hold_s[1]
     ticks = np.arange(round(begin_s / done.tick_s), round(end_s / done.tick_s))
@@ -106,7 +106,7 @@ def judge_hold(done: Run, lock: LockConfig, hold_s: tuple[float, float], outcome
     strikes_s = ticks[1:][np.diff(truth) < -0.5] * done.tick_s
     pulses_s = done.impacts[done.impacts["v_m_s"] >= WEAKEST_V_M_S]["t_s"]
     phases = phases_at(walking, pulses_s)
-    inside = (phases >= lock.window_start) & (phases <= lock.window_end)
+    inside = (phases >= gait.window_start) & (phases <= gait.window_end)
     if len(strikes_s) > 1:
         hits = np.histogram(pulses_s[inside], strikes_s)[0]
         outcome.counts["strides"] = len(hits)

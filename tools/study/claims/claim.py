@@ -1,40 +1,59 @@
-"""A claim of the paper with its verdict, and functions that the claims share."""
+"""A claim of the paper: its statement, its measurement, and the rule from the figures to a verdict."""
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
-from tools.study.cases import PRESETS
 from tools.study.claims.evidence import Evidence
-from tools.study.sweep import Diagram
 
 REPRODUCED = "reproduced"
+UNDER_PARAMETERS = "reproduced-under-parameters"
 CONTRADICTED = "contradicted"
-DAMPED_RATIOS = (1.05, 1.1, 1.2)
+
+Figures = Mapping[str, Any]
+
+
+class Verdict(NamedTuple):
+    """A verdict, and the reason with the figures that decided it."""
+
+    verdict: str
+    reason: str
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement of the paper with its verdict, measured figures and the reason for the verdict."""
+    """A claim. `decide` computes the verdict from nothing but the figures that `measure` returns."""
 
     id: str
     statement: str
+    rule: str
+    measure: Callable[[Evidence], dict[str, Any]]
+    decide: Callable[[Figures], Verdict]
+    judgement: str = ""
+    """Our own choices in the rule, which no measured number decides."""
+
+    def judge(self, evidence: Evidence) -> "JudgedClaim":
+        """Measure the figures and judge the claim by its rule."""
+        value = self.measure(evidence)
+        verdict, reason = self.decide(value)
+        return JudgedClaim(self.id, self.statement, self.rule, self.judgement, verdict, value, reason)
+
+
+@dataclass(frozen=True)
+class JudgedClaim:
+    """A claim with its verdict, the measured figures and the reason for the verdict."""
+
+    id: str
+    statement: str
+    rule: str
+    judgement: str
     verdict: str
     value: dict[str, Any]
     reason: str
 
 
-def in_hz(diagram: Diagram, ratio: float | None) -> float | None:
-    """Return the frequency in Hz of a speed ratio of a diagram; None for None."""
-    return None if ratio is None else ratio * diagram.case.natural_rad_s / (2.0 * math.pi)
-
-
-def per_law(found: Sequence[Diagram], figure: Callable[[Diagram], Any]) -> dict[str, Any]:
-    """Return a figure of each diagram, keyed by preset and friction law."""
-    return {f"{diagram.case.preset} {diagram.case.law}": figure(diagram) for diagram in found}
-
-
-def nominal(evidence: Evidence) -> list[Diagram]:
-    """Return the diagrams of all presets with their nominal parameters."""
-    return [diagram for preset in PRESETS for diagram in evidence.nominal(preset)]
+def verdict_of(reproduced: bool, under_parameters: bool = False) -> str:
+    """Return the strongest verdict that holds."""
+    if reproduced:
+        return REPRODUCED
+    return UNDER_PARAMETERS if under_parameters else CONTRADICTED

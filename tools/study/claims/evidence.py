@@ -10,11 +10,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from plant_sim.orbits import exact as exact_orbits
-from plant_sim.orbits.sections import CLASSIFY, PAPER, Outcome
 from tools.study import basin, store, work
 from tools.study.cases import DRY_RANGE, LAWS, PRESETS, VISCOUS_RANGE_N_S_M, Case, case, whole_range
-from tools.study.orbits import AT_REST, State, classify, follow
+from tools.study.orbits import closed
+from tools.study.orbits.follow import AT_REST, State, classify, follow
+from tools.study.orbits.sections import CLASSIFY, PAPER, Outcome
 from tools.study.portraits import sample
 from tools.study.sweep import RATIOS, Diagram, diagrams, end_state
 
@@ -191,15 +191,7 @@ def share_from_rest(one: Case, ratio: float) -> float:
 def share_after_ramp(one: Case, ratio: float, duration_s: float) -> float:
     """Return the share of crank angles from which a ramp from standstill leads to impact motion."""
     ends = [
-        exact_orbits.ramp(
-            one.striker(),
-            one.drive(ratio),
-            one.closed_friction(),
-            one.rigid_stop(),
-            crank_rad,
-            duration_s,
-            math.ceil(RAMP_STEPS_PER_S * duration_s),
-        )
+        closed.ramp(one.closed_parts(ratio), crank_rad, duration_s, math.ceil(RAMP_STEPS_PER_S * duration_s))
         for crank_rad in np.linspace(0.0, 2.0 * math.pi, PHASES, endpoint=False)
     ]
     return float((classify(one, ratio, np.array(ends), CLASSIFY)[1] > 0.0).mean())

@@ -6,8 +6,7 @@ from typing import Any
 
 from tools.output import figure
 from tools.study import store
-from tools.study.claims.claim import CONTRADICTED, REPRODUCED, Claim
-from tools.study.claims.claims import UNDER_PARAMETERS
+from tools.study.claims.claim import CONTRADICTED, REPRODUCED, UNDER_PARAMETERS, JudgedClaim
 
 MEANING = {
     REPRODUCED: "holds as printed",
@@ -50,13 +49,13 @@ soft stops are solved by an adaptive method to 1e-7 m per period.
 """
 
 
-def write(claims: Sequence[Claim], path: Path) -> None:
+def write(claims: Sequence[JudgedClaim], path: Path) -> None:
     """Write the page as Markdown."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("\n".join(lines(claims)) + "\n", encoding="utf-8")
 
 
-def lines(claims: Sequence[Claim]) -> Iterator[str]:
+def lines(claims: Sequence[JudgedClaim]) -> Iterator[str]:
     """Yield the lines of the page."""
     yield INTRODUCTION
     yield "| claim | the paper says | verdict |"
@@ -73,8 +72,11 @@ def lines(claims: Sequence[Claim]) -> Iterator[str]:
     yield f"\nComputed with {versions}."
 
 
-def _section(claim: Claim) -> Iterator[str]:
+def _section(claim: JudgedClaim) -> Iterator[str]:
     yield f"\n## {claim.id}\n\n{claim.statement} **{claim.verdict.capitalize()}.**\n\n{claim.reason}\n"
+    yield f"Rule: {claim.rule}\n"
+    if claim.judgement:
+        yield f"Judgement, decided by no number: {claim.judgement}\n"
     yield "| measured | |"
     yield "|---|---|"
     for names, value in _flat(claim.value):

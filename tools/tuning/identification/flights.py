@@ -1,16 +1,6 @@
-"""A log divided into free flights and contacts, and the information of each flight on the parameters.
+"""A log divided into free flights and contacts.
 
-In free flight, with the accelerometer's offset β,
-
-    z − β = −κ (x − l0 − A sin θ) − d v − f sign v,   κ = c/m, d = b/m, f = μ g
-
-and the integrals of the reading are the striker's motion from the beginning of the flight on:
-
-    x = x0 + v0 t + X − β t²/2,  v = v0 + V − β t,   V = ∫ z dt, X = ∫∫ z dt²
-
-so that z is linear in (X, sin θ, V, sign v, t²) with coefficients (−κ, κ A, −d, −f, κ β/2), which all flights
-share, and in (1, t) with coefficients that differ between flights. The columns (1, t) are projected out of
-each flight. The accelerometer's low-pass delays z, X and V equally, so the crank's angle gets the same delay.
+The accelerometer's low-pass delays the reading, so the crank's angle gets the same delay.
 """
 
 from dataclasses import dataclass
@@ -41,11 +31,6 @@ RESTING_M_S2 = 0.5
 """Second condition of standing still: the reading is this near to its value at rest. Where v changes its
 sign, the reading is as constant, but far from this value; if such samples were left out by their variation
 alone, noise would select them, and b would be 1 % too small."""
-SLOW_M_S = 0.015
-"""Below this speed, the sign of v is too uncertain for dry friction."""
-
-STIFFNESS, CRANK, DAMPING, DRY, CURVE, RISE = range(6)
-"""Columns of the regressors: X, sin θ, V, sign v, t², and Stribeck's rise, which `laws` fills in."""
 
 
 class Contact(NamedTuple):
@@ -57,13 +42,14 @@ class Contact(NamedTuple):
 
 @dataclass(frozen=True)
 class Flight:
-    """Rows `begin` to `end` − 1; `regressors` of shape (n, 6); `laws` fills in sign and rise."""
+    """Rows `begin` to `end` − 1 of a log."""
 
     begin: int
     end: int
     t_s: FloatArray
     z_m_s2: FloatArray
-    regressors: FloatArray
+    crank: FloatArray
+    """Sine of the crank's angle."""
     still: BoolArray
     """Samples in which the striker stands still."""
     contact: Contact | None
@@ -130,12 +116,9 @@ def _flight(
     T = readings.period_s
     z = readings.acceleration_m_s2[begin:end]
     t = np.asarray(np.arange(len(z)) * T, np.float64)
-    velocity, way = integrals(z, T)
     angle = readings.angle_rad[begin:end]
-    delayed = angle - delay_s * np.gradient(angle, T)
-    nothing = np.zeros(len(z))
-    columns = np.column_stack([way, np.sin(delayed), velocity, nothing, t * t, nothing])
-    return Flight(begin, end, t, z, columns, standing_still(z - at_rest_m_s2, T), contact)
+    crank = np.sin(angle - delay_s * np.gradient(angle, T))
+    return Flight(begin, end, t, z, crank, standing_still(z - at_rest_m_s2, T), contact)
 
 
 def integrals(z: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:

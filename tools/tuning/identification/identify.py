@@ -1,17 +1,18 @@
 """The striker's parameters from one recorded log: stiffness by mass, friction law, crank radius, stop, k.
 
-Only CAN frames are used: those of the accelerometer and the encoder. `flights` writes the reading in free
-flight as linear in the parameters, `laws` combines all flights and chooses the friction law, and `flown` fits
-the most likely values. Their bounds follow from the sensor's noise (Cramér–Rao), or from flights resampled
-with replacement (bootstrap, Efron 1979) if these bounds are wider. Position and speed of the striker at a
+Only CAN frames are used: those of the accelerometer and the encoder. `flights` divides the log, `striker`
+fits all flights by output error and chooses the friction law. Position and speed of the striker at a
 touch-down follow from the flight before; `impacts` fits the time, the stiffness and the restitution k.
+
+A bound is 1.96 standard errors from a value. `tests/tools/tuning/test_tuning_trials.py` measures, on sampled
+modules, how often the bounds contain the truth.
 
 These sensors cannot identify the mass or l0 alone. Forces are given for the nominal mass, positions for the
 nominal l0.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,46 +25,21 @@ from firmware_py.shell.parameters import with_overrides
 from hil.record.bus_reconstruction import frames_of
 from hil.record.run_traces import read_bus
 from hil.scenario.scenario import LARGEST_RATIO
-from plant_sim.arrays import BoolArray, FloatArray
+from plant_sim.arrays import FloatArray
 from plant_sim.scene import read_scene
 from plant_sim.text_input import read_toml
-from tools.output import BadInputError
-from tools.tuning.identification.flights import (
-    CRANK,
-    DAMPING,
-    STIFFNESS,
-    Contact,
-    Flight,
-    contacts_of,
-    flights_of,
-    integrals,
-)
-from tools.tuning.identification.flown import Flown, fly, spreads
-from tools.tuning.identification.impacts import Friction, contact_time_s, fit_impact
-from tools.tuning.identification.laws import (
-    READING,
-    Candidate,
-    Fit,
-    Law,
-    Striker,
-    begun,
-    candidates,
-    fitting,
-    normals,
-    prepared,
-    simplest,
-    solved,
-    speed_m_s,
-    with_signs,
-)
+from tools.output import BadInputError, figure
+from tools.tuning.identification.flights import Contact, Flight, contacts_of, flights_of, integrals
+from tools.tuning.identification.friction_laws import FITTED, Law, friction_m_s2
+from tools.tuning.identification.impacts import FreeForces, contact_time_s, fit_impact
+from tools.tuning.identification.striker import Fit, Samples, fits, signed, simplest
 from tools.tuning.recordings.readings import Readings, can_log_of, read
 from tools.tuning.result import Merit, Tuning, Value, tuned
 from tools.tuning.safety import Bench
 
-RESAMPLES = 500
 NORMAL_95 = 1.96
-SIGN_PASSES = 8
-"""Number of times that the sign of v is computed again from the last fit; it settles after four."""
+MEDIAN, QUARTILES = 1.2533, 1.349
+"""A median's standard error over that of the mean; the range between a normal law's quartiles, in σ."""
 FEWEST_FLIGHTS = 8
 WIDE_SHARE = 0.1
 """If the bounds are wider than this share of the value, the log cannot identify the parameter."""
@@ -75,8 +51,10 @@ FEWEST_IMPACTS = 5
 CLEAR_LEAD = 6.0
 UNEXPLAINED = 3.0
 """Largest residual that noise explains, in multiples of the sensor's noise."""
-SHARED = {"stop_m": 3e-5, "restitution": 1.5e-3}
-"""Systematic error that all impacts of a log share, measured on sampled modules; it widens the bounds."""
+SHARED = {"stop_m": 7e-6, "restitution": 4e-4, "contact_s": 8.5e-6}
+"""Standard error that all impacts of a log share: root mean square over 38 sampled modules (seed 40000)."""
+OF_FLIGHTS = ("stiffness_1_s2", "amplitude_m", "damping_1_s", "dry_m_s2")
+"""The striker's parameters that have a value and bounds; a parameter that the law lacks is 0."""
 GRAZING_M_S = 0.1
 """Impacts with a lower approach speed determine the stop's position poorly and are not used."""
 
@@ -94,19 +72,17 @@ class Impact(NamedTuple):
 
 @dataclass(frozen=True)
 class Identified:
-    """The laws and impacts identified from a log, with 95 % bounds of each quantity."""
+    """The laws and impacts identified from a log. `left_out`: flights without motion, or that no law fits."""
 
     fits: dict[Law, Fit]
     law: Law
-    plain: Striker
-    """The same law by ordinary least squares on the linear equations, without weights or likelihood."""
-    bounds: dict[str, tuple[float, float]]
+    values: dict[str, float]
+    spread: dict[str, float]
+    """Standard error of each value."""
     impacts: tuple[Impact, ...]
     flights: int
-    used: tuple[Flight, ...]
-    """Flights with the sign of v, for pictures."""
     left_out: int
-    """Number of flights in which the striker does not move, or that no law fits."""
+    samples: Samples
     seconds: float
 
     @property
@@ -114,8 +90,16 @@ class Identified:
         """The fit of the chosen law."""
         return self.fits[self.law]
 
+    @property
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """95 % bounds of each quantity; a parameter that the law lacks is 0 with bounds of 0."""
+        return {
+            name: (value - NORMAL_95 * self.spread[name], value + NORMAL_95 * self.spread[name])
+            for name, value in self.values.items()
+        }
 
-def identify(readings: Readings, bandwidth_hz: float, seed: int = 1) -> Identified:
+
+def identify(readings: Readings, bandwidth_hz: float) -> Identified:
     """Fit a log's readings; `bandwidth_hz` is that of the accelerometers' low-pass."""
     contacts = contacts_of(readings)
     flights = flights_of(readings, contacts, low_pass_delay_s(bandwidth_hz))
@@ -124,58 +108,38 @@ def identify(readings: Readings, bandwidth_hz: float, seed: int = 1) -> Identifi
             f"the log has {len(flights)} free flights of the striker, wanted {FEWEST_FLIGHTS} or more; "
             "record some seconds with the crank turning"
         )
-    swing = _swing_m_s(readings)
-    signed = with_signs(flights, [swing[one.begin : one.end] for one in flights])
-    as_they_are = [None] * len(flights)
-    matrices = normals(signed.flights, signed.chosen, as_they_are)
-    for _ in range(SIGN_PASSES):
-        striker = solved(matrices, Law.BOTH)
-        speeds = [
-            speed_m_s(flight, mask, striker)
-            for flight, mask in zip(signed.flights, signed.chosen, strict=True)
-        ]
-        signed = with_signs(flights, speeds)
-        matrices = fitting(normals(signed.flights, signed.chosen, as_they_are), signed.chosen)
-    fitted = candidates(prepared(signed, matrices))
-    fits = {law: shapes[0].fit for law, shapes in fitted.items()}
-    law = simplest(fits)
-    # The linear equations hardly distinguish Stribeck's shapes; the residual of the reading does.
-    chosen, says, flown = min(
-        (_flown(one, signed.chosen) for one in fitted[law]), key=lambda tried: tried[2].mean_square
-    )
-    fit = replace(chosen.fit, striker=flown.striker)
-    impacts = tuple(
-        impact
-        for flight in chosen.flights
-        if flight.contact is not None
-        and (impact := _impact(readings, flight, flight.contact, fit, bandwidth_hz)) is not None
-    )
-    noise = np.random.default_rng(seed)
+    swing = swing_m_s(readings)
+    first = signed(flights, [swing[one.begin : one.end] for one in flights])
+    samples, found = fits(flights, first)
+    law = simplest(found)
+    fit = found[law]
+    impacts = []
+    for number, flight in enumerate(flights):
+        rows = slice(samples.starts[number], samples.starts[number + 1])
+        if flight.contact is not None and samples.used[rows].any():
+            last = fit.motion[rows][-1]
+            impact = fitted_impact(readings, flight, flight.contact, fit, last, bandwidth_hz)
+            impacts += [] if impact is None else [impact]
+    of_impacts, their_spread = medians(impacts)
+    striker = fit.striker._asdict()
+    used = np.count_nonzero(samples.sums(samples.used.astype(float)))
     return Identified(
-        fits=fits | {law: fit},
+        fits=found,
         law=law,
-        plain=solved(matrices, law),
-        bounds=_bounds(flown, noise) | _bounds_of_impacts(impacts, noise),
-        impacts=impacts,
+        values={name: striker[name] if name in FITTED[law] else 0.0 for name in OF_FLIGHTS} | of_impacts,
+        spread={name: fit.spread.get(name, 0.0) for name in OF_FLIGHTS} | their_spread,
+        impacts=tuple(impacts),
         flights=len(flights),
-        used=tuple(flight for flight, one in zip(chosen.flights, says, strict=True) if one),
-        left_out=int(np.count_nonzero(~says)),
-        seconds=chosen.fit.samples * readings.period_s,
+        left_out=len(flights) - int(used),
+        samples=samples,
+        seconds=fit.samples * readings.period_s,
     )
-
-
-def _flown(candidate: Candidate, chosen: Sequence[BoolArray]) -> tuple[Candidate, BoolArray, Flown]:
-    """A candidate, the mask of its informative flights, and the fit by simulation of these flights."""
-    says = candidate.matrices.own[:, READING, READING] > 0.0
-    masks = [mask & bool(one) for mask, one in zip(chosen, says, strict=True)]
-    fit = candidate.fit
-    return candidate, says, fly(candidate.flights, masks, fit.law, fit.striker, fit.rise)
 
 
 # --- flights ------------------------------------------------------------------------------------------
 
 
-def _swing_m_s(readings: Readings) -> FloatArray:
+def swing_m_s(readings: Readings) -> FloatArray:
     """A first estimate of v in m/s, without a model: ∫z dt less its mean over one turn of the crank."""
     v = np.zeros(len(readings.acceleration_m_s2))
     for begin, end in readings.pieces:
@@ -188,56 +152,48 @@ def _swing_m_s(readings: Readings) -> FloatArray:
 
 
 def friction_points(found: Identified) -> tuple[FloatArray, FloatArray]:
-    """v in m/s, and friction per unit of mass in m/s²: the reading less spring and crank."""
-    striker = found.fit.striker
-    k, offset = striker.stiffness_1_s2, striker.offset_m_s2
-    speeds, left = [], []
-    for flight in found.used:
-        x0, v0 = begun(flight, np.ones(len(flight.t_s), bool), striker)
-        t = flight.t_s
-        x = x0 + v0 * t + flight.regressors[:, STIFFNESS] - 0.5 * offset * t * t
-        speeds.append(v0 + flight.regressors[:, DAMPING] - offset * t)
-        left.append(offset - k * (x - striker.amplitude_m * flight.regressors[:, CRANK]) - flight.z_m_s2)
-    return np.concatenate(speeds), np.concatenate(left)
+    """v in m/s, and friction per unit of mass in m/s²: that of the fitted law less the residual."""
+    used = found.samples.used
+    speeds = found.fit.motion[used, 1]
+    return speeds, friction_m_s2(found.fit.striker, speeds) - found.fit.left[used]
 
 
 # --- impacts --------------------------------------------------------------------------------------------
 
 
-def _impact(
-    readings: Readings, flight: Flight, contact: Contact, fitted_law: Fit, bandwidth_hz: float
+def fitted_impact(
+    readings: Readings, flight: Flight, contact: Contact, fit: Fit, state: FloatArray, bandwidth_hz: float
 ) -> Impact | None:
-    """Fit one impact to the flight before and the readings during it; None for a slow or incomplete one."""
+    """Fit one impact to the readings during it; None for a slow or incomplete one.
+
+    `state`: x − l0 and v at the flight's last sample.
+    """
     T = readings.period_s
-    striker = fitted_law.striker
-    k, amplitude, d, f, _, offset = striker
-    x0, v0 = begun(flight, np.ones(len(flight.t_s), bool), striker)
-    last = contact.before - flight.begin
+    k, amplitude, offset, d, f, *_ = fit.striker
+    since = flight.end - 1
     end = min(contact.after + AFTER_ROWS, len(readings.acceleration_m_s2))
-    z = readings.acceleration_m_s2[flight.begin : end]
-    velocity, way = integrals(z[: last + 1], T)
-    t = last * T
-    x = x0 + v0 * t + way[-1] - 0.5 * offset * t * t
-    v = v0 + velocity[-1] - offset * t
+    z = readings.acceleration_m_s2[since:end]
+    last = contact.before - since
+    velocity, way = integrals(z[: last + 1] - offset, T)
+    x, v = float(state[0] + state[1] * last * T + way[-1]), float(state[1] + velocity[-1])
     if v < GRAZING_M_S or not np.all(np.isfinite(z)):
         return None
-    # Spring and crank during the impact, with the striker at a constant position (within 3 mm).
     rows = np.asarray(np.arange(end - contact.before) * T, np.float64)
-    angle = readings.angle_rad[contact.before : end]
-    spring = -k * (x - amplitude * np.sin(angle))
-    friction = Friction(d, f)
+    crank = np.sin(readings.angle_rad[contact.before : end])
+    forces = FreeForces(d, f, k)
     delay_s = low_pass_delay_s(bandwidth_hz)
     coming = float(z[last]) - offset
-    at_s, speed = T, v
+    at_s, near = T, None
     for _ in range(2):
-        speed = v + coming * (at_s + delay_s)
+        later_s = at_s + delay_s  # the low-pass delays the readings of the whole flight
+        speed = v + coming * later_s
+        spring = -k * (x + v * later_s + 0.5 * coming * later_s**2 - amplitude * crank)
         pull = -float(np.mean(spring))
-        fitted = fit_impact(rows, spring + offset - z[last:], speed, pull, bandwidth_hz, friction)
-        at_s = fitted.touch_down_s
-    # The low-pass delays the readings of the whole flight.
-    since = at_s + delay_s
+        fitted = fit_impact(rows, spring + offset - z[last:], speed, pull, bandwidth_hz, forces, near)
+        at_s, near = fitted.touch_down_s, fitted
+    later_s = at_s + delay_s
     return Impact(
-        stop_m=x + v * since + 0.5 * coming * since * since,
+        stop_m=x + v * later_s + 0.5 * coming * later_s * later_s,
         speed_m_s=speed,
         restitution=fitted.restitution,
         contact_s=contact_time_s(fitted.scale_s, speed),
@@ -251,32 +207,15 @@ def low_pass_delay_s(bandwidth_hz: float) -> float:
     return float(np.sqrt(2.0) / (2.0 * np.pi * bandwidth_hz))
 
 
-# --- bounds -------------------------------------------------------------------------------------------
-
-
-def _bounds(flown: Flown, noise: np.random.Generator) -> dict[str, tuple[float, float]]:
-    """95 % bounds of the striker's parameters; a parameter that the law lacks is 0 with bounds of 0."""
-    spread = spreads(flown, RESAMPLES, noise)
-    return {
-        name: (value - NORMAL_95 * spread.get(name, 0.0), value + NORMAL_95 * spread.get(name, 0.0))
-        for name, value in flown.striker._asdict().items()
-    }
-
-
-def _bounds_of_impacts(
-    impacts: tuple[Impact, ...], noise: np.random.Generator
-) -> dict[str, tuple[float, float]]:
-    """95 % bounds of the medians over impacts, by resampling the impacts with replacement."""
+def medians(impacts: Sequence[Impact]) -> tuple[dict[str, float], dict[str, float]]:
+    """The medians over impacts and their standard errors; both empty for fewer than two impacts."""
     if len(impacts) < 2:
-        return {}
-    table = np.array(impacts)
-    medians = np.array(
-        [np.median(table[noise.integers(len(table), size=len(table))], axis=0) for _ in range(RESAMPLES)]
-    )
-    lows, highs = np.percentile(medians, (2.5, 97.5), axis=0).tolist()
-    return {
-        name: (low - SHARED.get(name, 0.0), high + SHARED.get(name, 0.0))
-        for name, low, high in zip(Impact._fields, lows, highs, strict=True)
+        return {}, {}
+    low, middle, high = np.percentile(np.array(impacts), (25.0, 50.0, 75.0), axis=0)
+    scatter = MEDIAN * (high - low) / QUARTILES / np.sqrt(len(impacts))
+    values, errors = Impact(*middle.tolist())._asdict(), Impact(*scatter.tolist())._asdict()
+    return {name: values[name] for name in SHARED}, {
+        name: float(np.hypot(errors[name], shared)) for name, shared in SHARED.items()
     }
 
 
@@ -310,29 +249,28 @@ def bench_of(source: Path, scene: str | None) -> Bench | None:
     return Bench(tables, float(np.max(ratios)) if ratios.any() else LARGEST_RATIO)
 
 
-def tune_identify(source: Path, seed: int = 1) -> tuple[Tuning, Identified, Readings]:
+def tune_identify(source: Path) -> tuple[Tuning, Identified, Readings]:
     """The firmware's parameters of striker, friction and stop, from a run folder or a candump log."""
     nominal = nominal_of(source)
     readings = read(source, nominal["sensor.low_full_scale_m_s2"], nominal["control.tick_s"])
-    found = identify(readings, nominal["sensor.bandwidth_hz"], seed)
+    found = identify(readings, nominal["sensor.bandwidth_hz"])
     mass, rest = nominal["striker.mass_kg"], nominal["striker.rest_length_m"]
     striker, bounds = found.fit.striker, found.bounds
     places = {
-        "striker.spring_n_m": (striker.stiffness_1_s2, "stiffness_1_s2", mass, 0.0),
-        "drive.amplitude_m": (striker.amplitude_m, "amplitude_m", 1.0, 0.0),
-        "friction.b_n_s_m": (abs(striker.damping_1_s), "damping_1_s", mass, 0.0),
-        "friction.mu": (abs(striker.dry_m_s2), "dry_m_s2", 1.0 / STANDARD_GRAVITY_M_S2, 0.0),
+        "striker.spring_n_m": ("stiffness_1_s2", mass, 0.0),
+        "drive.amplitude_m": ("amplitude_m", 1.0, 0.0),
+        "friction.b_n_s_m": ("damping_1_s", mass, 0.0),
+        "friction.mu": ("dry_m_s2", 1.0 / STANDARD_GRAVITY_M_S2, 0.0),
     }
     if len(found.impacts) >= FEWEST_IMPACTS:
-        stop_m, _, restitution, contact_s, _, _ = np.median(np.array(found.impacts), axis=0).tolist()
         places |= {
-            "stop.position_m": (stop_m, "stop_m", 1.0, rest),
-            "stop.restitution": (restitution, "restitution", 1.0, 0.0),
-            "stop.contact_s": (contact_s, "contact_s", 1.0, 0.0),
+            "stop.position_m": ("stop_m", 1.0, rest),
+            "stop.restitution": ("restitution", 1.0, 0.0),
+            "stop.contact_s": ("contact_s", 1.0, 0.0),
         }
     parameters = {
-        name: tuned(name, one * factor + base, *(abs(bound) * factor + base for bound in bounds[key]))
-        for name, (one, key, factor, base) in places.items()
+        name: tuned(name, *(one * factor + base for one in (found.values[key], *bounds[key])))
+        for name, (key, factor, base) in places.items()
     }
     merits = {
         "residual": Merit(found.fit.residual_m_s2, "m/s^2"),
@@ -346,15 +284,15 @@ def tune_identify(source: Path, seed: int = 1) -> tuple[Tuning, Identified, Read
     }
     if found.law == Law.STRIBECK:
         merits["stribeck_mu_s"] = Merit((striker.dry_m_s2 + striker.rise_m_s2) / STANDARD_GRAVITY_M_S2, "1")
-        merits["stribeck_v_s"] = Merit(found.fit.rise.v_s_m_s, "m/s")
-        merits["stribeck_delta"] = Merit(found.fit.rise.delta, "1")
+        merits["stribeck_v_s"] = Merit(striker.v_s_m_s, "m/s")
+        merits["stribeck_delta"] = Merit(striker.delta, "1")
     if found.impacts:
         merits["impacts_misfit"] = Merit(float(np.median([impact.misfit for impact in found.impacts])), "1")
     tuning = Tuning(
         command="identify",
         source=f"{source}: {found.law.value} friction, {found.seconds:.1f} s of free flight",
-        seed=seed,
-        range_is="95 %: by the sensor's noise, or over resampled flights and impacts where that is wider",
+        seed=None,
+        range_is="95 % bounds: 1.96 standard errors",
         parameters=parameters,
         figures_of_merit=merits,
         warnings=tuple(_warnings(found, parameters, readings, nominal)),
@@ -380,8 +318,8 @@ def _warnings(
         size = value - nominal["striker.rest_length_m"] if name == "stop.position_m" else value
         if high - low > WIDE_SHARE * abs(size) and value != 0.0:
             yield (
-                f"{name} = {value:.4g} {unit} is known no better than {low:.4g} … {high:.4g}: a longer log, "
-                "or one with several speeds, would show it"
+                f"{name} = {figure(value, unit)} is known no better than {low:.4g} … {high:.4g}: a longer "
+                "log, or one with several speeds, would show it"
             )
     if found.fit.condition > CONDITION_LIMIT:
         yield f"the regressors are nearly collinear (condition {found.fit.condition:.2g})"

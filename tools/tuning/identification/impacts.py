@@ -4,7 +4,9 @@ A Hunt–Crossley contact m δ'' = −K δ^1.5 (1 + λ δ') − m g − m f(δ')
 the stop and f the friction, is a curve of two parameters if lengths are scaled by v⁻ S and times by S, with
 K/m (v⁻ S)^0.5 S² = 1:
 
-    δ'' = −δ^1.5 (1 + d δ') − (g + f) S/v⁻,   δ(0) = 0, δ'(0) = 1,   d = λ v⁻ by the restitution k
+    δ'' = −δ^1.5 (1 + d δ') − (g + f) S/v⁻ − κ S² δ,   δ(0) = 0, δ'(0) = 1,   d = λ v⁻ by the restitution k
+
+with κ the stiffness of the spring; without its term k would be 0.001 too large.
 
 Friction changes its sign with the striker's velocity, which is later than the peak of the contact force; a
 change at the peak instead would make an error of 0.007 in k on a guide with μ = 0.15.
@@ -22,7 +24,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import butter, lfilter
 
-from firmware_py.core.estimation.detector import hertz_dissipation
+from firmware_py.core.estimation.stop_model import hertz_dissipation
 from plant_sim.arrays import FloatArray
 from plant_sim.kernels import jit
 
@@ -46,36 +48,39 @@ class FittedImpact(NamedTuple):
     misfit: float
 
 
-class Friction(NamedTuple):
-    """Friction per unit of mass, b/m and μ g; it acts during the contact as in flight."""
+class FreeForces(NamedTuple):
+    """Friction b/m and μ g, and stiffness c/m of the spring; they act during the contact as in flight."""
 
     damping_1_s: float
     dry_m_s2: float
+    stiffness_1_s2: float
 
 
-NO_FRICTION = Friction(0.0, 0.0)
+NO_FORCES = FreeForces(0.0, 0.0, 0.0)
 
 dissipation = functools.lru_cache(hertz_dissipation)
 """A fit changes one unknown at a time, so that half of its curves have a restitution already used."""
 
 
 def contact(
-    restitution: float, pull: float, damping: float, dry: float
+    restitution: float, pull: float, damping: float, dry: float, stiffness: float = 0.0
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Times, contact forces and speeds of the striker, all dimensionless."""
-    forces, speeds = integrated(dissipation(restitution), pull, damping, dry)
+    """Times, forces of contact and spring, and speeds of the striker, all dimensionless."""
+    forces, speeds = integrated(dissipation(restitution), pull, damping, dry, stiffness)
     return np.asarray(np.arange(len(forces)) * STEP, np.float64), forces, speeds
 
 
 @jit
-def integrated(d: float, pull: float, damping: float, dry: float) -> tuple[FloatArray, FloatArray]:
-    """Contact forces and speeds of the striker until it leaves the stop, by Runge–Kutta 4."""
+def integrated(
+    d: float, pull: float, damping: float, dry: float, stiffness: float
+) -> tuple[FloatArray, FloatArray]:
+    """Forces of contact and spring, and speeds of the striker until it leaves the stop, by Runge–Kutta 4."""
 
     def push(depth: float, speed: float) -> float:
         return depth**1.5 * (1.0 + d * speed) if depth > 0.0 else 0.0
 
     def change(depth: float, speed: float) -> float:
-        return -push(depth, speed) - pull - damping * speed - math.copysign(dry, speed)
+        return -push(depth, speed) - stiffness * depth - pull - damping * speed - math.copysign(dry, speed)
 
     steps = round(LONGEST / STEP)
     forces, speeds = np.empty(steps + 1), np.empty(steps + 1)
@@ -91,9 +96,10 @@ def integrated(d: float, pull: float, damping: float, dry: float) -> tuple[Float
         a4 = change(depth + STEP * v3, v4)
         depth += STEP / 6.0 * (speed + 2.0 * v2 + 2.0 * v3 + v4)
         speed += STEP / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
-        forces[k], speeds[k] = push(depth, speed), speed
-        if depth <= 0.0 or forces[k] < 0.0:
-            forces[k] = 0.0
+        force = push(depth, speed)
+        forces[k], speeds[k] = force + stiffness * depth, speed
+        if depth <= 0.0 or force < 0.0:
+            forces[k] = stiffness * depth
             return forces[: k + 1], speeds[: k + 1]
     return forces, speeds
 
@@ -113,21 +119,23 @@ def seen(
     touch_down_s: float,
     scale_s: float,
     restitution: float,
-    friction: Friction = NO_FRICTION,
+    forces: FreeForces = NO_FORCES,
 ) -> FloatArray:
-    """The low-pass's output for contact force and friction at `rows_s`, in m/s², positive."""
+    """The low-pass's output for contact, spring and friction at `rows_s`, in m/s², positive."""
     share = scale_s / speed_m_s
-    damping, dry = friction.damping_1_s * scale_s, friction.dry_m_s2 * share
-    times, pushes, speeds = contact(restitution, pull_m_s2 * share, damping, dry)
-    grid = np.arange(0.0, rows_s[-1] + GRID_S, GRID_S)
-    at = touch_down_s + scale_s * times
-    v = np.interp(grid, at, speeds) * speed_m_s
-    raw = np.interp(grid, at, pushes, left=0.0, right=0.0) / share
-    raw += friction.damping_1_s * v + friction.dry_m_s2 * np.sign(v)
-    b, a = low_pass(bandwidth_hz)
+    damping, dry = forces.damping_1_s * scale_s, forces.dry_m_s2 * share
+    stiffness = forces.stiffness_1_s2 * scale_s**2
+    _, pushes, speeds = contact(restitution, pull_m_s2 * share, damping, dry, stiffness)
     # Before the touch-down, the low-pass has settled on the friction in flight.
-    before = friction.damping_1_s * speed_m_s + friction.dry_m_s2
-    return np.interp(rows_s, grid, np.asarray(lfilter(b, a, raw - before)) + before)
+    before = forces.damping_1_s * speed_m_s + forces.dry_m_s2
+    count = math.ceil(rows_s[-1] / GRID_S) + 1
+    first, step = touch_down_s / GRID_S, scale_s * STEP / GRID_S
+    grid, places = np.arange(count), first + step * np.arange(len(pushes))
+    v = np.interp(grid, places, speeds) * speed_m_s
+    raw = np.interp(grid, places, pushes / share, left=0.0, right=0.0)
+    raw += forces.damping_1_s * v + forces.dry_m_s2 * np.sign(v) - before
+    filtered = lfilter(*low_pass(bandwidth_hz), raw)
+    return np.asarray(np.interp(rows_s, grid * GRID_S, filtered) + before)
 
 
 def fit_impact(
@@ -136,11 +144,13 @@ def fit_impact(
     speed_m_s: float,
     pull_m_s2: float,
     bandwidth_hz: float,
-    friction: Friction = NO_FRICTION,
+    forces: FreeForces = NO_FORCES,
+    near: "FittedImpact | None" = None,
 ) -> FittedImpact:
     """Fit the readings `excess_m_s2` at `rows_s`, both from the last row before the touch-down on.
 
-    The excess is the deceleration that spring and crank do not explain; it includes friction.
+    The excess is the deceleration that spring (at the stop) and crank do not explain; it includes friction.
+    `near`: a fit to nearly the same readings, from which this fit starts.
     """
     peak = float(np.max(excess_m_s2))
     weight = 1.0 / (SPREAD_M_S2 + SPREAD_SHARE * peak)
@@ -155,15 +165,18 @@ def fit_impact(
             touch_down_s * 1e-3,
             scale_ms * 1e-3,
             restitution,
-            friction,
+            forces,
         )
         return (model - excess_m_s2) * weight
 
     # The peak lies near 1.3 S, and is 0.9 v/S high.
     start_ms = 900.0 * speed_m_s / peak
+    first = (0.5, start_ms, 0.5)
+    if near is not None:
+        first = (1e3 * near.touch_down_s, 1e3 * near.scale_s, near.restitution)
     found = least_squares(
         residual,
-        (0.5, start_ms, 0.5),
+        first,
         bounds=((-2.0, 0.1 * start_ms, 0.02), (5.0, 10.0 * start_ms, 0.999)),
         diff_step=(1e-3, 1e-3, 1e-3),
         xtol=1e-7,

@@ -1,4 +1,4 @@
-"""Tests of a filter's innovations: likelihood, size against the covariance, and whiteness.
+"""A filter's innovations: likelihood, size against the covariance, and effective number.
 
 The innovations of a wrong model are correlated: a thousand in a row are not a thousand independent values.
 Their mean log-likelihood is therefore weighted with their effective number (Varin, Reid & Firth 2011, 4.1),
@@ -8,20 +8,17 @@ which follows from their autocorrelation about 0; a constant series counts as on
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
 
 from plant_sim.arrays import FloatArray
 
 HIGHEST_NIS = 25.0
 """Limit of a normalised square, (5 σ)², so that one unrecognised impact does not dominate the likelihood."""
 LEAST_CORRELATION = 0.05
-LAGS = 10
 
 
 class Said(NamedTuple):
-    """The number of innovations, their mean log-likelihood, and their mean normalised square."""
+    """The mean log-likelihood of innovations, and their mean normalised square."""
 
-    number: int
     likelihood: float
     nis: float
 
@@ -29,10 +26,10 @@ class Said(NamedTuple):
 def said(innovation: FloatArray, variance: FloatArray) -> Said:
     """The means of ln p = −½ (ln 2πS + ν²/S) and of ν²/S, over innovations ν with the variances S."""
     if len(innovation) == 0:
-        return Said(0, 0.0, float("nan"))
+        return Said(0.0, float("nan"))
     squares = innovation**2 / variance
     likelihood = -0.5 * (np.log(2.0 * np.pi * variance) + np.minimum(squares, HIGHEST_NIS))
-    return Said(len(innovation), float(np.mean(likelihood)), float(np.mean(squares)))
+    return Said(float(np.mean(likelihood)), float(np.mean(squares)))
 
 
 def correlation(series: FloatArray, lags: int) -> FloatArray:
@@ -56,13 +53,3 @@ def worth(series: FloatArray) -> float:
     ends = np.flatnonzero(rho < LEAST_CORRELATION)
     last = int(ends[0]) if len(ends) else len(rho)
     return float(n / (1.0 + 2.0 * np.sum(rho[:last])))
-
-
-def whiteness(series: FloatArray) -> float:
-    """The p-value of Ljung & Box (1978): small if the series is not white, NaN if it is too short."""
-    n = len(series)
-    if n < 3 * LAGS:
-        return float("nan")
-    rho = correlation(series - np.mean(series), LAGS)
-    q = n * (n + 2.0) * float(np.sum(rho**2 / (n - np.arange(1, LAGS + 1))))
-    return float(chi2.sf(q, LAGS))

@@ -1,0 +1,82 @@
+"""Entry to the gait blocks: passes on the operator's request, or replaces it by one derived from the stride.
+
+    accepts(config, state) -> bool                       whether the crank can follow, as of the last tick
+    ask(config, state, leg, operator, now) -> (state, request)
+
+Without `gait.follow` the operator's request passes unchanged. An image without a gait contains
+`accept_operator` and `ask_operator` in their places.
+"""
+
+from typing import NamedTuple
+
+from firmware_py.core.config import Config
+from firmware_py.core.control import hold
+from firmware_py.core.gait import gait, gait_lock, stride_harmonic
+from firmware_py.core.gait.gait_lock import Moment
+from firmware_py.core.inputs import GaitInput, OperatorInput
+from firmware_py.core.request import Request
+from firmware_py.interface.arrivals import NEVER_TICKS
+from firmware_py.interface.enums import NO_REFUSAL
+
+
+class WalkState(NamedTuple):
+    """The wearer's stride, the crank's lock to it, and the turns per stride for an impulse."""
+
+    gait: gait.CycleState
+    gait_lock: gait_lock.LockState
+    stride_harmonic: stride_harmonic.StrideHarmonicState
+
+
+def accepts(config: Config, state: WalkState) -> bool:
+    """Whether a request to run can be followed, as of the last tick."""
+    return config.p.gait.follow == 0 or state.gait_lock.refusal == NO_REFUSAL
+
+
+def ask(
+    config: Config, state: WalkState, leg: GaitInput, operator: OperatorInput, now: Moment
+) -> tuple[WalkState, Request]:
+    """One tick: the request to start and hold."""
+    cycle = state.gait
+    if leg.age_ticks < NEVER_TICKS:
+        cycle = gait.step(config, state.gait, leg)
+    if config.p.gait.follow == 0:
+        return state._replace(gait=cycle), operator_request(operator)
+    lock = gait_lock.step(config, state.gait_lock, cycle, now, state.stride_harmonic.aim_ratio)
+    impulse_n_s = operator.target_impulse_n_s
+    target_n_s = impulse_n_s if hold.possible(config, impulse_n_s) else 0.0
+    harmonic = stride_harmonic.step(config, state.stride_harmonic, lock, now, target_n_s)
+    request = Request(
+        ratio=lock.base_ratio,
+        impulse_n_s=impulse_n_s,
+        sets_hold_ratio=True,
+        trim=lock.trim,
+        trim_rate_1_s=lock.trim_rate_1_s,
+        refusal=lock.refusal,
+        unmet=harmonic.refusal,
+    )
+    return WalkState(cycle, lock, harmonic), request
+
+
+def operator_request(operator: OperatorInput) -> Request:
+    """The operator's own request."""
+    return Request(
+        ratio=operator.target_ratio,
+        impulse_n_s=operator.target_impulse_n_s,
+        sets_hold_ratio=False,
+        trim=0.0,
+        trim_rate_1_s=0.0,
+        refusal=NO_REFUSAL,
+        unmet=NO_REFUSAL,
+    )
+
+
+def accept_operator(_config: Config, _state: WalkState) -> bool:
+    """`accepts` without a gait."""
+    return True
+
+
+def ask_operator(
+    _config: Config, state: WalkState, _leg: GaitInput, operator: OperatorInput, _now: Moment
+) -> tuple[WalkState, Request]:
+    """`ask` without a gait."""
+    return state, operator_request(operator)

@@ -1,0 +1,364 @@
+"""The gate: the last word on the torque, from raw inputs and a block of limits of its own.
+
+    take_reading(limits, state, reading) -> state            once for each accelerometer frame that arrived
+    judge(limits, state, inputs) -> (state, findings)        once a tick, before the supervisor
+    permit(limits, state, findings, inputs, torque) -> (state, torque, limit)    last in the tick
+
+The gate reads no estimate and imports neither the estimators nor the controllers. It integrates the impulse
+of each contact from the high-range reading: in flight that reading is the pull of the spring and of friction
+plus the sensor's offset, and changes slowly; at the stop it drops by the stop's force over the striker's
+mass. Every reading counts, clipped ones included, and no time after an impact is blind.
+
+Every limit is written so that NaN violates it. A finding while torque is proposed shuts the gate: the
+permitted torque stays 0 until 0 is proposed and a heartbeat of that tick reports the axis idle.
+"""
+
+import math
+from typing import NamedTuple
+
+from firmware_py.core.gate_limits import GateLimits
+from firmware_py.core.inputs import Inputs, PowerInput
+from firmware_py.core.numbers import TAU, at_least, clamp, wrap_pi
+from firmware_py.core.records import zeroed
+from firmware_py.interface.arrivals import NEVER_TICKS
+from firmware_py.interface.enums import AXIS_IDLE, NO_FAULT, NO_LIMIT, ActingLimit, Fault
+
+CLIPPED_SHARE = 0.98
+"""Share of the full scale above which a reading may be clipped; such a reading violates the force limit."""
+
+TOUCH_M_S2 = 12.0
+"""Deviation from the reading in flight that begins a contact: twelve times the noise of 1 m/s²."""
+END_M_S2 = 6.0
+END_SHARE = 0.02
+"""A contact ends where the deviation is below `END_M_S2` or this share of the contact's peak."""
+FLIGHT_M_S3 = 300.0
+SPRING_M_S = 2.0
+"""Rate at which the reading in flight is followed; the spring may change it faster by this speed: a spring
+of 70 N/m on 0.8 kg changes it by up to 170 m/s³, a soft stop by 10⁴."""
+LEAD_S = 0.0004
+"""Time by which the deviation is extrapolated for the force limit: the low-pass lowers a short peak,
+and the peak lies between two samples."""
+AWAY_FACTOR = 2.0
+"""Factor on both limits for a pull away from the stop: the stop only pushes, so this is a kick or a sensor
+that is the wrong way round."""
+LONGEST_CONTACT_S = 0.1
+"""A longer deviation is no impact: offset or scale of the sensor have changed, which violates the limit."""
+LONGEST_BRIDGE_TICKS = 4
+"""Up to 3 lost readings are bridged by a straight line; over a longer gap the line would invent an area."""
+COUNTER_MODULUS = 256
+LONGEST_LATE = 16
+"""A frame whose counter is up to this number behind the newest is late; the line that bridged it stays."""
+LONGEST_COUNTED = 64
+"""A larger difference of counters is a restarted sensor and counts as 1."""
+
+TURNING_RAD_S = 5.0
+"""Crank speed above which two successive accelerometer readings differ by more than one count."""
+FROZEN_RAD_S = 0.5
+"""Reported speed above which the crank's position must change."""
+
+LARGEST_REV = 1e6
+"""A position beyond this is no position: a float32 does not resolve a turn there."""
+SPEED_WINDOW_S = 0.02
+"""Time over which the crank's speed is measured from its positions; a frame may be 10 ms late."""
+DRIVES_OWN = 1.5
+"""Factor on the speed limit for the drive's own estimate of the speed, which counts at once."""
+
+LONGEST_GAP_S = 0.010
+"""Longest gap in the samples that is tolerated any number of times; longer ones make the speed loop swing."""
+GAPS = 3
+"""Number of longer gaps, with less than `LONGEST_GAP_S` of samples between them, that is a fault."""
+
+
+class GateReading(NamedTuple):
+    """One accelerometer frame as it arrived, and the drive's newest speed."""
+
+    low_m_s2: float
+    high_m_s2: float
+    counter: int
+    velocity_rev_s: float
+
+
+class ContactState(NamedTuple):
+    """The contact so far. `flight_m_s2`: the reading in flight. `deviation_m_s2`: that minus the reading.
+
+    A positive deviation is a push of the stop. `change_m_s` is ∫deviation dt over the contact or, after a
+    change of sign, since then. `fault`: a limit was violated since the last `judge`.
+    """
+
+    started: bool
+    touching: bool
+    ticks: int
+    flight_m_s2: float
+    deviation_m_s2: float
+    peak_m_s2: float
+    change_m_s: float
+    fault: Fault
+
+
+class GateState(NamedTuple):
+    """Duration of each condition in ticks. `silent_ticks`: time since the last sample of both sources.
+
+    `gaps`: number of long gaps; it returns to 0 after `unsteady_ticks` of samples. `window_rev` and
+    `window_ticks`: the position and the age of the beginning of the window for the crank's own speed.
+    """
+
+    contact: ContactState
+    counter: int
+    reading_ticks: int
+    low_m_s2: float
+    stuck_ticks: int
+    encoder_ticks: int
+    position_rev: float
+    frozen_ticks: int
+    window_rev: float
+    window_ticks: int
+    own_rad_s: float
+    overcurrent_ticks: int
+    voltage_ticks: int
+    silent_ticks: int
+    unsteady_ticks: int
+    gaps: int
+    shut: bool
+
+
+class GateFindings(NamedTuple):
+    """`watchdog`, `limit` and `drive`: the first fault of each kind, or NONE."""
+
+    watchdog: Fault
+    limit: Fault
+    drive: Fault
+    operator_lost: bool
+    overspeed: bool
+
+
+IN_FLIGHT = zeroed(ContactState, fault=NO_FAULT)
+INITIAL = zeroed(
+    GateState, contact=IN_FLIGHT, counter=-1, reading_ticks=NEVER_TICKS, encoder_ticks=NEVER_TICKS
+)
+
+
+def counted_ticks(before: int, counter: int) -> int:
+    """Samples from the counter `before` (−1: none) to `counter`; 0 for a frame that is late."""
+    if before < 0:
+        return 1
+    ticks = (counter - before) % COUNTER_MODULUS
+    if ticks >= COUNTER_MODULUS - LONGEST_LATE:
+        return 0
+    return max(ticks, 1) if ticks <= LONGEST_COUNTED else 1
+
+
+def is_within(value: float, limit: float) -> bool:
+    """Whether a deviation or its integral is within its limit, and away from the stop within twice of it."""
+    return -AWAY_FACTOR * limit <= value <= limit
+
+
+def in_flight(flight_m_s2: float, deviation_m_s2: float, fault: Fault) -> ContactState:
+    """The state after a reading without a contact."""
+    return IN_FLIGHT._replace(
+        started=True, flight_m_s2=flight_m_s2, deviation_m_s2=deviation_m_s2, fault=fault
+    )
+
+
+def exceeds_force(
+    limits: GateLimits, state: ContactState, high_m_s2: float, deviation_m_s2: float, ticks: int, dt_s: float
+) -> bool:
+    """Whether a reading may be clipped, or violates the force limit now or `LEAD_S` ahead."""
+    ahead_m_s2 = deviation_m_s2
+    if ticks > 0:
+        ahead_m_s2 += LEAD_S / dt_s * (deviation_m_s2 - state.deviation_m_s2)
+    shown = abs(high_m_s2) <= limits.clipped_m_s2
+    limit_m_s2 = limits.peak_m_s2
+    return not (shown and is_within(deviation_m_s2, limit_m_s2) and is_within(ahead_m_s2, limit_m_s2))
+
+
+def extend_contact(state: ContactState, deviation_m_s2: float, ticks: int, dt_s: float) -> ContactState:
+    """The contact with one more reading; a reading of the other sign begins a new one."""
+    turns = state.touching and deviation_m_s2 * state.change_m_s < 0.0 and abs(deviation_m_s2) > TOUCH_M_S2
+    before = IN_FLIGHT if turns else state
+    return ContactState(
+        started=True,
+        touching=True,
+        ticks=before.ticks + ticks,
+        flight_m_s2=state.flight_m_s2,
+        deviation_m_s2=deviation_m_s2,
+        peak_m_s2=at_least(abs(deviation_m_s2), before.peak_m_s2),
+        change_m_s=before.change_m_s + 0.5 * (before.deviation_m_s2 + deviation_m_s2) * dt_s,
+        fault=state.fault,
+    )
+
+
+def integrate_reading(limits: GateLimits, state: ContactState, high_m_s2: float, ticks: int) -> ContactState:
+    """The contact after one reading, `ticks` after the previous one; a late one (0) counts as force only."""
+    flight_m_s2 = state.flight_m_s2 if state.started else high_m_s2
+    deviation_m_s2 = flight_m_s2 - high_m_s2
+    dt_s = min(ticks, LONGEST_BRIDGE_TICKS) * limits.tick_s
+    fault = state.fault
+    if exceeds_force(limits, state, high_m_s2, deviation_m_s2, ticks, dt_s):
+        fault = Fault.FORCE_LIMIT
+    if ticks == 0 or not abs(deviation_m_s2) < math.inf:  # not a number: nothing can be integrated
+        return state._replace(fault=fault)
+    if not state.touching and abs(deviation_m_s2) <= TOUCH_M_S2:
+        flight_m_s2 -= clamp(deviation_m_s2, limits.flight_m_s3 * dt_s)
+        return in_flight(flight_m_s2, deviation_m_s2, fault)
+    contact = extend_contact(state, deviation_m_s2, ticks, dt_s)
+    too_long = contact.ticks > limits.longest_contact_ticks
+    if fault == NO_FAULT and (too_long or not is_within(contact.change_m_s, limits.change_m_s)):
+        fault = Fault.IMPULSE_LIMIT
+    if too_long:
+        return in_flight(high_m_s2, 0.0, fault)
+    if abs(deviation_m_s2) < at_least(END_SHARE * contact.peak_m_s2, END_M_S2):
+        return in_flight(flight_m_s2, deviation_m_s2, fault)
+    return contact._replace(fault=fault)
+
+
+def take_reading(limits: GateLimits, state: GateState, reading: GateReading) -> GateState:
+    """The state after one accelerometer frame; the frames of a bundle one after the other."""
+    ticks = counted_ticks(state.counter, reading.counter)
+    contact = state.contact
+    if state.reading_ticks > limits.sensor_ticks:  # after a silence nothing is known of the flight
+        ticks, contact = 1, IN_FLIGHT._replace(fault=contact.fault)
+    contact = integrate_reading(limits, contact, reading.high_m_s2, ticks)
+    if ticks == 0:
+        return state._replace(contact=contact, reading_ticks=0)
+    # Stuck: while the crank shakes the striker, no working accelerometer repeats a reading to the last count.
+    turning = not abs(TAU * reading.velocity_rev_s) <= TURNING_RAD_S
+    stuck = reading.low_m_s2 == state.low_m_s2 and turning
+    return state._replace(
+        contact=contact,
+        counter=reading.counter,
+        reading_ticks=0,
+        low_m_s2=reading.low_m_s2,
+        stuck_ticks=state.stuck_ticks + ticks if stuck else 0,
+    )
+
+
+def is_overspeed(limits: GateLimits, own_rad_s: float, velocity_rev_s: float) -> bool:
+    """Whether the speed from the positions exceeds its limit, or the drive's own 1.5 times the limit."""
+    return not (
+        abs(own_rad_s) <= limits.overspeed_rad_s
+        and abs(TAU * velocity_rev_s) <= DRIVES_OWN * limits.overspeed_rad_s
+    )
+
+
+def watchdog_fault(limits: GateLimits, state: GateState, inputs: Inputs) -> Fault:
+    """The fault of the first source that is stale, not finite or repeating for too long, or NONE."""
+    if (
+        inputs.accelerometer.age_ticks > limits.sensor_ticks
+        or state.reading_ticks > limits.sensor_ticks
+        or state.stuck_ticks > limits.sensor_ticks
+    ):
+        return Fault.SENSOR_TIMEOUT
+    if limits.gait_ticks > 0 and inputs.gait.age_ticks > limits.gait_ticks:
+        return Fault.SENSOR_TIMEOUT
+    if state.encoder_ticks > limits.encoder_ticks or inputs.encoder.age_ticks > limits.encoder_ticks:
+        return Fault.ENCODER_TIMEOUT
+    if inputs.drive.age_ticks > limits.drive_ticks or inputs.power.age_ticks > limits.drive_ticks:
+        return Fault.DRIVE_TIMEOUT
+    if state.gaps >= GAPS:
+        return Fault.STALE_SAMPLES
+    return NO_FAULT
+
+
+def is_hot(limits: GateLimits, power: PowerInput) -> bool:
+    """Whether inverter or motor is outside its temperatures."""
+    return not (
+        limits.lowest_degc <= power.inverter_degc <= limits.inverter_degc
+        and limits.lowest_degc <= power.motor_degc <= limits.motor_degc
+    )
+
+
+def limit_fault(limits: GateLimits, state: GateState, power: PowerInput) -> Fault:
+    """The fault of the first quantity beyond its limit, or NONE."""
+    if state.frozen_ticks > limits.frozen_ticks:
+        return Fault.DRIVE_FROZEN
+    if state.overcurrent_ticks > limits.overcurrent_ticks:
+        return Fault.OVERCURRENT
+    if is_hot(limits, power):
+        return Fault.OVERTEMPERATURE
+    if state.voltage_ticks > limits.voltage_ticks:
+        return Fault.OVERVOLTAGE if power.voltage_v > limits.highest_v else Fault.UNDERVOLTAGE
+    return state.contact.fault
+
+
+def judge(limits: GateLimits, state: GateState, inputs: Inputs) -> tuple[GateState, GateFindings]:
+    """One tick, after its readings have been taken."""
+    power, encoder = inputs.power, inputs.encoder
+    frozen_ticks, window_ticks, window_rev = state.frozen_ticks, state.window_ticks + 1, state.window_rev
+    encoder_ticks, own_rad_s = min(state.encoder_ticks + 1, NEVER_TICKS), state.own_rad_s
+    usable = abs(encoder.position_rev) < LARGEST_REV
+    if usable and encoder.age_ticks < 1:
+        encoder_ticks = encoder.age_ticks
+    if usable and encoder.age_ticks == 0:
+        still = encoder.position_rev == state.position_rev
+        # Frozen: the drive reports a speed, but its position does not change.
+        frozen = still and abs(TAU * encoder.velocity_rev_s) > FROZEN_RAD_S
+        frozen_ticks = frozen_ticks + 1 if frozen else 0
+        if state.encoder_ticks > limits.encoder_ticks:
+            own_rad_s, window_rev, window_ticks = 0.0, encoder.position_rev, 0
+        elif window_ticks >= limits.window_ticks:
+            turned_rad = wrap_pi(TAU * (encoder.position_rev - window_rev))
+            own_rad_s = turned_rad / (window_ticks * limits.tick_s)
+            window_rev, window_ticks = encoder.position_rev, 0
+    silent_ticks = max(inputs.accelerometer.age_ticks, encoder.age_ticks)
+    unsteady_ticks, gaps = state.unsteady_ticks, state.gaps
+    if silent_ticks == 0 and state.silent_ticks >= limits.gap_ticks:
+        unsteady_ticks, gaps = limits.gap_ticks, min(gaps + 1, GAPS)
+    elif silent_ticks == 0:
+        unsteady_ticks = max(unsteady_ticks - 1, 0)
+        gaps = gaps if unsteady_ticks > 0 else 0
+    strong = not abs(power.current_a) <= limits.current_a
+    odd_voltage = not limits.lowest_v <= power.voltage_v <= limits.highest_v
+    new = state._replace(
+        encoder_ticks=encoder_ticks,
+        position_rev=encoder.position_rev,
+        frozen_ticks=frozen_ticks,
+        window_rev=window_rev,
+        window_ticks=window_ticks,
+        own_rad_s=own_rad_s,
+        overcurrent_ticks=state.overcurrent_ticks + 1 if strong else 0,
+        voltage_ticks=state.voltage_ticks + 1 if odd_voltage else 0,
+        silent_ticks=silent_ticks,
+        unsteady_ticks=unsteady_ticks,
+        gaps=gaps,
+    )
+    findings = GateFindings(
+        watchdog_fault(limits, new, inputs),
+        limit_fault(limits, new, power),
+        Fault.DRIVE_ERROR if inputs.drive.axis_error != 0 else NO_FAULT,
+        inputs.operator.age_ticks > limits.operator_ticks,
+        is_overspeed(limits, own_rad_s, encoder.velocity_rev_s),
+    )
+    return new._replace(
+        contact=state.contact._replace(fault=NO_FAULT),
+        reading_ticks=min(state.reading_ticks + 1, NEVER_TICKS),
+    ), findings
+
+
+def permit(
+    limits: GateLimits, state: GateState, findings: GateFindings, inputs: Inputs, torque_n_m: float
+) -> tuple[GateState, float, ActingLimit]:
+    """The permitted part of the proposed torque, and the gate's limit that acts on it, or NONE."""
+    found = (
+        findings.watchdog != NO_FAULT
+        or findings.limit != NO_FAULT
+        or findings.drive != NO_FAULT
+        or findings.operator_lost
+        or findings.overspeed
+        or inputs.estop
+    )
+    proposed = torque_n_m != 0.0
+    is_idle = inputs.drive.age_ticks == 0 and inputs.drive.axis_state == AXIS_IDLE
+    shut = (state.shut and (proposed or not is_idle)) or (found and proposed)
+    state = state._replace(shut=shut)
+    if shut:
+        return state, 0.0, ActingLimit.SAFE_STATE
+    permitted_n_m = clamp(torque_n_m, limits.torque_n_m)
+    rad_s = TAU * inputs.encoder.velocity_rev_s
+    # The speed from the positions is up to two windows old. It judges a drive whose own speed is wrong; at
+    # the same limit a speed that varies within a turn would cut the torque long after it has fallen again.
+    own_rad_s, own_limit_rad_s = state.own_rad_s, 0.5 * (limits.speed_rad_s + limits.overspeed_rad_s)
+    forward = permitted_n_m > 0.0 and not (rad_s <= limits.speed_rad_s and own_rad_s <= own_limit_rad_s)
+    backward = permitted_n_m < 0.0 and not (rad_s >= -limits.speed_rad_s and own_rad_s >= -own_limit_rad_s)
+    if forward or backward:
+        return state, 0.0, ActingLimit.SPEED
+    return state, permitted_n_m, NO_LIMIT if permitted_n_m == torque_n_m else ActingLimit.TORQUE

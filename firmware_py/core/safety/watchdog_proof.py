@@ -1,0 +1,135 @@
+"""The test of the drive's command watchdog: the drive must disarm soon after its last frame.
+
+    step(config, state, mode, drive, axis_is_closed, axis_is_idle, omega_rad_s) -> state
+
+docs/safety.md rests on a watchdog that an ODrive ships disabled. The operator requests the test in READY,
+with the crank at rest. It has three stages in the mode PROOF, all at zero torque:
+
+1. CLOSE: the axis is closed as for a start. The interval between two heartbeats is measured.
+2. WITHHOLD: no frame is sent to the drive, because a real ODrive's watchdog is fed by every frame. The stage
+   begins so that the next heartbeat is due `WATCHDOG_S` and two ticks after the last frame. That heartbeat
+   must report an idle axis and the error WATCHDOG_TIMER_EXPIRED.
+3. CLEAR: the axis is opened and its error cleared, until a heartbeat reports an idle axis without an error.
+
+The test has failed if a stage ends otherwise, if the test lasts longer than `LONGEST_S`, or if the crank
+turns. A passed test counts until heartbeats are missing: a drive that restarts may be configured otherwise.
+"""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+from firmware_py.core.config import Config
+from firmware_py.core.inputs import DriveInput
+from firmware_py.core.records import zeroed
+from firmware_py.interface.enums import AXIS_IDLE, CLOSED_LOOP, PROOF, Mode
+
+WATCHDOG_S = 0.050
+"""The drive's watchdog, a setting of the drive."""
+
+LONGEST_S = 2.0
+"""Longest test: 40 ms of settings, four heartbeats and the watchdog take half a second."""
+
+STILL_RAD_S = 1.0
+"""A faster crank ends the test: the drive gives torque, or the crank is turned from outside."""
+
+WATCHDOG_TIMER_EXPIRED = 0x01000000
+"""`AxisError.WATCHDOG_TIMER_EXPIRED`."""
+
+
+class ProofStage(IntEnum):
+    """The stage of the test; REST outside the mode PROOF."""
+
+    REST = 0
+    CLOSE = 1
+    WITHHOLD = 2
+    CLEAR = 3
+
+
+REST, CLOSE, WITHHOLD, CLEAR = ProofStage
+
+
+class ProofState(NamedTuple):
+    """`withheld_ticks`: time since the last frame to the drive. `beat_ticks`: time since the last heartbeat.
+
+    `interval_ticks`: between the last two heartbeats. −1 and 0 before the first and the second heartbeat.
+    """
+
+    stage: ProofStage
+    ticks: int
+    withheld_ticks: int
+    beat_ticks: int
+    interval_ticks: int
+    passed: bool
+    failed: bool
+
+
+INITIAL = zeroed(ProofState, stage=REST, beat_ticks=-1)
+
+
+def may_start(config: Config, state: ProofState) -> bool:
+    """Whether the test has passed, or is not required."""
+    return state.passed or config.p.watchdog.proof_required == 0
+
+
+def tolerates(state: ProofState, drive: DriveInput) -> bool:
+    """Whether the drive's only error is the one that the test provokes."""
+    return state.stage in (WITHHOLD, CLEAR) and drive.axis_error == WATCHDOG_TIMER_EXPIRED
+
+
+def judge_heartbeat(config: Config, state: ProofState, drive: DriveInput) -> ProofState:
+    """The state after a tick of WITHHOLD, by the heartbeat of this tick."""
+    if drive.age_ticks == 0:
+        is_disarmed = drive.axis_state == AXIS_IDLE and drive.axis_error == WATCHDOG_TIMER_EXPIRED
+        if is_disarmed and state.withheld_ticks <= config.d.ticks.proof_due + 1:
+            return state._replace(stage=CLEAR)
+        # Before the watchdog is due, a closed axis is no failure.
+        is_early = drive.axis_state == CLOSED_LOOP and state.withheld_ticks < config.d.ticks.proof_due
+        return state if is_early else state._replace(failed=True)
+    return state._replace(failed=state.withheld_ticks > config.d.ticks.proof_due + 1)
+
+
+def step(  # noqa: PLR0911 - stages, read top to bottom
+    config: Config,
+    state: ProofState,
+    mode: Mode,
+    drive: DriveInput,
+    axis_is_closed: bool,
+    axis_is_idle: bool,
+    omega_rad_s: float,
+) -> ProofState:
+    """One tick. `mode`: after this tick's transition. The axis: as confirmed up to the previous tick.
+
+    In PROOF, an axis in CLEAR that is idle and without an error has passed the test.
+    """
+    if mode != PROOF:
+        passed = state.passed and drive.age_ticks <= config.d.ticks.drive
+        return INITIAL._replace(passed=passed)
+    if state.stage == REST:
+        return INITIAL._replace(stage=CLOSE)
+    interval_ticks = state.interval_ticks
+    beat_ticks = state.beat_ticks + 1 if state.beat_ticks >= 0 else -1
+    if drive.age_ticks == 0:
+        interval_ticks = max(beat_ticks, 0)
+        beat_ticks = 0
+    withheld_ticks = state.withheld_ticks + 1 if state.stage == WITHHOLD else 0
+    now = ProofState(
+        stage=state.stage,
+        ticks=state.ticks + 1,
+        withheld_ticks=withheld_ticks,
+        beat_ticks=beat_ticks,
+        interval_ticks=interval_ticks,
+        passed=False,
+        failed=state.failed,
+    )
+    turns = not abs(omega_rad_s) <= STILL_RAD_S
+    if turns or now.ticks > config.d.ticks.proof_longest:
+        return now._replace(failed=True)
+    if now.stage == CLOSE:
+        # The first withheld tick is one tick after the last frame.
+        if interval_ticks == 0 or not axis_is_closed:
+            return now
+        begins = beat_ticks == (1 - config.d.ticks.proof_due) % interval_ticks
+        return now._replace(stage=WITHHOLD, withheld_ticks=1) if begins else now
+    if now.stage == WITHHOLD:
+        return judge_heartbeat(config, now, drive)
+    return now._replace(passed=axis_is_idle and drive.axis_error == 0)

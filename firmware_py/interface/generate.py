@@ -1,0 +1,319 @@
+"""Generates code from `vibro.dbc` and `parameters.toml`: records, codec, the firmware's received frames.
+
+    python -m firmware_py.interface.generate
+
+A codec that loops over a description of the signals takes several times longer than the packing itself, and a
+microcontroller has no such description; so each frame gets the few lines that one would write by hand. A test
+compares the checked-in files with the output of this module.
+"""
+
+import math
+import subprocess
+import sys
+from pathlib import Path
+from textwrap import wrap
+
+from firmware_py.interface.crc import INITIAL, TABLE
+from firmware_py.interface.dbc import Layout, Signal, SignalKind, layouts, span
+from firmware_py.interface.parameter_table import TABLE as PARAMETER_TABLE
+from firmware_py.interface.parameter_table import record_name
+
+GENERATED = Path(__file__).with_name("generated")
+WIDTH = 95
+
+RECORDS = '''"""One record per CAN frame, in physical units: written by `generate.py`; do not edit.
+
+Fields are in the order of their bits. Records contain no rolling counters and CRCs; the codec adds and checks
+them.
+"""
+
+from typing import NamedTuple
+
+'''
+
+KINDS = '''"""Identity and timing of every frame: written by `generate.py` out of `vibro.dbc`; do not edit."""
+
+from firmware_py.interface.framing import FrameKind
+
+'''
+
+PACKING = '''"""Records to frames: written by `generate.py` out of `vibro.dbc`; do not edit.
+
+`pack_x(record, counter)` gives `(frame, sendable)`. Quantities saturate at full scale, in counts; a record
+with NaN, an infinity or a value outside its list is not sendable, and its frame's word is 0. Frames without
+a rolling counter ignore `counter`. All of it is the firmware's subset, as in `unpacking.py`, so that one
+source runs interpreted, compiled and on a microcontroller.
+"""
+
+from math import isfinite
+
+from firmware_py.interface.frame import WordFrame
+from firmware_py.interface.framing import float32_counts, is_float32, saturated, seal, signed
+from firmware_py.interface.generated import kinds, records
+'''
+
+UNPACKING = '''"""Frames to records: written by `generate.py` out of `vibro.dbc`; do not edit.
+
+`unpack_x(length, word)` gives `(record, reason)`; the record may be used only if the reason is NONE.
+"""
+
+from math import isfinite
+
+from firmware_py.interface.frame import FrameErrorReason
+from firmware_py.interface.framing import check_frame, float32_at, signed
+from firmware_py.interface.generated import kinds, records
+'''
+
+
+RECEIVED = '''"""Frames received by the firmware: written by `generate.py` out of `vibro.dbc`; do not edit."""
+
+from typing import NamedTuple
+
+from firmware_py.interface.arrivals import NEVER, Arrival, Now, accept
+from firmware_py.interface.counters import Counters
+from firmware_py.interface.frame import WordFrame
+from firmware_py.interface.generated import kinds, records, unpacking
+
+'''
+
+STATE = '''\
+RECEIVED_IDS = ({ids})
+"""The identifiers that the firmware receives, the most frequent first."""
+
+class Received(NamedTuple):
+    """The newest record and arrival of each frame that the firmware receives."""
+
+{members}
+
+INITIAL = Received({initial})
+'''
+RECEIVE = '''def receive(
+    now: Now, received: Received, counters: Counters, frame: WordFrame
+) -> tuple[Received, Counters, bool]:
+    """Process one frame that arrived before the present tick: `(received, counters, usable)`."""
+    can_id, length, word = frame
+    usable = False
+{branches}    return received, counters, usable
+'''
+
+
+PARAMETERS = '''"""The record of the parameters: written by `generate.py`; do not edit.
+
+Their source is `parameters.toml`, which gives unit, bounds and meaning of each. Counts and
+switches are ints, all others floats.
+"""
+
+from typing import NamedTuple
+
+'''
+
+
+def snake(name: str) -> str:
+    """`SetInputTorque` as `set_input_torque`."""
+    return "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in name).lstrip("_")
+
+
+def sources() -> dict[str, str]:
+    """The text of each file by its name, before formatting."""
+    frames = list(layouts().values())
+    return {
+        "kinds.py": KINDS + "".join(map(constant, frames)),
+        "records.py": "\n\n".join([RECORDS, *map(record_source, frames)]),
+        "packing.py": "\n\n".join([PACKING, *map(pack_source, frames)]),
+        "unpacking.py": "\n\n".join([UNPACKING, *map(unpack_source, frames)]),
+        "received.py": received_source(frames),
+        "parameters.py": parameters_source(),
+    }
+
+
+def constant(layout: Layout) -> str:
+    """The constant with identity and timing of a frame, in kinds.py."""
+    register = TABLE[INITIAL ^ (layout.can_id & 0xFF)] if layout.protected else 0
+    period_s = layout.period_s or 0.0
+    numbers = f"0x{layout.can_id:03X}, {layout.length}, {period_s!r}, {layout.counter_bits}, {register}"
+    return f"{snake(layout.name).upper()} = FrameKind({numbers})\n"
+
+
+def record_source(layout: Layout) -> str:
+    """The text of a frame's record; its fields are ints for whole numbers and floats for quantities."""
+    when = ""
+    if layout.period_s is not None:
+        period_ms = round(layout.period_s * 1000)
+        when = ", every tick" if period_ms == 1 else f", every {period_ms} ms"
+    sender = f", from {layout.sender}" if layout.sender else ""
+    text = f"class {layout.name}(NamedTuple):\n"
+    text += docstring(f"0x{layout.can_id:03X}{sender}{when}. {layout.comment}")
+    for name, signal in layout.signals.items():
+        kind = "float" if signal.is_real else "int"
+        text += f"\n    {name}: {kind}\n" + docstring(signal.comment)
+    return text
+
+
+def nothing(layout: Layout) -> str:
+    """The expression of a frame's record with all its signals at zero."""
+    zeros = ("0.0" if signal.is_real else "0" for signal in layout.signals.values())
+    return f"records.{layout.name}({', '.join(zeros)})"
+
+
+def docstring(text: str) -> str:
+    """The text as a docstring in a class's body; empty for an empty text."""
+    if not text:
+        return ""
+    lines = wrap(text, WIDTH)
+    if len(lines) == 1:
+        return f'    """{lines[0]}"""\n'
+    return '    """' + "\n    ".join(lines) + '\n    """\n'
+
+
+def parameters_source() -> str:
+    """The text of `parameters.py`."""
+    tables = dict.fromkeys(parameter.table for parameter in PARAMETER_TABLE)
+    records = "\n\n".join(
+        f'class {record_name(table)}(NamedTuple):\n    """The table `{table}`."""\n\n{members(table)}'
+        for table in tables
+    )
+    fields = "".join(f"    {table}: {record_name(table)}\n" for table in tables)
+    whole = f'class Parameters(NamedTuple):\n    """All parameters, by table and key."""\n\n{fields}'
+    return f"{PARAMETERS}\n{records}\n\n{whole}"
+
+
+def members(table: str) -> str:
+    """The fields of a table's record."""
+    own = (one for one in PARAMETER_TABLE if one.table == table)
+    return "".join(f"    {one.key}: {'int' if one.whole else 'float'}\n" for one in own)
+
+
+def pack_source(layout: Layout) -> str:
+    """The text of `pack_x(record, counter) -> (frame, sendable)`."""
+    name, fields = snake(layout.name), list(layout.signals)
+    lines = [
+        f"def pack_{name}({'record' if fields else '_record'}: records.{layout.name}, counter: int) -> "
+        "tuple[WordFrame, bool]:"
+    ]
+    if fields:
+        lines += [f"    {', '.join(fields) if len(fields) > 1 else f'({fields[0]},)'} = record"]
+    word = " | ".join(map(_placed, layout.signals.values())) or "0"
+    sendable = " and ".join(map(_sendable, layout.signals.values())) or "True"
+    lines += [f"    word = {word}", f"    sendable = {sendable}"]
+    return "\n".join([*lines, f"    return seal(kinds.{name.upper()}, word, counter, sendable)\n"])
+
+
+def unpack_source(layout: Layout) -> str:
+    """The text of `unpack_x(length, word) -> (record, reason)`."""
+    name = snake(layout.name)
+    lines = [
+        f"def unpack_{name}(length: int, word: int) -> tuple[records.{layout.name}, FrameErrorReason]:",
+        *(f"    {field} = {_from_word(signal)}" for field, signal in layout.signals.items()),
+    ]
+    listed = " and ".join(filter(None, map(_received, layout.signals.values()))) or "True"
+    values = ", ".join(f"{name}={_to_value(signal)}" for name, signal in layout.signals.items())
+    lines += [f"    reason = check_frame(kinds.{name.upper()}, length, word, {listed})"]
+    return "\n".join([*lines, f"    return records.{layout.name}({values}), reason\n"])
+
+
+def _sendable(signal: Signal) -> str:
+    """Condition under which the field's value can be sent."""
+    if signal.is_float:
+        return f"is_float32({signal.name})"
+    if signal.kind is SignalKind.QUANTITY:
+        return f"isfinite({signal.name})"
+    return _listed(signal)
+
+
+def _listed(signal: Signal) -> str:
+    """Condition that a whole number is a valid value of the signal."""
+    if signal.kind is SignalKind.ENUMERATION:
+        values = sorted(signal.values)
+        if values != list(range(values[0], values[-1] + 1)):
+            return f"{signal.name} in {tuple(values)}"
+        return f"{values[0]} <= {signal.name} <= {values[-1]}"
+    return f"{signal.low_counts} <= {signal.name} <= {signal.high_counts}"
+
+
+def _received(signal: Signal) -> str:
+    """Condition that received counts are valid for the signal; empty if all values of its bits are."""
+    if signal.is_float:
+        return f"isfinite({signal.name})"
+    is_listed = signal.kind is SignalKind.ENUMERATION
+    is_any = (signal.low_counts, signal.high_counts) == span(signal.is_signed, signal.bits)
+    return _listed(signal) if is_listed or not is_any else ""
+
+
+def _placed(signal: Signal) -> str:
+    """Expression of the field's counts in their place within the word."""
+    counts, is_signed = signal.name, signal.is_signed
+    if signal.is_float:
+        counts, is_signed = f"float32_counts({signal.name})", False
+    elif signal.kind is SignalKind.QUANTITY:
+        scaled = f"{signal.name} / {signal.scale!r}" if signal.is_real else f"float({signal.name})"
+        counts = f"saturated({scaled}, {signal.low_counts}, {signal.high_counts})"
+    if signal.start + signal.bits == 64:
+        # The word is signed: its top bit is the sign.
+        counts = counts if is_signed else f"signed({counts}, {signal.bits})"
+    elif is_signed:
+        masked = f"{counts} & 0x{(1 << signal.bits) - 1:X}"
+        counts = f"({masked})" if signal.start else masked
+    return f"{counts} << {signal.start}" if signal.start else counts
+
+
+def _from_word(signal: Signal) -> str:
+    """Expression of the counts in the word; of the value for a float."""
+    raw = f"word >> {signal.start}" if signal.start else "word"
+    if signal.is_float:
+        return f"float32_at({raw})"
+    return f"signed({raw}, {signal.bits})" if signal.is_signed else f"{raw} & 0x{(1 << signal.bits) - 1:X}"
+
+
+def _to_value(signal: Signal) -> str:
+    """Expression of the physical value from the counts."""
+    return signal.name if signal.is_float or not signal.is_real else f"{signal.name} * {signal.scale!r}"
+
+
+def received_source(frames: list[Layout]) -> str:
+    """The text of the file: `RECEIVED_IDS`, `Received`, `INITIAL` and `receive`."""
+    frames = sorted(
+        (layout for layout in frames if "Firmware" in layout.receivers),
+        key=lambda layout: (layout.period_s or math.inf, layout.can_id),
+    )
+    ids = ", ".join(f"kinds.{snake(layout.name).upper()}.can_id" for layout in frames)
+    members, initial, branches = "", "", ""
+    for layout in frames:
+        name = snake(layout.name)
+        arrival = f"{name}_arrival"
+        if layout.signals:
+            members += f"    {name}: records.{layout.name}\n"
+            initial += f"{name}={nothing(layout)}, "
+        members += f"    {arrival}: Arrival\n"
+        initial += f"{arrival}=NEVER, "
+        branches += branch(layout)
+    return (
+        RECEIVED
+        + STATE.format(ids=ids, members=members, initial=initial)
+        + RECEIVE.format(branches=branches.replace("    elif", "    if", 1))
+    )
+
+
+def branch(layout: Layout) -> str:
+    """The lines that process one frame."""
+    name = snake(layout.name)
+    kind, new = f"kinds.{name.upper()}", f"{name}_arrival=arrival"
+    if layout.signals:
+        new += f", {name}={name} if usable else received.{name}"
+    return (
+        f"    elif can_id == {kind}.can_id:\n"
+        f"        {name if layout.signals else '_'}, reason = unpacking.unpack_{name}(length, word)\n"
+        f"        arrival, counters, usable = accept(\n"
+        f"            received.{name}_arrival, counters, {kind}, reason, word, now\n        )\n"
+        f"        received = received._replace({new})\n"
+    )
+
+
+def formatted(text: str) -> str:
+    """The Python source, formatted by `ruff format`; needs the packages of requirements-dev.lock."""
+    command = [sys.executable, "-P", "-m", "ruff", "format", "--stdin-filename", __file__, "-"]
+    return subprocess.run(command, input=text, check=True, capture_output=True, text=True).stdout
+
+
+if __name__ == "__main__":
+    for file, text in sources().items():
+        (GENERATED / file).write_text(formatted(text), encoding="utf-8")

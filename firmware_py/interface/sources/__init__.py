@@ -1,1 +1,0 @@
-"""The sources of messages and parameters, and the modules that generate code from them."""

@@ -1,0 +1,116 @@
+"""Calibration between two ticks: judges the writes that the XCP slave has received.
+
+    calibrate(pool, config, mode) -> config
+
+A write of one characteristic is staged if the parameter may be written now and its value is within bounds. A
+write of 1 to `COMMIT` applies all staged values together, if they fit together. `config` is the record if
+interpreted, which a commit replaces; its address if compiled, where a commit changes the memory.
+"""
+
+import math
+from typing import Any
+
+from firmware_py.core.config import Config
+from firmware_py.core.configure import after_commit
+from firmware_py.core.conflicts import Conflict, conflict_of
+from firmware_py.interface.enums import E_STOP, FAULT, INIT, READY, Mode, XcpError
+from firmware_py.interface.float32 import float32_bits, float32_of
+from firmware_py.interface.generated.parameters import Parameters
+from firmware_py.interface.parameter_table import INDEX, TABLE
+from firmware_py.node.xcp import (
+    ADDRESS,
+    COMMIT,
+    COUNT,
+    ELEMENT_BYTES,
+    NO_REQUEST,
+    PAGE_AT,
+    REQUEST,
+    REVERT,
+    VALUE,
+    refuse,
+)
+
+NEVER, AT_REST, ALWAYS = range(3)
+"""When a parameter may be written."""
+RIGHTS = tuple(NEVER if not one.is_calibrated else ALWAYS if one.while_running else AT_REST for one in TABLE)
+LOWS = tuple(float32_of(float32_bits(one.low)) for one in TABLE)
+HIGHS = tuple(float32_of(float32_bits(one.high)) for one in TABLE)
+WHOLES = tuple(1 if one.whole else 0 for one in TABLE)
+"""Whether a parameter is a count."""
+CEILINGS = tuple(INDEX[one.at_most] if one.at_most else INDEX[one.name] for one in TABLE)
+"""The parameter that each may not exceed; itself if there is none."""
+PATHS = tuple(
+    (k, j) for k, table in enumerate(Parameters.__annotations__.values()) for j in range(len(table._fields))
+)
+"""Indices of each parameter's table and of its member."""
+
+
+def bits_in_use(config: Config, place: int) -> int:
+    """The bits of a parameter as float32; a compiled build reads it at its address."""
+    table, member = PATHS[place]
+    return float32_bits(config.p[table][member])
+
+
+def with_page(config: Config, pool: list[int]) -> Parameters:
+    """The parameters in use with those staged values that differ."""
+    rows = [list(table) for table in config.p]
+    for place, (table, member) in enumerate(PATHS):
+        if pool[PAGE_AT + place] != bits_in_use(config, place):
+            value = float32_of(pool[PAGE_AT + place])
+            rows[table][member] = int(value) if WHOLES[place] else value
+    kinds: Any = Parameters.__annotations__.values()
+    return Parameters._make(kind._make(row) for kind, row in zip(kinds, rows, strict=True))
+
+
+def apply(config: Config, p: Parameters, pool: list[int]) -> Config:
+    """The config with the parameters `p` of `with_page`; a compiled build changes its memory."""
+    return after_commit(config, p)
+
+
+def is_writable(place: int, mode: Mode) -> bool:
+    """Whether a parameter may be written in this mode; no torque acts in the four below."""
+    if mode in (INIT, READY, FAULT, E_STOP):
+        return RIGHTS[place] != NEVER
+    return RIGHTS[place] == ALWAYS
+
+
+def stage(pool: list[int], place: int, bits: int, mode: Mode) -> XcpError:
+    """Stage one value; NONE, or the reason for which it is refused."""
+    if not is_writable(place, mode):
+        return XcpError.WRITE_PROTECTED
+    value = float32_of(bits)
+    if not LOWS[place] <= value <= HIGHS[place] or (WHOLES[place] and value != math.floor(value)):
+        return XcpError.OUT_OF_RANGE
+    pool[PAGE_AT + place] = bits
+    return XcpError.NONE
+
+
+def commit_error(pool: list[int], config: Config, mode: Mode) -> XcpError:
+    """Why the staged values cannot be applied together now."""
+    for place in range(COUNT):
+        bits = pool[PAGE_AT + place]
+        if bits != bits_in_use(config, place) and not is_writable(place, mode):
+            return XcpError.WRITE_PROTECTED
+        if float32_of(bits) > float32_of(pool[PAGE_AT + CEILINGS[place]]):
+            return XcpError.OUT_OF_RANGE
+    has_conflict = pool[VALUE] != 1 or conflict_of(with_page(config, pool)) != Conflict.NONE
+    return XcpError.OUT_OF_RANGE if has_conflict else XcpError.NONE
+
+
+def calibrate(pool: list[int], config: Config, mode: Mode) -> Config:
+    """Process the request that waits in `pool`, and complete its response; returns the config in use."""
+    request, place = pool[REQUEST], pool[ADDRESS] // ELEMENT_BYTES
+    pool[REQUEST] = NO_REQUEST
+    if request == NO_REQUEST:
+        return config
+    if request == REVERT:
+        for index in range(COUNT):
+            pool[PAGE_AT + index] = bits_in_use(config, index)
+        return config
+    is_commit = place == COMMIT
+    error = commit_error(pool, config, mode) if is_commit else stage(pool, place, pool[VALUE], mode)
+    if error != XcpError.NONE:
+        refuse(pool, error)
+        return config
+    pool[ADDRESS] += ELEMENT_BYTES
+    return apply(config, with_page(config, pool), pool) if is_commit else config

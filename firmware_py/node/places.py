@@ -1,0 +1,72 @@
+"""The measurements of XCP: the members of the firmware's state, numbered in the order of the C struct."""
+
+from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
+
+from firmware_py.interface.float32 import FLOAT32_OVERFLOW, float32_bits
+from firmware_py.node.tick import NodeState
+
+FLOAT32_INFINITY = 0x7F800000
+
+
+class Place(NamedTuple):
+    """One measurement: its name with dots and indices, its type, and the path of indices to it."""
+
+    name: str
+    kind: type
+    path: tuple[int, ...]
+
+
+def places_of(kind: Any, name: str = "", path: tuple[int, ...] = ()) -> list[Place]:
+    """The numbers, enums and truth values within a record or one of its members, in the order of memory."""
+    if get_origin(kind) is tuple:
+        items = enumerate(get_args(kind))
+        return [
+            place for index, item in items for place in places_of(item, f"{name}.{index}", (*path, index))
+        ]
+    if hasattr(kind, "_fields"):
+        hints = get_type_hints(kind)
+        members = enumerate(kind._fields)
+        dot = f"{name}." if name else ""
+        return [
+            place
+            for index, member in members
+            for place in places_of(hints[member], f"{dot}{member}", (*path, index))
+        ]
+    return [Place(name, kind, path)]
+
+
+ALL = tuple(
+    place._replace(name=place.name.replace("core.", "state.", 1)) if place.name.startswith("core.") else place
+    for place in places_of(NodeState)
+)
+"""All measurements, named as in a run's log; a measurement's address is four times its index."""
+
+INDEX = {place.name: index for index, place in enumerate(ALL)}
+
+
+def word_at(memory: Any, place: int) -> int:
+    """The 32 bits of a measurement: float32, rounded once, or the lowest bits of an integer.
+
+    `memory` is a `NodeState`; a compiled build reads the same member at the state's address.
+    """
+    for index in ALL[place].path:
+        memory = memory[index]
+    if ALL[place].kind is not float:
+        return int(memory) & 0xFFFFFFFF
+    if not abs(memory) >= FLOAT32_OVERFLOW:  # NaN is no overflow
+        return float32_bits(memory)
+    return FLOAT32_INFINITY if memory > 0.0 else FLOAT32_INFINITY | 1 << 31
+
+
+def latch(memory: Any, pool: list[int], source: int, target: int, count: int) -> None:
+    """Copy measurements: `pool[target + k]` becomes that of the place `pool[source + k]`, for k < `count`.
+
+    A compiled build copies the eight bytes from each member's address on, without converting them.
+    """
+    for index in range(count):
+        pool[target + index] = word_at(memory, pool[source + index])
+
+
+def word_of(latched: int, place: int) -> int:
+    """`word_at` of a measurement when it was latched; a compiled build converts the member's bytes here."""
+    return latched

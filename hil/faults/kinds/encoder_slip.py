@@ -1,0 +1,20 @@
+"""An encoder whose magnet slips."""
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from hil.faults.on_sensor import TURN_RAD, Past, ReadingFault, shifted
+from plant_sim.sensors.readings import SensorReading
+
+
+class EncoderSlip(ReadingFault):
+    """The encoder's magnet slips on the shaft, once."""
+
+    kind: Literal["encoder-slip"]
+    slip_rev: float = Field(ge=-0.5, le=0.5, description="the angle of the slip, in revolutions")
+
+    def disturbed(self, reading: SensorReading, past: Past, noise: np.random.Generator) -> SensorReading:
+        """The angle with the slip."""
+        return shifted(reading, "encoder", self.slip_rev * TURN_RAD)

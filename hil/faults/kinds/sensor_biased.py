@@ -1,0 +1,20 @@
+"""A sensor with a bias."""
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from hil.faults.on_sensor import Past, SensorFault, shifted
+from plant_sim.sensors.readings import SensorReading
+
+
+class SensorBiased(SensorFault):
+    """An additional constant: of accelerations in m/s², of the encoder's angle in rad."""
+
+    kind: Literal["sensor-biased"]
+    bias: float = Field(description="the constant, in m/s² or rad")
+
+    def disturbed(self, reading: SensorReading, past: Past, noise: np.random.Generator) -> SensorReading:
+        """The reading with the constant."""
+        return shifted(reading, self.sensor, self.bias)

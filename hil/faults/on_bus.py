@@ -1,0 +1,145 @@
+"""Faults on the bus: at a node's connection (`hil.faults.line`), or in the bus model of lockstep."""
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from firmware_py.interface.codec import CODECS
+from firmware_py.interface.frame import Frame
+from hil.faults.fault import Fault
+from plant_sim.scene import Scene
+from plant_sim.sensors.sampled import SAMPLED
+from plant_sim.validation_messages import nearest
+
+FRAME_IDS = {record.__name__: codec.can_id for record, codec in CODECS.items()}
+"""Identifiers by the names that vibro.dbc gives the frames."""
+TIME_RESOLUTION_S = 1e-9
+
+Node: TypeAlias = Literal["plant", "firmware", "operator"]
+Share = Annotated[
+    float, Field(gt=0.0, le=1.0, description="the share of frames or readings hit, chosen at random, 0…1")
+]
+
+
+class Step(NamedTuple):
+    """The time of a node's step, and of its previous step."""
+
+    t_s: float
+    since_s: float
+
+
+class Late(NamedTuple):
+    """A frame that is held back until `due_s`."""
+
+    due_s: float
+    frame: Frame
+
+
+Held: TypeAlias = tuple[Late, ...]
+
+
+class Sending(NamedTuple):
+    """The frames that a node sends in a step, and those that the fault has held back so far."""
+
+    step: Step
+    frames: Sequence[Frame]
+    held: Held
+
+
+class Outgoing(NamedTuple):
+    """The frames that leave a node, those held back, and the number of frames that the fault has acted on."""
+
+    frames: list[Frame]
+    held: Held
+    acted: int
+
+
+def periods_begun(at_s: float, period_s: float, step: Step) -> int:
+    """Number of periods, counted from `at_s`, that begin after the previous step and not after this one."""
+    begun = int((step.t_s - at_s) / period_s + TIME_RESOLUTION_S) + 1
+    before = int((step.since_s - at_s) / period_s + TIME_RESOLUTION_S) + 1 if step.since_s >= at_s else 0
+    return begun - before
+
+
+class LineFault(Fault):
+    """A fault at the connections of nodes. Its methods are called while it acts."""
+
+    place: ClassVar[str] = "On the bus"
+
+    def outgoing(self, sending: Sending, noise: np.random.Generator) -> Outgoing:
+        """What becomes of the frames that a node sends."""
+        return Outgoing(list(sending.frames), sending.held, 0)
+
+    def foreign_frames(self, step: Step, noise: np.random.Generator) -> list[Frame]:
+        """The frames that a foreign node sends in this step."""
+        return []
+
+    def unplugs(self, node: str) -> bool:
+        """Whether the node is disconnected."""
+        return False
+
+
+class ModelledFault(Fault):
+    """A fault in the bus model, which a scenario has with the table [bus]."""
+
+    place: ClassVar[str] = "On the bus"
+
+    @property
+    def node_off(self) -> str | None:
+        """The node whose CAN controller is held bus-off."""
+        return None
+
+    @property
+    def destroyed_ids(self) -> frozenset[int]:
+        """The identifiers whose transmissions are destroyed."""
+        return frozenset()
+
+    def acted(self, destroyed: int) -> int:
+        """How often it has acted in an interval in which this many transmissions were destroyed."""
+        return 1
+
+
+class NamedFrames(Fault):
+    """A fault of named frames."""
+
+    frames: list[str] = Field(min_length=1, description="the frames' names in vibro.dbc")
+
+    @field_validator("frames")
+    @classmethod
+    def _are_known(cls, frames: list[str]) -> list[str]:
+        for name in frames:
+            if name not in FRAME_IDS:
+                raise ValueError(f"{name!r} is no frame of vibro.dbc; {nearest(name, list(FRAME_IDS))}")
+        return frames
+
+    @cached_property
+    def can_ids(self) -> frozenset[int]:
+        """The frames' identifiers."""
+        return frozenset(FRAME_IDS[name] for name in self.frames)
+
+    def without_object(self, scene: Scene, faults: Sequence[Fault]) -> str | None:
+        """The frames that no sensor of the scene sends."""
+        sensors = scene.sensors
+        sampled = () if sensors is None else sensors.sampled()
+        sent = {one.__name__: any(isinstance(own, one) for own in sampled) for one in SAMPLED}
+        sent["GaitSensors"] = scene.gait is not None
+        missing = [name for name in self.frames if not sent.get(name, True)]
+        if not missing:
+            return None
+        names = ", ".join(missing)
+        return f"the scene's sensors do not send {names}; leave it out, or give the scene the sensor"
+
+
+class FramesFault(NamedFrames, LineFault):
+    """A fault of named frames where they leave their sender."""
+
+    def named(self, frames: Sequence[Frame]) -> list[Frame]:
+        """Those of the frames that the fault names."""
+        return [frame for frame in frames if frame.can_id in self.can_ids]
+
+    def others(self, frames: Sequence[Frame]) -> list[Frame]:
+        """Those of the frames that the fault does not name."""
+        return [frame for frame in frames if frame.can_id not in self.can_ids]

@@ -1,0 +1,203 @@
+"""The expressions of a user's own figures: numbers, signals, operators and calls of listed functions.
+
+    expression  number | pi | signal | function(expression) | (expression)
+                | + - expression | expression + - * / // % ** expression | expression < <= > >= expression
+    signal      dotted name, such as plant.omega_rad_s
+
+A scenario, and so its expressions, may come from somebody else: no other form of Python is evaluated, and
+nothing is evaluated before the whole expression is known to be of these forms. All numbers are floats and all
+arrays have the length of the signals, so that powers overflow to infinity and no expression outgrows the run.
+"""
+
+import ast
+import difflib
+import math
+import operator
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Signal = NDArray[np.float64]
+
+MOST_CHARACTERS: Final = 1_000
+MOST_NESTED: Final = 100
+"""Operations within one another; a sum of n numbers counts n."""
+
+UNARY: Final[Mapping[type[ast.unaryop], Callable[[Any], Any]]] = {
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+}
+BINARY: Final[Mapping[type[ast.operator | ast.cmpop], Callable[[Any, Any], Any]]] = {
+    ast.Add: np.add,
+    ast.Sub: np.subtract,
+    ast.Mult: np.multiply,
+    ast.Div: np.divide,
+    ast.FloorDiv: np.floor_divide,
+    ast.Mod: np.mod,
+    ast.Pow: np.power,
+    ast.Lt: np.less,
+    ast.LtE: np.less_equal,
+    ast.Gt: np.greater,
+    ast.GtE: np.greater_equal,
+}
+FORMS: Final = (
+    "numbers, pi, signals, + - * / // % **, < <= > >=, and calls of functions of one signal or number"
+)
+
+
+class ExpressionError(ValueError):
+    """An expression cannot be evaluated; the message says why."""
+
+
+def evaluate(
+    expression: str,
+    signals: Mapping[str, Mapping[str, Signal]],
+    reducers: Mapping[str, Callable[[Signal], float]],
+    elementwise: Mapping[str, Callable[[Any], Any]],
+) -> float:
+    """The number that an expression gives; raises ExpressionError.
+
+    signals: by trace and name within it, all of one length. reducers: functions from a signal to a number.
+    elementwise: functions of a signal or a number, to the same.
+    """
+    evaluation = _Evaluation(expression, signals, reducers, elementwise)
+    tree = evaluation.parsed()
+    evaluation.refuse(tree)
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        value = evaluation.value(tree)
+    if np.ndim(value) != 0:
+        raise ExpressionError(f"{expression!r} is a signal; make a number of it, by {', '.join(reducers)}")
+    return float(value)
+
+
+class _Evaluation:
+    def __init__(
+        self,
+        expression: str,
+        signals: Mapping[str, Mapping[str, Signal]],
+        reducers: Mapping[str, Callable[[Signal], float]],
+        elementwise: Mapping[str, Callable[[Any], Any]],
+    ) -> None:
+        self._expression = expression
+        self._signals = signals
+        self._reducers = reducers
+        self._elementwise = elementwise
+
+    def error(self, why: str) -> ExpressionError:
+        return ExpressionError(f"{self._expression[:MOST_CHARACTERS]!r} cannot be worked out: {why}")
+
+    def parsed(self) -> ast.expr:
+        if len(self._expression) > MOST_CHARACTERS:
+            raise self.error(f"it has {len(self._expression)} characters; wanted {MOST_CHARACTERS} at most")
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                return ast.parse(self._expression.strip(), mode="eval").body
+        except SyntaxError as error:
+            raise self.error(error.msg) from None
+        except (ValueError, MemoryError, RecursionError) as error:  # null bytes; too deep for Python's parser
+            raise self.error(f"Python cannot read it ({error})") from None
+
+    def refuse(self, node: ast.expr, nested: int = 0) -> None:
+        """Raise ExpressionError if the tree has another form than those listed, or an unknown name."""
+        if nested > MOST_NESTED:
+            raise self.error(f"more than {MOST_NESTED} operations within one another; write it shorter")
+        match node:
+            case ast.Constant(value=value) if type(value) in (int, float):
+                pass
+            case ast.Name(id="pi"):
+                pass
+            case ast.Name() | ast.Attribute():
+                self._signal(node)
+            case ast.UnaryOp(op=op, operand=operand) if type(op) in UNARY:
+                self.refuse(operand, nested + 1)
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in BINARY:
+                self.refuse(left, nested + 1)
+                self.refuse(right, nested + 1)
+            case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in BINARY:
+                self.refuse(left, nested + 1)
+                self.refuse(right, nested + 1)
+            case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]):
+                known = [*self._reducers, *self._elementwise]
+                if name not in known:
+                    raise self.error(f"{name!r} is not defined; functions are {', '.join(known)}")
+                self.refuse(argument, nested + 1)
+            case _:
+                part = ast.get_source_segment(self._expression.strip(), node) or type(node).__name__
+                raise self.error(f"{part!r} is not allowed; wanted {FORMS}")
+
+    def value(self, node: ast.expr) -> Any:
+        """The value of a tree that `refuse` has let pass: a float of numpy, or an array of them."""
+        found: Any
+        match node:
+            case ast.Constant(value=int() | float() as number):
+                found = _as_float(number)
+            case ast.Name(id="pi"):
+                found = np.float64(math.pi)
+            case ast.Name() | ast.Attribute():
+                columns, name = self._signal(node)
+                found = np.asarray(columns[name], float)
+            case ast.UnaryOp(op=sign, operand=operand):
+                found = UNARY[type(sign)](self.value(operand))
+            case ast.BinOp(left=left, op=operation, right=right):
+                found = BINARY[type(operation)](self.value(left), self.value(right))
+            case ast.Compare(left=left, ops=[comparison], comparators=[right]):
+                found = np.float64(1.0) * BINARY[type(comparison)](self.value(left), self.value(right))
+            case ast.Call(func=ast.Name(id=name), args=[argument]):
+                found = self._called(name, self.value(argument))
+            case _:
+                raise AssertionError(ast.dump(node))
+        return found
+
+    def _called(self, name: str, argument: Any) -> Any:
+        if name in self._elementwise:
+            return self._elementwise[name](argument)
+        if np.ndim(argument) != 1:
+            raise self.error(f"{name} is a function of a signal; got a number")
+        try:
+            return np.float64(self._reducers[name](argument))
+        except (ArithmeticError, IndexError, ValueError) as error:
+            raise self.error(f"{name} finds no figure in the signal ({error})") from error
+
+    def _signal(self, node: ast.expr) -> tuple[Mapping[str, Signal], str]:
+        """The trace's columns and the name within them; raises ExpressionError if there is none."""
+        names: list[str] = []
+        inner = node
+        while isinstance(inner, ast.Attribute):
+            names.insert(0, inner.attr)
+            inner = inner.value
+        if not isinstance(inner, ast.Name):
+            raise self.error(f"a dot only stands in the name of a signal; wanted {FORMS}")
+        if inner.id not in self._signals:
+            raise self.error(f"{inner.id!r} is not defined; signals begin with {', '.join(self._signals)}")
+        columns, name = self._signals[inner.id], ".".join(names)
+        if name in columns:
+            return columns, name
+        raise self.error(_unknown(inner.id, names, list(columns)))
+
+
+def _as_float(value: int | float) -> np.float64:
+    try:
+        return np.float64(float(value))
+    except OverflowError:
+        return np.float64(math.inf)
+
+
+def _unknown(trace: str, names: list[str], columns: list[str]) -> str:
+    """Name the part of a signal's name that is unknown, and near ones at its place."""
+    known, level = trace, columns
+    for name in names:
+        heads = list(dict.fromkeys(column.partition(".")[0] for column in level))
+        if name not in heads:
+            near = difflib.get_close_matches(name, heads, n=3, cutoff=0.4) or heads
+            return f"no signal {known}.{name}; it has {', '.join(near)}"
+        known, level = (
+            f"{known}.{name}",
+            [c.removeprefix(f"{name}.") for c in level if c.startswith(f"{name}.")],
+        )
+    heads = list(dict.fromkeys(column.partition(".")[0] for column in level))
+    return f"{known} is no signal; it has {', '.join(heads) or 'no signals within it'}"

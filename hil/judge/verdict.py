@@ -1,0 +1,199 @@
+"""Verdicts: a check, a run, a scenario or a suite has passed, has failed, or was not judged.
+
+`RunVerdict` is the verdict on a run. JSON, JUnit, terminal, report and log are views of it.
+
+Not judged means that a run proves nothing: the bench itself disturbed it or lost data, a fault of its script
+acted on nothing, or it has no check. A figure that a judged run does not have fails its check.
+"""
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, fields
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from hil.judge.figures.records import Figures, Number, incomplete
+from hil.judge.figures.text import figure_text
+from hil.record import formats
+
+NO_CHECKS = "nothing was checked; give the scenario a table [[checks]]"
+Value = bool | int | float | str
+
+
+class Verdict(StrEnum):
+    """The three answers."""
+
+    PASSED = "passed"
+    FAILED = "failed"
+    NOT_JUDGED = "not-judged"
+
+    @property
+    def passed(self) -> bool | None:
+        """True or False; None if not judged."""
+        return None if self is Verdict.NOT_JUDGED else self is Verdict.PASSED
+
+    @property
+    def words(self) -> str:
+        """The verdict for people: passed, failed or not judged."""
+        return self.value.replace("-", " ")
+
+
+BY_GRAVITY = (Verdict.FAILED, Verdict.NOT_JUDGED, Verdict.PASSED)
+"""The verdicts, the worst first."""
+
+
+def worst(verdicts: Iterable[Verdict]) -> Verdict:
+    """The verdict on a whole from those on its parts: failed, else not judged, else passed.
+
+    >>> worst([Verdict.PASSED, Verdict.NOT_JUDGED]).words
+    'not judged'
+    >>> worst([Verdict.NOT_JUDGED, Verdict.FAILED]).words
+    'failed'
+    >>> worst([]).words
+    'not judged'
+    """
+    found = set(verdicts) or {Verdict.NOT_JUDGED}
+    return next(one for one in BY_GRAVITY if one in found)
+
+
+@dataclass(frozen=True, slots=True)
+class CheckResult:
+    """Result of one check: verdict, measured value, unit and limit.
+
+    `reason` says why the check was not judged, or why the run does not have its figure. `margin_share`:
+    distance to the nearest limit as a share of the limits' half width, or of the only limit; None for texts.
+    """
+
+    name: str
+    verdict: Verdict
+    value: Value | None
+    unit: str
+    limit: str
+    requirement: str | None = None
+    reason: str | None = None
+    margin_share: float | None = None
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether the check has passed; None if not judged."""
+        return self.verdict.passed
+
+    @property
+    def sentence(self) -> str:
+        """The measured value, the limit and the reason: `peak_force_n is 250 N, wanted ≤ 100 N`."""
+        found = "not there" if self.value is None else figure_text(self.value, self.unit)
+        reason = "" if self.reason is None else f": {self.reason}"
+        return f"{self.name} is {found}, wanted {self.limit} {self.unit}".rstrip() + reason
+
+    @property
+    def margin_percent(self) -> int | None:
+        """Length of the margin bar, 0 to 100: 0 at the limit, 100 in the middle of two limits."""
+        return None if self.margin_share is None else round(100.0 * min(max(self.margin_share, 0.0), 1.0))
+
+    def as_json(self) -> dict[str, Any]:
+        """The result in JSON's types, as in verdict.json."""
+        return {**asdict(self), "verdict": self.verdict.value, "passed": self.passed}
+
+
+class FaultEffect(NamedTuple):
+    """What a fault of the script acted on: frames, readings, ticks or starts; None if that is unknown."""
+
+    kind: str
+    at_s: float
+    acted_on: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class RunVerdict:
+    """The verdict on one run, its figures, and what it rests on."""
+
+    figures: Figures
+    checks: tuple[CheckResult, ...] = ()
+    reasons: tuple[str, ...] = ()
+    """Reasons why the run fails regardless of its checks, one sentence each."""
+    doubts: tuple[str, ...] = ()
+    """Reasons why the run is not judged, one sentence each."""
+    faults: tuple[FaultEffect, ...] = ()
+    first_failure_s: Number = None
+    """Time in s of the first failed check; None without one."""
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    folder: Path = Path()
+
+    @property
+    def scenario(self) -> str:
+        """The scenario's name."""
+        return self.figures.scenario
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict on the run."""
+        if self.reasons:
+            return Verdict.FAILED
+        doubted = [Verdict.NOT_JUDGED] * len(self.doubts)
+        return worst([*doubted, *(check.verdict for check in self.checks)])
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether the run has passed; None if not judged."""
+        return self.verdict.passed
+
+    @property
+    def not_judged(self) -> tuple[str, ...]:
+        """The doubts, or that nothing was checked."""
+        return self.doubts if self.checks or self.reasons else (*self.doubts, NO_CHECKS)
+
+    @property
+    def why_not_passed(self) -> list[str]:
+        """All reasons why the run has not passed, one sentence each."""
+        doubts = [f"not judged: {reason}" for reason in self.not_judged]
+        return [*self.reasons, *doubts, *(check.sentence for check in self.checks if not check.passed)]
+
+    @property
+    def by_gravity(self) -> list[CheckResult]:
+        """The checks, those that have failed first, then those that were not judged."""
+        return sorted(self.checks, key=lambda check: BY_GRAVITY.index(check.verdict))
+
+    @property
+    def incomplete(self) -> list[str]:
+        """Names of the figures that are computed from a log which lacks frames."""
+        return incomplete(self.figures)
+
+    def as_json(self) -> dict[str, Any]:
+        """The content of verdict.json, with the path of the run's folder as `out`."""
+        return {
+            formats.KEY: formats.VERDICT,
+            **self.figures.as_json(),
+            "provenance": dict(self.provenance),
+            "first_failure_s": self.first_failure_s,
+            "incomplete": self.incomplete,
+            "faults": [effect._asdict() for effect in self.faults],
+            "checks": [check.as_json() for check in self.checks],
+            "reasons": list(self.reasons),
+            "not_judged": list(self.not_judged),
+            "verdict": self.verdict.value,
+            "passed": self.passed,
+            "out": str(self.folder),
+        }
+
+
+def read_verdict(path: Path) -> RunVerdict:
+    """The verdict in a verdict.json that `RunVerdict.as_json` of the same version has made."""
+    from pydantic import TypeAdapter  # noqa: PLC0415 - only an interrupted suite reads verdicts
+
+    content = json.loads(path.read_text(encoding="utf-8"))
+    formats.refuse_other_format(str(path), content, formats.VERDICT, "judge the run again")
+
+    def part(kind: type[Any], values: Mapping[str, Any]) -> Any:
+        return TypeAdapter(kind).validate_python({one.name: values[one.name] for one in fields(kind)})
+
+    return RunVerdict(
+        figures=part(Figures, content),
+        checks=tuple(part(CheckResult, check) for check in content["checks"]),
+        reasons=tuple(content["reasons"]),
+        doubts=tuple(reason for reason in content["not_judged"] if reason != NO_CHECKS),
+        faults=tuple(FaultEffect(**effect) for effect in content["faults"]),
+        first_failure_s=content["first_failure_s"],
+        provenance=content["provenance"],
+        folder=path.parent,
+    )

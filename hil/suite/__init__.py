@@ -1,0 +1,1 @@
+"""Suites: many scenarios, their page, and the comparison of two suites."""

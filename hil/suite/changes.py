@@ -1,0 +1,179 @@
+"""The effect of a change of the code: the checks of two suites with their margins, better or worse.
+
+Runs are paired by scenario and seed. A figure is better if its margin, the distance to its nearest limit, has
+grown significantly over the seeds: by Wilcoxon's two-sided signed-rank test of the paired differences, then
+by Benjamini and Hochberg's bound on the false discovery rate among all figures that differ.
+
+Checks whose verdict differs come first, then figures that exceed their tolerance.
+
+The firmware's time per tick is divided by the plant's in the same run, since the machine's speed varies; all
+runs together give one figure.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from hil.judge.tolerance import ROUNDING, Tolerance, tolerance_of
+
+FALSE_ALARMS = 0.01
+"""False discovery rate among the figures called better or worse; for equal builds, probability of any."""
+FEWEST_PAIRS = 8
+"""Lowest number of pairs n: the test's least p-value is 2^(1 − n), and fewer cannot be significant."""
+TICK_TIME = "firmware's work / plant's, p50"
+BEYOND = 1e300
+"""Replaces the infinite margin of a missing figure when differences are ranked."""
+
+Numbers = NDArray[np.float64]
+
+
+class Baseline(NamedTuple):
+    """Another suite's result, and the tolerances within which figures count as equal to it."""
+
+    suite: Mapping[str, Any]
+    tolerances: Mapping[str, Tolerance]
+
+
+def numbers(values: Sequence[float | None]) -> Numbers:
+    """Margins as numbers; a missing margin becomes the lowest."""
+    return np.array([-BEYOND if value is None else value for value in values])
+
+
+def p_value(before: Numbers, after: Numbers) -> float | None:
+    """p-value of the paired differences; None if there are too few pairs.
+
+    >>> p_value(np.arange(10.0), np.arange(10.0))
+    1.0
+    >>> round(p_value(np.arange(10.0), np.arange(10.0) + np.linspace(1, 2, 10)), 4)
+    0.002
+    """
+    if np.array_equal(before, after):
+        return 1.0
+    if len(before) < FEWEST_PAIRS:
+        return None
+    return float(stats.wilcoxon(after - before, zero_method="zsplit").pvalue)
+
+
+def middle(values: Sequence[Any]) -> Any:
+    """The median of numbers, or the most frequent of other values."""
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+        return float(np.median(values))
+    return max(values, key=list(values).count)
+
+
+def paired(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[int, int]]:
+    """Indices in both suites of the seeds that both have."""
+    of_before = {seed: place for place, seed in enumerate(before["seeds"])}
+    return [(of_before[seed], place) for place, seed in enumerate(after["seeds"]) if seed in of_before]
+
+
+def row(
+    scenario: str,
+    check: Mapping[str, Any],
+    sides: Sequence[Sequence[Any]],
+    margins: Any,
+    passed: tuple[bool | None, bool | None] = (None, None),
+    tolerance: Tolerance = ROUNDING,
+) -> dict[str, Any]:
+    """One figure before and after; `judge` adds the verdict when all p-values are known.
+
+    `passed`: whether the check was passed before and after; None if it was not judged, or is no check.
+    """
+    before, after = map(middle, sides)
+    margin_before, margin_after = margins
+    return {
+        "scenario": scenario,
+        "figure": check["name"],
+        "unit": check["unit"],
+        "limit": check["limit"],
+        "before": before,
+        "after": after,
+        "margin_before": middle(margin_before),
+        "margin_after": middle(margin_after),
+        "grows": float(np.median(numbers(margin_after) - numbers(margin_before))),
+        "p": p_value(numbers(margin_before), numbers(margin_after)),
+        "passed_before": passed[0],
+        "passed_after": passed[1],
+        "flipped": passed[0] != passed[1],
+        "equal": passed[0] == passed[1] and all(tolerance.holds(*pair) for pair in zip(*sides, strict=True)),
+    }
+
+
+def size(one: Mapping[str, Any]) -> float:
+    """Relative change of a figure; a changed word counts as the largest change."""
+    before, after = one["before"], one["after"]
+    if before == after:
+        return 0.0
+    if not all(isinstance(value, float) for value in (before, after)):
+        return np.inf
+    return float(abs(after - before) / max(abs(before), abs(after)))
+
+
+def tick_times(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The ratio of the firmware's to the plant's work over all runs; None if no loop was timed."""
+    of_before = {one["name"]: one for one in before["scenarios"]}
+    pairs = [
+        (of_before[one["name"]]["work_ratios"][first], one["work_ratios"][second])
+        for one in after["scenarios"]
+        if one["name"] in of_before
+        for first, second in paired(before, after)
+    ]
+    timed = [(first, second) for first, second in pairs if first and second]
+    if not timed:
+        return None
+    sides = list(map(list, zip(*timed, strict=True)))
+    margins = [[-float(np.log(ratio)) for ratio in side] for side in sides]
+    check = {"name": TICK_TIME, "unit": "", "limit": "the less the better"}
+    return row("all runs", check, sides, margins)
+
+
+def judge(rows: Sequence[dict[str, Any]]) -> None:
+    """Add each row's verdict: better, worse, same, or differs if there are too few seeds for a test."""
+    tested = [one for one in rows if one["p"] is not None and not one["equal"]]
+    adjusted = stats.false_discovery_control([one["p"] for one in tested]).tolist() if tested else []
+    for one in rows:
+        one["verdict"] = "same" if one["equal"] else "differs"
+    for one, p in zip(tested, adjusted, strict=True):
+        significant = p < FALSE_ALARMS and one["grows"] != 0.0
+        one["verdict"] = ("better" if one["grows"] > 0.0 else "worse") if significant else "same"
+
+
+def urgency(one: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Sorting key: newly missed checks, other flips, significant changes, other changes, equal figures."""
+    newly_missed = one["flipped"] and one["passed_after"] is not True
+    return not newly_missed, not one["flipped"], one["equal"], one["verdict"] == "same", -size(one)
+
+
+def changes(
+    before: Mapping[str, Any], after: Mapping[str, Any], tolerances: Mapping[str, Tolerance] | None = None
+) -> list[dict[str, Any]]:
+    """Every check of scenarios and seeds that both suites have, in the order of `urgency`.
+
+    Both suites are results of `run_suite`. A check is identified by its figure and its limit.
+    """
+    places = paired(before, after)
+    of_before = {one["name"]: one for one in before["scenarios"]}
+    rows = []
+    for one in after["scenarios"]:
+        known = {
+            (check["name"], check["limit"]): check
+            for check in of_before.get(one["name"], {"checks": []})["checks"]
+        }
+        for check in one["checks"]:
+            other = known.get((check["name"], check["limit"]))
+            if other is None or not places:
+                continue
+            sides, margins = (
+                ([other[key][first] for first, _ in places], [check[key][last] for _, last in places])
+                for key in ("values", "margins")
+            )
+            tolerance = tolerance_of(tolerances or {}, check["name"])
+            passed = (other["passed"], check["passed"])
+            rows.append(row(one["name"], check, sides, margins, passed, tolerance))
+    ticks = tick_times(before, after) if places else None
+    rows += [] if ticks is None else [ticks]
+    judge(rows)
+    return sorted(rows, key=urgency)

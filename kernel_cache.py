@@ -1,0 +1,368 @@
+"""The compiled kernels on disk: numba's cache, for the kernels of the plant, the firmware and the bench.
+
+numba itself keys a cached kernel by the file of the kernel's own function. After an edit of a callee in
+another file, of the order of a record's fields or of an enum's value, it would run stale machine code. Here
+the folder of a kernel is named by a digest of every module that the kernel's module imports, directly or not,
+and of the versions of numba and llvmlite. The digest is one of syntax trees, so that comments, docstrings and
+line breaks do not count.
+
+numba unpickles what it finds in its cache and runs it. The cache therefore has mode 0700, and a folder that
+belongs to another user, or that others may write, is refused. A damaged file is compiled anew.
+"""
+
+import ast
+import functools
+import glob
+import hashlib
+import importlib.util
+import json
+import os
+import pickle
+import re
+import shutil
+import stat
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from types import CodeType, SimpleNamespace
+from typing import Any, NamedTuple
+
+import llvmlite
+import numba
+from numba.core import caching, serialize
+
+PACKAGES = ("plant_sim", "firmware_py", "hil", "tools")
+"""Packages whose modules are part of a key; the versions of numba and llvmlite stand for all others."""
+
+KEYED_FOLDER = re.compile(r"(?P<name>.+)-[0-9a-f]{16}")
+MOST_KEYS = 16
+"""Number of folders kept for each module of kernels: the versions of the sources that were used last."""
+UNUSED_S = 30 * 86_400.0
+"""A folder that no process has used for this long is removed."""
+SYNTAX_TREES = "sources.json"
+MOST_SYNTAX_TREES = 4_000
+
+
+class KernelCacheError(OSError):
+    """The folder for compiled kernels cannot be written, or others may write it."""
+
+
+class DamagedKernelError(ValueError):
+    """A compiled kernel whose bytes are not those that were written."""
+
+
+def root() -> Path:
+    """The folder of all compiled kernels, made if needed: $VIBROHIL_CACHE_DIR, else in the user's cache.
+
+    Raises KernelCacheError with the remedy if it cannot be written, or if it is not this user's alone.
+    """
+    user_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return _private(Path(os.environ.get("VIBROHIL_CACHE_DIR") or user_cache / "vibrohil"))
+
+
+@functools.cache
+def _private(folder: Path) -> Path:
+    """The folder, made with mode 0700 if needed, and found to be this user's alone to write."""
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileExistsError):
+            folder.mkdir(mode=0o700)
+        tempfile.TemporaryFile(dir=folder).close()
+        found = folder.stat()
+    except OSError as error:
+        raise KernelCacheError(
+            f"compiled kernels are kept in {folder}, which cannot be written ({error.strerror}); "
+            "set VIBROHIL_CACHE_DIR to a writable folder"
+        ) from error
+    if found.st_uid not in _own_users():
+        raise KernelCacheError(
+            f"compiled kernels are kept in {folder}, which belongs to user {found.st_uid}, who could place "
+            "code in it; set VIBROHIL_CACHE_DIR to a folder of your own"
+        )
+    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise KernelCacheError(
+            f"compiled kernels are kept in {folder}, which others may write (mode {found.st_mode & 0o777:o}) "
+            "and place code in; remove it (its kernels are compiled anew), or set VIBROHIL_CACHE_DIR to a "
+            "folder that only you may write"
+        )
+    return folder
+
+
+def _own_users() -> set[int]:
+    """User ids that are this user: under user-mode Linux files keep the outer user's, see `hil.kernel`."""
+    outer = os.environ.get("VIBROHIL_OUTER_USER")
+    return {os.geteuid()} | ({int(outer)} if outer else set())
+
+
+@functools.cache
+def folder_of(name: str, module: Path, *also: Path) -> Path:
+    """The folder of all that is compiled from a module, made if needed.
+
+    name: the module's dotted name. also: files that count as if the module imported them.
+    """
+    folder = root() / f"{name}-{key(module, *also)}"
+    if not folder.exists():
+        _remove_unused(root())
+    _private(folder)
+    os.utime(folder)  # the time of its last use
+    return folder
+
+
+def _remove_unused(cache: Path) -> None:
+    """Remove what is not among the folders of a module that were used last, or was not used for a month."""
+    used: dict[str, list[tuple[float, Path]]] = {}
+    for folder in cache.iterdir():
+        if match := KEYED_FOLDER.fullmatch(folder.name):
+            with suppress(FileNotFoundError):  # another process has just removed it
+                used.setdefault(match["name"], []).append((folder.stat().st_mtime, folder))
+    for folders in used.values():
+        for rank, (last_s, folder) in enumerate(sorted(folders, reverse=True)):
+            if rank >= MOST_KEYS - 1 or time.time() - last_s > UNUSED_S:
+                with suppress(FileNotFoundError):
+                    shutil.rmtree(folder)
+
+
+# -- What a kernel is compiled from -----------------------------------------------------------------------
+
+
+class Source(NamedTuple):
+    """A source file, for the keys of what is compiled from it."""
+
+    digest: str
+    """Of its syntax tree without docstrings."""
+    imports: list[str]
+    """Dotted names that it imports: modules, and names that may be modules."""
+
+
+@functools.cache
+def key(module: Path, *also: Path) -> str:
+    """A digest of these modules, of all modules that they import, and of numba and llvmlite."""
+    digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__}".encode())
+    for path in sorted(sources(module, *also), key=lambda path: (path.name, path)):
+        digest.update(f" {path.name} {_source(path).digest}".encode())
+    return digest.hexdigest()[:16]
+
+
+def sources(*modules: Path) -> set[Path]:
+    """These modules' files and those of all modules of `PACKAGES` that they import, directly or not."""
+    known = _known_sources(root())
+    before = len(known)
+    found, pending = set(modules), list(modules)
+    while pending:
+        for name in _source(pending.pop()).imports:
+            path = _file_of(name)
+            if path is not None and path not in found:
+                found.add(path)
+                pending.append(path)
+    if len(known) > before:
+        _keep_sources(root(), known)
+    return found
+
+
+@functools.cache
+def _file_of(name: str) -> Path | None:
+    """The file of a module of `PACKAGES`; None for other modules, and for names within a module."""
+    package, _, rest = name.partition(".")
+    folder = _folder_of_package(package) if package in PACKAGES else None
+    if folder is None:
+        return None
+    path = os.path.join(folder, *rest.split("."))  # not Path, which takes ten times as long
+    candidates = f"{path}.py", os.path.join(path, "__init__.py")
+    return next((Path(candidate) for candidate in candidates if os.path.isfile(candidate)), None)
+
+
+@functools.cache
+def _folder_of_package(package: str) -> str | None:
+    spec = importlib.util.find_spec(package)
+    return spec.submodule_search_locations[0] if spec and spec.submodule_search_locations else None
+
+
+@functools.cache
+def _source(path: Path) -> Source:
+    """What counts of a file.
+
+    To parse a file takes a millisecond, to read it some ten microseconds: what was parsed is kept on disk by
+    the digest of the file's bytes.
+    """
+    known = _known_sources(root())
+    content = path.read_bytes()
+    digest = hashlib.sha256(content).hexdigest()
+    if digest not in known:
+        tree = ast.parse(content, path)
+        imports = list(_imports(tree, path))
+        for node in ast.walk(tree):
+            if isinstance(getattr(node, "body", None), list):
+                node.body = [line for line in node.body if not _is_text(line)]  # type: ignore[attr-defined]
+        known[digest] = Source(hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imports)
+    return known[digest]
+
+
+def _is_text(statement: ast.stmt) -> bool:
+    """Whether a statement is a docstring, or a string below what it describes."""
+    return (
+        isinstance(statement, ast.Expr)
+        and isinstance(statement.value, ast.Constant)
+        and isinstance(statement.value.value, str)
+    )
+
+
+def _imports(tree: ast.Module, path: Path) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            if node.level or node.module is None:
+                raise KernelCacheError(
+                    f"{path}:{node.lineno} imports a module by a relative name; wanted its whole name, as "
+                    "the kernels compiled from this file are keyed by what it imports"
+                )
+            yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+@functools.cache
+def _known_sources(cache: Path) -> dict[str, Source]:
+    try:
+        listed = json.loads((cache / SYNTAX_TREES).read_text())
+        return {content: Source(digest, imports) for content, (digest, imports) in listed.items()}
+    except (OSError, ValueError, AttributeError, TypeError):  # none yet, or damaged: it is made anew
+        return {}
+
+
+def _keep_sources(cache: Path, known: dict[str, Source]) -> None:
+    """Write the list of known sources; the oldest go beyond `MOST_SYNTAX_TREES`."""
+    latest = dict(list(known.items())[-MOST_SYNTAX_TREES:])
+    with tempfile.NamedTemporaryFile("w", dir=cache, suffix=".json", delete=False) as file:
+        json.dump(latest, file)
+    os.replace(file.name, cache / SYNTAX_TREES)
+
+
+# -- numba's cache ----------------------------------------------------------------------------------------
+
+
+class _Locator:
+    """Where numba keeps a kernel's machine code: numba's interface of a cache locator."""
+
+    def __init__(self, function: Callable[..., Any], path: str) -> None:
+        self._function = function
+        self._folder = folder_of(function.__module__, Path(path))
+
+    def get_cache_path(self) -> str:
+        """The folder, named by the sources."""
+        return str(self._folder)
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder anew if another process has removed it as unused."""
+        self._folder.mkdir(mode=0o700, exist_ok=True)
+
+    def get_source_stamp(self) -> str:
+        """What a cached kernel must have been compiled from."""
+        return self._folder.name
+
+    def get_disambiguator(self) -> str:
+        """A name for functions of one module that have the same name, such as lambda; no line number."""
+        code: CodeType = self._function.__code__
+        constants = [
+            constant
+            for constant in code.co_consts
+            if not isinstance(constant, CodeType) and constant != self._function.__doc__
+        ]
+        distinguished_by = repr((code.co_code, code.co_names, constants)).encode()
+        return hashlib.sha256(distinguished_by).hexdigest()[:8]
+
+
+_numba_caching: Any = caching  # numba's own types are incomplete
+_numba_serialize: Any = serialize
+
+
+class _Format(_numba_caching.CompileResultCacheImpl):  # type: ignore[misc]  # a base without types
+    """How a compiled kernel is written: with a digest, as damaged machine code would crash the process."""
+
+    _locator_classes = (SimpleNamespace(from_function=_Locator),)
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        if not isinstance(self.locator, _Locator):
+            raise KernelCacheError(
+                "NUMBA_CACHE_LOCATOR_CLASSES is set, and would run stale kernels; unset it"
+            )
+
+    def reduce(self, data: Any) -> tuple[bytes, bytes]:
+        content: bytes = _numba_serialize.dumps(super().reduce(data))
+        return hashlib.sha256(content).digest(), content
+
+    def rebuild(self, target_context: Any, reduced_data: tuple[bytes, bytes]) -> Any:
+        digest, content = reduced_data
+        if hashlib.sha256(content).digest() != digest:
+            raise DamagedKernelError("its digest is another")
+        return super().rebuild(target_context, pickle.loads(content))
+
+
+class KernelCache(_numba_caching.FunctionCache):  # type: ignore[misc]  # a base without types
+    """numba's cache of one function. Damaged files are reported in one line and compiled anew."""
+
+    _impl_class = _Format
+
+    def load_overload(self, signature: Any, target_context: Any) -> Any:
+        """The compiled code for a signature; None if there is none yet, or if its file is damaged."""
+        try:
+            return super().load_overload(signature, target_context)
+        except Exception as error:  # unpickling damaged bytes may raise anything
+            print(
+                f"kernel cache: a file of {self._name} in {self.cache_path} is damaged "
+                f"({type(error).__name__}); compiling it anew",
+                file=sys.stderr,
+                flush=True,
+            )
+            self._impl.locator.ensure_cache_path()
+            self.flush()
+            return None
+
+
+class CacheOnUse:
+    """A `KernelCache` that is made when it is first used, so that an import needs no writable folder."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = function
+
+    @functools.cached_property
+    def _cache(self) -> KernelCache:
+        return KernelCache(self._function)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._cache, name)
+
+
+def keep(kernel: Any) -> None:
+    """Cache a kernel (numba's dispatcher or C callback) that is not yet compiled."""
+    kernel._cache = CacheOnUse(kernel.__wrapped__)  # numba has no public way to replace a damaged file
+
+
+# -- Other files made from sources ------------------------------------------------------------------------
+
+
+def kept_file(folder: Path, name: str, make: Callable[[], bytes]) -> Path:
+    """The path of a file with what `make` returns, written once into a folder of this cache.
+
+    Its own name holds the digest of its content: a damaged file is reported in one line and made anew.
+    """
+    stem, _, suffix = name.rpartition(".")
+    for path in folder.glob(f"{glob.escape(stem)}.????????????????.{suffix}"):
+        if path.name == _named(stem, path.read_bytes(), suffix):
+            return path
+        print(f"kernel cache: {path} is damaged; making it anew", file=sys.stderr, flush=True)
+        path.unlink(missing_ok=True)
+    content = make()
+    path = folder / _named(stem, content, suffix)
+    folder.mkdir(mode=0o700, exist_ok=True)  # another process may have removed it as unused
+    with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
+        file.write(content)
+    os.replace(file.name, path)
+    return path
+
+
+def _named(stem: str, content: bytes, suffix: str) -> str:
+    return f"{stem}.{hashlib.sha256(content).hexdigest()[:16]}.{suffix}"

@@ -1,0 +1,114 @@
+"""The parts of a scene as kernels read them: one record for each slot, whatever part it holds.
+
+The slots are the fields of `Parts`, the parts of a slot those of the field's declared type. A slot's record
+has a `kind`, the part's place among them, by which kernels choose its laws (`kernels.by_part`), and the
+fields of all its parts; those that the present part does not have are zero or empty.
+"""
+
+from collections import namedtuple
+from functools import cache
+from typing import Any, get_args, get_type_hints
+
+import numpy as np
+
+from plant_sim.kernels import register_kinds
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.walking import COLUMNS
+from plant_sim.references import by_reference
+from plant_sim.sensors.sensing import NoSensing, Probe, Sensing
+
+_ARRAYS: Any = (
+    (np.complex128, 1, ("poles", "states")),
+    (np.complex128, 2, ("moments",)),
+    (np.float64, 1, ("step_s", "readings")),
+    (np.float64, 2, ("inputs", "pulses", "shaken")),
+    (np.int64, 1, ("active",)),
+)
+_EMPTY: dict[str, Any] = {
+    "rows": np.zeros((1, COLUMNS)),
+    **{name: np.zeros((0,) * axes, kind) for kind, axes, names in _ARRAYS for name in names},
+}
+"""The arrays of an absent part, by the name of their field."""
+
+
+_make_record: Any = namedtuple  # a class cannot list fields that are found at run time
+
+
+@cache
+def _slot_record(slot: str, declared: Any) -> tuple[Any, tuple[type, ...], dict[str, Any]]:
+    """The record of a slot, its parts by kind, and the types of its fields without `kind`."""
+    members = get_args(declared) or (declared,)
+    fields: dict[str, Any] = {}
+    for member in members:
+        for name, its_type in get_type_hints(member).items():
+            if fields.setdefault(name, its_type) != its_type:
+                raise TypeError(
+                    f"{slot}: {name} is {fields[name]} in one part and {its_type} in another; the fields "
+                    "of a slot's parts share one type a name, rename one of them"
+                )
+    record = _make_record(f"Any{slot.title()}", ["kind", *fields])
+    record.__annotations__ = {"kind": int, **fields}
+    register_kinds(record, members)
+    return record, members, fields
+
+
+@cache
+def _columns(slot: str, declared: Any, kind: Any) -> tuple[Any, int, list[tuple[str, Any, Any]]]:
+    """The record of a slot, a part's place among its kinds, and each field's name, type and value if the part
+    does not have it (None if it does)."""
+    record, members, fields = _slot_record(slot, declared)
+    own = get_type_hints(kind)
+    absent = {
+        name: its_type(0) if its_type in (float, int) else _EMPTY[name]
+        for name, its_type in fields.items()
+        if name not in own
+    }
+    columns = [(name, its_type, absent.get(name)) for name, its_type in fields.items()]
+    return record, members.index(kind), columns
+
+
+def with_kind(slot: str, declared: Any, part: Any) -> Any:
+    """The part as the record of its slot, whose declared type is `declared`."""
+    kind: Any = type(part)
+    record, place, columns = _columns(slot, declared, kind)
+    values = []
+    for name, its_type, absent in columns:
+        if absent is not None:
+            values.append(absent)
+        elif its_type in (float, int):
+            values.append(its_type(getattr(part, name)))
+        else:
+            values.append(np.require(getattr(part, name), requirements=["C", "W"]))
+    return record(place, *values)
+
+
+def _any_parts() -> Any:
+    record = _make_record("AnyParts", Parts._fields)
+    record.__annotations__ = dict.fromkeys(Parts._fields, object)
+    return record
+
+
+_SLOTS = get_type_hints(Parts)
+_AnyParts = _any_parts()
+
+
+def kernel_parts(parts: Parts) -> Parts:
+    """The parts for kernels. Interpreted kernels (NUMBA_DISABLE_JIT) take them as they are."""
+    records = _AnyParts(
+        *(with_kind(slot, _SLOTS[slot], part) for slot, part in zip(_SLOTS, parts, strict=True))
+    )
+    return by_reference(parts, records)
+
+
+def kernel_probe(probe: Probe) -> Probe:
+    """The sensors' filters for kernels, or their absence."""
+    return _kernel_probe(probe) if isinstance(probe, Sensing) else _no_probe()
+
+
+def _kernel_probe(probe: Probe) -> Probe:
+    return by_reference(probe, with_kind("probe", NoSensing | Sensing, probe))
+
+
+@cache
+def _no_probe() -> Probe:
+    return _kernel_probe(NoSensing())

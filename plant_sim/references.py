@@ -1,0 +1,149 @@
+"""Records that kernels receive by reference: a pointer to a copy in the memory layout of numba.
+
+A kernel that takes nested records by value copies them in every call. A reference costs a pointer, and one
+compiled kernel serves all records of a type.
+"""
+
+import ctypes
+import struct
+from typing import Any, TypeVar
+
+import numba
+import numpy as np
+from numba.core import cgutils, types
+from numba.core.datamodel import models
+from numba.core.datamodel.registry import register_default
+from numba.core.imputils import impl_ret_borrowed, lower_getattr_generic
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import NativeValue, infer_getattr, typeof_impl, unbox
+
+from plant_sim.kernels import IS_INTERPRETED, kind_of
+
+_Record = TypeVar("_Record", bound=tuple[Any, ...])
+
+# numba carries no types
+_cgutils: Any = cgutils
+_impl_ret_borrowed: Any = impl_ret_borrowed
+_native_value: Any = NativeValue
+_typeof: Any = numba.typeof
+_lower_getattr_generic: Any = lower_getattr_generic
+_unbox: Any = unbox
+_AttributeTemplate: Any = AttributeTemplate
+_PrimitiveModel: Any = models.PrimitiveModel
+
+
+class ReferenceType(types.Type):
+    """A pointer to a record (NamedTuple) that does not change while kernels run."""
+
+    def __init__(self, record: Any) -> None:
+        self.record = record
+        self.instance_class = record.instance_class
+        super().__init__(f"Reference({record})")
+
+
+@register_default(ReferenceType)
+class _PointerModel(_PrimitiveModel):  # type: ignore[misc]  # numba carries no types
+    def __init__(self, manager: Any, its_type: ReferenceType) -> None:
+        super().__init__(manager, its_type, manager.lookup(its_type.record).get_value_type().as_pointer())
+
+
+def _field_type(record: Any, place: int) -> Any:
+    field = record[place]
+    return ReferenceType(field) if isinstance(field, types.BaseNamedTuple) else field
+
+
+@infer_getattr
+class _Fields(_AttributeTemplate):  # type: ignore[misc]  # numba carries no types
+    key = ReferenceType
+
+    def generic_resolve(self, reference: ReferenceType, name: str) -> Any:
+        fields = reference.record.fields
+        return _field_type(reference.record, fields.index(name)) if name in fields else None
+
+
+@_lower_getattr_generic(ReferenceType)
+def _read_field(context: Any, builder: Any, reference: ReferenceType, pointer: Any, name: str) -> Any:
+    """A field: nested records by reference, all others by value."""
+    place = reference.record.fields.index(name)
+    field = _cgutils.gep_inbounds(builder, pointer, 0, place)
+    its_type = _field_type(reference.record, place)
+    if isinstance(its_type, ReferenceType):
+        return field
+    value = builder.load(field)
+    value.set_metadata("invariant.load", builder.module.add_metadata([]))
+    return _impl_ret_borrowed(context, builder, its_type, value)
+
+
+class Reference:
+    """A record and its copy in the layout that kernels read: words of eight bytes."""
+
+    __slots__ = ("_words", "address", "numba_type", "record")
+
+    def __init__(self, record: tuple[Any, ...], kind: Any) -> None:
+        """`kind` determines the record's compiled type: its class, or `kind_of` it."""
+        self.record = record  # keeps the arrays alive
+        kinds: list[str] = []
+        numbers: list[float] = []
+        _flatten(record, kinds, numbers)
+        packed = struct.pack("".join(kinds), *numbers)
+        self._words = (ctypes.c_int64 * len(numbers)).from_buffer_copy(packed)
+        self.address = ctypes.addressof(self._words)
+        if kind not in _TYPES:
+            _TYPES[kind] = ReferenceType(_typeof(record))
+        self.numba_type = _TYPES[kind]
+
+    @property
+    def words(self) -> list[int]:
+        """The words of the copy."""
+        return list(self._words)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.record, name)
+
+
+_TYPES: dict[Any, ReferenceType] = {}
+"""Types by the kind of record: numba takes a millisecond to find one."""
+
+
+def by_reference(record: _Record, layout: Any = None) -> _Record:
+    """The record for a kernel, in the fields of `layout` if one is given: a record whose class determines the
+    types of all its fields.
+
+    Kernels that Python interprets (NUMBA_DISABLE_JIT) take the record itself.
+    """
+    if IS_INTERPRETED:
+        return record
+    reference: Any = Reference(record, kind_of(record)) if layout is None else Reference(layout, type(layout))
+    its_record: _Record = reference
+    return its_record
+
+
+def _flatten(value: Any, kinds: list[str], numbers: list[float]) -> None:
+    """Append the words of a number, an array (numba's ArrayModel) or a record, and their `struct` kinds."""
+    if isinstance(value, tuple):
+        for field in value:
+            _flatten(field, kinds, numbers)
+    elif isinstance(value, float):
+        kinds.append("d")
+        numbers.append(value)
+    elif type(value) is int:
+        kinds.append("q")
+        numbers.append(value)
+    elif isinstance(value, np.ndarray):
+        kinds.append("q" * (5 + 2 * value.ndim))
+        numbers += (0, 0, value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides)
+    else:
+        raise TypeError(f"{value!r} in a record for kernels; wanted a float, an int, an array or a record")
+
+
+@typeof_impl.register(Reference)
+def _type_of(reference: Reference, _: Any) -> ReferenceType:
+    return reference.numba_type
+
+
+@_unbox(ReferenceType)
+def _pointer_of(its_type: ReferenceType, reference: Any, c: Any) -> Any:
+    address = c.pyapi.object_getattr_string(reference, "address")
+    number = c.pyapi.long_as_longlong(address)
+    c.pyapi.decref(address)
+    return _native_value(c.builder.inttoptr(number, c.context.get_value_type(its_type)))

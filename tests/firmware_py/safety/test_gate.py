@@ -1,0 +1,733 @@
+"""The gate alone: each limit from both sides, its time, and what a stale, clipped or missing number does."""
+
+import math
+
+import pytest
+from records import HEALTHY, replaced
+
+from firmware_py.core.config import Config
+from firmware_py.core.inputs import Inputs
+from firmware_py.core.safety import gate
+from firmware_py.core.safety.gate import GateFindings, GateReading, GateState
+from firmware_py.interface.arrivals import NEVER_TICKS
+from firmware_py.interface.enums import ActingLimit, AxisState, Fault
+from firmware_py.shell.parameters import config_from
+
+CONFIG = config_from({})
+CLOSED = replaced(HEALTHY, "drive.axis_state", AxisState.CLOSED_LOOP_CONTROL)
+NOTHING = GateFindings(Fault.NONE, Fault.NONE, Fault.NONE, operator_lost=False, overspeed=False)
+MASS_KG = 0.8
+
+
+def guard(
+    inputs: Inputs = CLOSED,
+    ticks: int = 1,
+    state: GateState = gate.INITIAL,
+    stuck: bool = False,
+    config: Config = CONFIG,
+) -> tuple[GateState, GateFindings]:
+    """Some ticks with a reading in each in which the accelerometer's frame is fresh."""
+    findings = NOTHING
+    for tick in range(ticks):
+        if inputs.accelerometer.age_ticks == 0:
+            low_m_s2 = inputs.accelerometer.low_m_s2 + (0.0 if stuck else 0.01 * (tick % 2))
+            reading = GateReading(
+                low_m_s2,
+                inputs.accelerometer.high_m_s2,
+                (state.counter + 1) % 256,
+                inputs.encoder.velocity_rev_s,
+            )
+            state = gate.take_reading(config.d.gate, state, reading)
+        state, findings = gate.judge(config.d.gate, state, inputs)
+    return state, findings
+
+
+def felt(
+    readings: list[float], counters: list[int] | None = None, config: Config = CONFIG
+) -> tuple[GateState, list[Fault]]:
+    """The faults after each reading; a missing counter is a lost frame."""
+    state, faults = gate.INITIAL, []
+    for place, high_m_s2 in enumerate(readings):
+        if counters is None or place in counters:
+            state = gate.take_reading(
+                config.d.gate, state, GateReading(0.01 * place, high_m_s2, place % 256, 0.0)
+            )
+        state, findings = gate.judge(config.d.gate, state, CLOSED)
+        faults.append(findings.limit)
+    return state, faults
+
+
+def pulse(peak_m_s2: float, ticks: int, flight_m_s2: float = 0.0) -> list[float]:
+    """Ten readings in flight, a half-sine down to −peak, ten readings in flight."""
+    flight = [flight_m_s2] * 10
+    shape = [math.sin(math.pi * (k + 0.5) / ticks) for k in range(ticks)]
+    return [*flight, *(flight_m_s2 - peak_m_s2 * one for one in shape), *flight]
+
+
+def impulse_n_s(readings: list[float], flight_m_s2: float = 0.0) -> float:
+    return MASS_KG * 1e-3 * sum(flight_m_s2 - one for one in readings)
+
+
+STUCK_FORCE_M_S2 = CONFIG.d.gate.peak_m_s2
+
+
+def test_the_block_of_limits_is_that_of_the_parameters() -> None:
+    assert pytest.approx(1500.0) == CONFIG.d.gate.peak_m_s2 * MASS_KG
+    assert pytest.approx(1.6) == CONFIG.d.gate.change_m_s * MASS_KG
+    assert pytest.approx(0.98 * 1961.33) == CONFIG.d.gate.clipped_m_s2
+    own = CONFIG.d.gate
+    assert (own.longest_contact_ticks, own.window_ticks, own.gap_ticks) == (100, 20, 10)
+    assert (CONFIG.d.ticks.sensor, CONFIG.d.ticks.encoder, CONFIG.d.gate.frozen_ticks) == (30, 30, 20)
+    assert (CONFIG.d.ticks.drive, CONFIG.d.gate.operator_ticks) == (350, 350)
+    assert (CONFIG.d.gate.overcurrent_ticks, CONFIG.d.gate.voltage_ticks) == (20, 150)
+    assert CONFIG.d.gate.gait_ticks == 0
+    assert CONFIG.d.gate.flight_m_s3 == 300.0
+    stiff = config_from(
+        {
+            "striker.spring_n_m": 720.0,
+            "start.highest_ratio": 1.2,
+            "limit.speed_rad_s": 38.0,
+            "limit.overspeed_rad_s": 39.0,
+        }
+    )
+    assert stiff.d.gate.flight_m_s3 == pytest.approx(1800.0)
+    slow = config_from({"control.tick_s": 0.004, "gait.follow": 1}).d.gate
+    assert (slow.gait_ticks, slow.gap_ticks, slow.window_ticks, slow.longest_contact_ticks) == (50, 2, 5, 25)
+
+
+def test_nothing_is_found_on_a_healthy_module() -> None:
+    state, findings = guard(ticks=1000)
+    assert findings == NOTHING
+    assert state == gate.INITIAL._replace(
+        contact=gate.IN_FLIGHT._replace(started=True),
+        counter=999 % 256,
+        reading_ticks=1,
+        encoder_ticks=0,
+        low_m_s2=0.01,
+        window_ticks=state.window_ticks,
+    )
+    assert 0 <= state.window_ticks < CONFIG.d.gate.window_ticks
+
+
+def test_at_power_up_nothing_is_known() -> None:
+    assert gate.INITIAL.counter == -1
+    assert gate.INITIAL.reading_ticks == gate.INITIAL.encoder_ticks == NEVER_TICKS
+    assert not gate.INITIAL.shut
+    assert not any(gate.INITIAL.contact)
+
+
+# Force
+
+
+@pytest.mark.parametrize("side", [-1.0, 2.0])
+@pytest.mark.requirement("S-04")
+def test_the_force_trips_at_the_first_reading_beyond_its_limit(side: float) -> None:
+    flight = 5.0
+    for beyond, fault in ((-0.001, Fault.NONE), (0.001, Fault.FORCE_LIMIT)):
+        readings = [flight, flight, flight + side * (900.0 + beyond) / 1.4]
+        wide = replaced(replaced(CONFIG, "d.gate.change_m_s", 1e9), "d.gate.peak_m_s2", 900.0)
+        assert felt(readings, config=wide)[1] == [Fault.NONE, Fault.NONE, fault]
+
+
+@pytest.mark.parametrize("side", [-1.0, 2.0])
+def test_a_rising_force_is_extrapolated(side: float) -> None:
+    """By 0.4 ms: the low-pass lowers a short peak, and the peak lies between two samples."""
+    config = replaced(replaced(CONFIG, "d.gate.peak_m_s2", 200.0), "d.gate.change_m_s", 1e9)
+    for rise, fault in ((0.999, Fault.NONE), (1.001, Fault.FORCE_LIMIT)):
+        first = 60.0
+        second = first + rise * (200.0 - first) / 1.4
+        assert felt([0.0, side * first, side * second], config=config)[1][-1] == fault
+        # Over three lost samples the slope is a quarter.
+        second = first + rise * (200.0 - first) / 1.1
+        readings = [0.0, side * first, 0.0, 0.0, 0.0, side * second]
+        assert felt(readings, counters=[0, 1, 5], config=config)[1][-1] == fault
+    # A falling one is taken as it is.
+    assert felt([0.0, side * 140.0, side * 20.0, side * 199.0], config=config)[1][1] == Fault.NONE
+    assert felt([0.0, side * 140.0, side * 139.0], config=config)[1][-1] == Fault.NONE
+    late = gate.integrate_reading(config.d.gate, felt([0.0, side * 60.0])[0].contact, side * 199.0, 0)
+    assert late.fault == Fault.NONE
+
+
+def test_the_force_is_that_of_the_stop_without_the_spring() -> None:
+    config = replaced(CONFIG, "d.gate.peak_m_s2", 100.0)
+    assert felt([-20.0] * 5 + [-91.0], config=config)[1][-1] == Fault.NONE
+    assert felt([-20.0] * 5 + [-92.0], config=config)[1][-1] == Fault.FORCE_LIMIT
+
+
+@pytest.mark.parametrize(
+    "reading", [CONFIG.d.gate.clipped_m_s2 * 1.0001, -CONFIG.d.gate.clipped_m_s2 * 1.0001]
+)
+def test_a_clipped_reading_violates_the_force_limit(reading: float) -> None:
+    """Whatever the limit: what it hides is not known."""
+    config = replaced(replaced(CONFIG, "d.gate.peak_m_s2", 1e9), "d.gate.change_m_s", 1e9)
+    assert felt([0.0, reading], config=config)[1] == [Fault.NONE, Fault.FORCE_LIMIT]
+    edge = math.copysign(config.d.gate.clipped_m_s2, reading)
+    assert felt([0.0, edge], config=config)[1] == [Fault.NONE, Fault.NONE]
+
+
+@pytest.mark.parametrize("before", [0, 1, 5])
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_reading_that_is_no_number_violates_the_force_limit(bad: float, before: int) -> None:
+    state, faults = felt([0.0] * before + [bad])
+    assert faults == [Fault.NONE] * before + [Fault.FORCE_LIMIT]
+    assert felt([0.0] * before + [bad, 0.0, 0.0])[1][-1] == Fault.NONE
+    assert all(math.isfinite(value) for value in state.contact)
+
+
+def test_there_is_no_blind_time_after_an_impact() -> None:
+    first = pulse(300.0, 10)[:-10]
+    config = replaced(CONFIG, "d.gate.peak_m_s2", 500.0)
+    for rest in range(4):
+        readings = [*first, *[0.0] * rest, -501.0]
+        assert felt(readings, config=config)[1] == [Fault.NONE] * (len(readings) - 1) + [Fault.FORCE_LIMIT]
+
+
+# Impulse
+
+
+@pytest.mark.parametrize("side", [1.0, -2.0])
+@pytest.mark.parametrize("flight_m_s2", [0.0, -8.0, 15.0])
+@pytest.mark.parametrize("ticks", [2, 5, 10, 30])
+def test_the_impulse_is_the_integral_of_the_stops_force(ticks: int, flight_m_s2: float, side: float) -> None:
+    readings = pulse(side * 1000.0 / ticks * 1.5, ticks, flight_m_s2)
+    true_n_s = impulse_n_s(readings, flight_m_s2) / side
+    for share, fault in ((0.96, Fault.IMPULSE_LIMIT), (1.04, Fault.NONE)):
+        config = replaced(CONFIG, "d.gate.change_m_s", share * true_n_s / MASS_KG)
+        assert set(felt(readings, config=config)[1]) == {Fault.NONE, fault}
+
+
+def test_a_kick_before_an_impact_takes_nothing_from_its_impulse() -> None:
+    """A push towards the stop is the opposite of the stop's force."""
+    kick, impact = pulse(-300.0, 10)[:-10], pulse(300.0, 10)[10:]
+    for share, fault in ((0.9, Fault.IMPULSE_LIMIT), (1.04, Fault.NONE)):
+        config = replaced(CONFIG, "d.gate.change_m_s", share * impulse_n_s(impact) / MASS_KG)
+        assert set(felt([*kick, *impact], config=config)[1]) == {Fault.NONE, fault}
+    state, _ = felt([0.0, 13.0, 13.0, -12.5])
+    assert state.contact == gate.ContactState(
+        started=True,
+        touching=True,
+        ticks=1,
+        flight_m_s2=0.0,
+        deviation_m_s2=12.5,
+        peak_m_s2=12.5,
+        change_m_s=pytest.approx(0.5 * 12.5e-3),
+        fault=Fault.NONE,
+    )
+    state, _ = felt([0.0, 13.0, 13.0, -12.0])
+    assert state.contact.change_m_s == pytest.approx((-0.5 * 13.0 - 13.0 - 0.5 * 1.0) * 1e-3)
+    assert state.contact.ticks == 3
+
+
+def test_the_impulse_trips_within_the_contact() -> None:
+    readings = pulse(300.0, 10)
+    _, faults = felt(
+        readings, config=replaced(CONFIG, "d.gate.change_m_s", 0.5 * impulse_n_s(readings) / MASS_KG)
+    )
+    tripped = [tick for tick, fault in enumerate(faults) if fault != Fault.NONE]
+    assert tripped[0] == 15
+
+
+def test_a_limit_that_is_no_number_trips() -> None:
+    readings = pulse(300.0, 10)
+    assert Fault.IMPULSE_LIMIT in felt(readings, config=replaced(CONFIG, "d.gate.change_m_s", math.nan))[1]
+    assert Fault.FORCE_LIMIT in felt(readings, config=replaced(CONFIG, "d.gate.peak_m_s2", math.nan))[1]
+
+
+def test_each_contact_has_its_own_impulse() -> None:
+    one = pulse(300.0, 10)
+    config = replaced(CONFIG, "d.gate.change_m_s", 1.5 * impulse_n_s(one) / MASS_KG)
+    assert set(felt(one * 5, config=config)[1]) == {Fault.NONE}
+
+
+def test_a_contact_begins_beyond_the_noise_and_its_beginning_counts() -> None:
+    state, _ = felt([0.0, gate.TOUCH_M_S2, 0.0])
+    assert not state.contact.touching
+    state, _ = felt([0.0, -12.5])
+    assert (state.contact.touching, state.contact.ticks, state.contact.peak_m_s2) == (True, 1, 12.5)
+    assert state.contact.change_m_s == pytest.approx(0.5 * 12.5e-3)
+    state, _ = felt([0.0, -12.5, -30.0])
+    assert (state.contact.ticks, state.contact.peak_m_s2) == (2, 30.0)
+    assert state.contact.change_m_s == pytest.approx((0.5 * 12.5 + 0.5 * 42.5) * 1e-3)
+    state, _ = felt([0.0, -30.0, -20.0])
+    assert state.contact.peak_m_s2 == 30.0
+
+
+def test_a_contact_ends_below_its_share_of_the_peak() -> None:
+    for peak, last, touching in ((100.0, 5.9, False), (100.0, 6.0, True), (1000.0, 19.9, False)):
+        state, _ = felt([0.0, -peak, -last])
+        assert state.contact.touching == touching
+    state, _ = felt([0.0, -1000.0, -20.1])
+    assert state.contact.touching
+    state, _ = felt([0.0, -100.0, -5.0])
+    ended = gate.IN_FLIGHT._replace(started=True, deviation_m_s2=5.0)
+    assert state.contact == ended
+
+
+def test_the_flight_is_followed_slowly_and_not_in_contact() -> None:
+    state, _ = felt([0.0, 10.0])
+    assert state.contact.flight_m_s2 == pytest.approx(0.3)
+    state, _ = felt([0.0, 0.1])
+    assert state.contact.flight_m_s2 == pytest.approx(0.1)
+    state, _ = felt([0.0, -10.0])
+    assert state.contact.flight_m_s2 == pytest.approx(-0.3)
+    state, _ = felt([0.0, -50.0, -50.0])
+    assert state.contact.flight_m_s2 == 0.0
+    state, _ = felt([0.0, -10.0, -10.0, -10.0], counters=[0, 3])
+    assert state.contact.flight_m_s2 == pytest.approx(-0.9)
+
+
+def test_each_limit_is_still_allowed() -> None:
+    """The sides of a contact's limits, the threshold of a contact, and the limits of the crank's speed."""
+    assert gate.is_within(1.0, 1.0)
+    assert gate.is_within(-2.0, 1.0)
+    assert not gate.is_within(math.nextafter(1.0, 2.0), 1.0)
+    assert not gate.is_within(math.nextafter(-2.0, -3.0), 1.0)
+    assert not felt([0.0, -gate.TOUCH_M_S2])[0].contact.touching
+    assert felt([0.0, math.nextafter(-gate.TOUCH_M_S2, -99.0)])[0].contact.touching
+    limit_rad_s = CONFIG.p.limit.overspeed_rad_s
+    assert not gate.is_overspeed(CONFIG.d.gate, limit_rad_s, 0.0)
+    assert gate.is_overspeed(CONFIG.d.gate, math.nextafter(limit_rad_s, 99.0), 0.0)
+
+
+def test_a_late_reading_is_not_extrapolated() -> None:
+    state, _ = felt([0.0, 0.0])
+    for share, fault in ((0.9999, Fault.NONE), (1.0001, Fault.FORCE_LIMIT)):
+        late = GateReading(0.0, -share * STUCK_FORCE_M_S2, 0, 0.0)
+        assert gate.take_reading(CONFIG.d.gate, state, late).contact.fault == fault
+
+
+def test_a_push_that_turns_begins_a_new_contact_and_one_that_cancels_does_not() -> None:
+    """Control periods and readings are powers of 2, so that the first part's impulse cancels exactly."""
+    config = config_from({"control.tick_s": 2.0**-10})
+    state, _ = felt([0.0, -20.0, 12.0, 12.0, -8.0], config=config)
+    assert (state.contact.touching, state.contact.change_m_s, state.contact.ticks) == (True, 0.0, 4)
+    state, _ = felt([0.0, -20.0, 12.0, 12.0, -8.0, -20.0], config=config)
+    assert (state.contact.change_m_s, state.contact.ticks) == (0.5 * 28.0 * 2.0**-10, 5)
+    state, _ = felt([0.0, -80.0, 20.0], config=config)
+    assert (state.contact.change_m_s, state.contact.ticks) == (-0.5 * 20.0 * 2.0**-10, 1)
+    assert state.contact.peak_m_s2 == 20.0
+
+
+@pytest.mark.parametrize("lost", [1, 2, 3])
+def test_lost_readings_are_bridged(lost: int) -> None:
+    readings = pulse(300.0, 20)
+    counters = [place for place in range(len(readings)) if not 18 <= place < 18 + lost]
+    for share, fault in ((0.9, Fault.IMPULSE_LIMIT), (1.05, Fault.NONE)):
+        config = replaced(CONFIG, "d.gate.change_m_s", share * impulse_n_s(readings) / MASS_KG)
+        assert set(felt(readings, counters, config)[1]) == {Fault.NONE, fault}
+
+
+def test_a_long_gap_invents_no_impulse() -> None:
+    readings = [0.0] * 25 + [-200.0, 0.0, 0.0]
+    state, _ = felt(readings[:26], counters=[0, 1, 2, 25])
+    assert state.contact.change_m_s == pytest.approx(0.5 * 200.0 * 4e-3)
+
+
+@pytest.mark.parametrize(
+    ("before", "counter", "ticks"),
+    [
+        (-1, 77, 1),
+        (3, 4, 1),
+        (3, 7, 4),
+        (255, 0, 1),
+        (250, 3, 9),
+        (3, 67, 64),
+        (3, 68, 1),
+        (3, 2, 0),
+        (3, 243, 0),
+        (3, 242, 1),
+        (3, 3, 1),
+        (0, 17, 17),
+    ],
+)
+def test_the_counter_gives_the_samples_between_two_frames(before: int, counter: int, ticks: int) -> None:
+    assert gate.counted_ticks(before, counter) == ticks
+
+
+def test_frames_out_of_order_are_not_counted_twice() -> None:
+    """Swapped in pairs, each impact has the impulse that it has in order."""
+    readings = pulse(300.0, 20)
+    for share, fault in ((0.95, Fault.IMPULSE_LIMIT), (1.05, Fault.NONE)):
+        config = replaced(CONFIG, "d.gate.change_m_s", share * impulse_n_s(readings) / MASS_KG)
+        state, faults = gate.INITIAL, set()
+        for place in range(0, len(readings), 2):
+            for swapped in (place + 1, place):
+                reading = GateReading(0.01 * swapped, readings[swapped], swapped, 0.0)
+                state = gate.take_reading(config.d.gate, state, reading)
+            state, findings = gate.judge(config.d.gate, state, CLOSED)
+            faults.add(findings.limit)
+        assert faults == {Fault.NONE, fault}
+        assert state.counter == len(readings) - 1
+
+
+def test_a_late_reading_counts_for_the_force_and_ends_no_silence_of_another() -> None:
+    state, _ = felt([0.0, 0.0, 0.0])
+    late = gate.take_reading(CONFIG.d.gate, state, GateReading(9.0, -1900.0, 1, 0.0))
+    assert late == state._replace(contact=state.contact._replace(fault=Fault.FORCE_LIMIT), reading_ticks=0)
+    silent = state._replace(reading_ticks=CONFIG.d.ticks.sensor + 1)
+    anew = gate.take_reading(CONFIG.d.gate, silent, GateReading(9.0, -19.0, 1, 0.0))
+    assert (anew.counter, anew.contact.flight_m_s2) == (1, -19.0)
+
+
+def test_all_readings_of_a_bundle_count() -> None:
+    """Ten readings that come in one tick are judged in that tick."""
+    state = gate.INITIAL
+    for place, high_m_s2 in enumerate([0.0, -100.0, -1000.0, -1900.0, -1000.0, -100.0, 0.0]):
+        state = gate.take_reading(CONFIG.d.gate, state, GateReading(0.0, high_m_s2, place, 0.0))
+    state, findings = gate.judge(CONFIG.d.gate, state, CLOSED)
+    assert findings.limit in (Fault.FORCE_LIMIT, Fault.IMPULSE_LIMIT)
+    assert gate.judge(CONFIG.d.gate, state, CLOSED)[1].limit == Fault.NONE
+
+
+def test_of_several_faults_in_a_bundle_one_is_named() -> None:
+    config = replaced(CONFIG, "d.gate.change_m_s", 0.01)
+    state = gate.INITIAL
+    for place, high_m_s2 in enumerate([0.0, -1900.0, -100.0, -100.0]):
+        state = gate.take_reading(config.d.gate, state, GateReading(0.0, high_m_s2, place, 0.0))
+    assert gate.judge(config.d.gate, state, CLOSED)[1].limit == Fault.FORCE_LIMIT
+
+
+def test_a_deviation_that_stays_is_no_impact_and_trips() -> None:
+    """An offset that has jumped: it trips, and the gate then knows the new one."""
+    state, faults = felt([0.0] * 5 + [-14.0] * 110)
+    assert faults[:105] == [Fault.NONE] * 105
+    assert faults[105] == Fault.IMPULSE_LIMIT
+    assert set(faults[106:]) == {Fault.NONE}
+    assert state.contact == gate.IN_FLIGHT._replace(started=True, flight_m_s2=-14.0)
+    state, _ = felt([0.0] * 5 + [-14.0] * 101 + [-314.0])
+    assert state.contact.change_m_s == pytest.approx(0.5 * 300.0 * 1e-3)
+    force = replaced(CONFIG, "d.gate.peak_m_s2", 13.0)
+    assert felt([0.0] * 5 + [-14.0] * 101, config=force)[1][-1] == Fault.FORCE_LIMIT
+
+
+def test_after_a_silence_nothing_is_known_of_the_flight() -> None:
+    state, _ = felt([0.0, 0.0, -300.0])
+    silent = replaced(CLOSED, "accelerometer.age_ticks", 1)
+    for ticks, touching in ((29, True), (30, False)):
+        later, _ = guard(silent, ticks, state)
+        later = gate.take_reading(CONFIG.d.gate, later, GateReading(0.0, -40.0, 200, 0.0))
+        assert later.contact.touching == touching
+    assert later.contact.flight_m_s2 == -40.0
+    clipped = state._replace(contact=state.contact._replace(fault=Fault.FORCE_LIMIT), reading_ticks=100)
+    later = gate.take_reading(CONFIG.d.gate, clipped, GateReading(0.0, -40.0, 200, 0.0))
+    assert later.contact.fault == Fault.FORCE_LIMIT
+    stuck = gate.take_reading(
+        CONFIG.d.gate, later._replace(reading_ticks=100), GateReading(0.0, -40.0, 90, 9.0)
+    )
+    assert stuck.stuck_ticks == later.stuck_ticks + 1
+
+
+# Watchdogs
+
+
+@pytest.mark.parametrize(
+    ("path", "longest", "fault"),
+    [
+        ("accelerometer.age_ticks", 30, Fault.SENSOR_TIMEOUT),
+        ("encoder.age_ticks", 30, Fault.ENCODER_TIMEOUT),
+        ("drive.age_ticks", 350, Fault.DRIVE_TIMEOUT),
+        ("power.age_ticks", 350, Fault.DRIVE_TIMEOUT),
+    ],
+)
+def test_each_source_has_a_watchdog(path: str, longest: int, fault: Fault) -> None:
+    known, _ = guard()
+    assert guard(replaced(CLOSED, path, longest), state=known)[1].watchdog == Fault.NONE
+    assert guard(replaced(CLOSED, path, longest + 1), state=known)[1].watchdog == fault
+
+
+def test_the_gates_own_clock_of_a_source_counts_too() -> None:
+    """A source whose age stands still is stale nevertheless."""
+    known, _ = guard()
+    silent = replaced(CLOSED, "accelerometer.age_ticks", 1)
+    assert guard(silent, 30, known)[1].watchdog == Fault.NONE
+    assert guard(silent, 31, known)[1].watchdog == Fault.SENSOR_TIMEOUT
+    silent = replaced(CLOSED, "encoder.age_ticks", 1)
+    assert guard(silent, 30, known)[1].watchdog == Fault.NONE
+    assert guard(silent, 31, known)[1].watchdog == Fault.ENCODER_TIMEOUT
+    assert guard(replaced(CLOSED, "accelerometer.age_ticks", 1))[1].watchdog == Fault.SENSOR_TIMEOUT
+    assert guard(replaced(CLOSED, "encoder.age_ticks", 1))[1].watchdog == Fault.ENCODER_TIMEOUT
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e6, -1e6])
+def test_a_position_that_is_no_number_is_silence(bad: float) -> None:
+    known, _ = guard()
+    broken = replaced(CLOSED, "encoder.position_rev", bad)
+    assert guard(broken, 30, known)[1].watchdog == Fault.NONE
+    assert guard(broken, 31, known)[1].watchdog == Fault.ENCODER_TIMEOUT
+    assert not guard(broken, 31, known)[1].overspeed
+
+
+@pytest.mark.parametrize(
+    ("follow", "age_ticks", "fault"),
+    [(1, 200, Fault.NONE), (1, 201, Fault.SENSOR_TIMEOUT), (0, 201, Fault.NONE)],
+)
+def test_the_gaits_sensors_are_watched_where_they_are_followed(
+    follow: int, age_ticks: int, fault: Fault
+) -> None:
+    config = config_from({"gait.follow": follow})
+    assert guard(replaced(CLOSED, "gait.age_ticks", age_ticks), config=config)[1].watchdog == fault
+
+
+def test_a_tick_is_the_shortest_watch_over_the_gaits_sensors() -> None:
+    silent = replaced(CLOSED, "gait.age_ticks", 2)
+    assert guard(silent, config=replaced(CONFIG, "d.gate.gait_ticks", 1))[1].watchdog == Fault.SENSOR_TIMEOUT
+
+
+@pytest.mark.requirement("S-08")
+def test_the_operator_has_a_watchdog() -> None:
+    assert not guard(replaced(CLOSED, "operator.age_ticks", 350))[1].operator_lost
+    assert guard(replaced(CLOSED, "operator.age_ticks", 351))[1].operator_lost
+
+
+@pytest.mark.parametrize("source", ["encoder", "accelerometer"])
+@pytest.mark.parametrize(
+    ("silent_ticks", "samples", "gaps", "fault"),
+    [
+        (9, 1, 20, Fault.NONE),
+        (10, 1, 2, Fault.NONE),
+        (10, 1, 3, Fault.STALE_SAMPLES),
+        (10, 10, 3, Fault.STALE_SAMPLES),
+        (10, 11, 20, Fault.NONE),
+        (29, 2, 3, Fault.STALE_SAMPLES),
+    ],
+)
+def test_samples_in_bundles_are_named(
+    source: str, silent_ticks: int, samples: int, gaps: int, fault: Fault
+) -> None:
+    """A gap counts when it ends, and no longer than ten ticks of samples."""
+    state, found = guard()[0], set()
+    for tick, age in enumerate([*range(1, silent_ticks + 1), *[0] * samples] * gaps):
+        inputs = replaced(CLOSED, f"{source}.age_ticks", age)
+        inputs = replaced(inputs, "accelerometer.low_m_s2", 0.01 * (tick % 2))  # not a stuck one
+        state, findings = guard(inputs, state=state, stuck=True)
+        found.add(findings.watchdog)
+    assert found == {Fault.NONE, fault}
+
+
+def test_a_gap_is_forgotten_after_steady_samples() -> None:
+    state = gate.INITIAL._replace(silent_ticks=CONFIG.d.gate.gap_ticks)
+    assert guard(state=state)[0].gaps == 1
+    assert guard(ticks=10, state=state)[0].gaps == 1
+    assert guard(ticks=11, state=state)[0].gaps == 0
+
+
+def test_an_accelerometer_that_repeats_itself_is_found_out() -> None:
+    turning = replaced(CLOSED, "encoder.velocity_rev_s", 1.9)
+    wide = replaced(CONFIG, "d.gate.frozen_ticks", 10_000)
+    known, _ = guard(config=wide)
+    assert guard(turning, 30, known, stuck=True, config=wide)[1].watchdog == Fault.NONE
+    state, findings = guard(turning, 31, known, stuck=True, config=wide)
+    assert findings.watchdog == Fault.SENSOR_TIMEOUT
+    # Silence in between says nothing about it; one other reading ends it.
+    silent = replaced(turning, "accelerometer.age_ticks", 1)
+    assert guard(silent, 3, state, config=wide)[0].stuck_ticks == state.stuck_ticks
+    other = replaced(turning, "accelerometer.low_m_s2", 1.25)
+    assert guard(other, 1, state, stuck=True, config=wide)[0].stuck_ticks == 0
+    # A repetition after a lost frame covers the time of both.
+    twice = GateReading(state.low_m_s2, 0.0, (state.counter + 2) % 256, 1.9)
+    assert gate.take_reading(wide.d.gate, state, twice).stuck_ticks == state.stuck_ticks + 2
+
+
+@pytest.mark.parametrize("omega_rad_s", [5.0, -5.0])
+def test_an_accelerometer_may_repeat_itself_while_the_crank_hardly_turns(omega_rad_s: float) -> None:
+    wide = replaced(CONFIG, "d.gate.frozen_ticks", 10_000)
+    for share, fault in ((1.0, Fault.NONE), (1.01, Fault.SENSOR_TIMEOUT)):
+        turning = replaced(CLOSED, "encoder.velocity_rev_s", share * omega_rad_s / math.tau)
+        assert abs(share - 1.0) > 0.0 or abs(math.tau * turning.encoder.velocity_rev_s) == 5.0
+        assert guard(turning, 100, stuck=True, config=wide)[1].watchdog == fault
+    lost = replaced(CLOSED, "encoder.velocity_rev_s", math.nan)
+    assert guard(lost, 100, stuck=True, config=wide)[1].watchdog == Fault.SENSOR_TIMEOUT
+
+
+# Measured limits
+
+
+@pytest.mark.parametrize(
+    ("path", "good", "bad", "ticks", "fault"),
+    [
+        ("power.current_a", 12.0, 12.1, 21, Fault.OVERCURRENT),
+        ("power.current_a", -12.0, -12.1, 21, Fault.OVERCURRENT),
+        ("power.voltage_v", 18.0, 17.9, 151, Fault.UNDERVOLTAGE),
+        ("power.voltage_v", 30.0, 30.1, 151, Fault.OVERVOLTAGE),
+        ("power.inverter_degc", 80.0, 80.1, 1, Fault.OVERTEMPERATURE),
+        ("power.motor_degc", 90.0, 90.1, 1, Fault.OVERTEMPERATURE),
+        ("power.motor_degc", -30.0, -31.0, 1, Fault.OVERTEMPERATURE),
+        ("power.inverter_degc", -30.0, -31.0, 1, Fault.OVERTEMPERATURE),
+    ],
+)
+def test_each_measured_limit(path: str, good: float, bad: float, ticks: int, fault: Fault) -> None:
+    assert guard(replaced(CLOSED, path, good), 1000)[1].limit == Fault.NONE
+    assert guard(replaced(CLOSED, path, bad), ticks)[1].limit == fault
+    if ticks > 1:
+        assert guard(replaced(CLOSED, path, bad), ticks - 1)[1].limit == Fault.NONE
+    assert guard(replaced(CLOSED, path, math.nan), 1000)[1].limit != Fault.NONE
+
+
+def test_an_interrupted_condition_starts_anew() -> None:
+    for path, bad, ticks in (("power.current_a", 15.0, 20), ("power.voltage_v", 10.0, 150)):
+        state, _ = guard(replaced(CLOSED, path, bad), ticks)
+        state, _ = guard(state=state)
+        _, findings = guard(replaced(CLOSED, path, bad), ticks, state)
+        assert findings.limit == Fault.NONE
+
+
+def test_frozen_drive_data_is_found_out() -> None:
+    frozen = replaced(CLOSED, "encoder.velocity_rev_s", 1.9)
+    assert guard(frozen, 20)[1].limit == Fault.NONE
+    assert guard(frozen, 21)[1].limit == Fault.DRIVE_FROZEN
+    state, _ = guard(frozen, 20)
+    # Silence says nothing about it; another position ends it.
+    assert guard(replaced(frozen, "encoder.age_ticks", 1), 1, state)[0].frozen_ticks == 20
+    assert guard(replaced(frozen, "encoder.position_rev", 0.01), 1, state)[0].frozen_ticks == 0
+    for rad_s, fault in ((0.5, Fault.NONE), (1.0, Fault.DRIVE_FROZEN), (-1.0, Fault.DRIVE_FROZEN)):
+        crawling = replaced(CLOSED, "encoder.velocity_rev_s", rad_s / math.tau)
+        assert math.tau * crawling.encoder.velocity_rev_s == rad_s
+        assert guard(crawling, 22)[1].limit == fault
+
+
+def test_overspeed_by_the_drives_own_estimate() -> None:
+    edge_rev_s = 37.5 / math.tau
+    assert math.tau * edge_rev_s == 37.5
+    for velocity_rev_s, overspeed in (
+        (edge_rev_s, False),
+        (-edge_rev_s, False),
+        (6.0, True),
+        (-6.0, True),
+        (math.nan, True),
+        (math.inf, True),
+    ):
+        assert guard(replaced(CLOSED, "encoder.velocity_rev_s", velocity_rev_s))[1].overspeed == overspeed
+
+
+def turned(
+    rad_s: float, ticks: int, late: dict[int, int] | None = None
+) -> tuple[GateState, list[GateFindings]]:
+    """Positions of a crank that turns, with a speed estimate that reads 0."""
+    state, found = gate.INITIAL, []
+    for tick in range(ticks):
+        seen = tick - (late or {}).get(tick, 0)
+        inputs = replaced(CLOSED, "encoder.position_rev", 0.95 + rad_s * 1e-3 * seen / math.tau)
+        state, findings = guard(inputs, state=state)
+        found.append(findings)
+    return state, found
+
+
+@pytest.mark.parametrize(("rad_s", "overspeed"), [(24.9, False), (25.1, True), (-24.9, False), (-25.1, True)])
+@pytest.mark.requirement("S-06")
+def test_overspeed_by_the_positions_alone(rad_s: float, overspeed: bool) -> None:
+    state, found = turned(rad_s, 60)
+    assert state.own_rad_s == pytest.approx(rad_s)
+    assert [findings.overspeed for findings in found[:20]] == [False] * 20
+    assert found[20].overspeed == overspeed
+    assert found[-1].overspeed == overspeed
+
+
+def test_a_frame_that_is_late_is_no_overspeed() -> None:
+    _, found = turned(14.0, 60, late={20: 10, 40: 10})
+    assert not any(findings.overspeed for findings in found)
+
+
+def test_positions_on_both_sides_of_a_silence_give_no_speed() -> None:
+    state, _ = turned(14.0, 30)
+    silent = replaced(CLOSED, "encoder.age_ticks", 1)
+    for ticks, own_rad_s in ((30, 14.0), (31, 0.0)):
+        later, _ = guard(silent, ticks, state)
+        assert later.own_rad_s == pytest.approx(14.0)
+        later, _ = guard(
+            replaced(CLOSED, "encoder.position_rev", 0.95 + 14e-3 * (29 + 31) / math.tau), 1, later
+        )
+        assert later.own_rad_s == pytest.approx(own_rad_s, rel=0.2)
+        assert later.window_ticks == 0
+
+
+def test_a_drive_error_is_found() -> None:
+    assert guard(replaced(CLOSED, "drive.axis_error", 0x200))[1].drive == Fault.DRIVE_ERROR
+    assert guard()[1].drive == Fault.NONE
+
+
+# The torque
+
+
+def permitted(
+    torque_n_m: float,
+    inputs: Inputs = CLOSED,
+    findings: GateFindings = NOTHING,
+    state: GateState = gate.INITIAL,
+    config: Config = CONFIG,
+) -> tuple[float, ActingLimit, bool]:
+    state, torque, limit = gate.permit(config.d.gate, state, findings, inputs, torque_n_m)
+    return torque, limit, state.shut
+
+
+@pytest.mark.parametrize(
+    ("proposed", "torque", "limit"),
+    [
+        (0.6, 0.6, ActingLimit.NONE),
+        (-0.6, -0.6, ActingLimit.NONE),
+        (0.61, 0.6, ActingLimit.TORQUE),
+        (-5.0, -0.6, ActingLimit.TORQUE),
+        (math.inf, 0.6, ActingLimit.TORQUE),
+        (math.nan, 0.0, ActingLimit.TORQUE),
+        (0.0, 0.0, ActingLimit.NONE),
+    ],
+)
+@pytest.mark.requirement("S-05")
+def test_the_torque_is_clamped(proposed: float, torque: float, limit: ActingLimit) -> None:
+    assert permitted(proposed) == (torque, limit, False)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("by_positions", "limit_rad_s"), [(False, 20.0), (True, 22.5)])
+def test_beyond_the_speed_limit_nothing_pushes_on(
+    side: float, by_positions: bool, limit_rad_s: float
+) -> None:
+    """By the positions, whose speed is old, the limit lies halfway to OVERSPEED."""
+    edge_rev_s = limit_rad_s / math.tau
+    assert math.tau * edge_rev_s == limit_rad_s
+
+    def at(rad_s: float, torque_n_m: float) -> tuple[float, ActingLimit, bool]:
+        if by_positions:
+            return permitted(torque_n_m, state=gate.INITIAL._replace(own_rad_s=rad_s))
+        return permitted(torque_n_m, replaced(CLOSED, "encoder.velocity_rev_s", rad_s / math.tau))
+
+    beyond_rad_s = limit_rad_s + 0.1
+    assert at(side * limit_rad_s, side * 0.5) == (side * 0.5, ActingLimit.NONE, False)
+    assert at(side * beyond_rad_s, side * 0.5) == (0.0, ActingLimit.SPEED, False)
+    assert at(side * beyond_rad_s, -side * 0.5) == (-side * 0.5, ActingLimit.NONE, False)
+    assert at(math.nan, side * 0.5) == (0.0, ActingLimit.SPEED, False)
+    assert at(side * beyond_rad_s, 0.0) == (0.0, ActingLimit.NONE, False)
+
+
+FOUND = [
+    NOTHING._replace(watchdog=Fault.SENSOR_TIMEOUT),
+    NOTHING._replace(limit=Fault.FORCE_LIMIT),
+    NOTHING._replace(drive=Fault.DRIVE_ERROR),
+    NOTHING._replace(operator_lost=True),
+    NOTHING._replace(overspeed=True),
+]
+
+
+@pytest.mark.parametrize("findings", FOUND)
+def test_every_finding_shuts_the_gate(findings: GateFindings) -> None:
+    assert permitted(0.3, findings=findings) == (0.0, ActingLimit.SAFE_STATE, True)
+    assert permitted(math.nan, findings=findings) == (0.0, ActingLimit.SAFE_STATE, True)
+    assert permitted(0.0, findings=findings) == (0.0, ActingLimit.NONE, False)
+
+
+def test_an_estop_shuts_the_gate() -> None:
+    assert permitted(0.3, CLOSED._replace(estop=True)) == (0.0, ActingLimit.SAFE_STATE, True)
+
+
+def test_a_shut_gate_opens_where_nothing_is_proposed_and_the_axis_is_idle() -> None:
+    shut = gate.INITIAL._replace(shut=True)
+    idle, old = HEALTHY, replaced(HEALTHY, "drive.age_ticks", 1)
+    for torque, inputs, stays in (
+        (0.3, CLOSED, True),
+        (0.3, idle, True),
+        (math.nan, idle, True),
+        (0.0, CLOSED, True),
+        (0.0, old, True),
+        (0.0, idle, False),
+    ):
+        limit = ActingLimit.SAFE_STATE if stays else ActingLimit.NONE
+        assert permitted(torque, inputs, state=shut) == (0.0, limit, stays)

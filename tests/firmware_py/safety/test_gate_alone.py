@@ -1,0 +1,107 @@
+"""The gate with noise in the place of estimators, detector and control: no limit is missed."""
+
+import math
+import random
+from typing import Any
+
+import pytest
+from records import HEALTHY, replaced, run_step
+
+from firmware_py.core import step as core
+from firmware_py.core.estimation import detector
+from firmware_py.core.inputs import Inputs
+from firmware_py.core.state import INITIAL, State
+from firmware_py.interface.enums import AxisState, Fault, Mode, OperatorRequest
+from firmware_py.shell.parameters import config_from
+
+CONFIG = config_from({})
+STANDING = core.Sensed(INITIAL.crank, INITIAL.estimator, INITIAL.detector, INITIAL.regime, detector.FLYING)
+RUNNING = INITIAL._replace(supervisor=INITIAL.supervisor._replace(mode=Mode.RUN))
+CLOSED = replaced(
+    replaced(HEALTHY, "drive.axis_state", AxisState.CLOSED_LOOP_CONTROL),
+    "operator.request",
+    OperatorRequest.RUN,
+)
+WILD = (math.nan, math.inf, -math.inf, 0.0, 1e300)
+
+
+def noisy(record: Any, dice: random.Random) -> Any:
+    """The record with noise in every float, now and then no number."""
+    if isinstance(record, float):
+        return dice.choice(WILD) if dice.random() < 0.1 else dice.gauss(0.0, 10.0)
+    if not hasattr(record, "_fields"):
+        return record
+    return type(record)(*(noisy(one, dice) for one in record))
+
+
+def inputs_at(tick: int, changes: dict[str, Any]) -> Inputs:
+    """The inputs of a healthy module that turns at 12 rad/s, but for the changes."""
+    inputs = replaced(CLOSED, "encoder.position_rev", (12e-3 * tick / math.tau) % 1.0)
+    inputs = replaced(inputs, "encoder.velocity_rev_s", 12.0 / math.tau)
+    inputs = replaced(inputs, "accelerometer.low_m_s2", 0.01 * (tick % 7))
+    for path, value in changes.items():
+        inputs = replaced(inputs, path, value)
+    return inputs
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    ("changes", "ticks", "fault"),
+    [
+        ({}, 400, Fault.NONE),
+        ({"accelerometer.high_m_s2": -1900.0}, 1, Fault.FORCE_LIMIT),
+        ({"accelerometer.high_m_s2": 1960.0}, 1, Fault.FORCE_LIMIT),
+        ({"accelerometer.high_m_s2": math.nan}, 1, Fault.FORCE_LIMIT),
+        ({"accelerometer.high_m_s2": -450.0}, 5, Fault.IMPULSE_LIMIT),
+        ({"encoder.velocity_rev_s": 6.0}, 1, Fault.OVERSPEED),
+        ({"encoder.velocity_rev_s": math.nan}, 1, Fault.OVERSPEED),
+        ({"power.current_a": 13.0}, 21, Fault.OVERCURRENT),
+        ({"power.motor_degc": 91.0}, 1, Fault.OVERTEMPERATURE),
+        ({"power.voltage_v": 31.0}, 151, Fault.OVERVOLTAGE),
+        ({"power.voltage_v": 17.0}, 151, Fault.UNDERVOLTAGE),
+        ({"drive.axis_error": 0x200}, 1, Fault.DRIVE_ERROR),
+        ({"accelerometer.age_ticks": 31}, 1, Fault.SENSOR_TIMEOUT),
+        ({"encoder.age_ticks": 31}, 1, Fault.ENCODER_TIMEOUT),
+        ({"drive.age_ticks": 351}, 1, Fault.DRIVE_TIMEOUT),
+        ({"operator.age_ticks": 351}, 1, Fault.OPERATOR_TIMEOUT),
+        ({"encoder.position_rev": 29 * 12e-3 / math.tau}, 22, Fault.DRIVE_FROZEN),
+    ],
+)
+@pytest.mark.requirement("S-04")
+def test_no_limit_is_missed(
+    changes: dict[str, Any], ticks: int, fault: Fault, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dice = random.Random(seed)
+    monkeypatch.setattr(core, "sense", lambda *_: noisy(STANDING, dice))
+    # The monitors, which read the noise, are silent: what is found, the gate has found.
+    watch = core.monitors.step
+
+    def silent(*arguments: Any) -> Any:
+        state, findings = watch(*arguments)
+        found = arguments[2]
+        return state, findings._replace(
+            watchdog=found.watchdog,
+            limit=found.limit,
+            drive=found.drive,
+            operator_lost=found.operator_lost,
+            overspeed=found.overspeed,
+            freewheel_overspeed=False,
+        )
+
+    monkeypatch.setattr(core.monitors, "step", silent)
+    monkeypatch.setattr(
+        core.speed, "step", lambda _, state, *__: state._replace(torque_n_m=dice.choice((*WILD, 0.3, -0.3)))
+    )
+    for block in (core.start, core.hold):
+        state_of = {core.start: "start", core.hold: "hold"}[block]
+        monkeypatch.setattr(block, "step", lambda *_, name=state_of, **__: getattr(RUNNING, name))
+    state: State = RUNNING
+    for tick in range(30):
+        state, outputs = run_step(CONFIG, state, inputs_at(tick, {}))
+        assert (outputs.mode, outputs.fault) == (Mode.RUN, Fault.NONE)
+        assert abs(outputs.torque_n_m) <= 0.6
+    for tick in range(30, 30 + ticks):
+        state, outputs = run_step(CONFIG, state, inputs_at(tick, changes))
+    assert outputs.fault == fault
+    if fault != Fault.NONE:
+        assert (outputs.mode, outputs.torque_n_m) == (Mode.FAULT, 0.0)

@@ -1,0 +1,45 @@
+"""The table of limits in docs/safety.md names every limit and watchdog, with its default and its ceiling."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from firmware_py.interface.parameter_table import INDEX, TABLE, Parameter
+
+PAGE = Path("docs/safety.md").read_text(encoding="utf-8")
+ROWS = [line for line in PAGE.splitlines() if re.match(r"\| [^|]+ \| (gate|monitor) \|", line)]
+NO_LIMITS = {
+    "limit.drive_speed_rad_s",  # the drive's own limit
+    "limit.standstill_rad_s",
+    "limit.standstill_s",  # end of a stop
+    "limit.stretch_m",  # plausibility of the estimate
+    "limit.takeover_s",
+    "watchdog.proof_required",  # conditions of a start
+}
+LIMITS = [p for p in TABLE if p.table in ("limit", "watchdog") and p.name not in NO_LIMITS]
+
+
+def highest_of(parameter: Parameter) -> float:
+    """The largest value that a file or the bus can set: the smallest of its bound and those above it."""
+    highest = parameter.high
+    while parameter.at_most:
+        parameter = TABLE[INDEX[parameter.at_most]]
+        highest = min(highest, parameter.default if parameter.table == "ceiling" else parameter.high)
+    return highest
+
+
+@pytest.mark.parametrize("parameter", LIMITS, ids=lambda parameter: parameter.name)
+def test_every_limit_is_on_the_page_with_its_default_and_its_ceiling(parameter: Parameter) -> None:
+    rows = [row for row in ROWS if f"`{parameter.name}` = {parameter.default:g}" in row]
+    assert rows, f"docs/safety.md lacks {parameter.name} = {parameter.default:g}"
+    if parameter.name.startswith("limit.lowest_") or parameter.name == "limit.stall_share":
+        return  # a lower limit has no ceiling
+    assert all(f"{highest_of(parameter):g}" in row.split("=", 1)[1] for row in rows)
+    assert highest_of(parameter) <= 10.0 * parameter.default
+
+
+def test_every_limit_has_two_sides_a_time_and_a_reaction_to_bad_input() -> None:
+    assert len(ROWS) == 24
+    for row in ROWS:
+        assert all(cell.strip() for cell in row.strip("|").split("|")), row

@@ -1,0 +1,120 @@
+"""A signal during a tick ends the run after it: what a tick calls may lose the exception, or die of it."""
+
+import json
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from tools.output import EXIT_INTERRUPTED
+
+SIGNAL_AMONG_THE_RESULTS = """
+import os, sys
+from hil.bench import stretches
+from hil.nodes.plant_steps import PlantState
+Reports = PlantState.__annotations__["reports"]
+make = Reports.__new__
+
+def interrupting(kind, *values):
+    if sys._getframe(1).f_code is stretches.Stretches.run.__code__:
+        os.kill(os.getpid(), int(sys.argv[1]))
+    return make(kind, *values)
+
+compiled = stretches.entry_point
+
+def entry_point(kernel, *arguments):
+    machine_code = compiled(kernel, *arguments)
+    Reports.__new__ = interrupting
+    return machine_code
+
+stretches.entry_point = entry_point
+from tools.cli import run
+options = ["--clock", "lockstep", "--firmware", "compiled", "--json", "--out", sys.argv[2]]
+sys.exit(run(["run", "e-stop-in-the-hold", *options]))
+"""
+"""Sends itself a signal when compiled ticks make the first record of their results."""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_during_compiled_ticks_is_an_interruption(number: signal.Signals, tmp_path) -> None:
+    command = [sys.executable, "-c", SIGNAL_AMONG_THE_RESULTS, str(int(number)), str(tmp_path / "run")]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    name = "Ctrl-C" if number == signal.SIGINT else "SIGTERM"
+    assert ended.returncode == EXIT_INTERRUPTED, ended.stderr
+    assert f"interrupted by {name}" in ended.stdout
+    verdict = json.loads((tmp_path / "run" / "verdict.json").read_text())
+    assert verdict["reasons"][0] == f"interrupted by {name}"
+
+
+SIGNAL_WHERE_EXCEPTIONS_ARE_LOST = """
+import os, sys, weakref
+from hil.nodes.runners import PlantRunner
+step = PlantRunner.step
+
+class Held:
+    pass
+
+def interrupting(plant, tick, ticks):
+    step(plant, tick, ticks)
+    if tick == 100:
+        held = Held()
+        weakref.finalize(held, os.kill, os.getpid(), int(sys.argv[1]))
+        del held
+
+PlantRunner.step = interrupting
+from tools.cli import run
+options = ["--clock", "lockstep", "--firmware", "python", "--json", "--out", sys.argv[2]]
+sys.exit(run(["run", "e-stop-in-the-hold", *options]))
+"""
+"""Sends itself a signal in a callback, whose exceptions Python prints and forgets."""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_a_signal_during_an_interpreted_tick_is_an_interruption(number: signal.Signals, tmp_path) -> None:
+    command = [
+        sys.executable,
+        "-c",
+        SIGNAL_WHERE_EXCEPTIONS_ARE_LOST,
+        str(int(number)),
+        str(tmp_path / "run"),
+    ]
+    ended = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
+    )
+    name = "Ctrl-C" if number == signal.SIGINT else number.name
+    assert ended.returncode == EXIT_INTERRUPTED, ended.stderr
+    assert "Exception ignored" not in ended.stderr
+    verdict = json.loads((tmp_path / "run" / "verdict.json").read_text())
+    assert verdict["reasons"][0] == f"interrupted by {name}"
+
+
+ANOTHER_ERROR = """
+import os, sys
+from hil.timing.signals import Interrupted
+from hil.bench import bench
+
+def simulate(*_):
+    try:
+        os.kill(os.getpid(), int(sys.argv[1]))
+    except Interrupted as interruption:
+        raise SystemError("a function returned a result with an exception set") from interruption
+
+bench.simulate = simulate
+from tools.cli import run
+options = ["--clock", "lockstep", "--firmware", "python", "--json", "--out", sys.argv[2]]
+sys.exit(run(["run", "e-stop-in-the-hold", *options]))
+"""
+"""Compiled code makes another error of the interruption."""
+
+
+def test_an_interruption_that_comes_as_another_error_is_an_interruption(tmp_path) -> None:
+    command = [sys.executable, "-c", ANOTHER_ERROR, str(int(signal.SIGTERM)), str(tmp_path / "run")]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.returncode == EXIT_INTERRUPTED, ended.stderr
+    verdict = json.loads((tmp_path / "run" / "verdict.json").read_text())
+    assert verdict["reasons"][0] == "interrupted by SIGTERM"

@@ -1,0 +1,285 @@
+"""Adapters without descriptor, with device time, for one program, with own messages, late, or with errors."""
+
+import json
+import math
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from itertools import cycle
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+from made_adapters import INTERFACES, WRAP_S, installed
+from resting import resting
+
+from firmware_py.interface import codec
+from firmware_py.interface.frame import Frame
+from firmware_py.interface.generated.records import Accelerometer, SetInputTorque
+from hil.bus import BusError, ProvidedBus, join, provide
+from hil.bus.adapter import DRIFT, StampClock
+from hil.record.run_traces import read_bus
+from hil.show.recorder import Recorder
+
+TIMEOUT_S = 5.0
+KINDS = [name for name in INTERFACES if name != "made-unplugged"]
+
+
+@pytest.fixture
+def wire(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ProvidedBus]:
+    """The hub that the made adapters are connected to."""
+    (tmp_path / "adapters").mkdir()
+    installed(tmp_path / "adapters", monkeypatch)
+    with provide("local") as provided:
+        yield provided
+
+
+def address(kind: str, wire: ProvidedBus) -> str:
+    return f"{kind}:{wire.address.removeprefix('local:')}"
+
+
+def received(bus, number: int) -> list[tuple[int, Frame]]:
+    frames: list[tuple[int, Frame]] = []
+    deadline_s = time.monotonic() + TIMEOUT_S
+    while len(frames) < number and time.monotonic() < deadline_s:
+        bus.wait(0.1)
+        frames += bus.receive_stamped()
+    return frames
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_node_receives_every_frame_at_its_time_and_none_of_its_own(kind: str, wire: ProvidedBus) -> None:
+    sender, node = join(wire.address), join(address(kind, wire), stamped=True)
+    sent_ns = []
+    for number in range(50):
+        sent_ns.append(time.time_ns())
+        sender.send(Frame(number, bytes([number])))
+        node.send(Frame(0x700, b""))
+        time.sleep(0.002)
+    frames = received(node, 50)
+    assert [frame for _, frame in frames] == [Frame(number, bytes([number])) for number in range(50)]
+    late_s = (np.array([stamp_ns for stamp_ns, _ in frames]) - sent_ns) * 1e-9
+    # A device's first stamps are as late as their delivery: its clock is known from the arrivals alone.
+    assert -1e-3 < np.median(late_s) < 0.05
+    assert len(received(sender, 50)) == 50
+    assert node.counters.foreign == (5 if kind == "made-error-frames" else 0)
+    node.close()
+    sender.close()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_waiting_ends_when_a_frame_arrives_and_otherwise_on_time(kind: str, wire: ProvidedBus) -> None:
+    node, sender = join(address(kind, wire)), join(wire.address)
+    began_s = time.monotonic()
+    node.wait(0.05)
+    assert time.monotonic() - began_s >= 0.04
+    assert node.receive() == []
+    sender.send(Frame(1, b""))
+    node.wait(TIMEOUT_S)
+    assert node.receive() == [Frame(1, b"")]
+    node.close()
+    sender.close()
+
+
+def test_an_adapter_that_fails_is_named_after_its_last_frames(wire: ProvidedBus) -> None:
+    sender, node = join(wire.address), join(address("made-unplugged", wire))
+    sender.send_all([Frame(number, b"") for number in range(20)])
+    frames: list[Frame] = []
+
+    def receive_all() -> None:
+        while len(frames) < 20:
+            node.wait(TIMEOUT_S)
+            frames.extend(node.receive())
+
+    with pytest.raises(BusError, match=r"made-unplugged:.* has failed: the device is gone"):
+        receive_all()
+    assert [frame.can_id for frame in frames] == list(range(9))
+    node.close()
+    sender.close()
+
+
+def test_an_adapter_in_use_is_named(wire: ProvidedBus) -> None:
+    node = join(address("made-one-program", wire))
+    with pytest.raises(BusError, match="in use by another program"):
+        join(address("made-one-program", wire))
+    node.close()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_recorder_loses_no_frame(kind: str, wire: ProvidedBus, tmp_path: Path) -> None:
+    """Up to the last frame, which a late adapter delivers only after the recorder was asked to end."""
+    run_dir = tmp_path / "run"
+    run_dir.mkdir()
+    (run_dir / "run.json").write_text(
+        json.dumps({"wall_start_s": time.time(), "period_s": 1e-3, "scenario": "x", "clock": "real"})
+    )
+    (run_dir / "scenario.toml").write_text("checks = []\n")
+    recorder = Recorder(run_dir, join(address(kind, wire), stamped=True))
+    sender = join(wire.address, accept=())
+    torque = codec.encode(SetInputTorque(0.25))
+    for _ in range(100):
+        sender.send(torque)
+        time.sleep(0.001)
+        recorder.drain()
+    recorder.close()
+    sender.close()
+    assert recorder.bus is not None
+    recorder.bus.close()
+    assert len(read_bus(run_dir / "can.log").whole().t_s) == 100
+
+
+def vibrohil(*arguments: str, **options) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "tools.cli", *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("kind", [*KINDS, "virtual"])
+def test_a_run_works_on_every_kind(kind: str, wire: ProvidedBus, tmp_path: Path) -> None:
+    """Its nodes receive each other's frames, the recorder loses nothing, and the wire carries all frames."""
+    listener = None if kind == "virtual" else join(wire.address, stamped=True)
+    on_wire: Counter[int] = Counter()
+    out = tmp_path / "run"
+    program = vibrohil(
+        *("run", str(resting(tmp_path, duration_s=1.0)), "--clock", "real", "--bus", address(kind, wire)),
+        *("--out", str(out), "--json"),
+    )
+    while program.poll() is None:
+        time.sleep(0.05)
+        if listener is not None:
+            on_wire.update(frame.can_id for _, frame in listener.receive_stamped())
+    printed, errors = program.communicate()
+    assert "Traceback" not in errors
+    verdict = json.loads(printed)
+    assert verdict["reasons"] == [], errors
+    assert verdict["bus"] == address(kind, wire)
+    assert verdict["final_mode"] != "fault"
+    recorded = Counter(read_bus(out / "can.log").whole().can_id.tolist())
+    samples = codec.CODECS[Accelerometer].can_id
+    sent = verdict["loops"]["plant"]["ticks"]  # in strict time the periods that the host took are left out
+    assert recorded[samples] == sent > 0
+    assert {codec.CODECS[SetInputTorque].can_id, samples} <= set(recorded)
+    if listener is not None:
+        assert set(recorded) <= set(on_wire)
+        assert on_wire[samples] >= recorded[samples]
+        listener.close()
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("kind", "node"), list(zip(KINDS, cycle(("plant", "firmware", "operator")), strict=False))
+)
+def test_a_node_runs_alone_on_every_kind(kind: str, node: str, wire: ProvidedBus, tmp_path: Path) -> None:
+    """All nodes join by the same function, so each kind meets one of them."""
+    listener = join(wire.address)
+    scenario = str(resting(tmp_path, duration_s=1.0))
+    program = vibrohil(node, scenario, "--bus", address(kind, wire))
+    frames = received_from(listener, program)
+    if node != "operator":  # it ends with its script; ended early, it repeats its E-stop
+        program.send_signal(signal.SIGTERM)
+    _, errors = program.communicate(timeout=30)
+    assert "Traceback" not in errors
+    assert frames, errors
+    assert program.returncode == 0, errors
+    listener.close()
+
+
+def received_from(listener, program: subprocess.Popen[str]) -> list[Frame]:
+    """The first frames of a program; empty if it ends without any."""
+    while program.poll() is None:
+        listener.wait(0.5)
+        if frames := listener.receive():
+            return frames
+    return listener.receive()
+
+
+@pytest.mark.realtime
+def test_the_loss_of_the_adapter_ends_a_run_with_its_reason(wire: ProvidedBus, tmp_path: Path) -> None:
+    sender = join(wire.address)
+    program = vibrohil(
+        *("run", str(resting(tmp_path, duration_s=60.0)), "--clock", "real"),
+        *("--bus", address("made-unplugged", wire), "--out", str(tmp_path / "run"), "--json"),
+    )
+    received_from(sender, program)
+    sender.send_all([Frame(0x7F0, b"")] * 10)
+    printed, errors = program.communicate(timeout=60)
+    assert any("bridge ended with status 1" in reason for reason in json.loads(printed)["reasons"])
+    assert "the device is gone" in errors
+    sender.close()
+
+
+def test_an_adapter_that_does_not_open_is_refused_by_a_run(wire: ProvidedBus, tmp_path: Path) -> None:
+    taken = join(address("made-one-program", wire))
+    program = vibrohil(
+        *("run", str(resting(tmp_path)), "--clock", "real", "--bus", address("made-one-program", wire)),
+        *("--out", str(tmp_path / "run")),
+    )
+    _, errors = program.communicate(timeout=60)
+    assert program.returncode == 4
+    assert "in use by another program" in " ".join(errors.split())
+    taken.close()
+
+
+class TestStampClock:
+    """Times of the device's clock on the wall clock, from when each message was stamped and arrived."""
+
+    @pytest.mark.parametrize("device_s", [0.0, 123.0, 1e9, 3e9, -5.0])
+    @pytest.mark.parametrize("ppm", [-100.0, 0.0, 100.0])
+    def test_a_drifting_device_is_followed(self, device_s: float, ppm: float) -> None:
+        random = np.random.default_rng(3)
+        clock = StampClock()
+        errors_s = []
+        for number in range(20_000):
+            true_s = 1.7e9 + number * 0.05
+            stamp_s = device_s + (true_s - 1.7e9) * (1.0 + ppm * 1e-6)
+            arrived_ns = round((true_s + random.exponential(1e-3)) * 1e9)
+            errors_s.append(clock.wall_ns(stamp_s, arrived_ns) * 1e-9 - true_s)
+        assert min(errors_s) > -1e-4
+        assert max(errors_s[200:]) < 1e-3
+        assert np.all(np.diff(errors_s) > -0.05)
+
+    def test_wall_time_passes_unchanged(self) -> None:
+        clock = StampClock()
+        for number in range(100):
+            stamp_ns = 1_700_000_000_000_000_000 + number * 1_000_000
+            assert abs(clock.wall_ns(stamp_ns * 1e-9, stamp_ns + 3_000_000) - stamp_ns) < 1000
+
+    @pytest.mark.parametrize("jump_s", [-WRAP_S, -100.0, 100.0, 1e6])
+    def test_a_jump_of_the_device_moves_no_later_frame(self, jump_s: float) -> None:
+        clock = StampClock()
+        for number in range(1000):
+            true_s = 1.7e9 + number * 0.01
+            stamp_s = 5000.0 + number * 0.01 + (jump_s if number >= 500 else 0.0)
+            wall_s = clock.wall_ns(stamp_s, round(true_s * 1e9)) * 1e-9
+            assert wall_s == pytest.approx(true_s, abs=1e-3)
+
+    @pytest.mark.parametrize("stamp_s", [math.nan, math.inf, -math.inf])
+    def test_no_number_is_the_time_of_arrival(self, stamp_s: float) -> None:
+        assert StampClock().wall_ns(stamp_s, 5) == 5
+
+    def test_time_never_runs_backwards(self) -> None:
+        random = np.random.default_rng(5)
+        clock = StampClock()
+        walls = [clock.wall_ns(float(stamp), 10**18) for stamp in random.uniform(0.0, 1e4, 1000)]
+        assert walls == sorted(walls)
+        assert DRIFT > 0
+
+
+def test_the_products_own_interface_is_detected(wire: ProvidedBus) -> None:
+    channel = wire.address.removeprefix("local:")
+    assert {"interface": "vibrohil", "channel": channel} in can.detect_available_configs("vibrohil")
+    wire.close()
+    assert channel not in [found["channel"] for found in can.detect_available_configs("vibrohil")]
+
+
+def test_after_shutdown_each_call_is_a_can_error(wire: ProvidedBus) -> None:
+    bus = can.Bus(wire.address, "vibrohil")
+    bus.shutdown()
+    bus.shutdown()
+    for call in (lambda: bus.recv(0), bus.recv, lambda: bus.send(can.Message()), bus.fileno):
+        with pytest.raises(can.CanOperationError, match="shut down"):
+            call()

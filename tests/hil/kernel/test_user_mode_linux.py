@@ -1,0 +1,277 @@
+"""A command under user-mode Linux behaves as it would outside, and has a CAN bus."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hil.kernel import user_mode_linux as uml
+from hil.timing.realtime import NODE_PRIORITY
+
+ROOT = Path(__file__).parents[3]
+RUN = (
+    "import sys; from hil.kernel.user_mode_linux import run_in_kernel; sys.exit(run_in_kernel(sys.argv[1:]))"
+)
+CAN_PAIR = """
+import os, can
+receiver = can.Bus(interface="socketcan", channel="vcan0")
+if os.fork() == 0:
+    with can.Bus(interface="socketcan", channel="vcan0") as sender:
+        for k in range(100):
+            sender.send(can.Message(arbitration_id=k, data=[k, 255 - k], is_extended_id=False))
+    os._exit(0)
+frames = [receiver.recv(5.0) for _ in range(100)]
+os.wait()
+receiver.shutdown()
+assert [(f.arbitration_id, bytes(f.data)) for f in frames] == [(k, bytes([k, 255 - k])) for k in range(100)]
+
+from pyroute2 import IPRoute
+with IPRoute() as route:
+    route.link("add", ifname="vcan-own", kind="vcan")
+    route.link("set", index=route.link_lookup(ifname="vcan-own")[0], state="up")
+with can.Bus(interface="socketcan", channel="vcan-own") as own:
+    own.send(can.Message(arbitration_id=1, is_extended_id=False))
+print("both buses carried")
+"""
+MAPPED = """
+import mmap, multiprocessing, sys
+with open(sys.argv[1], "r+b") as file, mmap.mmap(file.fileno(), 0) as page:
+    page[:6] = b"mapped"
+queue = multiprocessing.Queue()
+child = multiprocessing.Process(target=queue.put, args=("from a child",))
+child.start()
+print(queue.get())
+child.join()
+"""
+
+
+@pytest.fixture(scope="module")
+def installed() -> None:
+    """Skip where user-mode Linux is missing; on a CI machine that is a failure: no real bus was tested."""
+    missing = uml.missing_programs()
+    if missing and os.environ.get("CI"):
+        pytest.fail(f"{' and '.join(missing)} missing on a CI machine; {uml.REMEDY}")
+    if missing:
+        pytest.skip(f"{' and '.join(missing)} missing; {uml.REMEDY}")
+
+
+def start(*command: str, **environment: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", RUN, *command],
+        cwd=ROOT,
+        env=os.environ | environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def kernel_of(starter: subprocess.Popen[str]) -> int:
+    """Process id of the kernel that `starter` runs: it leads a session of its own."""
+    (kernel,) = Path(f"/proc/{starter.pid}/task/{starter.pid}/children").read_text().split()
+    return int(kernel)
+
+
+def session_of(leader: int) -> list[int]:
+    """Process ids of what runs in a session: of a kernel, all of it and of its guest's processes."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = stat.read_text().rpartition(")")[2].split()
+        except (FileNotFoundError, ProcessLookupError):
+            continue  # ended since it was listed
+        if int(fields[3]) == leader and fields[0] != "Z":
+            found.append(int(stat.parent.name))
+    return found
+
+
+def gone(kernel: int, within_s: float) -> bool:
+    """Whether a kernel and everything in it have ended in time."""
+    limit_s = time.monotonic() + within_s
+    while session_of(kernel):
+        if time.monotonic() > limit_s:
+            return False
+        time.sleep(0.05)
+    return True
+
+
+@pytest.fixture
+def sleeping(installed: None) -> Iterator[subprocess.Popen[str]]:
+    """A kernel whose command has said that it runs and then waits for a minute."""
+    process = start("sh", "-c", "echo running; sleep 60")
+    assert process.stdout is not None
+    assert process.stdout.readline() == "running\n"
+    yield process
+    process.kill()
+    process.communicate()
+
+
+@pytest.mark.uml
+@pytest.mark.usefixtures("installed")
+def test_output_status_folder_and_environment_are_the_commands_own() -> None:
+    quoted = 'it\'s "$HOME"\nand more'
+    script = 'echo out; echo err >&2; pwd; command -v python; printf %s "$WORDS"; exit 3'
+    process = start("sh", "-c", script, WORDS=quoted)
+    out, err = process.communicate(timeout=60)
+    own_python = Path(sys.executable).parent / "python"
+    assert (out, err, process.returncode) == (f"out\n{ROOT}\n{own_python}\n{quoted}", "err\n", 3)
+
+
+@pytest.mark.uml
+@pytest.mark.usefixtures("installed")
+@pytest.mark.parametrize(("script", "status"), [("true", 0), ("kill -9 $$", 137), ("exit 255", 255)])
+def test_exit_status_is_carried_out(script: str, status: int) -> None:
+    process = start("sh", "-c", script)
+    assert process.communicate(timeout=60) == ("", "")
+    assert process.returncode == status
+
+
+@pytest.mark.uml
+@pytest.mark.usefixtures("installed")
+def test_the_thread_that_delivers_frames_comes_before_the_nodes() -> None:
+    say = "import os, sys; p = int(sys.argv[1]); print(os.sched_getscheduler(p), os.sched_getparam(p))"
+    process = start("sh", "-c", f'python -c "{say}" $(busybox pidof ksoftirqd/0)')
+    out, err = process.communicate(timeout=60)
+    assert (out, err) == (f"{os.SCHED_FIFO} {os.sched_param(NODE_PRIORITY + 10)}\n", "")
+
+
+@pytest.mark.uml
+@pytest.mark.usefixtures("installed")
+def test_two_processes_talk_over_vcan0_and_further_buses_can_be_made() -> None:
+    process = start(sys.executable, "-W", "error", "-c", CAN_PAIR)
+    out, err = process.communicate(timeout=60)
+    assert (out, err, process.returncode) == ("both buses carried\n", "", 0)
+
+
+@pytest.mark.uml
+@pytest.mark.usefixtures("installed")
+def test_memory_mapped_files_reach_the_machine_and_processes_can_share_a_queue(tmp_path: Path) -> None:
+    file = tmp_path / "trace"
+    file.write_bytes(bytes(4096))
+    process = start(sys.executable, "-c", MAPPED, str(file))
+    out, err = process.communicate(timeout=60)
+    assert (out, err, process.returncode) == ("from a child\n", "", 0)
+    assert file.read_bytes()[:6] == b"mapped"
+
+
+@pytest.mark.uml
+def test_the_kernel_keeps_to_one_cpu_and_its_starter_does_not(sleeping: subprocess.Popen[str]) -> None:
+    cpus = {frozenset(os.sched_getaffinity(pid)) for pid in session_of(kernel_of(sleeping))}
+    assert cpus == {frozenset({max(os.sched_getaffinity(0))})}
+    assert os.sched_getaffinity(sleeping.pid) == os.sched_getaffinity(0)
+    assert os.sched_getscheduler(sleeping.pid) == os.SCHED_OTHER
+
+
+@pytest.mark.uml
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_reaches_the_command_and_ends_the_kernel(
+    sleeping: subprocess.Popen[str], number: signal.Signals
+) -> None:
+    kernel = kernel_of(sleeping)
+    sleeping.send_signal(number)
+    assert sleeping.wait(timeout=5.0) == 128 + number
+    assert gone(kernel, within_s=2.0)
+
+
+@pytest.mark.uml
+def test_the_kernel_does_not_outlive_a_killed_starter(sleeping: subprocess.Popen[str]) -> None:
+    kernel = kernel_of(sleeping)
+    folder = Path(f"/proc/{kernel}/environ").read_bytes().partition(b"HOME=")[2].partition(b"\0")[0]
+    assert Path(folder.decode()).is_dir()
+    sleeping.kill()
+    assert gone(kernel, within_s=5.0)
+    assert not Path(folder.decode()).exists()
+
+
+@pytest.mark.uml
+@pytest.mark.usefixtures("installed")
+def test_a_command_that_ignores_signals_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    process = start("sh", "-c", "trap '' INT TERM; echo running; sleep 60; sleep 60")
+    assert process.stdout is not None
+    assert process.stdout.readline() == "running\n"
+    kernel = kernel_of(process)
+    process.send_signal(signal.SIGINT)
+    time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=5.0) == 128 + signal.SIGINT
+    assert gone(kernel, within_s=2.0)
+    process.communicate()
+
+
+@pytest.mark.uml
+@pytest.mark.usefixtures("installed")
+def test_a_panic_is_an_error_with_the_kernels_last_words(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(uml.UmlDeathError, match=r"(?s)died while the command ran.*sysrq triggered crash"):
+        uml.run_in_kernel(["sh", "-c", "echo before; echo c > /proc/sysrq-trigger"])
+    assert capfd.readouterr().out == "before\n"
+
+
+def substitute(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
+    """Put a stand-in for the kernel first on PATH."""
+    for name, text in (("linux.uml", script), ("busybox", "exit 0")):
+        (folder / name).write_text(f"#!/bin/sh\n{text}\n")
+        (folder / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
+
+
+def test_a_kernel_that_dies_at_once_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    substitute(tmp_path, monkeypatch, "echo 'ptrace: not permitted'; exit 1")
+    with pytest.raises(
+        uml.UmlDeathError, match=r"(?s)died before it had booted.*ptrace: not permitted.*SYS_PTRACE"
+    ):
+        uml.run_in_kernel(["true"])
+
+
+def test_a_kernel_that_never_boots_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    substitute(tmp_path, monkeypatch, f"echo $$ > {tmp_path}/pid; sleep 60")
+    monkeypatch.setattr(uml, "BOOT_LIMIT_S", 0.5)
+    with pytest.raises(uml.UmlDeathError, match=r"has not booted within"):
+        uml.run_in_kernel(["true"])
+    assert gone(int((tmp_path / "pid").read_text()), within_s=2.0)
+
+
+def test_a_missing_package_names_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name, **_: None if name == "linux.uml" else f"/bin/{name}")
+    with pytest.raises(uml.UmlError, match=r"linux.uml is not installed.*apt-get install user-mode-linux"):
+        uml.run_in_kernel(["true"])
+
+
+def test_bad_arguments_are_refused() -> None:
+    with pytest.raises(uml.UmlError, match="no command"):
+        uml.run_in_kernel([])
+    with pytest.raises(uml.UmlError, match="no program 'no-such-program'"):
+        uml.run_in_kernel(["no-such-program"])
+    with pytest.raises(uml.UmlError, match="got 'much', wanted a number"):
+        uml.run_in_kernel(["true"], memory="much")
+    with pytest.raises(uml.UmlError, match="got 4096, wanted one of"):
+        uml.run_in_kernel(["true"], host_cpu=4096)
+
+
+HOG_AND_SLEEPER = """
+import os, time
+if os.fork() == 0:
+    os.nice(10)
+    while True:
+        pass
+for _ in range(100):
+    time.sleep(0.001)
+print("woken", flush=True)
+"""
+
+
+@pytest.mark.uml
+@pytest.mark.usefixtures("installed")
+def test_a_process_that_only_computes_keeps_nobody_from_waking_up() -> None:
+    """It makes no system call at which it could be interrupted; where it is not, this takes for ever."""
+    with start(sys.executable, "-c", HOG_AND_SLEEPER) as starter:
+        try:
+            stdout, stderr = starter.communicate(timeout=60.0)
+        finally:
+            starter.kill()
+    assert stdout == "woken\n", stderr

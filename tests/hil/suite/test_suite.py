@@ -1,0 +1,255 @@
+"""A suite: which scenarios run, what it leaves behind, and what one that breaks off does to it."""
+
+import json
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from resting import resting
+from waiting import waited_for
+
+from hil.bench.options import RunOptions
+from hil.faults.every import KINDS
+from hil.judge.checks import Check, within
+from hil.judge.judge import judge
+from hil.judge.seeds import merged
+from hil.judge.verdict import CheckResult, RunVerdict, Verdict
+from hil.record.run_folder import RunFolderError
+from hil.record.run_traces import RunTraces
+from hil.scenario.files import scenario_names
+from hil.scenario.scenario import load_scenario
+from hil.scenario.seeds import at_other_times
+from hil.suite.compare_suites import compare, read_suite
+from hil.suite.suite import Case, Chosen, judged, run_suite, scenarios_for
+from tools.cli import run
+from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, EXIT_PASSED
+
+LOCKSTEP = RunOptions(clock="lockstep")
+
+MODELLED = "a-bus-off-of-ten-ticks-is-ridden-through"
+
+
+def silent(_: float, __: str) -> None:
+    """Nobody looks at the progress."""
+
+
+def test_all_scenarios_load_and_are_named_as_their_files() -> None:
+    scenarios, left_out = scenarios_for([], "lockstep")
+    assert [one.name for one in scenarios] == scenario_names()
+    assert len(scenarios) >= 40
+    assert left_out == []
+    assert all(one.checks for one in scenarios)
+
+
+def test_every_kind_of_fault_has_a_scenario_that_bounds_what_follows() -> None:
+    scenarios, _ = scenarios_for([], "lockstep")
+    kinds = {type(fault) for one in scenarios for fault in one.faults}
+    assert kinds == set(KINDS)
+    for one in scenarios:
+        if one.faults:
+            bounded = {check.name for check in one.checks}
+            physical = {"after_fault.largest_torque_n_m", "safe_state.command_zero_after_s"}
+            assert bounded & physical, one.name
+
+
+def test_a_modelled_bus_is_left_out_in_real_time(capsys: pytest.CaptureFixture[str]) -> None:
+    scenarios, left_out = scenarios_for([MODELLED, "operator-lost"], "real")
+    assert ([one.name for one in scenarios], left_out) == (["operator-lost"], [MODELLED])
+    assert run(["suite", MODELLED, "--clock", "real", "--json"]) == EXIT_NOTHING_RAN
+    assert json.loads(capsys.readouterr().out)["verdict"] == "not-judged"
+    assert run(["suite", "no-such-scenario", "--json"]) == EXIT_BAD_INPUT
+
+
+@pytest.mark.usefixtures("in_process")
+def test_a_suite_leaves_one_page_one_xml_and_a_folder_a_run(tmp_path: Path) -> None:
+    names = [str(resting(tmp_path)), str(resting(tmp_path, "impacts", fewest=1.0))]
+    result = run_suite(Chosen(names), LOCKSTEP, tmp_path / "out", [1], silent)
+    assert [(one["name"], one["passed"]) for one in result["scenarios"]] == [
+        ("rests", True),
+        ("impacts", False),
+    ]
+    assert result["passed"] is False
+    assert result["scenarios"][1]["failed"][0]["value"] == 0
+    xml = ElementTree.parse(result["junit"]).getroot()
+    assert [(one.get("name"), one.get("failures")) for one in xml] == [("rests", "0"), ("impacts", "1")]
+    assert "1 of 2 scenarios passed" in Path(result["report"]).read_text()
+    assert (tmp_path / "out" / "rests" / "run.rrd").exists()
+
+
+def test_a_run_that_breaks_off_has_failed_and_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def breaks(*_: object, **__: object) -> None:
+        raise RuntimeError("no step is small enough")
+
+    monkeypatch.setattr("hil.bench.lockstep.run_lockstep", breaks)
+    verdict = judged(Case(load_scenario("operator-lost"), 1, tmp_path / "run", False), LOCKSTEP)
+    assert verdict.passed is False
+    assert verdict.reasons[0] == "broke off: RuntimeError: no step is small enough"
+
+
+def noisy(folder: Path, highest_m_s: float) -> str:
+    """A scenario that depends on its seed: one fault in ten thousand ticks would be too few."""
+    path = folder / "noisy.toml"
+    path.write_text(
+        'title = "It rests"\nscene = "table1-motor-soft"\n[script]\nduration_s = 0.3\n'
+        '[[script.faults]]\nkind = "parameters-damaged"\nat_s = 0.0\n'
+        f'[[checks]]\nname = "impact_count"\nhigh = {highest_m_s}\n'
+        '[[checks]]\nname = "fault"\nequals = "parameters-damaged"\n'
+    )
+    return str(path)
+
+
+@pytest.mark.usefixtures("in_process")
+def test_a_scenario_in_many_seeds_has_one_verdict_and_leaves_little(tmp_path: Path) -> None:
+    result = run_suite(Chosen([noisy(tmp_path, 0.0)]), LOCKSTEP, tmp_path / "out", range(3, 6), silent)
+    (one,) = result["scenarios"]
+    assert (one["passed"], one["seeds"], one["passed_seeds"], one["failed_seeds"]) == (True, 3, 3, [])
+    assert [check["passed_seeds"] for check in one["checks"]] == [3, 3]
+    assert result["seeds"] == [3, 4, 5]
+    left = sorted(path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*.*"))
+    assert left == [
+        "index.html",
+        "junit.xml",
+        *(f"noisy/seed-{seed}/{name}" for seed in (3, 4, 5) for name in ("run.json", "verdict.json")),
+        "suite.json",
+    ]
+    assert "3 of 3 seeds" in Path(result["report"]).read_text()
+
+
+def workers_of(program: "subprocess.Popen[bytes]") -> list[Path]:
+    """The processes of a program's workers; its other child removes their temporary files."""
+    children = Path(f"/proc/{program.pid}/task/{program.pid}/children").read_text().split()
+    processes = [Path("/proc", child) for child in children]
+    return [one for one in processes if b"hil.bench.workers" in (one / "cmdline").read_bytes()]
+
+
+def test_the_workers_of_a_killed_suite_end_with_it(tmp_path: Path) -> None:
+    program = Path(sys.executable).with_name("vibrohil")
+    names = ["quick-start-below-the-band", "e-stop-in-the-hold", "--jobs", "2", "--out", str(tmp_path)]
+    suite_process = subprocess.Popen(
+        [program, "suite", *names], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        workers = waited_for(lambda: found if len(found := workers_of(suite_process)) == 2 else None, 60.0)
+        time.sleep(1.0)
+    finally:
+        suite_process.kill()
+        suite_process.wait()
+    waited_for(lambda: not any(worker.exists() for worker in workers), 60.0)
+
+
+@pytest.mark.usefixtures("in_process")
+def test_a_seed_that_fails_keeps_its_log(tmp_path: Path) -> None:
+    result = run_suite(Chosen([noisy(tmp_path, -1.0)]), LOCKSTEP, tmp_path / "out", [1, 2], silent)
+    assert result["scenarios"][0]["failed_seeds"] == [1, 2]
+    assert (tmp_path / "out" / "noisy" / "seed-2" / "run.rrd").exists()
+    xml = ElementTree.parse(result["junit"]).getroot()
+    properties = {one.get("name"): one.get("value") for one in xml.iter("property")}
+    assert properties["passed_seeds"] == "2"
+
+
+def test_a_seed_moves_the_fault_and_what_follows_it_within_a_drive_period() -> None:
+    written = load_scenario("a-restarted-controller-goes-on-once-it-is-asked-anew")
+    assert at_other_times(written, 1) is written
+    times_s = set()
+    for seed in range(2, 40):
+        moved = at_other_times(written, seed)
+        by_s = moved.faults[0].at_s - written.faults[0].at_s
+        assert 0.0 < by_s < 0.611
+        assert moved.duration_s - written.duration_s == pytest.approx(by_s)
+        later = [one.at_s - other.at_s for one, other in zip(moved.commands, written.commands, strict=True)]
+        assert later == pytest.approx([0.0, by_s, by_s, by_s])
+        assert moved.faults[0].duration_s == written.faults[0].duration_s
+        times_s.add(by_s)
+    assert len(times_s) > 30
+    from_the_start = load_scenario("damaged-parameters-arm-nothing")
+    assert at_other_times(from_the_start, 7) is from_the_start
+    assert at_other_times(load_scenario("operator-lost"), 7).faults == ()
+
+
+CHECKS = [
+    Check(name="peak_force_n", low=90.0, high=180.0, unit="N"),
+    Check(name="regime", equals="impact"),
+]
+
+
+def verdict(force_n: float | None, regime: str) -> RunVerdict:
+    values = {"peak_force_n": force_n, "regime": regime}
+    results = tuple(
+        CheckResult(one.name, Verdict.PASSED if met else Verdict.FAILED, values[one.name], "", one.limit)
+        for one in CHECKS
+        for met in [within(one, values[one.name])]
+    )
+    reasons = ("firmware left no trace",) if regime == "none" else ()
+    return replace(judge(RunTraces(), Path()), checks=results, reasons=reasons)
+
+
+def test_the_worst_figure_is_the_one_nearest_to_or_furthest_beyond_a_limit() -> None:
+    good = merged(
+        CHECKS, {1: verdict(120.0, "impact"), 2: verdict(178.0, "impact"), 3: verdict(93.0, "impact")}
+    )
+    force, regime = good.checks
+    assert (good.passed, force.value, force.seed, force.lowest, force.highest) == (
+        True,
+        178.0,
+        2,
+        93.0,
+        178.0,
+    )
+    assert (regime.lowest, regime.highest) == (None, None)
+    bad = merged(CHECKS, {1: verdict(120.0, "lost"), 2: verdict(190.0, "impact"), 3: verdict(None, "none")})
+    assert (bad.passed, bad.passed_seeds, bad.failed_seeds) == (False, 0, (1, 2, 3))
+    assert [(one.value, one.seed, one.passed_seeds) for one in bad.checks] == [(None, 3, 1), ("lost", 1, 1)]
+    assert bad.reasons == ("seed 3: firmware left no trace",)
+
+
+@pytest.mark.usefixtures("in_process")
+def test_two_suites_differ_where_a_verdict_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rests, impacts = str(resting(tmp_path)), str(resting(tmp_path, "impacts", fewest=1.0))
+    for name, names in (("a", [rests, impacts]), ("b", [rests]), ("c", [impacts])):
+        run_suite(Chosen(names), LOCKSTEP, tmp_path / name, [1], silent)
+    a, b, c = (str(tmp_path / name) for name in "abc")
+    assert run(["compare", a, b, "--must-be-equal", "--json"]) == EXIT_PASSED
+    result = json.loads(capsys.readouterr().out)
+    assert (result["compared"], result["only_in_a"], result["equal"]) == (["rests"], ["impacts"], True)
+    assert run(["compare", b, c, "--json"]) == EXIT_NOTHING_RAN
+    changed = read_suite(tmp_path / "a")
+    changed["scenarios"][1]["passed"] = changed["scenarios"][1]["checks"][0]["passed"] = True
+    found = compare(read_suite(tmp_path / "a"), changed)
+    assert [(one["scenario"], one["check"], one["a"], one["b"]) for one in found["differences"]] == [
+        ("impacts", None, False, True),
+        ("impacts", "impact_count ≥ 1", False, True),
+    ]
+    (tmp_path / "c" / "suite.json").write_text(json.dumps(changed))
+    capsys.readouterr()
+    assert run(["compare", a, c]) == EXIT_PASSED
+    assert run(["compare", a, c, "--must-be-equal"]) == EXIT_CHECK_FAILED
+    assert "1 of 2 scenarios" in capsys.readouterr().out
+    assert run(["compare", a, str(tmp_path)]) == EXIT_BAD_INPUT
+
+
+def test_a_foreign_suite_folder_with_links_changes_nothing_outside(tmp_path: Path) -> None:
+    victim, foreign, name = tmp_path / "victim", tmp_path / "out", "resting"
+    other = victim / "run"
+    other.mkdir(parents=True)
+    for one in (victim / "page.html", other / "scenario.toml"):
+        one.write_text("precious\n")
+    (other / "run.json").write_text('{"made_by": "vibrohil"}')
+    foreign.mkdir()
+    (foreign / "suite.json").write_text('{"made_by": "vibrohil"}')
+    for page in ("junit.xml", "index.html"):
+        (foreign / page).symlink_to(victim / "page.html")
+    scenario = resting(tmp_path, name)
+    run_suite(Chosen([str(scenario)]), LOCKSTEP, foreign, [1], silent)
+    shutil.rmtree(foreign / name)
+    (foreign / name).symlink_to(other)
+    with pytest.raises(RunFolderError, match="is a link to"):
+        run_suite(Chosen([str(scenario)]), LOCKSTEP, foreign, [1], silent)
+    assert (victim / "page.html").read_text() == "precious\n"
+    assert (other / "scenario.toml").read_text() == "precious\n"

@@ -1,0 +1,172 @@
+"""Real time beside stalls of the host: lockstep's frames in lockstep's order, whatever process is late."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+from fuzzing.kill import signalled
+
+from hil.bench.bench import run_scenario
+from hil.bench.options import RunOptions
+from hil.record.run_traces import read_json
+from hil.scenario.scenario import Scenario, load_scenario
+from hil.scenario.settings import Settings
+
+QUICK = [
+    "script.duration_s=3.0",
+    'script.commands=[{at_s=0.2,request="run",target_ratio=1.1},{at_s=2.6,request="idle"}]',
+    "firmware.start.rise_s=1.0",
+]
+STALLS = (("plant", 0.005), ("firmware", 0.2), ("hub", 0.03), ("operator", 0.09), ("plant", 0.06))
+
+
+def silent(_: float, __: str) -> None:
+    """Nobody looks at the progress."""
+
+
+def quick(*more: str) -> Scenario:
+    settings: Settings = [*QUICK, *more]
+    return load_scenario("soft-start-multistable", settings)
+
+
+def run(folder: Path, clock: Any = "real", scenario: Scenario | None = None) -> dict[str, Any]:
+    return run_scenario(
+        scenario or quick(), RunOptions(clock=clock, bus="local"), folder, 1, silent
+    ).as_json()
+
+
+@pytest.fixture(scope="module")
+def lockstep(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    folder = tmp_path_factory.mktemp("lockstep") / "run"
+    run(folder, "lockstep")
+    return (folder / "can.log").read_bytes()
+
+
+@contextmanager
+def beside(disturb: Any, folder: Path) -> Iterator[None]:
+    """Call `disturb` in a thread with the run's process numbers once the run has begun."""
+
+    def watch() -> None:
+        while "t0_ns" not in read_json(folder / "run.json"):
+            time.sleep(0.01)
+        time.sleep(0.5)
+        disturb(read_json(folder / "processes.json"))
+
+    thread = threading.Thread(target=watch)
+    thread.start()
+    try:
+        yield
+    finally:
+        thread.join()
+
+
+def stop(stalls: Sequence[tuple[int, float]]) -> None:
+    """Stop processes one after another, each for some seconds, from a process that is none of them."""
+    steps = (
+        f"kill -STOP {pid}; sleep {stalled_s}; kill -CONT {pid}; sleep 0.05" for pid, stalled_s in stalls
+    )
+    subprocess.run(["/bin/sh", "-c", "; ".join(steps)], check=True)
+
+
+@pytest.mark.realtime
+def test_stalls_of_any_process_change_no_frame_and_are_reported(tmp_path: Path, lockstep: bytes) -> None:
+    folder = tmp_path / "run"
+    with ExitStack() as stack:
+        for _ in range(2):
+            busy = stack.enter_context(subprocess.Popen([sys.executable, "-c", "while True: pass"]))
+            stack.callback(busy.kill)
+        stalls = beside(lambda pids: stop([(pids[name], lasts_s) for name, lasts_s in STALLS]), folder)
+        with stalls:
+            verdict = run(folder)
+    assert verdict["reasons"] == verdict["not_judged"] == []
+    assert (folder / "can.log").read_bytes() == lockstep
+    # A process that waits for its turn is missed when the turn is due: the operator's within 10 ms.
+    assert verdict["held_s"] > sum(duration_s for _, duration_s in STALLS) - 0.02
+    assert max(hold["held_s"] for hold in verdict["time_held"]) > 0.19
+    assert verdict["real_time"] is False
+    assert verdict["overruns"] == 0
+    assert verdict["log"]["frames_foreign"] == 0
+
+
+@pytest.mark.realtime
+def test_a_listener_changes_no_frame_and_frames_of_a_stranger_are_counted(
+    tmp_path: Path, lockstep: bytes
+) -> None:
+    received: list[can.Message] = []
+
+    def listen(address: str, sends: int) -> None:
+        with can.Bus(address.removeprefix("local:"), "vibrohil") as bus:
+            for number in range(sends):
+                bus.send(can.Message(arbitration_id=0x7F0 + number, is_extended_id=False))
+            until_s = time.monotonic() + 1.0
+            while time.monotonic() < until_s:
+                if (message := bus.recv(0.1)) is not None:
+                    received.append(message)
+
+    for sends in (0, 3):
+        folder = tmp_path / str(sends)
+
+        def join(pids: dict[str, int], sends: int = sends) -> None:
+            command = Path(f"/proc/{pids['recorder']}/cmdline").read_text().split("\0")
+            listen(command[command.index("--bus") + 1], sends)
+
+        with beside(join, folder):
+            verdict = run(folder)
+        assert verdict["log"]["frames_foreign"] == sends
+        lines = (folder / "can.log").read_bytes().splitlines()
+        assert [line for line in lines if b" can0 7F" not in line] == lockstep.splitlines()
+    assert len(received) > 1000
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    "fault",
+    [
+        '{kind="paused",at_s=1.0,duration_s=0.4,process="firmware"}',
+        '{kind="paused",at_s=2.0,duration_s=9.0,process="plant"}',
+        '{kind="killed",at_s=1.8,process="firmware"}',
+        '{kind="restarted",at_s=1.5,duration_s=0.6,process="firmware"}',
+        '{kind="clock-jitter",at_s=0.5,process="firmware",largest_s=0.002}',
+        '{kind="clock-jumped",at_s=1.0,by_s=0.02}',
+    ],
+)
+def test_faults_of_processes_and_clocks_act_as_in_lockstep(tmp_path: Path, fault: str) -> None:
+    scenario = quick(f"script.faults=[{fault}]")
+    for clock in ("lockstep", "real"):
+        verdict = run(tmp_path / clock, clock, scenario)
+        assert verdict["reasons"] == []
+    frames = [(tmp_path / clock / "can.log").read_bytes() for clock in ("lockstep", "real")]
+    assert frames[0] == frames[1]
+
+
+@pytest.mark.realtime
+def test_a_process_that_stays_stopped_ends_the_run_without_a_judgement(tmp_path: Path) -> None:
+    with beside(lambda pids: signalled(pids["firmware"], signal.SIGSTOP), tmp_path):
+        verdict = run(tmp_path)
+    assert verdict["verdict"] == "not-judged"
+    (reason,) = verdict["not_judged"]
+    assert reason.startswith("the host held up the firmware for more than 10 s at ")
+    assert verdict["reasons"] == []
+    assert not any(check["verdict"] == "failed" for check in verdict["checks"])
+    assert not Path(f"/proc/{read_json(tmp_path / 'processes.json')['firmware']}").exists()
+
+
+@pytest.mark.realtime
+def test_strict_time_misses_periods_and_judges_nothing_that_a_stall_touched(tmp_path: Path) -> None:
+    with beside(lambda pids: stop([(pids["plant"], 0.05)]), tmp_path):
+        verdict = run_scenario(quick(), RunOptions(bus="local", time="strict"), tmp_path, 1, silent).as_json()
+    assert verdict["held_s"] is None
+    assert verdict["overruns"] >= 40
+    (longest,) = [gap for gap in verdict["gaps"] if gap["to_s"] - gap["from_s"] > 0.04]
+    assert longest["process"] == "plant"
+    by_name = {check["name"]: check["verdict"] for check in verdict["checks"]}
+    assert by_name["fault"] == "not-judged"
+    assert verdict["verdict"] != "passed"

@@ -1,0 +1,273 @@
+"""Kernels are keyed by their sources, kept where only this user writes, and rebuilt if damaged."""
+
+import ast
+import errno
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from numba.core import types
+
+import kernel_cache
+from hil.bench.lockstep import warm_lockstep
+from hil.nodes import closed_loop
+from hil.scenario.scenario import load_scenario
+from kernel_cache import KernelCacheError
+from plant_sim import linking
+from plant_sim.solvers.adaptive import adaptive
+
+ROOT = Path(kernel_cache.__file__).parent
+
+CALLEE = """
+from plant_sim.kernels import subroutine
+@subroutine
+def value(x):
+    return 2.0 * x
+"""
+CALLER = """
+from plant_sim.kernels import jit
+from plant_sim.callee import value
+@jit
+def call(x):
+    return value(x)
+"""
+PROGRAM = """
+import sys
+sys.path.insert(0, {root!r})
+from plant_sim.caller import call
+result = call(1.0)
+print(result, sum(call.stats.cache_hits.values()))
+"""
+
+
+class Copy:
+    """A package with a kernel and its callee, and a cache of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.root = folder
+        self.package = folder / "plant_sim"
+        self.package.mkdir()
+        (self.package / "__init__.py").touch()
+        for module in (sys.modules["plant_sim.kernels"], linking):
+            source = Path(str(module.__file__))
+            (self.package / source.name).write_text(source.read_text())
+        self.write("callee", CALLEE)
+        self.write("caller", CALLER)
+        self.cache = folder / "cache"
+
+    def write(self, module: str, text: str) -> None:
+        (self.package / f"{module}.py").write_text(text)
+
+    def call(self) -> tuple[float, bool, str]:
+        """The kernel's result in a new process, whether it came from the cache, and the error output."""
+        # Python itself takes an edit within the same second and of the same length for none: no bytecode.
+        run = subprocess.run(
+            [sys.executable, "-P", "-c", PROGRAM.format(root=str(self.root))],
+            env=os.environ
+            | {"VIBROHIL_CACHE_DIR": str(self.cache), "PYTHONPATH": "", "PYTHONDONTWRITEBYTECODE": "1"},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert run.returncode == 0, run.stderr
+        result, hits = run.stdout.split()
+        return float(result), hits == "1", run.stderr
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Copy:
+    return Copy(tmp_path)
+
+
+def test_an_edited_callee_in_another_file_is_never_run_stale(copy: Copy) -> None:
+    assert copy.call() == (2.0, False, "")
+    copy.write("callee", CALLEE.replace("2.0", "3.0"))
+    assert copy.call() == (3.0, False, "")
+    assert copy.call() == (3.0, True, "")
+
+
+def test_comments_docstrings_line_breaks_and_other_modules_compile_nothing_anew(copy: Copy) -> None:
+    copy.call()
+    copy.write("callee", CALLEE.replace("    return", '    """Twice x."""\n    # twice\n\n    return'))
+    copy.write("caller", f'"""A caller."""\n\n\n{CALLER}')
+    copy.write("other", "x = 1\n")
+    assert copy.call() == (2.0, True, "")
+
+
+def test_what_callees_import_counts_too(copy: Copy) -> None:
+    copy.write("factor", "FACTOR = 2.0\n")
+    copy.write("callee", f"from plant_sim import factor{CALLEE.replace('2.0', 'factor.FACTOR')}")
+    assert copy.call() == (2.0, False, "")
+    copy.write("factor", "FACTOR = 3.0\n")
+    assert copy.call() == (3.0, False, "")
+
+
+@pytest.mark.parametrize(("pattern", "kept"), [("*.nbi", 0), ("*.nbc", 100), ("*.nbc", -1), ("*.nbi", 30)])
+def test_a_cut_file_is_reported_in_one_line_and_compiled_anew(copy: Copy, pattern: str, kept: int) -> None:
+    copy.call()
+    (damaged,) = copy.cache.rglob(pattern)
+    damaged.write_bytes(damaged.read_bytes()[:kept])
+    result, hit, message = copy.call()
+    assert (result, hit, message.count("\n")) == (2.0, False, 1)
+    assert "is damaged" in message
+    assert str(damaged.parent) in message
+    assert "compiling it anew" in message
+    assert copy.call() == (2.0, True, "")
+
+
+def test_a_changed_byte_of_machine_code_is_found(copy: Copy) -> None:
+    copy.call()
+    (damaged,) = copy.cache.rglob("*.nbc")
+    content = bytearray(damaged.read_bytes())
+    content[len(content) // 2] ^= 1
+    damaged.write_bytes(content)
+    result, hit, message = copy.call()
+    assert (result, hit) == (2.0, False)
+    assert "DamagedKernelError" in message
+
+
+def test_a_damaged_list_of_sources_is_made_anew(copy: Copy) -> None:
+    copy.call()
+    listed = copy.cache / kernel_cache.SYNTAX_TREES
+    whole = listed.read_text()
+    listed.write_text(whole[:100])
+    assert copy.call() == (2.0, True, "")
+    assert listed.read_text() == whole
+
+
+def test_the_cache_is_made_for_its_user_alone(copy: Copy) -> None:
+    copy.call()
+    folders = [copy.cache, *(path for path in copy.cache.rglob("*") if path.is_dir())]
+    assert len(folders) >= 2
+    assert {folder.stat().st_mode & 0o777 for folder in folders} == {0o700}
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o702, 0o777, 0o1777])
+def test_a_cache_that_others_may_write_is_refused_with_the_remedy(tmp_path: Path, mode: int) -> None:
+    tmp_path.chmod(mode)
+    with pytest.raises(KernelCacheError, match=r"which others may write \(mode .*\).*; remove it"):
+        kernel_cache._private.__wrapped__(tmp_path)
+
+
+def test_another_users_cache_is_refused_with_the_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "geteuid", lambda: tmp_path.stat().st_uid + 1)
+    with pytest.raises(KernelCacheError, match=r"belongs to user .*; set VIBROHIL_CACHE_DIR to a"):
+        kernel_cache._private.__wrapped__(tmp_path)
+    # Under user-mode Linux this user's files belong to the user outside.
+    monkeypatch.setenv("VIBROHIL_OUTER_USER", str(tmp_path.stat().st_uid))
+    assert kernel_cache._private.__wrapped__(tmp_path) == tmp_path
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.touch()
+    with pytest.raises(KernelCacheError, match="set VIBROHIL_CACHE_DIR to a writable folder"):
+        kernel_cache._private.__wrapped__(blocked / "cache")
+
+
+def test_an_existing_folder_that_cannot_be_written_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(**_: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(tempfile, "TemporaryFile", refuse)  # root may write anywhere
+    with pytest.raises(KernelCacheError, match=r"cannot be written \(Permission denied\); set"):
+        kernel_cache._private.__wrapped__(tmp_path)
+
+
+def test_folders_that_are_no_longer_used_are_removed(tmp_path: Path) -> None:
+    now_s = time.time()
+    folders = [tmp_path / f"plant-{index:016x}" for index in range(20)]
+    for index, folder in enumerate(folders):
+        folder.mkdir()
+        os.utime(folder, (now_s - index, now_s - index))
+    old, foreign = tmp_path / f"firmware-{0:016x}", tmp_path / "a-folder-of-the-user"
+    for folder in (old, foreign):
+        folder.mkdir()
+        os.utime(folder, (0, 0))
+    kernel_cache._remove_unused(tmp_path)
+    assert set(tmp_path.iterdir()) == {*folders[: kernel_cache.MOST_KEYS - 1], foreign}
+
+
+def test_a_kept_file_is_made_once_and_anew_if_damaged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = []
+
+    def make() -> bytes:
+        made.append(1)
+        return b"content"
+
+    path = kernel_cache.kept_file(tmp_path, "host.o", make)
+    assert kernel_cache.kept_file(tmp_path, "host.o", make) == path
+    assert (path.read_bytes(), path.suffix, len(made)) == (b"content", ".o", 1)
+    path.write_bytes(b"cont")
+    assert kernel_cache.kept_file(tmp_path, "host.o", make).read_bytes() == b"content"
+    assert (len(made), capsys.readouterr().err) == (
+        2,
+        f"kernel cache: {path} is damaged; making it anew\n",
+    )
+
+
+def records(kind: Any) -> set[type]:
+    """The Python classes of the records and enums within a compiled type."""
+    own = getattr(kind, "instance_class", None)
+    within = kind.types if isinstance(kind, types.BaseTuple) else ()
+    return ({own} if own else set()).union(*map(records, within))
+
+
+def test_kernels_are_keyed_by_the_modules_of_all_records_that_they_take(tmp_path: Path) -> None:
+    warm_lockstep(load_scenario("soft-start-multistable"), "compiled", tmp_path)
+    for kernel in (adaptive.advance, closed_loop.run):
+        found = kernel_cache.sources(Path(kernel.__wrapped__.__code__.co_filename))
+        classes = set().union(*(records(kind) for signature in kernel.overloads for kind in signature))
+        own = [kind for kind in classes if kind.__module__.split(".")[0] in kernel_cache.PACKAGES]
+        assert own
+        files = {kind.__name__: Path(str(sys.modules[kind.__module__].__file__)) for kind in own}
+        assert not {name for name, path in files.items() if path not in found}
+
+
+def test_the_cache_imports_none_of_the_packages_that_use_it() -> None:
+    module = Path(kernel_cache.__file__)
+    assert kernel_cache.sources(module) == {module}
+
+
+def test_the_closed_loops_kernel_is_keyed_by_no_module_that_it_does_not_contain() -> None:
+    found = {str(path.relative_to(ROOT)) for path in kernel_cache.sources(Path(closed_loop.__file__))}
+    assert {"hil/nodes/closed_loop.py", "hil/drive/axis.py", "hil/nodes/sampled.py"} <= found
+    assert "plant_sim/solvers/adaptive/adaptive.py" in found
+    assert not any(
+        folder in path for path in found for folder in ("show", "judge", "shell", "core/step", "core/state")
+    )
+
+
+def test_the_compiled_firmware_is_keyed_by_what_replaces_its_functions() -> None:
+    found = {
+        str(path.relative_to(ROOT)) for path in kernel_cache.sources(ROOT / "firmware_py/builds/entry.py")
+    }
+    assert {"firmware_py/builds/replacements.py", "firmware_py/core/step.py"} <= found
+
+
+def test_a_source_is_parsed_once_as_its_trees_digest_is_kept_on_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To parse all of a kernel's sources at each start of a process would take 0.2 s, to read them 5 ms."""
+    monkeypatch.setenv("VIBROHIL_CACHE_DIR", str(tmp_path))
+    parsed = []
+    parse = ast.parse
+    monkeypatch.setattr(ast, "parse", lambda *of: parsed.append(of) or parse(*of))
+    keys = []
+    for _ in range(2):
+        for kept in (kernel_cache._source, kernel_cache._known_sources, kernel_cache.key):
+            kept.cache_clear()
+        keys.append((kernel_cache.key(Path(adaptive.__file__)), len(parsed)))
+    assert keys[0] == keys[1]
+    assert keys[0][1] > 20

@@ -1,0 +1,54 @@
+"""Endurance: the eigenvalues of the estimate's covariance over a day of the compiled closed loop."""
+
+import math
+
+import numpy as np
+import pytest
+
+from firmware_py.interface.enums import Fault, Mode
+from firmware_py.shell.builds import Build
+from firmware_py.shell.parameters import config_from
+from hil.bench.stretches import records_of
+from hil.record.traces.firmware_trace import columns_of
+from hil.record.traces.plant_trace import PlantRecord
+from hil.scenario.operator import Command, Request
+from tools.campaign.trial.cells import cells_of
+from tools.campaign.trial.scenarios import scenario_of
+
+CONDITIONS = ((("viscous",), (1.1,), (0.0,)),)
+COVARIANCE = tuple(
+    f"state.estimator.p_{name}" for name in ("xx", "xv", "xb", "xv", "vv", "vb", "xb", "vb", "bb")
+)
+"""Signals of the nine elements of the estimate's covariance P, shape (3, 3), row by row."""
+SIGNALS = (
+    *sorted(set(COVARIANCE)),
+    "state.estimator.started",
+    "state.estimator.x_m",
+    "outputs.mode",
+    "outputs.fault",
+)
+TRUE_X = PlantRecord._fields.index("x_m")
+
+
+@pytest.mark.parametrize("build", ["compiled", "host-single"])
+def test_the_covariance_stays_positive_definite(build: Build, pytestconfig: pytest.Config) -> None:
+    """The nominal module in RUN; 86,400,000 ticks (`--endurance-ticks`) are a day."""
+    ticks = pytestconfig.getoption("endurance_ticks")
+    cell = cells_of(CONDITIONS, {}, [])[0][0]
+    commands = [Command(0.0, Request.IDLE, 0.0), Command(0.5, Request.RUN, cell.ratio, cell.impulse_n_s)]
+    duration_s = ticks * config_from(cell.firmware).tick_s
+    scenario = scenario_of("endurance", cell.scene, cell.firmware, commands, duration_s, 1)
+    smallest, squares, judged, mode = math.inf, 0.0, 0, Mode.INIT.value
+    for records in records_of(scenario, 1, columns_of(SIGNALS), build):
+        known = records.firmware
+        p = np.stack([known[name] for name in COVARIANCE], axis=-1).reshape(-1, 3, 3)
+        eigenvalues = np.where(known["state.estimator.started"], np.linalg.eigvalsh(p)[:, 0], math.inf)
+        smallest = min(smallest, float(np.min(eigenvalues)))
+        runs = known["outputs.mode"] == Mode.RUN
+        squares += float(np.sum((known["state.estimator.x_m"] - records.plant[:, TRUE_X])[runs] ** 2))
+        judged += int(np.count_nonzero(runs))
+        mode = int(known["outputs.mode"][-1])
+        assert not np.any(known["outputs.fault"] != Fault.NONE)
+    assert 0.0 < smallest < 1e-5
+    assert mode == Mode.RUN
+    assert math.sqrt(squares / judged) < 1e-3

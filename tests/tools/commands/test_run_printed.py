@@ -1,0 +1,79 @@
+"""What a person reads after a run: the verdict first, then what has not passed, then how to go on."""
+
+import pytest
+
+from tools import cli
+from tools.output import EXIT_CHECK_FAILED, NO_VALUE, console, figure, table_of
+
+SCENARIO = """
+title = "The crank reaches r = 0.6 without an impact, and with one"
+scene = "table1-motor-soft"
+
+[script]
+duration_s = 3.0
+
+[[script.commands]]
+at_s = 0.2
+request = "run"
+target_ratio = 0.6
+
+[[checks]]
+name = "fault"
+equals = "none"
+
+[[checks]]
+name = "largest_v_m_s"
+low = 0.5
+unit = "m/s"
+
+[[checks]]
+name = "energy_residual"
+high = 1e-6
+"""
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("printed")
+    (folder / "both.toml").write_text(SCENARIO)
+    return folder
+
+
+def printed(command, monkeypatch, capsys):
+    monkeypatch.setattr(console, "_width", 120)
+    assert cli.run(command) == EXIT_CHECK_FAILED
+    return capsys.readouterr().out
+
+
+def test_a_run_says_the_verdict_first_and_what_to_do_next_last(run_folder, monkeypatch, capsys):
+    out = run_folder / "run of both"
+    command = ["run", str(run_folder / "both.toml"), "--clock", "lockstep", "--out", str(out)]
+    lines = printed(command, monkeypatch, capsys).splitlines()
+    assert lines[0] == "FAILED  The crank reaches r = 0.6 without an impact, and with one"
+    (head,) = (number for number, line in enumerate(lines) if line.startswith("check "))
+    names = [line.split()[0] for line in lines[head + 1 : head + 4]]
+    assert names == ["largest_v_m_s", "fault", "energy_residual"]
+    assert "≥ 0.5 m/s" in lines[head + 1]
+    figures = [line for line in lines[head + 4 :] if line and not line.startswith("largest_v_m_s")]
+    assert not [line for line in figures if line.endswith(NO_VALUE)]
+    assert lines[-3].endswith(f"vibrohil view '{out}'")
+    assert lines[-2].endswith(f"{out}/report.html")
+    assert lines[-1].endswith(f"vibrohil inspect '{out}' --all")
+
+    short = printed(["inspect", str(out)], monkeypatch, capsys)
+    assert short.startswith("FAILED  both")
+    assert "loops.plant.ticks" not in short
+    assert "loops.plant.ticks" in printed(["inspect", str(out), "--all"], monkeypatch, capsys)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [(1.5174, "1", "1.517"), (1.5174, "", "1.517"), (1.5174, "mm", "1.517 mm"), (None, "mm", NO_VALUE)],
+)
+def test_a_number_without_a_dimension_has_no_unit(value, unit, text):
+    assert figure(value, unit) == text
+
+
+def test_a_unit_in_a_column_s_name_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    console.print(table_of(("stop [m]", ">v [m/s]"), [("1", "2")]))
+    assert capsys.readouterr().out.split("\n")[0].split() == ["stop", "[m]", "v", "[m/s]"]

@@ -1,0 +1,139 @@
+"""Logs that are damaged, unusual, or made to harm who imports them: each as the file's name and bytes.
+
+`HOSTILE` maps a name to a function that writes the file into a folder and returns its path. Whatever such a
+file holds, an import ends soon and in little memory, with a run folder or with a sentence
+(held by `tests/trust`).
+"""
+
+import gzip
+import sqlite3
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+GOOD = "(1700000000.000000) can0 00E#CDCC4C3D\n"
+
+
+def blf_object(
+    version: int = 1, kind: int = 1, size: int | None = None, time_ns: int = 0, body: bytes = b""
+) -> bytes:
+    """A contained object: by default a classic frame."""
+    body = body or struct.pack("<HBBL8s", 1, 0, 4, 0x00E, b"\xcd\xcc\x4c\x3d")
+    whole = 32 + len(body)
+    head = struct.pack("<4sHHLL", b"LOBJ", 32, version, whole if size is None else size, kind)
+    return head + struct.pack("<LHHQ", 2, 0, 0, time_ns) + body
+
+
+def blf_container(content: bytes, method: int = 2) -> bytes:
+    packed = zlib.compress(content) if method == 2 else content
+    body = struct.pack("<H6xL4x", method, len(content)) + packed
+    size = 16 + len(body)
+    return struct.pack("<4sHHLL", b"LOBJ", 16, 1, size, 10) + body + bytes(size % 4)
+
+
+def blf(*containers: bytes) -> bytes:
+    content = b"".join(containers)
+    header = struct.pack("<4sL8BQ", b"LOGG", 144, *bytes(8), 144 + len(content))
+    return header + bytes(144 - len(header)) + content
+
+
+def binary(name: str, content: Callable[[], bytes]) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        path = folder / name
+        path.write_bytes(content())
+        return path
+
+    return write
+
+
+def text(name: str, content: Callable[[], str]) -> Callable[[Path], Path]:
+    return binary(name, lambda: content().encode("utf-8"))
+
+
+def database(*statements: str) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        path = folder / "bench.db"
+        with sqlite3.connect(path) as made:
+            for statement in statements:
+                made.execute(statement)
+        made.close()
+        return path
+
+    return write
+
+
+COLUMNS = "ts, arbitration_id, extended, remote, error, dlc, data"
+ENDLESS = (
+    "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) "
+    "SELECT i AS ts, 1 AS arbitration_id, 0 AS extended, 0 AS remote, 0 AS error, 0 AS dlc, "
+    "x'' AS data FROM n"
+)
+ASC = "date Tue Nov 14 22:13:20 2023\nbase hex  timestamps absolute\ninternal events logged\n"
+ASC_FRAME = "{t:.6f} 1  {can_id}             Rx   d 4 CD CC 4C 3D\n"
+TRC = ";$FILEVERSION=2.1\n;$STARTTIME=45244.9\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n"
+
+HOSTILE: dict[str, Callable[[Path], Path]] = {
+    "blf: an object of size 0": binary(
+        "a.blf", lambda: blf(blf_container(blf_object() + blf_object(size=0)))
+    ),
+    "blf: objects of header version 0": binary(
+        "a.blf", lambda: blf(blf_container(blf_object(version=0) * 50))
+    ),
+    "blf: header version 0 and size 0": binary(
+        "a.blf", lambda: blf(blf_container(blf_object(version=0, size=0)))
+    ),
+    "blf: an outer object of size 0": binary(
+        "a.blf", lambda: blf(struct.pack("<4sHHLL", b"LOBJ", 16, 1, 0, 10), bytes(64))
+    ),
+    "blf: unpacks to 1.9 GB": binary(
+        "a.blf", lambda: blf(*[blf_container(blf_object(kind=72) * 1_000_000)] * 40)
+    ),
+    "blf: a message shorter than its fields": binary(
+        "a.blf", lambda: blf(blf_container(blf_object(body=b"ab") * 20))
+    ),
+    "blf: two million messages": binary("a.blf", lambda: blf(blf_container(blf_object() * 1_300_000))),
+    "blf: only a header": binary("a.blf", blf),
+    "blf: a header length of 4 GB": binary(
+        "a.blf", lambda: b"LOGG" + struct.pack("<L", 0xFFFFFFFF) + bytes(200)
+    ),
+    "blf: garbage between objects": binary(
+        "a.blf", lambda: blf(blf_container(blf_object() + b"x" * 40 + blf_object()))
+    ),
+    "db: an endless view": database(f"CREATE VIEW messages AS {ENDLESS}"),
+    "db: an endless view, capitals": database(f"CREATE VIEW MESSAGES AS {ENDLESS}"),
+    "db: a virtual table": database("CREATE VIRTUAL TABLE messages USING fts5(ts)"),
+    "db: other columns": database("CREATE TABLE messages (ts)"),
+    "db: a generated column": database(
+        "CREATE TABLE messages (ts, arbitration_id, extended, remote, error, dlc, "
+        "data AS (zeroblob(900000000)))",
+        "INSERT INTO messages (ts, arbitration_id, extended, remote, error, dlc) VALUES (1, 1, 0, 0, 0, 0)",
+    ),
+    "db: text for a length": database(
+        f"CREATE TABLE messages ({COLUMNS})", "INSERT INTO messages VALUES (1, 1, 0, 0, 0, 'x', x'')"
+    ),
+    "db: a length of 2^60": database(
+        f"CREATE TABLE messages ({COLUMNS})",
+        "INSERT INTO messages VALUES (1, 1, 0, 0, 0, 1152921504606846976, x'')",
+    ),
+    "db: no table": database("CREATE TABLE other (a)"),
+    "log: unpacks to 1.9 GB": binary("a.log.gz", lambda: gzip.compress(bytes(1_900_000_000), 1)),
+    "log: one line of 60 MB": text("a.log", lambda: "(1." + "0" * 60_000_000 + ") can0 1#00\n"),
+    "log: two million bad lines": text("a.log", lambda: "x\n" * 2_000_000),
+    "log: a time of 1e11 s": text("a.log", lambda: f"{GOOD}(99999999999.000000) can0 00E#CDCC4C3D\n"),
+    "log: a time of infinity": text("a.log", lambda: f"{GOOD}(inf) can0 00E#CDCC4C3D\n"),
+    "log: plain output": text("a.log", lambda: "  can0  00E   [4]  CD CC 4C 3D\n" * 3),
+    "log: NUL bytes": binary("a.log", lambda: bytes(1_000_000)),
+    "asc: a header of a million lines": text("a.asc", lambda: "// x\n" * 1_000_000 + "1.0 x\n" * 100),
+    "asc: unreadable data": text("a.asc", lambda: ASC + "0.1 1 00E Rx d 4 GG\n" * 900),
+    "asc: a length of 10^4000": text("a.asc", lambda: ASC + f"0.1 1 00E Rx d {'9' * 4000} 00\n"),
+    "trc: a start time of 1e400": text(
+        "a.trc", lambda: TRC.replace("45244.9", "1e400") + "1 0.5 DT 1 00E Rx - 1 00\n"
+    ),
+    "trc: a header of a million lines": text("a.trc", lambda: ";x\n" * 1_000_000),
+    "csv: broken base64": text(
+        "a.csv", lambda: "timestamp,arbitration_id,extended,remote,error,dlc,data\n1,0x1,0,0,0,1,!!\n"
+    ),
+    "csv: a length of 10^4000": text("a.csv", lambda: f"h\n1,0x1,0,0,0,{'9' * 4000},AA==\n"),
+    "mf4: whatever it holds": binary("a.mf4", lambda: b"MDF     4.10    vibrohil" + bytes(1000)),
+}

@@ -1,0 +1,168 @@
+"""The success rate of the identification: sampled modules of every friction law, recorded and identified.
+
+A trial samples its module as a campaign does, with a slightly larger mismatch, records a minute with the
+bench's compiled loop (`recorded` states the differences from a run's log) and identifies the module as from a
+file. No log can identify l0, so the stop's position is compared relative to the true l0.
+"""
+
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
+from firmware_py.shell.parameters import with_overrides
+from plant_sim.scene import Scene
+from tools.campaign.statistics import wilson
+from tools.campaign.trial.cells import LAWS, Cell, Law
+from tools.campaign.trial.sampling import Mismatch, sample
+from tools.jobs import running
+from tools.output import BadInputError
+from tools.tuning.identification.identify import identify
+from tools.tuning.recordings.readings import of_ticks
+from tools.tuning.recordings.recorded import record
+
+SECONDS = 60.0
+SEED = 30_000
+MISMATCH = Mismatch(spring=0.05, amplitude=0.03)
+MODULES = {
+    "viscous": LAWS["viscous"],
+    "coulomb": LAWS["coulomb"],
+    "stribeck": LAWS["stribeck"],
+    "coulomb and viscous": Law({"law": "coulomb", "mu": 0.05, "b_n_s_m": 0.1}, 0.025),
+}
+"""The sampled modules by the name that identification gives to their friction law."""
+RATIOS = {"viscous": (1.1, 1.2, 1.3)}
+DRY_RATIOS = (1.0, 1.1, 1.2)
+LIMITS = {
+    "spring": (0.005, "of c"),
+    "amplitude": (0.005, "of A"),
+    "restitution": (0.01, "of k"),
+    "contact": (0.03, "of contact_s"),
+    "stop": (1e-4, "m"),
+    "damping": (0.05, "of b"),
+    "dry": (0.05, "of mu"),
+}
+"""The goals: largest error of each quantity; the limit for μ is as wide as that for b."""
+ABSOLUTE = ("stop", "restitution")
+GOAL = 0.99
+"""Required share of the trials within each limit, and of the correctly named friction laws."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """The friction law as named, the error of each quantity, and whether its 95 % bounds contain the truth.
+
+    `scores`: the size of each error in standard errors. An error is None if the true value is 0.
+    """
+
+    trial: int
+    law: str
+    named: str
+    why: str
+    errors: dict[str, float | None]
+    held: dict[str, bool]
+    scores: dict[str, float]
+
+
+def module_of(trial: int) -> tuple[str, float]:
+    """The friction law and ratio of a trial: all laws in turn, then all ratios."""
+    names = tuple(MODULES)
+    law = names[trial % len(names)]
+    ratios = RATIOS.get(law, DRY_RATIOS)
+    return law, ratios[trial // len(names) % len(ratios)]
+
+
+def run_trial(seed: int, trial: int, seconds: float) -> Trial:
+    """Sample a module, record it, identify it, and compare the result with the truth."""
+    law, ratio = module_of(trial)
+    known = MODULES[law]
+    cell = Cell(law, ratio, 0.0, known.scene, known.nominal)
+    sampled = sample(cell.scene, MISMATCH, seed, trial)
+    nominal = with_overrides(known.nominal)
+    ticks, _ = record(cell, sampled, seconds)
+    try:
+        found = identify(
+            of_ticks(ticks, nominal["sensor.low_full_scale_m_s2"]), nominal["sensor.bandwidth_hz"]
+        )
+    except BadInputError as error:
+        return Trial(trial, law, "", str(error), {}, {}, {})
+    truths = truths_of(sampled.scene)
+    errors: dict[str, float | None] = {}
+    held, scores = {}, {}
+    for name, (key, truth) in truths.items():
+        if key not in found.values:
+            continue
+        value, (low, high) = found.values[key], found.bounds[key]
+        errors[name] = None if truth == 0.0 else value - truth if name in ABSOLUTE else value / truth - 1.0
+        if truth != 0.0 and found.spread[key] > 0.0:
+            held[name] = low <= truth <= high
+            scores[name] = abs(value - truth) / found.spread[key]
+    return Trial(trial, law, found.law.value, "", errors, held, scores)
+
+
+def truths_of(scene: Scene) -> dict[str, tuple[str, float]]:
+    """The name among the identified values, and the true value, of each quantity."""
+    striker, stop, friction = scene.striker, scene.stop, scene.friction
+    mass_kg = float(striker.mass_kg)
+    return {
+        "spring": ("stiffness_1_s2", striker.spring_n_m / mass_kg),
+        "amplitude": ("amplitude_m", float(scene.drive.amplitude_m)),
+        "damping": ("damping_1_s", getattr(friction, "b_n_s_m", 0.0) / mass_kg),
+        "dry": ("dry_m_s2", getattr(friction, "mu", 0.0) * STANDARD_GRAVITY_M_S2),
+        "stop": ("stop_m", float(getattr(stop, "position_m", np.nan)) - float(striker.rest_length_m)),
+        "restitution": ("restitution", float(getattr(stop, "restitution", np.nan))),
+        "contact": ("contact_s", float(getattr(stop, "contact_s", np.nan))),
+    }
+
+
+def run_trials(trials: int, seed: int = SEED, seconds: float = SECONDS) -> list[Trial]:
+    """Run all trials on all cores."""
+    found: dict[int, Trial] = {}
+    with running(partial(run_trial, seed, seconds=seconds), os.cpu_count() or 1) as run:
+        for number, one in run(range(trials)):
+            found[number] = one
+    return [found[number] for number in range(trials)]
+
+
+def summary(trials: Sequence[Trial]) -> dict[str, Any]:
+    """Rates with Wilson's bounds, quantiles of the errors, and the wrong identifications."""
+
+    def share(hits: int, count: int) -> dict[str, float]:
+        return {**wilson(hits, count)._asdict(), "hits": hits, "n": count}
+
+    named = {
+        law: share(sum(one.named == law for one in mine), len(mine))
+        for law in MODULES
+        if (mine := [one for one in trials if one.law == law])
+    }
+    within: dict[str, dict[str, Any]] = {}
+    for name, (limit, unit) in LIMITS.items():
+        errors = np.abs(
+            [error for one in trials if (error := one.errors.get(name)) is not None and one.named == one.law]
+        )
+        if len(errors):
+            scores = [one.scores[name] for one in trials if name in one.scores and one.named == one.law]
+            holds = [one.held[name] for one in trials if name in one.held and one.named == one.law]
+            within[name] = {
+                **share(int(np.count_nonzero(errors <= limit)), len(errors)),
+                "limit": limit,
+                "unit": unit,
+                "p50": float(np.median(errors)),
+                "p95": float(np.percentile(errors, 95)),
+                "worst": float(np.max(errors)),
+                "in_bounds": share(sum(holds), len(holds)),
+                "factor": float(np.percentile(scores, 95)) if scores else None,
+            }
+    right = sum(one.named == one.law for one in trials)
+    return {
+        "trials": len(trials),
+        "named_right": share(right, len(trials)),
+        "named_by_law": named,
+        "within": within,
+        "wrong": [asdict(one) for one in trials if one.named != one.law],
+        "passed": right >= GOAL * len(trials) and all(one["value"] >= GOAL for one in within.values()),
+    }

@@ -1,0 +1,253 @@
+"""Foreign logs: hostile ones end soon with a sentence, unusual ones are imported or counted line by line."""
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+from hostile_logs import ASC, ASC_FRAME, GOOD, HOSTILE, blf, blf_container, blf_object
+
+from tools.logs import foreign_binary
+from tools.logs.foreign_logs import clock_jumps, kind_of, read_log
+from tools.output import BadInputError
+
+
+def test_a_signal_ends_the_reading_of_a_database(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A query gives way to Python's signal handlers, even one that would never end by itself."""
+    path = HOSTILE["db: an endless view"](tmp_path)
+    monkeypatch.setattr(foreign_binary, "MOST_SQLITE_STEPS", 10**12)
+
+    class EndedError(Exception):
+        pass
+
+    def end(*_: object) -> None:
+        raise EndedError
+
+    before = signal.signal(signal.SIGALRM, end)
+    signal.setitimer(signal.ITIMER_REAL, 0.5)
+    try:
+        with (
+            closing(foreign_binary.guarded(path)) as database,
+            pytest.raises((EndedError, sqlite3.OperationalError), match=r"^$|interrupted"),
+        ):
+            database.execute("SELECT * FROM messages WHERE ts < 0").fetchall()
+    finally:
+        signal.signal(signal.SIGALRM, before)
+
+
+def reading(folder: Path, name: str, content: str | bytes, tolerant: bool = True):
+    path = folder / name
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return read_log(path, tolerant)
+
+
+WRITERS = ["log", "asc", "blf", "trc", "csv", "db"]
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_an_11_bit_frame_with_a_high_identifier_is_counted(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / f"bench.{kind}"
+    if kind == "log":
+        path.write_text(f"{GOOD}(1700000000.1) can0 800#00\n")
+    elif kind == "trc":
+        path.write_text(";\n;\n1) 100.0 000E 4 CD CC 4C 3D\n2) 200.0 0800 1 00\n")
+    else:
+        with can.Logger(path) as logger:
+            for number, can_id in enumerate((0x00E, 0x800)):
+                data = b"\xcd\xcc\x4c\x3d"
+                message = can.Message(1.7e9 + number, can_id, is_extended_id=False, data=data, channel=0)
+                logger.on_message_received(message)
+    log = read_log(path)
+    assert [one.kind for one in log.messages] == [None, "11-bit frame with an identifier above 0x7FF"]
+    command = [
+        sys.executable,
+        "-m",
+        "tools.cli",
+        "import",
+        str(path),
+        "--out",
+        str(tmp_path / "run"),
+        "--json",
+    ]
+    result = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    assert (result["frames"], list(result["skipped"].values())) == (1, [1])
+
+
+def test_relative_times_of_asc_are_summed_over_all_events(tmp_path: Path) -> None:
+    lines = ["0.5 1 00E Rx d 1 00", "0.25 1  Statistic: D 1", "0.25 1 00F Rx d 1 00", "0.5 2  ErrorFrame"]
+    log = reading(tmp_path, "a.asc", "base hex  timestamps relative\n" + "\n".join(lines) + "\n")
+    assert [one.t_s for one in log.messages] == [0.5, 1.0, 1.5]
+    assert [line.number for line in log.ignored] == [3]
+
+
+def test_a_first_message_right_after_the_base_is_read(tmp_path: Path) -> None:
+    log = reading(tmp_path, "a.asc", "base dec  timestamps absolute\n0.5 1 16 Rx d 2 255 10\n")
+    assert [(one.can_id, one.data) for one in log.messages] == [(16, b"\xff\x0a")]
+
+
+@pytest.mark.parametrize("name", ["", "SomeName"])
+@pytest.mark.parametrize(
+    ("flags", "data", "expected"),
+    [
+        ("0", "CD CC", (None, b"\xcd\xcc")),
+        ("0", "", (None, b"")),
+        ("10", "", ("remote frame", b"")),
+        ("1000", "CD CC", ("CAN FD", b"\xcd\xcc")),
+        ("3000", "CD CC", ("CAN FD", b"\xcd\xcc")),
+    ],
+)
+def test_classic_frames_in_canfd_notation(name: str, flags: str, data: str, expected, tmp_path: Path) -> None:
+    length = len(data.split())
+    stated = f"{length or 4} {length} {data} 130000 130 {flags} 0 0 0 0 0"
+    line = f"1.0 CANFD   1 Rx         17 {name} 0 0 {stated}\n"
+    log = reading(tmp_path, "a.asc", ASC + line)
+    assert log.left_out == []
+    assert [(one.kind, one.data, one.can_id, one.channel) for one in log.messages] == [(*expected, 0x17, "0")]
+
+
+def test_a_header_in_cp1252_is_read(tmp_path: Path) -> None:
+    content = ASC.replace("Nov", "Mär").encode("cp1252") + ASC_FRAME.format(t=0.1, can_id="E").encode()
+    assert len(reading(tmp_path, "a.asc", content).messages) == 1
+
+
+def test_every_line_is_a_message_or_counted(tmp_path: Path) -> None:
+    lines = [
+        *ASC.splitlines(),
+        "// a comment",
+        "0.1 1  00E             Rx   d 4 CD CC 4C 3D",
+        "0.2 1  Statistic: D 1 R 0",
+        "0.3 1  00E             Rx   d 4 CD CC",
+        "nonsense",
+        "0.4 1  00E             Rx   d 4 CD CC 4C GG",
+        "0.5 1  00E             Rx   d 4 CD CC 4C 3D",
+    ]
+    log = reading(tmp_path, "a.asc", "\n".join(lines) + "\n")
+    assert [one.place for one in log.messages] == [5, 10]
+    assert [line.number for line in log.ignored] == [6, 8]
+    assert [line.number for line in log.left_out] == [7, 9]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "messages", "counted"),
+    [
+        ("a.log", f"{GOOD}(1.0) can0 00E#CDC\n{GOOD}x\n(1.0) can0 00E#112233445566778899\n{GOOD}", 3, 3),
+        (
+            "a.trc",
+            ";$FILEVERSION=1.1\n  1)  1.0  Rx  000E  1  00\n  2)  x  Rx  000E  1  00\n  3)  2.0\n",
+            1,
+            2,
+        ),
+        (
+            "a.trc",
+            ";$FILEVERSION=1.1\n  1)  1.0  Warng  FFFFFFFF  4  00 00 00 08\n  2) 2.0 Rx 000E 1 00\n",
+            1,
+            1,
+        ),
+        ("a.csv", "h\n1,0x1,0,0,0,1,AA==\n1,0x1,0\n2,0x1,0,0,0,1,AA==\n2,0x1,0,0,0,4,AA==\n", 2, 2),
+    ],
+)
+def test_lines_add_up(name: str, content: str, messages: int, counted: int, tmp_path: Path) -> None:
+    log = reading(tmp_path, name, content)
+    assert (len(log.messages), len(log.left_out) + log.ignored_count) == (messages, counted)
+
+
+def test_other_objects_of_blf_are_counted_and_damage_is_placed(tmp_path: Path) -> None:
+    good = blf_object()
+    content = blf(
+        blf_container(good + blf_object(kind=72) + blf_object(version=0) + good + blf_object(size=3))
+    )
+    log = reading(tmp_path, "a.blf", content)
+    assert len(log.messages) == 2
+    assert log.other_objects == {"object type 72": 1, "header version 0": 1}
+    assert "size 3" in str(log.truncated)
+    with pytest.raises(BadInputError, match=r"size 3\) after 2 messages"):
+        reading(tmp_path, "a.blf", content, tolerant=False)
+
+
+@pytest.mark.parametrize("split", range(1, 100, 7))
+def test_objects_of_blf_across_containers_are_read(split: int, tmp_path: Path) -> None:
+    content = blf_object() * 20
+    whole = blf(blf_container(content[:split]), blf_container(content[split:], method=0))
+    assert len(reading(tmp_path, "a.blf", whole).messages) == 20
+
+
+def test_jumps_of_the_clock_are_reported(tmp_path: Path) -> None:
+    times = [0.0, 0.001, 6.0, 0.002, 0.0019, 0.003, 0.0001]
+    lines = [f"({t:.6f}) can0 00E#CDCC4C3D\n" for t in times]
+    jumps = clock_jumps(reading(tmp_path, "a.log", "".join(lines)).messages)
+    assert [(jump.place, jump.from_s, jump.to_s) for jump in jumps] == [
+        (3, 0.001, 6.0),
+        (4, 6.0, 0.002),
+        (7, 0.003, 0.0001),
+    ]
+
+
+def test_plain_candump_output_is_refused_with_the_option(tmp_path: Path) -> None:
+    for line in (
+        "  can0  00E   [4]  CD CC 4C 3D",
+        " (1700000000.1)  can0  00E   [4]  CD CC 4C 3D",
+        "can0  1F334455  [0]",
+    ):
+        with pytest.raises(BadInputError, match="candump -L"):
+            reading(tmp_path, "a.log", f"{line}\n")
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_log_that_is_cut_or_changed_anywhere_is_read_or_refused(kind: str, tmp_path: Path) -> None:
+    """Bytes of a good log are cut, doubled and changed at random: no other exception, no endless loop."""
+    random = np.random.default_rng(39)
+    path = tmp_path / f"good.{kind}"
+    with can.Logger(path) as logger:
+        for number in range(20):
+            message = can.Message(
+                1.7e9 + number * 1e-3, 0x00E, is_extended_id=False, data=bytes(4), channel=0
+            )
+            logger.on_message_received(message)
+    good = path.read_bytes()
+    for trial in range(150):
+        content = bytearray(good)
+        for _ in range(int(random.integers(1, 4))):
+            at = int(random.integers(0, len(content)))
+            change = trial % 3
+            if change == 0:
+                content[at] = int(random.choice([0, 1, 0xFF, int(random.integers(0, 256))]))
+            elif change == 1:
+                del content[at : at + int(random.integers(1, 40))]
+            else:
+                content[at:at] = content[at : at + int(random.integers(1, 40))]
+            content = content or bytearray(b"x")
+        try:
+            log = reading(tmp_path, f"changed.{kind}", bytes(content))
+        except BadInputError:
+            continue
+        assert len(log.messages) <= 60
+        assert all(kind_of is not None and abs(one.t_s) < 1e11 for one in log.messages)
+
+
+def test_no_path_of_this_machine_is_in_the_run(tmp_path: Path) -> None:
+    folder = tmp_path / "somebody-secret"
+    folder.mkdir()
+    (folder / "bench.log").write_text(GOOD * 3)
+    command = [
+        sys.executable,
+        "-m",
+        "tools.cli",
+        "import",
+        str(folder / "bench.log"),
+        "--out",
+        str(tmp_path / "run"),
+    ]
+    subprocess.run(command, capture_output=True, check=True)
+    for path in (tmp_path / "run").rglob("*"):
+        if path.is_file():
+            content = path.read_bytes()
+            assert b"somebody-secret" not in content, path
+            assert str(tmp_path).encode() not in content, path
+            assert os.uname().nodename.encode() not in content or len(os.uname().nodename) < 4, path

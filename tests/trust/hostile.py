@@ -1,0 +1,283 @@
+"""Expressions, run folders and scenarios as somebody hostile would write them."""
+
+# ruff: noqa: E501 - one line of many short texts is easier to read than a line for each
+
+import itertools
+import json
+import os
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+Spoil = Callable[[Path, Path], None]
+"""Changes the files of a folder; the second argument is a file elsewhere that must not change."""
+
+SIGNAL = "plant.x_m"
+ATTRIBUTES = (
+    "__class__", "__init__", "__globals__", "__dict__", "__reduce__", "__array_interface__", "T", "base", "data",
+    "dtype", "dump", "dumps", "tofile", "tobytes", "ctypes", "flags", "itemset", "view", "astype", "setfield",
+    "strides", "shape", "repeat", "resize", "size", "real",
+)  # fmt: skip
+CALLS = (
+    "open('{victim}', 'w')", "exec('import os')", "eval('1')", "__import__('os')", "compile('1', '', 'eval')",
+    "globals()", "locals()", "vars()", "dir()", "getattr(plant, 'x_m')", "setattr(plant, 'x_m', 1)", "print(1)",
+    "input()", "breakpoint()", "exit()", "quit()", "help()", "type(1)", "range(10**9)", "list('a')", "dict()",
+    "bytes(10**10)", "str(1)", "ones(10**10)", "zeros(10**9)", "arange(10**9)", "load('{victim}')",
+    "save('{victim}', 1)", "savetxt('{victim}', plant.x_m)", "fromfile('{victim}')", "memmap('{victim}')",
+    "loadtxt('{victim}')", "genfromtxt('http://192.0.2.1/')", "DataSource('{victim}')", "linspace(0, 1, 10**9)",
+)  # fmt: skip
+STATEMENTS = (
+    "import os", "from os import system", "x = 1", "del plant", "for i in plant.x_m: 1", "while True: pass",
+    "def f(): pass", "class A: pass", "return 1", "raise 1", "assert 0", "global x", "with open('{victim}'): 1",
+    "try: 1\nexcept: 2", "1; 2", "plant.x_m = 1", "async def f(): 1", "await 1", "yield 1", "pass", "@f\ndef g(): 1",
+)  # fmt: skip
+FORMS = (
+    "'word'", "b'bytes'", "f'{{plant.x_m}}'", "f'{{open(1)}}'", "None", "True", "...", "1j", "[1]", "(1, 2)", "{{1}}",
+    "{{1: 2}}", "[x for x in plant.x_m]", "(x for x in plant.x_m)", "{{x for x in (1, 2)}}", "lambda: 1",
+    "(lambda: open('{victim}', 'w'))()", "(x := 1)", "1 if 1 else 2", "1 and 2", "not 1", "1 in (1, 2)", "1 is 1",
+    "1 == 1", "1 != 2", "1 < 2 < 3", "~1", "1 << 10**9", "1 >> 1", "1 & 1", "1 | 1", "1 ^ 1", "1 @ 1", "*plant.x_m",
+    "plant.x_m[0]", "plant.x_m[:]", "plant.x_m[()]", "max(*plant.x_m)", "max(plant.x_m, 1)", "max(a=plant.x_m)",
+    "max(**plant)", "max()", "max", "plant", "plant.x_m", "firmware", "plant.x_m.x_m", "(plant).x_m.y",
+    "max(plant.x_m)(1)", "(1)(2)", "pi()", "pi.real", "1 .real", "max.__self__", "abs.__globals__", "sqrt.reduce",
+    "abs.at(plant.x_m, 0, 1)", "open", "os", "os.system('touch {victim}')", "numpy", "np.save('{victim}', 1)",
+)  # fmt: skip
+SIZES = (
+    "(((9**9999)**9999)**9999)", "9**9**9**9**9", "-9**9999", "1e999", "1" * 999, "1" * 5000, "+".join(["1"] * 400),
+    "+" * 900 + "1", "-" * 5000 + "1", "(" * 90 + "1" + ")" * 90, "(" * 490 + "1" + ")" * 490, "(" * 100_000,
+    "max(" * 240 + SIGNAL + ")" * 240, "[" * 5000, "plant" + ".a" * 400, "plant" + ".a" * 20_000,
+    "sqrt(" * 150 + "2" + ")" * 150, "0 ** -1", "1 // 0", "1 % 0", "0.0 / 0.0", "(-8) ** 0.5", "9e307 * 10",
+    "1_" * 400 + "1", "0x" + "f" * 900, "0b" + "1" * 900, "\x00", "1\x00", "1\x1b[2J", "", " ", "\n\n", "\t", "#",
+    "1 # \x1b]0;title\x07", "\ufeff1", "\u202e1", "ｏｐｅｎ('{victim}')", "plant.ｘ_m", "\ud800", "1\\\n+", "'" * 3,
+    '"' * 900, "\\", "$x", "?", "a b", "1__1", "01", "1e", "1.e400", "`1`", "<>", "=", ":=", "->", "!",
+)  # fmt: skip
+SHOWN = tuple(
+    "{signal}.astype('S1').dtype.type(b'x').tofile('{victim}')".replace("{signal}", signal)
+    for signal in (SIGNAL, "plant.t_s", "firmware.outputs.torque_n_m")
+)
+
+
+def expressions(victim: Path) -> list[str]:
+    """Hostile expressions; those that name a file would write or read `victim`."""
+    attributes = [f"{SIGNAL}.{name}" for name in ATTRIBUTES]
+    called = [f"{SIGNAL}.{name}('{{victim}}')" for name in ATTRIBUTES]
+    within = [f"max({text})" for text in (*attributes[:8], *CALLS[:8])]
+    texts = itertools.chain(attributes, called, within, CALLS, STATEMENTS, FORMS, SIZES, SHOWN)
+    return [text.replace("{victim}", str(victim)).replace("{{", "{").replace("}}", "}") for text in texts]
+
+
+def _linked(name: str) -> Spoil:
+    def spoil(run_dir: Path, victim: Path) -> None:
+        (run_dir / name).unlink(missing_ok=True)
+        (run_dir / name).symlink_to(victim)
+
+    return spoil
+
+
+def _piped(name: str) -> Spoil:
+    def spoil(run_dir: Path, victim: Path) -> None:
+        (run_dir / name).unlink(missing_ok=True)
+        os.mkfifo(run_dir / name)
+
+    return spoil
+
+
+def _endless(name: str) -> Spoil:
+    return lambda run_dir, victim: _linked(name)(run_dir, Path("/dev/zero"))
+
+
+def _sparse(name: str) -> Spoil:
+    def spoil(run_dir: Path, victim: Path) -> None:
+        with (run_dir / name).open("wb") as file:
+            file.truncate(1 << 40)
+
+    return spoil
+
+
+def _content(name: str, content: bytes) -> Spoil:
+    def spoil(run_dir: Path, victim: Path) -> None:
+        (run_dir / name).write_bytes(content)
+
+    return spoil
+
+
+def _rebuilt(spoil: Spoil) -> Spoil:
+    """Leave the log out, so that it is rebuilt from the traces."""
+
+    def spoil_and_remove(run_dir: Path, victim: Path) -> None:
+        (run_dir / "run.rrd").unlink()
+        spoil(run_dir, victim)
+
+    return spoil_and_remove
+
+
+def _trace(
+    columns: object = (("t_s", "d"), ("x_m", "d")),
+    header_bytes: int = 4096,
+    record_bytes: int = 16,
+    count: int = 3,
+    size: int | None = None,
+) -> Spoil:
+    """A trace of the plant with this header, and zeros behind it up to `size`."""
+
+    def spoil(run_dir: Path, victim: Path) -> None:
+        head = struct.pack("<8sIIQ", b"VHTRACE1", header_bytes, record_bytes, count)
+        with (run_dir / "plant.trace").open("wb") as file:
+            file.write(head + json.dumps(columns).encode())
+            file.truncate(size or 4096 + 48)
+
+    return _rebuilt(spoil)
+
+
+def _noted(**values: object) -> Spoil:
+    """The run's note with other values."""
+
+    def spoil(run_dir: Path, victim: Path) -> None:
+        note = json.loads((run_dir / "run.json").read_text())
+        (run_dir / "run.json").write_text(json.dumps(note | values))
+
+    return spoil
+
+
+def _in_shared_memory(run_dir: Path, victim: Path) -> None:
+    """A link like those of a run under user-mode Linux, to a file of somebody else in the shared memory."""
+    _linked("plant.trace")(run_dir, Path("/dev/shm/vibrohil-of-somebody-else"))
+
+
+FILES = (
+    "run.rrd",
+    "run.rrd.new",
+    "run.rrd.mended",
+    "run.json",
+    "scenario.toml",
+    "plant.trace",
+    "firmware.trace",
+    "can.log",
+    "verdict.json",
+    "losses.json",
+)
+NOTES = ("run.json", "outcome.json", "losses.json", "processes.json", "scenario.toml", "verdict.json")
+FOLDERS: dict[str, Spoil] = {
+    "as it was": lambda run_dir, victim: None,
+    **{f"{name} is a link": _linked(name) for name in (*FILES, "outcome.json", "frames.mcap")},
+    "frames.mcap is a link to nothing": lambda run_dir, victim: _linked("frames.mcap")(
+        run_dir, victim.with_name("made")
+    ),
+    **{f"{name} is a pipe": _piped(name) for name in FILES},
+    **{f"{name} is endless": _endless(name) for name in FILES},
+    **{
+        f"{name} is sparse": _sparse(name)
+        for name in ("run.json", "scenario.toml", "run.rrd", "outcome.json", "verdict.json", "can.log")
+    },
+    **{f"{name} is nested": _content(name, b"[" * 100_000) for name in NOTES},
+    **{f"{name} is empty": _content(name, b"") for name in (*FILES, *NOTES)},
+    **{f"{name} is noise": _content(name, bytes(range(256)) * 16) for name in (*FILES, *NOTES)},
+    "a trace in the shared memory": _in_shared_memory,
+    "a trace in the shared memory and no log": _rebuilt(_in_shared_memory),
+    "traces alone, a pipe": _rebuilt(_piped("plant.trace")),
+    "traces alone, noise": _rebuilt(_content("plant.trace", bytes(range(256)) * 16)),
+    "a trace": _trace(),
+    "a trace with a short header": _trace(header_bytes=4),
+    "a trace with a header of 4 GB": _trace(header_bytes=2**32 - 1),
+    "a trace without columns": _trace(columns=[], record_bytes=0),
+    "a trace of unknown types": _trace(columns=[["t_s", "O"]], record_bytes=8),
+    "a trace with a column twice": _trace(columns=[["t_s", "d"], ["t_s", "d"]]),
+    "a trace of texts": _trace(columns="t_s"),
+    "a trace with holes": _trace(count=2**40, size=1 << 40),
+    "a trace of no records": _trace(count=0),
+    "a period of nothing": _noted(period_s=0.0),
+    "a period of 1e-300 s": _noted(period_s=1e-300),
+    "a period that is a text": _noted(period_s="x"),
+    "a clock that is a list": _noted(clock=["lockstep"]),
+    "a real clock": _noted(clock="real"),
+    "a start at the end of time": _noted(wall_start_s=1e308),
+    "a name with control characters": _noted(scenario="\x1b]0;title\x07[red]"),
+    "a scenario of a day": lambda run_dir, victim: _edited("duration_s = 0.1", "duration_s = 86400.0")(
+        run_dir
+    ),
+    "a scenario like a file elsewhere": lambda run_dir, victim: _content(
+        "scenario.toml", f'like = "{victim}.toml"\n'.encode()
+    )(run_dir, victim),
+}
+"""What is done to a run's folder before it is handed over; `victim` is a file elsewhere that must not change."""
+
+SCENARIO = """
+title = "The module stands still for a tenth of a second"
+scene = "table1-motor-soft"
+
+[script]
+duration_s = 0.1
+
+[[checks]]
+name = "impact_count"
+high = 0
+"""
+
+
+def _edited(before: str, after: str) -> Callable[[Path], None]:
+    def edit(run_dir: Path) -> None:
+        text = (run_dir / "scenario.toml").read_text()
+        assert before in text
+        (run_dir / "scenario.toml").write_text(text.replace(before, after))
+
+    return edit
+
+
+def _scenario(before: str, after: str) -> Spoil:
+    """A scenario with other text; `{victim}` and `{here}` stand for the file elsewhere and the folder."""
+
+    def write(folder: Path, victim: Path) -> None:
+        assert before in SCENARIO
+        text = SCENARIO.replace(before, after)
+        for name, path in (("{victim}", victim), ("{here}", folder)):
+            text = text.replace(name, str(path))
+        (folder / "mine.toml").write_text(text)
+        os.mkfifo(folder / "pipe.toml")
+        (folder / "link.toml").symlink_to("/dev/zero")
+        (folder / "other.toml").write_text(SCENARIO)
+
+    return write
+
+
+SCENE, TITLE = 'scene = "table1-motor-soft"', '"The module stands still for a tenth of a second"'
+FAULT = "\n[[script.faults]]\nkind = 'dropped'\nframes = ['Accelerometer']\nat_s = 0.05\nduration_s = 0.001\n"
+CHECK = "[[checks]]"
+SCENARIOS: dict[str, Spoil] = {
+    **{
+        f"{key} = {place}": _scenario(SCENE, f'{SCENE if key != "scene" else ""}\n{key} = "{place}"')
+        for key in ("scene", "like", "firmware")
+        for place in (
+            "{victim}",
+            "/dev/zero",
+            "pipe.toml",
+            "link.toml",
+            "mine.toml",
+            "/proc/self/mem",
+            "../../x.toml",
+        )
+    },
+    "a title of a megabyte": _scenario(TITLE, '"' + "x" * 1_000_000 + '"'),
+    "a title with control characters": _scenario(TITLE, r'"\u001b]0;title\u0007\u009b2J [red]"'),
+    "a title with a picture": _scenario(TITLE, '"![x](http://192.0.2.1/x.png)<img src=//192.0.2.1/>"'),
+    "a title that ends a script": _scenario(TITLE, '"</script><script>alert(1)</script>"'),
+    "cases with paths for names": _scenario(
+        CHECK, '[[vary]]\nname = ["../../made", "/made"]\nscene.drive.ratio = [1.1, 1.2]\n\n' + CHECK
+    ),
+    "many cases": _scenario(CHECK, f"[[vary]]\nseed = {list(range(1000))}\n\n{CHECK}"),
+    "too many cases": _scenario(
+        CHECK, "".join(f"[[vary]]\n{key} = {list(range(900))}\n" for key in ("seed", "x", "y")) + CHECK
+    ),
+    "1000 checks": _scenario(
+        CHECK, "[[checks]]\nname = 'x'\nexpression = 'max(plant.x_m)'\nhigh = 1.0\n" * 1000 + CHECK
+    ),
+    "1000 faults": _scenario("duration_s = 0.1\n", "duration_s = 0.1\n" + FAULT * 1000),
+    "10,000 commands": _scenario(
+        "duration_s = 0.1\n",
+        "duration_s = 0.1\ncommands = [" + "{at_s = 0.01, request = 'idle', ratio = 0.0}," * 10_000 + "]\n",
+    ),
+    "a foreign node every 20 microseconds": _scenario(
+        "duration_s = 0.1\n",
+        "duration_s = 0.1\n[[script.faults]]\nkind = 'babbling'\nat_s = 0.01\nduration_s = 0.05\nperiod_s = 2e-5\ncan_id = 0\ndata_hex = '00'\n",
+    ),
+    "a build that is a path": _scenario(SCENE, f'{SCENE}\n[build]\nfirmware = "{{victim}}"\n'),
+}
+"""Scenarios, each written into a folder as `mine.toml`."""

@@ -1,0 +1,211 @@
+"""Files of somebody else: each line of the page on trust is held here, with a corpus of hostile ones."""
+
+import ast
+import io
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from hostile import FOLDERS, SCENARIO, SCENARIOS, expressions
+from hostile_logs import HOSTILE
+from pydantic import ValidationError
+
+import hil
+import kernel_cache
+from hil.judge.checks import Check
+from hil.record.log_file import written_whole
+from hil.record.run_folder import write_json
+from tools import output
+
+ROOT = Path(kernel_cache.__file__).parent
+PACKAGES = ("firmware_py", "plant_sim", "hil", "tools")
+LIMIT_S = 20.0
+LIMIT_BYTES = 1 << 30
+
+
+def test_no_hostile_expression_is_evaluated_or_writes_anything(tmp_path: Path) -> None:
+    texts = expressions(tmp_path / "victim")
+    assert len(set(texts)) >= 200
+    passed = []
+    for text in texts:
+        begun_s = time.process_time()
+        try:
+            Check(name="mine", expression=text, high=1.0)
+            passed.append(text)
+        except ValidationError as error:
+            said = str(error)
+            assert "cannot be worked out" in said or "is a signal" in said, said
+        assert time.process_time() - begun_s < LIMIT_S
+    allowed = set("0123456789e+-*/%.()_ \nxabdf#\x07\x1b];title")
+    assert [text for text in passed if not set(text) <= allowed and "sqrt" not in text] == []
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def handed_over(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The folder of all spoiled run folders, and the file that their links point at."""
+    folder = tmp_path_factory.mktemp("run")
+    (folder / "still.toml").write_text(SCENARIO)
+    run_dir = folder / "run"
+    hil.run(folder / "still.toml", out=run_dir)
+    victim, cases = folder / "victim", folder / "cases"
+    victim.write_text("precious\n")
+    for name, spoil in FOLDERS.items():
+        case = cases / re.sub(r"[^\w.]+", "-", name)
+        shutil.copytree(run_dir, case)
+        spoil(case, victim)
+    for kind, writers in (("log", HOSTILE), ("scenario", SCENARIOS)):
+        for name, write in writers.items():
+            case = cases / re.sub(r"\W+", "-", f"{kind} {name}")
+            case.mkdir()
+            written = write(case) if kind == "log" else write(case, victim)
+            if written is not None:
+                written.rename(case / f"log{''.join(written.suffixes)}")
+    return cases, victim
+
+
+def test_hostile_run_folders_and_logs_change_nothing_elsewhere_and_end_with_a_sentence(
+    handed_over: tuple[Path, Path], tmp_path: Path
+) -> None:
+    cases, victim = handed_over
+    environment = os.environ | {
+        "XDG_CACHE_HOME": str(tmp_path),
+        "VIBROHIL_CACHE_DIR": str(kernel_cache.root()),
+    }
+    done = subprocess.run(
+        [sys.executable, "-P", Path(__file__).with_name("watched.py"), cases, kernel_cache.root()],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-500:] + done.stderr
+    lines = [line.split("\t", 2) for line in done.stdout.splitlines()]
+    reported = {(case, command): json.loads(line) for case, command, line in lines}
+    assert len({case for case, _ in reported}) == len(FOLDERS) + len(HOSTILE) + len(SCENARIOS) >= 150
+    for (case, command), one in reported.items():
+        if command == "import":
+            assert one["status"] in (0, 4), (case, one)
+            assert one["status"] == 0 or one["error"].strip().startswith("error: "), (case, one)
+            assert [name for name in one["left"] if not name.startswith("log.")] == ["run"] * (
+                one["status"] == 0
+            )
+    assert {case: one["harm"] for case, one in reported.items() if one["harm"]} == {}
+    assert {case: one for case, one in reported.items() if one["status"] not in (0, 1, 4, 5)} == {}
+    assert {case: one["error"] for case, one in reported.items() if "Traceback" in one["error"]} == {}
+    assert {case: one["took_s"] for case, one in reported.items() if one["took_s"] > LIMIT_S} == {}
+    assert max(one["most_bytes"] for one in reported.values()) < LIMIT_BYTES
+    assert not victim.with_name("made").exists()
+    assert victim.read_text() == "precious\n"
+
+
+def test_files_are_made_anew_and_never_written_through_a_link(
+    handed_over: tuple[Path, Path], tmp_path: Path
+) -> None:
+    victim = tmp_path / "victim"
+    victim.write_text("precious\n")
+    (tmp_path / "run.rrd.new").symlink_to(victim)
+    with written_whole(tmp_path / "run.rrd") as unfinished:
+        assert not unfinished.is_symlink()
+        shutil.copy(handed_over[0] / "as-it-was" / "run.rrd", unfinished)
+    (tmp_path / "run.json.new").symlink_to(victim)
+    write_json(tmp_path / "run.json", {"a": 1})
+    assert victim.read_text() == "precious\n"
+    assert json.loads((tmp_path / "run.json").read_text()) == {"a": 1}
+
+
+def test_every_python_that_is_started_leaves_out_the_working_folder() -> None:
+    unsafe, safe = [], 0
+    for path in (path for package in PACKAGES for path in (ROOT / package).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            if isinstance(node, ast.List) and len(node.elts) > 1:
+                first, second = map(ast.unparse, node.elts[:2])
+                if first == "sys.executable" and second == "'-P'":
+                    safe += 1
+                elif first in ("sys.executable", "python") and second != "'-I'":
+                    unsafe.append(f"{path}:{node.lineno}")
+    assert unsafe == []
+    assert safe >= 8
+
+
+def relative_entries() -> list[str]:
+    """The entries of Python's path that stand for a place in the working folder."""
+    command = [sys.executable, "-P", "-c", "import sys; print(*sys.path, sep='\\n')"]
+    entries = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split("\n")
+    return [entry for entry in entries if entry and not os.path.isabs(entry)]
+
+
+ABSENT = {"polars", "sympy", "backports", "cython", "bottleneck"}
+"""Modules that our libraries use where they are installed, and try to import."""
+
+
+def test_no_entry_of_pythons_path_is_a_place_in_the_working_folder() -> None:
+    assert relative_entries() == [], "install again: make setup"
+
+
+def test_settings_of_numba_in_the_working_folder_are_refused(tmp_path: Path) -> None:
+    (tmp_path / ".numba_config.yaml").write_text("disable_jit: 1\n")
+    program = Path(sys.executable).with_name("vibrohil")
+    done = subprocess.run([program, "list"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 4
+    assert done.stderr.startswith("error: the current folder holds .numba_config.yaml")
+
+
+@pytest.mark.parametrize("content", ["font.size: 40\nsvg.fonttype: none\nbackend: module://evil\n", None])
+def test_settings_of_matplotlib_in_the_working_folder_are_not_read(
+    tmp_path: Path, content: str | None
+) -> None:
+    program = Path(sys.executable).with_name("vibrohil")
+    command = [program, "simulate", "table1-viscous", "--until", "1", "--plot", "plot.svg"]
+    plain, spoiled = tmp_path / "plain", tmp_path / "spoiled"
+    for folder in (plain, spoiled):
+        folder.mkdir()
+        if folder == spoiled and content is None:
+            os.mkfifo(folder / "matplotlibrc")
+        elif folder == spoiled:
+            (folder / "matplotlibrc").write_text(content)
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
+        assert done.returncode == 0, done.stderr
+        assert "matplotlib" not in done.stderr
+    assert (plain / "plot.svg").read_bytes() == (spoiled / "plot.svg").read_bytes()
+
+
+@pytest.mark.realtime
+def test_modules_in_the_working_folder_are_not_imported_by_any_process(tmp_path: Path) -> None:
+    taken = tmp_path / "taken"
+    names = sys.stdlib_module_names | {"hil", "tools", "plant_sim", "numpy", "kernel_cache"}
+    for folder in (tmp_path, *(tmp_path / entry for entry in relative_entries())):
+        folder.mkdir(exist_ok=True)
+        for name in sorted(names | ABSENT):
+            (folder / f"{name}.py").write_text(f"open({str(taken)!r}, 'a').write('{name} ')\n")
+    subprocess.run([sys.executable, "-c", "import selectors"], cwd=tmp_path, check=False)
+    assert taken.exists(), "a Python without -P imports them"
+    taken.unlink()
+    for name in ("still.toml", "again.toml"):
+        (tmp_path / name).write_text(SCENARIO)
+    program = Path(sys.executable).with_name("vibrohil")
+    for command in (
+        ["run", "still.toml", "--clock", "real", "--bus", "local", "--firmware", "python", "--out", "one"],
+        ["suite", "still.toml", "again.toml", "--jobs", "2", "--out", "suite"],
+    ):
+        done = subprocess.run([program, *command], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert not taken.exists(), taken.read_text()
+        assert done.returncode in (0, 1, 5), done.stdout + done.stderr  # verdicts of a busy machine too
+
+
+def test_control_characters_of_foreign_texts_do_not_reach_the_terminal(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stream = io.StringIO()
+    console = output.console_on(None)
+    console.file = stream
+    console.print("a\x1b]0;title\x07b\x9b2J\u202ec\x7f\td", markup=False)
+    console.print(output.figure_table("t\x1b[2J", [("name\x1b[1m", "value\r", "unit\x00")]))
+    assert "a]0;titleb2Jc" in stream.getvalue()
+    assert not output.CONTROL.search(stream.getvalue())

@@ -1,0 +1,125 @@
+"""`python -P watched.py FOLDER CACHE`: reads each case below FOLDER by several commands, and reports them.
+
+A case is a folder of somebody else: with a file `log.*` a log, with `mine.toml` a scenario, else a run
+folder, which is compared with the folder `as-it-was` beside it. An audit hook sees every file that is opened
+to write, every process and every connection. Only the case's folder, the caches and temporary folders may be
+written. Each command reports one JSON object on a line of standard output.
+"""
+
+import contextlib
+import io
+import json
+import os
+import signal
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from tools import cli
+
+LIMIT_S = 20.0
+"""Of computing time, so that a busy machine changes nothing."""
+LIMIT_OF_WAITING_S = 300
+"""For a command that waits for a pipe, without computing."""
+WRITE_FLAGS = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+PROGRAMS = ("git", "rerun")
+"""Programs that an inspection may start: for the commit, and to mend a log."""
+CHANGES = (
+    "os.remove",
+    "os.rename",
+    "os.rmdir",
+    "os.mkdir",
+    "os.link",
+    "os.symlink",
+    "os.truncate",
+    "os.chmod",
+)
+STARTS = ("os.system", "os.exec", "os.posix_spawn", "os.fork", "pty.spawn")
+
+
+class Watch:
+    """What happens beyond the allowed folders."""
+
+    def __init__(self, caches: list[str]) -> None:
+        self.allowed = [*caches, "/dev/null", "/dev/tty", f"{tempfile.gettempdir()}/vibrohil-view-"]
+        self.folder = ""
+        self.harm: list[str] = []
+
+    def __call__(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if event == "open":
+            path, _, flags = arguments
+            if isinstance(path, str | bytes) and (flags or 0) & WRITE_FLAGS:
+                self.refuse_elsewhere(os.path.realpath(os.fsdecode(path)), event)
+        elif event in CHANGES and isinstance(arguments[0], str | bytes):
+            folder, name = os.path.split(os.fsdecode(arguments[0]))
+            self.refuse_elsewhere(os.path.join(os.path.realpath(folder), name), event)
+        elif event in STARTS:
+            self.harm.append(f"{event} {arguments}")
+        elif event == "subprocess.Popen" and os.path.basename(str(arguments[0])) not in PROGRAMS:
+            self.harm.append(f"{event} {arguments[:2]}")
+        elif event == "socket.connect" and arguments[1][0] not in ("127.0.0.1", "::1"):
+            self.harm.append(f"{event} {arguments[1]}")
+
+    def refuse_elsewhere(self, path: str, event: str) -> None:
+        above_a_cache = event == "os.mkdir" and any(cache.startswith(path) for cache in self.allowed)
+        if not f"{path}/".startswith((self.folder, *self.allowed)) and not above_a_cache:
+            self.harm.append(f"{event} {path}")
+
+
+def peak_bytes() -> int:
+    """Return the most memory that this process held; getrusage would count its parent's as well."""
+    return 1024 * int(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0])
+
+
+def commands_for(case: Path) -> list[list[str]]:
+    """Return the commands that read a case."""
+    out = str(case / "run")
+    if logs := list(case.glob("log.*")):
+        log = str(logs[0])
+        return [["import", log, "--out", out, "--tolerant", "--json"], ["replay", log, "--json"]]
+    if (scenario := case / "mine.toml").exists():
+        text = str(scenario)
+        return [
+            ["list", "--show", text],
+            ["run", text, "--clock", "lockstep", "--out", out, "--json"],
+        ]
+    place = str(case)
+    commands = [["inspect", place], ["replay", place], ["runs", place], ["export", place, "--to", "mcap"]]
+    if case.name.startswith("run.rrd"):
+        log = str(case / "run.rrd")
+        commands += [["inspect", log], ["compare", place, str(case.parent / "as-it-was")]]
+    return [[*command, "--json"] for command in commands]
+
+
+def main() -> None:
+    """Read each case; a command beyond a limit ends this process by a signal."""
+    root, cache = Path(sys.argv[1]), sys.argv[2]
+    watch = Watch([cache, os.environ["XDG_CACHE_HOME"]])
+    sys.addaudithook(watch)
+    for case, command in ((one, each) for one in sorted(root.iterdir()) for each in commands_for(one)):
+        sys.stdout.write(f"{case.name}\t{command[0]}\t")
+        sys.stdout.flush()
+        watch.folder, watch.harm = f"{os.path.realpath(case)}/", []
+        signal.setitimer(signal.ITIMER_PROF, LIMIT_S)
+        signal.alarm(LIMIT_OF_WAITING_S)
+        begun_s, errors = time.process_time(), io.StringIO()
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(errors):
+            status = cli.run(command)
+        signal.alarm(0)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        reported = {
+            "status": status,
+            "error": errors.getvalue()[-2000:],
+            "took_s": time.process_time() - begun_s,
+            "harm": watch.harm,
+            "most_bytes": peak_bytes(),
+            "left": sorted(one.name for one in case.iterdir()),
+        }
+        sys.stdout.write(json.dumps(reported) + "\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,274 @@
+"""The campaign `limits`: whether every impact beyond a limit stops the motor, and no impact far below does.
+
+A trial samples a module, its limits, a kick towards the stop at any phase of a start, and lost, corrupted or
+repeated samples near the impact. It lasts a second and a half, because the limits need no impact regime. The
+judge compares each contact's true peak force and impulse with the limits.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.interface.enums import Fault, Mode
+from firmware_py.shell.parameters import flattened
+from hil.scenario.operator import Command, Request
+from hil.scenario.settings import apply_settings
+from plant_sim.scene import load_scene, read_scene
+from tools.campaign.trial.cells import BASE_SCENE, Cell, numbers_after
+from tools.campaign.trial.outcome import Outcome
+from tools.campaign.trial.run import Run, run
+from tools.campaign.trial.sampling import LARGEST_RUN_SEED, Sampled
+from tools.campaign.trial.scenarios import Plan, Trial, first_tick_s, scenario_of
+
+RUN_S = 0.4
+KICK_S = (0.7, 1.2)
+AFTER_S = 0.45
+"""Times of the command RUN and of the kick, and time after it in which the striker reaches the stop, s."""
+CONTACTS_MS = ((1.5, 3.0), (3.0, 5.0), (5.0, 10.0), (10.0, 30.0))
+"""Ranges of the elastic contact time at 0.9 m/s, one cell each."""
+BASE_MASS_KG = 0.8
+LOST = 3
+"""Most lost, corrupted or repeated samples; a quarter of the trials has 1 to 3, the others none."""
+NEAR_S = 0.004
+"""Samples are lost up to this time before and after the hardest contact."""
+FORCE_BEYOND, IMPULSE_BEYOND, BELOW = 1.2, 1.15, 0.8
+"""Shares of the limits above which a trip is required, and below which none may occur."""
+IN_TICKS = 3
+"""Ticks from the first valid sample after the separation to the latch and to torque 0."""
+KICK_PULSE_S = 0.013
+"""Duration for which the accelerometers show a kick: a half-sine of 10 ms and the low-pass. The plant changes
+the velocity at once, so a contact within it shows the stop's force less the kick's."""
+OF_THE_IMPACT = (Fault.FORCE_LIMIT, Fault.IMPULSE_LIMIT)
+LIMIT_SPREAD = (-0.3, 0.7)
+"""Logarithms of the limits over what the kick may cause. Every band then holds a seventh of the trials."""
+CLEAN_MS = 5.0
+"""Contact time of the stop from which a contact without a loss must be judged right without exception: the
+elastic contact time at 0.9 m/s. With damping the pulse has a higher peak and a long, weak end."""
+
+
+@dataclass(frozen=True)
+class LimitCell(Cell):
+    """A range of contact times, in ms."""
+
+    low_ms: float
+    high_ms: float
+
+    @property
+    def name(self) -> str:
+        """Name of the cell in tables and goals."""
+        return f"{self.low_ms:g} to {self.high_ms:g} ms"
+
+
+def limit_cells(
+    conditions: Sequence[tuple[float, float]], numbers: Mapping[str, Any], settings: Sequence[str]
+) -> tuple[list[Cell], dict[str, Any]]:
+    """Return the cells of the campaign and its numbers, both after the `--set` changes."""
+    own: dict[str, Any] = {"campaign": {}, "scene": deepcopy(read_scene(BASE_SCENE)), "firmware": {}}
+    changed = numbers_after({**own, "campaign": dict(numbers)}, settings)
+    own = apply_settings(own, [one for one in settings if not one.startswith("campaign.")])
+    cells: list[Cell] = [
+        LimitCell("viscous", 1.1, 0.0, own["scene"], own["firmware"], *pair) for pair in conditions
+    ]
+    return cells, changed
+
+
+class Module(NamedTuple):
+    """A sampled module: its scene's tables, the firmware's parameters, and the kick."""
+
+    scene: dict[str, Any]
+    firmware: dict[str, Any]
+    kick: dict[str, Any]
+
+
+def sampled_module(cell: LimitCell, numbers: Mapping[str, Any], dice: np.random.Generator) -> Module:
+    """Sample the truth, the nominal mass, the limits and the kick."""
+
+    def between(low: float, high: float) -> float:
+        return float(dice.uniform(low, high))
+
+    scene = deepcopy(dict(cell.scene))
+    mass_kg, contact_s = between(0.3, 1.5), 1e-3 * between(cell.low_ms, cell.high_ms)
+    k, share = between(0.1, 0.9), mass_kg / BASE_MASS_KG
+    scene["striker"].update(mass_kg=mass_kg, spring_n_m=scene["striker"]["spring_n_m"] * share)
+    scene["friction"]["b_n_s_m"] *= share
+    scene["stop"].update(restitution=k, contact_s=contact_s)
+    rest_m = scene["striker"]["rest_length_m"]
+    scene["initial"] = {"x_m": rest_m + between(-0.1, 0.05), "v_m_s": between(-0.8, 0.8)}
+    scene["drive"]["phase_rad"] = between(0.0, 2.0 * math.pi)
+    offset_m_s2 = numbers["high_offset_m_s2"] * between(-1.0, 1.0)
+    scene.setdefault("sensors", {})["striker_high"] = {"bias_m_s2": offset_m_s2}
+    kick_m_s = between(0.0, 8.0)
+    kick = {"kind": "kick", "at_s": first_tick_s(between(*KICK_S)), "change_m_s": kick_m_s}
+
+    nominal_kg = mass_kg * (1.0 + numbers["mismatch_mass"] * between(-1.0, 1.0))
+    # The limits lie around what this kick may cause, so that the trials fill both sides of the band.
+    speed_m_s = between(0.3, 1.0) + kick_m_s
+    impulse_n_s = (1.0 + k) * mass_kg * speed_m_s
+    force_n = impulse_n_s * math.pi / (2.0 * contact_s)
+    most_n = 0.999 * nominal_kg * (0.98 * 1961.33 - 10.0)
+    limits = {
+        "impulse_n_s": min(max(impulse_n_s * math.exp(between(*LIMIT_SPREAD)), 0.05), 100.0),
+        "force_n": min(max(force_n * math.exp(between(*LIMIT_SPREAD)), 20.0), most_n),
+    }
+    firmware = {
+        **cell.firmware,
+        "ceiling": {"force_n": 10_000.0, "impulse_n_s": 100.0},
+        "striker": {"mass_kg": nominal_kg, "spring_n_m": scene["striker"]["spring_n_m"]},
+        "friction": {"b_n_s_m": scene["friction"]["b_n_s_m"]},
+        "stop": {"contact_s": contact_s, "restitution": k},
+        "start": {"rise_s": 0.5, "approach_s": 0.3},
+        "limit": limits,
+    }
+    return Module(scene, firmware, kick)
+
+
+def limit_trial(
+    cell: LimitCell, numbers: Mapping[str, Any], seed: int, trial: int, losses: Sequence[dict[str, Any]] = ()
+) -> Trial:
+    """Return the trial with this number; `losses`: the faults of the samples."""
+    module = sampled_module(cell, numbers, np.random.default_rng([seed, trial, 0]))
+    run_seed = int(np.random.default_rng([seed, trial, 1]).integers(LARGEST_RUN_SEED))
+    commands = [Command(0.0, Request.IDLE, 0.0), Command(RUN_S, Request.RUN, cell.ratio)]
+    duration_s = module.kick["at_s"] + AFTER_S
+    faults = [module.kick, *losses]
+    name = f"limits-{seed}-{trial}"
+    scenario = scenario_of(name, module.scene, module.firmware, commands, duration_s, run_seed, faults)
+    more = np.random.default_rng([seed, trial, 2])
+    sampled = Sampled(module.scene, load_scene(module.scene), run_seed, more, (seed, trial, 2))
+    return Trial(cell, sampled, scenario)
+
+
+def sampled_losses(done: Run, seed: int, trial: int) -> list[dict[str, Any]]:
+    """Sample the lost, corrupted or repeated samples near the hardest contact of the trial without losses."""
+    dice = np.random.default_rng([seed, trial, 3])
+    if dice.uniform() >= 0.25 or len(done.impacts) == 0:
+        return []
+    hardest = done.impacts[int(np.argmax(done.impacts["peak_force_n"]))]
+    contact = next(one for one in contacts_of(done) if one.impact["t_s"] == hardest["t_s"])
+    first = max(math.floor((float(hardest["t_s"]) - NEAR_S) / done.tick_s), 1)
+    last = math.ceil((contact.end_s + NEAR_S) / done.tick_s)
+    ticks = sorted(dice.choice(np.arange(first, last), size=int(dice.integers(1, LOST + 1)), replace=False))
+    kind = str(dice.choice(["dropped", "corrupted", "sensor-stuck"]))
+    return [
+        {"kind": kind, **TARGETS[kind], "at_s": (int(tick) - 0.5) * done.tick_s, "duration_s": done.tick_s}
+        for tick in ticks
+    ]
+
+
+MORE = ("outputs.torque_n_m",)
+"""Signals of the firmware that the judge needs in addition."""
+PARTS_OF = {"above": ("missed",), "below": ("tripped",)}
+"""Counts that are a part of another."""
+GROUPS = (*(f"{kind}{lost}" for kind in ("", "short_") for lost in range(LOST + 1)), "kicked")
+SHARES = {
+    f"{part}_{group}": ((f"{part}_{group}",), (f"{what}_{group}",))
+    for what, parts in PARTS_OF.items()
+    for part in parts
+    for group in GROUPS
+}
+"""Shares of counts, as in `tools.campaign.results`."""
+TARGETS: dict[str, dict[str, Any]] = {
+    "dropped": {"frames": ["Accelerometer"]},
+    "corrupted": {"frames": ["Accelerometer"]},
+    "sensor-stuck": {"sensor": "striker"},
+}
+
+
+class TrueContact(NamedTuple):
+    """A true contact: its record, and its end."""
+
+    impact: NDArray[np.void]
+    end_s: float
+
+
+def contacts_of(done: Run) -> list[TrueContact]:
+    """Return the contacts that have ended, oldest first."""
+    pushing = done.true("stop_force_n") > 0.0
+    found = []
+    for impact in done.impacts:
+        tick = math.ceil(float(impact["t_s"]) / done.tick_s)
+        free = np.flatnonzero(~pushing[tick:])
+        if len(free):
+            found.append(TrueContact(impact, (tick + int(free[0])) * done.tick_s))
+    return found
+
+
+def judge_limits(trial: Trial, done: Run, outcome: Outcome, losses: Sequence[Mapping[str, Any]]) -> None:
+    """Judge the contacts up to the first that exceeds a limit.
+
+    The counts have the number of the samples lost within the contact: `above_0` are contacts beyond a limit,
+    `missed_0` those after which no limit's fault was latched in time, `below_0` trials whose contacts all lie
+    below the limits, `tripped_0` those with a limit's fault.
+    """
+    limit = flattened(trial.scenario.parameters)
+    force_n, impulse_n_s = limit["limit.force_n"], limit["limit.impulse_n_s"]
+    kick_s = trial.scenario.faults[0].at_s
+    latch = next((change for change in done.modes if change.mode == Mode.FAULT), None)
+    tripped_s = latch.t_s if latch is not None and latch.fault in OF_THE_IMPACT else math.inf
+    gone_s = latch.t_s if latch is not None and latch.fault not in OF_THE_IMPACT else math.inf
+    early = False  # a trip by the kick itself, before its contact
+    for contact in contacts_of(done):
+        impact, end_s = contact.impact, contact.end_s
+        early = early or bool(impact["t_s"] > tripped_s)
+        if gone_s <= end_s:
+            outcome.leave_out(f"{latch.fault.name.lower()} came first" if latch else "")
+            return
+        force, impulse = float(impact["peak_force_n"]) / force_n, float(impact["impulse_n_s"]) / impulse_n_s
+        lost = sum(impact["t_s"] - done.tick_s <= one["at_s"] <= end_s for one in losses)
+        long = trial.sampled.tables["stop"]["contact_s"] >= 1e-3 * CLEAN_MS
+        overlaps = impact["t_s"] - KICK_PULSE_S < kick_s < end_s + KICK_PULSE_S
+        group = "kicked" if overlaps else f"{lost}" if long else f"short_{lost}"
+        if force > FORCE_BEYOND or impulse > IMPULSE_BEYOND:
+            valid_s = end_s + done.tick_s * sum(one["at_s"] > end_s - done.tick_s for one in losses)
+            in_time = tripped_s <= valid_s + IN_TICKS * done.tick_s and is_off(done, valid_s)
+            count(outcome, "above", group)
+            if not in_time:
+                count(outcome, "missed", group)
+                if group == "0":
+                    outcome.why = f"no trip at {force:.2f} of the force, {impulse:.2f} of the impulse limit"
+            return
+        if max(force, impulse) >= BELOW:
+            outcome.counts["within"] = 1
+            return
+        if early:
+            continue
+        if tripped_s <= end_s + IN_TICKS * done.tick_s:
+            count(outcome, "below", group)
+            count(outcome, "tripped", group)
+            if group == "0":
+                outcome.why = f"tripped at {force:.2f} of the force and {impulse:.2f} of the impulse limit"
+            return
+        count(outcome, "below", group)
+    if tripped_s < math.inf:
+        outcome.leave_out("the kick exceeded twice a limit, and no contact followed within the trial")
+
+
+def count(outcome: Outcome, what: str, group: str) -> None:
+    """Add 1 to a count of a group."""
+    for one in PARTS_OF.get(what, ()):
+        outcome.counts.setdefault(f"{one}_{group}", 0)
+    outcome.counts[f"{what}_{group}"] = outcome.counts.get(f"{what}_{group}", 0) + 1
+
+
+def is_off(done: Run, valid_s: float) -> bool:
+    """Return whether the torque is 0 from `IN_TICKS` after the first valid sample on."""
+    return not np.any(done.firmware["outputs.torque_n_m"][round(valid_s / done.tick_s) + IN_TICKS :])
+
+
+def run_limits(plan: Plan, cell: Cell, number: int, outcome: Outcome) -> Trial:
+    """Run and judge a trial; with losses it runs once more, as they lie near its hardest contact."""
+    assert isinstance(cell, LimitCell)
+    trial = limit_trial(cell, plan.numbers, plan.seed, number)
+    done = run(trial.scenario, trial.scenario.seed, MORE, plan.firmware)
+    losses = sampled_losses(done, plan.seed, number)
+    outcome.simulated_s = trial.scenario.duration_s
+    if losses:
+        trial = limit_trial(cell, plan.numbers, plan.seed, number, losses)
+        done = run(trial.scenario, trial.scenario.seed, MORE, plan.firmware)
+    judge_limits(trial, done, outcome, losses)
+    return trial

@@ -1,0 +1,39 @@
+"""`vibrohil calibrate`: parameters of a running firmware over XCP, from any bus."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tools.commands.options import Json, NodeBus, setting
+from tools.output import console, print_json, table_of
+from tools.outputs import file_option
+
+
+def calibrate(
+    values: Annotated[list[str], typer.Argument(help="Parameters: KEY=VALUE, e.g. speed.gain_p_n_m_s=0.06.")],
+    *,
+    bus: NodeBus = "auto",
+    save: Annotated[
+        Path | None, file_option("Write these parameters to a file for --parameters.", (".toml",))
+    ] = None,
+    change: Annotated[list[str] | None, setting("The module's numbers: firmware.bus.own_node=VALUE")] = None,
+    as_json: Json = False,
+) -> None:
+    """Change tuning parameters of a running firmware, all together or none.
+
+    At rest every tuning parameter may change, in motion those marked in the parameters' reference; limits,
+    ceilings and watchdogs never. A power cycle restores the parameter file. Exit status 1 if one is refused.
+    """
+    from tools.logs.measured import calibrated, pairs_of
+
+    wanted = pairs_of(values)
+    refused = calibrated(wanted, bus, change or [], save)
+    if as_json:
+        print_json({"parameters": wanted, "refused": refused, "save": None if save is None else str(save)})
+    elif refused:
+        console.print(table_of(("refused", "why"), ((one["key"], one["why"]) for one in refused)))
+    else:
+        console.print("\n".join(f"{key} = {value:g}" for key, value in wanted.items()), markup=False)
+    if refused:
+        raise typer.Exit(1)

@@ -1,0 +1,138 @@
+"""`vibrohil compare A B`: two runs side by side."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.table import Column
+
+from tools.commands.options import Json
+from tools.logs.changes import Tolerances, flip, show_changes, tolerances_of
+from tools.output import (
+    EXIT_CHECK_FAILED,
+    EXIT_NOTHING_RAN,
+    EXIT_PASSED,
+    BadInputError,
+    answer,
+    console,
+    figure,
+    marked,
+    table_of,
+)
+from tools.outputs import RECORDINGS, new_option
+
+MOST_CHANGES = 10
+"""Largest number of figures shown, so that they fit one screen; --json has all."""
+
+
+def compare(
+    a: Annotated[Path, typer.Argument(help="A run folder, an .rrd file, or a suite's folder.")],
+    b: Annotated[Path, typer.Argument(help="The other one.")],
+    out: Annotated[
+        Path | None, new_option("Write both runs to one new .rrd file; open it with view.", RECORDINGS)
+    ] = None,
+    must_be_equal: Annotated[
+        bool,
+        typer.Option(
+            "--must-be-equal",
+            help="Check that the runs are equal bit by bit, or within --tolerance: exit status 1 if not.",
+        ),
+    ] = False,
+    tolerance: Tolerances = None,
+    as_json: Json = False,
+) -> None:
+    """Show changed verdicts, figures beyond their tolerance, and the first moment at which two runs differ.
+
+    For two suites: show which checked figures are better or worse, and which verdicts differ. The exit
+    status is 0 even if the runs differ, unless --must-be-equal is given.
+    """
+    from hil.suite.compare_suites import is_suite
+
+    if is_suite(a) or is_suite(b):
+        compare_suites(a, b, must_be_equal, tolerance, as_json)
+        return
+    from hil.bench.recorded_run import open_run
+    from tools.logs import comparison
+
+    runs = open_run(a), open_run(b)
+    result = comparison.compare(*runs, tolerances_of(tolerance))
+    if out is not None:
+        found = result["first_difference"]
+        comparison.write_overlay(*runs, None if found is None else comparison.Difference(**found), out)
+        result["out"] = str(out)
+    equal = result["equal"] if tolerance is None else result["within_tolerance"]
+    status = EXIT_CHECK_FAILED if must_be_equal and not equal else EXIT_PASSED
+    answer(result, as_json, lambda: show(result), status)
+
+
+def compare_suites(a: Path, b: Path, must_be_equal: bool, tolerance: list[str] | None, as_json: bool) -> None:
+    """Show the verdicts that differ; exit with status 5 if the suites have no scenario in common."""
+    from hil.suite.changes import TICK_TIME, changes
+    from hil.suite.compare_suites import SuiteError, compare, read_suite
+
+    try:
+        before, after = read_suite(a), read_suite(b)
+        found = changes(before, after, tolerances_of(tolerance))
+        result = compare(before, after) | {"changes": found}
+    except SuiteError as error:
+        raise BadInputError(str(error)) from error
+    within = tolerance is None or all(one["equal"] for one in found if one["figure"] != TICK_TIME)
+    status = EXIT_CHECK_FAILED if must_be_equal and not (result["equal"] and within) else EXIT_PASSED
+    answer(result, as_json, lambda: show_verdicts(result), status if result["compared"] else EXIT_NOTHING_RAN)
+
+
+def show_verdicts(result: dict[str, Any]) -> None:
+    """Print the changed figures, the differing verdicts, then the number of equal verdicts."""
+    show_changes(result["changes"])
+    words = {True: "[green]passed[/]", False: "[red]failed[/]", None: "not there"}
+    for one in result["differences"]:
+        what = one["scenario"] if one["check"] is None else f"{one['scenario']}  {one['check']}"
+        values = "" if one["check"] is None else f"  ({one['value_a']} / {one['value_b']})"
+        console.print(f"{escape(what)}: {words[one['a']]}, {words[one['b']]}{escape(values)}", soft_wrap=True)
+    for side in ("a", "b"):
+        if result[f"only_in_{side}"]:
+            console.print(f"only in {side}: {', '.join(result[f'only_in_{side}'])}", markup=False)
+    scenarios = {one["scenario"] for one in result["differences"]}
+    console.print(
+        f"{len(result['compared']) - len(scenarios)} of {len(result['compared'])} scenarios with "
+        f"{result['checks']} checks have the same verdicts ({' and '.join(result['clocks'])})"
+    )
+
+
+def show(result: dict[str, Any]) -> None:
+    """Print both verdicts, the largest changes, the machine's timing and the signals' first difference."""
+    from tools.logs.comparison import is_timing
+
+    figures, changes = result["figures"], result["largest_changes"]
+    table = table_of(Column(title, no_wrap=True) for title in ("figure", "a", "b", "b − a"))
+    table.add_row("verdict", *map(marked, (result["verdict"][side] for side in ("a", "b"))), "")
+    table.add_row("fault", figures["fault"]["a"], figures["fault"]["b"], "")
+    for one in result["flips"]:
+        both = (figure(one[f"value_{side}"], one["unit"]) for side in ("a", "b"))
+        table.add_row(escape(f"{one['name']} {one['limit']}"), *map(escape, both), flip(one["a"], one["b"]))
+    physical = [name for name in changes if not is_timing(name) and name != "fault"]
+    for name in physical[:MOST_CHANGES]:
+        row = figures[name]
+        table.add_row(name, *(escape(figure(row[side], row["unit"])) for side in ("a", "b", "change")))
+    console.print(table)
+    more = f"; the {MOST_CHANGES} largest changes are shown" if len(physical) > MOST_CHANGES else ""
+    equal = len(figures) - len(changes)
+    console.print(f"{equal} of {len(figures)} figures are equal within their tolerance{more}")
+    work = figures["tick_us.p99"]
+    console.print(
+        f"the machine: firmware work p99 {figure(work['a'])} and {figure(work['b'])} µs, "
+        f"overruns {figure(figures['overruns']['a'])} and {figure(figures['overruns']['b'])}",
+        style="dim",
+    )
+    first = result["first_difference"]
+    if first is None:
+        console.print("[bold green]equal[/]: every logged signal, bit by bit, on simulated time")
+    else:
+        values = f"{figure(first['a'])} in a, {figure(first['b'])} in b"
+        console.print(
+            f"[bold]first difference[/] at {first['t_s']:.6f} s in {first['signal']}: {escape(values)}",
+            soft_wrap=True,
+        )
+    if "out" in result:
+        console.print(f"overlaid in {result['out']}", soft_wrap=True, markup=False)

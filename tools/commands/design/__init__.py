@@ -1,1 +1,0 @@
-"""Commands for design: tuning, trade, schedule, simulation, studies."""

@@ -1,0 +1,151 @@
+"""`vibrohil firmware`: the controller alone, on any bus; and its build for a board."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from typer.core import TyperGroup
+
+from tools.commands.options import Again, Json, NodeBus, Sync, Turns, Until, setting
+from tools.output import console, print_json, table_of
+from tools.outputs import folder_option
+from tools.progress import shown_progress
+
+Scenario = Annotated[
+    str | None, typer.Argument(help="A scenario with the firmware's parameters; without it the defaults.")
+]
+Change = Annotated[list[str] | None, setting("Change a parameter: firmware.NAME=VALUE")]
+
+
+class NodeUnlessNamed(TyperGroup):
+    """A group with a default command."""
+
+    unnamed = "node"
+
+    def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:  # type: ignore[override]
+        """Insert the default command if the arguments name none."""
+        is_named = args[:1] == ["--help"] or any(name in self.commands for name in args[:1])
+        return super().parse_args(ctx, args if is_named else [self.unnamed, *args])
+
+
+firmware = typer.Typer(
+    name="firmware",
+    cls=NodeUnlessNamed,
+    help="The controller alone: as a node on any bus, or built for a board.",
+)
+
+
+@firmware.command()
+def build(
+    scenario: Scenario = None,
+    *,
+    target: Annotated[
+        Literal["cortex-m7", "cortex-m4f", "host", "host-single"],
+        typer.Option(
+            help="The target: a Cortex-M7 with double precision, a Cortex-M4F with single precision, or this "
+            "machine with either."
+        ),
+    ],
+    out: Annotated[Path, folder_option("The folder for the object file and its headers.")],
+    change: Change = None,
+    as_json: Json = False,
+) -> None:
+    """Make an object file of the firmware, its headers and its A2L file, without a C compiler.
+
+    The object follows a gait only if firmware.gait.follow is set. The command prints the bytes of the code,
+    and of config and state by block. The first call after a change of the firmware takes a minute. For a
+    board, the config requires the test of the drive's watchdog before a start, unless
+    firmware.watchdog.proof_required is set.
+    """
+    from firmware_py.builds.a2l import a2l
+    from firmware_py.builds.c_header import config_header, header
+    from firmware_py.builds.machine_code import TARGETS, object_code, sizes
+    from firmware_py.node.memory import file_name
+    from firmware_py.shell.parameters import config_from, with_proof
+    from hil.scenario.scenario import load_scenario
+    from hil.scenario.settings import apply_settings
+    from tools.budget import ram_by_block
+
+    if scenario is None:
+        parameters = apply_settings({"firmware": {}}, change or [])["firmware"]
+    else:
+        parameters = load_scenario(scenario, change or []).parameters
+    config = config_from(parameters if target.startswith("host") else with_proof(parameters))
+    has_gait = config.p.gait.follow > 0
+    code, precision = object_code(target, has_gait), TARGETS[target].precision
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "vibro_firmware.o").write_bytes(code)
+    (out / "vibro_firmware.h").write_text(header(precision), encoding="utf-8")
+    (out / "vibro_config.h").write_text(config_header(config, precision), encoding="utf-8")
+    (out / f"{file_name()}.a2l").write_text(a2l(), encoding="utf-8")
+    found, parts = sizes(target, has_gait), ram_by_block(precision)
+    if as_json:
+        print_json({"target": target, "bytes": found, "map": parts, "out": str(out)})
+        return
+    table = table_of(("what", "bytes"))
+    for name, size in found.items():
+        table.add_row(name, f"{size:,}", style="bold")
+        for part, part_size in parts.get(name, {}).items():
+            table.add_row(f"  {part}", f"{part_size:,}")
+    console.print(table)
+    console.print(
+        f"{out}: vibro_firmware.o, vibro_firmware.h, vibro_config.h, {file_name()}.a2l", markup=False
+    )
+
+
+@firmware.command()
+def budget(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(help="Scenarios to measure; by default an ordinary one and one with a stall."),
+    ] = None,
+    target: Annotated[
+        Literal["cortex-m7", "cortex-m4f"], typer.Option(help="The emulated processor.")
+    ] = "cortex-m7",
+    as_json: Json = False,
+) -> None:
+    """Measure the firmware on an emulated Cortex-M: flash, RAM, stack, instructions per tick."""
+    from tools.budget import budget as measure
+
+    with shown_progress() as progress:
+        found = measure(names or [], progress, target)
+    if as_json:
+        print_json(found)
+        return
+    table = table_of(("what", ""))
+    for group in ("flash", "ram"):
+        for name, size in found[group].items():
+            table.add_row(f"{group}: {name}", f"{size:,} B")
+    table.add_row("stack", f"{found['stack']:,} B")
+    for name, ticks in found["instructions"].items():
+        if ticks is not None:
+            figures = ", ".join(f"{key} {ticks[key]:,.0f}" for key in ("p50", "p99", "worst"))
+            table.add_row(f"instructions, {name.replace('_', ' ')}", f"{figures} ({ticks['scenario']})")
+    console.print(table)
+
+
+@firmware.command()
+def node(
+    scenario: Scenario = None,
+    bus: NodeBus = "auto",
+    build: Annotated[
+        Literal["python", "compiled"],
+        typer.Option("--firmware", help="The firmware's build: interpreted, or compiled by numba."),
+    ] = "compiled",
+    out: Annotated[Path | None, folder_option("A run folder for the trace; by default none.")] = None,
+    change: Change = None,
+    seed: Annotated[int, typer.Option(help="Seed of the faults' random numbers.", min=0)] = 1,
+    sync: Sync = False,
+    again: Again = False,
+    until: Until = None,
+    turns: Turns = None,
+) -> None:
+    """Run the controller as one CAN node at 1 kHz; the default of `vibrohil firmware`.
+
+    On a bus that the bench has not made, it requires the test of the drive's watchdog before a start, unless
+    firmware.watchdog.proof_required is set.
+    """
+    from hil.nodes.main import NodeProcess, firmware_main
+
+    process = NodeProcess(bus, out, seed, sync, again, until, turns)
+    firmware_main(scenario, change or [], process, build)

@@ -1,0 +1,118 @@
+"""`vibrohil inspect RUN`: figures, tables and plots from a run's log alone."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.table import Column
+
+from tools.commands.options import Json, Logged
+from tools.output import (
+    BadInputError,
+    answer,
+    console,
+    exit_of,
+    figure,
+    marked,
+    plain,
+    progress_console,
+    table_of,
+)
+from tools.outputs import PICTURES, TABLES, file_option
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from hil.bench.recorded_run import Run
+
+
+def inspect(
+    run: Logged = None,
+    table: Annotated[
+        str | None, typer.Option(help="Show one table of the log, e.g. plant or can/Accelerometer.")
+    ] = None,
+    to: Annotated[
+        Path | None, file_option("Write that table to a .parquet, .csv or .arrow file.", TABLES)
+    ] = None,
+    plot: Annotated[Path | None, file_option("Draw signals into this file.", PICTURES)] = None,
+    signal: Annotated[
+        list[str] | None, typer.Option(help="A signal to draw, TABLE.COLUMN; repeatable.")
+    ] = None,
+    every: Annotated[
+        bool, typer.Option("--all", help="Print every figure with its meaning, and the names of the tables.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Recompute a run's figures and verdict from its log, or extract tables and plots."""
+    from hil.bench.recorded_run import open_run
+    from tools.logs.inspection import DEFAULT_SIGNALS, plot_signals, write_table
+
+    if to is not None and table is None:
+        raise BadInputError(
+            "--to is given without --table NAME; `vibrohil inspect RUN --all` lists the tables"
+        )
+    if signal and plot is None:
+        raise BadInputError(
+            "--signal is given without --plot; name the file to draw into, e.g. --plot run.svg"
+        )
+    logged = open_run(run)
+    drawn: dict[str, Any] = {}
+    if plot is not None:
+        drawn = {"plot": str(plot), "signals": signal or list(DEFAULT_SIGNALS)}
+        plot_signals(logged, drawn["signals"], plot)
+        progress_console.print(f"drawn: {plot}", markup=False)
+    if table is not None:
+        rows = logged.table(table)
+        if to is not None:
+            write_table(rows, to)
+        columns = {field.name: str(field.type) for field in rows.schema}
+        written = None if to is None else str(to)
+        payload = {"table": table, "rows": rows.num_rows, "columns": columns, "to": written, **drawn}
+        answer(payload, as_json, lambda: show_table(table, rows, to))
+    elif drawn:
+        answer(drawn, as_json, lambda: None)
+    else:
+        answer(logged.verdict, as_json, lambda: show(logged, every), exit_of(logged.verdict))
+
+
+def show_table(name: str, rows: "pa.Table", to: Path | None) -> None:
+    """Print the columns of a table with their first and last values."""
+    where = "" if to is None else f", written to {to}"
+    title = escape(f"{name}: {rows.num_rows} rows{where}")
+    shown = table_of((Column("column", no_wrap=True), "type", "first", "last"), title=title)
+    for field in rows.schema:
+        ends = [rows[field.name].to_numpy()[at] for at in ((0, -1) if rows.num_rows else ())]
+        shown.add_row(field.name, str(field.type), *(escape(figure(plain(end))) for end in ends))
+    console.print(shown)
+
+
+def show(logged: "Run", every: bool) -> None:
+    """Print the verdict, the checks and the most important figures, or every figure and the tables' names."""
+    from tools.commands.run import show_checks, show_figures
+
+    verdict = logged.judged
+    console.print(f"{marked(verdict.verdict, loud=True)}  {escape(verdict.scenario)}\n")
+    show_checks(verdict)
+    console.print()
+    if len(logged.traces.plant) == 0:
+        console.print("this log holds no truth: what needs it is —, and impacts are counted only if true")
+    if every:
+        show_every_figure(logged)
+        console.print(f"tables: {', '.join(logged.names)}", style="dim")
+    else:
+        show_figures(verdict.figures)
+        console.print("\nevery figure and the tables' names: --all", style="dim")
+    console.print(f"log: {escape(str(logged.log))}", style="dim", soft_wrap=True)
+
+
+def show_every_figure(logged: "Run") -> None:
+    """Print every figure with its meaning."""
+    from hil.judge.figures.records import CATALOGUE, value_of
+
+    columns = (Column(style="cyan", no_wrap=True), Column(no_wrap=True), Column(style="dim"))
+    rows = (
+        (one.name, escape(figure(value_of(logged.figures, one.name), one.unit)), escape(one.meaning))
+        for one in CATALOGUE.values()
+    )
+    console.print(table_of(columns, rows, show_header=False))

@@ -1,0 +1,54 @@
+"""`vibrohil measure`: the firmware's signals over XCP, from any bus."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from tools.commands.options import Json, NodeBus, number, setting
+from tools.output import console, figure, print_json, table_of
+from tools.outputs import folder_option
+
+
+def measure(
+    signals: Annotated[
+        list[str] | None, typer.Argument(help="Signals by the log's names, e.g. state.estimator.x_m.")
+    ] = None,
+    *,
+    bus: NodeBus = "auto",
+    rate: Annotated[float, number("Samples of each signal per second.", 4.0, 1000.0)] = 25.0,
+    until: Annotated[float, number("Measure for this time in s; Ctrl-C ends earlier.", 0.0)] = 10.0,
+    live: Annotated[bool, typer.Option("--live", help="Show the signals in a viewer meanwhile.")] = False,
+    out: Annotated[
+        Path | None, folder_option("A folder for the log `measured.rrd`; by default none.")
+    ] = None,
+    change: Annotated[list[str] | None, setting("The module's numbers: firmware.bus.own_node=VALUE")] = None,
+    names: Annotated[bool, typer.Option("--list", help="Print the names of all signals.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Measure signals of a running firmware, simulated or on a board, on any bus.
+
+    All signals of a sample belong to one tick. Floats arrive as float32. The bus carries one frame of samples
+    per tick: one signal at 1 kHz or forty at 25 Hz. The log has the signals in the places of a run's log.
+    """
+    from hil.bus.xcp_master import Sampled
+    from tools.logs.measured import measured, signal_names
+
+    if names:
+        if as_json:
+            print_json({"signals": signal_names()})
+        else:
+            console.print("\n".join(signal_names()), markup=False)
+        return
+    if not signals:
+        raise typer.BadParameter("name at least one signal; --list prints their names")
+    wanted = Sampled(signals, max(round(1000.0 / rate), 1))
+    found = measured(wanted, bus, change or [], until, live, out)
+    if as_json:
+        print_json({"signals": found, "out": None if out is None else str(out)})
+        return
+    table = table_of(("signal", "unit", "samples", "lost", "last", "lowest", "highest"))
+    for name, one in found.items():
+        values: list[Any] = [figure(one[key]) for key in ("last", "low", "high")]
+        table.add_row(name, one["unit"], f"{one['samples']:,}", f"{one['lost']:,}", *values)
+    console.print(table)

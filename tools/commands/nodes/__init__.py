@@ -1,1 +1,0 @@
-"""Commands that put one node on a bus."""

@@ -1,0 +1,26 @@
+"""`vibrohil plant`: the simulated module alone, on any bus."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tools.commands.options import Again, NodeBus, Sync, Turns, Until, setting
+from tools.outputs import folder_option
+
+
+def plant(
+    scenario: Annotated[str, typer.Argument(help="The scenario with the scene.")],
+    bus: NodeBus = "auto",
+    out: Annotated[Path | None, folder_option("A run folder for the traces; by default none.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the sensors' noise.", min=0)] = 1,
+    change: Annotated[list[str] | None, setting("Change a value of the scene: scene.…=VALUE")] = None,
+    sync: Sync = False,
+    again: Again = False,
+    until: Until = None,
+    turns: Turns = None,
+) -> None:
+    """Run the simulated module, its drive and its sensors as one CAN node at 1 kHz."""
+    from hil.nodes.main import NodeProcess, plant_main
+
+    plant_main(scenario, change or [], NodeProcess(bus, out, seed, sync, again, until, turns))

@@ -1,0 +1,196 @@
+"""`vibrohil run SCENARIO`: one run of firmware and plant on a bus, with a verdict."""
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+from rich.markup import escape
+from rich.table import Column
+
+from tools.commands.options import FirmwareBuild, Json, ParameterFiles, RealTime, note_unused_bus, setting
+from tools.output import (
+    NO_VALUE,
+    BadInputError,
+    answer,
+    console,
+    exit_of,
+    figure,
+    figure_table,
+    marked,
+    progress_console,
+    table_of,
+)
+from tools.outputs import folder_option
+from tools.progress import shown_progress
+
+if TYPE_CHECKING:
+    from hil.judge.figures.records import Figures
+    from hil.judge.verdict import RunVerdict
+    from hil.scenario.scenario import Scenario
+
+
+def run(
+    scenario: Annotated[str, typer.Argument(help="A scenario's name or its TOML file.")],
+    clock: Annotated[
+        Literal["real", "lockstep"],
+        typer.Option(help="real: two processes in real time; lockstep: one process, as fast as possible."),
+    ] = "real",
+    time: RealTime = "held",
+    bus: Annotated[
+        str, typer.Option(help="auto, vcan, local, socketcan:can0 or any python-can interface:channel.")
+    ] = "auto",
+    firmware: FirmwareBuild = "compiled",
+    out: Annotated[Path | None, folder_option("The run folder; by default a new one under runs/.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of all random numbers; by default the scenario's, or 1.", min=0)
+    ] = None,
+    change: Annotated[
+        list[str] | None, setting("Change a value: scene.KEY, firmware.KEY or script.KEY=VALUE")
+    ] = None,
+    parameters: ParameterFiles = None,
+    soak: Annotated[
+        str | None,
+        typer.Option(help="Extend the run by this time before its last command, e.g. 10m, and check memory."),
+    ] = None,
+    keep_traces: Annotated[
+        bool, typer.Option("--keep-traces", help="Keep the traces of a passed run too.")
+    ] = False,
+    live: Annotated[
+        bool, typer.Option(help="Show the run while it runs, in an open viewer or a new window.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Run one scenario, record every signal, and judge it."""
+    from hil.bench.bench import run_scenario
+    from hil.bench.options import RunOptions
+    from hil.scenario.scenario import load_scenario
+
+    loaded = load_scenario(scenario, change or [], parameters or [])
+    if soak is not None:
+        loaded = longer(loaded, soak, clock)
+    note_unused_bus(bus, clock)
+    viewer = None
+    if live:
+        from tools.logs.view import live_viewer
+
+        viewer = live_viewer()
+    options = RunOptions(
+        clock=clock, time=time, bus=bus, firmware=firmware, viewer=viewer, keep_traces=keep_traces
+    )
+    with shown_progress() as progress:
+        verdict = run_scenario(loaded, options, out, loaded.seed if seed is None else seed, progress)
+    payload = verdict.as_json()
+    answer(payload, as_json, lambda: show(verdict, loaded.document["title"]), exit_of(payload))
+
+
+def longer(scenario: "Scenario", by: str, clock: str) -> "Scenario":
+    """The scenario with more time before its last command."""
+    from hil.scenario.scenario import check_scenario
+    from hil.scenario.soak import duration_s, idles, prolonged
+
+    try:
+        document = prolonged(scenario.document, duration_s(by), clock)
+    except ValueError as error:
+        raise BadInputError(f"--soak: {error}") from error
+    idle = ", in which the drive does not run" if idles(scenario.document["script"]) else ""
+    if idle:
+        progress_console.print(
+            f"[yellow]--soak {escape(by)}: the time is added before the last command{idle}[/]"
+        )
+    return check_scenario(document, scenario.name, [*scenario.changes, f"soak={by}{idle}"])
+
+
+def show(verdict: "RunVerdict", title: str) -> None:
+    """Print a run's verdict with its statement, the checks, the figures that it has, and what to do next."""
+    console.print(f"{marked(verdict.verdict, loud=True)}  {escape(title)}\n")
+    show_checks(verdict)
+    console.print()
+    show_figures(verdict.figures)
+    console.print()
+    show_next(verdict.folder)
+
+
+def show_figures(figures: "Figures") -> None:
+    """Print the most important figures of a run; those that it does not have are left out."""
+    estimate, detector = figures.estimate, figures.detector
+    timing = {True: "yes", False: "no; the verdict above does not depend on it"}
+    rows = [
+        ("clock, bus", f"{figures.clock}, {figures.bus}", ""),
+        ("duration", figures.duration_s, "s"),
+        ("regime", figures.regime, ""),
+        ("impacts", figures.impact_count, ""),
+        ("last approach speed", figures.impacts[-1].v_m_s if figures.impacts else None, "m/s"),
+        ("peak stop force", figures.peak_force_n, "N"),
+        ("peak felt force", figures.felt.peak_n, "N"),
+        ("position error, RMS", scaled(1e3, estimate.x_rmse_m), "mm"),
+        ("velocity error, RMS", scaled(1e3, estimate.v_rmse_m_s), "mm/s"),
+        ("impacts detected", scaled(100.0, detector.recall), "%"),
+        ("detections that are impacts", scaled(100.0, detector.precision), "%"),
+        ("detection latency, median", detector.latency_ms.p50, "ms"),
+        ("firmware's work a tick, 99 %", figures.tick_us.p99, "µs"),
+        ("skipped ticks", figures.overruns or None, ""),
+        ("skipped by a bare sleep loop", figures.baseline_overruns or None, ""),
+        ("held up by the host", scaled(1e3, figures.held_s), "ms"),
+        ("met its timing", None if figures.real_time is None else timing[figures.real_time], ""),
+        ("simulated time / elapsed time", figures.realtime_factor, ""),
+        ("bus load", scaled(100.0, figures.bus_load), "%"),
+    ]
+    console.print(figure_table(None, (row for row in rows if figure(row[1]) != NO_VALUE)))
+
+
+def scaled(factor: float, value: float | None) -> float | None:
+    """A figure in a unit for display; None if the run does not have it."""
+    return None if value is None else factor * value
+
+
+def show_next(out: Path) -> None:
+    """Print the commands and the page with which a person goes on from a run."""
+    place = shlex.quote(str(out))
+    steps = [
+        ("look at every signal", f"vibrohil view {place}"),
+        ("all figures", f"vibrohil inspect {place} --all"),
+    ]
+    if (out / "report.html").exists():
+        steps.insert(1, ("plots on one page", f"{out}/report.html"))
+    for name, what in steps:
+        console.print(f"[dim]{name + ':':22}[/]{escape(what)}", soft_wrap=True)
+
+
+def show_checks(verdict: "RunVerdict") -> None:
+    """Print a run's checks, those that have not passed first, and what the verdict says about them."""
+    from hil.judge.gaps import longest_holds
+
+    figures = verdict.figures
+    columns = (Column(title, no_wrap=True) for title in ("value", "limit", ""))
+    checks = table_of((Column("check", overflow="fold"), *columns))
+    for check in verdict.by_gravity:
+        plain = (check.name, figure(check.value, check.unit), figure(check.limit, check.unit))
+        checks.add_row(*map(escape, plain), marked(check.verdict))
+    console.print(checks)
+    for check in verdict.checks:
+        if check.reason is not None:
+            console.print(f"[red]{escape(check.name)}: {escape(check.reason)}[/]")
+    latched = figures.latched
+    if not verdict.passed and latched.at_s is not None:
+        console.print(
+            f"fault {figures.fault} at {figure(latched.at_s)} s; the longest that loops were held up "
+            f"just before it: firmware {figure(latched.firmware_held_ms)} ms, "
+            f"plant {figure(latched.plant_held_ms)} ms"
+        )
+    for effect in verdict.faults:
+        if effect.acted_on is not None:
+            times = f"acted on {effect.acted_on} frames, readings, ticks or starts"
+            console.print(f"[dim]fault {effect.kind} at {effect.at_s:g} s: {times}[/]")
+    if holds := longest_holds(figures.time_held):
+        console.print(f"time was held, longest: {escape('; '.join(holds))}")
+    for gap in figures.gaps:
+        console.print(f"[yellow]the host {escape(gap.in_words)}[/]")
+    for loss in figures.losses:
+        console.print(
+            f"[yellow]can.log lacks {loss.frames} frames between {loss.from_s:.3f} s and "
+            f"{loss.to_s:.3f} s; incomplete: {', '.join(verdict.incomplete)}[/]"
+        )
+    doubts = [f"not judged: {reason}" for reason in verdict.not_judged]
+    for reason in [*verdict.reasons, *doubts]:
+        console.print(f"[bold red]{escape(reason)}[/]")

@@ -1,0 +1,98 @@
+"""`vibrohil runs`: the catalogue of runs."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.table import Column
+
+from tools.commands.options import Json
+from tools.output import (
+    EXIT_NOTHING_RAN,
+    answer,
+    console,
+    figure,
+    marked,
+    print_json,
+    table_of,
+)
+
+if TYPE_CHECKING:
+    from tools.logs.catalogue import ListedRun
+
+COLUMNS = ("regime", "fault", "impact_v_m_s", "estimate.x_rmse_m")
+"""Figures that the table shows by default."""
+MOST = 40
+"""Default for the largest number of runs in the table."""
+
+
+def runs(
+    folder: Annotated[Path, typer.Argument(help="The folder of the runs.")] = Path("runs"),
+    where: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Keep runs with FIGURE<VALUE, e.g. 'impact_v_m_s>0.9' or passed=false; repeatable."
+        ),
+    ] = None,
+    show: Annotated[list[str] | None, typer.Option(help="Name of a figure to show; repeatable.")] = None,
+    most: Annotated[
+        int | None,
+        typer.Option(
+            help="The largest number of runs, the newest first; by default 40, with --json all.", min=1
+        ),
+    ] = None,
+    older: Annotated[
+        str | None, typer.Option("--prune", help="Remove the listed runs that are older than this, e.g. 30d.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """List the runs with their verdicts and key figures."""
+    from tools.logs.catalogue import age_s, chosen, listed, prune, refuse_other_figures
+
+    for name in show or []:
+        refuse_other_figures("--show", name, name)
+    found = chosen(listed(folder), where or [])
+    if older is not None:
+        pruned = prune(found, age_s(older), folder)
+        summary = f"removed {len(pruned.removed)} of {len(found)} runs"
+        summary += f"; {len(pruned.in_use)} are in progress and stay" if pruned.in_use else ""
+        listing = {name: [str(path) for path in paths] for name, paths in pruned._asdict().items()}
+        answer(listing, as_json, lambda: console.print(summary))
+        return
+    columns = show or list(COLUMNS)
+    shown = found[: (None if as_json else MOST) if most is None else most]
+    if as_json:
+        print_json({"runs": [row_of(run, columns) for run in shown]})
+    else:
+        print_table(shown, columns)
+        console.print(f"{len(shown)} of {len(found)} runs in {escape(str(folder))}")
+    if not found:
+        raise typer.Exit(EXIT_NOTHING_RAN)
+
+
+def row_of(run: "ListedRun", columns: list[str]) -> dict[str, Any]:
+    """One run as a JSON object."""
+    return {
+        "folder": str(run.folder),
+        "scenario": run.figure("scenario"),
+        "clock": run.figure("clock"),
+        "passed": run.passed,
+        "verdict": run.word,
+        "begun_s": run.begun_s,
+        "provenance": (run.verdict or {}).get("provenance"),
+        "figures": {name: run.figure(name) for name in columns},
+    }
+
+
+def print_table(shown: "list[ListedRun]", columns: list[str]) -> None:
+    """Print a line for each run."""
+    titles = ("begun", "", "scenario", "commit", *columns, "folder")
+    table = table_of(Column(title, overflow="fold") for title in titles)
+    for run in shown:
+        begun = time.strftime("%Y-%m-%d %H:%M", time.localtime(run.begun_s))
+        word = "[dim]no verdict[/]" if run.word is None else marked(run.word)
+        name, figures = figure(run.figure("scenario")), [figure(run.figure(name)) for name in columns]
+        table.add_row(begun, word, *map(escape, (name, run.commit, *figures, str(run.folder))))
+    console.print(table)

@@ -1,0 +1,328 @@
+"""`vibrohil study`: the paper's diagrams, basins and claims, feasibility for a walk."""
+
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+
+import typer
+
+from tools.commands.options import Json, number, unfolded
+from tools.commands.study_branches import boundaries, branches
+from tools.output import answer, console, figure, figure_table, table_of
+from tools.outputs import file_option, folder_option
+
+if TYPE_CHECKING:
+    from tools.study.basin import Basin
+    from tools.study.branches.saddle import Portrait
+    from tools.study.cases import Case
+    from tools.study.sweep import Diagram
+    from tools.study.work import Where
+
+Found = TypeVar("Found")
+
+study = typer.Typer(
+    name="study",
+    help=(
+        "The paper's diagrams, basins and claims, and feasibility for a walk.\n\n"
+        "The work runs on this machine's cores, or with --scheduler on a Dask cluster. The results are "
+        "the same. "
+        "Kernels run in threads, because they release the interpreter's lock and are compiled once for all "
+        "cores."
+    ),
+    no_args_is_help=True,
+)
+
+LARGEST_MAP = 4000
+
+Preset = Annotated[
+    Literal["table1", "gait"], typer.Option(help="table1 (as printed) or gait (retuned to 4 Hz).")
+]
+Law = Annotated[Literal["viscous", "coulomb", "stribeck"], typer.Option(help="The friction law.")]
+Value = Annotated[float | None, number("b in N s/m, or μ; by default the preset's.", low=0.0)]
+Amplitude = Annotated[float | None, number("Drive amplitude A in m; by default the preset's.", low=0.0)]
+Ratio = Annotated[float, number("Speed ratio r = Ω/ω.", low=1e-6)]
+
+
+@dataclass(frozen=True)
+class StudyOptions:
+    """Options that all studies share."""
+
+    out: Annotated[Path, folder_option("Folder of figures and results; a killed study continues there.")] = (
+        Path("studies")
+    )
+    cores: Annotated[
+        int | None, typer.Option(help="Number of cores of this machine; by default all.", min=1)
+    ] = None
+    scheduler: Annotated[
+        str | None,
+        typer.Option(help="Address of a Dask scheduler whose workers compute, e.g. tcp://host:8786."),
+    ] = None
+    as_json: Json = False
+
+    def compute(
+        self, cases: "Sequence[Case]", computed: "Callable[[Where], Found]"
+    ) -> tuple[Found, dict[str, Any]]:
+        """Compute a study, and measure its cost: wall time, and processor time with that of ended children.
+
+        The kernels of `cases` are compiled or loaded before, unless the workers of a scheduler compute.
+        """
+        from tools.study import work
+
+        where, compile_s = work.here(self.out, self.cores, self.scheduler), 0.0
+        if cases and self.scheduler is None:
+            from tools.study.orbits.follow import warm
+
+            compile_s = warm(cases)
+        wall_s, cpu_s = time.perf_counter(), sum(os.times()[:4])
+        found = computed(where)
+        return found, {
+            "wall_s": time.perf_counter() - wall_s,
+            "cpu_s": sum(os.times()[:4]) - cpu_s,
+            "compile_s": compile_s,
+            "cores": where.cores,
+            "out": str(self.out),
+        }
+
+    def answer(self, result: Mapping[str, Any], cost: Mapping[str, Any], show: Callable[[], None]) -> None:
+        """Print the result and its cost: one JSON object, or the output of `show` and a table."""
+        rows = [
+            ("computing", cost["wall_s"], "s"),
+            ("of processor time", cost["cpu_s"], "s"),
+            ("compiling or loading kernels", cost["compile_s"], "s"),
+            ("figures and results in", cost["out"], ""),
+            *([("page to read", result["page"], "")] if "page" in result else []),
+        ]
+
+        def show_all() -> None:
+            show()
+            console.print(figure_table("", rows))
+
+        answer({**result, **cost}, self.as_json, show_all)
+
+
+@study.command()
+@unfolded
+def sweep(
+    preset: Annotated[Literal["table1", "gait", "both"], typer.Option(help="table1, gait or both.")] = "both",
+    law: Annotated[
+        Literal["viscous", "coulomb", "stribeck", "all"],
+        typer.Option(help="viscous, coulomb, stribeck or all."),
+    ] = "all",
+    amplitude: Amplitude = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="One friction parameter per law instead of Table 1's ranges.")
+    ] = False,
+    common: StudyOptions = StudyOptions(),
+) -> None:
+    """Amplitude–frequency diagrams, run-up and run-down; 50 s per ratio, the first 30 s discarded."""
+    from dataclasses import replace
+
+    from tools.study import cases, figures
+    from tools.study.sweep import diagrams
+
+    presets = cases.PRESETS if preset == "both" else (preset,)
+    laws = cases.LAWS if law == "all" else (law,)
+    chosen = [cases.case(p, one) for p in presets for one in laws]
+    if not quick:
+        chosen = cases.whole_range(presets, laws)
+    if amplitude is not None:
+        chosen = [replace(case, amplitude_m=amplitude) for case in chosen]
+    found, cost = common.compute(chosen, lambda where: diagrams(chosen, where))
+    pictures = []
+    for name in presets:
+        shown = [d for d in found if d.case.preset == name and is_nominal(d.case)]
+        if shown:
+            pictures += figures.amplitude_frequency(shown, common.out, f"sweep-{name}")
+    result = {"regimes": [diagram.as_json() for diagram in found], "figures": pictures}
+    common.answer(result, cost, lambda: show_sweep(found))
+
+
+@study.command()
+@unfolded
+def basin(
+    preset: Preset = "table1",
+    law: Law = "viscous",
+    value: Value = None,
+    amplitude: Amplitude = None,
+    ratio: Ratio = 1.3,
+    plane: Annotated[
+        Literal["state", "phase", "both"],
+        typer.Option(help="state: (x0, v0); phase: (x0, crank angle); both."),
+    ] = "both",
+    size: Annotated[int, typer.Option(help="Cells along a side.", min=2, max=LARGEST_MAP)] = 200,
+    common: StudyOptions = StudyOptions(),
+) -> None:
+    """Basins of attraction: which starts at full speed end in impacts, and how sharp the boundary is."""
+    from tools.study import basin as basins
+    from tools.study import figures
+    from tools.study.branches import saddle
+
+    case = chosen_case(preset, law, value, amplitude)
+    planes = basins.PLANES if plane == "both" else (plane,)
+
+    def computed(where: "Where") -> "tuple[list[Basin], Portrait | None]":
+        maps = [basins.compute(case, ratio, one, size, where) for one in planes]
+        return maps, saddle.portrait(case.scene(ratio)) if "state" in planes else None
+
+    (found, portrait), cost = common.compute([case], computed)
+    pictures = [
+        path
+        for one in found
+        for path in figures.basin(
+            one, caption_of(one), common.out, portrait if one.plane == "state" else None
+        )
+    ]
+
+    def show() -> None:
+        for one in found:
+            rows = [(name.replace("_", " "), figure_of(value), "") for name, value in one.statistics.items()]
+            title = f"{case.label}, Ω/ω = {ratio:g}, plane {one.plane}"
+            console.print(figure_table(title, rows))
+
+    common.answer({"basins": [one.as_json() for one in found], "figures": pictures}, cost, show)
+
+
+@study.command()
+@unfolded
+def portrait(preset: Preset = "table1", common: StudyOptions = StudyOptions()) -> None:
+    """Time histories and phase portraits of both attractors for each friction law."""
+    from tools.study import cases, figures
+    from tools.study.portraits import pair
+    from tools.study.sweep import diagrams
+
+    chosen = [cases.case(preset, law) for law in cases.LAWS]
+    pairs, cost = common.compute(chosen, lambda where: [pair(diagram) for diagram in diagrams(chosen, where)])
+    result = {
+        "portraits": [
+            {
+                "law": both.case.law,
+                "parameters": both.case.parameters(),
+                "impact_r": both.impact and both.impact.ratio,
+                "non_impact_r": both.non_impact and both.non_impact.ratio,
+            }
+            for both in pairs
+        ],
+        "figures": figures.portraits(pairs, common.out, f"portrait-{preset}"),
+    }
+    common.answer(result, cost, lambda: None)
+
+
+@study.command()
+@unfolded
+def claims(
+    page: Annotated[
+        Path | None, file_option("The page to write; by default claims.md in the folder of results.")
+    ] = None,
+    common: StudyOptions = StudyOptions(),
+) -> None:
+    """Test the paper's fourteen claims: verdict, figures and reason of each, on a page."""
+    from dataclasses import replace
+
+    from tools.study import cases
+    from tools.study.claims import page as pages
+    from tools.study.claims.claims import judge
+    from tools.study.claims.evidence import CONTACTS_S, Evidence
+
+    rigid = [cases.case("table1", law) for law in cases.LAWS]
+    soft = replace(rigid[0], contact_s=CONTACTS_S[0])
+    judged, cost = common.compute([*rigid, soft], lambda where: judge(Evidence(where)))
+    written = page or common.out / "claims.md"
+    pages.write(judged, written)
+    table = table_of(
+        ("claim", "the paper says", "verdict"), ((one.id, one.statement, one.verdict) for one in judged)
+    )
+    result = {"claims": [asdict(claim) for claim in judged], "page": str(written)}
+    common.answer(result, cost, lambda: console.print(table))
+
+
+@study.command()
+@unfolded
+def feasibility(
+    preset: Annotated[
+        Literal["table1", "gait", "walking", "all"], typer.Option(help="table1, gait, walking or all.")
+    ] = "all",
+    common: StudyOptions = StudyOptions(),
+) -> None:
+    """Find the settings that suit a walk (cadence, axis, guide, contact, wearer), and the first failure."""
+    from collections import Counter
+
+    from tools.study import feasibility as table
+
+    presets = tuple(table.MODULES) if preset == "all" else (preset,)
+    rows, cost = common.compute([], lambda where: table.compute(where, presets).to_pylist())
+    cells = common.out / ("feasibility.csv" if preset == "all" else f"feasibility-{preset}.csv")
+    table.write_cells(rows, cells)
+    counts = {
+        one: dict(Counter(row["verdict"] for row in rows if row["preset"] == one).most_common())
+        for one in presets
+    }
+    shown = table_of(
+        ("preset", "cells", *table.REASONS),
+        (
+            (one, str(sum(of_one.values())), *(str(of_one.get(reason, 0)) for reason in table.REASONS))
+            for one, of_one in counts.items()
+        ),
+    )
+    result = {"feasibility": rows, "verdicts": counts, "cells": str(cells)}
+    common.answer(result, cost, lambda: console.print(shown))
+
+
+def caption_of(found: "Basin") -> str:
+    """The summary of a map of starts in one line."""
+    numbers = found.statistics
+    share, bounds = numbers["impact_fraction"], numbers["impact_fraction_bootstrap"]
+    return (
+        f"{100 * share:.1f} % end in impacts ({100 * bounds[0]:.1f} to {100 * bounds[1]:.1f} %), "
+        f"uncertainty exponent {numbers['uncertainty_exponent']:.3f}"
+    )
+
+
+def chosen_case(preset: str, law: str, value: float | None, amplitude: float | None) -> "Case":
+    """The module that the options describe."""
+    from tools.study.cases import case
+
+    return case(preset, law, value, **({} if amplitude is None else {"amplitude_m": amplitude}))
+
+
+def figure_of(value: Any) -> Any:
+    """A statistic for a table: bounds and counts by name become text, other values stay."""
+    if isinstance(value, dict):
+        return ", ".join(f"{name}: {count}" for name, count in value.items()) or "none"
+    return " to ".join(figure(one) for one in value) if isinstance(value, list | tuple) else value
+
+
+def is_nominal(case: "Case") -> bool:
+    """Whether the friction parameter is the preset's own."""
+    from tools.study import cases
+
+    own = cases.case(case.preset, case.law)
+    return (case.b_n_s_m, case.mu) == (own.b_n_s_m, own.mu)
+
+
+def show_sweep(found: "list[Diagram]") -> None:
+    """Print a row per case."""
+    rows = (
+        (
+            diagram.case.preset,
+            diagram.case.label,
+            intervals(diagram.up.with_impacts()),
+            intervals(diagram.down.with_impacts()),
+            intervals(diagram.multistable()),
+            ", ".join(sorted({edge.kind for edge in (*diagram.up.edges, *diagram.down.edges)})) or "—",
+        )
+        for diagram in found
+    )
+    titles = ("preset", "friction", "run-up", "run-down", "multistable", "ends by")
+    console.print(table_of(titles, rows, title="where there are impacts, in Ω/ω"))
+
+
+def intervals(union: list[tuple[float, float]]) -> str:
+    """Intervals of Ω/ω as text."""
+    return ", ".join(f"{low:.3f}–{high:.3f}" for low, high in union) or "nowhere"
+
+
+study.command()(branches)
+study.command()(boundaries)

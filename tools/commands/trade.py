@@ -1,0 +1,229 @@
+"""`vibrohil trade`: speed against accuracy, measured on this machine."""
+
+import math
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import typer
+from rich.table import Table
+
+from tools.commands.options import Json
+from tools.output import NO_VALUE, answer, console, table_of
+from tools.outputs import PICTURES, file_option
+from tools.progress import shown_progress
+
+if TYPE_CHECKING:
+    from tools.trade.costs import Cost
+
+
+trade = typer.Typer(name="trade", invoke_without_command=True)
+
+Quick = Annotated[bool, typer.Option("--quick", help="Fewer settings and repeats: about a minute.")]
+
+
+@trade.callback()
+def measure(
+    context: typer.Context,
+    quick: Quick = False,
+    plot: Annotated[Path | None, file_option("Draw error against cost into this file.", PICTURES)] = None,
+    as_json: Json = False,
+) -> None:
+    """Measure error and cost of solvers, peers, stop models, control rates, builds and ticks."""
+    if context.invoked_subcommand is not None:
+        return
+    from tools.trade import bench_tick, builds, control_rate, costs, fidelity, pictures
+    from tools.trade.cases import CASES
+    from tools.trade.peers import heyoka_peer
+
+    repeats = costs.QUICK_REPEATS if quick else costs.REPEATS
+    load_before = os.getloadavg()[0]
+    measured: list[Cost] = []
+    with shown_progress() as progress:
+        steps = len(CASES) + 4
+        for done, case in enumerate(CASES):
+            share = done / steps
+            measured += costs.measure(case, costs.methods_of(case, quick), repeats, partial(progress, share))
+        of_parts = fidelity.measure(quick, repeats, partial(progress, len(CASES) / steps))
+        of_rates = control_rate.measure(quick, partial(progress, (len(CASES) + 1) / steps))
+        of_builds = builds.measure(repeats, partial(progress, (len(CASES) + 2) / steps))
+        of_ticks = bench_tick.measure(repeats, partial(progress, (len(CASES) + 3) / steps))
+    notes = [] if heyoka_peer.is_installed() else [heyoka_peer.MISSING]
+    payload: dict[str, Any] = {
+        "rows": [*(cost.row() for cost in measured), *of_parts, *of_rates, *of_builds, *of_ticks],
+        "pareto": [cost.row()["what"] for cost in costs.pareto(measured)],
+        "repeats": repeats,
+        "load_average": {"before": load_before, "after": os.getloadavg()[0]},
+        "cores": os.cpu_count(),
+        "notes": notes,
+    }
+    if plot is not None:
+        pictures.draw(measured, plot)
+        payload["plot"] = str(plot)
+    answer(payload, as_json, lambda: show(payload))
+
+
+@trade.command()
+def extremes(
+    page: Annotated[Path, file_option("The page to write.", (".md",))] = Path("extremes.md"),
+    as_json: Json = False,
+) -> None:
+    """Solve extreme cases by every method and write a page and a plot of the errors; takes minutes."""
+    from tools.trade import extremes as core
+
+    with shown_progress() as progress:
+        rows = core.write(page, partial(progress, None))
+    summary = f"{len(rows)} extremes by {len(core.METHODS)} methods: {page}"
+    answer({"rows": rows, "page": str(page)}, as_json, lambda: console.print(summary))
+
+
+@trade.command()
+def parts(quick: Quick = False, as_json: Json = False) -> None:
+    """Measure the cost and effect of each part of a scene."""
+    from tools.trade import costs
+    from tools.trade import parts as core
+
+    repeats = costs.QUICK_REPEATS if quick else costs.REPEATS
+    with shown_progress() as progress:
+        rows = core.measure(quick, repeats, partial(progress, None))
+    payload = {"rows": rows, "repeats": repeats, "cores": os.cpu_count()}
+    answer(payload, as_json, lambda: show_parts(rows, repeats))
+
+
+class Column(NamedTuple):
+    """A column of a table: its title, the key of a row, and the format of the value times `factor`."""
+
+    title: str
+    key: str
+    form: str = ""
+    factor: float = 1.0
+
+    def cell(self, row: Mapping[str, Any]) -> str:
+        """The row's value as text; a dash where it was not measured."""
+        value = row[self.key]
+        if isinstance(value, str):
+            return value.partition(": ")[2] if self.key == "what" else value
+        if value is None or math.isnan(value):
+            return NO_VALUE
+        return format(self.factor * value if self.factor != 1.0 else value, self.form)
+
+
+def table(title: str, rows: Iterable[Mapping[str, Any]], columns: Sequence[Column]) -> Table:
+    """A table of measured rows."""
+    cells = ([column.cell(row) for column in columns] for row in rows)
+    return table_of([column.title for column in columns], cells, title=title)
+
+
+PARTS = (
+    Column("part", "what"),
+    Column(">µs/s", "cost", ".0f"),
+    Column(">×", "cost_ratio", ".2f"),
+    Column(">N s", "impulse_n_s", ".3f"),
+    Column(">peak N", "peak_force_n", ".0f"),
+    Column(">felt N", "peak_felt_force_n", ".0f"),
+    Column(">J", "energy_per_cycle_j", ".3f"),
+    Column(">at terminals J", "terminal_energy_per_cycle_j", ".3f"),
+    Column(">fold", "fold_r", ".2f"),
+)
+STOPS = (
+    Column("stop", "what"),
+    Column(">impulse [N s]", "impulse_n_s", ".4f"),
+    Column(">off by", "error", ".1%"),
+    Column(">peak [N]", "peak_force_n", ".4g"),
+    Column(">v⁻ [m/s]", "approach_m_s", ".4f"),
+    Column(">method", "method"),
+    Column(">µs/s", "cost", ".1f"),
+)
+RATES = (
+    Column("rate [Hz]", "rate_hz"),
+    Column(">x [mm]", "error", ".2f", 1e3),
+    Column(">v [m/s]", "v_rmse_m_s", ".4f"),
+    Column(">late [ms]", "latency_p95_ms", ".2f"),
+    Column(">ripple", "ripple", ".5f"),
+    Column(">v⁻ [m/s]", "approach_m_s", ".4f"),
+    Column(">regime", "regime"),
+    Column(">failed", "failed"),
+    Column(">ms/s", "cost", ".0f", 1e-3),
+)
+BUILDS = (
+    Column("build", "build"),
+    Column("is", "setting"),
+    Column(">x [mm]", "error", ".3f", 1e3),
+    Column(">v [m/s]", "v_rmse_m_s", ".5f"),
+    Column(">decisions", "decisions"),
+    Column(">differ", "decisions_that_differ"),
+    Column(">µs/tick", "cost", ".1f"),
+)
+TICKS = (Column("what", "what"), Column(">µs/tick", "cost", ".2f"))
+
+
+def show_parts(rows: Sequence[Mapping[str, Any]], repeats: int) -> None:
+    """Print the costs and effects of a scene's parts."""
+    from tools.trade.parts import RATIO
+
+    title = f"parts: table1 on its impact orbit at r = {RATIO}, one part changed at a time"
+    console.print(table(title, rows, PARTS))
+    console.print(
+        "×: cost over the first part's; N s: an impact's impulse, — where impacts have ended; J: the drive's "
+        "work a cycle, where windings are modelled also that at their terminals; fold: the largest r at "
+        "which impacts go on as the crank is made faster in steps of 0.01. All by the adaptive solver. "
+        f"Processor time of a thread, least of {repeats} interleaved repeats."
+    )
+
+
+def of_kind(rows: Iterable[Mapping[str, Any]], kind: str) -> list[Mapping[str, Any]]:
+    """The rows of one kind of measurement."""
+    return [row for row in rows if row["kind"] == kind]
+
+
+def show(payload: Mapping[str, Any]) -> None:
+    """Print the costs as tables."""
+    rows = payload["rows"]
+    for case in dict.fromkeys(row["case"] for row in rows if row["kind"] == "solver"):
+        console.print(solver_table(case, [row for row in rows if row.get("case") == case], payload["pareto"]))
+    rates: list[Mapping[str, Any]] = [
+        {**row, "failed": len(row["failed_checks"])} for row in rows if row["kind"] == "control rate"
+    ]
+    for title, some, columns in (
+        ("fidelity: table1 on its impact orbit at r = 1.3, ideal drive", of_kind(rows, "fidelity"), STOPS),
+        ("control rate: soft start to r = 1.3 with motor, sensors and firmware, in lockstep", rates, RATES),
+        (
+            "firmware builds: the same start in lockstep; differ: decisions over a tick off the compiled "
+            "build's",
+            of_kind(rows, "firmware build"),
+            BUILDS,
+        ),
+        ("a tick of 1 ms in compiled code, at r = 1.3 with impacts", of_kind(rows, "tick"), TICKS),
+    ):
+        console.print(table(title, some, columns))
+    load = payload["load_average"]
+    console.print(
+        "x: state at the end, velocity over ω; t, v: largest of an impact; impulse: share of all exchanged; "
+        "×: cost over the cheapest; ●: nothing cheaper errs less; ≠: wrong number of impacts. Where there is "
+        "a closed form it is the truth, else the adaptive solver at 1e-13. Processor time of a thread, least "
+        f"of {payload['repeats']} interleaved repeats, a row of calls each, as called from Python. "
+        f"{payload['cores']} cores, load "
+        f"{load['before']:.1f} before and {load['after']:.1f} after: ratios hold better than figures."
+    )
+    for note in payload["notes"]:
+        console.print(f"note: {note}")
+
+
+def solver_table(case: str, rows: Sequence[Mapping[str, Any]], best: Iterable[str]) -> Table:
+    """Errors and cost of every method on one case; ● marks a method that no cheaper one beats in error."""
+    cheapest = min(row["cost"] for row in rows)
+    errors = ("error", "impact_time_error_s", "impact_speed_error_m_s", "impulse_error")
+
+    def shown(row: Mapping[str, Any]) -> Iterator[str]:
+        is_right = (row["impacts"], row["regime"]) == (row["impacts_wanted"], row["regime_wanted"])
+        yield f"{row['method']} {row['setting']}".rstrip() + (" ●" if row["what"] in best else "")
+        yield from ("—" if math.isnan(row[key]) else f"{row[key]:.0e}" for key in errors)
+        yield str(row["impacts"]) if is_right else f"[red]≠ {row['impacts']}[/]"
+        yield f"{row['cost']:.1f}"
+        yield f"{row['cost'] / cheapest:.1f}"
+
+    titles = ("method", ">x [m]", ">t [s]", ">v [m/s]", ">impulse", ">impacts", ">µs/s", ">×")
+    title = f"{case}: {rows[0]['impacts_wanted']} impacts, {rows[0]['regime_wanted']}"
+    return table_of(titles, map(shown, rows), title=title)

@@ -1,0 +1,92 @@
+"""Functions as LLVM assembly that a C program calls, by the same way as the firmware's board builds.
+
+`NUMBA_OPT=0 python -m tools.fmu.machine_code FILE ARGUMENTS` writes the raw assembly of an FMU's
+functions; it needs a process of its own, because numba reads NUMBA_OPT only once.
+"""
+
+import hashlib
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterable
+from os import environ
+from pathlib import Path
+from typing import Any
+
+import llvmlite.binding as llvm
+import numba
+from numba.core import types
+
+from firmware_py.builds.machine_code import NAMES_EXCEPTION, Target, retargeted
+from kernel_cache import folder_of, kept_file
+
+TARGET = Target("x86_64-unknown-linux-gnu", "x86-64-v2", "", "pic", "double")
+"""Every 64-bit PC of the last fifteen years. No fused multiply-add, which would change bits."""
+Functions = dict[str, tuple[Callable[..., int], tuple[Any, ...]]]
+"""Functions that return an integer, with numba's types of their arguments, by their names in C."""
+
+OPTIONS: dict[str, Any] = {
+    "nogil": True,
+    "error_model": "numpy",
+    "_nrt": False,
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
+WRAPPER = """
+define i64 @{name}({parameters}) {{
+  %returned = alloca i64
+  %raised = alloca ptr
+  %status = call i32 @{mangled}(ptr %returned, ptr %raised{arguments})
+  %ok = icmp eq i32 %status, 0
+  %value = load i64, ptr %returned
+  %result = select i1 %ok, i64 %value, i64 -1
+  ret i64 %result
+}}
+"""
+"""It returns the function's integer, or −1 if its arithmetic raised."""
+
+
+def assembly(functions: Functions) -> str:
+    """The raw LLVM assembly of these functions and of all that they call."""
+    linked, wrappers = llvm.parse_assembly(""), []
+    for name, (function, kinds) in functions.items():
+        njit: Any = numba.njit
+        result = next(iter(njit(types.int64(*kinds), **OPTIONS)(function).overloads.values()))
+        linked.link_in(llvm.parse_assembly(NAMES_EXCEPTION.sub("", result.library.get_llvm_str())))
+        passed = [f"{'double' if kind == types.float64 else 'ptr'} %a{i}" for i, kind in enumerate(kinds)]
+        wrappers.append(
+            WRAPPER.format(
+                name=name,
+                mangled=result.fndesc.mangled_name,
+                parameters=", ".join(passed),
+                arguments="".join(f", {one}" for one in passed),
+            )
+        )
+    return str(linked) + "".join(wrappers)
+
+
+def main() -> None:
+    """Write the file."""
+    from tools.fmu.models import functions_of
+
+    file, *arguments = sys.argv[1:]
+    Path(file).write_text(assembly(functions_of(*arguments)))
+
+
+def object_code(arguments: tuple[str, ...], names: Iterable[str]) -> bytes:
+    """The object file of the functions `names` of a model; the first time it takes a minute."""
+
+    def make() -> bytes:
+        with tempfile.TemporaryDirectory() as folder:
+            fresh = Path(folder) / "raw.ll"
+            command = [sys.executable, "-P", "-m", "tools.fmu.machine_code", str(fresh), *arguments]
+            subprocess.run(command, env=environ | {"NUMBA_OPT": "0"}, check=True)
+            return retargeted(fresh.read_text(), TARGET, tuple(names))
+
+    digest = hashlib.sha256("\0".join(arguments).encode()).hexdigest()[:16]
+    folder = folder_of("tools.fmu", Path(__file__).with_name("models.py"))
+    return kept_file(folder, f"{digest}.o", make).read_bytes()
+
+
+if __name__ == "__main__":
+    main()

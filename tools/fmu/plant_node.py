@@ -1,0 +1,164 @@
+"""The plant's node as an FMU: the module, its sensors and its drive; frames in and out, one tick a step."""
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numba.core import types
+from numpy.typing import NDArray
+
+from firmware_py.builds.numba_subset import loader, register, store
+from hil.drive import axis
+from hil.drive.axis import DriveConfig
+from hil.drive.reports import Ticks, first_reports
+from hil.nodes.plant import drive_config, frame_ticks
+from hil.nodes.plant_steps import (
+    MOST_FRAMES,
+    Due,
+    Module,
+    PlantState,
+    Setup,
+    move_on,
+    obey_frames,
+    publish,
+)
+from hil.nodes.sampled import MOST_SIGNALS, NOISE
+from plant_sim.arrays import zeros_of
+from plant_sim.references import by_reference
+from plant_sim.result import Impact
+from plant_sim.scene import Scene
+from plant_sim.sensors.readings import SensorReading
+from plant_sim.sensors.sampled import SAMPLED
+from plant_sim.solvers.adaptive.state_layout import OBSERVED
+from tools.fmu.flat import flat
+from tools.fmu.frames import MOST_RECEIVED, frame_places, frame_variables
+from tools.fmu.machine_code import Functions
+from tools.fmu.plant import NUMBERS, PlantModel, write_impacts, write_motion
+from tools.fmu.variables import FmuError, Variable
+
+register()
+
+MOST_IMPACTS = 4096
+"""Most impacts of one tick that are counted."""
+NO_SENSORS = tuple(kind(*[0.0] * len(kind._fields)) for kind in SAMPLED)
+"""Sensors with sampling periods of their own, of which no sample is ever due."""
+
+
+class NodeConfig(NamedTuple):
+    """The drive's configuration, the periods of the drive's reports and of the encoder's frame, the tick."""
+
+    drive: DriveConfig
+    report_ticks: Ticks
+    encoder_ticks: int
+    period_s: float
+
+
+class Mail(NamedTuple):
+    """The frames of a tick as rows of identifier, length and word, their numbers, and the tick's impacts.
+
+    `counts`: frames received and sent. `due`: empty.
+    """
+
+    received: NDArray[np.int64]
+    sent: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    impacts: NDArray[np.void]
+    impact_count: NDArray[np.int64]
+    due: Due
+
+
+load_config: Any = loader(NodeConfig)
+load_state: Any = loader(PlantState)
+store_record: Any = store
+
+
+def tick(
+    config_at: Any,
+    state_at: Any,
+    mail: Any,
+    parts: Any,
+    probe: Any,
+    memory: Any,
+    grid: Any,
+    own: Any,
+    out: Any,
+    readings: Any,
+) -> int:
+    """Publish, obey and advance by a tick; write the torque to `own`. Returns the solver's status."""
+    config, observed = load_config(config_at), memory.observed
+    setup = Setup(config.drive, config.report_ticks, config.encoder_ticks, NO_SENSORS)
+    reading = SensorReading(readings[0], readings[1], readings[2], readings[3], readings[4])
+    state, mail.counts[1] = publish(setup, mail.due, observed, load_state(state_at), reading, mail.sent)
+    omega_rad_s = observed[OBSERVED.omega_rad_s]
+    state = obey_frames(config.drive, state, reading, omega_rad_s, mail.received, mail.counts[0])
+    own[0] = state.torque_n_m
+    mail.impact_count[0] = 0
+    module = Module(parts, probe, memory, grid, mail.impacts, mail.impact_count)
+    state, status = move_on(module, config.drive, state, config.period_s)
+    write_impacts(mail.impacts, mail.impact_count[0], out)
+    write_motion(memory, out)
+    store_record(state._replace(tick=state.tick + 1), state_at)
+    return status
+
+
+class PlantNodeModel(PlantModel):
+    """A scene's module with its drive and its sensors as a node of the bus."""
+
+    kind = "plant-node"
+
+    def __init__(self, scene: Scene, seed: int, period_s: float) -> None:
+        """`period_s`: the tick. Raises FmuError for a scene whose frames an FMU cannot make."""
+        if scene.sensors is None:
+            raise FmuError("the scene has no sensors, whose frames the node sends; add the table [sensors]")
+        if scene.gait is not None:
+            raise FmuError("the node's FMU has no gait sensors; choose a scene without [gait]")
+        if scene.sensors.sampled():
+            raise FmuError("the node's FMU has no coarse position sensor; remove [sensors.coarse]")
+        super().__init__(scene, seed)
+        self.fixed_step_s = period_s
+        self._objects |= {("node-shared",): ("node_tick",)}
+        config = drive_config(scene)
+        state = PlantState(0, -1, first_reports(0), axis.power_up(config), 0.0, 0.0, 0.0)
+        self.records |= {
+            "config": flat(NodeConfig(config, *frame_ticks(scene, period_s), period_s)),
+            "state": flat(state),
+            "mail": by_reference(mailbox()),
+        }
+
+    def its_variables(self) -> list[Variable]:
+        """As of the plant; the drive commands the torque, and the motor's parameters are the drive's too."""
+        return [
+            *(one for one in super().its_variables() if not one.name.startswith("motor.")),
+            *frame_variables("received", "input", MOST_RECEIVED),
+            *frame_variables("sent", "output", MOST_FRAMES),
+        ]
+
+    def header(self) -> str:
+        """The part of `model.h` that only the plant's node has."""
+        mail = self.records["mail"]
+        places = (
+            f"#define {name.upper()}_AT {mail.words.index(getattr(mail.record, name).ctypes.data)}"
+            for name in ("received", "sent", "counts")
+        )
+        return "\n".join([super().header(), "#define NODE", frame_places(self.variables), *places])
+
+
+def mailbox() -> Mail:
+    """Empty mail."""
+    due = Due(np.zeros((0, 4), np.int64), np.zeros((0, NOISE + MOST_SIGNALS)), np.zeros(2, np.int64))
+    return Mail(
+        np.zeros((MOST_RECEIVED, 3), np.int64),
+        np.zeros((MOST_FRAMES, 3), np.int64),
+        np.zeros(2, np.int64),
+        zeros_of(Impact, MOST_IMPACTS),
+        np.zeros(1, np.int64),
+        due,
+    )
+
+
+def shared_functions(kinds: list[Any]) -> Functions:
+    """The function of every node; `kinds`: numba's types of parts, probe, memory and grid."""
+    typeof: Any = numba.typeof
+    mail = typeof(by_reference(mailbox()))
+    arguments = (types.voidptr, types.voidptr, mail, *kinds, NUMBERS, NUMBERS, NUMBERS)
+    return {"node_tick": (tick, arguments)}

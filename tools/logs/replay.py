@@ -1,0 +1,357 @@
+"""Replays of recorded frames: what a recorded firmware received, tick by tick, into today's firmware.
+
+A run in lockstep says when the firmware ticked: at (k + 1/2) T. Elsewhere the firmware's frame
+`SetInputTorque`, which it sends first and once in each tick, divides a log into ticks. Of a run of the bench
+the frames of each identifier must be equal to the bit. A log of another bench does not say when the firmware
+began to count its periods, so there the decisions are compared, within stated times.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from firmware_py.interface.codec import CODEC_BY_ID
+from firmware_py.interface.dbc import database
+from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
+from firmware_py.interface.frame import Frame
+from firmware_py.shell.builds import Build, node_of
+from firmware_py.shell.node import powered_up
+from firmware_py.shell.parameters import config_from, of_the_build
+from hil.faults.fault import Fault as BenchFault
+from hil.faults.memory import ParameterMemory
+from hil.faults.on_bus import NamedFrames
+from hil.record.run_folder import read_note, refuse_irregular
+from hil.scenario.parameter_file import merged
+from hil.scenario.scenario import Scenario, load_scenario
+from tools.logs.foreign_logs import LoggedMessage, clock_jumps, read_log
+from tools.output import BadInputError
+
+CAN_LOG, SCENARIO, RUN = "can.log", "scenario.toml", "run.json"
+IDS = {message.name: message.frame_id for message in database().messages}
+NAMES = {frame_id: name for name, frame_id in IDS.items()}
+TORQUE_ID, ESTOP_ID = IDS["SetInputTorque"], IDS["DriveEstop"]
+SENT_IDS = frozenset(one.frame_id for one in database().messages if "Firmware" in one.senders) - {ESTOP_ID}
+"""Frames that only the firmware sends; an E-stop is the operator's, and the firmware repeats it."""
+TOLERANCES_S = {"mode": 0.11, "regime": 0.11, "fault": 0.02, "refusal": 0.02, "impact": 0.005}
+"""Times within which a decision of a foreign log counts as the same. A heartbeat reports mode and regime only
+every 100 ms."""
+STATES = ("mode", "regime")
+WAIT_FOR_THE_BUS_S = 0.005
+"""Longest time by which the bus of a run may deliver a frame later than the firmware sent it."""
+BEGINNINGS = (Mode.INIT, Mode.READY)
+"""Modes in which a foreign log may begin: the crank is at rest, and nothing before it matters."""
+MOST_TICKS = 600_000
+"""Largest number of replayed ticks: ten minutes; each takes a kilobyte of memory."""
+LAST_TICKS = 2
+"""Frames of the last ticks may be missing in a log, which ends while they wait for the bus."""
+US = 1e6
+LOGS = (".log", ".asc", ".blf", ".trc", ".csv", ".db", ".gz")
+
+
+class RecordedTick(NamedTuple):
+    """One tick of the recorded firmware: its time, and the frames that it received."""
+
+    t_s: float
+    received: list[Frame]
+
+
+class SentFrame(NamedTuple):
+    """A frame that a firmware sent, and when."""
+
+    t_s: float
+    frame: Frame
+
+
+class Decision(NamedTuple):
+    """A change of a signal, or an event: the time in s and the new value."""
+
+    t_s: float
+    value: str
+
+
+class ChangedDecision(NamedTuple):
+    """A decision that only one of the two firmwares made, or that they made differently."""
+
+    signal: str
+    recorded: Decision | None
+    replayed: Decision | None
+
+
+@dataclass
+class Replay:
+    """The result of one replay; `equal` compares frames of a run of the bench, decisions of another log."""
+
+    source: str
+    is_own: bool
+    ticks: int
+    frames: int = 0
+    different_frames: int = 0
+    first: tuple[SentFrame | None, SentFrame | None] | None = None
+    """The first frame that differs: as recorded and as replayed."""
+    decisions: list[ChangedDecision] = field(default_factory=list)
+    hidden: str = ""
+    """A fault of the run that the log does not show, so that a difference proves nothing."""
+
+    @property
+    def equal(self) -> bool:
+        """Whether today's firmware sends, or for a foreign log decides, what the recorded one did."""
+        return not self.decisions and (self.different_frames == 0 or not self.is_own)
+
+    @property
+    def proves_nothing(self) -> bool:
+        """Whether the firmwares differ in a run whose log does not show all that the firmware received."""
+        return bool(self.hidden) and not self.equal
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the result for `--json`."""
+        return {
+            "source": self.source,
+            "compared": "frames" if self.is_own else "decisions",
+            "equal": None if self.proves_nothing else self.equal,
+            "reason": self.hidden if self.proves_nothing else "",
+            "ticks": self.ticks,
+            "frames": self.frames,
+            "different_frames": self.different_frames,
+            "first_difference": None if self.first is None else first_difference(*self.first),
+            "decisions": [
+                {
+                    "signal": one.signal,
+                    "recorded": None if one.recorded is None else one.recorded._asdict(),
+                    "replayed": None if one.replayed is None else one.replayed._asdict(),
+                }
+                for one in self.decisions
+            ],
+        }
+
+
+def first_difference(recorded: SentFrame | None, replayed: SentFrame | None) -> dict[str, Any]:
+    """Return the first frame that differs, for `--json`."""
+    known = [one for one in (recorded, replayed) if one is not None]
+    texts = [None if one is None else f"{one.frame.data.hex().upper()}" for one in (recorded, replayed)]
+    name = NAMES.get(known[0].frame.can_id, f"0x{known[0].frame.can_id:03X}")
+    return {"t_s": known[0].t_s, "frame": name, "recorded": texts[0], "replayed": texts[1]}
+
+
+def recordings(place: Path) -> list[Path]:
+    """Return a recording itself, or the recordings in a folder: run folders and CAN logs, sorted by name."""
+    if not place.exists():
+        raise BadInputError(f"{place} is not there; wanted a run folder, a CAN log, or a folder of these")
+    if not place.is_dir() or (place / RUN).exists() or (place / CAN_LOG).exists():
+        return [place]
+    return sorted(one for one in place.iterdir() if (one / CAN_LOG).exists() or one.suffix in LOGS)
+
+
+def replay(source: Path, build: Build = "compiled", parameters: Sequence[Path] = ()) -> Replay:
+    """Replay the folder of a run, or a log of another bench.
+
+    `parameters`: parameter files over those of the run, or of a log over the defaults. Raises `BadInputError`
+    where the firmware's state before the log's first tick cannot be known.
+    """
+    is_own = source.is_dir()
+    if is_own:
+        refuse_irregular(source)
+    scenario = scenario_of(source, parameters) if is_own else None
+    log = source / CAN_LOG if is_own else source
+    messages = [message for message in read_log(log).messages if message.kind is None]
+    overrides = merged({}, parameters) if scenario is None else scenario.parameters
+    period_s = config_from(overrides).tick_s
+    if scenario is None:
+        refuse_jumps(log, messages)
+    if scenario is not None and read_note(source / RUN).get("clock") == "lockstep":
+        sent, ticks = on_a_grid(messages, period_s, scenario.ticks)
+    else:
+        sent, ticks = between_torques(messages, period_s)
+    if not ticks:
+        raise BadInputError(
+            f"{log} has no frame {NAMES[TORQUE_ID]}; wanted a log in which the firmware ticks"
+        )
+    recorded = decisions_of(sent)
+    if scenario is None:
+        refuse_unknown_beginning(log, recorded["mode"])
+    faults, seed = ((), 1) if scenario is None else (scenario.faults, scenario.seed)
+    node = powered_up(
+        ParameterMemory(overrides, faults, seed).read(0.0), of_the_build(overrides), node_of(build)
+    )
+    replayed = [SentFrame(tick.t_s, frame) for tick in ticks for frame in node.tick(tick.received, 1)]
+    result = Replay(str(source), is_own, len(ticks), len(sent), hidden=hidden_fault(faults))
+    compare_frames(result, sent, replayed, ticks[-LAST_TICKS].t_s if len(ticks) > LAST_TICKS else 0.0)
+    result.decisions = changed_decisions(recorded, decisions_of(replayed), is_own)
+    return result
+
+
+def scenario_of(folder: Path, parameters: Sequence[Path]) -> Scenario:
+    """Return the scenario of a run folder."""
+    missing = [name for name in (CAN_LOG, SCENARIO, RUN) if not (folder / name).exists()]
+    if missing:
+        raise BadInputError(f"{folder} has no {missing[0]}; wanted the folder of a run, or a CAN log")
+    return load_scenario(folder / SCENARIO, (), parameters)
+
+
+def hidden_fault(faults: Sequence[BenchFault]) -> str:
+    """Say which fault the log does not show; empty without one."""
+    for fault in faults:
+        own = isinstance(fault, NamedFrames) and {IDS[name] for name in fault.frames} & {*SENT_IDS, ESTOP_ID}
+        if fault.is_beyond_log or own:
+            return f"the fault {fault.kind} at {fault.at_s:g} s acts on what the log does not show"
+    return ""
+
+
+def on_a_grid(
+    messages: Sequence[LoggedMessage], period_s: float, count: int
+) -> tuple[list[SentFrame], list[RecordedTick]]:
+    """Divide the log of a run in lockstep, whose firmware ticks at (k + 1/2) T, into its ticks."""
+    period_us = round(period_s * US)
+    refuse_long(count)
+    ticks = [RecordedTick((k + 0.5) * period_s, []) for k in range(count)]
+    sent: list[SentFrame] = []
+    for message in messages:
+        t_us = round(message.t_s * US)
+        tick = max(math.ceil((2 * t_us - period_us) / (2 * period_us)), 0)
+        follows = bool(sent) and round(sent[-1].t_s * US) == t_us  # behind the firmware's frames of this time
+        frame = Frame(message.can_id, message.data)
+        if message.can_id in SENT_IDS or (message.can_id == ESTOP_ID and follows):
+            sent.append(SentFrame(message.t_s, frame))
+        elif tick + follows < count:
+            ticks[tick + follows].received.append(frame)
+    return sent, ticks
+
+
+def between_torques(
+    messages: Sequence[LoggedMessage], period_s: float
+) -> tuple[list[SentFrame], list[RecordedTick]]:
+    """Divide a log at the firmware's torque frames; ticks that sent none are filled in at equal intervals."""
+    ticks: list[RecordedTick] = []
+    sent: list[SentFrame] = []
+    waiting: list[LoggedMessage] = []
+    follows = False
+    for message in messages:
+        frame = Frame(message.can_id, message.data)
+        if message.can_id == TORQUE_ID:
+            ticks += filled_in(
+                ticks[-1].t_s if ticks else message.t_s - period_s, message.t_s, period_s, waiting
+            )
+            refuse_long(len(ticks))
+            waiting = []
+        if message.can_id in SENT_IDS or (message.can_id == ESTOP_ID and follows):
+            sent.append(SentFrame(message.t_s, frame))
+            follows = True
+        else:
+            waiting.append(message)
+            follows = False
+    return sent, ticks
+
+
+def refuse_long(ticks: int) -> None:
+    """Raise BadInputError for more ticks than are replayed."""
+    if ticks > MOST_TICKS:
+        raise BadInputError(f"the recording has {ticks} ticks or more; at most {MOST_TICKS} are replayed")
+
+
+def filled_in(
+    before_s: float, t_s: float, period_s: float, waiting: Sequence[LoggedMessage]
+) -> Iterator[RecordedTick]:
+    """Yield the ticks after `before_s` up to `t_s`, each with the frames that had arrived."""
+    count = max(round((t_s - before_s) / period_s), 1)
+    refuse_long(count)
+    given = 0
+    for number in range(1, count + 1):
+        until_s = math.inf if number == count else before_s + number * (t_s - before_s) / count
+        arrived = [one for one in waiting[given:] if one.t_s <= until_s]
+        given += len(arrived)
+        yield RecordedTick(min(until_s, t_s), [Frame(one.can_id, one.data) for one in arrived])
+
+
+def compare_frames(
+    result: Replay, recorded: Sequence[SentFrame], replayed: Sequence[SentFrame], end_s: float
+) -> None:
+    """Compare the frames of each identifier; the bus may deliver the identifiers in another order."""
+    differences = []
+    for can_id in sorted({one.frame.can_id for one in (*recorded, *replayed)}):
+        pairs = zip_longest(
+            *([one for one in all_of if one.frame.can_id == can_id] for all_of in (recorded, replayed))
+        )
+        for one, other in pairs:
+            if one is None and other.t_s >= end_s:
+                continue
+            if one is None or other is None or one.frame != other.frame:
+                differences.append((one, other))
+    result.different_frames = len(differences)
+    result.first = min(differences, key=lambda pair: (pair[0] or pair[1]).t_s, default=None)
+
+
+def decisions_of(frames: Sequence[SentFrame]) -> dict[str, list[Decision]]:
+    """Return the changes of mode and regime, and the events, in frames that a firmware sent."""
+    found: dict[str, list[Decision]] = {signal: [] for signal in TOLERANCES_S}
+
+    def note(signal: str, t_s: float, value: str, is_event: bool = False) -> None:
+        if is_event or not found[signal] or found[signal][-1].value != value:
+            found[signal].append(Decision(t_s, value))
+
+    for t_s, frame in frames:
+        name = NAMES[frame.can_id]
+        if name not in ("FirmwareHeartbeat", "ImpactEvent", "FaultEvent"):
+            continue
+        try:
+            record: Any = CODEC_BY_ID[frame.can_id].decode(frame.data)
+        except ValueError:
+            continue  # damaged on the bus; its bytes are compared with the replayed frame's
+        if name == "FirmwareHeartbeat":
+            note("mode", t_s, Mode(record.mode).name)
+            note("regime", t_s, Regime(record.regime).name)
+        elif name == "ImpactEvent":
+            note("impact", t_s, "impact", is_event=True)
+        elif record.fault:
+            note("fault", t_s, Fault(record.fault).name, is_event=True)
+        elif record.refusal:
+            note("refusal", t_s, Refusal(record.refusal).name, is_event=True)
+    return found
+
+
+def changed_decisions(
+    recorded: Mapping[str, list[Decision]], replayed: Mapping[str, list[Decision]], is_own: bool
+) -> list[ChangedDecision]:
+    """Return for each signal the first decision that is not the same; later ones follow from it.
+
+    A foreign log begins at an unknown time after power-up: the firmware's first mode and regime have no time
+    of their own there, and INIT may be over.
+    """
+    changed = []
+    for signal, tolerance_s in TOLERANCES_S.items():
+        allowed_s = WAIT_FOR_THE_BUS_S if is_own else tolerance_s
+        is_state = signal in STATES and not is_own
+        lists = [begun(one[signal]) if is_state else one[signal] for one in (recorded, replayed)]
+        for number, (one, other) in enumerate(zip_longest(*lists)):
+            within_s = math.inf if is_state and number == 0 else allowed_s
+            if not (one and other and one.value == other.value and abs(one.t_s - other.t_s) <= within_s):
+                changed.append(ChangedDecision(signal, one, other))
+                break
+    return changed
+
+
+def begun(decisions: list[Decision]) -> list[Decision]:
+    """Return the decisions without a mode INIT at their beginning."""
+    return decisions[1:] if decisions and decisions[0].value == Mode.INIT.name else decisions
+
+
+def refuse_jumps(log: Path, messages: Sequence[LoggedMessage]) -> None:
+    """Raise BadInputError for a log whose clock jumps."""
+    jumps = clock_jumps(messages)
+    if jumps:
+        raise BadInputError(
+            f"{log}: the clock jumps from {jumps[0].from_s:.3f} to {jumps[0].to_s:.3f} s at line "
+            f"{jumps[0].place}, and what the firmware received in between is not known; replay one part alone"
+        )
+
+
+def refuse_unknown_beginning(log: Path, modes: Sequence[Decision]) -> None:
+    """Raise BadInputError for a log that begins in the middle of a motion."""
+    if not modes or modes[0].value not in {mode.name for mode in BEGINNINGS}:
+        first = modes[0].value if modes else "that no heartbeat reports"
+        wanted = " or ".join(mode.name for mode in BEGINNINGS)
+        raise BadInputError(
+            f"{log} begins in mode {first}; wanted {wanted}, before the crank turns, because the state of "
+            "the firmware before the log cannot be known"
+        )

@@ -1,0 +1,112 @@
+"""Impact orbits that simulations settle on: where branches start, and the points beside them in a picture."""
+
+import math
+from collections.abc import Iterator
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from plant_sim.result import Impacts
+from plant_sim.scene import Scene
+from plant_sim.simulation import simulate
+from tools.study.branches.continuation import Vector
+from tools.study.branches.impact_map import ImpactMap
+from tools.study.branches.parameters import PARAMETERS, TURN_RAD, value_in, with_values
+from tools.study.orbits.follow import State, carrier_of, follow_orbit
+from tools.study.orbits.sections import CLASSIFY, Outcome
+
+SEED_RATIOS = (0.75, 0.85, 0.95, 1.0, 1.05, 1.15, 1.25, 1.35, 1.5)
+SEED_SHARES = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0)
+"""Values, as shares of the scene's own for other parameters, at which attractors are looked for."""
+SEED_PHASES, SEED_SPEEDS = (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi), (0.1, 0.3, 0.6)
+"""Crank angles, and rebound speeds over the scale of speed, from which the striker leaves the stop."""
+SETTLING_TURNS, SHOWN_TURNS = 150, 8
+BISECTED = 1e-6
+"""Width of the interval at the end of a bisection."""
+SIMULATED_VALUES = 61
+
+
+class Simulated(NamedTuple):
+    """v⁻ of the impacts in the last turns of one simulation."""
+
+    value: float
+    v_m_s: Vector
+
+
+def seeds(module: ImpactMap, over: str) -> Iterator[Vector]:
+    """Attractors that simulations settle on, from several starts at several values of the parameter."""
+    nominal = value_in(module.scene, over)
+    values = SEED_RATIOS if over == "ratio" else [share * nominal for share in SEED_SHARES]
+    for value in sorted({*values, nominal}, key=lambda one: abs(one - nominal)):
+        if PARAMETERS[over].low < value < PARAMETERS[over].high:
+            for phase, speed in product(SEED_PHASES, SEED_SPEEDS):
+                scene = with_values(module.scene, {over: value})
+                seed = settled(module, scene, {over: value}, phase, speed * module.speed_m_s)
+                if seed is not None:
+                    yield seed
+
+
+def simulated(scene: Scene, over: str, low: float, high: float) -> list[Simulated]:
+    """The last impacts of simulations over a range of the parameter, for a picture beside the branches."""
+    return [
+        one
+        for value in np.linspace(low, high, SIMULATED_VALUES).tolist()
+        for one in simulated_at(scene, over, value)
+    ]
+
+
+def bisected_end(scene: Scene, over: str, inside: float, outside: float) -> float:
+    """Where impacts end between two values, by bisection with simulations, to BISECTED."""
+    while abs(outside - inside) > BISECTED:
+        middle = 0.5 * (inside + outside)
+        if simulated_at(scene, over, middle):
+            inside = middle
+        else:
+            outside = middle
+    return 0.5 * (inside + outside)
+
+
+def simulated_at(scene: Scene, over: str, value: float) -> list[Simulated]:
+    """The last impacts of the simulations from all first speeds that still have impacts at their end."""
+    scale_m_s = ImpactMap(scene, 1, 1, (over,)).speed_m_s
+    there, found = with_values(scene, {over: value}), []
+    for speed in SEED_SPEEDS:
+        outcome = settle(there, 0.0, speed * scale_m_s)
+        if outcome.impacts > 0.0:
+            found.append(Simulated(value, impacts_after(there, outcome, SHOWN_TURNS).v_m_s))
+    return found
+
+
+def settled(
+    module: ImpactMap, scene: Scene, values: dict[str, float], phase: float, speed_m_s: float
+) -> Vector | None:
+    """The orbit that one start settles on, if it has the module's number of impacts and turns."""
+    outcome, turns, m = settle(scene, phase, speed_m_s), module.turns, module.impacts
+    if not outcome.certain or outcome.cycle != turns or round(outcome.impacts * turns) != m:
+        return None
+    impacts = impacts_after(scene, outcome, turns)
+    if len(impacts.t_s) != m:
+        return None
+    crank = impacts.crank_rad[0] + (impacts.t_s - impacts.t_s[0]) / turn_s(scene) * TURN_RAD
+    return module.point(crank, impacts.v_m_s, values)
+
+
+def settle(scene: Scene, phase: float, speed_m_s: float) -> Outcome:
+    """The outcome of a start from the stop with a rebound speed, after at most SETTLING_TURNS."""
+    protocol = CLASSIFY._replace(settle_s=SETTLING_TURNS * turn_s(scene))
+    return follow_orbit(carrier_of(scene), State(value_in(scene, "gap"), -speed_m_s, phase), protocol)
+
+
+def impacts_after(scene: Scene, outcome: Outcome, turns: int) -> Impacts:
+    """The impacts of the next turns after the end of an outcome."""
+    x_m = outcome.end_y_m + scene.striker.rest_length_m
+    initial = scene.initial.model_copy(update={"x_m": x_m, "v_m_s": outcome.end_v_m_s})
+    drive = scene.drive.model_copy(update={"phase_rad": outcome.end_crank_rad % TURN_RAD})
+    later = scene.model_copy(update={"initial": initial, "drive": drive})
+    return simulate(later, turns * turn_s(scene)).impacts
+
+
+def turn_s(scene: Scene) -> float:
+    """Duration of a turn of the crank, s."""
+    return TURN_RAD / (value_in(scene, "ratio") * scene.natural_rad_s)

@@ -1,1 +1,0 @@
-"""Feasibility of modules for a walk: the table of suitable settings, its chart and its page."""

@@ -1,0 +1,1 @@
+"""Methods other than the plant's own, for comparison: heyoka, scipy and time stepping."""

@@ -1,1 +1,0 @@
-"""A picture for each tuning command."""

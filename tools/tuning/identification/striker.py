@@ -1,0 +1,428 @@
+"""The striker's friction law and parameters by output error: simulated flights are compared with readings.
+
+First values come from equations that are linear in the parameters. In free flight, with the accelerometer's
+offset β, the reading is
+
+    z − β = −κ (x − l0 − A sin θ) − d v − f sign v,   κ = c/m, d = b/m, f = μ g
+
+and the integrals of the reading are the striker's motion from the beginning of the flight on:
+
+    x = x0 + v0 t + X − β t²/2,  v = v0 + V − β t,   V = ∫ z dt, X = ∫∫ z dt²
+
+so that z is linear in (X, sin θ, V, sign v, t²) with coefficients (−κ, κ A, −d, −f, κ β/2), which all flights
+share, and in (1, t) with coefficients that differ between flights.
+
+The noise in these integrals makes d too small. Therefore `scipy.optimize.least_squares` then minimises the
+output error (Ljung 1999, System Identification, ch. 7): the reading less that of a simulated flight. Its
+residual is the sensor's white noise, so that this is maximum likelihood. Each flight's initial state
+(x0, v0) is determined by this flight alone and is eliminated from the residual and its derivative (variable
+projection: Golub & Pereyra 1973, derivative by Kaufman 1975). Every friction law is fitted to the same
+samples; Schwarz's criterion chooses one.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from firmware_py.core.config import Transition
+from firmware_py.core.estimation.striker_model import free_flight
+from plant_sim.arrays import BoolArray, FloatArray, IntArray
+from plant_sim.kernels import jit
+from tools.tuning.identification.flights import Flight, integrals
+from tools.tuning.identification.friction_laws import (
+    DAMPING,
+    DRY,
+    FITTED,
+    KAPPA,
+    OFFSET,
+    RADIUS,
+    RANGES,
+    RISE,
+    V0,
+    V_S,
+    X0,
+    Law,
+    Striker,
+)
+
+SLOW_M_S = 0.015
+"""Below this speed, the sign of v is too uncertain for dry friction."""
+FEWEST_SAMPLES = 50
+"""Fewest samples of a usable flight; fewer determine only its own initial state."""
+SIGN_PASSES = 8
+"""Number of times that the sign of v is computed again from the linear fit; it settles after four."""
+OUTLYING = 4.0
+"""Flights whose mean squared residual is above this multiple of the median are left out."""
+HARDLY = 10.0
+"""Difference of criteria above which the evidence is very strong (Kass & Raftery 1995)."""
+MOST_PASSES = 15
+"""Most evaluations of a law's residual; the right law needs four to ten, others need not converge."""
+STATE_PASSES = 3
+"""Gauss–Newton passes for the initial states, on which the residual depends almost linearly."""
+SINGULAR = 1e-9
+"""Smallest ratio of the eigenvalues of BᵀB that counts as above 0; in a moving flight it is about 0.01."""
+FIRST_RISE, LEAST_RISE_M_S2 = 0.3, 0.01
+"""First value of Stribeck's rise: a share of f, and at least."""
+EXPONENTS = (1.0, 2.0)
+"""Values of Stribeck's δ that are tried (Armstrong-Hélouvry et al. 1994)."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted law. `spread`: each parameter's standard error, the larger of two estimates.
+
+    One is the Cramér–Rao bound for white noise, the other follows from the scatter of the flights' gradients
+    (sandwich estimate: White 1982). `states`: x0 − l0 and v0 of each flight;
+    `motion`: x − l0 and v at each sample; `left`: the residual, in m/s².
+    """
+
+    law: Law
+    striker: Striker
+    spread: dict[str, float]
+    residual_m_s2: float
+    samples: int
+    criterion: float
+    condition: float
+    states: FloatArray
+    motion: FloatArray
+    left: FloatArray
+
+
+class Samples:
+    """The flights one after another, with the mask of the samples that are compared."""
+
+    def __init__(self, flights: Sequence[Flight], used: Sequence[BoolArray], states: FloatArray) -> None:
+        """`states`: a first value of each flight's initial state; `states` of the object may have several."""
+        self.period_s = float(flights[0].t_s[1])
+        self.z_m_s2 = np.concatenate([one.z_m_s2 for one in flights])
+        self.crank = np.concatenate([one.crank for one in flights])
+        self.used = np.concatenate(list(used))
+        self.lengths = np.array([len(one.z_m_s2) for one in flights])
+        self.states = [states]
+
+    @cached_property
+    def starts(self) -> IntArray:
+        """The first row of each flight and, at the end, the number of rows."""
+        return np.concatenate([[0], np.cumsum(self.lengths)])
+
+    def sums(self, rows: FloatArray) -> FloatArray:
+        """Sums of rows over each flight."""
+        return np.asarray(np.add.reduceat(rows, self.starts[:-1], axis=0))
+
+    def fly(
+        self, striker: Striker, states: FloatArray, wanted: Sequence[int]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Simulate all flights; return motion, residual and the wanted columns of derivatives.
+
+        Samples that are not compared have a residual and derivatives of 0.
+        """
+        count = len(self.z_m_s2)
+        flown = Flown(np.empty((count, 2)), np.empty(count), np.empty((count, len(wanted))))
+        step = free_flight(striker.stiffness_1_s2, striker.damping_1_s, self.period_s)
+        readings = FlightReadings(self.starts, self.z_m_s2, self.crank)
+        fly(readings, step, striker, states, np.array(wanted, np.int64), flown)
+        return flown.motion, flown.left * self.used, flown.rows * self.used[:, None]
+
+
+class FlightReadings(NamedTuple):
+    """Flights one after another: first rows and number of rows, accelerometer in m/s², sine of the crank."""
+
+    starts: IntArray
+    z: FloatArray
+    crank: FloatArray
+
+
+class Flown(NamedTuple):
+    """Simulated flights, a row a sample: x − l0 and v, the residual, its negative derivatives."""
+
+    motion: FloatArray
+    left: FloatArray
+    rows: FloatArray
+
+
+@jit
+def fly(
+    readings: FlightReadings,
+    step: Transition,
+    striker: Striker,
+    states: FloatArray,
+    wanted: IntArray,
+    flown: Flown,
+) -> None:
+    """Simulate flights tick by tick, with the crank's mean over each tick; fills `flown`.
+
+    `step` is the transition of the free oscillator over a tick about the equilibrium of spring, crank and dry
+    friction. If v changes its sign within a tick, dry friction acts with its mean over the tick. If u is the
+    derivative of the acceleration by a parameter, the derivative ξ of the motion follows from
+    ξ'' + d ξ' + κ ξ = u, from rest; ξ' jumps by a₊/a₋ where v changes its sign (saltation).
+    """
+    k, amplitude, offset, d, f, h, v_s, delta = striker
+    xx, xv, vx, vv = step.x_x, step.x_v, step.v_x, step.v_v
+    columns = len(wanted)
+    now, over = np.zeros(9), np.zeros(9)
+    for flight in range(len(readings.starts) - 1):
+        begin, end = readings.starts[flight], readings.starts[flight + 1]
+        x, v = states[flight, 0], states[flight, 1]
+        way, speed, before = np.zeros(columns), np.zeros(columns), np.zeros(columns)
+        for c in range(columns):
+            way[c], speed[c] = 1.0 if wanted[c] == X0 else 0.0, 1.0 if wanted[c] == V0 else 0.0
+        mean_sign, mean_rise, jump = 0.0, 0.0, 1.0
+        for row in range(begin, end):
+            sign, power, rise, by_speed = np.sign(v), 0.0, 0.0, 0.0
+            if h != 0.0:
+                power = (abs(v) / v_s) ** delta
+                rise = sign * np.exp(-power)
+                by_speed = -h * delta * power / v * rise if v != 0.0 else 0.0
+            spring = x - amplitude * readings.crank[row]
+            flown.motion[row, 0], flown.motion[row, 1] = x, v
+            flown.left[row] = readings.z[row] - (offset - k * spring - d * v - f * sign - h * rise)
+            now[KAPPA], now[RADIUS], now[DAMPING] = -spring, k * readings.crank[row], -v
+            now[DRY], now[RISE], now[V_S] = -sign, -rise, -h * rise * delta * power / v_s
+            over[:] = now
+            over[DRY], over[RISE] = -mean_sign, -mean_rise
+            for c in range(columns):
+                name = wanted[c]
+                if row > begin:  # from the row before to this one
+                    middle = over[name] if name in (DRY, RISE) else 0.5 * (before[c] + now[name])
+                    middle -= by_speed * speed[c]
+                    at, rate = way[c] - middle / k, speed[c]
+                    way[c] = xx * at + xv * rate + middle / k
+                    speed[c] = (vx * at + vv * rate) * jump
+                before[c] = now[name]
+                flown.rows[row, c] = now[name] - k * way[c] - (d + by_speed) * speed[c]
+                if name == OFFSET:
+                    flown.rows[row, c] = 1.0
+            if row + 1 == end:
+                break
+            about = 0.5 * amplitude * (readings.crank[row] + readings.crank[row + 1])
+            rest = about - (f * sign + h * rise) / k
+            guess = vx * (x - rest) + vv * v
+            share = v / (v - guess) if guess * v < 0.0 else 1.0
+            mean_sign = sign * (2.0 * share - 1.0)
+            if h != 0.0:  # by the trapezoidal rule; at v = 0 the rise is 1
+                after = np.exp(-((abs(guess) / v_s) ** delta))
+                turned = share * (sign + rise) - (1.0 - share) * (sign + sign * after)
+                mean_rise = 0.5 * (turned if share < 1.0 else rise + sign * after)
+            rest = about - (f * mean_sign + h * mean_rise) / k
+            x, v = xx * (x - rest) + xv * v + rest, vx * (x - rest) + vv * v
+            jump = 1.0
+            if np.sign(v) * sign < 0.0:
+                slowing = -k * spring - (f + h) * sign
+                jump = max((-k * spring + (f + h) * sign) / slowing, 0.0) if slowing != 0.0 else 0.0
+
+
+# --- first values from linear equations ---------------------------------------------------------------
+
+
+class Linear(NamedTuple):
+    """The parameters, and each flight's x0 − l0 and v0 (shape (n, 2)), speeds, samples with motion."""
+
+    striker: Striker
+    states: FloatArray
+    speeds_m_s: list[FloatArray]
+    used: list[BoolArray]
+
+
+LINEAR: dict[Law, tuple[int, ...]] = {
+    Law.VISCOUS: (0, 1, 2, 4),
+    Law.COULOMB: (0, 1, 3, 4),
+    Law.BOTH: (0, 1, 2, 3, 4),
+    Law.STRIBECK: (0, 1, 3, 4),
+}
+"""Columns of each law among X, sin θ, V, sign v, t²."""
+
+
+def linear(flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray], law: Law) -> Linear:
+    """Ordinary least squares on the linear equations, without flights that no law fits."""
+    period_s = float(flights[0].t_s[1])
+    tables, lines, used = [], [], []
+    for flight, v in zip(flights, speeds_m_s, strict=True):
+        mask = ~flight.still & (np.abs(v) > SLOW_M_S)
+        velocity, way = integrals(flight.z_m_s2, period_s)
+        t = flight.t_s
+        tables.append(np.column_stack([way, flight.crank, velocity, np.sign(v), t * t, flight.z_m_s2]))
+        lines.append(np.column_stack([np.ones(len(t)), t]))
+        used.append(mask & (mask.sum() >= FEWEST_SAMPLES))
+    projected = []
+    for table, line, mask in zip(tables, lines, used, strict=True):
+        across = np.linalg.qr(line[mask])[0]
+        projected.append(table[mask] - across @ (across.T @ table[mask]))
+    chosen = np.array(LINEAR[law])
+
+    def solved(some: Sequence[FloatArray]) -> FloatArray:
+        rows = np.concatenate(some)
+        found = np.zeros(5)
+        found[chosen] = np.linalg.lstsq(rows[:, chosen], rows[:, 5])[0]
+        return found
+
+    found = solved(projected)
+    squares = np.array(
+        [np.mean((rows[:, 5] - rows[:, :5] @ found) ** 2) if len(rows) else 0.0 for rows in projected]
+    )
+    says = np.array([len(rows) > 0 for rows in projected])
+    kept = says & (squares <= OUTLYING * np.median(squares[says])) if says.any() else says
+    if kept.any():
+        found = solved([rows for rows, one in zip(projected, kept, strict=True) if one])
+    k = float(-found[0])
+    striker = Striker(k, float(found[1] / k), float(2.0 * found[4] / k), float(-found[2]), float(-found[3]))
+    states = np.zeros((len(flights), 2))
+    speeds = []
+    for number, (table, line, mask) in enumerate(zip(tables, lines, used, strict=True)):
+        if not says[number]:
+            speeds.append(np.zeros(len(table)))
+            continue
+        p0, p1 = np.linalg.lstsq(line[mask], table[mask, 5] - table[mask, :5] @ found)[0]
+        v0 = (striker.damping_1_s * striker.offset_m_s2 - p1) / k
+        states[number] = (striker.offset_m_s2 - striker.damping_1_s * v0 - p0) / k, v0
+        speeds.append(v0 + table[:, 2] - striker.offset_m_s2 * line[:, 1])
+    return Linear(striker, states, speeds, [mask & bool(one) for mask, one in zip(used, kept, strict=True)])
+
+
+def signed(flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray]) -> Linear:
+    """The linear fit of both friction laws, after the signs of v have settled."""
+    found = linear(flights, speeds_m_s, Law.BOTH)
+    for _ in range(SIGN_PASSES - 1):
+        found = linear(flights, found.speeds_m_s, Law.BOTH)
+    return found
+
+
+# --- output error -------------------------------------------------------------------------------------
+
+
+class Residual:
+    """The residual of one law over all flights, and its derivative, both without the initial states' part."""
+
+    def __init__(self, samples: Samples, law: Law, first: Striker) -> None:
+        self._samples, self._first = samples, first
+        self.fitted = FITTED[law]
+        self.columns = [Striker._fields.index(name) for name in self.fitted]
+        self.states = samples.states[0]
+        self._at: bytes = b""
+        self.motion = self.left = self.rows = np.empty(0)
+
+    def striker(self, values: FloatArray) -> Striker:
+        """The striker with these values of the fitted parameters."""
+        return self._first._replace(**dict(zip(self.fitted, values.tolist(), strict=True)))
+
+    def solve(self, values: FloatArray) -> None:
+        """Simulate the flights with the initial states that fit best."""
+        if self._at == values.tobytes():
+            return
+        self._at = values.tobytes()
+        samples, striker = self._samples, self.striker(values)
+        tried = [self.states, *samples.states]
+        misfits = [samples.sums(samples.fly(striker, one, ())[1] ** 2) for one in tried]
+        states = np.choose(np.argmin(misfits, axis=0)[:, None], tried)
+        best, least, step = states, np.full(len(states), np.inf), np.zeros_like(states)
+        for _ in range(STATE_PASSES):
+            _, left, rows = samples.fly(striker, states, (X0, V0))
+            now = samples.sums(left * left)
+            better = (now < least)[:, None]
+            best, least = np.where(better, states, best), np.minimum(now, least)
+            squares = samples.sums(rows[:, :, None] * rows[:, None, :])
+            slopes = samples.sums(rows * left[:, None])
+            inverse = np.linalg.pinv(squares, SINGULAR, hermitian=True)
+            # A step that makes the residual larger is halved: near a turn of v the model is not smooth.
+            step = np.where(better, np.einsum("nab,nb->na", inverse, slopes), 0.5 * step)
+            states = best + step
+        _, left, _ = samples.fly(striker, states, ())
+        self.states = np.where((samples.sums(left * left) < least)[:, None], states, best)
+        self.motion, self.left, rows = samples.fly(striker, self.states, [*self.columns, X0, V0])
+        shared, own = rows[:, : len(self.columns)], rows[:, len(self.columns) :]
+        squares = samples.sums(own[:, :, None] * own[:, None, :])
+        crossed = samples.sums(own[:, :, None] * shared[:, None, :])
+        taken = np.linalg.pinv(squares, SINGULAR, hermitian=True) @ crossed
+        self.rows = shared - np.einsum("na,nap->np", own, np.repeat(taken, samples.lengths, axis=0))
+
+    def value(self, values: FloatArray) -> FloatArray:
+        """The residual, shape (samples,)."""
+        self.solve(values)
+        return self.left
+
+    def derivative(self, values: FloatArray) -> FloatArray:
+        """The derivative of the residual, shape (samples, parameters)."""
+        self.solve(values)
+        return -self.rows
+
+
+def fit(samples: Samples, law: Law, first: Striker) -> Fit:
+    """Fit a law to the samples; `first` has its first values."""
+    residual = Residual(samples, law, first)
+    low, high = np.array([RANGES.get(name, (-np.inf, np.inf)) for name in residual.fitted]).T
+    start = np.clip([getattr(first, name) for name in residual.fitted], low, high)
+    found = least_squares(
+        residual.value,
+        start,
+        residual.derivative,
+        bounds=(low, high),
+        x_scale="jac",
+        max_nfev=MOST_PASSES,
+    )
+    residual.solve(found.x)
+    p = len(found.x)
+    moving = int(np.count_nonzero(samples.sums(samples.used.astype(float))))
+    count = int(np.count_nonzero(samples.used))
+    squares = float(residual.left @ residual.left)
+    scale = 1.0 / np.maximum(np.linalg.norm(residual.rows, axis=0), 1e-300)
+    rows = residual.rows * scale
+    normal = rows.T @ rows
+    inverse = np.linalg.pinv(normal, 1e-14, hermitian=True)
+    gradients = samples.sums(rows * residual.left[:, None])
+    variance = squares / (count - 2 * moving - p)
+    noise = variance * np.diag(inverse)
+    scatter = np.diag(inverse @ (gradients.T @ gradients) @ inverse)
+    spread = scale * np.sqrt(np.maximum(noise, scatter))
+    return Fit(
+        law=law,
+        striker=residual.striker(found.x),
+        spread=dict(zip(residual.fitted, spread.tolist(), strict=True)),
+        residual_m_s2=math.sqrt(squares / count),
+        samples=count,
+        criterion=count * math.log(squares / count) + (p + (law == Law.STRIBECK)) * math.log(count),
+        condition=float(np.linalg.cond(normal)),
+        states=residual.states,
+        motion=residual.motion,
+        left=residual.left,
+    )
+
+
+def fits(flights: Sequence[Flight], first: Linear) -> tuple[Samples, dict[Law, Fit]]:
+    """Fit every law to the same samples, without the flights that the chosen law does not fit."""
+    plain = {law: linear(flights, first.speeds_m_s, law).striker for law in Law}
+    rise = max(FIRST_RISE * abs(plain[Law.STRIBECK].dry_m_s2), LEAST_RISE_M_S2)
+    starts: list[tuple[Law, Striker]] = [(law, plain[law]) for law in Law if law != Law.STRIBECK]
+    starts += [
+        (Law.STRIBECK, plain[Law.STRIBECK]._replace(rise_m_s2=rise, delta=delta)) for delta in EXPONENTS
+    ]
+    samples = Samples(flights, first.used, first.states)
+
+    found = best_fits(samples, starts)
+    counts = samples.sums(samples.used.astype(float))
+    mean = samples.sums(found[simplest(found)].left ** 2) / np.maximum(counts, 1.0)
+    good = (counts > 0.0) & (mean <= OUTLYING * np.median(mean[counts > 0.0]))
+    samples.used = samples.used & np.repeat(good, samples.lengths)
+    # Near a turn of v the residual of a flight has several minima: a law may begin at the states of another.
+    samples.states = [one.states for one in found.values()]
+    return samples, best_fits(samples, [(law, one.striker) for law, one in found.items()])
+
+
+def best_fits(samples: Samples, starts: Sequence[tuple[Law, Striker]]) -> dict[Law, Fit]:
+    """The best fit of each law from these first values."""
+    found: dict[Law, Fit] = {}
+    for law, start in starts:
+        one = fit(samples, law, start)
+        if law not in found or one.criterion < found[law].criterion:
+            found[law] = one
+    return found
+
+
+def simplest(found: dict[Law, Fit]) -> Law:
+    """The law with the fewest parameters of those that the criterion hardly distinguishes from the best."""
+    best = min(one.criterion for one in found.values())
+    near = [law for law, one in found.items() if one.criterion < best + HARDLY]
+    return min(near, key=lambda law: (len(FITTED[law]), found[law].criterion))

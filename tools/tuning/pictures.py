@@ -1,0 +1,230 @@
+"""A picture of each tuning's result, in a figure of 14 x 4.4 inches."""
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import control
+import numpy as np
+
+from firmware_py.shell.parameters import DEFAULTS
+from tools.tuning import detector, start
+from tools.tuning.estimator import MEMORY, NEAR, NOISE, STOP, Combination, consistent, profile
+from tools.tuning.identification.friction_laws import Law, friction_m_s2
+from tools.tuning.identification.identify import Identified, friction_points
+from tools.tuning.recordings.readings import Readings
+from tools.tuning.result import Tuning
+from tools.tuning.speed import NominalDrive, SpeedDesign, closed_loops, respond
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SHOWN_S = 0.25
+LOAD_N_M = 0.1
+"""About the crank's peak load at r = 1.3."""
+COLOURS = {Law.VISCOUS: "tab:blue", Law.COULOMB: "tab:orange", Law.BOTH: "tab:green", Law.STRIBECK: "tab:red"}
+
+
+def draw_speed(figure: "Figure", nominal: NominalDrive, design: SpeedDesign) -> None:
+    """Draw the speed loop: Bode, Nyquist, steps of target and load."""
+    figure.set_size_inches(14.0, 7.0)
+    grid = figure.subplot_mosaic([["gain", "nyquist", "step"], ["phase", "nyquist", "load"]])
+    figure.suptitle(
+        f"speed loop: K_p = {design.gain_p_n_m_s:g} N m s, K_i = {design.gain_i_n_m:g} N m; phase margin "
+        f"{design.phase_margin_deg:.1f}°, gain margin {design.gain_margin_db:.1f} dB, disk margin "
+        f"{design.disk_margin:.2f}, bandwidth {design.bandwidth_rad_s / (2.0 * np.pi):.1f} Hz"
+    )
+    _bode(grid["gain"], grid["phase"], nominal, design)
+    _nyquist(grid["nyquist"], nominal, design)
+    _steps(grid["step"], grid["load"], nominal, design)
+
+
+def _bode(gain: Any, phase: Any, nominal: NominalDrive, design: SpeedDesign) -> None:
+    response = respond(nominal, design.gain_p_n_m_s, design.gain_i_n_m)
+    hertz = response.omega_rad_s / (2.0 * np.pi)
+    gain.loglog(hertz, np.abs(response.loop), color="tab:blue", label="L, as designed")
+    gain.loglog(hertz, np.abs(response.closed), color="tab:green", lw=1, label="target to speed")
+    gain.loglog(hertz, np.abs(1.0 / (1.0 + response.loop)), color="tab:gray", lw=1, label="sensitivity")
+    gain.axhline(1.0, color="black", lw=0.6)
+    phase.semilogx(hertz, np.degrees(np.unwrap(np.angle(response.loop))), color="tab:blue")
+    phase.axhline(-180.0, color="black", lw=0.6)
+    for axes in (gain, phase):
+        axes.axvline(design.crossover_rad_s / (2.0 * np.pi), color="tab:blue", lw=0.8, ls=":")
+        axes.grid(alpha=0.3, which="both")
+    gain.set(ylim=(1e-3, 1e2), ylabel="gain", title="Bode")
+    gain.legend(loc="lower left", fontsize=8)
+    phase.set(xlabel="frequency [Hz]", ylabel="phase [°]", ylim=(-360, -90))
+
+
+def _nyquist(axes: Any, nominal: NominalDrive, design: SpeedDesign) -> None:
+    loop = respond(nominal, design.gain_p_n_m_s, design.gain_i_n_m).loop
+    axes.plot(loop.real, loop.imag, color="tab:blue")
+    # L stays out of the disk whose diameter ends at −(2 − α)/(2 + α) and −(2 + α)/(2 − α).
+    alpha = design.disk_margin
+    low, high = (2.0 - alpha) / (2.0 + alpha), (2.0 + alpha) / (2.0 - alpha)
+    circle = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 200))
+    disk = -0.5 * (low + high) + 0.5 * (high - low) * circle
+    axes.fill(disk.real, disk.imag, color="tab:orange", alpha=0.25, label=f"disk margin {alpha:.2f}")
+    axes.plot(np.cos(np.angle(circle)), np.sin(np.angle(circle)), color="gray", lw=0.6, ls="--")
+    axes.plot(-1.0, 0.0, "+", color="black", ms=10)
+    axes.set(
+        xlim=(-3.2, 1.2), ylim=(-3.0, 1.4), aspect="equal", title="Nyquist of L", xlabel="Re", ylabel="Im"
+    )
+    axes.legend(loc="upper right", fontsize=8)
+    axes.grid(alpha=0.3)
+
+
+def _steps(step: Any, load: Any, nominal: NominalDrive, design: SpeedDesign) -> None:
+    from_target, from_load = closed_loops(nominal, design.gain_p_n_m_s, design.gain_i_n_m)
+    t_s = np.arange(round(SHOWN_S / nominal.tick_s)) * nominal.tick_s
+    for axes, system, size, title in (
+        (step, from_target, 1.0, "target steps by 1 rad/s"),
+        (load, from_load, -LOAD_N_M, f"a load of {LOAD_N_M:g} N m, not fed forward"),
+    ):
+        speed = control.forced_response(system, t_s, np.full(len(t_s), size)).outputs
+        axes.step(1e3 * t_s, speed, where="post")
+        axes.set(title=title, ylabel="speed [rad/s]")
+        axes.grid(alpha=0.3)
+    load.set_xlabel("time [ms]")
+
+
+def draw_identified(figure: "Figure", found: Identified, readings: Readings) -> None:
+    """Draw an identification: residuals by law, the friction force, the impacts."""
+    axes = figure.subplots(1, 3)
+    striker = found.fit.striker
+    figure.suptitle(
+        f"{found.law.value} friction: c/m = {striker.stiffness_1_s2:.3f} 1/s², A = "
+        f"{1e3 * striker.amplitude_m:.3f} mm, b/m = {abs(striker.damping_1_s):.4f} 1/s, "
+        f"μg = {abs(striker.dry_m_s2):.4f} m/s²"
+    )
+    _friction(axes[0], found)
+    _laws(axes[1], found)
+    _impacts(axes[2], found)
+
+
+def _friction(axes: Any, found: Identified) -> None:
+    """Draw the friction (the reading less spring and crank) against v, and the fitted laws."""
+    v, left = friction_points(found)
+    axes.plot(v, left, ",", color="gray", alpha=0.5, rasterized=True)
+    grid = np.linspace(np.min(v), np.max(v), 400)
+    for law, fit in found.fits.items():
+        width = 2.5 if law == found.law else 1.0
+        axes.plot(grid, friction_m_s2(fit.striker, grid), color=COLOURS[law], lw=width, label=law.value)
+    axes.set(xlabel="v [m/s]", ylabel="friction by mass [m/s²]", title="what slows the striker")
+    axes.legend(fontsize=8)
+    axes.grid(alpha=0.3)
+
+
+def _laws(axes: Any, found: Identified) -> None:
+    names = [law.value.replace(" and ", "\nand ") for law in found.fits]
+    residuals = [1e3 * fit.residual_m_s2 for fit in found.fits.values()]
+    axes.bar(names, residuals, color=[COLOURS[law] for law in found.fits])
+    axes.set(yscale="log", ylabel="residual [mm/s²]", title=f"residual by law; chosen: {found.law.value}")
+    axes.grid(alpha=0.3, axis="y", which="both")
+
+
+def _impacts(axes: Any, found: Identified) -> None:
+    if not found.impacts:
+        axes.set_title("no impacts")
+        return
+    table = np.array(found.impacts)
+    axes.plot(table[:, 1], 1e3 * table[:, 0], ".", color="tab:red", label="stop past l0 [mm]")
+    axes.set(xlabel="approach speed v⁻ [m/s]", ylabel="stop past l0 [mm]", title="impacts")
+    other = axes.twinx()
+    other.plot(table[:, 1], table[:, 2], "x", color="tab:purple", ms=4)
+    other.set_ylabel("restitution (×)", color="tab:purple")
+    axes.grid(alpha=0.3)
+
+
+def draw_detector(figure: "Figure", tuning: Tuning, points: Sequence[detector.Operating]) -> None:
+    """Draw the detector's characteristic: misses against false alarms, latency and cost against the floor."""
+    roc, latency, cost = figure.subplots(1, 3)
+    value = tuning.parameters[detector.PARAMETER]
+    floors = np.array([point.floor_m_s2 for point in points])
+    alarms = [point.false_alarms_1_h for point in points]
+    roc.errorbar(
+        alarms,
+        [100.0 * (1.0 - point.recall) for point in points],
+        yerr=[
+            [100.0 * (point.recall_high - point.recall) for point in points],
+            [100.0 * (point.recall - point.recall_low) for point in points],
+        ],
+        fmt="o-",
+        capsize=3,
+    )
+    for point in points:
+        roc.annotate(
+            f"{point.floor_m_s2:g}",
+            (point.false_alarms_1_h, 100.0 * (1.0 - point.recall)),
+            textcoords="offset points",
+            xytext=(5, 4),
+            fontsize=8,
+        )
+    roc.set(xlabel="false alarms [1/h]", ylabel="impacts missed [%], 95 % bounds", title="by floor in m/s²")
+    latency.semilogx(floors, [point.latency_p50_ms for point in points], "o-", label="median")
+    latency.semilogx(floors, [point.latency_p95_ms for point in points], "s--", label="95 %")
+    latency.set(xlabel="floor [m/s²]", ylabel="latency [ms]", title="from touch-down to its report")
+    latency.legend(fontsize=8)
+    cost.errorbar(
+        floors,
+        [point.cost_1_h for point in points],
+        yerr=[point.cost_error_1_h for point in points],
+        fmt="o-",
+        capsize=3,
+    )
+    cost.set(xscale="log", xlabel="floor [m/s²]", ylabel="cost [1/h]", title="cost, as stated")
+    for axes in (latency, cost):
+        axes.axvspan(value.low, value.high, color="tab:green", alpha=0.15)
+        axes.axvline(value.value, color="tab:green")
+    for axes in (roc, latency, cost):
+        axes.grid(alpha=0.3, which="both")
+
+
+def draw_estimator(figure: "Figure", tuning: Tuning, points: Sequence[Combination]) -> None:
+    """Draw the profile likelihood of each parameter; green: chosen, with its range; black: the default."""
+    sound = consistent(points)
+    best = max(one.likelihood for one in sound)
+    labels = {
+        NOISE: "Q: noise of v by tick [m/s]",
+        MEMORY: "R: memory of the model's error [s]",
+        STOP: "R at the stop: deviation [m]",
+    }
+    for axes, (name, label) in zip(figure.subplots(1, 3), labels.items(), strict=True):
+        likelihoods = sorted(profile(sound, name).items())
+        axes.plot([value for value, _ in likelihoods], [one - best for _, one in likelihoods], "o-")
+        axes.axhline(-NEAR, color="tab:gray", lw=0.8, ls="--")
+        axes.axvline(DEFAULTS[name], color="black", lw=0.8)
+        if name in tuning.parameters:
+            value = tuning.parameters[name]
+            axes.axvspan(value.low, value.high, color="tab:green", alpha=0.15)
+            axes.axvline(value.value, color="tab:green")
+        axes.set(xscale="log", xlabel=label, ylabel="log-likelihood below the best")
+        axes.grid(alpha=0.3, which="both")
+
+
+def draw_start(figure: "Figure", tuning: Tuning, tried: Sequence[start.Ramp]) -> None:
+    """Draw each criterion over the rise, a line for each approach; square: chosen, diamond: default."""
+    panels = figure.subplots(1, 4)
+    criteria: tuple[tuple[str, Callable[[start.Ramp], float]], ...] = (
+        ("starts that fail [%]", lambda one: 100.0 * one.failures / max(one.eligible, 1)),
+        ("hardest twentieth of impacts, of the steady one", lambda one: one.overshoot),
+        ("95 % are captured within [s]", lambda one: one.capture_p95_s),
+        ("energy until captured, median [J]", lambda one: one.energy_p50_j),
+    )
+    for axes, (name, of) in zip(panels, criteria, strict=True):
+        for approach in sorted({one.parameters[start.APPROACH] for one in tried}):
+            line = [one for one in tried if one.parameters[start.APPROACH] == approach]
+            rises = [one.parameters[start.RISE] for one in line]
+            axes.plot(rises, [of(one) for one in line], "o-", ms=4, label=f"approach to r = {approach:g}")
+        for point, mark in ((tuning.values, "s"), (start.DEFAULT, "D")):
+            at = [one for one in tried if one.parameters == point]
+            axes.plot(
+                [one.parameters[start.RISE] for one in at],
+                [of(one) for one in at],
+                mark,
+                mfc="none",
+                mec="black",
+                ms=12,
+            )
+        axes.set(xlabel="rise [s]", ylabel=name)
+        axes.grid(alpha=0.3)
+    panels[0].legend(fontsize=8)
