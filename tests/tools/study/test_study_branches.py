@@ -362,6 +362,9 @@ def test_a_striker_that_sticks_has_a_multiplier_that_is_exactly_zero() -> None:
     assert len(sticking) > 20
     assert all(one.multipliers[1] == 0.0 for one in sticking)
     assert all(one.multipliers[1] != 0.0 for one in branch.orbits if one.margin_m > 1e-6)
+    grazing = [one for one in branch.orbits if one.v_m_s[0] < 1e-9]
+    assert len(grazing) == 2
+    assert all(np.all(np.isinf(one.multipliers)) for one in grazing)
 
 
 def test_the_derivative_of_the_equations_is_that_of_central_differences() -> None:

@@ -24,15 +24,17 @@ from tools.study.orbits.flights import AdaptiveFlight, ClosedFlight, Flight, Leg
 
 DIFFERENCE = 1e-6
 """Step of central differences over a parameter, in its own scale."""
+GRAZING_M_S = 1e-10
+"""v⁻ below which an impact grazes, where the impact map has no derivative."""
 
 
 @dataclass(frozen=True)
 class Orbit:
     """One periodic orbit: crank angles in rad and v⁻ in m/s of its impacts, and the varied parameters.
 
-    `multipliers`: eigenvalues of the derivative of the impact map over the whole orbit. `clearance_m`:
-    distance of the highest turning point from the stop, negative beyond it; of the adaptive solver only its
-    sign. `margin_m`: least margin by which a turn passes without sticking (`FlightEnd`).
+    `multipliers`: eigenvalues of the derivative of the impact map over the whole orbit, ∞ at grazing.
+    `clearance_m`: distance of the highest turning point from the stop, negative beyond it; of the adaptive
+    solver only its sign. `margin_m`: least margin by which a turn passes without sticking (`FlightEnd`).
     """
 
     crank_rad: Vector
@@ -144,7 +146,8 @@ class ImpactMap:
             with np.errstate(divide="ignore", invalid="ignore"):
                 inverse = np.array([[1.0 / y_slope, 0.0], [v_slope / y_slope, -1.0]])
                 whole = -inverse @ A @ whole
-        if not np.all(np.isfinite(whole)):
+        v_m_s = z[1 : 2 * m : 2] * self.speed_m_s
+        if np.min(np.abs(v_m_s)) < GRAZING_M_S or not np.all(np.isfinite(whole)):
             multipliers = np.full(2, np.inf + 0j)
         elif margin_m < 0.0:  # sticking projects all speeds onto rest, so that the derivative is singular
             multipliers = np.array([np.trace(whole), 0.0], np.complex128)
@@ -152,7 +155,7 @@ class ImpactMap:
             multipliers = np.linalg.eigvals(whole).astype(complex)
         return Orbit(
             crank_rad=z[0 : 2 * m : 2],
-            v_m_s=z[1 : 2 * m : 2] * self.speed_m_s,
+            v_m_s=v_m_s,
             values=self.values(z),
             multipliers=multipliers,
             clearance_m=min(course.flyer.clearance_m(flight) for flight in course.flights),
