@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -34,25 +34,31 @@ def measure(
     """Measure error and cost of solvers, peers, stop models, control rates, builds and ticks."""
     if context.invoked_subcommand is not None:
         return
-    from tools.trade import bench_tick, builds, control_rate, costs, fidelity, pictures
+    from tools.trade import bench_tick, builds, control_rate, costs, pictures
+    from tools.trade import parts as stops
     from tools.trade.cases import CASES
     from tools.trade.peers import heyoka_peer
 
     repeats = costs.QUICK_REPEATS if quick else costs.REPEATS
     load_before = os.getloadavg()[0]
     measured: list[Cost] = []
+    rows: list[dict[str, Any]] = []
+    others: list[Callable[[costs.Progress], list[dict[str, Any]]]] = [
+        lambda doing: stops.measure("fidelity", quick, repeats, doing),
+        lambda doing: control_rate.measure(quick, doing),
+        lambda doing: builds.measure(repeats, doing),
+        lambda doing: bench_tick.measure(repeats, doing),
+    ]
     with shown_progress() as progress:
-        steps = len(CASES) + 4
+        steps = len(CASES) + len(others)
         for done, case in enumerate(CASES):
-            share = done / steps
-            measured += costs.measure(case, costs.methods_of(case, quick), repeats, partial(progress, share))
-        of_parts = fidelity.measure(quick, repeats, partial(progress, len(CASES) / steps))
-        of_rates = control_rate.measure(quick, partial(progress, (len(CASES) + 1) / steps))
-        of_builds = builds.measure(repeats, partial(progress, (len(CASES) + 2) / steps))
-        of_ticks = bench_tick.measure(repeats, partial(progress, (len(CASES) + 3) / steps))
+            doing = partial(progress, done / steps)
+            measured += costs.measure(case, costs.methods_of(case, quick), repeats, doing)
+        for done, measure_rows in enumerate(others, len(CASES)):
+            rows += measure_rows(partial(progress, done / steps))
     notes = [] if heyoka_peer.is_installed() else [heyoka_peer.MISSING]
     payload: dict[str, Any] = {
-        "rows": [*(cost.row() for cost in measured), *of_parts, *of_rates, *of_builds, *of_ticks],
+        "rows": [*(cost.row() for cost in measured), *rows],
         "pareto": [cost.row()["what"] for cost in costs.pareto(measured)],
         "repeats": repeats,
         "load_average": {"before": load_before, "after": os.getloadavg()[0]},
@@ -87,7 +93,7 @@ def parts(quick: Quick = False, as_json: Json = False) -> None:
 
     repeats = costs.QUICK_REPEATS if quick else costs.REPEATS
     with shown_progress() as progress:
-        rows = core.measure(quick, repeats, partial(progress, None))
+        rows = core.measure("part", quick, repeats, partial(progress, None))
     payload = {"rows": rows, "repeats": repeats, "cores": os.cpu_count()}
     answer(payload, as_json, lambda: show_parts(rows, repeats))
 
@@ -101,10 +107,12 @@ class Column(NamedTuple):
     factor: float = 1.0
 
     def cell(self, row: Mapping[str, Any]) -> str:
-        """The row's value as text; a dash where it was not measured."""
+        """The row's value as text: a list's length, a dash for no value."""
         value = row[self.key]
         if isinstance(value, str):
             return value.partition(": ")[2] if self.key == "what" else value
+        if isinstance(value, list):
+            return str(len(value))
         if value is None or math.isnan(value):
             return NO_VALUE
         return format(self.factor * value if self.factor != 1.0 else value, self.form)
@@ -116,6 +124,16 @@ def table(title: str, rows: Iterable[Mapping[str, Any]], columns: Sequence[Colum
     return table_of([column.title for column in columns], cells, title=title)
 
 
+SOLVERS = (
+    Column("method", "method"),
+    Column(">x [m]", "error", ".0e"),
+    Column(">t [s]", "impact_time_error_s", ".0e"),
+    Column(">v [m/s]", "impact_speed_error_m_s", ".0e"),
+    Column(">impulse", "impulse_error", ".0e"),
+    Column(">impacts", "impacts"),
+    Column(">µs/s", "cost", ".1f"),
+    Column(">×", "cost_ratio", ".1f"),
+)
 PARTS = (
     Column("part", "what"),
     Column(">µs/s", "cost", ".0f"),
@@ -133,7 +151,6 @@ STOPS = (
     Column(">off by", "error", ".1%"),
     Column(">peak [N]", "peak_force_n", ".4g"),
     Column(">v⁻ [m/s]", "approach_m_s", ".4f"),
-    Column(">method", "method"),
     Column(">µs/s", "cost", ".1f"),
 )
 RATES = (
@@ -144,7 +161,7 @@ RATES = (
     Column(">ripple", "ripple", ".5f"),
     Column(">v⁻ [m/s]", "approach_m_s", ".4f"),
     Column(">regime", "regime"),
-    Column(">failed", "failed"),
+    Column(">failed", "failed_checks"),
     Column(">ms/s", "cost", ".0f", 1e-3),
 )
 BUILDS = (
@@ -157,6 +174,19 @@ BUILDS = (
     Column(">µs/tick", "cost", ".1f"),
 )
 TICKS = (Column("what", "what"), Column(">µs/tick", "cost", ".2f"))
+TABLES = {
+    "fidelity": ("fidelity: table1 on its impact orbit at r = 1.3, ideal drive", STOPS),
+    "control rate": (
+        "control rate: soft start to r = 1.3 with motor, sensors and firmware, in lockstep",
+        RATES,
+    ),
+    "firmware build": (
+        "firmware builds: the same start in lockstep; differ: decisions over a tick off the compiled build's",
+        BUILDS,
+    ),
+    "tick": ("a tick of 1 ms in compiled code, at r = 1.3 with impacts", TICKS),
+}
+"""Titles and columns of the tables by kind of row."""
 
 
 def show_parts(rows: Sequence[Mapping[str, Any]], repeats: int) -> None:
@@ -173,31 +203,15 @@ def show_parts(rows: Sequence[Mapping[str, Any]], repeats: int) -> None:
     )
 
 
-def of_kind(rows: Iterable[Mapping[str, Any]], kind: str) -> list[Mapping[str, Any]]:
-    """The rows of one kind of measurement."""
-    return [row for row in rows if row["kind"] == kind]
-
-
 def show(payload: Mapping[str, Any]) -> None:
     """Print the costs as tables."""
-    rows = payload["rows"]
-    for case in dict.fromkeys(row["case"] for row in rows if row["kind"] == "solver"):
-        console.print(solver_table(case, [row for row in rows if row.get("case") == case], payload["pareto"]))
-    rates: list[Mapping[str, Any]] = [
-        {**row, "failed": len(row["failed_checks"])} for row in rows if row["kind"] == "control rate"
-    ]
-    for title, some, columns in (
-        ("fidelity: table1 on its impact orbit at r = 1.3, ideal drive", of_kind(rows, "fidelity"), STOPS),
-        ("control rate: soft start to r = 1.3 with motor, sensors and firmware, in lockstep", rates, RATES),
-        (
-            "firmware builds: the same start in lockstep; differ: decisions over a tick off the compiled "
-            "build's",
-            of_kind(rows, "firmware build"),
-            BUILDS,
-        ),
-        ("a tick of 1 ms in compiled code, at r = 1.3 with impacts", of_kind(rows, "tick"), TICKS),
-    ):
-        console.print(table(title, some, columns))
+    kinds: dict[str, list[Mapping[str, Any]]] = {}
+    for row in payload["rows"]:
+        kinds.setdefault(row["kind"], []).append(row)
+    for case in dict.fromkeys(row["case"] for row in kinds["solver"]):
+        show_case([row for row in kinds["solver"] if row["case"] == case], payload["pareto"])
+    for kind, (title, columns) in TABLES.items():
+        console.print(table(title, kinds[kind], columns))
     load = payload["load_average"]
     console.print(
         "x: state at the end, velocity over ω; t, v: largest of an impact; impulse: share of all exchanged; "
@@ -211,19 +225,22 @@ def show(payload: Mapping[str, Any]) -> None:
         console.print(f"note: {note}")
 
 
-def solver_table(case: str, rows: Sequence[Mapping[str, Any]], best: Iterable[str]) -> Table:
-    """Errors and cost of every method on one case; ● marks a method that no cheaper one beats in error."""
-    cheapest = min(row["cost"] for row in rows)
-    errors = ("error", "impact_time_error_s", "impact_speed_error_m_s", "impulse_error")
+def show_case(rows: Sequence[Mapping[str, Any]], best: Collection[str]) -> None:
+    """Print the errors and costs of every method on one case; ● marks what no cheaper one beats in error."""
+    first, cheapest = rows[0], min(row["cost"] for row in rows)
+    shown = [
+        {
+            **row,
+            "method": f"{row['method']} {row['setting']}".rstrip() + (" ●" if row["what"] in best else ""),
+            "impacts": str(row["impacts"]) if is_right(row) else f"[red]≠ {row['impacts']}[/]",
+            "cost_ratio": row["cost"] / cheapest,
+        }
+        for row in rows
+    ]
+    title = f"{first['case']}: {first['impacts_wanted']} impacts, {first['regime_wanted']}"
+    console.print(table(title, shown, SOLVERS))
 
-    def shown(row: Mapping[str, Any]) -> Iterator[str]:
-        is_right = (row["impacts"], row["regime"]) == (row["impacts_wanted"], row["regime_wanted"])
-        yield f"{row['method']} {row['setting']}".rstrip() + (" ●" if row["what"] in best else "")
-        yield from ("—" if math.isnan(row[key]) else f"{row[key]:.0e}" for key in errors)
-        yield str(row["impacts"]) if is_right else f"[red]≠ {row['impacts']}[/]"
-        yield f"{row['cost']:.1f}"
-        yield f"{row['cost'] / cheapest:.1f}"
 
-    titles = ("method", ">x [m]", ">t [s]", ">v [m/s]", ">impulse", ">impacts", ">µs/s", ">×")
-    title = f"{case}: {rows[0]['impacts_wanted']} impacts, {rows[0]['regime_wanted']}"
-    return table_of(titles, map(shown, rows), title=title)
+def is_right(row: Mapping[str, Any]) -> bool:
+    """Whether a method found the right number of impacts and the right regime."""
+    return bool(row["impacts"] == row["impacts_wanted"] and row["regime"] == row["regime_wanted"])

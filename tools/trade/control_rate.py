@@ -4,12 +4,18 @@ import math
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.shell.builds import Build
 from hil.bench.lockstep import in_lockstep, silent
 from hil.judge.checks import evaluate
 from hil.judge.figures.figures import figures_of
+from hil.judge.figures.records import Figures
 from hil.nodes.warm import warm_firmware, warm_plant
+from hil.record.traces.trace import read
 from hil.scenario.files import read_scenario
 from hil.scenario.scenario import Scenario, check_scenario
 from tools.trade.costs import Progress
@@ -42,26 +48,46 @@ def short_start(rate_hz: int = 1000) -> Scenario:
     return check_scenario(document, SCENARIO)
 
 
-def _row(rate_hz: int) -> dict[str, Any]:
-    scenario = short_start(rate_hz)
+class Held(NamedTuple):
+    """A start and hold in lockstep: its figures, the firmware's trace, and the processor time, µs."""
+
+    figures: Figures
+    trace: NDArray[np.void]
+    spent_us: float
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """RMS errors of the estimated position and velocity for a row; nan if there is no estimate."""
+        estimate = self.figures.estimate
+        x_rmse_m, v_rmse_m_s = (
+            math.nan if one is None else one for one in (estimate.x_rmse_m, estimate.v_rmse_m_s)
+        )
+        return {"error": x_rmse_m, "v_rmse_m_s": v_rmse_m_s}
+
+
+def hold(scenario: Scenario, build: Build = "compiled") -> Held:
+    """Run the scenario in lockstep; kernels are compiled or loaded before."""
     warm_plant(scenario.scene)
-    warm_firmware(scenario.parameters)
+    warm_firmware(scenario.parameters, build)
     with tempfile.TemporaryDirectory() as folder:
         begun = time.thread_time_ns()
-        run_dir, _ = in_lockstep(scenario, Path(folder) / "run", 1, silent)
+        run_dir, _ = in_lockstep(scenario, Path(folder) / "run", 1, silent, build)
         spent_us = (time.thread_time_ns() - begun) * 1e-3
-        figures = figures_of(run_dir)
-    results = evaluate(scenario.checks, figures)
-    failed = [result.name for result in results if not result.passed]
-    estimate = figures.estimate.x_rmse_m
+        return Held(figures_of(run_dir), read(run_dir / "firmware.trace"), spent_us)
+
+
+def _row(rate_hz: int) -> dict[str, Any]:
+    scenario = short_start(rate_hz)
+    held = hold(scenario)
+    figures = held.figures
+    failed = [result.name for result in evaluate(scenario.checks, figures) if not result.passed]
     return {
         "what": f"control rate: {rate_hz} Hz",
         "kind": "control rate",
         "rate_hz": rate_hz,
-        "error": math.nan if estimate is None else estimate,
-        "cost": spent_us / UNTIL_S,
+        **held.errors,
+        "cost": held.spent_us / UNTIL_S,
         "unit": UNIT,
-        "v_rmse_m_s": figures.estimate.v_rmse_m_s,
         "latency_p95_ms": figures.detector.latency_ms.p95,
         "speed_error": figures.speed.error,
         "ripple": figures.speed.ripple,

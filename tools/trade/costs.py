@@ -4,6 +4,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,28 +74,35 @@ def methods_of(case: Case, quick: bool) -> list[Method]:
 
 
 def measure(case: Case, methods: Sequence[Method], repeats: int, progress: Progress) -> list[Cost]:
-    """Measure the errors of all methods first, which also compiles them, then their times.
-
-    Every repeat runs all methods in turn. The times are this thread's processor time, not wall time, because
-    it depends less on other programs' load. The minimum is closest to the time on an idle machine; the
-    difference between median and minimum shows the load.
-    """
+    """Measure the errors of all methods first, which also compiles them, then their times."""
     truth = own.truth(case)
     errors = []
     for method in methods:
         progress(f"{case.name}: {method.name} {method.setting}")
         errors.append(errors_of(case, method.solve(), truth))
-    rounds = [[spent_us(method.solve) for method in methods] for _ in range(repeats)]
+    times = interleaved([partial(spent_us, method.solve) for method in methods], repeats)
     return [
-        Cost(
-            case,
-            method,
-            error,
-            min(row) / case.until_s,
-            statistics.median(row) / case.until_s,
-        )
-        for method, error, row in zip(methods, errors, zip(*rounds, strict=True), strict=True)
+        Cost(case, method, error, least / case.until_s, median / case.until_s)
+        for method, error, (least, median) in zip(methods, errors, times, strict=True)
     ]
+
+
+class Times(NamedTuple):
+    """The least and the median of a time's repeats."""
+
+    least: float
+    median: float
+
+
+def interleaved(measurements: Sequence[Callable[[], float]], repeats: int) -> list[Times]:
+    """Repeat measurements of time; every repeat runs all of them in turn.
+
+    The times are this thread's processor time, not wall time, because it depends less on other programs'
+    load. The minimum is closest to the time on an idle machine; the difference between median and minimum
+    shows the load.
+    """
+    rounds = [[measure() for measure in measurements] for _ in range(repeats)]
+    return [Times(min(row), statistics.median(row)) for row in zip(*rounds, strict=True)]
 
 
 def spent_us(solve: Callable[[], object]) -> float:

@@ -1,7 +1,7 @@
 """Extreme cases by every method: the measured error, or the method's error message."""
 
 import math
-import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ from plant_sim.scene import Scene, SceneError, load_scene, read_scene, with_valu
 from plant_sim.simulation import simulate
 from plant_sim.solvers.cost import SolverError
 from plant_sim.solvers.exact.exact import UnsupportedSceneError
-from tools import plots
+from tools.plots import drawn
 
 METHODS = ("exact", "adaptive", "Plant")
 REFUSALS = SceneError, UnsupportedSceneError, SolverError
@@ -328,9 +328,6 @@ adaptive solver at {fine:g}. The first column therefore contains the errors of b
 |---|---|---|---|---|
 """
 
-ROW = re.compile(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", re.MULTILINE)
-SENTENCE = re.compile(r"^(\d+)\. (.+)$", re.MULTILINE)
-
 
 def write(page: Path, progress: Callable[[str], None]) -> list[dict[str, Any]]:
     """Measure all extreme cases, write the page and its plot, and return the rows."""
@@ -362,46 +359,24 @@ def write(page: Path, progress: Callable[[str], None]) -> list[dict[str, Any]]:
     ]
 
 
-def read(page: Path) -> dict[tuple[str, str], dict[str, Cell]]:
-    """Return the cells of a page by extreme case and value."""
-    text = page.read_text(encoding="utf-8")
-    sentences = dict(SENTENCE.findall(text))
-    rows = {}
-    for what, value, *cells in ROW.findall(text)[1:]:
-        read_cells = [
-            Cell(math.nan, sentences[cell[len("refused [") : -1]])
-            if cell.startswith("refused")
-            else Cell(float(cell), "")
-            for cell in cells
-        ]
-        rows[what, value] = dict(zip(METHODS, read_cells, strict=True))
-    return rows
-
-
 def draw(measured: Sequence[tuple[Extreme, Mapping[str, Cell]]], path: Path) -> None:
     """Draw the error over the parameter, with a panel for each range."""
-    from matplotlib.figure import Figure
-
-    plots.use_style()
-    ranges = [what for what in dict.fromkeys(one.what for one, _ in measured) if _has_range(measured, what)]
+    sizes = Counter(one.what for one, _ in measured if one.axis is not None)
+    ranges = [what for what, size in sizes.items() if size > 2]
     columns = 3
-    figure = Figure(figsize=(12.0, 6.4), layout="constrained")
-    grid = figure.subplots(-(-len(ranges) // columns), columns, squeeze=False, sharey=True)
-    for axes, what in zip(grid.flat, ranges, strict=False):
-        for method, marker in zip(METHODS, "*o^", strict=True):
-            points = [
-                (one.axis, max(cells[method].error_m, 1e-17))
-                for one, cells in measured
-                if one.what == what and one.axis is not None and not cells[method].refusal
-            ]
-            axes.plot([x for x, _ in points], [y for _, y in points], marker + "-", label=method, alpha=0.7)
-        axes.set(xscale="log", yscale="log", title=what)
-    for axes in grid.flat[len(ranges) :]:
-        axes.set_visible(False)
-    grid[0, 0].set_ylabel("error [m]")
-    grid[0, 0].legend()
-    figure.savefig(path, metadata={"Date": None})
-
-
-def _has_range(measured: Sequence[tuple[Extreme, Mapping[str, Cell]]], what: str) -> bool:
-    return sum(one.axis is not None for one, _ in measured if one.what == what) > 2
+    with drawn(path, 12.0, 6.4) as figure:
+        grid = figure.subplots(-(-len(ranges) // columns), columns, squeeze=False, sharey=True)
+        for axes, what in zip(grid.flat, ranges, strict=False):
+            for method, marker in zip(METHODS, "*o^", strict=True):
+                points = [
+                    (one.axis, max(cells[method].error_m, 1e-17))
+                    for one, cells in measured
+                    if one.what == what and one.axis is not None and not cells[method].refusal
+                ]
+                xs, ys = [x for x, _ in points], [y for _, y in points]
+                axes.plot(xs, ys, marker + "-", label=method, alpha=0.7)
+            axes.set(xscale="log", yscale="log", title=what)
+        for axes in grid.flat[len(ranges) :]:
+            axes.set_visible(False)
+        grid[0, 0].set_ylabel("error [m]")
+        grid[0, 0].legend()

@@ -7,27 +7,18 @@ from its cost.
 
 import copy
 import math
-import statistics
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from plant_sim.kernels import entry_point
-from plant_sim.kinds import kernel_parts, kernel_probe
 from plant_sim.parts.drive import IdealDrive
-from plant_sim.parts.parts import Parts
-from plant_sim.references import by_reference
+from plant_sim.plant import Plant
+from plant_sim.result import Impact
 from plant_sim.scene import Scene, load_scene, read_scene
-from plant_sim.sensors.sensing import NoSensing, Probe, allocate_sensing, series_order
 from plant_sim.simulation import initial_state
-from plant_sim.solvers.adaptive.adaptive import DONE, IMPACTS_AT_ONCE, NO_GRID, advance, refusal
-from plant_sim.solvers.adaptive.observation import electrical_ledger, peak_felt_force_n
-from plant_sim.solvers.adaptive.state_layout import Memory, allocate, work_place
-from tools.trade.costs import COST_UNIT, Progress, mean
+from tools.trade.costs import COST_UNIT, Progress, interleaved, mean
 
 RATIO = 1.3
 SETTLE_PERIODS, LOOK_PERIODS = 60, 60
@@ -76,18 +67,21 @@ PARTS: tuple[tuple[str, dict[str, Any]], ...] = (
 )
 """Parts as changes of the scene; the first is the reference for the others."""
 
-QUICK_PARTS = 3
+STOPS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("Hunt–Crossley, 10 ms", {}),
+    ("rigid", {"stop": RIGID}),
+    ("Kelvin–Voigt, 10 ms", {"stop": {**HERTZ, "law": "kelvin-voigt"}}),
+    *(
+        (f"Hunt–Crossley, {1e3 * contact_s:g} ms", {"stop": {**HERTZ, "contact_s": contact_s}})
+        for contact_s in (0.002, 0.005, 0.03)
+    ),
+)
+"""Models of the stop; the first, the bench's own, is the reference for the others."""
 
+CHANGES = {"part": PARTS, "fidelity": STOPS}
+"""What the rows of each kind change."""
 
-class Rig(NamedTuple):
-    """A module in motion; `integral` is the speed loop's integral, shape (1,), `kernel` the machine code."""
-
-    parts: Parts
-    probe: Probe
-    memory: Memory
-    natural_rad_s: float
-    integral: np.ndarray[Any, np.dtype[np.float64]]
-    kernel: Callable[..., int]
+QUICK_ROWS = 3
 
 
 def scene_with(changes: Mapping[str, Any]) -> Scene:
@@ -95,125 +89,107 @@ def scene_with(changes: Mapping[str, Any]) -> Scene:
     return load_scene({**copy.deepcopy(read_scene("table1-viscous")), **ORBIT, **changes})
 
 
-def rig_of(scene: Scene) -> Rig:
-    """Return the scene's module at its initial state, with the crank at speed."""
-    parts = scene.parts()
-    speed_rad_s = RATIO * scene.natural_rad_s
-    start = replace(initial_state(scene), omega_rad_s=speed_rad_s)
-    probe: Probe = NoSensing()
-    if scene.sensors is not None:
-        probe = allocate_sensing(scene.sensors, speed_rad_s, parts.housing)
-    memory = allocate(parts, start, scene.solver.accuracy, IMPACTS_AT_ONCE, series_order(probe))
-    probe, own_memory = kernel_probe(probe), by_reference(memory)
-    kernel = entry_point(advance, kernel_parts(parts), probe, own_memory, 0.0, 0.0, 0.0, NO_GRID)
-    return Rig(parts, probe, own_memory, scene.natural_rad_s, np.array([LOOP_START_N_M]), kernel)
+class Module:
+    """A scene's module whose crank is kept at a speed: an ideal drive turns at it, a motor by a PI loop."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Start in the scene's initial state, with the crank at speed."""
+        self.natural_rad_s = scene.natural_rad_s
+        start = replace(initial_state(scene), omega_rad_s=RATIO * self.natural_rad_s)
+        self.plant = Plant(scene, seed=1, initial=start)
+        self.torque_n_m = LOOP_START_N_M
+        """Integral of the speed loop."""
+
+    def carry_on(self, ratio: float, periods: int) -> list[Impact]:
+        """Advance by a number of drive periods at a speed, and return the impacts."""
+        speed_rad_s, parts = ratio * self.natural_rad_s, self.plant.parts
+        left_s = periods * 2.0 * math.pi / speed_rad_s
+        if isinstance(parts.drive, IdealDrive):
+            if parts.drive.omega_rad_s != speed_rad_s:
+                drive = parts.drive._replace(omega_rad_s=speed_rad_s)
+                self.plant.replace_parts(parts._replace(drive=drive))
+            self.plant.advance(0.0, left_s)
+        else:
+            while left_s > 0.0:
+                error_rad_s = speed_rad_s - self.plant.now.omega_rad_s
+                self.torque_n_m += LOOP_N_M * error_rad_s * LOOP_S
+                self.plant.advance(LOOP_N_M_S * error_rad_s + self.torque_n_m, min(LOOP_S, left_s))
+                left_s -= LOOP_S
+        return self.plant.take_impacts()
 
 
-def carry_on(rig: Rig, ratio: float, periods: int) -> NDArray[np.void]:
-    """Advance by a number of drive periods at a speed; return the impacts as records of `Impact`."""
-    speed_rad_s = ratio * rig.natural_rad_s
-    now_s = float(rig.memory.held[0].elapsed_s)
-    end_s = now_s + periods * 2.0 * math.pi / speed_rad_s
-    drive = rig.parts.drive
-    if isinstance(drive, IdealDrive):
-        _advance(rig, rig.parts._replace(drive=drive._replace(omega_rad_s=speed_rad_s)), 0.0, end_s)
-    else:
-        while now_s < end_s:
-            error = speed_rad_s - rig.memory.y[3]
-            rig.integral[0] += LOOP_N_M * error * LOOP_S
-            torque_n_m = LOOP_N_M_S * error + float(rig.integral[0])
-            now_s = min(now_s + LOOP_S, end_s)
-            _advance(rig, rig.parts, torque_n_m, now_s)
-    impacts: NDArray[np.void] = rig.memory.impacts[: rig.memory.mode[0].impacts].copy()
-    rig.memory.mode[0].impacts = 0
-    return impacts
-
-
-def settled(scene: Scene, ratio: float = RATIO) -> Rig:
+def settled(scene: Scene, ratio: float = RATIO) -> Module:
     """Return the scene's module after SETTLE_PERIODS at a speed."""
-    rig = rig_of(scene)
-    carry_on(rig, ratio, SETTLE_PERIODS)
-    return rig
+    module = Module(scene)
+    module.carry_on(ratio, SETTLE_PERIODS)
+    return module
 
 
-def _advance(rig: Rig, parts: Parts, torque_n_m: float, until_s: float) -> None:
-    status = rig.kernel(kernel_parts(parts), rig.probe, rig.memory, torque_n_m, 0.0, until_s, NO_GRID)
-    if status != DONE:
-        raise refusal(status, parts, rig.memory, 0.0)
-
-
-def spent_us_s(rig: Rig) -> float:
-    """Return the processor time per simulated second, µs, without the time of the kernel calls alone."""
-    begun_s, begun = float(rig.memory.held[0].elapsed_s), time.thread_time_ns()
-    carry_on(rig, RATIO, LOOK_PERIODS)
+def spent_us_s(scene: Scene) -> float:
+    """Return the processor time per simulated second, µs, without the time of the calls alone."""
+    module = settled(scene)
+    begun_s, begun = module.plant.t_s, time.thread_time_ns()
+    module.carry_on(RATIO, LOOK_PERIODS)
     ended = time.thread_time_ns()
-    lasted_s = float(rig.memory.held[0].elapsed_s) - begun_s
-    calls = 1 if isinstance(rig.parts.drive, IdealDrive) else math.ceil(lasted_s / LOOP_S)
-    for _ in range(calls):
-        _advance(rig, rig.parts, float(rig.integral[0]), begun_s + lasted_s)
-    empty = time.thread_time_ns() - ended
-    return (ended - begun - empty) * 1e-3 / lasted_s
+    lasted_s = module.plant.t_s - begun_s
+    for _ in range(1 if isinstance(module.plant.parts.drive, IdealDrive) else math.ceil(lasted_s / LOOP_S)):
+        module.plant.advance(module.torque_n_m, 0.0)
+    calls = time.thread_time_ns() - ended
+    return (ended - begun - calls) * 1e-3 / lasted_s
 
 
-def fold_of(rig: Rig, ratio: float) -> float:
-    """Return the largest r, in steps of FOLD_STEP, at which impacts last; `rig` has impacts at `ratio`."""
+def fold_of(module: Module, ratio: float) -> float:
+    """Return the largest r, in steps of FOLD_STEP, at which impacts last; the module has some at `ratio`."""
     while ratio < FASTEST:
         faster = ratio + FOLD_STEP
-        carry_on(rig, faster, 3 * FOLD_PERIODS // 4)
-        if len(carry_on(rig, faster, FOLD_PERIODS // 4)) == 0:
+        module.carry_on(faster, 3 * FOLD_PERIODS // 4)
+        if not module.carry_on(faster, FOLD_PERIODS // 4):
             break
         ratio = faster
     return round(ratio, 2)
 
 
-def measure(quick: bool, repeats: int, progress: Progress) -> list[dict[str, Any]]:
-    """Return a row for each part: cost, impulse, peak force, energy per cycle and fold.
+def measure(kind: str, quick: bool, repeats: int, progress: Progress) -> list[dict[str, Any]]:
+    """Return a row for each change of this kind: cost, impulse, peak force, energy per cycle and fold.
 
-    The first part is the reference for the errors and the cost ratios.
+    The first row is the reference for the errors and the cost ratios.
     """
-    chosen = PARTS[:QUICK_PARTS] if quick else PARTS
+    chosen = CHANGES[kind][: QUICK_ROWS if quick else None]
     scenes = [(name, scene_with(changes)) for name, changes in chosen]
     rows = []
     for name, scene in scenes:
         progress(name)
-        rows.append({"what": f"part: {name}", "kind": "part", **figures_of(scene)})
-    rounds = [[spent_us_s(settled(scene)) for _, scene in scenes] for _ in range(repeats)]
-    spent = list(zip(*rounds, strict=True))
-    for row, times in zip(rows, spent, strict=True):
+        rows.append({"what": f"{kind}: {name}", "kind": kind, **figures_of(scene)})
+    times = interleaved([partial(spent_us_s, scene) for _, scene in scenes], repeats)
+    for row, (least, median) in zip(rows, times, strict=True):
         row.update(
-            cost=min(times),
-            cost_median=statistics.median(times),
-            cost_ratio=min(times) / min(spent[0]),
+            cost=least,
+            cost_median=median,
+            cost_ratio=least / times[0].least,
             error=abs(row["impulse_n_s"] / rows[0]["impulse_n_s"] - 1.0),
-            unit=f"share of the first part's impulse; {COST_UNIT}",
+            unit=f"share of the impulse in the first row; {COST_UNIT}",
         )
     return rows
 
 
 def figures_of(scene: Scene) -> dict[str, Any]:
     """Return the figures of the orbit with these parts."""
-    rig = settled(scene)
-    work = work_place(rig.parts)
-    before_j = float(rig.memory.y[work])
-    terminals_before = electrical_ledger(rig.parts, rig.memory)
-    impacts = carry_on(rig, RATIO, LOOK_PERIODS)
-    energy_j = (float(rig.memory.y[work]) - before_j) / LOOK_PERIODS
-    terminals = electrical_ledger(rig.parts, rig.memory)
+    module = settled(scene)
+    plant = module.plant
+    drive_j, terminals = plant.energy.drive_work_j, plant.electrical
+    impacts = module.carry_on(RATIO, LOOK_PERIODS)
     terminal_j = math.nan
-    if terminals is not None and terminals_before is not None:
-        terminal_j = (terminals.work_j - terminals_before.work_j) / LOOK_PERIODS
-    felt_n = peak_felt_force_n(rig.parts, rig.memory)
+    if terminals is not None and plant.electrical is not None:
+        terminal_j = (plant.electrical.work_j - terminals.work_j) / LOOK_PERIODS
+    felt_n = plant.peak_felt_force_n
     return {
-        "impulse_n_s": mean(impacts["impulse_n_s"]),
-        "peak_force_n": mean(impacts["peak_force_n"]),
+        "impulse_n_s": mean([impact.impulse_n_s for impact in impacts]),
+        "peak_force_n": mean([impact.peak_force_n for impact in impacts]),
         "peak_felt_force_n": math.nan if felt_n is None else felt_n,
+        "approach_m_s": mean([impact.v_m_s for impact in impacts]),
         "impacts_per_period": len(impacts) / LOOK_PERIODS,
-        "energy_per_cycle_j": energy_j,
+        "energy_per_cycle_j": (plant.energy.drive_work_j - drive_j) / LOOK_PERIODS,
         "terminal_energy_per_cycle_j": terminal_j,
-        "fold_r": fold_of(rig, RATIO) if len(impacts) else fold_from_resonance(scene),
+        # Without impacts at RATIO, the fold is reached from the impacts at resonance.
+        "fold_r": fold_of(module, RATIO) if impacts else fold_of(settled(scene, 1.0), 1.0),
     }
-
-
-def fold_from_resonance(scene: Scene) -> float:
-    """Return the fold of a module that has no impacts at RATIO, starting from its impacts at resonance."""
-    return fold_of(settled(scene, 1.0), 1.0)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from tools.plots import drawn
 from tools.trade.costs import Cost, pareto
 
 STYLES = {
@@ -20,47 +21,43 @@ SMALLEST_M = 1e-15
 
 def draw(measured: Sequence[Cost], path: Path) -> None:
     """Draw all cases into an SVG or PNG; hollow markers show a wrong number of impacts."""
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
     cases = list(dict.fromkeys(each.case for each in measured))
     best = pareto(measured)
     columns = min(3, len(cases))
     rows = -(-len(cases) // columns)
-    figure = Figure(figsize=(4.6 * columns, 3.5 * rows + 0.6), layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    for axes, case in zip(grid.flat, cases, strict=False):
-        mine = [each for each in measured if each.case is case]
-        for method, (colour, marker) in STYLES.items():
-            chosen = sorted((each for each in mine if each.method.name == method), key=lambda p: p.least_us_s)
-            costs = [each.least_us_s for each in chosen]
-            errors = [max(each.errors.state_m, SMALLEST_M) for each in chosen]
-            axes.plot(costs, errors, "-", color=colour, lw=0.8, alpha=0.6)
-            for each, cost, error in zip(chosen, costs, errors, strict=True):
-                face = colour if each.is_right else "none"
-                axes.plot(cost, error, marker, color=colour, mfc=face, ms=9 if marker == "*" else 6)
-        front = sorted((p for p in best if p.case is case), key=lambda p: p.least_us_s)
-        axes.step(
-            [p.least_us_s for p in front],
-            [max(p.errors.state_m, SMALLEST_M) for p in front],
-            where="post",
-            color="black",
-            lw=1.0,
-            ls=":",
-        )
-        axes.set(xscale="log", yscale="log", title=case.name)
-        axes.grid(alpha=0.3)
-    for axes in list(grid.flat)[len(cases) :]:
-        axes.axis("off")
-    for axes in grid[-1]:
-        axes.set_xlabel("cost [µs per simulated second]")
-    for axes in grid[:, 0]:
-        axes.set_ylabel("state error at the end [m]")
-    handles = [
-        Line2D([], [], color=colour, marker=marker, ls="-", lw=0.8, label=method)
-        for method, (colour, marker) in STYLES.items()
-    ]
-    handles.append(Line2D([], [], color="gray", marker="o", mfc="none", ls="", label="wrong impacts"))
-    handles.append(Line2D([], [], color="black", ls=":", label="cheapest for its error"))
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), frameon=False)
-    figure.savefig(path, dpi=110)
+    with drawn(path, 4.6 * columns, 3.5 * rows + 0.6) as figure:
+        grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+        for axes, case in zip(grid.flat, cases, strict=False):
+            mine = sorted((each for each in measured if each.case is case), key=lambda each: each.least_us_s)
+            for method, (colour, marker) in STYLES.items():
+                chosen = [each for each in mine if each.method.name == method]
+                axes.plot(*points(chosen), "-", color=colour, lw=0.8, alpha=0.6)
+                for each in chosen:
+                    face = colour if each.is_right else "none"
+                    size = 9 if marker == "*" else 6
+                    axes.plot(*points([each]), marker, color=colour, mfc=face, ms=size)
+            front = [each for each in mine if each in best]
+            axes.step(*points(front), where="post", color="black", lw=1.0, ls=":")
+            axes.set(xscale="log", yscale="log", title=case.name)
+            axes.grid(alpha=0.3)
+        for axes in list(grid.flat)[len(cases) :]:
+            axes.axis("off")
+        for axes in grid[-1]:
+            axes.set_xlabel("cost [µs per simulated second]")
+        for axes in grid[:, 0]:
+            axes.set_ylabel("state error at the end [m]")
+        handles = [
+            Line2D([], [], color=colour, marker=marker, ls="-", lw=0.8, label=method)
+            for method, (colour, marker) in STYLES.items()
+        ]
+        handles.append(Line2D([], [], color="gray", marker="o", mfc="none", ls="", label="wrong impacts"))
+        handles.append(Line2D([], [], color="black", ls=":", label="cheapest for its error"))
+        figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), frameon=False)
+
+
+def points(costs: Sequence[Cost]) -> tuple[list[float], list[float]]:
+    """Return the costs and the errors, at least SMALLEST_M."""
+    errors = [max(each.errors.state_m, SMALLEST_M) for each in costs]
+    return [each.least_us_s for each in costs], errors

@@ -11,8 +11,7 @@ from tools import cli
 from tools.trade import builds, costs, own
 from tools.trade.answers import Answer, Method, answer, errors_of
 from tools.trade.cases import CASES, Case
-from tools.trade.fidelity import STOPS
-from tools.trade.parts import scene_with
+from tools.trade.parts import STOPS, scene_with
 from tools.trade.peers import heyoka_peer, scipy_peer
 from tools.trade.peers.automaton import has_peers, run
 from tools.trade.pictures import draw
@@ -129,8 +128,8 @@ def test_the_builds_of_the_firmware_decide_alike_and_differ_in_time() -> None:
 
 
 def test_every_stop_is_met_on_the_orbit() -> None:
-    for _, stop in STOPS:
-        assert scene_with({"stop": stop}).parts().drive.omega_rad_s == pytest.approx(1.3 * 9.354143466934854)
+    for _, changes in STOPS:
+        assert scene_with(changes).parts().drive.omega_rad_s == pytest.approx(1.3 * 9.354143466934854)
 
 
 def test_a_plot_of_another_kind_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

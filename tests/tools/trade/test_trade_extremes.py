@@ -1,11 +1,32 @@
 """The page of extremes holds: every extreme has its row, and each cell is what is measured now."""
 
+import math
 import re
 from pathlib import Path
 
 import pytest
 
-from tools.trade.extremes import EXTREMES, METHODS, Extreme, measure, read
+from tools.trade.extremes import EXTREMES, METHODS, Cell, Extreme, measure
+
+ROW = re.compile(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", re.MULTILINE)
+SENTENCE = re.compile(r"^(\d+)\. (.+)$", re.MULTILINE)
+
+
+def read(page: Path) -> dict[tuple[str, str], dict[str, Cell]]:
+    """The cells of a page by extreme case and value."""
+    text = page.read_text(encoding="utf-8")
+    sentences = dict(SENTENCE.findall(text))
+    rows = {}
+    for what, value, *cells in ROW.findall(text)[1:]:
+        read_cells = [
+            Cell(math.nan, sentences[cell[len("refused [") : -1]])
+            if cell.startswith("refused")
+            else Cell(float(cell), "")
+            for cell in cells
+        ]
+        rows[what, value] = dict(zip(METHODS, read_cells, strict=True))
+    return rows
+
 
 PAGE = read(Path(__file__).parents[3] / "docs" / "extremes.md")
 
