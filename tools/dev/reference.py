@@ -6,10 +6,11 @@ A test fails if the pages are out of date.
 """
 
 import inspect
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from enum import IntEnum
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Any, get_args
 
 import typer
 from pydantic import BaseModel
@@ -199,18 +200,21 @@ def default_of(field: FieldInfo) -> str:
     return f"`{field.default}`" if field.default_factory is None else "—"
 
 
-def choices_of(annotation: Any) -> str:
+def choices_of(annotation: Any) -> list[str]:
     """The texts that a key accepts; empty if it accepts any."""
-    if get_origin(annotation) is None:
-        return ""
-    names = [repr(value) for value in get_args(annotation) if isinstance(value, str)]
-    return f" ({', '.join(names)})" if names else ""
+    return [value for value in get_args(annotation) if isinstance(value, str)]
 
 
 def meaning_of(field: FieldInfo) -> str:
-    """The description of a key, or of the table that it names."""
+    """The description of a key, or of the table that it names, and the accepted texts that it does not name."""
     is_table = inspect.isclass(field.annotation) and issubclass(field.annotation, BaseModel)
-    return field.description or (first_sentences(field.annotation) if is_table else "")
+    described = field.description or (first_sentences(field.annotation) if is_table else "")
+    others = [
+        f"`{choice}`"
+        for choice in choices_of(field.annotation)
+        if not re.search(rf"(?<![\w-]){re.escape(choice)}(?![\w-])", described)
+    ]
+    return " ".join(filter(None, [described, ", ".join(others)]))
 
 
 def keys_of(fields: Mapping[str, FieldInfo]) -> str:
@@ -220,7 +224,7 @@ def keys_of(fields: Mapping[str, FieldInfo]) -> str:
             f"`{name}`",
             default_of(field),
             bounds_of(field) or "—",
-            meaning_of(field) + choices_of(field.annotation),
+            meaning_of(field),
         )
         for name, field in fields.items()
     )
@@ -261,11 +265,11 @@ def scenes() -> str:
 
 
 DEADLINES = {
-    "after_fault.torque_zero_after_s": "the motor's torque is 0 within",
-    "safe_state.command_zero_after_s": "the commanded torque is 0 within",
-    "after_fault.impacts_again_after_s": "after the fault, the impacts are back within",
+    "after_fault.torque_zero_after_s": "torque 0 within",
+    "safe_state.command_zero_after_s": "command 0 within",
+    "after_fault.impacts_again_after_s": "impacts within",
 }
-"""Figures with the deadline of a reaction, and the beginning of the sentence for each."""
+"""Figures with the deadline of a reaction, and how the tables of faults name it."""
 
 
 def reaction_of(scenario: Scenario) -> str:
@@ -275,7 +279,7 @@ def reaction_of(scenario: Scenario) -> str:
             if check.name == name:
                 within_s = check.equals if check.high is None else check.high
                 return f"{what} {within_s:g} s"
-    return "its bounds on torque, speed and force hold"
+    return "bounds"
 
 
 def faults() -> str:
@@ -284,9 +288,13 @@ def faults() -> str:
     parts = [
         "A fault is a table `[[script.faults]]` of a scenario. It acts on the bus, at a sensor, in the drive "
         "or the module, on a process or on its clock, but never inside the firmware. Each fault has `at_s`, "
-        "its "
-        "beginning in s from the start, and `duration_s`, by default to the end of the run. The reaction is "
-        "measured on the truth. `vibrohil suite --seeds 20` runs each fault with twenty seeds."
+        "its beginning in s from the start, and `duration_s`, by default to the end of the run. "
+        "`vibrohil suite --seeds 20` runs each fault with twenty seeds.",
+        "The tables name what a scenario requires, measured on the truth. *Torque 0 within*: from the "
+        "fault's beginning until the motor's torque is finally 0. *Command 0 within*: from the time at which "
+        "the drive must be off until the commanded torque is finally 0. *Impacts within*: from the fault's "
+        "end until each drive period has an impact again. *Bounds*: torque, speed and force stay within the "
+        "scenario's bounds.",
     ]
     for place in PLACES:
         parts.append(f"## {place}")
