@@ -7,7 +7,8 @@ A test fails if the pages are out of date.
 
 import inspect
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import IntEnum
 from pathlib import Path
 from typing import Any, get_args
@@ -136,9 +137,16 @@ def parameters() -> str:
     )
 
 
+PROCESS = re.compile(r"(?<=\.)(plant|firmware)(?=\.)")
+"""The process in the name of a figure that both processes have."""
+
+
 def figures() -> str:
-    """Every figure that a check may name."""
-    rows = (row(f"`{spec.name}`", spec.unit or "—", spec.meaning) for spec in CATALOGUE.values())
+    """Every figure that a check may name; a figure of both processes has one row."""
+    named: dict[tuple[str, str, str], list[str]] = {}
+    for spec in CATALOGUE.values():
+        named.setdefault((PROCESS.sub("…", spec.name), spec.unit, spec.meaning), []).append(f"`{spec.name}`")
+    rows = (row("<br>".join(names), unit or "—", meaning) for (_, unit, meaning), names in named.items())
     return page(
         "Figures",
         "The figures of a finished run. A check names one of these, with `low` and/or `high`, or `equals`. "
@@ -206,7 +214,7 @@ def choices_of(annotation: Any) -> list[str]:
 
 
 def meaning_of(field: FieldInfo) -> str:
-    """The description of a key, or of the table that it names, and the accepted texts that it does not name."""
+    """The description of a key or of the table that it names; then the accepted texts that are not in it."""
     is_table = inspect.isclass(field.annotation) and issubclass(field.annotation, BaseModel)
     described = field.description or (first_sentences(field.annotation) if is_table else "")
     others = [
@@ -325,6 +333,27 @@ def every_command(group: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
             yield from every_command(command, f"{prefix}{name} ")
 
 
+def options_of(command: Any) -> dict[str, str]:
+    """The options and arguments of a command, by their names as written on the page, with their meanings."""
+    found = {}
+    for option in command.params:
+        if option.name == "help" or "--json" in option.opts:
+            continue
+        every = (*option.opts, *option.secondary_opts)
+        names = ", ".join(f"`{one}`" for one in every) or f"`{option.name}`"
+        shown = names if names.startswith("`--") else f"`{(option.metavar or option.name).upper()}`"
+        found[shown] = getattr(option, "help", None) or ""
+    return found
+
+
+def shared_options(every_command: Iterable[Any]) -> dict[str, str]:
+    """The options with one meaning in several commands, which are described once for all of them."""
+    counts = Counter(option for command in every_command for option in options_of(command).items())
+    shared = [option for option, count in counts.items() if count > 1]
+    meanings = Counter(name for name, _ in shared)
+    return {name: meaning for name, meaning in shared if meanings[name] == 1 and name.startswith("`--")}
+
+
 def commands() -> str:
     """Every command and its options."""
     whole: Any = typer.main.get_command(program())
@@ -335,25 +364,23 @@ def commands() -> str:
         if not hasattr(command, "commands") and not any("--json" in option.opts for option in command.params)
     ]
     names = ", ".join(f"`{name}`" for name in without)
+    shared = shared_options(command for _, command in every_name)
     parts = [
         "Every command describes itself with `--help`. With `--json` it prints one JSON object on standard "
-        f"output ({names} do not have this option). Exit "
-        "statuses: 0 all passed, 1 a check failed, 2 interrupted (by Ctrl-C, "
-        "SIGTERM or SIGHUP), 3 internal error, 4 usage or "
-        "bad input, 5 nothing ran."
+        f"output ({names} do not have this option). All have the same "
+        "[exit statuses](../how-to/run-in-ci.md#exit-statuses).",
+        "## Shared options",
+        "Each command below names those that it has.",
+        table(["option", "meaning"], (row(*option) for option in shared.items())),
     ]
     for name, command in every_name:
-        lines = []
-        for option in command.params:
-            if option.name == "help" or "--json" in option.opts:
-                continue
-            every = (*option.opts, *option.secondary_opts)
-            names = ", ".join(f"`{one}`" for one in every) or f"`{option.name}`"
-            shown = names if names.startswith("`--") else f"`{(option.metavar or option.name).upper()}`"
-            lines.append(row(shown, getattr(option, "help", None) or ""))
+        options = options_of(command)
+        own = {option: meaning for option, meaning in options.items() if shared.get(option) != meaning}
         parts.append(f"## vibrohil {name}\n\n{command.help or ''}")
-        if lines:
-            parts.append(table(["option", "meaning"], iter(lines)))
+        if own:
+            parts.append(table(["option", "meaning"], (row(*option) for option in own.items())))
+        if also := [option for option in options if option not in own]:
+            parts.append(f"[Shared](#shared-options): {', '.join(also)}.")
     return page("The command line", *parts)
 
 
