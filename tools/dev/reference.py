@@ -10,6 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import IntEnum
+from itertools import groupby
 from pathlib import Path
 from typing import Any, get_args
 
@@ -225,18 +226,29 @@ def meaning_of(field: FieldInfo) -> str:
     return " ".join(filter(None, [described, ", ".join(others)]))
 
 
-def keys_of(fields: Mapping[str, FieldInfo]) -> str:
-    """The keys of one table of a file."""
-    rows = (
-        row(
-            f"`{name}`",
-            default_of(field),
-            bounds_of(field) or "—",
-            meaning_of(field),
-        )
-        for name, field in fields.items()
-    )
-    return table(["key", "default", "bounds", "meaning"], rows)
+def cell(texts: Sequence[str]) -> str:
+    """The texts of a key in several tables: once if they agree, otherwise one after the other."""
+    return texts[0] if len(set(texts)) == 1 else "; ".join(texts)
+
+
+def keys_of(*tables: Mapping[str, FieldInfo]) -> str:
+    """The keys of one table of a file, or of several tables with the same keys."""
+    rows = []
+    for name in tables[0]:
+        fields = [one[name] for one in tables]
+        default = cell([default_of(field) for field in fields])
+        bounds = cell([bounds_of(field) or "—" for field in fields])
+        rows.append(row(f"`{name}`", default, bounds, cell([meaning_of(field) for field in fields])))
+    return table(["key", "default", "bounds", "meaning"], iter(rows))
+
+
+def table_sections(models: Iterable[type[BaseModel]]) -> Iterator[str]:
+    """The sections of a file's tables; successive tables with the same keys share one."""
+    for _, group in groupby(models, lambda model: sorted(model.model_fields)):
+        alike = list(group)
+        yield f"### {', '.join(model.__name__.removesuffix('Table') for model in alike)}"
+        yield "<br>\n".join(first_sentences(model) for model in alike)
+        yield keys_of(*(model.model_fields for model in alike))
 
 
 def check_set_rows() -> Iterator[str]:
@@ -254,13 +266,13 @@ def limit_of(check: Mapping[str, Any]) -> str:
 
 def scenes() -> str:
     """Every key of a scene's and a scenario's file."""
-    parts = ["A part without a table is absent. Unknown keys are rejected."]
+    parts = [
+        "A part without a table is absent. Unknown keys are rejected. Tables with the same keys share a "
+        "section; where they differ, their texts follow each other in the order of the heading."
+    ]
     of_scenario: list[type[BaseModel]] = [ScenarioTable, FileTable, ScriptTable, CommandTable]
     for heading, found in (("A scenario", of_scenario), ("A scene", [*tables_in(BenchScene)][1:])):
-        parts.append(f"## {heading}")
-        for model in found:
-            name = model.__name__.removesuffix("Table")
-            parts += [f"### {name}\n\n{first_sentences(model)}", keys_of(model.model_fields)]
+        parts += [f"## {heading}", *table_sections(found)]
     parts += ["## Sets of checks", table(["name", "title", "checks"], check_set_rows())]
     parts.append(
         "## Sizes\n\nEvery number has a largest size, and a number above 0 has a smallest one, by the unit "
