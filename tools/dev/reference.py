@@ -111,7 +111,6 @@ def parameters() -> str:
     """Every parameter of the firmware."""
     rows = (
         row(
-            index,
             f"`{one.name}`",
             one.tier.name.lower(),
             "—" if not one.is_calibrated else "in motion" if one.while_running else "at rest",
@@ -120,7 +119,7 @@ def parameters() -> str:
             f"{one.low:g} … " + (f"`{one.at_most}`" if one.at_most else f"{one.high:g}"),
             one.meaning,
         )
-        for index, one in enumerate(TABLE)
+        for one in TABLE
     )
     return page(
         "Firmware parameters",
@@ -134,7 +133,7 @@ def parameters() -> str:
         "nominal parameters of the module and its motor. **tuning**: the controller's behaviour. The "
         "column **XCP** says when [a master](../how-to/measure-and-calibrate.md) may change it, within "
         "its bounds. A bound given as a name is the value of that parameter.",
-        table(["index", "name", "tier", "XCP", "unit", "default", "bounds", "meaning"], rows),
+        table(["name", "tier", "XCP", "unit", "default", "bounds", "meaning"], rows),
     )
 
 
@@ -358,12 +357,21 @@ def options_of(command: Any) -> dict[str, str]:
     return found
 
 
-def shared_options(every_command: Iterable[Any]) -> dict[str, str]:
-    """The options with one meaning in several commands, which are described once for all of them."""
-    counts = Counter(option for command in every_command for option in options_of(command).items())
-    shared = [option for option, count in counts.items() if count > 1]
-    meanings = Counter(name for name, _ in shared)
-    return {name: meaning for name, meaning in shared if meanings[name] == 1 and name.startswith("`--")}
+FEWEST_COMMANDS = 3
+"""An option with the same meaning in this number of commands or more is described once for all of them."""
+
+
+def repeated(commands: Iterable[Mapping[str, str]]) -> dict[str, str]:
+    """The options that are described once for several commands: by one name only one."""
+    counts = Counter(option for options in commands for option in options.items())
+    found = [option for option, count in counts.items() if count >= FEWEST_COMMANDS]
+    meanings = Counter(name for name, _ in found)
+    return {name: meaning for name, meaning in found if meanings[name] == 1 and name.startswith("`--")}
+
+
+def option_table(options: Mapping[str, str]) -> str:
+    """A table of options with their meanings."""
+    return table(["option", "meaning"], (row(*option) for option in options.items()))
 
 
 def commands() -> str:
@@ -376,23 +384,38 @@ def commands() -> str:
         if not hasattr(command, "commands") and not any("--json" in option.opts for option in command.params)
     ]
     names = ", ".join(f"`{name}`" for name in without)
-    shared = shared_options(command for _, command in every_name)
+    of_group = {
+        group: repeated(map(options_of, command.commands.values()))
+        for group, command in every_name
+        if hasattr(command, "commands")
+    }
+    described, left = {}, {}
+    for name, command in every_name:
+        group, _, is_member = name.partition(" ")
+        above = of_group[group] if is_member else {}
+        options = options_of(command)
+        described[name] = [option for option in options if above.get(option) == options[option]]
+        left[name] = {option: options[option] for option in options if option not in described[name]}
+    of_all = repeated(left.values())
     parts = [
         "Every command describes itself with `--help`. With `--json` it prints one JSON object on standard "
         f"output ({names} do not have this option). All have the same "
-        "[exit statuses](../how-to/run-in-ci.md#exit-statuses).",
-        "## Shared options",
-        "Each command below names those that it has.",
-        table(["option", "meaning"], (row(*option) for option in shared.items())),
+        "[exit statuses](../how-to/run-in-ci.md#exit-statuses). Options of several commands are described "
+        "once, here or at their group; each command names those that it has.",
+        option_table(of_all),
     ]
     for name, command in every_name:
-        options = options_of(command)
-        own = {option: meaning for option, meaning in options.items() if shared.get(option) != meaning}
+        own = {option: meaning for option, meaning in left[name].items() if of_all.get(option) != meaning}
+        shared = [option for option in left[name] if option not in own]
         parts.append(f"## vibrohil {name}\n\n{command.help or ''}")
         if own:
-            parts.append(table(["option", "meaning"], (row(*option) for option in own.items())))
-        if also := [option for option in options if option not in own]:
-            parts.append(f"[Shared](#shared-options): {', '.join(also)}.")
+            parts.append(option_table(own))
+        if shared:
+            parts.append(f"[Also](#the-command-line): {', '.join(shared)}.")
+        if described[name]:
+            parts.append(f"[Also](#vibrohil-{name.partition(' ')[0]}): {', '.join(described[name])}.")
+        if of_group.get(name):
+            parts += ["Options of several of its commands:", option_table(of_group[name])]
     return page("The command line", *parts)
 
 

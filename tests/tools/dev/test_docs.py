@@ -179,3 +179,23 @@ def test_the_sizes_of_the_blocks_states_are_those_of_the_code():
     states = {name: words_of(kind) for name, kind in get_type_hints(State).items()}
     assert said == {name: states[name] for name in said}
     assert set(states) - set(said) == {"drive_link", "proof"}  # docs/safety.md describes them
+
+
+def test_every_option_is_in_the_section_of_its_command():
+    page = (DOCS / "reference" / "command-line.md").read_text("utf-8")
+    sections = dict(re.findall(r"^## vibrohil (.*?)\n(.*?)(?=^## |\Z)", page, re.DOTALL | re.MULTILINE))
+    for name, command in reference.every_command(typer.main.get_command(program())):
+        for option in reference.options_of(command):
+            assert option.replace("|", "\\|") in sections[name], f"vibrohil {name} has {option}"
+
+
+def test_every_shared_option_is_described_where_its_command_links_to():
+    page = (DOCS / "reference" / "command-line.md").read_text("utf-8")
+    places = {"the-command-line": page.partition("\n## ")[0]}
+    for heading, text in re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", page, re.DOTALL | re.MULTILINE):
+        places[heading.replace(" ", "-")] = text
+    links = re.findall(r"^\[Also\]\(#(.*?)\): (.*)\.$", page, re.MULTILINE)
+    assert links
+    for anchor, options in links:
+        for option in options.split(", "):
+            assert f"| {option} |" in places[anchor], f"{option} is not described at {anchor}"
