@@ -1,15 +1,21 @@
 """The campaigns: their conditions, metrics and goals."""
 
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from firmware_py.shell.builds import Build
-from tools.campaign.limits import CONTACTS_MS, limit_cells
-from tools.campaign.trial.cells import Condition, cells_of
+from tools.campaign.limits import CONTACTS_MS, LIMIT_AXES, judge_limits, limit_cell, limit_trial
+from tools.campaign.trial import judges
+from tools.campaign.trial.cells import Axes, Cell, Condition, cells_of
+from tools.campaign.trial.modules import MODULE_AXES, module_cell, module_trial
+from tools.campaign.trial.outcome import Outcome
+from tools.campaign.trial.run import Run, run
 from tools.campaign.trial.sampling import Mismatch
-from tools.campaign.trial.scenarios import Plan
-from tools.campaign.trial.walk_cells import WalkCondition, walk_cells
+from tools.campaign.trial.scenarios import Plan, Trial
+from tools.campaign.trial.walk_cells import COURSES, WALK_AXES, walk_cell, walk_trial
+from tools.campaign.trial.walk_judge import judge_walk
 
 Quantile = Literal["lowest", "p50", "p95", "worst"]
 
@@ -18,7 +24,7 @@ NO_IMPULSE = (0.0,)
 RISE = "the first impacts after a soft start are harder than the steady ones"
 WEAK_TURNS = "a few turns are below 10 N"
 STUMBLE = "one stumble in 300 is followed by a harder impact"
-WALKS = (("walking", ("steady", "change", "stop", "stumble")), ("table1", ("steady", "stop", "stumble")))
+WALKS = ((("walking",), COURSES), (("table1",), ("steady", "stop", "stumble")))
 
 
 @dataclass(frozen=True)
@@ -42,27 +48,42 @@ class Goal:
     """Whether the goal applies only to a campaign with all of its trials."""
 
 
+class Sampler(NamedTuple):
+    """What a campaign samples: the axes of its conditions, a cell of values on them, a trial of a cell."""
+
+    axes: Axes
+    cell: Callable[..., Cell]
+    trial: Callable[[Plan, Cell, int], Trial]
+
+
+MODULES = Sampler(MODULE_AXES, module_cell, module_trial)
+WALKERS = Sampler(WALK_AXES, walk_cell, walk_trial)
+LIMITS = Sampler(LIMIT_AXES, limit_cell, limit_trial)
+
+
 @dataclass(frozen=True)
 class Campaign:
-    """A Monte Carlo campaign.
+    """A Monte Carlo campaign: what it samples, how it judges, and its goals.
 
-    `conditions` span the cells. `numbers` may be changed by `--set campaign.KEY=VALUE`. `units` are the units
-    in which the metrics are printed. `trials` is the number of trials that the goals need; with fewer trials
-    a goal of full size does not apply.
+    `conditions` span the cells over the sampler's axes. `numbers` may be changed by `--set
+    campaign.KEY=VALUE`. `units` are the units in which the metrics are printed. `trials` is the number of
+    trials that the goals need; with fewer trials a goal of full size does not apply.
     """
 
     name: str
     title: str
     trials: int
-    conditions: tuple[Condition, ...] | tuple[WalkCondition, ...] | tuple[tuple[float, float], ...]
+    judge: Callable[[Trial, Run, Outcome], None]
+    conditions: tuple[Condition, ...]
     numbers: Mapping[str, Any]
     units: Mapping[str, str]
     goals: tuple[Goal, ...]
+    sampler: Sampler = MODULES
 
     def plan(self, settings: Sequence[str], seed: int, firmware: Build = "compiled") -> Plan:
         """Return the plan of the trials after the `--set` changes; BadInputError for an unknown one."""
-        made: Any = {"walk": walk_cells, "limits": limit_cells}.get(self.name, cells_of)
-        cells, numbers = made(self.conditions, self.numbers, settings)
+        sampler = self.sampler
+        cells, numbers = cells_of(sampler.axes, sampler.cell, self.conditions, self.numbers, settings)
         return Plan(self.name, cells, numbers, seed, firmware)
 
 
@@ -75,6 +96,7 @@ CAMPAIGNS: dict[str, Campaign] = {
             name="start-up",
             title="from random states into the impact regime, where one exists",
             trials=4800,
+            judge=judges.start_up,
             conditions=((WET_AND_DRY, (1.1, 1.2, 1.3, 1.35), NO_IMPULSE),),
             numbers={"duration_s": 32.0, "swing_m_s2": 0.5, **MISMATCH},
             units={
@@ -96,6 +118,7 @@ CAMPAIGNS: dict[str, Campaign] = {
             name="estimate",
             title="position and velocity in the impact regime",
             trials=300,
+            judge=judges.estimate,
             conditions=((("viscous",), (1.1,), NO_IMPULSE), (("coulomb-0.2",), (0.95,), NO_IMPULSE)),
             numbers={"duration_s": 30.0, **MISMATCH},
             units={"x_rmse": "mm", "v_rmse": "m/s", "x_worst": "mm", "nis": "1"},
@@ -109,6 +132,7 @@ CAMPAIGNS: dict[str, Campaign] = {
             name="detect",
             title="touch-downs found, when, and the regime reported",
             trials=440,
+            judge=judges.detect,
             conditions=(
                 (("viscous",), (1.0, 1.1, 1.2, 1.3, 1.35), NO_IMPULSE),
                 (("coulomb", "stribeck"), (1.0, 1.1, 1.2), NO_IMPULSE),
@@ -127,6 +151,7 @@ CAMPAIGNS: dict[str, Campaign] = {
             name="hold",
             title="the impact regime, or a requested impulse, held for a minute",
             trials=700,
+            judge=judges.hold,
             conditions=(
                 (("viscous",), (1.3, 1.4), NO_IMPULSE),
                 (("viscous",), (1.3,), (0.65, 0.75, 0.85, 0.95, 1.05)),
@@ -153,6 +178,7 @@ CAMPAIGNS: dict[str, Campaign] = {
             name="recover",
             title="back into the impact regime after a kick out of it",
             trials=1800,
+            judge=judges.recover,
             conditions=((("viscous",), (1.3, 1.35), NO_IMPULSE),),
             numbers={"duration_s": 50.0, "kick_low_m_s": 0.8, "kick_high_m_s": 1.4, **MISMATCH},
             units={"recovery": "s"},
@@ -166,7 +192,9 @@ CAMPAIGNS: dict[str, Campaign] = {
             name="limits",
             title="every impact beyond a limit stops the motor, and no impact far below it does",
             trials=24_000,
-            conditions=CONTACTS_MS,
+            judge=judge_limits,
+            sampler=LIMITS,
+            conditions=((tuple(CONTACTS_MS),),),
             numbers={"mismatch_mass": 0.02, "high_offset_m_s2": 4.0},
             units={},
             goals=(
@@ -179,6 +207,8 @@ CAMPAIGNS: dict[str, Campaign] = {
             name="walk",
             title="a walk that the crank follows: pulses in late stance, felt force, end of the walk",
             trials=2100,
+            judge=judge_walk,
+            sampler=WALKERS,
             conditions=WALKS,
             numbers={"walk_s": 70.0, "variability": 0.02, **MISMATCH},
             units={
@@ -216,3 +246,19 @@ CAMPAIGNS: dict[str, Campaign] = {
     )
 }
 """Campaigns by their name on the command line."""
+
+
+def trial_of(plan: Plan, number: int) -> Trial:
+    """Sample the trial with this number."""
+    return CAMPAIGNS[plan.campaign].sampler.trial(plan, plan.cell_of(number), number)
+
+
+def run_trial(plan: Plan, number: int) -> Outcome:
+    """Sample, run and judge the trial with this number."""
+    started_s = time.process_time()
+    trial = trial_of(plan, number)
+    outcome = Outcome(number, number % len(plan.cells), simulated_s=trial.scenario.duration_s)
+    done = run(trial.scenario, trial.scenario.seed, firmware=plan.firmware)
+    CAMPAIGNS[plan.campaign].judge(trial, done, outcome)
+    outcome.compute_s = time.process_time() - started_s
+    return outcome

@@ -8,7 +8,6 @@ judge compares each contact's true peak force and impulse with the limits.
 import math
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,9 +16,9 @@ from numpy.typing import NDArray
 from firmware_py.interface.enums import Fault, Mode
 from firmware_py.shell.parameters import flattened
 from hil.scenario.operator import Command, Request
-from hil.scenario.settings import apply_settings
+from hil.scenario.scenario import Scenario
 from plant_sim.scene import load_scene, read_scene
-from tools.campaign.trial.cells import BASE_SCENE, Cell, numbers_after
+from tools.campaign.trial.cells import BASE_SCENE, Axes, Cell
 from tools.campaign.trial.outcome import Outcome
 from tools.campaign.trial.run import Run, run
 from tools.campaign.trial.sampling import LARGEST_RUN_SEED, Sampled
@@ -29,11 +28,14 @@ RUN_S = 0.4
 KICK_S = (0.7, 1.2)
 AFTER_S = 0.45
 """Times of the command RUN and of the kick, and time after it in which the striker reaches the stop, s."""
-CONTACTS_MS = ((1.5, 3.0), (3.0, 5.0), (5.0, 10.0), (10.0, 30.0))
+CONTACTS_MS = {
+    f"{low:g} to {high:g}": (low, high) for low, high in ((1.5, 3.0), (3.0, 5.0), (5.0, 10.0), (10.0, 30.0))
+}
 """Ranges of the elastic contact time at 0.9 m/s, one cell each."""
+LIMIT_AXES: Axes = {"contacts_ms": CONTACTS_MS}
 BASE_MASS_KG = 0.8
-LOST = 3
-"""Most lost, corrupted or repeated samples; a quarter of the trials has 1 to 3, the others none."""
+LOST, LOSSES_SHARE = 3, 0.25
+"""Most lost, corrupted or repeated samples, and the share of the trials that have some."""
 NEAR_S = 0.004
 """Samples are lost up to this time before and after the hardest contact."""
 FORCE_BEYOND, IMPULSE_BEYOND, BELOW = 1.2, 1.15, 0.8
@@ -51,30 +53,9 @@ CLEAN_MS = 5.0
 elastic contact time at 0.9 m/s. With damping the pulse has a higher peak and a long, weak end."""
 
 
-@dataclass(frozen=True)
-class LimitCell(Cell):
-    """A range of contact times, in ms."""
-
-    low_ms: float
-    high_ms: float
-
-    @property
-    def name(self) -> str:
-        """Name of the cell in tables and goals."""
-        return f"{self.low_ms:g} to {self.high_ms:g} ms"
-
-
-def limit_cells(
-    conditions: Sequence[tuple[float, float]], numbers: Mapping[str, Any], settings: Sequence[str]
-) -> tuple[list[Cell], dict[str, Any]]:
-    """Return the cells of the campaign and its numbers, both after the `--set` changes."""
-    own: dict[str, Any] = {"campaign": {}, "scene": deepcopy(read_scene(BASE_SCENE)), "firmware": {}}
-    changed = numbers_after({**own, "campaign": dict(numbers)}, settings)
-    own = apply_settings(own, [one for one in settings if not one.startswith("campaign.")])
-    cells: list[Cell] = [
-        LimitCell("viscous", 1.1, 0.0, own["scene"], own["firmware"], *pair) for pair in conditions
-    ]
-    return cells, changed
+def limit_cell(contact_ms: str) -> Cell:
+    """Return the cell of a range of contact times."""
+    return Cell(f"{contact_ms} ms", (contact_ms,), read_scene(BASE_SCENE), {})
 
 
 class Module(NamedTuple):
@@ -85,14 +66,14 @@ class Module(NamedTuple):
     kick: dict[str, Any]
 
 
-def sampled_module(cell: LimitCell, numbers: Mapping[str, Any], dice: np.random.Generator) -> Module:
+def sampled_module(cell: Cell, numbers: Mapping[str, Any], dice: np.random.Generator) -> Module:
     """Sample the truth, the nominal mass, the limits and the kick."""
 
     def between(low: float, high: float) -> float:
         return float(dice.uniform(low, high))
 
     scene = deepcopy(dict(cell.scene))
-    mass_kg, contact_s = between(0.3, 1.5), 1e-3 * between(cell.low_ms, cell.high_ms)
+    mass_kg, contact_s = between(0.3, 1.5), 1e-3 * between(*CONTACTS_MS[cell.values[0]])
     k, share = between(0.1, 0.9), mass_kg / BASE_MASS_KG
     scene["striker"].update(mass_kg=mass_kg, spring_n_m=scene["striker"]["spring_n_m"] * share)
     scene["friction"]["b_n_s_m"] *= share
@@ -127,26 +108,30 @@ def sampled_module(cell: LimitCell, numbers: Mapping[str, Any], dice: np.random.
     return Module(scene, firmware, kick)
 
 
-def limit_trial(
-    cell: LimitCell, numbers: Mapping[str, Any], seed: int, trial: int, losses: Sequence[dict[str, Any]] = ()
-) -> Trial:
-    """Return the trial with this number; `losses`: the faults of the samples."""
-    module = sampled_module(cell, numbers, np.random.default_rng([seed, trial, 0]))
-    run_seed = int(np.random.default_rng([seed, trial, 1]).integers(LARGEST_RUN_SEED))
+def limit_trial(plan: Plan, cell: Cell, number: int) -> Trial:
+    """Sample a module; the samples that are lost lie near the hardest contact of the run without losses."""
+    seed = plan.seed
+    module = sampled_module(cell, plan.numbers, np.random.default_rng([seed, number, 0]))
+    run_seed = int(np.random.default_rng([seed, number, 1]).integers(LARGEST_RUN_SEED))
+    sampled = Sampled(module.scene, load_scene(module.scene), run_seed, (seed, number, 2))
     commands = [Command(0.0, Request.IDLE, 0.0), Command(RUN_S, Request.RUN, cell.ratio)]
     duration_s = module.kick["at_s"] + AFTER_S
-    faults = [module.kick, *losses]
-    name = f"limits-{seed}-{trial}"
-    scenario = scenario_of(name, module.scene, module.firmware, commands, duration_s, run_seed, faults)
-    more = np.random.default_rng([seed, trial, 2])
-    sampled = Sampled(module.scene, load_scene(module.scene), run_seed, more, (seed, trial, 2))
+
+    def with_losses(losses: Sequence[Mapping[str, Any]]) -> Scenario:
+        faults = [module.kick, *losses]
+        name = plan.name_of(number)
+        return scenario_of(name, module.scene, module.firmware, commands, duration_s, run_seed, faults)
+
+    scenario = with_losses(())
+    dice = np.random.default_rng([seed, number, 3])
+    if dice.uniform() < LOSSES_SHARE:
+        scenario = with_losses(sampled_losses(run(scenario, run_seed, firmware=plan.firmware), dice))
     return Trial(cell, sampled, scenario)
 
 
-def sampled_losses(done: Run, seed: int, trial: int) -> list[dict[str, Any]]:
-    """Sample the lost, corrupted or repeated samples near the hardest contact of the trial without losses."""
-    dice = np.random.default_rng([seed, trial, 3])
-    if dice.uniform() >= 0.25 or len(done.impacts) == 0:
+def sampled_losses(done: Run, dice: np.random.Generator) -> list[dict[str, Any]]:
+    """Sample the lost, corrupted or repeated samples near the hardest contact; none without an impact."""
+    if len(done.impacts) == 0:
         return []
     hardest = done.impacts[int(np.argmax(done.impacts["peak_force_n"]))]
     contact = next(one for one in contacts_of(done) if one.impact["t_s"] == hardest["t_s"])
@@ -160,8 +145,6 @@ def sampled_losses(done: Run, seed: int, trial: int) -> list[dict[str, Any]]:
     ]
 
 
-MORE = ("outputs.torque_n_m",)
-"""Signals of the firmware that the judge needs in addition."""
 PARTS_OF = {"above": ("missed",), "below": ("tripped",)}
 """Counts that are a part of another."""
 GROUPS = (*(f"{kind}{lost}" for kind in ("", "short_") for lost in range(LOST + 1)), "kicked")
@@ -198,7 +181,7 @@ def contacts_of(done: Run) -> list[TrueContact]:
     return found
 
 
-def judge_limits(trial: Trial, done: Run, outcome: Outcome, losses: Sequence[Mapping[str, Any]]) -> None:
+def judge_limits(trial: Trial, done: Run, outcome: Outcome) -> None:
     """Judge the contacts up to the first that exceeds a limit.
 
     The counts have the number of the samples lost within the contact: `above_0` are contacts beyond a limit,
@@ -207,7 +190,7 @@ def judge_limits(trial: Trial, done: Run, outcome: Outcome, losses: Sequence[Map
     """
     limit = flattened(trial.scenario.parameters)
     force_n, impulse_n_s = limit["limit.force_n"], limit["limit.impulse_n_s"]
-    kick_s = trial.scenario.faults[0].at_s
+    kicked, *losses = trial.scenario.faults
     latch = next((change for change in done.modes if change.mode == Mode.FAULT), None)
     tripped_s = latch.t_s if latch is not None and latch.fault in OF_THE_IMPACT else math.inf
     gone_s = latch.t_s if latch is not None and latch.fault not in OF_THE_IMPACT else math.inf
@@ -219,12 +202,12 @@ def judge_limits(trial: Trial, done: Run, outcome: Outcome, losses: Sequence[Map
             outcome.leave_out(f"{latch.fault.name.lower()} came first" if latch else "")
             return
         force, impulse = float(impact["peak_force_n"]) / force_n, float(impact["impulse_n_s"]) / impulse_n_s
-        lost = sum(impact["t_s"] - done.tick_s <= one["at_s"] <= end_s for one in losses)
+        lost = sum(bool(impact["t_s"] - done.tick_s <= one.at_s <= end_s) for one in losses)
         long = trial.sampled.tables["stop"]["contact_s"] >= 1e-3 * CLEAN_MS
-        overlaps = impact["t_s"] - KICK_PULSE_S < kick_s < end_s + KICK_PULSE_S
+        overlaps = impact["t_s"] - KICK_PULSE_S < kicked.at_s < end_s + KICK_PULSE_S
         group = "kicked" if overlaps else f"{lost}" if long else f"short_{lost}"
         if force > FORCE_BEYOND or impulse > IMPULSE_BEYOND:
-            valid_s = end_s + done.tick_s * sum(one["at_s"] > end_s - done.tick_s for one in losses)
+            valid_s = end_s + done.tick_s * sum(one.at_s > end_s - done.tick_s for one in losses)
             in_time = tripped_s <= valid_s + IN_TICKS * done.tick_s and is_off(done, valid_s)
             count(outcome, "above", group)
             if not in_time:
@@ -258,17 +241,3 @@ def count(outcome: Outcome, what: str, group: str) -> None:
 def is_off(done: Run, valid_s: float) -> bool:
     """Return whether the torque is 0 from `IN_TICKS` after the first valid sample on."""
     return not np.any(done.firmware["outputs.torque_n_m"][round(valid_s / done.tick_s) + IN_TICKS :])
-
-
-def run_limits(plan: Plan, cell: Cell, number: int, outcome: Outcome) -> Trial:
-    """Run and judge a trial; with losses it runs once more, as they lie near its hardest contact."""
-    assert isinstance(cell, LimitCell)
-    trial = limit_trial(cell, plan.numbers, plan.seed, number)
-    done = run(trial.scenario, trial.scenario.seed, MORE, plan.firmware)
-    losses = sampled_losses(done, plan.seed, number)
-    outcome.simulated_s = trial.scenario.duration_s
-    if losses:
-        trial = limit_trial(cell, plan.numbers, plan.seed, number, losses)
-        done = run(trial.scenario, trial.scenario.seed, MORE, plan.firmware)
-    judge_limits(trial, done, outcome, losses)
-    return trial

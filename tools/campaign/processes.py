@@ -15,6 +15,7 @@ import pyarrow as pa
 
 from hil.record import provenance
 from hil.record.run_folder import RUNS
+from tools.campaign.campaigns import run_trial
 from tools.campaign.trial.outcome import Outcome
 from tools.campaign.trial.scenarios import Plan
 from tools.output import BadInputError
@@ -33,8 +34,6 @@ class Batch(NamedTuple):
 
 def run_batch(batch: Batch) -> list[Outcome]:
     """Run the trials of a batch in a worker process."""
-    from tools.campaign.trial.judges import run_trial
-
     return [run_trial(batch.plan, trial) for trial in batch.trials]
 
 

@@ -51,11 +51,10 @@ def campaign(
     from hil.bench.options import RunOptions
     from hil.record.run_folder import RUNS
     from plant_sim.scene import load_scene
-    from tools.campaign.campaigns import CAMPAIGNS
+    from tools.campaign.campaigns import CAMPAIGNS, trial_of
     from tools.campaign.processes import run_all
     from tools.campaign.results import result_of
     from tools.campaign.trial.reference import refuse_other_drives
-    from tools.campaign.trial.scenarios import trial_of
 
     chosen = CAMPAIGNS[name]
     count = trials or chosen.trials

@@ -30,7 +30,8 @@ import numpy as np
 from firmware_py.shell.parameters import DEFAULTS
 from hil.scenario.parameter_file import nested
 from plant_sim.arrays import FloatArray
-from tools.campaign.trial.cells import LAWS, Cell
+from tools.campaign.trial.cells import Cell
+from tools.campaign.trial.modules import module_cell
 from tools.campaign.trial.sampling import Mismatch, Sampled, sample
 from tools.jobs import running
 from tools.output import BadInputError
@@ -117,7 +118,7 @@ def read_log(path: Path) -> Log:
 def sampled_module(seed: int, number: int) -> tuple[Cell, Sampled]:
     """The condition and the truth of the sampled module with this number."""
     law, ratio = CONDITIONS[number % len(CONDITIONS)]
-    cell = Cell(law, ratio, 0.0, LAWS[law].scene, LAWS[law].nominal)
+    cell = module_cell(law, ratio)
     return cell, sample(cell.scene, Mismatch(), seed, number)
 
 

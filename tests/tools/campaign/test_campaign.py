@@ -19,7 +19,7 @@ from tools.campaign.statistics import distribution, wilson
 from tools.campaign.trial.outcome import Outcome
 from tools.campaign.trial.sampling import Mismatch, mismatch_of, sample
 from tools.campaign.trial.scenarios import Plan
-from tools.campaign.trial.walk_cells import WalkCell, course_of, sampled_walk
+from tools.campaign.trial.walk_cells import course_of, sampled_walk
 from tools.campaign.trial.walk_judge import ended_s, missing
 from tools.cli import run
 from tools.commands.campaign import histogram, kept_of, show_goals
@@ -48,7 +48,7 @@ def test_a_trial_samples_the_same_module_every_time_and_another_trial_another() 
 
 
 def test_samples_fill_their_ranges_and_stay_inside() -> None:
-    cell = next(cell for cell in plan_of("start-up").cells if cell.law == "stribeck")
+    cell = next(cell for cell in plan_of("start-up").cells if cell.values[0] == "stribeck")
     scenes = [sample(cell.scene, Mismatch(), 20_000, trial).scene for trial in range(300)]
     parts = [scene.parts() for scene in scenes]
     for values, middle, width in (
@@ -354,7 +354,7 @@ def test_a_walk_s_cells_can_be_chosen_and_changed() -> None:
 
 
 def test_a_change_of_cadence_is_a_fifth_in_five_strides_and_back() -> None:
-    cells = {cell.name: cell for cell in plan_of("walk").cells if isinstance(cell, WalkCell)}
+    cells = {cell.name: cell for cell in plan_of("walk").cells}
     for seed in range(40):
         course = course_of(cells["walking change"], WALK.numbers, np.random.default_rng(seed))
         (_, first), (begins_s, _), (ends_s, second), *_, (_, last) = course.paces
@@ -372,7 +372,6 @@ def test_a_change_of_cadence_is_a_fifth_in_five_strides_and_back() -> None:
 def test_a_walk_is_sampled_with_its_mismatch_and_starts_at_rest() -> None:
     _, cells, numbers, *_ = plan_of("walk")
     cell = cells[3]
-    assert isinstance(cell, WalkCell)
     sampled, course = sampled_walk(cell, numbers, 20_000, 3)
     again, _ = sampled_walk(cell, numbers, 20_000, 3)
     assert sampled.scene == again.scene

@@ -18,13 +18,11 @@ from hil.scenario.scenario import load_scenario
 from plant_sim.result import Impact
 from plant_sim.scene import load_scene
 from plant_sim.solvers.adaptive import adaptive
-from tools.campaign.campaigns import CAMPAIGNS
+from tools.campaign.campaigns import CAMPAIGNS, run_trial, trial_of
 from tools.campaign.results import result_of
-from tools.campaign.trial.judges import run_trial
 from tools.campaign.trial.reference import HELD_S, RAMP_S, alone, at, led, would_be_lost
 from tools.campaign.trial.run import SIGNALS, in_a_folder, in_stretches
 from tools.campaign.trial.run import run as run_loop
-from tools.campaign.trial.scenarios import trial_of
 from tools.cli import run
 from tools.commands.campaign import keep_trial
 from tools.output import exit_of
@@ -52,6 +50,14 @@ def test_a_kept_trial_is_a_scenario_that_a_run_repeats_bit_for_bit(tmp_path: Pat
             np.testing.assert_array_equal(done.firmware[name], firmware[name], err_msg=name)
     kicked = plant["v_m_s"][round(1e3 * kept.faults[0].at_s) + 1]
     assert kicked != pytest.approx(plant["v_m_s"][round(1e3 * kept.faults[0].at_s) - 1], abs=0.5)
+
+
+def test_a_kept_trial_of_limits_has_its_kick_and_its_lost_samples(tmp_path: Path) -> None:
+    plan = CAMPAIGNS["limits"].plan([], SEED)
+    trial = next(trial for number in range(20) if len((trial := trial_of(plan, number)).scenario.faults) > 1)
+    kept = load_scenario(keep_trial(tmp_path, trial))
+    assert kept.faults == trial.scenario.faults
+    assert (kept.parameters, kept.seed) == (trial.scenario.parameters, trial.scenario.seed)
 
 
 def test_a_trial_in_a_folder_is_the_one_in_stretches() -> None:
@@ -127,6 +133,11 @@ def test_a_walk_campaign_from_the_command_line(capsys: pytest.CaptureFixture[str
     assert 0.0 < by_name["table1 stumble"]["metrics"]["decision"]["p50"] < 2.0
     assert by_name["table1 stop"]["metrics"]["last_pulse"]["worst"] < 2.0
     assert status == exit_of(result)
+
+
+def test_a_trial_of_every_campaign_can_be_kept() -> None:
+    for name, campaign in CAMPAIGNS.items():
+        assert trial_of(campaign.plan([], SEED), 0).scenario.name == f"{name}-{SEED}-0"
 
 
 def test_a_campaign_from_the_command_line(

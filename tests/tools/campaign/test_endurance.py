@@ -12,10 +12,9 @@ from hil.bench.stretches import records_of
 from hil.record.traces.firmware_trace import columns_of
 from hil.record.traces.plant_trace import PlantRecord
 from hil.scenario.operator import Command, Request
-from tools.campaign.trial.cells import cells_of
+from tools.campaign.trial.modules import module_cell
 from tools.campaign.trial.scenarios import scenario_of
 
-CONDITIONS = ((("viscous",), (1.1,), (0.0,)),)
 COVARIANCE = tuple(
     f"state.estimator.p_{name}" for name in ("xx", "xv", "xb", "xv", "vv", "vb", "xb", "vb", "bb")
 )
@@ -34,7 +33,7 @@ TRUE_X = PlantRecord._fields.index("x_m")
 def test_the_covariance_stays_positive_definite(build: Build, pytestconfig: pytest.Config) -> None:
     """The nominal module in RUN; 86,400,000 ticks (`--endurance-ticks`) are a day."""
     ticks = pytestconfig.getoption("endurance_ticks")
-    cell = cells_of(CONDITIONS, {}, [])[0][0]
+    cell = module_cell("viscous", 1.1)
     commands = [Command(0.0, Request.IDLE, 0.0), Command(0.5, Request.RUN, cell.ratio, cell.impulse_n_s)]
     duration_s = ticks * config_from(cell.firmware).tick_s
     scenario = scenario_of("endurance", cell.scene, cell.firmware, commands, duration_s, 1)

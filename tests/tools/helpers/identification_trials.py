@@ -17,7 +17,7 @@ from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
 from firmware_py.shell.parameters import with_overrides
 from plant_sim.scene import Scene
 from tools.campaign.statistics import wilson
-from tools.campaign.trial.cells import LAWS, Cell, Law
+from tools.campaign.trial.modules import LAWS, Law
 from tools.campaign.trial.sampling import Mismatch, sample
 from tools.jobs import running
 from tools.output import BadInputError
@@ -80,7 +80,7 @@ def run_trial(seed: int, trial: int, seconds: float) -> Trial:
     """Sample a module, record it, identify it, and compare the result with the truth."""
     law, ratio = module_of(trial)
     known = MODULES[law]
-    cell = Cell(law, ratio, 0.0, known.scene, known.nominal)
+    cell = known.cell(law, ratio)
     sampled = sample(cell.scene, MISMATCH, seed, trial)
     nominal = with_overrides(known.nominal)
     ticks, _ = record(cell, sampled, seconds)

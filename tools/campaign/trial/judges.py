@@ -1,20 +1,17 @@
 """The judges of campaigns: each compares the run of one trial with the truth."""
 
 import math
-import time
-from collections.abc import Callable
 
 import numpy as np
 
 from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
 from hil.judge import detection, true_regime
 from plant_sim.arrays import FloatArray
-from tools.campaign import limits
 from tools.campaign.trial import reference
+from tools.campaign.trial.modules import RUN_S, SETTLED_S
 from tools.campaign.trial.outcome import Outcome
-from tools.campaign.trial.run import Run, run
-from tools.campaign.trial.scenarios import RUN_S, SETTLED_S, Plan, Trial, trial_of
-from tools.campaign.trial.walk_judge import judge_walk
+from tools.campaign.trial.run import Run
+from tools.campaign.trial.scenarios import Trial
 
 TRANSIENT_S = 1.5
 """Time after the command during which impacts may result from the sampled initial state, s."""
@@ -271,30 +268,3 @@ def _back_s(done: Run, kicked_s: float, omega_rad_s: float) -> float:
     kept_s = 2.0 * np.pi / kept_omega(done)
     off = np.flatnonzero(np.abs(np.diff(turns) / kept_s - 1.0) > TARGET_SHARE)
     return float(max(from_s, turns[off[-1] + 1] if len(off) else kicked_s))
-
-
-JUDGES: dict[str, Callable[[Trial, Run, Outcome], None]] = {
-    "start-up": start_up,
-    "estimate": estimate,
-    "detect": detect,
-    "hold": hold,
-    "recover": recover,
-    "walk": judge_walk,
-}
-
-
-def run_trial(plan: Plan, number: int) -> Outcome:
-    """Sample, run and judge the trial with this number."""
-    started_s = time.process_time()
-    outcome = Outcome(number, number % len(plan.cells))
-    cell = plan.cell_of(number)
-    if plan.campaign == "limits":
-        limits.run_limits(plan, cell, number, outcome)
-        outcome.compute_s = time.process_time() - started_s
-        return outcome
-    trial = trial_of(plan, number)
-    outcome.simulated_s = trial.scenario.duration_s
-    done = run(trial.scenario, trial.scenario.seed, firmware=plan.firmware)
-    JUDGES[plan.campaign](trial, done, outcome)
-    outcome.compute_s = time.process_time() - started_s
-    return outcome

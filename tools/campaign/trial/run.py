@@ -31,6 +31,7 @@ SIGNALS = (
     "outputs.impact_age_s",
     "outputs.impact_speed_m_s",
     "outputs.period_ended",
+    "outputs.torque_n_m",
     "state.estimator.x_m",
     "state.estimator.v_m_s",
     "state.estimator.nis",

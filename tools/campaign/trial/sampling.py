@@ -39,12 +39,11 @@ class Mismatch:
 
 @dataclass(frozen=True)
 class Sampled:
-    """The truth of a trial as tables and as a checked scene, the run's seed, and the script's generator."""
+    """The truth of a trial as tables and as a checked scene, and the seeds of the run and of all else."""
 
     tables: Mapping[str, Any]
     scene: Scene
     run_seed: int
-    more: np.random.Generator
     more_seed: tuple[int, ...]
 
 
@@ -69,7 +68,7 @@ def sample(
     crank's phase arbitrary. With `at_rest` the striker keeps the scene's initial state. The
     housing oscillates with an amplitude of up to `swing_m_s2`.
     """
-    noise, truth, more = (np.random.default_rng([seed, trial, stream]) for stream in range(3))
+    noise, truth = (np.random.default_rng([seed, trial, stream]) for stream in range(2))
 
     def about(width: float) -> float:
         return float(truth.uniform(-width, width))
@@ -104,4 +103,4 @@ def sample(
         }
         sampled["housing"] = {**sampled.get("housing", {}), "harmonic": harmonic}
     run_seed = int(noise.integers(LARGEST_RUN_SEED))
-    return Sampled(sampled, load_scene(sampled), run_seed, more, (seed, trial, 2))
+    return Sampled(sampled, load_scene(sampled), run_seed, (seed, trial, 2))

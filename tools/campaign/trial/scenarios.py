@@ -11,15 +11,7 @@ from firmware_py.shell.builds import Build
 from hil.scenario.operator import Command, Request
 from hil.scenario.scenario import Scenario, check_scenario
 from tools.campaign.trial.cells import Cell
-from tools.campaign.trial.sampling import Sampled, mismatch_of, sample
-from tools.campaign.trial.walk_cells import WalkCell, sampled_walk
-
-CLEAR_S, IDLE_S, RUN_S = 1.0, 1.3, 1.6
-"""Times of the commands, s: CLEAR_FAULTS, as a moving striker may cause faults at power-up; IDLE; RUN."""
-WALK_RUN_S = 0.5
-"""Time of the command RUN in a walk, s; it can be early because the striker starts at rest."""
-SETTLED_S = RUN_S + 15.0
-"""Time from which a hold is judged and a kick may occur, s."""
+from tools.campaign.trial.sampling import Sampled
 
 TICK_S = 1e-3
 """The firmware's period in every trial."""
@@ -38,6 +30,10 @@ class Plan(NamedTuple):
         """Return the cell of the trial with this number: all cells take turns."""
         return self.cells[trial % len(self.cells)]
 
+    def name_of(self, trial: int) -> str:
+        """Return the name of a trial's scenario."""
+        return f"{self.campaign}-{self.seed}-{trial}"
+
 
 class Trial(NamedTuple):
     """A sampled module and its scenario."""
@@ -50,18 +46,6 @@ class Trial(NamedTuple):
     def omega_rad_s(self) -> float:
         """Crank speed that the operator requests."""
         return self.scenario.commands[-1].target_ratio * self.scenario.config.d.natural_rad_s
-
-
-def script(cell: Cell) -> list[Command]:
-    """Return the operator's commands in a trial."""
-    if isinstance(cell, WalkCell):
-        return [Command(0.0, Request.IDLE, 0.0), Command(WALK_RUN_S, Request.RUN, cell.ratio)]
-    return [
-        Command(0.0, Request.IDLE, 0.0),
-        Command(CLEAR_S, Request.CLEAR_FAULTS, 0.0),
-        Command(IDLE_S, Request.IDLE, 0.0),
-        Command(RUN_S, Request.RUN, cell.ratio, cell.impulse_n_s),
-    ]
 
 
 def scenario_of(
@@ -90,29 +74,3 @@ def scenario_of(
 def first_tick_s(t_s: float) -> float:
     """The first tick that is not before a time, s. The compiled loop's faults begin and end with a tick."""
     return math.ceil(t_s / TICK_S) * TICK_S
-
-
-def kick(numbers: Mapping[str, Any], sampled: Sampled) -> dict[str, Any]:
-    """Return a kick fault of sampled size and sign at a sampled tick in the settled hold."""
-    size = float(sampled.more.uniform(numbers["kick_low_m_s"], numbers["kick_high_m_s"]))
-    sign = 1.0 if sampled.more.uniform() < 0.5 else -1.0
-    at_s = first_tick_s(SETTLED_S + float(sampled.more.uniform(0.0, 1.0)))
-    return {"kind": "kick", "at_s": at_s, "change_m_s": sign * size}
-
-
-def trial_of(plan: Plan, trial: int) -> Trial:
-    """Return the trial with this number: its sample and its scenario."""
-    cell, numbers = plan.cell_of(trial), plan.numbers
-    if isinstance(cell, WalkCell):
-        sampled, course = sampled_walk(cell, numbers, plan.seed, trial)
-        duration_s = course.duration_s
-    else:
-        swing_m_s2 = numbers.get("swing_m_s2", 0.0)
-        sampled = sample(cell.scene, mismatch_of(numbers), plan.seed, trial, swing_m_s2)
-        duration_s = SETTLED_S + float(numbers["hold_s"]) if "hold_s" in numbers else numbers["duration_s"]
-    faults = [kick(numbers, sampled)] if "kick_low_m_s" in numbers else []
-    name = f"{plan.campaign}-{plan.seed}-{trial}"
-    scenario = scenario_of(
-        name, sampled.tables, cell.firmware, script(cell), duration_s, sampled.run_seed, faults
-    )
-    return Trial(cell, sampled, scenario)

@@ -1,6 +1,6 @@
 """The cells of the campaign `walk`: suitable modules of the feasibility table, and courses of walking."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -8,16 +8,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hil.scenario.files import read_scenario
-from hil.scenario.settings import apply_settings
+from hil.scenario.operator import Command, Request
 from plant_sim.scene import read_scene
-from tools.campaign.trial.cells import Cell, listed, numbers_after, refuse_unlisted
+from tools.campaign.trial.cells import Axes, Cell
 from tools.campaign.trial.sampling import Sampled, mismatch_of, sample
-
-WalkCondition = tuple[str, Sequence[str]]
-"""A preset and its courses."""
+from tools.campaign.trial.scenarios import Plan, Trial, scenario_of
 
 COURSES = ("steady", "change", "stop", "stumble")
 
+RUN_S = 0.5
+"""Time of the command RUN, s; it can be early because the striker starts at rest."""
 STEADY_S = 20.0
 """Earliest time of a stop, a stumble or a change, s: three strides, the soft start, and time to settle."""
 LATER_S = (0.0, 3.0)
@@ -50,46 +50,13 @@ PRESETS = {
 """Presets from docs/feasibility.md: `walking` serves all cadences, `table1` a narrow band about 0.8 Hz."""
 
 
-@dataclass(frozen=True)
-class WalkCell(Cell):
-    """A condition of the campaign `walk`: a preset and a course."""
-
-    preset: str
-    course: str
-
-    @property
-    def name(self) -> str:
-        """Name of the cell in tables and goals."""
-        return f"{self.preset} {self.course}"
+WALK_AXES: Axes = {"presets": PRESETS, "courses": COURSES}
 
 
-def walk_cells(
-    conditions: Sequence[WalkCondition], numbers: Mapping[str, Any], settings: Sequence[str]
-) -> tuple[list[Cell], dict[str, Any]]:
-    """Return the cells of the campaign and its numbers, both after the `--set` changes.
-
-    The settings `campaign.presets` and `campaign.courses` replace the conditions. Raises BadInputError for an
-    unknown key, preset or course.
-    """
-    table = {"presets": None, "courses": None, **numbers}
-    changed = numbers_after({"campaign": table, "firmware": {}, "scene": {}}, settings)
-    presets, courses = changed.pop("presets"), changed.pop("courses")
-    if presets is not None or courses is not None:
-        chosen = listed(presets, [preset for preset, _ in conditions])
-        conditions = [(preset, listed(courses, COURSES)) for preset in chosen]
-    return [_cell(preset, course, settings) for preset, some in conditions for course in some], changed
-
-
-def _cell(preset: str, course: str, settings: Sequence[str]) -> WalkCell:
-    refuse_unlisted("presets", preset, PRESETS)
-    refuse_unlisted("courses", course, COURSES)
-    own = {
-        "campaign": {},
-        "scene": deepcopy(read_scene(PRESETS[preset].scene)),
-        "firmware": read_scenario(PRESETS[preset].nominal_of)["firmware"],
-    }
-    own = apply_settings(own, settings)
-    return WalkCell("viscous", 1.1, 0.0, own["scene"], own["firmware"], preset, course)
+def walk_cell(preset: str, course: str) -> Cell:
+    """Return the cell of a preset and a course."""
+    scene, firmware = read_scene(PRESETS[preset].scene), read_scenario(PRESETS[preset].nominal_of)["firmware"]
+    return Cell(f"{preset} {course}", (preset, course), scene, firmware)
 
 
 class Course(NamedTuple):
@@ -100,19 +67,19 @@ class Course(NamedTuple):
     duration_s: float
 
 
-def course_of(cell: WalkCell, numbers: Mapping[str, Any], dice: np.random.Generator) -> Course:
+def course_of(cell: Cell, numbers: Mapping[str, Any], dice: np.random.Generator) -> Course:
     """Sample the walk of a trial: its cadence, and the times of its events."""
-    preset, at_s = PRESETS[cell.preset], STEADY_S + float(dice.uniform(*LATER_S))
-    lowest_hz, highest_hz = preset.lowest_hz, preset.highest_hz
-    if cell.course == "change":
+    (name, course), at_s = cell.values, STEADY_S + float(dice.uniform(*LATER_S))
+    lowest_hz, highest_hz = PRESETS[name].lowest_hz, PRESETS[name].highest_hz
+    if course == "change":
         highest_hz = max(highest_hz / (1.0 + CHANGE_SHARE), lowest_hz)
     first_hz = float(dice.uniform(lowest_hz, highest_hz))
     whole_s = float(numbers["walk_s"])
-    if cell.course == "stop":
+    if course == "stop":
         return Course([(0.0, first_hz), (at_s, 0.0)], [], at_s + AFTER_S)
-    if cell.course == "stumble":
+    if course == "stumble":
         return Course([(0.0, first_hz)], [at_s], at_s + AFTER_S)
-    if cell.course == "steady":
+    if course == "steady":
         return Course([(0.0, first_hz)], [], whole_s)
     second_hz = first_hz * (1.0 + CHANGE_SHARE)
     if dice.uniform() < 0.5:
@@ -128,7 +95,7 @@ def course_of(cell: WalkCell, numbers: Mapping[str, Any], dice: np.random.Genera
     return Course(paces, [], whole_s)
 
 
-def sampled_walk(cell: WalkCell, numbers: Mapping[str, Any], seed: int, trial: int) -> tuple[Sampled, Course]:
+def sampled_walk(cell: Cell, numbers: Mapping[str, Any], seed: int, trial: int) -> tuple[Sampled, Course]:
     """Sample the truth of a trial and the wearer's walk."""
     course = course_of(cell, numbers, np.random.default_rng([seed, trial, 3]))
     scene = deepcopy(dict(cell.scene))
@@ -139,3 +106,12 @@ def sampled_walk(cell: WalkCell, numbers: Mapping[str, Any], seed: int, trial: i
         "stumble": [{"at_s": at_s} for at_s in course.stumbles],
     }
     return sample(scene, mismatch_of(numbers), seed, trial, at_rest=True), course
+
+
+def walk_trial(plan: Plan, cell: Cell, number: int) -> Trial:
+    """Sample a module and a walk."""
+    sampled, course = sampled_walk(cell, plan.numbers, plan.seed, number)
+    commands = [Command(0.0, Request.IDLE, 0.0), Command(RUN_S, Request.RUN, cell.ratio)]
+    name, tables, seed = plan.name_of(number), sampled.tables, sampled.run_seed
+    scenario = scenario_of(name, tables, cell.firmware, commands, course.duration_s, seed)
+    return Trial(cell, sampled, scenario)

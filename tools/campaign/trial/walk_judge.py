@@ -17,7 +17,7 @@ from tools.campaign.trial.outcome import Outcome
 from tools.campaign.trial.reference import LONGEST_GAP
 from tools.campaign.trial.run import Run
 from tools.campaign.trial.scenarios import Trial
-from tools.campaign.trial.walk_cells import PRESETS, WalkCell
+from tools.campaign.trial.walk_cells import PRESETS
 
 SETTLED_S = 5.0
 SOFTEST_N, HARDEST_N = 10.0, 40.0
@@ -27,8 +27,7 @@ HARDER = 1.05
 
 def judge_walk(trial: Trial, done: Run, outcome: Outcome) -> None:
     """Judge a walk: its hold, and its end or the rest of the walk."""
-    cell, scenario = trial.cell, trial.scenario
-    assert isinstance(cell, WalkCell)
+    (preset, course), scenario = trial.cell.values, trial.scenario
     captured = done.first_in(Mode.RUN)
     ends_s = ended_s(done.parts.housing)
     if done.first_in(Mode.SOFT_START) is None:
@@ -39,8 +38,8 @@ def judge_walk(trial: Trial, done: Run, outcome: Outcome) -> None:
         return
     hold_s = (captured.t_s, min(left_s(done, captured.t_s), scenario.duration_s, ends_s))
     judge_hold(done, scenario.config.p.gait, hold_s, outcome)
-    if cell.course in ("stop", "stumble"):
-        judge_end(done, ends_s, hold_s, PRESETS[cell.preset].last_pulse_s, outcome)
+    if course in ("stop", "stumble"):
+        judge_end(done, ends_s, hold_s, PRESETS[preset].last_pulse_s, outcome)
     elif done.modes[-1].mode != Mode.RUN:
         outcome.why = f"not kept: {last_word(done)}"
     else:

@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 from plant_sim.arrays import FloatArray
 from tools.campaign.trial.cells import Cell
+from tools.campaign.trial.modules import script
 from tools.campaign.trial.run import run
 from tools.campaign.trial.sampling import Sampled
-from tools.campaign.trial.scenarios import scenario_of, script
+from tools.campaign.trial.scenarios import scenario_of
 from tools.tuning.recordings.readings import Ticks
 
 

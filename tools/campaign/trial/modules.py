@@ -1,0 +1,88 @@
+"""The modules of all campaigns but `walk` and `limits`: a friction law, a speed ratio and an impulse each."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hil.scenario.operator import Command, Request
+from plant_sim.scene import read_scene
+from tools.campaign.trial.cells import BASE_SCENE, Axes, Cell
+from tools.campaign.trial.sampling import mismatch_of, sample
+from tools.campaign.trial.scenarios import Plan, Trial, first_tick_s, scenario_of
+
+CLEAR_S, IDLE_S, RUN_S = 1.0, 1.3, 1.6
+"""Times of the commands, s: CLEAR_FAULTS, as a moving striker may cause faults at power-up; IDLE; RUN."""
+SETTLED_S = RUN_S + 15.0
+"""Time from which a hold is judged and a kick may occur, s."""
+
+DRY_AMPLITUDE_M = 0.03
+"""Amplitude of the drive with dry friction, m; at 20 mm dry friction holds the striker."""
+
+
+class Law(NamedTuple):
+    """Friction of the true module, and the amplitude of the drive that moves the striker against it."""
+
+    friction: Mapping[str, Any]
+    amplitude_m: float = DRY_AMPLITUDE_M
+
+    @property
+    def nominal(self) -> dict[str, Any]:
+        """Nominal parameters of the firmware; of a dry friction law they contain μ only."""
+        friction = {name: self.friction.get(name, 0.0) for name in ("b_n_s_m", "mu")}
+        return {"friction": friction, "drive": {"amplitude_m": self.amplitude_m}}
+
+    def cell(self, law: str, ratio: float, impulse_n_s: float = 0.0) -> Cell:
+        """Return the cell of a module with this friction law, called `law`."""
+        scene = read_scene(BASE_SCENE)
+        scene["friction"] = dict(self.friction)
+        scene["drive"]["amplitude_m"] = self.amplitude_m
+        asked = f" {impulse_n_s:g} N s" if impulse_n_s > 0.0 else ""
+        values = law, float(ratio), float(impulse_n_s)
+        return Cell(f"{law} r={ratio:g}{asked}", values, scene, self.nominal, *values[1:])
+
+
+LAWS = {
+    "viscous": Law({"law": "viscous", "b_n_s_m": 0.2}, 0.02),
+    "coulomb": Law({"law": "coulomb", "mu": 0.15}),
+    "coulomb-0.2": Law({"law": "coulomb", "mu": 0.2}),
+    "coulomb-0.3": Law({"law": "coulomb", "mu": 0.3}),
+    "stribeck": Law({"law": "stribeck", "mu": 0.15, "mu_s": 0.2, "v_s_m_s": 0.05, "delta": 1.0}),
+}
+MODULE_AXES: Axes = {"laws": LAWS, "ratios": None, "impulses": None}
+
+
+def module_cell(law: str, ratio: float, impulse_n_s: float = 0.0) -> Cell:
+    """Return the cell of a module with one of LAWS."""
+    return LAWS[law].cell(law, ratio, impulse_n_s)
+
+
+def script(cell: Cell) -> list[Command]:
+    """Return the operator's commands in a trial."""
+    return [
+        Command(0.0, Request.IDLE, 0.0),
+        Command(CLEAR_S, Request.CLEAR_FAULTS, 0.0),
+        Command(IDLE_S, Request.IDLE, 0.0),
+        Command(RUN_S, Request.RUN, cell.ratio, cell.impulse_n_s),
+    ]
+
+
+def kick(numbers: Mapping[str, Any], dice: np.random.Generator) -> dict[str, Any]:
+    """Return a kick fault of sampled size and sign at a sampled tick in the settled hold."""
+    size = float(dice.uniform(numbers["kick_low_m_s"], numbers["kick_high_m_s"]))
+    sign = 1.0 if dice.uniform() < 0.5 else -1.0
+    at_s = first_tick_s(SETTLED_S + float(dice.uniform(0.0, 1.0)))
+    return {"kind": "kick", "at_s": at_s, "change_m_s": sign * size}
+
+
+def module_trial(plan: Plan, cell: Cell, number: int) -> Trial:
+    """Sample a module, and a kick if the campaign has some."""
+    numbers = plan.numbers
+    sampled = sample(cell.scene, mismatch_of(numbers), plan.seed, number, numbers.get("swing_m_s2", 0.0))
+    duration_s = SETTLED_S + float(numbers["hold_s"]) if "hold_s" in numbers else numbers["duration_s"]
+    faults = []
+    if "kick_low_m_s" in numbers:
+        faults = [kick(numbers, np.random.default_rng(sampled.more_seed))]
+    name, tables, seed = plan.name_of(number), sampled.tables, sampled.run_seed
+    scenario = scenario_of(name, tables, cell.firmware, script(cell), duration_s, seed, faults)
+    return Trial(cell, sampled, scenario)
