@@ -2,7 +2,7 @@
 
 import tomllib
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from firmware_py.interface.enums import ParameterTier
 
@@ -24,9 +24,9 @@ class Parameter(NamedTuple):
     high: float
     default: float
     meaning: str
-    whole: bool
-    at_most: str | None
-    while_running: bool
+    whole: bool = False
+    at_most: str | None = None
+    while_running: bool = False
 
     @property
     def name(self) -> str:
@@ -39,38 +39,14 @@ class Parameter(NamedTuple):
         return self.tier is ParameterTier.TUNING and self.table not in PROTECTED
 
 
-def read_parameter(
-    table: str,
-    key: str,
-    *,
-    tier: str,
-    unit: str,
-    low: float,
-    high: float,
-    default: float,
-    meaning: str,
-    whole: bool = False,
-    at_most: str | None = None,
-    while_running: bool = False,
-) -> Parameter:
-    """One entry of the file."""
-    return Parameter(
-        table=table,
-        key=key,
-        tier=ParameterTier[tier.upper()],
-        unit=unit,
-        low=float(low),
-        high=float(high),
-        default=float(default),
-        meaning=meaning,
-        whole=whole,
-        at_most=at_most,
-        while_running=while_running,
-    )
+def read_parameter(table: str, key: str, entry: dict[str, Any]) -> Parameter:
+    """One entry of the file. Raises TypeError and KeyError for fields that it lacks or must not have."""
+    numbers = {name: float(entry[name]) for name in ("low", "high", "default")}
+    return Parameter(table, key, **entry | numbers | {"tier": ParameterTier[entry["tier"].upper()]})
 
 
 TABLE: tuple[Parameter, ...] = tuple(
-    read_parameter(table, key, **entry)
+    read_parameter(table, key, entry)
     for table, entries in tomllib.loads(SOURCE.read_text(encoding="utf-8")).items()
     for key, entry in entries.items()
 )

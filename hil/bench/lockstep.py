@@ -23,6 +23,7 @@ from hil.bus.in_process import InProcessNode
 from hil.faults.clocks import Turns, in_turns
 from hil.faults.counted import CountedFaults, counted
 from hil.faults.line import with_faults
+from hil.faults.memory import ParameterMemory
 from hil.faults.processes import ProcessFaults
 from hil.nodes.runners import FirmwareRunner, OperatorRunner, Pace, PlantRunner
 from hil.record import run_folder
@@ -120,12 +121,10 @@ class LockstepNodes:
         operator_bus, self._set_operator_time = with_faults(self._to_operator, OPERATOR, at_nodes, seed)
         self._plant_node = PlantRunner(scenario.scene, seed, pace, plant_bus, run_dir, faults)
         self._firmware_node = FirmwareRunner(
-            scenario.parameters,
+            ParameterMemory(scenario.parameters, faults, seed),
             pace,
             firmware_bus,
             run_dir,
-            faults,
-            seed,
             walks=scenario.scene.gait is not None,
             make=make,
         )

@@ -23,6 +23,7 @@ from hil.bus.can_log import CanLog
 from hil.bus.in_process import InProcessBus, InProcessNode
 from hil.faults.clocks import Turns
 from hil.faults.fault import Fault
+from hil.faults.memory import ParameterMemory
 from hil.nodes.closed_loop import (
     FIRMWARE_FAILED,
     LINE_BYTES,
@@ -257,9 +258,8 @@ def records_of(scenario: Scenario, seed: int, columns: Any, build: Build = "comp
     to_plant = bus.join()
     pace = Pace(scenario.period_s, scenario.duration_s)
     plant = PlantRunner(scenario.scene, seed, pace, to_plant, None, scenario.faults)
-    firmware = FirmwareRunner(
-        scenario.parameters, pace, bus.join(), None, scenario.faults, seed, make=node_of(build)
-    )
+    memory = ParameterMemory(scenario.parameters, scenario.faults, seed)
+    firmware = FirmwareRunner(memory, pace, bus.join(), None, make=node_of(build))
     to_operator = bus.join()
     operator = OperatorRunner(scenario.commands, pace, to_operator, None)
     nodes = Nodes(plant, firmware, operator, to_plant, to_operator)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from firmware_py.shell.parameters import with_overrides, written
+from firmware_py.shell.parameters import of_the_build, with_overrides, written
 from hil.faults.counted import counted
 from hil.faults.fault import Fault
 from hil.faults.on_process import MemoryFault
@@ -15,9 +15,13 @@ SEED_OF_MEMORY = 3000
 
 
 class ParameterMemory:
-    """The parameter file that the firmware reads when it starts."""
+    """The parameter file that the firmware reads when it starts.
 
-    def __init__(self, parameters: Mapping[str, Any], faults: Sequence[Fault], seed: int) -> None:
+    `of_the_build`: the parameters that are no part of the file, because they are settled in the build.
+    """
+
+    def __init__(self, parameters: Mapping[str, Any], faults: Sequence[Fault] = (), seed: int = 1) -> None:
+        self.of_the_build = of_the_build(parameters)
         self._text = written(with_overrides(parameters))
         self._faults = counted(faults)
         self._damages = [fault for fault in faults if isinstance(fault, MemoryFault)]

@@ -22,6 +22,7 @@ from hil.bus.wire import MAX_STANDARD_ID, REMOTE_FLAG
 from hil.faults.clocks import ClockFaults, FaultyClock, Runner, Turns, in_turns
 from hil.faults.counted import FAULTS_ACTED, CountedFaults, counted
 from hil.faults.line import with_faults
+from hil.faults.memory import ParameterMemory
 from hil.faults.on_process import FIRMWARE, PLANT
 from hil.nodes.plant import ACCEPTED_IDS
 from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner, empty
@@ -134,9 +135,9 @@ def firmware_main(scenario: str | None, settings: Sequence[str], process: NodePr
     warm_firmware(parameters, build)
 
     def make(pace: Pace, bus: NodeBus, first_tick: int) -> FirmwareRunner:
-        out_dir, seed, say = process.out_dir, process.seed, partial(print, file=sys.stderr)
-        node = node_of(build)
-        return FirmwareRunner(parameters, pace, bus, out_dir, faults, seed, first_tick, walks, node, say)
+        memory = ParameterMemory(parameters, faults, process.seed)
+        out_dir, say = process.out_dir, partial(print, file=sys.stderr)
+        return FirmwareRunner(memory, pace, bus, out_dir, first_tick, walks, node_of(build), say)
 
     process.run(FIRMWARE, make, period_s, 0.5, FIRMWARE_IDS, addresses_from(parameters), faults)
 

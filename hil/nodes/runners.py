@@ -1,6 +1,6 @@
 """Runners connect the bench's nodes to bus and trace; a loop calls them in each tick, on every clock."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.node import FirmwareNode, MakeNode, powered_up
-from firmware_py.shell.parameters import of_the_build
 from hil.bus.base import NodeBus
 from hil.faults.fault import Fault
 from hil.faults.memory import ParameterMemory
@@ -132,12 +131,10 @@ class FirmwareRunner:
 
     def __init__(
         self,
-        parameters: Mapping[str, Any],
+        memory: ParameterMemory,
         pace: Pace,
         bus: NodeBus,
         out_dir: Path | None,
-        faults: Sequence[Fault] = (),
-        seed: int = 1,
         first_tick: int = 0,
         walks: bool = True,
         make: MakeNode = FirmwareNode,
@@ -149,8 +146,7 @@ class FirmwareRunner:
         `firmware.log` in `out_dir`, the file with the errors of the firmware's process in real time.
         """
         self.bus = bus
-        self._file = ParameterMemory(parameters, faults, seed)
-        self._fixed = of_the_build(parameters)
+        self._memory = memory
         self._make = make
         self._say = say or partial(_write_line, out_dir)
         self._period_s = pace.period_s
@@ -162,7 +158,9 @@ class FirmwareRunner:
             self._trace = FirmwareTrace(out_dir / "firmware.trace", walks, expected, again, pace.is_timed)
 
     def _power_up(self, tick: int) -> None:
-        self.node = powered_up(self._file.read(tick * self._period_s), self._fixed, self._make)
+        self.node = powered_up(
+            self._memory.read(tick * self._period_s), self._memory.of_the_build, self._make
+        )
         if self.node.damage:
             self._say(self.node.damage)
         self._alignment = Alignment()

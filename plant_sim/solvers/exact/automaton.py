@@ -85,45 +85,48 @@ class Motion(NamedTuple):
 def begin(o: Oscillator, t_s: float, y_m: float, v_m_s: float, crank_rad: float) -> Motion:
     """The motion from a state at or before the stop."""
     crank, crank_low = turned(crank_rad, 0.0, 0.0, 0.0, 0.0)
-    return _moving(o, t_s, 0.0, crank, crank_low, math.sin(crank), math.cos(crank), y_m, v_m_s)
+    motion = Motion(
+        t_s=t_s,
+        t_low_s=0.0,
+        crank_rad=crank,
+        crank_low_rad=crank_low,
+        sin_crank=math.sin(crank),
+        cos_crank=math.cos(crank),
+        y_m=y_m,
+        v_m_s=v_m_s,
+        phase=Phase.FLIGHT,
+        direction=0.0,
+        poised=False,
+    )
+    return _moving(o, motion, y_m, v_m_s)
 
 
 @subroutine
-def _moving(
-    o: Oscillator,
-    t: float,
-    t_low: float,
-    crank: float,
-    crank_low: float,
-    sin_crank: float,
-    cos_crank: float,
-    y: float,
-    v: float,
-) -> Motion:
-    """The motion from a state: its phase follows from speed, place and force."""
+def _moving(o: Oscillator, m: Motion, y: float, v: float) -> Motion:
+    """The motion from a place and a speed at the time of `m`: its phase follows from them and the force."""
     if abs(v) < LEAST_SPEED_M_S:
         v = 0.0  # its square would vanish
     phase, direction, poised = Phase.FLIGHT, 0.0, False
-    push = o.amplitude_m * sin_crank - y  # spring force over c
+    push = o.amplitude_m * m.sin_crank - y  # spring force over c
     held = o.dry_offset_m
     if v != 0.0:
         if o.is_dry:
             direction = math.copysign(1.0, v)
     elif o.is_dry and held > 0.0 and abs(push) <= held + _doubt_m(o, y):
         phase = Phase.STICK
-    elif o.has_stop and y >= o.gap_m and (push > held or (push >= -_doubt_m(o, y) and cos_crank >= 0.0)):
+    elif o.has_stop and y >= o.gap_m and (push > held or (push >= -_doubt_m(o, y) and m.cos_crank >= 0.0)):
         phase = Phase.REST_ON_STOP
     else:
         poised = push == 0.0 and o.has_stop and y >= o.gap_m
         if o.is_dry:
             direction = math.copysign(1.0, push)
     return Motion(
-        t_s=t,
-        t_low_s=t_low,
-        crank_rad=crank,
-        crank_low_rad=crank_low,
-        sin_crank=sin_crank,
-        cos_crank=cos_crank,
+        t_s=m.t_s,
+        t_low_s=m.t_low_s,
+        crank_rad=m.crank_rad,
+        crank_low_rad=m.crank_low_rad,
+        sin_crank=m.sin_crank,
+        cos_crank=m.cos_crank,
         y_m=y,
         v_m_s=v,
         phase=phase,
@@ -314,9 +317,7 @@ def after(o: Oscillator, arrival: Motion, event: Event, rest_speed_m_s: float) -
     if event == Event.IMPACT:
         return _rebound(o, m, rest_speed_m_s)
     if event == Event.TURN:
-        return _moving(
-            o, m.t_s, m.t_low_s, m.crank_rad, m.crank_low_rad, m.sin_crank, m.cos_crank, m.y_m, 0.0
-        )
+        return _moving(o, m, m.y_m, 0.0)
     phase, direction = Phase.FLIGHT, 0.0
     if o.is_dry:
         direction = 1.0 if event == Event.RELEASE_UP else -1.0
@@ -361,6 +362,4 @@ def _rebound(o: Oscillator, m: Motion, rest_speed_m_s: float) -> Motion:
             change = o.stiffness_1_s2 * o.amplitude_m * o.drive_rad_s + 2.0 * o.decay_1_s * push
             if change * lasting <= CERTAIN * (push - dry):
                 speed = 0.0
-    return _moving(
-        o, m.t_s, m.t_low_s, m.crank_rad, m.crank_low_rad, m.sin_crank, m.cos_crank, o.gap_m, -speed
-    )
+    return _moving(o, m, o.gap_m, -speed)

@@ -11,6 +11,7 @@ from firmware_py.interface.enums import Mode
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import DriveErrors, DriveEstop
 from hil.bus.in_process import InProcessBus, InProcessNode
+from hil.faults.memory import ParameterMemory
 from hil.nodes.plant import PlantNode
 from hil.nodes.resync import PATIENCE_TICKS
 from hil.nodes.runners import FirmwareRunner, Pace
@@ -48,7 +49,7 @@ class Paused:
     def __init__(self) -> None:
         self.plant = plant_node()
         self.bus = ScriptedBus()
-        self.firmware = FirmwareRunner({}, Pace(1e-3, 1.0), self.bus, None)
+        self.firmware = FirmwareRunner(ParameterMemory({}), Pace(1e-3, 1.0), self.bus, None)
         for tick in range(20):
             self.bus.pending += self.publish()
             self.firmware.step(tick, 1)
@@ -209,7 +210,7 @@ def test_plant_that_does_not_come_back_is_silent_in_the_end() -> None:
 def test_plant_obeys_what_came_in_its_pause_before_it_moves_on() -> None:
     bus = InProcessBus()
     plant_end, firmware_end = bus.join(), bus.join()
-    firmware = FirmwareRunner({}, Pace(1e-3, 1.0), firmware_end, None)
+    firmware = FirmwareRunner(ParameterMemory({}), Pace(1e-3, 1.0), firmware_end, None)
     plant = plant_node()
     plant_end.send_all(plant.publish())
     plant.advance([])

@@ -20,6 +20,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import SetInputTorque
 from hil.bench.lockstep_bus import FIRMWARE, OPERATOR, PLANT, IdealBus
 from hil.bus.base import NodeBus
+from hil.faults.memory import ParameterMemory
 from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
 from hil.scenario.operator import Command, OperatorNode, Request
 from plant_sim.arrays import FloatArray, IntArray
@@ -101,7 +102,7 @@ def measure_loop(parameters: dict[str, object], window_s: float = WINDOW_S) -> M
     bus = IdealBus()
     pushed = PushedBus(bus.join(PLANT), push)
     plant = PlantRunner(scene, 1, pace, pushed, None)
-    firmware = FirmwareRunner(parameters, pace, bus.join(FIRMWARE), None)
+    firmware = FirmwareRunner(ParameterMemory(parameters), pace, bus.join(FIRMWARE), None)
     operator = OperatorNode((Command(0.2, Request.RUN, RATIO),), pace.period_s)
     operator_bus = bus.join(OPERATOR)
     for tick in range(pace.ticks):
