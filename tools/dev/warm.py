@@ -30,7 +30,7 @@ def warm_studies() -> None:
         one = case("table1", law)
         follow.warm([one])
         follow.classify(one, 1.0, np.zeros((1, 3)), CLASSIFY)
-    closed.ramp(case("table1", "viscous").closed_parts(1.0), 0.0, 0.1, 10)
+    closed.ramp(case("table1", "viscous").scene(1.0).parts(), 0.0, 0.1, 10)
 
 
 def main() -> None:

@@ -4,14 +4,7 @@ import math
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from plant_sim.parts.drive import IdealDrive
-from plant_sim.parts.friction import Coulomb, Friction, Stribeck, Viscous
-from plant_sim.parts.parts import Parts
-from plant_sim.parts.restitution import HERTZ_EXPONENT, hertz_stiffness, hunt_crossley_dissipation
-from plant_sim.parts.stop import CONTACT_REFERENCE_SPEED_M_S, HuntCrossley, RigidStop
-from plant_sim.parts.striker import Striker
 from plant_sim.scene import Scene, load_scene
-from plant_sim.tables.table import STANDARD_GRAVITY_M_S2
 
 LAWS = ("viscous", "coulomb", "stribeck")
 
@@ -94,61 +87,22 @@ class Case:
         """Return all parameters on which the results depend."""
         return asdict(self)
 
-    def striker_table(self) -> dict[str, float]:
-        """Return the table `[striker]` of a scene."""
-        return {name: getattr(self, name) for name in ("mass_kg", "spring_n_m", "rest_length_m")}
-
-    def friction_table(self) -> dict[str, Any]:
-        """Return the table `[friction]` of a scene."""
-        return {"law": self.law, **{name: getattr(self, name) for name in COEFFICIENTS[self.law]}}
-
     def scene(self, ratio: float) -> Scene:
-        """Return the scene of a rigid stop at Ω = ratio · ω."""
+        """Return the scene at Ω = ratio · ω."""
+        stop: dict[str, Any] = {"position_m": self.stop_m, "restitution": self.restitution, "law": "rigid"}
+        if self.contact_s is not None:
+            stop |= {"law": "hunt-crossley", "contact_s": self.contact_s}
         return load_scene(
             {
-                "striker": self.striker_table(),
+                "striker": {name: getattr(self, name) for name in ("mass_kg", "spring_n_m", "rest_length_m")},
                 "drive": {"model": "ideal", "amplitude_m": self.amplitude_m, "ratio": ratio},
-                "friction": self.friction_table(),
-                "stop": {"law": "rigid", "position_m": self.stop_m, "restitution": self.restitution},
+                "friction": {
+                    "law": self.law,
+                    **{name: getattr(self, name) for name in COEFFICIENTS[self.law]},
+                },
+                "stop": stop,
             }
         )
-
-    def striker(self) -> Striker:
-        """Return the striker: mass, spring and rest length."""
-        return Striker(self.mass_kg, self.spring_n_m, self.rest_length_m, STANDARD_GRAVITY_M_S2)
-
-    def drive(self, ratio: float) -> IdealDrive:
-        """Return the crank at Ω = ratio · ω."""
-        return IdealDrive(self.amplitude_m, ratio * self.natural_rad_s, 0.0)
-
-    def closed_friction(self) -> Viscous | Coulomb:
-        """Return the friction law for the closed-form solution."""
-        return Viscous(self.b_n_s_m) if self.law == "viscous" else Coulomb(self.mu, self.b_n_s_m)
-
-    def friction(self) -> Friction:
-        """Return the law as a case of Stribeck's law."""
-        static = self.mu_s if self.law == "stribeck" else self.mu
-        return Stribeck(self.mu, static, self.v_s_m_s, self.delta, self.b_n_s_m)
-
-    def rigid_stop(self) -> RigidStop:
-        """Return the rigid stop with Newton's restitution."""
-        return RigidStop(self.stop_m, self.restitution)
-
-    def stop(self) -> RigidStop | HuntCrossley:
-        """Return the stop: rigid, or soft with the elastic contact time at the scenes' reference speed."""
-        if self.contact_s is None:
-            return self.rigid_stop()
-        stiffness = hertz_stiffness(self.mass_kg, self.contact_s, CONTACT_REFERENCE_SPEED_M_S)
-        dissipation = hunt_crossley_dissipation(self.restitution)
-        return HuntCrossley(self.stop_m, stiffness, HERTZ_EXPONENT, dissipation)
-
-    def closed_parts(self, ratio: float) -> Parts:
-        """Return the parts for the closed-form solution."""
-        return Parts(self.striker(), self.drive(ratio), self.closed_friction(), self.rigid_stop())
-
-    def parts(self, ratio: float) -> Parts:
-        """Return the parts for the adaptive solver."""
-        return Parts(self.striker(), self.drive(ratio), self.friction(), self.stop())
 
 
 def case(preset: str, law: str, value: float | None = None, **changes: Any) -> Case:

@@ -186,6 +186,8 @@ def portraits(pairs: Sequence[Pair], folder: Path, name: str) -> list[str]:
     """Draw, in a row for each law, time histories and phase portraits of impact and non-impact motion."""
     figure, grid = new_figure(len(pairs), 4, 15.0, 0.8 + 2.9 * len(pairs))
     for row, both in zip(grid, pairs, strict=True):
+        row[3].sharex(row[1])
+        row[3].sharey(row[1])
         for axes, motion, kind in (
             (row[:2], both.impact, "impact"),
             (row[2:], both.non_impact, "non-impact"),
@@ -196,16 +198,6 @@ def portraits(pairs: Sequence[Pair], folder: Path, name: str) -> list[str]:
                 axes[0].set_title(f"{_title(both.case)}\nno {kind} motion", fontsize=9)
                 continue
             _portrait(axes, motion, kind)
-        extents = [
-            axes.get_xlim() for axes, there in ((row[1], both.impact), (row[3], both.non_impact)) if there
-        ]
-        speeds = [
-            axes.get_ylim() for axes, there in ((row[1], both.impact), (row[3], both.non_impact)) if there
-        ]
-        for axes, there in ((row[1], both.impact), (row[3], both.non_impact)):
-            if there:
-                axes.set_xlim(min(low for low, _ in extents), max(high for _, high in extents))
-                axes.set_ylim(min(low for low, _ in speeds), max(high for _, high in speeds))
     figure.suptitle(
         f"{pairs[0].case.preset}: both motions of each friction law; points: once per drive period, at the "
         "crank's backward dead centre",

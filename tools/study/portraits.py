@@ -84,7 +84,8 @@ def sample(case: Case, ratio: float, start: State, t_s: NDArray[np.float64]) -> 
         ratio * case.natural_rad_s,
         Phase.FLIGHT,
     )
-    return adaptive.simulate(case.parts(ratio), initial, float(t_s[-1]), t_s, accuracy=ACCURACY_M)
+    parts = case.scene(ratio).parts()
+    return adaptive.simulate(parts, initial, float(t_s[-1]), t_s, accuracy=ACCURACY_M)
 
 
 def with_impacts(

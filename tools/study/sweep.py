@@ -39,25 +39,10 @@ CONTINUE = CLASSIFY._replace(settle_s=300.0, tolerance=1e-6)
 CREEP = CONTINUE._replace(stop_early=False, settle_s=180.0, record_s=20.0)
 """Protocol towards grazing, in closed form: a full run, as a remaining transient would graze too early."""
 
-COLUMNS = (
-    "cycle",
-    "impacts",
-    "v_mean_m_s",
-    "v_max_m_s",
-    "v_min_m_s",
-    "impulse_n_s",
-    "repeatability",
-    "crank_rad",
-    "peak_n",
-    "x_low_m",
-    "x_high_m",
-    "drive_j",
-    "friction_j",
-    "loss_j",
-    "end_y_m",
-    "end_v_m_s",
-    "end_crank_rad",
+COLUMNS = tuple(
+    name for name in Outcome._fields if name not in ("regime", "certain", "periods", "duration_s")
 )
+"""The columns of a sweep from an orbit's outcome, beside its regime."""
 
 
 @dataclass(frozen=True)
@@ -195,13 +180,15 @@ def run(case: Case, direction: str, count: int = RATIOS) -> Sweep:
             edges.append(_edge(case, grid[: index + 1], outcomes))
         outcomes.append(outcome)
         state = end_state(outcome)
-    table: dict[str, Any] = {
-        "ratio": grid,
-        "regime": [Regime(outcome.regime).name.lower().replace("_", "-") for outcome in outcomes],
-    }
-    for column in COLUMNS:
-        table[column] = np.array([getattr(outcome, column) for outcome in outcomes])
-    return Sweep(pa.table(table), edges)
+    rows = [row_of(ratio, outcome) for ratio, outcome in zip(grid, outcomes, strict=True)]
+    return Sweep(pa.Table.from_pylist(rows), edges)
+
+
+def row_of(ratio: float, outcome: Outcome) -> dict[str, Any]:
+    """Return an orbit's row of a table."""
+    regime = Regime(outcome.regime).name.lower().replace("_", "-")
+    values = {name: getattr(outcome, name) for name in COLUMNS}
+    return {"ratio": float(ratio), "regime": regime, **values}
 
 
 def end_state(outcome: Outcome) -> State:

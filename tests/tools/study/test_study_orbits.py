@@ -20,7 +20,7 @@ VISCOUS, COULOMB = case("table1", "viscous"), case("table1", "coulomb")
 
 def by_the_other_solver(case: Case, ratio: float, start: State):
     """The same law as a special case of Stribeck's, integrated step by step."""
-    parts = case.parts(ratio)
+    parts = case.scene(ratio).parts()
     rest = MotionState(0.0, case.rest_length_m, 0.0, 0.0, 0.0, Phase.FLIGHT)
     memory = allocate(parts, rest, 1e-11, 256)
     return follow_orbit(stepwise(parts, memory), start, PAPER)
@@ -123,7 +123,7 @@ def test_every_cell_of_a_basin_is_the_other_solvers() -> None:
     y_m, v_m_s = axes(VISCOUS, "state", 100)
     starts = np.array([(y, v, 0.0) for v in v_m_s for y in y_m])
     early, _ = classify(VISCOUS, 1.3, starts, CLASSIFY)
-    parts = VISCOUS.parts(1.3)
+    parts = VISCOUS.scene(1.3).parts()
     rest = MotionState(0.0, 0.12, 0.0, 0.0, 0.0, Phase.FLIGHT)
     whole = CLASSIFY._replace(settle_s=40.0, record_s=10.0, stop_early=False)
     memory = allocate(parts, rest, 1e-12, 256)

@@ -16,7 +16,7 @@ from tools.study.orbits import closed
 from tools.study.orbits.follow import AT_REST, State, classify, follow
 from tools.study.orbits.sections import CLASSIFY, PAPER, Outcome
 from tools.study.portraits import sample
-from tools.study.sweep import RATIOS, Diagram, diagrams, end_state
+from tools.study.sweep import RATIOS, Diagram, diagrams, end_state, row_of
 
 CONTACTS_S = (0.01, 0.03, 0.05)
 """Elastic contact times of the bench's elastomer pad and of two softer pads."""
@@ -124,20 +124,8 @@ def soft_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
         outcome = follow(one, float(ratio), state, PAPER)
         state = end_state(outcome)
         if float(ratio) in SOFT_RATIOS:
-            rows.append({"ratio": float(ratio), **{name: getattr(outcome, name) for name in SOFT_COLUMNS}})
+            rows.append(row_of(ratio, outcome))
     return pa.Table.from_pylist(rows), {}
-
-
-SOFT_COLUMNS = (
-    "impacts",
-    "cycle",
-    "v_mean_m_s",
-    "impulse_n_s",
-    "repeatability",
-    "peak_n",
-    "loss_j",
-    "friction_j",
-)
 
 
 def contact_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
@@ -190,8 +178,9 @@ def share_from_rest(one: Case, ratio: float) -> float:
 
 def share_after_ramp(one: Case, ratio: float, duration_s: float) -> float:
     """Return the share of crank angles from which a ramp from standstill leads to impact motion."""
+    parts = one.scene(ratio).parts()
     ends = [
-        closed.ramp(one.closed_parts(ratio), crank_rad, duration_s, math.ceil(RAMP_STEPS_PER_S * duration_s))
+        closed.ramp(parts, crank_rad, duration_s, math.ceil(RAMP_STEPS_PER_S * duration_s))
         for crank_rad in np.linspace(0.0, 2.0 * math.pi, PHASES, endpoint=False)
     ]
     return float((classify(one, ratio, np.array(ends), CLASSIFY)[1] > 0.0).mean())

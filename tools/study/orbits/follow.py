@@ -3,8 +3,6 @@
 import math
 import time
 from collections.abc import Iterable
-from functools import lru_cache
-from threading import local
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +12,7 @@ from plant_sim.arrays import IntArray
 from plant_sim.kernels import entry_point, jit
 from plant_sim.result import MotionState, Phase
 from plant_sim.scene import Scene
-from plant_sim.solvers.adaptive.state_layout import Memory, allocate
+from plant_sim.solvers.adaptive.state_layout import allocate
 from tools.study.cases import Case
 from tools.study.orbits import sections
 from tools.study.orbits.closed import closed
@@ -25,8 +23,6 @@ ACCURACY_M = 1e-7
 """Accuracy of the adaptive solver per period, m: about a millionth of the gap."""
 
 IMPACTS_AT_ONCE = 256
-
-_own = local()
 
 
 class State(NamedTuple):
@@ -50,7 +46,7 @@ class Advanced(NamedTuple):
 
 def follow(case: Case, ratio: float, start: State, protocol: Protocol) -> Outcome:
     """Return the outcome of one start."""
-    return follow_orbit(_carrier(case, ratio), start, protocol)
+    return follow_orbit(carrier_of(case.scene(ratio)), start, protocol)
 
 
 def follow_orbit(carrier: Carrier, start: State, protocol: Protocol) -> Outcome:
@@ -113,7 +109,7 @@ def classify(
 
     `starts`: (y, v, crank angle), shape (n, 3).
     """
-    return classify_starts(_carrier(case, ratio), starts, protocol)
+    return classify_starts(carrier_of(case.scene(ratio)), starts, protocol)
 
 
 def classify_starts(
@@ -134,23 +130,3 @@ def carrier_of(scene: Scene, accuracy_m: float = ACCURACY_M) -> Carrier:
         return closed(parts)
     rest = MotionState(0.0, scene.striker.rest_length_m, 0.0, 0.0, 0.0, Phase.FLIGHT)
     return stepwise(parts, allocate(parts, rest, accuracy_m, IMPACTS_AT_ONCE))
-
-
-def _carrier(case: Case, ratio: float) -> Carrier:
-    """Return the closed form if the case has one, otherwise the adaptive solver."""
-    if case.is_exact:
-        return closed(case.closed_parts(ratio))
-    return stepwise(case.parts(ratio), _memory(case))
-
-
-def _memory(case: Case) -> Memory:
-    """Return the solver memory of this thread for the case."""
-    if not hasattr(_own, "memories"):
-        _own.memories = lru_cache(maxsize=64)(_allocate)
-    memory: Memory = _own.memories(case)
-    return memory
-
-
-def _allocate(case: Case) -> Memory:
-    rest = MotionState(0.0, case.rest_length_m, 0.0, 0.0, 0.0, Phase.FLIGHT)
-    return allocate(case.parts(1.0), rest, ACCURACY_M, IMPACTS_AT_ONCE)
