@@ -83,7 +83,7 @@ def overview(
         plot("Striker, close up [m]", *POSITION, span_s=detail_s, legend=rrb.Corner2D.LeftBottom),
         rrb.Horizontal(
             *(
-                [plot(APPROACH_SPEED, *IMPACTS, range_y=speeds_m_s, legend=rrb.Corner2D.LeftBottom)]
+                [plot(APPROACH_SPEED, *IMPACTS, range_y=speeds_m_s, legend=rrb.Corner2D.RightBottom)]
                 if contents.impacts
                 else []
             ),
@@ -186,7 +186,7 @@ def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float
         forces += [Line("/plant", "felt_force_n", "felt by the wearer", "N", OTHER), Whole("/limits/felt/**")]
     return rrb.Vertical(
         rrb.Horizontal(
-            plot(APPROACH_SPEED, *IMPACTS, range_y=speeds_m_s, legend=rrb.Corner2D.LeftBottom),
+            plot(APPROACH_SPEED, *IMPACTS, range_y=speeds_m_s, legend=rrb.Corner2D.RightBottom),
             plot(
                 "Impulse [N s]",
                 Dots("/impacts/truth", "impulse_n_s", "impulse [N s]", TRUTH, "diamond"),
