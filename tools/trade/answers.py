@@ -42,13 +42,13 @@ class Method(NamedTuple):
 
 
 class Errors(NamedTuple):
-    """Errors of an answer; nan for errors of single impacts if the number of impacts is wrong."""
+    """Errors of an answer by their keys in a row; nan for single impacts if their number is wrong."""
 
-    state_m: float
-    """Error of the final state: of the position, or of the velocity over ω, whichever is larger."""
-    time_s: float
-    speed_m_s: float
-    impulse: float
+    error: float
+    """Error of the final state in m: of the position, or of the velocity over ω, whichever is larger."""
+    impact_time_error_s: float
+    impact_speed_error_m_s: float
+    impulse_error: float
     """Relative error of the total momentum exchanged with the stop."""
     impacts: int
     impacts_wanted: int
@@ -63,13 +63,13 @@ def errors_of(case: Case, given: Answer, truth: Answer) -> Errors:
     exchanged = float(np.sum(truth.v_m_s - truth.v_after_m_s))
     difference = abs(float(np.sum(given.v_m_s - given.v_after_m_s)) - exchanged)
     return Errors(
-        state_m=max(
+        error=max(
             abs(given.x_end_m - truth.x_end_m),
             abs(given.v_end_m_s - truth.v_end_m_s) / case.scene.natural_rad_s,
         ),
-        time_s=_largest(given.t_s - truth.t_s) if same else nan,
-        speed_m_s=_largest(given.v_m_s - truth.v_m_s) if same else nan,
-        impulse=difference / exchanged if exchanged > 0.0 else difference,
+        impact_time_error_s=_largest(given.t_s - truth.t_s) if same else nan,
+        impact_speed_error_m_s=_largest(given.v_m_s - truth.v_m_s) if same else nan,
+        impulse_error=difference / exchanged if exchanged > 0.0 else difference,
         impacts=given.t_s.size,
         impacts_wanted=truth.t_s.size,
         regime=regime_of(case, given),

@@ -3,10 +3,10 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 from hil.scenario.settings import apply_settings
 from plant_sim.parts.drive import IdealDrive
+from plant_sim.parts.parts import Parts
 from plant_sim.scene import Scene, load_scene, read_scene
 
 
@@ -23,18 +23,18 @@ class Case:
     @cached_property
     def scene(self) -> Scene:
         """The checked scene."""
-        return load_scene(self.document())
-
-    def document(self) -> dict[str, Any]:
-        """Return the scene's raw tables."""
         settings = [f"scene.{setting}" for setting in self.settings]
-        tables: dict[str, Any] = apply_settings({"scene": read_scene(self.base)}, settings)["scene"]
-        return tables
+        return load_scene(apply_settings({"scene": read_scene(self.base)}, settings)["scene"])
+
+    @cached_property
+    def parts(self) -> Parts:
+        """The scene's parts."""
+        return self.scene.parts()
 
     @property
     def period_s(self) -> float:
         """Forcing period; for a motor the period of the free oscillation."""
-        drive = self.scene.parts().drive
+        drive = self.parts.drive
         fast = drive.omega_rad_s if isinstance(drive, IdealDrive) else self.scene.natural_rad_s
         return 2.0 * math.pi / fast
 

@@ -42,31 +42,23 @@ class Cost(NamedTuple):
 
     def row(self) -> dict[str, Any]:
         """Return the cost as a JSON object."""
-        errors = self.errors
         return {
             "what": f"{self.case.name}: {self.method.name} {self.method.setting}".rstrip(),
             "kind": "solver",
             "case": self.case.name,
             "method": self.method.name,
             "setting": self.method.setting,
-            "error": errors.state_m,
+            **self.errors._asdict(),
             "cost": self.least_us_s,
-            "unit": f"{STATE_UNIT}; {COST_UNIT}",
             "cost_median": self.median_us_s,
-            "impact_time_error_s": errors.time_s,
-            "impact_speed_error_m_s": errors.speed_m_s,
-            "impulse_error": errors.impulse,
-            "impacts": errors.impacts,
-            "impacts_wanted": errors.impacts_wanted,
-            "regime": errors.regime,
-            "regime_wanted": errors.regime_wanted,
+            "unit": f"{STATE_UNIT}; {COST_UNIT}",
         }
 
 
 def methods_of(case: Case, quick: bool) -> list[Method]:
     """Return all methods that are compared on a case."""
     found = own.methods(case, quick)
-    if has_peers(case.scene.parts()):
+    if has_peers(case.parts):
         found += scipy_peer.methods(case)
         if heyoka_peer.is_installed():
             found += heyoka_peer.methods(case, quick)
@@ -139,7 +131,7 @@ def pareto(costs: Sequence[Cost]) -> list[Cost]:
         for cost in right
         if not any(
             other.case is cost.case
-            and other.errors.state_m <= cost.errors.state_m
+            and other.errors.error <= cost.errors.error
             and other.least_us_s < cost.least_us_s
             for other in right
         )

@@ -27,12 +27,12 @@ def truth(case: Case) -> Answer:
 
 def has_closed_form(case: Case) -> bool:
     """Return whether the exact solver supports the case."""
-    return is_steppable(case) and not isinstance(case.scene.parts().friction, Stribeck)
+    return is_steppable(case) and not isinstance(case.parts.friction, Stribeck)
 
 
 def is_steppable(case: Case) -> bool:
     """Return whether time stepping supports the case."""
-    parts = case.scene.parts()
+    parts = case.parts
     return isinstance(parts.drive, IdealDrive) and isinstance(parts.stop, NoStop | RigidStop)
 
 
@@ -49,19 +49,19 @@ def methods(case: Case, quick: bool) -> list[Method]:
 
 
 def _exact(case: Case) -> Solve:
-    parts, start = case.scene.parts(), initial_state(case.scene)
+    parts, start = case.parts, initial_state(case.scene)
     return lambda: _answer(exact.simulate(parts, start, case.until_s))
 
 
 def _adaptive(case: Case, accuracy: float) -> Solve:
-    parts, start = case.scene.parts(), initial_state(case.scene)
+    parts, start = case.parts, initial_state(case.scene)
     return lambda: _answer(
         adaptive.simulate(parts, start, case.until_s, torque_n_m=case.torque_n_m, accuracy=accuracy)
     )
 
 
 def _stepping(case: Case, step_s: float) -> Solve:
-    parts, start = case.scene.parts(), initial_state(case.scene)
+    parts, start = case.parts, initial_state(case.scene)
 
     def solve() -> Answer:
         run = stepping.simulate(parts, start, case.until_s, step_s)

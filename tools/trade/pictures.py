@@ -59,5 +59,5 @@ def draw(measured: Sequence[Cost], path: Path) -> None:
 
 def points(costs: Sequence[Cost]) -> tuple[list[float], list[float]]:
     """Return the costs and the errors, at least SMALLEST_M."""
-    errors = [max(each.errors.state_m, SMALLEST_M) for each in costs]
+    errors = [max(each.errors.error, SMALLEST_M) for each in costs]
     return [each.least_us_s for each in costs], errors

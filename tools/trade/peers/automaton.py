@@ -67,13 +67,16 @@ def static_limit_n(parts: Parts) -> float:
     return parts.friction.mu_s * weight_n if isinstance(parts.friction, Stribeck) else 0.0
 
 
-def drag_n(
-    friction: Friction, weight_n: float, v: Any, speed: Any, direction: Any, exp: Callable[[Any], Any]
-) -> Any:
-    """Return the friction force on a striker that slides in `direction`, N.
+class Functions(NamedTuple):
+    """Sine, cosine and exponential of the numbers or symbols with which a peer computes."""
 
-    `v` and `speed` may be numbers or symbols; `exp` is the exponential of their type.
-    """
+    sin: Callable[[Any], Any]
+    cos: Callable[[Any], Any]
+    exp: Callable[[Any], Any]
+
+
+def drag_n(friction: Friction, weight_n: float, v: Any, speed: Any, direction: Any, of: Functions) -> Any:
+    """Return the friction force on a striker that slides in `direction` with a velocity and a speed, N."""
     match friction:
         case Viscous(b):
             return -b * v
@@ -81,14 +84,51 @@ def drag_n(
             return -mu * weight_n * direction - b * v
         case Stribeck(mu, mu_s, v_s, delta, b):
             share = speed / v_s
-            fall = exp(-share if delta == 1.0 else -(share**delta))
+            fall = of.exp(-share if delta == 1.0 else -(share**delta))
             return -(mu + (mu_s - mu) * fall) * weight_n * direction - b * v
     return 0.0 * v
 
 
+def depth_m(parts: Parts, x: Any) -> Any:
+    """Return the striker's depth in the stop, m; negative before it."""
+    stop = parts.stop
+    if not isinstance(stop, KelvinVoigt | RigidStop):
+        raise TypeError(f"{stop!r} is no stop of a case that peers are given")
+    return x - stop.position_m
+
+
+def push_n(parts: Parts, x: Any, v: Any) -> Any:
+    """Return the force of a Kelvin–Voigt stop in contact, N."""
+    stop = parts.stop
+    if not isinstance(stop, KelvinVoigt):
+        raise TypeError(f"{stop!r} has no contact that a peer integrates")
+    return stop.stiffness_n_m * depth_m(parts, x) + stop.damping_n_s_m * v
+
+
+def slopes(
+    case: Case, of: Functions, t: Any, state: Any, speed: Any, sense: Any, in_contact: bool
+) -> list[Any]:
+    """Return the derivatives of x, v and, with a motor, of the crank's angle and speed.
+
+    The striker slides in direction `sense` with `speed`, the size of v.
+    """
+    parts = case.parts
+    striker, drive, friction = parts[:3]
+    x, v = state[0], state[1]
+    angle = drive.omega_rad_s * t + drive.phase_rad if isinstance(drive, IdealDrive) else state[2]
+    spring = striker.spring_n_m * (drive.amplitude_m * of.sin(angle) + striker.rest_length_m - x)
+    force = spring + drag_n(friction, striker.mass_kg * striker.gravity_m_s2, v, speed, sense, of)
+    if in_contact:
+        force = force - push_n(parts, x, v)
+    if not isinstance(drive, MotorDrive):
+        return [v, force / striker.mass_kg]
+    loss = drive.viscous_n_m_s * state[3] + spring * drive.amplitude_m * of.cos(angle)
+    return [v, force / striker.mass_kg, state[3], (case.torque_n_m - loss) / drive.inertia_kg_m2]
+
+
 def run(case: Case, flow: Flow) -> Answer:
     """Run the whole case with one integrator; raises PeerError after MOST_EVENTS events."""
-    parts = case.scene.parts()
+    parts = case.parts
     limit_n, stop = static_limit_n(parts), parts.stop
     t_s, state = 0.0, [case.scene.initial_x_m, case.scene.initial.v_m_s]
     if isinstance(parts.drive, MotorDrive):

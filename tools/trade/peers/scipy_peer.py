@@ -6,11 +6,9 @@ from typing import Any
 
 from scipy.integrate import solve_ivp
 
-from plant_sim.parts.drive import IdealDrive, MotorDrive
-from plant_sim.parts.stop import KelvinVoigt, RigidStop
 from tools.trade.answers import Method
 from tools.trade.cases import Case
-from tools.trade.peers.automaton import Event, Piece, drag_n, run, static_limit_n
+from tools.trade.peers.automaton import Event, Functions, Piece, depth_m, push_n, run, slopes, static_limit_n
 
 SETTINGS: tuple[tuple[str, str, dict[str, float]], ...] = (
     ("scipy RK45", "default", {}),
@@ -20,30 +18,31 @@ SETTINGS: tuple[tuple[str, str, dict[str, float]], ...] = (
 )
 
 
+NUMBERS = Functions(math.sin, math.cos, math.exp)
+
+
 class ScipyFlow:
     """Flow by solve_ivp, with terminal events for the stop and, with dry friction, for zero velocity."""
 
     def __init__(self, case: Case, method: str, tolerances: dict[str, float]) -> None:
-        self.parts = case.scene.parts()
+        self.case = case
         self.method: Any = method
         self.tolerances: Any = tolerances
-        self.torque_n_m = case.torque_n_m
-        self.is_dry = static_limit_n(self.parts) > 0.0
+        self.is_dry = static_limit_n(case.parts) > 0.0
 
     def __call__(
         self, t_s: float, state: list[float], until_s: float, direction: float, in_contact: bool
     ) -> Piece:
         """Integrate from `t_s` to the first event."""
+
+        def at(t: float, y: Any) -> list[float]:
+            return slopes(self.case, NUMBERS, t, y, abs(y[1]), direction, in_contact)
+
         events = [self._stop_event(in_contact)]
         if self.is_dry:
             events.append(_terminal(lambda t, y: y[1], -direction))
         solution: Any = solve_ivp(
-            self._slopes(direction, in_contact),
-            (t_s, until_s),
-            state,
-            method=self.method,
-            events=events,
-            **self.tolerances,
+            at, (t_s, until_s), state, method=self.method, events=events, **self.tolerances
         )
         end = [float(value) for value in solution.y[:, -1]]
         if len(solution.t_events[0]):
@@ -53,34 +52,10 @@ class ScipyFlow:
         return Piece(float(solution.t[-1]), end, Event.END)
 
     def _stop_event(self, in_contact: bool) -> Any:
-        stop = self.parts.stop
-        if isinstance(stop, KelvinVoigt) and in_contact:
-            slope_s = stop.damping_n_s_m / stop.stiffness_n_m
-            return _terminal(lambda t, y: y[0] - stop.position_m + slope_s * y[1], -1.0)
-        if isinstance(stop, KelvinVoigt | RigidStop):
-            return _terminal(lambda t, y: y[0] - stop.position_m, 1.0)
-        raise TypeError(f"{stop!r} is no stop of a case that peers are given")
-
-    def _slopes(self, direction: float, in_contact: bool) -> Any:
-        striker, drive, friction, stop = self.parts[:4]
-        m, c, l0 = striker.mass_kg, striker.spring_n_m, striker.rest_length_m
-        weight_n, amplitude_m = m * striker.gravity_m_s2, drive.amplitude_m
-
-        def slopes(t: float, y: Any) -> list[float]:
-            x, v = y[0], y[1]
-            angle = drive.omega_rad_s * t + drive.phase_rad if isinstance(drive, IdealDrive) else y[2]
-            spring = c * (amplitude_m * math.sin(angle) + l0 - x)
-            push = 0.0
-            if in_contact and isinstance(stop, KelvinVoigt):
-                push = stop.stiffness_n_m * (x - stop.position_m) + stop.damping_n_s_m * v
-            drag = drag_n(friction, weight_n, v, abs(v), direction, math.exp)
-            acceleration = (spring + drag - push) / m
-            if not isinstance(drive, MotorDrive):
-                return [v, acceleration]
-            loss = drive.viscous_n_m_s * y[3] + spring * amplitude_m * math.cos(angle)
-            return [v, acceleration, y[3], (self.torque_n_m - loss) / drive.inertia_kg_m2]
-
-        return slopes
+        parts = self.case.parts
+        if in_contact:
+            return _terminal(lambda t, y: push_n(parts, y[0], y[1]), -1.0)
+        return _terminal(lambda t, y: depth_m(parts, y[0]), 1.0)
 
 
 def _terminal(function: Any, direction: float) -> Any:
