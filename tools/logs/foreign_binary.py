@@ -32,6 +32,8 @@ CAN_OBJECTS = {1: 16, 73: 32, 86: 16, 100: 84, 101: 40}
 MARK = b"LOBJ"
 PADDING = 8
 """Largest distance from the end of an object to the next."""
+MOST_CARRIED_BYTES = 1 << 30
+"""Limit on what is carried over from container to container: an object of a bench lies in two at most."""
 UNPACKED, DEFLATED = 0, 2
 
 SQLITE_STEPS = 10_000
@@ -122,7 +124,7 @@ def contained_objects(path: Path, file: BinaryIO) -> Iterator[tuple[int, int, in
         raise BadInputError(f"{path} is no .blf log: it begins with {signature!r}; wanted {FORMATS}")
     file.seek(header_bytes)
     left = b""
-    unpacked = 0
+    unpacked = carried = 0
     while len(head := file.read(BLF_OBJECT.size)) == BLF_OBJECT.size:
         mark, _, _, size, kind = BLF_OBJECT.unpack(head)
         place = file.tell()
@@ -137,6 +139,11 @@ def contained_objects(path: Path, file: BinaryIO) -> Iterator[tuple[int, int, in
         content = unpack(body)
         unpacked += len(content)
         refuse_large(path, unpacked)
+        carried += len(left)
+        if carried > MOST_CARRIED_BYTES:
+            raise LogError(
+                f"before byte {place} an object of {len(left)} bytes or more is in too many pieces"
+            )
         left = yield from whole_objects(left + content)
 
 

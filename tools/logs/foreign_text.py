@@ -34,6 +34,8 @@ TEXT_READERS = {
 }
 COMMENTS = {".log": ("#", ";", "//"), ".asc": ("//",), ".trc": (";",), ".csv": ("#",)}
 """Beginnings of comments; comments and blank lines are not counted."""
+MOST_LINES = 500_000
+"""Largest number of lines, a quarter more than messages: a line takes some hundred bytes, however short."""
 LONGEST_LINE = 4096
 LONGEST_HEADER = 1000
 """Largest number of lines in a .trc log's header, which is read again after each unreadable line."""
@@ -86,9 +88,11 @@ class LineFeed(io.TextIOBase):
 def read_text(path: Path, kind: str, packed: bool, tolerant: bool) -> ForeignLog:
     """Read a log in a text format."""
     text = text_of(path, packed)
-    lines = text.split("\n")
-    refuse_plain_candump(path, kind, lines)
+    refuse_many_lines(path, text)
     log = ForeignLog(truncated=truncation(kind, text))
+    lines = text.split("\n")
+    del text  # takes as much memory as its lines
+    refuse_plain_candump(path, kind, lines)
     header, body = split_header(path, kind, lines)
     waiting = readable(kind, body, log)
     while True:
@@ -162,6 +166,15 @@ def text_of(path: Path, packed: bool) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
+def refuse_many_lines(path: Path, text: str) -> None:
+    """Raise `BadInputError` for a text of more than MOST_LINES, before its lines take all memory."""
+    count = text.count("\n")
+    if count > MOST_LINES:
+        raise BadInputError(
+            f"{path} holds {count:,} lines, more than {MOST_LINES:,}; cut it and import its parts"
+        )
+
+
 def refuse_plain_candump(path: Path, kind: str, lines: Sequence[str]) -> None:
     """Raise `BadInputError` for the output of candump without -L."""
     first = next((line.strip() for line in lines if line.strip()), "")
@@ -181,14 +194,14 @@ def truncation(kind: str, text: str) -> str | None:
 
 def split_header(path: Path, kind: str, lines: Sequence[str]) -> tuple[list[Line], list[Line]]:
     """The lines that a reader needs before any message, and the rest."""
-    numbered = [Line(number, f"{text}\n") for number, text in enumerate(lines, 1) if text.strip()]
+    numbered = [Line(number, text) for number, text in enumerate(lines, 1) if text.strip()]
     if kind == ".csv":
-        return [Line(0, text) for _, text in numbered[:1]], numbered[1:]
+        return [Line(0, f"{text}\n") for _, text in numbered[:1]], numbered[1:]
     if kind == ".trc":
         end = next((n for n, line in enumerate(numbered) if not line.text.startswith(";")), len(numbered))
         if end > LONGEST_HEADER:
             raise BadInputError(f"{path} has a header of {end} lines; wanted at most {LONGEST_HEADER}")
-        return numbered[:end], numbered[end:]
+        return [Line(number, f"{text}\n") for number, text in numbered[:end]], numbered[end:]
     if kind == ".asc":
         base = next((found[1] for line in numbered if (found := ASC_BASE.match(line.text.strip()))), "hex")
         # python-can takes the first line that it does not know as the header's end and drops it

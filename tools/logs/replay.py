@@ -259,9 +259,10 @@ def filled_in(
     given = 0
     for number in range(1, count + 1):
         until_s = math.inf if number == count else before_s + number * (t_s - before_s) / count
-        arrived = [one for one in waiting[given:] if one.t_s <= until_s]
-        given += len(arrived)
-        yield RecordedTick(min(until_s, t_s), [Frame(one.can_id, one.data) for one in arrived])
+        first = given
+        while given < len(waiting) and waiting[given].t_s <= until_s:
+            given += 1
+        yield RecordedTick(min(until_s, t_s), [Frame(one.can_id, one.data) for one in waiting[first:given]])
 
 
 def compare_frames(

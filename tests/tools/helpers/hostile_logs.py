@@ -73,6 +73,27 @@ ASC = "date Tue Nov 14 22:13:20 2023\nbase hex  timestamps absolute\ninternal ev
 ASC_FRAME = "{t:.6f} 1  {can_id}             Rx   d 4 CD CC 4C 3D\n"
 TRC = ";$FILEVERSION=2.1\n;$STARTTIME=45244.9\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n"
 
+MEGABYTE = 1 << 20
+
+
+def packed(line: str, head: str = "") -> bytes:
+    """A text log that unpacks to sixty megabytes of one line, in a few hundred kilobytes."""
+    block = line.encode() * (MEGABYTE // len(line.encode()))
+    return gzip.compress(head.encode() + block * 60, 1)
+
+
+def in_a_million_pieces() -> bytes:
+    """A .blf log with the beginning of a large object, and a container for each byte of its rest."""
+    large = blf_object(kind=72, size=60 * MEGABYTE) + bytes(30 * MEGABYTE)
+    return blf(blf_container(large), *[blf_container(b"\0", method=0)] * 200_000)
+
+
+def silent_for_minutes() -> str:
+    """Two torques ten minutes apart, and between them as many other frames as an import takes."""
+    between = "".join(f"({1000 + 0.0015 * number:.6f}) can0 123#00\n" for number in range(390_000))
+    return f"(1000.000000) can0 00E#CDCC4C3D\n{between}(1585.000000) can0 00E#CDCC4C3D\n"
+
+
 HOSTILE: dict[str, Callable[[Path], Path]] = {
     "blf: an object of size 0": binary(
         "a.blf", lambda: blf(blf_container(blf_object() + blf_object(size=0)))
@@ -93,6 +114,7 @@ HOSTILE: dict[str, Callable[[Path], Path]] = {
         "a.blf", lambda: blf(blf_container(blf_object(body=b"ab") * 20))
     ),
     "blf: two million messages": binary("a.blf", lambda: blf(blf_container(blf_object() * 1_300_000))),
+    "blf: an object in a million pieces": binary("a.blf", in_a_million_pieces),
     "blf: only a header": binary("a.blf", blf),
     "blf: a header length of 4 GB": binary(
         "a.blf", lambda: b"LOGG" + struct.pack("<L", 0xFFFFFFFF) + bytes(200)
@@ -118,6 +140,17 @@ HOSTILE: dict[str, Callable[[Path], Path]] = {
     ),
     "db: no table": database("CREATE TABLE other (a)"),
     "log: unpacks to 1.9 GB": binary("a.log.gz", lambda: gzip.compress(bytes(1_900_000_000), 1)),
+    "log: unpacks to 30 million bad lines": binary("a.log.gz", lambda: packed("a\n")),
+    "log: unpacks to half a million lines of wide characters": binary(
+        "a.log.gz", lambda: packed(f"# {'x' * 122}\U0001f600\n")
+    ),
+    "log: ten minutes without a torque": text("a.log", silent_for_minutes),
+    "csv: unpacks to 30 million comments": binary("a.csv.gz", lambda: packed("#\n")),
+    "trc: unpacks to 30 million bad lines": binary("a.trc.gz", lambda: packed("1\n", TRC)),
+    "asc: unpacks to 15 million lines of another kind": binary("a.asc.gz", lambda: packed("1 x\n", ASC)),
+    "asc: unpacks to half a million lines of another kind": binary(
+        "a.asc.gz", lambda: packed(f"1.0 {'x' * 125}\n", ASC)
+    ),
     "log: one line of 60 MB": text("a.log", lambda: "(1." + "0" * 60_000_000 + ") can0 1#00\n"),
     "log: two million bad lines": text("a.log", lambda: "x\n" * 2_000_000),
     "log: a time of 1e11 s": text("a.log", lambda: f"{GOOD}(99999999999.000000) can0 00E#CDCC4C3D\n"),
