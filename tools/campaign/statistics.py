@@ -1,21 +1,15 @@
-"""Confidence bounds: Wilson's for shares, the bootstrap's for quantiles."""
+"""Confidence bounds of shares (Wilson) and of quantiles (order statistics)."""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import binomtest
+from scipy.stats import binom, binomtest
 
 from plant_sim.arrays import FloatArray
 
 CONFIDENCE = 0.95
-PERCENTILES = 50.0 * (1.0 - CONFIDENCE), 50.0 * (1.0 + CONFIDENCE)
-RESAMPLES = 1000
-MOST_NUMBERS = 5_000_000
-"""Largest number of values that the bootstrap samples in all, unless 100 resamples need more.
-
-The quantiles of many values vary little, so that few resamples suffice.
-"""
+TAIL = 0.5 * (1.0 - CONFIDENCE)
 
 
 class Share(NamedTuple):
@@ -55,19 +49,25 @@ def wilson(successes: int, trials: int) -> Share:
     return Share(successes / trials, low, high)
 
 
-def distribution(values: FloatArray) -> Distribution | None:
-    """Return the quantiles of the finite values with percentile-bootstrap bounds; None if there are none."""
-    finite = values[np.isfinite(values)]
-    if len(finite) == 0:
-        return None
-    ordered = np.sort(finite)
+def quantile(ordered: FloatArray, share: float) -> tuple[float, float, float]:
+    """Return a quantile of ordered values with bounds for any distribution.
+
+    The number of values below the true quantile is binomial, so two of the values are bounds (David &
+    Nagaraja, Order Statistics, 2003, ch. 7); of too few values they are the extremes.
+
+    >>> quantile(np.arange(1.0, 101.0), 0.5)
+    (50.5, 40.0, 61.0)
+    """
     n = len(ordered)
-    p50, p95 = np.quantile(ordered, [0.5, 0.95])
-    rng = np.random.default_rng(n)
-    # Resample with replacement: random places of the sorted values.
-    resampled = np.empty((max(100, min(RESAMPLES, MOST_NUMBERS // n)), 2))
-    for row in resampled:
-        row[:] = np.quantile(ordered[rng.integers(0, n, n)], [0.5, 0.95])
-    low, high = np.percentile(resampled, PERCENTILES, axis=0)
-    figures = (ordered[0], p50, low[0], high[0], p95, low[1], high[1], ordered[-1])
-    return Distribution(n, *map(float, figures))
+    low, high = (int(binom.ppf(tail, n, share)) for tail in (TAIL, 1.0 - TAIL))
+    bounds = ordered[max(low - 1, 0)], ordered[min(high, n - 1)]
+    return float(np.quantile(ordered, share)), float(bounds[0]), float(bounds[1])
+
+
+def distribution(values: FloatArray) -> Distribution | None:
+    """Return the quantiles of the finite values with their bounds; None if there are none."""
+    ordered = np.sort(values[np.isfinite(values)])
+    if len(ordered) == 0:
+        return None
+    p50, p95 = quantile(ordered, 0.5), quantile(ordered, 0.95)
+    return Distribution(len(ordered), float(ordered[0]), *p50, *p95, float(ordered[-1]))
