@@ -6,6 +6,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
@@ -68,15 +69,15 @@ def exit_of(verdict: Mapping[str, Any]) -> int:
 
 
 def plain(value: Any) -> Any:
-    """`value` in JSON's own types: arrays become lists, NaN and infinities become null."""
+    """`value` in JSON's own types: arrays become lists, paths texts, NaN and infinities null."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return plain(value.item())
+    if isinstance(value, Path):
+        return str(value)
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

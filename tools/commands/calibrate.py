@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from tools.commands.options import Json, NodeBus, setting
-from tools.output import console, print_json, table_of
+from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, answer, console, table_of
 from tools.outputs import file_option
 
 
@@ -29,11 +29,12 @@ def calibrate(
 
     wanted = pairs_of(values)
     refused = calibrated(wanted, bus, change or [], save)
-    if as_json:
-        print_json({"parameters": wanted, "refused": refused, "save": None if save is None else str(save)})
-    elif refused:
-        console.print(table_of(("refused", "why"), ((one["key"], one["why"]) for one in refused)))
-    else:
-        console.print("\n".join(f"{key} = {value:g}" for key, value in wanted.items()), markup=False)
-    if refused:
-        raise typer.Exit(1)
+    status = EXIT_CHECK_FAILED if refused else EXIT_PASSED
+
+    def show() -> None:
+        if refused:
+            console.print(table_of(("refused", "why"), ((one["key"], one["why"]) for one in refused)))
+        else:
+            console.print("\n".join(f"{key} = {value:g}" for key, value in wanted.items()), markup=False)
+
+    answer({"parameters": wanted, "refused": refused, "save": save}, as_json, show, status)

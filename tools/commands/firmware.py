@@ -1,13 +1,13 @@
 """`vibrohil firmware`: the controller alone, on any bus; and its build for a board."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 from typer.core import TyperGroup
 
 from tools.commands.options import Again, Json, NodeBus, Sync, Turns, Until, setting
-from tools.output import console, print_json, table_of
+from tools.output import answer, console, table_of
 from tools.outputs import folder_option
 from tools.progress import shown_progress
 
@@ -79,18 +79,20 @@ def build(
     (out / "vibro_config.h").write_text(config_header(config, precision), encoding="utf-8")
     (out / f"{file_name()}.a2l").write_text(a2l(), encoding="utf-8")
     found, parts = sizes(target, has_gait), ram_by_block(precision)
-    if as_json:
-        print_json({"target": target, "bytes": found, "map": parts, "out": str(out)})
-        return
+    payload = {"target": target, "bytes": found, "map": parts, "out": out}
+    files = f"{out}: vibro_firmware.o, vibro_firmware.h, vibro_config.h, {file_name()}.a2l"
+    answer(payload, as_json, lambda: show_sizes(found, parts, files))
+
+
+def show_sizes(found: dict[str, int], parts: dict[str, dict[str, int]], files: str) -> None:
+    """Print the bytes of the code, and of config and state by block, then the files."""
     table = table_of(("what", "bytes"))
     for name, size in found.items():
         table.add_row(name, f"{size:,}", style="bold")
         for part, part_size in parts.get(name, {}).items():
             table.add_row(f"  {part}", f"{part_size:,}")
     console.print(table)
-    console.print(
-        f"{out}: vibro_firmware.o, vibro_firmware.h, vibro_config.h, {file_name()}.a2l", markup=False
-    )
+    console.print(files, markup=False)
 
 
 @firmware.command()
@@ -109,9 +111,11 @@ def budget(
 
     with shown_progress() as progress:
         found = measure(names or [], progress, target)
-    if as_json:
-        print_json(found)
-        return
+    answer(found, as_json, lambda: show_budget(found))
+
+
+def show_budget(found: dict[str, Any]) -> None:
+    """Print the sizes, and the instructions of a tick."""
     table = table_of(("what", ""))
     for group in ("flash", "ram"):
         for name, size in found[group].items():

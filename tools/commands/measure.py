@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from tools.commands.options import Json, NodeBus, number, setting
-from tools.output import console, figure, print_json, table_of
+from tools.output import answer, console, figure, table_of
 from tools.outputs import folder_option
 
 
@@ -35,18 +35,18 @@ def measure(
     from tools.logs.measured import measured, signal_names
 
     if names:
-        if as_json:
-            print_json({"signals": signal_names()})
-        else:
-            console.print("\n".join(signal_names()), markup=False)
+        every = signal_names()
+        answer({"signals": every}, as_json, lambda: console.print("\n".join(every), markup=False))
         return
     if not signals:
         raise typer.BadParameter("name at least one signal; --list prints their names")
     wanted = Sampled(signals, max(round(1000.0 / rate), 1))
     found = measured(wanted, bus, change or [], until, live, out)
-    if as_json:
-        print_json({"signals": found, "out": None if out is None else str(out)})
-        return
+    answer({"signals": found, "out": out}, as_json, lambda: show(found))
+
+
+def show(found: dict[str, dict[str, Any]]) -> None:
+    """Print a row for each signal."""
     table = table_of(("signal", "unit", "samples", "lost", "last", "lowest", "highest"))
     for name, one in found.items():
         values: list[Any] = [figure(one[key]) for key in ("last", "low", "high")]

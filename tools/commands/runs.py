@@ -9,15 +9,7 @@ from rich.markup import escape
 from rich.table import Column
 
 from tools.commands.options import Json
-from tools.output import (
-    EXIT_NOTHING_RAN,
-    answer,
-    console,
-    figure,
-    marked,
-    print_json,
-    table_of,
-)
+from tools.output import EXIT_NOTHING_RAN, EXIT_PASSED, answer, console, figure, marked, table_of
 
 if TYPE_CHECKING:
     from tools.logs.catalogue import ListedRun
@@ -58,18 +50,14 @@ def runs(
         pruned = prune(found, age_s(older), folder)
         summary = f"removed {len(pruned.removed)} of {len(found)} runs"
         summary += f"; {len(pruned.in_use)} are in progress and stay" if pruned.in_use else ""
-        listing = {name: [str(path) for path in paths] for name, paths in pruned._asdict().items()}
-        answer(listing, as_json, lambda: console.print(summary))
+        answer(pruned._asdict(), as_json, lambda: console.print(summary))
         return
     columns = show or list(COLUMNS)
     shown = found[: (None if as_json else MOST) if most is None else most]
-    if as_json:
-        print_json({"runs": [row_of(run, columns) for run in shown]})
-    else:
-        print_table(shown, columns)
-        console.print(f"{len(shown)} of {len(found)} runs in {escape(str(folder))}")
-    if not found:
-        raise typer.Exit(EXIT_NOTHING_RAN)
+    payload = {"runs": [row_of(run, columns) for run in shown]}
+    status = EXIT_PASSED if found else EXIT_NOTHING_RAN
+    counts = f"{len(shown)} of {len(found)} runs in {folder}"
+    answer(payload, as_json, lambda: print_table(shown, columns, counts), status)
 
 
 def row_of(run: "ListedRun", columns: list[str]) -> dict[str, Any]:
@@ -86,8 +74,8 @@ def row_of(run: "ListedRun", columns: list[str]) -> dict[str, Any]:
     }
 
 
-def print_table(shown: "list[ListedRun]", columns: list[str]) -> None:
-    """Print a line for each run."""
+def print_table(shown: "list[ListedRun]", columns: list[str], counts: str) -> None:
+    """Print a line for each run, then their number."""
     titles = ("begun", "", "scenario", "commit", *columns, "folder")
     table = table_of(Column(title, overflow="fold") for title in titles)
     for run in shown:
@@ -96,3 +84,4 @@ def print_table(shown: "list[ListedRun]", columns: list[str]) -> None:
         name, figures = figure(run.figure("scenario")), [figure(run.figure(name)) for name in columns]
         table.add_row(begun, word, *map(escape, (name, run.commit, *figures, str(run.folder))))
     console.print(table)
+    console.print(counts, markup=False)
