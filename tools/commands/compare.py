@@ -120,11 +120,12 @@ def show(result: dict[str, Any]) -> None:
     equal = len(figures) - len(changes)
     console.print(f"{equal} of {len(figures)} figures are equal within their tolerance{more}")
     work = figures["tick_us.p99"]
-    console.print(
-        f"the machine: firmware work p99 {figure(work['a'])} and {figure(work['b'])} µs, "
-        f"overruns {figure(figures['overruns']['a'])} and {figure(figures['overruns']['b'])}",
-        style="dim",
-    )
+    if None not in (work["a"], work["b"]):  # lockstep does not measure it
+        console.print(
+            f"the machine: firmware work p99 {figure(work['a'])} and {figure(work['b'])} µs, "
+            f"overruns {figure(figures['overruns']['a'])} and {figure(figures['overruns']['b'])}",
+            style="dim",
+        )
     first = result["first_difference"]
     if first is None:
         console.print("[bold green]equal[/]: every logged signal, bit by bit, on simulated time")

@@ -69,6 +69,15 @@ def test_a_comparison_fits_one_screen_with_verdict_and_fault_first(runs, capsys)
     assert len(lines) <= 24
 
 
+def test_the_machine_is_compared_only_if_both_runs_measured_it(runs, capsys):
+    result = compare(open_run(runs / "first"), open_run(runs / "other"))
+    show(result)
+    assert "the machine" not in capsys.readouterr().out
+    result["figures"]["tick_us.p99"] |= {"a": 10.0, "b": 20.0}
+    show(result)
+    assert "the machine: firmware work p99 10 and 20 µs" in capsys.readouterr().out
+
+
 def test_the_largest_change_comes_first_and_what_the_machine_took_last():
     def row(a, b):
         numbers = isinstance(a, float) and isinstance(b, float)
