@@ -5,6 +5,7 @@ import json
 import random
 from collections.abc import Sequence
 from fractions import Fraction
+from pathlib import Path
 
 import pytest
 import typer
@@ -359,3 +360,14 @@ def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert "Accelerometer" in printed
     assert "∞" in printed
     assert "1000 kbit/s" in printed
+
+
+def test_the_page_states_the_load_of_two_modules(capsys: pytest.CaptureFixture[str]) -> None:
+    page = (Path(__file__).parents[3] / "docs/how-to/own-adapter.md").read_text("utf-8")
+    assert "vibrohil schedule --module 0,2 --module 1,5" in page
+    assert run("--module", "0,2", "--module", "1,5", "--json") == 1
+    printed = json.loads(capsys.readouterr().out)
+    loads = (printed["load"], printed["without_xcp"]["load"])
+    assert "load the bus with {:.0%}, without XCP with {:.0%}".format(*loads).replace("%", " %") in (
+        " ".join(page.split())
+    )
