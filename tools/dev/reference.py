@@ -45,7 +45,7 @@ def row(*cells: Any) -> str:
 
 def table(titles: Sequence[str], rows: Iterator[str]) -> str:
     """A Markdown table."""
-    return "\n".join([row(*titles), row(*["---"] * len(titles)), *rows])
+    return "\n".join([row(*titles), "|" + "---|" * len(titles), *rows])
 
 
 def page(title: str, *parts: str) -> str:
