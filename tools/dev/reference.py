@@ -20,7 +20,7 @@ from pydantic.fields import FieldInfo
 
 from firmware_py.interface import codec, enums
 from firmware_py.interface.dbc import Signal, SignalKind, database
-from firmware_py.interface.parameter_table import TABLE
+from firmware_py.interface.parameter_table import TABLE, Parameter
 from hil.drive.axis_table import BenchScene
 from hil.faults.every import KINDS, PLACES
 from hil.judge.checks import Check
@@ -97,7 +97,7 @@ def frames() -> str:
                 )
                 for name, signal in one.signals.items()
             )
-            parts.append(table(["signal", "unit", "values", "a count is", "meaning"], rows))
+            parts.append(table(["signal", "unit", "values", "resolution", "meaning"], rows))
     parts.append("## States")
     for name in enums.__dict__:
         kind = getattr(enums, name)
@@ -107,13 +107,20 @@ def frames() -> str:
     return page("Frames", *parts)
 
 
+def changeable_by(parameter: Parameter) -> str:
+    """The tier of a parameter, and when a master of XCP may change it."""
+    tier = parameter.tier.name.lower()
+    if not parameter.is_calibrated:
+        return tier
+    return f"{tier}, in motion" if parameter.while_running else f"{tier}, at rest"
+
+
 def parameters() -> str:
     """Every parameter of the firmware."""
     rows = (
         row(
             f"`{one.name}`",
-            one.tier.name.lower(),
-            "—" if not one.is_calibrated else "in motion" if one.while_running else "at rest",
+            changeable_by(one),
             one.unit,
             f"{one.default:g}",
             f"{one.low:g} … " + (f"`{one.at_most}`" if one.at_most else f"{one.high:g}"),
@@ -129,11 +136,11 @@ def parameters() -> str:
         "The **tier** of a parameter determines who may change it. **build**: the control period and the "
         "hard ceilings; a parameter file that "
         "contains one is rejected. A scenario may set them, because it also describes the bench's build. "
-        "**module**: the "
-        "nominal parameters of the module and its motor. **tuning**: the controller's behaviour. The "
-        "column **XCP** says when [a master](../how-to/measure-and-calibrate.md) may change it, within "
-        "its bounds. A bound given as a name is the value of that parameter.",
-        table(["name", "tier", "XCP", "unit", "default", "bounds", "meaning"], rows),
+        "**module**: the nominal parameters of the module and its motor. **tuning**: the controller's "
+        "behaviour; *at rest* or *in motion* says when "
+        "[a master of XCP](../how-to/measure-and-calibrate.md) may change it, within its bounds. "
+        "A bound given as a name is the value of that parameter.",
+        table(["name", "tier", "unit", "default", "bounds", "meaning"], rows),
     )
 
 
@@ -213,10 +220,15 @@ def choices_of(annotation: Any) -> list[str]:
     return [value for value in get_args(annotation) if isinstance(value, str)]
 
 
+def table_name(model: type[BaseModel] | Any) -> str:
+    """The name by which the page of scenes heads a table."""
+    return str(model.__name__).removesuffix("Table")
+
+
 def meaning_of(field: FieldInfo) -> str:
-    """The description of a key or of the table that it names; then the accepted texts that are not in it."""
+    """The description of a key or the name of its table; then the accepted texts that are not in it."""
     is_table = inspect.isclass(field.annotation) and issubclass(field.annotation, BaseModel)
-    described = field.description or (first_sentences(field.annotation) if is_table else "")
+    described = field.description or (f"the table {table_name(field.annotation)}" if is_table else "")
     others = [
         f"`{choice}`"
         for choice in choices_of(field.annotation)
@@ -245,7 +257,7 @@ def table_sections(models: Iterable[type[BaseModel]]) -> Iterator[str]:
     """The sections of a file's tables; successive tables with the same keys share one."""
     for _, group in groupby(models, lambda model: sorted(model.model_fields)):
         alike = list(group)
-        yield f"### {', '.join(model.__name__.removesuffix('Table') for model in alike)}"
+        yield f"### {', '.join(map(table_name, alike))}"
         yield "<br>\n".join(first_sentences(model) for model in alike)
         yield keys_of(*(model.model_fields for model in alike))
 

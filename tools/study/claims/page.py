@@ -31,10 +31,8 @@ UNITS = {
 INTRODUCTION = """\
 # The paper's claims, measured
 
-This page tests the claims of Jelačić & Jelačić (2026), *From Nonlinear Dynamics to Neurorehabilitation:
-Translational Modeling of a Vibro-Impact Actuator for Ankle Exoskeletons*, IRJIET 10(3), 124–129, doi
-10.47001/IRJIET/2026.103016. It is written by `vibrohil study claims --page docs/claims.md`; every figure
-below comes from that run.
+This page tests the claims of Jelačić & Jelačić (2026), doi 10.47001/IRJIET/2026.103016. It is written by
+`vibrohil study claims --page docs/claims.md`; every figure below comes from that run.
 
 Two modules are tested. `table1` is Table 1 as printed: c = 70 N/m. The paper gives no amplitude; `table1`
 has A = 20 mm with viscous friction and 30 mm with dry friction, because at 20 mm dry friction can hold the
