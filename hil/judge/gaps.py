@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from hil.record.run_traces import RunTraces, column
+from hil.record.run_traces import LogLoss, RunTraces, column
 from hil.record.traces.stored_trace import Records
 
 OPERATOR_PERIOD_S = 0.01
-SHOWN_HOLDS = 5
-"""Number of holds that are shown to a person; the log has all."""
+MOST_SHOWN = 5
+"""Number of holds, and of losses, that are shown to a person; the log has all."""
 SHORTEST_GAP_S = 3e-3
 SETTLING_S = 2.0
 """Time for which a gap's effect lasts: four drive periods at 2 Hz, in which the impact regime settles again.
@@ -132,5 +132,15 @@ def doubt_of(name: str, window_s: tuple[float, float], gaps: Sequence[Gap]) -> s
 
 def longest_holds(holds: Sequence[TimeHeld]) -> list[str]:
     """The longest holds of a run as text, in order of time."""
-    longest = sorted(holds, key=lambda hold: -hold.whole_s)[:SHOWN_HOLDS]
+    longest = sorted(holds, key=lambda hold: -hold.whole_s)[:MOST_SHOWN]
     return [hold.in_words for hold in sorted(longest, key=lambda hold: hold.t_s)]
+
+
+def largest_losses(losses: Sequence[LogLoss]) -> list[str]:
+    """The intervals with the most lost frames as text, in order of time, below the number of all losses."""
+    largest = sorted(losses, key=lambda loss: -loss.frames)[:MOST_SHOWN]
+    shown = [loss.in_words for loss in sorted(largest, key=lambda loss: loss.from_s)]
+    if len(losses) <= MOST_SHOWN:
+        return shown
+    frames = sum(loss.frames for loss in losses)
+    return [f"can.log lacks {frames} frames in {len(losses)} intervals, the largest of which follow", *shown]

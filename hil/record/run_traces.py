@@ -30,6 +30,11 @@ class LogLoss:
     to_s: float
     frames: int
 
+    @property
+    def in_words(self) -> str:
+        """The loss as text: `can.log lacks 8 frames between 2.000 s and 2.400 s`."""
+        return f"can.log lacks {self.frames} frames between {self.from_s:.3f} s and {self.to_s:.3f} s"
+
 
 NO_RECORDS: Records = np.zeros(0, dtype=[])
 

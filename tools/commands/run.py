@@ -159,7 +159,7 @@ def show_next(out: Path) -> None:
 
 def show_checks(verdict: "RunVerdict") -> None:
     """Print a run's checks, those that have not passed first, and what the verdict says about them."""
-    from hil.judge.gaps import longest_holds
+    from hil.judge.gaps import largest_losses, longest_holds
 
     figures = verdict.figures
     columns = (Column(title, no_wrap=True) for title in ("value", "limit", ""))
@@ -186,11 +186,10 @@ def show_checks(verdict: "RunVerdict") -> None:
         console.print(f"time was held, longest: {escape('; '.join(holds))}")
     for gap in figures.gaps:
         console.print(f"[yellow]the host {escape(gap.in_words)}[/]")
-    for loss in figures.losses:
-        console.print(
-            f"[yellow]can.log lacks {loss.frames} frames between {loss.from_s:.3f} s and "
-            f"{loss.to_s:.3f} s; incomplete: {', '.join(verdict.incomplete)}[/]"
-        )
+    for loss in largest_losses(figures.losses):
+        console.print(f"[yellow]{escape(loss)}[/]")
+    if figures.losses:
+        console.print(f"[yellow]incomplete: {', '.join(verdict.incomplete)}[/]")
     doubts = [f"not judged: {reason}" for reason in verdict.not_judged]
     for reason in [*verdict.reasons, *doubts]:
         console.print(f"[bold red]{escape(reason)}[/]")

@@ -22,6 +22,7 @@ from hil.judge.verdict import read_verdict
 from hil.record.rerun_program import rerun
 from hil.show.report.chart import thinned
 from hil.show.report.pages import library, write_suite_report
+from tools.commands.run import show_checks
 
 # What a program that reads the verdict may rely on.
 KEYS = {
@@ -139,6 +140,28 @@ def test_losses_of_the_recorder_are_reported_and_no_check_is_judged_on_them(tmp_
     page = (tmp_path / "report.html").read_text()
     assert ("LOG INCOMPLETE" in page) is bool(frames)
     assert ("can.log lacks 800 frames between 2.000 s and 2.400 s" in page) is bool(frames)
+
+
+def test_of_many_losses_the_largest_are_shown_and_all_are_counted(tmp_path, capsys):
+    write_run(make_run(), tmp_path)
+    losses = [{"from_s": 0.1 * n, "to_s": 0.1 * n + 0.05, "frames": n} for n in range(1, 9)]
+    (tmp_path / "losses.json").write_text(json.dumps({"losses": losses}))
+    verdict = finish(tmp_path)
+    shown = [
+        "can.log lacks 36 frames in 8 intervals, the largest of which follow",
+        *(
+            f"can.log lacks {n} frames between {0.1 * n:.3f} s and {0.1 * n + 0.05:.3f} s"
+            for n in range(4, 9)
+        ),
+    ]
+    page = (tmp_path / "report.html").read_text()
+    show_checks(verdict)
+    printed = capsys.readouterr().out
+    for text in (page, " ".join(printed.split())):
+        places = [text.index(one) for one in shown]
+        assert places == sorted(places)
+        assert "can.log lacks 3 frames" not in text
+        assert text.count("incomplete: bus_load") == 1
 
 
 def test_losses_that_a_bus_does_not_count_are_unknown_not_none(tmp_path):
