@@ -186,7 +186,7 @@ def requirement_page() -> str:
         'requirement with `@pytest.mark.requirement("S-01")`; `pytest -k NAME` runs it.',
         table(["id", "requirement", "stated in", "checks", "tests"], requirement_rows()),
         "## Scenarios",
-        "The scenarios by the requirements that their checks prove; `vibrohil run NAME` runs one.",
+        "The scenarios by the requirements that their checks prove.",
         table(
             ["proved", "scenarios"],
             (row(" ".join(proved), "<br>".join(names)) for proved, names in proving_scenarios().items()),
@@ -319,8 +319,7 @@ def faults() -> str:
     parts = [
         "A fault is a table `[[script.faults]]` of a scenario. It acts on the bus, at a sensor, in the drive "
         "or the module, on a process or on its clock, but never inside the firmware. Each fault has `at_s`, "
-        "its beginning in s from the start, and `duration_s`, by default to the end of the run. "
-        "`vibrohil suite --seeds 20` runs each fault with twenty seeds.",
+        "its beginning in s from the start, and `duration_s`, by default to the end of the run.",
         "The tables name what a scenario requires, measured on the truth. *Torque 0 within*: from the "
         "fault's beginning until the motor's torque is finally 0. *Command 0 within*: from the time at which "
         "the drive must be off until the commanded torque is finally 0. *Impacts within*: from the fault's "
