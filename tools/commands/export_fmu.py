@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from tools.commands.options import Json, ParameterFiles, setting
+from tools.commands.options import Json, ParameterFiles, changed_scene, setting
 from tools.output import BadInputError, answer, console
 from tools.outputs import file_option
 
@@ -82,8 +82,6 @@ def model_of(of: Part, name: str, seed: int, changes: Sequence[str], parameters:
         return PlantNodeModel(scenario.scene, seed, scenario.period_s)
     if parameters:
         raise BadInputError("--parameters are the firmware's; with them choose --of firmware")
-    from hil.scenario.settings import apply_settings
-    from plant_sim.scene import load_scene, read_scene
     from tools.fmu.plant import PlantModel
 
-    return PlantModel(load_scene(apply_settings({"scene": read_scene(name)}, changes)["scene"]), seed)
+    return PlantModel(changed_scene(name, changes), seed)

@@ -2,15 +2,18 @@
 
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass, replace
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from tools.output import progress_console
+
+if TYPE_CHECKING:
+    from plant_sim.scene import Scene
 
 
 def number(description: str, low: float | None = None, high: float | None = None) -> Any:
@@ -29,6 +32,14 @@ def note_unused_bus(bus: str, clock: str) -> None:
     """Say on standard error that a bus other than the default is not used in lockstep."""
     if clock == "lockstep" and bus != "auto":
         progress_console.print(f"note: --bus {bus} is not used: lockstep has a bus of its own", markup=False)
+
+
+def changed_scene(source: str, changes: Sequence[str] | None) -> "Scene":
+    """The scene with this name or file, after the `--set` changes; raises SceneError or SettingError."""
+    from hil.scenario.settings import apply_settings
+    from plant_sim.scene import load_scene, read_scene
+
+    return load_scene(apply_settings({"scene": read_scene(source)}, changes or [])["scene"])
 
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from tools.commands.options import Json, number, setting
+from tools.commands.options import Json, changed_scene, number, setting
 from tools.output import BadInputError, answer, console, figure_table, table_of
 from tools.outputs import PICTURES, file_option
 
@@ -30,15 +30,12 @@ def simulate(
     as_json: Json = False,
 ) -> None:
     """Simulate the plant alone and list its impacts."""
-    from hil.scenario.settings import apply_settings
-    from plant_sim.scene import load_scene, read_scene
-
     longest_s = LONGEST_S if plot is None else LONGEST_PLOT_S
     if not 0.0 < until <= longest_s:
         raise BadInputError(
             f"--until is {until}: wanted above 0 and at most {longest_s:g} simulated seconds, e.g. --until 10"
         )
-    loaded = load_scene(apply_settings({"scene": read_scene(scene)}, change or [])["scene"])
+    loaded = changed_scene(scene, change)
     from plant_sim.simulation import SimulationError  # imports numba, so after the checks of the input
     from plant_sim.simulation import simulate as simulate_plant
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from tools.commands.options import Json, setting
+from tools.commands.options import Json, changed_scene, setting
 from tools.output import BadInputError, answer, console, figure, figure_table, table_of
 from tools.outputs import folder_option
 
@@ -148,10 +148,7 @@ def boundaries(
 
 def checked_scene(source: str, change: list[str] | None, over: tuple[str, ...]) -> "Scene":
     """The scene; BadInputError if it has no impact orbits or lacks one of the parameters."""
-    from hil.scenario.settings import apply_settings
-    from plant_sim.scene import load_scene, read_scene
-
-    scene = load_scene(apply_settings({"scene": read_scene(source)}, change or [])["scene"])
+    scene = changed_scene(source, change)
     if scene.drive.model != "ideal":
         raise BadInputError(
             f"{source} has drive.model = {scene.drive.model!r}: branches are orbits of a crank at constant "

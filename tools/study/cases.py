@@ -87,22 +87,21 @@ class Case:
         """Return all parameters on which the results depend."""
         return asdict(self)
 
-    def scene(self, ratio: float) -> Scene:
-        """Return the scene at Ω = ratio · ω."""
-        stop: dict[str, Any] = {"position_m": self.stop_m, "restitution": self.restitution, "law": "rigid"}
+    def tables(self, ratio: float) -> dict[str, Any]:
+        """Return the tables of the scene at Ω = ratio · ω."""
+        stop: dict[str, Any] = {"law": "rigid", "position_m": self.stop_m, "restitution": self.restitution}
         if self.contact_s is not None:
             stop |= {"law": "hunt-crossley", "contact_s": self.contact_s}
-        return load_scene(
-            {
-                "striker": {name: getattr(self, name) for name in ("mass_kg", "spring_n_m", "rest_length_m")},
-                "drive": {"model": "ideal", "amplitude_m": self.amplitude_m, "ratio": ratio},
-                "friction": {
-                    "law": self.law,
-                    **{name: getattr(self, name) for name in COEFFICIENTS[self.law]},
-                },
-                "stop": stop,
-            }
-        )
+        return {
+            "striker": {name: getattr(self, name) for name in ("mass_kg", "spring_n_m", "rest_length_m")},
+            "drive": {"model": "ideal", "amplitude_m": self.amplitude_m, "ratio": ratio},
+            "friction": {"law": self.law, **{name: getattr(self, name) for name in COEFFICIENTS[self.law]}},
+            "stop": stop,
+        }
+
+    def scene(self, ratio: float) -> Scene:
+        """Return the scene at Ω = ratio · ω."""
+        return load_scene(self.tables(ratio))
 
 
 def case(preset: str, law: str, value: float | None = None, **changes: Any) -> Case:

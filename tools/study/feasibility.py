@@ -18,6 +18,7 @@ wearer: there the felt pulse is the force on the bare stop, and the compliant we
 import csv
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,29 +31,13 @@ from plant_sim.plant import Plant
 from plant_sim.result import Impact
 from plant_sim.scene import Scene, load_scene
 from tools.study import store, work
-from tools.study.cases import AMPLITUDES_M, SPRINGS_N_M, STATIC_OVER_SLIDING
+from tools.study.cases import LAWS, Case, case
 
 Vector = NDArray[np.float64]
 
 
-class Module(NamedTuple):
-    """Parameters of a preset: spring, amplitude by friction law, gap."""
-
-    spring_n_m: float
-    amplitudes_m: Mapping[str, float]
-    gap_m: float
-
-
-REST_M = 0.12
-MODULES = {
-    "table1": Module(SPRINGS_N_M["table1"], AMPLITUDES_M["table1"], 0.06),
-    "gait": Module(SPRINGS_N_M["gait"], AMPLITUDES_M["gait"], 0.06),
-    # The scene walking.toml: at 4.8 Hz every cadence has a suitable whole number of turns, and the short
-    # stroke keeps v⁻ below 1 m/s.
-    "walking": Module(720.0, dict.fromkeys(AMPLITUDES_M["gait"], 0.0065), 0.022),
-}
+MODULES = ("table1", "gait", "walking")
 AXES = ("up", "forward", "outward")
-LAWS = ("viscous", "coulomb", "stribeck")
 CONTACTS_S = (0.01, 0.03, 0.05)
 WEARERS = {"stiff": (1e4, 100.0), "compliant": (2e3, 40.0)}
 """Stiffness in N/m and damping in N s/m of the ankle under a foot plate of 1 kg."""
@@ -129,23 +114,21 @@ def stops() -> list[Stop]:
     ]
 
 
+def module(preset: str, law: str) -> Case:
+    """Return a preset's module; `walking` is that of the scene walking.toml.
+
+    At its 4.8 Hz every cadence has a suitable whole number of turns, and its short stroke keeps v⁻ below
+    1 m/s.
+    """
+    if preset != "walking":
+        return case(preset, law)
+    return case("table1", law, spring_n_m=720.0, amplitude_m=0.0065, stop_m=0.142)
+
+
 def scene(stop: Stop, axis: str, stride_hz: float) -> Scene:
-    """Return the scene of the module on a leg; dry laws are Stribeck's law, so that they share one kernel."""
-    module = MODULES[stop.preset]
-    friction: dict[str, Any] = {"law": "viscous", "b_n_s_m": 0.2}
-    if stop.law != "viscous":
-        mu_s = 0.15 * (STATIC_OVER_SLIDING if stop.law == "stribeck" else 1.0)
-        friction = {"law": "stribeck", "mu": 0.15, "mu_s": mu_s, "v_s_m_s": 0.05, "delta": 1.0}
+    """Return the scene of the module on a leg."""
     tables: dict[str, Any] = {
-        "striker": {"mass_kg": 0.8, "spring_n_m": module.spring_n_m, "rest_length_m": REST_M},
-        "drive": {"model": "ideal", "amplitude_m": module.amplitudes_m[stop.law], "speed_rad_s": 0.0},
-        "friction": friction,
-        "stop": {
-            "law": "hunt-crossley",
-            "position_m": REST_M + module.gap_m,
-            "restitution": 0.5,
-            "contact_s": stop.contact_s,
-        },
+        **replace(module(stop.preset, stop.law), contact_s=stop.contact_s).tables(CENTRE_RATIO),
         "gait": {"axis": axis, "pace": [{"at_s": 0.0, "stride_hz": stride_hz}]},
         "solver": {"accuracy": ACCURACY},
     }
@@ -212,7 +195,7 @@ def region(stop: Stop) -> tuple[float, float]:
 
 def harmonics(stop: Stop, stride_hz: float, low: float, high: float) -> list[tuple[int, float]]:
     """Return (n, r) within the region: the pair nearest to the centre, and the one with softest impacts."""
-    one = stride_hz * 2.0 * math.pi / math.sqrt(MODULES[stop.preset].spring_n_m / 0.8)
+    one = stride_hz * 2.0 * math.pi / module(stop.preset, stop.law).natural_rad_s
     fitting = [(n, n * one) for n in range(1, 16) if low <= n * one <= high]
     if not fitting:
         return []

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.arrays import IntArray
 from plant_sim.kernels import entry_point, jit
 from plant_sim.result import MotionState, Phase
 from plant_sim.scene import Scene
@@ -44,6 +43,9 @@ class Advanced(NamedTuple):
     impacts: int
 
 
+FOLLOW = jit(sections.follow_orbit)
+
+
 def follow(case: Case, ratio: float, start: State, protocol: Protocol) -> Outcome:
     """Return the outcome of one start."""
     return follow_orbit(carrier_of(case.scene(ratio)), start, protocol)
@@ -52,20 +54,7 @@ def follow(case: Case, ratio: float, start: State, protocol: Protocol) -> Outcom
 def follow_orbit(carrier: Carrier, start: State, protocol: Protocol) -> Outcome:
     """Return the outcome of one start, followed by a carrier."""
     arguments = carrier, *start, protocol, *sections.new_rows(protocol, carrier.size.drive_rad_s)
-    return entry_point(_follow, *arguments)(*arguments)
-
-
-@jit
-def _follow(
-    carrier: Carrier,
-    y_m: float,
-    v_m_s: float,
-    crank_rad: float,
-    protocol: Protocol,
-    rows: Periods,
-    streaks: IntArray,
-) -> Outcome:
-    return sections.follow_orbit(carrier, y_m, v_m_s, crank_rad, protocol, rows, streaks)
+    return entry_point(FOLLOW, *arguments)(*arguments)
 
 
 def advance(carrier: Carrier, start: State, until_s: float, counted_from_s: float = 0.0) -> Advanced:
