@@ -38,6 +38,18 @@ PLACE = Path("docs/reference")
 MADE = "<!-- made by `python -m tools.dev.reference`; change the code it is made from -->"
 
 
+FEWEST_SECTIONS = 3
+"""What has the same name and meaning in this number of sections or more is described once for all of them."""
+
+
+def repeated(sections: Iterable[Mapping[str, str]]) -> dict[str, str]:
+    """The meanings, by their names, that are described once for several sections: one for a name."""
+    counts = Counter(meaning for section in sections for meaning in section.items())
+    found = [meaning for meaning, count in counts.items() if count >= FEWEST_SECTIONS]
+    meanings = Counter(name for name, _ in found)
+    return {name: meaning for name, meaning in found if meanings[name] == 1}
+
+
 def row(*cells: Any) -> str:
     """One row of a Markdown table."""
     return "| " + " | ".join(str(cell).replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
@@ -242,15 +254,19 @@ def cell(texts: Sequence[str]) -> str:
     return texts[0] if len(set(texts)) == 1 else "; ".join(texts)
 
 
-def keys_of(*tables: Mapping[str, FieldInfo]) -> str:
-    """The keys of one table of a file, or of several tables with the same keys."""
-    rows = []
+KEYS = ("key", "default", "bounds", "meaning")
+"""Titles of a table of keys."""
+
+
+def key_rows(*tables: Mapping[str, FieldInfo]) -> dict[str, str]:
+    """A row for each key, by its name, of one table of a file, or of several tables with the same keys."""
+    rows = {}
     for name in tables[0]:
         fields = [one[name] for one in tables]
         default = cell([default_of(field) for field in fields])
         bounds = cell([bounds_of(field) or "—" for field in fields])
-        rows.append(row(f"`{name}`", default, bounds, cell([meaning_of(field) for field in fields])))
-    return table(["key", "default", "bounds", "meaning"], iter(rows))
+        rows[name] = row(f"`{name}`", default, bounds, cell([meaning_of(field) for field in fields]))
+    return rows
 
 
 def table_sections(models: Iterable[type[BaseModel]]) -> Iterator[str]:
@@ -259,7 +275,7 @@ def table_sections(models: Iterable[type[BaseModel]]) -> Iterator[str]:
         alike = list(group)
         yield f"### {', '.join(map(table_name, alike))}"
         yield "<br>\n".join(first_sentences(model) for model in alike)
-        yield keys_of(*(model.model_fields for model in alike))
+        yield table(KEYS, iter(key_rows(*(model.model_fields for model in alike)).values()))
 
 
 def check_set_rows() -> Iterator[str]:
@@ -313,9 +329,17 @@ def reaction_of(scenario: Scenario) -> str:
     return "bounds"
 
 
+def own_keys(kind: type[BaseModel]) -> dict[str, str]:
+    """A row for each key of a fault but those that every fault has."""
+    fields = kind.model_fields
+    every = {"kind", "at_s"} if fields["duration_s"].is_required() else {"kind", "at_s", "duration_s"}
+    return key_rows({key: field for key, field in fields.items() if key not in every})
+
+
 def faults() -> str:
     """Every fault, its keys, and the scenarios that hold the firmware to a reaction."""
     scenarios = [load_scenario(name) for name in scenario_names()]
+    shared = repeated(map(own_keys, KINDS))
     parts = [
         "A fault is a table `[[script.faults]]` of a scenario. It acts on the bus, at a sensor, in the drive "
         "or the module, on a process or on its clock, but never inside the firmware. Each fault has `at_s`, "
@@ -325,19 +349,19 @@ def faults() -> str:
         "the drive must be off until the commanded torque is finally 0. *Impacts within*: from the fault's "
         "end until each drive period has an impact again. *Bounds*: torque, speed and force stay within the "
         "scenario's bounds.",
+        "Keys of several faults, each of which names those that it has:",
+        table(KEYS, iter(shared.values())),
     ]
     for place in PLACES:
         parts.append(f"## {place}")
         for kind in (one for one in KINDS if one.place == place):
-            name = kind.model_fields["kind"].annotation
-            own = {
-                key: field
-                for key, field in kind.model_fields.items()
-                if key not in ("kind", "at_s") and (key != "duration_s" or field.is_required())
-            }
-            parts.append(f"### {get_args(name)[0]}\n\n{first_sentences(kind)}")
-            if own:
-                parts.append(keys_of(own))
+            parts.append(f"### {get_args(kind.model_fields['kind'].annotation)[0]}")
+            parts.append(first_sentences(kind))
+            keys = own_keys(kind)
+            if own := [text for key, text in keys.items() if shared.get(key) != text]:
+                parts.append(table(KEYS, iter(own)))
+            if also := [f"`{key}`" for key, text in keys.items() if shared.get(key) == text]:
+                parts.append(f"[Keys](#faults){' also' if own else ''}: {', '.join(also)}.")
             rows = [
                 row(f"`{one.name}`", reaction_of(one))
                 for one in scenarios
@@ -368,16 +392,9 @@ def options_of(command: Any) -> dict[str, str]:
     return found
 
 
-FEWEST_COMMANDS = 3
-"""An option with the same meaning in this number of commands or more is described once for all of them."""
-
-
-def repeated(commands: Iterable[Mapping[str, str]]) -> dict[str, str]:
-    """The options that are described once for several commands: by one name only one."""
-    counts = Counter(option for options in commands for option in options.items())
-    found = [option for option, count in counts.items() if count >= FEWEST_COMMANDS]
-    meanings = Counter(name for name, _ in found)
-    return {name: meaning for name, meaning in found if meanings[name] == 1 and name.startswith("`--")}
+def switches(options: Mapping[str, str]) -> dict[str, str]:
+    """The options among a command's options and arguments."""
+    return {name: meaning for name, meaning in options.items() if name.startswith("`--")}
 
 
 def option_table(options: Mapping[str, str]) -> str:
@@ -396,7 +413,7 @@ def commands() -> str:
     ]
     names = ", ".join(f"`{name}`" for name in without)
     of_group = {
-        group: repeated(map(options_of, command.commands.values()))
+        group: repeated(map(switches, map(options_of, command.commands.values())))
         for group, command in every_name
         if hasattr(command, "commands")
     }
@@ -407,7 +424,7 @@ def commands() -> str:
         options = options_of(command)
         described[name] = [option for option in options if above.get(option) == options[option]]
         left[name] = {option: options[option] for option in options if option not in described[name]}
-    of_all = repeated(left.values())
+    of_all = repeated(map(switches, left.values()))
     parts = [
         "Every command describes itself with `--help`. With `--json` it prints one JSON object on standard "
         f"output ({names} do not have this option). All have the same "
