@@ -75,6 +75,7 @@ def a_row_a_frame(table: pa.Table) -> pa.Table:
     after_ns = after.flatten().to_numpy().astype(np.int64)
     lengths = contiguous(table["frame:length"]).flatten().to_numpy().astype(np.int64)
     content = b"".join(contiguous(table["frame:content"]).flatten().to_pylist())
+    refuse_other_lengths(lengths, len(content))
     offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
     data = pa.Array.from_buffers(
         pa.binary(), len(lengths), [None, pa.py_buffer(offsets), pa.py_buffer(content)]
@@ -87,6 +88,12 @@ def a_row_a_frame(table: pa.Table) -> pa.Table:
     }
     ids = contiguous(table["frame:can_id"]).flatten()
     return pa.table({**times, "frame:can_id": one_each(ids), "frame:data": one_each(data)})
+
+
+def refuse_other_lengths(lengths: IntArray, content_bytes: int) -> None:
+    """Raise ValueError unless the lengths divide the content: Arrow reads wherever its offsets point."""
+    if np.any((lengths < 0) | (lengths > MOST_BYTES)) or lengths.sum() != content_bytes:
+        raise ValueError(f"the lengths of its frames are not those of their {content_bytes} bytes")
 
 
 def contiguous(column: pa.ChunkedArray) -> pa.Array:

@@ -15,6 +15,7 @@ from rerun.chunk import RrdReader
 from firmware_py.interface.codec import CODEC_BY_ID, FrameCodec
 from hil.record.candump import NO_BUS, Bus, BusLog
 from hil.record.frame_tables import a_row_a_frame, contiguous, decoded, one_each
+from hil.record.new_file import MOST_NOTE_BYTES
 from hil.record.rates import slow_entity
 from hil.record.run_traces import NO_RECORDS, LogLoss, RunTraces
 from hil.record.traces.precision import NS_PER_S, TIME
@@ -285,14 +286,24 @@ class LoggedBus(Bus):
 
 
 def documents(path: Path) -> dict[str, str]:
-    """The texts under `about/`, without their fences."""
+    """The texts under `about/`, without their fences; raises ValueError for one of unusual size."""
     texts = {}
     for chunk in RrdReader(path).store().stream().filter(content="/about/**"):
         if chunk.is_static:
             text = chunk.to_record_batch().column("TextDocument:text")[0].as_py()[0]
+            if len(text) > MOST_NOTE_BYTES:
+                raise ValueError(f"{chunk.entity_path} has {len(text)} characters")
             fenced = FENCE.match(text)
             texts[chunk.entity_path.removeprefix("/about/")] = fenced.group(1) if fenced else text
     return texts
+
+
+def json_object(text: str) -> dict[str, Any]:
+    """The JSON object in a text; raises ValueError for any other value."""
+    content = json.loads(text)
+    if not isinstance(content, dict):
+        raise ValueError(f"{text:.40} is no JSON object")
+    return content
 
 
 def bus_of(raw: pa.Table) -> BusLog:
@@ -330,8 +341,8 @@ def read_traces(path: Path) -> RunTraces:
         impacts=small("/impacts/truth"),
         operator=small("/operator"),
         bus=LoggedBus(path) if RAW in known else NO_BUS,
-        run=json.loads(texts.get("run", "{}")),
-        outcome=json.loads(texts.get("outcome", "{}")),
+        run=json_object(texts.get("run", "{}")),
+        outcome=json_object(texts.get("outcome", "{}")),
         scenario=tomllib.loads(texts.get("scenario", "")),
         bus_errors=small("/bus_errors"),
         losses=losses_of(table(path, "/can/lost")) if "/can/lost" in known else [],

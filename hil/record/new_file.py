@@ -7,6 +7,9 @@ import os
 import stat
 from pathlib import Path
 
+MOST_NOTE_BYTES = 4 << 20
+"""Size of the largest JSON or TOML text of a run that is read; in memory it takes up to forty times that."""
+
 
 def made_anew(path: Path) -> Path:
     """The path of a new, empty file; what stood there is removed, and a link's target is left alone."""

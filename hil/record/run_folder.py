@@ -13,13 +13,14 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from hil.record.new_file import is_regular, made_anew
+from hil.record.new_file import MOST_NOTE_BYTES, is_regular, made_anew
 from hil.record.run_traces import CAN_LOG
 from hil.record.traces import trace
 
 RUNS = Path("runs")
 RUN_NOTE, SUITE_NOTE = "run.json", "suite.json"
 VERDICT = "verdict.json"
+RESULTS = (VERDICT, SUITE_NOTE)
 RESERVE = "reserve"
 WARM_UP = "warm-up"
 """Subfolder of the short run that compiles and loads all code in advance."""
@@ -46,8 +47,10 @@ MADE_BY_A_RUN = (
 
 MADE_BY_A_SUITE = (SUITE_NOTE, f"{SUITE_NOTE}.new", "junit.xml", "index.html")
 """Every file that a suite itself may write."""
-MOST_NOTE_BYTES = 64 << 20
-"""Size of the largest JSON or TOML file of a run that is read."""
+MOST_RESULT_BYTES = 32 << 20
+"""Size of the largest result of a run, which lists every impact, or of a suite."""
+MOST_HOLES_BYTES = 64 << 20
+"""Size up to which a file may be all holes; a trace grows by such pieces."""
 BLOCK_BYTES = 512
 """Unit of `st_blocks`."""
 LARGEST_SHARE_OF_HOLES = 100
@@ -58,9 +61,20 @@ class RunFolderError(ValueError):
     """A folder cannot be used for a run; the message names the remedy."""
 
 
+def refuse_large_note(path: Path) -> None:
+    """Raise RunFolderError for a JSON or TOML file that is too large to be read."""
+    size, most = path.stat().st_size, MOST_RESULT_BYTES if path.name in RESULTS else MOST_NOTE_BYTES
+    if size > most:
+        raise RunFolderError(f"{path} has {size} bytes; wanted {most} at most")
+
+
 def read_note(path: Path) -> dict[str, Any]:
-    """A JSON object in a run folder; empty for a file that is none, or that is a link, pipe or device."""
-    if not is_regular(path) or path.stat().st_size > MOST_NOTE_BYTES:
+    """A JSON object in a run folder; empty for a file that is none or too large, a link, pipe or device."""
+    if not is_regular(path):
+        return {}
+    try:
+        refuse_large_note(path)
+    except RunFolderError:
         return {}
     try:
         content = json.loads(path.read_bytes())
@@ -88,9 +102,9 @@ def refuse_irregular(run_dir: Path) -> None:
                 f"{path} is no file but a link, folder, pipe or device; a run makes only files"
             )
         found = path.stat()
-        if path.suffix in (".json", ".toml") and found.st_size > MOST_NOTE_BYTES:
-            raise RunFolderError(f"{path} has {found.st_size} bytes; wanted {MOST_NOTE_BYTES} at most")
-        if found.st_size > LARGEST_SHARE_OF_HOLES * (BLOCK_BYTES * found.st_blocks + MOST_NOTE_BYTES):
+        if path.suffix in (".json", ".toml"):
+            refuse_large_note(path)
+        if found.st_size > LARGEST_SHARE_OF_HOLES * BLOCK_BYTES * found.st_blocks + MOST_HOLES_BYTES:
             raise RunFolderError(
                 f"{path} has {found.st_size} bytes, and {BLOCK_BYTES * found.st_blocks} on the disk; "
                 "a run makes no such holes"

@@ -6,8 +6,12 @@ import itertools
 import json
 import os
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
 
 Spoil = Callable[[Path, Path], None]
 """Changes the files of a folder; the second argument is a file elsewhere that must not change."""
@@ -100,6 +104,30 @@ def _content(name: str, content: bytes) -> Spoil:
     return spoil
 
 
+def _holes(name: str) -> Spoil:
+    """A file that continues in six gigabytes of holes; a trace counts them as records."""
+
+    def spoil(run_dir: Path, victim: Path) -> None:
+        with (run_dir / name).open("r+b") as file:
+            head = file.read(24)
+            file.truncate(6 << 30)
+            if name.endswith(".trace"):
+                _, header_bytes, record_bytes, _ = struct.unpack("<8sIIQ", head)
+                file.seek(16)
+                file.write(struct.pack("<Q", ((6 << 30) - header_bytes) // record_bytes))
+
+    return spoil
+
+
+def _large(name: str, before: str, item: str, after: str) -> Spoil:
+    """A note of sixty megabytes that repeats an item."""
+
+    def spoil(run_dir: Path, victim: Path) -> None:
+        (run_dir / name).write_text(before + item * ((60 << 20) // len(item)) + after)
+
+    return spoil
+
+
 def _rebuilt(spoil: Spoil) -> Spoil:
     """Leave the log out, so that it is rebuilt from the traces."""
 
@@ -126,6 +154,40 @@ def _trace(
             file.truncate(size or 4096 + 48)
 
     return _rebuilt(spoil)
+
+
+def _logged(
+    run: str = "{}", scenario: str = "", lengths: Sequence[int] = (), **signals: Sequence[object]
+) -> Spoil:
+    """A log with these texts, frames of these lengths in three bytes, and a trace of the plant."""
+
+    def send(recording: rr.RecordingStream, entity: str, rows: int, columns: Iterable[object]) -> None:
+        t_s = np.arange(rows, dtype=float)
+        times = [rr.TimeColumn("sim_time", duration=t_s), rr.TimeColumn("wall_time", timestamp=t_s)]
+        recording.send_columns(entity, times, [*columns])
+
+    def spoil(run_dir: Path, victim: Path) -> None:
+        recording = rr.RecordingStream("vibrohil", recording_id="foreign")
+        recording.save(run_dir / "run.rrd")
+        for name, text in (("run", run), ("scenario", scenario)):
+            recording.log(f"about/{name}", rr.TextDocument(text), static=True)
+        zeros = [0] * len(lengths)
+        each = {
+            "after_ns": pa.array(zeros, pa.int32()),
+            "can_id": zeros,
+            "length": pa.array(lengths, pa.int64()),
+        }
+        frames = rr.DynamicArchetype.columns(archetype="frame", components=each).partition([len(lengths)])
+        content = rr.DynamicArchetype.columns(archetype="frame", components={"content": [b"abc"]})
+        if lengths:
+            send(recording, "can/raw", 1, [*frames, *content])
+        if signals:
+            struct = pa.StructArray.from_arrays([*map(pa.array, signals.values())], names=[*signals])
+            records = rr.DynamicArchetype.columns(archetype="trace", components={"record": struct})
+            send(recording, "plant", len(struct), records)
+        recording.disconnect()
+
+    return spoil
 
 
 def _noted(**values: object) -> Spoil:
@@ -155,6 +217,7 @@ FILES = (
     "verdict.json",
     "losses.json",
 )
+LONG = ("can.log", "plant.trace", "firmware.trace", "impacts.trace", "operator.trace")
 NOTES = ("run.json", "outcome.json", "losses.json", "processes.json", "scenario.toml", "verdict.json")
 FOLDERS: dict[str, Spoil] = {
     "as it was": lambda run_dir, victim: None,
@@ -171,6 +234,30 @@ FOLDERS: dict[str, Spoil] = {
     **{f"{name} is nested": _content(name, b"[" * 100_000) for name in NOTES},
     **{f"{name} is empty": _content(name, b"") for name in (*FILES, *NOTES)},
     **{f"{name} is noise": _content(name, bytes(range(256)) * 16) for name in (*FILES, *NOTES)},
+    **{f"{name} of holes and no log": _rebuilt(_holes(name)) for name in LONG},
+    "a verdict of 20 million lists": _large("verdict.json", '{"passed": true, "impacts": [[]', ",[]", "]}"),
+    "a note of 20 million lists and no log": _rebuilt(
+        _large("run.json", '{"made_by": "vibrohil", "a": [[]', ",[]", "]}")
+    ),
+    "a scenario of 10 million tables and no log": _rebuilt(_large("scenario.toml", "", "[[a]]\n", "")),
+    "losses without end and no log": _rebuilt(
+        _large("losses.json", '{"losses": [{}', ', {"from_s": 0, "to_s": 0, "frames": 1}', "]}")
+    ),
+    "a verdict of other types": _content(
+        "verdict.json",
+        b'{"passed": true, "provenance": ["x"], "scenario": {"a": 1}, "regime": ["x"], "speed": "x", '
+        b'"fault": 1e999, "impact_v_m_s": "x", "estimate": [1]}',
+    ),
+    "a verdict that is a list": _content("verdict.json", b'{"passed": [true], "provenance": null}'),
+    "run.rrd of frames far outside of their bytes": _logged(lengths=[2**30] * 100),
+    "run.rrd of frames before their bytes": _logged(lengths=[8, -(2**40), 2**40, -5]),
+    "run.rrd of longer frames": _logged(lengths=[255] * 9),
+    "run.rrd of texts": _logged(tick=["a", "b"], x_m=["c", "d"]),
+    "run.rrd of times that are texts": _logged(t_s=["a", "b"]),
+    "run.rrd of lists": _logged(tick=[[1], [2]], x_m=[[1.0], [2.0]]),
+    "run.rrd with a scenario of 10 million tables": _logged(scenario="[[a]]\n" * 10_000_000),
+    "run.rrd with a note of 20 million lists": _logged(run='{"a": [' + "[]," * 20_000_000 + "[]]}"),
+    "run.rrd with notes of other types": _logged(run='["x"]', scenario="scene = 1\nscript = 'x'\n"),
     "a trace in the shared memory": _in_shared_memory,
     "a trace in the shared memory and no log": _rebuilt(_in_shared_memory),
     "traces alone, a pipe": _rebuilt(_piped("plant.trace")),

@@ -4,12 +4,12 @@ import json
 import operator
 import re
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hil.judge.figures.records import CATALOGUE, value_of
+from hil.judge.figures.records import CATALOGUE, plain
 from hil.judge.verdict import Verdict
 from hil.record.run_folder import RUNS, VERDICT, discard_unused, is_own, read_note
 from tools.output import BadInputError
@@ -35,6 +35,7 @@ class ListedRun:
     begun_s: float
     """Time at which the run began by the file system's clock, in s since 1970."""
     verdict: dict[str, Any] | None
+    """What `known_of` keeps of the verdict."""
 
     @property
     def passed(self) -> bool | None:
@@ -52,16 +53,42 @@ class ListedRun:
     def commit(self) -> str:
         """The first digits of the commit, with + where files had been edited since."""
         origin = (self.verdict or {}).get("provenance", {})
-        return f"{(origin.get('commit') or '')[:8]}{'+' if origin.get('edited') else ''}"
+        return f"{str(origin.get('commit') or '')[:8]}{'+' if origin.get('edited') else ''}"
 
     def figure(self, name: str) -> Any:
         """A figure by its dotted name; None if the run lacks the figure."""
-        if self.verdict is None:
-            return None
-        try:
-            return value_of(self.verdict, name)
-        except (KeyError, TypeError):  # a run of another version, or a group of figures that is null
-            return None
+        return None if self.verdict is None else self.verdict["figures"].get(name)
+
+
+def known_of(verdict: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The verdict, origin and figures in a verdict.json, which may be of another version or made up.
+
+    None if it holds no verdict. Only texts, numbers and null are kept, so that many runs take little memory.
+    """
+    if "passed" not in verdict or not isinstance(verdict["passed"], bool | None):
+        return None
+    origin = verdict.get("provenance")
+    figures = {name: figure_in(verdict, name) for name in CATALOGUE}
+    return {
+        "passed": verdict["passed"],
+        "provenance": {key: scalar(value) for key, value in origin.items()}
+        if isinstance(origin, dict)
+        else {},
+        "figures": figures,
+    }
+
+
+def figure_in(verdict: Mapping[str, Any], name: str) -> Any:
+    """A figure by its dotted name; None if a verdict.json lacks it."""
+    value: Any = verdict
+    for part in name.split("."):
+        value = value.get(part) if isinstance(value, dict) else None
+    return scalar(value)
+
+
+def scalar(value: Any) -> Any:
+    """A text or number as it is; None for anything else, and for a number that is not finite."""
+    return plain(value) if isinstance(value, str | int | float) else None
 
 
 def listed(runs: Path) -> list[ListedRun]:
@@ -74,8 +101,8 @@ def listed(runs: Path) -> list[ListedRun]:
     found = []
     for document in runs.glob("**/run.json"):
         folder = document.parent
-        verdict = read_note(folder / VERDICT)
-        found.append(ListedRun(folder, document.lstat().st_mtime, verdict if "passed" in verdict else None))
+        verdict = known_of(read_note(folder / VERDICT))
+        found.append(ListedRun(folder, document.lstat().st_mtime, verdict))
     return sorted(found, key=lambda run: run.begun_s, reverse=True)
 
 

@@ -19,6 +19,7 @@ from rerun.chunk import RrdReader
 from hil.bench.recorded_run import Run
 from hil.judge.figures.records import CATALOGUE, value_of
 from hil.judge.tolerance import Tolerance, tolerance_of
+from hil.record.damage import reading
 from hil.record.log_reader import MEASURED
 from hil.record.run_traces import column
 from hil.record.state_timeline import ALARM, OTHER
@@ -154,7 +155,8 @@ def first_difference(a: Run, b: Run) -> Difference | None:
     found: Difference | None = None
     for name in names:
         if name in a.names and name in b.names:
-            difference = first_in_blocks(name, a.blocks(name), b.blocks(name))
+            with reading(a.log, f"or {b.log} is; `vibrohil inspect` reads each alone"):
+                difference = first_in_blocks(name, a.blocks(name), b.blocks(name))
         else:
             present = a if name in a.names else b
             rows = present.table(name).num_rows

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from firmware_py.interface.codec import CODECS, FrameCodec
 from hil.record.candump import bus_log
-from hil.record.frame_tables import FREQUENT, decoded, surely_valid
+from hil.record.frame_tables import FREQUENT, decoded, refuse_other_lengths, surely_valid
 
 FREQUENT_CODECS = [codec for record, codec in CODECS.items() if record.__name__ in FREQUENT]
 
@@ -52,3 +52,10 @@ def test_frames_that_are_not_decoded_are_refused_as_others_are(frames):
     )
     assert decoded(bus, FREQUENT).refused == decoded(bus).refused
     assert not decoded(bus, FREQUENT).by_name
+
+
+@pytest.mark.parametrize("lengths", [[2**30] * 100, [8, -(2**40), 2**40, -5], [3, 1], [2], [-1, 4]])
+def test_lengths_that_are_not_those_of_the_bytes_are_refused_before_arrow_reads_by_them(lengths):
+    refuse_other_lengths(np.array([1, 2]), 3)
+    with pytest.raises(ValueError, match="not those of their 3 bytes"):
+        refuse_other_lengths(np.array(lengths, np.int64), 3)
