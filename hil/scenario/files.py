@@ -68,9 +68,12 @@ def locate(source: str | Path) -> tuple[Path, str | None]:
 
 
 def scenario_name(source: str | Path) -> str:
-    """The name of a scenario: that of its case, or else of its file."""
+    """The name of a scenario: that of its case, or else of its file; it also names the run's folder."""
     path, case = locate(source)
-    return case or path.stem
+    name = case or path.stem
+    if not name.strip("."):  # folders of these names are the suite's own folder, or above it
+        raise ScenarioError(f"scenario file {str(path)!r} has no name but dots; rename it")
+    return name
 
 
 def sources_in(source: str) -> list[str]:

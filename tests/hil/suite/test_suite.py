@@ -253,3 +253,19 @@ def test_a_foreign_suite_folder_with_links_changes_nothing_outside(tmp_path: Pat
         run_suite(Chosen([str(scenario)]), LOCKSTEP, foreign, [1], silent)
     assert (victim / "page.html").read_text() == "precious\n"
     assert (other / "scenario.toml").read_text() == "precious\n"
+
+
+@pytest.mark.parametrize("name", ["..", "."])
+def test_a_scenario_named_by_dots_has_no_folder_and_removes_nothing_above_the_suite(
+    tmp_path: Path, name: str
+) -> None:
+    scenario = tmp_path / f"{name}.toml"
+    scenario.write_text('title = "x"\nscene = "table1-motor-soft"\n[script]\nduration_s = 0.1\n')
+    above = tmp_path / "run"
+    above.mkdir()
+    (above / "run.json").write_text('{"made_by": "vibrohil"}')
+    (above / "can.log").write_text("precious\n")
+    assert (
+        run(["suite", str(scenario), "--out", str(above / "suite"), "--clock", "lockstep"]) == EXIT_BAD_INPUT
+    )
+    assert sorted(one.name for one in above.iterdir()) == ["can.log", "run.json"]
