@@ -139,19 +139,13 @@ PARTS = (
     Column(">µs/s", "cost", ".0f"),
     Column(">×", "cost_ratio", ".2f"),
     Column(">N s", "impulse_n_s", ".3f"),
+    Column(">off by", "error", ".1%"),
+    Column(">v⁻ m/s", "approach_m_s", ".4f"),
     Column(">peak N", "peak_force_n", ".0f"),
     Column(">felt N", "peak_felt_force_n", ".0f"),
     Column(">J", "energy_per_cycle_j", ".3f"),
     Column(">at terminals J", "terminal_energy_per_cycle_j", ".3f"),
     Column(">fold", "fold_r", ".2f"),
-)
-STOPS = (
-    Column("stop", "what"),
-    Column(">impulse [N s]", "impulse_n_s", ".4f"),
-    Column(">off by", "error", ".1%"),
-    Column(">peak [N]", "peak_force_n", ".4g"),
-    Column(">v⁻ [m/s]", "approach_m_s", ".4f"),
-    Column(">µs/s", "cost", ".1f"),
 )
 RATES = (
     Column("rate [Hz]", "rate_hz"),
@@ -175,7 +169,7 @@ BUILDS = (
 )
 TICKS = (Column("what", "what"), Column(">µs/tick", "cost", ".2f"))
 TABLES = {
-    "fidelity": ("fidelity: table1 on its impact orbit at r = 1.3, ideal drive", STOPS),
+    "fidelity": ("fidelity: table1 on its impact orbit at r = 1.3, ideal drive", PARTS),
     "control rate": (
         "control rate: soft start to r = 1.3 with motor, sensors and firmware, in lockstep",
         RATES,
@@ -189,6 +183,13 @@ TABLES = {
 """Titles and columns of the tables by kind of row."""
 
 
+PARTS_LEGEND = (
+    "N s: an impact's impulse, — where impacts have ended; off by: its difference from the first row's; J: "
+    "the drive's work a cycle, where windings are modelled also that at their terminals; fold: the largest r "
+    "at which impacts go on as the crank is made faster in steps of 0.01. All by the adaptive solver."
+)
+
+
 def show_parts(rows: Sequence[Mapping[str, Any]], repeats: int) -> None:
     """Print the costs and effects of a scene's parts."""
     from tools.trade.parts import RATIO
@@ -196,9 +197,7 @@ def show_parts(rows: Sequence[Mapping[str, Any]], repeats: int) -> None:
     title = f"parts: table1 on its impact orbit at r = {RATIO}, one part changed at a time"
     console.print(table(title, rows, PARTS))
     console.print(
-        "×: cost over the first part's; N s: an impact's impulse, — where impacts have ended; J: the drive's "
-        "work a cycle, where windings are modelled also that at their terminals; fold: the largest r at "
-        "which impacts go on as the crank is made faster in steps of 0.01. All by the adaptive solver. "
+        f"×: cost over the first part's; {PARTS_LEGEND} "
         f"Processor time of a thread, least of {repeats} interleaved repeats."
     )
 
@@ -212,6 +211,8 @@ def show(payload: Mapping[str, Any]) -> None:
         show_case([row for row in kinds["solver"] if row["case"] == case], payload["pareto"])
     for kind, (title, columns) in TABLES.items():
         console.print(table(title, kinds[kind], columns))
+        if columns is PARTS:
+            console.print(PARTS_LEGEND)
     load = payload["load_average"]
     console.print(
         "x: state at the end, velocity over ω; t, v: largest of an impact; impulse: share of all exchanged; "
