@@ -260,10 +260,11 @@ def _back_s(done: Run, kicked_s: float, omega_rad_s: float) -> float:
 
     The speed that is kept differs from the target if the firmware keeps a distance from the fold.
     """
-    target_s = 2.0 * np.pi / omega_rad_s
-    times = np.concatenate([[kicked_s], done.impacts[done.impacts["t_s"] > kicked_s]["t_s"]])
-    gaps = np.flatnonzero(np.diff(times) > reference.LONGEST_GAP * target_s)
-    from_s = times[gaps[-1] + 1] if len(gaps) else kicked_s
+    times = done.impacts["t_s"]
+    gaps = reference.long_gaps(
+        times, kicked_s, float(np.max(times, initial=kicked_s)), 2.0 * np.pi / omega_rad_s
+    )
+    from_s = gaps[-1, 1] if len(gaps) else kicked_s
     turns = done.turns_s[done.turns_s > kicked_s]
     kept_s = 2.0 * np.pi / kept_omega(done)
     off = np.flatnonzero(np.abs(np.diff(turns) / kept_s - 1.0) > TARGET_SHARE)

@@ -76,10 +76,15 @@ def refuse_other_drives(scene: Scene) -> None:
 
 def goes_on(impacts_s: FloatArray, until_s: float, omega_rad_s: float, judged_s: float = JUDGED_S) -> bool:
     """Return whether impacts last to the end: no gap in the last `judged_s` exceeds `LONGEST_GAP` periods."""
-    gap_s = LONGEST_GAP * 2.0 * np.pi / omega_rad_s
-    late = impacts_s[impacts_s >= until_s - judged_s]
-    edges = np.concatenate([[until_s - judged_s], late, [until_s]])
-    return bool(np.max(np.diff(edges)) <= gap_s)
+    return len(long_gaps(impacts_s, until_s - judged_s, until_s, 2.0 * np.pi / omega_rad_s)) == 0
+
+
+def long_gaps(impacts_s: FloatArray, from_s: float, until_s: float, period_s: float) -> FloatArray:
+    """Return the intervals, shape (n, 2), of more than `LONGEST_GAP` periods without impacts."""
+    inside = impacts_s[(impacts_s > from_s) & (impacts_s < until_s)]
+    edges = np.concatenate([[from_s], inside, [until_s]])
+    begins = np.flatnonzero(np.diff(edges) > LONGEST_GAP * period_s)
+    return np.column_stack((edges[begins], edges[begins + 1]))
 
 
 def alone(

@@ -14,7 +14,7 @@ from hil.judge.figures.gait import following
 from plant_sim.parts.walking import BEGIN_S, FROM_SIZE, KNOCK_M_S2, TO_SIZE, Walking
 from plant_sim.sensors.gait import phases_at
 from tools.campaign.trial.outcome import Outcome
-from tools.campaign.trial.reference import LONGEST_GAP
+from tools.campaign.trial.reference import long_gaps
 from tools.campaign.trial.run import Run
 from tools.campaign.trial.scenarios import Trial
 from tools.campaign.trial.walk_cells import PRESETS
@@ -74,13 +74,10 @@ def missing(done: Run, hold_s: tuple[float, float]) -> str:
     """Return the first interval of the hold in which impacts are missing, as text; empty if none are."""
     begin_s, end_s = hold_s[0] + SETTLED_S, hold_s[1]
     turns_s = done.turns_s[(done.turns_s >= begin_s) & (done.turns_s <= end_s)]
-    times = done.impacts["t_s"]
-    times = np.concatenate([[begin_s], times[(times > begin_s) & (times < end_s)], [end_s]])
-    gaps = np.flatnonzero(np.diff(times) > LONGEST_GAP * np.max(np.diff(turns_s), initial=0.0))
-    if len(gaps) == 0:
-        return ""
-    since_s, until_s = times[gaps[0]], times[gaps[0] + 1]
-    return f"impacts missing from {since_s:.1f} to {until_s:.1f} s"
+    longest_turn_s = float(np.max(np.diff(turns_s), initial=0.0))
+    for since_s, until_s in long_gaps(done.impacts["t_s"], begin_s, end_s, longest_turn_s):
+        return f"impacts missing from {since_s:.1f} to {until_s:.1f} s"
+    return ""
 
 
 def judge_hold(done: Run, gait: Gait, hold_s: tuple[float, float], outcome: Outcome) -> None:
