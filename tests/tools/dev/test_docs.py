@@ -21,6 +21,7 @@ from tools.program import program
 DOCS = Path(__file__).parents[3] / "docs"
 BLOCK = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(([^)#:]+)(?:#[^)]*)?\)")
+SECTION_LINK = re.compile(r"\]\(([^)#:]*\.md|)#([^)]*)\)")
 IN_ORDER = {
     "a run": (
         "tutorial.md",
@@ -157,6 +158,21 @@ def test_every_parameter_that_is_named_is_one(page):
 def test_every_link_leads_somewhere(page):
     for target in LINK.findall(page.read_text("utf-8")):
         assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+def anchors_of(page: Path) -> set[str]:
+    """The names of a page's sections, as GitHub makes them from the headings, and of its own anchors."""
+    text = page.read_text("utf-8")
+    headings = re.findall(r"^#+ (.*)$", BLOCK.sub("", text), re.MULTILINE)
+    plain = (re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings)
+    return {name.replace(" ", "-") for name in plain} | set(re.findall(r'<a id="(.*?)">', text))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_to_a_section_finds_it(page):
+    for target, anchor in SECTION_LINK.findall(page.read_text("utf-8")):
+        there = page.parent / target if target else page
+        assert anchor in anchors_of(there), f"{page.name} links to {target}#{anchor}"
 
 
 @pytest.mark.parametrize("name", reference.PAGES)
