@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from identification_trials import GOAL, Trial, module_of, run_trials, summary
+from identification_trials import GOAL, Trial, module_of, run_trial, run_trials, summary
 
 from tools.tuning.identification.identify import NORMAL_95
 
@@ -41,6 +41,20 @@ def test_a_wrong_law_is_reported_and_its_parameters_are_not_counted() -> None:
 def test_bounds_that_miss_the_truth_are_counted() -> None:
     said = summary([trial(number, held=number % 4 != 0) for number in range(40)])
     assert said["within"]["damping"]["in_bounds"]["hits"] == 30
+
+
+@pytest.mark.parametrize(
+    ("number", "why"),
+    [
+        (6, "the fit of δ = 1 ends beside its minimum unless it also starts from that of δ = 2"),
+        (102, "the linear fit's turns are some ticks off, and a wrong sign of v outweighs all other samples"),
+    ],
+)
+def test_a_rise_towards_rest_is_fitted_to_the_noise(number: int, why: str) -> None:
+    found = run_trial(40_000, number, 60.0)
+    assert found.named == "stribeck", why
+    assert all(score < 4.0 for score in found.scores.values()), (why, found.scores)
+    assert abs(found.errors["dry"] or 1.0) < 0.002, why
 
 
 def test_trials_are_recorded_identified_and_judged(pytestconfig: pytest.Config) -> None:

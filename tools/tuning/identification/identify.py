@@ -11,6 +11,7 @@ These sensors cannot identify the mass or l0 alone. Forces are given for the nom
 nominal l0.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +33,7 @@ from tools.output import BadInputError, figure
 from tools.tuning.identification.flights import Contact, Flight, contacts_of, flights_of, integrals
 from tools.tuning.identification.friction_laws import FITTED, Law, friction_m_s2
 from tools.tuning.identification.impacts import FreeForces, contact_time_s, fit_impact
-from tools.tuning.identification.striker import Fit, Samples, fits, signed, simplest
+from tools.tuning.identification.striker import Fit, Samples, end_errors_m, fits, signed, simplest
 from tools.tuning.recordings.readings import Readings, can_log_of, read
 from tools.tuning.result import Merit, Tuning, Value, tuned
 from tools.tuning.safety import Bench
@@ -51,8 +52,8 @@ FEWEST_IMPACTS = 5
 CLEAR_LEAD = 6.0
 UNEXPLAINED = 3.0
 """Largest residual that noise explains, in multiples of the sensor's noise."""
-SHARED = {"stop_m": 7e-6, "restitution": 4e-4, "contact_s": 8.5e-6}
-"""Standard error that all impacts of a log share: root mean square over 38 sampled modules (seed 40000)."""
+SHARED = {"stop_m": 2e-6, "restitution": 4e-4, "contact_s": 7.5e-6}
+"""Standard error that all impacts of a log share, beside the striker's: from 108 modules (seed 40000)."""
 OF_FLIGHTS = ("stiffness_1_s2", "amplitude_m", "damping_1_s", "dry_m_s2")
 """The striker's parameters that have a value and bounds; a parameter that the law lacks is 0."""
 GRAZING_M_S = 0.1
@@ -113,14 +114,19 @@ def identify(readings: Readings, bandwidth_hz: float) -> Identified:
     samples, found = fits(flights, first)
     law = simplest(found)
     fit = found[law]
-    impacts = []
+    impacts, numbers = [], []
     for number, flight in enumerate(flights):
         rows = slice(samples.starts[number], samples.starts[number + 1])
         if flight.contact is not None and samples.used[rows].any():
             last = fit.motion[rows][-1]
             impact = fitted_impact(readings, flight, flight.contact, fit, last, bandwidth_hz)
-            impacts += [] if impact is None else [impact]
+            if impact is not None:
+                impacts.append(impact)
+                numbers.append(number)
     of_impacts, their_spread = medians(impacts)
+    if their_spread:
+        by_striker_m = np.median(end_errors_m(samples, fit)[:, numbers], axis=1)
+        their_spread["stop_m"] = math.hypot(their_spread["stop_m"], *by_striker_m)
     striker = fit.striker._asdict()
     used = np.count_nonzero(samples.sums(samples.used.astype(float)))
     return Identified(

@@ -77,13 +77,15 @@ class Fit:
     """A fitted law. `spread`: each parameter's standard error, the larger of two estimates.
 
     One is the Cramér–Rao bound for white noise, the other follows from the scatter of the flights' gradients
-    (sandwich estimate: White 1982). `states`: x0 − l0 and v0 of each flight;
-    `motion`: x − l0 and v at each sample; `left`: the residual, in m/s².
+    (sandwich estimate: White 1982). `correlation`: that of the parameters' errors, in the order of `FITTED`.
+    `states`: x0 − l0 and v0 of each flight; `motion`: x − l0 and v at each sample; `left`: the residual, in
+    m/s².
     """
 
     law: Law
     striker: Striker
     spread: dict[str, float]
+    correlation: FloatArray
     residual_m_s2: float
     samples: int
     criterion: float
@@ -381,6 +383,7 @@ def fit(samples: Samples, law: Law, first: Striker) -> Fit:
         law=law,
         striker=residual.striker(found.x),
         spread=dict(zip(residual.fitted, spread.tolist(), strict=True)),
+        correlation=inverse / np.sqrt(np.outer(np.diag(inverse), np.diag(inverse))),
         residual_m_s2=math.sqrt(squares / count),
         samples=count,
         criterion=count * math.log(squares / count) + (p + (law == Law.STRIBECK)) * math.log(count),
@@ -389,6 +392,24 @@ def fit(samples: Samples, law: Law, first: Striker) -> Fit:
         motion=residual.motion,
         left=residual.left,
     )
+
+
+def end_errors_m(samples: Samples, found: Fit) -> FloatArray:
+    """What the parameters' errors make of each flight's last position, shape (parameters, flights).
+
+    Each row is the change by one of the independent parts of the parameters' errors, of one standard error.
+    """
+    residual = Residual(samples, found.law, found.striker)
+    residual.states = found.states
+    values = np.array([getattr(found.striker, name) for name in residual.fitted])
+    spread = np.array([found.spread[name] for name in residual.fitted])
+    squares, directions = np.linalg.eigh(found.correlation)
+    ends = samples.starts[1:] - 1
+    errors = []
+    for part in (directions * np.sqrt(np.maximum(squares, 0.0))).T:
+        residual.solve(values + part * spread)
+        errors.append(residual.motion[ends, 0] - found.motion[ends, 0])
+    return np.array(errors)
 
 
 def fits(flights: Sequence[Flight], first: Linear) -> tuple[Samples, dict[Law, Fit]]:
@@ -403,12 +424,19 @@ def fits(flights: Sequence[Flight], first: Linear) -> tuple[Samples, dict[Law, F
 
     found = best_fits(samples, starts)
     counts = samples.sums(samples.used.astype(float))
-    mean = samples.sums(found[simplest(found)].left ** 2) / np.maximum(counts, 1.0)
+    nearest = found[simplest(found)]
+    mean = samples.sums(nearest.left**2) / np.maximum(counts, 1.0)
     good = (counts > 0.0) & (mean <= OUTLYING * np.median(mean[counts > 0.0]))
-    samples.used = samples.used & np.repeat(good, samples.lengths)
+    # The linear fit's turns of v may be some ticks off, where a wrong sign of v outweighs all other samples.
+    has_sign = np.abs(nearest.motion[:, 1]) > SLOW_M_S
+    samples.used = samples.used & has_sign & np.repeat(good, samples.lengths)
     # Near a turn of v the residual of a flight has several minima: a law may begin at the states of another.
     samples.states = [one.states for one in found.values()]
-    return samples, best_fits(samples, [(law, one.striker) for law, one in found.items()])
+    again: list[tuple[Law, Striker]] = [
+        (law, one.striker) for law, one in found.items() if law != Law.STRIBECK
+    ]
+    again += [(Law.STRIBECK, found[Law.STRIBECK].striker._replace(delta=delta)) for delta in EXPONENTS]
+    return samples, best_fits(samples, again)
 
 
 def best_fits(samples: Samples, starts: Sequence[tuple[Law, Striker]]) -> dict[Law, Fit]:
