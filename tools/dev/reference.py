@@ -7,14 +7,12 @@ A test fails if the pages are out of date.
 
 import inspect
 import re
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import IntEnum
 from itertools import groupby
 from pathlib import Path
 from typing import Any, get_args
 
-import typer
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
@@ -31,38 +29,11 @@ from hil.scenario.files import scenario_names
 from hil.scenario.scenario import CommandTable, Scenario, ScenarioTable, ScriptTable, load_scenario
 from plant_sim.tables.quantities import QUANTITIES
 from plant_sim.tables.table import tables_in
+from tools.dev.command_page import command_page
 from tools.dev.coverage_map import proving_scenarios, proving_tests
-from tools.program import program
+from tools.dev.markdown import page, repeated, row, table
 
 PLACE = Path("docs/reference")
-MADE = "<!-- made by `python -m tools.dev.reference`; change the code it is made from -->"
-
-
-FEWEST_SECTIONS = 3
-"""What has the same name and meaning in this number of sections or more is described once for all of them."""
-
-
-def repeated(sections: Iterable[Mapping[str, str]]) -> dict[str, str]:
-    """The meanings, by their names, that are described once for several sections: one for a name."""
-    counts = Counter(meaning for section in sections for meaning in section.items())
-    found = [meaning for meaning, count in counts.items() if count >= FEWEST_SECTIONS]
-    meanings = Counter(name for name, _ in found)
-    return {name: meaning for name, meaning in found if meanings[name] == 1}
-
-
-def row(*cells: Any) -> str:
-    """One row of a Markdown table."""
-    return "| " + " | ".join(str(cell).replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
-
-
-def table(titles: Sequence[str], rows: Iterator[str]) -> str:
-    """A Markdown table."""
-    return "\n".join([row(*titles), "|" + "---|" * len(titles), *rows])
-
-
-def page(title: str, *parts: str) -> str:
-    """A page: its title, a note on its origin, and its parts."""
-    return "\n\n".join([f"# {title}", MADE, *parts]) + "\n"
 
 
 def first_sentences(thing: Any) -> str:
@@ -371,89 +342,13 @@ def faults() -> str:
     return page("Faults", *parts)
 
 
-def every_command(group: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """All commands by their names; the commands of a group come after the group."""
-    for name, command in group.commands.items():
-        yield f"{prefix}{name}", command
-        if hasattr(command, "commands"):
-            yield from every_command(command, f"{prefix}{name} ")
-
-
-def options_of(command: Any) -> dict[str, str]:
-    """The options and arguments of a command, by their names as written on the page, with their meanings."""
-    found = {}
-    for option in command.params:
-        if option.name == "help" or "--json" in option.opts:
-            continue
-        every = (*option.opts, *option.secondary_opts)
-        names = ", ".join(f"`{one}`" for one in every) or f"`{option.name}`"
-        shown = names if names.startswith("`--") else f"`{(option.metavar or option.name).upper()}`"
-        found[shown] = getattr(option, "help", None) or ""
-    return found
-
-
-def switches(options: Mapping[str, str]) -> dict[str, str]:
-    """The options among a command's options and arguments."""
-    return {name: meaning for name, meaning in options.items() if name.startswith("`--")}
-
-
-def option_table(options: Mapping[str, str]) -> str:
-    """A table of options with their meanings."""
-    return table(["option", "meaning"], (row(*option) for option in options.items()))
-
-
-def commands() -> str:
-    """Every command and its options."""
-    whole: Any = typer.main.get_command(program())
-    every_name = list(every_command(whole))
-    without = [
-        name
-        for name, command in every_name
-        if not hasattr(command, "commands") and not any("--json" in option.opts for option in command.params)
-    ]
-    names = ", ".join(f"`{name}`" for name in without)
-    of_group = {
-        group: repeated(map(switches, map(options_of, command.commands.values())))
-        for group, command in every_name
-        if hasattr(command, "commands")
-    }
-    described, left = {}, {}
-    for name, command in every_name:
-        group, _, is_member = name.partition(" ")
-        above = of_group[group] if is_member else {}
-        options = options_of(command)
-        described[name] = [option for option in options if above.get(option) == options[option]]
-        left[name] = {option: options[option] for option in options if option not in described[name]}
-    of_all = repeated(map(switches, left.values()))
-    parts = [
-        "Every command describes itself with `--help`. With `--json` it prints one JSON object on standard "
-        f"output ({names} do not have this option). All have the same "
-        "[exit statuses](../how-to/run-in-ci.md#exit-statuses). Options of several commands are described "
-        "once, here or at their group; each command names those that it has.",
-        option_table(of_all),
-    ]
-    for name, command in every_name:
-        own = {option: meaning for option, meaning in left[name].items() if of_all.get(option) != meaning}
-        shared = [option for option in left[name] if option not in own]
-        parts.append(f"## vibrohil {name}\n\n{command.help or ''}")
-        if own:
-            parts.append(option_table(own))
-        if shared:
-            parts.append(f"[Also](#the-command-line): {', '.join(shared)}.")
-        if described[name]:
-            parts.append(f"[Also](#vibrohil-{name.partition(' ')[0]}): {', '.join(described[name])}.")
-        if of_group.get(name):
-            parts += ["Options of several of its commands:", option_table(of_group[name])]
-    return page("The command line", *parts)
-
-
 PAGES = {
     "frames.md": frames,
     "parameters.md": parameters,
     "figures.md": figures,
     "scenes.md": scenes,
     "faults.md": faults,
-    "command-line.md": commands,
+    "command-line.md": command_page,
     "../requirements.md": requirement_page,
 }
 

@@ -14,6 +14,7 @@ from hil.judge.figures.records import CATALOGUE
 from hil.scenario.scenario import load_scenario
 from tools import cli
 from tools.dev import reference
+from tools.dev.command_page import every_command, options_of
 from tools.examples import EXAMPLES
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
 from tools.program import program
@@ -200,8 +201,8 @@ def test_the_sizes_of_the_blocks_states_are_those_of_the_code():
 def test_every_option_is_in_the_section_of_its_command():
     page = (DOCS / "reference" / "command-line.md").read_text("utf-8")
     sections = dict(re.findall(r"^## vibrohil (.*?)\n(.*?)(?=^## |\Z)", page, re.DOTALL | re.MULTILINE))
-    for name, command in reference.every_command(typer.main.get_command(program())):
-        for option in reference.options_of(command):
+    for name, command in every_command(typer.main.get_command(program())):
+        for option in options_of(command):
             assert option.replace("|", "\\|") in sections[name], f"vibrohil {name} has {option}"
 
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import typer
 
-from tools.dev.reference import every_command
+from tools.dev.command_page import every_command
 from tools.program import program
 
 
