@@ -20,6 +20,8 @@ from plant_sim.validation_messages import nearest
 
 LONGEST_S = 86_400.0
 """Longest duration of a run."""
+MOST_CHECKS = 500
+"""Largest number of checks of a scenario: one of a long expression takes some ten milliseconds."""
 
 
 class Check(BaseModel):
@@ -216,5 +218,8 @@ def evaluate(
 
 
 def checks_of(scenario: Mapping[str, Any]) -> list[Check]:
-    """The checks in a scenario's raw tables."""
-    return [Check.model_validate(table) for table in scenario.get("checks", [])]
+    """The checks in a scenario's raw tables; raises ValueError for more than MOST_CHECKS."""
+    tables = scenario.get("checks", [])
+    if len(tables) > MOST_CHECKS:
+        raise ValueError(f"it has {len(tables)} checks; wanted {MOST_CHECKS} at most")
+    return [Check.model_validate(table) for table in tables]

@@ -20,7 +20,7 @@ from hil.faults.every import AnyFault
 from hil.faults.fault import Fault
 from hil.faults.on_bus import ModelledFault
 from hil.faults.on_process import ClockFault, ProcessFault
-from hil.judge.checks import Check
+from hil.judge.checks import MOST_CHECKS, Check
 from hil.scenario.files import ScenarioError, read_scenario, scenario_name
 from hil.scenario.operator import Command, Request
 from hil.scenario.parameter_file import merged
@@ -142,6 +142,7 @@ class ScenarioTable(Table):
     seed: int = Field(default=1, ge=0, description="the default seed of a run")
     checks: list[Check] = Field(
         default=[],
+        max_length=MOST_CHECKS,
         description="the checks, as tables or as names of sets; a check with the name of one in a set before "
         "it changes the given keys of that one",
     )

@@ -7,6 +7,9 @@ from typing import Any
 
 from hil.record import formats
 from hil.record.damage import reading
+from hil.record.new_file import is_regular
+from hil.record.run_folder import refuse_large_note
+from hil.suite.changes import changes
 from hil.suite.suite import RESULT
 
 
@@ -15,20 +18,23 @@ class SuiteError(ValueError):
 
 
 def is_suite(folder: Path) -> bool:
-    """Whether the folder has a suite's result."""
-    return (folder / RESULT).is_file()
+    """Whether the folder has a suite's result: a file, no link."""
+    return is_regular(folder / RESULT)
 
 
 def read_suite(folder: Path) -> dict[str, Any]:
-    """Read a suite's result; raises SuiteError or DamagedFileError."""
+    """Read a suite's result; raises SuiteError, RunFolderError or DamagedFileError.
+
+    It is compared with itself, so that one that cannot be compared is refused here.
+    """
     if not is_suite(folder):
         raise SuiteError(f"{folder} has no {RESULT}; wanted the folder of a `vibrohil suite`")
+    refuse_large_note(folder / RESULT)
     with reading(folder / RESULT, "run the suite again"):
         result: dict[str, Any] = json.loads((folder / RESULT).read_text(encoding="utf-8"))
         formats.refuse_other_format(str(folder / RESULT), result, formats.SUITE, "run the suite again")
-        for one in result["scenarios"]:
-            _ = one["name"], one["passed"], one["work_ratios"]
-            _ = [(check["passed"], check["values"], check["margins"]) for check in one["checks"]]
+        compare(result, result)
+        changes(result, result)
         return result
 
 
@@ -63,7 +69,7 @@ def compare(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, Any]:
                     }
                 )
     return {
-        "clocks": [a["clock"], b["clock"]],
+        "clocks": [str(a["clock"]), str(b["clock"])],
         "compared": both,
         "checks": checks,
         "only_in_a": [name for name in of_a if name not in of_b],

@@ -173,8 +173,9 @@ class Suite:
         for case in self.cases:
             run_folder.refuse_links(case.run_dir, self.folder)
             run_folder.refuse_foreign(case.run_dir)
+            run_folder.refuse_irregular(case.run_dir)
         before = read_json(self.folder / RESULT)
-        if before.get("asked") == self.options.of_the_result and not before["complete"]:
+        if before.get("asked") == self.options.of_the_result and not before.get("complete"):
             known = ((case, taken_over(case, self.options.clock)) for case in self.cases)
             self.found = {case: verdict for case, verdict in known if verdict}
         for case in self.due:

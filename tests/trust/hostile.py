@@ -217,6 +217,7 @@ FILES = (
     "verdict.json",
     "losses.json",
 )
+LONG_CHECK = f"[[checks]]\nname = 'x'\nhigh = 1.0\nexpression = 'max({'+'.join(['plant.x_m'] * 90)})'\n"
 LONG = ("can.log", "plant.trace", "firmware.trace", "impacts.trace", "operator.trace")
 NOTES = ("run.json", "outcome.json", "losses.json", "processes.json", "scenario.toml", "verdict.json")
 FOLDERS: dict[str, Spoil] = {
@@ -257,6 +258,7 @@ FOLDERS: dict[str, Spoil] = {
     "run.rrd of lists": _logged(tick=[[1], [2]], x_m=[[1.0], [2.0]]),
     "run.rrd with a scenario of 10 million tables": _logged(scenario="[[a]]\n" * 10_000_000),
     "run.rrd with a note of 20 million lists": _logged(run='{"a": [' + "[]," * 20_000_000 + "[]]}"),
+    "run.rrd with 4,000 long checks": _logged(scenario=LONG_CHECK * 4000, tick=[1, 2], x_m=[0.0, 1.0]),
     "run.rrd with notes of other types": _logged(run='["x"]', scenario="scene = 1\nscript = 'x'\n"),
     "a trace in the shared memory": _in_shared_memory,
     "a trace in the shared memory and no log": _rebuilt(_in_shared_memory),

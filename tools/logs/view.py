@@ -10,8 +10,7 @@ from pathlib import Path
 
 from hil.bench.recorded_run import log_of
 from hil.record.rerun_program import RerunError, rerun_environment, rerun_program
-from hil.record.run_folder import VERDICT
-from hil.record.run_traces import read_json
+from hil.record.run_folder import VERDICT, read_note
 from hil.timing.signals import Interrupted, is_ctrl_c
 from tools.logs import quiet_viewer
 from tools.output import BadInputError, progress_console
@@ -65,11 +64,11 @@ def view(run: Path | None, web: bool, live: bool) -> None:
 
 def in_window(log: Path) -> None:
     """Open a log with the cursor on the first failed check, if any; return when the window is closed."""
-    at_s = read_json(log.parent / VERDICT).get("first_failure_s")
+    at_s = read_note(log.parent / VERDICT).get("first_failure_s")
     port = free_port()
     command = viewer_command(log, port=str(port))
     with subprocess.Popen(command, env=rerun_environment()) as viewer:
-        if at_s is not None:
+        if isinstance(at_s, float | int):
             put_cursor(f"rerun+http://{LOOPBACK}:{port}/proxy", at_s, viewer)
     if viewer.returncode != 0:
         raise subprocess.CalledProcessError(viewer.returncode, command)

@@ -1,6 +1,7 @@
 """A suite: which scenarios run, what it leaves behind, and what one that breaks off does to it."""
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -24,7 +25,7 @@ from hil.record.run_traces import RunTraces
 from hil.scenario.files import scenario_names
 from hil.scenario.scenario import load_scenario
 from hil.scenario.seeds import at_other_times
-from hil.suite.compare_suites import compare, read_suite
+from hil.suite.compare_suites import SuiteError, compare, read_suite
 from hil.suite.suite import Case, Chosen, judged, run_suite, scenarios_for
 from tools.cli import run
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, EXIT_PASSED
@@ -269,3 +270,64 @@ def test_a_scenario_named_by_dots_has_no_folder_and_removes_nothing_above_the_su
         run(["suite", str(scenario), "--out", str(above / "suite"), "--clock", "lockstep"]) == EXIT_BAD_INPUT
     )
     assert sorted(one.name for one in above.iterdir()) == ["can.log", "run.json"]
+
+
+def scenario_with(**changed: object) -> dict[str, object]:
+    check = {
+        "name": "x",
+        "limit": "≤ 1",
+        "unit": "",
+        "passed": True,
+        "value": 0.5,
+        "values": [0.5],
+        "margins": [0.5],
+    }
+    scenario = {"name": "one", "passed": True, "work_ratios": [1.0], "checks": [check | changed]}
+    return {"format": 1, "clock": "lockstep", "seeds": [1], "scenarios": [scenario]}
+
+
+ILL_TYPED = {
+    "values that are a text": scenario_with(values="x", margins="y"),
+    "values for no seed": scenario_with(values=[], margins=[]),
+    "a limit that is a table": scenario_with(limit={"a": 1}),
+    "a clock that is a table": scenario_with() | {"clock": {"a": 1}},
+    "seeds that are lists": scenario_with() | {"seeds": [[1]]},
+    "no seeds": {"format": 1, "clock": "lockstep", "scenarios": []},
+    "scenarios that are a text": scenario_with() | {"scenarios": "x"},
+    "a list": [],
+}
+
+
+@pytest.mark.parametrize("content", ILL_TYPED.values(), ids=ILL_TYPED)
+def test_a_suite_of_other_types_is_refused_or_compared(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: object
+) -> None:
+    for name, written in (("good", scenario_with()), ("foreign", content)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "suite.json").write_text(json.dumps(written))
+    assert run(["compare", str(tmp_path / "good"), str(tmp_path / "good")]) == EXIT_PASSED
+    status = run(["compare", str(tmp_path / "good"), str(tmp_path / "foreign")])
+    assert status in (EXIT_PASSED, EXIT_BAD_INPUT), capsys.readouterr().err
+
+
+def test_a_suite_that_is_a_link_or_too_large_is_not_read(tmp_path: Path) -> None:
+    (tmp_path / "suite.json").symlink_to("/etc/passwd")
+    with pytest.raises(SuiteError, match="wanted the folder of"):
+        read_suite(tmp_path)
+    (tmp_path / "suite.json").unlink()
+    with (tmp_path / "suite.json").open("wb") as file:
+        file.truncate(3 << 30)
+    with pytest.raises(RunFolderError, match="wanted 33554432 at most"):
+        read_suite(tmp_path)
+
+
+def test_a_foreign_suite_folder_with_pipes_is_refused(tmp_path: Path) -> None:
+    scenario = resting(tmp_path, "resting")
+    run_suite(Chosen([str(scenario)]), LOCKSTEP, tmp_path / "out", [1], silent)
+    note = json.loads((tmp_path / "out" / "suite.json").read_text())
+    (tmp_path / "out" / "suite.json").write_text(json.dumps(note | {"complete": False}))
+    verdict = tmp_path / "out" / "resting" / "verdict.json"
+    verdict.unlink()
+    os.mkfifo(verdict)
+    with pytest.raises(RunFolderError, match="no file but a link, folder, pipe or device"):
+        run_suite(Chosen([str(scenario)]), LOCKSTEP, tmp_path / "out", [1], silent)
