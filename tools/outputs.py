@@ -57,6 +57,10 @@ def refuse_file(option: str, path: Path, endings: tuple[str, ...]) -> None:
             f"{option} is {path}: wanted a file ending in {wanted}, e.g. {path.stem}{endings[0]}"
         )
     try:
+        if path.is_symlink():  # whoever shares the folder may have made it
+            raise BadInputError(
+                f"{option} is {path}: that is a link to {os.readlink(path)}; name a file itself"
+            )
         if path.is_dir():
             raise BadInputError(f"{option} is {path}: that is a folder; name a file in it")
         if path.exists() and not path.is_file():

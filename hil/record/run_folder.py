@@ -224,7 +224,8 @@ def clear(run_dir: Path, keep: tuple[str, ...] = ()) -> None:
         path = run_dir / name
         if path.is_symlink() and trace.is_elsewhere(path):
             path.resolve().unlink(missing_ok=True)
-        path.unlink(missing_ok=True)
+        with suppress(IsADirectoryError):  # no run has made it
+            path.unlink(missing_ok=True)
 
 
 def keep_the_log(run_dir: Path) -> None:

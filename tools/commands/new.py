@@ -17,7 +17,7 @@ def new(
     as_json: Json = False,
 ) -> None:
     """Write a commented scenario, which passes as it stands, to NAME.toml, and never over a file."""
-    if not name.removesuffix(".toml") or any(part in name for part in "/\\\0"):
+    if not name.removesuffix(".toml").strip(".") or any(part in name for part in "/\\\0"):
         raise BadInputError(f"{name!r} is no file's name; give a name without a folder, e.g. soft-spring")
     path = Path(f"{name.removesuffix('.toml')}.toml")
     refuse_existing("NAME", path)

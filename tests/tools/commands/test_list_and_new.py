@@ -76,7 +76,7 @@ def test_what_is_commented_out_in_a_new_scenario_is_valid_too(tmp_path, monkeypa
     assert cli.run(["run", "faulty.toml", "--clock", "lockstep"]) == EXIT_PASSED
 
 
-@pytest.mark.parametrize("name", ["", ".toml", "a/b", "../up"])
+@pytest.mark.parametrize("name", ["", ".toml", "a/b", "../up", "..", ".", "...toml"])
 def test_a_name_is_no_path(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert cli.run(["new", name]) == EXIT_BAD_INPUT

@@ -107,6 +107,18 @@ def test_a_folder_is_no_file(
     assert "a folder" in said or "there already" in said
 
 
+@pytest.mark.parametrize(("command", "option"), FILES)
+def test_a_link_is_refused_and_its_target_stays(
+    command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "victim").write_text("precious")
+    path = tmp_path / file_name(command, option)
+    path.symlink_to(tmp_path / "victim")
+    said = refused(command, option, path, capsys)
+    assert "is a link" in said or "there already" in said
+    assert (tmp_path / "victim").read_text() == "precious"
+
+
 @pytest.mark.parametrize(("command", "option"), outputs())
 def test_what_may_not_be_written_is_refused(
     command: str, option: str, capsys: pytest.CaptureFixture[str]

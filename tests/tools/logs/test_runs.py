@@ -185,3 +185,35 @@ def test_a_condition_that_no_value_of_the_figure_can_meet_is_refused(folder, cap
 def test_a_figure_that_is_a_text_is_compared_with_any_word(folder):
     for text, status in (("scenario!=5", EXIT_PASSED), ("fault=5", EXIT_NOTHING_RAN)):
         assert cli.run(["runs", str(folder), "--where", text, "--json"]) == status
+
+
+def test_a_folder_in_the_place_of_a_file_stays_and_stops_no_pruning(tmp_path):
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "run.json").write_text('{"made_by": "vibrohil"}')
+    (tmp_path / "first" / "plant.trace").mkdir()
+    pruned = runs.prune(runs.listed(tmp_path), -1.0, tmp_path)
+    assert len(pruned.removed) == 2
+    assert [one.relative_to(tmp_path).as_posix() for one in sorted(tmp_path.rglob("*"))] == [
+        "first",
+        "first/plant.trace",
+    ]
+
+
+ILL_TYPED = {
+    "passed": [True],
+    "provenance": ["x"],
+    "scenario": {"a": 1},
+    "impact_v_m_s": "x",
+    "speed": "x",
+    "estimate": [1],
+    "fault": 1e999,
+}
+
+
+@pytest.mark.parametrize("key", ILL_TYPED)
+def test_a_verdict_of_other_types_is_listed_without_what_it_lacks(tmp_path, key):
+    (tmp_path / "run.json").write_text("{}")
+    (tmp_path / "verdict.json").write_text(json.dumps({**VERDICTS["good"], key: ILL_TYPED[key]}))
+    for more in (["--json"], [], ["--where", "impact_v_m_s > 0.1"], ["--show", "speed.ripple"]):
+        assert cli.run(["runs", str(tmp_path), *more]) in (EXIT_PASSED, EXIT_NOTHING_RAN)
