@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from firmware_py.core.estimation.striker_model import free_flight
+from tools.tuning.identification.first_values import Linear, linear, signed
 from tools.tuning.identification.flights import Flight
 from tools.tuning.identification.friction_laws import FITTED, Law, Striker
-from tools.tuning.identification.striker import Fit, Linear, Samples, fit, fits, linear, signed, simplest
+from tools.tuning.identification.striker import Fit, Samples, fit, fits, simplest
 
 T = 1e-3
 STRIKERS = {

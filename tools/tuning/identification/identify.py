@@ -30,10 +30,11 @@ from plant_sim.arrays import FloatArray
 from plant_sim.scene import read_scene
 from plant_sim.text_input import read_toml
 from tools.output import BadInputError, figure
+from tools.tuning.identification.first_values import signed
 from tools.tuning.identification.flights import Contact, Flight, contacts_of, flights_of, integrals
 from tools.tuning.identification.friction_laws import FITTED, Law, friction_m_s2
 from tools.tuning.identification.impacts import FreeForces, contact_time_s, fit_impact
-from tools.tuning.identification.striker import Fit, Samples, end_errors_m, fits, signed, simplest
+from tools.tuning.identification.striker import Fit, Samples, end_errors_m, fits, simplest
 from tools.tuning.recordings.readings import Readings, can_log_of, read
 from tools.tuning.result import Merit, Tuning, Value, tuned
 from tools.tuning.safety import Bench

@@ -1,23 +1,11 @@
 """The striker's friction law and parameters by output error: simulated flights are compared with readings.
 
-First values come from equations that are linear in the parameters. In free flight, with the accelerometer's
-offset β, the reading is
-
-    z − β = −κ (x − l0 − A sin θ) − d v − f sign v,   κ = c/m, d = b/m, f = μ g
-
-and the integrals of the reading are the striker's motion from the beginning of the flight on:
-
-    x = x0 + v0 t + X − β t²/2,  v = v0 + V − β t,   V = ∫ z dt, X = ∫∫ z dt²
-
-so that z is linear in (X, sin θ, V, sign v, t²) with coefficients (−κ, κ A, −d, −f, κ β/2), which all flights
-share, and in (1, t) with coefficients that differ between flights.
-
-The noise in these integrals makes d too small. Therefore `scipy.optimize.least_squares` then minimises the
-output error (Ljung 1999, System Identification, ch. 7): the reading less that of a simulated flight. Its
-residual is the sensor's white noise, so that this is maximum likelihood. Each flight's initial state
-(x0, v0) is determined by this flight alone and is eliminated from the residual and its derivative (variable
-projection: Golub & Pereyra 1973, derivative by Kaufman 1975). Every friction law is fitted to the same
-samples; Schwarz's criterion chooses one.
+First values come from `first_values`; the noise in its integrals makes d too small. Therefore
+`scipy.optimize.least_squares` then minimises the output error (Ljung 1999, System Identification, ch. 7): the
+reading less that of a simulated flight. Its residual is the sensor's white noise, so that this is maximum
+likelihood. Each flight's initial state (x0, v0) is determined by this flight alone and is eliminated from the
+residual and its derivative (variable projection: Golub & Pereyra 1973, derivative by Kaufman 1975). Every
+friction law is fitted to the same samples; Schwarz's criterion chooses one.
 """
 
 import math
@@ -33,7 +21,8 @@ from firmware_py.core.config import Transition
 from firmware_py.core.estimation.striker_model import free_flight
 from plant_sim.arrays import BoolArray, FloatArray, IntArray
 from plant_sim.kernels import jit
-from tools.tuning.identification.flights import Flight, integrals
+from tools.tuning.identification.first_values import OUTLYING, SLOW_M_S, Linear, linear
+from tools.tuning.identification.flights import Flight
 from tools.tuning.identification.friction_laws import (
     DAMPING,
     DRY,
@@ -50,14 +39,6 @@ from tools.tuning.identification.friction_laws import (
     Striker,
 )
 
-SLOW_M_S = 0.015
-"""Below this speed, the sign of v is too uncertain for dry friction."""
-FEWEST_SAMPLES = 50
-"""Fewest samples of a usable flight; fewer determine only its own initial state."""
-SIGN_PASSES = 8
-"""Number of times that the sign of v is computed again from the linear fit; it settles after four."""
-OUTLYING = 4.0
-"""Flights whose mean squared residual is above this multiple of the median are left out."""
 HARDLY = 10.0
 """Difference of criteria above which the evidence is very strong (Kass & Raftery 1995)."""
 MOST_PASSES = 15
@@ -66,6 +47,8 @@ STATE_PASSES = 3
 """Gauss–Newton passes for the initial states, on which the residual depends almost linearly."""
 SINGULAR = 1e-9
 """Smallest ratio of the eigenvalues of BᵀB that counts as above 0; in a moving flight it is about 0.01."""
+ROUNDS = 2
+"""Number of times that all laws are fitted again from the states that the others have found."""
 FIRST_RISE, LEAST_RISE_M_S2 = 0.3, 0.01
 """First value of Stribeck's rise: a share of f, and at least."""
 EXPONENTS = (1.0, 2.0)
@@ -218,81 +201,6 @@ def fly(
                 jump = max((-k * spring + (f + h) * sign) / slowing, 0.0) if slowing != 0.0 else 0.0
 
 
-# --- first values from linear equations ---------------------------------------------------------------
-
-
-class Linear(NamedTuple):
-    """The parameters, and each flight's x0 − l0 and v0 (shape (n, 2)), speeds, samples with motion."""
-
-    striker: Striker
-    states: FloatArray
-    speeds_m_s: list[FloatArray]
-    used: list[BoolArray]
-
-
-LINEAR: dict[Law, tuple[int, ...]] = {
-    Law.VISCOUS: (0, 1, 2, 4),
-    Law.COULOMB: (0, 1, 3, 4),
-    Law.BOTH: (0, 1, 2, 3, 4),
-    Law.STRIBECK: (0, 1, 3, 4),
-}
-"""Columns of each law among X, sin θ, V, sign v, t²."""
-
-
-def linear(flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray], law: Law) -> Linear:
-    """Ordinary least squares on the linear equations, without flights that no law fits."""
-    period_s = float(flights[0].t_s[1])
-    tables, lines, used = [], [], []
-    for flight, v in zip(flights, speeds_m_s, strict=True):
-        mask = ~flight.still & (np.abs(v) > SLOW_M_S)
-        velocity, way = integrals(flight.z_m_s2, period_s)
-        t = flight.t_s
-        tables.append(np.column_stack([way, flight.crank, velocity, np.sign(v), t * t, flight.z_m_s2]))
-        lines.append(np.column_stack([np.ones(len(t)), t]))
-        used.append(mask & (mask.sum() >= FEWEST_SAMPLES))
-    projected = []
-    for table, line, mask in zip(tables, lines, used, strict=True):
-        across = np.linalg.qr(line[mask])[0]
-        projected.append(table[mask] - across @ (across.T @ table[mask]))
-    chosen = np.array(LINEAR[law])
-
-    def solved(some: Sequence[FloatArray]) -> FloatArray:
-        rows = np.concatenate(some)
-        found = np.zeros(5)
-        found[chosen] = np.linalg.lstsq(rows[:, chosen], rows[:, 5])[0]
-        return found
-
-    found = solved(projected)
-    squares = np.array(
-        [np.mean((rows[:, 5] - rows[:, :5] @ found) ** 2) if len(rows) else 0.0 for rows in projected]
-    )
-    says = np.array([len(rows) > 0 for rows in projected])
-    kept = says & (squares <= OUTLYING * np.median(squares[says])) if says.any() else says
-    if kept.any():
-        found = solved([rows for rows, one in zip(projected, kept, strict=True) if one])
-    k = float(-found[0])
-    striker = Striker(k, float(found[1] / k), float(2.0 * found[4] / k), float(-found[2]), float(-found[3]))
-    states = np.zeros((len(flights), 2))
-    speeds = []
-    for number, (table, line, mask) in enumerate(zip(tables, lines, used, strict=True)):
-        if not says[number]:
-            speeds.append(np.zeros(len(table)))
-            continue
-        p0, p1 = np.linalg.lstsq(line[mask], table[mask, 5] - table[mask, :5] @ found)[0]
-        v0 = (striker.damping_1_s * striker.offset_m_s2 - p1) / k
-        states[number] = (striker.offset_m_s2 - striker.damping_1_s * v0 - p0) / k, v0
-        speeds.append(v0 + table[:, 2] - striker.offset_m_s2 * line[:, 1])
-    return Linear(striker, states, speeds, [mask & bool(one) for mask, one in zip(used, kept, strict=True)])
-
-
-def signed(flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray]) -> Linear:
-    """The linear fit of both friction laws, after the signs of v have settled."""
-    found = linear(flights, speeds_m_s, Law.BOTH)
-    for _ in range(SIGN_PASSES - 1):
-        found = linear(flights, found.speeds_m_s, Law.BOTH)
-    return found
-
-
 # --- output error -------------------------------------------------------------------------------------
 
 
@@ -431,12 +339,13 @@ def fits(flights: Sequence[Flight], first: Linear) -> tuple[Samples, dict[Law, F
     has_sign = np.abs(nearest.motion[:, 1]) > SLOW_M_S
     samples.used = samples.used & has_sign & np.repeat(good, samples.lengths)
     # Near a turn of v the residual of a flight has several minima: a law may begin at the states of another.
-    samples.states = [one.states for one in found.values()]
-    again: list[tuple[Law, Striker]] = [
-        (law, one.striker) for law, one in found.items() if law != Law.STRIBECK
-    ]
-    again += [(Law.STRIBECK, found[Law.STRIBECK].striker._replace(delta=delta)) for delta in EXPONENTS]
-    return samples, best_fits(samples, again)
+    for _ in range(ROUNDS):
+        samples.states = [one.states for one in found.values()]
+        rising = found[Law.STRIBECK].striker
+        starts = [(law, one.striker) for law, one in found.items() if law != Law.STRIBECK]
+        starts += [(Law.STRIBECK, rising._replace(delta=delta)) for delta in EXPONENTS]
+        found = best_fits(samples, starts)
+    return samples, found
 
 
 def best_fits(samples: Samples, starts: Sequence[tuple[Law, Striker]]) -> dict[Law, Fit]:
