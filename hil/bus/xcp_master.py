@@ -22,6 +22,8 @@ ACCEPTED_IDS = (kinds.XCP_RESPONSE.can_id,)
 """The identifiers that a master receives."""
 TIMEOUT_S = 1.0
 """The longest wait for a response, which the slave sends within a few ticks."""
+LONGEST_NAME = 64
+"""Length up to which the firmware's name is read, in bytes; whatever answers may claim four billion."""
 ASKED_SHARE = 0.5
 """Share of it for the question whether a session is open: without one the slave does not answer."""
 POLL_S = 1.0
@@ -154,7 +156,7 @@ class XcpMaster:
         """Raise XcpMasterError unless the firmware is that of these sources."""
         _, length = self.request(Code.GET_ID, 1)
         name = b""
-        while len(name) < length:
+        while len(name) < min(length, LONGEST_NAME):
             size = min(length - len(name), xcp.MOST_BYTES)
             low, high = self.request(Code.UPLOAD, size)
             name += (low | high << 24).to_bytes(7, "little")[:size]
