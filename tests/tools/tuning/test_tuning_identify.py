@@ -234,6 +234,12 @@ def test_flights_lie_between_contacts(viscous: Path) -> None:
     assert all(end <= begin for (_, end), (begin, _) in pairwise(spans))
 
 
+def test_a_log_that_begins_with_a_single_tick_has_no_contact_there(viscous: Path) -> None:
+    whole = read(viscous, 156.9)
+    apart = whole._replace(pieces=((0, 1), (2, len(whole.acceleration_m_s2))))
+    assert contacts_of(apart) == contacts_of(whole)
+
+
 def test_integrals_are_those_of_a_polynomial() -> None:
     t = np.arange(1001) * 1e-3
     velocity, way = integrals(2.0 - 3.0 * t, 1e-3)

@@ -62,7 +62,7 @@ def contacts_of(readings: Readings) -> list[Contact]:
     longest = round(LONGEST_CONTACT_S / readings.period_s)
     found = []
     for begin, end in readings.pieces:
-        steep = np.flatnonzero(z[begin + 2 : end] - z[begin : end - 2] < -DROP_M_S2) + begin
+        steep = np.flatnonzero(z[begin + 2 : end] - z[begin : max(end - 2, begin)] < -DROP_M_S2) + begin
         behind = begin
         for before in steep.tolist():
             if before < behind:
