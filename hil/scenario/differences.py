@@ -25,6 +25,8 @@ KINDS = ("law", "model")
 """Keys that name the kind of a part: a table with another kind replaces that of the other scenario."""
 LARGEST_GRID = 1000
 """Most cases of one file."""
+MOST_VALUES = 100_000
+"""Most values of all cases of one file: each case has every key."""
 NAME = re.compile(r"\w[\w.+-]{0,149}")
 """Names of cases, which become names of folders."""
 
@@ -95,6 +97,10 @@ def cases_of(vary: Sequence[Mapping[str, Any]], file_name: str) -> dict[str, dic
     numbers = [range(len(next(iter(axis.values())))) for axis in axes]
     if (size := math.prod(map(len, numbers))) > LARGEST_GRID:
         raise TextInputError(f"the tables [[vary]] make {size} cases; wanted at most {LARGEST_GRID}")
+    if (count := size * sum(map(len, axes))) > MOST_VALUES:
+        raise TextInputError(
+            f"the tables [[vary]] make {size} cases with {count} values; wanted at most {MOST_VALUES}"
+        )
     cases: dict[str, dict[str, Any]] = {}
     for steps in product(*numbers) if axes else ():
         values: dict[str, Any] = {}

@@ -10,6 +10,7 @@ The firmware's time per tick is divided by the plant's in the same run, since th
 runs together give one figure.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -61,7 +62,8 @@ def middle(values: Sequence[Any]) -> Any:
     """The median of numbers, or the most frequent of other values."""
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return float(np.median(values))
-    return max(values, key=list(values).count)
+    counts = Counter(map(repr, values))
+    return max(values, key=lambda value: counts[repr(value)])
 
 
 def paired(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[int, int]]:

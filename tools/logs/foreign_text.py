@@ -94,6 +94,10 @@ def read_text(path: Path, kind: str, packed: bool, tolerant: bool) -> ForeignLog
     del text  # takes as much memory as its lines
     refuse_plain_candump(path, kind, lines)
     header, body = split_header(path, kind, lines)
+    if (longest := max((len(line.text) for line in header), default=0)) > LONGEST_LINE:
+        raise BadInputError(
+            f"{path} has a line of {longest} characters in its header; wanted at most {LONGEST_LINE}"
+        )
     waiting = readable(kind, body, log)
     while True:
         feed = LineFeed(chain(header, waiting))

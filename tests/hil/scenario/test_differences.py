@@ -194,6 +194,10 @@ def test_cases_have_the_names_and_scenes_that_the_file_gives(base: Path) -> None
         ("[[vary]]\nscript.faults.0.at_s = [1.0]", "vary: script.faults.0: the list has 0 entries"),
         ("[[vary]]\ntitle.x = [1.0]", "vary: title is a value, not a table"),
         ("[[vary]]\nseed = [" + "1," * 2000 + "]", "make 2000 cases; wanted at most 1000"),
+        (
+            f"[[vary]]\nseed = [{'1,' * 1000}]\n[[vary]]\n" + "".join(f"k{n} = [1]\n" for n in range(100)),
+            "make 1000 cases with 101000 values; wanted at most 100000",
+        ),
         ('[[vary]]\nscene = ["table1"]', "'table1' is no named scene"),
     ],
 )

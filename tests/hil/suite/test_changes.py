@@ -10,12 +10,19 @@ import pytest
 from resting import resting
 
 from hil.judge.tolerance import Tolerance, tolerances_from
-from hil.suite.changes import FALSE_ALARMS, TICK_TIME, changes
+from hil.suite.changes import FALSE_ALARMS, TICK_TIME, changes, middle
 from tools.cli import run
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
 
 SEEDS = range(1, 13)
 FIGURES = 40
+
+
+def test_the_middle_of_many_texts_is_the_most_frequent() -> None:
+    """Counting each of a hundred thousand by itself would take a minute and a half."""
+    different = [f"regime {number}" for number in range(100_000)]
+    assert middle([*different, "impact", "impact"]) == "impact"
+    assert middle(["impact", "lost", "lost", None]) == "lost"
 
 
 def suite(values: np.ndarray[Any, Any], ratios: np.ndarray[Any, Any] | None = None) -> dict[str, Any]:

@@ -163,6 +163,9 @@ HOSTILE: dict[str, Callable[[Path], Path]] = {
     "trc: a start time of 1e400": text(
         "a.trc", lambda: TRC.replace("45244.9", "1e400") + "1 0.5 DT 1 00E Rx - 1 00\n"
     ),
+    "trc: 150,000 columns": text(
+        "a.trc", lambda: f";$COLUMNS={','.join(map(str, range(150_000)))}\n   1)  1.0  001  1 00\n"
+    ),
     "trc: a header of a million lines": text("a.trc", lambda: ";x\n" * 1_000_000),
     "csv: broken base64": text(
         "a.csv", lambda: "timestamp,arbitration_id,extended,remote,error,dlc,data\n1,0x1,0,0,0,1,!!\n"
