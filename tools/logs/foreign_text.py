@@ -34,8 +34,8 @@ TEXT_READERS = {
 }
 COMMENTS = {".log": ("#", ";", "//"), ".asc": ("//",), ".trc": (";",), ".csv": ("#",)}
 """Beginnings of comments; comments and blank lines are not counted."""
-MOST_LINES = 500_000
-"""Largest number of lines, a quarter more than messages: a line takes some hundred bytes, however short."""
+MOST_LINES = 450_000
+"""Largest number of lines, an eighth more than messages: a line takes some hundred bytes, however short."""
 LONGEST_LINE = 4096
 LONGEST_HEADER = 1000
 """Largest number of lines in a .trc log's header, which is read again after each unreadable line."""
