@@ -7,6 +7,7 @@ puts the foot down early, waits, and returns to the desired gait within three st
 """
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -34,6 +35,11 @@ class Pace(NamedTuple):
 
     at_s: float
     stride_hz: float
+
+
+def begin_s(pace: Pace) -> float:
+    """The time from which a pace is desired."""
+    return pace.at_s
 
 
 class Trip(NamedTuple):
@@ -69,8 +75,11 @@ STILL = _Stride(0.0, 0.0, 0.0)
 
 
 def wanted_hz(paces: Sequence[Pace], t_s: float) -> float:
-    """Desired stride frequency at `t_s`: linear between two paces that walk, otherwise constant."""
-    now = max((i for i, pace in enumerate(paces) if pace.at_s <= t_s), default=0)
+    """Desired stride frequency at `t_s`: linear between two paces that walk, otherwise constant.
+
+    The paces are in the order of time.
+    """
+    now = max(bisect_right(paces, t_s, key=begin_s) - 1, 0)
     here = paces[now]
     if now + 1 == len(paces) or here.stride_hz == 0.0 or paces[now + 1].stride_hz == 0.0 or t_s < here.at_s:
         return here.stride_hz

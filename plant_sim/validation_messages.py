@@ -22,6 +22,7 @@ _WANTED = {
     "list_type": "a list",
     "tuple_type": "a list",
     "too_short": "a list of at least {min_length}",
+    "too_long": "a list of at most {max_length}",
     "dict_type": "a table",
     "model_type": "a table",
     "model_attributes_type": "a table",
@@ -30,6 +31,8 @@ _WANTED = {
 }
 
 MOST_MESSAGES = 10
+MOST_CHARACTERS = 80
+"""Longest text of a user that a message repeats."""
 
 
 def messages_of(error: ValidationError, model: type[BaseModel]) -> list[str]:
@@ -62,6 +65,15 @@ def real(value: object) -> float:
         return float(value)
     except OverflowError:
         return math.inf
+
+
+def shortened(text: str) -> str:
+    """A text of at most `MOST_CHARACTERS`; a longer one loses its end.
+
+    >>> shortened(100 * "a") == 79 * "a" + "…"
+    True
+    """
+    return text if len(text) <= MOST_CHARACTERS else f"{text[: MOST_CHARACTERS - 1]}…"
 
 
 def _message_of(detail: ErrorDetails, model: type[BaseModel]) -> str:
@@ -99,8 +111,8 @@ def _walk(location: Sequence[int | str], model: type[BaseModel]) -> tuple[list[s
             tables = inner = tagged
             continue
         tables = inner
-        keys.append(str(step))
-        fields = [table.model_fields[str(step)] for table in tables if str(step) in table.model_fields]
+        keys.append(shortened(step))
+        fields = [table.model_fields[step] for table in tables if step in table.model_fields]
         inner = [inside for field in fields for inside in _models(field.annotation)]
     is_union = len(inner) > 1
     return keys, inner if is_union else tables
@@ -135,5 +147,5 @@ def _meaning(keys: Sequence[str], tables: Sequence[type[BaseModel]]) -> str:
 
 def _show(value: object) -> str:
     if isinstance(value, Mapping):
-        return f"a table of {', '.join(map(str, value)) or 'nothing'}"
-    return repr(value)
+        return shortened(f"a table of {', '.join(map(str, value)) or 'nothing'}")
+    return shortened(repr(value))

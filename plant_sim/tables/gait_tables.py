@@ -9,12 +9,17 @@ from plant_sim.parts.walking import TOE_OFF
 from plant_sim.strides import Pace, Trip, Walk
 from plant_sim.tables.table import Table
 
+LATEST_S = 86_400.0
+"""Latest time in the script of a walk: the length of the longest run. Every stride up to it is sampled."""
+MOST_ENTRIES = 1000
+"""Largest number of paces, and of stumbles."""
+
 
 class PaceTable(Table):
     """[[gait.pace]]: the walker's cadence from a time on."""
 
     at_s: float = Field(
-        ge=0.0, le=1e6, description="from when in s; between two paces that walk it changes evenly"
+        ge=0.0, le=LATEST_S, description="from when in s; between two paces that walk it changes evenly"
     )
     # The slowest is rehabilitation's 0.3 m/s at 0.44 Hz, the fastest a brisk 1.8 m/s at 1.1 Hz.
     stride_hz: float = Field(
@@ -37,7 +42,7 @@ _SLOWEST_HZ = 0.2
 class StumbleTable(Table):
     """[[gait.stumble]]: the foot trips in the next mid-swing; the walk recovers in three strides."""
 
-    at_s: float = Field(ge=0.0, le=1e6, description="after when in s")
+    at_s: float = Field(ge=0.0, le=LATEST_S, description="after when in s")
     # 15 m/s² for 80 ms take 0.6 m/s off a foot that swings at 4.
     knock_m_s2: float = Field(
         default=15.0, ge=0.0, description="the largest deceleration of the foot in m/s²"
@@ -51,8 +56,14 @@ class GaitTable(Table):
         description="where the striker's axis points, towards the stop: up or down along the shank, forward "
         "or backward across it, outward or inward"
     )
-    pace: list[PaceTable] = Field(min_length=1, description="the tables [[gait.pace]], in the order of time")
-    stumble: list[StumbleTable] = Field(default=[], description="the tables [[gait.stumble]]")
+    pace: list[PaceTable] = Field(
+        min_length=1,
+        max_length=MOST_ENTRIES,
+        description="the tables [[gait.pace]], in the order of time",
+    )
+    stumble: list[StumbleTable] = Field(
+        default=[], max_length=MOST_ENTRIES, description="the tables [[gait.stumble]]"
+    )
     # The lower third of the shank, above an ankle exoskeleton's joint.
     mount_m: float = Field(default=0.1, description="the module's height over the ankle in m")
     # Healthy walkers; 3 to 6 % after a stroke.

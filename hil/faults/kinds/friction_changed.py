@@ -25,7 +25,7 @@ class FrictionChanged(PhysicalFault):
 
     def without_object(self, scene: Scene, faults: Sequence[Fault]) -> str | None:
         """A factor that leaves the scene's friction as it is."""
-        parts = scene.parts()
-        if self.parts(parts) != parts:
+        friction = scene.friction.part()
+        if times(friction, self.factor) != friction:
             return None
         return f"factor = {self.factor:g} does not change the scene's friction; give the scene friction"

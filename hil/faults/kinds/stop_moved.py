@@ -28,6 +28,6 @@ class StopMoved(PhysicalFault):
 
     def without_object(self, scene: Scene, faults: Sequence[Fault]) -> str | None:
         """A scene without a stop, or no shift."""
-        if isinstance(scene.parts().stop, NoStop):
+        if scene.stop.law == "none":
             return "the scene has no stop; give it one, or leave the fault out"
         return "it changes nothing; give another value" if self.by_m == 0.0 else None

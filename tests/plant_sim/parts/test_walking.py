@@ -1,6 +1,7 @@
 """A module on a walking leg: the motion against finite differences, the solver against scipy, the sensors."""
 
 import math
+import time
 from itertools import pairwise
 from typing import Any
 
@@ -250,6 +251,41 @@ def test_a_stumble_is_a_knock_in_mid_swing_and_uneven_strides_after_it() -> None
     assert np.ptp(lengths) > 0.3
     assert np.allclose(lengths[-2:], 1.0 / 0.9)
     assert np.ptp(np.diff(even.rows[:12, w.BEGIN_S])) < 1e-9
+
+
+def test_the_longest_script_of_a_walk_is_sampled_soon() -> None:
+    """A thousand paces over the longest run, and a thousand stumbles at once."""
+    paces = [{"at_s": 86.4 * number, "stride_hz": 1.4 + 0.1 * (number % 2)} for number in range(1000)]
+    begun_s = time.process_time()
+    rows = walking_of({"axis": "up", "pace": paces, "stumble": [{"at_s": 86_400.0}] * 1000}).rows
+    assert time.process_time() - begun_s < 10.0
+    assert 100_000 < len(rows) < 150_000
+
+
+@pytest.mark.parametrize(
+    ("gait", "wanted"),
+    [
+        (
+            {"pace": [{"at_s": 0.0, "stride_hz": 0.9}, {"at_s": 1e6, "stride_hz": 0.9}]},
+            r"gait\.pace\.1\.at_s = 1000000\.0 is not a number of at most 86400; give from when",
+        ),
+        (
+            {"stumble": [{"at_s": 86_401.0}]},
+            r"gait\.stumble\.0\.at_s = 86401\.0 is not a number of at most 86400; give after when",
+        ),
+        (
+            {"pace": [{"at_s": float(number), "stride_hz": 0.9} for number in range(1001)]},
+            r"gait\.pace = .{,100} is not a list of at most 1000; give the tables",
+        ),
+        (
+            {"stumble": [{"at_s": 1.0}] * 1001},
+            r"gait\.stumble = .{,100} is not a list of at most 1000; give the tables",
+        ),
+    ],
+)
+def test_a_script_of_a_walk_beyond_the_longest_run_is_refused(gait: dict[str, Any], wanted: str) -> None:
+    with pytest.raises(SceneError, match=wanted):
+        scene(STEADY | gait)
 
 
 # --- the module ---------------------------------------------------------------------------------------
