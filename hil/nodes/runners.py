@@ -248,7 +248,7 @@ class OperatorRunner:
     """The operator's node; call `step` in tick `due_tick`."""
 
     def __init__(self, commands: Sequence[Command], pace: Pace, bus: NodeBus, out_dir: Path | None) -> None:
-        self.node = OperatorNode(commands, pace.period_s)
+        self.node = OperatorNode(commands, pace.period_s, is_recorded=out_dir is not None)
         self.bus = bus
         self._trace: TraceWriter | None = None
         if out_dir is not None:

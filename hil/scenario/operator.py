@@ -19,7 +19,7 @@ from firmware_py.interface.generated.records import DriveEstop, OperatorCommand
 from hil.scenario.pacing import Pacer, Urgency
 
 OPERATOR_PERIOD_S = 0.01
-"""Longest time between two steps of the operator."""
+"""Longest time between two steps of an operator that is recorded, or that waits for an answer."""
 COMMAND_PERIOD_S = codec.OPERATOR_COMMAND.period_s or 0.1
 """Period at which the operator repeats its command; the firmware monitors it."""
 ESTOP_PERIOD_S = 0.02
@@ -89,11 +89,12 @@ def reports_estop(frame: Frame) -> bool:
 class OperatorNode:
     """Executes a script: call `publish` in tick `due_tick`, or as soon afterwards as possible."""
 
-    def __init__(self, commands: Sequence[Command], period_s: float) -> None:
-        """`period_s`: the bench's period."""
+    def __init__(self, commands: Sequence[Command], period_s: float, is_recorded: bool = True) -> None:
+        """`period_s`: the bench's period. `is_recorded`: whether there are also steps that send nothing."""
         in_order = sorted(commands, key=lambda command: command.at_s)
         self._lines = [(math.ceil(command.at_s / period_s - 1e-6), command) for command in in_order]
         self._period_s = period_s
+        self._is_recorded = is_recorded
         self._step_ticks, self._command_ticks, self._repeat_ticks = (
             max(round(duration_s / period_s), 1)
             for duration_s in (OPERATOR_PERIOD_S, COMMAND_PERIOD_S, ESTOP_PERIOD_S)
@@ -190,7 +191,9 @@ class OperatorNode:
         """The tick of the step after the one in `tick`."""
         if len(self._pacer) > 0:
             return tick + 1
-        due_ticks = [(tick // self._step_ticks + 1) * self._step_ticks, self._command_tick]
+        due_ticks = [self._command_tick]
+        if self._is_recorded or self.estop_is_unconfirmed:
+            due_ticks.append((tick // self._step_ticks + 1) * self._step_ticks)
         if self.estop_is_unconfirmed:
             due_ticks.append(self._estop_tick)
         if self._next_line < len(self._lines):

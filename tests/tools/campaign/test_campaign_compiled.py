@@ -12,7 +12,6 @@ from firmware_py.interface.enums import Mode
 from hil.bench.bench import run_scenario
 from hil.bench.options import RunOptions
 from hil.record.traces.firmware_trace import columns_of
-from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import read
 from hil.scenario.scenario import load_scenario
 from plant_sim.result import Impact
@@ -21,7 +20,7 @@ from plant_sim.solvers.adaptive import adaptive
 from tools.campaign.campaigns import CAMPAIGNS, run_trial, trial_of
 from tools.campaign.results import result_of
 from tools.campaign.trial.reference import HELD_S, RAMP_S, alone, at, led, would_be_lost
-from tools.campaign.trial.run import SIGNALS, in_a_folder, in_stretches
+from tools.campaign.trial.run import SIGNALS, TRUTHS, in_a_folder, in_stretches
 from tools.campaign.trial.run import run as run_loop
 from tools.cli import run
 from tools.commands.campaign import keep_trial
@@ -41,7 +40,7 @@ def test_a_kept_trial_is_a_scenario_that_a_run_repeats_bit_for_bit(tmp_path: Pat
     plant, firmware = (read(tmp_path / "run" / f"{name}.trace") for name in ("plant", "firmware"))
     impacts = read(tmp_path / "run" / "impacts.trace")
     assert len(impacts) == len(done.impacts) > 10
-    for name in PlantRecord._fields:
+    for name in TRUTHS:
         np.testing.assert_array_equal(done.true(name), plant[name], err_msg=name)
     for name in Impact._fields:
         np.testing.assert_array_equal(done.impacts[name], impacts[name], err_msg=name)
@@ -111,11 +110,11 @@ def test_a_led_crank_keeps_its_speed_and_reaches_it_by_its_ramp() -> None:
 def test_a_striker_left_at_rest_at_a_multistable_speed_is_lost_and_one_in_impacts_is_not() -> None:
     scene = load_scene("table1-motor-soft")
     omega_rad_s = 1.3 * float(np.sqrt(scene.striker.spring_n_m / scene.striker.mass_kg))
-    record = np.zeros(len(PlantRecord._fields))
-    record[PlantRecord._fields.index("x_m")] = scene.striker.rest_length_m
-    assert would_be_lost(scene, record, omega_rad_s)
+    assert would_be_lost(scene, at(scene.striker.rest_length_m, 0.0, 0.0), omega_rad_s)
     trial = trial_of(LEVEL.plan(["campaign.laws='viscous'", "campaign.ratios=1.3"], 1), 0)
-    assert not would_be_lost(trial.scenario.scene, run_loop(trial.scenario, 1).plant[-1], omega_rad_s)
+    done = run_loop(trial.scenario, 1)
+    last = (float(done.true(name)[-1]) for name in ("x_m", "v_m_s", "crank_rad"))
+    assert not would_be_lost(trial.scenario.scene, at(*last), omega_rad_s)
 
 
 LEVEL = replace(CAMPAIGNS["start-up"], numbers={**CAMPAIGNS["start-up"].numbers, "swing_m_s2": 0.0})

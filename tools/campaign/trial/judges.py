@@ -246,8 +246,9 @@ def recover(trial: Trial, done: Run, outcome: Outcome) -> None:
     if tripped and 0.0 <= tripped[0].t_s - kicked_s < KICK_FAULT_S:
         outcome.leave_out("the kick's own impact tripped the impulse limit")
         return
-    kicked = done.plant[math.ceil(kicked_s / done.tick_s)]
-    if not reference.would_be_lost(trial.scenario.scene, kicked, omega_rad_s):
+    kicked = math.ceil(kicked_s / done.tick_s)
+    start = reference.at(*(float(done.true(name)[kicked]) for name in ("x_m", "v_m_s", "crank_rad")))
+    if not reference.would_be_lost(trial.scenario.scene, start, omega_rad_s):
         outcome.leave_out("the kick did not throw it out")
         return
     outcome.why = lost_by(done, duration_s, omega_rad_s)

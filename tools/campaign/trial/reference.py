@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.record.traces.plant_trace import PlantRecord
 from plant_sim.arrays import FloatArray, record_type
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.parts import Parts
@@ -145,9 +144,7 @@ def instant_start_captures(scene: Scene, omega_rad_s: float) -> bool:
     return goes_on(impacts["t_s"], HELD_S, omega_rad_s)
 
 
-def would_be_lost(scene: Scene, record: FloatArray, omega_rad_s: float) -> bool:
-    """Return whether the state of a `PlantRecord` leads to motion without impacts at constant crank speed."""
-    state = PlantRecord._make(record)
-    start = at(state.x_m, state.v_m_s, state.crank_rad)
+def would_be_lost(scene: Scene, start: MotionState, omega_rad_s: float) -> bool:
+    """Return whether a state leads to motion without impacts at constant crank speed."""
     impacts = alone(scene, start, omega_rad_s, omega_rad_s, 0.0, HELD_S)
     return not np.any(impacts["t_s"] > HELD_S - JUDGED_S)
