@@ -138,7 +138,7 @@ def estimator(
     return rrb.Vertical(
         plot("Velocity, close up [m/s]", *VELOCITY, span_s=detail_s),
         rrb.Horizontal(
-            error("position", "x_m", "m", Whole("/limits/x_error/**")), error("velocity", "v_m_s", "m/s")
+            error("position", "x_mm", "mm", Whole("/limits/x_error/**")), error("velocity", "v_m_s", "m/s")
         ),
         plot(
             "Acceleration, close up [m/s²]",

@@ -17,12 +17,14 @@ class Place(NamedTuple):
 
     `typical`: the figure is a typical value of the plotted signal, not its largest, so that a lower bound is
     also drawn. `signed`: the figure is the largest magnitude, so that its bound is drawn on both sides of 0.
+    `scale`: the plot's values over the figure's: 1000 for millimetres.
     """
 
     plot: str
     stretch: str
     typical: bool = False
     signed: bool = False
+    scale: float = 1.0
 
 
 PLACES = {
@@ -36,7 +38,7 @@ PLACES = {
     "motor_torque_after_stop_n_m": Place("torque", AFTER_STOP, signed=True),
     "after_fault.largest_speed_rad_s": Place("speed", AFTER_FAULT),
     "speed.mean_rad_s": Place("speed", HOLD, typical=True),
-    "estimate.x_worst_m": Place("x_error", HOLD, signed=True),
+    "estimate.x_worst_m": Place("x_error", HOLD, signed=True, scale=1e3),
     "tick_us.max": Place("work", WHOLE),
     "bus_load": Place("load", WHOLE),
 }
@@ -72,5 +74,5 @@ def limits(checks: Sequence[Check], figures: Figures, fault_s: float | None) -> 
             if bound is None:
                 continue
             sides = (bound, -bound) if place.signed and bound else (bound,)
-            found += [Limit(place.plot, check.name, side, from_s, to_s) for side in sides]
+            found += [Limit(place.plot, check.name, place.scale * side, from_s, to_s) for side in sides]
     return sorted(found)

@@ -217,7 +217,7 @@ class RunLog:
             self.out.send(entity, ends_s, rr.Scalars.columns(scalars=[limit.value] * 2))
 
     def _estimate_error(self, traces: RunTraces) -> None:
-        """Log estimate minus truth; a log of a real bench has no truth."""
+        """Log estimate minus truth, the position's in mm; a log of a real bench has no truth."""
         plant, firmware = traces.plant, traces.firmware
         if (
             len(plant) == 0
@@ -226,8 +226,9 @@ class RunLog:
         ):
             return
         errors = largest_of_each(ERROR_TICKS, estimate_errors(plant, firmware))
-        single = [pa.array(values, pa.float32()) for values in errors[1:]]
-        struct = pa.StructArray.from_arrays(single, names=[*errors._fields[1:]])
+        shown = {"x_mm": 1e3 * errors.x_m, "v_m_s": errors.v_m_s}
+        single = [pa.array(values, pa.float32()) for values in shown.values()]
+        struct = pa.StructArray.from_arrays(single, names=list(shown))
         self.out.send("estimate_error", errors.t_s, dynamic("trace", struct))
 
     # --- one trace each ------------------------------------------------------------------------------

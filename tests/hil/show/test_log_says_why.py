@@ -66,12 +66,12 @@ def test_every_check_is_an_event(tmp_path):
     assert any("check failed: detector.recall" in text for text in events(log))
 
 
-def test_the_error_is_estimate_less_truth(tmp_path):
+def test_the_position_error_is_estimate_less_truth_in_mm(tmp_path):
     made_up = broken()
     made_up.firmware["state.estimator.x_m"] = made_up.plant["x_m"] + 1e-3
     log = tables(rebuild(write_run(made_up, tmp_path)))
-    errors = [record[0]["x_m"] for record in log["/estimate_error"]["trace:record"].to_pylist()]
-    assert errors == pytest.approx([1e-3] * (len(made_up.plant["x_m"]) // ERROR_TICKS), abs=2e-8)
+    errors = [record[0]["x_mm"] for record in log["/estimate_error"]["trace:record"].to_pylist()]
+    assert errors == pytest.approx([1.0] * (len(made_up.plant["x_m"]) // ERROR_TICKS), abs=2e-5)
 
 
 def test_bus_errors_reach_the_log_and_come_back_from_it(tmp_path):
@@ -97,6 +97,7 @@ def test_limits_stand_where_the_plot_shows_what_they_bound(tmp_path):
         Check(name="impact_v_m_s", low=0.5, high=0.7),
         Check(name="after_fault.largest_torque_n_m", low=0.02, high=0.15),
         Check(name="detector.recall", low=0.9),
+        Check(name="estimate.x_worst_m", high=0.004),
     ]
     found = limits(checks, figures, fault_s=4.0)
     hold = (figures.hold_start_s, figures.hold_end_s)
@@ -105,9 +106,11 @@ def test_limits_stand_where_the_plot_shows_what_they_bound(tmp_path):
         ("impact_speed", 0.7, *hold),
         ("torque", -0.15, 4.0, figures.duration_s),
         ("torque", 0.15, 4.0, figures.duration_s),
+        ("x_error", -4.0, *hold),  # mm
+        ("x_error", 4.0, *hold),
     ]
     without_fault = limits(checks, figures, fault_s=None)
-    assert {one.plot for one in without_fault} == {"impact_speed"}
+    assert {one.plot for one in without_fault} == {"impact_speed", "x_error"}
     assert all(isinstance(one, Limit) for one in found)
 
 
