@@ -77,6 +77,10 @@ class LineFault(Fault):
         """The frames that a foreign node sends in this step."""
         return []
 
+    def most_foreign_frames(self, tick_s: float) -> int:
+        """Largest number of frames that a foreign node sends in a tick."""
+        return 0
+
     def unplugs(self, node: str) -> bool:
         """Whether the node is disconnected."""
         return False
@@ -135,6 +139,16 @@ class NamedFrames(Fault):
 
 class FramesFault(NamedFrames, LineFault):
     """A fault of named frames where they leave their sender."""
+
+    @property
+    def most_copies(self) -> int:
+        """Largest number of times that each frame leaves."""
+        return 1
+
+    @property
+    def longest_hold_s(self) -> float:
+        """Longest time for which frames are held back."""
+        return 0.0
 
     def named(self, frames: Sequence[Frame]) -> list[Frame]:
         """Those of the frames that the fault names."""

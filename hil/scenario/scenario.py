@@ -20,6 +20,7 @@ from hil.faults.every import AnyFault
 from hil.faults.fault import Fault
 from hil.faults.on_bus import ModelledFault
 from hil.faults.on_process import ClockFault, ProcessFault
+from hil.faults.traffic import excess_of
 from hil.judge.checks import MOST_CHECKS, Check
 from hil.scenario.files import ScenarioError, read_scenario, scenario_name
 from hil.scenario.operator import Command, Request
@@ -34,6 +35,9 @@ LARGEST_RATIO = 4.0
 LARGEST_IMPULSE_N_S = 6.5
 """Largest impulse that the command frame can carry."""
 
+
+MOST_FAULTS = 1000
+"""Largest number of a script's faults."""
 
 REALTIME_PERIOD_S = 1e-3
 """Tick at the highest rate that classic CAN at 1 Mbit/s can carry."""
@@ -78,7 +82,9 @@ class ScriptTable(Table):
 
     duration_s: float = Field(gt=0.0, le=86_400.0, description="the run's length in s")
     commands: list[CommandTable] = Field(default=[], description="the tables [[script.commands]]")
-    faults: list[AnyFault] = Field(default=[], description="the tables [[script.faults]]")
+    faults: list[AnyFault] = Field(
+        default=[], max_length=MOST_FAULTS, description="the tables [[script.faults]]"
+    )
 
     @model_validator(mode="after")
     def _commands_come_in_time(self) -> Self:
@@ -218,6 +224,8 @@ def check_scenario(document: Mapping[str, Any], name: str, changes: Sequence[str
     _refuse_less_than_a_tick(table.script.duration_s, config.tick_s)
     _refuse_without_object(table.script.faults, scene)
     _refuse_small_jumps(table.script.faults, config.tick_s)
+    if excess := excess_of(table.script.faults, config.tick_s, table.script.duration_s):
+        raise ScenarioError(excess)
     return Scenario(
         name=name,
         title=table.title,

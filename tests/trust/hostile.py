@@ -329,6 +329,7 @@ def _scenario(before: str, after: str) -> Spoil:
 
 SCENE, TITLE = 'scene = "table1-motor-soft"', '"The module stands still for a tenth of a second"'
 FAULT = "\n[[script.faults]]\nkind = 'dropped'\nframes = ['Accelerometer']\nat_s = 0.05\nduration_s = 0.001\n"
+COPIES = "\n[[script.faults]]\nkind = 'duplicated'\nframes = ['Accelerometer']\nat_s = 0.0\ncopies = 100\n"
 CHECK = "[[checks]]"
 SCENARIOS: dict[str, Spoil] = {
     **{
@@ -359,6 +360,18 @@ SCENARIOS: dict[str, Spoil] = {
         CHECK, "[[checks]]\nname = 'x'\nexpression = 'max(plant.x_m)'\nhigh = 1.0\n" * 1000 + CHECK
     ),
     "1000 faults": _scenario("duration_s = 0.1\n", "duration_s = 0.1\n" + FAULT * 1000),
+    "faults that multiply each other's frames": _scenario(
+        "duration_s = 0.1\n", "duration_s = 0.1\n" + COPIES * 6
+    ),
+    "a hundred floods": _scenario(
+        "duration_s = 0.1\n",
+        "duration_s = 0.1\n" + "[[script.faults]]\nkind = 'flood'\nat_s = 0.0\nframes_a_tick = 1000\n" * 100,
+    ),
+    "a walk of many days": _scenario(
+        f"{SCENE}\n\n[script]\nduration_s = 0.1\n",
+        "like = 'a-steady-walk-has-a-pulse-in-every-push-off'\n[[scene.gait.pace]]\nat_s = 0.0\nstride_hz = 1.5\n"
+        "[[scene.gait.pace]]\nat_s = 1e6\nstride_hz = 1.5\n[script]\nduration_s = 0.1\ncommands = []\n",
+    ),
     "10,000 commands": _scenario(
         "duration_s = 0.1\n",
         "duration_s = 0.1\ncommands = [" + "{at_s = 0.01, request = 'idle', ratio = 0.0}," * 10_000 + "]\n",

@@ -1,5 +1,6 @@
 """A foreign node that repeats one frame."""
 
+import math
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -24,6 +25,10 @@ class Babbling(LineFault):
     def frame(self) -> Frame:
         """The frame that is sent."""
         return Frame(self.can_id, bytes.fromhex(self.data_hex))
+
+    def most_foreign_frames(self, tick_s: float) -> int:
+        """A frame for each period in a tick."""
+        return math.ceil(tick_s / self.period_s)
 
     def foreign_frames(self, step: Step, noise: np.random.Generator) -> list[Frame]:
         """One frame for each period that begins."""

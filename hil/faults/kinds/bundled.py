@@ -15,6 +15,11 @@ class Bundled(FramesFault):
     kind: Literal["bundled"]
     period_s: float = Field(gt=0.0, le=1.0, description="the time from one bundle to the next, in s")
 
+    @property
+    def longest_hold_s(self) -> float:
+        """The time between two bundles."""
+        return self.period_s
+
     def outgoing(self, sending: Sending, noise: np.random.Generator) -> Outgoing:
         """Frames are held until the next bundle leaves."""
         named, others = self.named(sending.frames), self.others(sending.frames)

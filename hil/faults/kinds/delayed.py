@@ -15,6 +15,11 @@ class Delayed(FramesFault):
     kind: Literal["delayed"]
     delay_s: float = Field(gt=0.0, description="the delay, in s")
 
+    @property
+    def longest_hold_s(self) -> float:
+        """The delay; at its end the fault holds no frame."""
+        return min(self.delay_s, self.end_s - self.at_s)
+
     def outgoing(self, sending: Sending, noise: np.random.Generator) -> Outgoing:
         """Frames are held until they are due."""
         named = self.named(sending.frames)

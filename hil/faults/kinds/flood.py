@@ -18,6 +18,10 @@ class Flood(LineFault):
     kind: Literal["flood"]
     frames_a_tick: int = Field(ge=1, le=1000, description="the number of frames in each tick of the bench")
 
+    def most_foreign_frames(self, tick_s: float) -> int:
+        """The frames of a tick."""
+        return self.frames_a_tick
+
     def foreign_frames(self, step: Step, noise: np.random.Generator) -> list[Frame]:
         """The random frames of a step."""
         return [

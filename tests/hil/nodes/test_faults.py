@@ -2,6 +2,7 @@
 
 import math
 import signal
+import time
 from pathlib import Path
 from typing import Any
 
@@ -473,6 +474,46 @@ def scenario_with(*faults: dict[str, Any], bus: dict[str, Any] | None = None) ->
 def test_faults_that_make_no_sense_are_refused(table: dict[str, Any], message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
         scenario_with(table)
+
+
+def duplicated(copies: int, **keys: Any) -> dict[str, Any]:
+    return {"kind": "duplicated", "at_s": 1.0, "frames": ["Accelerometer"], "copies": copies} | keys
+
+
+FLOOD = {"kind": "flood", "at_s": 0.5, "frames_a_tick": 1000}
+BUNDLED = {"kind": "bundled", "at_s": 1.0, "frames": ["Accelerometer"], "period_s": 1.0}
+DELAYED = {"kind": "delayed", "at_s": 1.0, "frames": ["Accelerometer"], "delay_s": 1e6}
+BABBLING = {"kind": "babbling", "at_s": 0.5, "can_id": 0, "period_s": 2e-5}
+
+
+@pytest.mark.parametrize(
+    ("tables", "message"),
+    [
+        ([duplicated(100)] * 6, r"act at 1 s send up to 1,000,000,000,025 frames a tick; wanted 4,096 at"),
+        ([duplicated(100), duplicated(50, at_s=2.0)], "act at 2 s send up to 5,025 frames a tick"),
+        ([FLOOD] * 5, r"act at 0\.5 s send up to 5,026 frames a tick"),
+        ([BABBLING] * 90, r"act at 0\.5 s send up to 4,526 frames a tick"),
+        ([BUNDLED, duplicated(100), duplicated(2)], "act at 1 s hold back up to 200,000 frames; wanted"),
+        ([DELAYED, duplicated(100)], "act at 1 s hold back up to 200,000 frames; wanted 100,000 at most"),
+        (
+            [DELAYED | {"duration_s": 1.0}, duplicated(100, at_s=2.0), duplicated(2, at_s=2.0)],
+            "act at 2 s hold back up to 200,000 frames",
+        ),
+        ([BUNDLED] * 1001, r"script\.faults = .{,100} is not a list of at most 1000; give the table"),
+    ],
+)
+def test_faults_that_fill_the_memory_with_frames_are_refused(
+    tables: list[dict[str, Any]], message: str
+) -> None:
+    begun_s = time.process_time()
+    with pytest.raises(ScenarioError, match=message):
+        scenario_with(*tables)
+    assert time.process_time() - begun_s < 10.0
+
+
+def test_faults_of_many_frames_one_after_the_other_are_accepted() -> None:
+    turns = [duplicated(100, at_s=0.1 * number, duration_s=0.09) for number in range(20)]
+    scenario_with(*turns, FLOOD, DELAYED | {"duration_s": 0.5}, BUNDLED | {"at_s": 2.5})
 
 
 def test_a_process_ends_once() -> None:
