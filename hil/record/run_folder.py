@@ -4,15 +4,15 @@ A run owns its folder: `claimed` makes a new folder, or takes one that is empty 
 to its `run.json`, and locks it. Only files that a run writes are ever removed.
 """
 
-import fcntl
 import json
 import os
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from hil.record.folder_lock import FolderInUseError, is_in_use, locked
 from hil.record.new_file import MOST_NOTE_BYTES, is_regular, made_anew
 from hil.record.run_traces import CAN_LOG
 from hil.record.traces import trace
@@ -174,42 +174,24 @@ def claimed(name: str, out_dir: Path | None, note_name: str = RUN_NOTE) -> Itera
     folder = (new_folder(name) if out_dir is None else out_dir).absolute()
     refuse_foreign(folder, note_name)
     folder.mkdir(parents=True, exist_ok=True)
-    lock = os.open(folder, os.O_RDONLY)
-    try:
+    with ExitStack() as stack:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
+            stack.enter_context(locked(folder))
+        except FolderInUseError as error:
             raise RunFolderError(f"--out: {folder} is in use by another run; name another folder") from error
         refuse_foreign(folder, note_name)
         yield folder
-    finally:
-        os.close(lock)
-
-
-def is_in_use(folder: Path) -> bool:
-    """Whether a process has claimed the folder."""
-    lock = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    finally:
-        os.close(lock)
-    return False
 
 
 def discard_unused(run_dir: Path, below: Path) -> bool:
     """Remove the files of a run unless it or a suite around it, below `below`, is in progress."""
     if any(is_in_use(folder) for folder in run_dir.parents if folder.is_relative_to(below)):
         return False
-    lock = os.open(run_dir, os.O_RDONLY)
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        discard(run_dir)
-    except BlockingIOError:
+        with locked(run_dir):
+            discard(run_dir)
+    except FolderInUseError:
         return False
-    finally:
-        os.close(lock)
     return True
 
 

@@ -1,11 +1,9 @@
 """Run a campaign's trials on all cores, or on a Dask scheduler's workers."""
 
-import fcntl
 import json
-import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -14,6 +12,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 
 from hil.record import provenance
+from hil.record.folder_lock import FolderInUseError, locked
 from hil.record.run_folder import RUNS
 from tools.campaign.campaigns import run_trial
 from tools.campaign.trial.outcome import Outcome
@@ -51,17 +50,16 @@ def piece(plan: Plan, spec: store.Spec) -> tuple[pa.Table, dict[str, Any]]:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def claimed(folder: Path) -> Iterator[None]:
     """Make a campaign's folder and lock it until the end of the block; an empty folder is then removed.
 
-    The lock ends with the process in any case. Raises BadInputError if another process has locked it.
+    Raises BadInputError if another process has locked it.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    lock = os.open(folder, os.O_RDONLY)
-    try:
+    with ExitStack() as stack:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
+            stack.enter_context(locked(folder))
+        except FolderInUseError as error:
             raise BadInputError(
                 f"{folder} is in use by the same campaign; wait until it has ended, or name another --seed"
             ) from error
@@ -70,8 +68,6 @@ def locked(folder: Path) -> Iterator[None]:
         finally:
             with suppress(OSError):  # it holds finished batches, or is gone
                 folder.rmdir()
-    finally:
-        os.close(lock)
 
 
 def run_all(
@@ -86,7 +82,7 @@ def run_all(
     folder = RUNS / f"campaign-{plan.campaign}-{provenance.key(plan, trials)[:16]}"
     specs = [{"trials": batch.trials} for batch in batches(plan, trials)]
     where = work.here(folder, workers, scheduler)
-    with locked(folder):
+    with claimed(folder):
         paths = work.run("batch", partial(piece, plan), specs, where, threads=False)
         texts = [text for path in paths for text in store.read(path)[0]["outcome"].to_pylist()]
         shutil.rmtree(folder)

@@ -1,0 +1,37 @@
+"""The lock of a folder, which one process holds until its block, or the process itself, ends."""
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+class FolderInUseError(Exception):
+    """Another process holds the folder's lock."""
+
+
+@contextmanager
+def locked(folder: Path, shared: bool = False) -> Iterator[None]:
+    """Hold the lock of a folder; `shared`: with others who only look at it.
+
+    Raises FolderInUseError if another process holds it.
+    """
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(lock, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise FolderInUseError(f"{folder} is in use by another process") from error
+        yield
+    finally:
+        os.close(lock)
+
+
+def is_in_use(folder: Path) -> bool:
+    """Whether a process holds the folder's lock."""
+    try:
+        with locked(folder, shared=True):
+            return False
+    except FolderInUseError:
+        return True
