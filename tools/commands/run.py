@@ -134,7 +134,7 @@ def show_figures(figures: "Figures") -> None:
         ("held up by the host", scaled(1e3, figures.held_s), "ms"),
         ("met its timing", None if figures.real_time is None else timing[figures.real_time], ""),
         ("simulated time / elapsed time", figures.realtime_factor, ""),
-        ("bus load", scaled(100.0, figures.bus_load), "%"),
+        (f"bus load{', lost frames left out' * bool(figures.losses)}", scaled(100.0, figures.bus_load), "%"),
     ]
     console.print(figure_table(None, (row for row in rows if figure(row[1]) != NO_VALUE)))
 

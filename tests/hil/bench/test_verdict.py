@@ -22,7 +22,7 @@ from hil.judge.verdict import read_verdict
 from hil.record.rerun_program import rerun
 from hil.show.report.chart import thinned
 from hil.show.report.pages import library, write_suite_report
-from tools.commands.run import show_checks
+from tools.commands.run import show_checks, show_figures
 
 # What a program that reads the verdict may rely on.
 KEYS = {
@@ -121,13 +121,16 @@ def test_a_failed_check_fails_the_run_and_junit_says_what_was_measured(tmp_path)
 
 
 @pytest.mark.parametrize("frames", [0, 800])
-def test_losses_of_the_recorder_are_reported_and_no_check_is_judged_on_them(tmp_path, frames):
+def test_losses_of_the_recorder_are_reported_and_no_check_is_judged_on_them(tmp_path, frames, capsys):
     made_up = make_run()
     made_up.scenario["checks"] = [{"name": "bus_load", "low": 0.01}, {"name": "regime", "equals": "impact"}]
     write_run(made_up, tmp_path)
     losses = [{"from_s": 2.0, "to_s": 2.4, "frames": frames}] if frames else []
     (tmp_path / "losses.json").write_text(json.dumps({"losses": losses}))
-    verdict = finish(tmp_path).as_json()
+    finished = finish(tmp_path)
+    show_figures(finished.figures)
+    assert ("bus load, lost frames left out" in capsys.readouterr().out) is bool(frames)
+    verdict = finished.as_json()
     assert verdict["losses"] == losses
     assert verdict["log"] == {
         "frames_lost": frames,
