@@ -6,6 +6,7 @@ structure is walked first: every object has a header and a size, and what is unp
 
 import sqlite3
 import struct
+import time
 import zlib
 from collections.abc import Generator, Iterator
 from contextlib import closing
@@ -36,10 +37,18 @@ MOST_CARRIED_BYTES = 1 << 30
 """Limit on what is carried over from container to container: an object of a bench lies in two at most."""
 UNPACKED, DEFLATED = 0, 2
 
-SQLITE_STEPS = 10_000
-MOST_SQLITE_STEPS = 200_000_000
-"""Limit on SQLite's instructions: some seconds, and several times what the most messages need."""
-LONGEST_VALUE_BYTES = 1 << 20
+SQLITE_STEPS = 100
+"""SQLite's instructions between two looks at the clock; one of them may read some hundred pages."""
+LONGEST_READING_S = 6.0
+"""Longest time of computing for a database: several times what the most messages need."""
+LONGEST_VALUE_BYTES = 1 << 14
+"""Longest value that SQLite reads, and its longest text of the schema."""
+MOST_FD_BYTES = 64
+REFUSALS = {
+    sqlite3.SQLITE_INTERRUPT: f"its rows take more than {LONGEST_READING_S:g} s of computing to read",
+    sqlite3.SQLITE_TOOBIG: f"a value has more than {LONGEST_VALUE_BYTES} bytes",
+}
+"""What SQLite's errors mean that come from the limits."""
 COLUMNS = ("ts", "arbitration_id", "extended", "remote", "error", "dlc", "data")
 TABLE = "messages"
 
@@ -178,24 +187,36 @@ def whole_objects(data: bytes) -> Generator[tuple[int, int, int], None, bytes]:
 
 
 def guarded(path: Path) -> sqlite3.Connection:
-    """A connection to a database of somebody else's: read-only, with limits on its size and its work."""
-    steps = 0
+    """A connection to a database of somebody else's: read-only, with limits on its values and its time.
 
-    def is_too_long() -> bool:
-        nonlocal steps
-        steps += SQLITE_STEPS
-        return steps > MOST_SQLITE_STEPS
+    Its pages may share others or form rings, so that it holds far more than the file has bytes.
+    """
+    until_s = time.process_time() + LONGEST_READING_S
+
+    def is_too_late() -> bool:
+        return time.process_time() > until_s
 
     database = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
     # Python runs between the steps, so a signal ends the query.
-    database.set_progress_handler(is_too_long, SQLITE_STEPS)
+    database.set_progress_handler(is_too_late, SQLITE_STEPS)
     database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST_VALUE_BYTES)
     database.execute("PRAGMA trusted_schema = OFF")
     return database
 
 
 def database_messages(path: Path, _: ForeignLog) -> Iterator[can.Message]:
-    """The messages of python-can's SQLite log, read without trusting its schema.
+    """The messages of python-can's SQLite log, read without trusting its schema or its pages."""
+    try:
+        yield from rows_of_messages(path)
+    except sqlite3.Error as error:
+        reason = REFUSALS.get(error.sqlite_errorcode)
+        if reason is None:
+            raise
+        raise LogError(reason) from error
+
+
+def rows_of_messages(path: Path) -> Iterator[can.Message]:
+    """A message for each row of the table.
 
     A view or a virtual table named `messages` is refused, for its query may never end.
     """
@@ -219,6 +240,10 @@ def message_of(row: tuple[object, ...]) -> can.Message:
     t_s, can_id, extended, remote, error, dlc, data = row
     if not (isinstance(can_id, int) and isinstance(dlc, int) and isinstance(data, bytes | None)):
         raise LogError(f"a row has an identifier, a length or data of the wrong type: {row!r:.100}")
+    if not all(isinstance(mark, int | None) for mark in (extended, remote, error)):
+        raise LogError(f"a row has a mark that is no number: {row!r:.100}")
+    if data is not None and len(data) > MOST_FD_BYTES:
+        raise LogError(f"a row has {len(data)} bytes of data; wanted at most {MOST_FD_BYTES}")
     return can.Message(
         timestamp=t_s,  # type: ignore[arg-type]  # checked with all messages
         arbitration_id=can_id,

@@ -6,6 +6,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import time
 from contextlib import closing
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from tools.output import BadInputError
 def test_a_signal_ends_the_reading_of_a_database(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A query gives way to Python's signal handlers, even one that would never end by itself."""
     path = HOSTILE["db: an endless view"](tmp_path)
-    monkeypatch.setattr(foreign_binary, "MOST_SQLITE_STEPS", 10**12)
+    monkeypatch.setattr(foreign_binary, "LONGEST_READING_S", 1e12)
 
     class EndedError(Exception):
         pass
@@ -40,6 +41,31 @@ def test_a_signal_ends_the_reading_of_a_database(tmp_path: Path, monkeypatch: py
             database.execute("SELECT * FROM messages WHERE ts < 0").fetchall()
     finally:
         signal.signal(signal.SIGALRM, before)
+
+
+def test_the_pages_of_a_database_cost_no_more_than_its_messages(tmp_path: Path) -> None:
+    """Pages that lie in each other make terabytes of a megabyte; see also the limits in `tests/trust`."""
+    for name, sentence in (
+        ("db: a megabyte in each of a million rows", "a value has more than 16384 bytes"),
+        ("db: remote frames of 60 kB", "a value has more than 16384 bytes"),
+        ("db: remote frames of 200 bytes", "a row has 200 bytes of data; wanted at most 64"),
+    ):
+        begun_s = time.process_time()
+        with pytest.raises(BadInputError, match=sentence):
+            read_log(HOSTILE[name](tmp_path))
+        assert time.process_time() - begun_s < 2.0
+
+
+def test_a_database_whose_rows_take_long_is_refused_or_kept_up_to_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = HOSTILE["db: 16,000 columns in each of a million rows"](tmp_path)
+    monkeypatch.setattr(foreign_binary, "LONGEST_READING_S", 0.5)
+    with pytest.raises(BadInputError, match=r"its rows take more than 6 s of computing to read.*--tolerant"):
+        read_log(path)
+    kept = read_log(path, tolerant=True)
+    assert 0 < len(kept.messages) < 400_000
+    assert kept.truncated is not None
 
 
 def reading(folder: Path, name: str, content: str | bytes, tolerant: bool = True):
