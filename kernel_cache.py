@@ -36,6 +36,7 @@ from numba.core import caching, serialize
 
 PACKAGES = ("plant_sim", "firmware_py", "hil", "tools")
 """Packages whose modules are part of a key; the versions of numba and llvmlite stand for all others."""
+KEYED = (*PACKAGES, "numba_replace")
 
 KEYED_FOLDER = re.compile(r"(?P<name>.+)-[0-9a-f]{16}")
 MOST_KEYS = 16
@@ -164,20 +165,24 @@ def sources(*modules: Path) -> set[Path]:
 
 @functools.cache
 def _file_of(name: str) -> Path | None:
-    """The file of a module of `PACKAGES`; None for other modules, and for names within a module."""
-    package, _, rest = name.partition(".")
-    folder = _folder_of_package(package) if package in PACKAGES else None
-    if folder is None:
+    """The file of a module of `KEYED`; None for other modules, and for names within a module."""
+    top, *inner = name.split(".")
+    place = _place_of(top) if top in KEYED else None
+    if place is None:
         return None
-    path = os.path.join(folder, *rest.split("."))  # not Path, which takes ten times as long
+    path = os.path.join(place, *inner)  # not Path, which takes ten times as long
     candidates = f"{path}.py", os.path.join(path, "__init__.py")
     return next((Path(candidate) for candidate in candidates if os.path.isfile(candidate)), None)
 
 
 @functools.cache
-def _folder_of_package(package: str) -> str | None:
-    spec = importlib.util.find_spec(package)
-    return spec.submodule_search_locations[0] if spec and spec.submodule_search_locations else None
+def _place_of(top: str) -> str | None:
+    """The folder of a package, or the path of a module without its suffix."""
+    spec = importlib.util.find_spec(top)
+    if spec is None or spec.origin is None:
+        return None
+    folders = spec.submodule_search_locations
+    return folders[0] if folders else spec.origin.removesuffix(".py")
 
 
 @functools.cache

@@ -18,6 +18,7 @@ from numba.core import config as numba_config
 from numba.extending import intrinsic, is_jitted, overload, register_jitable
 
 import kernel_cache
+import numba_replace  # noqa: F401 - defines `_replace` of records in compiled code
 from plant_sim.linking import SubroutineCompiler
 
 _P = ParamSpec("_P")

@@ -17,9 +17,9 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic, overload, register_jitable
 
-import firmware_py.builds.numba_replace
 import firmware_py.core
 import firmware_py.node
+import numba_replace  # noqa: F401 - defines `_replace` of records in compiled code
 from firmware_py.builds.flat import members
 from firmware_py.interface import arrivals, counters, enums, float32, framing
 from firmware_py.interface.enums import AxisState, OperatorRequest

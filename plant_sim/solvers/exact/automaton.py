@@ -120,19 +120,7 @@ def _moving(o: Oscillator, m: Motion, y: float, v: float) -> Motion:
         poised = push == 0.0 and o.has_stop and y >= o.gap_m
         if o.is_dry:
             direction = math.copysign(1.0, push)
-    return Motion(
-        t_s=m.t_s,
-        t_low_s=m.t_low_s,
-        crank_rad=m.crank_rad,
-        crank_low_rad=m.crank_low_rad,
-        sin_crank=m.sin_crank,
-        cos_crank=m.cos_crank,
-        y_m=y,
-        v_m_s=v,
-        phase=phase,
-        direction=direction,
-        poised=poised,
-    )
+    return m._replace(y_m=y, v_m_s=v, phase=phase, direction=direction, poised=poised)
 
 
 @subroutine
@@ -153,7 +141,7 @@ def next_event(o: Oscillator, motion: Motion, until_s: float, scratch: Scratch) 
 def _arrive(o: Oscillator, motion: Motion, duration: float, y: float, v: float) -> Motion:
     t, t_low = add(motion.t_s, motion.t_low_s, duration)
     crank, crank_low = turned(motion.crank_rad, motion.crank_low_rad, o.drive_rad_s, 0.0, duration)
-    return Motion(
+    return motion._replace(
         t_s=t,
         t_low_s=t_low,
         crank_rad=crank,
@@ -162,8 +150,6 @@ def _arrive(o: Oscillator, motion: Motion, duration: float, y: float, v: float) 
         cos_crank=math.cos(crank),
         y_m=y,
         v_m_s=v,
-        phase=motion.phase,
-        direction=motion.direction,
         poised=False,
     )
 
@@ -172,19 +158,7 @@ def _arrive(o: Oscillator, motion: Motion, duration: float, y: float, v: float) 
 def _at_horizon(o: Oscillator, motion: Motion, until_s: float, y: float, v: float) -> Motion:
     span = (until_s - motion.t_s) - motion.t_low_s
     there = _arrive(o, motion, span, y, v)
-    return Motion(
-        t_s=until_s,
-        t_low_s=0.0,
-        crank_rad=there.crank_rad,
-        crank_low_rad=there.crank_low_rad,
-        sin_crank=there.sin_crank,
-        cos_crank=there.cos_crank,
-        y_m=y,
-        v_m_s=v,
-        phase=motion.phase,
-        direction=motion.direction,
-        poised=motion.poised and span <= 0.0,
-    )
+    return there._replace(t_s=until_s, t_low_s=0.0, poised=motion.poised and span <= 0.0)
 
 
 @subroutine
@@ -248,7 +222,7 @@ def _fly(o: Oscillator, motion: Motion, until_s: float, scratch: Scratch) -> tup
     flight = launch(o, motion.y_m, motion.v_m_s, motion.sin_crank, motion.cos_crank, direction)
     here = point(o, flight, 0.0, motion.y_m, motion.v_m_s, 0.0, 1.0)
     if motion.poised or (motion.v_m_s == 0.0 and direction * here.a_m_s2 < 0.0):
-        here = _without_force(here)
+        here = here._replace(a_m_s2=0.0)  # just released: rounding must not push it back
     first_period, least = TURN_RAD / o.natural_rad_s, LEAST_SPAN / o.fastest_1_s
     last = end + ROUNDING * abs(until_s)  # an event whose time rounds to the end belongs to the run
     scan_end = last if o.has_stop or o.is_dry else -1.0
@@ -292,23 +266,6 @@ def _first_span_s(o: Oscillator, here: Point, direction: float) -> float:
 
 
 @subroutine
-def _without_force(p: Point) -> Point:
-    """A point just released, whose net force is zero: rounding must not push it back."""
-    return Point(
-        h_s=p.h_s,
-        y_m=p.y_m,
-        overlap_m=p.overlap_m,
-        v_m_s=p.v_m_s,
-        a_m_s2=0.0,
-        jerk_m_s3=p.jerk_m_s3,
-        snap_m_s4=p.snap_m_s4,
-        crackle_m_s5=p.crackle_m_s5,
-        piston_m=p.piston_m,
-        piston_cos_m=p.piston_cos_m,
-    )
-
-
-@subroutine
 def after(o: Oscillator, arrival: Motion, event: Event, rest_speed_m_s: float) -> Motion:
     """The motion just after an event."""
     m = arrival
@@ -325,19 +282,7 @@ def after(o: Oscillator, arrival: Motion, event: Event, rest_speed_m_s: float) -
             phase = Phase.REST_ON_STOP
         elif m.phase == Phase.REST_ON_STOP and o.dry_offset_m > 0.0:
             phase = Phase.STICK
-    return Motion(
-        t_s=m.t_s,
-        t_low_s=m.t_low_s,
-        crank_rad=m.crank_rad,
-        crank_low_rad=m.crank_low_rad,
-        sin_crank=m.sin_crank,
-        cos_crank=m.cos_crank,
-        y_m=m.y_m,
-        v_m_s=0.0,
-        phase=phase,
-        direction=direction,
-        poised=phase == Phase.FLIGHT,
-    )
+    return m._replace(v_m_s=0.0, phase=phase, direction=direction, poised=phase == Phase.FLIGHT)
 
 
 @subroutine
