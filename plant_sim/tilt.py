@@ -18,7 +18,7 @@ def levelled(parts: Parts) -> Parts:
     if not isinstance(parts.housing, Tilted):
         return parts
     striker = parts.striker
-    sag_m = striker.mass_kg * parts.housing.along_m_s2 / striker.spring_n_m
+    sag_m = striker.mass_kg * parts.housing.along_m_s2 / striker.spring_n_per_m
     return parts._replace(
         striker=striker._replace(rest_length_m=striker.rest_length_m - sag_m), housing=Level()
     )

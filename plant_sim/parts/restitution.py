@@ -116,12 +116,12 @@ def kelvin_voigt_restitution(zeta: float) -> float:
 
 
 @subroutine
-def kelvin_voigt_damping(mass_kg: float, stiffness_n_m: float, restitution: float) -> float:
+def kelvin_voigt_damping(mass_kg: float, stiffness_n_per_m: float, restitution: float) -> float:
     """D in N s/m of F = K δ + D δ' ≥ 0 for a given restitution."""
     if restitution >= 1.0:
         return 0.0
     zeta = math.exp(root(LogDamping(restitution), -50.0, 50.0))
-    return 2.0 * zeta * math.sqrt(stiffness_n_m * mass_kg)
+    return 2.0 * zeta * math.sqrt(stiffness_n_per_m * mass_kg)
 
 
 @imbalance.register(LogDamping)

@@ -34,7 +34,7 @@ class KelvinVoigt(NamedTuple):
     """F = K δ + D δ', δ = x − position_m ≥ 0; the pair is released when F would pull."""
 
     position_m: float
-    stiffness_n_m: float
+    stiffness_n_per_m: float
     damping_n_s_m: float
 
 
@@ -45,7 +45,7 @@ class HuntCrossley(NamedTuple):
     """
 
     position_m: float
-    stiffness_n_mn: float
+    stiffness_n_per_mn: float
     exponent: float
     dissipation: float
 
@@ -102,12 +102,12 @@ def elastic_force_n(stop: Stop, depth_m: float) -> float:
 
 @elastic_force_n.register(KelvinVoigt)
 def _kelvin_voigt_elastic_force_n(stop: KelvinVoigt, depth_m: float) -> float:
-    return stop.stiffness_n_m * depth_m
+    return stop.stiffness_n_per_m * depth_m
 
 
 @elastic_force_n.register(HuntCrossley)
 def _hunt_crossley_elastic_force_n(stop: HuntCrossley, depth_m: float) -> float:
-    force_n: float = stop.stiffness_n_mn * max(depth_m, 0.0) ** stop.exponent
+    force_n: float = stop.stiffness_n_per_mn * max(depth_m, 0.0) ** stop.exponent
     return force_n
 
 
@@ -139,7 +139,7 @@ def elastic_energy_j(stop: Stop, depth_m: float) -> float:
 
 @elastic_energy_j.register(KelvinVoigt)
 def _kelvin_voigt_elastic_energy_j(stop: KelvinVoigt, depth_m: float) -> float:
-    return 0.5 * stop.stiffness_n_m * depth_m * depth_m
+    return 0.5 * stop.stiffness_n_per_m * depth_m * depth_m
 
 
 @elastic_energy_j.register(HuntCrossley)
@@ -188,7 +188,7 @@ def contact_rate_rad_s(stop: Stop, mass_kg: float, touch_speed_m_s: float) -> fl
 
 @contact_rate_rad_s.register(KelvinVoigt)
 def _kelvin_voigt_contact_rate_rad_s(stop: KelvinVoigt, mass_kg: float, touch_speed_m_s: float) -> float:
-    return math.sqrt(stop.stiffness_n_m / mass_kg)
+    return math.sqrt(stop.stiffness_n_per_m / mass_kg)
 
 
 @contact_rate_rad_s.register(HuntCrossley)
@@ -196,7 +196,7 @@ def _hunt_crossley_contact_rate_rad_s(stop: HuntCrossley, mass_kg: float, touch_
     # ½ m v² = K δⁿ⁺¹ / (n + 1)
     speed = max(touch_speed_m_s, LEAST_TOUCH_SPEED_M_S)
     order = stop.exponent + 1.0
-    depth_m: float = (0.5 * order * mass_kg * speed * speed / stop.stiffness_n_mn) ** (1.0 / order)
+    depth_m: float = (0.5 * order * mass_kg * speed * speed / stop.stiffness_n_per_mn) ** (1.0 / order)
     return speed / depth_m
 
 

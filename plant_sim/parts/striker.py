@@ -16,7 +16,7 @@ class Striker(NamedTuple):
     """
 
     mass_kg: float
-    spring_n_m: float
+    spring_n_per_m: float
     rest_length_m: float
     gravity_m_s2: float
 
@@ -30,19 +30,19 @@ def has_linear_spring(striker: Striker) -> bool:
 @subroutine
 def spring_force_n(striker: Striker, stretch_m: float) -> float:
     """Force, N, of the coupling spring along +x, stretched by x_A + l0 − x."""
-    return striker.spring_n_m * stretch_m
+    return striker.spring_n_per_m * stretch_m
 
 
 @subroutine
 def spring_energy_j(striker: Striker, stretch_m: float) -> float:
     """Energy, J, in the coupling spring."""
-    return 0.5 * striker.spring_n_m * stretch_m * stretch_m
+    return 0.5 * striker.spring_n_per_m * stretch_m * stretch_m
 
 
 @subroutine
 def spring_stretch_m(striker: Striker, force_n: float) -> float:
     """Stretch, m, of the coupling spring under a force."""
-    return force_n / striker.spring_n_m
+    return force_n / striker.spring_n_per_m
 
 
 class StrikerTable(Table):

@@ -21,7 +21,7 @@ class Ankle(NamedTuple):
     """Foot plate and ankle as one mass on a spring and a damper (Kelvin–Voigt)."""
 
     plate_kg: float
-    stiffness_n_m: float
+    stiffness_n_per_m: float
     damping_n_s_m: float
 
 

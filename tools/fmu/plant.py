@@ -77,7 +77,7 @@ _advance = getattr(_advance, "py_func", _advance)
 @subroutine
 def natural_rad_s(striker: Striker) -> float:
     """ω, rad/s."""
-    return math.sqrt(striker.spring_n_m / striker.mass_kg)
+    return math.sqrt(striker.spring_n_per_m / striker.mass_kg)
 
 
 def change(before: Any, after: Any, probe: Any, memory: Any, kick_m_s: float) -> int:

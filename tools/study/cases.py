@@ -14,7 +14,7 @@ VISCOUS_RANGE_N_S_M = (0.1, 0.2, 0.3)
 DRY_RANGE = (0.15, 0.2, 0.25, 0.3)
 """Range of μ in Table 1."""
 
-SPRINGS_N_M = {
+SPRINGS_N_PER_M = {
     "table1": 70.0,  # as printed
     "gait": 505.0,  # puts ω at 4.0 Hz, where the text has it
 }
@@ -28,7 +28,7 @@ AMPLITUDES_M = {
     "gait": {"viscous": 0.012, "coulomb": 0.012, "stribeck": 0.012},
 }
 
-PRESETS = tuple(SPRINGS_N_M)
+PRESETS = tuple(SPRINGS_N_PER_M)
 
 STATIC_OVER_SLIDING = 4.0 / 3.0
 """μ_s / μ, not in the paper; static friction of liners exceeds sliding friction by a quarter to a half."""
@@ -110,7 +110,10 @@ def case(preset: str, law: str, value: float | None = None, **changes: Any) -> C
     The default is b = 0.2 N s/m, the middle of Table 1, or μ = 0.15, its lowest value. `changes` replace
     fields.
     """
-    settings: dict[str, Any] = {"spring_n_m": SPRINGS_N_M[preset], "amplitude_m": AMPLITUDES_M[preset][law]}
+    settings: dict[str, Any] = {
+        "spring_n_m": SPRINGS_N_PER_M[preset],
+        "amplitude_m": AMPLITUDES_M[preset][law],
+    }
     if law == "viscous":
         settings["b_n_s_m"] = 0.2 if value is None else value
     else:

@@ -133,8 +133,8 @@ def scene(stop: Stop, axis: str, stride_hz: float) -> Scene:
         "solver": {"accuracy": ACCURACY},
     }
     if stop.law == "viscous":
-        stiffness_n_m, damping_n_s_m = WEARERS[stop.wearer]
-        tables["wearer"] = {"plate_kg": 1.0, "ankle_n_m": stiffness_n_m, "ankle_n_s_m": damping_n_s_m}
+        stiffness_n_per_m, damping_n_s_m = WEARERS[stop.wearer]
+        tables["wearer"] = {"plate_kg": 1.0, "ankle_n_m": stiffness_n_per_m, "ankle_n_s_m": damping_n_s_m}
     return load_scene(tables)
 
 

@@ -21,7 +21,7 @@ class StiffnessChanged(PhysicalFault):
     def parts(self, parts: Parts) -> Parts:
         """A striker with the new stiffness."""
         striker = parts.striker
-        return parts._replace(striker=striker._replace(spring_n_m=self.factor * striker.spring_n_m))
+        return parts._replace(striker=striker._replace(spring_n_per_m=self.factor * striker.spring_n_per_m))
 
     def without_object(self, scene: Scene, faults: Sequence[Fault]) -> str | None:
         """A factor of 1."""

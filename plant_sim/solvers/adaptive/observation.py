@@ -72,7 +72,7 @@ def _stop_force_at(force: StopForce, dense: Vector, s: float) -> float:
 @force_at.register(FeltForce)
 def _felt_force_at(force: FeltForce, dense: Vector, s: float) -> float:
     place, velocity = plate_at(force.wearer, force.drive, dense, s)
-    return abs(force.wearer.stiffness_n_m * place + force.wearer.damping_n_s_m * velocity)
+    return abs(force.wearer.stiffness_n_per_m * place + force.wearer.damping_n_s_m * velocity)
 
 
 @subroutine

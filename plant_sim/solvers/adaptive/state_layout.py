@@ -300,7 +300,7 @@ def restart(
     memory.y[0], memory.y[1] = depth_m, v_m_s
     held, striker = memory.held[0], parts.striker
     held.elapsed_s = held.elapsed_low_s = 0.0
-    held.free_step_s = held.contact_step_s = 0.1 / math.sqrt(striker.spring_n_m / striker.mass_kg)
+    held.free_step_s = held.contact_step_s = 0.1 / math.sqrt(striker.spring_n_per_m / striker.mass_kg)
     held.last_step_s = held.last_margin = held.debt = 0.0
     held.stored_before_j = math.nan
     memory.observed[:] = 0.0
@@ -327,7 +327,7 @@ def set_accuracy(parts: Parts, memory: Memory, accuracy: float) -> None:
     """Set the tolerated error of one step in each quantity, equivalent to a step's share of `accuracy` in
     position."""
     striker, stop, scale = parts.striker, parts.stop, memory.scale
-    natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
+    natural = math.sqrt(striker.spring_n_per_m / striker.mass_kg)
     length = max(parts.drive.amplitude_m, 1e-3)
     scale[DEPTH], scale[VELOCITY] = 1.0, natural
     _set_crank_scale(parts.drive, scale, length, natural)
@@ -336,7 +336,7 @@ def set_accuracy(parts: Parts, memory: Memory, accuracy: float) -> None:
         scale[plate], scale[plate + 1] = 1.0, natural
     currents = scale[current_place(parts) :]
     _set_current_scale(parts.winding, parts.drive, currents, length, natural)
-    force = striker.spring_n_m * max(length, abs(striker.rest_length_m - origin_m(stop, striker)))
+    force = striker.spring_n_per_m * max(length, abs(striker.rest_length_m - origin_m(stop, striker)))
     work = work_place(parts)
     scale[work:] = force
     if ledger_size(stop) == 2:

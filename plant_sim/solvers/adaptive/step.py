@@ -108,7 +108,7 @@ def take_step(
 def _longest_s(parts: Parts, memory: Memory, begin_s: float) -> float:
     """The longest step of DOP853, s: a radian of the fastest motion of any part."""
     striker = parts.striker
-    natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
+    natural = math.sqrt(striker.spring_n_per_m / striker.mass_kg)
     longest = 1.0 / max(natural, abs(crank_now(parts.drive, memory).speed_rad_s))
     longest = min(longest, ankle_s(parts.wearer), smooth_for_s(parts.housing, begin_s))
     return min(longest, current_s(parts.winding, parts.drive))

@@ -177,9 +177,11 @@ def _pull_growth(housing: Housing, parts: Parts, memory: Memory, time_s: float) 
     dead centres the derivative vanishes, and no breakaway begins.
     """
     crank, striker = crank_now(parts.drive, memory), parts.striker
-    per_rad = crank_torque_n_m(parts.linkage, striker.spring_n_m, parts.drive.amplitude_m, crank.angle_rad)
+    per_rad = crank_torque_n_m(
+        parts.linkage, striker.spring_n_per_m, parts.drive.amplitude_m, crank.angle_rad
+    )
     shaken = striker.mass_kg * housing_m_s3(housing, time_s)
-    natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
+    natural = math.sqrt(striker.spring_n_per_m / striker.mass_kg)
     growth = per_rad * crank.speed_rad_s - shaken
     return growth, (abs(per_rad) + abs(shaken) / natural) * 2.0 * NEAR_RAD
 
@@ -188,10 +190,10 @@ def _pull_growth(housing: Housing, parts: Parts, memory: Memory, time_s: float) 
 def _level_or_tilted_pull_growth(
     housing: Level | Tilted, parts: Parts, memory: Memory, time_s: float
 ) -> tuple[float, float]:
-    crank, spring_n_m = crank_now(parts.drive, memory), parts.striker.spring_n_m
+    crank, spring_n_per_m = crank_now(parts.drive, memory), parts.striker.spring_n_per_m
     if abs(math.cos(crank.angle_rad)) < 1e-4:
         return 0.0, 0.0
-    per_rad = crank_torque_n_m(parts.linkage, spring_n_m, parts.drive.amplitude_m, crank.angle_rad)
+    per_rad = crank_torque_n_m(parts.linkage, spring_n_per_m, parts.drive.amplitude_m, crank.angle_rad)
     return per_rad * crank.speed_rad_s, abs(per_rad) * 2.0 * NEAR_RAD
 
 

@@ -69,7 +69,7 @@ def _hunt_crossley_stop_events(stop: HuntCrossley, parts: Parts, step: Step, fou
 
 @stop_events.register(KelvinVoigt)
 def _kelvin_voigt_stop_events(stop: KelvinVoigt, parts: Parts, step: Step, found: Found) -> Found:
-    slope_s = stop.damping_n_s_m / stop.stiffness_n_m
+    slope_s = stop.damping_n_s_m / stop.stiffness_n_per_m
     phase, zeros, scratch = step.flow.phase, step.zeros.depth, step.scratch
     depth = step.dense[DEPTH]
     press = scratch.press[: depth.size]

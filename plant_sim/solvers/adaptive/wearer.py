@@ -67,7 +67,7 @@ def felt_force_n(wearer: Wearer, drive: Drive, y: Vector) -> float:
 @felt_force_n.register(Ankle)
 def _ankle_felt_force_n(wearer: Ankle, drive: Drive, y: Vector) -> float:
     place = plate_place(drive)
-    force_n: float = wearer.stiffness_n_m * y[place] + wearer.damping_n_s_m * y[place + 1]
+    force_n: float = wearer.stiffness_n_per_m * y[place] + wearer.damping_n_s_m * y[place + 1]
     return force_n
 
 
@@ -92,7 +92,7 @@ def plate_energy_j(wearer: Wearer, drive: Drive, y: Vector) -> float:
 @plate_energy_j.register(Ankle)
 def _ankle_plate_energy_j(wearer: Ankle, drive: Drive, y: Vector) -> float:
     p, v = y[plate_place(drive)], y[plate_place(drive) + 1]
-    energy_j: float = 0.5 * (wearer.plate_kg * v * v + wearer.stiffness_n_m * p * p)
+    energy_j: float = 0.5 * (wearer.plate_kg * v * v + wearer.stiffness_n_per_m * p * p)
     return energy_j
 
 
@@ -121,4 +121,4 @@ def ankle_s(wearer: Wearer) -> float:
 
 @ankle_s.register(Ankle)
 def _plate_on_ankle_s(wearer: Ankle) -> float:
-    return math.sqrt(wearer.plate_kg / wearer.stiffness_n_m)
+    return math.sqrt(wearer.plate_kg / wearer.stiffness_n_per_m)

@@ -73,7 +73,7 @@ def booked(o: Oscillator, ledger: Ledger, motion: Motion, arrival: Motion, depar
 def stored_j(o: Oscillator, motion: Motion) -> float:
     """Kinetic and spring energy."""
     stretch = motion.y_m - o.amplitude_m * motion.sin_crank
-    return 0.5 * (o.mass_kg * motion.v_m_s * motion.v_m_s + o.spring_n_m * stretch * stretch)
+    return 0.5 * (o.mass_kg * motion.v_m_s * motion.v_m_s + o.spring_n_per_m * stretch * stretch)
 
 
 @subroutine
@@ -82,9 +82,9 @@ def _flow_energies(o: Oscillator, motion: Motion, arrival: Motion) -> tuple[floa
     A = o.amplitude_m
     sin0, cos0, sin1 = motion.sin_crank, motion.cos_crank, arrival.sin_crank
     sin2 = (sin1 - sin0) * (sin1 + sin0)  # sin²θ1 − sin²θ0
-    half_piston = 0.5 * o.spring_n_m * A * A * sin2  # ∫ c x_A x_A' dt
+    half_piston = 0.5 * o.spring_n_per_m * A * A * sin2  # ∫ c x_A x_A' dt
     if motion.phase != Phase.FLIGHT:
-        return half_piston - o.spring_n_m * A * motion.y_m * (sin1 - sin0), 0.0
+        return half_piston - o.spring_n_per_m * A * motion.y_m * (sin1 - sin0), 0.0
 
     h = (arrival.t_s - motion.t_s) + (arrival.t_low_s - motion.t_low_s)
     flight = launch(o, motion.y_m, motion.v_m_s, sin0, cos0, motion.direction)
@@ -99,8 +99,8 @@ def _flow_energies(o: Oscillator, motion: Motion, arrival: Motion) -> tuple[floa
         y_cos, v2 = _closed_form(o, flight, motion, arrival, h)
     friction = 2.0 * o.decay_1_s * o.mass_kg * v2
     if o.is_dry:
-        friction += o.spring_n_m * o.dry_offset_m * abs(arrival.y_m - motion.y_m)
-    return half_piston - o.spring_n_m * A * o.drive_rad_s * y_cos, friction
+        friction += o.spring_n_per_m * o.dry_offset_m * abs(arrival.y_m - motion.y_m)
+    return half_piston - o.spring_n_per_m * A * o.drive_rad_s * y_cos, friction
 
 
 @subroutine

@@ -49,7 +49,7 @@ class Oscillator(NamedTuple):
     is_dry: bool
     has_stop: bool
     mass_kg: float
-    spring_n_m: float
+    spring_n_per_m: float
     amplitude_m: float
     drive_rad_s: float  # Ω
     stiffness_1_s2: float  # ω²
@@ -102,7 +102,7 @@ def oscillator_at(parts: Parts, Omega: float) -> Oscillator:
 @subroutine
 def oscillator_of(striker: Striker, drive: Drive, friction: Friction, stop: Stop, Omega: float) -> Oscillator:
     """Constants of these parts at the drive's speed Ω, rad/s."""
-    w2, w2_low = quotient(striker.spring_n_m, striker.mass_kg)
+    w2, w2_low = quotient(striker.spring_n_per_m, striker.mass_kg)
     amplitude_m = _length_m(drive.amplitude_m)
     held_m = _length_m(static_limit_n(friction, striker.gravity_m_s2) / w2)
     w, _w_low = square_root(w2, w2_low)
@@ -131,7 +131,7 @@ def oscillator_of(striker: Striker, drive: Drive, friction: Friction, stop: Stop
         is_dry(friction),
         has_stop(stop),
         striker.mass_kg,
-        striker.spring_n_m,
+        striker.spring_n_per_m,
         amplitude_m,
         Omega,
         w2,

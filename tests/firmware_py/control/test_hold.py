@@ -21,8 +21,8 @@ from firmware_py.interface.enums import ActingLimit, Mode, OperatorRequest, Refu
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({})
-M_KG, C_N_M, B_N_S_M, A_M, GAP_M, K = 0.8, 70.0, 0.2, 0.02, 0.06, 0.5
-OMEGA = math.sqrt(C_N_M / M_KG)
+M_KG, C_N_PER_M, B_N_S_M, A_M, GAP_M, K = 0.8, 70.0, 0.2, 0.02, 0.06, 0.5
+OMEGA = math.sqrt(C_N_PER_M / M_KG)
 
 
 def next_impact(v_m_s: float, phase_rad: float, ratio: float) -> tuple[float, float]:

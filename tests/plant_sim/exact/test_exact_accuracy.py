@@ -106,7 +106,7 @@ def test_flow_is_accurate_at_any_damping_and_drive(damping_ratio, ratio):
 
 def _scipy_impacts(parts: Parts, until_s: float) -> np.ndarray:
     """Impact times by the paper's method, one flight at a time, at tolerances near rounding."""
-    c, m, b = parts.striker.spring_n_m, parts.striker.mass_kg, parts.friction.b_n_s_m
+    c, m, b = parts.striker.spring_n_per_m, parts.striker.mass_kg, parts.friction.b_n_s_m
     A, Omega = parts.drive.amplitude_m, parts.drive.omega_rad_s
     gap = parts.stop.position_m - parts.striker.rest_length_m
 

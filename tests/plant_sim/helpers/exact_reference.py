@@ -65,7 +65,7 @@ class Reference:
 
     def __init__(self, parts: Parts, arithmetic: Any, grid_per_period: int = 40) -> None:
         a = self.arithmetic = arithmetic
-        m, c = a.number(parts.striker.mass_kg), a.number(parts.striker.spring_n_m)
+        m, c = a.number(parts.striker.mass_kg), a.number(parts.striker.spring_n_per_m)
         b = a.number(parts.friction.b_n_s_m) if isinstance(parts.friction, Viscous | Coulomb) else a.number(0)
         mu = a.number(parts.friction.mu) if isinstance(parts.friction, Coulomb) else a.number(0)
         self.w2, self.sigma = c / m, b / (2 * m)

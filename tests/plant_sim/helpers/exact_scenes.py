@@ -12,8 +12,8 @@ from plant_sim.parts.stop import NoStop, RigidStop
 from plant_sim.parts.striker import Striker
 from plant_sim.result import MotionState, Phase
 
-MASS_KG, SPRING_N_M, REST_M, GRAVITY_M_S2 = 0.8, 70.0, 0.12, 9.80665
-NATURAL_RAD_S = math.sqrt(SPRING_N_M / MASS_KG)
+MASS_KG, SPRING_N_PER_M, REST_M, GRAVITY_M_S2 = 0.8, 70.0, 0.12, 9.80665
+NATURAL_RAD_S = math.sqrt(SPRING_N_PER_M / MASS_KG)
 STOP = RigidStop(0.18, 0.5)
 
 Friction = NoFriction | Viscous | Coulomb
@@ -28,8 +28,8 @@ def module(
     rest_m: float = REST_M,
 ) -> Parts:
     """Table 1 of the paper with a drive at `ratio` times the striker's own frequency."""
-    striker = Striker(mass_kg, SPRING_N_M, rest_m, GRAVITY_M_S2)
-    omega = ratio * math.sqrt(SPRING_N_M / mass_kg)
+    striker = Striker(mass_kg, SPRING_N_PER_M, rest_m, GRAVITY_M_S2)
+    omega = ratio * math.sqrt(SPRING_N_PER_M / mass_kg)
     return Parts(striker, IdealDrive(amplitude_m, omega, 0.0), friction, stop)
 
 

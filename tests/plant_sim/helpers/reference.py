@@ -93,7 +93,7 @@ class Reference:
 
     def _spring(self, theta: float, x: float) -> float:
         striker = self.parts.striker
-        return striker.spring_n_m * (self._piston(theta) + striker.rest_length_m - x)
+        return striker.spring_n_per_m * (self._piston(theta) + striker.rest_length_m - x)
 
     def _piston(self, theta: float) -> float:
         """By the cosine theorem: L² = A² + s² − 2 A s sin θ in the triangle of crank, rod and axis."""

@@ -62,7 +62,7 @@ class WithBacklash(Reference):
     def _spring(self, theta: float, x: float) -> float:
         striker = self.parts.striker
         stretch = self._piston(theta) + striker.rest_length_m - x
-        return striker.spring_n_m * math.copysign(max(abs(stretch) - self.backlash_m, 0.0), stretch)
+        return striker.spring_n_per_m * math.copysign(max(abs(stretch) - self.backlash_m, 0.0), stretch)
 
 
 class OnRubber(Reference):
@@ -155,7 +155,7 @@ def by_scipy(kind: type[Reference], name: str, changes: dict, **parts: Any) -> R
 
 def error_m(result: list, truth: Reference) -> float:
     """Of position, or of velocity over ω."""
-    natural = math.sqrt(truth.parts.striker.spring_n_m / truth.parts.striker.mass_kg)
+    natural = math.sqrt(truth.parts.striker.spring_n_per_m / truth.parts.striker.mass_kg)
     return max(abs(result[0] - truth.x), abs(result[1] - truth.v) / natural)
 
 

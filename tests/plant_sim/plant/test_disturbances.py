@@ -185,8 +185,8 @@ def disturb(plant: Plant, rng: np.random.Generator) -> None:
         plant.replace_parts(parts._replace(stop=parts.stop._replace(position_m=before.x_m + ahead_m)))
     elif kind == 2:
         factor = float(rng.uniform(0.7, 1.5))
-        spring_n_m = factor * parts.striker.spring_n_m
-        plant.replace_parts(parts._replace(striker=parts.striker._replace(spring_n_m=spring_n_m)))
+        spring_n_per_m = factor * parts.striker.spring_n_per_m
+        plant.replace_parts(parts._replace(striker=parts.striker._replace(spring_n_per_m=spring_n_per_m)))
     elif isinstance(parts.drive, MotorDrive):
         jam_n_m = float(rng.choice([0.0, 0.02, 10.0]))
         plant.replace_parts(parts._replace(drive=parts.drive._replace(dry_n_m=jam_n_m)))

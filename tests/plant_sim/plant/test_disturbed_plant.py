@@ -46,7 +46,7 @@ def test_a_kick_changes_the_velocity_and_nothing_else() -> None:
 def test_a_softer_spring_swings_at_its_own_frequency() -> None:
     plant = Plant(SCENE, seed=1)
     parts = plant.parts
-    plant.replace_parts(parts._replace(striker=parts.striker._replace(spring_n_m=35.0)))
+    plant.replace_parts(parts._replace(striker=parts.striker._replace(spring_n_per_m=35.0)))
     plant.kick(-0.03)  # so little that the crank's dry friction holds it
     crossings, last = [], plant.state.v_m_s
     for tick in range(4000):
@@ -85,7 +85,7 @@ def test_a_change_in_the_middle_of_a_contact_goes_on_with_it() -> None:
     while plant.now.stop_force_n == 0.0:
         plant.advance(0.0, 1e-3)
     parts = plant.parts
-    plant.replace_parts(parts._replace(striker=parts.striker._replace(spring_n_m=77.0)))
+    plant.replace_parts(parts._replace(striker=parts.striker._replace(spring_n_per_m=77.0)))
     plant.kick(0.01)
     plant.advance(0.0, 0.1)
     assert len(plant.take_impacts()) == 1

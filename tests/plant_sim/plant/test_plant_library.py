@@ -89,8 +89,8 @@ def test_numpy_scalars_are_numbers_in_a_scene() -> None:
     }
     parts = load_scene(changed("table1-viscous", changes)).parts()
     assert parts.striker.mass_kg == 0.5
-    assert parts.striker.spring_n_m == 70.0
-    assert type(parts.striker.mass_kg) is type(parts.striker.spring_n_m) is float
+    assert parts.striker.spring_n_per_m == 70.0
+    assert type(parts.striker.mass_kg) is type(parts.striker.spring_n_per_m) is float
 
 
 def test_ticks_take_any_real_number() -> None:

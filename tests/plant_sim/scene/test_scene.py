@@ -57,7 +57,7 @@ def test_every_part_can_be_asked_for() -> None:
     parts = load_scene(changed("table1-viscous", {"friction": stribeck, "stop": kelvin_voigt})).parts()
     assert parts.friction == Stribeck(0.15, 0.2, 0.05, 2.0, 0.1)
     assert isinstance(parts.stop, KelvinVoigt)
-    assert parts.stop.stiffness_n_m == 1e5
+    assert parts.stop.stiffness_n_per_m == 1e5
 
 
 def test_a_soft_stop_allows_a_start_inside_it() -> None:

@@ -52,7 +52,7 @@ def test_samples_fill_their_ranges_and_stay_inside() -> None:
     scenes = [sample(cell.scene, Mismatch(), 20_000, trial).scene for trial in range(300)]
     parts = [scene.parts() for scene in scenes]
     for values, middle, width in (
-        ([part.striker.spring_n_m for part in parts], 70.0, 1.4),
+        ([part.striker.spring_n_per_m for part in parts], 70.0, 1.4),
         ([scene.striker.rest_length_m for scene in scenes], 0.12, 1e-3),
         ([part.stop.position_m for part in parts], 0.18, 3e-4),
         ([part.friction.mu for part in parts], 0.15, 0.015),

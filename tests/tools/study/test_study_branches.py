@@ -23,8 +23,8 @@ from tools.study.branches.parameters import value_in, with_values
 from tools.study.branches.saddle import Stroboscope, portrait
 
 ROOT = Path(__file__).parents[3]
-MASS_KG, SPRING_N_M, REST_M = 0.8, 70.0, 0.12
-OMEGA_0 = math.sqrt(SPRING_N_M / MASS_KG)
+MASS_KG, SPRING_N_PER_M, REST_M = 0.8, 70.0, 0.12
+OMEGA_0 = math.sqrt(SPRING_N_PER_M / MASS_KG)
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Viscous:
     def scene(self, ratio: float = 1.1) -> Scene:
         return load_scene(
             {
-                "striker": {"mass_kg": MASS_KG, "spring_n_m": SPRING_N_M, "rest_length_m": REST_M},
+                "striker": {"mass_kg": MASS_KG, "spring_n_m": SPRING_N_PER_M, "rest_length_m": REST_M},
                 "drive": {"model": "ideal", "amplitude_m": self.amplitude_m, "ratio": ratio},
                 "friction": {"law": "viscous", "b_n_s_m": self.b_n_s_m},
                 "stop": {

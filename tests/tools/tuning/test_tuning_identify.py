@@ -25,7 +25,7 @@ from tools.tuning.identification.impacts import contact, contact_time_s, fit_imp
 from tools.tuning.recordings.readings import Readings, read, read_ticks, ticks_of
 from tools.tuning.result import Tuning
 
-SPRING_N_M, STOP_M, RESTITUTION = 71.1, 0.1802, 0.47
+SPRING_N_PER_M, STOP_M, RESTITUTION = 71.1, 0.1802, 0.47
 BANDWIDTH_HZ = 400.0
 ACCELEROMETER, ENCODER = CODECS[Accelerometer], CODECS[EncoderEstimates]
 
@@ -41,7 +41,7 @@ def record(
 ) -> Path:
     """A run of a module that differs from the nominal one."""
     scene = read_scene("table1-motor-soft")
-    scene["striker"]["spring_n_m"] = SPRING_N_M
+    scene["striker"]["spring_n_m"] = SPRING_N_PER_M
     scene["stop"] |= {"position_m": STOP_M, "restitution": RESTITUTION}
     scene["drive"]["amplitude_m"] = amplitude_m
     scene["friction"] = friction
@@ -80,7 +80,7 @@ def tuned(identified: tuple[Tuning, Identified, Readings]) -> Tuning:
 
 def test_the_goals_are_met_from_a_minute(tuned: Tuning) -> None:
     values = tuned.values
-    assert values["striker.spring_n_m"] == pytest.approx(SPRING_N_M, rel=0.005)
+    assert values["striker.spring_n_m"] == pytest.approx(SPRING_N_PER_M, rel=0.005)
     assert values["friction.b_n_s_m"] == pytest.approx(0.26, rel=0.05)
     assert values["friction.mu"] == 0.0
     assert values["stop.position_m"] == pytest.approx(STOP_M, abs=1e-4)
@@ -93,7 +93,7 @@ def test_the_goals_are_met_from_a_minute(tuned: Tuning) -> None:
 def test_it_is_much_better_than_the_goals(tuned: Tuning) -> None:
     """So that a change that costs accuracy is seen before the goals are missed."""
     values = tuned.values
-    assert values["striker.spring_n_m"] == pytest.approx(SPRING_N_M, rel=0.0005)
+    assert values["striker.spring_n_m"] == pytest.approx(SPRING_N_PER_M, rel=0.0005)
     assert values["friction.b_n_s_m"] == pytest.approx(0.26, rel=0.01)
     assert values["stop.position_m"] == pytest.approx(STOP_M, abs=3e-5)
     assert values["stop.restitution"] == pytest.approx(RESTITUTION, abs=0.003)
@@ -101,7 +101,7 @@ def test_it_is_much_better_than_the_goals(tuned: Tuning) -> None:
 
 def test_the_bounds_hold_spring_and_friction(tuned: Tuning) -> None:
     for name, truth in (
-        ("striker.spring_n_m", SPRING_N_M),
+        ("striker.spring_n_m", SPRING_N_PER_M),
         ("friction.b_n_s_m", 0.26),
         ("drive.amplitude_m", 0.0201),
     ):
@@ -135,7 +135,7 @@ def test_a_dry_guide_is_recognised_and_measured(tmp_path: Path) -> None:
     assert found.law == Law.COULOMB
     assert tuning.values["friction.mu"] == pytest.approx(0.15, rel=0.01)
     assert tuning.values["friction.b_n_s_m"] == 0.0
-    assert tuning.values["striker.spring_n_m"] == pytest.approx(SPRING_N_M, rel=0.005)
+    assert tuning.values["striker.spring_n_m"] == pytest.approx(SPRING_N_PER_M, rel=0.005)
     assert tuning.values["stop.position_m"] == pytest.approx(STOP_M, abs=1e-4)
     assert tuning.values["stop.restitution"] == pytest.approx(RESTITUTION, abs=0.01)
 
@@ -153,7 +153,7 @@ def test_both_laws_at_once_are_recognised(tmp_path: Path) -> None:
     assert found.law == Law.BOTH
     assert tuning.values["friction.mu"] == pytest.approx(0.05, rel=0.02)
     assert tuning.values["friction.b_n_s_m"] == pytest.approx(0.1, rel=0.05)
-    assert tuning.values["striker.spring_n_m"] == pytest.approx(SPRING_N_M, rel=0.005)
+    assert tuning.values["striker.spring_n_m"] == pytest.approx(SPRING_N_PER_M, rel=0.005)
 
 
 @pytest.mark.parametrize("seed", [1, 3, 7])
@@ -173,7 +173,7 @@ def test_a_rise_towards_rest_is_recognised_and_measured(tmp_path: Path, seed: in
     assert tuning.figures_of_merit["stribeck_mu_s"].value == pytest.approx(0.18, rel=0.02)
     assert tuning.figures_of_merit["stribeck_v_s"].value == pytest.approx(0.07, rel=0.1)
     assert tuning.figures_of_merit["stribeck_delta"].value == 1.0
-    assert tuning.values["striker.spring_n_m"] == pytest.approx(SPRING_N_M, rel=0.005)
+    assert tuning.values["striker.spring_n_m"] == pytest.approx(SPRING_N_PER_M, rel=0.005)
 
 
 def cut(readings: Readings, begin_s: float, end_s: float) -> Readings:
@@ -219,7 +219,7 @@ def test_gaps_split_the_log_and_spoil_nothing(viscous: Path, tuned: Tuning, tmp_
     readings = read(tmp_path / "gaps.log", 156.9)
     assert len(readings.pieces) >= 19
     found = identify(readings, BANDWIDTH_HZ)
-    assert 0.8 * found.fit.striker.stiffness_1_s2 == pytest.approx(SPRING_N_M, rel=0.005)
+    assert 0.8 * found.fit.striker.stiffness_1_s2 == pytest.approx(SPRING_N_PER_M, rel=0.005)
 
 
 # --- parts --------------------------------------------------------------------------------------------

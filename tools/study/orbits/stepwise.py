@@ -55,7 +55,7 @@ def with_parts(carrier: Stepwise, parts: Parts) -> Stepwise:
 def _size(parts: Parts) -> Size:
     striker, drive = parts.striker, parts.drive
     length_m = abs(origin_m(parts.stop, striker) - striker.rest_length_m) + abs(drive.amplitude_m)
-    natural_rad_s = math.sqrt(striker.spring_n_m / striker.mass_kg)
+    natural_rad_s = math.sqrt(striker.spring_n_per_m / striker.mass_kg)
     return Size(constant_speed_rad_s(drive), striker.rest_length_m, length_m, natural_rad_s * length_m)
 
 

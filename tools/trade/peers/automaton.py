@@ -102,7 +102,7 @@ def push_n(parts: Parts, x: Any, v: Any) -> Any:
     stop = parts.stop
     if not isinstance(stop, KelvinVoigt):
         raise TypeError(f"{stop!r} has no contact that a peer integrates")
-    return stop.stiffness_n_m * depth_m(parts, x) + stop.damping_n_s_m * v
+    return stop.stiffness_n_per_m * depth_m(parts, x) + stop.damping_n_s_m * v
 
 
 def slopes(
@@ -116,7 +116,7 @@ def slopes(
     striker, drive, friction = parts[:3]
     x, v = state[0], state[1]
     angle = drive.omega_rad_s * t + drive.phase_rad if isinstance(drive, IdealDrive) else state[2]
-    spring = striker.spring_n_m * (drive.amplitude_m * of.sin(angle) + striker.rest_length_m - x)
+    spring = striker.spring_n_per_m * (drive.amplitude_m * of.sin(angle) + striker.rest_length_m - x)
     force = spring + drag_n(friction, striker.mass_kg * striker.gravity_m_s2, v, speed, sense, of)
     if in_contact:
         force = force - push_n(parts, x, v)
@@ -182,7 +182,7 @@ def _pull_n(parts: Parts, t_s: float, x_m: float) -> float:
     if not isinstance(drive, IdealDrive):
         raise PeerError("only an ideal drive's pull is a function of time")
     angle = drive.omega_rad_s * t_s + drive.phase_rad
-    return striker.spring_n_m * (drive.amplitude_m * math.sin(angle) + striker.rest_length_m - x_m)
+    return striker.spring_n_per_m * (drive.amplitude_m * math.sin(angle) + striker.rest_length_m - x_m)
 
 
 def _release_s(parts: Parts, t_s: float, x_m: float, on_stop: bool) -> float:
@@ -190,7 +190,7 @@ def _release_s(parts: Parts, t_s: float, x_m: float, on_stop: bool) -> float:
     striker, drive = parts.striker, parts.drive
     if not isinstance(drive, IdealDrive) or drive.amplitude_m == 0.0:
         return math.inf
-    limit_m = static_limit_n(parts) / striker.spring_n_m
+    limit_m = static_limit_n(parts) / striker.spring_n_per_m
     best = math.inf
     for sign in (-1.0,) if on_stop else (1.0, -1.0):
         sine = (sign * limit_m + x_m - striker.rest_length_m) / drive.amplitude_m

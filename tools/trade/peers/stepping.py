@@ -42,7 +42,7 @@ class Run(NamedTuple):
 def _step(parts: Parts, y: float, v: float, x_A0: float, x_A1: float, h: float) -> tuple[float, float, bool]:
     """Position and velocity after a step, and whether the striker met the stop in it."""
     striker, friction, stop = parts.striker, parts.friction, parts.stop
-    m, c, b = striker.mass_kg, striker.spring_n_m, damping_n_s_m(friction)
+    m, c, b = striker.mass_kg, striker.spring_n_per_m, damping_n_s_m(friction)
     # m (v₁ − v₀) = −h [(1 − ϑ) (c s₀ + b v₀) + ϑ (c s₁ + b v₁)] + P_f + P_n,  s = y − x_A
     effective = m + THETA * h * b + THETA * THETA * h * h * c
     ahead = y + (1.0 - THETA) * h * v
@@ -78,7 +78,7 @@ def _run(
         x_A1 = A * math.sin(crank)
         y1, v1, meets = _step(parts, y, v, x_A, x_A1, h)
         # A resting striker is caught at the speeds that one step's acceleration gives: those are no impacts.
-        if meets and v > 2.0 * h * abs(parts.striker.spring_n_m * (y - x_A)) / parts.striker.mass_kg:
+        if meets and v > 2.0 * h * abs(parts.striker.spring_n_per_m * (y - x_A)) / parts.striker.mass_kg:
             if found == impacts.shape[1]:
                 impacts = np.concatenate((impacts, np.empty_like(impacts)), axis=1)
             impacts[:, found] = (t + min(max((gap - y) / v, 0.0), h), v, v1)
