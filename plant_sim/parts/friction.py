@@ -9,7 +9,7 @@ from typing import Annotated, Literal, NamedTuple, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from plant_sim.kernels import by_part, one_of
+from plant_sim.kernels import by_part, one_of, subroutine
 from plant_sim.tables.table import Table
 
 ROUNDING = 1e-14
@@ -62,6 +62,21 @@ def _coulomb_static_limit_n(friction: Coulomb, normal_n: float) -> float:
 @static_limit_n.register(Stribeck)
 def _stribeck_static_limit_n(friction: Stribeck, normal_n: float) -> float:
     return friction.mu_s * normal_n
+
+
+@subroutine
+def set_off(pull: float, limit: float, near: float, growth: float, is_on_stop: bool) -> int:
+    """Direction, ±1, in which a body at rest sets off under a pull; 0 if it stays at rest.
+
+    A pull that exceeds the limit by more than `near` moves it. Within `near` of the limit only a pull that
+    grows outwards does; `growth` is its rate. A body on a stop does not set off forwards. Pull, limit and
+    `near` share a unit: of a force, a torque, or a spring's stretch.
+    """
+    if not is_on_stop and (pull > limit + near or (pull > limit - near and growth > 0.0)):
+        return 1
+    if pull < -limit - near or (pull < near - limit and growth < 0.0):
+        return -1
+    return 0
 
 
 @by_part

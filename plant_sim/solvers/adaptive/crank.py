@@ -9,7 +9,7 @@ import math
 
 from plant_sim.kernels import by_part, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_torque_n_m
-from plant_sim.parts.friction import ROUNDING
+from plant_sim.parts.friction import ROUNDING, set_off
 from plant_sim.parts.linkage import crank_torque_n_m, piston_m
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
@@ -217,10 +217,9 @@ def _motor_drive_settle_crank(drive: MotorDrive, parts: Parts, memory: Memory, t
         enter_crank(mode, 0, 1 if y[SPEED] > 0.0 else -1, 0)
         return
     net = crank_net_n_m(parts, torque_n_m, y[ANGLE], y)
-    if abs(net) <= crank_limit_n_m(parts, drive.dry_n_m, torque_n_m, y[ANGLE], y):
-        enter_crank(mode, 1, 0, 1)
-    else:
-        enter_crank(mode, 0, 1 if net > 0.0 else -1, 1)
+    limit = crank_limit_n_m(parts, drive.dry_n_m, torque_n_m, y[ANGLE], y)
+    direction = set_off(net, limit, 0.0, 0.0, False)
+    enter_crank(mode, 1 if direction == 0 else 0, direction, 1)
 
 
 @by_part

@@ -7,7 +7,7 @@ The striker sticks by dry friction, or rests on a rigid stop. The law of frictio
 import math
 
 from plant_sim.kernels import by_part, subroutine
-from plant_sim.parts.friction import ROUNDING, static_limit_n
+from plant_sim.parts.friction import ROUNDING, set_off, static_limit_n
 from plant_sim.parts.housing import Housing, Level, Tilted, housing_m_s2, housing_m_s3
 from plant_sim.parts.linkage import crank_torque_n_m, sine_at
 from plant_sim.parts.parts import Parts
@@ -143,15 +143,14 @@ def from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
     growth, near = _pull_growth(parts.housing, parts, memory, time_s)
     near = max(near, rounding) if growth != 0.0 else rounding
     is_on_stop = is_rigid(parts.stop) and y[0] == 0.0
-    breaks_forward = not is_on_stop and (net > dry + near or (net > dry - near and growth > 0.0))
-    breaks_back = net < -dry - near or (net < near - dry and growth < 0.0)
-    if not breaks_forward and not breaks_back and (is_on_stop or dry > 0.0):
+    direction = set_off(net, dry, near, growth, is_on_stop)
+    if direction == 0 and (is_on_stop or dry > 0.0):
         enter(mode, REST if is_on_stop else STICK, 0, 0, 0)
         return
-    forward = breaks_forward
-    if breaks_forward == breaks_back:  # free, and without a pull
+    forward = direction > 0
+    if direction == 0:  # free, and without a pull
         forward = growth > 0.0 or (growth == 0.0 and net >= 0.0)
-    _set_off(parts, memory, time_s, forward, 1 if abs(net) > dry + near else 2)
+    _slide(parts, memory, time_s, forward, 1 if abs(net) > dry + near else 2)
 
 
 @by_part
@@ -202,11 +201,11 @@ def release(parts: Parts, memory: Memory, time_s: float) -> None:
     """Release a striker whose pull has just reached its limit: it sets off with zero acceleration."""
     net = held_force_n(parts, crank_now(parts.drive, memory).angle_rad, memory.y, time_s)
     forward = net > 0.0 and memory.mode[0].phase == STICK
-    _set_off(parts, memory, time_s, forward, 2)
+    _slide(parts, memory, time_s, forward, 2)
 
 
 @subroutine
-def _set_off(parts: Parts, memory: Memory, time_s: float, forward: bool, zeros: int) -> None:
+def _slide(parts: Parts, memory: Memory, time_s: float, forward: bool, zeros: int) -> None:
     """Slide from v = 0; the first `zeros` derivatives, v included, are zero."""
     y, mode = memory.y, memory.mode[0]
     direction = 1 if forward else -1

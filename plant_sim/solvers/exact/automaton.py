@@ -27,6 +27,7 @@ from typing import NamedTuple
 
 from plant_sim.kernels import subroutine
 from plant_sim.parts.friction import ROUNDING as HELD_ROUNDING
+from plant_sim.parts.friction import set_off
 from plant_sim.result import Phase
 from plant_sim.solvers.bernstein import Scratch
 from plant_sim.solvers.double_double import TURN_RAD, add, turned
@@ -106,21 +107,19 @@ def _moving(o: Oscillator, m: Motion, y: float, v: float) -> Motion:
     """The motion from a place and a speed at the time of `m`: its phase follows from them and the force."""
     if abs(v) < LEAST_SPEED_M_S:
         v = 0.0  # its square would vanish
-    phase, direction, poised = Phase.FLIGHT, 0.0, False
     push = o.amplitude_m * m.sin_crank - y  # spring force over c
-    held = o.dry_offset_m
-    if v != 0.0:
-        if o.is_dry:
-            direction = math.copysign(1.0, v)
-    elif o.is_dry and held > 0.0 and abs(push) <= held + _doubt_m(o, y):
-        phase = Phase.STICK
-    elif o.has_stop and y >= o.gap_m and (push > held or (push >= -_doubt_m(o, y) and m.cos_crank >= 0.0)):
-        phase = Phase.REST_ON_STOP
-    else:
-        poised = push == 0.0 and o.has_stop and y >= o.gap_m
-        if o.is_dry:
-            direction = math.copysign(1.0, push)
-    return m._replace(y_m=y, v_m_s=v, phase=phase, direction=direction, poised=poised)
+    held, doubt = o.dry_offset_m, _doubt_m(o, y)
+    phase, direction = Phase.FLIGHT, 0.0
+    if v == 0.0:
+        is_on_stop = o.has_stop and y >= o.gap_m
+        stays = set_off(push, held, doubt, 0.0, is_on_stop) == 0  # `_wait` finds the release
+        if stays and held > 0.0 and push <= held + doubt:
+            phase = Phase.STICK
+        elif stays and is_on_stop:
+            phase = Phase.REST_ON_STOP
+    if phase == Phase.FLIGHT and o.is_dry:
+        direction = math.copysign(1.0, v if v != 0.0 else push)
+    return m._replace(y_m=y, v_m_s=v, phase=phase, direction=direction, poised=False)
 
 
 @subroutine

@@ -7,12 +7,37 @@ import numpy as np
 import pytest
 from changed_scenes import changed
 
+from plant_sim.parts.friction import set_off
 from plant_sim.plant import Plant
 from plant_sim.result import Phase
 from plant_sim.scene import load_scene
 from plant_sim.simulation import simulate
 
 METHODS = ["exact", "adaptive"]
+
+
+@pytest.mark.parametrize(
+    ("pull", "growth", "free", "on_stop"),
+    [
+        (2.0, 0.0, 0, 0),
+        (-2.0, 0.0, 0, 0),
+        (2.2, 0.0, 1, 0),
+        (-2.2, 0.0, -1, -1),
+        (1.95, 1.0, 1, 0),
+        (1.95, -1.0, 0, 0),
+        (-1.95, -1.0, -1, -1),
+        (-1.95, 1.0, 0, 0),
+        (1.8, 1.0, 0, 0),
+        (-1.8, -1.0, 0, 0),
+    ],
+)
+def test_a_body_at_rest_sets_off_beyond_the_limit_or_near_it_under_a_growing_pull(
+    pull: float, growth: float, free: int, on_stop: int
+) -> None:
+    """The limit is 2, and near it is within 0.1."""
+    assert set_off(pull, 2.0, 0.1, growth, is_on_stop=False) == free
+    assert set_off(pull, 2.0, 0.1, growth, is_on_stop=True) == on_stop
+
 
 BALANCED: dict[str, Any] = {
     "striker": {"mass_kg": 0.5, "spring_n_m": 64.0, "rest_length_m": 0.125, "gravity_m_s2": 8.0},
@@ -63,14 +88,19 @@ def test_a_spring_that_pulls_more_than_dry_friction_holds_moves_the_striker(meth
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_striker_laid_against_the_stop_without_force_stays_there(method: str) -> None:
+@pytest.mark.parametrize("phase_rad", [0.0, 2.0])
+def test_a_striker_laid_against_the_stop_without_force_stays_there(method: str, phase_rad: float) -> None:
+    """Whichever way the crank turns the piston, whose stroke is 0."""
     changes = {
         "stop.position_m": 0.12,
         "drive.amplitude_m": 0.0,
+        "drive.phase_rad": phase_rad,
+        "drive.ratio": 0.01,
         "solver": {"method": method},
     }
     result = simulate(load_scene(changed("table1-viscous", changes)), 10.0)
     assert result.final.x_m == 0.12
+    assert result.final.phase == Phase.REST_ON_STOP
     assert result.impacts.t_s.size == 0
 
 
