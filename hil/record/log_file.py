@@ -4,18 +4,27 @@ import errno
 import mmap
 import os
 import shutil
-import struct
 import warnings
 from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
+from hil.record.arrow_extent import ExtentError, extent_bytes
 from hil.record.new_file import made_anew
 from hil.record.rerun_program import RerunError, rerun
+from hil.record.rrd_messages import (
+    DATA,
+    END,
+    Packed,
+    data_of,
+    messages_of,
+    refuse_other_places,
+    tables_of_places,
+)
 
 MAGIC = b"RRF2"
 """First bytes of a log."""
@@ -25,15 +34,6 @@ ROOM_BYTES = 64 << 20
 
 LARGEST_SHARE = 100
 """Largest size of a log unpacked over its own; that of a run at rest is some forty."""
-HEADER_BYTES = 12
-MESSAGE = struct.Struct("<QQ")
-"""Kind and length of a message."""
-END, DATA = 0, 2
-"""Kinds of messages: the last one, and those that hold data."""
-MOST_FOOTER_BYTES = 64
-"""What follows the last message, and more; another recording would follow there."""
-UNPACKED_SIZE = 3
-"""The field of a message with the size of its data once unpacked."""
 
 
 def begins_as_log(path: Path) -> bool:
@@ -45,59 +45,55 @@ def begins_as_log(path: Path) -> bool:
 
 
 def refuse_far_larger(path: Path) -> None:
-    """Raise RerunError if a log's messages unpack to far more than its size, before any is unpacked.
+    """Raise RerunError if Rerun would unpack a log to far more than its size, before it unpacks anything.
 
-    A message is its kind and length, then fields in the format of protocol buffers. What is none, such as the
-    end of a cut log, is left to Rerun.
+    Each message is unpacked alone, and its memory follows from the headers of its arrays. What is not whole,
+    such as the last message of a cut log, is left to Rerun.
     """
     stored = path.stat().st_size
     most = LARGEST_SHARE * stored + ROOM_BYTES
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        place, unpacked = HEADER_BYTES, 0
-        while place + MESSAGE.size <= stored and unpacked <= most:
-            kind, length = MESSAGE.unpack_from(content, place)
-            place += MESSAGE.size
-            if kind == END:
-                if stored - place - length > MOST_FOOTER_BYTES:
-                    raise RerunError(f"{path} goes on behind its end; wanted one recording")
-                break
-            if kind == DATA:
-                with suppress(IndexError):
-                    unpacked += number_in(content, place, min(place + length, stored), UNPACKED_SIZE)
-            place += length
-    if unpacked > most:
-        raise RerunError(f"{path} has {stored} bytes, which unpack to {unpacked}; a run makes no such log")
+        try:
+            taken = taken_bytes(content, most)
+        except ExtentError as error:
+            raise RerunError(f"{path} holds {error}; a run makes no such log") from error
+    if taken > most:
+        raise RerunError(f"{path} has {stored} bytes, which unpack to {taken}; a run makes no such log")
 
 
-def number_in(content: mmap.mmap, place: int, end: int, wanted: int) -> int:
-    """The last value of an integer field of a message in the format of protocol buffers; 0 without it."""
+def taken_bytes(content: mmap.mmap, most: int) -> int:
+    """The memory that the messages of a log and its footer take, or the first sum that exceeds `most`."""
+    data: dict[int, int] = {}
+    taken, end = 0, None
+    for message in messages_of(content):
+        if message.kind == DATA:
+            data[message.place] = message.length
+            taken += extent_within(data_of(content, message), most - taken)
+        elif message.kind == END:
+            end = message
+        if taken > most:
+            return taken
+    for table in tables_of_places(content, end):
+        taken += extent_within(table, most - taken)
+        if taken > most:
+            return taken
+        refuse_other_places(table.unpacked(), data)
+    return taken
 
-    def varint() -> int:
-        nonlocal place
-        value = shift = 0
-        while True:
-            byte = content[place]
-            value |= (byte & 0x7F) << shift
-            place, shift = place + 1, shift + 7
-            if byte < 0x80 or shift > 63:
-                return value
 
-    found = 0
-    while place < end:
-        field, wire = divmod(varint(), 8)
-        if wire == 0:
-            value = varint()
-            found = value if field == wanted else found
-        else:
-            size = {1: 8, 5: 4}.get(wire) or varint()
-            place += size
-    return found
+def extent_within(packed: Packed, most: int) -> int:
+    """The memory that an Arrow stream takes; if it says to have more bytes than `most`, these."""
+    return packed.size if packed.size > most else extent_bytes(packed.unpacked())
 
 
 def is_whole(path: Path) -> bool:
-    """Whether a log holds a recording that can be read from its first message to its footer."""
+    """Whether a log holds a recording that can be read from its first message to its footer.
+
+    Raises RerunError before it reads one that unpacks to far more than its size.
+    """
     if not begins_as_log(path):
         return False
+    refuse_far_larger(path)
     try:
         with warnings.catch_warnings(action="ignore", category=RerunWarning):  # of a log without a footer
             reader = RrdReader(path)
@@ -115,8 +111,6 @@ def repair(path: Path) -> bool:
     An incomplete log lacks its footer and may end within a message. Raises `RerunError` if it is unreadable
     or ends before its recording begins.
     """
-    if begins_as_log(path):
-        refuse_far_larger(path)
     if is_whole(path):
         return False
     if not begins_as_log(path):
@@ -124,12 +118,14 @@ def repair(path: Path) -> bool:
             f"{path} is no Rerun log: its first bytes are not those of one; rebuild it from the traces"
         )
     mended = made_anew(path.with_name(f"{path.name}.mended"))
-    outcome = rerun(["rrd", "optimize", "--continue-on-error", path, "-o", mended])
-    if outcome.returncode != 0 or not is_whole(mended):
+    try:
+        outcome = rerun(["rrd", "optimize", "--continue-on-error", path, "-o", mended])
+        if outcome.returncode != 0 or not is_whole(mended):
+            reason = outcome.stderr.strip() if outcome.returncode else "it ends before its recording begins"
+            raise RerunError(f"{path} is cut and cannot be mended ({reason}); rebuild it from the traces")
+        mended.rename(path)
+    finally:
         mended.unlink(missing_ok=True)
-        reason = outcome.stderr.strip() if outcome.returncode else "it ends before its recording begins"
-        raise RerunError(f"{path} is cut and cannot be mended ({reason}); rebuild it from the traces")
-    mended.rename(path)
     return True
 
 

@@ -40,7 +40,8 @@ def rerun_environment() -> dict[str, str]:
 
 
 def rerun(arguments: Sequence[str | Path]) -> subprocess.CompletedProcess[str]:
-    """Run Rerun's program to its end; the caller checks its exit status."""
+    """Run Rerun's program to its end, without its log lines; the caller checks its exit status."""
+    environment = rerun_environment() | {"RUST_LOG": "off"}
     return subprocess.run(
-        [rerun_program(), *arguments], env=rerun_environment(), capture_output=True, text=True, check=False
+        [rerun_program(), *arguments], env=environment, capture_output=True, text=True, check=False
     )
