@@ -190,6 +190,21 @@ def _logged(
     return spoil
 
 
+def _array(make: Callable[[], pa.Array]) -> Spoil:
+    """A log whose one row holds an array."""
+
+    def spoil(run_dir: Path, victim: Path) -> None:
+        recording = rr.RecordingStream("vibrohil", recording_id="foreign")
+        recording.save(run_dir / "run.rrd")
+        times = [rr.TimeColumn("sim_time", duration=np.zeros(1))]
+        array = make()
+        columns = rr.DynamicArchetype.columns(archetype="trace", components={"record": array})
+        recording.send_columns("plant", times, [*columns.partition([len(array)])])
+        recording.disconnect()
+
+    return spoil
+
+
 def _noted(**values: object) -> Spoil:
     """The run's note with other values."""
 
@@ -219,6 +234,7 @@ FILES = (
 )
 LONG_CHECK = f"[[checks]]\nname = 'x'\nhigh = 1.0\nexpression = 'max({'+'.join(['plant.x_m'] * 90)})'\n"
 LONG = ("can.log", "plant.trace", "firmware.trace", "impacts.trace", "operator.trace")
+NULLS = 200_000_000
 NOTES = ("run.json", "outcome.json", "losses.json", "processes.json", "scenario.toml", "verdict.json")
 FOLDERS: dict[str, Spoil] = {
     "as it was": lambda run_dir, victim: None,
@@ -256,6 +272,15 @@ FOLDERS: dict[str, Spoil] = {
     "run.rrd of texts": _logged(tick=["a", "b"], x_m=["c", "d"]),
     "run.rrd of times that are texts": _logged(t_s=["a", "b"]),
     "run.rrd of lists": _logged(tick=[[1], [2]], x_m=[[1.0], [2.0]]),
+    "run.rrd of 600 million nulls": _array(
+        lambda: pa.StructArray.from_arrays([pa.nulls(NULLS)] * 3, names=["tick", "x_m", "v_m_s"])
+    ),
+    "run.rrd of values without bytes": _array(
+        lambda: pa.Array.from_buffers(pa.binary(0), NULLS, [None, pa.py_buffer(b"")])
+    ),
+    "run.rrd of a run of 200 million": _array(
+        lambda: pa.RunEndEncodedArray.from_arrays(pa.array([NULLS], pa.int32()), pa.array([0.0]))
+    ),
     "run.rrd with a scenario of 10 million tables": _logged(scenario="[[a]]\n" * 10_000_000),
     "run.rrd with a note of 20 million lists": _logged(run='{"a": [' + "[]," * 20_000_000 + "[]]}"),
     "run.rrd with 4,000 long checks": _logged(scenario=LONG_CHECK * 4000, tick=[1, 2], x_m=[0.0, 1.0]),
