@@ -45,6 +45,8 @@ FIRMWARE_FAILED = -1
 """Status of `run` in addition to the solver's: the firmware's arithmetic failed."""
 MOST_RECEIVED = MOST_FRAMES + 1
 """Most frames to the firmware per tick: those of the plant's node, and a command."""
+NUMBER_BYTES = 8
+"""Length of a number in the firmware's memory."""
 LINE_BYTES = 48
 """Upper bound on the length of a line of can.log."""
 
@@ -132,8 +134,12 @@ def record_firmware(rows: Bytes, start: int, state: Bytes, moves: Integers) -> N
     """Record a tick of the firmware in the row that begins at `start`."""
     for move in range(moves.shape[0]):
         source, destination, length = moves[move, 0], start + moves[move, 1], moves[move, 2]
-        for byte in range(length):
-            rows[destination + byte] = state[source + byte]
+        if length == NUMBER_BYTES:  # a copy of known length is one instruction
+            for byte in range(NUMBER_BYTES):
+                rows[destination + byte] = state[source + byte]
+        else:
+            for byte in range(length):
+                rows[destination + byte] = state[source + byte]
 
 
 @subroutine
