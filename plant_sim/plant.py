@@ -212,12 +212,8 @@ class Plant:
         """Standard normals for the next sample of one of `sampled`, one for each of its signals."""
         return self._sampled_noise[which].standard_normal(signals)
 
-    def sense_gait(self, t_s: float) -> GaitReading | None:
-        """Sample the gait sensors at `t_s`, every `GAIT_PERIOD_S`; None where the sample drops out."""
-        return self.sense_gaits(np.array([t_s]))[0]
-
     def sense_gaits(self, times_s: NDArray[np.float64]) -> list[GaitReading | None]:
-        """Sample the gait sensors at each of these times, as `sense_gait`.
+        """Sample the gait sensors at these times, every `GAIT_PERIOD_S`; None where a sample drops out.
 
         The module does not influence the gait, so that future times may be sampled.
         """

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, NamedTuple, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from plant_sim.kernels import by_part
+from plant_sim.kernels import by_part, subroutine
 from plant_sim.parts.sizes import motion_size
 from plant_sim.tables.table import Table
 
@@ -59,6 +59,13 @@ def _ideal_drive_constant_speed_rad_s(drive: IdealDrive) -> float:
     return drive.omega_rad_s
 
 
+@subroutine
+def asked_current_a(drive: MotorDrive, torque_n_m: float) -> float:
+    """Current, A, that a drive asks of its motor for a commanded torque: i_q* of the windings."""
+    asked_a = torque_n_m / drive.torque_constant_n_m_a
+    return min(max(asked_a, -drive.current_limit_a), drive.current_limit_a)
+
+
 @by_part
 def motor_current_a(drive: Drive, torque_n_m: float, omega_rad_s: float) -> float:
     """Current, A, for a commanded torque, limited by the drive and by the supply voltage.
@@ -71,9 +78,7 @@ def motor_current_a(drive: Drive, torque_n_m: float, omega_rad_s: float) -> floa
 @motor_current_a.register(MotorDrive)
 def _motor_drive_current_a(drive: MotorDrive, torque_n_m: float, omega_rad_s: float) -> float:
     back_emf_v = drive.torque_constant_n_m_a * omega_rad_s
-    current_a = torque_n_m / drive.torque_constant_n_m_a
-    current_a = min(max(current_a, -drive.current_limit_a), drive.current_limit_a)
-    current_a = min(current_a, (drive.supply_v - back_emf_v) / drive.resistance_ohm)
+    current_a = min(asked_current_a(drive, torque_n_m), (drive.supply_v - back_emf_v) / drive.resistance_ohm)
     return max(current_a, (-drive.supply_v - back_emf_v) / drive.resistance_ohm)
 
 
@@ -187,20 +192,7 @@ class TorqueDriveTable(CrankTable):
 
     def part(self, natural_rad_s: float, motor: MotorTable) -> MotorDrive:
         """The drive on this motor."""
-        return MotorDrive(
-            amplitude_m=self.amplitude_m,
-            phase_rad=self.phase_rad,
-            inertia_kg_m2=motor.inertia_kg_m2,
-            torque_constant_n_m_a=motor.torque_constant_n_m_a,
-            resistance_ohm=motor.resistance_ohm,
-            inductance_h=motor.inductance_h,
-            pole_pairs=motor.pole_pairs,
-            supply_v=motor.supply_v,
-            current_limit_a=motor.current_limit_a,
-            viscous_n_m_s=motor.viscous_n_m_s,
-            dry_n_m=motor.dry_n_m,
-            speed_limit_rad_s=motor.speed_limit_rad_s,
-        )
+        return MotorDrive(self.amplitude_m, self.phase_rad, **motor.model_dump())
 
 
 class MotorDriveTable(TorqueDriveTable):

@@ -65,13 +65,6 @@ def voltage_limit_v(drive: MotorDrive) -> float:
     return drive.supply_v / math.sqrt(3.0)
 
 
-@subroutine
-def asked_current_a(drive: MotorDrive, torque_n_m: float) -> float:
-    """i_q*, A."""
-    asked_a = torque_n_m / drive.torque_constant_n_m_a
-    return min(max(asked_a, -drive.current_limit_a), drive.current_limit_a)
-
-
 class WindingTable(Table):
     """[winding]: a dq-motor's parameters beside [motor]; R and L are per phase, K_t per peak ampere."""
 

@@ -37,7 +37,7 @@ from plant_sim.solvers.adaptive.wearer import (
     plate_energy_j,
     plate_momentum_n_s,
 )
-from plant_sim.solvers.adaptive.winding import is_voltage_limited, turning_torque_n_m, winding_derivative
+from plant_sim.solvers.adaptive.winding import turning_torque_n_m, winding_derivative
 
 
 @subroutine
@@ -53,7 +53,7 @@ def flow_now(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> 
         crank_direction=float(mode.crank_direction),
         crank_stuck=mode.crank_stuck == 1,
         time_s=time_s,
-        voltage_limited=is_voltage_limited(parts.winding, memory),
+        voltage_limited=mode.voltage_limited == 1,
     )
 
 

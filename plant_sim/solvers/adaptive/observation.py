@@ -32,7 +32,7 @@ from plant_sim.solvers.adaptive.state_layout import (
 )
 from plant_sim.solvers.adaptive.stiction import dry_limit_n, held_force_n
 from plant_sim.solvers.adaptive.stop import in_touch
-from plant_sim.solvers.adaptive.wearer import closing_m_s, felt_force_n, from_stop_m, plate_at
+from plant_sim.solvers.adaptive.wearer import ankle_force_n, closing_m_s, felt_force_n, from_stop_m, plate_at
 from plant_sim.solvers.adaptive.winding import magnetic_energy_j, turning_current_a, turning_torque_n_m
 from plant_sim.solvers.bernstein import at
 
@@ -72,7 +72,7 @@ def _stop_force_at(force: StopForce, dense: Vector, s: float) -> float:
 @force_at.register(FeltForce)
 def _felt_force_at(force: FeltForce, dense: Vector, s: float) -> float:
     place, velocity = plate_at(force.wearer, force.drive, dense, s)
-    return abs(force.wearer.stiffness_n_per_m * place + force.wearer.damping_n_s_m * velocity)
+    return abs(ankle_force_n(force.wearer, place, velocity))
 
 
 @subroutine

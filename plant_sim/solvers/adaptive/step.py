@@ -28,7 +28,7 @@ from plant_sim.solvers.adaptive.state_layout import (
     state_size,
 )
 from plant_sim.solvers.adaptive.wearer import ankle_s, closing_m_s
-from plant_sim.solvers.adaptive.winding import current_s, voltage_zeros
+from plant_sim.solvers.adaptive.winding import current_s
 from plant_sim.solvers.cost import debt
 from plant_sim.solvers.double_double import two_sum
 
@@ -70,7 +70,7 @@ def take_step(
         if h < 0.0:
             return h
 
-    zeros = Zeros(mode.zero_depth, mode.zero_velocity, mode.zero_crank, voltage_zeros(parts.winding, memory))
+    zeros = Zeros(mode.zero_depth, mode.zero_velocity, mode.zero_crank, mode.zero_voltage)
     used: float = h
     event = NONE
     has_sample = mode.samples < grid.t_s.size and grid.t_s[mode.samples] < begin_s + h
@@ -94,7 +94,7 @@ def take_step(
         y[i] = new[i]
     turn_crank(parts.drive, memory, used)
     if used > 0.0:  # at an event at the step's start, the other quantities are still zero
-        mode.zero_depth = mode.zero_velocity = mode.zero_crank = 0
+        mode.zero_depth = mode.zero_velocity = mode.zero_crank = mode.zero_voltage = 0
     _pass_time(memory, flow.phase, used, remaining, duration_s)
     if used < remaining:  # what ends a call is as short as the caller asked for
         held.debt = debt(held.debt, attempts, used / longest)

@@ -58,17 +58,22 @@ def _ankle_plate_at(wearer: Ankle, drive: Drive, dense: Vector, s: float) -> tup
     return at(dense[place], s), at(dense[place + 1], s)
 
 
+@subroutine
+def ankle_force_n(ankle: Ankle, place_m: float, velocity_m_s: float) -> float:
+    """Force of spring and damper of the ankle on the wearer, N: k_a p + d_a p'."""
+    return ankle.stiffness_n_per_m * place_m + ankle.damping_n_s_m * velocity_m_s
+
+
 @by_part
 def felt_force_n(wearer: Wearer, drive: Drive, y: Vector) -> float:
-    """Force of spring and damper of the ankle on the wearer, N: k_a p + d_a p'."""
+    """Force on the wearer, N."""
     return 0.0
 
 
 @felt_force_n.register(Ankle)
 def _ankle_felt_force_n(wearer: Ankle, drive: Drive, y: Vector) -> float:
     place = plate_place(drive)
-    force_n: float = wearer.stiffness_n_per_m * y[place] + wearer.damping_n_s_m * y[place + 1]
-    return force_n
+    return ankle_force_n(wearer, y[place], y[place + 1])
 
 
 @by_part

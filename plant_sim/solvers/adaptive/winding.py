@@ -8,15 +8,9 @@ import math
 from typing import NamedTuple
 
 from plant_sim.kernels import by_part, subroutine
-from plant_sim.parts.drive import Drive, MotorDrive, motor_current_a, motor_torque_n_m
+from plant_sim.parts.drive import Drive, MotorDrive, asked_current_a, motor_current_a, motor_torque_n_m
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.winding import (
-    DqWinding,
-    Winding,
-    asked_current_a,
-    flux_wb,
-    voltage_limit_v,
-)
+from plant_sim.parts.winding import DqWinding, Winding, flux_wb, voltage_limit_v
 from plant_sim.solvers.adaptive.event_location import (
     LIMIT,
     UNLIMIT,
@@ -270,31 +264,6 @@ def limit_voltage(winding: Winding, memory: Memory, event: int) -> None:
 def _dq_winding_limit_voltage(winding: DqWinding, memory: Memory, event: int) -> None:
     memory.mode[0].voltage_limited = 1 if event == LIMIT else 0
     memory.mode[0].zero_voltage = 1
-
-
-@by_part
-def is_voltage_limited(winding: Winding, memory: Memory) -> bool:
-    """Whether the bus limits a current loop now."""
-    return False
-
-
-@is_voltage_limited.register(DqWinding)
-def _dq_winding_is_voltage_limited(winding: DqWinding, memory: Memory) -> bool:
-    limited: bool = memory.mode[0].voltage_limited == 1
-    return limited
-
-
-@by_part
-def voltage_zeros(winding: Winding, memory: Memory) -> int:
-    """Number of leading zero derivatives of the voltage's excess at the step's start; reset to 0."""
-    return 0
-
-
-@voltage_zeros.register(DqWinding)
-def _dq_winding_voltage_zeros(winding: DqWinding, memory: Memory) -> int:
-    zeros: int = memory.mode[0].zero_voltage
-    memory.mode[0].zero_voltage = 0
-    return zeros
 
 
 @by_part
