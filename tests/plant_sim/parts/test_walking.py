@@ -366,7 +366,7 @@ def sensed(
     for _ in range(round(until_s / 5e-3)):
         truth = plant.gait_at(plant.t_s)
         assert truth is not None
-        found.append((truth, plant.sense_gait(plant.t_s)))
+        found.append((truth, plant.sense_gaits(np.array([plant.t_s]))[0]))
         plant.advance(0.0, 5e-3)
     return found
 
@@ -443,7 +443,7 @@ def test_gait_sensors_leave_the_others_noise_alone() -> None:
         for _ in range(20):
             readings[-1].append(plant.sense().housing_m_s2)
             if gait is not None:
-                plant.sense_gait(plant.t_s)
+                plant.sense_gaits(np.array([plant.t_s]))
             plant.advance(0.0, 1e-3)
     assert readings[0] == pytest.approx(readings[1], abs=1e-12)
 
