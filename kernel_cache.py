@@ -11,6 +11,7 @@ belongs to another user, or that others may write, is refused. A damaged file is
 """
 
 import ast
+import fcntl
 import functools
 import glob
 import hashlib
@@ -352,21 +353,34 @@ def keep(kernel: Any) -> None:
 def kept_file(folder: Path, name: str, make: Callable[[], bytes]) -> Path:
     """The path of a file with what `make` returns, written once into a folder of this cache.
 
-    Its own name holds the digest of its content: a damaged file is reported in one line and made anew.
+    Its own name holds the digest of its content: a damaged file is reported in one line and made anew. A
+    process that needs the file while another one makes it waits for the other.
     """
     stem, _, suffix = name.rpartition(".")
+    if path := _whole_file(folder, stem, suffix):
+        return path
+    folder.mkdir(mode=0o700, exist_ok=True)
+    with (folder / f"{name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if path := _whole_file(folder, stem, suffix):
+            return path
+        content = make()
+        path = folder / _named(stem, content, suffix)
+        folder.mkdir(mode=0o700, exist_ok=True)  # another process may have removed it as unused
+        with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
+            file.write(content)
+        os.replace(file.name, path)
+        return path
+
+
+def _whole_file(folder: Path, stem: str, suffix: str) -> Path | None:
+    """The path of the file, if there is an undamaged one; damaged ones are removed."""
     for path in folder.glob(f"{glob.escape(stem)}.????????????????.{suffix}"):
         if path.name == _named(stem, path.read_bytes(), suffix):
             return path
         print(f"kernel cache: {path} is damaged; making it anew", file=sys.stderr, flush=True)
         path.unlink(missing_ok=True)
-    content = make()
-    path = folder / _named(stem, content, suffix)
-    folder.mkdir(mode=0o700, exist_ok=True)  # another process may have removed it as unused
-    with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
-        file.write(content)
-    os.replace(file.name, path)
-    return path
+    return None
 
 
 def _named(stem: str, content: bytes, suffix: str) -> str:

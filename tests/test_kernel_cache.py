@@ -6,7 +6,9 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -215,6 +217,23 @@ def test_a_kept_file_is_made_once_and_anew_if_damaged(
         2,
         f"kernel cache: {path} is damaged; making it anew\n",
     )
+
+
+def test_a_kept_file_that_two_need_at_once_is_made_by_one(tmp_path: Path) -> None:
+    made = []
+    begun = threading.Event()
+
+    def make() -> bytes:
+        begun.set()
+        time.sleep(0.2)
+        made.append(len(made))
+        return bytes(made)
+
+    with ThreadPoolExecutor(1) as other:
+        first = other.submit(kernel_cache.kept_file, tmp_path, "host.o", make)
+        assert begun.wait(10.0)
+        assert kernel_cache.kept_file(tmp_path, "host.o", make) == first.result()
+    assert made == [0]
 
 
 def records(kind: Any) -> set[type]:
