@@ -4,7 +4,7 @@ odrive-can and pyodrivecan come from PyPI. ODrive Robotics' own examples are in 
 found under which a copy could lie here: those tests run where $ODRIVE_RESOURCES names a checkout of
 github.com/odriverobotics/ODriveResources, and another test exchanges the same frames.
 
-Where the machine's kernel has no CAN, the last test runs the others under user-mode Linux, all in one guest.
+Where the machine's kernel has no CAN, `test_kernel_can.py` runs them under user-mode Linux.
 """
 
 import math
@@ -39,7 +39,7 @@ PRINTED = "printed.txt"
 RESOURCES = "ODRIVE_RESOURCES"
 
 needs_kernel_can = pytest.mark.skipif(
-    not has_kernel_can(), reason="this kernel has no CAN; runs under user-mode Linux below"
+    not has_kernel_can(), reason="this kernel has no CAN; test_kernel_can.py runs it under user-mode Linux"
 )
 needs_odrives_examples = pytest.mark.skipif(
     RESOURCES not in os.environ,
@@ -231,14 +231,3 @@ def test_can_enumerate_finds_the_drive(bus: can.BusABC, tmp_path: Path) -> None:
 def test_can_calibrate_waits_for_the_calibration(bus: can.BusABC, tmp_path: Path) -> None:
     printed = printed_by([*odrives("can_calibrate.py"), "-c", CHANNEL, "--node-id", "0"], tmp_path)
     assert "Calibration successful!" in printed
-
-
-@pytest.mark.uml
-@pytest.mark.skipif(has_kernel_can(), reason="this kernel has CAN: the tests above ran on it")
-def test_the_programs_above_under_user_mode_linux() -> None:
-    tests = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not uml", __file__]
-    inside = subprocess.run(
-        [program(), "kernel", "--", *tests], capture_output=True, text=True, check=False, timeout=400
-    )
-    assert inside.returncode == 0, inside.stdout + inside.stderr
-    assert "runs under user-mode Linux below" not in inside.stdout

@@ -1,13 +1,11 @@
 """Measurement and calibration of a running module, on emulated boards too: pyXCP, unmodified, and our master.
 
 On the bus `local`, and on the kernel's own CAN, which pyXCP joins by itself. Where the machine's kernel has
-no CAN, the last test runs the latter under user-mode Linux.
+no CAN, `test_kernel_can.py` runs the latter under user-mode Linux.
 """
 
 import json
 import struct
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -44,7 +42,6 @@ from firmware_py.shell.builds import Build
 from firmware_py.shell.flat_node import FlatNode
 from firmware_py.shell.node import FirmwareNode
 from firmware_py.shell.parameters import parameters_of, rounded, values_of
-from hil.bench.bench import program
 from hil.bus import join, provide
 from hil.bus.can_socket import has_kernel_can
 from hil.bus.xcp_master import ACCEPTED_IDS, RefusedError, Sampled, SessionError, XcpMaster, XcpMasterError
@@ -63,7 +60,7 @@ needs_board = pytest.mark.skipif(
     bool(board_tools.missing_tools()), reason=f"no emulated board; {board_tools.REMEDY}"
 )
 needs_kernel_can = pytest.mark.skipif(
-    not has_kernel_can(), reason="this kernel has no CAN; runs under user-mode Linux below"
+    not has_kernel_can(), reason="this kernel has no CAN; test_kernel_can.py runs it under user-mode Linux"
 )
 
 
@@ -491,19 +488,3 @@ def test_a_wrong_name_or_value_is_bad_input(
 ) -> None:
     assert cli.run([*arguments, "--bus", running.address]) == EXIT_BAD_INPUT
     assert message in " ".join(capsys.readouterr().err.split())
-
-
-@pytest.mark.uml
-@pytest.mark.skipif(has_kernel_can(), reason="this kernel has CAN: the tests above ran on it")
-def test_on_the_kernels_can_under_user_mode_linux() -> None:
-    tests = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not uml", "-k", "vcan"]
-    inside = subprocess.run(
-        [program(), "kernel", "--", *tests, __file__],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=400,
-    )
-    assert inside.returncode == 0, inside.stdout + inside.stderr
-    assert " passed" in inside.stdout
-    assert "skipped" not in inside.stdout
