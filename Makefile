@@ -35,11 +35,11 @@ hil: setup ## the default scenario in real time on the best available CAN bus, a
 view: setup ## the newest run in the Rerun viewer
 	@$(BIN)/vibrohil view
 
-test: setup $(INSTALLED_DEV) ## all tests: most of them on all cores, then the real-time tests one by one
-	@echo "test: all but the real-time tests, and the examples in docstrings, on all cores"
-	@$(BIN)/python -m pytest -n auto --dist worksteal --durations=3 -m "not realtime and not uml" --doctest-modules tests $(PACKAGES)
-	@echo "test: the real-time tests, one by one so that none disturbs another's timing"
-	@$(BIN)/python -m pytest --durations=3 -m "realtime or uml"
+test: setup $(INSTALLED_DEV) ## all tests: on all cores, then those that need a quiet machine one by one
+	@echo "test: all but those that need a quiet machine, and the examples in docstrings, on all cores"
+	@$(BIN)/python -m pytest -n auto --dist worksteal --durations=3 -m "not quiet" --doctest-modules tests $(PACKAGES)
+	@echo "test: those that need a quiet machine, one by one"
+	@$(BIN)/python -m pytest --durations=3 -m quiet
 
 check: setup $(INSTALLED_DEV) ## formatter, linter, strict types, import contracts
 	@echo "check: format"

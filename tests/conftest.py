@@ -1,8 +1,11 @@
-"""For all tests: threads of linear algebra, garbage collections, Ctrl-C, untimed properties, layers."""
+"""For all tests: linear algebra's threads, garbage collection, Ctrl-C, untimed properties, layers, guests."""
 
+import fcntl
+import os
 import signal
+import tempfile
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -15,6 +18,7 @@ from hil.timing.realtime import collect_rarely
 SLOW_TESTS = Path(__file__).with_name("slow.txt")
 """The names of the tests with the marker `slow`, a line each; `pytest --measure-slow` writes them."""
 SLOW_S = 1.0
+HIDDEN = Path(__file__).with_name("hidden")
 
 collect_rarely()
 
@@ -47,6 +51,16 @@ def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
             item.add_marker("slow")
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Run one guest kernel at a time: all have real-time priority on the same CPU."""
+    if item.get_closest_marker("uml") is None:
+        return (yield)
+    with (Path(tempfile.gettempdir()) / f"vibrohil-tests-{os.geteuid()}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        return (yield)
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
     """Write the names of the tests that took at least `SLOW_S`, all cases of a test together."""
     if not config.getoption("--measure-slow"):
@@ -57,6 +71,17 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
         seconds[report.location[2].partition("[")[0]] += report.duration
     slow = sorted(name for name, took_s in seconds.items() if took_s >= SLOW_S)
     SLOW_TESTS.write_text("".join(f"{name}\n" for name in slow), encoding="utf-8")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def as_after_setup() -> Iterator[None]:
+    """Processes that tests start have neither asammdf nor pandas, as after `make setup`.
+
+    python-can and pyarrow would import them wherever they are installed.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(HIDDEN), prepend=os.pathsep)
+        yield
 
 
 @pytest.fixture

@@ -164,7 +164,7 @@ def test_killed_plant_makes_the_firmware_command_nothing(tmp_path: Path) -> None
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("name", ["hub", "recorder"])
+@pytest.mark.parametrize("name", ["hub", pytest.param("recorder", marks=pytest.mark.quiet)])
 def test_death_of_any_other_process_is_named_and_the_run_finished(name: str, tmp_path: Path) -> None:
     verdict = run_and_disturb(tmp_path, lambda pids: os.kill(pids[name], signal.SIGKILL), at_s=1.0)
     (reason,) = verdict["reasons"]
@@ -226,6 +226,7 @@ run_scenario(scenario, RunOptions(bus="local"), Path(sys.argv[1]), 1, lambda *_:
 
 
 @pytest.mark.realtime
+@pytest.mark.quiet
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_end_of_the_bench_is_the_end_of_all(number: signal.Signals, tmp_path: Path) -> None:
     with subprocess.Popen(

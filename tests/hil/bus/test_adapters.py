@@ -138,6 +138,7 @@ def vibrohil(*arguments: str, **options) -> subprocess.Popen[str]:
 
 
 @pytest.mark.realtime
+@pytest.mark.quiet
 @pytest.mark.parametrize("kind", [*KINDS, "virtual"])
 def test_a_run_works_on_every_kind(kind: str, wire: ProvidedBus, tmp_path: Path) -> None:
     """Its nodes receive each other's frames, the recorder loses nothing, and the wire carries all frames."""

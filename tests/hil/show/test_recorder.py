@@ -157,6 +157,7 @@ def has_plant(run_dir) -> bool:
 
 
 @pytest.mark.realtime
+@pytest.mark.quiet
 def test_killed_it_loses_a_second_at_most_and_the_traces_lose_nothing(run_dir):
     recorder = start(run_dir)
     play(run_dir, 7.0, once_begun=lambda: waited_for(lambda: has_plant(run_dir)))
