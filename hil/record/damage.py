@@ -4,6 +4,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+LONGEST_REASON = 300
+"""Longest part of an error's text, in characters."""
+
 
 class DamagedFileError(ValueError):
     """A file of a run, log or suite is unreadable or has invalid content."""
@@ -24,5 +27,16 @@ def reading(path: Path, still_readable: str) -> Iterator[None]:
     except BaseException as error:
         if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
             raise
-        where = f"{type(error).__name__}: {error}".splitlines()[0][:300]
-        raise DamagedFileError(f"{path} is damaged ({where}); {still_readable}") from error
+        raise DamagedFileError(f"{path} is damaged ({reason_of(error)}); {still_readable}") from error
+
+
+def reason_of(error: BaseException) -> str:
+    """What an error while a file is read says about it, in a line.
+
+    >>> reason_of(ValueError("a record has no time"))
+    'a record has no time'
+    """
+    kind, text = type(error).__name__, (str(error).splitlines() or [""])[0][:LONGEST_REASON]
+    if isinstance(error, AttributeError | TypeError):
+        return f"a value of another type than wanted: {text}"
+    return text if isinstance(error, ValueError) and text else f"{kind}: {text}"

@@ -16,6 +16,7 @@ from firmware_py.interface.codec import CODEC_BY_ID, CODECS, FrameCodec
 from firmware_py.interface.crc import FINAL_XOR, INITIAL, TABLE
 from firmware_py.interface.dbc import SignalKind
 from hil.record.candump import MOST_BYTES, BusLog, tenths_of
+from hil.record.traces.precision import whole_ns
 from plant_sim.arrays import BoolArray, FloatArray, IntArray
 
 FREQUENT_PERIOD_S = 0.01
@@ -51,7 +52,7 @@ def in_rows(bus: BusLog) -> FrameRows:
     counts = ends - starts
     last_bytes = np.concatenate([[0], np.cumsum(bus.length)])
     edges = zip(last_bytes[starts].tolist(), last_bytes[ends].tolist(), strict=True)
-    sim_ns = np.round(bus.t_s * 1e9).astype(np.int64)
+    sim_ns = whole_ns(bus.t_s)
     return FrameRows(
         t_s=bus.t_s[starts],
         counts=counts,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hil.record.log_file import ROOM_BYTES, refuse_full_disk, written_whole
 from hil.record.run_traces import column
 from hil.record.state_timeline import ALARM, StateTimeline, lower_name, state_name
-from hil.record.traces.precision import TIME
+from hil.record.traces.precision import TIME, whole_ns
 from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import FloatArray
 
@@ -87,7 +87,7 @@ class Timebase:
 
     def columns(self, t_s: FloatArray, late_us: FloatArray | float = 0.0) -> list[rr.TimeColumn]:
         """`sim_time` and `wall_time` of rows at `t_s`; `late_us`: the process's wake-up latency, if known."""
-        sim_ns = np.round(t_s * 1e9).astype(np.int64)
+        sim_ns = whole_ns(t_s)
         late_ns = np.round(np.nan_to_num(np.multiply(late_us, 1e3))).astype(np.int64)
         wall_ns = self.wall_start_ns + sim_ns + late_ns
         return [

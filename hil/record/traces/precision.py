@@ -18,6 +18,8 @@ TIME = "t_s"
 ENERGY = "_j"
 EXACT = frozenset({TIME, "outputs.target_omega_rad_s"})
 NS_PER_S = 1e9
+LATEST_S = 1e9
+"""Latest time of a run: thirty years. Whole nanoseconds up to it, and after 1970, have room in 64 bits."""
 CACHED_RECORDS = 128
 """Number of records copied at once: some hundred kilobytes of the longest records."""
 
@@ -43,6 +45,14 @@ def kept_column(name: str, values: NDArray[Any]) -> NDArray[Any]:
         return np.asarray(np.round(values * NS_PER_S) / NS_PER_S)
     with np.errstate(over="ignore"):
         return np.ascontiguousarray(values, np.float32 if is_single(name, values.dtype) else None)
+
+
+def whole_ns(t_s: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Times in whole nanoseconds; raises ValueError for one beyond `LATEST_S`, or that is no number."""
+    if not np.all(np.abs(t_s) <= LATEST_S):
+        beyond_s = t_s[~(np.abs(t_s) <= LATEST_S)][0]
+        raise ValueError(f"a record has the time {beyond_s:g} s, and no run lasts {LATEST_S:g} s")
+    return np.round(t_s * NS_PER_S).astype(np.int64)
 
 
 def columns_of(records: NDArray[np.void], exact: bool = False) -> dict[str, NDArray[Any]]:

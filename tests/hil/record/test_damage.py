@@ -108,6 +108,30 @@ def test_a_log_that_cannot_be_made_anew_leaves_no_unfinished_one(tmp_path: Path)
     assert not list(run.glob("*.new"))
 
 
+@pytest.mark.parametrize(
+    ("name", "spoil", "sentence"),
+    [
+        (
+            "can.log",
+            lambda text: text + b"(99999999999.000000) vcan0 010#0011\n",
+            "has the time 1e\\+11 s, and",
+        ),
+        (
+            "scenario.toml",
+            lambda _: b'title = "t"\nscene = "table1-motor-soft"\n[script]\nduration_s = 0.1\n',
+            r"\(a value of another type than wanted: 'str' object",
+        ),
+    ],
+)
+def test_values_that_no_run_writes_are_named_without_a_warning(
+    tmp_path: Path, name: str, spoil: Callable[[bytes], bytes], sentence: str
+) -> None:
+    run = write_run(make_run(), tmp_path / "run")
+    (run / name).write_bytes(spoil((run / name).read_bytes()))
+    with pytest.raises(DamagedFileError, match=sentence):
+        rebuilt(run)
+
+
 def test_a_file_that_does_not_begin_as_a_log_is_none(tmp_path: Path) -> None:
     log = tmp_path / "run.rrd"
     log.touch()
