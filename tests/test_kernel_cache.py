@@ -16,6 +16,7 @@ import pytest
 from numba.core import types
 
 import kernel_cache
+from firmware_py.builds import machine_code
 from hil.bench.lockstep import warm_lockstep
 from hil.nodes import closed_loop
 from hil.scenario.scenario import load_scenario
@@ -269,9 +270,7 @@ def test_the_closed_loops_kernel_is_keyed_by_no_module_that_it_does_not_contain(
 
 
 def test_the_compiled_firmware_is_keyed_by_what_replaces_its_functions() -> None:
-    found = {
-        str(path.relative_to(ROOT)) for path in kernel_cache.sources(ROOT / "firmware_py/builds/entry.py")
-    }
+    found = {str(path.relative_to(ROOT)) for path in kernel_cache.sources(*machine_code.BUILDERS)}
     assert {"firmware_py/builds/replacements.py", "firmware_py/core/step.py"} <= found
 
 

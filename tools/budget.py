@@ -48,11 +48,11 @@ def budget(names: Sequence[str], progress: Progress, target: BoardName = "cortex
     class Measured(BoardNode):
         kind = MEASURED_TICK
 
-        def run(self, behind_ticks: int, frame_count: int, frames: Any) -> bool:
-            done = super().run(behind_ticks, frame_count, frames)
+        def run(self, behind_ticks: int, frame_count: int, frames: Any) -> int:
+            status = super().run(behind_ticks, frame_count, frames)
             instructions = float(self.reply["timer_ticks"][0]) / TIMER_TICKS_AN_INSTRUCTION
             measured.append((name, behind_ticks == 0, instructions, int(self.reply["stack_bytes"][0])))
-            return done
+            return status
 
     Measured.target = target
     flash = image_bytes(target)

@@ -61,7 +61,12 @@ def in_precision(memory: Memory, kind: Any, precision: Precision) -> Memory:
 
 
 def copier(source: Memory, destination: Memory) -> Callable[[], None]:
-    """A function that copies `source` to `destination`, a record of the same type in any precision."""
+    """A function that copies `source` to `destination`, a record of the same type in any precision.
+
+    It does nothing if they are the same memory.
+    """
+    if source is destination:
+        return lambda: None
     if source.dtype == destination.dtype:
         return functools.partial(destination.__setitem__, slice(None), source)
     places: dict[str, list[tuple[int, int]]] = {}

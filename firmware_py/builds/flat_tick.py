@@ -24,22 +24,20 @@ _store = cast(Any, store)
 _pointer: Any = types.CPointer
 _FRAMES = _pointer(numba_type(WordFrame))
 _pool_place = member_place(FirmwareState, "pool", _pointer(types.int64))
-CALIBRATE_SIGNATURE = types.int64(types.voidptr, types.voidptr)
-SIGNATURE = types.int64(types.voidptr, types.voidptr, types.int64, types.int64, _FRAMES, types.voidptr)
+CALIBRATE_SIGNATURE = types.void(types.voidptr, types.voidptr)
+SIGNATURE = types.void(types.voidptr, types.voidptr, types.int64, types.int64, _FRAMES, types.voidptr)
 
 
-def flat_tick(config: Any, memory: Any, behind_ticks: int, count: int, frames: Any, tx: Any) -> int:
-    """Run one control period; always returns 1."""
+def flat_tick(config: Any, memory: Any, behind_ticks: int, count: int, frames: Any, tx: Any) -> None:
+    """Run one control period."""
     constants = _load_config(config)
     now, sent = tick(constants, _load_state(memory), Rx(behind_ticks, count, frames))
     _store(now, memory)
     _store(exchange(_pool_place(memory), memory, constants.tick_s, now, sent), tx)
-    return 1
 
 
-def flat_calibrate(config: Any, memory: Any) -> int:
-    """Process the waiting request of XCP between two ticks; always returns 1."""
+def flat_calibrate(config: Any, memory: Any) -> None:
+    """Process the waiting request of XCP between two ticks."""
     pool = _pool_place(memory)
     if pool[REQUEST] != NO_REQUEST:
         calibrate(pool, config, _load_state(memory).outputs.mode)
-    return 1

@@ -29,7 +29,8 @@ from firmware_py.node.memory import INITIAL, FirmwareState
 from firmware_py.node.tick import Tx
 from kernel_cache import folder_of, kept_file
 
-TargetName = Literal["cortex-m7", "cortex-m4f", "host", "host-single"]
+HostName = Literal["host", "host-single"]
+TargetName = Literal["cortex-m7", "cortex-m4f"] | HostName
 
 
 class Target(NamedTuple):
@@ -52,6 +53,8 @@ TARGETS: dict[TargetName, Target] = {
 }
 """The host's features are not used: a fused multiply-add that another target lacks would change bits."""
 
+BUILDERS = sorted(Path(__file__).parent.glob("*.py"))
+"""The modules that make the code; the cache is keyed by them and by all that they import."""
 ENTRY, CALIBRATE = "vibro_tick", "vibro_calibrate"
 NO_GAIT = "without-gait"
 """Argument of `raw_ir`, and part of the names of files, for code that does not follow a gait."""
@@ -92,8 +95,7 @@ def escaped(content: bytes) -> str:
 
 def kept(name: str, make: Callable[[], bytes]) -> Path:
     """Path of a cached file of what `make` returns, which depends on the firmware's sources alone."""
-    builders = sorted(Path(__file__).parent.glob("*.py"))
-    return kept_file(folder_of("firmware_py.builds", *builders), name, make)
+    return kept_file(folder_of("firmware_py.builds", *BUILDERS), name, make)
 
 
 def raw_assembly(has_gait: bool = True) -> str:

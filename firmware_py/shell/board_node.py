@@ -52,7 +52,7 @@ class BoardNode(FlatNode):
         self._reply_bytes = memoryview(self.reply.view("u1"))  # type: ignore[arg-type]  # no buffer in stubs
         self._send(CONFIG, Config, self.flat_config)
 
-    def run(self, behind_ticks: int, frame_count: int, frames: Any) -> bool:
+    def run(self, behind_ticks: int, frame_count: int, frames: Any) -> int:
         """One tick, before which the board processes a write over XCP."""
         is_asked = self.pool[REQUEST] != NO_REQUEST
         request = MESSAGE.pack(self.kind, behind_ticks, frame_count)
@@ -62,7 +62,7 @@ class BoardNode(FlatNode):
             self._read_config()
         self.tx[:] = self.reply["tx"]
         self._take_state()
-        return bool(self.reply["status"][0] == 0)
+        return int(self.reply["status"][0])
 
     def calibrate(self) -> bool:
         """Nothing to do: the board processes the request by itself."""

@@ -5,7 +5,7 @@ from typing import Literal
 from firmware_py.shell.node import FirmwareNode, MakeNode
 
 Build = Literal["python", "compiled", "host-single", "cortex-m7", "cortex-m4f"]
-"""`python`: interpreted, with filterpy's algebra. `compiled`: numba's code behind one C function.
+"""`python`: interpreted, with filterpy's algebra. `compiled`: one C function for this machine.
 `host-single`: `compiled` in single precision. `cortex-m7` and `cortex-m4f`: the code of `compiled` and of
 `host-single` for a Cortex-M7 and a Cortex-M4F, on a board emulated by QEMU, in lockstep only."""
 NATIVE: tuple[Build, ...] = ("compiled", "host-single")
@@ -20,10 +20,6 @@ def node_of(build: Build) -> MakeNode:
         from firmware_py.shell import board_node  # noqa: PLC0415 - imports LLVM
 
         return board_node.BoardNode if build == "cortex-m7" else board_node.SinglePrecisionBoardNode
-    if build == "host-single":
-        from firmware_py.shell.single_node import SingleNode  # noqa: PLC0415 - imports LLVM
+    from firmware_py.shell import native  # noqa: PLC0415 - imports LLVM
 
-        return SingleNode
-    from firmware_py.shell.compiled_node import CompiledNode  # noqa: PLC0415 - imports numba
-
-    return CompiledNode
+    return native.NativeNode if build == "compiled" else native.SinglePrecisionNode

@@ -24,7 +24,10 @@ class FirmwareFailedError(ArithmeticError):
 
 
 class FlatNode(Node):
-    """A node in flat memory; a subclass runs its tick.
+    """A node in flat memory; a subclass runs its tick, in this process or on a board.
+
+    These are two subclasses, not two transports of one class, because a board keeps its memory to itself and
+    processes the writes over XCP by itself.
 
     `whole` holds the `FirmwareState`, one element laid out by `firmware_py.builds.flat.layout`; `memory` is
     its first member, the `NodeState`, at the same address, and `pool` its last one.
@@ -47,8 +50,8 @@ class FlatNode(Node):
         return int(self.memory["ticks"][0])
 
     @abstractmethod
-    def run(self, behind_ticks: int, frame_count: int, frames: Any) -> bool:
-        """Run one tick on `memory` and write its frames to `tx`; False if the arithmetic failed."""
+    def run(self, behind_ticks: int, frame_count: int, frames: Any) -> int:
+        """Run one tick on `memory` and write its frames to `tx`; return 0 unless the arithmetic failed."""
 
     @abstractmethod
     def push_memory(self) -> None:
@@ -66,7 +69,7 @@ class FlatNode(Node):
             words += (can_id, len(data), word_of(data))
         count = len(words) // 3
         _RX[count].pack_into(self._rx, 0, *words)
-        if not self.run(behind_ticks, count, self._rx):
+        if self.run(behind_ticks, count, self._rx) != 0:
             raise FirmwareFailedError("a division by zero or a domain error in the firmware's tick")
         frame_count, *words = _TX.unpack_from(self._sent)
         return [

@@ -1,33 +1,78 @@
-"""Nodes whose firmware compiled code can call directly, by address."""
+"""Nodes whose firmware is an object file in this process; compiled code can call it, by address."""
 
-from abc import abstractmethod
-from typing import NamedTuple
+import ctypes
+import functools
+from collections.abc import Mapping
+from typing import Any, NamedTuple, cast
 
-from firmware_py.builds.flat import Memory, Precision
+from firmware_py.builds.flat import Memory, Precision, copier, in_precision
+from firmware_py.builds.loaded_object import function
+from firmware_py.builds.machine_code import ENTRY, TARGETS, HostName, object_code
+from firmware_py.core.config import Config
+from firmware_py.node.memory import FirmwareState
 from firmware_py.shell.flat_node import FlatNode
+
+POINTER, INTEGER = ctypes.c_void_p, ctypes.c_int64
+TICK = ctypes.CFUNCTYPE(ctypes.c_int32, POINTER, POINTER, INTEGER, INTEGER, POINTER, POINTER)
 
 
 class Native(NamedTuple):
     """The address of a C function in this process, and the memory on which it works.
 
-    The function returns `success` unless its arithmetic has failed.
+    The function returns 0 unless its arithmetic has failed.
     """
 
     tick_address: int
-    success: int
     config: Memory
     state: Memory
     precision: Precision
 
 
+@functools.cache
+def vibro_tick(target: HostName) -> Any:
+    """The firmware's C function; its first use compiles it or loads it from the cache."""
+    return function(object_code(target), ENTRY, TICK)
+
+
 class NativeNode(FlatNode):
-    """A node whose tick runs in this process."""
+    """One controller in double precision, whose function works on `memory` itself."""
+
+    target: HostName = "host"
+
+    def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
+        """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
+        super().__init__(config, parameters)
+        self._tick = vibro_tick(self.target)
+        self._precision = TARGETS[self.target].precision
+        self._own = in_precision(self.whole, FirmwareState, self._precision)
+        self._take, self._give = copier(self._own, self.whole), copier(self.whole, self._own)
+        self.push_memory()
 
     @property
-    @abstractmethod
     def native(self) -> Native:
         """The node's function and memory; `push_memory` may replace the memory."""
+        address = cast(int, ctypes.cast(self._tick, POINTER).value)
+        return Native(address, self._own_config, self._own, self._precision)
 
-    @abstractmethod
+    def run(self, behind_ticks: int, frame_count: int, frames: Any) -> int:
+        """One tick."""
+        config, state, sent = self._addresses
+        status: int = self._tick(config, state, behind_ticks, frame_count, frames, sent)
+        self.pull_state()
+        return status
+
+    def push_memory(self) -> None:
+        """Hand over config and state in the function's precision."""
+        self._own_config = in_precision(self.flat_config, Config, self._precision)
+        self._addresses = [memory.ctypes.data for memory in (self._own_config, self._own, self.tx)]
+        self._give()
+
     def pull_state(self) -> None:
-        """Update `memory` after other code has called the function."""
+        """Update `memory` after a call of the function."""
+        self._take()
+
+
+class SinglePrecisionNode(NativeNode):
+    """One controller in single precision; `memory` holds its numbers as doubles."""
+
+    target = "host-single"

@@ -148,10 +148,9 @@ class Stretches:
         plant, node, buffers = self._plant.node, self._native_node(), self._buffers
         plant.act(ticks)
         frames, sent = np.zeros((MOST_RECEIVED, 3), np.int64), np.zeros(1 + 3 * MOST_SENT, np.int64)
-        tick_address, success, config, memory, _ = node.native
+        tick_address, config, memory, _ = node.native
         firmware = Firmware(
             tick=tick_address,
-            success=success,
             config=config.ctypes.data,
             state=memory.ctypes.data,
             frames=frames,

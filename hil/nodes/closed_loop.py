@@ -54,12 +54,11 @@ LINE_BYTES = 48
 class Firmware(NamedTuple):
     """The firmware (`firmware_py.shell.native`): addresses of its function and its memory.
 
-    `success`: the function's status on success. `frames`: received frames, shape (MOST_RECEIVED, 3).
+    `frames`: received frames, shape (MOST_RECEIVED, 3).
     `sent`: the number of sent frames, and three frames. `record_bytes`: length of a recorded row.
     """
 
     tick: int
-    success: int
     config: int
     state: int
     frames: Integers
@@ -234,7 +233,7 @@ def firmware_turn(bench: Bench, tick: int, count: int) -> int:
     firmware, buffers = bench.firmware, bench.buffers
     frames, sent = firmware.frames.ctypes.data, firmware.sent.ctypes.data
     status = call_tick(firmware.tick, firmware.config, firmware.state, 0, count, frames, sent)
-    if status != firmware.success:
+    if status != 0:
         return FIRMWARE_FAILED
     for place in range(firmware.sent[0]):
         begin = 1 + 3 * place

@@ -23,8 +23,10 @@ from firmware_py.interface.enums import Mode, OperatorRequest, XcpError
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import Accelerometer, DriveEstop, GaitSensors
 from firmware_py.node.tick import INITIAL, MAX_RX, NodeState
-from firmware_py.shell.builds import Build, node_of
+from firmware_py.shell.builds import NATIVE, Build, node_of
 from firmware_py.shell.catching_up import fit_frames
+from firmware_py.shell.flat_node import FirmwareFailedError
+from firmware_py.shell.native import NativeNode
 from firmware_py.shell.parameters import config_from
 from hil.record.traces.firmware_trace import FirmwareTrace
 from hil.record.traces.trace import read
@@ -260,3 +262,15 @@ def test_nothing_moves_on_in_a_tick_that_is_refused() -> None:
         one.tick([], 0)
     assert math.isfinite(one.outputs.torque_n_m)
     assert one.memory.tobytes() == flat.stored(INITIAL).tobytes()  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("build", NATIVE)
+def test_nothing_moves_on_in_a_tick_whose_arithmetic_fails(build: Build) -> None:
+    one = node_of(build)(config_from({})._replace(tick_s=0.0), {})
+    assert isinstance(one, NativeNode)
+    sample = [codec.ACCELEROMETER.encode(Accelerometer(0.0, 0.0, 0.0), 0)]
+    with pytest.raises(FirmwareFailedError, match="division by zero"):
+        one.tick(sample, 1)
+    assert one.ticks == 0
+    unchanged = flat.in_precision(flat.stored(INITIAL), NodeState, one.native.precision)
+    assert flat.in_precision(one.memory, NodeState, one.native.precision).tobytes() == unchanged.tobytes()

@@ -17,10 +17,9 @@ from firmware_py.core.config import Config
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated import kinds
 from firmware_py.node.tick import INITIAL, NodeState
-from firmware_py.shell.compiled_node import CompiledNode
 from firmware_py.shell.flat_node import FlatNode
+from firmware_py.shell.native import NativeNode, SinglePrecisionNode
 from firmware_py.shell.parameters import config_from
-from firmware_py.shell.single_node import SingleNode
 
 DOUBLE = """
 @"a double 1.000000e-01" = internal constant [6 x i8] c"double", align 8
@@ -125,7 +124,7 @@ def driven(nodes: Sequence[FlatNode], each_tick: Callable[[list[list[Frame]]], N
 
 def test_open_loop_it_estimates_as_in_double_precision() -> None:
     config = config_from(PARAMETERS)
-    ours, double = SingleNode(config, PARAMETERS), CompiledNode(config, PARAMETERS)
+    ours, double = SinglePrecisionNode(config, PARAMETERS), NativeNode(config, PARAMETERS)
     errors, modes = [], []
 
     def look(_: list[list[Frame]]) -> None:
@@ -162,7 +161,7 @@ def reals(memory: Any) -> list[float]:
 def test_after_a_day_it_sends_what_it_sends_at_first() -> None:
     """Clocks and ages are integers, or real numbers that begin anew with each period."""
     config = config_from(PARAMETERS)
-    first, later = SingleNode(config, PARAMETERS), SingleNode(config, PARAMETERS)
+    first, later = SinglePrecisionNode(config, PARAMETERS), SinglePrecisionNode(config, PARAMETERS)
     later.memory["ticks"] = A_DAY_TICKS
     later.push_memory()
     sent: list[Frame] = []

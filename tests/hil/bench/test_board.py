@@ -26,7 +26,7 @@ from firmware_py.shell.board_node import (
     SinglePrecisionBoardNode,
 )
 from firmware_py.shell.builds import Build
-from firmware_py.shell.compiled_node import CompiledNode
+from firmware_py.shell.native import NativeNode
 from firmware_py.shell.parameters import config_from
 from hil.bench.bench import run_scenario
 from hil.bench.lockstep import run_lockstep
@@ -126,7 +126,7 @@ def test_a_cortex_m4f_sends_the_bytes_of_single_precision_here(name: str, tmp_pa
 
 @pytest.mark.usefixtures("tools")
 def test_xcp_is_served_as_by_the_compiled_build() -> None:
-    nodes = [make(config_from({}), {}) for make in (CompiledNode, BoardNode)]
+    nodes = [make(config_from({}), {}) for make in (NativeNode, BoardNode)]
     for frame in commands_of(random.Random(2), 1000):
         sent = [node.tick([frame], 1) for node in nodes]
         assert sent[0] == sent[1], frame
@@ -182,10 +182,10 @@ class MeasuredNode(BoardNode):
         super().__init__(config_from({}), {})
         self.instructions: list[float] = []
 
-    def run(self, behind_ticks: int, frame_count: int, frames: Any) -> bool:
-        done = super().run(behind_ticks, frame_count, frames)
+    def run(self, behind_ticks: int, frame_count: int, frames: Any) -> int:
+        status = super().run(behind_ticks, frame_count, frames)
         self.instructions.append(float(self.reply["timer_ticks"][0]) / board.TIMER_TICKS_AN_INSTRUCTION)
-        return done
+        return status
 
 
 @pytest.mark.usefixtures("tools")
@@ -242,11 +242,11 @@ def test_a_commit_of_parameters_fits_into_its_tick_and_into_the_stack(
     class Measured(BoardNode):
         kind = MEASURED_TICK
 
-        def run(self, behind_ticks: int, frame_count: int, frames: Any) -> bool:
-            done = super().run(behind_ticks, frame_count, frames)
+        def run(self, behind_ticks: int, frame_count: int, frames: Any) -> int:
+            status = super().run(behind_ticks, frame_count, frames)
             instructions = float(self.reply["timer_ticks"][0]) / board.TIMER_TICKS_AN_INSTRUCTION
             measured.append((instructions, int(self.reply["stack_bytes"][0])))
-            return done
+            return status
 
     Measured.target = target
     node = Measured(config_from({}), {})

@@ -10,7 +10,7 @@ from firmware_py.interface.enums import XcpCommandCode
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated import kinds
 from firmware_py.node import places
-from firmware_py.shell.compiled_node import CompiledNode
+from firmware_py.shell.native import NativeNode
 from hil.bench.lockstep import run_lockstep
 from hil.record.traces.trace import read
 from hil.scenario.scenario import load_scenario
@@ -22,7 +22,7 @@ COMMAND_TICKS = 4
 """Ticks between two commands, in which the firmware answers."""
 
 
-class MeasuredNode(CompiledNode):
+class MeasuredNode(NativeNode):
     """A controller whose master sets up forty signals at 25 Hz and then only keeps the session open."""
 
     samples = 0
@@ -46,7 +46,7 @@ class MeasuredNode(CompiledNode):
 
 def test_forty_signals_at_25_hz_change_no_decision_and_no_other_frame(tmp_path: Path) -> None:
     scenario = load_scenario("quick-start-below-the-band")
-    for name, make in (("alone", CompiledNode), ("measured", MeasuredNode)):
+    for name, make in (("alone", NativeNode), ("measured", MeasuredNode)):
         (tmp_path / name).mkdir()
         run_lockstep(scenario, tmp_path / name, 1, lambda *_: None, make=make)
     traces = [read(tmp_path / name / "firmware.trace") for name in ("alone", "measured")]
