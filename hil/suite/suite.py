@@ -2,7 +2,7 @@
 
 import traceback
 from collections.abc import Generator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -83,15 +83,21 @@ def cases_of(scenarios: Sequence[Scenario], seeds: Sequence[int], folder: Path) 
 
 
 def judged(case: Case, options: RunOptions) -> RunVerdict:
-    """Run a case and return its verdict; a run that raises an exception has failed for this reason."""
+    """Run a case and return its verdict; a run that raises an exception has failed for this reason.
+
+    An exception without a verdict is raised again: nothing ran, for example because the bus does not open.
+    """
     options = replace(options, only_if_failed=case.one_of_many, of_a_suite=True, keep_traces=False)
     try:
         return run_scenario(case.scenario, options, case.run_dir, case.seed, silent)
     except run_folder.RunFolderError:
         raise
     except Exception:
+        verdict = case.run_dir / run_folder.VERDICT
+        if not verdict.exists():
+            raise
         traceback.print_exc()
-        return read_verdict(case.run_dir / run_folder.VERDICT)
+        return read_verdict(verdict)
 
 
 def verdicts(
@@ -206,8 +212,19 @@ class Suite:
             clock = self.options.clock
             for case in self.due:
                 self.found[case] = taken_over(case, clock) or not_run(case, clock, reason_of(error))
+        except Exception:
+            if not self.found:
+                self.withdraw()
+            raise
         signals.raises = False
         return interruption
+
+    def withdraw(self) -> None:
+        """Remove the files of a suite in which nothing ran, and its folder if it is then empty."""
+        for name in run_folder.MADE_BY_A_SUITE:
+            (self.folder / name).unlink(missing_ok=True)
+        with suppress(OSError):  # it holds other files
+            self.folder.rmdir()
 
     def merged(self, scenarios: Sequence[Scenario]) -> list[ScenarioVerdict]:
         """The verdict on each scenario from those of its seeds."""

@@ -94,6 +94,16 @@ def test_a_run_that_breaks_off_has_failed_and_says_why(
     assert verdict.reasons[0] == "broke off: RuntimeError: no step is small enough"
 
 
+def test_a_suite_on_a_bus_that_does_not_open_is_refused_with_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    command = ["suite", str(resting(tmp_path)), "--clock", "real", "--bus", "no-bus", "--out", str(out)]
+    assert run(command) == EXIT_BAD_INPUT
+    assert capsys.readouterr().err.startswith("error: bus 'no-bus' is not known")
+    assert not out.exists(), "nothing ran, so nothing remains that names a kill as the reason"
+
+
 def noisy(folder: Path, highest_m_s: float) -> str:
     """A scenario that depends on its seed: one fault in ten thousand ticks would be too few."""
     path = folder / "noisy.toml"
