@@ -17,7 +17,7 @@ from hil.record.traces.stored_trace import Records
 
 OPERATOR_PERIOD_S = 0.01
 MOST_SHOWN = 5
-"""Number of holds, and of losses, that are shown to a person; the log has all."""
+"""Number of holds, of gaps and of losses that are shown to a person; the log has all."""
 SHORTEST_GAP_S = 3e-3
 SETTLING_S = 2.0
 """Time for which a gap's effect lasts: four drive periods at 2 Hz, in which the impact regime settles again.
@@ -134,6 +134,15 @@ def longest_holds(holds: Sequence[TimeHeld]) -> list[str]:
     """The longest holds of a run as text, in order of time."""
     longest = sorted(holds, key=lambda hold: -hold.whole_s)[:MOST_SHOWN]
     return [hold.in_words for hold in sorted(longest, key=lambda hold: hold.t_s)]
+
+
+def longest_gaps(gaps: Sequence[Gap]) -> list[str]:
+    """The longest gaps of a run as text, in order of time, below the number of all gaps."""
+    longest = sorted(gaps, key=lambda gap: gap.from_s - (math.inf if gap.to_s is None else gap.to_s))
+    shown = [f"the host {gap.in_words}" for gap in sorted(longest[:MOST_SHOWN], key=lambda gap: gap.from_s)]
+    if len(gaps) <= MOST_SHOWN:
+        return shown
+    return [f"the host held up processes in {len(gaps)} intervals, the longest of which follow", *shown]
 
 
 def largest_losses(losses: Sequence[LogLoss]) -> list[str]:

@@ -114,7 +114,7 @@ def show(verdict: "RunVerdict", title: str) -> None:
 def show_figures(figures: "Figures") -> None:
     """Print the most important figures of a run; those that it does not have are left out."""
     estimate, detector = figures.estimate, figures.detector
-    timing = {True: "yes", False: "no; the verdict above does not depend on it"}
+    timing = {True: "yes", False: "no; the verdict does not judge the timing"}
     rows = [
         ("clock, bus", f"{figures.clock}, {figures.bus}", ""),
         ("duration", figures.duration_s, "s"),
@@ -159,7 +159,7 @@ def show_next(out: Path) -> None:
 
 def show_checks(verdict: "RunVerdict") -> None:
     """Print a run's checks, those that have not passed first, and what the verdict says about them."""
-    from hil.judge.gaps import largest_losses, longest_holds
+    from hil.judge.gaps import largest_losses, longest_gaps, longest_holds
 
     figures = verdict.figures
     columns = (Column(title, no_wrap=True) for title in ("value", "limit", ""))
@@ -168,9 +168,9 @@ def show_checks(verdict: "RunVerdict") -> None:
         plain = (check.name, figure(check.value, check.unit), figure(check.limit, check.unit))
         checks.add_row(*map(escape, plain), marked(check.verdict))
     console.print(checks)
-    for check in verdict.checks:
-        if check.reason is not None:
-            console.print(f"[red]{escape(check.name)}: {escape(check.reason)}[/]")
+    for reason in dict.fromkeys(check.reason for check in verdict.checks if check.reason is not None):
+        names = ", ".join(check.name for check in verdict.checks if check.reason == reason)
+        console.print(f"[red]{escape(names)}: {escape(reason)}[/]")
     latched = figures.latched
     if not verdict.passed and latched.at_s is not None:
         console.print(
@@ -184,8 +184,8 @@ def show_checks(verdict: "RunVerdict") -> None:
             console.print(f"[dim]fault {effect.kind} at {effect.at_s:g} s: {times}[/]")
     if holds := longest_holds(figures.time_held):
         console.print(f"time was held, longest: {escape('; '.join(holds))}")
-    for gap in figures.gaps:
-        console.print(f"[yellow]the host {escape(gap.in_words)}[/]")
+    for gap in longest_gaps(figures.gaps):
+        console.print(f"[yellow]{escape(gap)}[/]")
     for loss in largest_losses(figures.losses):
         console.print(f"[yellow]{escape(loss)}[/]")
     if figures.losses:

@@ -66,6 +66,17 @@ def test_a_run_says_the_verdict_first_and_what_to_do_next_last(run_folder, monke
     assert "loops.plant.ticks" in printed(["inspect", str(out), "--all"], monkeypatch, capsys)
 
 
+def test_checks_that_share_a_reason_share_a_line(run_folder, monkeypatch, capsys):
+    short = SCENARIO.replace("duration_s = 3.0", "duration_s = 1.0")
+    for name, without in (("largest_v_m_s", "impact_v_m_s"), ("energy_residual", "speed.error")):
+        short = short.replace(name, without)
+    (run_folder / "short.toml").write_text(short)
+    out = str(run_folder / "short")
+    command = ["run", str(run_folder / "short.toml"), "--clock", "lockstep", "--out", out]
+    reason = "the firmware never reached mode RUN, so the run has no hold"
+    assert f"impact_v_m_s, speed.error: {reason}" in printed(command, monkeypatch, capsys).splitlines()
+
+
 @pytest.mark.parametrize(
     ("value", "unit", "text"),
     [(1.5174, "1", "1.517"), (1.5174, "", "1.517"), (1.5174, "mm", "1.517 mm"), (None, "mm", NO_VALUE)],
