@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import resource
 import sys
 import tempfile
@@ -14,6 +15,8 @@ from tools import output
 
 LONGEST_MESSAGE = 4000
 """Length of the longest error message about an input, in characters."""
+LONG_WORD = re.compile(r"(\S{79})\S{222,}")
+"""A word of more than 300 characters, longer than paths are: a name or key of somebody else's file."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 """Errors of a file that the machine does not let the program write."""
 UNUSABLE = (errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP)
@@ -107,6 +110,7 @@ def say_error(label: str, message: str, as_json: bool) -> None:
 
 def refuse(message: str, as_json: bool) -> int:
     """Print the error in the input in one sentence and, if requested, in JSON."""
+    message = LONG_WORD.sub(r"\1…", message)
     if len(message) > LONGEST_MESSAGE:  # the quoted input may have a megabyte
         half = LONGEST_MESSAGE // 2
         message = f"{message[:half]} … {message[-half:]}"

@@ -21,7 +21,7 @@ import kernel_cache
 from hil.judge.checks import Check
 from hil.record.log_file import written_whole
 from hil.record.run_folder import write_json
-from tools import output
+from tools import cli, output
 
 ROOT = Path(kernel_cache.__file__).parent
 PACKAGES = ("firmware_py", "plant_sim", "hil", "tools")
@@ -210,3 +210,21 @@ def test_control_characters_of_foreign_texts_do_not_reach_the_terminal(
     console.print(output.figure_table("t\x1b[2J", [("name\x1b[1m", "value\r", "unit\x00")]))
     assert "a]0;titleb2Jc" in stream.getvalue()
     assert not output.CONTROL.search(stream.getvalue())
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "title = 't'\nscene = '{long}'\n[script]\nduration_s = 0.1\n",
+        "title = 't'\nscene = 'table1-motor-soft'\n[script]\nduration_s = 0.1\n{long} = 1\n",
+        "title = 't'\nscene = 'table1-motor-soft'\n[firmware]\n{long} = 1\n[script]\nduration_s = 0.1\n",
+    ],
+)
+def test_long_words_of_foreign_files_are_shortened_in_errors(
+    tmp_path: Path, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine.toml").write_text(text.format(long=400_000 * "k"))
+    assert cli.run(["run", str(tmp_path / "mine.toml"), "--out", str(tmp_path / "run")]) == 4
+    errors = capsys.readouterr().err
+    assert 60 * "k" in errors
+    assert 80 * "k" not in errors
