@@ -12,7 +12,7 @@ from tools.tuning.estimator import MEMORY, NEAR, NOISE, STOP, Combination, consi
 from tools.tuning.identification.friction_laws import Law, friction_m_s2
 from tools.tuning.identification.identify import Identified, friction_points
 from tools.tuning.recordings.readings import Readings
-from tools.tuning.result import Tuning
+from tools.tuning.result import Tuning, Value
 from tools.tuning.speed import NominalDrive, SpeedDesign, closed_loops, respond
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def _bode(gain: Any, phase: Any, nominal: NominalDrive, design: SpeedDesign) -> 
         axes.axvline(design.crossover_rad_s / (2.0 * np.pi), color="tab:blue", lw=0.8, ls=":")
         axes.grid(alpha=0.3, which="both")
     gain.set(ylim=(1e-3, 1e2), ylabel="gain", title="Bode")
-    gain.legend(loc="lower left", fontsize=8)
+    gain.legend(loc="upper right", fontsize=8)
     phase.set(xlabel="frequency [Hz]", ylabel="phase [°]", ylim=(-360, -90))
 
 
@@ -116,10 +116,10 @@ def _friction(axes: Any, found: Identified) -> None:
 
 def _laws(axes: Any, found: Identified) -> None:
     names = [law.value.replace(" and ", "\nand ") for law in found.fits]
-    residuals = [1e3 * fit.residual_m_s2 for fit in found.fits.values()]
+    residuals = [fit.residual_m_s2 for fit in found.fits.values()]
     axes.bar(names, residuals, color=[COLOURS[law] for law in found.fits])
-    axes.set(yscale="log", ylabel="residual [mm/s²]", title=f"residual by law; chosen: {found.law.value}")
-    axes.grid(alpha=0.3, axis="y", which="both")
+    axes.set(ylabel="residual [m/s²]", title=f"residual by law; chosen: {found.law.value}")
+    axes.grid(alpha=0.3, axis="y")
 
 
 def _impacts(axes: Any, found: Identified) -> None:
@@ -151,10 +151,14 @@ def draw_detector(figure: "Figure", tuning: Tuning, points: Sequence[detector.Op
         fmt="o-",
         capsize=3,
     )
+    at_one_place: dict[tuple[float, float], list[str]] = {}
     for point in points:
+        place = (point.false_alarms_1_h, 100.0 * (1.0 - point.recall))
+        at_one_place.setdefault(place, []).append(f"{point.floor_m_s2:g}")
+    for place, labels in at_one_place.items():
         roc.annotate(
-            f"{point.floor_m_s2:g}",
-            (point.false_alarms_1_h, 100.0 * (1.0 - point.recall)),
+            ", ".join(labels),
+            place,
             textcoords="offset points",
             xytext=(5, 4),
             fontsize=8,
@@ -163,7 +167,6 @@ def draw_detector(figure: "Figure", tuning: Tuning, points: Sequence[detector.Op
     latency.semilogx(floors, [point.latency_p50_ms for point in points], "o-", label="median")
     latency.semilogx(floors, [point.latency_p95_ms for point in points], "s--", label="95 %")
     latency.set(xlabel="floor [m/s²]", ylabel="latency [ms]", title="from touch-down to its report")
-    latency.legend(fontsize=8)
     cost.errorbar(
         floors,
         [point.cost_1_h for point in points],
@@ -173,14 +176,14 @@ def draw_detector(figure: "Figure", tuning: Tuning, points: Sequence[detector.Op
     )
     cost.set(xscale="log", xlabel="floor [m/s²]", ylabel="cost [1/h]", title="cost, as stated")
     for axes in (latency, cost):
-        axes.axvspan(value.low, value.high, color="tab:green", alpha=0.15)
-        axes.axvline(value.value, color="tab:green")
+        _chosen(axes, value, DEFAULTS[detector.PARAMETER])
+    _legend(figure, latency)
     for axes in (roc, latency, cost):
         axes.grid(alpha=0.3, which="both")
 
 
 def draw_estimator(figure: "Figure", tuning: Tuning, points: Sequence[Combination]) -> None:
-    """Draw the profile likelihood of each parameter; green: chosen, with its range; black: the default."""
+    """Draw the profile likelihood of each parameter, with the chosen value, its range and the default."""
     sound = consistent(points)
     best = max(one.likelihood for one in sound)
     labels = {
@@ -188,17 +191,29 @@ def draw_estimator(figure: "Figure", tuning: Tuning, points: Sequence[Combinatio
         MEMORY: "R: memory of the model's error [s]",
         STOP: "R at the stop: deviation [m]",
     }
-    for axes, (name, label) in zip(figure.subplots(1, 3), labels.items(), strict=True):
+    panels = figure.subplots(1, 3)
+    for axes, (name, label) in zip(panels, labels.items(), strict=True):
         likelihoods = sorted(profile(sound, name).items())
         axes.plot([value for value, _ in likelihoods], [one - best for _, one in likelihoods], "o-")
         axes.axhline(-NEAR, color="tab:gray", lw=0.8, ls="--")
-        axes.axvline(DEFAULTS[name], color="black", lw=0.8)
-        if name in tuning.parameters:
-            value = tuning.parameters[name]
-            axes.axvspan(value.low, value.high, color="tab:green", alpha=0.15)
-            axes.axvline(value.value, color="tab:green")
+        _chosen(axes, tuning.parameters.get(name), DEFAULTS[name])
         axes.set(xscale="log", xlabel=label, ylabel="log-likelihood below the best")
         axes.grid(alpha=0.3, which="both")
+    _legend(figure, panels[0])
+
+
+def _chosen(axes: Any, value: Value | None, default: float) -> None:
+    """Mark the chosen value, the range of values without a significant difference, and the default."""
+    if value is not None:
+        axes.axvspan(value.low, value.high, color="tab:green", alpha=0.15, label="no significant difference")
+        axes.axvline(value.value, color="tab:green", label="chosen")
+    axes.axvline(default, color="black", lw=0.8, label="default")
+
+
+def _legend(figure: "Figure", axes: Any) -> None:
+    """Put the legend of one panel above all panels, where it covers no data."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), fontsize=8)
 
 
 def draw_start(figure: "Figure", tuning: Tuning, tried: Sequence[start.Ramp]) -> None:
@@ -215,7 +230,7 @@ def draw_start(figure: "Figure", tuning: Tuning, tried: Sequence[start.Ramp]) ->
             line = [one for one in tried if one.parameters[start.APPROACH] == approach]
             rises = [one.parameters[start.RISE] for one in line]
             axes.plot(rises, [of(one) for one in line], "o-", ms=4, label=f"approach to r = {approach:g}")
-        for point, mark in ((tuning.values, "s"), (start.DEFAULT, "D")):
+        for point, mark, label in ((tuning.values, "s", "chosen"), (start.DEFAULT, "D", "default")):
             at = [one for one in tried if one.parameters == point]
             axes.plot(
                 [one.parameters[start.RISE] for one in at],
@@ -224,7 +239,9 @@ def draw_start(figure: "Figure", tuning: Tuning, tried: Sequence[start.Ramp]) ->
                 mfc="none",
                 mec="black",
                 ms=12,
+                ls="none",
+                label=label,
             )
         axes.set(xlabel="rise [s]", ylabel=name)
         axes.grid(alpha=0.3)
-    panels[0].legend(fontsize=8)
+    _legend(figure, panels[0])

@@ -10,9 +10,12 @@ from firmware_py.shell.parameters import DEFAULTS
 from tools import cli
 from tools.campaign.trial.outcome import Outcome
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
+from tools.plots import drawn
 from tools.tuning import safety
 from tools.tuning.candidates import Sampling, run_candidates
 from tools.tuning.detector import PARAMETER, Operating, chosen, operating, tune_detector
+from tools.tuning.pictures import draw_detector
+from tools.tuning.result import Tuning, Value
 
 ANY = Operating(1.0, 100, 0, 0, 1.0, 1.0, 0.99, 1.0, 1.0, 1.4, 1.9, 0.0, 1.0, 0.0)
 
@@ -84,6 +87,16 @@ def test_candidates_meet_the_same_sampled_modules() -> None:
     misses = operating(900.0, deaf, 1.0, 1.0)
     assert shifted.recall > 0.99
     assert misses.recall < 0.5
+
+
+def test_floors_at_one_place_share_a_label(tmp_path: Path) -> None:
+    points = [*characteristic(0.0, 0.0), replace(ANY, floor_m_s2=4.0, false_alarms_1_h=9.0)]
+    tuning = Tuning("detector", "a test", 1, "a test", {PARAMETER: Value(2.0, "m/s^2", 1.0, 4.0)}, {})
+    with drawn(tmp_path / "detector.svg") as figure:
+        draw_detector(figure, tuning, points)
+        assert [text.get_text() for text in figure.axes[0].texts] == ["1, 2", "4"]
+        legend = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert legend[-3:] == ["no significant difference", "chosen", "default"]
 
 
 def test_the_command(tmp_path: Path, monkeypatch, capsys) -> None:

@@ -205,5 +205,9 @@ def test_steps_end_where_they_should(design: SpeedDesign) -> None:
 def test_it_is_drawn(design: SpeedDesign, tmp_path: Path) -> None:
     with drawn(tmp_path / "speed.svg") as figure:
         draw_speed(figure, NominalDrive(), design)
+        figure.canvas.draw()
+        legend = figure.axes[0].get_legend().get_window_extent()
+        points = [line.get_transform().transform(line.get_xydata()) for line in figure.axes[0].lines]
+        assert legend.count_contains(np.concatenate(points)) == 0
     content = (tmp_path / "speed.svg").read_text()
     assert content.count("<path") > 50
