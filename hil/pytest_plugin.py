@@ -49,20 +49,28 @@ class Bench:
     ) -> "Run":
         """Run one scenario, by its name or its file, and return the judged run; see `hil.run`.
 
-        The test fails at once if the run is not judged.
+        The test fails at once if the run is not judged. An error in the input is shown at the test's line.
         """
+        __tracebackhide__ = True
         import hil
+        from firmware_py.shell.parameters import ParameterError
+        from hil.bus import BusError
+        from hil.record.run_folder import RunFolderError
+        from plant_sim.text_input import TextInputError
 
-        run = hil.run(
-            scenario,
-            clock=self.clock,
-            time=self.time,
-            bus=self.bus,
-            firmware=self.firmware,
-            seed=seed,
-            set=set,
-            parameters=parameters,
-        )
+        try:
+            run = hil.run(
+                scenario,
+                clock=self.clock,
+                time=self.time,
+                bus=self.bus,
+                firmware=self.firmware,
+                seed=seed,
+                set=set,
+                parameters=parameters,
+            )
+        except (TextInputError, ParameterError, RunFolderError, BusError) as error:
+            raise error.with_traceback(None) from None
         self._folders.append(run.folder.absolute())
         if run.why_not_judged:
             pytest.fail(f"{run.folder} is not judged: {'; '.join(run.why_not_judged)}", pytrace=False)

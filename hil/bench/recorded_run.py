@@ -108,8 +108,9 @@ def named(name: str, among: list[str], what: str) -> str:
     """Return `name` if it exists; otherwise raise RunError with similar names."""
     if name in among:
         return name
-    near = ", ".join(difflib.get_close_matches(name, among, n=3, cutoff=0.4)) or ", ".join(among)
-    raise RunError(f"no {what} {name!r} in this log; it has {near}")
+    near = difflib.get_close_matches(name, among, n=3, cutoff=0.4)
+    wanted = f"similar: {', '.join(near)}" if near else f"it has {', '.join(among)}"
+    raise RunError(f"no {what} {name!r} in this log; {wanted}")
 
 
 def single(values: pa.Array) -> pa.Array:

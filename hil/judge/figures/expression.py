@@ -193,8 +193,9 @@ def _unknown(trace: str, names: list[str], columns: list[str]) -> str:
     for name in names:
         heads = list(dict.fromkeys(column.partition(".")[0] for column in level))
         if name not in heads:
-            near = difflib.get_close_matches(name, heads, n=3, cutoff=0.4) or heads
-            return f"no signal {known}.{name}; it has {', '.join(near)}"
+            near = difflib.get_close_matches(name, heads, n=3, cutoff=0.4)
+            wanted = f"similar: {', '.join(near)}" if near else f"it has {', '.join(heads)}"
+            return f"no signal {known}.{name}; {wanted}"
         known, level = (
             f"{known}.{name}",
             [c.removeprefix(f"{name}.") for c in level if c.startswith(f"{name}.")],

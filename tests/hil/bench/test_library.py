@@ -235,6 +235,19 @@ def test_a_run_that_is_not_judged_fails_its_test(pytester, monkeypatch):
     )
 
 
+def test_a_refused_input_is_shown_at_the_line_of_the_test(pytester):
+    pytester.makepyfile("""
+        def test_of_a_file_that_is_missing(bench):
+            bench.run("missing.toml")
+    """)
+    result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(
+        ['>*bench.run("missing.toml")', "E*scenario file 'missing.toml' cannot be read*"]
+    )
+    assert "pytest_plugin.py" not in result.stdout.str()
+
+
 def test_clock_bus_and_build_of_the_session_are_those_of_its_runs(pytester):
     pytester.makepyfile(
         """

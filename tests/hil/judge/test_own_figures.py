@@ -85,8 +85,8 @@ def test_a_signal_of_the_firmware_before_its_first_tick_is_named_as_the_reason()
 @pytest.mark.parametrize(
     ("expression", "said"),
     [
-        ("max(plant.omega)", r"no signal plant.omega; it has omega_rad_s"),
-        ("max(firmware.outputs.torque)", r"no signal firmware.outputs.torque; it has .*torque_n_m"),
+        ("max(plant.omega)", r"no signal plant.omega; similar: omega_rad_s"),
+        ("max(firmware.outputs.torque)", r"no signal firmware.outputs.torque; similar: .*torque_n_m"),
         ("plant.omega_rad_s", r"is a signal; make a number of it, by min, max"),
         ("max(firmware.state.estimator)", r"cannot be worked out"),
         ("max(plant.x_m", r"cannot be worked out: .*never closed"),
