@@ -4,7 +4,6 @@ In single precision, on a Cortex-M4F: the same decisions.
 """
 
 import gc
-import os
 import random
 from pathlib import Path
 from typing import Any
@@ -12,9 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 from closed_loop import Bench
+from emulated_board import require_board_programs
 from xcp_session import answered, ask, calibrate, command, commands_of, configure, staged
 
-from firmware_py.builds import board, board_tools
+from firmware_py.builds import board
 from firmware_py.builds.flat import loaded
 from firmware_py.interface.enums import XcpCommandCode, XcpError
 from firmware_py.node import places
@@ -34,19 +34,13 @@ from hil.bench.options import RunOptions
 from hil.record.traces.trace import read
 from hil.scenario.scenario import load_scenario
 from tools import cli, doctor
-from tools.budget import budget
 from tools.output import EXIT_BAD_INPUT
 from tools.trade.decisions import decisions_of, differences
 
 
 @pytest.fixture(scope="module")
 def tools() -> None:
-    """Skip where the tools are missing; on a CI machine that is a failure: no board was tested."""
-    missing = board_tools.missing_tools()
-    if missing and os.environ.get("CI"):
-        pytest.fail(f"{' and '.join(missing)} missing on a CI machine; {board.REMEDY}")
-    if missing:
-        pytest.skip(f"{' and '.join(missing)} missing; {board.REMEDY}")
+    require_board_programs()
 
 
 @pytest.mark.usefixtures("tools")
@@ -255,23 +249,6 @@ def test_a_commit_of_parameters_fits_into_its_tick_and_into_the_stack(
     instructions, stack_bytes = (max(column) for column in zip(*measured, strict=True))
     assert 20_000 < instructions < 60_000
     assert stack_bytes < most_stack
-
-
-@pytest.mark.usefixtures("tools")
-@pytest.mark.parametrize(
-    ("target", "most_ram", "most_stack"), [("cortex-m7", 8192, 8192), ("cortex-m4f", 6144, 5120)]
-)
-def test_the_firmware_keeps_its_budget(target: board.BoardName, most_ram: int, most_stack: int) -> None:
-    """Of the RAM, 2 KiB are XCP's: its lists with their samples, and a staged value of each parameter.
-
-    Of the flash, 15 KiB are calibration's: bounds, conflicts and the constants that follow from a commit.
-    """
-    found = budget(["a-controller-that-pauses-for-thirty-ticks-goes-on"], lambda *_: None, target)
-    assert 60_000 < found["flash"]["image"] <= 104 * 1024
-    assert 0.5 * most_ram < sum(found["ram"].values()) < most_ram
-    assert 0.5 * most_stack < found["stack"] < most_stack
-    for ticks in found["instructions"].values():  # a tick that catches up costs no more than another
-        assert 5_000 < ticks["p50"] <= ticks["p99"] <= ticks["worst"] < 12_500
 
 
 def test_without_the_tools_a_sentence_names_the_packages(

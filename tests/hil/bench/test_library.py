@@ -143,18 +143,27 @@ def test_that_passes(bench):
 def test_that_fails(bench):
     run = bench.run("still.toml", set={"script.duration_s": 0.25})
     assert run.impacts, "no impact"
+
+
+def test_in_which_nothing_is_asserted(bench):
+    bench.run("unchecked.toml")
 """
 
 
 def test_the_plug_in_keeps_and_names_the_runs_of_a_failed_test(pytester, monkeypatch):
+    """A test whose run is not judged fails, too."""
     monkeypatch.setenv("VIBROHIL_CACHE_DIR", str(KERNELS))
     (pytester.path / "still.toml").write_text(f"seed = 7\n{SCENARIO}")
+    (pytester.path / "unchecked.toml").write_text(SCENARIO.partition("[[checks]]")[0])
     pytester.makepyfile(TESTS)
     result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
-    result.assert_outcomes(passed=1, failed=1)
-    kept = list((pytester.path / "runs").iterdir())
-    assert [hil.open_run(folder).figures.duration_s for folder in kept] == [0.25]
-    result.stdout.fnmatch_lines(["*vibrohil: run folders kept*", f"*{kept[0].name}*"])
+    result.assert_outcomes(passed=1, failed=2)
+    kept = {hil.open_run(folder).figures.duration_s: folder for folder in (pytester.path / "runs").iterdir()}
+    assert set(kept) == {0.25, 0.5}
+    result.stdout.fnmatch_lines(["*vibrohil: run folders kept*", f"*{kept[0.25].name}*"])
+    result.stdout.fnmatch_lines(
+        ["*is not judged: nothing was checked; give the scenario*", f"*{kept[0.5].name}*"]
+    )
 
 
 PLACES = """
@@ -219,20 +228,6 @@ def test_the_plug_in_removes_no_folder_but_those_of_tests_that_pass(pytester, mo
     for name in (0.21, 0.23, 0.24):
         result.stdout.fnmatch_lines(["*run folders kept*", str(kept[name])])
         assert kept[name].is_absolute()
-
-
-def test_a_run_that_is_not_judged_fails_its_test(pytester, monkeypatch):
-    monkeypatch.setenv("VIBROHIL_CACHE_DIR", str(KERNELS))
-    (pytester.path / "unchecked.toml").write_text(SCENARIO.partition("[[checks]]")[0])
-    pytester.makepyfile("""
-        def test_nothing_is_asserted(bench):
-            bench.run("unchecked.toml")
-    """)
-    result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
-    result.assert_outcomes(failed=1)
-    result.stdout.fnmatch_lines(
-        ["*is not judged: nothing was checked; give the scenario*", "*run folders kept*"]
-    )
 
 
 def test_a_refused_input_is_shown_at_the_line_of_the_test(pytester):

@@ -1,15 +1,25 @@
-"""What `firmware build` prints and writes: the bytes of code, and of config and state by block."""
+"""What the firmware costs: the bytes of code, of config and state by block, and instructions on a board.
+
+The tests that compile the firmware without a gait stand together, so that one process of the tests makes it.
+"""
 
 import json
 from pathlib import Path
 
 import pytest
+from emulated_board import require_board_programs
 
+from firmware_py.builds import board
 from firmware_py.builds.flat import layout
 from firmware_py.builds.machine_code import sizes
 from firmware_py.node.tick import NodeState
 from tools import cli
-from tools.budget import blocks, ram_by_block
+from tools.budget import blocks, budget, ram_by_block
+
+
+@pytest.fixture(scope="module")
+def board_programs() -> None:
+    require_board_programs()
 
 
 def test_blocks_fill_a_record() -> None:
@@ -29,3 +39,20 @@ def test_every_byte_of_config_and_state_is_of_one_block(
     for part in ("config", "state"):
         assert sum(printed["map"][part].values()) == printed["bytes"][part]
     assert "float x_m;" in (tmp_path / "b" / "vibro_firmware.h").read_text()
+
+
+@pytest.mark.usefixtures("board_programs")
+@pytest.mark.parametrize(
+    ("target", "most_ram", "most_stack"), [("cortex-m7", 8192, 8192), ("cortex-m4f", 6144, 5120)]
+)
+def test_the_firmware_keeps_its_budget(target: board.BoardName, most_ram: int, most_stack: int) -> None:
+    """Of the RAM, 2 KiB are XCP's: its lists with their samples, and a staged value of each parameter.
+
+    Of the flash, 15 KiB are calibration's: bounds, conflicts and the constants that follow from a commit.
+    """
+    found = budget(["a-controller-that-pauses-for-thirty-ticks-goes-on"], lambda *_: None, target)
+    assert 60_000 < found["flash"]["image"] <= 104 * 1024
+    assert 0.5 * most_ram < sum(found["ram"].values()) < most_ram
+    assert 0.5 * most_stack < found["stack"] < most_stack
+    for ticks in found["instructions"].values():  # a tick that catches up costs no more than another
+        assert 5_000 < ticks["p50"] <= ticks["p99"] <= ticks["worst"] < 12_500
