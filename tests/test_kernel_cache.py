@@ -271,7 +271,11 @@ def test_the_closed_loops_kernel_is_keyed_by_no_module_that_it_does_not_contain(
 
 def test_the_compiled_firmware_is_keyed_by_what_replaces_its_functions() -> None:
     found = {str(path.relative_to(ROOT)) for path in kernel_cache.sources(*machine_code.BUILDERS)}
-    assert {"firmware_py/builds/replacements.py", "firmware_py/core/step.py"} <= found
+    assert {"firmware_py/builds/replacements.py", "firmware_py/core/step.py", "numba_replace.py"} <= found
+
+
+def test_the_plants_kernels_are_keyed_by_the_replacement_of_fields() -> None:
+    assert ROOT / "numba_replace.py" in kernel_cache.sources(Path(adaptive.__file__))
 
 
 def test_a_source_is_parsed_once_as_its_trees_digest_is_kept_on_disk(
