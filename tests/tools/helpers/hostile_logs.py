@@ -128,7 +128,7 @@ ONE, ZERO, EMPTY = 1, 8, 12
 
 
 def blob(length: int) -> int:
-    """The type of a value of so many bytes."""
+    """The type of a value of this length."""
     return 12 + 2 * length
 
 
