@@ -63,7 +63,12 @@ def compare(
         result["out"] = str(out)
     equal = result["equal"] if tolerance is None else result["within_tolerance"]
     status = EXIT_CHECK_FAILED if must_be_equal and not equal else EXIT_PASSED
-    answer(result, as_json, lambda: show(result), status)
+
+    def show_both() -> None:
+        console.print(f"a: {a}\nb: {b}\n", soft_wrap=True, markup=False)
+        show(result)
+
+    answer(result, as_json, show_both, status)
 
 
 def compare_suites(a: Path, b: Path, must_be_equal: bool, tolerance: list[str] | None, as_json: bool) -> None:

@@ -46,7 +46,7 @@ def course(traces: RunTraces, figures: Figures) -> chart.Plot:
         chart.points(SPEEDS, "true impact", column(impacts, "t_s"), column(impacts, "v_m_s"), chart.TRUTH),
         chart.points(SPEEDS, "reported impact", reported_s, reported_m_s, chart.ESTIMATE, "x"),
         chart.curve(CRANK, "true speed", plant_s, column(plant, "omega_rad_s"), chart.TRUTH),
-        chart.curve(CRANK, "target speed", firmware_s, target_rad_s, chart.TARGET, dash="dash"),
+        chart.curve(CRANK, "target speed", firmware_s, target_rad_s, chart.TARGET, dash="dot"),
         chart.curve(TORQUE, "motor torque", plant_s, column(plant, "motor_torque_n_m"), chart.TRUTH),
         chart.curve(TORQUE, "commanded torque", firmware_s, commanded_n_m, chart.ESTIMATE),
     ]

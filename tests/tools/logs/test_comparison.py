@@ -61,11 +61,12 @@ def test_another_seed_differs_from_the_first_noisy_sample_on(runs, capsys):
     assert log["/difference"]["StateChange:state"].to_pylist() == [[f"first difference: {first['signal']}"]]
 
 
-def test_a_comparison_fits_one_screen_with_verdict_and_fault_first(runs, capsys):
+def test_a_comparison_fits_one_screen_and_begins_with_the_runs_the_verdict_and_the_fault(runs, capsys):
     assert cli.run(["compare", str(runs / "first"), str(runs / "other")]) == EXIT_PASSED
     lines = capsys.readouterr().out.splitlines()
     assert "first difference at 0.000000 s in plant.striker" in " ".join(lines)
-    assert [line.split()[0] for line in lines[:3]] == ["figure", "verdict", "fault"]
+    assert lines[:3] == [f"a: {runs / 'first'}", f"b: {runs / 'other'}", ""]
+    assert [line.split()[0] for line in lines[3:6]] == ["figure", "verdict", "fault"]
     assert len(lines) <= 24
 
 
