@@ -13,7 +13,8 @@ from firmware_py.node.memory import FirmwareState
 from firmware_py.shell.flat_node import FlatNode
 
 POINTER, INTEGER = ctypes.c_void_p, ctypes.c_int64
-TICK = ctypes.CFUNCTYPE(ctypes.c_int32, POINTER, POINTER, INTEGER, INTEGER, POINTER, POINTER)
+ARGUMENTS = (POINTER, POINTER, INTEGER, INTEGER, POINTER, POINTER)
+TICK = ctypes.CFUNCTYPE(ctypes.c_int32, *ARGUMENTS)
 
 
 class Native(NamedTuple):
