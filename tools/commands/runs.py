@@ -45,7 +45,8 @@ def runs(
 
     for name in show or []:
         refuse_other_figures("--show", name, name)
-    found = chosen(listed(folder), where or [])
+    known = listed(folder)
+    found = chosen(known, where or [])
     if older is not None:
         pruned = prune(found, age_s(older), folder)
         summary = f"removed {len(pruned.removed)} of {len(found)} runs"
@@ -56,7 +57,8 @@ def runs(
     shown = found[: (None if as_json else MOST) if most is None else most]
     payload = {"runs": [row_of(run, columns) for run in shown]}
     status = EXIT_PASSED if found else EXIT_NOTHING_RAN
-    counts = f"{len(shown)} of {len(found)} runs in {folder}"
+    which = f"matching runs of {len(known)}" if where else "runs"
+    counts = f"{len(shown)} of {len(found)} {which} in {folder}"
     answer(payload, as_json, lambda: print_table(shown, columns, counts), status)
 
 

@@ -77,6 +77,8 @@ def test_the_command_lists_chooses_and_prunes(folder, capsys):
     assert "4 of 4 runs" in capsys.readouterr().out
     assert cli.run(["runs", str(folder), "--most", "1"]) == EXIT_PASSED
     assert "1 of 4 runs" in capsys.readouterr().out
+    assert cli.run(["runs", str(folder), "--where", "passed=false"]) == EXIT_PASSED
+    assert "2 of 2 matching runs of 4" in capsys.readouterr().out
     assert cli.run(["runs", str(folder), "--most", "2", "--json"]) == EXIT_PASSED
     assert len(json.loads(capsys.readouterr().out)["runs"]) == 2
     assert cli.run(["runs", str(folder), "--prune", "36h", "--json"]) == EXIT_PASSED
