@@ -64,8 +64,11 @@ LLVM_REGION_BUDGET = 10_000
 MOST_ARGUMENTS = 100
 """A function with more arguments is inlined: numba passes each number of a record as an argument of its own,
 and LLVM cannot compile a call with kilobytes of arguments for ARM."""
-FRAMING = "9interface7framing"
-"""Part of a mangled name; these functions are inlined too, so that frame lengths become constants."""
+INLINED = ("9interface7framing", "12replacements10_with_page")
+"""Parts of mangled names. These functions are inlined too: frame lengths become constants, and of all the
+parameters only those are copied that a commit checks."""
+APART = ("4node3xcp5serve", "12replacements8put_page")
+"""Parts of mangled names. These functions, which a tick seldom or never calls, are not inlined."""
 WRAPPER = """
 define i32 @vibro_tick(ptr %config, ptr %state, i64 %current, i64 %count, ptr %frames, ptr %tx) {{
   %returned = alloca i64
@@ -162,9 +165,13 @@ def retargeted(assembly: str, target: Target, kept_names: Collection[str]) -> by
         if not symbol.is_declaration and symbol.name not in kept_names:
             symbol.linkage = "internal"
     for function in module.functions:
-        wanted = FRAMING in function.name or len(list(function.arguments)) > MOST_ARGUMENTS
-        if wanted and not function.is_declaration:
+        if function.is_declaration:
+            continue
+        is_named = any(part in function.name for part in INLINED)
+        if is_named or len(list(function.arguments)) > MOST_ARGUMENTS:
             function.add_function_attribute("alwaysinline")
+        elif any(part in function.name for part in APART):
+            function.add_function_attribute("noinline")
     options = llvm.create_pipeline_tuning_options(speed_level=SPEED)
     options.slp_vectorization = options.loop_vectorization = False
     options.loop_unrolling = False  # unrolling: a tenth more flash, no faster tick

@@ -26,7 +26,7 @@ from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.node import calibration, places, xcp
 from firmware_py.node.tick import NodeState
 
-LONG, WORD, BYTE = ir.IntType(64), ir.IntType(32), ir.IntType(8)
+LONG, WORD, SHORT, BYTE = ir.IntType(64), ir.IntType(32), ir.IntType(16), ir.IntType(8)
 FLOAT_KIND, INTEGER_KIND, TRUTH_KIND = range(3)
 UNROLLED = 4
 
@@ -60,13 +60,14 @@ def member_pointer(
     """A pointer to an `item` at a record's member; `arguments`: the record's address, the index of the path.
 
     The offsets are constant expressions over the record's type, so that they follow it into single precision.
+    They have 16 bits, as a record is shorter than 64 kB.
     """
     address, index = arguments
     record = context.data_model_manager[numba_type(kind)].get_data_type()
     start = ir.Constant(record.as_pointer(), None)
-    offsets = [start.gep([WORD(0), *map(WORD, path)]).ptrtoint(WORD) for path in paths]
-    table = _constant_table(builder, f"vibro_{kind.__name__}_offsets", WORD, offsets)
-    offset = builder.load(builder.gep(table, [WORD(0), builder.trunc(index, WORD)]))
+    offsets = [start.gep([WORD(0), *map(WORD, path)]).ptrtoint(SHORT) for path in paths]
+    table = _constant_table(builder, f"vibro_{kind.__name__}_offsets", SHORT, offsets)
+    offset = builder.zext(builder.load(builder.gep(table, [WORD(0), builder.trunc(index, WORD)])), WORD)
     inner = builder.gep(builder.bitcast(address, BYTE.as_pointer()), [offset])
     return builder.bitcast(inner, item.as_pointer())
 

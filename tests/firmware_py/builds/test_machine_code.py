@@ -1,4 +1,4 @@
-"""The firmware as an object file: the same bits as numba's own code, and headers that C accepts."""
+"""The object file: a library of it computes the bits of the compiled build, and C accepts its headers."""
 
 import ctypes
 import random
