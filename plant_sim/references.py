@@ -92,6 +92,11 @@ class Reference:
             _TYPES[kind] = ReferenceType(_typeof(record))
         self.numba_type = _TYPES[kind]
 
+    @property
+    def words(self) -> list[int]:
+        """The words of the copy."""
+        return list(self._words)
+
     def __getattr__(self, name: str) -> Any:
         return getattr(self.record, name)
 

@@ -4,6 +4,7 @@ Faults alter frames where they leave their sender. Frames of a foreign node are 
 connection, and the plant receives them too.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
@@ -26,7 +27,7 @@ class FaultyBus:
         self._counts = counted(faults)
         self._faults = [fault for fault in faults if isinstance(fault, LineFault)]
         self._noise = [np.random.default_rng([seed, number]) for number in range(len(self._faults))]
-        self._held: list[Held] = [()] * len(self._faults)
+        self._held: list[Held] = [deque() for _ in self._faults]
         self._step = Step(0.0, 0.0)
         self._foreign: list[Frame] = []
 
@@ -51,7 +52,7 @@ class FaultyBus:
                 passed, self._held[number], acted = fault.outgoing(sending, noise)
                 self._counts.acted(fault, acted)
             else:
-                passed, self._held[number] = [*(late.frame for late in held), *passed], ()
+                passed, self._held[number] = [*(late.frame for late in held), *passed], deque()
         if self._passes(passed):
             self._bus.send_all(passed)
 

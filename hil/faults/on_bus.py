@@ -1,5 +1,6 @@
 """Faults on the bus: at a node's connection (`hil.faults.line`), or in the bus model of lockstep."""
 
+from collections import deque
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias
@@ -38,7 +39,8 @@ class Late(NamedTuple):
     frame: Frame
 
 
-Held: TypeAlias = tuple[Late, ...]
+Held: TypeAlias = deque[Late]
+"""The frames held back, oldest first; a fault changes it in place, since it may hold very many."""
 
 
 class Sending(NamedTuple):

@@ -10,12 +10,14 @@ from hil.bus.base import MAX_BURST
 from hil.faults.fault import Fault
 from hil.faults.on_bus import FRAME_IDS, FramesFault, LineFault
 
+MOST_AT_ONCE = 20
+"""Largest number of faults at the nodes' connections that act at a time: each costs time in every step."""
 MOST_HELD_FRAMES = 100_000
 """Largest number of frames that faults may hold back at a time: a minute of one frame, and its copies."""
 
 
 def excess_of(faults: Sequence[Fault], tick_s: float, duration_s: float) -> str | None:
-    """The reason why the faults send or hold too many frames, with the remedy; None if they do not.
+    """The reason why the faults send or hold too many frames, or are too many; None if they are not.
 
     Faults act together if one begins while the others act, or as they end and release what they hold.
     """
@@ -34,6 +36,11 @@ def excess_of(faults: Sequence[Fault], tick_s: float, duration_s: float) -> str 
             return (
                 f"the faults that act at {latest.at_s:g} s hold back up to {held:,} frames; wanted "
                 f"{MOST_HELD_FRAMES:,} at most, name fewer frames, or lower delay_s, period_s or copies"
+            )
+        if len(acting) > MOST_AT_ONCE:
+            return (
+                f"{len(acting)} faults of frames act at {latest.at_s:g} s; wanted {MOST_AT_ONCE} at most, "
+                "let fewer of them act at a time"
             )
     return None
 

@@ -36,8 +36,8 @@ LARGEST_IMPULSE_N_S = 6.5
 """Largest impulse that the command frame can carry."""
 
 
-MOST_FAULTS = 1000
-"""Largest number of a script's faults."""
+MOST_FAULTS, MOST_COMMANDS = 100, 1000
+"""Largest numbers of a script's faults and commands."""
 
 REALTIME_PERIOD_S = 1e-3
 """Tick at the highest rate that classic CAN at 1 Mbit/s can carry."""
@@ -81,7 +81,9 @@ class ScriptTable(Table):
     """Duration of the run, and the operator's commands."""
 
     duration_s: float = Field(gt=0.0, le=86_400.0, description="the run's length in s")
-    commands: list[CommandTable] = Field(default=[], description="the tables [[script.commands]]")
+    commands: list[CommandTable] = Field(
+        default=[], max_length=MOST_COMMANDS, description="the tables [[script.commands]]"
+    )
     faults: list[AnyFault] = Field(
         default=[], max_length=MOST_FAULTS, description="the tables [[script.faults]]"
     )

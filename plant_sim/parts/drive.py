@@ -191,8 +191,21 @@ class TorqueDriveTable(CrankTable):
         return data
 
     def part(self, natural_rad_s: float, motor: MotorTable) -> MotorDrive:
-        """The drive on this motor."""
-        return MotorDrive(self.amplitude_m, self.phase_rad, **motor.model_dump())
+        """The drive on this motor; names each number, since an FMU compiles this function."""
+        return MotorDrive(
+            amplitude_m=self.amplitude_m,
+            phase_rad=self.phase_rad,
+            inertia_kg_m2=motor.inertia_kg_m2,
+            torque_constant_n_m_a=motor.torque_constant_n_m_a,
+            resistance_ohm=motor.resistance_ohm,
+            inductance_h=motor.inductance_h,
+            pole_pairs=motor.pole_pairs,
+            supply_v=motor.supply_v,
+            current_limit_a=motor.current_limit_a,
+            viscous_n_m_s=motor.viscous_n_m_s,
+            dry_n_m=motor.dry_n_m,
+            speed_limit_rad_s=motor.speed_limit_rad_s,
+        )
 
 
 class MotorDriveTable(TorqueDriveTable):

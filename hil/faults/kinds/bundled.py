@@ -1,5 +1,6 @@
 """Frames that come in bundles."""
 
+from collections import deque
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -23,7 +24,8 @@ class Bundled(FramesFault):
     def outgoing(self, sending: Sending, noise: np.random.Generator) -> Outgoing:
         """Frames are held until the next bundle leaves."""
         named, others = self.named(sending.frames), self.others(sending.frames)
-        bundle = (*sending.held, *(Late(sending.step.t_s, one) for one in named))
+        bundle = sending.held
+        bundle.extend(Late(sending.step.t_s, one) for one in named)
         if periods_begun(self.at_s, self.period_s, sending.step) > 0:
-            return Outgoing([*(late.frame for late in bundle), *others], (), len(named))
+            return Outgoing([*(late.frame for late in bundle), *others], deque(), len(named))
         return Outgoing(others, bundle, len(named))

@@ -20,7 +20,9 @@ class Corrupted(FramesFault):
         sent = [
             broken(one, noise) if is_hit else one for one, is_hit in zip(sending.frames, hit, strict=True)
         ]
-        return Outgoing(sent, (), sum(one != other for one, other in zip(sending.frames, sent, strict=True)))
+        return Outgoing(
+            sent, sending.held, sum(one != other for one, other in zip(sending.frames, sent, strict=True))
+        )
 
 
 def broken(frame: Frame, noise: np.random.Generator) -> Frame:

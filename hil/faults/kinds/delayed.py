@@ -22,7 +22,9 @@ class Delayed(FramesFault):
 
     def outgoing(self, sending: Sending, noise: np.random.Generator) -> Outgoing:
         """Frames are held until they are due."""
-        named = self.named(sending.frames)
-        late = (*sending.held, *(Late(sending.step.t_s + self.delay_s, one) for one in named))
-        due = [one for due_s, one in late if due_s <= sending.step.t_s + TIME_RESOLUTION_S]
-        return Outgoing([*due, *self.others(sending.frames)], late[len(due) :], len(named))
+        named, held = self.named(sending.frames), sending.held
+        held.extend(Late(sending.step.t_s + self.delay_s, one) for one in named)
+        due = []
+        while held and held[0].due_s <= sending.step.t_s + TIME_RESOLUTION_S:
+            due.append(held.popleft().frame)
+        return Outgoing([*due, *self.others(sending.frames)], held, len(named))

@@ -18,4 +18,4 @@ class Dropped(FramesFault):
         left = [
             one for one in sending.frames if one.can_id not in self.can_ids or noise.random() >= self.share
         ]
-        return Outgoing(left, (), len(sending.frames) - len(left))
+        return Outgoing(left, sending.held, len(sending.frames) - len(left))

@@ -24,4 +24,4 @@ class Duplicated(FramesFault):
         sent = [
             one for one in sending.frames for _ in range(self.copies if one.can_id in self.can_ids else 1)
         ]
-        return Outgoing(sent, (), len(self.named(sending.frames)))
+        return Outgoing(sent, sending.held, len(self.named(sending.frames)))

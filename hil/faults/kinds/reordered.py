@@ -1,5 +1,6 @@
 """Frames out of order."""
 
+from collections import deque
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -25,5 +26,5 @@ class Reordered(FramesFault):
                 passed += [frame, waiting.pop(frame.can_id)]
             else:
                 waiting[frame.can_id] = frame
-        later = tuple(Late(0.0, frame) for frame in waiting.values())
+        later = deque(Late(0.0, frame) for frame in waiting.values())
         return Outgoing(passed, later, len(self.named(sending.frames)))

@@ -17,6 +17,6 @@ class Thinned(FramesFault):
     def outgoing(self, sending: Sending, noise: np.random.Generator) -> Outgoing:
         """Frames leave in steps in which a period begins."""
         if periods_begun(self.at_s, self.period_s, sending.step) > 0:
-            return Outgoing(list(sending.frames), (), 0)
+            return Outgoing(list(sending.frames), sending.held, 0)
         left = self.others(sending.frames)
-        return Outgoing(left, (), len(sending.frames) - len(left))
+        return Outgoing(left, sending.held, len(sending.frames) - len(left))

@@ -3,6 +3,7 @@
 import math
 import signal
 import time
+from collections import deque
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from hil.faults.fault import Fault
 from hil.faults.kinds.phase_loss import PhaseLoss
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
+from hil.faults.on_bus import Late, Sending, Step
 from hil.faults.on_plant import TurnCounter
 from hil.faults.processes import ProcessFaults
 from hil.faults.readings import SensorFaults
@@ -493,13 +495,14 @@ BABBLING = {"kind": "babbling", "at_s": 0.5, "can_id": 0, "period_s": 2e-5}
         ([duplicated(100), duplicated(50, at_s=2.0)], "act at 2 s send up to 5,025 frames a tick"),
         ([FLOOD] * 5, r"act at 0\.5 s send up to 5,026 frames a tick"),
         ([BABBLING] * 90, r"act at 0\.5 s send up to 4,526 frames a tick"),
+        ([DELAYED | {"delay_s": 1e-4}] * 21, "21 faults of frames act at 1 s; wanted 20 at most"),
         ([BUNDLED, duplicated(100), duplicated(2)], "act at 1 s hold back up to 200,000 frames; wanted"),
         ([DELAYED, duplicated(100)], "act at 1 s hold back up to 200,000 frames; wanted 100,000 at most"),
         (
             [DELAYED | {"duration_s": 1.0}, duplicated(100, at_s=2.0), duplicated(2, at_s=2.0)],
             "act at 2 s hold back up to 200,000 frames",
         ),
-        ([BUNDLED] * 1001, r"script\.faults = .{,100} is not a list of at most 1000; give the table"),
+        ([BUNDLED] * 101, r"script\.faults = .{,100} is not a list of at most 100; give the table"),
     ],
 )
 def test_faults_that_fill_the_memory_with_frames_are_refused(
@@ -509,6 +512,23 @@ def test_faults_that_fill_the_memory_with_frames_are_refused(
     with pytest.raises(ScenarioError, match=message):
         scenario_with(*tables)
     assert time.process_time() - begun_s < 10.0
+
+
+def test_a_delay_without_end_copies_no_held_frames() -> None:
+    [delayed] = TypeAdapter(list[AnyFault]).validate_python([DELAYED])
+    held = deque(Late(1e6, Frame(codec.ACCELEROMETER.can_id, bytes(8))) for _ in range(100))
+    sending = Sending(Step(2.0, 1.999), [Frame(codec.ACCELEROMETER.can_id, bytes(8))], held)
+    sent = delayed.outgoing(sending, np.random.default_rng(1))
+    assert sent.frames == []
+    assert sent.held is held
+    assert len(held) == 101
+
+
+def test_too_many_commands_are_refused() -> None:
+    document = read_scenario("soft-start-multistable")
+    document["script"]["commands"] = [{"at_s": 0.1, "request": "idle"}] * 1001
+    with pytest.raises(ScenarioError, match=r"script\.commands = .{,100} is not a list of at most 1000"):
+        check_scenario(document, "broken")
 
 
 def test_faults_of_many_frames_one_after_the_other_are_accepted() -> None:
