@@ -19,6 +19,7 @@ SLOW_TESTS = Path(__file__).with_name("slow.txt")
 """The names of the tests with the marker `slow`, a line each; `pytest --measure-slow` writes them."""
 SLOW_S = 1.0
 HIDDEN = Path(__file__).with_name("hidden")
+collect_ignore = ["hidden"]
 
 collect_rarely()
 

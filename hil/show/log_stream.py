@@ -14,7 +14,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from hil.record.log_file import ROOM_BYTES, refuse_full_disk, written_whole
+from hil.record.rrd.log_file import ROOM_BYTES, refuse_full_disk, written_whole
 from hil.record.run_traces import column
 from hil.record.state_timeline import ALARM, StateTimeline, lower_name, state_name
 from hil.record.traces.precision import TIME, whole_ns

@@ -32,8 +32,8 @@ from hil.judge.reasons import IMPORTED
 from hil.judge.verdict import RunVerdict, Verdict
 from hil.record.candump import BusLog
 from hil.record.frame_tables import FREQUENT, decoded, in_rows
-from hil.record.log_file import written_whole
 from hil.record.rates import by_rate, signals_of_checks, slow_entity
+from hil.record.rrd.log_file import written_whole
 from hil.record.run_traces import LogLoss, RunTraces, column, pieces, read_run
 from hil.record.state_timeline import (
     ALARM,

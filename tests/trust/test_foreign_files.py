@@ -19,7 +19,7 @@ from pydantic import ValidationError
 import hil
 import kernel_cache
 from hil.judge.checks import Check
-from hil.record.log_file import written_whole
+from hil.record.rrd.log_file import written_whole
 from hil.record.run_folder import write_json
 from tools import cli, output
 

@@ -9,9 +9,9 @@ import pyarrow as pa
 import pytest
 import rerun as rr
 
-from hil.record.log_file import is_whole, refuse_far_larger, repair
 from hil.record.rerun_program import RerunError
-from hil.record.rrd_messages import DATA, END, HEADER_BYTES, MESSAGE, TRAILER, TRAILER_MARK, fields_of
+from hil.record.rrd.log_file import is_whole, refuse_far_larger, repair
+from hil.record.rrd.messages import DATA, END, HEADER_BYTES, MESSAGE, TRAILER, TRAILER_MARK, fields_of
 
 
 def log_of(path: Path, content: bytes) -> bytes:

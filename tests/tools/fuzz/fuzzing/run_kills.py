@@ -19,7 +19,7 @@ from fuzzing.kill import (
     wait_for,
 )
 from hil.bench.recorded_run import open_run
-from hil.record.log_file import is_whole
+from hil.record.rrd.log_file import is_whole
 from hil.record.run_traces import read_json
 
 CHILDREN = ("firmware", "plant", "recorder", "hub", "baseline")

@@ -13,10 +13,10 @@ from pathlib import Path
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
-from hil.record.arrow_extent import ExtentError, extent_bytes
 from hil.record.new_file import made_anew
 from hil.record.rerun_program import RerunError, rerun
-from hil.record.rrd_messages import (
+from hil.record.rrd.arrow_extent import ExtentError, extent_bytes
+from hil.record.rrd.messages import (
     DATA,
     END,
     Packed,

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import pyarrow as pa
 
-from hil.record.arrow_extent import ExtentError
+from hil.record.rrd.arrow_extent import ExtentError
 
 HEADER_BYTES = 12
 MESSAGE = struct.Struct("<QQ")
