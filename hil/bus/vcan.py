@@ -16,6 +16,9 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
+from pyroute2 import IPRoute
+from pyroute2.netlink.exceptions import NetlinkError
+
 from hil.bus.can_socket import open_can_socket
 from hil.timing.processes import READY, report_to_parent, stop_requests
 from hil.timing.realtime import libc
@@ -33,9 +36,6 @@ class VcanError(RuntimeError):
 
 def make_interface(name: str) -> None:
     """Make the vcan interface `name` and bring it up."""
-    from pyroute2 import IPRoute  # noqa: PLC0415  nothing else needs netlink
-    from pyroute2.netlink.exceptions import NetlinkError  # noqa: PLC0415
-
     with IPRoute() as netlink:
         try:
             netlink.link("add", ifname=name, kind="vcan")
@@ -48,8 +48,6 @@ def make_interface(name: str) -> None:
 
 def remove_interface(name: str) -> None:
     """Remove the interface `name`."""
-    from pyroute2 import IPRoute  # noqa: PLC0415
-
     with IPRoute() as netlink:
         for index in netlink.link_lookup(ifname=name):
             netlink.link("del", index=index)

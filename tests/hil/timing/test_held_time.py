@@ -3,9 +3,9 @@
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -52,20 +52,20 @@ def lockstep(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 @contextmanager
 def beside(disturb: Any, folder: Path) -> Iterator[None]:
-    """Call `disturb` in a thread with the run's process numbers once the run has begun."""
+    """Call `disturb` in a thread with the run's process numbers, once frames of the run are in its log."""
+    log = folder / "can.log"
 
     def watch() -> None:
-        while "t0_ns" not in read_json(folder / "run.json"):
+        until_s = time.monotonic() + 120.0
+        while not log.exists() or not log.stat().st_size:
+            assert time.monotonic() < until_s, "the run did not begin"
             time.sleep(0.01)
-        time.sleep(0.5)
         disturb(read_json(folder / "processes.json"))
 
-    thread = threading.Thread(target=watch)
-    thread.start()
-    try:
+    with ThreadPoolExecutor(1) as thread:
+        disturbed = thread.submit(watch)
         yield
-    finally:
-        thread.join()
+    disturbed.result()
 
 
 def stop(stalls: Sequence[tuple[int, float]]) -> None:
