@@ -176,7 +176,9 @@ class ProcessesRun:
             operator_bus = self.joined_as_operator(stack)
             pace = Pace(self.scenario.period_s, self.scenario.duration_s)
             faults = counted(self.scenario.faults)
-            faulty_bus, set_time = with_faults(operator_bus, "operator", faults, self.seed)
+            faulty_bus, set_time = with_faults(
+                operator_bus, "operator", faults, self.seed, self.scenario.period_s
+            )
             operator = OperatorRunner(self.scenario.commands, pace, faulty_bus, self.run_dir)
             stack.callback(operator.close)
             settle_garbage()

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -113,12 +114,11 @@ class LockstepNodes:
         pace = Pace(scenario.period_s, scenario.duration_s, is_timed=False)
         at_nodes = self._bus.break_by(faults)
         self._to_plant = self._bus.join(PLANT)
-        plant_bus, self._set_plant_time = with_faults(self._to_plant, PLANT, at_nodes, seed)
-        firmware_bus, self._set_firmware_time = with_faults(
-            self._bus.join(FIRMWARE), FIRMWARE, at_nodes, seed
-        )
+        broken = partial(with_faults, faults=at_nodes, seed=seed, period_s=pace.period_s)
+        plant_bus, self._set_plant_time = broken(self._to_plant, PLANT)
+        firmware_bus, self._set_firmware_time = broken(self._bus.join(FIRMWARE), FIRMWARE)
         self._to_operator = self._bus.join(OPERATOR)
-        operator_bus, self._set_operator_time = with_faults(self._to_operator, OPERATOR, at_nodes, seed)
+        operator_bus, self._set_operator_time = broken(self._to_operator, OPERATOR)
         self._plant_node = PlantRunner(scenario.scene, seed, pace, plant_bus, run_dir, faults)
         self._firmware_node = FirmwareRunner(
             ParameterMemory(scenario.parameters, faults, seed),

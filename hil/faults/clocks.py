@@ -31,7 +31,12 @@ class ClockFaults:
         own = sorted((fault for fault in own if fault.faulty_process() == process), key=lambda one: one.at_s)
         self._jumps = [fault for fault in own if fault.ahead_s]
         self._jitters = [fault for fault in own if fault.latest_s]
-        self._noise = np.random.default_rng([seed, SEED_OF_CLOCKS])
+        self._seed = [seed, SEED_OF_CLOCKS]
+        self.restart()
+
+    def restart(self) -> None:
+        """Sample jitter anew, as a process that starts does."""
+        self._noise = np.random.default_rng(self._seed)
 
     @property
     def any(self) -> bool:
@@ -144,6 +149,7 @@ class Turns:
         if self._starts_s and t_s >= self._starts_s[0] - 1e-9:
             del self._starts_s[0]
             self._runner.restart(own_tick)
+            self._clock.restart()
             self._next_tick, self._last_tick, self._late_ticks = own_tick, own_tick - 1, None
         while True:
             if self._late_ticks is None:

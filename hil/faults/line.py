@@ -19,16 +19,27 @@ PLANT = "plant"
 
 
 class FaultyBus:
-    """One node's connection with faults; `move_to` sets the time."""
+    """One node's connection with faults; `move_to` sets the time.
 
-    def __init__(self, bus: NodeBus, node: str, faults: Sequence[Fault], seed: int) -> None:
+    A foreign node sends what is due since the step before, at most a period ago: it stands at the plant's
+    connection, and sends nothing while the plant's process is paused or ended.
+    """
+
+    def __init__(self, bus: NodeBus, node: str, faults: Sequence[Fault], seed: int, period_s: float) -> None:
         self._bus = bus
         self._node = node
         self._counts = counted(faults)
         self._faults = [fault for fault in faults if isinstance(fault, LineFault)]
-        self._noise = [np.random.default_rng([seed, number]) for number in range(len(self._faults))]
-        self._held: list[Held] = [deque() for _ in self._faults]
+        self._seed = seed
+        self._period_s = period_s
         self._step = Step(0.0, 0.0)
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin anew, as in a process that starts: nothing is held, and noise is sampled from its start."""
+        self._noise = [np.random.default_rng([self._seed, number]) for number in range(len(self._faults))]
+        self._held: list[Held] = [deque() for _ in self._faults]
+        self._step = Step(self._step.t_s, 0.0)
         self._foreign: list[Frame] = []
 
     def move_to(self, t_s: float) -> None:
@@ -36,8 +47,9 @@ class FaultyBus:
         self._step = Step(t_s, self._step.t_s)
         if self._node != PLANT:
             return
+        step = Step(t_s, max(self._step.since_s, t_s - self._period_s))
         for fault, noise in zip(self._faults, self._noise, strict=True):
-            if fault.acts(t_s) and (frames := fault.foreign_frames(self._step, noise)):
+            if fault.acts(t_s) and (frames := fault.foreign_frames(step, noise)):
                 self._counts.acted(fault, len(frames))
                 self._bus.send_all(frames)
                 self._foreign += frames
@@ -75,10 +87,10 @@ class FaultyBus:
 
 
 def with_faults(
-    bus: NodeBus, node: str, faults: Sequence[Fault], seed: int
+    bus: NodeBus, node: str, faults: Sequence[Fault], seed: int, period_s: float
 ) -> tuple[NodeBus, Callable[[float], None]]:
     """Return a node's bus with faults, and the function that sets its time; `bus` itself without faults."""
     if not any(isinstance(fault, LineFault) for fault in faults):
         return bus, lambda _: None
-    faulty = FaultyBus(bus, node, faults, seed)
+    faulty = FaultyBus(bus, node, faults, seed, period_s)
     return faulty, faulty.move_to

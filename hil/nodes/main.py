@@ -89,7 +89,7 @@ class NodeProcess(NamedTuple):
             member = Member[(name + AGAIN * self.again).upper().replace("-", "_")]
             joining = joined_in_turns(self.bus, self.turns, member, accept, places)
         with joining as (node_bus, giver):
-            faulty_bus, set_time = with_faults(node_bus, name, faults, self.seed)
+            faulty_bus, set_time = with_faults(node_bus, name, faults, self.seed, period_s)
             runner = make(pace, faulty_bus, own_tick if giver else start.first_tick)
             if giver is not None:
                 empty(node_bus)

@@ -12,6 +12,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.shell.node import FirmwareNode, MakeNode, powered_up
 from hil.bus.base import NodeBus
 from hil.faults.fault import Fault
+from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
 from hil.nodes.alignment import Alignment
 from hil.nodes.plant import PlantNode
@@ -49,6 +50,13 @@ def empty(bus: NodeBus) -> None:
         """The frames came before this node began."""
 
 
+def begin_anew(bus: NodeBus) -> None:
+    """Give a node that restarts the bus as its new process finds it, without the frames sent before."""
+    empty(bus)
+    if isinstance(bus, FaultyBus):
+        bus.restart()
+
+
 class PlantRunner:
     """The plant's node at t_k: publish, obey the frames that have arrived, advance."""
 
@@ -80,7 +88,7 @@ class PlantRunner:
     def restart(self, tick: int) -> None:
         """Replace the node by a new one whose first tick is `tick`."""
         self.node = self._make_node(tick)
-        empty(self.bus)
+        begin_anew(self.bus)
 
     def step(self, _: int, elapsed_ticks: int) -> None:
         """Run one tick; the plant first advances by the time that the loop has skipped."""
@@ -171,7 +179,7 @@ class FirmwareRunner:
     def restart(self, tick: int) -> None:
         """Replace the node by a new one whose first tick is `tick`."""
         self._power_up(tick)
-        empty(self.bus)
+        begin_anew(self.bus)
 
     def step(self, tick: int, elapsed_ticks: int) -> None:
         """Run one tick; after a pause, first resynchronise with the sensors."""

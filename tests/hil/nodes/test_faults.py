@@ -74,7 +74,7 @@ def sample(number: int) -> Frame:
 def passed(broken: Fault, ticks: int = 20, node: str = "plant") -> list[list[Frame]]:
     """What leaves a node that sends a sample and an empty frame 0x7F0 in each tick of 1 ms."""
     wire = Wire()
-    bus = FaultyBus(wire, node, [broken], seed=1)
+    bus = FaultyBus(wire, node, [broken], seed=1, period_s=1e-3)
     sent = []
     for tick in range(ticks):
         bus.move_to(tick * 1e-3)
@@ -146,10 +146,12 @@ def test_a_foreign_node_babbles_at_its_period_and_the_plant_receives_it_too(
     assert sum(frames.count(foreign) for frames in passed(babble)) == expected
     assert not any(foreign in frames for frames in passed(babble, node="firmware"))
     wire = Wire()
-    bus = FaultyBus(wire, "plant", [babble], seed=1)
+    bus = FaultyBus(wire, "plant", [babble], seed=1, period_s=1e-3)
     bus.move_to(0.005)
     assert bus.receive() == [foreign, Frame(0x123, b"")]
     assert bus.receive() == [Frame(0x123, b"")]
+    bus.move_to(1.005)
+    assert bus.receive().count(foreign) <= 4, "what was due while the plant was away does not come at once"
 
 
 def test_a_flood_comes_on_every_identifier_with_any_length() -> None:
@@ -162,7 +164,7 @@ def test_a_flood_comes_on_every_identifier_with_any_length() -> None:
 @pytest.mark.parametrize("node", ["plant", "firmware"])
 def test_an_unplugged_node_neither_sends_nor_receives(node: str) -> None:
     wire = Wire()
-    bus = FaultyBus(wire, node, [fault("unplugged", node="plant", duration_s=0.01)], seed=1)
+    bus = FaultyBus(wire, node, [fault("unplugged", node="plant", duration_s=0.01)], seed=1, period_s=1e-3)
     for t_s, plugged in ((0.0049, True), (0.005, node != "plant"), (0.0149, node != "plant"), (0.015, True)):
         bus.move_to(t_s)
         bus.send_all([sample(1)])

@@ -140,8 +140,17 @@ def test_a_listener_changes_no_frame_and_frames_of_a_stranger_are_counted(
         ),
         ('{kind="paused",at_s=1.0,duration_s=0.4,process="firmware"}',),
         ('{kind="killed",at_s=1.8,process="firmware"}',),
+        (
+            '{kind="clock-jitter",at_s=0.5,process="firmware",largest_s=0.002}',
+            '{kind="corrupted",at_s=0.5,duration_s=2.0,frames=["FirmwareHeartbeat"],share=0.5}',
+            '{kind="restarted",at_s=1.2,duration_s=0.6,process="firmware"}',
+            '{kind="babbling",at_s=0.5,period_s=0.003,can_id=5,data_hex="00"}',
+            '{kind="delayed",at_s=0.5,duration_s=2.4,frames=["Accelerometer"],delay_s=0.003}',
+            '{kind="sensor-noisy",at_s=0.5,duration_s=2.4,sensor="striker",std=1.0}',
+            '{kind="restarted",at_s=2.0,duration_s=0.3,process="plant"}',
+        ),
     ],
-    ids=["clocks", "restarted and paused for ever", "paused", "killed"],
+    ids=["clocks", "restarted and paused for ever", "paused", "killed", "restarted beside random faults"],
 )
 def test_faults_of_processes_and_clocks_act_as_in_lockstep(tmp_path: Path, faults: tuple[str, ...]) -> None:
     scenario = quick(f"script.faults=[{','.join(faults)}]")
