@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -50,17 +51,26 @@ def lockstep(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return (folder / "can.log").read_bytes()
 
 
+def joined(pids: dict[str, int]) -> can.BusABC:
+    """The bus of the run, which its recorder has been told."""
+    command = Path(f"/proc/{pids['recorder']}/cmdline").read_text().split("\0")
+    address = command[command.index("--bus") + 1]
+    return can.Bus(address.removeprefix("local:"), "vibrohil")
+
+
 @contextmanager
 def beside(disturb: Any, folder: Path) -> Iterator[None]:
-    """Call `disturb` in a thread with the run's process numbers, once frames of the run are in its log."""
-    log = folder / "can.log"
+    """Call `disturb` in a thread with the run's process numbers, as soon as a frame shows that time runs."""
 
     def watch() -> None:
         until_s = time.monotonic() + 120.0
-        while not log.exists() or not log.stat().st_size:
+        while "t0_ns" not in read_json(folder / "run.json"):
             assert time.monotonic() < until_s, "the run did not begin"
             time.sleep(0.01)
-        disturb(read_json(folder / "processes.json"))
+        pids = read_json(folder / "processes.json")
+        with joined(pids) as bus:
+            assert bus.recv(120.0) is not None
+        disturb(pids)
 
     with ThreadPoolExecutor(1) as thread:
         disturbed = thread.submit(watch)
@@ -102,8 +112,8 @@ def test_a_listener_changes_no_frame_and_frames_of_a_stranger_are_counted(
 ) -> None:
     received: list[can.Message] = []
 
-    def listen(address: str, sends: int) -> None:
-        with can.Bus(address.removeprefix("local:"), "vibrohil") as bus:
+    def listen(pids: dict[str, int], sends: int) -> None:
+        with joined(pids) as bus:
             for number in range(sends):
                 bus.send(can.Message(arbitration_id=0x7F0 + number, is_extended_id=False))
             until_s = time.monotonic() + 1.0
@@ -114,11 +124,7 @@ def test_a_listener_changes_no_frame_and_frames_of_a_stranger_are_counted(
     for sends in (0, 3):
         folder = tmp_path / str(sends)
 
-        def join(pids: dict[str, int], sends: int = sends) -> None:
-            command = Path(f"/proc/{pids['recorder']}/cmdline").read_text().split("\0")
-            listen(command[command.index("--bus") + 1], sends)
-
-        with beside(join, folder):
+        with beside(partial(listen, sends=sends), folder):
             verdict = run(folder)
         assert verdict["log"]["frames_foreign"] == sends
         lines = (folder / "can.log").read_bytes().splitlines()
