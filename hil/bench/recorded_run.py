@@ -70,7 +70,9 @@ def log_of(run: Path | None) -> Path:
     if not (place / "plant.trace").exists() and not (place / LOG_NAME).exists():
         if is_own(place):
             raise RunError(f"{place} has no log: its run has not begun, or was ended before; see {VERDICT}")
-        raise RunError(f"{place} is no run folder: it holds neither {LOG_NAME} nor plant.trace")
+        raise RunError(
+            f"{place} is no run folder: it holds neither {LOG_NAME} nor plant.trace{runs_in(place)}"
+        )
     log = place / LOG_NAME
     if not log.exists():
         return rebuilt(place)
@@ -84,6 +86,12 @@ def log_of(run: Path | None) -> Path:
             raise RunError(f"{place} has only begun: its log holds nothing yet; look again") from None
         return rebuilt(place)
     return log
+
+
+def runs_in(place: Path) -> str:
+    """What to name instead of a folder of runs, as a suite leaves it; empty if there are none."""
+    runs = [str(note.parent) for note in sorted(place.glob("*/run.json"))]
+    return f"; name one of its {len(runs)} runs, e.g. {', '.join(runs[:2])}" if runs else ""
 
 
 def rebuilt(run_dir: Path) -> Path:

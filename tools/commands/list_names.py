@@ -1,7 +1,8 @@
-"""`vibrohil list`: the names of scenarios, sets of checks, scenes and firmware parameters."""
+"""`vibrohil list`: the names of scenarios, sets of checks, scenes, kinds of faults and parameters."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import typer
 from rich.markup import escape
@@ -22,7 +23,7 @@ class Named(NamedTuple):
 
 def list_names(
     what: Annotated[
-        Literal["scenarios", "check-sets", "scenes", "parameters"],
+        Literal["scenarios", "check-sets", "scenes", "faults", "parameters"],
         typer.Argument(help="The kind of names to list."),
     ] = "scenarios",
     group: Annotated[str | None, typer.Option(help="Only this group: the table's second column.")] = None,
@@ -38,11 +39,17 @@ def list_names(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """List the scenarios (with group and duration), the scenes (drive, stop) or the firmware's parameters."""
+    """List scenarios (with group and duration), scenes (drive, stop), faults (place, keys) or parameters."""
     if shown is not None:
         show_tables(what, shown, as_json)
         return
-    names = {"scenarios": scenarios, "check-sets": sets, "scenes": scenes, "parameters": parameters}
+    names = {
+        "scenarios": scenarios,
+        "check-sets": sets,
+        "scenes": scenes,
+        "faults": faults,
+        "parameters": parameters,
+    }
     every = list(names[what]())
     found = chosen(every, group, find)
     answer({what: [one._asdict() for one in found]}, as_json, lambda: show(found, len(every)))
@@ -94,8 +101,8 @@ def show_tables(what: str, name: str, as_json: bool) -> None:
 
 def tables_of(what: str, name: str) -> Mapping[str, Any]:
     """The complete tables behind a name; raises TextInputError."""
-    if what == "parameters":
-        raise BadInputError("--show: a parameter has no tables; leave it out, the list says all")
+    if what in ("faults", "parameters"):
+        raise BadInputError(f"--show: the {what} have no tables; leave it out, the list says all")
     if what == "scenes":
         from plant_sim.scene import read_scene
 
@@ -136,6 +143,18 @@ def scenes() -> Iterator[Named]:
         tables = read_scene(name)
         stop = tables.get("stop", {}).get("law", "no stop")
         yield Named(name, tables["drive"]["model"], stop, first.removeprefix("#").strip())
+
+
+def faults() -> Iterator[Named]:
+    """The kinds of faults; their group is where they act, their value the keys of their own."""
+    from hil.faults.every import KINDS
+    from hil.faults.fault import Fault
+
+    for one in KINDS:
+        own = ", ".join(key for key in one.model_fields if key not in Fault.model_fields)
+        title = (one.__doc__ or "").partition("\n")[0]
+        (place,) = re.findall(r"^\w+ (?:the )?(\w+)", one.place)
+        yield Named(get_args(one.model_fields["kind"].annotation)[0], place, own, title)
 
 
 def parameters() -> Iterator[Named]:

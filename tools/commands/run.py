@@ -180,8 +180,8 @@ def show_checks(verdict: "RunVerdict") -> None:
         )
     for effect in verdict.faults:
         if effect.acted_on is not None:
-            times = f"acted on {effect.acted_on} frames, readings, ticks or starts"
-            console.print(f"[dim]fault {effect.kind} at {effect.at_s:g} s: {times}[/]")
+            times = "once" if effect.acted_on == 1 else f"{effect.acted_on:,} times"
+            console.print(f"[dim]fault {effect.kind} at {effect.at_s:g} s acted {times}[/]")
     if holds := longest_holds(figures.time_held):
         console.print(f"time was held, longest: {escape('; '.join(holds))}")
     for gap in longest_gaps(figures.gaps):

@@ -52,7 +52,7 @@ def lockstep(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 def joined(pids: dict[str, int]) -> can.BusABC:
-    """The bus of the run, which its recorder has been told."""
+    """The bus of the run, whose address its recorder has on its command line."""
     command = Path(f"/proc/{pids['recorder']}/cmdline").read_text().split("\0")
     address = command[command.index("--bus") + 1]
     return can.Bus(address.removeprefix("local:"), "vibrohil")

@@ -24,6 +24,9 @@ def test_every_name_has_its_group_its_value_and_its_title(capsys):
     rise = listed(capsys, "parameters")["start.rise_s"]
     assert (rise["group"], rise["value"]) == ("start", "4 s")
     assert rise["title"].startswith("duration of the second S-curve")
+    stuck = listed(capsys, "faults")["sensor-stuck"]
+    assert (stuck["group"], stuck["value"]) == ("sensors", "sensor")
+    assert stuck["title"].startswith("A sensor")
 
 
 def test_a_group_and_a_text_choose_from_the_names(capsys):
@@ -48,7 +51,7 @@ def test_nothing_found_is_said(arguments, message, capsys):
 
 def test_the_table_fits_into_a_hundred_characters(monkeypatch, capsys):
     monkeypatch.setattr(console, "_width", 100)
-    for what in ("scenarios", "scenes", "parameters"):
+    for what in ("scenarios", "scenes", "faults", "parameters"):
         assert cli.run(["list", what]) == EXIT_PASSED
         assert max(map(len, capsys.readouterr().out.splitlines())) <= 100
 

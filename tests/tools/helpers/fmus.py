@@ -55,7 +55,7 @@ class Fmu:
     """An FMU that is loaded once, for any number of instances."""
 
     def __init__(self, file: Path) -> None:
-        self.folder = extract(str(file))
+        self.folder = extract(str(file), str(file.with_suffix("")))
         self.about = read_model_description(self.folder)
         self.variables = {one.name: one for one in self.about.modelVariables}
 

@@ -108,6 +108,15 @@ def test_a_run_whose_log_has_only_begun_is_not_touched(log):
     assert log.stat().st_size == 12
 
 
+def test_a_folder_of_runs_names_them(tmp_path):
+    run = tmp_path / "suite" / "one"
+    run.mkdir(parents=True)
+    (run / "run.json").touch()
+    with pytest.raises(RunError, match=r"name one of its 1 runs, e\.g\. ") as refused:
+        recorded_run.log_of(run.parent)
+    assert str(run) in str(refused.value)
+
+
 def test_the_newest_run_is_the_one_without_a_name(log, tmp_path, monkeypatch):
     monkeypatch.setattr(recorded_run, "RUNS", tmp_path / "runs")
     with pytest.raises(RunError, match="no run in"):
