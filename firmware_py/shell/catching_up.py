@@ -13,7 +13,7 @@ from firmware_py.interface.generated.received import RECEIVED_IDS
 from firmware_py.node.tick import MAX_RX
 
 ACCELEROMETER, ENCODER = codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id
-COUNTER_MODULUS = 1 << codec.ACCELEROMETER.layout.counter_bits
+COUNTER_MODULUS = 1 << codec.ACCELEROMETER.kind.counter_bits
 LONGEST_DATED_TICKS = COUNTER_MODULUS - 2
 """Longest time between two samples for which their counters give that time, to within one tick."""
 
