@@ -92,7 +92,8 @@ def show(logged: "Run", every: bool) -> None:
     from tools.commands.run import show_checks, show_figures
 
     verdict = logged.judged
-    console.print(f"{marked(verdict.verdict, loud=True)}  {escape(verdict.scenario)}\n")
+    title = logged.traces.scenario.get("title", verdict.scenario)
+    console.print(f"{marked(verdict.verdict, loud=True)}  {escape(str(title))}\n")
     show_checks(verdict)
     console.print()
     if len(logged.traces.plant) == 0:
