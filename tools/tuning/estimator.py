@@ -257,10 +257,16 @@ def tune_estimator(
     values = {name: value.value for name, value in parameters.items()}
     merits = {
         "log_likelihood": Merit(best.likelihood, "1"),
-        "likeliest_nis_stop": Merit(max(points, key=lambda one: one.likelihood).nis_stop, "1"),
+        "likeliest_nis_stop": Merit(
+            max(points, key=lambda one: one.likelihood).nis_stop,
+            "1",
+            "of the most likely combination, consistent or not",
+        ),
         "log_likelihood_over_default": Merit(best.likelihood - default.likelihood, "1"),
-        "witnesses_at_the_stop": Merit(sum(one.stop for one in by_log), "1"),
-        "nis_flight": Merit(best.nis_flight, "1"),
+        "witnesses_at_the_stop": Merit(
+            sum(one.stop for one in by_log), "1", "independent innovations at the stop, in number"
+        ),
+        "nis_flight": Merit(best.nis_flight, "1", "normalised innovation squared in flight; 1 is consistent"),
         "nis_stop": Merit(best.nis_stop, "1"),
         "default_nis_flight": Merit(default.nis_flight, "1"),
         "default_nis_stop": Merit(default.nis_stop, "1"),

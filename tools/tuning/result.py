@@ -16,10 +16,15 @@ class Value(NamedTuple):
 
 
 class Merit(NamedTuple):
-    """A figure of merit."""
+    """A figure of merit; `meaning` explains a name that is no common term of the field."""
 
     value: float
     unit: str
+    meaning: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """The figure's table, without a meaning if it has none."""
+        return {key: value for key, value in self._asdict().items() if value != ""}
 
 
 @dataclass(frozen=True)
@@ -53,7 +58,7 @@ class Tuning:
             "seed": self.seed,
             "range_is": self.range_is,
             "parameters": {name: value._asdict() for name, value in self.parameters.items()},
-            "figures_of_merit": {name: merit._asdict() for name, merit in self.figures_of_merit.items()},
+            "figures_of_merit": {name: merit.as_json() for name, merit in self.figures_of_merit.items()},
             "warnings": list(self.warnings),
             "default_as_good": self.default_as_good,
         }

@@ -245,7 +245,11 @@ def merits(design: SpeedDesign) -> dict[str, Merit]:
         "disk_margin": Merit(design.disk_margin, "1"),
         "disk_gain_margin": Merit(design.disk_gain_db, "dB"),
         "disk_phase_margin": Merit(design.disk_phase_deg, "deg"),
-        "load_stiffness": Merit(design.load_stiffness_n_m_s, "N m s"),
+        "load_stiffness": Merit(
+            design.load_stiffness_n_m_s,
+            "N m s",
+            "least load torque, at any frequency, that changes the speed by 1 rad/s",
+        ),
     }
 
 

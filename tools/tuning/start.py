@@ -142,8 +142,10 @@ def tune_start(
             **merits("", after),
             **merits("default_", before),
             **merits("naive_", naive),
-            "candidates": Merit(float(len(points)), "1"),
-            "candidates_alike": Merit(float(len(choice.alike)), "1"),
+            "candidates": Merit(float(len(points)), "1", "points of the grid that were tried"),
+            "candidates_alike": Merit(
+                float(len(choice.alike)), "1", "of them, not significantly worse than the best"
+            ),
             **fold_margins(),
         },
         warnings=tuple(_warnings(as_good, after)),

@@ -113,6 +113,7 @@ def test_what_is_unsafe_needs_force_and_says_so(tmp_path: Path, monkeypatch, cap
     assert "too late" in capsys.readouterr().out
     assert not path.exists()
     assert cli.run(["tune", "speed", "--out", str(path), "--force"]) == EXIT_PASSED
+    assert "least load torque" in capsys.readouterr().out, "a name that is no common term is explained"
     document = read_document(path)
     assert document["tuning"]["forced"] is True
     assert document["tuning"]["safe"] is False

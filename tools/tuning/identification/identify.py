@@ -282,8 +282,12 @@ def tune_identify(source: Path) -> tuple[Tuning, Identified, Readings]:
     merits = {
         "residual": Merit(found.fit.residual_m_s2, "m/s^2"),
         "accelerometer_offset": Merit(striker.offset_m_s2, "m/s^2"),
-        "criterion_over_the_next_law": Merit(_lead(found), "1"),
-        "condition": Merit(found.fit.condition, "1"),
+        "criterion_over_the_next_law": Merit(
+            _lead(found), "1", "lead of the chosen friction law; above 6 it is strong evidence"
+        ),
+        "condition": Merit(
+            found.fit.condition, "1", "of the fit's equations; large: the log hardly separates the parameters"
+        ),
         "flights": Merit(float(found.flights - found.left_out), "1"),
         "flights_left_out": Merit(float(found.left_out), "1"),
         "impacts": Merit(float(len(found.impacts)), "1"),
