@@ -12,6 +12,7 @@ from hil.scenario.scenario import load_scenario
 from kernel_cache import root
 from plant_sim.scene import load_scene, read_scene
 from plant_sim.simulation import simulate
+from tools.study.branches.impact_map import ImpactMap
 from tools.study.cases import case
 from tools.study.orbits import closed, follow
 from tools.study.orbits.sections import CLASSIFY
@@ -22,7 +23,7 @@ PACKAGES = ("plant_sim", "firmware_py", "hil", "tools")
 
 
 def warm_studies() -> None:
-    """Compile the kernels of every solver and of the orbits. They serve every scene."""
+    """Compile the kernels of every solver, of orbits and of branches. They serve every scene."""
     for method in ("exact", "adaptive"):
         table = read_scene("table1-viscous") | {"solver": {"method": method, "accuracy": 1e-3}}
         simulate(load_scene(table), 0.1)
@@ -30,6 +31,7 @@ def warm_studies() -> None:
         one = case("table1", law)
         follow.warm([one])
         follow.classify(one, 1.0, np.zeros((1, 3)), CLASSIFY)
+        ImpactMap(one.scene(1.0), 1, 1, ("ratio",)).load_kernels()
     closed.ramp(case("table1", "viscous").scene(1.0).parts(), 0.0, 0.1, 10)
 
 
