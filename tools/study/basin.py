@@ -6,8 +6,8 @@ A map is in one of two planes: (x0, v0) at crank angle 0, or (x0, crank angle) a
   of the other kind at distance ε grows as ε^α; α = 1 is a smooth border, α < 1 a fractal border;
 - basin entropy (Daza, Wagemakers, Georgeot, Guéry-Odelin, Sanjuán, Scientific Reports 6, 2016): mean entropy
   of all boxes of cells, and of the boxes on the border; if the latter is above ln 2, the border is fractal;
-- basin stability: the share of starts that end in impacts, with Wilson's bounds as for independent cells, and
-  with bounds from a bootstrap over blocks of cells, which allows for the correlation of neighbouring cells.
+- basin stability: the share of starts that end in impacts, with bounds from a bootstrap over blocks of cells,
+  which allows for the correlation of neighbouring cells.
 """
 
 import math
@@ -19,15 +19,12 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from tools.campaign.statistics import wilson
 from tools.study import store, work
 from tools.study.cases import Case
 from tools.study.orbits.follow import classify
 from tools.study.orbits.sections import CLASSIFY
 
 PLANES = ("state", "phase")
-START = "instant"
-"""How every start begins: with the crank at full speed."""
 
 LOWEST_START_M = -0.1
 FASTEST_START_M_S = 0.8
@@ -98,7 +95,6 @@ class Basin:
             "parameters": self.case.parameters(),
             "ratio": self.ratio,
             "plane": self.plane,
-            "start": START,
             "size": self.size,
             "uncertain": self.uncertain,
             "border_bound_m": BORDER_BOUND_M,
@@ -114,19 +110,12 @@ def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) 
     uncertain = sum(metadata["facts"]["uncertain"] for _, metadata in pieces)
     numbers = statistics(table["impacts"].to_numpy().reshape(size, size) > 0.0)
     found = Basin(case, ratio, plane, size, table, uncertain, numbers)
-    keep(found, where)
+    spec = {"case": case.parameters(), "ratio": ratio, "plane": plane}
+    store.write(where.out / f"{found.name}.parquet", table, spec, numbers)
     return found
 
 
-def keep(found: Basin, where: work.Where) -> None:
-    """Write a map with its figures as one file."""
-    spec = {"case": found.case.parameters(), "ratio": found.ratio, "plane": found.plane, "start": START}
-    store.write(where.out / f"{found.name}.parquet", found.table, spec, found.statistics)
-
-
-def specs(
-    case: Case, ratio: float, plane: str, size: int, rows_at_once: int = ROWS_AT_ONCE
-) -> list[dict[str, Any]]:
+def specs(case: Case, ratio: float, plane: str, size: int) -> list[dict[str, Any]]:
     """Return the specifications of a map's pieces of work."""
     return [
         {
@@ -134,9 +123,9 @@ def specs(
             "ratio": ratio,
             "plane": plane,
             "size": size,
-            "rows": [first, min(first + rows_at_once, size)],
+            "rows": [first, min(first + ROWS_AT_ONCE, size)],
         }
-        for first in range(0, size, rows_at_once)
+        for first in range(0, size, ROWS_AT_ONCE)
     ]
 
 
@@ -167,12 +156,10 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
 def statistics(in_impacts: NDArray[np.bool_]) -> dict[str, Any]:
     """Return the figures of a map; `in_impacts` has the shape (rows, columns)."""
     share = float(in_impacts.mean())
-    _, low, high = wilson(int(in_impacts.sum()), in_impacts.size)
     exponent, exponent_bounds = uncertainty_exponent(in_impacts)
     entropy, border = basin_entropy(in_impacts)
     return {
         "impact_fraction": share,
-        "impact_fraction_wilson": [low, high],
         "impact_fraction_bootstrap": block_bounds(in_impacts),
         "uncertainty_exponent": exponent,
         "uncertainty_exponent_bounds": exponent_bounds,
@@ -184,13 +171,19 @@ def statistics(in_impacts: NDArray[np.bool_]) -> dict[str, Any]:
 
 def block_bounds(in_impacts: NDArray[np.bool_]) -> list[float]:
     """Return the 95 % bounds of the share of impact motion by resampling blocks of cells (fixed seed)."""
-    size = (min(in_impacts.shape) // BLOCK) * BLOCK
-    if size < 2 * BLOCK:
+    if min(in_impacts.shape) < 2 * BLOCK:
         return [math.nan, math.nan]
-    blocks = in_impacts[:size, :size].reshape(size // BLOCK, BLOCK, size // BLOCK, BLOCK)
-    shares = blocks.mean(axis=(1, 3)).ravel()
+    shares = block_shares(in_impacts, BLOCK)
     means = np.random.default_rng(1).choice(shares, (RESAMPLES, len(shares))).mean(axis=1)
     return [float(bound) for bound in np.quantile(means, (0.025, 0.975))]
+
+
+def block_shares(in_impacts: NDArray[np.bool_], side: int) -> NDArray[np.float64]:
+    """Return the share of impact motion in each whole block of `side` × `side` cells, row by row."""
+    rows, columns = (length // side for length in in_impacts.shape)
+    blocks = in_impacts[: rows * side, : columns * side].reshape(rows, side, columns, side)
+    shares: NDArray[np.float64] = blocks.mean(axis=(1, 3)).ravel()
+    return shares
 
 
 def uncertain_shares(in_impacts: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -235,10 +228,7 @@ def basin_entropy(in_impacts: NDArray[np.bool_]) -> tuple[float, float]:
 
     A mean is nan if there is no such box.
     """
-    rows, columns = (side // BOX * BOX for side in in_impacts.shape)
-    boxes = (
-        in_impacts[:rows, :columns].reshape(rows // BOX, BOX, columns // BOX, BOX).mean(axis=(1, 3)).ravel()
-    )
+    boxes = block_shares(in_impacts, BOX)
     mixed = boxes[(boxes > 0.0) & (boxes < 1.0)]
     entropies = -(mixed * np.log(mixed) + (1.0 - mixed) * np.log(1.0 - mixed))
     if len(boxes) == 0:

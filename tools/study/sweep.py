@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tools.study import store, work
 from tools.study.cases import Case
-from tools.study.intervals import Interval, symmetric_difference, width
+from tools.study.intervals import Interval, symmetric_difference
 from tools.study.orbits.follow import AT_REST, State, follow
 from tools.study.orbits.sections import CLASSIFY, PAPER, Outcome, Regime
 
@@ -114,27 +114,20 @@ class Diagram:
         """Return the lowest ratio at which the run-up has impacts; None if it has none."""
         return min((low for low, _ in self.up.with_impacts()), default=None)
 
-    def regimes_seen(self) -> list[str]:
-        """Return the names of the regimes that occur in the run-up or the run-down."""
-        return sorted({*self.up.table["regime"].to_pylist(), *self.down.table["regime"].to_pylist()})
-
     def as_json(self) -> dict[str, Any]:
         """Return the diagram as a JSON object."""
-        multistable = self.multistable()
         return {
             "law": self.case.law,
             "preset": self.case.preset,
             "parameters": self.case.parameters(),
             "up_r": self.up.with_impacts(),
             "down_r": self.down.with_impacts(),
-            "multistable_r": multistable,
-            "multistable_width": width(multistable),
+            "multistable_r": self.multistable(),
             "edges": [
                 {"direction": direction, **asdict(edge)}
                 for direction, sweep in (("up", self.up), ("down", self.down))
                 for edge in sweep.edges
             ],
-            "regimes_seen": self.regimes_seen(),
         }
 
 

@@ -215,7 +215,7 @@ def test_sweep_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> No
 def test_basin_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     found = run(capsys, "basin", "--size", "40", "--plane", "state", "--out", str(tmp_path))
     (one,) = found["basins"]
-    low, high = one["impact_fraction_wilson"]
+    low, high = one["impact_fraction_bootstrap"]
     assert low < one["impact_fraction"] < high
     assert one["impact_fraction"] == pytest.approx(0.784, abs=0.02)
     assert one["parameters"]["amplitude_m"] == 0.02
