@@ -19,8 +19,8 @@ FORMATS = "candump -L's .log, or .asc, .blf, .trc, .csv or .db, the text formats
 SHOWN_CHARACTERS = 60
 SHOWN_LINES = 100
 """Largest number of ignored lines that are listed; the others are only counted."""
-LATEST_S = 1e11
-"""Latest time of a message: Unix time of the year 5138."""
+LATEST_S = 9e9
+"""Latest time of a message: Unix time of the year 2255. A run keeps times in ns, of 63 bits."""
 LARGEST_BYTES = 64 << 20
 """Largest log, unpacked."""
 MOST_MESSAGES = 400_000

@@ -241,6 +241,7 @@ HOSTILE: dict[str, Callable[[Path], Path]] = {
     "log: one line of 60 MB": text("a.log", lambda: "(1." + "0" * 60_000_000 + ") can0 1#00\n"),
     "log: two million bad lines": text("a.log", lambda: "x\n" * 2_000_000),
     "log: a time of 1e11 s": text("a.log", lambda: f"{GOOD}(99999999999.000000) can0 00E#CDCC4C3D\n"),
+    "log: only a time beyond 2^63 ns": text("a.log", lambda: "(9223372037.000000) can0 00E#CDCC4C3D\n"),
     "log: a time of infinity": text("a.log", lambda: f"{GOOD}(inf) can0 00E#CDCC4C3D\n"),
     "log: plain output": text("a.log", lambda: "  can0  00E   [4]  CD CC 4C 3D\n" * 3),
     "log: NUL bytes": binary("a.log", lambda: bytes(1_000_000)),

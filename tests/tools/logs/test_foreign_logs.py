@@ -254,7 +254,7 @@ def test_a_log_that_is_cut_or_changed_anywhere_is_read_or_refused(kind: str, tmp
         except BadInputError:
             continue
         assert len(log.messages) <= 60
-        assert all(kind_of is not None and abs(one.t_s) < 1e11 for one in log.messages)
+        assert all(kind_of is not None and abs(one.t_s) < 9e9 for one in log.messages)
 
 
 def test_no_path_of_this_machine_is_in_the_run(tmp_path: Path) -> None:
