@@ -1,5 +1,7 @@
 """Changes to a scene, the firmware's parameters or a script by dotted keys: `--set`, or a Python mapping."""
 
+import json
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
@@ -71,8 +73,31 @@ def toml_value(key: str, value: Any) -> Any:
 
 
 def as_texts(settings: Settings) -> list[str]:
-    """The settings as texts KEY=VALUE."""
-    return [f"{key}={value}" for key, value in keys_and_values(settings)]
+    """The settings as texts KEY=VALUE, as `--set` takes them: TOML values, and texts as bare words."""
+    return [
+        f"{key}={value if isinstance(value, str) else toml_text(value)}"
+        for key, value in keys_and_values(settings)
+    ]
+
+
+def toml_text(value: Any) -> str:
+    """A value as TOML in one line.
+
+    >>> toml_text([{"at_s": 0.5, "request": "run"}, True])
+    '[{at_s = 0.5, request = "run"}, true]'
+    """
+    if isinstance(value, Mapping):
+        pairs = (f"{toml_key(name)} = {toml_text(inner)}" for name, inner in value.items())
+        return f"{{{', '.join(pairs)}}}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(toml_text, value))}]"
+    # Texts, true and false look alike in JSON and TOML; infinite numbers do not.
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else str(value)
+
+
+def toml_key(name: str) -> str:
+    """A key of a TOML table, in quotation marks unless it is a bare word."""
+    return name if re.fullmatch("[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
 
 
 def split_key(key: str) -> list[str]:

@@ -11,7 +11,7 @@ from hil.faults.kinds.disturbed import Disturbed
 from hil.scenario.files import ScenarioError, read_scenario
 from hil.scenario.scenario import check_scenario, load_scenario
 from hil.scenario.seeds import at_other_times
-from hil.scenario.settings import SettingError, keys_and_values
+from hil.scenario.settings import SettingError, as_texts, keys_and_values
 from hil.scenario.soak import idles, prolonged
 from plant_sim.scene import read_scene
 from tools.cli import run
@@ -126,6 +126,19 @@ def test_values_from_python_may_be_numpy_s_and_never_none():
     assert dict(keys_and_values(values)) == {"a.b": 3, "a.c": 0.5, "a.d": [1, 2], "a.e": [1, True]}
     with pytest.raises(SettingError, match=r"'script.duration_s' = None: wanted a number"):
         list(keys_and_values({"script.duration_s": None}))
+
+
+def test_a_scenario_s_changes_are_written_as_a_person_types_them():
+    typed = [
+        'script.commands=[{at_s = 0.5, request = "run", target_ratio = 1.3}]',
+        'scene.friction={law = "viscous", "b \'n\'" = [1, 2]}',
+        "firmware.gait.enabled=true",
+        "scene.stop.law=rigid",
+        "firmware.start.rise_s=0.1",
+    ]
+    assert as_texts(typed) == typed
+    assert as_texts(dict(keys_and_values(typed))) == typed
+    assert as_texts({"a.b": [float("inf"), 1e-9, 'a "b"\n']}) == ['a.b=[inf, 1e-09, "a \\"b\\"\\n"]']
 
 
 OWN = {"expression": "max(plant.x_m)", "high": 1.0, "unit": "m"}
