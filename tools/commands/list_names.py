@@ -51,6 +51,8 @@ def list_names(
         "parameters": parameters,
     }
     every = list(names[what]())
+    if group in names:
+        raise BadInputError(f"--group {group}: these are a kind of names: vibrohil list {group}")
     found = chosen(every, group, find)
     answer({what: [one._asdict() for one in found]}, as_json, lambda: show(found, len(every)))
 

@@ -42,7 +42,11 @@ def test_a_group_and_a_text_choose_from_the_names(capsys):
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [(["--group", "fault"], "the groups are"), (["--find", "no such text"], "contains it")],
+    [
+        (["--group", "fault"], "the groups are"),
+        (["--group", "faults"], "these are a kind of names: vibrohil list faults"),
+        (["--find", "no such text"], "contains it"),
+    ],
 )
 def test_nothing_found_is_said(arguments, message, capsys):
     assert cli.run(["list", *arguments]) == EXIT_BAD_INPUT
