@@ -60,9 +60,9 @@ def log_of(run: Path | None) -> Path:
     at the end of this process. Raises RunFolderError for a folder with links, pipes or devices.
     """
     place = newest_run() if run is None else run
+    if not place.exists():
+        raise RunError(f"{place} is not there; name a run folder or an .rrd file")
     if place.suffix == ".rrd":
-        if not place.exists():
-            raise RunError(f"{place} is not there; name a run folder or an .rrd file")
         log = copied(place) if is_foreign(place) and not is_whole(place) else place
         repair(log)
         return log

@@ -132,8 +132,8 @@ def test_the_newest_run_is_the_one_without_a_name(log, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["nothing.rrd", "nothing"])
-def test_what_is_no_run_is_refused(tmp_path, name):
-    with pytest.raises(RunError, match=name):
+def test_a_run_that_does_not_exist_is_refused(tmp_path, name):
+    with pytest.raises(RunError, match=f"{name} is not there; name a run folder or an .rrd file"):
         recorded_run.log_of(tmp_path / name)
 
 
