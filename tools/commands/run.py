@@ -173,11 +173,13 @@ def show_checks(verdict: "RunVerdict") -> None:
         console.print(f"[red]{escape(names)}: {escape(reason)}[/]")
     latched = figures.latched
     if not verdict.passed and latched.at_s is not None:
-        console.print(
-            f"fault {figures.fault} at {figure(latched.at_s)} s; the longest that loops were held up "
-            f"just before it: firmware {figure(latched.firmware_held_ms)} ms, "
-            f"plant {figure(latched.plant_held_ms)} ms"
+        held_up = (
+            ""
+            if figures.clock == "lockstep"
+            else "; the longest that loops were held up just before it: "
+            f"firmware {figure(latched.firmware_held_ms)} ms, plant {figure(latched.plant_held_ms)} ms"
         )
+        console.print(f"fault {figures.fault} at {figure(latched.at_s)} s{held_up}")
     for effect in verdict.faults:
         if effect.acted_on is not None:
             times = "once" if effect.acted_on == 1 else f"{effect.acted_on:,} times"

@@ -77,6 +77,16 @@ def test_checks_that_share_a_reason_share_a_line(run_folder, monkeypatch, capsys
     assert f"impact_v_m_s, speed.error: {reason}" in printed(command, monkeypatch, capsys).splitlines()
 
 
+def test_a_fault_in_lockstep_was_held_up_by_nothing(run_folder, monkeypatch, capsys):
+    start = "[firmware.start]\nrise_s = 0.1\nattempts = 0\n\n[script]"
+    spoilt = SCENARIO.replace("[script]", start).replace("target_ratio = 0.6", "target_ratio = 1.3")
+    (run_folder / "spoilt.toml").write_text(spoilt)
+    command = ["run", str(run_folder / "spoilt.toml"), "--clock", "lockstep"]
+    said = printed([*command, "--out", str(run_folder / "spoilt")], monkeypatch, capsys)
+    (line,) = (line for line in said.splitlines() if line.startswith("fault start-failed at "))
+    assert "held up" not in line
+
+
 @pytest.mark.parametrize(
     ("value", "unit", "text"),
     [(1.5174, "1", "1.517"), (1.5174, "", "1.517"), (1.5174, "mm", "1.517 mm"), (None, "mm", NO_VALUE)],
