@@ -131,8 +131,14 @@ def table_of(columns: Iterable[str | Column], rows: Iterable[Iterable[str]] = ()
     return table
 
 
-def figure_table(title: str | None, rows: Iterable[tuple[str, Any, str]]) -> Table:
-    """A two-column table of (name, value, unit)."""
-    shown = ((escape(name), escape(figure(value, unit))) for name, value, unit in rows)
-    columns = (Column(style="cyan", no_wrap=True), Column())
+def figure_table(
+    title: str | None, rows: Iterable[tuple[str, Any, str]], meanings: Mapping[str, str] | None = None
+) -> Table:
+    """A table of (name, value, unit): the name, the value with its unit, and the name's meaning if given."""
+    shown = (
+        map(escape, (name, figure(value, unit), *([meanings.get(name, "")] if meanings else [])))
+        for name, value, unit in rows
+    )
+    columns = [Column(style="cyan", no_wrap=True), Column(no_wrap=bool(meanings))]
+    columns += [Column(style="dim", overflow="fold")] if meanings else []
     return table_of(columns, shown, title=title and escape(title), show_header=False)

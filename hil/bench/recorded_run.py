@@ -91,7 +91,7 @@ def log_of(run: Path | None) -> Path:
 def runs_in(place: Path) -> str:
     """What to name instead of a folder of runs, as a suite leaves it; empty if there are none."""
     runs = [str(note.parent) for note in sorted(place.glob("*/run.json"))]
-    return f"; name one of its {len(runs)} runs, e.g. {', '.join(runs[:2])}" if runs else ""
+    return f"; name one of the runs in it, e.g. {', '.join(runs[:2])}" if runs else ""
 
 
 def rebuilt(run_dir: Path) -> Path:

@@ -4,6 +4,9 @@
 ends. It prints `ready vcan:FOLDER/vcan`: a Unix socket through which it passes CAN sockets opened in that
 namespace. A socket stays in the namespace in which it was opened, so the nodes need not enter it. No other
 user of the machine can open a CAN socket there: the folder is the user's own, and so is the namespace.
+
+All modules are imported before the namespace is entered: an ordinary user enters a user namespace with it,
+where files of root's can no longer be read, of a Python in root's folder for example.
 """
 
 import argparse

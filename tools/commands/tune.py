@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 from rich.markup import escape
-from rich.table import Column
 
 from tools.commands.options import Json, Workers, number, unfolded
-from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, answer, console, figure, table_of
+from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, answer, console, figure_table, table_of
 from tools.outputs import PICTURES, file_option
 from tools.progress import Progress, counting, shown_progress
 
@@ -260,13 +259,10 @@ def show(payload: Mapping[str, Any]) -> None:
     )
     console.print(table_of(("parameter", ">value", ">low", ">high", ">default", "unit"), rows))
     console.print(f"low, high: {payload['range_is']}", style="dim")
-    merits = payload["figures_of_merit"].items()
-    figures = (
-        (name.replace("_", " "), figure(one["value"], one["unit"]), f"[dim]{one.get('meaning', '')}[/]")
-        for name, one in merits
-    )
-    columns = (Column(style="cyan", no_wrap=True), Column(no_wrap=True), Column(overflow="fold"))
-    console.print(table_of(columns, figures, title="figures of merit", show_header=False))
+    merits = {name.replace("_", " "): one for name, one in payload["figures_of_merit"].items()}
+    figures = [(name, one["value"], one["unit"]) for name, one in merits.items()]
+    meanings = {name: one["meaning"] for name, one in merits.items() if "meaning" in one}
+    console.print(figure_table("figures of merit", figures, meanings))
     for warning in payload["warnings"]:
         console.print(f"[bold yellow]warning:[/] {warning}")
     for result in payload["safety"]:

@@ -211,6 +211,26 @@ def test_ordinary_user_gets_a_private_vcan_too() -> None:
     assert set(NETWORK.iterdir()) == before
 
 
+WITHOUT_IMPORTS = """
+import sys
+from hil.bus import vcan
+vcan.enter_own_network()
+sys.meta_path.clear()
+vcan.make_interface("vcan0")
+vcan.remove_interface("vcan0")
+print("made")
+"""
+
+
+@needs_kernel_can
+def test_nothing_is_imported_in_the_namespace_of_a_private_vcan() -> None:
+    """In a user namespace a Python in a folder of root's can no longer be read."""
+    made = subprocess.run(
+        [sys.executable, "-c", WITHOUT_IMPORTS], capture_output=True, text=True, check=False
+    )
+    assert made.stdout == "made\n", made.stderr
+
+
 @pytest.mark.uml
 @pytest.mark.skipif(has_kernel_can(), reason="this kernel has CAN: the tests ran on it")
 def test_all_that_needs_the_kernels_can_under_user_mode_linux() -> None:

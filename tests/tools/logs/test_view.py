@@ -112,7 +112,7 @@ def test_a_folder_of_runs_names_them(tmp_path):
     run = tmp_path / "suite" / "one"
     run.mkdir(parents=True)
     (run / "run.json").touch()
-    with pytest.raises(RunError, match=r"name one of its 1 runs, e\.g\. ") as refused:
+    with pytest.raises(RunError, match=r"name one of the runs in it, e\.g\. ") as refused:
         recorded_run.log_of(run.parent)
     assert str(run) in str(refused.value)
 
