@@ -10,8 +10,8 @@ length code are fixed, and the checksum depends on the other bits. A complete se
 and data gives 53, 62, 72, 83, 93, 102, 113, 124 and 133 bits for n = 0 … 8.
 """
 
+import re
 from functools import cache
-from typing import NamedTuple
 
 from firmware_py.interface.frame import Frame
 
@@ -22,6 +22,8 @@ CRC_MASK = 0x7FFF
 
 STUFF_RUN = 5
 """Number of equal bits after which a bit of the opposite value is inserted."""
+STUFFED_RUNS = re.compile("00000(?:11110000)*(?:1111)?|11111(?:00001111)*(?:0000)?")
+"""A run of five equal bits, and the runs of four that follow directly: an inserted bit makes five of each."""
 
 DELIMITERS_AND_ACK_BITS = 3
 """Checksum delimiter, acknowledgement slot, acknowledgement delimiter."""
@@ -30,8 +32,6 @@ INTERMISSION_BITS = 3
 TAIL_BITS = DELIMITERS_AND_ACK_BITS + END_OF_FRAME_BITS
 """Bits of the frame after its stuffed part."""
 
-BITS_BEFORE_DATA = 19
-"""Start bit to length code."""
 RECESSIVE_TAIL_BITS = 1 + END_OF_FRAME_BITS + INTERMISSION_BITS
 """Acknowledgement delimiter to intermission: the run of recessive bits after every frame. An error
 delimiter and its intermission have the same length."""
@@ -39,9 +39,6 @@ ERROR_FRAME_BITS = 2 * 6 + 8
 """The longest error frame: an error flag, the flags that answer it, and the delimiter of recessive bits."""
 SUSPEND_BITS = 8
 """Bits for which an error-passive node suspends transmission after a frame of its own."""
-
-_IDLE = 1
-"""State of the stuffing rule on an idle bus: run 0 of recessive bits."""
 
 NS_PER_S = 1_000_000_000
 
@@ -64,105 +61,51 @@ def bit_ns_of(bitrate: int) -> int:
     return NS_PER_S // bitrate
 
 
-def crc15(bits: tuple[int, ...], register: int = 0) -> int:
-    """Return the checksum over unstuffed `bits`; `register` continues from preceding bits.
+def crc15(bits: str) -> int:
+    """Return the checksum over unstuffed `bits`.
 
-    >>> check = tuple(byte >> shift & 1 for byte in b"123456789" for shift in range(7, -1, -1))
-    >>> hex(crc15(check))
+    >>> hex(crc15("".join(f"{byte:08b}" for byte in b"123456789")))
     '0x59e'
     """
-    for bit in bits:
-        carry = bit ^ register >> (CRC_BITS - 1)
-        register = (register << 1) & CRC_MASK
-        if carry:
-            register ^= CRC_POLYNOMIAL
+    # Zeros before a frame leave the register at 0, so that all bits come in whole bytes.
+    register = 0
+    for byte in int(f"0{bits}", 2).to_bytes(-(-len(bits) // 8)):
+        register = (register << 8 & CRC_MASK) ^ crc_table()[register >> 7 ^ byte]
     return register
 
 
-def stuffed(bits: tuple[int, ...]) -> tuple[int, ...]:
-    """Return `bits` with the stuff bits inserted, including the one after a final run of five.
+@cache
+def crc_table() -> tuple[int, ...]:
+    """The register's change by a byte, by its upper 8 bits xor the byte."""
+    table = []
+    for byte in range(256):
+        register = byte << 7
+        for _ in range(8):
+            register = register << 1 ^ (CRC_POLYNOMIAL if register >> 14 & 1 else 0)
+        table.append(register & CRC_MASK)
+    return tuple(table)
 
-    >>> stuffed((1, 1, 1, 1, 1, 0, 0, 0, 0))
-    (1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 1)
+
+def stuff_bits(bits: str) -> int:
+    """Return the number of stuff bits in `bits`, including the one after a final run of five.
+
+    >>> stuff_bits("111110000"), stuff_bits("111110001")
+    (2, 1)
     """
-    return _stuffed_from(_IDLE, bits)[0]
+    return sum(1 + (len(run) - STUFF_RUN) // (STUFF_RUN - 1) for run in STUFFED_RUNS.findall(bits))
 
 
-def _stuffed_from(state: int, bits: tuple[int, ...]) -> tuple[tuple[int, ...], int]:
-    """Return `bits` with the stuff bits inserted, and the stuffing rule's new state.
-
-    The state is 2 · run + bit: the last wire bit and the number of equal bits in a row up to it.
-    """
-    wire: list[int] = []
-    run, run_bit = state >> 1, state & 1
-    for bit in bits:
-        wire.append(bit)
-        run = run + 1 if bit == run_bit else 1
-        run_bit = bit
-        if run == STUFF_RUN:
-            run_bit, run = 1 - bit, 1
-            wire.append(run_bit)
-    return tuple(wire), run << 1 | run_bit
-
-
-def _bits(value: int, count: int) -> tuple[int, ...]:
-    """Return the `count` low bits of `value`, the most significant first."""
-    return tuple(value >> shift & 1 for shift in range(count - 1, -1, -1))
-
-
-def _checked(frame: Frame) -> Frame:
-    if not 0 <= frame.can_id <= 0x7FF or len(frame.data) > 8:
+def unstuffed_bits(frame: Frame) -> str:
+    """Return start bit, identifier, RTR, IDE, r0, length code, data and checksum, before stuffing."""
+    can_id, data = frame
+    if not 0 <= can_id <= 0x7FF or len(data) > 8:
         raise ValueError(
-            f"frame 0x{frame.can_id:X} with {len(frame.data)} data bytes is no classic CAN frame; "
+            f"frame 0x{can_id:X} with {len(data)} data bytes is no classic CAN frame; "
             "wanted an identifier in 0…0x7FF and at most 8 bytes"
         )
-    return frame
-
-
-def unstuffed_bits(frame: Frame) -> tuple[int, ...]:
-    """Return start bit, identifier, RTR, IDE, r0, length code, data and checksum, before stuffing."""
-    can_id, data = _checked(frame)
-    body = (0, *_bits(can_id, 11), 0, 0, 0, *_bits(len(data), 4))
-    for byte in data:
-        body += _bits(byte, 8)
-    return body + _bits(crc15(body), CRC_BITS)
-
-
-# The functions below compute lengths from tables, for models that send millions of frames.
-
-_STATES = 2 * STUFF_RUN
-_STATE_BITS = 4
-_STATE_MASK = (1 << _STATE_BITS) - 1
-
-
-class _Tables(NamedTuple):
-    """Tables by state and next bits. A stuffing entry: the new state, and above its 4 bits the stuff bits."""
-
-    crc: tuple[int, ...]  # checksum register's change, by its upper 8 bits xor the next byte
-    byte: tuple[int, ...]  # by state << 8 | byte
-    seven: tuple[int, ...]  # by state << 7 | bits; a checksum is 8 + 7 bits
-
-
-def _stuffing_step(state: int, bits: tuple[int, ...]) -> int:
-    wire, after = _stuffed_from(state, bits)
-    return len(wire) - len(bits) << _STATE_BITS | after
-
-
-@cache
-def _tables() -> _Tables:
-    return _Tables(
-        crc=tuple(crc15(_bits(byte, 8)) for byte in range(256)),
-        byte=tuple(_stuffing_step(s, _bits(byte, 8)) for s in range(_STATES) for byte in range(256)),
-        seven=tuple(_stuffing_step(s, _bits(part, 7)) for s in range(_STATES) for part in range(128)),
-    )
-
-
-@cache
-def _header(can_id: int, length: int) -> tuple[int, int, int]:
-    """Checksum register, stuffing state and stuff bits after start bit … length code; at most 2048 · 9."""
-    bits = unstuffed_bits(Frame(can_id, bytes(length)))[:BITS_BEFORE_DATA]
-    step = _stuffing_step(_IDLE, bits)
-    return crc15(bits), step & _STATE_MASK, step >> _STATE_BITS
+    content = f"{int.from_bytes(data):0{8 * len(data)}b}" if data else ""
+    body = f"0{can_id:011b}000{len(data):04b}{content}"
+    return f"{body}{crc15(body):0{CRC_BITS}b}"
 
 
 def frame_bits(frame: Frame) -> int:
@@ -171,16 +114,5 @@ def frame_bits(frame: Frame) -> int:
     >>> frame_bits(Frame(0x123, bytes.fromhex("dead")))
     64
     """
-    can_id, data = _checked(frame)
-    tables = _tables()
-    register, state, inserted = _header(can_id, len(data))
-    for byte in data:
-        register = tables.crc[register >> 7 ^ byte] ^ (register << 8 & CRC_MASK)
-        step = tables.byte[state << 8 | byte]
-        state = step & _STATE_MASK
-        inserted += step >> _STATE_BITS
-    step = tables.byte[state << 8 | register >> 7]
-    inserted += step >> _STATE_BITS
-    step = tables.seven[(step & _STATE_MASK) << 7 | register & 0x7F]
-    inserted += step >> _STATE_BITS
-    return 34 + 8 * len(data) + inserted + TAIL_BITS + INTERMISSION_BITS
+    bits = unstuffed_bits(frame)
+    return len(bits) + stuff_bits(bits) + TAIL_BITS + INTERMISSION_BITS
