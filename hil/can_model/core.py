@@ -94,43 +94,15 @@ def _counted(state: BusState, start_bit: int) -> tuple[NodeState, ...]:
 
 def _transmit(state: BusState, start_bit: int) -> tuple[BusState, Arrival | None]:
     """Return the state after the frame that starts at `start_bit`, and the frame if a node received it."""
-    nodes = state.nodes
     can_id = ABOVE_ALL_IDS
     senders: list[int] = []
-    plain = not state.corruptions
-    for number, node in enumerate(nodes):
-        if node.counters != UNTOUCHED:
-            plain = False
+    for number, node in enumerate(state.nodes):
         if node.queue and node.silent_until_bit <= start_bit:
             first = node.queue[0].can_id
             if first < can_id:
                 can_id, senders = first, [number]
             elif first == can_id:
                 senders.append(number)
-    if plain and len(senders) == 1 and len(nodes) > 1:
-        return _undisturbed(state, start_bit, senders[0])
-    if any(node.sequences_left for node in nodes):
+    if any(node.sequences_left for node in state.nodes):
         state = state._replace(nodes=_counted(state, start_bit))
     return transmit(state, start_bit, senders)
-
-
-def _undisturbed(state: BusState, start_bit: int, sender: int) -> tuple[BusState, Arrival]:
-    """The usual transmission: one sender, no error, all counters at 0."""
-    before = state.nodes[sender]
-    pending = before.queue[0]
-    after = NodeState(before.queue[1:], before.counters, before.silent_until_bit, 0, 0, before.lost)
-    nodes = (*state.nodes[:sender], after, *state.nodes[sender + 1 :])
-    idle_from_bit = start_bit + pending.bits
-    arrived = BusState(
-        nodes=nodes,
-        now_bit=start_bit,
-        idle_from_bit=idle_from_bit,
-        recessive_from_bit=idle_from_bit - RECESSIVE_TAIL_BITS,
-        corruptions=state.corruptions,
-        queued=state.queued,
-        frames=state.frames + 1,
-        errors=state.errors,
-        busy_bits=state.busy_bits + pending.bits,
-    )
-    receivers = (*range(sender), *range(sender + 1, len(nodes)))
-    return arrived, Arrival(idle_from_bit - INTERMISSION_BITS, (sender,), receivers, pending)

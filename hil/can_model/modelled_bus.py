@@ -14,16 +14,12 @@ QUEUE_FRAMES = 64
 
 
 class Delivery(NamedTuple):
-    """A frame that has ended. `queued_ns`: the time at which its sender queued it, in whole bit times.
-
-    A second node that sent the same bits at the same time is not among the receivers.
-    """
+    """A frame that has ended; a second node that sent the same bits at once is not among the receivers."""
 
     t_ns: int
     sender: str
     frame: Frame
     receivers: tuple[str, ...]
-    queued_ns: int
 
 
 class BusFigures(NamedTuple):
@@ -113,10 +109,6 @@ class ModelledBus:
         """The node's error counters, which determine its error state."""
         return self._state.nodes[self._number(node)].counters
 
-    def lost(self, node: str) -> int:
-        """Number of frames that the node has refused or discarded."""
-        return self._state.nodes[self._number(node)].lost
-
     @property
     def figures(self) -> BusFigures:
         """The transmissions so far; a frame in transmission counts from its start."""
@@ -172,5 +164,4 @@ class ModelledBus:
             self._names[arrival.senders[0]],
             arrival.pending.frame,
             receivers,
-            arrival.pending.queued_bit * self._bit_ns,
         )

@@ -24,38 +24,40 @@ from hil.can_model.state import Arrival, BusState, Corruption, NodeState, switch
 def transmit(state: BusState, start_bit: int, senders: Sequence[int]) -> tuple[BusState, Arrival | None]:
     """Return the state after the frame that `senders` start at `start_bit`, and the frame if it arrived."""
     before = state.nodes
-    winners, overruled = _overrule(before, senders)
+    winners, overruled = _overrule(before, senders) if len(senders) > 1 else (tuple(senders), ())
     receivers = tuple(
         number for number, node in enumerate(before) if number not in senders and not node.sequences_left
     )
     pending = before[winners[0]].queue[0]
     # An error-passive node that is overruled cannot destroy the frame of the other: its flag is recessive.
     destroyed = any(before[number].counters.error_state is ErrorState.ERROR_ACTIVE for number in overruled)
-    if not destroyed:
-        destroyed, corruptions = _next_corruption(state.corruptions, pending.can_id)
-        state = state._replace(corruptions=corruptions)
+    corruptions = state.corruptions
+    if corruptions and not destroyed:
+        destroyed, corruptions = _next_corruption(corruptions, pending.can_id)
     arrived = not destroyed and bool(receivers)
+    busy_bits = pending.bits if arrived else pending.bits + ERROR_FRAME_BITS
+    idle_from_bit = start_bit + busy_bits
 
     after_sending = after_transmitting if arrived else after_missing_acknowledgement
     at_senders = after_transmit_error if destroyed else after_sending
     at_receivers = after_receiving if arrived else after_receive_error
-    rules = dict.fromkeys(overruled, after_transmit_error)
-    rules |= dict.fromkeys(winners, at_senders) | dict.fromkeys(receivers, at_receivers)
-    busy_bits = pending.bits if arrived else pending.bits + ERROR_FRAME_BITS
-    idle_from_bit = start_bit + busy_bits
     nodes = list(before)
-    for number, rule in rules.items():
-        nodes[number] = before[number]._replace(counters=rule(before[number].counters))
+    for number in receivers:
+        counters = at_receivers(before[number].counters)
+        if counters != before[number].counters:
+            nodes[number] = before[number]._replace(counters=counters)
     for number in senders:
-        node = nodes[number]
-        if arrived and number in winners:
-            node = node._replace(queue=node.queue[1:])
-        nodes[number] = _rest(node, idle_from_bit)
-    after = state._replace(
+        node = before[number]
+        rule = at_senders if number in winners else after_transmit_error
+        queue = node.queue[1:] if arrived and number in winners else node.queue
+        nodes[number] = _rest(node._replace(counters=rule(node.counters), queue=queue), idle_from_bit)
+    after = BusState(
         nodes=tuple(nodes),
         now_bit=start_bit,
         idle_from_bit=idle_from_bit,
         recessive_from_bit=idle_from_bit - RECESSIVE_TAIL_BITS,
+        corruptions=corruptions,
+        queued=state.queued,
         frames=state.frames + arrived,
         errors=state.errors + (not arrived),
         busy_bits=state.busy_bits + busy_bits,
