@@ -11,9 +11,9 @@ switched off while its frame is on the wire completes the frame; every error tak
 from bisect import bisect
 
 from firmware_py.interface.frame import Frame
-from hil.can_model.bits import INTERMISSION_BITS, RECESSIVE_TAIL_BITS, frame_bits
+from hil.can_model.bits import frame_bits
 from hil.can_model.fault_confinement import RECOVERY_RUN_BITS
-from hil.can_model.state import UNTOUCHED, Arrival, BusState, NodeState, Pending, switched_off, with_node
+from hil.can_model.state import Arrival, BusState, NodeState, Pending, switched_off, with_node
 from hil.can_model.transmission import transmit
 
 ABOVE_ALL_IDS = 0x800
