@@ -13,13 +13,8 @@ from hil.bus.wire import REMOTE_FLAG
 
 BITRATE = 1_000_000
 """Bit rate of the bench's bus; interfaces without a bit rate ignore it."""
-NS_PER_S = 1_000_000_000
-LATEST_DELIVERY_NS = 5 * NS_PER_S
-"""A message that seems to have waited longer than this in the adapter has a time of another clock."""
 LOOK_S = 0.05
 """Longest wait of the thread that reads the adapter, after which it looks whether the bus is closed."""
-DRIFT = 2e-4
-"""Largest relative error of an adapter's clock: twice that of a common quartz."""
 
 
 def open_adapter(interface: str, channel: str) -> can.BusABC:
@@ -33,43 +28,6 @@ def open_adapter(interface: str, channel: str) -> can.BusABC:
             f"bus {interface}:{channel} did not open: {reason}; wanted auto, vcan, local or one of "
             f"python-can's interfaces ({known}) with its channel, e.g. socketcan:can0"
         ) from error
-
-
-class StampClock:
-    """Converts an adapter's time stamps to the wall clock.
-
-    Some interfaces stamp messages with the wall clock, others with the device's time since its start, which
-    drifts and may wrap round. The first stamp decides: one of the last `LATEST_DELIVERY_NS` is wall time.
-    Otherwise the device's clock is compared with ours at each arrival. No message arrives before it was
-    stamped, so the smallest difference seen is the best one; it may grow by `DRIFT`. A stamp that is
-    `LATEST_DELIVERY_NS` too old by that means that the device's clock was set or wrapped round.
-    """
-
-    def __init__(self) -> None:
-        self._offset_ns: int | None = None
-        self._is_wall = False
-        self._compared_ns = 0
-        self._last_ns = 0
-
-    def wall_ns(self, stamp_s: float, now_ns: int) -> int:
-        """The wall clock in ns at which a message received at `now_ns` was stamped; never decreases."""
-        try:
-            stamp_ns = round(stamp_s * NS_PER_S)
-        except (ValueError, OverflowError):  # not a number, infinite
-            return self._last_ns or now_ns
-        difference_ns = now_ns - stamp_ns
-        if self._offset_ns is None:
-            self._is_wall = 0 <= difference_ns < LATEST_DELIVERY_NS
-            self._offset_ns = 0 if self._is_wall else difference_ns
-        else:
-            drift = 0.0 if self._is_wall else DRIFT
-            grown_ns = self._offset_ns + round(drift * max(0, now_ns - self._compared_ns))
-            self._offset_ns = min(grown_ns, difference_ns)
-            if difference_ns - self._offset_ns > LATEST_DELIVERY_NS:
-                self._offset_ns = difference_ns
-        self._compared_ns = now_ns
-        self._last_ns = max(self._last_ns, stamp_ns + self._offset_ns)
-        return self._last_ns
 
 
 class AdapterBus(Connection):
@@ -86,7 +44,6 @@ class AdapterBus(Connection):
         self._accept = None if accept is None else frozenset(accept)
         self._name = f"{interface}:{channel}"
         self._bus = open_adapter(interface, channel)
-        self._clock = StampClock()
         self._arrived: queue.SimpleQueue[tuple[int, can.Message | can.CanError]] = queue.SimpleQueue()
         self._first: tuple[int, can.Message | can.CanError] | None = None
         """What has ended a wait; it precedes what the queue holds."""
@@ -120,7 +77,7 @@ class AdapterBus(Connection):
         return [frame for _, frame in self.receive_stamped()]
 
     def receive_stamped(self) -> list[tuple[int, Frame]]:
-        """All frames that have arrived, with their times on the wall clock in ns."""
+        """All frames that have arrived, with the wall clock in ns when the adapter handed each over."""
         frames: list[tuple[int, Frame]] = []
         for _ in range(MAX_BURST):
             if (arrival := self._next_arrival(0.0)) is None:
@@ -134,8 +91,7 @@ class AdapterBus(Connection):
                     f"bus {self._name} has failed: {message}; is the adapter still connected?"
                 ) from message
             if self._is_for_us(message):
-                stamp_ns = self._clock.wall_ns(message.timestamp, now_ns)
-                frames.append((stamp_ns, Frame(message.arbitration_id, bytes(message.data))))
+                frames.append((now_ns, Frame(message.arbitration_id, bytes(message.data))))
         return frames
 
     def _is_for_us(self, message: can.Message) -> bool:

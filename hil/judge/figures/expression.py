@@ -15,6 +15,7 @@ import math
 import operator
 import warnings
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -63,18 +64,19 @@ def evaluate(
     signals: by trace and name within it, all of one length. reducers: functions from a signal to a number.
     elementwise: functions of a signal or a number, to the same.
     """
-    evaluation = _Evaluation(expression, signals, reducers, elementwise)
-    tree = evaluation.parsed()
-    evaluation.refuse(tree)
+    translation = _Translation(expression, signals, reducers, elementwise)
+    value_of_all = translation.of(translation.parsed())
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
-        value = evaluation.value(tree)
+        value = value_of_all()
     if np.ndim(value) != 0:
         raise ExpressionError(f"{expression!r} is a signal; make a number of it, by {', '.join(reducers)}")
     return float(value)
 
 
-class _Evaluation:
+class _Translation:
+    """Turns the tree of an expression into a function that evaluates it."""
+
     def __init__(
         self,
         expression: str,
@@ -102,58 +104,44 @@ class _Evaluation:
         except (ValueError, MemoryError, RecursionError) as error:  # null bytes; too deep for Python's parser
             raise self.error(f"Python cannot read it ({error})") from None
 
-    def refuse(self, node: ast.expr, nested: int = 0) -> None:
-        """Raise ExpressionError if the tree has another form than those listed, or an unknown name."""
+    def of(self, node: ast.expr, nested: int = 0) -> Callable[[], Any]:
+        """A function that gives the node's value: a float of numpy, or an array of them.
+
+        Raises ExpressionError if the node has another form than those listed, or an unknown name.
+        """
         if nested > MOST_NESTED:
             raise self.error(f"more than {MOST_NESTED} operations within one another; write it shorter")
         match node:
-            case ast.Constant(value=value) if type(value) in (int, float):
-                pass
+            case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
+                return partial(_as_float, number)
             case ast.Name(id="pi"):
-                pass
+                return partial(np.float64, math.pi)
             case ast.Name() | ast.Attribute():
-                self._signal(node)
-            case ast.UnaryOp(op=op, operand=operand) if type(op) in UNARY:
-                self.refuse(operand, nested + 1)
-            case ast.BinOp(left=left, op=op, right=right) if type(op) in BINARY:
-                self.refuse(left, nested + 1)
-                self.refuse(right, nested + 1)
-            case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in BINARY:
-                self.refuse(left, nested + 1)
-                self.refuse(right, nested + 1)
+                columns, name = self._signal(node)
+                return lambda: np.asarray(columns[name], float)
+            case ast.UnaryOp(op=sign, operand=operand) if type(sign) in UNARY:
+                change, inner = UNARY[type(sign)], self.of(operand, nested + 1)
+                return lambda: change(inner())
+            case (
+                ast.BinOp(left=left, op=operation, right=right)
+                | ast.Compare(left=left, ops=[operation], comparators=[right])
+            ) if type(operation) in BINARY:
+                joined, first, second = (
+                    BINARY[type(operation)],
+                    self.of(left, nested + 1),
+                    self.of(right, nested + 1),
+                )
+                return lambda: np.float64(1.0) * joined(first(), second())
             case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]):
-                known = [*self._reducers, *self._elementwise]
-                if name not in known:
+                if name not in (known := [*self._reducers, *self._elementwise]):
                     raise self.error(f"{name!r} is not defined; functions are {', '.join(known)}")
-                self.refuse(argument, nested + 1)
+                return partial(self._called, name, self.of(argument, nested + 1))
             case _:
                 part = ast.get_source_segment(self._expression.strip(), node) or type(node).__name__
                 raise self.error(f"{part!r} is not allowed; wanted {FORMS}")
 
-    def value(self, node: ast.expr) -> Any:
-        """The value of a tree that `refuse` has let pass: a float of numpy, or an array of them."""
-        found: Any
-        match node:
-            case ast.Constant(value=int() | float() as number):
-                found = _as_float(number)
-            case ast.Name(id="pi"):
-                found = np.float64(math.pi)
-            case ast.Name() | ast.Attribute():
-                columns, name = self._signal(node)
-                found = np.asarray(columns[name], float)
-            case ast.UnaryOp(op=sign, operand=operand):
-                found = UNARY[type(sign)](self.value(operand))
-            case ast.BinOp(left=left, op=operation, right=right):
-                found = BINARY[type(operation)](self.value(left), self.value(right))
-            case ast.Compare(left=left, ops=[comparison], comparators=[right]):
-                found = np.float64(1.0) * BINARY[type(comparison)](self.value(left), self.value(right))
-            case ast.Call(func=ast.Name(id=name), args=[argument]):
-                found = self._called(name, self.value(argument))
-            case _:
-                raise AssertionError(ast.dump(node))
-        return found
-
-    def _called(self, name: str, argument: Any) -> Any:
+    def _called(self, name: str, argument_of: Callable[[], Any]) -> Any:
+        argument = argument_of()
         if name in self._elementwise:
             return self._elementwise[name](argument)
         if np.ndim(argument) != 1:

@@ -1,7 +1,6 @@
 """Adapters without descriptor, with device time, for one program, with own messages, late, or with errors."""
 
 import json
-import math
 import signal
 import subprocess
 import sys
@@ -14,14 +13,13 @@ from pathlib import Path
 import can
 import numpy as np
 import pytest
-from made_adapters import INTERFACES, WRAP_S, installed
+from made_adapters import INTERFACES, installed
 from resting import resting
 
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import Accelerometer, SetInputTorque
 from hil.bus import BusError, ProvidedBus, join, provide
-from hil.bus.adapter import DRIFT, StampClock
 from hil.record.run_traces import read_bus
 from hil.show.recorder import Recorder
 
@@ -63,7 +61,6 @@ def test_a_node_receives_every_frame_at_its_time_and_none_of_its_own(kind: str, 
     frames = received(node, 50)
     assert [frame for _, frame in frames] == [Frame(number, bytes([number])) for number in range(50)]
     late_s = (np.array([stamp_ns for stamp_ns, _ in frames]) - sent_ns) * 1e-9
-    # A device's first stamps are as late as their delivery: its clock is known from the arrivals alone.
     assert -1e-3 < np.median(late_s) < 0.05
     assert len(received(sender, 50)) == 50
     assert node.counters.foreign == (5 if kind == "made-error-frames" else 0)
@@ -223,51 +220,6 @@ def test_an_adapter_that_does_not_open_is_refused_by_a_run(wire: ProvidedBus, tm
     assert program.returncode == 4
     assert "in use by another program" in " ".join(errors.split())
     taken.close()
-
-
-class TestStampClock:
-    """Times of the device's clock on the wall clock, from when each message was stamped and arrived."""
-
-    @pytest.mark.parametrize("device_s", [0.0, 123.0, 1e9, 3e9, -5.0])
-    @pytest.mark.parametrize("ppm", [-100.0, 0.0, 100.0])
-    def test_a_drifting_device_is_followed(self, device_s: float, ppm: float) -> None:
-        random = np.random.default_rng(3)
-        clock = StampClock()
-        errors_s = []
-        for number in range(20_000):
-            true_s = 1.7e9 + number * 0.05
-            stamp_s = device_s + (true_s - 1.7e9) * (1.0 + ppm * 1e-6)
-            arrived_ns = round((true_s + random.exponential(1e-3)) * 1e9)
-            errors_s.append(clock.wall_ns(stamp_s, arrived_ns) * 1e-9 - true_s)
-        assert min(errors_s) > -1e-4
-        assert max(errors_s[200:]) < 1e-3
-        assert np.all(np.diff(errors_s) > -0.05)
-
-    def test_wall_time_passes_unchanged(self) -> None:
-        clock = StampClock()
-        for number in range(100):
-            stamp_ns = 1_700_000_000_000_000_000 + number * 1_000_000
-            assert abs(clock.wall_ns(stamp_ns * 1e-9, stamp_ns + 3_000_000) - stamp_ns) < 1000
-
-    @pytest.mark.parametrize("jump_s", [-WRAP_S, -100.0, 100.0, 1e6])
-    def test_a_jump_of_the_device_moves_no_later_frame(self, jump_s: float) -> None:
-        clock = StampClock()
-        for number in range(1000):
-            true_s = 1.7e9 + number * 0.01
-            stamp_s = 5000.0 + number * 0.01 + (jump_s if number >= 500 else 0.0)
-            wall_s = clock.wall_ns(stamp_s, round(true_s * 1e9)) * 1e-9
-            assert wall_s == pytest.approx(true_s, abs=1e-3)
-
-    @pytest.mark.parametrize("stamp_s", [math.nan, math.inf, -math.inf])
-    def test_no_number_is_the_time_of_arrival(self, stamp_s: float) -> None:
-        assert StampClock().wall_ns(stamp_s, 5) == 5
-
-    def test_time_never_runs_backwards(self) -> None:
-        random = np.random.default_rng(5)
-        clock = StampClock()
-        walls = [clock.wall_ns(float(stamp), 10**18) for stamp in random.uniform(0.0, 1e4, 1000)]
-        assert walls == sorted(walls)
-        assert DRIFT > 0
 
 
 def test_the_products_own_interface_is_detected(wire: ProvidedBus) -> None:
