@@ -64,7 +64,6 @@ clean: ## remove the virtual environment and all caches; runs stay
 
 $(BIN)/python:
 	@python=$$(sh tools/dev/find-python.sh $(PYTHON)) && \
-	{ [ -n "$(PYTHON)" ] || python=$$("$$python" tools/dev/quickest_python.py); } && \
 	echo "setup: a virtual environment in $(VENV), so that nothing else on this machine changes" && \
 	"$$python" -m venv --clear $(VENV)
 

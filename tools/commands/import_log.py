@@ -13,7 +13,7 @@ from tools.outputs import folder_option
 
 def import_log(
     log: Annotated[
-        Path, typer.Argument(help="A candump .log, or .asc, .blf, .trc, .csv, .db; text also .gz.")
+        Path, typer.Argument(help="A candump .log, or .asc, .blf, .trc; the text formats also .gz.")
     ],
     out: Annotated[
         Path | None, folder_option("The run folder to make; by default a new one under runs/.")

@@ -15,7 +15,7 @@ import can
 
 from tools.output import BadInputError
 
-FORMATS = "candump -L's .log, or .asc, .blf, .trc, .csv or .db, the text formats also with .gz"
+FORMATS = "candump -L's .log, or .asc, .blf or .trc, the text formats also with .gz"
 SHOWN_CHARACTERS = 60
 SHOWN_LINES = 100
 """Largest number of ignored lines that are listed; the others are only counted."""
@@ -40,7 +40,7 @@ class BadLine(NamedTuple):
 
 
 class LoggedMessage(NamedTuple):
-    """A message: time in s, channel, its line (in a binary log its number), identifier, bytes.
+    """A message: time in s, channel, its line (in a .blf log its number), identifier, bytes.
 
     `kind` says what it is, if it cannot be a frame of the bench; None for a classic 11-bit data frame.
     """
@@ -64,7 +64,7 @@ class ForeignLog:
     """The first lines that are no messages, for example statistics of the bus."""
     ignored_count: int = 0
     other_objects: Counter[str] = field(default_factory=Counter)
-    """Counts of a binary log's objects that are no messages."""
+    """Counts of a .blf log's objects that are no messages."""
     truncated: str | None = None
     """A sign that the log is cut short; None without one."""
 
@@ -113,9 +113,9 @@ def kind_of(message: can.Message) -> str | None:
 
 def check(message: can.Message) -> None:
     """Raise ValueError for a message with an invalid time, identifier or number of bytes."""
-    if not (isinstance(message.timestamp, int | float) and abs(message.timestamp) < LATEST_S):
+    if not abs(message.timestamp) < LATEST_S:
         raise ValueError(f"a message has the time {message.timestamp!r}")
-    if not (isinstance(message.arbitration_id, int) and 0 <= message.arbitration_id < 1 << 29):
+    if not 0 <= message.arbitration_id < 1 << 29:
         raise ValueError(f"a message has the identifier {message.arbitration_id!r}")
     if message.is_remote_frame or message.is_error_frame:
         return
@@ -141,9 +141,9 @@ def refuse_large(path: Path, size: int) -> None:
 def read_log(path: Path, tolerant: bool = False) -> ForeignLog:
     """Read a log in the format given by its name's ending; `BadInputError` if it cannot be read.
 
-    A tolerant reading leaves unreadable lines out, and of a binary log what follows an error.
+    A tolerant reading leaves unreadable lines out, and of a .blf log what follows an error.
     """
-    from tools.logs.foreign_binary import BINARY_READERS, read_binary
+    from tools.logs.foreign_blf import read_blf
     from tools.logs.foreign_text import TEXT_READERS, read_text
 
     if not path.is_file():
@@ -162,9 +162,9 @@ def read_log(path: Path, tolerant: bool = False) -> ForeignLog:
             f"{path}: .mf4 is not imported, because its reader evaluates formulas of the file, and "
             f"such a formula can run any program; convert the log to one of {FORMATS}"
         )
-    if kind not in BINARY_READERS:
+    if kind != ".blf":
         raise BadInputError(f"{path} is no CAN log by its name; wanted {FORMATS}")
-    return read_binary(path, kind, tolerant)
+    return read_blf(path, tolerant)
 
 
 class ClockJump(NamedTuple):

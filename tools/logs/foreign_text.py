@@ -30,9 +30,8 @@ TEXT_READERS = {
     ".log": can.CanutilsLogReader,
     ".asc": can.ASCReader,
     ".trc": can.TRCReader,
-    ".csv": can.CSVReader,
 }
-COMMENTS = {".log": ("#", ";", "//"), ".asc": ("//",), ".trc": (";",), ".csv": ("#",)}
+COMMENTS = {".log": ("#", ";", "//"), ".asc": ("//",), ".trc": (";",)}
 """Beginnings of comments; comments and blank lines are not counted."""
 MOST_LINES = 450_000
 """Largest number of lines, an eighth more than messages: a line takes some hundred bytes, however short."""
@@ -199,8 +198,6 @@ def truncation(kind: str, text: str) -> str | None:
 def split_header(path: Path, kind: str, lines: Sequence[str]) -> tuple[list[Line], list[Line]]:
     """The lines that a reader needs before any message, and the rest."""
     numbered = [Line(number, text) for number, text in enumerate(lines, 1) if text.strip()]
-    if kind == ".csv":
-        return [Line(0, f"{text}\n") for _, text in numbered[:1]], numbered[1:]
     if kind == ".trc":
         end = next((n for n, line in enumerate(numbered) if not line.text.startswith(";")), len(numbered))
         if end > LONGEST_HEADER:

@@ -48,7 +48,7 @@ MOST_TICKS = 600_000
 LAST_TICKS = 2
 """Frames of the last ticks may be missing in a log, which ends while they wait for the bus."""
 US = 1e6
-LOGS = (".log", ".asc", ".blf", ".trc", ".csv", ".db", ".gz")
+LOGS = (".log", ".asc", ".blf", ".trc", ".gz")
 
 
 class RecordedTick(NamedTuple):

@@ -6,7 +6,6 @@ file holds, an import ends soon and in little memory, with a run folder or with 
 """
 
 import gzip
-import sqlite3
 import struct
 import zlib
 from collections.abc import Callable
@@ -51,93 +50,6 @@ def text(name: str, content: Callable[[], str]) -> Callable[[Path], Path]:
     return binary(name, lambda: content().encode("utf-8"))
 
 
-def database(*statements: str) -> Callable[[Path], Path]:
-    def write(folder: Path) -> Path:
-        path = folder / "bench.db"
-        with sqlite3.connect(path) as made:
-            for statement in statements:
-                made.execute(statement)
-        made.close()
-        return path
-
-    return write
-
-
-PAGE_BYTES = 512
-CREATED = "CREATE TABLE messages (ts, arbitration_id, extended, remote, error, dlc, data)"
-INTERIOR, LEAF = 5, 13
-"""Kinds of a table's pages in SQLite's file format."""
-
-
-def big_endian_varint(number: int) -> bytes:
-    groups = [number & 0x7F]
-    while number := number >> 7:
-        groups.append(number & 0x7F | 0x80)
-    return bytes(reversed(groups))
-
-
-def page(kind: int, cells: list[bytes], child: int = 0, head: bytes = b"") -> bytes:
-    """A page of SQLite's file format with as many of the cells as it has room for."""
-    first = len(head) + (12 if kind == INTERIOR else 8)
-    content, places = b"", b""
-    for cell in cells:
-        if first + len(places) + 2 + len(content) + len(cell) > PAGE_BYTES:
-            break
-        content = cell + content
-        places += struct.pack(">H", PAGE_BYTES - len(content))
-    fixed = struct.pack(">BHHHB", kind, 0, len(places) // 2, PAGE_BYTES - len(content), 0)
-    last = struct.pack(">L", child) if kind == INTERIOR else b""
-    begin = head + fixed + last + places
-    return begin + bytes(PAGE_BYTES - len(begin) - len(content)) + content
-
-
-def interior(child: int, head: bytes = b"") -> bytes:
-    """A page that names the same child again and again."""
-    cells = [struct.pack(">L", child) + big_endian_varint(number) for number in range(1, 60)]
-    return page(INTERIOR, cells, child, head)
-
-
-def shared_pages(types: list[int], first: bytes, rest_bytes: int) -> bytes:
-    """A database of a megabyte with millions of rows, all in one page, whose rest is a page in a ring.
-
-    `types` are those of a row's columns, `first` its values in their own page.
-    """
-    with sqlite3.connect(":memory:") as made:
-        made.execute(f"PRAGMA page_size = {PAGE_BYTES}")
-        made.execute(CREATED)
-        schema = made.serialize()[:PAGE_BYTES]
-    made.close()
-    described = b"".join(map(big_endian_varint, types))
-    head_bytes = len(described) + 1 if len(described) < 127 else len(described) + 2
-    row = big_endian_varint(head_bytes) + described + first
-    held_bytes = head_bytes + len(first) + rest_bytes
-    fewest = (PAGE_BYTES - 12) * 32 // 255 - 23
-    here = fewest + (held_bytes - fewest) % (PAGE_BYTES - 4)
-    here = here if here <= PAGE_BYTES - 35 else fewest
-    row = (row + bytes(here))[:here] + struct.pack(">L", 6)
-    rows = [big_endian_varint(held_bytes) + big_endian_varint(number) + row for number in range(1, 60)]
-    ring = struct.pack(">L", 6) + bytes(PAGE_BYTES - 4)
-    pages = [schema, interior(3), interior(4), interior(5), page(LEAF, rows), ring]
-    whole = bytearray(b"".join(pages).ljust(2100 * PAGE_BYTES, b"\0"))
-    whole[28:32] = struct.pack(">L", 2100)
-    return bytes(whole)
-
-
-ONE, ZERO, EMPTY = 1, 8, 12
-"""Types of a row's values in SQLite: an integer of one byte, 0, bytes without any."""
-
-
-def blob(length: int) -> int:
-    """The type of a value of this length."""
-    return 12 + 2 * length
-
-
-COLUMNS = "ts, arbitration_id, extended, remote, error, dlc, data"
-ENDLESS = (
-    "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) "
-    "SELECT i AS ts, 1 AS arbitration_id, 0 AS extended, 0 AS remote, 0 AS error, 0 AS dlc, "
-    "x'' AS data FROM n"
-)
 ASC = "date Tue Nov 14 22:13:20 2023\nbase hex  timestamps absolute\ninternal events logged\n"
 ASC_FRAME = "{t:.6f} 1  {can_id}             Rx   d 4 CD CC 4C 3D\n"
 TRC = ";$FILEVERSION=2.1\n;$STARTTIME=45244.9\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n"
@@ -191,48 +103,12 @@ HOSTILE: dict[str, Callable[[Path], Path]] = {
     "blf: garbage between objects": binary(
         "a.blf", lambda: blf(blf_container(blf_object() + b"x" * 40 + blf_object()))
     ),
-    "db: an endless view": database(f"CREATE VIEW messages AS {ENDLESS}"),
-    "db: an endless view, capitals": database(f"CREATE VIEW MESSAGES AS {ENDLESS}"),
-    "db: a virtual table": database("CREATE VIRTUAL TABLE messages USING fts5(ts)"),
-    "db: other columns": database("CREATE TABLE messages (ts)"),
-    "db: a generated column": database(
-        "CREATE TABLE messages (ts, arbitration_id, extended, remote, error, dlc, "
-        "data AS (zeroblob(900000000)))",
-        "INSERT INTO messages (ts, arbitration_id, extended, remote, error, dlc) VALUES (1, 1, 0, 0, 0, 0)",
-    ),
-    "db: text for a length": database(
-        f"CREATE TABLE messages ({COLUMNS})", "INSERT INTO messages VALUES (1, 1, 0, 0, 0, 'x', x'')"
-    ),
-    "db: a length of 2^60": database(
-        f"CREATE TABLE messages ({COLUMNS})",
-        "INSERT INTO messages VALUES (1, 1, 0, 0, 0, 1152921504606846976, x'')",
-    ),
-    "db: a megabyte in each of a million rows": binary(
-        "bench.db",
-        lambda: shared_pages(
-            [ONE, ONE, blob(MEGABYTE - 100), ZERO, ZERO, ZERO, EMPTY], b"\x05\x05", MEGABYTE - 100
-        ),
-    ),
-    "db: remote frames of 60 kB": binary(
-        "bench.db",
-        lambda: shared_pages([ONE, ONE, ZERO, ONE, ZERO, ZERO, blob(60_000)], b"\x05\x05\x01", 60_000),
-    ),
-    "db: remote frames of 200 bytes": binary(
-        "bench.db",
-        lambda: shared_pages([ONE, ONE, ZERO, ONE, ZERO, ZERO, blob(200)], b"\x05\x05\x01", 200),
-    ),
-    "db: 16,000 columns in each of a million rows": binary(
-        "bench.db",
-        lambda: shared_pages([ONE, ONE, ZERO, ZERO, ZERO, ZERO, EMPTY, *[ZERO] * 16_000], b"", 100),
-    ),
-    "db: no table": database("CREATE TABLE other (a)"),
     "log: unpacks to 1.9 GB": binary("a.log.gz", lambda: gzip.compress(bytes(1_900_000_000), 1)),
     "log: unpacks to 30 million bad lines": binary("a.log.gz", lambda: packed("a\n")),
     "log: unpacks to half a million lines of wide characters": binary(
         "a.log.gz", lambda: packed(f"# {'x' * 122}\U0001f600\n")
     ),
     "log: ten minutes without a torque": text("a.log", silent_for_minutes),
-    "csv: unpacks to 30 million comments": binary("a.csv.gz", lambda: packed("#\n")),
     "trc: unpacks to 30 million bad lines": binary("a.trc.gz", lambda: packed("1\n", TRC)),
     "asc: unpacks to 15 million lines of another kind": binary("a.asc.gz", lambda: packed("1 x\n", ASC)),
     "asc: unpacks to half a million lines of another kind": binary(
@@ -255,9 +131,5 @@ HOSTILE: dict[str, Callable[[Path], Path]] = {
         "a.trc", lambda: f";$COLUMNS={','.join(map(str, range(150_000)))}\n   1)  1.0  001  1 00\n"
     ),
     "trc: a header of a million lines": text("a.trc", lambda: ";x\n" * 1_000_000),
-    "csv: broken base64": text(
-        "a.csv", lambda: "timestamp,arbitration_id,extended,remote,error,dlc,data\n1,0x1,0,0,0,1,!!\n"
-    ),
-    "csv: a length of 10^4000": text("a.csv", lambda: f"h\n1,0x1,0,0,0,{'9' * 4000},AA==\n"),
     "mf4: whatever it holds": binary("a.mf4", lambda: b"MDF     4.10    vibrohil" + bytes(1000)),
 }

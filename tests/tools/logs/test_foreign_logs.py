@@ -2,70 +2,17 @@
 
 import json
 import os
-import signal
-import sqlite3
 import subprocess
 import sys
-import time
-from contextlib import closing
 from pathlib import Path
 
 import can
 import numpy as np
 import pytest
-from hostile_logs import ASC, ASC_FRAME, GOOD, HOSTILE, blf, blf_container, blf_object
+from hostile_logs import ASC, ASC_FRAME, GOOD, blf, blf_container, blf_object
 
-from tools.logs import foreign_binary
 from tools.logs.foreign_logs import clock_jumps, kind_of, read_log
 from tools.output import BadInputError
-
-
-def test_a_signal_ends_the_reading_of_a_database(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A query gives way to Python's signal handlers, even one that would never end by itself."""
-    path = HOSTILE["db: an endless view"](tmp_path)
-    monkeypatch.setattr(foreign_binary, "LONGEST_READING_S", 1e12)
-
-    class EndedError(Exception):
-        pass
-
-    def end(*_: object) -> None:
-        raise EndedError
-
-    before = signal.signal(signal.SIGALRM, end)
-    signal.setitimer(signal.ITIMER_REAL, 0.5)
-    try:
-        with (
-            closing(foreign_binary.guarded(path)) as database,
-            pytest.raises((EndedError, sqlite3.OperationalError), match=r"^$|interrupted"),
-        ):
-            database.execute("SELECT * FROM messages WHERE ts < 0").fetchall()
-    finally:
-        signal.signal(signal.SIGALRM, before)
-
-
-def test_the_pages_of_a_database_cost_no_more_than_its_messages(tmp_path: Path) -> None:
-    """Pages that lie in each other make terabytes of a megabyte; see also the limits in `tests/trust`."""
-    for name, sentence in (
-        ("db: a megabyte in each of a million rows", "a value has more than 16384 bytes"),
-        ("db: remote frames of 60 kB", "a value has more than 16384 bytes"),
-        ("db: remote frames of 200 bytes", "a row has 200 bytes of data; wanted at most 64"),
-    ):
-        begun_s = time.process_time()
-        with pytest.raises(BadInputError, match=sentence):
-            read_log(HOSTILE[name](tmp_path))
-        assert time.process_time() - begun_s < 2.0
-
-
-def test_a_database_whose_rows_take_long_is_refused_or_kept_up_to_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = HOSTILE["db: 16,000 columns in each of a million rows"](tmp_path)
-    monkeypatch.setattr(foreign_binary, "LONGEST_READING_S", 0.5)
-    with pytest.raises(BadInputError, match=r"its rows take more than 6 s of computing to read.*--tolerant"):
-        read_log(path)
-    kept = read_log(path, tolerant=True)
-    assert 0 < len(kept.messages) < 400_000
-    assert kept.truncated is not None
 
 
 def reading(folder: Path, name: str, content: str | bytes, tolerant: bool = True):
@@ -74,7 +21,7 @@ def reading(folder: Path, name: str, content: str | bytes, tolerant: bool = True
     return read_log(path, tolerant)
 
 
-WRITERS = ["log", "asc", "blf", "trc", "csv", "db"]
+WRITERS = ["log", "asc", "blf", "trc"]
 
 
 @pytest.mark.parametrize("kind", WRITERS)
@@ -176,7 +123,6 @@ def test_every_line_is_a_message_or_counted(tmp_path: Path) -> None:
             1,
             1,
         ),
-        ("a.csv", "h\n1,0x1,0,0,0,1,AA==\n1,0x1,0\n2,0x1,0,0,0,1,AA==\n2,0x1,0,0,0,4,AA==\n", 2, 2),
     ],
 )
 def test_lines_add_up(name: str, content: str, messages: int, counted: int, tmp_path: Path) -> None:

@@ -164,7 +164,7 @@ def parameter_file(random: Random, mine: Path, good: Path) -> list[str]:
 
 def special_file(random: Random, mine: Path, good: Path) -> list[str]:
     """Give any command that reads a file a special file, a file of another kind, or a missing path."""
-    endings = (".toml", ".toml", ".rrd", ".log", ".log.gz", ".asc", ".blf", ".csv", ".trc", ".db", ".mf4", "")
+    endings = (".toml", ".toml", ".rrd", ".log", ".log.gz", ".asc", ".blf", ".trc", ".mf4", "")
     path = mine / f"mine{chosen(random, endings)}"
     makers: tuple[Callable[[Path], object], ...] = (*IMPLAUSIBLE, partial(shutil.copyfile, good / BOMB))
     make = chosen(random, makers)

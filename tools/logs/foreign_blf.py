@@ -1,15 +1,12 @@
-"""CAN logs in binary formats: Vector's .blf by python-can's reader, and python-can's SQLite .db.
+"""Vector's CAN logs, .blf, by python-can's reader.
 
-python-can's reader of .blf does not end on an object of size 0 and unpacks without limit. So the file's
-structure is walked first: every object has a header and a size, and what is unpacked has a limit.
+The reader does not end on an object of size 0 and unpacks without limit. So the file's structure is walked
+first: every object has a header and a size, and what is unpacked has a limit.
 """
 
-import sqlite3
 import struct
-import time
 import zlib
 from collections.abc import Generator, Iterator
-from contextlib import closing
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -37,32 +34,17 @@ MOST_CARRIED_BYTES = 1 << 30
 """Limit on what is carried over from container to container: an object of a bench lies in two at most."""
 UNPACKED, DEFLATED = 0, 2
 
-SQLITE_STEPS = 100
-"""SQLite's instructions between two looks at the clock; one of them may read some hundred pages."""
-LONGEST_READING_S = 6.0
-"""Longest time of computing for a database: several times what the most messages need."""
-LONGEST_VALUE_BYTES = 1 << 14
-"""Longest value that SQLite reads, and its longest text of the schema."""
-MOST_FD_BYTES = 64
-REFUSALS = {
-    sqlite3.SQLITE_INTERRUPT: f"its rows take more than {LONGEST_READING_S:g} s of computing to read",
-    sqlite3.SQLITE_TOOBIG: f"a value has more than {LONGEST_VALUE_BYTES} bytes",
-}
-"""What SQLite's errors mean that come from the limits."""
-COLUMNS = ("ts", "arbitration_id", "extended", "remote", "error", "dlc", "data")
-TABLE = "messages"
-
 
 class LogError(ValueError):
-    """A binary log is damaged; the message says where."""
+    """A .blf log is damaged; the message says where."""
 
 
-def read_binary(path: Path, kind: str, tolerant: bool) -> ForeignLog:
-    """Read a log in a binary format; a tolerant reading keeps the messages before an error."""
+def read_blf(path: Path, tolerant: bool) -> ForeignLog:
+    """Read a .blf log; a tolerant reading keeps the messages before an error."""
     refuse_large(path, path.stat().st_size)
     log = ForeignLog()
     try:
-        for place, message in enumerate(BINARY_READERS[kind](path, log), 1):
+        for place, message in enumerate(blf_messages(path, log), 1):
             log.add(message, place, path)
     except BadInputError:
         raise
@@ -184,75 +166,3 @@ def whole_objects(data: bytes) -> Generator[tuple[int, int, int], None, bytes]:
     if start < 0 and at + PADDING <= len(data):
         raise LogError("between two objects there is something else")
     return data[at:]
-
-
-def guarded(path: Path) -> sqlite3.Connection:
-    """A connection to a database of somebody else's: read-only, with limits on its values and its time.
-
-    Its pages may share others or form rings, so that it holds far more than the file has bytes.
-    """
-    until_s = time.process_time() + LONGEST_READING_S
-
-    def is_too_late() -> bool:
-        return time.process_time() > until_s
-
-    database = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
-    # Python runs between the steps, so a signal ends the query.
-    database.set_progress_handler(is_too_late, SQLITE_STEPS)
-    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST_VALUE_BYTES)
-    database.execute("PRAGMA trusted_schema = OFF")
-    return database
-
-
-def database_messages(path: Path, _: ForeignLog) -> Iterator[can.Message]:
-    """The messages of python-can's SQLite log, read without trusting its schema or its pages."""
-    try:
-        yield from rows_of_messages(path)
-    except sqlite3.Error as error:
-        reason = REFUSALS.get(error.sqlite_errorcode)
-        if reason is None:
-            raise
-        raise LogError(reason) from error
-
-
-def rows_of_messages(path: Path) -> Iterator[can.Message]:
-    """A message for each row of the table.
-
-    A view or a virtual table named `messages` is refused, for its query may never end.
-    """
-    with closing(guarded(path)) as database:
-        query = "SELECT type, sql FROM sqlite_master WHERE name = ? COLLATE NOCASE"
-        found = database.execute(query, (TABLE,)).fetchone()
-        if found is None:
-            raise LogError(f"it has no table {TABLE}")
-        kind, sql = found
-        if kind != "table" or str(sql).split()[1:2] != ["TABLE"]:
-            raise LogError(f"its {TABLE} is no ordinary table but {str(sql).split()[:2]}")
-        described = database.execute(f"PRAGMA table_xinfo({TABLE})").fetchall()
-        if tuple(column[1] for column in described) != COLUMNS or any(column[6] for column in described):
-            raise LogError(f"its table {TABLE} has not exactly the columns {', '.join(COLUMNS)}")
-        for row in database.execute(f"SELECT {', '.join(COLUMNS)} FROM {TABLE} NOT INDEXED"):
-            yield message_of(row)
-
-
-def message_of(row: tuple[object, ...]) -> can.Message:
-    """A message from a row of the table."""
-    t_s, can_id, extended, remote, error, dlc, data = row
-    if not (isinstance(can_id, int) and isinstance(dlc, int) and isinstance(data, bytes | None)):
-        raise LogError(f"a row has an identifier, a length or data of the wrong type: {row!r:.100}")
-    if not all(isinstance(mark, int | None) for mark in (extended, remote, error)):
-        raise LogError(f"a row has a mark that is no number: {row!r:.100}")
-    if data is not None and len(data) > MOST_FD_BYTES:
-        raise LogError(f"a row has {len(data)} bytes of data; wanted at most {MOST_FD_BYTES}")
-    return can.Message(
-        timestamp=t_s,  # type: ignore[arg-type]  # checked with all messages
-        arbitration_id=can_id,
-        is_extended_id=bool(extended),
-        is_remote_frame=bool(remote),
-        is_error_frame=bool(error),
-        dlc=dlc,
-        data=None if remote else data,
-    )
-
-
-BINARY_READERS = {".blf": blf_messages, ".db": database_messages}
