@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from firmware_py.interface import codec
+from firmware_py.interface.addresses import NODE_IDS
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import EncoderEstimates
 from hil.drive import axis
@@ -16,8 +16,8 @@ from plant_sim.parts.drive import MotorDrive
 from plant_sim.plant import Plant
 from plant_sim.sensors.readings import SensorReading
 
-DRIVE_IDS = frozenset(frame.can_id for frame in codec.CODECS.values() if frame.sender == "Drive")
-"""Identifiers of the frames that the drive's electronics send."""
+DRIVE_IDS = range(NODE_IDS)
+"""Identifiers of the drive's electronics: those of node 0."""
 SAME_INSTANT_S = 1e-9
 
 

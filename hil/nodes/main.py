@@ -10,8 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from firmware_py.interface import codec
 from firmware_py.interface.addresses import Addresses, bus_id
+from firmware_py.interface.generated import received
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.parameters import addresses_from, config_from, with_proof
 from hil.bus import Bus, is_own_bus, join_in_turns, open_bus
@@ -41,9 +41,6 @@ START_DELAY_S = 0.2
 """Time from readiness to the start of a node that runs alone."""
 ESTOP_PATIENCE_S = 2.0
 """Longest wait for the confirmation of an E-stop after the operator's script: twenty heartbeats."""
-
-FIRMWARE_IDS = [frame.can_id for frame in codec.CODECS.values() if frame.sender != "Firmware"]
-"""Identifiers that the firmware receives."""
 
 
 class NodeProcess(NamedTuple):
@@ -139,7 +136,7 @@ def firmware_main(scenario: str | None, settings: Sequence[str], process: NodePr
         out_dir, say = process.out_dir, partial(print, file=sys.stderr)
         return FirmwareRunner(memory, pace, bus, out_dir, first_tick, walks, node_of(build), say)
 
-    process.run(FIRMWARE, make, period_s, 0.5, FIRMWARE_IDS, addresses_from(parameters), faults)
+    process.run(FIRMWARE, make, period_s, 0.5, received.RECEIVED_IDS, addresses_from(parameters), faults)
 
 
 def plant_main(scenario: str, settings: Sequence[str], process: NodeProcess) -> None:

@@ -23,7 +23,7 @@ from plant_sim.sensors.sampled import SAMPLED, SampledSensor, signals
 Vector = NDArray[np.float64]
 
 CODEC_OF = {kind: CODECS[getattr(records, kind.__name__)] for kind in SAMPLED}
-MOST_SIGNALS = max(len(its_codec.signals) for its_codec in CODEC_OF.values())
+MOST_SIGNALS = max(len(its_codec.record._fields) for its_codec in CODEC_OF.values())
 TICK, WHICH, COUNTER, NOISE = range(4)
 """Columns of `SampledFrames.rows`; from NOISE on, a standard normal number for each signal."""
 
@@ -107,4 +107,4 @@ class SampledFrames:
             number = tick // self._ticks[which]
             if number != self._last[which]:
                 self._last[which] = number
-                yield which, number, self._plant.sample_noise(which, len(its_codec.signals))
+                yield which, number, self._plant.sample_noise(which, len(its_codec.record._fields))
