@@ -12,7 +12,6 @@ from tools.outputs import folder_option
 
 if TYPE_CHECKING:
     from plant_sim.scene import Scene
-    from tools.study.branches.attractors import Simulated
     from tools.study.branches.branches import Branch
     from tools.study.branches.impact_map import Orbit
 
@@ -47,19 +46,12 @@ def branches(
     module, kinds = checked_scene(scene, change, (over,)), parsed(orbit)
     from tools.study.branches import branches as following
     from tools.study.branches import figures
-    from tools.study.branches.attractors import simulated_at
-    from tools.study.branches.impact_map import ImpactMap
     from tools.study.branches.parameters import PARAMETERS, value_in
 
     nominal = value_in(module, over)
-    simulated_at(module, over, nominal)  # loads the kernels, so that the times below compare
-    ImpactMap(module, 1, 1, (over,)).load_kernels()
-    started_s, used_s = time.perf_counter(), time.process_time()
+    started_s = time.perf_counter()
     found = [branch for kind in kinds for branch in following.branches(module, over, *kind)]
-    wall_s, cpu_s = time.perf_counter() - started_s, time.process_time() - used_s
-    reached = [orbit.values[over] for branch in found for orbit in branch.orbits] or [nominal]
-    low, high = max(0.9 * min(reached), PARAMETERS[over].low), min(1.1 * max(reached), PARAMETERS[over].high)
-    simulated, brute_force = by_brute_force(module, over, low, high)
+    wall_s = time.perf_counter() - started_s
     name = f"branches-{Path(scene).stem}-{over}-{numbered(kinds)}"
     payload = {
         "scene": scene,
@@ -67,27 +59,10 @@ def branches(
         "nominal": nominal,
         "unit": PARAMETERS[over].unit,
         "branches": [branch_json(module, branch) for branch in found],
-        "figures": figures.branch_figure(found, simulated, nominal, out, name),
+        "figures": figures.branch_figure(found, nominal, out, name),
         "wall_s": wall_s,
-        "cpu_s": cpu_s,
-        "brute_force": brute_force,
     }
     answer(payload, as_json, lambda: show_branches(payload))
-
-
-def by_brute_force(
-    scene: "Scene", over: str, low: float, high: float
-) -> "tuple[list[Simulated], dict[str, Any]]":
-    """Sweep the parameter by simulations, then bisect the highest value with impacts; CPU times."""
-    from tools.study.branches.attractors import bisected_end, simulated
-
-    started_s = time.process_time()
-    points = simulated(scene, over, low, high)
-    swept_s = time.process_time() - started_s
-    highest = max((one.value for one in points), default=high)
-    end = bisected_end(scene, over, highest, high) if highest < high else None
-    bisected_s = time.process_time() - started_s - swept_s
-    return points, {"sweep_cpu_s": swept_s, "bisection_cpu_s": bisected_s, "highest": end}
 
 
 def boundaries(
@@ -253,12 +228,4 @@ def show_branches(payload: dict[str, Any]) -> None:
     console.print(table_of(columns, rows, title=f"{payload['scene']}: impact orbits over {over}"))
     if not rows:
         console.print("no simulation settled on such an orbit; try another --orbit or --over")
-    brute, unit = payload["brute_force"], payload["unit"]
-    rows_of_speed = [
-        ("following, CPU", payload["cpu_s"], "s"),
-        ("sweep by simulations, CPU", brute["sweep_cpu_s"], "s"),
-        ("bisection of the highest impacts, CPU", brute["bisection_cpu_s"], "s"),
-        (f"highest {over} with impacts, by bisection", brute["highest"], unit),
-        ("figure", payload["figures"][0], ""),
-    ]
-    console.print(figure_table("", rows_of_speed))
+    console.print(figure_table("", [("figure", payload["figures"][0], "")]))

@@ -31,10 +31,10 @@ def measure(
     plot: Annotated[Path | None, file_option("Draw error against cost into this file.", PICTURES)] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure error and cost of solvers, peers, stop models, control rates, builds and ticks."""
+    """Measure error and cost of solvers, peers, stop models, control rates and builds."""
     if context.invoked_subcommand is not None:
         return
-    from tools.trade import bench_tick, builds, control_rate, costs, pictures
+    from tools.trade import builds, control_rate, costs, pictures
     from tools.trade import parts as stops
     from tools.trade.cases import CASES
     from tools.trade.peers import heyoka_peer
@@ -47,7 +47,6 @@ def measure(
         lambda doing: stops.measure("fidelity", quick, repeats, doing),
         lambda doing: control_rate.measure(quick, doing),
         lambda doing: builds.measure(repeats, doing),
-        lambda doing: bench_tick.measure(repeats, doing),
     ]
     with shown_progress() as progress:
         steps = len(CASES) + len(others)
@@ -76,7 +75,7 @@ def extremes(
     page: Annotated[Path, file_option("The page to write.", (".md",))] = Path("extremes.md"),
     as_json: Json = False,
 ) -> None:
-    """Solve extreme cases by every method and write a page and a plot of the errors; takes minutes."""
+    """Solve extreme cases by every method and write a page of the errors; takes minutes."""
     from tools.trade import extremes as core
 
     with shown_progress() as progress:
@@ -167,7 +166,6 @@ BUILDS = (
     Column(">differ", "decisions_that_differ"),
     Column(">µs/tick", "cost", ".1f"),
 )
-TICKS = (Column("what", "what"), Column(">µs/tick", "cost", ".2f"))
 TABLES = {
     "fidelity": ("fidelity: table1 on its impact orbit at r = 1.3, ideal drive", PARTS),
     "control rate": (
@@ -178,7 +176,6 @@ TABLES = {
         "firmware builds: the same start in lockstep; differ: decisions over a tick off the compiled build's",
         BUILDS,
     ),
-    "tick": ("a tick of 1 ms in compiled code, at r = 1.3 with impacts", TICKS),
 }
 """Titles and columns of the tables by kind of row."""
 

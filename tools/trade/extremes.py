@@ -1,8 +1,7 @@
 """Extreme cases by every method: the measured error, or the method's error message."""
 
 import math
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +11,6 @@ from plant_sim.scene import Scene, SceneError, load_scene, read_scene, with_valu
 from plant_sim.simulation import simulate
 from plant_sim.solvers.cost import SolverError
 from plant_sim.solvers.exact.exact import UnsupportedSceneError
-from tools.plots import drawn
 
 METHODS = ("exact", "adaptive", "Plant")
 REFUSALS = SceneError, UnsupportedSceneError, SolverError
@@ -48,8 +46,6 @@ class Extreme(NamedTuple):
     until_s: float = 1.0
     torque_n_m: float = 0.0
     tick_s: float = 1e-3
-    axis: float | None = None
-    """Value on the plot's axis, if `what` has a range."""
     disturbance: Disturbance | None = None
     """Ideal drives only."""
 
@@ -62,14 +58,6 @@ class Cell(NamedTuple):
 
     error_m: float
     refusal: str
-
-
-def _range(
-    what: str, base: str, key: str, values: Sequence[float], unit: str = "", **given: Any
-) -> Iterator[Extreme]:
-    common = given.pop("changes", {})
-    for value in values:
-        yield Extreme(what, f"{value:g}{unit}", base, {**common, key: value}, axis=value, **given)
 
 
 VISCOUS, COULOMB, STRIBECK, MOTOR = (
@@ -114,10 +102,10 @@ def _friction_and_impact() -> Iterator[Extreme]:
     yield Extreme(
         "Stribeck without a fall", "μ_s = μ", STRIBECK, {"friction.mu_s": 0.15, "friction.mu": 0.15}
     )
-    yield from _range(
-        "Stribeck speed v_s", STRIBECK, "friction.v_s_m_s", (1e-1, 1e-2, 1e-3, 1e-5, 1e-7, 1e-14), " m/s"
-    )
-    yield from _range("Stribeck exponent δ", STRIBECK, "friction.delta", (0.1, 0.5, 1.0, 2.0, 10.0))
+    for v_s_m_s in (1e-1, 1e-2, 1e-3, 1e-5, 1e-7, 1e-14):
+        yield Extreme("Stribeck speed v_s", f"{v_s_m_s:g} m/s", STRIBECK, {"friction.v_s_m_s": v_s_m_s})
+    for delta in (0.1, 0.5, 1.0, 2.0, 10.0):
+        yield Extreme("Stribeck exponent δ", f"{delta:g}", STRIBECK, {"friction.delta": delta})
 
 
 def _instants() -> Iterator[Extreme]:
@@ -154,7 +142,7 @@ def _scales() -> Iterator[Extreme]:
     for ratio in (0.0, 1e-6, 1e-3, 1.0, 10.0, 100.0, 1e4):
         speed = {"initial.v_m_s": 0.5, "drive.ratio": None, "drive.speed_rad_s": ratio * NATURAL_RAD_S}
         until_s = 0.05 if ratio > 100.0 else 1.0
-        yield Extreme("crank speed Ω/ω", f"{ratio:g}", VISCOUS, speed, until_s, axis=ratio or None)
+        yield Extreme("crank speed Ω/ω", f"{ratio:g}", VISCOUS, speed, until_s)
     slow = {"striker.mass_kg": 1e3, "drive.ratio": 0.5}  # 24 s a swing, so that 1e6 s compute fast
     yield Extreme("long runs", "a day, in ticks of 0.1 s", VISCOUS, slow, 86400.0, tick_s=0.1)
     yield Extreme("long runs", "1e6 s, in ticks of 10 s", VISCOUS, slow, 1e6, tick_s=10.0)
@@ -178,7 +166,6 @@ def _soft_stops_and_starts() -> Iterator[Extreme]:
                 f"{stiffness:g} N/m" + ("^1.5" if stop is HUNT_CROSSLEY else ""),
                 VISCOUS,
                 {**THROWN, "stop": rigidless | {"stiffness": stiffness}},
-                axis=stiffness,
             )
     yield Extreme("start", "on the stop", VISCOUS, {"initial.x_m": 0.18, "drive.ratio": 1.0})
     yield Extreme("start", "1 mm beyond the stop", VISCOUS, {"initial.x_m": 0.181})
@@ -193,7 +180,7 @@ def _motor() -> Iterator[Extreme]:
     """A light motor, its dry loss, a striker that drives it, no supply."""
     for inertia in (1e-5, 1e-7, 1e-9):
         light = {"motor.inertia_kg_m2": inertia}
-        yield Extreme("motor's inertia J", f"{inertia:g} kg m²", MOTOR, light, 0.5, 0.012, axis=inertia)
+        yield Extreme("motor's inertia J", f"{inertia:g} kg m²", MOTOR, light, 0.5, 0.012)
     for torque_n_m, value in (
         (0.0049, "stalled below it"),
         (0.005, "equal to it"),
@@ -322,15 +309,13 @@ requested accuracy is 1e-9 m per period. All other parameters are those of the s
 The reference is the closed form. For the closed form itself, and if there is none, the reference is the
 adaptive solver at {fine:g}. The first column therefore contains the errors of both methods.
 
-![error over the parameter](extremes.svg)
-
 | extreme | value | exact | adaptive | Plant |
 |---|---|---|---|---|
 """
 
 
 def write(page: Path, progress: Callable[[str], None]) -> list[dict[str, Any]]:
-    """Measure all extreme cases, write the page and its plot, and return the rows."""
+    """Measure all extreme cases, write the page, and return the rows."""
     measured = []
     for extreme in EXTREMES:
         progress(f"{extreme.what}: {extreme.value}")
@@ -349,7 +334,6 @@ def write(page: Path, progress: Callable[[str], None]) -> list[dict[str, Any]]:
     refusals = [f"{number}. {sentence}" for number, sentence in enumerate(sentences, 1)]
     text = INTRODUCTION.format(fine=FINE)
     page.write_text(text + "\n".join([*lines, "", "## Refusals", "", *refusals, ""]), encoding="utf-8")
-    draw(measured, page.with_suffix(".svg"))
     return [
         {
             "what": f"{extreme.what}: {extreme.value}",
@@ -357,26 +341,3 @@ def write(page: Path, progress: Callable[[str], None]) -> list[dict[str, Any]]:
         }
         for extreme, cells in measured
     ]
-
-
-def draw(measured: Sequence[tuple[Extreme, Mapping[str, Cell]]], path: Path) -> None:
-    """Draw the error over the parameter, with a panel for each range."""
-    sizes = Counter(one.what for one, _ in measured if one.axis is not None)
-    ranges = [what for what, size in sizes.items() if size > 2]
-    columns = 3
-    with drawn(path, 12.0, 6.4) as figure:
-        grid = figure.subplots(-(-len(ranges) // columns), columns, squeeze=False, sharey=True)
-        for axes, what in zip(grid.flat, ranges, strict=False):
-            for method, marker in zip(METHODS, "*o^", strict=True):
-                points = [
-                    (one.axis, max(cells[method].error_m, 1e-17))
-                    for one, cells in measured
-                    if one.what == what and one.axis is not None and not cells[method].refusal
-                ]
-                xs, ys = [x for x, _ in points], [y for _, y in points]
-                axes.plot(xs, ys, marker + "-", label=method, alpha=0.7)
-            axes.set(xscale="log", yscale="log", title=what)
-        for axes in grid.flat[len(ranges) :]:
-            axes.set_visible(False)
-        grid[0, 0].set_ylabel("error [m]")
-        grid[0, 0].legend()

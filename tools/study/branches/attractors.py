@@ -1,11 +1,8 @@
-"""Impact orbits that simulations settle on: where branches start, and the points beside them in a picture."""
+"""Impact orbits that simulations settle on: where branches start."""
 
 import math
 from collections.abc import Iterator
 from itertools import product
-from typing import NamedTuple
-
-import numpy as np
 
 from plant_sim.result import Impacts
 from plant_sim.scene import Scene
@@ -21,17 +18,7 @@ SEED_SHARES = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0)
 """Values, as shares of the scene's own for other parameters, at which attractors are looked for."""
 SEED_PHASES, SEED_SPEEDS = (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi), (0.1, 0.3, 0.6)
 """Crank angles, and rebound speeds over the scale of speed, from which the striker leaves the stop."""
-SETTLING_TURNS, SHOWN_TURNS = 150, 8
-BISECTED = 1e-6
-"""Width of the interval at the end of a bisection."""
-SIMULATED_VALUES = 61
-
-
-class Simulated(NamedTuple):
-    """v⁻ of the impacts in the last turns of one simulation."""
-
-    value: float
-    v_m_s: Vector
+SETTLING_TURNS = 150
 
 
 def seeds(module: ImpactMap, over: str) -> Iterator[Vector]:
@@ -45,37 +32,6 @@ def seeds(module: ImpactMap, over: str) -> Iterator[Vector]:
                 seed = settled(module, scene, {over: value}, phase, speed * module.speed_m_s)
                 if seed is not None:
                     yield seed
-
-
-def simulated(scene: Scene, over: str, low: float, high: float) -> list[Simulated]:
-    """The last impacts of simulations over a range of the parameter, for a picture beside the branches."""
-    return [
-        one
-        for value in np.linspace(low, high, SIMULATED_VALUES).tolist()
-        for one in simulated_at(scene, over, value)
-    ]
-
-
-def bisected_end(scene: Scene, over: str, inside: float, outside: float) -> float:
-    """Where impacts end between two values, by bisection with simulations, to BISECTED."""
-    while abs(outside - inside) > BISECTED:
-        middle = 0.5 * (inside + outside)
-        if simulated_at(scene, over, middle):
-            inside = middle
-        else:
-            outside = middle
-    return 0.5 * (inside + outside)
-
-
-def simulated_at(scene: Scene, over: str, value: float) -> list[Simulated]:
-    """The last impacts of the simulations from all first speeds that still have impacts at their end."""
-    scale_m_s = ImpactMap(scene, 1, 1, (over,)).speed_m_s
-    there, found = with_values(scene, {over: value}), []
-    for speed in SEED_SPEEDS:
-        outcome = settle(there, 0.0, speed * scale_m_s)
-        if outcome.impacts > 0.0:
-            found.append(Simulated(value, impacts_after(there, outcome, SHOWN_TURNS).v_m_s))
-    return found
 
 
 def settled(

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.study.branches.attractors import Simulated
 from tools.study.branches.boundaries import Boundary
 from tools.study.branches.branches import Branch
 from tools.study.branches.parameters import PARAMETERS
@@ -48,17 +47,11 @@ def shown(values: Any, name: str) -> Any:
     return np.asarray(values) * (1e3 if PARAMETERS[name].unit == "m" else 1.0)
 
 
-def branch_figure(
-    found: Sequence[Branch], simulated: Sequence[Simulated], nominal: float, folder: Path, name: str
-) -> list[str]:
+def branch_figure(found: Sequence[Branch], nominal: float, folder: Path, name: str) -> list[str]:
     """Draw v⁻ and the largest multiplier over the parameter; unstable orbits are dashed."""
     over = found[0].over if found else "ratio"
     figure, grid = new_figure(2, 1, 7.5, 7.0, sharex=True, height_ratios=(2, 1))
     speeds, growth = grid[:, 0]
-    dots = [(one.value, v) for one in simulated for v in one.v_m_s]
-    if dots:
-        at, v_m_s = np.array(dots).T
-        speeds.plot(shown(at, over), v_m_s, ".", color="0.6", ms=4, label="simulated from several starts")
     kinds = list(dict.fromkeys((branch.turns, branch.impacts) for branch in found))
     labelled: set[str] = set()
     for branch in found:
