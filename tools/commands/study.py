@@ -273,11 +273,8 @@ def feasibility(
 def caption_of(found: "Basin") -> str:
     """The summary of a map of starts in one line."""
     numbers = found.statistics
-    share, bounds = numbers["impact_fraction"], numbers["impact_fraction_bootstrap"]
-    return (
-        f"{100 * share:.1f} % end in impacts ({100 * bounds[0]:.1f} to {100 * bounds[1]:.1f} %), "
-        f"uncertainty exponent {numbers['uncertainty_exponent']:.3f}"
-    )
+    share, exponent = numbers["impact_fraction"], numbers["uncertainty_exponent"]
+    return f"{100 * share:.1f} % end in impacts, uncertainty exponent {exponent:.3f}"
 
 
 def chosen_case(preset: str, law: str, value: float | None, amplitude: float | None) -> "Case":
@@ -288,10 +285,8 @@ def chosen_case(preset: str, law: str, value: float | None, amplitude: float | N
 
 
 def figure_of(value: Any) -> Any:
-    """A statistic for a table: bounds and counts by name become text, other values stay."""
-    if isinstance(value, dict):
-        return ", ".join(f"{name}: {count}" for name, count in value.items()) or "none"
-    return " to ".join(figure(one) for one in value) if isinstance(value, list | tuple) else value
+    """A statistic for a table: bounds become text, other values stay."""
+    return " to ".join(map(figure, value)) if isinstance(value, list) else value
 
 
 def is_nominal(case: "Case") -> bool:

@@ -30,7 +30,7 @@ def warm_studies() -> None:
     for law in ("viscous", "stribeck"):
         one = case("table1", law)
         follow.warm([one])
-        follow.classify(one, 1.0, np.zeros((1, 3)), CLASSIFY)
+        follow.classify(follow.carrier_of(one.scene(1.0)), np.zeros((1, 3)), CLASSIFY)
         ImpactMap(one.scene(1.0), 1, 1, ("ratio",)).load_kernels()
     closed.ramp(case("table1", "viscous").scene(1.0).parts(), 0.0, 0.1, 10)
 

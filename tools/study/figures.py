@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from tools import plots
@@ -102,44 +103,23 @@ def _branches(axes: NDArray[Any], case: Case, sweep: Sweep, colour: str, marker:
 
 
 def _mark(axes: "Axes", portrait: Portrait) -> list[Any]:
-    """Mark rest, attractors and the unstable orbit with its manifold; return the legend's lines."""
-    style: dict[str, Any] = {"clip_on": True, "ls": "none", "mec": "k", "zorder": 3}
-    lines = axes.plot(0.0, 0.0, "P", color="w", ms=8, label="rest", **style)
-    lines += axes.plot(
-        1e3 * portrait.attractors[:, 0],
-        portrait.attractors[:, 1],
-        "*",
-        color="w",
-        ms=12,
-        label="attractors",
-        **style,
-    )
-    if portrait.saddle is not None:
-        limits = axes.axis()
-        lines += axes.plot(
-            1e3 * portrait.saddle[0],
-            portrait.saddle[1],
-            "X",
-            color=BORDER_COLOUR,
-            ms=9,
-            label="unstable orbit",
-            **style,
-        )
-        lines += axes.plot(
-            1e3 * portrait.manifold[:, 0],
-            portrait.manifold[:, 1],
-            color=BORDER_COLOUR,
-            lw=1.5,
-            label="its stable manifold",
-        )
-        axes.axis(limits)
+    """Mark rest, attractors and unstable orbits; return the legend's lines."""
+    lines = []
+    for points, marker, colour, size, label in (
+        (np.zeros((1, 2)), "P", "w", 8, "rest"),
+        (portrait.attractors, "*", "w", 12, "attractors"),
+        (portrait.saddles, "X", BORDER_COLOUR, 9, "unstable orbit"),
+    ):
+        style: dict[str, Any] = {"ls": "none", "mec": "k", "zorder": 3, "ms": size, "label": label}
+        if len(points):
+            lines += axes.plot(1e3 * points[:, 0], points[:, 1], marker, color=colour, **style)
     return lines
 
 
 def basin(found: Basin, caption: str, folder: Path, portrait: Portrait | None = None) -> list[str]:
     """Draw a map of starts, coloured by the regime in which they end.
 
-    `portrait`: attractors, unstable orbit and its stable manifold, to mark in the plane of states.
+    `portrait`: attractors and unstable orbits, to mark in the plane of states.
     """
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch

@@ -197,7 +197,7 @@ def _level_angle(level: float, amplitude: float) -> float:
 
 
 @subroutine
-def _quiet_from(o: Oscillator, flight: Flight) -> float:
+def quiet_from_s(o: Oscillator, flight: Flight) -> float:
     """Time after the start of a flight without dry friction from which on it stays clear of the stop, s."""
     room = o.gap_m - o.steady_m
     if o.resonant or not room > 0.0 or not o.ringing_rad_s > 0.1 * o.natural_rad_s:
@@ -247,7 +247,7 @@ def _fly(o: Oscillator, motion: Motion, until_s: float, scratch: Scratch) -> tup
                 return arrival, Event.IMPACT if crossing.at_stop else Event.TURN
             break
         if not o.is_dry and here.h_s < first_period <= there.h_s:
-            scan_end = min(last, _quiet_from(o, flight))
+            scan_end = min(last, quiet_from_s(o, flight))
         here = there
     y, v, _, _ = flow(o, flight, end)
     return _at_horizon(o, motion, until_s, min(y, o.gap_m), v), Event.HORIZON

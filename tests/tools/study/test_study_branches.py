@@ -20,7 +20,9 @@ from tools.study.branches.branches import Branch, branches
 from tools.study.branches.continuation import CurvePoint, correct, follow, locate, point_at
 from tools.study.branches.impact_map import ImpactMap, Orbit
 from tools.study.branches.parameters import value_in, with_values
-from tools.study.branches.saddle import Stroboscope, portrait
+from tools.study.branches.saddle import after, portrait
+from tools.study.orbits.follow import State, carrier_of, classify
+from tools.study.orbits.sections import CLASSIFY
 
 ROOT = Path(__file__).parents[3]
 MASS_KG, SPRING_N_PER_M, REST_M = 0.8, 70.0, 0.12
@@ -491,26 +493,19 @@ def test_the_page_states_what_is_computed() -> None:
 
 
 @pytest.mark.parametrize("name", ["table1-viscous", "table1-coulomb"])
-def test_the_stable_manifold_leads_to_the_unstable_orbit_and_separates_the_starts(name: str) -> None:
+def test_the_unstable_orbit_lies_on_the_border_of_the_basins(name: str) -> None:
     table = read_scene(name)
     if name == "table1-coulomb":
         table["friction"]["mu"], table["drive"]["ratio"] = 0.15, 1.2
     scene = load_scene(table)
-    found, turns = portrait(scene), Stroboscope(scene)
-    assert found.saddle is not None
-    saddle, manifold = found.saddle / turns.scale, found.manifold / turns.scale
-    for point in (found.saddle, *found.attractors):
-        assert turns.after(point / turns.scale, 1.0) == pytest.approx(point / turns.scale, abs=1e-8)
-    assert len(found.attractors) == 2
-    assert len(manifold) > 200
-    for point in manifold[::7]:
-        assert min(np.hypot(*(turns.after(point, n) - saddle)) for n in range(16)) < 0.02
-    compared = 0
-    for before, point, after in zip(manifold, manifold[1:], manifold[2:], strict=False):
-        tangent = (after - before) / np.hypot(*(after - before))
-        if tangent @ (point - before) > 0.999 * np.hypot(*(point - before)):
-            aside = 1e-3 * np.array([-tangent[1], tangent[0]])
-            first, second = turns.end_in_impacts(np.array([point - aside, point + aside]))
-            assert first != second
-            compared += 1
-    assert compared > 190
+    found = portrait(scene)
+    assert (len(found.attractors), len(found.saddles)) == (2, 1)
+    for point in (*found.attractors, *found.saddles):
+        assert after(scene, State(*point, 0.0), 1.0)[:2] == pytest.approx(point, abs=1e-9)
+    angles = np.linspace(0.0, 2.0 * math.pi, 360, endpoint=False)
+    for radius_m in (1e-6, 1e-4):
+        around = found.saddles[0] + radius_m * np.column_stack((np.cos(angles), 9.35 * np.sin(angles)))
+        starts = np.column_stack((around, np.zeros(len(around))))
+        in_impacts = classify(carrier_of(scene), starts, CLASSIFY)[1] > 0.0
+        assert np.sum(in_impacts != np.roll(in_impacts, 1)) == 2
+        assert 0.4 < np.mean(in_impacts) < 0.6

@@ -150,7 +150,8 @@ def test_a_damping_that_lowers_no_peak_contradicts(claims: list[JudgedClaim]) ->
         row["b = 0.3"] = 1e4
     found = claim.decide(value)
     assert found.verdict == CONTRADICTED
-    assert "the peak acceleration falls at every ratio: no" in found.reason
+    assert found.reason.startswith("the peak acceleration falls at every ratio (by")
+    assert found.reason.split("; ")[0].endswith("%): no")
 
 
 def test_figures_that_others_found_too(claims: list[JudgedClaim]) -> None:
@@ -215,8 +216,6 @@ def test_sweep_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> No
 def test_basin_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     found = run(capsys, "basin", "--size", "40", "--plane", "state", "--out", str(tmp_path))
     (one,) = found["basins"]
-    low, high = one["impact_fraction_bootstrap"]
-    assert low < one["impact_fraction"] < high
     assert one["impact_fraction"] == pytest.approx(0.784, abs=0.02)
     assert one["parameters"]["amplitude_m"] == 0.02
     assert (tmp_path / "basin-table1-viscous-r1.3-state.parquet").exists()

@@ -10,7 +10,7 @@ from plant_sim.result import MotionState, Phase
 from plant_sim.solvers.adaptive.state_layout import allocate
 from tools.study.basin import BORDER_BOUND_M, axes
 from tools.study.cases import Case, case
-from tools.study.orbits.follow import AT_REST, State, classify, classify_starts, follow, follow_orbit
+from tools.study.orbits.follow import AT_REST, State, carrier_of, classify, follow, follow_orbit
 from tools.study.orbits.sections import CLASSIFY, PAPER, Regime
 from tools.study.orbits.stepwise import stepwise
 from tools.study.sweep import CONTINUE, run
@@ -84,9 +84,10 @@ def test_stopped_early_as_in_full(case: Case, ratio: float) -> None:
     """Each cell's class is that of the whole run, and of the run with ten times finer certainty."""
     y_m, v_m_s = axes(case, "state", 30)
     starts = np.array([(y, v, 0.0) for v in v_m_s for y in y_m])
-    early, early_impacts = classify(case, ratio, starts, CLASSIFY)
+    carrier = carrier_of(case.scene(ratio))
+    early, early_impacts = classify(carrier, starts, CLASSIFY)
     whole = CLASSIFY._replace(settle_s=80.0, record_s=20.0, stop_early=False)
-    late, late_impacts = classify(case, ratio, starts, whole)
+    late, late_impacts = classify(carrier, starts, whole)
     assert np.all(early >= 0)
     assert np.array_equal(early, -1 - late)
     assert np.allclose(early_impacts, late_impacts)
@@ -104,7 +105,8 @@ def test_borders_lie_within_the_stated_bound(case: Case, ratio: float) -> None:
     whole = CLASSIFY._replace(settle_s=280.0, record_s=20.0, stop_early=False)
     y_m = axes(case, "state", 40)[0]
     row = np.column_stack((y_m, np.full(40, -0.1), np.zeros(40)))
-    reaches_stop = classify(case, ratio, row, CLASSIFY)[1] > 0.0
+    carrier = carrier_of(case.scene(ratio))
+    reaches_stop = classify(carrier, row, CLASSIFY)[1] > 0.0
     (places,) = np.nonzero(reaches_stop[1:] != reaches_stop[:-1])
     assert len(places) > 0
     for place in places:
@@ -113,7 +115,7 @@ def test_borders_lie_within_the_stated_bound(case: Case, ratio: float) -> None:
             low, high = y_m[place], y_m[place + 1]
             for _ in range(40):
                 middle = 0.5 * (low + high)
-                impacts = classify(case, ratio, np.array([[middle, -0.1, 0.0]]), protocol)[1]
+                impacts = classify(carrier, np.array([[middle, -0.1, 0.0]]), protocol)[1]
                 low, high = (middle, high) if (impacts[0] > 0.0) == reaches_stop[place] else (low, middle)
             found.append(low)
         assert abs(found[0] - found[1]) < BORDER_BOUND_M
@@ -122,10 +124,11 @@ def test_borders_lie_within_the_stated_bound(case: Case, ratio: float) -> None:
 def test_every_cell_of_a_basin_is_the_other_solvers() -> None:
     y_m, v_m_s = axes(VISCOUS, "state", 100)
     starts = np.array([(y, v, 0.0) for v in v_m_s for y in y_m])
-    early, _ = classify(VISCOUS, 1.3, starts, CLASSIFY)
-    parts = VISCOUS.scene(1.3).parts()
+    scene = VISCOUS.scene(1.3)
+    early, _ = classify(carrier_of(scene), starts, CLASSIFY)
+    parts = scene.parts()
     rest = MotionState(0.0, 0.12, 0.0, 0.0, 0.0, Phase.FLIGHT)
     whole = CLASSIFY._replace(settle_s=40.0, record_s=10.0, stop_early=False)
     memory = allocate(parts, rest, 1e-12, 256)
-    late, _ = classify_starts(stepwise(parts, memory), starts, whole)
+    late, _ = classify(stepwise(parts, memory), starts, whole)
     assert np.array_equal(early, -1 - late)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from tools.output import figure
 from tools.study.claims.evidence import Evidence
 
 REPRODUCED = "reproduced"
@@ -22,15 +23,33 @@ class Verdict(NamedTuple):
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim. `decide` computes the verdict from nothing but the figures that `measure` returns."""
+    """A claim. `parts` states its parts with the figures of `measure` alone, and whether each part holds.
+
+    It is reproduced if all parts hold, reproduced under parameters if `partly` and some hold, and otherwise
+    contradicted.
+    """
 
     id: str
     statement: str
     rule: str
     measure: Callable[[Evidence], dict[str, Any]]
-    decide: Callable[[Figures], Verdict]
+    parts: Callable[[Figures], dict[str, bool]]
+    partly: bool = False
     judgement: str = ""
     """Our own choices in the rule, which no measured number decides."""
+    remark: str = ""
+    """Background of the measurement, for the reader of the verdict."""
+
+    def decide(self, found: Figures) -> Verdict:
+        """Judge the figures by the rule; the reason states each part."""
+        parts = self.parts(found)
+        verdict = CONTRADICTED
+        if all(parts.values()):
+            verdict = REPRODUCED
+        elif self.partly and any(parts.values()):
+            verdict = UNDER_PARAMETERS
+        stated = "; ".join(f"{part}: {figure(holds)}" for part, holds in parts.items())
+        return Verdict(verdict, f"{stated}. {self.remark}".rstrip())
 
     def judge(self, evidence: Evidence) -> "JudgedClaim":
         """Measure the figures and judge the claim by its rule."""
@@ -50,10 +69,3 @@ class JudgedClaim:
     verdict: str
     value: dict[str, Any]
     reason: str
-
-
-def verdict_of(reproduced: bool, under_parameters: bool = False) -> str:
-    """Return the strongest verdict that holds."""
-    if reproduced:
-        return REPRODUCED
-    return UNDER_PARAMETERS if under_parameters else CONTRADICTED

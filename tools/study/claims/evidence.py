@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tools.study import basin, store, work
 from tools.study.cases import DRY_RANGE, LAWS, PRESETS, VISCOUS_RANGE_N_S_M, Case, case, whole_range
 from tools.study.orbits import closed
-from tools.study.orbits.follow import AT_REST, State, classify, follow
+from tools.study.orbits.follow import AT_REST, State, carrier_of, classify, follow
 from tools.study.orbits.sections import CLASSIFY, PAPER, Outcome
 from tools.study.portraits import sample
 from tools.study.sweep import RATIOS, Diagram, diagrams, end_state, row_of
@@ -173,17 +173,17 @@ def share_from_rest(one: Case, ratio: float) -> float:
     """Return the share of crank angles from which a start at rest, at full speed, leads to impact motion."""
     starts = np.zeros((PHASES, 3))
     starts[:, 2] = np.linspace(0.0, 2.0 * math.pi, PHASES, endpoint=False)
-    return float((classify(one, ratio, starts, CLASSIFY)[1] > 0.0).mean())
+    return float((classify(carrier_of(one.scene(ratio)), starts, CLASSIFY)[1] > 0.0).mean())
 
 
 def share_after_ramp(one: Case, ratio: float, duration_s: float) -> float:
     """Return the share of crank angles from which a ramp from standstill leads to impact motion."""
-    parts = one.scene(ratio).parts()
+    scene = one.scene(ratio)
     ends = [
-        closed.ramp(parts, crank_rad, duration_s, math.ceil(RAMP_STEPS_PER_S * duration_s))
+        closed.ramp(scene.parts(), crank_rad, duration_s, math.ceil(RAMP_STEPS_PER_S * duration_s))
         for crank_rad in np.linspace(0.0, 2.0 * math.pi, PHASES, endpoint=False)
     ]
-    return float((classify(one, ratio, np.array(ends), CLASSIFY)[1] > 0.0).mean())
+    return float((classify(carrier_of(scene), np.array(ends), CLASSIFY)[1] > 0.0).mean())
 
 
 def cycle_shape(one: Case, ratio: float, start: State) -> NDArray[np.float64]:

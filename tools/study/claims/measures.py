@@ -111,14 +111,11 @@ def widest_band(evidence: Evidence) -> dict[str, Any]:
 
 
 def sharper_switching(evidence: Evidence) -> dict[str, Any]:
-    """Measure hysteresis, jump and irregularity at the ends of the impact motion (C5)."""
+    """Measure hysteresis and jump at the ends of the impact motion (C5)."""
     found = nominal(evidence)
     return {
         "hysteresis_r": per_law(found, lambda d: width(d.multistable())),
         "impact_lost_at_the_fold_m_s": per_law(found, _jump),
-        "share_of_ratios_without_settled_motion": per_law(
-            found, lambda d: float(np.mean([r == "uncertain" for r in d.up.table["regime"].to_pylist()]))
-        ),
     }
 
 

@@ -74,7 +74,7 @@ def _section(claim: JudgedClaim) -> Iterator[str]:
     yield f"\n## {claim.id}\n\n{claim.statement} **{claim.verdict.capitalize()}.**\n\n{claim.reason}\n"
     yield f"Rule: {claim.rule}\n"
     if claim.judgement:
-        yield f"Judgement, decided by no number: {claim.judgement}\n"
+        yield f"Judgement: {claim.judgement}\n"
     yield "| measured | |"
     yield "|---|---|"
     for names, value in _flat(claim.value):

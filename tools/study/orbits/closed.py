@@ -10,11 +10,10 @@ from plant_sim.kinds import kernel_parts
 from plant_sim.parts.drive import constant_speed_rad_s
 from plant_sim.parts.parts import Parts
 from plant_sim.result import Phase
-from plant_sim.solvers.bernstein import Scratch, new_scratch, scratch_arrays
-from plant_sim.solvers.double_double import TURN_RAD
-from plant_sim.solvers.exact.automaton import Event, Motion, after, begin, next_event
+from plant_sim.solvers.bernstein import Scratch, scratch_arrays
+from plant_sim.solvers.exact.automaton import Event, Motion, after, begin, next_event, quiet_from_s
 from plant_sim.solvers.exact.ledger import booked, empty_ledger
-from plant_sim.solvers.exact.oscillator import Flight, Oscillator, flow, launch, oscillator, oscillator_at
+from plant_sim.solvers.exact.oscillator import Oscillator, launch, oscillator, oscillator_at
 from tools.study.orbits import sections
 from tools.study.orbits.sections import Period, Size
 
@@ -25,11 +24,6 @@ value."""
 MOST_EVENTS = 10_000
 """Most events in one drive period; a period with more is not followed to its end, and the orbit is
 uncertain."""
-
-LOOKS = 16
-"""Samples per drive period for the turning points of a flight."""
-
-MOST_CUTS = 40
 
 
 class Closed(NamedTuple):
@@ -51,23 +45,26 @@ def closed(parts: Parts) -> Closed:
 
 def ramp(parts: Parts, crank_rad: float, duration_s: float, steps: int) -> tuple[float, float, float]:
     """`ramp_closed` of these parts."""
-    arguments = kernel_parts(parts), crank_rad, duration_s, steps
+    arguments = closed(parts), kernel_parts(parts), crank_rad, duration_s, steps
     return entry_point(ramp_closed, *arguments)(*arguments)
 
 
 @jit
-def ramp_closed(parts: Parts, crank_rad: float, duration_s: float, steps: int) -> tuple[float, float, float]:
+def ramp_closed(
+    carrier: Closed, parts: Parts, crank_rad: float, duration_s: float, steps: int
+) -> tuple[float, float, float]:
     """y, v and crank angle after a run-up from rest at a relaxed spring to the drive's speed.
 
     The speed rises as an S, 3 u² − 2 u³, in steps short enough for the crank to turn little in one.
     """
     y, v, crank = 0.0, 0.0, crank_rad
     step_s = duration_s / steps
-    rows, scratch = np.zeros(1, sections.PERIOD), new_scratch(0)
+    rows = np.zeros(1, sections.PERIOD)
     for step in range(steps):
         u = (step + 0.5) / steps
         o = oscillator_at(parts, constant_speed_rad_s(parts.drive) * u * u * (3.0 - 2.0 * u))
-        motion, _ = _period(o, begin(o, 0.0, y, v, crank), step_s, False, rows[0], scratch)
+        start = begin(o, 0.0, y, v, crank)
+        motion, _ = sections.carry(carrier._replace(oscillator=o), start, step_s, False, rows[0])
         y, v, crank = motion.y_m, motion.v_m_s, motion.crank_rad
     return y, v, crank
 
@@ -85,7 +82,8 @@ def _closed_section(carrier: Closed, motion: Motion) -> tuple[float, float, floa
 @sections.ends_clear.register(Closed)
 def _closed_ends_clear(carrier: Closed, motion: Motion, row: Period) -> bool:
     o = carrier.oscillator
-    if o.is_dry or not _stays_clear(o, motion):
+    flight = launch(o, motion.y_m, motion.v_m_s, motion.sin_crank, motion.cos_crank, motion.direction)
+    if o.is_dry or quiet_from_s(o, flight) > 0.0:
         return False
     _steady_period(o, row)
     return True
@@ -95,14 +93,8 @@ def _closed_ends_clear(carrier: Closed, motion: Motion, row: Period) -> bool:
 def _closed_carry(
     carrier: Closed, motion: Motion, until_s: float, looked_at: bool, row: Period
 ) -> tuple[Motion, bool]:
-    return _period(carrier.oscillator, motion, until_s, looked_at, row, carrier.scratch)
-
-
-@subroutine
-def _period(
-    o: Oscillator, motion: Motion, until_s: float, looked_at: bool, row: Period, scratch: Scratch
-) -> tuple[Motion, bool]:
-    """Advance the motion to `until_s` and fill the row; also whether there were too many events."""
+    """Too many events count as a failure."""
+    o, scratch = carrier.oscillator, carrier.scratch
     sections.clear(row)
     ledger = empty_ledger()
     low, high, slid_m = motion.y_m, motion.y_m, 0.0
@@ -120,7 +112,7 @@ def _period(
         if looked_at:
             ledger = booked(o, ledger, motion, arrival, departure)
             if not o.is_dry and motion.phase == Phase.FLIGHT:
-                turns_low, turns_high = turning_points(o, motion, arrival)
+                turns_low, turns_high = turning_points(o, motion, arrival, scratch)
                 low, high = min(low, turns_low), max(high, turns_high)
         if event == Event.IMPACT:
             impulse = o.mass_kg * (arrival.v_m_s - departure.v_m_s)
@@ -146,51 +138,17 @@ def _steady_period(o: Oscillator, row: Period) -> None:
 
 
 @subroutine
-def _stays_clear(o: Oscillator, motion: Motion) -> bool:
-    """Whether a striker without dry friction provably never reaches the stop again.
+def turning_points(o: Oscillator, motion: Motion, arrival: Motion, scratch: Scratch) -> tuple[float, float]:
+    """Lowest and highest y at which the speed of a flight passes through zero; ∞, −∞ if it does not.
 
-    The envelope of the free part decreases, so that steady amplitude plus envelope bound the future motion.
+    Without dry friction a turn is no event, so it is looked for as a turn of dry friction without a force.
     """
-    room = o.gap_m - o.steady_m
-    if o.resonant or room <= 0.0 or not o.ringing_rad_s > 0.1 * o.natural_rad_s:
-        return False
-    flight = launch(o, motion.y_m, motion.v_m_s, motion.sin_crank, motion.cos_crank, motion.direction)
-    rate = (flight.free_m_s + o.decay_1_s * flight.free_m) / o.ringing_rad_s
-    return math.hypot(flight.free_m, rate) < room * (1.0 - 1e-9)
-
-
-@subroutine
-def turning_points(o: Oscillator, motion: Motion, arrival: Motion) -> tuple[float, float]:
-    """Lowest and highest y at which the speed of a flight passes through zero; ∞, −∞ if it does not."""
+    dry = o._replace(is_dry=True, has_stop=False)
     low, high = math.inf, -math.inf
-    h = (arrival.t_s - motion.t_s) + (arrival.t_low_s - motion.t_low_s)
-    flight = launch(o, motion.y_m, motion.v_m_s, motion.sin_crank, motion.cos_crank, motion.direction)
-    looks = math.ceil(h * max(o.drive_rad_s, o.natural_rad_s) * LOOKS / TURN_RAD)
-    left, v_left = 0.0, motion.v_m_s
-    for look in range(1, looks + 1):
-        right = h * look / looks
-        _, v_right, _, _ = flow(o, flight, right)
-        if v_left * v_right < 0.0:
-            y = _at_zero_speed(o, flight, left, v_left, right, v_right)
-            low, high = min(low, y), max(high, y)
-        left, v_left = right, v_right
+    span_s = (arrival.t_s - motion.t_s) + (arrival.t_low_s - motion.t_low_s)
+    begun = begin(dry, 0.0, motion.y_m, motion.v_m_s, motion.crank_rad)
+    turn, event = next_event(dry, begun, span_s, scratch)
+    while event == Event.TURN:
+        low, high = min(low, turn.y_m), max(high, turn.y_m)
+        turn, event = next_event(dry, after(dry, turn, event, 0.0), span_s, scratch)
     return low, min(high, o.gap_m)
-
-
-@subroutine
-def _at_zero_speed(
-    o: Oscillator, flight: Flight, left: float, v_left: float, right: float, v_right: float
-) -> float:
-    """y where the speed passes through zero between two times of a flight (regula falsi, Illinois)."""
-    y = 0.0
-    for _ in range(MOST_CUTS):
-        cut = right - v_right * (right - left) / (v_right - v_left)
-        y, v, _, _ = flow(o, flight, cut)
-        if abs(v) < 1e-9 * (abs(v_left) + abs(v_right)):
-            break
-        if v * v_right < 0.0:
-            left, v_left = right, v_right
-        else:
-            v_left *= 0.5
-        right, v_right = cut, v
-    return y

@@ -115,7 +115,7 @@ def fly(
             yy, vy = C * yy + S * vy, D * vy - o.stiffness_1_s2 * S * yy
             yv, vv = C * yv + S * vv, D * vv - o.stiffness_1_s2 * S * yv
             if not o.is_dry:
-                _, high = turning_points(o, motion, arrival)
+                _, high = turning_points(o, motion, arrival, scratch)
                 highest = max(highest, high)
         departure = after(o, arrival, event, 0.0)
         if event == Event.TURN:

@@ -92,19 +92,12 @@ def warm(cases: Iterable[Case]) -> float:
 
 
 def classify(
-    case: Case, ratio: float, starts: NDArray[np.float64], protocol: Protocol
+    carrier: Carrier, starts: NDArray[np.float64], protocol: Protocol
 ) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
     """Return the regimes (−1 − regime if uncertain) and the impacts per period of starts.
 
     `starts`: (y, v, crank angle), shape (n, 3).
     """
-    return classify_starts(carrier_of(case.scene(ratio)), starts, protocol)
-
-
-def classify_starts(
-    carrier: Carrier, starts: NDArray[np.float64], protocol: Protocol
-) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
-    """Return regimes and impacts per period as `classify`, followed by a carrier."""
     regimes, impacts = np.empty(len(starts), np.int8), np.empty(len(starts), np.float32)
     rows, streaks = sections.new_rows(protocol, carrier.size.drive_rad_s)
     arguments = carrier, starts, protocol, rows, streaks, regimes, impacts

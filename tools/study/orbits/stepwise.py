@@ -78,21 +78,10 @@ def _stepwise_section(carrier: Stepwise, motion: float) -> tuple[float, float, f
     return memory.y[0] + _shift_m(carrier.parts), memory.y[1], memory.held[0].crank_rad, motion
 
 
-@sections.ends_clear.register(Stepwise)
-def _stepwise_ends_clear(carrier: Stepwise, motion: float, row: Period) -> bool:
-    return False
-
-
 @sections.carry.register(Stepwise)
 def _stepwise_carry(
-    carrier: Stepwise, motion: float, until_s: float, looked_at: bool, row: Period
+    carrier: Stepwise, begin_s: float, until_s: float, looked_at: bool, row: Period
 ) -> tuple[float, bool]:
-    return until_s, _period(carrier, motion, until_s, looked_at, row)
-
-
-@subroutine
-def _period(carrier: Stepwise, begin_s: float, end_s: float, looked_at: bool, row: Period) -> bool:
-    """Advance the motion to `end_s` and fill the row; return whether the solver failed."""
     parts, memory, grid = carrier.parts, carrier.memory, carrier.grid
     sections.clear(row)
     y, mode, shift_m = memory.y, memory.mode[0], _shift_m(parts)
@@ -100,11 +89,11 @@ def _period(carrier: Stepwise, begin_s: float, end_s: float, looked_at: bool, ro
     drive_j, friction_j, loss_j = y[work], y[work + 1], y[work + 2] if has_stop(parts.stop) else 0.0
     looks = LOOKS + 1 if looked_at else 0
     for look in range(looks):
-        grid.t_s[look] = begin_s + (end_s - begin_s) * look / LOOKS
+        grid.t_s[look] = begin_s + (until_s - begin_s) * look / LOOKS
     mode.samples, mode.seen = LOOKS + 1 - looks, 0
     status = BUFFER_FULL
     while status == BUFFER_FULL:
-        status = call_advance(parts, carrier.probe, memory, 0.0, 0.0, end_s, grid)
+        status = call_advance(parts, carrier.probe, memory, 0.0, 0.0, until_s, grid)
         for index in range(mode.impacts):
             one = memory.impacts[index]
             peak = one.peak_force_n if is_soft(parts.stop) else math.nan
@@ -116,11 +105,11 @@ def _period(carrier: Stepwise, begin_s: float, end_s: float, looked_at: bool, ro
     row.rested = mode.seen & 1 << REST != 0
     row.moved = _slid_m(parts, row.friction_j, mode.seen) > sections.STUCK_M
     if looked_at and status == DONE:
-        low, high = _extremes(grid.rows, (end_s - begin_s) / LOOKS)
+        low, high = _extremes(grid.rows, (until_s - begin_s) / LOOKS)
         if is_rigid(parts.stop):
             high = 0.0 if row.impacts > 0 else min(high, 0.0)
         row.y_low_m, row.y_high_m = low + shift_m, high + shift_m
-    return status != DONE
+    return until_s, status != DONE
 
 
 @subroutine
