@@ -63,8 +63,8 @@ def ramp_closed(
     for step in range(steps):
         u = (step + 0.5) / steps
         o = oscillator_at(parts, constant_speed_rad_s(parts.drive) * u * u * (3.0 - 2.0 * u))
-        start = begin(o, 0.0, y, v, crank)
-        motion, _ = sections.carry(carrier._replace(oscillator=o), start, step_s, False, rows[0])
+        turning = Closed(carrier.size, o, carrier.scratch)
+        motion, _ = sections.carry(turning, begin(o, 0.0, y, v, crank), step_s, False, rows[0])
         y, v, crank = motion.y_m, motion.v_m_s, motion.crank_rad
     return y, v, crank
 
