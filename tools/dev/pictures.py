@@ -13,7 +13,7 @@ from hil.bench.bench import run_scenario
 from hil.bench.options import RunOptions
 from hil.record.run_traces import RunTraces, column, read_run
 from hil.scenario.scenario import load_scenario
-from hil.show.report.chart import ALARM, ESTIMATE, TARGET, TRUTH
+from hil.show.report.plot import ALARM, ESTIMATE, TARGET, TRUTH
 from tools.study import cases, figures, work
 from tools.study.sweep import Diagram, diagrams
 

@@ -18,7 +18,7 @@ from hil.judge.seeds import ScenarioVerdict
 from hil.judge.verdict import BY_GRAVITY, RunVerdict, worst
 from hil.record.new_file import write_anew
 from hil.record.run_traces import RunTraces
-from hil.show.report.plots import plots
+from hil.show.report.plot import plot
 
 
 class Headline(NamedTuple):
@@ -75,7 +75,7 @@ def template(name: str) -> Template:
 
 @cache
 def library() -> str:
-    """The charts' library: plotly.js, the unchanged npm package plotly.js-basic-dist-min (MIT licence)."""
+    """The plot's library: plotly.js, the unchanged npm package plotly.js-basic-dist-min (MIT licence)."""
     return (resources.files("hil.show.report") / "templates" / "plotly-basic.min.js").read_text("utf-8")
 
 
@@ -88,7 +88,7 @@ def write_report(path: Path, traces: RunTraces, verdict: RunVerdict) -> None:
         title=traces.scenario.get("title", verdict.scenario),
         changes=traces.run.get("changes", []),
         headlines=[tile(one, figures) for one in headlines if value_of(figures, one.name) is not None],
-        plots=plots(traces, figures),
+        plot=plot(traces, figures),
         library=library(),
         files=[name for name in LINKED if (path.parent / name).exists()],
         rows=[

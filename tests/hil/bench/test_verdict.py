@@ -20,8 +20,8 @@ from hil.judge.figures.figures import figures_of
 from hil.judge.seeds import merged
 from hil.judge.verdict import read_verdict
 from hil.record.rerun_program import rerun
-from hil.show.report.chart import thinned
 from hil.show.report.pages import library, write_suite_report
+from hil.show.report.plot import thinned
 from tools.commands.run import show_checks, show_figures
 
 # What a program that reads the verdict may rely on.
@@ -233,9 +233,9 @@ def test_the_report_stands_alone_and_says_the_verdict_first(finished):
     assert "https:" not in own
     assert "showSendToCloud: false" in own, "the library would offer to upload the run"
     said = "".join(page.words[page.words.index("PASSED") :])
-    for word in ("A made-up run", "detector.recall", "Phase portrait", "0.1.0", "hunt-crossley"):
+    for word in ("A made-up run", "detector.recall", "The run", "0.1.0", "hunt-crossley"):
         assert word in said
-    assert text.count('class="chart"') == 2, "the run, portrait"
+    assert text.count('class="chart"') == 1
     assert "prefers-color-scheme: dark" in text
     assert len(text) - len(library()) < 500_000
 
