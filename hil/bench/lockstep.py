@@ -29,9 +29,9 @@ from hil.faults.processes import ProcessFaults
 from hil.nodes.runners import FirmwareRunner, OperatorRunner, Pace, PlantRunner
 from hil.record import run_folder
 from hil.scenario.scenario import Scenario
-from hil.scenario.soak import SETTLING_SHARE, MemoryWatch
 from hil.timing.clock import NS_PER_S
 from hil.timing.loop import LoopTiming
+from hil.timing.memory import SETTLING_SHARE, MemoryWatch
 from hil.timing.signals import delayed_signals
 from plant_sim.scene import Scene
 

@@ -14,8 +14,8 @@ from hil.faults.on_process import FIRMWARE, PLANT
 from hil.faults.processes import ProcessFaults
 from hil.scenario.operator import OPERATOR_PERIOD_S
 from hil.scenario.scenario import Scenario
-from hil.scenario.soak import SAMPLE_S, SETTLING_SHARE, MemoryWatch
 from hil.timing.clock import NS_PER_S
+from hil.timing.memory import SAMPLE_S, SETTLING_SHARE, MemoryWatch
 from hil.timing.pacemaker import AGAIN, Member, Plan, Takes
 from hil.timing.processes import Child, Start
 

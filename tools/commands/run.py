@@ -11,14 +11,12 @@ from rich.table import Column
 from tools.commands.options import FirmwareBuild, Json, ParameterFiles, RealTime, note_unused_bus, setting
 from tools.output import (
     NO_VALUE,
-    BadInputError,
     answer,
     console,
     exit_of,
     figure,
     figure_table,
     marked,
-    progress_console,
     table_of,
 )
 from tools.outputs import folder_option
@@ -27,7 +25,6 @@ from tools.progress import shown_progress
 if TYPE_CHECKING:
     from hil.judge.figures.records import Figures
     from hil.judge.verdict import RunVerdict
-    from hil.scenario.scenario import Scenario
 
 
 def run(
@@ -49,10 +46,6 @@ def run(
         list[str] | None, setting("Change a value: scene.KEY, firmware.KEY or script.KEY=VALUE")
     ] = None,
     parameters: ParameterFiles = None,
-    soak: Annotated[
-        str | None,
-        typer.Option(help="Extend the run by this time before its last command, e.g. 10m, and check memory."),
-    ] = None,
     keep_traces: Annotated[
         bool, typer.Option("--keep-traces", help="Keep the traces of a passed run too.")
     ] = False,
@@ -67,8 +60,6 @@ def run(
     from hil.scenario.scenario import load_scenario
 
     loaded = load_scenario(scenario, change or [], parameters or [])
-    if soak is not None:
-        loaded = longer(loaded, soak, clock)
     note_unused_bus(bus, clock)
     viewer = None
     if live:
@@ -82,23 +73,6 @@ def run(
         verdict = run_scenario(loaded, options, out, loaded.seed if seed is None else seed, progress)
     payload = verdict.as_json()
     answer(payload, as_json, lambda: show(verdict, loaded.document["title"]), exit_of(payload))
-
-
-def longer(scenario: "Scenario", by: str, clock: str) -> "Scenario":
-    """The scenario with more time before its last command."""
-    from hil.scenario.scenario import check_scenario
-    from hil.scenario.soak import duration_s, idles, prolonged
-
-    try:
-        document = prolonged(scenario.document, duration_s(by), clock)
-    except ValueError as error:
-        raise BadInputError(f"--soak: {error}") from error
-    idle = ", in which the drive does not run" if idles(scenario.document["script"]) else ""
-    if idle:
-        progress_console.print(
-            f"[yellow]--soak {escape(by)}: the time is added before the last command{idle}[/]"
-        )
-    return check_scenario(document, scenario.name, [*scenario.changes, f"soak={by}{idle}"])
 
 
 def show(verdict: "RunVerdict", title: str) -> None:

@@ -24,9 +24,7 @@ from hil.judge.judge import judge
 from hil.record.run_traces import RunTraces
 from hil.record.traces import trace
 from hil.record.traces.trace import TraceWriter
-from hil.scenario.files import read_scenario
-from hil.scenario.scenario import check_scenario, load_scenario
-from hil.scenario.soak import prolonged
+from hil.scenario.scenario import load_scenario
 from hil.suite.suite import Chosen, run_suite
 from hil.timing.loop import FixedRateLoop
 from tools import cli
@@ -267,11 +265,3 @@ def test_a_folder_without_permission_is_no_defect(
     monkeypatch.setattr(Path, "mkdir", read_only)
     assert cli.run(["run", scenario, "--clock", "lockstep"]) == EXIT_BAD_INPUT
     assert "runs/ cannot be made here (Permission denied)" in " ".join(capsys.readouterr().err.split())
-
-
-def test_a_longer_run_in_lockstep_is_checked_for_its_own_memory_alone() -> None:
-
-    document = dict(check_scenario(read_scenario("soft-start-multistable"), "short").document)
-    checks = {check["name"] for check in prolonged(document, 60.0, "lockstep")["checks"]}
-    assert "memory.nodes_growth_mb" in checks
-    assert "memory.recorder_growth_mb_min" not in checks

@@ -12,7 +12,6 @@ from hil.scenario.files import ScenarioError, read_scenario
 from hil.scenario.scenario import check_scenario, load_scenario
 from hil.scenario.seeds import at_other_times
 from hil.scenario.settings import SettingError, as_texts, keys_and_values
-from hil.scenario.soak import idles, prolonged
 from plant_sim.scene import read_scene
 from tools.cli import run
 from tools.output import EXIT_BAD_INPUT
@@ -162,23 +161,6 @@ def windows(scenario):
     }
 
 
-def test_the_windows_of_checks_move_along_with_a_soak():
-    commands = [
-        {"at_s": 1.0, "request": "run", "target_ratio": 1.1},
-        {"at_s": 2.5, "request": "idle"},
-    ]
-    tables = {**document(commands=commands), "checks": WINDOWS}
-    after = check_scenario(prolonged(tables, 60.0, "lockstep"), "long")
-    assert windows(after) == {
-        "before": (0.5, 2.0),
-        "across": (0.5, 62.8),
-        "after": (62.5, 63.0),
-        "open": (62.6, None),
-        "whole": (None, None),
-    }
-    assert not idles(tables["script"])
-
-
 def test_the_windows_of_checks_move_along_with_a_seed():
     kick = {"kind": "kick", "at_s": 2.5, "change_m_s": 0.1}
     written = check_scenario({**document(kick), "checks": WINDOWS}, "mine")
@@ -192,24 +174,6 @@ def test_the_windows_of_checks_move_along_with_a_seed():
         "open": (pytest.approx(2.6 + by_s), None),
         "whole": (None, None),
     }
-
-
-@pytest.mark.parametrize("commands", [[], [{"at_s": 0.5, "request": "run", "target_ratio": 1.1}]])
-def test_a_soak_in_which_the_drive_idles_is_reported(commands, tmp_path, capsys):
-    longer = prolonged(document(commands=commands), 60.0, "lockstep")
-    assert check_scenario(longer, "long").duration_s == 63.0
-    assert idles(document(commands=commands)["script"])
-
-
-def test_a_scenario_without_a_list_of_commands_can_be_prolonged(tmp_path, capsys):
-    path = tmp_path / "still.toml"
-    path.write_text('title = "It rests"\nscene = "table1-motor-soft"\n[script]\nduration_s = 0.5\n')
-    out = tmp_path / "out"
-    assert (
-        run(["run", str(path), "--clock", "lockstep", "--soak", "41s", "--out", str(out)]) != EXIT_BAD_INPUT
-    )
-    assert "the drive does not run" in " ".join(capsys.readouterr().err.split())
-    assert "the drive does not run" in (out / "run.json").read_text()
 
 
 def test_a_run_shorter_than_a_tick_is_refused():
