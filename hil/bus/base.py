@@ -72,7 +72,7 @@ class Connection(ABC):
 
     @abstractmethod
     def fileno(self) -> int:
-        """A descriptor that becomes readable when frames arrive; -1 where the interface has none."""
+        """A descriptor that becomes readable when frames arrive."""
 
     @abstractmethod
     def close(self) -> None:
@@ -83,9 +83,8 @@ class Connection(ABC):
         self.send_all((frame,))
 
     def wait(self, timeout_s: float) -> None:
-        """Return when frames have arrived or after `timeout_s`; at once if the interface cannot wait."""
-        if self.fileno() >= 0:
-            select.select([self], [], [], timeout_s)
+        """Return when frames have arrived or after `timeout_s`."""
+        select.select([self], [], [], timeout_s)
 
 
 class Bus(NodeBus, Protocol):

@@ -14,13 +14,27 @@ from dataclasses import asdict, dataclass
 
 import can
 
-from hil.bus.adapter import open_adapter
 from hil.bus.base import BusError
 from hil.bus.local import LocalBus
 from hil.timing.processes import READY, report_to_parent, stop_requests
 
+BITRATE = 1_000_000
+"""Bit rate of the bench's bus; interfaces without a bit rate ignore it."""
 LOOK_S = 0.05
 """Longest wait for a message, after which a thread looks whether it should end."""
+
+
+def open_adapter(interface: str, channel: str) -> can.BusABC:
+    """Open `channel` of python-can's `interface`; `BusError` if it does not open."""
+    try:
+        return can.Bus(channel, interface, bitrate=BITRATE)
+    except Exception as error:  # each interface raises what its driver's library raises
+        known = ", ".join(sorted(can.VALID_INTERFACES))
+        reason = str(error) or type(error).__name__
+        raise BusError(
+            f"bus {interface}:{channel} did not open: {reason}; wanted auto, vcan, local or one of "
+            f"python-can's interfaces ({known}) with its channel, e.g. socketcan:can0"
+        ) from error
 
 
 @dataclass
@@ -34,39 +48,34 @@ class Passed:
     """Error frames and CAN FD, which stay where they are."""
 
 
-class Direction(threading.Thread):
-    """Passes messages from one bus to another until `ending` is set or a bus fails, which sets `ending`."""
+class Direction(can.Listener):
+    """Passes messages from one bus to another; a failure of the first bus sets `ending`."""
 
     def __init__(self, source: can.BusABC, target: can.BusABC, ending: threading.Event) -> None:
-        super().__init__()
         self.counts = Passed()
         self.failure = ""
         self._source = source
         self._target = target
         self._ending = ending
 
-    def run(self) -> None:
-        """Pass messages on; the failure of the source is kept as `failure`."""
-        while not self._ending.is_set():
-            try:
-                message = self._source.recv(LOOK_S)
-            except (can.CanError, OSError) as error:
-                self.failure = f"{self._source.channel_info}: {error}"
-                self._ending.set()
-                return
-            if message is not None and message.is_rx:
-                self._pass_on(message)
-
-    def _pass_on(self, message: can.Message) -> None:
-        if message.is_error_frame or message.is_fd:
+    def on_message_received(self, msg: can.Message) -> None:
+        """Pass a message on, unless this process has sent it."""
+        if not msg.is_rx:
+            return
+        if msg.is_error_frame or msg.is_fd:
             self.counts.foreign += 1
             return
-        message.channel = None
+        msg.channel = None
         try:
-            self._target.send(message, timeout=LOOK_S)
+            self._target.send(msg, timeout=LOOK_S)
             self.counts.forwarded += 1
         except can.CanError:
             self.counts.unsent += 1
+
+    def on_error(self, exc: Exception) -> None:
+        """Keep the failure of the source."""
+        self.failure = f"{self._source.channel_info}: {exc}"
+        self._ending.set()
 
 
 def bridge(hub: can.BusABC, adapter: can.BusABC) -> int:
@@ -76,17 +85,18 @@ def bridge(hub: can.BusABC, adapter: can.BusABC) -> int:
         "to_adapter": Direction(hub, adapter, ending),
         "from_adapter": Direction(adapter, hub, ending),
     }
-    for direction in directions.values():
-        direction.start()
+    notifiers = [
+        can.Notifier(source, [direction], timeout=LOOK_S)
+        for source, direction in zip((hub, adapter), directions.values(), strict=True)
+    ]
     with stop_requests() as stop, selectors.DefaultSelector() as selector:
         selector.register(stop, selectors.EVENT_READ)
         selector.register(sys.stdin, selectors.EVENT_READ)
         report_to_parent(READY)
         while not ending.is_set() and not selector.select(LOOK_S):
             """No stop is requested and no bus has failed."""
-    ending.set()
-    for direction in directions.values():
-        direction.join()
+    for notifier in notifiers:
+        notifier.stop()
     report_to_parent(json.dumps({name: asdict(one.counts) for name, one in directions.items()}))
     failures = [direction.failure for direction in directions.values() if direction.failure]
     for failure in failures:

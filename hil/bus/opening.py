@@ -204,7 +204,7 @@ def shared(provided: ProvidedBus) -> ProvidedBus:
 
 
 def join(address: str, accept: Collection[int] | None = None, stamped: bool = False) -> Bus:
-    """Join the bus at `address`, made by `provide` or by another process.
+    """Join the bus at `address`, made by `provide` or by another process; not an adapter of python-can.
 
     `accept`: receive only these identifiers, where the bus can filter; empty for a node that only sends. An
     identifier with the remote flag accepts remote frames, which arrive as empty frames.
@@ -218,17 +218,17 @@ def join(address: str, accept: Collection[int] | None = None, stamped: bool = Fa
         return HubSocket(Path(channel), greeting, requests)
     if interface == "vcan":
         return CanSocket(fetch_can_socket(Path(channel), accept, stamped), requests)
-    if interface == "socketcan" and has_kernel_can():
-        try:
-            return CanSocket(open_can_socket(channel, accept, stamped), requests)
-        except OSError as error:
-            raise BusError(
-                f"bus {address} did not open: {error}; wanted a CAN interface that is up, see "
-                f"`ip link show {channel}`"
-            ) from error
-    from hil.bus.adapter import AdapterBus  # noqa: PLC0415  python-can takes 0.1 s to import
-
-    return AdapterBus(interface, channel, accept)
+    if interface != "socketcan":
+        raise BusError(f"bus {address} is an adapter; its nodes meet at the hub that `shared` gives")
+    try:
+        if not has_kernel_can():
+            raise OSError("this kernel has no CAN sockets")
+        return CanSocket(open_can_socket(channel, accept, stamped), requests)
+    except OSError as error:
+        raise BusError(
+            f"bus {address} did not open: {error}; wanted a CAN interface that is up, see "
+            f"`ip link show {channel}`"
+        ) from error
 
 
 def join_in_turns(
@@ -245,7 +245,7 @@ def join_in_turns(
 @contextmanager
 def open_bus(spec: str, accept: Collection[int] | None = None) -> Iterator[tuple[ProvidedBus, Bus]]:
     """Make or find the bus that `spec` names, and join it; a bus made for this call ends after the block."""
-    with provide(spec) as provided:
+    with shared(provide(spec)) as provided:
         bus = join(provided.address, accept)
         try:
             yield provided, bus
