@@ -1,8 +1,7 @@
 """`vibrohil study`: the paper's diagrams, basins and claims, feasibility for a walk."""
 
-import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
@@ -62,37 +61,19 @@ class StudyOptions:
     ] = None
     as_json: Json = False
 
-    def compute(
-        self, cases: "Sequence[Case]", computed: "Callable[[Where], Found]"
-    ) -> tuple[Found, dict[str, Any]]:
-        """Compute a study, and measure its cost: wall time, and processor time with that of ended children.
-
-        The kernels of `cases` are compiled or loaded before, unless the workers of a scheduler compute.
-        """
+    def compute(self, computed: "Callable[[Where], Found]") -> tuple[Found, float]:
+        """Compute a study, and measure its wall time."""
         from tools.study import work
 
-        where, compile_s = work.here(self.out, self.cores, self.scheduler), 0.0
-        if cases and self.scheduler is None:
-            from tools.study.orbits.follow import warm
-
-            compile_s = warm(cases)
-        wall_s, cpu_s = time.perf_counter(), sum(os.times()[:4])
+        where, begun_s = work.here(self.out, self.cores, self.scheduler), time.perf_counter()
         found = computed(where)
-        return found, {
-            "wall_s": time.perf_counter() - wall_s,
-            "cpu_s": sum(os.times()[:4]) - cpu_s,
-            "compile_s": compile_s,
-            "cores": where.cores,
-            "out": str(self.out),
-        }
+        return found, time.perf_counter() - begun_s
 
-    def answer(self, result: Mapping[str, Any], cost: Mapping[str, Any], show: Callable[[], None]) -> None:
+    def answer(self, result: Mapping[str, Any], wall_s: float, show: Callable[[], None]) -> None:
         """Print the result and its cost: one JSON object, or the output of `show` and a table."""
         rows = [
-            ("computing", cost["wall_s"], "s"),
-            ("of processor time", cost["cpu_s"], "s"),
-            ("compiling or loading kernels", cost["compile_s"], "s"),
-            ("figures and results in", cost["out"], ""),
+            ("computing", wall_s, "s"),
+            ("figures and results in", str(self.out), ""),
             *([("page to read", result["page"], "")] if "page" in result else []),
         ]
 
@@ -100,7 +81,7 @@ class StudyOptions:
             show()
             console.print(figure_table("", rows))
 
-        answer({**result, **cost}, self.as_json, show_all)
+        answer({**result, "wall_s": wall_s, "out": str(self.out)}, self.as_json, show_all)
 
 
 @study.command()
@@ -130,14 +111,14 @@ def sweep(
         chosen = cases.whole_range(presets, laws)
     if amplitude is not None:
         chosen = [replace(case, amplitude_m=amplitude) for case in chosen]
-    found, cost = common.compute(chosen, lambda where: diagrams(chosen, where))
+    found, wall_s = common.compute(lambda where: diagrams(chosen, where))
     pictures = []
     for name in presets:
         shown = [d for d in found if d.case.preset == name and is_nominal(d.case)]
         if shown:
             pictures += figures.amplitude_frequency(shown, common.out, f"sweep-{name}")
     result = {"regimes": [diagram.as_json() for diagram in found], "figures": pictures}
-    common.answer(result, cost, lambda: show_sweep(found))
+    common.answer(result, wall_s, lambda: show_sweep(found))
 
 
 @study.command()
@@ -167,7 +148,7 @@ def basin(
         maps = [basins.compute(case, ratio, one, size, where) for one in planes]
         return maps, saddle.portrait(case.scene(ratio)) if "state" in planes else None
 
-    (found, portrait), cost = common.compute([case], computed)
+    (found, portrait), wall_s = common.compute(computed)
     pictures = [
         path
         for one in found
@@ -182,7 +163,7 @@ def basin(
             title = f"{case.label}, Ω/ω = {ratio:g}, plane {one.plane}"
             console.print(figure_table(title, rows))
 
-    common.answer({"basins": [one.as_json() for one in found], "figures": pictures}, cost, show)
+    common.answer({"basins": [one.as_json() for one in found], "figures": pictures}, wall_s, show)
 
 
 @study.command()
@@ -194,7 +175,7 @@ def portrait(preset: Preset = "table1", common: StudyOptions = StudyOptions()) -
     from tools.study.sweep import diagrams
 
     chosen = [cases.case(preset, law) for law in cases.LAWS]
-    pairs, cost = common.compute(chosen, lambda where: [pair(diagram) for diagram in diagrams(chosen, where)])
+    pairs, wall_s = common.compute(lambda where: [pair(diagram) for diagram in diagrams(chosen, where)])
     result = {
         "portraits": [
             {
@@ -207,7 +188,7 @@ def portrait(preset: Preset = "table1", common: StudyOptions = StudyOptions()) -
         ],
         "figures": figures.portraits(pairs, common.out, f"portrait-{preset}"),
     }
-    common.answer(result, cost, lambda: None)
+    common.answer(result, wall_s, lambda: None)
 
 
 @study.command()
@@ -219,23 +200,18 @@ def claims(
     common: StudyOptions = StudyOptions(),
 ) -> None:
     """Test the paper's fourteen claims: verdict, figures and reason of each, on a page."""
-    from dataclasses import replace
-
-    from tools.study import cases
     from tools.study.claims import page as pages
     from tools.study.claims.claims import judge
-    from tools.study.claims.evidence import CONTACTS_S, Evidence
+    from tools.study.claims.evidence import Evidence
 
-    rigid = [cases.case("table1", law) for law in cases.LAWS]
-    soft = replace(rigid[0], contact_s=CONTACTS_S[0])
-    judged, cost = common.compute([*rigid, soft], lambda where: judge(Evidence(where)))
+    judged, wall_s = common.compute(lambda where: judge(Evidence(where)))
     written = page or common.out / "claims.md"
     pages.write(judged, written)
     table = table_of(
         ("claim", "the paper says", "verdict"), ((one.id, one.statement, one.verdict) for one in judged)
     )
     result = {"claims": [asdict(claim) for claim in judged], "page": str(written)}
-    common.answer(result, cost, lambda: console.print(table))
+    common.answer(result, wall_s, lambda: console.print(table))
 
 
 @study.command()
@@ -252,7 +228,7 @@ def feasibility(
     from tools.study import feasibility as table
 
     presets = tuple(table.MODULES) if preset == "all" else (preset,)
-    rows, cost = common.compute([], lambda where: table.compute(where, presets).to_pylist())
+    rows, wall_s = common.compute(lambda where: table.compute(where, presets).to_pylist())
     cells = common.out / ("feasibility.csv" if preset == "all" else f"feasibility-{preset}.csv")
     table.write_cells(rows, cells)
     counts = {
@@ -267,14 +243,17 @@ def feasibility(
         ),
     )
     result = {"feasibility": rows, "verdicts": counts, "cells": str(cells)}
-    common.answer(result, cost, lambda: console.print(shown))
+    common.answer(result, wall_s, lambda: console.print(shown))
 
 
 def caption_of(found: "Basin") -> str:
     """The summary of a map of starts in one line."""
     numbers = found.statistics
-    share, exponent = numbers["impact_fraction"], numbers["uncertainty_exponent"]
-    return f"{100 * share:.1f} % end in impacts, uncertainty exponent {exponent:.3f}"
+    share, bounds = numbers["impact_fraction"], numbers["impact_fraction_bootstrap"]
+    return (
+        f"{100 * share:.1f} % end in impacts ({100 * bounds[0]:.1f} to {100 * bounds[1]:.1f} %), "
+        f"uncertainty exponent {numbers['uncertainty_exponent']:.3f}"
+    )
 
 
 def chosen_case(preset: str, law: str, value: float | None, amplitude: float | None) -> "Case":

@@ -31,7 +31,7 @@ def measure(
     plot: Annotated[Path | None, file_option("Draw error against cost into this file.", PICTURES)] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure error and cost of solvers, peers, stop models, control rates and builds."""
+    """Measure error and cost of solvers, peers, stop models, control rates, builds and the closed loop."""
     if context.invoked_subcommand is not None:
         return
     from tools.trade import builds, control_rate, costs, pictures
@@ -47,6 +47,7 @@ def measure(
         lambda doing: stops.measure("fidelity", quick, repeats, doing),
         lambda doing: control_rate.measure(quick, doing),
         lambda doing: builds.measure(repeats, doing),
+        lambda doing: builds.measure_loop(repeats, doing),
     ]
     with shown_progress() as progress:
         steps = len(CASES) + len(others)
@@ -166,6 +167,7 @@ BUILDS = (
     Column(">differ", "decisions_that_differ"),
     Column(">µs/tick", "cost", ".1f"),
 )
+TICKS = (Column("what", "what"), Column(">µs/tick", "cost", ".2f"))
 TABLES = {
     "fidelity": ("fidelity: table1 on its impact orbit at r = 1.3, ideal drive", PARTS),
     "control rate": (
@@ -176,6 +178,7 @@ TABLES = {
         "firmware builds: the same start in lockstep; differ: decisions over a tick off the compiled build's",
         BUILDS,
     ),
+    "tick": ("a tick of 1 ms in compiled code, in the same start", TICKS),
 }
 """Titles and columns of the tables by kind of row."""
 

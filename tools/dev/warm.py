@@ -29,8 +29,9 @@ def warm_studies() -> None:
         simulate(load_scene(table), 0.1)
     for law in ("viscous", "stribeck"):
         one = case("table1", law)
-        follow.warm([one])
-        follow.classify(follow.carrier_of(one.scene(1.0)), np.zeros((1, 3)), CLASSIFY)
+        at_once = CLASSIFY._replace(settle_s=0.0)
+        follow.follow(one, 1.0, follow.AT_REST, at_once)
+        follow.classify(follow.carrier_of(one.scene(1.0)), np.zeros((1, 3)), at_once)
         ImpactMap(one.scene(1.0), 1, 1, ("ratio",)).load_kernels()
     closed.ramp(case("table1", "viscous").scene(1.0).parts(), 0.0, 0.1, 10)
 

@@ -116,6 +116,14 @@ def _mark(axes: "Axes", portrait: Portrait) -> list[Any]:
     return lines
 
 
+def _border(
+    axes: "Axes", across_m: NDArray[np.float64], up: NDArray[np.float64], in_impacts: NDArray[np.bool_]
+) -> list[Any]:
+    """Draw the border of the basins, the stable manifold of the unstable orbit; return the legend's line."""
+    axes.contour(1e3 * across_m, up, in_impacts, levels=[0.5], colors=BORDER_COLOUR, linewidths=1.5)
+    return axes.plot([], [], color=BORDER_COLOUR, lw=1.5, label="its stable manifold, the border")
+
+
 def basin(found: Basin, caption: str, folder: Path, portrait: Portrait | None = None) -> list[str]:
     """Draw a map of starts, coloured by the regime in which they end.
 
@@ -158,6 +166,8 @@ def basin(found: Basin, caption: str, folder: Path, portrait: Portrait | None = 
     ]
     if portrait is not None:
         handles += _mark(axes, portrait)
+        if len(portrait.saddles):
+            handles += _border(axes, across_m, up, impacts > 0.0)
     axes.legend(handles=handles, loc="lower left", fontsize=8)
     return save(figure, folder, found.name)
 
@@ -188,15 +198,16 @@ def portraits(pairs: Sequence[Pair], folder: Path, name: str) -> list[str]:
 
 def _portrait(axes: NDArray[Any], motion: Motion, kind: str) -> None:
     case = motion.case
-    colour = IMPACT_COLOUR if motion.reaches_stop else NON_IMPACT_LINE_COLOUR
-    y_mm = 1e3 * (motion.x_m - case.rest_length_m)
+    colour = IMPACT_COLOUR if kind == "impact" else NON_IMPACT_LINE_COLOUR
+    samples, points = motion.samples, motion.points
+    y_mm = 1e3 * (samples.x_m - case.rest_length_m)
     gap_mm = 1e3 * case.gap_m
-    axes[0].plot(motion.t_s, y_mm, color=colour, lw=1.2)
+    axes[0].plot(samples.t_s, y_mm, color=colour, lw=1.2)
     axes[0].axhline(gap_mm, color="k", lw=0.8, ls="--")
     axes[0].set(xlabel="t [s]", ylabel="x − l0 [mm]", ylim=(-1.7 * gap_mm, 1.15 * gap_mm))
     axes[0].set_title(f"{_title(case)}\n{kind}, Ω/ω = {motion.ratio:g}", fontsize=9)
-    axes[1].plot(y_mm, motion.v_m_s, color=colour, lw=1.0)
-    axes[1].plot(1e3 * (motion.points[:, 0] - case.rest_length_m), motion.points[:, 1], "k.", ms=5)
+    axes[1].plot(y_mm, samples.v_m_s, color=colour, lw=1.0)
+    axes[1].plot(1e3 * (points.x_m - case.rest_length_m), points.v_m_s, "k.", ms=5)
     axes[1].axvline(gap_mm, color="k", lw=0.8, ls="--")
     axes[1].set(xlabel="x − l0 [mm]", ylabel="v [m/s]")
     for one in axes:

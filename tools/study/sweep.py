@@ -39,9 +39,7 @@ CONTINUE = CLASSIFY._replace(settle_s=300.0, tolerance=1e-6)
 CREEP = CONTINUE._replace(stop_early=False, settle_s=180.0, record_s=20.0)
 """Protocol towards grazing, in closed form: a full run, as a remaining transient would graze too early."""
 
-COLUMNS = tuple(
-    name for name in Outcome._fields if name not in ("regime", "certain", "periods", "duration_s")
-)
+COLUMNS = tuple(name for name in Outcome._fields if name not in ("regime", "certain"))
 """The columns of a sweep from an orbit's outcome, beside its regime."""
 
 

@@ -1,4 +1,9 @@
-"""A claim of the paper: its statement, its measurement, and the rule from the figures to a verdict."""
+"""A claim of the paper: its statement, its measurement, and the rule from the figures to a verdict.
+
+A claim is `reproduced` if it holds as printed, `reproduced-under-parameters` if it holds for stated values
+that the paper does not give or gives differently, and `contradicted` if it does not hold or holds only in
+part.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -31,12 +36,11 @@ class Claim:
 
     id: str
     statement: str
-    rule: str
     measure: Callable[[Evidence], dict[str, Any]]
     parts: Callable[[Figures], dict[str, bool]]
     partly: bool = False
     judgement: str = ""
-    """Our own choices in the rule, which no measured number decides."""
+    """Our own choices in the parts, which no measured number decides."""
     remark: str = ""
     """Background of the measurement, for the reader of the verdict."""
 
@@ -49,13 +53,13 @@ class Claim:
         elif self.partly and any(parts.values()):
             verdict = UNDER_PARAMETERS
         stated = "; ".join(f"{part}: {figure(holds)}" for part, holds in parts.items())
-        return Verdict(verdict, f"{stated}. {self.remark}".rstrip())
+        return Verdict(verdict, f"Parts: {stated}. {self.remark}".rstrip())
 
     def judge(self, evidence: Evidence) -> "JudgedClaim":
         """Measure the figures and judge the claim by its rule."""
         value = self.measure(evidence)
         verdict, reason = self.decide(value)
-        return JudgedClaim(self.id, self.statement, self.rule, self.judgement, verdict, value, reason)
+        return JudgedClaim(self.id, self.statement, self.judgement, verdict, value, reason)
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,6 @@ class JudgedClaim:
 
     id: str
     statement: str
-    rule: str
     judgement: str
     verdict: str
     value: dict[str, Any]

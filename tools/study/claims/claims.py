@@ -1,8 +1,6 @@
-"""The paper's fourteen claims, each with the rule that computes its verdict from measured figures.
+"""The paper's fourteen claims, each with its parts, which are decided by measured figures (`claim.Claim`).
 
-A claim is `reproduced` if it holds as printed, `reproduced-under-parameters` if it holds for stated values
-that the paper does not give or gives differently, and `contradicted` if it does not hold or holds only in
-part. The reasons take every number and every finding from the figures.
+The reasons take every number and every finding from the figures.
 """
 
 import math
@@ -227,7 +225,6 @@ CLAIMS = (
     Claim(
         "C1",
         "Non-impact motion, impact motion and multistability exist for every friction law.",
-        "Reproduced if every case has all three; under parameters if each law has a case with all three.",
         measures.three_regimes,
         three_regimes,
         partly=True,
@@ -236,7 +233,6 @@ CLAIMS = (
     Claim(
         "C2",
         "In a run-up, impacts begin near Ω/ω = 0.9 to 1.1.",
-        "Reproduced if both modules have onsets of 0.88 to 1.1 with every law; under parameters if one has.",
         measures.onset_ratio,
         onset_ratio,
         partly=True,
@@ -247,17 +243,14 @@ CLAIMS = (
     Claim(
         "C3",
         "The range Ω/ω = 0.9 to 1.1 is 3 to 5 Hz for the parameters of Table 1.",
-        "Reproduced if the range lies within 3 to 5 Hz. The claim names Table 1, so no other values count.",
         measures.onset_frequency,
         onset_frequency,
-        remark="The preset `gait` has the spring that puts r = 1 at 4 Hz. The page docs/feasibility.md lists "
-        "the crank frequencies that suit each cadence of a walk.",
+        remark="The claim names Table 1, so no other values count. The preset `gait` has the spring that "
+        "puts r = 1 at 4 Hz. The page docs/feasibility.md lists the crank frequencies for each cadence.",
     ),
     Claim(
         "C4",
         "Viscous friction gives the widest multistable interval.",
-        "Reproduced if the narrowest viscous interval exceeds the widest dry one with both springs; under "
-        "parameters if it does with one.",
         measures.widest_band,
         widest_band,
         partly=True,
@@ -267,8 +260,6 @@ CLAIMS = (
     Claim(
         "C5",
         "Coulomb and Coulomb–Stribeck friction switch more sharply between regimes.",
-        "Reproduced if dry friction has both less hysteresis and a faster last impact with both springs; "
-        "under parameters if it has one of the two.",
         measures.sharper_switching,
         sharper_switching,
         partly=True,
@@ -277,8 +268,6 @@ CLAIMS = (
     Claim(
         "C6",
         "Attractors keep their shape across friction laws; amplitudes differ.",
-        "Reproduced if, with both springs, both motions have correlations above 0.98 and a stroke differs "
-        "by more than 1 %; under parameters if this is so with one spring.",
         measures.same_shape,
         same_shape,
         partly=True,
@@ -289,7 +278,6 @@ CLAIMS = (
     Claim(
         "C7",
         "Impulses have peak forces of 10 to 40 N.",
-        "Reproduced if every measured peak is within 10 to 40 N; under parameters if some are.",
         measures.peak_force,
         peak_force,
         partly=True,
@@ -301,7 +289,6 @@ CLAIMS = (
     Claim(
         "C8",
         "In the stable impact regime impulses vary by less than 5 % from cycle to cycle.",
-        "Reproduced if every impact motion with the drive's period varies by less than 5 %.",
         measures.repeatability,
         repeatability,
         judgement="Impact motion with the drive's period is taken as the stable impact regime.",
@@ -311,7 +298,6 @@ CLAIMS = (
     Claim(
         "C9",
         "Energy per cycle: non-impact lowest, impact moderately higher, viscous friction highest.",
-        "Reproduced if all three parts hold; moderately higher is at most twice as much.",
         measures.energy,
         energy,
         judgement="The factor of two for `moderately` is ours.",
@@ -320,20 +306,16 @@ CLAIMS = (
     Claim(
         "C10",
         "In the multistable band there are two attractors, with a smooth border between their basins.",
-        "Reproduced if there are two motions, the border's entropy is below ln 2 and its exponent above 0.9, "
-        "with both laws; under parameters with one.",
         measures.smooth_basins,
         smooth_basins,
         partly=True,
-        judgement="The exponent of 0.9 that counts as near 1 is ours.",
+        judgement="The exponent of 0.9 above which a border counts as smooth is ours.",
         remark="The exponent of a smooth border is 1. If the entropy of boxes on the border exceeds "
         "ln 2 = 0.693, the border must be fractal.",
     ),
     Claim(
         "C11",
         "The state at start-up decides; an initialisation routine ensures the wanted motion.",
-        "Reproduced if, in every case, a run-up of 5 s reaches impacts from all crank angles and a start at "
-        "once does not; under parameters if this is so in some.",
         measures.start_decides,
         start_decides,
         partly=True,
@@ -342,8 +324,6 @@ CLAIMS = (
     Claim(
         "C12",
         "2 to 3 Hz suits slow walking, 3 to 5 Hz normal cadence, 6 Hz risks losing the impacts.",
-        "Reproduced if Table 1's module has impacts from some start at each listed frequency of 2 to 5 Hz, "
-        "and not from every start at 6 Hz; under parameters if the retuned module does.",
         measures.gait_frequencies,
         gait_frequencies,
         partly=True,
@@ -354,17 +334,14 @@ CLAIMS = (
     Claim(
         "C13",
         "More damping lowers the peak acceleration but raises variability.",
-        "Reproduced if the peak falls from the least to the greatest b at every ratio, and the variation "
-        "rises by more than 0.002.",
         measures.damping,
         damping,
-        remark="On a Hunt–Crossley stop of 30 ms, from b = 0.1 to 0.3 N s/m. The model has no noise; smaller "
-        "changes of the variation are the rest of the transient.",
+        remark="On a Hunt–Crossley stop of 30 ms, from b = 0.1 to 0.3 N s/m. The model has no noise; changes "
+        "of the variation below 0.002 are the rest of the transient and do not count.",
     ),
     Claim(
         "C14",
         "Restitution and stop position cap the impulse, a safety layer independent of control.",
-        "Reproduced if at fixed k and x_stop the impulse changes by at most 10 % with amplitude and speed.",
         measures.caps,
         caps,
         judgement="The 10 % within which an impulse counts as capped are ours.",

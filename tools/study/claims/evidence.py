@@ -189,10 +189,7 @@ def share_after_ramp(one: Case, ratio: float, duration_s: float) -> float:
 def cycle_shape(one: Case, ratio: float, start: State) -> NDArray[np.float64]:
     """Return x over one drive period from its largest value on, with zero mean and unit variance."""
     turn_s = 2.0 * math.pi / (ratio * one.natural_rad_s)
-    result = sample(one, ratio, start, np.linspace(0.0, 2.0 * turn_s, 1201))
-    if result.samples is None:
-        raise AssertionError("a run with sample times has samples")
-    x_m = result.samples.x_m
+    x_m = sample(one, ratio, start, np.linspace(0.0, 2.0 * turn_s, 1201)).x_m
     first = int(np.argmax(x_m[:600]))
     cycle = x_m[first : first + 600]
     shape: NDArray[np.float64] = (cycle - cycle.mean()) / cycle.std()

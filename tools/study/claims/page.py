@@ -9,9 +9,9 @@ from tools.study import store
 from tools.study.claims.claim import CONTRADICTED, REPRODUCED, UNDER_PARAMETERS, JudgedClaim
 
 MEANING = {
-    REPRODUCED: "holds as printed",
-    UNDER_PARAMETERS: "holds for stated values that the paper does not give or gives differently",
-    CONTRADICTED: "does not hold, or holds only in part",
+    REPRODUCED: "all parts of the reason hold",
+    UNDER_PARAMETERS: "some hold, each for values or readings that the paper leaves open",
+    CONTRADICTED: "none holds, or the claim needs all of them",
 }
 
 UNITS = {
@@ -72,7 +72,6 @@ def lines(claims: Sequence[JudgedClaim]) -> Iterator[str]:
 
 def _section(claim: JudgedClaim) -> Iterator[str]:
     yield f"\n## {claim.id}\n\n{claim.statement} **{claim.verdict.capitalize()}.**\n\n{claim.reason}\n"
-    yield f"Rule: {claim.rule}\n"
     if claim.judgement:
         yield f"Judgement: {claim.judgement}\n"
     yield "| measured | |"

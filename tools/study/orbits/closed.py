@@ -75,8 +75,8 @@ def _closed_set_out(carrier: Closed, y_m: float, v_m_s: float, crank_rad: float)
 
 
 @sections.section.register(Closed)
-def _closed_section(carrier: Closed, motion: Motion) -> tuple[float, float, float, float]:
-    return motion.y_m, motion.v_m_s, motion.crank_rad, motion.t_s
+def _closed_section(carrier: Closed, motion: Motion) -> tuple[float, float, float]:
+    return motion.y_m, motion.v_m_s, motion.crank_rad
 
 
 @sections.ends_clear.register(Closed)
@@ -116,7 +116,7 @@ def _closed_carry(
                 low, high = min(low, turns_low), max(high, turns_high)
         if event == Event.IMPACT:
             impulse = o.mass_kg * (arrival.v_m_s - departure.v_m_s)
-            sections.count_impact(row, arrival.v_m_s, impulse, arrival.crank_rad, math.nan)
+            sections.count_impact(row, arrival.v_m_s, impulse, math.nan)
         motion = departure
         events += 1
     row.y_end_m, row.v_end_m_s = motion.y_m, motion.v_m_s

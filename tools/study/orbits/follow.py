@@ -1,8 +1,6 @@
 """Orbits of a case, by the closed-form solution if there is one, otherwise by the adaptive solver."""
 
 import math
-import time
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +13,7 @@ from plant_sim.solvers.adaptive.state_layout import allocate
 from tools.study.cases import Case
 from tools.study.orbits import sections
 from tools.study.orbits.closed import closed
-from tools.study.orbits.sections import CLASSIFY, Carrier, Outcome, Periods, Protocol
+from tools.study.orbits.sections import Carrier, Outcome, Periods, Protocol
 from tools.study.orbits.stepwise import stepwise
 
 ACCURACY_M = 1e-7
@@ -78,17 +76,8 @@ def _advance(
     motion, lost_later = sections.carry(carrier, motion, until_s, False, rows[0])
     if lost or lost_later:
         return math.nan, math.nan, 0
-    y_m, v_m_s, _, _ = sections.section(carrier, motion)
+    y_m, v_m_s, _ = sections.section(carrier, motion)
     return y_m, v_m_s, rows[0].impacts
-
-
-def warm(cases: Iterable[Case]) -> float:
-    """Compile or load the kernels of these cases, one after the other; return the elapsed time in s."""
-    started_s = time.perf_counter()
-    at_once = CLASSIFY._replace(settle_s=0.0)
-    for one in {case.is_exact: case for case in cases}.values():
-        follow(one, 1.0, AT_REST, at_once)
-    return time.perf_counter() - started_s
 
 
 def classify(

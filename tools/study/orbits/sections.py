@@ -44,8 +44,6 @@ class Period:
     slowest_m_s: float
     approaches_m_s: float
     """Sum of the impacts' v⁻."""
-    crank_rad: float
-    """Crank angle at the last impact."""
     peak_n: float
     rested: bool
     """The striker rested on the stop for some time, held there by the spring or by friction."""
@@ -105,8 +103,6 @@ class Outcome(NamedTuple):
     certain: bool
     cycle: int
     """Drive periods after which the orbit repeats; 0 if it does not."""
-    periods: int
-    """Number of drive periods over which the values below are means."""
     impacts: float
     """Impacts per drive period."""
     v_mean_m_s: float
@@ -115,8 +111,6 @@ class Outcome(NamedTuple):
     impulse_n_s: float
     repeatability: float
     """Standard deviation over mean of the impulses."""
-    crank_rad: float
-    """Crank angle at the impact, meaningful with one impact per period."""
     peak_n: float
     """Peak force, N; nan at a rigid stop."""
     x_low_m: float
@@ -130,7 +124,6 @@ class Outcome(NamedTuple):
     """Position minus rest length."""
     end_v_m_s: float
     end_crank_rad: float
-    duration_s: float
 
 
 Carrier: TypeAlias = Any
@@ -169,8 +162,8 @@ def ends_clear(carrier: Carrier, motion: Any, row: Period) -> bool:
 
 
 @by_part
-def section(carrier: Carrier, motion: Any) -> tuple[float, float, float, float]:
-    """y, v, crank angle and time of a motion."""
+def section(carrier: Carrier, motion: Any) -> tuple[float, float, float]:
+    """y, v and crank angle of a motion."""
     raise NotImplementedError
 
 
@@ -260,7 +253,7 @@ def new_rows(protocol: Protocol, drive_rad_s: float) -> tuple[Periods, IntArray]
 def clear(row: Period) -> None:
     """Reset the row for a new period."""
     row.impacts, row.rested, row.moved = 0, False, False
-    row.y_end_m = row.v_end_m_s = row.crank_rad = 0.0
+    row.y_end_m = row.v_end_m_s = 0.0
     row.impulse_n_s = row.impulse_squares = row.approaches_m_s = row.fastest_m_s = 0.0
     row.drive_j = row.friction_j = row.loss_j = 0.0
     row.slowest_m_s = row.y_low_m = math.inf
@@ -269,7 +262,7 @@ def clear(row: Period) -> None:
 
 
 @subroutine
-def count_impact(row: Period, v_m_s: float, impulse_n_s: float, crank_rad: float, peak_n: float) -> None:
+def count_impact(row: Period, v_m_s: float, impulse_n_s: float, peak_n: float) -> None:
     """Add an impact to its period."""
     row.impacts += 1
     row.impulse_n_s += impulse_n_s
@@ -277,7 +270,6 @@ def count_impact(row: Period, v_m_s: float, impulse_n_s: float, crank_rad: float
     row.approaches_m_s += v_m_s
     row.fastest_m_s = max(row.fastest_m_s, v_m_s)
     row.slowest_m_s = min(row.slowest_m_s, v_m_s)
-    row.crank_rad = crank_rad
     if not row.peak_n >= peak_n:
         row.peak_n = peak_n
 
@@ -326,11 +318,11 @@ def summary(
     cycle: int,
     certain: bool,
     rest_length_m: float,
-    end: tuple[float, float, float, float],
+    end: tuple[float, float, float],
 ) -> Outcome:
-    """The outcome of an orbit from its last `window` rows; `end` is y, v, crank and the time run."""
+    """The outcome of an orbit from its last `window` rows; `end` is y, v and crank angle."""
     size = len(rows)
-    impacts, impulse, squares, approaches, crank = 0, 0.0, 0.0, 0.0, 0.0
+    impacts, impulse, squares, approaches = 0, 0.0, 0.0, 0.0
     fastest, slowest, peak, low, high = 0.0, math.inf, math.nan, math.inf, -math.inf
     drive, friction, loss = 0.0, 0.0, 0.0
     rested, moved, most = False, False, 0
@@ -340,8 +332,6 @@ def summary(
         impulse += row.impulse_n_s
         squares += row.impulse_squares
         approaches += row.approaches_m_s
-        if row.impacts > 0:
-            crank = row.crank_rad
         fastest, slowest = max(fastest, row.fastest_m_s), min(slowest, row.slowest_m_s)
         if not peak >= row.peak_n:
             peak = row.peak_n
@@ -370,14 +360,12 @@ def summary(
         regime,
         certain,
         cycle,
-        window,
         impacts / count,
         approaches / impacts if impacts > 0 else math.nan,
         fastest if impacts > 0 else math.nan,
         slowest if impacts > 0 else math.nan,
         mean,
         spread,
-        crank,
         peak,
         rest_length_m + low,
         rest_length_m + high,
@@ -387,5 +375,4 @@ def summary(
         end[0],
         end[1],
         end[2],
-        end[3],
     )

@@ -73,9 +73,9 @@ def _stepwise_set_out(carrier: Stepwise, y_m: float, v_m_s: float, crank_rad: fl
 
 
 @sections.section.register(Stepwise)
-def _stepwise_section(carrier: Stepwise, motion: float) -> tuple[float, float, float, float]:
+def _stepwise_section(carrier: Stepwise, motion: float) -> tuple[float, float, float]:
     memory = carrier.memory
-    return memory.y[0] + _shift_m(carrier.parts), memory.y[1], memory.held[0].crank_rad, motion
+    return memory.y[0] + _shift_m(carrier.parts), memory.y[1], memory.held[0].crank_rad
 
 
 @sections.carry.register(Stepwise)
@@ -97,7 +97,7 @@ def _stepwise_carry(
         for index in range(mode.impacts):
             one = memory.impacts[index]
             peak = one.peak_force_n if is_soft(parts.stop) else math.nan
-            sections.count_impact(row, one.v_m_s, one.impulse_n_s, one.crank_rad, peak)
+            sections.count_impact(row, one.v_m_s, one.impulse_n_s, peak)
         mode.impacts = 0
     row.y_end_m, row.v_end_m_s = y[0], y[1]
     row.drive_j, row.friction_j = y[work] - drive_j, y[work + 1] - friction_j
