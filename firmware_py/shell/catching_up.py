@@ -1,12 +1,13 @@
 """The frames of missed periods: which of them belong to which period.
 
 Frames carry no time of reception here, so the accelerometer's rolling counter dates them. It advances by one
-in each period of the sensors.
+in each period of the sensors. A sample that was sent before a pause is therefore not taken for a new one.
 """
 
 from collections.abc import Sequence
 
 from firmware_py.interface import codec
+from firmware_py.interface.arrivals import Arrival
 from firmware_py.interface.codec import FrameError
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.received import RECEIVED_IDS
@@ -14,8 +15,10 @@ from firmware_py.node.tick import MAX_RX
 
 ACCELEROMETER, ENCODER = codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id
 COUNTER_MODULUS = 1 << codec.ACCELEROMETER.kind.counter_bits
-LONGEST_DATED_TICKS = COUNTER_MODULUS - 2
-"""Longest time between two samples for which their counters give that time, to within one tick."""
+MOST_EARLY_TICKS = 3
+"""Largest number of ticks by which the firmware's clock may lag behind the sensors'."""
+LONGEST_DATED_TICKS = COUNTER_MODULUS - 1 - MOST_EARLY_TICKS
+"""Longest time between two samples that their counters give."""
 
 
 def is_sampled(frame: Frame) -> bool:
@@ -47,23 +50,30 @@ def split_samples(frames: Sequence[Frame]) -> list[list[Frame]]:
     return samples
 
 
-def divide_frames(frames: Sequence[Frame], periods: int) -> list[list[Frame]]:
+def due_counter(newest: Arrival, tick: int) -> int | None:
+    """The counter of the sample that is due in `tick`, by the newest one so far; None if that is too old."""
+    age_ticks = tick - newest.tick
+    return (newest.counter + age_ticks) % COUNTER_MODULUS if age_ticks <= LONGEST_DATED_TICKS else None
+
+
+def divide_frames(frames: Sequence[Frame], periods: int, due: int | None) -> list[list[Frame]]:
     """The frames of each of `periods` successive periods, in the order of their arrival.
 
-    The newest sample belongs to the newest period, and each older one to the period that its counter gives. A
-    sample without an accelerometer frame lies one period before its successor. Samples from before the first
-    period belong to the first one, so that the gate judges them too.
+    `due` is the counter of the sample that is due in the last period; None: that of the newest sample. Each
+    sample belongs to the period that its counter gives; one without an accelerometer frame lies one period
+    before its successor. Samples from before the first period belong to the first one, so that the gate
+    judges them too, and samples of later periods to the last one.
     """
     found: list[list[Frame]] = [[] for _ in range(periods)]
-    period, dated_period, dated_counter = periods + 1, 0, None
+    period = periods + 1
     for sample in reversed(split_samples(frames)):
         counter = next((one for one in map(sample_counter, sample) if one is not None), None)
-        if counter is None or dated_counter is None:
+        if counter is None:
             period -= 1
         else:
-            period = dated_period - (dated_counter - counter) % COUNTER_MODULUS
-        if counter is not None:
-            dated_period, dated_counter = period, counter
+            due = counter if due is None else due
+            behind_ticks = (due - counter) % COUNTER_MODULUS
+            period = periods - (behind_ticks if behind_ticks <= LONGEST_DATED_TICKS else 0)
         found[max(period, 1) - 1][:0] = sample
     return found
 

@@ -15,10 +15,10 @@ from firmware_py.core.state import Outputs, State
 from firmware_py.interface.counters import Counters
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
 from firmware_py.interface.generated.kinds import SET_INPUT_TORQUE
-from firmware_py.interface.generated.received import RECEIVED_IDS
+from firmware_py.interface.generated.received import RECEIVED_IDS, Received
 from firmware_py.node import calibration, memory, xcp
 from firmware_py.node.tick import INITIAL, Rx, tick
-from firmware_py.shell.catching_up import divide_frames, fit_frames
+from firmware_py.shell.catching_up import divide_frames, due_counter, fit_frames
 from firmware_py.shell.parameters import ParameterError, parameters_of, read_back, values_of, with_overrides
 
 LONGEST_CATCH_UP_S = 0.5
@@ -67,7 +67,9 @@ class Node(ABC):
             return self._run_period(frames_in, 0)
         most_ticks = round(LONGEST_CATCH_UP_S / self.config.tick_s)
         if elapsed_ticks <= most_ticks:
-            periods = divide_frames(frames_in, elapsed_ticks)
+            last_sample = self.part(Received, "received").accelerometer_arrival
+            due = due_counter(last_sample, self.ticks + elapsed_ticks)
+            periods = divide_frames(frames_in, elapsed_ticks, due)
         else:
             periods = [*([] for _ in range(most_ticks - 1)), list(frames_in)]
         sent: list[Frame] = []

@@ -134,7 +134,7 @@ class Stretches:
             until = min(until, max(listening_tick, tick + 1))
         is_asked = self._native_node().whole["pool"][0, IS_CONNECTED] or self._plant.node.requests
         is_asked = is_asked or self._plant.node.has_waiting_fault
-        is_ready = self._firmware.is_in_step and len(self._to_plant.pending) <= MOST_IN_TRANSIT
+        is_ready = len(self._to_plant.pending) <= MOST_IN_TRANSIT
         return min(until - tick, LONGEST_TICKS) if is_ready and not is_asked else 0
 
     def _native_node(self) -> NativeNode:
@@ -187,7 +187,6 @@ class Stretches:
         plant.resume(state, status)
         self._to_plant.pending += frames_in(self._in_transit[: buffers.used[TO_PLANT]])
         self._to_operator.pending += frames_in(sent[1:].reshape(-1, 3)[: sent[0]])
-        self._firmware.resume(tick + ticks - 1, frames_in(frames))
         return Records(
             buffers.plant[:ticks],
             self._firmware_rows[:ticks].astype(self._columns, copy=False),

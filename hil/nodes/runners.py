@@ -14,9 +14,7 @@ from hil.bus.base import NodeBus
 from hil.faults.fault import Fault
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
-from hil.nodes.alignment import Alignment
 from hil.nodes.plant import PlantNode
-from hil.nodes.resync import Resync
 from hil.record.traces.firmware_trace import FirmwareTrace
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import TraceWriter
@@ -25,9 +23,6 @@ from hil.timing.loop import LoopTiming
 from plant_sim.result import Impact
 from plant_sim.scene import Scene
 from plant_sim.sensors.gait import GaitTruth
-
-RESYNC_SHARE = 0.4
-"""Share of a period that a tick after a pause waits for its sample, short enough for the next tick."""
 
 
 class Pace(NamedTuple):
@@ -171,64 +166,26 @@ class FirmwareRunner:
         )
         if self.node.damage:
             self._say(self.node.damage)
-        self._alignment = Alignment()
-        self._resync: Resync | None = None
-        self._last_frames: list[Frame] = []
-        self._last_tick = tick
 
     def restart(self, tick: int) -> None:
         """Replace the node by a new one whose first tick is `tick`."""
         self._power_up(tick)
         begin_anew(self.bus)
 
-    def step(self, tick: int, elapsed_ticks: int) -> None:
-        """Run one tick; after a pause, first resynchronise with the sensors."""
-        bus = self.bus
-        frames = bus.receive()
-        if elapsed_ticks > 1 or self._resync is not None:
-            self._wake_up(tick, elapsed_ticks, self._alignment.take_all(frames))
-            return
-        frames = self._alignment.take(frames)
-        if self._alignment.had_sample:
-            self._last_frames, self._last_tick = frames, tick
-        bus.send_all(self.node.tick(frames, 1))
-
-    def _wake_up(self, tick: int, elapsed_ticks: int, frames: list[Frame]) -> None:
-        """Run one of the first ticks after a pause; the firmware does not tick before a current sample."""
-        bus = self.bus
-        resync = self._resync or Resync(self._last_tick, self._last_frames)
-        resync.begin_tick(tick, elapsed_ticks, frames)
-        if not resync.is_fresh:
-            bus.wait(RESYNC_SHARE * self._period_s)
-            resync.take(tick, bus.receive())
-        if not resync.is_over:
-            self._resync = resync
-            return
-        self._resync = None
-        self._alignment.hold(resync.early)
-        if resync.is_fresh:
-            self._last_frames, self._last_tick = resync.frames, tick
-        bus.send_all(self.node.tick(resync.frames, resync.elapsed_ticks))
+    def step(self, _: int, elapsed_ticks: int) -> None:
+        """Run one tick; the firmware first runs the periods that the loop has skipped."""
+        self.bus.send_all(self.node.tick(self.bus.receive(), elapsed_ticks))
 
     def record(self, tick: int, timing: LoopTiming) -> None:
         """Append the tick's record."""
-        if self._trace is not None and self._resync is None:
+        if self._trace is not None:
             self._trace.append(self.node, tick, (tick + 0.5) * self._period_s, timing)
-
-    @property
-    def is_in_step(self) -> bool:
-        """Whether the last tick has used its own sample, and no sample waits."""
-        return self._resync is None and self._alignment.had_sample and not self._alignment.waits
 
     @property
     def columns(self) -> Any:
         """A record of the trace as numpy has it."""
         assert self._trace is not None
         return self._trace.writer.dtype
-
-    def resume(self, last_tick: int, last_frames: list[Frame]) -> None:
-        """Continue after `last_tick` with its frames, to which compiled code has advanced the node."""
-        self._last_frames, self._last_tick = last_frames, last_tick
 
     def append(self, records: NDArray[np.void]) -> None:
         """Append records."""
