@@ -31,10 +31,10 @@ def measure(
     plot: Annotated[Path | None, file_option("Draw error against cost into this file.", PICTURES)] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure error and cost of solvers, peers, stop models, control rates, builds and the closed loop."""
+    """Measure error and cost of solvers, peers, stop models, control rates, builds and ticks."""
     if context.invoked_subcommand is not None:
         return
-    from tools.trade import builds, control_rate, costs, pictures
+    from tools.trade import bench_tick, builds, control_rate, costs, pictures
     from tools.trade import parts as stops
     from tools.trade.cases import CASES
     from tools.trade.peers import heyoka_peer
@@ -47,7 +47,7 @@ def measure(
         lambda doing: stops.measure("fidelity", quick, repeats, doing),
         lambda doing: control_rate.measure(quick, doing),
         lambda doing: builds.measure(repeats, doing),
-        lambda doing: builds.measure_loop(repeats, doing),
+        lambda doing: bench_tick.measure(repeats, doing),
     ]
     with shown_progress() as progress:
         steps = len(CASES) + len(others)
@@ -178,7 +178,7 @@ TABLES = {
         "firmware builds: the same start in lockstep; differ: decisions over a tick off the compiled build's",
         BUILDS,
     ),
-    "tick": ("a tick of 1 ms in compiled code, in the same start", TICKS),
+    "tick": ("a tick of 1 ms in compiled code, at r = 1.3 with impacts", TICKS),
 }
 """Titles and columns of the tables by kind of row."""
 

@@ -1,4 +1,4 @@
-"""Cost and effect of the firmware's builds: one start and hold in lockstep on each, and the closed loop."""
+"""Cost and effect of the firmware's builds: one start and hold in lockstep on each build."""
 
 import tempfile
 import time
@@ -10,8 +10,6 @@ from firmware_py.interface.frame import Frame
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.node import FirmwareNode
 from hil.bench.lockstep import run_lockstep, silent
-from hil.bench.stretches import records_of
-from hil.record.traces.firmware_trace import columns_of
 from hil.scenario.scenario import Scenario
 from tools.trade.control_rate import hold, short_start
 from tools.trade.costs import Progress
@@ -22,7 +20,6 @@ BUILDS: tuple[tuple[Build, str], ...] = (
     ("compiled", "numba's code, algebra written out"),
 )
 UNIT = "m (RMS of the estimated position); µs of processor per tick, called from Python"
-LOOP_UNIT = "µs of processor per tick, called from compiled code"
 
 Received = list[tuple[list[Frame], int]]
 """For each tick: the received frames, and the number of elapsed ticks."""
@@ -73,17 +70,3 @@ def _replayed_us(scenario: Scenario, build: Build, received: Received) -> float:
     for frames, elapsed_ticks in received:
         tick(frames, elapsed_ticks)
     return (time.thread_time_ns() - begun) * 1e-3 / len(received)
-
-
-def measure_loop(repeats: int, progress: Progress) -> list[dict[str, Any]]:
-    """Return a row for the tick of plant and firmware together, in compiled code, in the same scenario."""
-    progress("tick of the closed loop")
-    cost = min(_loop_us(short_start()) for _ in range(repeats))
-    return [{"what": "tick: plant and firmware", "kind": "tick", "cost": cost, "unit": LOOP_UNIT}]
-
-
-def _loop_us(scenario: Scenario) -> float:
-    begun = time.thread_time_ns()
-    columns = columns_of(["outputs.mode", "outputs.impact"])
-    ticks = sum(len(records.plant) for records in records_of(scenario, 1, columns, "compiled"))
-    return (time.thread_time_ns() - begun) * 1e-3 / ticks
