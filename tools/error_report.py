@@ -21,66 +21,40 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 """Errors of a file that the machine does not let the program write."""
 UNUSABLE = (errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP)
 """Errors of a file that may not be read or written; an error without a file's name is a defect."""
+BAD_INPUT = frozenset(
+    {
+        "firmware_py.builds.board.BoardError",
+        "firmware_py.shell.parameters.ParameterError",
+        "hil.bench.recorded_run.RunError",
+        "hil.bench.workers.WorkerDiedError",
+        "hil.bus.base.BusError",
+        "hil.bus.xcp_master.XcpMasterError",
+        "hil.can_model.bits.BitRateError",
+        "hil.kernel.user_mode_linux.UmlError",
+        "hil.record.damage.DamagedFileError",
+        "hil.record.rerun_program.RerunError",
+        "hil.record.run_folder.RunFolderError",
+        "hil.record.traces.trace.TraceError",
+        "hil.suite.compare_suites.SuiteError",
+        "hil.timing.processes.ChildRefusalError",
+        "kernel_cache.KernelCacheError",
+        "plant_sim.simulation.SimulationError",
+        "plant_sim.solvers.cost.SolverError",
+        "plant_sim.solvers.exact.exact.UnsupportedSceneError",
+        "plant_sim.text_input.TextInputError",
+        "tools.fmu.variables.FmuError",
+        "tools.output.BadInputError",
+    }
+)
+"""Errors caused by the input or the machine, by name: the import of their modules would take time, or fail."""
 GIB = 2**30
 ADDRESS_SPACE_GIB = 3
 """Address space that the largest process of a run maps; most of it is never used."""
 
 
-def bad_input_types() -> tuple[type[Exception], ...]:
-    """The types of errors caused by the input; imported only after an error."""
-    from firmware_py.shell.parameters import ParameterError
-    from hil.bench.recorded_run import RunError
-    from hil.bench.workers import WorkerDiedError
-    from hil.bus import BusError
-    from hil.bus.xcp_master import XcpMasterError
-    from hil.kernel.user_mode_linux import UmlError
-    from hil.record.damage import DamagedFileError
-    from hil.record.rerun_program import RerunError
-    from hil.record.run_folder import RunFolderError
-    from hil.record.traces.trace import TraceError
-    from hil.timing.processes import ChildRefusalError
-    from plant_sim.text_input import TextInputError
-
-    return (
-        *(output.BadInputError, TextInputError, ParameterError),
-        *solver_errors(),
-        *board_errors(),
-        *(BusError, TraceError, UmlError, XcpMasterError, ChildRefusalError, RunError, RunFolderError),
-        *(DamagedFileError, RerunError, WorkerDiedError),
-    )
-
-
 def is_bad_input(error: Exception) -> bool:
     """Whether the input or the machine caused an error, and not a defect."""
-    if isinstance(error, output.BadInputError):
-        return True
-    try:
-        from kernel_cache import KernelCacheError
-
-        if isinstance(error, KernelCacheError):  # then the modules of the other types cannot be imported
-            return True
-        return isinstance(error, bad_input_types())
-    except Exception:  # a defect in a module of these types
-        return False
-
-
-def solver_errors() -> tuple[type[Exception], ...]:
-    """The solvers' error types, if a solver has been loaded; loading one would take time."""
-    if "plant_sim.solvers.cost" not in sys.modules:
-        return ()
-    from plant_sim.solvers.cost import SolverError
-    from plant_sim.solvers.exact.exact import UnsupportedSceneError
-
-    return SolverError, UnsupportedSceneError
-
-
-def board_errors() -> tuple[type[Exception], ...]:
-    """The error types of a build for a board, if such a build has been loaded."""
-    if "firmware_py.builds.board" not in sys.modules:
-        return ()
-    from firmware_py.builds.board import BoardError
-
-    return (BoardError,)
+    return any(f"{kind.__module__}.{kind.__qualname__}" in BAD_INPUT for kind in type(error).__mro__)
 
 
 def refused_by_the_machine(error: Exception) -> str:

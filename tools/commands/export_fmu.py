@@ -47,13 +47,9 @@ def export_fmu(
     """Write the plant or the firmware as an FMU (co-simulation, x86-64 Linux), which needs no Python."""
     started = time.perf_counter()
     from tools.fmu.build import export  # imports numba, so after the checks of the input
-    from tools.fmu.variables import FmuError
 
-    try:
-        model = model_of(of, name, seed, change or [], parameters or [])
-        export(model, 2 if fmi == "2" else 3, out)
-    except FmuError as error:
-        raise BadInputError(str(error)) from error
+    model = model_of(of, name, seed, change or [], parameters or [])
+    export(model, 2 if fmi == "2" else 3, out)
     names = {role: [one.name for one in model.variables if one.role == role] for role in ROLES}
     payload = {
         "of": of,

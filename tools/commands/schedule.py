@@ -31,14 +31,10 @@ def schedule(
 
     A master of XCP measures as much as the firmware sends: one command, response and sample per tick.
     """
-    from hil.can_model.bits import BitRateError
     from hil.can_model.message_set import ONE_ERROR, bus_schedule
 
     modules = [places_of(text) for text in module or ["0,1"]]
-    try:
-        analysed = bus_schedule(bitrate, modules=modules)
-    except BitRateError as error:
-        raise BadInputError(str(error)) from error
+    analysed = bus_schedule(bitrate, modules=modules)
     disturbed = bus_schedule(bitrate, errors=ONE_ERROR, modules=modules)
     alone = bus_schedule(bitrate, modules=modules, is_measured=False)
     alone_disturbed = bus_schedule(bitrate, errors=ONE_ERROR, modules=modules, is_measured=False)

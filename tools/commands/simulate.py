@@ -36,14 +36,10 @@ def simulate(
             f"--until is {until}: wanted above 0 and at most {longest_s:g} simulated seconds, e.g. --until 10"
         )
     loaded = changed_scene(scene, change)
-    from plant_sim.simulation import SimulationError  # imports numba, so after the checks of the input
-    from plant_sim.simulation import simulate as simulate_plant
+    from plant_sim.simulation import simulate as simulate_plant  # imports numba: after the input's checks
 
     started = time.perf_counter()
-    try:
-        result = simulate_plant(loaded, until, torque_n_m=torque, samples_s=1e-3 if plot else None)
-    except SimulationError as error:
-        raise BadInputError(str(error)) from error
+    result = simulate_plant(loaded, until, torque_n_m=torque, samples_s=1e-3 if plot else None)
     wall_s = time.perf_counter() - started
     electrical = result.electrical
     payload = {

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import time
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from options import options_of
 
 from hil.scenario.files import scenario_names
 from tools import cli
+from tools.error_report import BAD_INPUT, report
 from tools.output import EXIT_BAD_INPUT, EXIT_INTERNAL_ERROR, BadInputError
 
 FOLDERS = {"run", "suite", "import", "firmware node", "firmware build", "plant", "measure"}
@@ -174,12 +176,19 @@ def test_a_table_in_a_pipe_keeps_a_row_to_a_line() -> None:
     assert not [line for line in listed.splitlines() if line.startswith(" ")], "nothing is folded"
 
 
+@pytest.mark.parametrize("name", sorted(BAD_INPUT))
+def test_an_error_by_the_input_is_no_defect(name: str, capsys) -> None:
+    module, _, kind = name.rpartition(".")
+    error = getattr(import_module(module), kind)("the input is wrong")
+    assert report(error, as_json=False) == EXIT_BAD_INPUT
+    assert capsys.readouterr().err == "error: the input is wrong\n"
+
+
 def test_a_defect_that_breaks_imports_is_one_line_too(monkeypatch, capsys) -> None:
     def defective() -> None:
         raise RuntimeError("broken")
 
     monkeypatch.setattr("tools.program.program", defective)
-    monkeypatch.setattr("tools.error_report.bad_input_types", defective)
     assert cli.run(["list", "--json"]) == EXIT_INTERNAL_ERROR
     assert "RuntimeError: broken" in json.loads(capsys.readouterr().out)["error"]
 
