@@ -46,7 +46,7 @@ BAD_INPUT = frozenset(
         "tools.output.BadInputError",
     }
 )
-"""Errors caused by the input or the machine, by name: the import of their modules would take time, or fail."""
+"""Errors caused by the input or the machine, by name: importing their modules would take time, or fail."""
 GIB = 2**30
 ADDRESS_SPACE_GIB = 3
 """Address space that the largest process of a run maps; most of it is never used."""

@@ -18,11 +18,20 @@ from firmware_py.shell.parameters import flattened
 from hil.scenario.operator import Command, Request
 from hil.scenario.scenario import Scenario
 from plant_sim.scene import load_scene, read_scene
-from tools.campaign.trial.cells import BASE_SCENE, Axes, Cell
-from tools.campaign.trial.outcome import Outcome
-from tools.campaign.trial.run import Run, run
-from tools.campaign.trial.sampling import LARGEST_RUN_SEED, Sampled
-from tools.campaign.trial.scenarios import Plan, Trial, first_tick_s, scenario_of
+from tools.campaign.campaign import (
+    BASE_SCENE,
+    Campaign,
+    Cell,
+    Goal,
+    Outcome,
+    Plan,
+    Sampler,
+    Trial,
+    first_tick_s,
+    scenario_of,
+)
+from tools.campaign.run import Run, run
+from tools.campaign.sampling import LARGEST_RUN_SEED, Sampled
 
 RUN_S = 0.4
 KICK_S = (0.7, 1.2)
@@ -32,7 +41,6 @@ CONTACTS_MS = {
     f"{low:g} to {high:g}": (low, high) for low, high in ((1.5, 3.0), (3.0, 5.0), (5.0, 10.0), (10.0, 30.0))
 }
 """Ranges of the elastic contact time at 0.9 m/s, one cell each."""
-LIMIT_AXES: Axes = {"contacts_ms": CONTACTS_MS}
 BASE_MASS_KG = 0.8
 LOST, LOSSES_SHARE = 3, 0.25
 """Most lost, corrupted or repeated samples, and the share of the trials that have some."""
@@ -241,3 +249,20 @@ def count(outcome: Outcome, what: str, group: str) -> None:
 def is_off(done: Run, valid_s: float) -> bool:
     """Return whether the torque is 0 from `IN_TICKS` after the first valid sample on."""
     return not np.any(done.firmware["outputs.torque_n_m"][round(valid_s / done.tick_s) + IN_TICKS :])
+
+
+LIMITS = Campaign(
+    name="limits",
+    title="every impact beyond a limit stops the motor, and no impact far below it does",
+    trials=24_000,
+    judge=judge_limits,
+    sampler=Sampler({"contacts_ms": CONTACTS_MS}, limit_cell, limit_trial),
+    conditions=((tuple(CONTACTS_MS),),),
+    numbers={"mismatch_mass": 0.02, "high_offset_m_s2": 4.0},
+    units={},
+    goals=(
+        Goal("eligible", low=15_000, full_size=True),
+        Goal("missed_0", high=0.0),
+        Goal("tripped_0", high=0.0),
+    ),
+)

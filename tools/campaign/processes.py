@@ -14,9 +14,8 @@ import pyarrow as pa
 from hil.record import provenance
 from hil.record.folder_lock import FolderInUseError, locked
 from hil.record.run_folder import RUNS
+from tools.campaign.campaign import Outcome, Plan
 from tools.campaign.campaigns import run_trial
-from tools.campaign.trial.outcome import Outcome
-from tools.campaign.trial.scenarios import Plan
 from tools.output import BadInputError
 from tools.study import store, work
 

@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 
 from tools.campaign import limits
-from tools.campaign.campaigns import Campaign, Goal
-from tools.campaign.statistics import Distribution, distribution, wilson
-from tools.campaign.trial.cells import Cell
-from tools.campaign.trial.outcome import Outcome
-from tools.campaign.trial.sampling import FIRST_CAMPAIGN_SEED
+from tools.campaign.campaign import Campaign, Cell, Goal, Outcome
+from tools.campaign.sampling import FIRST_CAMPAIGN_SEED
+from tools.campaign.statistics import distribution, wilson
 
 BINS = 12
 
@@ -81,7 +79,7 @@ def metrics_of(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, dic
     found = {}
     for name, values in values_of(outcomes).items():
         array = np.array(values)
-        spread: Distribution | None = distribution(array)
+        spread = distribution(array)
         if spread is not None:
             heights, edges = np.histogram(array[np.isfinite(array)], bins=BINS)
             found[name] = {

@@ -14,8 +14,7 @@ from tools.commands.options import FirmwareBuild, Json, Workers, setting
 from tools.output import BadInputError, answer, console, exit_of, figure, table_of
 
 if TYPE_CHECKING:
-    from tools.campaign.trial.outcome import Outcome
-    from tools.campaign.trial.scenarios import Trial
+    from tools.campaign.campaign import Outcome, Trial
 
 BARS = " ▁▂▃▄▅▆▇█"
 MOST_FAILURES = 20
@@ -53,8 +52,8 @@ def campaign(
     from plant_sim.scene import load_scene
     from tools.campaign.campaigns import CAMPAIGNS, trial_of
     from tools.campaign.processes import run_all
+    from tools.campaign.reference import refuse_other_drives
     from tools.campaign.results import result_of
-    from tools.campaign.trial.reference import refuse_other_drives
 
     chosen = CAMPAIGNS[name]
     count = trials or chosen.trials

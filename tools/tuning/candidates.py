@@ -8,11 +8,10 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from tools.campaign.campaign import Condition, Outcome
 from tools.campaign.campaigns import CAMPAIGNS
 from tools.campaign.processes import Batch, batches, run_batch
-from tools.campaign.trial.cells import Condition
-from tools.campaign.trial.outcome import Outcome
-from tools.campaign.trial.sampling import FIRST_CAMPAIGN_SEED
+from tools.campaign.sampling import FIRST_CAMPAIGN_SEED
 from tools.jobs import running
 from tools.output import BadInputError
 from tools.progress import Counted

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from plant_sim.arrays import FloatArray
-from tools.campaign.trial.outcome import Outcome
+from tools.campaign.campaign import Outcome
 
 FAILED, IMPACT, CAPTURE_S, ENERGY_J = range(4)
 """Rows of a table of starts: 1 if it fails, largest over steady impact, time and energy to capture."""

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from firmware_py.shell.parameters import DEFAULTS
+from tools.campaign.campaign import Outcome
 from tools.campaign.results import counts_of, shares_of, values_of
-from tools.campaign.trial.outcome import Outcome
 from tools.output import BadInputError
 from tools.progress import Counted
 from tools.tuning.candidates import SAMPLING, Sampling, run_candidates

@@ -30,9 +30,9 @@ import numpy as np
 from firmware_py.shell.parameters import DEFAULTS
 from hil.scenario.parameter_file import nested
 from plant_sim.arrays import FloatArray
-from tools.campaign.trial.cells import Cell
-from tools.campaign.trial.modules import module_cell
-from tools.campaign.trial.sampling import Mismatch, Sampled, sample
+from tools.campaign.campaign import Cell
+from tools.campaign.modules import module_cell
+from tools.campaign.sampling import Mismatch, Sampled, sample
 from tools.jobs import running
 from tools.output import BadInputError
 from tools.progress import Counted

@@ -20,9 +20,9 @@ import numpy as np
 from firmware_py.shell.parameters import DEFAULTS
 from plant_sim.arrays import FloatArray
 from plant_sim.scene import load_scene, read_scene
-from tools.campaign.campaigns import NO_IMPULSE
+from tools.campaign.campaign import Condition
+from tools.campaign.module_campaigns import NO_IMPULSE
 from tools.campaign.statistics import wilson
-from tools.campaign.trial.cells import Condition
 from tools.progress import Counted
 from tools.study.branches.boundaries import margins
 from tools.tuning.candidates import (

@@ -12,15 +12,13 @@ from scipy.stats import norm
 
 from hil.timing.signals import Interrupted
 from tools.campaign import processes
-from tools.campaign.campaigns import CAMPAIGNS, Goal
+from tools.campaign.campaign import Goal, Outcome, Plan
+from tools.campaign.campaigns import CAMPAIGNS
 from tools.campaign.processes import batches
 from tools.campaign.results import result_of
+from tools.campaign.sampling import Mismatch, mismatch_of, sample
 from tools.campaign.statistics import distribution, wilson
-from tools.campaign.trial.outcome import Outcome
-from tools.campaign.trial.sampling import Mismatch, mismatch_of, sample
-from tools.campaign.trial.scenarios import Plan
-from tools.campaign.trial.walk_cells import course_of, sampled_walk
-from tools.campaign.trial.walk_judge import ended_s, missing
+from tools.campaign.walk import course_of, ended_s, missing, sampled_walk
 from tools.cli import run
 from tools.commands.campaign import histogram, kept_of, show_goals
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, BadInputError, exit_of, plain

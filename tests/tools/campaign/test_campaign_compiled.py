@@ -18,10 +18,10 @@ from plant_sim.result import Impact
 from plant_sim.scene import load_scene
 from plant_sim.solvers.adaptive import adaptive
 from tools.campaign.campaigns import CAMPAIGNS, run_trial, trial_of
+from tools.campaign.reference import HELD_S, RAMP_S, alone, at, led, would_be_lost
 from tools.campaign.results import result_of
-from tools.campaign.trial.reference import HELD_S, RAMP_S, alone, at, led, would_be_lost
-from tools.campaign.trial.run import SIGNALS, TRUTHS, in_a_folder, in_stretches
-from tools.campaign.trial.run import run as run_loop
+from tools.campaign.run import SIGNALS, TRUTHS, in_a_folder, in_stretches
+from tools.campaign.run import run as run_loop
 from tools.cli import run
 from tools.commands.campaign import keep_trial
 from tools.output import exit_of

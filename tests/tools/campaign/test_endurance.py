@@ -12,8 +12,8 @@ from hil.bench.stretches import records_of
 from hil.record.traces.firmware_trace import columns_of
 from hil.record.traces.plant_trace import PlantRecord
 from hil.scenario.operator import Command, Request
-from tools.campaign.trial.modules import module_cell
-from tools.campaign.trial.scenarios import scenario_of
+from tools.campaign.campaign import scenario_of
+from tools.campaign.modules import module_cell
 
 COVARIANCE = tuple(
     f"state.estimator.p_{name}" for name in ("xx", "xv", "xb", "xv", "vv", "vb", "xb", "vb", "bb")

@@ -16,9 +16,9 @@ import numpy as np
 from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
 from firmware_py.shell.parameters import with_overrides
 from plant_sim.scene import Scene
+from tools.campaign.modules import LAWS, Law
+from tools.campaign.sampling import Mismatch, sample
 from tools.campaign.statistics import wilson
-from tools.campaign.trial.modules import LAWS, Law
-from tools.campaign.trial.sampling import Mismatch, sample
 from tools.jobs import running
 from tools.output import BadInputError
 from tools.tuning.identification.identify import identify

@@ -8,7 +8,7 @@ import pytest
 
 from firmware_py.shell.parameters import DEFAULTS
 from tools import cli
-from tools.campaign.trial.outcome import Outcome
+from tools.campaign.campaign import Outcome
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
 from tools.plots import drawn
 from tools.tuning import safety

@@ -9,7 +9,7 @@ import pytest
 
 from plant_sim.arrays import FloatArray
 from tools import cli
-from tools.campaign.trial.outcome import Outcome
+from tools.campaign.campaign import Outcome
 from tools.output import EXIT_PASSED
 from tools.tuning import safety, start
 from tools.tuning.candidates import Sampling

@@ -6,11 +6,10 @@ Such a log differs from a run's: it has no candump text, and no frame is late or
 from typing import NamedTuple
 
 from plant_sim.arrays import FloatArray
-from tools.campaign.trial.cells import Cell
-from tools.campaign.trial.modules import script
-from tools.campaign.trial.run import run
-from tools.campaign.trial.sampling import Sampled
-from tools.campaign.trial.scenarios import scenario_of
+from tools.campaign.campaign import Cell, scenario_of
+from tools.campaign.modules import script
+from tools.campaign.run import run
+from tools.campaign.sampling import Sampled
 from tools.tuning.recordings.readings import Ticks
 
 

@@ -7,9 +7,8 @@ import numpy as np
 
 from hil.scenario.operator import Command, Request
 from plant_sim.scene import read_scene
-from tools.campaign.trial.cells import BASE_SCENE, Axes, Cell
-from tools.campaign.trial.sampling import mismatch_of, sample
-from tools.campaign.trial.scenarios import Plan, Trial, first_tick_s, scenario_of
+from tools.campaign.campaign import BASE_SCENE, Cell, Plan, Sampler, Trial, first_tick_s, scenario_of
+from tools.campaign.sampling import mismatch_of, sample
 
 CLEAR_S, IDLE_S, RUN_S = 1.0, 1.3, 1.6
 """Times of the commands, s: CLEAR_FAULTS, as a moving striker may cause faults at power-up; IDLE; RUN."""
@@ -49,7 +48,6 @@ LAWS = {
     "coulomb-0.3": Law({"law": "coulomb", "mu": 0.3}),
     "stribeck": Law({"law": "stribeck", "mu": 0.15, "mu_s": 0.2, "v_s_m_s": 0.05, "delta": 1.0}),
 }
-MODULE_AXES: Axes = {"laws": LAWS, "ratios": None, "impulses": None}
 
 
 def module_cell(law: str, ratio: float, impulse_n_s: float = 0.0) -> Cell:
@@ -86,3 +84,6 @@ def module_trial(plan: Plan, cell: Cell, number: int) -> Trial:
     name, tables, seed = plan.name_of(number), sampled.tables, sampled.run_seed
     scenario = scenario_of(name, tables, cell.firmware, script(cell), duration_s, seed, faults)
     return Trial(cell, sampled, scenario)
+
+
+MODULES = Sampler({"laws": LAWS, "ratios": None, "impulses": None}, module_cell, module_trial)

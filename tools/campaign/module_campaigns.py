@@ -1,4 +1,7 @@
-"""The judges of campaigns: each compares the run of one trial with the truth."""
+"""The campaigns on sampled modules: start-up, estimate, detect, hold, recover; their judges and goals.
+
+A judge compares the run of one trial with the truth.
+"""
 
 import math
 
@@ -7,11 +10,11 @@ import numpy as np
 from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
 from hil.judge import detection, true_regime
 from plant_sim.arrays import FloatArray
-from tools.campaign.trial import reference
-from tools.campaign.trial.modules import RUN_S, SETTLED_S
-from tools.campaign.trial.outcome import Outcome
-from tools.campaign.trial.run import Run
-from tools.campaign.trial.scenarios import Trial
+from tools.campaign import reference
+from tools.campaign.campaign import Campaign, Goal, Outcome, Trial
+from tools.campaign.modules import MODULES, RUN_S, SETTLED_S
+from tools.campaign.run import Run
+from tools.campaign.sampling import MISMATCH
 
 TRANSIENT_S = 1.5
 """Time after the command during which impacts may result from the sampled initial state, s."""
@@ -270,3 +273,112 @@ def _back_s(done: Run, kicked_s: float, omega_rad_s: float) -> float:
     kept_s = 2.0 * np.pi / kept_omega(done)
     off = np.flatnonzero(np.abs(np.diff(turns) / kept_s - 1.0) > TARGET_SHARE)
     return float(max(from_s, turns[off[-1] + 1] if len(off) else kicked_s))
+
+
+WET_AND_DRY = ("viscous", "coulomb", "stribeck")
+NO_IMPULSE = (0.0,)
+RISE = "the first impacts after a soft start are harder than the steady ones"
+
+MODULE_CAMPAIGNS = (
+    Campaign(
+        name="start-up",
+        title="from random states into the impact regime, where one exists",
+        trials=4800,
+        sampler=MODULES,
+        judge=start_up,
+        conditions=((WET_AND_DRY, (1.1, 1.2, 1.3, 1.35), NO_IMPULSE),),
+        numbers={"duration_s": 32.0, "swing_m_s2": 0.5, **MISMATCH},
+        units={
+            "capture": "s",
+            "energy": "J",
+            "overshoot": "x steady",
+            "overshoot_low": "x path",
+            "steady_v": "m/s",
+        },
+        goals=(
+            Goal("eligible", low=3000, full_size=True),
+            Goal("success", low=1.0),
+            Goal("capture", "p95", high=8.0),
+            Goal("overshoot", "worst", high=1.175, wanted=1.05, reason=RISE),
+            Goal("overshoot_low", "worst", high=1.405, wanted=1.05, reason=RISE),
+        ),
+    ),
+    Campaign(
+        name="estimate",
+        title="position and velocity in the impact regime",
+        trials=300,
+        sampler=MODULES,
+        judge=estimate,
+        conditions=((("viscous",), (1.1,), NO_IMPULSE), (("coulomb-0.2",), (0.95,), NO_IMPULSE)),
+        numbers={"duration_s": 30.0, **MISMATCH},
+        units={"x_rmse": "mm", "v_rmse": "m/s", "x_worst": "mm", "nis": "1"},
+        goals=(
+            Goal("x_rmse", "p50", "viscous", high=0.9),
+            Goal("v_rmse", "p50", "viscous", high=0.010),
+            Goal("x_rmse", "p50", "coulomb-0.2", high=3.0),
+        ),
+    ),
+    Campaign(
+        name="detect",
+        title="touch-downs found, when, and the regime reported",
+        trials=440,
+        sampler=MODULES,
+        judge=detect,
+        conditions=(
+            (("viscous",), (1.0, 1.1, 1.2, 1.3, 1.35), NO_IMPULSE),
+            (("coulomb", "stribeck"), (1.0, 1.1, 1.2), NO_IMPULSE),
+        ),
+        numbers={"duration_s": 40.0, **MISMATCH},
+        units={"latency": "ms", "speed_error": "m/s"},
+        goals=(
+            Goal("f1", low=0.999),
+            Goal("latency", "p50", high=1.5),
+            Goal("latency", "p95", high=2.5),
+            Goal("regime_right", low=0.995),
+            Goal("regime_uncertain", high=0.01),
+        ),
+    ),
+    Campaign(
+        name="hold",
+        title="the impact regime, or a requested impulse, held for a minute",
+        trials=700,
+        sampler=MODULES,
+        judge=hold,
+        conditions=(
+            (("viscous",), (1.3, 1.4), NO_IMPULSE),
+            (("viscous",), (1.3,), (0.65, 0.75, 0.85, 0.95, 1.05)),
+        ),
+        numbers={"hold_s": 60.0, **MISMATCH, "mismatch_spring": 0.05, "mismatch_amplitude": 0.03},
+        units={
+            "impulse": "N s",
+            "impulse_error": "%",
+            "phase": "deg",
+            "phase_asked": "deg",
+            "ripple": "%",
+            "speed_error": "%",
+            "cycle_variation": "%",
+        },
+        goals=(
+            Goal("success", low=1.0),
+            Goal("ripple", "p50", "viscous r=1.3", high=0.2),
+            Goal("impulse", "lowest", "viscous r=1.4", low=1.0),
+            Goal("impulse_error", "worst", high=3.0),
+            Goal("phase_asked", "worst", high=65.0),
+        ),
+    ),
+    Campaign(
+        name="recover",
+        title="back into the impact regime after a kick out of it",
+        trials=1800,
+        sampler=MODULES,
+        judge=recover,
+        conditions=((("viscous",), (1.3, 1.35), NO_IMPULSE),),
+        numbers={"duration_s": 50.0, "kick_low_m_s": 0.8, "kick_high_m_s": 1.4, **MISMATCH},
+        units={"recovery": "s"},
+        goals=(
+            Goal("eligible", low=300, full_size=True),
+            Goal("success", low=1.0),
+            Goal("recovery", "p95", high=8.0),
+        ),
+    ),
+)

@@ -8,7 +8,7 @@ accordingly.
 
 from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,10 @@ class Mismatch:
     dry_friction: float = 0.10
     bias_g: float = 0.05
     amplitude: float = 0.0
+
+
+MISMATCH: dict[str, Any] = {f"mismatch_{name}": width for name, width in asdict(Mismatch()).items()}
+"""The keys of the mismatch in a campaign's table."""
 
 
 @dataclass(frozen=True)
