@@ -12,8 +12,6 @@ from tools.campaign.campaign import Campaign, Cell, Goal, Outcome
 from tools.campaign.sampling import FIRST_CAMPAIGN_SEED
 from tools.campaign.statistics import distribution, wilson
 
-BINS = 12
-
 SHARES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "recall": (("hits",), ("hits", "misses")),
     "recall_below_grazing": (("soft_hits",), ("soft",)),
@@ -75,19 +73,13 @@ def values_of(outcomes: Sequence[Outcome]) -> dict[str, list[float]]:
 
 
 def metrics_of(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, dict[str, Any]]:
-    """Return the distribution of each metric, with a histogram of `BINS` bins."""
-    found = {}
-    for name, values in values_of(outcomes).items():
-        array = np.array(values)
-        spread = distribution(array)
-        if spread is not None:
-            heights, edges = np.histogram(array[np.isfinite(array)], bins=BINS)
-            found[name] = {
-                **spread._asdict(),
-                "unit": campaign.units.get(name, "1"),
-                "histogram": {"low": edges[0], "high": edges[-1], "counts": heights.tolist()},
-            }
-    return found
+    """Return the distribution of each metric."""
+    spreads = {name: distribution(np.array(values)) for name, values in values_of(outcomes).items()}
+    return {
+        name: {**spread._asdict(), "unit": campaign.units.get(name, "1")}
+        for name, spread in spreads.items()
+        if spread is not None
+    }
 
 
 def figure_of(goal: Goal, result: dict[str, Any]) -> float | None:

@@ -16,7 +16,6 @@ from tools.output import BadInputError, answer, console, exit_of, figure, table_
 if TYPE_CHECKING:
     from tools.campaign.campaign import Outcome, Trial
 
-BARS = " ▁▂▃▄▅▆▇█"
 MOST_FAILURES = 20
 
 
@@ -91,14 +90,6 @@ def keep_trial(folder: Path, trial: "Trial") -> Path:
     return path
 
 
-def histogram(counts: list[int]) -> str:
-    """Counts as a row of bars."""
-    highest = max(counts, default=0)
-    if highest == 0:
-        return ""
-    return "".join(BARS[-(-count * (len(BARS) - 1) // highest)] for count in counts)
-
-
 def show(result: dict[str, Any]) -> None:
     """Print a campaign's result: trials by condition, distributions, shares, failures, goals."""
     console.print(f"[bold]{result['campaign']}[/]: {result['title']}, seed {result['seed']}")
@@ -131,7 +122,7 @@ def show(result: dict[str, Any]) -> None:
 
 def show_metrics(result: dict[str, Any]) -> None:
     """Print every metric's distribution, by condition and for all."""
-    numbers = (">n", ">p50 (bounds)", ">p95 (bounds)", ">worst", ">lowest ▸ highest")
+    numbers = (">n", ">p50 (bounds)", ">p95 (bounds)", ">worst", ">lowest")
     names = (Column(name, no_wrap=True) for name in ("metric", "condition"))
     table = table_of([*names, *numbers], title="distributions")
     for name in result["metrics"]:
@@ -146,8 +137,7 @@ def show_metrics(result: dict[str, Any]) -> None:
                 f"{metric['p50']:.4g} ({metric['p50_low']:.4g}–{metric['p50_high']:.4g})",
                 f"{metric['p95']:.4g} ({metric['p95_low']:.4g}–{metric['p95_high']:.4g})",
                 f"{metric['worst']:.4g}",
-                f"{metric['histogram']['low']:.3g} {histogram(metric['histogram']['counts'])} "
-                f"{metric['histogram']['high']:.3g}",
+                f"{metric['lowest']:.4g}",
             )
     console.print(table)
 

@@ -82,8 +82,7 @@ def conclude(
     A file that was not written is a failed check.
     """
     from tools.plots import drawn
-    from tools.tuning.parameter_file import write
-    from tools.tuning.safety import judge_safety
+    from tools.tuning.safety import judge_safety, write
 
     with shown_progress() as progress:
         tuning, found = work(progress)

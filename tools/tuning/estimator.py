@@ -4,7 +4,9 @@ Each log is replayed through the estimator (`replay`) with every combination of 
 noise of the velocity (Q), the correlation time of the model's error, within which N readings count as one
 (R = N σ²), and the standard deviation of the stop's position (R at a touch-down). The criterion is the
 innovation at a touch-down, where the stop measures the position independently of the accelerometer. Its
-log-likelihood is summed over logs, weighted with the effective number of touch-downs (`innovations`).
+log-likelihood is summed over logs, weighted with the effective number of touch-downs: the innovations of a
+wrong model are correlated (Varin, Reid & Firth 2011, 4.1). The number follows from their autocorrelation
+about 0; a constant series counts as one value.
 
 The innovation in free flight is no criterion: the reading that corrects the state has also propagated it, so
 that the likelihood is largest for a filter that follows the model's errors. On sampled modules it would
@@ -61,6 +63,10 @@ FRESH_TRIALS = 60
 NAIVE = {MEMORY: 0.0, "estimator.initial_model_std_m_s2": 0.016, "estimator.largest_model_std_m_s2": 0.016}
 """The textbook's choice: R is the sensor's noise, and all readings count as independent."""
 
+HIGHEST_NIS = 25.0
+"""Limit of a normalised square, (5 σ)², so that one unrecognised impact does not dominate the likelihood."""
+LEAST_CORRELATION = 0.05
+
 
 class Source(NamedTuple):
     """A log: a run folder or candump file, or a module sampled by seed and number."""
@@ -100,6 +106,48 @@ class Combination:
     likelihood: float
     nis_flight: float
     nis_stop: float
+
+
+# --- innovations --------------------------------------------------------------------------------------
+
+
+class Said(NamedTuple):
+    """The mean log-likelihood of innovations, and their mean normalised square."""
+
+    likelihood: float
+    nis: float
+
+
+def said(innovation: FloatArray, variance: FloatArray) -> Said:
+    """The means of ln p = −½ (ln 2πS + ν²/S) and of ν²/S, over innovations ν with the variances S."""
+    if len(innovation) == 0:
+        return Said(0.0, float("nan"))
+    squares = innovation**2 / variance
+    likelihood = -0.5 * (np.log(2.0 * np.pi * variance) + np.minimum(squares, HIGHEST_NIS))
+    return Said(float(np.mean(likelihood)), float(np.mean(squares)))
+
+
+def correlation(series: FloatArray, lags: int) -> FloatArray:
+    """The autocorrelation about 0 at lags 1 … lags.
+
+    >>> correlation(np.array([1.0, 1.0, 1.0, 1.0]), 2).tolist()
+    [0.75, 0.5]
+    """
+    size = 2 ** int(np.ceil(np.log2(2 * len(series))))
+    spectrum = np.abs(np.fft.rfft(series, size)) ** 2
+    whole = np.fft.irfft(spectrum, size)
+    return np.asarray(whole[1 : lags + 1] / whole[0], np.float64)
+
+
+def worth(series: FloatArray) -> float:
+    """The effective number of values: n / (1 + 2 Σρ), summed up to the first ρ below LEAST_CORRELATION."""
+    n = len(series)
+    if n < 3 or not np.any(series):
+        return float(min(n, 1))
+    rho = correlation(series, n - 1)
+    ends = np.flatnonzero(rho < LEAST_CORRELATION)
+    last = int(ends[0]) if len(ends) else len(rho)
+    return float(n / (1.0 + 2.0 * np.sum(rho[:last])))
 
 
 # --- in a process that compiles the firmware ----------------------------------------------------------
@@ -145,7 +193,6 @@ def course_of(log: Log, parameters: dict[str, float]) -> FloatArray:
 def replayed(combinations: Sequence[dict[str, float]], source: Source) -> Replayed:
     """Replay a log with all combinations; the effective number is that of the run's own parameters."""
     from tools.tuning.recordings import replay
-    from tools.tuning.recordings.innovations import said, worth
 
     log = read_log(Path(source.path)) if source.path else record_log(source)
 

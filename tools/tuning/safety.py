@@ -1,23 +1,28 @@
-"""Safety test of a set of parameters: their bounds, a start with its hold, and an E-stop.
+"""Safety test of a set of parameters: their bounds, a start with its hold, and an E-stop; then their file.
 
 The runs are scenarios of the bench in lockstep on the compiled build, with their own checks and plant.
 """
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+import tomli_w
 
 from firmware_py.shell.parameters import ParameterError, with_overrides
 from hil.bench.lockstep import Progress, in_lockstep
 from hil.judge.judge import judge
 from hil.judge.verdict import RunVerdict
+from hil.record.formats import PARAMETERS
 from hil.record.run_traces import read_run
 from hil.scenario.files import read_scenario
 from hil.scenario.parameter_file import nested
 from hil.scenario.scenario import Scenario, check_scenario
+from tools.tuning.result import Tuning
 
 SCENARIOS = ("quick-start-below-the-band", "e-stop-in-the-hold")
 SEED = 1
@@ -86,3 +91,31 @@ def judge_safety(
     if not bounds.passed:
         return [bounds]
     return [bounds, *(judged(name, values, progress, SEED, bench) for name in SCENARIOS)]
+
+
+def document_of(tuning: Tuning, safety: Sequence[SafetyResult]) -> dict[str, Any]:
+    """The tables of the parameter file; `forced`: written although a safety scenario failed."""
+    tables = tuning.as_json()
+    safe = all(result.passed for result in safety)
+    about: dict[str, Any] = {
+        **{key: tables[key] for key in ("command", "source", "range_is")},
+        "vibrohil": version("vibrohil"),
+        "safe": safe,
+        "forced": not safe,
+        "warnings": tables["warnings"],
+    }
+    if tuning.seed is not None:
+        about["seed"] = tuning.seed
+    return {
+        "format": PARAMETERS,
+        "tuning": about,
+        "parameters": tables["parameters"],
+        "figures_of_merit": tables["figures_of_merit"],
+        "safety": [asdict(result) for result in safety],
+    }
+
+
+def write(path: Path, tuning: Tuning, safety: Sequence[SafetyResult]) -> None:
+    """Write the file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(tomli_w.dumps(document_of(tuning, safety)), encoding="utf-8")

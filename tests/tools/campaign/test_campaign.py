@@ -20,7 +20,7 @@ from tools.campaign.sampling import Mismatch, mismatch_of, sample
 from tools.campaign.statistics import distribution, wilson
 from tools.campaign.walk import course_of, ended_s, missing, sampled_walk
 from tools.cli import run
-from tools.commands.campaign import histogram, kept_of, show_goals
+from tools.commands.campaign import kept_of, show_goals
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, BadInputError, exit_of, plain
 from tools.study import store
 
@@ -292,11 +292,6 @@ def test_f1_counts_misses_and_false_alarms_alike() -> None:
     hits, misses = 99 * 11, 5
     assert result["shares"]["f1"]["value"] == pytest.approx(2 * hits / (2 * hits + misses))
     assert result["shares"]["recall"]["value"] == pytest.approx(hits / (hits + misses))
-
-
-def test_a_histogram_shows_every_bin_that_is_not_empty() -> None:
-    assert histogram([0, 1, 50, 100]) == " ▁▄█"
-    assert histogram([]) == ""
 
 
 def test_a_sampled_housing_swings_within_its_range_and_leaves_all_else_as_it_was() -> None:

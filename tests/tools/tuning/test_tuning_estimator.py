@@ -20,11 +20,12 @@ from tools.tuning.estimator import (
     Log,
     combinations_of,
     course_of,
+    said,
     sampled_module,
     tune_estimator,
+    worth,
 )
 from tools.tuning.recordings import replay
-from tools.tuning.recordings.innovations import said, worth
 from tools.tuning.recordings.recorded import record
 from tools.tuning.result import Tuning
 

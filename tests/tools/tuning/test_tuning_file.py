@@ -12,9 +12,8 @@ from plant_sim.text_input import TextInputError
 from tools import cli
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
 from tools.tuning import safety
-from tools.tuning.parameter_file import write
 from tools.tuning.result import Merit, Tuning, tuned
-from tools.tuning.safety import SafetyResult, judge_safety, within_bounds
+from tools.tuning.safety import SafetyResult, judge_safety, within_bounds, write
 
 SAFE = [SafetyResult("bounds", 1, True, "")]
 UNSAFE = [SafetyResult("bounds", 1, True, ""), SafetyResult("e-stop-in-the-hold", 1, False, "too late")]
