@@ -99,11 +99,24 @@ def write_report(path: Path, traces: RunTraces, verdict: RunVerdict) -> None:
         longest_holds=longest_holds(figures.time_held),
         longest_gaps=longest_gaps(figures.gaps),
         losses=largest_losses(figures.losses),
-        run={key: value for key, value in traces.run.items() if key != "versions"},
-        versions=traces.run.get("versions", {}),
+        made_with=made_with(traces.run),
         text=figure_text,
     )
     write_anew(path, page)
+
+
+def made_with(run: Mapping[str, Any]) -> dict[str, str]:
+    """How a run was made, in text: its versions and the single values of its run.json."""
+    versions = run.get("versions", {})
+    single = {name: value for name, value in run.items() if not isinstance(value, Mapping)}
+    return {name: exact_text(value) for name, value in (versions | single).items()}
+
+
+def exact_text(value: Any) -> str:
+    """A value of run.json in text, numbers with all their digits."""
+    if isinstance(value, list):
+        return ", ".join(map(str, value))
+    return figure_text(value) if isinstance(value, bool) else str(value)
 
 
 def nearest_limit(verdict: RunVerdict) -> tuple[int, str]:

@@ -274,13 +274,14 @@ def test_a_suite_has_one_page_and_one_junit_file(finished, tmp_path):
 def test_the_report_lists_how_the_run_was_made_in_plain_words(tmp_path):
     made_up = make_run()
     made_up.run["changes"] = ["firmware.start.rise_s=0.1", "firmware.start.attempts=0"]
+    made_up.run["realtime"] = {"plant": {"scheduler": "deadline"}}  # run.json alone has it
     finish(write_run(made_up, tmp_path))
     words = Page((tmp_path / "report.html").read_text()).words
     made_with = words[words.index("Made with") :]
     assert "firmware.start.rise_s=0.1, firmware.start.attempts=0" in made_with
     assert made_with[made_with.index("kernel_can") + 1] == "no"
     assert made_with[made_with.index("wall_start_s") + 1] == "1000.0"
-    assert not {"True", "False"} & set(made_with)
+    assert not {"True", "False", "realtime"} & set(made_with)
 
 
 @pytest.mark.parametrize(
