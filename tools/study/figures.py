@@ -14,7 +14,7 @@ from tools.study.branches.saddle import Portrait
 from tools.study.cases import Case
 from tools.study.intervals import Interval
 from tools.study.portraits import Motion, Pair
-from tools.study.sweep import HIGH_RATIO, LOW_RATIO, Diagram, Sweep
+from tools.study.sweep import HIGH_RATIO, LOW_RATIO, Diagram
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +24,14 @@ UP_COLOUR, DOWN_COLOUR = "tab:blue", "tab:orange"
 IMPACT_COLOUR, NON_IMPACT_COLOUR, BAND_COLOUR = "#0072b2", "#e4e4e4", "#f2d98c"
 NON_IMPACT_LINE_COLOUR, BORDER_COLOUR = "#6b6b6b", "#d55e00"
 """Colours from Okabe and Ito's set, which colour-blind readers can distinguish; the impact regime is blue."""
-LAW_NAMES = {"viscous": "viscous", "coulomb": "Coulomb", "stribeck": "Coulomb–Stribeck"}
+
+SWEPT = (
+    ("max, min of x [mm]", 1e3, ("x_high_m", "x_low_m")),
+    ("v⁻ at the stop [m/s]", 1.0, ("v_max_m_s", "v_min_m_s")),
+    ("energy per cycle [mJ]", 1e3, ("drive_j",)),
+    ("impacts per period", 1.0, ("impacts",)),
+)
+"""Rows of an amplitude–frequency diagram: label, scale, and columns of a sweep."""
 
 
 def new_figure(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple["Figure", Any]:
@@ -52,13 +59,14 @@ def shade(axes: "Axes", bands: Iterable[Interval]) -> None:
 
 
 def _title(case: Case) -> str:
-    value = f"b = {case.b_n_s_m:g} N s/m" if case.law == "viscous" else f"μ = {case.mu:g}"
-    return f"{LAW_NAMES[case.law]}, {value}, A = {1e3 * case.amplitude_m:g} mm"
+    return f"{case.label}, A = {1e3 * case.amplitude_m:g} mm"
 
 
-def amplitude_frequency(diagrams: Sequence[Diagram], folder: Path, name: str) -> list[str]:
+def amplitude_frequency(diagrams: Sequence[Diagram], folder: Path, file_name: str) -> list[str]:
     """Draw a column for each case: extremes, v⁻, energy and impacts over the ratio, run-up and run-down."""
-    figure, grid = new_figure(4, len(diagrams), 1.2 + 4.2 * len(diagrams), 9.5, sharex=True, sharey="row")
+    figure, grid = new_figure(
+        len(SWEPT), len(diagrams), 1.2 + 4.2 * len(diagrams), 9.5, sharex=True, sharey="row"
+    )
     for column, diagram in enumerate(diagrams):
         case = diagram.case
         for axes in grid[:, column]:
@@ -68,38 +76,25 @@ def amplitude_frequency(diagrams: Sequence[Diagram], folder: Path, name: str) ->
             (diagram.up, UP_COLOUR, "^", "run-up"),
             (diagram.down, DOWN_COLOUR, "v", "run-down"),
         ):
-            _branches(grid[:, column], case, sweep, colour, marker, label)
-        grid[0, column].axhline(1e3 * case.gap_m, color="k", lw=0.8, ls="--")
+            style: dict[str, Any] = {"color": colour, "marker": marker, "ms": 2.6, "lw": 0, "mew": 0}
+            for axes, (_, scale, names) in zip(grid[:, column], SWEPT, strict=True):
+                for name in names:
+                    axes.plot(sweep.column("ratio"), scale * sweep.column(name), **style)
+            grid[0, column].plot([], [], label=label, **style)
+        grid[0, column].axhline(1e3 * case.stop_m, color="k", lw=0.8, ls="--")
         grid[0, column].set_title(_title(case), fontsize=10)
         grid[-1, column].set(xlabel="Ω/ω", xlim=(LOW_RATIO, HIGH_RATIO))
-    labels = (
-        "max, min of x − l0 [mm]",
-        "v⁻ at the stop [m/s]",
-        "energy per cycle [mJ]",
-        "impacts per period",
-    )
-    for axes, label in zip(grid[:, 0], labels, strict=True):
+    for axes, (label, _, _) in zip(grid[:, 0], SWEPT, strict=True):
         axes.set_ylabel(label)
     grid[0, 0].legend(loc="upper right", fontsize=8)
-    grid[0, 0].annotate("stop", (0.71, 1e3 * diagrams[0].case.gap_m), va="bottom", fontsize=8)
+    grid[0, 0].annotate("stop", (0.71, 1e3 * diagrams[0].case.stop_m), va="bottom", fontsize=8)
     grid[2, 0].set_ylim(bottom=0)
     figure.suptitle(
         f"{diagrams[0].case.preset}: amplitude–frequency diagrams, k = {diagrams[0].case.restitution:g}; "
         "multistable ratios shaded",
         fontsize=11,
     )
-    return save(figure, folder, name)
-
-
-def _branches(axes: NDArray[Any], case: Case, sweep: Sweep, colour: str, marker: str, label: str) -> None:
-    ratio = sweep.column("ratio")
-    style: dict[str, Any] = {"color": colour, "marker": marker, "ms": 2.6, "lw": 0, "mew": 0}
-    axes[0].plot(ratio, 1e3 * (sweep.column("x_high_m") - case.rest_length_m), label=label, **style)
-    axes[0].plot(ratio, 1e3 * (sweep.column("x_low_m") - case.rest_length_m), **style)
-    axes[1].plot(ratio, sweep.column("v_max_m_s"), **style)
-    axes[1].plot(ratio, sweep.column("v_min_m_s"), **style)
-    axes[2].plot(ratio, 1e3 * sweep.column("drive_j"), **style)
-    axes[3].plot(ratio, sweep.column("impacts"), **style)
+    return save(figure, folder, file_name)
 
 
 def _mark(axes: "Axes", portrait: Portrait) -> list[Any]:

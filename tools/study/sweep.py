@@ -5,7 +5,7 @@ or end, the attractor is then followed in decreasing steps until a step is below
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -19,7 +19,7 @@ from tools.study import store, work
 from tools.study.cases import Case
 from tools.study.intervals import Interval, symmetric_difference
 from tools.study.orbits.follow import AT_REST, State, follow
-from tools.study.orbits.sections import CLASSIFY, PAPER, Outcome, Regime
+from tools.study.orbits.sections import CLASSIFY, PAPER, Outcome, Protocol, Regime
 
 LOW_RATIO, HIGH_RATIO, RATIOS = 0.7, 1.8, 111
 """The paper's range of ratios, in steps of 0.01."""
@@ -164,15 +164,21 @@ def run(case: Case, direction: str, count: int = RATIOS) -> Sweep:
     grid = ratios(direction, count)
     outcomes: list[Outcome] = []
     edges: list[Edge] = []
-    state = AT_REST
-    for index, ratio in enumerate(grid):
-        outcome = follow(case, ratio, state, PAPER)
+    for index, outcome in enumerate(follow_on(case, grid, PAPER)):
         if outcomes and (outcome.impacts > 0.0) != (outcomes[-1].impacts > 0.0):
             edges.append(_edge(case, grid[: index + 1], outcomes))
         outcomes.append(outcome)
-        state = end_state(outcome)
     rows = [row_of(ratio, outcome) for ratio, outcome in zip(grid, outcomes, strict=True)]
     return Sweep(pa.Table.from_pylist(rows), edges)
+
+
+def follow_on(case: Case, ratios: Iterable[float], protocol: Protocol) -> Iterator[Outcome]:
+    """Follow the motion from rest over successive ratios, each from the final state of the previous one."""
+    state = AT_REST
+    for ratio in ratios:
+        outcome = follow(case, float(ratio), state, protocol)
+        yield outcome
+        state = end_state(outcome)
 
 
 def row_of(ratio: float, outcome: Outcome) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 import math
 
 from plant_sim.parts.drive import IdealDrive
-from plant_sim.parts.friction import Stribeck
 from plant_sim.parts.stop import NoStop, RigidStop
 from plant_sim.result import SimulationResult
 from plant_sim.simulation import initial_state
@@ -27,7 +26,7 @@ def truth(case: Case) -> Answer:
 
 def has_closed_form(case: Case) -> bool:
     """Return whether the exact solver supports the case."""
-    return is_steppable(case) and not isinstance(case.parts.friction, Stribeck)
+    return not case.scene.beyond_closed_form
 
 
 def is_steppable(case: Case) -> bool:

@@ -186,7 +186,7 @@ def test_the_page_says_it_all(claims: list[JudgedClaim], tmp_path: Path) -> None
         assert f"## {claim.id}\n" in text
         assert claim.reason in text
         assert claim.judgement in text
-    assert "natural [Hz] | 1.489" in text
+    assert "`natural_hz` | 1.489" in text
 
 
 def test_claims_are_plain_json(claims: list[JudgedClaim]) -> None:

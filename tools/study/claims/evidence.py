@@ -16,7 +16,7 @@ from tools.study.orbits import closed
 from tools.study.orbits.follow import AT_REST, State, carrier_of, classify, follow
 from tools.study.orbits.sections import CLASSIFY, PAPER, Outcome
 from tools.study.portraits import sample
-from tools.study.sweep import RATIOS, Diagram, diagrams, end_state, row_of
+from tools.study.sweep import RATIOS, Diagram, diagrams, follow_on, row_of
 
 CONTACTS_S = (0.01, 0.03, 0.05)
 """Elastic contact times of the bench's elastomer pad and of two softer pads."""
@@ -118,13 +118,9 @@ class Evidence:
 
 def soft_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
     """Compute a run-up with a soft stop, in steps of 0.05 in r."""
-    one = Case(**spec["case"])
-    state, rows = AT_REST, []
-    for ratio in np.round(np.arange(0.85, SOFT_RATIOS[-1] + 0.01, 0.05), 2):
-        outcome = follow(one, float(ratio), state, PAPER)
-        state = end_state(outcome)
-        if float(ratio) in SOFT_RATIOS:
-            rows.append(row_of(ratio, outcome))
+    ratios = np.round(np.arange(0.85, SOFT_RATIOS[-1] + 0.01, 0.05), 2)
+    outcomes = zip(ratios, follow_on(Case(**spec["case"]), ratios, PAPER), strict=True)
+    rows = [row_of(ratio, outcome) for ratio, outcome in outcomes if ratio in SOFT_RATIOS]
     return pa.Table.from_pylist(rows), {}
 
 
@@ -161,12 +157,9 @@ def contact_for_peak_s(one: Case, ratio: float, peak_n: float) -> float:
 
 def run_up(one: Case, ratio: float) -> Outcome:
     """Return the motion at a ratio, reached from r = 0.95 in steps of 0.1 or less."""
-    state = AT_REST
     steps = max(1, math.ceil((ratio - 0.95) / 0.1))
-    for step in range(steps + 1):
-        outcome = follow(one, 0.95 + (ratio - 0.95) * step / steps, state, SETTLED)
-        state = end_state(outcome)
-    return outcome
+    *_, last = follow_on(one, (0.95 + (ratio - 0.95) * step / steps for step in range(steps + 1)), SETTLED)
+    return last
 
 
 def share_from_rest(one: Case, ratio: float) -> float:

@@ -14,20 +14,6 @@ MEANING = {
     CONTRADICTED: "none holds, or the claim needs all of them",
 }
 
-UNITS = {
-    "_n_s": "N s",
-    "_m_s2": "m/s²",
-    "_m_s": "m/s",
-    "_n_m": "N/m",
-    "_hz": "Hz",
-    "_mj": "mJ",
-    "_mm": "mm",
-    "_ms": "ms",
-    "_kg": "kg",
-    "_n": "N",
-}
-"""Units of the suffixes of names; longer suffixes come first."""
-
 INTRODUCTION = """\
 # The paper's claims, measured
 
@@ -77,25 +63,13 @@ def _section(claim: JudgedClaim) -> Iterator[str]:
     yield "| measured | |"
     yield "|---|---|"
     for names, value in _flat(claim.value):
-        yield f"| {', '.join(names)} | {_text(value)} |"
-
-
-def _label(key: str) -> str:
-    """Return a figure's name with its unit in brackets.
-
-    >>> _label("impact_lost_at_the_fold_m_s")
-    'impact lost at the fold [m/s]'
-    """
-    for suffix, unit in UNITS.items():
-        if key.endswith(suffix):
-            return f"{key.removesuffix(suffix).replace('_', ' ')} [{unit}]"
-    return key.replace("_", " ")
+        yield f"| `{', '.join(names)}` | {_text(value)} |"
 
 
 def _flat(value: Mapping[str, Any], above: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
     """Yield figures with the names that lead to them; a mapping of plain figures is yielded as one value."""
     for key, item in value.items():
-        names = (*above, _label(key))
+        names = (*above, key)
         if isinstance(item, Mapping) and any(isinstance(one, Mapping) for one in item.values()):
             yield from _flat(item, names)
         else:
@@ -104,7 +78,7 @@ def _flat(value: Mapping[str, Any], above: tuple[str, ...] = ()) -> Iterator[tup
 
 def _text(value: Any) -> str:
     if isinstance(value, Mapping):
-        return "; ".join(f"{_label(key)}: {_text(item)}" for key, item in value.items())
+        return "; ".join(f"{key}: {_text(item)}" for key, item in value.items())
     if isinstance(value, str):
         return value
     if isinstance(value, Iterable):

@@ -14,6 +14,7 @@ import numpy as np
 
 from plant_sim.parts.drive import IdealDrive, MotorDrive
 from plant_sim.parts.friction import Coulomb, Friction, Stribeck, Viscous
+from plant_sim.parts.friction import static_limit_n as friction_limit_n
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import KelvinVoigt, RigidStop
 from tools.trade.answers import Answer, answer
@@ -61,10 +62,7 @@ class Flow(Protocol):
 
 def static_limit_n(parts: Parts) -> float:
     """Return the largest static friction force, N."""
-    weight_n = parts.striker.mass_kg * parts.striker.gravity_m_s2
-    if isinstance(parts.friction, Coulomb):
-        return parts.friction.mu * weight_n
-    return parts.friction.mu_s * weight_n if isinstance(parts.friction, Stribeck) else 0.0
+    return friction_limit_n(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2)
 
 
 class Functions(NamedTuple):
