@@ -7,6 +7,7 @@ the node sends at most one frame per tick.
 """
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from enum import StrEnum
 from typing import NamedTuple
@@ -16,7 +17,6 @@ from firmware_py.interface.codec import FrameError
 from firmware_py.interface.enums import Mode, OperatorRequest
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import DriveEstop, OperatorCommand
-from hil.scenario.pacing import Pacer, Urgency
 
 OPERATOR_PERIOD_S = 0.01
 """Longest time between two steps of an operator that is recorded, or that waits for an answer."""
@@ -106,7 +106,7 @@ class OperatorNode:
         self._command_tick = 0
         self._estop_since_tick: int | None = None
         self._estop_tick = 0
-        self._pacer: Pacer[Frame] = Pacer()
+        self._waiting: deque[Frame] = deque()
         self.due_tick = 0
         """Tick of the next step."""
 
@@ -141,7 +141,7 @@ class OperatorNode:
             self._next_line += 1
         if self.estop_is_unconfirmed and tick >= self._estop_tick:
             self._estop_tick = tick + self._repeat_ticks
-            self._pacer.push(codec.DRIVE_ESTOP.encode(DriveEstop()), Urgency.AT_ONCE)
+            self._waiting.appendleft(codec.DRIVE_ESTOP.encode(DriveEstop()))
         acting = self._acting
         if acting is not before or tick >= self._command_tick:
             self._command_tick = (tick // self._command_ticks + 1) * self._command_ticks
@@ -150,10 +150,10 @@ class OperatorNode:
                 command = OperatorCommand(
                     ON_THE_BUS[acting.request], acting.target_ratio, acting.target_impulse_n_s
                 )
-                self._pacer.push(codec.OPERATOR_COMMAND.encode(command, self._counter))
-        frame = self._pacer.take()
+                self._waiting.append(codec.OPERATOR_COMMAND.encode(command, self._counter))
+        frames = [self._waiting.popleft()] if self._waiting else []
         self.due_tick = self._next_step(tick)
-        return [] if frame is None or acting.request is Request.SILENT else [frame]
+        return [] if acting.request is Request.SILENT else frames
 
     def record(self) -> OperatorRecord:
         """The operator's record of its last step."""
@@ -189,7 +189,7 @@ class OperatorNode:
 
     def _next_step(self, tick: int) -> int:
         """The tick of the step after the one in `tick`."""
-        if len(self._pacer) > 0:
+        if self._waiting:
             return tick + 1
         due_ticks = [self._command_tick]
         if self._is_recorded or self.estop_is_unconfirmed:

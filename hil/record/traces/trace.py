@@ -18,7 +18,7 @@ import os
 import shutil
 import struct
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from enum import IntEnum
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
@@ -100,43 +100,14 @@ def flatten(name: str, kind: FieldType) -> list[Column]:
     return [column for member in kind._fields for column in flatten(prefix + member, hints[member])]
 
 
-def unpacking_source(target: str, kind: FieldType) -> tuple[list[str], list[str]]:
-    """Statements that unpack the record in variable `target`, and the expressions of its numbers.
-
-    A record of scalars is unpacked by a star expression; only nested records need statements. This is three
-    times as fast as naming each number.
-    """
-    if not is_record(kind):
-        return [], [target]
-    hints = get_type_hints(kind)
-    members = [hints[member] for member in kind._fields]
-    if not any(is_record(member) for member in members):
-        return [], [f"*{target}"]
-    names = [f"{target}_{index}" for index in range(len(members))]
-    statements, expressions = [f"({', '.join(names)},) = {target}"], []
-    for name, member in zip(names, members, strict=True):
-        inner_statements, inner_expressions = unpacking_source(name, member)
-        statements += inner_statements
-        expressions += inner_expressions
-    return statements, expressions
-
-
-def compile_packer(fields: Sequence[tuple[str, FieldType]]) -> Callable[..., None]:
-    """Generate the function `pack(buffer, offset, *values)` for values of the fields' types."""
-    columns = [column for name, kind in fields for column in flatten(name, kind)]
-    layout = struct.Struct("<" + "".join(column.code for column in columns))
-    names = [f"v{index}" for index in range(len(fields))]
-    statements, expressions = [], []
-    for name, (_, kind) in zip(names, fields, strict=True):
-        inner_statements, inner_expressions = unpacking_source(name, kind)
-        statements += inner_statements
-        expressions += inner_expressions
-    body = [*statements, f"pack_into(buffer, offset, {', '.join(expressions)})"]
-    source = f"def pack(buffer, offset, {', '.join(names)}):\n    " + "\n    ".join(body)
-    namespace: dict[str, Any] = {"pack_into": layout.pack_into}
-    exec(compile(source, "<trace packer>", "exec"), namespace)
-    packer: Callable[..., None] = namespace["pack"]
-    return packer
+def numbers_of(record: Sequence[Any], into: list[Any]) -> list[Any]:
+    """All numbers of a record, added to `into` in the order of `flatten`."""
+    for value in record:
+        if isinstance(value, tuple):
+            numbers_of(value, into)
+        else:
+            into.append(value)
+    return into
 
 
 class TraceWriter:
@@ -168,9 +139,9 @@ class TraceWriter:
         if len(set(names)) != len(names):
             twice = sorted({name for name in names if names.count(name) > 1})
             raise TraceError(f"trace {path.name} names columns twice: {', '.join(twice)}")
-        self.record_bytes = struct.calcsize("<" + "".join(column.code for column in self.columns))
+        self._layout = struct.Struct("<" + "".join(column.code for column in self.columns))
+        self.record_bytes = self._layout.size
         self.count = self.lost = 0
-        self._pack = compile_packer(fields)
         described = json.dumps([[column.name, column.code] for column in self.columns]).encode()
         page = mmap.ALLOCATIONGRANULARITY
         self._header_bytes = -(-(PREAMBLE.size + len(described)) // page) * page
@@ -240,7 +211,8 @@ class TraceWriter:
                 self.lost += 1
                 return
             offset = self._offset
-        self._pack(self._window, offset, *values)
+        assert self._window is not None
+        self._layout.pack_into(self._window, offset, *numbers_of(values, []))
         self._offset = offset + self.record_bytes
         self.count += 1
         COUNT.pack_into(self._header, COUNT_OFFSET, self.count)
