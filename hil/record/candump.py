@@ -1,8 +1,4 @@
-"""Parses candump's log lines, `(seconds.micros) channel ID#DATA`, in blocks of lines.
-
-A block whose lines all have the same format, as written by the bench and by candump, is parsed as arrays; any
-other block is parsed line by line.
-"""
+"""Parses candump's log lines, `(seconds.micros) channel ID#DATA`, in blocks of lines."""
 
 import re
 from abc import ABC, abstractmethod
@@ -13,13 +9,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant_sim.arrays import FloatArray, IntArray
 
 LINE = re.compile(rb"\((\d{1,12}\.\d{6,9})\) \S+ ([0-9A-Fa-f]{1,8})#((?:[0-9A-Fa-f]{2}){0,64})\r?\n")
-BLOCK_BYTES = 1 << 22
-"""Block size: some hundred thousand lines."""
+BLOCK_BYTES = 1 << 23
+"""Block size: some two hundred thousand lines, of a minute."""
 LONGEST_LINE_BYTES = 1 << 10
 """Largest part of an unfinished line that is kept; limits the memory for a file without line ends."""
 TENTH_S = 0.1
@@ -28,12 +23,6 @@ TIME_RESOLUTION_S = 1e-6
 """Resolution of candump's times."""
 MOST_BYTES = 8
 """Largest number of data bytes of a classic CAN frame."""
-MOST_DIGITS = 15
-"""A float represents every number of 15 decimal digits."""
-NO_DIGIT = 255
-HEX_DIGITS = np.full(256, NO_DIGIT, np.uint8)
-HEX_DIGITS[list(b"0123456789ABCDEF")] = range(16)
-HEX_DIGITS[list(b"abcdef")] = range(10, 16)
 
 
 class Bus(ABC):
@@ -139,15 +128,20 @@ def joined_logs(pieces: Iterable[BusLog]) -> BusLog:
 
 
 class StoredBus(Bus):
-    """The frames of a candump log on disk, read in blocks."""
+    """The frames of a candump log on disk, read in blocks; those of a log of one block are kept."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._lines = self._read_bytes = 0
+        self._kept: BusLog | None = None
 
     def pieces(self) -> Iterator[BusLog]:
         """The frames in pieces."""
+        if self._kept is not None:
+            yield self._kept
+            return
         self._lines = self._read_bytes = 0
+        only: BusLog | None = None
         with self._path.open("rb") as file:
             left = b""
             while block := file.read(BLOCK_BYTES):
@@ -156,8 +150,10 @@ class StoredBus(Bus):
                 text = left + block
                 end = text.rfind(b"\n") + 1
                 left = text[end:][-LONGEST_LINE_BYTES:]
-                if end:
-                    yield parse_candump(text[:end])
+                bus = parse_candump(text[:end])
+                only = bus if self._read_bytes == len(block) else None
+                yield bus
+        self._kept = only
 
     @cached_property
     def counts(self) -> BusCounts:
@@ -172,71 +168,15 @@ def bus_log(t_s: FloatArray, can_id: IntArray, payloads: Sequence[bytes]) -> Bus
 
 
 def parse_candump(text: bytes) -> BusLog:
-    """The frames of candump's lines; an incomplete last line is left out.
+    """The frames of candump's lines; other lines and an incomplete last one are left out.
 
     >>> log = parse_candump(b"(10.001000) vcan0 080#0102\\n(10.002000) vcan0 0")
     >>> log.t_s.tolist(), hex(log.can_id[0]), log.payloads
     ([10.001], '0x80', (b'\\x01\\x02',))
     """
-    return alike(text) or parse_lines(text)
-
-
-def parse_lines(text: bytes) -> BusLog:
-    """The frames of lines in any of candump's formats; an incomplete last line is left out."""
     t_s, can_id, payloads = [], [], []
-    for match in LINE.finditer(text):
-        seconds, identifier, data = match.groups()
+    for seconds, identifier, data in LINE.findall(text):
         t_s.append(float(seconds))
         can_id.append(int(identifier, 16))
         payloads.append(bytes.fromhex(data.decode()))
     return bus_log(np.array(t_s, np.float64), np.array(can_id, np.int64), payloads)
-
-
-def number(digits: NDArray[np.uint8], ends: IntArray, counts: IntArray, base: int) -> IntArray:
-    """Numbers of `counts` digits each that end before `ends`; negative if a character is no digit."""
-    value = np.zeros(len(ends), np.int64)
-    wrong = np.zeros(len(ends), bool)
-    for place in range(int(counts.max(initial=0))):
-        digit = digits[ends - 1 - place]
-        inside = counts > place
-        wrong |= inside & (digit >= base)
-        value += np.where(inside, digit.astype(np.int64) * base**place, 0)
-    return np.where(wrong, -1, value)
-
-
-def alike(text: bytes) -> BusLog | None:
-    """The frames of whole lines of the same format; None if the formats differ."""
-    characters = np.frombuffer(text, np.uint8)
-    marks = [np.flatnonzero(characters == ord(mark)) for mark in "\n(.)#"]
-    ends, opening, dots, closing, hashes = marks
-    if len({len(places) for places in marks}) != 1 or len(ends) == 0:
-        return None
-    starts = np.concatenate([[0], ends[:-1] + 1])
-    spaces = np.flatnonzero(characters == ord(" "))
-    if len(spaces) != 2 * len(ends):
-        return None
-    first, second = spaces[::2], spaces[1::2]
-    in_order = (starts == opening) & (opening < dots) & (dots < closing) & (closing + 1 == first)
-    in_order &= (first + 1 < second) & (second < hashes) & (hashes < ends)
-    fraction = closing - dots - 1
-    seconds, identifier, hexadecimal = dots - opening - 1, hashes - second - 1, ends - hashes - 1
-    lengths = hexadecimal // 2
-    fits = in_order & (fraction == fraction[0]) & (hexadecimal % 2 == 0) & (lengths <= MOST_BYTES)
-    fits &= (seconds >= 1) & (seconds + fraction <= MOST_DIGITS) & (identifier >= 1) & (identifier <= 8)
-    if not fits.all() or not 6 <= fraction[0] <= 9:
-        return None
-    digits = HEX_DIGITS[characters]
-    whole, part = number(digits, dots, seconds, 10), number(digits, closing, fraction, 10)
-    can_id = number(digits, hashes, identifier, 16)
-    if min(whole.min(), part.min(), can_id.min()) < 0:
-        return None
-    scale = 10 ** int(fraction[0])
-    is_data = np.zeros(len(characters) + 1, np.int8)
-    is_data[hashes + 1] += 1
-    is_data[ends] -= 1
-    data = digits[np.cumsum(is_data[:-1], dtype=np.int8).astype(bool)]
-    if (data == NO_DIGIT).any():
-        return None
-    content = (data[::2] << 4 | data[1::2]).tobytes()
-    # Both are whole numbers below 2^53, so their quotient is the correctly rounded decimal number.
-    return BusLog((whole * scale + part) / scale, can_id, lengths, content)
