@@ -6,7 +6,6 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from hil.judge.checks import Check, margin
-from hil.judge.figures.records import Figures
 from hil.judge.verdict import BY_GRAVITY, CheckResult, RunVerdict, Value, Verdict
 
 
@@ -28,16 +27,12 @@ class ScenarioCheck(CheckResult):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScenarioVerdict(RunVerdict):
-    """The verdict on a scenario: the worst result of each check; figures and folder of one of the worst runs.
-
-    `work_ratios`: of the firmware's to the plant's median work per tick, by seed; None if not timed.
-    """
+    """The verdict on a scenario: the worst result of each check; figures and folder of one of the worst runs."""
 
     checks: tuple[ScenarioCheck, ...] = ()
     seeds: int
     failed_seeds: tuple[int, ...]
     not_judged_seeds: tuple[int, ...]
-    work_ratios: tuple[float | None, ...]
 
     @property
     def passed_seeds(self) -> int:
@@ -60,7 +55,6 @@ class ScenarioVerdict(RunVerdict):
             "not_judged": list(self.not_judged),
             "failed": [check for check in checks if check["verdict"] == Verdict.FAILED],
             "checks": checks,
-            "work_ratios": list(self.work_ratios),
             "out": str(self.folder),
         }
 
@@ -109,7 +103,6 @@ def merged(checks: Sequence[Check], verdicts: Mapping[int, RunVerdict]) -> Scena
         seeds=len(verdicts),
         failed_seeds=failed,
         not_judged_seeds=not_judged,
-        work_ratios=tuple(work_ratio(verdicts[seed].figures) for seed in seeds),
     )
 
 
@@ -121,9 +114,3 @@ def said_by_seeds(verdicts: Mapping[int, RunVerdict]) -> tuple[str, ...]:
         its_seeds = [seed for seed in seeds if reason in verdicts[seed].doubts]
         lines += [reason] if its_seeds == seeds else [f"seed {seed}: {reason}" for seed in its_seeds]
     return tuple(lines)
-
-
-def work_ratio(figures: Figures) -> float | None:
-    """Ratio of the firmware's to the plant's median work per tick; None if either was not timed."""
-    firmware, plant = figures.loops.firmware.work_us.p50, figures.loops.plant.work_us.p50
-    return firmware / plant if firmware and plant else None

@@ -5,9 +5,6 @@ grown significantly over the seeds: by Wilcoxon's two-sided signed-rank test of 
 by Benjamini and Hochberg's bound on the false discovery rate among all figures that differ.
 
 Checks whose verdict differs come first, then figures that exceed their tolerance.
-
-The firmware's time per tick is divided by the plant's in the same run, since the machine's speed varies; all
-runs together give one figure.
 """
 
 from collections import Counter
@@ -18,13 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from hil.judge.tolerance import ROUNDING, Tolerance, tolerance_of
+from hil.judge.tolerance import Tolerance, tolerance_of
 
 FALSE_ALARMS = 0.01
 """False discovery rate among the figures called better or worse; for equal builds, probability of any."""
 FEWEST_PAIRS = 8
 """Lowest number of pairs n: the test's least p-value is 2^(1 − n), and fewer cannot be significant."""
-TICK_TIME = "firmware's work / plant's, p50"
 BEYOND = 1e300
 """Replaces the infinite margin of a missing figure when differences are ranked."""
 
@@ -77,12 +73,12 @@ def row(
     check: Mapping[str, Any],
     sides: Sequence[Sequence[Any]],
     margins: Any,
-    passed: tuple[bool | None, bool | None] = (None, None),
-    tolerance: Tolerance = ROUNDING,
+    passed: tuple[bool | None, bool | None],
+    tolerance: Tolerance,
 ) -> dict[str, Any]:
     """One figure before and after; `judge` adds the verdict when all p-values are known.
 
-    `passed`: whether the check was passed before and after; None if it was not judged, or is no check.
+    `passed`: whether the check was passed before and after; None if it was not judged.
     """
     before, after = map(middle, sides)
     margin_before, margin_after = margins
@@ -112,24 +108,6 @@ def size(one: Mapping[str, Any]) -> float:
     if not all(isinstance(value, float) for value in (before, after)):
         return np.inf
     return float(abs(after - before) / max(abs(before), abs(after)))
-
-
-def tick_times(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The ratio of the firmware's to the plant's work over all runs; None if no loop was timed."""
-    of_before = {one["name"]: one for one in before["scenarios"]}
-    pairs = [
-        (of_before[one["name"]]["work_ratios"][first], one["work_ratios"][second])
-        for one in after["scenarios"]
-        if one["name"] in of_before
-        for first, second in paired(before, after)
-    ]
-    timed = [(first, second) for first, second in pairs if first and second]
-    if not timed:
-        return None
-    sides = list(map(list, zip(*timed, strict=True)))
-    margins = [[-float(np.log(ratio)) for ratio in side] for side in sides]
-    check = {"name": TICK_TIME, "unit": "", "limit": "the less the better"}
-    return row("all runs", check, sides, margins)
 
 
 def judge(rows: Sequence[dict[str, Any]]) -> None:
@@ -175,7 +153,5 @@ def changes(
             tolerance = tolerance_of(tolerances or {}, check["name"])
             passed = (other["passed"], check["passed"])
             rows.append(row(one["name"], check, sides, margins, passed, tolerance))
-    ticks = tick_times(before, after) if places else None
-    rows += [] if ticks is None else [ticks]
     judge(rows)
     return sorted(rows, key=urgency)

@@ -72,13 +72,13 @@ def compare(
 
 def compare_suites(a: Path, b: Path, must_be_equal: bool, tolerance: list[str] | None, as_json: bool) -> None:
     """Show the verdicts that differ; exit with status 5 if the suites have no scenario in common."""
-    from hil.suite.changes import TICK_TIME, changes
+    from hil.suite.changes import changes
     from hil.suite.compare_suites import compare, read_suite
 
     before, after = read_suite(a), read_suite(b)
     found = changes(before, after, tolerances_of(tolerance))
     result = compare(before, after) | {"changes": found}
-    within = tolerance is None or all(one["equal"] for one in found if one["figure"] != TICK_TIME)
+    within = tolerance is None or all(one["equal"] for one in found)
     status = EXIT_CHECK_FAILED if must_be_equal and not (result["equal"] and within) else EXIT_PASSED
     answer(result, as_json, lambda: show_verdicts(result), status if result["compared"] else EXIT_NOTHING_RAN)
 

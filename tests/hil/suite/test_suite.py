@@ -292,7 +292,7 @@ def scenario_with(**changed: object) -> dict[str, object]:
         "values": [0.5],
         "margins": [0.5],
     }
-    scenario = {"name": "one", "passed": True, "work_ratios": [1.0], "checks": [check | changed]}
+    scenario = {"name": "one", "passed": True, "checks": [check | changed]}
     return {"format": 1, "clock": "lockstep", "seeds": [1], "scenarios": [scenario]}
 
 
