@@ -27,7 +27,7 @@ class ScenarioCheck(CheckResult):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScenarioVerdict(RunVerdict):
-    """The verdict on a scenario: the worst result of each check; figures and folder of one of the worst runs."""
+    """The verdict on a scenario: the worst result of each check, and figures and folder of one worst run."""
 
     checks: tuple[ScenarioCheck, ...] = ()
     seeds: int
