@@ -21,7 +21,6 @@ from hil.timing.clock import NS_PER_S
 PLANT, FIRMWARE, OPERATOR = NODES = ("plant", "firmware", "operator")
 STRANGER = "stranger"
 EVERY = 1 << 62
-FOREVER_NS = 1 << 62
 
 Logged = tuple[int, list[Frame]]
 """Frames and their common time in ns."""
@@ -95,13 +94,7 @@ class BusAsModelled:
         """Add bus-off, destroyed transmissions and babbling to the model; return the other faults."""
         self._counts = counted(faults)
         self._faults = [fault for fault in faults if isinstance(fault, ModelledFault)]
-        for fault in faults:
-            if isinstance(fault, Babbling):
-                until_ns = FOREVER_NS if fault.duration_s is None else in_ns(fault.end_s)
-                self._babbling.append(fault)
-                self._bus.model.babble(
-                    STRANGER, fault.frame, in_ns(fault.period_s), in_ns(fault.at_s), until_ns
-                )
+        self._babbling = [fault for fault in faults if isinstance(fault, Babbling)]
         return self._counts.some(fault for fault in faults if not isinstance(fault, Babbling))
 
     def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
@@ -109,6 +102,8 @@ class BusAsModelled:
         if self._faults:
             self._break(from_ns / NS_PER_S)
         destroyed = self._bus.model.figures.errors
+        for t_ns, frame in self._foreign_frames(from_ns, to_ns):
+            self._bus.model.submit(STRANGER, frame, t_ns)
         deliveries = self._bus.move_to(to_ns)
         logged = [(delivery.t_ns, [delivery.frame]) for delivery in deliveries]
         self._count(from_ns / NS_PER_S, deliveries, self._bus.model.figures.errors - destroyed)
@@ -119,6 +114,17 @@ class BusAsModelled:
     def close(self) -> None:
         """Close the trace."""
         self._errors.close()
+
+    def _foreign_frames(self, from_ns: int, to_ns: int) -> list[tuple[int, Frame]]:
+        """The frames that a foreign node queues from `from_ns` to before `to_ns`, in order of time."""
+        frames: list[tuple[int, Frame]] = []
+        for fault in self._babbling:
+            begin_ns, period_ns = in_ns(fault.at_s), in_ns(fault.period_s)
+            end_ns = to_ns if fault.duration_s is None else min(to_ns, in_ns(fault.end_s))
+            periods = max(-(-(from_ns - begin_ns) // period_ns), 0)
+            times_ns = range(begin_ns + periods * period_ns, end_ns, period_ns)
+            frames += [(t_ns, fault.frame) for t_ns in times_ns]
+        return sorted(frames)
 
     def _note_errors(self, t_s: float) -> None:
         model = self._bus.model

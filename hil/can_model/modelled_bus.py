@@ -35,16 +35,6 @@ class BusFigures(NamedTuple):
     """Frames that their node refused or discarded."""
 
 
-class Babbler(NamedTuple):
-    """A frame that a node queues periodically."""
-
-    node: int
-    frame: Frame
-    period_ns: int
-    next_ns: int
-    until_ns: int
-
-
 class ModelledBus:
     """A deterministic CAN bus of named nodes.
 
@@ -59,7 +49,6 @@ class ModelledBus:
         self._bit_ns = bit_ns_of(bitrate)
         self._state = BusState(nodes=tuple(NodeState() for _ in nodes))
         self._under_way: list[Delivery] = []
-        self._babblers: list[Babbler] = []
         self._receivers: dict[tuple[int, ...], tuple[str, ...]] = {}
 
     def submit(self, node: str, frame: Frame, t_ns: int) -> None:
@@ -94,15 +83,6 @@ class ModelledBus:
         """Make `node` go bus-off; it recovers after 128 runs of 11 recessive bits."""
         self._state = core.switch_off(self._state, self._number(node))
 
-    def babble(self, node: str, frame: Frame, period_ns: int, from_ns: int, until_ns: int) -> None:
-        """Let `node` queue `frame` every `period_ns` from `from_ns` until before `until_ns`."""
-        if period_ns < 1 or from_ns < self._state.now_bit * self._bit_ns:
-            raise ValueError(
-                f"babbling every {period_ns} ns from {from_ns} ns; wanted a period of 1 ns or more and a "
-                f"start no earlier than {self._state.now_bit * self._bit_ns} ns"
-            )
-        self._babblers.append(Babbler(self._number(node), frame, period_ns, from_ns, until_ns))
-
     # --- figures ---------------------------------------------------------------------------------------
 
     def counters(self, node: str) -> ErrorCounters:
@@ -131,28 +111,8 @@ class ModelledBus:
                 f"time {until_ns} ns, but the bus has already reached "
                 f"{self._state.now_bit * self._bit_ns} ns; call it in the order of time"
             )
-        if self._babblers:
-            self._let_babble(until_ns)
-        self._advance_core(until_bit)
-
-    def _advance_core(self, until_bit: int) -> None:
         self._state, arrivals = core.advance(self._state, until_bit)
-        for arrival in arrivals:
-            self._under_way.append(self._delivery(arrival))
-
-    def _let_babble(self, until_ns: int) -> None:
-        """Queue the babblers' frames that are due before `until_ns`, in order of time."""
-        while self._babblers:
-            index = min(range(len(self._babblers)), key=lambda i: self._babblers[i].next_ns)
-            babbler = self._babblers[index]
-            if babbler.next_ns >= until_ns:
-                return
-            if babbler.next_ns >= babbler.until_ns:
-                del self._babblers[index]
-                continue
-            self._advance_core(-(-babbler.next_ns // self._bit_ns))
-            self._state = core.queue(self._state, babbler.node, babbler.frame, QUEUE_FRAMES)
-            self._babblers[index] = babbler._replace(next_ns=babbler.next_ns + babbler.period_ns)
+        self._under_way += map(self._delivery, arrivals)
 
     def _delivery(self, arrival: Arrival) -> Delivery:
         receivers = self._receivers.get(arrival.receivers)
