@@ -1,6 +1,6 @@
 """The plot of a report: the whole run, its states over time, and the signals that checks limit.
 
-It is data and layout, which plotly.js draws in the reader's browser: a reader can zoom into it, and it takes
+It is data and layout for plotly.js in the browser of the reader, who can zoom into it, and it takes
 a thirtieth of the time of an image. Traces and axes are those of https://plotly.com/javascript/reference.
 """
 
