@@ -313,9 +313,23 @@ def test_a_suites_page_begins_with_the_checks_that_flipped(finished, tmp_path):
     )
     words = " ".join(Page((tmp_path / "index.html").read_text()).words)
     order = ["1 check has another verdict", "turned", "Scenarios", verdict.scenario]
-    order += ["Beside the baseline", "unflipped", "Requirements"]
+    order += ["Beside the baseline", "unflipped"]
     places = [words.index(word, words.index("PASSED")) for word in order]
     assert places == sorted(places)
+
+
+def test_a_suites_page_lists_the_requirements_that_its_runs_prove(finished, tmp_path):
+    _, verdict = finished
+    first, *others = verdict.checks
+    proving = replace(verdict, checks=(replace(first, requirement="P-01"), *others))
+    said = []
+    for given in (verdict, proving):
+        write_suite_report(tmp_path / "index.html", [in_a_suite(given)], requirements.trace([given]))
+        said.append(" ".join(Page((tmp_path / "index.html").read_text()).words))
+    text = requirements.requirements()["P-01"].text
+    assert "Requirements" not in said[0]
+    assert text in said[1]
+    assert ", S-16, P-02, " in said[1].partition("No check of these runs proves")[2]
 
 
 def test_a_thinned_curve_keeps_its_extremes():
