@@ -8,8 +8,7 @@ from firmware_py.interface.frame import Frame
 from hil.bus.base import NodeBus
 from hil.bus.in_process import InProcessBus, InProcessNode
 from hil.can_model.fault_confinement import BusErrorRecord, errors_of
-from hil.can_model.in_process import ModelledInProcessBus
-from hil.can_model.modelled_bus import Delivery
+from hil.can_model.modelled_bus import Delivery, ModelledBus
 from hil.can_model.state import UNTOUCHED
 from hil.faults.counted import counted
 from hil.faults.fault import Fault
@@ -77,7 +76,7 @@ class BusAsModelled:
     """
 
     def __init__(self, bitrate: int, out_dir: Path) -> None:
-        self._bus = ModelledInProcessBus((*NODES, STRANGER), bitrate)
+        self._bus = ModelledBus((*NODES, STRANGER), bitrate)
         self._faults: list[ModelledFault] = []
         self._counts = counted(())
         self._babbling: list[Babbling] = []
@@ -101,12 +100,12 @@ class BusAsModelled:
         """Advance the model; return the frames that have arrived, logged at their arrival."""
         if self._faults:
             self._break(from_ns / NS_PER_S)
-        destroyed = self._bus.model.figures.errors
+        destroyed = self._bus.figures.errors
         for t_ns, frame in self._foreign_frames(from_ns, to_ns):
-            self._bus.model.submit(STRANGER, frame, t_ns)
+            self._bus.submit(STRANGER, frame, t_ns)
         deliveries = self._bus.move_to(to_ns)
         logged = [(delivery.t_ns, [delivery.frame]) for delivery in deliveries]
-        self._count(from_ns / NS_PER_S, deliveries, self._bus.model.figures.errors - destroyed)
+        self._count(from_ns / NS_PER_S, deliveries, self._bus.figures.errors - destroyed)
         self._bus.join(STRANGER).pending.clear()
         self._note_errors(to_ns / NS_PER_S)
         return logged
@@ -127,7 +126,7 @@ class BusAsModelled:
         return sorted(frames)
 
     def _note_errors(self, t_s: float) -> None:
-        model = self._bus.model
+        model = self._bus
         errors = model.figures.errors, [model.counters(name) for name in NODES]
         if errors != self._last_errors:
             self._last_errors = destroyed, counters = errors
@@ -143,7 +142,7 @@ class BusAsModelled:
             self._counts.acted(babbling, len(foreign))
 
     def _break(self, t_s: float) -> None:
-        model = self._bus.model
+        model = self._bus
         disturbed: frozenset[int] = frozenset()
         for fault in self._faults:
             if fault.acts(t_s):

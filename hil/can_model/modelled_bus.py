@@ -1,9 +1,13 @@
-"""The bus model for named nodes and times in nanoseconds: submit frames, collect delivered frames."""
+"""The bus model for named nodes and times in nanoseconds: submit frames, collect delivered frames.
 
-from collections.abc import Sequence
+Nodes of one process join it as any other bus.
+"""
+
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from firmware_py.interface.frame import Frame
+from hil.bus.in_process import Inbox
 from hil.can_model import core
 from hil.can_model.bits import bit_ns_of
 from hil.can_model.fault_confinement import ErrorCounters
@@ -50,6 +54,9 @@ class ModelledBus:
         self._state = BusState(nodes=tuple(NodeState() for _ in nodes))
         self._under_way: list[Delivery] = []
         self._receivers: dict[tuple[int, ...], tuple[str, ...]] = {}
+        self._joined = {name: ModelledNode(self, name) for name in nodes}
+        self.t_ns = 0
+        """The time at which frames of joined nodes are queued, set by `move_to`."""
 
     def submit(self, node: str, frame: Frame, t_ns: int) -> None:
         """Queue `frame` at `node`; it is lost if the node is bus-off or its queue full."""
@@ -65,6 +72,19 @@ class ModelledBus:
         while arrived and arrived[-1].t_ns > until_ns:
             self._under_way.insert(0, arrived.pop())
         return arrived
+
+    def join(self, node: str) -> "ModelledNode":
+        """The connection of one of the nodes."""
+        return self._joined[node]
+
+    def move_to(self, t_ns: int) -> list[Delivery]:
+        """Advance to `t_ns`; the nodes receive the frames that have arrived, which are returned."""
+        self.t_ns = t_ns
+        deliveries = self.deliver(t_ns)
+        for delivery in deliveries:
+            for name in delivery.receivers:
+                self._joined[name].pending.append(delivery.frame)
+        return deliveries
 
     # --- faults: each acts from the time of the last call on -----------------------------------------
 
@@ -125,3 +145,17 @@ class ModelledBus:
             arrival.pending.frame,
             receivers,
         )
+
+
+class ModelledNode(Inbox):
+    """One node's connection."""
+
+    def __init__(self, bus: ModelledBus, name: str) -> None:
+        super().__init__()
+        self._bus = bus
+        self._name = name
+
+    def send_all(self, frames: Iterable[Frame]) -> None:
+        """Queue frames now; they leave in the order of their identifiers, the lowest first."""
+        for frame in frames:
+            self._bus.submit(self._name, frame, self._bus.t_ns)

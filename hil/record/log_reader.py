@@ -215,16 +215,6 @@ def columns_of(rows: pa.Table) -> dict[str, NDArray[Any]]:
     return {TIME: sim_ns_of(rows) / NS_PER_S, **columns}
 
 
-def records_of(path: Path, entity: str) -> Records:
-    """Read all records of an entity into memory."""
-    columns = columns_of(in_order(blocks(path, entity)))
-    kinds = [(name, values.dtype) for name, values in columns.items()]
-    records = np.zeros(len(columns[TIME]), dtype=kinds)
-    for name, values in columns.items():
-        records[name] = values
-    return records
-
-
 class LoggedTrace(StoredColumns):
     """A trace's records in a log."""
 
@@ -326,24 +316,21 @@ def read_traces(path: Path) -> RunTraces:
     """Read the same `RunTraces` as `read_run` from the log alone; columns are read at first use."""
     known, texts = entities(path), documents(path)
 
-    def small(entity: str) -> Records:
-        return records_of(path, entity) if entity in known else NO_RECORDS
-
-    def long(entity: str) -> Records:
+    def records(entity: str) -> Records:
         if entity not in known:
             return NO_RECORDS
         fast = LoggedTrace(path, entity)
         return WithSlow(fast, LoggedTrace(path, slow_entity(entity))) if has_slow(entity, known) else fast
 
     return RunTraces(
-        plant=long("/plant"),
-        firmware=long("/firmware"),
-        impacts=small("/impacts/truth"),
-        operator=small("/operator"),
+        plant=records("/plant"),
+        firmware=records("/firmware"),
+        impacts=records("/impacts/truth"),
+        operator=records("/operator"),
         bus=LoggedBus(path) if RAW in known else NO_BUS,
         run=json_object(texts.get("run", "{}")),
         outcome=json_object(texts.get("outcome", "{}")),
         scenario=tomllib.loads(texts.get("scenario", "")),
-        bus_errors=small("/bus_errors"),
+        bus_errors=records("/bus_errors"),
         losses=losses_of(table(path, "/can/lost")) if "/can/lost" in known else [],
     )

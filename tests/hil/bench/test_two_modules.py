@@ -21,8 +21,8 @@ from firmware_py.shell.builds import node_of
 from firmware_py.shell.parameters import addresses_from, parameters_of, with_overrides
 from hil.bus.addressed import AddressedBus, addressed
 from hil.bus.in_process import InProcessBus
-from hil.can_model.in_process import ModelledInProcessBus
 from hil.can_model.message_set import bus_schedule
+from hil.can_model.modelled_bus import ModelledBus
 from hil.nodes.plant import PlantNode
 from hil.scenario.operator import OperatorNode
 from hil.scenario.scenario import load_scenario
@@ -75,7 +75,7 @@ def play(modules, seconds, move_to) -> None:
 def test_both_hold_their_own_target(modelled):
     """On the modelled bus each frame takes its time and the lower identifier goes first."""
     if modelled:
-        model = ModelledInProcessBus([f"{name}{number}" for number in (0, 1) for name in NODES])
+        model = ModelledBus([f"{name}{number}" for number in (0, 1) for name in NODES])
         joins = [lambda name, number=number: model.join(f"{name}{number}") for number in (0, 1)]
         move_to = model.move_to
     else:

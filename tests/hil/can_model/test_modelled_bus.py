@@ -13,7 +13,6 @@ from hil.can_model import fault_confinement as rules
 from hil.can_model.bits import frame_bits
 from hil.can_model.core import advance, queue
 from hil.can_model.fault_confinement import ErrorCounters, ErrorState
-from hil.can_model.in_process import ModelledInProcessBus
 from hil.can_model.modelled_bus import Delivery, ModelledBus
 from hil.can_model.state import BusState, NodeState
 
@@ -341,7 +340,7 @@ def test_a_node_with_anothers_identifier_drives_it_off() -> None:
 
 def test_nodes_of_one_process_meet_on_it_in_time() -> None:
     """What is sent at t_k is there half a tick later, less urgent frames only if the time was long enough."""
-    bus = ModelledInProcessBus(["plant", "firmware"])
+    bus = ModelledBus(["plant", "firmware"])
     plant, firmware = bus.join("plant"), bus.join("firmware")
     bus.move_to(1_000_000)
     plant.send_all([LONG, SHORT])
@@ -352,6 +351,6 @@ def test_nodes_of_one_process_meet_on_it_in_time() -> None:
     assert firmware.receive() == [LONG]
     assert firmware.receive() == []
     assert plant.receive() == [Frame(0x001, b"")]
-    bus.model.switch_off("firmware")
+    bus.switch_off("firmware")
     firmware.send_all([SHORT])
-    assert bus.model.figures.lost == 1
+    assert bus.figures.lost == 1

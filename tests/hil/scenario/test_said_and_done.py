@@ -100,7 +100,7 @@ def test_each_of_two_overlapping_disturbances_ends_itself(tmp_path):
     hit = {}
     for t_s in (0.5, 1.2, 1.7, 2.5, 3.6):
         bus.pass_time(round(t_s * 1e9), round(t_s * 1e9) + 1)
-        hit[t_s] = sorted(one.can_id for one in bus._bus.model._state.corruptions)
+        hit[t_s] = sorted(one.can_id for one in bus._bus._state.corruptions)
     assert hit == {0.5: [], 1.2: [0x48], 1.7: [0x28, 0x48], 2.5: [0x28, 0x48], 3.6: []}
     bus.close()
 
