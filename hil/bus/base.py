@@ -32,8 +32,8 @@ class BusCounters:
     """Frames dropped because the queue stayed full or the bus was gone."""
     foreign: int = 0
     """Received frames other than classic data frames with an 11-bit identifier."""
-    lost: int | None = 0
-    """Frames that arrived while the receive queue was full; None where the interface does not count them."""
+    lost: int = 0
+    """Frames that arrived while the receive queue was full."""
 
 
 class Loss(NamedTuple):

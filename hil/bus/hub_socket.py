@@ -4,9 +4,7 @@ A node that takes turns (`hil.timing.pacemaker`) receives the frames of a turn w
 behind them, and sends its own frames with the mark of its end behind them: one system call for each.
 """
 
-import os
 import socket
-import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -32,34 +30,6 @@ MARKS_BYTES = 2 * wire.FRAME_BYTES
 
 LARGEST_WORD = (1 << 32) - 1
 JOIN_TIMEOUT_S = 5.0
-FOLDER_PREFIX, SOCKET_NAME = "vibrohil-", "bus"
-"""A private hub listens at the socket of this name, in a folder of its own whose name begins so."""
-
-
-def runtime_folder() -> Path:
-    """Where the folders of private buses are made."""
-    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
-    return Path(runtime if runtime and Path(runtime).is_dir() else tempfile.gettempdir())
-
-
-def running_hubs() -> list[Path]:
-    """The sockets of this user's private hubs that accept a connection."""
-    return [
-        path for path in sorted(runtime_folder().glob(f"{FOLDER_PREFIX}*/{SOCKET_NAME}")) if answers(path)
-    ]
-
-
-def answers(path: Path) -> bool:
-    """Whether a program of this user listens at `path`; it sees a connection that ends at once."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
-        link.settimeout(JOIN_TIMEOUT_S)
-        try:
-            is_ours = path.stat().st_uid == os.getuid()
-            if is_ours:
-                link.connect(str(path))
-        except OSError:
-            return False
-        return is_ours
 
 
 def member_greeting(member: int) -> bytes:
@@ -187,7 +157,7 @@ class HubSocket(Connection):
         for can_id, length, data in wire.CAN_FRAME.iter_unpack(chunk):
             if can_id == wire.CONTROL_ID and length == wire.LOSS_KIND:
                 self._lost = int.from_bytes(data, "little")
-                self.counters.lost = (self.counters.lost or 0) + self._lost
+                self.counters.lost += self._lost
             elif can_id == wire.CONTROL_ID:
                 stamp_ns = int.from_bytes(data, "little")
                 if self._lost:

@@ -11,18 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import can
-from can.typechecking import AutoDetectedConfig
 
 from firmware_py.interface.frame import Frame
 from hil.bus.base import BusError
-from hil.bus.hub_socket import HELLO_SEND_ONLY, HELLO_STAMPED, HubSocket, running_hubs
+from hil.bus.hub_socket import HELLO_SEND_ONLY, HELLO_STAMPED, HubSocket
 from hil.bus.wire import REMOTE_FLAG
 
 EXTENDED_FLAG = 0x80000000
 """SocketCAN's flag in the identifier of an extended frame."""
 IDENTIFIER_MASK = 0x1FFFFFFF
-INTERFACE = "vibrohil"
-"""Name of this interface in python-can."""
 
 
 class LocalBus(can.BusABC):
@@ -61,14 +58,9 @@ class LocalBus(can.BusABC):
         super().__init__(path, can_filters=can_filters, **kwargs)
 
     @property
-    def lost(self) -> int | None:
+    def lost(self) -> int:
         """Messages lost because this program did not receive them in time."""
         return self._hub.counters.lost
-
-    @staticmethod
-    def _detect_available_configs() -> list[AutoDetectedConfig]:
-        """The hubs of this user's runs that accept a connection."""
-        return [{"interface": INTERFACE, "channel": str(path)} for path in running_hubs()]
 
     def _refuse_closed(self) -> None:
         if self._is_closed:

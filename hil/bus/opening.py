@@ -1,5 +1,6 @@
 """Provides and joins the bus that an address names."""
 
+import os
 import shutil
 import sys
 import tempfile
@@ -10,16 +11,7 @@ from pathlib import Path
 
 from hil.bus.base import Bus, BusError
 from hil.bus.can_socket import CanSocket, fetch_can_socket, has_kernel_can, open_can_socket
-from hil.bus.hub_socket import (
-    FOLDER_PREFIX,
-    HELLO,
-    HELLO_SEND_ONLY,
-    HELLO_STAMPED,
-    SOCKET_NAME,
-    HubSocket,
-    TurnSocket,
-    runtime_folder,
-)
+from hil.bus.hub_socket import HELLO, HELLO_SEND_ONLY, HELLO_STAMPED, HubSocket, TurnSocket
 from hil.bus.wire import requests_in
 from hil.timing.pacemaker import PACEMAKER
 from hil.timing.processes import READY, Child, ChildError
@@ -87,7 +79,9 @@ class ProvidedBus:
 
 def private_folder() -> Path:
     """A new folder that only this user may enter, with a path short enough for a Unix socket."""
-    return Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX, dir=runtime_folder()))
+    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
+    above = runtime if runtime and Path(runtime).is_dir() else None
+    return Path(tempfile.mkdtemp(prefix="vibrohil-", dir=above))
 
 
 @contextmanager
@@ -115,7 +109,7 @@ def started_hub(name: str, path: Path, turn_times: int | None) -> Child:
 def provide_local(reason: str, turn_times: int | None = None) -> ProvidedBus:
     """Start a hub for this run alone."""
     folder = private_folder()
-    path = folder / SOCKET_NAME
+    path = folder / "bus"
     hub = started_hub("hub", path, turn_times)
     provided = ProvidedBus("local", f"local:{path}", False, reason, hub, folder)
     if turn_times is not None:

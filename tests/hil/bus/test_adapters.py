@@ -200,13 +200,6 @@ def test_an_adapter_that_does_not_open_is_refused_by_a_run(wire: ProvidedBus, tm
     assert "in use by another program" in " ".join(errors.split())
 
 
-def test_the_products_own_interface_is_detected(wire: ProvidedBus) -> None:
-    channel = wire.address.removeprefix("local:")
-    assert {"interface": "vibrohil", "channel": channel} in can.detect_available_configs("vibrohil")
-    wire.close()
-    assert channel not in [found["channel"] for found in can.detect_available_configs("vibrohil")]
-
-
 def test_after_shutdown_each_call_is_a_can_error(wire: ProvidedBus) -> None:
     bus = can.Bus(wire.address, "vibrohil")
     bus.shutdown()
