@@ -16,14 +16,6 @@ SAID_EVERY_S = 10.0
 Progress = Callable[[float | None, str], None]
 """Called with the finished fraction of the work (None if unknown) and the name of the current step."""
 
-Counted = Callable[[int, int], None]
-"""Called with the number of finished steps and the number of all steps."""
-
-
-def counting(progress: Progress, doing: str) -> Counted:
-    """`progress` for work that reports its finished steps and its number of steps."""
-    return lambda done, total: progress(done / total, doing)
-
 
 @contextmanager
 def shown_progress() -> Iterator[Progress]:
@@ -60,10 +52,3 @@ def shown_progress() -> Iterator[Progress]:
                 progress_console.print(f"{share}{doing}", soft_wrap=True)
 
         yield progress
-
-
-@contextmanager
-def counted_progress(doing: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Give `progress(done)` for work of `total` steps."""
-    with shown_progress() as progress:
-        yield lambda done: progress(done / max(total, 1), f"{doing} {done}/{total}")

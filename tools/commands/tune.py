@@ -11,7 +11,7 @@ from rich.markup import escape
 from tools.commands.options import Json, Workers, number, unfolded
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, answer, console, figure_table, table_of
 from tools.outputs import PICTURES, file_option
-from tools.progress import Progress, counting, shown_progress
+from tools.progress import Progress, shown_progress
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -182,7 +182,7 @@ def detector(
         lambda progress: tune_detector(
             cost_miss,
             cost_false_alarm,
-            progress=counting(progress, "trials"),
+            progress=progress,
             sampling=chosen(sampling),
             **given(trials=trials),
         ),
@@ -214,7 +214,7 @@ def estimator(
         outputs,
         lambda progress: tune_estimator(
             logs or (),
-            progress=counting(progress, "logs"),
+            progress=progress,
             sampling=chosen(sampling),
             **given(modules=modules, fresh_trials=fresh_trials),
         ),
@@ -238,7 +238,7 @@ def start(
     conclude(
         outputs,
         lambda progress: tune_start(
-            progress=counting(progress, "trials"),
+            progress=progress,
             sampling=chosen(sampling),
             **given(trials=trials, fresh_trials=fresh_trials),
         ),

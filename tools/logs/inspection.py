@@ -7,6 +7,7 @@ from pyarrow import csv, feather, parquet
 
 from hil.bench.recorded_run import Run
 from tools.output import BadInputError
+from tools.plots import drawn
 
 DEFAULT_SIGNALS = (
     "plant.x_m",
@@ -42,17 +43,14 @@ def as_text(table: pa.Table) -> pa.Table:
 
 def plot_signals(run: Run, signals: list[str], path: Path) -> None:
     """Draw signals one below the other over simulated time; the file's ending gives the format."""
-    from matplotlib.figure import Figure
-
-    drawn = [(name, *run.signal(name)) for name in signals]
-    figure = Figure(figsize=(12.0, 1.0 + 1.9 * len(drawn)), layout="constrained")
-    for axes, (name, t_s, values) in zip(
-        figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0], drawn, strict=True
-    ):
+    found = {name: run.signal(name) for name in signals}
+    for name, (_, values) in found.items():
         if values.dtype.kind not in "bifu":
             raise BadInputError(f"signal {name!r} holds no numbers; see it as a table with --table")
-        axes.plot(t_s, values, lw=0.8)
-        axes.set_title(name, loc="left", fontsize=9)
-        axes.grid(alpha=0.3)
-    axes.set_xlabel("simulated time [s]")
-    figure.savefig(path, dpi=110)
+    with drawn(path, 12.0, 1.0 + 1.9 * len(found)) as figure:
+        panels = figure.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, (name, (t_s, values)) in zip(panels, found.items(), strict=True):
+            axes.plot(t_s, values, lw=0.8)
+            axes.set_title(name, loc="left", fontsize=9)
+            axes.grid(alpha=0.3)
+        panels[-1].set_xlabel("simulated time [s]")

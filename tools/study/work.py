@@ -16,7 +16,7 @@ import pyarrow as pa
 
 from tools.jobs import running
 from tools.output import BadInputError
-from tools.progress import counted_progress
+from tools.progress import shown_progress
 from tools.study import store
 
 Piece = Callable[[store.Spec], tuple[pa.Table, dict[str, Any]]]
@@ -48,10 +48,10 @@ def run(
     if not missing:
         return paths
     runner = running(piece, where.cores, where.scheduler, threads=threads)
-    with counted_progress(kind, len(specs)) as progress, runner as run_on:
+    with shown_progress() as progress, runner as run_on:
         results = run_on([specs[index] for index in missing])
         for done, (number, (table, facts)) in enumerate(results, len(specs) - len(missing) + 1):
             index = missing[number]
             store.write(paths[index], table, specs[index], facts)
-            progress(done)
+            progress(done / len(specs), f"{kind} {done}/{len(specs)}")
     return paths

@@ -14,7 +14,7 @@ from tools.campaign.processes import Batch, batches, run_batch
 from tools.campaign.sampling import FIRST_CAMPAIGN_SEED
 from tools.jobs import running
 from tools.output import BadInputError
-from tools.progress import Counted
+from tools.progress import Progress
 
 TUNING_SEED = 41
 FRESH_SEED = 30_000
@@ -49,7 +49,7 @@ def run_candidates(
     candidates: Sequence[Candidate],
     seed: int,
     trials: int,
-    progress: Counted = lambda *_: None,
+    progress: Progress = lambda *_: None,
     workers: int | None = None,
     conditions: tuple[Condition, ...] | None = None,
 ) -> list[list[Outcome]]:
@@ -69,5 +69,5 @@ def run_candidates(
         for place, outcomes in run([batch for _, batch in parts]):
             found[parts[place][0]] += outcomes
             done += len(outcomes)
-            progress(done, total)
+            progress(done / total, "trials")
     return [sorted(outcomes, key=lambda outcome: outcome.trial) for outcomes in found]

@@ -18,7 +18,7 @@ from firmware_py.shell.parameters import DEFAULTS
 from tools.campaign.campaign import Outcome
 from tools.campaign.results import counts_of, shares_of, values_of
 from tools.output import BadInputError
-from tools.progress import Counted
+from tools.progress import Progress
 from tools.tuning.candidates import SAMPLING, Sampling, run_candidates
 from tools.tuning.result import Merit, Tuning, tuned
 
@@ -99,7 +99,7 @@ def tune_detector(
     trials: int = TRIALS,
     floors_m_s2: Sequence[float] | None = None,
     sampling: Sampling = SAMPLING,
-    progress: Counted = lambda *_: None,
+    progress: Progress = lambda *_: None,
 ) -> tuple[Tuning, list[Operating]]:
     """The floor for these costs, judged on fresh trials, and the whole characteristic."""
     if cost_miss <= 0.0 or cost_false_alarm <= 0.0:
@@ -107,23 +107,18 @@ def tune_detector(
             f"--cost-miss {cost_miss:g}, --cost-false-alarm {cost_false_alarm:g}: wanted both above 0"
         )
     floors_m_s2 = floors_m_s2 or FLOORS_M_S2
-    swept, total = trials * len(floors_m_s2), trials * (len(floors_m_s2) + 2)
 
-    def tried(floors: Sequence[float], its_seed: int, before: int) -> list[Operating]:
+    def tried(floors: Sequence[float], its_seed: int) -> list[Operating]:
         candidates = [{PARAMETER: floor} for floor in floors]
-
-        def noted(done: int, _: int) -> None:
-            progress(before + done, total)
-
-        found = run_candidates("detect", candidates, its_seed, trials, noted, sampling.workers)
+        found = run_candidates("detect", candidates, its_seed, trials, progress, sampling.workers)
         return [
             operating(floor, outcomes, cost_miss, cost_false_alarm)
             for floor, outcomes in zip(floors, found, strict=True)
         ]
 
-    points = tried(floors_m_s2, sampling.seed, 0)
+    points = tried(floors_m_s2, sampling.seed)
     best, alike = chosen(points)
-    fresh, default = tried((best.floor_m_s2, DEFAULTS[PARAMETER]), sampling.fresh_seed, swept)
+    fresh, default = tried((best.floor_m_s2, DEFAULTS[PARAMETER]), sampling.fresh_seed)
     warnings = []
     if best.floor_m_s2 in (floors_m_s2[0], floors_m_s2[-1]) and len(alike) == 1:
         warnings.append("the best floor lies at the end of those tried: the costs ask for one beyond")

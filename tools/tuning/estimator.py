@@ -37,7 +37,7 @@ from tools.campaign.modules import module_cell
 from tools.campaign.sampling import Mismatch, Sampled, sample
 from tools.jobs import running
 from tools.output import BadInputError
-from tools.progress import Counted
+from tools.progress import Progress
 from tools.tuning.candidates import SAMPLING, Sampling, run_candidates
 from tools.tuning.recordings.readings import Ticks
 from tools.tuning.result import Merit, Tuning, Value, tuned
@@ -232,7 +232,7 @@ def combinations_of(grid: dict[str, tuple[float, ...]]) -> list[dict[str, float]
 def replay_all(
     sources: Sequence[Source],
     combinations: Sequence[dict[str, float]],
-    progress: Counted,
+    progress: Progress,
     workers: int | None = None,
 ) -> tuple[list[Combination], list[Replayed]]:
     """Replay all logs with all combinations, on all cores: results by combination, and by log."""
@@ -241,7 +241,7 @@ def replay_all(
     with running(partial(replayed, combinations), count) as run:
         for number, result in run(sources):
             found[number] = result
-            progress(len(found), len(sources))
+            progress(len(found) / len(sources), "logs")
     logs = [found[number] for number in range(len(sources))]
 
     def middle(values: Sequence[float]) -> float:
@@ -280,7 +280,7 @@ def tune_estimator(
     fresh_trials: int = FRESH_TRIALS,
     grid: dict[str, tuple[float, ...]] | None = None,
     sampling: Sampling = SAMPLING,
-    progress: Counted = lambda *_: None,
+    progress: Progress = lambda *_: None,
 ) -> tuple[Tuning, list[Combination]]:
     """The most likely combination from logs, or from sampled modules' logs; judged on fresh modules."""
     for path in logs:

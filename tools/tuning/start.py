@@ -23,7 +23,7 @@ from plant_sim.scene import load_scene, read_scene
 from tools.campaign.campaign import Condition
 from tools.campaign.module_campaigns import NO_IMPULSE
 from tools.campaign.statistics import wilson
-from tools.progress import Counted
+from tools.progress import Progress
 from tools.study.branches.boundaries import margins
 from tools.tuning.candidates import (
     SAMPLING,
@@ -110,7 +110,7 @@ def tune_start(
     trials: int = TRIALS,
     fresh_trials: int = FRESH_TRIALS,
     sampling: Sampling = SAMPLING,
-    progress: Counted = lambda *_: None,
+    progress: Progress = lambda *_: None,
     grid: Grid = GRID,
 ) -> tuple[Tuning, list[Ramp]]:
     """The best point of the grid, and the results of all points with `trials` each."""
