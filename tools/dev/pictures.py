@@ -9,10 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.shell.parameters import DEFAULTS
-from hil.bench.bench import run_scenario
-from hil.bench.options import RunOptions
-from hil.record.run_traces import RunTraces, column, read_run
-from hil.scenario.scenario import load_scenario
+from hil import Run, run
 from hil.show.report.plot import ALARM, ESTIMATE, TARGET, TRUTH
 from tools.study import cases, figures, work
 from tools.study.sweep import Diagram, diagrams
@@ -21,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 PLACE = Path("docs/explanation")
+ESTIMATOR = "firmware.state.estimator"
 SOFT, INSTANT = "soft-start-multistable", "instant-start-multistable"
 STIFFER = "scene.striker.spring_n_m=71.4"
 """2 % more than nominal."""
@@ -44,24 +42,14 @@ class Series(NamedTuple):
     values: NDArray[np.float64]
 
 
-def made(scenario: str, *settings: str) -> RunTraces:
-    """Run a scenario in lockstep and return its traces."""
-    with tempfile.TemporaryDirectory() as folder:
-        run_dir = Path(folder) / "run"
-        lockstep = RunOptions(clock="lockstep")
-        run_scenario(load_scenario(scenario, settings), lockstep, run_dir, 1, lambda *_: None)
-        traces = read_run(run_dir)
-        return replace(traces, plant=traces.plant[:], firmware=traces.firmware[:], impacts=traces.impacts[:])
+def made(folder: Path, scenario: str, *settings: str) -> Run:
+    """Run a scenario in lockstep, in a folder below `folder`."""
+    return run(scenario, seed=1, set=settings, out=folder / f"run{len(list(folder.iterdir()))}")
 
 
-def of_firmware(run: RunTraces, name: str) -> Series:
-    """A column of the firmware's trace."""
-    return Series(column(run.firmware, "t_s"), column(run.firmware, name))
-
-
-def of_plant(run: RunTraces, name: str) -> Series:
-    """A column of the plant's trace."""
-    return Series(column(run.plant, "t_s"), column(run.plant, name))
+def series(of: Run, name: str) -> Series:
+    """A signal of a run."""
+    return Series(*of.signal(name))
 
 
 def within(series: Series, span_s: tuple[float, float]) -> Series:
@@ -75,11 +63,10 @@ def thinned(series: Series) -> Series:
     return Series(series.t_s[::SHOWN_OF], series.values[::SHOWN_OF])
 
 
-def error(run: RunTraces, name: str) -> Series:
-    """The estimate less the truth, in the ticks in which both were written."""
-    estimated, true = column(run.firmware, f"state.estimator.{name}"), column(run.plant, name)
-    count = min(len(estimated), len(true))
-    return Series(column(run.plant, "t_s")[:count], estimated[:count] - true[:count])
+def error(of: Run, name: str) -> Series:
+    """The estimate less the truth, in every tick; the log's own error is of every tenth."""
+    (t_s, true), (_, estimated) = of.signal(f"plant.{name}"), of.signal(f"{ESTIMATOR}.{name}")
+    return Series(t_s, estimated - true)
 
 
 def averaged(series: Series) -> Series:
@@ -89,47 +76,47 @@ def averaged(series: Series) -> Series:
     return Series(series.t_s[AVERAGED_TICKS - 1 :], means)
 
 
-def with_band(axes: "Axes", values: Series, variance: Series, scale: float, unit: str) -> None:
-    """Plot an error and the filter's ±σ of it in the close-up's interval."""
+def with_band(axes: "Axes", values: Series, variance: Series, unit: str) -> None:
+    """Plot a thousand times an error and the filter's ±σ of it in the close-up's interval."""
     shown, spread = within(values, CLOSE_UP_S), within(variance, CLOSE_UP_S)
-    sigma = scale * np.sqrt(spread.values)
+    sigma = 1e3 * np.sqrt(spread.values)
     axes.fill_between(spread.t_s, -sigma, sigma, color=ESTIMATE, alpha=0.3, lw=0, label="±σ of the filter")
-    axes.plot(shown.t_s, scale * shown.values, color=TRUTH, lw=0.9, label="estimate less truth")
+    axes.plot(shown.t_s, 1e3 * shown.values, color=TRUTH, lw=0.9, label="estimate less truth")
     axes.set_ylabel(unit)
 
 
-def estimator(path: Path) -> None:
+def estimator(path: Path, folder: Path) -> None:
     """Draw the errors of the estimate and the filter's own standard deviations, close up and over the run."""
-    nominal, stiffer = made(SOFT), made(SOFT, STIFFER)
+    nominal, stiffer = made(folder, SOFT), made(folder, SOFT, STIFFER)
     figure, grid = figures.new_figure(3, 2, 11.0, 6.8)
     left, right = grid[:, 0], grid[:, 1]
-    with_band(left[0], error(nominal, "x_m"), of_firmware(nominal, "state.estimator.p_xx"), 1e3, "x [mm]")
-    with_band(left[1], error(nominal, "v_m_s"), of_firmware(nominal, "state.estimator.p_vv"), 1e3, "v [mm/s]")
-    innovation = within(of_firmware(nominal, "state.estimator.innovation_m_s2"), CLOSE_UP_S)
-    deviation = within(of_firmware(nominal, "state.estimator.innovation_std_m_s2"), CLOSE_UP_S)
+    with_band(left[0], error(nominal, "x_m"), series(nominal, f"{ESTIMATOR}.p_xx"), "x [mm]")
+    with_band(left[1], error(nominal, "v_m_s"), series(nominal, f"{ESTIMATOR}.p_vv"), "v [mm/s]")
+    innovation = within(series(nominal, f"{ESTIMATOR}.innovation_m_s2"), CLOSE_UP_S)
+    deviation = within(series(nominal, f"{ESTIMATOR}.innovation_std_m_s2"), CLOSE_UP_S)
     left[2].fill_between(
         deviation.t_s, -deviation.values, deviation.values, color=TARGET, alpha=0.3, lw=0, label="±σ of it"
     )
     left[2].plot(innovation.t_s, innovation.values, color=ESTIMATE, lw=0.7, label="innovation")
     left[2].set(ylabel="y [m/s²]", ylim=(-0.15, 0.15), xlabel="simulated time [s]")
-    touch_downs_s = column(nominal.impacts, "t_s")
     for axes in left:
-        for touch_s in touch_downs_s[(touch_downs_s >= CLOSE_UP_S[0]) & (touch_downs_s <= CLOSE_UP_S[1])]:
-            axes.axvline(touch_s, color=ALARM, lw=0.8)
+        for impact in nominal.impacts:
+            if CLOSE_UP_S[0] <= impact.t_s <= CLOSE_UP_S[1]:
+                axes.axvline(impact.t_s, color=ALARM, lw=0.8)
         axes.set_xlim(*CLOSE_UP_S)
         axes.legend(loc="lower left", fontsize=8, ncols=2)
     left[0].set_title("three drive periods close up; red: touch-down", fontsize=10)
 
-    for run, colour, name in ((nominal, TRUTH, "nominal"), (stiffer, ESTIMATE, "spring 2 % stiffer")):
-        variance = thinned(of_firmware(run, "state.estimator.model_variance"))
+    for of, colour, name in ((nominal, TRUTH, "nominal"), (stiffer, ESTIMATE, "spring 2 % stiffer")):
+        variance = thinned(series(of, f"{ESTIMATOR}.model_variance"))
         right[0].semilogy(variance.t_s, np.sqrt(variance.values), color=colour, lw=1.0, label=name)
-        nis = thinned(averaged(of_firmware(run, "state.estimator.nis")))
+        nis = thinned(averaged(series(of, f"{ESTIMATOR}.nis")))
         right[1].semilogy(nis.t_s, nis.values, color=colour, lw=1.0, label=name)
     right[0].set_ylabel("learnt σ of the model [m/s²]")
     right[1].set_ylabel("NIS, mean of a second")
     right[1].axhline(1.0, color="k", lw=0.8, ls="--")
-    bias = thinned(of_firmware(nominal, "state.estimator.bias_m_s2"))
-    spread = thinned(of_firmware(nominal, "state.estimator.p_bb"))
+    bias = thinned(series(nominal, f"{ESTIMATOR}.bias_m_s2"))
+    spread = thinned(series(nominal, f"{ESTIMATOR}.p_bb"))
     sigma = np.sqrt(spread.values)
     right[2].fill_between(bias.t_s, bias.values - sigma, bias.values + sigma, color=ESTIMATE, alpha=0.3, lw=0)
     right[2].plot(bias.t_s, bias.values, color=ESTIMATE, lw=1.0, label="estimate ± σ")
@@ -148,11 +135,10 @@ def branches(out: Path) -> Diagram:
     return diagrams([module], work.here(out))[0]
 
 
-def start_up(path: Path) -> None:
+def start_up(path: Path, folder: Path) -> None:
     """Draw two attractors at the same speed, and a slow and an instant start, each towards one of them."""
-    with tempfile.TemporaryDirectory() as folder:
-        diagram = branches(Path(folder))
-    soft, instant = made(SOFT), made(INSTANT, PATIENT)
+    diagram = branches(folder / "study")
+    soft, instant = made(folder, SOFT), made(folder, INSTANT, PATIENT)
     figure, grid = figures.new_figure(2, 2, 11.0, 6.4)
     map_, speed, slow, fast = grid.flat
     figures.shade(map_, diagram.multistable())
@@ -164,23 +150,21 @@ def start_up(path: Path) -> None:
             sweep.column("ratio"), sweep.column("v_max_m_s"), marker, color=colour, ms=3, mew=0, label=name
         )
     natural_rad_s = diagram.case.natural_rad_s
-    rising = soft.impacts[column(soft.impacts, "t_s") < START_S[1]]
-    turning = of_plant(soft, "omega_rad_s")
-    ratios = np.interp(column(rising, "t_s"), turning.t_s, turning.values) / natural_rad_s
-    map_.plot(
-        ratios, column(rising, "v_m_s"), "o-", color=TRUTH, ms=4, lw=0.8, label="impacts of the soft start"
-    )
+    rising = np.array([(one.t_s, one.v_m_s) for one in soft.impacts if one.t_s < START_S[1]])
+    turning = series(soft, "plant.omega_rad_s")
+    ratios = np.interp(rising[:, 0], turning.t_s, turning.values) / natural_rad_s
+    map_.plot(ratios, rising[:, 1], "o-", color=TRUTH, ms=4, lw=0.8, label="impacts of the soft start")
     map_.set(xlabel="Ω/ω", ylabel="v⁻ at the stop [m/s]", xlim=(0.7, 1.6))
     map_.set_title("two motions at one speed where shaded", fontsize=10)
     map_.legend(loc="lower right", fontsize=8)
 
-    for run, axes, colour, name in (
+    for of, axes, colour, name in (
         (soft, slow, TRUTH, f"soft: S-curve of {DEFAULTS['start.rise_s']:g} s"),
         (instant, fast, ESTIMATE, "instant: S-curve of 0.1 s"),
     ):
-        shown = within(of_plant(run, "omega_rad_s"), START_S)
+        shown = within(series(of, "plant.omega_rad_s"), START_S)
         speed.plot(shown.t_s, shown.values / natural_rad_s, color=colour, lw=1.1, label=name)
-        position = within(of_plant(run, "x_m"), START_S)
+        position = within(series(of, "plant.x_m"), START_S)
         axes.plot(position.t_s, 1e3 * position.values, color=colour, lw=0.8)
         axes.axhline(1e3 * diagram.case.stop_m, color=ALARM, lw=1.0)
         axes.set(xlabel="simulated time [s]", ylabel="x [mm]", xlim=START_S, ylim=(0.0, 200.0))
@@ -199,7 +183,8 @@ PICTURES = {"estimator": estimator, "start-up": start_up}
 def main() -> None:
     """Draw all pictures."""
     for name, draw in PICTURES.items():
-        draw(PLACE / f"{name}.svg")
+        with tempfile.TemporaryDirectory() as folder:
+            draw(PLACE / f"{name}.svg", Path(folder))
 
 
 if __name__ == "__main__":

@@ -15,8 +15,11 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
@@ -31,20 +34,21 @@ from firmware_py.interface.generated.records import (
 from hil.bench import workers
 from hil.bench.lockstep import run_lockstep, silent
 from hil.faults.kinds.flood import Flood
+from hil.record.run_traces import read_bus
 from hil.scenario.scenario import Scenario
 from hil.suite.suite import PROCESSES, Case, cases_of, scenarios_for
 
 IDLE = SetAxisState(AxisState.IDLE)
-WATCHED = {
-    f"{message.can_id:03X}": message.can_id
+WATCHED = [
+    message.can_id
     for message in (
         codec.SET_INPUT_TORQUE,
         codec.SET_AXIS_STATE,
         codec.DRIVE_HEARTBEAT,
         codec.FIRMWARE_HEARTBEAT,
     )
-}
-"""The evaluated identifiers by their text in `can.log`."""
+]
+"""The evaluated identifiers."""
 
 
 class Reaction(NamedTuple):
@@ -57,16 +61,11 @@ class Reaction(NamedTuple):
 
 def records(log: Path) -> Iterator[tuple[float, Any]]:
     """The time in s and the record of every evaluated frame in `log`; undecodable frames are left out."""
-    with log.open(encoding="ascii") as lines:
-        for line in lines:
-            stamp, _, frame = line.split()
-            can_id, data = frame.split("#")
-            if can_id not in WATCHED:
-                continue
-            try:
-                yield float(stamp[1:-1]), codec.decode(Frame(WATCHED[can_id], bytes.fromhex(data)))
-            except FrameError:
-                continue
+    bus = read_bus(log)
+    rows = np.flatnonzero(np.isin(bus.can_id, WATCHED))
+    for row, data in zip(rows.tolist(), bus.payloads_of(rows), strict=True):
+        with suppress(FrameError):
+            yield float(bus.t_s[row]), codec.decode(Frame(int(bus.can_id[row]), data))
 
 
 def reaction(sent: Iterable[tuple[float, Any]], fault_s: float) -> Reaction:
