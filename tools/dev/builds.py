@@ -79,17 +79,10 @@ class Beside(FirmwareNode):
         return super().tick(frames_in, elapsed_ticks)
 
 
-def decided_by_python(scenario: Scenario, seed: int) -> Decisions:
-    """Decisions of a run on the `python` build; DifferentBytesError if the other two nodes differ."""
+def decided(scenario: Scenario, seed: int, **node: Any) -> Decisions:
+    """Decisions of a run on a node; DifferentBytesError if it is `Beside` and the other two nodes differ."""
     with tempfile.TemporaryDirectory() as folder:
-        run_lockstep(scenario, Path(folder), seed, silent, make=Beside)
-        return decisions_of(read(Path(folder) / "firmware.trace"))
-
-
-def decided_by_compiled(scenario: Scenario, seed: int) -> Decisions:
-    """Decisions of a run on the `compiled` build."""
-    with tempfile.TemporaryDirectory() as folder:
-        run_lockstep(scenario, Path(folder), seed, silent, "compiled")
+        run_lockstep(scenario, Path(folder), seed, silent, **node)
         return decisions_of(read(Path(folder) / "firmware.trace"))
 
 
@@ -98,7 +91,8 @@ def difference(name: str, seed: int) -> str:
     scenario = load_scenario(name)
     warm_plant(scenario.scene)
     try:
-        found = differences(decided_by_python(scenario, seed), decided_by_compiled(scenario, seed))
+        of_python = decided(scenario, seed, make=Beside)
+        found = differences(of_python, decided(scenario, seed, build="compiled"))
     except DifferentBytesError as error:
         return str(error)
     return f"{len(found)} decisions differ, first {found[0]}" if found else ""

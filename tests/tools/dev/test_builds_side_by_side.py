@@ -63,4 +63,4 @@ def test_a_byte_that_differs_is_reported(monkeypatch: pytest.MonkeyPatch) -> Non
     predict = kalman.predict_written_out
     monkeypatch.setattr(kalman, "predict_written_out", off)
     with pytest.raises(builds.DifferentBytesError, match="python sends"):
-        builds.decided_by_python(load_scenario("soft-start-multistable", SHORT), 1)
+        builds.decided(load_scenario("soft-start-multistable", SHORT), 1, make=builds.Beside)
