@@ -8,7 +8,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ import numpy as np
 import psutil
 import pytest
 
-from firmware_py.interface.enums import Mode
 from hil.bench.bench import run_scenario
 from hil.bench.options import RunOptions
 from hil.record.traces import trace
@@ -127,28 +125,28 @@ def test_killed_firmware_leaves_a_motor_without_torque(tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("process", ["firmware", "plant"])
-def test_restarted_node_goes_on_with_its_trace_and_moves_nothing(process: str, tmp_path: Path) -> None:
-    faults = f'script.faults=[{{kind="restarted",at_s=1.8,duration_s=0.3,process="{process}"}}]'
-    settings = RIDES_THROUGH if process == "firmware" else ()
-    scenario = load_scenario("soft-start-multistable", [*QUICK[:3], faults, *settings])
+def test_restarted_nodes_go_on_with_their_traces_and_move_nothing(tmp_path: Path) -> None:
+    faults = ",".join(
+        f'{{kind="restarted",at_s={at_s},duration_s=0.3,process="{process}"}}'
+        for process, at_s in (("firmware", 1.5), ("plant", 2.2))
+    )
+    scenario = load_scenario(
+        "soft-start-multistable", [*QUICK[:3], f"script.faults=[{faults}]", *RIDES_THROUGH]
+    )
     verdict = run_scenario(scenario, LOCAL, tmp_path, 1, silent).as_json()
     assert verdict["reasons"] == []
     plant, firmware = trace.read(tmp_path / "plant.trace"), trace.read(tmp_path / "firmware.trace")
-    ticks = (firmware if process == "firmware" else plant)["tick"]
-    assert 1700 < ticks[np.argmax(np.diff(ticks))] <= 1850
-    begins = int(ticks[np.argmax(np.diff(ticks)) + 1])
-    assert 2100 <= begins < 2500
-    assert ticks[-1] == 2999
-    moving = plant[(plant["t_s"] > 1.0) & (plant["t_s"] < 1.7)]
-    after = plant[plant["t_s"] > 1.95]
+    for ticks, at_tick in ((firmware["tick"], 1500), (plant["tick"], 2200)):
+        gap = int(np.argmax(np.diff(ticks)))
+        assert at_tick - 100 < ticks[gap] <= at_tick + 50
+        assert at_tick + 300 <= ticks[gap + 1] < at_tick + 700
+        assert ticks[-1] == 2999
+    moving = plant[(plant["t_s"] > 1.0) & (plant["t_s"] < 1.4)]
+    after = plant[plant["t_s"] > 1.65]
     assert np.max(np.abs(moving["motor_torque_n_m"])) > 0.01
     assert np.max(np.abs(after["motor_torque_n_m"])) == 0.0
-    modes = {Mode(mode).name for mode in firmware["outputs.mode"][firmware["tick"] >= begins]}
-    # The drive's own error keeps a new controller in INIT; for a new plant, its silence was latched.
-    assert modes == ({"INIT"} if process == "firmware" else {"FAULT"})
     described = json.loads((tmp_path / "run.json").read_text())
-    assert set(described["realtime"]) == {"firmware", "plant", f"{process}-again"}
+    assert set(described["realtime"]) == {"firmware", "plant", "firmware-again", "plant-again"}
     assert none_left(tmp_path)
 
 
@@ -192,19 +190,6 @@ def test_early_death_of_a_node_that_the_scenario_kills_later_is_noticed(tmp_path
     )
     (reason,) = verdict["reasons"]
     assert reason.startswith("firmware was killed by SIGKILL at 1.")
-
-
-@pytest.mark.realtime
-def test_a_pause_beyond_the_end_of_the_script_is_as_in_lockstep(tmp_path: Path) -> None:
-    faults = 'script.faults=[{kind="paused",at_s=2.0,duration_s=9.0,process="firmware"}]'
-    scenario = load_scenario("soft-start-multistable", [*QUICK[:3], faults])
-    last_ticks = {}
-    for clock in ("real", "lockstep"):
-        verdict = run_scenario(scenario, replace(LOCAL, clock=clock), tmp_path / clock, 1, silent).as_json()
-        assert verdict["reasons"] == []
-        last_ticks[clock] = int(trace.read(tmp_path / clock / "firmware.trace")["tick"][-1])
-    assert last_ticks["lockstep"] == 1999
-    assert 1950 < last_ticks["real"] < 2100
 
 
 @pytest.mark.realtime
@@ -306,7 +291,10 @@ def test_child_that_is_stopped_while_it_ends_writes_no_error() -> None:
     assert ended.stderr == ""
 
 
-def test_child_that_is_stopped_before_it_is_ready_is_not_waited_for(tmp_path: Path) -> None:
+def test_child_that_is_stopped_before_it_is_ready_is_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hil.timing.processes.LOOK_S", 0.1)
     held = child("import time; time.sleep(60)", tmp_path)
     held.signal(signal.SIGSTOP)
     began_s = time.monotonic()
@@ -320,7 +308,7 @@ def test_child_that_is_stopped_before_it_is_ready_is_not_waited_for(tmp_path: Pa
 def test_child_that_is_continued_in_time_becomes_ready(tmp_path: Path) -> None:
     held = child("import time; time.sleep(0.5); print('ready', flush=True); time.sleep(60)", tmp_path)
     held.signal(signal.SIGSTOP)
-    threading.Timer(2.0, held.signal, (signal.SIGCONT,)).start()
+    threading.Timer(1.1, held.signal, (signal.SIGCONT,)).start()
     held.wait_ready(60.0)
     held.stop()
 

@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -36,17 +37,6 @@ sys.exit(run(["run", "e-stop-in-the-hold", *options]))
 """Sends itself a signal when compiled ticks make the first record of their results."""
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_during_compiled_ticks_is_an_interruption(number: signal.Signals, tmp_path) -> None:
-    command = [sys.executable, "-c", SIGNAL_AMONG_THE_RESULTS, str(int(number)), str(tmp_path / "run")]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
-    name = "Ctrl-C" if number == signal.SIGINT else "SIGTERM"
-    assert ended.returncode == EXIT_INTERRUPTED, ended.stderr
-    assert f"interrupted by {name}" in ended.stdout
-    verdict = json.loads((tmp_path / "run" / "verdict.json").read_text())
-    assert verdict["reasons"][0] == f"interrupted by {name}"
-
-
 SIGNAL_WHERE_EXCEPTIONS_ARE_LOST = """
 import os, sys, weakref
 from hil.nodes.runners import PlantRunner
@@ -70,29 +60,6 @@ sys.exit(run(["run", "e-stop-in-the-hold", *options]))
 """Sends itself a signal in a callback, whose exceptions Python prints and forgets."""
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
-def test_a_signal_during_an_interpreted_tick_is_an_interruption(number: signal.Signals, tmp_path) -> None:
-    command = [
-        sys.executable,
-        "-c",
-        SIGNAL_WHERE_EXCEPTIONS_ARE_LOST,
-        str(int(number)),
-        str(tmp_path / "run"),
-    ]
-    ended = subprocess.run(
-        command,
-        capture_output=True,
-        text=True,
-        check=False,
-        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
-    )
-    name = "Ctrl-C" if number == signal.SIGINT else number.name
-    assert ended.returncode == EXIT_INTERRUPTED, ended.stderr
-    assert "Exception ignored" not in ended.stderr
-    verdict = json.loads((tmp_path / "run" / "verdict.json").read_text())
-    assert verdict["reasons"][0] == f"interrupted by {name}"
-
-
 ANOTHER_ERROR = """
 import os, sys
 from hil.timing.signals import Interrupted
@@ -112,9 +79,29 @@ sys.exit(run(["run", "e-stop-in-the-hold", *options]))
 """Compiled code makes another error of the interruption."""
 
 
-def test_an_interruption_that_comes_as_another_error_is_an_interruption(tmp_path) -> None:
-    command = [sys.executable, "-c", ANOTHER_ERROR, str(int(signal.SIGTERM)), str(tmp_path / "run")]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+@pytest.mark.parametrize(
+    ("program", "number"),
+    [
+        (SIGNAL_AMONG_THE_RESULTS, signal.SIGINT),
+        (SIGNAL_WHERE_EXCEPTIONS_ARE_LOST, signal.SIGHUP),
+        (ANOTHER_ERROR, signal.SIGTERM),
+    ],
+    ids=["among results", "where exceptions are lost", "as another error"],
+)
+def test_a_signal_during_a_tick_is_an_interruption(
+    program: str, number: signal.Signals, tmp_path: Path
+) -> None:
+    command = [sys.executable, "-c", program, str(int(number)), str(tmp_path / "run")]
+    ended = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),
+    )
+    name = "Ctrl-C" if number == signal.SIGINT else number.name
     assert ended.returncode == EXIT_INTERRUPTED, ended.stderr
+    assert "Exception ignored" not in ended.stderr
+    assert f"interrupted by {name}" in ended.stdout
     verdict = json.loads((tmp_path / "run" / "verdict.json").read_text())
-    assert verdict["reasons"][0] == "interrupted by SIGTERM"
+    assert verdict["reasons"][0] == f"interrupted by {name}"

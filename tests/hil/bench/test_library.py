@@ -156,7 +156,7 @@ def test_the_plug_in_keeps_and_names_the_runs_of_a_failed_test(pytester, monkeyp
     (pytester.path / "still.toml").write_text(f"seed = 7\n{SCENARIO}")
     (pytester.path / "unchecked.toml").write_text(SCENARIO.partition("[[checks]]")[0])
     pytester.makepyfile(TESTS)
-    result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
+    result = pytester.runpytest_inprocess("-p", "no:cacheprovider")
     result.assert_outcomes(passed=1, failed=2)
     kept = {hil.open_run(folder).figures.duration_s: folder for folder in (pytester.path / "runs").iterdir()}
     assert set(kept) == {0.25, 0.5}
@@ -217,7 +217,7 @@ def test_the_plug_in_removes_no_folder_but_those_of_tests_that_pass(pytester, mo
     monkeypatch.setenv("VIBROHIL_CACHE_DIR", str(KERNELS))
     (pytester.path / "still.toml").write_text(SCENARIO)
     pytester.makepyfile(PLACES)
-    result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
+    result = pytester.runpytest_inprocess("-p", "no:cacheprovider")
     result.assert_outcomes(passed=3, failed=1, errors=2)
     kept = {}
     for folder in (pytester.path / "runs").iterdir():
@@ -235,7 +235,7 @@ def test_a_refused_input_is_shown_at_the_line_of_the_test(pytester):
         def test_of_a_file_that_is_missing(bench):
             bench.run("missing.toml")
     """)
-    result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
+    result = pytester.runpytest_inprocess("-p", "no:cacheprovider")
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(
         ['>*bench.run("missing.toml")', "E*scenario file 'missing.toml' cannot be read*"]
@@ -253,7 +253,7 @@ def test_clock_bus_and_build_of_the_session_are_those_of_its_runs(pytester):
     )
     clock = ("--vibrohil-clock", "real", "--vibrohil-time", "strict", "--vibrohil-bus", "local")
     options = (*clock, "--vibrohil-firmware", "python")
-    result = pytester.runpytest_subprocess("-p", "no:cacheprovider", *options)
+    result = pytester.runpytest_inprocess("-p", "no:cacheprovider", *options)
     result.assert_outcomes(passed=1)
 
 

@@ -76,6 +76,7 @@ def shown_on(page: Path) -> list[list[str]]:
     ]
 
 
+@pytest.mark.usefixtures("in_process")
 @pytest.mark.parametrize("about", IN_ORDER)
 def test_what_is_shown_works(about, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

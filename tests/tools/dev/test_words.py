@@ -79,6 +79,8 @@ def found_in(path: Path) -> list[str]:
     found = []
     name = path.relative_to(REPOSITORY).as_posix()
     words = WORDS | ON_PAGES if path.suffix == ".md" else WORDS
+    if not re.search(rf"\b(?:{'|'.join(words)})\b", path.read_text("utf-8"), re.IGNORECASE):
+        return []
     for number, line in lines_of(path):
         kept = line
         for (begins, text), _ in ALLOWED.items():
@@ -96,7 +98,10 @@ def names_in(path: Path) -> list[str]:
     """The names in a module and the module's own that have a word in them which is not to be written."""
     found = []
     name = path.relative_to(REPOSITORY).as_posix()
-    tokens = tokenize.generate_tokens(io.StringIO(path.read_text("utf-8")).readline)
+    text = path.read_text("utf-8")
+    if not re.search("|".join(set().union(*IN_NAMES.values())), path.stem + text, re.IGNORECASE):
+        return []
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
     for text in {path.stem, *(token.string for token in tokens if token.type == tokenize.NAME)}:
         parts = set(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", text).lower().split("_"))
         found += [

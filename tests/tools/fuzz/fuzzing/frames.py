@@ -6,7 +6,7 @@ with inverted bits, shortened or repeated. After each tick the torque must be a 
 the firmware and at the drive. Every frame must be accounted for: accepted, or dropped with a reason.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import chain
 from typing import NamedTuple
 
@@ -216,7 +216,7 @@ def together(outcomes: Sequence[Outcome]) -> Outcome:
     return Outcome._make([*map(sum, counts), max(firmware_n_m), max(drive_n_m), found])
 
 
-def fuzz(frames: int, seed: int, progress: Callable[[int], None] = lambda _: None) -> Outcome:
+def fuzz(frames: int, seed: int) -> Outcome:
     """Run lives with seeds from `seed` on until this number of frames or ENOUGH_FAILURES is reached."""
     outcomes: list[Outcome] = []
     so_far = failures = 0
@@ -224,5 +224,4 @@ def fuzz(frames: int, seed: int, progress: Callable[[int], None] = lambda _: Non
         outcomes.append(one_life(seed + len(outcomes)))
         so_far += outcomes[-1].frames
         failures += len(outcomes[-1].failures)
-        progress(min(so_far, frames))
     return together(outcomes)

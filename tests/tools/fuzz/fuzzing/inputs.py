@@ -8,7 +8,6 @@ seed repeats a failure.
 
 import tempfile
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -41,7 +40,7 @@ class Outcome(NamedTuple):
     failures: tuple[Failure, ...]
 
 
-def fuzz(kind: Kind, inputs: int, seed: int, progress: Callable[[int], None] = lambda _: None) -> Outcome:
+def fuzz(kind: Kind, inputs: int, seed: int) -> Outcome:
     """Run the cases with seeds from `seed` on until `inputs` or ENOUGH_FAILURES is reached."""
     cases: Counter[str] = Counter()
     statuses: Counter[int] = Counter()
@@ -66,7 +65,6 @@ def fuzz(kind: Kind, inputs: int, seed: int, progress: Callable[[int], None] = l
                     worker.close()
                     worker = Worker(kind, good)
                 done += 1
-                progress(done)
         finally:
             worker.close()
     return Outcome(kind, done, dict(cases), dict(statuses), slowest_s, largest_mb, tuple(failures))

@@ -9,8 +9,8 @@ import itertools
 import os
 import random
 import signal
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 from fuzzing import queue_kills, run_kills
@@ -44,13 +44,10 @@ def kinds() -> list[tuple[str, str, signal.Signals, str]]:
     ]
 
 
-def kills(seed: int, of_workers: bool = False) -> Iterator[Kill]:
-    """Yield kills endlessly: all kinds in a random order, then all kinds again in another order.
-
-    `of_workers`: only kinds that kill a worker.
-    """
+def kills(seed: int) -> Iterator[Kill]:
+    """Yield kills endlessly: all kinds in a random order, then all kinds again in another order."""
     random_numbers = random.Random(seed)
-    shuffled = [kind for kind in kinds() if not of_workers or kind[1] == queue_kills.WORKER]
+    shuffled = kinds()
     while True:
         random_numbers.shuffle(shuffled)
         for of, process, number, stage in shuffled:
@@ -65,19 +62,12 @@ def one_kill(kill: Kill) -> list[str]:
     return queue_kills.killed_queue(kill) if kill.of in QUEUES else run_kills.killed_run(kill)
 
 
-def fuzz_kills(
-    count: int, seed: int, progress: Callable[[int], None], of_workers: bool = False
-) -> list[Failure]:
+def fuzz_kills(count: int, seed: int) -> list[Failure]:
     """Run `count` kills, as many at once as there are cores, and return the failures."""
-    chosen = list(itertools.islice(kills(seed, of_workers), count))
-    failures = []
+    chosen = list(itertools.islice(kills(seed), count))
     with ThreadPoolExecutor(os.cpu_count() or 1) as threads:
-        futures = {threads.submit(one_kill, kill): kill for kill in chosen}
         try:
-            for done, future in enumerate(as_completed(futures), 1):
-                if wrong := future.result():
-                    failures.append(Failure(futures[future], wrong))
-                progress(done)
+            outcomes = list(threads.map(one_kill, chosen))
         finally:
             threads.shutdown(cancel_futures=True)  # an interruption begins no further kill
-    return failures
+    return [Failure(kill, wrong) for kill, wrong in zip(chosen, outcomes, strict=True) if wrong]
