@@ -6,6 +6,7 @@ The method is typed with one parameter per field; parameters that a call leaves 
 from inspect import Parameter, Signature
 from typing import Any
 
+import numba.core.imputils
 import numba.core.types
 from numba.core.errors import TypingError
 from numba.core.typing import templates
@@ -14,6 +15,7 @@ from numba.extending import lower_builtin
 _KEY = "record._replace"
 _templates: Any = templates
 _types: Any = numba.core.types
+_imputils: Any = numba.core.imputils
 _lowered: Any = lower_builtin
 
 
@@ -48,4 +50,4 @@ def _replaced(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     for place, (kind, value) in enumerate(zip(sig.args[1:], values, strict=True)):
         if kind is not _types.none:
             record = builder.insert_value(record, value, place)
-    return record
+    return _imputils.impl_ret_borrowed(context, builder, sig.return_type, record)

@@ -1,6 +1,8 @@
 """Kernels are cached by the state of the sources, and are made for the types of a scene's parts."""
 
 import doctest
+import subprocess
+import sys
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -77,3 +79,31 @@ def test_an_entry_point_reads_arrays_in_their_order() -> None:
     kernel = kernels.jit(lambda values: values[1, 1])
     for values in (np.asfortranarray(table), table[:, ::2], table):
         assert kernels.entry_point(kernel, values)(values) == values[1, 1]
+
+
+REPLACING = """
+from typing import Any, NamedTuple
+import numpy as np
+import numba
+import kernel_cache, numba_replace
+
+class Record(NamedTuple):
+    step_s: float
+    values: Any
+
+@numba.njit
+def kept(count):
+    record, total = Record(1.0, np.ones(3)), 0.0
+    for step in range(count):
+        total += record._replace(step_s=float(step)).values.sum()
+        total += record._replace(values=np.full(3, 2.0)).step_s
+    return record.values.sum(), total
+
+print(kept(1000))
+"""
+
+
+def test_a_record_keeps_the_array_that_it_shares_with_its_replacements() -> None:
+    """In a process of its own: an array that is freed too often ends it."""
+    ended = subprocess.run([sys.executable, "-c", REPLACING], capture_output=True, text=True, check=False)
+    assert (ended.stdout, ended.returncode) == ("(3.0, 4000.0)\n", 0), ended.stderr
