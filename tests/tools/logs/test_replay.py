@@ -130,10 +130,10 @@ def test_a_log_that_begins_in_motion_or_with_a_jump_is_refused(run_dir: Path, tm
 
 def test_a_run_whose_log_lacks_what_the_firmware_received_is_not_judged(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    hil.run("samples-five-ticks-late-are-ridden-through", out=folder)
+    hil.run("a-controller-that-goes-bus-off-stops-the-motor", out=folder)
     result = replay(folder)
     assert result.proves_nothing
-    assert result.hidden == "the fault delayed at 6 s acts on what the log does not show"
+    assert result.hidden == "the fault bus-off at 6 s acts on what the log does not show"
 
 
 def test_the_command_replays_a_folder_of_recordings(
