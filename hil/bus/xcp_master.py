@@ -5,7 +5,7 @@ firmware's own tables give it names, types and addresses, and the slave's identi
 """
 
 import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from firmware_py.interface.enums import XcpCommandCode as Code
@@ -271,10 +271,3 @@ def place_of(name: str) -> int:
         hint = f"; did you mean {' or '.join(near)}?" if near else "; `vibrohil measure --list` lists them"
         raise XcpMasterError(f"there is no signal {name!r}{hint}")
     return index
-
-
-def lists_of(signals: Mapping[str, int] | Collection[str], prescaler: int = 1) -> list[Sampled]:
-    """One DAQ list for all signals, or one for each prescaler of a mapping from signal to prescaler."""
-    by_name = signals if isinstance(signals, Mapping) else dict.fromkeys(signals, prescaler)
-    wanted = sorted(set(by_name.values()))
-    return [Sampled([name for name in by_name if by_name[name] == ticks], ticks) for ticks in wanted]
