@@ -65,6 +65,10 @@ def test_an_exception_a_wrong_status_and_what_is_touched_or_left_are_found(
         Path("../mine/mine.toml.new").touch()
         return 4
 
+    def outdated(_: list[str]) -> int:
+        return true_run(["tune", "diff"])
+
+    true_run = cli.run
     started: list[subprocess.Popen[bytes]] = []
 
     def leaving(_: list[str]) -> int:
@@ -78,6 +82,7 @@ def test_an_exception_a_wrong_status_and_what_is_touched_or_left_are_found(
     assert "mine.toml.new" in wrong(monkeypatch, tmp_path, adding)
     assert wrong(monkeypatch, tmp_path, lambda _: 3) == "exit status 3"
     assert wrong(monkeypatch, tmp_path, lambda _: 4) == ""
+    assert "No such command 'diff'" in wrong(monkeypatch, tmp_path, outdated)
     monkeypatch.setattr(worker, "GONE_S", 0.1)
     assert "process" in wrong(monkeypatch, tmp_path, leaving)
     for process in started:

@@ -145,7 +145,7 @@ def run_setting(random: Random, _: Path, good: Path) -> list[str]:
 
 
 def parameter_file(random: Random, mine: Path, good: Path) -> list[str]:
-    """Use a damaged parameter file for a run, or compare it with a valid one."""
+    """Use a damaged parameter file for a run, alone or with a valid one."""
     path = written(mine / "mine.toml", PARAMETERS)
     if random.random() < 0.5:
         path.write_bytes(damaged_bytes(random, path.read_bytes()))
@@ -153,10 +153,10 @@ def parameter_file(random: Random, mine: Path, good: Path) -> list[str]:
         names = [one.name for one in TABLE]
         entry = {"value": chosen(random, NASTY), "unit": chosen(random, ("s", "N m s", "", 1))}
         written(path, damaged_tables(random, {**PARAMETERS, "parameters": {chosen(random, names): entry}}))
+    files = ["--parameters", str(path)]
     if random.random() < 0.5:
-        pair = [str(path), str(written(mine / "other.toml", PARAMETERS))]
-        return ["tune", "diff", *(pair if random.random() < 0.5 else pair[::-1]), "--no-suite"]
-    return lockstep(random, str(good / "short.toml"), "--out", "run", "--parameters", str(path))
+        files += ["--parameters", str(written(mine / "other.toml", PARAMETERS))]
+    return lockstep(random, str(good / "short.toml"), "--out", "run", *files)
 
 
 # --- places -------------------------------------------------------------------------------------------
@@ -174,7 +174,6 @@ def special_file(random: Random, mine: Path, good: Path) -> list[str]:
         ["simulate", given, "--until", "0.2"],
         ["run", given, "--clock", "lockstep", "--out", "run"],
         ["run", SHORT_RUN["scene"], "--clock", "lockstep", "--out", "run", "--parameters", given],
-        ["tune", "diff", given, given, "--no-suite"],
         ["tune", "identify", given],
         ["import", given, "--out", "imported"],
         ["inspect", given],

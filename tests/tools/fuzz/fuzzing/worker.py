@@ -80,6 +80,10 @@ def case_of(kind: Kind, random: Random) -> tuple[str, Case]:
 # --- in the worker ------------------------------------------------------------------------------------
 
 
+NO_CASE = ("No such command", "No such option")
+"""Errors of a case that calls what the program no longer has: it proves nothing."""
+
+
 def attempt(
     kind: Kind, seed: int, good: Path, begun: Callable[[str, tuple[str, ...]], None] = lambda *_: None
 ) -> Attempt:
@@ -103,7 +107,8 @@ def attempt(
         try:
             with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
                 status = run(list(arguments))
-            wrong = "" if status in IN_ORDER else said.getvalue()[-2000:] or f"exit status {status}"
+            is_wrong = status not in IN_ORDER or any(words in said.getvalue() for words in NO_CASE)
+            wrong = (said.getvalue()[-2000:] or f"exit status {status}") if is_wrong else ""
         except BaseException as error:  # any error is a failure: it is reported and ends this case
             if isinstance(error, KeyboardInterrupt):
                 raise
