@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from tools.output import figure
 from tools.study.claims.evidence import Evidence
 
 REPRODUCED = "reproduced"
@@ -52,8 +51,11 @@ class Claim:
             verdict = REPRODUCED
         elif self.partly and any(parts.values()):
             verdict = UNDER_PARAMETERS
-        stated = "; ".join(f"{part}: {figure(holds)}" for part, holds in parts.items())
-        return Verdict(verdict, f"Parts: {stated}. {self.remark}".rstrip())
+        stated = ""
+        for words, which in (("Holds", True), ("Does not hold", False)):
+            these = [part for part, holds in parts.items() if bool(holds) is which]
+            stated += f"{words}: {'; '.join(these)}. " if these else ""
+        return Verdict(verdict, f"{stated}{self.remark}".rstrip())
 
     def judge(self, evidence: Evidence) -> "JudgedClaim":
         """Measure the figures and judge the claim by its rule."""

@@ -56,8 +56,8 @@ def three_regimes(found: Figures) -> dict[str, bool]:
     full, laws = found["with_all_three"], found["with_all_three_by_law"]
     counts = ", ".join(f"{law} {count}" for law, count in laws.items())
     return {
-        f"all three regimes in {full} of {found['cases']} cases, that is in each": full == found["cases"],
-        f"with each law in some case ({counts})": all(laws.values()),
+        f"all three regimes in each case ({full} of {found['cases']})": full == found["cases"],
+        f"all three regimes with each law in some case ({counts})": all(laws.values()),
     }
 
 
@@ -127,7 +127,7 @@ def peak_force(found: Figures) -> dict[str, bool]:
     inside = sum(FORCE_LOW_N <= peak <= FORCE_HIGH_N for peak in peaks)
     return {
         f"every peak of {span(peaks, 'N')} is within 10 to 40 N": 0 < len(peaks) == inside,
-        f"some peak is ({inside} of {len(peaks)} are)": inside > 0,
+        f"some peak is within 10 to 40 N ({inside} of {len(peaks)})": inside > 0,
     }
 
 
@@ -191,7 +191,7 @@ def gait_frequencies(found: Figures) -> dict[str, bool]:
     return {
         "Table 1's module has impacts from some start at each of 2 to 5 Hz, a factor of 2.5 (in a run-up "
         f"they span a factor of {factors}), and can lose them at 6 Hz": suits["table1"],
-        "this or the retuned module does": any(suits.values()),
+        "one of the two modules has such impacts and can lose them": any(suits.values()),
     }
 
 
