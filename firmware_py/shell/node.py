@@ -1,7 +1,7 @@
 """The firmware on the bus: `firmware_py.node.tick` with bytes around its words. No clock, no socket."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,7 +15,7 @@ from firmware_py.core.state import Outputs, State
 from firmware_py.interface.counters import Counters
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
 from firmware_py.interface.generated.kinds import SET_INPUT_TORQUE
-from firmware_py.interface.generated.received import RECEIVED_IDS, Received
+from firmware_py.interface.generated.received import Received
 from firmware_py.node import calibration, memory, xcp
 from firmware_py.node.tick import INITIAL, Rx, tick
 from firmware_py.shell.catching_up import divide_frames, due_counter, fit_frames
@@ -98,11 +98,6 @@ class Node(ABC):
     @abstractmethod
     def ticks(self) -> int:
         """The number of periods since power-up."""
-
-    @property
-    def can_ids(self) -> Collection[int]:
-        """The identifiers that the firmware receives."""
-        return RECEIVED_IDS
 
     @property
     def inputs(self) -> Inputs:

@@ -15,6 +15,7 @@ import numpy as np
 from firmware_py.interface.codec import CODEC_BY_ID
 from firmware_py.interface.crc import frame_crc8
 from firmware_py.interface.frame import Frame
+from firmware_py.interface.generated.received import RECEIVED_IDS
 from firmware_py.shell.node import FirmwareNode
 from firmware_py.shell.parameters import config_from
 from hil.nodes.plant import ACCEPTED_IDS, PlantNode
@@ -162,7 +163,7 @@ class Life:
         """Return the loop's own frames between foreign frames, and count all of them."""
         strangers = self._strangers.burst(count)
         frames = [*strangers[: count // 2], *own, *strangers[count // 2 :]]
-        addressed = (self.firmware.can_ids, ACCEPTED_IDS)[which]
+        addressed = (RECEIVED_IDS, ACCEPTED_IDS)[which]
         self._frames[which] += len(frames)
         self._not_addressed[which] += sum(frame.can_id not in addressed for frame in frames)
         return frames
