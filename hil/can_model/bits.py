@@ -6,8 +6,7 @@ acknowledgement, end of frame and intermission follow unstuffed (Bosch, "CAN Spe
 part A, sections 3.1 and 5; ISO 11898-1). 0 is the dominant level, 1 the recessive one.
 
 The usual bound on a frame's length, 55 + 10·n bits for n data bytes, is never reached: RTR, IDE, r0 and the
-length code are fixed, and the checksum depends on the other bits. A complete search over all identifiers
-and data gives 53, 62, 72, 83, 93, 102, 113, 124 and 133 bits for n = 0 … 8.
+length code are fixed, and the checksum depends on the other bits.
 """
 
 import re
