@@ -158,23 +158,19 @@ def test_settings_of_numba_in_the_working_folder_are_refused(tmp_path: Path) -> 
     assert done.stderr.startswith("error: the current folder holds .numba_config.yaml")
 
 
-@pytest.mark.parametrize("content", ["font.size: 40\nsvg.fonttype: none\nbackend: module://evil\n", None])
-def test_settings_of_matplotlib_in_the_working_folder_are_not_read(
-    tmp_path: Path, content: str | None
-) -> None:
+def test_settings_of_matplotlib_in_the_working_folder_are_not_read(tmp_path: Path) -> None:
     program = Path(sys.executable).with_name("vibrohil")
     command = [program, "simulate", "table1-viscous", "--until", "1", "--plot", "plot.svg"]
-    plain, spoiled = tmp_path / "plain", tmp_path / "spoiled"
-    for folder in (plain, spoiled):
+    folders = plain, settings, pipe = [tmp_path / name for name in ("plain", "settings", "pipe")]
+    for folder in folders:
         folder.mkdir()
-        if folder == spoiled and content is None:
-            os.mkfifo(folder / "matplotlibrc")
-        elif folder == spoiled:
-            (folder / "matplotlibrc").write_text(content)
+    (settings / "matplotlibrc").write_text("font.size: 40\nsvg.fonttype: none\nbackend: module://evil\n")
+    os.mkfifo(pipe / "matplotlibrc")
+    for folder in folders:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
         assert done.returncode == 0, done.stderr
         assert "matplotlib" not in done.stderr
-    assert (plain / "plot.svg").read_bytes() == (spoiled / "plot.svg").read_bytes()
+        assert (folder / "plot.svg").read_bytes() == (plain / "plot.svg").read_bytes()
 
 
 @pytest.mark.realtime

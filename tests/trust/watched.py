@@ -87,7 +87,7 @@ def commands_for(case: Path) -> list[list[str]]:
         ]
     place = str(case)
     commands = [["inspect", place], ["replay", place], ["runs", place], ["export", place, "--to", "mcap"]]
-    if case.name.startswith("run.rrd"):
+    if case.name.startswith("run.rrd-"):
         log = str(case / "run.rrd")
         commands += [["inspect", log], ["compare", place, str(case.parent / "as-it-was")]]
     return [[*command, "--json"] for command in commands]

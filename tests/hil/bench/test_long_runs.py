@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -11,34 +12,29 @@ from hil.record.traces import trace
 from hil.record.traces.trace import TraceWriter
 
 MINUTES = 3, 6
-JUDGE = """
-from hil.bench.verdict import finish
-assert finish(Path(sys.argv[1])).figures.ticks == int(sys.argv[2])
-"""
-INSPECT = """
-from hil.bench.recorded_run import Run
-assert Run(Path(sys.argv[1]) / "run.rrd").verdict["ticks"] == int(sys.argv[2])
-"""
-COMPARE = """
-from hil.bench.recorded_run import Run
-from tools.logs.comparison import first_difference
-run = Run(Path(sys.argv[1]) / "run.rrd")
-assert first_difference(run, run) is None
-"""
-EXPORT = """
-from hil.bench.recorded_run import Run
-from tools.logs.exporting import export
-assert export(Run(Path(sys.argv[1]) / "run.rrd"), "parquet", Path(sys.argv[1]) / "frames")
-"""
+JUDGE = "assert finish(run_dir).figures.ticks == ticks"
+INSPECT = "assert Run(log).verdict['ticks'] == ticks"
+COMPARE = "run = Run(log); assert first_difference(run, run) is None"
+EXPORT = "assert export(Run(log), 'parquet', run_dir / 'frames')"
 LARGEST_GROWTH_MB_A_MINUTE = {JUDGE: 8.0, INSPECT: 8.0, COMPARE: 16.0, EXPORT: 16.0}
 """Sixteen columns of 60,000 numbers each: what one figure works on at a time. Twice that for two runs, and
 for the decoded frames of one name."""
-BEFORE = """
-import sys
+EACH_IN_A_FORK = """
+import os, sys
 from pathlib import Path
-"""
-AFTER = """
-print(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0])
+from hil.bench.recorded_run import Run
+from hil.bench.verdict import finish
+from tools.logs.comparison import first_difference
+from tools.logs.exporting import export
+run_dir, ticks = Path(sys.argv[1]), int(sys.argv[2])
+log = run_dir / "run.rrd"
+for program in sys.argv[3:]:
+    child = os.fork()
+    if child == 0:
+        exec(program)
+        print(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0], flush=True)
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
 """
 KINDS = {"f": float, "i": int, "b": bool}
 
@@ -64,10 +60,11 @@ def prolonged_folder(run_dir: Path, times: int) -> Path:
     return run_dir
 
 
-def peak_mb(program: str, run_dir: Path, ticks: int) -> float:
-    """The largest memory of a process that runs a program on a folder."""
-    command = [sys.executable, "-c", BEFORE + program + AFTER, str(run_dir), str(ticks)]
-    return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout) / 1024.0
+def peaks_mb_of(programs: Iterable[str], run_dir: Path, ticks: int) -> list[float]:
+    """The largest memory of each process that runs a program on a folder; all import their modules once."""
+    command = [sys.executable, "-c", EACH_IN_A_FORK, str(run_dir), str(ticks), *programs]
+    peaks_kb = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout.split()
+    return [int(peak_kb) / 1024.0 for peak_kb in peaks_kb]
 
 
 def test_memory_hardly_grows_with_the_length_of_the_run(tmp_path: Path) -> None:
@@ -76,6 +73,6 @@ def test_memory_hardly_grows_with_the_length_of_the_run(tmp_path: Path) -> None:
         times = round(60.0 * minutes / END_S)
         run_dir = prolonged_folder(tmp_path / f"{minutes}", times)
         ticks = times * round(END_S / T_S)
-        peaks_mb.append([peak_mb(program, run_dir, ticks) for program in LARGEST_GROWTH_MB_A_MINUTE])
+        peaks_mb.append(peaks_mb_of(LARGEST_GROWTH_MB_A_MINUTE, run_dir, ticks))
     growth_mb_a_minute = np.diff(peaks_mb, axis=0)[0] / (MINUTES[1] - MINUTES[0])
     assert np.all(growth_mb_a_minute < list(LARGEST_GROWTH_MB_A_MINUTE.values())), peaks_mb
