@@ -33,6 +33,7 @@ from hil.timing.clock import NS_PER_S
 from hil.timing.loop import LoopTiming
 from hil.timing.memory import SETTLING_SHARE, MemoryWatch
 from hil.timing.signals import delayed_signals
+from plant_sim.kernels import IS_INTERPRETED
 from plant_sim.scene import Scene
 
 if TYPE_CHECKING:
@@ -139,7 +140,9 @@ class LockstepNodes:
         self._period_ns = round(scenario.period_s * NS_PER_S)
 
     def stretches(self) -> "RecordedStretches | None":
-        """The compiled stretches of a run on the ideal bus."""
+        """The compiled stretches of a run on the ideal bus; None where Python runs all kernels."""
+        if IS_INTERPRETED:
+            return None
         from hil.bench import stretches as compiled  # noqa: PLC0415 - imports compiled code
 
         to_plant, to_operator = self._to_plant, self._to_operator

@@ -20,6 +20,7 @@ from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import read
 from hil.scenario.scenario import Scenario
 from plant_sim.arrays import FloatArray
+from plant_sim.kernels import IS_INTERPRETED
 from plant_sim.parts.parts import Parts
 
 SIGNALS = (
@@ -107,7 +108,8 @@ class Run:
 def run(scenario: Scenario, seed: int, more: Sequence[str] = (), firmware: Build = "compiled") -> Run:
     """Run a scenario from power-up on; `more` names signals to keep in addition to `SIGNALS`."""
     is_steady = all(fault.is_steady for fault in scenario.faults)
-    kept = in_stretches if firmware in NATIVE and is_steady else in_a_folder
+    is_compiled = firmware in NATIVE and not IS_INTERPRETED
+    kept = in_stretches if is_compiled and is_steady else in_a_folder
     plant, known, impacts = kept(scenario, seed, columns_of([*SIGNALS, *more]), firmware)
     return Run(
         scenario.scene.parts(seed),

@@ -80,7 +80,7 @@ def object_code(arguments: tuple[str, ...], names: Iterable[str]) -> bytes:
         with tempfile.TemporaryDirectory() as folder:
             fresh = Path(folder) / "raw.ll"
             command = [sys.executable, "-P", "-m", "tools.fmu.machine_code", str(fresh), *arguments]
-            subprocess.run(command, env=environ | {"NUMBA_OPT": "0"}, check=True)
+            subprocess.run(command, env=environ | {"NUMBA_OPT": "0", "NUMBA_DISABLE_JIT": "0"}, check=True)
             return retargeted(fresh.read_text(), TARGET, tuple(names))
 
     digest = hashlib.sha256("\0".join(arguments).encode()).hexdigest()[:16]
