@@ -32,7 +32,7 @@ BAD_INPUT = frozenset(
         "hil.can_model.bits.BitRateError",
         "hil.kernel.user_mode_linux.UmlError",
         "hil.record.damage.DamagedFileError",
-        "hil.record.rerun_program.RerunError",
+        "hil.record.rrd.rerun_program.RerunError",
         "hil.record.run_folder.RunFolderError",
         "hil.record.traces.trace.TraceError",
         "hil.suite.compare_suites.SuiteError",

@@ -28,8 +28,8 @@ from hil.record.folder_lock import is_in_use
 from hil.record.frame_tables import contiguous
 from hil.record.log_reader import TIMELINES, read_traces
 from hil.record.new_file import is_foreign
-from hil.record.rerun_program import RerunError
 from hil.record.rrd.log_file import is_whole, repair
+from hil.record.rrd.rerun_program import RerunError
 from hil.record.run_folder import RUNS, VERDICT, is_own, refuse_irregular
 from hil.record.run_traces import RunTraces
 from hil.show.rerun_log import LOG_NAME, rebuild

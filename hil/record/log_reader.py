@@ -41,11 +41,34 @@ def entities(path: Path) -> set[str]:
 
 
 def blocks(path: Path, entity: str) -> Iterator[pa.Table]:
-    """Yield the rows of an entity in blocks, in the order of the file."""
+    """Yield the rows of an entity in blocks, in the order of the file.
+
+    Raises ValueError for a column of which any number of elements takes no room, for example null.
+    """
     for chunk in RrdReader(path).store().stream().filter(content=entity):
         if not chunk.is_static:
             batch = chunk.to_record_batch().drop_columns([ROW_ID])
+            for column in batch.schema:
+                if not takes_room(column.type):
+                    raise ValueError(
+                        f"{column.name} is of type {column.type!s:.80}; a run logs no such column"
+                    )
             yield pa.table(batch.columns, names=batch.schema.names)
+
+
+def takes_room(kind: pa.DataType) -> bool:
+    """Whether each element of a type takes room in a file, so that the file's size limits their number."""
+    inner = [kind.field(number).type for number in range(kind.num_fields)]
+    if pa.types.is_struct(kind) or pa.types.is_fixed_size_list(kind) or pa.types.is_union(kind):
+        return bool(inner) and all(map(takes_room, inner))
+    if pa.types.is_fixed_size_binary(kind):
+        return bool(kind.byte_width > 0)
+    return bool(
+        pa.types.is_primitive(kind)
+        or pa.types.is_binary(kind)
+        or pa.types.is_string(kind)
+        or (pa.types.is_list(kind) and all(map(takes_room, inner)))
+    )
 
 
 def in_order(parts: Iterable[pa.Table]) -> pa.Table:

@@ -15,7 +15,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import IO
 from urllib.request import urlopen
 
-from hil.record.rerun_program import RerunError
+from hil.record.rrd.rerun_program import RerunError
 
 LOOPBACK = "127.0.0.1"
 POLICY = "; ".join(

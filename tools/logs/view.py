@@ -9,7 +9,7 @@ import webbrowser
 from pathlib import Path
 
 from hil.bench.recorded_run import log_of
-from hil.record.rerun_program import RerunError, rerun_environment, rerun_program
+from hil.record.rrd.rerun_program import RerunError, rerun_environment, rerun_program
 from hil.record.run_folder import VERDICT, read_note
 from hil.timing.signals import Interrupted, is_ctrl_c
 from tools.logs import quiet_viewer

@@ -1,1 +1,1 @@
-"""The file of the log: whole, repaired, and read only after its messages have been looked at."""
+"""The file of the log, and Rerun's program, which mends and shows it."""

@@ -19,7 +19,7 @@ from hil.judge.checks import Check, checks_of, margin_share
 from hil.judge.figures.figures import figures_of
 from hil.judge.seeds import merged
 from hil.judge.verdict import read_verdict
-from hil.record.rerun_program import rerun
+from hil.record.rrd.rerun_program import rerun
 from hil.show.report.pages import library, write_suite_report
 from hil.show.report.plot import thinned
 from tools.commands.run import show_checks, show_figures

@@ -13,8 +13,8 @@ from hil.bench.recorded_run import rebuilt
 from hil.judge.judge import judge
 from hil.record.candump import StoredBus, parse_candump
 from hil.record.damage import DamagedFileError, reading
-from hil.record.rerun_program import RerunError
 from hil.record.rrd.log_file import repair
+from hil.record.rrd.rerun_program import RerunError
 from hil.record.run_traces import read_run
 
 FILES = (

@@ -15,7 +15,7 @@ from firmware_py.shell.node import Counters
 from hil.can_model.fault_confinement import BusErrorRecord
 from hil.record import state_timeline
 from hil.record.rates import SLOW_BLOCKS, is_slow
-from hil.record.rerun_program import rerun_environment, rerun_program
+from hil.record.rrd.rerun_program import rerun_environment, rerun_program
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import flatten
 from hil.scenario.operator import OperatorRecord

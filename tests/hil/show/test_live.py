@@ -15,8 +15,8 @@ from run_folder import make_run, write_run
 from hil.bench.bench import ProcessesRun
 from hil.bench.ending import Outcome
 from hil.bench.options import RunOptions
-from hil.record.rerun_program import rerun_environment, rerun_program
 from hil.record.rrd.log_file import repair
+from hil.record.rrd.rerun_program import rerun_environment, rerun_program
 from hil.show.follower import Follower
 from hil.show.live import show
 from hil.show.rerun_log import rebuild

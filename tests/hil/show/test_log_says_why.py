@@ -16,7 +16,7 @@ from hil.can_model.fault_confinement import BusErrorRecord, ErrorState, NodeErro
 from hil.judge.checks import Check
 from hil.judge.figures.figures import figures_from
 from hil.record.log_reader import documents, read_traces, tables
-from hil.record.rerun_program import RerunError
+from hil.record.rrd.rerun_program import RerunError
 from hil.record.run_traces import read_run
 from hil.record.traces.trace import TraceWriter
 from hil.show import layout, rerun_log

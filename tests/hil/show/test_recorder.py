@@ -18,8 +18,8 @@ from firmware_py.interface import codec
 from firmware_py.interface.generated.records import SetInputTorque
 from hil.bus import join, provide
 from hil.record.log_reader import read_traces
-from hil.record.rerun_program import RerunError
 from hil.record.rrd.log_file import repair
+from hil.record.rrd.rerun_program import RerunError
 from hil.record.run_traces import read_bus, read_run
 from hil.record.traces.trace import TraceWriter
 from hil.show.rerun_log import rebuild

@@ -17,9 +17,9 @@ from hil.judge.judge import judge
 from hil.judge.verdict import CheckResult, Verdict
 from hil.record.log_reader import read_traces, tables
 from hil.record.rates import SLOW_TICKS, is_slow, slow_rows
-from hil.record.rerun_program import RerunError, rerun
 from hil.record.rrd import log_file
 from hil.record.rrd.log_file import ROOM_BYTES, is_whole, repair, written_whole
+from hil.record.rrd.rerun_program import RerunError, rerun
 from hil.record.run_traces import read_run
 from hil.show.highlights import highlights
 from hil.show.log_stream import recording_id

@@ -14,7 +14,7 @@ from hil.judge.requirements import trace
 from hil.judge.seeds import merged
 from hil.judge.verdict import read_verdict
 from hil.record import state_timeline
-from hil.record.rerun_program import rerun_environment
+from hil.record.rrd.rerun_program import rerun_environment
 from hil.record.run_traces import read_scenario
 from hil.show.report.pages import write_suite_report
 from tools.logs import view

@@ -14,7 +14,7 @@ import pytest
 from hil.bench import recorded_run
 from hil.bench.recorded_run import RunError
 from hil.record import run_folder
-from hil.record.rerun_program import rerun, rerun_environment
+from hil.record.rrd.rerun_program import rerun, rerun_environment
 from hil.record.run_traces import RunTraces
 from hil.show.rerun_log import LOG_NAME, RunLog
 from tools import cli
