@@ -16,6 +16,7 @@ import psutil
 import pytest
 
 from hil.bench.bench import run_scenario
+from hil.bench.lockstep import silent
 from hil.bench.options import RunOptions
 from hil.record.traces import trace
 from hil.scenario.scenario import Scenario, load_scenario
@@ -40,10 +41,6 @@ RIDES_THROUGH = tuple(
 
 def quick() -> Scenario:
     return load_scenario("soft-start-multistable", QUICK[:3])
-
-
-def silent(_: float, __: str) -> None:
-    """Nobody looks at the progress."""
 
 
 def run(run_dir: Path, scenario: Scenario | None = None) -> dict[str, Any]:

@@ -29,7 +29,7 @@ from firmware_py.shell.builds import Build
 from firmware_py.shell.native import NativeNode
 from firmware_py.shell.parameters import config_from
 from hil.bench.bench import run_scenario
-from hil.bench.lockstep import run_lockstep
+from hil.bench.lockstep import run_lockstep, silent
 from hil.bench.options import RunOptions
 from hil.record.traces.trace import read
 from hil.scenario.scenario import load_scenario
@@ -59,7 +59,7 @@ def test_every_frame_and_every_state_of_a_run_is_that_of_the_compiled_build(
     scenario = load_scenario(name)
     for build in ("compiled", "cortex-m7"):
         (tmp_path / build).mkdir()
-        run_lockstep(scenario, tmp_path / build, 1, lambda *_: None, build)  # type: ignore[arg-type]
+        run_lockstep(scenario, tmp_path / build, 1, silent, build)  # type: ignore[arg-type]
     logs = [(tmp_path / build / "can.log").read_bytes() for build in ("compiled", "cortex-m7")]
     assert logs[0].count(b"\n") > 3 * scenario.ticks
     assert logs[0] == logs[1]
@@ -86,7 +86,7 @@ def test_in_single_precision_a_run_has_the_decisions_of_the_compiled_build(name:
             RunOptions(clock="lockstep", firmware=build),
             tmp_path / build,
             1,
-            lambda *_: None,
+            silent,
         )
         assert verdict.passed
     double, single = (read(tmp_path / build / "firmware.trace") for build in builds)
@@ -111,7 +111,7 @@ def test_a_cortex_m4f_sends_the_bytes_of_single_precision_here(name: str, tmp_pa
     builds: tuple[Build, ...] = ("host-single", "cortex-m4f", "compiled")
     for build in builds:
         (tmp_path / build).mkdir()
-        run_lockstep(scenario, tmp_path / build, 1, lambda *_: None, build)
+        run_lockstep(scenario, tmp_path / build, 1, silent, build)
     logs = [(tmp_path / build / "can.log").read_bytes() for build in builds]
     assert logs[0].count(b"\n") > 3 * scenario.ticks
     assert logs[0] == logs[1]

@@ -17,6 +17,7 @@ from resting import resting
 from waiting import waited_for
 
 from hil.bench.bench import run_scenario
+from hil.bench.lockstep import silent
 from hil.bench.options import RunOptions
 from hil.bench.verdict import failed_for
 from hil.judge import junit
@@ -35,10 +36,6 @@ LOCKSTEP = RunOptions(clock="lockstep")
 PROGRAM = Path(sys.executable).with_name("vibrohil")
 GONE_S = 6.0
 """Two seconds on a machine that does nothing else; tests run beside each other."""
-
-
-def silent(_: float, __: str) -> None:
-    """Nobody looks at the progress."""
 
 
 def rests(folder: Path, name: str, duration_s: float) -> str:

@@ -8,11 +8,9 @@ import pytest
 from firmware_py.interface.enums import Mode
 from firmware_py.shell.builds import Build
 from hil.bench import lockstep
-from hil.bench.beginning import begin
-from hil.bench.lockstep import run_lockstep
+from hil.bench.lockstep import in_lockstep, silent
 from hil.judge.checks import evaluate
 from hil.judge.figures.figures import figures_of
-from hil.record.run_folder import note
 from hil.record.traces import trace
 from hil.scenario.files import read_scenario
 from hil.scenario.scenario import Scenario, check_scenario, load_scenario
@@ -29,11 +27,7 @@ QUICK = [
 
 
 def run(scenario: Scenario, run_dir: Path, seed: int = 1, build: Build = "compiled") -> Path:
-    run_dir.mkdir(exist_ok=True)
-    begin(run_dir, scenario, "lockstep", seed)
-    note(run_dir, bus="in-process", kernel_can=False, wall_start_s=0.0)
-    run_lockstep(scenario, run_dir, seed, lambda *_: None, build)
-    return run_dir
+    return in_lockstep(scenario, run_dir, seed, silent, build)[0]
 
 
 @pytest.fixture(scope="module")
@@ -178,7 +172,7 @@ def test_an_e_stop_of_the_script_is_on_the_bus_in_its_tick(
     script: str, stop_s: float, tmp_path: Path
 ) -> None:
     settings = ["script.duration_s=0.8", f"script.commands=[{script}]"]
-    run_lockstep(load_scenario("soft-start-multistable", settings), tmp_path, 1, lambda *_: None, "compiled")
+    run(load_scenario("soft-start-multistable", settings), tmp_path)
     frames = [line.split() for line in (tmp_path / "can.log").read_text().splitlines()]
     assert next(at for at, _, frame in frames if frame == "002#") == f"({stop_s:.6f})"
     assert trace.read(tmp_path / "firmware.trace")["outputs.mode"][-1] == Mode.E_STOP

@@ -11,7 +11,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated import kinds
 from firmware_py.node import places
 from firmware_py.shell.native import NativeNode
-from hil.bench.lockstep import run_lockstep
+from hil.bench.lockstep import run_lockstep, silent
 from hil.record.traces.trace import read
 from hil.scenario.scenario import load_scenario
 from tools.trade.decisions import decisions_of, differences
@@ -48,7 +48,7 @@ def test_forty_signals_at_25_hz_change_no_decision_and_no_other_frame(tmp_path: 
     scenario = load_scenario("quick-start-below-the-band")
     for name, make in (("alone", NativeNode), ("measured", MeasuredNode)):
         (tmp_path / name).mkdir()
-        run_lockstep(scenario, tmp_path / name, 1, lambda *_: None, make=make)
+        run_lockstep(scenario, tmp_path / name, 1, silent, make=make)
     traces = [read(tmp_path / name / "firmware.trace") for name in ("alone", "measured")]
     assert not differences(decisions_of(traces[0]), decisions_of(traces[1]))
     marks = [f" {kind.can_id:03X}#" for kind in (kinds.XCP_COMMAND, kinds.XCP_RESPONSE)]

@@ -12,7 +12,7 @@ from firmware_py.builds.flat import layout
 from firmware_py.interface.frame import Frame
 from firmware_py.node.tick import NodeState
 from hil.bench import stretches
-from hil.bench.lockstep import LockstepNodes, run_lockstep
+from hil.bench.lockstep import LockstepNodes, run_lockstep, silent
 from hil.bench.stretches import quiet_until_s
 from hil.bus.can_log import CanLog
 from hil.nodes.closed_loop import LINE_BYTES, log_line
@@ -82,7 +82,7 @@ def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
     folders = tmp_path / "in-stretches", tmp_path / "tick-by-tick"
     for folder in folders:
         folder.mkdir()
-        run_lockstep(scenario, folder, 1, lambda *_: None, "compiled")
+        run_lockstep(scenario, folder, 1, silent, "compiled")
         monkeypatch.setattr(LockstepNodes, "stretches", lambda _: None)
     assert sum(lengths) > (0.5 if faults else 0.99) * scenario.ticks
     ours, wanted = ((folder / "can.log").read_bytes() for folder in folders)

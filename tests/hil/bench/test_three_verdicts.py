@@ -8,6 +8,7 @@ import pytest
 from resting import resting
 from run_folder import make_run, write_run
 
+from hil.bench.lockstep import silent
 from hil.bench.options import RunOptions
 from hil.bench.verdict import finish
 from hil.judge import junit, requirements
@@ -76,7 +77,7 @@ def test_a_scenario_without_checks_is_not_judged_by_a_suite(tmp_path, capsys, se
 @pytest.mark.usefixtures("in_process")
 def test_a_failed_check_gives_status_1_beside_a_run_that_is_not_judged(tmp_path):
     names = [unchecked(tmp_path), str(resting(tmp_path, "impacts", fewest=1.0))]
-    result = run_suite(Chosen(names), RunOptions(clock="lockstep"), tmp_path / "out", [1], lambda *_: None)
+    result = run_suite(Chosen(names), RunOptions(clock="lockstep"), tmp_path / "out", [1], silent)
     assert exit_of(result) == EXIT_CHECK_FAILED
     assert exit_of({"passed": True}) == EXIT_PASSED
 

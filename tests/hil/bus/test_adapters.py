@@ -14,11 +14,12 @@ import can
 import pytest
 from made_adapters import INTERFACES, installed
 from resting import resting
+from waiting import frames_within
 
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import Accelerometer, SetInputTorque
-from hil.bus import Bus, BusError, ProvidedBus, join, open_bus, provide, shared
+from hil.bus import Bus, ProvidedBus, join, open_bus, provide, shared
 from hil.record.run_traces import read_bus
 from hil.show.recorder import Recorder
 
@@ -46,15 +47,6 @@ def on(kind: str, wire: ProvidedBus) -> Iterator[Bus]:
         yield node
 
 
-def received(bus: Bus, number: int) -> list[Frame]:
-    frames: list[Frame] = []
-    deadline_s = time.monotonic() + TIMEOUT_S
-    while len(frames) < number and time.monotonic() < deadline_s:
-        bus.wait(0.1)
-        frames += bus.receive()
-    return frames
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_node_receives_every_frame_and_none_of_its_own(kind: str, wire: ProvidedBus) -> None:
     frames = [Frame(number, bytes([number])) for number in range(50)]
@@ -63,24 +55,15 @@ def test_a_node_receives_every_frame_and_none_of_its_own(kind: str, wire: Provid
             sender.send(frame)
             node.send(Frame(0x700, b""))
             time.sleep(0.002)
-        assert received(node, 50) == frames
-        assert len(received(sender, 50)) == 50
+        assert frames_within(node, 50, TIMEOUT_S) == frames
+        assert len(frames_within(sender, 50, TIMEOUT_S)) == 50
 
 
 def test_an_adapter_that_fails_is_named(wire: ProvidedBus, capfd: pytest.CaptureFixture[str]) -> None:
     with closing(join(wire.address)) as sender, on("made-unplugged", wire) as node:
         sender.send_all([Frame(number, b"") for number in range(20)])
-        assert [frame.can_id for frame in received(node, 9)] == list(range(9))
+        assert [frame.can_id for frame in frames_within(node, 9, TIMEOUT_S)] == list(range(9))
     assert "the device is gone" in capfd.readouterr().err
-
-
-def test_an_adapter_in_use_is_named(wire: ProvidedBus) -> None:
-    with (
-        on("made-one-program", wire),
-        pytest.raises(BusError, match="in use by another program"),
-        on("made-one-program", wire),
-    ):
-        pass
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -22,12 +22,11 @@ from pathlib import Path
 
 import can
 import pytest
-from kernel_interface import made_interface
+from kernel_interface import made_interface, needs_kernel_can
 from waiting import message_data
 
 from firmware_py.interface.enums import AxisError, AxisState, ProcedureResult
 from hil.bench.bench import program
-from hil.bus.can_socket import has_kernel_can
 
 CHANNEL = "can0"
 """The interface that ODrive's examples join, and no other."""
@@ -38,9 +37,6 @@ PATIENCE_S = 30.0
 PRINTED = "printed.txt"
 RESOURCES = "ODRIVE_RESOURCES"
 
-needs_kernel_can = pytest.mark.skipif(
-    not has_kernel_can(), reason="this kernel has no CAN; test_kernel_can.py runs it under user-mode Linux"
-)
 needs_odrives_examples = pytest.mark.skipif(
     RESOURCES not in os.environ,
     reason=f"${RESOURCES} names no checkout of ODriveResources, whose examples are in no package",

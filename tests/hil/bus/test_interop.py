@@ -1,10 +1,9 @@
-"""Other people's tools on the running bus: python-can's logger and player, cantools, a CANSimple client."""
+"""Other people's tools on the running bus: python-can's logger and player, cantools; nodes that meet."""
 
 import os
 import pty
 import select
 import signal
-import struct
 import subprocess
 import sys
 import time
@@ -15,38 +14,29 @@ from typing import Any, NamedTuple
 
 import can
 import pytest
-from waiting import message_data
 
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, Mode
-from firmware_py.interface.frame import Frame
-from firmware_py.shell.node import FirmwareNode
 from hil.bench.bench import program, run_scenario
-from hil.bench.lockstep import in_lockstep
+from hil.bench.lockstep import in_lockstep, silent
 from hil.bench.options import RunOptions
 from hil.bus import provide
 from hil.record.traces import trace
 from hil.scenario.scenario import Scenario, load_scenario
 
-LOST = 'script.faults=[{kind="dropped",at_s=2.2,frames=["Accelerometer"]}]'
 SHORT = [
     "script.duration_s=3.0",
     'script.commands=[{at_s=0.2,request="run",target_ratio=1.1}]',
     "firmware.start.rise_s=1.0",
-    LOST,
+    'script.faults=[{kind="dropped",at_s=2.2,frames=["Accelerometer"]}]',
 ]
-STOPPED = [*SHORT[:1], SHORT[1].replace("}]", '},{at_s=1.5,request="idle"}]'), SHORT[2]]
 DBC_PATH = Path(codec.__file__).with_name("vibro.dbc")
 SUFFIXES = ("log", "asc", "blf")
 PATIENCE_S = 60.0
 
 
-def scenario(settings: Sequence[str] = SHORT) -> Scenario:
-    return load_scenario("soft-start-multistable", settings)
-
-
-def silent(_: float, __: str) -> None:
-    """Nobody looks at the progress."""
+def scenario() -> Scenario:
+    return load_scenario("soft-start-multistable", SHORT)
 
 
 class Decision(NamedTuple):
@@ -182,68 +172,6 @@ def test_a_log_played_back_gives_the_firmware_the_same_decisions(tmp_path: Path)
             subprocess.run(player, check=True, capture_output=True, timeout=PATIENCE_S)
     played = decisions(tmp_path / "firmware.trace")
     assert played[: len(expected)] == expected
-
-
-@pytest.mark.parametrize("settings", [SHORT, STOPPED], ids=["fault", "stop"])
-def test_a_log_of_lockstep_gives_the_firmware_the_same_frames(settings: list[str], tmp_path: Path) -> None:
-    run_dir, _ = in_lockstep(scenario(settings), tmp_path, 1, silent, "compiled")
-    played = scenario(settings)
-    node = FirmwareNode(played.config, played.parameters)
-    received: list[Frame] = []
-    said: list[Frame] = []
-    expected: list[Frame] = []
-    of_firmware = {one.can_id for one in codec.CODECS.values() if one.sender == "Firmware"}
-    with can.LogReader(run_dir / "can.log") as messages:
-        for message in messages:
-            frame = Frame(message.arbitration_id, bytes(message.data))
-            # An E-stop aside, an identifier has one sender; the firmware's turn begins with its torque.
-            if frame.can_id not in of_firmware:
-                received.append(frame)
-                continue
-            if frame.can_id == codec.SET_INPUT_TORQUE.can_id:
-                said += node.tick(received, 1)
-                received = []
-            expected.append(frame)
-    assert said == expected
-    assert len({frame.can_id for frame in said}) > 6
-
-
-def reported(bus: can.BusABC, can_id: int, until: Any) -> bytes:
-    """The first such message that is as wanted."""
-    return message_data(bus, can_id, until, PATIENCE_S)
-
-
-@pytest.mark.realtime
-@pytest.mark.quiet
-def test_a_cansimple_client_reads_and_commands_the_plant_alone() -> None:
-    """Nothing but python-can and struct: what ODrive's own examples do, at node 0."""
-    with provide("local") as provided:
-        plant = [program(), "plant", "quick-start-below-the-band", "--bus", provided.address]
-        with (
-            running(plant, stderr=subprocess.DEVNULL),
-            can.Bus(provided.address.removeprefix("local:"), "vibrohil") as bus,
-        ):
-
-            def send(command: int, data: bytes = b"") -> None:
-                bus.send(can.Message(arbitration_id=0 << 5 | command, data=data, is_extended_id=False))
-
-            idle = reported(bus, 0x01, lambda _: True)
-            assert struct.unpack("<IBBB", idle[:7]) == (0, 1, 0, 1)
-            send(0x0B, struct.pack("<II", 1, 1))  # Set_Controller_Mode: torque, passthrough
-            send(0x07, struct.pack("<I", 8))  # Set_Axis_State: closed loop
-            for _ in range(40):
-                send(0x0E, struct.pack("<f", 0.1))  # Set_Input_Torque
-                time.sleep(0.01)
-            assert reported(bus, 0x01, lambda data: data[4] == 8)
-            turning = reported(bus, 0x09, lambda data: struct.unpack("<ff", data)[1] > 0.3)
-            assert 0.0 <= struct.unpack("<ff", turning)[0] < 1.0
-            voltage_v, _ = struct.unpack("<ff", reported(bus, 0x17, lambda _: True))
-            assert voltage_v == 24.0
-            # Nothing more is asked for: its watchdog lets go by itself.
-            error, state, result, _ = struct.unpack(
-                "<IBBB", reported(bus, 0x01, lambda data: data[4] == 1)[:7]
-            )
-            assert (error, state, result) == (0x01000000, 1, 3)
 
 
 @pytest.mark.realtime

@@ -40,6 +40,10 @@ def test_every_message_of_odrives_dbc_is_obeyed_answered_or_refused(message: Mes
         assert usual == other.publish()
         assert (answer.can_id, len(answer.data)) == (message.frame_id, message.length)
         assert message.decode(answer.data)
+        node.advance([Frame(message.frame_id, bytes(8))])  # another node's report, not a request
+        other.advance([])
+        assert node.publish() == other.publish()
+        assert node.rejected == 0
         return
     idle_or_torque_passed_through = struct.pack("<II", 1, 1)
     node.advance([Frame(message.frame_id, idle_or_torque_passed_through[: message.length])])

@@ -1,13 +1,11 @@
 """The python-can interface `vibrohil`, held to what python-can's own tests ask of an interface.
 
-Its tests (back2back_test, notifier_test) come with its repository and not with its wheel. What is here asks
-the same, of our bus and of python-can's own `virtual` as the reference.
+Its tests (back2back_test, notifier_test) come with its repository and not with its wheel.
 """
 
 import asyncio
 import os
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator
 from multiprocessing.dummy import Pool
@@ -16,6 +14,7 @@ from typing import Any
 
 import can
 import pytest
+from waiting import frames_within
 
 from firmware_py.interface.frame import Frame
 from hil.bus import ProvidedBus, join, provide
@@ -42,14 +41,13 @@ def local() -> Iterator[ProvidedBus]:
         yield provided
 
 
-@pytest.fixture(params=["vibrohil", "virtual"])
-def opened(request: pytest.FixtureRequest, local: ProvidedBus) -> Iterator[Opener]:
-    """Opens buses on one channel of the interface, and closes them."""
-    channel = local.address.removeprefix("local:") if request.param == "vibrohil" else "reference"
+@pytest.fixture
+def opened(local: ProvidedBus) -> Iterator[Opener]:
+    """Opens buses on the hub, and closes them."""
     buses: list[can.BusABC] = []
 
     def opener(kind: Callable[..., can.BusABC] = can.Bus, **options: Any) -> can.BusABC:
-        buses.append(kind(channel=channel, interface=request.param, bitrate=500_000, **options))
+        buses.append(kind(channel=path_of(local), interface="vibrohil", bitrate=500_000, **options))
         return buses[-1]
 
     yield opener
@@ -61,33 +59,17 @@ def path_of(local: ProvidedBus) -> str:
     return local.address.removeprefix("local:")
 
 
-def test_nothing_is_received_from_a_silent_bus(opened: Opener) -> None:
-    assert opened().recv(0.1) is None
-    assert opened().recv(0) is None
-
-
 @pytest.mark.parametrize("sent", MESSAGES.values(), ids=MESSAGES)
 def test_messages_go_both_ways_unchanged_and_not_to_their_sender(opened: Opener, sent: can.Message) -> None:
     first, second = opened(), opened()
     for sender, receiver in ((first, second), (second, first)):
+        before_s = time.time()
         sender.send(sent)
         received = receiver.recv(TIMEOUT_S)
         assert received is not None
+        assert before_s <= received.timestamp <= time.time()
         assert received.equals(sent, timestamp_delta=None, check_channel=False)
         assert sender.recv(0) is None
-
-
-def test_timestamps_are_apart_as_the_messages_were(opened: Opener) -> None:
-    sender, receiver = opened(), opened()
-    stamps = []
-    for _ in range(2):
-        sender.send(STANDARD)
-        received = receiver.recv(TIMEOUT_S)
-        assert received is not None
-        stamps.append(received.timestamp)
-        time.sleep(0.2)
-    assert 0.2 <= stamps[1] - stamps[0] < 1.0
-    assert abs(stamps[1] - time.time()) < 2.0
 
 
 def test_own_messages_are_received_where_asked_for(opened: Opener) -> None:
@@ -125,31 +107,6 @@ def test_many_threads_send_and_receive(opened: Opener) -> None:
     assert all(one is not None and one.equals(message, None, check_channel=False) for one in received)
 
 
-def test_a_periodic_message_is_sent(opened: Opener) -> None:
-    sender, receiver = opened(), opened()
-    task = sender.send_periodic(STANDARD, 0.01)
-    received = [receiver.recv(TIMEOUT_S) for _ in range(5)]
-    task.stop()
-    assert all(message is not None for message in received)
-
-
-def test_a_notifier_in_a_thread_passes_everything_on(opened: Opener) -> None:
-    sender, receiver = opened(), opened()
-    arrived: list[can.Message] = []
-    done = threading.Event()
-
-    def listen(message: can.Message) -> None:
-        arrived.append(message)
-        if len(arrived) == 100:
-            done.set()
-
-    notifier = can.Notifier(receiver, [listen], timeout=0.1)
-    for _ in range(100):
-        sender.send(STANDARD)
-    assert done.wait(TIMEOUT_S)
-    notifier.stop()
-
-
 def test_an_asyncio_notifier_passes_a_bundle_on_without_waiting_for_the_next(local: ProvidedBus) -> None:
     """It takes one message each time the descriptor is readable."""
 
@@ -167,31 +124,6 @@ def test_an_asyncio_notifier_passes_a_bundle_on_without_waiting_for_the_next(loc
         return ids
 
     assert asyncio.run(listen()) == list(range(500))
-
-
-def test_an_asyncio_notifier_keeps_up_with_the_bench(local: ProvidedBus) -> None:
-    """4,000 frames a second in bundles of four; the last one is late by no more than its own handling."""
-
-    async def listen() -> list[float]:
-        late_s: list[float] = []
-        with can.Bus(path_of(local), "vibrohil") as receiver:
-            notifier = can.Notifier(
-                receiver,
-                [lambda message: late_s.append(time.time() - message.timestamp)],
-                loop=asyncio.get_running_loop(),
-            )
-            sender = join(local.address)
-            for _ in range(500):
-                sender.send_all([Frame(can_id, b"") for can_id in range(4)])
-                await asyncio.sleep(0.001)
-            await asyncio.sleep(0.2)
-            notifier.stop()
-            sender.close()
-        return late_s
-
-    late_s = asyncio.run(listen())
-    assert len(late_s) == 2000
-    assert max(late_s[-100:]) < 0.25
 
 
 def test_what_the_bus_cannot_do_is_refused_with_the_reason(local: ProvidedBus) -> None:
@@ -248,11 +180,6 @@ def test_remote_frames_that_a_node_asked_for_arrive_as_empty_ones(
     with can.Bus(path_of(local), "vibrohil") as client:
         for can_id in (0x002, 0x001):
             client.send(can.Message(arbitration_id=can_id, is_extended_id=False, is_remote_frame=True, dlc=8))
-        frames: list[Frame] = []
-        deadline_s = time.monotonic() + TIMEOUT_S
-        while not frames and time.monotonic() < deadline_s:
-            asking.wait(0.1)
-            frames += asking.receive()
-    assert frames == [Frame(0x001, b"")]
+        assert frames_within(asking, 1) == [Frame(0x001, b"")]
     assert asking.counters.foreign == 1
     asking.close()

@@ -7,6 +7,12 @@ from pathlib import Path
 import pytest
 from pyroute2 import IPRoute
 
+from hil.bus.can_socket import has_kernel_can
+
+needs_kernel_can = pytest.mark.skipif(
+    not has_kernel_can(), reason="this kernel has no CAN; test_kernel_can.py runs it under user-mode Linux"
+)
+
 
 @contextmanager
 def made_interface(name: str) -> Iterator[None]:

@@ -6,6 +6,9 @@ from typing import TypeVar
 
 import can
 
+from firmware_py.interface.frame import Frame
+from hil.bus import Bus
+
 T = TypeVar("T")
 
 
@@ -16,6 +19,16 @@ def waited_for(look: Callable[[], T | None], timeout_s: float = 120.0) -> T:
         assert time.monotonic() < deadline_s, "waited in vain"
         time.sleep(0.02)
     return found
+
+
+def frames_within(bus: Bus, count: int, timeout_s: float = 2.0) -> list[Frame]:
+    """Frames until there are `count`, which may arrive late; fewer once the time is over."""
+    frames: list[Frame] = []
+    deadline_s = time.monotonic() + timeout_s
+    while len(frames) < count and (rest_s := deadline_s - time.monotonic()) > 0:
+        bus.wait(rest_s)
+        frames += bus.receive()
+    return frames
 
 
 def message_data(bus: can.BusABC, can_id: int, wanted: Callable[[bytes], bool], timeout_s: float) -> bytes:

@@ -4,6 +4,7 @@ import math
 import signal
 import time
 from collections import deque
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,7 @@ from firmware_py.interface.enums import AxisError, AxisState
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import Accelerometer, DriveSupply, SetAxisState, SetInputTorque
 from firmware_py.shell.parameters import DEFAULTS, ParameterError, read_back, written
-from hil.bench.beginning import begin
-from hil.bench.lockstep import run_lockstep
+from hil.bench.lockstep import in_lockstep, silent
 from hil.drive.axis import is_armed
 from hil.faults.clocks import ClockFaults, FaultyClock, in_turns
 from hil.faults.every import AnyFault
@@ -32,8 +32,6 @@ from hil.faults.processes import ProcessFaults
 from hil.faults.readings import SensorFaults
 from hil.judge.figures.figures import figures_of
 from hil.nodes.plant import PlantNode
-from hil.record.run_folder import note
-from hil.record.traces import trace
 from hil.scenario.files import ScenarioError, read_scenario
 from hil.scenario.scenario import check_scenario, refuse_modelled_bus
 from hil.scenario.settings import apply_settings
@@ -93,38 +91,42 @@ def samples(sent: list[list[Frame]]) -> list[tuple[int, int]]:
 FRAMES = {"frames": ["Accelerometer"]}
 
 
-def test_dropped_frames_are_gone_for_as_long_as_it_lasts_and_others_pass() -> None:
-    sent = passed(fault("dropped", duration_s=0.01, **FRAMES))
-    assert [tick for tick, _ in samples(sent)] == [*range(5), *range(15, 20)]
-    assert all(Frame(0x7F0, b"") in frames for frames in sent)
+def each(ticks: Iterable[int], late: int = 0) -> list[tuple[int, int]]:
+    """A sample of each tick, sent that much later."""
+    return [(tick + late, tick) for tick in ticks]
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "expected"),
+    [
+        ("dropped", {"duration_s": 0.01}, each([*range(5), *range(15, 20)])),
+        ("duplicated", {"copies": 3}, [*each(range(5)), *sorted(3 * each(range(5, 20)))]),
+        (
+            "delayed",  # each by as much, and all that are still held at the fault's end
+            {"duration_s": 0.01, "delay_s": 0.004},
+            [
+                *each(range(5)),
+                *each(range(5, 11), 4),
+                *((15, made) for made in range(11, 16)),
+                *each(range(16, 20)),
+            ],
+        ),
+        ("thinned", {"duration_s": 0.01, "period_s": 0.004}, each([*range(6), 9, 13, *range(15, 20)])),
+        (
+            "reordered",  # in pairs, the later one first
+            {"duration_s": 0.006},
+            [*each(range(5)), (6, 6), (6, 5), (8, 8), (8, 7), (10, 10), (10, 9), *each(range(11, 20))],
+        ),
+    ],
+)
+def test_when_samples_leave(kind: str, keys: dict[str, Any], expected: list[tuple[int, int]]) -> None:
+    sent = passed(fault(kind, **keys, **FRAMES))
+    assert samples(sent) == expected
+    assert all(Frame(0x7F0, b"") in frames for frames in sent), "other frames pass"
 
 
 def test_a_share_is_dropped_at_random() -> None:
     assert 600 < len(samples(passed(fault("dropped", at_s=0.0, share=0.3, **FRAMES), 1000))) < 800
-
-
-def test_duplicated_frames_come_again_at_once() -> None:
-    sent = samples(passed(fault("duplicated", copies=3, **FRAMES)))
-    assert sent == [(tick, tick) for tick in range(20) for _ in range(1 if tick < 5 else 3)]
-
-
-def test_delayed_frames_come_late_each_by_as_much_and_all_at_the_end() -> None:
-    sent = samples(passed(fault("delayed", duration_s=0.01, delay_s=0.004, **FRAMES)))
-    during = [(made + 4, made) for made in range(5, 11)]
-    at_the_end = [(15, made) for made in range(11, 16)]
-    assert sent == [(t, t) for t in range(5)] + during + at_the_end + [(t, t) for t in range(16, 20)]
-
-
-def test_thinned_frames_leave_once_a_period_and_all_again_afterwards() -> None:
-    sent = samples(passed(fault("thinned", duration_s=0.01, period_s=0.004, **FRAMES)))
-    assert [tick for tick, _ in sent] == [*range(6), 9, 13, *range(15, 20)]
-    assert all(tick == made for tick, made in sent)
-
-
-def test_reordered_frames_come_in_pairs_the_later_one_first() -> None:
-    sent = samples(passed(fault("reordered", duration_s=0.006, **FRAMES)))
-    assert sent[5:11] == [(6, 6), (6, 5), (8, 8), (8, 7), (10, 10), (10, 9)]
-    assert [made for _, made in sorted(sent, key=lambda pair: pair[1])] == list(range(20))
 
 
 def test_corrupted_frames_have_one_byte_wrong_and_fail_their_checksum() -> None:
@@ -550,54 +552,13 @@ def test_a_modelled_bus_is_for_lockstep() -> None:
         refuse_modelled_bus(scenario_with(bus={}))
 
 
-def in_lockstep(run_dir: Path, scenario: Any) -> Path:
-    run_dir.mkdir(exist_ok=True)
-    begin(run_dir, scenario, "lockstep", seed=1)
-    note(run_dir, bus="in-process", kernel_can=False, wall_start_s=0.0)
-    run_lockstep(scenario, run_dir, 1, lambda *_: None, "compiled")
-    return run_dir
-
-
-def test_lockstep_breaks_what_the_scenario_says_and_two_runs_are_alike(tmp_path: Path) -> None:
-    scenario = scenario_with(
-        {"kind": "corrupted", "at_s": 0.5, "duration_s": 0.5, "share": 0.5, "frames": ["Accelerometer"]},
-        {"kind": "flood", "at_s": 1.0, "duration_s": 0.2, "frames_a_tick": 3},
-        {"kind": "paused", "at_s": 1.5, "duration_s": 0.1, "process": "firmware"},
-        {"kind": "killed", "at_s": 2.0, "process": "plant"},
-    )
-    one, other = (in_lockstep(tmp_path / name, scenario) for name in ("one", "other"))
-    assert (one / "can.log").read_bytes() == (other / "can.log").read_bytes()
-    plant, firmware = trace.read(one / "plant.trace"), trace.read(one / "firmware.trace")
-    assert plant["tick"].tolist() == list(range(2000))
-    assert set(range(3000)) - set(firmware["tick"].tolist()) == set(range(1500, 1600))
-    assert 200 < firmware["counters.rejected_crc"][999] < 300
-    assert firmware["inputs.accelerometer.age_ticks"][-1] == pytest.approx(1000, abs=2)
-
-
 def test_the_reason_for_refused_parameters_stands_in_the_run_not_on_the_terminal(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     away = {"kind": "restarted", "at_s": 1.0, "duration_s": 0.2, "process": "firmware"}
-    run_dir = in_lockstep(tmp_path, scenario_with({"kind": "parameters-damaged", "at_s": 0.0}, away))
+    scenario = scenario_with({"kind": "parameters-damaged", "at_s": 0.0}, away)
+    run_dir, _ = in_lockstep(scenario, tmp_path, 1, silent, "compiled")
     assert capfd.readouterr().err == ""
     reasons = (run_dir / "firmware.log").read_text().splitlines()
     assert len(reasons) == 2  # at power-up and after the restart
     assert all("out of bounds" in reason or "it is damaged or was edited" in reason for reason in reasons)
-
-
-def test_a_node_that_is_bus_off_is_silent_and_comes_back(tmp_path: Path) -> None:
-    off = {"kind": "bus-off", "at_s": 1.0, "duration_s": 0.02, "node": "plant"}
-    run_dir = in_lockstep(tmp_path, scenario_with(off, bus={"bitrate": 1_000_000}))
-    ages = trace.read(run_dir / "firmware.trace")["inputs.accelerometer.age_ticks"]
-    assert 20 <= max(ages[1000:]) <= 23  # 128 runs of 11 bits more
-    assert set(ages[1030:]) == {0}
-
-
-def test_one_that_babbles_with_the_lowest_identifier_takes_the_bus_for_itself(tmp_path: Path) -> None:
-    def ages(can_id: int) -> list[int]:
-        babble = {"kind": "babbling", "at_s": 1.0, "can_id": can_id, "data_hex": "00" * 8, "period_s": 1e-4}
-        run_dir = in_lockstep(tmp_path / str(can_id), scenario_with(babble, bus={"bitrate": 1_000_000}))
-        return list(trace.read(run_dir / "firmware.trace")["inputs.accelerometer.age_ticks"][1010:])
-
-    assert min(ages(0x000)[100:]) > 100
-    assert max(ages(0x7FF)) == 0

@@ -10,6 +10,7 @@ import pytest
 from resting import resting
 
 from hil.bench.bench import run_scenario
+from hil.bench.lockstep import silent
 from hil.bench.options import RunOptions
 from hil.bus.base import BusError
 from hil.record.run_folder import WARM_UP, RunFolderError, claimed, clear, write_note
@@ -23,10 +24,6 @@ from tools.output import EXIT_BAD_INPUT
 LOCKSTEP = RunOptions(clock="lockstep")
 
 USERS_FILES = ("scenario.toml", "notes.log", "report.html", "mine.rrd")
-
-
-def silent(_: float, __: str) -> None:
-    """Nobody looks at the progress."""
 
 
 def run_short(scenario: Scenario, out_dir: Path | None) -> dict[str, Any]:
@@ -206,7 +203,7 @@ def test_a_new_folder_has_an_absolute_path(tmp_path: Path, monkeypatch: pytest.M
 def test_a_wrong_bus_leaves_no_folder_of_a_failed_run(tmp_path: Path) -> None:
     scenario = load_scenario(resting(tmp_path))
     with pytest.raises(BusError, match="nosuch:1 did not open"):
-        run_scenario(scenario, RunOptions(bus="nosuch:1"), tmp_path / "out", 1, lambda *_: None)
+        run_scenario(scenario, RunOptions(bus="nosuch:1"), tmp_path / "out", 1, silent)
     assert not (tmp_path / "out").exists()
 
 

@@ -14,6 +14,7 @@ from run_folder import make_run, write_run
 
 from hil.bench.bench import ProcessesRun
 from hil.bench.ending import Outcome
+from hil.bench.lockstep import silent
 from hil.bench.options import RunOptions
 from hil.record.rrd.log_file import repair
 from hil.record.rrd.rerun_program import rerun_environment, rerun_program
@@ -147,7 +148,7 @@ def test_a_run_in_lockstep_does_not_wait_for_a_viewer_that_is_gone(run_dir, view
 def test_a_run_does_not_end_with_its_live_view(run_dir):
     provided = SimpleNamespace(processes={"hub": object()}, address="local:x", name="local")
     url = "rerun+http://x/proxy"
-    run = ProcessesRun(None, RunOptions(viewer=url), run_dir, 1, Outcome(), lambda *_: None)
+    run = ProcessesRun(None, RunOptions(viewer=url), run_dir, 1, Outcome(), silent)
     run.provided = provided
     run.children = dict.fromkeys(("plant", "live"), object())
     assert set(run.watched) == {"plant", "hub"}

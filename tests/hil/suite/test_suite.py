@@ -14,6 +14,7 @@ import pytest
 from resting import resting
 from waiting import waited_for
 
+from hil.bench.lockstep import silent
 from hil.bench.options import RunOptions
 from hil.faults.every import KINDS
 from hil.judge.checks import Check, within
@@ -35,16 +36,12 @@ LOCKSTEP = RunOptions(clock="lockstep")
 MODELLED = "a-bus-off-of-ten-ticks-is-ridden-through"
 
 
-def silent(_: float, __: str) -> None:
-    """Nobody looks at the progress."""
-
-
 def test_all_scenarios_load_and_are_named_as_their_files() -> None:
     scenarios, left_out = scenarios_for([], "lockstep")
     assert [one.name for one in scenarios] == scenario_names()
     assert len(scenarios) >= 40
     assert left_out == []
-    assert all(one.checks for one in scenarios)
+    assert all(one.checks and one.commands and one.title[0].isupper() for one in scenarios)
 
 
 def test_every_kind_of_fault_has_a_scenario_that_bounds_what_follows() -> None:

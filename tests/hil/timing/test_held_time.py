@@ -15,6 +15,7 @@ import pytest
 from fuzzing.kill import signalled
 
 from hil.bench.bench import run_scenario
+from hil.bench.lockstep import silent
 from hil.bench.options import RunOptions
 from hil.record.run_traces import read_json
 from hil.scenario.scenario import Scenario, load_scenario
@@ -26,10 +27,6 @@ QUICK = [
     "firmware.start.rise_s=1.0",
 ]
 STALLS = (("plant", 0.005), ("firmware", 0.2), ("hub", 0.03), ("operator", 0.09), ("plant", 0.06))
-
-
-def silent(_: float, __: str) -> None:
-    """Nobody looks at the progress."""
 
 
 def quick(*more: str) -> Scenario:

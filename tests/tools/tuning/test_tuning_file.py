@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.shell.parameters import ParameterError
+from hil.bench.lockstep import silent
 from hil.scenario.parameter_file import merged, read_document, read_parameters
 from hil.scenario.scenario import load_scenario
 from plant_sim.text_input import TextInputError
@@ -32,10 +33,6 @@ def tuning(**values: float) -> Tuning:
         figures_of_merit={"margin": Merit(50.0, "deg")},
         warnings=("mind the gap",),
     )
-
-
-def silent(_: float, __: str) -> None:
-    """No progress."""
 
 
 def test_a_scenario_loads_what_was_written(tmp_path: Path) -> None:
