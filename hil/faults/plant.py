@@ -24,13 +24,17 @@ SAME_INSTANT_S = 1e-9
 class PlantFaults:
     """A scenario's sensor, drive and module faults, for one plant and its drive."""
 
-    def __init__(self, faults: Sequence[Fault], seed: int, plant: Plant, config: DriveConfig) -> None:
+    def __init__(
+        self, faults: Sequence[Fault], seed: int, plant: Plant, config: DriveConfig, began_s: float = 0.0
+    ) -> None:
+        """`began_s`: time of the plant's power-up; earlier kicks did not meet it."""
         self._counts = counted(faults)
         self._sensors = SensorFaults(self._counts, seed)
         self._faults = [fault for fault in self._counts if isinstance(fault, PhysicalFault)]
         edges_s = {edge_s for fault in self._faults for edge_s in (fault.at_s, fault.end_s)}
         self._edges_s = sorted(edge_s for edge_s in edges_s if edge_s < math.inf)
         self._plant = plant
+        self._began_s = began_s
         self._parts = plant.parts
         self._config = self._acting_config = config
         motor = plant.parts.drive
@@ -59,7 +63,7 @@ class PlantFaults:
             self._acting = acting
             self._break(acting)
             for fault in began:
-                if fault.kick_m_s:
+                if fault.kick_m_s and fault.at_s > self._began_s - SAME_INSTANT_S:
                     self._plant.kick(fault.kick_m_s)
                     self._counts.acted(fault)
                 if (counter := fault.turn_counter()) is not None:

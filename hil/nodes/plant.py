@@ -110,13 +110,13 @@ class PlantNode:
         self.drive: DriveState = axis.power_up(self.drive_config)
         self.rejected = 0
         """Number of drive commands that could not be read."""
-        self._faults = PlantFaults(faults, seed, self.plant, self.drive_config)
+        self.began_s = first_tick * period_s
+        self._faults = PlantFaults(faults, seed, self.plant, self.drive_config, self.began_s)
         self.period_s = period_s
         self.tick = first_tick
         self.record: PlantRecord
         self.gait: GaitTruth | None = None
         """The gait at t_k; None without a walk."""
-        self.began_s = first_tick * period_s
         self.counter = -1
         self._report_ticks, self._ticks_an_encoder_frame = frame_ticks(scene, period_s)
         self.reports = first_reports(first_tick)

@@ -118,6 +118,16 @@ def test_a_kick_in_a_stall_of_the_plant_acts_at_its_instant(tmp_path):
     assert velocity(run)[285] == pytest.approx(velocity(free)[285], rel=1e-9)
 
 
+@pytest.mark.parametrize(("at_s", "kicks"), [(0.1, 1), (0.25, 0)])
+def test_a_kick_is_not_repeated_or_made_up_for_when_the_plant_restarts(tmp_path, at_s, kicks):
+    kick = {"kind": "kick", "at_s": at_s, "change_m_s": 0.1}
+    restart = {"kind": "restarted", "process": "plant", "at_s": 0.2, "duration_s": 0.1}
+    run = run_with(tmp_path, kick, restart)
+    assert run.verdict["faults"][0]["acted_on"] == kicks
+    assert run.verdict["verdict"] == ("passed" if kicks else "not-judged")
+    assert {velocity(run)[tick] for tick in range(300, 600)} == {0.0}, "a new striker is at rest"
+
+
 def test_a_brown_out_shorter_than_a_tick_before_the_end_acts(tmp_path):
     run = run_with(tmp_path, {"kind": "brown-out", "at_s": 0.5995})
     assert run.verdict["faults"][0]["acted_on"] >= 1
