@@ -202,7 +202,11 @@ def hidden_fault(faults: Sequence[BenchFault]) -> str:
 def on_a_grid(
     messages: Sequence[LoggedMessage], period_s: float, count: int
 ) -> tuple[list[SentFrame], list[RecordedTick]]:
-    """Divide the log of a run in lockstep, whose firmware ticks at (k + 1/2) T, into its ticks."""
+    """Divide the log of a run in lockstep, whose firmware ticks at (k + 1/2) T, into its ticks.
+
+    An E-stop in the second half of a period is the firmware's: it precedes all other frames on the bus, and
+    the operator sends at the beginning of a period.
+    """
     period_us = round(period_s * US)
     refuse_long(count)
     ticks = [RecordedTick((k + 0.5) * period_s, []) for k in range(count)]
@@ -210,12 +214,12 @@ def on_a_grid(
     for message in messages:
         t_us = round(message.t_s * US)
         tick = max(math.ceil((2 * t_us - period_us) / (2 * period_us)), 0)
-        follows = bool(sent) and round(sent[-1].t_s * US) == t_us  # behind the firmware's frames of this time
+        is_late = 2 * (t_us % period_us) >= period_us
         frame = Frame(message.can_id, message.data)
-        if message.can_id in SENT_IDS or (message.can_id == ESTOP_ID and follows):
+        if message.can_id in SENT_IDS or (message.can_id == ESTOP_ID and is_late):
             sent.append(SentFrame(message.t_s, frame))
-        elif tick + follows < count:
-            ticks[tick + follows].received.append(frame)
+        elif tick < count:
+            ticks[tick].received.append(frame)
     return sent, ticks
 
 

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -52,6 +53,19 @@ def test_a_run_is_replayed_to_the_bit(run_dir: Path) -> None:
     assert result.equal
     assert (result.ticks, result.different_frames, result.first) == (round(DURATION_S / 1e-3), 0, None)
     assert result.frames > result.ticks
+
+
+def test_on_a_modelled_bus_the_firmwares_own_e_stop_precedes_its_torque(tmp_path: Path) -> None:
+    scenario = tmp_path / "modelled.toml"
+    scenario.write_text(
+        'title = "An E-stop on a modelled bus"\nscene = "table1-motor-soft"\n[bus]\nbitrate = 1000000\n'
+        '[script]\nduration_s = 1.0\ncommands = [{ at_s = 0.5, request = "e-stop" }]\n'
+    )
+    hil.run(scenario, out=tmp_path / "run")
+    result = replay(tmp_path / "run")
+    assert result.equal, result.as_json()
+    sent = Counter(message.can_id for message in read_log(tmp_path / "run" / "can.log").messages)
+    assert sent[IDS["DriveEstop"]] > 1, "operator and firmware each send one"
 
 
 def test_torque_frames_divide_a_log_as_the_grid_of_lockstep_does(run_dir: Path) -> None:
