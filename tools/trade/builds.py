@@ -8,7 +8,6 @@ from typing import Any
 
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.builds import Build, node_of
-from firmware_py.shell.node import FirmwareNode
 from hil.bench.lockstep import run_lockstep, silent
 from hil.scenario.scenario import Scenario
 from tools.trade.control_rate import hold, short_start
@@ -52,9 +51,11 @@ def measure(repeats: int, progress: Progress) -> list[dict[str, Any]]:
 
 def received_in(scenario: Scenario) -> Received:
     """Return the frames that the firmware receives in a run."""
+    from firmware_py.shell.native import NativeNode
+
     received: Received = []
 
-    class Recorder(FirmwareNode):
+    class Recorder(NativeNode):
         def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
             received.append((list(frames_in), elapsed_ticks))
             return super().tick(frames_in, elapsed_ticks)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from firmware_py.interface.codec import CODECS
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import SetInputTorque
+from firmware_py.shell.builds import node_of
 from hil.bench.lockstep_bus import FIRMWARE, OPERATOR, PLANT, IdealBus
 from hil.bus.base import NodeBus
 from hil.faults.memory import ParameterMemory
@@ -102,7 +103,9 @@ def measure_loop(parameters: dict[str, object], window_s: float = WINDOW_S) -> M
     bus = IdealBus()
     pushed = PushedBus(bus.join(PLANT), push)
     plant = PlantRunner(scene, 1, pace, pushed, None)
-    firmware = FirmwareRunner(ParameterMemory(parameters), pace, bus.join(FIRMWARE), None)
+    firmware = FirmwareRunner(
+        ParameterMemory(parameters), pace, bus.join(FIRMWARE), None, make=node_of("compiled")
+    )
     operator = OperatorNode((Command(0.2, Request.RUN, RATIO),), pace.period_s)
     operator_bus = bus.join(OPERATOR)
     for tick in range(pace.ticks):
