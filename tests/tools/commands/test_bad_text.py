@@ -3,6 +3,7 @@
 import os
 import resource
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -45,24 +46,37 @@ def of_file(reader: str, path: Path, capsys: pytest.CaptureFixture[str]) -> str:
 
 
 every_reader = pytest.mark.parametrize("reader", READERS)
+OTHER_READERS = {
+    "odd.log": ["import {}", "tune identify {}"],
+    "odd.rrd": ["inspect {}", "compare {} {}", "export {} --to csv", "view {}"],
+    "odd.toml": ["suite {}", "plant {} --until 0.1 --bus local"],
+}
+EVERY_READER = [("odd.toml", " ".join(command)) for command in READERS.values()]
+EVERY_READER += [(name, command) for name, commands in OTHER_READERS.items() for command in commands]
+"""Commands that read a file, with a name that a good file has."""
+SPECIAL: dict[str, Callable[[Path], object]] = {
+    "pipe": os.mkfifo,
+    "device": lambda path: path.symlink_to("/dev/zero"),
+    "folder": Path.mkdir,
+    "loop": lambda path: path.symlink_to(path),
+    "holes": lambda path: path.touch() or os.truncate(path, 200 << 20),
+}
 
 
-@every_reader
-@pytest.mark.parametrize("kind", ["fifo", "device", "folder", "loop"])
+@pytest.mark.parametrize(("name", "command"), EVERY_READER)
+@pytest.mark.parametrize("kind", SPECIAL)
 def test_what_is_no_regular_file_is_refused(
-    reader: str, kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str,
+    command: str,
+    kind: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    path = tmp_path / "odd.toml"
-    match kind:
-        case "fifo":
-            os.mkfifo(path)
-        case "device":
-            path.symlink_to("/dev/zero")
-        case "folder":
-            path.mkdir()
-        case "loop":
-            path.symlink_to(path)
-    assert "odd.toml" in of_file(reader, path, capsys)
+    monkeypatch.chdir(tmp_path)
+    SPECIAL[kind](tmp_path / name)
+    said = refused(command.replace("{}", str(tmp_path / name)).split(), capsys)
+    assert name in said
 
 
 WRONG_TEXTS = {

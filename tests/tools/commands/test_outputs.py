@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -55,7 +56,7 @@ def refused(command: str, option: str, path: Path, capsys: pytest.CaptureFixture
     assert time.process_time() - started_s < 5.0
     said = " ".join(capsys.readouterr().err.split())
     assert option in said
-    assert str(path) in said
+    assert str(path)[:70] in said
     return said
 
 
@@ -80,54 +81,39 @@ def file_name(command: str, option: str) -> str:
     return "x" + its_own.get(f"{command} {option}", ENDINGS.get(option, ".toml"))
 
 
-@pytest.mark.parametrize(("command", "option"), FILES)
-def test_a_file_in_a_missing_folder_is_refused(
-    command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+FOLDER_PLACES = {
+    "below a file": ("precious/{}", "file"),
+    "where nobody may make a file": ("/proc/1/{}", "cannot be written"),
+    "of a long name": ("x" * 300 + "{}", "File name too long"),
+}
+"""Places where nothing can be written, and what is said of each."""
+FILE_PLACES = FOLDER_PLACES | {
+    "below a file": ("precious/{}", "is a file"),
+    "in a missing folder": ("missing/{}", "mkdir -p"),
+    "where a folder is": ("folder/{}", "a folder|there already"),
+    "where a link is": ("link/{}", "is a link|there already"),
+}
+WRONG = [
+    *((*one, place) for one in FILES for place in FILE_PLACES),
+    *((*one, place) for one in outputs() if one not in FILES for place in FOLDER_PLACES),
+]
+
+
+@pytest.mark.parametrize(("command", "option", "place"), WRONG)
+def test_a_place_where_nothing_can_be_written_is_refused(
+    command: str, option: str, place: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    said = refused(command, option, tmp_path / "missing" / file_name(command, option), capsys)
-    assert "mkdir -p" in said
-    assert not (tmp_path / "missing").exists()
-
-
-@pytest.mark.parametrize(("command", "option"), FILES)
-def test_a_file_below_a_file_is_refused(
-    command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "mine").write_text("mine")
-    said = refused(command, option, tmp_path / "mine" / file_name(command, option), capsys)
-    assert "is a file" in said
-    assert (tmp_path / "mine").read_text() == "mine"
-
-
-@pytest.mark.parametrize(("command", "option"), FILES)
-def test_a_folder_is_no_file(
-    command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / file_name(command, option)
-    path.mkdir()
-    said = refused(command, option, path, capsys)
-    assert "a folder" in said or "there already" in said
-
-
-@pytest.mark.parametrize(("command", "option"), FILES)
-def test_a_link_is_refused_and_its_target_stays(
-    command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "victim").write_text("precious")
-    path = tmp_path / file_name(command, option)
-    path.symlink_to(tmp_path / "victim")
-    said = refused(command, option, path, capsys)
-    assert "is a link" in said or "there already" in said
-    assert (tmp_path / "victim").read_text() == "precious"
-
-
-@pytest.mark.parametrize(("command", "option"), outputs())
-def test_what_may_not_be_written_is_refused(
-    command: str, option: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The kernel lets nobody make a file in /proc."""
+    """Nothing is made there, and the target of a link stays."""
     name = "x" if is_folder(command, option) else file_name(command, option)
-    assert "cannot be written" in refused(command, option, Path("/proc/1") / name, capsys)
+    (tmp_path / "precious").write_text("precious")
+    (tmp_path / "folder" / name).mkdir(parents=True)
+    (tmp_path / "link").mkdir()
+    (tmp_path / "link" / name).symlink_to(tmp_path / "precious")
+    before = sorted(tmp_path.rglob("*"))
+    where, wanted = (FOLDER_PLACES if is_folder(command, option) else FILE_PLACES)[place]
+    assert re.search(wanted, refused(command, option, tmp_path / where.format(name), capsys))
+    assert sorted(tmp_path.rglob("*")) == before
+    assert (tmp_path / "precious").read_text() == "precious"
 
 
 def test_a_comparison_goes_over_no_log_that_is_there(
@@ -137,15 +123,6 @@ def test_a_comparison_goes_over_no_log_that_is_there(
     path.write_text("mine")
     assert "there already" in refused("compare", "--out", path, capsys)
     assert path.read_text() == "mine"
-
-
-@pytest.mark.parametrize(("command", "option"), [one for one in outputs() if is_folder(*one)])
-def test_a_file_is_no_folder(
-    command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "file").write_text("mine")
-    assert "file" in refused(command, option, tmp_path / "file" / "below", capsys)
-    assert (tmp_path / "file").read_text() == "mine"
 
 
 def test_an_unexpected_exception_is_one_line_and_a_file(
@@ -184,11 +161,13 @@ def test_an_error_by_the_input_is_no_defect(name: str, capsys) -> None:
     assert capsys.readouterr().err == "error: the input is wrong\n"
 
 
-def test_a_defect_that_breaks_imports_is_one_line_too(monkeypatch, capsys) -> None:
+@pytest.mark.parametrize("missing", ["nothing", "plant_sim.kernels"])
+def test_a_defect_that_breaks_imports_is_one_line_too(missing: str, monkeypatch, capsys) -> None:
     def defective() -> None:
         raise RuntimeError("broken")
 
     monkeypatch.setattr("tools.program.program", defective)
+    monkeypatch.setitem(sys.modules, missing, None)
     assert cli.run(["list", "--json"]) == EXIT_INTERNAL_ERROR
     assert "RuntimeError: broken" in json.loads(capsys.readouterr().out)["error"]
 
@@ -200,16 +179,6 @@ def test_a_current_folder_that_was_removed_is_refused(tmp_path) -> None:
     done = subprocess.run([sys.executable, "-c", code], cwd=gone, capture_output=True, text=True, check=False)
     assert done.returncode == EXIT_BAD_INPUT
     assert "the current folder was removed" in json.loads(done.stdout)["error"]
-
-
-def test_an_error_that_breaks_the_import_of_the_kernels_is_one_line_too(monkeypatch, capsys) -> None:
-    def defective() -> None:
-        raise RuntimeError("broken")
-
-    monkeypatch.setattr("tools.program.program", defective)
-    monkeypatch.setitem(sys.modules, "plant_sim.kernels", None)
-    assert cli.run(["list", "--json"]) == EXIT_INTERNAL_ERROR
-    assert "RuntimeError: broken" in json.loads(capsys.readouterr().out)["error"]
 
 
 @pytest.mark.parametrize("command", [["run", "e-stop-in-the-hold", "--clock", "lockstep"], ["suite"]])

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -58,58 +59,42 @@ def ended(command: str, **environment: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize("command", ["vibrohil --help | true", "vibrohil list scenes | true"])
-def test_a_reader_that_ends_early_leaves_the_status_as_it_is(command: str) -> None:
-    cut = ended(command)
-    assert (cut.returncode, cut.stderr) == (0, "")
+FULL = "^error: standard output cannot be written \\(No space left on device\\)\n$"
+RUN = "vibrohil run soft-start-multistable --clock lockstep --out {}/out"
+POOR: dict[str, tuple[str, set[int], str, str]] = {
+    "a reader of the help that ends early": ("vibrohil --help | true", {0}, "^$", "^$"),
+    "a reader of a list that ends early": ("vibrohil list scenes | true", {0}, "^$", "^$"),
+    "a full disk": ("vibrohil list scenes > /dev/full", {4}, "^$", FULL),
+    "a full disk for JSON": ("vibrohil list scenes --json > /dev/full", {4}, "^$", FULL),
+    "no output": ("vibrohil list scenes --json >&-", {0}, "^$", "^$"),
+    "no errors": ("vibrohil list scenes --json 2>&-", {0}, "table1", "^$"),
+    "no streams": ("vibrohil list scenes --json <&- >&- 2>&-", {0}, "^$", "^$"),
+    "a full disk for errors": ("vibrohil list scenes --json 2>/dev/full", {0}, "table1", "^$"),
+    "ASCII alone": (
+        "PYTHONIOENCODING=ascii vibrohil simulate table1-viscous --until 0.1",
+        {0},
+        "peak felt force         \\?",
+        "^$",
+    ),
+    "no arguments": ("vibrohil tune", {4}, "Usage: vibrohil tune", "^$"),
+    "no columns": ("COLUMNS=0 vibrohil list scenes", {0}, "table1-viscous", "^$"),
+    "columns that are no number": ("COLUMNS=wide vibrohil list scenes", {0}, "table1-viscous", "^$"),
+    "no columns for errors": ("COLUMNS=0 vibrohil run no-such-scenario", {4}, "^$", "no-such-scenario"),
+    "too few open files": (f"ulimit -n 12; {RUN}", {4}, "", "open files"),
+    "a limit on the size of files": (f"exec 2>&1; ulimit -f 8; {RUN}", {1, 4}, "File too large", "^$"),
+}
+"""Command lines, each with its statuses and patterns of its output and of its errors."""
 
 
-@pytest.mark.parametrize("option", ["", "--json"])
-def test_a_full_standard_output_is_one_sentence(option: str) -> None:
-    full = ended(f"vibrohil list scenes {option} > /dev/full")
-    assert full.returncode == 4
-    assert full.stderr == "error: standard output cannot be written (No space left on device)\n"
-
-
-@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-", "2>/dev/full"])
-def test_closed_streams_do_not_matter(closed: str) -> None:
-    assert ended(f"vibrohil list scenes --json {closed}").returncode == 0
-
-
-def test_an_output_in_ascii_loses_characters_only() -> None:
-    simulated = ended("vibrohil simulate table1-viscous --until 0.1", PYTHONIOENCODING="ascii")
-    assert (simulated.returncode, simulated.stderr) == (0, "")
-    assert "peak felt force         ?" in simulated.stdout
-
-
-def test_a_command_without_its_arguments_prints_its_help_alone() -> None:
-    helped = ended("vibrohil tune")
-    assert (helped.returncode, helped.stderr) == (4, "")
-    assert "Usage: vibrohil tune" in helped.stdout
-
-
-@pytest.mark.parametrize("columns", ["0", "wide"])
-def test_a_terminal_of_no_columns_shows_results_and_errors(columns: str) -> None:
-    assert "table1-viscous" in ended("vibrohil list scenes", COLUMNS=columns).stdout
-    wrong = ended("vibrohil run no-such-scenario", COLUMNS=columns)
-    assert "no-such-scenario" in wrong.stderr
-    assert wrong.returncode == 4
-
-
-def test_too_few_open_files_are_one_sentence(tmp_path: Path) -> None:
-    few = ended(f"ulimit -n 12; vibrohil run soft-start-multistable --clock lockstep --out {tmp_path}/out")
-    assert "Traceback" not in few.stderr
-    assert "defect" not in few.stderr
-    assert few.returncode == 4
-    assert "open files" in few.stderr
-
-
-def test_a_limit_on_the_size_of_files_is_one_sentence(tmp_path: Path) -> None:
-    short = ended(f"ulimit -f 8; vibrohil run soft-start-multistable --clock lockstep --out {tmp_path}/out")
-    assert "Traceback" not in short.stderr
-    assert "defect" not in short.stderr
-    assert "File too large" in short.stdout + short.stderr
-    assert short.returncode in (1, 4)
+@pytest.mark.parametrize("what", POOR)
+def test_a_poor_machine_gets_what_it_can_or_one_sentence(what: str, tmp_path: Path) -> None:
+    command, statuses, printed, errors = POOR[what]
+    shown = ended(command.format(tmp_path))
+    assert shown.returncode in statuses
+    assert re.search(printed, shown.stdout)
+    assert re.search(errors, shown.stderr)
+    assert "Traceback" not in shown.stdout + shown.stderr
+    assert "defect" not in shown.stdout + shown.stderr
 
 
 def test_a_library_for_which_there_is_no_address_space_is_no_defect(
