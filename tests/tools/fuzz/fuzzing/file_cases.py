@@ -14,7 +14,7 @@ import can
 import tomli_w
 
 from fuzzing.damage import Random, damaged_bytes
-from fuzzing.scene_cases import BOMB, PARAMETERS, SHORT_RUN, chosen
+from fuzzing.scene_cases import PARAMETERS, SHORT_RUN, chosen
 from hil.record.candump import parse_candump
 
 WRITERS = ("log", "asc", "blf", "csv", "trc", "db")
@@ -33,8 +33,6 @@ def prepare(good: Path) -> None:
 
     (good / "short.toml").write_text(tomli_w.dumps(SHORT_RUN))
     (good / "parameters.toml").write_text(tomli_w.dumps(PARAMETERS))
-    zeros = gzip.compress(bytes(64 << 20), 9)
-    (good / BOMB).write_bytes(48 * zeros)
     short = str(good / "short.toml")
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         run(["run", short, "--clock", "lockstep", "--keep-traces", "--out", str(good / "run")])

@@ -12,7 +12,6 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from fuzzing import kill as killing
-from fuzzing.worker import children_of
 from hil.bench.ending import was_cut_short
 from hil.bench.workers import PROGRAM
 from hil.judge.verdict import read_verdict
@@ -86,6 +85,14 @@ class Queue:
         return (
             [] if whole or any(cause in one for one in said) else [f"junit.xml does not name {cause}: {said}"]
         )
+
+
+def children_of(pid: int) -> list[int]:
+    """Return the ids of a process's children."""
+    try:
+        return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except OSError:
+        return []
 
 
 def worker_of(program: "subprocess.Popen[bytes]") -> int:

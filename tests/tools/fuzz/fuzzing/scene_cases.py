@@ -1,13 +1,10 @@
-"""Inputs of `fuzz scenes`: a user's TOML files and command lines.
+"""Inputs of the kind `scenes`: a user's TOML files and command lines.
 
 A case writes its files to `mine`, the user's folder, and returns a command line that is run in the folder
 `work` beside it. `good` contains the valid inputs that `prepare` has made.
 """
 
-import os
-import shutil
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -33,12 +30,8 @@ PARAMETERS = {
         "start.rise_s": {"value": 4.0, "unit": "s"},
     },
 }
-USERS_OWN = ("notes.txt", "scenario.toml", "notes.log", "report.html", "mine.rrd", "mine.toml")
-"""The user's files in the folder where commands run; no command may change them."""
 SETTABLE = ("law", "model", "method")
 """Keys that get only invalid values; a valid value would select other kernels, which take long to compile."""
-BOMB = "bomb.gz"
-"""Name of a file of three megabytes that unpack to three gigabytes."""
 LONGEST_RUN_S = 0.4
 """Longest duration of a scenario that is still valid after damage, so that no case waits for a long run."""
 
@@ -157,117 +150,3 @@ def parameter_file(random: Random, mine: Path, good: Path) -> list[str]:
     if random.random() < 0.5:
         files += ["--parameters", str(written(mine / "other.toml", PARAMETERS))]
     return lockstep(random, str(good / "short.toml"), "--out", "run", *files)
-
-
-# --- places -------------------------------------------------------------------------------------------
-
-
-def special_file(random: Random, mine: Path, good: Path) -> list[str]:
-    """Give any command that reads a file a special file, a file of another kind, or a missing path."""
-    endings = (".toml", ".toml", ".rrd", ".log", ".log.gz", ".asc", ".blf", ".trc", ".mf4", "")
-    path = mine / f"mine{chosen(random, endings)}"
-    makers: tuple[Callable[[Path], object], ...] = (*IMPLAUSIBLE, partial(shutil.copyfile, good / BOMB))
-    make = chosen(random, makers)
-    make(path)
-    given = chosen(random, MISSING) if make is missing else str(path)
-    commands = (
-        ["simulate", given, "--until", "0.2"],
-        ["run", given, "--clock", "lockstep", "--out", "run"],
-        ["run", SHORT_RUN["scene"], "--clock", "lockstep", "--out", "run", "--parameters", given],
-        ["tune", "identify", given],
-        ["import", given, "--out", "imported"],
-        ["inspect", given],
-        ["compare", given, given],
-        ["view", given],
-        ["export", given, "--to", "csv", "--out", "exported"],
-        ["runs", given],
-        ["suite", given, "--out", "suite"],
-        ["plant", given, "--until", "0.1", "--bus", "local"],
-    )
-    return chosen(random, commands)
-
-
-def missing(_: Path) -> None:
-    """Make no file."""
-
-
-def nested(path: Path) -> None:
-    """Write TOML that is nested 100,000 deep."""
-    path.write_text("a = " + "[" * 100_000 + "]" * 100_000)
-
-
-def endless(path: Path) -> None:
-    """Make a link to an endless device."""
-    path.symlink_to("/dev/zero")
-
-
-def large(path: Path) -> None:
-    """Make a sparse file of three gigabytes of zeros."""
-    path.touch()
-    os.truncate(path, 3 << 30)
-
-
-def forbidden(path: Path) -> None:
-    """Make a file that only root may read."""
-    path.write_text("title = 1\n")
-    path.chmod(0)
-
-
-def circle(path: Path) -> None:
-    """Make a link to itself."""
-    path.symlink_to(path.name)
-
-
-IMPLAUSIBLE: tuple[Callable[[Path], object], ...] = (
-    *(missing, os.mkfifo, nested, endless, large, forbidden, circle, Path.mkdir, Path.touch),
-)
-MISSING = (
-    "",
-    "nowhere.toml",
-    "nowhere/at.rrd",
-    "x" * 300,
-    "\udcff.log",
-    "a\nb",
-    "-",
-    "/",
-    "/proc/self/mem",
-    "~",
-)
-
-
-def output_place(random: Random, _: Path, good: Path) -> list[str]:
-    """Write to places that are the user's own, of another kind, missing or not writable."""
-    folders = (".", "notes.txt", "missing/a/b", "/proc/nowhere", "/dev/full", "", "x" * 300, "work\n", "..")
-    pictures = (
-        "mine.rrd",
-        "missing/a.svg",
-        "a.xyz",
-        "a",
-        "/dev/full",
-        "/proc/a.svg",
-        "notes.txt",
-        ".",
-        "a.png",
-    )
-    folder, picture = chosen(random, folders), chosen(random, pictures)
-    short, run = str(good / "short.toml"), str(good / "run")
-    commands = (
-        ["run", short, "--clock", "lockstep", "--out", folder],
-        ["suite", short, "--out", folder],
-        ["suite", short, short, "--out", "suite"],
-        ["import", str(good / "bench.log"), "--out", folder],
-        ["inspect", run, "--plot", picture],
-        ["inspect", run, "--table", "plant", "--to", picture],
-        [
-            "inspect",
-            run,
-            "--plot",
-            "a.svg",
-            "--signal",
-            chosen(random, ("plant.x_m", "x", "", "plant.", ".")),
-        ],
-        ["compare", run, run, "--out", picture],
-        ["export", run, "--to", "csv", "--out", folder],
-        ["simulate", SHORT_RUN["scene"], "--until", "0.1", "--plot", picture],
-    )
-    return chosen(random, commands)
