@@ -1,5 +1,6 @@
 """A process that is killed."""
 
+import math
 from typing import ClassVar, Literal
 
 from hil.faults.on_process import ProcessFault
@@ -11,6 +12,7 @@ class Killed(ProcessFault):
     ends_process: ClassVar[bool] = True
     kind: Literal["killed"]
 
-    def acts(self, t_s: float) -> bool:
-        """Whether the process is dead, also after `end_s`."""
-        return t_s >= self.at_s - 1e-9
+    @property
+    def end_s(self) -> float:
+        """Never, whatever the duration: the process is not started again."""
+        return math.inf

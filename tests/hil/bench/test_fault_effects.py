@@ -118,6 +118,13 @@ def test_a_kick_in_a_stall_of_the_plant_acts_at_its_instant(tmp_path):
     assert velocity(run)[285] == pytest.approx(velocity(free)[285], rel=1e-9)
 
 
+def test_a_killed_firmware_stays_away_after_the_faults_duration(tmp_path):
+    run = run_with(
+        tmp_path, {"kind": "killed", "process": "firmware", "at_s": 0.1, "duration_s": 0.01}, clock="lockstep"
+    )
+    assert run.verdict["loops"]["firmware"]["ticks"] == 100
+
+
 @pytest.mark.parametrize(("at_s", "kicks"), [(0.1, 1), (0.25, 0)])
 def test_a_kick_is_not_repeated_or_made_up_for_when_the_plant_restarts(tmp_path, at_s, kicks):
     kick = {"kind": "kick", "at_s": at_s, "change_m_s": 0.1}
