@@ -28,9 +28,7 @@ from firmware_py.shell.board_node import (
 from firmware_py.shell.builds import Build
 from firmware_py.shell.native import NativeNode
 from firmware_py.shell.parameters import config_from
-from hil.bench.bench import run_scenario
 from hil.bench.lockstep import run_lockstep, silent
-from hil.bench.options import RunOptions
 from hil.record.traces.trace import read
 from hil.scenario.scenario import load_scenario
 from tools import cli, doctor
@@ -43,6 +41,9 @@ def tools() -> None:
     require_board_programs()
 
 
+BUILDS: tuple[Build, ...] = ("compiled", "cortex-m7", "host-single", "cortex-m4f")
+
+
 @pytest.mark.usefixtures("tools")
 @pytest.mark.parametrize(
     "name",
@@ -53,69 +54,26 @@ def tools() -> None:
         "damaged-parameters-arm-nothing",
     ],
 )
-def test_every_frame_and_every_state_of_a_run_is_that_of_the_compiled_build(
-    name: str, tmp_path: Path
-) -> None:
+def test_boards_send_the_bytes_of_their_precision_here_and_decide_alike(name: str, tmp_path: Path) -> None:
+    """The Cortex-M7 has every state of the compiled build, and the Cortex-M4F its decisions."""
     scenario = load_scenario(name)
-    for build in ("compiled", "cortex-m7"):
+    for build in BUILDS:
         (tmp_path / build).mkdir()
-        run_lockstep(scenario, tmp_path / build, 1, silent, build)  # type: ignore[arg-type]
-    logs = [(tmp_path / build / "can.log").read_bytes() for build in ("compiled", "cortex-m7")]
-    assert logs[0].count(b"\n") > 3 * scenario.ticks
-    assert logs[0] == logs[1]
-    first, second = (read(tmp_path / build / "firmware.trace") for build in ("compiled", "cortex-m7"))
+        run_lockstep(scenario, tmp_path / build, 1, silent, build)
+    double, on_m7, single, on_m4f = ((tmp_path / build / "can.log").read_bytes() for build in BUILDS)
+    assert double.count(b"\n") > 3 * scenario.ticks
+    assert double == on_m7
+    assert single == on_m4f
+    states = {build: read(tmp_path / build / "firmware.trace") for build in BUILDS}
+    first, second, last = states["compiled"], states["cortex-m7"], states["cortex-m4f"]
     assert "state.estimator.x_m" in first.dtype.names
     for column in set(first.dtype.names) - {"work_us"}:
         assert first[column].tobytes() == second[column].tobytes(), column
-
-
-@pytest.mark.usefixtures("tools")
-@pytest.mark.parametrize(
-    "name",
-    [
-        "a-hot-winding-stops-the-motor",
-        "a-controller-that-pauses-for-long-stops-the-motor",
-        "damaged-parameters-arm-nothing",
-    ],
-)
-def test_in_single_precision_a_run_has_the_decisions_of_the_compiled_build(name: str, tmp_path: Path) -> None:
-    builds: tuple[Build, ...] = ("compiled", "cortex-m4f")
-    for build in builds:
-        verdict = run_scenario(
-            load_scenario(name),
-            RunOptions(clock="lockstep", firmware=build),
-            tmp_path / build,
-            1,
-            silent,
-        )
-        assert verdict.passed
-    double, single = (read(tmp_path / build / "firmware.trace") for build in builds)
-    assert double.dtype == single.dtype
-    assert not differences(decisions_of(double), decisions_of(single))
-    x_m = single["state.estimator.x_m"]
+    assert first.dtype == last.dtype
+    assert not differences(decisions_of(first), decisions_of(last))
+    x_m = last["state.estimator.x_m"]
     assert np.array_equal(x_m, x_m.astype(np.float32))
-    assert not np.array_equal(x_m, double["state.estimator.x_m"])
-
-
-@pytest.mark.usefixtures("tools")
-@pytest.mark.parametrize(
-    "name",
-    [
-        "a-hot-winding-stops-the-motor",
-        "a-controller-that-pauses-for-thirty-ticks-goes-on",
-        "a-restarted-controller-moves-nothing-by-itself",
-    ],
-)
-def test_a_cortex_m4f_sends_the_bytes_of_single_precision_here(name: str, tmp_path: Path) -> None:
-    scenario = load_scenario(name)
-    builds: tuple[Build, ...] = ("host-single", "cortex-m4f", "compiled")
-    for build in builds:
-        (tmp_path / build).mkdir()
-        run_lockstep(scenario, tmp_path / build, 1, silent, build)
-    logs = [(tmp_path / build / "can.log").read_bytes() for build in builds]
-    assert logs[0].count(b"\n") > 3 * scenario.ticks
-    assert logs[0] == logs[1]
-    assert logs[0] != logs[2]
+    assert not np.array_equal(x_m, first["state.estimator.x_m"])
 
 
 @pytest.mark.usefixtures("tools")
@@ -168,17 +126,19 @@ def test_a_gain_that_a_board_takes_in_motion_acts_as_in_the_compiled_build() -> 
 
 
 class MeasuredNode(BoardNode):
-    """A board that counts the instructions of each tick."""
+    """A board that counts the instructions of each tick, and its stack in bytes."""
 
     kind = MEASURED_TICK
 
     def __init__(self) -> None:
         super().__init__(config_from({}), {})
         self.instructions: list[float] = []
+        self.stack_bytes = 0
 
     def run(self, behind_ticks: int, frame_count: int, frames: Any) -> int:
         status = super().run(behind_ticks, frame_count, frames)
         self.instructions.append(float(self.reply["timer_ticks"][0]) / board.TIMER_TICKS_AN_INSTRUCTION)
+        self.stack_bytes = max(self.stack_bytes, int(self.reply["stack_bytes"][0]))
         return status
 
 
@@ -228,27 +188,15 @@ def test_a_board_ends_with_its_node_and_says_so_when_it_has_died() -> None:
 @pytest.mark.usefixtures("tools")
 @pytest.mark.parametrize(("target", "most_stack"), [("cortex-m7", 8192), ("cortex-m4f", 5120)])
 def test_a_commit_of_parameters_fits_into_its_tick_and_into_the_stack(
-    target: board.BoardName, most_stack: int
+    target: board.BoardName, most_stack: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """60,000 instructions at 1.3 cycles are 0.46 ms of a tick of 1 ms at 168 MHz."""
-    measured: list[tuple[float, int]] = []
-
-    class Measured(BoardNode):
-        kind = MEASURED_TICK
-
-        def run(self, behind_ticks: int, frame_count: int, frames: Any) -> int:
-            status = super().run(behind_ticks, frame_count, frames)
-            instructions = float(self.reply["timer_ticks"][0]) / board.TIMER_TICKS_AN_INSTRUCTION
-            measured.append((instructions, int(self.reply["stack_bytes"][0])))
-            return status
-
-    Measured.target = target
-    node = Measured(config_from({}), {})
+    monkeypatch.setattr(MeasuredNode, "target", target)
+    node = MeasuredNode()
     assert calibrate(node, "start.rise_s", 6.0) is XcpError.NONE
     assert calibrate(node, "start.capture_ratio", node.values["start.capture_ratio"]) is XcpError.NONE
-    instructions, stack_bytes = (max(column) for column in zip(*measured, strict=True))
-    assert 20_000 < instructions < 60_000
-    assert stack_bytes < most_stack
+    assert 20_000 < max(node.instructions) < 60_000
+    assert node.stack_bytes < most_stack
 
 
 def test_without_the_tools_a_sentence_names_the_packages(

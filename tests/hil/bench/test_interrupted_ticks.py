@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -104,4 +105,8 @@ def test_a_signal_during_a_tick_is_an_interruption(
     assert "Exception ignored" not in ended.stderr
     assert f"interrupted by {name}" in ended.stdout
     verdict = json.loads((tmp_path / "run" / "verdict.json").read_text())
+    assert verdict["passed"] is False
     assert verdict["reasons"][0] == f"interrupted by {name}"
+    error = ElementTree.parse(tmp_path / "run" / "junit.xml").getroot().find("testsuite/testcase/error")
+    assert error is not None
+    assert (error.get("message") or "").startswith(f"interrupted by {name}")

@@ -51,6 +51,7 @@ def test_a_run_is_an_object_with_verdict_signals_and_impacts(run):
     np.testing.assert_allclose(np.diff(t_s), 1e-3)
     assert np.all(x_m < 0.18)
     assert run.table("firmware").num_rows == 1000
+    assert read_json(run.folder / "run.json")["firmware"] == "compiled"
 
 
 def test_a_table_says_which_columns_are_held_between_samples(run):
@@ -59,11 +60,6 @@ def test_a_table_says_which_columns_are_held_between_samples(run):
     assert held == {name for name in rows.column_names if is_slow(f"firmware.{name}")}
     assert held
     assert "outputs.torque_n_m" not in held
-
-
-def test_a_finished_run_is_opened_by_its_folder(run):
-    again = hil.open_run(run.folder)
-    assert again.verdict == run.verdict
 
 
 def test_a_run_whose_checks_fail_is_returned_and_says_so(scenario, tmp_path):
@@ -134,39 +130,6 @@ def test_a_run_has_by_default_the_seed_of_its_scenario(tmp_path):
 
 
 TESTS = """
-def test_that_passes(bench):
-    run = bench.run("still.toml")
-    assert run.passed
-    assert run.verdict["provenance"]["seed"] == 7
-
-
-def test_that_fails(bench):
-    run = bench.run("still.toml", set={"script.duration_s": 0.25})
-    assert run.impacts, "no impact"
-
-
-def test_in_which_nothing_is_asserted(bench):
-    bench.run("unchecked.toml")
-"""
-
-
-def test_the_plug_in_keeps_and_names_the_runs_of_a_failed_test(pytester, monkeypatch):
-    """A test whose run is not judged fails, too."""
-    monkeypatch.setenv("VIBROHIL_CACHE_DIR", str(KERNELS))
-    (pytester.path / "still.toml").write_text(f"seed = 7\n{SCENARIO}")
-    (pytester.path / "unchecked.toml").write_text(SCENARIO.partition("[[checks]]")[0])
-    pytester.makepyfile(TESTS)
-    result = pytester.runpytest_inprocess("-p", "no:cacheprovider")
-    result.assert_outcomes(passed=1, failed=2)
-    kept = {hil.open_run(folder).figures.duration_s: folder for folder in (pytester.path / "runs").iterdir()}
-    assert set(kept) == {0.25, 0.5}
-    result.stdout.fnmatch_lines(["*vibrohil: run folders kept*", f"*{kept[0.25].name}*"])
-    result.stdout.fnmatch_lines(
-        ["*is not judged: nothing was checked; give the scenario*", f"*{kept[0.5].name}*"]
-    )
-
-
-PLACES = """
 import os
 from pathlib import Path
 
@@ -174,13 +137,23 @@ import pytest
 
 HOME = Path.cwd()
 
+def test_that_passes(bench):
+    run = bench.run("still.toml")
+    assert run.passed
+    assert run.verdict["provenance"]["seed"] == 7
+
+
 def test_that_fails(bench):
-    bench.run(HOME / "still.toml", set={"script.duration_s": 0.21})
-    assert False
+    run = bench.run("still.toml", set={"script.duration_s": 0.21})
+    assert run.impacts, "no impact"
+
+
+def test_in_which_nothing_is_asserted(bench):
+    bench.run("unchecked.toml", set={"script.duration_s": 0.22})
 
 
 def test_that_passes_elsewhere(bench, monkeypatch):
-    bench.run(HOME / "still.toml", set={"script.duration_s": 0.22})
+    bench.run(HOME / "still.toml", set={"script.duration_s": 0.25})
     (HOME / "elsewhere").mkdir()
     (HOME / "elsewhere" / "runs").symlink_to(HOME / "runs")
     monkeypatch.chdir(HOME / "elsewhere")
@@ -212,22 +185,29 @@ def test_that_writes_into_its_folder(bench):
 """
 
 
-def test_the_plug_in_removes_no_folder_but_those_of_tests_that_pass(pytester, monkeypatch):
-    """Also where a test changes directory, and where set-up or teardown fails; never a user's own file."""
+def test_the_plug_in_keeps_and_names_the_runs_of_tests_that_fail_and_removes_no_others(pytester, monkeypatch):
+    """A test whose run is not judged fails, too.
+
+    Also where a test changes directory, and where set-up or teardown fails; never a user's own file.
+    """
     monkeypatch.setenv("VIBROHIL_CACHE_DIR", str(KERNELS))
-    (pytester.path / "still.toml").write_text(SCENARIO)
-    pytester.makepyfile(PLACES)
+    (pytester.path / "still.toml").write_text(f"seed = 7\n{SCENARIO}")
+    (pytester.path / "unchecked.toml").write_text(SCENARIO.partition("[[checks]]")[0])
+    pytester.makepyfile(TESTS)
     result = pytester.runpytest_inprocess("-p", "no:cacheprovider")
-    result.assert_outcomes(passed=3, failed=1, errors=2)
+    result.assert_outcomes(passed=4, failed=2, errors=2)
     kept = {}
     for folder in (pytester.path / "runs").iterdir():
         own = (folder / "own.txt").exists()
         assert not (own and (folder / "run.rrd").exists())
         kept["own" if own else hil.open_run(folder).figures.duration_s] = folder
-    assert set(kept) == {0.21, 0.23, 0.24, "own"}
-    for name in (0.21, 0.23, 0.24):
+    assert set(kept) == {0.21, 0.22, 0.23, 0.24, "own"}
+    for name in (0.21, 0.22, 0.23, 0.24):
         result.stdout.fnmatch_lines(["*run folders kept*", str(kept[name])])
         assert kept[name].is_absolute()
+    result.stdout.fnmatch_lines(
+        ["*is not judged: nothing was checked; give the scenario*", f"*{kept[0.22].name}*"]
+    )
 
 
 def test_a_refused_input_is_shown_at_the_line_of_the_test(pytester):
@@ -255,10 +235,3 @@ def test_clock_bus_and_build_of_the_session_are_those_of_its_runs(pytester):
     options = (*clock, "--vibrohil-firmware", "python")
     result = pytester.runpytest_inprocess("-p", "no:cacheprovider", *options)
     result.assert_outcomes(passed=1)
-
-
-def test_a_run_names_the_build_of_its_firmware(scenario):
-    compiled = hil.run(
-        scenario, firmware="compiled", set={"script.duration_s": 1.0}, out=scenario.parent / "c"
-    )
-    assert read_json(compiled.folder / "run.json")["firmware"] == "compiled"

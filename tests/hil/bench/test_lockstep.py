@@ -5,11 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firmware_py.interface.enums import Mode
 from firmware_py.shell.builds import Build
 from hil.bench import lockstep
 from hil.bench.lockstep import in_lockstep, silent
-from hil.judge.checks import evaluate
 from hil.judge.figures.figures import figures_of
 from hil.record.traces import trace
 from hil.scenario.files import read_scenario
@@ -117,7 +115,7 @@ def test_can_log_has_each_frame_at_its_time(quick_run: Path) -> None:
     np.testing.assert_allclose(torque, np.arange(3000) * 1e-3 + 0.5e-3, atol=1e-9)
 
 
-@pytest.mark.parametrize("tick_s", [0.00025, 0.0005, 0.002, 0.004])
+@pytest.mark.parametrize("tick_s", [0.00025, 0.004])
 def test_other_control_periods_run_the_same_physics(tick_s: float, tmp_path: Path) -> None:
     scenario = load_scenario("soft-start-multistable", [*QUICK, f"firmware.control.tick_s={tick_s}"])
     run_dir = run(scenario, tmp_path)
@@ -126,17 +124,6 @@ def test_other_control_periods_run_the_same_physics(tick_s: float, tmp_path: Pat
     assert plant["t_s"][-1] == pytest.approx(3.0 - tick_s)
     rising = plant["omega_rad_s"][np.searchsorted(plant["t_s"], 2.0)]
     assert rising == pytest.approx(1.1 * 9.354, rel=0.02)
-
-
-@pytest.mark.parametrize(
-    "name",
-    ["instant-start-multistable", "quick-start-below-the-band", "operator-lost", "e-stop-in-the-hold"],
-)
-def test_short_scenarios_pass_their_checks(name: str, tmp_path: Path) -> None:
-    scenario = load_scenario(name)
-    figures = figures_of(run(scenario, tmp_path))
-    failed = [result for result in evaluate(scenario.checks, figures) if not result.passed]
-    assert not failed
 
 
 def test_at_1_mbit_s_no_sample_is_late(tmp_path: Path) -> None:
@@ -156,23 +143,3 @@ def test_at_250_kbit_s_samples_are_late(tmp_path: Path) -> None:
     scenario = check_scenario({**document, "bus": {"bitrate": 250_000}}, "modelled")
     firmware = trace.read(run(scenario, tmp_path) / "firmware.trace")
     assert max(firmware["inputs.accelerometer.age_ticks"][10:]) > 0
-
-
-@pytest.mark.parametrize(
-    ("script", "stop_s"),
-    [
-        ('{at_s=0.501,request="e-stop"},{at_s=0.505,request="run",target_ratio=1.1}', 0.501),
-        ('{at_s=0.5,request="run",target_ratio=1.1},{at_s=0.5,request="e-stop"}', 0.5),
-        ('{at_s=0.5,request="e-stop"},{at_s=0.5,request="run",target_ratio=1.1}', 0.5),
-        ('{at_s=0.797,request="e-stop"}', 0.797),
-    ],
-    ids=["run-right-after", "run-before-in-one-instant", "run-after-in-one-instant", "in-the-last-5-ms"],
-)
-def test_an_e_stop_of_the_script_is_on_the_bus_in_its_tick(
-    script: str, stop_s: float, tmp_path: Path
-) -> None:
-    settings = ["script.duration_s=0.8", f"script.commands=[{script}]"]
-    run(load_scenario("soft-start-multistable", settings), tmp_path)
-    frames = [line.split() for line in (tmp_path / "can.log").read_text().splitlines()]
-    assert next(at for at, _, frame in frames if frame == "002#") == f"({stop_s:.6f})"
-    assert trace.read(tmp_path / "firmware.trace")["outputs.mode"][-1] == Mode.E_STOP

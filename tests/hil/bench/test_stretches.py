@@ -1,24 +1,14 @@
 """Stretches of lockstep in one compiled call: to the same bits as tick by tick, and where they may be."""
 
-import math
-import random
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from firmware_py.builds.flat import layout
-from firmware_py.interface.frame import Frame
-from firmware_py.node.tick import NodeState
 from hil.bench import stretches
 from hil.bench.lockstep import LockstepNodes, run_lockstep, silent
-from hil.bench.stretches import quiet_until_s
-from hil.bus.can_log import CanLog
-from hil.nodes.closed_loop import LINE_BYTES, log_line
-from hil.nodes.frame_rows import word_frame
 from hil.record.traces import trace
-from hil.record.traces.firmware_trace import moves_to
 from hil.scenario.files import read_scenario
 from hil.scenario.scenario import check_scenario
 from hil.scenario.settings import apply_settings
@@ -93,67 +83,3 @@ def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
         for column in one.dtype.names or ():
             if column != "work_us":
                 np.testing.assert_array_equal(one[column], other[column], err_msg=f"{name}: {column}")
-
-
-@pytest.mark.parametrize(
-    ("t_s", "until_s"),
-    [
-        (0.0, 1.0),  # the stiffness changes between two stretches
-        (0.999, 1.0),
-        (1.0, 1.595),  # it has changed, and stays so
-        (1.7, 1.7),  # the noise acts
-        (1.9, 1.9),
-        (2.1, math.inf),
-    ],
-)
-def test_a_stretch_ends_where_a_fault_begins_and_starts_after_its_end(t_s: float, until_s: float) -> None:
-    faults = scenario_with(STIFFER, NOISY).faults
-    assert quiet_until_s(faults, t_s) == pytest.approx(until_s)
-
-
-def test_no_stretch_starts_once_a_clock_has_leapt() -> None:
-    assert quiet_until_s(scenario_with(LEAPT).faults, 0.0) == pytest.approx(3.395)
-    assert quiet_until_s(scenario_with(LEAPT).faults, 3.9) == 3.9
-
-
-def test_lines_of_the_log_are_those_of_can_log(tmp_path: Path) -> None:
-    dice = random.Random(1)
-    frames = [
-        (dice.randrange(10 ** dice.randrange(1, 11)), Frame(dice.randrange(0x800), dice.randbytes(length)))
-        for length in [*range(9)] * 20
-    ]
-    with CanLog(tmp_path / "can.log") as log:
-        for t_us, frame in frames:
-            log.write(t_us, [frame])
-    buffer, end = np.zeros(len(frames) * LINE_BYTES, np.uint8), 0
-    for t_us, frame in frames:
-        end = log_line(buffer, end, t_us, word_frame(frame))
-    assert buffer[:end].tobytes() == (tmp_path / "can.log").read_bytes()
-
-
-def test_moves_take_each_column_from_its_place_in_the_firmware_s_memory() -> None:
-    columns = np.dtype(
-        [("tick", "<i8"), ("state.estimator.x_m", "<f8"), ("outputs.impact", "?"), ("counters.frames", "<i8")]
-    )
-    memory, record = np.zeros(1, layout(NodeState)), np.zeros(1, columns)
-    memory["core"]["estimator"]["x_m"], memory["outputs"]["impact"] = 0.125, True
-    memory["counters"]["frames"] = 7
-    source, rows = memory.view(np.uint8), record.view(np.uint8)
-    for start, end, length in moves_to(columns).tolist():
-        rows[end : end + length] = source[start : start + length]
-    assert record[0].item() == (0, 0.125, True, 7)
-
-
-def test_a_trace_takes_many_records_at_once(tmp_path: Path) -> None:
-    fields: list[tuple[str, type[Any]]] = [("tick", int), ("x_m", float), ("hit", bool)]
-    many = 3 * trace.WINDOW_BYTES // 17 // 2
-    with trace.TraceWriter(tmp_path / "a.trace", fields) as writer:
-        writer.append(0, 0.5, True)
-        records = np.zeros(many, writer.dtype)
-        records["tick"], records["x_m"] = np.arange(1, many + 1), 0.25
-        writer.append_all(records)
-        writer.append(many + 1, 0.5, True)
-    found = trace.read(tmp_path / "a.trace")
-    np.testing.assert_array_equal(found["tick"], np.arange(many + 2))
-    assert found["x_m"][[0, 1, many, many + 1]].tolist() == [0.5, 0.25, 0.25, 0.5]
-    assert np.count_nonzero(found["hit"]) == 2

@@ -177,18 +177,19 @@ def test_a_log_played_back_gives_the_firmware_the_same_decisions(tmp_path: Path)
 @pytest.mark.realtime
 @pytest.mark.quiet
 def test_plant_firmware_and_operator_meet_from_three_processes(tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "new"
     with provide("local") as provided, ExitStack() as stack:
         more = ["soft-start-multistable", "--bus", provided.address]
         change = [word for setting in SHORT[:3] for word in ("--set", setting)]
         for node in ("plant", "firmware"):
-            command = [program(), node, *more, "--out", str(tmp_path), *change]
+            command = [program(), node, *more, "--out", str(out), *change]
             process = stack.enter_context(running(command, stderr=subprocess.PIPE))
             assert process.stderr is not None
             assert process.stderr.readline().startswith(b"running")
         subprocess.run([program(), "operator", *more, *change], check=True, capture_output=True)
         time.sleep(0.6)
         left = [Decision("SOFT_START", "NONE"), Decision("FAULT", "OPERATOR_TIMEOUT")]
-        assert decisions(tmp_path / "firmware.trace")[-2:] == left
+        assert decisions(out / "firmware.trace")[-2:] == left
         # One who leaves early leaves an E-stop behind.
         early = subprocess.Popen([program(), "operator", *more, *change], stderr=subprocess.PIPE)
         assert early.stderr is not None
@@ -198,7 +199,7 @@ def test_plant_firmware_and_operator_meet_from_three_processes(tmp_path: Path) -
         early.stderr.close()
         assert early.wait(PATIENCE_S) == 0
         time.sleep(0.3)
-        assert decisions(tmp_path / "firmware.trace")[-1].mode == "E_STOP"
-    plant = trace.read(tmp_path / "plant.trace")
+        assert decisions(out / "firmware.trace")[-1].mode == "E_STOP"
+    plant = trace.read(out / "plant.trace")
     assert abs(plant["motor_torque_n_m"]).max() > 0.01
     assert plant["motor_torque_n_m"][-1] == 0.0

@@ -8,7 +8,6 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
-from multiprocessing.dummy import Pool
 from pathlib import Path
 from typing import Any
 
@@ -95,16 +94,6 @@ def test_filters(opened: Opener) -> None:
     received = [receiver.recv(TIMEOUT_S) for _ in range(2)]
     assert [message.arbitration_id for message in received if message] == [0x123, 0x223]
     assert receiver.recv(0.05) is None
-
-
-def test_many_threads_send_and_receive(opened: Opener) -> None:
-    sender, receiver = opened(can.ThreadSafeBus), opened(can.ThreadSafeBus)
-    message = can.Message(arbitration_id=0x123, is_extended_id=True, data=[254, 255, 1, 2])
-    with Pool(20) as senders, Pool(20) as receivers:
-        sending = senders.map_async(sender.send, 1000 * [message])
-        received = receivers.map(lambda _: receiver.recv(timeout=10.0), range(1000))
-        sending.get()
-    assert all(one is not None and one.equals(message, None, check_channel=False) for one in received)
 
 
 def test_an_asyncio_notifier_passes_a_bundle_on_without_waiting_for_the_next(local: ProvidedBus) -> None:

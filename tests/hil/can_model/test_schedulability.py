@@ -13,9 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.interface.dbc import database
-from firmware_py.interface.frame import worst_case_bits
+from firmware_py.interface.frame import Frame, worst_case_bits
 from firmware_py.interface.generated.kinds import XCP_COMMAND
-from hil.can_model.bits import BitRateError
+from hil.can_model.bits import BitRateError, frame_bits
+from hil.can_model.core import advance, queue
 from hil.can_model.message_set import (
     ALL_SENDERS,
     ONE_ERROR,
@@ -31,6 +32,7 @@ from hil.can_model.schedulability import (
     load,
     response_times,
 )
+from hil.can_model.state import BusState, NodeState
 from tools.commands import schedule as command
 
 MS = 1_000_000
@@ -128,8 +130,13 @@ def test_the_bound_is_reached_at_the_critical_instant(streams: list[Stream]) -> 
         assert response.response_ns == served(streams, one, response.blocking_ns, horizon)
 
 
-def played(streams: Sequence[Stream], dice: random.Random, duration: int) -> dict[int, int]:
-    """Play the bus with random phases, gaps and lateness; return the longest responses by identifier."""
+def played(
+    streams: Sequence[Stream], dice: random.Random, duration: int, errors: ErrorModel | None = None
+) -> dict[int, int]:
+    """Play the bus with random phases, gaps, lateness and errors; return the longest responses by identifier.
+
+    A destroyed frame takes its time in vain, and that of the longest error frame.
+    """
     arrivals: list[tuple[int, int, Stream]] = []
     for one in streams:
         time, queued = dice.randrange(one.period_ns), 0
@@ -152,6 +159,7 @@ def played(streams: Sequence[Stream], dice: random.Random, duration: int) -> dic
     arrivals.sort(key=lambda arrival: arrival[0])
     longest = {one.can_id: 0 for one in streams}
     now = 0
+    next_errors, to_destroy = dice.randrange(duration), 0
     pending: list[tuple[int, int, Stream]] = []
     while arrivals or pending:
         while arrivals and arrivals[0][0] <= now:
@@ -160,6 +168,12 @@ def played(streams: Sequence[Stream], dice: random.Random, duration: int) -> dic
             now = arrivals[0][0]
             continue
         chosen_arrival = min(pending, key=lambda arrival: (arrival[2].can_id, arrival[0]))
+        if errors is not None and now >= next_errors:
+            next_errors, to_destroy = now + (errors.burst + 1) * errors.gap_ns, errors.burst
+        if to_destroy:
+            to_destroy -= 1
+            now += chosen_arrival[2].transmission_ns + ERROR_BITS * TAU
+            continue
         pending.remove(chosen_arrival)
         now += chosen_arrival[2].transmission_ns
         can_id = chosen_arrival[2].can_id
@@ -223,13 +237,21 @@ def test_paced_frames_take_their_places_one_by_one() -> None:
 
 
 @settings(max_examples=100)
-@given(streams=message_sets(), paced=st.sets(st.integers(1, 6)), seed=st.integers(0, 2**32))
-def test_no_play_of_paced_frames_exceeds_the_bound(streams: list[Stream], paced: set[int], seed: int) -> None:
+@given(
+    streams=message_sets(),
+    paced=st.sets(st.integers(1, 6)),
+    errors=st.none() | st.builds(ErrorModel, burst=st.integers(1, 2), gap_ns=st.integers(60, 400)),
+    seed=st.integers(0, 2**32),
+)
+def test_no_play_exceeds_the_bound(
+    streams: list[Stream], paced: set[int], errors: ErrorModel | None, seed: int
+) -> None:
+    """Of frames that are free or paced, with and without errors."""
     pacing = Pacing("node", 15)
     streams = [one._replace(pacing=pacing) if one.can_id in paced else one for one in streams]
-    longest = played(streams, random.Random(seed), duration=3000)
-    unpaced = worst([one._replace(pacing=None) for one in streams])
-    for response, without in zip(response_times(streams, TAU), unpaced, strict=True):
+    longest = played(streams, random.Random(seed), 3000, errors)
+    unpaced = worst([one._replace(pacing=None) for one in streams], errors)
+    for response, without in zip(response_times(streams, TAU, errors), unpaced, strict=True):
         if response.response_ns is not None:
             assert longest[response.stream.can_id] <= response.response_ns
             assert without is None or response.response_ns <= without
@@ -293,6 +315,50 @@ def test_only_slow_frames_are_paced() -> None:
 def test_an_odd_bit_rate_is_refused(bitrate: int) -> None:
     with pytest.raises(BitRateError, match="wanted 10000 to 1000000"):
         bus_schedule(bitrate)
+
+
+BIT_NS = 1000
+
+
+def stuffed_most(stream: Stream, dice: random.Random) -> Frame:
+    """A long frame of this identifier and length."""
+    pieces = [b"\x01", b"\x0f", b"\x07", b"\x1e", b"\x87", b"\xe1", b"\x78", b"\x3c"]
+    frames = [
+        Frame(stream.can_id, b"".join(dice.choice(pieces) for _ in range(stream.length))) for _ in range(400)
+    ]
+    return max(frames, key=frame_bits)
+
+
+def test_the_critical_instant_reaches_the_bound() -> None:
+    """All frames at once, one bit after the longest less urgent one has begun: the bound for frames of
+    exactly these lengths, less that bit. Of streams that share an identifier one is played, since for both
+    together the bound is safe, not exact."""
+    streams = [stream._replace(jitter_ns=0) for stream in bus_streams(1_000_000, paced=())]
+    streams = list({stream.can_id: stream for stream in reversed(streams)}.values())
+    names = sorted({stream.sender for stream in streams})
+    dice = random.Random(5)
+    frames = {stream.can_id: stuffed_most(stream, dice) for stream in streams}
+    exact = [
+        stream._replace(transmission_ns=frame_bits(frames[stream.can_id]) * BIT_NS) for stream in streams
+    ]
+    for bound in response_times(exact, BIT_NS):
+        watched = bound.stream
+        less_urgent = [frames[stream.can_id] for stream in streams if stream.can_id > watched.can_id]
+        state = BusState(nodes=tuple(NodeState() for _ in range(len(names) + 2)))
+        if less_urgent:
+            state = queue(state, len(names), max(less_urgent, key=frame_bits), depth=1)
+        longest_ns = 0
+        for tick in range(8):
+            state, arrivals = advance(state, 1 + tick * TICK_NS // BIT_NS)
+            for arrival in arrivals:
+                if arrival.pending.can_id == watched.can_id and arrival.senders != (len(names),):
+                    waited_bits = arrival.bit + 3 - arrival.pending.queued_bit
+                    longest_ns = max(longest_ns, waited_bits * BIT_NS)
+            for stream in streams:
+                if tick * TICK_NS % stream.period_ns == 0:
+                    state = queue(state, names.index(stream.sender), frames[stream.can_id], depth=99)
+        assert bound.response_ns is not None
+        assert longest_ns == bound.response_ns - (BIT_NS if less_urgent else 0)
 
 
 # --- the command -----------------------------------------------------------------------------------------

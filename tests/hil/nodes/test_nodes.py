@@ -149,14 +149,6 @@ def test_the_plant_obeys_what_came_in_its_pause_before_it_moves_on() -> None:
     assert plant.drive.setpoint.age_s == 0.0
 
 
-@pytest.mark.parametrize("node", ["plant", "firmware"])
-def test_a_node_alone_makes_its_folder(tmp_path, node):
-    out = tmp_path / "deep" / "new"
-    command = [sys.executable, "-m", "tools.cli", node, "soft-start-multistable", "--bus", "local"]
-    subprocess.run([*command, "--out", str(out), "--until", "0.02"], check=True, capture_output=True)
-    assert (out / f"{node}.trace").exists()
-
-
 def test_a_firmware_alone_says_why_it_refuses_its_parameters():
     command = [sys.executable, "-m", "tools.cli", "firmware", "damaged-parameters-arm-nothing"]
     done = subprocess.run(

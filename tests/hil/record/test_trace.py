@@ -153,14 +153,15 @@ def test_a_trace_of_other_columns_cannot_go_on_and_one_that_is_not_there_begins(
         trace.TraceWriter(path, [("y", float)], resume=True)
 
 
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EAGAIN, errno.ENOMEM])
 def test_a_full_disk_costs_the_last_records_and_not_the_writer(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     allocate, room = os.posix_fallocate, 30_000
 
     def until_full(descriptor: int, offset: int, length: int) -> None:
         if offset + length > room:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            raise OSError(number, os.strerror(number))
         allocate(descriptor, offset, length)
 
     monkeypatch.setattr(trace, "WINDOW_BYTES", 5000)
@@ -171,7 +172,8 @@ def test_a_full_disk_costs_the_last_records_and_not_the_writer(
             writer.append(tick)
     assert 0 < writer.lost < 5000
     np.testing.assert_array_equal(trace.read(path)["tick"], np.arange(5000 - writer.lost))
-    assert capsys.readouterr().err == "a.trace: No space left on device; nothing is recorded from now on\n"
+    said = f"a.trace: {os.strerror(number)}; nothing is recorded from now on\n"
+    assert capsys.readouterr().err == said
 
 
 def test_a_run_whose_trace_has_no_room_is_refused(tmp_path: Path) -> None:

@@ -49,6 +49,29 @@ def test_a_fault_without_an_object_is_refused_with_the_reason(fault, scene, reas
         check_scenario(document({**fault, **WHOLE_S}, scene=tables), "mine")
 
 
+JUMP = {"kind": "clock-jumped", "at_s": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("faults", "script", "said"),
+    [
+        (
+            [{"kind": "restarted", "process": "plant", "at_s": 1.0, "duration_s": 2.0}],
+            {},
+            "starts the plant anew at 3 s, after the end",
+        ),
+        *(
+            ([JUMP | {"by_s": by_s}], {}, r"a jump of less than half a tick, 0\.001 s, moves no tick")
+            for by_s in (0.0, 0.0004, -0.0004)
+        ),
+        ([], {"duration_s": 4e-4}, r"duration_s = 0.0004 is shorter than a tick"),
+    ],
+)
+def test_what_has_no_place_in_the_script_is_refused(faults, script, said):
+    with pytest.raises(ScenarioError, match=said):
+        check_scenario(document(*faults, **script), "mine")
+
+
 @pytest.mark.parametrize("end", [{"kind": "killed"}, {"kind": "restarted", "duration_s": 1.2}])
 def test_a_dead_process_is_not_paused(end):
     end |= {"process": "firmware", "at_s": 1.0}
@@ -62,18 +85,6 @@ def test_a_dead_process_is_not_paused(end):
         {"duration_s": 1.0} if "duration_s" in end else {"at_s": 0.5},
     ):
         assert len(check_scenario(document(end, pause | other), "mine").faults) == 2
-
-
-def test_a_process_that_starts_anew_after_the_end_is_refused():
-    away = {"kind": "restarted", "process": "plant", "at_s": 1.0, "duration_s": 2.0}
-    with pytest.raises(ScenarioError, match="starts the plant anew at 3 s, after the end"):
-        check_scenario(document(away), "mine")
-
-
-@pytest.mark.parametrize("by_s", [0.0, 0.0004, -0.0004])
-def test_a_jump_of_less_than_half_a_tick_is_refused(by_s):
-    with pytest.raises(ScenarioError, match=r"a jump of less than half a tick, 0\.001 s, moves no tick"):
-        check_scenario(document({"kind": "clock-jumped", "at_s": 1.0, "by_s": by_s}), "mine")
 
 
 def test_a_table_in_place_of_a_parameter_is_refused():
@@ -174,11 +185,6 @@ def test_the_windows_of_checks_move_along_with_a_seed():
         "open": (pytest.approx(2.6 + by_s), None),
         "whole": (None, None),
     }
-
-
-def test_a_run_shorter_than_a_tick_is_refused():
-    with pytest.raises(ScenarioError, match=r"duration_s = 0.0004 is shorter than a tick"):
-        check_scenario({**document(), "script": {"duration_s": 4e-4}}, "mine")
 
 
 def test_a_scene_s_file_is_looked_for_beside_the_scenario(tmp_path: Path, monkeypatch):

@@ -275,10 +275,6 @@ def test_faults_are_events_and_alarms(tmp_path):
     assert levels["fault sensor-timeout"] == levels["mode fault"] == "ERROR"
 
 
-def test_a_minute_of_everything_stays_small(log_path):
-    assert log_path.stat().st_size / END_S * 60.0 < 40e6
-
-
 def test_the_same_run_keeps_its_identity():
     run = {"scenario": "a", "clock": "real", "bus": "local", "seed": 1, "wall_start_s": 5.0}
     assert recording_id(run) == recording_id({**run, "versions": {}})

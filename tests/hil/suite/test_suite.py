@@ -3,19 +3,18 @@
 import json
 import os
 import shutil
-import subprocess
-import sys
-import time
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 from resting import resting
-from waiting import waited_for
 
 from hil.bench.lockstep import silent
 from hil.bench.options import RunOptions
+from hil.bench.workers import Died
 from hil.faults.every import KINDS
 from hil.judge.checks import Check, within
 from hil.judge.judge import judge
@@ -27,7 +26,7 @@ from hil.scenario.files import scenario_names
 from hil.scenario.scenario import load_scenario
 from hil.scenario.seeds import at_other_times
 from hil.suite.compare_suites import SuiteError, compare, read_suite
-from hil.suite.suite import Case, Chosen, judged, run_suite, scenarios_for
+from hil.suite.suite import Case, Chosen, run_suite, scenarios_for
 from tools.cli import run
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, EXIT_PASSED
 
@@ -79,16 +78,16 @@ def test_a_suite_leaves_one_page_one_xml_and_a_folder_a_run(tmp_path: Path) -> N
     assert (tmp_path / "out" / "rests" / "run.rrd").exists()
 
 
-def test_a_run_that_breaks_off_has_failed_and_says_why(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def breaks(*_: object, **__: object) -> None:
-        raise RuntimeError("no step is small enough")
+def test_a_killed_worker_costs_only_its_scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def results(judge: Any, cases: Sequence[Case], _: int) -> Iterator[tuple[Case, Any]]:
+        for case in cases:
+            yield case, Died("was killed by SIGKILL") if case.scenario.name == "long" else judge(case)
 
-    monkeypatch.setattr("hil.bench.lockstep.run_lockstep", breaks)
-    verdict = judged(Case(load_scenario("operator-lost"), 1, tmp_path / "run", False), LOCKSTEP)
-    assert verdict.passed is False
-    assert verdict.reasons[0] == "broke off: RuntimeError: no step is small enough"
+    monkeypatch.setattr("hil.bench.workers.results", results)
+    names = [str(resting(tmp_path, name)) for name in ("long", "quick")]
+    long, quick = run_suite(Chosen(names), LOCKSTEP, tmp_path / "out", [1], silent)["scenarios"]
+    assert (long["passed"], quick["passed"]) == (False, True)
+    assert "its process was killed by SIGKILL" in long["reasons"][0]
 
 
 def test_a_suite_on_a_bus_that_does_not_open_is_refused_with_one_sentence(
@@ -128,28 +127,6 @@ def test_a_scenario_in_many_seeds_has_one_verdict_and_leaves_little(tmp_path: Pa
         "suite.json",
     ]
     assert "3 of 3 seeds" in Path(result["report"]).read_text()
-
-
-def workers_of(program: "subprocess.Popen[bytes]") -> list[Path]:
-    """The processes of a program's workers; its other child removes their temporary files."""
-    children = Path(f"/proc/{program.pid}/task/{program.pid}/children").read_text().split()
-    processes = [Path("/proc", child) for child in children]
-    return [one for one in processes if b"hil.bench.workers" in (one / "cmdline").read_bytes()]
-
-
-def test_the_workers_of_a_killed_suite_end_with_it(tmp_path: Path) -> None:
-    program = Path(sys.executable).with_name("vibrohil")
-    names = ["quick-start-below-the-band", "e-stop-in-the-hold", "--jobs", "2", "--out", str(tmp_path)]
-    suite_process = subprocess.Popen(
-        [program, "suite", *names], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
-    try:
-        workers = waited_for(lambda: found if len(found := workers_of(suite_process)) == 2 else None, 60.0)
-        time.sleep(1.0)
-    finally:
-        suite_process.kill()
-        suite_process.wait()
-    waited_for(lambda: not any(worker.exists() for worker in workers), 60.0)
 
 
 @pytest.mark.usefixtures("in_process")

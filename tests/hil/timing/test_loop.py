@@ -114,6 +114,14 @@ def test_stop_ends_after_the_current_tick() -> None:
     assert seen == [0, 1, 2, 3]
 
 
+def test_a_loop_that_is_stopped_in_its_sleep_does_not_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = FakeClock()
+    loop, probe = FixedRateLoop(clock, 0, MS), Probe(clock, {})
+    monkeypatch.setattr(clock, "sleep_until", lambda _: loop.stop())
+    loop.run(10, probe.step, probe.record)
+    assert probe.steps == []
+
+
 def test_a_later_first_tick_has_its_own_deadline_and_skips_nothing() -> None:
     clock = FakeClock()
     probe = Probe(clock, {})
