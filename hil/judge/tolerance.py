@@ -53,7 +53,7 @@ def tolerances_from(settings: Iterable[str], figures: Iterable[str]) -> dict[str
             raise ValueError(f"{setting}: wanted FIGURE=ABSOLUTE[,RELATIVE], two numbers from 0 on")
         if figure not in known:
             raise ValueError(
-                f"{setting}: there is no figure {figure}; `vibrohil list figures` shows all, * is all"
+                f"{setting}: there is no figure {figure}; docs/reference/figures.md lists them, * is all"
             )
         found[figure] = Tolerance(absolute, relative)
     return found

@@ -1,7 +1,9 @@
 """Names by group and text, and a scenario to begin with."""
 
 import json
+import re
 import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -27,6 +29,15 @@ def test_every_name_has_its_group_its_value_and_its_title(capsys):
     stuck = listed(capsys, "faults")["sensor-stuck"]
     assert (stuck["group"], stuck["value"]) == ("sensors", "sensor")
     assert stuck["title"].startswith("A sensor")
+
+
+def test_messages_name_only_kinds_that_the_command_lists(capsys):
+    root = Path(cli.__file__).parents[1]
+    texts = [path.read_text() for folder in ("hil", "tools") for path in (root / folder).rglob("*.py")]
+    named = {kind for text in texts for kind in re.findall(r"`vibrohil list ([a-z][a-z-]*)`", text)}
+    assert named
+    for kind in named:
+        assert listed(capsys, kind)
 
 
 def test_a_group_and_a_text_choose_from_the_names(capsys):

@@ -186,6 +186,14 @@ def test_a_log_in_which_nothing_moves_is_refused(viscous: Path) -> None:
         identify(cut(read(viscous, 156.9), 0.0, 0.5), BANDWIDTH_HZ)
 
 
+def test_a_long_log_in_which_nothing_moves_is_refused(viscous: Path) -> None:
+    still = cut(read(viscous, 156.9), 0.0, 0.4)
+    readings = still.acceleration_m_s2, still.housing_m_s2, still.angle_rad
+    long = [np.tile(reading, 15) for reading in readings]
+    with pytest.raises(BadInputError, match="never moves faster"):
+        identify(Readings(still.period_s, *long, ((0, len(long[0])),)), BANDWIDTH_HZ)
+
+
 def test_other_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="is not there"):
         read(tmp_path / "nowhere", 156.9)

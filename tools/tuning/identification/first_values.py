@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from plant_sim.arrays import BoolArray, FloatArray
+from tools.output import BadInputError
 from tools.tuning.identification.flights import Flight, integrals
 from tools.tuning.identification.friction_laws import Law, Striker
 
@@ -50,7 +51,10 @@ LINEAR: dict[Law, tuple[int, ...]] = {
 
 
 def linear(flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray], law: Law) -> Linear:
-    """Ordinary least squares on the linear equations, without flights that no law fits."""
+    """Ordinary least squares on the linear equations, without flights that no law fits.
+
+    Raises BadInputError if the striker does not move in any flight.
+    """
     period_s = float(flights[0].t_s[1])
     tables, lines, used = [], [], []
     for flight, v in zip(flights, speeds_m_s, strict=True):
@@ -72,14 +76,18 @@ def linear(flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray], law: Law
         found[chosen] = np.linalg.lstsq(rows[:, chosen], rows[:, 5])[0]
         return found
 
+    says = np.array([len(rows) > 0 for rows in projected])
+    if not says.any():
+        raise BadInputError(
+            f"the striker never moves faster than {SLOW_M_S:g} m/s in its free flights; "
+            "record some seconds with the crank turning"
+        )
     found = solved(projected)
     squares = np.array(
         [np.mean((rows[:, 5] - rows[:, :5] @ found) ** 2) if len(rows) else 0.0 for rows in projected]
     )
-    says = np.array([len(rows) > 0 for rows in projected])
-    kept = says & (squares <= OUTLYING * np.median(squares[says])) if says.any() else says
-    if kept.any():
-        found = solved([rows for rows, one in zip(projected, kept, strict=True) if one])
+    kept = says & (squares <= OUTLYING * np.median(squares[says]))
+    found = solved([rows for rows, one in zip(projected, kept, strict=True) if one])
     k = float(-found[0])
     striker = Striker(k, float(found[1] / k), float(2.0 * found[4] / k), float(-found[2]), float(-found[3]))
     states = np.zeros((len(flights), 2))
