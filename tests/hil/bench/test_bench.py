@@ -72,10 +72,25 @@ def none_left(run_dir: Path) -> bool:
     return not any(psutil.pid_exists(pid) for pid in pids.values())
 
 
+HARMLESS = ",".join(
+    f'{{at_s=1.0,duration_s=0.2,kind="{kind}",{keys}}}'
+    for kind, keys in (
+        ("dropped", 'frames=["OperatorCommand"]'),
+        ("sensor-biased", 'sensor="housing",bias=1.0'),
+        ("supply-sag", "supply_v=24.0"),
+    )
+)
+
+
 @pytest.mark.realtime
-def test_run_starts_together_keeps_its_rate_and_leaves_nothing(tmp_path: Path) -> None:
-    verdict = run(tmp_path)
+def test_run_starts_together_keeps_its_rate_counts_what_faults_act_on_and_leaves_nothing(
+    tmp_path: Path,
+) -> None:
+    faults = f"script.faults=[{HARMLESS}]"
+    verdict = run(tmp_path, load_scenario("soft-start-multistable", [*QUICK[:3], faults]))
     assert verdict["reasons"] == []
+    assert [effect["acted_on"] for effect in verdict["faults"]] == [2, 200, 0]
+    assert any("'supply-sag' at 1 s acted on nothing" in reason for reason in verdict["not_judged"])
     plant, firmware = trace.read(tmp_path / "plant.trace"), trace.read(tmp_path / "firmware.trace")
     assert plant["tick"][-1] == firmware["tick"][-1] == 2999
     assert len(plant) == 3000 - plant["overruns"][-1]
@@ -88,6 +103,7 @@ def test_run_starts_together_keeps_its_rate_and_leaves_nothing(tmp_path: Path) -
     assert described["bus"] == "local"
     assert set(described["realtime"]) == {"firmware", "plant"}
     assert described["nodes"]["firmware"]["unsent"] == 0
+    assert all("faults_acted" not in node for node in described["nodes"].values())
     assert verdict["impact_count"] > 0
     assert none_left(tmp_path)
 

@@ -67,20 +67,6 @@ def test_what_a_fault_acted_on_stands_in_the_verdict(tmp_path, fault, counts):
     assert any(nothing in reason for reason in run.verdict["not_judged"]) is (effect["acted_on"] == 0)
 
 
-@pytest.mark.realtime
-def test_in_real_time_the_nodes_count_what_faults_acted_on(tmp_path):
-    faults = (
-        {"kind": "dropped", "frames": ["Accelerometer"]},
-        {"kind": "sensor-biased", "sensor": "housing", "bias": 1.0},
-        {"kind": "supply-sag", "supply_v": 24.0},
-        {"kind": "paused", "process": "firmware", "duration_s": 0.01},
-    )
-    run = run_with(tmp_path, *({**WHOLE, **fault} for fault in faults), clock="real", bus="local")
-    assert [effect["acted_on"] for effect in run.verdict["faults"]] == [200, 200, 0, None]
-    assert run.verdict["verdict"] == "not-judged"
-    assert all("faults_acted" not in node for node in run.traces.run["nodes"].values())
-
-
 def test_some_of_the_faults_share_the_counts_of_the_script():
     dropped = Dropped(kind="dropped", at_s=0.0, frames=["Accelerometer"])
     kick = Kick(kind="kick", at_s=0.0, change_m_s=0.1)

@@ -305,27 +305,23 @@ def test_a_drive_counts_on_for_as_long_as_it_does() -> None:
     assert positions[50:150] == sorted(positions[50:150])
 
 
-def test_processes_are_killed_and_paused_by_signals() -> None:
+def test_processes_are_killed_paused_and_restarted_by_signals() -> None:
     killed = fault("killed", at_s=2.0, process="plant")
     paused = fault("paused", at_s=1.0, duration_s=0.5, process="firmware")
-    processes = ProcessFaults([killed, paused])
+    restarted = fault("restarted", at_s=0.2, duration_s=0.5, process="plant")
+    processes = ProcessFaults([killed, paused, restarted])
     assert processes.signals() == [
+        (0.2, "plant", signal.SIGKILL),
         (1.0, "firmware", signal.SIGSTOP),
         (1.5, "firmware", signal.SIGCONT),
         (2.0, "plant", signal.SIGKILL),
     ]
+    assert processes.restarts() == [(0.2, "plant", 0.7)]
     assert [processes.runs("firmware", t_s) for t_s in (0.999, 1.0, 1.499, 1.5)] == [True, False, False, True]
-    assert [processes.runs("plant", t_s) for t_s in (1.999, 2.0, 9.0)] == [True, False, False]
+    runs = [processes.runs("plant", t_s) for t_s in (0.199, 0.2, 0.699, 0.7, 1.999, 2.0, 9.0)]
+    assert runs == [True, False, False, True, True, False, False]
     assert processes.kills("plant")
     assert not processes.kills("firmware")
-
-
-def test_a_restarted_process_is_away_for_a_while_and_ends_by_a_signal() -> None:
-    processes = ProcessFaults([fault("restarted", at_s=1.0, duration_s=0.5, process="plant")])
-    assert [processes.runs("plant", t_s) for t_s in (0.999, 1.0, 1.499, 1.5)] == [True, False, False, True]
-    assert processes.signals() == [(1.0, "plant", signal.SIGKILL)]
-    assert processes.restarts() == [(1.0, "plant", 1.5)]
-    assert processes.kills("plant")
 
 
 class Steps:

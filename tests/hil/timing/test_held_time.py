@@ -141,6 +141,8 @@ def test_faults_of_processes_and_clocks_act_as_in_lockstep(tmp_path: Path, fault
     for clock in ("lockstep", "real"):
         verdict = run(tmp_path / clock, clock, scenario)
         assert verdict["reasons"] == verdict["not_judged"] == []
+    # A process that is stopped counts nothing itself.
+    assert {one["acted_on"] for one in verdict["faults"] if one["kind"] == "paused"} == {None}
     lockstep, real = tmp_path / "lockstep", tmp_path / "real"
     assert (lockstep / "can.log").read_bytes() == (real / "can.log").read_bytes()
     for name in ("plant.trace", "firmware.trace"):
