@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import tomli_w
+from resting import resting
 
 import hil
 from hil.faults.counted import counted
@@ -10,17 +11,6 @@ from hil.faults.kinds.dropped import Dropped
 from hil.faults.kinds.kick import Kick
 from hil.scenario.scenario import load_scenario
 
-STILL = """
-title = "The module stands still"
-scene = "table1-motor-soft"
-
-[script]
-duration_s = 0.6
-
-[[checks]]
-name = "impact_count"
-low = 0
-"""
 WHOLE = {"at_s": 0.2, "duration_s": 0.2}
 
 
@@ -31,10 +21,8 @@ def toml(fault):
 
 def run_with(folder, *faults, firmware="compiled", **more):
     """A run of 0.6 s at rest with these faults."""
-    folder.mkdir(exist_ok=True)
-    path = folder / "still.toml"
-    head, checks = STILL.split("[[checks]]")
-    path.write_text(head + "\n".join(map(toml, faults)) + "[[checks]]" + checks)
+    path = resting(folder, duration_s=0.6)
+    path.write_text(path.read_text() + "\n".join(map(toml, faults)))
     return hil.run(path, out=folder / "run", firmware=firmware, **more)
 
 

@@ -21,6 +21,8 @@ from firmware_py.interface.generated.records import Accelerometer, SetInputTorqu
 from hil.bus import Bus, ProvidedBus, join, open_bus, provide, shared
 from hil.record.run_traces import read_bus
 from hil.show.recorder import Recorder
+from tools import cli
+from tools.output import EXIT_BAD_INPUT
 
 TIMEOUT_S = 5.0
 KINDS = [name for name in INTERFACES if name != "made-unplugged"]
@@ -151,15 +153,14 @@ def test_the_loss_of_the_adapter_ends_a_run_with_its_reason(wire: ProvidedBus, t
     sender.close()
 
 
-def test_an_adapter_that_does_not_open_is_refused_by_a_run(wire: ProvidedBus, tmp_path: Path) -> None:
+def test_an_adapter_that_does_not_open_is_refused_by_a_run(
+    wire: ProvidedBus, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bus = address("made-one-program", wire)
+    command = ["run", str(resting(tmp_path)), "--clock", "real", "--bus", bus, "--out", str(tmp_path / "run")]
     with on("made-one-program", wire):
-        program = vibrohil(
-            *("run", str(resting(tmp_path)), "--clock", "real", "--bus", address("made-one-program", wire)),
-            *("--out", str(tmp_path / "run")),
-        )
-        _, errors = program.communicate(timeout=60)
-    assert program.returncode == 4
-    assert "in use by another program" in " ".join(errors.split())
+        assert cli.run(command) == EXIT_BAD_INPUT
+    assert "in use by another program" in " ".join(capsys.readouterr().err.split())
 
 
 def test_after_shutdown_each_call_is_a_can_error(wire: ProvidedBus) -> None:

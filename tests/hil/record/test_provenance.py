@@ -8,24 +8,16 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from resting import resting
 
 import hil
 from hil.record import provenance
-
-SCENARIO = """
-title = "The module stands still"
-scene = "table1-motor-soft"
-
-[script]
-duration_s = 0.1
-"""
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("provenance")
-    (folder / "still.toml").write_text(SCENARIO)
-    return hil.run(folder / "still.toml", set={"script.duration_s": 0.2}, seed=3, out=folder / "run")
+    return hil.run(resting(folder), set={"script.duration_s": 0.2}, seed=3, out=folder / "run")
 
 
 def test_a_run_names_its_commit_and_its_changes(run):
