@@ -2,8 +2,6 @@
 
 import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import can
@@ -11,8 +9,9 @@ import numpy as np
 import pytest
 from hostile_logs import ASC, ASC_FRAME, GOOD, blf, blf_container, blf_object
 
+from tools import cli
 from tools.logs.foreign_logs import clock_jumps, kind_of, read_log
-from tools.output import BadInputError
+from tools.output import EXIT_PASSED, BadInputError
 
 
 def reading(folder: Path, name: str, content: str | bytes, tolerant: bool = True):
@@ -25,7 +24,9 @@ WRITERS = ["log", "asc", "blf", "trc"]
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-def test_an_11_bit_frame_with_a_high_identifier_is_counted(kind: str, tmp_path: Path) -> None:
+def test_an_11_bit_frame_with_a_high_identifier_is_counted(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / f"bench.{kind}"
     if kind == "log":
         path.write_text(f"{GOOD}(1700000000.1) can0 800#00\n")
@@ -39,17 +40,8 @@ def test_an_11_bit_frame_with_a_high_identifier_is_counted(kind: str, tmp_path: 
                 logger.on_message_received(message)
     log = read_log(path)
     assert [one.kind for one in log.messages] == [None, "11-bit frame with an identifier above 0x7FF"]
-    command = [
-        sys.executable,
-        "-m",
-        "tools.cli",
-        "import",
-        str(path),
-        "--out",
-        str(tmp_path / "run"),
-        "--json",
-    ]
-    result = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    assert cli.run(["import", str(path), "--out", str(tmp_path / "run"), "--json"]) == EXIT_PASSED
+    result = json.loads(capsys.readouterr().out)
     assert (result["frames"], list(result["skipped"].values())) == (1, [1])
 
 
@@ -207,16 +199,7 @@ def test_no_path_of_this_machine_is_in_the_run(tmp_path: Path) -> None:
     folder = tmp_path / "somebody-secret"
     folder.mkdir()
     (folder / "bench.log").write_text(GOOD * 3)
-    command = [
-        sys.executable,
-        "-m",
-        "tools.cli",
-        "import",
-        str(folder / "bench.log"),
-        "--out",
-        str(tmp_path / "run"),
-    ]
-    subprocess.run(command, capture_output=True, check=True)
+    assert cli.run(["import", str(folder / "bench.log"), "--out", str(tmp_path / "run")]) == EXIT_PASSED
     for path in (tmp_path / "run").rglob("*"):
         if path.is_file():
             content = path.read_bytes()

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
@@ -60,20 +59,18 @@ def test_a_cluster_that_loses_a_worker_gives_the_same(on_one_core: list[pa.Table
     assert tables(paths) == on_one_core
 
 
-def test_a_scheduler_that_is_none_is_refused_at_once(tmp_path: Path) -> None:
-    program = Path(sys.executable).with_name("vibrohil")
-    command = [program, "study", "sweep", "--scheduler", "nonsense"]
-    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert ended.returncode == EXIT_BAD_INPUT
-    assert "--scheduler nonsense: no Dask scheduler answers there" in " ".join(ended.stderr.split())
-    assert "Traceback" not in ended.stderr
-
-
-def test_a_campaign_runs_on_the_scheduler_that_it_is_given(tmp_path: Path, monkeypatch, capsys) -> None:
+@pytest.mark.parametrize(
+    ("command", "scheduler"), [("study sweep", "nonsense"), ("campaign start-up --trials 1", "x:y")]
+)
+def test_a_scheduler_that_is_none_is_refused_at_once(
+    command: str, scheduler: str, tmp_path: Path, monkeypatch, capsys
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("hil.bench.bench.prepare", lambda *_: None)
-    assert cli.run(["campaign", "start-up", "--trials", "1", "--scheduler", "x:y"]) == EXIT_BAD_INPUT
-    assert "--scheduler x:y: no Dask scheduler answers there" in " ".join(capsys.readouterr().err.split())
+    assert cli.run([*command.split(), "--scheduler", scheduler]) == EXIT_BAD_INPUT
+    said = " ".join(capsys.readouterr().err.split())
+    assert f"--scheduler {scheduler}: no Dask scheduler answers there" in said
+    assert "Traceback" not in said
 
 
 def test_what_is_there_is_not_computed_again(tmp_path: Path) -> None:

@@ -13,34 +13,31 @@ def trial(number: int, named: str = "", b_off: float = 0.0, held: bool = True) -
     return Trial(number, law, named or law, "", {"damping": b_off}, {"damping": held}, {"damping": 1.0})
 
 
-def test_all_right_is_passed() -> None:
-    said = summary([trial(number) for number in range(100)])
-    assert said["passed"]
-    assert said["named_right"]["hits"] == 100
-    assert said["within"]["damping"]["in_bounds"]["value"] == 1.0
-
-
-def test_errors_beyond_the_limit_miss_the_goal() -> None:
-    """One in a hundred may be wrong, two may not."""
+@pytest.mark.parametrize(
+    ("named", "b_off", "passed", "counted", "worst"),
+    [
+        ({}, {}, True, 100, 0.001),
+        ({}, {7: 0.051}, True, 100, 0.051),  # one in a hundred may be wrong, two may not
+        ({}, {7: 0.051, 8: -0.051}, False, 100, 0.051),
+        ({1: "stribeck"}, {1: 9.0}, True, 99, 0.001),  # of a wrong law no error is counted
+        ({1: "stribeck", 2: "viscous"}, {}, False, 98, 0.001),
+    ],
+)
+def test_a_summary_counts_wrong_laws_errors_and_bounds(
+    named: dict[int, str], b_off: dict[int, float], passed: bool, counted: int, worst: float
+) -> None:
     assert GOAL == 0.99
-    one_off = [trial(number, b_off=0.051 if number == 7 else 0.001) for number in range(100)]
-    two_off = [trial(number, b_off=-0.051 if number in (7, 8) else 0.001) for number in range(100)]
-    assert summary(one_off)["passed"]
-    assert not summary(two_off)["passed"]
-    assert summary(two_off)["within"]["damping"]["worst"] == 0.051
-
-
-def test_a_wrong_law_is_reported_and_its_parameters_are_not_counted() -> None:
-    trials = [trial(0, b_off=0.001), trial(1, named="stribeck", b_off=9.0), trial(2)]
+    trials = [
+        trial(number, named.get(number, ""), b_off.get(number, 0.001), held=number % 4 != 3)
+        for number in range(100)
+    ]
     said = summary(trials)
-    assert [one["trial"] for one in said["wrong"]] == [1]
-    assert said["within"]["damping"]["n"] == 2
-    assert not said["passed"]
-
-
-def test_bounds_that_miss_the_truth_are_counted() -> None:
-    said = summary([trial(number, held=number % 4 != 0) for number in range(40)])
-    assert said["within"]["damping"]["in_bounds"]["hits"] == 30
+    assert said["passed"] == passed
+    assert [one["trial"] for one in said["wrong"]] == list(named)
+    assert said["named_right"]["value"] == 0.01 * (100 - len(named))
+    damping = said["within"]["damping"]
+    assert (damping["n"], damping["worst"]) == (counted, worst)
+    assert damping["in_bounds"]["value"] == pytest.approx(0.75, abs=0.02)
 
 
 @pytest.mark.parametrize(
