@@ -1,41 +1,78 @@
 """Orbits followed without being stored: against the other solver, against theory, and stopped early."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from plant_sim.parts.drive import IdealDrive
+from plant_sim.parts.friction import Coulomb, Viscous
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import NoStop, RigidStop
+from plant_sim.parts.striker import Striker
 from plant_sim.result import MotionState, Phase
-from plant_sim.solvers.adaptive.state_layout import allocate
+from plant_sim.sensors.sensing import NoSensing
+from plant_sim.solvers.adaptive.adaptive import run as run_solver
+from plant_sim.solvers.adaptive.state_layout import Grid, Memory, allocate
 from tools.study.basin import BORDER_BOUND_M, axes
 from tools.study.cases import Case, case
+from tools.study.orbits.closed import closed
 from tools.study.orbits.follow import AT_REST, State, carrier_of, classify, follow, follow_orbit
-from tools.study.orbits.sections import CLASSIFY, PAPER, Regime
+from tools.study.orbits.sections import CLASSIFY, PAPER, Outcome, Regime
 from tools.study.orbits.stepwise import stepwise
 from tools.study.sweep import CONTINUE, run
 
 VISCOUS, COULOMB = case("table1", "viscous"), case("table1", "coulomb")
 
 
-def by_the_other_solver(case: Case, ratio: float, start: State):
-    """The same law as a special case of Stribeck's, integrated step by step."""
-    parts = case.scene(ratio).parts()
-    rest = MotionState(0.0, case.rest_length_m, 0.0, 0.0, 0.0, Phase.FLIGHT)
-    memory = allocate(parts, rest, 1e-11, 256)
-    return follow_orbit(stepwise(parts, memory), start, PAPER)
+STRIKER = VISCOUS.scene(1.0).parts().striker
+REST = MotionState(0.0, 0.12, 0.0, 0.0, 0.0, Phase.FLIGHT)
+FIGURES = ("v_mean_m_s", "impulse_n_s", "x_low_m", "x_high_m", "drive_j", "friction_j", "loss_j")
+
+
+def drive(ratio: float, amplitude_m: float = 0.03) -> IdealDrive:
+    return IdealDrive(amplitude_m, ratio * VISCOUS.natural_rad_s, 0.0)
+
+
+def memory_of(parts: Parts, accuracy: float = 1e-7) -> Memory:
+    return allocate(parts, REST, accuracy, 256)
+
+
+def both(parts: Parts, start: State) -> list[Outcome]:
+    """The orbit by the closed form, and by the adaptive solver step by step."""
+    steps = stepwise(parts, memory_of(parts, 1e-11))
+    return [follow_orbit(carrier, start, PAPER) for carrier in (closed(parts), steps)]
 
 
 @pytest.mark.parametrize(
-    ("case", "ratio"), [(VISCOUS, 1.2), (VISCOUS, 1.5), (COULOMB, 1.1), (COULOMB, 1.5), (COULOMB, 0.9)]
+    ("parts", "regime"),
+    [
+        (VISCOUS.scene(1.2).parts(), Regime.IMPACT),
+        (VISCOUS.scene(1.5).parts(), Regime.NON_IMPACT),
+        (COULOMB.scene(0.9).parts(), Regime.PERIOD_N),
+        (COULOMB.scene(1.1).parts(), Regime.IMPACT),
+        (COULOMB.scene(1.5).parts(), Regime.NON_IMPACT),
+        # slides and sticks in turn
+        (Parts(STRIKER, drive(0.3), Coulomb(0.2, 0.0), RigidStop(0.18, 0.0)), Regime.NON_IMPACT),
+        (Parts(STRIKER, drive(0.3), Coulomb(0.2, 0.0), RigidStop(0.18, 0.2)), Regime.NON_IMPACT),
+        (Parts(STRIKER, drive(0.3), Coulomb(0.3, 0.0), RigidStop(0.18, 0.5)), Regime.STUCK),
+        # rests on the stop for part of each turn
+        (Parts(STRIKER, drive(0.3), Coulomb(0.15, 0.0), RigidStop(0.125, 0.0)), Regime.CHATTERING),
+        (Parts(STRIKER, drive(0.3), Coulomb(0.15, 0.0), RigidStop(0.125, 0.2)), Regime.CHATTERING),
+        # friction alone holds it on the stop
+        (Parts(STRIKER, drive(0.5), Coulomb(0.2, 0.0), RigidStop(0.15, 0.0)), Regime.CHATTERING),
+        (Parts(STRIKER, drive(0.2, 0.02), Viscous(0.2), RigidStop(0.12, 0.4)), Regime.CHATTERING),
+    ],
+    ids=str,
 )
-def test_closed_form_and_steps_agree(case: Case, ratio: float) -> None:
-    closed, stepped = follow(case, ratio, AT_REST, PAPER), by_the_other_solver(case, ratio, AT_REST)
-    assert closed.regime == stepped.regime
-    assert (closed.cycle, closed.impacts) == (stepped.cycle, stepped.impacts)
-    for figure in ("v_mean_m_s", "impulse_n_s", "x_low_m", "x_high_m", "drive_j", "friction_j", "loss_j"):
-        assert getattr(closed, figure) == pytest.approx(
-            getattr(stepped, figure), rel=1e-5, abs=5e-6 if figure.startswith("x_") else 1e-9, nan_ok=True
+def test_closed_form_and_steps_agree(parts: Parts, regime: Regime) -> None:
+    form, steps = both(parts, AT_REST)
+    assert Regime(form.regime) == Regime(steps.regime) == regime
+    if regime != Regime.CHATTERING:  # of whose impacts some are too soft to count
+        assert (form.cycle, form.impacts) == (steps.cycle, steps.impacts)
+    for figure in FIGURES if regime != Regime.CHATTERING else FIGURES[2:]:
+        assert getattr(form, figure) == pytest.approx(
+            getattr(steps, figure), rel=1e-5, abs=5e-6 if figure.startswith("x_") else 1e-6, nan_ok=True
         ), figure
 
 
@@ -55,15 +92,6 @@ def test_non_impact_amplitude_is_the_linear_one() -> None:
     assert outcome.drive_j == pytest.approx(outcome.friction_j, rel=1e-12)
 
 
-def test_regimes_have_their_names() -> None:
-    assert follow(VISCOUS, 1.2, AT_REST, CLASSIFY).regime == Regime.IMPACT
-    assert follow(VISCOUS, 1.5, AT_REST, CLASSIFY).regime == Regime.NON_IMPACT
-    assert follow(COULOMB, 0.9, AT_REST, CLASSIFY).regime == Regime.PERIOD_N
-    assert follow(case("table1", "coulomb", 0.3), 1.0, AT_REST, CLASSIFY).regime == Regime.STUCK
-    pressed = replace(VISCOUS, stop_m=0.12, amplitude_m=0.02, restitution=0.4)
-    assert follow(pressed, 0.2, AT_REST, CLASSIFY).regime == Regime.CHATTERING
-
-
 def test_a_run_up_begins_and_a_run_down_ends_where_theory_grazes() -> None:
     # |H(r)| A = gap: (1 − r²)² + (2 ζ r)² = (A / gap)²
     zeta = 0.2 / (2.0 * 0.8 * VISCOUS.natural_rad_s)
@@ -79,7 +107,7 @@ def test_a_run_up_begins_and_a_run_down_ends_where_theory_grazes() -> None:
     assert follow(VISCOUS, last + 0.003, state, CONTINUE).impacts == 0.0
 
 
-@pytest.mark.parametrize(("case", "ratio"), [(VISCOUS, 1.3), (VISCOUS, 1.35), (COULOMB, 1.2)])
+@pytest.mark.parametrize(("case", "ratio"), [(VISCOUS, 1.35), (COULOMB, 1.2)])
 def test_stopped_early_as_in_full(case: Case, ratio: float) -> None:
     """Each cell's class is that of the whole run, and of the run with ten times finer certainty."""
     y_m, v_m_s = axes(case, "state", 30)
@@ -122,13 +150,49 @@ def test_borders_lie_within_the_stated_bound(case: Case, ratio: float) -> None:
 
 
 def test_every_cell_of_a_basin_is_the_other_solvers() -> None:
-    y_m, v_m_s = axes(VISCOUS, "state", 100)
+    y_m, v_m_s = axes(VISCOUS, "state", 50)
     starts = np.array([(y, v, 0.0) for v in v_m_s for y in y_m])
     scene = VISCOUS.scene(1.3)
     early, _ = classify(carrier_of(scene), starts, CLASSIFY)
     parts = scene.parts()
-    rest = MotionState(0.0, 0.12, 0.0, 0.0, 0.0, Phase.FLIGHT)
     whole = CLASSIFY._replace(settle_s=40.0, record_s=10.0, stop_early=False)
-    memory = allocate(parts, rest, 1e-12, 256)
-    late, _ = classify(stepwise(parts, memory), starts, whole)
+    late, _ = classify(stepwise(parts, memory_of(parts, 1e-12)), starts, whole)
     assert np.array_equal(early, -1 - late)
+
+
+def test_a_striker_that_the_spring_never_quite_lets_go_of_the_stop_is_stuck() -> None:
+    """The gap is −A: the spring presses but for the instant in which the piston turns round."""
+    friction, stop = Viscous(0.05), RigidStop(0.09, 0.5)
+    parts = Parts(STRIKER, drive(2.0), friction, stop)
+    assert [Regime(one.regime) for one in both(parts, State(-0.03, 0.3, 0.0))] == [Regime.STUCK] * 2
+
+
+def test_a_cell_does_not_depend_on_the_cells_before_it() -> None:
+    parts = Parts(STRIKER, drive(0.9), Coulomb(0.15, 0.0), RigidStop(0.18, 0.5))
+    protocol = CLASSIFY._replace(settle_s=3.0)
+    fresh = follow_orbit(stepwise(parts, memory_of(parts)), State(-0.02, 0.1, 0.0), protocol)
+    used = memory_of(parts)
+    follow_orbit(stepwise(parts, used), State(0.01, -0.5, 1.0), protocol)
+    again = follow_orbit(stepwise(parts, used), State(-0.02, 0.1, 0.0), protocol)
+    assert (again.end_y_m, again.end_v_m_s) == (fresh.end_y_m, fresh.end_v_m_s)
+
+
+def test_without_a_stop_nothing_beyond_the_state_is_read() -> None:
+    parts = Parts(STRIKER, drive(0.5), Coulomb(0.15, 0.0), NoStop())
+    memory = memory_of(parts)
+    fenced = np.append(memory.y, [math.nan, math.nan])
+    outcome = follow_orbit(
+        stepwise(parts, memory._replace(y=fenced[: memory.y.size])), State(0.0, 0.0, 0.0), PAPER
+    )
+    assert outcome.loss_j == 0.0
+    assert outcome.drive_j == pytest.approx(outcome.friction_j, rel=1e-5)
+
+
+def test_a_million_seconds_lose_no_time_against_the_crank() -> None:
+    """In 260,000 steps: the crank's angle keeps their lengths, time adds them up."""
+    slow = Parts(Striker(1e3, 70.0, 0.12, 9.80665), IdealDrive(0.001, 0.1, 0.0), Coulomb(0.15, 0.0), NoStop())
+    memory, until_s = allocate(slow, REST, 1e-3, 4), 1e6
+    nothing = Grid(np.empty(0), np.empty((0, 2)))
+    run_solver(slow, NoSensing(), memory, 0.0, 0.0, until_s, nothing)
+    turned = (0.1 * until_s - memory.held[0].crank_rad) / (2.0 * math.pi)
+    assert abs(turned - round(turned)) * 2.0 * math.pi / 0.1 < 1e-8  # s
