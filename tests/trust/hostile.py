@@ -6,8 +6,10 @@ import itertools
 import json
 import os
 import struct
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
+from typing import Concatenate, ParamSpec
 
 import numpy as np
 import pyarrow as pa
@@ -69,156 +71,156 @@ def expressions(victim: Path) -> list[str]:
     return [text.replace("{victim}", str(victim)).replace("{{", "{").replace("}}", "}") for text in texts]
 
 
-def _linked(name: str) -> Spoil:
-    def spoil(run_dir: Path, victim: Path) -> None:
-        (run_dir / name).unlink(missing_ok=True)
-        (run_dir / name).symlink_to(victim)
-
-    return spoil
+P = ParamSpec("P")
 
 
-def _piped(name: str) -> Spoil:
-    def spoil(run_dir: Path, victim: Path) -> None:
-        (run_dir / name).unlink(missing_ok=True)
-        os.mkfifo(run_dir / name)
+def spoiler(change: Callable[Concatenate[Path, Path, P], None]) -> Callable[P, Spoil]:
+    """Let a function of a folder, the file elsewhere and further arguments be called with the latter alone."""
 
-    return spoil
+    def of(*arguments: P.args, **named: P.kwargs) -> Spoil:
+        return lambda run_dir, victim: change(run_dir, victim, *arguments, **named)
 
-
-def _endless(name: str) -> Spoil:
-    return lambda run_dir, victim: _linked(name)(run_dir, Path("/dev/zero"))
+    return of
 
 
-def _sparse(name: str) -> Spoil:
-    def spoil(run_dir: Path, victim: Path) -> None:
-        with (run_dir / name).open("wb") as file:
-            file.truncate(1 << 40)
-
-    return spoil
+@spoiler
+def _linked(run_dir: Path, victim: Path, name: str, place: Path | None = None) -> None:
+    (run_dir / name).unlink(missing_ok=True)
+    (run_dir / name).symlink_to(place or victim)
 
 
-def _content(name: str, content: bytes) -> Spoil:
-    def spoil(run_dir: Path, victim: Path) -> None:
-        (run_dir / name).write_bytes(content)
+@spoiler
+def _piped(run_dir: Path, victim: Path, name: str) -> None:
+    (run_dir / name).unlink(missing_ok=True)
+    os.mkfifo(run_dir / name)
 
-    return spoil
+
+@spoiler
+def _sparse(run_dir: Path, victim: Path, name: str) -> None:
+    with (run_dir / name).open("wb") as file:
+        file.truncate(1 << 40)
 
 
-def _holes(name: str) -> Spoil:
+@spoiler
+def _content(run_dir: Path, victim: Path, name: str, content: bytes) -> None:
+    (run_dir / name).write_bytes(content)
+
+
+@spoiler
+def _holes(run_dir: Path, victim: Path, name: str) -> None:
     """A file that continues in six gigabytes of holes; a trace counts them as records."""
-
-    def spoil(run_dir: Path, victim: Path) -> None:
-        with (run_dir / name).open("r+b") as file:
-            head = file.read(24)
-            file.truncate(6 << 30)
-            if name.endswith(".trace"):
-                _, header_bytes, record_bytes, _ = struct.unpack("<8sIIQ", head)
-                file.seek(16)
-                file.write(struct.pack("<Q", ((6 << 30) - header_bytes) // record_bytes))
-
-    return spoil
+    with (run_dir / name).open("r+b") as file:
+        head = file.read(24)
+        file.truncate(6 << 30)
+        if name.endswith(".trace"):
+            _, header_bytes, record_bytes, _ = struct.unpack("<8sIIQ", head)
+            file.seek(16)
+            file.write(struct.pack("<Q", ((6 << 30) - header_bytes) // record_bytes))
 
 
-def _large(name: str, before: str, item: str, after: str) -> Spoil:
+@spoiler
+def _large(run_dir: Path, victim: Path, name: str, before: str, item: str, after: str) -> None:
     """A note of sixty megabytes that repeats an item."""
-
-    def spoil(run_dir: Path, victim: Path) -> None:
-        (run_dir / name).write_text(before + item * ((60 << 20) // len(item)) + after)
-
-    return spoil
+    (run_dir / name).write_text(before + item * ((60 << 20) // len(item)) + after)
 
 
-def _rebuilt(spoil: Spoil) -> Spoil:
+@spoiler
+def _rebuilt(run_dir: Path, victim: Path, spoil: Spoil) -> None:
     """Leave the log out, so that it is rebuilt from the traces."""
-
-    def spoil_and_remove(run_dir: Path, victim: Path) -> None:
-        (run_dir / "run.rrd").unlink()
-        spoil(run_dir, victim)
-
-    return spoil_and_remove
+    (run_dir / "run.rrd").unlink()
+    spoil(run_dir, victim)
 
 
+@spoiler
 def _trace(
+    run_dir: Path,
+    victim: Path,
     columns: object = (("t_s", "d"), ("x_m", "d")),
     header_bytes: int = 4096,
     record_bytes: int = 16,
     count: int = 3,
-    size: int | None = None,
-) -> Spoil:
-    """A trace of the plant with this header, and zeros behind it up to `size`."""
-
-    def spoil(run_dir: Path, victim: Path) -> None:
-        head = struct.pack("<8sIIQ", b"VHTRACE1", header_bytes, record_bytes, count)
-        with (run_dir / "plant.trace").open("wb") as file:
-            file.write(head + json.dumps(columns).encode())
-            file.truncate(size or 4096 + 48)
-
-    return _rebuilt(spoil)
+    size: int = 4096 + 48,
+) -> None:
+    """A trace of the plant with this header and zeros behind it up to `size`, and no log."""
+    (run_dir / "run.rrd").unlink()
+    head = struct.pack("<8sIIQ", b"VHTRACE1", header_bytes, record_bytes, count)
+    with (run_dir / "plant.trace").open("wb") as file:
+        file.write(head + json.dumps(columns).encode())
+        file.truncate(size)
 
 
+@spoiler
 def _logged(
-    run: str = "{}", scenario: str = "", lengths: Sequence[int] = (), **signals: Sequence[object]
-) -> Spoil:
+    run_dir: Path,
+    victim: Path,
+    run: str = "{}",
+    scenario: str = "",
+    lengths: Sequence[int] = (),
+    signals: Mapping[str, Sequence[object]] = MappingProxyType({}),
+) -> None:
     """A log with these texts, frames of these lengths in three bytes, and a trace of the plant."""
-
-    def send(recording: rr.RecordingStream, entity: str, rows: int, columns: Iterable[object]) -> None:
-        t_s = np.arange(rows, dtype=float)
-        times = [rr.TimeColumn("sim_time", duration=t_s), rr.TimeColumn("wall_time", timestamp=t_s)]
-        recording.send_columns(entity, times, [*columns])
-
-    def spoil(run_dir: Path, victim: Path) -> None:
-        recording = rr.RecordingStream("vibrohil", recording_id="foreign")
-        recording.save(run_dir / "run.rrd")
-        for name, text in (("run", run), ("scenario", scenario)):
-            recording.log(f"about/{name}", rr.TextDocument(text), static=True)
-        zeros = [0] * len(lengths)
-        each = {
-            "after_ns": pa.array(zeros, pa.int32()),
-            "can_id": zeros,
-            "length": pa.array(lengths, pa.int64()),
-        }
-        frames = rr.DynamicArchetype.columns(archetype="frame", components=each).partition([len(lengths)])
-        content = rr.DynamicArchetype.columns(archetype="frame", components={"content": [b"abc"]})
-        if lengths:
-            send(recording, "can/raw", 1, [*frames, *content])
-        if signals:
-            struct = pa.StructArray.from_arrays([*map(pa.array, signals.values())], names=[*signals])
-            records = rr.DynamicArchetype.columns(archetype="trace", components={"record": struct})
-            send(recording, "plant", len(struct), records)
-        recording.disconnect()
-
-    return spoil
+    recording = rr.RecordingStream("vibrohil", recording_id="foreign")
+    recording.save(run_dir / "run.rrd")
+    for name, text in (("run", run), ("scenario", scenario)):
+        recording.log(f"about/{name}", rr.TextDocument(text), static=True)
+    zeros = [0] * len(lengths)
+    each = {
+        "after_ns": pa.array(zeros, pa.int32()),
+        "can_id": zeros,
+        "length": pa.array(lengths, pa.int64()),
+    }
+    frames = rr.DynamicArchetype.columns(archetype="frame", components=each).partition([len(lengths)])
+    content = rr.DynamicArchetype.columns(archetype="frame", components={"content": [b"abc"]})
+    if lengths:
+        _send(recording, "can/raw", 1, [*frames, *content])
+    if signals:
+        struct = pa.StructArray.from_arrays([*map(pa.array, signals.values())], names=[*signals])
+        records = rr.DynamicArchetype.columns(archetype="trace", components={"record": struct})
+        _send(recording, "plant", len(struct), records)
+    recording.disconnect()
 
 
-def _array(make: Callable[[], pa.Array]) -> Spoil:
+@spoiler
+def _array(run_dir: Path, victim: Path, make: Callable[[], pa.Array]) -> None:
     """A log whose one row holds an array."""
-
-    def spoil(run_dir: Path, victim: Path) -> None:
-        recording = rr.RecordingStream("vibrohil", recording_id="foreign")
-        recording.save(run_dir / "run.rrd")
-        times = [rr.TimeColumn("sim_time", duration=np.zeros(1))]
-        array = make()
-        columns = rr.DynamicArchetype.columns(archetype="trace", components={"record": array})
-        recording.send_columns("plant", times, [*columns.partition([len(array)])])
-        recording.disconnect()
-
-    return spoil
+    recording = rr.RecordingStream("vibrohil", recording_id="foreign")
+    recording.save(run_dir / "run.rrd")
+    array = make()
+    columns = rr.DynamicArchetype.columns(archetype="trace", components={"record": array})
+    _send(recording, "plant", 1, columns.partition([len(array)]))
+    recording.disconnect()
 
 
-def _noted(**values: object) -> Spoil:
+def _send(recording: rr.RecordingStream, entity: str, rows: int, columns: Iterable[object]) -> None:
+    t_s = np.arange(rows, dtype=float)
+    times = [rr.TimeColumn("sim_time", duration=t_s), rr.TimeColumn("wall_time", timestamp=t_s)]
+    recording.send_columns(entity, times, [*columns])
+
+
+@spoiler
+def _noted(run_dir: Path, victim: Path, **values: object) -> None:
     """The run's note with other values."""
-
-    def spoil(run_dir: Path, victim: Path) -> None:
-        note = json.loads((run_dir / "run.json").read_text())
-        (run_dir / "run.json").write_text(json.dumps(note | values))
-
-    return spoil
+    note = json.loads((run_dir / "run.json").read_text())
+    (run_dir / "run.json").write_text(json.dumps(note | values))
 
 
-def _in_shared_memory(run_dir: Path, victim: Path) -> None:
-    """A link like those of a run under user-mode Linux, to a file of somebody else in the shared memory."""
-    _linked("plant.trace")(run_dir, Path("/dev/shm/vibrohil-of-somebody-else"))
+def _endless(name: str) -> Spoil:
+    return _linked(name, Path("/dev/zero"))
 
+
+IN_SHARED_MEMORY = _linked("plant.trace", Path("/dev/shm/vibrohil-of-somebody-else"))
+"""A link like those of a run under user-mode Linux, to a file of somebody else in the shared memory."""
+SCENARIO = """
+title = "The module stands still for a tenth of a second"
+scene = "table1-motor-soft"
+
+[script]
+duration_s = 0.1
+
+[[checks]]
+name = "impact_count"
+high = 0
+"""
 
 FILES = (
     "run.rrd",
@@ -239,9 +241,9 @@ NOTES = ("run.json", "outcome.json", "losses.json", "processes.json", "scenario.
 FOLDERS: dict[str, Spoil] = {
     "as it was": lambda run_dir, victim: None,
     **{f"{name} is a link": _linked(name) for name in (*FILES, "outcome.json", "frames.mcap")},
-    "frames.mcap is a link to nothing": lambda run_dir, victim: _linked("frames.mcap")(
-        run_dir, victim.with_name("made")
-    ),
+    "frames.mcap is a link to nothing": lambda run_dir, victim: _linked(
+        "frames.mcap", victim.with_name("made")
+    )(run_dir, victim),
     **{f"{name} is a pipe": _piped(name) for name in FILES},
     **{f"{name} is endless": _endless(name) for name in FILES},
     **{
@@ -269,9 +271,9 @@ FOLDERS: dict[str, Spoil] = {
     "run.rrd of frames far outside of their bytes": _logged(lengths=[2**30] * 100),
     "run.rrd of frames before their bytes": _logged(lengths=[8, -(2**40), 2**40, -5]),
     "run.rrd of longer frames": _logged(lengths=[255] * 9),
-    "run.rrd of texts": _logged(tick=["a", "b"], x_m=["c", "d"]),
-    "run.rrd of times that are texts": _logged(t_s=["a", "b"]),
-    "run.rrd of lists": _logged(tick=[[1], [2]], x_m=[[1.0], [2.0]]),
+    "run.rrd of texts": _logged(signals={"tick": ["a", "b"], "x_m": ["c", "d"]}),
+    "run.rrd of times that are texts": _logged(signals={"t_s": ["a", "b"]}),
+    "run.rrd of lists": _logged(signals={"tick": [[1], [2]], "x_m": [[1.0], [2.0]]}),
     "run.rrd of 600 million nulls": _array(
         lambda: pa.StructArray.from_arrays([pa.nulls(NULLS)] * 3, names=["tick", "x_m", "v_m_s"])
     ),
@@ -283,10 +285,12 @@ FOLDERS: dict[str, Spoil] = {
     ),
     "run.rrd with a scenario of 10 million tables": _logged(scenario="[[a]]\n" * 10_000_000),
     "run.rrd with a note of 20 million lists": _logged(run='{"a": [' + "[]," * 20_000_000 + "[]]}"),
-    "run.rrd with 4,000 long checks": _logged(scenario=LONG_CHECK * 4000, tick=[1, 2], x_m=[0.0, 1.0]),
+    "run.rrd with 4,000 long checks": _logged(
+        scenario=LONG_CHECK * 4000, signals={"tick": [1, 2], "x_m": [0.0, 1.0]}
+    ),
     "run.rrd with notes of other types": _logged(run='["x"]', scenario="scene = 1\nscript = 'x'\n"),
-    "a trace in the shared memory": _in_shared_memory,
-    "a trace in the shared memory and no log": _rebuilt(_in_shared_memory),
+    "a trace in the shared memory": IN_SHARED_MEMORY,
+    "a trace in the shared memory and no log": _rebuilt(IN_SHARED_MEMORY),
     "traces alone, a pipe": _rebuilt(_piped("plant.trace")),
     "traces alone, noise": _rebuilt(_content("plant.trace", bytes(range(256)) * 16)),
     "a trace": _trace(),
@@ -305,51 +309,22 @@ FOLDERS: dict[str, Spoil] = {
     "a real clock": _noted(clock="real"),
     "a start at the end of time": _noted(wall_start_s=1e308),
     "a name with control characters": _noted(scenario="\x1b]0;title\x07[red]"),
-    "a scenario of a day": lambda run_dir, victim: _edited("duration_s = 0.1", "duration_s = 86400.0")(
-        run_dir
-    ),
+    "a scenario of a day": _content("scenario.toml", SCENARIO.replace("= 0.1", "= 86400.0").encode()),
     "a scenario like a file elsewhere": lambda run_dir, victim: _content(
         "scenario.toml", f'like = "{victim}.toml"\n'.encode()
     )(run_dir, victim),
 }
 """What is done to a run's folder before it is handed over; `victim` is a file elsewhere that must not change."""
 
-SCENARIO = """
-title = "The module stands still for a tenth of a second"
-scene = "table1-motor-soft"
 
-[script]
-duration_s = 0.1
-
-[[checks]]
-name = "impact_count"
-high = 0
-"""
-
-
-def _edited(before: str, after: str) -> Callable[[Path], None]:
-    def edit(run_dir: Path) -> None:
-        text = (run_dir / "scenario.toml").read_text()
-        assert before in text
-        (run_dir / "scenario.toml").write_text(text.replace(before, after))
-
-    return edit
-
-
-def _scenario(before: str, after: str) -> Spoil:
-    """A scenario with other text; `{victim}` and `{here}` stand for the file elsewhere and the folder."""
-
-    def write(folder: Path, victim: Path) -> None:
-        assert before in SCENARIO
-        text = SCENARIO.replace(before, after)
-        for name, path in (("{victim}", victim), ("{here}", folder)):
-            text = text.replace(name, str(path))
-        (folder / "mine.toml").write_text(text)
-        os.mkfifo(folder / "pipe.toml")
-        (folder / "link.toml").symlink_to("/dev/zero")
-        (folder / "other.toml").write_text(SCENARIO)
-
-    return write
+@spoiler
+def _scenario(folder: Path, victim: Path, before: str, after: str) -> None:
+    """A scenario with other text; `{victim}` stands for the file elsewhere."""
+    assert before in SCENARIO
+    text = SCENARIO.replace(before, after).replace("{victim}", str(victim))
+    (folder / "mine.toml").write_text(text)
+    os.mkfifo(folder / "pipe.toml")
+    (folder / "link.toml").symlink_to("/dev/zero")
 
 
 SCENE, TITLE = 'scene = "table1-motor-soft"', '"The module stands still for a tenth of a second"'

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple, get_type_hints
 
@@ -18,6 +19,7 @@ from tools.dev.command_page import every_command, options_of
 from tools.examples import EXAMPLES
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
 from tools.program import program
+from tools.tuning.identification import identify
 
 DOCS = Path(__file__).parents[3] / "docs"
 BLOCK = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
@@ -80,6 +82,7 @@ def shown_on(page: Path) -> list[list[str]]:
 @pytest.mark.parametrize("about", IN_ORDER)
 def test_what_is_shown_works(about, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(identify, "tune_identify", cache(identify.tune_identify))  # of one log, shown twice
     ran = 0
     for name in IN_ORDER[about]:
         names: dict[str, object] = {}
