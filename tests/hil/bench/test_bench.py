@@ -29,7 +29,6 @@ QUICK = [
     "script.duration_s=3.0",
     'script.commands=[{at_s=0.2,request="run",target_ratio=1.1},{at_s=2.6,request="idle"}]',
     "firmware.start.rise_s=1.0",
-    "checks=[]",
 ]
 
 RIDES_THROUGH = tuple(
@@ -40,7 +39,7 @@ RIDES_THROUGH = tuple(
 
 
 def quick() -> Scenario:
-    return load_scenario("soft-start-multistable", QUICK[:3])
+    return load_scenario("soft-start-multistable", QUICK)
 
 
 def run(run_dir: Path, scenario: Scenario | None = None) -> dict[str, Any]:
@@ -87,7 +86,7 @@ def test_run_starts_together_keeps_its_rate_counts_what_faults_act_on_and_leaves
     tmp_path: Path,
 ) -> None:
     faults = f"script.faults=[{HARMLESS}]"
-    verdict = run(tmp_path, load_scenario("soft-start-multistable", [*QUICK[:3], faults]))
+    verdict = run(tmp_path, load_scenario("soft-start-multistable", [*QUICK, faults]))
     assert verdict["reasons"] == []
     assert [effect["acted_on"] for effect in verdict["faults"]] == [2, 200, 0]
     assert any("'supply-sag' at 1 s acted on nothing" in reason for reason in verdict["not_judged"])
@@ -118,7 +117,7 @@ def test_killed_firmware_leaves_a_motor_without_torque(tmp_path: Path) -> None:
         killed_s.append(float(trace.read(tmp_path / "operator.trace")["t_s"][-1]))
 
     later = 'script.faults=[{kind="killed",at_s=2.9,process="firmware"}]'
-    scenario = load_scenario("soft-start-multistable", [*QUICK[:3], later, *RIDES_THROUGH])
+    scenario = load_scenario("soft-start-multistable", [*QUICK, later, *RIDES_THROUGH])
     verdict = run_and_disturb(tmp_path, kill, at_s=1.8, scenario=scenario)
     (at_s,) = killed_s
     assert not verdict["passed"]
@@ -177,7 +176,7 @@ run_scenario(scenario, RunOptions(bus="local"), Path(sys.argv[1]), 1, lambda *_:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_end_of_the_bench_is_the_end_of_all(number: signal.Signals, tmp_path: Path) -> None:
     with subprocess.Popen(
-        [sys.executable, "-c", RUN, str(tmp_path), *QUICK[:3]], stderr=subprocess.PIPE
+        [sys.executable, "-c", RUN, str(tmp_path), *QUICK], stderr=subprocess.PIPE
     ) as bench:
         traced = tmp_path / "firmware.trace"
         while not traced.exists() or len(trace.read(traced)) < 500:

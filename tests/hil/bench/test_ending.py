@@ -54,6 +54,7 @@ def test_a_killed_run_has_a_verdict_all_the_same(tmp_path: Path) -> None:
     assert ElementTree.parse(out / "junit.xml").getroot()[0].get("errors") == "1"
 
 
+@pytest.mark.usefixtures("in_process")
 def test_an_interrupted_suite_is_gone_in_two_seconds_keeps_what_is_finished_and_goes_on(
     tmp_path: Path,
 ) -> None:

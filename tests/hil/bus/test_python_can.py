@@ -40,13 +40,20 @@ def local() -> Iterator[ProvidedBus]:
         yield provided
 
 
+@pytest.fixture(scope="module")
+def shared() -> Iterator[ProvidedBus]:
+    """The hub of tests that leave it as it was."""
+    with provide("local") as provided:
+        yield provided
+
+
 @pytest.fixture
-def opened(local: ProvidedBus) -> Iterator[Opener]:
-    """Opens buses on the hub, and closes them."""
+def opened(shared: ProvidedBus) -> Iterator[Opener]:
+    """Opens buses on the shared hub, and closes them."""
     buses: list[can.BusABC] = []
 
     def opener(kind: Callable[..., can.BusABC] = can.Bus, **options: Any) -> can.BusABC:
-        buses.append(kind(channel=path_of(local), interface="vibrohil", bitrate=500_000, **options))
+        buses.append(kind(channel=path_of(shared), interface="vibrohil", bitrate=500_000, **options))
         return buses[-1]
 
     yield opener

@@ -219,6 +219,7 @@ def test_two_suites_differ_where_a_verdict_does(tmp_path: Path, capsys: pytest.C
     assert run(["compare", a, str(tmp_path)]) == EXIT_BAD_INPUT
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_foreign_suite_folder_with_links_changes_nothing_outside(tmp_path: Path) -> None:
     victim, foreign, name = tmp_path / "victim", tmp_path / "out", "resting"
     other = victim / "run"
@@ -305,6 +306,7 @@ def test_a_suite_that_is_a_link_or_too_large_is_not_read(tmp_path: Path) -> None
         read_suite(tmp_path)
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_foreign_suite_folder_with_pipes_is_refused(tmp_path: Path) -> None:
     scenario = resting(tmp_path, "resting")
     run_suite(Chosen([str(scenario)]), LOCKSTEP, tmp_path / "out", [1], silent)
