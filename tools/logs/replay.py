@@ -20,7 +20,6 @@ from firmware_py.interface.frame import Frame
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.node import powered_up
 from firmware_py.shell.parameters import config_from, of_the_build
-from hil.faults.fault import Fault as BenchFault
 from hil.faults.memory import ParameterMemory
 from hil.faults.on_bus import NamedFrames
 from hil.record.run_folder import read_note, refuse_irregular
@@ -41,6 +40,8 @@ every 100 ms."""
 STATES = ("mode", "regime")
 WAIT_FOR_THE_BUS_S = 0.005
 """Longest time by which the bus of a run may deliver a frame later than the firmware sent it."""
+LEAST_BITRATE = 1_000_000
+"""Bits per second from which on every E-stop is on the bus within half a period of its being sent."""
 BEGINNINGS = (Mode.INIT, Mode.READY)
 """Modes in which a foreign log may begin: the crank is at rest, and nothing before it matters."""
 MOST_TICKS = 600_000
@@ -93,7 +94,7 @@ class Replay:
     """The first frame that differs: as recorded and as replayed."""
     decisions: list[ChangedDecision] = field(default_factory=list)
     hidden: str = ""
-    """A fault of the run that the log does not show, so that a difference proves nothing."""
+    """What the log does not show, a fault or a slow bus, so that a difference proves nothing."""
 
     @property
     def equal(self) -> bool:
@@ -172,11 +173,12 @@ def replay(source: Path, build: Build = "compiled", parameters: Sequence[Path] =
     if scenario is None:
         refuse_unknown_beginning(log, recorded["mode"])
     faults, seed = ((), 1) if scenario is None else (scenario.faults, scenario.seed)
+    hidden = "" if scenario is None else hidden_cause(scenario)
     node = powered_up(
         ParameterMemory(overrides, faults, seed).read(0.0), of_the_build(overrides), node_of(build)
     )
     replayed = [SentFrame(tick.t_s, frame) for tick in ticks for frame in node.tick(tick.received, 1)]
-    result = Replay(str(source), is_own, len(ticks), len(sent), hidden=hidden_fault(faults))
+    result = Replay(str(source), is_own, len(ticks), len(sent), hidden=hidden)
     compare_frames(result, sent, replayed, ticks[-LAST_TICKS].t_s if len(ticks) > LAST_TICKS else 0.0)
     result.decisions = changed_decisions(recorded, decisions_of(replayed), is_own)
     return result
@@ -190,9 +192,11 @@ def scenario_of(folder: Path, parameters: Sequence[Path]) -> Scenario:
     return load_scenario(folder / SCENARIO, (), parameters)
 
 
-def hidden_fault(faults: Sequence[BenchFault]) -> str:
-    """Say which fault the log does not show; empty without one."""
-    for fault in faults:
+def hidden_cause(scenario: Scenario) -> str:
+    """Say which fault the log does not show, or which modelled bus is too slow; empty without one."""
+    if scenario.bitrate is not None and scenario.bitrate < LEAST_BITRATE:
+        return f"a modelled bus of {scenario.bitrate} bit/s delays frames by more than half a period"
+    for fault in scenario.faults:
         own = isinstance(fault, NamedFrames) and {IDS[name] for name in fault.frames} & {*SENT_IDS, ESTOP_ID}
         if fault.is_beyond_log or own:
             return f"the fault {fault.kind} at {fault.at_s:g} s acts on what the log does not show"

@@ -55,17 +55,28 @@ def test_a_run_is_replayed_to_the_bit(run_dir: Path) -> None:
     assert result.frames > result.ticks
 
 
-def test_on_a_modelled_bus_the_firmwares_own_e_stop_precedes_its_torque(tmp_path: Path) -> None:
-    scenario = tmp_path / "modelled.toml"
+def run_on_a_modelled_bus(folder: Path, bitrate: int) -> Path:
+    scenario = folder / "modelled.toml"
     scenario.write_text(
-        'title = "An E-stop on a modelled bus"\nscene = "table1-motor-soft"\n[bus]\nbitrate = 1000000\n'
+        f'title = "An E-stop on a modelled bus"\nscene = "table1-motor-soft"\n[bus]\nbitrate = {bitrate}\n'
         '[script]\nduration_s = 1.0\ncommands = [{ at_s = 0.5, request = "e-stop" }]\n'
     )
-    hil.run(scenario, out=tmp_path / "run")
-    result = replay(tmp_path / "run")
+    hil.run(scenario, out=folder / "run")
+    return folder / "run"
+
+
+def test_on_a_modelled_bus_the_firmwares_own_e_stop_precedes_its_torque(tmp_path: Path) -> None:
+    run = run_on_a_modelled_bus(tmp_path, 1_000_000)
+    result = replay(run)
     assert result.equal, result.as_json()
-    sent = Counter(message.can_id for message in read_log(tmp_path / "run" / "can.log").messages)
+    sent = Counter(message.can_id for message in read_log(run / "can.log").messages)
     assert sent[IDS["DriveEstop"]] > 1, "operator and firmware each send one"
+
+
+def test_a_bus_on_which_frames_come_late_leaves_a_replay_not_judged(tmp_path: Path) -> None:
+    result = replay(run_on_a_modelled_bus(tmp_path, 125_000))
+    assert result.proves_nothing
+    assert "125000 bit/s" in result.hidden
 
 
 def test_torque_frames_divide_a_log_as_the_grid_of_lockstep_does(run_dir: Path) -> None:
