@@ -77,7 +77,8 @@ def branch_figure(found: Sequence[Branch], nominal: float, folder: Path, name: s
     for axes in (speeds, growth):
         axes.axvline(shown(nominal, over), color="k", lw=0.6, ls=":")
         axes.grid(alpha=0.25)
-    speeds.legend(loc="best", fontsize=8)
+    if labelled:
+        speeds.legend(loc="best", fontsize=8)
     speeds.set_title("impact orbits: turns of the crank / impacts")
     return save(figure, folder, name)
 
