@@ -1,13 +1,18 @@
 """Stretches of lockstep in one compiled call: to the same bits as tick by tick, and where they may be."""
 
+import random
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from firmware_py.interface.frame import Frame
 from hil.bench import stretches
 from hil.bench.lockstep import LockstepNodes, run_lockstep, silent
+from hil.bus.can_log import CanLog
+from hil.nodes.closed_loop import LINE_BYTES, log_line
+from hil.nodes.frame_rows import word_frame
 from hil.record.traces import trace
 from hil.scenario.files import read_scenario
 from hil.scenario.scenario import check_scenario
@@ -83,3 +88,18 @@ def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
         for column in one.dtype.names or ():
             if column != "work_us":
                 np.testing.assert_array_equal(one[column], other[column], err_msg=f"{name}: {column}")
+
+
+def test_lines_of_the_log_are_those_of_can_log(tmp_path: Path) -> None:
+    dice = random.Random(1)
+    frames = [
+        (dice.randrange(10 ** dice.randrange(1, 11)), Frame(dice.randrange(0x800), dice.randbytes(length)))
+        for length in [*range(9)] * 20
+    ]
+    with CanLog(tmp_path / "can.log") as log:
+        for t_us, frame in frames:
+            log.write(t_us, [frame])
+    buffer, end = np.zeros(len(frames) * LINE_BYTES, np.uint8), 0
+    for t_us, frame in frames:
+        end = log_line(buffer, end, t_us, word_frame(frame))
+    assert buffer[:end].tobytes() == (tmp_path / "can.log").read_bytes()

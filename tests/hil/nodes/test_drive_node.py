@@ -485,11 +485,13 @@ def test_both_builds_of_the_drive_agree_bit_by_bit(session: list[tuple[Frame, in
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_torque_that_is_no_number_is_refused(value: float) -> None:
+def test_a_torque_or_a_position_that_is_no_number_is_refused(value: float) -> None:
     drive = armed_drive(0.5)
-    drive.handle([torque(value)], 0.0)
-    assert drive.rejected == 1
+    before = messages.position_rev(drive.state, 0.25)
+    drive.handle([torque(value), Frame(0x19, struct.pack("<f", value) + bytes(4))], 0.0)
+    assert drive.rejected == 2
     assert drive.torque_n_m(0.0) == 0.5
+    assert messages.position_rev(drive.state, 0.25) == before
 
 
 @pytest.mark.parametrize(

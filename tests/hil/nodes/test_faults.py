@@ -32,6 +32,7 @@ from hil.faults.processes import ProcessFaults
 from hil.faults.readings import SensorFaults
 from hil.judge.figures.figures import figures_of
 from hil.nodes.plant import PlantNode
+from hil.record.traces import trace
 from hil.scenario.files import ScenarioError, read_scenario
 from hil.scenario.scenario import check_scenario, refuse_modelled_bus
 from hil.scenario.settings import apply_settings
@@ -548,13 +549,35 @@ def test_a_modelled_bus_is_for_lockstep() -> None:
         refuse_modelled_bus(scenario_with(bus={}))
 
 
+def run(run_dir: Path, scenario: Any) -> Path:
+    return in_lockstep(scenario, run_dir, 1, silent, "compiled")[0]
+
+
 def test_the_reason_for_refused_parameters_stands_in_the_run_not_on_the_terminal(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     away = {"kind": "restarted", "at_s": 1.0, "duration_s": 0.2, "process": "firmware"}
     scenario = scenario_with({"kind": "parameters-damaged", "at_s": 0.0}, away)
-    run_dir, _ = in_lockstep(scenario, tmp_path, 1, silent, "compiled")
+    run_dir = run(tmp_path, scenario)
     assert capfd.readouterr().err == ""
     reasons = (run_dir / "firmware.log").read_text().splitlines()
     assert len(reasons) == 2  # at power-up and after the restart
     assert all("out of bounds" in reason or "it is damaged or was edited" in reason for reason in reasons)
+
+
+def test_a_node_that_is_bus_off_is_silent_and_comes_back(tmp_path: Path) -> None:
+    off = {"kind": "bus-off", "at_s": 1.0, "duration_s": 0.02, "node": "plant"}
+    run_dir = run(tmp_path, scenario_with(off, bus={"bitrate": 1_000_000}))
+    ages = trace.read(run_dir / "firmware.trace")["inputs.accelerometer.age_ticks"]
+    assert 20 <= max(ages[1000:]) <= 23  # 128 runs of 11 bits more
+    assert set(ages[1030:]) == {0}
+
+
+def test_one_that_babbles_with_the_lowest_identifier_takes_the_bus_for_itself(tmp_path: Path) -> None:
+    def ages(can_id: int) -> list[int]:
+        babble = {"kind": "babbling", "at_s": 1.0, "can_id": can_id, "data_hex": "00" * 8, "period_s": 1e-4}
+        run_dir = run(tmp_path / str(can_id), scenario_with(babble, bus={"bitrate": 1_000_000}))
+        return list(trace.read(run_dir / "firmware.trace")["inputs.accelerometer.age_ticks"][1010:])
+
+    assert min(ages(0x000)[100:]) > 100
+    assert max(ages(0x7FF)) == 0
