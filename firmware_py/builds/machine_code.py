@@ -58,6 +58,8 @@ BUILDERS = sorted(Path(__file__).parent.glob("*.py"))
 ENTRY, CALIBRATE = "vibro_tick", "vibro_calibrate"
 NO_GAIT = "without-gait"
 """Argument of `raw_ir`, and part of the names of files, for code that does not follow a gait."""
+RAW = {"NUMBA_OPT": "0", "NUMBA_DISABLE_JIT": "0"}
+"""Numba's settings in a process that writes raw assembly; it compiles even where kernels are interpreted."""
 SPEED = 2
 LLVM_REGION_BUDGET = 10_000
 """LLVM's default of the limit that `whole_registers` sets."""
@@ -116,7 +118,7 @@ def _raw_assembly(has_gait: bool) -> bytes:
         fresh = Path(folder) / "raw.ll"
         command = [sys.executable, "-P", "-m", "firmware_py.builds.raw_ir", str(fresh)]
         command += [] if has_gait else [NO_GAIT]
-        subprocess.run(command, env=os.environ | {"NUMBA_OPT": "0"}, check=True)
+        subprocess.run(command, env=os.environ | RAW, check=True)
         return fresh.read_bytes()
 
 

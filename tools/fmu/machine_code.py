@@ -17,7 +17,7 @@ import llvmlite.binding as llvm
 import numba
 from numba.core import types
 
-from firmware_py.builds.machine_code import NAMES_EXCEPTION, Target, retargeted
+from firmware_py.builds.machine_code import NAMES_EXCEPTION, RAW, Target, retargeted
 from kernel_cache import folder_of, kept_file
 
 TARGET = Target("x86_64-unknown-linux-gnu", "x86-64-v2", "", "pic", "double")
@@ -80,7 +80,7 @@ def object_code(arguments: tuple[str, ...], names: Iterable[str]) -> bytes:
         with tempfile.TemporaryDirectory() as folder:
             fresh = Path(folder) / "raw.ll"
             command = [sys.executable, "-P", "-m", "tools.fmu.machine_code", str(fresh), *arguments]
-            subprocess.run(command, env=environ | {"NUMBA_OPT": "0", "NUMBA_DISABLE_JIT": "0"}, check=True)
+            subprocess.run(command, env=environ | RAW, check=True)
             return retargeted(fresh.read_text(), TARGET, tuple(names))
 
     digest = hashlib.sha256("\0".join(arguments).encode()).hexdigest()[:16]
