@@ -40,16 +40,13 @@ def is_whole(path: Path) -> bool:
         with warnings.catch_warnings(action="ignore", category=RerunWarning):  # of a log without a footer
             reader = RrdReader(path)
             recordings = len(reader.recordings())
-            if recordings > 1:
-                raise RerunError(f"{path} holds {recordings} recordings; a run makes one")
-            if recordings == 0:
-                return False
-            deque(reader.store().stream(), maxlen=0)
-    except RerunError:
-        raise
+            if recordings == 1:
+                deque(reader.store().stream(), maxlen=0)
     except RuntimeError:
         return False
-    return True
+    if recordings > 1:
+        raise RerunError(f"{path} holds {recordings} recordings; a run makes one")
+    return recordings == 1
 
 
 def repair(path: Path) -> bool:
