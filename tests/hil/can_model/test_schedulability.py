@@ -216,6 +216,12 @@ def test_an_error_costs_its_signalling_and_the_repetition() -> None:
         80 + 2 * (ERROR_BITS * TAU + 100) + 100,
         0 + 2 * (ERROR_BITS * TAU + 100) + 100 + 80,
     ]
+    error = ERROR_BITS * TAU + 100
+    until_sent = error + 100
+    assert worst(streams[:1], ErrorModel(burst=1, gap_ns=until_sent + 1)) == [until_sent]
+    assert worst(streams[:1], ErrorModel(burst=1, gap_ns=until_sent)) == [
+        error + until_sent
+    ]  # a second error
     assert worst(streams[:1], ErrorModel(burst=0, gap_ns=100)) == [None]  # errors outrun the bus
 
 
