@@ -25,9 +25,12 @@ from contextlib import contextmanager
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 os.environ["OPENBLAS_CORETYPE"] = "Haswell"  # before numpy is imported, here and in each worker
+
+import numpy as np
+from numpy.typing import NDArray
 
 from firmware_py.core.config import Config
 from firmware_py.core.estimation import kalman
@@ -41,7 +44,34 @@ from hil.record.traces.trace import read
 from hil.scenario.files import scenario_names
 from hil.scenario.scenario import Scenario, load_scenario
 from hil.suite.suite import PROCESSES
-from tools.trade.decisions import Decisions, decisions_of, differences
+
+TOLERANCE_TICKS = 1
+"""Largest time difference of equal decisions of two builds."""
+
+
+class Decisions(NamedTuple):
+    """Changes of mode or fault, rows of (tick, mode, fault), and detections of impacts, rows of (tick,)."""
+
+    modes: NDArray[np.int64]
+    impacts: NDArray[np.int64]
+
+
+def decisions_of(trace: NDArray[np.void]) -> Decisions:
+    """The decisions of a firmware, from its trace."""
+    now = np.column_stack([trace["tick"], trace["outputs.mode"], trace["outputs.fault"]]).astype(np.int64)
+    changes = np.flatnonzero(np.any(np.diff(now[:, 1:], axis=0) != 0, axis=1)) + 1
+    return Decisions(now[changes], now[trace["outputs.impact"], :1])
+
+
+def differences(python: Decisions, compiled: Decisions) -> list[str]:
+    """A sentence for each decision without an equal decision of the other build within the tolerance."""
+    found = []
+    for kind, ours, others in zip(Decisions._fields, python, compiled, strict=True):
+        for one, other in zip_longest(ours.tolist(), others.tolist()):
+            same = one is not None and other is not None and one[1:] == other[1:]
+            if not same or abs(one[0] - other[0]) > TOLERANCE_TICKS:
+                found.append(f"{kind}: python decides {one}, compiled {other}")
+    return found
 
 
 class DifferentBytesError(AssertionError):

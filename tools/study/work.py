@@ -14,7 +14,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from tools.jobs import running
+from tools.jobs import results
 from tools.output import BadInputError
 from tools.progress import shown_progress
 from tools.study import store
@@ -47,10 +47,9 @@ def run(
     missing = [index for index, path in enumerate(paths) if not store.is_complete(path)]
     if not missing:
         return paths
-    runner = running(piece, where.cores, where.scheduler, threads=threads)
-    with shown_progress() as progress, runner as run_on:
-        results = run_on([specs[index] for index in missing])
-        for done, (number, (table, facts)) in enumerate(results, len(specs) - len(missing) + 1):
+    found = results(piece, [specs[index] for index in missing], where.cores, where.scheduler, threads)
+    with shown_progress() as progress:
+        for done, (number, (table, facts)) in enumerate(found, len(specs) - len(missing) + 1):
             index = missing[number]
             store.write(paths[index], table, specs[index], facts)
             progress(done / len(specs), f"{kind} {done}/{len(specs)}")

@@ -52,8 +52,6 @@ class Errors(NamedTuple):
     """Relative error of the total momentum exchanged with the stop."""
     impacts: int
     impacts_wanted: int
-    regime: str
-    regime_wanted: str
 
 
 def errors_of(case: Case, given: Answer, truth: Answer) -> Errors:
@@ -72,16 +70,8 @@ def errors_of(case: Case, given: Answer, truth: Answer) -> Errors:
         impulse_error=difference / exchanged if exchanged > 0.0 else difference,
         impacts=given.t_s.size,
         impacts_wanted=truth.t_s.size,
-        regime=regime_of(case, given),
-        regime_wanted=regime_of(case, truth),
     )
 
 
 def _largest(values: FloatArray) -> float:
     return float(np.max(np.abs(values), initial=0.0))
-
-
-def regime_of(case: Case, given: Answer) -> str:
-    """Return the impacts per period in the second half of the run, rounded to a quarter, as text."""
-    late = np.count_nonzero(given.t_s > 0.5 * case.until_s)
-    return f"{round(4.0 * late * case.period_s / (0.5 * case.until_s)) / 4.0:g} impacts a period"

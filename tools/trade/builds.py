@@ -12,7 +12,6 @@ from hil.bench.lockstep import run_lockstep, silent
 from hil.scenario.scenario import Scenario
 from tools.trade.control_rate import hold, short_start
 from tools.trade.costs import Progress
-from tools.trade.decisions import decisions_of, differences
 
 BUILDS: tuple[tuple[Build, str], ...] = (
     ("python", "interpreted, filterpy's algebra"),
@@ -31,7 +30,6 @@ def measure(repeats: int, progress: Progress) -> list[dict[str, Any]]:
     for build, _ in BUILDS:
         progress(f"firmware build: {build}")
         held[build] = hold(scenario, build)
-    decided = {build: decisions_of(one.trace) for build, one in held.items()}
     received = received_in(scenario)
     return [
         {
@@ -42,8 +40,6 @@ def measure(repeats: int, progress: Progress) -> list[dict[str, Any]]:
             **held[build].errors,
             "cost": min(_replayed_us(scenario, build, received) for _ in range(repeats)),
             "unit": UNIT,
-            "decisions": decided[build].total,
-            "decisions_that_differ": len(differences(decided[build], decided["compiled"])),
         }
         for build, setting in BUILDS
     ]

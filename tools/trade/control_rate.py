@@ -6,16 +6,12 @@ import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from firmware_py.shell.builds import Build
 from hil.bench.lockstep import in_lockstep, silent
 from hil.judge.checks import evaluate
 from hil.judge.figures.figures import figures_of
 from hil.judge.figures.records import Figures
 from hil.nodes.warm import warm_firmware, warm_plant
-from hil.record.traces.trace import read
 from hil.scenario.files import read_scenario
 from hil.scenario.scenario import Scenario, check_scenario
 from tools.trade.costs import Progress
@@ -49,10 +45,9 @@ def short_start(rate_hz: int = 1000) -> Scenario:
 
 
 class Held(NamedTuple):
-    """A start and hold in lockstep: its figures, the firmware's trace, and the processor time, µs."""
+    """A start and hold in lockstep: its figures, and the processor time, µs."""
 
     figures: Figures
-    trace: NDArray[np.void]
     spent_us: float
 
     @property
@@ -73,7 +68,7 @@ def hold(scenario: Scenario, build: Build = "compiled") -> Held:
         begun = time.thread_time_ns()
         run_dir, _ = in_lockstep(scenario, Path(folder) / "run", 1, silent, build)
         spent_us = (time.thread_time_ns() - begun) * 1e-3
-        return Held(figures_of(run_dir), read(run_dir / "firmware.trace"), spent_us)
+        return Held(figures_of(run_dir), spent_us)
 
 
 def _row(rate_hz: int) -> dict[str, Any]:

@@ -1,7 +1,6 @@
-"""Costs of methods: errors from one call, times as minimum and median of interleaved repeats."""
+"""Costs of methods: errors from one call, times as the minimum of interleaved repeats."""
 
 import math
-import statistics
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -27,13 +26,12 @@ Progress = Callable[[str], None]
 
 
 class Cost(NamedTuple):
-    """Errors and times of one method on one case."""
+    """Errors and time of one method on one case."""
 
     case: Case
     method: Method
     errors: Errors
     least_us_s: float
-    median_us_s: float
 
     @property
     def is_right(self) -> bool:
@@ -50,7 +48,6 @@ class Cost(NamedTuple):
             "setting": self.method.setting,
             **self.errors._asdict(),
             "cost": self.least_us_s,
-            "cost_median": self.median_us_s,
             "unit": f"{STATE_UNIT}; {COST_UNIT}",
         }
 
@@ -74,27 +71,19 @@ def measure(case: Case, methods: Sequence[Method], repeats: int, progress: Progr
         errors.append(errors_of(case, method.solve(), truth))
     times = interleaved([partial(spent_us, method.solve) for method in methods], repeats)
     return [
-        Cost(case, method, error, least / case.until_s, median / case.until_s)
-        for method, error, (least, median) in zip(methods, errors, times, strict=True)
+        Cost(case, method, error, least / case.until_s)
+        for method, error, least in zip(methods, errors, times, strict=True)
     ]
 
 
-class Times(NamedTuple):
-    """The least and the median of a time's repeats."""
-
-    least: float
-    median: float
-
-
-def interleaved(measurements: Sequence[Callable[[], float]], repeats: int) -> list[Times]:
-    """Repeat measurements of time; every repeat runs all of them in turn.
+def interleaved(measurements: Sequence[Callable[[], float]], repeats: int) -> list[float]:
+    """Repeat measurements of time, and return the least time of each; every repeat runs all of them in turn.
 
     The times are this thread's processor time, not wall time, because it depends less on other programs'
-    load. The minimum is closest to the time on an idle machine; the difference between median and minimum
-    shows the load.
+    load. The minimum is closest to the time on an idle machine.
     """
     rounds = [[measure() for measure in measurements] for _ in range(repeats)]
-    return [Times(min(row), statistics.median(row)) for row in zip(*rounds, strict=True)]
+    return [min(row) for row in zip(*rounds, strict=True)]
 
 
 def spent_us(solve: Callable[[], object]) -> float:

@@ -161,11 +161,10 @@ def measure(kind: str, quick: bool, repeats: int, progress: Progress) -> list[di
         progress(name)
         rows.append({"what": f"{kind}: {name}", "kind": kind, **figures_of(scene)})
     times = interleaved([partial(spent_us_s, scene) for _, scene in scenes], repeats)
-    for row, (least, median) in zip(rows, times, strict=True):
+    for row, least in zip(rows, times, strict=True):
         row.update(
             cost=least,
-            cost_median=median,
-            cost_ratio=least / times[0].least,
+            cost_ratio=least / times[0],
             error=abs(row["impulse_n_s"] / rows[0]["impulse_n_s"] - 1.0),
             unit=f"share of the impulse in the first row; {COST_UNIT}",
         )

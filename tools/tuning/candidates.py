@@ -12,7 +12,7 @@ from tools.campaign.campaign import Condition, Outcome
 from tools.campaign.campaigns import CAMPAIGNS
 from tools.campaign.processes import Batch, batches, run_batch
 from tools.campaign.sampling import FIRST_CAMPAIGN_SEED
-from tools.jobs import running
+from tools.jobs import results
 from tools.output import BadInputError
 from tools.progress import Progress
 
@@ -57,7 +57,6 @@ def run_candidates(
     chosen = CAMPAIGNS[campaign]
     if conditions is not None:
         chosen = replace(chosen, conditions=conditions)
-    count = workers or os.cpu_count() or 1
     parts: list[tuple[int, Batch]] = []
     for number, candidate in enumerate(candidates):
         settings = [f"firmware.{name}={value!r}" for name, value in candidate.items()]
@@ -65,9 +64,8 @@ def run_candidates(
         parts += [(number, batch) for batch in batches(plan, trials)]
     found: list[list[Outcome]] = [[] for _ in candidates]
     done, total = 0, trials * len(candidates)
-    with running(run_batch, count) as run:
-        for place, outcomes in run([batch for _, batch in parts]):
-            found[parts[place][0]] += outcomes
-            done += len(outcomes)
-            progress(done / total, "trials")
+    for place, outcomes in results(run_batch, [batch for _, batch in parts], workers or os.cpu_count() or 1):
+        found[parts[place][0]] += outcomes
+        done += len(outcomes)
+        progress(done / total, "trials")
     return [sorted(outcomes, key=lambda outcome: outcome.trial) for outcomes in found]

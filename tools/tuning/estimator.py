@@ -20,7 +20,7 @@ the readings. NIS is reported too.
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
@@ -35,7 +35,7 @@ from plant_sim.arrays import FloatArray
 from tools.campaign.campaign import Cell
 from tools.campaign.modules import module_cell
 from tools.campaign.sampling import Mismatch, Sampled, sample
-from tools.jobs import running
+from tools.jobs import results
 from tools.output import BadInputError
 from tools.progress import Progress
 from tools.tuning.candidates import SAMPLING, Sampling, run_candidates
@@ -66,15 +66,6 @@ NAIVE = {MEMORY: 0.0, "estimator.initial_model_std_m_s2": 0.016, "estimator.larg
 HIGHEST_NIS = 25.0
 """Limit of a normalised square, (5 σ)², so that one unrecognised impact does not dominate the likelihood."""
 LEAST_CORRELATION = 0.05
-
-
-class Source(NamedTuple):
-    """A log: a run folder or candump file, or a module sampled by seed and number."""
-
-    path: str
-    seed: int
-    number: int
-    seconds: float
 
 
 class Log(NamedTuple):
@@ -170,12 +161,12 @@ def sampled_module(seed: int, number: int) -> tuple[Cell, Sampled]:
     return cell, sample(cell.scene, Mismatch(), seed, number)
 
 
-def record_log(source: Source) -> Log:
+def record_log(seed: int, number: int, seconds: float) -> Log:
     """The log of a sampled module."""
     from tools.tuning.recordings.recorded import record
 
-    cell, sampled = sampled_module(source.seed, source.number)
-    return Log(deepcopy(dict(cell.firmware)), record(cell, sampled, source.seconds)[0])
+    cell, sampled = sampled_module(seed, number)
+    return Log(deepcopy(dict(cell.firmware)), record(cell, sampled, seconds)[0])
 
 
 def course_of(log: Log, parameters: dict[str, float]) -> FloatArray:
@@ -190,11 +181,11 @@ def course_of(log: Log, parameters: dict[str, float]) -> FloatArray:
     return replay(config_from(firmware), log.ticks)[begin:]
 
 
-def replayed(combinations: Sequence[dict[str, float]], source: Source) -> Replayed:
+def replayed(combinations: Sequence[dict[str, float]], source: Callable[[], Log]) -> Replayed:
     """Replay a log with all combinations; the effective number is that of the run's own parameters."""
     from tools.tuning.recordings import replay
 
-    log = read_log(Path(source.path)) if source.path else record_log(source)
+    log = source()
 
     def innovations(parameters: dict[str, float]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Innovations and their variances, in flight and at the stop."""
@@ -230,7 +221,7 @@ def combinations_of(grid: dict[str, tuple[float, ...]]) -> list[dict[str, float]
 
 
 def replay_all(
-    sources: Sequence[Source],
+    sources: Sequence[Callable[[], Log]],
     combinations: Sequence[dict[str, float]],
     progress: Progress,
     workers: int | None = None,
@@ -238,10 +229,9 @@ def replay_all(
     """Replay all logs with all combinations, on all cores: results by combination, and by log."""
     found: dict[int, Replayed] = {}
     count = min(workers or os.cpu_count() or 1, len(sources))
-    with running(partial(replayed, combinations), count) as run:
-        for number, result in run(sources):
-            found[number] = result
-            progress(len(found) / len(sources), "logs")
+    for number, result in results(partial(replayed, combinations), sources, count):
+        found[number] = result
+        progress(len(found) / len(sources), "logs")
     logs = [found[number] for number in range(len(sources))]
 
     def middle(values: Sequence[float]) -> float:
@@ -286,8 +276,8 @@ def tune_estimator(
     for path in logs:
         if not path.exists():
             raise BadInputError(f"{path} is not there; give a run folder or a candump log")
-    sources = [Source(str(path), 0, 0, 0.0) for path in logs] or [
-        Source("", sampling.seed, number, seconds) for number in range(modules)
+    sources = [partial(read_log, path) for path in logs] or [
+        partial(record_log, sampling.seed, number, seconds) for number in range(modules)
     ]
     combinations = combinations_of(grid or GRID)
     here = {name: DEFAULTS[name] for name in (grid or GRID)}

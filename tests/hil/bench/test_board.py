@@ -32,8 +32,8 @@ from hil.bench.lockstep import run_lockstep, silent
 from hil.record.traces.trace import read
 from hil.scenario.scenario import load_scenario
 from tools import cli, doctor
+from tools.dev.builds import decisions_of, differences
 from tools.output import EXIT_BAD_INPUT
-from tools.trade.decisions import decisions_of, differences
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from firmware_py.core.estimation import kalman
 from firmware_py.interface.enums import Fault, Mode
 from hil.scenario.scenario import load_scenario
 from tools.dev import builds
-from tools.trade.decisions import Decisions, decisions_of, differences
+from tools.dev.builds import Decisions, decisions_of, differences
 
 TRACE = np.dtype([("tick", int), ("outputs.mode", int), ("outputs.fault", int), ("outputs.impact", bool)])
 
@@ -53,6 +53,13 @@ SHORT = [
     "script.commands=[{at_s=0.5,request='run',target_ratio=1.1},{at_s=10.0,request='idle'}]",
     "script.duration_s=12.0",
 ]
+
+
+def test_the_builds_decide_alike() -> None:
+    scenario = load_scenario("soft-start-multistable", SHORT)
+    of_python = builds.decided(scenario, 1, make=builds.Beside)
+    assert len(of_python.impacts) > 5
+    assert differences(of_python, builds.decided(scenario, 1, build="compiled")) == []
 
 
 def test_a_byte_that_differs_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,7 +19,7 @@ from plant_sim.scene import Scene
 from tools.campaign.modules import LAWS, Law
 from tools.campaign.sampling import Mismatch, sample
 from tools.campaign.statistics import wilson
-from tools.jobs import running
+from tools.jobs import results
 from tools.output import BadInputError
 from tools.tuning.identification.identify import identify
 from tools.tuning.recordings.readings import of_ticks
@@ -121,10 +121,7 @@ def truths_of(scene: Scene) -> dict[str, tuple[str, float]]:
 
 def run_trials(trials: int, seed: int = SEED, seconds: float = SECONDS) -> list[Trial]:
     """Run all trials on all cores."""
-    found: dict[int, Trial] = {}
-    with running(partial(run_trial, seed, seconds=seconds), os.cpu_count() or 1) as run:
-        for number, one in run(range(trials)):
-            found[number] = one
+    found = dict(results(partial(run_trial, seed, seconds=seconds), range(trials), os.cpu_count() or 1))
     return [found[number] for number in range(trials)]
 
 

@@ -33,7 +33,6 @@ def test_peers_and_own_solvers_agree(name: str) -> None:
     assert (method, setting) == ("scipy DOP853", "1e-10")
     errors = errors_of(case, run(case, scipy_peer.ScipyFlow(case, "DOP853", tolerances)), own.truth(case))
     assert errors.impacts == errors.impacts_wanted
-    assert errors.regime == errors.regime_wanted
     assert errors.error < 1e-8
 
 
@@ -70,7 +69,6 @@ def test_the_front_holds_what_nothing_cheaper_beats(tmp_path) -> None:
             Method(name, "", lambda: truth),
             errors_of(case, truth._replace(x_end_m=error), truth),
             cost,
-            cost,
         )
         for name, error, cost in given
     ]
@@ -87,7 +85,7 @@ def test_costs_are_rows_of_json() -> None:
     rows = [one.row() for one in costs.measure(case, methods, 2, lambda doing: None)]
     assert {"what", "error", "cost", "unit"} <= set(rows[0])
     assert rows[0]["error"] == 0.0
-    assert all(0.0 < row["cost"] <= row["cost_median"] for row in rows)
+    assert all(row["cost"] > 0.0 for row in rows)
     json.dumps(rows)
 
 
@@ -116,14 +114,12 @@ def test_a_short_call_is_timed_in_a_row_of_them_and_a_long_one_once() -> None:
     assert len(calls) == 1
 
 
-def test_the_builds_of_the_firmware_decide_alike_and_differ_in_time() -> None:
+def test_the_builds_of_the_firmware_estimate_alike_and_differ_in_time() -> None:
     python, compiled = builds.measure(1, lambda doing: None)
     assert {"what", "error", "cost", "unit"} <= set(python)
     assert (python["build"], compiled["build"]) == ("python", "compiled")
     assert 0.0 < compiled["error"] < 1e-3
     assert python["error"] == pytest.approx(compiled["error"], rel=1e-3)
-    assert python["decisions"] == compiled["decisions"] > 10
-    assert python["decisions_that_differ"] == compiled["decisions_that_differ"] == 0
     assert python["cost"] > 2.0 * compiled["cost"] > 0.0
 
 
