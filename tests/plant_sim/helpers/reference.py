@@ -15,6 +15,8 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, NoStop, RigidStop
 from plant_sim.parts.walking import Walking, felt_m_s2
 from plant_sim.parts.wearer import Ankle
+from plant_sim.scene import Scene
+from plant_sim.simulation import initial_state
 
 MOST_STEP_S = 2e-3
 """Short enough that scipy's own event search, by signs at step ends, sees every crossing of these runs."""
@@ -100,8 +102,8 @@ class Reference:
         a = self.parts.drive.amplitude_m
         if isinstance(self.parts.linkage, Sine):
             return a * math.sin(theta)
-        rod = self.parts.linkage.rod_m
-        return max(np.roots([1.0, -2.0 * a * math.sin(theta), a * a - rod * rod]).real) - rod
+        rod, along = self.parts.linkage.rod_m, a * math.sin(theta)
+        return along + math.sqrt(along * along + rod * rod - a * a) - rod
 
     def _lever(self, theta: float) -> float:
         """dx_A/dθ, by differentiating the cosine theorem: 0 = 2 s s' − 2 A s' sin θ − 2 A s cos θ."""
@@ -247,6 +249,14 @@ class Reference:
             self.impacts_t.append(self.touch_t)
             self.impacts_v.append(self.touch_v)
             self.touch_v = None
+
+
+def simulated_again(scene: Scene, until_s: float, torque_n_m: float = 0.0) -> Reference:
+    """The scene's module from its start to `until_s` under a held torque."""
+    start = initial_state(scene)
+    run = Reference(scene.parts(), start.x_m, start.v_m_s, start.crank_rad, start.omega_rad_s)
+    run.run(until_s, torque_n_m)
+    return run
 
 
 def _event(function, direction):

@@ -12,7 +12,7 @@ from weak_motor import mean_speed_ratio
 
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.winding import DqWinding, IdealCurrent
+from plant_sim.parts.winding import DqWinding
 from plant_sim.plant import Plant
 from plant_sim.scene import Scene, SceneError, load_scene
 from plant_sim.sensors.sensing import NoSensing
@@ -122,18 +122,6 @@ def test_the_ledgers_balance() -> None:
     assert electrical.residual < 1e-9
 
 
-def test_a_run_does_not_depend_on_how_it_is_cut_into_ticks() -> None:
-    module = scene({"winding": SALIENT, "motor.supply_v": 4.0})
-    whole, plant = simulate(module, 2.0, torque_n_m=0.25), Plant(module, seed=1)
-    for _ in range(2000):
-        plant.advance(0.25, 1e-3)
-    assert whole.electrical is not None
-    assert plant.state.x_m == pytest.approx(whole.final.x_m, abs=1e-8)
-    assert plant.state.omega_rad_s == pytest.approx(whole.final.omega_rad_s, abs=1e-5)
-    assert plant.electrical is not None
-    assert plant.electrical.work_j == pytest.approx(whole.electrical.work_j, rel=1e-7)
-
-
 def test_at_the_voltage_limit_the_current_falls() -> None:
     """|v| = V/√3 alone, R i + j ω_e (L i + ψ): at speed i_q is what the losses take, far below i*."""
     plant = Plant(scene({"motor.supply_v": 5.0, "drive.amplitude_m": 0.0}), seed=1)
@@ -174,16 +162,6 @@ def test_a_crank_that_dry_friction_holds_breaks_away_as_the_current_comes() -> N
     for _ in range(1000):
         held.advance(0.0049, 1e-3)
     assert held.state.crank_rad == 0.0
-
-
-def test_the_state_has_what_the_scene_names() -> None:
-    plain, dq = load_scene("table1-motor-soft"), scene({})
-    for module, size, motion in ((plain, 8, 4), (dq, 8 + 4 + 2, 8)):
-        memory = allocate(module.parts(), initial_state(module), 1e-9, 1)
-        assert (memory.y.size, memory.dense.shape[0]) == (size, motion)
-        assert memory.scratch.inner.size == (0 if module is plain else motion)
-    assert isinstance(plain.parts().winding, IdealCurrent)
-    assert isinstance(dq.parts().winding, DqWinding)
 
 
 @pytest.mark.parametrize(

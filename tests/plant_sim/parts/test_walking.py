@@ -1,4 +1,4 @@
-"""A module on a walking leg: the motion against finite differences, the solver against scipy, the sensors."""
+"""A module on a walking leg: the motion against finite differences, the strides, the sensors."""
 
 import math
 import time
@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from changed_scenes import changed
-from reference import Reference
 
 from plant_sim.parts import walking as w
 from plant_sim.parts.housing import housing_m_s2, housing_m_s3, smooth_for_s
@@ -16,7 +15,7 @@ from plant_sim.parts.walking import KNOCK_M_S2, Walking, leg_at, row_at
 from plant_sim.plant import Plant
 from plant_sim.scene import Scene, SceneError, load_scene
 from plant_sim.sensors.gait import GaitReading, GaitTruth, LegState, gait_at
-from plant_sim.simulation import initial_state, simulate
+from plant_sim.simulation import simulate
 
 G = 9.80665
 PACES = [
@@ -290,36 +289,6 @@ def test_a_script_of_a_walk_beyond_the_longest_run_is_refused(gait: dict[str, An
 
 # --- the module ---------------------------------------------------------------------------------------
 
-HERTZ = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.03}
-WORN = {"plate_kg": 1.0, "ankle_n_m": 5000.0, "ankle_n_s_m": 60.0}
-
-
-@pytest.mark.parametrize(
-    ("name", "gait", "changes", "until_s", "torque_n_m"),
-    [
-        ("table1-viscous", UNEVEN, {"drive__ratio": 1.1}, 3.0, 0.0),
-        ("table1-viscous", UNEVEN | {"axis": "outward"}, {"drive__ratio": 1.1, "stop": HERTZ}, 4.0, 0.0),
-        ("gait", UNEVEN | {"axis": "up"}, {"stop": HERTZ, "wearer": WORN}, 2.0, 0.0),
-        ("table1-coulomb", STEADY | {"axis": "backward"}, {"drive__amplitude_m": 0.01}, 3.0, 0.0),
-        ("gait-motor-soft", STEADY | {"axis": "inward"}, {}, 2.0, 0.05),
-    ],
-)
-def test_agrees_with_scipy(
-    name: str, gait: dict[str, Any], changes: dict[str, Any], until_s: float, torque_n_m: float
-) -> None:
-    module = scene(gait, name, **changes)
-    start = initial_state(module)
-    ours = simulate(module, until_s, torque_n_m=torque_n_m)
-    theirs = Reference(module.parts(), start.x_m, start.v_m_s, start.crank_rad, start.omega_rad_s)
-    theirs.run(until_s, torque_n_m)
-    assert ours.method == "adaptive"
-    assert ours.impacts.t_s.size == len(theirs.impacts_t)
-    assert np.allclose(ours.impacts.t_s, theirs.impacts_t, rtol=0.0, atol=1e-8)
-    assert ours.final.x_m == pytest.approx(theirs.x + theirs.plate * 0.0, abs=1e-8)
-    assert ours.final.v_m_s == pytest.approx(theirs.v, abs=1e-7)
-    assert ours.energy.residual < 1e-8
-    assert ours.energy.housing_work_j != 0.0
-
 
 STANDING = {"pace": [{"at_s": 0.0, "stride_hz": 0.0}]}
 
@@ -334,15 +303,6 @@ def test_standing_still_is_no_gait() -> None:
         assert np.allclose(ours.impacts.t_s, theirs.impacts.t_s, rtol=0.0, atol=1e-9)
         assert ours.final.x_m == pytest.approx(theirs.final.x_m, abs=1e-10)
         assert ours.energy.housing_work_j == pytest.approx(theirs.energy.housing_work_j, abs=1e-10)
-
-
-def test_a_run_does_not_depend_on_its_ticks() -> None:
-    module = scene(UNEVEN | {"axis": "outward"}, "gait-motor-soft")
-    whole, plant = simulate(module, 1.5, torque_n_m=0.05), Plant(module, seed=1)
-    for _ in range(1500):
-        plant.advance(0.05, 1e-3)
-    assert plant.state.x_m == pytest.approx(whole.final.x_m, abs=1e-8)
-    assert plant.energy.housing_work_j == pytest.approx(whole.energy.housing_work_j, abs=1e-8)
 
 
 # --- the sensors --------------------------------------------------------------------------------------

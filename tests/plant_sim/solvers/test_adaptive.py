@@ -1,33 +1,25 @@
-"""The adaptive solver against closed forms, against the exact solver and against scipy."""
+"""The adaptive solver against closed forms and against the exact solver; its accuracy, impacts and holds."""
 
 import math
+from dataclasses import astuple, replace
 from typing import Any
 
 import numpy as np
 import pytest
-from changed_scenes import changed
-from reference import Reference
+from changed_scenes import HERTZ, changed
+from reference import simulated_again
 from scipy.integrate import DOP853
 
 from plant_sim.result import Phase
 from plant_sim.scene import Scene, load_scene
-from plant_sim.simulation import initial_state, simulate
+from plant_sim.simulation import simulate
 from plant_sim.solvers.adaptive import dop853
 
 ADAPTIVE = {"solver.method": "adaptive"}
-HERTZ = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
-KELVIN_VOIGT = {"law": "kelvin-voigt", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
 
 
 def scene(name: str, changes: dict[str, Any]) -> Scene:
     return load_scene(changed(name, {**ADAPTIVE, **changes}))
-
-
-def reference(scene: Scene, until_s: float, torque_n_m: float = 0.0) -> Reference:
-    start = initial_state(scene)
-    run = Reference(scene.parts(), start.x_m, start.v_m_s, start.crank_rad, start.omega_rad_s)
-    run.run(until_s, torque_n_m)
-    return run
 
 
 def test_a_driven_damped_oscillation_has_its_closed_form() -> None:
@@ -61,6 +53,7 @@ def test_a_driven_damped_oscillation_has_its_closed_form() -> None:
         ("table1-coulomb", {"drive.amplitude_m": 0.024}),
         ("table1-coulomb", {"stop.position_m": 0.11, "initial.x_m": 0.1, "drive.ratio": 0.3}),
         ("table1-coulomb", {"friction.b_n_s_m": 0.3, "initial.v_m_s": 0.7}),
+        ("table1-viscous", {"housing.tilt_rad": -0.1, "drive.ratio": 1.0}),
     ],
 )
 def test_agrees_with_the_closed_forms(name: str, changes: dict[str, Any]) -> None:
@@ -75,37 +68,13 @@ def test_agrees_with_the_closed_forms(name: str, changes: dict[str, Any]) -> Non
     assert exact.samples is not None
     assert np.max(np.abs(adaptive.samples.x_m - exact.samples.x_m)) < 5e-9
     assert adaptive.final.phase == exact.final.phase
-    assert adaptive.energy.friction_j == pytest.approx(exact.energy.friction_j, abs=1e-8)
-    assert adaptive.energy.impact_loss_j == pytest.approx(exact.energy.impact_loss_j, abs=1e-8)
-
-
-@pytest.mark.parametrize(
-    ("name", "changes", "until_s", "torque_n_m"),
-    [
-        ("table1-viscous", {"drive.ratio": 1.0, "stop": HERTZ}, 4.0, 0.0),
-        ("table1-viscous", {"drive.ratio": 1.0, "stop": {**HERTZ, "contact_s": 0.001}}, 4.0, 0.0),
-        ("table1-viscous", {"drive.ratio": 1.0, "stop": KELVIN_VOIGT}, 4.0, 0.0),
-        ("table1-viscous", {"drive.ratio": 1.0, "stop": {**KELVIN_VOIGT, "restitution": 1.0}}, 4.0, 0.0),
-        ("table1-stribeck", {}, 4.0, 0.0),
-        ("table1-motor-soft", {}, 3.0, 0.02),  # stalls, swings back, sticks and breaks away
-        ("gait-motor-soft", {}, 2.0, 0.05),
-        ("gait-motor-soft", {"motor.supply_v": 1.2}, 2.0, 0.08),  # runs against the supply's limit
-    ],
-)
-def test_agrees_with_scipy(name: str, changes: dict[str, Any], until_s: float, torque_n_m: float) -> None:
-    module = scene(name, changes)
-    ours = simulate(module, until_s, torque_n_m=torque_n_m)
-    theirs = reference(module, until_s, torque_n_m)
-    assert ours.impacts.t_s.size == len(theirs.impacts_t)
-    assert np.allclose(ours.impacts.t_s, theirs.impacts_t, rtol=0.0, atol=5e-9)
-    assert np.allclose(ours.impacts.v_m_s, theirs.impacts_v, rtol=0.0, atol=5e-8)
-    assert ours.final.x_m == pytest.approx(theirs.x, abs=5e-9)
-    assert ours.final.v_m_s == pytest.approx(theirs.v, abs=5e-8)
-    assert ours.final.omega_rad_s == pytest.approx(theirs.omega, abs=2e-6)
+    # Where a tilted spring stores nothing is each solver's own choice.
+    ours_j, theirs_j = (astuple(replace(result.energy, stored_j=0.0)) for result in (adaptive, exact))
+    assert ours_j == pytest.approx(theirs_j, abs=1e-8)
 
 
 def test_error_follows_the_accuracy_asked_for() -> None:
-    theirs = reference(scene("gait-motor-soft", {}), 2.0, 0.05)
+    theirs = simulated_again(scene("gait-motor-soft", {}), 2.0, 0.05)
     errors = [
         abs(
             simulate(scene("gait-motor-soft", {"solver.accuracy": a}), 2.0, torque_n_m=0.05).final.x_m
@@ -116,30 +85,6 @@ def test_error_follows_the_accuracy_asked_for() -> None:
     assert errors[0] < 1e-5
     assert errors[1] < 1e-7
     assert errors[2] < 1e-9
-
-
-@pytest.mark.parametrize(
-    ("name", "changes"),
-    [
-        ("table1-viscous", {"drive.ratio": 1.0}),
-        ("table1-coulomb", {}),
-        ("table1-viscous", {"drive.ratio": 1.0, "stop": HERTZ}),
-        ("table1-viscous", {"drive.ratio": 1.0, "stop": KELVIN_VOIGT}),
-        ("table1-stribeck", {}),
-        ("gait-motor-soft", {}),
-    ],
-)
-@pytest.mark.requirement("B-01")
-def test_energy_balances(name: str, changes: dict[str, Any]) -> None:
-    torque_n_m = 0.05 if name == "gait-motor-soft" else 0.0
-    result = simulate(scene(name, changes), 10.0, torque_n_m=torque_n_m)
-    assert result.impacts.t_s.size > 2
-    assert result.energy.residual < 1e-8
-    assert result.energy.friction_j > 0.0
-    assert result.energy.impact_loss_j > 0.0
-    lost_j = 0.4 * (result.impacts.v_m_s**2 - result.impacts.v_after_m_s**2)
-    if result.impacts.peak_force_n[0] != result.impacts.peak_force_n[0]:  # nan: rigid
-        assert result.energy.impact_loss_j == pytest.approx(np.sum(lost_j), rel=1e-9)
 
 
 @pytest.mark.requirement("P-13")

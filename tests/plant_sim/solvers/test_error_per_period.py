@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from changed_scenes import changed
+from changed_scenes import KELVIN_VOIGT, changed
 
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.parts import Parts
@@ -16,7 +16,6 @@ from plant_sim.scene import load_scene
 from plant_sim.simulation import initial_state
 from plant_sim.solvers.adaptive import adaptive
 
-KELVIN_VOIGT = {"law": "kelvin-voigt", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
 LONGEST_TURN_S = 10.0
 
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from changed_scenes import changed
 
-from plant_sim.plant import Plant
-from plant_sim.result import Phase, SimulationResult
+from plant_sim.result import SimulationResult
 from plant_sim.scene import load_scene
 from plant_sim.simulation import simulate
 from plant_sim.solvers.cost import SolverError
@@ -155,14 +154,3 @@ def test_a_motor_almost_without_inertia(inertia_kg_m2: float) -> None:
     fine = run(MOTOR, {**changes, "solver.accuracy": 1e-12}, 0.5, torque_n_m=0.012)
     assert abs(result.final.x_m - fine.final.x_m) < 1e-8
     assert result.energy.residual < 1e-7
-
-
-def test_ticks_and_one_run_agree_at_a_hard_stop() -> None:
-    stop = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "stiffness": 1e9}
-    scene = load_scene(changed("table1-viscous", {**ADAPTIVE, **FALLING, "stop": stop, "sensors": {}}))
-    plant = Plant(scene, 1)
-    for _ in range(300):
-        plant.advance(0.0, 1e-3)
-    whole = simulate(scene, 0.3)
-    assert plant.state.x_m == pytest.approx(whole.final.x_m, abs=1e-8)
-    assert plant.state.phase == whole.final.phase == Phase.FLIGHT

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from changed_scenes import changed
+from changed_scenes import KELVIN_VOIGT, changed
 
 from plant_sim.kernels import jit
 from plant_sim.kinds import kernel_parts
@@ -23,7 +23,6 @@ from plant_sim.solvers.bernstein import ORDER, at
 
 NO_SAMPLES = Grid(np.empty(0), np.empty((0, 2)))
 
-KELVIN_VOIGT = {"law": "kelvin-voigt", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
 SHAKEN = {
     "tilt_rad": 0.1,
     "harmonic": {"amplitude_m_s2": 0.5, "frequency_hz": 3.0, "phase_rad": 0.4},
