@@ -5,6 +5,7 @@
 A test fails if the pages are out of date.
 """
 
+import ast
 import inspect
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -29,11 +30,10 @@ from hil.scenario.files import scenario_names
 from hil.scenario.scenario import CommandTable, Scenario, ScenarioTable, ScriptTable, load_scenario
 from plant_sim.tables.quantities import QUANTITIES
 from plant_sim.tables.table import tables_in
-from tools.dev.command_page import command_page
-from tools.dev.coverage_map import proving_scenarios, proving_tests
-from tools.dev.markdown import page, repeated, row, table
+from tools.dev.command_page import command_page, page, repeated, row, table
 
 PLACE = Path("docs/reference")
+ROOT = Path(__file__).parents[2]
 
 
 def first_sentences(thing: Any) -> str:
@@ -143,6 +143,41 @@ def figures() -> str:
         "A figure that does not exist for a run is null, and a check on it fails.",
         table(["name", "unit", "meaning"], rows),
     )
+
+
+def requirements_of(test: ast.FunctionDef) -> list[str]:
+    """The requirements that a test's marker names."""
+    return [
+        ast.literal_eval(argument)
+        for decorator in test.decorator_list
+        if isinstance(decorator, ast.Call) and ast.unparse(decorator.func) == "pytest.mark.requirement"
+        for argument in decorator.args
+    ]
+
+
+def proving_tests() -> dict[str, list[str]]:
+    """The tests that prove each requirement; raises ValueError if a test names one that does not exist."""
+    found: dict[str, list[str]] = {name: [] for name in requirements()}
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
+        functions = (
+            node for node in ast.parse(path.read_text("utf-8")).body if isinstance(node, ast.FunctionDef)
+        )
+        for test in functions:
+            for name in requirements_of(test):
+                if name not in found:
+                    raise ValueError(f"{path}: the marker of {test.name} names {name}, no requirement")
+                found[name].append(test.name)
+    return found
+
+
+def proving_scenarios() -> dict[tuple[str, ...], list[str]]:
+    """The scenarios whose checks prove the same requirements, by these requirements."""
+    order = list(requirements())
+    found: dict[tuple[str, ...], list[str]] = {}
+    for name in scenario_names():
+        proved = {check.requirement for check in load_scenario(name).checks if check.requirement is not None}
+        found.setdefault(tuple(sorted(proved, key=order.index)), []).append(name)
+    return dict(sorted(found.items()))
 
 
 def requirement_rows() -> Iterator[str]:

@@ -12,9 +12,8 @@ from tools.study.basin import Basin
 from tools.study.basin import axes as starts_of
 from tools.study.branches.saddle import Portrait
 from tools.study.cases import Case
-from tools.study.intervals import Interval
 from tools.study.portraits import Motion, Pair
-from tools.study.sweep import HIGH_RATIO, LOW_RATIO, Diagram
+from tools.study.sweep import HIGH_RATIO, LOW_RATIO, Diagram, Interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tools.trade import own
-from tools.trade.answers import Errors, Method, errors_of
-from tools.trade.cases import Case
+from tools.trade.cases import Case, Errors, Method, errors_of
 from tools.trade.peers import heyoka_peer, scipy_peer
 from tools.trade.peers.automaton import has_peers
 

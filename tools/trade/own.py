@@ -8,8 +8,7 @@ from plant_sim.result import SimulationResult
 from plant_sim.simulation import initial_state
 from plant_sim.solvers.adaptive import adaptive
 from plant_sim.solvers.exact import exact
-from tools.trade.answers import Answer, Method, Solve, answer
-from tools.trade.cases import Case
+from tools.trade.cases import Answer, Case, Method, Solve, answer
 from tools.trade.peers import stepping
 
 ACCURACIES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)

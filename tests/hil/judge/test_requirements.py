@@ -13,7 +13,7 @@ from hil.judge.verdict import CheckResult, Verdict
 from hil.record.run_traces import RunTraces
 from hil.scenario.files import ScenarioError, read_scenario, scenario_names
 from hil.scenario.scenario import check_scenario, load_scenario
-from tools.dev.coverage_map import proving_tests
+from tools.dev.reference import proving_tests
 
 ROOT = Path(__file__).parents[3]
 

@@ -19,8 +19,7 @@ from tools.study import work
 from tools.study.branches import saddle
 from tools.study.cases import LAWS, PRESETS, case
 from tools.study.claims import page
-from tools.study.claims.claim import CONTRADICTED, REPRODUCED, UNDER_PARAMETERS, JudgedClaim
-from tools.study.claims.claims import CLAIMS, judge
+from tools.study.claims.claims import CLAIMS, CONTRADICTED, REPRODUCED, UNDER_PARAMETERS, JudgedClaim, judge
 from tools.study.claims.evidence import Evidence, grazing_amplitude_m
 from tools.study.claims.measures import CLAIMED_HZ, EVERY_START, NO_START
 

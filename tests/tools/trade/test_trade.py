@@ -9,8 +9,7 @@ import pytest
 
 from tools import cli
 from tools.trade import builds, costs, own
-from tools.trade.answers import Answer, Method, answer, errors_of
-from tools.trade.cases import CASES, Case
+from tools.trade.cases import CASES, Answer, Case, Method, answer, errors_of
 from tools.trade.parts import STOPS, scene_with
 from tools.trade.peers import heyoka_peer, scipy_peer
 from tools.trade.peers.automaton import has_peers, run

@@ -1,15 +1,19 @@
-"""The paper's fourteen claims, each with its parts, which are decided by measured figures (`claim.Claim`).
+"""The paper's fourteen claims, and the rule from the measured figures to the verdict of each.
 
-The reasons take every number and every finding from the figures.
+A claim is `reproduced` if it holds as printed, `reproduced-under-parameters` if it holds for stated values
+that the paper does not give or gives differently, and `contradicted` if it does not hold or holds only in
+part. Each has parts, which are decided by measured figures; the reasons take every number and every finding
+from the figures.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from tools.output import figure
 from tools.study.cases import LAWS, PRESETS
 from tools.study.claims import measures
-from tools.study.claims.claim import Claim, Figures, JudgedClaim
 from tools.study.claims.evidence import Evidence
 
 ONSET_LOW_R, ONSET_HIGH_R = 0.88, 1.1
@@ -29,6 +33,71 @@ RESOLVED_VARIATION = 2e-3
 """Smallest variation that counts: what is left of the transient reaches 1.2e-3 after 30 s."""
 CAPPED_GROWTH = 1.1
 """Largest growth of an impulse that counts as capped."""
+
+
+REPRODUCED = "reproduced"
+UNDER_PARAMETERS = "reproduced-under-parameters"
+CONTRADICTED = "contradicted"
+
+Figures = Mapping[str, Any]
+
+
+class Verdict(NamedTuple):
+    """A verdict, and the reason with the figures that decided it."""
+
+    verdict: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim. `parts` states its parts with the figures of `measure` alone, and whether each part holds.
+
+    It is reproduced if all parts hold, reproduced under parameters if `partly` and some hold, and otherwise
+    contradicted.
+    """
+
+    id: str
+    statement: str
+    measure: Callable[[Evidence], dict[str, Any]]
+    parts: Callable[[Figures], dict[str, bool]]
+    partly: bool = False
+    judgement: str = ""
+    """Our own choices in the parts, which no measured number decides."""
+    remark: str = ""
+    """Background of the measurement, for the reader of the verdict."""
+
+    def decide(self, found: Figures) -> Verdict:
+        """Judge the figures by the rule; the reason states each part."""
+        parts = self.parts(found)
+        verdict = CONTRADICTED
+        if all(parts.values()):
+            verdict = REPRODUCED
+        elif self.partly and any(parts.values()):
+            verdict = UNDER_PARAMETERS
+        stated = ""
+        for words, which in (("Holds", True), ("Does not hold", False)):
+            these = [part for part, holds in parts.items() if bool(holds) is which]
+            stated += f"{words}: {'; '.join(these)}. " if these else ""
+        return Verdict(verdict, f"{stated}{self.remark}".rstrip())
+
+    def judge(self, evidence: Evidence) -> "JudgedClaim":
+        """Measure the figures and judge the claim by its rule."""
+        value = self.measure(evidence)
+        verdict, reason = self.decide(value)
+        return JudgedClaim(self.id, self.statement, self.judgement, verdict, value, reason)
+
+
+@dataclass(frozen=True)
+class JudgedClaim:
+    """A claim with its verdict, the measured figures and the reason for the verdict."""
+
+    id: str
+    statement: str
+    judgement: str
+    verdict: str
+    value: dict[str, Any]
+    reason: str
 
 
 def judge(evidence: Evidence) -> list[JudgedClaim]:

@@ -19,10 +19,9 @@ from tools.study.claims.evidence import (
     share_after_ramp,
     share_from_rest,
 )
-from tools.study.intervals import contains, width
 from tools.study.orbits.follow import follow
 from tools.study.orbits.sections import PAPER
-from tools.study.sweep import Diagram, end_state
+from tools.study.sweep import Diagram, contains, end_state, width
 
 LEAST_BAND = 1e-3
 """Smallest width in r of a multistable band."""

@@ -6,7 +6,7 @@ from typing import Any
 
 from tools.output import figure
 from tools.study import store
-from tools.study.claims.claim import CONTRADICTED, REPRODUCED, UNDER_PARAMETERS, JudgedClaim
+from tools.study.claims.claims import CONTRADICTED, REPRODUCED, UNDER_PARAMETERS, JudgedClaim
 
 MEANING = {
     REPRODUCED: "all parts of the reason hold",

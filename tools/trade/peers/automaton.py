@@ -17,8 +17,7 @@ from plant_sim.parts.friction import Coulomb, Friction, Stribeck, Viscous
 from plant_sim.parts.friction import static_limit_n as friction_limit_n
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import KelvinVoigt, RigidStop
-from tools.trade.answers import Answer, answer
-from tools.trade.cases import Case
+from tools.trade.cases import Answer, Case, answer
 
 NUDGE_M_S = 1e-14
 """Initial velocity of a released striker; at zero velocity the peers would find the same event again."""

@@ -4,8 +4,7 @@ from functools import partial
 from typing import Any
 
 from plant_sim.parts.stop import KelvinVoigt
-from tools.trade.answers import Method
-from tools.trade.cases import Case
+from tools.trade.cases import Case, Method
 from tools.trade.peers.automaton import (
     Event,
     Functions,

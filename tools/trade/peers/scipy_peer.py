@@ -6,8 +6,7 @@ from typing import Any
 
 from scipy.integrate import solve_ivp
 
-from tools.trade.answers import Method
-from tools.trade.cases import Case
+from tools.trade.cases import Case, Method
 from tools.trade.peers.automaton import Event, Functions, Piece, depth_m, push_n, run, slopes, static_limit_n
 
 SETTINGS: tuple[tuple[str, str, dict[str, float]], ...] = (
