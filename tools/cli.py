@@ -25,10 +25,7 @@ def run(arguments: list[str]) -> int:
                 from tools.output import EXIT_PASSED
 
                 error_report.note_small_address_space()
-                program.refuse_removed_folder()
-                program.refuse_settings_of_numba()
-                program.pass_over_settings_of_matplotlib()
-                program.refuse_other_bytes(arguments)
+                program.check_surroundings(arguments)
                 command = program.program()
             return command(arguments, standalone_mode=False) or EXIT_PASSED
         except (Interrupted, KeyboardInterrupt) as error:

@@ -83,32 +83,25 @@ def program() -> typer.Typer:
     return app
 
 
-def refuse_removed_folder() -> None:
-    """Raise BadInputError if the current folder was removed: modules and paths are looked up in it."""
+def check_surroundings(arguments: list[str]) -> None:
+    """Raise BadInputError for a current folder that was removed or has settings of numba, or for other bytes.
+
+    Modules and paths are looked up in this folder, numba would compile by its settings, and no log could hold
+    an argument (e.g. a path) that is not valid UTF-8. Settings of matplotlib are passed over: it is imported
+    elsewhere, because it would read them first.
+    """
     try:
         os.getcwd()
     except FileNotFoundError as error:
         raise BadInputError("the current folder was removed; change to another folder") from error
-
-
-def refuse_settings_of_numba() -> None:
-    """Raise BadInputError if the current folder holds settings of numba, which would change the kernels."""
     if os.path.lexists(NUMBA_SETTINGS):
         raise BadInputError(
             f"the current folder holds {NUMBA_SETTINGS}, and numba would compile by its settings; "
             "remove it, or start in another folder (settings of your own: the variables NUMBA_…)"
         )
-
-
-def pass_over_settings_of_matplotlib() -> None:
-    """Import matplotlib elsewhere if the current folder holds settings of it, which it would read first."""
     if os.path.lexists(MATPLOTLIB_SETTINGS):
         with chdir(Path(__file__).parent):
             import_module("matplotlib")
-
-
-def refuse_other_bytes(arguments: list[str]) -> None:
-    """Raise BadInputError for an argument that is not valid UTF-8 (e.g. a path): no log could hold it."""
     for argument in arguments:
         try:
             argument.encode()

@@ -72,16 +72,6 @@ def values_of(outcomes: Sequence[Outcome]) -> dict[str, list[float]]:
     return values
 
 
-def metrics_of(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, dict[str, Any]]:
-    """Return the distribution of each metric."""
-    spreads = {name: distribution(np.array(values)) for name, values in values_of(outcomes).items()}
-    return {
-        name: {**spread._asdict(), "unit": campaign.units.get(name, "1")}
-        for name, spread in spreads.items()
-        if spread is not None
-    }
-
-
 def figure_of(goal: Goal, result: dict[str, Any]) -> float | None:
     """Return the value to which a goal applies; None if nothing was measured."""
     if goal.figure == "success":
@@ -117,13 +107,18 @@ def verdict_of(passed: Sequence[bool | None]) -> bool | None:
 def summary(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Return the counts, shares and metrics of the outcomes."""
     counts = counts_of(outcomes)
+    spreads = {name: distribution(np.array(values)) for name, values in values_of(outcomes).items()}
     return {
         "trials": len(outcomes),
         "eligible": counts["eligible"],
         "success": counts["success"],
         "success_share": wilson(counts["success"], counts["eligible"])._asdict(),
         "shares": shares_of(counts),
-        "metrics": metrics_of(campaign, outcomes),
+        "metrics": {
+            name: {**spread._asdict(), "unit": campaign.units.get(name, "1")}
+            for name, spread in spreads.items()
+            if spread is not None
+        },
     }
 
 

@@ -10,7 +10,7 @@ import typer
 from rich.markup import escape
 from rich.table import Column
 
-from tools.commands.options import FirmwareBuild, Json, Workers, setting
+from tools.commands.options import Change, FirmwareBuild, Json, Scheduler, Workers
 from tools.output import BadInputError, answer, console, exit_of, figure, table_of
 
 if TYPE_CHECKING:
@@ -30,13 +30,9 @@ def campaign(
     seed: Annotated[
         int, typer.Option(help="Seed of all trials; seeds below 10000 belong to tuning and tests.", min=0)
     ] = 20_260,
-    change: Annotated[
-        list[str] | None, setting("Change a value: scene.KEY, firmware.KEY or campaign.KEY=VALUE")
-    ] = None,
+    change: Change = None,
     workers: Workers = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler to run on instead of this machine.")
-    ] = None,
+    scheduler: Scheduler = None,
     keep: Annotated[
         str | None,
         typer.Option(help="Write trials as scenarios under runs/: failures, all, or a trial's number."),
@@ -59,7 +55,8 @@ def campaign(
     plan = chosen.plan(change or [], seed, firmware)
     for cell in plan.cells:
         refuse_other_drives(load_scene(cell.scene))
-    refuse_unknown_trials(keep, count)
+    if keep not in (None, "failures", "all") and not (keep.isdecimal() and int(keep) < count):
+        raise BadInputError(f"--keep {keep}: wanted failures, all, or a trial's number, 0 … {count - 1}")
     prepare(RunOptions(clock="lockstep", firmware=firmware))
     started_s = time.perf_counter()
     outcomes = run_all(plan, count, workers, scheduler)
@@ -67,12 +64,6 @@ def campaign(
     folder = RUNS / f"campaign-{name}-{seed}"
     result["kept"] = [str(keep_trial(folder, trial_of(plan, trial))) for trial in kept_of(outcomes, keep)]
     answer(result, as_json, lambda: show(result), exit_of(result))
-
-
-def refuse_unknown_trials(keep: str | None, trials: int) -> None:
-    """Raise BadInputError if `--keep` names no trial."""
-    if keep not in (None, "failures", "all") and not (keep.isdecimal() and int(keep) < trials):
-        raise BadInputError(f"--keep {keep}: wanted failures, all, or a trial's number, 0 … {trials - 1}")
 
 
 def kept_of(outcomes: "Sequence[Outcome]", keep: str | None) -> list[int]:

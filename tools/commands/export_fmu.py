@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from tools.commands.options import Json, ParameterFiles, changed_scene, setting
+from tools.commands.options import Change, Json, ParameterFiles, changed_scene
 from tools.output import BadInputError, answer, console
 from tools.outputs import file_option
 
@@ -35,12 +35,7 @@ def export_fmu(
     ] = "plant",
     fmi: Annotated[Literal["2", "3"], typer.Option(help="Version of FMI.")] = "2",
     seed: Annotated[int, typer.Option(help="Seed of the sensors' noise and of a walk's strides.", min=0)] = 1,
-    change: Annotated[
-        list[str] | None,
-        setting(
-            "Change one value, e.g. scene.drive.ratio=1.1 of a scene, firmware.start.rise_s=5 of a scenario"
-        ),
-    ] = None,
+    change: Change = None,
     parameters: ParameterFiles = None,
     as_json: Json = False,
 ) -> None:

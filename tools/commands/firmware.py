@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 import typer
 from typer.core import TyperGroup
 
-from tools.commands.options import Again, Json, NodeBus, Sync, Turns, Until, setting
+from tools.commands.options import Again, Change, Json, NodeBus, Sync, Turns, Until
 from tools.output import answer, console, table_of
 from tools.outputs import folder_option
 from tools.progress import shown_progress
@@ -14,7 +14,6 @@ from tools.progress import shown_progress
 Scenario = Annotated[
     str | None, typer.Argument(help="A scenario with the firmware's parameters; without it the defaults.")
 ]
-Change = Annotated[list[str] | None, setting("Change a parameter: firmware.NAME=VALUE")]
 
 
 class NodeUnlessNamed(TyperGroup):

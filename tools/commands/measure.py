@@ -31,11 +31,12 @@ def measure(
     All signals of a sample belong to one tick. Floats arrive as float32. The bus carries one frame of samples
     per tick: one signal at 1 kHz or forty at 25 Hz. The log has the signals in the places of a run's log.
     """
+    from firmware_py.node.places import ALL
     from hil.bus.xcp_master import Sampled
-    from tools.logs.measured import measured, signal_names
+    from tools.logs.measured import measured
 
     if names:
-        every = signal_names()
+        every = [place.name for place in ALL]
         answer({"signals": every}, as_json, lambda: console.print("\n".join(every), markup=False))
         return
     if not signals:

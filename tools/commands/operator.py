@@ -4,13 +4,13 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import NodeBus, setting
+from tools.commands.options import Change, NodeBus
 
 
 def operator(
     scenario: Annotated[str, typer.Argument(help="The scenario with the script.")],
     bus: NodeBus = "auto",
-    change: Annotated[list[str] | None, setting("Change a value: script.…=VALUE")] = None,
+    change: Change = None,
 ) -> None:
     """Send a scenario's commands as one CAN node; Ctrl-C sends an E-stop and ends.
 

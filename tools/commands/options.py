@@ -42,6 +42,11 @@ def changed_scene(source: str, changes: Sequence[str] | None) -> "Scene":
     return load_scene(apply_settings({"scene": read_scene(source)}, changes or [])["scene"])
 
 
+def setting(description: str) -> Any:
+    """A Typer option `--set` for any number of settings `KEY=VALUE`."""
+    return typer.Option("--set", help=f"{description}; repeatable.")
+
+
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 Logged = Annotated[Path | None, typer.Argument(help="A run folder or .rrd file; by default the newest run.")]
 FirmwareBuild = Annotated[
@@ -63,7 +68,17 @@ RealTime = Annotated[
         "the run's own, time is strict."
     ),
 ]
-Workers = Annotated[int | None, typer.Option(help="Number of processes; by default one per core.", min=1)]
+Change = Annotated[
+    list[str] | None,
+    setting("Change a value: scene.KEY, firmware.KEY, script.KEY or campaign.KEY=VALUE, as far as used"),
+]
+Workers = Annotated[
+    int | None, typer.Option(help="Number of processes or threads; by default one per core.", min=1)
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(help="Address of a Dask scheduler whose workers compute instead, e.g. tcp://host:8786."),
+]
 NodeBus = Annotated[str, typer.Option(help="The bus to join, e.g. socketcan:can0 or local:PATH.")]
 Sync = Annotated[
     bool, typer.Option(help="Print 'ready', then wait for the common start time on standard input.")
@@ -76,11 +91,6 @@ Turns = Annotated[
     typer.Option(help="The socket of a run's pacemaker, which gives this node its turns.", hidden=True),
 ]
 Until = Annotated[float | None, number("Stop after this time in s; by default on Ctrl-C.")]
-
-
-def setting(description: str) -> Any:
-    """A Typer option `--set` for any number of settings `KEY=VALUE`."""
-    return typer.Option("--set", help=f"{description}; repeatable.")
 
 
 def unfolded(command: Callable[..., None]) -> Callable[..., None]:

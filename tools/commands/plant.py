@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Again, NodeBus, Sync, Turns, Until, setting
+from tools.commands.options import Again, Change, NodeBus, Sync, Turns, Until
 from tools.outputs import folder_option
 
 
@@ -14,7 +14,7 @@ def plant(
     bus: NodeBus = "auto",
     out: Annotated[Path | None, folder_option("A run folder for the traces; by default none.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the sensors' noise.", min=0)] = 1,
-    change: Annotated[list[str] | None, setting("Change a value of the scene: scene.…=VALUE")] = None,
+    change: Change = None,
     sync: Sync = False,
     again: Again = False,
     until: Until = None,

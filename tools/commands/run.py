@@ -8,7 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Column
 
-from tools.commands.options import FirmwareBuild, Json, ParameterFiles, RealTime, note_unused_bus, setting
+from tools.commands.options import Change, FirmwareBuild, Json, ParameterFiles, RealTime, note_unused_bus
 from tools.output import (
     NO_VALUE,
     answer,
@@ -42,9 +42,7 @@ def run(
     seed: Annotated[
         int | None, typer.Option(help="Seed of all random numbers; by default the scenario's, or 1.", min=0)
     ] = None,
-    change: Annotated[
-        list[str] | None, setting("Change a value: scene.KEY, firmware.KEY or script.KEY=VALUE")
-    ] = None,
+    change: Change = None,
     parameters: ParameterFiles = None,
     keep_traces: Annotated[
         bool, typer.Option("--keep-traces", help="Keep the traces of a passed run too.")

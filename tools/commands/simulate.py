@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from tools.commands.options import Json, changed_scene, number, setting
+from tools.commands.options import Change, Json, changed_scene, number
 from tools.output import BadInputError, answer, console, figure_table, table_of
 from tools.outputs import PICTURES, file_option
 
@@ -21,9 +21,7 @@ def simulate(
     scene: Annotated[str, typer.Argument(help="A scene's name or its TOML file.")],
     until: Annotated[float, number("Simulated time in s.")] = 10.0,
     torque: Annotated[float, number("Constant motor torque in N m, in a scene with a motor.")] = 0.0,
-    change: Annotated[
-        list[str] | None, setting("Change one value of the scene, e.g. scene.drive.ratio=1.1")
-    ] = None,
+    change: Change = None,
     plot: Annotated[
         Path | None, file_option("Draw position and phase portrait into this file.", PICTURES)
     ] = None,
@@ -65,19 +63,10 @@ def simulate(
     answer(payload, as_json, lambda: show(payload))
 
 
-def electrical_rows(electrical: dict[str, float] | None) -> list[tuple[str, float, str]]:
-    """Electrical work and copper loss of a motor with windings; no rows without windings."""
-    if electrical is None:
-        return []
-    return [
-        ("work at the terminals", electrical["work_j"], "J"),
-        ("copper loss", electrical["copper_j"], "J"),
-    ]
-
-
 def show(payload: dict[str, Any]) -> None:
-    """Print a summary of the run, then the last impacts."""
+    """Print a summary of the run, without the figures that it does not have, then the last impacts."""
     times, speeds = payload["impacts_t_s"], payload["impacts_v_m_s"]
+    electrical = payload["electrical"] or {}
     rows = [
         ("impacts", len(times), ""),
         ("last approach speed", float(speeds[-1]) if len(speeds) else None, "m/s"),
@@ -87,11 +76,13 @@ def show(payload: dict[str, Any]) -> None:
         ("final phase", payload["final"]["phase"], ""),
         ("energy residual", payload["energy_residual"], "of the energy exchanged"),
         ("peak felt force", payload["peak_felt_force_n"], "N"),
-        *electrical_rows(payload["electrical"]),
+        ("work at the terminals", electrical.get("work_j"), "J"),
+        ("copper loss", electrical.get("copper_j"), "J"),
         ("method", payload["method"], ""),
         ("computing", payload["wall_s"], "s"),
     ]
-    console.print(figure_table(f"{payload['scene']}, {payload['final']['t_s']:g} s", rows))
+    title = f"{payload['scene']}, {payload['final']['t_s']:g} s"
+    console.print(figure_table(title, (row for row in rows if row[1] is not None)))
     if len(times):
         impacts = zip(times, speeds, payload["impulses_n_s"], payload["peak_forces_n"], strict=True)
         last = (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
-from tools.commands.options import Json, number, unfolded
+from tools.commands.options import Json, Scheduler, Workers, number, unfolded
 from tools.commands.study_branches import boundaries, branches
 from tools.output import answer, console, figure, figure_table, table_of
 from tools.outputs import file_option, folder_option
@@ -52,13 +52,8 @@ class StudyOptions:
     out: Annotated[Path, folder_option("Folder of figures and results; a killed study continues there.")] = (
         Path("studies")
     )
-    cores: Annotated[
-        int | None, typer.Option(help="Number of cores of this machine; by default all.", min=1)
-    ] = None
-    scheduler: Annotated[
-        str | None,
-        typer.Option(help="Address of a Dask scheduler whose workers compute, e.g. tcp://host:8786."),
-    ] = None
+    cores: Workers = None
+    scheduler: Scheduler = None
     as_json: Json = False
 
     def compute(self, computed: "Callable[[Where], Found]") -> tuple[Found, float]:
@@ -138,10 +133,10 @@ def basin(
 ) -> None:
     """Basins of attraction: which starts at full speed end in impacts, and how sharp the boundary is."""
     from tools.study import basin as basins
-    from tools.study import figures
+    from tools.study import cases, figures
     from tools.study.branches import saddle
 
-    case = chosen_case(preset, law, value, amplitude)
+    case = cases.case(preset, law, value, **({} if amplitude is None else {"amplitude_m": amplitude}))
     planes = basins.PLANES if plane == "both" else (plane,)
 
     def computed(where: "Where") -> "tuple[list[Basin], Portrait | None]":
@@ -254,13 +249,6 @@ def caption_of(found: "Basin") -> str:
         f"{100 * share:.1f} % end in impacts ({100 * bounds[0]:.1f} to {100 * bounds[1]:.1f} %), "
         f"uncertainty exponent {numbers['uncertainty_exponent']:.3f}"
     )
-
-
-def chosen_case(preset: str, law: str, value: float | None, amplitude: float | None) -> "Case":
-    """The module that the options describe."""
-    from tools.study.cases import case
-
-    return case(preset, law, value, **({} if amplitude is None else {"amplitude_m": amplitude}))
 
 
 def figure_of(value: Any) -> Any:

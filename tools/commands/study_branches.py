@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from tools.commands.options import Json, changed_scene, setting
+from tools.commands.options import Change, Json, changed_scene
 from tools.output import BadInputError, answer, console, figure, figure_table, table_of
 from tools.outputs import folder_option
 
@@ -23,9 +23,6 @@ OrbitKind = Annotated[
         help="n/m: orbits of n turns of the crank with m impacts; 2/1 impacts every second turn. "
         "Several are separated by commas, e.g. 1/1,2/2,2/1.",
     ),
-]
-Change = Annotated[
-    list[str] | None, setting("Change one value of the scene, e.g. scene.friction.b_n_s_m=0.3")
 ]
 Out = Annotated[Path, folder_option("Folder of the figures.")]
 MOST_IMPACTS = 8

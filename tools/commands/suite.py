@@ -7,7 +7,7 @@ import typer
 from rich.markup import escape
 from rich.table import Column
 
-from tools.commands.options import FirmwareBuild, Json, ParameterFiles, RealTime, note_unused_bus, setting
+from tools.commands.options import Change, FirmwareBuild, Json, ParameterFiles, RealTime, note_unused_bus
 from tools.logs.changes import Tolerances, baseline_result, show_changes, tolerances_of
 from tools.output import BadInputError, answer, console, exit_of, figure, marked, table_of
 from tools.outputs import folder_option
@@ -35,7 +35,7 @@ def suite(
             help="Run each scenario with this number of seeds, from --seed on; all must pass.", min=1
         ),
     ] = 1,
-    change: Annotated[list[str] | None, setting("Change a value in every scenario, as for run")] = None,
+    change: Change = None,
     parameters: ParameterFiles = None,
     baseline: Annotated[
         str | None, typer.Option(help="Compare with this suite: its folder, or previous for the newest one.")

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from firmware_py.builds.a2l import unit_of
 from firmware_py.interface.enums import XcpError
-from firmware_py.interface.parameter_table import INDEX, TABLE, Parameter
-from firmware_py.node.places import ALL
+from firmware_py.interface.parameter_table import INDEX, TABLE
 from firmware_py.shell.parameters import addresses_from, checked
 from hil.bus import open_bus
 from hil.bus.addressed import addressed
@@ -31,11 +30,6 @@ TICK_S = 0.001
 LOG_NAME = "measured.rrd"
 SHOWN_S = 0.25
 """Interval at which samples go to log and viewer."""
-
-
-def signal_names() -> list[str]:
-    """The names of all signals."""
-    return [place.name for place in ALL]
 
 
 @contextmanager
@@ -154,15 +148,14 @@ def calibrated(
                 why = f"they do not fit together with the other parameters ({error.error})"
                 refused += [{"key": key, "why": why} for key in wanted]
     if save is not None and not refused:
-        parameters = {key: entry(TABLE[INDEX[key]], value) for key, value in wanted.items()}
+        table = {key: TABLE[INDEX[key]] for key in wanted}
+        parameters = {
+            key: {"value": wanted[key], "unit": one.unit, "low": one.low, "high": one.high}
+            for key, one in table.items()
+        }
         document = {"format": PARAMETERS, "tuning": {"command": "calibrate"}, "parameters": parameters}
         write_anew(save, tomli_w.dumps(document))
     return refused
-
-
-def entry(parameter: Parameter, value: float) -> dict[str, Any]:
-    """One parameter in a parameter file."""
-    return {"value": value, "unit": parameter.unit, "low": parameter.low, "high": parameter.high}
 
 
 def reason(key: str, error: str) -> str:

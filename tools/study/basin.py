@@ -60,13 +60,8 @@ def axes(case: Case, plane: str, size: int) -> tuple[NDArray[np.float64], NDArra
     y_m = LOWEST_START_M + centres * (case.gap_m - LOWEST_START_M)
     if plane == "phase":
         return y_m, centres * 2.0 * math.pi
-    fastest = fastest_start_m_s(case)
+    fastest = FASTEST_START_M_S * case.natural_rad_s / math.sqrt(70.0 / 0.8)
     return y_m, -fastest + centres * 2.0 * fastest
-
-
-def fastest_start_m_s(case: Case) -> float:
-    """Return the largest speed of a start, m/s."""
-    return FASTEST_START_M_S * case.natural_rad_s / math.sqrt(70.0 / 0.8)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -167,13 +166,11 @@ def diagrams(cases: Sequence[Case], where: work.Where, count: int = RATIOS) -> l
     ]
     slowest_first = sorted(range(len(specs)), key=lambda index: cases[index // 2].is_exact)
     paths = work.run("sweep", piece, [specs[index] for index in slowest_first], where)
-    sweeps = {index: _load(path) for index, path in zip(slowest_first, paths, strict=True)}
+    sweeps = {}
+    for index, path in zip(slowest_first, paths, strict=True):
+        table, metadata = store.read(path)
+        sweeps[index] = Sweep(table, [Edge(**edge) for edge in metadata["facts"]["edges"]])
     return [Diagram(case, sweeps[2 * index], sweeps[2 * index + 1]) for index, case in enumerate(cases)]
-
-
-def _load(path: Path) -> Sweep:
-    table, metadata = store.read(path)
-    return Sweep(table, [Edge(**edge) for edge in metadata["facts"]["edges"]])
 
 
 def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:

@@ -20,26 +20,15 @@ TRUTH_ACCURACY = 1e-13
 
 def truth(case: Case) -> Answer:
     """Return the reference answer: by the closed form, or if there is none by the finest adaptive run."""
-    return (_exact(case) if has_closed_form(case) else _adaptive(case, TRUTH_ACCURACY))()
-
-
-def has_closed_form(case: Case) -> bool:
-    """Return whether the exact solver supports the case."""
-    return not case.scene.beyond_closed_form
-
-
-def is_steppable(case: Case) -> bool:
-    """Return whether time stepping supports the case."""
-    parts = case.parts
-    return isinstance(parts.drive, IdealDrive) and isinstance(parts.stop, NoStop | RigidStop)
+    return (_adaptive(case, TRUTH_ACCURACY) if case.scene.beyond_closed_form else _exact(case))()
 
 
 def methods(case: Case, quick: bool) -> list[Method]:
     """Return all solvers that support the case, at all their settings."""
-    found = [Method("exact", "", _exact(case))] if has_closed_form(case) else []
+    found = [] if case.scene.beyond_closed_form else [Method("exact", "", _exact(case))]
     for accuracy in ACCURACIES[1::2] if quick else ACCURACIES:
         found.append(Method("adaptive", f"{accuracy:.0e}", _adaptive(case, accuracy)))
-    if is_steppable(case):
+    if isinstance(case.parts.drive, IdealDrive) and isinstance(case.parts.stop, NoStop | RigidStop):
         for step_rad in STEPS_RAD[1:4:2] if quick else STEPS_RAD:
             fastest_rad_s = max(2.0 * math.pi / case.period_s, case.scene.natural_rad_s)
             found.append(Method("stepping", f"{step_rad:g} rad", _stepping(case, step_rad / fastest_rad_s)))

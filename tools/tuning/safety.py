@@ -16,12 +16,11 @@ import tomli_w
 from firmware_py.shell.parameters import ParameterError, with_overrides
 from hil.bench.lockstep import Progress, in_lockstep
 from hil.judge.judge import judge
-from hil.judge.verdict import RunVerdict
 from hil.record.formats import PARAMETERS
 from hil.record.run_traces import read_run
 from hil.scenario.files import read_scenario
 from hil.scenario.parameter_file import nested
-from hil.scenario.scenario import Scenario, check_scenario
+from hil.scenario.scenario import check_scenario
 from tools.tuning.result import Tuning
 
 SCENARIOS = ("quick-start-below-the-band", "e-stop-in-the-hold")
@@ -55,17 +54,10 @@ class Bench:
     ratio: float
 
 
-def verdict_on(scenario: Scenario, seed: int, progress: Progress) -> RunVerdict:
-    """Run a scenario in a folder that is removed again; return the verdict with all figures."""
-    with tempfile.TemporaryDirectory(prefix="vibrohil-tune-") as folder:
-        run_dir, _ = in_lockstep(scenario, Path(folder), seed, progress, "compiled")
-        return judge(read_run(run_dir), run_dir)
-
-
 def judged(
     name: str, values: Mapping[str, float], progress: Progress, seed: int = SEED, bench: Bench | None = None
 ) -> SafetyResult:
-    """Run a scenario with these parameters in place of its own, and judge the run."""
+    """Run a scenario with these parameters in place of its own, in a folder that is removed, and judge it."""
     document = deepcopy(read_scenario(name))
     if bench is not None:
         document["scene"] = deepcopy(dict(bench.scene))
@@ -79,7 +71,9 @@ def judged(
         scenario = check_scenario(document, name)
     except ParameterError as error:
         return SafetyResult(name, seed, False, str(error))
-    verdict = verdict_on(scenario, seed, progress)
+    with tempfile.TemporaryDirectory(prefix="vibrohil-tune-") as folder:
+        run_dir, _ = in_lockstep(scenario, Path(folder), seed, progress, "compiled")
+        verdict = judge(read_run(run_dir), run_dir)
     return SafetyResult(name, seed, bool(verdict.passed), "; ".join(verdict.why_not_passed))
 
 

@@ -203,7 +203,8 @@ def tune_speed(
 ) -> tuple[Tuning, SpeedDesign]:
     """Gains for a bandwidth and a phase margin, the range of each gain alone, and the loop's properties."""
     gain_p, gain_i = (
-        _rounded(gain) for gain in gains(nominal, *shape(nominal, bandwidth_hz, phase_margin_deg))
+        float(f"{gain:.2g}")  # two significant digits are enough for a gain
+        for gain in gains(nominal, *shape(nominal, bandwidth_hz, phase_margin_deg))
     )
     design = margins(nominal, gain_p, gain_i)
 
@@ -319,8 +320,3 @@ def _response(system: control.StateSpace, omega_rad_s: FloatArray) -> ComplexArr
     z = np.exp(1j * omega_rad_s * system.dt)
     states = np.linalg.solve(z[:, None, None] * np.eye(len(system.A)) - system.A, system.B[None, :, :])
     return np.asarray((system.C @ states + system.D)[:, 0, 0], np.complex128)
-
-
-def _rounded(value: float) -> float:
-    """Round to two significant digits, which are enough for a gain."""
-    return float(f"{value:.2g}")
