@@ -45,13 +45,16 @@ extern "C" {{
 """
 
 BOTTOM = """\
+/* Fill `state` as it is at power-up. */
+void vibro_power_up(vibro_firmware_state *state);
+
 /* One control period, called once in config->tick_s. It allocates nothing, keeps nothing beside `state`, and
  * reads no clock.
  *
- * `state` begins as a copy of vibro_initial_state. `behind_ticks` is 0. After n missed periods call it once
- * for each of them, with its frames and `behind_ticks` n, n - 1, ... 1, then for the present period; send the
- * last torque only. `frames` are those received in the period, at most VIBRO_MAX_FRAMES, in order of their
- * arrival.
+ * `state` is filled by vibro_power_up before the first call. `behind_ticks` is 0. After n missed periods call
+ * it once for each of them, with its frames and `behind_ticks` n, n - 1, ... 1, then for the present period;
+ * send the last torque only. `frames` are those received in the period, at most VIBRO_MAX_FRAMES, in order of
+ * their arrival.
  * The first tx->frame_count (0 to 3) of tx->first, tx->second and tx->third are to be sent at once, in order.
  *
  * Returns 0; another number where the arithmetic failed, with `state` and `tx` unchanged: stop the drive.
@@ -64,8 +67,6 @@ int32_t vibro_tick(const vibro_config *config, vibro_firmware_state *state, int6
  * constants that follow from them. Without it each write is refused, and `config` may be const. Returns 0.
  */
 int32_t vibro_calibrate(vibro_config *config, vibro_firmware_state *state);
-
-extern const vibro_firmware_state vibro_initial_state;
 
 #ifdef __cplusplus
 }

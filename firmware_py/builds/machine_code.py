@@ -1,13 +1,14 @@
 """The firmware as an object file for any target: numba's unoptimised code, compiled by LLVM alone.
 
+    void vibro_power_up(vibro_firmware_state *)
     int32_t vibro_tick(const vibro_config *, vibro_firmware_state *, int64_t behind_ticks,
                        int64_t frame_count, const vibro_word_frame *, vibro_tx *)
     int32_t vibro_calibrate(vibro_config *, vibro_firmware_state *)
 
-They return 0; `vibro_tick` another number with state and tx unchanged if the arithmetic failed. The object
-also holds the constant `vibro_initial_state`. It requires functions for operations without an instruction on
-its target and for copying and filling memory, but no operating system and no inexact mathematics of a C
-library, whose last bits differ from another's.
+The last two return 0; `vibro_tick` another number with state and tx unchanged if the arithmetic failed. The
+object requires functions for operations without an instruction on its target and for copying and filling
+memory, but no operating system and no inexact mathematics of a C library, whose last bits differ from
+another's.
 """
 
 import os
@@ -21,6 +22,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 import llvmlite.binding as llvm
+import numpy as np
 
 from firmware_py.builds import single_precision
 from firmware_py.builds.flat import Precision, in_precision, layout, stored
@@ -42,27 +44,31 @@ class Target(NamedTuple):
     relocation: str
     precision: Precision
     """Precision of every float, in structs, registers and constants: see `single_precision`."""
+    is_small: bool
+    """Whether the code is made for little flash rather than for speed alone."""
 
 
 _ARM = "thumbv7em-none-unknown-eabihf"
 TARGETS: dict[TargetName, Target] = {
-    "cortex-m7": Target(_ARM, "cortex-m7", "+fp-armv8d16,+fp64", "static", "double"),
-    "cortex-m4f": Target(_ARM, "cortex-m4", "+vfp4d16sp,-fp64", "static", "single"),
-    "host": Target(llvm.get_default_triple(), "", "", "pic", "double"),
-    "host-single": Target(llvm.get_default_triple(), "", "", "pic", "single"),
+    "cortex-m7": Target(_ARM, "cortex-m7", "+fp-armv8d16,+fp64", "static", "double", is_small=True),
+    "cortex-m4f": Target(_ARM, "cortex-m4", "+vfp4d16sp,-fp64", "static", "single", is_small=True),
+    "host": Target(llvm.get_default_triple(), "", "", "pic", "double", is_small=False),
+    "host-single": Target(llvm.get_default_triple(), "", "", "pic", "single", is_small=False),
 }
 """The host's features are not used: a fused multiply-add that another target lacks would change bits."""
 
 BUILDERS = sorted(Path(__file__).parent.glob("*.py"))
 """The modules that make the code; the cache is keyed by them and by all that they import."""
-ENTRY, CALIBRATE = "vibro_tick", "vibro_calibrate"
-NO_GAIT = "without-gait"
-"""Argument of `raw_ir`, and part of the names of files, for code that does not follow a gait."""
+ENTRY = "vibro_tick"
+ENTRIES = (ENTRY, "vibro_power_up", "vibro_calibrate")
+GAIT_CONSTANT = "vibro_has_gait"
+"""A constant array of one byte in the raw assembly, which is 1: LLVM leaves out the gait where it is 0."""
+HAS_GAIT = re.compile(rf'^(@{GAIT_CONSTANT}\S* = .* \[1 x i8\] )c"\\01"', re.MULTILINE)
 RAW = {"NUMBA_OPT": "0", "NUMBA_DISABLE_JIT": "0"}
 """Numba's settings in a process that writes raw assembly; it compiles even where kernels are interpreted."""
 SPEED = 2
 LLVM_REGION_BUDGET = 10_000
-"""LLVM's default of the limit that `whole_registers` sets."""
+"""LLVM's default of the limit that `code_generation` sets."""
 MOST_ARGUMENTS = 100
 """A function with more arguments is inlined: numba passes each number of a record as an argument of its own,
 and LLVM cannot compile a call with kilobytes of arguments for ARM."""
@@ -71,6 +77,8 @@ INLINED = ("9interface7framing", "12replacements10_with_page")
 parameters only those are copied that a commit checks."""
 APART = ("4node3xcp5serve", "12replacements8put_page")
 """Parts of mangled names. These functions, which a tick seldom or never calls, are not inlined."""
+QUICK = ("vibro_latch",)
+"""Names of functions that stay quick where code is made small: a loop over the measurements of a sample."""
 WRAPPER = """
 define i32 @vibro_tick(ptr %config, ptr %state, i64 %current, i64 %count, ptr %frames, ptr %tx) {{
   %returned = alloca i64
@@ -86,16 +94,32 @@ define i32 @vibro_calibrate(ptr %config, ptr %state) {{
   %status = call i32 @{calibrate}(ptr %returned, ptr %raised, ptr %config, ptr %state)
   ret i32 %status
 }}
-@vibro_initial_state = constant [{state_size} x i8] c"{state}", align 8
+@places = internal constant [{count} x i16] [{places}]
+@words = internal constant [{count} x i32] [{words}]
+define void @vibro_power_up(ptr %state) {{
+begin:
+  call void @llvm.memset.p0.i32(ptr align 8 %state, i8 0, i32 {state_size}, i1 false)
+  br label %next
+next:
+  %index = phi i32 [ 0, %begin ], [ %following, %next ]
+  %place.pointer = getelementptr i16, ptr @places, i32 %index
+  %place = load i16, ptr %place.pointer
+  %place.wide = zext i16 %place to i32
+  %word.pointer = getelementptr i32, ptr @words, i32 %index
+  %word = load i32, ptr %word.pointer
+  %target = getelementptr i32, ptr %state, i32 %place.wide
+  store i32 %word, ptr %target
+  %following = add i32 %index, 1
+  %is.last = icmp eq i32 %following, {count}
+  br i1 %is.last, label %end, label %next
+end:
+  ret void
+}}
+declare void @llvm.memset.p0.i32(ptr, i8, i32, i1)
 """
-KEPT = (ENTRY, CALIBRATE, "vibro_initial_state")
+"""`vibro_power_up` fills the state from its words that are not 0, a fifth of all, to save flash."""
 NAMES_EXCEPTION = re.compile(r"^ *store ptr @\.const\.picklebuf\S*, ptr \S*.*\n", re.MULTILINE)
 """Stores of numba's pickled exceptions, which are removed: the wrapper only uses the status."""
-
-
-def escaped(content: bytes) -> str:
-    """Bytes in the notation of LLVM assembly."""
-    return "".join(f"\\{byte:02x}" for byte in content)
 
 
 def kept(name: str, make: Callable[[], bytes]) -> Path:
@@ -103,53 +127,59 @@ def kept(name: str, make: Callable[[], bytes]) -> Path:
     return kept_file(folder_of("firmware_py.builds", *BUILDERS), name, make)
 
 
-def raw_assembly(has_gait: bool = True) -> str:
+def raw_assembly() -> str:
     """The firmware's LLVM assembly as `raw_ir` writes it; the first time it takes half a minute."""
-    return kept(f"raw{variant(has_gait)}.ll", lambda: _raw_assembly(has_gait)).read_text()
+    return kept("raw.ll", _raw_assembly).read_text()
 
 
-def variant(has_gait: bool) -> str:
-    """Part of the names of the files."""
-    return "" if has_gait else f"-{NO_GAIT}"
-
-
-def _raw_assembly(has_gait: bool) -> bytes:
+def _raw_assembly() -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         fresh = Path(folder) / "raw.ll"
         command = [sys.executable, "-P", "-m", "firmware_py.builds.raw_ir", str(fresh)]
-        command += [] if has_gait else [NO_GAIT]
         subprocess.run(command, env=os.environ | RAW, check=True)
         return fresh.read_bytes()
 
 
 def object_code(target: TargetName, has_gait: bool = True) -> bytes:
     """The firmware as a relocatable object file; without a gait, the operator alone asks for a ratio."""
-    name = f"{target}{variant(has_gait)}.o"
-    return kept(name, lambda: _object_code(target, has_gait)).read_bytes()
+    name = target if has_gait else f"{target}-without-gait"
+    return kept(f"{name}.o", lambda: _object_code(target, has_gait)).read_bytes()
 
 
 def _object_code(target: TargetName, has_gait: bool) -> bytes:
-    assembly = NAMES_EXCEPTION.sub("", raw_assembly(has_gait))
-    state = in_precision(stored(INITIAL), FirmwareState, TARGETS[target].precision).tobytes()
+    assembly, constants = HAS_GAIT.subn(rf'\1c"\\0{has_gait:d}"', NAMES_EXCEPTION.sub("", raw_assembly()))
+    assert constants > 0, "the raw assembly lacks the constant that leaves out the gait"
     tick, calibrate = assembly.partition("\n")[0].removeprefix("; ").split()
-    wrapper = WRAPPER.format(tick=tick, calibrate=calibrate, state_size=len(state), state=escaped(state))
-    return retargeted(assembly + wrapper, TARGETS[target], KEPT)
+    state = in_precision(stored(INITIAL), FirmwareState, TARGETS[target].precision)
+    words = np.frombuffer(state.tobytes(), "<u4")
+    (places,) = words.nonzero()
+    wrapper = WRAPPER.format(
+        tick=tick,
+        calibrate=calibrate,
+        state_size=words.nbytes,
+        count=places.size,
+        places=", ".join(f"i16 {place}" for place in places),
+        words=", ".join(f"i32 {word}" for word in words[places]),
+    )
+    return retargeted(assembly + wrapper, TARGETS[target], ENTRIES)
 
 
 @contextmanager
-def whole_registers() -> Iterator[None]:
-    """Keep LLVM's register allocator from splitting live ranges by regions of the code.
+def code_generation() -> Iterator[None]:
+    """Set LLVM's options for the generation of machine code, which are global in the process.
 
-    Region splitting, LLVM's default, adds ten to twenty kilobytes of moves to this one large function,
-    varying with each change of a line, and saves no instruction per tick. The option is global in the
-    process, so it is reset afterwards.
+    Its register allocator does not split live ranges by regions of the code: this default adds ten to twenty
+    kilobytes of moves to this one large function, varying with each change of a line, and saves no
+    instruction per tick. Where code is to be small, equal sequences become functions, and these once more.
     """
-    limit = "-grow-region-complexity-budget="
-    llvm.set_option("", f"{limit}0")
+    regions, repetitions = "-grow-region-complexity-budget=", "-machine-outliner-reruns="
+    llvm.set_option("", f"{regions}0")
+    llvm.set_option("", f"{repetitions}1")
     try:
         yield
     finally:
-        llvm.set_option("", f"{limit}{LLVM_REGION_BUDGET}")
+        llvm.set_option("", f"{regions}{LLVM_REGION_BUDGET}")
+        llvm.set_option("", f"{repetitions}0")
 
 
 def retargeted(assembly: str, target: Target, kept_names: Collection[str]) -> bytes:
@@ -179,7 +209,12 @@ def retargeted(assembly: str, target: Target, kept_names: Collection[str]) -> by
     options.loop_unrolling = False  # unrolling: a tenth more flash, no faster tick
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
-    with whole_registers():
+    # Not before the passes above, which would inline less: the worst tick would be two thirds longer.
+    for function in module.functions:
+        if target.is_small and not function.is_declaration and function.name not in QUICK:
+            function.add_function_attribute("minsize")
+            function.add_function_attribute("optsize")
+    with code_generation():
         return bytes(machine.emit_object(module))
 
 

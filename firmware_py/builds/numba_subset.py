@@ -34,14 +34,13 @@ core, and is not compiled anew with it."""
 
 
 @functools.cache
-def register(inlined: bool = True, has_gait: bool = True) -> None:
+def register(inlined: bool = True) -> None:
     """Register the firmware's functions for calls from compiled code.
 
     `inlined`: functions are inlined. Records of hundreds of members are then not copied at each call, which
-    would take two thirds of a tick; the code is larger, too large for a board. `has_gait`: the code that
-    follows a gait is part of it.
+    would take two thirds of a tick; the code is larger, too large for a board.
     """
-    instead = importlib.import_module(REPLACEMENTS).instead_of(has_gait)
+    instead = importlib.import_module(REPLACEMENTS).INSTEAD
     options: Any = {"forceinline": inlined}
     for module in subset():
         for function in vars(module).values():

@@ -1,8 +1,8 @@
 """`NUMBA_OPT=0 python -m firmware_py.builds.raw_ir FILE`: the firmware as numba passes it to LLVM.
 
 Writes the LLVM assembly of `flat_tick`, `flat_calibrate` and all functions that they call, not optimised, to
-FILE; the first line is a comment with the names of these two. A second argument `NO_GAIT` leaves out the
-gait. It needs its own process, because numba reads NUMBA_OPT only once.
+FILE; the first line is a comment with the names of these two. It needs its own process, because numba reads
+NUMBA_OPT only once.
 """
 
 import sys
@@ -13,13 +13,12 @@ import llvmlite.binding as llvm
 import numba
 
 from firmware_py.builds.flat_tick import CALIBRATE_SIGNATURE, SIGNATURE, flat_calibrate, flat_tick
-from firmware_py.builds.machine_code import NO_GAIT
 from firmware_py.builds.numba_subset import register
 
 
 def main() -> None:
     """Write the file."""
-    register(inlined=False, has_gait=sys.argv[2:] != [NO_GAIT])
+    register(inlined=False)
     functions = ((SIGNATURE, flat_tick), (CALIBRATE_SIGNATURE, flat_calibrate))
     dispatchers = [numba.njit(signature)(function) for signature, function in functions]
     results: list[Any] = [next(iter(one.overloads.values())) for one in dispatchers]

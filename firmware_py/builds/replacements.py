@@ -1,7 +1,7 @@
 """Functions of the firmware that compiled code replaces.
 
 These are filterpy's algebra, by the same algebra written out; the reading of a measurement, by its place in
-memory; the parameters in use, in memory too; and the gait, where an image never follows one.
+memory; the parameters in use, in memory too; and whether the gait is built in.
 """
 
 from typing import Any
@@ -10,6 +10,7 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic, register_jitable
 
+from firmware_py.builds.machine_code import GAIT_CONSTANT
 from firmware_py.builds.numba_subset import (
     float32_bits,
     float32_of,
@@ -241,6 +242,23 @@ def _apply(config: Any, p: Any, pool: Any) -> Any:
     return config
 
 
+@intrinsic
+def gait_constant(_: Any) -> Any:
+    """The constant `GAIT_CONSTANT`, by which LLVM leaves out the gait where an object sets it to 0."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.load(
+            builder.gep(_constant_table(builder, GAIT_CONSTANT, BYTE, [1]), [WORD(0), WORD(0)])
+        )
+
+    return types.uint8(), generate
+
+
+def _is_built_in() -> bool:
+    """`follow.is_built_in`, by a constant of the object."""
+    return gait_constant() != 0  # type: ignore[call-arg]  # numba adds the first argument
+
+
 INSTEAD: dict[Any, Any] = {
     kalman.predict: kalman.predict_written_out,
     kalman.update: kalman.update_written_out,
@@ -250,12 +268,6 @@ INSTEAD: dict[Any, Any] = {
     calibration.bits_in_use: _bits_in_use,
     calibration.with_page: _with_page,
     calibration.apply: _apply,
+    follow.is_built_in: _is_built_in,
 }
-"""Replacements in every compiled build."""
-WITHOUT_GAIT: dict[Any, Any] = {follow.accepts: follow.accept_operator, follow.ask: follow.ask_operator}
-"""Further replacements in an image for a drive that never follows a gait."""
-
-
-def instead_of(has_gait: bool) -> dict[Any, Any]:
-    """What replaces each function, by function."""
-    return INSTEAD if has_gait else INSTEAD | WITHOUT_GAIT
+"""What replaces each function in compiled code, by function."""

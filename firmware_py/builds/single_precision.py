@@ -1,8 +1,8 @@
 """The firmware in single precision: numba's LLVM assembly with each `double` made a `float`.
 
 Types, instructions and constants change; each constant is rounded once. Integers, and so all ages and
-counters, stay 64 bits wide. A few constants of `core.elementary` depend on the number format: they are
-replaced by their values for single precision.
+counters, stay 64 bits wide. A few constants of `core.elementary` and `core.numbers` depend on the number
+format: they are replaced by their values for single precision.
 """
 
 import math
@@ -11,7 +11,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 
-from firmware_py.core import elementary
+from firmware_py.core import elementary, numbers
 
 SINGLE_BITS = 24
 """Bits of a float's significand."""
@@ -58,12 +58,12 @@ def pieces(number: Fraction, count: int, bits: int) -> Iterator[float]:
 
 
 def _replaced() -> Iterator[tuple[float, float]]:
-    yield elementary._TO_INTEGER, 1.5 * 2.0**23
+    yield numbers.TO_INTEGER, 1.5 * 2.0**23
     yield elementary._LARGEST_STEP, 2.0**32  # its cube is finite
     yield elementary._HALF, 2.0**12 + 1.0
-    for numbers, bits in _SPLIT:
-        exact = sum(map(Fraction, numbers), Fraction())
-        yield from zip(numbers, pieces(exact, len(numbers), bits), strict=True)
+    for terms, bits in _SPLIT:
+        exact = sum(map(Fraction, terms), Fraction())
+        yield from zip(terms, pieces(exact, len(terms), bits), strict=True)
 
 
 REPLACED = {value: other for value, other in _replaced() if other != single(value)}

@@ -9,13 +9,11 @@ within 1.5; tests check these bounds. NaN gives NaN, and no argument raises.
 
 import math
 
-from firmware_py.core.numbers import wrap_pi
+from firmware_py.core.numbers import TO_INTEGER, wrap_pi
 
 LARGEST_EXACT_RAD = 100.0
 """Larger angles are wrapped by `wrap_pi` first, with an error of |angle| · 2⁻⁵²; to 0 beyond 10⁹ rad."""
 
-_TO_INTEGER = 6755399441055744.0
-"""1.5 · 2⁵²: adding and then subtracting this constant rounds a number to the nearest integer."""
 _QUARTER_TURNS_A_RAD = 6.36619772367581382433e-01
 # π/2: two pieces of 33 bits, whose products with up to 64 quarter turns are exact, and the remainder.
 _QUARTER_1, _QUARTER_2, _QUARTER_REST = (
@@ -70,7 +68,7 @@ def sine_cosine(angle_rad: float) -> tuple[float, float]:
             return angle, angle
         angle = wrap_pi(angle)
     # The angle minus whole quarter turns, within ±π/4, is near + tail.
-    turns = (angle * _QUARTER_TURNS_A_RAD + _TO_INTEGER) - _TO_INTEGER
+    turns = (angle * _QUARTER_TURNS_A_RAD + TO_INTEGER) - TO_INTEGER
     first = angle - turns * _QUARTER_1
     step = turns * _QUARTER_2
     second = first - step
@@ -78,7 +76,7 @@ def sine_cosine(angle_rad: float) -> tuple[float, float]:
     near = second - rest
     tail = (second - near) - rest
     sine, cosine = _sine(near, tail), _cosine(near, tail)
-    quarter = turns - 4.0 * ((0.25 * turns + _TO_INTEGER) - _TO_INTEGER)
+    quarter = turns - 4.0 * ((0.25 * turns + TO_INTEGER) - TO_INTEGER)
     if quarter == 0.0:
         return sine, cosine
     if quarter == 1.0:
@@ -142,7 +140,7 @@ def exp(x: float) -> float:
         if math.isnan(x):
             return x
         return 0.0 if x < 0.0 else math.inf
-    doublings = (x / _LN2 + _TO_INTEGER) - _TO_INTEGER
+    doublings = (x / _LN2 + TO_INTEGER) - TO_INTEGER
     high, low = x - doublings * _LN2, doublings * _LN2_REST
     near = high - low
     z = near * near

@@ -1,7 +1,6 @@
 """Scalar arithmetic with a defined result for every float: NaN never passes a limit.
 
-Python's own min, max and comparisons let NaN through, and math.floor raises on it; in compiled code the floor
-of NaN or of a number beyond ±2⁶³ is undefined. Each function here gives the same bits interpreted and
+Python's own min, max and comparisons let NaN through. Each function here gives the same bits interpreted and
 compiled.
 """
 
@@ -11,6 +10,8 @@ TAU = 2.0 * math.pi
 
 LARGEST_TO_WRAP = 1e9
 """Limit of the wrapped angles, in rad or turns: a double resolves 1e-7 there. No real crank reaches it."""
+TO_INTEGER = 6755399441055744.0
+"""1.5 · 2⁵²: adding and then subtracting this constant rounds a number to the nearest integer."""
 
 
 def clamp(value: float, limit: float) -> float:
@@ -31,19 +32,28 @@ def at_least(value: float, floor: float) -> float:
     return value if value >= floor else floor
 
 
+def floored(value: float) -> float:
+    """The largest whole number not above `value`, which is within ±`LARGEST_TO_WRAP`.
+
+    `math.floor` gives an integer, which a microcontroller converts by many instructions, and raises for NaN.
+    """
+    nearest = (value + TO_INTEGER) - TO_INTEGER
+    return nearest - 1.0 if nearest > value else nearest
+
+
 def fraction(turns: float) -> float:
     """The fractional part of `turns`, in [0, 1); 0 for NaN and beyond ±`LARGEST_TO_WRAP`."""
     if not -LARGEST_TO_WRAP <= turns <= LARGEST_TO_WRAP:
         return 0.0
-    rest = turns - math.floor(turns)
-    return rest if rest < 1.0 else 0.0
+    rest = turns - floored(turns)
+    return rest if 0.0 <= rest < 1.0 else 0.0
 
 
 def wrap_pi(angle_rad: float) -> float:
     """`angle_rad` in (−π, π]; 0 for NaN and beyond ±`LARGEST_TO_WRAP`."""
     if not -LARGEST_TO_WRAP <= angle_rad <= LARGEST_TO_WRAP:
         return 0.0
-    angle = angle_rad - TAU * math.floor((angle_rad + math.pi) / TAU)
+    angle = angle_rad - TAU * floored((angle_rad + math.pi) / TAU)
     return angle if -math.pi < angle <= math.pi else math.pi  # outside by rounding only
 
 
@@ -51,5 +61,5 @@ def wrap_two_pi(angle_rad: float) -> float:
     """`angle_rad` in [0, 2π); 0 for NaN and beyond ±`LARGEST_TO_WRAP`."""
     if not -LARGEST_TO_WRAP <= angle_rad <= LARGEST_TO_WRAP:
         return 0.0
-    angle = angle_rad - TAU * math.floor(angle_rad / TAU)
+    angle = angle_rad - TAU * floored(angle_rad / TAU)
     return angle if 0.0 <= angle < TAU else 0.0  # outside by rounding only

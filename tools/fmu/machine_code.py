@@ -20,7 +20,7 @@ from numba.core import types
 from firmware_py.builds.machine_code import NAMES_EXCEPTION, RAW, Target, retargeted
 from kernel_cache import folder_of, kept_file
 
-TARGET = Target("x86_64-unknown-linux-gnu", "x86-64-v2", "", "pic", "double")
+TARGET = Target("x86_64-unknown-linux-gnu", "x86-64-v2", "", "pic", "double", is_small=False)
 """Every 64-bit PC of the last fifteen years. No fused multiply-add, which would change bits."""
 Functions = dict[str, tuple[Callable[..., int], tuple[Any, ...]]]
 """Functions that return an integer, with numba's types of their arguments, by their names in C."""

@@ -17,7 +17,7 @@ static void send(const vibro_word_frame *frame) {
 /* Before the interrupts are on. */
 void control_power_up(void) {
     config = VIBRO_CONFIG;
-    state = vibro_initial_state;
+    vibro_power_up(&state);
 }
 
 /* From the CAN controller's receive interrupt, for each data frame with an 11-bit identifier. */

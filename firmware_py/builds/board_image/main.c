@@ -96,7 +96,7 @@ static void serve(void) {
     input = open_file("/dev/stdin", READ_BINARY);
     output = open_file("/dev/stdout", WRITE_BINARY);
     TIMER[RELOAD] = TIMER[VALUE] = 0xFFFFFFFF;
-    reply.state = vibro_initial_state;
+    vibro_power_up(&reply.state);
     for (;;) {
         take(&request, sizeof request);
         if (request.kind == CONFIG) {

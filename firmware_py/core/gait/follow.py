@@ -3,8 +3,8 @@
     accepts(config, state) -> bool                       whether the crank can follow, as of the last tick
     ask(config, state, leg, operator, now) -> (state, request)
 
-Without `gait.follow` the operator's request passes unchanged. An image without a gait contains
-`accept_operator` and `ask_operator` in their places.
+Without `gait.follow` the operator's request passes unchanged. An image for a drive that never follows a gait
+contains none of the gait blocks.
 """
 
 from typing import NamedTuple
@@ -27,15 +27,22 @@ class WalkState(NamedTuple):
     stride_harmonic: stride_harmonic.StrideHarmonicState
 
 
+def is_built_in() -> bool:
+    """Whether the gait blocks are part of the firmware; an image for a board may leave them out."""
+    return True
+
+
 def accepts(config: Config, state: WalkState) -> bool:
     """Whether a request to run can be followed, as of the last tick."""
-    return config.p.gait.follow == 0 or state.gait_lock.refusal == NO_REFUSAL
+    return not is_built_in() or config.p.gait.follow == 0 or state.gait_lock.refusal == NO_REFUSAL
 
 
 def ask(
     config: Config, state: WalkState, leg: GaitInput, operator: OperatorInput, now: Moment
 ) -> tuple[WalkState, Request]:
     """One tick: the request to start and hold."""
+    if not is_built_in():
+        return state, operator_request(operator)
     cycle = state.gait
     if leg.age_ticks < NEVER_TICKS:
         cycle = gait.step(config, state.gait, leg)
@@ -68,15 +75,3 @@ def operator_request(operator: OperatorInput) -> Request:
         refusal=NO_REFUSAL,
         unmet=NO_REFUSAL,
     )
-
-
-def accept_operator(_config: Config, _state: WalkState) -> bool:
-    """`accepts` without a gait."""
-    return True
-
-
-def ask_operator(
-    _config: Config, state: WalkState, _leg: GaitInput, operator: OperatorInput, _now: Moment
-) -> tuple[WalkState, Request]:
-    """`ask` without a gait."""
-    return state, operator_request(operator)

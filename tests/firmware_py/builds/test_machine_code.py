@@ -67,8 +67,9 @@ def test_the_object_file_computes_the_bits_of_the_compiled_build(loaded: ctypes.
 
 def test_it_begins_as_the_compiled_build_does(loaded: ctypes.CDLL) -> None:
     wanted = stored(INITIAL)
-    content = (ctypes.c_char * wanted.nbytes).in_dll(loaded, "vibro_initial_state")
-    assert bytes(content) == wanted.tobytes()
+    content = ctypes.create_string_buffer(b"\xff" * wanted.nbytes, wanted.nbytes)
+    loaded.vibro_power_up(content)
+    assert content.raw == wanted.tobytes()
 
 
 def test_sizes_are_counted() -> None:
