@@ -52,9 +52,7 @@ def test_the_firmware_keeps_its_budget(
 
     Of the flash, 15 KiB are calibration's: bounds, conflicts and the constants that follow from a commit.
     """
-    if (
-        target != "cortex-m4f"
-    ):  # the code without a gait is compiled for one board alone: it takes ten seconds
+    if target != "cortex-m4f":  # the code without a gait is compiled for one board alone
         monkeypatch.setattr("tools.budget.sizes", lambda name, has_gait=True: sizes(name))
     found = budget(["a-controller-that-pauses-for-thirty-ticks-goes-on"], lambda *_: None, target)
     assert 60_000 < found["flash"]["image"] <= 84_000
