@@ -178,6 +178,18 @@ class Bench:
             self.tick += 1
         return self.node.outputs
 
+    def records(self) -> list[Any]:
+        """What the node sent in the last tick."""
+        return [codec.decode(frame) for frame in self.sent]
+
+    def sent_in(self, seconds: float) -> list[Any]:
+        """Run this time without keeping it; every record that the node sent meanwhile."""
+        sent: list[Any] = []
+        for _ in range(round(seconds / TICK_S)):
+            self.run(TICK_S, keep=False)
+            sent += self.records()
+        return sent
+
     def _obey(self, frames: list[Frame]) -> None:
         for frame in frames:
             record = codec.decode(frame)

@@ -9,11 +9,9 @@ from records import HEALTHY, leaves, replaced, run_step
 
 from firmware_py.core.safety.drive_link import DriveFrame
 from firmware_py.core.state import INITIAL, Outputs
-from firmware_py.interface import codec
 from firmware_py.interface.enums import (
     MOVING,
     ActingLimit,
-    AxisState,
     Fault,
     Mode,
     OperatorRequest,
@@ -145,20 +143,6 @@ def test_no_impact_on_the_way_is_harder_than_the_steady_ones(default_run: Bench)
     assert len(stopping) <= 4
 
 
-@pytest.mark.requirement("S-15")
-def test_where_there_is_no_impact_regime_it_is_said_within_30_s() -> None:
-    """Coulomb μ = 0.3 at A = 30 mm never reaches the stop."""
-    scene = scene_with(drive={"amplitude_m": 0.03}, friction={"law": "coulomb", "mu": 0.31})
-    bench = Bench(
-        {"friction.mu": 0.3, "friction.b_n_s_m": 0.0, "drive.amplitude_m": 0.03}, scene, ratio=1.0
-    ).started()
-    while bench.node.outputs.mode in (Mode.READY, Mode.SOFT_START):
-        bench.run(0.1, keep=False)
-        assert bench.tick < 30_400
-    assert bench.node.outputs.fault == Fault.START_FAILED
-    assert bench.node.outputs.torque_n_m == 0.0
-
-
 def test_a_ratio_at_which_there_are_no_impacts_is_refused_after_the_second_loss() -> None:
     """Coulomb μ = 0.17 has its fold below r = 1.3; before, the speed asked for may still be had."""
     scene = scene_with(drive={"amplitude_m": 0.03}, friction={"law": "coulomb", "mu": 0.17})
@@ -194,57 +178,12 @@ def test_a_stop_ends_with_few_impacts_and_none_much_harder(ratio: float) -> None
     assert max([v for _, v in after], default=0.0) < 1.03 * steady
 
 
-def test_a_crank_that_has_stopped_has_no_regime(default_run: Bench) -> None:
-    stopping = next(k for k, o in enumerate(default_run.outputs) if o.mode == Mode.STOPPING)
-    stopped = next(k for k, o in enumerate(default_run.outputs) if k > stopping and o.mode == Mode.READY)
-    assert default_run.outputs[stopping].regime == Regime.IMPACT
-    assert {o.regime for o in default_run.outputs[stopped:]} == {Regime.UNCERTAIN}
-
-
 def test_the_phase_of_the_impacts_is_that_of_the_branch(default_run: Bench) -> None:
     reports = [o for o in default_run.outputs[11000:16000] if o.period_ended]
     assert len(reports) >= 8
     for report in reports:
         assert report.period_impacts == 1
         assert math.degrees(report.impact_phase_rad) == pytest.approx(48.0, abs=4.0)
-
-
-def test_a_lost_sensor_ends_all_torque_within_100_ms() -> None:
-    bench = Bench().started()
-    bench.run(3.0)
-    assert any(abs(o.torque_n_m) > 0.01 for o in bench.outputs[-500:])
-    bench.change = lambda _, frames: [f for f in frames if f.can_id != codec.ACCELEROMETER.can_id]
-    bench.run(0.1)
-    assert bench.node.outputs.torque_n_m == 0.0
-    assert bench.node.outputs.fault == Fault.SENSOR_TIMEOUT
-    bench.run(0.1)
-    assert bench.axis_state == AxisState.IDLE
-
-
-def test_a_plant_that_falls_silent_ends_all_torque_within_100_ms() -> None:
-    bench = Bench().started()
-    bench.run(3.0)
-    bench.change = lambda _, frames: []
-    bench.run(0.1)
-    assert bench.node.outputs.torque_n_m == 0.0
-    assert bench.node.outputs.mode == Mode.FAULT
-    assert bench.node.outputs.fault in (Fault.SENSOR_TIMEOUT, Fault.ENCODER_TIMEOUT)
-
-
-def test_frozen_drive_data_is_found_out_within_100_ms() -> None:
-    bench = Bench().started()
-    bench.run(4.0)
-    held: list[Frame] = []
-
-    def freeze(_: int, frames: list[Frame]) -> list[Frame]:
-        if not held:
-            held.extend(f for f in frames if f.can_id == codec.ENCODER_ESTIMATES.can_id)
-        return [f for f in frames if f.can_id != codec.ENCODER_ESTIMATES.can_id] + held
-
-    bench.change = freeze
-    bench.run(0.1)
-    assert bench.node.outputs.fault == Fault.DRIVE_FROZEN
-    assert bench.node.outputs.torque_n_m == 0.0
 
 
 @pytest.mark.parametrize(

@@ -4,15 +4,11 @@ import math
 from collections.abc import Callable
 
 import pytest
-from closed_loop import Bench
 
 from firmware_py.core.control import spin_down, start
 from firmware_py.core.control.start import Goal, StartState
 from firmware_py.core.estimation import crank, estimator_state, regime
-from firmware_py.interface import codec
-from firmware_py.interface.enums import Fault, Mode, OperatorRequest
-from firmware_py.interface.frame import Frame
-from firmware_py.interface.generated.records import EncoderEstimates, SetInputTorque
+from firmware_py.interface.enums import Mode
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({})
@@ -100,84 +96,6 @@ def test_a_target_that_dithers_by_less_than_a_thousandth_restarts_nothing() -> N
 def test_an_operator_who_goes_on_changing_the_target_is_no_fault(dither: str) -> None:
     states = started(Mode.RUN, PATTERNS["always"], DITHERS[dither], 60.0, held())
     assert not any(state.failed for state in states)
-
-
-def torque_n_m(bench: Bench) -> float:
-    record = next(record for record in map(codec.decode, bench.sent) if isinstance(record, SetInputTorque))
-    return float(record.torque_n_m)
-
-
-def going(bench: Bench, omega_rad_s: float, change_rad_s2: float) -> None:
-    """Let the encoder show a crank that goes over to a speed and keeps it, whatever its torque."""
-    encoder, now_rad_s = bench.node.inputs.encoder, bench.node.state.crank.omega_rad_s
-    position_rev = encoder.position_rev
-
-    def change(_: int, frames: list[Frame]) -> list[Frame]:
-        nonlocal now_rad_s, position_rev
-        now_rad_s += min(max(omega_rad_s - now_rad_s, -0.001 * change_rad_s2), 0.001 * change_rad_s2)
-        position_rev = (position_rev + 0.001 * now_rad_s / math.tau) % 1.0
-        its = codec.ENCODER_ESTIMATES.encode(EncoderEstimates(position_rev, now_rad_s / math.tau))
-        return [its if frame.can_id == its.can_id else frame for frame in frames]
-
-    bench.change = change
-
-
-def until_fault(bench: Bench, longest_s: float) -> float:
-    """Run to the first fault; the seconds it took."""
-    for tick in range(round(1000 * longest_s)):
-        bench.run(0.001, keep=False)
-        if bench.node.outputs.mode == Mode.FAULT:
-            assert torque_n_m(bench) == 0.0
-            return 0.001 * (tick + 1)
-    raise AssertionError(f"no fault in {longest_s} s; the mode is {bench.node.outputs.mode.name}")
-
-
-def test_a_stop_that_does_not_stop_ends_without_torque() -> None:
-    """A speed loop too weak for its torque to be missed."""
-    bench = Bench({"speed.gain_p_n_m_s": 0.002, "speed.gain_i_n_m": 0.0}, ratio=1.0).started()
-    bench.run(2.0, keep=False)
-    bench.request = OperatorRequest.IDLE
-    going(bench, 3.0, 50.0)
-    assert 2.0 < until_fault(bench, 2.3) < 2.2
-    assert bench.node.outputs.fault == Fault.STOP_FAILED
-
-
-@pytest.mark.parametrize("omega_rad_s", [16.0, 24.0])
-def test_a_crank_far_above_its_target_is_let_go_of(omega_rad_s: float) -> None:
-    bench = Bench(ratio=1.0).started()
-    bench.run(2.0, keep=False)
-    going(bench, omega_rad_s, 200.0)
-    assert until_fault(bench, 0.5) < 0.3
-    assert bench.node.outputs.fault in (Fault.RUNAWAY, Fault.LOAD_IMPLAUSIBLE)
-
-
-def test_the_operator_is_watched_in_a_stop() -> None:
-    bench = Bench({"start.stop_s": 3.0}, ratio=1.0).started()
-    bench.run(3.0, keep=False)
-    bench.request = OperatorRequest.IDLE
-    bench.run(0.15, keep=False)
-    assert bench.node.outputs.mode == Mode.STOPPING
-    bench.change = lambda _, frames: [f for f in frames if f.can_id != codec.OPERATOR_COMMAND.can_id]
-    assert until_fault(bench, 0.5) < 0.5
-    assert bench.node.outputs.fault == Fault.OPERATOR_TIMEOUT
-
-
-@pytest.mark.parametrize("moving_s", [0.0, 3.0])
-def test_an_encoder_that_sends_one_position_and_no_speed(moving_s: float) -> None:
-    """From the tick in which the torque has nothing to show for itself, well before the drive's limit."""
-    bench = Bench().started()
-    bench.run(moving_s, keep=False)
-    position_rev = bench.node.inputs.encoder.position_rev if moving_s else 0.25
-    held_frame = codec.ENCODER_ESTIMATES.encode(EncoderEstimates(position_rev, 0.0))
-    bench.change = lambda _, frames: [
-        held_frame if frame.can_id == held_frame.can_id else frame for frame in frames
-    ]
-    if moving_s:
-        assert until_fault(bench, 0.1) < 0.1
-    else:
-        until_fault(bench, 2.0)
-    assert bench.node.outputs.fault == Fault.LOAD_IMPLAUSIBLE
-    assert abs(bench.plant.state.omega_rad_s) < 45.0  # of this drive, which has no limit of its own
 
 
 def test_a_stop_begins_at_the_crank_s_speed_where_that_lags_behind_its_target() -> None:
