@@ -37,36 +37,21 @@ def test_signals_by_place_and_range() -> None:
 
 
 @pytest.mark.parametrize(
-    ("signal", "wanted"),
+    ("signal", "attributes", "wanted"),
     [
-        ('a : 7|16@0- (1,0) [-9|9] ""', "byte order big_endian"),
-        ('a : 0|16@1- (1,5) [-9|9] ""', "offset 5"),
-        ('a : 0|16@1- (1,0) [0|0] ""', "no range"),
-        ('a : 0|8@1- (1,0) [-129|127] ""', "does not fit 8 bits"),
-        ('a : 0|8@1+ (1,0) [0|256] ""', "does not fit 8 bits"),
+        ('a : 7|16@0- (1,0) [-9|9] ""', "", "byte order big_endian"),
+        ('a : 0|16@1- (1,5) [-9|9] ""', "", "offset 5"),
+        ('a : 0|16@1- (1,0) [0|0] ""', "", "no range"),
+        ('a : 0|8@1- (1,0) [-129|127] ""', "", "does not fit 8 bits"),
+        ('a : 0|8@1+ (1,0) [0|256] ""', "", "does not fit 8 bits"),
+        ('a : 0|64@1- (1,0) [0|0] ""', "SIG_VALTYPE_ 5 a : 2;\n", "a float of 64 bits"),
+        ('a : 0|16@1- (1,0) [0|0] ""', "SIG_VALTYPE_ 5 a : 1;\n", "a float of 16 bits"),
+        ('a : 0|8@1+ (1,0) [0|3] ""', 'BA_ "SignalKind" SG_ 5 a 1;\n', "VAL_"),
     ],
 )
-def test_a_signal_the_codec_cannot_carry(signal: str, wanted: str) -> None:
+def test_a_signal_the_codec_cannot_carry(signal: str, attributes: str, wanted: str) -> None:
     with pytest.raises(LayoutError, match=wanted):
-        layout_of(message(4, signal))
-
-
-def test_a_float_of_64_bits() -> None:
-    sample = message(8, 'a : 0|64@1- (1,0) [0|0] ""', attributes="SIG_VALTYPE_ 5 a : 2;\n")
-    with pytest.raises(LayoutError, match="a float of 64 bits"):
-        layout_of(sample)
-
-
-def test_a_float_of_16_bits() -> None:
-    sample = message(8, 'a : 0|16@1- (1,0) [0|0] ""', attributes="SIG_VALTYPE_ 5 a : 1;\n")
-    with pytest.raises(LayoutError, match="a float of 16 bits"):
-        layout_of(sample)
-
-
-def test_an_enumeration_without_values() -> None:
-    sample = message(1, 'a : 0|8@1+ (1,0) [0|3] ""', attributes='BA_ "SignalKind" SG_ 5 a 1;\n')
-    with pytest.raises(LayoutError, match="VAL_"):
-        layout_of(sample)
+        layout_of(message(8, signal, attributes=attributes))
 
 
 @pytest.mark.parametrize(
