@@ -11,7 +11,7 @@ from firmware_py.core.estimation.regime import INITIAL as NO_REGIME
 from firmware_py.core.gait import gait, gait_lock
 from firmware_py.core.gait.gait_lock import LockState, Moment
 from firmware_py.interface import codec
-from firmware_py.interface.enums import Fault, GaitState, Mode, Refusal
+from firmware_py.interface.enums import GaitState, Mode, Refusal
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import GaitReport, GaitSensors
 from firmware_py.shell.parameters import config_from
@@ -238,22 +238,6 @@ def test_a_walk_without_whole_turns_in_the_region_is_refused() -> None:
     bench.run(8.0, keep=False)
     assert bench.node.outputs.mode == Mode.READY
     assert bench.node.outputs.refusal == Refusal.NO_HARMONIC
-
-
-def test_silent_gait_sensors_are_a_fault_only_where_they_are_followed() -> None:
-    walked = walk(np.random.default_rng(2), stride_s=1.25, spread=0.02, count=12)
-    for follows, mode, fault in (
-        (1, Mode.FAULT, Fault.SENSOR_TIMEOUT),
-        (0, Mode.SOFT_START, Fault.NONE),
-    ):
-        bench = Walked({"gait.follow": follows}, ratio=1.1).follow(walked)
-        bench.started(6.0)
-        bench.run(1.0, keep=False)
-        assert bench.node.outputs.mode == Mode.SOFT_START
-        bench.change = lambda _, frames: frames
-        bench.run(0.25, keep=False)
-        assert (bench.node.outputs.mode, bench.node.outputs.fault) == (mode, fault)
-        assert bench.node.outputs.torque_n_m == 0.0 or follows == 0
 
 
 def test_gait_sensors_change_nothing_where_they_are_not_followed() -> None:

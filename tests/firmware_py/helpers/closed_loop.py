@@ -35,6 +35,8 @@ from plant_sim.result import MotionState
 from plant_sim.scene import load_scene
 
 T = TypeVar("T")
+Change = Callable[[int, list[Frame]], list[Frame]]
+"""What happens to the frames of a tick on their way to the firmware."""
 KT_N_M_A = 0.08
 TICK_S = 0.001
 
@@ -55,6 +57,34 @@ def scene_with(**tables: dict[str, Any]) -> dict[str, dict[str, Any]]:
     for name, table in tables.items():
         changed[name] = table if "law" in table else {**SCENE.get(name, {}), **table}
     return changed
+
+
+def without(*codecs: codec.FrameCodec[Any]) -> Change:
+    """Without the frames of some kinds."""
+    ids = {its_codec.can_id for its_codec in codecs}
+    return lambda _, frames: [frame for frame in frames if frame.can_id not in ids]
+
+
+def instead(its_codec: codec.FrameCodec[Any], record: Any) -> Change:
+    """Every frame of a kind says this."""
+    return lambda tick, frames: [
+        its_codec.encode(record, tick) if frame.can_id == its_codec.can_id else frame for frame in frames
+    ]
+
+
+def bundled(ticks: int) -> Change:
+    """All frames wait, and come together once in `ticks`."""
+    held: list[Frame] = []
+
+    def change(tick: int, frames: list[Frame]) -> list[Frame]:
+        held.extend(frames)
+        if tick % ticks:
+            return []
+        bundle = list(held)
+        held.clear()
+        return bundle
+
+    return change
 
 
 @dataclass
@@ -88,8 +118,7 @@ class Bench:
     request: OperatorRequest = OperatorRequest.IDLE
     ratio: float = 1.3
     impulse_n_s: float = 0.0
-    change: Callable[[int, list[Frame]], list[Frame]] = lambda _, frames: frames
-    """What happens to the frames on their way to the firmware."""
+    change: Change = lambda _, frames: frames
     overrun: Callable[[int], bool] = lambda _: False
     """Whether the firmware misses this tick; its frames wait for the next one."""
     build: Build = "compiled"
@@ -182,11 +211,11 @@ class Bench:
         """What the node sent in the last tick."""
         return [codec.decode(frame) for frame in self.sent]
 
-    def sent_in(self, seconds: float) -> list[Any]:
-        """Run this time without keeping it; every record that the node sent meanwhile."""
+    def sent_in(self, seconds: float, keep: bool = False) -> list[Any]:
+        """Run this time; every record that the node sent meanwhile."""
         sent: list[Any] = []
         for _ in range(round(seconds / TICK_S)):
-            self.run(TICK_S, keep=False)
+            self.run(TICK_S, keep)
             sent += self.records()
         return sent
 

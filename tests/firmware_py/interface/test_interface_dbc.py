@@ -8,6 +8,7 @@ from typing import Any, get_type_hints
 import pytest
 from cantools.database.can import Message, Signal
 
+from firmware_py.builds.a2l import unit_of
 from firmware_py.interface import enums
 from firmware_py.interface.codec import CODEC_BY_ID, CODECS, FrameCodec
 from firmware_py.interface.dbc import database
@@ -21,23 +22,6 @@ RECORDS = [
 ]
 MESSAGES = database().messages
 PROTECTION = {"counter", "crc"}
-
-UNIT_OF_SUFFIX = {
-    "_m_s2": "m/s^2",
-    "_m_s": "m/s",
-    "_rad_s": "rad/s",
-    "_rev_s": "rev/s",
-    "_rev": "rev",
-    "_n_m": "N m",
-    "_n_s": "N s",
-    "_degc": "degC",
-    "_deg": "deg",
-    "_a": "A",
-    "_v": "V",
-    "_hz": "Hz",
-    "_m": "m",
-    "_s": "s",
-}
 
 ENUM_OF_SIGNAL: dict[str, type[IntEnum]] = {
     "axis_error": enums.AxisError,
@@ -96,11 +80,6 @@ def attribute(message: Message, name: str) -> Any:
     return 0 if found is None else found.value
 
 
-def suffix_of(field: str) -> str | None:
-    """Longest known unit suffix of a field's name."""
-    return max((suffix for suffix in UNIT_OF_SUFFIX if field.endswith(suffix)), key=len, default=None)
-
-
 def inner_signals(message: Message) -> list[Signal]:
     return [signal for signal in message.signals if signal.name not in PROTECTION]
 
@@ -126,12 +105,9 @@ def test_fields_are_the_messages_signals(record: Any) -> None:
 
 @pytest.mark.parametrize("record", RECORDS, ids=by_name)
 def test_suffixes_are_the_units(record: Any) -> None:
+    """The units that the A2L file gives to the same suffixes; a share has the unit 1."""
     for signal in inner_signals(message_of(record)):
-        suffix = suffix_of(signal.name)
-        if suffix is None:
-            assert signal.unit in (None, "1"), f"{signal.name}: unit {signal.unit} without a suffix"
-        else:
-            assert signal.unit == UNIT_OF_SUFFIX[suffix], signal.name
+        assert ("" if signal.unit in (None, "1") else signal.unit) == unit_of(signal.name), signal.name
 
 
 @pytest.mark.parametrize("record", RECORDS, ids=by_name)

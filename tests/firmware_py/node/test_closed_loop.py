@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from closed_loop import Bench, scene_with
+from closed_loop import Bench, bundled, scene_with
 from records import HEALTHY, leaves, replaced, run_step
 
 from firmware_py.core.safety.drive_link import DriveFrame
@@ -192,23 +192,13 @@ def test_the_phase_of_the_impacts_is_that_of_the_branch(default_run: Bench) -> N
         (9, Fault.NONE),
         (10, Fault.NONE),
         (11, Fault.STALE_SAMPLES),
-        (16, Fault.STALE_SAMPLES),
         (29, Fault.STALE_SAMPLES),
     ],
 )
 def test_bundles_are_ridden_through_or_named_but_never_an_overspeed(bundle_ticks: int, fault: Fault) -> None:
     bench = Bench({"start.rise_s": 1.0}, ratio=1.1).started()
     bench.run(4.0, keep=False)
-    held: list[Frame] = []
-
-    def bundled(tick: int, frames: list[Frame]) -> list[Frame]:
-        held.extend(frames)
-        bundle = list(held) if tick % bundle_ticks == 0 else []
-        if bundle:
-            held.clear()
-        return bundle
-
-    bench.change = bundled
+    bench.change = bundled(bundle_ticks)
     bench.run(0.1)
     if fault != Fault.NONE:
         assert bench.node.outputs.torque_n_m == 0.0

@@ -1,12 +1,11 @@
 """Samples that come late: those that wait in an overrun, each of its own time, and those of a slow sender."""
 
 import math
-from collections.abc import Callable
 from functools import cache, partial
 
 import numpy as np
 import pytest
-from closed_loop import Bench
+from closed_loop import Bench, Change
 
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, Mode
@@ -34,9 +33,6 @@ def accelerometer_first(_: int, frames: list[Frame]) -> list[Frame]:
 
 def as_they_are(_: int, frames: list[Frame]) -> list[Frame]:
     return frames
-
-
-Change = Callable[[int, list[Frame]], list[Frame]]
 
 
 def overrun(first: int, ticks: int, change: Change = as_they_are) -> Bench:

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import pytest
-from closed_loop import Bench, scene_with
+from closed_loop import Bench, Change, bundled, instead, scene_with, without
 from records import replaced
 
 from firmware_py.interface import codec
@@ -19,7 +19,9 @@ from firmware_py.interface.generated.records import (
     DriveSupply,
     DriveTemperature,
     EncoderEstimates,
+    FaultEvent,
     SetAxisState,
+    SetInputTorque,
 )
 from plant_sim.parts.friction import Viscous
 
@@ -32,19 +34,6 @@ DEADLINE_S = {
     if Fault(int(code)).name == name
 }
 """The deadline of each fault on the page of safety."""
-Change = Callable[[int, list[Frame]], list[Frame]]
-
-
-def without(*codecs: codec.FrameCodec[Any]) -> Change:
-    ids = {its_codec.can_id for its_codec in codecs}
-    return lambda _, frames: [frame for frame in frames if frame.can_id not in ids]
-
-
-def instead(its_codec: codec.FrameCodec[Any], record: Any) -> Change:
-    """Every frame of a kind says this."""
-    return lambda tick, frames: [
-        its_codec.encode(record, tick) if frame.can_id == its_codec.can_id else frame for frame in frames
-    ]
 
 
 def doubtful_estimate(bench: Bench) -> None:
@@ -128,21 +117,6 @@ def damaged_parameters(bench: Bench) -> None:
     bench.configure(bench.node.config._replace(parameters_damaged=True))
 
 
-def bundled(ticks: int) -> Change:
-    """All frames wait, and come together once in `ticks`."""
-    held: list[Frame] = []
-
-    def change(tick: int, frames: list[Frame]) -> list[Frame]:
-        held.extend(frames)
-        if tick % ticks:
-            return []
-        bundle = list(held)
-        held.clear()
-        return bundle
-
-    return change
-
-
 def request_of_the_test(bench: Bench) -> None:
     """The drive of this bench has no watchdog."""
     for request in (OperatorRequest.IDLE, OperatorRequest.PROVE_WATCHDOG):
@@ -185,13 +159,8 @@ CASES: dict[Fault, Case] = {
 }
 
 
-def torque_of(frames: list[Frame]) -> float:
-    record = next(codec.decode(f) for f in frames if f.can_id == codec.SET_INPUT_TORQUE.can_id)
-    return float(record.torque_n_m)
-
-
-def events_of(frames: list[Frame]) -> list[Any]:
-    return [codec.decode(f) for f in frames if f.can_id == codec.FAULT_EVENT.can_id]
+def events_of(records: list[Any]) -> list[FaultEvent]:
+    return [record for record in records if isinstance(record, FaultEvent)]
 
 
 @pytest.mark.parametrize("fault", CASES, ids=lambda fault: fault.name)
@@ -204,23 +173,22 @@ def test_each_row(fault: Fault) -> None:
     case.cause(bench)
     from_tick, impact_tick, events = bench.tick, 0, []
     for _ in range(round(1000 * deadline_s) if case.cause is not nothing else 30_000):
-        bench.run(0.001, keep=False)
+        sent = bench.sent_in(0.001)
         impact_tick = bench.tick if bench.node.outputs.impact else impact_tick
-        events += [event for event in events_of(bench.sent) if event.fault != Fault.REQUEST_REFUSED]
+        events += [event for event in events_of(sent) if event.fault != Fault.REQUEST_REFUSED]
         if events:
             break
     assert [(event.fault, event.refusal) for event in events] == [(fault, Refusal.NONE)]
-    assert torque_of(bench.sent) == 0.0
+    assert SetInputTorque(0.0) in sent
     assert bench.node.outputs.mode == Mode.FAULT
-    records = [codec.decode(frame) for frame in bench.sent]
-    assert bench.axis_state == AxisState.IDLE or SetAxisState(AxisState.IDLE) in records
+    assert bench.axis_state == AxisState.IDLE or SetAxisState(AxisState.IDLE) in sent
     since = impact_tick if fault in (Fault.IMPULSE_LIMIT, Fault.FORCE_LIMIT) else from_tick
     assert bench.tick - since <= 1000 * deadline_s
     # Latched: the cause gone and RUN still asked for, nothing moves again.
     bench.change = lambda _, frames: frames
-    for _ in range(300):
-        bench.run(0.001, keep=False)
-        assert torque_of(bench.sent) == 0.0
+    assert {record for record in bench.sent_in(0.3) if isinstance(record, SetInputTorque)} == {
+        SetInputTorque(0.0)
+    }
     assert bench.node.outputs.mode == Mode.FAULT
     assert bench.node.outputs.fault == fault
 
@@ -238,10 +206,7 @@ def test_a_refused_request_is_said_once_and_latches_nothing(
     bench = Bench().started()
     bench.run(1.0, keep=False)
     bench.impulse_n_s, bench.ratio = impulse_n_s, ratio
-    events = []
-    for _ in range(300):
-        bench.run(0.001, keep=False)
-        events += events_of(bench.sent)
+    events = events_of(bench.sent_in(0.3))
     assert [(event.fault, event.refusal) for event in events] == [(Fault.REQUEST_REFUSED, refusal)]
     assert bench.node.outputs.mode == mode
     assert bench.node.outputs.fault == Fault.NONE
@@ -259,14 +224,11 @@ def test_a_crank_that_the_striker_drives_is_waited_for() -> None:
     bench.run(0.3)
     assert bench.node.outputs.mode == Mode.READY
     bench.request = OperatorRequest.RUN
-    events = []
-    for _ in range(700):
-        bench.run(0.001)
-        events += events_of(bench.sent)
+    sent = bench.sent_in(0.7, keep=True)
     assert max(abs(state.crank.omega_rad_s) for state in bench.states) > 25.0
     assert bench.node.outputs.mode == Mode.READY
-    assert {torque_of(bench.sent), *(outputs.torque_n_m for outputs in bench.outputs)} == {0.0}
-    assert [(event.fault, event.refusal) for event in events] == [
+    assert {outputs.torque_n_m for outputs in bench.outputs} == {0.0}
+    assert [(event.fault, event.refusal) for event in events_of(sent)] == [
         (Fault.REQUEST_REFUSED, Refusal.CRANK_TOO_FAST)
     ]
     bench.run(0.05)

@@ -224,14 +224,6 @@ def test_the_drives_reason_is_latched_when_it_arrives() -> None:
         assert state.disarm_reason == latched
 
 
-def test_a_crank_that_the_striker_drives_only_delays_the_start() -> None:
-    state = step(supervisor.INITIAL._replace(mode=Mode.READY), FAST)
-    for _ in range(3):
-        state = step(state, FAST, OperatorRequest.RUN)
-        assert (state.mode, state.fault) == (Mode.READY, Fault.NONE)
-    assert step(state, NO_FINDINGS, OperatorRequest.RUN).mode == Mode.SOFT_START
-
-
 @pytest.mark.requirement("S-13")
 def test_a_clear_that_was_already_being_sent_does_not_clear() -> None:
     state = step(running(), LIMIT, OperatorRequest.CLEAR_FAULTS)
