@@ -18,16 +18,18 @@ PLOT_WINDOW_S = 5.0
 
 
 def use_style() -> None:
-    """Draw as matplotlib does by default, in our size of text and without the upper and right line.
+    """Draw as matplotlib does by default, in our size of text, with a grid, without the upper and right line.
 
-    The defaults come first: some packages change them as they are imported (motulator shows a grid).
+    The defaults come first: some packages change them as they are imported.
     """
     import matplotlib
 
     matplotlib.rcdefaults()
-    matplotlib.rcParams.update(
-        {"svg.hashsalt": "vibrohil", "font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
-    )
+    matplotlib.rc("svg", hashsalt="vibrohil")
+    matplotlib.rc("font", size=9)
+    matplotlib.rc("axes", grid=True)
+    matplotlib.rc("axes.spines", top=False, right=False)
+    matplotlib.rc("grid", alpha=0.3)
 
 
 @contextmanager
@@ -62,5 +64,3 @@ def plot_motion(result: SimulationResult, scene: Scene, path: Path) -> None:
         history.set(xlabel="time [s]", ylabel="position [mm]", title="last seconds")
         speeds.set(xlabel="time [s]", ylabel="approach speed v⁻ [m/s]", title="impacts")
         portrait.set(xlabel="position [mm]", ylabel="velocity [m/s]", title="phase portrait")
-        for axes in (history, speeds, portrait):
-            axes.grid(alpha=0.3)

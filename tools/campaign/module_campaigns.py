@@ -38,16 +38,11 @@ LEAST_JUDGED_S = 5.0
 def lost_by(done: Run, duration_s: float, omega_rad_s: float) -> str:
     """Return why the run does not end in mode RUN with lasting impacts; empty if it does."""
     started = [change for change in done.modes if change.t_s >= RUN_S]
-    last = done.modes[-1] if done.modes else None
     if not any(change.mode == Mode.SOFT_START for change in started):
         faults = [change.fault.name for change in done.modes if change.fault != Fault.NONE]
         return f"never started{': ' + faults[-1].lower() if faults else ''}"
-    if last is None or last.mode != Mode.RUN:
-        assert last is not None
-        return (
-            f"ends in {last.mode.name.lower()} since {last.t_s:.2f} s"
-            f"{': ' + last.fault.name.lower() if last.fault != Fault.NONE else ''}"
-        )
+    if done.modes[-1].mode != Mode.RUN:
+        return f"ends in {done.last_word}"
     if not reference.goes_on(done.impacts["t_s"], duration_s, min(omega_rad_s, kept_omega(done))):
         return "in mode RUN, but without lasting impacts at the end"
     return ""

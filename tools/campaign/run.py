@@ -85,6 +85,15 @@ class Run:
         """Return the first change into a mode; None if there is none."""
         return next((change for change in self.modes if change.mode == mode), None)
 
+    @property
+    def last_word(self) -> str:
+        """The last mode, since when it lasts, and its fault, as text."""
+        if not self.modes:
+            return "never ready"
+        last = self.modes[-1]
+        fault = f", {last.fault.name.lower()}" if last.fault != Fault.NONE else ""
+        return f"{last.mode.name.lower()} since {last.t_s:.2f} s{fault}"
+
     @cached_property
     def detections(self) -> NDArray[np.void]:
         """Records of the ticks in which the firmware has detected an impact."""

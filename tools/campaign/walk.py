@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from firmware_py.interface.enums import Fault, Mode
+from firmware_py.interface.enums import Mode
 from firmware_py.interface.generated.parameters import Gait
 from hil.judge.detection import WEAKEST_V_M_S
 from hil.judge.figures.gait import following
@@ -140,25 +140,16 @@ def judge_walk(trial: Trial, done: Run, outcome: Outcome) -> None:
         outcome.leave_out("refused: no whole number of turns a stride within the region")
         return
     if captured is None or captured.t_s + SETTLED_S > ends_s:
-        outcome.why = f"no hold: {last_word(done)}"
+        outcome.why = f"no hold: {done.last_word}"
         return
     hold_s = (captured.t_s, min(left_s(done, captured.t_s), scenario.duration_s, ends_s))
     judge_hold(done, scenario.config.p.gait, hold_s, outcome)
     if course in ("stop", "stumble"):
         judge_end(done, ends_s, hold_s, PRESETS[preset].last_pulse_s, outcome)
     elif done.modes[-1].mode != Mode.RUN:
-        outcome.why = f"not kept: {last_word(done)}"
+        outcome.why = f"not kept: {done.last_word}"
     else:
         outcome.why = missing(done, hold_s)
-
-
-def last_word(done: Run) -> str:
-    """Return the last mode of a run, since when it lasts, and its fault, as text."""
-    if not done.modes:
-        return "never ready"
-    last = done.modes[-1]
-    fault = f", {last.fault.name.lower()}" if last.fault != Fault.NONE else ""
-    return f"{last.mode.name.lower()} since {last.t_s:.1f} s{fault}"
 
 
 def ended_s(walking: object) -> float:

@@ -1,17 +1,16 @@
 """`vibrohil trade`: speed against accuracy, measured on this machine."""
 
-import math
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
 from tools.commands.options import Json
-from tools.output import NO_VALUE, answer, console, table_of
+from tools.output import answer, console, figure, table_of
 from tools.outputs import PICTURES, file_option
 from tools.progress import shown_progress
 
@@ -98,75 +97,66 @@ def parts(quick: Quick = False, as_json: Json = False) -> None:
     answer(payload, as_json, lambda: show_parts(rows, repeats))
 
 
-class Column(NamedTuple):
-    """A column of a table: its title, the key of a row, and the format of the value times `factor`."""
-
-    title: str
-    key: str
-    form: str = ""
-    factor: float = 1.0
-
-    def cell(self, row: Mapping[str, Any]) -> str:
-        """The row's value as text: a list's length, a dash for no value."""
-        value = row[self.key]
-        if isinstance(value, str):
-            return value.partition(": ")[2] if self.key == "what" else value
-        if isinstance(value, list):
-            return str(len(value))
-        if value is None or math.isnan(value):
-            return NO_VALUE
-        return format(self.factor * value if self.factor != 1.0 else value, self.form)
+Columns = Mapping[str, str]
+"""The key of a row's figure by the title of its column."""
 
 
-def table(title: str, rows: Iterable[Mapping[str, Any]], columns: Sequence[Column]) -> Table:
-    """A table of measured rows."""
-    cells = ([column.cell(row) for column in columns] for row in rows)
-    return table_of([column.title for column in columns], cells, title=title)
+def table(title: str, rows: Iterable[Mapping[str, Any]], columns: Columns) -> Table:
+    """A table of measured rows; a list of names counts as their number."""
+    cells = ([cell(key, row[key]) for key in columns.values()] for row in rows)
+    return table_of(columns, cells, title=title)
 
 
-SOLVERS = (
-    Column("method", "method"),
-    Column(">x [m]", "error", ".0e"),
-    Column(">t [s]", "impact_time_error_s", ".0e"),
-    Column(">v [m/s]", "impact_speed_error_m_s", ".0e"),
-    Column(">impulse", "impulse_error", ".0e"),
-    Column(">impacts", "impacts"),
-    Column(">µs/s", "cost", ".1f"),
-    Column(">×", "cost_ratio", ".1f"),
-)
-PARTS = (
-    Column("part", "what"),
-    Column(">µs/s", "cost", ".0f"),
-    Column(">×", "cost_ratio", ".2f"),
-    Column(">N s", "impulse_n_s", ".3f"),
-    Column(">off by", "error", ".1%"),
-    Column(">v⁻ m/s", "approach_m_s", ".4f"),
-    Column(">peak N", "peak_force_n", ".0f"),
-    Column(">felt N", "peak_felt_force_n", ".0f"),
-    Column(">J", "energy_per_cycle_j", ".3f"),
-    Column(">at terminals J", "terminal_energy_per_cycle_j", ".3f"),
-    Column(">fold", "fold_r", ".2f"),
-)
-RATES = (
-    Column("rate [Hz]", "rate_hz"),
-    Column(">x [mm]", "error", ".2f", 1e3),
-    Column(">v [m/s]", "v_rmse_m_s", ".4f"),
-    Column(">late [ms]", "latency_p95_ms", ".2f"),
-    Column(">ripple", "ripple", ".5f"),
-    Column(">v⁻ [m/s]", "approach_m_s", ".4f"),
-    Column(">regime", "regime"),
-    Column(">failed", "failed_checks"),
-    Column(">ms/s", "cost", ".0f", 1e-3),
-)
-BUILDS = (
-    Column("build", "build"),
-    Column("is", "setting"),
-    Column(">x [mm]", "error", ".3f", 1e3),
-    Column(">v [m/s]", "v_rmse_m_s", ".5f"),
-    Column(">µs/tick", "cost", ".1f"),
-)
-TICKS = (Column("what", "what"), Column(">µs/tick", "cost", ".2f"))
-TABLES = {
+def cell(key: str, value: Any) -> str:
+    """A row's value as text."""
+    if key == "what":
+        return str(value).partition(": ")[2]
+    return figure(len(value) if isinstance(value, list) else value)
+
+
+SOLVERS: Columns = {
+    "method": "method",
+    ">x [m]": "error",
+    ">t [s]": "impact_time_error_s",
+    ">v [m/s]": "impact_speed_error_m_s",
+    ">impulse": "impulse_error",
+    ">impacts": "impacts",
+    ">µs/s": "cost",
+    ">×": "cost_ratio",
+}
+PARTS: Columns = {
+    "part": "what",
+    ">µs/s": "cost",
+    ">×": "cost_ratio",
+    ">N s": "impulse_n_s",
+    ">off by": "error",
+    ">v⁻ m/s": "approach_m_s",
+    ">peak N": "peak_force_n",
+    ">felt N": "peak_felt_force_n",
+    ">J": "energy_per_cycle_j",
+    ">at terminals J": "terminal_energy_per_cycle_j",
+    ">fold": "fold_r",
+}
+RATES: Columns = {
+    "rate [Hz]": "rate_hz",
+    ">x [m]": "error",
+    ">v [m/s]": "v_rmse_m_s",
+    ">late [ms]": "latency_p95_ms",
+    ">ripple": "ripple",
+    ">v⁻ [m/s]": "approach_m_s",
+    ">regime": "regime",
+    ">failed": "failed_checks",
+    ">µs/s": "cost",
+}
+BUILDS: Columns = {
+    "build": "build",
+    "is": "setting",
+    ">x [m]": "error",
+    ">v [m/s]": "v_rmse_m_s",
+    ">µs/tick": "cost",
+}
+TICKS: Columns = {"what": "what", ">µs/tick": "cost"}
+TABLES: dict[str, tuple[str, Columns]] = {
     "fidelity": ("fidelity: table1 on its impact orbit at r = 1.3, ideal drive", PARTS),
     "control rate": (
         "control rate: soft start to r = 1.3 with motor, sensors and firmware, in lockstep",

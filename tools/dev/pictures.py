@@ -124,8 +124,6 @@ def estimator(path: Path, folder: Path) -> None:
     for axes in (right[0], right[2]):
         axes.legend(loc="upper right", fontsize=8)
     right[0].set_title("the whole run", fontsize=10)
-    for axes in grid.flat:
-        axes.grid(alpha=0.25)
     figure.savefig(path, metadata={"Date": None})
 
 
@@ -172,8 +170,6 @@ def start_up(path: Path, folder: Path) -> None:
     speed.set(xlabel="simulated time [s]", ylabel="Ω/ω", xlim=START_S)
     speed.set_title("the crank", fontsize=10)
     speed.legend(loc="lower right", fontsize=8)
-    for axes in grid.flat:
-        axes.grid(alpha=0.25)
     figure.savefig(path, metadata={"Date": None})
 
 

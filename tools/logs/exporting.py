@@ -129,14 +129,11 @@ def as_parquet(frames: Iterable[DecodedFrames], folder: Path) -> None:
     """Write a file for each frame; a field's metadata holds its `unit`."""
     folder.mkdir(parents=True, exist_ok=True)
     for one in frames:
-        units = {"t_s": "s", **one.units}
-        columns = {"t_s": one.t_s, "wall_time": one.wall_ns.astype("datetime64[ns]"), **one.signals}
-        arrays = [pa.array(values) for values in columns.values()]
-        fields = [
-            pa.field(name, array.type, metadata={"unit": units.get(name, "")})
-            for name, array in zip(columns, arrays, strict=True)
-        ]
-        parquet.write_table(pa.table(arrays, schema=pa.schema(fields)), folder / f"{one.name}.parquet")
+        units = {"t_s": "s", "wall_time": "", **one.units}
+        wall_time = one.wall_ns.astype("datetime64[ns]")
+        table = pa.table({"t_s": one.t_s, "wall_time": wall_time, **one.signals})
+        fields = [field.with_metadata({"unit": units[field.name]}) for field in table.schema]
+        parquet.write_table(table.cast(pa.schema(fields)), folder / f"{one.name}.parquet")
 
 
 def as_csv(frames: Iterable[DecodedFrames], folder: Path) -> None:
@@ -146,9 +143,7 @@ def as_csv(frames: Iterable[DecodedFrames], folder: Path) -> None:
         units = {"t_s": "s", **one.units}
         columns = {"t_s": one.t_s, **one.signals}
         titles = [f"{name} [{units[name]}]" if units[name] else name for name in columns]
-        csv.write_csv(
-            pa.table(list(map(pa.array, columns.values())), names=titles), folder / f"{one.name}.csv"
-        )
+        csv.write_csv(pa.table(columns).rename_columns(titles), folder / f"{one.name}.csv")
 
 
 FORMATS: Mapping[str, Callable[[Iterable[DecodedFrames], Path], None]] = {

@@ -52,5 +52,4 @@ def plot_signals(run: Run, signals: list[str], path: Path) -> None:
         for axes, (name, (t_s, values)) in zip(panels, found.items(), strict=True):
             axes.plot(t_s, values, lw=0.8)
             axes.set_title(name, loc="left", fontsize=9)
-            axes.grid(alpha=0.3)
         panels[-1].set_xlabel("simulated time [s]")

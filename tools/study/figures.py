@@ -70,7 +70,6 @@ def amplitude_frequency(diagrams: Sequence[Diagram], folder: Path, file_name: st
         case = diagram.case
         for axes in grid[:, column]:
             shade(axes, diagram.multistable())
-            axes.grid(alpha=0.25)
         for sweep, colour, marker, label in (
             (diagram.up, UP_COLOUR, "^", "run-up"),
             (diagram.down, DOWN_COLOUR, "v", "run-down"),
@@ -131,6 +130,7 @@ def basin(found: Basin, caption: str, folder: Path, portrait: Portrait | None = 
     impacts = found.table["impacts"].to_numpy().reshape(shape)
     figure, grid = new_figure(1, 1, 6.4, 5.6)
     axes = grid[0, 0]
+    axes.grid(visible=False)
     extent = (
         1e3 * (1.5 * across_m[0] - 0.5 * across_m[1]),
         1e3 * (1.5 * across_m[-1] - 0.5 * across_m[-2]),
@@ -204,5 +204,3 @@ def _portrait(axes: NDArray[Any], motion: Motion, kind: str) -> None:
     axes[1].plot(1e3 * (points.x_m - case.rest_length_m), points.v_m_s, "k.", ms=5)
     axes[1].axvline(gap_mm, color="k", lw=0.8, ls="--")
     axes[1].set(xlabel="x − l0 [mm]", ylabel="v [m/s]")
-    for one in axes:
-        one.grid(alpha=0.25)

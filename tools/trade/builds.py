@@ -10,7 +10,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.shell.builds import Build, node_of
 from hil.bench.lockstep import run_lockstep, silent
 from hil.scenario.scenario import Scenario
-from tools.trade.control_rate import hold, short_start
+from tools.trade.control_rate import errors_of, hold, short_start
 from tools.trade.costs import Progress
 
 BUILDS: tuple[tuple[Build, str], ...] = (
@@ -29,7 +29,7 @@ def measure(repeats: int, progress: Progress) -> list[dict[str, Any]]:
     held = {}
     for build, _ in BUILDS:
         progress(f"firmware build: {build}")
-        held[build] = hold(scenario, build)
+        held[build], _ = hold(scenario, build)
     received = received_in(scenario)
     return [
         {
@@ -37,7 +37,7 @@ def measure(repeats: int, progress: Progress) -> list[dict[str, Any]]:
             "kind": "firmware build",
             "build": build,
             "setting": setting,
-            **held[build].errors,
+            **errors_of(held[build]),
             "cost": min(_replayed_us(scenario, build, received) for _ in range(repeats)),
             "unit": UNIT,
         }

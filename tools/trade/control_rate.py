@@ -4,7 +4,7 @@ import math
 import tempfile
 import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from firmware_py.shell.builds import Build
 from hil.bench.lockstep import in_lockstep, silent
@@ -44,44 +44,33 @@ def short_start(rate_hz: int = 1000) -> Scenario:
     return check_scenario(document, SCENARIO)
 
 
-class Held(NamedTuple):
-    """A start and hold in lockstep: its figures, and the processor time, µs."""
-
-    figures: Figures
-    spent_us: float
-
-    @property
-    def errors(self) -> dict[str, float]:
-        """RMS errors of the estimated position and velocity for a row; nan if there is no estimate."""
-        estimate = self.figures.estimate
-        x_rmse_m, v_rmse_m_s = (
-            math.nan if one is None else one for one in (estimate.x_rmse_m, estimate.v_rmse_m_s)
-        )
-        return {"error": x_rmse_m, "v_rmse_m_s": v_rmse_m_s}
+def errors_of(figures: Figures) -> dict[str, float]:
+    """RMS errors of the estimated position and velocity for a row; nan if there is no estimate."""
+    found = {"error": figures.estimate.x_rmse_m, "v_rmse_m_s": figures.estimate.v_rmse_m_s}
+    return {name: math.nan if value is None else value for name, value in found.items()}
 
 
-def hold(scenario: Scenario, build: Build = "compiled") -> Held:
-    """Run the scenario in lockstep; kernels are compiled or loaded before."""
+def hold(scenario: Scenario, build: Build = "compiled") -> tuple[Figures, float]:
+    """Run the scenario in lockstep; return its figures, and the processor time in µs without compiling."""
     warm_plant(scenario.scene)
     warm_firmware(scenario.parameters, build)
     with tempfile.TemporaryDirectory() as folder:
         begun = time.thread_time_ns()
         run_dir, _ = in_lockstep(scenario, Path(folder) / "run", 1, silent, build)
         spent_us = (time.thread_time_ns() - begun) * 1e-3
-        return Held(figures_of(run_dir), spent_us)
+        return figures_of(run_dir), spent_us
 
 
 def _row(rate_hz: int) -> dict[str, Any]:
     scenario = short_start(rate_hz)
-    held = hold(scenario)
-    figures = held.figures
+    figures, spent_us = hold(scenario)
     failed = [result.name for result in evaluate(scenario.checks, figures) if not result.passed]
     return {
         "what": f"control rate: {rate_hz} Hz",
         "kind": "control rate",
         "rate_hz": rate_hz,
-        **held.errors,
-        "cost": held.spent_us / UNTIL_S,
+        **errors_of(figures),
+        "cost": spent_us / UNTIL_S,
         "unit": UNIT,
         "latency_p95_ms": figures.detector.latency_ms.p95,
         "speed_error": figures.speed.error,

@@ -41,7 +41,6 @@ def draw(measured: Sequence[Cost], path: Path) -> None:
             front = [each for each in mine if each in best]
             axes.step(*points(front), where="post", color="black", lw=1.0, ls=":")
             axes.set(xscale="log", yscale="log", title=case.name)
-            axes.grid(alpha=0.3)
         for axes in list(grid.flat)[len(cases) :]:
             axes.axis("off")
         for axes in grid[-1]:

@@ -49,7 +49,6 @@ def _bode(gain: Any, phase: Any, nominal: NominalDrive, design: SpeedDesign) -> 
     phase.axhline(-180.0, color="black", lw=0.6)
     for axes in (gain, phase):
         axes.axvline(design.crossover_rad_s / (2.0 * np.pi), color="tab:blue", lw=0.8, ls=":")
-        axes.grid(alpha=0.3, which="both")
     gain.set(ylim=(1e-3, 1e2), ylabel="gain", title="Bode")
     gain.legend(loc="upper right", fontsize=8)
     phase.set(xlabel="frequency [Hz]", ylabel="phase [°]", ylim=(-360, -90))
@@ -70,7 +69,6 @@ def _nyquist(axes: Any, nominal: NominalDrive, design: SpeedDesign) -> None:
         xlim=(-3.2, 1.2), ylim=(-3.0, 1.4), aspect="equal", title="Nyquist of L", xlabel="Re", ylabel="Im"
     )
     axes.legend(loc="upper right", fontsize=8)
-    axes.grid(alpha=0.3)
 
 
 def _steps(step: Any, load: Any, nominal: NominalDrive, design: SpeedDesign) -> None:
@@ -83,7 +81,6 @@ def _steps(step: Any, load: Any, nominal: NominalDrive, design: SpeedDesign) -> 
         speed = control.forced_response(system, t_s, np.full(len(t_s), size)).outputs
         axes.step(1e3 * t_s, speed, where="post")
         axes.set(title=title, ylabel="speed [rad/s]")
-        axes.grid(alpha=0.3)
     load.set_xlabel("time [ms]")
 
 
@@ -111,7 +108,6 @@ def _friction(axes: Any, found: Identified) -> None:
         axes.plot(grid, friction_m_s2(fit.striker, grid), color=COLOURS[law], lw=width, label=law.value)
     axes.set(xlabel="v [m/s]", ylabel="friction by mass [m/s²]", title="what slows the striker")
     axes.legend(fontsize=8)
-    axes.grid(alpha=0.3)
 
 
 def _laws(axes: Any, found: Identified) -> None:
@@ -119,7 +115,6 @@ def _laws(axes: Any, found: Identified) -> None:
     residuals = [fit.residual_m_s2 for fit in found.fits.values()]
     axes.bar(names, residuals, color=[COLOURS[law] for law in found.fits])
     axes.set(ylabel="residual [m/s²]", title=f"residual by law; chosen: {found.law.value}")
-    axes.grid(alpha=0.3, axis="y")
 
 
 def _impacts(axes: Any, found: Identified) -> None:
@@ -130,9 +125,9 @@ def _impacts(axes: Any, found: Identified) -> None:
     axes.plot(table[:, 1], 1e3 * table[:, 0], ".", color="tab:red", label="stop past l0 [mm]")
     axes.set(xlabel="approach speed v⁻ [m/s]", ylabel="stop past l0 [mm]", title="impacts")
     other = axes.twinx()
+    other.grid(visible=False)
     other.plot(table[:, 1], table[:, 2], "x", color="tab:purple", ms=4)
     other.set_ylabel("restitution (×)", color="tab:purple")
-    axes.grid(alpha=0.3)
 
 
 def draw_detector(figure: "Figure", tuning: Tuning, points: Sequence[detector.Operating]) -> None:
@@ -178,8 +173,6 @@ def draw_detector(figure: "Figure", tuning: Tuning, points: Sequence[detector.Op
     for axes in (latency, cost):
         _chosen(axes, value, DEFAULTS[detector.PARAMETER])
     _legend(figure, latency)
-    for axes in (roc, latency, cost):
-        axes.grid(alpha=0.3, which="both")
 
 
 def draw_estimator(figure: "Figure", tuning: Tuning, points: Sequence[Combination]) -> None:
@@ -198,7 +191,6 @@ def draw_estimator(figure: "Figure", tuning: Tuning, points: Sequence[Combinatio
         axes.axhline(-NEAR, color="tab:gray", lw=0.8, ls="--")
         _chosen(axes, tuning.parameters.get(name), DEFAULTS[name])
         axes.set(xscale="log", xlabel=label, ylabel="log-likelihood below the best")
-        axes.grid(alpha=0.3, which="both")
     _legend(figure, panels[0])
 
 
@@ -243,5 +235,4 @@ def draw_start(figure: "Figure", tuning: Tuning, tried: Sequence[start.Ramp]) ->
                 label=label,
             )
         axes.set(xlabel="rise [s]", ylabel=name)
-        axes.grid(alpha=0.3)
     _legend(figure, panels[0])

@@ -56,10 +56,11 @@ def branch_figure(found: Sequence[Branch], nominal: float, folder: Path, name: s
     labelled: set[str] = set()
     for branch in found:
         colour = COLOURS[kinds.index((branch.turns, branch.impacts)) % len(COLOURS)]
+        sizes = np.array([[np.max(np.abs(orbit.multipliers))] for orbit in branch.orbits])
         for stable, style in ((True, "-"), (False, "--")):
-            at, v_m_s = _pieces(branch, _speeds(branch), stable)
+            at, v_m_s = _pieces(branch, np.array([orbit.v_m_s for orbit in branch.orbits]), stable)
             curves = speeds.plot(shown(at, over), v_m_s, style, color=colour, lw=1.6)
-            at, size = _pieces(branch, _growth(branch), stable)
+            at, size = _pieces(branch, sizes, stable)
             growth.plot(shown(at, over), size, style, color=colour, lw=1.6)
             if np.any(np.isfinite(at)):
                 stability = "stable" if stable else "unstable"
@@ -76,7 +77,6 @@ def branch_figure(found: Sequence[Branch], nominal: float, folder: Path, name: s
     speeds.set(ylabel="approach speed v⁻ at the stop [m/s]", ylim=(0.0, None))
     for axes in (speeds, growth):
         axes.axvline(shown(nominal, over), color="k", lw=0.6, ls=":")
-        axes.grid(alpha=0.25)
     if labelled:
         speeds.legend(loc="best", fontsize=8)
     speeds.set_title("impact orbits: turns of the crank / impacts")
@@ -110,7 +110,6 @@ def boundary_figure(
     axes.plot(shown(nominal[0], first), shown(nominal[1], second), "k*", ms=10, label="the scene")
     axes.set(xlabel=LABELS[first], ylabel=LABELS[second])
     axes.set_ylim(shown(max(PARAMETERS[second].low, 0.0), second), None)
-    axes.grid(alpha=0.25)
     axes.legend(loc="best", fontsize=8)
     return save(figure, folder, name)
 
@@ -161,14 +160,6 @@ def _crossings(curves: Sequence[Boundary], kind: str, height: float, over: tuple
             for i in np.nonzero((y[:-1] - height) * (y[1:] - height) < 0.0)[0]:
                 found.append(float(x[i] + (height - y[i]) / (y[i + 1] - y[i]) * (x[i + 1] - x[i])))
     return found
-
-
-def _speeds(branch: Branch) -> NDArray[np.float64]:
-    return np.array([orbit.v_m_s for orbit in branch.orbits])
-
-
-def _growth(branch: Branch) -> NDArray[np.float64]:
-    return np.array([[np.max(np.abs(orbit.multipliers))] for orbit in branch.orbits])
 
 
 def _pieces(
