@@ -7,8 +7,8 @@ from firmware_py.builds.machine_code import object_code
 from firmware_py.node.memory import INITIAL
 from firmware_py.node.tick import NO_TX
 from firmware_py.shell.parameters import config_from
-from tools.fmu.flat import flat
-from tools.fmu.frames import MOST_RECEIVED, frame_places, frame_variables
+from tools.fmu.machine_code import flat
+from tools.fmu.variables import MOST_RECEIVED, frame_places, frame_variables
 
 
 class FirmwareModel:

@@ -1,4 +1,5 @@
-"""Functions as LLVM assembly that a C program calls, by the same way as the firmware's board builds.
+"""Functions as LLVM assembly that a C program calls, by the same way as the firmware's board builds, and the
+memory that they take.
 
 `NUMBA_OPT=0 python -m tools.fmu.machine_code FILE ARGUMENTS` writes the raw assembly of an FMU's
 functions; it needs a process of its own, because numba reads NUMBA_OPT only once.
@@ -11,12 +12,14 @@ import tempfile
 from collections.abc import Callable, Iterable
 from os import environ
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 import numba
+import numpy as np
 from numba.core import types
 
+from firmware_py.builds.flat import stored
 from firmware_py.builds.machine_code import NAMES_EXCEPTION, RAW, Target, retargeted
 from kernel_cache import folder_of, kept_file
 
@@ -44,6 +47,19 @@ define i64 @{name}({parameters}) {{
 }}
 """
 """It returns the function's integer, or −1 if its arithmetic raised."""
+
+
+class Flat(NamedTuple):
+    """Words of an instance's memory that hold no array."""
+
+    words: list[int]
+    record: tuple[()] = ()
+
+
+def flat(record: tuple[Any, ...]) -> Flat:
+    """A record of the firmware's subset, as in `firmware_py.builds.flat`."""
+    content = stored(record).tobytes()
+    return Flat(np.frombuffer(content.ljust(-(-len(content) // 8) * 8, b"\0"), np.int64).tolist())
 
 
 def assembly(functions: Functions) -> str:

@@ -38,8 +38,7 @@ from plant_sim.solvers.adaptive.state_layout import (
 from plant_sim.tables.quantities import LARGEST_SPEED_RAD_S
 from plant_sim.tables.scene_tables import InitialTable
 from plant_sim.tables.table import Table
-from tools.fmu.flat import Flat
-from tools.fmu.machine_code import Functions, object_code
+from tools.fmu.machine_code import Flat, Functions, object_code
 from tools.fmu.variables import NO_KEYS, Variable, parameters
 
 _pointer: Any = types.CPointer

@@ -30,11 +30,9 @@ from plant_sim.scene import Scene
 from plant_sim.sensors.readings import SensorReading
 from plant_sim.sensors.sampled import SAMPLED
 from plant_sim.solvers.adaptive.state_layout import OBSERVED
-from tools.fmu.flat import flat
-from tools.fmu.frames import MOST_RECEIVED, frame_places, frame_variables
-from tools.fmu.machine_code import Functions
+from tools.fmu.machine_code import Functions, flat
 from tools.fmu.plant import NUMBERS, PlantModel, write_impacts, write_motion
-from tools.fmu.variables import FmuError, Variable
+from tools.fmu.variables import MOST_RECEIVED, FmuError, Variable, frame_places, frame_variables
 
 register()
 
