@@ -1,14 +1,16 @@
 """The plant's node: what it sends when, and that its world goes on while its loop does not."""
 
+import math
 import struct
 from collections import Counter
-from itertools import pairwise
+from collections.abc import Callable, Sequence
+from itertools import count, pairwise
 
 import numpy as np
 import pytest
 
 from firmware_py.interface import codec
-from firmware_py.interface.enums import AxisError, AxisState
+from firmware_py.interface.enums import AxisError, AxisState, ProcedureResult
 from firmware_py.interface.frame import Frame
 from hil.drive.axis import is_armed
 from hil.drive.axis_table import BenchScene
@@ -26,6 +28,9 @@ ARM = Frame(0x07, struct.pack("<I", AxisState.CLOSED_LOOP_CONTROL) + bytes(4))
 
 def torque(torque_n_m: float) -> Frame:
     return Frame(0x0E, struct.pack("<f", torque_n_m) + bytes(4))
+
+
+ODRIVES_AXIS = {"watchdog_s": 1.0, "encoder_s": 0.01, "control_mode": "velocity"}
 
 
 def plant_node(period_s: float = 1e-3) -> PlantNode:
@@ -64,6 +69,46 @@ def test_accelerometer_counts_its_frames() -> None:
         counters.append(codec.ACCELEROMETER.counter(node.publish()[0].data))
         node.advance([])
     assert counters == [number % 256 for number in range(300)]
+
+
+class Client:
+    """A client on the bus of a drive with ODrive's own periods."""
+
+    def __init__(self) -> None:
+        scene = BenchScene.load(read_scene("table1-motor-soft") | {"axis": ODRIVES_AXIS})
+        self.node = PlantNode(scene, seed=1)
+
+    def after(self, frames: Sequence[Frame], can_id: int, wanted: Callable[[bytes], bool]) -> bytes:
+        """The first such message after the drive has received these frames."""
+        for _ in range(30_000):
+            data = [frame.data for frame in self.node.publish() if frame.can_id == can_id]
+            self.node.advance(frames)
+            frames = ()
+            if data and wanted(data[0]):
+                return data[0]
+        raise AssertionError(f"no such message of {can_id:#x} within 30 s")
+
+
+def test_as_odrives_examples_do_a_client_calibrates_the_drive_and_swings_its_crank() -> None:
+    """The frames of can_calibrate and can_simple; `hil/bus/test_client_programs.py` runs the programs."""
+    client = Client()
+    clear, calibrate = Frame(0x18, b"\0"), Frame(0x07, struct.pack("<I", 3))
+    heartbeat = client.after([clear, calibrate], 0x01, lambda data: data[4] != AxisState.IDLE)
+    assert struct.unpack("<IBB", heartbeat[:6]) == (0, 3, ProcedureResult.BUSY)
+    heartbeat = client.after([], 0x01, lambda data: data[4] == AxisState.IDLE)
+    assert struct.unpack("<IBB", heartbeat[:6]) == (0, AxisState.IDLE, ProcedureResult.SUCCESS)
+    client.after([Frame(0x07, struct.pack("<I", 8))], 0x01, lambda data: data[:5] == bytes((0, 0, 0, 0, 8)))
+    slowest = fastest = 0.0
+    for step in range(40):
+        wanted_rev_s = struct.pack("<ff", math.sin(math.pi * 0.1 * step), 0.0)
+        sampled = count(1)
+        data = client.after([Frame(0x0D, wanted_rev_s)], 0x09, lambda _, sampled=sampled: next(sampled) == 10)
+        _, velocity_rev_s = struct.unpack("<ff", data)
+        slowest, fastest = min(slowest, velocity_rev_s), max(fastest, velocity_rev_s)
+    assert slowest < -0.5
+    assert fastest > 0.5
+    heartbeat = client.after([], 0x01, lambda data: data[4] == AxisState.IDLE)
+    assert struct.unpack("<I", heartbeat[:4]) == (AxisError.WATCHDOG_TIMER_EXPIRED,)
 
 
 def test_torque_turns_the_crank_forward_and_the_record_says_so() -> None:

@@ -18,7 +18,7 @@ from hil.judge.verdict import read_verdict
 from hil.record.run_traces import read_json
 
 WORKER = "a worker"
-RUNS = 5
+RUNS = 3
 """Number of scenarios of the suite, and of trials of the campaign.
 
 It is odd, so that the last run of two workers has just begun when all others are finished.
