@@ -2,21 +2,16 @@
 
 import math
 
-import numba
 import numpy as np
 import pytest
-from exact_scenes import MASS_KG, NATURAL_RAD_S, REST_M, STOP, module, random_module, start
+from exact_scenes import MASS_KG, REST_M, STOP, module, random_module, start
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant_sim.kinds import kernel_parts
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.friction import Coulomb, NoFriction, Stribeck, Viscous
-from plant_sim.parts.stop import HuntCrossley, NoStop
-from plant_sim.solvers.bernstein import new_scratch
-from plant_sim.solvers.exact.automaton import Event, after, begin, next_event
+from plant_sim.parts.stop import HuntCrossley
 from plant_sim.solvers.exact.exact import UnsupportedSceneError, simulate
-from plant_sim.solvers.exact.oscillator import oscillator_at
 
 SCENES = [
     module(0.02, 1.3, Viscous(0.2)),
@@ -155,34 +150,3 @@ def test_ends_and_samples_out_of_order_are_refused():
     for grid in ([0.5, 0.1], [-0.1, 0.5], [0.5, 1.5]):
         with pytest.raises(UnsupportedSceneError, match="sample times"):
             simulate(SCENES[0], start(), 1.0, np.array(grid))
-
-
-@numba.njit(parallel=True, error_model="numpy")
-def _count_impacts(parts, omegas_rad_s, until_s):
-    counts = np.zeros(len(omegas_rad_s), dtype=np.int64)
-    for index in numba.prange(len(omegas_rad_s)):
-        o = oscillator_at(parts, omegas_rad_s[index])
-        motion, scratch = begin(o, 0.0, 0.0, 0.0, 0.0), new_scratch(0)
-        event = Event.IMPACT
-        while event != Event.HORIZON:
-            arrival, event = next_event(o, motion, until_s, scratch)
-            counts[index] += event == Event.IMPACT
-            motion = after(o, arrival, event, 1e-9)
-    return counts
-
-
-def test_the_kernel_runs_in_a_callers_parallel_loop():
-    parts = SCENES[0]
-    omegas_rad_s = np.linspace(0.8, 1.4, 24) * NATURAL_RAD_S
-    counts = _count_impacts(kernel_parts(parts), omegas_rad_s, 20.0)
-    for count, omega in zip(counts, omegas_rad_s, strict=True):
-        drive = parts.drive._replace(omega_rad_s=float(omega))
-        assert count == len(simulate(parts._replace(drive=drive), start(), 20.0).impacts.t_s)
-
-
-def test_without_stop_and_dry_friction_nothing_happens():
-    result = simulate(module(0.02, 1.0, NoFriction(), NoStop()), start(), 1e4)
-    assert len(result.impacts.t_s) == 0
-    swing = 0.5 * 0.02 * NATURAL_RAD_S * 1e4  # grows as A ω t / 2 at resonance
-    assert abs(result.final.x_m - REST_M) <= swing * 1.001
-    assert max(abs(result.final.x_m - REST_M), abs(result.final.v_m_s) / NATURAL_RAD_S) > 0.5 * swing
