@@ -37,12 +37,15 @@ class Reference:
     t: float = 0.0
     touch_v: float | None = None
     touch_t: float = 0.0
+    peak: float = 0.0
     is_crank_stuck: bool = False
     plate: float = 0.0
     plate_v: float = 0.0
     peak_felt: float = 0.0
     impacts_t: list[float] = field(default_factory=list)
     impacts_v: list[float] = field(default_factory=list)
+    impacts_v_after: list[float] = field(default_factory=list)
+    impacts_peak: list[float] = field(default_factory=list)
 
     def run(self, until: float, torque: float = 0.0, rtol: float = 1e-12) -> None:
         """Carry the state on to `until` under a held torque."""
@@ -76,7 +79,7 @@ class Reference:
             )
             self.t = float(solution.t[-1])
             self.x, self.v, self.theta, self.omega, self.plate, self.plate_v = solution.y[:, -1]
-            self._follow_felt(solution.y)
+            self._follow_forces(solution.y)
             if len(solution.t_events[0]):
                 self._meet_stop()
             elif len(solution.t_events[1]):
@@ -132,8 +135,12 @@ class Reference:
                 return stiffness * plate + damping * plate_v
         return 0.0 * plate
 
-    def _follow_felt(self, y) -> None:
+    def _follow_forces(self, y) -> None:
         self.peak_felt = max(self.peak_felt, float(np.max(np.abs(self._felt(y[4], y[5])))))
+        if self.touch_v is not None:
+            depth = y[0] - y[4] - self.parts.stop.position_m
+            forces = [self._stop_force(*one) for one in zip(depth, y[1] - y[5], strict=True)]
+            self.peak = max(self.peak, *forces)
 
     def _crank_event(self, direction, torque):
         if self._dry() == 0.0:
@@ -243,11 +250,15 @@ class Reference:
             self.impacts_t.append(self.t)
             self.impacts_v.append(self.v)
             self.x, self.v = stop.position_m, -stop.restitution * self.v
+            self.impacts_v_after.append(self.v)
+            self.impacts_peak.append(math.nan)
         elif self.touch_v is None:
-            self.touch_t, self.touch_v = self.t, self.v - self.plate_v
+            self.touch_t, self.touch_v, self.peak = self.t, self.v - self.plate_v, 0.0
         else:
             self.impacts_t.append(self.touch_t)
             self.impacts_v.append(self.touch_v)
+            self.impacts_v_after.append(self.v - self.plate_v)
+            self.impacts_peak.append(self.peak)
             self.touch_v = None
 
 

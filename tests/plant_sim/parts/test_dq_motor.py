@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from changed_scenes import DELETE, changed
 from motulator_drive import motulator_motion
-from weak_motor import mean_speed_ratio
 
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.winding import DqWinding
 from plant_sim.plant import Plant
-from plant_sim.scene import Scene, SceneError, load_scene
+from plant_sim.scene import Scene, load_scene
 from plant_sim.sensors.sensing import NoSensing
 from plant_sim.simulation import initial_state, simulate
 from plant_sim.solvers.adaptive.adaptive import run
@@ -122,31 +121,6 @@ def test_the_ledgers_balance() -> None:
     assert electrical.residual < 1e-9
 
 
-def test_at_the_voltage_limit_the_current_falls() -> None:
-    """|v| = V/√3 alone, R i + j ω_e (L i + ψ): at speed i_q is what the losses take, far below i*."""
-    plant = Plant(scene({"motor.supply_v": 5.0, "drive.amplitude_m": 0.0}), seed=1)
-    currents, speeds = [], []
-    for _ in range(5000):
-        plant.advance(0.4, 1e-3)
-        currents.append(plant.now.current_a)
-        speeds.append(plant.now.omega_rad_s)
-    assert max(currents) == pytest.approx(5.0, rel=0.01)
-    assert currents[-1] == pytest.approx((5e-3 + 1e-4 * speeds[-1]) / 0.08, rel=1e-4)
-    i_d, i_q = plant._memory.y[current_place(plant.parts) :][:2]
-    electrical = 7.0 * speeds[-1]
-    voltage = 0.4 * (i_d + 1j * i_q) + 1j * electrical * (0.3e-3 * (i_d + 1j * i_q) + 0.08 / 10.5)
-    assert abs(voltage) == pytest.approx(5.0 / math.sqrt(3.0), rel=1e-4)
-    # No more than the bus's own speed V/√3 / (p ψ), as the torque-mode motor's V/K_t bounds its own.
-    assert 0.9 < speeds[-1] / (5.0 / math.sqrt(3.0) / (0.08 / 1.5)) < 1.0
-
-
-@pytest.mark.parametrize(("limit_n_m", "low", "high"), [(0.06, 1.0, 1.15), (0.15, 1.28, 1.32)])
-def test_a_weak_motor_stalls_below_the_speed_asked_for(limit_n_m: float, low: float, high: float) -> None:
-    """The Sommerfeld effect: near resonance the load takes all a weak motor can give."""
-    module = scene({"motor.current_limit_a": limit_n_m / 0.08})
-    assert low < mean_speed_ratio(module, limit_n_m) < high
-
-
 def test_a_crank_that_dry_friction_holds_breaks_away_as_the_current_comes() -> None:
     """K_t i*(1 − e^(−α t)) = dry loss at t = −ln(1 − dry/T*)/α."""
     plant = Plant(scene({"drive.amplitude_m": 0.0}), seed=1)
@@ -158,41 +132,6 @@ def test_a_crank_that_dry_friction_holds_breaks_away_as_the_current_comes() -> N
     # From there on J ω' = α T* e^(−α t) t, to the leading order.
     growth = 1000.0 * 0.02 * (1.0 - 5e-3 / 0.02) / 5e-4
     assert plant.state.omega_rad_s == pytest.approx(0.5 * growth * late_s**2, rel=1e-3)
-    held = Plant(scene({"drive.amplitude_m": 0.0}), seed=1)
-    for _ in range(1000):
-        held.advance(0.0049, 1e-3)
-    assert held.state.crank_rad == 0.0
-
-
-@pytest.mark.parametrize(
-    ("name", "changes", "said"),
-    [
-        (
-            "table1-motor-soft",
-            {"winding": {}},
-            "winding is given while drive.model = 'motor'; delete the table [winding], or set drive.model",
-        ),
-        (
-            "table1-motor-soft",
-            {"drive": {"model": "dq-motor", "amplitude_m": 0.02, "ratio": 1.3}},
-            "drive.ratio = 1.3 is given for a motor, which takes a torque",
-        ),
-        (
-            "table1-motor-soft",
-            {"drive.model": "dq-motor", "winding": {"bandwidth_rad_s": 0.0}},
-            "winding.bandwidth_rad_s = 0.0 is not a number greater than 0",
-        ),
-        (
-            "table1-motor-soft",
-            {"drive.model": "dq-motor", "solver.method": "exact"},
-            "solver.method = 'exact' has no closed form for drive.model = 'dq-motor'",
-        ),
-    ],
-)
-def test_what_makes_no_sense_is_refused(name: str, changes: dict[str, Any], said: str) -> None:
-    with pytest.raises(SceneError) as refusal:
-        load_scene(changed(name, changes))
-    assert str(refusal.value).startswith(said)
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,8 @@ from plant_sim.parts import walking as w
 from plant_sim.parts.housing import housing_m_s2, housing_m_s3, smooth_for_s
 from plant_sim.parts.walking import KNOCK_M_S2, Walking, leg_at, row_at
 from plant_sim.plant import Plant
-from plant_sim.scene import Scene, SceneError, load_scene
+from plant_sim.scene import Scene, load_scene
 from plant_sim.sensors.gait import GaitReading, GaitTruth, LegState, gait_at
-from plant_sim.simulation import simulate
 
 G = 9.80665
 PACES = [
@@ -261,48 +260,10 @@ def test_the_longest_script_of_a_walk_is_sampled_soon() -> None:
     assert 100_000 < len(rows) < 150_000
 
 
-@pytest.mark.parametrize(
-    ("gait", "wanted"),
-    [
-        (
-            {"pace": [{"at_s": 0.0, "stride_hz": 0.9}, {"at_s": 1e6, "stride_hz": 0.9}]},
-            r"gait\.pace\.1\.at_s = 1000000\.0 is not a number of at most 86400; give from when",
-        ),
-        (
-            {"stumble": [{"at_s": 86_401.0}]},
-            r"gait\.stumble\.0\.at_s = 86401\.0 is not a number of at most 86400; give after when",
-        ),
-        (
-            {"pace": [{"at_s": float(number), "stride_hz": 0.9} for number in range(1001)]},
-            r"gait\.pace = .{,100} is not a list of at most 1000; give the tables",
-        ),
-        (
-            {"stumble": [{"at_s": 1.0}] * 1001},
-            r"gait\.stumble = .{,100} is not a list of at most 1000; give the tables",
-        ),
-    ],
-)
-def test_a_script_of_a_walk_beyond_the_longest_run_is_refused(gait: dict[str, Any], wanted: str) -> None:
-    with pytest.raises(SceneError, match=wanted):
-        scene(STEADY | gait)
-
-
 # --- the module ---------------------------------------------------------------------------------------
 
 
 STANDING = {"pace": [{"at_s": 0.0, "stride_hz": 0.0}]}
-
-
-def test_standing_still_is_no_gait() -> None:
-    """Across the shank nothing at all, along it gravity: as no housing, and as one on its head."""
-    for axis, still in (("forward", {}), ("down", {"housing": {"tilt_rad": -math.pi / 2.0}})):
-        module = {"drive__ratio": 1.0, "solver__method": "adaptive"}
-        ours = simulate(scene(STANDING | {"axis": axis}, **module), 4.0)
-        theirs = simulate(scene(None, **module, **still), 4.0)
-        assert ours.impacts.t_s.size == theirs.impacts.t_s.size
-        assert np.allclose(ours.impacts.t_s, theirs.impacts.t_s, rtol=0.0, atol=1e-9)
-        assert ours.final.x_m == pytest.approx(theirs.final.x_m, abs=1e-10)
-        assert ours.energy.housing_work_j == pytest.approx(theirs.energy.housing_work_j, abs=1e-10)
 
 
 # --- the sensors --------------------------------------------------------------------------------------
@@ -406,26 +367,6 @@ def test_gait_sensors_leave_the_others_noise_alone() -> None:
                 plant.sense_gaits(np.array([plant.t_s]))
             plant.advance(0.0, 1e-3)
     assert readings[0] == pytest.approx(readings[1], abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("gait", "changes", "said"),
-    [
-        ({"axis": "left", "pace": PACES}, {}, "gait.axis = 'left' is not"),
-        ({"axis": "up"}, {}, "gait.pace is missing"),
-        ({"axis": "up", "pace": []}, {}, "gait.pace"),
-        ({"axis": "up", "pace": PACES[1:]}, {}, "the first pace is that of t = 0, set its at_s to 0"),
-        ({"axis": "up", "pace": [PACES[0], PACES[0]]}, {}, "put the paces in the order of time"),
-        ({"axis": "up", "pace": [{"at_s": 0.0, "stride_hz": 0.1}]}, {}, "slower than anybody walks"),
-        ({"axis": "up", "pace": [{"at_s": 0.0, "stride_hz": 3.0}]}, {}, "stride_hz = 3.0 is not a number"),
-        ({**STEADY, "cadence": 1.0}, {}, "gait.cadence = 1.0 is not a known key"),
-        (STEADY, {"housing": {"tilt_rad": 0.1}}, "gait and housing are both given"),
-        (STEADY, {"solver__method": "exact"}, "'exact' has no closed form for gait"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(gait: dict[str, Any], changes: dict[str, Any], said: str) -> None:
-    with pytest.raises(SceneError, match=said.replace("?", r"\?")):
-        scene(gait, **changes)
 
 
 @pytest.mark.parametrize("first_s", [0.0, 590.0, 700.0])

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from changed_scenes import DELETE, changed
+from changed_scenes import DELETE, HERTZ, KNOCK, SWING, changed
 
 from plant_sim.parts.drive import IdealDrive, MotorDrive
 from plant_sim.parts.friction import NoFriction, Stribeck, Viscous
@@ -72,134 +72,110 @@ def test_equal_parts_give_equal_types_however_numbers_are_written() -> None:
     assert isinstance(whole.stop, RigidStop)
 
 
-@pytest.mark.parametrize(
-    ("base", "changes", "said"),
-    [
+EXACT = {"solver.method": "exact"}
+WEARER = {"plate_kg": 1.0, "ankle_n_m": 1e4, "ankle_n_s_m": 100.0}
+HERTZ_STOP = {"stop": HERTZ}
+WALKING = {"at_s": 0.0, "stride_hz": 0.9}
+BAD: dict[str, list[tuple[dict[str, Any], str]]] = {
+    "table1-viscous": [
+        ({"striker.mas_kg": 1.0}, "striker.mas_kg = 1.0 is not a known key; did you mean mass_kg?"),
+        ({"frction": {"mu": 1.0}}, "frction = a table of mu is not a known key; did you mean friction?"),
+        ({"stop.contact_s": 0.01}, "stop.contact_s = 0.01 is not a known key of 'rigid'; known: law,"),
+        ({"striker.mass_kg": math.nan}, "striker.mass_kg = nan is not a finite number; give"),
+        ({"striker.spring_n_m": 0}, "striker.spring_n_m = 0 is not a number greater than 0; give"),
+        ({"striker.mass_kg": "0.8"}, "striker.mass_kg = '0.8' is not a number; give"),
+        ({"striker.mass_kg": True}, "striker.mass_kg = True is not a number; give"),
+        ({"striker.mass_kg": DELETE}, "striker.mass_kg is missing; give the striker's mass in kg"),
+        ({"striker": DELETE}, "striker is missing; give the table [striker]"),
+        ({"drive": DELETE}, "drive is missing; give the table [drive]"),
+        ({"drive.model": DELETE}, "drive.model is missing; give one of ideal, motor"),
+        ({"drive.model": "ideel"}, "drive.model = 'ideel' is none of ideal, motor, dq-motor; did you mean"),
+        ({"drive.frequency_hz": 2.0}, "drive.ratio = 1.3 and drive.frequency_hz = 2.0 are both given;"),
+        ({"drive.ratio": DELETE}, "drive has no speed; give one of drive.ratio"),
+        ({"motor": {}}, "motor is given while drive.model = 'ideal'; delete the table [motor]"),
+        ({"initial.x_m": 0.19}, "initial.x_m = 0.19 starts the striker beyond the rigid stop at"),
+        ({"stop.position_m": 0.1}, "striker.rest_length_m = 0.12 starts the striker beyond the rigid"),
+        ({"stop.restitution": 1.2}, "stop.restitution = 1.2 is not a number of at most 1; give"),
+        ({"solver.method": "exakt"}, "solver.method = 'exakt' is not 'auto', 'exact' or 'adaptive'"),
+        ({"solver.accuracy": 1e-15}, "solver.accuracy = 1e-15 is not a number of at least 1e-13; give"),
+        ({"drive.rod_m": 0.02}, "drive.rod_m = 0.02 is not longer than the crank"),
+        ({"drive.rod_m": -1.0}, "drive.rod_m = -1.0 is not a number greater than 0"),
+        (EXACT | {"drive.rod_m": 0.1}, "solver.method = 'exact' has no closed form for drive.rod_m"),
+        ({"housing.tilt_deg": 5.0}, "housing.tilt_deg = 5.0 is not a known key; did you mean tilt_rad?"),
+        ({"housing.tilt_rad": 2.0}, "housing.tilt_rad = 2.0 is not a number"),
+        ({"housing.harmonic": {"amplitude_m_s2": 1.0}}, "housing.harmonic.frequency_hz is missing"),
         (
-            "table1-viscous",
-            {"striker.mas_kg": 1.0},
-            "striker.mas_kg = 1.0 is not a known key; did you mean mass_kg?",
+            {"housing.shock": {"peak_m_s2": 1.0, "start_s": 0.0, "duration_s": 0.0}},
+            "housing.shock.duration_s = 0.0 is not a number greater than 0",
+        ),
+        (EXACT | SWING, "solver.method = 'exact' has no closed form for housing.harmonic"),
+        (EXACT | KNOCK, "solver.method = 'exact' has no closed form for housing.shock"),
+        ({"wearer": WEARER}, "wearer is given while stop.law = 'rigid'; a wearer feels a force, which only"),
+        ({"wearer": WEARER, "stop": {"law": "none"}}, "wearer is given while stop.law = 'none'"),
+        (
+            HERTZ_STOP | {"wearer": WEARER, "friction": {"law": "coulomb", "mu": 0.1}},
+            "wearer is given while friction.law",
         ),
         (
-            "table1-viscous",
-            {"frction": {"mu": 1.0}},
-            "frction = a table of mu is not a known key; did you mean friction?",
+            HERTZ_STOP | {"wearer": {"plate_kg": 1.0, "ankle_n_s_m": 0.0}},
+            "wearer.ankle_n_m is missing; give the ankle's",
         ),
         (
-            "table1-viscous",
-            {"stop.contact_s": 0.01},
-            "stop.contact_s = 0.01 is not a known key of 'rigid'; known: law,",
+            HERTZ_STOP | {"wearer": WEARER | {"plate_kg": 0.0}},
+            "wearer.plate_kg = 0.0 is not a number greater",
         ),
+        (HERTZ_STOP | {"wearer": WEARER | {"foot_kg": 1.0}}, "wearer.foot_kg = 1.0 is not a known key"),
+    ],
+    "table1-stribeck": [
+        ({"friction.mu_s": 0.1}, "friction.mu_s = 0.1 is below friction.mu = 0.15;"),
+    ],
+    "table1-motor-soft": [
+        ({"drive.ratio": 1.3}, "drive.ratio = 1.3 is given for a motor, which takes a torque"),
+        ({"drive.model": "dq-motor", "drive.ratio": 1.3}, "drive.ratio = 1.3 is given for a motor, which"),
+        ({"motor.pole_pairs": 7.5}, "motor.pole_pairs = 7.5 is not a whole number; give"),
+        ({"stop.restitution": 0.0}, "stop.restitution = 0.0 is not a number greater than 0; give"),
+        ({"stop.stiffness": 1e6}, "stop.contact_s = 0.01 and stop.stiffness = 1000000.0 are both"),
+        ({"stop.contact_s": DELETE}, "stop has no stiffness; give one of stop.contact_s"),
+        (EXACT, "solver.method = 'exact' has no closed form for drive.model ="),
         (
-            "table1-viscous",
-            {"striker.mass_kg": -0.8},
-            "striker.mass_kg = -0.8 is not a number greater than 0; give",
-        ),
-        (
-            "table1-viscous",
-            {"striker.mass_kg": math.nan},
-            "striker.mass_kg = nan is not a finite number; give",
-        ),
-        (
-            "table1-viscous",
-            {"drive.amplitude_m": math.inf},
-            "drive.amplitude_m = inf is not a finite number; give",
-        ),
-        (
-            "table1-viscous",
-            {"striker.spring_n_m": 0},
-            "striker.spring_n_m = 0 is not a number greater than 0; give",
-        ),
-        ("table1-viscous", {"striker.mass_kg": "0.8"}, "striker.mass_kg = '0.8' is not a number; give"),
-        ("walking", {"gait.pace": 3}, "gait.pace = 3 is not a list; give the tables [[gait.pace]]"),
-        ("walking", {"gait.pace": []}, "gait.pace = [] is not a list of at least 1; give the tables"),
-        ("table1-viscous", {"striker.mass_kg": True}, "striker.mass_kg = True is not a number; give"),
-        (
-            "table1-viscous",
-            {"striker.mass_kg": DELETE},
-            "striker.mass_kg is missing; give the striker's mass in kg",
-        ),
-        ("table1-viscous", {"striker": DELETE}, "striker is missing; give the table [striker]"),
-        ("table1-viscous", {"drive": DELETE}, "drive is missing; give the table [drive]"),
-        ("table1-viscous", {"drive.model": DELETE}, "drive.model is missing; give one of ideal, motor"),
-        (
-            "table1-viscous",
-            {"drive.model": "ideel"},
-            "drive.model = 'ideel' is none of ideal, motor, dq-motor; did you mean ideal?",
-        ),
-        (
-            "table1-viscous",
-            {"drive.frequency_hz": 2.0},
-            "drive.ratio = 1.3 and drive.frequency_hz = 2.0 are both given;",
-        ),
-        ("table1-viscous", {"drive.ratio": DELETE}, "drive has no speed; give one of drive.ratio"),
-        (
-            "table1-motor-soft",
-            {"drive.ratio": 1.3},
-            "drive.ratio = 1.3 is given for a motor, which takes a torque",
-        ),
-        (
-            "table1-viscous",
-            {"motor": {}},
-            "motor is given while drive.model = 'ideal'; delete the table [motor]",
-        ),
-        (
-            "table1-motor-soft",
-            {"motor.pole_pairs": 7.5},
-            "motor.pole_pairs = 7.5 is not a whole number; give",
-        ),
-        (
-            "table1-viscous",
-            {"initial.x_m": 0.19},
-            "initial.x_m = 0.19 starts the striker beyond the rigid stop at",
-        ),
-        (
-            "table1-viscous",
-            {"stop.position_m": 0.1},
-            "striker.rest_length_m = 0.12 starts the striker beyond the rigid",
-        ),
-        (
-            "table1-viscous",
-            {"stop.restitution": 1.2},
-            "stop.restitution = 1.2 is not a number of at most 1; give",
-        ),
-        (
-            "table1-motor-soft",
-            {"stop.restitution": 0.0},
-            "stop.restitution = 0.0 is not a number greater than 0; give",
-        ),
-        (
-            "table1-motor-soft",
-            {"stop.stiffness": 1e6},
-            "stop.contact_s = 0.01 and stop.stiffness = 1000000.0 are both",
-        ),
-        (
-            "table1-motor-soft",
-            {"stop.contact_s": DELETE},
-            "stop has no stiffness; give one of stop.contact_s",
-        ),
-        ("table1-stribeck", {"friction.mu_s": 0.1}, "friction.mu_s = 0.1 is below friction.mu = 0.15;"),
-        (
-            "table1-viscous",
-            {"solver.method": "exakt"},
-            "solver.method = 'exakt' is not 'auto', 'exact' or 'adaptive'",
-        ),
-        (
-            "table1-motor-soft",
-            {"solver.method": "exact"},
-            "solver.method = 'exact' has no closed form for drive.model =",
-        ),
-        (
-            "table1-viscous",
-            {"solver.accuracy": 1e-15},
-            "solver.accuracy = 1e-15 is not a number of at least 1e-13; give",
-        ),
-        (
-            "table1-motor-soft",
             {"sensors.striker_low.bandwidth": 100.0},
             "sensors.striker_low.bandwidth = 100.0 is not a known key; did you mean bandwidth_hz?",
         ),
+        ({"winding": {}}, "winding is given while drive.model = 'motor'; delete the table [winding], or set"),
     ],
+    "table1-dq-motor": [
+        ({"winding.bandwidth_rad_s": 0.0}, "winding.bandwidth_rad_s = 0.0 is not a number greater than 0"),
+        (EXACT, "solver.method = 'exact' has no closed form for drive.model = 'dq-motor'"),
+    ],
+    "walking": [
+        ({"gait.axis": "left"}, "gait.axis = 'left' is not"),
+        ({"gait.cadence": 1.0}, "gait.cadence = 1.0 is not a known key"),
+        ({"housing": {"tilt_rad": 0.1}}, "gait and housing are both given"),
+        (EXACT, "solver.method = 'exact' has no closed form for"),
+        ({"gait.pace": DELETE}, "gait.pace is missing"),
+        ({"gait.pace": 3}, "gait.pace = 3 is not a list; give the tables [[gait.pace]]"),
+        ({"gait.pace": []}, "gait.pace = [] is not a list of at least 1; give the tables"),
+        (
+            {"gait.pace": [WALKING | {"at_s": 5.0}]},
+            "gait.pace begins at at_s = 5.0; the first pace is that of",
+        ),
+        ({"gait.pace": [WALKING, WALKING]}, "gait.pace has at_s = 0.0 after at_s = 0.0; put the paces in"),
+        ({"gait.pace": [WALKING | {"stride_hz": 0.1}]}, "gait.pace.stride_hz = 0.1 is slower than anybody"),
+        ({"gait.pace": [WALKING | {"stride_hz": 3.0}]}, "gait.pace.0.stride_hz = 3.0 is not a number"),
+        (
+            {"gait.pace": [WALKING, WALKING | {"at_s": 1e6}]},
+            "gait.pace.1.at_s = 1000000.0 is not a number of at most 86400; give from when",
+        ),
+        (
+            {"gait.stumble": [{"at_s": 86_401.0}]},
+            "gait.stumble.0.at_s = 86401.0 is not a number of at most 86400; give after when",
+        ),
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("base", "changes", "said"), [(base, *one) for base, refused in BAD.items() for one in refused]
 )
 def test_a_bad_scene_is_refused_by_key_value_and_remedy(
     base: str, changes: dict[str, Any], said: str
@@ -208,6 +184,15 @@ def test_a_bad_scene_is_refused_by_key_value_and_remedy(
         load_scene(changed(base, changes))
     assert str(refusal.value).startswith(said)
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("script", [{"pace": [WALKING] * 1001}, {"stumble": [{"at_s": 1.0}] * 1001}])
+def test_a_walk_of_too_many_events_is_refused_without_naming_all(script: dict[str, Any]) -> None:
+    ((name, _),) = script.items()
+    with pytest.raises(
+        SceneError, match=rf"gait\.{name} = .{{,100}} is not a list of at most 1000; give the"
+    ):
+        load_scene(changed("walking", {f"gait.{name}": script[name]}))
 
 
 def test_all_that_is_wrong_is_said_at_once() -> None:

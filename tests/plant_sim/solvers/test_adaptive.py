@@ -10,7 +10,6 @@ from changed_scenes import HERTZ, changed
 from reference import simulated_again
 from scipy.integrate import DOP853
 
-from plant_sim.result import Phase
 from plant_sim.scene import Scene, load_scene
 from plant_sim.simulation import simulate
 from plant_sim.solvers.adaptive import dop853
@@ -20,25 +19,6 @@ ADAPTIVE = {"solver.method": "adaptive"}
 
 def scene(name: str, changes: dict[str, Any]) -> Scene:
     return load_scene(changed(name, {**ADAPTIVE, **changes}))
-
-
-def test_a_driven_damped_oscillation_has_its_closed_form() -> None:
-    """x − l0 = Re(X e^(jΩt)) + e^(−ζωt)(…), far from the stop."""
-    module = scene("table1-viscous", {"initial.x_m": 0.10, "initial.v_m_s": 0.2, "drive.ratio": 2.0})
-    result = simulate(module, 20.0, samples_s=0.05)
-    m, c, b, amplitude = 0.8, 70.0, 0.2, 0.02
-    omega = 2.0 * math.sqrt(c / m)
-    forced = -1j * c * amplitude / (c - m * omega**2 + 1j * b * omega)  # sin Ωt = Re(−j e^(jΩt))
-    root = complex(-b / (2.0 * m), math.sqrt(c / m - (b / (2.0 * m)) ** 2))
-    x0, v0 = -0.02 - forced.real, 0.2 - (1j * omega * forced).real
-    free = complex(x0, (root.real * x0 - v0) / root.imag)
-    assert result.samples is not None
-    t = result.samples.t_s
-    x = 0.12 + (forced * np.exp(1j * omega * t) + free * np.exp(root * t)).real
-    v = (1j * omega * forced * np.exp(1j * omega * t) + root * free * np.exp(root * t)).real
-    assert result.impacts.t_s.size == 0
-    assert np.max(np.abs(result.samples.x_m - x)) < 1e-9
-    assert np.max(np.abs(result.samples.v_m_s - v)) < 1e-8
 
 
 @pytest.mark.parametrize(
@@ -67,6 +47,8 @@ def test_agrees_with_the_closed_forms(name: str, changes: dict[str, Any]) -> Non
     assert adaptive.samples is not None
     assert exact.samples is not None
     assert np.max(np.abs(adaptive.samples.x_m - exact.samples.x_m)) < 5e-9
+    between = np.abs(adaptive.samples.t_s[:, None] - theirs).min(axis=1, initial=np.inf) > 1e-6
+    assert np.max(np.abs(adaptive.samples.v_m_s - exact.samples.v_m_s)[between]) < 5e-8
     assert adaptive.final.phase == exact.final.phase
     # Where a tilted spring stores nothing is each solver's own choice.
     ours_j, theirs_j = (astuple(replace(result.energy, stored_j=0.0)) for result in (adaptive, exact))
@@ -98,47 +80,6 @@ def test_a_soft_stop_gives_impulse_peak_and_restitution() -> None:
     # Against the peak π J / 2 T of a half-sine of the same impulse over the elastic contact time.
     ratio = impacts.peak_force_n[steady] / (math.pi * impacts.impulse_n_s[steady] / (2.0 * 0.01))
     assert np.all((ratio > 1.1) & (ratio < 1.6))
-
-
-@pytest.mark.parametrize("mu", [0.3, 0.4])
-def test_a_striker_that_friction_holds_never_moves(mu: float) -> None:
-    """μ m g = 2.35 N or more against c A = 2.1 N."""
-    result = simulate(scene("table1-coulomb", {"friction.mu": mu}), 20.0)
-    assert result.final.x_m == 0.12
-    assert result.final.v_m_s == 0.0
-    assert result.final.phase == Phase.STICK
-    assert result.impacts.t_s.size == 0
-    assert result.energy.friction_j == 0.0
-
-
-def test_a_striker_breaks_away_when_the_spring_overcomes_friction() -> None:
-    """c A sin Ωt = μ m g at t = asin(…)/Ω, to the sample."""
-    module = scene("table1-coulomb", {})
-    release_s = math.asin(0.2 * 0.8 * 9.80665 / (70.0 * 0.03)) / module.parts().drive.omega_rad_s
-    assert simulate(module, release_s - 1e-9).final.phase == Phase.STICK
-    moving = simulate(module, release_s + 1e-3).final
-    assert moving.phase == Phase.FLIGHT
-    # m x''' = c A Ω cos Ωt from the release on: x ≈ x''' t³/6.
-    jerk = 70.0 * 0.03 * 9.354143466934854 * math.cos(9.354143466934854 * release_s) / 0.8
-    assert moving.x_m - 0.12 == pytest.approx(jerk * 1e-9 / 6.0, rel=1e-2)
-
-
-def test_a_release_where_the_piston_turns_round_does_not_happen() -> None:
-    """Static friction that just holds the largest pull holds it."""
-    mu = 70.0 * 0.03 / (0.8 * 9.80665)
-    result = simulate(scene("table1-coulomb", {"friction.mu": mu * (1.0 + 1e-15)}), 5.0)
-    assert result.final.x_m == pytest.approx(0.12, abs=1e-15)
-
-
-def test_chatter_ends_at_rest_and_leaves_when_the_spring_lets_go() -> None:
-    """Stop at l0: the striker rests on it while sin Ωt > 0 and leaves as that turns negative."""
-    module = scene("table1-viscous", {"stop.position_m": 0.12, "drive.ratio": 0.3, "drive.phase_rad": 0.1})
-    speed = module.parts().drive.omega_rad_s
-    release_s = (math.pi - 0.1) / speed
-    assert simulate(module, release_s - 1e-6).final.phase == Phase.REST_ON_STOP
-    gone = simulate(module, release_s + 1e-3).final
-    assert gone.phase == Phase.FLIGHT
-    assert gone.x_m - 0.12 == pytest.approx(-70.0 * 0.02 * speed / 0.8 * 1e-9 / 6.0, rel=1e-2)
 
 
 def test_samples_do_not_change_the_run() -> None:

@@ -100,14 +100,6 @@ def test_without_a_fall_it_is_dry_friction(delta: float) -> None:
 MOTOR = "table1-motor-soft"
 
 
-def test_a_stalled_motor_stays_where_it_is() -> None:
-    """0.0049 N m against a dry loss of 0.005: nothing moves, nothing is lost."""
-    final = run(MOTOR, {}, 10.0, torque_n_m=0.0049)
-    assert final.final.omega_rad_s == 0.0
-    assert final.final.crank_rad == 0.0
-    assert final.energy.friction_j == 0.0
-
-
 def test_a_motor_too_weak_for_the_crank_stalls_against_the_spring() -> None:
     """Peak of c A² sin θ cos θ = 14 mN m and 5 mN m of dry loss: 12 mN m do not get round, 30 do."""
     still = {"striker.mass_kg": 1e6, "stop": {"law": "none"}}

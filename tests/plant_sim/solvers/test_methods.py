@@ -1,5 +1,7 @@
 """Which solver a scene is given, and that a result says so."""
 
+from typing import Any
+
 import pytest
 from changed_scenes import changed
 
@@ -13,19 +15,24 @@ def scene(name: str, **solver: object) -> Scene:
 
 
 @pytest.mark.parametrize(
-    ("name", "method"),
+    ("name", "changes", "method", "why"),
     [
-        ("table1-viscous", "exact"),
-        ("table1-coulomb", "exact"),
-        ("table1-stribeck", "adaptive"),
-        ("table1-motor-soft", "adaptive"),
+        ("table1-viscous", {}, "exact", ""),
+        ("table1-coulomb", {}, "exact", ""),
+        ("table1-stribeck", {}, "adaptive", "stribeck"),
+        ("table1-motor-soft", {}, "adaptive", "motor"),
+        ("table1-viscous", {"drive.rod_m": 0.1}, "adaptive", "rod"),
+        ("table1-walking", {}, "adaptive", "gait"),
     ],
 )
 @pytest.mark.parametrize("accuracy", [1e-13, 1e-2])
-def test_auto_takes_the_closed_form_if_there_is_one(name: str, method: str, accuracy: float) -> None:
-    result = simulate(scene(name, accuracy=accuracy), 0.1)
+def test_auto_takes_the_closed_form_if_there_is_one(
+    name: str, changes: dict[str, Any], method: str, why: str, accuracy: float
+) -> None:
+    result = simulate(load_scene(changed(name, changes | {"solver.accuracy": accuracy})), 0.1)
     assert result.method == method
     assert result.notes[0].startswith(f"auto took {method}")
+    assert why in result.notes[0]
 
 
 @pytest.mark.parametrize("method", ["exact", "adaptive"])
