@@ -169,6 +169,8 @@ def test_the_drive_is_enabled_only_on_a_start_and_let_go_on_a_stop() -> None:
     assert {record for record in sent if is_drives(record)} == {SetInputTorque(0.0), IDLE}
     bench.request = OperatorRequest.RUN
     sent = bench.sent_in(0.4)
+    before = sent[: sent.index(SetAxisState(AxisState.CLOSED_LOOP_CONTROL))]
+    assert {record for record in before if isinstance(record, SetInputTorque)} == {SetInputTorque(0.0)}
     kinds = [type(record) for record in sent if type(record) in (SetControllerMode, SetLimits, SetAxisState)]
     assert kinds[:7] == [*(SetControllerMode, SetLimits) * 3, SetAxisState]
     assert SetControllerMode(1, 1) in sent
