@@ -79,14 +79,6 @@ def test_the_integral_removes_a_lasting_error() -> None:
     assert state.integral_n_m == pytest.approx(CONFIG.p.speed.gain_i_n_m * 0.1, rel=0.05)
 
 
-def test_beyond_the_speed_limit_nothing_pushes_on() -> None:
-    state = speed.INITIAL
-    for _ in range(100):
-        state = step(state, target=25.0, omega=20.5)
-    assert state.torque_n_m <= 0.0
-    assert state.acting_limit == ActingLimit.SPEED
-
-
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_speed_limit_cuts_the_torque_at_once(side: float) -> None:
     """A torque that the rate limit lowered by 0.06 N m a tick would push the crank on for ten ticks."""

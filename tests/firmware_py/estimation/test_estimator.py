@@ -16,7 +16,7 @@ from firmware_py.core.estimation import (
 from firmware_py.core.estimation.estimator_state import Contact, EstimatorState
 from firmware_py.core.estimation.kalman import Covariance, StateEstimate
 from firmware_py.core.inputs import AccelerometerInput
-from firmware_py.core.measurements import NOTHING_MEASURED, Measurement
+from firmware_py.core.measurements import NOTHING_MEASURED, Measurement, Measurements
 from firmware_py.core.records import zeroed
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import ContactPhase
@@ -35,12 +35,21 @@ def tick(
     age: int = 0,
     high: float | None = None,
     phase: ContactPhase = ContactPhase.FREE,
+    housing: float = 0.0,
+    measured: Measurements = NOTHING_MEASURED,
 ) -> EstimatorState:
-    sample = AccelerometerInput(reading, reading if high is None else high, 0.0, age)
-    predicted = estimator.propagate(config, state, sample, phase, crank.INITIAL._replace(angle_rad=angle_rad))
-    return estimator.correct(
-        config, state, predicted, contact, NOTHING_MEASURED, crank.INITIAL._replace(angle_rad=angle_rad)
-    )
+    sample = AccelerometerInput(reading, reading if high is None else high, housing, age)
+    crank_now = crank.INITIAL._replace(angle_rad=angle_rad)
+    predicted = estimator.propagate(config, state, sample, phase, crank_now)
+    return estimator.correct(config, state, predicted, contact, measured, crank_now)
+
+
+def rested(config: Config, ticks: int, reading: float = 0.0) -> EstimatorState:
+    """The estimate after this number of ticks with one reading."""
+    state = estimator_state.INITIAL
+    for _ in range(ticks):
+        state = tick(config, state, reading)
+    return state
 
 
 @pytest.mark.parametrize(
@@ -54,10 +63,7 @@ def test_the_closed_form_is_the_matrix_exponential(stiffness: float, damping: fl
 
 
 def test_bias_is_found_at_rest() -> None:
-    config = config_from({})
-    state = estimator_state.INITIAL
-    for _ in range(8000):
-        state = tick(config, state, 0.4)
+    state = rested(config_from({}), 8000, 0.4)
     assert state.bias_m_s2 == pytest.approx(0.4, abs=0.01)
     assert state.x_m == pytest.approx(0.12, abs=2e-4)
     assert state.v_m_s == pytest.approx(0.0, abs=2e-3)
@@ -82,10 +88,7 @@ def test_the_low_pass_delay_is_made_up_for() -> None:
     w = 2 * math.pi * 400.0
     config = config_from({})
     contact = Contact(False, False, 0.0, 0.9, measured=True, settled=False)
-    state = estimator_state.INITIAL
-    for _ in range(10):
-        state = tick(config, state, 0.0)
-    start = state
+    start = state = rested(config, 10)
     filtered, slope, steps, t = 0.0, 0.0, 200, 0.0
     for _ in range(30):
         for _ in range(steps):
@@ -116,9 +119,7 @@ def test_the_high_range_takes_over_with_its_offset_removed() -> None:
 def test_a_housing_at_its_rail_is_no_reading(rail_m_s2: float) -> None:
     """Where the housing's acceleration is not known, neither is the striker's against it."""
     config = config_from({})
-    state = estimator_state.INITIAL
-    for _ in range(5):
-        state = tick(config, state, 0.0)
+    state = rested(config, 5)
     clipped = accelerometer.sense(config, state.sensor, AccelerometerInput(0.0, 0.0, rail_m_s2, 0))
     assert clipped.missed_ticks == 1
     assert clipped.housing_m_s2 == state.sensor.housing_m_s2
@@ -132,9 +133,7 @@ def test_a_housing_at_its_rail_is_no_reading(rail_m_s2: float) -> None:
 
 def test_touch_down_and_separation_put_the_striker_at_the_stop() -> None:
     config = config_from({})
-    state = estimator_state.INITIAL
-    for _ in range(5):
-        state = tick(config, state, 0.0)
+    state = rested(config, 5)
     wide = state._replace(x_m=0.170, v_m_s=0.9, p_xx=1e-4, p_vv=1e-3, p_xv=0.0)
     touch_down = Contact(True, False, 1e-3, 0.9, True, False)
     touched = tick(config, wide, 0.0, contact=touch_down, phase=ContactPhase.CONTACT)
@@ -154,9 +153,7 @@ def test_touch_down_and_separation_put_the_striker_at_the_stop() -> None:
 @pytest.mark.parametrize("true_m", [0.045, 0.179])
 def test_a_touch_down_that_the_estimate_excludes_leaves_open_which_of_the_two_is_wrong(true_m: float) -> None:
     config = config_from(EXACT_SENSOR)
-    state = estimator_state.INITIAL
-    for _ in range(5):
-        state = tick(config, state, 0.0)
+    state = rested(config, 5)
     sure = state._replace(x_m=0.045, v_m_s=0.6, bias_m_s2=0.0, p_xx=1e-6, p_vv=1e-4, p_xv=0.0, p_bb=1e-4)
     touch_down = Contact(True, False, 1e-3, 0.9, True, False)
     separation = Contact(False, True, 1e-3, 0.9, True, False)
@@ -221,11 +218,8 @@ def test_gaps_are_bridged_by_the_model() -> None:
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_what_is_no_number_is_a_missing_reading(bad: float) -> None:
     config = config_from({})
-    state = estimator_state.INITIAL
-    assert not tick(config, state, bad).started
-    for _ in range(10):
-        state = tick(config, state, 0.1)
-    hit = tick(config, state, bad)
+    assert not tick(config, estimator_state.INITIAL, bad).started
+    hit = tick(config, rested(config, 10, 0.1), bad)
     assert hit.sensor.missed_ticks == 1
     assert math.isfinite(hit.x_m + hit.v_m_s + hit.p_xx)
 
@@ -239,10 +233,7 @@ def test_an_estimate_that_is_no_number_starts_anew() -> None:
 
 
 def test_variances_keep_their_floors() -> None:
-    config = config_from({})
-    state = estimator_state.INITIAL
-    for _ in range(3000):
-        state = tick(config, state, 0.0)
+    state = rested(config_from({}), 3000)
     assert state.p_xx >= estimator_state.POSITION_FLOOR_M**2
     assert state.p_vv >= estimator_state.VELOCITY_FLOOR_M_S**2
     assert state.p_bb >= estimator_state.BIAS_FLOOR_M_S2**2
@@ -286,9 +277,7 @@ def moving_housing(config: Config, seconds: float = 12.0) -> np.ndarray:
     x, v, state, errors = 0.0, 0.0, estimator_state.INITIAL, []
     for k in range(round(1000 * seconds)):
         shake = 1.5 * math.sin(2.0 * math.pi * 1e-3 * k)
-        sample = AccelerometerInput(-87.5 * x - 0.25 * v + 0.1, 0.0, shake + 0.4, 0)
-        predicted = estimator.propagate(config, state, sample, ContactPhase.FREE, crank.INITIAL)
-        state = estimator.correct(config, state, predicted, FREE, NOTHING_MEASURED, crank.INITIAL)
+        state = tick(config, state, -87.5 * x - 0.25 * v + 0.1, high=0.0, housing=shake + 0.4)
         errors.append(state.x_m - 0.12 - x)
         # The base's acceleration, held over the tick, moves the fixed point of the oscillator.
         middle = 1.5 * math.sin(2.0 * math.pi * 1e-3 * (k + 0.5))
@@ -315,9 +304,7 @@ def test_a_coarse_position_corrects_whenever_one_comes() -> None:
             position_m = 0.105 + 2e-3 * rng.standard_normal()
             reading = Measurement(position_m, 0 if updated else NEVER_TICKS)
             coarse = NOTHING_MEASURED._replace(coarse_position_m=reading)
-            sample = AccelerometerInput(0.0, 0.0, 0.0, 0)
-            predicted = estimator.propagate(config, state, sample, ContactPhase.FREE, crank.INITIAL)
-            state = estimator.correct(config, state, predicted, FREE, coarse, crank.INITIAL)
+            state = tick(config, state, 0.0, measured=coarse)
         states[fitted] = state
     assert states[True].x_m == pytest.approx(0.105, abs=1e-3)
     assert states[True].p_xx < 0.001**2

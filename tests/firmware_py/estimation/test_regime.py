@@ -69,10 +69,16 @@ def turn(
     return state
 
 
-def test_a_steady_motion_is_reported_with_its_phase_and_peak() -> None:
+def settled() -> regime.RegimeState:
+    """After six turns with one impact each."""
     state = regime.INITIAL
     for _ in range(6):
         state = turn(state, 1)
+    return state
+
+
+def test_a_steady_motion_is_reported_with_its_phase_and_peak() -> None:
+    state = settled()
     assert state.regime == Regime.IMPACT
     assert math.degrees(state.last.phase_rad) == pytest.approx(48.0, abs=1.0)
     assert state.last.peak_m_s2 == 250.0
@@ -109,18 +115,14 @@ def test_every_period_ends_once() -> None:
 
 @pytest.mark.parametrize("omega", [0.0, -OMEGA, 0.99 * regime.SLOWEST_RAD_S, math.nan])
 def test_a_crank_that_stands_has_no_regime(omega: float) -> None:
-    state = regime.INITIAL
-    for _ in range(6):
-        state = turn(state, 1)
+    state = settled()
     assert state.regime == Regime.IMPACT
     state = step(state, 1.0, omega)
     assert state == regime.INITIAL._replace(angle_rad=1.0)
 
 
 def test_the_slowest_crank_that_turns_keeps_its_regime() -> None:
-    state = regime.INITIAL
-    for _ in range(6):
-        state = turn(state, 1)
+    state = settled()
     state = step(state, 1.0, regime.SLOWEST_RAD_S)
     assert state.regime == Regime.IMPACT
 
@@ -135,9 +137,7 @@ def test_an_encoder_that_flickers_about_zero_at_rest_ends_no_period() -> None:
 
 
 def test_after_a_stand_a_regime_is_found_anew() -> None:
-    state = regime.INITIAL
-    for _ in range(6):
-        state = turn(state, 1)
+    state = settled()
     state = step(state, 0.0, 0.0)
     seen = []
     for _ in range(6):

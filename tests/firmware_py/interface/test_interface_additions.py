@@ -10,8 +10,6 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-import pytest
-
 import firmware_py
 
 MOST_FILES = 3
@@ -150,19 +148,20 @@ assert SeparationEvent(0.5) in records, records
 )
 
 
-@pytest.mark.parametrize("patch", [PARAMETER, FAULT, EVENT], ids=["parameter", "fault", "event frame"])
-def test_an_addition_takes_few_files(tmp_path: Path, patch: Patch) -> None:
+def test_an_addition_takes_few_files(tmp_path: Path) -> None:
     package = Path(firmware_py.__file__).parent
     copy = tmp_path / package.name
     shutil.copytree(package, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    assert len({file for file, *_ in patch.edits}) <= MOST_FILES
-    for file, before, after in patch.edits:
-        text = (copy / file).read_text(encoding="utf-8")
-        assert text.count(before) == 1, (file, before)
-        (copy / file).write_text(text.replace(before, after), encoding="utf-8")
+    for patch in (PARAMETER, FAULT, EVENT):
+        assert len({file for file, *_ in patch.edits}) <= MOST_FILES
+        for file, before, after in patch.edits:
+            text = (copy / file).read_text(encoding="utf-8")
+            assert text.count(before) == 1, (file, before)
+            (copy / file).write_text(text.replace(before, after), encoding="utf-8")
     python = [sys.executable, "-P"]
     environment = os.environ | {"PYTHONPATH": str(tmp_path)}
-    for command in ([*python, "-m", "firmware_py.interface.generate"], [*python, "-c", patch.proof]):
+    proofs = PARAMETER.proof + FAULT.proof + EVENT.proof
+    for command in ([*python, "-m", "firmware_py.interface.generate"], [*python, "-c", proofs]):
         done = subprocess.run(
             command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
         )

@@ -219,24 +219,6 @@ def test_a_few_lost_and_skipped_frames_do_no_harm() -> None:
     assert math.sqrt(np.mean(x * x)) < 1.5e-3
 
 
-def test_overrun_ticks_do_no_harm() -> None:
-    """Two in a hundred ticks are missed, several in a row; what lies in a contact costs 2 mm for a period."""
-    errors_m = []
-    for seed in range(1, 5):
-        rng = np.random.default_rng(seed)
-        missed = {int(k) + j for k in rng.integers(1000, 12000, 80) for j in range(int(rng.integers(1, 6)))}
-        bench = Bench(overrun=missed.__contains__).started()
-        bench.run(11.6)
-        assert bench.node.outputs.mode == Mode.RUN
-        assert bench.node.outputs.regime == Regime.IMPACT
-        assert bench.node.counters.skipped_ticks == len([k for k in missed if k < bench.tick])
-        seen = np.array([k not in missed for k in range(bench.tick)])
-        x = bench.column(lambda s, _, m: s.estimator.x_m - m.x_m)[seen & (times(bench) > 9.0)]
-        errors_m.append(math.sqrt(np.mean(x * x)))
-    assert np.median(errors_m) < 0.3e-3
-    assert max(errors_m) < 3e-3
-
-
 def test_an_impact_shorter_than_the_sampling_is_carried_across_by_newtons_law() -> None:
     bench = Bench({"stop.contact_s": 0.001}, scene_with(stop={"contact_s": 0.001})).started()
     bench.run(12.0)

@@ -160,13 +160,11 @@ def always_late(tick: int, frames: list[Frame], waiting: list[list[Frame]]) -> l
 @pytest.mark.parametrize(
     ("change", "error_rad_s"),
     [
-        (HeldUp(3, skips=True), 0.15),
         (HeldUp(8, skips=True), 0.15),
         (HeldUp(8, skips=False), 0.15),
         (partial(always_late, waiting=[]), 0.8),
     ],
     ids=[
-        "held up 3 ms, skipping",
         "held up 8 ms, skipping",
         "held up 8 ms, then all at once",
         "8 ms late for ever",
@@ -184,7 +182,7 @@ def test_a_late_reading_of_the_encoder_is_not_taken_for_a_slower_crank(
 
 
 @pytest.mark.parametrize("first", [-4, -3, -2, -1, 0])
-@pytest.mark.parametrize("lost", [3, 4, 5])
+@pytest.mark.parametrize("lost", [3, 5])
 def test_an_impact_whose_beginning_nobody_saw_is_not_taken_for_a_harder_one(first: int, lost: int) -> None:
     hole = range(touch_down_tick() + first, touch_down_tick() + first + lost)
     bench = Bench(PARAMETERS, change=lambda tick, frames: frames[2:] if tick in hole else frames).started()

@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Mapping
+from itertools import count
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -41,13 +42,44 @@ def doubtful_estimate(bench: Bench) -> None:
     bench.configure(replaced(bench.node.config, "p.limit.position_std_m", 1e-6))
 
 
-def frozen_encoder(bench: Bench) -> Change:
-    held = codec.ENCODER_ESTIMATES.encode(
-        EncoderEstimates(bench.node.inputs.encoder.position_rev, bench.node.inputs.encoder.velocity_rev_s)
-    )
-    return lambda _, frames: [
-        held if frame.can_id == codec.ENCODER_ESTIMATES.can_id else frame for frame in frames
-    ]
+def show_position(bench: Bench, velocity_rev_s: float) -> None:
+    """The encoder stands still, and reports this speed."""
+    position_rev = bench.node.inputs.encoder.position_rev
+    bench.change = instead(codec.ENCODER_ESTIMATES, EncoderEstimates(position_rev, velocity_rev_s))
+
+
+def frozen_encoder(bench: Bench) -> None:
+    show_position(bench, bench.node.inputs.encoder.velocity_rev_s)
+
+
+def held_crank(bench: Bench) -> None:
+    show_position(bench, 0.0)
+
+
+def show_speed(bench: Bench, next_rad_s: Callable[[], float]) -> None:
+    """The encoder of a crank that turns as it likes, whatever its torque."""
+    position_rev = bench.node.inputs.encoder.position_rev
+
+    def change(tick: int, frames: list[Frame]) -> list[Frame]:
+        nonlocal position_rev
+        omega_rad_s = next_rad_s()
+        position_rev = (position_rev + 0.001 * omega_rad_s / TAU) % 1.0
+        shown = EncoderEstimates(position_rev, omega_rad_s / TAU)
+        return instead(codec.ENCODER_ESTIMATES, shown)(tick, frames)
+
+    bench.change = change
+
+
+def run_away(bench: Bench) -> None:
+    """The crank gets 8 rad/s faster than it was, more slowly than any torque would have it."""
+    start_rad_s, ticks = bench.node.state.crank.omega_rad_s, count(1)
+    show_speed(bench, lambda: start_rad_s + min(0.1 * next(ticks), 8.0))
+
+
+def go_on_in_a_stop(bench: Bench) -> None:
+    """The crank follows its target down to 2 rad/s, and no further."""
+    bench.request = OperatorRequest.IDLE
+    show_speed(bench, lambda: max(bench.node.outputs.target_omega_rad_s, 2.0))
 
 
 class Case(NamedTuple):
@@ -71,46 +103,6 @@ def rubbing_guide(bench: Bench) -> None:
 
 def drive_with_an_error(bench: Bench) -> None:
     bench.axis_error, bench.axis_state = 0x200, AxisState.IDLE.value
-
-
-def held_crank(bench: Bench) -> None:
-    position_rev = bench.node.inputs.encoder.position_rev
-    bench.change = instead(codec.ENCODER_ESTIMATES, EncoderEstimates(position_rev, 0.0))
-
-
-def run_away(bench: Bench) -> None:
-    """The crank gets 8 rad/s faster than it was, more slowly than any torque would have it."""
-    encoder = bench.node.inputs.encoder
-    omega_rad_s = bench.node.state.crank.omega_rad_s
-    highest_rad_s, position_rev = omega_rad_s + 8.0, encoder.position_rev
-
-    def change(tick: int, frames: list[Frame]) -> list[Frame]:
-        nonlocal omega_rad_s, position_rev
-        omega_rad_s = min(omega_rad_s + 0.1, highest_rad_s)
-        position_rev = (position_rev + 0.001 * omega_rad_s / TAU) % 1.0
-        return instead(codec.ENCODER_ESTIMATES, EncoderEstimates(position_rev, omega_rad_s / TAU))(
-            tick, frames
-        )
-
-    bench.change = change
-
-
-def go_on_in_a_stop(bench: Bench) -> None:
-    """The encoder of a crank that goes on slowly, whatever its torque."""
-    position_rev, omega_rad_s = bench.node.inputs.encoder.position_rev, 2.0
-    bench.request = OperatorRequest.IDLE
-
-    def change(tick: int, frames: list[Frame]) -> list[Frame]:
-        nonlocal position_rev
-        if bench.node.outputs.target_omega_rad_s > omega_rad_s:
-            position_rev = bench.node.inputs.encoder.position_rev
-            return frames
-        position_rev = (position_rev + 0.001 * omega_rad_s / TAU) % 1.0
-        return instead(codec.ENCODER_ESTIMATES, EncoderEstimates(position_rev, omega_rad_s / TAU))(
-            tick, frames
-        )
-
-    bench.change = change
 
 
 def damaged_parameters(bench: Bench) -> None:
@@ -138,7 +130,7 @@ CASES: dict[Fault, Case] = {
     Fault.DRIVE_TIMEOUT: Case(change_to(without(codec.DRIVE_HEARTBEAT))),
     Fault.OPERATOR_TIMEOUT: Case(change_to(without(codec.OPERATOR_COMMAND))),
     Fault.DRIVE_ERROR: Case(drive_with_an_error),
-    Fault.DRIVE_FROZEN: Case(lambda bench: setattr(bench, "change", frozen_encoder(bench))),
+    Fault.DRIVE_FROZEN: Case(frozen_encoder),
     Fault.OVERSPEED: Case(change_to(instead(codec.ENCODER_ESTIMATES, EncoderEstimates(0.2, 7.0)))),
     Fault.OVERCURRENT: Case(change_to(instead(codec.DRIVE_CURRENT, DriveCurrent(1.0, 13.0)))),
     Fault.OVERTEMPERATURE: Case(change_to(instead(codec.DRIVE_TEMPERATURE, DriveTemperature(30.0, 95.0)))),

@@ -3,7 +3,7 @@ import math
 import pytest
 from records import HEALTHY, replaced
 
-from firmware_py.core.config import Config, MonitorTicks
+from firmware_py.core.config import Config
 from firmware_py.core.estimation import crank, estimator_state
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.records import zeroed
@@ -42,10 +42,6 @@ def watch(
         state, findings = monitors.step(config, state, found, now)
     assert findings is not None
     return state, findings
-
-
-def test_nothing_is_remembered_at_power_up() -> None:
-    assert MonitorState(MonitorTicks(0, 0, 0, 0, 0, 0), 0, 0, False, 0) == monitors.INITIAL
 
 
 def test_nothing_counts_where_nothing_is_wrong() -> None:

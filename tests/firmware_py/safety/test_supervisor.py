@@ -248,16 +248,6 @@ def test_a_cause_that_stands_cannot_be_cleared() -> None:
     assert step(state, DRIVE, OperatorRequest.CLEAR_FAULTS).mode == Mode.INIT
 
 
-@pytest.mark.parametrize("mode", list(Mode))
-def test_an_e_stop_takes_every_mode_and_stays(mode: Mode) -> None:
-    state = step(supervisor.INITIAL._replace(mode=mode), estop=True)
-    assert state.mode == Mode.E_STOP
-    for request in (OperatorRequest.RUN, OperatorRequest.IDLE, OperatorRequest.RUN):
-        state = step(state, NO_FINDINGS, request)
-        assert state.mode == Mode.E_STOP
-    assert step(state, NO_FINDINGS, OperatorRequest.CLEAR_FAULTS).mode == Mode.INIT
-
-
 def test_a_fault_before_an_e_stop_keeps_its_reason() -> None:
     state = step(running(), LIMIT, OperatorRequest.RUN)
     assert step(state, estop=True).fault == Fault.OVERCURRENT
