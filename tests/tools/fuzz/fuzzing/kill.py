@@ -108,6 +108,14 @@ def begun(arguments: list[str], folder: Path) -> "Iterator[subprocess.Popen[byte
         program.wait()
 
 
+def ended(kill: Kill, program: "subprocess.Popen[bytes]", limit_s: float = END_LIMIT_S) -> int:
+    """Wait for the end of the program and return its exit status; a stopped program is killed first."""
+    if kill.is_of_program and kill.number == signal.SIGSTOP:
+        time.sleep(1.0)
+        program.kill()
+    return program.wait(limit_s)
+
+
 def wait_for(look: Callable[[], Any], what: str) -> Any:
     """Wait until `look` returns a true value and return it; raises KillError after START_LIMIT_S."""
     deadline_s = time.monotonic() + START_LIMIT_S

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -87,20 +88,12 @@ class Queue:
         )
 
 
-def children_of(pid: int) -> list[int]:
-    """Return the ids of a process's children."""
-    try:
-        return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-    except OSError:
-        return []
-
-
 def worker_of(program: "subprocess.Popen[bytes]") -> int:
     """Return the process id of the first worker, which is found by its program text; 0 if there is none."""
-    for child in children_of(program.pid):
-        words = Path(f"/proc/{child}/cmdline").read_bytes() if Path(f"/proc/{child}").exists() else b""
-        if PROGRAM.encode() in words:
-            return child
+    with suppress(OSError):  # a process has ended meanwhile
+        for child in Path(f"/proc/{program.pid}/task/{program.pid}/children").read_text().split():
+            if PROGRAM.encode() in Path(f"/proc/{child}/cmdline").read_bytes():
+                return int(child)
     return 0
 
 
@@ -121,34 +114,21 @@ def await_moment(kill: killing.Kill, queue: Queue, program: "subprocess.Popen[by
 
 def cause_of(kill: killing.Kill) -> str:
     """Return the cause that must be named."""
-    return kill.programs_cause if kill.is_of_program else f"by {kill.signal_name}"
+    if kill.is_of_program:
+        return kill.programs_cause
+    return "stopped by a signal" if kill.number == signal.SIGSTOP else f"by {kill.signal_name}"
 
 
-def after_the_parents(kill: killing.Kill, program: "subprocess.Popen[bytes]") -> list[str]:
-    """Wait for the end of the program, which received the signal itself, and return the failures."""
-    if kill.number == signal.SIGSTOP:
-        time.sleep(1.0)
-        program.kill()
-    sent_s = time.monotonic()
-    while program.poll() is None and time.monotonic() < sent_s + killing.END_LIMIT_S:
-        time.sleep(killing.LOOK_S)
-    took_s = time.monotonic() - sent_s
-    wrong = [] if took_s < killing.GONE_S else [f"it took {took_s:.1f} s to end"]
-    wanted = -signal.SIGKILL if kill.number in killing.FINAL else INTERRUPTED
-    status = program.poll()
-    is_over = (
-        kill.stage == killing.REPORT and status in FINISHED[kill.of]
-    )  # the signal came when all files were written
-    return wrong if status == wanted or is_over else [*wrong, f"exit status {status}, wanted {wanted}"]
-
-
-def after_a_workers(kill: killing.Kill, program: "subprocess.Popen[bytes]") -> list[str]:
-    """Wait for the end of the program, of which a worker received the signal, and return the failures."""
-    status = program.wait(killing.END_LIMIT_S)
-    wanted = (
-        *STATUSES_WITHOUT_A_WORKER[kill.of],
-        *FINISHED[kill.of],
-    )  # an idle worker, or one that ignores Ctrl-C
+def wrong_end(kill: killing.Kill, program: "subprocess.Popen[bytes]", is_hit: bool) -> list[str]:
+    """Wait for the end of the program and return the failures; `is_hit`: it received the signal itself."""
+    finished = FINISHED[kill.of]
+    if is_hit:
+        # At REPORT the signal may come when all files are written.
+        wanted = (-signal.SIGKILL if kill.number in killing.FINAL else INTERRUPTED,)
+        wanted += finished if kill.stage == killing.REPORT else ()
+    else:
+        wanted = (*STATUSES_WITHOUT_A_WORKER[kill.of], *finished)  # it may be idle or ignore Ctrl-C
+    status = killing.ended(kill, program, killing.GONE_S if is_hit else killing.END_LIMIT_S)
     return [] if status in wanted else [f"exit status {status}, wanted one of {wanted}"]
 
 
@@ -163,8 +143,7 @@ def killed_queue(kill: killing.Kill) -> list[str]:
                 before = queue.finished()
                 pid = program.pid if kill.is_of_program else worker_of(program)
                 was_there = program.poll() is None and pid != 0 and kill.sent_to(pid)
-                after = after_the_parents if kill.is_of_program and was_there else after_a_workers
-                wrong = after(kill, program)
+                wrong = wrong_end(kill, program, kill.is_of_program and was_there)
         except (killing.KillError, subprocess.TimeoutExpired) as error:
             return [str(error)]
         wrong += killing.left_over(folder)

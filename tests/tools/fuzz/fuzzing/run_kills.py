@@ -8,13 +8,13 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from fuzzing.kill import (
-    END_LIMIT_S,
     NO_VICTIM,
     REPORT,
     SCENARIO,
     Kill,
     KillError,
     begun,
+    ended,
     left_over,
     wait_for,
 )
@@ -42,19 +42,6 @@ def await_moment(kill: Kill, run_dir: Path) -> None:
     time.sleep(max(0.0, t0_ns * 1e-9 + kill.at_s - time.monotonic()))
 
 
-def sent(kill: Kill, bench: "subprocess.Popen[bytes]", run_dir: Path) -> bool:
-    """Send the signal; return whether the process still existed."""
-    pid = bench.pid if kill.is_of_program else read_json(run_dir / "processes.json")[kill.process]
-    return kill.sent_to(pid)
-
-
-def causes(kill: Kill) -> tuple[str, ...]:
-    """Return words of which the verdict's reasons must contain one; empty if the signal may be ignored."""
-    if kill.is_of_program:
-        return (kill.programs_cause,)
-    return () if kill.number == signal.SIGINT else (kill.process,)
-
-
 def wrong_verdict(kill: Kill, run_dir: Path, was_over: bool) -> list[str]:
     """Return the failures of verdict and JUnit file; `was_over`: the signal came after the run."""
     verdict = read_json(run_dir / "verdict.json")
@@ -65,8 +52,8 @@ def wrong_verdict(kill: Kill, run_dir: Path, was_over: bool) -> list[str]:
     if not verdict:
         return ["no verdict"]
     said = "; ".join([*verdict["reasons"], *verdict["not_judged"]])
-    wanted = causes(kill)
-    if wanted and not any(word in said for word in wanted):
+    is_ignored = kill.number == signal.SIGINT and not kill.is_of_program
+    if not is_ignored and (kill.programs_cause if kill.is_of_program else kill.process) not in said:
         # A signal after the run may come when the verdict is already written.
         if was_over and verdict["passed"]:
             return []
@@ -87,11 +74,9 @@ def killed_run(kill: Kill) -> list[str]:
             with begun(command, folder) as bench:
                 await_moment(kill, run_dir)
                 was_over = (run_dir / "outcome.json").exists()  # possible at any stage on a busy machine
-                was_there = bench.poll() is None and sent(kill, bench, run_dir)
-                if kill.is_of_program and kill.number == signal.SIGSTOP:
-                    time.sleep(1.0)
-                    bench.kill()
-                bench.wait(END_LIMIT_S)
+                pid = bench.pid if kill.is_of_program else read_json(run_dir / "processes.json")[kill.process]
+                was_there = bench.poll() is None and kill.sent_to(pid)
+                ended(kill, bench)
         except (KillError, subprocess.TimeoutExpired) as error:
             return [str(error)]
         wrong = left_over(folder)
