@@ -4,6 +4,7 @@ import json
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +35,20 @@ TICKED = ("/plant", "/firmware")
 RECORD = "trace:record"
 
 
+def store_of(path: Path) -> Any:
+    """A log's chunks, which are found once as long as the file does not change."""
+    file = path.stat()
+    return _store_of(path, file.st_ino, file.st_size, file.st_mtime_ns)
+
+
+@lru_cache(2)
+def _store_of(path: Path, *_content: int) -> Any:
+    return RrdReader(path).store()
+
+
 def entities(path: Path) -> set[str]:
     """The entities of a log that have rows."""
-    columns = RrdReader(path).store().schema().component_columns()
+    columns = store_of(path).schema().component_columns()
     return {column.entity_path for column in columns if not column.is_static}
 
 
@@ -45,7 +57,7 @@ def blocks(path: Path, entity: str) -> Iterator[pa.Table]:
 
     Raises ValueError for a column of which any number of elements takes no room, for example null.
     """
-    for chunk in RrdReader(path).store().stream().filter(content=entity):
+    for chunk in store_of(path).stream().filter(content=entity):
         if not chunk.is_static:
             batch = chunk.to_record_batch().drop_columns([ROW_ID])
             for column in batch.schema:
@@ -301,7 +313,7 @@ class LoggedBus(Bus):
 def documents(path: Path) -> dict[str, str]:
     """The texts under `about/`, without their fences; raises ValueError for one of unusual size."""
     texts = {}
-    for chunk in RrdReader(path).store().stream().filter(content="/about/**"):
+    for chunk in store_of(path).stream().filter(content="/about/**"):
         if chunk.is_static:
             text = chunk.to_record_batch().column("TextDocument:text")[0].as_py()[0]
             if len(text) > MOST_NOTE_BYTES:
