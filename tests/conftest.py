@@ -5,7 +5,7 @@ import os
 import signal
 import tempfile
 from collections import defaultdict
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -43,8 +43,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
-def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
-    """Mark the slow tests, among them all that run on the wall clock or boot a kernel."""
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the slow tests, among them all that run on the wall clock or boot a kernel.
+
+    The folders with the longest tests come first, so that no core waits for the last test of another.
+    """
+    items.sort(key=lambda item: item.path.relative_to(item.config.rootpath).parts[:2], reverse=True)
     slow = set(SLOW_TESTS.read_text(encoding="utf-8").split())
     for item in items:
         marked = item.get_closest_marker("realtime") or item.get_closest_marker("uml")
