@@ -1,4 +1,4 @@
-"""The claims' verdicts, on sweeps of 23 ratios, and the page; the commands and what they refuse."""
+"""The claims' verdicts, on few ratios and small basins, and the page; the commands and what they refuse."""
 
 import copy
 import json
@@ -18,7 +18,7 @@ from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, plain
 from tools.study import work
 from tools.study.branches import saddle
 from tools.study.cases import LAWS, PRESETS, case
-from tools.study.claims import page
+from tools.study.claims import evidence, page
 from tools.study.claims.claims import CLAIMS, CONTRADICTED, REPRODUCED, UNDER_PARAMETERS, JudgedClaim, judge
 from tools.study.claims.evidence import Evidence, grazing_amplitude_m
 from tools.study.claims.measures import CLAIMED_HZ, EVERY_START, NO_START
@@ -120,7 +120,9 @@ PLANTED: dict[str, list[tuple[Change, str]]] = {
 
 @pytest.fixture(scope="module")
 def claims(tmp_path_factory: pytest.TempPathFactory) -> list[JudgedClaim]:
-    return judge(Evidence(work.here(tmp_path_factory.mktemp("studies")), ratios=23))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(evidence, "BASIN_SIZE", 120)
+        return judge(Evidence(work.here(tmp_path_factory.mktemp("studies")), ratios=23))
 
 
 def test_verdicts(claims: list[JudgedClaim]) -> None:
@@ -245,10 +247,8 @@ def test_the_cost_of_a_basin_includes_the_saddle_s_portrait(
         (["basin", "--ratio", "-1"], "'--ratio': Input should be greater than or equal to 0.000001"),
         (["basin", "--value", "nan"], "'--value': Input should be greater than or equal to 0"),
         (["sweep", "--amplitude", "inf"], "'--amplitude': inf is not a finite number"),
-        (
-            ["sweep", "--cores", "0"],
-            "'--cores': Input should be greater than or equal to 1",
-        ),
+        (["sweep", "--cores", "0"], "'--cores': Input should be greater than or equal to 1"),
+        (["feasibility", "--preset", "table2"], "'table2' is not one of 'table1', 'gait', 'walking'"),
     ],
 )
 def test_nonsense_is_refused(capsys: pytest.CaptureFixture[str], arguments: list[str], message: str) -> None:

@@ -11,8 +11,7 @@ import pytest
 
 from plant_sim.result import Impact
 from plant_sim.scene import load_scene
-from tools import cli
-from tools.output import EXIT_BAD_INPUT, plain
+from tools.output import plain
 from tools.study import feasibility
 from tools.study.feasibility import (
     FEASIBLE,
@@ -134,11 +133,6 @@ def test_the_counts_of_the_page_are_those_of_its_cells() -> None:
         verdicts = [row["verdict"] for row in rows if (row["preset"], row["axis"]) == (preset, axis)]
         counts = [len(verdicts), *(verdicts.count(reason) for reason in feasibility.REASONS)]
         assert f"| {preset} | {axis} | {' | '.join(map(str, counts))} |" in text
-
-
-def test_an_unknown_preset_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.run(["study", "feasibility", "--preset", "table2"]) == EXIT_BAD_INPUT
-    assert "'table2' is not one of 'table1', 'gait', 'walking'" in " ".join(capsys.readouterr().err.split())
 
 
 def test_what_was_not_measured_is_null_for_machines() -> None:

@@ -77,25 +77,22 @@ def tuned(identified: tuple[Tuning, Identified, Readings]) -> Tuning:
     return identified[0]
 
 
-def test_the_goals_are_met_from_a_minute(tuned: Tuning) -> None:
-    values = tuned.values
-    assert values["striker.spring_n_m"] == pytest.approx(SPRING_N_PER_M, rel=0.005)
-    assert values["friction.b_n_s_m"] == pytest.approx(0.26, rel=0.05)
-    assert values["friction.mu"] == 0.0
-    assert values["stop.position_m"] == pytest.approx(STOP_M, abs=1e-4)
-    assert values["stop.restitution"] == pytest.approx(RESTITUTION, abs=0.01)
-    assert values["stop.contact_s"] == pytest.approx(0.01, rel=0.03)
-    assert values["drive.amplitude_m"] == pytest.approx(0.0201, rel=0.005)
-    assert tuned.figures_of_merit["accelerometer_offset"].value == pytest.approx(-0.31, abs=0.005)
+@pytest.fixture(scope="module")
+def recorded(identified: tuple[Tuning, Identified, Readings]) -> Readings:
+    return identified[2]
 
 
-def test_it_is_much_better_than_the_goals(tuned: Tuning) -> None:
-    """So that a change that costs accuracy is seen before the goals are missed."""
+def test_a_minute_is_identified_better_than_the_goals_ask(tuned: Tuning) -> None:
+    """Spring, friction, stop and restitution far better: a change that costs accuracy is seen here first."""
     values = tuned.values
     assert values["striker.spring_n_m"] == pytest.approx(SPRING_N_PER_M, rel=0.0005)
     assert values["friction.b_n_s_m"] == pytest.approx(0.26, rel=0.01)
+    assert values["friction.mu"] == 0.0
     assert values["stop.position_m"] == pytest.approx(STOP_M, abs=3e-5)
     assert values["stop.restitution"] == pytest.approx(RESTITUTION, abs=0.003)
+    assert values["stop.contact_s"] == pytest.approx(0.01, rel=0.03)
+    assert values["drive.amplitude_m"] == pytest.approx(0.0201, rel=0.005)
+    assert tuned.figures_of_merit["accelerometer_offset"].value == pytest.approx(-0.31, abs=0.005)
 
 
 def test_the_bounds_hold_spring_and_friction(tuned: Tuning) -> None:
@@ -110,41 +107,7 @@ def test_the_bounds_hold_spring_and_friction(tuned: Tuning) -> None:
         assert 0.0 < width < 0.05 * truth
 
 
-def test_a_dry_guide_is_recognised_and_measured(tmp_path: Path) -> None:
-    run = record(
-        tmp_path / "dry",
-        {"law": "coulomb", "mu": 0.15},
-        {"friction": {"b_n_s_m": 0.0, "mu": 0.15}, "drive": {"amplitude_m": 0.03}},
-        0.0305,
-        1.1,
-        30.0,
-    )
-    tuning, found, _ = tune_identify(run)
-    assert found.law == Law.COULOMB
-    assert tuning.values["friction.mu"] == pytest.approx(0.15, rel=0.01)
-    assert tuning.values["friction.b_n_s_m"] == 0.0
-    assert tuning.values["striker.spring_n_m"] == pytest.approx(SPRING_N_PER_M, rel=0.005)
-    assert tuning.values["stop.position_m"] == pytest.approx(STOP_M, abs=1e-4)
-    assert tuning.values["stop.restitution"] == pytest.approx(RESTITUTION, abs=0.01)
-
-
-def test_both_laws_at_once_are_recognised(tmp_path: Path) -> None:
-    run = record(
-        tmp_path / "both",
-        {"law": "coulomb", "mu": 0.05, "b_n_s_m": 0.1},
-        {"friction": {"b_n_s_m": 0.1, "mu": 0.05}, "drive": {"amplitude_m": 0.025}},
-        0.0245,
-        1.1,
-        40.0,
-    )
-    tuning, found, _ = tune_identify(run)
-    assert found.law == Law.BOTH
-    assert tuning.values["friction.mu"] == pytest.approx(0.05, rel=0.02)
-    assert tuning.values["friction.b_n_s_m"] == pytest.approx(0.1, rel=0.05)
-    assert tuning.values["striker.spring_n_m"] == pytest.approx(SPRING_N_PER_M, rel=0.005)
-
-
-def test_a_rise_towards_rest_is_recognised_and_measured(tmp_path: Path) -> None:
+def test_a_dry_guide_with_a_rise_towards_rest_is_recognised_and_measured(tmp_path: Path) -> None:
     run = record(
         tmp_path / "stribeck",
         {"law": "stribeck", "mu": 0.12, "mu_s": 0.18, "v_s_m_s": 0.07, "delta": 1.0},
@@ -156,10 +119,13 @@ def test_a_rise_towards_rest_is_recognised_and_measured(tmp_path: Path) -> None:
     tuning, found, _ = tune_identify(run)
     assert found.law == Law.STRIBECK
     assert tuning.values["friction.mu"] == pytest.approx(0.12, rel=0.02)
+    assert tuning.values["friction.b_n_s_m"] == 0.0
     assert tuning.figures_of_merit["stribeck_mu_s"].value == pytest.approx(0.18, rel=0.02)
     assert tuning.figures_of_merit["stribeck_v_s"].value == pytest.approx(0.07, rel=0.1)
     assert tuning.figures_of_merit["stribeck_delta"].value == 1.0
     assert tuning.values["striker.spring_n_m"] == pytest.approx(SPRING_N_PER_M, rel=0.005)
+    assert tuning.values["stop.position_m"] == pytest.approx(STOP_M, abs=1e-4)
+    assert tuning.values["stop.restitution"] == pytest.approx(RESTITUTION, abs=0.01)
 
 
 def cut(readings: Readings, begin_s: float, end_s: float) -> Readings:
@@ -181,13 +147,13 @@ def test_a_short_log_says_less(identified: tuple[Tuning, Identified, Readings]) 
         assert widths[0] > 1.5 * widths[1]
 
 
-def test_a_log_in_which_nothing_moves_is_refused(viscous: Path) -> None:
+def test_a_log_in_which_nothing_moves_is_refused(recorded: Readings) -> None:
     with pytest.raises(BadInputError, match="free flights"):
-        identify(cut(read(viscous, 156.9), 0.0, 0.5), BANDWIDTH_HZ)
+        identify(cut(recorded, 0.0, 0.5), BANDWIDTH_HZ)
 
 
-def test_a_long_log_in_which_nothing_moves_is_refused(viscous: Path) -> None:
-    still = cut(read(viscous, 156.9), 0.0, 0.4)
+def test_a_long_log_in_which_nothing_moves_is_refused(recorded: Readings) -> None:
+    still = cut(recorded, 0.0, 0.4)
     readings = still.acceleration_m_s2, still.housing_m_s2, still.angle_rad
     long = [np.tile(reading, 15) for reading in readings]
     with pytest.raises(BadInputError, match="never moves faster"):
@@ -205,19 +171,17 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
 # --- parts --------------------------------------------------------------------------------------------
 
 
-def test_flights_lie_between_contacts(viscous: Path) -> None:
-    readings = read(viscous, 156.9)
-    contacts = contacts_of(readings)
+def test_flights_lie_between_contacts(recorded: Readings) -> None:
+    contacts = contacts_of(recorded)
     assert len(contacts) > 90
-    flights = flights_of(readings, contacts, 0.00056)
+    flights = flights_of(recorded, contacts, 0.00056)
     spans = sorted([(one.begin, one.end) for one in flights] + [(one.before, one.after) for one in contacts])
     assert all(end <= begin for (_, end), (begin, _) in pairwise(spans))
 
 
-def test_a_log_that_begins_with_a_single_tick_has_no_contact_there(viscous: Path) -> None:
-    whole = read(viscous, 156.9)
-    apart = whole._replace(pieces=((0, 1), (2, len(whole.acceleration_m_s2))))
-    assert contacts_of(apart) == contacts_of(whole)
+def test_a_log_that_begins_with_a_single_tick_has_no_contact_there(recorded: Readings) -> None:
+    apart = recorded._replace(pieces=((0, 1), (2, len(recorded.acceleration_m_s2))))
+    assert contacts_of(apart) == contacts_of(recorded)
 
 
 def test_integrals_are_those_of_a_polynomial() -> None:

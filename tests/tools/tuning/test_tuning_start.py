@@ -50,7 +50,7 @@ def like(values: Mapping[str, float], shortest_s: float) -> FloatArray:
     return np.array([np.zeros(200), impact, rise_s + 2.0 + spread, np.full(200, 3.0)])
 
 
-@pytest.mark.parametrize("shortest_s", [2.0, 3.0, 5.0])
+@pytest.mark.parametrize("shortest_s", [2.0, 5.0])
 def test_the_best_point_is_the_shortest_rise_without_harder_impacts(monkeypatch, shortest_s: float) -> None:
     def planted(_: str, candidates: Sequence[Mapping[str, float]], *__: object) -> list[FloatArray]:
         return [like(one, shortest_s) for one in candidates]

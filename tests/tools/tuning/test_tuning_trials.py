@@ -41,14 +41,17 @@ def test_a_summary_counts_wrong_laws_errors_and_bounds(
 
 
 @pytest.mark.parametrize(
-    ("number", "why"),
+    ("seconds", "why"),
     [
-        (6, "the fit of δ = 1 ends beside its minimum unless it also starts from that of δ = 2"),
-        (102, "the linear fit's turns are some ticks off, and a wrong sign of v outweighs all other samples"),
+        (20.0, "the fit of δ = 1 ends beside its minimum unless it also starts from that of δ = 2"),
+        (
+            60.0,
+            "the linear fit's turns are some ticks off, and a wrong sign of v outweighs all other samples",
+        ),
     ],
 )
-def test_a_rise_towards_rest_is_fitted_to_the_noise(number: int, why: str) -> None:
-    found = run_trial(40_000, number, 60.0)
+def test_a_rise_towards_rest_is_fitted_to_the_noise(seconds: float, why: str) -> None:
+    found = run_trial(40_000, 102, seconds)
     assert found.named == "stribeck", why
     assert all(score < 4.0 for score in found.scores.values()), (why, found.scores)
     assert abs(found.errors["dry"] or 1.0) < 0.002, why
