@@ -257,7 +257,7 @@ def with_values(tables: Mapping[str, Any], changes: Mapping[str, object]) -> dic
         if value is None:
             table.pop(key, None)
         else:
-            table[key] = value
+            table[key] = copy.deepcopy(value)
     return changed
 
 

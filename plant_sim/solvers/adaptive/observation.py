@@ -96,14 +96,21 @@ def _ankle_follow_felt(wearer: Ankle, drive: Drive, memory: Memory, share: float
 
 @subroutine
 def _largest(force: StopForce | FeltForce, dense: Vector, share: float, before_n: float) -> float:
-    """The largest force so far: the largest of five samples on the step, refined by golden section."""
-    best, best_s = -1.0, 0.0
+    """The largest force so far: the largest of five samples on the step, refined by golden section.
+
+    Between two samples the force may be larger than both; it is taken to be larger by less than samples beside
+    each other differ.
+    """
+    best, best_s, last_n, jump_n = -1.0, 0.0, 0.0, 0.0
     for i in range(5):
         s = share * 0.25 * i
         force_n = force_at(force, dense, s)
+        if i > 0:
+            jump_n = max(jump_n, abs(force_n - last_n))
         if force_n > best:
             best, best_s = force_n, s
-    if best > before_n:
+        last_n = force_n
+    if best + jump_n > before_n:
         low, high = max(best_s - 0.25 * share, 0.0), min(best_s + 0.25 * share, share)
         left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
         left_n, right_n = force_at(force, dense, left), force_at(force, dense, right)
@@ -116,7 +123,7 @@ def _largest(force: StopForce | FeltForce, dense: Vector, share: float, before_n
                 low, left, left_n = left, right, right_n
                 right = low + GOLDEN * (high - low)
                 right_n = force_at(force, dense, right)
-        return max(best, left_n, right_n)
+        return max(before_n, best, left_n, right_n)
     return before_n
 
 

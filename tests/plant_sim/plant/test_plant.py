@@ -37,6 +37,21 @@ def test_ticks_of_recorded_torque_agree_with_scipy() -> None:
     assert plant.state.v_m_s == pytest.approx(reference.v, abs=2e-7)
 
 
+def test_the_largest_forces_do_not_depend_on_where_in_a_tick_they_are() -> None:
+    initial = {"x_m": 0.17, "v_m_s": 0.9}
+    stop = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
+    changes = {"stop": stop, "wearer": WEARER, "initial": initial, "solver.accuracy": 1e-10}
+    scene = load_scene(changed("table1-viscous", changes))
+    whole = simulate(scene, 0.06)
+    for begin_s in np.arange(0.0, 1e-3, 5e-5):
+        plant = Plant(scene, seed=1)
+        for tick_s in (begin_s, *([1e-3] * 60)):
+            plant.advance(0.0, tick_s)
+        impact, *_ = plant.take_impacts()
+        assert impact.peak_force_n == pytest.approx(whole.impacts.peak_force_n[0], rel=1e-9), begin_s
+        assert plant.peak_felt_force_n == pytest.approx(whole.peak_felt_force_n, rel=1e-9), begin_s
+
+
 HARD = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "stiffness": 1e9}
 DQ = {"drive.model": "dq-motor", "winding": {"d_inductance_h": 0.25e-3, "q_inductance_h": 0.35e-3}}
 WALK = {"gait": {"axis": "outward", "pace": [{"at_s": 0.0, "stride_hz": 0.9}]}}

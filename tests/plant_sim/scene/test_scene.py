@@ -218,5 +218,9 @@ def test_a_scene_with_other_values_is_checked_as_a_new_one() -> None:
     assert (scene.drive.ratio, scene.stop.law) == (1.3, "rigid")  # type: ignore[union-attr]
     assert scene.with_({"drive.ratio": None, "drive.frequency_hz": 2.0}).drive.frequency_hz == 2.0  # type: ignore[union-attr]
     assert scene.with_({}) == scene
+    changes = {"stop": {"law": "none"}, "stop.position_m": 0.2}
+    with pytest.raises(SceneError, match=r"stop\.position_m"):
+        scene.with_(changes)
+    assert changes["stop"] == {"law": "none"}, "the caller's tables stay as they are"
     with pytest.raises(SceneError, match=r"drive.rato = 1.2 is not a known key.*did you mean ratio\?"):
         scene.with_({"drive.rato": 1.2})
