@@ -98,8 +98,8 @@ def _ankle_follow_felt(wearer: Ankle, drive: Drive, memory: Memory, share: float
 def _largest(force: StopForce | FeltForce, dense: Vector, share: float, before_n: float) -> float:
     """The largest force so far: the largest of five samples on the step, refined by golden section.
 
-    Between two samples the force may be larger than both; it is taken to be larger by less than samples beside
-    each other differ.
+    Between two samples the force may be larger than both; it is taken to be larger by less than neighbouring
+    samples differ.
     """
     best, best_s, last_n, jump_n = -1.0, 0.0, 0.0, 0.0
     for i in range(5):
