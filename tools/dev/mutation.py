@@ -5,8 +5,7 @@
 Each mutant has one change (a comparison's operator or edge, and/or, a sign, a number, an enumeration's
 member, the branches of a conditional expression) and its own forked process, which runs the named tests until
 one fails. The unchanged code must pass the tests first: tests that fail anyway, or are not found, would kill
-every mutant. mutmut is not used, because it does not mutate decorated functions, and every function of the
-firmware's core is decorated.
+every mutant. mutmut is not used, because it does not mutate decorated functions, such as the plant's kernels.
 """
 
 import ast

@@ -40,6 +40,52 @@ def test_nothing_is_fed_forward_from_an_estimate_that_is_lost(x_m: float) -> Non
     assert speed.crank_load(CONFIG, CRANK, near, 0.0) > 0.2
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_within_its_limits_the_torque_is_that_of_the_law(side: float) -> None:
+    """T = J α* + B ω* + T_dry sign ω* + share · c (A sin θ + l0 − x) A cos θ + K_p e + K_i ∫e dt."""
+    p, ahead_s = CONFIG.p, 1.5e-3
+    dice = np.random.default_rng(5)
+    for _ in range(20):
+        angle_rad, target_rad_s = dice.uniform(0.0, 6.2), side * dice.uniform(8.0, 15.0)
+        error_rad_s, integral_n_m = dice.uniform(-0.5, 0.5), dice.uniform(-0.1, 0.1)
+        acceleration_rad_s2 = dice.uniform(-40.0, 40.0)
+        x_m, v_m_s, omega_rad_s = dice.uniform(0.1, 0.17), dice.uniform(-0.5, 0.5), target_rad_s - error_rad_s
+        theta_rad = angle_rad + omega_rad_s * ahead_s
+        stretch_m = 0.02 * math.sin(theta_rad) + 0.12 - (x_m + v_m_s * ahead_s)
+        load_n_m = p.speed.load_share * 70.0 * stretch_m * 0.02 * math.cos(theta_rad)
+        motor_n_m = p.motor.inertia_kg_m2 * acceleration_rad_s2 + p.motor.viscous_n_m_s * target_rad_s
+        fed_forward_n_m = motor_n_m + side * p.motor.dry_n_m + load_n_m
+        torque_n_m = fed_forward_n_m + p.speed.gain_p_n_m_s * error_rad_s + integral_n_m
+        before = speed.INITIAL._replace(integral_n_m=integral_n_m, torque_n_m=torque_n_m)
+        after = speed.step(
+            CONFIG,
+            before,
+            CRANK._replace(angle_rad=angle_rad, omega_rad_s=omega_rad_s),
+            ESTIMATE._replace(x_m=x_m, v_m_s=v_m_s),
+            target_rad_s,
+            acceleration_rad_s2,
+        )
+        integral_n_m += p.speed.gain_i_n_m * error_rad_s * CONFIG.tick_s
+        wanted = (integral_n_m, error_rad_s, fed_forward_n_m, torque_n_m, torque_n_m, ActingLimit.NONE)
+        assert after == pytest.approx(wanted, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_under_a_limit_the_integral_goes_back_and_no_further_on(side: float) -> None:
+    before = speed.INITIAL._replace(integral_n_m=0.58 * side, torque_n_m=0.6 * side)
+    on = step(before, target=12.0 * side, omega=11.0 * side)
+    back = step(before._replace(integral_n_m=2.0 * side), target=12.0 * side, omega=12.1 * side)
+    braking = step(before._replace(torque_n_m=0.0), target=12.0 * side, omega=12.1 * side)
+    assert braking.acting_limit == ActingLimit.TORQUE_RATE
+    assert abs(braking.integral_n_m) < abs(before.integral_n_m), "it went down, away from the limit"
+    falling = step(before._replace(integral_n_m=0.1 * side), target=12.0 * side, omega=11.9 * side)
+    assert falling.acting_limit == ActingLimit.TORQUE_RATE
+    assert abs(falling.integral_n_m) > 0.1, "the torque is above what is wanted"
+    assert on.acting_limit == back.acting_limit == ActingLimit.TORQUE
+    assert on.integral_n_m == before.integral_n_m
+    assert abs(back.integral_n_m) == CONFIG.p.speed.torque_limit_n_m, "an integral has the torque's limit"
+
+
 def test_torque_never_leaves_its_limits_and_is_always_a_number() -> None:
     bad = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0, 15.0)
     for target, omega, x in itertools.product(bad, (0.0, 15.0, 1e3, -1e3, math.nan), bad):
@@ -85,6 +131,8 @@ def test_the_speed_limit_cuts_the_torque_at_once(side: float) -> None:
     pushing = speed.INITIAL._replace(torque_n_m=0.6 * side, acting_n_m=0.6 * side)
     state = step(pushing, target=25.0 * side, omega=20.5 * side)
     assert (state.torque_n_m, state.acting_limit) == (0.0, ActingLimit.SPEED)
+    braking = step(pushing._replace(torque_n_m=-0.3 * side), target=10.0 * side, omega=20.5 * side)
+    assert braking.torque_n_m * side < -0.3, "a torque that brakes is not cut"
     state = step(pushing, target=25.0 * side, omega=20.0 * side)  # at the limit only the rate acts
     assert state.torque_n_m == pytest.approx(0.54 * side)
     assert state.acting_limit == ActingLimit.TORQUE_RATE
@@ -115,8 +163,25 @@ def test_the_tracker_gets_the_acting_torque() -> None:
     )
 
 
+def test_losses_and_load_are_against_the_motion_and_the_acceleration_has_a_bound() -> None:
+    motor, limits = CONFIG.p.motor, CONFIG.p.speed
+    pulled = ESTIMATE._replace(x_m=0.13)
+    for omega_rad_s in (12.0, -12.0, 0.3, -0.3):
+        lost_n_m = motor.viscous_n_m_s * omega_rad_s + math.copysign(motor.dry_n_m, omega_rad_s)
+        theta_rad = omega_rad_s * 0.5e-3
+        load_n_m = 70.0 * (0.02 * math.sin(theta_rad) - 0.01) * 0.02 * math.cos(theta_rad)
+        turning = CRANK._replace(omega_rad_s=omega_rad_s)
+        found = speed.known_acceleration(CONFIG, 0.0, turning, pulled)
+        expected = -(lost_n_m + limits.load_share * load_n_m) / motor.inertia_kg_m2
+        assert found == pytest.approx(expected, rel=1e-9)
+    most_rad_s2 = 2.0 * limits.torque_limit_n_m / motor.inertia_kg_m2
+    assert speed.known_acceleration(CONFIG, 9.0, CRANK, ESTIMATE) == most_rad_s2
+
+
 def test_a_standing_crank_is_not_estimated_to_move_by_less_than_its_dry_friction() -> None:
     state = speed.INITIAL._replace(acting_n_m=0.004)
-    assert (
-        speed.known_acceleration(CONFIG, state.acting_n_m, CRANK._replace(omega_rad_s=0.0), ESTIMATE) == 0.0
-    )
+    standing = CRANK._replace(omega_rad_s=0.0)
+    assert speed.known_acceleration(CONFIG, state.acting_n_m, standing, ESTIMATE) == 0.0
+    breaking_away_n_m = 2.1 * CONFIG.p.motor.dry_n_m
+    found = speed.known_acceleration(CONFIG, breaking_away_n_m, standing, ESTIMATE)
+    assert found == pytest.approx(breaking_away_n_m / CONFIG.p.motor.inertia_kg_m2)
