@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from compiled_calls import as_compiled
 
-from firmware_py.core.numbers import TAU, at_least, clamp, fraction, wrap_pi, wrap_two_pi
+from firmware_py.core.numbers import TAU, at_least, clamp, floored, fraction, wrap_pi, wrap_two_pi
 
 EVERY_KIND = (0.0, -0.0, 1e-20, -1e-20, 3.0, -3.0, math.pi, -math.pi, TAU, -TAU, 1e3, -1e5, 1e9, -1e9)
 TOO_LARGE = (math.nan, math.inf, -math.inf, 1.1e9, -1.1e9, 1e19, -1e19, 1e300, -1e300)
@@ -28,6 +28,15 @@ def test_angles_on_the_circle() -> None:
             assert math.sin(wrap_two_pi(value)) == pytest.approx(math.sin(value), abs=3e-7)
     assert wrap_pi(math.pi) == wrap_pi(-math.pi) == math.pi
     assert wrap_two_pi(-1e-20) == fraction(-1e-20) == 0.0
+
+
+def test_a_floor_without_integers_is_the_floor() -> None:
+    whole = [float(number) for number in (0, 1, 2, 3, 1_000, 999_999_999, 1_000_000_000)]
+    edges = [math.nextafter(number, number + side) for number in whole for side in (-1, 0, 1)]
+    for value in [*edges, *np.linspace(-3.0, 3.0, 121), *np.geomspace(1e-300, 1e9, 200)]:
+        for signed in (float(value), -float(value)):
+            assert math.copysign(1.0, floored(0.0 * signed)) == 1.0
+            assert floored(signed) == math.floor(signed), signed
 
 
 def test_what_is_no_angle_is_zero() -> None:
