@@ -3,10 +3,13 @@
 import compileall
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 
+from firmware_py.builds.machine_code import object_code
 from hil.bench.lockstep import warm_lockstep
 from hil.scenario.scenario import load_scenario
 from kernel_cache import root
@@ -42,9 +45,12 @@ def main() -> None:
     started_s = time.perf_counter()
     for package in PACKAGES:  # where PYTHONDONTWRITEBYTECODE is set, each start would compile them again
         compileall.compile_dir(ROOT / package, quiet=2)
+    with ProcessPoolExecutor(1, get_context("spawn")) as beside:
+        firmware = beside.submit(object_code, "host")
+        warm_studies()
+        firmware.result()
     with tempfile.TemporaryDirectory() as folder:
         warm_lockstep(load_scenario(DEFAULT_SCENARIO), "compiled", Path(folder))
-    warm_studies()
     print(f"setup: ready after {time.perf_counter() - started_s:.1f} s", flush=True)
 
 
