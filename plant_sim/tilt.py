@@ -2,7 +2,8 @@
 
 m (x'' + g sin α) + c (x − l0 − x_A) = F is the level module's equation with l0' = l0 − m g sin α / c. Only
 the energies differ: with F0 = m g sin α the drive's work is larger by F0 Δx_A, the housing's is −F0 Δx, and
-the stored energy is smaller by F0 (Δx − Δx_A).
+the stored energy is larger by F0 s − F0² / 2c at the stretch s = l0 + x_A − x; its change is smaller by
+F0 (Δx − Δx_A).
 """
 
 import math
@@ -28,10 +29,11 @@ def tilted(result: SimulationResult, parts: Parts, start: MotionState) -> Simula
     """The result of `levelled(parts)` with the energies of `parts`."""
     if not isinstance(parts.housing, Tilted):
         return result
-    weight_n = parts.striker.mass_kg * parts.housing.along_m_s2
-    piston_m = parts.drive.amplitude_m * (math.sin(result.final.crank_rad) - math.sin(start.crank_rad))
-    rise_m = result.final.x_m - start.x_m
-    energy = result.energy
+    striker, energy, final = parts.striker, result.energy, result.final
+    weight_n = striker.mass_kg * parts.housing.along_m_s2
+    before_m, after_m = (parts.drive.amplitude_m * math.sin(one.crank_rad) for one in (start, final))
+    piston_m, rise_m = after_m - before_m, final.x_m - start.x_m
+    stretch_m, sag_m = striker.rest_length_m + after_m - final.x_m, weight_n / striker.spring_n_per_m
     return replace(
         result,
         energy=replace(
@@ -39,5 +41,6 @@ def tilted(result: SimulationResult, parts: Parts, start: MotionState) -> Simula
             drive_work_j=energy.drive_work_j + weight_n * piston_m,
             stored_change_j=energy.stored_change_j - weight_n * (rise_m - piston_m),
             housing_work_j=-weight_n * rise_m,
+            stored_j=energy.stored_j + weight_n * (stretch_m - 0.5 * sag_m),
         ),
     )
