@@ -7,6 +7,7 @@ It is made of the tables that the firmware itself uses: the state's members (`no
 from collections.abc import Iterable, Iterator
 from enum import IntEnum
 
+from firmware_py.interface.addresses import DEFAULT, Addresses, bus_id
 from firmware_py.interface.enums import XcpCommandCode
 from firmware_py.interface.generated import kinds
 from firmware_py.interface.parameter_table import TABLE, Parameter
@@ -24,6 +25,7 @@ UNITS = {
     "_rad_s": "rad/s",
     "_m_s2": "m/s^2",
     "_m_s": "m/s",
+    "_1_s": "1/s",
     "_n_m_s": "N m s",
     "_n_m": "N m",
     "_n_s": "N s",
@@ -144,8 +146,13 @@ def quoted(text: str) -> str:
 
 
 def conversion_of(unit: str) -> str:
-    """The name of the conversion that only states a unit."""
-    return "unit_" + "".join(letter if letter.isalnum() else "_" for letter in unit or "none")
+    """The name of the conversion that only states a unit, its own for each.
+
+    >>> conversion_of("N m"), conversion_of("N/m")
+    ('unit_N_m', 'unit_N_per_m')
+    """
+    words = (unit or "none").replace("/", "_per_")
+    return "unit_" + "".join(letter if letter.isalnum() else "_" for letter in words)
 
 
 def conversions() -> Iterator[str]:
@@ -202,8 +209,8 @@ COMMIT = f"""\
     /end CHARACTERISTIC"""
 
 
-def a2l() -> str:
-    """The text of the file; its name is `file_name()` with the ending `.a2l`."""
+def a2l(module: Addresses = DEFAULT) -> str:
+    """The text of the file for a module with these node numbers; its name is `file_name()` and `.a2l`."""
     optional = [code for code in XcpCommandCode if code.name not in MANDATORY]
     commands = ", ".join(f'"{code.name}" = 0x{code.value:02X}' for code in optional)
     used = "\n".join(f"        OPTIONAL_CMD {code.name}" for code in optional)
@@ -211,8 +218,8 @@ def a2l() -> str:
         "commands": used,
         "lists": xcp.MOST_LISTS,
         "units": round(TICK_S / xcp.TIMESTAMP_UNIT_S),
-        "master": kinds.XCP_COMMAND.can_id,
-        "slave": kinds.XCP_RESPONSE.can_id,
+        "master": bus_id(module, kinds.XCP_COMMAND.can_id),
+        "slave": bus_id(module, kinds.XCP_RESPONSE.can_id),
     }
     blocks: Iterable[str] = (
         *conversions(),

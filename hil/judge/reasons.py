@@ -12,7 +12,8 @@ def reasons_of(traces: RunTraces) -> list[str]:
     reasons = [*traces.outcome.get("reasons", []), *traces.damage]
     if not traces.outcome:
         reasons.append("the run was cut short: it left no outcome.json")
-    if traces.run.get("clock") == IMPORTED:
+    was_cut_by_host = traces.outcome.get("cut_s") is not None
+    if traces.run.get("clock") == IMPORTED or was_cut_by_host:
         return reasons
     nodes = {"plant": traces.plant, "firmware": traces.firmware}
     return reasons + [f"{name} left no trace" for name, records in nodes.items() if len(records) == 0]

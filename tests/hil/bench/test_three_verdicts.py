@@ -99,6 +99,17 @@ def test_a_run_that_the_bench_could_not_judge_says_why_everywhere(tmp_path):
     assert "not judged: the plant was held up for 40 ms" in (tmp_path / "index.html").read_text()
 
 
+def test_a_run_whose_firmware_the_host_stopped_before_its_first_tick_is_not_judged(tmp_path):
+    made_up = make_run()
+    made_up.run |= {"clock": "real", "time": "held"}
+    made_up.firmware = {name: values[:0] for name, values in made_up.firmware.items()}
+    held_up = "the host held up the firmware for more than 10 s at 0.00 s"
+    made_up.outcome |= {"cut_s": 0.0, "cut_by": "firmware", "not_judged": [held_up]}
+    verdict = finish(write_run(made_up, tmp_path / "run"))
+    assert (verdict.verdict, verdict.reasons, verdict.doubts) == (Verdict.NOT_JUDGED, (), (held_up,))
+    assert not any(check.verdict is Verdict.FAILED for check in verdict.checks)
+
+
 def test_one_seed_that_is_not_judged_leaves_the_scenario_not_judged(tmp_path):
     made_up = make_run()
     checks = [{"name": "regime", "equals": "impact"}]

@@ -28,9 +28,10 @@ from pyxcp.master.errorhandler import UnrecoverableError
 from pyxcp.types import XcpResponseError
 
 from firmware_py.builds import board_tools
-from firmware_py.builds.a2l import a2l, a2l_name
+from firmware_py.builds.a2l import a2l, a2l_name, unit_text
 from firmware_py.builds.flat import loaded
 from firmware_py.core.configure import after_commit
+from firmware_py.interface.addresses import DEFAULT, Addresses
 from firmware_py.interface.enums import Mode, XcpCommandCode
 from firmware_py.interface.float32 import float32_bits
 from firmware_py.interface.frame import Frame
@@ -204,6 +205,23 @@ def master_on(running: Running, policy: Any = None) -> Any:
 def addresses_of(description: Any) -> Mapping[str, int]:
     """The addresses of the measurements in the A2L file."""
     return {one.Name.Value: one.ECU_ADDRESS.Address.Value for one in description.MEASUREMENT}
+
+
+def test_the_a2l_file_has_one_conversion_for_each_unit(description: Any) -> None:
+    units = {one.Name.Value: one.Unit.Value for one in description.COMPU_METHOD}
+    assert len(units) == len(description.COMPU_METHOD), "a name stands for two units"
+    found = {one.Name.Value: units[one.Conversion.Value] for one in description.CHARACTERISTIC}
+    assert found == {one.name: unit_text(one) for one in TABLE} | {"calibration.commit": ""}
+    measured = {one.Name.Value: units[one.Conversion.Value] for one in description.MEASUREMENT}
+    assert measured["state.hold.trim_rate_1_s"] == "1/s"
+    assert measured["outputs.torque_n_m"] == "N m"
+
+
+def test_the_a2l_file_of_another_module_has_its_identifiers() -> None:
+    for places_on_bus, command, response in ((DEFAULT, "0x049", "0x07E"), (Addresses(0, 5), "0x0C9", "0x0FE")):
+        text = a2l(places_on_bus)
+        assert f"CAN_ID_MASTER {command}" in text
+        assert f"CAN_ID_SLAVE {response}" in text
 
 
 def test_the_a2l_file_lists_every_measurement_and_parameter(description: Any) -> None:
