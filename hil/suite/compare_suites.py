@@ -44,7 +44,10 @@ def figures_of(scenario: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 
 def compare(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, Any]:
-    """List the verdicts that differ in scenarios that both suites have run; measured values may differ."""
+    """List the verdicts that differ in scenarios that both suites have run.
+
+    `equal`: no verdict differs, and both have the same scenarios and seeds; measured values may differ.
+    """
     of_a, of_b = ({one["name"]: one for one in suite["scenarios"]} for suite in (a, b))
     both = [name for name in of_a if name in of_b]
     differences = []
@@ -75,5 +78,5 @@ def compare(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, Any]:
         "only_in_a": [name for name in of_a if name not in of_b],
         "only_in_b": [name for name in of_b if name not in of_a],
         "differences": differences,
-        "equal": bool(both) and not differences,
+        "equal": of_a.keys() == of_b.keys() and sorted(a["seeds"]) == sorted(b["seeds"]) and not differences,
     }

@@ -43,7 +43,8 @@ def compare(
 ) -> None:
     """Show changed verdicts, figures beyond their tolerance, and the first moment at which two runs differ.
 
-    For two suites: show which checked figures are better or worse, and which verdicts differ. The exit
+    For two suites: show which checked figures are better or worse, and which verdicts differ; they are equal
+    if they have the same scenarios, seeds and verdicts, and all figures are within their tolerance. The exit
     status is 0 even if the runs differ, unless --must-be-equal is given.
     """
     from hil.suite.compare_suites import is_suite
@@ -78,8 +79,8 @@ def compare_suites(a: Path, b: Path, must_be_equal: bool, tolerance: list[str] |
     before, after = read_suite(a), read_suite(b)
     found = changes(before, after, tolerances_of(tolerance))
     result = compare(before, after) | {"changes": found}
-    within = tolerance is None or all(one["equal"] for one in found)
-    status = EXIT_CHECK_FAILED if must_be_equal and not (result["equal"] and within) else EXIT_PASSED
+    result["equal"] = result["equal"] and all(one["equal"] for one in found)
+    status = EXIT_CHECK_FAILED if must_be_equal and not result["equal"] else EXIT_PASSED
     answer(result, as_json, lambda: show_verdicts(result), status if result["compared"] else EXIT_NOTHING_RAN)
 
 

@@ -200,9 +200,11 @@ def test_two_suites_differ_where_a_verdict_does(tmp_path: Path, capsys: pytest.C
     for name, names in (("a", [rests, impacts]), ("b", [rests]), ("c", [impacts])):
         run_suite(Chosen(names), LOCKSTEP, tmp_path / name, [1], silent)
     a, b, c = (str(tmp_path / name) for name in "abc")
-    assert run(["compare", a, b, "--must-be-equal", "--json"]) == EXIT_PASSED
+    assert run(["compare", a, a, "--must-be-equal"]) == EXIT_PASSED
+    capsys.readouterr()
+    assert run(["compare", a, b, "--must-be-equal", "--json"]) == EXIT_CHECK_FAILED
     result = json.loads(capsys.readouterr().out)
-    assert (result["compared"], result["only_in_a"], result["equal"]) == (["rests"], ["impacts"], True)
+    assert (result["compared"], result["only_in_a"], result["equal"]) == (["rests"], ["impacts"], False)
     assert run(["compare", b, c, "--json"]) == EXIT_NOTHING_RAN
     changed = read_suite(tmp_path / "a")
     changed["scenarios"][1]["passed"] = changed["scenarios"][1]["checks"][0]["passed"] = True
@@ -217,6 +219,21 @@ def test_two_suites_differ_where_a_verdict_does(tmp_path: Path, capsys: pytest.C
     assert run(["compare", a, c, "--must-be-equal"]) == EXIT_CHECK_FAILED
     assert "1 of 2 scenarios" in capsys.readouterr().out
     assert run(["compare", a, str(tmp_path)]) == EXIT_BAD_INPUT
+
+
+@pytest.mark.usefixtures("in_process")
+@pytest.mark.parametrize(("seeds", "settings"), [([1, 2], []), ([2], []), ([1], ["script.duration_s=0.4"])])
+def test_suites_of_other_seeds_or_figures_are_not_equal(
+    tmp_path: Path, seeds: list[int], settings: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    rests = tmp_path / "rests.toml"
+    rests.write_text(resting(tmp_path).read_text().replace("impact_count", "duration_s"))
+    for name, own_seeds, own in (("a", [1], []), ("b", seeds, settings)):
+        run_suite(Chosen([str(rests)], own), LOCKSTEP, tmp_path / name, own_seeds, silent)
+    a, b = str(tmp_path / "a"), str(tmp_path / "b")
+    for command in (["compare", a, b], ["compare", b, a], ["compare", a, b, "--tolerance", "*=0"]):
+        assert run([*command, "--must-be-equal", "--json"]) == EXIT_CHECK_FAILED
+        assert json.loads(capsys.readouterr().out)["equal"] is False
 
 
 @pytest.mark.usefixtures("in_process")
