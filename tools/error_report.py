@@ -102,7 +102,7 @@ def report_internal_error(error: Exception, as_json: bool) -> int:
     except OSError:  # a full or read-only disk: print the traceback on the terminal
         where = "above"
         sys.stderr.write(text)
-    summary = " ".join(traceback.format_exception_only(error)[-1].split())
+    summary = " ".join(f"{type(error).__name__}: {error}".split())
     message = f"{summary} (a defect of vibrohil; its traceback: {where})"
     say_error("internal error:", message, as_json)
     return output.EXIT_INTERNAL_ERROR

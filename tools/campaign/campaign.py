@@ -15,6 +15,7 @@ from firmware_py.shell.builds import Build
 from hil.scenario.operator import Command, Request
 from hil.scenario.scenario import Scenario, check_scenario
 from hil.scenario.settings import apply_settings
+from plant_sim.validation_messages import real
 from tools.campaign.run import Run
 from tools.campaign.sampling import Sampled
 from tools.output import BadInputError
@@ -70,6 +71,12 @@ def cells_of(
             f"{', '.join(f'campaign.{one}' for one in table)}"
         )
     chosen = [changed.pop(axis) for axis in axes]
+    for name, value in changed.items():
+        if not 0.0 <= real(value) < math.inf:
+            raise BadInputError(f"campaign.{name} = {value}: wanted a number of at least 0")
+    for axis, value in zip(axes, chosen, strict=True):
+        if value == []:
+            raise BadInputError(f"campaign.{axis} has no value; wanted one or more")
     if chosen != [None] * len(axes):
         pairs = zip(chosen, conditions[0], strict=True)
         conditions = [tuple(otherwise if one is None else listed(one) for one, otherwise in pairs)]

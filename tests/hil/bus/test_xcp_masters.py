@@ -218,7 +218,10 @@ def test_the_a2l_file_has_one_conversion_for_each_unit(description: Any) -> None
 
 
 def test_the_a2l_file_of_another_module_has_its_identifiers() -> None:
-    for places_on_bus, command, response in ((DEFAULT, "0x049", "0x07E"), (Addresses(0, 5), "0x0C9", "0x0FE")):
+    for places_on_bus, command, response in (
+        (DEFAULT, "0x049", "0x07E"),
+        (Addresses(0, 5), "0x0C9", "0x0FE"),
+    ):
         text = a2l(places_on_bus)
         assert f"CAN_ID_MASTER {command}" in text
         assert f"CAN_ID_SLAVE {response}" in text

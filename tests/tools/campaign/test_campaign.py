@@ -328,6 +328,9 @@ def test_a_walk_s_cells_can_be_chosen_and_changed() -> None:
         ("campaign.presets='gait'", "'gait' is none of walking, table1"),
         ("campaign.courses='hop'", "'hop' is none of steady"),
         ("campaign.speed=1", "campaign.speed"),
+        ("campaign.courses=[]", "campaign.courses has no value"),
+        ("campaign.mismatch_spring=-1", "campaign.mismatch_spring = -1: wanted a number of at least 0"),
+        ("campaign.walk_s=nan", "campaign.walk_s = nan: wanted a number of at least 0"),
     ):
         with pytest.raises(BadInputError, match=message):
             plan_of("walk", setting)
