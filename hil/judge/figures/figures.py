@@ -32,6 +32,7 @@ from hil.judge.figures.records import (
 )
 from hil.judge.gaps import TimeHeld, gaps_of
 from hil.judge.hold import Window, hold_motion, hold_window
+from hil.judge.reasons import IMPORTED
 from hil.record.rates import slow_rows
 from hil.record.run_traces import RunTraces, column, read_run
 from hil.record.state_timeline import lower_name
@@ -69,12 +70,14 @@ def rms(errors: FloatArray) -> float | None:
     return float(np.sqrt(np.mean(errors**2))) if len(errors) else None
 
 
-def loop_timing(records: Records, period_s: float) -> LoopTiming:
+def loop_timing(records: Records, period_s: float, is_imported: bool) -> LoopTiming:
     """A loop's timing from its own trace; skipped ticks are the numbers missing in its ticks from 0 on.
 
-    A duration of 0 was not measured, as in lockstep.
+    Of an imported log, which has no ticks before the firmware's first heartbeat, they are those missing from
+    its first tick on. A duration of 0 was not measured, as in lockstep.
     """
     tick = column(records, "tick")
+    first = int(tick[0]) if is_imported and len(tick) else 0
     work_us, wake_us = column(records, "work_us"), column(records, "wake_latency_us")
     half_tick_us = 0.5e6 * period_s
     has_cpu = "cpu_us" in (records.dtype.names or ())
@@ -83,7 +86,7 @@ def loop_timing(records: Records, period_s: float) -> LoopTiming:
     longest = int(np.argmax(held)) if len(held) else None
     return LoopTiming(
         ticks=len(tick),
-        overruns=int(tick[-1]) + 1 - len(tick) if len(tick) else 0,
+        overruns=int(tick[-1]) + 1 - first - len(tick) if len(tick) else 0,
         late_wakeups=int(np.count_nonzero(wake_us > half_tick_us)),
         long_work=int(np.count_nonzero(own_us > half_tick_us)),
         longest_hold_ms=None if longest is None else 1e3 * period_s * float(held[longest]),
@@ -262,7 +265,7 @@ def figures_from(traces: RunTraces) -> Figures:
     run, outcome = traces.run, traces.outcome
     period_s = float(run.get("period_s", DEFAULT_PERIOD_S))
     clock = str(run.get("clock", "lockstep"))
-    loops = Loops(plant=loop_timing(plant, period_s), firmware=loop_timing(firmware, period_s))
+    loops = Loops(*(loop_timing(records, period_s, clock == IMPORTED) for records in (plant, firmware)))
     baseline = outcome.get("baseline_overruns")
     under_uml = bool(run.get("user_mode_linux", False))
     time_held = tuple(TimeHeld(**one) for one in outcome.get("holds", []))

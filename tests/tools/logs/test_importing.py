@@ -30,6 +30,7 @@ START_S = 1_700_000_000.0
 """A wall time: what candump writes."""
 TICKS = 2000
 OFFSET_S = 0.2e-3
+HEARTBEAT_ID = codec.CODECS[FirmwareHeartbeat].can_id
 
 
 def mode_at(tick):
@@ -129,6 +130,19 @@ def test_figures_that_need_the_truth_are_missing(imported):
     assert verdict["safe_state"]["cause"] is None
     assert verdict["duration_s"] == pytest.approx(TICKS * 1e-3, abs=2e-3)
     assert verdict["overruns"] == 0
+
+
+def test_what_came_before_the_first_heartbeat_is_no_overrun(tmp_path, capsys):
+    lines = [
+        f"({START_S + t_s:.6f}) can0 {can_id:03X}#{data.hex()}\n"
+        for t_s, (can_id, data) in sorted((t_s, (can_id, data)) for t_s, can_id, data in frames())
+    ]
+    first_heartbeat = next(place for place, line in enumerate(lines) if f" {HEARTBEAT_ID:03X}#" in line)
+    del lines[first_heartbeat]
+    (tmp_path / "bench.log").write_text("".join(lines))
+    assert cli.run(["import", str(tmp_path / "bench.log"), "--out", str(tmp_path / "run")]) == EXIT_PASSED
+    firmware = open_run(tmp_path / "run").verdict["loops"]["firmware"]
+    assert (firmware["ticks"], firmware["overruns"]) == (TICKS - 100, 0)
 
 
 def test_times_of_a_wall_clock_stay_on_the_wall_time(tmp_path):
