@@ -104,7 +104,7 @@ def show_verdicts(result: dict[str, Any]) -> None:
 
 def show(result: dict[str, Any]) -> None:
     """Print both verdicts, the largest changes, the machine's timing and the signals' first difference."""
-    from tools.logs.comparison import is_timing
+    from tools.logs import comparison
 
     figures, changes = result["figures"], result["largest_changes"]
     table = table_of(Column(title, no_wrap=True) for title in ("figure", "a", "b", "b − a"))
@@ -113,7 +113,7 @@ def show(result: dict[str, Any]) -> None:
     for one in result["flips"]:
         both = (figure(one[f"value_{side}"], one["unit"]) for side in ("a", "b"))
         table.add_row(escape(f"{one['name']} {one['limit']}"), *map(escape, both), flip(one["a"], one["b"]))
-    physical = [name for name in changes if not is_timing(name) and name != "fault"]
+    physical = [name for name in changes if not comparison.is_timing(name) and name != "fault"]
     for name in physical[:MOST_CHANGES]:
         row = figures[name]
         table.add_row(name, *(escape(figure(row[side], row["unit"])) for side in ("a", "b", "change")))
@@ -131,6 +131,12 @@ def show(result: dict[str, Any]) -> None:
     first = result["first_difference"]
     if first is None:
         console.print("[bold green]equal[/]: every logged signal, bit by bit, on simulated time")
+    elif first["signal"] in comparison.ENDS:
+        console.print(
+            f"[bold]first difference[/]: a ends at {first['a']:.6f} s and b at {first['b']:.6f} s; "
+            "every logged signal is equal until the earlier end",
+            soft_wrap=True,
+        )
     else:
         values = f"{figure(first['a'])} in a, {figure(first['b'])} in b"
         console.print(

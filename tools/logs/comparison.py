@@ -31,6 +31,8 @@ from tools.output import BadInputError
 TRACES = ("operator", "plant", "impacts/truth", "firmware")
 """The compared traces, in the order of cause and effect within one tick."""
 TICKED = ("operator", "plant", "firmware")
+ENDS = frozenset(f"{name}.t_s" for name in TICKED)
+"""Signals of a first difference which say that one run ends earlier; its values are the ends."""
 NOT_COMPARED = ("t_s", "wall_time")
 SIDES = ("a", "b")
 TIMING = frozenset(

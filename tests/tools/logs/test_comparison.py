@@ -61,6 +61,15 @@ def test_another_seed_differs_from_the_first_noisy_sample_on(runs, capsys):
     assert log["/difference"]["StateChange:state"].to_pylist() == [[f"first difference: {first['signal']}"]]
 
 
+def test_of_a_run_that_ends_earlier_the_ends_are_shown(runs, tmp_path, capsys):
+    make_run(tmp_path / "shorter", 1, "script.duration_s=2.5")
+    assert cli.run(["compare", str(runs / "first"), str(tmp_path / "shorter")]) == EXIT_PASSED
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "first difference: a ends at 2.9" in printed
+    assert "s and b at 2.4" in printed
+    assert "every logged signal is equal until the earlier end" in printed
+
+
 def test_a_comparison_fits_one_screen_and_begins_with_the_runs_the_verdict_and_the_fault(runs, capsys):
     assert cli.run(["compare", str(runs / "first"), str(runs / "other")]) == EXIT_PASSED
     lines = capsys.readouterr().out.splitlines()
