@@ -219,7 +219,13 @@ class Run:
     def traces(self) -> RunTraces:
         """The run's traces, read from its log."""
         with reading(self.log, TABLES_ARE_LEFT):
-            return read_traces(self.log)
+            found = read_traces(self.log)
+        if len(found.firmware) and "tick" not in (found.firmware.dtype.names or ()):
+            raise RunError(
+                f"{self.log} holds signals of `vibrohil measure`, no run; `vibrohil view` shows them, and "
+                "`vibrohil inspect --table firmware` lists them"
+            )
+        return found
 
     @property
     def figures(self) -> Figures:

@@ -1,5 +1,6 @@
 """Signals and parameters of a running firmware, over XCP."""
 
+import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -99,7 +100,10 @@ def log_streams(bus: str, live: bool, out: Path | None) -> list[LogStream]:
     targets: list[Path | str] = [live_viewer()] if live else []
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-        targets.append(made_anew(out / LOG_NAME))
+        log = out / LOG_NAME
+        if os.path.lexists(log):
+            raise BadInputError(f"{log} exists and is kept; name another folder")
+        targets.append(made_anew(log))
     return [LogStream(target, run, None) for target in targets]
 
 

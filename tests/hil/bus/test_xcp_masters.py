@@ -483,7 +483,13 @@ def test_the_commands_measure_and_calibrate(
     assert list(found) == names
     assert found["state.crank.omega_rad_s"]["unit"] == "rad/s"
     assert found["outputs.mode"]["last"] == compiled.bench.mode.value
-    assert (tmp_path / "measured.rrd").stat().st_size > 0
+    log = tmp_path / "measured.rrd"
+    content = log.read_bytes()
+    assert cli.run(["measure", *names, *where, "--until", "1", "--out", str(tmp_path)]) == EXIT_BAD_INPUT
+    assert "measured.rrd exists" in json.loads(capsys.readouterr().out)["error"]
+    assert log.read_bytes() == content
+    assert cli.run(["inspect", str(log), "--json"]) == EXIT_BAD_INPUT
+    assert "holds signals of `vibrohil measure`, no run" in json.loads(capsys.readouterr().out)["error"]
 
     saved = tmp_path / "gains.toml"
     assert cli.run(["calibrate", "speed.gain_i_n_m=0.75", *where, "--save", str(saved)]) == 0
