@@ -179,6 +179,7 @@ def test_the_boundaries_of_two_parameters_are_those_of_the_closed_form() -> None
     scene = module.scene(1.3)
     curves = boundaries(scene, ("ratio", "b"), branches(scene, "ratio"))
     assert {curve.kind for curve in curves} == {"fold", "grazing", "period-doubling"}
+    assert all(orbit.values["b"] >= 0.0 for curve in curves for orbit in curve.orbits)
     compared = 0
     for curve in curves:
         for orbit in curve.orbits[::7]:
@@ -202,6 +203,7 @@ def test_a_doubling_is_a_boundary_of_the_single_orbit_alone() -> None:
     curves = boundaries(scene, ("ratio", "restitution"), branches(scene, "ratio", 2, 2))
     assert sorted(curve.kind for curve in curves) == ["fold", "grazing"]
     for curve in curves:
+        assert all(0.0 <= one.values["restitution"] <= 1.0 for one in curve.orbits)
         assert min(abs(one.values["restitution"] - 0.5) for one in curve.orbits) < 0.05
         if curve.kind == "grazing":
             assert all(min(one.v_m_s) == pytest.approx(0.0, abs=1e-6) for one in curve.orbits)

@@ -136,9 +136,9 @@ def _half(condition: Condition, start: CurvePoint) -> list[Orbit]:
         slowest, clearance = np.min(orbit.v_m_s), orbit.clearance_m
         if slowest < -GRAZED * module.speed_m_s or clearance < -GRAZED * module.length_m:
             break
-        orbits.append(orbit)
         if not all(PARAMETERS[name].low < orbit.values[name] < PARAMETERS[name].high for name in module.over):
             break
+        orbits.append(orbit)
     return orbits
 
 
