@@ -1,6 +1,7 @@
 """`vibrohil campaign NAME`: Monte Carlo of the closed loop over truth and starts, compiled."""
 
 import time
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -61,7 +62,8 @@ def campaign(
     started_s = time.perf_counter()
     outcomes = run_all(plan, count, workers, scheduler)
     result = result_of(chosen, plan.cells, outcomes, seed, time.perf_counter() - started_s)
-    folder = RUNS / f"campaign-{name}-{seed}"
+    changes = f"-{zlib.crc32(' '.join(change).encode()):08x}" if change else ""
+    folder = RUNS / f"campaign-{name}-{seed}{changes}"
     result["kept"] = [str(keep_trial(folder, trial_of(plan, trial))) for trial in kept_of(outcomes, keep)]
     answer(result, as_json, lambda: show(result), exit_of(result))
 

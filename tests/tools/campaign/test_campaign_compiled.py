@@ -148,11 +148,15 @@ def test_a_campaign_from_the_command_line(
     result = json.loads(capsys.readouterr().out)
     assert result["trials"] == result["eligible"] == result["success"] == 4
     assert result["failures"] == []
-    assert result["kept"] == ["runs/campaign-start-up-20001/start-up-20001-2.toml"]
+    assert [Path(kept).name for kept in result["kept"]] == ["start-up-20001-2.toml"]
     assert load_scenario(Path(result["kept"][0])).commands[-1].target_ratio == 1.3
     assert 5.0 < result["metrics"]["capture"]["p50"] < 8.0
     assert result["metrics"]["steady_v"]["p50"] == pytest.approx(0.91, abs=0.03)
     assert status == exit_of(result)
+    run([*arguments, *settings[:2], "--set", "campaign.ratios=1.2", "--keep", "2"])
+    other = json.loads(capsys.readouterr().out)["kept"]
+    assert load_scenario(Path(result["kept"][0])).commands[-1].target_ratio == 1.3, "it is as it was"
+    assert load_scenario(Path(other[0])).commands[-1].target_ratio == 1.2
 
 
 KNOCKS_M_S2_S = ((78.0, 14.3), (-78.0, 14.3), (78.0, 15.05), (-78.0, 15.8))
