@@ -209,7 +209,7 @@ def retargeted(assembly: str, target: Target, kept_names: Collection[str]) -> by
     options.loop_unrolling = False  # unrolling: a tenth more flash, no faster tick
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
-    # Not before the passes above, which would inline less: the worst tick would be two thirds longer.
+    # Not before the passes above: they would inline less.
     for function in module.functions:
         if target.is_small and not function.is_declaration and function.name not in QUICK:
             function.add_function_attribute("minsize")
