@@ -15,7 +15,6 @@ from plant_sim.sensors.gait import LegState
 TRUTH, ESTIMATE, TARGET, OTHER, ALARM = 0x56B4E9FF, 0xE69F00FF, 0x9A9AA2FF, 0xCC79A7FF, 0xD55E00FF
 """Colours (RGBA) by meaning in all plots: truth, the firmware's estimate, target, other signals, alarms."""
 NEUTRAL, BUSY, GOOD, WARN = 0x5B6470FF, 0x56B4E9FF, 0x009E73FF, 0xE69F00FF
-PALETTE = (TRUTH, ESTIMATE, TARGET, OTHER, ALARM, GOOD)
 
 
 class StateTimeline(NamedTuple):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from firmware_py.shell.parameters import DEFAULTS
 from hil import Run, run
-from hil.show.report.plot import ALARM, ESTIMATE, TARGET, TRUTH
+from hil.record import state_timeline
 from tools.study import cases, figures, work
 from tools.study.sweep import Diagram, diagrams
 
@@ -18,6 +18,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 PLACE = Path("docs/explanation")
+TRUTH, ESTIMATE, TARGET, ALARM = (
+    f"#{rgba >> 8:06x}"
+    for rgba in (state_timeline.TRUTH, state_timeline.ESTIMATE, state_timeline.TARGET, state_timeline.ALARM)
+)
+"""The log's colours in CSS notation."""
 ESTIMATOR = "firmware.state.estimator"
 SOFT, INSTANT = "soft-start-multistable", "instant-start-multistable"
 STIFFER = "scene.striker.spring_n_m=71.4"

@@ -3,7 +3,6 @@
 import os
 from collections.abc import Mapping, Sequence
 from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
@@ -18,7 +17,7 @@ from hil.judge.seeds import ScenarioVerdict
 from hil.judge.verdict import BY_GRAVITY, RunVerdict, worst
 from hil.record.new_file import write_anew
 from hil.record.run_traces import RunTraces
-from hil.show.report.plot import plot
+from hil.show.injected import injected
 
 
 class Headline(NamedTuple):
@@ -73,10 +72,13 @@ def template(name: str) -> Template:
     return environment.get_template(name)
 
 
-@cache
-def library() -> str:
-    """The plot's library: plotly.js, the unchanged npm package plotly.js-basic-dist-min (MIT licence)."""
-    return (resources.files("hil.show.report") / "templates" / "plotly-basic.min.js").read_text("utf-8")
+def happenings(traces: RunTraces, figures: Figures) -> list[str]:
+    """The faults that the scenario injected, and the fault that the firmware latched, one sentence each."""
+    faults = injected(traces.scenario)
+    lines = [f"Injected at {fault.from_s:g} s: {fault.text}." for fault in faults]
+    if figures.latched.at_s is not None:
+        lines.append(f"The firmware latched the fault {figures.fault} at {figures.latched.at_s:.3f} s.")
+    return lines
 
 
 def write_report(path: Path, traces: RunTraces, verdict: RunVerdict) -> None:
@@ -88,8 +90,7 @@ def write_report(path: Path, traces: RunTraces, verdict: RunVerdict) -> None:
         title=traces.scenario.get("title", verdict.scenario),
         changes=traces.run.get("changes", []),
         headlines=[tile(one, figures) for one in headlines if value_of(figures, one.name) is not None],
-        plot=plot(traces, figures),
-        library=library(),
+        happenings=happenings(traces, figures),
         files=[name for name in LINKED if (path.parent / name).exists()],
         rows=[
             (spec.name, figure_text(value_of(figures, spec.name), spec.unit), spec.meaning)

@@ -32,9 +32,9 @@ def rgb(rgba: int) -> tuple[int, int, int]:
 
 
 TRUTH, STOP, START = map(rgb, (state_timeline.TRUTH, state_timeline.ALARM, state_timeline.WARN))
-FIGURES = ["The run"]
-"""The plots that a run has which was too short to hold a speed."""
-CAPTIONS = "Array.from(document.querySelectorAll('figcaption b'), b => b.innerText.replace(/\\.$/, ''))"
+HEADINGS = "Array.from(document.querySelectorAll('h2'), h => h.innerText)"
+OF_A_RUN = ["Checks", "Figures", "What happened", "Made with"]
+"""The parts of a run's report."""
 
 
 @pytest.fixture(scope="module")
@@ -52,11 +52,11 @@ def run_dir(browser, tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-def test_a_report_shows_verdict_and_plots_and_loads_nothing(browser, run_dir, dark):
+def test_a_report_shows_the_verdict_and_loads_nothing(browser, run_dir, dark):
     page = (run_dir / "report.html").as_uri()
     browser.open(page, dark)
-    browser.wait_for(f"document.readyState == 'complete' && {CAPTIONS}.length == {len(FIGURES)}")
-    assert browser.evaluate(CAPTIONS) == FIGURES
+    browser.wait_for("document.readyState == 'complete'")
+    assert browser.evaluate(HEADINGS) == OF_A_RUN
     assert browser.requests == [page]
     width = browser.evaluate("document.documentElement.scrollWidth")
     assert width <= 1280, "nothing sticks out to the right"
@@ -64,11 +64,6 @@ def test_a_report_shows_verdict_and_plots_and_loads_nothing(browser, run_dir, da
     top = browser.look()
     assert near(top, PAPER[dark], 4) > 0.6 * top.shape[0] * top.shape[1]
     assert near(top, GREEN[dark], 8) > 800, "the badge of the verdict"
-
-    browser.evaluate("document.querySelectorAll('.chart')[0].scrollIntoView()")
-    plot = browser.look()
-    assert near(plot, TRUTH) > 500, "the striker's position"
-    assert near(plot, STOP, 60) > 500, "the stop"
 
 
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
@@ -82,7 +77,7 @@ def test_a_suites_page_leads_to_each_run(browser, run_dir, tmp_path, dark):
     browser.wait_for("document.querySelectorAll('td a').length == 2")
     assert near(browser.look(), RED[dark], 8) > 800
     browser.follow("td a")
-    assert browser.evaluate(CAPTIONS) == FIGURES
+    assert browser.evaluate(HEADINGS) == OF_A_RUN
 
 
 def test_the_viewer_shows_a_run_in_the_browser_from_this_machine_alone(browser, run_dir):
