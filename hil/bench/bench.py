@@ -18,7 +18,7 @@ import shutil
 import signal
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -34,8 +34,8 @@ from hil.bench.supervision import BASELINE, Supervision, again_name, plan_of
 from hil.bus import Bus, ProvidedBus, join, join_in_turns, provide, shared
 from hil.bus.addressed import addressed
 from hil.bus.hub_socket import TurnSocket
-from hil.faults.counted import FAULTS_ACTED, counted
-from hil.faults.line import with_faults
+from hil.faults.fault import FAULTS_ACTED, effects_of, of_a_node
+from hil.faults.line import FaultyBus
 from hil.faults.on_process import FIRMWARE, ProcessFault
 from hil.faults.processes import ProcessFaults
 from hil.judge.verdict import RunVerdict
@@ -175,11 +175,9 @@ class ProcessesRun:
             self.start()
             operator_bus = self.joined_as_operator(stack)
             pace = Pace(self.scenario.period_s, self.scenario.duration_s)
-            faults = counted(self.scenario.faults)
-            faulty_bus, set_time = with_faults(
-                operator_bus, "operator", faults, self.seed, self.scenario.period_s
-            )
-            operator = OperatorRunner(self.scenario.commands, pace, faulty_bus, self.run_dir)
+            faults = of_a_node(self.scenario.faults)
+            line = FaultyBus(operator_bus, "operator", faults, self.seed, self.scenario.period_s)
+            operator = OperatorRunner(self.scenario.commands, pace, line, self.run_dir)
             stack.callback(operator.close)
             settle_garbage()
             stack.callback(gc.unfreeze)
@@ -194,11 +192,11 @@ class ProcessesRun:
             if self.provided.pacemaker is not None:
                 self.provided.pacemaker.tell(plan_of(self.scenario, t0_ns).as_line())
             try:
-                self.watch(operator, set_time, t0_ns)
+                self.watch(operator, t0_ns)
                 if not self.outcome.reasons and not self.ended_early:
                     self.await_ends()
             finally:
-                self.operator_counters = {**asdict(operator_bus.counters), FAULTS_ACTED: faults.counts}
+                self.operator_counters = {**asdict(operator_bus.counters), FAULTS_ACTED: effects_of([faults])}
                 self.outcome.wall_s = max(0.0, time.monotonic() - began_s)
 
     def joined_as_operator(self, stack: ExitStack) -> Bus:
@@ -286,7 +284,7 @@ class ProcessesRun:
                 allowed[name] = json.loads(said)
         run_folder.note(self.run_dir, realtime=allowed)
 
-    def watch(self, operator: OperatorRunner, set_time: Callable[[float], None], t0_ns: int) -> None:
+    def watch(self, operator: OperatorRunner, t0_ns: int) -> None:
         """Act as the operator, and supervise the other processes in between.
 
         Ends with the script, or `REACTION_S` after a child has ended.
@@ -302,9 +300,9 @@ class ProcessesRun:
         )
         with fixed_priority(OPERATOR_PRIORITY):
             if self.giver is None:
-                reached = self.play_strictly(operator, set_time, supervision)
+                reached = self.play_strictly(operator, supervision)
             else:
-                reached = self.play_in_turns(self.giver, operator, set_time, supervision)
+                reached = self.play_in_turns(self.giver, operator, supervision)
         if self.giver is not None:
             self.ended_early = reached < supervision.periods - 1
             if self.ended_early and self.provided.pacemaker is not None:
@@ -320,13 +318,7 @@ class ProcessesRun:
         pacemaker = self.provided.pacemaker
         return pacemaker is not None and (self.ended_early or pacemaker.ended)
 
-    def play_in_turns(
-        self,
-        giver: TurnSocket,
-        operator: OperatorRunner,
-        set_time: Callable[[float], None],
-        supervision: Supervision,
-    ) -> int:
+    def play_in_turns(self, giver: TurnSocket, operator: OperatorRunner, supervision: Supervision) -> int:
         """Make the operator's steps in its turns, and supervise after each; return its last period."""
         period_s = self.scenario.period_s
         ticks_a_period = round(OPERATOR_PERIOD_S / period_s)
@@ -334,7 +326,7 @@ class ProcessesRun:
 
         def step(tick: int) -> int:
             supervision.act(tick * period_s)
-            set_time(tick * period_s)
+            operator.bus.move_to(tick * period_s)
             operator.step(tick)
             return operator.due_tick
 
@@ -347,9 +339,7 @@ class ProcessesRun:
         run_turns(giver, step, between)
         return reached
 
-    def play_strictly(
-        self, operator: OperatorRunner, set_time: Callable[[float], None], supervision: Supervision
-    ) -> int:
+    def play_strictly(self, operator: OperatorRunner, supervision: Supervision) -> int:
         """Make the operator's steps by the wall clock, and supervise; return its last period."""
         t0_ns = supervision.t0_ns
         loop = FixedRateLoop(self.clock, t0_ns, round(OPERATOR_PERIOD_S * NS_PER_S))
@@ -360,7 +350,7 @@ class ProcessesRun:
             reached = period
             t_s = period * OPERATOR_PERIOD_S
             supervision.act(t_s)
-            self.act(operator, set_time, t0_ns, t_s)
+            self.act(operator, t0_ns, t_s)
             if supervision.attend(period):
                 loop.stop()
 
@@ -368,16 +358,14 @@ class ProcessesRun:
         self.continue_paused()
         return reached
 
-    def act(
-        self, operator: OperatorRunner, set_time: Callable[[float], None], t0_ns: int, from_s: float
-    ) -> None:
+    def act(self, operator: OperatorRunner, t0_ns: int, from_s: float) -> None:
         """Make the operator's steps in one `OPERATOR_PERIOD_S`; after a host stall it makes one for all."""
         period_s = self.scenario.period_s
         first_tick = math.ceil(from_s / period_s - 1e-6)
         until_tick = math.ceil((from_s + OPERATOR_PERIOD_S) / period_s - 1e-6)
         while (tick := max(operator.due_tick, first_tick)) < until_tick:
             self.clock.sleep_until(t0_ns + round(tick * period_s * NS_PER_S))
-            set_time(tick * period_s)
+            operator.bus.move_to(tick * period_s)
             operator.step(tick)
 
     def continue_paused(self) -> None:

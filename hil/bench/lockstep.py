@@ -7,10 +7,9 @@ frames and the codec between them are those of real time.
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,12 +17,11 @@ from firmware_py.shell.builds import NATIVE, Build, node_of
 from firmware_py.shell.node import MakeNode
 from hil.bench import beginning
 from hil.bench.ending import Outcome
-from hil.bench.lockstep_bus import FIRMWARE, OPERATOR, PLANT, BusAsModelled, IdealBus, LockstepBus
+from hil.bench.lockstep_bus import FIRMWARE, NODES, OPERATOR, PLANT, BusAsModelled, IdealBus, LockstepBus
 from hil.bus.can_log import CanLog
-from hil.bus.in_process import InProcessNode
 from hil.faults.clocks import Turns, in_turns
-from hil.faults.counted import CountedFaults, counted
-from hil.faults.line import with_faults
+from hil.faults.fault import Fault, effects_of, of_a_node
+from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
 from hil.faults.processes import ProcessFaults
 from hil.nodes.runners import FirmwareRunner, OperatorRunner, Pace, PlantRunner
@@ -53,6 +51,8 @@ WARM: list[tuple[Scene, bool, Build]] = []
 PROGRESS_S = 0.5
 """Simulated time between two reports of progress, at most twice this."""
 NS_PER_US = 1000
+BENCH = "bench"
+"""Name, among those of the nodes, under which faults of processes and of the modelled bus are counted."""
 UNTIMED = LoopTiming(0, 0.0, 0.0, 0)
 """Timing of the plant, which is not measured in lockstep."""
 
@@ -64,15 +64,15 @@ def run_lockstep(
     progress: Progress,
     build: Build = "python",
     make: MakeNode | None = None,
-    counts: CountedFaults | None = None,
+    faults: Mapping[str, Sequence[Fault]] | None = None,
 ) -> int:
     """Run the whole scenario; write traces and can.log to `run_dir`. Times in can.log are simulated times.
 
-    `make` replaces the firmware node of `build`, for example by one that measures. `counts`: the
-    scenario's faults, in which their effects are counted. Returns the number of records for which the disk
-    had no room.
+    `make` replaces the firmware node of `build`, for example by one that measures. `faults`: the scenario's
+    faults for each node (`faults_by_node`), whose effects are counted. Returns the number of records for
+    which the disk had no room.
     """
-    faults = counted(scenario.faults) if counts is None else counts
+    faults = faults_by_node(scenario) if faults is None else faults
     with ExitStack() as stack:
         nodes = LockstepNodes(scenario, run_dir, seed, faults, make or node_of(build), stack)
         stretches = nodes.stretches() if build in NATIVE and make is None else None
@@ -86,7 +86,7 @@ def run_lockstep(
             with delayed_signals():
                 ticks = 0 if stretches is None else min(stretches.ticks_from(tick), progress_ticks)
                 if stretches is not None and ticks > 0:
-                    stretches.run(tick, ticks)
+                    stretches.record(tick, ticks)
                     nodes.resume(tick + ticks)
                     tick += ticks
                 else:
@@ -95,78 +95,79 @@ def run_lockstep(
     return nodes.lost_records
 
 
+def faults_by_node(scenario: Scenario) -> dict[str, list[Fault]]:
+    """The scenario's faults for each node, and for the bench itself."""
+    return {name: of_a_node(scenario.faults) for name in (*NODES, BENCH)}
+
+
 class LockstepNodes:
     """The nodes of lockstep on their bus, and the order in which they act in a tick."""
 
     def __init__(
         self,
         scenario: Scenario,
-        run_dir: Path,
+        run_dir: Path | None,
         seed: int,
-        faults: CountedFaults,
+        faults: Mapping[str, Sequence[Fault]],
         make: MakeNode,
         stack: ExitStack,
     ) -> None:
-        """`stack` closes the files."""
+        """`run_dir`: None for compiled stretches that are not recorded. `stack` closes the files."""
         self._scenario = scenario
-        self._bus: LockstepBus = (
-            IdealBus() if scenario.bitrate is None else BusAsModelled(scenario.bitrate, run_dir)
-        )
+        self._bus: LockstepBus = IdealBus()
+        if scenario.bitrate is not None and run_dir is not None:
+            self._bus = BusAsModelled(scenario.bitrate, run_dir, faults[BENCH])
         pace = Pace(scenario.period_s, scenario.duration_s, is_timed=False)
-        at_nodes = self._bus.break_by(faults)
-        self._to_plant = self._bus.join(PLANT)
-        broken = partial(with_faults, faults=at_nodes, seed=seed, period_s=pace.period_s)
-        plant_bus, self._set_plant_time = broken(self._to_plant, PLANT)
-        firmware_bus, self._set_firmware_time = broken(self._bus.join(FIRMWARE), FIRMWARE)
-        self._to_operator = self._bus.join(OPERATOR)
-        operator_bus, self._set_operator_time = broken(self._to_operator, OPERATOR)
-        self._plant_node = PlantRunner(scenario.scene, seed, pace, plant_bus, run_dir, faults)
-        self._firmware_node = FirmwareRunner(
-            ParameterMemory(scenario.parameters, faults, seed),
+        joined = {name: self._bus.join(name) for name in NODES}
+        self.to_plant, self.to_operator = joined[PLANT], joined[OPERATOR]
+        self._lines = {}
+        for name, bus in joined.items():
+            own = [fault for fault in faults[name] if not self._bus.breaks_by(fault)]
+            self._lines[name] = FaultyBus(bus, name, own, seed, pace.period_s)
+        self.plant = PlantRunner(scenario.scene, seed, pace, self._lines[PLANT], run_dir, faults[PLANT])
+        self.firmware = FirmwareRunner(
+            ParameterMemory(scenario.parameters, faults[FIRMWARE], seed),
             pace,
-            firmware_bus,
+            self._lines[FIRMWARE],
             run_dir,
             walks=scenario.scene.gait is not None,
             make=make,
         )
-        self._plant = in_turns(self._plant_node, PLANT, faults, pace.period_s, seed)
-        self._firmware = in_turns(self._firmware_node, FIRMWARE, faults, pace.period_s, seed)
-        self._operator = OperatorRunner(scenario.commands, pace, operator_bus, run_dir)
-        self._processes = ProcessFaults(faults)
-        self._can_log = stack.enter_context(CanLog(run_dir / "can.log"))
-        for node in (self._plant, self._firmware, self._operator, self._bus):
+        self._plant = in_turns(self.plant, PLANT, faults[PLANT], pace.period_s, seed)
+        self._firmware = in_turns(self.firmware, FIRMWARE, faults[FIRMWARE], pace.period_s, seed)
+        self.operator = OperatorRunner(scenario.commands, pace, self._lines[OPERATOR], run_dir)
+        self._processes = ProcessFaults(faults[BENCH])
+        can_log = Path(os.devnull) if run_dir is None else run_dir / "can.log"
+        self._can_log = stack.enter_context(CanLog(can_log))
+        for node in (self._plant, self._firmware, self.operator, self._bus):
             stack.callback(node.close)
         self._plant_tick = self._firmware_tick = -1
         self._period_ns = round(scenario.period_s * NS_PER_S)
 
     def stretches(self) -> "RecordedStretches | None":
         """The compiled stretches of a run on the ideal bus; None where Python runs all kernels."""
-        if IS_INTERPRETED:
+        if IS_INTERPRETED or not isinstance(self._bus, IdealBus):
             return None
-        from hil.bench import stretches as compiled  # noqa: PLC0415 - imports compiled code
+        from hil.bench.stretches import RecordedStretches  # noqa: PLC0415 - imports compiled code
 
-        to_plant, to_operator = self._to_plant, self._to_operator
-        if not (isinstance(to_plant, InProcessNode) and isinstance(to_operator, InProcessNode)):
-            return None
-        nodes = compiled.Nodes(self._plant_node, self._firmware_node, self._operator, to_plant, to_operator)
         turns = [node for node in (self._plant, self._firmware) if isinstance(node, Turns)]
-        return compiled.RecordedStretches(self._scenario, nodes, turns, self._can_log)
+        return RecordedStretches(self._scenario, self, turns, self._can_log)
 
     def tick(self, tick: int) -> None:
         """Run one tick: the plant and the operator at t_k, the firmware half a period later."""
         t_s, t_ns, half_ns = tick * self._scenario.period_s, tick * self._period_ns, self._period_ns // 2
         if self._processes.takes_turn(PLANT, t_s):
-            self._set_plant_time(t_s)
+            self._lines[PLANT].move_to(t_s)
             self._plant.step(tick, tick - self._plant_tick)
             self._plant.record(tick, UNTIMED)
             self._plant_tick = tick
-        if self._operator.due_tick <= tick:
-            self._set_operator_time(t_s)
-            self._operator.step(tick)
+        if self.operator.due_tick <= tick:
+            self._lines[OPERATOR].move_to(t_s)
+            self.operator.step(tick)
         self._pass_time(t_ns, t_ns + half_ns)
         if self._processes.takes_turn(FIRMWARE, t_s):
             started_ns = time.perf_counter_ns()
-            self._set_firmware_time(t_s)
+            self._lines[FIRMWARE].move_to(t_s)
             self._firmware.step(tick, tick - self._firmware_tick)
             work_us = (time.perf_counter_ns() - started_ns) * 1e-3
             self._firmware.record(tick, LoopTiming(0, 0.0, work_us, 0))
@@ -185,7 +186,7 @@ class LockstepNodes:
     @property
     def lost_records(self) -> int:
         """Records for which the disk had no room."""
-        return self._plant_node.lost_records + self._firmware_node.lost_records
+        return self.plant.lost_records + self.firmware.lost_records
 
 
 def in_lockstep(
@@ -221,13 +222,13 @@ def simulate(
         memory.sample()
         progress(done, doing)
 
-    faults = counted(scenario.faults)
+    faults = faults_by_node(scenario)
     try:
-        if lost := run_lockstep(scenario, run_dir, seed, watched, firmware, counts=faults):
+        if lost := run_lockstep(scenario, run_dir, seed, watched, firmware, faults=faults):
             outcome.reasons.append(f"no room on the disk for the last {lost} records")
     finally:
         outcome.wall_s = time.perf_counter() - started
-        outcome.faults_acted = list(faults.counts)
+        outcome.faults_acted = list(effects_of(faults.values()))
     if any(check.name.startswith("memory.") for check in scenario.checks):
         outcome.memory_growth_mb = memory.growth_mb()
         outcome.memory_watched_s = (1.0 - SETTLING_SHARE) * scenario.duration_s

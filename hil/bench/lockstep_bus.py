@@ -5,12 +5,10 @@ from pathlib import Path
 from typing import Protocol
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import NodeBus
 from hil.bus.in_process import InProcessBus, InProcessNode
 from hil.can_model.fault_confinement import BusErrorRecord, errors_of
-from hil.can_model.modelled_bus import Delivery, ModelledBus
+from hil.can_model.modelled_bus import Delivery, ModelledBus, ModelledNode
 from hil.can_model.state import UNTOUCHED
-from hil.faults.counted import counted
 from hil.faults.fault import Fault
 from hil.faults.kinds.babbling import Babbling
 from hil.faults.on_bus import ModelledFault
@@ -33,11 +31,11 @@ def in_ns(time_s: float) -> int:
 class LockstepBus(Protocol):
     """The bus between the nodes of lockstep, which join by name; time advances between their steps."""
 
-    def join(self, name: str) -> NodeBus:
+    def join(self, name: str) -> InProcessNode | ModelledNode:
         """The connection of one of the nodes."""
 
-    def break_by(self, faults: Sequence[Fault]) -> Sequence[Fault]:
-        """Add the faults that act on the bus itself; return the others, which act at nodes' connections."""
+    def breaks_by(self, fault: Fault) -> bool:
+        """Whether a fault acts on the bus itself, and not at the nodes' connections."""
 
     def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
         """Advance the time; return the frames on the bus in this interval, for the log."""
@@ -57,9 +55,9 @@ class IdealBus:
         """The connection of one of the nodes."""
         return self._bus.join()
 
-    def break_by(self, faults: Sequence[Fault]) -> Sequence[Fault]:
-        """Return all faults: none acts on an ideal bus."""
-        return faults
+    def breaks_by(self, fault: Fault) -> bool:
+        """No fault acts on an ideal bus."""
+        return False
 
     def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
         """Return the frames sent since the last call, logged at `from_ns`."""
@@ -75,26 +73,23 @@ class BusAsModelled:
     The error counters are recorded in `bus_errors.trace` in `out_dir`.
     """
 
-    def __init__(self, bitrate: int, out_dir: Path) -> None:
+    def __init__(self, bitrate: int, out_dir: Path, faults: Sequence[Fault]) -> None:
+        """`faults`: the script's, of which bus-off, destroyed transmissions and babbling act here."""
         self._bus = ModelledBus((*NODES, STRANGER), bitrate)
-        self._faults: list[ModelledFault] = []
-        self._counts = counted(())
-        self._babbling: list[Babbling] = []
+        self._faults = [fault for fault in faults if isinstance(fault, ModelledFault)]
+        self._babbling = [fault for fault in faults if isinstance(fault, Babbling)]
         self._disturbed: frozenset[int] = frozenset()
         """Identifiers whose transmissions are destroyed now."""
         self._errors = TraceWriter(out_dir / "bus_errors.trace", [("", BusErrorRecord)])
         self._last_errors = 0, [UNTOUCHED] * len(NODES)
 
-    def join(self, name: str) -> NodeBus:
+    def join(self, name: str) -> ModelledNode:
         """The connection of one of the nodes."""
         return self._bus.join(name)
 
-    def break_by(self, faults: Sequence[Fault]) -> Sequence[Fault]:
-        """Add bus-off, destroyed transmissions and babbling to the model; return the other faults."""
-        self._counts = counted(faults)
-        self._faults = [fault for fault in faults if isinstance(fault, ModelledFault)]
-        self._babbling = [fault for fault in faults if isinstance(fault, Babbling)]
-        return self._counts.some(fault for fault in faults if not isinstance(fault, Babbling))
+    def breaks_by(self, fault: Fault) -> bool:
+        """Bus-off, destroyed transmissions and babbling."""
+        return isinstance(fault, ModelledFault | Babbling)
 
     def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
         """Advance the model; return the frames that have arrived, logged at their arrival."""
@@ -136,10 +131,10 @@ class BusAsModelled:
         """Count the transmissions destroyed, and the foreign frames, of an interval that begins at `t_s`."""
         for fault in self._faults:
             if fault.acts(t_s):
-                self._counts.acted(fault, fault.acted(destroyed))
+                fault.count(fault.acted(destroyed))
         for babbling in self._babbling:
             foreign = [one for one in deliveries if one.sender == STRANGER and one.frame == babbling.frame]
-            self._counts.acted(babbling, len(foreign))
+            babbling.count(len(foreign))
 
     def _break(self, t_s: float) -> None:
         model = self._bus

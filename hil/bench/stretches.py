@@ -10,6 +10,7 @@ can.log equal those of tick-by-tick lockstep.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,11 +20,10 @@ from firmware_py.node.xcp import IS_CONNECTED
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.flat_node import FirmwareFailedError
 from firmware_py.shell.native import NativeNode
+from hil.bench.lockstep import LockstepNodes, faults_by_node
 from hil.bus.can_log import CanLog
-from hil.bus.in_process import InProcessBus, InProcessNode
 from hil.faults.clocks import Turns
 from hil.faults.fault import Fault
-from hil.faults.memory import ParameterMemory
 from hil.nodes.closed_loop import (
     FIRMWARE_FAILED,
     LINE_BYTES,
@@ -37,7 +37,6 @@ from hil.nodes.closed_loop import (
 )
 from hil.nodes.frame_rows import frames_in, word_frame
 from hil.nodes.plant_steps import Module, PlantState
-from hil.nodes.runners import FirmwareRunner, OperatorRunner, Pace, PlantRunner
 from hil.record.traces.firmware_trace import columns_in, moves_to
 from hil.record.traces.plant_trace import PlantRecord
 from hil.scenario.scenario import Scenario
@@ -91,23 +90,14 @@ class Records(NamedTuple):
     can_log: NDArray[np.uint8]
 
 
-class Nodes(NamedTuple):
-    """The nodes of lockstep, and the frames that plant and operator receive next."""
-
-    plant: PlantRunner
-    firmware: FirmwareRunner
-    operator: OperatorRunner
-    to_plant: InProcessNode
-    to_operator: InProcessNode
-
-
 class Stretches:
     """Runs stretches of one scenario on the nodes of lockstep."""
 
-    def __init__(self, scenario: Scenario, nodes: Nodes, columns: Any, is_logged: bool) -> None:
+    def __init__(self, scenario: Scenario, nodes: LockstepNodes, columns: Any, is_logged: bool) -> None:
         """`columns`: packed type of the firmware's recorded columns (`hil.record.traces.firmware_trace`)."""
         self._scenario = scenario
-        self._plant, self._firmware, self._operator, self._to_plant, self._to_operator = nodes
+        self._plant, self._firmware, self._operator = nodes.plant, nodes.firmware, nodes.operator
+        self._to_plant, self._to_operator = nodes.to_plant, nodes.to_operator
         self._period_ns = round(scenario.period_s * NS_PER_S)
         self._run: Callable[..., tuple[PlantState, int]] | None = None
         self._columns, precision = columns, self._native_node().native.precision
@@ -132,8 +122,7 @@ class Stretches:
         listening_tick = self._operator.node.listening_tick
         if listening_tick is not None:
             until = min(until, max(listening_tick, tick + 1))
-        is_asked = self._native_node().whole["pool"][0, IS_CONNECTED] or self._plant.node.requests
-        is_asked = is_asked or self._plant.node.has_waiting_fault
+        is_asked = self._native_node().whole["pool"][0, IS_CONNECTED] or self._plant.node.has_waiting_fault
         is_ready = len(self._to_plant.pending) <= MOST_IN_TRANSIT
         return min(until - tick, LONGEST_TICKS) if is_ready and not is_asked else 0
 
@@ -202,28 +191,25 @@ class Stretches:
         return np.array(rows, dtype=np.int64).reshape(-1, 4)
 
 
-class RecordedStretches:
+class RecordedStretches(Stretches):
     """Stretches whose records are appended to the traces and the log of lockstep."""
 
-    def __init__(self, scenario: Scenario, nodes: Nodes, turns: Sequence[Turns], can_log: CanLog) -> None:
+    def __init__(
+        self, scenario: Scenario, nodes: LockstepNodes, turns: Sequence[Turns], can_log: CanLog
+    ) -> None:
         """`turns`: the nodes with a clock fault or a restart."""
-        self._period_s = scenario.period_s
-        self._plant = nodes.plant
-        self._firmware = nodes.firmware
+        super().__init__(scenario, nodes, nodes.firmware.columns, is_logged=True)
         self._turns = turns
         self._can_log = can_log
         self._plant_rows = np.zeros(LONGEST_TICKS, nodes.plant.columns)
-        self._stretches = Stretches(scenario, nodes, nodes.firmware.columns, True)
 
     def ticks_from(self, tick: int) -> int:
         """Number of ticks from `tick` on that may be compiled."""
-        if not all(turns.is_in_step(tick) for turns in self._turns):
-            return 0
-        return self._stretches.ticks_from(tick)
+        return super().ticks_from(tick) if all(turns.is_in_step(tick) for turns in self._turns) else 0
 
-    def run(self, tick: int, ticks: int) -> None:
-        """Run `ticks` from `tick` on."""
-        records = self._stretches.run(tick, ticks)
+    def record(self, tick: int, ticks: int) -> None:
+        """Run `ticks` from `tick` on, and append their records."""
+        records = self.run(tick, ticks)
         rows, node = self._plant_rows[:ticks], self._plant.node
         for column, name in enumerate(PlantRecord._fields):
             rows[name] = records.plant[:, column]
@@ -233,7 +219,7 @@ class RecordedStretches:
                 rows[f"gait.{name}"] = gaits[:, column]
         self._plant.append(rows, records.impacts)
         numbers = np.arange(tick, tick + ticks)
-        records.firmware["tick"], records.firmware["t_s"] = numbers, (numbers + 0.5) * self._period_s
+        records.firmware["tick"], records.firmware["t_s"] = numbers, (numbers + 0.5) * self._scenario.period_s
         self._firmware.append(records.firmware)
         self._can_log.append(records.can_log.tobytes())
         for turns in self._turns:
@@ -252,25 +238,18 @@ def records_of(scenario: Scenario, seed: int, columns: Any, build: Build = "comp
             f"scenario {scenario.name!r} has a modelled bus, or faults that act from tick to tick "
             f"({kinds}); run it in lockstep"
         )
-    bus = InProcessBus()
-    to_plant = bus.join()
-    pace = Pace(scenario.period_s, scenario.duration_s)
-    plant = PlantRunner(scenario.scene, seed, pace, to_plant, None, scenario.faults)
-    memory = ParameterMemory(scenario.parameters, scenario.faults, seed)
-    firmware = FirmwareRunner(memory, pace, bus.join(), None, make=node_of(build))
-    to_operator = bus.join()
-    operator = OperatorRunner(scenario.commands, pace, to_operator, None)
-    nodes = Nodes(plant, firmware, operator, to_plant, to_operator)
-    stretches = Stretches(scenario, nodes, columns, is_logged=False)
-    tick = 0
-    while tick < scenario.ticks:
-        ticks = stretches.ticks_from(tick)
-        if ticks == 0:
-            raise ValueError(
-                f"scenario {scenario.name!r} has a fault that acts within tick {tick}; run it in lockstep, "
-                "or let the fault begin and end with a tick"
-            )
-        with delayed_signals():
-            records = stretches.run(tick, ticks)
-        yield records
-        tick += ticks
+    with ExitStack() as stack:
+        nodes = LockstepNodes(scenario, None, seed, faults_by_node(scenario), node_of(build), stack)
+        stretches = Stretches(scenario, nodes, columns, is_logged=False)
+        tick = 0
+        while tick < scenario.ticks:
+            ticks = stretches.ticks_from(tick)
+            if ticks == 0:
+                raise ValueError(
+                    f"scenario {scenario.name!r} has a fault that acts within tick {tick}; run it in "
+                    "lockstep, or let the fault begin and end with a tick"
+                )
+            with delayed_signals():
+                records = stretches.run(tick, ticks)
+            yield records
+            tick += ticks

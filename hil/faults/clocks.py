@@ -12,7 +12,6 @@ from typing import Protocol
 
 import numpy as np
 
-from hil.faults.counted import counted
 from hil.faults.fault import Fault
 from hil.faults.on_process import ClockFault, ProcessFault
 from hil.timing.clock import NS_PER_S, Clock
@@ -26,7 +25,6 @@ class ClockFaults:
     """A scenario's faults of one process's clock. Times `t_s` are true times from the start."""
 
     def __init__(self, faults: Sequence[Fault], process: str, seed: int) -> None:
-        self._faults = counted(faults)
         own = [fault for fault in faults if isinstance(fault, ClockFault)]
         own = sorted((fault for fault in own if fault.faulty_process() == process), key=lambda one: one.at_s)
         self._jumps = [fault for fault in own if fault.ahead_s]
@@ -47,7 +45,7 @@ class ClockFaults:
         """The time by which the clock is ahead."""
         acting = [jump for jump in self._jumps if jump.acts(t_s)]
         for jump in acting:
-            self._faults.acted(jump)
+            jump.count()
         return math.fsum(jump.ahead_s for jump in acting)
 
     def true_s(self, own_s: float) -> float:
@@ -62,7 +60,7 @@ class ClockFaults:
         """The delay of the next wake-up, sampled anew at each call."""
         acting = [jitter for jitter in self._jitters if jitter.acts(t_s)]
         for jitter in acting:
-            self._faults.acted(jitter)
+            jitter.count()
         largest_s = sum(jitter.latest_s for jitter in acting)
         return float(self._noise.uniform(0.0, largest_s)) if largest_s else 0.0
 

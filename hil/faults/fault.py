@@ -3,16 +3,23 @@
 The class is the table `[[script.faults]]` of a scenario, and its methods are its effect. Its base class says
 where it acts and is called there: `on_bus`, `on_sensor`, `on_plant` or `on_process`. The scenario's checks
 state the required reaction, on the truth: motor torque, stop force, impacts.
+
+Each node of a run has the script's faults for itself (`of_a_node`): what they hold, and the number of their
+effects.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
-from pydantic import Field
+import numpy as np
+from pydantic import Field, PrivateAttr
 
 from plant_sim.scene import Scene
 from plant_sim.tables.table import Table
+
+FAULTS_ACTED = "faults_acted"
+"""Key of a node's final report: the number of effects of each fault of the script."""
 
 
 class Fault(Table):
@@ -31,6 +38,9 @@ class Fault(Table):
         default=None, gt=0.0, description="the fault's duration, in s; by default to the end of the run"
     )
 
+    _noise: np.random.Generator = PrivateAttr()
+    _effects: int = PrivateAttr(default=0)
+
     @property
     def end_s(self) -> float:
         """The end of the fault."""
@@ -40,6 +50,29 @@ class Fault(Table):
         """Whether the fault acts at `t_s`, with a tolerance for rounded times."""
         return self.at_s - 1e-9 <= t_s < self.end_s - 1e-9
 
+    def begin(self, noise: np.random.Generator) -> None:
+        """Begin anew, as in a process that starts."""
+        self._noise = noise
+
+    @property
+    def effects(self) -> int:
+        """The number of its effects so far: frames, readings, ticks or starts that it has acted on."""
+        return self._effects
+
+    def count(self, effects: int = 1) -> None:
+        """Count effects."""
+        self._effects += effects
+
     def without_object(self, scene: Scene, faults: Sequence["Fault"]) -> str | None:
         """The reason why it cannot act in this scene, among these faults, with the remedy; None if it can."""
         return None
+
+
+def of_a_node(script: Iterable[Fault]) -> list[Fault]:
+    """The faults of a script for one node, without effects so far."""
+    return [fault.model_copy() for fault in script]
+
+
+def effects_of(nodes: Iterable[Iterable[Fault]]) -> list[int]:
+    """The number of effects of each fault of a script, from the faults of all nodes."""
+    return [sum(fault.effects for fault in same) for same in zip(*nodes, strict=True)]

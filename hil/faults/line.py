@@ -4,22 +4,26 @@ Faults alter frames where they leave their sender. Frames of a foreign node are 
 connection, and the plant receives them too.
 """
 
-from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import NodeBus
-from hil.faults.counted import counted
+from hil.bus.base import MAX_BURST, NodeBus
 from hil.faults.fault import Fault
-from hil.faults.on_bus import Held, LineFault, Sending, Step
+from hil.faults.on_bus import LineFault, Step
+from hil.faults.on_process import PLANT
 
-PLANT = "plant"
+MOST_HELD_FRAMES = 100_000
+"""Largest number of frames that a fault may hold back: a minute of one frame, and its copies."""
+
+
+class TrafficError(ValueError):
+    """Faults send or hold back too many frames; each of several may multiply the frames of the others."""
 
 
 class FaultyBus:
-    """One node's connection with faults; `move_to` sets the time.
+    """One node's connection with the script's faults, if there are any; `move_to` sets the time.
 
     A foreign node sends what is due since the step before, at most a period ago: it stands at the plant's
     connection, and sends nothing while the plant's process is paused or ended.
@@ -28,17 +32,21 @@ class FaultyBus:
     def __init__(self, bus: NodeBus, node: str, faults: Sequence[Fault], seed: int, period_s: float) -> None:
         self._bus = bus
         self._node = node
-        self._counts = counted(faults)
         self._faults = [fault for fault in faults if isinstance(fault, LineFault)]
         self._seed = seed
         self._period_s = period_s
         self._step = Step(0.0, 0.0)
-        self.restart()
+        self._begin()
 
     def restart(self) -> None:
-        """Begin anew, as in a process that starts: nothing is held, and noise is sampled from its start."""
-        self._noise = [np.random.default_rng([self._seed, number]) for number in range(len(self._faults))]
-        self._held: list[Held] = [deque() for _ in self._faults]
+        """Begin anew, as in a process that starts: without the frames that were sent before."""
+        while self._bus.receive():
+            """The frames came before this node began."""
+        self._begin()
+
+    def _begin(self) -> None:
+        for number, fault in enumerate(self._faults):
+            fault.begin(np.random.default_rng([self._seed, number]))
         self._step = Step(self._step.t_s, 0.0)
         self._foreign: list[Frame] = []
 
@@ -48,23 +56,26 @@ class FaultyBus:
         if self._node != PLANT:
             return
         step = Step(t_s, max(self._step.since_s, t_s - self._period_s))
-        for fault, noise in zip(self._faults, self._noise, strict=True):
-            if fault.acts(t_s) and (frames := fault.foreign_frames(step, noise)):
-                self._counts.acted(fault, len(frames))
-                self._bus.send_all(frames)
-                self._foreign += frames
+        foreign: list[Frame] = []
+        for fault in self._faults:
+            if fault.acts(t_s) and (frames := fault.foreign_frames(step)):
+                fault.count(len(frames))
+                foreign += frames
+        self._refuse_beyond(MAX_BURST, len(foreign), "send")
+        if foreign:
+            self._bus.send_all(foreign)
+            self._foreign += foreign
 
     def send_all(self, frames: Iterable[Frame]) -> None:
-        """Send the frames that the faults let through."""
+        """Send the frames that the faults let through. Raises TrafficError."""
         passed = list(frames)
-        for number, (fault, noise) in enumerate(zip(self._faults, self._noise, strict=True)):
-            held = self._held[number]
+        for fault in self._faults:
             if fault.acts(self._step.t_s):
-                sending = Sending(self._step, passed, held)
-                passed, self._held[number], acted = fault.outgoing(sending, noise)
-                self._counts.acted(fault, acted)
+                passed = fault.outgoing(passed, self._step)
+                self._refuse_beyond(MOST_HELD_FRAMES, fault.held_frames, "hold back")
             else:
-                passed, self._held[number] = [*(late.frame for late in held), *passed], deque()
+                passed = [*fault.released(), *passed]
+            self._refuse_beyond(MOST_HELD_FRAMES, len(passed), "send")
         if self._passes(passed):
             self._bus.send_all(passed)
 
@@ -82,15 +93,12 @@ class FaultyBus:
         """Whether the node is connected; otherwise the frames are lost."""
         pulled = [fault for fault in self._faults if fault.acts(self._step.t_s) and fault.unplugs(self._node)]
         for fault in pulled:
-            self._counts.acted(fault, len(frames))
+            fault.count(len(frames))
         return not pulled
 
-
-def with_faults(
-    bus: NodeBus, node: str, faults: Sequence[Fault], seed: int, period_s: float
-) -> tuple[NodeBus, Callable[[float], None]]:
-    """Return a node's bus with faults, and the function that sets its time; `bus` itself without faults."""
-    if not any(isinstance(fault, LineFault) for fault in faults):
-        return bus, lambda _: None
-    faulty = FaultyBus(bus, node, faults, seed, period_s)
-    return faulty, faulty.move_to
+    def _refuse_beyond(self, most: int, frames: int, do: str) -> None:
+        if frames > most:
+            raise TrafficError(
+                f"the faults {do} {frames:,} frames at {self._step.t_s:g} s; wanted {most:,} at most, let "
+                "fewer of them act at a time, or lower copies, frames_a_tick, delay_s or period_s"
+            )

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from firmware_py.shell.parameters import of_the_build, with_overrides, written
-from hil.faults.counted import counted
 from hil.faults.fault import Fault
 from hil.faults.on_process import MemoryFault
 
@@ -23,7 +22,6 @@ class ParameterMemory:
     def __init__(self, parameters: Mapping[str, Any], faults: Sequence[Fault] = (), seed: int = 1) -> None:
         self.of_the_build = of_the_build(parameters)
         self._text = written(with_overrides(parameters))
-        self._faults = counted(faults)
         self._damages = [fault for fault in faults if isinstance(fault, MemoryFault)]
         self._noise = np.random.default_rng([seed, SEED_OF_MEMORY])
 
@@ -32,6 +30,6 @@ class ParameterMemory:
         text = self._text
         for damage in self._damages:
             if damage.acts(t_s):
-                self._faults.acted(damage)
+                damage.count()
                 text = damage.damaged(text, self._noise)
         return text

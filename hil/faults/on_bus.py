@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, PrivateAttr, field_validator
 
 from firmware_py.interface.codec import CODECS
 from firmware_py.interface.frame import Frame
@@ -39,26 +39,6 @@ class Late(NamedTuple):
     frame: Frame
 
 
-Held: TypeAlias = deque[Late]
-"""The frames held back, oldest first; a fault changes it in place, since it may hold very many."""
-
-
-class Sending(NamedTuple):
-    """The frames that a node sends in a step, and those that the fault has held back so far."""
-
-    step: Step
-    frames: Sequence[Frame]
-    held: Held
-
-
-class Outgoing(NamedTuple):
-    """The frames that leave a node, those held back, and the number of frames that the fault has acted on."""
-
-    frames: list[Frame]
-    held: Held
-    acted: int
-
-
 def periods_begun(at_s: float, period_s: float, step: Step) -> int:
     """Number of periods, counted from `at_s`, that begin after the previous step and not after this one."""
     begun = int((step.t_s - at_s) / period_s + TIME_RESOLUTION_S) + 1
@@ -71,17 +51,31 @@ class LineFault(Fault):
 
     place: ClassVar[str] = "On the bus"
 
-    def outgoing(self, sending: Sending, noise: np.random.Generator) -> Outgoing:
-        """What becomes of the frames that a node sends."""
-        return Outgoing(list(sending.frames), sending.held, 0)
+    _held: deque[Late] = PrivateAttr()
+    """The frames held back, oldest first."""
 
-    def foreign_frames(self, step: Step, noise: np.random.Generator) -> list[Frame]:
+    def begin(self, noise: np.random.Generator) -> None:
+        """Begin anew, as in a process that starts: no frame is held back."""
+        super().begin(noise)
+        self._held = deque()
+
+    def outgoing(self, frames: list[Frame], step: Step) -> list[Frame]:
+        """The frames that leave a node, of those that it sends in a step; counts those acted on."""
+        return frames
+
+    def released(self) -> list[Frame]:
+        """Remove and return the frames that are held back."""
+        held, self._held = self._held, deque()
+        return [late.frame for late in held]
+
+    @property
+    def held_frames(self) -> int:
+        """The number of frames that are held back."""
+        return len(self._held)
+
+    def foreign_frames(self, step: Step) -> list[Frame]:
         """The frames that a foreign node sends in this step."""
         return []
-
-    def most_foreign_frames(self, tick_s: float) -> int:
-        """Largest number of frames that a foreign node sends in a tick."""
-        return 0
 
     def unplugs(self, node: str) -> bool:
         """Whether the node is disconnected."""
@@ -141,16 +135,6 @@ class NamedFrames(Fault):
 
 class FramesFault(NamedFrames, LineFault):
     """A fault of named frames where they leave their sender."""
-
-    @property
-    def most_copies(self) -> int:
-        """Largest number of times that each frame leaves."""
-        return 1
-
-    @property
-    def longest_hold_s(self) -> float:
-        """Longest time for which frames are held back."""
-        return 0.0
 
     def named(self, frames: Sequence[Frame]) -> list[Frame]:
         """Those of the frames that the fault names."""

@@ -1,29 +1,16 @@
 """Faults in the drive and the module, which act in the plant's node (`hil.faults.plant`)."""
 
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from firmware_py.interface.frame import Frame
+from firmware_py.interface.generated.records import EncoderEstimates
 from hil.drive.axis import DriveConfig, DriveState
 from hil.faults.fault import Fault
 from plant_sim.parts.parts import Parts
 
-
-class TurnCounter:
-    """A position that counts revolutions from `count_rev` on, and wraps to its negative at `wraps_at_rev`."""
-
-    def __init__(self, count_rev: int, wraps_at_rev: int) -> None:
-        self._turns_rev = count_rev
-        self._wraps_at_rev = wraps_at_rev
-        self._last_rev: float | None = None
-
-    def counted_rev(self, circular_rev: float) -> float:
-        """The count at a position of 0 … 1, which has moved by less than half a turn since the last call."""
-        if self._last_rev is not None:
-            self._turns_rev -= round(circular_rev - self._last_rev)
-        self._last_rev = circular_rev
-        wide_rev = 2 * self._wraps_at_rev
-        return (self._turns_rev + circular_rev + self._wraps_at_rev) % wide_rev - self._wraps_at_rev
+if TYPE_CHECKING:
+    from plant_sim.plant import Plant
 
 
 class PhysicalFault(Fault):
@@ -33,10 +20,8 @@ class PhysicalFault(Fault):
     cuts_supply: ClassVar[bool] = False
     """Whether the drive's electronics have no supply."""
 
-    @property
-    def kick_m_s(self) -> float:
-        """The change of the striker's velocity at the beginning."""
-        return 0.0
+    def strike(self, plant: "Plant", powered_up_s: float) -> None:
+        """Act on the plant, which was powered up at `powered_up_s`, once at the fault's beginning."""
 
     def parts(self, parts: Parts) -> Parts:
         """The module's parts."""
@@ -62,6 +47,6 @@ class PhysicalFault(Fault):
         """The motor's torque for the torque that the drive requests."""
         return torque_n_m
 
-    def turn_counter(self) -> TurnCounter | None:
-        """The counter by which the drive reports its position, made at the beginning."""
-        return None
+    def reported(self, estimates: EncoderEstimates) -> EncoderEstimates:
+        """The drive's report of its position, from its circular position."""
+        return estimates

@@ -4,7 +4,7 @@ import math
 from typing import ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
 from hil.faults.fault import Fault
 from plant_sim.sensors.readings import SensorReading
@@ -33,7 +33,22 @@ class ReadingFault(Fault):
 
     place: ClassVar[str] = "At the sensors"
 
-    def disturbed(self, reading: SensorReading, past: Past, noise: np.random.Generator) -> SensorReading:
+    _past: Past | None = PrivateAttr()
+
+    def begin(self, noise: np.random.Generator) -> None:
+        """Begin anew, as in a process that starts: no reading has been given."""
+        super().begin(noise)
+        self._past = None
+
+    def published(self, reading: SensorReading, last: SensorReading, elapsed_s: float) -> SensorReading:
+        """The reading under this fault, `elapsed_s` after the `last` published one; counts a changed one."""
+        past = self._past or Past(last, last, elapsed_s)
+        given = self.disturbed(reading, past._replace(elapsed_s=elapsed_s))
+        self.count(given != reading)
+        self._past = past._replace(given=given)
+        return given
+
+    def disturbed(self, reading: SensorReading, past: Past) -> SensorReading:
         """The reading under this fault."""
         raise NotImplementedError
 

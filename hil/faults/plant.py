@@ -8,9 +8,8 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import EncoderEstimates
 from hil.drive import axis
 from hil.drive.axis import DriveConfig, DriveState
-from hil.faults.counted import counted
 from hil.faults.fault import Fault
-from hil.faults.on_plant import PhysicalFault, TurnCounter
+from hil.faults.on_plant import PhysicalFault
 from hil.faults.readings import SensorFaults
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.plant import Plant
@@ -28,9 +27,8 @@ class PlantFaults:
         self, faults: Sequence[Fault], seed: int, plant: Plant, config: DriveConfig, began_s: float = 0.0
     ) -> None:
         """`began_s`: time of the plant's power-up; earlier kicks did not meet it."""
-        self._counts = counted(faults)
-        self._sensors = SensorFaults(self._counts, seed)
-        self._faults = [fault for fault in self._counts if isinstance(fault, PhysicalFault)]
+        self._sensors = SensorFaults(faults, seed)
+        self._faults = [fault for fault in faults if isinstance(fault, PhysicalFault)]
         edges_s = {edge_s for fault in self._faults for edge_s in (fault.at_s, fault.end_s)}
         self._edges_s = sorted(edge_s for edge_s in edges_s if edge_s < math.inf)
         self._plant = plant
@@ -44,7 +42,6 @@ class PlantFaults:
         """Whether a stop waits to move until the striker is clear of its new place."""
         self._changing: list[PhysicalFault] = []
         """The acting faults that change the plant in every tick."""
-        self._counters: list[tuple[PhysicalFault, TurnCounter]] = []
 
     def edges_s(self, from_s: float, to_s: float) -> list[float]:
         """The times at which a fault of module or drive begins or ends, with `from_s` ≤ t < `to_s`."""
@@ -63,14 +60,9 @@ class PlantFaults:
             self._acting = acting
             self._break(acting)
             for fault in began:
-                if fault.kick_m_s and fault.at_s > self._began_s - SAME_INSTANT_S:
-                    self._plant.kick(fault.kick_m_s)
-                    self._counts.acted(fault)
-                if (counter := fault.turn_counter()) is not None:
-                    self._counters.append((fault, counter))
-            self._counters = [(fault, counter) for fault, counter in self._counters if fault in acting]
+                fault.strike(self._plant, self._began_s)
         for fault in self._changing:
-            self._counts.acted(fault, ticks)
+            fault.count(ticks)
         config = self._acting_config
         if self.is_dead:
             return config, axis.power_up(config)
@@ -100,11 +92,10 @@ class PlantFaults:
         """The sensors' reading with the acting faults, from the true reading."""
         return self._sensors.published(t_s, reading)
 
-    def counted(self, estimates: EncoderEstimates) -> EncoderEstimates:
+    def reported(self, estimates: EncoderEstimates) -> EncoderEstimates:
         """The drive's reported position, from its circular position."""
-        for fault, counter in self._counters[-1:]:
-            self._counts.acted(fault)
-            estimates = estimates._replace(position_rev=counter.counted_rev(estimates.position_rev))
+        for fault in self._acting:
+            estimates = fault.reported(estimates)
         return estimates
 
     @property
@@ -124,7 +115,7 @@ class PlantFaults:
             given = fault.received(frames)
             if given is not frames:
                 changed = sum(one != other for one, other in zip(frames, given, strict=True))
-                self._counts.acted(fault, changed)
+                fault.count(changed)
                 frames = given
         return frames
 
@@ -132,7 +123,6 @@ class PlantFaults:
         """The motor's torque for the torque that the drive requests."""
         for fault in self._acting:
             given_n_m = fault.given_n_m(torque_n_m, self._pole_pairs, crank_rad)
-            if given_n_m != torque_n_m:
-                self._counts.acted(fault)
+            fault.count(given_n_m != torque_n_m)
             torque_n_m = given_n_m
         return torque_n_m

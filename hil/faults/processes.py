@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from hil.faults.counted import counted
 from hil.faults.fault import Fault
 from hil.faults.on_process import ProcessFault, Signal
 
@@ -22,7 +21,6 @@ class ProcessFaults:
     """A scenario's process faults."""
 
     def __init__(self, faults: Sequence[Fault]) -> None:
-        self._counts = counted(faults)
         self._faults = [fault for fault in faults if isinstance(fault, ProcessFault)]
 
     def runs(self, process: str, t_s: float) -> bool:
@@ -36,7 +34,7 @@ class ProcessFaults:
         """As `runs`, for a turn of the process at `t_s`; a turn that it misses is counted."""
         acting = self._acting(process, t_s)
         for fault in acting:
-            self._counts.acted(fault)
+            fault.count()
         return not acting
 
     def absences(self, process: str, period_s: float, ticks: int) -> list[tuple[int, int]]:

@@ -16,16 +16,15 @@ from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.parameters import addresses_from, config_from, with_proof
 from hil.bus import Bus, is_own_bus, join_in_turns, open_bus
 from hil.bus.addressed import addressed
-from hil.bus.base import NodeBus
 from hil.bus.hub_socket import TurnSocket
 from hil.bus.wire import MAX_STANDARD_ID, REMOTE_FLAG
 from hil.faults.clocks import ClockFaults, FaultyClock, Runner, Turns, in_turns
-from hil.faults.counted import FAULTS_ACTED, CountedFaults, counted
-from hil.faults.line import with_faults
+from hil.faults.fault import FAULTS_ACTED, Fault, effects_of, of_a_node
+from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
 from hil.faults.on_process import FIRMWARE, PLANT
 from hil.nodes.plant import ACCEPTED_IDS
-from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner, empty
+from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
 from hil.nodes.warm import warm_firmware, warm_plant
 from hil.record.traces.trace import bring_home
 from hil.scenario.operator import RECEIVED_IDS, OperatorNode
@@ -62,17 +61,17 @@ class NodeProcess(NamedTuple):
     def run(
         self,
         name: str,
-        make: Callable[[Pace, NodeBus, int], FirmwareRunner | PlantRunner],
+        make: Callable[[Pace, FaultyBus, int], FirmwareRunner | PlantRunner],
         period_s: float,
         offset: float,
         accept: Collection[int],
         places: Addresses,
-        faults: CountedFaults,
+        faults: Sequence[Fault],
     ) -> None:
         """Join the bus, start and run the node that `make` returns for pace, bus and first tick.
 
-        `offset`: delay of its ticks in periods. `accept`: the identifiers that it receives. `faults`: the
-        sequence in which the node counts what they act on.
+        `offset`: delay of its ticks in periods. `accept`: the identifiers that it receives. `faults`: those
+        of this node.
         """
         pace = Pace(period_s, self.until_s)
         start = await_start(self.sync, again=True) if self.again else Start(0)
@@ -86,21 +85,19 @@ class NodeProcess(NamedTuple):
             member = Member[(name + AGAIN * self.again).upper().replace("-", "_")]
             joining = joined_in_turns(self.bus, self.turns, member, accept, places)
         with joining as (node_bus, giver):
-            faulty_bus, set_time = with_faults(node_bus, name, faults, self.seed, period_s)
-            runner = make(pace, faulty_bus, own_tick if giver else start.first_tick)
+            line = FaultyBus(node_bus, name, faults, self.seed, period_s)
+            runner = make(pace, line, own_tick if giver else start.first_tick)
             if giver is not None:
-                empty(node_bus)
+                line.restart()
             begin = start if self.again else await_start(self.sync)
             if giver is None:
-                overruns = run_strictly(
-                    runner, pace, offset, node_bus, begin, set_time, clock_faults, self.sync
-                )
+                overruns = run_strictly(runner, pace, offset, begin, clock_faults, self.sync)
             else:
                 stepped = in_turns(runner, name, faults, period_s, self.seed, start.first_tick)
-                run_in_turns(giver, stepped, node_bus, begin, set_time, period_s)
+                run_in_turns(giver, stepped, line, begin, period_s)
                 overruns = 0
             summary = {"overruns": overruns, "lost_records": runner.lost_records, **asdict(node_bus.counters)}
-            summary[FAULTS_ACTED] = faults.counts
+            summary[FAULTS_ACTED] = effects_of([faults])
             if self.sync:
                 report_to_parent(json.dumps(summary))
             else:
@@ -117,13 +114,13 @@ def firmware_main(scenario: str | None, settings: Sequence[str], process: NodePr
     """
     if process.sync:
         belong_to_parent()
-    faults = counted(())
+    faults: list[Fault] = []
     walks = True
     if scenario is None:
         parameters = apply_settings({"firmware": {}}, settings)["firmware"]
     else:
         loaded = load_scenario(scenario, settings)
-        parameters, faults = loaded.parameters, counted(loaded.faults)
+        parameters, faults = loaded.parameters, of_a_node(loaded.faults)
         walks = loaded.scene.gait is not None
     if not (process.sync or is_own_bus(process.bus)):
         parameters = with_proof(parameters)
@@ -131,7 +128,7 @@ def firmware_main(scenario: str | None, settings: Sequence[str], process: NodePr
     refuse_other_periods(period_s)
     warm_firmware(parameters, build)
 
-    def make(pace: Pace, bus: NodeBus, first_tick: int) -> FirmwareRunner:
+    def make(pace: Pace, bus: FaultyBus, first_tick: int) -> FirmwareRunner:
         memory = ParameterMemory(parameters, faults, process.seed)
         out_dir, say = process.out_dir, partial(print, file=sys.stderr)
         return FirmwareRunner(memory, pace, bus, out_dir, first_tick, walks, node_of(build), say)
@@ -147,9 +144,9 @@ def plant_main(scenario: str, settings: Sequence[str], process: NodeProcess) -> 
     places = addresses_from(loaded.parameters)
     refuse_other_periods(loaded.period_s)
     warm_plant(loaded.scene)
-    faults = counted(loaded.faults)
+    faults = of_a_node(loaded.faults)
 
-    def make(pace: Pace, bus: NodeBus, first_tick: int) -> PlantRunner:
+    def make(pace: Pace, bus: FaultyBus, first_tick: int) -> PlantRunner:
         runner = PlantRunner(loaded.scene, process.seed, pace, bus, process.out_dir, faults, first_tick)
         runner.node.node_id = places.drive_node
         return runner
@@ -253,9 +250,8 @@ def await_start(sync: bool, again: bool = False) -> Start:
 def run_in_turns(
     giver: TurnSocket,
     runner: Runner | Turns,
-    node_bus: Bus,
+    line: FaultyBus,
     start: Start,
-    set_time: Callable[[float], None],
     period_s: float,
 ) -> None:
     """Run in the turns of the pacemaker to its end or to SIGTERM, each tick as in lockstep."""
@@ -267,8 +263,8 @@ def run_in_turns(
     def step(tick: int) -> int:
         nonlocal last_tick
         if tick == start.first_tick > 0:
-            empty(node_bus)
-        set_time(tick * period_s)
+            line.restart()
+        line.move_to(tick * period_s)
         runner.step(tick, tick - last_tick)
         last_tick = tick
         return tick + 1
@@ -284,9 +280,7 @@ def run_strictly(
     runner: FirmwareRunner | PlantRunner,
     pace: Pace,
     offset: float,
-    node_bus: Bus,
     start: Start,
-    set_time: Callable[[float], None],
     clock_faults: ClockFaults,
     sync: bool,
 ) -> int:
@@ -308,10 +302,10 @@ def run_strictly(
     loop = FixedRateLoop(clock, start.t0_ns, period_ns, round(offset * period_ns))
     for number in (signal.SIGTERM,) if sync else (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: loop.stop())
-    empty(node_bus)
+    runner.bus.restart()
 
     def step(tick: int, elapsed_ticks: int) -> None:
-        set_time(tick * pace.period_s)
+        runner.bus.move_to(tick * pace.period_s)
         runner.step(tick, elapsed_ticks)
 
     try:

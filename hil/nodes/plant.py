@@ -135,7 +135,7 @@ class PlantNode:
         estimates = messages.encoder_estimates(
             self.drive, reading.encoder_position_rev, reading.encoder_velocity_rev_s
         )
-        estimates = self._faults.counted(estimates)
+        estimates = self._faults.reported(estimates)
         self.counter += 1
         frames = [
             codec.ACCELEROMETER.encode(

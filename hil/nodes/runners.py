@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.node import FirmwareNode, MakeNode, powered_up
-from hil.bus.base import NodeBus
 from hil.faults.fault import Fault
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
@@ -39,19 +38,6 @@ class Pace(NamedTuple):
         return None if self.duration_s is None else round(self.duration_s / self.period_s)
 
 
-def empty(bus: NodeBus) -> None:
-    """Discard the frames that were sent before a node began."""
-    while bus.receive():
-        """The frames came before this node began."""
-
-
-def begin_anew(bus: NodeBus) -> None:
-    """Give a node that restarts the bus as its new process finds it, without the frames sent before."""
-    empty(bus)
-    if isinstance(bus, FaultyBus):
-        bus.restart()
-
-
 class PlantRunner:
     """The plant's node at t_k: publish, obey the frames that have arrived, advance."""
 
@@ -60,7 +46,7 @@ class PlantRunner:
         scene: Scene,
         seed: int,
         pace: Pace,
-        bus: NodeBus,
+        bus: FaultyBus,
         out_dir: Path | None,
         faults: Sequence[Fault] = (),
         first_tick: int = 0,
@@ -83,7 +69,7 @@ class PlantRunner:
     def restart(self, tick: int) -> None:
         """Replace the node by a new one whose first tick is `tick`."""
         self.node = self._make_node(tick)
-        begin_anew(self.bus)
+        self.bus.restart()
 
     def step(self, _: int, elapsed_ticks: int) -> None:
         """Run one tick; the plant first advances by the time that the loop has skipped."""
@@ -136,7 +122,7 @@ class FirmwareRunner:
         self,
         memory: ParameterMemory,
         pace: Pace,
-        bus: NodeBus,
+        bus: FaultyBus,
         out_dir: Path | None,
         first_tick: int = 0,
         walks: bool = True,
@@ -170,7 +156,7 @@ class FirmwareRunner:
     def restart(self, tick: int) -> None:
         """Replace the node by a new one whose first tick is `tick`."""
         self._power_up(tick)
-        begin_anew(self.bus)
+        self.bus.restart()
 
     def step(self, _: int, elapsed_ticks: int) -> None:
         """Run one tick; the firmware first runs the periods that the loop has skipped."""
@@ -212,7 +198,7 @@ def _write_line(out_dir: Path | None, line: str) -> None:
 class OperatorRunner:
     """The operator's node; call `step` in tick `due_tick`."""
 
-    def __init__(self, commands: Sequence[Command], pace: Pace, bus: NodeBus, out_dir: Path | None) -> None:
+    def __init__(self, commands: Sequence[Command], pace: Pace, bus: FaultyBus, out_dir: Path | None) -> None:
         self.node = OperatorNode(commands, pace.period_s, is_recorded=out_dir is not None)
         self.bus = bus
         self._trace: TraceWriter | None = None

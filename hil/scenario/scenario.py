@@ -20,7 +20,6 @@ from hil.faults.every import AnyFault
 from hil.faults.fault import Fault
 from hil.faults.on_bus import ModelledFault
 from hil.faults.on_process import ClockFault, ProcessFault
-from hil.faults.traffic import excess_of
 from hil.judge.checks import MOST_CHECKS, Check
 from hil.scenario.files import ScenarioError, read_scenario, scenario_name
 from hil.scenario.operator import Command, Request
@@ -226,8 +225,6 @@ def check_scenario(document: Mapping[str, Any], name: str, changes: Sequence[str
     _refuse_less_than_a_tick(table.script.duration_s, config.tick_s)
     _refuse_without_object(table.script.faults, scene)
     _refuse_small_jumps(table.script.faults, config.tick_s)
-    if excess := excess_of(table.script.faults, config.tick_s, table.script.duration_s):
-        raise ScenarioError(excess)
     return Scenario(
         name=name,
         title=table.title,

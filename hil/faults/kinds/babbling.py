@@ -1,9 +1,7 @@
 """A foreign node that repeats one frame."""
 
-import math
 from typing import ClassVar, Literal
 
-import numpy as np
 from pydantic import Field
 
 from firmware_py.interface.frame import Frame
@@ -26,10 +24,6 @@ class Babbling(LineFault):
         """The frame that is sent."""
         return Frame(self.can_id, bytes.fromhex(self.data_hex))
 
-    def most_foreign_frames(self, tick_s: float) -> int:
-        """A frame for each period in a tick."""
-        return math.ceil(tick_s / self.period_s)
-
-    def foreign_frames(self, step: Step, noise: np.random.Generator) -> list[Frame]:
+    def foreign_frames(self, step: Step) -> list[Frame]:
         """One frame for each period that begins."""
         return [self.frame] * periods_begun(self.at_s, self.period_s, step)

@@ -1,12 +1,11 @@
 """Frames that come in bundles."""
 
-from collections import deque
 from typing import ClassVar, Literal
 
-import numpy as np
 from pydantic import Field
 
-from hil.faults.on_bus import FramesFault, Late, Outgoing, Sending, periods_begun
+from firmware_py.interface.frame import Frame
+from hil.faults.on_bus import FramesFault, Late, Step, periods_begun
 
 
 class Bundled(FramesFault):
@@ -16,16 +15,10 @@ class Bundled(FramesFault):
     kind: Literal["bundled"]
     period_s: float = Field(gt=0.0, le=1.0, description="the time from one bundle to the next, in s")
 
-    @property
-    def longest_hold_s(self) -> float:
-        """The time between two bundles."""
-        return self.period_s
-
-    def outgoing(self, sending: Sending, noise: np.random.Generator) -> Outgoing:
+    def outgoing(self, frames: list[Frame], step: Step) -> list[Frame]:
         """Frames are held until the next bundle leaves."""
-        named, others = self.named(sending.frames), self.others(sending.frames)
-        bundle = sending.held
-        bundle.extend(Late(sending.step.t_s, one) for one in named)
-        if periods_begun(self.at_s, self.period_s, sending.step) > 0:
-            return Outgoing([*(late.frame for late in bundle), *others], deque(), len(named))
-        return Outgoing(others, bundle, len(named))
+        named, others = self.named(frames), self.others(frames)
+        self.count(len(named))
+        self._held.extend(Late(step.t_s, one) for one in named)
+        is_due = periods_begun(self.at_s, self.period_s, step) > 0
+        return [*self.released(), *others] if is_due else others

@@ -5,7 +5,7 @@ from typing import Literal
 import numpy as np
 
 from firmware_py.interface.frame import Frame
-from hil.faults.on_bus import FramesFault, Outgoing, Sending, Share
+from hil.faults.on_bus import FramesFault, Share, Step
 
 
 class Corrupted(FramesFault):
@@ -14,15 +14,12 @@ class Corrupted(FramesFault):
     kind: Literal["corrupted"]
     share: Share = 1.0
 
-    def outgoing(self, sending: Sending, noise: np.random.Generator) -> Outgoing:
+    def outgoing(self, frames: list[Frame], step: Step) -> list[Frame]:
         """Frames of the given share have a wrong byte."""
-        hit = [one.can_id in self.can_ids and noise.random() < self.share for one in sending.frames]
-        sent = [
-            broken(one, noise) if is_hit else one for one, is_hit in zip(sending.frames, hit, strict=True)
-        ]
-        return Outgoing(
-            sent, sending.held, sum(one != other for one, other in zip(sending.frames, sent, strict=True))
-        )
+        hit = [one.can_id in self.can_ids and self._noise.random() < self.share for one in frames]
+        sent = [broken(one, self._noise) if is_hit else one for one, is_hit in zip(frames, hit, strict=True)]
+        self.count(sum(one != other for one, other in zip(frames, sent, strict=True)))
+        return sent
 
 
 def broken(frame: Frame, noise: np.random.Generator) -> Frame:

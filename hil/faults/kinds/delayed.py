@@ -2,10 +2,10 @@
 
 from typing import ClassVar, Literal
 
-import numpy as np
 from pydantic import Field
 
-from hil.faults.on_bus import TIME_RESOLUTION_S, FramesFault, Late, Outgoing, Sending
+from firmware_py.interface.frame import Frame
+from hil.faults.on_bus import TIME_RESOLUTION_S, FramesFault, Late, Step
 
 
 class Delayed(FramesFault):
@@ -15,16 +15,12 @@ class Delayed(FramesFault):
     kind: Literal["delayed"]
     delay_s: float = Field(gt=0.0, description="the delay, in s")
 
-    @property
-    def longest_hold_s(self) -> float:
-        """The delay; at its end the fault holds no frame."""
-        return min(self.delay_s, self.end_s - self.at_s)
-
-    def outgoing(self, sending: Sending, noise: np.random.Generator) -> Outgoing:
+    def outgoing(self, frames: list[Frame], step: Step) -> list[Frame]:
         """Frames are held until they are due."""
-        named, held = self.named(sending.frames), sending.held
-        held.extend(Late(sending.step.t_s + self.delay_s, one) for one in named)
+        named, held = self.named(frames), self._held
+        self.count(len(named))
+        held.extend(Late(step.t_s + self.delay_s, one) for one in named)
         due = []
-        while held and held[0].due_s <= sending.step.t_s + TIME_RESOLUTION_S:
+        while held and held[0].due_s <= step.t_s + TIME_RESOLUTION_S:
             due.append(held.popleft().frame)
-        return Outgoing([*due, *self.others(sending.frames)], held, len(named))
+        return [*due, *self.others(frames)]

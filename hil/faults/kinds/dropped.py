@@ -2,9 +2,8 @@
 
 from typing import Literal
 
-import numpy as np
-
-from hil.faults.on_bus import FramesFault, Outgoing, Sending, Share
+from firmware_py.interface.frame import Frame
+from hil.faults.on_bus import FramesFault, Share, Step
 
 
 class Dropped(FramesFault):
@@ -13,9 +12,8 @@ class Dropped(FramesFault):
     kind: Literal["dropped"]
     share: Share = 1.0
 
-    def outgoing(self, sending: Sending, noise: np.random.Generator) -> Outgoing:
+    def outgoing(self, frames: list[Frame], step: Step) -> list[Frame]:
         """Frames of the given share are gone."""
-        left = [
-            one for one in sending.frames if one.can_id not in self.can_ids or noise.random() >= self.share
-        ]
-        return Outgoing(left, sending.held, len(sending.frames) - len(left))
+        left = [one for one in frames if one.can_id not in self.can_ids or self._noise.random() >= self.share]
+        self.count(len(frames) - len(left))
+        return left

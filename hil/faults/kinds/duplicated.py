@@ -2,10 +2,10 @@
 
 from typing import Literal
 
-import numpy as np
 from pydantic import Field
 
-from hil.faults.on_bus import FramesFault, Outgoing, Sending
+from firmware_py.interface.frame import Frame
+from hil.faults.on_bus import FramesFault, Step
 
 
 class Duplicated(FramesFault):
@@ -14,14 +14,7 @@ class Duplicated(FramesFault):
     kind: Literal["duplicated"]
     copies: int = Field(default=2, ge=2, le=100, description="how many times each frame is sent")
 
-    @property
-    def most_copies(self) -> int:
-        """The copies."""
-        return self.copies
-
-    def outgoing(self, sending: Sending, noise: np.random.Generator) -> Outgoing:
+    def outgoing(self, frames: list[Frame], step: Step) -> list[Frame]:
         """Each frame leaves several times."""
-        sent = [
-            one for one in sending.frames for _ in range(self.copies if one.can_id in self.can_ids else 1)
-        ]
-        return Outgoing(sent, sending.held, len(self.named(sending.frames)))
+        self.count(len(self.named(frames)))
+        return [one for one in frames for _ in range(self.copies if one.can_id in self.can_ids else 1)]

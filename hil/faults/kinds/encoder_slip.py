@@ -2,7 +2,6 @@
 
 from typing import Literal
 
-import numpy as np
 from pydantic import Field
 
 from hil.faults.on_sensor import TURN_RAD, Past, ReadingFault, shifted
@@ -15,6 +14,6 @@ class EncoderSlip(ReadingFault):
     kind: Literal["encoder-slip"]
     slip_rev: float = Field(ge=-0.5, le=0.5, description="the angle of the slip, in revolutions")
 
-    def disturbed(self, reading: SensorReading, past: Past, noise: np.random.Generator) -> SensorReading:
+    def disturbed(self, reading: SensorReading, past: Past) -> SensorReading:
         """The angle with the slip."""
         return shifted(reading, "encoder", self.slip_rev * TURN_RAD)

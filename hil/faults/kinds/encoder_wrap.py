@@ -2,9 +2,11 @@
 
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
-from hil.faults.on_plant import PhysicalFault, TurnCounter
+from firmware_py.interface.generated.records import EncoderEstimates
+from hil.faults.on_plant import PhysicalFault
+from plant_sim.plant import Plant
 
 
 class EncoderWrap(PhysicalFault):
@@ -16,6 +18,19 @@ class EncoderWrap(PhysicalFault):
         default=2**24, ge=1, le=2**24, description="the count that wraps to its negative, in revolutions"
     )
 
-    def turn_counter(self) -> TurnCounter:
-        """The counter of revolutions."""
-        return TurnCounter(self.count_rev, self.wraps_at_rev)
+    _turns_rev: int = PrivateAttr()
+    _last_rev: float | None = PrivateAttr()
+
+    def strike(self, plant: Plant, powered_up_s: float) -> None:
+        """Begin to count."""
+        self._turns_rev, self._last_rev = self.count_rev, None
+
+    def reported(self, estimates: EncoderEstimates) -> EncoderEstimates:
+        """The count, at a position that has moved by less than half a turn since the last report."""
+        self.count()
+        circular_rev, limit_rev = estimates.position_rev, self.wraps_at_rev
+        if self._last_rev is not None:
+            self._turns_rev -= round(circular_rev - self._last_rev)
+        self._last_rev = circular_rev
+        counted_rev = (self._turns_rev + circular_rev + limit_rev) % (2 * limit_rev) - limit_rev
+        return estimates._replace(position_rev=counted_rev)

@@ -2,7 +2,6 @@
 
 from typing import ClassVar, Literal
 
-import numpy as np
 from pydantic import Field
 
 from firmware_py.interface.frame import Frame
@@ -18,12 +17,9 @@ class Flood(LineFault):
     kind: Literal["flood"]
     frames_a_tick: int = Field(ge=1, le=1000, description="the number of frames in each tick of the bench")
 
-    def most_foreign_frames(self, tick_s: float) -> int:
-        """The frames of a tick."""
-        return self.frames_a_tick
-
-    def foreign_frames(self, step: Step, noise: np.random.Generator) -> list[Frame]:
+    def foreign_frames(self, step: Step) -> list[Frame]:
         """The random frames of a step."""
+        noise = self._noise
         return [
             Frame(int(noise.integers(IDENTIFIERS)), noise.bytes(int(noise.integers(9))))
             for _ in range(self.frames_a_tick)

@@ -4,7 +4,9 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from hil.drive.axis import TIME_RESOLUTION_S
 from hil.faults.on_plant import PhysicalFault
+from plant_sim.plant import Plant
 
 
 class Kick(PhysicalFault):
@@ -14,7 +16,8 @@ class Kick(PhysicalFault):
     kind: Literal["kick"]
     change_m_s: float = Field(description="the change of velocity in m/s, positive towards the stop")
 
-    @property
-    def kick_m_s(self) -> float:
-        """The change of velocity."""
-        return self.change_m_s
+    def strike(self, plant: Plant, powered_up_s: float) -> None:
+        """Kick the striker; a plant that is powered up later is not kicked."""
+        if self.at_s > powered_up_s - TIME_RESOLUTION_S:
+            plant.kick(self.change_m_s)
+            self.count()

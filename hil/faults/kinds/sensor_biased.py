@@ -2,7 +2,6 @@
 
 from typing import Literal
 
-import numpy as np
 from pydantic import Field
 
 from hil.faults.on_sensor import Past, SensorFault, shifted
@@ -15,6 +14,6 @@ class SensorBiased(SensorFault):
     kind: Literal["sensor-biased"]
     bias: float = Field(description="the constant, in m/s² or rad")
 
-    def disturbed(self, reading: SensorReading, past: Past, noise: np.random.Generator) -> SensorReading:
+    def disturbed(self, reading: SensorReading, past: Past) -> SensorReading:
         """The reading with the constant."""
         return shifted(reading, self.sensor, self.bias)

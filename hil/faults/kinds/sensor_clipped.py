@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Literal
 
-import numpy as np
 from pydantic import Field
 
 from hil.faults.fault import Fault
@@ -18,7 +17,7 @@ class SensorClipped(SensorFault):
     kind: Literal["sensor-clipped"]
     limit_m_s2: float = Field(gt=0.0, description="the largest reading, in m/s²")
 
-    def disturbed(self, reading: SensorReading, past: Past, noise: np.random.Generator) -> SensorReading:
+    def disturbed(self, reading: SensorReading, past: Past) -> SensorReading:
         """The reading within the limit."""
         limit = self.limit_m_s2
         return reading._replace(

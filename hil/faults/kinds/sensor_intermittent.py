@@ -2,8 +2,6 @@
 
 from typing import Literal
 
-import numpy as np
-
 from hil.faults.on_bus import Share
 from hil.faults.on_sensor import Past, SensorFault
 from plant_sim.sensors.readings import SensorReading
@@ -15,8 +13,8 @@ class SensorIntermittent(SensorFault):
     kind: Literal["sensor-intermittent"]
     share: Share = 0.5
 
-    def disturbed(self, reading: SensorReading, past: Past, noise: np.random.Generator) -> SensorReading:
+    def disturbed(self, reading: SensorReading, past: Past) -> SensorReading:
         """The reading, or 0 for the given share of readings."""
-        if noise.random() >= self.share:
+        if self._noise.random() >= self.share:
             return reading
         return reading._replace(**dict.fromkeys(self.fields, 0.0))

@@ -2,7 +2,6 @@
 
 from typing import Literal
 
-import numpy as np
 from pydantic import Field
 
 from hil.faults.on_sensor import Past, SensorFault, shifted
@@ -15,6 +14,6 @@ class SensorNoisy(SensorFault):
     kind: Literal["sensor-noisy"]
     std: float = Field(gt=0.0, description="the noise's standard deviation, in m/s² or rad")
 
-    def disturbed(self, reading: SensorReading, past: Past, noise: np.random.Generator) -> SensorReading:
+    def disturbed(self, reading: SensorReading, past: Past) -> SensorReading:
         """The reading with noise."""
-        return shifted(reading, self.sensor, self.std * float(noise.standard_normal()))
+        return shifted(reading, self.sensor, self.std * float(self._noise.standard_normal()))

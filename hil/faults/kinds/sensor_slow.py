@@ -3,7 +3,6 @@
 import math
 from typing import Literal
 
-import numpy as np
 from pydantic import Field
 
 from hil.faults.on_sensor import Past, SensorFault
@@ -18,7 +17,7 @@ class SensorSlow(SensorFault):
     kind: Literal["sensor-slow"]
     lag_s: float = Field(gt=0.0, le=1.0, description="the filter's time constant, in s")
 
-    def disturbed(self, reading: SensorReading, past: Past, noise: np.random.Generator) -> SensorReading:
+    def disturbed(self, reading: SensorReading, past: Past) -> SensorReading:
         """The previous output moved towards the new reading; the encoder's angle takes the shorter way."""
         share = -math.expm1(-past.elapsed_s / self.lag_s)
 

@@ -2,8 +2,6 @@
 
 from typing import Literal
 
-import numpy as np
-
 from hil.faults.on_sensor import Past, SensorFault
 from plant_sim.sensors.readings import SensorReading
 
@@ -13,6 +11,6 @@ class SensorStuck(SensorFault):
 
     kind: Literal["sensor-stuck"]
 
-    def disturbed(self, reading: SensorReading, past: Past, noise: np.random.Generator) -> SensorReading:
+    def disturbed(self, reading: SensorReading, past: Past) -> SensorReading:
         """The last reading before the fault."""
         return reading._replace(**{name: getattr(past.before, name) for name in self.fields})

@@ -2,8 +2,6 @@
 
 from typing import Literal
 
-import numpy as np
-
 from hil.faults.on_sensor import Past, SensorFault
 from plant_sim.sensors.readings import SensorReading
 
@@ -13,7 +11,7 @@ class SensorWrongSign(SensorFault):
 
     kind: Literal["sensor-wrong-sign"]
 
-    def disturbed(self, reading: SensorReading, past: Past, noise: np.random.Generator) -> SensorReading:
+    def disturbed(self, reading: SensorReading, past: Past) -> SensorReading:
         """The reading with the other sign."""
         turned = reading._replace(**{name: -getattr(reading, name) for name in self.fields})
         return turned._replace(encoder_position_rev=turned.encoder_position_rev % 1.0)

@@ -2,10 +2,10 @@
 
 from typing import Literal
 
-import numpy as np
 from pydantic import Field
 
-from hil.faults.on_bus import FramesFault, Outgoing, Sending, periods_begun
+from firmware_py.interface.frame import Frame
+from hil.faults.on_bus import FramesFault, Step, periods_begun
 
 
 class Thinned(FramesFault):
@@ -14,9 +14,10 @@ class Thinned(FramesFault):
     kind: Literal["thinned"]
     period_s: float = Field(gt=0.0, le=10.0, description="the time between two frames that leave, in s")
 
-    def outgoing(self, sending: Sending, noise: np.random.Generator) -> Outgoing:
+    def outgoing(self, frames: list[Frame], step: Step) -> list[Frame]:
         """Frames leave in steps in which a period begins."""
-        if periods_begun(self.at_s, self.period_s, sending.step) > 0:
-            return Outgoing(list(sending.frames), sending.held, 0)
-        left = self.others(sending.frames)
-        return Outgoing(left, sending.held, len(sending.frames) - len(left))
+        if periods_begun(self.at_s, self.period_s, step) > 0:
+            return frames
+        left = self.others(frames)
+        self.count(len(frames) - len(left))
+        return left

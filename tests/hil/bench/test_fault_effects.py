@@ -6,7 +6,7 @@ import tomli_w
 from resting import resting
 
 import hil
-from hil.faults.counted import counted
+from hil.faults.fault import effects_of, of_a_node
 from hil.faults.kinds.dropped import Dropped
 from hil.faults.kinds.kick import Kick
 from hil.scenario.scenario import load_scenario
@@ -55,13 +55,14 @@ def test_what_a_fault_acted_on_stands_in_the_verdict(tmp_path, fault, counts):
     assert any(nothing in reason for reason in run.verdict["not_judged"]) is (effect["acted_on"] == 0)
 
 
-def test_some_of_the_faults_share_the_counts_of_the_script():
+def test_each_node_counts_for_itself_and_a_run_counts_from_nothing():
     dropped = Dropped(kind="dropped", at_s=0.0, frames=["Accelerometer"])
     kick = Kick(kind="kick", at_s=0.0, change_m_s=0.1)
-    whole = counted((dropped, kick))
-    whole.some([kick]).acted(kick, 3)
-    assert whole.counts == [0, 3]
-    assert counted(whole) is whole
+    for _ in range(2):
+        nodes = [of_a_node((dropped, kick)) for _ in range(2)]
+        nodes[0][1].count(3)
+        nodes[1][1].count()
+        assert effects_of(nodes) == [0, 4]
 
 
 def velocity(run):

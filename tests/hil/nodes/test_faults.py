@@ -3,7 +3,6 @@
 import math
 import signal
 import time
-from collections import deque
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -16,18 +15,25 @@ from run_folder import make_run, write_run
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisError, AxisState
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.generated.records import Accelerometer, DriveSupply, SetAxisState, SetInputTorque
+from firmware_py.interface.generated.records import (
+    Accelerometer,
+    DriveSupply,
+    EncoderEstimates,
+    SetAxisState,
+    SetInputTorque,
+)
 from firmware_py.shell.parameters import DEFAULTS, ParameterError, read_back, written
 from hil.bench.lockstep import in_lockstep, silent
 from hil.drive.axis import is_armed
 from hil.faults.clocks import ClockFaults, FaultyClock, in_turns
 from hil.faults.every import AnyFault
 from hil.faults.fault import Fault
+from hil.faults.kinds.delayed import Delayed
+from hil.faults.kinds.encoder_wrap import EncoderWrap
 from hil.faults.kinds.phase_loss import PhaseLoss
-from hil.faults.line import FaultyBus
+from hil.faults.line import FaultyBus, TrafficError
 from hil.faults.memory import ParameterMemory
-from hil.faults.on_bus import Late, Sending, Step
-from hil.faults.on_plant import TurnCounter
+from hil.faults.on_bus import Step
 from hil.faults.processes import ProcessFaults
 from hil.faults.readings import SensorFaults
 from hil.judge.figures.figures import figures_of
@@ -37,6 +43,7 @@ from hil.scenario.files import ScenarioError, read_scenario
 from hil.scenario.scenario import check_scenario, refuse_modelled_bus
 from hil.scenario.settings import apply_settings
 from hil.timing.loop import FixedRateLoop, LoopTiming
+from plant_sim.plant import Plant
 from plant_sim.result import Impact
 from plant_sim.scene import load_scene
 from plant_sim.sensors.readings import SensorReading
@@ -290,11 +297,17 @@ def test_a_drive_without_supply_is_silent_and_starts_anew_at_rest() -> None:
 
 
 def test_a_count_of_turns_runs_on_and_wraps_round() -> None:
-    counter = TurnCounter(count_rev=6, wraps_at_rev=8)
-    counted = [counter.counted_rev(0.25 * quarter % 1.0) for quarter in range(14)]
-    assert counted == [6.0, 6.25, 6.5, 6.75, 7.0, 7.25, 7.5, 7.75, -8.0, -7.75, -7.5, -7.25, -7.0, -6.75]
-    back = [counter.counted_rev(0.25 * quarter % 1.0) for quarter in range(12, 6, -1)]
-    assert back == [-7.0, -7.25, -7.5, -7.75, -8.0, 7.75]
+    counter = fault("encoder-wrap", count_rev=6, wraps_at_rev=8)
+    assert isinstance(counter, EncoderWrap)
+    counter.strike(Plant(load_scene("table1-motor-soft"), seed=1), powered_up_s=0.0)
+
+    def counted(quarters: Iterable[int]) -> list[float]:
+        circular = (EncoderEstimates(0.25 * quarter % 1.0, 0.0) for quarter in quarters)
+        return [counter.reported(one).position_rev for one in circular]
+
+    forwards = counted(range(14))
+    assert forwards == [6.0, 6.25, 6.5, 6.75, 7.0, 7.25, 7.5, 7.75, -8.0, -7.75, -7.5, -7.25, -7.0, -6.75]
+    assert counted(range(12, 6, -1)) == [-7.0, -7.25, -7.5, -7.75, -8.0, 7.75]
 
 
 def test_a_drive_counts_on_for_as_long_as_it_does() -> None:
@@ -492,36 +505,48 @@ BABBLING = {"kind": "babbling", "at_s": 0.5, "can_id": 0, "period_s": 2e-5}
 @pytest.mark.parametrize(
     ("tables", "message"),
     [
-        ([duplicated(100)] * 6, r"act at 1 s send up to 1,000,000,000,025 frames a tick; wanted 4,096 at"),
-        ([duplicated(100), duplicated(50, at_s=2.0)], "act at 2 s send up to 5,025 frames a tick"),
-        ([FLOOD] * 5, r"act at 0\.5 s send up to 5,026 frames a tick"),
-        ([BABBLING] * 90, r"act at 0\.5 s send up to 4,526 frames a tick"),
-        ([DELAYED | {"delay_s": 1e-4}] * 21, "21 faults of frames act at 1 s; wanted 20 at most"),
-        ([BUNDLED, duplicated(100), duplicated(2)], "act at 1 s hold back up to 200,000 frames; wanted"),
-        ([DELAYED, duplicated(100)], "act at 1 s hold back up to 200,000 frames; wanted 100,000 at most"),
+        ([duplicated(100)] * 6, r"send 1,000,000 frames at 1 s; wanted 100,000 at most, let fewer of them"),
+        ([FLOOD] * 5, r"send 5,000 frames at 0\.5 s; wanted 4,096 at most"),
+        ([BABBLING] * 90, r"send 4,500 frames at 0\.50\d s; wanted 4,096 at most"),
+        ([duplicated(100), duplicated(2), BUNDLED], r"hold back 100,200 frames at 1\.501 s; wanted 100,000"),
+        ([BUNDLED, duplicated(100), duplicated(2)], r"send 200,000 frames at 2 s; wanted 100,000 at most"),
         (
             [DELAYED | {"duration_s": 1.0}, duplicated(100, at_s=2.0), duplicated(2, at_s=2.0)],
-            "act at 2 s hold back up to 200,000 frames",
+            "send 100,100 frames at 2 s",
         ),
-        ([BUNDLED] * 101, r"script\.faults = .{,100} is not a list of at most 100; give the table"),
     ],
 )
-def test_faults_that_fill_the_memory_with_frames_are_refused(
+def test_faults_that_fill_the_memory_with_frames_end_the_run(
     tables: list[dict[str, Any]], message: str
 ) -> None:
     begun_s = time.process_time()
-    with pytest.raises(ScenarioError, match=message):
-        scenario_with(*tables)
+    bus = FaultyBus(Wire(), "plant", [fault(**table) for table in tables], seed=1, period_s=1e-3)
+
+    def send_for_two_seconds() -> None:
+        for tick in range(2001):
+            bus.move_to(tick * 1e-3)
+            bus.send_all([sample(tick)])
+
+    with pytest.raises(TrafficError, match=message):
+        send_for_two_seconds()
     assert time.process_time() - begun_s < 10.0
 
 
+def test_too_many_faults_are_refused() -> None:
+    with pytest.raises(
+        ScenarioError, match=r"script\.faults = .{,100} is not a list of at most 100; give the"
+    ):
+        scenario_with(*[BUNDLED] * 101)
+
+
 def test_a_delay_without_end_copies_no_held_frames() -> None:
-    [delayed] = TypeAdapter(list[AnyFault]).validate_python([DELAYED])
-    held = deque(Late(1e6, Frame(codec.ACCELEROMETER.can_id, bytes(8))) for _ in range(100))
-    sending = Sending(Step(2.0, 1.999), [Frame(codec.ACCELEROMETER.can_id, bytes(8))], held)
-    sent = delayed.outgoing(sending, np.random.default_rng(1))
-    assert sent.frames == []
-    assert sent.held is held
+    delayed = fault(**DELAYED)
+    assert isinstance(delayed, Delayed)
+    delayed.begin(np.random.default_rng(1))
+    held = delayed._held
+    for tick in range(101):
+        assert delayed.outgoing([sample(tick)], Step(2.0 + 1e-3 * tick, 1.999)) == []
+    assert delayed._held is held
     assert len(held) == 101
 
 
