@@ -67,9 +67,6 @@ def impulse_n_s(readings: list[float], flight_m_s2: float = 0.0) -> float:
     return MASS_KG * 1e-3 * sum(flight_m_s2 - one for one in readings)
 
 
-STUCK_FORCE_M_S2 = CONFIG.d.gate.peak_m_s2
-
-
 def test_the_block_of_limits_is_that_of_the_parameters() -> None:
     assert pytest.approx(1500.0) == CONFIG.d.gate.peak_m_s2 * MASS_KG
     assert pytest.approx(1.6) == CONFIG.d.gate.change_m_s * MASS_KG

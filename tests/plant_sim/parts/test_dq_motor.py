@@ -78,18 +78,6 @@ def test_agrees_with_motulator(changes: dict[str, Any], torque_n_m: float, spun_
     assert limited == (parts.drive.supply_v == 6.0)
 
 
-def test_the_loop_is_of_first_order_while_the_voltage_lasts() -> None:
-    """i_q = i* (1 − exp(−α t)) to rounding, however the crank turns and whatever loads it."""
-    module = scene({"winding": {**SALIENT, "bandwidth_rad_s": 800.0}})
-    parts, memory = started(module, 12.0, accuracy=1e-12)
-    for tick in range(1, 11):
-        run(parts, NoSensing(), memory, 0.2, 0.0, 1e-3 * tick, NO_SAMPLES)
-        wanted = 2.5 * -math.expm1(-0.8 * tick)
-        i_d, i_q = memory.y[current_place(parts) :][:2]
-        assert i_q == pytest.approx(wanted, abs=1e-9)
-        assert i_d == pytest.approx(0.0, abs=1e-9)
-
-
 def test_a_fast_loop_is_the_torque_mode_motor() -> None:
     """The difference falls as 1/α does, through a run-up with load and impacts."""
     wanted = simulate(load_scene(changed("gait-motor-soft", {"sensors": DELETE})), 2.0, torque_n_m=0.05)

@@ -99,19 +99,6 @@ def test_a_chatter_of_many_half_sines_keeps_its_impulse() -> None:
     assert np.sum(readings) * 1e-4 == pytest.approx(speeds[-1], abs=2e-3)
 
 
-def test_half_sines_are_looked_for_until_the_last_one_ends() -> None:
-    plant = plant_of("table1-viscous", {"sensors": {**SENSORS, "rigid_contact_s": 0.02}})
-    active = plant.lend().probe.active
-    counts = []
-    for kick_m_s in (0.1, 0.0, -0.1, 0.0, 0.0):
-        plant.kick(kick_m_s)
-        counts.append(int(active[0]))
-        plant.advance(0.0, 9e-3)
-    assert counts == [1, 1, 2, 1, 1]
-    plant.advance(0.0, 9e-3)
-    assert active[0] == 0
-
-
 def test_noise_and_bias_have_their_size() -> None:
     plant = plant_of("table1-motor-soft", {})
     readings = np.array([plant.sense() for _ in range(20000)])

@@ -41,19 +41,6 @@ STILL = {"model": "ideal", "amplitude_m": 0.0, "ratio": 1.3}
 MOTOR = {"model": "motor", "amplitude_m": 0.02}
 
 
-@pytest.mark.parametrize("friction", [COULOMB | {"b_n_s_m": 0.0}, STRIBECK, VISCOUS])
-def test_a_kick_in_contact_turns_the_friction_round(friction) -> None:
-    plant = Plant(scene_of(friction, HUNT_CROSSLEY, STILL, x_m=0.1799, v_m_s=0.9), seed=0)
-    plant.advance(0.0, 1e-3)
-    assert plant.state.phase == Phase.CONTACT
-    v_m_s = plant.state.v_m_s
-    plant.kick(-1.5 * v_m_s)
-    plant.advance(0.0, 1e-6)
-    assert plant.state.v_m_s == pytest.approx(-0.5 * v_m_s, abs=1e-3)
-    plant.advance(0.0, 0.5)
-    assert plant.energy.residual < 1e-6
-
-
 def test_a_stop_cannot_move_behind_the_striker() -> None:
     plant = Plant(scene_of(VISCOUS, RIGID), seed=0)
     plant.advance(0.0, 0.35)
@@ -86,26 +73,6 @@ def test_the_residual_of_a_motion_that_nothing_drives_or_brakes_is_rounding(meth
     scene = scene_of({"law": "none"}, RIGID | {"restitution": 1.0}, STILL, x_m=0.15, v_m_s=0.7)
     scene = scene.model_copy(update={"solver": scene.solver.model_copy(update={"method": method})})
     assert simulate(scene, 5.0).energy.residual < 1e-7
-
-
-def test_a_jam_that_begins_in_contact_stops_the_crank_by_friction() -> None:
-    """The crank's energy goes into the jam's friction: its speed falls, it does not jump."""
-    scene = scene_of(VISCOUS, HUNT_CROSSLEY, MOTOR, x_m=0.1799, v_m_s=0.9)
-    plant = Plant(scene, seed=0, initial=MotionState(0.0, 0.1799, 0.9, 0.3, 12.0, Phase.FLIGHT))
-    drive = plant.parts.drive
-    assert isinstance(drive, MotorDrive)
-    plant.replace_parts(plant.parts._replace(drive=drive._replace(dry_n_m=0.0)))
-    plant.advance(0.0, 1e-3)
-    assert plant.state.phase == Phase.CONTACT
-    before = plant.state.omega_rad_s
-    plant.replace_parts(plant.parts._replace(drive=drive._replace(dry_n_m=5.0)))
-    plant.advance(0.0, 1e-5)
-    spent_rad_s = 5.0 / drive.inertia_kg_m2 * 1e-5
-    assert before - plant.state.omega_rad_s == pytest.approx(spent_rad_s, rel=0.05)
-    plant.advance(0.0, 5e-3)
-    assert plant.state.phase == Phase.CONTACT
-    assert plant.state.omega_rad_s == 0.0
-    assert plant.energy.residual < 1e-6
 
 
 def test_a_kick_at_the_instant_of_setting_off_is_as_one_a_moment_later() -> None:

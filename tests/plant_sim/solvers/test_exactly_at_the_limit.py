@@ -168,3 +168,17 @@ def test_a_striker_at_the_stop_leaves_it_where_the_pull_passes_zero(law: str, me
         ways_m.append(result.final.x_m - 0.125)
     assert ways_m[0] < -1e-3
     assert ways_m == pytest.approx([ways_m[0]] * 6, abs=1e-9)
+
+
+@pytest.mark.parametrize("scene", ["table1-motor-soft", "table1-dq-motor"])
+@pytest.mark.parametrize("torque_n_m", [1e20, -1e300])
+def test_a_torque_beyond_every_limit_is_the_largest_that_the_drive_gives(
+    scene: str, torque_n_m: float
+) -> None:
+    """A rounding of the commanded torque would be larger than the dry loss, and would hold the crank."""
+    most, beyond = (
+        simulate(load_scene(scene), 0.2, torque_n_m=one).final
+        for one in (math.copysign(1e3, torque_n_m), torque_n_m)
+    )
+    assert abs(most.omega_rad_s) > 10.0
+    assert beyond == most

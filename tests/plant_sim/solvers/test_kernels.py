@@ -1,6 +1,5 @@
 """Kernels are cached by the state of the sources, and are made for the types of a scene's parts."""
 
-import doctest
 import subprocess
 import sys
 from typing import Any, NamedTuple
@@ -9,15 +8,9 @@ import numpy as np
 import pytest
 
 from plant_sim import kernels
-from plant_sim.parts import restitution
 from plant_sim.parts.friction import static_limit_n
 from plant_sim.parts.stop import RigidStop
 from plant_sim.result import Phase
-
-
-def test_examples() -> None:
-    assert doctest.testmod(kernels).failed == 0
-    assert doctest.testmod(restitution).failed == 0
 
 
 def test_a_subroutine_that_returns_an_array_is_refused() -> None:

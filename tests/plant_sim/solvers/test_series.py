@@ -19,7 +19,7 @@ from plant_sim.solvers.adaptive.adaptive import run, simulate
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.series import expand, motion_within, state_after
 from plant_sim.solvers.adaptive.state_layout import Grid, Memory, allocate
-from plant_sim.solvers.bernstein import ORDER, at
+from plant_sim.solvers.bernstein import ORDER
 
 NO_SAMPLES = Grid(np.empty(0), np.empty((0, 2)))
 
@@ -55,11 +55,6 @@ def _slopes(parts, memory, torque_n_m, t_s, y, out):
     derivative(parts, flow_now(parts, memory, torque_n_m, t_s), 0.0, y, out)
 
 
-@jit
-def _at(b, s):
-    return at(b, s)
-
-
 def expanded(name: str, torque_n_m: float = 0.02) -> tuple[Any, Memory]:
     """A module after a third of a second, and the series of its motion from there on."""
     base, changes = SCENES[name]
@@ -86,15 +81,6 @@ def test_a_series_obeys_the_equations_of_motion(name: str) -> None:
     _slopes(*records, 0.02, T_S + H_S, memory.new, slopes)
     at_end = (series[:, 1:] * np.arange(1, ORDER + 1) * H_S ** np.arange(ORDER)).sum(axis=1)
     assert at_end == pytest.approx(slopes, rel=1e-9, abs=1e-11)
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_the_motion_within_a_step_is_the_series(name: str) -> None:
-    _, memory = expanded(name)
-    for place, b in enumerate(memory.long_dense):
-        for s in (0.0, 0.3, 1.0):
-            exact = (memory.series[place] * (s * H_S) ** np.arange(ORDER + 1)).sum()
-            assert _at(b, s) == pytest.approx(exact, rel=1e-13, abs=1e-15)
 
 
 @pytest.mark.parametrize(
