@@ -21,6 +21,7 @@ from tools.logs.comparison import (
     first_in_table,
     flips_of,
     largest_changes,
+    position_and_speed_apart,
 )
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PASSED
 
@@ -210,3 +211,11 @@ def test_equality_is_a_check_where_it_is_asked_for(runs, other, expected):
     command = ["compare", str(runs / "first"), str(runs / other)]
     assert cli.run(command) == EXIT_PASSED
     assert cli.run([*command, "--must-be-equal"]) == expected
+
+
+def test_a_tick_that_a_damaged_trace_repeats_is_shown_once() -> None:
+    trace = np.zeros(3, [("tick", "i8"), ("t_s", "f8"), ("x_m", "f8"), ("omega_rad_s", "f8")])
+    trace["tick"] = 1, 1, 2
+    run = SimpleNamespace(traces=SimpleNamespace(plant=trace))
+    for _, t_s, apart in position_and_speed_apart(run, run):
+        assert (len(t_s), apart.tolist()) == (2, [0.0, 0.0])
