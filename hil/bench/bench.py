@@ -12,7 +12,6 @@ and on request, time is strict: a late node misses periods.
 
 import gc
 import json
-import math
 import os
 import shutil
 import signal
@@ -299,10 +298,7 @@ class ProcessesRun:
             t0_ns=t0_ns,
         )
         with fixed_priority(OPERATOR_PRIORITY):
-            if self.giver is None:
-                reached = self.play_strictly(operator, supervision)
-            else:
-                reached = self.play_in_turns(self.giver, operator, supervision)
+            reached = self.play(operator, supervision)
         if self.giver is not None:
             self.ended_early = reached < supervision.periods - 1
             if self.ended_early and self.provided.pacemaker is not None:
@@ -318,55 +314,35 @@ class ProcessesRun:
         pacemaker = self.provided.pacemaker
         return pacemaker is not None and (self.ended_early or pacemaker.ended)
 
-    def play_in_turns(self, giver: TurnSocket, operator: OperatorRunner, supervision: Supervision) -> int:
-        """Make the operator's steps in its turns, and supervise after each; return its last period."""
-        period_s = self.scenario.period_s
+    def play(self, operator: OperatorRunner, supervision: Supervision) -> int:
+        """Make the operator's steps, and supervise in between; return its last period.
+
+        In its turns, or, in strict time, by the wall clock.
+        """
+        period_s, giver = self.scenario.period_s, self.giver
         ticks_a_period = round(OPERATOR_PERIOD_S / period_s)
+        loop = FixedRateLoop(self.clock, supervision.t0_ns, round(period_s * NS_PER_S))
         reached = 0
 
         def step(tick: int) -> int:
             supervision.act(tick * period_s)
-            operator.bus.move_to(tick * period_s)
-            operator.step(tick)
+            if tick >= operator.due_tick:
+                operator.bus.move_to(tick * period_s)
+                operator.step(tick)
             return operator.due_tick
 
-        def between(tick: int, _: LoopTiming) -> None:
+        def supervise(tick: int, _: LoopTiming) -> None:
             nonlocal reached
             reached = tick // ticks_a_period
             if supervision.attend(reached):
-                giver.leave()
+                loop.stop() if giver is None else giver.leave()
 
-        run_turns(giver, step, between)
+        if giver is None:
+            loop.run(self.scenario.ticks, lambda tick, _: step(tick), supervise)
+            self.continue_paused()
+        else:
+            run_turns(giver, step, supervise)
         return reached
-
-    def play_strictly(self, operator: OperatorRunner, supervision: Supervision) -> int:
-        """Make the operator's steps by the wall clock, and supervise; return its last period."""
-        t0_ns = supervision.t0_ns
-        loop = FixedRateLoop(self.clock, t0_ns, round(OPERATOR_PERIOD_S * NS_PER_S))
-        reached = 0
-
-        def step(period: int, _: int) -> None:
-            nonlocal reached
-            reached = period
-            t_s = period * OPERATOR_PERIOD_S
-            supervision.act(t_s)
-            self.act(operator, t0_ns, t_s)
-            if supervision.attend(period):
-                loop.stop()
-
-        loop.run(supervision.periods, step, None)
-        self.continue_paused()
-        return reached
-
-    def act(self, operator: OperatorRunner, t0_ns: int, from_s: float) -> None:
-        """Make the operator's steps in one `OPERATOR_PERIOD_S`; after a host stall it makes one for all."""
-        period_s = self.scenario.period_s
-        first_tick = math.ceil(from_s / period_s - 1e-6)
-        until_tick = math.ceil((from_s + OPERATOR_PERIOD_S) / period_s - 1e-6)
-        while (tick := max(operator.due_tick, first_tick)) < until_tick:
-            self.clock.sleep_until(t0_ns + round(tick * period_s * NS_PER_S))
-            operator.bus.move_to(tick * period_s)
-            operator.step(tick)
 
     def continue_paused(self) -> None:
         """End the nodes that are paused beyond the end of the script; as in lockstep, they tick no more."""

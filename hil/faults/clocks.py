@@ -1,9 +1,8 @@
 """Clock faults: wrong time readings and late wake-ups of a process.
 
 If the clock jumps forwards, the loop skips the ticks in between once; if it jumps backwards, the loop sleeps
-until its next deadline comes again. Jitter wakes the loop late. In strict time `FaultyClock` wraps the
-machine's clock; in lockstep, and where a pacemaker gives the turns, `Turns` calls a node's steps as the same
-loop would on the faulty clock.
+until its next deadline comes again. Jitter wakes the loop late. `Turns` calls a node's steps as a loop on the
+faulty clock would: in lockstep, in the turns of a pacemaker, and in strict time.
 """
 
 import math
@@ -14,7 +13,6 @@ import numpy as np
 
 from hil.faults.fault import Fault
 from hil.faults.on_process import ClockFault, ProcessFault
-from hil.timing.clock import NS_PER_S, Clock
 from hil.timing.loop import LoopTiming
 
 SEED_OF_CLOCKS = 2000
@@ -63,26 +61,6 @@ class ClockFaults:
             jitter.count()
         largest_s = sum(jitter.latest_s for jitter in acting)
         return float(self._noise.uniform(0.0, largest_s)) if largest_s else 0.0
-
-
-class FaultyClock:
-    """A real clock with a scenario's faults, for a loop; `t0_ns` is the start of the run."""
-
-    def __init__(self, clock: Clock, faults: ClockFaults, t0_ns: int) -> None:
-        self._clock = clock
-        self._faults = faults
-        self._t0_ns = t0_ns
-
-    def now_ns(self) -> int:
-        """The faulty clock's time in ns."""
-        true_ns = self._clock.now_ns()
-        return true_ns + round(self._faults.offset_s((true_ns - self._t0_ns) / NS_PER_S) * NS_PER_S)
-
-    def sleep_until(self, deadline_ns: int) -> None:
-        """Return when the faulty clock shows `deadline_ns`, plus the jitter."""
-        true_s = self._faults.true_s((deadline_ns - self._t0_ns) / NS_PER_S)
-        true_s += self._faults.lateness_s(true_s)
-        self._clock.sleep_until(self._t0_ns + round(true_s * NS_PER_S))
 
 
 class Runner(Protocol):

@@ -18,7 +18,7 @@ from hil.bus import Bus, is_own_bus, join_in_turns, open_bus
 from hil.bus.addressed import addressed
 from hil.bus.hub_socket import TurnSocket
 from hil.bus.wire import MAX_STANDARD_ID, REMOTE_FLAG
-from hil.faults.clocks import ClockFaults, FaultyClock, Runner, Turns, in_turns
+from hil.faults.clocks import ClockFaults, Runner, Turns, in_turns
 from hil.faults.fault import FAULTS_ACTED, Fault, effects_of, of_a_node
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
@@ -30,7 +30,7 @@ from hil.record.traces.trace import bring_home
 from hil.scenario.operator import RECEIVED_IDS, OperatorNode
 from hil.scenario.scenario import load_scenario, refuse_other_periods
 from hil.scenario.settings import apply_settings
-from hil.timing.clock import NS_PER_S, Clock, MonotonicClock
+from hil.timing.clock import NS_PER_S, MonotonicClock
 from hil.timing.loop import FixedRateLoop, run_turns
 from hil.timing.pacemaker import AGAIN, Member
 from hil.timing.processes import READY, Start, read_start, report_to_parent
@@ -86,16 +86,11 @@ class NodeProcess(NamedTuple):
             joining = joined_in_turns(self.bus, self.turns, member, accept, places)
         with joining as (node_bus, giver):
             line = FaultyBus(node_bus, name, faults, self.seed, period_s)
-            runner = make(pace, line, own_tick if giver else start.first_tick)
-            if giver is not None:
-                line.restart()
+            runner = make(pace, line, own_tick)
+            line.restart()
             begin = start if self.again else await_start(self.sync)
-            if giver is None:
-                overruns = run_strictly(runner, pace, offset, begin, clock_faults, self.sync)
-            else:
-                stepped = in_turns(runner, name, faults, period_s, self.seed, start.first_tick)
-                run_in_turns(giver, stepped, line, begin, period_s)
-                overruns = 0
+            stepped = in_turns(runner, name, faults, period_s, self.seed, start.first_tick)
+            overruns = run_node(giver, stepped, line, begin, pace, offset, self.sync)
             summary = {"overruns": overruns, "lost_records": runner.lost_records, **asdict(node_bus.counters)}
             summary[FAULTS_ACTED] = effects_of([faults])
             if self.sync:
@@ -247,69 +242,46 @@ def await_start(sync: bool, again: bool = False) -> Start:
     return Start(MonotonicClock().now_ns() + round(START_DELAY_S * NS_PER_S))
 
 
-def run_in_turns(
-    giver: TurnSocket,
+def run_node(
+    giver: TurnSocket | None,
     runner: Runner | Turns,
     line: FaultyBus,
     start: Start,
-    period_s: float,
-) -> None:
-    """Run in the turns of the pacemaker to its end or to SIGTERM, each tick as in lockstep."""
+    pace: Pace,
+    offset: float,
+    sync: bool,
+) -> int:
+    """Run in the turns of the pacemaker, or in strict time, which does not wait for a late node.
+
+    Strict time begins at the start, delayed by `offset` periods. The node ends with its script, by SIGTERM
+    or, if it is alone, by Ctrl-C. Returns the number of ticks that strict time has missed.
+    """
     if start.first_tick > 0:
         become_realtime(NODE)
-    signal.signal(signal.SIGTERM, lambda *_: giver.leave())
+    period_ns = round(pace.period_s * NS_PER_S)
+    loop = FixedRateLoop(MonotonicClock(), start.t0_ns, period_ns, round(offset * period_ns))
+    stop = loop.stop if giver is None else giver.leave
+    for number in (signal.SIGTERM,) if sync else (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop())
     last_tick = start.first_tick - 1
 
     def step(tick: int) -> int:
         nonlocal last_tick
         if tick == start.first_tick > 0:
             line.restart()
-        line.move_to(tick * period_s)
+        line.move_to(tick * pace.period_s)
         runner.step(tick, tick - last_tick)
         last_tick = tick
         return tick + 1
 
     try:
-        run_turns(giver, step, runner.record)
-    finally:
-        leave_realtime()
-        runner.close()
-
-
-def run_strictly(
-    runner: FirmwareRunner | PlantRunner,
-    pace: Pace,
-    offset: float,
-    start: Start,
-    clock_faults: ClockFaults,
-    sync: bool,
-) -> int:
-    """Run from the start, delayed by `offset` periods, to the end or to SIGTERM or Ctrl-C.
-
-    Time is strict: it does not wait for a late node. Returns the number of ticks that the loop has missed.
-    """
-    if start.first_tick > 0:
-        become_realtime(NODE)
-    clock: Clock = MonotonicClock()
-    ticks = pace.ticks
-    if clock_faults.any:
-        clock = FaultyClock(clock, clock_faults, start.t0_ns)
-        if ticks is not None:
-            ticks += round(clock_faults.offset_s(ticks * pace.period_s) / pace.period_s)
-    period_ns = round(pace.period_s * NS_PER_S)
-    if not sync:
-        print(f"running at {1.0 / pace.period_s:g} Hz; Ctrl-C ends it", file=sys.stderr)
-    loop = FixedRateLoop(clock, start.t0_ns, period_ns, round(offset * period_ns))
-    for number in (signal.SIGTERM,) if sync else (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: loop.stop())
-    runner.bus.restart()
-
-    def step(tick: int, elapsed_ticks: int) -> None:
-        runner.bus.move_to(tick * pace.period_s)
-        runner.step(tick, elapsed_ticks)
-
-    try:
-        loop.run(ticks, step, runner.record, start.first_tick)
+        if giver is None:
+            if not sync:
+                print(f"running at {1.0 / pace.period_s:g} Hz; Ctrl-C ends it", file=sys.stderr)
+            line.restart()
+            loop.run(pace.ticks, lambda tick, _: step(tick), runner.record, start.first_tick)
+        else:
+            run_turns(giver, step, runner.record)
     finally:
         leave_realtime()
         runner.close()

@@ -48,7 +48,7 @@ class FixedRateLoop:
     def run(
         self,
         ticks: int | None,
-        step: Callable[[int, int], None],
+        step: Callable[[int, int], object],
         record: Callable[[int, LoopTiming], None] | None,
         first_tick: int = 0,
     ) -> None:

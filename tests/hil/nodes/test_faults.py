@@ -25,7 +25,7 @@ from firmware_py.interface.generated.records import (
 from firmware_py.shell.parameters import DEFAULTS, ParameterError, read_back, written
 from hil.bench.lockstep import in_lockstep, silent
 from hil.drive.axis import is_armed
-from hil.faults.clocks import ClockFaults, FaultyClock, in_turns
+from hil.faults.clocks import in_turns
 from hil.faults.every import AnyFault
 from hil.faults.fault import Fault
 from hil.faults.kinds.delayed import Delayed
@@ -42,7 +42,7 @@ from hil.record.traces import trace
 from hil.scenario.files import ScenarioError, read_scenario
 from hil.scenario.scenario import check_scenario, refuse_modelled_bus
 from hil.scenario.settings import apply_settings
-from hil.timing.loop import FixedRateLoop, LoopTiming
+from hil.timing.loop import LoopTiming
 from plant_sim.plant import Plant
 from plant_sim.result import Impact
 from plant_sim.scene import load_scene
@@ -404,40 +404,6 @@ def test_a_restarted_node_is_made_anew_and_begins_at_its_tick() -> None:
     assert steps.restarts == [105]
     assert turns[:2] == [[(105, 1)], [(106, 1)]]
     assert in_turns(steps, "plant", [again], 1e-3, 1) is steps
-
-
-class TrueTime:
-    """A clock that sleeps at once, and notes until when."""
-
-    def __init__(self) -> None:
-        self.time_ns = 0
-
-    def now_ns(self) -> int:
-        return self.time_ns
-
-    def sleep_until(self, deadline_ns: int) -> None:
-        self.time_ns = max(self.time_ns, deadline_ns)
-
-
-@pytest.mark.parametrize(
-    ("faults", "slots"),
-    [
-        ([fault("clock-jumped", at_s=0.010, by_s=0.5)], 60),
-        ([fault("clock-jumped", at_s=0.010, by_s=-0.02)], 60),
-        ([fault("clock-jumped", at_s=0.010, by_s=-0.02), fault("clock-jumped", at_s=0.05, by_s=0.1)], 80),
-        ([fault("clock-jitter", at_s=0.010, duration_s=0.1, process="firmware", largest_s=0.003)], 200),
-    ],
-)
-def test_a_real_loop_on_such_a_clock_takes_the_same_turns(faults: list[Fault], slots: int) -> None:
-    expected, _ = turned(range(slots), *faults)
-    time = TrueTime()
-    clock_faults = ClockFaults(faults, "firmware", seed=1)
-    loop = FixedRateLoop(FaultyClock(time, clock_faults, 0), 0, 1_000_000)
-    steps = Steps()
-    ticks = slots + round(clock_faults.offset_s(slots * 1e-3) * 1e3)
-    loop.run(ticks, steps.step, steps.record)
-    assert steps.steps[:-3] == expected.steps[: len(steps.steps) - 3]
-    assert len(steps.steps) == pytest.approx(len(expected.steps), abs=3)
 
 
 def test_another_digit_is_damage_that_is_found() -> None:
