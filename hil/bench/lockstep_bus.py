@@ -6,9 +6,8 @@ from typing import Protocol
 
 from firmware_py.interface.frame import Frame
 from hil.bus.in_process import InProcessBus, InProcessNode
-from hil.can_model.fault_confinement import BusErrorRecord, errors_of
+from hil.can_model.fault_confinement import UNTOUCHED, BusErrorRecord, errors_of
 from hil.can_model.modelled_bus import Delivery, ModelledBus, ModelledNode
-from hil.can_model.state import UNTOUCHED
 from hil.faults.fault import Fault
 from hil.faults.kinds.babbling import Babbling
 from hil.faults.on_bus import ModelledFault
@@ -17,7 +16,6 @@ from hil.timing.clock import NS_PER_S
 
 PLANT, FIRMWARE, OPERATOR = NODES = ("plant", "firmware", "operator")
 STRANGER = "stranger"
-EVERY = 1 << 62
 
 Logged = tuple[int, list[Frame]]
 """Frames and their common time in ns."""
@@ -78,8 +76,6 @@ class BusAsModelled:
         self._bus = ModelledBus((*NODES, STRANGER), bitrate)
         self._faults = [fault for fault in faults if isinstance(fault, ModelledFault)]
         self._babbling = [fault for fault in faults if isinstance(fault, Babbling)]
-        self._disturbed: frozenset[int] = frozenset()
-        """Identifiers whose transmissions are destroyed now."""
         self._errors = TraceWriter(out_dir / "bus_errors.trace", [("", BusErrorRecord)])
         self._last_errors = 0, [UNTOUCHED] * len(NODES)
 
@@ -137,15 +133,8 @@ class BusAsModelled:
             babbling.count(len(foreign))
 
     def _break(self, t_s: float) -> None:
-        model = self._bus
-        disturbed: frozenset[int] = frozenset()
-        for fault in self._faults:
-            if fault.acts(t_s):
-                disturbed |= fault.destroyed_ids
-                if fault.node_off is not None:
-                    model.switch_off(fault.node_off)
-        if disturbed != self._disturbed:
-            self._disturbed = disturbed
-            model.end_corruption()
-            for can_id in sorted(disturbed):
-                model.corrupt(can_id, hits=EVERY)
+        acting = [fault for fault in self._faults if fault.acts(t_s)]
+        for fault in acting:
+            if fault.node_off is not None:
+                self._bus.switch_off(fault.node_off)
+        self._bus.destroy(frozenset().union(*(fault.destroyed_ids for fault in acting)))

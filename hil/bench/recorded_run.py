@@ -23,15 +23,16 @@ from hil.judge.figures.records import Figures, TrueImpact
 from hil.judge.judge import judge
 from hil.judge.verdict import RunVerdict, Verdict
 from hil.record import log_reader
+from hil.record.candump import NO_BUS, Bus, StoredBus
 from hil.record.damage import reading
 from hil.record.folder_lock import is_in_use
-from hil.record.frame_tables import contiguous
-from hil.record.log_reader import TIMELINES, read_traces
+from hil.record.frame_tables import RAW, names_of, raw_table, table_of
+from hil.record.log_reader import TIMELINES, contiguous, read_traces
 from hil.record.new_file import is_foreign
 from hil.record.rrd.log_file import is_whole, repair
 from hil.record.rrd.rerun_program import RerunError
 from hil.record.run_folder import RUNS, VERDICT, is_own, refuse_irregular
-from hil.record.run_traces import RunTraces
+from hil.record.run_traces import CAN_LOG, RunTraces
 from hil.show.rerun_log import LOG_NAME, rebuild
 
 if TYPE_CHECKING:
@@ -143,22 +144,46 @@ def flat(table: pa.Table) -> pa.Table:
 
 @dataclass(frozen=True)
 class Run:
-    """One recorded run; tables and figures are read from its log at first use."""
+    """One recorded run; tables and figures are read from its log at first use, and frames from can.log."""
 
     log: Path
+    folder: Path
+    """The run folder, which has can.log beside the log; the log may be a copy elsewhere."""
+
+    @cached_property
+    def frames(self) -> Bus:
+        """The frames of can.log; none if there is no such file beside the log."""
+        path = self.folder / CAN_LOG
+        if not path.exists():
+            return NO_BUS
+        refuse_irregular(self.folder)
+        return StoredBus(path)
+
+    @cached_property
+    def _logged(self) -> list[str]:
+        """Names of the tables that the log has."""
+        with reading(self.log, "make it again from the traces, by deleting it and naming the run folder"):
+            return [name.removeprefix("/") for name in log_reader.names(self.log)]
 
     @cached_property
     def names(self) -> list[str]:
         """Names of the tables: `plant`, `firmware`, `impacts/truth`, `can/Accelerometer`, …"""
-        with reading(self.log, "make it again from the traces, by deleting it and naming the run folder"):
-            return [name.removeprefix("/") for name in log_reader.names(self.log)]
+        return sorted([*self._logged, *names_of(self.frames)])
+
+    @cached_property
+    def wall_start_s(self) -> float:
+        """The run's start on the wall clock."""
+        run = log_reader.json_object(log_reader.documents(self.log).get("run", "{}"))
+        return float(run.get("wall_start_s", 0.0))
 
     def table(self, name: str) -> pa.Table:
         """One table with a row per tick (impact, frame, event) and a column per signal.
 
         A column that is logged less often has the metadata `held`: its rows repeat the last logged value.
         """
-        entity = f"/{named(name, self.names, 'table')}"
+        if name not in self._logged:
+            return table_of(self.frames.whole(), named(name, self.names, "table"), self.wall_start_s)
+        entity = f"/{name}"
         with reading(self.log, f"other tables may still be read; {name} may not"):
             rows, held = flat(log_reader.table(self.log, entity)), log_reader.held_columns(self.log, entity)
         marked = (one.with_metadata({"held": "true"}) if one.name in held else one for one in rows.schema)
@@ -166,7 +191,10 @@ class Run:
 
     def blocks(self, name: str) -> Iterator[pa.Table]:
         """Yield the rows of a table in order of time, in blocks."""
-        entity = f"/{named(name, self.names, 'table')}"
+        if name == RAW:
+            yield from (raw_table(piece, self.wall_start_s) for piece in self.frames.pieces())
+            return
+        entity = f"/{named(name, self._logged, 'table')}"
         with reading(self.log, f"other tables may still be read; {name} may not"):
             yield from map(flat, log_reader.ordered_blocks(self.log, entity))
 
@@ -186,11 +214,6 @@ class Run:
         table = self.table(entity)
         column = named(name.removeprefix(f"{entity}."), table.column_names, f"column of {entity}")
         return table["t_s"].to_numpy(), table[column].to_numpy()
-
-    @property
-    def folder(self) -> Path:
-        """The run folder."""
-        return self.log.parent
 
     @property
     def regime(self) -> str:
@@ -237,7 +260,7 @@ class Run:
         """The verdict, computed from the log."""
         traces = self.traces
         with reading(self.log, TABLES_ARE_LEFT):
-            return judge(traces, self.log.parent)
+            return judge(traces, self.folder)
 
     @cached_property
     def verdict(self) -> dict[str, Any]:
@@ -247,4 +270,6 @@ class Run:
 
 def open_run(run: str | Path | None = None) -> Run:
     """Open a run by its folder or .rrd file, by default the newest run; an incomplete log is repaired."""
-    return Run(log_of(None if run is None else Path(run)))
+    place = newest_run() if run is None else Path(run)
+    log = log_of(place)
+    return Run(log, place if place.is_dir() else place.parent)

@@ -44,6 +44,10 @@ class ErrorCounters(NamedTuple):
         return ErrorState.ERROR_ACTIVE
 
 
+UNTOUCHED = ErrorCounters()
+"""The counters of a node that has seen no error."""
+
+
 def after_transmitting(counters: ErrorCounters) -> ErrorCounters:
     """Return the counters of a node that has sent a frame without error."""
     return ErrorCounters(max(counters.transmit - 1, 0), counters.receive)

@@ -1,7 +1,8 @@
 """The firmware's trace, reconstructed from its frames on the bus: for logs of a real bench.
 
 Truth and internal signals are never sent on CAN, so there are few columns: the heartbeat's modes and limits,
-the estimate, the torque, and the reported impacts. Each holds its last value until the next frame.
+the estimate, the torque, the reported impacts and the accelerometer. Each holds its last value until the next
+frame.
 """
 
 from typing import Any, NamedTuple
@@ -10,6 +11,7 @@ import numpy as np
 
 from firmware_py.interface import codec
 from firmware_py.interface.generated.records import (
+    Accelerometer,
     FirmwareHeartbeat,
     ImpactEvent,
     SetInputTorque,
@@ -47,6 +49,9 @@ class SeenTick(NamedTuple):
     impact_age_s: float
     impact_speed_m_s: float
     impact_impulse_n_s: float
+    high_m_s2: float
+    low_m_s2: float
+    housing_m_s2: float
     wake_latency_us: float
     work_us: float
 
@@ -55,6 +60,7 @@ PREFIXES = {
     **dict.fromkeys(("tick", "t_s", "wake_latency_us", "work_us"), ""),
     **dict.fromkeys(("x_m", "v_m_s", "p_xx", "p_vv"), "state.estimator."),
     "omega_rad_s": "state.crank.",
+    **dict.fromkeys(("high_m_s2", "low_m_s2", "housing_m_s2"), "inputs.accelerometer."),
 }
 FIELDS = [
     (f"{PREFIXES.get(name, 'outputs.')}{name}", kind) for name, kind in SeenTick.__annotations__.items()
@@ -104,6 +110,7 @@ def ticks_seen(bus: BusLog, period_s: float) -> list[SeenTick]:
     last_of_tick = np.flatnonzero(np.diff(numbers, append=numbers[-1] + 1) > 0)
     tick, t_s = numbers[last_of_tick], sent_s[last_of_tick]
     state, reported = held(estimate, t_s), held(impact, t_s)
+    sensed = held(frames_of(bus, Accelerometer), t_s)
     touch_down = np.zeros(len(t_s), bool)
     touch_down[np.searchsorted(t_s, impact.t_s[impact.t_s >= t_s[0]])] = True
     columns = {
@@ -118,6 +125,9 @@ def ticks_seen(bus: BusLog, period_s: float) -> list[SeenTick]:
         "impact_age_s": reported["age_s"],
         "impact_speed_m_s": reported["approach_speed_m_s"],
         "impact_impulse_n_s": reported["impulse_n_s"],
+        "high_m_s2": sensed["striker_high_m_s2"],
+        "low_m_s2": sensed["striker_low_m_s2"],
+        "housing_m_s2": sensed["housing_m_s2"],
     }
     unknown = np.full(len(t_s), np.nan)
     values = zip(*(columns.get(name, unknown).tolist() for name in SeenTick._fields), strict=True)

@@ -6,10 +6,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
+from hil.record.bus_load import BusLoad, load_of, summed
 from plant_sim.arrays import FloatArray, IntArray
 
 LINE = re.compile(rb"\((\d{1,12}\.\d{6,9})\) \S+ ([0-9A-Fa-f]{1,8})#((?:[0-9A-Fa-f]{2}){0,64})\r?\n")
@@ -17,10 +17,6 @@ BLOCK_BYTES = 1 << 23
 """Block size: some two hundred thousand lines, of a minute."""
 LONGEST_LINE_BYTES = 1 << 10
 """Largest part of an unfinished line that is kept; limits the memory for a file without line ends."""
-TENTH_S = 0.1
-"""Averaging time of the load over time: the period of the slowest cyclic frames."""
-TIME_RESOLUTION_S = 1e-6
-"""Resolution of candump's times."""
 MOST_BYTES = 8
 """Largest number of data bytes of a classic CAN frame."""
 
@@ -33,9 +29,9 @@ class Bus(ABC):
         """The frames in pieces."""
 
     @cached_property
-    def counts(self) -> "BusCounts":
-        """The number of frames in each tenth of a second."""
-        return counted(self.pieces())
+    def load(self) -> BusLoad:
+        """The load of the bus in each tenth of a second."""
+        return summed(load_of(piece.t_s, piece.length) for piece in self.pieces())
 
     def whole(self) -> "BusLog":
         """All frames in memory."""
@@ -76,43 +72,6 @@ class BusLog(Bus):
         return self
 
 
-class BusCounts(NamedTuple):
-    """Numbers of frames and bytes in each tenth of a second with frames; shapes (tenths,).
-
-    `tenth`: number of the tenth. `lines` and `read_bytes`: size of the file, 0 without a file.
-    """
-
-    tenth: IntArray
-    frames: IntArray
-    frame_bytes: IntArray
-    lines: int = 0
-    read_bytes: int = 0
-
-    @property
-    def total(self) -> int:
-        """Number of frames."""
-        return int(self.frames.sum())
-
-
-def tenths_of(bus: BusLog) -> IntArray:
-    """Number of the tenth of a second of each frame."""
-    return np.floor((bus.t_s + TIME_RESOLUTION_S) / TENTH_S).astype(np.int64)
-
-
-def counted(pieces: Iterable[BusLog]) -> BusCounts:
-    """Count the frames of all pieces."""
-    found: dict[int, tuple[int, int]] = {}
-    for bus in pieces:
-        tenths, row = np.unique(tenths_of(bus), return_inverse=True)
-        frames = np.bincount(row, minlength=len(tenths))
-        sent = np.bincount(row, weights=bus.length, minlength=len(tenths)).astype(np.int64)
-        for tenth, *more in zip(tenths.tolist(), frames.tolist(), sent.tolist(), strict=True):
-            before = found.get(tenth, (0, 0))
-            found[tenth] = (before[0] + more[0], before[1] + more[1])
-    rows = np.array([(tenth, *found[tenth]) for tenth in sorted(found)], np.int64).reshape(-1, 3)
-    return BusCounts(*rows.T)
-
-
 NO_BUS = BusLog(np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64), b"")
 
 
@@ -132,33 +91,30 @@ class StoredBus(Bus):
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._lines = self._read_bytes = 0
         self._kept: BusLog | None = None
+        self.frames = self.lines = self.read_bytes = 0
+        """Numbers of frames, lines and bytes that were read last."""
 
     def pieces(self) -> Iterator[BusLog]:
         """The frames in pieces."""
         if self._kept is not None:
             yield self._kept
             return
-        self._lines = self._read_bytes = 0
+        self.frames = self.lines = self.read_bytes = 0
         only: BusLog | None = None
         with self._path.open("rb") as file:
             left = b""
             while block := file.read(BLOCK_BYTES):
-                self._read_bytes += len(block)
-                self._lines += block.count(b"\n")
+                self.read_bytes += len(block)
+                self.lines += block.count(b"\n")
                 text = left + block
                 end = text.rfind(b"\n") + 1
                 left = text[end:][-LONGEST_LINE_BYTES:]
                 bus = parse_candump(text[:end])
-                only = bus if self._read_bytes == len(block) else None
+                self.frames += len(bus.t_s)
+                only = bus if self.read_bytes == len(block) else None
                 yield bus
         self._kept = only
-
-    @cached_property
-    def counts(self) -> BusCounts:
-        """Counts of the file's frames and lines."""
-        return counted(self.pieces())._replace(lines=self._lines, read_bytes=self._read_bytes)
 
 
 def bus_log(t_s: FloatArray, can_id: IntArray, payloads: Sequence[bytes]) -> BusLog:

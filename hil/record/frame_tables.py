@@ -1,125 +1,106 @@
-"""The format of frames in the log: a row for each tenth of a second, and frames decoded by `vibro.dbc`.
+"""The frames of can.log as tables, raw and decoded by `vibro.dbc`, and the frames that cannot be decoded."""
 
-With a row for each frame, time stamps and row numbers would take more space than the frames. The signals of
-frequent frames are already in the firmware's inputs, outputs and estimate, so a run's log holds only their
-bytes, which are decoded when the log is read.
-"""
-
-from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from firmware_py.interface.codec import CODEC_BY_ID, CODECS, FrameCodec
+from firmware_py.interface.codec import CODEC_BY_ID, FrameCodec
 from firmware_py.interface.crc import FINAL_XOR, INITIAL, TABLE
-from firmware_py.interface.dbc import SignalKind
-from hil.record.candump import MOST_BYTES, BusLog, tenths_of
+from firmware_py.interface.dbc import SignalKind, database
+from hil.record.candump import MOST_BYTES, Bus, BusLog
 from hil.record.traces.precision import whole_ns
-from plant_sim.arrays import BoolArray, FloatArray, IntArray
+from plant_sim.arrays import BoolArray, IntArray
 
-FREQUENT_PERIOD_S = 0.01
-FREQUENT = frozenset(
-    record.__name__
-    for record, codec in CODECS.items()
-    if codec.period_s is not None and codec.period_s <= FREQUENT_PERIOD_S
-)
-"""Names in the DBC of the frames with a rate of 100 Hz or more."""
-
+RAW: Final = "can/raw"
+"""Name of the table with a row per frame: its identifier and its bytes."""
 CRC_TABLE = np.frombuffer(TABLE, np.uint8)
+SLICE_ROWS = 10_000
+"""Frames that are decoded at a time: Python's objects take ten times the memory of their columns."""
 
 
-class FrameRows(NamedTuple):
-    """Frames in rows: start time of each row in s, the number of its frames and its bytes, shapes (rows,).
+def names_of(bus: Bus) -> list[str]:
+    """The names of a bus's tables: `can/raw`, and one for each frame of `vibro.dbc` that has signals."""
+    found: set[int] = set()
+    for piece in bus.pieces():
+        found.update(np.unique(piece.can_id).tolist())
+    codecs = [codec for can_id, codec in CODEC_BY_ID.items() if can_id in found and codec.record._fields]
+    return [RAW, *sorted(f"can/{codec.record.__name__}" for codec in codecs)] if found else []
 
-    For each frame: nanoseconds since the start of its row, identifier, number of bytes, shapes (frames,).
+
+def table_of(bus: BusLog, name: str, wall_start_s: float) -> pa.Table:
+    """One of the tables of `names_of`, with a row per frame and a column per signal.
+
+    A frame's table has all signals of `vibro.dbc`, counter and CRC too; frames that cannot be decoded are
+    left out. `wall_start_s`: the run's start on the wall clock.
     """
-
-    t_s: FloatArray
-    counts: IntArray
-    content: list[bytes]
-    after_ns: NDArray[np.int32]
-    can_id: NDArray[np.uint32]
-    length: NDArray[np.uint8]
-
-
-def in_rows(bus: BusLog) -> FrameRows:
-    """Group consecutive frames of the same tenth of a second into one row."""
-    rows = tenths_of(bus)
-    starts = np.flatnonzero(np.diff(rows, prepend=rows[0] - 1))
-    ends = np.append(starts[1:], len(rows))
-    counts = ends - starts
-    last_bytes = np.concatenate([[0], np.cumsum(bus.length)])
-    edges = zip(last_bytes[starts].tolist(), last_bytes[ends].tolist(), strict=True)
-    sim_ns = whole_ns(bus.t_s)
-    return FrameRows(
-        t_s=bus.t_s[starts],
-        counts=counts,
-        content=[bus.content[first:last] for first, last in edges],
-        after_ns=(sim_ns - np.repeat(sim_ns[starts], counts)).astype(np.int32),
-        can_id=bus.can_id.astype(np.uint32),
-        length=bus.length.astype(np.uint8),
-    )
+    if name == RAW:
+        return raw_table(bus, wall_start_s)
+    (codec,) = (one for one in CODEC_BY_ID.values() if f"can/{one.record.__name__}" == name)
+    rows = np.flatnonzero(bus.can_id == codec.can_id)
+    parts = [
+        decoded_slice(bus, rows[first : first + SLICE_ROWS], codec)
+        for first in range(0, len(rows), SLICE_ROWS)
+    ]
+    parts = [part for part in parts if len(part[0])] or parts[:1]
+    good = np.concatenate([rows for rows, _ in parts])
+    columns = {name: np.concatenate([part[name] for _, part in parts]) for name in parts[0][1]}
+    return pa.table({**times_of(bus, good, wall_start_s), **columns})
 
 
-def one_each(values: pa.Array) -> pa.Array:
-    """A component's column with one value per row."""
-    return pa.ListArray.from_arrays(pa.array(np.arange(len(values) + 1, dtype=np.int32)), values)
+def times_of(bus: BusLog, rows: IntArray, wall_start_s: float) -> dict[str, NDArray[Any]]:
+    """Simulated seconds and wall clock of some frames, the first two columns of each table."""
+    t_s = bus.t_s[rows]
+    wall_ns = round(wall_start_s * 1e9) + whole_ns(t_s)
+    return {"t_s": t_s, "wall_time": wall_ns.astype("datetime64[ns]")}
 
 
-def a_row_a_frame(table: pa.Table) -> pa.Table:
-    """Expand the log's rows of frames to one row per frame, with `frame:can_id` and `frame:data`."""
-    table = table.combine_chunks()
-    after = contiguous(table["frame:after_ns"])
-    counts = np.diff(after.offsets.to_numpy())
-    after_ns = after.flatten().to_numpy().astype(np.int64)
-    lengths = contiguous(table["frame:length"]).flatten().to_numpy().astype(np.int64)
-    content = b"".join(contiguous(table["frame:content"]).flatten().to_pylist())
-    refuse_other_lengths(lengths, len(content))
-    offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
-    data = pa.Array.from_buffers(
-        pa.binary(), len(lengths), [None, pa.py_buffer(offsets), pa.py_buffer(content)]
-    )
-    times = {
-        name: pa.array(
-            np.repeat(contiguous(table[name]).cast(pa.int64()).to_numpy(), counts) + after_ns
-        ).cast(table[name].type)
-        for name in ("sim_time", "wall_time")
-    }
-    ids = contiguous(table["frame:can_id"]).flatten()
-    return pa.table({**times, "frame:can_id": one_each(ids), "frame:data": one_each(data)})
+def raw_table(bus: BusLog, wall_start_s: float) -> pa.Table:
+    """All frames, with identifier and bytes."""
+    offsets = np.append(bus.starts, len(bus.content)).astype(np.int32)
+    buffers = [None, pa.py_buffer(offsets), pa.py_buffer(bus.content)]
+    data = pa.Array.from_buffers(pa.binary(), len(bus.t_s), buffers)
+    times = times_of(bus, np.arange(len(bus.t_s)), wall_start_s)
+    return pa.table({**times, "can_id": bus.can_id.astype(np.uint32), "data": data})
 
 
-def refuse_other_lengths(lengths: IntArray, content_bytes: int) -> None:
-    """Raise ValueError unless the lengths divide the content: Arrow reads wherever its offsets point."""
-    if np.any((lengths < 0) | (lengths > MOST_BYTES)) or lengths.sum() != content_bytes:
-        raise ValueError(f"the lengths of its frames are not those of their {content_bytes} bytes")
+def decoded_slice(
+    bus: BusLog, rows: IntArray, codec: FrameCodec[Any]
+) -> tuple[IntArray, dict[str, NDArray[Any]]]:
+    """The rows of the frames that can be decoded, and their signals."""
+    good, records, words = [], [], []
+    for row, payload in zip(rows.tolist(), bus.payloads_of(rows), strict=True):
+        try:
+            records.append(tuple(codec.decode(payload)))
+        except ValueError:
+            continue  # listed in the log
+        good.append(row)
+        words.append(int.from_bytes(payload, "little"))
+    values = zip(*records, strict=True) if records else [()] * len(codec.record._fields)
+    columns = dict(zip(codec.record._fields, map(np.array, values), strict=True))
+    word = np.array(words, np.uint64)
+    for signal in database().get_message_by_frame_id(codec.can_id).signals:
+        if signal.name not in columns:  # the counter and the CRC, which are no signals of the codec's record
+            columns[signal.name] = word >> np.uint64(signal.start) & np.uint64((1 << signal.length) - 1)
+    return np.array(good, np.int64), columns
 
 
-def contiguous(column: pa.ChunkedArray) -> pa.Array:
-    """A column as one array."""
-    whole = column.combine_chunks()
-    return whole.chunk(0) if isinstance(whole, pa.ChunkedArray) else whole
+# --- frames that cannot be decoded -----------------------------------------------------------------------
 
 
-class Decoded(NamedTuple):
-    """Frames of one name: their indices among all frames, and one Arrow struct each."""
-
-    rows: list[int]
-    signals: pa.StructArray
-
-
-class Frames(NamedTuple):
-    """Decoded frames by name; and index and reason of each refused frame, in order of time."""
-
-    by_name: dict[str, Decoded]
-    refused: list[tuple[int, str]]
-
-
-def signal_array(values: Sequence[float]) -> pa.Array:
-    """A decoded signal; single precision exceeds the resolution of frames, and `can/raw` has their bytes."""
-    return pa.array(values, pa.float32() if isinstance(values[0], float) else None)
+def refused(bus: BusLog) -> list[tuple[int, str]]:
+    """Index and reason of each frame that cannot be decoded, in order of time."""
+    found: list[tuple[int, str]] = []
+    for can_id in np.unique(bus.can_id).tolist():
+        codec = CODEC_BY_ID.get(can_id)
+        rows = np.flatnonzero(bus.can_id == can_id)
+        if codec is None:
+            found += [(row, f"0x{can_id:03X}: not in the DBC") for row in rows.tolist()]
+        else:
+            found += refused_rows(bus, codec, rows)
+    return sorted(found)
 
 
 def surely_valid(codec: FrameCodec[Any], data: NDArray[np.uint8]) -> BoolArray:
@@ -159,35 +140,3 @@ def refused_rows(bus: BusLog, codec: FrameCodec[Any], rows: IntArray) -> Iterato
             codec.decode(payload)
         except ValueError as error:
             yield row, f"0x{codec.can_id:03X}: {error}"
-
-
-def decoded(bus: BusLog, but: frozenset[str] = frozenset()) -> Frames:
-    """Decode all frames, by the names of the DBC; frames named in `but` are only checked for refusal."""
-    refused: list[tuple[int, str]] = []
-    by_name: dict[str, Decoded] = {}
-    for can_id in np.unique(bus.can_id).tolist():
-        codec = CODEC_BY_ID.get(can_id)
-        found = np.flatnonzero(bus.can_id == can_id)
-        rows = found.tolist()
-        if codec is None:
-            refused += [(row, f"0x{can_id:03X}: not in the DBC") for row in rows]
-            continue
-        name = codec.record.__name__
-        if name in but:
-            refused += refused_rows(bus, codec, found)
-            continue
-        good: list[int] = []
-        records: list[tuple[Any, ...]] = []
-        for row, payload in zip(rows, bus.payloads_of(found), strict=True):
-            try:
-                records.append(codec.decode(payload))
-            except ValueError as error:
-                refused.append((row, f"0x{can_id:03X}: {error}"))
-            else:
-                good.append(row)
-        if records and codec.record._fields:
-            signals = [signal_array(values) for values in zip(*records, strict=True)]
-            by_name[name] = Decoded(
-                good, pa.StructArray.from_arrays(signals, names=list(codec.record._fields))
-            )
-    return Frames(by_name, sorted(refused))

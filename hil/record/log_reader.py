@@ -13,9 +13,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
-from firmware_py.interface.codec import CODEC_BY_ID, FrameCodec
+from hil.record.bus_load import BusLoad, load_from_log
 from hil.record.candump import NO_BUS, Bus, BusLog
-from hil.record.frame_tables import a_row_a_frame, contiguous, decoded, one_each
 from hil.record.new_file import MOST_NOTE_BYTES
 from hil.record.rates import slow_entity
 from hil.record.run_traces import NO_RECORDS, LogLoss, RunTraces
@@ -29,7 +28,7 @@ ROW_ID = "rerun.controls.RowId"
 FENCE = re.compile(r"\A```\w*\n(.*)\n```\Z", re.DOTALL)
 
 
-RAW = "/can/raw"
+LOAD, LOST = "/can/load", "/can/lost"
 TICKED = ("/plant", "/firmware")
 """The entities with a record per tick; `slow_entity` of each has the signals at 100 Hz."""
 RECORD = "trace:record"
@@ -103,23 +102,18 @@ def sim_ns_of(table: pa.Table) -> NDArray[np.int64]:
 
 def names(path: Path) -> list[str]:
     """Names of the tables that can be read from a log."""
-    known = entities(path)
-    frames = frames_of_bytes(path, known) if RAW in known else set()
-    return sorted(known - {slow_entity(name) for name in TICKED} | frames)
+    return sorted(entities(path) - {slow_entity(name) for name in TICKED})
 
 
 def table(path: Path, name: str) -> pa.Table:
     """The rows of an entity in order of simulated time, one column per component, without static data.
 
-    Raw and decoded frames have a row each, and the slow signals of a trace are joined to its others.
+    The slow signals of a trace are joined to its others.
     """
-    if name == RAW:
-        return in_order(a_row_a_frame(block) for block in blocks(path, RAW))
-    known = entities(path)
-    if name not in known:
-        return in_order(decoded_blocks(path, name))
     rows = in_order(blocks(path, name))
-    return with_slow(rows, in_order(blocks(path, slow_entity(name)))) if has_slow(name, known) else rows
+    if not has_slow(name, entities(path)):
+        return rows
+    return with_slow(rows, in_order(blocks(path, slow_entity(name))))
 
 
 def has_slow(name: str, known: set[str]) -> bool:
@@ -132,8 +126,6 @@ def ordered_blocks(path: Path, name: str) -> Iterator[pa.Table]:
     times = [sim_ns_of(block)[[0, -1]] for block in blocks(path, name)]
     if not rises(np.concatenate(times)):
         yield table(path, name)
-    elif name == RAW:
-        yield from map(a_row_a_frame, blocks(path, RAW))
     elif has_slow(name, entities(path)):
         yield from ticked_blocks(path, name)
     else:
@@ -157,42 +149,15 @@ def tables(path: Path) -> dict[str, pa.Table]:
     return {name: table(path, name) for name in names(path)}
 
 
-def entity_of(codec: FrameCodec[Any]) -> str:
-    """Path in a log of a codec's decoded frames."""
-    return f"/can/{codec.record.__name__}"
+def contiguous(column: pa.ChunkedArray) -> pa.Array:
+    """A column as one array."""
+    whole = column.combine_chunks()
+    return whole.chunk(0) if isinstance(whole, pa.ChunkedArray) else whole
 
 
-def frames_of_bytes(path: Path, known: set[str]) -> set[str]:
-    """Paths of the decodable frames that the log holds only as bytes."""
-    found: set[str] = set()
-    for bus in LoggedBus(path).pieces():
-        for can_id in np.unique(bus.can_id).tolist():
-            codec = CODEC_BY_ID.get(can_id)
-            if codec is not None and codec.record._fields and entity_of(codec) not in known | found:
-                rows = np.flatnonzero(bus.can_id == can_id)
-                if any(is_decoded(codec, payload) for payload in bus.payloads_of(rows)):
-                    found.add(entity_of(codec))
-    return found
-
-
-def is_decoded(codec: FrameCodec[Any], payload: bytes) -> bool:
-    """Whether the codec can decode a payload."""
-    try:
-        codec.decode(payload)
-    except ValueError:
-        return False
-    return True
-
-
-def decoded_blocks(path: Path, name: str) -> Iterator[pa.Table]:
-    """Yield the frames of one name that the log holds only as bytes, decoded, in blocks."""
-    (can_id,) = (number for number, codec in CODEC_BY_ID.items() if entity_of(codec) == name)
-    for block in blocks(path, RAW):
-        raw = a_row_a_frame(block)
-        raw = raw.take(pa.array(np.flatnonzero(leaf(raw, "frame:can_id").to_numpy() == can_id)))
-        for frames in decoded(bus_of(raw)).by_name.values():
-            rows = raw.select(list(TIMELINES)).take(pa.array(frames.rows))
-            yield rows.append_column("frame:record", one_each(frames.signals))
+def one_each(values: pa.Array) -> pa.Array:
+    """A component's column with one value per row."""
+    return pa.ListArray.from_arrays(pa.array(np.arange(len(values) + 1, dtype=np.int32)), values)
 
 
 def leaf(rows: pa.Table, component: str) -> pa.Array:
@@ -299,15 +264,14 @@ class WithSlow(ByColumn):
 
 
 class LoggedBus(Bus):
-    """The frames in a log, read in blocks."""
+    """The bus in a log, which has its load alone; the frames stand in can.log."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, load: BusLoad) -> None:
+        self.load = load
 
     def pieces(self) -> Iterator[BusLog]:
-        """The frames in pieces."""
-        for block in blocks(self._path, RAW):
-            yield bus_of(a_row_a_frame(block))
+        """Yield no frames."""
+        yield from ()
 
 
 def documents(path: Path) -> dict[str, str]:
@@ -331,15 +295,9 @@ def json_object(text: str) -> dict[str, Any]:
     return content
 
 
-def bus_of(raw: pa.Table) -> BusLog:
-    """The frames of a table with one row per frame."""
-    payloads = leaf(raw, "frame:data").to_pylist()
-    return BusLog(
-        t_s=sim_ns_of(raw) / NS_PER_S,
-        can_id=leaf(raw, "frame:can_id").to_numpy().astype(np.int64),
-        length=np.fromiter(map(len, payloads), np.int64),
-        content=b"".join(payloads),
-    )
+def load_in(rows: pa.Table) -> BusLoad:
+    """The load of the bus over time."""
+    return load_from_log(sim_ns_of(rows) / NS_PER_S, leaf(rows, "Scalars:scalars").to_numpy())
 
 
 def losses_of(rows: pa.Table) -> list[LogLoss]:
@@ -362,10 +320,10 @@ def read_traces(path: Path) -> RunTraces:
         firmware=records("/firmware"),
         impacts=records("/impacts/truth"),
         operator=records("/operator"),
-        bus=LoggedBus(path) if RAW in known else NO_BUS,
+        bus=LoggedBus(load_in(table(path, LOAD))) if LOAD in known else NO_BUS,
         run=json_object(texts.get("run", "{}")),
         outcome=json_object(texts.get("outcome", "{}")),
         scenario=tomllib.loads(texts.get("scenario", "")),
         bus_errors=records("/bus_errors"),
-        losses=losses_of(table(path, "/can/lost")) if "/can/lost" in known else [],
+        losses=losses_of(table(path, LOST)) if LOST in known else [],
     )

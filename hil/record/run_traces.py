@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from hil.record.candump import NO_BUS, Bus, BusCounts, BusLog, StoredBus
+from hil.record.candump import NO_BUS, Bus, BusLog, StoredBus
 from hil.record.damage import DamagedFileError, reading
 from hil.record.traces.precision import TICKED
 from hil.record.traces.stored_trace import PIECE_RECORDS, Records, StoredTrace
@@ -142,19 +142,13 @@ def read_scenario(run_dir: Path) -> dict[str, Any]:
     return document
 
 
-def counted(path: Path) -> Bus:
-    """A candump log whose frames have been counted."""
-    bus = StoredBus(path)
-    _ = bus.counts
-    return bus
-
-
-def note_unreadable_lines(path: Path, counts: BusCounts) -> None:
+def refuse_unreadable_lines(path: Path, bus: StoredBus) -> None:
     """Raise DamagedFileError if lines other than an incomplete last line are not in candump's format."""
-    odd = counts.lines - counts.total
-    if odd > 0 or (counts.read_bytes > 0 and counts.total == 0):
+    _ = bus.load  # reads all lines
+    odd = bus.lines - bus.frames
+    if odd > 0 or (bus.read_bytes > 0 and bus.frames == 0):
         raise DamagedFileError(
-            f"{path} is damaged: {odd} of its {counts.lines} lines are no frames; others are read"
+            f"{path} is damaged: {odd} of its {bus.lines} lines are no frames; others are read"
         )
 
 
@@ -185,8 +179,8 @@ def read_run(run_dir: Path) -> RunTraces:
     can_log = run_dir / CAN_LOG
     bus: Bus = NO_BUS
     if can_log.exists():
-        bus = part(damage, can_log, counted, bus)
-        part(damage, can_log, lambda path: note_unreadable_lines(path, bus.counts), None)
+        bus = stored = StoredBus(can_log)
+        part(damage, can_log, lambda path: refuse_unreadable_lines(path, stored), None)
     nothing: dict[str, Any] = {}
     no_losses: list[LogLoss] = []
     return RunTraces(

@@ -54,8 +54,6 @@ class Contents(NamedTuple):
     measured: bool = True
     """Whether the loops' times are measured, which they are not in lockstep."""
     bus_errors: bool = False
-    imported: bool = False
-    """Whether the log was imported from a real bench: it has the sensors' frames, but no firmware inputs."""
     refused: bool = True
     """Whether frames could not be decoded."""
 
@@ -112,21 +110,7 @@ def start_up(
     )
 
 
-def sensed(imported: bool) -> list[Line | Whole]:
-    """The accelerometer's signals as received by the firmware, or as sent if the log is imported."""
-    entity = "/can/Accelerometer" if imported else "/firmware"
-    high, low = ("striker_high", "striker_low") if imported else ("high", "low")
-    group = "" if imported else "inputs.accelerometer."
-    return [
-        Line(entity, f"{group}{high}_m_s2", "high range", "m/s²", OTHER),
-        Line(entity, f"{group}{low}_m_s2", "low range", "m/s²", ESTIMATE),
-        Line(entity, f"{group}housing_m_s2", "housing", "m/s²", TARGET),
-    ]
-
-
-def estimator(
-    detail_s: tuple[float, float] | None, innovations_m_s2: tuple[float, float] | None, imported: bool
-) -> Any:
+def estimator(detail_s: tuple[float, float] | None, innovations_m_s2: tuple[float, float] | None) -> Any:
     """The estimator: its errors and the consistency of its covariance."""
     innovation = "state.estimator.innovation_m_s2"
     deviation = "state.estimator.innovation_std_m_s2"
@@ -142,7 +126,9 @@ def estimator(
         ),
         plot(
             "Acceleration, close up [m/s²]",
-            *sensed(imported),
+            Line("/firmware", "inputs.accelerometer.high_m_s2", "high range", "m/s²", OTHER),
+            Line("/firmware", "inputs.accelerometer.low_m_s2", "low range", "m/s²", ESTIMATE),
+            Line("/firmware", "inputs.accelerometer.housing_m_s2", "housing", "m/s²", TARGET),
             Line("/plant", "accel_m_s2", "true", "m/s²", TRUTH),
             span_s=detail_s,
             legend=rrb.Corner2D.LeftBottom,
@@ -346,7 +332,7 @@ def layout(highlights: Highlights | None, contents: Contents) -> rrb.Blueprint:
         rrb.Tabs(
             overview(detail_s, speeds_m_s, contents),
             start_up(run_up_s, speeds_m_s, contents),
-            estimator(detail_s, (-widest_m_s2, widest_m_s2) if highlights else None, contents.imported),
+            estimator(detail_s, (-widest_m_s2, widest_m_s2) if highlights else None),
             *([impacts(detail_s, speeds_m_s, contents.worn)] if contents.impacts else []),
             *([gait(detail_s)] if contents.walked else []),
             bus_and_timing(contents),

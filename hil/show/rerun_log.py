@@ -2,7 +2,8 @@
 
 Each trace is one entity with one Arrow struct per tick, with the trace's field names, so that the log is
 little larger than the numbers themselves; the layout selects the plotted fields. Slow signals are logged less
-often (`hil.record.rates`), and frames in rows (`hil.record.frame_tables`). There are two timelines:
+often (`hil.record.rates`), and of the frames only the load of the bus and those that cannot be decoded: all
+frames stand in can.log. There are two timelines:
 `sim_time`, and `wall_time`, the wake-up time of the process (in lockstep: its nominal time).
 One writer serves the recorder, which appends once a second during a run, the live view, and the rebuild of a
 whole run; its output depends on the traces alone.
@@ -25,13 +26,12 @@ from hil.can_model.fault_confinement import ErrorState
 from hil.judge import detection
 from hil.judge.checks import checks_of
 from hil.judge.estimate_error import EstimateErrors, estimate_errors
-from hil.judge.figures.bus import bits_by_tenth, load_over_time
 from hil.judge.figures.gait import push_off
 from hil.judge.judge import judge
-from hil.judge.reasons import IMPORTED
 from hil.judge.verdict import RunVerdict, Verdict
+from hil.record.bus_load import BusLoad, summed
 from hil.record.candump import BusLog
-from hil.record.frame_tables import FREQUENT, decoded, in_rows
+from hil.record.frame_tables import refused
 from hil.record.rates import by_rate, signals_of_checks, slow_entity
 from hil.record.rrd.log_file import written_whole
 from hil.record.run_traces import LogLoss, RunTraces, column, pieces, read_run
@@ -112,24 +112,22 @@ class RunLog:
             walked=self._walked,
             injected=bool(injected(scenario)),
             measured=run.get("clock") != "lockstep",
-            imported=run.get("clock") == IMPORTED,
         )
         self.out = LogStream(to, run, None if is_over else layout(None, self._contents))
         self.stop_m: float | None = scenario.get("scene", {}).get("stop", {}).get("position_m")
         self._push_off = push_off(scenario) if self._walked else None
         self._phases: list[tuple[FloatArray, FloatArray]] = []
-        self._pending_bits: dict[int, float] = {}
+        self._pending_load = summed(())
         self._end_s = 0.0
         self.out.document("about/run", json.dumps(dict(run), indent=2), "json")
         self.out.document("about/scenario", tomli_w.dumps(dict(scenario)), "toml")
         self._scenario = scenario
-        self._run = run
         self._refused = False
         self.drawing = Drawing(self.out.recording, self.out.time.columns, scenario)
 
     def close(self) -> None:
         """Write the pending bus load and the file's footer."""
-        self._bus_load(self._pending_bits)
+        self._bus_load(self._pending_load)
         self.out.recording.disconnect()
 
     def append(self, traces: RunTraces) -> None:
@@ -155,7 +153,7 @@ class RunLog:
         for gap in figures.gaps:
             self.out.event(gap.from_s, f"the host {gap.in_words}", "WARN")
         self.out.document("about/outcome", json.dumps(dict(traces.outcome), indent=2), "json")
-        text = verdict_text(self._scenario.get("title", "run"), self._run, verdict)
+        text = verdict_text(self._scenario.get("title", "run"), traces.run, verdict)
         self.out.markdown("about/verdict", text)
         failed = sorted(marks(verdict.checks, traces, figures))
         for mark in failed:
@@ -337,28 +335,17 @@ class RunLog:
                 self.out.event(t_s, "operator: emergency stop", "ERROR")
 
     def _frames(self, bus: BusLog) -> None:
+        """Log the load of the bus, and the frames that cannot be decoded."""
         if len(bus.t_s) == 0:
             return
-        rows = in_rows(bus)
-        each = {"after_ns": rows.after_ns, "can_id": rows.can_id, "length": rows.length}
-        frames = rr.DynamicArchetype.columns(
-            archetype="frame", components={name: pa.array(values) for name, values in each.items()}
-        )
-        content = {"content": pa.array(rows.content, pa.binary())}
-        self.out.send(
-            "can/raw",
-            rows.t_s,
-            [
-                *frames.partition(rows.counts),
-                *rr.DynamicArchetype.columns(archetype="frame", components=content),
-            ],
-        )
-        self._decoded(bus)
-        for number, bits in bits_by_tenth(bus.counts).items():
-            self._pending_bits[number] = self._pending_bits.get(number, 0.0) + bits
-        unfinished = max(self._pending_bits)
-        self._bus_load({key: bits for key, bits in self._pending_bits.items() if key < unfinished})
-        self._pending_bits = {unfinished: self._pending_bits[unfinished]}
+        if found := refused(bus):
+            self._refused = True
+            t_s = bus.t_s[[row for row, _ in found]]
+            texts = [f"{at_s:.3f} s  {why}" for at_s, (_, why) in zip(t_s, found, strict=True)]
+            self.out.send("can/rejected", t_s, rr.TextLog.columns(text=texts, level=["WARN"] * len(texts)))
+        load = summed((self._pending_load, bus.load))
+        self._bus_load(BusLoad(load.tenth[:-1], load.bits[:-1]))
+        self._pending_load = BusLoad(load.tenth[-1:], load.bits[-1:])
 
     def _losses(self, losses: Sequence[LogLoss]) -> None:
         """Log the intervals in which can.log lacks frames."""
@@ -382,22 +369,9 @@ class RunLog:
                 if value != ErrorState.ERROR_ACTIVE:
                     self.out.event(t_s, f"bus: {node} is {state_name(ErrorState, value)}", "WARN")
 
-    def _decoded(self, bus: BusLog) -> None:
-        """Log the decoded signals of frames that no trace holds, and the refused frames as `can/rejected`."""
-        frames = decoded(bus, frozenset() if self._run.get("clock") == IMPORTED else FREQUENT)
-        for name, one in frames.by_name.items():
-            self.out.send(f"can/{name}", bus.t_s[one.rows], dynamic("frame", one.signals))
-        if frames.refused:
-            self._refused = True
-            refused_s = bus.t_s[[row for row, _ in frames.refused]]
-            texts = [f"{t_s:.3f} s  {why}" for t_s, (_, why) in zip(refused_s, frames.refused, strict=True)]
-            levels = ["WARN"] * len(texts)
-            self.out.send("can/rejected", refused_s, rr.TextLog.columns(text=texts, level=levels))
-
-    def _bus_load(self, bits_by_bin: Mapping[int, float]) -> None:
-        if bits_by_bin:
-            t_s, load = load_over_time(bits_by_bin)
-            self.out.send("can/load", t_s, rr.Scalars.columns(scalars=load))
+    def _bus_load(self, load: BusLoad) -> None:
+        if len(load.tenth):
+            self.out.send("can/load", load.middle_s, rr.Scalars.columns(scalars=load.shares))
 
 
 def write_log(path: Path, traces: RunTraces, verdict: RunVerdict) -> Path:

@@ -12,7 +12,7 @@ from hil.record.state_timeline import ESTIMATE, GOOD, TARGET, TRUTH
 
 
 class Line(NamedTuple):
-    """A field of a trace's or a frame's records as a line; `variance`: field of its σ², drawn as a band."""
+    """A field of a trace's records as a line; `variance`: field of its σ², drawn as a band."""
 
     entity: str
     field: str
@@ -38,13 +38,12 @@ class Whole(NamedTuple):
     entity: str
 
 
-def mapped(entity: str, target: str, field: str | None) -> list[VisualizerComponentMapping]:
+def mapped(target: str, field: str | None) -> list[VisualizerComponentMapping]:
     """Mapping of a field to the component `target` of a visualizer."""
     if field is None:
         return []
     source = ComponentSourceKind.SourceComponent
-    component = "frame:record" if entity.startswith("/can/") else "trace:record"
-    return [VisualizerComponentMapping(target, source, source_component=component, selector=f".{field}")]
+    return [VisualizerComponentMapping(target, source, source_component="trace:record", selector=f".{field}")]
 
 
 def visualizer(series: Line | Dots) -> Any:
@@ -52,13 +51,13 @@ def visualizer(series: Line | Dots) -> Any:
     color = np.array([series.color], np.uint32)
     if isinstance(series, Line):
         line = rr.Measurements.from_fields(names=[series.name], units=[series.unit], colors=color)
-        values = mapped(series.entity, "Measurements:values", series.field)
-        variances = mapped(series.entity, "Measurements:variances", series.variance)
+        values = mapped("Measurements:values", series.field)
+        variances = mapped("Measurements:variances", series.variance)
         return line.visualizer(mappings=values + variances)
     dots = rr.SeriesPoints.from_fields(
         names=[series.name], colors=color, markers=[series.marker], marker_sizes=[3.5]
     )
-    return dots.visualizer(mappings=mapped(series.entity, "Scalars:scalars", series.field))
+    return dots.visualizer(mappings=mapped("Scalars:scalars", series.field))
 
 
 def plot(

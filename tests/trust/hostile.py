@@ -4,6 +4,7 @@
 
 import itertools
 import json
+import math
 import os
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -155,24 +156,16 @@ def _logged(
     victim: Path,
     run: str = "{}",
     scenario: str = "",
-    lengths: Sequence[int] = (),
+    loads: Sequence[float] = (),
     signals: Mapping[str, Sequence[object]] = MappingProxyType({}),
 ) -> None:
-    """A log with these texts, frames of these lengths in three bytes, and a trace of the plant."""
+    """A log with these texts, loads of the bus, and a trace of the plant."""
     recording = rr.RecordingStream("vibrohil", recording_id="foreign")
     recording.save(run_dir / "run.rrd")
     for name, text in (("run", run), ("scenario", scenario)):
         recording.log(f"about/{name}", rr.TextDocument(text), static=True)
-    zeros = [0] * len(lengths)
-    each = {
-        "after_ns": pa.array(zeros, pa.int32()),
-        "can_id": zeros,
-        "length": pa.array(lengths, pa.int64()),
-    }
-    frames = rr.DynamicArchetype.columns(archetype="frame", components=each).partition([len(lengths)])
-    content = rr.DynamicArchetype.columns(archetype="frame", components={"content": [b"abc"]})
-    if lengths:
-        _send(recording, "can/raw", 1, [*frames, *content])
+    if loads:
+        _send(recording, "can/load", len(loads), rr.Scalars.columns(scalars=loads))
     if signals:
         struct = pa.StructArray.from_arrays([*map(pa.array, signals.values())], names=[*signals])
         records = rr.DynamicArchetype.columns(archetype="trace", components={"record": struct})
@@ -268,9 +261,7 @@ FOLDERS: dict[str, Spoil] = {
         b'"fault": 1e999, "impact_v_m_s": "x", "estimate": [1]}',
     ),
     "a verdict that is a list": _content("verdict.json", b'{"passed": [true], "provenance": null}'),
-    "run.rrd of frames far outside of their bytes": _logged(lengths=[2**30] * 100),
-    "run.rrd of frames before their bytes": _logged(lengths=[8, -(2**40), 2**40, -5]),
-    "run.rrd of longer frames": _logged(lengths=[255] * 9),
+    "run.rrd of loads that are no shares": _logged(loads=[math.inf, -1e300, math.nan]),
     "run.rrd of texts": _logged(signals={"tick": ["a", "b"], "x_m": ["c", "d"]}),
     "run.rrd of times that are texts": _logged(signals={"t_s": ["a", "b"]}),
     "run.rrd of lists": _logged(signals={"tick": [[1], [2]], "x_m": [[1.0], [2.0]]}),

@@ -1,8 +1,8 @@
 """Two runs side by side: the figures of both, and the first moment at which a signal differs.
 
 Signals are compared on simulated time, record by record and bit by bit as logged; measured times of the
-machine are left out. Frames are compared unless a run was in strict real time: the frames of such a run have
-the times of their reception.
+machine are left out. Frames are compared if both runs have their can.log, unless one was in strict real time:
+the frames of such a run have the times of their reception.
 """
 
 import math
@@ -20,6 +20,7 @@ from hil.bench.recorded_run import Run
 from hil.judge.figures.records import CATALOGUE, value_of
 from hil.judge.tolerance import Tolerance, tolerance_of
 from hil.record.damage import reading
+from hil.record.frame_tables import RAW
 from hil.record.log_reader import MEASURED
 from hil.record.run_traces import column
 from hil.record.state_timeline import ALARM, OTHER
@@ -151,7 +152,7 @@ def first_difference(a: Run, b: Run) -> Difference | None:
     """The first difference of two runs; of simultaneous differences the first in the order of TRACES."""
     names = [name for name in TRACES if name in a.names or name in b.names]
     if not any(is_strict(run.traces.run) for run in (a, b)):
-        names += [name for name in ("can/raw",) if name in a.names or name in b.names]
+        names += [RAW] * (RAW in a.names and RAW in b.names)
     if not names:
         raise BadInputError(f"{a.log} and {b.log} hold neither traces nor frames to compare")
     found: Difference | None = None

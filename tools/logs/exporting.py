@@ -19,15 +19,12 @@ from cantools.database.can import Message
 from numpy.typing import NDArray
 from pyarrow import csv, parquet
 
-from firmware_py.interface.codec import CODEC_BY_ID
 from firmware_py.interface.dbc import database
 from hil.bench.recorded_run import Run
+from hil.record.frame_tables import table_of
 from tools.output import BadInputError
 
 CAN = "can/"
-RAW = f"{CAN}raw"
-SLICE_ROWS = 10_000
-"""Frames that are decoded at a time: Python's objects take ten times the memory of their columns."""
 
 
 class DecodedFrames(NamedTuple):
@@ -41,52 +38,23 @@ class DecodedFrames(NamedTuple):
 
 
 def decoded(run: Run) -> Iterator[DecodedFrames]:
-    """The frames of a run's log that have signals, grouped by name; BadInputError if there are none."""
+    """The frames of a run's can.log that have signals, grouped by name; BadInputError if there are none."""
     names = {table.removeprefix(CAN) for table in run.names if table.startswith(CAN)}
     known = [message for message in database().messages if message.name in names and message.signals]
     if not known:
-        raise BadInputError(f"{run.log} holds no frame of vibro.dbc; run or import something with a bus")
-    raw = run.table(RAW)
-    can_ids = raw["can_id"].to_numpy()
-    return (frames_of(raw, np.flatnonzero(can_ids == message.frame_id), message) for message in known)
+        raise BadInputError(
+            f"{run.folder} has no frame of vibro.dbc in a can.log; run or import something with a bus"
+        )
+    frames = run.frames.whole()
+    return (frames_of(table_of(frames, f"{CAN}{one.name}", run.wall_start_s), one) for one in known)
 
 
-def frames_of(raw: pa.Table, rows: NDArray[np.intp], message: Message) -> DecodedFrames:
-    """The frames of one name, decoded with their counter and CRC; those that are not valid are left out."""
-    parts = [
-        decoded_slice(raw, rows[first : first + SLICE_ROWS], message)
-        for first in range(0, len(rows), SLICE_ROWS)
-    ]
-    parts = [part for part in parts if len(part[0])] or parts[:1]
-    good = np.concatenate([part_rows for part_rows, _ in parts])
-    columns = {name: np.concatenate([part[name] for _, part in parts]) for name in parts[0][1]}
-    taken = raw.take(good)
-    wall_ns = taken["wall_time"].cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy()
+def frames_of(table: pa.Table, message: Message) -> DecodedFrames:
+    """The frames of one name with their units."""
     units = {signal.name: signal.unit or "" for signal in message.signals}
-    return DecodedFrames(message.name, taken["t_s"].to_numpy(), wall_ns, columns, units)
-
-
-def decoded_slice(
-    raw: pa.Table, rows: NDArray[np.intp], message: Message
-) -> tuple[NDArray[np.intp], dict[str, NDArray[np.generic]]]:
-    """Return the rows of valid frames and their signals."""
-    codec = CODEC_BY_ID[message.frame_id]
-    good, records, words = [], [], []
-    for row, data in zip(rows.tolist(), raw["data"].take(rows).to_pylist(), strict=True):
-        try:
-            records.append(tuple(codec.decode(data)))
-        except ValueError:
-            continue  # counted and listed in the log
-        good.append(row)
-        words.append(int.from_bytes(data, "little"))
-    columns: dict[str, NDArray[np.generic]] = dict(
-        zip(codec.record._fields, map(np.array, zip(*records, strict=True)), strict=True) if records else ()
-    )
-    word = np.array(words, np.uint64)
-    for signal in message.signals:
-        if signal.name not in columns:  # the counter and the CRC, which are no signals of the codec's record
-            columns[signal.name] = word >> np.uint64(signal.start) & np.uint64((1 << signal.length) - 1)
-    return np.array(good, np.intp), columns
+    wall_ns = table["wall_time"].cast(pa.int64()).to_numpy()
+    signals = {name: table[name].to_numpy() for name in table.column_names if name in units}
+    return DecodedFrames(message.name, table["t_s"].to_numpy(), wall_ns, signals, units)
 
 
 def as_mf4(frames: Iterable[DecodedFrames], path: Path) -> None:

@@ -14,7 +14,6 @@ from firmware_py.interface.enums import Mode, Regime
 from hil.judge import detection
 from hil.judge.estimate_error import estimate_errors
 from hil.judge.figures import faults
-from hil.judge.figures.bus import mean_load
 from hil.judge.figures.gait import gait_figures
 from hil.judge.figures.records import (
     DetectorFigures,
@@ -304,7 +303,7 @@ def figures_from(traces: RunTraces) -> Figures:
         tick_us=loops.firmware.work_us,
         wake_us=loops.firmware.wake_us,
         loops=loops,
-        bus_load=mean_load(traces.bus.counts, duration_s),
+        bus_load=traces.bus.load.mean(duration_s),
         realtime_factor=duration_s / float(elapsed_s) if elapsed_s else None,
         memory=memory_figures(outcome),
         log=log_figures(traces, clock),

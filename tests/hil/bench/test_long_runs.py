@@ -13,9 +13,9 @@ from hil.record.traces.trace import TraceWriter
 
 MINUTES = 3, 6
 JUDGE = "assert finish(run_dir).figures.ticks == ticks"
-INSPECT = "assert Run(log).verdict['ticks'] == ticks"
-COMPARE = "run = Run(log); assert first_difference(run, run) is None"
-EXPORT = "assert export(Run(log), 'parquet', run_dir / 'frames')"
+INSPECT = "assert Run(log, run_dir).verdict['ticks'] == ticks"
+COMPARE = "run = Run(log, run_dir); assert first_difference(run, run) is None"
+EXPORT = "assert export(Run(log, run_dir), 'parquet', run_dir / 'frames')"
 LARGEST_GROWTH_MB_A_MINUTE = {JUDGE: 8.0, INSPECT: 8.0, COMPARE: 16.0, EXPORT: 16.0}
 """Sixteen columns of 60,000 numbers each: what one figure works on at a time. Twice that for two runs, and
 for the decoded frames of one name."""

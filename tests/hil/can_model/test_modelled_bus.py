@@ -11,10 +11,8 @@ from hypothesis import strategies as st
 from firmware_py.interface.frame import Frame
 from hil.can_model import fault_confinement as rules
 from hil.can_model.bits import frame_bits
-from hil.can_model.core import advance, queue
 from hil.can_model.fault_confinement import ErrorCounters, ErrorState
 from hil.can_model.modelled_bus import Delivery, ModelledBus
-from hil.can_model.state import BusState, NodeState
 
 US = 1000
 NODES = ("a", "b", "c")
@@ -102,8 +100,6 @@ def test_what_does_not_exist_is_refused() -> None:
         ModelledBus(["a"], 300_000)
     with pytest.raises(ValueError, match="no classic CAN frame"):
         bus_of().submit("a", Frame(0x800, b""), 0)
-    with pytest.raises(ValueError, match="hits = 0; wanted 1 or more"):
-        bus_of().corrupt(hits=0)
 
 
 @settings(max_examples=40)
@@ -123,8 +119,7 @@ def test_how_often_one_asks_changes_nothing(
     def play(asked: list[int]) -> list[Delivery]:
         bus = bus_of()
         dice = random.Random(seed)
-        for _ in range(3):
-            bus.corrupt(dice.choice([None, 0x0F2]), hits=dice.randint(1, 3))
+        bus.destroy({can_id for _, _, can_id, _ in entries if dice.random() < 0.3})
         arrived = []
         calls = [*((bit, entry) for entry in entries for bit in entry[:1]), *((cut, None) for cut in asked)]
         for bit, entry in sorted(calls, key=lambda call: call[0]):
@@ -155,8 +150,10 @@ def test_a_destroyed_frame_is_repeated_after_the_longest_error_frame() -> None:
     """Whatever bit was hit: the whole frame, two error flags of 6 bits, and a delimiter of 8."""
     frame = Frame(0x2AA, b"")
     bus = bus_of()
-    bus.corrupt()
+    bus.destroy({0x2AA})
     bus.submit("a", frame, 0)
+    assert bus.deliver(1 * US) == []  # it has started
+    bus.destroy(())
     again = frame_bits(frame) + 2 * 6 + 8
     assert received(bus.deliver(1000 * US)) == [((again + frame_bits(frame) - 3) * US, "a", 0x2AA)]
     assert bus.counters("a") == (8 - 1, 0)
@@ -164,19 +161,19 @@ def test_a_destroyed_frame_is_repeated_after_the_longest_error_frame() -> None:
     assert bus.figures == (1, 1, (again + frame_bits(frame)) * US, 0)
 
 
-def test_corruption_counts_the_frames_it_is_meant_for() -> None:
+def test_only_transmissions_of_the_given_identifiers_are_destroyed() -> None:
     bus = bus_of()
-    bus.corrupt(can_id=0x200, hits=2)
+    bus.destroy({0x200, 0x400})
     for can_id in (0x100, 0x200, 0x100, 0x200, 0x300):
         bus.submit("a", Frame(can_id, bytes([can_id >> 8])), 0)
+    arrived = bus.deliver(500 * US)
+    assert [delivery.frame.can_id for delivery in arrived] == [0x100, 0x100]
+    errors = bus.figures.errors
+    assert errors > 3
+    bus.destroy(())
     arrived = bus.deliver(10_000 * US)
-    assert [delivery.frame.can_id for delivery in arrived] == [0x100, 0x100, 0x200, 0x200, 0x300]
-    assert bus.figures.errors == 2
-    assert arrived[2].t_ns - arrived[1].t_ns > 2 * 50 * US
-    bus.corrupt(hits=1000)
-    bus.end_corruption()
-    bus.submit("a", SHORT, 10_000 * US)
-    assert len(bus.deliver(11_000 * US)) == 1
+    assert [delivery.frame.can_id for delivery in arrived] == [0x200, 0x200, 0x300]
+    assert bus.figures.errors == errors
 
 
 RULES: dict[str, Callable[[ErrorCounters], ErrorCounters]] = {
@@ -220,14 +217,14 @@ def test_error_counters(steps: list[str], counters: tuple[int, int], error_state
 
 def test_a_sender_goes_off_after_32_errors_in_a_row_and_the_others_stay() -> None:
     bus = bus_of()
-    bus.corrupt(hits=1000)
+    bus.destroy({SHORT.can_id})
     bus.submit("a", SHORT, 0)
     assert bus.deliver(10_000 * US) == []
     assert bus.figures.errors == 32
     assert bus.figures.lost == 1
     assert bus.counters("b").receive == 32
     assert bus.counters("a").error_state is ACTIVE  # off, and back again meanwhile
-    bus.end_corruption()
+    bus.destroy(())
     bus.submit("b", SHORT, 10_000 * US)
     assert bus.deliver(11_000 * US)[0].receivers == ("a", "c")
 
@@ -273,35 +270,33 @@ def test_a_node_that_is_off_neither_receives_nor_acknowledges() -> None:
 def test_an_error_passive_sender_waits_for_the_others() -> None:
     """After its frame it keeps silent for 8 bits: a less urgent frame of another node goes first."""
     for errors, order in ((0, [0x10, 0x11, 0x200]), (130, [0x10, 0x200, 0x11])):
-        nodes = (NodeState(counters=ErrorCounters(errors, 0)), NodeState(), NodeState())
-        state = BusState(nodes=nodes)
-        for node, frame in ((0, Frame(0x10, b"")), (0, Frame(0x11, b"")), (1, LONG)):
-            state = queue(state, node, frame, depth=9)
-        state, arrivals = advance(state, 1000)
-        assert [arrival.pending.can_id for arrival in arrivals] == order
+        bus = bus_of()
+        bus.join("a").counters = ErrorCounters(errors, 0)
+        for node, frame in (("a", Frame(0x10, b"")), ("a", Frame(0x11, b"")), ("b", LONG)):
+            bus.submit(node, frame, 0)
+        assert [delivery.frame.can_id for delivery in bus.deliver(1000 * US)] == order
 
 
 def test_an_error_passive_sender_alone_waits_8_bits() -> None:
-    nodes = (NodeState(counters=ErrorCounters(140, 0)), NodeState())
-    state = BusState(nodes=nodes)
+    bus = bus_of("a", "b")
+    bus.join("a").counters = ErrorCounters(140, 0)
     for _ in range(2):
-        state = queue(state, 0, SHORT, depth=9)
-    state, arrivals = advance(state, 1000)
-    assert arrivals[1].bit - arrivals[0].bit == frame_bits(SHORT) + 8
+        bus.submit("a", SHORT, 0)
+    first, second = bus.deliver(1000 * US)
+    assert second.t_ns - first.t_ns == (frame_bits(SHORT) + 8) * US
 
 
 def test_an_error_passive_rival_loses_without_a_trace() -> None:
     """Its flag is recessive: the frame of the same identifier that is dominant where they differ goes on."""
-    nodes = (NodeState(counters=ErrorCounters(150, 0)), NodeState(), NodeState())
-    state = BusState(nodes=nodes)
-    state = queue(state, 0, Frame(0x50, b"\xff"), depth=9)
-    state = queue(state, 1, Frame(0x50, b"\x00"), depth=9)
-    state, arrivals = advance(state, 1000)
-    assert [(one.senders, one.receivers, one.pending.frame.data) for one in arrivals] == [
-        ((1,), (2,), b"\x00"),
-        ((0,), (1, 2), b"\xff"),
+    bus = bus_of()
+    bus.join("a").counters = ErrorCounters(150, 0)
+    bus.submit("a", Frame(0x50, b"\xff"), 0)
+    bus.submit("b", Frame(0x50, b"\x00"), 0)
+    assert [(one.sender, one.receivers, one.frame.data) for one in bus.deliver(1000 * US)] == [
+        ("b", ("c",), b"\x00"),
+        ("a", ("b", "c"), b"\xff"),
     ]
-    assert [node.counters for node in state.nodes] == [(150 + 8 - 1, 0), (0, 0), (0, 0)]
+    assert [bus.counters(name) for name in NODES] == [(150 + 8 - 1, 0), (0, 0), (0, 0)]
 
 
 def test_equal_frames_at_the_same_time_are_one() -> None:

@@ -7,8 +7,7 @@ from typing import Any
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from hil.record.frame_tables import contiguous
-from hil.record.log_reader import MEASURED, TIMELINES, leaves, names, table
+from hil.record.log_reader import MEASURED, TIMELINES, contiguous, leaves, names, table
 
 
 def content_bytes(values: NDArray[Any]) -> bytes:

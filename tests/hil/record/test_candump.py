@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.record import candump
+from hil.record.bus_load import load_from_log
 from hil.record.candump import BusLog, StoredBus, parse_candump
 
 FRAMES = st.tuples(
@@ -65,7 +66,8 @@ def test_a_log_is_read_in_pieces_and_whole(tmp_path: Path, monkeypatch: pytest.M
     bus = StoredBus(path)
     assert len(list(bus.pieces())) > 50
     assert same(bus.whole(), parse_candump(text))
-    counts = bus.counts
-    assert (counts.total, counts.lines, counts.read_bytes) == (250, 251, len(text))
-    assert counts.tenth.tolist() == [0, 1, 2]
-    assert counts.frame_bytes.sum() == sum(tick % 9 for tick in range(250))
+    load = bus.load
+    assert (bus.frames, bus.lines, bus.read_bytes) == (250, 251, len(text))
+    assert load.tenth.tolist() == [0, 1, 2]
+    assert load.bits.sum() == sum(55 + 10 * (tick % 9) for tick in range(250))
+    assert np.array_equal(load_from_log(load.middle_s, load.shares), load)

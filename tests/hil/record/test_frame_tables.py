@@ -1,15 +1,22 @@
-"""Frames in rows, and the quick look that finds those that cannot be decoded."""
+"""The tables of frames, and the quick look that finds those that cannot be decoded."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.interface.codec import CODECS, FrameCodec
-from hil.record.candump import bus_log
-from hil.record.frame_tables import FREQUENT, decoded, refuse_other_lengths, surely_valid
+from firmware_py.interface import codec
+from firmware_py.interface.codec import CODEC_BY_ID, CODECS, FrameCodec
+from firmware_py.interface.dbc import SignalKind
+from firmware_py.interface.generated.records import SetInputTorque
+from hil.record.candump import NO_BUS, bus_log
+from hil.record.frame_tables import names_of, refused, surely_valid, table_of
 
-FREQUENT_CODECS = [codec for record, codec in CODECS.items() if record.__name__ in FREQUENT]
+QUANTITIES = {SignalKind.QUANTITY, SignalKind.EXACT}
+NUMBERS = [
+    codec for codec in CODECS.values() if {signal.kind for signal in codec.signals.values()} <= QUANTITIES
+]
+"""The codecs of frames with numbers alone; others are always left to their codec."""
 
 
 def error_of(codec: FrameCodec, data: bytes) -> str | None:
@@ -24,7 +31,7 @@ def is_surely_valid(codec: FrameCodec, data: bytes) -> bool:
     return bool(surely_valid(codec, np.frombuffer(data.ljust(8, b"\0"), np.uint8)[None])[0])
 
 
-@pytest.mark.parametrize("codec", FREQUENT_CODECS, ids=lambda codec: codec.record.__name__)
+@pytest.mark.parametrize("codec", NUMBERS, ids=lambda codec: codec.record.__name__)
 @given(content=st.binary(min_size=8, max_size=8), counter=st.integers(0, 255))
 def test_what_is_surely_valid_can_be_decoded_and_what_was_sent_is(codec, content, counter):
     received = content[: codec.length]
@@ -39,23 +46,35 @@ def test_what_is_surely_valid_can_be_decoded_and_what_was_sent_is(codec, content
 
 @given(
     frames=st.lists(
-        st.tuples(st.sampled_from([codec.can_id for codec in FREQUENT_CODECS]), st.binary(max_size=8)),
-        min_size=1,
-        max_size=30,
+        st.tuples(st.sampled_from([*CODEC_BY_ID, 0x7AB]), st.binary(max_size=8)), min_size=1, max_size=30
     )
 )
-def test_frames_that_are_not_decoded_are_refused_as_others_are(frames):
+def test_frames_are_refused_for_the_reason_of_their_codec(frames):
     bus = bus_log(
         1e-3 * np.arange(len(frames)),
         np.array([can_id for can_id, _ in frames]),
         [data for _, data in frames],
     )
-    assert decoded(bus, FREQUENT).refused == decoded(bus).refused
-    assert not decoded(bus, FREQUENT).by_name
+    reasons = [
+        error_of(CODEC_BY_ID[can_id], data) if can_id in CODEC_BY_ID else "0x7AB: not in the DBC"
+        for can_id, data in frames
+    ]
+    assert refused(bus) == [(row, reason) for row, reason in enumerate(reasons) if reason is not None]
 
 
-@pytest.mark.parametrize("lengths", [[2**30] * 100, [8, -(2**40), 2**40, -5], [3, 1], [2], [-1, 4]])
-def test_lengths_that_are_not_those_of_the_bytes_are_refused_before_arrow_reads_by_them(lengths):
-    refuse_other_lengths(np.array([1, 2]), 3)
-    with pytest.raises(ValueError, match="not those of their 3 bytes"):
-        refuse_other_lengths(np.array(lengths, np.int64), 3)
+def test_a_frame_that_cannot_be_decoded_is_in_the_raw_table_alone():
+    sent = codec.SET_INPUT_TORQUE.encode(SetInputTorque(0.25))
+    bus = bus_log(np.array([0.5, 0.6]), np.full(2, sent.can_id), [sent.data, b"\xff"])
+    assert names_of(bus) == ["can/raw", "can/SetInputTorque"]
+    raw, decoded = (table_of(bus, name, 1000.0) for name in names_of(bus))
+    assert raw["data"].to_pylist() == [sent.data, b"\xff"]
+    assert decoded["t_s"].to_pylist() == [0.5]
+    assert decoded["wall_time"][0].value == 1_000_500_000_000
+    assert decoded["torque_n_m"].to_pylist() == [0.25]
+    assert names_of(NO_BUS) == []
+
+
+def test_a_table_of_frames_that_are_all_refused_is_empty():
+    bus = bus_log(np.array([0.5]), np.array([codec.ACCELEROMETER.can_id]), [b"\xff"])
+    table = table_of(bus, "can/Accelerometer", 0.0)
+    assert (table.num_rows, "housing_m_s2" in table.column_names) == (0, True)

@@ -10,7 +10,6 @@ from run_folder import make_run, write_run
 
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.state import Outputs, State
-from firmware_py.interface.generated.records import Accelerometer
 from firmware_py.shell.node import Counters
 from hil.can_model.fault_confinement import BusErrorRecord
 from hil.record import state_timeline
@@ -41,7 +40,6 @@ WRITTEN = {
     "/bus_errors": columns(("", BusErrorRecord)),
     "/estimate_error": {"x_mm", "v_m_s"},
     "/operator": columns(("", OperatorRecord)),
-    "/can/Accelerometer": set(Accelerometer._fields),
 }
 
 

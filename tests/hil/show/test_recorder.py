@@ -137,8 +137,8 @@ def test_frames_it_lost_while_it_was_held_up_are_in_the_folder(run_dir):
     traces = read_run(run_dir)
     (loss,) = traces.losses
     assert said == {"frames": 100 * BURSTS + 1 - loss.frames, "lost": loss.frames}
-    assert traces.bus.counts.total == 100 * BURSTS + 1 - loss.frames < 100 * BURSTS + 1
     t_s = traces.bus.whole().t_s
+    assert len(t_s) == 100 * BURSTS + 1 - loss.frames < 100 * BURSTS + 1
     assert t_s[0] + 0.2 < loss.from_s < loss.to_s
     assert loss.to_s - loss.from_s > 0.05
     assert read_traces(run_dir / "run.rrd").losses == [loss]

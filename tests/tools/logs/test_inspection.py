@@ -57,7 +57,8 @@ def test_frames_are_tables_raw_and_decoded(run_dir):
     logged = open_run(run_dir)
     assert logged.table("can/raw")["data"].to_pylist() == list(read_bus(run_dir / "can.log").payloads)
     estimates = logged.table("can/StrikerEstimate")
-    assert estimates.column_names[2:] == ["position_m", "velocity_m_s", "crank_omega_rad_s"]
+    signals = ["position_m", "velocity_m_s", "crank_omega_rad_s", "counter", "crc"]
+    assert estimates.column_names[2:] == signals
     modes = logged.table("states/mode")["state"].to_pylist()
     assert modes[modes.index("ready") + 1] == "soft-start"
     assert pa.types.is_fixed_size_list(logged.table("module/striker")["translation"].type)
