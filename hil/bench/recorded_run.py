@@ -177,17 +177,12 @@ class Run:
         return float(run.get("wall_start_s", 0.0))
 
     def table(self, name: str) -> pa.Table:
-        """One table with a row per tick (impact, frame, event) and a column per signal.
-
-        A column that is logged less often has the metadata `held`: its rows repeat the last logged value.
-        """
+        """One table with a row per tick (impact, frame, event) and a column per signal."""
         if name not in self._logged:
             return table_of(self.frames.whole(), named(name, self.names, "table"), self.wall_start_s)
         entity = f"/{name}"
         with reading(self.log, f"other tables may still be read; {name} may not"):
-            rows, held = flat(log_reader.table(self.log, entity)), log_reader.held_columns(self.log, entity)
-        marked = (one.with_metadata({"held": "true"}) if one.name in held else one for one in rows.schema)
-        return rows.cast(pa.schema(marked))
+            return flat(log_reader.table(self.log, entity))
 
     def blocks(self, name: str) -> Iterator[pa.Table]:
         """Yield the rows of a table in order of time, in blocks."""

@@ -16,10 +16,9 @@ from rerun.chunk import RrdReader
 from hil.record.bus_load import BusLoad, load_from_log
 from hil.record.candump import NO_BUS, Bus, BusLog
 from hil.record.new_file import MOST_NOTE_BYTES
-from hil.record.rates import slow_entity
 from hil.record.run_traces import NO_RECORDS, LogLoss, RunTraces
 from hil.record.traces.precision import NS_PER_S, TIME
-from hil.record.traces.stored_trace import ByColumn, Records, StoredColumns
+from hil.record.traces.stored_trace import Records, StoredColumns
 
 TIMELINES = ("sim_time", "wall_time")
 MEASURED = frozenset({"deadline_ns", "work_us", "wake_latency_us", "overruns", "cpu_us"})
@@ -29,8 +28,6 @@ FENCE = re.compile(r"\A```\w*\n(.*)\n```\Z", re.DOTALL)
 
 
 LOAD, LOST = "/can/load", "/can/lost"
-TICKED = ("/plant", "/firmware")
-"""The entities with a record per tick; `slow_entity` of each has the signals at 100 Hz."""
 RECORD = "trace:record"
 
 
@@ -102,23 +99,12 @@ def sim_ns_of(table: pa.Table) -> NDArray[np.int64]:
 
 def names(path: Path) -> list[str]:
     """Names of the tables that can be read from a log."""
-    return sorted(entities(path) - {slow_entity(name) for name in TICKED})
+    return sorted(entities(path))
 
 
 def table(path: Path, name: str) -> pa.Table:
-    """The rows of an entity in order of simulated time, one column per component, without static data.
-
-    The slow signals of a trace are joined to its others.
-    """
-    rows = in_order(blocks(path, name))
-    if not has_slow(name, entities(path)):
-        return rows
-    return with_slow(rows, in_order(blocks(path, slow_entity(name))))
-
-
-def has_slow(name: str, known: set[str]) -> bool:
-    """Whether the log has an entity for the slow signals of this one."""
-    return name in TICKED and slow_entity(name) in known
+    """The rows of an entity in order of simulated time, one column per component, without static data."""
+    return in_order(blocks(path, name))
 
 
 def ordered_blocks(path: Path, name: str) -> Iterator[pa.Table]:
@@ -126,22 +112,8 @@ def ordered_blocks(path: Path, name: str) -> Iterator[pa.Table]:
     times = [sim_ns_of(block)[[0, -1]] for block in blocks(path, name)]
     if not rises(np.concatenate(times)):
         yield table(path, name)
-    elif has_slow(name, entities(path)):
-        yield from ticked_blocks(path, name)
     else:
         yield from blocks(path, name)
-
-
-def ticked_blocks(path: Path, name: str) -> Iterator[pa.Table]:
-    """Yield the records of a trace with the slow signals, in blocks."""
-    slow = blocks(path, slow_entity(name))
-    held = next(slow)
-    for fast in blocks(path, name):
-        ticked = sim_ns_of(fast)
-        while sim_ns_of(held)[-1] < ticked[-1] and (more := next(slow, None)) is not None:
-            held = pa.concat_tables([held, more])
-        yield with_slow(fast, held)
-        held = held.slice(newest(ticked, sim_ns_of(held))[-1])
 
 
 def tables(path: Path) -> dict[str, pa.Table]:
@@ -165,29 +137,6 @@ def leaf(rows: pa.Table, component: str) -> pa.Array:
     return contiguous(rows[component]).flatten()
 
 
-def newest(ticked: NDArray[Any], held: NDArray[Any]) -> NDArray[np.int64]:
-    """Index of the last row of `held` at or before each time in `ticked`."""
-    return np.maximum(np.searchsorted(held, ticked, side="right") - 1, 0)
-
-
-def with_slow(fast: pa.Table, slow: pa.Table) -> pa.Table:
-    """The records of a trace, with each slow signal's last logged value."""
-    rows = newest(sim_ns_of(fast), sim_ns_of(slow))
-    both = joined(leaf(fast, RECORD), leaf(slow, RECORD).take(pa.array(rows)))
-    return fast.set_column(fast.column_names.index(RECORD), RECORD, one_each(both))
-
-
-def joined(one: pa.StructArray, other: pa.StructArray) -> pa.StructArray:
-    """The recursively joined fields of two struct columns; a field in both is taken from `one`."""
-    fields = {field.name: values for field, values in zip(one.type, one.flatten(), strict=True)}
-    for field, values in zip(other.type, other.flatten(), strict=True):
-        if field.name not in fields:
-            fields[field.name] = values
-        elif pa.types.is_struct(field.type):
-            fields[field.name] = joined(fields[field.name], values)
-    return pa.StructArray.from_arrays(list(fields.values()), names=list(fields))
-
-
 def leaves(name: str, values: pa.Array) -> Iterator[tuple[str, pa.Array]]:
     """Yield the columns within a struct by dotted names; any other array is yielded as one column."""
     if not pa.types.is_struct(values.type):
@@ -195,17 +144,6 @@ def leaves(name: str, values: pa.Array) -> Iterator[tuple[str, pa.Array]]:
         return
     for field, inner in zip(values.type, values.flatten(), strict=True):
         yield from leaves(f"{name}.{field.name}" if name else field.name, inner)
-
-
-def held_columns(path: Path, name: str) -> frozenset[str]:
-    """Columns that are logged less often than the table has rows, which hold the last logged value."""
-    if not has_slow(name, entities(path)):
-        return frozenset()
-    fast, slow = (
-        {column for column, _ in leaves("", leaf(next(blocks(path, entity)), RECORD))}
-        for entity in (name, slow_entity(name))
-    )
-    return frozenset(slow - fast)
 
 
 def columns_of(rows: pa.Table) -> dict[str, NDArray[Any]]:
@@ -242,25 +180,6 @@ class LoggedTrace(StoredColumns):
     def _column(self, name: str) -> NDArray[Any]:
         values = super()._column(name)
         return values if self._order is None else values[self._order]
-
-
-class WithSlow(ByColumn):
-    """The records of a trace, with each slow signal's last logged value."""
-
-    def __init__(self, fast: ByColumn, slow: ByColumn) -> None:
-        self._fast = fast
-        self._slow = slow
-        self._newest = newest(fast[TIME], slow[TIME])
-        kinds = {name: one.dtype[name] for one in (slow, fast) for name in one.dtype.names or ()}
-        self.dtype = np.dtype([*kinds.items()])
-
-    def __len__(self) -> int:
-        return len(self._fast)
-
-    def _column(self, name: str) -> NDArray[Any]:
-        is_fast = name in (self._fast.dtype.names or ())
-        values: NDArray[Any] = self._fast[name] if is_fast else self._slow[name][self._newest]
-        return values
 
 
 class LoggedBus(Bus):
@@ -310,10 +229,7 @@ def read_traces(path: Path) -> RunTraces:
     known, texts = entities(path), documents(path)
 
     def records(entity: str) -> Records:
-        if entity not in known:
-            return NO_RECORDS
-        fast = LoggedTrace(path, entity)
-        return WithSlow(fast, LoggedTrace(path, slow_entity(entity))) if has_slow(entity, known) else fast
+        return LoggedTrace(path, entity) if entity in known else NO_RECORDS
 
     return RunTraces(
         plant=records("/plant"),

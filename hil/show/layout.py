@@ -151,7 +151,7 @@ def estimator(detail_s: tuple[float, float] | None, innovations_m_s2: tuple[floa
             plot(
                 "Accelerometer bias [m/s²]",
                 Line(
-                    "/firmware/slow",
+                    "/firmware",
                     "state.estimator.bias_m_s2",
                     "bias ± σ",
                     "m/s²",
@@ -189,10 +189,10 @@ def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float
         plot("Force, close up [N]", *forces, span_s=detail_s),
         plot(
             "Energy [J]",
-            Line("/plant/slow", "drive_work_j", "drive work", "J", TRUTH),
-            Line("/plant/slow", "friction_j", "friction", "J", TARGET),
-            Line("/plant/slow", "impact_loss_j", "impacts", "J", GOOD),
-            Line("/plant/slow", "stored_j", "stored", "J", OTHER),
+            Line("/plant", "drive_work_j", "drive work", "J", TRUTH),
+            Line("/plant", "friction_j", "friction", "J", TARGET),
+            Line("/plant", "impact_loss_j", "impacts", "J", GOOD),
+            Line("/plant", "stored_j", "stored", "J", OTHER),
         ),
         name="Impacts",
     )
@@ -236,8 +236,8 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
             ),
             plot(
                 "Strides a second, crank turns a stride, confidence",
-                Line("/plant/slow", "gait.stride_hz", "true strides a second", "Hz", TRUTH),
-                Line("/firmware/slow", "state.gait_lock.harmonic", "turns a stride", "", OTHER),
+                Line("/plant", "gait.stride_hz", "true strides a second", "Hz", TRUTH),
+                Line("/firmware", "state.gait_lock.harmonic", "turns a stride", "", OTHER),
                 Line("/firmware", "state.gait.confidence", "confidence", "", ESTIMATE),
             ),
         ),
@@ -245,14 +245,14 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
             close_up("Felt by the wearer", Line("/plant", "felt_force_n", "felt", "N", OTHER)),
             close_up(
                 "Push-off: the ankle's moment",
-                Line("/plant/slow", "gait.ankle_n_m_kg", "true", "N m/kg", TRUTH),
+                Line("/plant", "gait.ankle_n_m_kg", "true", "N m/kg", TRUTH),
             ),
             close_up(
                 "Shank's rate",
                 Line("/firmware", "inputs.gait.shank_rate_rad_s", "sensed", "rad/s", ESTIMATE),
-                Line("/plant/slow", "gait.shank_rad_s", "true", "rad/s", TRUTH),
+                Line("/plant", "gait.shank_rad_s", "true", "rad/s", TRUTH),
             ),
-            close_up("Along the striker's axis", Line("/plant/slow", "gait.axis_m_s2", "a_b", "m/s²", TRUTH)),
+            close_up("Along the striker's axis", Line("/plant", "gait.axis_m_s2", "a_b", "m/s²", TRUTH)),
         ),
         by=(4, 7, 5, 5),
         name="Gait",

@@ -1,9 +1,8 @@
 """Writes the log for the user: a run's traces as `run.rrd`, in whole columns.
 
 Each trace is one entity with one Arrow struct per tick, with the trace's field names, so that the log is
-little larger than the numbers themselves; the layout selects the plotted fields. Slow signals are logged less
-often (`hil.record.rates`), and of the frames only the load of the bus and those that cannot be decoded: all
-frames stand in can.log. There are two timelines:
+little larger than the numbers themselves; the layout selects the plotted fields. Of the frames there are only
+the load of the bus and those that cannot be decoded: all frames stand in can.log. There are two timelines:
 `sim_time`, and `wall_time`, the wake-up time of the process (in lockstep: its nominal time).
 One writer serves the recorder, which appends once a second during a run, the live view, and the rebuild of a
 whole run; its output depends on the traces alone.
@@ -32,7 +31,6 @@ from hil.judge.verdict import RunVerdict, Verdict
 from hil.record.bus_load import BusLoad, summed
 from hil.record.candump import BusLog
 from hil.record.frame_tables import refused
-from hil.record.rates import by_rate, signals_of_checks, slow_entity
 from hil.record.rrd.log_file import written_whole
 from hil.record.run_traces import LogLoss, RunTraces, column, pieces, read_run
 from hil.record.state_timeline import (
@@ -105,7 +103,6 @@ class RunLog:
         self, to: Path | str, run: Mapping[str, Any], scenario: Mapping[str, Any], is_over: bool = False
     ) -> None:
         """`is_over`: the run has ended, so the only layout is that of the conclusion."""
-        self._named = signals_of_checks(scenario)
         self._walked = "gait" in scenario.get("scene", {})
         self._contents = Contents(
             worn="wearer" in scenario.get("scene", {}),
@@ -231,18 +228,11 @@ class RunLog:
 
     # --- one trace each ------------------------------------------------------------------------------
 
-    def _ticked(self, trace: str, records: Records) -> None:
-        """Log a record per tick, and its slow signals at 100 Hz."""
-        rates = by_rate(trace, records, self._named)
-        self.out.ticked(trace, rates.every_tick, column(rates.every_tick, "wake_latency_us"))
-        if len(rates.slow):
-            self.out.ticked(slow_entity(trace), rates.slow, 0.0)
-
     def _plant(self, records: Records) -> None:
         if len(records) == 0:
             return
         t_s = column(records, "t_s")
-        self._ticked("plant", records)
+        self.out.ticked("plant", records, column(records, "wake_latency_us"))
         self.out.state_timelines(records, PLANT_TIMELINES)
         self.drawing.truth(records)
         if self.stop_m is not None:
@@ -282,7 +272,7 @@ class RunLog:
     def _firmware(self, records: Records) -> None:
         if len(records) == 0:
             return
-        self._ticked("firmware", records)
+        self.out.ticked("firmware", records, column(records, "wake_latency_us"))
         self.out.state_timelines(records, FIRMWARE_TIMELINES)
         if self._walked:
             self.out.state_timelines(records, (LEG_ESTIMATED_TIMELINE,))

@@ -10,7 +10,6 @@ from rich.table import Column
 
 from tools.commands.options import Change, FirmwareBuild, Json, ParameterFiles, RealTime, note_unused_bus
 from tools.output import (
-    NO_VALUE,
     answer,
     console,
     exit_of,
@@ -84,36 +83,10 @@ def show(verdict: "RunVerdict", title: str) -> None:
 
 
 def show_figures(figures: "Figures") -> None:
-    """Print the most important figures of a run; those that it does not have are left out."""
-    estimate, detector = figures.estimate, figures.detector
-    timing = {True: "yes", False: "no; the verdict does not judge the timing"}
-    rows = [
-        ("clock, bus", f"{figures.clock}, {figures.bus}", ""),
-        ("duration", figures.duration_s, "s"),
-        ("regime", figures.regime, ""),
-        ("impacts", figures.impact_count, ""),
-        ("last approach speed", figures.impacts[-1].v_m_s if figures.impacts else None, "m/s"),
-        ("peak stop force", figures.peak_force_n, "N"),
-        ("peak felt force", figures.felt.peak_n, "N"),
-        ("position error, RMS", scaled(1e3, estimate.x_rmse_m), "mm"),
-        ("velocity error, RMS", scaled(1e3, estimate.v_rmse_m_s), "mm/s"),
-        ("impacts detected", scaled(100.0, detector.recall), "%"),
-        ("detections that are impacts", scaled(100.0, detector.precision), "%"),
-        ("detection latency, median", detector.latency_ms.p50, "ms"),
-        ("firmware's work a tick, 99 %", figures.tick_us.p99, "µs"),
-        ("skipped ticks", figures.overruns or None, ""),
-        ("skipped by a bare sleep loop", figures.baseline_overruns or None, ""),
-        ("held up by the host", scaled(1e3, figures.held_s), "ms"),
-        ("met its timing", None if figures.real_time is None else timing[figures.real_time], ""),
-        ("simulated time / elapsed time", figures.realtime_factor, ""),
-        (f"bus load{', lost frames left out' * bool(figures.losses)}", scaled(100.0, figures.bus_load), "%"),
-    ]
-    console.print(figure_table(None, (row for row in rows if figure(row[1]) != NO_VALUE)))
+    """Print the main figures of a run."""
+    from hil.judge.figures.main_figures import main_figures
 
-
-def scaled(factor: float, value: float | None) -> float | None:
-    """A figure in a unit for display; None if the run does not have it."""
-    return None if value is None else factor * value
+    console.print(figure_table(None, main_figures(figures)))
 
 
 def show_next(out: Path) -> None:
@@ -124,7 +97,7 @@ def show_next(out: Path) -> None:
         ("all figures", f"vibrohil inspect {place} --all"),
     ]
     if (out / "report.html").exists():
-        steps.insert(1, ("plots on one page", f"{out}/report.html"))
+        steps.insert(1, ("verdict on one page", f"{out}/report.html"))
     for name, what in steps:
         console.print(f"[dim]{name + ':':22}[/]{escape(what)}", soft_wrap=True)
 

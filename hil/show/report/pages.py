@@ -10,6 +10,7 @@ from urllib.parse import quote
 import tomli_w
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
+from hil.judge.figures.main_figures import main_figures
 from hil.judge.figures.records import CATALOGUE, Figures, value_of
 from hil.judge.figures.text import figure_text
 from hil.judge.gaps import largest_losses, longest_gaps, longest_holds
@@ -19,48 +20,8 @@ from hil.record.new_file import write_anew
 from hil.record.run_traces import RunTraces
 from hil.show.injected import injected
 
-
-class Headline(NamedTuple):
-    """A main figure of the report, shown in `unit` after multiplication by `factor`."""
-
-    name: str
-    label: str
-    factor: float = 1.0
-    unit: str = ""
-
-
-HEADLINES = (
-    Headline("regime", "true regime of the hold"),
-    Headline("capture_s", "captured at", unit="s"),
-    Headline("impact_v_m_s", "impact speed", unit="m/s"),
-    Headline("peak_force_n", "peak force on the stop", unit="N"),
-    Headline("estimate.x_rmse_m", "position estimate, RMS error", 1e3, "mm"),
-    Headline("estimate.v_rmse_m_s", "velocity estimate, RMS error", 1e3, "mm/s"),
-    Headline("detector.recall", "impacts detected", 100.0, "%"),
-    Headline("detector.latency_ms.p95", "detection latency, p95", unit="ms"),
-    Headline("speed.ripple", "speed ripple", 100.0, "%"),
-    Headline("tick_us.p99", "work in a firmware tick, p99", unit="µs"),
-    Headline("overruns", "ticks skipped"),
-    Headline("bus_load", "bus load", 100.0, "%"),
-)
-WALK_HEADLINES = (
-    Headline("gait.in_window", "strides with a pulse in the window", 100.0, "%"),
-    Headline("gait.outside_per_stride", "other pulses a stride"),
-    Headline("gait.phase_rmse_percent", "gait phase, RMS error of the cycle", unit="%"),
-)
-"""The headlines of runs with a walk."""
-
-
 LINKED = ("run.rrd", "can.log", "scenario.toml", "verdict.json")
 """Files of the run to which the page links."""
-
-
-def tile(headline: Headline, figures: Figures) -> tuple[str, str]:
-    """A headline's label and its value as text."""
-    value = value_of(figures, headline.name)
-    return headline.label, figure_text(
-        value if headline.factor == 1.0 else headline.factor * value, headline.unit
-    )
 
 
 @cache
@@ -84,12 +45,11 @@ def happenings(traces: RunTraces, figures: Figures) -> list[str]:
 def write_report(path: Path, traces: RunTraces, verdict: RunVerdict) -> None:
     """Write the page of one run."""
     figures = verdict.figures
-    headlines = (*HEADLINES, *(WALK_HEADLINES if traces.is_walked else ()))
     page = template("report.html.j2").render(
         verdict=verdict,
         title=traces.scenario.get("title", verdict.scenario),
         changes=traces.run.get("changes", []),
-        headlines=[tile(one, figures) for one in headlines if value_of(figures, one.name) is not None],
+        main_figures=[(label, figure_text(*shown)) for label, *shown in main_figures(figures)],
         happenings=happenings(traces, figures),
         files=[name for name in LINKED if (path.parent / name).exists()],
         rows=[

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import hil
-from hil.record.rates import is_slow
 from hil.record.run_traces import read_json
 from hil.scenario.files import ScenarioError
 from hil.scenario.settings import SettingError
@@ -52,14 +51,6 @@ def test_a_run_is_an_object_with_verdict_signals_and_impacts(run):
     assert np.all(x_m < 0.18)
     assert run.table("firmware").num_rows == 1000
     assert read_json(run.folder / "run.json")["firmware"] == "compiled"
-
-
-def test_a_table_says_which_columns_are_held_between_samples(run):
-    rows = run.table("firmware")
-    held = {field.name for field in rows.schema if field.metadata == {b"held": b"true"}}
-    assert held == {name for name in rows.column_names if is_slow(f"firmware.{name}")}
-    assert held
-    assert "outputs.torque_n_m" not in held
 
 
 def test_a_run_whose_checks_fail_is_returned_and_says_so(scenario, tmp_path):

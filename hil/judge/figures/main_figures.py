@@ -1,0 +1,44 @@
+"""The main figures of a run, as terminal and report show them."""
+
+from typing import Any
+
+from hil.judge.figures.records import Figures
+from hil.judge.figures.text import NO_VALUE, figure_text
+
+Row = tuple[str, Any, str]
+"""A figure for people: its label, its value, and the unit of the value."""
+
+
+def main_figures(figures: Figures) -> list[Row]:
+    """The main figures that a run has."""
+    estimate, detector, gait = figures.estimate, figures.detector, figures.gait
+    timing = {True: "yes", False: "no; the verdict does not judge the timing"}
+    rows: list[Row] = [
+        ("clock, bus", f"{figures.clock}, {figures.bus}", ""),
+        ("duration", figures.duration_s, "s"),
+        ("regime", figures.regime, ""),
+        ("impacts", figures.impact_count, ""),
+        ("last approach speed", figures.impacts[-1].v_m_s if figures.impacts else None, "m/s"),
+        ("peak stop force", figures.peak_force_n, "N"),
+        ("peak felt force", figures.felt.peak_n, "N"),
+        ("strides with a pulse in the window", scaled(100.0, gait.in_window), "%"),
+        ("position error, RMS", scaled(1e3, estimate.x_rmse_m), "mm"),
+        ("velocity error, RMS", scaled(1e3, estimate.v_rmse_m_s), "mm/s"),
+        ("impacts detected", scaled(100.0, detector.recall), "%"),
+        ("detections that are impacts", scaled(100.0, detector.precision), "%"),
+        ("detection latency, median", detector.latency_ms.p50, "ms"),
+        ("speed ripple", scaled(100.0, figures.speed.ripple), "%"),
+        ("firmware's work a tick, 99 %", figures.tick_us.p99, "µs"),
+        ("skipped ticks", figures.overruns or None, ""),
+        ("skipped by a bare sleep loop", figures.baseline_overruns or None, ""),
+        ("held up by the host", scaled(1e3, figures.held_s), "ms"),
+        ("met its timing", None if figures.real_time is None else timing[figures.real_time], ""),
+        ("simulated time / elapsed time", figures.realtime_factor, ""),
+        (f"bus load{', lost frames left out' * bool(figures.losses)}", scaled(100.0, figures.bus_load), "%"),
+    ]
+    return [row for row in rows if figure_text(row[1]) != NO_VALUE]
+
+
+def scaled(factor: float, value: float | None) -> float | None:
+    """A figure in a unit for display; None if the run does not have it."""
+    return None if value is None else factor * value
