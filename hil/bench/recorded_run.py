@@ -173,8 +173,9 @@ class Run:
     @cached_property
     def wall_start_s(self) -> float:
         """The run's start on the wall clock."""
-        run = log_reader.json_object(log_reader.documents(self.log).get("run", "{}"))
-        return float(run.get("wall_start_s", 0.0))
+        with reading(self.log, TABLES_ARE_LEFT):
+            run = log_reader.json_object(log_reader.documents(self.log).get("run", "{}"))
+            return float(run.get("wall_start_s", 0.0))
 
     def table(self, name: str) -> pa.Table:
         """One table with a row per tick (impact, frame, event) and a column per signal."""
