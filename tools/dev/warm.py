@@ -7,8 +7,6 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-import numpy as np
-
 from firmware_py.builds.machine_code import object_code
 from hil.bench.lockstep import warm_lockstep
 from hil.scenario.scenario import load_scenario
@@ -17,8 +15,6 @@ from plant_sim.scene import load_scene, read_scene
 from plant_sim.simulation import simulate
 from tools.study.branches.impact_map import ImpactMap
 from tools.study.cases import case
-from tools.study.orbits import closed, follow
-from tools.study.orbits.sections import CLASSIFY
 
 DEFAULT_SCENARIO = "soft-start-multistable"
 ROOT = Path(__file__).parents[2]
@@ -31,12 +27,7 @@ def warm_studies() -> None:
         table = read_scene("table1-viscous") | {"solver": {"method": method, "accuracy": 1e-3}}
         simulate(load_scene(table), 0.1)
     for law in ("viscous", "stribeck"):
-        one = case("table1", law)
-        at_once = CLASSIFY._replace(settle_s=0.0)
-        follow.follow(one, 1.0, follow.AT_REST, at_once)
-        follow.classify(follow.carrier_of(one.scene(1.0)), np.zeros((1, 3)), at_once)
-        ImpactMap(one.scene(1.0), 1, 1, ("ratio",)).load_kernels()
-    closed.ramp(case("table1", "viscous").scene(1.0).parts(), 0.0, 0.1, 10)
+        ImpactMap(case("table1", law).scene(1.0), 1, 1, ("ratio",)).load_kernels()
 
 
 def main() -> None:

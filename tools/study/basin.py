@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from tools.study import store, work
 from tools.study.cases import Case
-from tools.study.orbits.follow import carrier_of, classify
-from tools.study.orbits.sections import CLASSIFY
+from tools.study.orbits import classify
 
 PLANES = ("state", "phase")
 
@@ -32,15 +31,6 @@ FASTEST_START_M_S = 0.8
 
 ROWS_AT_ONCE = 25
 """Number of rows of the map in a piece of work."""
-
-BORDER_BOUND_M = 1e-8
-"""Largest distance from the border, in x0, at which a start may be assigned to the wrong basin, m.
-
-An orbit that stays near the saddle between two attractors counts as settled once successive periods differ by
-less than the tolerance, 1e-7 of gap and amplitude. Its distance from the saddle's border is then below the
-tolerance over λ − 1, where λ is the saddle's growth factor per period. Borders from orbits that were stopped
-early and from whole runs of 300 s differ by less than 5e-9 m.
-"""
 
 RESAMPLES = 400
 BLOCK = 10
@@ -74,7 +64,7 @@ class Basin:
     size: int
     table: pa.Table
     uncertain: int
-    """Number of cells whose orbit had not settled by the end of its run; its last periods decide."""
+    """Number of cells whose impacts did not repeat by the end of the run; its last turns decide."""
     statistics: dict[str, Any]
 
     @property
@@ -92,7 +82,6 @@ class Basin:
             "plane": self.plane,
             "size": self.size,
             "uncertain": self.uncertain,
-            "border_bound_m": BORDER_BOUND_M,
             **self.statistics,
         }
 
@@ -125,27 +114,24 @@ def specs(case: Case, ratio: float, plane: str, size: int) -> list[dict[str, Any
 
 
 def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """Compute some rows of a map.
-
-    Columns: x0, v0, crank angle, regime (−1 − regime if it is not certain), impacts per period.
-    """
+    """Compute some rows of a map. Columns: x0, v0, crank angle, cycle (0: none), impacts per turn."""
     case = Case(**spec["case"])
     y_m, other = axes(case, spec["plane"], spec["size"])
     first, last = spec["rows"]
     starts = np.zeros(((last - first) * len(y_m), 3))
     starts[:, 0] = np.tile(y_m, last - first)
     starts[:, 1 if spec["plane"] == "state" else 2] = np.repeat(other[first:last], len(y_m))
-    regimes, impacts = classify(carrier_of(case.scene(spec["ratio"])), starts, CLASSIFY)
+    cycles, impacts = classify(case.scene(spec["ratio"]), starts)
     table = pa.table(
         {
             "x_m": starts[:, 0] + case.rest_length_m,
             "v_m_s": starts[:, 1],
             "crank_rad": starts[:, 2],
-            "regime": regimes,
+            "cycle": cycles,
             "impacts": impacts,
         }
     )
-    return table, {"uncertain": int((regimes < 0).sum())}
+    return table, {"uncertain": int((cycles == 0).sum())}
 
 
 def statistics(in_impacts: NDArray[np.bool_]) -> dict[str, Any]:

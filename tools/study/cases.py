@@ -73,11 +73,6 @@ class Case:
         return self.stop_m - self.rest_length_m
 
     @property
-    def is_exact(self) -> bool:
-        """Whether the motion has a closed-form solution."""
-        return self.law != "stribeck" and self.contact_s is None
-
-    @property
     def label(self) -> str:
         """Displayed name: the friction law and its coefficient."""
         value = f"b = {self.b_n_s_m:g} N s/m" if self.law == "viscous" else f"μ = {self.mu:g}"

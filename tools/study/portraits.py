@@ -5,13 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.result import MotionState, Phase, Samples
-from plant_sim.solvers.adaptive import adaptive
+from plant_sim.result import Samples
 from plant_sim.solvers.double_double import TURN_RAD
 from tools.study.cases import Case
-from tools.study.orbits.follow import State, follow
-from tools.study.orbits.sections import PAPER, SECTION_RAD
-from tools.study.sweep import Diagram, end_state
+from tools.study.orbits import PAPER, SECTION_RAD, State, follow
+from tools.study.orbits import motion as simulated
+from tools.study.sweep import Diagram
 
 SHOWN_PERIODS = 4
 SECTIONS = 60
@@ -57,7 +56,7 @@ def pair(diagram: Diagram) -> Pair:
 
 def motion(case: Case, ratio: float, start: State) -> Motion:
     """Return the settled motion from a start, sampled over SHOWN_PERIODS."""
-    settled = end_state(follow(case, ratio, start, PAPER))
+    settled = follow(case.scene(ratio), start, PAPER).end
     drive_rad_s = ratio * case.natural_rad_s
     turn_s, to_section_rad = TURN_RAD / drive_rad_s, (SECTION_RAD - settled.crank_rad) % TURN_RAD
     shown_s = np.linspace(0.0, SHOWN_PERIODS * turn_s, SHOWN_PERIODS * SAMPLES_PER_PERIOD)
@@ -67,15 +66,6 @@ def motion(case: Case, ratio: float, start: State) -> Motion:
 
 def sample(case: Case, ratio: float, start: State, t_s: NDArray[np.float64]) -> Samples:
     """Simulate the motion from a start and sample it at the given times."""
-    initial = MotionState(
-        0.0,
-        min(start.y_m + case.rest_length_m, case.stop_m),
-        start.v_m_s,
-        start.crank_rad,
-        ratio * case.natural_rad_s,
-        Phase.FLIGHT,
-    )
-    parts = case.scene(ratio).parts()
-    samples = adaptive.simulate(parts, initial, float(t_s[-1]), t_s, accuracy=ACCURACY_M).samples
+    samples = simulated(case.scene(ratio), start, float(t_s[-1]), t_s, ACCURACY_M).samples
     assert samples is not None  # for a run with sample times
     return samples

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from tools.study import store, work
 from tools.study.cases import Case
-from tools.study.orbits.follow import AT_REST, State, follow
-from tools.study.orbits.sections import CLASSIFY, PAPER, Outcome, Protocol, Regime
+from tools.study.orbits import AT_REST, PAPER, Outcome, Protocol, State, follow
 
 LOW_RATIO, HIGH_RATIO, RATIOS = 0.7, 1.8, 111
 """The paper's range of ratios, in steps of 0.01."""
@@ -31,13 +30,10 @@ NEAR_EDGE = 2e-3
 GRAZING_SHARE = 0.1
 """A branch ends by grazing if the slowest v⁻ of its last motion is below this share of the fastest v⁻."""
 
-CONTINUE = CLASSIFY._replace(settle_s=300.0, tolerance=1e-6)
-"""Protocol of a continuation: near a fold an orbit settles slowly; the run stops once it has settled."""
+CONTINUE = Protocol(settle_s=280.0, record_s=20.0, tolerance=1e-6)
+"""Protocol of a continuation: near a fold a motion settles slowly, and a transient would graze too early."""
 
-CREEP = CONTINUE._replace(stop_early=False, settle_s=180.0, record_s=20.0)
-"""Protocol towards grazing, in closed form: a full run, as a remaining transient would graze too early."""
-
-COLUMNS = tuple(name for name in Outcome._fields if name not in ("regime", "certain"))
+COLUMNS = tuple(name for name in Outcome._fields if name not in ("regime", "end"))
 """The columns of a sweep from an orbit's outcome, beside its regime."""
 
 
@@ -117,7 +113,7 @@ class Sweep:
     def state_at(self, ratio: float) -> State:
         """Return the final state of the orbit nearest to a ratio."""
         row = self.at(ratio)
-        return State(row["end_y_m"], row["end_v_m_s"], row["end_crank_rad"])
+        return State(*(row[f"end_{name}"] for name in State._fields))
 
 
 @dataclass(frozen=True)
@@ -164,13 +160,11 @@ def diagrams(cases: Sequence[Case], where: work.Where, count: int = RATIOS) -> l
         for case in cases
         for direction in ("up", "down")
     ]
-    slowest_first = sorted(range(len(specs)), key=lambda index: cases[index // 2].is_exact)
-    paths = work.run("sweep", piece, [specs[index] for index in slowest_first], where)
-    sweeps = {}
-    for index, path in zip(slowest_first, paths, strict=True):
+    sweeps = []
+    for path in work.run("sweep", piece, specs, where):
         table, metadata = store.read(path)
-        sweeps[index] = Sweep(table, [Edge(**edge) for edge in metadata["facts"]["edges"]])
-    return [Diagram(case, sweeps[2 * index], sweeps[2 * index + 1]) for index, case in enumerate(cases)]
+        sweeps.append(Sweep(table, [Edge(**edge) for edge in metadata["facts"]["edges"]]))
+    return [Diagram(*one) for one in zip(cases, sweeps[::2], sweeps[1::2], strict=True)]
 
 
 def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
@@ -202,21 +196,17 @@ def follow_on(case: Case, ratios: Iterable[float], protocol: Protocol) -> Iterat
     """Follow the motion from rest over successive ratios, each from the final state of the previous one."""
     state = AT_REST
     for ratio in ratios:
-        outcome = follow(case, float(ratio), state, protocol)
+        outcome = follow(case.scene(float(ratio)), state, protocol)
         yield outcome
-        state = end_state(outcome)
+        state = outcome.end
 
 
 def row_of(ratio: float, outcome: Outcome) -> dict[str, Any]:
     """Return an orbit's row of a table."""
-    regime = Regime(outcome.regime).name.lower().replace("_", "-")
+    regime = outcome.regime.name.lower().replace("_", "-")
     values = {name: getattr(outcome, name) for name in COLUMNS}
-    return {"ratio": float(ratio), "regime": regime, **values}
-
-
-def end_state(outcome: Outcome) -> State:
-    """Return the final state of an orbit."""
-    return State(outcome.end_y_m, outcome.end_v_m_s, outcome.end_crank_rad)
+    end = {f"end_{name}": value for name, value in outcome.end._asdict().items()}
+    return {"ratio": float(ratio), "regime": regime, **values, **end}
 
 
 def _edge(case: Case, grid: NDArray[np.float64], outcomes: Sequence[Outcome]) -> Edge:
@@ -224,17 +214,15 @@ def _edge(case: Case, grid: NDArray[np.float64], outcomes: Sequence[Outcome]) ->
     reaches_stop = outcomes[-1].impacts > 0.0
     for index in range(len(grid) - 2, -1, -1):
         ratio, beyond, before = float(grid[index]), float(grid[index + 1]), outcomes[index]
-        last = follow(case, ratio, end_state(before), CONTINUE)
+        last = follow(case.scene(ratio), before.end, CONTINUE)
         if (last.impacts > 0.0) == reaches_stop:
             break
-    state, step = end_state(last), 0.5 * (beyond - ratio)
-    periodic_at = ratio if last.certain else math.inf
-    pace = CREEP if case.is_exact and not reaches_stop else CONTINUE
+    step, periodic_at = 0.5 * (beyond - ratio), ratio if last.cycle else math.inf
     while abs(step) > EDGE_STEP:
-        trial = follow(case, ratio + step, state, pace)
+        trial = follow(case.scene(ratio + step), last.end, CONTINUE)
         if (trial.impacts > 0.0) == reaches_stop:
-            ratio, state, last = ratio + step, end_state(trial), trial
-            periodic_at = ratio if trial.certain else periodic_at
+            ratio, last = ratio + step, trial
+            periodic_at = ratio if trial.cycle else periodic_at
         else:
             step *= 0.5
     if not reaches_stop or last.v_min_m_s < GRAZING_SHARE * last.v_max_m_s:

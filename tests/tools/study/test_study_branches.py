@@ -21,8 +21,7 @@ from tools.study.branches.continuation import CurvePoint, correct, follow, locat
 from tools.study.branches.impact_map import Orbit
 from tools.study.branches.parameters import value_in, with_values
 from tools.study.branches.saddle import after, portrait
-from tools.study.orbits.follow import State, carrier_of, classify
-from tools.study.orbits.sections import CLASSIFY
+from tools.study.orbits import State, classify
 
 ROOT = Path(__file__).parents[3]
 MASS_KG, SPRING_N_PER_M, REST_M = 0.8, 70.0, 0.12
@@ -459,6 +458,6 @@ def test_the_unstable_orbit_lies_on_the_border_of_the_basins(name: str) -> None:
     for radius_m in (1e-6, 1e-4):
         around = found.saddles[0] + radius_m * np.column_stack((np.cos(angles), 9.35 * np.sin(angles)))
         starts = np.column_stack((around, np.zeros(len(around))))
-        in_impacts = classify(carrier_of(scene), starts, CLASSIFY)[1] > 0.0
+        in_impacts = classify(scene, starts)[1] > 0.0
         assert np.sum(in_impacts != np.roll(in_impacts, 1)) == 2
         assert 0.4 < np.mean(in_impacts) < 0.6

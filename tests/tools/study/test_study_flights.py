@@ -9,7 +9,7 @@ import pytest
 
 from plant_sim.scene import Scene, load_scene
 from plant_sim.simulation import simulate
-from tools.study.orbits.flights import FlightEnd, fly
+from tools.study.branches.flights import FlightEnd, fly
 
 TURN_RAD = 2.0 * math.pi
 

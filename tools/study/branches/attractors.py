@@ -5,12 +5,10 @@ from collections.abc import Iterator
 from itertools import product
 
 from plant_sim.scene import Scene
-from plant_sim.simulation import simulate
 from tools.study.branches.continuation import Vector
 from tools.study.branches.impact_map import ImpactMap
 from tools.study.branches.parameters import PARAMETERS, TURN_RAD, value_in, with_values
-from tools.study.orbits.follow import State, carrier_of, follow_orbit
-from tools.study.orbits.sections import CLASSIFY
+from tools.study.orbits import CLASSIFY, State, follow, motion, turn_s
 
 SEED_RATIOS = (0.75, 0.85, 0.95, 1.0, 1.05, 1.15, 1.25, 1.35, 1.5)
 SEED_SHARES = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0)
@@ -42,20 +40,11 @@ def settled(
     """
     turns, m = module.turns, module.impacts
     protocol = CLASSIFY._replace(settle_s=SETTLING_TURNS * turn_s(scene))
-    outcome = follow_orbit(carrier_of(scene), State(value_in(scene, "gap"), -speed_m_s, phase), protocol)
-    if not outcome.certain or outcome.cycle != turns or round(outcome.impacts * turns) != m:
+    outcome = follow(scene, State(value_in(scene, "gap"), -speed_m_s, phase), protocol)
+    if outcome.cycle != turns or round(outcome.impacts * turns) != m:
         return None
-    x_m = outcome.end_y_m + scene.striker.rest_length_m
-    initial = scene.initial.model_copy(update={"x_m": x_m, "v_m_s": outcome.end_v_m_s})
-    drive = scene.drive.model_copy(update={"phase_rad": outcome.end_crank_rad % TURN_RAD})
-    later = scene.model_copy(update={"initial": initial, "drive": drive})
-    impacts = simulate(later, turns * turn_s(scene)).impacts
+    impacts = motion(scene, outcome.end, turns * turn_s(scene)).impacts
     if len(impacts.t_s) != m:
         return None
     crank = impacts.crank_rad[0] + (impacts.t_s - impacts.t_s[0]) / turn_s(scene) * TURN_RAD
     return module.point(crank, impacts.v_m_s, values)
-
-
-def turn_s(scene: Scene) -> float:
-    """Duration of a turn of the crank, s."""
-    return TURN_RAD / (value_in(scene, "ratio") * scene.natural_rad_s)

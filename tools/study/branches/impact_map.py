@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from plant_sim.scene import Scene
 from tools.study.branches.continuation import Vector
+from tools.study.branches.flights import AdaptiveFlight, ClosedFlight, Flight, Leg
 from tools.study.branches.parameters import PARAMETERS, TURN_RAD, value_in, with_values
-from tools.study.orbits.flights import AdaptiveFlight, ClosedFlight, Flight, Leg
 
 DIFFERENCE = 1e-6
 """Step of central differences over a parameter, in its own scale."""
@@ -70,7 +70,7 @@ class ImpactMap:
         self.speed_m_s = scene.natural_rad_s * self.length_m
         self.is_soft = scene.stop.law != "rigid"
         self.flyer: ClosedFlight | AdaptiveFlight = (
-            AdaptiveFlight.of(scene.parts(), gap_m, self.speed_m_s)
+            AdaptiveFlight(scene.parts(), gap_m, self.speed_m_s)
             if scene.beyond_closed_form
             else ClosedFlight(scene.parts(), gap_m)
         )

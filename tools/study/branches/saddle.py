@@ -13,7 +13,7 @@ from plant_sim.scene import Scene
 from tools.study.branches.branches import branches
 from tools.study.branches.impact_map import Orbit
 from tools.study.branches.parameters import TURN_RAD, value_in, with_values
-from tools.study.orbits.follow import AT_REST, State, advance, carrier_of
+from tools.study.orbits import AT_REST, State, end_of, motion, scale_m_s, turn_s
 
 ACCURACY_M = 1e-10
 """Of the adaptive solver, per period."""
@@ -44,9 +44,7 @@ def portrait(scene: Scene) -> Portrait:
 
 def after(scene: Scene, start: State, turns: float) -> State:
     """The state of a start after a number of turns of the crank."""
-    carrier = carrier_of(scene, ACCURACY_M)
-    end = advance(carrier, start, turns * TURN_RAD / carrier.size.drive_rad_s)
-    return State(end.y_m, end.v_m_s, (start.crank_rad + turns * TURN_RAD) % TURN_RAD)
+    return end_of(scene, motion(scene, start, turns * turn_s(scene), accuracy_m=ACCURACY_M))
 
 
 def point_of(scene: Scene, orbit: Orbit) -> tuple[float, float]:
@@ -60,6 +58,5 @@ def point_of(scene: Scene, orbit: Orbit) -> tuple[float, float]:
 def swing(scene: Scene) -> list[tuple[float, float]]:
     """The steady motion without impacts, in which a start at rest ends; none if it reaches the stop."""
     settled = after(with_values(scene, {"gap": FAR * value_in(scene, "gap")}), AT_REST, SETTLED_TURNS)
-    size = carrier_of(scene).size
-    moved = np.subtract(after(scene, settled, 1.0), settled)[:2] / (size.length_m, size.speed_m_s)
-    return [settled[:2]] if np.max(np.abs(moved)) < SETTLED else []
+    moved = np.subtract(after(scene, settled, 1.0), settled)[:2] * (scene.natural_rad_s, 1.0)
+    return [settled[:2]] if np.max(np.abs(moved)) < SETTLED * scale_m_s(scene) else []

@@ -19,9 +19,8 @@ from tools.study.claims.evidence import (
     share_after_ramp,
     share_from_rest,
 )
-from tools.study.orbits.follow import follow
-from tools.study.orbits.sections import PAPER
-from tools.study.sweep import Diagram, contains, end_state, width
+from tools.study.orbits import PAPER, follow
+from tools.study.sweep import Diagram, contains, width
 
 LEAST_BAND = 1e-3
 """Smallest width in r of a multistable band."""
@@ -132,7 +131,7 @@ def same_shape(evidence: Evidence) -> dict[str, Any]:
             shapes, sizes = [], []
             for diagram in evidence.nominal(preset):
                 start = diagram.up.state_at(ratio)
-                settled = end_state(follow(diagram.case, ratio, start, PAPER))
+                settled = follow(diagram.case.scene(ratio), start, PAPER).end
                 shapes.append(cycle_shape(diagram.case, ratio, settled))
                 row = diagram.up.at(ratio)
                 sizes.append(1e3 * (row["x_high_m"] - row["x_low_m"]))

@@ -18,24 +18,19 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import jit
+from plant_sim.kernels import jit, subroutine
 from plant_sim.parts.drive import IdealDrive, constant_speed_rad_s
 from plant_sim.parts.friction import ClosedForm
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import NoStop, RigidStop
 from plant_sim.parts.striker import Striker
-from plant_sim.result import MotionState, Phase
-from plant_sim.solvers.adaptive.state_layout import allocate
-from plant_sim.solvers.bernstein import new_scratch
-from plant_sim.solvers.double_double import TURN_RAD
-from plant_sim.solvers.exact.automaton import Event, after, begin, next_event
-from plant_sim.solvers.exact.oscillator import flow, free_flow, launch, oscillator_of, point
-from tools.study.orbits.closed import turning_points
-from tools.study.orbits.follow import IMPACTS_AT_ONCE, State, advance
-from tools.study.orbits.sections import Carrier
-from tools.study.orbits.stepwise import stepwise, with_parts
+from plant_sim.result import MotionState, Phase, SimulationResult
+from plant_sim.solvers.adaptive import adaptive
+from plant_sim.solvers.bernstein import Scratch, new_scratch
+from plant_sim.solvers.cost import SolverError
+from plant_sim.solvers.exact.automaton import Event, Motion, after, begin, next_event
+from plant_sim.solvers.exact.oscillator import Oscillator, flow, free_flow, launch, oscillator_of, point
 
-REST = MotionState(0.0, 0.0, 0.0, 0.0, 0.0, Phase.FLIGHT)
 Vector: TypeAlias = NDArray[np.float64]
 ADAPTIVE_ACCURACY, ADAPTIVE_DIFFERENCE = 1e-12, 1e-4
 """Accuracy of the adaptive solver in m, and the step of its differences in rad and in v⁺ over its scale."""
@@ -132,6 +127,23 @@ def fly(
     return FlightEnd(motion.y_m, motion.v_m_s, start, end, yy, yv, vy, vv, highest, margin)
 
 
+@subroutine
+def turning_points(o: Oscillator, motion: Motion, arrival: Motion, scratch: Scratch) -> tuple[float, float]:
+    """Lowest and highest y at which the speed of a flight passes through zero; ∞, −∞ if it does not.
+
+    Without dry friction a turn is no event, so it is looked for as a turn of dry friction without a force.
+    """
+    dry = o._replace(is_dry=True, has_stop=False)
+    low, high = math.inf, -math.inf
+    span_s = (arrival.t_s - motion.t_s) + (arrival.t_low_s - motion.t_low_s)
+    begun = begin(dry, 0.0, motion.y_m, motion.v_m_s, motion.crank_rad)
+    turn, event = next_event(dry, begun, span_s, scratch)
+    while event == Event.TURN:
+        low, high = min(low, turn.y_m), max(high, turn.y_m)
+        turn, event = next_event(dry, after(dry, turn, event, 0.0), span_s, scratch)
+    return low, min(high, o.gap_m)
+
+
 class ClosedFlight(NamedTuple):
     """Flights of a scene with viscous or Coulomb friction from a rigid stop, in closed form."""
 
@@ -169,36 +181,24 @@ class ClosedFlight(NamedTuple):
 class AdaptiveFlight(NamedTuple):
     """The same of any scene with an ideal drive, by the adaptive solver and central differences.
 
-    With a soft stop a motion begins at touch-down and includes the contact. `free`: a carrier of these parts
-    without a rigid stop; `stopped`: a carrier of parts of the same kinds with their stop. `speed_m_s`: the
-    scale of v⁺.
+    With a soft stop a motion begins at touch-down and includes the contact. `speed_m_s`: the scale of v⁺.
     """
 
     parts: Parts
-    free: Carrier
-    stopped: Carrier
     gap_m: float
     speed_m_s: float
 
-    @classmethod
-    def of(cls, parts: Parts, gap_m: float, speed_m_s: float) -> "AdaptiveFlight":
-        """The flights of these parts."""
-        free, stopped = (
-            stepwise(parts, allocate(parts, REST, ADAPTIVE_ACCURACY, IMPACTS_AT_ONCE))
-            for parts in (without_rigid_stop(parts), parts)
-        )
-        return cls(parts, free, stopped, gap_m, speed_m_s)
-
     def with_parts(self, parts: Parts, gap_m: float) -> "AdaptiveFlight":
-        """The flights of other parts of the same kinds; the carriers share their memory."""
-        return self._replace(parts=parts, free=with_parts(self.free, without_rigid_stop(parts)), gap_m=gap_m)
+        """The flights of other parts."""
+        return self._replace(parts=parts, gap_m=gap_m)
 
     def end(self, flight: Flight) -> Vector:
-        """y = x − l0 and v at the end; nan for an end before the start."""
-        duration_s = self._duration_s(flight)
-        if not duration_s > 0.0:
+        """y = x − l0 and v at the end; nan for an end before the start, or if the solver fails."""
+        stop = NoStop() if isinstance(self.parts.stop, RigidStop) else self.parts.stop
+        found = self._simulated(self.parts._replace(stop=stop), flight)
+        if found is None:
             return np.full(2, np.nan)
-        return np.array(advance(self.free, self._start(flight), duration_s)[:2])
+        return np.array([found.final.x_m - self.parts.striker.rest_length_m, found.final.v_m_s])
 
     def leg(self, flight: Flight) -> Leg:
         """The end and its derivatives."""
@@ -212,23 +212,23 @@ class AdaptiveFlight(NamedTuple):
 
     def clearance_m(self, flight: Flight) -> float:
         """1 if the striker meets the stop nowhere between start and end, otherwise −1."""
-        duration_s = self._duration_s(flight)
-        if not duration_s > 0.0:
+        found = self._simulated(self.parts, flight)
+        if found is None:
             return math.nan
-        until_s, from_s = (1.0 - SAME_IMPACT) * duration_s, SAME_IMPACT * duration_s
-        stopped = with_parts(self.stopped, self.parts)
-        impacts = advance(stopped, self._start(flight), until_s, from_s).impacts
-        first_contact = 0 if isinstance(self.parts.stop, RigidStop) else 1  # is counted when it ends
-        return 1.0 if impacts <= first_contact else -1.0
+        share = found.impacts.t_s / found.final.t_s
+        return -1.0 if np.any((share > SAME_IMPACT) & (share < 1.0 - SAME_IMPACT)) else 1.0
 
-    def _duration_s(self, flight: Flight) -> float:
-        duration_s: float = (flight.end_rad - flight.start_rad) / self.free.size.drive_rad_s
-        return duration_s
-
-    def _start(self, flight: Flight) -> State:
-        return State(self.gap_m, float(flight.v_m_s), float(flight.start_rad) % TURN_RAD)
-
-
-def without_rigid_stop(parts: Parts) -> Parts:
-    """The parts without a stop if it is rigid."""
-    return parts._replace(stop=NoStop()) if isinstance(parts.stop, RigidStop) else parts
+    def _simulated(self, parts: Parts, flight: Flight) -> SimulationResult | None:
+        """The motion of these parts from start to end; None for an end before the start or a failure."""
+        omega_rad_s = constant_speed_rad_s(parts.drive)
+        duration_s = (flight.end_rad - flight.start_rad) / omega_rad_s
+        x_m = self.gap_m + parts.striker.rest_length_m
+        start = MotionState(0.0, x_m, float(flight.v_m_s), float(flight.start_rad), omega_rad_s, Phase.FLIGHT)
+        try:
+            return (
+                adaptive.simulate(parts, start, duration_s, accuracy=ADAPTIVE_ACCURACY)
+                if duration_s > 0.0
+                else None
+            )
+        except SolverError:
+            return None

@@ -1,1 +1,0 @@
-"""Long motions at a Poincaré section, period by period, in bounded memory."""
