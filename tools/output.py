@@ -5,7 +5,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -30,6 +30,8 @@ PIPED_WIDTH = 240
 """Width in characters where the output is no terminal: each row of a table stays on one line, for grep."""
 
 
+MOST_RECORDS, MOST_IN_CELL = 40, 6
+"""Most records and values that are printed for people; --json has all."""
 CONTROL = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u202a-\\u202e\\u2066-\\u2069]")
 """Characters that command a terminal, or reverse the direction of text; tab and line feed are left."""
 
@@ -68,17 +70,17 @@ def exit_of(verdict: Mapping[str, Any]) -> int:
     return EXIT_PASSED if verdict["passed"] else EXIT_CHECK_FAILED
 
 
-def plain(value: Any) -> Any:
-    """`value` in JSON's own types: arrays become lists, paths texts, NaN and infinities null."""
+def plain(value: Any, finite: bool = True) -> Any:
+    """`value` in JSON's own types: arrays become lists, paths texts, if `finite` NaN and infinities null."""
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): plain(item, finite) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
+        return plain(value.tolist(), finite)
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [plain(item, finite) for item in value]
     if isinstance(value, Path):
         return str(value)
-    if isinstance(value, float) and not math.isfinite(value):
+    if finite and isinstance(value, float) and not math.isfinite(value):
         return None
     return value
 
@@ -90,11 +92,19 @@ def print_json(payload: Mapping[str, Any]) -> None:
 
 
 def answer(
-    payload: Mapping[str, Any], as_json: bool, show: Callable[[], None], status: int = EXIT_PASSED
+    payload: Mapping[str, Any],
+    as_json: bool,
+    show: Callable[[], None] | None = None,
+    status: int = EXIT_PASSED,
 ) -> None:
-    """End a command: print its result, as one JSON object or as `show` does, and exit with `status`."""
+    """End a command: print its result and exit with `status`.
+
+    The result is printed as one JSON object, as `show` does, or without `show` as its tables.
+    """
     if as_json:
         print_json(payload)
+    elif show is None:
+        show_tables(payload)
     else:
         show()
     if status:
@@ -142,3 +152,66 @@ def figure_table(
     columns = [Column(style="cyan", no_wrap=True), Column(no_wrap=bool(meanings))]
     columns += [Column(style="dim", overflow="fold")] if meanings else []
     return table_of(columns, shown, title=title and escape(title), show_header=False)
+
+
+def show_tables(payload: Mapping[str, Any]) -> None:
+    """Print a result by its names in JSON: its single values, a table for its records, and its verdict."""
+    values = plain(payload, finite=False)
+    console.print(figure_table(None, ((name, value, "") for name, value in single_values(values))))
+    for name, value in values.items():
+        if rows := records_in(value):
+            show_records(name, rows)
+    if "passed" in values:
+        words = {True: "passed", False: "failed", None: "not-judged"}
+        console.print(marked(words[values["passed"]], loud=True))
+
+
+def single_values(values: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """The values that are no records, by their dotted names; of many numbers their count and the last one."""
+    for name, value in values.items():
+        if isinstance(value, Mapping) and not records_in(value):
+            yield from single_values(value, f"{above}{name}.")
+        elif isinstance(value, list) and value and all(isinstance(one, str) for one in value):
+            yield from ((f"{above}{name}" if place == 0 else "", one) for place, one in enumerate(value))
+        elif not records_in(value) and value not in ({}, []):
+            yield f"{above}{name}", text_of(value)
+
+
+def records_in(value: Any) -> list[Mapping[str, Any]]:
+    """The records in a list, or in an object of records, which then get a name; none in other values."""
+    if isinstance(value, Mapping):
+        if not all(isinstance(one, Mapping) for one in value.values()):
+            return []
+        return [{"name": name, **one} for name, one in value.items()]
+    if isinstance(value, list) and all(isinstance(one, Mapping) for one in value):
+        return value
+    return []
+
+
+def show_records(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Print the first records, a column for each key; what is the same in all stands in the title."""
+    keys = [
+        key
+        for key in dict.fromkeys(key for row in rows for key in row)
+        if not any(isinstance(row.get(key), Mapping) or records_in(row.get(key)) for row in rows)
+    ]
+    same = [key for key in keys if len(rows) > 1 and all(row.get(key) == rows[0].get(key) for row in rows)]
+    shared = [f"{key} = {text_of(rows[0][key])}" for key in same if rows[0].get(key) not in (None, "")]
+    more = [] if len(rows) <= MOST_RECORDS else [f"the first {MOST_RECORDS} of {len(rows)}, --json has all"]
+    console.print(f"\n[bold]{escape(title)}[/]  {escape(', '.join([*shared, *more]))}", soft_wrap=True)
+    columns = [key for key in keys if key not in same]
+    shown = rows[:MOST_RECORDS]
+    numeric = {key: all(isinstance(row.get(key), int | float | None) for row in shown) for key in columns}
+    headers = [f">{key}" if numeric[key] else Column(escape(key), overflow="fold") for key in columns]
+    cells = ([escape(text_of(row.get(key))) for key in columns] for row in shown)
+    console.print(table_of(headers, cells))
+
+
+def text_of(value: Any) -> str:
+    """A value in a cell; of many values their count and the last one."""
+    if not isinstance(value, list):
+        return figure(value)
+    if len(value) > MOST_IN_CELL:
+        return f"{len(value)}, the last {text_of(value[-1])}"
+    texts = (f"({text_of(one)})" if isinstance(one, list) else text_of(one) for one in value)
+    return ", ".join(texts) or NO_VALUE

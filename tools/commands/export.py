@@ -6,7 +6,7 @@ from typing import Annotated, Literal, get_args
 import typer
 
 from tools.commands.options import Json, Logged
-from tools.output import answer, console, figure_table
+from tools.output import answer
 from tools.outputs import new_option, refuse_existing
 
 Kind = Literal["mf4", "mcap", "parquet", "csv"]
@@ -37,5 +37,4 @@ def export(
     refuse_existing("--out", place)
     frames = write(logged, kind, place)
     payload = {"run": str(logged.folder), "to": kind, "out": str(place), "frames": frames}
-    rows = [(name, number, "") for name, number in frames.items()]
-    answer(payload, as_json, lambda: console.print(figure_table(str(place), rows)))
+    answer(payload, as_json)

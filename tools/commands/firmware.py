@@ -1,7 +1,7 @@
 """`vibrohil firmware`: the controller alone, on any bus; and its build for a board."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
 from typer.core import TyperGroup
@@ -110,21 +110,7 @@ def budget(
 
     with shown_progress() as progress:
         found = measure(names or [], progress, target)
-    answer(found, as_json, lambda: show_budget(found))
-
-
-def show_budget(found: dict[str, Any]) -> None:
-    """Print the sizes, and the instructions of a tick."""
-    table = table_of(("what", ""))
-    for group in ("flash", "ram"):
-        for name, size in found[group].items():
-            table.add_row(f"{group}: {name}", f"{size:,} B")
-    table.add_row("stack", f"{found['stack']:,} B")
-    for name, ticks in found["instructions"].items():
-        if ticks is not None:
-            figures = ", ".join(f"{key} {ticks[key]:,.0f}" for key in ("p50", "p99", "worst"))
-            table.add_row(f"instructions, {name.replace('_', ' ')}", f"{figures} ({ticks['scenario']})")
-    console.print(table)
+    answer(found, as_json)
 
 
 @firmware.command()

@@ -1,12 +1,12 @@
 """`vibrohil measure`: the firmware's signals over XCP, from any bus."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from tools.commands.options import Json, NodeBus, number, setting
-from tools.output import answer, console, figure, table_of
+from tools.output import answer, console
 from tools.outputs import folder_option
 
 
@@ -43,13 +43,4 @@ def measure(
         raise typer.BadParameter("name at least one signal; --list prints their names")
     wanted = Sampled(signals, max(round(1000.0 / rate), 1))
     found = measured(wanted, bus, change or [], until, live, out)
-    answer({"signals": found, "out": out}, as_json, lambda: show(found))
-
-
-def show(found: dict[str, dict[str, Any]]) -> None:
-    """Print a row for each signal."""
-    table = table_of(("signal", "unit", "samples", "lost", "last", "lowest", "highest"))
-    for name, one in found.items():
-        values: list[Any] = [figure(one[key]) for key in ("last", "low", "high")]
-        table.add_row(name, one["unit"], f"{one['samples']:,}", f"{one['lost']:,}", *values)
-    console.print(table)
+    answer({"signals": found, "out": out}, as_json)

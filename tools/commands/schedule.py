@@ -3,10 +3,9 @@
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Column
 
 from tools.commands.options import Json
-from tools.output import BadInputError, answer, console, exit_of, table_of
+from tools.output import BadInputError, answer, exit_of
 
 if TYPE_CHECKING:
     from firmware_py.interface.addresses import Addresses
@@ -29,7 +28,9 @@ def schedule(
 ) -> None:
     """Calculate the worst-case response time of every CAN frame, and check its deadline.
 
-    A master of XCP measures as much as the firmware sends: one command, response and sample per tick.
+    A master of XCP measures as much as the firmware sends: one command, response and sample per tick. The
+    period of an event is its smallest gap. `response_disturbed_s`: with a transmission destroyed at any time,
+    then one every 10 ms.
     """
     from hil.can_model.message_set import ONE_ERROR, bus_schedule
 
@@ -57,7 +58,7 @@ def schedule(
             for other in others
         ],
     }
-    answer(payload, as_json, lambda: show(payload), exit_of(payload))
+    answer(payload, as_json, status=exit_of(payload))
 
 
 def places_of(text: str) -> "Addresses":
@@ -98,49 +99,3 @@ def rows(analysed: "Schedule", disturbed: "Schedule") -> list[dict[str, Any]]:
             }
         )
     return table
-
-
-def show(payload: dict[str, Any]) -> None:
-    """Print the frames by priority, then the results at other bit rates."""
-    names = (Column(name, no_wrap=True) for name in ("frame", "sender"))
-    numbers = (">bytes", ">period", ">response", ">disturbed", ">slack", ">load %")
-    table = table_of(("id", *names, *numbers))
-    for row in payload["frames"]:
-        table.add_row(
-            f"0x{row['id']:03X}",
-            row["name"],
-            row["sender"],
-            str(row["length"]),
-            milliseconds(row["period_s"], 0),
-            milliseconds(row["response_s"]),
-            milliseconds(row["response_disturbed_s"]),
-            milliseconds(row["slack_s"]),
-            f"{100 * row['load']:.2f}",
-            style=None if row["in_time"] else "red",
-        )
-    console.print(table)
-    console.print(
-        "times in ms · period: also the deadline (of XCP's frames: 10 ms), and an event's smallest gap\n"
-        "response: at worst · disturbed: with a transmission destroyed at any time, then one every 10 ms",
-        style="dim",
-    )
-    say(payload["bitrate"], payload["load"], ", ".join(payload["late"]))
-    alone = payload["without_xcp"]
-    say(payload["bitrate"], alone["load"], ", ".join(alone["late"]), "without XCP, ")
-    for other in payload["others"]:
-        say(other["bitrate"], other["load"], f"{len(other['late'])} frames" if other["late"] else "")
-
-
-def say(bitrate: int, load: float, late: str, which: str = "") -> None:
-    """Print one line for one bit rate; `which` frames."""
-    what = f"[red]may be late: {late}[/]" if late else "[green]every frame in time[/]"
-    console.print(
-        f"{bitrate / 1000:g} kbit/s, {which}load {100 * load:.1f} % at most: {what}", soft_wrap=True
-    )
-
-
-def milliseconds(time_s: float, digits: int = 3) -> str:
-    """A time as text in ms; an unbounded time as the sign of infinity."""
-    if time_s in (float("inf"), float("-inf")):
-        return "∞" if time_s > 0 else "−∞"
-    return f"{1000 * time_s:.{digits}f}"

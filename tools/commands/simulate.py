@@ -2,14 +2,13 @@
 
 import time
 from dataclasses import asdict
-from math import isnan
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from tools.commands.options import Change, Json, changed_scene, number
-from tools.output import BadInputError, answer, console, figure_table, table_of
+from tools.output import BadInputError, answer
 from tools.outputs import PICTURES, file_option
 
 LONGEST_S = 86_400.0
@@ -60,36 +59,4 @@ def simulate(
 
         plot_motion(result, loaded, plot)
         payload["plot"] = str(plot)
-    answer(payload, as_json, lambda: show(payload))
-
-
-def show(payload: dict[str, Any]) -> None:
-    """Print a summary of the run, without the figures that it does not have, then the last impacts."""
-    times, speeds = payload["impacts_t_s"], payload["impacts_v_m_s"]
-    electrical = payload["electrical"] or {}
-    rows = [
-        ("impacts", len(times), ""),
-        ("last approach speed", float(speeds[-1]) if len(speeds) else None, "m/s"),
-        ("largest approach speed", float(speeds.max()) if len(speeds) else None, "m/s"),
-        ("final position", payload["final"]["x_m"], "m"),
-        ("final velocity", payload["final"]["v_m_s"], "m/s"),
-        ("final phase", payload["final"]["phase"], ""),
-        ("energy residual", payload["energy_residual"], "of the energy exchanged"),
-        ("peak felt force", payload["peak_felt_force_n"], "N"),
-        ("work at the terminals", electrical.get("work_j"), "J"),
-        ("copper loss", electrical.get("copper_j"), "J"),
-        ("method", payload["method"], ""),
-        ("computing", payload["wall_s"], "s"),
-    ]
-    title = f"{payload['scene']}, {payload['final']['t_s']:g} s"
-    console.print(figure_table(title, (row for row in rows if row[1] is not None)))
-    if len(times):
-        impacts = zip(times, speeds, payload["impulses_n_s"], payload["peak_forces_n"], strict=True)
-        last = (
-            (f"{t_s:.6f}", f"{speed:.4f}", f"{impulse:.4f}", "—" if isnan(peak) else f"{peak:.1f}")
-            for t_s, speed, impulse, peak in list(impacts)[-5:]
-        )
-        names = (">time [s]", ">v⁻ [m/s]", ">impulse [N s]", ">peak force [N]")
-        console.print(table_of(names, last, title="last impacts"))
-    for note in payload["notes"]:
-        console.print(f"note: {note}", markup=False)
+    answer(payload, as_json)

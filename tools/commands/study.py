@@ -10,14 +10,13 @@ import typer
 
 from tools.commands.options import Json, Scheduler, Workers, number, unfolded
 from tools.commands.study_branches import boundaries, branches
-from tools.output import answer, console, figure, figure_table, table_of
+from tools.output import answer, console, table_of
 from tools.outputs import file_option, folder_option
 
 if TYPE_CHECKING:
     from tools.study.basin import Basin
     from tools.study.branches.saddle import Portrait
     from tools.study.cases import Case
-    from tools.study.sweep import Diagram
     from tools.study.work import Where
 
 Found = TypeVar("Found")
@@ -64,19 +63,11 @@ class StudyOptions:
         found = computed(where)
         return found, time.perf_counter() - begun_s
 
-    def answer(self, result: Mapping[str, Any], wall_s: float, show: Callable[[], None]) -> None:
-        """Print the result and its cost: one JSON object, or the output of `show` and a table."""
-        rows = [
-            ("computing", wall_s, "s"),
-            ("figures and results in", str(self.out), ""),
-            *([("page to read", result["page"], "")] if "page" in result else []),
-        ]
-
-        def show_all() -> None:
-            show()
-            console.print(figure_table("", rows))
-
-        answer({**result, "wall_s": wall_s, "out": str(self.out)}, self.as_json, show_all)
+    def answer(
+        self, result: Mapping[str, Any], wall_s: float, show: Callable[[], None] | None = None
+    ) -> None:
+        """Print the result and its cost, without `show` as tables."""
+        answer({**result, "wall_s": wall_s, "out": str(self.out)}, self.as_json, show)
 
 
 @study.command()
@@ -113,7 +104,7 @@ def sweep(
         if shown:
             pictures += figures.amplitude_frequency(shown, common.out, f"sweep-{name}")
     result = {"regimes": [diagram.as_json() for diagram in found], "figures": pictures}
-    common.answer(result, wall_s, lambda: show_sweep(found))
+    common.answer(result, wall_s)
 
 
 @study.command()
@@ -151,14 +142,7 @@ def basin(
             one, caption_of(one), common.out, portrait if one.plane == "state" else None
         )
     ]
-
-    def show() -> None:
-        for one in found:
-            rows = [(name.replace("_", " "), figure_of(value), "") for name, value in one.statistics.items()]
-            title = f"{case.label}, Ω/ω = {ratio:g}, plane {one.plane}"
-            console.print(figure_table(title, rows))
-
-    common.answer({"basins": [one.as_json() for one in found], "figures": pictures}, wall_s, show)
+    common.answer({"basins": [one.as_json() for one in found], "figures": pictures}, wall_s)
 
 
 @study.command()
@@ -183,7 +167,7 @@ def portrait(preset: Preset = "table1", common: StudyOptions = StudyOptions()) -
         ],
         "figures": figures.portraits(pairs, common.out, f"portrait-{preset}"),
     }
-    common.answer(result, wall_s, lambda: None)
+    common.answer(result, wall_s)
 
 
 @study.command()
@@ -230,30 +214,15 @@ def feasibility(
         one: dict(Counter(row["verdict"] for row in rows if row["preset"] == one).most_common())
         for one in presets
     }
-    shown = table_of(
-        ("preset", "cells", *table.REASONS),
-        (
-            (one, str(sum(of_one.values())), *(str(of_one.get(reason, 0)) for reason in table.REASONS))
-            for one, of_one in counts.items()
-        ),
-    )
     result = {"feasibility": rows, "verdicts": counts, "cells": str(cells)}
-    common.answer(result, wall_s, lambda: console.print(shown))
+    common.answer(result, wall_s)
 
 
 def caption_of(found: "Basin") -> str:
     """The summary of a map of starts in one line."""
     numbers = found.statistics
-    share, bounds = numbers["impact_fraction"], numbers["impact_fraction_bootstrap"]
-    return (
-        f"{100 * share:.1f} % end in impacts ({100 * bounds[0]:.1f} to {100 * bounds[1]:.1f} %), "
-        f"uncertainty exponent {numbers['uncertainty_exponent']:.3f}"
-    )
-
-
-def figure_of(value: Any) -> Any:
-    """A statistic for a table: bounds become text, other values stay."""
-    return " to ".join(map(figure, value)) if isinstance(value, list) else value
+    exponent = f"uncertainty exponent {numbers['uncertainty_exponent']:.3f}"
+    return f"{100 * numbers['impact_fraction']:.1f} % end in impacts, {exponent}"
 
 
 def is_nominal(case: "Case") -> bool:
@@ -262,28 +231,6 @@ def is_nominal(case: "Case") -> bool:
 
     own = cases.case(case.preset, case.law)
     return (case.b_n_s_m, case.mu) == (own.b_n_s_m, own.mu)
-
-
-def show_sweep(found: "list[Diagram]") -> None:
-    """Print a row per case."""
-    rows = (
-        (
-            diagram.case.preset,
-            diagram.case.label,
-            intervals(diagram.up.with_impacts()),
-            intervals(diagram.down.with_impacts()),
-            intervals(diagram.multistable()),
-            ", ".join(sorted({edge.kind for edge in (*diagram.up.edges, *diagram.down.edges)})) or "—",
-        )
-        for diagram in found
-    )
-    titles = ("preset", "friction", "run-up", "run-down", "multistable", "ends by")
-    console.print(table_of(titles, rows, title="where there are impacts, in Ω/ω"))
-
-
-def intervals(union: list[tuple[float, float]]) -> str:
-    """Intervals of Ω/ω as text."""
-    return ", ".join(f"{low:.3f}–{high:.3f}" for low, high in union) or "nowhere"
 
 
 study.command()(branches)

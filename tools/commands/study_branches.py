@@ -105,17 +105,7 @@ def boundaries(
         "figures": pictures,
         "wall_s": wall_s,
     }
-
-    def show() -> None:
-        rows = (
-            (margin.kind, margin.parameter, f"{margin.at:.6g}", f"{margin.distance:+.4g} {margin.unit}")
-            for margin in margins
-        )
-        title = f"{scene}: where its stable orbit ends if one parameter changes"
-        console.print(table_of(("end", "parameter", ">at", ">distance"), rows, title=title))
-        console.print(figure_table("", [("boundaries", len(curves), ""), ("figure", pictures[0], "")]))
-
-    answer(payload, as_json, show)
+    answer(payload, as_json)
 
 
 def checked_scene(source: str, change: list[str] | None, over: tuple[str, ...]) -> "Scene":

@@ -1,15 +1,14 @@
 """`vibrohil tune`: design the firmware's parameters, fit them to a log, or choose them by campaigns."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
-from rich.markup import escape
 
 from tools.commands.options import Json, Workers, number, unfolded
-from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, answer, console, figure_table, table_of
+from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, answer
 from tools.outputs import PICTURES, file_option
 from tools.progress import Progress, shown_progress
 
@@ -81,6 +80,7 @@ def conclude(
 
     A file that was not written is a failed check.
     """
+    from firmware_py.shell.parameters import DEFAULTS
     from tools.plots import drawn
     from tools.tuning.safety import judge_safety, write
 
@@ -101,12 +101,15 @@ def conclude(
     payload = {
         **tuning.as_json(),
         **also,
+        "parameters": {
+            name: {**value._asdict(), "default": DEFAULTS[name]} for name, value in tuning.parameters.items()
+        },
         "safety": [asdict(result) for result in safety],
         "safe": safe,
         "out": str(outputs.out) if is_written else None,
     }
     status = EXIT_PASSED if is_written else EXIT_CHECK_FAILED
-    answer(payload, outputs.as_json, lambda: show(payload), status)
+    answer(payload, outputs.as_json, status=status)
 
 
 @tune.command()
@@ -245,30 +248,3 @@ def start(
         pictures.draw_start,
         lambda tried: {"tried": [asdict(one) for one in tried]},
     )
-
-
-def show(payload: Mapping[str, Any]) -> None:
-    """Print parameters, figures of merit, warnings and the verdicts of the safety scenarios."""
-    from firmware_py.shell.parameters import DEFAULTS
-
-    console.print(f"[bold]tune {payload['command']}[/]: {escape(payload['source'])}")
-    rows = (
-        (name, *(f"{x:.5g}" for x in (one["value"], one["low"], one["high"], DEFAULTS[name])), one["unit"])
-        for name, one in payload["parameters"].items()
-    )
-    console.print(table_of(("parameter", ">value", ">low", ">high", ">default", "unit"), rows))
-    console.print(f"low, high: {payload['range_is']}", style="dim")
-    merits = {name.replace("_", " "): one for name, one in payload["figures_of_merit"].items()}
-    figures = [(name, one["value"], one["unit"]) for name, one in merits.items()]
-    meanings = {name: one["meaning"] for name, one in merits.items() if "meaning" in one}
-    console.print(figure_table("figures of merit", figures, meanings))
-    for warning in payload["warnings"]:
-        console.print(f"[bold yellow]warning:[/] {warning}")
-    for result in payload["safety"]:
-        mark = "[green]passed[/]" if result["passed"] else f"[bold red]failed[/]: {result['why']}"
-        console.print(f"safety, {result['scenario']}: {mark}")
-    if payload["out"] is None:
-        console.print("[bold red]not written[/]; --force writes it all the same")
-    else:
-        forced = "" if payload["safe"] else "  [bold red]by force[/]"
-        console.print(f"[bold green]written[/]{forced}  {escape(payload['out'])}", soft_wrap=True)

@@ -232,6 +232,8 @@ def regime_of(counts: NDArray[np.int64], v_after_m_s: Vector, cycle: int, is_sti
     """The regime by the impacts in each turn, their rebounds, the cycle, and whether the striker stands."""
     if not counts.any():
         return Regime.STUCK if is_still else Regime.NON_IMPACT
+    if not counts[-LAST_TURNS:].any():
+        return Regime.LOST
     if np.max(counts) >= CHATTER_IMPACTS or np.min(np.abs(v_after_m_s)) < REST_M_S:
         return Regime.CHATTERING
     if cycle == 0:

@@ -1,7 +1,7 @@
 """A picture of each tuning's result, in a figure of 14 x 4.4 inches."""
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import control
 import numpy as np
@@ -130,53 +130,59 @@ def _impacts(axes: Any, found: Identified) -> None:
     other.set_ylabel("restitution (×)", color="tab:purple")
 
 
+class Panel(NamedTuple):
+    """Lines over a parameter by their labels, with the parameter's chosen value, if any, and its default."""
+
+    parameter: str
+    figure: str
+    lines: Mapping[str, tuple[Sequence[float], Sequence[float]]]
+    value: Value | None
+    default: float
+    scale: str = "log"
+
+
+def draw_panels(figure: "Figure", panels: Sequence[Panel]) -> None:
+    """Draw panels side by side; shaded: the values without a significant difference from the chosen one."""
+    grid = figure.subplots(1, len(panels))
+    for axes, panel in zip(grid, panels, strict=True):
+        for label, (x, y) in panel.lines.items():
+            axes.plot(x, y, "o-", ms=4, label=label)
+        if panel.value is not None:
+            low, high = panel.value.low, panel.value.high
+            axes.axvspan(low, high, color="tab:green", alpha=0.15, label="no significant difference")
+            axes.axvline(panel.value.value, color="tab:green", label="chosen")
+        axes.axvline(panel.default, color="black", lw=0.8, label="default")
+        axes.set(xscale=panel.scale, xlabel=panel.parameter, ylabel=panel.figure)
+        axes.legend(fontsize=8)
+
+
 def draw_detector(figure: "Figure", tuning: Tuning, points: Sequence[detector.Operating]) -> None:
-    """Draw the detector's characteristic: misses against false alarms, latency and cost against the floor."""
-    roc, latency, cost = figure.subplots(1, 3)
-    value = tuning.parameters[detector.PARAMETER]
-    floors = np.array([point.floor_m_s2 for point in points])
-    alarms = [point.false_alarms_1_h for point in points]
-    roc.errorbar(
-        alarms,
-        [100.0 * (1.0 - point.recall) for point in points],
-        yerr=[
-            [100.0 * (point.recall_high - point.recall) for point in points],
-            [100.0 * (point.recall - point.recall_low) for point in points],
+    """Draw misses, false alarms, latencies and cost against the floor."""
+    floors = [one.floor_m_s2 for one in points]
+    of_figures: dict[str, dict[str, list[float]]] = {
+        "impacts missed [%], 95 % bounds": {
+            "share": [100.0 * (1.0 - one.recall) for one in points],
+            "bounds": [100.0 * (1.0 - one.recall_low) for one in points],
+        },
+        "false alarms [1/h]": {"rate": [one.false_alarms_1_h for one in points]},
+        "latency [ms]": {
+            "median": [one.latency_p50_ms for one in points],
+            "95 %": [one.latency_p95_ms for one in points],
+        },
+        "cost [1/h]": {"cost": [one.cost_1_h for one in points]},
+    }
+    value, default = tuning.parameters[detector.PARAMETER], DEFAULTS[detector.PARAMETER]
+    draw_panels(
+        figure,
+        [
+            Panel("floor [m/s²]", name, {label: (floors, y) for label, y in lines.items()}, value, default)
+            for name, lines in of_figures.items()
         ],
-        fmt="o-",
-        capsize=3,
     )
-    at_one_place: dict[tuple[float, float], list[str]] = {}
-    for point in points:
-        place = (point.false_alarms_1_h, 100.0 * (1.0 - point.recall))
-        at_one_place.setdefault(place, []).append(f"{point.floor_m_s2:g}")
-    for place, labels in at_one_place.items():
-        roc.annotate(
-            ", ".join(labels),
-            place,
-            textcoords="offset points",
-            xytext=(5, 4),
-            fontsize=8,
-        )
-    roc.set(xlabel="false alarms [1/h]", ylabel="impacts missed [%], 95 % bounds", title="by floor in m/s²")
-    latency.semilogx(floors, [point.latency_p50_ms for point in points], "o-", label="median")
-    latency.semilogx(floors, [point.latency_p95_ms for point in points], "s--", label="95 %")
-    latency.set(xlabel="floor [m/s²]", ylabel="latency [ms]", title="from touch-down to its report")
-    cost.errorbar(
-        floors,
-        [point.cost_1_h for point in points],
-        yerr=[point.cost_error_1_h for point in points],
-        fmt="o-",
-        capsize=3,
-    )
-    cost.set(xscale="log", xlabel="floor [m/s²]", ylabel="cost [1/h]", title="cost, as stated")
-    for axes in (latency, cost):
-        _chosen(axes, value, DEFAULTS[detector.PARAMETER])
-    _legend(figure, latency)
 
 
 def draw_estimator(figure: "Figure", tuning: Tuning, points: Sequence[Combination]) -> None:
-    """Draw the profile likelihood of each parameter, with the chosen value, its range and the default."""
+    """Draw the profile likelihood of each parameter."""
     sound = consistent(points)
     best = max(one.likelihood for one in sound)
     labels = {
@@ -184,55 +190,35 @@ def draw_estimator(figure: "Figure", tuning: Tuning, points: Sequence[Combinatio
         MEMORY: "R: memory of the model's error [s]",
         STOP: "R at the stop: deviation [m]",
     }
-    panels = figure.subplots(1, 3)
-    for axes, (name, label) in zip(panels, labels.items(), strict=True):
-        likelihoods = sorted(profile(sound, name).items())
-        axes.plot([value for value, _ in likelihoods], [one - best for _, one in likelihoods], "o-")
-        axes.axhline(-NEAR, color="tab:gray", lw=0.8, ls="--")
-        _chosen(axes, tuning.parameters.get(name), DEFAULTS[name])
-        axes.set(xscale="log", xlabel=label, ylabel="log-likelihood below the best")
-    _legend(figure, panels[0])
-
-
-def _chosen(axes: Any, value: Value | None, default: float) -> None:
-    """Mark the chosen value, the range of values without a significant difference, and the default."""
-    if value is not None:
-        axes.axvspan(value.low, value.high, color="tab:green", alpha=0.15, label="no significant difference")
-        axes.axvline(value.value, color="tab:green", label="chosen")
-    axes.axvline(default, color="black", lw=0.8, label="default")
-
-
-def _legend(figure: "Figure", axes: Any) -> None:
-    """Put the legend of one panel above all panels, where it covers no data."""
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), fontsize=8)
+    panels = []
+    for name, label in labels.items():
+        values, likelihoods = zip(*sorted(profile(sound, name).items()), strict=True)
+        lines = {
+            "profile": (values, [one - best for one in likelihoods]),
+            "limit of significance": (values, [-NEAR for _ in values]),
+        }
+        value, default = tuning.parameters.get(name), DEFAULTS[name]
+        panels.append(Panel(label, "log-likelihood below the best", lines, value, default))
+    draw_panels(figure, panels)
 
 
 def draw_start(figure: "Figure", tuning: Tuning, tried: Sequence[start.Ramp]) -> None:
-    """Draw each criterion over the rise, a line for each approach; square: chosen, diamond: default."""
-    panels = figure.subplots(1, 4)
+    """Draw each criterion over the rise, a line for each approach."""
     criteria: tuple[tuple[str, Callable[[start.Ramp], float]], ...] = (
         ("starts that fail [%]", lambda one: 100.0 * one.failures / max(one.eligible, 1)),
         ("hardest twentieth of impacts, of the steady one", lambda one: one.overshoot),
         ("95 % are captured within [s]", lambda one: one.capture_p95_s),
         ("energy until captured, median [J]", lambda one: one.energy_p50_j),
     )
-    for axes, (name, of) in zip(panels, criteria, strict=True):
+    panels = []
+    for name, of in criteria:
+        lines = {}
         for approach in sorted({one.parameters[start.APPROACH] for one in tried}):
             line = [one for one in tried if one.parameters[start.APPROACH] == approach]
-            rises = [one.parameters[start.RISE] for one in line]
-            axes.plot(rises, [of(one) for one in line], "o-", ms=4, label=f"approach to r = {approach:g}")
-        for point, mark, label in ((tuning.values, "s", "chosen"), (start.DEFAULT, "D", "default")):
-            at = [one for one in tried if one.parameters == point]
-            axes.plot(
-                [one.parameters[start.RISE] for one in at],
-                [of(one) for one in at],
-                mark,
-                mfc="none",
-                mec="black",
-                ms=12,
-                ls="none",
-                label=label,
+            lines[f"approach to r = {approach:g}"] = (
+                [one.parameters[start.RISE] for one in line],
+                [of(one) for one in line],
             )
-        axes.set(xlabel="rise [s]", ylabel=name)
-    _legend(figure, panels[0])
+        value, default = tuning.parameters[start.RISE], start.DEFAULT[start.RISE]
+        panels.append(Panel("rise [s]", name, lines, value, default, "linear"))
+    draw_panels(figure, panels)

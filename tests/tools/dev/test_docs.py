@@ -78,6 +78,14 @@ def shown_on(page: Path) -> list[list[str]]:
     ]
 
 
+def test_every_picture_is_shown_on_a_page() -> None:
+    pages = [DOCS.parent / "README.md", *DOCS.rglob("*.md")]
+    text = "".join(page.read_text("utf-8") for page in pages)
+    pictures = [path for place in ("explanation", "pictures") for path in (DOCS / place).glob("*.[sp][vn]g")]
+    assert pictures
+    assert [path.name for path in pictures if f"{path.name})" not in text] == []
+
+
 @pytest.mark.usefixtures("in_process")
 @pytest.mark.parametrize("about", IN_ORDER)
 def test_what_is_shown_works(about, tmp_path, monkeypatch, capsys):

@@ -89,7 +89,7 @@ PLANTED: dict[str, list[tuple[Change, str]]] = {
     ],
     "C9": [(lambda v: v.update(AS_CLAIMED_ENERGY), REPRODUCED)],
     "C10": [
-        (lambda v: v["viscous"].update(border_entropy=0.7), UNDER_PARAMETERS),
+        (lambda v: v["viscous"].update(uncertainty_exponent=0.8), UNDER_PARAMETERS),
         (lambda v: [one.update(motions=3) for one in v.values()], CONTRADICTED),
     ],
     "C11": [
@@ -121,7 +121,7 @@ PLANTED: dict[str, list[tuple[Change, str]]] = {
 @pytest.fixture(scope="module")
 def claims(tmp_path_factory: pytest.TempPathFactory) -> list[JudgedClaim]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(evidence, "BASIN_SIZE", 120)
+        patch.setattr(evidence, "BASIN_SIZE", 80)
         return judge(Evidence(work.here(tmp_path_factory.mktemp("studies")), ratios=23))
 
 
@@ -216,8 +216,8 @@ def test_sweep_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> No
 def test_basin_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     found = run(capsys, "basin", "--size", "40", "--plane", "state", "--out", str(tmp_path))
     (one,) = found["basins"]
-    low, high = one["impact_fraction_bootstrap"]
-    assert low < one["impact_fraction"] < high
+    low, high = one["uncertainty_exponent_bounds"]
+    assert low <= one["uncertainty_exponent"] <= high
     assert one["impact_fraction"] == pytest.approx(0.784, abs=0.02)
     assert one["parameters"]["amplitude_m"] == 0.02
     assert (tmp_path / "basin-table1-viscous-r1.3-state.parquet").exists()

@@ -149,6 +149,14 @@ def test_cycles(counts: list[int], v_m_s: list[float], cycle: int) -> None:
     assert cycle_of(np.array(counts), np.array(v_m_s), 1e-6) == cycle
 
 
+def test_impacts_that_end_within_the_record_are_lost() -> None:
+    """Beyond the fold of the branch, from one of its last stable orbits."""
+    last = follow(VISCOUS.scene(1.40), State(0.06, -0.45, 2.9), PAPER._replace(settle_s=200.0))
+    assert last.regime == Regime.IMPACT
+    found = [follow(VISCOUS.scene(1.42), last.end, PAPER._replace(settle_s=s)) for s in (0.0, 60.0)]
+    assert [one.regime for one in found] == [Regime.LOST, Regime.NON_IMPACT]
+
+
 def test_figures_are_those_of_whole_cycles() -> None:
     """Of 9 turns with an impact in every second one, the last 8 count."""
     module = COULOMB.scene(0.9)

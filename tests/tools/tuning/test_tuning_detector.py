@@ -90,13 +90,14 @@ def test_candidates_meet_the_same_sampled_modules() -> None:
     assert misses.recall < 0.5
 
 
-def test_floors_at_one_place_share_a_label(tmp_path: Path) -> None:
+def test_the_picture_has_each_floor_and_the_choice(tmp_path: Path) -> None:
     points = [*characteristic(0.0, 0.0), replace(ANY, floor_m_s2=4.0, false_alarms_1_h=9.0)]
     tuning = Tuning("detector", "a test", 1, "a test", {PARAMETER: Value(2.0, "m/s^2", 1.0, 4.0)}, {})
     with drawn(tmp_path / "detector.svg") as figure:
         draw_detector(figure, tuning, points)
-        assert [text.get_text() for text in figure.axes[0].texts] == ["1, 2", "4"]
-        legend = [text.get_text() for text in figure.legends[0].get_texts()]
+        misses = figure.axes[0]
+        assert misses.get_lines()[0].get_xdata().tolist() == [1.0, 2.0, 4.0]
+        legend = [text.get_text() for text in misses.get_legend().get_texts()]
         assert legend[-3:] == ["no significant difference", "chosen", "default"]
 
 
