@@ -1,0 +1,52 @@
+"""A result as tables: what is printed is what the JSON object has, under the same names."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tools.output import answer, show_tables
+
+
+def printed(payload: dict, capsys: pytest.CaptureFixture[str]) -> list[str]:
+    show_tables(payload)
+    return [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+
+
+def test_values_and_records_have_their_names(capsys) -> None:
+    rows = [
+        {"what": "[a]", "kind": "solver", "cost": 1.25},
+        {"what": "b", "kind": "solver", "cost": math.inf},
+    ]
+    metrics = {"energy": {"n": 3, "worst": 2.0, "inner": {"x": 1}}, "capture": {"n": 3, "worst": math.nan}}
+    payload = {
+        "out": "here",
+        "final": {"x_m": 0.18},
+        "rows": rows,
+        "metrics": metrics,
+        "notes": ["one", "two"],
+    }
+    lines = printed(payload, capsys)
+    assert lines[:4] == ["out here", "final.x_m 0.18", "notes one", "two"]
+    assert lines[4:9] == ["", "rows kind = solver", "what cost", "[a] 1.25", "b inf"]
+    assert lines[9:] == ["", "metrics n = 3", "name worst", "energy 2", "capture —"]
+
+
+def test_of_many_the_first_records_and_the_last_number_are_shown(capsys) -> None:
+    payload = {"times_s": np.arange(100.0), "few": [1, 2], "rows": [{"n": n} for n in range(50)], "none": []}
+    lines = printed(payload, capsys)
+    assert lines[:3] == ["times_s 100, the last 99", "few 1, 2", ""]
+    assert lines[3] == "rows the first 40 of 50, --json has all"
+    assert lines[-1] == "39"
+
+
+@pytest.mark.parametrize(("passed", "word"), [(True, "PASSED"), (False, "FAILED"), (None, "NOT JUDGED")])
+def test_a_verdict_comes_last(passed, word, capsys) -> None:
+    assert printed({"passed": passed, "rows": [{"a": 1}]}, capsys)[-1] == word
+
+
+def test_an_answer_without_a_printer_of_its_own_is_tables(capsys) -> None:
+    answer({"a": 1}, as_json=False)
+    assert capsys.readouterr().out.split() == ["a", "1"]
+    answer({"a": math.inf}, as_json=True)
+    assert capsys.readouterr().out == '{"a": null}\n'
