@@ -21,7 +21,6 @@ from compiled_calls import as_compiled
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from firmware_py.builds import board, board_tools
 from firmware_py.builds.loaded_object import function
 from firmware_py.builds.machine_code import TARGETS, TargetName, object_code, retargeted
 from firmware_py.core.elementary import LARGEST_EXACT_RAD, atan2, cube_root, exp, sin, sine_cosine
@@ -162,43 +161,6 @@ define i32 @apply(i64 %count, ptr %x, ptr %y, ptr %results) {{
 '''
 open(sys.argv[1], "w").write(text)
 """
-IMAGE = """
-#include <stdint.h>
-static REAL x[COUNT], y[COUNT], results[5 * COUNT];
-int32_t apply(int64_t, const REAL *, const REAL *, REAL *);
-static int semihosting(int operation, const void *arguments) {
-    register int r0 __asm__("r0") = operation;
-    register const void *r1 __asm__("r1") = arguments;
-    __asm__ volatile("bkpt 0xAB" : "+r"(r0) : "r"(r1) : "memory", "cc");
-    return r0;
-}
-static uint32_t open_file(const char *name, uint32_t length, uint32_t mode) {
-    const uint32_t arguments[3] = {(uint32_t)name, mode, length};
-    return (uint32_t)semihosting(0x01, arguments);
-}
-static void take(uint32_t file, void *place, uint32_t size) {
-    while (size > 0) {
-        const uint32_t arguments[3] = {file, (uint32_t)place, size};
-        const uint32_t left = (uint32_t)semihosting(0x06, arguments);
-        place = (uint8_t *)place + (size - left);
-        size = left;
-    }
-}
-void reset(void) {
-    *(volatile uint32_t *)0xE000ED88 |= 0xFu << 20; /* the floating-point unit on */
-    __asm__ volatile("dsb\\n isb");
-    const uint32_t input = open_file("/dev/stdin", 10, 1), output = open_file("/dev/stdout", 11, 5);
-    take(input, x, sizeof x);
-    take(input, y, sizeof y);
-    const uint32_t status = (uint32_t)apply(COUNT, x, y, results);
-    const uint32_t written[3] = {output, (uint32_t)results, sizeof results};
-    semihosting(0x05, written);
-    const uint32_t ended[2] = {0x20026, status};
-    semihosting(0x20, ended);
-}
-extern uint32_t _stack;
-__attribute__((section(".vectors"), used)) static const void *const vectors[2] = {&_stack, reset};
-"""
 
 
 @pytest.fixture(scope="module")
@@ -207,35 +169,6 @@ def assembly(tmp_path_factory: pytest.TempPathFactory) -> str:
     environment = os.environ | {"NUMBA_OPT": "0"}
     subprocess.run([sys.executable, "-c", ASSEMBLY, str(path)], check=True, env=environment)
     return path.read_text()
-
-
-def on_a_board(name: board.BoardName, assembly: str, x: NDArray[Any], y: NDArray[Any], folder: Path) -> bytes:
-    """The five functions' results for each pair, computed on the emulated board."""
-    (folder / "apply.o").write_bytes(retargeted(assembly, TARGETS[name], ["apply"]))
-    (folder / "main.c").write_text(IMAGE)
-    parts = [str(folder / "main.c"), str(folder / "apply.o"), "-T", str(board.SOURCES / "mps2.ld")]
-    defined = [f"-DCOUNT={len(x)}", f"-DREAL={'double' if x.itemsize == 8 else 'float'}"]
-    linked = folder / "image.elf"
-    command = [*board.compiler(name), *defined, *parts, *board.LIBRARIES, "-o", str(linked)]
-    subprocess.run(command, check=True)
-    command = board.emulator(name, linked)
-    return subprocess.run(command, input=x.tobytes() + y.tobytes(), capture_output=True, check=True).stdout
-
-
-NO_BOARD = pytest.mark.skipif(
-    bool(board_tools.missing_tools()), reason=f"no emulated board: {board_tools.REMEDY}"
-)
-
-
-@NO_BOARD
-def test_a_cortex_m7_gives_the_same_bits(assembly: str, tmp_path: Path) -> None:
-    x = [*ANGLES[::2], *EXPONENTS[::2], *(pair[1] for pair in PAIRS[::2]), *EDGES, 101.0, -5e8]
-    y = [dice.gauss(0.0, 1.0) for _ in x]
-    wanted = [
-        f for a, b in zip(x, y, strict=True) for f in (sin(a), cos(a), exp(a), cube_root(a), atan2(b, a))
-    ]
-    given = np.frombuffer(on_a_board("cortex-m7", assembly, np.array(x), np.array(y), tmp_path))
-    assert [bits(value) for value in given] == [bits(value) for value in wanted]
 
 
 def in_single_precision(assembly: str, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -291,15 +224,6 @@ def test_in_single_precision_edges_are_what_they_are_in_double(assembly: str) ->
         for a, b in zip(x.tolist(), y.tolist(), strict=True)
     ]
     assert given == pytest.approx(floats(np.ravel(wanted)).reshape(-1, 5), rel=3e-7, abs=1e-4, nan_ok=True)
-
-
-@NO_BOARD
-def test_a_cortex_m4f_gives_the_bits_of_single_precision_here(assembly: str, tmp_path: Path) -> None:
-    x = floats([*ANGLES[::2], *EXPONENTS[::2], *RATIOS[::2], *(pair[1] for pair in PAIRS[::2]), *EDGES])
-    y = floats(dice.gauss(0.0, 1.0) for _ in x)
-    given = np.frombuffer(on_a_board("cortex-m4f", assembly, x, y, tmp_path), np.float32)
-    wanted = in_single_precision(assembly, x, y).ravel()
-    assert [bits(value) for value in given.tolist()] == [bits(value) for value in wanted.tolist()]
 
 
 @pytest.mark.parametrize(

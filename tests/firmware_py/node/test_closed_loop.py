@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from closed_loop import Bench, bundled, scene_with
-from records import HEALTHY, leaves, replaced, run_step
+from closed_loop import Bench, scene_with
+from records import leaves, replaced, run_step
 
-from firmware_py.core.safety.drive_link import DriveFrame
-from firmware_py.core.state import INITIAL, Outputs
+from firmware_py.core.state import Outputs
 from firmware_py.interface.enums import (
     MOVING,
     ActingLimit,
@@ -19,7 +18,6 @@ from firmware_py.interface.enums import (
     Regime,
 )
 from firmware_py.interface.frame import Frame
-from firmware_py.shell.parameters import config_from
 
 HIT_M_S = 0.05
 
@@ -48,15 +46,6 @@ def test_the_ramp_captures_what_an_instant_start_cannot(default_run: Bench) -> N
     assert default_run.outputs[run + 4000].regime == Regime.IMPACT
     steady = [v for t, v in default_run.touch_downs if 11.0 < t < 16.0]
     assert np.mean(steady) == pytest.approx(0.91, abs=0.02)
-
-
-def test_an_instant_start_ends_without_impacts() -> None:
-    """The same target with a rise of 0.1 s: what the ramp is for."""
-    bench = Bench({"start.rise_s": 0.1, "start.attempts": 0, "start.missing_periods": 20}).started()
-    bench.run(9.0)
-    assert bench.node.outputs.mode == Mode.SOFT_START
-    late = [v for t, v in bench.touch_downs if t > 6.0]
-    assert late == []
 
 
 @pytest.mark.requirement("P-05")
@@ -186,39 +175,6 @@ def test_the_phase_of_the_impacts_is_that_of_the_branch(default_run: Bench) -> N
         assert math.degrees(report.impact_phase_rad) == pytest.approx(48.0, abs=4.0)
 
 
-@pytest.mark.parametrize(
-    ("bundle_ticks", "fault"),
-    [
-        (9, Fault.NONE),
-        (10, Fault.NONE),
-        (11, Fault.STALE_SAMPLES),
-        (29, Fault.STALE_SAMPLES),
-    ],
-)
-def test_bundles_are_ridden_through_or_named_but_never_an_overspeed(bundle_ticks: int, fault: Fault) -> None:
-    bench = Bench({"start.rise_s": 1.0}, ratio=1.1).started()
-    bench.run(4.0, keep=False)
-    bench.change = bundled(bundle_ticks)
-    bench.run(0.1)
-    if fault != Fault.NONE:
-        assert bench.node.outputs.torque_n_m == 0.0
-    bench.run(1.4)
-    assert {outputs.fault for outputs in bench.outputs} <= {Fault.NONE, fault}
-    assert bench.node.outputs.fault == fault
-
-
-@pytest.mark.requirement("P-07")
-def test_a_few_lost_and_skipped_frames_do_no_harm() -> None:
-    rng = np.random.default_rng(2)
-    bench = Bench(change=lambda _, frames: [f for f in frames if rng.random() > 0.02]).started()
-    bench.run(12.0)
-    assert bench.node.outputs.mode == Mode.RUN
-    assert bench.node.outputs.regime == Regime.IMPACT
-    t = times(bench)
-    x = bench.column(lambda s, _, m: s.estimator.x_m - m.x_m)[t > 9.0]
-    assert math.sqrt(np.mean(x * x)) < 1.5e-3
-
-
 def test_an_impact_shorter_than_the_sampling_is_carried_across_by_newtons_law() -> None:
     bench = Bench({"stop.contact_s": 0.001}, scene_with(stop={"contact_s": 0.001})).started()
     bench.run(12.0)
@@ -296,17 +252,6 @@ def test_nothing_that_is_no_number_ever_drives_the_motor(in_motion: tuple[Bench,
             assert ended.mode == Mode.FAULT, bad
 
 
-@pytest.mark.requirement("S-13")
-def test_nothing_moves_at_power_up_whatever_the_operator_says() -> None:
-    config, state = config_from({}), INITIAL
-    wants = replaced(HEALTHY, "operator.request", OperatorRequest.RUN)
-    for _ in range(2000):
-        state, outputs = run_step(config, state, wants)
-        assert outputs.torque_n_m == 0.0
-        assert outputs.drive_frame in (DriveFrame.NOTHING, DriveFrame.IDLE)
-    assert outputs.mode == Mode.READY
-
-
 def test_pauses_that_are_misjudged_by_a_tick_do_no_harm() -> None:
     """Of the samples in a pause only the last has come, and the loop counts a tick more or less.
 
@@ -332,18 +277,3 @@ def test_pauses_that_are_misjudged_by_a_tick_do_no_harm() -> None:
     moving = np.array([tick not in paused for tick in range(bench.tick)]) & (times(bench) > 7.0)
     speed = bench.column(lambda s, _, m: s.crank.omega_rad_s - m.omega_rad_s)[moving]
     assert np.abs(speed).max() < bench.motions[-1].omega_rad_s / 8.0
-
-
-@pytest.mark.parametrize("x_m", [math.nan, 2000.0])
-def test_an_estimate_that_stays_lost_is_named(x_m: float) -> None:
-    """The sensors are well: the fault is not theirs."""
-    bench = Bench({"start.rise_s": 1.0}, ratio=1.1).started()
-    bench.run(5.0, keep=False)
-    assert bench.node.outputs.mode == Mode.RUN
-    faults = set()
-    for _ in range(1100):
-        estimator = bench.node.memory["core"]["estimator"]
-        estimator["x_m"][:], estimator["started"][:] = x_m, True  # it starts anew, and is lost again
-        bench.run(0.001, keep=False)
-        faults.add(bench.node.outputs.fault)
-    assert faults == {Fault.NONE, Fault.ESTIMATE_INVALID}

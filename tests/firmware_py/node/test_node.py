@@ -21,7 +21,6 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import (
     Accelerometer,
     DriveErrors,
-    DriveEstop,
     DriveTemperature,
     EncoderEstimates,
     FaultEvent,
@@ -52,16 +51,6 @@ def is_drives(record: object) -> bool:
 
 def sample(counter: int, low: float = 1.0) -> Frame:
     return codec.ACCELEROMETER.encode(Accelerometer(low, low, 0.0), counter)
-
-
-def test_a_silent_bus_leaves_everything_at_rest() -> None:
-    one = node()
-    for _ in range(500):
-        frames = [codec.decode(frame) for frame in one.tick([], 1)]
-        assert frames[0] == SetInputTorque(0.0)
-        assert all(record in (SetInputTorque(0.0), IDLE) for record in frames if is_drives(record))
-    assert one.outputs.mode == Mode.INIT
-    assert one.inputs.accelerometer.age_ticks == NEVER_TICKS
 
 
 def test_ages_count_elapsed_ticks() -> None:
@@ -184,30 +173,6 @@ def test_the_drive_is_enabled_only_on_a_start_and_let_go_on_a_stop() -> None:
     assert bench.axis_state == AxisState.IDLE
 
 
-@pytest.mark.requirement("S-07")
-def test_an_e_stop_frame_stops_in_the_same_tick_and_is_repeated_to_the_drive() -> None:
-    bench = Bench().started()
-    bench.run(1.0, keep=False)
-    assert bench.node.outputs.mode == Mode.SOFT_START
-    estop = codec.DRIVE_ESTOP.encode(DriveEstop())
-    bench.change = lambda _, frames: [*frames, estop]
-    bench.run(0.001, keep=False)
-    bench.change = lambda _, frames: frames
-    assert bench.records() == [SetInputTorque(0.0), DriveEstop()]
-    assert IDLE in bench.sent_in(0.003)
-    bench.run(1.0, keep=False)
-    assert bench.node.outputs.mode == Mode.E_STOP
-    # Clearing leads back to READY, and only IDLE and RUN from there to motion.
-    bench.request = OperatorRequest.CLEAR_FAULTS
-    bench.run(0.5, keep=False)
-    assert bench.node.outputs.mode == Mode.READY
-    assert bench.axis_error == 0
-    bench.request = OperatorRequest.RUN
-    bench.run(0.3, keep=False)
-    assert bench.node.outputs.mode == Mode.READY
-    assert bench.asked_again() == Mode.SOFT_START
-
-
 def test_parameters_are_not_written_while_it_moves_unless_they_are_marked() -> None:
     bench = Bench().started()
     bench.run(0.5, keep=False)
@@ -215,14 +180,6 @@ def test_parameters_are_not_written_while_it_moves_unless_they_are_marked() -> N
     assert calibrate(bench.node, "speed.gain_p_n_m_s", 0.0625) is XcpError.NONE
     assert bench.node.config.p.speed.gain_p_n_m_s == 0.0625
     assert bench.node.config.p.start.rise_s == DEFAULTS["start.rise_s"]
-
-
-def test_a_fault_is_reported_once_with_the_drives_reason() -> None:
-    bench = Bench().started()
-    bench.run(1.0, keep=False)
-    bench.axis_error = 0x200
-    reported = [event for event in bench.sent_in(0.3) if isinstance(event, FaultEvent)]
-    assert [(event.fault, event.disarm_reason) for event in reported] == [(Fault.DRIVE_ERROR, 0x200)]
 
 
 def test_idle_and_the_fault_event_stand_behind_nothing() -> None:
@@ -237,21 +194,6 @@ def test_idle_and_the_fault_event_stand_behind_nothing() -> None:
     assert IDLE in bench.records()
     bench.run(0.001, keep=False)
     assert FaultEvent(0, Fault.OVERTEMPERATURE, 0) in bench.records()
-
-
-def test_nothing_starts_while_the_drive_does_not_let_go() -> None:
-    """A drive that ignores IDLE is a fault of the drive, not the state from which a start begins."""
-    bench = Bench().started()
-    bench.run(0.5, keep=False)
-    obey = bench._obey
-    bench._obey = lambda frames: obey([f for f in frames if codec.decode(f) != IDLE])  # type: ignore[method-assign]
-    bench.request = OperatorRequest.IDLE
-    bench.run(1.5, keep=False)
-    assert (bench.mode, bench.axis_state) == (Mode.READY, AxisState.CLOSED_LOOP_CONTROL)
-    bench.request = OperatorRequest.RUN
-    sent = bench.sent_in(1.5)
-    assert {record for record in sent if is_drives(record)} == {SetInputTorque(0.0), IDLE}
-    assert bench.node.outputs.fault == Fault.DRIVE_ERROR
 
 
 def test_the_reason_that_is_latched_and_reported_is_the_drives_newest() -> None:
@@ -283,25 +225,6 @@ def test_the_heartbeat_says_where_the_firmware_stands() -> None:
     assert beats[0].target_omega_rad_s == 0.0
     assert beats[-1].mode == Mode.SOFT_START
     assert beats[-1].target_omega_rad_s > 0.0
-
-
-def test_an_operator_frame_with_a_wrong_crc_starts_nothing() -> None:
-    bench = Bench()
-    bench.run(0.4, keep=False)
-
-    def corrupt(_: int, frames: list[Frame]) -> list[Frame]:
-        return [
-            Frame(f.can_id, f.data[:-1] + bytes([f.data[-1] ^ 0xFF]))
-            if f.can_id == codec.OPERATOR_COMMAND.can_id
-            else f
-            for f in frames
-        ]
-
-    bench.change = corrupt
-    bench.request = OperatorRequest.RUN
-    bench.run(0.6, keep=False)
-    assert bench.node.outputs.mode == Mode.INIT
-    assert bench.node.counters.rejected_crc > 0
 
 
 def counted_from(turns: float) -> Callable[[int, list[Frame]], list[Frame]]:

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import pytest
 from closed_loop import Bench
-from xcp_session import TICKS, ask, calibrate, command, commands_of, configure, is_sample, staged, write
+from xcp_session import TICKS, ask, command, commands_of, configure, is_sample, staged, write
 
 from firmware_py.interface.enums import Mode, XcpError
 from firmware_py.interface.enums import XcpCommandCode as Code
@@ -124,21 +124,6 @@ def test_a_coupled_pair_changes_together_or_not_at_all() -> None:
     assert write(one, xcp.COMMIT, struct.pack("<I", 2)) is XcpError.OUT_OF_RANGE
     assert write(one, xcp.COMMIT, struct.pack("<I", 1)) is XcpError.NONE
     assert one.values == DEFAULTS | wanted
-
-
-def test_limits_are_read_only_for_ever() -> None:
-    """In motion as at rest; no value is staged, and no commit changes one."""
-    bench = Bench().started()
-    bench.run(0.5, keep=False)
-    one = bench.node
-    limits = [parameter for parameter in TABLE if not parameter.is_calibrated]
-    assert {"limit.speed_rad_s", "limit.impulse_n_s", "limit.force_n"} <= {one.name for one in limits}
-    ask(one, Code.CONNECT)
-    for parameter in limits:
-        value = struct.pack("<f", 0.5 * (parameter.low + parameter.default))
-        assert write(one, INDEX[parameter.name], value) is XcpError.WRITE_PROTECTED, parameter.name
-    assert write(one, xcp.COMMIT, struct.pack("<I", 1)) is XcpError.NONE
-    assert one.values == DEFAULTS
 
 
 def test_any_writes_in_any_order_stay_within_the_bounds() -> None:
@@ -276,16 +261,3 @@ def test_any_commands_in_any_order_during_motion_change_no_control_frame() -> No
         assert torques[0] == torques[1]
     assert asked.mode in (Mode.SOFT_START, Mode.RUN)
     assert asked.node.values == quiet.node.values
-
-
-def test_a_gain_that_changes_in_motion_moves_the_torque_within_its_rate() -> None:
-    bench = Bench().started()
-    bench.run(3.0, keep=False)
-    before = bench.torque_n_m
-    assert calibrate(bench.node, "speed.gain_p_n_m_s", 0.5) is XcpError.NONE
-    bench.run(0.001, keep=False)
-    assert bench.node.values["speed.gain_p_n_m_s"] == 0.5
-    assert abs(bench.torque_n_m - before) <= 0.06 * (2 * TICKS + 1)
-    assert {one.name for one in TABLE if one.while_running} <= {
-        one.name for one in TABLE if one.is_calibrated
-    }

@@ -166,12 +166,6 @@ def test_every_state_under_every_event(mode: Mode) -> None:
         assert (after.service_ticks == 0) == (frame in (DriveFrame.CLEAR_ERRORS, DriveFrame.RE_ZERO))
 
 
-def test_a_silent_drive_is_sent_idle_every_20_ms_for_ever() -> None:
-    for drive in (SILENT, DriveInput(AxisState.UNDEFINED, 0, 0, NEVER_TICKS)):
-        _, sent = frames(drive_link.INITIAL, Mode.INIT, 5000, drive)
-        assert sent == dict.fromkeys(range(0, 5000, 20), DriveFrame.IDLE)
-
-
 def test_settings_come_before_every_request_for_closed_loop_until_the_axis_is_closed() -> None:
     state, sent = frames(drive_link.INITIAL, Mode.SOFT_START, 140)
     settings = {at + place: frame for at in (0, 20) for place, frame in enumerate(ARMING[:2])}
@@ -182,35 +176,6 @@ def test_settings_come_before_every_request_for_closed_loop_until_the_axis_is_cl
     assert sent == {}
     assert drive_link.is_closed(state)
     assert not drive_link.is_idle(state)
-
-
-def test_an_e_stop_and_idle_take_turns_until_they_are_confirmed() -> None:
-    state, _ = frames(drive_link.INITIAL, Mode.RUN, 5)
-    state, sent = frames(state, Mode.E_STOP, 60)
-    pairs = {20 * k: (DriveFrame.ESTOP, DriveFrame.IDLE) for k in range(3)}
-    assert sent == {at + place: frame for at, pair in pairs.items() for place, frame in enumerate(pair)}
-    state, frame = step(state, Mode.E_STOP, OPENED)
-    assert frame == DriveFrame.NOTHING
-    assert drive_link.is_idle(state)
-
-
-def test_errors_are_cleared_every_50_ms_and_idle_goes_first() -> None:
-    state, sent = drive_link.INITIAL, []
-    wrong = DriveInput(AxisState.IDLE, 0x200, 0, 50)
-    for _ in range(120):
-        state, frame = step(state, Mode.INIT, wrong, asks_clear=True)
-        sent.append(frame)
-    assert [tick for tick, frame in enumerate(sent) if frame == DriveFrame.IDLE] == [0, 20, 40, 60, 80, 100]
-    assert [tick for tick, frame in enumerate(sent) if frame == DriveFrame.CLEAR_ERRORS] == [1, 51, 101]
-
-
-def test_a_far_position_is_brought_back_once_a_second() -> None:
-    state, _ = frames(drive_link.INITIAL, Mode.READY, 100, OPENED)
-    sent = []
-    for _ in range(2001):
-        state, frame = step(state, Mode.READY, OPENED, position_rev=-100.0)
-        sent.append(frame)
-    assert [tick for tick, frame in enumerate(sent) if frame == DriveFrame.RE_ZERO] == [0, 1000, 2000]
 
 
 def test_in_the_test_of_the_watchdog_its_stage_decides() -> None:

@@ -179,37 +179,6 @@ def test_the_impulse_is_the_integral_of_the_stops_force(ticks: int, flight_m_s2:
         assert set(felt(readings, config=config)[1]) == {Fault.NONE, fault}
 
 
-def test_a_kick_before_an_impact_takes_nothing_from_its_impulse() -> None:
-    """A push towards the stop is the opposite of the stop's force."""
-    kick, impact = pulse(-300.0, 10)[:-10], pulse(300.0, 10)[10:]
-    for share, fault in ((0.9, Fault.IMPULSE_LIMIT), (1.04, Fault.NONE)):
-        config = replaced(CONFIG, "d.gate.change_m_s", share * impulse_n_s(impact) / MASS_KG)
-        assert set(felt([*kick, *impact], config=config)[1]) == {Fault.NONE, fault}
-    state, _ = felt([0.0, 13.0, 13.0, -12.5])
-    assert state.contact == gate.ContactState(
-        started=True,
-        touching=True,
-        ticks=1,
-        flight_m_s2=0.0,
-        deviation_m_s2=12.5,
-        peak_m_s2=12.5,
-        change_m_s=pytest.approx(0.5 * 12.5e-3),
-        fault=Fault.NONE,
-    )
-    state, _ = felt([0.0, 13.0, 13.0, -12.0])
-    assert state.contact.change_m_s == pytest.approx((-0.5 * 13.0 - 13.0 - 0.5 * 1.0) * 1e-3)
-    assert state.contact.ticks == 3
-
-
-def test_the_impulse_trips_within_the_contact() -> None:
-    readings = pulse(300.0, 10)
-    _, faults = felt(
-        readings, config=replaced(CONFIG, "d.gate.change_m_s", 0.5 * impulse_n_s(readings) / MASS_KG)
-    )
-    tripped = [tick for tick, fault in enumerate(faults) if fault != Fault.NONE]
-    assert tripped[0] == 15
-
-
 def test_a_limit_that_is_no_number_trips() -> None:
     readings = pulse(300.0, 10)
     assert Fault.IMPULSE_LIMIT in felt(readings, config=replaced(CONFIG, "d.gate.change_m_s", math.nan))[1]
@@ -318,22 +287,6 @@ def test_a_long_gap_invents_no_impulse() -> None:
 )
 def test_the_counter_gives_the_samples_between_two_frames(before: int, counter: int, ticks: int) -> None:
     assert gate.counted_ticks(before, counter) == ticks
-
-
-def test_frames_out_of_order_are_not_counted_twice() -> None:
-    """Swapped in pairs, each impact has the impulse that it has in order."""
-    readings = pulse(300.0, 20)
-    for share, fault in ((0.95, Fault.IMPULSE_LIMIT), (1.05, Fault.NONE)):
-        config = replaced(CONFIG, "d.gate.change_m_s", share * impulse_n_s(readings) / MASS_KG)
-        state, faults = gate.INITIAL, set()
-        for place in range(0, len(readings), 2):
-            for swapped in (place + 1, place):
-                reading = GateReading(0.01 * swapped, readings[swapped], swapped, 0.0)
-                state = gate.take_reading(config.d.gate, state, reading)
-            state, findings = gate.judge(config.d.gate, state, CLOSED)
-            faults.add(findings.limit)
-        assert faults == {Fault.NONE, fault}
-        assert state.counter == len(readings) - 1
 
 
 def test_a_late_reading_counts_for_the_force_and_ends_no_silence_of_another() -> None:
@@ -473,13 +426,6 @@ def test_samples_in_bundles_are_named(
     assert found == {Fault.NONE, fault}
 
 
-def test_a_gap_is_forgotten_after_steady_samples() -> None:
-    state = gate.INITIAL._replace(silent_ticks=CONFIG.d.gate.gap_ticks)
-    assert guard(state=state)[0].gaps == 1
-    assert guard(ticks=10, state=state)[0].gaps == 1
-    assert guard(ticks=11, state=state)[0].gaps == 0
-
-
 def test_an_accelerometer_that_repeats_itself_is_found_out() -> None:
     turning = replaced(CLOSED, "encoder.velocity_rev_s", 1.9)
     wide = replaced(CONFIG, "d.gate.frozen_ticks", 10_000)
@@ -591,11 +537,6 @@ def test_overspeed_by_the_positions_alone(rad_s: float, overspeed: bool) -> None
     assert found[-1].overspeed == overspeed
 
 
-def test_a_frame_that_is_late_is_no_overspeed() -> None:
-    _, found = turned(14.0, 60, late={20: 10, 40: 10})
-    assert not any(findings.overspeed for findings in found)
-
-
 def test_positions_on_both_sides_of_a_silence_give_no_speed() -> None:
     state, _ = turned(14.0, 30)
     silent = replaced(CLOSED, "encoder.age_ticks", 1)
@@ -607,11 +548,6 @@ def test_positions_on_both_sides_of_a_silence_give_no_speed() -> None:
         )
         assert later.own_rad_s == pytest.approx(own_rad_s, rel=0.2)
         assert later.window_ticks == 0
-
-
-def test_a_drive_error_is_found() -> None:
-    assert guard(replaced(CLOSED, "drive.axis_error", 0x200))[1].drive == Fault.DRIVE_ERROR
-    assert guard()[1].drive == Fault.NONE
 
 
 # The torque
