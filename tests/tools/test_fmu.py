@@ -19,7 +19,6 @@ from fmus import (
     require_no_runtime,
     run_alone,
     shifted,
-    with_values,
 )
 
 from plant_sim.plant import Plant
@@ -66,7 +65,7 @@ def test_the_plant_bit_by_bit_under_disturbances(name: str, tmp_path_factory: py
     assert validate_fmu(str(file)) == []
     begin = shifted(fmu, ("fixed", "tunable"), 1)
     one = fmu.instance(**begin)
-    begun = with_values(scene, begin)
+    begun = scene.with_(begin)
     plant = Plant(begun, SEED)
     same(plant, one)
     later = begin | shifted(fmu, ("tunable",), 2)
@@ -75,7 +74,7 @@ def test_the_plant_bit_by_bit_under_disturbances(name: str, tmp_path_factory: py
             for key, value in later.items():
                 if begin[key] != value:
                     one.set(key, value)
-            plant.replace_parts(with_values(scene, later).parts(SEED))
+            plant.replace_parts(scene.with_(later).parts(SEED))
         if tick in (400, 900):
             one.set("kicks.v_m_s", 1.25 if tick == 400 else 2.5)
             plant.kick(1.25)
@@ -120,7 +119,7 @@ def test_a_process_without_this_project_simulates_it(module: Exported) -> None:
     scene, file, _ = module
     assert validate_fmu(str(file)) == []
     printed = run_alone(SIMULATE, str(file))
-    plant = Plant(with_values(scene, {"initial.v_m_s": 0.9}), SEED)
+    plant = Plant(scene.with_({"initial.v_m_s": 0.9}), SEED)
     for tick in range(2000):
         plant.advance(0.02, (tick + 1) * 1e-3 - tick * 1e-3)  # the steps of FMPy
     impacts = len(plant.take_impacts())

@@ -147,21 +147,10 @@ def test_at_the_speed_asked_for_nothing_moves() -> None:
     assert held(10) == hold.INITIAL._replace(impulse_n_s=0.8)
 
 
-def test_beyond_the_highest_phase_the_speed_falls() -> None:
-    state = held(3, phase_deg=80.0)
-    assert state.trim < -0.005
-    assert state.guarded
-
-
 def test_the_ratio_creeps_up_until_the_phase_says_stop() -> None:
     assert 0.0 < held(5, target=1.4).trim < 0.0751
     assert held(30, target=1.4).trim == pytest.approx(0.1)
     assert held(30, target=1.4, phase_deg=64.5).trim == pytest.approx(0.0, abs=1e-9)
-
-
-def test_an_impulse_is_approached_from_both_sides_slowly() -> None:
-    assert 0.0 < held(3, impulse=1.0).trim < 0.0451
-    assert -0.0451 < held(3, impulse=0.6).trim < 0.0
 
 
 @pytest.mark.parametrize("impacts", [0, 2])
@@ -202,25 +191,6 @@ def test_not_a_number_moves_nothing() -> None:
     for phase, impact in ((math.nan, 0.8), (30.0, math.nan)):
         state = held(5, phase_deg=phase, impact=impact, impulse=0.9)
         assert abs(state.trim) < 0.0751
-
-
-@pytest.mark.requirement("P-08")
-def test_an_impulse_asked_for_is_given_and_the_stop_agrees() -> None:
-    bench = Bench({"start.rise_s": 2.0}, ratio=1.2, impulse_n_s=0.85)
-    true: list[float] = []
-    take = bench.plant.take_impacts
-
-    def noting() -> list:
-        taken = take()
-        true.extend(impact.impulse_n_s for impact in taken)
-        return taken
-
-    bench.plant.take_impacts = noting  # type: ignore[method-assign]
-    bench.started()
-    bench.run(20.0, keep=False)
-    assert bench.node.outputs.mode == Mode.RUN
-    assert np.array(true[-5:]) == pytest.approx(0.85, rel=0.02)
-    assert bench.node.outputs.impact_impulse_n_s == pytest.approx(true[-1], rel=0.01)
 
 
 def test_a_ratio_beyond_the_fold_is_held_before_it() -> None:

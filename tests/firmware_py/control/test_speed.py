@@ -20,18 +20,6 @@ def step(
     return speed.step(CONFIG, state, CRANK._replace(omega_rad_s=omega), ESTIMATE, target, 0.0)
 
 
-def test_the_load_is_the_work_gradient_of_the_spring() -> None:
-    """T = d/dθ ½ c (A sin θ + l0 − x)²."""
-
-    def energy(theta: float) -> float:
-        return 0.5 * 70.0 * (0.02 * math.sin(theta) + 0.12 - 0.15) ** 2
-
-    for theta in np.linspace(0.0, 6.2, 9):
-        slope = (energy(theta + 1e-6) - energy(theta - 1e-6)) / 2e-6
-        load = speed.crank_load(CONFIG, CRANK._replace(angle_rad=theta), ESTIMATE._replace(x_m=0.15), 0.0)
-        assert load == pytest.approx(slope, abs=1e-8)
-
-
 @pytest.mark.parametrize("x_m", [-6.0, 5.0, math.nan, math.inf])
 def test_nothing_is_fed_forward_from_an_estimate_that_is_lost(x_m: float) -> None:
     lost = ESTIMATE._replace(x_m=x_m)
@@ -108,23 +96,6 @@ def test_the_rate_is_limited_and_said_so() -> None:
     assert state.acting_limit == ActingLimit.TORQUE
 
 
-def test_the_integral_does_not_wind_up_against_a_limit() -> None:
-    state = speed.INITIAL
-    for _ in range(5000):
-        state = step(state, target=19.0, omega=0.0)
-    assert abs(state.integral_n_m) < 0.05
-    for _ in range(20):
-        state = step(state, target=12.0, omega=12.5)
-    assert state.torque_n_m < 0.05
-
-
-def test_the_integral_removes_a_lasting_error() -> None:
-    state = speed.INITIAL
-    for _ in range(1000):
-        state = step(state, target=12.0, omega=11.9)
-    assert state.integral_n_m == pytest.approx(CONFIG.p.speed.gain_i_n_m * 0.1, rel=0.05)
-
-
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_speed_limit_cuts_the_torque_at_once(side: float) -> None:
     """A torque that the rate limit lowered by 0.06 N m a tick would push the crank on for ten ticks."""
@@ -151,16 +122,6 @@ def test_safe_is_zero_at_once() -> None:
     assert safe.integral_n_m == 0.0
     assert safe.acting_n_m == state.torque_n_m
     assert safe.acting_limit == ActingLimit.SAFE_STATE
-
-
-def test_the_tracker_gets_the_acting_torque() -> None:
-    state = speed.INITIAL._replace(torque_n_m=0.3, acting_n_m=0.1)
-    still = ESTIMATE._replace(x_m=0.12 + 0.02 * math.sin(12.0 * 0.5e-3))
-    load = CONFIG.p.motor
-    expected = (0.1 - load.viscous_n_m_s * 12.0 - load.dry_n_m) / load.inertia_kg_m2
-    assert speed.known_acceleration(CONFIG, state.acting_n_m, CRANK, still) == pytest.approx(
-        expected, rel=1e-3
-    )
 
 
 def test_losses_and_load_are_against_the_motion_and_the_acceleration_has_a_bound() -> None:

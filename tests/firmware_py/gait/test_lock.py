@@ -161,18 +161,6 @@ class Walked(Bench):
         return self
 
 
-def hits(bench: Bench, walked: Walk, from_s: float) -> tuple[int, int]:
-    """Strides with an impact between 45 and 60 %, and all strides, from a time on."""
-    times = np.array([t for t, _ in bench.touch_downs])
-    good = total = 0
-    for begin, end in zip(walked.strikes_s[:-1], walked.strikes_s[1:], strict=True):
-        if begin >= from_s and end <= bench.tick * 1e-3:
-            share = (times - begin) / (end - begin)
-            good += bool(np.any((share >= 0.45) & (share <= 0.60)))
-            total += 1
-    return good, total
-
-
 @pytest.fixture(scope="module")
 def run() -> tuple[Walked, Walk]:
     """Walking at 0.8 Hz, RUN asked for at once, two turns a stride; a stop at 40 s."""
@@ -181,19 +169,6 @@ def run() -> tuple[Walked, Walk]:
     bench.started()
     bench.run(45.0)
     return bench, walked
-
-
-@pytest.mark.requirement("P-09")
-def test_the_crank_follows_the_walk_into_its_window(run: tuple[Walked, Walk]) -> None:
-    bench, walked = run
-    modes = [o.mode for o in bench.outputs]
-    started = modes.index(Mode.SOFT_START)
-    # Not before strides were seen.
-    assert started * 1e-3 > walked.strikes_s[3]
-    good, total = hits(bench, walked, modes.index(Mode.RUN) * 1e-3 + 4.0)
-    assert total >= 15
-    assert good == total
-    assert {state.gait_lock.harmonic for state in bench.states[20_000:38_000]} == {2}
 
 
 def test_it_reports_what_it_does(run: tuple[Walked, Walk]) -> None:

@@ -15,7 +15,7 @@ from fmpy.fmi3 import FMU3Slave
 
 from firmware_py.interface.frame import Frame
 from plant_sim.plant import Plant
-from plant_sim.scene import Scene, load_scene
+from plant_sim.scene import Scene
 from tools.fmu.build import Version, export
 from tools.fmu.plant import PlantModel
 
@@ -126,18 +126,6 @@ def readings_of(plant: Plant) -> dict[str, float]:
     if plant.scene.sensors is None:
         return {}
     return {f"reading.{name}": value for name, value in plant.sense()._asdict().items()}
-
-
-def with_values(scene: Scene, values: dict[str, float]) -> Scene:
-    """The scene with other values of these dotted keys."""
-    tables = scene.model_dump(exclude_none=True)
-    for key, value in values.items():
-        *path, last = key.split(".")
-        table = tables
-        for name in path:
-            table = table.setdefault(name, {})
-        table[last] = value
-    return load_scene(tables)
 
 
 def shifted(fmu: Fmu, roles: tuple[str, ...], seed: int) -> dict[str, float]:
