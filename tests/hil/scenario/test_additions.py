@@ -1,49 +1,10 @@
-"""A new fault and a new set of checks are one file each, shown by patches to a copy of the bench."""
+"""A new fault and a new set of checks are one file each, shown by diffs on a copy of the bench."""
 
 import json
-import os
-import re
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
-import hil
+from patched_packages import applied, copied, files_of, python
 
-FAULT = '''
---- /dev/null
-+++ b/hil/faults/kinds/sensor_scaled.py
-@@ -0,0 +1,20 @@
-+"""A sensor with another gain."""
-+
-+from typing import Literal
-+
-+import numpy as np
-+from pydantic import Field
-+
-+from hil.faults.on_sensor import Past, SensorFault
-+from plant_sim.sensors.readings import SensorReading
-+
-+
-+class SensorScaled(SensorFault):
-+    """Readings that are multiplied by a factor."""
-+
-+    kind: Literal["sensor-scaled"]
-+    factor: float = Field(description="the readings' factor")
-+
-+    def disturbed(self, reading: SensorReading, past: Past, noise: np.random.Generator) -> SensorReading:
-+        """The reading times the factor."""
-+        return reading._replace(**{name: self.factor * getattr(reading, name) for name in self.fields})
-'''
-CHECK_SET = """
---- a/hil/scenario/check_sets.toml
-+++ b/hil/scenario/check_sets.toml
-@@ -0,0 +1,4 @@
-+[rests]
-+title = "Nothing moves"
-+checks = [{ name = "impact_count", equals = 0 }]
-+
-"""
 SCENARIO = """
 title = "It rests, whatever a sensor reports"
 scene = "table1-motor-soft"
@@ -66,22 +27,14 @@ print(json.dumps([hil.__file__, run.verdict]))
 
 
 def test_a_fault_and_a_set_of_checks_take_one_file_each(tmp_path: Path) -> None:
-    shutil.copytree(Path(hil.__file__).parent, tmp_path / "hil", ignore=shutil.ignore_patterns("__pycache__"))
-    for patch in (FAULT, CHECK_SET):
-        assert len(re.findall(r"^\+\+\+ b/", patch, re.MULTILINE)) == 1
-        applied = ["git", "apply", "--unidiff-zero", "-"]
-        subprocess.run(applied, input=patch.lstrip(), cwd=tmp_path, text=True, check=True)
+    copied(tmp_path, "hil")
+    for path in Path(__file__).with_name("additions").iterdir():
+        diff = path.read_text(encoding="utf-8")
+        assert len(files_of(diff)) == 1
+        applied(diff, tmp_path, "--unidiff-zero")
     (tmp_path / "mine.toml").write_text(SCENARIO)
-    ran = subprocess.run(
-        [sys.executable, "-c", RUN],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert ran.returncode == 0, ran.stderr
-    used, verdict = json.loads(ran.stdout.splitlines()[-1])
+    ran = python(tmp_path, "-c", RUN)
+    used, verdict = json.loads(ran.splitlines()[-1])
     assert Path(used).parent == tmp_path / "hil"
     assert verdict["verdict"] == "passed"
     assert [(one["kind"], one["acted_on"]) for one in verdict["faults"]] == [("sensor-scaled", 50)]

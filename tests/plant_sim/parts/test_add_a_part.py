@@ -6,22 +6,18 @@ A new part moves as scipy says it does; a new sensor's frames are the plant's tr
 import ast
 import json
 import math
-import os
 import re
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from patched_packages import REPOSITORY, applied, copied, files_of, python
 from reference import Reference
 
 from plant_sim.parts.stop import HuntCrossley
 from plant_sim.scene import load_scene
 from plant_sim.simulation import initial_state
 
-REPOSITORY = Path(__file__).parents[3]
 PAGE = (REPOSITORY / "docs/how-to/add-a-part.md").read_text("utf-8")
 BESIDE = re.findall(r"\]\((add-a-part/(\w+)\.diff)\)", PAGE)
 CHANGES = {name: (REPOSITORY / "docs/how-to" / file).read_text("utf-8") for file, name in BESIDE}
@@ -79,16 +75,10 @@ class TippingOver(Reference):
         return self.parts.striker.gravity_m_s2 * math.sin(0.1 + 0.05 * t) / math.cos(0.1)
 
 
-def files_of(change: str) -> list[str]:
-    return re.findall(r"^\+\+\+ b/(.*)$", change, re.MULTILINE)
-
-
 @pytest.fixture(scope="module")
 def packages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the packages with the changes of the plant's parts; all share the plant's one kernel."""
-    folder: Path = tmp_path_factory.mktemp("changed")
-    for package in ("firmware_py", "hil", "plant_sim", "tools", "docs"):
-        copied(package, folder)
+    folder = copied(tmp_path_factory.mktemp("changed"), "firmware_py", "hil", "plant_sim", "tools", "docs")
     for name in ("law", "stop", "housing", "backlash"):
         applied(CHANGES[name], folder)
     return folder
@@ -103,32 +93,10 @@ def results(packages: Path) -> dict[str, list]:
     return dict(zip(("law", "stop", "housing", "backlash"), runs, strict=True))
 
 
-def copied(package: str, folder: Path) -> None:
-    shutil.copytree(REPOSITORY / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
-
-
-def applied(change: str, folder: Path) -> None:
-    subprocess.run(["git", "apply", "-"], input=change, text=True, cwd=folder, check=True)
-
-
 def script_of(name: str) -> str:
     lines = re.search(rf"^```python {name}\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
     assert lines is not None
     return lines[1]
-
-
-def python(folder: Path, *arguments: str, interpreted: bool = False) -> str:
-    """What Python prints on the packages in `folder`."""
-    done = subprocess.run(
-        [sys.executable, *arguments],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(folder), "NUMBA_DISABLE_JIT": str(int(interpreted))},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 def contents(folder: Path) -> dict[str, str]:
@@ -163,8 +131,7 @@ def error_m(result: list, truth: Reference) -> float:
     ("name", "place", "most"), [("law", 0, 1), ("stop", 1, 2), ("housing", 2, 3), ("backlash", 3, 3)]
 )
 def test_a_change_alone_fits_and_has_as_few_files_as_the_page_says(name: str, place: int, most: int) -> None:
-    check = ["git", "apply", "--check", "-"]
-    subprocess.run(check, input=CHANGES[name], text=True, cwd=REPOSITORY, check=True)
+    applied(CHANGES[name], REPOSITORY, "--check")
     files = files_of(CHANGES[name])
     assert COUNTS[place][0] == str(len(files))
     assert len(files) <= most
