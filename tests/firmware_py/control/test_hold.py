@@ -1,14 +1,12 @@
-"""The law of the hold against a model of its own: the map from one impact of a rigid stop to the next."""
+"""The law of the hold on the map from one impact of a rigid stop to the next."""
 
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
 from closed_loop import Bench
-from scipy.optimize import brentq
 
 from firmware_py.core.control import hold
 from firmware_py.core.control.hold import HoldState
@@ -19,6 +17,13 @@ from firmware_py.core.inputs import OperatorInput
 from firmware_py.core.request import Request
 from firmware_py.interface.enums import ActingLimit, Mode, OperatorRequest, Refusal, Regime
 from firmware_py.shell.parameters import config_from
+from plant_sim.parts.drive import IdealDrive
+from plant_sim.parts.friction import Viscous
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import RigidStop
+from plant_sim.parts.striker import Striker
+from plant_sim.result import MotionState, Phase
+from plant_sim.solvers.exact.exact import simulate
 
 CONFIG = config_from({})
 M_KG, C_N_PER_M, B_N_S_M, A_M, GAP_M, K = 0.8, 70.0, 0.2, 0.02, 0.06, 0.5
@@ -27,27 +32,12 @@ OMEGA = math.sqrt(C_N_PER_M / M_KG)
 
 def next_impact(v_m_s: float, phase_rad: float, ratio: float) -> tuple[float, float]:
     """Speed and crank phase of the next impact after `v_m_s` and `phase_rad` past the forward dead centre."""
-    sigma, speed = 0.5 * B_N_S_M / M_KG, ratio * OMEGA
-    omega_d = math.sqrt(OMEGA**2 - sigma**2)
-    gain = OMEGA**2 * A_M / complex(OMEGA**2 - speed**2, 2.0 * sigma * speed)
-    theta0 = phase_rad + 0.5 * math.pi
-
-    def steady(t: Any) -> tuple[Any, Any]:
-        z = gain * np.exp(1j * (speed * t + theta0))
-        return z.imag, speed * z.real
-
-    x0, v0 = GAP_M - steady(0.0)[0], -K * v_m_s - steady(0.0)[1]
-
-    def place(t: Any) -> Any:
-        free = x0 * np.cos(omega_d * t) + (v0 + sigma * x0) / omega_d * np.sin(omega_d * t)
-        return steady(t)[0] + np.exp(-sigma * t) * free - GAP_M
-
-    times = np.linspace(0.05, 1.6 * 2.0 * math.pi / speed, 400)
-    heights = place(times)
-    k = 1 + int(np.flatnonzero((heights[:-1] < 0.0) & (heights[1:] >= 0.0))[0])
-    t = brentq(place, times[k - 1], times[k], xtol=1e-13)
-    h = 1e-6
-    return (place(t + h) - place(t - h)) / (2 * h), phase_rad + speed * t - 2.0 * math.pi
+    speed = ratio * OMEGA
+    drive, stop = IdealDrive(A_M, speed, 0.0), RigidStop(GAP_M, K)
+    module = Parts(Striker(M_KG, C_N_PER_M, 0.0, 9.80665), drive, Viscous(B_N_S_M), stop)
+    left = MotionState(0.0, GAP_M, -K * v_m_s, phase_rad + 0.5 * math.pi, speed, Phase.FLIGHT)
+    impacts = simulate(module, left, 1.6 * math.tau / speed).impacts
+    return float(impacts.v_m_s[0]), phase_rad + speed * float(impacts.t_s[0]) - math.tau
 
 
 @cache
