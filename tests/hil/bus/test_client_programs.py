@@ -1,8 +1,7 @@
 """ODrive clients that nobody here wrote, unmodified, against `vibrohil plant` on the kernel's own CAN.
 
 odrive-can and pyodrivecan come from PyPI. ODrive Robotics' own examples are in no package, and no licence was
-found under which a copy could lie here: those tests run where $ODRIVE_RESOURCES names a checkout of
-github.com/odriverobotics/ODriveResources. A test here and one of the plant's node exchange the same frames.
+found under which a copy could lie here: a test here and one of the plant's node exchange the same frames.
 
 Where the machine's kernel has no CAN, `test_kernel_can.py` runs them under user-mode Linux.
 """
@@ -33,12 +32,6 @@ AXIS = "{watchdog_s=1.0,encoder_s=0.01,control_mode='velocity'}"
 HEARTBEAT, ADDRESS, ENCODER = 0x01, 0x06, 0x09
 PATIENCE_S = 30.0
 PRINTED = "printed.txt"
-RESOURCES = "ODRIVE_RESOURCES"
-
-needs_odrives_examples = pytest.mark.skipif(
-    RESOURCES not in os.environ,
-    reason=f"${RESOURCES} names no checkout of ODriveResources, whose examples are in no package",
-)
 
 
 @pytest.fixture(scope="module")
@@ -173,32 +166,3 @@ def test_pyodrivecan_turns_the_crank_and_keeps_its_records(bus: can.BusABC, tmp_
 def test_a_discovery_as_by_odrives_can_enumerate_finds_the_drive(bus: can.BusABC) -> None:
     bus.send(can.Message(arbitration_id=0x7E6, is_remote_frame=True, is_extended_id=False))
     assert seen(bus, ADDRESS, lambda data: len(data) == 8, from_now=False)[0] == 0
-
-
-def odrives(name: str) -> list[str | Path]:
-    return [sys.executable, Path(os.environ[RESOURCES], "examples", name)]
-
-
-@needs_kernel_can
-@needs_odrives_examples
-def test_can_simple_swings_the_crank(bus: can.BusABC, tmp_path: Path) -> None:
-    with client(odrives("can_simple.py"), tmp_path):
-        seen(bus, ENCODER, turns_faster(0.5))
-        seen(bus, ENCODER, lambda data: not turns_faster(-0.5)(data))
-    assert "[turns/s]" in (tmp_path / PRINTED).read_text()
-    seen(bus, HEARTBEAT, is_idle)  # its watchdog lets go
-
-
-@needs_kernel_can
-@needs_odrives_examples
-def test_can_enumerate_finds_the_drive(bus: can.BusABC, tmp_path: Path) -> None:
-    printed = printed_by([*odrives("can_enumerate.py"), "-c", CHANNEL], tmp_path)
-    assert "(node ID 0)" in printed
-    assert "Discovered 1 ODrives." in printed
-
-
-@needs_kernel_can
-@needs_odrives_examples
-def test_can_calibrate_waits_for_the_calibration(bus: can.BusABC, tmp_path: Path) -> None:
-    printed = printed_by([*odrives("can_calibrate.py"), "-c", CHANNEL, "--node-id", "0"], tmp_path)
-    assert "Calibration successful!" in printed

@@ -90,7 +90,7 @@ class Client:
 
 
 def test_as_odrives_examples_do_a_client_calibrates_the_drive_and_swings_its_crank() -> None:
-    """The frames of can_calibrate and can_simple; `hil/bus/test_client_programs.py` runs the programs."""
+    """The frames of can_calibrate and can_simple, whose programs are in no package."""
     client = Client()
     clear, calibrate = Frame(0x18, b"\0"), Frame(0x07, struct.pack("<I", 3))
     heartbeat = client.after([clear, calibrate], 0x01, lambda data: data[4] != AxisState.IDLE)
