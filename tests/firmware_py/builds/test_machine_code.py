@@ -1,7 +1,6 @@
-"""The object file: a library of it computes the bits of the compiled build, and C accepts its headers."""
+"""The object file on a board: its beginning, its headers, and the page's example, which C accepts."""
 
 import ctypes
-import random
 import shutil
 import struct
 import subprocess
@@ -13,6 +12,7 @@ from xcp_session import command
 
 from firmware_py.builds.c_header import config_header, header
 from firmware_py.builds.flat import Precision, in_precision, stored
+from firmware_py.builds.loaded_object import function
 from firmware_py.builds.machine_code import object_code, sizes
 from firmware_py.core.config import Config
 from firmware_py.interface.enums import XcpCommandCode
@@ -20,55 +20,16 @@ from firmware_py.interface.frame import Frame, word_of
 from firmware_py.interface.parameter_table import INDEX
 from firmware_py.node import xcp
 from firmware_py.node.memory import INITIAL
-from firmware_py.node.tick import NO_TX
 from firmware_py.shell.builds import node_of
-from firmware_py.shell.catching_up import fit_frames
 from firmware_py.shell.parameters import config_from
 
 
-@pytest.fixture(scope="module")
-def loaded(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
-    if shutil.which("gcc") is None:
-        pytest.skip("no gcc on this machine, which makes a library of the object file")
-    folder = tmp_path_factory.mktemp("host")
-    (folder / "vibro_firmware.o").write_bytes(object_code("host"))
-    library = folder / "firmware.so"
-    subprocess.run(
-        ["gcc", "-shared", str(folder / "vibro_firmware.o"), "-lm", "-o", str(library)], check=True
-    )
-    return ctypes.CDLL(str(library))
-
-
-def test_the_object_file_computes_the_bits_of_the_compiled_build(loaded: ctypes.CDLL) -> None:
-    pointer, integer = ctypes.c_void_p, ctypes.c_int64
-    prototype = ctypes.CFUNCTYPE(ctypes.c_int32, pointer, pointer, integer, integer, pointer, pointer)
-    tick = prototype(("vibro_tick", loaded))
-    dice = random.Random(1)
-    parameters = {"start.rise_s": 2.0, "start.confirm_periods": 2}
-    node = node_of("compiled")(config_from(parameters), parameters)
-    config, state, tx = stored(config_from(parameters)), stored(INITIAL), stored(NO_TX)
-
-    def change(_: int, frames: list[Frame]) -> list[Frame]:
-        kept = [frame for frame in frames if dice.random() < 0.99]
-        words = [word for one in fit_frames(kept) for word in (one.can_id, len(one.data), word_of(one.data))]
-        memory = (integer * len(words))(*words)
-        status = tick(config.ctypes.data, state.ctypes.data, 0, len(words) // 3, memory, tx.ctypes.data)
-        node.tick(kept, 1)
-        assert status == 0
-        assert node.memory is not None
-        assert state["node"].tobytes() == node.memory.tobytes(), bench.tick
-        return kept
-
-    bench = Bench(parameters, change=change, build="python")
-    bench.started()
-    bench.run(4.5, keep=False)
-    assert bench.node.outputs.torque_n_m != 0.0
-
-
-def test_it_begins_as_the_compiled_build_does(loaded: ctypes.CDLL) -> None:
+def test_a_board_begins_as_the_compiled_build_does() -> None:
+    """The compiled build is this object file, with a state of its own."""
+    power_up = function(object_code("host"), "vibro_power_up", ctypes.CFUNCTYPE(None, ctypes.c_void_p))
     wanted = stored(INITIAL)
     content = ctypes.create_string_buffer(b"\xff" * wanted.nbytes, wanted.nbytes)
-    loaded.vibro_power_up(content)
+    power_up(content)
     assert content.raw == wanted.tobytes()
 
 
