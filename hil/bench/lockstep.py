@@ -210,7 +210,7 @@ def simulate(
     firmware: Build = "python",
 ) -> None:
     """Run in this process; times are simulated from 0, so that two runs with the same seed are identical."""
-    bus = {"bus": "in-process", "bus_reason": "lockstep", "kernel_can": False, "counts_losses": True}
+    bus = {"bus": "in-process", "bus_reason": "lockstep", "kernel_can": False}
     run_folder.note(run_dir, **bus, t0_ns=0, wall_start_s=0.0)
     run_folder.write_json(run_dir / "processes.json", {"lockstep": os.getpid()})
     progress(0.0, "compiling kernels")

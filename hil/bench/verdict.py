@@ -3,7 +3,6 @@
 run.json       scenario, clock, bus, seed, versions and start of the run
 scenario.toml  the scenario as run
 *.trace        each process's signals at each tick; can.log, the frames on the bus
-losses.json    intervals in which the recorder lost frames; absent without a loss
 outcome.json   end of the run: elapsed time, a bare loop's overruns, and reasons for failure
 run.rrd, verdict.json, junit.xml, report.html   made from the above by `finish`, repeatedly if required
 """

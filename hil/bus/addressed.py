@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from firmware_py.interface.addresses import DEFAULT, NOT_OURS, Addresses, bus_id, module_id
 from firmware_py.interface.frame import Frame
-from hil.bus.base import Bus, BusCounters, Loss
+from hil.bus.base import Bus, BusCounters
 
 
 def addressed(bus: Bus, places: Addresses) -> Bus:
@@ -26,11 +26,6 @@ class AddressedBus:
     def counters(self) -> BusCounters:
         """The errors counted so far."""
         return self._bus.counters
-
-    @property
-    def losses(self) -> list[Loss]:
-        """The losses of the bus."""
-        return self._bus.losses
 
     def send_all(self, frames: Iterable[Frame]) -> None:
         """Queue frames in order."""

@@ -4,7 +4,7 @@ import select
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from firmware_py.interface.frame import Frame
 
@@ -36,14 +36,6 @@ class BusCounters:
     """Frames that arrived while the receive queue was full."""
 
 
-class Loss(NamedTuple):
-    """Frames lost before this node received them: how many, and the wall clock in ns around them."""
-
-    from_ns: int
-    to_ns: int
-    frames: int
-
-
 class NodeBus(Protocol):
     """The interface of a bus to a node."""
 
@@ -62,9 +54,6 @@ class NodeBus(Protocol):
 
 class Connection(ABC):
     """What every node's connection through a descriptor has in common; `Bus` describes its methods."""
-
-    def __init__(self) -> None:
-        self.losses: list[Loss] = []
 
     @abstractmethod
     def send_all(self, frames: Iterable[Frame]) -> None:
@@ -93,10 +82,6 @@ class Bus(NodeBus, Protocol):
     @property
     def counters(self) -> BusCounters:
         """The errors counted so far."""
-
-    @property
-    def losses(self) -> list[Loss]:
-        """Losses seen by a bus opened with `stamped`, in order of time; the reader may empty the list."""
 
     def receive_stamped(self) -> list[tuple[int, Frame]]:
         """Like `receive`, with each arrival on the wall clock in ns; for a bus opened with `stamped`."""

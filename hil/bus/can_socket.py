@@ -14,10 +14,9 @@ import struct
 import time
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Connection, Loss
+from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Connection
 from hil.bus.wire import FRAME_BYTES, MAX_STANDARD_ID, pack, unpack
 from hil.timing.realtime import libc
 
@@ -29,7 +28,6 @@ EXACT_ID_MASK = 0xC0000000 | MAX_STANDARD_ID
 # Constants of Linux that Python's socket module lacks.
 SO_RCVBUFFORCE = 33
 SO_TIMESTAMPNS = 35
-SO_RXQ_OVFL = 40
 SO_MEMINFO = 55
 MEMINFO = struct.Struct("=9I")
 """Counters that SO_MEMINFO returns; the last one counts dropped messages."""
@@ -37,11 +35,8 @@ CONTROL_HEADER = struct.Struct("=Qii")
 """Header of a control message: length including this header, level, kind."""
 STAMP = struct.Struct("=qQ")
 """A time: seconds and nanoseconds."""
-DROPS = struct.Struct("=I")
-"""Messages that the socket had dropped when this one was queued, modulo 2³²; absent while it is 0."""
-CONTROL_ALIGNMENT = 8
-CONTROL_BYTES = 2 * CONTROL_HEADER.size + STAMP.size + CONTROL_ALIGNMENT
-"""Room for both control messages of a frame."""
+CONTROL_BYTES = CONTROL_HEADER.size + STAMP.size
+"""Room for the control message of a frame."""
 
 RECEIVE_BUFFER_BYTES = 4 << 20
 QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
@@ -75,15 +70,8 @@ class BatchHeader(ctypes.Structure):
     _fields_ = (("message", MessageHeader), ("length", ctypes.c_uint))
 
 
-class Arrival(NamedTuple):
-    """The kernel's report on a frame: wall clock in ns (0: none) and the drops before it (None: 0)."""
-
-    stamp_ns: int
-    drops: int | None
-
-
 class FrameBatch:
-    """Buffers for a batch of frames, their headers and, if `stamped`, the kernel's report on each frame."""
+    """Buffers for a batch of frames, their headers and, if `stamped`, each frame's arrival time."""
 
     def __init__(self, stamped: bool = False) -> None:
         self.buffer = bytearray(BATCH * FRAME_BYTES)
@@ -102,30 +90,19 @@ class FrameBatch:
                 header.message.control = address + index * CONTROL_BYTES
                 header.message.control_length = CONTROL_BYTES
 
-    def take_arrivals(self, count: int) -> list[Arrival]:
-        """Return the kernel's reports on the first `count` frames and reset the buffers for them.
+    def take_stamps(self, count: int) -> list[int]:
+        """Return the arrivals of the first `count` frames on the wall clock in ns, and reset their buffers.
 
         The kernel overwrites a control buffer's length with the length it used, so the length is set again.
         """
-        arrivals = []
+        stamps_ns = []
         for index in range(count):
-            message = self.headers[index].message
-            arrivals.append(self._arrival(index * CONTROL_BYTES, message.control_length))
-            message.control_length = CONTROL_BYTES
-        return arrivals
-
-    def _arrival(self, start: int, used: int) -> Arrival:
-        stamp_ns, drops = 0, None
-        at = start
-        while at + CONTROL_HEADER.size <= start + used:
-            length, level, kind = CONTROL_HEADER.unpack_from(self.control, at)
-            if (level, kind) == (socket.SOL_SOCKET, SO_TIMESTAMPNS):
-                seconds, nanoseconds = STAMP.unpack_from(self.control, at + CONTROL_HEADER.size)
-                stamp_ns = seconds * 1_000_000_000 + nanoseconds
-            elif (level, kind) == (socket.SOL_SOCKET, SO_RXQ_OVFL):
-                (drops,) = DROPS.unpack_from(self.control, at + CONTROL_HEADER.size)
-            at += -(-length // CONTROL_ALIGNMENT) * CONTROL_ALIGNMENT
-        return Arrival(stamp_ns, drops)
+            seconds, nanoseconds = STAMP.unpack_from(
+                self.control, index * CONTROL_BYTES + CONTROL_HEADER.size
+            )
+            stamps_ns.append(seconds * 1_000_000_000 + nanoseconds)
+            self.headers[index].message.control_length = CONTROL_BYTES
+        return stamps_ns
 
 
 def has_kernel_can() -> bool:
@@ -139,12 +116,6 @@ def has_kernel_can() -> bool:
     return True
 
 
-def count_arrivals(can_socket: socket.socket) -> None:
-    """Request each frame's arrival time and the number of frames dropped before it from the kernel."""
-    can_socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-    can_socket.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
-
-
 def open_can_socket(interface: str, accept: Iterable[int] | None, stamped: bool) -> socket.socket:
     """Open a kernel CAN socket on `interface` for the identifiers in `accept`, or for all if it is None."""
     can_socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
@@ -152,7 +123,7 @@ def open_can_socket(interface: str, accept: Iterable[int] | None, stamped: bool)
         filters = b"".join(struct.pack("=II", can_id, EXACT_ID_MASK) for can_id in accept)
         can_socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters)
     if stamped:
-        count_arrivals(can_socket)
+        can_socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
     try:
         can_socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
     except PermissionError:
@@ -191,9 +162,7 @@ class CanSocket(Connection):
         library = libc()
         assert library is not None, "kernel CAN is Linux's"
         self._counters = BusCounters()
-        self._noted_drops = 0
         self._requests = requests
-        self._last_ns = time.time_ns()
         self._socket = can_socket
         self._descriptor = can_socket.fileno()
         self._receive_batch = library.recvmmsg
@@ -259,27 +228,15 @@ class CanSocket(Connection):
             batch = self._stamped = FrameBatch(stamped=True)
         count = self._take(batch)
         frames = []
-        for index, (stamp_ns, drops) in enumerate(batch.take_arrivals(count)):
-            if drops is not None:
-                self._note_drops(drops, stamp_ns)
-            self._last_ns = stamp_ns
+        for index, stamp_ns in enumerate(batch.take_stamps(count)):
             content = batch.buffer[index * FRAME_BYTES : (index + 1) * FRAME_BYTES]
             frames += [(stamp_ns, frame) for frame in unpack(content, self._counters)]
-        if count == 0:
-            self._note_drops(self._drops(), time.time_ns())
         return frames
 
     def _drops(self) -> int:
         """Number of frames that this socket has dropped so far, modulo 2³²."""
         numbers = self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size)
         return int(MEMINFO.unpack(numbers)[-1])
-
-    def _note_drops(self, drops: int, until_ns: int) -> None:
-        """Record the drops between the last frame and `until_ns`; `drops` is the socket's count by then."""
-        new = (drops - self._noted_drops) % (1 << 32)
-        if 0 < new < 1 << 31:
-            self._noted_drops = drops
-            self.losses.append(Loss(self._last_ns, until_ns, new))
 
     def fileno(self) -> int:
         """The socket's descriptor."""

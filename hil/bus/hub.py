@@ -62,21 +62,12 @@ class Client:
     """Whether its socket had no room for all queued bytes."""
     dropped: int = 0
     unreported: int = 0
-    """Dropped frames that have not been reported to the node; below, the times of the first and the last."""
-    first_drop_ns: int = 0
-    last_drop_ns: int = 0
+    """Dropped frames that have not been reported to the node."""
 
     @property
     def loss_report(self) -> bytes:
-        """The report on unreported drops: first time, their number, last time; empty if there are none."""
-        if not self.unreported:
-            return b""
-        parts = (
-            (STAMP_KIND, self.first_drop_ns),
-            (LOSS_KIND, self.unreported),
-            (STAMP_KIND, self.last_drop_ns),
-        )
-        return b"".join(control(kind, value) for kind, value in parts)
+        """The report on unreported drops, their number; empty if there are none."""
+        return control(LOSS_KIND, self.unreported) if self.unreported else b""
 
     @property
     def most_queued(self) -> int:
@@ -286,9 +277,6 @@ class Hub:
             self._watch(client)
 
     def _drop(self, client: Client, frames: int) -> None:
-        client.last_drop_ns = time.time_ns()
-        if not client.unreported:
-            client.first_drop_ns = client.last_drop_ns
         client.unreported += frames
         client.dropped += frames
 

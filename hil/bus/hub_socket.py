@@ -12,7 +12,7 @@ from pathlib import Path
 
 from firmware_py.interface.frame import Frame
 from hil.bus import wire
-from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Connection, Loss
+from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Connection
 from hil.timing.pacemaker import Turn
 
 HELLO = wire.CAN_FRAME.pack(wire.CONTROL_ID, 0, b"vibro-1\0")
@@ -43,7 +43,6 @@ class HubSocket(Connection):
     def __init__(self, path: Path, greeting: bytes = HELLO, requests: frozenset[int] = frozenset()) -> None:
         super().__init__()
         self.counters = BusCounters()
-        self._lost = 0
         self._requests = requests
         self._received = b""
         self._unfinished = b""
@@ -150,20 +149,12 @@ class HubSocket(Connection):
         return None
 
     def _passed(self, chunk: bytes) -> Iterator[tuple[int, int, bytes]]:
-        """Yield time, identifier with flags, and data of `chunk`'s messages; evaluate its control records.
-
-        A loss lies between the two times around its count.
-        """
+        """Yield time, identifier with flags, and data of `chunk`'s messages; evaluate its control records."""
         for can_id, length, data in wire.CAN_FRAME.iter_unpack(chunk):
             if can_id == wire.CONTROL_ID and length == wire.LOSS_KIND:
-                self._lost = int.from_bytes(data, "little")
-                self.counters.lost += self._lost
+                self.counters.lost += int.from_bytes(data, "little")
             elif can_id == wire.CONTROL_ID:
-                stamp_ns = int.from_bytes(data, "little")
-                if self._lost:
-                    self.losses.append(Loss(self._stamp_ns, stamp_ns, self._lost))
-                    self._lost = 0
-                self._stamp_ns = stamp_ns
+                self._stamp_ns = int.from_bytes(data, "little")
             else:
                 yield self._stamp_ns, can_id, data[:length]
 

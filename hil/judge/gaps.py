@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from hil.record.run_traces import LogLoss, RunTraces, column
+from hil.record.run_traces import RunTraces, column
 from hil.record.traces.stored_trace import Records
 
 OPERATOR_PERIOD_S = 0.01
 MOST_SHOWN = 5
-"""Number of holds, of gaps and of losses that are shown to a person; the log has all."""
+"""Number of holds and of gaps that are shown to a person; the log has all."""
 SHORTEST_GAP_S = 3e-3
 SETTLING_S = 2.0
 """Time for which a gap's effect lasts: four drive periods at 2 Hz, in which the impact regime settles again.
@@ -143,13 +143,3 @@ def longest_gaps(gaps: Sequence[Gap]) -> list[str]:
     if len(gaps) <= MOST_SHOWN:
         return shown
     return [f"the host held up processes in {len(gaps)} intervals, the longest of which follow", *shown]
-
-
-def largest_losses(losses: Sequence[LogLoss]) -> list[str]:
-    """The intervals with the most lost frames as text, in order of time, below the number of all losses."""
-    largest = sorted(losses, key=lambda loss: -loss.frames)[:MOST_SHOWN]
-    shown = [loss.in_words for loss in sorted(largest, key=lambda loss: loss.from_s)]
-    if len(losses) <= MOST_SHOWN:
-        return shown
-    frames = sum(loss.frames for loss in losses)
-    return [f"can.log lacks {frames} frames in {len(losses)} intervals, the largest of which follow", *shown]

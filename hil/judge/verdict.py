@@ -159,6 +159,15 @@ class RunVerdict:
         """Names of the figures that are computed from a log which lacks frames."""
         return incomplete(self.figures)
 
+    @property
+    def lost_frames(self) -> str | None:
+        """The frames that can.log lacks, and the figures that are incomplete; None if no loss is known."""
+        if not self.incomplete:
+            return None
+        return (
+            f"can.log lacks {self.figures.log.frames_lost} frames; incomplete: {', '.join(self.incomplete)}"
+        )
+
     def as_json(self) -> dict[str, Any]:
         """The content of verdict.json, with the path of the run's folder as `out`."""
         return {

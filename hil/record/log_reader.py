@@ -16,7 +16,7 @@ from rerun.chunk import RrdReader
 from hil.record.bus_load import BusLoad, load_from_log
 from hil.record.candump import NO_BUS, Bus, BusLog
 from hil.record.new_file import MOST_NOTE_BYTES
-from hil.record.run_traces import NO_RECORDS, LogLoss, RunTraces
+from hil.record.run_traces import NO_RECORDS, RunTraces
 from hil.record.traces.precision import NS_PER_S, TIME
 from hil.record.traces.stored_trace import Records, StoredColumns
 
@@ -27,7 +27,7 @@ ROW_ID = "rerun.controls.RowId"
 FENCE = re.compile(r"\A```\w*\n(.*)\n```\Z", re.DOTALL)
 
 
-LOAD, LOST = "/can/load", "/can/lost"
+LOAD = "/can/load"
 RECORD = "trace:record"
 
 
@@ -219,11 +219,6 @@ def load_in(rows: pa.Table) -> BusLoad:
     return load_from_log(sim_ns_of(rows) / NS_PER_S, leaf(rows, "Scalars:scalars").to_numpy())
 
 
-def losses_of(rows: pa.Table) -> list[LogLoss]:
-    """Intervals in which the recorder lost frames."""
-    return [LogLoss(**loss) for (loss,) in rows["loss:record"].to_pylist()]
-
-
 def read_traces(path: Path) -> RunTraces:
     """Read the same `RunTraces` as `read_run` from the log alone; columns are read at first use."""
     known, texts = entities(path), documents(path)
@@ -241,5 +236,4 @@ def read_traces(path: Path) -> RunTraces:
         outcome=json_object(texts.get("outcome", "{}")),
         scenario=tomllib.loads(texts.get("scenario", "")),
         bus_errors=records("/bus_errors"),
-        losses=losses_of(table(path, LOST)) if LOST in known else [],
     )

@@ -34,7 +34,7 @@ TRACES = ("plant", "firmware", "impacts", "operator", "bus_errors")
 PROCESSES = ("firmware", "plant", "firmware-again", "plant-again", "baseline", "recorder", "live")
 WRITTEN_WHOLE = (
     *(f"{name}.trace" for name in TRACES),
-    *("run.rrd", RUN_NOTE, "outcome.json", "processes.json", "losses.json", VERDICT),
+    *("run.rrd", RUN_NOTE, "outcome.json", "processes.json", VERDICT),
 )
 MADE_BY_A_RUN = (
     *WRITTEN_WHOLE,

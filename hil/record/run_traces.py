@@ -18,24 +18,6 @@ from plant_sim.arrays import FloatArray
 
 CAN_LOG = "can.log"
 """File with the frames of a run in candump's format."""
-LOSSES = "losses.json"
-"""File beside can.log that lists the frames lost by the recorder; absent without a loss."""
-
-
-@dataclass(frozen=True, slots=True)
-class LogLoss:
-    """Number of bus frames missing in can.log, and the simulated times around them."""
-
-    from_s: float
-    to_s: float
-    frames: int
-
-    @property
-    def in_words(self) -> str:
-        """The loss as text: `can.log lacks 8 frames between 2.000 s and 2.400 s`."""
-        return f"can.log lacks {self.frames} frames between {self.from_s:.3f} s and {self.to_s:.3f} s"
-
-
 NO_RECORDS: Records = np.zeros(0, dtype=[])
 
 
@@ -51,7 +33,6 @@ class RunTraces:
     run: Mapping[str, Any] = field(default_factory=dict)
     outcome: Mapping[str, Any] = field(default_factory=dict)
     scenario: Mapping[str, Any] = field(default_factory=dict)
-    losses: Sequence[LogLoss] = ()
     bus_errors: Records = field(default_factory=lambda: NO_RECORDS)
     """Error counters of a modelled bus, one record per change."""
     damage: Sequence[str] = ()
@@ -108,16 +89,14 @@ def pieces(traces: RunTraces) -> Iterator[RunTraces]:
     cuts = {
         name: [0, *np.searchsorted(rising(one), edges_s).tolist(), len(one)] for name, one in records.items()
     }
-    losses = traces.losses
     for number in range(len(edges_s) + 1):
         piece: dict[str, Any] = {
             name: one[slice(*cuts[name][number : number + 2])] for name, one in records.items()
         }
-        yield replace(traces, **piece, bus=NO_BUS, losses=losses)
-        losses = ()
+        yield replace(traces, **piece, bus=NO_BUS)
     none: dict[str, Any] = dict.fromkeys(records, NO_RECORDS)
     for bus in traces.bus.pieces():
-        yield replace(traces, **none, bus=bus, losses=())
+        yield replace(traces, **none, bus=bus)
 
 
 def rising(records: Records) -> FloatArray:
@@ -182,7 +161,6 @@ def read_run(run_dir: Path) -> RunTraces:
         bus = stored = StoredBus(can_log)
         part(damage, can_log, lambda path: refuse_unreadable_lines(path, stored), None)
     nothing: dict[str, Any] = {}
-    no_losses: list[LogLoss] = []
     return RunTraces(
         plant=records("plant"),
         firmware=records("firmware"),
@@ -193,11 +171,5 @@ def read_run(run_dir: Path) -> RunTraces:
         outcome=note("outcome.json"),
         scenario=part(damage, run_dir / "scenario.toml", lambda path: read_scenario(path.parent), nothing),
         bus_errors=records("bus_errors"),
-        losses=part(damage, run_dir / LOSSES, read_losses, no_losses),
         damage=damage,
     )
-
-
-def read_losses(path: Path) -> list[LogLoss]:
-    """The frames that the recorder could not log."""
-    return [LogLoss(**loss) for loss in read_json(path).get("losses", [])]

@@ -1,10 +1,9 @@
 """Reads new records in a run folder while processes write to it."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from hil.record.candump import BusLog, parse_candump
-from hil.record.run_traces import NO_RECORDS, LogLoss, RunTraces
+from hil.record.run_traces import NO_RECORDS, RunTraces
 from hil.record.traces import trace
 from hil.record.traces.precision import TICKED, columns_of
 from hil.record.traces.stored_trace import Columns, Records
@@ -20,10 +19,10 @@ class Follower:
         self._read = dict.fromkeys(TRACES, 0)
         self._can_log_bytes = 0
 
-    def new_traces(self, bus: BusLog, losses: Sequence[LogLoss] = ()) -> RunTraces:
+    def new_traces(self, bus: BusLog) -> RunTraces:
         """The records of each trace since the last call, with these frames."""
         plant, firmware, impacts, operator = map(self._new_records, TRACES)
-        return RunTraces(plant, firmware, impacts, operator, bus, losses=losses)
+        return RunTraces(plant, firmware, impacts, operator, bus)
 
     def _new_records(self, name: str) -> Records:
         """The new records of one trace; none while the trace does not exist."""

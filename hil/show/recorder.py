@@ -11,7 +11,6 @@ import os
 import select
 import sys
 import time
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +21,7 @@ from hil.bus import Bus, join
 from hil.bus.addressed import addressed
 from hil.bus.can_log import CanLog
 from hil.record.candump import bus_log
-from hil.record.run_folder import write_json
-from hil.record.run_traces import LOSSES, LogLoss, read_json, read_scenario
+from hil.record.run_traces import read_json, read_scenario
 from hil.show.follower import Follower
 from hil.show.rerun_log import LOG_NAME, RunLog
 from hil.timing.pacemaker import TurnTimes
@@ -53,7 +51,6 @@ class Recorder:
         self.log = RunLog(run_dir / LOG_NAME, run, read_scenario(run_dir))
         self.can_log = CanLog(run_dir / "can.log")
         self.frames = 0
-        self.losses: list[LogLoss] = []
         self._newest_ns = 0
         self._until_ns = sys.maxsize
         """Time on the wall clock until which frames are recorded."""
@@ -85,24 +82,8 @@ class Recorder:
         self.frames += len(self._payloads)
         bus = bus_log(np.array(self._arrived_s), np.array(self._can_ids, np.int64), self._payloads)
         self._arrived_s, self._can_ids, self._payloads = [], [], []
-        lost = self.new_losses()
         self.can_log.flush()
-        self.log.append(self.follower.new_traces(bus, lost))
-
-    def new_losses(self) -> list[LogLoss]:
-        """The bus's losses since the last call; all losses are also written to a file beside can.log."""
-        if self.bus is None or not self.bus.losses:
-            return []
-        new = [
-            LogLoss(max(from_ns, 0) * 1e-9, to_ns * 1e-9, loss.frames)
-            for loss in self.bus.losses
-            for from_ns, to_ns in [self.since_start_ns(np.array([loss.from_ns, loss.to_ns])).tolist()]
-            if to_ns > 0  # within this run, not before its start
-        ]
-        self.bus.losses.clear()
-        self.losses += new
-        write_json(self.run_dir / LOSSES, {"losses": [asdict(loss) for loss in self.losses]})
-        return new
+        self.log.append(self.follower.new_traces(bus))
 
     def close(self) -> None:
         """Write all frames sent up to now and the remaining records, and close both files."""
@@ -143,8 +124,9 @@ def main() -> None:
     read_start()
     times = None if arguments.turn_times is None else TurnTimes(arguments.turn_times)
     recorder = Recorder(arguments.run_dir, bus, times)
+    lost_before = 0 if bus is None else bus.counters.lost
     record(recorder, [stopping.fileno(), sys.stdin.fileno()])
-    lost = None if bus is None else bus.counters.lost
+    lost = None if bus is None else bus.counters.lost - lost_before
     if bus is not None:
         bus.close()
     report_to_parent(json.dumps({"frames": recorder.frames, "lost": lost}))

@@ -11,7 +11,6 @@ whole run; its output depends on the traces alone.
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +31,7 @@ from hil.record.bus_load import BusLoad, summed
 from hil.record.candump import BusLog
 from hil.record.frame_tables import refused
 from hil.record.rrd.log_file import written_whole
-from hil.record.run_traces import LogLoss, RunTraces, column, pieces, read_run
+from hil.record.run_traces import RunTraces, column, pieces, read_run
 from hil.record.state_timeline import (
     ALARM,
     FIRMWARE_TIMELINES,
@@ -137,7 +136,6 @@ class RunLog:
         self._impacts(traces.impacts)
         self._operator(traces.operator)
         self._frames(traces.bus.whole())
-        self._losses(traces.losses)
         self._bus_errors(traces.bus_errors)
         self.out.send_events()
         self.out.flush()
@@ -149,6 +147,8 @@ class RunLog:
             self.out.event(hold.t_s, f"time held: {hold.in_words}", "INFO")
         for gap in figures.gaps:
             self.out.event(gap.from_s, f"the host {gap.in_words}", "WARN")
+        if verdict.lost_frames is not None:
+            self.out.event(figures.duration_s, verdict.lost_frames, "WARN")
         self.out.document("about/outcome", json.dumps(dict(traces.outcome), indent=2), "json")
         text = verdict_text(self._scenario.get("title", "run"), traces.run, verdict)
         self.out.markdown("about/verdict", text)
@@ -336,16 +336,6 @@ class RunLog:
         load = summed((self._pending_load, bus.load))
         self._bus_load(BusLoad(load.tenth[:-1], load.bits[:-1]))
         self._pending_load = BusLoad(load.tenth[-1:], load.bits[-1:])
-
-    def _losses(self, losses: Sequence[LogLoss]) -> None:
-        """Log the intervals in which can.log lacks frames."""
-        if not losses:
-            return
-        from_s = np.array([loss.from_s for loss in losses])
-        self.out.send("can/lost", from_s, dynamic("loss", pa.array([asdict(loss) for loss in losses])))
-        for loss in losses:
-            lost = f"the recorder lost {loss.frames} frames from here to {loss.to_s:.3f} s"
-            self.out.event(loss.from_s, lost, "WARN")
 
     def _bus_errors(self, records: Records) -> None:
         """Log the error counters and states of a modelled bus."""

@@ -1,10 +1,11 @@
-"""Compares two suites by the verdicts of each scenario and each check."""
+"""Compares two suites: the verdicts of their scenarios, and the verdicts and figures of their checks."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from hil.judge.tolerance import Tolerance
 from hil.record import formats
 from hil.record.damage import reading
 from hil.record.new_file import is_regular
@@ -34,49 +35,41 @@ def read_suite(folder: Path) -> dict[str, Any]:
         result: dict[str, Any] = json.loads((folder / RESULT).read_text(encoding="utf-8"))
         formats.refuse_other_format(str(folder / RESULT), result, formats.SUITE, "run the suite again")
         compare(result, result)
-        changes(result, result)
         return result
 
 
-def figures_of(scenario: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """A scenario's checks by name and limit, which identify a check."""
-    return {f"{check['name']} {check['limit']}": check for check in scenario["checks"]}
+def only_in(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
+    """The scenarios of one suite that the other has not run, and of the others the checks that it lacks."""
+    for name, scenario in one.items():
+        if name not in other:
+            yield name
+            continue
+        known = {(check["name"], check["limit"]) for check in other[name]["checks"]}
+        for check in scenario["checks"]:
+            if (check["name"], check["limit"]) not in known:
+                yield f"{name}: {check['name']} {check['limit']}"
 
 
-def compare(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, Any]:
-    """List the verdicts that differ in scenarios that both suites have run.
+def compare(
+    a: Mapping[str, Any], b: Mapping[str, Any], tolerances: Mapping[str, Tolerance] | None = None
+) -> dict[str, Any]:
+    """The scenarios that both suites have run, those whose verdict differs, and the `changes` of the checks.
 
-    `equal`: no verdict differs, and both have the same scenarios and seeds; measured values may differ.
+    `equal`: both have the same scenarios, seeds and checks, no verdict differs, and all figures are equal.
     """
     of_a, of_b = ({one["name"]: one for one in suite["scenarios"]} for suite in (a, b))
     both = [name for name in of_a if name in of_b]
-    differences = []
-    checks = 0
-    for name in both:
-        one, other = of_a[name], of_b[name]
-        if one["passed"] != other["passed"]:
-            differences.append({"scenario": name, "check": None, "a": one["passed"], "b": other["passed"]})
-        checks_a, checks_b = figures_of(one), figures_of(other)
-        for check in [*checks_a, *(check for check in checks_b if check not in checks_a)]:
-            checks += 1
-            results = [found.get(check, {"passed": None, "value": None}) for found in (checks_a, checks_b)]
-            if results[0]["passed"] != results[1]["passed"]:
-                differences.append(
-                    {
-                        "scenario": name,
-                        "check": check,
-                        "a": results[0]["passed"],
-                        "b": results[1]["passed"],
-                        "value_a": results[0]["value"],
-                        "value_b": results[1]["value"],
-                    }
-                )
+    only = [*only_in(of_a, of_b)], [*only_in(of_b, of_a)]
+    passed = {name: (of_a[name]["passed"], of_b[name]["passed"]) for name in both}
+    verdicts = [{"scenario": name, "a": of, "b": to} for name, (of, to) in passed.items() if of != to]
+    found = changes(a, b, tolerances)
+    is_same = sorted(a["seeds"]) == sorted(b["seeds"]) and not (only[0] or only[1] or verdicts)
     return {
         "clocks": [str(a["clock"]), str(b["clock"])],
         "compared": both,
-        "checks": checks,
-        "only_in_a": [name for name in of_a if name not in of_b],
-        "only_in_b": [name for name in of_b if name not in of_a],
-        "differences": differences,
-        "equal": of_a.keys() == of_b.keys() and sorted(a["seeds"]) == sorted(b["seeds"]) and not differences,
+        "only_in_a": only[0],
+        "only_in_b": only[1],
+        "verdicts": verdicts,
+        "changes": found,
+        "equal": is_same and all(one["equal"] for one in found),
     }

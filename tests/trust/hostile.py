@@ -225,12 +225,11 @@ FILES = (
     "firmware.trace",
     "can.log",
     "verdict.json",
-    "losses.json",
 )
 LONG_CHECK = f"[[checks]]\nname = 'x'\nhigh = 1.0\nexpression = 'max({'+'.join(['plant.x_m'] * 90)})'\n"
 LONG = ("can.log", "plant.trace", "firmware.trace", "impacts.trace", "operator.trace")
 NULLS = 200_000_000
-NOTES = ("run.json", "outcome.json", "losses.json", "processes.json", "scenario.toml", "verdict.json")
+NOTES = ("run.json", "outcome.json", "processes.json", "scenario.toml", "verdict.json")
 FOLDERS: dict[str, Spoil] = {
     "as it was": lambda run_dir, victim: None,
     **{f"{name} is a link": _linked(name) for name in (*FILES, "outcome.json", "frames.mcap")},
@@ -252,9 +251,6 @@ FOLDERS: dict[str, Spoil] = {
         _large("run.json", '{"made_by": "vibrohil", "a": [[]', ",[]", "]}")
     ),
     "a scenario of 10 million tables and no log": _rebuilt(_large("scenario.toml", "", "[[a]]\n", "")),
-    "losses without end and no log": _rebuilt(
-        _large("losses.json", '{"losses": [{}', ', {"from_s": 0, "to_s": 0, "frames": 1}', "]}")
-    ),
     "a verdict of other types": _content(
         "verdict.json",
         b'{"passed": true, "provenance": ["x"], "scenario": {"a": 1}, "regime": ["x"], "speed": "x", '

@@ -73,33 +73,24 @@ def compare(
 
 def compare_suites(a: Path, b: Path, must_be_equal: bool, tolerance: list[str] | None, as_json: bool) -> None:
     """Show the verdicts that differ; exit with status 5 if the suites have no scenario in common."""
-    from hil.suite.changes import changes
     from hil.suite.compare_suites import compare, read_suite
 
-    before, after = read_suite(a), read_suite(b)
-    found = changes(before, after, tolerances_of(tolerance))
-    result = compare(before, after) | {"changes": found}
-    result["equal"] = result["equal"] and all(one["equal"] for one in found)
+    result = compare(read_suite(a), read_suite(b), tolerances_of(tolerance))
     status = EXIT_CHECK_FAILED if must_be_equal and not result["equal"] else EXIT_PASSED
-    answer(result, as_json, lambda: show_verdicts(result), status if result["compared"] else EXIT_NOTHING_RAN)
+    answer(result, as_json, lambda: show_suites(result), status if result["compared"] else EXIT_NOTHING_RAN)
 
 
-def show_verdicts(result: dict[str, Any]) -> None:
-    """Print the changed figures, the differing verdicts, then the number of equal verdicts."""
+def show_suites(result: dict[str, Any]) -> None:
+    """Print the changed checks, the scenarios whose verdict differs, and what only one suite has."""
     show_changes(result["changes"])
-    words = {True: "[green]passed[/]", False: "[red]failed[/]", None: "not there"}
-    for one in result["differences"]:
-        what = one["scenario"] if one["check"] is None else f"{one['scenario']}  {one['check']}"
-        values = "" if one["check"] is None else f"  ({one['value_a']} / {one['value_b']})"
-        console.print(f"{escape(what)}: {words[one['a']]}, {words[one['b']]}{escape(values)}", soft_wrap=True)
+    for one in result["verdicts"]:
+        console.print(f"{escape(one['scenario'])}: {flip(one['a'], one['b'])}", soft_wrap=True)
     for side in ("a", "b"):
         if result[f"only_in_{side}"]:
             console.print(f"only in {side}: {', '.join(result[f'only_in_{side}'])}", markup=False)
-    scenarios = {one["scenario"] for one in result["differences"]}
-    console.print(
-        f"{len(result['compared']) - len(scenarios)} of {len(result['compared'])} scenarios with "
-        f"{result['checks']} checks have the same verdicts ({' and '.join(result['clocks'])})"
-    )
+    number = len(result["compared"])
+    same = f"{number - len(result['verdicts'])} of {number} scenarios have the same verdict"
+    console.print(f"{same} ({' and '.join(result['clocks'])})")
 
 
 def show(result: dict[str, Any]) -> None:

@@ -104,7 +104,7 @@ def show_next(out: Path) -> None:
 
 def show_checks(verdict: "RunVerdict") -> None:
     """Print a run's checks, those that have not passed first, and what the verdict says about them."""
-    from hil.judge.gaps import largest_losses, longest_gaps, longest_holds
+    from hil.judge.gaps import longest_gaps, longest_holds
 
     figures = verdict.figures
     columns = (Column(title, no_wrap=True) for title in ("value", "limit", ""))
@@ -133,10 +133,8 @@ def show_checks(verdict: "RunVerdict") -> None:
         console.print(f"time was held, longest: {escape('; '.join(holds))}")
     for gap in longest_gaps(figures.gaps):
         console.print(f"[yellow]{escape(gap)}[/]")
-    for loss in largest_losses(figures.losses):
-        console.print(f"[yellow]{escape(loss)}[/]")
-    if figures.losses:
-        console.print(f"[yellow]incomplete: {', '.join(verdict.incomplete)}[/]")
+    if verdict.lost_frames is not None:
+        console.print(f"[yellow]{escape(verdict.lost_frames)}[/]")
     doubts = [f"not judged: {reason}" for reason in verdict.not_judged]
     for reason in [*verdict.reasons, *doubts]:
         console.print(f"[bold red]{escape(reason)}[/]")

@@ -233,27 +233,19 @@ def memory_figures(outcome: Mapping[str, Any]) -> MemoryFigures:
 
 
 def log_figures(traces: RunTraces, clock: str) -> LogFigures:
-    """The frames lost by the recorder."""
-    if not traces.run.get("counts_losses", clock == "lockstep"):
-        return LogFigures(None, None, None)
-    return LogFigures(
-        frames_lost=sum(loss.frames for loss in traces.losses),
-        lost_s=sum(loss.to_s - loss.from_s for loss in traces.losses),
-        frames_foreign=foreign_frames(traces),
-    )
-
-
-def foreign_frames(traces: RunTraces) -> int | None:
-    """Frames on the bus that none of the run's own processes has sent; None if one has not reported."""
+    """The frames that the recorder has lost by its own report, and frames of others; in lockstep none."""
+    if clock == "lockstep":
+        return LogFigures(0, None)
     nodes = traces.run.get("nodes", {})
+    if not traces.run.get("counts_losses", False) or "recorder" not in nodes:
+        return LogFigures(None, None)
+    recorded, lost = nodes["recorder"]["frames"], nodes["recorder"]["lost"]
     own = ("plant", "firmware", "operator")
-    if "recorder" not in nodes or any("sent" not in nodes.get(name, {}) for name in own):
-        return None
+    if any("sent" not in nodes.get(name, {}) for name in own):
+        return LogFigures(lost, None)
     senders = [one for name, one in nodes.items() if name.removesuffix(AGAIN) in own]
     sent = sum(one["sent"] - one["unsent"] for one in senders)
-    lost = sum(loss.frames for loss in traces.losses)
-    foreign: int = nodes["recorder"]["frames"] + lost - sent
-    return max(0, foreign)
+    return LogFigures(lost, max(0, recorded + lost - sent))
 
 
 def figures_from(traces: RunTraces) -> Figures:
@@ -305,7 +297,6 @@ def figures_from(traces: RunTraces) -> Figures:
         realtime_factor=duration_s / float(elapsed_s) if elapsed_s else None,
         memory=memory_figures(outcome),
         log=log_figures(traces, clock),
-        losses=tuple(traces.losses),
         impacts=tuple(
             TrueImpact(float(t), float(v)) for t, v in zip(impacts_t_s, impacts_v_m_s, strict=True)
         ),

@@ -13,6 +13,7 @@ def main_figures(figures: Figures) -> list[Row]:
     """The main figures that a run has."""
     estimate, detector, gait = figures.estimate, figures.detector, figures.gait
     timing = {True: "yes", False: "no; the verdict does not judge the timing"}
+    left_out = ", lost frames left out" if figures.log.frames_lost else ""
     rows: list[Row] = [
         ("clock, bus", f"{figures.clock}, {figures.bus}", ""),
         ("duration", figures.duration_s, "s"),
@@ -34,7 +35,7 @@ def main_figures(figures: Figures) -> list[Row]:
         ("held up by the host", scaled(1e3, figures.held_s), "ms"),
         ("met its timing", None if figures.real_time is None else timing[figures.real_time], ""),
         ("simulated time / elapsed time", figures.realtime_factor, ""),
-        (f"bus load{', lost frames left out' * bool(figures.losses)}", scaled(100.0, figures.bus_load), "%"),
+        (f"bus load{left_out}", scaled(100.0, figures.bus_load), "%"),
     ]
     return [row for row in rows if figure_text(row[1]) != NO_VALUE]
 

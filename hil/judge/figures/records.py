@@ -12,7 +12,6 @@ from enum import Enum, auto
 from typing import Annotated, Any, NamedTuple, TypeAlias, get_args, get_origin, get_type_hints
 
 from hil.judge.gaps import Gap, TimeHeld
-from hil.record.run_traces import LogLoss
 
 Number: TypeAlias = float | None
 """A figure that some runs do not have."""
@@ -228,7 +227,6 @@ class LogFigures:
     frames_lost: Annotated[
         int | None, "", "frames that the recorder lost; none if the bus does not count them"
     ]
-    lost_s: Annotated[Number, "s", "total time around the lost frames"]
     frames_foreign: Annotated[
         int | None, "", "frames that came from none of the run's own processes; none if that is not known"
     ]
@@ -265,7 +263,6 @@ class Figures:
     realtime_factor: Annotated[Number, "", "simulated time divided by elapsed time"]
     memory: Annotated[MemoryFigures, "", "growth of the processes' own memory"]
     log: Annotated[LogFigures, "", "frames missing in can.log"]
-    losses: Annotated[tuple[LogLoss, ...], "", "intervals in which the recorder lost frames"]
     impacts: Annotated[tuple[TrueImpact, ...], "", "the true touch-downs"]
     impact_count: Annotated[int, "", "true touch-downs of the run"]
     regime: Annotated[str, "", "the striker's true regime during the hold", Origin.HOLD]

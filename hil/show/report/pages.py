@@ -13,7 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from hil.judge.figures.main_figures import main_figures
 from hil.judge.figures.records import CATALOGUE, Figures, value_of
 from hil.judge.figures.text import figure_text
-from hil.judge.gaps import largest_losses, longest_gaps, longest_holds
+from hil.judge.gaps import longest_gaps, longest_holds
 from hil.judge.seeds import ScenarioVerdict
 from hil.judge.verdict import BY_GRAVITY, RunVerdict, worst
 from hil.record.new_file import write_anew
@@ -59,7 +59,6 @@ def write_report(path: Path, traces: RunTraces, verdict: RunVerdict) -> None:
         scenario=tomli_w.dumps(dict(traces.scenario)),
         longest_holds=longest_holds(figures.time_held),
         longest_gaps=longest_gaps(figures.gaps),
-        losses=largest_losses(figures.losses),
         made_with=made_with(traces.run),
         text=figure_text,
     )

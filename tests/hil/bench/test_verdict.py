@@ -13,6 +13,7 @@ import pytest
 from run_folder import make_run, write_run
 
 from firmware_py.interface.enums import Fault
+from hil.bench.recorded_run import open_run
 from hil.bench.verdict import failed_for, finish
 from hil.judge import junit, requirements
 from hil.judge.checks import Check, checks_of, margin_share
@@ -123,19 +124,16 @@ def test_a_failed_check_fails_the_run_and_junit_says_what_was_measured(tmp_path)
 def test_losses_of_the_recorder_are_reported_and_no_check_is_judged_on_them(tmp_path, frames, capsys):
     made_up = make_run()
     made_up.scenario["checks"] = [{"name": "bus_load", "low": 0.01}, {"name": "regime", "equals": "impact"}]
-    write_run(made_up, tmp_path)
-    losses = [{"from_s": 2.0, "to_s": 2.4, "frames": frames}] if frames else []
-    (tmp_path / "losses.json").write_text(json.dumps({"losses": losses}))
-    finished = finish(tmp_path)
+    made_up.run["nodes"] = {"recorder": {"frames": 5000, "lost": frames}}
+    finished = finish(write_run(made_up, tmp_path))
     show_figures(finished.figures)
-    assert ("bus load, lost frames left out" in capsys.readouterr().out) is bool(frames)
+    show_checks(finished)
+    printed = capsys.readouterr().out
+    assert ("bus load, lost frames left out" in printed) is bool(frames)
+    assert ("can.log lacks 800 frames; incomplete: bus_load" in printed) is bool(frames)
     verdict = finished.as_json()
-    assert verdict["losses"] == losses
-    assert verdict["log"] == {
-        "frames_lost": frames,
-        "lost_s": pytest.approx(0.4 if frames else 0.0),
-        "frames_foreign": None,  # the nodes of this folder have reported nothing
-    }
+    # The other nodes of this folder have reported nothing.
+    assert verdict["log"] == {"frames_lost": frames, "frames_foreign": None}
     assert verdict["incomplete"] == (["bus_load"] if frames else [])
     assert [check["passed"] for check in verdict["checks"]] == [None if frames else True, True]
     assert verdict["verdict"] == ("not-judged" if frames else "passed")
@@ -146,34 +144,14 @@ def test_losses_of_the_recorder_are_reported_and_no_check_is_judged_on_them(tmp_
     assert not any(suite.iter("skipped"))
     page = (tmp_path / "report.html").read_text()
     assert ("LOG INCOMPLETE" in page) is bool(frames)
-    assert ("can.log lacks 800 frames between 2.000 s and 2.400 s" in page) is bool(frames)
-
-
-def test_of_many_losses_the_largest_are_shown_and_all_are_counted(tmp_path, capsys):
-    write_run(make_run(), tmp_path)
-    losses = [{"from_s": 0.1 * n, "to_s": 0.1 * n + 0.05, "frames": n} for n in range(1, 9)]
-    (tmp_path / "losses.json").write_text(json.dumps({"losses": losses}))
-    verdict = finish(tmp_path)
-    shown = [
-        "can.log lacks 36 frames in 8 intervals, the largest of which follow",
-        *(
-            f"can.log lacks {n} frames between {0.1 * n:.3f} s and {0.1 * n + 0.05:.3f} s"
-            for n in range(4, 9)
-        ),
-    ]
-    page = (tmp_path / "report.html").read_text()
-    show_checks(verdict)
-    printed = capsys.readouterr().out
-    for text in (page, " ".join(printed.split())):
-        places = [text.index(one) for one in shown]
-        assert places == sorted(places)
-        assert "can.log lacks 3 frames" not in text
-        assert text.count("incomplete: bus_load") == 1
+    assert ("can.log lacks 800 frames; incomplete: bus_load" in page) is bool(frames)
+    assert open_run(tmp_path).judged.lost_frames == finished.lost_frames
 
 
 def test_losses_that_a_bus_does_not_count_are_unknown_not_none(tmp_path):
     made_up = make_run()
     made_up.run["counts_losses"] = False
+    made_up.run["nodes"] = {"recorder": {"frames": 5000, "lost": 0}}
     assert figures_of(write_run(made_up, tmp_path)).log.frames_lost is None
 
 

@@ -209,10 +209,16 @@ def test_two_suites_differ_where_a_verdict_does(tmp_path: Path, capsys: pytest.C
     changed = read_suite(tmp_path / "a")
     changed["scenarios"][1]["passed"] = changed["scenarios"][1]["checks"][0]["passed"] = True
     found = compare(read_suite(tmp_path / "a"), changed)
-    assert [(one["scenario"], one["check"], one["a"], one["b"]) for one in found["differences"]] == [
-        ("impacts", None, False, True),
-        ("impacts", "impact_count ≥ 1", False, True),
+    assert found["verdicts"] == [{"scenario": "impacts", "a": False, "b": True}]
+    assert [(one["scenario"], one["figure"]) for one in found["changes"] if one["flipped"]] == [
+        ("impacts", "impact_count")
     ]
+    changed["scenarios"][1]["checks"][0]["limit"] = "≥ 2"
+    found = compare(read_suite(tmp_path / "a"), changed)
+    assert (found["only_in_a"], found["only_in_b"]) == (
+        ["impacts: impact_count ≥ 1"],
+        ["impacts: impact_count ≥ 2"],
+    )
     (tmp_path / "c" / "suite.json").write_text(json.dumps(changed))
     capsys.readouterr()
     assert run(["compare", a, c]) == EXIT_PASSED
