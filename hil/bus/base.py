@@ -1,7 +1,6 @@
 """The interface of every bus to a node, and the bus's counters."""
 
 import select
-from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
@@ -52,30 +51,6 @@ class NodeBus(Protocol):
         """Return when frames have arrived, or after `timeout_s`."""
 
 
-class Connection(ABC):
-    """What every node's connection through a descriptor has in common; `Bus` describes its methods."""
-
-    @abstractmethod
-    def send_all(self, frames: Iterable[Frame]) -> None:
-        """Queue frames in order."""
-
-    @abstractmethod
-    def fileno(self) -> int:
-        """A descriptor that becomes readable when frames arrive."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Leave the bus."""
-
-    def send(self, frame: Frame) -> None:
-        """Queue one frame."""
-        self.send_all((frame,))
-
-    def wait(self, timeout_s: float) -> None:
-        """Return when frames have arrived or after `timeout_s`."""
-        select.select([self], [], [], timeout_s)
-
-
 class Bus(NodeBus, Protocol):
     """One node's connection. It never receives its own frames; only `wait` may block longer than a send."""
 
@@ -91,3 +66,15 @@ class Bus(NodeBus, Protocol):
 
     def close(self) -> None:
         """Leave the bus."""
+
+
+class Connection:
+    """What every node's connection through a descriptor has in common."""
+
+    def send(self: NodeBus, frame: Frame) -> None:
+        """Queue one frame."""
+        self.send_all((frame,))
+
+    def wait(self: Bus, timeout_s: float) -> None:
+        """Return when frames have arrived or after `timeout_s`."""
+        select.select([self], [], [], timeout_s)

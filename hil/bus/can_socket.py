@@ -158,7 +158,6 @@ class CanSocket(Connection):
     """A node's bus over a raw CAN socket that is open and bound."""
 
     def __init__(self, can_socket: socket.socket, requests: frozenset[int] = frozenset()) -> None:
-        super().__init__()
         library = libc()
         assert library is not None, "kernel CAN is Linux's"
         self._counters = BusCounters()

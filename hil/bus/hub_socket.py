@@ -41,7 +41,6 @@ class HubSocket(Connection):
     """A node on the bus `local`: a stream socket to the hub."""
 
     def __init__(self, path: Path, greeting: bytes = HELLO, requests: frozenset[int] = frozenset()) -> None:
-        super().__init__()
         self.counters = BusCounters()
         self._requests = requests
         self._received = b""

@@ -8,6 +8,7 @@ frame.
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firmware_py.interface import codec
 from firmware_py.interface.generated.records import (
@@ -29,43 +30,8 @@ class Frames(NamedTuple):
     signals: FloatArray
 
 
-class SeenTick(NamedTuple):
-    """A record of the reconstructed trace, with the firmware's names; NaN for signals not sent on the bus."""
-
-    tick: int
-    t_s: float
-    mode: int
-    acting_limit: int
-    fault: int
-    target_omega_rad_s: float
-    regime: int
-    torque_n_m: float
-    x_m: float
-    v_m_s: float
-    omega_rad_s: float
-    p_xx: float
-    p_vv: float
-    impact: bool
-    impact_age_s: float
-    impact_speed_m_s: float
-    impact_impulse_n_s: float
-    high_m_s2: float
-    low_m_s2: float
-    housing_m_s2: float
-    wake_latency_us: float
-    work_us: float
-
-
-PREFIXES = {
-    **dict.fromkeys(("tick", "t_s", "wake_latency_us", "work_us"), ""),
-    **dict.fromkeys(("x_m", "v_m_s", "p_xx", "p_vv"), "state.estimator."),
-    "omega_rad_s": "state.crank.",
-    **dict.fromkeys(("high_m_s2", "low_m_s2", "housing_m_s2"), "inputs.accelerometer."),
-}
-FIELDS = [
-    (f"{PREFIXES.get(name, 'outputs.')}{name}", kind) for name, kind in SeenTick.__annotations__.items()
-]
-"""The trace's columns for `TraceWriter`."""
+NEVER_SENT = ("state.estimator.p_xx", "state.estimator.p_vv", "wake_latency_us", "work_us")
+"""Columns that figures and plots read and that no frame carries."""
 
 
 def frames_of(bus: BusLog, record: type[Any]) -> Frames:
@@ -97,12 +63,15 @@ def tick_numbers(t_s: FloatArray, period_s: float) -> IntArray:
     return np.maximum(numbers, 0)
 
 
-def ticks_seen(bus: BusLog, period_s: float) -> list[SeenTick]:
-    """The firmware's ticks from its first heartbeat on, one for each period with a frame."""
+def ticks_seen(bus: BusLog, period_s: float) -> dict[str, NDArray[Any]]:
+    """The firmware's ticks from its first heartbeat on, one for each period with a frame; empty without one.
+
+    Columns of shape (ticks,) by their names in the firmware's trace; NaN for signals not sent on the bus.
+    """
     heartbeat, estimate = frames_of(bus, FirmwareHeartbeat), frames_of(bus, StrikerEstimate)
     torque, impact = frames_of(bus, SetInputTorque), frames_of(bus, ImpactEvent)
     if len(heartbeat.t_s) == 0:
-        return []
+        return {}
     sent_s = np.concatenate([frames.t_s for frames in (heartbeat, estimate, torque, impact)])
     sent_s = np.unique(sent_s[sent_s >= heartbeat.t_s[0]])
     numbers = tick_numbers(sent_s, period_s)
@@ -111,25 +80,25 @@ def ticks_seen(bus: BusLog, period_s: float) -> list[SeenTick]:
     tick, t_s = numbers[last_of_tick], sent_s[last_of_tick]
     state, reported = held(estimate, t_s), held(impact, t_s)
     sensed = held(frames_of(bus, Accelerometer), t_s)
+    decided = held(heartbeat, t_s)
     touch_down = np.zeros(len(t_s), bool)
     touch_down[np.searchsorted(t_s, impact.t_s[impact.t_s >= t_s[0]])] = True
-    columns = {
+    states = {name: decided[name].astype(np.int64) for name in ("mode", "acting_limit", "fault", "regime")}
+    return {
         "tick": tick,
         "t_s": t_s,
-        **held(heartbeat, t_s),
-        **held(torque, t_s),
-        "x_m": state["position_m"],
-        "v_m_s": state["velocity_m_s"],
-        "omega_rad_s": state["crank_omega_rad_s"],
-        "impact": touch_down,
-        "impact_age_s": reported["age_s"],
-        "impact_speed_m_s": reported["approach_speed_m_s"],
-        "impact_impulse_n_s": reported["impulse_n_s"],
-        "high_m_s2": sensed["striker_high_m_s2"],
-        "low_m_s2": sensed["striker_low_m_s2"],
-        "housing_m_s2": sensed["housing_m_s2"],
+        **{f"outputs.{name}": values for name, values in states.items()},
+        "outputs.target_omega_rad_s": decided["target_omega_rad_s"],
+        "outputs.torque_n_m": held(torque, t_s)["torque_n_m"],
+        "outputs.impact": touch_down,
+        "outputs.impact_age_s": reported["age_s"],
+        "outputs.impact_speed_m_s": reported["approach_speed_m_s"],
+        "outputs.impact_impulse_n_s": reported["impulse_n_s"],
+        "state.estimator.x_m": state["position_m"],
+        "state.estimator.v_m_s": state["velocity_m_s"],
+        "state.crank.omega_rad_s": state["crank_omega_rad_s"],
+        "inputs.accelerometer.high_m_s2": sensed["striker_high_m_s2"],
+        "inputs.accelerometer.low_m_s2": sensed["striker_low_m_s2"],
+        "inputs.accelerometer.housing_m_s2": sensed["housing_m_s2"],
+        **dict.fromkeys(NEVER_SENT, np.full(len(t_s), np.nan)),
     }
-    unknown = np.full(len(t_s), np.nan)
-    values = zip(*(columns.get(name, unknown).tolist() for name in SeenTick._fields), strict=True)
-    kinds = SeenTick.__annotations__.values()
-    return [SeenTick._make(kind(one) for kind, one in zip(kinds, row, strict=True)) for row in values]

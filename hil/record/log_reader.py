@@ -127,11 +127,6 @@ def contiguous(column: pa.ChunkedArray) -> pa.Array:
     return whole.chunk(0) if isinstance(whole, pa.ChunkedArray) else whole
 
 
-def one_each(values: pa.Array) -> pa.Array:
-    """A component's column with one value per row."""
-    return pa.ListArray.from_arrays(pa.array(np.arange(len(values) + 1, dtype=np.int32)), values)
-
-
 def leaf(rows: pa.Table, component: str) -> pa.Array:
     """A component's values, one per row."""
     return contiguous(rows[component]).flatten()

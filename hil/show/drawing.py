@@ -4,19 +4,17 @@ Shapes are drawn once and moved by transforms at 50 Hz. It is a side view in mil
 axis pointing right. The crank is drawn as a Scotch yoke, which x_A = A sin θ describes exactly.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from hil.record.run_traces import column
 from hil.record.state_timeline import ALARM, ESTIMATE, NEUTRAL, TRUTH
 from hil.record.traces.stored_trace import Records
+from hil.show.log_stream import LogStream, colors
 from plant_sim.arrays import FloatArray
-
-TimeColumns = Callable[[FloatArray], list[rr.TimeColumn]]
 
 EVERY_TICKS = 20
 CRANK_MM = -90.0
@@ -25,11 +23,6 @@ STRIKER_MM = 26.0
 COILS = 7
 FLASH_S = 0.08
 METAL, FLASH = 0xB8BCC4FF, 0xFFD60AFF
-
-
-def color(rgba: int) -> NDArray[np.uint32]:
-    """One colour in the SDK's own format."""
-    return np.array([rgba], np.uint32)
 
 
 def box(left_mm: float, right_mm: float, half_height_mm: float) -> list[list[float]]:
@@ -54,22 +47,20 @@ def moved(x_mm: FloatArray) -> FloatArray:
 class Drawing:
     """The module of one scenario, drawn into a recording."""
 
-    def __init__(self, recording: rr.RecordingStream, time: TimeColumns, scenario: Mapping[str, Any]) -> None:
+    def __init__(self, out: LogStream, scenario: Mapping[str, Any]) -> None:
         scene = scenario.get("scene", {})
-        self.recording = recording
-        self.time = time
+        self.out = out
         self.amplitude_mm = 1e3 * float(scene.get("drive", {}).get("amplitude_m", 0.02))
         stop_m = scene.get("stop", {}).get("position_m")
         self.stop_mm = None if stop_m is None else 1e3 * float(stop_m)
-        self._declared: set[str] = set()
 
     def _strips(self, entity: str, lines: list[Any], rgba: int, width: float) -> None:
         """Declare lines that are `width` points wide on the screen at any scale."""
-        shape = rr.LineStrips2D(lines, colors=color(rgba), radii=rr.Radius.ui_points(0.5 * width))
-        self.recording.log(f"module/{entity}", shape, static=True)
+        shape = rr.LineStrips2D(lines, colors=colors([rgba]), radii=rr.Radius.ui_points(0.5 * width))
+        self.out.declare(f"module/{entity}", shape)
 
     def _declare_truth(self) -> None:
-        """Declare the shapes of the true module, which do not change."""
+        """Declare the shapes of the true module, which do not change; once."""
         a, slot = self.amplitude_mm, self.amplitude_mm + 6.0
         angle = np.linspace(0.0, 2.0 * np.pi, 48)
         circle = np.column_stack([CRANK_MM + a * np.cos(angle), a * np.sin(angle)])
@@ -84,26 +75,15 @@ class Drawing:
             hatching = [[[x, y], [x + 7.0, y - 7.0]] for y in np.arange(-21.0, 29.0, 7.0).tolist()]
             self._strips("wall", [[[x, -28.0], [x, 28.0]], *hatching], ALARM, 2.0)
 
-    def _declare_estimate(self) -> None:
-        """Declare the outline of the estimated striker, the only shape if a log holds no truth."""
-        self._strips("ghost", [box(-STRIKER_MM, 0.0, 20.0)], ESTIMATE, 2.0)
-
-    def _once(self, declare: Callable[[], None]) -> None:
-        """Declare the shapes of a part before its first motion."""
-        if declare.__name__ not in self._declared:
-            self._declared.add(declare.__name__)
-            declare()
-
     def _move(self, entity: str, t_s: FloatArray, **transform: Any) -> None:
-        columns = rr.Transform3D.columns(**transform)
-        self.recording.send_columns(f"module/{entity}", self.time(t_s), [*columns])
+        self.out.send(f"module/{entity}", t_s, rr.Transform3D.columns(**transform))
 
     def truth(self, plant: Records) -> None:
         """Move crank, yoke, spring and striker to their true positions."""
         shown = plant[column(plant, "tick") % EVERY_TICKS == 0]
         if len(shown) == 0:
             return
-        self._once(self._declare_truth)
+        self._declare_truth()
         t_s, half = column(shown, "t_s"), 0.5 * column(shown, "crank_rad")
         piston_mm = self.amplitude_mm * np.sin(2.0 * half)
         striker_mm = 1e3 * column(shown, "x_m")
@@ -119,7 +99,7 @@ class Drawing:
         """Move the outline of the striker to its estimated position."""
         shown = firmware[column(firmware, "tick") % EVERY_TICKS == 0]
         if len(shown):
-            self._once(self._declare_estimate)
+            self._strips("ghost", [box(-STRIKER_MM, 0.0, 20.0)], ESTIMATE, 2.0)
             ghost_mm = 1e3 * column(shown, "state.estimator.x_m")
             self._move("ghost", column(shown, "t_s"), translation=moved(ghost_mm))
 
@@ -136,4 +116,4 @@ class Drawing:
             radii=radius_mm[order],
             colors=np.full(len(t_s), FLASH, np.uint32),
         )
-        self.recording.send_columns("module/flash", self.time(t_s[order]), [*columns])
+        self.out.send("module/flash", t_s[order], columns)

@@ -24,7 +24,7 @@ from hil.can_model.fault_confinement import ErrorState
 from hil.judge import detection
 from hil.judge.checks import checks_of
 from hil.judge.estimate_error import EstimateErrors, estimate_errors
-from hil.judge.figures.gait import push_off
+from hil.judge.figures.gait import phase_at, push_off
 from hil.judge.judge import judge
 from hil.judge.verdict import RunVerdict, Verdict
 from hil.record.bus_load import BusLoad, summed
@@ -53,7 +53,6 @@ from hil.show.layout import Contents, Mark, layout
 from hil.show.limits import Limit, limits
 from hil.show.log_stream import LogStream, colors, dynamic
 from hil.show.verdict_text import verdict_text
-from plant_sim.arrays import FloatArray
 
 BUS_TIMELINES = tuple(
     StateTimeline(
@@ -111,15 +110,13 @@ class RunLog:
         )
         self.out = LogStream(to, run, None if is_over else layout(None, self._contents))
         self.stop_m: float | None = scenario.get("scene", {}).get("stop", {}).get("position_m")
-        self._push_off = push_off(scenario) if self._walked else None
-        self._phases: list[tuple[FloatArray, FloatArray]] = []
         self._pending_load = summed(())
         self._end_s = 0.0
         self.out.document("about/run", json.dumps(dict(run), indent=2), "json")
         self.out.document("about/scenario", tomli_w.dumps(dict(scenario)), "toml")
         self._scenario = scenario
         self._refused = False
-        self.drawing = Drawing(self.out.recording, self.out.time.columns, scenario)
+        self.drawing = Drawing(self.out, scenario)
 
     def close(self) -> None:
         """Write the pending bus load and the file's footer."""
@@ -162,6 +159,8 @@ class RunLog:
         self._injected(faults)
         self._limits(limits(checks_of(self._scenario), figures, faults[0].from_s if faults else None))
         self._estimate_error(traces)
+        if self._walked:
+            self._pulses(traces)
         self.out.send_events()
         contents = self._contents._replace(
             impacts=len(traces.impacts) > 0,
@@ -226,6 +225,21 @@ class RunLog:
         struct = pa.StructArray.from_arrays(single, names=list(shown))
         self.out.send("estimate_error", errors.t_s, dynamic("trace", struct))
 
+    def _pulses(self, traces: RunTraces) -> None:
+        """Log the push-off window, and each impact at its phase of the gait cycle; standing has no phase."""
+        window = push_off(self._scenario)
+        ends_s = np.array([0.0, self._end_s])
+        for edge, share in (("from", window.start), ("to", window.end)):
+            entity = f"gait/window/{edge}"
+            self.out.declare(entity, rr.SeriesLines(names=[f"window {edge}"], colors=colors([TARGET])))
+            self.out.send(entity, ends_s, rr.Scalars.columns(scalars=[share] * 2))
+        t_s = column(traces.impacts, "t_s")
+        phase = phase_at(traces.plant, t_s)
+        inside = window.holds(phase)
+        for entity, which in (("gait/inside", inside), ("gait/outside", ~inside & np.isfinite(phase))):
+            if which.any():
+                self.out.send(entity, t_s[which], rr.Scalars.columns(scalars=phase[which]))
+
     # --- one trace each ------------------------------------------------------------------------------
 
     def _plant(self, records: Records) -> None:
@@ -240,34 +254,11 @@ class RunLog:
                 "stop", rr.SeriesLines.from_fields(names=["stop"], colors=colors([ALARM]), widths=[1.0])
             )
             self.out.send("stop", t_s[[0, -1]], rr.Scalars.columns(scalars=[self.stop_m] * 2))
-        if self._push_off is not None:
-            self._gait(records)
+        if self._walked:
+            self.out.state_timelines(records, (LEG_TIMELINE,))
         for at_s, value in self.out.changes("axis_error", records, "axis_error"):
             if value != AxisError.NONE:
                 self.out.event(at_s, f"drive error: {axis_errors(value)}", "ERROR")
-
-    def _gait(self, records: Records) -> None:
-        """Log the leg's states and the window, and keep the phases for the next pulses."""
-        t_s = column(records, "t_s")
-        self.out.state_timelines(records, (LEG_TIMELINE,))
-        for edge, phase in zip(("from", "to"), self._push_off or (), strict=True):
-            entity = f"gait/window/{edge}"
-            self.out.declare(entity, rr.SeriesLines(names=[f"window {edge}"], colors=colors([TARGET])))
-            self.out.send(entity, t_s[[0, -1]], rr.Scalars.columns(scalars=[phase] * 2))
-        self._phases = [*self._phases[-1:], (t_s, column(records, "gait.phase"))]
-
-    def _pulses(self, records: Records) -> None:
-        """Log each impact at its phase of the gait cycle; an impact during standing has none."""
-        if self._push_off is None or not self._phases:
-            return
-        t_s = np.concatenate([times for times, _ in self._phases])
-        phases = np.concatenate([phases for _, phases in self._phases])
-        at_s = column(records, "t_s")
-        phase = phases[np.maximum(np.searchsorted(t_s, at_s, side="right") - 1, 0)]
-        inside = self._push_off.holds(phase)
-        for entity, which in (("gait/inside", inside), ("gait/outside", ~inside & np.isfinite(phase))):
-            if which.any():
-                self.out.send(entity, at_s[which], rr.Scalars.columns(scalars=phase[which]))
 
     def _firmware(self, records: Records) -> None:
         if len(records) == 0:
@@ -305,7 +296,6 @@ class RunLog:
         if len(records) == 0:
             return
         self.out.records("impacts/truth", records)
-        self._pulses(records)
         self.drawing.flashes(records)
         if self.stop_m is not None:
             t_s = column(records, "t_s")

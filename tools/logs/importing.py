@@ -6,12 +6,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from firmware_py.interface.codec import CODEC_BY_ID, FrameError
 from firmware_py.interface.frame import Frame
 from hil.bus.can_log import CanLog
 from hil.judge.reasons import IMPORTED
 from hil.record import run_folder
-from hil.record.bus_reconstruction import FIELDS, ticks_seen
+from hil.record.bus_reconstruction import ticks_seen
 from hil.record.run_traces import read_bus
 from hil.record.traces.trace import TraceWriter
 from hil.show.rerun_log import rebuild
@@ -118,9 +120,12 @@ def import_log(
         run_folder.write_json(run_dir / "outcome.json", {"reasons": []})
         ticks = ticks_seen(read_bus(run_dir / "can.log"), PERIOD_S)
         if ticks:
-            with TraceWriter(run_dir / "firmware.trace", FIELDS, expected_records=len(ticks)) as writer:
-                for tick in ticks:
-                    writer.append(*tick)
+            fields = [(name, type(values[0].item())) for name, values in ticks.items()]
+            with TraceWriter(run_dir / "firmware.trace", fields) as writer:
+                records = np.zeros(len(ticks["tick"]), writer.dtype)
+                for name, values in ticks.items():
+                    records[name] = values
+                writer.append_all(records)
         rebuild(run_dir)
     return {
         "log": str(path),

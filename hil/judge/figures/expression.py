@@ -10,18 +10,23 @@ arrays have the length of the signals, so that powers overflow to infinity and n
 """
 
 import ast
-import difflib
 import math
 import operator
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.validation_messages import nearest
+
 Signal = NDArray[np.float64]
+Names = Mapping[str, Sequence[str]]
+"""The names of the signals by trace."""
+Read = Callable[[str, str], Signal]
+"""Reads a signal, by trace and name; all have one length."""
 
 MOST_CHARACTERS: Final = 1_000
 MOST_NESTED: Final = 100
@@ -55,16 +60,17 @@ class ExpressionError(ValueError):
 
 def evaluate(
     expression: str,
-    signals: Mapping[str, Mapping[str, Signal]],
+    names: Names,
+    read: Read,
     reducers: Mapping[str, Callable[[Signal], float]],
     elementwise: Mapping[str, Callable[[Any], Any]],
 ) -> float:
     """The number that an expression gives; raises ExpressionError.
 
-    signals: by trace and name within it, all of one length. reducers: functions from a signal to a number.
-    elementwise: functions of a signal or a number, to the same.
+    reducers: functions from a signal to a number. elementwise: functions of a signal or a number, to the
+    same.
     """
-    translation = _Translation(expression, signals, reducers, elementwise)
+    translation = _Translation(expression, names, read, reducers, elementwise)
     value_of_all = translation.of(translation.parsed())
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
@@ -80,12 +86,14 @@ class _Translation:
     def __init__(
         self,
         expression: str,
-        signals: Mapping[str, Mapping[str, Signal]],
+        names: Names,
+        read: Read,
         reducers: Mapping[str, Callable[[Signal], float]],
         elementwise: Mapping[str, Callable[[Any], Any]],
     ) -> None:
         self._expression = expression
-        self._signals = signals
+        self._names = names
+        self._read = read
         self._reducers = reducers
         self._elementwise = elementwise
 
@@ -117,8 +125,7 @@ class _Translation:
             case ast.Name(id="pi"):
                 return partial(np.float64, math.pi)
             case ast.Name() | ast.Attribute():
-                columns, name = self._signal(node)
-                return lambda: np.asarray(columns[name], float)
+                return partial(self._read, *self._signal(node))
             case ast.UnaryOp(op=sign, operand=operand) if type(sign) in UNARY:
                 change, inner = UNARY[type(sign)], self.of(operand, nested + 1)
                 return lambda: change(inner())
@@ -151,8 +158,8 @@ class _Translation:
         except (ArithmeticError, IndexError, ValueError) as error:
             raise self.error(f"{name} finds no figure in the signal ({error})") from error
 
-    def _signal(self, node: ast.expr) -> tuple[Mapping[str, Signal], str]:
-        """The trace's columns and the name within them; raises ExpressionError if there is none."""
+    def _signal(self, node: ast.expr) -> tuple[str, str]:
+        """The trace of a signal and its name within it; raises ExpressionError if there is none."""
         names: list[str] = []
         inner = node
         while isinstance(inner, ast.Attribute):
@@ -160,12 +167,15 @@ class _Translation:
             inner = inner.value
         if not isinstance(inner, ast.Name):
             raise self.error(f"a dot only stands in the name of a signal; wanted {FORMS}")
-        if inner.id not in self._signals:
-            raise self.error(f"{inner.id!r} is not defined; signals begin with {', '.join(self._signals)}")
-        columns, name = self._signals[inner.id], ".".join(names)
-        if name in columns:
-            return columns, name
-        raise self.error(_unknown(inner.id, names, list(columns)))
+        trace, name = inner.id, ".".join(names)
+        if trace not in self._names:
+            raise self.error(f"{trace!r} is not defined; signals begin with {', '.join(self._names)}")
+        if name in self._names[trace]:
+            return trace, name
+        listing = f"`vibrohil inspect RUN --table {trace}` lists its signals"
+        raise self.error(
+            f"no signal {'.'.join([trace, *names])}; {nearest(name, self._names[trace], listing)}"
+        )
 
 
 def _as_float(value: int | float) -> np.float64:
@@ -173,20 +183,3 @@ def _as_float(value: int | float) -> np.float64:
         return np.float64(float(value))
     except OverflowError:
         return np.float64(math.inf)
-
-
-def _unknown(trace: str, names: list[str], columns: list[str]) -> str:
-    """Name the part of a signal's name that is unknown, and near ones at its place."""
-    known, level = trace, columns
-    for name in names:
-        heads = list(dict.fromkeys(column.partition(".")[0] for column in level))
-        if name not in heads:
-            near = difflib.get_close_matches(name, heads, n=3, cutoff=0.4)
-            wanted = f"similar: {', '.join(near)}" if near else f"it has {', '.join(heads)}"
-            return f"no signal {known}.{name}; {wanted}"
-        known, level = (
-            f"{known}.{name}",
-            [c.removeprefix(f"{name}.") for c in level if c.startswith(f"{name}.")],
-        )
-    heads = list(dict.fromkeys(column.partition(".")[0] for column in level))
-    return f"{known} is no signal; it has {', '.join(heads) or 'no signals within it'}"

@@ -6,12 +6,12 @@ numbers. Figures of a step response are python-control's, for the signal minus i
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from hil.judge.figures.expression import ExpressionError, Signal, evaluate
+from hil.judge.figures.expression import ExpressionError, Names, Read, Signal, evaluate
 from hil.record.run_traces import column
 from hil.record.traces.firmware_trace import fields_of
 from hil.record.traces.plant_trace import PlantRecord
@@ -44,25 +44,6 @@ class Window(NamedTuple):
     to_s: float
 
 
-class Columns(Mapping[str, Signal]):
-    """Columns by name, each read at first use, since those of a long run may not fit into memory together."""
-
-    def __init__(self, names: Iterable[str], read: Callable[[str], Signal]) -> None:
-        self._names = tuple(names)
-        self._read = read
-
-    def __getitem__(self, name: str) -> Signal:
-        if name not in self._names:
-            raise KeyError(name)
-        return self._read(name)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
-
-
 def step_figure(key: str, t_s: Signal) -> Callable[[Signal], float]:
     """A figure of a step response over the window `t_s`."""
 
@@ -76,29 +57,21 @@ def step_figure(key: str, t_s: Signal) -> Callable[[Signal], float]:
     return figure
 
 
-def worked_out(expression: str, t_s: Signal, signals: Mapping[str, Mapping[str, Signal]]) -> float:
+def worked_out(expression: str, t_s: Signal, names: Names, read: Read) -> float:
     """Evaluate the expression on signals over `t_s`; raises ExpressionError."""
     steps = {name: step_figure(key, t_s) for name, key in OF_A_STEP.items()}
-    return evaluate(expression, signals, {**REDUCERS, **steps}, ELEMENTWISE)
+    return evaluate(expression, names, read, {**REDUCERS, **steps}, ELEMENTWISE)
 
 
 def refuse_unknown(expression: str) -> None:
     """Raise ExpressionError if the expression has an unknown name or form and no run could evaluate it."""
     t_s = np.linspace(0.0, 1.0, SAMPLES_TO_TRY)
     rising = 1.0 - np.exp(-10.0 * t_s)
-    columns = {
+    names = {
         "plant": PlantRecord._fields,
         "firmware": [one.name for name, kind in fields_of(walks=True) for one in flatten(name, kind)],
     }
-    worked_out(expression, t_s, {trace: dict.fromkeys(names, rising) for trace, names in columns.items()})
-
-
-def held(records: Records, instants_s: Signal) -> Mapping[str, Signal]:
-    """The columns at `instants_s`, each with its last recorded value; NaN before the first record."""
-    newest = np.searchsorted(column(records, "t_s"), instants_s, side="right") - 1
-    return Columns(
-        records.dtype.names or (), lambda name: np.where(newest >= 0, column(records, name)[newest], np.nan)
-    )
+    worked_out(expression, t_s, names, lambda _trace, _name: rising)
 
 
 def own_figure(expression: str, window: Window, plant: Records, firmware: Records) -> float:
@@ -113,11 +86,16 @@ def own_figure(expression: str, window: Window, plant: Records, firmware: Record
             f"nothing was recorded from {window.from_s:g} s to {window.to_s:g} s: "
             f"the run lasted from {t_s[0]:g} s to {t_s[-1]:g} s"
         )
-    signals = {
-        "plant": Columns(plant.dtype.names or (), lambda name: column(plant, name)[rows]),
-        "firmware": held(firmware, instants_s),
-    }
-    value = worked_out(expression, instants_s, signals)
+    newest = np.searchsorted(ticks_s, instants_s, side="right") - 1
+
+    def read(trace: str, name: str) -> Signal:
+        """A signal at the instants; the firmware's hold their last value, and are NaN before the first."""
+        if trace == "plant":
+            return column(plant, name)[rows]
+        return np.where(newest >= 0, column(firmware, name)[newest], np.nan)
+
+    names = {"plant": plant.dtype.names or (), "firmware": firmware.dtype.names or ()}
+    value = worked_out(expression, instants_s, names, read)
     if not math.isfinite(value):
         early = "firmware." in expression and instants_s[0] < ticks_s[0]
         remedy = f"; the firmware has no signal before its first tick at {ticks_s[0]:g} s, so begin later"

@@ -1,11 +1,7 @@
 """A walk with known answers: figures of the phase, of pulses in and out of the window, and of its end."""
 
-import dataclasses
-from contextlib import closing
-
 import numpy as np
 import pytest
-from part_of_a_run import part
 from run_folder import HOLD_S, STOP_S, T_S, MadeUpRun, make_run, write_run
 
 from firmware_py.interface.enums import GaitState, Mode
@@ -14,8 +10,7 @@ from hil.judge.figures.figures import figures_of
 from hil.judge.figures.gait import push_off
 from hil.judge.figures.records import GaitFigures
 from hil.record.log_reader import tables
-from hil.record.run_traces import read_run
-from hil.show.rerun_log import RunLog, rebuild
+from hil.show.rerun_log import rebuild
 from plant_sim.sensors.gait import LegState
 
 STRIDE_S = 0.4
@@ -159,22 +154,14 @@ def test_the_report_has_the_figures_of_a_walk_and_its_log_is_written(tmp_path) -
     assert rebuild(folder).stat().st_size > 0
 
 
-def test_pulses_are_placed_alike_in_a_log_written_in_pieces(tmp_path) -> None:
-    """An impact is reported when it has ended: its touch-down may lie in an earlier piece."""
+def test_pulses_are_drawn_at_their_phase(tmp_path) -> None:
     run = walk()
     place_impacts(run, [0.05, 0.5])
-    folder = write_run(run, tmp_path / "run")
-    traces = read_run(folder)
-    whole = tables(rebuild(folder))
-    path = tmp_path / "pieces.rrd"
-    with closing(RunLog(path, traces.run, traces.scenario)) as log:
-        for start in range(7):
-            piece, late = part(traces, start, start + 1.0), part(traces, start - 0.1, start + 0.9)
-            log.append(dataclasses.replace(piece, impacts=late.impacts))
-        log.append(part(traces, 7.0, 8.0))
-    for entity in ("/gait/inside", "/gait/outside"):
-        wanted, found = (table[entity]["Scalars:scalars"].to_pylist() for table in (whole, tables(path)))
-        assert found == wanted
-        assert len(wanted) >= 9
-    inside = [value[0] for value in whole["/gait/inside"]["Scalars:scalars"].to_pylist()]
+    log = tables(rebuild(write_run(run, tmp_path / "run")))
+    inside, outside = (
+        [value for (value,) in log[f"/gait/{where}"]["Scalars:scalars"].to_pylist()]
+        for where in ("inside", "outside")
+    )
+    assert len(inside) == len(outside) >= 9
     assert inside == pytest.approx([0.5] * len(inside), abs=0.005)
+    assert outside == pytest.approx([0.05] * len(outside), abs=0.005)

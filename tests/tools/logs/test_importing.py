@@ -278,4 +278,4 @@ def test_jitter_moves_no_frame_into_another_tick(phase_s):
 def test_a_bus_without_firmware_shows_no_ticks():
     torque = codec.encode(SetInputTorque(0.1))
     bus = bus_log(np.array([0.1]), np.array([torque.can_id]), (torque.data,))
-    assert ticks_seen(bus, 1e-3) == []
+    assert ticks_seen(bus, 1e-3) == {}
