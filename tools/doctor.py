@@ -6,7 +6,7 @@ import re
 import shutil
 import sys
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import distributions, requires
 from importlib.util import find_spec
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -25,7 +25,7 @@ from hil.timing.realtime import BASELINE, RealtimeReport, become_realtime
 from kernel_cache import KernelCacheError, root
 from tools.fmu import linker
 
-OLDEST_PYTHON = (3, 11)
+PACKAGES = "packages"
 LOCK = Path(__file__).parents[1] / "requirements.lock"
 IMPORT_NAMES = {"python-can": "can", "rerun-sdk": "rerun"}
 """Packages whose import name differs from their distribution's name."""
@@ -44,48 +44,10 @@ class DoctorCheck(NamedTuple):
     detail: str
 
 
-class Conclusion(NamedTuple):
-    """Whether scenarios can run here, and a sentence with the possible runs and the most useful remedy."""
-
-    main_job_runs: bool
-    sentence: str
-
-
-USES = {
-    "user-mode Linux": "real SocketCAN",
-    "viewer": "the Rerun viewer",
-    "SCHED_FIFO": "real time beside other work",
-    "mlockall": "real time without page faults",
-    "timer wake-up": "real time without overruns",
-    "emulated board": "the firmware on an emulated Cortex-M7",
-    "FMU linker": "`vibrohil export-fmu`",
-}
-"""The use of each check beyond lockstep and the local bus, the most useful first."""
-
-
-def conclude(found: Sequence[DoctorCheck]) -> Conclusion:
-    """State the runs that this machine allows, and the remedy for the most useful missing ability."""
-    by_name = {check.name: check for check in found}
-    for needed in ("Python", "packages"):
-        if not by_name[needed].passed:
-            return Conclusion(False, f"The bench cannot run here yet. {needed}: {by_name[needed].remedy}.")
-    has_can = by_name["CAN in the kernel"].passed
-    lacking = [
-        name for name in USES if not by_name[name].passed and not (has_can and name == "user-mode Linux")
-    ]
-    can = "SocketCAN" if has_can else "SocketCAN under `vibrohil kernel`"
-    buses = "" if "user-mode Linux" in lacking else f", and on {can}"
-    runs = f"Here you can run every scenario in lockstep and, in real time, on the local bus{buses}"
-    if not lacking:
-        return Conclusion(True, f"{runs}; nothing is missing.")
-    return Conclusion(True, f"{runs}. For {USES[lacking[0]]}: {by_name[lacking[0]].remedy}.")
-
-
 def checks() -> list[DoctorCheck]:
     """Run all checks, in about a second; nothing is compiled."""
     realtime, late_us, refusal = in_own_process()
     return [
-        python(),
         packages(),
         kernels(),
         DoctorCheck(
@@ -141,56 +103,32 @@ def bare_loop(answers: Connection) -> None:
     answers.send((report, late_us, refusal))
 
 
-def python() -> DoctorCheck:
-    """Whether Python is recent enough."""
-    remedy = "install Python 3.11 or newer, then: make clean setup PYTHON=/path/to/python3"
-    detail = f"{platform.python_version()} at {sys.executable}"
-    return DoctorCheck("Python", sys.version_info >= OLDEST_PYTHON, remedy, detail)
-
-
 def packages() -> DoctorCheck:
     """Whether the installed packages are those of the lock, with their modules."""
-    wrong = [*version_faults(LOCK.read_text()), *missing_modules()]
-    return DoctorCheck("packages", not wrong, "make setup", "; ".join(wrong) or f"as in {LOCK.name}")
+    wrong = package_faults(LOCK.read_text(), requires("vibrohil") or [])
+    return DoctorCheck(PACKAGES, not wrong, "make setup", "; ".join(wrong) or f"as in {LOCK.name}")
 
 
-def version_faults(lock: str) -> list[str]:
-    """Return the differences between the installed packages and the text of a lock file.
+def package_faults(lock: str, required: Sequence[str]) -> list[str]:
+    """Return what is wrong with the installed packages by a lock file's text and the project's requirements.
 
-    The file may list a package several times, each with a marker for certain machines. A missing package is
-    a fault only if it has no marker.
+    The lock may list a package several times, each with a marker for certain machines; such a package may be
+    missing. No module is imported, which would take seconds: its files may be gone while the package's
+    metadata and even its empty folder remain.
     """
     locked: dict[str, set[str]] = {}
-    optional: set[str] = set()
-    for name, number, marker in re.findall(r"^([\w.-]+)==([^\s;\\]+)[ \\]*(;?)", lock, re.MULTILINE):
+    faults = []
+    lines = re.findall(r"^([\w.-]+)==([^\s;\\]+)[ \\]*(;?)", lock, re.MULTILINE)
+    for name, number, _ in lines:
         locked.setdefault(name, set()).add(number)
-        if marker:
-            optional.add(name)
-    faults = []
+    optional = {name for name, _, marker in lines if marker}
+    installed = {one.metadata["Name"].lower().replace("_", "-"): one.version for one in distributions()}
     for name, numbers in locked.items():
-        try:
-            installed = version(name)
-        except PackageNotFoundError:
-            if name not in optional:
-                faults.append(f"{name} is not installed")
-            continue
-        if installed not in numbers:
-            faults.append(f"{name} is {installed}, locked at {' or '.join(sorted(numbers))}")
-    return faults
-
-
-def missing_modules() -> list[str]:
-    """Return the project's requirements without their module; none is imported, which would take seconds.
-
-    Files may be gone while the package's metadata and even its empty folder remain.
-    """
-    names = [
-        re.split(r"[^\w.-]", one, maxsplit=1)[0]
-        for one in requires("vibrohil") or []
-        if "extra ==" not in one
-    ]
-    faults = []
-    for name in names:
+        if name not in installed:
+            faults += [] if name in optional else [f"{name} is not installed"]
+        elif installed[name] not in numbers:
+            faults.append(f"{name} is {installed[name]}, locked at {' or '.join(sorted(numbers))}")
+    for name in (re.split(r"[^\w.-]", one, maxsplit=1)[0] for one in required if "extra ==" not in one):
         module = IMPORT_NAMES.get(name, name.replace("-", "_"))
         found = find_spec(module)
         if found is None or found.origin is None:
