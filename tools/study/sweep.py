@@ -1,12 +1,11 @@
-"""Amplitude–frequency diagrams: run-up and run-down by the paper's protocol, and the ends of regimes.
+"""Amplitude–frequency diagrams: run-up and run-down by the paper's protocol, and the ends of the impacts.
 
 Each ratio starts from the final state of the previous ratio, including the crank angle. Where impacts begin
 or end, the attractor is then followed in decreasing steps until a step is below EDGE_STEP.
 """
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -23,12 +22,6 @@ LOW_RATIO, HIGH_RATIO, RATIOS = 0.7, 1.8, 111
 
 EDGE_STEP = 1e-5
 """Last step of a continuation, in r; at smaller steps the slow passage beyond a fold outlasts CONTINUE."""
-
-NEAR_EDGE = 2e-3
-"""Impact motion that is periodic up to this distance in r from its end ends in a fold; nearer, few settle."""
-
-GRAZING_SHARE = 0.1
-"""A branch ends by grazing if the slowest v⁻ of its last motion is below this share of the fastest v⁻."""
 
 CONTINUE = Protocol(settle_s=280.0, record_s=20.0, tolerance=1e-6)
 """Protocol of a continuation: near a fold a motion settles slowly, and a transient would graze too early."""
@@ -68,25 +61,15 @@ def width(union: list[Interval]) -> float:
 
 
 @dataclass(frozen=True)
-class Edge:
-    """The end of a motion in a sweep: its last ratio, and the kind of end.
+class Sweep:
+    """A run-up or a run-down: a row for each ratio, and the ratios at which impacts begin or end.
 
-    `grazing`: the striker just reaches the stop. `fold`: a periodic impact motion ends at a finite v⁻.
-    `crisis`: an irregular impact motion ends. The edge may lie before the sweep's last ratio with impacts if
-    the impacts decay too slowly to end within the run.
+    An edge may lie before the sweep's last ratio with impacts if the impacts decay too slowly to end within
+    the run.
     """
 
-    ratio: float
-    kind: str
-    impacts_after: bool
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """A run-up or a run-down: a row for each ratio, and the edges."""
-
     table: pa.Table
-    edges: list[Edge]
+    edges: list[float]
 
     def column(self, name: str) -> NDArray[np.float64]:
         """Return a column as an array of numbers."""
@@ -96,7 +79,7 @@ class Sweep:
     def with_impacts(self) -> list[Interval]:
         """Return the intervals of r with impacts, bounded by the edges or by the sweep's ends."""
         grid, reaches_stop = self.column("ratio"), self.column("impacts") > 0.0
-        cuts = [float(grid[0]), *(edge.ratio for edge in self.edges), float(grid[-1])]
+        cuts = [float(grid[0]), *self.edges, float(grid[-1])]
         found, on = [], bool(reaches_stop[0])
         for start, end in pairwise(cuts):
             if on:
@@ -145,11 +128,6 @@ class Diagram:
             "up_r": self.up.with_impacts(),
             "down_r": self.down.with_impacts(),
             "multistable_r": self.multistable(),
-            "edges": [
-                {"direction": direction, **asdict(edge)}
-                for direction, sweep in (("up", self.up), ("down", self.down))
-                for edge in sweep.edges
-            ],
         }
 
 
@@ -163,14 +141,14 @@ def diagrams(cases: Sequence[Case], where: work.Where, count: int = RATIOS) -> l
     sweeps = []
     for path in work.run("sweep", piece, specs, where):
         table, metadata = store.read(path)
-        sweeps.append(Sweep(table, [Edge(**edge) for edge in metadata["facts"]["edges"]]))
+        sweeps.append(Sweep(table, metadata["facts"]["edges"]))
     return [Diagram(*one) for one in zip(cases, sweeps[::2], sweeps[1::2], strict=True)]
 
 
 def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
     """Compute one sweep: a row for each ratio, and its edges."""
     sweep = run(Case(**spec["case"]), spec["direction"], spec["ratios"])
-    return sweep.table, {"edges": [asdict(edge) for edge in sweep.edges]}
+    return sweep.table, {"edges": sweep.edges}
 
 
 def ratios(direction: str, count: int = RATIOS) -> NDArray[np.float64]:
@@ -183,7 +161,7 @@ def run(case: Case, direction: str, count: int = RATIOS) -> Sweep:
     """Run a sweep by the paper's protocol; each ratio starts from the final state of the previous ratio."""
     grid = ratios(direction, count)
     outcomes: list[Outcome] = []
-    edges: list[Edge] = []
+    edges: list[float] = []
     for index, outcome in enumerate(follow_on(case, grid, PAPER)):
         if outcomes and (outcome.impacts > 0.0) != (outcomes[-1].impacts > 0.0):
             edges.append(_edge(case, grid[: index + 1], outcomes))
@@ -209,7 +187,7 @@ def row_of(ratio: float, outcome: Outcome) -> dict[str, Any]:
     return {"ratio": float(ratio), "regime": regime, **values, **end}
 
 
-def _edge(case: Case, grid: NDArray[np.float64], outcomes: Sequence[Outcome]) -> Edge:
+def _edge(case: Case, grid: NDArray[np.float64], outcomes: Sequence[Outcome]) -> float:
     """Follow the motion from a ratio before the last one of `grid` until its impacts end or begin."""
     reaches_stop = outcomes[-1].impacts > 0.0
     for index in range(len(grid) - 2, -1, -1):
@@ -217,16 +195,11 @@ def _edge(case: Case, grid: NDArray[np.float64], outcomes: Sequence[Outcome]) ->
         last = follow(case.scene(ratio), before.end, CONTINUE)
         if (last.impacts > 0.0) == reaches_stop:
             break
-    step, periodic_at = 0.5 * (beyond - ratio), ratio if last.cycle else math.inf
+    step = 0.5 * (beyond - ratio)
     while abs(step) > EDGE_STEP:
         trial = follow(case.scene(ratio + step), last.end, CONTINUE)
         if (trial.impacts > 0.0) == reaches_stop:
             ratio, last = ratio + step, trial
-            periodic_at = ratio if trial.cycle else periodic_at
         else:
             step *= 0.5
-    if not reaches_stop or last.v_min_m_s < GRAZING_SHARE * last.v_max_m_s:
-        kind = "grazing"
-    else:
-        kind = "fold" if abs(ratio - periodic_at) < NEAR_EDGE else "crisis"
-    return Edge(ratio, kind, not reaches_stop)
+    return ratio
