@@ -30,8 +30,8 @@ PIPED_WIDTH = 240
 """Width in characters where the output is no terminal: each row of a table stays on one line, for grep."""
 
 
-MOST_RECORDS, MOST_IN_CELL = 40, 6
-"""Most records and values that are printed for people; --json has all."""
+MOST_RECORDS, MOST_IN_CELL, MOST_UNFOLDED = 40, 6, 3
+"""Most records, values in a cell, and values of an object in a record, that are printed; --json has all."""
 CONTROL = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u202a-\\u202e\\u2066-\\u2069]")
 """Characters that command a terminal, or reverse the direction of text; tab and line feed are left."""
 
@@ -190,6 +190,7 @@ def records_in(value: Any) -> list[Mapping[str, Any]]:
 
 def show_records(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
     """Print the first records, a column for each key; what is the same in all stands in the title."""
+    rows = [dict(unfolded(row)) for row in rows]
     keys = [
         key
         for key in dict.fromkeys(key for row in rows for key in row)
@@ -205,6 +206,15 @@ def show_records(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
     headers = [f">{key}" if numeric[key] else Column(escape(key), overflow="fold") for key in columns]
     cells = ([escape(text_of(row.get(key))) for key in columns] for row in shown)
     console.print(table_of(headers, cells))
+
+
+def unfolded(row: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """The cells of a record, those of small objects in it by their dotted names."""
+    for key, value in row.items():
+        if isinstance(value, Mapping) and len(value) <= MOST_UNFOLDED and not records_in(value):
+            yield from ((f"{key}.{name}", one) for name, one in value.items())
+        else:
+            yield key, value
 
 
 def text_of(value: Any) -> str:

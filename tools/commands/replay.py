@@ -1,7 +1,7 @@
 """`vibrohil replay SOURCE…`: recorded frames into today's firmware."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -12,14 +12,8 @@ from tools.output import (
     EXIT_PASSED,
     BadInputError,
     answer,
-    console,
-    marked,
     progress_console,
-    table_of,
 )
-
-if TYPE_CHECKING:
-    from tools.logs.replay import Decision, Replay
 
 
 def replay(
@@ -60,37 +54,4 @@ def replay(
         if len(done) == 1
         else {"equal": status == EXIT_PASSED, "replays": [one.as_json() for one in done]}
     )
-    answer(payload, as_json, lambda: show(done), status)
-
-
-def show(done: "list[Replay]") -> None:
-    """Print a row for each replay, then the first difference and the changed decisions."""
-    rows = []
-    for one in done:
-        verdict = "not judged" if one.proves_nothing else "passed" if one.equal else "failed"
-        compared = f"{one.frames} frames" if one.is_own else "decisions"
-        rows.append((one.source, str(one.ticks), compared, str(one.different_frames), marked(verdict)))
-    console.print(table_of(("recording", ">ticks", "compared", ">frames that differ", ""), rows))
-    for one in done:
-        payload = one.as_json()
-        first = payload["first_difference"]
-        if one.is_own and first is not None:
-            recorded, replayed = (first[key] or "no frame" for key in ("recorded", "replayed"))
-            console.print(
-                f"{one.source}: first difference at {first['t_s']:.4f} s, {first['frame']}: "
-                f"recorded {recorded}, replayed {replayed}",
-                markup=False,
-            )
-        for changed in one.decisions:
-            console.print(
-                f"{one.source}: {changed.signal}: recorded {shown(changed.recorded)}, replayed "
-                f"{shown(changed.replayed)}",
-                markup=False,
-            )
-        if one.proves_nothing:
-            console.print(f"{one.source}: not judged: {one.hidden}", markup=False)
-
-
-def shown(decision: "Decision | None") -> str:
-    """Return a decision as text."""
-    return "nothing more" if decision is None else f"{decision.value} at {decision.t_s:.4f} s"
+    answer(payload, as_json, status=status)
