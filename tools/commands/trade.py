@@ -32,7 +32,7 @@ def measure(
     """Measure error and cost of solvers, peers, stop models, control rates, builds and ticks."""
     if context.invoked_subcommand is not None:
         return
-    from tools.trade import bench_tick, builds, control_rate, costs, pictures
+    from tools.trade import bench_tick, control_rate, costs, pictures
     from tools.trade import parts as stops
     from tools.trade.cases import CASES
     from tools.trade.peers import heyoka_peer
@@ -44,7 +44,6 @@ def measure(
     others: list[Callable[[costs.Progress], list[dict[str, Any]]]] = [
         lambda doing: stops.measure("fidelity", quick, repeats, doing),
         lambda doing: control_rate.measure(quick, doing),
-        lambda doing: builds.measure(repeats, doing),
         lambda doing: bench_tick.measure(repeats, doing),
     ]
     with shown_progress() as progress:
