@@ -11,7 +11,6 @@ from tools.study.branches.boundaries import Boundary
 from tools.study.branches.branches import Branch
 from tools.study.branches.parameters import PARAMETERS
 from tools.study.figures import (
-    BAND_COLOUR,
     BORDER_COLOUR,
     IMPACT_COLOUR,
     NON_IMPACT_LINE_COLOUR,
@@ -20,7 +19,6 @@ from tools.study.figures import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
 
 LABELS = {
@@ -39,7 +37,6 @@ LINES = {
     "grazing": {"color": BORDER_COLOUR, "ls": "--"},
     "period-doubling": {"color": NON_IMPACT_LINE_COLOUR, "ls": ":"},
 }
-SHADED_ROWS = 200
 
 
 def shown(values: Any, name: str) -> Any:
@@ -93,11 +90,10 @@ def _label(line: "Line2D", label: str, labelled: set[str]) -> None:
 def boundary_figure(
     curves: Sequence[Boundary], over: tuple[str, str], nominal: tuple[float, float], folder: Path, name: str
 ) -> list[str]:
-    """Draw the boundaries over two parameters, and shade where 1/1 and where both motions exist."""
+    """Draw the boundaries over two parameters, and the scene."""
     first, second = over
     figure, grid = new_figure(1, 1, 7.0, 5.5)
     axes = grid[0, 0]
-    _shade(axes, [one for one in curves if one.turns == len(one.orbits[0].v_m_s) == 1], over)
     for place, curve in enumerate(curves):
         seen = curve.kind in {one.kind for one in curves[:place]}
         axes.plot(
@@ -112,54 +108,6 @@ def boundary_figure(
     axes.set_ylim(shown(max(PARAMETERS[second].low, 0.0), second), None)
     axes.legend(loc="best", fontsize=8)
     return save(figure, folder, name)
-
-
-def _shade(axes: "Axes", curves: Sequence[Boundary], over: tuple[str, str]) -> None:
-    """Shade, row by row, from the lowest to the highest boundary, and beyond the highest grazing."""
-    first, second = over
-    heights = [curve.values(second) for curve in curves if curve.kind != "period-doubling"]
-    if not heights:
-        return
-    rows = np.linspace(
-        max(min(map(np.min, heights)), PARAMETERS[second].low), max(map(np.max, heights)), SHADED_ROWS
-    )
-    low, grazing, high = np.full((3, SHADED_ROWS), np.nan)
-    for index, height in enumerate(rows):
-        crossed = {kind: _crossings(curves, kind, height, over) for kind in ("grazing", "fold")}
-        both = [*crossed["grazing"], *crossed["fold"]]
-        if len(both) > 1:
-            low[index], high[index] = min(both), max(both)
-            grazing[index] = max(crossed["grazing"], default=np.nan)
-    up = shown(rows, second)
-    axes.fill_betweenx(
-        up,
-        shown(low, first),
-        shown(grazing, first),
-        color=IMPACT_COLOUR,
-        alpha=0.15,
-        lw=0,
-        label="no steady motion clears the stop",
-    )
-    axes.fill_betweenx(
-        up,
-        shown(grazing, first),
-        shown(high, first),
-        color=BAND_COLOUR,
-        alpha=0.6,
-        lw=0,
-        label="both motions exist",
-    )
-
-
-def _crossings(curves: Sequence[Boundary], kind: str, height: float, over: tuple[str, str]) -> list[float]:
-    """The first parameter where boundaries of one kind pass a value of the second."""
-    found: list[float] = []
-    for curve in curves:
-        if curve.kind == kind:
-            x, y = curve.values(over[0]), curve.values(over[1])
-            for i in np.nonzero((y[:-1] - height) * (y[1:] - height) < 0.0)[0]:
-                found.append(float(x[i] + (height - y[i]) / (y[i + 1] - y[i]) * (x[i + 1] - x[i])))
-    return found
 
 
 def _pieces(
