@@ -66,6 +66,9 @@ CYCLES = (
     Cycle(HEARTBEAT.value, kinds.FIRMWARE_HEARTBEAT.period_s, 2),
     Cycle(GAIT.value, kinds.GAIT_REPORT.period_s, 3),
 )
+CYCLED = 0x7FFFFFFF
+"""The bits of the tick that cycles count: no more than a microcontroller divides with one instruction. When
+they overflow, after 25 days at 1 kHz, one interval of each cyclic frame has another length."""
 
 
 class Impact(NamedTuple):
@@ -155,7 +158,8 @@ def queue_cyclic(
     for index in range(len(CYCLES)):
         cycle = CYCLES[index]
         period_ticks = max(round(cycle.period_s / config.tick_s), 1)
-        if (tick - cycle.offset_ticks) % period_ticks == 0 and (has_gait or cycle.frame != GAIT.value):
+        is_due = (tick - cycle.offset_ticks & CYCLED) % period_ticks == 0
+        if is_due and (has_gait or cycle.frame != GAIT.value):
             now = now._replace(waiting=now.waiting | 1 << cycle.frame)
     return now
 

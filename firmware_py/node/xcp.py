@@ -79,8 +79,8 @@ SELECTED, TIME_STAMPED, RUNNING = 0x01, 0x10, 0x40
 TIMESTAMP_UNIT_S, TIMESTAMP_MODE, UNIT_10_US = 1e-5, 0x42, 4
 """Time stamps count ticks in two bytes; a tick is given in units of 10 µs."""
 
-SILENCE_UNITS = 1_000_000
-"""Silence of 10 s, in units of a time stamp, after which a master is lost: session and DAQ lists end."""
+SILENCE_S = 10.0
+"""Silence after which a master is lost: session and DAQ lists end."""
 NEVER, NOW = 1 << 62, 0
 """Ticks at which a session ends or the slave has something to do."""
 
@@ -414,7 +414,6 @@ def serve(pool: list[int], state: object, command: XcpCommand) -> None:
         return
     pool[LOW] = pool[HIGH] = 0
     error = execute(pool, state, command)
-    pool[ENDS] = pool[TICK] + SILENCE_UNITS // pool[TICK_UNITS] if pool[IS_CONNECTED] != 0 else NEVER
     pool[WAKES], pool[WAITS], pool[PACKET] = NOW, 1, RESPONSE
     if error != XcpError.NONE:
         refuse(pool, error)
@@ -436,6 +435,7 @@ def exchange(pool: list[int], state: object, tick_s: float, now: NodeState, tx: 
     if has_arrived:
         pool[TICK_UNITS] = round(tick_s / TIMESTAMP_UNIT_S)
         serve(pool, state, now.received.xcp_command)
+        pool[ENDS] = now.ticks + round(SILENCE_S / tick_s) if pool[IS_CONNECTED] != 0 else NEVER
     if pool[WAITS] != 0 and pool[REQUEST] != WRITE and tx.frame_count < 2:
         frame, _ = packing.pack_xcp_response(XcpResponse(pool[PACKET], pool[LOW], pool[HIGH]), 0)
         tx = with_frame(tx, frame)

@@ -88,6 +88,18 @@ def judge_heartbeat(config: Config, state: ProofState, drive: DriveInput) -> Pro
     return state._replace(failed=state.withheld_ticks > config.d.ticks.proof_due + 1)
 
 
+def wait_ticks(due_ticks: int, interval_ticks: int) -> int:
+    """The time from a heartbeat after which `due_ticks` end with another heartbeat.
+
+    >>> wait_ticks(250, 100)
+    50
+    """
+    wait = interval_ticks - due_ticks
+    while wait < 0:
+        wait += interval_ticks
+    return wait
+
+
 def step(  # noqa: PLR0911 - stages, read top to bottom
     config: Config,
     state: ProofState,
@@ -128,7 +140,7 @@ def step(  # noqa: PLR0911 - stages, read top to bottom
         # The first withheld tick is one tick after the last frame.
         if interval_ticks == 0 or not axis_is_closed:
             return now
-        begins = beat_ticks == (1 - config.d.ticks.proof_due) % interval_ticks
+        begins = beat_ticks == wait_ticks(config.d.ticks.proof_due - 1, interval_ticks)
         return now._replace(stage=WITHHOLD, withheld_ticks=1) if begins else now
     if now.stage == WITHHOLD:
         return judge_heartbeat(config, now, drive)
