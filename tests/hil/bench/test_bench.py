@@ -133,68 +133,6 @@ def test_killed_firmware_leaves_a_motor_without_torque(tmp_path: Path) -> None:
     assert none_left(tmp_path)
 
 
-@pytest.mark.realtime
-@pytest.mark.parametrize(
-    ("name", "number", "ended"),
-    [
-        ("hub", signal.SIGTERM, "ended with status 0"),  # in order: no hold of the host
-        pytest.param("recorder", signal.SIGKILL, "was killed by SIGKILL", marks=pytest.mark.quiet),
-    ],
-)
-def test_death_of_any_other_process_is_named_and_the_run_finished(
-    name: str, number: signal.Signals, ended: str, tmp_path: Path
-) -> None:
-    verdict = run_and_disturb(tmp_path, lambda pids: os.kill(pids[name], number), at_s=1.0)
-    (reason,) = verdict["reasons"]
-    named, _, at_s = reason.removesuffix(" s").partition(f" {ended} at ")
-    assert named == name
-    assert 0.99 <= float(at_s) < 3.0  # while the run goes on
-    assert (tmp_path / "run.rrd").exists()
-    assert none_left(tmp_path)
-
-
-@pytest.mark.realtime
-def test_a_recorder_that_is_stopped_for_ever_fails_the_run(tmp_path: Path) -> None:
-    verdict = run_and_disturb(tmp_path, lambda pids: os.kill(pids["recorder"], signal.SIGSTOP), at_s=1.0)
-    assert verdict["reasons"] == ["recorder did not end when asked to, and was killed"]
-    assert none_left(tmp_path)
-
-
-RUN = """
-import sys
-from pathlib import Path
-from hil.bench.bench import run_scenario
-from hil.bench.options import RunOptions
-from hil.scenario.scenario import load_scenario
-scenario = load_scenario("soft-start-multistable", sys.argv[2:])
-run_scenario(scenario, RunOptions(bus="local"), Path(sys.argv[1]), 1, lambda *_: None)
-"""
-
-
-@pytest.mark.realtime
-@pytest.mark.quiet
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_end_of_the_bench_is_the_end_of_all(number: signal.Signals, tmp_path: Path) -> None:
-    with subprocess.Popen(
-        [sys.executable, "-c", RUN, str(tmp_path), *QUICK], stderr=subprocess.PIPE
-    ) as bench:
-        traced = tmp_path / "firmware.trace"
-        while not traced.exists() or len(trace.read(traced)) < 500:
-            time.sleep(0.01)
-            assert bench.poll() is None
-        written = trace.read(traced)
-        bench.send_signal(number)
-        assert bench.wait(20.0) != 0
-    deadline = time.monotonic() + 3.0
-    while not none_left(tmp_path) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    assert none_left(tmp_path)
-    np.testing.assert_array_equal(trace.read(traced)[: len(written)], written)
-    if number == signal.SIGINT:
-        verdict = json.loads((tmp_path / "verdict.json").read_text())
-        assert verdict["reasons"] == ["interrupted by Ctrl-C"]
-
-
 def child(code: str, tmp_path: Path) -> Child:
     return Child("child", [sys.executable, "-c", code], tmp_path / "child.log")
 

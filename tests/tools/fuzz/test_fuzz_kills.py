@@ -55,6 +55,21 @@ def one_kill(kill: Kill) -> list[str]:
 
 
 @pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("process", "number"),
+    [
+        ("hub", signal.SIGTERM),  # in order: no hold of the host
+        ("recorder", signal.SIGKILL),
+        ("recorder", signal.SIGSTOP),
+        (PARENT, signal.SIGINT),
+        (PARENT, signal.SIGKILL),
+    ],
+)
+def test_a_run_whose_process_dies_says_so_and_leaves_nothing(process: str, number: signal.Signals) -> None:
+    assert one_kill(Kill("real", process, number, "middle", 1.0)) == []
+
+
+@pytest.mark.realtime
 def test_kills_leave_nothing_but_a_verdict(pytestconfig: pytest.Config) -> None:
     """As many at once as there are cores; the first two are of a campaign's worker and a suite's program."""
     count = pytestconfig.getoption("fuzz_count") or 2
