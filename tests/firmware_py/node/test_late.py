@@ -101,28 +101,6 @@ def test_nothing_is_caught_up_beyond_every_watchdog() -> None:
     assert codec.SET_INPUT_TORQUE.decode(bench.sent[0].data).torque_n_m == 0.0
 
 
-@pytest.mark.parametrize("silent_ticks", [2, 40])
-def test_samples_from_before_the_last_tick_are_not_used_again(silent_ticks: int) -> None:
-    """The bus was held up, and the model bridged it; what then comes late is of a time that is over."""
-    held: list[Frame] = []
-    first, ticks = touch_down_tick() - 300, 6
-
-    def change(tick: int, frames: list[Frame]) -> list[Frame]:
-        if first - silent_ticks <= tick < first:
-            held.extend(frames)
-            return []
-        released, held[:] = [*held, *frames], []
-        return released
-
-    bench = Bench(PARAMETERS, change=change, overrun=lambda tick: first <= tick < first + ticks).started()
-    bench.run((first + ticks - bench.tick) * 1e-3, keep=False)
-    bench.run(1e-3)
-    state, truth = bench.node.state, bench.motions[-1]
-    assert state.estimator.x_m == pytest.approx(truth.x_m, abs=1e-3)
-    assert state.estimator.v_m_s == pytest.approx(truth.v_m_s, abs=0.02)
-    assert state.crank.omega_rad_s == pytest.approx(truth.omega_rad_s, abs=0.3)
-
-
 class HeldUp:
     """The sensors' and the drive's frames through a sender that now and then is held up."""
 
