@@ -338,7 +338,7 @@ class ProcessesRun:
                 loop.stop() if giver is None else giver.leave()
 
         if giver is None:
-            loop.run(self.scenario.ticks, lambda tick, _: step(tick), supervise)
+            loop.run(self.scenario.ticks, step, supervise)
             self.continue_paused()
         else:
             run_turns(giver, step, supervise)

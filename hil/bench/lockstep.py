@@ -87,7 +87,6 @@ def run_lockstep(
                 ticks = 0 if stretches is None else min(stretches.ticks_from(tick), progress_ticks)
                 if stretches is not None and ticks > 0:
                     stretches.record(tick, ticks)
-                    nodes.resume(tick + ticks)
                     tick += ticks
                 else:
                     nodes.tick(tick)
@@ -141,7 +140,6 @@ class LockstepNodes:
         self._can_log = stack.enter_context(CanLog(can_log))
         for node in (self._plant, self._firmware, self.operator, self._bus):
             stack.callback(node.close)
-        self._plant_tick = self._firmware_tick = -1
         self._period_ns = round(scenario.period_s * NS_PER_S)
 
     def stretches(self) -> "RecordedStretches | None":
@@ -158,9 +156,8 @@ class LockstepNodes:
         t_s, t_ns, half_ns = tick * self._scenario.period_s, tick * self._period_ns, self._period_ns // 2
         if self._processes.takes_turn(PLANT, t_s):
             self._lines[PLANT].move_to(t_s)
-            self._plant.step(tick, tick - self._plant_tick)
+            self._plant.step(tick)
             self._plant.record(tick, UNTIMED)
-            self._plant_tick = tick
         if self.operator.due_tick <= tick:
             self._lines[OPERATOR].move_to(t_s)
             self.operator.step(tick)
@@ -168,20 +165,15 @@ class LockstepNodes:
         if self._processes.takes_turn(FIRMWARE, t_s):
             started_ns = time.perf_counter_ns()
             self._lines[FIRMWARE].move_to(t_s)
-            self._firmware.step(tick, tick - self._firmware_tick)
+            self._firmware.step(tick)
             work_us = (time.perf_counter_ns() - started_ns) * 1e-3
             self._firmware.record(tick, LoopTiming(0, 0.0, work_us, 0))
-            self._firmware_tick = tick
         self._pass_time(t_ns + half_ns, t_ns + self._period_ns)
 
     def _pass_time(self, from_ns: int, to_ns: int) -> None:
         """Advance the bus, and log its frames."""
         for logged_ns, frames in self._bus.pass_time(from_ns, to_ns):
             self._can_log.write(logged_ns // NS_PER_US, frames)
-
-    def resume(self, tick: int) -> None:
-        """Continue from `tick`, to which a stretch has advanced the nodes."""
-        self._plant_tick = self._firmware_tick = tick - 1
 
     @property
     def lost_records(self) -> int:

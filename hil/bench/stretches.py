@@ -173,6 +173,7 @@ class Stretches:
                 f"a division by zero or a domain error in the compiled firmware's tick {state.tick}"
             )
         node.pull_state()
+        self._firmware.last_tick = state.tick - 1
         plant.resume(state, status)
         self._to_plant.pending += frames_in(self._in_transit[: buffers.used[TO_PLANT]])
         self._to_operator.pending += frames_in(sent[1:].reshape(-1, 3)[: sent[0]])
@@ -198,10 +199,13 @@ class RecordedStretches(Stretches):
         self, scenario: Scenario, nodes: LockstepNodes, turns: Sequence[Turns], can_log: CanLog
     ) -> None:
         """`turns`: the nodes with a clock fault or a restart."""
-        super().__init__(scenario, nodes, nodes.firmware.columns, is_logged=True)
+        assert nodes.plant.trace is not None
+        assert nodes.firmware.trace is not None
+        self._plant_trace, self._firmware_trace = nodes.plant.trace, nodes.firmware.trace.writer
+        super().__init__(scenario, nodes, self._firmware_trace.dtype, is_logged=True)
         self._turns = turns
         self._can_log = can_log
-        self._plant_rows = np.zeros(LONGEST_TICKS, nodes.plant.columns)
+        self._plant_rows = np.zeros(LONGEST_TICKS, self._plant_trace.dtype)
 
     def ticks_from(self, tick: int) -> int:
         """Number of ticks from `tick` on that may be compiled."""
@@ -217,10 +221,12 @@ class RecordedStretches(Stretches):
         if gaits is not None:
             for column, name in enumerate(GaitTruth._fields):
                 rows[f"gait.{name}"] = gaits[:, column]
-        self._plant.append(rows, records.impacts)
+        self._plant_trace.append_all(rows)
+        impacts = map(Impact._make, records.impacts.tolist())
+        self._plant.record_impacts(one._replace(t_s=node.began_s + one.t_s) for one in impacts)
         numbers = np.arange(tick, tick + ticks)
         records.firmware["tick"], records.firmware["t_s"] = numbers, (numbers + 0.5) * self._scenario.period_s
-        self._firmware.append(records.firmware)
+        self._firmware_trace.append_all(records.firmware)
         self._can_log.append(records.can_log.tobytes())
         for turns in self._turns:
             turns.resume(tick + ticks)

@@ -66,7 +66,7 @@ class ClockFaults:
 class Runner(Protocol):
     """The object that a loop calls in each tick."""
 
-    def step(self, tick: int, elapsed_ticks: int) -> None:
+    def step(self, tick: int) -> None:
         """Run one tick."""
 
     def record(self, tick: int, timing: LoopTiming) -> None:
@@ -110,7 +110,6 @@ class Turns:
         )
         self._period_s = period_s
         self._next_tick = 0
-        self._last_tick = -1
         self._last_slot = -1
         self._late_ticks: float | None = None
         self._unrecorded: int | None = None
@@ -118,7 +117,7 @@ class Turns:
             self.resume(first_slot + round(self._clock.offset_s(first_slot * period_s) / period_s))
             self._last_slot = first_slot - 1
 
-    def step(self, slot: int, _: int) -> None:
+    def step(self, slot: int) -> None:
         """Run the steps that are due in this slot of the bench."""
         t_s = slot * self._period_s
         own_tick = slot + round(self._clock.offset_s(t_s) / self._period_s)
@@ -126,7 +125,7 @@ class Turns:
             del self._starts_s[0]
             self._runner.restart(own_tick)
             self._clock.restart()
-            self._next_tick, self._last_tick, self._late_ticks = own_tick, own_tick - 1, None
+            self._next_tick, self._late_ticks = own_tick, None
         while True:
             if self._late_ticks is None:
                 due_s = self._clock.true_s(self._next_tick * self._period_s)
@@ -143,8 +142,8 @@ class Turns:
     def _turn(self, tick: int) -> None:
         if self._unrecorded is not None:
             self._runner.record(self._unrecorded, LoopTiming(0, 0.0, 0.0, 0))
-        self._runner.step(tick, tick - self._last_tick)
-        self._unrecorded = self._last_tick = tick
+        self._runner.step(tick)
+        self._unrecorded = tick
         self._next_tick = tick + 1
 
     def is_in_step(self, slot: int) -> bool:
@@ -153,7 +152,7 @@ class Turns:
 
     def resume(self, tick: int) -> None:
         """Continue from `tick`, to which compiled code has advanced the node."""
-        self._next_tick, self._last_tick, self._late_ticks = tick, tick - 1, None
+        self._next_tick, self._late_ticks = tick, None
         self._last_slot = tick - 1
 
     def record(self, _: int, timing: LoopTiming) -> None:

@@ -7,12 +7,9 @@ sensors are known in advance. It consists of the nodes' own pure steps (`hil.dri
 into the caller's buffers.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from llvmlite import ir
-from numba.core import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from firmware_py.builds.numba_subset import register
@@ -30,7 +27,7 @@ from hil.nodes.plant_steps import (
     put,
     record_plant,
 )
-from plant_sim.kernels import subroutine
+from plant_sim.kernels import call_at, subroutine
 from plant_sim.sensors.readings import Readers, read_sensors
 from plant_sim.solvers.adaptive.adaptive import DONE
 from plant_sim.solvers.adaptive.state_layout import OBSERVED
@@ -43,6 +40,8 @@ Bytes = NDArray[np.uint8]
 
 FIRMWARE_FAILED = -1
 """Status of `run` in addition to the solver's: the firmware's arithmetic failed."""
+STATUS = 0xFFFF_FFFF
+"""The bits of the firmware's status, a C integer of 32 bits."""
 MOST_RECEIVED = MOST_FRAMES + 1
 """Most frames to the firmware per tick: those of the plant's node, and a command."""
 NUMBER_BYTES = 8
@@ -65,27 +64,6 @@ class Firmware(NamedTuple):
     sent: Integers
     state_bytes: Bytes
     record_bytes: int
-
-
-def _call_tick(
-    _: Any, tick: Any, config: Any, state: Any, behind_ticks: Any, count: Any, frames: Any, sent: Any
-) -> Any:
-    """Call the firmware's function at the address `tick`; pointers are addresses, its status has 32 bits."""
-
-    def generate(_: Any, builder: Any, signature: Any, values: Any) -> Any:
-        number, pointer = ir.IntType(64), ir.IntType(8).as_pointer()
-        kinds = [pointer, pointer, number, number, pointer, pointer]
-        function = builder.inttoptr(values[0], ir.FunctionType(ir.IntType(32), kinds).as_pointer())
-        passed = [
-            builder.inttoptr(value, kind) if kind is pointer else value
-            for value, kind in zip(values[1:], kinds, strict=True)
-        ]
-        return builder.sext(builder.call(function, passed), number)
-
-    return types.int64(*[types.int64] * 7), generate
-
-
-call_tick: Any = intrinsic(_call_tick)
 
 
 class Buffers(NamedTuple):
@@ -232,8 +210,8 @@ def firmware_turn(bench: Bench, tick: int, count: int) -> int:
     """The firmware at t_k + T/2 ticks on the first `count` frames of its inbox; its status is returned."""
     firmware, buffers = bench.firmware, bench.buffers
     frames, sent = firmware.frames.ctypes.data, firmware.sent.ctypes.data
-    status = call_tick(firmware.tick, firmware.config, firmware.state, 0, count, frames, sent)
-    if status != 0:
+    arguments = (firmware.config, firmware.state, 0, count, frames, sent)
+    if call_at(firmware.tick, arguments) & STATUS != 0:
         return FIRMWARE_FAILED
     for place in range(firmware.sent[0]):
         begin = 1 + 3 * place

@@ -169,7 +169,7 @@ def operator_main(scenario: str, settings: Sequence[str], bus: str) -> bool:
             nonlocal is_stopped
             is_stopped = True
 
-        def step(tick: int, _: int) -> None:
+        def step(tick: int) -> None:
             nonlocal last_tick
             if is_stopped and last_tick > tick:
                 node.emergency_stop(tick)
@@ -263,15 +263,12 @@ def run_node(
     stop = loop.stop if giver is None else giver.leave
     for number in (signal.SIGTERM,) if sync else (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop())
-    last_tick = start.first_tick - 1
 
     def step(tick: int) -> int:
-        nonlocal last_tick
         if tick == start.first_tick > 0:
             line.restart()
         line.move_to(tick * pace.period_s)
-        runner.step(tick, tick - last_tick)
-        last_tick = tick
+        runner.step(tick)
         return tick + 1
 
     try:
@@ -279,7 +276,7 @@ def run_node(
             if not sync:
                 print(f"running at {1.0 / pace.period_s:g} Hz; Ctrl-C ends it", file=sys.stderr)
             line.restart()
-            loop.run(pace.ticks, lambda tick, _: step(tick), runner.record, start.first_tick)
+            loop.run(pace.ticks, step, runner.record, start.first_tick)
         else:
             run_turns(giver, step, runner.record)
     finally:

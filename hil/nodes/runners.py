@@ -1,12 +1,9 @@
 """Runners connect the bench's nodes to bus and trace; a loop calls them in each tick, on every clock."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.node import FirmwareNode, MakeNode, powered_up
@@ -55,64 +52,51 @@ class PlantRunner:
         self._make_node: Callable[[int], PlantNode] = partial(PlantNode, scene, seed, pace.period_s, faults)
         self.node = self._make_node(first_tick)
         self.bus = bus
-        self._traces: tuple[TraceWriter, TraceWriter] | None = None
+        self.trace: TraceWriter | None = None
         if out_dir is not None:
             gait = [("gait", GaitTruth)] if scene.gait is not None else []
             fields = [("", PlantRecord), *gait, ("", LoopTiming)]
             again = first_tick > 0
             expected = 0 if again else pace.ticks or 0
-            self._traces = (
-                TraceWriter(out_dir / "plant.trace", fields, expected, again, pace.is_timed),
-                TraceWriter(out_dir / "impacts.trace", [("", Impact)], resume=again),
-            )
+            self.trace = TraceWriter(out_dir / "plant.trace", fields, expected, again, pace.is_timed)
+            self._impacts = TraceWriter(out_dir / "impacts.trace", [("", Impact)], resume=again)
 
     def restart(self, tick: int) -> None:
         """Replace the node by a new one whose first tick is `tick`."""
         self.node = self._make_node(tick)
         self.bus.restart()
 
-    def step(self, _: int, elapsed_ticks: int) -> None:
+    def step(self, tick: int) -> None:
         """Run one tick; the plant first advances by the time that the loop has skipped."""
         node, bus = self.node, self.bus
-        if elapsed_ticks > 1:
-            node.sleep_through(elapsed_ticks - 1, bus.receive())
+        if tick > node.tick:
+            node.sleep_through(tick - node.tick, bus.receive())
         bus.send_all(node.publish())
         node.advance(bus.receive())
 
     def record(self, _: int, timing: LoopTiming) -> None:
         """Append the tick's records."""
         impacts = self.node.take_impacts()
-        if self._traces is None:
-            return
-        ticks, of_impacts = self._traces
-        gait = () if self.node.gait is None else (self.node.gait,)
-        ticks.append(self.node.record, *gait, timing)
+        if self.trace is not None:
+            gait = () if self.node.gait is None else (self.node.gait,)
+            self.trace.append(self.node.record, *gait, timing)
+            self.record_impacts(impacts)
+
+    def record_impacts(self, impacts: Iterable[Impact]) -> None:
+        """Append impacts, with times from the start of the run."""
         for impact in impacts:
-            of_impacts.append(impact)
-
-    @property
-    def columns(self) -> Any:
-        """A record of the trace as numpy has it."""
-        assert self._traces is not None
-        return self._traces[0].dtype
-
-    def append(self, records: NDArray[np.void], impacts: NDArray[np.void]) -> None:
-        """Append records, and impacts: records as `Impact`."""
-        assert self._traces is not None
-        ticks, of_impacts = self._traces
-        ticks.append_all(records)
-        for t_s, *others in impacts.tolist():
-            of_impacts.append((self.node.began_s + t_s, *others))
+            self._impacts.append(impact)
 
     @property
     def lost_records(self) -> int:
         """Records for which the disk had no room."""
-        return sum(trace.lost for trace in self._traces or ())
+        return 0 if self.trace is None else self.trace.lost + self._impacts.lost
 
     def close(self) -> None:
         """Close the traces."""
-        for trace in self._traces or ():
-            trace.close()
+        if self.trace is not None:
+            self.trace.close()
+            self._impacts.close()
 
 
 class FirmwareRunner:
@@ -139,14 +123,15 @@ class FirmwareRunner:
         self._make = make
         self._say = say or partial(_write_line, out_dir)
         self._period_s = pace.period_s
-        self._trace: FirmwareTrace | None = None
+        self.trace: FirmwareTrace | None = None
         self._power_up(first_tick)
         if out_dir is not None:
             again = first_tick > 0
             expected = 0 if again else pace.ticks or 0
-            self._trace = FirmwareTrace(out_dir / "firmware.trace", walks, expected, again, pace.is_timed)
+            self.trace = FirmwareTrace(out_dir / "firmware.trace", walks, expected, again, pace.is_timed)
 
     def _power_up(self, tick: int) -> None:
+        self.last_tick = tick - 1
         self.node = powered_up(
             self._memory.read(tick * self._period_s), self._memory.of_the_build, self._make
         )
@@ -158,35 +143,25 @@ class FirmwareRunner:
         self._power_up(tick)
         self.bus.restart()
 
-    def step(self, _: int, elapsed_ticks: int) -> None:
+    def step(self, tick: int) -> None:
         """Run one tick; the firmware first runs the periods that the loop has skipped."""
-        self.bus.send_all(self.node.tick(self.bus.receive(), elapsed_ticks))
+        self.bus.send_all(self.node.tick(self.bus.receive(), tick - self.last_tick))
+        self.last_tick = tick
 
     def record(self, tick: int, timing: LoopTiming) -> None:
         """Append the tick's record."""
-        if self._trace is not None:
-            self._trace.append(self.node, tick, (tick + 0.5) * self._period_s, timing)
-
-    @property
-    def columns(self) -> Any:
-        """A record of the trace as numpy has it."""
-        assert self._trace is not None
-        return self._trace.writer.dtype
-
-    def append(self, records: NDArray[np.void]) -> None:
-        """Append records."""
-        assert self._trace is not None
-        self._trace.writer.append_all(records)
+        if self.trace is not None:
+            self.trace.append(self.node, tick, (tick + 0.5) * self._period_s, timing)
 
     @property
     def lost_records(self) -> int:
         """Records for which the disk had no room."""
-        return 0 if self._trace is None else self._trace.writer.lost
+        return 0 if self.trace is None else self.trace.writer.lost
 
     def close(self) -> None:
         """Close the trace."""
-        if self._trace is not None:
-            self._trace.writer.close()
+        if self.trace is not None:
+            self.trace.writer.close()
 
 
 def _write_line(out_dir: Path | None, line: str) -> None:

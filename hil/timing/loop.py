@@ -30,8 +30,8 @@ class LoopTiming(NamedTuple):
 class FixedRateLoop:
     """Calls a step at t0 + offset + k · period.
 
-    A step receives its tick k and how many periods have passed since the step before. After it, `record`
-    receives the tick and its timing. Three clock readings and one sleep a tick.
+    A step receives its tick k. After it, `record` receives the tick and its timing. Three clock readings and
+    one sleep a tick.
     """
 
     def __init__(self, clock: Clock, t0_ns: int, period_ns: int, offset_ns: int = 0) -> None:
@@ -48,13 +48,13 @@ class FixedRateLoop:
     def run(
         self,
         ticks: int | None,
-        step: Callable[[int, int], object],
+        step: Callable[[int], object],
         record: Callable[[int, LoopTiming], None] | None,
         first_tick: int = 0,
     ) -> None:
         """Run ticks `first_tick` … ticks − 1, or until `stop`; without `record` the work is not timed."""
         clock, period_ns = self.clock, self.period_ns
-        tick, last_tick = first_tick, first_tick - 1
+        tick = first_tick
         last_cpu_ns = thread_time_ns()
         while not self.stopping and (ticks is None or tick < ticks):
             deadline_ns = self.first_deadline_ns + tick * period_ns
@@ -69,13 +69,12 @@ class FixedRateLoop:
                 self.overruns += skipped
                 tick += skipped
                 deadline_ns += skipped * period_ns
-            step(tick, tick - last_tick)
+            step(tick)
             if record is not None:
                 done_ns, cpu_ns = clock.now_ns(), thread_time_ns()
                 late_us, work_us = (woken_ns - deadline_ns) * 1e-3, (done_ns - woken_ns) * 1e-3
                 cpu_us, last_cpu_ns = (cpu_ns - last_cpu_ns) * 1e-3, cpu_ns
                 record(tick, LoopTiming(deadline_ns, late_us, work_us, self.overruns, cpu_us))
-            last_tick = tick
             tick += 1
 
 

@@ -56,7 +56,7 @@ class Paused:
         """Run the firmware on frames that have arrived; return the ages of its newest sample, in ticks."""
         self.tick += elapsed_ticks
         self.bus.pending += frames
-        self.firmware.step(self.tick, elapsed_ticks)
+        self.firmware.step(self.tick)
         inputs = self.firmware.node.inputs
         return inputs.accelerometer.age_ticks, inputs.encoder.age_ticks
 
@@ -143,7 +143,7 @@ def test_the_plant_obeys_what_came_in_its_pause_before_it_moves_on() -> None:
     plant_end.send_all(plant.publish())
     plant.advance([])
     for tick in range(40):
-        firmware.step(tick, 1)
+        firmware.step(tick)
     plant.drive = plant.drive._replace(setpoint=plant.drive.setpoint._replace(age_s=0.04))
     plant.sleep_through(40, plant_end.receive())
     assert plant.drive.setpoint.age_s == 0.0

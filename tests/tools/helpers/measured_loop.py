@@ -109,10 +109,10 @@ def measure_loop(parameters: dict[str, object], window_s: float = WINDOW_S) -> M
     operator = OperatorNode((Command(0.2, Request.RUN, RATIO),), pace.period_s)
     operator_bus = bus.join(OPERATOR)
     for tick in range(pace.ticks):
-        plant.step(tick, 1)
+        plant.step(tick)
         if tick >= operator.due_tick:
             operator_bus.send_all(operator.publish(tick, operator_bus.receive()))
-        firmware.step(tick, 1)
+        firmware.step(tick)
         bus.pass_time(0, 0)
     commanded = pushed.commanded_n_m[first:]
     assert np.any(commanded), "the firmware did not start"
