@@ -42,7 +42,6 @@ from hil.nodes.runners import OperatorRunner, Pace
 from hil.record import run_folder
 from hil.scenario.operator import OPERATOR_PERIOD_S, RECEIVED_IDS
 from hil.scenario.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
-from hil.show.live import show
 from hil.timing.clock import NS_PER_S, MonotonicClock, TimeName
 from hil.timing.loop import FixedRateLoop, LoopTiming, run_turns
 from hil.timing.pacemaker import LONGEST_HOLD_NS, PACEMAKER, Member, shared_turn_times
@@ -92,8 +91,6 @@ def run_scenario(
             else:
                 ProcessesRun(scenario, options, run_dir, seed, ending.outcome, progress).run()
             progress(1.0, "writing log and verdict")
-        if options.viewer is not None and in_lockstep:
-            show(run_dir, options.viewer)
         if not options.keep_traces and ending.verdict.passed:
             run_folder.keep_the_log(run_dir)
     return ending.verdict

@@ -5,7 +5,6 @@ message of classic CAN passes: 11-bit and 29-bit identifiers, data and remote fr
 """
 
 import select
-from collections import deque
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import can
 
 from firmware_py.interface.frame import Frame
 from hil.bus.base import BusError
-from hil.bus.hub_socket import HELLO_SEND_ONLY, HELLO_STAMPED, HubSocket
+from hil.bus.hub_socket import HELLO_STAMPED, HubSocket
 from hil.bus.wire import REMOTE_FLAG
 
 EXTENDED_FLAG = 0x80000000
@@ -25,8 +24,7 @@ IDENTIFIER_MASK = 0x1FFFFFFF
 class LocalBus(can.BusABC):
     """python-can's interface to the hub at `channel`, the path of its socket.
 
-    `receive_own_messages`: messages that this program sends are received in their order on the bus, marked as
-    sent. A bit rate is accepted and ignored: the hub has none.
+    A bit rate is accepted and ignored: the hub has none.
     """
 
     def __init__(
@@ -37,8 +35,11 @@ class LocalBus(can.BusABC):
         fd: bool = False,
         **kwargs: Any,
     ) -> None:
-        if fd:
-            raise can.CanInitializationError("the bus is classic CAN, no CAN FD; leave `fd` out")
+        if fd or receive_own_messages:
+            raise can.CanInitializationError(
+                "the bus is classic CAN and returns no frame to its sender; leave `fd` and "
+                "`receive_own_messages` out"
+            )
         if not isinstance(channel, str | PathLike):
             raise can.CanInitializationError(
                 f"channel {channel!r} is no path; wanted the path that a running `vibrohil run` prints after "
@@ -47,12 +48,9 @@ class LocalBus(can.BusABC):
         path = fspath(channel).removeprefix("local:")
         try:
             self._hub = HubSocket(Path(path), HELLO_STAMPED)
-            # The hub returns no frame to its sender, but forwards it to another node of the same program.
-            self._sender = HubSocket(Path(path), HELLO_SEND_ONLY) if receive_own_messages else self._hub
         except BusError as error:
             raise can.CanInitializationError(str(error)) from error
         self._is_closed = False
-        self._own: deque[tuple[int, bytes]] = deque()
         self._can_protocol = can.CanProtocol.CAN_20
         self.channel_info = f"local:{path}"
         super().__init__(path, can_filters=can_filters, **kwargs)
@@ -79,9 +77,6 @@ class LocalBus(can.BusABC):
         """The next message among those that have arrived that passes the filters; None if there is none."""
         while received := self._hub.receive_any():
             stamp_ns, can_id, data = received
-            is_own = bool(self._own) and self._own[0] == (can_id, data)
-            if is_own:
-                self._own.popleft()
             is_remote = bool(can_id & REMOTE_FLAG)
             message = can.Message(
                 timestamp=stamp_ns * 1e-9,
@@ -91,7 +86,6 @@ class LocalBus(can.BusABC):
                 dlc=len(data),
                 data=None if is_remote else data,
                 channel=self.channel_info,
-                is_rx=not is_own,
             )
             if self._matches_filters(message):
                 return message
@@ -107,12 +101,10 @@ class LocalBus(can.BusABC):
         flags = (EXTENDED_FLAG if msg.is_extended_id else 0) | (REMOTE_FLAG if msg.is_remote_frame else 0)
         data = bytes(msg.dlc) if msg.is_remote_frame else bytes(msg.data)
         frame = Frame(msg.arbitration_id | flags, data)
-        if self._sender is not self._hub:
-            self._own.append((frame.can_id, frame.data))
-        unsent = self._sender.counters.unsent
-        self._sender.send(frame)
-        if self._sender.counters.unsent > unsent or self._sender.ended:
-            ended = "the hub has ended" if self._sender.ended else "the transmit queue is full"
+        unsent = self._hub.counters.unsent
+        self._hub.send(frame)
+        if self._hub.counters.unsent > unsent or self._hub.ended:
+            ended = "the hub has ended" if self._hub.ended else "the transmit queue is full"
             raise can.CanOperationError(f"{self.channel_info}: {ended}")
 
     def fileno(self) -> int:
@@ -125,5 +117,3 @@ class LocalBus(can.BusABC):
         super().shutdown()
         self._is_closed = True
         self._hub.close()
-        if self._sender is not self._hub:
-            self._sender.close()

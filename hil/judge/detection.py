@@ -1,11 +1,8 @@
 """Quality of the impact detection: detections matched one to one with the true touch-downs.
 
-A detection can belong to a touch-down that it follows by at most `LONGEST_LATENCY_S`. The matching is the
-one with the most pairs and, among these, with the least total latency: an assignment problem, solved
-separately in each group of neighbouring events.
+A detection can belong to a touch-down that it follows by at most `LONGEST_LATENCY_S`.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,38 +59,19 @@ def slept_through(touch_down_s: FloatArray, tick_t_s: FloatArray) -> BoolArray:
 
 
 def match(truth_t_s: FloatArray, detection_t_s: FloatArray) -> Matching:
-    """The best one-to-one matching of sorted touch-downs, shape (n,), with sorted detections, shape (m,)."""
-    truth_pairs: list[int] = []
-    detection_pairs: list[int] = []
-    times = np.concatenate([truth_t_s, detection_t_s])
-    is_truth = np.concatenate([np.ones(len(truth_t_s), bool), np.zeros(len(detection_t_s), bool)])
-    index = np.concatenate([np.arange(len(truth_t_s)), np.arange(len(detection_t_s))])
-    order = np.argsort(times, kind="stable")
-    far = np.flatnonzero(np.diff(times[order]) > LONGEST_LATENCY_S) + 1
-    for group in np.split(order, far):
-        truths, detections = index[group[is_truth[group]]], index[group[~is_truth[group]]]
-        if len(truths) == 0 or len(detections) == 0:
-            continue
-        latency = detection_t_s[detections][None, :] - truth_t_s[truths][:, None]
-        allowed = (latency >= -LARGEST_LEAD_S) & (latency <= LONGEST_LATENCY_S)
-        forbidden = LONGEST_LATENCY_S * (1 + min(latency.shape))  # costs more than any set of allowed pairs
-        for row, at in _cheapest(np.where(allowed, np.abs(latency), forbidden)):
-            if allowed[row, at]:
-                truth_pairs.append(int(truths[row]))
-                detection_pairs.append(int(detections[at]))
-    by_time = np.argsort(truth_pairs, kind="stable")
-    truth = np.array(truth_pairs, np.int64)[by_time]
-    detection = np.array(detection_pairs, np.int64)[by_time]
+    """Pair each detection, in order of time, with the latest touch-down in its window that has none yet.
+
+    Both are sorted, of shapes (n,) and (m,).
+    """
+    begins = np.searchsorted(truth_t_s, detection_t_s - LONGEST_LATENCY_S).tolist()
+    ends = np.searchsorted(truth_t_s, detection_t_s + LARGEST_LEAD_S, side="right").tolist()
     found, false = np.zeros(len(truth_t_s), bool), np.ones(len(detection_t_s), bool)
-    found[truth], false[detection] = True, False
+    pairs: list[tuple[int, int]] = []
+    for number, (begin, end) in enumerate(zip(begins, ends, strict=True)):
+        free = np.flatnonzero(~found[begin:end])
+        if len(free):
+            touch_down = begin + int(free[-1])
+            found[touch_down], false[number] = True, False
+            pairs.append((touch_down, number))
+    truth, detection = np.array(sorted(pairs), np.int64).reshape(-1, 2).T
     return Matching(truth, detection, detection_t_s[detection] - truth_t_s[truth], found, false)
-
-
-def _cheapest(cost: FloatArray) -> Iterator[tuple[int, int]]:
-    """Row and column of each pair of the assignment with the least total cost."""
-    if cost.size == 1:
-        return iter([(0, 0)])
-    # Imported here because the import takes a fifth of a run's start, and most runs need no assignment.
-    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415
-
-    return zip(*linear_sum_assignment(cost), strict=True)

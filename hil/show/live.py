@@ -1,16 +1,15 @@
 """The live view: a separate process that sends the new records of a run to an open viewer.
 
 `python -m hil.show.live RUN_DIR --to URL` waits for the start like the nodes and then reads new records
-several times a second, as the recorder does; with `--whole` it sends a run that has ended. It shares only the
-run's files with the other processes: a viewer that is slow, stopped or closed delays neither the loops, nor
-the recorder, nor the verdict. The SDK waits without limit for a viewer that disappears while it connects or
-disconnects, so both have a time limit here, after which this process ends.
+several times a second, as the recorder does. It shares only the run's files with the other processes: a
+viewer that is slow, stopped or closed delays neither the loops, nor the recorder, nor the verdict. The SDK
+waits without limit for a viewer that disappears while it connects or disconnects, so both have a time limit
+here, after which this process ends.
 """
 
 import argparse
 import os
 import select
-import subprocess
 import sys
 import threading
 from collections.abc import Iterator
@@ -18,8 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
-from hil.judge.judge import judge
-from hil.record.run_traces import pieces, read_json, read_run, read_scenario
+from hil.record.run_traces import read_json, read_scenario
 from hil.show.follower import Follower
 from hil.show.log_stream import VIEWER_TIMEOUT_S
 from hil.show.rerun_log import RunLog
@@ -41,25 +39,6 @@ def follow(run_dir: Path, url: str, wakers: list[int]) -> None:
         log.append(follower.new_traces(follower.new_frames()))
     with bounded("closing the connection"):
         log.close()
-
-
-def send(run_dir: Path, url: str) -> None:
-    """Show a run that has ended."""
-    traces = read_run(run_dir)
-    verdict = judge(traces, run_dir)
-    with bounded(f"connecting to {url}"):
-        log = RunLog(url, traces.run, traces.scenario)
-    for piece in pieces(traces):
-        log.append(piece)
-    log.conclude(traces, verdict)
-    with bounded("closing the connection"):
-        log.close()
-
-
-def show(run_dir: Path, url: str) -> None:
-    """Show a run that has ended in an open viewer; a failed connection is reported on standard error."""
-    command = [sys.executable, "-P", "-m", "hil.show.live", str(run_dir), "--to", url, "--whole"]
-    subprocess.run(command, check=False)
 
 
 @contextmanager
@@ -84,14 +63,10 @@ def main() -> None:
     """Show the run in a folder until a stop is requested or the viewer is closed."""
     parser = argparse.ArgumentParser(description="Show a run that is going on.")
     parser.add_argument("run_dir", type=Path)
-    parser.add_argument("--whole", action="store_true", help="a run that is over, all at once")
     parser.add_argument("--to", required=True, help="the viewer's address, rerun+http://HOST:PORT/proxy")
     arguments = parser.parse_args()
     os.nice(NICENESS)
     try:
-        if arguments.whole:
-            send(arguments.run_dir, arguments.to)
-            return
         stopping = stop_requests()
         print(READY, flush=True)
         read_start()

@@ -23,7 +23,7 @@ from firmware_py.interface.enums import LATCHED, ActingLimit, AxisError, Fault, 
 from hil.can_model.fault_confinement import ErrorState
 from hil.judge import detection
 from hil.judge.checks import checks_of
-from hil.judge.estimate_error import EstimateErrors, estimate_errors
+from hil.judge.estimate_error import estimate_errors
 from hil.judge.figures.gait import phase_at, push_off
 from hil.judge.judge import judge
 from hil.judge.verdict import RunVerdict, Verdict
@@ -68,8 +68,6 @@ BUS_TIMELINES = tuple(
 LOG_NAME = "run.rrd"
 LATEST_MARK = 0.97
 """Latest mark of a failed check, as a share of the run."""
-ERROR_TICKS = 10
-"""Ticks per logged error of the estimate."""
 
 
 def axis_errors(bits: int) -> str:
@@ -81,14 +79,6 @@ def axis_errors(bits: int) -> str:
     known = [error for error in AxisError if error and bits & error]
     unknown = bits & ~sum(known)
     return ", ".join([*map(lower_name, known), *([f"0x{unknown:X}"] if unknown else [])])
-
-
-def largest_of_each(ticks: int, errors: EstimateErrors) -> EstimateErrors:
-    """The tick with the largest position error in each block of `ticks`, enough for a plot of a run."""
-    whole = len(errors.t_s) // ticks * ticks
-    blocks = np.abs(errors.x_m[:whole]).reshape(-1, ticks)
-    rows = np.arange(0, whole, ticks) + np.argmax(blocks, axis=1)
-    return EstimateErrors(*(values[rows] for values in errors))
 
 
 class RunLog:
@@ -219,7 +209,7 @@ class RunLog:
             or "state.estimator.v_m_s" not in (firmware.dtype.names or ())
         ):
             return
-        errors = largest_of_each(ERROR_TICKS, estimate_errors(plant, firmware))
+        errors = estimate_errors(plant, firmware)
         shown = {"x_mm": 1e3 * errors.x_m, "v_m_s": errors.v_m_s}
         single = [pa.array(values, pa.float32()) for values in shown.values()]
         struct = pa.StructArray.from_arrays(single, names=list(shown))

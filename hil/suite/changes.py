@@ -69,34 +69,32 @@ def paired(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[in
 
 
 def row(
-    scenario: str,
-    check: Mapping[str, Any],
-    sides: Sequence[Sequence[Any]],
-    margins: Any,
-    passed: tuple[bool | None, bool | None],
+    before: Mapping[str, Any],
+    after: Mapping[str, Any],
+    places: Sequence[tuple[int, int]],
     tolerance: Tolerance,
 ) -> dict[str, Any]:
-    """One figure before and after; `judge` adds the verdict when all p-values are known.
-
-    `passed`: whether the check was passed before and after; None if it was not judged.
-    """
-    before, after = map(middle, sides)
-    margin_before, margin_after = margins
+    """One check before and after, in the seeds at `places`; `judge` adds the verdict from all p-values."""
+    values, margins = (
+        ([before[key][first] for first, _ in places], [after[key][last] for _, last in places])
+        for key in ("values", "margins")
+    )
+    inside = [numbers(one) for one in margins]
+    flipped = before["passed"] != after["passed"]
     return {
-        "scenario": scenario,
-        "figure": check["name"],
-        "unit": check["unit"],
-        "limit": check["limit"],
-        "before": before,
-        "after": after,
-        "margin_before": middle(margin_before),
-        "margin_after": middle(margin_after),
-        "grows": float(np.median(numbers(margin_after) - numbers(margin_before))),
-        "p": p_value(numbers(margin_before), numbers(margin_after)),
-        "passed_before": passed[0],
-        "passed_after": passed[1],
-        "flipped": passed[0] != passed[1],
-        "equal": passed[0] == passed[1] and all(tolerance.holds(*pair) for pair in zip(*sides, strict=True)),
+        "figure": after["name"],
+        "unit": after["unit"],
+        "limit": after["limit"],
+        "before": middle(values[0]),
+        "after": middle(values[1]),
+        "margin_before": middle(margins[0]),
+        "margin_after": middle(margins[1]),
+        "grows": float(np.median(inside[1] - inside[0])),
+        "p": p_value(*inside),
+        "passed_before": before["passed"],
+        "passed_after": after["passed"],
+        "flipped": flipped,
+        "equal": not flipped and all(map(tolerance.holds, *values)),
     }
 
 
@@ -144,14 +142,8 @@ def changes(
         }
         for check in one["checks"]:
             other = known.get((check["name"], check["limit"]))
-            if other is None or not places:
-                continue
-            sides, margins = (
-                ([other[key][first] for first, _ in places], [check[key][last] for _, last in places])
-                for key in ("values", "margins")
-            )
-            tolerance = tolerance_of(tolerances or {}, check["name"])
-            passed = (other["passed"], check["passed"])
-            rows.append(row(one["name"], check, sides, margins, passed, tolerance))
+            if other is not None and places:
+                tolerance = tolerance_of(tolerances or {}, check["name"])
+                rows.append({"scenario": one["name"], **row(other, check, places, tolerance)})
     judge(rows)
     return sorted(rows, key=urgency)

@@ -10,6 +10,7 @@ from rich.table import Column
 
 from tools.commands.options import Change, FirmwareBuild, Json, ParameterFiles, RealTime, note_unused_bus
 from tools.output import (
+    BadInputError,
     answer,
     console,
     exit_of,
@@ -47,7 +48,7 @@ def run(
         bool, typer.Option("--keep-traces", help="Keep the traces of a passed run too.")
     ] = False,
     live: Annotated[
-        bool, typer.Option(help="Show the run while it runs, in an open viewer or a new window.")
+        bool, typer.Option(help="In real time: show the run meanwhile, in an open viewer or a new window.")
     ] = False,
     as_json: Json = False,
 ) -> None:
@@ -62,6 +63,8 @@ def run(
     if live:
         from tools.logs.view import live_viewer
 
+        if clock == "lockstep":
+            raise BadInputError("--live shows a run in real time; after one in lockstep: `vibrohil view`")
         viewer = live_viewer()
     options = RunOptions(
         clock=clock, time=time, bus=bus, firmware=firmware, viewer=viewer, keep_traces=keep_traces

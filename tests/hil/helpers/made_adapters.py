@@ -6,6 +6,7 @@ The channel is the path of the hub's socket. `installed` makes them known to the
 import fcntl
 import time
 from collections import deque
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +63,19 @@ class OwnMessages(WithoutDescriptor):
     """Returns its own messages, marked as sent."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **{**kwargs, "receive_own_messages": True})
+        self._sent: deque[can.Message] = deque()
+        super().__init__(*args, **kwargs)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        super().send(msg, timeout)
+        own = copy(msg)
+        own.is_rx = False
+        self._sent.append(own)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if self._sent:
+            return self._sent.popleft(), False
+        return super()._recv_internal(timeout)
 
 
 class Late(WithoutDescriptor):

@@ -307,39 +307,37 @@ def test_too_few_periods_decide_nothing():
 # --- matching ----------------------------------------------------------------------------------------
 
 
-def brute_force(truth, found):
-    """Most pairs, then least total latency, over every order-preserving choice."""
-    best = (0, 0.0)
-
-    def extend(i, j, pairs, cost):
-        nonlocal best
-        if (pairs, -cost) > (best[0], -best[1]):
-            best = (pairs, cost)
-        for a in range(i, len(truth)):
-            for b in range(j, len(found)):
-                latency = found[b] - truth[a]
-                if -detection.LARGEST_LEAD_S <= latency <= detection.LONGEST_LATENCY_S:
-                    extend(a + 1, b + 1, pairs + 1, cost + abs(latency))
-
-    extend(0, 0, 0, 0.0)
-    return best
-
-
-def test_matching_is_optimal():
+def test_each_detection_has_the_latest_touch_down_in_its_window_that_is_free():
     random = np.random.default_rng(3)
     for _ in range(60):
         truth = np.sort(random.uniform(0.0, 0.15, random.integers(0, 6)))
         found = np.sort(random.uniform(0.0, 0.18, random.integers(0, 6)))
         pairs = detection.match(truth, found)
-        cost = np.abs(found[pairs.detection] - truth[pairs.truth]).sum()
-        wanted_pairs, wanted_cost = brute_force(truth, found)
-        assert len(pairs.truth) == wanted_pairs
-        assert cost == pytest.approx(wanted_cost, abs=1e-12)
+        of_detection = dict(zip(pairs.detection.tolist(), pairs.truth.tolist(), strict=True))
+        taken: set[int] = set()
+        for number, at_s in enumerate(found):
+            latency_s = at_s - truth
+            within = (latency_s >= -detection.LARGEST_LEAD_S) & (latency_s <= detection.LONGEST_LATENCY_S)
+            free = [one for one in np.flatnonzero(within).tolist() if one not in taken]
+            assert of_detection.get(number) == (free[-1] if free else None)
+            taken |= {*free[-1:]}
+        assert np.flatnonzero(pairs.found).tolist() == sorted(taken) == pairs.truth.tolist()
+        assert np.flatnonzero(~pairs.false).tolist() == sorted(of_detection)
+        assert pairs.latency_s.tolist() == (found[pairs.detection] - truth[pairs.truth]).tolist()
 
 
-def test_a_detection_belongs_to_one_touch_down_only():
-    pairs = detection.match(np.array([1.0, 1.002]), np.array([1.006]))
-    assert pairs.truth.tolist() == [1]
+@pytest.mark.parametrize(
+    ("truth", "found", "matched"),
+    [
+        ([1.0, 1.002], [1.006], [1]),
+        ([1.0, 1.002], [1.006, 1.007], [0, 1]),
+        ([1.0], [0.999, 1.006], [0]),
+        ([1.0], [0.998, 1.041], []),
+        ([], [1.0], []),
+    ],
+)
+def test_a_detection_belongs_to_one_touch_down_only(truth, found, matched):
+    assert detection.match(np.array(truth), np.array(found)).truth.tolist() == matched
 
 
 def test_a_touch_that_no_wearer_feels_need_not_be_seen():

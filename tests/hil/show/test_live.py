@@ -19,9 +19,10 @@ from hil.bench.options import RunOptions
 from hil.record.rrd.log_file import repair
 from hil.record.rrd.rerun_program import rerun_environment, rerun_program
 from hil.show.follower import Follower
-from hil.show.live import show
 from hil.show.rerun_log import rebuild
 from hil.timing.processes import Child, Start
+from tools import cli
+from tools.output import EXIT_BAD_INPUT
 
 
 @pytest.fixture
@@ -101,12 +102,6 @@ def test_a_run_that_goes_on_is_shown_whole(run_dir, viewer):
     assert "/firmware:trace:record.outputs.mode" in shown
 
 
-def test_a_run_in_lockstep_is_shown_at_its_end(run_dir, viewer):
-    show(run_dir, viewer.url)
-    end(viewer)
-    assert column_hashes(viewer.received) == column_hashes(rebuild(run_dir))
-
-
 def shown(viewer):
     """Whether the viewer has got something."""
     return viewer.received.exists() and viewer.received.stat().st_size > 0
@@ -139,10 +134,10 @@ def test_a_viewer_that_is_gone_ends_only_the_view(open_viewer, tmp_path):
         assert "the live view ended" in live.last_errors()
 
 
-def test_a_run_in_lockstep_does_not_wait_for_a_viewer_that_is_gone(run_dir, viewer, capfd):
-    viewer.process.kill()
-    show(run_dir, viewer.url)
-    assert "the live view ended: connecting to" in capfd.readouterr().err
+def test_a_run_in_lockstep_has_no_live_view(capsys):
+    command = ["run", "soft-start-multistable", "--clock", "lockstep", "--live"]
+    assert cli.run(command) == EXIT_BAD_INPUT
+    assert "after one in lockstep: `vibrohil view`" in capsys.readouterr().err
 
 
 def test_a_run_does_not_end_with_its_live_view(run_dir):
