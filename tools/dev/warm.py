@@ -7,6 +7,8 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
+import numpy as np
+
 from firmware_py.builds.machine_code import object_code
 from hil.bench.lockstep import warm_lockstep
 from hil.scenario.scenario import load_scenario
@@ -15,6 +17,7 @@ from plant_sim.scene import load_scene, read_scene
 from plant_sim.simulation import simulate
 from tools.study.branches.impact_map import ImpactMap
 from tools.study.cases import case
+from tools.study.orbits import AT_REST, CLASSIFY, classify, follow
 
 DEFAULT_SCENARIO = "soft-start-multistable"
 ROOT = Path(__file__).parents[2]
@@ -27,7 +30,10 @@ def warm_studies() -> None:
         table = read_scene("table1-viscous") | {"solver": {"method": method, "accuracy": 1e-3}}
         simulate(load_scene(table), 0.1)
     for law in ("viscous", "stribeck"):
-        ImpactMap(case("table1", law).scene(1.0), 1, 1, ("ratio",)).load_kernels()
+        scene = case("table1", law).scene(1.0)
+        classify(scene, np.array([AT_REST]))
+        follow(scene, AT_REST, CLASSIFY)
+        ImpactMap(scene, 1, 1, ("ratio",)).load_kernels()
 
 
 def main() -> None:

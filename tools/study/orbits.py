@@ -11,13 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.interface.enums import Regime
+from plant_sim.kernels import jit, subroutine
+from plant_sim.kinds import kernel_parts
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.stop import RigidStop
 from plant_sim.result import MotionState, Phase, Samples, SimulationResult
 from plant_sim.scene import Scene
 from plant_sim.solvers.adaptive import adaptive
+from plant_sim.solvers.bernstein import new_scratch
 from plant_sim.solvers.double_double import TURN_RAD
 from plant_sim.solvers.exact import exact
+from plant_sim.solvers.exact.automaton import Event, after, begin, next_event
+from plant_sim.solvers.exact.oscillator import Oscillator, oscillator
 
 Vector = NDArray[np.float64]
 
@@ -151,19 +156,49 @@ def follow(scene: Scene, start: State, protocol: Protocol) -> Outcome:
 
 def classify(scene: Scene, starts: Vector) -> tuple[NDArray[np.int64], Vector]:
     """The cycles (0: none) and the impacts a turn in which starts end: (y, v, crank angle), shape (n, 3)."""
-    a_turn_s, tolerance_m_s = turn_s(scene), CLASSIFY.tolerance * scale_m_s(scene)
-    cycles, rates = np.ones(len(starts), np.int64), np.zeros(len(starts))
+    cycles, rates = np.empty(len(starts), np.int64), np.empty(len(starts))
+    tolerance_m_s = CLASSIFY.tolerance * scale_m_s(scene)
+    if not scene.beyond_closed_form:
+        o = oscillator(kernel_parts(scene.parts()))
+        classify_in_closed_form(o, starts, CLASSIFY.settle_s, tolerance_m_s, cycles, rates)
+        return cycles, rates
     for index, start in enumerate(starts.tolist()):
-        first_s = ((SECTION_RAD - start[2]) % TURN_RAD) / TURN_RAD * a_turn_s
-        turns = math.floor((CLASSIFY.settle_s - first_s) / a_turn_s)
-        impacts = motion(scene, State(*start), first_s + turns * a_turn_s).impacts
-        place = ((impacts.t_s - first_s) / a_turn_s).astype(np.int64) - (turns - LAST_TURNS)
-        late = place >= 0
-        if late.any():
-            counts = np.bincount(np.minimum(place[late], LAST_TURNS - 1), minlength=LAST_TURNS)
-            cycles[index] = cycle_of(counts, impacts.v_m_s[late], tolerance_m_s)
-            rates[index] = np.mean(counts[LAST_TURNS % max(int(cycles[index]), 1) :])
+        outcome = follow(scene, State(*start), CLASSIFY)
+        cycles[index], rates[index] = outcome.cycle, outcome.impacts
     return cycles, rates
+
+
+@jit
+def classify_in_closed_form(
+    o: Oscillator,
+    starts: Vector,
+    settle_s: float,
+    tolerance_m_s: float,
+    cycles: NDArray[np.int64],
+    rates: Vector,
+) -> None:
+    """Fill the cycles and the impacts a turn in which starts end; a map has a million of them."""
+    turn_s, scratch = TURN_RAD / o.drive_rad_s, new_scratch(0)
+    counts, v_m_s = np.empty(LAST_TURNS, np.int64), np.empty(LAST_TURNS * CHATTER_IMPACTS)
+    for index in range(len(starts)):
+        y_m, start_m_s, crank_rad = starts[index, 0], starts[index, 1], starts[index, 2]
+        first_s = ((SECTION_RAD - crank_rad) % TURN_RAD) / TURN_RAD * turn_s
+        until_s = first_s + math.floor((settle_s - first_s) / turn_s) * turn_s
+        recorded_s = until_s - LAST_TURNS * turn_s
+        counts[:] = 0
+        found = 0
+        motion, event = begin(o, 0.0, min(y_m, o.gap_m), start_m_s, crank_rad), Event.IMPACT
+        while event != Event.HORIZON:
+            arrival, event = next_event(o, motion, until_s, scratch)
+            motion = after(o, arrival, event, exact.REST_SPEED_M_S)
+            if event == Event.IMPACT and arrival.t_s >= recorded_s:
+                counts[min(int((arrival.t_s - recorded_s) / turn_s), LAST_TURNS - 1)] += 1
+                if found == len(v_m_s):
+                    v_m_s = np.concatenate((v_m_s, np.empty_like(v_m_s)))
+                v_m_s[found] = arrival.v_m_s
+                found += 1
+        cycles[index] = cycle_of(counts, v_m_s[:found], tolerance_m_s)
+        rates[index] = np.mean(counts[LAST_TURNS % max(cycles[index], 1) :])
 
 
 def outcome_of(scene: Scene, found: SimulationResult, turns: int, tolerance: float) -> Outcome:
@@ -171,7 +206,7 @@ def outcome_of(scene: Scene, found: SimulationResult, turns: int, tolerance: flo
     impacts, energy, end = found.impacts, found.energy, end_of(scene, found)
     place = np.minimum((impacts.t_s / turn_s(scene)).astype(np.int64), turns - 1)
     counts = np.bincount(place, minlength=turns)
-    cycle = cycle_of(counts, impacts.v_m_s, tolerance * scale_m_s(scene))
+    cycle = cycle_of(counts, np.ascontiguousarray(impacts.v_m_s), tolerance * scale_m_s(scene))
     used = turns - turns % max(cycle, 1)
     kept = place >= turns - used
     v_m_s, impulses_n_s = impacts.v_m_s[kept], impacts.impulse_n_s[kept]
@@ -200,32 +235,39 @@ def outcome_of(scene: Scene, found: SimulationResult, turns: int, tolerance: flo
     )
 
 
+@jit
 def cycle_of(counts: NDArray[np.int64], v_m_s: Vector, tolerance_m_s: float) -> int:
     """The fewest turns after which the impacts repeat; 0 if none.
 
     `counts`: impacts in each turn. Their numbers repeat in all of the last turns, v⁻ for the cycle's length.
     A motion that converges to a short cycle from alternating sides repeats every second turn before it
     repeats every turn: 0 while a divisor of the cycle nearly repeats.
-
-    >>> cycle_of(np.array([1, 0] * 4), np.array([0.5, 0.5, 0.5, 0.5]), 1e-6)
-    2
     """
-    ends = np.concatenate(([0], np.cumsum(counts)))
-
-    def change_m_s(cycle: int) -> float:
-        repeated = max(cycle, LEAST_REPEATED)
-        late = counts[-LAST_TURNS:]
-        if len(late) < repeated + cycle or not np.array_equal(late[cycle:], late[:-cycle]):
-            return math.inf
-        now = v_m_s[ends[-1 - repeated] :]
-        earlier = v_m_s[ends[-1 - repeated - cycle] : ends[-1 - cycle]]
-        return float(np.max(np.abs(now - earlier), initial=0.0))
-
     for cycle in range(1, LONGEST_CYCLE + 1):
-        if change_m_s(cycle) <= tolerance_m_s:
-            divisors = (n for n in range(1, cycle) if cycle % n == 0)
-            return 0 if any(change_m_s(n) <= DOUBT * tolerance_m_s for n in divisors) else cycle
+        if change_m_s(counts, v_m_s, cycle) <= tolerance_m_s:
+            for shorter in range(1, cycle):
+                if cycle % shorter == 0 and change_m_s(counts, v_m_s, shorter) <= DOUBT * tolerance_m_s:
+                    return 0
+            return cycle
     return 0
+
+
+@subroutine
+def change_m_s(counts: NDArray[np.int64], v_m_s: Vector, cycle: int) -> float:
+    """How much v⁻ changes from cycle to cycle of this number of turns; ∞ if the impacts do not repeat."""
+    turns, repeated = len(counts), max(cycle, LEAST_REPEATED)
+    if min(turns, LAST_TURNS) < repeated + cycle:
+        return math.inf
+    for turn in range(max(turns - LAST_TURNS, 0) + cycle, turns):
+        if counts[turn] != counts[turn - cycle]:
+            return math.inf
+    compared, apart, largest_m_s = 0, 0, 0.0
+    for turn in range(turns - repeated, turns):
+        compared += counts[turn]
+        apart += counts[turn] if turn >= turns - cycle else 0
+    for place in range(len(v_m_s) - compared, len(v_m_s)):
+        largest_m_s = max(largest_m_s, abs(v_m_s[place] - v_m_s[place - apart]))
+    return largest_m_s
 
 
 def regime_of(counts: NDArray[np.int64], v_after_m_s: Vector, cycle: int, is_still: bool) -> Regime:
