@@ -11,13 +11,12 @@ import pytest
 from closed_loop import Bench
 from hypothesis import given
 from hypothesis import strategies as st
-from records import leaves, run_step
+from records import leaves
 from walker import walk
 from xcp_session import calibrate, commands_of
 
 from firmware_py.builds import flat
 from firmware_py.core.estimation import kalman
-from firmware_py.core.state import INITIAL as STARTED
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Mode, OperatorRequest, XcpError
 from firmware_py.interface.frame import Frame
@@ -180,21 +179,6 @@ def test_both_builds_keep_the_same_bits_while_somebody_walks(
             assert bits(compiled.outputs) == bits(python.outputs), tick
     assert confidence > 0.25
     assert (harmonic > 0) == (parameters == FOLLOWS)
-
-
-def test_filterpy_and_the_written_out_algebra_give_one_run(
-    walked: Recorded, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(kalman, "predict", kalman.predict_written_out)
-    monkeypatch.setattr(kalman, "update", kalman.update_written_out)
-    other = STARTED
-    for inputs, state, outputs in zip(walked.inputs, walked.states, walked.outputs, strict=True):
-        other, other_outputs = run_step(walked.node.config, other, inputs)
-        assert outputs.mode == other_outputs.mode
-        assert outputs.impact == other_outputs.impact
-        assert state.estimator.x_m == pytest.approx(other.estimator.x_m, abs=1e-12)
-        assert state.estimator.v_m_s == pytest.approx(other.estimator.v_m_s, abs=1e-11)
-        assert outputs.torque_n_m == pytest.approx(other_outputs.torque_n_m, abs=1e-10)
 
 
 def test_xcp_is_served_alike() -> None:

@@ -21,46 +21,6 @@ from firmware_py.shell.flat_node import FlatNode
 from firmware_py.shell.native import NativeNode, SinglePrecisionNode
 from firmware_py.shell.parameters import config_from
 
-DOUBLE = """
-@"a double 1.000000e-01" = internal constant [6 x i8] c"double", align 8
-declare double @llvm.fabs.f64(double)
-declare double @floor(double)
-define i64 @f({ double, i64 } %arg.a, ptr %"p double") {
-  %.1 = extractvalue { double, i64 } %arg.a, 0
-  %.2 = fmul double %.1, 1.000000e-01
-  %.3 = call double @llvm.fabs.f64(double %.2)
-  %.4 = call double @floor(double 0x3FF8000000000000)
-  store double %.3, ptr %"p double", align 8
-  %.5 = load [2 x double], ptr %"p double", align 8
-  %.6 = fptrunc double %.4 to float
-  %.7 = fpext float %.6 to double
-  %.8 = fptosi double %.7 to i64
-  ret i64 %.8
-}
-"""
-SINGLE = """
-@"a double 1.000000e-01" = internal constant [6 x i8] c"double", align 8
-declare float @llvm.fabs.f32(float)
-declare float @floorf(float)
-define i64 @f({ float, i64 } %arg.a, ptr %"p double") {
-  %.1 = extractvalue { float, i64 } %arg.a, 0
-  %.2 = fmul float %.1, 0x3FB99999A0000000
-  %.3 = call float @llvm.fabs.f32(float %.2)
-  %.4 = call float @floorf(float 0x3FF8000000000000)
-  store float %.3, ptr %"p double"
-  %.5 = load [2 x float], ptr %"p double"
-  %.6 = bitcast float %.4 to float
-  %.7 = bitcast float %.6 to float
-  %.8 = fptosi float %.7 to i64
-  ret i64 %.8
-}
-"""
-
-
-def test_every_double_becomes_a_float_and_nothing_else_changes() -> None:
-    assert narrowed(DOUBLE) == SINGLE
-    llvm.parse_assembly(narrowed(DOUBLE)).verify()
-
 
 def test_of_the_whole_firmware_no_double_is_left() -> None:
     assembly = narrowed(raw_assembly())

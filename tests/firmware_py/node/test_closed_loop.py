@@ -5,9 +5,7 @@ import math
 import numpy as np
 import pytest
 from closed_loop import Bench, scene_with
-from records import leaves, replaced, run_step
 
-from firmware_py.core.state import Outputs
 from firmware_py.interface.enums import (
     MOVING,
     ActingLimit,
@@ -188,68 +186,6 @@ def test_an_impact_beyond_the_force_limit_stops_the_motor_however_short_it_is() 
     bench = Bench({"stop.contact_s": 0.0005}, scene_with(stop={"contact_s": 0.0005})).started()
     bench.run(12.0)
     assert bench.node.outputs.fault == Fault.FORCE_LIMIT
-
-
-SILENT_SENSOR, SILENT_ENCODER = {Fault.SENSOR_TIMEOUT}, {Fault.ENCODER_TIMEOUT, Fault.DRIVE_FROZEN}
-BAD_NUMBERS = (math.nan, math.inf, -math.inf, 1e300, -1e300)
-END_OF = {
-    "accelerometer.low_m_s2": SILENT_SENSOR,
-    "accelerometer.high_m_s2": {Fault.FORCE_LIMIT},
-    "accelerometer.housing_m_s2": SILENT_SENSOR,
-    "measurements.coarse_position_m.value": None,  # none is fitted
-    "encoder.position_rev": SILENT_ENCODER,
-    "encoder.velocity_rev_s": {Fault.OVERSPEED},
-    "power.current_a": {Fault.OVERCURRENT},
-    "power.voltage_v": {Fault.UNDERVOLTAGE, Fault.OVERVOLTAGE},
-    "power.inverter_degc": {Fault.OVERTEMPERATURE},
-    "power.motor_degc": {Fault.OVERTEMPERATURE},
-    "operator.target_ratio": {Fault.LOAD_IMPLAUSIBLE},  # it stops, and the recorded crank does not follow
-    "operator.target_impulse_n_s": None,  # refused, and the ratio held
-    "gait.shank_rate_rad_s": None,  # none is fitted
-}
-"""How a run ends in which a field has no number any more; None: it goes on."""
-
-
-@pytest.fixture(scope="module")
-def in_motion() -> tuple[Bench, int]:
-    """A run, and the tick from which its inputs are played again."""
-    bench = Bench({"start.rise_s": 1.0}, build="python").started()
-    bench.run(3.0)
-    start = len(bench.inputs)
-    bench.run(0.6)
-    return bench, start
-
-
-def played_again(run: tuple[Bench, int], path: str = "", bad: float = 0.0) -> Outputs:
-    """The recorded inputs again, with the field at `path` as `bad` in every tick; the last outputs."""
-    bench, start = run
-    config, state = bench.node.config, bench.states[start - 1]
-    for inputs in bench.inputs[start:]:
-        state, outputs = run_step(config, state, replaced(inputs, path, bad) if path else inputs)
-        assert math.isfinite(outputs.torque_n_m)
-        assert abs(outputs.torque_n_m) <= config.p.speed.torque_limit_n_m
-        assert outputs.torque_n_m == 0.0 or outputs.mode != Mode.FAULT
-    return outputs
-
-
-def test_played_again_as_it_was_the_run_goes_on(in_motion: tuple[Bench, int]) -> None:
-    """What ends the runs below is the bad number, not the playing."""
-    assert played_again(in_motion) == in_motion[0].outputs[-1]
-    assert in_motion[0].outputs[-1].mode in (Mode.SOFT_START, Mode.RUN)
-    floats = {path for path, value in leaves(in_motion[0].inputs[-1]).items() if isinstance(value, float)}
-    assert floats == set(END_OF)
-
-
-@pytest.mark.parametrize("path", END_OF)
-def test_nothing_that_is_no_number_ever_drives_the_motor(in_motion: tuple[Bench, int], path: str) -> None:
-    """NaN, infinities and huge numbers in one field, in motion: the fault of that field, or none at all."""
-    for bad in BAD_NUMBERS:
-        ended, faults = played_again(in_motion, path, bad), END_OF[path]
-        if faults is None:
-            assert ended.mode in (Mode.SOFT_START, Mode.RUN), bad
-        else:
-            assert ended.fault in faults, bad
-            assert ended.mode == Mode.FAULT, bad
 
 
 def test_pauses_that_are_misjudged_by_a_tick_do_no_harm() -> None:

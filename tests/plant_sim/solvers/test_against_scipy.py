@@ -38,6 +38,7 @@ WALK = {"axis": "forward", "pace": [{"at_s": 0.0, "stride_hz": 0.9}], "stance_sh
         (COULOMB, DOWNHILL | {"solver.method": "exact"}, 6.0, 0.0),
         (VISCOUS, KNOCK | TILT | {"drive.ratio": 0.5}, 4.0, 0.0),
         (VISCOUS, SWING | KNOCK | AT_RESONANCE | {"stop": HERTZ}, 4.0, 0.0),
+        (VISCOUS, SWING | TILT | {"stop": {"law": "none"}}, 4.0, 0.0),
         (COULOMB, SWING | {"drive.amplitude_m": 0.01}, 6.0, 0.0),  # sticks and is shaken loose
         (STRIBECK, SWING | KNOCK, 4.0, 0.0),
         (GAIT_MOTOR, SWING | KNOCK, 2.0, 0.05),
