@@ -14,6 +14,7 @@ from tools.output import (
     console,
     exit_of,
     figure,
+    figure_table,
     marked,
     plain,
     progress_console,
@@ -89,6 +90,7 @@ def show_table(name: str, rows: "pa.Table", to: Path | None) -> None:
 
 def show(logged: "Run", every: bool) -> None:
     """Print the verdict, the checks and the most important figures, or every figure and the tables' names."""
+    from hil.judge.figures.records import CATALOGUE, value_of
     from tools.commands.run import show_checks, show_figures
 
     verdict = logged.judged
@@ -99,21 +101,11 @@ def show(logged: "Run", every: bool) -> None:
     if len(logged.traces.plant) == 0:
         console.print("this log holds no truth: what needs it is —, and impacts are counted only if true")
     if every:
-        show_every_figure(logged)
+        rows = ((one.name, value_of(verdict.figures, one.name), one.unit) for one in CATALOGUE.values())
+        meanings = {one.name: one.meaning for one in CATALOGUE.values()}
+        console.print(figure_table(None, rows, meanings))
         console.print(f"tables: {', '.join(logged.names)}", style="dim")
     else:
         show_figures(verdict.figures)
         console.print("\nevery figure and the tables' names: --all", style="dim")
     console.print(f"log: {escape(str(logged.log))}", style="dim", soft_wrap=True)
-
-
-def show_every_figure(logged: "Run") -> None:
-    """Print every figure with its meaning."""
-    from hil.judge.figures.records import CATALOGUE, value_of
-
-    columns = (Column(style="cyan", no_wrap=True), Column(no_wrap=True), Column(style="dim"))
-    rows = (
-        (one.name, escape(figure(value_of(logged.figures, one.name), one.unit)), escape(one.meaning))
-        for one in CATALOGUE.values()
-    )
-    console.print(table_of(columns, rows, show_header=False))
