@@ -1,5 +1,6 @@
 """`vibrohil replay SOURCE…`: recorded frames into today's firmware."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -45,13 +46,10 @@ def replay(
             progress_console.print(f"{number + 1} of {len(found)}  {source}", markup=False)
         done.append(replay_one(source, firmware, parameters or ()))
     status = EXIT_PASSED
-    if any(not one.equal and not one.proves_nothing for one in done):
+    if any(one.equal is False for one in done):
         status = EXIT_CHECK_FAILED
-    elif any(one.proves_nothing for one in done):
+    elif any(one.equal is None for one in done):
         status = EXIT_NOTHING_RAN
-    payload: dict[str, Any] = (
-        done[0].as_json()
-        if len(done) == 1
-        else {"equal": status == EXIT_PASSED, "replays": [one.as_json() for one in done]}
-    )
+    results: list[dict[str, Any]] = [asdict(one) for one in done]
+    payload = results[0] if len(results) == 1 else {"equal": status == EXIT_PASSED, "replays": results}
     answer(payload, as_json, status=status)

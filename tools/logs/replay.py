@@ -8,10 +8,10 @@ began to count its periods, so there the decisions are compared, within stated t
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from firmware_py.interface.codec import CODEC_BY_ID
 from firmware_py.interface.dbc import database
@@ -66,14 +66,16 @@ class SentFrame(NamedTuple):
     frame: Frame
 
 
-class Decision(NamedTuple):
+@dataclass(frozen=True)
+class Decision:
     """A change of a signal, or an event: the time in s and the new value."""
 
     t_s: float
     value: str
 
 
-class ChangedDecision(NamedTuple):
+@dataclass(frozen=True)
+class ChangedDecision:
     """A decision that only one of the two firmwares made, or that they made differently."""
 
     signal: str
@@ -81,59 +83,34 @@ class ChangedDecision(NamedTuple):
     replayed: Decision | None
 
 
-@dataclass
+@dataclass(frozen=True)
+class ChangedFrame:
+    """A frame that only one of the two firmwares sent, or with other data: its time, name and bytes."""
+
+    t_s: float
+    frame: str
+    recorded: str | None
+    replayed: str | None
+
+
+@dataclass(frozen=True)
 class Replay:
-    """The result of one replay; `equal` compares frames of a run of the bench, decisions of another log."""
+    """The result of one replay, with the keys of `--json`.
+
+    `compared`: frames of a run of the bench, or decisions of another log. `equal`: whether today's firmware
+    sends, or decides, what the recorded one did; None if it does not and the log does not show all that the
+    firmware received, as `reason` says, so that a difference proves nothing.
+    """
 
     source: str
-    is_own: bool
+    compared: Literal["frames", "decisions"]
+    equal: bool | None
+    reason: str
     ticks: int
-    frames: int = 0
-    different_frames: int = 0
-    first: tuple[SentFrame | None, SentFrame | None] | None = None
-    """The first frame that differs: as recorded and as replayed."""
-    decisions: list[ChangedDecision] = field(default_factory=list)
-    hidden: str = ""
-    """What the log does not show, a fault or a slow bus, so that a difference proves nothing."""
-
-    @property
-    def equal(self) -> bool:
-        """Whether today's firmware sends, or for a foreign log decides, what the recorded one did."""
-        return not self.decisions and (self.different_frames == 0 or not self.is_own)
-
-    @property
-    def proves_nothing(self) -> bool:
-        """Whether the firmwares differ in a run whose log does not show all that the firmware received."""
-        return bool(self.hidden) and not self.equal
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the result for `--json`."""
-        return {
-            "source": self.source,
-            "compared": "frames" if self.is_own else "decisions",
-            "equal": None if self.proves_nothing else self.equal,
-            "reason": self.hidden if self.proves_nothing else "",
-            "ticks": self.ticks,
-            "frames": self.frames,
-            "different_frames": self.different_frames,
-            "first_difference": None if self.first is None else first_difference(*self.first),
-            "decisions": [
-                {
-                    "signal": one.signal,
-                    "recorded": None if one.recorded is None else one.recorded._asdict(),
-                    "replayed": None if one.replayed is None else one.replayed._asdict(),
-                }
-                for one in self.decisions
-            ],
-        }
-
-
-def first_difference(recorded: SentFrame | None, replayed: SentFrame | None) -> dict[str, Any]:
-    """Return the first frame that differs, for `--json`."""
-    known = [one for one in (recorded, replayed) if one is not None]
-    texts = [None if one is None else f"{one.frame.data.hex().upper()}" for one in (recorded, replayed)]
-    name = NAMES.get(known[0].frame.can_id, f"0x{known[0].frame.can_id:03X}")
-    return {"t_s": known[0].t_s, "frame": name, "recorded": texts[0], "replayed": texts[1]}
+    frames: int
+    different_frames: int
+    first_difference: ChangedFrame | None
+    decisions: list[ChangedDecision]
 
 
 def recordings(place: Path) -> list[Path]:
@@ -178,10 +155,21 @@ def replay(source: Path, build: Build = "compiled", parameters: Sequence[Path] =
         ParameterMemory(overrides, faults, seed).read(0.0), of_the_build(overrides), node_of(build)
     )
     replayed = [SentFrame(tick.t_s, frame) for tick in ticks for frame in node.tick(tick.received, 1)]
-    result = Replay(str(source), is_own, len(ticks), len(sent), hidden=hidden)
-    compare_frames(result, sent, replayed, ticks[-LAST_TICKS].t_s if len(ticks) > LAST_TICKS else 0.0)
-    result.decisions = changed_decisions(recorded, decisions_of(replayed), is_own)
-    return result
+    changed_frames = changed_frames_of(sent, replayed, ticks[-min(LAST_TICKS, len(ticks))].t_s)
+    changed = changed_decisions(recorded, decisions_of(replayed), is_own)
+    equal = not changed and not (is_own and changed_frames)
+    proves_nothing = bool(hidden) and not equal
+    return Replay(
+        source=str(source),
+        compared="frames" if is_own else "decisions",
+        equal=None if proves_nothing else equal,
+        reason=hidden if proves_nothing else "",
+        ticks=len(ticks),
+        frames=len(sent),
+        different_frames=len(changed_frames),
+        first_difference=min(changed_frames, key=lambda one: one.t_s, default=None),
+        decisions=changed,
+    )
 
 
 def scenario_of(folder: Path, parameters: Sequence[Path]) -> Scenario:
@@ -273,11 +261,14 @@ def filled_in(
         yield RecordedTick(min(until_s, t_s), [Frame(one.can_id, one.data) for one in waiting[first:given]])
 
 
-def compare_frames(
-    result: Replay, recorded: Sequence[SentFrame], replayed: Sequence[SentFrame], end_s: float
-) -> None:
-    """Compare the frames of each identifier; the bus may deliver the identifiers in another order."""
-    differences = []
+def changed_frames_of(
+    recorded: Sequence[SentFrame], replayed: Sequence[SentFrame], end_s: float
+) -> list[ChangedFrame]:
+    """Compare the frames of each identifier; the bus may deliver the identifiers in another order.
+
+    From `end_s` on the record may lack frames.
+    """
+    changed = []
     for can_id in sorted({one.frame.can_id for one in (*recorded, *replayed)}):
         pairs = zip_longest(
             *([one for one in all_of if one.frame.can_id == can_id] for all_of in (recorded, replayed))
@@ -286,9 +277,9 @@ def compare_frames(
             if one is None and other.t_s >= end_s:
                 continue
             if one is None or other is None or one.frame != other.frame:
-                differences.append((one, other))
-    result.different_frames = len(differences)
-    result.first = min(differences, key=lambda pair: (pair[0] or pair[1]).t_s, default=None)
+                data = (None if sent is None else sent.frame.data.hex().upper() for sent in (one, other))
+                changed.append(ChangedFrame((one or other).t_s, NAMES[can_id], *data))
+    return changed
 
 
 def decisions_of(frames: Sequence[SentFrame]) -> dict[str, list[Decision]]:

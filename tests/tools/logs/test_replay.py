@@ -51,7 +51,11 @@ def lines_from(log: Path, from_s: float) -> list[str]:
 def test_a_run_is_replayed_to_the_bit(run_dir: Path) -> None:
     result = replay(run_dir)
     assert result.equal
-    assert (result.ticks, result.different_frames, result.first) == (round(DURATION_S / 1e-3), 0, None)
+    assert (result.ticks, result.different_frames, result.first_difference) == (
+        round(DURATION_S / 1e-3),
+        0,
+        None,
+    )
     assert result.frames > result.ticks
 
 
@@ -68,15 +72,15 @@ def run_on_a_modelled_bus(folder: Path, bitrate: int) -> Path:
 def test_on_a_modelled_bus_the_firmwares_own_e_stop_precedes_its_torque(tmp_path: Path) -> None:
     run = run_on_a_modelled_bus(tmp_path, 1_000_000)
     result = replay(run)
-    assert result.equal, result.as_json()
+    assert result.equal, result
     sent = Counter(message.can_id for message in read_log(run / "can.log").messages)
     assert sent[IDS["DriveEstop"]] > 1, "operator and firmware each send one"
 
 
 def test_a_bus_on_which_frames_come_late_leaves_a_replay_not_judged(tmp_path: Path) -> None:
     result = replay(run_on_a_modelled_bus(tmp_path, 125_000))
-    assert result.proves_nothing
-    assert "125000 bit/s" in result.hidden
+    assert result.equal is None
+    assert "125000 bit/s" in result.reason
 
 
 def test_torque_frames_divide_a_log_as_the_grid_of_lockstep_does(run_dir: Path) -> None:
@@ -94,13 +98,12 @@ def test_other_parameters_are_found_at_the_first_frame_that_they_change(
     tuned = tmp_path / "tuned.toml"
     tuned.write_text(PARAMETERS.format("speed.gain_p_n_m_s", 0.02, "N m s"))
     result = replay(run_dir, parameters=[tuned])
-    assert not result.equal
-    assert result.first is not None
-    recorded, replayed = result.first
-    assert recorded is not None
-    assert replayed is not None
-    assert recorded.frame.can_id == replayed.frame.can_id == IDS["SetInputTorque"]
-    assert recorded.t_s > 0.5, "the parameter changes nothing before the start"
+    assert result.equal is False
+    first = result.first_difference
+    assert first is not None
+    assert (first.frame, None in (first.recorded, first.replayed)) == ("SetInputTorque", False)
+    assert first.recorded != first.replayed
+    assert first.t_s > 0.5, "the parameter changes nothing before the start"
 
 
 def test_a_changed_byte_is_found_where_it_stands(run_dir: Path, tmp_path: Path) -> None:
@@ -113,15 +116,15 @@ def test_a_changed_byte_is_found_where_it_stands(run_dir: Path, tmp_path: Path) 
     lines[index] = f"{stamp}#0000803F00000000\n"
     (copied / "can.log").write_text("".join(lines))
     result = replay(copied)
-    assert not result.equal
-    assert result.first is not None
-    assert result.first[0] is not None
-    assert 8.0 < result.first[0].t_s < 8.02
+    assert result.equal is False
+    assert result.first_difference is not None
+    assert result.first_difference.recorded is not None
+    assert 8.0 < result.first_difference.t_s < 8.02
 
 
 def test_a_foreign_log_has_its_decisions_within_stated_times(foreign: Path) -> None:
     result = replay(foreign)
-    assert not result.is_own
+    assert result.compared == "decisions"
     assert result.equal
     assert result.different_frames > 0, "counters and the phase of periodic frames are another bench's"
 
@@ -131,7 +134,7 @@ def test_a_decision_that_another_firmware_makes_is_named(foreign: Path, tmp_path
     strict = tmp_path / "strict.toml"
     strict.write_text(PARAMETERS.format("limit.force_n", 60.0, "N"))
     result = replay(foreign, parameters=[strict])
-    assert not result.equal
+    assert result.equal is False
     fault = next(one for one in result.decisions if one.signal == "fault")
     assert fault.replayed is not None
     assert fault.replayed.value == "FORCE_LIMIT"
@@ -157,8 +160,8 @@ def test_a_run_whose_log_lacks_what_the_firmware_received_is_not_judged(tmp_path
     folder = tmp_path / "run"
     hil.run("a-controller-that-goes-bus-off-stops-the-motor", out=folder)
     result = replay(folder)
-    assert result.proves_nothing
-    assert result.hidden == "the fault bus-off at 6 s acts on what the log does not show"
+    assert result.equal is None
+    assert result.reason == "the fault bus-off at 6 s acts on what the log does not show"
 
 
 def test_the_command_replays_a_folder_of_recordings(
