@@ -36,7 +36,7 @@ MOST_CHARACTERS = 80
 
 
 def messages_of(error: ValidationError, model: type[BaseModel]) -> list[str]:
-    """One sentence for each error pydantic found in data meant for `model`, up to MOST_COMPLAINTS of them."""
+    """One sentence for each error pydantic found in data meant for `model`, up to `MOST_MESSAGES` of them."""
     details = error.errors(include_url=False)
     found = [_message_of(detail, model) for detail in details[:MOST_MESSAGES]]
     more = len(details) - len(found)
