@@ -153,13 +153,12 @@ def sampled_losses(done: Run, dice: np.random.Generator) -> list[dict[str, Any]]
     ]
 
 
-PARTS_OF = {"above": ("missed",), "below": ("tripped",)}
-"""Counts that are a part of another."""
+WHOLE_OF = {"missed": "above", "tripped": "below"}
+"""Counts that are a part of another, with the other."""
 GROUPS = (*(f"{kind}{lost}" for kind in ("", "short_") for lost in range(LOST + 1)), "kicked")
 SHARES = {
-    f"{part}_{group}": ((f"{part}_{group}",), (f"{what}_{group}",))
-    for what, parts in PARTS_OF.items()
-    for part in parts
+    f"{part}_{group}": ((f"{part}_{group}",), (f"{whole}_{group}",))
+    for part, whole in WHOLE_OF.items()
     for group in GROUPS
 }
 """Shares of counts, as in `tools.campaign.results`."""
@@ -217,33 +216,30 @@ def judge_limits(trial: Trial, done: Run, outcome: Outcome) -> None:
         if force > FORCE_BEYOND or impulse > IMPULSE_BEYOND:
             valid_s = end_s + done.tick_s * sum(one.at_s > end_s - done.tick_s for one in losses)
             in_time = tripped_s <= valid_s + IN_TICKS * done.tick_s and is_off(done, valid_s)
-            count(outcome, "above", group)
-            if not in_time:
-                count(outcome, "missed", group)
-                if group == "0":
-                    outcome.why = f"no trip at {force:.2f} of the force, {impulse:.2f} of the impulse limit"
+            count(outcome, "missed", group, not in_time)
+            if not in_time and group == "0":
+                outcome.why = f"no trip at {force:.2f} of the force, {impulse:.2f} of the impulse limit"
             return
         if max(force, impulse) >= BELOW:
             outcome.counts["within"] = 1
             return
         if early:
             continue
-        if tripped_s <= end_s + IN_TICKS * done.tick_s:
-            count(outcome, "below", group)
-            count(outcome, "tripped", group)
-            if group == "0":
-                outcome.why = f"tripped at {force:.2f} of the force and {impulse:.2f} of the impulse limit"
+        tripped = tripped_s <= end_s + IN_TICKS * done.tick_s
+        count(outcome, "tripped", group, tripped)
+        if tripped and group == "0":
+            outcome.why = f"tripped at {force:.2f} of the force and {impulse:.2f} of the impulse limit"
+        if tripped:
             return
-        count(outcome, "below", group)
     if tripped_s < math.inf:
         outcome.leave_out("the kick exceeded twice a limit, and no contact followed within the trial")
 
 
-def count(outcome: Outcome, what: str, group: str) -> None:
-    """Add 1 to a count of a group."""
-    for one in PARTS_OF.get(what, ()):
-        outcome.counts.setdefault(f"{one}_{group}", 0)
-    outcome.counts[f"{what}_{group}"] = outcome.counts.get(f"{what}_{group}", 0) + 1
+def count(outcome: Outcome, part: str, group: str, is_part: bool) -> None:
+    """Count a contact of a group in its whole, and if it is, in this part."""
+    for name, more in ((WHOLE_OF[part], 1), (part, int(is_part))):
+        key = f"{name}_{group}"
+        outcome.counts[key] = outcome.counts.get(key, 0) + more
 
 
 def is_off(done: Run, valid_s: float) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 from hil.scenario.operator import Command, Request
 from plant_sim.scene import read_scene
 from tools.campaign.campaign import BASE_SCENE, Cell, Plan, Sampler, Trial, first_tick_s, scenario_of
-from tools.campaign.sampling import mismatch_of, sample
+from tools.campaign.sampling import sample
 
 CLEAR_S, IDLE_S, RUN_S = 1.0, 1.3, 1.6
 """Times of the commands, s: CLEAR_FAULTS, as a moving striker may cause faults at power-up; IDLE; RUN."""
@@ -76,7 +76,7 @@ def kick(numbers: Mapping[str, Any], dice: np.random.Generator) -> dict[str, Any
 def module_trial(plan: Plan, cell: Cell, number: int) -> Trial:
     """Sample a module, and a kick if the campaign has some."""
     numbers = plan.numbers
-    sampled = sample(cell.scene, mismatch_of(numbers), plan.seed, number, numbers.get("swing_m_s2", 0.0))
+    sampled = sample(cell.scene, numbers, plan.seed, number)
     duration_s = SETTLED_S + float(numbers["hold_s"]) if "hold_s" in numbers else numbers["duration_s"]
     faults = []
     if "kick_low_m_s" in numbers:

@@ -8,7 +8,7 @@ accordingly.
 
 from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,22 +23,17 @@ LARGEST_RUN_SEED = 10**9
 """Upper bound of a run's seed; a scenario accepts no larger one."""
 
 
-@dataclass(frozen=True)
-class Mismatch:
-    """Half-widths of uniform distributions of the parameters; relative if the name has no unit."""
-
-    spring: float = 0.02
-    damping: float = 0.30
-    restitution: float = 0.05
-    rest_length_m: float = 1e-3
-    stop_m: float = 3e-4
-    dry_friction: float = 0.10
-    bias_g: float = 0.05
-    amplitude: float = 0.0
-
-
-MISMATCH: dict[str, Any] = {f"mismatch_{name}": width for name, width in asdict(Mismatch()).items()}
-"""The keys of the mismatch in a campaign's table."""
+MISMATCH: Mapping[str, float] = {
+    "mismatch_spring": 0.02,
+    "mismatch_damping": 0.30,
+    "mismatch_restitution": 0.05,
+    "mismatch_rest_length_m": 1e-3,
+    "mismatch_stop_m": 3e-4,
+    "mismatch_dry_friction": 0.10,
+    "mismatch_bias_g": 0.05,
+    "mismatch_amplitude": 0.0,
+}
+"""Half-widths of uniform distributions of the true parameters; relative if the name has no unit."""
 
 
 @dataclass(frozen=True)
@@ -51,22 +46,10 @@ class Sampled:
     more_seed: tuple[int, ...]
 
 
-def mismatch_of(table: Mapping[str, float]) -> Mismatch:
-    """Return the mismatch from the keys `mismatch_…` of a campaign's table."""
-    return Mismatch(
-        **{key.removeprefix("mismatch_"): value for key, value in table.items() if key[:9] == "mismatch_"}
-    )
-
-
 def sample(
-    scene: Mapping[str, Any],
-    mismatch: Mismatch,
-    seed: int,
-    trial: int,
-    swing_m_s2: float = 0.0,
-    at_rest: bool = False,
+    scene: Mapping[str, Any], numbers: Mapping[str, float], seed: int, trial: int, at_rest: bool = False
 ) -> Sampled:
-    """Sample the truth of a trial.
+    """Sample the truth of a trial of a campaign with these numbers: the keys of MISMATCH, and `swing_m_s2`.
 
     The initial position is −0.1 to 0.06 m from l₀ but not beyond the stop, the initial velocity ±0.8 m/s, the
     crank's phase arbitrary. With `at_rest` the striker keeps the scene's initial state. The
@@ -74,31 +57,33 @@ def sample(
     """
     noise, truth = (np.random.default_rng([seed, trial, stream]) for stream in range(2))
 
-    def about(width: float) -> float:
+    def mismatch(name: str) -> float:
+        width = numbers[f"mismatch_{name}"]
         return float(truth.uniform(-width, width))
 
     sampled = deepcopy(dict(scene))
     striker, stop, friction, drive = (sampled[part] for part in ("striker", "stop", "friction", "drive"))
-    striker["spring_n_m"] *= 1.0 + about(mismatch.spring)
-    striker["rest_length_m"] += about(mismatch.rest_length_m)
-    stop["position_m"] += about(mismatch.stop_m)
-    stop["restitution"] += about(mismatch.restitution)
-    drive["amplitude_m"] *= 1.0 + about(mismatch.amplitude)
+    striker["spring_n_m"] *= 1.0 + mismatch("spring")
+    striker["rest_length_m"] += mismatch("rest_length_m")
+    stop["position_m"] += mismatch("stop_m")
+    stop["restitution"] += mismatch("restitution")
+    drive["amplitude_m"] *= 1.0 + mismatch("amplitude")
     drive["phase_rad"] = float(truth.uniform(0.0, 2.0 * np.pi))
-    damping, dry = 1.0 + about(mismatch.damping), 1.0 + about(mismatch.dry_friction)
+    damping, dry = 1.0 + mismatch("damping"), 1.0 + mismatch("dry_friction")
     for name in ("b_n_s_m", "mu", "mu_s"):
         if name in friction:
             friction[name] *= damping if name == "b_n_s_m" else dry
     sensors = sampled.setdefault("sensors", {})
     for name in ("striker_low", "housing"):
-        bias_m_s2 = about(mismatch.bias_g) * STANDARD_GRAVITY_M_S2
+        bias_m_s2 = mismatch("bias_g") * STANDARD_GRAVITY_M_S2
         sensors[name] = {"bias_m_s2": bias_m_s2, **sensors.get(name, {})}
     highest_m = min(0.06, stop["position_m"] - striker["rest_length_m"])
     if not at_rest:
         sampled["initial"] = {
             "x_m": float(striker["rest_length_m"] + truth.uniform(-0.1, highest_m)),
-            "v_m_s": about(0.8),
+            "v_m_s": float(truth.uniform(-0.8, 0.8)),
         }
+    swing_m_s2 = numbers.get("swing_m_s2", 0.0)
     if swing_m_s2 > 0.0:
         harmonic = {
             "amplitude_m_s2": float(truth.uniform(0.0, swing_m_s2)),

@@ -24,7 +24,7 @@ from plant_sim.sensors.gait import phases_at
 from tools.campaign.campaign import Campaign, Cell, Goal, Outcome, Plan, Sampler, Trial, scenario_of
 from tools.campaign.reference import long_gaps
 from tools.campaign.run import Run
-from tools.campaign.sampling import MISMATCH, Sampled, mismatch_of, sample
+from tools.campaign.sampling import MISMATCH, Sampled, sample
 
 COURSES = ("steady", "change", "stop", "stumble")
 
@@ -119,7 +119,7 @@ def sampled_walk(cell: Cell, numbers: Mapping[str, Any], seed: int, trial: int) 
         "pace": [{"at_s": at_s, "stride_hz": hertz} for at_s, hertz in course.paces],
         "stumble": [{"at_s": at_s} for at_s in course.stumbles],
     }
-    return sample(scene, mismatch_of(numbers), seed, trial, at_rest=True), course
+    return sample(scene, numbers, seed, trial, at_rest=True), course
 
 
 def walk_trial(plan: Plan, cell: Cell, number: int) -> Trial:

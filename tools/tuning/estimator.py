@@ -34,7 +34,7 @@ from hil.scenario.parameter_file import nested
 from plant_sim.arrays import FloatArray
 from tools.campaign.campaign import Cell
 from tools.campaign.modules import module_cell
-from tools.campaign.sampling import Mismatch, Sampled, sample
+from tools.campaign.sampling import MISMATCH, Sampled, sample
 from tools.jobs import results
 from tools.output import BadInputError
 from tools.progress import Progress
@@ -158,7 +158,7 @@ def sampled_module(seed: int, number: int) -> tuple[Cell, Sampled]:
     """The condition and the truth of the sampled module with this number."""
     law, ratio = CONDITIONS[number % len(CONDITIONS)]
     cell = module_cell(law, ratio)
-    return cell, sample(cell.scene, Mismatch(), seed, number)
+    return cell, sample(cell.scene, MISMATCH, seed, number)
 
 
 def record_log(seed: int, number: int, seconds: float) -> Log:

@@ -15,7 +15,7 @@ from tools.campaign import processes
 from tools.campaign.campaign import Goal, Outcome, Plan
 from tools.campaign.campaigns import CAMPAIGNS
 from tools.campaign.results import result_of
-from tools.campaign.sampling import Mismatch, mismatch_of, sample
+from tools.campaign.sampling import MISMATCH, sample
 from tools.campaign.statistics import distribution, wilson
 from tools.campaign.walk import course_of, ended_s, missing, sampled_walk
 from tools.cli import run
@@ -45,7 +45,7 @@ def plan_of(name: str, *settings: str) -> Plan:
 
 def test_a_trial_samples_the_same_module_every_time_and_another_trial_another() -> None:
     cell = plan_of("start-up").cells[0]
-    first, again, other = (sample(cell.scene, Mismatch(), 20_000, trial) for trial in (3, 3, 4))
+    first, again, other = (sample(cell.scene, MISMATCH, 20_000, trial) for trial in (3, 3, 4))
     assert first.scene == again.scene
     assert first.scene.striker.spring_n_m != other.scene.striker.spring_n_m
     assert first.run_seed == again.run_seed != other.run_seed
@@ -53,7 +53,7 @@ def test_a_trial_samples_the_same_module_every_time_and_another_trial_another() 
 
 def test_samples_fill_their_ranges_and_stay_inside() -> None:
     cell = next(cell for cell in plan_of("start-up").cells if cell.values[0] == "stribeck")
-    scenes = [sample(cell.scene, Mismatch(), 20_000, trial).scene for trial in range(300)]
+    scenes = [sample(cell.scene, MISMATCH, 20_000, trial).scene for trial in range(300)]
     parts = [scene.parts() for scene in scenes]
     for values, middle, width in (
         ([part.striker.spring_n_per_m for part in parts], 70.0, 1.4),
@@ -76,7 +76,7 @@ def test_samples_fill_their_ranges_and_stay_inside() -> None:
 
 def test_parameters_keep_the_nominal_numbers() -> None:
     for cell in plan_of("start-up").cells:
-        truth = sample(cell.scene, Mismatch(), 20_000, 0).scene
+        truth = sample(cell.scene, MISMATCH, 20_000, 0).scene
         assert "striker" not in cell.firmware
         assert truth.striker.spring_n_m != 70.0
         assert cell.firmware["drive"]["amplitude_m"] == truth.drive.amplitude_m  # known but for `hold`
@@ -85,9 +85,8 @@ def test_parameters_keep_the_nominal_numbers() -> None:
 def test_a_campaign_may_set_its_own_mismatch() -> None:
     _, cells, numbers, *_ = plan_of("hold", "campaign.mismatch_spring=0.0", "campaign.ratios=1.2")
     assert [cell.ratio for cell in cells] == [1.2]
-    assert mismatch_of(numbers).spring == 0.0
-    assert mismatch_of(numbers).amplitude == 0.03
-    assert sample(cells[0].scene, mismatch_of(numbers), 20_000, 1).scene.striker.spring_n_m == 70.0
+    assert (numbers["mismatch_spring"], numbers["mismatch_amplitude"]) == (0.0, 0.03)
+    assert sample(cells[0].scene, numbers, 20_000, 1).scene.striker.spring_n_m == 70.0
 
 
 # --- conditions --------------------------------------------------------------------------------------
@@ -291,8 +290,8 @@ def test_f1_counts_misses_and_false_alarms_alike() -> None:
 def test_a_sampled_housing_swings_within_its_range_and_leaves_all_else_as_it_was() -> None:
     cell = plan_of("detect").cells[0]
     for trial in range(50):
-        level = sample(cell.scene, Mismatch(), 20_000, trial).scene
-        shaken = sample(cell.scene, Mismatch(), 20_000, trial, swing_m_s2=0.5).scene
+        level = sample(cell.scene, MISMATCH, 20_000, trial).scene
+        shaken = sample(cell.scene, {**MISMATCH, "swing_m_s2": 0.5}, 20_000, trial).scene
         assert level.housing is None
         assert shaken.housing is not None
         assert shaken.striker == level.striker

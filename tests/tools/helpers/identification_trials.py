@@ -17,7 +17,7 @@ from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
 from firmware_py.shell.parameters import with_overrides
 from plant_sim.scene import Scene
 from tools.campaign.modules import LAWS, Law
-from tools.campaign.sampling import Mismatch, sample
+from tools.campaign.sampling import MISMATCH, sample
 from tools.campaign.statistics import wilson
 from tools.jobs import results
 from tools.output import BadInputError
@@ -27,7 +27,7 @@ from tools.tuning.recordings.recorded import record
 
 SECONDS = 60.0
 SEED = 30_000
-MISMATCH = Mismatch(spring=0.05, amplitude=0.03)
+WIDER = {**MISMATCH, "mismatch_spring": 0.05, "mismatch_amplitude": 0.03}
 MODULES = {
     "viscous": LAWS["viscous"],
     "coulomb": LAWS["coulomb"],
@@ -81,7 +81,7 @@ def run_trial(seed: int, trial: int, seconds: float) -> Trial:
     law, ratio = module_of(trial)
     known = MODULES[law]
     cell = known.cell(law, ratio)
-    sampled = sample(cell.scene, MISMATCH, seed, trial)
+    sampled = sample(cell.scene, WIDER, seed, trial)
     nominal = with_overrides(known.nominal)
     ticks, _ = record(cell, sampled, seconds)
     try:
