@@ -23,7 +23,7 @@ from firmware_py.shell.native import NativeNode
 from hil.bench.lockstep import LockstepNodes, faults_by_node
 from hil.bus.can_log import CanLog
 from hil.faults.clocks import Turns
-from hil.faults.fault import Fault
+from hil.faults.fault import TIME_RESOLUTION_S, Fault
 from hil.nodes.closed_loop import (
     FIRMWARE_FAILED,
     LINE_BYTES,
@@ -52,14 +52,11 @@ AHEAD_S = 0.005
 """Time from the end of a stretch to the beginning of any other fault."""
 BEHIND_S = 0.25
 """Time from the end of a fault to the next stretch, after which no delayed frame of the fault remains."""
-SAME_INSTANT_S = 1e-9
 LONGEST_TICKS = 4096
 """Longest stretch in ticks; the size of the buffers."""
 LINES_A_TICK = 8
-MOST_IN_TRANSIT = 3
-"""Most frames in transit to the plant at the beginning of a stretch: a command and the firmware's frames."""
 MOST_SENT = 3
-"""Most frames that operator and firmware send in a tick."""
+"""Most frames that the firmware sends in a tick."""
 
 
 def quiet_until_s(faults: Sequence[Fault], t_s: float) -> float:
@@ -67,7 +64,7 @@ def quiet_until_s(faults: Sequence[Fault], t_s: float) -> float:
     until_s = math.inf
     for fault in faults:
         if fault.is_steady:
-            edges_s = [edge_s for edge_s in (fault.at_s, fault.end_s) if edge_s > t_s + SAME_INSTANT_S]
+            edges_s = [edge_s for edge_s in (fault.at_s, fault.end_s) if edge_s > t_s + TIME_RESOLUTION_S]
             until_s = min([until_s, *edges_s])
         elif t_s < fault.at_s - AHEAD_S:
             until_s = min(until_s, fault.at_s - AHEAD_S)
@@ -110,7 +107,6 @@ class Stretches:
             used=np.zeros(4, np.int64),
         )
         self._impacts, self._impact_count = zeros_of(Impact, LONGEST_TICKS), np.zeros(1, np.int64)
-        self._in_transit = np.zeros((MOST_IN_TRANSIT + MOST_SENT, 3), np.int64)
 
     def ticks_from(self, tick: int) -> int:
         """Number of ticks from `tick` on that may be compiled; one while the operator waits for an answer."""
@@ -118,13 +114,12 @@ class Stretches:
         quiet_s = quiet_until_s(scenario.faults, tick * scenario.period_s)
         until = scenario.ticks
         if quiet_s < math.inf:
-            until = min(until, math.floor((quiet_s + SAME_INSTANT_S) / scenario.period_s))
+            until = min(until, math.floor((quiet_s + TIME_RESOLUTION_S) / scenario.period_s))
         listening_tick = self._operator.node.listening_tick
         if listening_tick is not None:
             until = min(until, max(listening_tick, tick + 1))
         is_asked = self._native_node().whole["pool"][0, IS_CONNECTED] or self._plant.node.has_waiting_fault
-        is_ready = len(self._to_plant.pending) <= MOST_IN_TRANSIT
-        return min(until - tick, LONGEST_TICKS) if is_ready and not is_asked else 0
+        return 0 if is_asked else min(until - tick, LONGEST_TICKS)
 
     def _native_node(self) -> NativeNode:
         """The firmware's present node, which a restart replaces."""
@@ -150,8 +145,9 @@ class Stretches:
         held = self._to_plant.receive()
         buffers.used[:] = self._impact_count[0] = 0
         buffers.used[TO_PLANT] = len(held)
+        in_transit = np.zeros((max(len(held), 1 + MOST_SENT), 3), np.int64)  # a command, and the firmware's
         for place, frame in enumerate(held):
-            self._in_transit[place] = word_frame(frame)
+            in_transit[place] = word_frame(frame)
         lent = plant.plant.lend()
         bench = Bench(
             period_s=self._scenario.period_s,
@@ -162,7 +158,7 @@ class Stretches:
             due=plant.due(ticks),
             noise=lent.noise.take(ticks),
             commands=self._commands(tick + ticks),
-            to_plant=self._in_transit,
+            to_plant=in_transit,
             firmware=firmware,
             buffers=buffers,
         )
@@ -175,7 +171,7 @@ class Stretches:
         node.pull_state()
         self._firmware.last_tick = state.tick - 1
         plant.resume(state, status)
-        self._to_plant.pending += frames_in(self._in_transit[: buffers.used[TO_PLANT]])
+        self._to_plant.pending += frames_in(in_transit[: buffers.used[TO_PLANT]])
         self._to_operator.pending += frames_in(sent[1:].reshape(-1, 3)[: sent[0]])
         return Records(
             buffers.plant[:ticks],

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from hil.faults.fault import Fault
+from hil.faults.fault import TIME_RESOLUTION_S, Fault
 from hil.faults.on_process import ClockFault, ProcessFault
 from hil.timing.loop import LoopTiming
 
@@ -106,7 +106,7 @@ class Turns:
         self._starts_s = sorted(
             fault.end_s
             for fault in faults
-            if restarts(fault, process) and fault.end_s > first_slot * period_s + 1e-9
+            if restarts(fault, process) and fault.end_s > first_slot * period_s + TIME_RESOLUTION_S
         )
         self._period_s = period_s
         self._next_tick = 0
@@ -121,7 +121,7 @@ class Turns:
         """Run the steps that are due in this slot of the bench."""
         t_s = slot * self._period_s
         own_tick = slot + round(self._clock.offset_s(t_s) / self._period_s)
-        if self._starts_s and t_s >= self._starts_s[0] - 1e-9:
+        if self._starts_s and t_s >= self._starts_s[0] - TIME_RESOLUTION_S:
             del self._starts_s[0]
             self._runner.restart(own_tick)
             self._clock.restart()

@@ -18,6 +18,8 @@ from pydantic import Field, PrivateAttr
 from plant_sim.scene import Scene
 from plant_sim.tables.table import Table
 
+TIME_RESOLUTION_S = 1e-9
+"""Times that differ by less are the same instant: a tick's time is rounded."""
 FAULTS_ACTED = "faults_acted"
 """Key of a node's final report: the number of effects of each fault of the script."""
 
@@ -47,8 +49,8 @@ class Fault(Table):
         return math.inf if self.duration_s is None else self.at_s + self.duration_s
 
     def acts(self, t_s: float) -> bool:
-        """Whether the fault acts at `t_s`, with a tolerance for rounded times."""
-        return self.at_s - 1e-9 <= t_s < self.end_s - 1e-9
+        """Whether the fault acts at `t_s`."""
+        return self.at_s - TIME_RESOLUTION_S <= t_s < self.end_s - TIME_RESOLUTION_S
 
     def begin(self, noise: np.random.Generator) -> None:
         """Begin anew, as in a process that starts."""

@@ -10,14 +10,13 @@ from pydantic import Field, PrivateAttr, field_validator
 
 from firmware_py.interface.codec import CODECS
 from firmware_py.interface.frame import Frame
-from hil.faults.fault import Fault
+from hil.faults.fault import TIME_RESOLUTION_S, Fault
 from plant_sim.scene import Scene
 from plant_sim.sensors.sampled import SAMPLED
 from plant_sim.validation_messages import nearest
 
 FRAME_IDS = {record.__name__: codec.can_id for record, codec in CODECS.items()}
 """Identifiers by the names that vibro.dbc gives the frames."""
-TIME_RESOLUTION_S = 1e-9
 
 Node: TypeAlias = Literal["plant", "firmware", "operator"]
 Share = Annotated[

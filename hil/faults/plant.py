@@ -8,7 +8,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import EncoderEstimates
 from hil.drive import axis
 from hil.drive.axis import DriveConfig, DriveState
-from hil.faults.fault import Fault
+from hil.faults.fault import TIME_RESOLUTION_S, Fault
 from hil.faults.on_plant import PhysicalFault
 from hil.faults.readings import SensorFaults
 from plant_sim.parts.drive import MotorDrive
@@ -17,7 +17,6 @@ from plant_sim.sensors.readings import SensorReading
 
 DRIVE_IDS = range(NODE_IDS)
 """Identifiers of the drive's electronics: those of node 0."""
-SAME_INSTANT_S = 1e-9
 
 
 class PlantFaults:
@@ -45,9 +44,8 @@ class PlantFaults:
 
     def edges_s(self, from_s: float, to_s: float) -> list[float]:
         """The times at which a fault of module or drive begins or ends, with `from_s` ≤ t < `to_s`."""
-        return [
-            edge_s for edge_s in self._edges_s if from_s - SAME_INSTANT_S <= edge_s < to_s - SAME_INSTANT_S
-        ]
+        first_s, last_s = from_s - TIME_RESOLUTION_S, to_s - TIME_RESOLUTION_S
+        return [edge_s for edge_s in self._edges_s if first_s <= edge_s < last_s]
 
     def act(self, t_s: float, drive: DriveState, ticks: int = 1) -> tuple[DriveConfig, DriveState]:
         """Begin and end the faults due at `t_s`; return the drive, as at power-up while it has no supply.

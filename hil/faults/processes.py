@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from hil.faults.fault import Fault
+from hil.faults.fault import TIME_RESOLUTION_S, Fault
 from hil.faults.on_process import ProcessFault, Signal
 
 
@@ -58,7 +58,11 @@ class ProcessFaults:
 
     def paused_at(self, t_s: float) -> list[str]:
         """The processes that are paused at `t_s`."""
-        return [fault.process for fault in self._faults if not fault.ends_process and fault.acts(t_s - 1e-9)]
+        return [
+            fault.process
+            for fault in self._faults
+            if not fault.ends_process and fault.acts(t_s - TIME_RESOLUTION_S)
+        ]
 
     def restarts(self) -> list[Restart]:
         """The restarts of processes, in order of time."""

@@ -5,7 +5,8 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from firmware_py.interface.frame import Frame
-from hil.faults.on_bus import TIME_RESOLUTION_S, FramesFault, Late, Step
+from hil.faults.fault import TIME_RESOLUTION_S
+from hil.faults.on_bus import FramesFault, Late, Step
 
 
 class Delayed(FramesFault):

@@ -4,7 +4,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from hil.drive.axis import TIME_RESOLUTION_S
+from hil.faults.fault import TIME_RESOLUTION_S
 from hil.faults.on_plant import PhysicalFault
 from plant_sim.plant import Plant
 
