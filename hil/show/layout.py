@@ -115,15 +115,13 @@ def estimator(detail_s: tuple[float, float] | None, innovations_m_s2: tuple[floa
     innovation = "state.estimator.innovation_m_s2"
     deviation = "state.estimator.innovation_std_m_s2"
 
-    def error(name: str, field: str, unit: str, *limits: Whole) -> rrb.TimeSeriesView:
+    def error(name: str, field: str, unit: str) -> rrb.TimeSeriesView:
         line = Line("/estimate_error", field, "estimate − truth", unit, ESTIMATE)
-        return plot(f"Error of the {name}, whole run [{unit}]", line, *limits)
+        return plot(f"Error of the {name}, whole run [{unit}]", line)
 
     return rrb.Vertical(
         plot("Velocity, close up [m/s]", *VELOCITY, span_s=detail_s),
-        rrb.Horizontal(
-            error("position", "x_mm", "mm", Whole("/limits/x_error/**")), error("velocity", "v_m_s", "m/s")
-        ),
+        rrb.Horizontal(error("position", "x_mm", "mm"), error("velocity", "v_m_s", "m/s")),
         plot(
             "Acceleration, close up [m/s²]",
             Line("/firmware", "inputs.accelerometer.high_m_s2", "high range", "m/s²", OTHER),
@@ -169,20 +167,18 @@ def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float
     """The impacts: approach speed, impulse and peak force, felt force, and energy."""
     forces: list[Line | Whole] = [Line("/plant", "stop_force_n", "on the stop", "N", TRUTH)]
     if worn:
-        forces += [Line("/plant", "felt_force_n", "felt by the wearer", "N", OTHER), Whole("/limits/felt/**")]
+        forces += [Line("/plant", "felt_force_n", "felt by the wearer", "N", OTHER)]
     return rrb.Vertical(
         rrb.Horizontal(
             plot(APPROACH_SPEED, *IMPACTS, range_y=speeds_m_s, legend=rrb.Corner2D.RightBottom),
             plot(
                 "Impulse [N s]",
                 Dots("/impacts/truth", "impulse_n_s", "impulse [N s]", TRUTH, "diamond"),
-                Whole("/limits/impulse/**"),
                 legend=rrb.Corner2D.RightBottom,
             ),
             plot(
                 PEAK_FORCE,
                 Dots("/impacts/truth", "peak_force_n", "peak force [N]", TRUTH, "circle"),
-                Whole("/limits/peak_force/**"),
                 legend=rrb.Corner2D.RightBottom,
             ),
         ),
@@ -267,7 +263,6 @@ def bus_and_timing(contents: Contents) -> Any:
                 "Firmware loop [µs]",
                 Line("/firmware", "wake_latency_us", "wake-up latency", "µs", DARK_ESTIMATE),
                 Line("/firmware", "work_us", "work", "µs", ESTIMATE),
-                Whole("/limits/work/**"),
             ),
             plot(
                 "Plant loop [µs]",
@@ -281,8 +276,7 @@ def bus_and_timing(contents: Contents) -> Any:
         Line("/firmware", "overruns", "firmware", "", ESTIMATE),
         Line("/plant", "overruns", "plant", "", TRUTH),
     )
-    series = (Whole("/can/load"), Whole("/limits/load/**"))
-    load = plot("Bus load (of 1 Mbit/s)", *series, range_y=(0.0, 1.0), legend=None)
+    load = plot("Bus load (of 1 Mbit/s)", Whole("/can/load"), range_y=(0.0, 1.0), legend=None)
     return rrb.Vertical(
         *(loops if contents.measured else ()),
         rrb.Horizontal(*([skipped] if contents.measured else []), load),

@@ -22,7 +22,6 @@ import tomli_w
 from firmware_py.interface.enums import LATCHED, ActingLimit, AxisError, Fault, Mode, OperatorRequest, Regime
 from hil.can_model.fault_confinement import ErrorState
 from hil.judge import detection
-from hil.judge.checks import checks_of
 from hil.judge.estimate_error import estimate_errors
 from hil.judge.figures.gait import phase_at, push_off
 from hil.judge.judge import judge
@@ -50,7 +49,6 @@ from hil.show.drawing import Drawing
 from hil.show.highlights import highlights, marks
 from hil.show.injected import NONE, Injected, injected, timeline
 from hil.show.layout import Contents, Mark, layout
-from hil.show.limits import Limit, limits
 from hil.show.log_stream import LogStream, colors, dynamic
 from hil.show.verdict_text import verdict_text
 
@@ -128,7 +126,7 @@ class RunLog:
         self.out.flush()
 
     def conclude(self, traces: RunTraces, verdict: RunVerdict) -> None:
-        """Log the results of the ended run: outcome, verdict, checks, limits, errors, faults."""
+        """Log the results of the ended run: outcome, verdict, checks, errors, faults."""
         figures = verdict.figures
         for hold in figures.time_held:
             self.out.event(hold.t_s, f"time held: {hold.in_words}", "INFO")
@@ -145,9 +143,7 @@ class RunLog:
         for mark in sorted(marks(verdict.checks, traces, figures, Verdict.PASSED)):
             self.out.event(mark.t_s, mark.text, "INFO")
         self._checks(failed)
-        faults = injected(self._scenario)
-        self._injected(faults)
-        self._limits(limits(checks_of(self._scenario), figures, faults[0].from_s if faults else None))
+        self._injected(injected(self._scenario))
         self._estimate_error(traces)
         if self._walked:
             self._pulses(traces)
@@ -190,15 +186,6 @@ class RunLog:
         shades = colors(NEUTRAL if state == NONE else ALARM for state in states)
         self.out.declare(entity, rr.StateConfiguration(values=states, colors=shades))
         self.out.send(entity, np.array([t_s for t_s, _ in changes]), rr.StateChange.columns(state=states))
-
-    def _limits(self, found: Sequence[Limit]) -> None:
-        """Log the bounds of checks for the plots of the bounded signals."""
-        for number, limit in enumerate(found):
-            entity = f"limits/{limit.plot}/{number}"
-            name = f"limit of {limit.name}"
-            self.out.declare(entity, rr.SeriesLines(names=[name], colors=colors([ALARM]), widths=[1.0]))
-            ends_s = np.array([limit.from_s, limit.to_s])
-            self.out.send(entity, ends_s, rr.Scalars.columns(scalars=[limit.value] * 2))
 
     def _estimate_error(self, traces: RunTraces) -> None:
         """Log estimate minus truth, the position's in mm; a log of a real bench has no truth."""

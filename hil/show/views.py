@@ -106,21 +106,18 @@ SPEED = (
     Line("/plant", "omega_rad_s", "true", "rad/s", TRUTH),
     Line("/firmware", "outputs.target_omega_rad_s", "target", "rad/s", TARGET),
     Line("/firmware", "state.crank.omega_rad_s", "estimate", "rad/s", ESTIMATE),
-    Whole("/limits/speed/**"),
 )
 
 
 TORQUE = (
     Line("/plant", "motor_torque_n_m", "motor", "N m", TRUTH),
     Line("/firmware", "outputs.torque_n_m", "requested", "N m", ESTIMATE),
-    Whole("/limits/torque/**"),
 )
 
 
 IMPACTS = (
     Dots("/impacts/truth", "v_m_s", "true v⁻ [m/s]", TRUTH, "circle"),
     Dots("/impacts/detected", None, "reported v⁻ [m/s]", ESTIMATE, "cross"),
-    Whole("/limits/impact_speed/**"),
 )
 
 

@@ -1,4 +1,4 @@
-"""The log explains its verdict: words, injected faults, limits, errors, and no empty panel."""
+"""The log explains its verdict: words, injected faults, errors, and no empty panel."""
 
 import os
 import shutil
@@ -13,14 +13,11 @@ from run_folder import make_run, write_run
 
 from hil.bench.verdict import finish
 from hil.can_model.fault_confinement import BusErrorRecord, ErrorState, NodeErrors
-from hil.judge.checks import Check
-from hil.judge.figures.figures import figures_from
 from hil.record.log_reader import documents, read_traces, tables
 from hil.record.rrd.rerun_program import RerunError
 from hil.record.run_traces import read_run
 from hil.record.traces.trace import TraceWriter
 from hil.show import layout, rerun_log
-from hil.show.limits import Limit, limits
 from hil.show.rerun_log import rebuild
 from tools.logs import view
 
@@ -90,29 +87,6 @@ def test_bus_errors_reach_the_log_and_come_back_from_it(tmp_path):
     assert from_log.dtype.names == from_trace.dtype.names
     for name in from_trace.dtype.names:
         assert np.array_equal(from_log[name], from_trace[name]), name
-
-
-def test_limits_stand_where_the_plot_shows_what_they_bound(tmp_path):
-    figures = figures_from(read_run(write_run(broken(), tmp_path)))
-    checks = [
-        Check(name="impact_v_m_s", low=0.5, high=0.7),
-        Check(name="after_fault.largest_torque_n_m", low=0.02, high=0.15),
-        Check(name="detector.recall", low=0.9),
-        Check(name="estimate.x_worst_m", high=0.004),
-    ]
-    found = limits(checks, figures, fault_s=4.0)
-    hold = (figures.hold_start_s, figures.hold_end_s)
-    assert [(one.plot, one.value, one.from_s, one.to_s) for one in found] == [
-        ("impact_speed", 0.5, *hold),
-        ("impact_speed", 0.7, *hold),
-        ("torque", -0.15, 4.0, figures.duration_s),
-        ("torque", 0.15, 4.0, figures.duration_s),
-        ("x_error", -4.0, *hold),  # mm
-        ("x_error", 4.0, *hold),
-    ]
-    without_fault = limits(checks, figures, fault_s=None)
-    assert {one.plot for one in without_fault} == {"impact_speed", "x_error"}
-    assert all(isinstance(one, Limit) for one in found)
 
 
 def contents_of(made_up, folder, monkeypatch):

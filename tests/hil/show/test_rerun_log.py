@@ -143,6 +143,7 @@ def test_the_same_traces_give_the_same_columns(run_dir, log_path, tmp_path):
     assert {name for name in same if same[name] != other[name]} == {
         "/plant:trace:record.x_m",
         "/plant:trace:record.friction_j",
+        "/estimate_error:trace:record.x_mm",
     }
 
 
