@@ -31,10 +31,12 @@ SO_TIMESTAMPNS = 35
 SO_MEMINFO = 55
 MEMINFO = struct.Struct("=9I")
 """Counters that SO_MEMINFO returns; the last one counts dropped messages."""
+CONTROL_HEADER = struct.Struct("=Qii")
+"""Header of a control message: length including this header, level, kind."""
 STAMP = struct.Struct("=qQ")
 """A time: seconds and nanoseconds."""
-CONTROL_BYTES = socket.CMSG_SPACE(STAMP.size)
-"""Room for the control message of a frame, its arrival time."""
+CONTROL_BYTES = CONTROL_HEADER.size + STAMP.size
+"""Room for the control message of a frame."""
 
 RECEIVE_BUFFER_BYTES = 4 << 20
 QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
@@ -69,9 +71,9 @@ class BatchHeader(ctypes.Structure):
 
 
 class FrameBatch:
-    """Buffers for a batch of frames, and their headers."""
+    """Buffers for a batch of frames, their headers and, if `stamped`, each frame's arrival time."""
 
-    def __init__(self) -> None:
+    def __init__(self, stamped: bool = False) -> None:
         self.buffer = bytearray(BATCH * FRAME_BYTES)
         address = ctypes.addressof(ctypes.c_char.from_buffer(self.buffer))
         self._vectors = (IoVector * BATCH)(
@@ -81,6 +83,26 @@ class FrameBatch:
         for header, vector in zip(self.headers, self._vectors, strict=True):
             header.message.vectors = ctypes.pointer(vector)
             header.message.vector_count = 1
+        self.control = bytearray(BATCH * CONTROL_BYTES if stamped else 0)
+        if stamped:
+            address = ctypes.addressof(ctypes.c_char.from_buffer(self.control))
+            for index, header in enumerate(self.headers):
+                header.message.control = address + index * CONTROL_BYTES
+                header.message.control_length = CONTROL_BYTES
+
+    def take_stamps(self, count: int) -> list[int]:
+        """Return the arrivals of the first `count` frames on the wall clock in ns, and reset their buffers.
+
+        The kernel overwrites a control buffer's length with the length it used, so the length is set again.
+        """
+        stamps_ns = []
+        for index in range(count):
+            seconds, nanoseconds = STAMP.unpack_from(
+                self.control, index * CONTROL_BYTES + CONTROL_HEADER.size
+            )
+            stamps_ns.append(seconds * 1_000_000_000 + nanoseconds)
+            self.headers[index].message.control_length = CONTROL_BYTES
+        return stamps_ns
 
 
 def has_kernel_can() -> bool:
@@ -145,6 +167,7 @@ class CanSocket(Connection):
         self._receive_batch = library.recvmmsg
         self._send_batch = library.sendmmsg
         self._incoming = FrameBatch()
+        self._stamped: FrameBatch | None = None
         self._outgoing = FrameBatch()
 
     @property
@@ -184,14 +207,13 @@ class CanSocket(Connection):
         frames: list[Frame] = []
         count = BATCH
         while count == BATCH and len(frames) < MAX_BURST:
-            count = self._take()
+            count = self._take(self._incoming)
             frames += unpack(self._incoming.buffer[: count * FRAME_BYTES], self._counters, self._requests)
         return frames
 
-    def _take(self) -> int:
+    def _take(self, batch: FrameBatch) -> int:
         """Fill the batch with the frames that have arrived and return their number."""
-        headers = self._incoming.headers
-        count = self._receive_batch(self._descriptor, headers, BATCH, socket.MSG_DONTWAIT, None)
+        count = self._receive_batch(self._descriptor, batch.headers, BATCH, socket.MSG_DONTWAIT, None)
         if count < 0:
             if (number := ctypes.get_errno()) not in NOTHING_TO_RECEIVE:
                 raise OSError(number, os.strerror(number))
@@ -200,16 +222,13 @@ class CanSocket(Connection):
 
     def receive_stamped(self) -> list[tuple[int, Frame]]:
         """The frames that have arrived, at most one batch, with the kernel's wall clock in ns."""
-        frames: list[tuple[int, Frame]] = []
-        for _ in range(BATCH):
-            try:
-                content, control, _, _ = self._socket.recvmsg(FRAME_BYTES, CONTROL_BYTES, socket.MSG_DONTWAIT)
-            except OSError as error:
-                if error.errno not in NOTHING_TO_RECEIVE:
-                    raise
-                break
-            seconds, nanoseconds = STAMP.unpack(control[0][2])
-            stamp_ns = seconds * 1_000_000_000 + nanoseconds
+        batch = self._stamped
+        if batch is None:
+            batch = self._stamped = FrameBatch(stamped=True)
+        count = self._take(batch)
+        frames = []
+        for index, stamp_ns in enumerate(batch.take_stamps(count)):
+            content = batch.buffer[index * FRAME_BYTES : (index + 1) * FRAME_BYTES]
             frames += [(stamp_ns, frame) for frame in unpack(content, self._counters)]
         return frames
 

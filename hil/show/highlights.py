@@ -2,26 +2,14 @@
 
 from collections.abc import Iterable, Sequence
 
-import numpy as np
-
 from hil.judge.figures.moments import first, moment_of
 from hil.judge.figures.records import Figures
 from hil.judge.verdict import CheckResult, Verdict
-from hil.record.run_traces import RunTraces, column
+from hil.record.run_traces import RunTraces
 from hil.show.layout import Highlights, Mark
 
 CLOSE_UP_S = 3.0
 """Duration of the close-up: about four to twelve drive periods."""
-
-
-def usual_innovation(traces: RunTraces) -> float:
-    """The median σ of the innovation at the corrections of the estimate, in m/s²; 1 without a correction."""
-    if "state.estimator.nis" not in (traces.firmware.dtype.names or ()):
-        return 1.0  # a log of a real bench has only frames, and none carries a covariance
-    corrected = traces.firmware[column(traces.firmware, "state.estimator.nis") > 0.0]
-    if len(corrected) == 0:
-        return 1.0
-    return float(np.median(column(corrected, "state.estimator.innovation_std_m_s2")))
 
 
 def marks(
@@ -44,8 +32,6 @@ def highlights(traces: RunTraces, figures: Figures, failed: Sequence[Mark]) -> H
     centre_s = end_s if at_s is None else at_s
     left_s = min(max(centre_s - CLOSE_UP_S / 2.0, 0.0), max(end_s - CLOSE_UP_S, 0.0))
     return Highlights(
-        largest_v_m_s=figures.largest_v_m_s or 1.0,
-        innovation_std_m_s2=usual_innovation(traces),
         run_up_s=(start_s or 0.0, min(run_up_end_s + CLOSE_UP_S / 2.0, end_s)),
         detail_s=(left_s, left_s + CLOSE_UP_S),
     )

@@ -32,14 +32,10 @@ DARK_TRUTH, DARK_ESTIMATE = 0x2E6DA8FF, 0xA8691EFF
 
 
 class Highlights(NamedTuple):
-    """The initial view: run-up and close-up in simulated seconds, the fastest impact, and the median σ of the
-    innovation in flight.
-    """
+    """The initial view: run-up and close-up in simulated seconds."""
 
     run_up_s: tuple[float, float]
     detail_s: tuple[float, float]
-    largest_v_m_s: float
-    innovation_std_m_s2: float
 
 
 class Contents(NamedTuple):
@@ -69,9 +65,7 @@ APPROACH_SPEED, PEAK_FORCE = "Approach speed v⁻ [m/s]", "Peak force [N]"
 """Titles of plots that stand in several tabs, or that a run without impacts does not have."""
 
 
-def overview(
-    detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None, contents: Contents
-) -> Any:
+def overview(detail_s: tuple[float, float] | None, contents: Contents) -> Any:
     """The overview of the run: the verdict and its explanation."""
     more = [*(["injected"] if contents.injected else []), *(["checks"] if contents.failed else [])]
     verdict = [rrb.TextDocumentView(origin="/about/verdict", name="Verdict")] * contents.judged
@@ -80,11 +74,7 @@ def overview(
         state_timelines("Modes and regimes", "mode", "regime", *more),
         plot("Striker, close up [m]", *POSITION, span_s=detail_s, legend=rrb.Corner2D.LeftBottom),
         rrb.Horizontal(
-            *(
-                [plot(APPROACH_SPEED, *IMPACTS, range_y=speeds_m_s, legend=rrb.Corner2D.RightBottom)]
-                if contents.impacts
-                else []
-            ),
+            *([plot(APPROACH_SPEED, *IMPACTS, legend=rrb.Corner2D.RightBottom)] if contents.impacts else []),
             plot("Crank speed [rad/s]", *SPEED, legend=None),
             plot("Torque [N m]", *TORQUE, legend=None),
         ),
@@ -94,11 +84,9 @@ def overview(
     )
 
 
-def start_up(
-    run_up_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None, contents: Contents
-) -> Any:
+def start_up(run_up_s: tuple[float, float] | None, contents: Contents) -> Any:
     """The start-up of the striker to its orbit."""
-    impact_plots = [plot(APPROACH_SPEED, *IMPACTS, span_s=run_up_s, range_y=speeds_m_s)] * contents.impacts
+    impact_plots = [plot(APPROACH_SPEED, *IMPACTS, span_s=run_up_s)] * contents.impacts
     return shares(
         rrb.Vertical,
         plot("Striker [m]", *POSITION, span_s=run_up_s, legend=rrb.Corner2D.LeftBottom),
@@ -110,7 +98,7 @@ def start_up(
     )
 
 
-def estimator(detail_s: tuple[float, float] | None, innovations_m_s2: tuple[float, float] | None) -> Any:
+def estimator(detail_s: tuple[float, float] | None) -> Any:
     """The estimator: its errors and the consistency of its covariance."""
     innovation = "state.estimator.innovation_m_s2"
     deviation = "state.estimator.innovation_std_m_s2"
@@ -137,7 +125,6 @@ def estimator(detail_s: tuple[float, float] | None, innovations_m_s2: tuple[floa
                 Line("/firmware", innovation, "innovation", "m/s²", ESTIMATE),
                 Line("/firmware", deviation, "its σ", "m/s²", TARGET),
                 span_s=detail_s,
-                range_y=innovations_m_s2,
             ),
             plot(
                 "NIS; its mean is 1 if the uncertainty is right",
@@ -163,14 +150,14 @@ def estimator(detail_s: tuple[float, float] | None, innovations_m_s2: tuple[floa
     )
 
 
-def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None, worn: bool) -> Any:
+def impacts(detail_s: tuple[float, float] | None, worn: bool) -> Any:
     """The impacts: approach speed, impulse and peak force, felt force, and energy."""
     forces: list[Line | Whole] = [Line("/plant", "stop_force_n", "on the stop", "N", TRUTH)]
     if worn:
         forces += [Line("/plant", "felt_force_n", "felt by the wearer", "N", OTHER)]
     return rrb.Vertical(
         rrb.Horizontal(
-            plot(APPROACH_SPEED, *IMPACTS, range_y=speeds_m_s, legend=rrb.Corner2D.RightBottom),
+            plot(APPROACH_SPEED, *IMPACTS, legend=rrb.Corner2D.RightBottom),
             plot(
                 "Impulse [N s]",
                 Dots("/impacts/truth", "impulse_n_s", "impulse [N s]", TRUTH, "diamond"),
@@ -320,14 +307,12 @@ def layout(highlights: Highlights | None, contents: Contents) -> rrb.Blueprint:
     """
     detail_s = highlights.detail_s if highlights else None
     run_up_s = highlights.run_up_s if highlights else None
-    speeds_m_s = (0.0, 1.15 * highlights.largest_v_m_s) if highlights else None
-    widest_m_s2 = 5.0 * highlights.innovation_std_m_s2 if highlights else 0.0
     return rrb.Blueprint(
         rrb.Tabs(
-            overview(detail_s, speeds_m_s, contents),
-            start_up(run_up_s, speeds_m_s, contents),
-            estimator(detail_s, (-widest_m_s2, widest_m_s2) if highlights else None),
-            *([impacts(detail_s, speeds_m_s, contents.worn)] if contents.impacts else []),
+            overview(detail_s, contents),
+            start_up(run_up_s, contents),
+            estimator(detail_s),
+            *([impacts(detail_s, contents.worn)] if contents.impacts else []),
             *([gait(detail_s)] if contents.walked else []),
             bus_and_timing(contents),
             about(),

@@ -22,13 +22,14 @@ import tomli_w
 from firmware_py.interface.enums import LATCHED, ActingLimit, AxisError, Fault, Mode, OperatorRequest, Regime
 from hil.can_model.fault_confinement import ErrorState
 from hil.judge import detection
-from hil.judge.estimate_error import estimate_errors
+from hil.judge.estimate_error import EstimateErrors, estimate_errors
 from hil.judge.figures.gait import phase_at, push_off
 from hil.judge.judge import judge
 from hil.judge.verdict import RunVerdict, Verdict
 from hil.record.bus_load import BusLoad, summed
 from hil.record.candump import BusLog
 from hil.record.frame_tables import refused
+from hil.record.rates import Held, signals_of_checks
 from hil.record.rrd.log_file import written_whole
 from hil.record.run_traces import RunTraces, column, pieces, read_run
 from hil.record.state_timeline import (
@@ -66,6 +67,8 @@ BUS_TIMELINES = tuple(
 LOG_NAME = "run.rrd"
 LATEST_MARK = 0.97
 """Latest mark of a failed check, as a share of the run."""
+ERROR_TICKS = 10
+"""Ticks per logged error of the estimate."""
 
 
 def axis_errors(bits: int) -> str:
@@ -77,6 +80,14 @@ def axis_errors(bits: int) -> str:
     known = [error for error in AxisError if error and bits & error]
     unknown = bits & ~sum(known)
     return ", ".join([*map(lower_name, known), *([f"0x{unknown:X}"] if unknown else [])])
+
+
+def largest_of_each(ticks: int, errors: EstimateErrors) -> EstimateErrors:
+    """The tick with the largest position error in each block of `ticks`, enough for a plot of a run."""
+    whole = len(errors.t_s) // ticks * ticks
+    blocks = np.abs(errors.x_m[:whole]).reshape(-1, ticks)
+    rows = np.arange(0, whole, ticks) + np.argmax(blocks, axis=1)
+    return EstimateErrors(*(values[rows] for values in errors))
 
 
 class RunLog:
@@ -103,6 +114,8 @@ class RunLog:
         self.out.document("about/run", json.dumps(dict(run), indent=2), "json")
         self.out.document("about/scenario", tomli_w.dumps(dict(scenario)), "toml")
         self._scenario = scenario
+        named = signals_of_checks(scenario)
+        self._plant_log, self._firmware_log = Held("plant", named), Held("firmware", named)
         self._refused = False
         self.drawing = Drawing(self.out, scenario)
 
@@ -196,7 +209,7 @@ class RunLog:
             or "state.estimator.v_m_s" not in (firmware.dtype.names or ())
         ):
             return
-        errors = estimate_errors(plant, firmware)
+        errors = largest_of_each(ERROR_TICKS, estimate_errors(plant, firmware))
         shown = {"x_mm": 1e3 * errors.x_m, "v_m_s": errors.v_m_s}
         single = [pa.array(values, pa.float32()) for values in shown.values()]
         struct = pa.StructArray.from_arrays(single, names=list(shown))
@@ -223,7 +236,7 @@ class RunLog:
         if len(records) == 0:
             return
         t_s = column(records, "t_s")
-        self.out.ticked("plant", records, column(records, "wake_latency_us"))
+        self.out.ticked("plant", self._plant_log.logged(records), column(records, "wake_latency_us"))
         self.out.state_timelines(records, PLANT_TIMELINES)
         self.drawing.truth(records)
         if self.stop_m is not None:
@@ -240,7 +253,7 @@ class RunLog:
     def _firmware(self, records: Records) -> None:
         if len(records) == 0:
             return
-        self.out.ticked("firmware", records, column(records, "wake_latency_us"))
+        self.out.ticked("firmware", self._firmware_log.logged(records), column(records, "wake_latency_us"))
         self.out.state_timelines(records, FIRMWARE_TIMELINES)
         if self._walked:
             self.out.state_timelines(records, (LEG_ESTIMATED_TIMELINE,))

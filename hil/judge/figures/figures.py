@@ -32,6 +32,7 @@ from hil.judge.figures.records import (
 from hil.judge.gaps import TimeHeld, gaps_of
 from hil.judge.hold import Window, hold_motion, hold_window
 from hil.judge.reasons import IMPORTED
+from hil.record.rates import slow_rows
 from hil.record.run_traces import RunTraces, column, read_run
 from hil.record.state_timeline import lower_name
 from hil.record.traces.stored_trace import Records
@@ -149,6 +150,7 @@ def felt_figures(traces: RunTraces, hold: Window | None) -> FeltFigures:
 
 def energy_residual(plant: Records) -> float | None:
     """|Work of drive and housing − change of stored energy − losses| over the sum of their magnitudes."""
+    plant = slow_rows(plant)  # the records in which the log has the energies
     if len(plant) == 0:
         return None
     names = ("drive_work_j", "stored_j", "friction_j", "impact_loss_j", "housing_work_j", "ankle_j")

@@ -27,7 +27,6 @@ OF_FIGURES = frozenset(
     {"state.estimator.x_m", "state.estimator.v_m_s", "state.estimator.nis", "state.gait.phase"}
 )
 """Columns of the firmware's internal state that figures use."""
-OF_THE_LAYOUT = frozenset({"state.estimator.innovation_std_m_s2"})
 SELDOM_READ = ("state.", "inputs.", "counters.")
 
 
@@ -95,8 +94,8 @@ class Selected(ByColumn):
 
 
 def is_read_often(name: str) -> bool:
-    """Whether figures, plots or the layout use a column."""
-    return not name.startswith(SELDOM_READ) or name in OF_FIGURES | OF_THE_LAYOUT
+    """Whether figures use a column."""
+    return not name.startswith(SELDOM_READ) or name in OF_FIGURES
 
 
 class StoredColumns(ByColumn):

@@ -13,6 +13,7 @@ from firmware_py.core.state import Outputs, State
 from firmware_py.shell.node import Counters
 from hil.can_model.fault_confinement import BusErrorRecord
 from hil.record import state_timeline
+from hil.record.rates import SLOW_BLOCKS
 from hil.record.rrd.rerun_program import rerun_environment, rerun_program
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import flatten
@@ -51,7 +52,7 @@ def test_every_field_that_is_plotted_is_written_by_the_bench(monkeypatch):
         return plot(name, *series, **options)
 
     monkeypatch.setattr(layout, "plot", collecting)
-    highlights = layout.Highlights((0.0, 3.0), (2.0, 5.0), 1.0, 0.03)
+    highlights = layout.Highlights((0.0, 3.0), (2.0, 5.0))
     all_there_is = layout.Contents(worn=True, judged=True, failed=True, injected=True, bus_errors=True)
     layout.layout(highlights, all_there_is)
     assert not any(getattr(item, "field", "") == "gait.phase" for item in plotted)
@@ -67,6 +68,12 @@ def test_every_field_that_is_plotted_is_written_by_the_bench(monkeypatch):
     for entity, field in fields:
         if field is not None:
             assert field in WRITTEN[entity], f"{entity} has no {field}"
+
+
+@pytest.mark.parametrize("block", SLOW_BLOCKS)
+def test_every_slow_block_is_written_by_the_bench(block):
+    trace, _, name = block.partition(".")
+    assert any(f"{column}.".startswith(f"{name}.") for column in WRITTEN[f"/{trace}"])
 
 
 def test_every_lane_is_written_by_the_bench():
