@@ -150,10 +150,6 @@ class ClosedFlight(NamedTuple):
     parts: Parts
     gap_m: float
 
-    def with_parts(self, parts: Parts, gap_m: float) -> "ClosedFlight":
-        """The flights of other parts."""
-        return ClosedFlight(parts, gap_m)
-
     def end(self, flight: Flight) -> Vector:
         """y = x − l0 and v at the end."""
         return np.array(self._fly(flight)[:2])
@@ -187,10 +183,6 @@ class AdaptiveFlight(NamedTuple):
     parts: Parts
     gap_m: float
     speed_m_s: float
-
-    def with_parts(self, parts: Parts, gap_m: float) -> "AdaptiveFlight":
-        """The flights of other parts."""
-        return self._replace(parts=parts, gap_m=gap_m)
 
     def end(self, flight: Flight) -> Vector:
         """y = x − l0 and v at the end; nan for an end before the start, or if the solver fails."""

@@ -65,15 +65,10 @@ class ImpactMap:
     def __init__(self, scene: Scene, turns: int, impacts: int, over: tuple[str, ...]) -> None:
         self.scene, self.turns, self.impacts, self.over = scene, turns, impacts, over
         self.nominal = {name: value_in(scene, name) for name in over}
-        gap_m = value_in(scene, "gap")
-        self.length_m = abs(gap_m) + scene.drive.amplitude_m
+        self.length_m = abs(value_in(scene, "gap")) + scene.drive.amplitude_m
         self.speed_m_s = scene.natural_rad_s * self.length_m
         self.is_soft = scene.stop.law != "rigid"
-        self.flyer: ClosedFlight | AdaptiveFlight = (
-            AdaptiveFlight(scene.parts(), gap_m, self.speed_m_s)
-            if scene.beyond_closed_form
-            else ClosedFlight(scene.parts(), gap_m)
-        )
+        self.has_closed_form = not scene.beyond_closed_form
         self._legs: dict[bytes, tuple[Course, list[Leg]]] = {}
         self._orbits: dict[bytes, Orbit] = {}
 
@@ -178,7 +173,9 @@ class ImpactMap:
         crank = np.append(z[0 : 2 * self.impacts : 2], z[0] + TURN_RAD * self.turns)
         v_m_s = rebound * z[1 : 2 * self.impacts : 2] * self.speed_m_s
         flights = [Flight(float(crank[i]), float(v_m_s[i]), float(crank[i + 1])) for i in range(self.impacts)]
-        return Course(self.flyer.with_parts(scene.parts(), gap_m), flights, gap_m, rebound)
+        closed = ClosedFlight(scene.parts(), gap_m)
+        flyer = closed if self.has_closed_form else AdaptiveFlight(*closed, self.speed_m_s)
+        return Course(flyer, flights, gap_m, rebound)
 
 
 class Course(NamedTuple):
