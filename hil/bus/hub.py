@@ -30,6 +30,7 @@ from hil.bus.wire import (
     TURN_END,
     TURN_KIND,
     control,
+    whole_frames,
 )
 from hil.timing.pacemaker import LONGEST_HOLD_NS, Member, Pacemaker, Plan, TurnTimes
 from hil.timing.processes import READY, report_to_parent, stop_requests
@@ -209,10 +210,7 @@ class Hub:
         if not chunk:
             self._part_with(client)
             return
-        if client.received or len(chunk) % FRAME_BYTES:
-            chunk = client.received + chunk
-            whole = len(chunk) - len(chunk) % FRAME_BYTES
-            chunk, client.received = chunk[:whole], chunk[whole:]
+        chunk, client.received = whole_frames(client.received + chunk)
         if chunk and not client.joined:
             chunk = self._admit(client, chunk)
         has_ended = client.member is not None and chunk[-FRAME_BYTES:][:5] == END_MARK

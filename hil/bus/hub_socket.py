@@ -105,10 +105,7 @@ class HubSocket(Connection):
         except ConnectionError:
             chunk = b""
         self.ended = self.ended or not chunk
-        if self._received or len(chunk) % wire.FRAME_BYTES:
-            chunk = self._received + chunk
-            whole = len(chunk) - len(chunk) % wire.FRAME_BYTES
-            chunk, self._received = chunk[:whole], chunk[whole:]
+        chunk, self._received = wire.whole_frames(self._received + chunk)
         return chunk
 
     def receive(self) -> list[Frame]:

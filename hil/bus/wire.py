@@ -31,6 +31,12 @@ def control(kind: int, value: int | bytes) -> bytes:
     return CAN_FRAME.pack(CONTROL_ID, kind, data)
 
 
+def whole_frames(chunk: bytes) -> tuple[bytes, bytes]:
+    """Split what a stream has brought: its whole frames, and the beginning of the next one."""
+    whole = len(chunk) - len(chunk) % FRAME_BYTES
+    return chunk[:whole], chunk[whole:]
+
+
 def pack(frames: Iterable[Frame]) -> bytes:
     """The frames as `struct can_frame`s, one after another."""
     return b"".join([CAN_FRAME.pack(can_id, len(data), data) for can_id, data in frames])

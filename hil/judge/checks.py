@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, model_validator
 
 from hil.judge.figures.records import CATALOGUE, Figures, Origin, incomplete, value_of
 from hil.judge.gaps import doubt_of
+from hil.judge.hold import Window
 from hil.judge.requirements import requirements
 from hil.judge.verdict import CheckResult, Value, Verdict
 from hil.record.run_traces import NOTHING_LEFT, RunTraces
@@ -157,7 +158,7 @@ def measured(check: Check, figures: Figures, traces: RunTraces) -> tuple[Value |
         return None, f"{' and '.join(silent)} recorded no tick"
     if check.expression is not None:
         from hil.judge.figures.expression import ExpressionError  # noqa: PLC0415 - most have none
-        from hil.judge.figures.own import Window, own_figure  # noqa: PLC0415
+        from hil.judge.figures.own import own_figure  # noqa: PLC0415
 
         try:
             window = Window(check.from_s, check.to_s)

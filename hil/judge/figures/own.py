@@ -7,11 +7,12 @@ numbers. Figures of a step response are python-control's, for the signal minus i
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
 from hil.judge.figures.expression import ExpressionError, Names, Read, Signal, evaluate
+from hil.judge.hold import Window
 from hil.record.run_traces import column
 from hil.record.traces.firmware_trace import fields_of
 from hil.record.traces.plant_trace import PlantRecord
@@ -35,13 +36,6 @@ REDUCERS: Final[Mapping[str, Callable[[Signal], float]]] = {
 ELEMENTWISE: Final[Mapping[str, Callable[[Any], Any]]] = {"abs": np.abs, "sqrt": np.sqrt}
 OF_A_STEP: Final = {"rise_s": "RiseTime", "settling_s": "SettlingTime", "overshoot": "Overshoot"}
 """Our names for python-control's figures of a step response; the overshoot is in percent of the step."""
-
-
-class Window(NamedTuple):
-    """Time window of a figure in simulated seconds, without its end."""
-
-    from_s: float
-    to_s: float
 
 
 def step_figure(key: str, t_s: Signal) -> Callable[[Signal], float]:
@@ -75,15 +69,15 @@ def refuse_unknown(expression: str) -> None:
 
 
 def own_figure(expression: str, window: Window, plant: Records, firmware: Records) -> float:
-    """The figure of a run; raises ExpressionError, which says why the run does not have it."""
+    """The figure of a run over a window without its end; raises ExpressionError, which says why it has none."""
     t_s, ticks_s = column(plant, "t_s"), column(firmware, "t_s")
     if len(ticks_s) == 0 or len(t_s) == 0:
         raise ExpressionError("plant or firmware recorded no tick")
-    rows = (t_s >= window.from_s) & (t_s < window.to_s)
+    rows = (t_s >= window.start_s) & (t_s < window.end_s)
     instants_s = t_s[rows]
     if instants_s.size == 0:
         raise ExpressionError(
-            f"nothing was recorded from {window.from_s:g} s to {window.to_s:g} s: "
+            f"nothing was recorded from {window.start_s:g} s to {window.end_s:g} s: "
             f"the run lasted from {t_s[0]:g} s to {t_s[-1]:g} s"
         )
     newest = np.searchsorted(ticks_s, instants_s, side="right") - 1

@@ -8,7 +8,8 @@ import pytest
 from pydantic import ValidationError
 
 from hil.judge.checks import Check, evaluate
-from hil.judge.figures.own import ExpressionError, Window, own_figure
+from hil.judge.figures.own import ExpressionError, own_figure
+from hil.judge.hold import Window
 from hil.record.run_traces import RunTraces
 
 WHOLE = Window(0.0, 100.0)
