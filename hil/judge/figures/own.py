@@ -69,7 +69,7 @@ def refuse_unknown(expression: str) -> None:
 
 
 def own_figure(expression: str, window: Window, plant: Records, firmware: Records) -> float:
-    """The figure of a run over a window without its end; raises ExpressionError, which says why it has none."""
+    """The figure over a window without its end; raises ExpressionError, which says why a run has none."""
     t_s, ticks_s = column(plant, "t_s"), column(firmware, "t_s")
     if len(ticks_s) == 0 or len(t_s) == 0:
         raise ExpressionError("plant or firmware recorded no tick")

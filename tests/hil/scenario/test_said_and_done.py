@@ -102,16 +102,15 @@ def test_parameters_damaged_act_on_a_firmware_that_starts_during_them():
 
 
 def test_each_of_two_overlapping_disturbances_ends_itself(tmp_path):
-    bus = BusAsModelled(1_000_000, tmp_path)
     both = [
         Disturbed(kind="disturbed", frames=["OperatorCommand"], at_s=1.0, duration_s=1.0),
         Disturbed(kind="disturbed", frames=["OperatorCommand", "Accelerometer"], at_s=1.5, duration_s=2.0),
     ]
-    bus.break_by(both)
+    bus = BusAsModelled(1_000_000, tmp_path, both)
     hit = {}
     for t_s in (0.5, 1.2, 1.7, 2.5, 3.6):
         bus.pass_time(round(t_s * 1e9), round(t_s * 1e9) + 1)
-        hit[t_s] = sorted(one.can_id for one in bus._bus._state.corruptions)
+        hit[t_s] = sorted(bus._bus._destroyed_ids)
     assert hit == {0.5: [], 1.2: [0x48], 1.7: [0x28, 0x48], 2.5: [0x28, 0x48], 3.6: []}
     bus.close()
 
