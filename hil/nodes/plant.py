@@ -5,7 +5,7 @@ moves the module to t_{k+1}. If the loop has skipped ticks, `sleep_through` adva
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -195,28 +195,31 @@ class PlantNode:
 
     def advance(self, frames: Sequence[Frame]) -> None:
         """Obey `frames`, make the record of this tick, and advance to the next."""
-        plant, config = self.plant, self.drive_config
-        omega_rad_s = plant.now.omega_rad_s
         self._obey(self._faults.received(frames))
-        torque_n_m = axis.torque_n_m(config, self.drive, omega_rad_s)
-        self.record = self._record_of(torque_n_m)
-        self.gait = plant.gait_at(self._since_start_s(self.tick))
-        begin_s = self.tick * self.period_s
-        left_s = self.period_s
-        for edge_s in self._faults.edges_s(begin_s + 2.0 * TIME_RESOLUTION_S, begin_s + self.period_s):
-            part_s = edge_s - (begin_s + self.period_s - left_s)
-            self._drive_on(torque_n_m, part_s)
-            left_s -= part_s
-            self.drive_config, self.drive = self._faults.act(edge_s, self.drive)
-            torque_n_m = axis.torque_n_m(self.drive_config, self.drive, plant.now.omega_rad_s)
-        self._drive_on(torque_n_m, left_s)
+        self.record = self._record_of(self._torque_n_m())
+        self.gait = self.plant.gait_at(self._since_start_s(self.tick))
+        self._pass_time(self.period_s, 2.0 * TIME_RESOLUTION_S, self._drive_on)
         self.tick += 1
 
-    def _drive_on(self, torque_n_m: float, dt_s: float) -> None:
+    def _pass_time(self, duration_s: float, after_s: float, move_by: Callable[[float], None]) -> None:
+        """Let faults begin and end at their times, from `after_s` on; `move_by` the durations in between."""
+        begin_s, gone_s = self.tick * self.period_s, 0.0
+        edges_s = self._faults.edges_s(begin_s + after_s, begin_s + duration_s)
+        for edge_s in edges_s:
+            move_by(edge_s - begin_s - gone_s)
+            gone_s = edge_s - begin_s
+            self.drive_config, self.drive = self._faults.act(edge_s, self.drive)
+        move_by(duration_s - gone_s)
+
+    def _torque_n_m(self) -> float:
+        """The torque that the drive requests of the motor."""
+        return axis.torque_n_m(self.drive_config, self.drive, self.plant.now.omega_rad_s)
+
+    def _drive_on(self, dt_s: float) -> None:
         """Advance by `dt_s` under the drive's torque, until its watchdog expires."""
         config = self.drive_config
         armed_s = min(dt_s, axis.watchdog_left_s(config, self.drive))
-        self._move(torque_n_m, armed_s)
+        self._move(self._torque_n_m(), armed_s)
         now = self.plant.now
         self.drive = axis.elapse(config, self.drive, armed_s, now.omega_rad_s, now.current_a)
         if armed_s < dt_s - TIME_RESOLUTION_S:
@@ -291,18 +294,16 @@ class PlantNode:
         if self.counter < 0:  # the first sample has not been sent yet
             self._reading = self.plant.sense()
         self._obey(frames)
-        begin_s, pause_s = self.tick * self.period_s, ticks * self.period_s
-        held_s = min(pause_s, axis.watchdog_left_s(self.drive_config, self.drive))
-        gone_s = 0.0
-        edges_s = self._faults.edges_s(begin_s, begin_s + pause_s)
-        for until_s in (*(edge_s - begin_s for edge_s in edges_s), pause_s):
-            torque_n_m = axis.torque_n_m(self.drive_config, self.drive, self.plant.now.omega_rad_s)
-            armed_until_s = min(max(held_s, gone_s), until_s)
-            self._move(torque_n_m, armed_until_s - gone_s)
-            self._move(0.0, until_s - armed_until_s)
-            if until_s < pause_s:
-                self.drive_config, self.drive = self._faults.act(begin_s + until_s, self.drive)
-            gone_s = until_s
+        armed_s = axis.watchdog_left_s(self.drive_config, self.drive)
+
+        def coast(dt_s: float) -> None:
+            nonlocal armed_s
+            driven_s = min(armed_s, dt_s)
+            self._move(self._torque_n_m(), driven_s)
+            self._move(0.0, dt_s - driven_s)
+            armed_s -= driven_s
+
+        self._pass_time(ticks * self.period_s, 0.0, coast)
         self.tick += ticks
         self.counter += ticks  # the sensors continued to sample: their counter counts periods
 
