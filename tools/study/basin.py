@@ -1,9 +1,13 @@
 """Basins of attraction: the starts that end in impact motion, and the smoothness of the basins' border.
 
-A map is in one of two planes: (x0, v0) at crank angle 0, or (x0, crank angle) at v0 = 0. Its figures are the
-share of starts that end in impacts and the uncertainty exponent α (McDonald, Grebogi, Ott, Yorke, Physica D
-17, 1985): the share of cells with a cell of the other kind at distance ε grows as ε^α; α = 1 is a smooth
-border, α < 1 a fractal border.
+A map is in one of two planes: (x0, v0) at crank angle 0, or (x0, crank angle) at v0 = 0. Its figures are:
+
+- uncertainty exponent α (McDonald, Grebogi, Ott, Yorke, Physica D 17, 1985): the share of cells with a cell
+  of the other kind at distance ε grows as ε^α; α = 1 is a smooth border, α < 1 a fractal border;
+- basin entropy (Daza, Wagemakers, Georgeot, Guéry-Odelin, Sanjuán, Scientific Reports 6, 2016): mean entropy
+  of all boxes of cells, and of the boxes on the border; if the latter is above ln 2, the border is fractal;
+- basin stability: the share of starts that end in impacts, with bounds from a bootstrap over blocks of cells,
+  which allows for the correlation of neighbouring cells.
 """
 
 import math
@@ -29,11 +33,15 @@ ROWS_AT_ONCE = 25
 """Number of rows of the map in a piece of work."""
 
 RESAMPLES = 400
+BLOCK = 10
 FARTHEST = 16
 """Largest distance for the uncertainty exponent, in cells; within it a curved border is nearly straight."""
 
 SMALLEST_FOR_EXPONENT = 36
 """Fewest cells along a side for the exponent, which needs three distances up to a twelfth of the side."""
+
+BOX = 5
+"""Number of cells along the side of an entropy box."""
 
 
 def axes(case: Case, plane: str, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -129,11 +137,32 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
 def statistics(in_impacts: NDArray[np.bool_]) -> dict[str, Any]:
     """Return the figures of a map; `in_impacts` has the shape (rows, columns)."""
     exponent, exponent_bounds = uncertainty_exponent(in_impacts)
+    entropy, border = basin_entropy(in_impacts)
     return {
         "impact_fraction": float(in_impacts.mean()),
+        "impact_fraction_bootstrap": block_bounds(in_impacts),
         "uncertainty_exponent": exponent,
         "uncertainty_exponent_bounds": exponent_bounds,
+        "basin_entropy": entropy,
+        "border_entropy": border,
     }
+
+
+def block_bounds(in_impacts: NDArray[np.bool_]) -> list[float]:
+    """Return the 95 % bounds of the share of impact motion by resampling blocks of cells (fixed seed)."""
+    if min(in_impacts.shape) < 2 * BLOCK:
+        return [math.nan, math.nan]
+    shares = block_shares(in_impacts, BLOCK)
+    means = np.random.default_rng(1).choice(shares, (RESAMPLES, len(shares))).mean(axis=1)
+    return [float(bound) for bound in np.quantile(means, (0.025, 0.975))]
+
+
+def block_shares(in_impacts: NDArray[np.bool_], side: int) -> NDArray[np.float64]:
+    """Return the share of impact motion in each whole block of `side` × `side` cells, row by row."""
+    rows, columns = (length // side for length in in_impacts.shape)
+    blocks = in_impacts[: rows * side, : columns * side].reshape(rows, side, columns, side)
+    shares: NDArray[np.float64] = blocks.mean(axis=(1, 3)).ravel()
+    return shares
 
 
 def uncertain_shares(in_impacts: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -171,3 +200,16 @@ def uncertainty_exponent(in_impacts: NDArray[np.bool_]) -> tuple[float, list[flo
     resampled = resampled[:, np.all(resampled > 0.0, axis=0)]
     slopes = np.polyfit(np.log(lags), np.log(resampled), 1)[0]
     return exponent, [float(bound) for bound in np.quantile(slopes, (0.025, 0.975))]
+
+
+def basin_entropy(in_impacts: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return the mean entropy of all boxes of BOX × BOX cells, and of the boxes with both kinds of cells.
+
+    A mean is nan if there is no such box.
+    """
+    boxes = block_shares(in_impacts, BOX)
+    mixed = boxes[(boxes > 0.0) & (boxes < 1.0)]
+    entropies = -(mixed * np.log(mixed) + (1.0 - mixed) * np.log(1.0 - mixed))
+    if len(boxes) == 0:
+        return math.nan, math.nan
+    return float(entropies.sum() / len(boxes)), float(entropies.mean()) if len(mixed) else math.nan

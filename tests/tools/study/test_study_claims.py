@@ -90,6 +90,7 @@ PLANTED: dict[str, list[tuple[Change, str]]] = {
     "C9": [(lambda v: v.update(AS_CLAIMED_ENERGY), REPRODUCED)],
     "C10": [
         (lambda v: v["viscous"].update(uncertainty_exponent=0.8), UNDER_PARAMETERS),
+        (lambda v: v["viscous"].update(border_entropy=0.7), UNDER_PARAMETERS),
         (lambda v: [one.update(motions=3) for one in v.values()], CONTRADICTED),
     ],
     "C11": [
@@ -218,6 +219,8 @@ def test_basin_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> No
     (one,) = found["basins"]
     low, high = one["uncertainty_exponent_bounds"]
     assert low <= one["uncertainty_exponent"] <= high
+    low, high = one["impact_fraction_bootstrap"]
+    assert low < one["impact_fraction"] < high
     assert one["impact_fraction"] == pytest.approx(0.784, abs=0.02)
     assert one["parameters"]["amplitude_m"] == 0.02
     assert (tmp_path / "basin-table1-viscous-r1.3-state.parquet").exists()

@@ -15,6 +15,7 @@ def test_a_straight_border_is_smooth() -> None:
     assert numbers["uncertainty_exponent"] == pytest.approx(1.0, abs=0.02)
     low, high = numbers["uncertainty_exponent_bounds"]
     assert low <= numbers["uncertainty_exponent"] <= high
+    assert numbers["border_entropy"] < math.log(2.0)
 
 
 def test_a_fractal_border_is_not() -> None:
@@ -31,10 +32,18 @@ def test_a_fractal_border_is_not() -> None:
     assert numbers["uncertainty_exponent"] < 0.75
 
 
+def test_random_cells_have_full_entropy() -> None:
+    noise = np.random.default_rng(3).random((200, 200)) < 0.5
+    entropy, border = basin.basin_entropy(noise)
+    assert entropy == pytest.approx(math.log(2.0), abs=0.03)
+    assert border == pytest.approx(entropy, abs=0.01)
+
+
 def test_one_kind_alone_has_no_border() -> None:
     numbers = basin.statistics(np.ones((60, 60), dtype=bool))
     assert math.isnan(numbers["uncertainty_exponent"])
-    assert numbers["impact_fraction"] == 1.0
+    assert numbers["basin_entropy"] == 0.0
+    assert numbers["impact_fraction_bootstrap"] == [1.0, 1.0]
 
 
 def test_planes_hold_what_their_axes_say() -> None:

@@ -230,9 +230,10 @@ def energy(found: Figures) -> dict[str, bool]:
 def smooth_basins(found: Figures) -> dict[str, bool]:
     """The number of attractors and the border between their basins, with each law."""
     return {
-        f"{law}: {one['motions']} motions, border of exponent {figure(one['uncertainty_exponent'])}": (
-            one["motions"] == 2 and one["uncertainty_exponent"] > LEAST_EXPONENT
-        )
+        f"{law}: {one['motions']} motions, border of exponent {figure(one['uncertainty_exponent'])} and "
+        f"entropy {figure(one['border_entropy'])}": one["motions"] == 2
+        and one["border_entropy"] < math.log(2.0)
+        and one["uncertainty_exponent"] > LEAST_EXPONENT
         for law, one in found.items()
     }
 
@@ -378,7 +379,8 @@ CLAIMS = (
         smooth_basins,
         partly=True,
         judgement="The exponent of 0.9 above which a border counts as smooth is ours.",
-        remark="The exponent of a smooth border is 1.",
+        remark="The exponent of a smooth border is 1. If the entropy of boxes on the border exceeds "
+        "ln 2 = 0.693, the border must be fractal.",
     ),
     Claim(
         "C11",

@@ -220,6 +220,7 @@ def smooth_basins(evidence: Evidence) -> dict[str, Any]:
             "impact_fraction": one.statistics["impact_fraction"],
             "uncertainty_exponent": one.statistics["uncertainty_exponent"],
             "bounds": one.statistics["uncertainty_exponent_bounds"],
+            "border_entropy": one.statistics["border_entropy"],
             "motions": len(np.unique(np.round(one.table["impacts"].to_numpy(), 3))),
         }
         for law, one in found.items()
