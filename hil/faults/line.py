@@ -41,7 +41,7 @@ class FaultyBus:
     def restart(self) -> None:
         """Begin anew, as in a process that starts: without the frames that were sent before."""
         while self._bus.receive():
-            """The frames came before this node began."""
+            pass  # sent before this node began
         self._begin()
 
     def _begin(self) -> None:
