@@ -401,7 +401,7 @@ def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     printed = capsys.readouterr().out
     assert "Accelerometer" in printed
     assert "inf" in printed
-    assert "1000 kbit/s" in printed
+    assert "1000000" in printed
 
 
 def test_the_page_states_the_load_of_two_modules(capsys: pytest.CaptureFixture[str]) -> None:
