@@ -30,6 +30,7 @@ BAD_INPUT = frozenset(
         "hil.bus.base.BusError",
         "hil.bus.xcp_master.XcpMasterError",
         "hil.can_model.bits.BitRateError",
+        "hil.faults.line.TrafficError",
         "hil.kernel.user_mode_linux.UmlError",
         "hil.record.damage.DamagedFileError",
         "hil.record.rrd.rerun_program.RerunError",
