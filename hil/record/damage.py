@@ -1,4 +1,4 @@
-"""Damaged files: one sentence with the file, the place of the damage and the readable part."""
+"""Damaged files and those of other versions: one sentence with the file, the reason and the readable part."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,7 +27,9 @@ def reading(path: Path, still_readable: str) -> Iterator[None]:
     except BaseException as error:
         if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
             raise
-        raise DamagedFileError(f"{path} is damaged ({reason_of(error)}); {still_readable}") from error
+        raise DamagedFileError(
+            f"{path} is damaged, or of another version ({reason_of(error)}); {still_readable}"
+        ) from error
 
 
 def reason_of(error: BaseException) -> str:
