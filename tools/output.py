@@ -167,13 +167,16 @@ def show_tables(payload: Mapping[str, Any]) -> None:
 
 
 def single_values(values: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """The values that are no records, by their dotted names; of many numbers their count and the last one."""
+    """The values that are no records, by their dotted names; of many numbers their count and the last one.
+
+    Those that the result does not have are left out.
+    """
     for name, value in values.items():
         if isinstance(value, Mapping) and not records_in(value):
             yield from single_values(value, f"{above}{name}.")
         elif isinstance(value, list) and value and all(isinstance(one, str) for one in value):
             yield from ((f"{above}{name}" if place == 0 else "", one) for place, one in enumerate(value))
-        elif not records_in(value) and value not in ({}, []):
+        elif not records_in(value) and value not in (None, "", {}, []):
             yield f"{above}{name}", text_of(value)
 
 

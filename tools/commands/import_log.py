@@ -1,12 +1,13 @@
 """`vibrohil import LOG`: a CAN log of a real bench in the layout of a run."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
 
 from tools.commands.options import Json
-from tools.output import answer
+from tools.output import answer, console, show_tables
 from tools.outputs import folder_option
 
 
@@ -28,4 +29,11 @@ def import_log(
     """Make a run folder from a CAN log, to view and inspect like a run, but without truth."""
     from tools.logs.importing import import_log as make_run
 
-    answer(make_run(log, out, channel, tolerant), as_json)
+    result = make_run(log, out, channel, tolerant)
+    answer(result, as_json, lambda: show(result))
+
+
+def show(result: dict[str, Any]) -> None:
+    """Print what the log has, and how to look at it."""
+    show_tables(result)
+    console.print(f"[dim]open it with:[/] vibrohil view {escape(result['out'])}", soft_wrap=True)

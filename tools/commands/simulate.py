@@ -3,17 +3,19 @@
 import time
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from tools.commands.options import Change, Json, changed_scene, number
-from tools.output import BadInputError, answer
+from tools.output import BadInputError, answer, show_tables
 from tools.outputs import PICTURES, file_option
 
 LONGEST_S = 86_400.0
 LONGEST_PLOT_S = 3600.0
 """Longest simulation with a plot; the plot's samples are 1 ms apart."""
+OF_IMPACTS = ("impacts_t_s", "impacts_v_m_s", "impulses_n_s", "peak_forces_n")
+"""Keys of the result with a number for each impact."""
 
 
 def simulate(
@@ -59,4 +61,12 @@ def simulate(
 
         plot_motion(result, loaded, plot)
         payload["plot"] = str(plot)
-    answer(payload, as_json)
+    answer(payload, as_json, lambda: show(payload))
+
+
+def show(payload: dict[str, Any]) -> None:
+    """Print the result, with a row for each impact."""
+    columns = {name.removeprefix("impacts_"): name for name in OF_IMPACTS}
+    rows = zip(*(payload[name] for name in columns.values()), strict=True)
+    rest = {name: value for name, value in payload.items() if name not in OF_IMPACTS}
+    show_tables(rest | {"impacts": [dict(zip(columns, row, strict=True)) for row in rows]})

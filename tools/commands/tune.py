@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from tools.commands.options import Json, Workers, number, unfolded
-from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, answer
+from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, answer, console, show_tables
 from tools.outputs import PICTURES, file_option
 from tools.progress import Progress, shown_progress
 
@@ -108,8 +108,14 @@ def conclude(
         "safe": safe,
         "out": str(outputs.out) if is_written else None,
     }
+
+    def show() -> None:
+        show_tables(payload)
+        if not is_written:
+            console.print("[bold red]not written[/]; --force writes it all the same")
+
     status = EXIT_PASSED if is_written else EXIT_CHECK_FAILED
-    answer(payload, outputs.as_json, status=status)
+    answer(payload, outputs.as_json, show, status)
 
 
 @tune.command()

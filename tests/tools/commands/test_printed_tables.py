@@ -21,6 +21,8 @@ def test_values_and_records_have_their_names(capsys) -> None:
     metrics = {"energy": {"n": 3, "worst": 2.0, "inner": {"x": 1}}, "capture": {"n": 3, "worst": math.nan}}
     payload = {
         "out": "here",
+        "peak_felt_force_n": None,
+        "reason": "",
         "final": {"x_m": 0.18},
         "rows": rows,
         "metrics": metrics,

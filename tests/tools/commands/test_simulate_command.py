@@ -20,6 +20,14 @@ def test_a_scene_runs_by_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert payload["electrical"] is None
 
 
+def test_each_impact_is_a_row(capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["simulate", "table1-viscous", "--until", "2", "--set", "scene.drive.ratio=1.1"]
+    assert cli.run(command) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    header = lines.index(["t_s", "v_m_s", "impulses_n_s", "peak_forces_n"])
+    assert [line[0] for line in lines[header + 1 :]] == ["0.8803", "1.42", "1.99"]
+
+
 def test_windings_have_an_account_of_their_own(capsys: pytest.CaptureFixture[str]) -> None:
     payload = printed(capsys, "table1-dq-motor", "--until", "1", "--torque", "0.1")
     account = payload["electrical"]

@@ -145,9 +145,10 @@ def test_what_came_before_the_first_heartbeat_is_no_overrun(tmp_path, capsys):
     assert (firmware["ticks"], firmware["overruns"]) == (TICKS - 100, 0)
 
 
-def test_times_of_a_wall_clock_stay_on_the_wall_time(tmp_path):
+def test_times_of_a_wall_clock_stay_on_the_wall_time(tmp_path, capsys):
     write(tmp_path / "bench.log")
     assert cli.run(["import", str(tmp_path / "bench.log"), "--out", str(tmp_path / "run")]) == EXIT_PASSED
+    assert f"open it with: vibrohil view {tmp_path / 'run'}" in capsys.readouterr().out
     table = open_run(tmp_path / "run").table("can/StrikerEstimate")
     wall_s = table["wall_time"].to_numpy().astype("int64") / 1e9
     np.testing.assert_allclose(wall_s - table["t_s"].to_numpy(), START_S + OFFSET_S, atol=1e-5)

@@ -112,7 +112,9 @@ def test_what_is_unsafe_needs_force_and_says_so(tmp_path: Path, monkeypatch, cap
     payload = json.loads(capsys.readouterr().out)
     assert (payload["out"], payload["safe"]) == (None, False)
     assert cli.run(command) == EXIT_CHECK_FAILED
-    assert "it rattles" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "it rattles" in said
+    assert "not written; --force" in said
     assert not path.exists()
     assert cli.run([*command, "--force"]) == EXIT_PASSED
     assert "least load torque" in capsys.readouterr().out, "a name that is no common term is explained"
