@@ -1,1 +1,1 @@
-"""The report of a run or a suite as a page: its plots, its templates."""
+"""The report of a run or a suite as a page, and its templates."""
