@@ -180,6 +180,8 @@ class Run:
     def table(self, name: str) -> pa.Table:
         """One table with a row per tick (impact, frame, event) and a column per signal."""
         if name not in self._logged:
+            if name.startswith("can/") and self.frames is NO_BUS:
+                raise RunError(f"no table {name!r}: frames are in {CAN_LOG}; put it beside {self.log}")
             return table_of(self.frames.whole(), named(name, self.names, "table"), self.wall_start_s)
         entity = f"/{name}"
         with reading(self.log, f"other tables may still be read; {name} may not"):

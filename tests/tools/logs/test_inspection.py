@@ -64,6 +64,13 @@ def test_frames_are_tables_raw_and_decoded(run_dir):
     assert pa.types.is_fixed_size_list(logged.table("module/striker")["translation"].type)
 
 
+def test_asked_for_frames_a_log_alone_says_where_they_are(run_dir, tmp_path, capsys):
+    shutil.copyfile(run_dir / "run.rrd", tmp_path / "run.rrd")
+    command = ["inspect", str(tmp_path / "run.rrd"), "--table", "can/StrikerEstimate"]
+    assert cli.run(command) == EXIT_BAD_INPUT
+    assert "frames are in can.log" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("ending", "read"),
     [("parquet", parquet.read_table), ("arrow", feather.read_table), ("csv", csv.read_csv)],
