@@ -61,24 +61,24 @@ class NodeProcess(NamedTuple):
     def run(
         self,
         name: str,
-        make: Callable[[Pace, FaultyBus, int], FirmwareRunner | PlantRunner],
+        make: Callable[[Pace, FaultyBus], FirmwareRunner | PlantRunner],
         period_s: float,
         offset: float,
         accept: Collection[int],
         places: Addresses,
         faults: Sequence[Fault],
     ) -> None:
-        """Join the bus, start and run the node that `make` returns for pace, bus and first tick.
+        """Join the bus, start and run the node that `make` returns for pace and bus.
 
         `offset`: delay of its ticks in periods. `accept`: the identifiers that it receives. `faults`: those
         of this node.
         """
-        pace = Pace(period_s, self.until_s)
         start = await_start(self.sync, again=True) if self.again else Start(0)
         if self.out_dir is not None:
             self.out_dir.mkdir(parents=True, exist_ok=True)
         clock_faults = ClockFaults(faults, name, self.seed)
         own_tick = start.first_tick + round(clock_faults.offset_s(start.first_tick * period_s) / period_s)
+        pace = Pace(period_s, self.until_s, first_tick=own_tick)
         if self.turns is None:
             joining = joined(self.bus, accept, places)
         else:
@@ -86,7 +86,7 @@ class NodeProcess(NamedTuple):
             joining = joined_in_turns(self.bus, self.turns, member, accept, places)
         with joining as (node_bus, giver):
             line = FaultyBus(node_bus, name, faults, self.seed, period_s)
-            runner = make(pace, line, own_tick)
+            runner = make(pace, line)
             line.restart()
             begin = start if self.again else await_start(self.sync)
             stepped = in_turns(runner, name, faults, period_s, self.seed, start.first_tick)
@@ -123,10 +123,10 @@ def firmware_main(scenario: str | None, settings: Sequence[str], process: NodePr
     refuse_other_periods(period_s)
     warm_firmware(parameters, build)
 
-    def make(pace: Pace, bus: FaultyBus, first_tick: int) -> FirmwareRunner:
+    def make(pace: Pace, bus: FaultyBus) -> FirmwareRunner:
         memory = ParameterMemory(parameters, faults, process.seed)
         out_dir, say = process.out_dir, partial(print, file=sys.stderr)
-        return FirmwareRunner(memory, pace, bus, out_dir, first_tick, walks, node_of(build), say)
+        return FirmwareRunner(memory, pace, bus, out_dir, walks, node_of(build), say)
 
     process.run(FIRMWARE, make, period_s, 0.5, received.RECEIVED_IDS, addresses_from(parameters), faults)
 
@@ -141,8 +141,8 @@ def plant_main(scenario: str, settings: Sequence[str], process: NodeProcess) -> 
     warm_plant(loaded.scene)
     faults = of_a_node(loaded.faults)
 
-    def make(pace: Pace, bus: FaultyBus, first_tick: int) -> PlantRunner:
-        runner = PlantRunner(loaded.scene, process.seed, pace, bus, process.out_dir, faults, first_tick)
+    def make(pace: Pace, bus: FaultyBus) -> PlantRunner:
+        runner = PlantRunner(loaded.scene, process.seed, pace, bus, process.out_dir, faults)
         runner.node.node_id = places.drive_node
         return runner
 

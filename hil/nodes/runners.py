@@ -28,11 +28,18 @@ class Pace(NamedTuple):
     duration_s: float | None
     is_timed: bool = True
     """Whether ticks have deadlines; a trace's pages must then be in memory before the loop begins."""
+    first_tick: int = 0
+    """Above 0 for a process that replaces another and continues its traces."""
 
     @property
     def ticks(self) -> int | None:
         """Ticks of the whole run."""
         return None if self.duration_s is None else round(self.duration_s / self.period_s)
+
+    @property
+    def expected_records(self) -> int:
+        """Records for which a trace needs room at once; 0 if it continues another, or has no end."""
+        return 0 if self.first_tick > 0 else self.ticks or 0
 
 
 class PlantRunner:
@@ -46,19 +53,18 @@ class PlantRunner:
         bus: FaultyBus,
         out_dir: Path | None,
         faults: Sequence[Fault] = (),
-        first_tick: int = 0,
     ) -> None:
-        """`first_tick`: above 0 for a process that replaces another and continues its traces."""
         self._make_node: Callable[[int], PlantNode] = partial(PlantNode, scene, seed, pace.period_s, faults)
-        self.node = self._make_node(first_tick)
+        self.node = self._make_node(pace.first_tick)
         self.bus = bus
         self.trace: TraceWriter | None = None
         if out_dir is not None:
             gait = [("gait", GaitTruth)] if scene.gait is not None else []
             fields = [("", PlantRecord), *gait, ("", LoopTiming)]
-            again = first_tick > 0
-            expected = 0 if again else pace.ticks or 0
-            self.trace = TraceWriter(out_dir / "plant.trace", fields, expected, again, pace.is_timed)
+            again = pace.first_tick > 0
+            self.trace = TraceWriter(
+                out_dir / "plant.trace", fields, pace.expected_records, again, pace.is_timed
+            )
             self._impacts = TraceWriter(out_dir / "impacts.trace", [("", Impact)], resume=again)
 
     def restart(self, tick: int) -> None:
@@ -108,15 +114,14 @@ class FirmwareRunner:
         pace: Pace,
         bus: FaultyBus,
         out_dir: Path | None,
-        first_tick: int = 0,
         walks: bool = True,
         make: MakeNode = FirmwareNode,
         say: Callable[[str], None] | None = None,
     ) -> None:
-        """`first_tick`: above 0 for a process that replaces another and continues its trace.
+        """`say` receives the reason for which a parameter file is refused.
 
-        `say` receives the reason for which a parameter file is refused; by default it is written to
-        `firmware.log` in `out_dir`, the file with the errors of the firmware's process in real time.
+        By default it is written to `firmware.log` in `out_dir`, the file with the errors of the firmware's
+        process in real time.
         """
         self.bus = bus
         self._memory = memory
@@ -124,10 +129,9 @@ class FirmwareRunner:
         self._say = say or partial(_write_line, out_dir)
         self._period_s = pace.period_s
         self.trace: FirmwareTrace | None = None
-        self._power_up(first_tick)
+        self._power_up(pace.first_tick)
         if out_dir is not None:
-            again = first_tick > 0
-            expected = 0 if again else pace.ticks or 0
+            again, expected = pace.first_tick > 0, pace.expected_records
             self.trace = FirmwareTrace(out_dir / "firmware.trace", walks, expected, again, pace.is_timed)
 
     def _power_up(self, tick: int) -> None:

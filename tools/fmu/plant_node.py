@@ -52,14 +52,17 @@ class NodeConfig(NamedTuple):
 
 
 class Mail(NamedTuple):
-    """The frames of a tick as rows of identifier, length and word, their numbers, and the tick's impacts.
+    """What C hands to a tick and takes from it: readings and frames in, frames, torque and impacts out.
 
-    `counts`: frames received and sent. `due`: empty.
+    Frames are rows of identifier, length and word; `counts`: frames received and sent. `readings`: as of
+    `SensorReading`. `due`: empty.
     """
 
+    readings: NDArray[np.float64]
     received: NDArray[np.int64]
     sent: NDArray[np.int64]
     counts: NDArray[np.int64]
+    torque_n_m: NDArray[np.float64]
     impacts: NDArray[np.void]
     impact_count: NDArray[np.int64]
     due: Due
@@ -78,18 +81,16 @@ def tick(
     probe: Any,
     memory: Any,
     grid: Any,
-    own: Any,
     out: Any,
-    readings: Any,
 ) -> int:
-    """Publish, obey and advance by a tick; write the torque to `own`. Returns the solver's status."""
-    config, observed = load_config(config_at), memory.observed
+    """Publish, obey and advance by a tick. Returns the solver's status."""
+    config, observed, readings = load_config(config_at), memory.observed, mail.readings
     setup = Setup(config.drive, config.report_ticks, config.encoder_ticks, NO_SENSORS)
     reading = SensorReading(readings[0], readings[1], readings[2], readings[3], readings[4])
     state, mail.counts[1] = publish(setup, mail.due, observed, load_state(state_at), reading, mail.sent)
     omega_rad_s = observed[OBSERVED.omega_rad_s]
     state = obey_frames(config.drive, state, reading, omega_rad_s, mail.received, mail.counts[0])
-    own[0] = state.torque_n_m
+    mail.torque_n_m[0] = state.torque_n_m
     mail.impact_count[0] = 0
     module = Module(parts, probe, memory, grid, mail.impacts, mail.impact_count)
     state, status = move_on(module, config.drive, state, config.period_s)
@@ -136,18 +137,21 @@ class PlantNodeModel(PlantModel):
         mail = self.records["mail"]
         places = (
             f"#define {name.upper()}_AT {mail.words.index(getattr(mail.record, name).ctypes.data)}"
-            for name in ("received", "sent", "counts")
+            for name in ("readings", "received", "sent", "counts", "torque_n_m")
         )
-        return "\n".join([super().header(), "#define NODE", frame_places(self.variables), *places])
+        size = f"#define READINGS_BYTES {mail.record.readings.nbytes}"
+        return "\n".join([super().header(), "#define NODE", frame_places(self.variables), *places, size])
 
 
 def mailbox() -> Mail:
     """Empty mail."""
     due = Due(np.zeros((0, 4), np.int64), np.zeros((0, NOISE + MOST_SIGNALS)), np.zeros(2, np.int64))
     return Mail(
+        np.zeros(len(SensorReading._fields)),
         np.zeros((MOST_RECEIVED, 3), np.int64),
         np.zeros((MOST_FRAMES, 3), np.int64),
         np.zeros(2, np.int64),
+        np.zeros(1),
         zeros_of(Impact, MOST_IMPACTS),
         np.zeros(1, np.int64),
         due,
@@ -158,5 +162,5 @@ def shared_functions(kinds: list[Any]) -> Functions:
     """The function of every node; `kinds`: numba's types of parts, probe, memory and grid."""
     typeof: Any = numba.typeof
     mail = typeof(by_reference(mailbox()))
-    arguments = (types.voidptr, types.voidptr, mail, *kinds, NUMBERS, NUMBERS, NUMBERS)
+    arguments = (types.voidptr, types.voidptr, mail, *kinds, NUMBERS)
     return {"node_tick": (tick, arguments)}

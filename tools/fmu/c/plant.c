@@ -33,16 +33,18 @@ static const char *advance(block *b, double torque_n_m, double h_s) {
 #include "frames.h"
 
 int64_t node_tick(const uint64_t *config, uint64_t *state, uint64_t *mail, const uint64_t *parts, uint64_t *probe,
-                  uint64_t *memory, const uint64_t *grid, double *own, double *out, const double *readings);
+                  uint64_t *memory, const uint64_t *grid, double *out);
 
 /* A tick: frames in, frames out; the drive commands the torque. */
 static const char *move(block *b, double h_s) {
     uint64_t *w = b->words, *mail = w + MAIL;
     int64_t *counts = (int64_t *)mail[COUNTS_AT];
     (void)h_s, w[MEMORY + ADVANCE_AT] = (uint64_t)(uintptr_t)plant_advance;
+    memcpy((double *)mail[READINGS_AT], b->v + READINGS, READINGS_BYTES);
     counts[0] = frames_from(b->v + RECEIVED, (struct frame *)mail[RECEIVED_AT]);
     const char *wrong = message_of(node_tick(w + CONFIG, w + STATE, mail, w + PARTS, w + PROBE, w + MEMORY, w + GRID,
-                                             b->own, b->v + OUT, b->v + READINGS));
+                                             b->v + OUT));
+    b->own[TORQUE] = *(const double *)mail[TORQUE_N_M_AT];
     frames_to(b->v + SENT, counts[1], (struct frame *)mail[SENT_AT]);
     return wrong;
 }
