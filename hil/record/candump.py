@@ -130,9 +130,10 @@ def parse_candump(text: bytes) -> BusLog:
     >>> log.t_s.tolist(), hex(log.can_id[0]), log.payloads
     ([10.001], '0x80', (b'\\x01\\x02',))
     """
-    t_s, can_id, payloads = [], [], []
-    for seconds, identifier, data in LINE.findall(text):
-        t_s.append(float(seconds))
-        can_id.append(int(identifier, 16))
-        payloads.append(bytes.fromhex(data.decode()))
-    return bus_log(np.array(t_s, np.float64), np.array(can_id, np.int64), payloads)
+    found: list[tuple[bytes, bytes, bytes]] = LINE.findall(text)
+    return BusLog(
+        t_s=np.array([float(seconds) for seconds, _, _ in found], np.float64),
+        can_id=np.array([int(identifier, 16) for _, identifier, _ in found], np.int64),
+        length=np.array([len(data) // 2 for _, _, data in found], np.int64),
+        content=bytes.fromhex(b"".join(data for _, _, data in found).decode()),
+    )
