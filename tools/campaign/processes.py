@@ -1,15 +1,11 @@
 """Run a campaign's trials on all cores, or on a Dask scheduler's workers."""
 
-import json
 import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
-
-import pyarrow as pa
 
 from hil.record import provenance
 from hil.record.folder_lock import FolderInUseError, locked
@@ -17,7 +13,7 @@ from hil.record.run_folder import RUNS
 from tools.campaign.campaign import Outcome, Plan
 from tools.campaign.campaigns import run_trial
 from tools.output import BadInputError
-from tools.study import store, work
+from tools.study import work
 
 BATCHES = 64
 LARGEST_BATCH = 32
@@ -42,10 +38,9 @@ def batches(plan: Plan, trials: int) -> list[Batch]:
     return [Batch(plan, list(range(begin, min(begin + size, trials)))) for begin in begins]
 
 
-def piece(plan: Plan, spec: store.Spec) -> tuple[pa.Table, dict[str, Any]]:
-    """Run the trials of a specification; a row of the table is an outcome in JSON."""
-    outcomes = run_batch(Batch(plan, spec["trials"]))
-    return pa.table({"outcome": [json.dumps(asdict(one)) for one in outcomes]}), {}
+def piece(batch: Batch) -> list[dict[str, Any]]:
+    """Run the trials of a batch; return their outcomes as JSON can hold them."""
+    return [asdict(outcome) for outcome in run_batch(batch)]
 
 
 @contextmanager
@@ -79,10 +74,8 @@ def run_all(
     campaign is running.
     """
     folder = RUNS / f"campaign-{plan.campaign}-{provenance.key(plan, trials)[:16]}"
-    specs = [{"trials": batch.trials} for batch in batches(plan, trials)]
     where = work.here(folder, workers, scheduler)
     with claimed(folder):
-        paths = work.run("batch", partial(piece, plan), specs, where, threads=False)
-        texts = [text for path in paths for text in store.read(path)[0]["outcome"].to_pylist()]
+        found = work.run("batch", piece, batches(plan, trials), where, threads=False)
         shutil.rmtree(folder)
-    return [Outcome(**json.loads(text)) for text in texts]
+    return [Outcome(**outcome) for outcomes in found for outcome in outcomes]

@@ -207,7 +207,7 @@ def feasibility(
     from tools.study import feasibility as table
 
     presets = tuple(table.MODULES) if preset == "all" else (preset,)
-    rows, wall_s = common.compute(lambda where: table.compute(where, presets).to_pylist())
+    rows, wall_s = common.compute(lambda where: table.compute(where, presets))
     cells = common.out / ("feasibility.csv" if preset == "all" else f"feasibility-{preset}.csv")
     table.write_cells(rows, cells)
     counts = {

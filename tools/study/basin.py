@@ -10,16 +10,19 @@ A map is in one of two planes: (x0, v0) at crank angle 0, or (x0, crank angle) a
   which allows for the correlation of neighbouring cells.
 """
 
+import json
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from tools.study import store, work
+from tools.study import work
 from tools.study.cases import Case
 from tools.study.orbits import classify
 
@@ -56,16 +59,26 @@ def axes(case: Case, plane: str, size: int) -> tuple[NDArray[np.float64], NDArra
 
 @dataclass(frozen=True)
 class Basin:
-    """A map with one table row for each cell, map row by map row, and its figures."""
+    """A map: the cycle (0: none) and the impacts a turn of each cell, both of shape (size, size).
+
+    The last turns decide for a cell whose impacts did not repeat by the end of the run.
+    """
 
     case: Case
     ratio: float
     plane: str
-    size: int
-    table: pa.Table
-    uncertain: int
-    """Number of cells whose impacts did not repeat by the end of the run; its last turns decide."""
-    statistics: dict[str, Any]
+    cycles: NDArray[np.int64]
+    impacts: NDArray[np.float64]
+
+    @property
+    def size(self) -> int:
+        """Number of cells along a side."""
+        return len(self.impacts)
+
+    @cached_property
+    def statistics(self) -> dict[str, Any]:
+        """The figures of the map."""
+        return statistics(self.impacts > 0.0)
 
     @property
     def name(self) -> str:
@@ -81,57 +94,57 @@ class Basin:
             "ratio": self.ratio,
             "plane": self.plane,
             "size": self.size,
-            "uncertain": self.uncertain,
+            "uncertain": int((self.cycles == 0).sum()),
             **self.statistics,
         }
 
 
+class Rows(NamedTuple):
+    """Rows of a map to compute: `first` to `last` − 1."""
+
+    case: Case
+    ratio: float
+    plane: str
+    size: int
+    first: int
+    last: int
+
+
 def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) -> Basin:
     """Compute the whole map and write it as one file."""
-    paths = work.run(f"basin-{plane}", piece, specs(case, ratio, plane, size), where)
-    pieces = [store.read(path) for path in paths]
-    table = pa.concat_tables([table for table, _ in pieces])
-    uncertain = sum(metadata["facts"]["uncertain"] for _, metadata in pieces)
-    numbers = statistics(table["impacts"].to_numpy().reshape(size, size) > 0.0)
-    found = Basin(case, ratio, plane, size, table, uncertain, numbers)
-    spec = {"case": case.parameters(), "ratio": ratio, "plane": plane}
-    store.write(where.out / f"{found.name}.parquet", table, spec, numbers)
+    firsts = range(0, size, ROWS_AT_ONCE)
+    tasks = [Rows(case, ratio, plane, size, first, min(first + ROWS_AT_ONCE, size)) for first in firsts]
+    pieces = work.run(f"basin-{plane}", piece, tasks, where)
+    cycles, impacts = (np.concatenate(some).reshape(size, size) for some in zip(*pieces, strict=True))
+    found = Basin(case, ratio, plane, cycles, impacts)
+    write(found, where.out / f"{found.name}.parquet")
     return found
 
 
-def specs(case: Case, ratio: float, plane: str, size: int) -> list[dict[str, Any]]:
-    """Return the specifications of a map's pieces of work."""
-    return [
-        {
-            "case": case.parameters(),
-            "ratio": ratio,
-            "plane": plane,
-            "size": size,
-            "rows": [first, min(first + ROWS_AT_ONCE, size)],
-        }
-        for first in range(0, size, ROWS_AT_ONCE)
-    ]
-
-
-def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """Compute some rows of a map. Columns: x0, v0, crank angle, cycle (0: none), impacts per turn."""
-    case = Case(**spec["case"])
-    y_m, other = axes(case, spec["plane"], spec["size"])
-    first, last = spec["rows"]
-    starts = np.zeros(((last - first) * len(y_m), 3))
-    starts[:, 0] = np.tile(y_m, last - first)
-    starts[:, 1 if spec["plane"] == "state" else 2] = np.repeat(other[first:last], len(y_m))
-    cycles, impacts = classify(case.scene(spec["ratio"]), starts)
-    table = pa.table(
-        {
-            "x_m": starts[:, 0] + case.rest_length_m,
-            "v_m_s": starts[:, 1],
-            "crank_rad": starts[:, 2],
-            "cycle": cycles,
-            "impacts": impacts,
-        }
+def write(found: Basin, path: Path) -> None:
+    """Write a map as a table with a row for each cell, map row by map row; its metadata has the figures."""
+    columns = dict(
+        zip(("x_m", "v_m_s", "crank_rad"), starts_of(found.case, found.plane, found.size).T, strict=True)
     )
-    return table, {"uncertain": int((cycles == 0).sum())}
+    columns["x_m"] = columns["x_m"] + found.case.rest_length_m
+    table = pa.table({**columns, "cycle": found.cycles.ravel(), "impacts": found.impacts.ravel()})
+    about = {"basin": found.as_json(), "versions": work.versions()}
+    pq.write_table(table.replace_schema_metadata({"vibrohil": json.dumps(about)}), path, compression="zstd")
+
+
+def starts_of(case: Case, plane: str, size: int, rows: slice = slice(None)) -> NDArray[np.float64]:
+    """Return the starts of all cells, map row by map row: position less l0, velocity, crank angle."""
+    y_m, other = axes(case, plane, size)
+    starts = np.zeros((len(other[rows]) * size, 3))
+    starts[:, 0] = np.tile(y_m, len(other[rows]))
+    starts[:, 1 if plane == "state" else 2] = np.repeat(other[rows], size)
+    return starts
+
+
+def piece(rows: Rows) -> list[list[Any]]:
+    """Compute the cycles and the impacts a turn of some rows of a map."""
+    starts = starts_of(rows.case, rows.plane, rows.size, slice(rows.first, rows.last))
+    return [found.tolist() for found in classify(rows.case.scene(rows.ratio), starts)]
 
 
 def statistics(in_impacts: NDArray[np.bool_]) -> dict[str, Any]:

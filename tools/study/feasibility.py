@@ -23,14 +23,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.plant import Plant
 from plant_sim.result import Impact
 from plant_sim.scene import Scene, load_scene
-from tools.study import store, work
+from tools.study import work
 from tools.study.cases import LAWS, Case, case
 
 Vector = NDArray[np.float64]
@@ -273,23 +272,19 @@ def cell(stop: Stop, axis: str, stride_hz: float, low: float, high: float) -> di
     return row | found._asdict()
 
 
-def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """Compute the rows of one stop for all axes and cadences."""
-    stop = Stop(**spec["stop"])
+def piece(task: tuple[Stop, Sequence[float]]) -> list[dict[str, Any]]:
+    """Compute the rows of one stop for all axes and these cadences."""
+    stop, strides_hz = task
     low, high = region(stop)
-    rows = [cell(stop, axis, hz, low, high) for axis in spec["axes"] for hz in spec["strides_hz"]]
-    return pa.Table.from_pylist(rows), {"region": [low, high]}
+    return [cell(stop, axis, hz, low, high) for axis in AXES for hz in strides_hz]
 
 
-def compute(where: work.Where, presets: Sequence[str], strides_hz: Sequence[float] = STRIDES_HZ) -> pa.Table:
-    """Compute the whole table for the presets."""
-    specs = [
-        {"stop": stop._asdict(), "axes": list(AXES), "strides_hz": list(strides_hz)}
-        for stop in stops()
-        if stop.preset in presets
-    ]
-    paths = work.run("feasibility", piece, specs, where)
-    return pa.concat_tables([store.read(path)[0] for path in paths])
+def compute(
+    where: work.Where, presets: Sequence[str], strides_hz: Sequence[float] = STRIDES_HZ
+) -> list[dict[str, Any]]:
+    """Compute the whole table for the presets, a row for each cell."""
+    tasks = [(stop, strides_hz) for stop in stops() if stop.preset in presets]
+    return [row for rows in work.run("feasibility", piece, tasks, where) for row in rows]
 
 
 def write_cells(rows: Sequence[Mapping[str, Any]], path: Path) -> None:

@@ -125,9 +125,8 @@ def basin(found: Basin, caption: str, folder: Path, portrait: Portrait | None = 
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
-    case, shape = found.case, (found.size, found.size)
+    case, reaches_stop = found.case, found.impacts > 0.0
     across_m, up = starts_of(case, found.plane, found.size)
-    impacts = found.table["impacts"].to_numpy().reshape(shape)
     figure, grid = new_figure(1, 1, 6.4, 5.6)
     axes = grid[0, 0]
     axes.grid(visible=False)
@@ -138,7 +137,7 @@ def basin(found: Basin, caption: str, folder: Path, portrait: Portrait | None = 
         1.5 * up[-1] - 0.5 * up[-2],
     )
     axes.imshow(
-        impacts > 0.0,
+        reaches_stop,
         origin="lower",
         extent=extent,
         aspect="auto",
@@ -161,7 +160,7 @@ def basin(found: Basin, caption: str, folder: Path, portrait: Portrait | None = 
     if portrait is not None:
         handles += _mark(axes, portrait)
         if len(portrait.saddles):
-            handles += _border(axes, across_m, up, impacts > 0.0)
+            handles += _border(axes, across_m, up, reaches_stop)
     axes.legend(handles=handles, loc="lower left", fontsize=8)
     return save(figure, folder, found.name)
 

@@ -4,16 +4,15 @@ Each ratio starts from the final state of the previous ratio, including the cran
 or end, the attractor is then followed in decreasing steps until a step is below EDGE_STEP.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
-from tools.study import store, work
+from tools.study import work
 from tools.study.cases import Case
 from tools.study.orbits import AT_REST, PAPER, Outcome, Protocol, State, follow
 
@@ -68,13 +67,12 @@ class Sweep:
     the run.
     """
 
-    table: pa.Table
+    rows: list[dict[str, Any]]
     edges: list[float]
 
-    def column(self, name: str) -> NDArray[np.float64]:
-        """Return a column as an array of numbers."""
-        values: NDArray[np.float64] = self.table[name].to_numpy()
-        return values
+    def column(self, name: str) -> NDArray[Any]:
+        """Return a column as an array."""
+        return np.array([row[name] for row in self.rows])
 
     def with_impacts(self) -> list[Interval]:
         """Return the intervals of r with impacts, bounded by the edges or by the sweep's ends."""
@@ -89,9 +87,7 @@ class Sweep:
 
     def at(self, ratio: float) -> dict[str, Any]:
         """Return the row nearest to a ratio."""
-        index = int(np.argmin(np.abs(self.column("ratio") - ratio)))
-        row: dict[str, Any] = self.table.slice(index, 1).to_pylist()[0]
-        return row
+        return min(self.rows, key=lambda row: abs(float(row["ratio"]) - ratio))
 
     def state_at(self, ratio: float) -> State:
         """Return the final state of the orbit nearest to a ratio."""
@@ -133,22 +129,22 @@ class Diagram:
 
 def diagrams(cases: Sequence[Case], where: work.Where, count: int = RATIOS) -> list[Diagram]:
     """Compute the run-up and the run-down of every case."""
-    specs = [
-        {"case": case.parameters(), "direction": direction, "ratios": count}
-        for case in cases
-        for direction in ("up", "down")
-    ]
-    sweeps = []
-    for path in work.run("sweep", piece, specs, where):
-        table, metadata = store.read(path)
-        sweeps.append(Sweep(table, metadata["facts"]["edges"]))
+    tasks = [SweepTask(case, direction, count) for case in cases for direction in ("up", "down")]
+    sweeps = [Sweep(**found) for found in work.run("sweep", piece, tasks, where)]
     return [Diagram(*one) for one in zip(cases, sweeps[::2], sweeps[1::2], strict=True)]
 
 
-def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
+class SweepTask(NamedTuple):
+    """A sweep to compute: its case, direction (up or down) and number of ratios."""
+
+    case: Case
+    direction: str
+    ratios: int
+
+
+def piece(task: SweepTask) -> dict[str, Any]:
     """Compute one sweep: a row for each ratio, and its edges."""
-    sweep = run(Case(**spec["case"]), spec["direction"], spec["ratios"])
-    return sweep.table, {"edges": sweep.edges}
+    return asdict(run(*task))
 
 
 def ratios(direction: str, count: int = RATIOS) -> NDArray[np.float64]:
@@ -167,7 +163,7 @@ def run(case: Case, direction: str, count: int = RATIOS) -> Sweep:
             edges.append(_edge(case, grid[: index + 1], outcomes))
         outcomes.append(outcome)
     rows = [row_of(ratio, outcome) for ratio, outcome in zip(grid, outcomes, strict=True)]
-    return Sweep(pa.Table.from_pylist(rows), edges)
+    return Sweep(rows, edges)
 
 
 def follow_on(case: Case, ratios: Iterable[float], protocol: Protocol) -> Iterator[Outcome]:

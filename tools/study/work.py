@@ -1,25 +1,28 @@
 """Pieces of work on this machine's cores or a Dask cluster, with the same results on both.
 
-A piece is a function of one plain specification and returns a table with some facts. On this machine pieces
-run in threads: kernels release the interpreter's lock, so that threads use all cores as processes would, but
-kernels are compiled or loaded only once and tables are passed on without a copy. Trials of campaigns run in
-processes, because their judges are Python code.
+A piece is a function of one task and returns what JSON can hold. Each result is a file with its task and the
+versions of everything on which it depends; its name is a digest of them. A killed study therefore continues
+where it stopped, and a study whose sources have changed starts again.
+
+On this machine pieces run in threads: kernels release the interpreter's lock, so that threads use all cores
+as processes would, but kernels are compiled or loaded only once. Trials of campaigns run in processes,
+because their judges are Python code.
 """
 
+import json
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-import pyarrow as pa
-
+from hil.record import provenance
 from tools.jobs import results
 from tools.output import BadInputError
 from tools.progress import shown_progress
-from tools.study import store
 
-Piece = Callable[[store.Spec], tuple[pa.Table, dict[str, Any]]]
+Task = TypeVar("Task")
 
 
 @dataclass(frozen=True)
@@ -40,17 +43,42 @@ def here(out: Path, cores: int | None = None, scheduler: str | None = None) -> W
 
 
 def run(
-    kind: str, piece: Piece, specs: Sequence[store.Spec], where: Where, threads: bool = True
-) -> list[Path]:
-    """Compute the missing pieces and return the files of all pieces in the order of `specs`."""
-    paths = [where.out / "pieces" / store.name_of(kind, spec) for spec in specs]
-    missing = [index for index, path in enumerate(paths) if not store.is_complete(path)]
-    if not missing:
-        return paths
-    found = results(piece, [specs[index] for index in missing], where.cores, where.scheduler, threads)
-    with shown_progress() as progress:
-        for done, (number, (table, facts)) in enumerate(found, len(specs) - len(missing) + 1):
-            index = missing[number]
-            store.write(paths[index], table, specs[index], facts)
-            progress(done / len(specs), f"{kind} {done}/{len(specs)}")
-    return paths
+    kind: str, piece: Callable[[Task], Any], tasks: Sequence[Task], where: Where, threads: bool = True
+) -> list[Any]:
+    """Compute the missing pieces and return the results of all in the order of `tasks`."""
+    names = [f"{kind}-{provenance.key(kind, task)[:20]}.json" for task in tasks]
+    paths = [where.out / "pieces" / name for name in names]
+    found = {index: result for index, path in enumerate(paths) if (result := stored(path)) is not None}
+    missing = [index for index in range(len(tasks)) if index not in found]
+    if missing:
+        computed = results(piece, [tasks[index] for index in missing], where.cores, where.scheduler, threads)
+        with shown_progress() as progress:
+            for number, result in computed:
+                index = missing[number]
+                store(paths[index], tasks[index], result)
+                found[index] = stored(paths[index])
+                progress(len(found) / len(tasks), f"{kind} {len(found)}/{len(tasks)}")
+    return [found[index] for index in range(len(tasks))]
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Return the versions of the packages and the digest of the sources that compute a result."""
+    return {**provenance.packages(), "sources": provenance.sources()[:16]}
+
+
+def store(path: Path, task: object, result: Any) -> None:
+    """Write a result with its task and versions atomically."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
+    content = {"task": repr(task), "versions": versions(), "result": result}
+    partial.write_text(json.dumps(content), encoding="utf-8")
+    partial.replace(path)
+
+
+def stored(path: Path) -> Any:
+    """Return the result in a file; None if there is none, or if the file is damaged."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))["result"]
+    except (FileNotFoundError, ValueError, KeyError, TypeError):
+        return None

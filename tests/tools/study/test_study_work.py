@@ -1,62 +1,64 @@
 """Pieces of work: the same on one core, on two and on a cluster that loses a worker; resumed after a kill."""
 
+import json
 import os
 import signal
 import sys
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import cloudpickle
-import pyarrow as pa
 import pytest
 
 from tools import cli, jobs
 from tools.output import EXIT_BAD_INPUT, BadInputError
-from tools.study import basin, store, work
+from tools.study import basin, work
 from tools.study.cases import case
 
-SPECS = [
-    {**basin.specs(case("table1", "viscous"), 1.3, "state", 24)[0], "rows": [first, first + 3]}
-    for first in range(0, 24, 3)
+TASKS = [
+    basin.Rows(case("table1", "viscous"), 1.3, "state", 24, first, first + 3) for first in range(0, 24, 3)
 ]
 
 
-def tables(paths: list[Path]) -> list[pa.Table]:
-    return [store.read(path)[0] for path in paths]
-
-
 @pytest.fixture(scope="module")
-def on_one_core(tmp_path_factory: pytest.TempPathFactory) -> list[pa.Table]:
-    return tables(work.run("basin", basin.piece, SPECS, work.here(tmp_path_factory.mktemp("one"), 1)))
+def on_one_core(tmp_path_factory: pytest.TempPathFactory) -> list[Any]:
+    return work.run("basin", basin.piece, TASKS, work.here(tmp_path_factory.mktemp("one"), 1))
 
 
-def test_two_cores_give_the_same(on_one_core: list[pa.Table], tmp_path: Path) -> None:
-    assert tables(work.run("basin", basin.piece, SPECS, work.here(tmp_path, 2))) == on_one_core
+def test_two_cores_give_the_same(on_one_core: list[Any], tmp_path: Path) -> None:
+    assert work.run("basin", basin.piece, TASKS, work.here(tmp_path, 2)) == on_one_core
 
 
-def deadly_piece(spec):
+class Deadly(NamedTuple):
+    """Rows of a map, and the file that says that a worker has died."""
+
+    rows: basin.Rows
+    grave: Path
+
+
+def deadly_piece(task: Deadly) -> list[Any]:
     """The first worker to come here dies of it."""
-    grave = Path(spec["grave"])
     try:
-        grave.touch(exist_ok=False)
+        task.grave.touch(exist_ok=False)
     except FileExistsError:
-        return basin.piece({key: value for key, value in spec.items() if key != "grave"})
+        return basin.piece(task.rows)
     os.kill(os.getpid(), signal.SIGKILL)
     raise AssertionError("unreachable")
 
 
 @pytest.mark.filterwarnings("default")  # the cluster's own, of a worker that was killed
-def test_a_cluster_that_loses_a_worker_gives_the_same(on_one_core: list[pa.Table], tmp_path: Path) -> None:
+def test_a_cluster_that_loses_a_worker_gives_the_same(on_one_core: list[Any], tmp_path: Path) -> None:
     from distributed import LocalCluster
 
     cloudpickle.register_pickle_by_value(sys.modules[__name__])
-    specs = [{**spec, "grave": str(tmp_path / "grave")} for spec in SPECS]
+    tasks = [Deadly(rows, tmp_path / "grave") for rows in TASKS]
     with LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1", silence_logs=50
     ) as cluster:
         where = work.here(tmp_path, None, cluster.scheduler_address)
-        paths = work.run("basin", deadly_piece, specs, where)
+        found = work.run("basin", deadly_piece, tasks, where)
     assert (tmp_path / "grave").exists()
-    assert tables(paths) == on_one_core
+    assert found == on_one_core
 
 
 @pytest.mark.parametrize(
@@ -77,39 +79,38 @@ def test_what_is_there_is_not_computed_again(tmp_path: Path) -> None:
     computed: list[int] = []
     kill = [True]
 
-    def piece(spec):
-        if spec["number"] == 2 and kill:
+    def square(number: int) -> int:
+        if number == 2 and kill:
             kill.clear()
             raise KeyboardInterrupt
-        computed.append(spec["number"])
-        return pa.table({"square": [spec["number"] ** 2]}), {"note": "n"}
+        computed.append(number)
+        return number**2
 
-    specs = [{"number": number} for number in range(4)]
     with pytest.raises(KeyboardInterrupt):
-        work.run("square", piece, specs, work.here(tmp_path, 1))
-    paths = work.run("square", piece, specs, work.here(tmp_path, 1))
+        work.run("square", square, range(4), work.here(tmp_path, 1))
+    assert work.run("square", square, range(4), work.here(tmp_path, 1)) == [0, 1, 4, 9]
     assert computed == [0, 1, 2, 3]
-    assert [table["square"][0].as_py() for table in tables(paths)] == [0, 1, 4, 9]
-    assert work.run("square", piece, specs, work.here(tmp_path, 1)) == paths
+    assert work.run("square", square, range(4), work.here(tmp_path, 1)) == [0, 1, 4, 9]
     assert len(computed) == 4
 
 
 def test_a_damaged_piece_is_computed_again(tmp_path: Path) -> None:
-    def piece(spec):
-        return pa.table({"x": [1.0]}), {}
+    def double(number: float) -> list[float]:
+        return [2.0 * number]
 
-    (path,) = work.run("x", piece, [{}], work.here(tmp_path, 1))
+    work.run("double", double, [0.1], work.here(tmp_path, 1))
+    (path,) = (tmp_path / "pieces").iterdir()
     path.write_bytes(path.read_bytes()[:40])
-    assert tables(work.run("x", piece, [{}], work.here(tmp_path, 1)))[0]["x"].to_pylist() == [1.0]
+    assert work.run("double", double, [0.1], work.here(tmp_path, 1)) == [[0.2]]
 
 
 def test_a_result_says_what_it_was_computed_from(tmp_path: Path) -> None:
-    (path,) = work.run("basin", basin.piece, SPECS[:1], work.here(tmp_path, 1))
-    _, metadata = store.read(path)
-    assert metadata["spec"] == SPECS[0]
-    assert metadata["versions"]["numpy"]
-    assert metadata["versions"] == store.versions()
-    assert metadata["facts"] == {"uncertain": 0}
+    work.run("basin", basin.piece, TASKS[:1], work.here(tmp_path, 1))
+    (path,) = (tmp_path / "pieces").iterdir()
+    content = json.loads(path.read_text("utf-8"))
+    assert content["task"] == repr(TASKS[0])
+    assert content["versions"]["numpy"]
+    assert content["versions"] == work.versions()
 
 
 def test_wrong_settings_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -117,4 +118,4 @@ def test_wrong_settings_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     with pytest.raises(BadInputError, match=r"--cores is 0: wanted 1 or more"):
         work.here(tmp_path, 0)
     with pytest.raises(BadInputError, match=r"no Dask scheduler answers"):
-        work.run("x", basin.piece, SPECS[:1], work.here(tmp_path, None, "tcp://127.0.0.1:9"))
+        work.run("x", basin.piece, TASKS[:1], work.here(tmp_path, None, "tcp://127.0.0.1:9"))

@@ -1,19 +1,18 @@
 """The evidence for the claims: sweeps, basins, impacts on soft stops, starts. Each is computed once."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from plant_sim.plant import Plant
 from plant_sim.result import MotionState, Phase
 from plant_sim.scene import Scene
-from tools.study import basin, store, work
+from tools.study import basin, work
 from tools.study.cases import DRY_RANGE, LAWS, PRESETS, VISCOUS_RANGE_N_S_M, Case, case, whole_range
 from tools.study.orbits import AT_REST, PAPER, Outcome, Protocol, State, classify, follow
 from tools.study.portraits import sample
@@ -47,8 +46,8 @@ class Evidence:
     """Number of ratios of a sweep."""
 
     @cached_property
-    def diagrams(self) -> list[Diagram]:
-        """Diagrams of both presets over Table 1's ranges of b and μ.
+    def diagrams(self) -> dict[Case, Diagram]:
+        """Diagrams of both presets over Table 1's ranges of b and μ, by their cases.
 
         Coulomb–Stribeck friction with the retuned spring is slow to compute: only its nominal μ is included.
         One more diagram has viscous friction with the amplitude of the dry laws.
@@ -59,76 +58,53 @@ class Evidence:
             if (one.preset, one.law) != ("gait", "stribeck") or one.mu == DRY_RANGE[0]
         ]
         same_amplitude = replace(case("table1", "viscous"), amplitude_m=0.03)
-        return diagrams([*cases, same_amplitude], self.where, self.ratios)
+        found = diagrams([*cases, same_amplitude], self.where, self.ratios)
+        return {diagram.case: diagram for diagram in found}
 
     def nominal(self, preset: str) -> list[Diagram]:
         """Return the diagrams of a preset's nominal case with each law."""
-        own = [case(preset, law) for law in LAWS]
-        return [diagram for one in own for diagram in self.diagrams if diagram.case == one]
-
-    def of(self, one: Case) -> Diagram:
-        """Return the diagram of a case."""
-        return next(diagram for diagram in self.diagrams if diagram.case == one)
+        return [self.diagrams[case(preset, law)] for law in LAWS]
 
     @cached_property
-    def soft(self) -> list[dict[str, Any]]:
-        """Peak forces on soft stops of a run-up, for several contact times and damping coefficients."""
-        specs = [
-            {"case": replace(case(preset, "viscous", b), contact_s=contact_s).parameters()}
+    def soft(self) -> dict[Case, list[dict[str, Any]]]:
+        """Rows of run-ups on soft stops, for several contact times and damping coefficients."""
+        cases = [
+            soft_case(preset, contact_s, b)
             for preset in PRESETS
             for contact_s in CONTACTS_S
             for b in (VISCOUS_RANGE_N_S_M if contact_s == CONTACTS_S[1] else VISCOUS_RANGE_N_S_M[1:2])
         ]
-        paths = work.run("soft", soft_piece, specs, self.where)
-        rows = [store.read(path)[0].to_pylist() for path in paths]
-        return [
-            {"case": Case(**spec["case"]), **row}
-            for spec, some in zip(specs, rows, strict=True)
-            for row in some
-        ]
+        return dict(zip(cases, work.run("soft", soft_run_up, cases, self.where), strict=True))
 
     @cached_property
     def contacts(self) -> dict[tuple[str, float], float]:
         """Elastic contact times, s, for which the peak force is the paper's 40 N, by preset and ratio."""
         keys = [(preset, ratio) for preset in PRESETS for ratio in SOFT_RATIOS[:3]]
-        specs = [
-            {"case": case(preset, "viscous").parameters(), "ratio": ratio, "peak_n": HIGHEST_PEAK_N}
-            for preset, ratio in keys
-        ]
-        paths = work.run("contact", contact_piece, specs, self.where)
-        return {
-            key: store.read(path)[0]["contact_s"].to_pylist()[0]
-            for key, path in zip(keys, paths, strict=True)
-        }
+        return dict(zip(keys, work.run("contact", contact_for_peak_s, keys, self.where), strict=True))
 
     def peak_n(self, preset: str, contact_s: float, ratio: float, b_n_s_m: float = 0.2) -> float:
         """Return the peak force of the settled motion on a soft stop, N; nan without impacts."""
-        for row in self.soft:
-            of = row["case"]
-            if (of.preset, of.contact_s, of.b_n_s_m, row["ratio"]) == (preset, contact_s, b_n_s_m, ratio):
-                return float(row["peak_n"])
-        raise KeyError((preset, contact_s, ratio, b_n_s_m))
+        rows = self.soft[soft_case(preset, contact_s, b_n_s_m)]
+        return next(float(row["peak_n"]) for row in rows if row["ratio"] == ratio)
 
     def basin(self, law: str) -> basin.Basin:
         """Return the basin in the plane (x0, v0) in the middle of the multistable band."""
-        band = self.of(case("table1", law)).widest_multistable()
+        band = self.diagrams[case("table1", law)].widest_multistable()
         if band is None:
             raise ValueError(f"{law} has no multistable band to take a basin in")
         return basin.compute(case("table1", law), round(sum(band) / 2.0, 2), "state", BASIN_SIZE, self.where)
 
 
-def soft_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """Compute a run-up with a soft stop, in steps of 0.05 in r."""
+def soft_case(preset: str, contact_s: float, b_n_s_m: float) -> Case:
+    """Return a preset's module with viscous friction and a soft stop of this elastic contact time."""
+    return replace(case(preset, "viscous", b_n_s_m), contact_s=contact_s)
+
+
+def soft_run_up(one: Case) -> list[dict[str, Any]]:
+    """Compute a run-up in steps of 0.05 in r; return the rows of SOFT_RATIOS."""
     ratios = np.round(np.arange(0.85, SOFT_RATIOS[-1] + 0.01, 0.05), 2)
-    outcomes = zip(ratios, follow_on(Case(**spec["case"]), ratios, PAPER), strict=True)
-    rows = [row_of(ratio, outcome) for ratio, outcome in outcomes if ratio in SOFT_RATIOS]
-    return pa.Table.from_pylist(rows), {}
-
-
-def contact_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """Compute the contact time for one ratio."""
-    contact_s = contact_for_peak_s(Case(**spec["case"]), spec["ratio"], spec["peak_n"])
-    return pa.table({"contact_s": [contact_s]}), {}
+    outcomes = zip(ratios, follow_on(one, ratios, PAPER), strict=True)
+    return [row_of(ratio, outcome) for ratio, outcome in outcomes if ratio in SOFT_RATIOS]
 
 
 def grazing_amplitude_m(one: Case, ratio: float) -> float:
@@ -142,14 +118,15 @@ def grazing_amplitude_m(one: Case, ratio: float) -> float:
     return 0.5 * (low + high)
 
 
-def contact_for_peak_s(one: Case, ratio: float, peak_n: float) -> float:
-    """Return the elastic contact time for which the peak force is `peak_n`, s; nan if there is none."""
-    low, high = 0.005, LONGEST_CONTACT_S
-    if not run_up(replace(one, contact_s=high), ratio).peak_n <= peak_n:
+def contact_for_peak_s(preset_and_ratio: tuple[str, float]) -> float:
+    """Return the elastic contact time for which the peak force is 40 N, s; nan if there is none."""
+    preset, ratio = preset_and_ratio
+    one, low, high = case(preset, "viscous"), 0.005, LONGEST_CONTACT_S
+    if not run_up(replace(one, contact_s=high), ratio).peak_n <= HIGHEST_PEAK_N:
         return math.nan
     while high > 1.01 * low:
         middle = math.sqrt(low * high)
-        softer = run_up(replace(one, contact_s=middle), ratio).peak_n > peak_n
+        softer = run_up(replace(one, contact_s=middle), ratio).peak_n > HIGHEST_PEAK_N
         low, high = (middle, high) if softer else (low, middle)
     return math.sqrt(low * high)
 

@@ -18,6 +18,7 @@ from tools.study.claims.evidence import (
     run_up,
     share_after_ramp,
     share_from_rest,
+    soft_case,
 )
 from tools.study.orbits import PAPER, follow
 from tools.study.sweep import Diagram, contains, width
@@ -47,14 +48,13 @@ def nominal(evidence: Evidence) -> list[Diagram]:
 
 def three_regimes(evidence: Evidence) -> dict[str, Any]:
     """Count the cases with non-impact motion, impact motion and multistability (C1)."""
-    full = [d for d in evidence.diagrams if width(d.multistable()) > LEAST_BAND and d.onset() is not None]
+    diagrams = evidence.diagrams.values()
+    full = [d for d in diagrams if width(d.multistable()) > LEAST_BAND and d.onset() is not None]
     return {
-        "cases": len(evidence.diagrams),
+        "cases": len(diagrams),
         "with_all_three": len(full),
         "with_all_three_by_law": {law: sum(d.case.law == law for d in full) for law in LAWS},
-        "without_impacts": [
-            f"{d.case.preset} {d.case.label}" for d in evidence.diagrams if d.onset() is None
-        ],
+        "without_impacts": [f"{d.case.preset} {d.case.label}" for d in diagrams if d.onset() is None],
     }
 
 
@@ -88,7 +88,7 @@ def onset_frequency(evidence: Evidence) -> dict[str, Any]:
 
 def widest_band(evidence: Evidence) -> dict[str, Any]:
     """Measure the width in r of the multistable bands (C4)."""
-    reaching = [d for d in evidence.diagrams if d.onset() is not None]
+    reaching = [d for d in evidence.diagrams.values() if d.onset() is not None]
     widths = {
         preset: {
             law: [width(d.multistable()) for d in reaching if (d.case.preset, d.case.law) == (preset, law)]
@@ -119,7 +119,7 @@ def sharper_switching(evidence: Evidence) -> dict[str, Any]:
 
 def _jump(diagram: Diagram) -> float | None:
     """Return v⁻ at the last ratio of the run-up with settled impact motion, m/s; None if there is none."""
-    settled = np.array(diagram.up.table["regime"].to_pylist()) == "impact"
+    settled = diagram.up.column("regime") == "impact"
     return float(diagram.up.column("v_mean_m_s")[settled][-1]) if settled.any() else None
 
 
@@ -162,16 +162,10 @@ def peak_force(evidence: Evidence) -> dict[str, Any]:
 
 def repeatability(evidence: Evidence) -> dict[str, Any]:
     """Measure the impulses' variation from cycle to cycle in settled and in other impact motions (C8)."""
-    settled, others = [], []
-    for diagram in evidence.diagrams:
-        for sweep in (diagram.up, diagram.down):
-            for regime, spread in zip(
-                sweep.table["regime"].to_pylist(), sweep.column("repeatability"), strict=True
-            ):
-                if regime == "impact":
-                    settled.append(spread)
-                elif math.isfinite(spread):
-                    others.append(spread)
+    rows = [row for d in evidence.diagrams.values() for sweep in (d.up, d.down) for row in sweep.rows]
+    settled = [row["repeatability"] for row in rows if row["regime"] == "impact"]
+    others = [row["repeatability"] for row in rows if row["regime"] != "impact"]
+    others = [spread for spread in others if math.isfinite(spread)]
     return {
         "motions_with_one_period": len(settled),
         "greatest_variation": max(settled, default=None),
@@ -221,7 +215,7 @@ def smooth_basins(evidence: Evidence) -> dict[str, Any]:
             "uncertainty_exponent": one.statistics["uncertainty_exponent"],
             "bounds": one.statistics["uncertainty_exponent_bounds"],
             "border_entropy": one.statistics["border_entropy"],
-            "motions": len(np.unique(np.round(one.table["impacts"].to_numpy(), 3))),
+            "motions": len(np.unique(np.round(one.impacts, 3))),
         }
         for law, one in found.items()
     }
@@ -281,11 +275,9 @@ def damping(evidence: Evidence) -> dict[str, Any]:
         "greatest_variation_of_impulses": {
             f"b = {b:g}": max(
                 row["repeatability"]
-                for row in evidence.soft
-                if row["case"].b_n_s_m == b
-                and row["case"].contact_s == CONTACTS_S[1]
-                and row["cycle"] == 1
-                and row["impacts"] > 0.0
+                for preset in PRESETS
+                for row in evidence.soft[soft_case(preset, CONTACTS_S[1], b)]
+                if row["cycle"] == 1 and row["impacts"] > 0.0
             )
             for b in VISCOUS_RANGE_N_S_M
         },
@@ -308,6 +300,7 @@ def caps(evidence: Evidence) -> dict[str, Any]:
             for a in (0.015, 0.02, 0.03, 0.04, 0.06)
         },
         "impulse_over_ratio_n_s": {
-            f"r = {r:g}": float(evidence.of(base).up.at(r)["impulse_n_s"]) for r in (1.0, 1.1, 1.2, 1.3, 1.4)
+            f"r = {r:g}": float(evidence.diagrams[base].up.at(r)["impulse_n_s"])
+            for r in (1.0, 1.1, 1.2, 1.3, 1.4)
         },
     }

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from tools.output import figure
-from tools.study import store
+from tools.study import work
 from tools.study.claims.claims import CONTRADICTED, REPRODUCED, UNDER_PARAMETERS, JudgedClaim
 
 MEANING = {
@@ -52,7 +52,7 @@ def lines(claims: Sequence[JudgedClaim]) -> Iterator[str]:
         yield f"- **{verdict}**: {meaning}; {count} of {len(claims)}."
     for claim in claims:
         yield from _section(claim)
-    versions = ", ".join(f"{name} {number}" for name, number in store.versions().items())
+    versions = ", ".join(f"{name} {number}" for name, number in work.versions().items())
     yield f"\nComputed with {versions}."
 
 
