@@ -21,10 +21,14 @@ import kernel_cache
 import numba_replace  # noqa: F401 - defines `_replace` of records in compiled code
 from plant_sim.linking import SubroutineCompiler
 
+if typing.TYPE_CHECKING:
+    from typing_extensions import TypeIs
+
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 _R_co = TypeVar("_R_co", covariant=True)
 _Law = TypeVar("_Law", bound=Callable[..., Any])
+_Part = TypeVar("_Part")
 
 
 _KERNELS_ONLY: dict[str, Any] = {
@@ -303,8 +307,19 @@ def _constant(one: Callable[..., Any]) -> str | None:
     return None
 
 
+@typing.overload
+def one_of(part: type[_Part], /) -> "Callable[[Any], TypeIs[_Part]]": ...
+
+
+@typing.overload
+def one_of(*parts: type) -> Callable[[Any], bool]: ...
+
+
 def one_of(*parts: type) -> Callable[[Any], bool]:
-    """A predicate: whether a part is of one of these types. Kernels evaluate it when they are compiled."""
+    """A predicate: whether a part is of one of these types; in kernels it tests the `kind` of a record.
+
+    A law that most parts lack is one function with a branch on such a predicate.
+    """
 
     @by_part
     def is_one(part: Any) -> bool:

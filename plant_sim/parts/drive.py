@@ -6,7 +6,7 @@ from typing import Annotated, Literal, NamedTuple, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from plant_sim.kernels import by_part, subroutine
+from plant_sim.kernels import one_of, subroutine
 from plant_sim.parts.sizes import motion_size
 from plant_sim.tables.table import Table
 
@@ -48,15 +48,14 @@ def _motor_drive_motion_size(part: MotorDrive) -> int:
     return 2
 
 
-@by_part
+is_motor = one_of(MotorDrive)
+"""Whether a torque turns the crank; an ideal drive turns it at constant speed."""
+
+
+@subroutine
 def constant_speed_rad_s(drive: Drive) -> float:
     """Ω of an ideal drive, rad/s; 0 for a motor, which finds its own speed."""
-    return 0.0
-
-
-@constant_speed_rad_s.register(IdealDrive)
-def _ideal_drive_constant_speed_rad_s(drive: IdealDrive) -> float:
-    return drive.omega_rad_s
+    return 0.0 if is_motor(drive) else drive.omega_rad_s
 
 
 @subroutine
@@ -66,30 +65,25 @@ def asked_current_a(drive: MotorDrive, torque_n_m: float) -> float:
     return min(max(asked_a, -drive.current_limit_a), drive.current_limit_a)
 
 
-@by_part
+@subroutine(inline=True)
 def motor_current_a(drive: Drive, torque_n_m: float, omega_rad_s: float) -> float:
     """Current, A, for a commanded torque, limited by the drive and by the supply voltage.
 
-    The winding's time constant L/R is below the control period, so R i + K_t ω stays within ± the supply.
+    The winding's time constant L/R is below the control period, so R i + K_t ω stays within ± the supply. An
+    ideal drive has no current.
     """
-    return 0.0
-
-
-@motor_current_a.register(MotorDrive)
-def _motor_drive_current_a(drive: MotorDrive, torque_n_m: float, omega_rad_s: float) -> float:
+    if not is_motor(drive):
+        return 0.0
     back_emf_v = drive.torque_constant_n_m_a * omega_rad_s
     current_a = min(asked_current_a(drive, torque_n_m), (drive.supply_v - back_emf_v) / drive.resistance_ohm)
     return max(current_a, (-drive.supply_v - back_emf_v) / drive.resistance_ohm)
 
 
-@by_part
+@subroutine(inline=True)
 def motor_torque_n_m(drive: Drive, torque_n_m: float, omega_rad_s: float) -> float:
-    """Torque on the crank, N m, for a commanded torque."""
-    return 0.0
-
-
-@motor_torque_n_m.register(MotorDrive)
-def _motor_drive_torque_n_m(drive: MotorDrive, torque_n_m: float, omega_rad_s: float) -> float:
+    """Torque on the crank, N m, for a commanded torque; 0 with an ideal drive."""
+    if not is_motor(drive):
+        return 0.0
     return drive.torque_constant_n_m_a * motor_current_a(drive, torque_n_m, omega_rad_s)
 
 

@@ -111,6 +111,9 @@ def _stribeck_friction_force_n(friction: Stribeck, normal_n: float, v_m_s: float
     return sliding_n - (friction.mu_s - friction.mu) * weight_n * math.exp(-power)
 
 
+is_stribeck = one_of(Stribeck)
+"""Whether friction falls with speed as Stribeck's law has it."""
+
 is_dry = one_of(Coulomb, Stribeck)
 """Whether the law has a dry part: the striker can stick, and friction reverses with its direction."""
 

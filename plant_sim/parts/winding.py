@@ -19,7 +19,7 @@ from typing import NamedTuple, TypeAlias
 
 from pydantic import Field
 
-from plant_sim.kernels import subroutine
+from plant_sim.kernels import one_of, subroutine
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.sizes import ledger_size, motion_size
 from plant_sim.tables.table import Table
@@ -38,6 +38,9 @@ class DqWinding(NamedTuple):
 
 
 Winding: TypeAlias = IdealCurrent | DqWinding
+
+is_wound = one_of(DqWinding)
+"""Whether the windings of the motor are modelled."""
 
 
 @motion_size.register(DqWinding)

@@ -17,8 +17,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import by_part, one_of, subroutine
-from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
+from plant_sim.kernels import one_of, subroutine
+from plant_sim.parts.drive import constant_speed_rad_s, is_motor
 from plant_sim.parts.housing import Housing, Level, housing_m_s2, is_level, steady_m_s2
 from plant_sim.parts.parts import Parts
 from plant_sim.solvers.adaptive.state_layout import SHAKE, SPEED, VELOCITY, Vector, state_size
@@ -113,44 +113,32 @@ def pole(table: AccelerometerTable) -> complex:
     return 2.0 * math.pi * table.bandwidth_hz * complex(-1.0, 1.0) / math.sqrt(2.0)
 
 
-@by_part
+is_sensing = one_of(Sensing)
+"""Whether there are sensors, which need the motion within steps."""
+
+
+@subroutine(inline=True)
 def note_readings(probe: Probe) -> None:
     """Read the filters: an accelerometer's output is 2 Re(r z) with r = −j ω/√2 = −j Im λ."""
-    return
-
-
-@note_readings.register(Sensing)
-def _sensing_note_readings(probe: Sensing) -> None:
+    if not is_sensing(probe):
+        return
     poles, states, readings = probe.poles, probe.states, probe.readings
     for which in range(poles.size):
         readings[which] = 2.0 * poles[which].imag * states[which].imag
     readings[SPEED_ESTIMATE] = states[SPEED_ESTIMATE].real
 
 
-is_sensing = one_of(Sensing)
-"""Whether there are sensors, which need the motion within steps."""
-
-
-@by_part
+@subroutine(inline=True)
 def series_order(probe: Probe) -> int:
-    """Order of a step's Taylor series, a constant of the kernel."""
-    return ORDER
+    """Order of a step's Taylor series; the sensors' filters are driven by polynomials of degree DEGREE."""
+    return DEGREE if is_sensing(probe) else ORDER
 
 
-@series_order.register(Sensing)
-def _sensing_series_order(probe: Sensing) -> int:
-    """The filters are driven by polynomials of degree DEGREE."""
-    return DEGREE
-
-
-@by_part
+@subroutine
 def sense_jump(probe: Probe, jump_m_s: float) -> None:
     """Start a half-sine for a loss of velocity by `jump_m_s` at a rigid stop."""
-    return
-
-
-@sense_jump.register(Sensing)
-def _sensing_sense_jump(probe: Sensing, jump_m_s: float) -> None:
+    if not is_sensing(probe):
+        return
     pulses = probe.pulses
     for i in range(PULSES if jump_m_s != 0.0 else 0):
         if pulses[i, JUMP] == 0.0:
@@ -161,38 +149,25 @@ def _sensing_sense_jump(probe: Sensing, jump_m_s: float) -> None:
     pulses[np.argmin(pulses[:, AGE]), JUMP] += jump_m_s
 
 
-@by_part
-def sense_step(probe: Probe, parts: Parts, dense: Vector, h_s: float, used_s: float, begin_s: float) -> None:
-    """Drive the filters over the first `used_s` of a step of `h_s` of Bernstein coefficients `dense`."""
-    return
-
-
-@sense_step.register(Sensing)
-def _sensing_sense_step(
+@subroutine(inline=True)
+def sense_step(
     probe: Sensing, parts: Parts, dense: Vector, h_s: float, used_s: float, begin_s: float
 ) -> None:
-    if used_s == 0.0:
-        return
+    """Drive the filters over the first `used_s` of a step of `h_s` of Bernstein coefficients `dense`."""
     inputs, share = probe.inputs, used_s / h_s
-    if _has_variable_speed(parts.drive):
+    if is_motor(parts.drive):
         to_power(dense[SPEED], share, inputs[CRANK_SPEED])
     to_power(dense[VELOCITY], share, inputs[STRIKER_VELOCITY])
-    _interpolate_housing(parts.housing, probe, used_s, begin_s)
+    if not is_level(parts.housing):
+        _interpolate_housing(parts.housing, probe, used_s, begin_s)
     _drive_filters(probe, parts, used_s)
 
 
-@by_part
-def sense_series(probe: Probe, parts: Parts, series: Vector, used_s: float) -> None:
+@subroutine(inline=True)
+def sense_series(probe: Sensing, parts: Parts, series: Vector, used_s: float) -> None:
     """Drive the filters over the first `used_s` of a step by a Taylor series."""
-    return
-
-
-@sense_series.register(Sensing)
-def _sensing_sense_series(probe: Sensing, parts: Parts, series: Vector, used_s: float) -> None:
-    if used_s == 0.0:
-        return
     inputs = probe.inputs
-    if _has_variable_speed(parts.drive):
+    if is_motor(parts.drive):
         _scaled(series[SPEED], used_s, inputs[CRANK_SPEED])
     _scaled(series[VELOCITY], used_s, inputs[STRIKER_VELOCITY])
     if not is_level(parts.housing):
@@ -205,8 +180,10 @@ def _drive_filters(probe: Sensing, parts: Parts, used_s: float) -> None:
     """Drive the filters over `used_s` by the polynomials in `probe.inputs`."""
     inputs, moments, states = probe.inputs, probe.moments, probe.states
     _note_moments(probe, used_s)
-    _fill_constant_speed(parts.drive, inputs[CRANK_SPEED])
     speed, velocity = inputs[CRANK_SPEED], inputs[STRIKER_VELOCITY]
+    if not is_motor(parts.drive):
+        speed[:] = 0.0
+        speed[0] = constant_speed_rad_s(parts.drive)
     for j in range(DEGREE + 1):
         speed[j] *= -probe.poles[SPEED_ESTIMATE].real
     states[SPEED_ESTIMATE] = _driven(moments[SPEED_ESTIMATE], states[SPEED_ESTIMATE], speed, DEGREE)
@@ -223,7 +200,7 @@ def _drive_filters(probe: Sensing, parts: Parts, used_s: float) -> None:
         states[HOUSING] = _driven(moments[HOUSING], states[HOUSING], inputs[SHAKEN], DEGREE)
 
 
-@by_part
+@subroutine
 def _interpolate_housing(housing: Housing, probe: Sensing, used_s: float, begin_s: float) -> None:
     """Power coefficients of a_b over a step."""
     values, through = probe.shaken[0], probe.shaken[1]
@@ -231,26 +208,6 @@ def _interpolate_housing(housing: Housing, probe: Sensing, used_s: float, begin_
         values[i] = housing_m_s2(housing, begin_s + NODES[i] * used_s)
     interpolate(values, through)
     to_power(through, 1.0, probe.inputs[SHAKEN])
-
-
-@_interpolate_housing.register(Level)
-def _level_interpolate_housing(housing: Level, probe: Sensing, used_s: float, begin_s: float) -> None:
-    return
-
-
-_has_variable_speed = one_of(MotorDrive)
-
-
-@by_part
-def _fill_constant_speed(drive: Drive, power: Vector) -> None:
-    """Power coefficients of the crank's speed if it is constant."""
-    return
-
-
-@_fill_constant_speed.register(IdealDrive)
-def _ideal_drive_fill_constant_speed(drive: IdealDrive, power: Vector) -> None:
-    power[:] = 0.0
-    power[0] = drive.omega_rad_s
 
 
 @subroutine

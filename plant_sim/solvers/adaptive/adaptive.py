@@ -77,8 +77,8 @@ def advance(
     if mode.phase == UNSETTLED:
         determine_phase(parts, memory, torque_n_m, start_s)
     elif mode.crank_stuck == 1 or mode.zero_crank > 0:  # the torque may have changed
-        settle_crank(parts.drive, parts, memory, torque_n_m)
-    settle_voltage(parts.winding, parts.drive, parts, memory, torque_n_m)
+        settle_crank(parts, memory, torque_n_m)
+    settle_voltage(parts, memory, torque_n_m)
     begin_ledger(parts, memory)
     status = DONE
     while True:
@@ -187,7 +187,7 @@ def run(
 
 def refusal(status: int, parts: Parts, memory: Memory, start_s: float) -> SolverError:
     """The error for a failed run: cause, time and motion, remedy."""
-    x_m = from_stop_m(parts.wearer, parts.drive, memory.y) + origin_m(parts.stop, parts.striker)
+    x_m = from_stop_m(parts, memory.y) + origin_m(parts.stop, parts.striker)
     place = f"at t = {start_s + memory.held[0].elapsed_s:.9g} s, x = {x_m:.9g} m, v = {memory.y[1]:.6g} m/s"
     if status == TOO_COSTLY:
         return too_costly(place, _remedy(parts, memory))

@@ -11,7 +11,13 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_force_n, has_stop, is_soft, stop_force_n
 from plant_sim.parts.wearer import is_worn
 from plant_sim.sensors.sensing import Probe
-from plant_sim.solvers.adaptive.crank import crank_events, crank_may_halt, halt_or_break_crank, settle_crank
+from plant_sim.solvers.adaptive.crank import (
+    break_crank_away,
+    crank_events,
+    crank_may_halt,
+    halt_crank,
+    settle_crank,
+)
 from plant_sim.solvers.adaptive.event_location import (
     CLEAR,
     CRANK_BREAK,
@@ -69,8 +75,8 @@ def determine_phase(parts: Parts, memory: Memory, torque_n_m: float, time_s: flo
     """
     y, mode = memory.y, memory.mode[0]
     memory.held[0].last_step_s = 0.0
-    settle_crank(parts.drive, parts, memory, torque_n_m)
-    closing = closing_m_s(parts.wearer, parts.drive, y)
+    settle_crank(parts, memory, torque_n_m)
+    closing = closing_m_s(parts, y)
     enter(mode, FLIGHT, 1 if y[1] > 0.0 else -1, 1 if y[0] == 0.0 and closing < 0.0 else 0, 0)
     if is_soft(parts.stop):
         _determine_contact(parts, memory, closing, time_s)
@@ -101,33 +107,29 @@ def _determine_contact(parts: Parts, memory: Memory, closing: float, time_s: flo
 
 
 @subroutine
-def may_end(
-    parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, course: Course, zeros: Zeros
-) -> bool:
+def may_end(parts: Parts, flow: Flow, y: Vector, new: Vector, course: Course, zeros: Zeros) -> bool:
     """Whether an event may occur in the step, by bounds from its ends and its largest slopes.
 
     A function with slopes within ± S and values g0 and g1 at the ends is at least (g0 + g1 − S h) / 2.
     """
     if is_worn(parts.wearer) or flow.phase != FLIGHT or zeros.depth + zeros.velocity + zeros.crank > 0:
         return True
-    change = h_s * steepest(course, VELOCITY)
+    change = course.h_s * steepest(course, VELOCITY)
     if dry_limit_n(parts) > 0.0 and (y[1] + new[1]) * flow.direction <= change:
         return True
-    if has_stop(parts.stop) and max(y[0], new[0]) + 0.125 * h_s * change >= 0.0:
+    if has_stop(parts.stop) and max(y[0], new[0]) + 0.125 * course.h_s * change >= 0.0:
         return True
-    return crank_may_halt(parts.drive, flow, h_s, y, new, course) or voltage_may_end(
-        parts.winding, parts.drive, parts, flow, h_s, y, new, course
-    )
+    return crank_may_halt(parts.drive, flow, y, new, course) or voltage_may_end(parts, flow, y, new, course)
 
 
 @subroutine
 def first_event(parts: Parts, step: Step) -> Found:
     """The first event of a step."""
     flow = step.flow
-    found = crank_events(parts.drive, parts, step, Found(NONE, NO_ROOT))
-    found = voltage_events(parts.winding, parts.drive, parts, step, found)
+    found = crank_events(parts, step, Found(NONE, NO_ROOT))
+    found = voltage_events(parts, step, found)
     if flow.phase in (STICK, REST):
-        return earlier(found, RELEASE, release_event(parts.housing, parts, step))
+        return earlier(found, RELEASE, release_event(parts, step))
     if dry_limit_n(parts) > 0.0:
         s = root(step.dense[VELOCITY], -flow.direction, 0.0, step.zeros.velocity, step.scratch)
         found = earlier(found, HALT, s)
@@ -154,10 +156,12 @@ def apply(parts: Parts, probe: Probe, memory: Memory, torque_n_m: float, event: 
         from_rest(parts, memory, time_s)
     elif event == RELEASE:
         release(parts, memory, time_s)
-    elif event in (CRANK_HALT, CRANK_BREAK):
-        halt_or_break_crank(parts.drive, parts, memory, torque_n_m, event)
+    elif event == CRANK_HALT:
+        halt_crank(parts, memory, torque_n_m)
+    elif event == CRANK_BREAK:
+        break_crank_away(parts, memory, torque_n_m)
     elif event in (LIMIT, UNLIMIT):
-        limit_voltage(parts.winding, memory, event)
+        limit_voltage(memory, event == LIMIT)
 
 
 @subroutine
@@ -165,7 +169,7 @@ def _touch(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
     """Treat the striker's arrival at the stop's surface, depth 0, from outside."""
     y, mode = memory.y, memory.mode[0]
     y[0] = 0.0
-    v = closing_m_s(parts.wearer, parts.drive, y)
+    v = closing_m_s(parts, y)
     if v < 0.0:  # a graze that rounding made an event
         enter(mode, mode.phase, mode.direction, 1, mode.zero_velocity)
     elif v == 0.0 and y[1] != 0.0:  # striker and plate side by side

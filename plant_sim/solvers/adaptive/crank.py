@@ -8,7 +8,7 @@ independent of the striker's.
 import math
 
 from plant_sim.kernels import by_part, subroutine
-from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_torque_n_m
+from plant_sim.parts.drive import Drive, MotorDrive, is_motor, motor_torque_n_m
 from plant_sim.parts.friction import ROUNDING, set_off
 from plant_sim.parts.linkage import crank_torque_n_m, piston_m
 from plant_sim.parts.parts import Parts
@@ -32,7 +32,6 @@ from plant_sim.solvers.adaptive.state_layout import (
     Flow,
     Memory,
     Vector,
-    current_place,
     enter_crank,
 )
 from plant_sim.solvers.adaptive.wearer import from_stop_m, place_within
@@ -41,71 +40,40 @@ from plant_sim.solvers.bernstein import DEGREE, NO_ROOT, NODES, at, first_beyond
 from plant_sim.solvers.double_double import TURN_LOW_RAD, TURN_RAD
 
 
-@by_part
-def crank_now(drive: Drive, memory: Memory) -> Crank:
+@subroutine(inline=True)
+def crank_now(parts: Parts, memory: Memory) -> Crank:
     """The crank at the last step's end."""
-    raise NotImplementedError
-
-
-@crank_now.register(IdealDrive)
-def _ideal_drive_crank_now(drive: IdealDrive, memory: Memory) -> Crank:
+    drive = parts.drive
+    if is_motor(drive):
+        return Crank(memory.y[ANGLE], memory.y[SPEED])
     return Crank(memory.held[0].crank_rad, drive.omega_rad_s)
 
 
-@crank_now.register(MotorDrive)
-def _motor_drive_crank_now(drive: MotorDrive, memory: Memory) -> Crank:
-    return Crank(memory.y[ANGLE], memory.y[SPEED])
-
-
-@by_part
+@subroutine(inline=True)
 def crank_in_stage(drive: Drive, flow: Flow, tau_s: float, y: Vector) -> Crank:
     """The crank `tau_s` after the step's start, where the state is `y`."""
-    raise NotImplementedError
-
-
-@crank_in_stage.register(IdealDrive)
-def _ideal_drive_crank_in_stage(drive: IdealDrive, flow: Flow, tau_s: float, y: Vector) -> Crank:
+    if is_motor(drive):
+        return Crank(y[ANGLE], y[SPEED])
     return Crank(flow.angle_rad + drive.omega_rad_s * tau_s, drive.omega_rad_s)
 
 
-@crank_in_stage.register(MotorDrive)
-def _motor_drive_crank_in_stage(drive: MotorDrive, flow: Flow, tau_s: float, y: Vector) -> Crank:
-    return Crank(y[ANGLE], y[SPEED])
+@subroutine
+def angle_at(drive: Drive, step: Step, s: float) -> float:
+    """Crank angle, rad, within a step."""
+    if is_motor(drive):
+        return at(step.dense[ANGLE], s)
+    return step.flow.angle_rad + drive.omega_rad_s * s * step.h_s
 
 
-@by_part
-def angle_at(drive: Drive, flow: Flow, s: float, h_s: float, dense: Vector) -> float:
-    """Crank angle, rad, within a step of `h_s`."""
-    raise NotImplementedError
-
-
-@angle_at.register(IdealDrive)
-def _ideal_drive_angle_at(drive: IdealDrive, flow: Flow, s: float, h_s: float, dense: Vector) -> float:
-    return flow.angle_rad + drive.omega_rad_s * s * h_s
-
-
-@angle_at.register(MotorDrive)
-def _motor_drive_angle_at(drive: MotorDrive, flow: Flow, s: float, h_s: float, dense: Vector) -> float:
-    return at(dense[ANGLE], s)
-
-
-@by_part
+@subroutine(inline=True)
 def turn_crank(drive: Drive, memory: Memory, h_s: float) -> None:
     """Update the crank's angle after a step, within [0, 2π)."""
-    raise NotImplementedError
-
-
-@turn_crank.register(IdealDrive)
-def _ideal_drive_turn_crank(drive: IdealDrive, memory: Memory, h_s: float) -> None:
-    angle_rad, turns = within_a_turn(memory.held[0].crank_rad + drive.omega_rad_s * h_s)
-    memory.held[0].crank_rad = angle_rad
-    memory.mode[0].turns += turns
-
-
-@turn_crank.register(MotorDrive)
-def _motor_drive_turn_crank(drive: MotorDrive, memory: Memory, h_s: float) -> None:
-    angle_rad, turns = within_a_turn(memory.y[ANGLE])
-    memory.y[ANGLE] = angle_rad
+    if is_motor(drive):
+        angle_rad, turns = within_a_turn(memory.y[ANGLE])
+        memory.y[ANGLE] = angle_rad
+    else:
+        angle_rad, turns = within_a_turn(memory.held[0].crank_rad + drive.omega_rad_s * h_s)
+        memory.held[0].crank_rad = angle_rad
     memory.mode[0].turns += turns
 
 
@@ -140,26 +108,14 @@ def crank_load_n_m(parts: Parts, angle_rad: float, place_m: float) -> float:
     return crank_torque_n_m(parts.linkage, spring, parts.drive.amplitude_m, angle_rad)
 
 
-@by_part
+@subroutine(inline=True)
 def crank_derivative(
     drive: Drive, flow: Flow, torque_n_m: float, load_n_m: float, crank: Crank, work: int, out: Vector
 ) -> float:
     """Fill in the crank's part of the derivative and the drive's power, W; returns the crank's loss, W."""
-    raise NotImplementedError
-
-
-@crank_derivative.register(IdealDrive)
-def _ideal_drive_crank_derivative(
-    drive: IdealDrive, flow: Flow, torque_n_m: float, load_n_m: float, crank: Crank, work: int, out: Vector
-) -> float:
-    out[work] = load_n_m * crank.speed_rad_s
-    return 0.0
-
-
-@crank_derivative.register(MotorDrive)
-def _motor_drive_crank_derivative(
-    drive: MotorDrive, flow: Flow, torque_n_m: float, load_n_m: float, crank: Crank, work: int, out: Vector
-) -> float:
+    if not is_motor(drive):
+        out[work] = load_n_m * crank.speed_rad_s
+        return 0.0
     if flow.crank_stuck:
         out[ANGLE] = 0.0
         out[SPEED] = 0.0
@@ -172,23 +128,17 @@ def _motor_drive_crank_derivative(
     return loss_n_m * crank.speed_rad_s
 
 
-@by_part
+@subroutine
 def rotor_energy_j(drive: Drive, omega_rad_s: float) -> float:
     """Kinetic energy, J, of the rotor; 0 for an ideal drive, which has no inertia."""
-    return 0.0
-
-
-@rotor_energy_j.register(MotorDrive)
-def _motor_drive_rotor_energy_j(drive: MotorDrive, omega_rad_s: float) -> float:
-    return 0.5 * drive.inertia_kg_m2 * omega_rad_s * omega_rad_s
+    return 0.5 * drive.inertia_kg_m2 * omega_rad_s * omega_rad_s if is_motor(drive) else 0.0
 
 
 @subroutine
 def crank_net_n_m(parts: Parts, torque_n_m: float, angle_rad: float, y: Vector) -> float:
     """Torque, N m, on a crank at rest at `angle_rad`, without its dry loss."""
-    place = current_place(parts)
-    torque = turning_torque_n_m(parts.winding, parts.drive, torque_n_m, Crank(angle_rad, 0.0), y, place)
-    load = crank_load_n_m(parts, angle_rad, from_stop_m(parts.wearer, parts.drive, y))
+    torque = turning_torque_n_m(parts, torque_n_m, Crank(angle_rad, 0.0), y)
+    load = crank_load_n_m(parts, angle_rad, from_stop_m(parts, y))
     return torque - load
 
 
@@ -197,19 +147,16 @@ def crank_limit_n_m(parts: Parts, dry_n_m: float, torque_n_m: float, angle_rad: 
     """Largest net torque, N m, at which the dry loss holds a crank at rest: the loss plus a rounding of the
     net torque, to which the motor adds at most what its drive permits."""
     motor = motor_torque_n_m(parts.drive, torque_n_m, 0.0)
-    load = crank_load_n_m(parts, angle_rad, from_stop_m(parts.wearer, parts.drive, y))
+    load = crank_load_n_m(parts, angle_rad, from_stop_m(parts, y))
     return dry_n_m + ROUNDING * (abs(motor) + abs(load) + dry_n_m)
 
 
-@by_part
-def settle_crank(drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
-    """Determine whether a crank at rest stays there under this torque, otherwise its direction."""
-    return
-
-
-@settle_crank.register(MotorDrive)
-def _motor_drive_settle_crank(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
-    y, mode = memory.y, memory.mode[0]
+@subroutine
+def settle_crank(parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    """Determine whether a motor's crank at rest stays there under this torque, otherwise its direction."""
+    drive, y, mode = parts.drive, memory.y, memory.mode[0]
+    if not is_motor(drive):
+        return
     if drive.dry_n_m == 0.0:
         enter_crank(mode, 0, 0, 0)
         return
@@ -222,53 +169,36 @@ def _motor_drive_settle_crank(drive: MotorDrive, parts: Parts, memory: Memory, t
     enter_crank(mode, 1 if direction == 0 else 0, direction, 1)
 
 
-@by_part
-def halt_or_break_crank(drive: Drive, parts: Parts, memory: Memory, torque_n_m: float, event: int) -> None:
-    """Apply the halt of the crank, or its breakaway."""
-    return
+@subroutine
+def halt_crank(parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    """Halt the crank."""
+    memory.y[SPEED] = 0.0
+    settle_crank(parts, memory, torque_n_m)
 
 
-@halt_or_break_crank.register(MotorDrive)
-def _motor_drive_halt_or_break_crank(
-    drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float, event: int
-) -> None:
-    y, mode = memory.y, memory.mode[0]
-    if event == CRANK_HALT:
-        y[SPEED] = 0.0
-        settle_crank(drive, parts, memory, torque_n_m)
-        return
-    net = crank_net_n_m(parts, torque_n_m, y[ANGLE], y)
-    enter_crank(mode, 0, 1 if net > 0.0 else -1, 2)
+@subroutine
+def break_crank_away(parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    """Let the crank break away from rest."""
+    net = crank_net_n_m(parts, torque_n_m, memory.y[ANGLE], memory.y)
+    enter_crank(memory.mode[0], 0, 1 if net > 0.0 else -1, 2)
 
 
-@by_part
-def crank_may_halt(drive: Drive, flow: Flow, h_s: float, y: Vector, new: Vector, course: Course) -> bool:
+@subroutine
+def crank_may_halt(drive: Drive, flow: Flow, y: Vector, new: Vector, course: Course) -> bool:
     """Whether the crank may halt or break away in a step; bounds as in `automaton.may_end`."""
-    return False
-
-
-@crank_may_halt.register(MotorDrive)
-def _motor_drive_crank_may_halt(
-    drive: MotorDrive, flow: Flow, h_s: float, y: Vector, new: Vector, course: Course
-) -> bool:
-    if drive.dry_n_m == 0.0:
+    if not is_motor(drive) or drive.dry_n_m == 0.0:
         return False
     if flow.crank_stuck:
         return True
     twice_mean: float = (y[SPEED] + new[SPEED]) * flow.crank_direction
-    return twice_mean <= h_s * steepest(course, SPEED)
+    return twice_mean <= course.h_s * steepest(course, SPEED)
 
 
-@by_part
-def crank_events(drive: Drive, parts: Parts, step: Step, found: Found) -> Found:
+@subroutine
+def crank_events(parts: Parts, step: Step, found: Found) -> Found:
     """The earlier of `found` and the crank's halt or breakaway."""
-    return found
-
-
-@crank_events.register(MotorDrive)
-def _motor_drive_crank_events(drive: MotorDrive, parts: Parts, step: Step, found: Found) -> Found:
-    flow = step.flow
-    if drive.dry_n_m == 0.0:
+    drive, flow = parts.drive, step.flow
+    if not is_motor(drive) or drive.dry_n_m == 0.0:
         return found
     if not flow.crank_stuck:
         s = root(step.dense[SPEED], -flow.crank_direction, 0.0, step.zeros.crank, step.scratch)
@@ -284,7 +214,7 @@ def _break_event(winding: Winding, drive: MotorDrive, parts: Parts, step: Step) 
     """
     flow, y, scratch = step.flow, step.y, step.scratch
     place = scratch.press[: step.dense.shape[1]]
-    place_within(parts.wearer, drive, step.dense, place)
+    place_within(parts, step.dense, place)
     slope = crank_load_n_m(parts, y[ANGLE], 0.0) - crank_load_n_m(parts, y[ANGLE], 1.0)
     net = motor_torque_n_m(drive, flow.torque_n_m, 0.0) - crank_load_n_m(parts, y[ANGLE], 0.0)
     limit = crank_limit_n_m(parts, drive.dry_n_m, flow.torque_n_m, y[ANGLE], y)
@@ -302,22 +232,14 @@ def _dq_winding_break_event(winding: DqWinding, drive: MotorDrive, parts: Parts,
     return first_beyond(net, 1.0, 0.0, limit, step.scratch)
 
 
-@by_part
+@subroutine
 def angle_event(drive: Drive, up_rad: float, down_rad: float, step: Step) -> float:
     """First s at which the crank reaches `up_rad`, above its angle at the start, or `down_rad`, below it."""
-    raise NotImplementedError
-
-
-@angle_event.register(IdealDrive)
-def _ideal_drive_angle_event(drive: IdealDrive, up_rad: float, down_rad: float, step: Step) -> float:
+    if is_motor(drive):
+        angle, scratch = step.dense[ANGLE], step.scratch
+        return min(root(angle, 1.0, -up_rad, 0, scratch), root(angle, -1.0, down_rad, 0, scratch))
     turn, begin_rad = drive.omega_rad_s * step.h_s, step.flow.angle_rad
     bound = up_rad - begin_rad if turn > 0.0 else down_rad - begin_rad
     if abs(bound) > abs(turn):
         return NO_ROOT
     return bound / turn
-
-
-@angle_event.register(MotorDrive)
-def _motor_drive_angle_event(drive: MotorDrive, up_rad: float, down_rad: float, step: Step) -> float:
-    angle, scratch = step.dense[ANGLE], step.scratch
-    return min(root(angle, 1.0, -up_rad, 0, scratch), root(angle, -1.0, down_rad, 0, scratch))

@@ -4,9 +4,9 @@ Every condition is a polynomial over the step: depth, velocity, crank speed, or 
 rest from its limit. A quantity that starts at zero is first divided by s, because that zero is not an event.
 """
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
-from plant_sim.kernels import by_part, subroutine
+from plant_sim.kernels import subroutine
 from plant_sim.solvers.adaptive.state_layout import Flow, Vector
 from plant_sim.solvers.bernstein import Scratch, at
 
@@ -57,42 +57,26 @@ def look_within(dense: Vector, s: float, scratch: Scratch) -> None:
         scratch.inner[i] = at(dense[i], s)
 
 
-class Stages(NamedTuple):
-    """Slopes in the stages of a step of DOP853, shape (STAGES, state)."""
+class Course(NamedTuple):
+    """A step of `h_s` as it was computed: Taylor coefficients, shape (at least motion, order + 1), or slopes
+    in the stages of DOP853, shape (STAGES, state)."""
 
-    k: Vector
-
-
-class Series(NamedTuple):
-    """Taylor coefficients of a step, shape (at least motion, order + 1), its length and order."""
-
+    is_series: bool
     coefficients: Vector
+    k: Vector
     h_s: float
     order: int
 
 
-Course: TypeAlias = Stages | Series
-
-
-@by_part
+@subroutine
 def steepest(course: Course, place: int) -> float:
-    """A bound of a quantity's slope within a step, of either sign."""
-    raise NotImplementedError
-
-
-@steepest.register(Stages)
-def _stages_steepest(course: Stages, place: int) -> float:
-    """Twice the largest slope of a stage."""
-    largest = 0.0
-    for stage in range(12):
-        largest = max(largest, abs(course.k[stage, place]))
-    return 2.0 * largest
-
-
-@steepest.register(Series)
-def _series_steepest(course: Series, place: int) -> float:
-    """Σ k |c_k| hᵏ⁻¹."""
+    """A bound of a quantity's slope within a step, of either sign: Σ j |c_j| hʲ⁻¹, or twice the largest slope
+    of a stage."""
     total = 0.0
-    for k in range(course.order, 0, -1):
-        total = total * course.h_s + k * abs(course.coefficients[place, k])
-    return total
+    if course.is_series:
+        for j in range(course.order, 0, -1):
+            total = total * course.h_s + j * abs(course.coefficients[place, j])
+        return total
+    for stage in range(12):
+        total = max(total, abs(course.k[stage, place]))
+    return 2.0 * total

@@ -3,9 +3,9 @@
 m_B (x'' + a_b) = c (x_A + l0 − x) + F_f − F_stop, and those of crank, windings and foot plate.
 """
 
-from plant_sim.kernels import by_part, subroutine
+from plant_sim.kernels import subroutine
 from plant_sim.parts.friction import friction_force_n
-from plant_sim.parts.housing import Housing, Level, housing_m_s2
+from plant_sim.parts.housing import housing_m_s2, is_level
 from plant_sim.parts.linkage import crank_torque_n_m, piston_m
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.sizes import ledger_size
@@ -25,7 +25,6 @@ from plant_sim.solvers.adaptive.state_layout import (
     Flow,
     Memory,
     Vector,
-    current_place,
     housing_place,
     work_place,
 )
@@ -48,7 +47,7 @@ def flow_now(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> 
         phase=mode.phase,
         direction=float(mode.direction),
         damping_s_m=memory.contact[0].damping_s_m if is_soft(parts.stop) else 0.0,
-        angle_rad=crank_now(parts.drive, memory).angle_rad,
+        angle_rad=crank_now(parts, memory).angle_rad,
         torque_n_m=torque_n_m,
         crank_direction=float(mode.crank_direction),
         crank_stuck=mode.crank_stuck == 1,
@@ -63,12 +62,12 @@ def derivative(parts: Parts, flow: Flow, tau_s: float, y: Vector, out: Vector) -
     striker, drive, friction, stop = parts.striker, parts.drive, parts.friction, parts.stop
     depth, v = y[0], y[1]
     crank = crank_in_stage(drive, flow, tau_s, y)
-    spring = coupling_n(parts, crank.angle_rad, from_stop_m(parts.wearer, drive, y))
+    spring = coupling_n(parts, crank.angle_rad, from_stop_m(parts, y))
     load = crank_torque_n_m(parts.linkage, spring, drive.amplitude_m, crank.angle_rad)
     work = work_place(parts)
-    torque = turning_torque_n_m(parts.winding, drive, flow.torque_n_m, crank, y, current_place(parts))
+    torque = turning_torque_n_m(parts, flow.torque_n_m, crank, y)
     crank_loss = crank_derivative(drive, flow, torque, load, crank, work, out)
-    closing = closing_m_s(parts.wearer, drive, y)
+    closing = closing_m_s(parts, y)
     a_b = housing_m_s2(parts.housing, flow.time_s + tau_s)
     for account in range(work + 2, work + 2 + ledger_size(stop)):
         out[account] = 0.0
@@ -88,21 +87,11 @@ def derivative(parts: Parts, flow: Flow, tau_s: float, y: Vector, out: Vector) -
         out[0] = 0.0
         out[1] = 0.0
         out[work + 1] = crank_loss
-    plate_derivative(parts.wearer, parts, push, a_b, y, out)
-    _housing_derivative(parts.housing, parts, a_b, y, out)
-    winding_derivative(parts.winding, drive, parts, flow, crank, y, out)
-
-
-@by_part
-def _housing_derivative(housing: Housing, parts: Parts, a_b: float, y: Vector, out: Vector) -> None:
-    """Fill in the power of the housing."""
-    momentum = parts.striker.mass_kg * y[1] + plate_momentum_n_s(parts.wearer, parts.drive, y)
-    out[housing_place(parts)] = -a_b * momentum
-
-
-@_housing_derivative.register(Level)
-def _level_housing_derivative(housing: Level, parts: Parts, a_b: float, y: Vector, out: Vector) -> None:
-    return
+    plate_derivative(parts, push, a_b, y, out)
+    if not is_level(parts.housing):
+        momentum = striker.mass_kg * v + plate_momentum_n_s(parts, y)
+        out[housing_place(parts)] = -a_b * momentum
+    winding_derivative(parts, flow, crank, y, out)
 
 
 @subroutine
@@ -111,10 +100,10 @@ def stored_energy_j(parts: Parts, phase: int, y: Vector, crank: Crank) -> float:
     striker, drive, stop = parts.striker, parts.drive, parts.stop
     depth_m, v_m_s = y[0], y[1]
     piston = piston_m(parts.linkage, drive.amplitude_m, crank.angle_rad)
-    place_m = from_stop_m(parts.wearer, drive, y)
+    place_m = from_stop_m(parts, y)
     stretch = piston + striker.rest_length_m - origin_m(stop, striker) - place_m
     energy: float = 0.5 * striker.mass_kg * v_m_s * v_m_s + spring_energy_j(striker, stretch)
     if in_touch(phase, depth_m):
         energy += elastic_energy_j(stop, depth_m)
-    energy += plate_energy_j(parts.wearer, drive, y)
+    energy += plate_energy_j(parts, y)
     return energy + rotor_energy_j(drive, crank.speed_rad_s)

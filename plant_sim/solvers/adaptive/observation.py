@@ -3,12 +3,11 @@
 import math
 from typing import NamedTuple
 
-from plant_sim.kernels import by_part, subroutine
-from plant_sim.parts.drive import Drive
+from plant_sim.kernels import subroutine
 from plant_sim.parts.housing import is_level
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m, stop_force_n
-from plant_sim.parts.wearer import Ankle, Wearer, is_worn
+from plant_sim.parts.wearer import is_worn
 from plant_sim.parts.winding import DqWinding
 from plant_sim.result import ElectricalLedger, EnergyLedger, MotionState, Observation, Phase
 from plant_sim.solvers.adaptive.crank import crank_in_stage, crank_now
@@ -41,61 +40,43 @@ GOLDEN_CUTS = 20
 """Number of cuts: they narrow half a step to 3e-5 of it, where the force is 1e-9 below its peak."""
 
 
-class StopForce(NamedTuple):
-    """The force of a soft stop in a contact."""
+class Force(NamedTuple):
+    """A force whose peak is followed: of a soft stop in a contact with damping λ, or of a worn module on its
+    wearer."""
 
     parts: Parts
+    is_felt: bool
     damping_s_m: float
 
 
-class FeltForce(NamedTuple):
-    """The force of a worn module on its wearer."""
-
-    wearer: Ankle
-    drive: Drive
-
-
-@by_part
-def force_at(force: StopForce | FeltForce, dense: Vector, s: float) -> float:
+@subroutine(inline=True)
+def force_at(force: Force, dense: Vector, s: float) -> float:
     """The force within a step, N."""
-    raise NotImplementedError
-
-
-@force_at.register(StopForce)
-def _stop_force_at(force: StopForce, dense: Vector, s: float) -> float:
     parts = force.parts
-    depth = max(at(dense[DEPTH], s), 0.0)
-    closing = at(dense[VELOCITY], s) - plate_at(parts.wearer, parts.drive, dense, s)[1]
-    return stop_force_n(parts.stop, elastic_force_n(parts.stop, depth), closing, force.damping_s_m)
-
-
-@force_at.register(FeltForce)
-def _felt_force_at(force: FeltForce, dense: Vector, s: float) -> float:
-    place, velocity = plate_at(force.wearer, force.drive, dense, s)
-    return abs(ankle_force_n(force.wearer, place, velocity))
+    place, velocity = plate_at(parts, dense, s)
+    if force.is_felt and is_worn(parts.wearer):
+        return abs(ankle_force_n(parts.wearer, place, velocity))
+    elastic_n = elastic_force_n(parts.stop, max(at(dense[DEPTH], s), 0.0))
+    return stop_force_n(parts.stop, elastic_n, at(dense[VELOCITY], s) - velocity, force.damping_s_m)
 
 
 @subroutine
 def follow_contact(parts: Parts, memory: Memory, dense: Vector, damping_s_m: float, share: float) -> None:
     """Update the largest force of the contact by the used share of a step."""
     contact = memory.contact[0]
-    contact.peak_n = _largest(StopForce(parts, damping_s_m), dense, share, contact.peak_n)
-
-
-@by_part
-def follow_felt(wearer: Wearer, drive: Drive, memory: Memory, share: float) -> None:
-    """Update the largest force on the wearer by the used share of a step."""
-    return
-
-
-@follow_felt.register(Ankle)
-def _ankle_follow_felt(wearer: Ankle, drive: Drive, memory: Memory, share: float) -> None:
-    contact = memory.contact[0]
-    contact.peak_felt_n = _largest(FeltForce(wearer, drive), memory.dense, share, contact.peak_felt_n)
+    contact.peak_n = _largest(Force(parts, False, damping_s_m), dense, share, contact.peak_n)
 
 
 @subroutine
-def _largest(force: StopForce | FeltForce, dense: Vector, share: float, before_n: float) -> float:
+def follow_felt(parts: Parts, memory: Memory, share: float) -> None:
+    """Update the largest force on a wearer by the used share of a step."""
+    if is_worn(parts.wearer):
+        contact = memory.contact[0]
+        contact.peak_felt_n = _largest(Force(parts, True, 0.0), memory.dense, share, contact.peak_felt_n)
+
+
+@subroutine
+def _largest(force: Force, dense: Vector, share: float, before_n: float) -> float:
     """The largest force so far: the largest of five samples on the step, refined by golden section.
 
     Between two samples the force may be larger than both; it is taken to be larger by less than neighbouring
@@ -157,21 +138,20 @@ def note(parts: Parts, flow: Flow, tau_s: float, y: Vector, slopes: Vector, row:
 
     `slopes` is scratch.
     """
-    drive, winding = parts.drive, parts.winding
-    row[OBSERVED.x_m], row[OBSERVED.v_m_s] = from_stop_m(parts.wearer, drive, y), y[1]
+    row[OBSERVED.x_m], row[OBSERVED.v_m_s] = from_stop_m(parts, y), y[1]
     if row.size < READINGS:
         return
     derivative(parts, flow, tau_s, y, slopes)
     row[OBSERVED.accel_m_s2] = slopes[1]
     row[OBSERVED.stop_force_n] = 0.0
     if is_soft(parts.stop) and in_touch(flow.phase, y[0]):
-        elastic_n, closing = elastic_force_n(parts.stop, y[0]), closing_m_s(parts.wearer, drive, y)
+        elastic_n, closing = elastic_force_n(parts.stop, y[0]), closing_m_s(parts, y)
         row[OBSERVED.stop_force_n] = stop_force_n(parts.stop, elastic_n, closing, flow.damping_s_m)
-    crank, place = crank_in_stage(drive, flow, tau_s, y), current_place(parts)
+    crank = crank_in_stage(parts.drive, flow, tau_s, y)
     row[OBSERVED.crank_rad], row[OBSERVED.omega_rad_s] = crank.angle_rad, crank.speed_rad_s
-    row[OBSERVED.current_a] = turning_current_a(winding, drive, flow.torque_n_m, crank, y, place)
-    row[OBSERVED.motor_torque_n_m] = turning_torque_n_m(winding, drive, flow.torque_n_m, crank, y, place)
-    row[OBSERVED.felt_force_n] = felt_force_n(parts.wearer, drive, y)
+    row[OBSERVED.current_a] = turning_current_a(parts, flow.torque_n_m, crank, y)
+    row[OBSERVED.motor_torque_n_m] = turning_torque_n_m(parts, flow.torque_n_m, crank, y)
+    row[OBSERVED.felt_force_n] = felt_force_n(parts, y)
 
 
 @subroutine
@@ -179,7 +159,7 @@ def begin_ledger(parts: Parts, memory: Memory) -> None:
     """Begin the ledger at a start; after a change from outside, continue it without that change."""
     held = memory.held[0]
     if math.isnan(held.stored_before_j):
-        crank = crank_now(parts.drive, memory)
+        crank = crank_now(parts, memory)
         stored_j = stored_energy_j(parts, memory.mode[0].phase, memory.y, crank)
         held.stored_before_j = stored_j - memory.observed[OBSERVED.stored_j]
 
@@ -191,7 +171,7 @@ def observe(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> N
     flow = flow_now(parts, memory, torque_n_m, time_s)
     note(parts, flow, 0.0, y, memory.k[0], observed)
     observed[OBSERVED.x_m] += origin_m(parts.stop, parts.striker)
-    crank = crank_now(parts.drive, memory)
+    crank = crank_now(parts, memory)
     work = work_place(parts)
     observed[OBSERVED.drive_work_j] = y[work]
     stored_j = stored_energy_j(parts, flow.phase, y, crank)

@@ -12,9 +12,9 @@ fewer terms, and a step that needs more of them is one of DOP853.
 
 import math
 
-from plant_sim.kernels import by_part, one_of, subroutine
-from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_torque_n_m
-from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Stribeck, Viscous, friction_force_n
+from plant_sim.kernels import one_of, subroutine
+from plant_sim.parts.drive import Drive, is_motor, motor_torque_n_m
+from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Viscous, friction_force_n, is_stribeck
 from plant_sim.parts.housing import Level, Moving, Tilted, expand_housing, is_level
 from plant_sim.parts.linkage import Sine
 from plant_sim.parts.parts import Parts
@@ -29,9 +29,9 @@ from plant_sim.parts.stop import (
     stop_force_n,
 )
 from plant_sim.parts.striker import has_linear_spring, spring_force_n
-from plant_sim.parts.wearer import NoWearer
-from plant_sim.parts.winding import IdealCurrent
-from plant_sim.sensors.sensing import Probe, Sensing
+from plant_sim.parts.wearer import is_worn
+from plant_sim.parts.winding import is_wound
+from plant_sim.sensors.sensing import Probe, is_sensing
 from plant_sim.solvers.adaptive.crank import crank_in_stage
 from plant_sim.solvers.adaptive.state_layout import (
     ANGLE,
@@ -68,24 +68,20 @@ CLEARLY_WITHIN = 0.5
 
 _is_endless = one_of(Sine)
 _is_regular = one_of(Level, Tilted, Moving)
-_is_fixed = one_of(NoWearer)
-_is_ideal = one_of(IdealCurrent)
 _is_linear = one_of(NoStop, RigidStop, KelvinVoigt)
+_is_linear_but_for_a_constant = one_of(NoFriction, Viscous, Coulomb)
 
 
-@by_part
+@subroutine(inline=True)
 def series_step_s(
     probe: Probe, parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float
 ) -> float:
-    """Expand the motion into `memory.series`; return the length of a step, s, or 0 if there is no series."""
-    return _step_s(parts, flow, memory, scale, longest_s, ORDER)
+    """Expand the motion into `memory.series`; return the length of a step, s, or 0 if there is no series.
 
-
-@series_step_s.register(Sensing)
-def _sensing_series_step_s(
-    probe: Sensing, parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float
-) -> float:
-    """A series as short as the sensors need is worth its time only if it covers the whole step."""
+    A series as short as the sensors need is worth its time only if it covers the whole step.
+    """
+    if not is_sensing(probe):
+        return _step_s(parts, flow, memory, scale, longest_s, ORDER)
     h_s = _step_s(parts, flow, memory, scale, longest_s, DEGREE)
     return h_s if h_s == longest_s else 0.0
 
@@ -95,8 +91,8 @@ def _step_s(parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: 
     if not (
         _is_endless(parts.linkage)
         and _is_regular(parts.housing)
-        and _is_fixed(parts.wearer)
-        and _is_ideal(parts.winding)
+        and not is_worn(parts.wearer)
+        and not is_wound(parts.winding)
         and _has_recurrence(parts.friction)
         and has_linear_spring(parts.striker)
     ):
@@ -113,19 +109,11 @@ def _step_s(parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: 
     return h_s
 
 
-@by_part
+@subroutine
 def _has_recurrence(friction: Friction) -> bool:
-    return False
-
-
-@_has_recurrence.register(NoFriction, Viscous, Coulomb)
-def _no_friction_or_viscous_or_coulomb_has_recurrence(friction: NoFriction | Viscous | Coulomb) -> bool:
-    return True
-
-
-@_has_recurrence.register(Stribeck)
-def _stribeck_has_recurrence(friction: Stribeck) -> bool:
-    return friction.delta in (1.0, 2.0)
+    if is_stribeck(friction):
+        return friction.delta in (1.0, 2.0)
+    return _is_linear_but_for_a_constant(friction)
 
 
 @subroutine(inline=True)
@@ -182,34 +170,20 @@ def _at_start(value: float, k: int) -> float:
     return value if k == 0 else 0.0
 
 
-@by_part
+@subroutine(inline=True)
 def _turn(
     drive: Drive, flow: Flow, torque_n_m: float, k: int, per: float, n: int, work: int, series: Vector
 ) -> float:
     """Coefficients k + 1 of crank and drive's work; return coefficient k of the crank's loss, W."""
-    raise NotImplementedError
-
-
-@_turn.register(IdealDrive)
-def _ideal_drive_turn(
-    drive: IdealDrive, flow: Flow, torque_n_m: float, k: int, per: float, n: int, work: int, series: Vector
-) -> float:
-    sine, cosine, spring = series[n + SINE], series[n + COSINE], series[n + SPRING]
-    turn = per * drive.omega_rad_s
-    load_n = 0.0
-    for j in range(k + 1):
-        load_n += spring[j] * cosine[k - j]
-    sine[k + 1], cosine[k + 1] = turn * cosine[k], -turn * sine[k]
-    series[work, k + 1] = turn * drive.amplitude_m * load_n
-    return 0.0
-
-
-@_turn.register(MotorDrive)
-def _motor_drive_turn(
-    drive: MotorDrive, flow: Flow, torque_n_m: float, k: int, per: float, n: int, work: int, series: Vector
-) -> float:
     sine, cosine, spring, speed = series[n + SINE], series[n + COSINE], series[n + SPRING], series[SPEED]
     load_n = sine_rate = cosine_rate = square = 0.0
+    if not is_motor(drive):
+        for j in range(k + 1):
+            load_n += spring[j] * cosine[k - j]
+        turn = per * drive.omega_rad_s
+        sine[k + 1], cosine[k + 1] = turn * cosine[k], -turn * sine[k]
+        series[work, k + 1] = turn * drive.amplitude_m * load_n
+        return 0.0
     for j in range(k + 1):
         load_n += spring[j] * cosine[k - j]
         sine_rate += speed[j] * cosine[k - j]
@@ -242,16 +216,11 @@ def _press(stop: Stop, damping_s_m: float, k: int, per: float, work: int, series
     return push_n
 
 
-@by_part
+@subroutine(inline=True)
 def _drag(friction: Friction, normal_n: float, direction: float, k: int, n: int, series: Vector) -> float:
     """Coefficient k of the friction force, N, of a striker sliding in `direction`, ±1."""
-    return friction_force_n(friction, _at_start(normal_n, k), series[VELOCITY, k], direction)
-
-
-@_drag.register(Stribeck)
-def _stribeck_drag(
-    friction: Stribeck, normal_n: float, direction: float, k: int, n: int, series: Vector
-) -> float:
+    if not is_stribeck(friction):
+        return friction_force_n(friction, _at_start(normal_n, k), series[VELOCITY, k], direction)
     velocity, power, fall = series[VELOCITY], series[n + POWER], series[n + FALL]
     per_speed = direction / friction.v_s_m_s
     power[k] = per_speed * velocity[k]
@@ -272,16 +241,13 @@ def _stribeck_drag(
     return force_n
 
 
-@by_part
+@subroutine
 def _judged_terms(friction: Friction) -> int:
-    """Number of last terms that determine the length of a step."""
-    return 2
+    """Number of last terms that determine the length of a step.
 
-
-@_judged_terms.register(Stribeck)
-def _stribeck_judged_terms(friction: Stribeck) -> int:
-    """With δ = 2 a striker that sets off under a growing force has every third term only: t², t⁵, t⁸ …"""
-    return 3
+    With δ = 2 a striker that sets off under a growing force has every third term only: t², t⁵, t⁸ …
+    """
+    return 3 if is_stribeck(friction) else 2
 
 
 @subroutine(inline=True)
@@ -302,31 +268,25 @@ def _accurate_s(series: Vector, scale: Vector, order: int, terms: int, longest_s
     return min(longest_s, 1.0 / per_s)
 
 
-@by_part
+@subroutine
 def _seen_s(friction: Friction, power: Vector, h_s: float, order: int) -> float:
-    """The length of a step, at most `h_s`, over which the last terms show how friction changes."""
-    return h_s
+    """The length of a step, at most `h_s`, over which the last terms show how friction changes.
 
-
-@_seen_s.register(Stribeck)
-def _stribeck_seen_s(friction: Stribeck, power: Vector, h_s: float, order: int) -> float:
-    """While p is large, all terms of e^−p are small; they show a fall of p by as much as their order."""
+    While p is large, all terms of e^−p are small; they show a fall of p by as much as their order.
+    """
+    if not is_stribeck(friction):
+        return h_s
     most = max(power[0] - UNSEEN, float(order))
     while largest_change(power, h_s, order) > most:
         h_s *= 0.5
     return h_s
 
 
-@by_part
+@subroutine
 def _is_torque_constant(drive: Drive, flow: Flow, series: Vector, h_s: float, order: int) -> bool:
-    return True
-
-
-@_is_torque_constant.register(MotorDrive)
-def _motor_drive_is_torque_constant(
-    drive: MotorDrive, flow: Flow, series: Vector, h_s: float, order: int
-) -> bool:
     """Whether the supply does not limit the current at any speed within the step; torque falls with speed."""
+    if not is_motor(drive):
+        return True
     speed = series[SPEED]
     change = largest_change(speed, h_s, order)
     fastest = motor_torque_n_m(drive, flow.torque_n_m, speed[0] + change)

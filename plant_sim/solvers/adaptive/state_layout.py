@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.arrays import One, zeros_of
-from plant_sim.kernels import by_part, subroutine
-from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
+from plant_sim.kernels import subroutine
+from plant_sim.parts.drive import Drive, is_motor
 from plant_sim.parts.friction import bend_m_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.sizes import ledger_size, motion_size
 from plant_sim.parts.stop import is_soft, origin_m
 from plant_sim.parts.wearer import is_worn
-from plant_sim.parts.winding import DqWinding, Winding
+from plant_sim.parts.winding import is_wound
 from plant_sim.result import Impact, MotionState, Observation, Phase
 from plant_sim.solvers.bernstein import DEGREE, ORDER, Scratch, scratch_arrays
 from plant_sim.solvers.double_double import TURN_RAD
@@ -263,7 +263,6 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int, 
     """
     striker, stop = parts.striker, parts.stop
     motion, size = work_place(parts), state_size(parts)
-    has_winding = isinstance(parts.winding, DqWinding)
     memory = Memory(
         y=np.zeros(size),
         mode=zeros_of(Mode, 1),
@@ -279,7 +278,7 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int, 
         dense=np.zeros((motion, DEGREE + 1)),
         series=np.zeros((size + BESIDE, order + 1)),
         long_dense=np.zeros((motion, order + 1)),
-        scratch=scratch_arrays(motion if has_winding else 0),
+        scratch=scratch_arrays(motion if is_wound(parts.winding) else 0),
         advance_at=0,
     )
     set_accuracy(parts, memory, accuracy)
@@ -304,22 +303,11 @@ def restart(
     held.last_step_s = held.last_margin = held.debt = 0.0
     held.stored_before_j = math.nan
     memory.observed[:] = 0.0
-    _set_crank(parts.drive, memory, crank_rad % TURN_RAD, omega_rad_s)
-
-
-@by_part
-def _set_crank(drive: Drive, memory: Memory, angle_rad: float, omega_rad_s: float) -> None:
-    raise NotImplementedError
-
-
-@_set_crank.register(IdealDrive)
-def _ideal_drive_set_crank(drive: IdealDrive, memory: Memory, angle_rad: float, omega_rad_s: float) -> None:
-    memory.held[0].crank_rad = angle_rad
-
-
-@_set_crank.register(MotorDrive)
-def _motor_drive_set_crank(drive: MotorDrive, memory: Memory, angle_rad: float, omega_rad_s: float) -> None:
-    memory.y[ANGLE], memory.y[SPEED] = angle_rad, omega_rad_s
+    angle_rad = crank_rad % TURN_RAD
+    if is_motor(parts.drive):
+        memory.y[ANGLE], memory.y[SPEED] = angle_rad, omega_rad_s
+    else:
+        held.crank_rad = angle_rad
 
 
 @subroutine
@@ -330,12 +318,12 @@ def set_accuracy(parts: Parts, memory: Memory, accuracy: float) -> None:
     natural = math.sqrt(striker.spring_n_per_m / striker.mass_kg)
     length = max(parts.drive.amplitude_m, 1e-3)
     scale[DEPTH], scale[VELOCITY] = 1.0, natural
-    _set_crank_scale(parts.drive, scale, length, natural)
+    if is_motor(parts.drive):
+        scale[ANGLE], scale[SPEED] = 1.0 / length, natural / length
     if is_worn(parts.wearer):
         plate = plate_place(parts.drive)
         scale[plate], scale[plate + 1] = 1.0, natural
-    currents = scale[current_place(parts) :]
-    _set_current_scale(parts.winding, parts.drive, currents, length, natural)
+    _set_current_scale(parts, length, natural, scale)
     force = striker.spring_n_per_m * max(length, abs(striker.rest_length_m - origin_m(stop, striker)))
     work = work_place(parts)
     scale[work:] = force
@@ -350,34 +338,15 @@ def set_accuracy(parts: Parts, memory: Memory, accuracy: float) -> None:
     memory.held[0].rest_m_s = 0.01 * accuracy * natural  # such a rebound's height is far below the accuracy
 
 
-@by_part
-def _set_crank_scale(drive: Drive, scale: Vector, length_m: float, natural_rad_s: float) -> None:
-    """Set the unit of a motor's angle and speed."""
-    return
-
-
-@_set_crank_scale.register(MotorDrive)
-def _motor_drive_set_crank_scale(
-    drive: MotorDrive, scale: Vector, length_m: float, natural_rad_s: float
-) -> None:
-    scale[ANGLE], scale[SPEED] = 1.0 / length_m, natural_rad_s / length_m
-
-
-@by_part
-def _set_current_scale(
-    winding: Winding, drive: Drive, scale: Vector, length_m: float, natural_rad_s: float
-) -> None:
-    """Set the units of the windings' currents and voltages, from the beginning of `scale` on."""
-    return
-
-
-@_set_current_scale.register(DqWinding)
-def _dq_winding_set_current_scale(
-    winding: DqWinding, drive: MotorDrive, scale: Vector, length_m: float, natural_rad_s: float
-) -> None:
+@subroutine
+def _set_current_scale(parts: Parts, length_m: float, natural_rad_s: float, scale: Vector) -> None:
+    """Set the units of the windings' currents and voltages, if they are modelled."""
+    winding, drive, place = parts.winding, parts.drive, current_place(parts)
+    if not (is_wound(winding) and is_motor(drive)):
+        return
     # An error of current dies out within 1/α; until then it turns the crank: δω = K_t δi / (J α).
     alpha = winding.bandwidth_rad_s
     current = drive.inertia_kg_m2 * alpha / drive.torque_constant_n_m_a * natural_rad_s / length_m
-    scale[0] = scale[1] = current
-    scale[2] = alpha * winding.d_inductance_h * current
-    scale[3] = alpha * winding.q_inductance_h * current
+    scale[place] = scale[place + 1] = current
+    scale[place + 2] = alpha * winding.d_inductance_h * current
+    scale[place + 3] = alpha * winding.q_inductance_h * current

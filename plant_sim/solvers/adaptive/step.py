@@ -14,7 +14,7 @@ from plant_sim.sensors.sensing import Probe, is_sensing, sense_series, sense_ste
 from plant_sim.solvers.adaptive.automaton import apply, first_event, may_end
 from plant_sim.solvers.adaptive.crank import crank_now, turn_crank
 from plant_sim.solvers.adaptive.dop853 import attempt, extend
-from plant_sim.solvers.adaptive.event_location import NONE, TOUCH, Found, Series, Stages, Step, Zeros
+from plant_sim.solvers.adaptive.event_location import NONE, TOUCH, Course, Found, Step, Zeros
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.observation import follow_contact, follow_felt, sample_step
 from plant_sim.solvers.adaptive.series import motion_within, series_step_s, state_after
@@ -74,7 +74,7 @@ def take_step(
     used: float = h
     event = NONE
     has_sample = mode.samples < grid.t_s.size and grid.t_s[mode.samples] < begin_s + h
-    is_checked = _may_end(parts, flow, h, memory, zeros, is_series, order)
+    is_checked = may_end(parts, flow, y, new, Course(is_series, memory.series, memory.k, h, order), zeros)
     dense = memory.long_dense if is_series else memory.dense
     if has_sample or is_checked or (is_sensing(probe) and not is_series):
         _look_within(parts, flow, h, memory, is_series, order)
@@ -85,7 +85,7 @@ def take_step(
             used = _repeat(parts, flow, found, h, memory, is_series, order)
     if flow.phase == CONTACT:
         follow_contact(parts, memory, dense, flow.damping_s_m, used / h)
-    follow_felt(parts.wearer, parts.drive, memory, used / h)
+    follow_felt(parts, memory, used / h)
     _sense(parts, probe, memory, h, used, begin_s, is_series)
     if has_sample:
         sample_step(parts, memory, flow, dense, h, used, grid)
@@ -109,9 +109,9 @@ def _longest_s(parts: Parts, memory: Memory, begin_s: float) -> float:
     """The longest step of DOP853, s: a radian of the fastest motion of any part."""
     striker = parts.striker
     natural = math.sqrt(striker.spring_n_per_m / striker.mass_kg)
-    longest = 1.0 / max(natural, abs(crank_now(parts.drive, memory).speed_rad_s))
-    longest = min(longest, ankle_s(parts.wearer), smooth_for_s(parts.housing, begin_s))
-    return min(longest, current_s(parts.winding, parts.drive))
+    longest = 1.0 / max(natural, abs(crank_now(parts, memory).speed_rad_s))
+    longest = min(longest, ankle_s(parts), smooth_for_s(parts.housing, begin_s))
+    return min(longest, current_s(parts))
 
 
 @subroutine
@@ -175,17 +175,6 @@ def _eighth_root(value: float) -> float:
 
 
 @subroutine
-def _may_end(
-    parts: Parts, flow: Flow, h_s: float, memory: Memory, zeros: Zeros, is_series: bool, order: int
-) -> bool:
-    """Whether an event may occur in the step."""
-    y, new = memory.y, memory.new
-    if is_series:
-        return may_end(parts, flow, h_s, y, new, Series(memory.series, h_s, order), zeros)
-    return may_end(parts, flow, h_s, y, new, Stages(memory.k), zeros)
-
-
-@subroutine
 def _look_within(parts: Parts, flow: Flow, h_s: float, memory: Memory, is_series: bool, order: int) -> None:
     """The motion within the step, into `memory.long_dense` or `memory.dense`."""
     if is_series:
@@ -199,6 +188,8 @@ def _sense(
     parts: Parts, probe: Probe, memory: Memory, h_s: float, used_s: float, begin_s: float, is_series: bool
 ) -> None:
     """Drive the sensors' filters over the first `used_s` of the step."""
+    if not is_sensing(probe) or used_s == 0.0:
+        return
     if is_series:
         sense_series(probe, parts, memory.series, used_s)
     else:
@@ -213,7 +204,7 @@ def _repeat(
     new = memory.new
     used = found.s * h_s
     _end_at(parts, flow, used, memory, is_series, order)
-    closing = closing_m_s(parts.wearer, parts.drive, new)
+    closing = closing_m_s(parts, new)
     if found.event == TOUCH and closing != 0.0:
         correction = -new[0] / closing
         if abs(correction) < 1e-3 * used:

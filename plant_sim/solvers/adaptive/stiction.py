@@ -6,14 +6,14 @@ The striker sticks by dry friction, or rests on a rigid stop. The law of frictio
 
 import math
 
-from plant_sim.kernels import by_part, subroutine
+from plant_sim.kernels import one_of, subroutine
 from plant_sim.parts.friction import ROUNDING, set_off, static_limit_n
-from plant_sim.parts.housing import Housing, Level, Tilted, housing_m_s2, housing_m_s3
+from plant_sim.parts.housing import Level, Tilted, housing_m_s2, housing_m_s3
 from plant_sim.parts.linkage import crank_torque_n_m, sine_at
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m
 from plant_sim.parts.striker import spring_force_n, spring_stretch_m
-from plant_sim.parts.wearer import Ankle, Wearer
+from plant_sim.parts.wearer import is_worn
 from plant_sim.solvers.adaptive.crank import angle_at, angle_event, coupling_n, crank_now
 from plant_sim.solvers.adaptive.event_location import Step
 from plant_sim.solvers.adaptive.state_layout import (
@@ -34,6 +34,8 @@ from plant_sim.solvers.double_double import TURN_RAD
 NEAR_RAD = 1e-9
 """A crank within this angle of a breakaway counts as having reached it."""
 
+_is_still = one_of(Level, Tilted)
+
 
 @subroutine
 def dry_limit_n(parts: Parts) -> float:
@@ -44,7 +46,7 @@ def dry_limit_n(parts: Parts) -> float:
 @subroutine
 def held_force_n(parts: Parts, angle_rad: float, y: Vector, time_s: float) -> float:
     """Force, N, on a striker at rest, without dry friction and the force of a rigid stop."""
-    spring = coupling_n(parts, angle_rad, from_stop_m(parts.wearer, parts.drive, y))
+    spring = coupling_n(parts, angle_rad, from_stop_m(parts, y))
     inertia = parts.striker.mass_kg * housing_m_s2(parts.housing, time_s)
     return spring - elastic_force_n(parts.stop, max(y[0], 0.0)) - inertia
 
@@ -55,7 +57,7 @@ def held_limit_n(parts: Parts, y: Vector, time_s: float) -> float:
     striker, stop = parts.striker, parts.stop
     limit = dry_limit_n(parts)
     reach = abs(striker.rest_length_m - origin_m(stop, striker))
-    reach += abs(from_stop_m(parts.wearer, parts.drive, y))
+    reach += abs(from_stop_m(parts, y))
     spring = spring_force_n(striker, parts.drive.amplitude_m + reach)
     inertia = striker.mass_kg * abs(housing_m_s2(parts.housing, time_s))
     return limit + ROUNDING * (spring + elastic_force_n(stop, max(y[0], 0.0)) + inertia + limit)
@@ -99,29 +101,27 @@ def _next(angle_rad: float, after_rad: float) -> float:
     return angle_rad + turns * TURN_RAD
 
 
-@by_part
-def release_event(housing: Housing, parts: Parts, step: Step) -> float:
+@subroutine
+def release_event(parts: Parts, step: Step) -> float:
     """First s at which a resting striker breaks away.
 
-    The sum of spring and housing force is approximated by a polynomial, to 1e-9 over a radian.
+    In a housing that moves, the sum of spring and housing force is approximated by a polynomial, to 1e-9 over
+    a radian.
     """
     flow, h_s = step.flow, step.h_s
+    if _is_still(parts.housing):
+        up, down = _release_angles(parts, flow.phase, flow.angle_rad, step.y[0])
+        return angle_event(parts.drive, up, down, step)
     values, pull = step.scratch.poly, step.scratch.press[: DEGREE + 1]
     largest = 0.0
     for i in range(DEGREE + 1):
-        angle = angle_at(parts.drive, flow, NODES[i], h_s, step.dense)
+        angle = angle_at(parts.drive, step, NODES[i])
         values[i] = held_force_n(parts, angle, step.y, flow.time_s + NODES[i] * h_s)
         largest = max(largest, abs(values[i]))
     interpolate(values, pull)
     limit = dry_limit_n(parts) + ROUNDING * largest
     down = _break(pull, -1.0, limit, step.scratch)
     return min(down, _break(pull, 1.0, limit, step.scratch)) if flow.phase == STICK else down
-
-
-@release_event.register(Level, Tilted)
-def _level_or_tilted_release_event(housing: Level | Tilted, parts: Parts, step: Step) -> float:
-    up, down = _release_angles(parts, step.flow.phase, step.flow.angle_rad, step.y[0])
-    return angle_event(parts.drive, up, down, step)
 
 
 @subroutine
@@ -137,10 +137,13 @@ def from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
     """Set the phase of a striker at v = 0: stick, rest on a rigid stop, or motion in the direction of the
     force."""
     y, mode = memory.y, memory.mode[0]
-    net = _set_off_force_n(parts.wearer, parts, memory, time_s)
+    net = held_force_n(parts, crank_now(parts, memory).angle_rad, y, time_s)
+    if is_worn(parts.wearer) and y[0] == 0.0:
+        # at a plate at rest, which the housing moves along as it does the striker
+        net += parts.striker.mass_kg * housing_m_s2(parts.housing, time_s)
     dry = dry_limit_n(parts)
     rounding = held_limit_n(parts, y, time_s) - dry
-    growth, near = _pull_growth(parts.housing, parts, memory, time_s)
+    growth, near = _pull_growth(parts, memory, time_s)
     near = max(near, rounding) if growth != 0.0 else rounding
     is_on_stop = is_rigid(parts.stop) and y[0] == 0.0
     direction = set_off(net, dry, near, growth, is_on_stop)
@@ -153,53 +156,33 @@ def from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
     _slide(parts, memory, time_s, forward, 1 if abs(net) > dry + near else 2)
 
 
-@by_part
-def _set_off_force_n(wearer: Wearer, parts: Parts, memory: Memory, time_s: float) -> float:
-    """Force, N, whose sign is the direction in which a striker at rest sets off."""
-    return held_force_n(parts, crank_now(parts.drive, memory).angle_rad, memory.y, time_s)
-
-
-@_set_off_force_n.register(Ankle)
-def _ankle_set_off_force_n(wearer: Ankle, parts: Parts, memory: Memory, time_s: float) -> float:
-    force_n = held_force_n(parts, crank_now(parts.drive, memory).angle_rad, memory.y, time_s)
-    if memory.y[0] == 0.0:  # at a plate at rest, which the housing moves along as it does the striker
-        force_n += parts.striker.mass_kg * housing_m_s2(parts.housing, time_s)
-    return force_n
-
-
-@by_part
-def _pull_growth(housing: Housing, parts: Parts, memory: Memory, time_s: float) -> tuple[float, float]:
+@subroutine
+def _pull_growth(parts: Parts, memory: Memory, time_s: float) -> tuple[float, float]:
     """Time derivative of the pull on a striker at rest, N/s, and the change of the pull within twice
     NEAR_RAD, N.
 
     Within that distance of the limit the derivative decides, so that no release is missed. At the piston's
     dead centres the derivative vanishes, and no breakaway begins.
     """
-    crank, striker = crank_now(parts.drive, memory), parts.striker
+    crank, striker = crank_now(parts, memory), parts.striker
+    is_still = _is_still(parts.housing)
+    if is_still and abs(math.cos(crank.angle_rad)) < 1e-4:
+        return 0.0, 0.0
     per_rad = crank_torque_n_m(
         parts.linkage, striker.spring_n_per_m, parts.drive.amplitude_m, crank.angle_rad
     )
-    shaken = striker.mass_kg * housing_m_s3(housing, time_s)
+    if is_still:
+        return per_rad * crank.speed_rad_s, abs(per_rad) * 2.0 * NEAR_RAD
+    shaken = striker.mass_kg * housing_m_s3(parts.housing, time_s)
     natural = math.sqrt(striker.spring_n_per_m / striker.mass_kg)
     growth = per_rad * crank.speed_rad_s - shaken
     return growth, (abs(per_rad) + abs(shaken) / natural) * 2.0 * NEAR_RAD
 
 
-@_pull_growth.register(Level, Tilted)
-def _level_or_tilted_pull_growth(
-    housing: Level | Tilted, parts: Parts, memory: Memory, time_s: float
-) -> tuple[float, float]:
-    crank, spring_n_per_m = crank_now(parts.drive, memory), parts.striker.spring_n_per_m
-    if abs(math.cos(crank.angle_rad)) < 1e-4:
-        return 0.0, 0.0
-    per_rad = crank_torque_n_m(parts.linkage, spring_n_per_m, parts.drive.amplitude_m, crank.angle_rad)
-    return per_rad * crank.speed_rad_s, abs(per_rad) * 2.0 * NEAR_RAD
-
-
 @subroutine
 def release(parts: Parts, memory: Memory, time_s: float) -> None:
     """Release a striker whose pull has just reached its limit: it sets off with zero acceleration."""
-    net = held_force_n(parts, crank_now(parts.drive, memory).angle_rad, memory.y, time_s)
+    net = held_force_n(parts, crank_now(parts, memory).angle_rad, memory.y, time_s)
     forward = net > 0.0 and memory.mode[0].phase == STICK
     _slide(parts, memory, time_s, forward, 2)
 

@@ -81,7 +81,7 @@ def _kelvin_voigt_stop_events(stop: KelvinVoigt, parts: Parts, step: Step, found
     if beyond:
         found = earlier(found, CLEAR, root(depth, -1.0, 0.0, 0, scratch))
     for i in range(depth.size):
-        press[i] = depth[i] + slope_s * closing_m_s(parts.wearer, parts.drive, step.dense[:, i])  # F/K
+        press[i] = depth[i] + slope_s * closing_m_s(parts, step.dense[:, i])  # F/K
     if beyond:
         return earlier(found, PRESS, root(press, 1.0, 0.0, zeros, scratch))
     return earlier(found, LEAVE, root(press, -1.0, 0.0, zeros, scratch))
@@ -106,9 +106,7 @@ def rebound(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
     memory.y[1] = -k * v
     memory.y[work_place(parts) + 2] += 0.5 * mass * v * v * (1.0 - k * k)
     enter(memory.mode[0], FLIGHT, -1, 1, 0)
-    _record(
-        memory, time_s, v, -k * v, mass * (1.0 + k) * v, math.nan, crank_now(parts.drive, memory).angle_rad
-    )
+    _record(memory, time_s, v, -k * v, mass * (1.0 + k) * v, math.nan, crank_now(parts, memory).angle_rad)
     sense_jump(probe, (1.0 + k) * v)
 
 
@@ -126,10 +124,10 @@ def open_contact(parts: Parts, memory: Memory, time_s: float, zeros: int) -> Non
     y, mode, contact = memory.y, memory.mode[0], memory.contact[0]
     enter(mode, CONTACT, mode.direction, zeros, mode.zero_velocity)
     mode.in_impact = IN_CONTACT
-    speed = max(closing_m_s(parts.wearer, parts.drive, y), 0.0)
+    speed = max(closing_m_s(parts, y), 0.0)
     contact.touch_s = time_s
     contact.touch_m_s = speed
-    contact.touch_rad = crank_now(parts.drive, memory).angle_rad
+    contact.touch_rad = crank_now(parts, memory).angle_rad
     contact.damping_s_m = damping_s_m(parts.stop, speed)
     # In a stiff stop an error of position weighs as much as one of velocity does within the contact.
     mass = contact_mass_kg(parts.wearer, parts.striker.mass_kg)
@@ -165,7 +163,7 @@ def leave(parts: Parts, memory: Memory) -> None:
     if not lets_go_early:
         y[0] = 0.0
     y[work_place(parts) + 2] += elastic_energy_j(parts.stop, y[0])
-    closing = closing_m_s(parts.wearer, parts.drive, y)
+    closing = closing_m_s(parts, y)
     enter(mode, FLIGHT, mode.direction, 1 if closing < 0.0 else 2, mode.zero_velocity)
     mode.in_impact = LET_GO
     memory.contact[0].leave_m_s = closing

@@ -7,10 +7,10 @@ the state; at `terminal_place` the work at their terminals and the copper loss.
 import math
 from typing import NamedTuple
 
-from plant_sim.kernels import by_part, subroutine
-from plant_sim.parts.drive import Drive, MotorDrive, asked_current_a, motor_current_a, motor_torque_n_m
+from plant_sim.kernels import subroutine
+from plant_sim.parts.drive import MotorDrive, asked_current_a, is_motor, motor_current_a, motor_torque_n_m
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.winding import DqWinding, Winding, flux_wb, voltage_limit_v
+from plant_sim.parts.winding import DqWinding, flux_wb, is_wound, voltage_limit_v
 from plant_sim.solvers.adaptive.event_location import (
     LIMIT,
     UNLIMIT,
@@ -43,34 +43,22 @@ class Voltages(NamedTuple):
     q: float
 
 
-@by_part
-def turning_current_a(
-    winding: Winding, drive: Drive, torque_n_m: float, crank: Crank, y: Vector, place: int
-) -> float:
+@subroutine
+def turning_current_a(parts: Parts, torque_n_m: float, crank: Crank, y: Vector) -> float:
     """The torque-producing current i_q, A; it settles at once if the windings are not modelled."""
-    return motor_current_a(drive, torque_n_m, crank.speed_rad_s)
-
-
-@turning_current_a.register(DqWinding)
-def _dq_winding_turning_current_a(
-    winding: DqWinding, drive: Drive, torque_n_m: float, crank: Crank, y: Vector, place: int
-) -> float:
-    current_a: float = y[place + 1]
+    if not is_wound(parts.winding):
+        return motor_current_a(parts.drive, torque_n_m, crank.speed_rad_s)
+    current_a: float = y[current_place(parts) + 1]
     return current_a
 
 
-@by_part
-def turning_torque_n_m(
-    winding: Winding, drive: Drive, torque_n_m: float, crank: Crank, y: Vector, place: int
-) -> float:
+@subroutine(inline=True)
+def turning_torque_n_m(parts: Parts, torque_n_m: float, crank: Crank, y: Vector) -> float:
     """The torque of the motor's current on the crank, N m, for the command `torque_n_m`."""
-    return motor_torque_n_m(drive, torque_n_m, crank.speed_rad_s)
-
-
-@turning_torque_n_m.register(DqWinding)
-def _dq_winding_turning_torque_n_m(
-    winding: DqWinding, drive: MotorDrive, torque_n_m: float, crank: Crank, y: Vector, place: int
-) -> float:
+    winding, drive = parts.winding, parts.drive
+    if not (is_wound(winding) and is_motor(drive)):
+        return motor_torque_n_m(drive, torque_n_m, crank.speed_rad_s)
+    place = current_place(parts)
     i_d, i_q = y[place], y[place + 1]
     saliency_h = winding.d_inductance_h - winding.q_inductance_h
     # T = 3/2 p (ψ i_q + (L_d − L_q) i_d i_q)
@@ -104,18 +92,12 @@ def voltage_excess(
     return asked.d * asked.d + asked.q * asked.q - limit * limit
 
 
-@by_part
-def winding_derivative(
-    winding: Winding, drive: Drive, parts: Parts, flow: Flow, crank: Crank, y: Vector, out: Vector
-) -> None:
+@subroutine(inline=True)
+def winding_derivative(parts: Parts, flow: Flow, crank: Crank, y: Vector, out: Vector) -> None:
     """Fill in the windings' part of the derivative."""
-    return
-
-
-@winding_derivative.register(DqWinding)
-def _dq_winding_derivative(
-    winding: DqWinding, drive: MotorDrive, parts: Parts, flow: Flow, crank: Crank, y: Vector, out: Vector
-) -> None:
+    winding, drive = parts.winding, parts.drive
+    if not (is_wound(winding) and is_motor(drive)):
+        return
     place, account = current_place(parts), terminal_place(parts)
     torque_n_m, omega_rad_s = flow.torque_n_m, crank.speed_rad_s
     i_d, i_q = y[place], y[place + 1]
@@ -136,43 +118,20 @@ def _dq_winding_derivative(
     out[account + 1] = 1.5 * R * (i_d * i_d + i_q * i_q)
 
 
-@by_part
-def voltage_may_end(
-    winding: Winding,
-    drive: Drive,
-    parts: Parts,
-    flow: Flow,
-    h_s: float,
-    y: Vector,
-    new: Vector,
-    course: Course,
-) -> bool:
+@subroutine
+def voltage_may_end(parts: Parts, flow: Flow, y: Vector, new: Vector, course: Course) -> bool:
     """Whether the voltage command may exceed the bus within a step, by bounds as for other events.
 
     A function with slopes within ± S and values g0 and g1 at the ends has |g| ≤ (|g0| + |g1| + S h) / 2.
     """
-    return False
-
-
-@voltage_may_end.register(DqWinding)
-def _dq_winding_voltage_may_end(
-    winding: DqWinding,
-    drive: MotorDrive,
-    parts: Parts,
-    flow: Flow,
-    h_s: float,
-    y: Vector,
-    new: Vector,
-    course: Course,
-) -> bool:
+    winding, drive = parts.winding, parts.drive
+    if not (is_wound(winding) and is_motor(drive)):
+        return False
     if flow.voltage_limited:
         return True
     place, torque_n_m = current_place(parts), flow.torque_n_m
-    steep_d, steep_q, steep_speed = (
-        steepest(course, place),
-        steepest(course, place + 1),
-        steepest(course, SPEED),
-    )
+    h_s, steep_speed = course.h_s, steepest(course, SPEED)
+    steep_d, steep_q = steepest(course, place), steepest(course, place + 1)
     steep_u_d, steep_u_q = steepest(course, place + 2), steepest(course, place + 3)
     L_d, L_q, alpha = winding.d_inductance_h, winding.q_inductance_h, winding.bandwidth_rad_s
     fastest = drive.pole_pairs * (max(abs(y[SPEED]), abs(new[SPEED])) + h_s * steep_speed)
@@ -195,15 +154,15 @@ def _dq_winding_voltage_may_end(
     return reached
 
 
-@by_part
-def current_s(winding: Winding, drive: Drive) -> float:
-    """Longest step for the windings, s: the method is stable to about h λ = −6."""
-    return math.inf
+@subroutine
+def current_s(parts: Parts) -> float:
+    """Longest step for the windings, s: the method is stable to about h λ = −6.
 
-
-@current_s.register(DqWinding)
-def _dq_winding_current_s(winding: DqWinding, drive: MotorDrive) -> float:
-    """The loop's poles are −α and, where the integral cancels them, −R/L_d and −R/L_q."""
+    The loop's poles are −α and, where the integral cancels them, −R/L_d and −R/L_q.
+    """
+    winding, drive = parts.winding, parts.drive
+    if not (is_wound(winding) and is_motor(drive)):
+        return math.inf
     cancelled = drive.resistance_ohm / min(winding.d_inductance_h, winding.q_inductance_h)
     return STABLE / max(winding.bandwidth_rad_s, cancelled)
 
@@ -238,47 +197,31 @@ def magnetic_energy_j(winding: DqWinding, i_d: float, i_q: float) -> float:
     return 0.75 * (winding.d_inductance_h * i_d * i_d + winding.q_inductance_h * i_q * i_q)
 
 
-@by_part
-def settle_voltage(winding: Winding, drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+@subroutine
+def settle_voltage(parts: Parts, memory: Memory, torque_n_m: float) -> None:
     """Determine whether the bus limits the current loop from now on under this torque command."""
-    return
+    winding, drive, y = parts.winding, parts.drive, memory.y
+    if is_wound(winding) and is_motor(drive):
+        excess = voltage_excess(winding, drive, torque_n_m, y[SPEED], y, current_place(parts))
+        memory.mode[0].voltage_limited = 1 if excess > 0.0 else 0
+        memory.mode[0].zero_voltage = 0
 
 
-@settle_voltage.register(DqWinding)
-def _dq_winding_settle_voltage(
-    winding: DqWinding, drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float
-) -> None:
-    place, y = current_place(parts), memory.y
-    excess = voltage_excess(winding, drive, torque_n_m, y[SPEED], y, place)
-    memory.mode[0].voltage_limited = 1 if excess > 0.0 else 0
-    memory.mode[0].zero_voltage = 0
-
-
-@by_part
-def limit_voltage(winding: Winding, memory: Memory, event: int) -> None:
+@subroutine
+def limit_voltage(memory: Memory, is_limited: bool) -> None:
     """Begin or end the voltage limit of the current loop."""
-    return
-
-
-@limit_voltage.register(DqWinding)
-def _dq_winding_limit_voltage(winding: DqWinding, memory: Memory, event: int) -> None:
-    memory.mode[0].voltage_limited = 1 if event == LIMIT else 0
+    memory.mode[0].voltage_limited = 1 if is_limited else 0
     memory.mode[0].zero_voltage = 1
 
 
-@by_part
-def voltage_events(winding: Winding, drive: Drive, parts: Parts, step: Step, found: Found) -> Found:
+@subroutine
+def voltage_events(parts: Parts, step: Step, found: Found) -> Found:
     """The earlier of `found` and the begin or end of the current loop's voltage limit."""
-    return found
-
-
-@voltage_events.register(DqWinding)
-def _dq_winding_voltage_events(
-    winding: DqWinding, drive: MotorDrive, parts: Parts, step: Step, found: Found
-) -> Found:
+    winding, drive, place = parts.winding, parts.drive, current_place(parts)
+    if not (is_wound(winding) and is_motor(drive)):
+        return found
     flow, dense, scratch = step.flow, step.dense, step.scratch
     values, excess = scratch.poly, scratch.press[: DEGREE + 1]
-    place = current_place(parts)
     if not flow.voltage_limited and stays_within_voltage(winding, drive, flow.torque_n_m, dense, place):
         return found
     for i in range(DEGREE + 1):
