@@ -118,9 +118,10 @@ end:
 declare void @llvm.memset.p0.i32(ptr, i8, i32, i1)
 """
 """`vibro_power_up` fills the state from its words that are not 0, a fifth of all, to save flash."""
-TO_INTEGER = re.compile(r"(\S+) = fptosi double (\S+) to i64")
+TO_INTEGER = re.compile(r"^ *(%\S+) = fptosi double (\S+) to i64", re.MULTILINE)
 """Conversions of floats to integers. All of the firmware's are within 32 bits, for which processors have an
-instruction; for 64 they call a function of the C library, which on a Cortex-M4F uses doubles."""
+instruction; for 64 they call a function of the C library, which on a Cortex-M4F uses doubles. The pattern
+begins at the beginning of a line: from within a line it would scan each long name once per character."""
 NAMES_EXCEPTION = re.compile(r"^ *store ptr @\.const\.picklebuf\S*, ptr \S*.*\n", re.MULTILINE)
 """Stores of numba's pickled exceptions, which are removed: the wrapper only uses the status."""
 
@@ -151,7 +152,9 @@ def object_code(target: TargetName, has_gait: bool = True) -> bytes:
 
 def _object_code(target: TargetName, has_gait: bool) -> bytes:
     assembly = NAMES_EXCEPTION.sub("", raw_assembly())
-    assembly = TO_INTEGER.sub(r"\1.word = fptosi double \2 to i32\n  \1 = sext i32 \1.word to i64", assembly)
+    assembly = TO_INTEGER.sub(
+        r"  \1.word = fptosi double \2 to i32\n  \1 = sext i32 \1.word to i64", assembly
+    )
     assembly, constants = HAS_GAIT.subn(rf'\1c"\\0{has_gait:d}"', assembly)
     assert constants > 0, "the raw assembly lacks the constant that leaves out the gait"
     tick, calibrate = assembly.partition("\n")[0].removeprefix("; ").split()
