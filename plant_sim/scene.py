@@ -200,7 +200,7 @@ class Scene(Table):
         # χ = φ + w sin² π φ reaches the curves' toe-off at φ = stance_share.
         stance = gait.stance_share
         warp = (TOE_OFF - stance) / math.sin(math.pi * stance) ** 2
-        rows = sample_strides(gait.walk(), np.random.default_rng((seed, STRIDES_STREAM)))
+        rows = sample_strides(gait, np.random.default_rng((seed, STRIDES_STREAM)))
         return Walking(*gait.direction, gait.mount_m, self.striker.gravity_m_s2, warp, rows)
 
     def _winding(self) -> Winding:

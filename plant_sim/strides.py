@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from plant_sim.parts.walking import COLUMNS, Rows
+from plant_sim.tables.gait_tables import GaitTable, PaceTable
 
 NATURAL_HZ = 0.9
 """Stride frequency of natural walking, for which the curves of `plant_sim.parts.walking` hold."""
@@ -30,39 +31,6 @@ TRIP_FACTORS = ((1.6, 0.7), (0.6, 0.7), (0.85, 0.9))
 """Frequency and size, relative to the desired ones, at the end of a stride with a trip and of two more."""
 
 
-class Pace(NamedTuple):
-    """Desired stride frequency from `at_s` on; 0: standing."""
-
-    at_s: float
-    stride_hz: float
-
-
-def begin_s(pace: Pace) -> float:
-    """The time from which a pace is desired."""
-    return pace.at_s
-
-
-class Trip(NamedTuple):
-    """A trip in the first mid-swing after `at_s`, with a peak deceleration of `knock_m_s2`."""
-
-    at_s: float
-    knock_m_s2: float
-
-
-class Walk(NamedTuple):
-    """Parameters of a walk."""
-
-    paces: Sequence[Pace]
-    trips: Sequence[Trip]
-    variability: float
-    """Relative standard deviation of frequency, size and length."""
-    range_share: float
-    walk_ratio_m_s: float
-    """Stride length divided by stride frequency, m s: nearly the same at all speeds."""
-    strike_m_s2: float
-    """Peak of a heel strike at the natural cadence; it grows as the square of the cadence."""
-
-
 class _Stride(NamedTuple):
     """State at one heel strike."""
 
@@ -74,7 +42,12 @@ class _Stride(NamedTuple):
 STILL = _Stride(0.0, 0.0, 0.0)
 
 
-def wanted_hz(paces: Sequence[Pace], t_s: float) -> float:
+def begin_s(pace: PaceTable) -> float:
+    """The time from which a pace is desired."""
+    return pace.at_s
+
+
+def wanted_hz(paces: Sequence[PaceTable], t_s: float) -> float:
     """Desired stride frequency at `t_s`: linear between two paces that walk, otherwise constant.
 
     The paces are in the order of time.
@@ -88,13 +61,13 @@ def wanted_hz(paces: Sequence[Pace], t_s: float) -> float:
     return here.stride_hz + share * (there.stride_hz - here.stride_hz)
 
 
-def sample_strides(walk: Walk, dice: np.random.Generator) -> Rows:
+def sample_strides(walk: GaitTable, dice: np.random.Generator) -> Rows:
     """Rows from t = 0 on; the last one has no end."""
     drawing = _Drawing(walk, dice)
-    script_s = [pace.at_s for pace in walk.paces] + [trip.at_s for trip in walk.trips]
+    script_s = [pace.at_s for pace in walk.pace] + [trip.at_s for trip in walk.stumble]
     until_s = max(SAMPLED_S, max(script_s) + AFTER_SCRIPT_S)
     while drawing.t_s < until_s or drawing.is_tripping:
-        if drawing.is_walking or wanted_hz(walk.paces, drawing.t_s) > 0.0:
+        if drawing.is_walking or wanted_hz(walk.pace, drawing.t_s) > 0.0:
             drawing.stride()
         elif not drawing.stand():
             return drawing.rows()
@@ -102,16 +75,16 @@ def sample_strides(walk: Walk, dice: np.random.Generator) -> Rows:
 
 
 class _Drawing:
-    def __init__(self, walk: Walk, dice: np.random.Generator) -> None:
+    def __init__(self, walk: GaitTable, dice: np.random.Generator) -> None:
         self._walk = walk
         self._dice = dice
         self._rows: list[tuple[float, ...]] = []
-        self._trips = sorted(walk.trips)
+        self._trips = sorted(walk.stumble, key=lambda trip: (trip.at_s, trip.knock_m_s2))
         self._recovering: list[tuple[float, float]] = []
         self._now_factor = 1.0
         self.t_s = 0.0
         self._cycles = 0.0
-        first_hz = wanted_hz(walk.paces, 0.0)
+        first_hz = wanted_hz(walk.pace, 0.0)
         self._now = self._sampled(first_hz) if first_hz > 0.0 else STILL
 
     @property
@@ -158,7 +131,7 @@ class _Drawing:
 
     def stand(self) -> bool:
         """Stand until the next pace; return whether there is one."""
-        later = [pace.at_s for pace in self._walk.paces if pace.at_s > self.t_s and pace.stride_hz > 0.0]
+        later = [pace.at_s for pace in self._walk.pace if pace.at_s > self.t_s and pace.stride_hz > 0.0]
         until_s = min(later, default=math.inf)
         self._row(until_s - self.t_s, STILL, STILL, 0.0, 0.0)
         self._now = STILL
@@ -168,14 +141,14 @@ class _Drawing:
     def stride(self) -> None:
         """Append one stride, from heel strike to heel strike."""
         here = self._now
-        strike = self._walk.strike_m_s2 * (here.hertz / NATURAL_HZ) ** 2
+        strike = self._walk.heel_strike_m_s2 * (here.hertz / NATURAL_HZ) ** 2
         if here is STILL:
-            goal = self._sampled(wanted_hz(self._walk.paces, self.t_s))
+            goal = self._sampled(wanted_hz(self._walk.pace, self.t_s))
             self._go(1.0, _Stride(STARTING_SHARE * goal.hertz, 0.0, 0.0), goal)
             self._now, self._now_factor = goal, 1.0
             return
         ends_s = self.t_s + 1.0 / here.hertz
-        next_hz = wanted_hz(self._walk.paces, ends_s)
+        next_hz = wanted_hz(self._walk.pace, ends_s)
         if next_hz == 0.0:
             self._go(1.0, here, _Stride(STOPPING_SHARE * here.hertz, 0.0, 0.0), strike)
             self._now = STILL

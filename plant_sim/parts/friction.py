@@ -146,26 +146,11 @@ def times(friction: Friction, factor: float) -> Friction:
     raise NotImplementedError
 
 
-@times.register(NoFriction)
-def _no_friction_times(friction: NoFriction, factor: float) -> NoFriction:
-    return friction
-
-
-@times.register(Viscous)
-def _viscous_times(friction: Viscous, factor: float) -> Viscous:
-    return Viscous(factor * friction.b_n_s_m)
-
-
-@times.register(Coulomb)
-def _coulomb_times(friction: Coulomb, factor: float) -> Coulomb:
-    return Coulomb(factor * friction.mu, factor * friction.b_n_s_m)
-
-
-@times.register(Stribeck)
-def _stribeck_times(friction: Stribeck, factor: float) -> Stribeck:
-    return friction._replace(
-        mu=factor * friction.mu, mu_s=factor * friction.mu_s, b_n_s_m=factor * friction.b_n_s_m
-    )
+@times.register(NoFriction, Viscous, Coulomb, Stribeck)
+def times_coefficients(friction: Friction, factor: float) -> Friction:
+    """All coefficients are multiplied: the force is linear in them."""
+    coefficients = {"mu", "mu_s", "b_n_s_m"}.intersection(friction._fields)
+    return friction._replace(**{name: factor * getattr(friction, name) for name in coefficients})
 
 
 class NoFrictionTable(Table):

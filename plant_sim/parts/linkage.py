@@ -7,7 +7,7 @@ and energy is conserved between crank and piston.
 import math
 from typing import NamedTuple, TypeAlias
 
-from plant_sim.kernels import by_part
+from plant_sim.kernels import one_of, subroutine
 
 
 class Sine(NamedTuple):
@@ -27,58 +27,36 @@ class SliderCrank(NamedTuple):
 Linkage: TypeAlias = Sine | SliderCrank
 
 
-@by_part
+is_endless = one_of(Sine)
+"""Whether the rod has no length of its own: the piston follows a sine."""
+
+
+@subroutine(inline=True)
 def piston_m(linkage: Linkage, amplitude_m: float, theta_rad: float) -> float:
     """x_A, m."""
-    raise NotImplementedError
-
-
-@piston_m.register(Sine)
-def _sine_piston_m(linkage: Sine, amplitude_m: float, theta_rad: float) -> float:
-    return amplitude_m * math.sin(theta_rad)
-
-
-@piston_m.register(SliderCrank)
-def _slider_crank_piston_m(linkage: SliderCrank, amplitude_m: float, theta_rad: float) -> float:
+    if is_endless(linkage):
+        return amplitude_m * math.sin(theta_rad)
     across = amplitude_m * math.cos(theta_rad)
     along = math.sqrt(linkage.rod_m * linkage.rod_m - across * across)
     # √(L² − a²) − L = −a² / (L + √(L² − a²)), without the difference of two near numbers
     return amplitude_m * math.sin(theta_rad) - across * across / (linkage.rod_m + along)
 
 
-@by_part
+@subroutine(inline=True)
 def crank_torque_n_m(linkage: Linkage, force_n: float, amplitude_m: float, theta_rad: float) -> float:
     """F dx_A/dθ, N m: the crank's torque for a force F on the piston along +x."""
-    raise NotImplementedError
-
-
-@crank_torque_n_m.register(Sine)
-def _sine_crank_torque_n_m(linkage: Sine, force_n: float, amplitude_m: float, theta_rad: float) -> float:
-    return force_n * amplitude_m * math.cos(theta_rad)
-
-
-@crank_torque_n_m.register(SliderCrank)
-def _slider_crank_crank_torque_n_m(
-    linkage: SliderCrank, force_n: float, amplitude_m: float, theta_rad: float
-) -> float:
+    if is_endless(linkage):
+        return force_n * amplitude_m * math.cos(theta_rad)
     across = amplitude_m * math.cos(theta_rad)
     along = math.sqrt(linkage.rod_m * linkage.rod_m - across * across)
     return force_n * across * (1.0 + amplitude_m * math.sin(theta_rad) / along)
 
 
-@by_part
+@subroutine
 def sine_at(linkage: Linkage, amplitude_m: float, level_m: float) -> float:
     """sin θ of the crank angles at which x_A = `level_m`; beyond ±1 if the piston never reaches it."""
-    raise NotImplementedError
-
-
-@sine_at.register(Sine)
-def _sine_at_of_sine(linkage: Sine, amplitude_m: float, level_m: float) -> float:
-    return level_m / amplitude_m
-
-
-@sine_at.register(SliderCrank)
-def _slider_crank_sine_at(linkage: SliderCrank, amplitude_m: float, level_m: float) -> float:
+    if is_endless(linkage):
+        return level_m / amplitude_m
     # (s − A sin θ)² = L² − A² cos² θ with s = x_A + L: sin θ = (s² − L² + A²) / (2 A s)
     reach = level_m + linkage.rod_m
     if reach <= 0.0:

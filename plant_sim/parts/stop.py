@@ -5,7 +5,7 @@ from typing import Annotated, Literal, NamedTuple, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from plant_sim.kernels import by_part, one_of
+from plant_sim.kernels import by_part, one_of, subroutine
 from plant_sim.parts.restitution import (
     HERTZ_EXPONENT,
     hertz_stiffness,
@@ -67,20 +67,14 @@ def _soft_stop_ledger_size(part: KelvinVoigt | HuntCrossley) -> int:
     return 2
 
 
-@by_part
+has_no_stop = one_of(NoStop)
+"""Whether there is no stop."""
+
+
+@subroutine
 def origin_m(stop: Stop, striker: Striker) -> float:
     """Origin of the depth, m: the stop, so that depths near it keep their digits."""
-    raise NotImplementedError
-
-
-@origin_m.register(NoStop)
-def _no_stop_origin_m(stop: NoStop, striker: Striker) -> float:
-    return striker.rest_length_m
-
-
-@origin_m.register(RigidStop, KelvinVoigt, HuntCrossley)
-def _stop_origin_m(stop: RigidStop | KelvinVoigt | HuntCrossley, striker: Striker) -> float:
-    return stop.position_m
+    return striker.rest_length_m if has_no_stop(stop) else stop.position_m
 
 
 @by_part
@@ -145,10 +139,6 @@ def _kelvin_voigt_elastic_energy_j(stop: KelvinVoigt, depth_m: float) -> float:
 @elastic_energy_j.register(HuntCrossley)
 def _hunt_crossley_elastic_energy_j(stop: HuntCrossley, depth_m: float) -> float:
     return elastic_force_n(stop, depth_m) * depth_m / (stop.exponent + 1.0)
-
-
-has_stop = one_of(RigidStop, KelvinVoigt, HuntCrossley)
-"""Whether there is a stop."""
 
 
 @by_part

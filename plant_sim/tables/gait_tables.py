@@ -6,7 +6,6 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from plant_sim.parts.walking import TOE_OFF
-from plant_sim.strides import Pace, Trip, Walk
 from plant_sim.tables.table import Table
 
 LATEST_S = 86_400.0
@@ -105,17 +104,6 @@ class GaitTable(Table):
                     f"gait.pace has at_s = {after} after at_s = {before}; put the paces in the order of time"
                 )
         return self
-
-    def walk(self) -> Walk:
-        """The walk as a plain record, for the sampling of strides."""
-        return Walk(
-            tuple(Pace(pace.at_s, pace.stride_hz) for pace in self.pace),
-            tuple(Trip(stumble.at_s, stumble.knock_m_s2) for stumble in self.stumble),
-            self.variability,
-            self.range_share,
-            self.walk_ratio_m_s,
-            self.heel_strike_m_s2,
-        )
 
     @property
     def direction(self) -> tuple[float, float, float]:

@@ -8,7 +8,7 @@ STICK, REST_ON_STOP ── release ──▶ FLIGHT or CONTACT
 
 from plant_sim.kernels import subroutine
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import elastic_force_n, has_stop, is_soft, stop_force_n
+from plant_sim.parts.stop import elastic_force_n, has_no_stop, is_soft, stop_force_n
 from plant_sim.parts.wearer import is_worn
 from plant_sim.sensors.sensing import Probe
 from plant_sim.solvers.adaptive.crank import (
@@ -117,7 +117,7 @@ def may_end(parts: Parts, flow: Flow, y: Vector, new: Vector, course: Course, ze
     change = course.h_s * steepest(course, VELOCITY)
     if dry_limit_n(parts) > 0.0 and (y[1] + new[1]) * flow.direction <= change:
         return True
-    if has_stop(parts.stop) and max(y[0], new[0]) + 0.125 * course.h_s * change >= 0.0:
+    if not has_no_stop(parts.stop) and max(y[0], new[0]) + 0.125 * course.h_s * change >= 0.0:
         return True
     return crank_may_halt(parts.drive, flow, y, new, course) or voltage_may_end(parts, flow, y, new, course)
 

@@ -16,7 +16,7 @@ from plant_sim.kernels import one_of, subroutine
 from plant_sim.parts.drive import Drive, is_motor, motor_torque_n_m
 from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Viscous, friction_force_n, is_stribeck
 from plant_sim.parts.housing import Level, Moving, Tilted, expand_housing, is_level
-from plant_sim.parts.linkage import Sine
+from plant_sim.parts.linkage import is_endless
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import (
     KelvinVoigt,
@@ -66,7 +66,6 @@ LEAST = 1e-300
 CLEARLY_WITHIN = 0.5
 """A longest step whose last terms are below this share of the tolerances is taken whole."""
 
-_is_endless = one_of(Sine)
 _is_regular = one_of(Level, Tilted, Moving)
 _is_linear = one_of(NoStop, RigidStop, KelvinVoigt)
 _is_linear_but_for_a_constant = one_of(NoFriction, Viscous, Coulomb)
@@ -89,7 +88,7 @@ def series_step_s(
 @subroutine(inline=True)
 def _step_s(parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float, order: int) -> float:
     if not (
-        _is_endless(parts.linkage)
+        is_endless(parts.linkage)
         and _is_regular(parts.housing)
         and not is_worn(parts.wearer)
         and not is_wound(parts.winding)

@@ -22,7 +22,7 @@ from plant_sim.kernels import jit, subroutine
 from plant_sim.parts.drive import Drive, constant_speed_rad_s
 from plant_sim.parts.friction import Friction, damping_n_s_m, is_dry, static_limit_n
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import Stop, has_stop, restitution, stop_position_m
+from plant_sim.parts.stop import Stop, has_no_stop, restitution, stop_position_m
 from plant_sim.parts.striker import Striker
 from plant_sim.solvers.double_double import quotient, square_root, turned, two_product
 
@@ -129,7 +129,7 @@ def oscillator_of(striker: Striker, drive: Drive, friction: Friction, stop: Stop
 
     return Oscillator(
         is_dry(friction),
-        has_stop(stop),
+        not has_no_stop(stop),
         striker.mass_kg,
         striker.spring_n_per_m,
         amplitude_m,

@@ -22,7 +22,7 @@ from plant_sim.kinds import kernel_parts
 from plant_sim.parts.drive import constant_speed_rad_s
 from plant_sim.parts.friction import ROUNDING, damping_n_s_m, friction_force_n
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import has_stop, restitution, stop_position_m
+from plant_sim.parts.stop import has_no_stop, restitution, stop_position_m
 from plant_sim.result import MotionState
 from plant_sim.solvers.double_double import turned
 
@@ -54,7 +54,7 @@ def _step(parts: Parts, y: float, v: float, x_A0: float, x_A1: float, h: float) 
     v1 = math.copysign(sliding, right) / effective
     rebound = -restitution(stop) * v
     gap = stop_position_m(stop) - striker.rest_length_m
-    meets = has_stop(stop) and y + 0.5 * h * v >= gap and v1 > rebound
+    meets = not has_no_stop(stop) and y + 0.5 * h * v >= gap and v1 > rebound
     if meets:
         v1 = rebound
     return ahead + THETA * h * v1, v1, meets
