@@ -48,8 +48,6 @@ from hil.timing.pacemaker import LONGEST_HOLD_NS, PACEMAKER, Member, shared_turn
 from hil.timing.processes import Child, Start, has_stopped, is_busy
 from hil.timing.realtime import OPERATOR_PRIORITY, fixed_priority, settle_garbage
 
-READY_TIMEOUT_S = 600.0
-"""Longest start of a child, with imports and kernels to compile, on a busy machine."""
 START_DELAY_S = 0.3
 RECORDER = "recorder"
 RECORDER_AT_WORK_S = 120.0
@@ -276,7 +274,7 @@ class ProcessesRun:
         run_folder.write_json(self.run_dir / "processes.json", {"operator": os.getpid(), **pids})
         allowed = {}
         for name, child in self.children.items():
-            if said := child.wait_ready(READY_TIMEOUT_S):
+            if said := child.wait_ready():
                 allowed[name] = json.loads(said)
         run_folder.note(self.run_dir, realtime=allowed)
 

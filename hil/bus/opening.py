@@ -16,7 +16,6 @@ from hil.bus.wire import requests_in
 from hil.timing.pacemaker import PACEMAKER
 from hil.timing.processes import READY, Child, ChildError
 
-READY_TIMEOUT_S = 20.0
 COUNT_LOSSES = ("local", "vcan", "socketcan")
 """Kinds of address where frames lost on the way to a node are counted."""
 
@@ -115,7 +114,7 @@ def provide_local(reason: str, turn_times: int | None = None) -> ProvidedBus:
     if turn_times is not None:
         provided.turns, provided.pacemaker = path, hub
     with closed_unless_up(provided):
-        hub.wait_ready(READY_TIMEOUT_S)
+        hub.wait_ready()
     return provided
 
 
@@ -130,14 +129,14 @@ def provide_vcan(reason: str, turn_times: int | None = None) -> ProvidedBus:
     holder = Child("vcan", [sys.executable, "-P", "-m", "hil.bus.vcan", str(folder)])
     provided = ProvidedBus("vcan", "", True, reason, holder, folder)
     with closed_unless_up(provided):
-        word, _, rest = holder.read_line(READY_TIMEOUT_S).partition(" ")
+        word, _, rest = holder.read_line().partition(" ")
         if word != READY:
             raise BusError(f"bus vcan: {rest}")
         provided.address = rest
         if turn_times is not None:
             provided.turns = folder / "turns"
             provided.pacemaker = started_hub(PACEMAKER, provided.turns, turn_times)
-            provided.pacemaker.wait_ready(READY_TIMEOUT_S)
+            provided.pacemaker.wait_ready()
     return provided
 
 
@@ -191,7 +190,7 @@ def shared(provided: ProvidedBus) -> ProvidedBus:
         command = [sys.executable, "-P", "-m", "hil.bus.bridge", hub, provided.address]
         bus.name = provided.name
         bus.bridge = Child("bridge", command)
-        line = bus.bridge.read_line(READY_TIMEOUT_S)
+        line = bus.bridge.read_line()
         if line != READY:
             raise BusError(line.removeprefix("failed "))
     return bus

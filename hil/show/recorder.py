@@ -34,7 +34,11 @@ DRAIN_PERIOD_S = 0.02
 LATEST_DELIVERY_S = 0.05
 """Longest wait for frames that an adapter delivers late, after the end of the run."""
 NICENESS = 10
-"""A lower priority than the loops', even if they run at ordinary priority."""
+"""A lower priority than the loops', even if they run at ordinary priority.
+
+It is taken at the start, because on a busy machine it would make the imports many times slower, while all other
+nodes wait for them.
+"""
 
 
 class Recorder:
@@ -115,13 +119,13 @@ def main() -> None:
     parser.add_argument("--bus", help="the address of the bus whose frames go to can.log")
     parser.add_argument("--turn-times", type=int, help="descriptor of the memory with the turns' times")
     arguments = parser.parse_args()
-    os.nice(NICENESS)
     stopping = stop_requests()
     places = addresses_from(read_scenario(arguments.run_dir).get("firmware", {}))
     bus = None if arguments.bus is None else addressed(join(arguments.bus, stamped=True), places)
     settle_garbage()
     report_to_parent(READY)
     read_start()
+    os.nice(NICENESS)
     times = None if arguments.turn_times is None else TurnTimes(arguments.turn_times)
     recorder = Recorder(arguments.run_dir, bus, times)
     lost_before = 0 if bus is None else bus.counters.lost

@@ -20,6 +20,8 @@ READY = "ready"
 BAD_INPUT_STATUS = 4
 """The program's exit status if its input is invalid."""
 
+READY_TIMEOUT_S = 600.0
+"""Longest start of a child, with imports and kernels to compile, on a busy machine."""
 STOP_TIMEOUT_S = 3.0
 EXIT_TIMEOUT_S = 60.0
 """Additional time for a process whose first thread has ended, and whose others a busy host holds up."""
@@ -178,7 +180,7 @@ class Child:
         lines = self.last_errors().splitlines()
         return f": {lines[-1]}" if lines and (self._process.poll() or 0) > 0 else ""
 
-    def read_line(self, timeout_s: float) -> str:
+    def read_line(self, timeout_s: float = READY_TIMEOUT_S) -> str:
         """Return the child's next line; raises `ChildError` if it ends, stays silent or stays stopped."""
         assert self._process.stdout is not None
         descriptor = self._process.stdout.fileno()
@@ -206,7 +208,7 @@ class Child:
             line += byte
         return line.decode().rstrip("\n")
 
-    def wait_ready(self, timeout_s: float) -> str:
+    def wait_ready(self, timeout_s: float = READY_TIMEOUT_S) -> str:
         """Wait for the line that starts with `ready` and return the rest of the line."""
         line = self.read_line(timeout_s)
         word, _, rest = line.partition(" ")

@@ -80,7 +80,7 @@ def end(viewer):
 def start(run_dir, viewer) -> Child:
     command = [sys.executable, "-m", "hil.show.live", str(run_dir), "--to", viewer.url]
     child = Child("live", command, run_dir / "live.log")
-    child.wait_ready(30.0)
+    child.wait_ready()
     child.start(Start(0))
     return child
 

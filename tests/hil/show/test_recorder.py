@@ -41,12 +41,25 @@ def run_dir(tmp_path):
     return tmp_path
 
 
-def start(run_dir, *options) -> Child:
+def ready(run_dir, *options) -> Child:
     command = [sys.executable, "-m", "hil.show.recorder", str(run_dir), *options]
     child = Child("recorder", command, run_dir / "recorder.log")
-    child.wait_ready(30.0)
+    child.wait_ready()
+    return child
+
+
+def start(run_dir, *options) -> Child:
+    child = ready(run_dir, *options)
     child.start(Start(0))
     return child
+
+
+def test_it_is_made_ready_at_the_priority_of_the_nodes_that_wait_for_it(run_dir):
+    """On a busy machine a start at its later priority took 60 s, while all others had been ready for 50."""
+    recorder = ready(run_dir)
+    assert os.getpriority(os.PRIO_PROCESS, recorder.pid) == os.getpriority(os.PRIO_PROCESS, 0)
+    recorder.start(Start(0))
+    recorder.stop()
 
 
 def play(run_dir, until_s: float, once_begun=lambda: None) -> None:

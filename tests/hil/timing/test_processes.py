@@ -24,6 +24,6 @@ def test_a_child_whose_first_thread_has_ended_is_not_killed(monkeypatch: pytest.
     monkeypatch.setattr(processes, "STOP_TIMEOUT_S", 0.2)
     monkeypatch.setattr(Child, "ended", True)  # no request to end: the child ends by itself
     child = Child("late", [sys.executable, "-P", "-c", LEADER_ENDS_FIRST])
-    child.wait_ready(30.0)
+    child.wait_ready()
     assert child.stop() == "said"
     assert not child.killed_at_stop
