@@ -50,6 +50,17 @@ def listed(value: Any) -> Sequence[Any]:
     return value if isinstance(value, list) else [value]
 
 
+def refuse_swapped_bounds(numbers: Mapping[str, Any]) -> None:
+    """Raise BadInputError if a lower bound, a number with `_low_` in its name, exceeds its upper bound."""
+    for low in (name for name in numbers if "_low_" in name):
+        high = low.replace("_low_", "_high_")
+        if numbers[low] > numbers[high]:
+            raise BadInputError(
+                f"campaign.{low} = {numbers[low]} is above campaign.{high} = {numbers[high]}; wanted a lower "
+                "bound of at most the upper one"
+            )
+
+
 def cells_of(
     axes: Axes,
     cell: Callable[..., Cell],
@@ -74,6 +85,7 @@ def cells_of(
     for name, value in changed.items():
         if not 0.0 <= real(value) < math.inf:
             raise BadInputError(f"campaign.{name} = {value}: wanted a number of at least 0")
+    refuse_swapped_bounds(changed)
     for axis, value in zip(axes, chosen, strict=True):
         if value == []:
             raise BadInputError(f"campaign.{axis} has no value; wanted one or more")
@@ -85,6 +97,8 @@ def cells_of(
         for (axis, known), value in zip(axes.items(), values, strict=True):
             if known is not None and value not in known:
                 raise BadInputError(f"campaign.{axis}: {value!r} is none of {', '.join(known)}")
+            if known is None and not 0.0 <= real(value) < math.inf:
+                raise BadInputError(f"campaign.{axis}: {value!r} is no number of at least 0")
         nominal = cell(*values)
         document = {"campaign": {}, "scene": nominal.scene, "firmware": nominal.firmware}
         after = apply_settings(document, settings)

@@ -120,6 +120,8 @@ def test_settings_that_make_no_sense_are_refused(capsys: pytest.CaptureFixture[s
     for arguments, reason in (
         (["--set", "campaign.ratioz=1.1"], "campaign.ratios"),
         (["--set", 'campaign.laws="sticky"'], "viscous"),
+        (["--set", 'campaign.ratios="fast"'], "campaign.ratios: 'fast' is no number of at least 0"),
+        (["--set", "campaign.impulses=[0.5, -0.5]"], "campaign.impulses: -0.5 is no number"),
         (["--set", "scene.stop.law='rigid'"], "contact_s"),
         (["--set", "scene.drive.model='dq-motor'"], "set scene.drive.model = 'motor'"),
         (["--keep", "1"], "0 … 0"),
@@ -343,6 +345,13 @@ def test_a_walk_s_cells_can_be_chosen_and_changed() -> None:
     ):
         with pytest.raises(BadInputError, match=message):
             plan_of("walk", setting)
+
+
+def test_swapped_bounds_of_a_kick_are_refused() -> None:
+    swapped = "campaign.kick_low_m_s=2.0"
+    with pytest.raises(BadInputError, match="kick_low_m_s = 2.0 is above campaign.kick_high_m_s = 1.4"):
+        plan_of("recover", swapped)
+    assert plan_of("recover", swapped, "campaign.kick_high_m_s=2.0").numbers["kick_low_m_s"] == 2.0
 
 
 def test_a_change_of_cadence_is_a_fifth_in_five_strides_and_back() -> None:
