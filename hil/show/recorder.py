@@ -36,8 +36,8 @@ LATEST_DELIVERY_S = 0.05
 NICENESS = 10
 """A lower priority than the loops', even if they run at ordinary priority.
 
-It is taken at the start, because on a busy machine it would make the imports many times slower, while all other
-nodes wait for them.
+It is taken at the start: on a busy machine it would make the imports many times slower, while all nodes wait
+for them.
 """
 
 

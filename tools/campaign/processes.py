@@ -1,7 +1,7 @@
 """Run a campaign's trials on all cores, or on a Dask scheduler's workers."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -64,18 +64,36 @@ def claimed(folder: Path) -> Iterator[None]:
                 folder.rmdir()
 
 
+def folder_of(plan: Plan, trials: int) -> Path:
+    """The folder of a campaign's finished batches while it runs.
+
+    Its name contains a digest of everything on which the batches and their outcomes depend.
+    """
+    return RUNS / f"campaign-{plan.campaign}-{provenance.key(plan, trials)[:16]}"
+
+
+def outcomes_of(found: Sequence[Sequence[Mapping[str, Any]]]) -> list[Outcome]:
+    """The outcomes in the results of batches."""
+    return [Outcome(**outcome) for outcomes in found for outcome in outcomes]
+
+
+def finished(plan: Plan, trials: int) -> list[Outcome]:
+    """The outcomes of an interrupted campaign's finished batches."""
+    paths = work.paths_of("batch", batches(plan, trials), folder_of(plan, trials))
+    return outcomes_of([found for path in paths if (found := work.stored(path)) is not None])
+
+
 def run_all(
     plan: Plan, trials: int, workers: int | None = None, scheduler: str | None = None
 ) -> list[Outcome]:
     """Run all trials and return their outcomes in order of the trials' numbers.
 
-    The batches that an interrupted campaign has finished are taken from its folder, whose name contains a
-    digest of everything on which the batches and their outcomes depend. Raises BadInputError if the same
-    campaign is running.
+    The batches that an interrupted campaign has finished are taken from its folder. Raises BadInputError if
+    the same campaign is running.
     """
-    folder = RUNS / f"campaign-{plan.campaign}-{provenance.key(plan, trials)[:16]}"
+    folder = folder_of(plan, trials)
     where = work.here(folder, workers, scheduler)
     with claimed(folder):
         found = work.run("batch", piece, batches(plan, trials), where, threads=False)
         shutil.rmtree(folder)
-    return [Outcome(**outcome) for outcomes in found for outcome in outcomes]
+    return outcomes_of(found)

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tomli_w
 import typer
 
+from hil.timing.signals import Interrupted
 from tools.commands.options import Change, FirmwareBuild, Json, Scheduler, Workers
-from tools.output import BadInputError, answer, exit_of
+from tools.output import BadInputError, answer, exit_of, progress_console
 
 if TYPE_CHECKING:
     from tools.campaign.campaign import Outcome, Trial
@@ -40,10 +41,11 @@ def campaign(
     """Run the closed loop on many sampled modules and starts, and judge the results by goals."""
     from hil.bench.bench import prepare
     from hil.bench.options import RunOptions
+    from hil.bench.workers import WorkerDiedError
     from hil.record.run_folder import RUNS
     from plant_sim.scene import load_scene
     from tools.campaign.campaigns import CAMPAIGNS, trial_of
-    from tools.campaign.processes import run_all
+    from tools.campaign.processes import finished, run_all
     from tools.campaign.reference import refuse_other_drives
     from tools.campaign.results import result_of
 
@@ -56,12 +58,30 @@ def campaign(
         raise BadInputError(f"--keep {keep}: wanted failures, all, or a trial's number, 0 … {count - 1}")
     prepare(RunOptions(clock="lockstep", firmware=firmware))
     started_s = time.perf_counter()
-    outcomes = run_all(plan, count, workers, scheduler)
-    result = result_of(chosen, plan.cells, outcomes, seed, time.perf_counter() - started_s)
     changes = f"-{zlib.crc32(' '.join(change).encode()):08x}" if change else ""
     folder = RUNS / f"campaign-{name}-{seed}{changes}"
-    result["kept"] = [str(keep_trial(folder, trial_of(plan, trial))) for trial in kept_of(outcomes, keep)]
+
+    def keep_some(outcomes: "Sequence[Outcome]") -> list[str]:
+        return [str(keep_trial(folder, trial_of(plan, trial))) for trial in kept_of(outcomes, keep)]
+
+    try:
+        outcomes = run_all(plan, count, workers, scheduler)
+    except (Interrupted, WorkerDiedError):
+        ended = finished(plan, count)
+        say_what_is_kept(len(ended), count, keep_some(ended))
+        raise
+    result = result_of(chosen, plan.cells, outcomes, seed, time.perf_counter() - started_s)
+    result["kept"] = keep_some(outcomes)
     answer(result, as_json, status=exit_of(result))
+
+
+def say_what_is_kept(ended: int, trials: int, kept: Sequence[str]) -> None:
+    """Print how far a campaign came that was ended early, and the scenarios that it has written."""
+    progress_console.print(
+        f"{ended} of {trials} trials have ended; the same command continues after them", soft_wrap=True
+    )
+    for path in kept:
+        progress_console.print(f"kept: {path}", markup=False, soft_wrap=True)
 
 
 def kept_of(outcomes: "Sequence[Outcome]", keep: str | None) -> list[int]:

@@ -42,12 +42,16 @@ def here(out: Path, cores: int | None = None, scheduler: str | None = None) -> W
     return Where(out, cores or available, scheduler)
 
 
+def paths_of(kind: str, tasks: Sequence[object], out: Path) -> list[Path]:
+    """The files of pieces in a folder of results, whether they exist or not."""
+    return [out / "pieces" / f"{kind}-{provenance.key(kind, task)[:20]}.json" for task in tasks]
+
+
 def run(
     kind: str, piece: Callable[[Task], Any], tasks: Sequence[Task], where: Where, threads: bool = True
 ) -> list[Any]:
     """Compute the missing pieces and return the results of all in the order of `tasks`."""
-    names = [f"{kind}-{provenance.key(kind, task)[:20]}.json" for task in tasks]
-    paths = [where.out / "pieces" / name for name in names]
+    paths = paths_of(kind, tasks, where.out)
     found = {index: result for index, path in enumerate(paths) if (result := stored(path)) is not None}
     missing = [index for index in range(len(tasks)) if index not in found]
     if missing:

@@ -23,6 +23,7 @@ from tools.commands.campaign import kept_of
 from tools.output import (
     EXIT_BAD_INPUT,
     EXIT_CHECK_FAILED,
+    EXIT_INTERRUPTED,
     EXIT_NOTHING_RAN,
     BadInputError,
     exit_of,
@@ -349,7 +350,7 @@ def test_a_walk_s_cells_can_be_chosen_and_changed() -> None:
 
 def test_swapped_bounds_of_a_kick_are_refused() -> None:
     swapped = "campaign.kick_low_m_s=2.0"
-    with pytest.raises(BadInputError, match="kick_low_m_s = 2.0 is above campaign.kick_high_m_s = 1.4"):
+    with pytest.raises(BadInputError, match=r"kick_low_m_s = 2\.0 is above campaign\.kick_high_m_s = 1\.4"):
         plan_of("recover", swapped)
     assert plan_of("recover", swapped, "campaign.kick_high_m_s=2.0").numbers["kick_low_m_s"] == 2.0
 
@@ -417,6 +418,18 @@ def test_an_interrupted_campaign_keeps_what_is_finished_and_goes_on(
     assert [(one.trial, one.metrics["x"]) for one in outcomes] == [(n, 0.1 * n) for n in range(200)]
     assert sorted(batched.ran) == list(range(200))
     assert list((tmp_path / "runs").iterdir()) == []
+
+
+def test_an_interrupted_campaign_writes_the_scenarios_of_the_trials_that_have_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Batches(tmp_path, monkeypatch).interrupted_after = 2
+    command = ["campaign", "start-up", "--trials", "8", "--workers", "1", "--keep", "all", "--json"]
+    assert run(command) == EXIT_INTERRUPTED
+    assert json.loads(capsys.readouterr().out) == {"error": "interrupted by Ctrl-C"}
+    assert [path.stem for path in sorted(tmp_path.glob("runs/*/*.toml"))] == [
+        f"start-up-20260-{trial}" for trial in range(3)
+    ]
 
 
 def test_a_campaign_of_another_size_leaves_what_is_finished(
