@@ -1,4 +1,4 @@
-"""The C headers of the firmware: structs in the layout of `flat.layout`, and the values of a config.
+"""The headers of the firmware, valid in C99 and C++11: structs in the layout of `flat.layout`, a config.
 
 In single precision the structs contain floats, and the config's values are rounded once.
 """
@@ -37,8 +37,10 @@ TOP = """\
 #ifdef __cplusplus
 extern "C" {{
 #define VIBRO_HOLDS static_assert
-#else
+#elif __STDC_VERSION__ >= 201112L
 #define VIBRO_HOLDS _Static_assert
+#else /* C99: an array of negative size is an error */
+#define VIBRO_HOLDS(condition, message) extern char vibro_holds[(condition) ? 1 : -1]
 #endif
 
 #define VIBRO_MAX_FRAMES {max_rx}
@@ -91,7 +93,11 @@ static const vibro_config VIBRO_CONFIG = {values};
 
 
 def config_header(config: Config, precision: Precision = "double") -> str:
-    """The text of the header with a config's values, floats exact to the last bit."""
+    """The text of the header with a config's values, floats exact to the last bit.
+
+    Members are given by their order, with their names in comments, and floats in decimal digits: C++ before
+    2020 has no initializers by name, and before 2017 no hexadecimal floats.
+    """
     return CONFIG.format(values=initializer(config, precision, ""))
 
 
@@ -101,7 +107,7 @@ def initializer(value: Any, precision: Precision, indent: str) -> str:
     if hasattr(value, "_fields"):
         members = zip(value._fields, value, strict=True)
         lines = "".join(
-            f"{inner}.{c_member(name)} = {initializer(one, precision, inner)},\n" for name, one in members
+            f"{inner}/* {c_member(name)} */ {initializer(one, precision, inner)},\n" for name, one in members
         )
         return f"{{\n{lines}{indent}}}"
     if isinstance(value, tuple):
@@ -111,7 +117,7 @@ def initializer(value: Any, precision: Precision, indent: str) -> str:
             return "NAN"
         if precision == "single":
             value = single(value)
-        digits = value.hex() + ("f" if precision == "single" else "")
+        digits = repr(value) + ("f" if precision == "single" else "")
         return digits if math.isfinite(value) else "INFINITY" if value > 0.0 else "-INFINITY"
     return str(value).lower() if isinstance(value, bool) else str(int(value))
 

@@ -72,14 +72,23 @@ def compiled(compiler: str, source: Path, text: str, *options: str, precision: P
     subprocess.run([compiler, *strict, str(source), *options], check=True)
 
 
+CONFIG = """#include "vibro_config.h"
+const void *config(void);
+const void *config(void) { return &VIBRO_CONFIG; }
+"""
+
+
 @pytest.mark.parametrize("precision", ["double", "single"])
-@pytest.mark.parametrize("compiler", ["gcc", "g++", "arm-none-eabi-gcc"])
-def test_the_headers_describe_the_memory_of_the_structs(
-    compiler: str, precision: Precision, tmp_path: Path
+@pytest.mark.parametrize(
+    ("compiler", "standard"),
+    [("gcc", "c99"), ("gcc", "c11"), ("g++", "c++11"), ("g++", "c++20"), ("arm-none-eabi-gcc", "c99")],
+)
+def test_the_headers_are_valid_and_describe_the_memory_of_the_structs(
+    compiler: str, standard: str, precision: Precision, tmp_path: Path
 ) -> None:
     source = tmp_path / ("a.cpp" if compiler == "g++" else "a.c")
-    text = '#include "vibro_firmware.h"\n'
-    compiled(compiler, source, text, "-c", "-o", str(tmp_path / "a.o"), precision=precision)
+    options = [f"-std={standard}", "-pedantic-errors", "-c", "-o", str(tmp_path / "a.o")]
+    compiled(compiler, source, CONFIG, *options, precision=precision)
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])
@@ -90,10 +99,8 @@ def test_the_example_for_a_board_compiles_for_one(precision: Precision, tmp_path
 
 def test_a_config_in_single_precision_is_rounded_once(tmp_path: Path) -> None:
     config = config_from({})
-    read = "const void *config(void) { return &VIBRO_CONFIG; }\n"
     options = ["-fPIC", "-shared", "-o", str(tmp_path / "config.so")]
-    text = '#include "vibro_config.h"\n' + read
-    compiled("gcc", tmp_path / "a.c", text, *options, precision="single")
+    compiled("gcc", tmp_path / "a.c", CONFIG, *options, precision="single")
     library = ctypes.CDLL(str(tmp_path / "config.so"))
     library.config.restype = ctypes.c_void_p
     wanted = in_precision(stored(config), Config, "single")
