@@ -6,10 +6,10 @@ import re
 import shutil
 import sys
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from importlib.metadata import distributions, requires
 from importlib.util import find_spec
 from multiprocessing import get_context
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import NamedTuple
 
@@ -46,7 +46,9 @@ class DoctorCheck(NamedTuple):
 
 def checks() -> list[DoctorCheck]:
     """Run all checks, in about a second; nothing is compiled."""
-    realtime, late_us, refusal = in_own_process()
+    with ProcessPoolExecutor(1, get_context("fork")) as own_process:
+        realtime, late_us, refusal = own_process.submit(bare_loop).result()
+    fifo, lock = realtime.scheduler != "ordinary", realtime.memory_locked
     return [
         packages(),
         kernels(),
@@ -66,29 +68,19 @@ def checks() -> list[DoctorCheck]:
         programs("user-mode Linux", user_mode_linux.REMEDY, user_mode_linux.missing_programs()),
         programs("emulated board", board_tools.REMEDY, board_tools.missing_tools()),
         programs("FMU linker", linker.REMEDY, [p for p in (linker.LINKER,) if not shutil.which(p)]),
-        permitted("SCHED_FIFO", realtime.scheduler != "ordinary", "rtprio 30", "any busy process"),
-        permitted("mlockall", realtime.memory_locked, "memlock unlimited", "a page fetched from disk"),
+        permitted("SCHED_FIFO", fifo, "rtprio 30", "any busy process"),
+        permitted("mlockall", lock, "memlock unlimited", "a page fetched from disk"),
         wake_up(late_us),
         viewer(),
     ]
 
 
-def in_own_process() -> tuple[RealtimeReport, list[float], str]:
+def bare_loop() -> tuple[RealtimeReport, list[float], str]:
     """The real-time permissions, the lateness of wake-ups in µs, and why no own network can be entered.
 
-    A forked process asks, because its priority and its network end with it.
+    It runs in a process of its own, whose priority and network end with it, and sleeps from deadline to
+    deadline without work.
     """
-    context = get_context("fork")
-    ours, theirs = context.Pipe(duplex=False)
-    child = context.Process(target=bare_loop, args=(theirs,))
-    child.start()
-    found: tuple[RealtimeReport, list[float], str] = ours.recv()
-    child.join()
-    return found
-
-
-def bare_loop(answers: Connection) -> None:
-    """Sleep from deadline to deadline without work, then enter a network of its own; send what was found."""
     report, clock = become_realtime(BASELINE), MonotonicClock()
     start_ns = clock.now_ns() + PERIOD_NS
     late_us = []
@@ -97,10 +89,9 @@ def bare_loop(answers: Connection) -> None:
         late_us.append((clock.now_ns() - start_ns - tick * PERIOD_NS) * 1e-3)
     try:
         enter_own_network()
-        refusal = ""
     except (VcanError, OSError) as error:
-        refusal = str(error)
-    answers.send((report, late_us, refusal))
+        return report, late_us, str(error)
+    return report, late_us, ""
 
 
 def packages() -> DoctorCheck:
