@@ -138,9 +138,7 @@ def basin(
     pictures = [
         path
         for one in found
-        for path in figures.basin(
-            one, caption_of(one), common.out, portrait if one.plane == "state" else None
-        )
+        for path in figures.basin(one, common.out, portrait if one.plane == "state" else None)
     ]
     common.answer({"basins": [one.as_json() for one in found], "figures": pictures}, wall_s)
 
@@ -216,13 +214,6 @@ def feasibility(
     }
     result = {"feasibility": rows, "verdicts": counts, "cells": str(cells)}
     common.answer(result, wall_s)
-
-
-def caption_of(found: "Basin") -> str:
-    """The summary of a map of starts in one line."""
-    numbers = found.statistics
-    exponent = f"uncertainty exponent {numbers['uncertainty_exponent']:.3f}"
-    return f"{100 * numbers['impact_fraction']:.1f} % end in impacts, {exponent}"
 
 
 def is_nominal(case: "Case") -> bool:

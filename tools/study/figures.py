@@ -117,7 +117,7 @@ def _border(
     return axes.plot([], [], color=BORDER_COLOUR, lw=1.5, label="its stable manifold, the border")
 
 
-def basin(found: Basin, caption: str, folder: Path, portrait: Portrait | None = None) -> list[str]:
+def basin(found: Basin, folder: Path, portrait: Portrait | None = None) -> list[str]:
     """Draw a map of starts, coloured by the regime in which they end.
 
     `portrait`: attractors and unstable orbits, to mark in the plane of states.
@@ -147,6 +147,8 @@ def basin(found: Basin, caption: str, folder: Path, portrait: Portrait | None = 
         vmax=1,
     )
     ylabel = "v0 [m/s]" if found.plane == "state" else "crank angle at the start θ0 [rad]"
+    share, exponent = (found.statistics[name] for name in ("impact_fraction", "uncertainty_exponent"))
+    caption = f"{100 * share:.1f} % end in impacts, uncertainty exponent {exponent:.3f}"
     axes.set(
         xlabel="x0 − l0 [mm]",
         ylabel=ylabel,

@@ -40,6 +40,7 @@ UNDER_PARAMETERS = "reproduced-under-parameters"
 CONTRADICTED = "contradicted"
 
 Figures = Mapping[str, Any]
+Parts = Callable[[Figures], dict[str, bool]]
 
 
 class Verdict(NamedTuple):
@@ -60,7 +61,7 @@ class Claim:
     id: str
     statement: str
     measure: Callable[[Evidence], dict[str, Any]]
-    parts: Callable[[Figures], dict[str, bool]]
+    parts: Parts
     partly: bool = False
     judgement: str = ""
     """Our own choices in the parts, which no measured number decides."""
@@ -100,9 +101,25 @@ class JudgedClaim:
     reason: str
 
 
+CLAIMS: list[Claim] = []
+"""All claims in order."""
+
+
+def claim(
+    name: str, measure: Callable[[Evidence], dict[str, Any]], **options: Any
+) -> Callable[[Parts], Parts]:
+    """Make a claim of a function of its parts, whose docstring is the claim's statement."""
+
+    def add(parts: Parts) -> Parts:
+        CLAIMS.append(Claim(name, parts.__doc__ or "", measure, parts, **options))
+        return parts
+
+    return add
+
+
 def judge(evidence: Evidence) -> list[JudgedClaim]:
     """Measure and judge all claims in order."""
-    return [claim.judge(evidence) for claim in CLAIMS]
+    return [one.judge(evidence) for one in CLAIMS]
 
 
 def span(values: Iterable[float | None], unit: str = "") -> str:
@@ -120,8 +137,14 @@ def by_preset(figures: Figures) -> dict[str, dict[str, float]]:
     return {preset: {law: figures[f"{preset} {law}"] for law in LAWS} for preset in PRESETS}
 
 
+@claim(
+    "C1",
+    measures.three_regimes,
+    partly=True,
+    remark="Without impacts, dry friction holds the striker: μ m g approaches the drive's force c A.",
+)
 def three_regimes(found: Figures) -> dict[str, bool]:
-    """All three regimes in every case, and with every friction law."""
+    """Non-impact motion, impact motion and multistability exist for every friction law."""
     full, laws = found["with_all_three"], found["with_all_three_by_law"]
     counts = ", ".join(f"{law} {count}" for law, count in laws.items())
     return {
@@ -130,8 +153,16 @@ def three_regimes(found: Figures) -> dict[str, bool]:
     }
 
 
+@claim(
+    "C2",
+    measures.onset_ratio,
+    partly=True,
+    judgement="The word `near` is taken to mean within 0.02.",
+    remark="Impacts begin where the non-impact motion just reaches the stop. This ratio falls with the "
+    "drive amplitude A, which the paper does not give; the table has A for onsets at r = 1 and 0.9.",
+)
 def onset_ratio(found: Figures) -> dict[str, bool]:
-    """The ratio at which impacts begin, for each module."""
+    """In a run-up, impacts begin near Ω/ω = 0.9 to 1.1."""
     return {
         f"{preset}: impacts begin at r = {span(onsets.values())}, near 0.9 to 1.1 with every law": all(
             onset is not None and ONSET_LOW_R <= onset <= ONSET_HIGH_R for onset in onsets.values()
@@ -140,8 +171,14 @@ def onset_ratio(found: Figures) -> dict[str, bool]:
     }
 
 
+@claim(
+    "C3",
+    measures.onset_frequency,
+    remark="The claim names Table 1, so no other values count. The preset `gait` has the spring that "
+    "puts r = 1 at 4 Hz. The page docs/feasibility.md lists the crank frequencies for each cadence.",
+)
 def onset_frequency(found: Figures) -> dict[str, bool]:
-    """The frequencies of r = 0.9 to 1.1."""
+    """The range Ω/ω = 0.9 to 1.1 is 3 to 5 Hz for the parameters of Table 1."""
     low, high = found["r_0.9_to_1.1_hz"]
     part = (
         f"r = 1 is √(c/m_B) = {figure(found['natural_hz'], 'Hz')}, so that r = 0.9 to 1.1 is "
@@ -150,8 +187,15 @@ def onset_frequency(found: Figures) -> dict[str, bool]:
     return {part: low >= CLAIMED_LOW_HZ and high <= CLAIMED_HIGH_HZ}
 
 
+@claim(
+    "C4",
+    measures.widest_band,
+    partly=True,
+    remark="This covers Table 1's ranges of b and μ (Coulomb–Stribeck friction with the stiffer spring: "
+    "only μ = 0.15), and one case with the same drive amplitude.",
+)
 def widest_band(found: Figures) -> dict[str, bool]:
-    """The narrowest multistable interval with viscous friction against the widest with dry friction."""
+    """Viscous friction gives the widest multistable interval."""
     parts = {}
     for preset, laws in found["least_and_greatest_width_r"].items():
         viscous, dry = laws["viscous"][0], max(laws["coulomb"][1], laws["stribeck"][1])
@@ -160,8 +204,14 @@ def widest_band(found: Figures) -> dict[str, bool]:
     return parts
 
 
+@claim(
+    "C5",
+    measures.sharper_switching,
+    partly=True,
+    judgement="The paper does not say by what measure the switching is sharper; both readings are ours.",
+)
 def sharper_switching(found: Figures) -> dict[str, bool]:
-    """Two readings of the sharpness of the switching between regimes."""
+    """Coulomb and Coulomb–Stribeck friction switch more sharply between regimes."""
     hysteresis = by_preset(found["hysteresis_r"]).values()
     lost = by_preset(found["impact_lost_at_the_fold_m_s"]).values()
     return {
@@ -174,8 +224,16 @@ def sharper_switching(found: Figures) -> dict[str, bool]:
     }
 
 
+@claim(
+    "C6",
+    measures.same_shape,
+    partly=True,
+    judgement="The correlation of 0.98 for the same shape and the 1 % for another amplitude are ours.",
+    remark="The position over a cycle, normalised to zero mean and unit variance, is compared between "
+    "any two laws at r = 1.1 (impact) and 1.5 (non-impact).",
+)
 def same_shape(found: Figures) -> dict[str, bool]:
-    """The shape and the size of the attractors with different laws, for each module."""
+    """Attractors keep their shape across friction laws; amplitudes differ."""
     correlations = found["least_correlation_of_x_over_a_cycle"]
     sizes = found["viscous_coulomb_stribeck_peak_to_peak_mm"]
     parts = {}
@@ -190,8 +248,17 @@ def same_shape(found: Figures) -> dict[str, bool]:
     return parts
 
 
+@claim(
+    "C7",
+    measures.peak_force,
+    partly=True,
+    remark="Newton's rigid stop has no finite peak force; it depends on the contact time, which the "
+    "paper does not give. The table has the peaks on a Hunt–Crossley stop for elastic contact times of "
+    "10, 30 and 50 ms (at 0.9 m/s, k = 0.5, b = 0.2 N s/m, run-up), and the contact times for 40 N (a "
+    "dash: none up to 150 ms). The page docs/feasibility.md has the force that a walking wearer feels.",
+)
 def peak_force(found: Figures) -> dict[str, bool]:
-    """The peak force of impacts, in all and in some of the cases."""
+    """Impulses have peak forces of 10 to 40 N."""
     peaks = [peak for row in found["peak_n"].values() for peak in row.values() if math.isfinite(peak)]
     inside = sum(FORCE_LOW_N <= peak <= FORCE_HIGH_N for peak in peaks)
     return {
@@ -200,8 +267,15 @@ def peak_force(found: Figures) -> dict[str, bool]:
     }
 
 
+@claim(
+    "C8",
+    measures.repeatability,
+    judgement="Impact motion with the drive's period is taken as the stable impact regime.",
+    remark="The model has no noise, so this is the rest of the transient after 30 s; the variation that "
+    "sensors and wearers add is not in it. All others have longer periods or are irregular.",
+)
 def repeatability(found: Figures) -> dict[str, bool]:
-    """The variation of impulses from cycle to cycle."""
+    """In the stable impact regime impulses vary by less than 5 % from cycle to cycle."""
     greatest, motions = found["greatest_variation"], found["motions_with_one_period"]
     return {
         f"the impulses of {motions} impact motions with the drive's period vary by at most "
@@ -209,8 +283,14 @@ def repeatability(found: Figures) -> dict[str, bool]:
     }
 
 
+@claim(
+    "C9",
+    measures.energy,
+    judgement="The factor of two for `moderately` is ours.",
+    remark="At 0.5 m/s, b v is 0.1 N, while μ m g is 1.2 N.",
+)
 def energy(found: Figures) -> dict[str, bool]:
-    """The three parts of the claim on the energy per cycle."""
+    """Energy per cycle: non-impact lowest, impact moderately higher, viscous friction highest."""
     pairs = found["same_ratio"].values()
     times = [pair["times"] for pair in pairs]
     friction_mj = [
@@ -227,8 +307,16 @@ def energy(found: Figures) -> dict[str, bool]:
     }
 
 
+@claim(
+    "C10",
+    measures.smooth_basins,
+    partly=True,
+    judgement="The exponent of 0.9 above which a border counts as smooth is ours.",
+    remark="The exponent of a smooth border is 1. If the entropy of boxes on the border exceeds "
+    "ln 2 = 0.693, the border must be fractal.",
+)
 def smooth_basins(found: Figures) -> dict[str, bool]:
-    """The number of attractors and the border between their basins, with each law."""
+    """In the multistable band there are two attractors, with a smooth border between their basins."""
     return {
         f"{law}: {one['motions']} motions, border of exponent {figure(one['uncertainty_exponent'])} and "
         f"entropy {figure(one['border_entropy'])}": one["motions"] == 2
@@ -238,8 +326,14 @@ def smooth_basins(found: Figures) -> dict[str, bool]:
     }
 
 
+@claim(
+    "C11",
+    measures.start_decides,
+    partly=True,
+    remark="The striker starts at rest; the crank turns at full speed at once, or its speed rises.",
+)
 def start_decides(found: Figures) -> dict[str, bool]:
-    """The share of crank angles that lead to impacts, at once and after a run-up of 5 s, in each case."""
+    """The state at start-up decides; an initialisation routine ensures the wanted motion."""
     at_once, after = found["impact_share_from_rest_at_once"], found["impact_share_after_a_run_up"]
     slow = {name.removesuffix(", 5 s"): share for name, share in after.items() if name.endswith(", 5 s")}
     return {
@@ -249,8 +343,16 @@ def start_decides(found: Figures) -> dict[str, bool]:
     }
 
 
+@claim(
+    "C12",
+    measures.gait_frequencies,
+    partly=True,
+    judgement="That a frequency with impacts suits a walk, the paper asserts and no figure here decides.",
+    remark="A crank with n turns per stride serves slow and fast walking at nearly the same crank "
+    "frequency (docs/feasibility.md).",
+)
 def gait_frequencies(found: Figures) -> dict[str, bool]:
-    """The frequencies for slow and normal walking, with Table 1's module and with either."""
+    """2 to 3 Hz suits slow walking, 3 to 5 Hz normal cadence, 6 Hz risks losing the impacts."""
     suits = {
         preset: all(motion[f"{hz:g} Hz"] != measures.NO_START for hz in measures.CLAIMED_HZ if hz <= 5.0)
         and motion["6 Hz"] != measures.EVERY_START
@@ -264,8 +366,14 @@ def gait_frequencies(found: Figures) -> dict[str, bool]:
     }
 
 
+@claim(
+    "C13",
+    measures.damping,
+    remark="On a Hunt–Crossley stop of 30 ms, from b = 0.1 to 0.3 N s/m. The model has no noise; changes "
+    "of the variation below 0.002 are the rest of the transient and do not count.",
+)
 def damping(found: Figures) -> dict[str, bool]:
-    """The effect of damping on peak acceleration and variability."""
+    """More damping lowers the peak acceleration but raises variability."""
     peaks = [list(row.values()) for row in found["peak_acceleration_m_s2"].values()]
     changes = [100.0 * (1.0 - row[-1] / row[0]) for row in peaks]
     variation = list(found["greatest_variation_of_impulses"].values())
@@ -279,8 +387,14 @@ def damping(found: Figures) -> dict[str, bool]:
     }
 
 
+@claim(
+    "C14",
+    measures.caps,
+    judgement="The 10 % within which an impulse counts as capped are ours.",
+    remark="The impulse is (1 + k) m v⁻, and v⁻ follows from the drive.",
+)
 def caps(found: Figures) -> dict[str, bool]:
-    """Whether restitution and stop position limit the impulse."""
+    """Restitution and stop position cap the impulse, a safety layer independent of control."""
     growth = {}
     for name in ("amplitude", "ratio", "k", "stop"):
         impulses = found[f"impulse_over_{name}_n_s"].values()
@@ -288,132 +402,3 @@ def caps(found: Figures) -> dict[str, bool]:
     times = ", ".join(f"{figure(factor)} with {name}" for name, factor in growth.items())
     capped = max(growth["amplitude"], growth["ratio"]) <= CAPPED_GROWTH
     return {f"k and the stop cap the impulse, which changes by the factors {times}": capped}
-
-
-CLAIMS = (
-    Claim(
-        "C1",
-        "Non-impact motion, impact motion and multistability exist for every friction law.",
-        measures.three_regimes,
-        three_regimes,
-        partly=True,
-        remark="Without impacts, dry friction holds the striker: μ m g approaches the drive's force c A.",
-    ),
-    Claim(
-        "C2",
-        "In a run-up, impacts begin near Ω/ω = 0.9 to 1.1.",
-        measures.onset_ratio,
-        onset_ratio,
-        partly=True,
-        judgement="The word `near` is taken to mean within 0.02.",
-        remark="Impacts begin where the non-impact motion just reaches the stop. This ratio falls with the "
-        "drive amplitude A, which the paper does not give; the table has A for onsets at r = 1 and 0.9.",
-    ),
-    Claim(
-        "C3",
-        "The range Ω/ω = 0.9 to 1.1 is 3 to 5 Hz for the parameters of Table 1.",
-        measures.onset_frequency,
-        onset_frequency,
-        remark="The claim names Table 1, so no other values count. The preset `gait` has the spring that "
-        "puts r = 1 at 4 Hz. The page docs/feasibility.md lists the crank frequencies for each cadence.",
-    ),
-    Claim(
-        "C4",
-        "Viscous friction gives the widest multistable interval.",
-        measures.widest_band,
-        widest_band,
-        partly=True,
-        remark="This covers Table 1's ranges of b and μ (Coulomb–Stribeck friction with the stiffer spring: "
-        "only μ = 0.15), and one case with the same drive amplitude.",
-    ),
-    Claim(
-        "C5",
-        "Coulomb and Coulomb–Stribeck friction switch more sharply between regimes.",
-        measures.sharper_switching,
-        sharper_switching,
-        partly=True,
-        judgement="The paper does not say by what measure the switching is sharper; both readings are ours.",
-    ),
-    Claim(
-        "C6",
-        "Attractors keep their shape across friction laws; amplitudes differ.",
-        measures.same_shape,
-        same_shape,
-        partly=True,
-        judgement="The correlation of 0.98 for the same shape and the 1 % for another amplitude are ours.",
-        remark="The position over a cycle, normalised to zero mean and unit variance, is compared between "
-        "any two laws at r = 1.1 (impact) and 1.5 (non-impact).",
-    ),
-    Claim(
-        "C7",
-        "Impulses have peak forces of 10 to 40 N.",
-        measures.peak_force,
-        peak_force,
-        partly=True,
-        remark="Newton's rigid stop has no finite peak force; it depends on the contact time, which the "
-        "paper does not give. The table has the peaks on a Hunt–Crossley stop for elastic contact times of "
-        "10, 30 and 50 ms (at 0.9 m/s, k = 0.5, b = 0.2 N s/m, run-up), and the contact times for 40 N (a "
-        "dash: none up to 150 ms). The page docs/feasibility.md has the force that a walking wearer feels.",
-    ),
-    Claim(
-        "C8",
-        "In the stable impact regime impulses vary by less than 5 % from cycle to cycle.",
-        measures.repeatability,
-        repeatability,
-        judgement="Impact motion with the drive's period is taken as the stable impact regime.",
-        remark="The model has no noise, so this is the rest of the transient after 30 s; the variation that "
-        "sensors and wearers add is not in it. All others have longer periods or are irregular.",
-    ),
-    Claim(
-        "C9",
-        "Energy per cycle: non-impact lowest, impact moderately higher, viscous friction highest.",
-        measures.energy,
-        energy,
-        judgement="The factor of two for `moderately` is ours.",
-        remark="At 0.5 m/s, b v is 0.1 N, while μ m g is 1.2 N.",
-    ),
-    Claim(
-        "C10",
-        "In the multistable band there are two attractors, with a smooth border between their basins.",
-        measures.smooth_basins,
-        smooth_basins,
-        partly=True,
-        judgement="The exponent of 0.9 above which a border counts as smooth is ours.",
-        remark="The exponent of a smooth border is 1. If the entropy of boxes on the border exceeds "
-        "ln 2 = 0.693, the border must be fractal.",
-    ),
-    Claim(
-        "C11",
-        "The state at start-up decides; an initialisation routine ensures the wanted motion.",
-        measures.start_decides,
-        start_decides,
-        partly=True,
-        remark="The striker starts at rest; the crank turns at full speed at once, or its speed rises.",
-    ),
-    Claim(
-        "C12",
-        "2 to 3 Hz suits slow walking, 3 to 5 Hz normal cadence, 6 Hz risks losing the impacts.",
-        measures.gait_frequencies,
-        gait_frequencies,
-        partly=True,
-        judgement="That a frequency with impacts suits a walk, the paper asserts and no figure here decides.",
-        remark="A crank with n turns per stride serves slow and fast walking at nearly the same crank "
-        "frequency (docs/feasibility.md).",
-    ),
-    Claim(
-        "C13",
-        "More damping lowers the peak acceleration but raises variability.",
-        measures.damping,
-        damping,
-        remark="On a Hunt–Crossley stop of 30 ms, from b = 0.1 to 0.3 N s/m. The model has no noise; changes "
-        "of the variation below 0.002 are the rest of the transient and do not count.",
-    ),
-    Claim(
-        "C14",
-        "Restitution and stop position cap the impulse, a safety layer independent of control.",
-        measures.caps,
-        caps,
-        judgement="The 10 % within which an impulse counts as capped are ours.",
-        remark="The impulse is (1 + k) m v⁻, and v⁻ follows from the drive.",
-    ),
-)
