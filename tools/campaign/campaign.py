@@ -17,7 +17,6 @@ from hil.scenario.scenario import Scenario, check_scenario
 from hil.scenario.settings import apply_settings
 from plant_sim.validation_messages import real
 from tools.campaign.run import Run
-from tools.campaign.sampling import Sampled
 from tools.output import BadInputError
 
 TICK_S = 1e-3
@@ -115,21 +114,17 @@ class Plan(NamedTuple):
     seed: int
     firmware: Build = "compiled"
 
-    def cell_of(self, trial: int) -> Cell:
-        """Return the cell of the trial with this number: all cells take turns."""
-        return self.cells[trial % len(self.cells)]
-
     def name_of(self, trial: int) -> str:
         """Return the name of a trial's scenario."""
         return f"{self.campaign}-{self.seed}-{trial}"
 
 
 class Trial(NamedTuple):
-    """A sampled module and its scenario."""
+    """A sampled module as a scenario; `seed` generates what a judge samples."""
 
     cell: Cell
-    sampled: Sampled
     scenario: Scenario
+    seed: tuple[int, ...]
 
     @property
     def omega_rad_s(self) -> float:
@@ -214,11 +209,11 @@ class Goal:
 
 
 class Sampler(NamedTuple):
-    """What a campaign samples: the axes of its conditions, a cell of values on them, a trial of a cell."""
+    """What a campaign samples: the axes of its conditions, a cell of values on them, a scenario of a cell."""
 
     axes: Axes
     cell: Callable[..., Cell]
-    trial: Callable[[Plan, Cell, int], Trial]
+    scenario: Callable[[Plan, Cell, int], Scenario]
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,10 @@ CAMPAIGNS: dict[str, Campaign] = {one.name: one for one in (*MODULE_CAMPAIGNS, L
 
 
 def trial_of(plan: Plan, number: int) -> Trial:
-    """Sample the trial with this number."""
-    return CAMPAIGNS[plan.campaign].sampler.trial(plan, plan.cell_of(number), number)
+    """Sample the trial with this number: all cells take turns."""
+    cell = plan.cells[number % len(plan.cells)]
+    scenario = CAMPAIGNS[plan.campaign].sampler.scenario(plan, cell, number)
+    return Trial(cell, scenario, (plan.seed, number, 2))
 
 
 def run_trial(plan: Plan, number: int) -> Outcome:

@@ -17,7 +17,7 @@ from firmware_py.interface.enums import Fault, Mode
 from firmware_py.shell.parameters import flattened
 from hil.scenario.operator import Command, Request
 from hil.scenario.scenario import Scenario
-from plant_sim.scene import load_scene, read_scene
+from plant_sim.scene import read_scene
 from tools.campaign.campaign import (
     BASE_SCENE,
     Campaign,
@@ -31,7 +31,7 @@ from tools.campaign.campaign import (
     scenario_of,
 )
 from tools.campaign.run import Run, run
-from tools.campaign.sampling import LARGEST_RUN_SEED, Sampled
+from tools.campaign.sampling import LARGEST_RUN_SEED
 
 RUN_S = 0.4
 KICK_S = (0.7, 1.2)
@@ -116,12 +116,11 @@ def sampled_module(cell: Cell, numbers: Mapping[str, Any], dice: np.random.Gener
     return Module(scene, firmware, kick)
 
 
-def limit_trial(plan: Plan, cell: Cell, number: int) -> Trial:
+def limit_scenario(plan: Plan, cell: Cell, number: int) -> Scenario:
     """Sample a module; the samples that are lost lie near the hardest contact of the run without losses."""
     seed = plan.seed
     module = sampled_module(cell, plan.numbers, np.random.default_rng([seed, number, 0]))
     run_seed = int(np.random.default_rng([seed, number, 1]).integers(LARGEST_RUN_SEED))
-    sampled = Sampled(module.scene, load_scene(module.scene), run_seed, (seed, number, 2))
     commands = [Command(0.0, Request.IDLE, 0.0), Command(RUN_S, Request.RUN, cell.ratio)]
     duration_s = module.kick["at_s"] + AFTER_S
 
@@ -134,7 +133,7 @@ def limit_trial(plan: Plan, cell: Cell, number: int) -> Trial:
     dice = np.random.default_rng([seed, number, 3])
     if dice.uniform() < LOSSES_SHARE:
         scenario = with_losses(sampled_losses(run(scenario, run_seed, firmware=plan.firmware), dice))
-    return Trial(cell, sampled, scenario)
+    return scenario
 
 
 def sampled_losses(done: Run, dice: np.random.Generator) -> list[dict[str, Any]]:
@@ -210,7 +209,7 @@ def judge_limits(trial: Trial, done: Run, outcome: Outcome) -> None:
             return
         force, impulse = float(impact["peak_force_n"]) / force_n, float(impact["impulse_n_s"]) / impulse_n_s
         lost = sum(bool(impact["t_s"] - done.tick_s <= one.at_s <= end_s) for one in losses)
-        long = trial.sampled.tables["stop"]["contact_s"] >= 1e-3 * CLEAN_MS
+        long = trial.scenario.document["scene"]["stop"]["contact_s"] >= 1e-3 * CLEAN_MS
         overlaps = impact["t_s"] - KICK_PULSE_S < kicked.at_s < end_s + KICK_PULSE_S
         group = "kicked" if overlaps else f"{lost}" if long else f"short_{lost}"
         if force > FORCE_BEYOND or impulse > IMPULSE_BEYOND:
@@ -252,7 +251,7 @@ LIMITS = Campaign(
     title="every impact beyond a limit stops the motor, and no impact far below it does",
     trials=24_000,
     judge=judge_limits,
-    sampler=Sampler({"contacts_ms": CONTACTS_MS}, limit_cell, limit_trial),
+    sampler=Sampler({"contacts_ms": CONTACTS_MS}, limit_cell, limit_scenario),
     conditions=((tuple(CONTACTS_MS),),),
     numbers={"mismatch_mass": 0.02, "high_offset_m_s2": 4.0},
     units={},

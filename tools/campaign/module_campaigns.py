@@ -56,11 +56,6 @@ def kept_omega(done: Run) -> float:
     return float(2.0 * np.pi / np.median(np.diff(done.turns_s[-LATE_TURNS - 1 :])))
 
 
-def steady_speed(done: Run) -> float:
-    """Return the mean v⁻ of the last impacts, m/s."""
-    return float(np.mean(done.impacts[-LATE_IMPACTS:]["v_m_s"])) if len(done.impacts) else float("nan")
-
-
 def energy_j(done: Run, until_s: float) -> float:
     """Return the energy that the crank took after the command to run, J.
 
@@ -71,19 +66,14 @@ def energy_j(done: Run, until_s: float) -> float:
     return float(np.sum(np.maximum(taken_w, 0.0)) * done.tick_s)
 
 
-def largest_steady_speed(done: Run) -> float:
-    """Return the largest v⁻ of the last impacts, m/s; on a moving housing the impacts differ."""
-    return float(np.max(done.impacts[-2 * LATE_IMPACTS :]["v_m_s"], initial=0.0))
-
-
 def start_up(trial: Trial, done: Run, outcome: Outcome) -> None:
     """Judge a capture of the impact regime: time, energy and overshoot.
 
     The overshoot is the largest v⁻ on the way, relative to the largest steady v⁻; at low ratios it is
     relative to the largest v⁻ of a slow run-up if that is larger.
     """
-    sampled, duration_s, omega_rad_s = trial.sampled, trial.scenario.duration_s, trial.omega_rad_s
-    attractor = reference.reference(sampled.scene, omega_rad_s, sampled.more_seed)
+    scene, duration_s, omega_rad_s = trial.scenario.scene, trial.scenario.duration_s, trial.omega_rad_s
+    attractor = reference.reference(scene, omega_rad_s, trial.seed)
     if not attractor.exists:
         outcome.leave_out("no impact attractor at this speed")
         ended = done.modes[-1]
@@ -93,7 +83,7 @@ def start_up(trial: Trial, done: Run, outcome: Outcome) -> None:
         elsewhere = lost_by(done, duration_s, omega_rad_s) == ""
         outcome.counts["hopeless_settled"] = int(said or elsewhere)
         return
-    outcome.counts["instant"] = int(reference.instant_start_captures(sampled.scene, omega_rad_s))
+    outcome.counts["instant"] = int(reference.instant_start_captures(scene, omega_rad_s))
     outcome.counts["fault_before_start"] = int(
         any(change.fault != Fault.NONE and change.t_s < RUN_S for change in done.modes)
     )
@@ -106,9 +96,10 @@ def start_up(trial: Trial, done: Run, outcome: Outcome) -> None:
     times, speeds = done.impacts["t_s"], done.impacts["v_m_s"]
     way = speeds[(times > RUN_S + TRANSIENT_S) & (times <= captured.t_s + SETTLE_S)]
     if outcome.why == "" and len(way):
-        outcome.metrics["steady_v"] = steady_speed(done)
-        # If the firmware moved to a safer speed, the steady impacts at the requested speed count as well.
-        steady_m_s = max(largest_steady_speed(done), attractor.hardest_m_s)
+        outcome.metrics["steady_v"] = float(np.mean(speeds[-LATE_IMPACTS:]))
+        # On a moving housing the steady impacts differ. If the firmware moved to a safer speed, those at the
+        # requested speed count as well.
+        steady_m_s = max(float(np.max(speeds[-2 * LATE_IMPACTS :])), attractor.hardest_m_s)
         if trial.cell.ratio >= 1.15:
             outcome.metrics["overshoot"] = float(np.max(way)) / steady_m_s
         else:

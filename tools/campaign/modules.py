@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hil.scenario.operator import Command, Request
+from hil.scenario.scenario import Scenario
 from plant_sim.scene import read_scene
-from tools.campaign.campaign import BASE_SCENE, Cell, Plan, Sampler, Trial, first_tick_s, scenario_of
+from tools.campaign.campaign import BASE_SCENE, Cell, Plan, Sampler, first_tick_s, scenario_of
 from tools.campaign.sampling import sample
 
 CLEAR_S, IDLE_S, RUN_S = 1.0, 1.3, 1.6
@@ -73,17 +74,16 @@ def kick(numbers: Mapping[str, Any], dice: np.random.Generator) -> dict[str, Any
     return {"kind": "kick", "at_s": at_s, "change_m_s": sign * size}
 
 
-def module_trial(plan: Plan, cell: Cell, number: int) -> Trial:
+def module_scenario(plan: Plan, cell: Cell, number: int) -> Scenario:
     """Sample a module, and a kick if the campaign has some."""
     numbers = plan.numbers
-    sampled = sample(cell.scene, numbers, plan.seed, number)
+    tables, seed = sample(cell.scene, numbers, plan.seed, number)
     duration_s = SETTLED_S + float(numbers["hold_s"]) if "hold_s" in numbers else numbers["duration_s"]
     faults = []
     if "kick_low_m_s" in numbers:
-        faults = [kick(numbers, np.random.default_rng(sampled.more_seed))]
-    name, tables, seed = plan.name_of(number), sampled.tables, sampled.run_seed
-    scenario = scenario_of(name, tables, cell.firmware, script(cell), duration_s, seed, faults)
-    return Trial(cell, sampled, scenario)
+        faults = [kick(numbers, np.random.default_rng((plan.seed, number, 2)))]
+    name = plan.name_of(number)
+    return scenario_of(name, tables, cell.firmware, script(cell), duration_s, seed, faults)
 
 
-MODULES = Sampler({"laws": LAWS, "ratios": None, "impulses": None}, module_cell, module_trial)
+MODULES = Sampler({"laws": LAWS, "ratios": None, "impulses": None}, module_cell, module_scenario)

@@ -8,12 +8,10 @@ accordingly.
 
 from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from plant_sim.scene import Scene, load_scene
 from plant_sim.tables.table import STANDARD_GRAVITY_M_S2
 
 FIRST_CAMPAIGN_SEED = 10_000
@@ -36,14 +34,11 @@ MISMATCH: Mapping[str, float] = {
 """Half-widths of uniform distributions of the true parameters; relative if the name has no unit."""
 
 
-@dataclass(frozen=True)
-class Sampled:
-    """The truth of a trial as tables and as a checked scene, and the seeds of the run and of all else."""
+class Sampled(NamedTuple):
+    """The truth of a trial as the tables of a scene, and the seed of its run."""
 
     tables: Mapping[str, Any]
-    scene: Scene
     run_seed: int
-    more_seed: tuple[int, ...]
 
 
 def sample(
@@ -91,5 +86,4 @@ def sample(
             "phase_rad": float(truth.uniform(0.0, 2.0 * np.pi)),
         }
         sampled["housing"] = {**sampled.get("housing", {}), "harmonic": harmonic}
-    run_seed = int(noise.integers(LARGEST_RUN_SEED))
-    return Sampled(sampled, load_scene(sampled), run_seed, (seed, trial, 2))
+    return Sampled(sampled, int(noise.integers(LARGEST_RUN_SEED)))

@@ -18,6 +18,7 @@ from hil.judge.detection import WEAKEST_V_M_S
 from hil.judge.figures.gait import following
 from hil.scenario.files import read_scenario
 from hil.scenario.operator import Command, Request
+from hil.scenario.scenario import Scenario
 from plant_sim.parts.walking import BEGIN_S, FROM_SIZE, KNOCK_M_S2, TO_SIZE, Walking
 from plant_sim.scene import read_scene
 from plant_sim.sensors.gait import phases_at
@@ -122,13 +123,11 @@ def sampled_walk(cell: Cell, numbers: Mapping[str, Any], seed: int, trial: int) 
     return sample(scene, numbers, seed, trial, at_rest=True), course
 
 
-def walk_trial(plan: Plan, cell: Cell, number: int) -> Trial:
+def walk_scenario(plan: Plan, cell: Cell, number: int) -> Scenario:
     """Sample a module and a walk."""
-    sampled, course = sampled_walk(cell, plan.numbers, plan.seed, number)
+    (tables, seed), course = sampled_walk(cell, plan.numbers, plan.seed, number)
     commands = [Command(0.0, Request.IDLE, 0.0), Command(RUN_S, Request.RUN, cell.ratio)]
-    name, tables, seed = plan.name_of(number), sampled.tables, sampled.run_seed
-    scenario = scenario_of(name, tables, cell.firmware, commands, course.duration_s, seed)
-    return Trial(cell, sampled, scenario)
+    return scenario_of(plan.name_of(number), tables, cell.firmware, commands, course.duration_s, seed)
 
 
 def judge_walk(trial: Trial, done: Run, outcome: Outcome) -> None:
@@ -235,7 +234,7 @@ WALK = Campaign(
     title="a walk that the crank follows: pulses in late stance, felt force, end of the walk",
     trials=2100,
     judge=judge_walk,
-    sampler=Sampler({"presets": PRESETS, "courses": COURSES}, walk_cell, walk_trial),
+    sampler=Sampler({"presets": PRESETS, "courses": COURSES}, walk_cell, walk_scenario),
     conditions=((("walking",), COURSES), (("table1",), ("steady", "stop", "stumble"))),
     numbers={"walk_s": 70.0, "variability": 0.02, **MISMATCH},
     units={

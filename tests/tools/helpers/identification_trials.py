@@ -15,7 +15,7 @@ import numpy as np
 
 from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
 from firmware_py.shell.parameters import with_overrides
-from plant_sim.scene import Scene
+from plant_sim.scene import Scene, load_scene
 from tools.campaign.modules import LAWS, Law
 from tools.campaign.sampling import MISMATCH, sample
 from tools.campaign.statistics import wilson
@@ -90,7 +90,7 @@ def run_trial(seed: int, trial: int, seconds: float) -> Trial:
         )
     except BadInputError as error:
         return Trial(trial, law, "", str(error), {}, {}, {})
-    truths = truths_of(sampled.scene)
+    truths = truths_of(load_scene(sampled.tables))
     errors: dict[str, float | None] = {}
     held, scores = {}, {}
     for name, (key, truth) in truths.items():
