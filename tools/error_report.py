@@ -53,11 +53,6 @@ ADDRESS_SPACE_GIB = 3
 """Address space that the largest process of a run maps; most of it is never used."""
 
 
-def is_bad_input(error: Exception) -> bool:
-    """Whether the input or the machine caused an error, and not a defect."""
-    return any(f"{kind.__module__}.{kind.__qualname__}" in BAD_INPUT for kind in type(error).__mro__)
-
-
 def refused_by_the_machine(error: Exception) -> str:
     """A sentence about a file or memory that the machine does not give the program; empty for others."""
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
@@ -148,5 +143,6 @@ def report(error: Exception, as_json: bool) -> int:
         remedy = small_address_space() or "free some, or run less at once"
         say_error("error:", f"out of memory; {remedy}", as_json)
         return output.EXIT_INTERNAL_ERROR
-    sentence = str(error) if is_bad_input(error) else refused_by_the_machine(error)
+    kinds = {f"{kind.__module__}.{kind.__qualname__}" for kind in type(error).__mro__}
+    sentence = str(error) if kinds & BAD_INPUT else refused_by_the_machine(error)
     return refuse(sentence, as_json) if sentence else report_internal_error(error, as_json)

@@ -16,7 +16,6 @@ from tools.outputs import file_option, folder_option
 if TYPE_CHECKING:
     from tools.study.basin import Basin
     from tools.study.branches.saddle import Portrait
-    from tools.study.cases import Case
     from tools.study.work import Where
 
 Found = TypeVar("Found")
@@ -100,7 +99,8 @@ def sweep(
     found, wall_s = common.compute(lambda where: diagrams(chosen, where))
     pictures = []
     for name in presets:
-        shown = [d for d in found if d.case.preset == name and is_nominal(d.case)]
+        own = {law: cases.case(name, law) for law in laws}
+        shown = [d for d in found if replace(d.case, amplitude_m=own[d.case.law].amplitude_m) in own.values()]
         if shown:
             pictures += figures.amplitude_frequency(shown, common.out, f"sweep-{name}")
     result = {"regimes": [diagram.as_json() for diagram in found], "figures": pictures}
@@ -214,14 +214,6 @@ def feasibility(
     }
     result = {"feasibility": rows, "verdicts": counts, "cells": str(cells)}
     common.answer(result, wall_s)
-
-
-def is_nominal(case: "Case") -> bool:
-    """Whether the friction parameter is the preset's own."""
-    from tools.study import cases
-
-    own = cases.case(case.preset, case.law)
-    return (case.b_n_s_m, case.mu) == (own.b_n_s_m, own.mu)
 
 
 study.command()(branches)

@@ -33,7 +33,8 @@ def warm_studies() -> None:
         scene = case("table1", law).scene(1.0)
         classify(scene, np.array([AT_REST]))
         follow(scene, AT_REST, CLASSIFY)
-        ImpactMap(scene, 1, 1, ("ratio",)).load_kernels()
+        module = ImpactMap(scene, 1, 1, ("ratio",))
+        module.orbit(module.point(np.ones(1), np.ones(1), module.nominal))
 
 
 def main() -> None:

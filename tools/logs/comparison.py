@@ -143,15 +143,11 @@ def first_in_blocks(
     return next((difference for difference in found if difference is not None), None)
 
 
-def is_strict(run: Mapping[str, Any]) -> bool:
-    """Whether a run was in strict real time, by its `run.json`."""
-    return run.get("clock") == "real" and run.get("time") != "held"
-
-
 def first_difference(a: Run, b: Run) -> Difference | None:
     """The first difference of two runs; of simultaneous differences the first in the order of TRACES."""
     names = [name for name in TRACES if name in a.names or name in b.names]
-    if not any(is_strict(run.traces.run) for run in (a, b)):
+    notes = (run.traces.run for run in (a, b))
+    if not any(note.get("clock") == "real" and note.get("time") != "held" for note in notes):
         names += [RAW] * (RAW in a.names and RAW in b.names)
     if not names:
         raise BadInputError(f"{a.log} and {b.log} hold neither traces nor frames to compare")

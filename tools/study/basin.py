@@ -10,7 +10,6 @@ A map is in one of two planes: (x0, v0) at crank angle 0, or (x0, crank angle) a
   which allows for the correlation of neighbouring cells.
 """
 
-import json
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,7 +18,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from tools.study import work
@@ -128,8 +126,7 @@ def write(found: Basin, path: Path) -> None:
     )
     columns["x_m"] = columns["x_m"] + found.case.rest_length_m
     table = pa.table({**columns, "cycle": found.cycles.ravel(), "impacts": found.impacts.ravel()})
-    about = {"basin": found.as_json(), "versions": work.versions()}
-    pq.write_table(table.replace_schema_metadata({"vibrohil": json.dumps(about)}), path, compression="zstd")
+    work.write_table(path, table, found.as_json())
 
 
 def starts_of(case: Case, plane: str, size: int, rows: slice = slice(None)) -> NDArray[np.float64]:

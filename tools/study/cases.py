@@ -73,10 +73,15 @@ class Case:
         return self.stop_m - self.rest_length_m
 
     @property
+    def coefficient(self) -> float:
+        """The friction law's coefficient: b in N s/m, or μ."""
+        return self.b_n_s_m if self.law == "viscous" else self.mu
+
+    @property
     def label(self) -> str:
         """Displayed name: the friction law and its coefficient."""
-        value = f"b = {self.b_n_s_m:g} N s/m" if self.law == "viscous" else f"μ = {self.mu:g}"
-        return f"{self.law}, {value}"
+        symbol, unit = ("b", " N s/m") if self.law == "viscous" else ("μ", "")
+        return f"{self.law}, {symbol} = {self.coefficient:g}{unit}"
 
     def parameters(self) -> dict[str, Any]:
         """Return all parameters on which the results depend."""

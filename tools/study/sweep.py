@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from tools.study import work
@@ -128,9 +129,16 @@ class Diagram:
 
 
 def diagrams(cases: Sequence[Case], where: work.Where, count: int = RATIOS) -> list[Diagram]:
-    """Compute the run-up and the run-down of every case."""
+    """Compute the run-up and the run-down of every case, and write each as one file."""
     tasks = [SweepTask(case, direction, count) for case in cases for direction in ("up", "down")]
     sweeps = [Sweep(**found) for found in work.run("sweep", piece, tasks, where)]
+    for (case, direction, _), sweep in zip(tasks, sweeps, strict=True):
+        module = f"{case.preset}-{case.law}-{case.coefficient:g}-{1e3 * case.amplitude_m:g}mm"
+        work.write_table(
+            where.out / f"sweep-{module}-{direction}.parquet",
+            pa.Table.from_pylist(sweep.rows),
+            case.parameters(),
+        )
     return [Diagram(*one) for one in zip(cases, sweeps[::2], sweeps[1::2], strict=True)]
 
 

@@ -11,11 +11,14 @@ because their judges are Python code.
 
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
+
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from hil.record import provenance
 from tools.jobs import results
@@ -59,8 +62,8 @@ def run(
         with shown_progress() as progress:
             for number, result in computed:
                 index = missing[number]
+                found[index] = result
                 store(paths[index], tasks[index], result)
-                found[index] = stored(paths[index])
                 progress(len(found) / len(tasks), f"{kind} {len(found)}/{len(tasks)}")
     return [found[index] for index in range(len(tasks))]
 
@@ -86,3 +89,9 @@ def stored(path: Path) -> Any:
         return json.loads(path.read_text(encoding="utf-8"))["result"]
     except (FileNotFoundError, ValueError, KeyError, TypeError):
         return None
+
+
+def write_table(path: Path, table: pa.Table, parameters: Mapping[str, Any]) -> None:
+    """Write the table of a result as Parquet, with its parameters and the versions as metadata."""
+    metadata = {"vibrohil": json.dumps({"parameters": parameters, "versions": versions()})}
+    pq.write_table(table.replace_schema_metadata(metadata), path, compression="zstd")

@@ -7,6 +7,7 @@ Parameters are chosen with a seed below `FIRST_CAMPAIGN_SEED` and judged with a 
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 from tools.campaign.campaign import Condition, Outcome
 from tools.campaign.campaigns import CAMPAIGNS
@@ -42,6 +43,11 @@ class Sampling:
 
 
 SAMPLING = Sampling()
+
+
+def points_of(grid: Mapping[str, Sequence[float]]) -> list[dict[str, float]]:
+    """Every combination of a grid's values."""
+    return [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
 
 
 def run_candidates(

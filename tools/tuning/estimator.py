@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.signal import correlate
 
 from firmware_py.shell.parameters import DEFAULTS
 from hil.scenario.parameter_file import nested
@@ -38,7 +39,7 @@ from tools.campaign.sampling import MISMATCH, Sampled, sample
 from tools.jobs import results
 from tools.output import BadInputError
 from tools.progress import Progress
-from tools.tuning.candidates import SAMPLING, Sampling, run_candidates
+from tools.tuning.candidates import SAMPLING, Sampling, points_of, run_candidates
 from tools.tuning.recordings.readings import Ticks
 from tools.tuning.result import Merit, Tuning, Value, tuned
 
@@ -118,24 +119,16 @@ def said(innovation: FloatArray, variance: FloatArray) -> Said:
     return Said(float(np.mean(likelihood)), float(np.mean(squares)))
 
 
-def correlation(series: FloatArray, lags: int) -> FloatArray:
-    """The autocorrelation about 0 at lags 1 … lags.
-
-    >>> correlation(np.array([1.0, 1.0, 1.0, 1.0]), 2).tolist()
-    [0.75, 0.5]
-    """
-    size = 2 ** int(np.ceil(np.log2(2 * len(series))))
-    spectrum = np.abs(np.fft.rfft(series, size)) ** 2
-    whole = np.fft.irfft(spectrum, size)
-    return np.asarray(whole[1 : lags + 1] / whole[0], np.float64)
-
-
 def worth(series: FloatArray) -> float:
-    """The effective number of values: n / (1 + 2 Σρ), summed up to the first ρ below LEAST_CORRELATION."""
+    """The effective number of values: n / (1 + 2 Σρ), summed up to the first ρ below LEAST_CORRELATION.
+
+    ρ is the autocorrelation about 0.
+    """
     n = len(series)
     if n < 3 or not np.any(series):
         return float(min(n, 1))
-    rho = correlation(series, n - 1)
+    lagged = correlate(series, series)[n - 1 :]
+    rho = lagged[1:] / lagged[0]
     ends = np.flatnonzero(rho < LEAST_CORRELATION)
     last = int(ends[0]) if len(ends) else len(rho)
     return float(n / (1.0 + 2.0 * np.sum(rho[:last])))
@@ -214,12 +207,6 @@ def replayed(combinations: Sequence[dict[str, float]], source: Callable[[], Log]
 # --- all logs -----------------------------------------------------------------------------------------
 
 
-def combinations_of(grid: dict[str, tuple[float, ...]]) -> list[dict[str, float]]:
-    """Every combination of the grid's values."""
-    points = np.stack(np.meshgrid(*grid.values(), indexing="ij"), axis=-1).reshape(-1, len(grid))
-    return [dict(zip(grid, point.tolist(), strict=True)) for point in points]
-
-
 def replay_all(
     sources: Sequence[Callable[[], Log]],
     combinations: Sequence[dict[str, float]],
@@ -279,7 +266,7 @@ def tune_estimator(
     sources = [partial(read_log, path) for path in logs] or [
         partial(record_log, sampling.seed, number, seconds) for number in range(modules)
     ]
-    combinations = combinations_of(grid or GRID)
+    combinations = points_of(grid or GRID)
     here = {name: DEFAULTS[name] for name in (grid or GRID)}
     points, by_log = replay_all(sources, [*combinations, here], progress, sampling.workers)
     points, default = points[:-1], points[-1]

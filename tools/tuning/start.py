@@ -12,7 +12,6 @@ choice.
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -29,6 +28,7 @@ from tools.tuning.candidates import (
     SAMPLING,
     Candidate,
     Sampling,
+    points_of,
     run_candidates,
 )
 from tools.tuning.criteria import (
@@ -114,7 +114,7 @@ def tune_start(
     grid: Grid = GRID,
 ) -> tuple[Tuning, list[Ramp]]:
     """The best point of the grid, and the results of all points with `trials` each."""
-    points = [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
+    points = points_of(grid)
 
     def run(some: Sequence[Candidate], its_seed: int, its_trials: int) -> list[FloatArray]:
         workers = sampling.workers

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from pyarrow import parquet
 
 from plant_sim.scene import Scene
 from tools import cli
@@ -212,6 +213,9 @@ def test_sweep_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> No
     assert {Path(path).suffix for path in found["figures"]} == {".svg", ".png"}
     assert all(Path(path).stat().st_size > 0 for path in found["figures"])
     assert run(capsys, *wanted)["regimes"] == found["regimes"]
+    table = parquet.read_table(tmp_path / "sweep-table1-viscous-0.2-20mm-up.parquet")
+    assert table.num_rows == 111
+    assert json.loads(table.schema.metadata[b"vibrohil"])["parameters"]["b_n_s_m"] == 0.2
 
 
 def test_basin_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

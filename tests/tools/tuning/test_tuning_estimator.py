@@ -10,7 +10,7 @@ from short_run import make_run
 from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
 from tools.tuning import estimator, safety
-from tools.tuning.candidates import Sampling
+from tools.tuning.candidates import Sampling, points_of
 from tools.tuning.estimator import (
     FLOOR,
     MEMORY,
@@ -18,7 +18,6 @@ from tools.tuning.estimator import (
     STOP,
     Combination,
     Log,
-    combinations_of,
     course_of,
     said,
     sampled_module,
@@ -57,7 +56,7 @@ def test_witnesses_are_counted_by_how_they_hang_together() -> None:
 
 
 def test_every_combination_is_tried_once() -> None:
-    found = combinations_of({NOISE: (1.0, 2.0), STOP: (3.0, 4.0, 5.0)})
+    found = points_of({NOISE: (1.0, 2.0), STOP: (3.0, 4.0, 5.0)})
     assert len(found) == 6
     assert {tuple(one.values()) for one in found} == {(a, b) for a in (1.0, 2.0) for b in (3.0, 4.0, 5.0)}
 

@@ -72,10 +72,6 @@ class ImpactMap:
         self._legs: dict[bytes, tuple[Course, list[Leg]]] = {}
         self._orbits: dict[bytes, Orbit] = {}
 
-    def load_kernels(self) -> None:
-        """Compile or load the kernels of the flights."""
-        self.orbit(self.point(np.arange(1.0, 1.0 + self.impacts), np.ones(self.impacts), self.nominal))
-
     def point(self, crank_rad: Vector, v_m_s: Vector, values: dict[str, float]) -> Vector:
         """The point z of an orbit."""
         impacts = np.column_stack((crank_rad, v_m_s / self.speed_m_s)).ravel()

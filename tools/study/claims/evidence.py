@@ -1,7 +1,6 @@
 """The evidence for the claims: sweeps, basins, impacts on soft stops, starts. Each is computed once."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -178,8 +177,3 @@ def cycle_shape(one: Case, ratio: float, start: State) -> NDArray[np.float64]:
     cycle = x_m[first : first + 600]
     shape: NDArray[np.float64] = (cycle - cycle.mean()) / cycle.std()
     return shape
-
-
-def least_correlation(shapes: Sequence[NDArray[np.float64]]) -> float:
-    """Return the smallest correlation coefficient between any two shapes."""
-    return float(np.min(np.corrcoef(np.array(shapes))))

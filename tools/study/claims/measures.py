@@ -14,7 +14,6 @@ from tools.study.claims.evidence import (
     Evidence,
     cycle_shape,
     grazing_amplitude_m,
-    least_correlation,
     run_up,
     share_after_ramp,
     share_from_rest,
@@ -135,7 +134,7 @@ def same_shape(evidence: Evidence) -> dict[str, Any]:
                 shapes.append(cycle_shape(diagram.case, ratio, settled))
                 row = diagram.up.at(ratio)
                 sizes.append(1e3 * (row["x_high_m"] - row["x_low_m"]))
-            correlations[f"{preset} {kind}"] = least_correlation(shapes)
+            correlations[f"{preset} {kind}"] = float(np.min(np.corrcoef(shapes)))
             spreads[f"{preset} {kind}"] = sizes
     return {
         "least_correlation_of_x_over_a_cycle": correlations,

@@ -62,19 +62,14 @@ dissipation = functools.lru_cache(hertz_dissipation)
 """A fit changes one unknown at a time, so that half of its curves have a restitution already used."""
 
 
-def contact(
-    restitution: float, pull: float, damping: float, dry: float, stiffness: float = 0.0
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Times, forces of contact and spring, and speeds of the striker, all dimensionless."""
-    forces, speeds = integrated(dissipation(restitution), pull, damping, dry, stiffness)
-    return np.asarray(np.arange(len(forces)) * STEP, np.float64), forces, speeds
-
-
 @jit
 def integrated(
     d: float, pull: float, damping: float, dry: float, stiffness: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Forces of contact and spring, and speeds of the striker until it leaves the stop, by Runge–Kutta 4."""
+    """Forces of contact and spring, and speeds of the striker until it leaves the stop, a row each STEP.
+
+    All are dimensionless; by Runge–Kutta 4.
+    """
 
     def push(depth: float, speed: float) -> float:
         return depth**1.5 * (1.0 + d * speed) if depth > 0.0 else 0.0
@@ -125,7 +120,7 @@ def seen(
     share = scale_s / speed_m_s
     damping, dry = forces.damping_1_s * scale_s, forces.dry_m_s2 * share
     stiffness = forces.stiffness_1_s2 * scale_s**2
-    _, pushes, speeds = contact(restitution, pull_m_s2 * share, damping, dry, stiffness)
+    pushes, speeds = integrated(dissipation(restitution), pull_m_s2 * share, damping, dry, stiffness)
     # Before the touch-down, the low-pass has settled on the friction in flight.
     before = forces.damping_1_s * speed_m_s + forces.dry_m_s2
     count = math.ceil(rows_s[-1] / GRID_S) + 1
