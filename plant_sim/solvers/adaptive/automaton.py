@@ -33,7 +33,6 @@ from plant_sim.solvers.adaptive.event_location import (
     Course,
     Found,
     Step,
-    Zeros,
     earlier,
     steepest,
 )
@@ -48,6 +47,7 @@ from plant_sim.solvers.adaptive.state_layout import (
     VELOCITY,
     Flow,
     Memory,
+    Mode,
     Vector,
     enter,
 )
@@ -107,12 +107,16 @@ def _determine_contact(parts: Parts, memory: Memory, closing: float, time_s: flo
 
 
 @subroutine
-def may_end(parts: Parts, flow: Flow, y: Vector, new: Vector, course: Course, zeros: Zeros) -> bool:
+def may_end(parts: Parts, flow: Flow, y: Vector, new: Vector, course: Course, mode: Mode) -> bool:
     """Whether an event may occur in the step, by bounds from its ends and its largest slopes.
 
     A function with slopes within ± S and values g0 and g1 at the ends is at least (g0 + g1 − S h) / 2.
     """
-    if is_worn(parts.wearer) or flow.phase != FLIGHT or zeros.depth + zeros.velocity + zeros.crank > 0:
+    if (
+        is_worn(parts.wearer)
+        or flow.phase != FLIGHT
+        or mode.zero_depth + mode.zero_velocity + mode.zero_crank > 0
+    ):
         return True
     change = course.h_s * steepest(course, VELOCITY)
     if dry_limit_n(parts) > 0.0 and (y[1] + new[1]) * flow.direction <= change:
@@ -131,7 +135,7 @@ def first_event(parts: Parts, step: Step) -> Found:
     if flow.phase in (STICK, REST):
         return earlier(found, RELEASE, release_event(parts, step))
     if dry_limit_n(parts) > 0.0:
-        s = root(step.dense[VELOCITY], -flow.direction, 0.0, step.zeros.velocity, step.scratch)
+        s = root(step.dense[VELOCITY], -flow.direction, 0.0, step.mode.zero_velocity, step.scratch)
         found = earlier(found, HALT, s)
     return stop_events(parts.stop, parts, step, found)
 

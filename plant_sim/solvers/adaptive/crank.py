@@ -201,7 +201,7 @@ def crank_events(parts: Parts, step: Step, found: Found) -> Found:
     if not is_motor(drive) or drive.dry_n_m == 0.0:
         return found
     if not flow.crank_stuck:
-        s = root(step.dense[SPEED], -flow.crank_direction, 0.0, step.zeros.crank, step.scratch)
+        s = root(step.dense[SPEED], -flow.crank_direction, 0.0, step.mode.zero_crank, step.scratch)
         return earlier(found, CRANK_HALT, s)
     return earlier(found, CRANK_BREAK, _break_event(parts.winding, drive, parts, step))
 

@@ -7,7 +7,7 @@ rest from its limit. A quantity that starts at zero is first divided by s, becau
 from typing import NamedTuple
 
 from plant_sim.kernels import subroutine
-from plant_sim.solvers.adaptive.state_layout import Flow, Vector
+from plant_sim.solvers.adaptive.state_layout import Flow, Mode, Vector
 from plant_sim.solvers.bernstein import Scratch, at
 
 NONE, TOUCH, LEAVE, CLEAR, PRESS, HALT, RELEASE, CRANK_HALT, CRANK_BREAK, LIMIT, UNLIMIT = range(11)
@@ -15,20 +15,11 @@ NONE, TOUCH, LEAVE, CLEAR, PRESS, HALT, RELEASE, CRANK_HALT, CRANK_BREAK, LIMIT,
 breakaway; the same for the crank; begin and end of the voltage limit of a current loop."""
 
 
-class Zeros(NamedTuple):
-    """Number of leading derivatives, the value included, that are zero at the step's start."""
-
-    depth: int
-    velocity: int
-    crank: int
-    voltage: int
-
-
 class Step(NamedTuple):
-    """A computed step: its constants, its length, the state before it and the motion within it."""
+    """A computed step: its constants, its length, mode and state before it, and the motion within it."""
 
     flow: Flow
-    zeros: Zeros
+    mode: Mode
     h_s: float
     y: Vector
     dense: Vector

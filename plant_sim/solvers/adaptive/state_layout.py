@@ -99,7 +99,7 @@ class Mode:
     crank_direction: int
     crank_stuck: int
     zero_depth: int
-    """The four zeros: as in `event_location.Zeros`."""
+    """The four zeros: number of leading derivatives, the value included, that are zero at a step's start."""
     zero_velocity: int
     zero_crank: int
     zero_voltage: int
@@ -116,7 +116,7 @@ class Mode:
 def enter(mode: Mode, phase: int, direction: int, zero_depth: int, zero_velocity: int) -> None:
     """Begin a phase of the striker: set all that belongs to it; nothing of the phase before remains.
 
-    `direction` of sliding, ±1, or 0 at rest; the zeros as in `event_location.Zeros`.
+    `direction` of sliding, ±1, or 0 at rest; the zeros as in `Mode`.
     """
     mode.phase, mode.direction = phase, direction
     mode.zero_depth, mode.zero_velocity = zero_depth, zero_velocity

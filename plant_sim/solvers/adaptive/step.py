@@ -14,7 +14,7 @@ from plant_sim.sensors.sensing import Probe, is_sensing, sense_series, sense_ste
 from plant_sim.solvers.adaptive.automaton import apply, first_event, may_end
 from plant_sim.solvers.adaptive.crank import crank_now, turn_crank
 from plant_sim.solvers.adaptive.dop853 import attempt, extend
-from plant_sim.solvers.adaptive.event_location import NONE, TOUCH, Course, Found, Step, Zeros
+from plant_sim.solvers.adaptive.event_location import NONE, TOUCH, Course, Found, Step
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.observation import follow_contact, follow_felt, sample_step
 from plant_sim.solvers.adaptive.series import motion_within, series_step_s, state_after
@@ -70,16 +70,15 @@ def take_step(
         if h < 0.0:
             return h
 
-    zeros = Zeros(mode.zero_depth, mode.zero_velocity, mode.zero_crank, mode.zero_voltage)
     used: float = h
     event = NONE
     has_sample = mode.samples < grid.t_s.size and grid.t_s[mode.samples] < begin_s + h
-    is_checked = may_end(parts, flow, y, new, Course(is_series, memory.series, memory.k, h, order), zeros)
+    is_checked = may_end(parts, flow, y, new, Course(is_series, memory.series, memory.k, h, order), mode)
     dense = memory.long_dense if is_series else memory.dense
     if has_sample or is_checked or (is_sensing(probe) and not is_series):
         _look_within(parts, flow, h, memory, is_series, order)
     if is_checked:
-        found = first_event(parts, Step(flow, zeros, h, y, dense, memory.scratch))
+        found = first_event(parts, Step(flow, mode, h, y, dense, memory.scratch))
         event = found.event
         if event != NONE:
             used = _repeat(parts, flow, found, h, memory, is_series, order)

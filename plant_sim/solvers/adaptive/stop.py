@@ -54,12 +54,12 @@ def stop_events(stop: Stop, parts: Parts, step: Step, found: Found) -> Found:
 def _rigid_stop_events(stop: RigidStop, parts: Parts, step: Step, found: Found) -> Found:
     if step.flow.phase != FLIGHT:
         return found
-    return earlier(found, TOUCH, root(step.dense[DEPTH], 1.0, 0.0, step.zeros.depth, step.scratch))
+    return earlier(found, TOUCH, root(step.dense[DEPTH], 1.0, 0.0, step.mode.zero_depth, step.scratch))
 
 
 @stop_events.register(HuntCrossley)
 def _hunt_crossley_stop_events(stop: HuntCrossley, parts: Parts, step: Step, found: Found) -> Found:
-    depth, zeros = step.dense[DEPTH], step.zeros.depth
+    depth, zeros = step.dense[DEPTH], step.mode.zero_depth
     if step.flow.phase == FLIGHT:
         return earlier(found, TOUCH, root(depth, 1.0, 0.0, zeros, step.scratch))
     if step.flow.phase == CONTACT:
@@ -70,7 +70,7 @@ def _hunt_crossley_stop_events(stop: HuntCrossley, parts: Parts, step: Step, fou
 @stop_events.register(KelvinVoigt)
 def _kelvin_voigt_stop_events(stop: KelvinVoigt, parts: Parts, step: Step, found: Found) -> Found:
     slope_s = stop.damping_n_s_m / stop.stiffness_n_per_m
-    phase, zeros, scratch = step.flow.phase, step.zeros.depth, step.scratch
+    phase, zeros, scratch = step.flow.phase, step.mode.zero_depth, step.scratch
     depth = step.dense[DEPTH]
     press = scratch.press[: depth.size]
     beyond = phase == FLIGHT and depth[0] > 0.0

@@ -230,5 +230,5 @@ def voltage_events(parts: Parts, step: Step, found: Found) -> Found:
         values[i] = voltage_excess(winding, drive, flow.torque_n_m, omega, scratch.inner, place)
     interpolate(values, excess)
     if flow.voltage_limited:
-        return earlier(found, UNLIMIT, root(excess, -1.0, 0.0, step.zeros.voltage, scratch))
-    return earlier(found, LIMIT, root(excess, 1.0, 0.0, step.zeros.voltage, scratch))
+        return earlier(found, UNLIMIT, root(excess, -1.0, 0.0, step.mode.zero_voltage, scratch))
+    return earlier(found, LIMIT, root(excess, 1.0, 0.0, step.mode.zero_voltage, scratch))
