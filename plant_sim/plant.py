@@ -20,14 +20,7 @@ from plant_sim.sensors.readings import Noise, Readers, SensorReading, Sensors
 from plant_sim.sensors.sampled import SAMPLED
 from plant_sim.sensors.sensing import NoSensing, Probe, Sensing, allocate_sensing, sense_jump, series_order
 from plant_sim.simulation import initial_state
-from plant_sim.solvers.adaptive.adaptive import (
-    BUFFER_FULL,
-    DONE,
-    NO_GRID,
-    advance,
-    kernel_records,
-    refusal,
-)
+from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, DONE, NO_GRID, advance, kernel_records, refusal
 from plant_sim.solvers.adaptive.observation import (
     electrical_ledger,
     ledger,

@@ -13,7 +13,7 @@ from plant_sim.parts.friction import bend_m_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_rigid, origin_m
 from plant_sim.references import by_reference
-from plant_sim.result import Impact, Impacts, MotionState, Observation, Samples, SimulationResult
+from plant_sim.result import Impact, Impacts, MotionState, Observation, Phase, Samples, SimulationResult
 from plant_sim.sensors.sensing import NoSensing, Probe, note_readings
 from plant_sim.solvers.adaptive.automaton import determine_phase
 from plant_sim.solvers.adaptive.crank import settle_crank
@@ -27,15 +27,7 @@ from plant_sim.solvers.adaptive.observation import (
     peak_felt_force_n,
     sample_now,
 )
-from plant_sim.solvers.adaptive.state_layout import (
-    CONTACT,
-    READINGS,
-    UNSETTLED,
-    Grid,
-    Memory,
-    Vector,
-    allocate,
-)
+from plant_sim.solvers.adaptive.state_layout import READINGS, UNSETTLED, Grid, Memory, Vector, allocate
 from plant_sim.solvers.adaptive.step import take_step
 from plant_sim.solvers.adaptive.wearer import from_stop_m
 from plant_sim.solvers.adaptive.winding import settle_voltage
@@ -198,7 +190,7 @@ def refusal(status: int, parts: Parts, memory: Memory, start_s: float) -> Solver
 
 def _remedy(parts: Parts, memory: Memory) -> str:
     """Remedy that names the most likely keys for a run that is too costly."""
-    if memory.mode[0].phase == CONTACT:
+    if memory.mode[0].phase == Phase.CONTACT:
         return (
             "make the stop softer (stop.contact_s, stop.stiffness), start the striker outside it "
             "(initial.x_m, stop.position_m), or raise solver.accuracy"

@@ -10,6 +10,7 @@ from plant_sim.kernels import subroutine
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_force_n, has_no_stop, is_soft, stop_force_n
 from plant_sim.parts.wearer import is_worn
+from plant_sim.result import Phase
 from plant_sim.sensors.sensing import Probe
 from plant_sim.solvers.adaptive.crank import (
     break_crank_away,
@@ -18,32 +19,11 @@ from plant_sim.solvers.adaptive.crank import (
     halt_crank,
     settle_crank,
 )
-from plant_sim.solvers.adaptive.event_location import (
-    CLEAR,
-    CRANK_BREAK,
-    CRANK_HALT,
-    HALT,
-    LEAVE,
-    LIMIT,
-    NONE,
-    PRESS,
-    RELEASE,
-    TOUCH,
-    UNLIMIT,
-    Course,
-    Found,
-    Step,
-    earlier,
-    steepest,
-)
+from plant_sim.solvers.adaptive.event_location import Course, Event, Found, Step, earlier, steepest
 from plant_sim.solvers.adaptive.state_layout import (
-    CONTACT,
-    FLIGHT,
     IN_CONTACT,
     LET_GO,
     NO_IMPACT,
-    REST,
-    STICK,
     VELOCITY,
     Flow,
     Memory,
@@ -77,7 +57,7 @@ def determine_phase(parts: Parts, memory: Memory, torque_n_m: float, time_s: flo
     memory.held[0].last_step_s = 0.0
     settle_crank(parts, memory, torque_n_m)
     closing = closing_m_s(parts, y)
-    enter(mode, FLIGHT, 1 if y[1] > 0.0 else -1, 1 if y[0] == 0.0 and closing < 0.0 else 0, 0)
+    enter(mode, Phase.FLIGHT, 1 if y[1] > 0.0 else -1, 1 if y[0] == 0.0 and closing < 0.0 else 0, 0)
     if is_soft(parts.stop):
         _determine_contact(parts, memory, closing, time_s)
     if y[1] == 0.0:
@@ -98,11 +78,11 @@ def _determine_contact(parts: Parts, memory: Memory, closing: float, time_s: flo
     if before == NO_IMPACT:
         open_contact(parts, memory, time_s, zeros)
     else:
-        enter(mode, CONTACT, mode.direction, zeros, 0)
+        enter(mode, Phase.CONTACT, mode.direction, zeros, 0)
         mode.in_impact = IN_CONTACT
     if stop_force_n(stop, elastic_force_n(stop, y[0]), closing, contact.damping_s_m) < 0.0:
         contact.leave_m_s = closing
-        enter(mode, FLIGHT, mode.direction, 0, 0)
+        enter(mode, Phase.FLIGHT, mode.direction, 0, 0)
         mode.in_impact = NO_IMPACT if before == NO_IMPACT else LET_GO
 
 
@@ -114,7 +94,7 @@ def may_end(parts: Parts, flow: Flow, y: Vector, new: Vector, course: Course, mo
     """
     if (
         is_worn(parts.wearer)
-        or flow.phase != FLIGHT
+        or flow.phase != Phase.FLIGHT
         or mode.zero_depth + mode.zero_velocity + mode.zero_crank > 0
     ):
         return True
@@ -130,42 +110,42 @@ def may_end(parts: Parts, flow: Flow, y: Vector, new: Vector, course: Course, mo
 def first_event(parts: Parts, step: Step) -> Found:
     """The first event of a step."""
     flow = step.flow
-    found = crank_events(parts, step, Found(NONE, NO_ROOT))
+    found = crank_events(parts, step, Found(Event.NONE, NO_ROOT))
     found = voltage_events(parts, step, found)
-    if flow.phase in (STICK, REST):
-        return earlier(found, RELEASE, release_event(parts, step))
+    if flow.phase in (Phase.STICK, Phase.REST_ON_STOP):
+        return earlier(found, Event.RELEASE, release_event(parts, step))
     if dry_limit_n(parts) > 0.0:
         s = root(step.dense[VELOCITY], -flow.direction, 0.0, step.mode.zero_velocity, step.scratch)
-        found = earlier(found, HALT, s)
+        found = earlier(found, Event.HALT, s)
     return stop_events(parts.stop, parts, step, found)
 
 
 @subroutine
-def apply(parts: Parts, probe: Probe, memory: Memory, torque_n_m: float, event: int, time_s: float) -> None:
+def apply(parts: Parts, probe: Probe, memory: Memory, torque_n_m: float, event: Event, time_s: float) -> None:
     """Apply an event to the state."""
-    if event == TOUCH:
+    if event == Event.TOUCH:
         _touch(parts, probe, memory, time_s)
-    elif event == PRESS:
+    elif event == Event.PRESS:
         press_again(parts, memory, time_s)
-    elif event == LEAVE:
+    elif event == Event.LEAVE:
         leave(parts, memory)
-    elif event == CLEAR:
+    elif event == Event.CLEAR:
         memory.y[0] = 0.0
         mode = memory.mode[0]
         enter(mode, mode.phase, mode.direction, 1, mode.zero_velocity)
         if mode.in_impact == LET_GO:
             record_contact(parts, memory)
-    elif event == HALT:
+    elif event == Event.HALT:
         memory.y[1] = 0.0
         from_rest(parts, memory, time_s)
-    elif event == RELEASE:
+    elif event == Event.RELEASE:
         release(parts, memory, time_s)
-    elif event == CRANK_HALT:
+    elif event == Event.CRANK_HALT:
         halt_crank(parts, memory, torque_n_m)
-    elif event == CRANK_BREAK:
+    elif event == Event.CRANK_BREAK:
         break_crank_away(parts, memory, torque_n_m)
-    elif event in (LIMIT, UNLIMIT):
-        limit_voltage(memory, event == LIMIT)
+    elif event in (Event.LIMIT, Event.UNLIMIT):
+        limit_voltage(memory, event == Event.LIMIT)
 
 
 @subroutine

@@ -16,24 +16,15 @@ from plant_sim.parts.stop import origin_m
 from plant_sim.parts.striker import spring_force_n
 from plant_sim.parts.winding import DqWinding, Winding
 from plant_sim.solvers.adaptive.event_location import (
-    CRANK_BREAK,
-    CRANK_HALT,
     Course,
+    Event,
     Found,
     Step,
     earlier,
     look_within,
     steepest,
 )
-from plant_sim.solvers.adaptive.state_layout import (
-    ANGLE,
-    SPEED,
-    Crank,
-    Flow,
-    Memory,
-    Vector,
-    enter_crank,
-)
+from plant_sim.solvers.adaptive.state_layout import ANGLE, SPEED, Crank, Flow, Memory, Vector, enter_crank
 from plant_sim.solvers.adaptive.wearer import from_stop_m, place_within
 from plant_sim.solvers.adaptive.winding import turning_torque_n_m
 from plant_sim.solvers.bernstein import DEGREE, NO_ROOT, NODES, at, first_beyond, interpolate, root
@@ -202,8 +193,8 @@ def crank_events(parts: Parts, step: Step, found: Found) -> Found:
         return found
     if not flow.crank_stuck:
         s = root(step.dense[SPEED], -flow.crank_direction, 0.0, step.mode.zero_crank, step.scratch)
-        return earlier(found, CRANK_HALT, s)
-    return earlier(found, CRANK_BREAK, _break_event(parts.winding, drive, parts, step))
+        return earlier(found, Event.CRANK_HALT, s)
+    return earlier(found, Event.CRANK_BREAK, _break_event(parts.winding, drive, parts, step))
 
 
 @by_part

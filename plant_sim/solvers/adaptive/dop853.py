@@ -13,13 +13,7 @@ from plant_sim.arrays import FloatArray
 from plant_sim.kernels import subroutine
 from plant_sim.parts.parts import Parts
 from plant_sim.solvers.adaptive.motion import derivative
-from plant_sim.solvers.adaptive.state_layout import (
-    STAGES,
-    Flow,
-    Vector,
-    state_size,
-    work_place,
-)
+from plant_sim.solvers.adaptive.state_layout import STAGES, Flow, Vector, state_size, work_place
 from plant_sim.solvers.bernstein import DEGREE
 
 

@@ -4,15 +4,31 @@ Every condition is a polynomial over the step: depth, velocity, crank speed, or 
 rest from its limit. A quantity that starts at zero is first divided by s, because that zero is not an event.
 """
 
+from enum import IntEnum
 from typing import NamedTuple
 
 from plant_sim.kernels import subroutine
 from plant_sim.solvers.adaptive.state_layout import Flow, Mode, Vector
 from plant_sim.solvers.bernstein import Scratch, at
 
-NONE, TOUCH, LEAVE, CLEAR, PRESS, HALT, RELEASE, CRANK_HALT, CRANK_BREAK, LIMIT, UNLIMIT = range(11)
-"""Events: touch-down; end of contact; clearing a stop that released early, or pressing it again; halt;
-breakaway; the same for the crank; begin and end of the voltage limit of a current loop."""
+
+class Event(IntEnum):
+    """The event that ends a step; those of the crank, and the begin and end of a current loop's voltage
+    limit, are independent of the striker's."""
+
+    NONE = 0
+    TOUCH = 1
+    LEAVE = 2
+    CLEAR = 3
+    """The striker clears a stop that released early."""
+    PRESS = 4
+    """It presses such a stop again."""
+    HALT = 5
+    RELEASE = 6
+    CRANK_HALT = 7
+    CRANK_BREAK = 8
+    LIMIT = 9
+    UNLIMIT = 10
 
 
 class Step(NamedTuple):
@@ -29,12 +45,12 @@ class Step(NamedTuple):
 class Found(NamedTuple):
     """The first event of a step and its place in the step, 0 to 1."""
 
-    event: int
+    event: Event
     s: float
 
 
 @subroutine
-def earlier(found: Found, event: int, s: float) -> Found:
+def earlier(found: Found, event: Event, s: float) -> Found:
     """The earlier one of `found` and this event."""
     if s < found.s:
         return Found(event, s)

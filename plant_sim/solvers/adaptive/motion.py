@@ -11,6 +11,7 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.sizes import ledger_size
 from plant_sim.parts.stop import elastic_energy_j, elastic_force_n, is_soft, origin_m, stop_force_n
 from plant_sim.parts.striker import spring_energy_j
+from plant_sim.result import Phase
 from plant_sim.solvers.adaptive.crank import (
     coupling_n,
     crank_derivative,
@@ -18,16 +19,7 @@ from plant_sim.solvers.adaptive.crank import (
     crank_now,
     rotor_energy_j,
 )
-from plant_sim.solvers.adaptive.state_layout import (
-    CONTACT,
-    FLIGHT,
-    Crank,
-    Flow,
-    Memory,
-    Vector,
-    housing_place,
-    work_place,
-)
+from plant_sim.solvers.adaptive.state_layout import Crank, Flow, Memory, Vector, housing_place, work_place
 from plant_sim.solvers.adaptive.stop import in_touch
 from plant_sim.solvers.adaptive.wearer import (
     closing_m_s,
@@ -78,7 +70,7 @@ def derivative(parts: Parts, flow: Flow, tau_s: float, y: Vector, out: Vector) -
         push = stop_force_n(stop, elastic, closing, flow.damping_s_m)
         out[work + 2] = (push - elastic) * closing
         out[work + 3] = push
-    if flow.phase in (FLIGHT, CONTACT):
+    if flow.phase in (Phase.FLIGHT, Phase.CONTACT):
         drag = friction_force_n(friction, striker.mass_kg * striker.gravity_m_s2, v, flow.direction)
         out[0] = closing
         out[1] = (spring - push + drag) * (1.0 / striker.mass_kg) - a_b  # a division would be waited for

@@ -16,8 +16,6 @@ from plant_sim.solvers.adaptive.state_layout import (
     DEPTH,
     OBSERVED,
     READINGS,
-    REST,
-    STICK,
     VELOCITY,
     Flow,
     Grid,
@@ -184,8 +182,9 @@ def observe(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> N
     if is_worn(parts.wearer):
         observed[OBSERVED.ankle_j] = y[ankle_place(parts)]
     observed[OBSERVED.phase] = flow.phase
-    if flow.phase == REST and held_force_n(parts, crank.angle_rad, y, time_s) < dry_limit_n(parts):
-        observed[OBSERVED.phase] = STICK  # friction holds it there, the stop does not have to
+    held_n = held_force_n(parts, crank.angle_rad, y, time_s)
+    if flow.phase == Phase.REST_ON_STOP and held_n < dry_limit_n(parts):
+        observed[OBSERVED.phase] = Phase.STICK.value  # friction holds it there, the stop does not have to
 
 
 _PHASES = tuple(Phase)

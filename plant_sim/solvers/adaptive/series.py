@@ -31,16 +31,15 @@ from plant_sim.parts.stop import (
 from plant_sim.parts.striker import has_linear_spring, spring_force_n
 from plant_sim.parts.wearer import is_worn
 from plant_sim.parts.winding import is_wound
+from plant_sim.result import Phase
 from plant_sim.sensors.sensing import Probe, is_sensing
 from plant_sim.solvers.adaptive.crank import crank_in_stage
 from plant_sim.solvers.adaptive.state_layout import (
     ANGLE,
-    CONTACT,
     COSINE,
     DEPTH,
     DRAG,
     FALL,
-    FLIGHT,
     POWER,
     SHAKE,
     SINE,
@@ -101,7 +100,7 @@ def _step_s(parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: 
     series = memory.series
     expand(parts, flow, memory.y, series, order)
     h_s = _accurate_s(series, scale, order, _judged_terms(parts.friction), longest_s)
-    if flow.phase in (FLIGHT, CONTACT):
+    if flow.phase in (Phase.FLIGHT, Phase.CONTACT):
         h_s = _seen_s(parts.friction, series[state_size(parts) + POWER], h_s, order)
     if not _is_torque_constant(parts.drive, flow, series, h_s, order):
         return 0.0
@@ -127,7 +126,7 @@ def expand(parts: Parts, flow: Flow, y: Vector, series: Vector, order: int) -> N
     torque_n_m = motor_torque_n_m(parts.drive, flow.torque_n_m, crank.speed_rad_s)
     reach_m = striker.rest_length_m - origin_m(parts.stop, striker)
     normal_n = striker.mass_kg * striker.gravity_m_s2
-    slides = flow.phase in (FLIGHT, CONTACT)
+    slides = flow.phase in (Phase.FLIGHT, Phase.CONTACT)
     is_pressed = is_soft(parts.stop) and in_touch(flow.phase, y[DEPTH])
     for i in range(n):
         series[i, 0] = y[i]

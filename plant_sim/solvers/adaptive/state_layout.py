@@ -23,13 +23,11 @@ from plant_sim.parts.sizes import ledger_size, motion_size
 from plant_sim.parts.stop import is_soft, origin_m
 from plant_sim.parts.wearer import is_worn
 from plant_sim.parts.winding import is_wound
-from plant_sim.result import Impact, MotionState, Observation, Phase
+from plant_sim.result import Impact, MotionState, Observation
 from plant_sim.solvers.bernstein import DEGREE, ORDER, Scratch, scratch_arrays
 from plant_sim.solvers.double_double import TURN_RAD
 
 Vector = NDArray[np.float64]
-
-FLIGHT, STICK, REST, CONTACT = (int(phase) for phase in Phase)
 
 STAGES = 16
 """Evaluations of the derivative in a step: 12 stages, 1 at its end, 3 for the continuous extension."""

@@ -10,23 +10,16 @@ import math
 from plant_sim.kernels import subroutine
 from plant_sim.parts.housing import smooth_for_s
 from plant_sim.parts.parts import Parts
+from plant_sim.result import Phase
 from plant_sim.sensors.sensing import Probe, is_sensing, sense_series, sense_step, series_order
 from plant_sim.solvers.adaptive.automaton import apply, first_event, may_end
 from plant_sim.solvers.adaptive.crank import crank_now, turn_crank
 from plant_sim.solvers.adaptive.dop853 import attempt, extend
-from plant_sim.solvers.adaptive.event_location import NONE, TOUCH, Course, Found, Step
+from plant_sim.solvers.adaptive.event_location import Course, Event, Found, Step
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.observation import follow_contact, follow_felt, sample_step
 from plant_sim.solvers.adaptive.series import motion_within, series_step_s, state_after
-from plant_sim.solvers.adaptive.state_layout import (
-    CONTACT,
-    Flow,
-    Grid,
-    Held,
-    Memory,
-    Vector,
-    state_size,
-)
+from plant_sim.solvers.adaptive.state_layout import Flow, Grid, Held, Memory, Vector, state_size
 from plant_sim.solvers.adaptive.wearer import ankle_s, closing_m_s
 from plant_sim.solvers.adaptive.winding import current_s
 from plant_sim.solvers.cost import debt
@@ -57,7 +50,7 @@ def take_step(
     y, mode, held, new = memory.y, memory.mode[0], memory.held[0], memory.new
     begin_s = start_s + held.elapsed_s
     flow = flow_now(parts, memory, torque_n_m, begin_s)
-    scale = memory.contact_scale if flow.phase == CONTACT else memory.scale
+    scale = memory.contact_scale if flow.phase == Phase.CONTACT else memory.scale
     remaining = (duration_s - held.elapsed_s) - held.elapsed_low_s
     longest = _longest_s(parts, memory, begin_s)
     longest_series = min(LONGEST_SERIES * longest, smooth_for_s(parts.housing, begin_s), remaining)
@@ -71,7 +64,7 @@ def take_step(
             return h
 
     used: float = h
-    event = NONE
+    event = Event.NONE
     has_sample = mode.samples < grid.t_s.size and grid.t_s[mode.samples] < begin_s + h
     is_checked = may_end(parts, flow, y, new, Course(is_series, memory.series, memory.k, h, order), mode)
     dense = memory.long_dense if is_series else memory.dense
@@ -80,9 +73,9 @@ def take_step(
     if is_checked:
         found = first_event(parts, Step(flow, mode, h, y, dense, memory.scratch))
         event = found.event
-        if event != NONE:
+        if event != Event.NONE:
             used = _repeat(parts, flow, found, h, memory, is_series, order)
-    if flow.phase == CONTACT:
+    if flow.phase == Phase.CONTACT:
         follow_contact(parts, memory, dense, flow.damping_s_m, used / h)
     follow_felt(parts, memory, used / h)
     _sense(parts, probe, memory, h, used, begin_s, is_series)
@@ -97,7 +90,7 @@ def take_step(
     _pass_time(memory, flow.phase, used, remaining, duration_s)
     if used < remaining:  # what ends a call is as short as the caller asked for
         held.debt = debt(held.debt, attempts, used / longest)
-    if event != NONE:
+    if event != Event.NONE:
         held.last_step_s = 0.0
         apply(parts, probe, memory, torque_n_m, event, start_s + held.elapsed_s)
     return used
@@ -121,7 +114,7 @@ def _stages_step_s(
     number of attempts."""
     held, k = memory.held[0], memory.k
     derivative(parts, flow, 0.0, memory.y, k[0])
-    attempts, next_s = 0.0, held.contact_step_s if flow.phase == CONTACT else held.free_step_s
+    attempts, next_s = 0.0, held.contact_step_s if flow.phase == Phase.CONTACT else held.free_step_s
     while True:
         h = min(next_s, longest_s, remaining_s)
         attempts += 1.0
@@ -161,7 +154,7 @@ def _choose_next(held: Held, phase: int, tried_s: float, h_s: float, error: floa
     growth = min(growth, 5.0)
     held.last_step_s, held.last_margin = h_s, margin
     next_s = max(tried_s, h_s * growth) if growth > 1.0 else h_s * growth
-    if phase == CONTACT:
+    if phase == Phase.CONTACT:
         held.contact_step_s = next_s
     else:
         held.free_step_s = next_s
@@ -204,7 +197,7 @@ def _repeat(
     used = found.s * h_s
     _end_at(parts, flow, used, memory, is_series, order)
     closing = closing_m_s(parts, new)
-    if found.event == TOUCH and closing != 0.0:
+    if found.event == Event.TOUCH and closing != 0.0:
         correction = -new[0] / closing
         if abs(correction) < 1e-3 * used:
             used = min(used + correction, h_s)

@@ -14,18 +14,10 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m
 from plant_sim.parts.striker import spring_force_n, spring_stretch_m
 from plant_sim.parts.wearer import is_worn
+from plant_sim.result import Phase
 from plant_sim.solvers.adaptive.crank import angle_at, angle_event, coupling_n, crank_now
 from plant_sim.solvers.adaptive.event_location import Step
-from plant_sim.solvers.adaptive.state_layout import (
-    CONTACT,
-    FLIGHT,
-    IN_CONTACT,
-    REST,
-    STICK,
-    Memory,
-    Vector,
-    enter,
-)
+from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, Memory, Vector, enter
 from plant_sim.solvers.adaptive.stop import leaving_zeros, open_contact
 from plant_sim.solvers.adaptive.wearer import from_stop_m
 from plant_sim.solvers.bernstein import DEGREE, NODES, Scratch, interpolate, root
@@ -83,7 +75,7 @@ def _release_angles(parts: Parts, phase: int, angle_rad: float, depth_m: float) 
     summed_m = abs(reach) + abs(spring_stretch_m(striker, held_n)) + spring_stretch_m(striker, limit)
     turning = 1.0 - ROUNDING * (1.0 + summed_m / amplitude)
     up, down = math.inf, -math.inf
-    if phase == STICK and abs(high) < turning:
+    if phase == Phase.STICK and abs(high) < turning:
         rising = math.asin(high)
         up = min(up, _next(rising, angle_rad))
         down = max(down, -_next(rising - math.pi, -angle_rad))
@@ -121,7 +113,7 @@ def release_event(parts: Parts, step: Step) -> float:
     interpolate(values, pull)
     limit = dry_limit_n(parts) + ROUNDING * largest
     down = _break(pull, -1.0, limit, step.scratch)
-    return min(down, _break(pull, 1.0, limit, step.scratch)) if flow.phase == STICK else down
+    return min(down, _break(pull, 1.0, limit, step.scratch)) if flow.phase == Phase.STICK else down
 
 
 @subroutine
@@ -148,7 +140,7 @@ def from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
     is_on_stop = is_rigid(parts.stop) and y[0] == 0.0
     direction = set_off(net, dry, near, growth, is_on_stop)
     if direction == 0 and (is_on_stop or dry > 0.0):
-        enter(mode, REST if is_on_stop else STICK, 0, 0, 0)
+        enter(mode, Phase.REST_ON_STOP if is_on_stop else Phase.STICK, 0, 0, 0)
         return
     forward = direction > 0
     if direction == 0:  # free, and without a pull
@@ -183,7 +175,7 @@ def _pull_growth(parts: Parts, memory: Memory, time_s: float) -> tuple[float, fl
 def release(parts: Parts, memory: Memory, time_s: float) -> None:
     """Release a striker whose pull has just reached its limit: it sets off with zero acceleration."""
     net = held_force_n(parts, crank_now(parts, memory).angle_rad, memory.y, time_s)
-    forward = net > 0.0 and memory.mode[0].phase == STICK
+    forward = net > 0.0 and memory.mode[0].phase == Phase.STICK
     _slide(parts, memory, time_s, forward, 2)
 
 
@@ -193,9 +185,9 @@ def _slide(parts: Parts, memory: Memory, time_s: float, forward: bool, zeros: in
     y, mode = memory.y, memory.mode[0]
     direction = 1 if forward else -1
     if mode.in_impact == IN_CONTACT:
-        enter(mode, CONTACT, direction, mode.zero_depth, zeros)
+        enter(mode, Phase.CONTACT, direction, mode.zero_depth, zeros)
         return
     sets_off_surface = y[0] == 0.0 and not forward
-    enter(mode, FLIGHT, direction, zeros + 1 if sets_off_surface else mode.zero_depth, zeros)
+    enter(mode, Phase.FLIGHT, direction, zeros + 1 if sets_off_surface else mode.zero_depth, zeros)
     if is_soft(parts.stop) and y[0] == 0.0 and forward:
         open_contact(parts, memory, time_s, zeros + leaving_zeros(parts.stop))

@@ -19,17 +19,15 @@ from plant_sim.parts.stop import (
     restitution,
 )
 from plant_sim.parts.wearer import contact_mass_kg
+from plant_sim.result import Phase
 from plant_sim.sensors.sensing import Probe, sense_jump
 from plant_sim.solvers.adaptive.crank import crank_now
-from plant_sim.solvers.adaptive.event_location import CLEAR, LEAVE, PRESS, TOUCH, Found, Step, earlier
+from plant_sim.solvers.adaptive.event_location import Event, Found, Step, earlier
 from plant_sim.solvers.adaptive.state_layout import (
-    CONTACT,
     DEPTH,
-    FLIGHT,
     IN_CONTACT,
     LET_GO,
     NO_IMPACT,
-    STICK,
     Memory,
     enter,
     work_place,
@@ -41,7 +39,7 @@ from plant_sim.solvers.bernstein import root
 @subroutine
 def in_touch(phase: int, depth_m: float) -> bool:
     """Whether a soft stop presses on the striker in this phase."""
-    return phase == CONTACT or (phase == STICK and depth_m > 0.0)
+    return phase == Phase.CONTACT or (phase == Phase.STICK and depth_m > 0.0)
 
 
 @by_part
@@ -52,18 +50,18 @@ def stop_events(stop: Stop, parts: Parts, step: Step, found: Found) -> Found:
 
 @stop_events.register(RigidStop)
 def _rigid_stop_events(stop: RigidStop, parts: Parts, step: Step, found: Found) -> Found:
-    if step.flow.phase != FLIGHT:
+    if step.flow.phase != Phase.FLIGHT:
         return found
-    return earlier(found, TOUCH, root(step.dense[DEPTH], 1.0, 0.0, step.mode.zero_depth, step.scratch))
+    return earlier(found, Event.TOUCH, root(step.dense[DEPTH], 1.0, 0.0, step.mode.zero_depth, step.scratch))
 
 
 @stop_events.register(HuntCrossley)
 def _hunt_crossley_stop_events(stop: HuntCrossley, parts: Parts, step: Step, found: Found) -> Found:
     depth, zeros = step.dense[DEPTH], step.mode.zero_depth
-    if step.flow.phase == FLIGHT:
-        return earlier(found, TOUCH, root(depth, 1.0, 0.0, zeros, step.scratch))
-    if step.flow.phase == CONTACT:
-        return earlier(found, LEAVE, root(depth, -1.0, 0.0, zeros, step.scratch))
+    if step.flow.phase == Phase.FLIGHT:
+        return earlier(found, Event.TOUCH, root(depth, 1.0, 0.0, zeros, step.scratch))
+    if step.flow.phase == Phase.CONTACT:
+        return earlier(found, Event.LEAVE, root(depth, -1.0, 0.0, zeros, step.scratch))
     return found
 
 
@@ -73,18 +71,18 @@ def _kelvin_voigt_stop_events(stop: KelvinVoigt, parts: Parts, step: Step, found
     phase, zeros, scratch = step.flow.phase, step.mode.zero_depth, step.scratch
     depth = step.dense[DEPTH]
     press = scratch.press[: depth.size]
-    beyond = phase == FLIGHT and depth[0] > 0.0
-    if phase == FLIGHT and not beyond:
-        return earlier(found, TOUCH, root(depth, 1.0, 0.0, zeros, scratch))
-    if phase not in (FLIGHT, CONTACT):
+    beyond = phase == Phase.FLIGHT and depth[0] > 0.0
+    if phase == Phase.FLIGHT and not beyond:
+        return earlier(found, Event.TOUCH, root(depth, 1.0, 0.0, zeros, scratch))
+    if phase not in (Phase.FLIGHT, Phase.CONTACT):
         return found
     if beyond:
-        found = earlier(found, CLEAR, root(depth, -1.0, 0.0, 0, scratch))
+        found = earlier(found, Event.CLEAR, root(depth, -1.0, 0.0, 0, scratch))
     for i in range(depth.size):
         press[i] = depth[i] + slope_s * closing_m_s(parts, step.dense[:, i])  # F/K
     if beyond:
-        return earlier(found, PRESS, root(press, 1.0, 0.0, zeros, scratch))
-    return earlier(found, LEAVE, root(press, -1.0, 0.0, zeros, scratch))
+        return earlier(found, Event.PRESS, root(press, 1.0, 0.0, zeros, scratch))
+    return earlier(found, Event.LEAVE, root(press, -1.0, 0.0, zeros, scratch))
 
 
 @by_part
@@ -105,7 +103,7 @@ def rebound(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
     v = memory.y[1]
     memory.y[1] = -k * v
     memory.y[work_place(parts) + 2] += 0.5 * mass * v * v * (1.0 - k * k)
-    enter(memory.mode[0], FLIGHT, -1, 1, 0)
+    enter(memory.mode[0], Phase.FLIGHT, -1, 1, 0)
     _record(memory, time_s, v, -k * v, mass * (1.0 + k) * v, math.nan, crank_now(parts, memory).angle_rad)
     sense_jump(probe, (1.0 + k) * v)
 
@@ -122,7 +120,7 @@ def come_to_rest(parts: Parts, memory: Memory) -> None:
 def open_contact(parts: Parts, memory: Memory, time_s: float, zeros: int) -> None:
     """Begin a contact with a soft stop; `zeros` is as in `leaving_zeros`."""
     y, mode, contact = memory.y, memory.mode[0], memory.contact[0]
-    enter(mode, CONTACT, mode.direction, zeros, mode.zero_velocity)
+    enter(mode, Phase.CONTACT, mode.direction, zeros, mode.zero_velocity)
     mode.in_impact = IN_CONTACT
     speed = max(closing_m_s(parts, y), 0.0)
     contact.touch_s = time_s
@@ -148,7 +146,7 @@ def press_again(parts: Parts, memory: Memory, time_s: float) -> None:
     if mode.in_impact == NO_IMPACT:
         open_contact(parts, memory, time_s, 1)
         return
-    enter(mode, CONTACT, mode.direction, 1, mode.zero_velocity)
+    enter(mode, Phase.CONTACT, mode.direction, 1, mode.zero_velocity)
     mode.in_impact = IN_CONTACT
 
 
@@ -164,7 +162,7 @@ def leave(parts: Parts, memory: Memory) -> None:
         y[0] = 0.0
     y[work_place(parts) + 2] += elastic_energy_j(parts.stop, y[0])
     closing = closing_m_s(parts, y)
-    enter(mode, FLIGHT, mode.direction, 1 if closing < 0.0 else 2, mode.zero_velocity)
+    enter(mode, Phase.FLIGHT, mode.direction, 1 if closing < 0.0 else 2, mode.zero_velocity)
     mode.in_impact = LET_GO
     memory.contact[0].leave_m_s = closing
     if not lets_go_early:

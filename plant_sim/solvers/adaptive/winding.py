@@ -12,9 +12,8 @@ from plant_sim.parts.drive import MotorDrive, asked_current_a, is_motor, motor_c
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.winding import DqWinding, flux_wb, is_wound, voltage_limit_v
 from plant_sim.solvers.adaptive.event_location import (
-    LIMIT,
-    UNLIMIT,
     Course,
+    Event,
     Found,
     Step,
     earlier,
@@ -230,5 +229,5 @@ def voltage_events(parts: Parts, step: Step, found: Found) -> Found:
         values[i] = voltage_excess(winding, drive, flow.torque_n_m, omega, scratch.inner, place)
     interpolate(values, excess)
     if flow.voltage_limited:
-        return earlier(found, UNLIMIT, root(excess, -1.0, 0.0, step.mode.zero_voltage, scratch))
-    return earlier(found, LIMIT, root(excess, 1.0, 0.0, step.mode.zero_voltage, scratch))
+        return earlier(found, Event.UNLIMIT, root(excess, -1.0, 0.0, step.mode.zero_voltage, scratch))
+    return earlier(found, Event.LIMIT, root(excess, 1.0, 0.0, step.mode.zero_voltage, scratch))

@@ -40,14 +40,7 @@ from plant_sim.solvers.exact.crossing import (
     point_after,
     return_s,
 )
-from plant_sim.solvers.exact.oscillator import (
-    Flight,
-    Oscillator,
-    Point,
-    flow,
-    launch,
-    point,
-)
+from plant_sim.solvers.exact.oscillator import Flight, Oscillator, Point, flow, launch, point
 
 CERTAIN = 1e-3  # share of the pressing acceleration that may change until chatter is over
 RESOLVED = 4e-15  # least height of a bounce over the position's scale: some roundings
