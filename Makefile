@@ -21,7 +21,7 @@ COMPLETE = missing=$$($(BIN)/python -m pip check) || { echo "$$missing" >&2; exi
 LOCKED := --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-emit-index-url
 INSTALLED := $(VENV)/.installed-$(call content,requirements.lock pyproject.toml)
 INSTALLED_DEV := $(VENV)/.installed-dev-$(call content,requirements-dev.lock pyproject.toml)
-WARM := $(VENV)/.warm-$(call content,requirements.lock tools/dev/warm.py kernel_cache.py numba_replace.py $$(find plant_sim firmware_py hil -name '*.py' | sort))
+WARM := $(VENV)/.warm-$(call content,requirements.lock tools/dev/warm.py kernel_cache.py numba_linking.py numba_replace.py $$(find plant_sim firmware_py hil -name '*.py' | sort))
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 15

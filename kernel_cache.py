@@ -37,7 +37,7 @@ from numba.core import caching, serialize
 
 PACKAGES = ("plant_sim", "firmware_py", "hil", "tools")
 """Packages whose modules are part of a key; the versions of numba and llvmlite stand for all others."""
-KEYED = (*PACKAGES, "numba_replace")
+KEYED = (*PACKAGES, "numba_linking", "numba_replace")
 
 KEYED_FOLDER = re.compile(r"(?P<name>.+)-[0-9a-f]{16}")
 MOST_KEYS = 16

@@ -19,7 +19,7 @@ from numba.extending import intrinsic, is_jitted, overload, register_jitable
 
 import kernel_cache
 import numba_replace  # noqa: F401 - defines `_replace` of records in compiled code
-from plant_sim.linking import SubroutineCompiler
+from numba_linking import LINKED
 
 if typing.TYPE_CHECKING:
     from typing_extensions import TypeIs
@@ -31,12 +31,8 @@ _Law = TypeVar("_Law", bound=Callable[..., Any])
 _Part = TypeVar("_Part")
 
 
-_KERNELS_ONLY: dict[str, Any] = {
+_KERNELS_ONLY: dict[str, Any] = LINKED | {
     "error_model": "numpy",
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-    "_nrt": False,
-    "pipeline_class": SubroutineCompiler,
     "forceinline": False,  # numba would hand on the caller's
 }
 _settings: Any = numba_config

@@ -24,6 +24,7 @@ from firmware_py.builds.flat import members
 from firmware_py.interface import arrivals, counters, enums, float32, framing
 from firmware_py.interface.enums import AxisState, OperatorRequest
 from firmware_py.interface.generated import packing, received, unpacking
+from numba_linking import LINKED
 
 _tuple: Any = types.BaseTuple.from_types
 
@@ -41,7 +42,7 @@ def register(inlined: bool = True) -> None:
     would take two thirds of a tick; the code is larger, too large for a board.
     """
     instead = importlib.import_module(REPLACEMENTS).INSTEAD
-    options: Any = {"forceinline": inlined}
+    options: Any = LINKED | {"forceinline": inlined}
     for module in subset():
         for function in vars(module).values():
             if isinstance(function, FunctionType) and function.__module__ == module.__name__:

@@ -14,13 +14,14 @@ import numba
 
 from firmware_py.builds.flat_tick import CALIBRATE_SIGNATURE, SIGNATURE, flat_calibrate, flat_tick
 from firmware_py.builds.numba_subset import register
+from numba_linking import LINKED
 
 
 def main() -> None:
     """Write the file."""
     register(inlined=False)
     functions = ((SIGNATURE, flat_tick), (CALIBRATE_SIGNATURE, flat_calibrate))
-    dispatchers = [numba.njit(signature)(function) for signature, function in functions]
+    dispatchers = [numba.njit(signature, **LINKED)(function) for signature, function in functions]
     results: list[Any] = [next(iter(one.overloads.values())) for one in dispatchers]
     first, second = (llvm.parse_assembly(one.library.get_llvm_str()) for one in results)
     first.link_in(second)

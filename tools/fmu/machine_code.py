@@ -22,19 +22,14 @@ from numba.core import types
 from firmware_py.builds.flat import stored
 from firmware_py.builds.machine_code import NAMES_EXCEPTION, RAW, Target, retargeted
 from kernel_cache import folder_of, kept_file
+from numba_linking import LINKED
 
 TARGET = Target("x86_64-unknown-linux-gnu", "x86-64-v2", "", "pic", "double", is_small=False)
 """Every 64-bit PC of the last fifteen years. No fused multiply-add, which would change bits."""
 Functions = dict[str, tuple[Callable[..., int], tuple[Any, ...]]]
 """Functions that return an integer, with numba's types of their arguments, by their names in C."""
 
-OPTIONS: dict[str, Any] = {
-    "nogil": True,
-    "error_model": "numpy",
-    "_nrt": False,
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-}
+OPTIONS: dict[str, Any] = LINKED | {"nogil": True, "error_model": "numpy"}
 WRAPPER = """
 define i64 @{name}({parameters}) {{
   %returned = alloca i64

@@ -45,3 +45,12 @@ class SubroutineCompiler(Compiler):
                 "let the caller pass one to fill"
             )
         return compiled
+
+
+LINKED: dict[str, Any] = {
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+    "_nrt": False,
+    "pipeline_class": SubroutineCompiler,
+}
+"""numba's options for functions of which only the LLVM code is wanted; they count no references to arrays."""
