@@ -5,10 +5,11 @@ into calls.
 """
 
 import math
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from plant_sim.arrays import FloatArray
 from plant_sim.kernels import entry_point, jit, subroutine
 from plant_sim.kinds import kernel_parts
 from plant_sim.parts.drive import IdealDrive, constant_speed_rad_s
@@ -16,8 +17,7 @@ from plant_sim.parts.friction import ClosedForm
 from plant_sim.parts.housing import Level
 from plant_sim.parts.linkage import Sine
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import NoStop, RigidStop
-from plant_sim.parts.striker import Striker
+from plant_sim.parts.stop import NoStop, RigidStop, stop_position_m
 from plant_sim.parts.wearer import NoWearer
 from plant_sim.result import EnergyLedger, Impacts, MotionState, Phase, Samples, SimulationResult
 from plant_sim.solvers.bernstein import new_scratch
@@ -42,18 +42,13 @@ def _run(
     start: tuple[float, float, float, float],
     until_s: float,
     rest_speed_m_s: float,
-    samples_t_s: NDArray[np.float64],
-    samples: NDArray[np.float64],
-) -> tuple[
-    NDArray[np.float64],
-    tuple[float, float, float, float],
-    tuple[float, float, float, float, float],
-    int,
-    bool,
-]:
-    """A whole run: impacts, final (t, y, v, crank), energies, phase, and whether it was too costly.
+    samples_t_s: FloatArray,
+    samples: FloatArray,
+) -> tuple[FloatArray, Motion, tuple[float, float, float, float, float], bool]:
+    """A whole run: impacts, end, energies (work, stored change, friction, impacts, stored), and whether it
+    was too costly.
 
-    `start` is (t, y, v, crank). Shapes: impacts (6, n) in the order of `Impacts`; samples
+    `start` is (t, y, v, crank). Shapes: impacts (n, 6) in the order of `Impact`; samples
     (len(samples_t_s), 4) as y, v, acceleration, crank.
     """
     o = oscillator(parts)
@@ -61,7 +56,7 @@ def _run(
     before_j = stored_j(o, motion)
     ledger, scratch = empty_ledger(), new_scratch(0)
     fastest_rad_s, behind = max(o.drive_rad_s, o.natural_rad_s), 0.0
-    rows, found, next_sample = np.empty((64, 4)), 0, 0
+    impacts, found, next_sample = np.empty((64, 6)), 0, 0
     event = Event.IMPACT
     while event != Event.HORIZON and behind <= ALLOWANCE:
         arrival, event = next_event(o, motion, until_s, scratch)
@@ -69,37 +64,23 @@ def _run(
         ledger = booked(o, ledger, motion, arrival, departure)
         next_sample = _sample(o, motion, arrival, event, samples_t_s, samples, next_sample)
         if event == Event.IMPACT:
-            if found == len(rows):
-                rows = np.concatenate((rows, np.empty_like(rows)))
-            rows[found, 0] = arrival.t_s
-            rows[found, 1] = arrival.v_m_s
-            rows[found, 2] = departure.v_m_s
-            rows[found, 3] = arrival.crank_rad
+            if found == len(impacts):
+                impacts = np.concatenate((impacts, np.empty_like(impacts)))
+            row, v, v_after = impacts[found], arrival.v_m_s, departure.v_m_s
+            row[0], row[1], row[2], row[3] = arrival.t_s, v, v_after, o.mass_kg * (v - v_after)
+            row[4], row[5] = np.nan, arrival.crank_rad % TURN_RAD  # a rigid stop has no peak force
             found += 1
         behind = debt(behind, 1.0, (arrival.t_s - motion.t_s) * fastest_rad_s)
         motion = departure
-    impacts, after_j = np.empty((6, found)), stored_j(o, motion)
-    for index in range(found):
-        v, v_after = rows[index, 1], rows[index, 2]
-        impacts[0, index] = rows[index, 0]
-        impacts[1, index] = v
-        impacts[2, index] = v_after
-        impacts[3, index] = o.mass_kg * (v - v_after)
-        impacts[4, index] = np.nan  # a rigid stop has no peak force
-        impacts[5, index] = rows[index, 3] % TURN_RAD
-    return (
-        impacts,
-        (motion.t_s, motion.y_m, motion.v_m_s, motion.crank_rad),
-        (
-            ledger.drive_j + ledger.drive_low_j,
-            after_j - before_j,
-            ledger.friction_j + ledger.friction_low_j,
-            ledger.impact_j + ledger.impact_low_j,
-            after_j,
-        ),
-        motion.phase.value,
-        event != Event.HORIZON,
+    after_j = stored_j(o, motion)
+    energies_j = (
+        ledger.drive_j + ledger.drive_low_j,
+        after_j - before_j,
+        ledger.friction_j + ledger.friction_low_j,
+        ledger.impact_j + ledger.impact_low_j,
+        after_j,
     )
+    return impacts[:found], motion, energies_j, event != Event.HORIZON
 
 
 @subroutine
@@ -108,8 +89,8 @@ def _sample(
     motion: Motion,
     arrival: Motion,
     event: Event,
-    samples_t_s: NDArray[np.float64],
-    samples: NDArray[np.float64],
+    samples_t_s: FloatArray,
+    samples: FloatArray,
     index: int,
 ) -> int:
     """Fill the samples of one flow; a sample at the instant of an event shows the state after it."""
@@ -138,7 +119,7 @@ def simulate(
     parts: Parts,
     initial: MotionState,
     until_s: float,
-    samples_t_s: NDArray[np.float64] | None = None,
+    samples_t_s: FloatArray | None = None,
     rest_speed_m_s: float = REST_SPEED_M_S,
 ) -> SimulationResult:
     """Run the module from `initial` to the absolute time `until_s`.
@@ -148,58 +129,56 @@ def simulate(
     the instant of an event shows the state after it. The bounces of chatter below `rest_speed_m_s` that are
     certain to end at rest count as one plastic impact.
     """
-    striker, drive, friction, stop = parts.striker, parts.drive, parts.friction, parts.stop
-    require_plain(parts)
-    if (
-        not isinstance(drive, IdealDrive)
-        or not isinstance(friction, ClosedForm)
-        or not isinstance(stop, NoStop | RigidStop)
-    ):
-        raise UnsupportedSceneError(
-            "the exact solver has closed forms for an ideal drive, no, viscous or Coulomb friction and no or "
-            f"a rigid stop; this scene has {drive!r}, {friction!r} and {stop!r}: use the adaptive solver"
-        )
+    require_closed_form(parts)
     grid = sample_times(initial, until_s, samples_t_s)
-    until_s = float(until_s)
-    start = start_of(striker, stop, initial)
     samples = np.empty((len(grid), 4))
-    arguments = (kernel_parts(parts), start, until_s, float(rest_speed_m_s), grid, samples)
-    impacts, final, energies, phase, too_many = entry_point(_run, *arguments)(*arguments)
+    start = start_of(parts, initial)
+    arguments = (kernel_parts(parts), start, float(until_s), float(rest_speed_m_s), grid, samples)
+    impacts, end, energies_j, too_many = entry_point(_run, *arguments)(*arguments)
     if too_many:
-        t_s, y_m, v_m_s, _ = final
-        place = f"at t = {t_s:.9g} s, x = {striker.rest_length_m + y_m:.9g} m, v = {v_m_s:.6g} m/s"
+        x_m = parts.striker.rest_length_m + end.y_m
+        place = f"at t = {end.t_s:.9g} s, x = {x_m:.9g} m, v = {end.v_m_s:.6g} m/s"
         raise too_costly(place, "the bounces do not die out: lower stop.restitution, or end the run earlier")
-    t_s, y_m, v_m_s, crank_rad = final
     return SimulationResult(
-        impacts=Impacts(*impacts),
+        impacts=Impacts(*impacts.T.copy()),
         final=MotionState(
-            t_s, _position_m(striker, stop, y_m), v_m_s, crank_rad % TURN_RAD, drive.omega_rad_s, Phase(phase)
+            end.t_s,
+            float(_positions_m(parts, end.y_m)),
+            end.v_m_s,
+            end.crank_rad % TURN_RAD,
+            constant_speed_rad_s(parts.drive),
+            end.phase,
         ),
-        energy=ledger_of(energies),
+        energy=EnergyLedger(*energies_j[:4], stored_j=energies_j[4]),
         method="exact",
         samples=None if samples_t_s is None else _samples(parts, grid, samples),
     )
 
 
-def ledger_of(energies: tuple[float, float, float, float, float]) -> EnergyLedger:
-    """The ledger of the drive's work, stored change, friction, impact loss and energy stored at the end."""
-    drive_j, change_j, friction_j, impact_j, stored_at_end_j = energies
-    return EnergyLedger(drive_j, change_j, friction_j, impact_j, stored_j=stored_at_end_j)
+CLOSED_FORM: dict[str, Any] = {
+    "drive": IdealDrive,
+    "friction": ClosedForm,
+    "stop": NoStop | RigidStop,
+    "linkage": Sine,
+    "housing": Level,
+    "wearer": NoWearer,
+}
+"""The parts that this solver supports, by slot; a tilt has been removed before (`plant_sim.tilt`)."""
 
 
-def require_plain(parts: Parts) -> None:
-    """Refuse parts that these solvers do not support; a tilt has been removed before (`plant_sim.tilt`)."""
-    linkage, housing, wearer = parts.linkage, parts.housing, parts.wearer
-    if not (isinstance(linkage, Sine) and isinstance(housing, Level) and isinstance(wearer, NoWearer)):
+def require_closed_form(parts: Parts) -> None:
+    """Refuse parts that this solver does not support."""
+    known = [(getattr(parts, slot), kinds) for slot, kinds in CLOSED_FORM.items()]
+    others = [part for part, kinds in known if not isinstance(part, kinds)]
+    if others:
         raise UnsupportedSceneError(
-            "this solver has a sine, a level housing and no wearer alone; this scene has "
-            f"{linkage!r}, {housing!r} and {wearer!r}: use the adaptive solver"
+            "the exact solver has closed forms for an ideal drive on a sine, no, viscous or Coulomb "
+            "friction, no or a rigid stop, a level housing and no wearer; this scene has "
+            f"{' and '.join(map(repr, others))}: use the adaptive solver"
         )
 
 
-def sample_times(
-    initial: MotionState, until_s: float, asked_t_s: NDArray[np.float64] | None
-) -> NDArray[np.float64]:
+def sample_times(initial: MotionState, until_s: float, asked_t_s: FloatArray | None) -> FloatArray:
     """The times of a run's samples, s, shape (n,); refuses invalid times."""
     samples_t_s = np.zeros(0) if asked_t_s is None else np.ascontiguousarray(asked_t_s, dtype=np.float64)
     numbers = (initial.t_s, initial.x_m, initial.v_m_s, initial.crank_rad, until_s)
@@ -221,42 +200,34 @@ def sample_times(
     return samples_t_s
 
 
-def start_of(
-    striker: Striker, stop: NoStop | RigidStop, initial: MotionState
-) -> tuple[float, float, float, float]:
+def start_of(parts: Parts, initial: MotionState) -> tuple[float, float, float, float]:
     """t, y, v and crank angle at the start; refuses a start beyond the stop."""
-    y_m = initial.x_m - striker.rest_length_m
-    if isinstance(stop, RigidStop):
-        if initial.x_m > stop.position_m:
-            raise UnsupportedSceneError(
-                f"the striker starts at x = {initial.x_m} m, beyond the rigid stop at {stop.position_m} m; "
-                "start at or before the stop, or use a soft one"
-            )
-        y_m = min(y_m, stop.position_m - striker.rest_length_m)
+    rest_m, stop_m = parts.striker.rest_length_m, stop_position_m(parts.stop)
+    if initial.x_m > stop_m:
+        raise UnsupportedSceneError(
+            f"the striker starts at x = {initial.x_m} m, beyond the rigid stop at {stop_m} m; "
+            "start at or before the stop, or use a soft one"
+        )
+    y_m = min(initial.x_m - rest_m, stop_m - rest_m)
     return float(initial.t_s), float(y_m), float(initial.v_m_s), float(initial.crank_rad)
 
 
-def _position_m(striker: Striker, stop: NoStop | RigidStop, y_m: float) -> float:
-    x_m = striker.rest_length_m + y_m
-    if isinstance(stop, NoStop):
-        return x_m
-    return stop.position_m if y_m >= stop.position_m - striker.rest_length_m else min(x_m, stop.position_m)
+def _positions_m(parts: Parts, y_m: Any) -> Any:
+    """x of y = x − l0, a number or an array, at most the stop's position and equal to it at the stop."""
+    rest_m, stop_m = parts.striker.rest_length_m, stop_position_m(parts.stop)
+    return np.where(y_m >= stop_m - rest_m, stop_m, np.minimum(rest_m + y_m, stop_m))
 
 
-def _samples(parts: Parts, t_s: NDArray[np.float64], samples: NDArray[np.float64]) -> Samples:
+def _samples(parts: Parts, t_s: FloatArray, samples: FloatArray) -> Samples:
     y_m, v_m_s, accel_m_s2, crank_rad = samples.T.copy()
-    rest_m, stop = parts.striker.rest_length_m, parts.stop
-    x_m = rest_m + y_m
-    if isinstance(stop, RigidStop):
-        x_m = np.minimum(np.where(y_m >= stop.position_m - rest_m, stop.position_m, x_m), stop.position_m)
-    omega_rad_s, none = np.full_like(t_s, constant_speed_rad_s(parts.drive)), np.zeros_like(t_s)
+    none = np.zeros_like(t_s)
     return Samples(
         t_s=t_s,
-        x_m=x_m,
+        x_m=_positions_m(parts, y_m),
         v_m_s=v_m_s,
         accel_m_s2=accel_m_s2,
         crank_rad=crank_rad % TURN_RAD,
-        omega_rad_s=omega_rad_s,
+        omega_rad_s=np.full_like(t_s, constant_speed_rad_s(parts.drive)),
         motor_torque_n_m=none,
         current_a=none,
         stop_force_n=none,

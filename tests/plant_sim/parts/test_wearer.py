@@ -61,7 +61,7 @@ def test_a_tilted_plate_hangs_in_its_ankle() -> None:
 def test_solvers_without_a_form_for_it_refuse_it() -> None:
     parts = scene({"stop": HERTZ}).parts()
     start = initial_state(scene({"stop": HERTZ}))
-    with pytest.raises(exact.UnsupportedSceneError, match="no wearer alone"):
+    with pytest.raises(exact.UnsupportedSceneError, match="no wearer; this scene has Ankle"):
         exact.simulate(parts._replace(stop=RigidStop(0.18, 0.5)), start, 1.0)
 
 
