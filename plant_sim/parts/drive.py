@@ -7,7 +7,6 @@ from typing import Annotated, Literal, NamedTuple, Self, TypeAlias
 from pydantic import Field, model_validator
 
 from plant_sim.kernels import one_of, subroutine
-from plant_sim.parts.sizes import motion_size
 from plant_sim.tables.table import Table
 
 
@@ -40,12 +39,6 @@ class MotorDrive(NamedTuple):
 
 
 Drive: TypeAlias = IdealDrive | MotorDrive
-
-
-@motion_size.register(MotorDrive)
-def _motor_drive_motion_size(part: MotorDrive) -> int:
-    """Angle and speed of the crank."""
-    return 2
 
 
 is_motor = one_of(MotorDrive)

@@ -12,7 +12,6 @@ from pydantic import Field
 
 from plant_sim.arrays import FloatArray
 from plant_sim.kernels import by_part, one_of, subroutine
-from plant_sim.parts.sizes import ledger_size
 from plant_sim.parts.walking import Walking, felt_m_s2, felt_m_s3, unbroken_s
 from plant_sim.tables.table import Table
 
@@ -43,11 +42,6 @@ class Moving(NamedTuple):
 
 
 Housing: TypeAlias = Level | Tilted | Moving | Walking
-
-
-@ledger_size.register(Tilted, Moving)
-def _housing_ledger_size(part: Tilted | Moving) -> int:
-    return 1
 
 
 @subroutine

@@ -13,7 +13,6 @@ from plant_sim.parts.restitution import (
     kelvin_voigt_damping,
     linear_stiffness,
 )
-from plant_sim.parts.sizes import ledger_size
 from plant_sim.parts.striker import Striker
 from plant_sim.parts.wearer import Wearer, contact_mass_kg
 from plant_sim.tables.table import Table
@@ -54,17 +53,6 @@ Stop: TypeAlias = NoStop | RigidStop | KelvinVoigt | HuntCrossley
 
 LEAST_TOUCH_SPEED_M_S = 1e-3
 """Below this speed λ is constant: a striker laid on the stop would meet unbounded damping."""
-
-
-@ledger_size.register(RigidStop)
-def _rigid_stop_ledger_size(part: RigidStop) -> int:
-    return 1
-
-
-@ledger_size.register(KelvinVoigt, HuntCrossley)
-def _soft_stop_ledger_size(part: KelvinVoigt | HuntCrossley) -> int:
-    """The loss, and the impulse."""
-    return 2
 
 
 has_no_stop = one_of(NoStop)

@@ -29,7 +29,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.kernels import subroutine
-from plant_sim.parts.sizes import ledger_size
 
 Rows: TypeAlias = NDArray[np.float64]
 Jet: TypeAlias = tuple[float, float, float, float]
@@ -108,11 +107,6 @@ class Walking(NamedTuple):
     gravity_m_s2: float
     warp: float
     rows: Rows
-
-
-@ledger_size.register(Walking)
-def _walking_ledger_size(part: Walking) -> int:
-    return 1
 
 
 class Leg(NamedTuple):

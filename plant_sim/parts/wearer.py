@@ -9,7 +9,6 @@ from typing import NamedTuple, TypeAlias
 from pydantic import Field
 
 from plant_sim.kernels import by_part, one_of
-from plant_sim.parts.sizes import ledger_size, motion_size
 from plant_sim.tables.table import Table
 
 
@@ -30,17 +29,6 @@ Wearer: TypeAlias = NoWearer | Ankle
 
 is_worn = one_of(Ankle)
 """Whether the stop rests on a wearer."""
-
-
-@motion_size.register(Ankle)
-def _ankle_motion_size(part: Ankle) -> int:
-    """Position and velocity of the plate."""
-    return 2
-
-
-@ledger_size.register(Ankle)
-def _ankle_ledger_size(part: Ankle) -> int:
-    return 1
 
 
 @by_part

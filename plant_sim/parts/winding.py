@@ -21,7 +21,6 @@ from pydantic import Field
 
 from plant_sim.kernels import one_of, subroutine
 from plant_sim.parts.drive import MotorDrive
-from plant_sim.parts.sizes import ledger_size, motion_size
 from plant_sim.tables.table import Table
 
 
@@ -41,18 +40,6 @@ Winding: TypeAlias = IdealCurrent | DqWinding
 
 is_wound = one_of(DqWinding)
 """Whether the windings of the motor are modelled."""
-
-
-@motion_size.register(DqWinding)
-def _dq_winding_motion_size(part: DqWinding) -> int:
-    """Both currents, and the integrals of their loop."""
-    return 4
-
-
-@ledger_size.register(DqWinding)
-def _dq_winding_ledger_size(part: DqWinding) -> int:
-    """The work at the terminals, and the copper loss."""
-    return 2
 
 
 @subroutine

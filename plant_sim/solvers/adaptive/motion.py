@@ -8,7 +8,6 @@ from plant_sim.parts.friction import friction_force_n
 from plant_sim.parts.housing import housing_m_s2, is_level
 from plant_sim.parts.linkage import crank_torque_n_m, piston_m
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.sizes import ledger_size
 from plant_sim.parts.stop import elastic_energy_j, elastic_force_n, is_soft, origin_m, stop_force_n
 from plant_sim.parts.striker import spring_energy_j
 from plant_sim.result import Phase
@@ -61,7 +60,7 @@ def derivative(parts: Parts, flow: Flow, tau_s: float, y: Vector, out: Vector) -
     crank_loss = crank_derivative(drive, flow, torque, load, crank, work, out)
     closing = closing_m_s(parts, y)
     a_b = housing_m_s2(parts.housing, flow.time_s + tau_s)
-    for account in range(work + 2, work + 2 + ledger_size(stop)):
+    for account in range(work + 2, housing_place(parts)):
         out[account] = 0.0
     elastic = 0.0
     push = 0.0

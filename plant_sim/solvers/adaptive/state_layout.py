@@ -18,9 +18,9 @@ from plant_sim.arrays import One, zeros_of
 from plant_sim.kernels import subroutine
 from plant_sim.parts.drive import Drive, is_motor
 from plant_sim.parts.friction import bend_m_s
+from plant_sim.parts.housing import is_level
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.sizes import ledger_size, motion_size
-from plant_sim.parts.stop import is_soft, origin_m
+from plant_sim.parts.stop import is_rigid, is_soft, origin_m
 from plant_sim.parts.wearer import is_worn
 from plant_sim.parts.winding import is_wound
 from plant_sim.result import Impact, MotionState, Observation
@@ -43,43 +43,46 @@ exponent and exponential of Stribeck's law, a_b of the housing."""
 @subroutine
 def plate_place(drive: Drive) -> int:
     """Place of the foot plate's position in the state, followed by its velocity, if there is a wearer."""
-    return 2 + motion_size(drive)
+    return 4 if is_motor(drive) else 2
 
 
 @subroutine
 def current_place(parts: Parts) -> int:
     """Place of the windings' currents in the state, if they are modelled."""
-    return plate_place(parts.drive) + motion_size(parts.wearer)
+    return plate_place(parts.drive) + (2 if is_worn(parts.wearer) else 0)
 
 
 @subroutine
 def work_place(parts: Parts) -> int:
     """Place of the drive's work in the state; friction's follows, then the stop's loss and impulse."""
-    return current_place(parts) + motion_size(parts.winding)
+    return current_place(parts) + (4 if is_wound(parts.winding) else 0)
 
 
 @subroutine
 def housing_place(parts: Parts) -> int:
     """Place of the housing's work in the state, if it is tilted or moves."""
-    return work_place(parts) + 2 + ledger_size(parts.stop)
+    place = work_place(parts) + 2
+    if is_soft(parts.stop):
+        return place + 2
+    return place + 1 if is_rigid(parts.stop) else place
 
 
 @subroutine
 def ankle_place(parts: Parts) -> int:
     """Place of the ankle's loss in the state, if there is a wearer."""
-    return housing_place(parts) + ledger_size(parts.housing)
+    return housing_place(parts) + (0 if is_level(parts.housing) else 1)
 
 
 @subroutine
 def terminal_place(parts: Parts) -> int:
     """Place of the work at a motor's terminals in the state, if its windings are modelled."""
-    return ankle_place(parts) + ledger_size(parts.wearer)
+    return ankle_place(parts) + (1 if is_worn(parts.wearer) else 0)
 
 
 @subroutine
 def state_size(parts: Parts) -> int:
     """Length of the integrated state."""
-    return terminal_place(parts) + ledger_size(parts.winding)
+    return terminal_place(parts) + (2 if is_wound(parts.winding) else 0)
 
 
 UNSETTLED = -1
@@ -325,9 +328,9 @@ def set_accuracy(parts: Parts, memory: Memory, accuracy: float) -> None:
     force = striker.spring_n_per_m * max(length, abs(striker.rest_length_m - origin_m(stop, striker)))
     work = work_place(parts)
     scale[work:] = force
-    if ledger_size(stop) == 2:
+    if is_soft(stop):
         scale[work + 3] = striker.mass_kg * natural
-    share = SHARE_OF_A_MOTOR_STEP if motion_size(parts.drive) > 0 else SHARE_OF_A_STEP
+    share = SHARE_OF_A_MOTOR_STEP if is_motor(parts.drive) else SHARE_OF_A_STEP
     for i in range(scale.size):
         scale[i] *= share * accuracy
     scale[VELOCITY] = min(scale[VELOCITY], SHARE_OF_BEND * bend_m_s(parts.friction))
