@@ -1,10 +1,7 @@
 """The reasons for which a run fails, or is not judged, regardless of its checks."""
 
-from hil.judge.verdict import FaultEffect
+from hil.judge.verdict import IMPORTED, FaultEffect
 from hil.record.run_traces import RunTraces
-
-IMPORTED = "imported"
-"""Clock name of a log imported from a real bench, which has no truth and no scenario."""
 
 
 def reasons_of(traces: RunTraces) -> list[str]:

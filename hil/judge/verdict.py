@@ -17,7 +17,10 @@ from hil.judge.figures.records import Figures, Number, incomplete
 from hil.judge.figures.text import figure_text
 from hil.record import formats
 
+IMPORTED = "imported"
+"""Clock name of a log imported from a real bench, which has no truth and no scenario."""
 NO_CHECKS = "nothing was checked; give the scenario a table [[checks]]"
+NO_SCENARIO = "an imported log has no scenario, and so no checks"
 Value = bool | int | float | str
 
 
@@ -141,7 +144,9 @@ class RunVerdict:
     @property
     def not_judged(self) -> tuple[str, ...]:
         """The doubts, or that nothing was checked."""
-        return self.doubts if self.checks or self.reasons else (*self.doubts, NO_CHECKS)
+        if self.checks or self.reasons:
+            return self.doubts
+        return (*self.doubts, NO_SCENARIO if self.figures.clock == IMPORTED else NO_CHECKS)
 
     @property
     def why_not_passed(self) -> list[str]:

@@ -99,7 +99,7 @@ def show(logged: "Run", every: bool) -> None:
     show_checks(verdict)
     console.print()
     if len(logged.traces.plant) == 0:
-        console.print("this log holds no truth: what needs it is —, and impacts are counted only if true")
+        console.print("this log holds no truth, so it lacks the figures that need it")
     if every:
         rows = ((one.name, value_of(verdict.figures, one.name), one.unit) for one in CATALOGUE.values())
         meanings = {one.name: one.meaning for one in CATALOGUE.values()}

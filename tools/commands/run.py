@@ -115,7 +115,8 @@ def show_checks(verdict: "RunVerdict") -> None:
     for check in verdict.by_gravity:
         plain = (check.name, figure(check.value, check.unit), figure(check.limit, check.unit))
         checks.add_row(*map(escape, plain), marked(check.verdict))
-    console.print(checks)
+    if verdict.checks:
+        console.print(checks)
     for reason in dict.fromkeys(check.reason for check in verdict.checks if check.reason is not None):
         names = ", ".join(check.name for check in verdict.checks if check.reason == reason)
         console.print(f"[red]{escape(names)}: {escape(reason)}[/]")

@@ -11,7 +11,7 @@ import numpy as np
 from firmware_py.interface.codec import CODEC_BY_ID, FrameError
 from firmware_py.interface.frame import Frame
 from hil.bus.can_log import CanLog
-from hil.judge.reasons import IMPORTED
+from hil.judge.verdict import IMPORTED
 from hil.record import run_folder
 from hil.record.bus_reconstruction import ticks_seen
 from hil.record.run_traces import read_bus
@@ -89,6 +89,10 @@ def import_log(
     path: Path, out_dir: Path | None, channel: str | None = None, tolerant: bool = False
 ) -> dict[str, Any]:
     """Make a run folder from a log; return the folder's path and the contents of the log."""
+    if out_dir is not None and path.resolve().is_relative_to(out_dir.resolve()):
+        raise BadInputError(
+            f"{path} lies in the folder that it would replace; name another --out than {out_dir}"
+        )
     log = read_log(path, tolerant)
     chosen = of_channel(log.messages, channel, path)
     census = Census(skipped=Counter(message.kind for message in chosen if message.kind is not None))

@@ -176,7 +176,9 @@ def scenario_of(folder: Path, parameters: Sequence[Path]) -> Scenario:
     """Return the scenario of a run folder."""
     missing = [name for name in (CAN_LOG, SCENARIO, RUN) if not (folder / name).exists()]
     if missing:
-        raise BadInputError(f"{folder} has no {missing[0]}; wanted the folder of a run, or a CAN log")
+        log = folder / CAN_LOG
+        remedy = f"replay {log} instead" if log.exists() else "wanted the folder of a run, or a CAN log"
+        raise BadInputError(f"{folder} has no {missing[0]}; {remedy}")
     return load_scenario(folder / SCENARIO, (), parameters)
 
 

@@ -31,7 +31,7 @@ from hil.judge.figures.records import (
 )
 from hil.judge.gaps import TimeHeld, gaps_of
 from hil.judge.hold import Window, hold_motion, hold_window
-from hil.judge.reasons import IMPORTED
+from hil.judge.verdict import IMPORTED
 from hil.record.rates import slow_rows
 from hil.record.run_traces import RunTraces, column, read_run
 from hil.record.state_timeline import lower_name
@@ -302,7 +302,8 @@ def figures_from(traces: RunTraces) -> Figures:
         impacts=tuple(
             TrueImpact(float(t), float(v)) for t, v in zip(impacts_t_s, impacts_v_m_s, strict=True)
         ),
-        impact_count=len(impacts_t_s),
+        impact_count=len(impacts_t_s) if len(plant) else None,
+        impacts_reported=len(detection.reported(firmware)),
         regime=lower_name(motion.regime),
         regime_estimated=lower_name(Regime(int(reported[-1])) if len(reported) else Regime.UNCERTAIN),
         hold_start_s=hold.start_s if hold else None,

@@ -17,8 +17,7 @@ def main_figures(figures: Figures) -> list[Row]:
     rows: list[Row] = [
         ("clock, bus", f"{figures.clock}, {figures.bus}", ""),
         ("duration", figures.duration_s, "s"),
-        ("regime", figures.regime, ""),
-        ("impacts", figures.impact_count, ""),
+        *impact_rows(figures),
         ("last approach speed", figures.impacts[-1].v_m_s if figures.impacts else None, "m/s"),
         ("peak stop force", figures.peak_force_n, "N"),
         ("peak felt force", figures.felt.peak_n, "N"),
@@ -38,6 +37,14 @@ def main_figures(figures: Figures) -> list[Row]:
         (f"bus load{left_out}", scaled(100.0, figures.bus_load), "%"),
     ]
     return [row for row in rows if figure_text(row[1]) != NO_VALUE]
+
+
+def impact_rows(figures: Figures) -> list[Row]:
+    """Regime and number of impacts: the true ones, or without truth those that the firmware reported."""
+    if figures.impact_count is None:
+        reported = figures.impacts_reported
+        return [("regime reported", figures.regime_estimated, ""), ("impacts reported", reported, "")]
+    return [("regime", figures.regime, ""), ("impacts", figures.impact_count, "")]
 
 
 def scaled(factor: float, value: float | None) -> float | None:

@@ -124,12 +124,34 @@ def test_figures_that_need_the_truth_are_missing(imported):
     assert (verdict["reasons"], verdict["passed"]) == ([], None)
     assert verdict["regime"] == "uncertain"
     assert verdict["regime_estimated"] == "impact"
+    assert (verdict["impact_count"], verdict["impacts_reported"]) == (None, 2)
     assert verdict["final_mode"] == "run"
     assert verdict["estimate"]["x_rmse_m"] is None
     assert verdict["detector"]["precision"] is None
     assert verdict["safe_state"]["cause"] is None
     assert verdict["duration_s"] == pytest.approx(TICKS * 1e-3, abs=2e-3)
     assert verdict["overruns"] == 0
+
+
+def test_it_is_printed_with_what_the_firmware_reported(imported, capsys):
+    out, _ = imported
+    assert cli.run(["inspect", str(out)]) == EXIT_NOTHING_RAN
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert {"regime reported impact", "impacts reported 2"} <= set(lines)
+    assert "not judged: an imported log has no scenario, and so no checks" in lines
+    assert not any(line.startswith(("regime uncertain", "impacts 0", "check ")) for line in lines)
+
+
+def test_a_log_in_the_folder_that_it_would_replace_is_refused(tmp_path, capsys):
+    write(tmp_path / "bench.log")
+    run = tmp_path / "run"
+    assert cli.run(["import", str(tmp_path / "bench.log"), "--out", str(run)]) == EXIT_PASSED
+    (tmp_path / "link").symlink_to(run)
+    before = (run / "run.json").read_bytes()
+    for log in (run / "can.log", tmp_path / "link" / "can.log"):
+        assert cli.run(["import", str(log), "--out", str(run)]) == EXIT_BAD_INPUT
+        assert "lies in the folder that it would replace" in " ".join(capsys.readouterr().err.split())
+    assert (run / "run.json").read_bytes() == before
 
 
 def test_what_came_before_the_first_heartbeat_is_no_overrun(tmp_path, capsys):
