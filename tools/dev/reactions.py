@@ -14,17 +14,13 @@ import math
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from firmware_py.interface import codec
-from firmware_py.interface.codec import FrameError
 from firmware_py.interface.enums import LATCHED, AxisState, Fault
-from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import (
     DriveHeartbeat,
     FirmwareHeartbeat,
@@ -34,21 +30,12 @@ from firmware_py.interface.generated.records import (
 from hil.bench import workers
 from hil.bench.lockstep import run_lockstep, silent
 from hil.faults.kinds.flood import Flood
+from hil.record.bus_reconstruction import frames_of
+from hil.record.candump import BusLog
 from hil.record.run_traces import read_bus
 from hil.scenario.scenario import Scenario
 from hil.suite.suite import PROCESSES, Case, cases_of, scenarios_for
-
-IDLE = SetAxisState(AxisState.IDLE)
-WATCHED = [
-    message.can_id
-    for message in (
-        codec.SET_INPUT_TORQUE,
-        codec.SET_AXIS_STATE,
-        codec.DRIVE_HEARTBEAT,
-        codec.FIRMWARE_HEARTBEAT,
-    )
-]
-"""The evaluated identifiers."""
+from plant_sim.arrays import FloatArray
 
 
 class Reaction(NamedTuple):
@@ -59,46 +46,41 @@ class Reaction(NamedTuple):
     idle_confirmed_s: float
 
 
-def records(log: Path) -> Iterator[tuple[float, Any]]:
-    """The time in s and the record of every evaluated frame in `log`; undecodable frames are left out."""
-    bus = read_bus(log)
-    rows = np.flatnonzero(np.isin(bus.can_id, WATCHED))
-    for row, data in zip(rows.tolist(), bus.payloads_of(rows), strict=True):
-        with suppress(FrameError):
-            yield float(bus.t_s[row]), codec.decode(Frame(int(bus.can_id[row]), data))
+def times_of(bus: BusLog, record: type, signal: str, value: float) -> tuple[FloatArray, FloatArray]:
+    """The times of the frames of a kind whose signal has this value, and of the others."""
+    found = frames_of(bus, record)
+    has_it = found.signals[:, found.record._fields.index(signal)] == value
+    return found.t_s[has_it], found.t_s[~has_it]
 
 
-def reaction(sent: Iterable[tuple[float, Any]], fault_s: float) -> Reaction:
+def first_s(times_s: FloatArray, since_s: float) -> float:
+    """The first of some times from `since_s` on; infinite without one."""
+    return float(np.min(times_s[times_s >= since_s], initial=math.inf))
+
+
+def reaction(bus: BusLog, fault_s: float) -> Reaction:
     """The reaction of a run to the fault at `fault_s`, by the frames on its bus."""
-    torque_s = idle_s = confirmed_s = math.inf
-    for t_s, record in sent:
-        if t_s < fault_s:
-            continue
-        if isinstance(record, SetInputTorque):
-            if record.torque_n_m != 0.0:
-                torque_s = idle_s = confirmed_s = math.inf
-            torque_s = min(torque_s, t_s if record.torque_n_m == 0.0 else math.inf)
-        elif record == IDLE and math.isfinite(torque_s):
-            idle_s = min(idle_s, t_s)
-        elif isinstance(record, DriveHeartbeat) and record.axis_state == AxisState.IDLE and t_s > idle_s:
-            confirmed_s = min(confirmed_s, t_s)
-    return Reaction(torque_s - fault_s, idle_s - fault_s, confirmed_s - fault_s)
+    zero_s, torque_s = times_of(bus, SetInputTorque, "torque_n_m", 0.0)
+    off_s = first_s(zero_s, float(np.max(torque_s, initial=fault_s)))
+    idle_s = first_s(times_of(bus, SetAxisState, "requested_state", AxisState.IDLE)[0], off_s)
+    reported_s = times_of(bus, DriveHeartbeat, "axis_state", AxisState.IDLE)[0]
+    confirmed_s = first_s(reported_s[reported_s > idle_s], idle_s)
+    return Reaction(off_s - fault_s, idle_s - fault_s, confirmed_s - fault_s)
 
 
-def latched(sent: Iterable[tuple[float, Any]]) -> Fault | None:
+def latched(bus: BusLog) -> Fault | None:
     """The first latched fault according to the firmware's heartbeat; None without one."""
-    beats = (record for _, record in sent if isinstance(record, FirmwareHeartbeat))
-    return next((Fault(beat.fault) for beat in beats if beat.mode in LATCHED and beat.fault), None)
+    beats = (FirmwareHeartbeat(*signals) for signals in frames_of(bus, FirmwareHeartbeat).signals)
+    return next((Fault(int(beat.fault)) for beat in beats if beat.mode in LATCHED and beat.fault), None)
 
 
 def reacted(case: Case) -> tuple[Fault | None, Reaction]:
     """Run a case; return the latched fault, None without one, and the reaction times."""
     case.run_dir.mkdir(parents=True)
     run_lockstep(case.scenario, case.run_dir, case.seed, silent, "compiled")
-    sent = list(records(case.run_dir / "can.log"))
+    bus = read_bus(case.run_dir / "can.log")
     shutil.rmtree(case.run_dir)
-    fault_s = min(fault.at_s for fault in case.scenario.faults)
-    return latched(sent), reaction(sent, fault_s)
+    return latched(bus), reaction(bus, min(fault.at_s for fault in case.scenario.faults))
 
 
 def worst(reactions: Sequence[Reaction]) -> Reaction:

@@ -2,18 +2,19 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from firmware_py.interface.codec import CODEC_BY_ID, FrameError
+from firmware_py.interface.codec import CODEC_BY_ID
 from firmware_py.interface.frame import Frame
 from hil.bus.can_log import CanLog
 from hil.judge.verdict import IMPORTED
 from hil.record import run_folder
 from hil.record.bus_reconstruction import ticks_seen
+from hil.record.candump import BusLog
+from hil.record.frame_tables import refused
 from hil.record.run_traces import read_bus
 from hil.record.traces.trace import TraceWriter
 from hil.show.rerun_log import rebuild
@@ -28,20 +29,6 @@ EARLIEST_WALL_S = 1e8
 """Times before 1973 are not wall time; they count from the start of the log."""
 NO_CHANNEL = str(None)
 """The channel of a message for which the log names none."""
-
-
-@dataclass
-class Census:
-    """The number of a log's frames, and of those that cannot be shown as signals."""
-
-    frames: int = 0
-    known: int = 0
-    unknown: Counter[str] = field(default_factory=Counter)
-    """Frames whose identifier is not in the DBC, by identifier."""
-    refused: Counter[str] = field(default_factory=Counter)
-    """Frames whose identifier is in the DBC but whose data cannot be decoded, by identifier."""
-    skipped: Counter[str] = field(default_factory=Counter)
-    """Counts by kind of frames other than data frames of classic CAN with 11-bit identifiers."""
 
 
 def of_channel(messages: list[LoggedMessage], channel: str | None, path: Path) -> list[LoggedMessage]:
@@ -60,19 +47,14 @@ def of_channel(messages: list[LoggedMessage], channel: str | None, path: Path) -
     return messages if channel is None else [m for m in messages if m.channel in (channel, NO_CHANNEL)]
 
 
-def count(census: Census, frame: Frame) -> None:
-    """Count a frame as known, unknown or refused by the DBC."""
-    census.frames += 1
-    name = f"0x{frame.can_id:03X}"
-    codec = CODEC_BY_ID.get(frame.can_id)
-    if codec is None:
-        census.unknown[name] += 1
-        return
-    try:
-        codec.decode(frame.data)
-        census.known += 1
-    except FrameError:
-        census.refused[name] += 1
+def undecoded(bus: BusLog) -> tuple[dict[str, int], dict[str, int]]:
+    """Counts by identifier of the frames that are not in the DBC, and of those that it cannot decode."""
+    ids = Counter(int(bus.can_id[row]) for row, _ in refused(bus))
+    named = [(f"0x{can_id:03X}", count, can_id in CODEC_BY_ID) for can_id, count in sorted(ids.items())]
+    unknown, damaged = (
+        {name: count for name, count, known in named if known is is_known} for is_known in (False, True)
+    )
+    return unknown, damaged
 
 
 def refuse_long(path: Path, duration_s: float, jumps: Sequence[ClockJump]) -> None:
@@ -95,15 +77,12 @@ def import_log(
         )
     log = read_log(path, tolerant)
     chosen = of_channel(log.messages, channel, path)
-    census = Census(skipped=Counter(message.kind for message in chosen if message.kind is not None))
     jumps = clock_jumps(chosen)
     frames = [
         (message.t_s, Frame(message.can_id, message.data)) for message in chosen if message.kind is None
     ]
     if not frames:
         raise BadInputError(f"{path} holds no data frame of classic CAN with an 11-bit identifier")
-    for _, frame in frames:
-        count(census, frame)
     frames.sort(key=lambda stamped: stamped[0])
     refuse_long(path, frames[-1][0] - frames[0][0], jumps)
     first_s = frames[0][0]
@@ -122,7 +101,9 @@ def import_log(
             for t_s, frame in frames:
                 can_log.write(round((t_s - first_s) * 1e6), (frame,))
         run_folder.write_json(run_dir / "outcome.json", {"reasons": []})
-        ticks = ticks_seen(read_bus(run_dir / "can.log"), PERIOD_S)
+        bus = read_bus(run_dir / "can.log")
+        unknown, damaged = undecoded(bus)
+        ticks = ticks_seen(bus, PERIOD_S)
         if ticks:
             fields = [(name, type(values[0].item())) for name, values in ticks.items()]
             with TraceWriter(run_dir / "firmware.trace", fields) as writer:
@@ -135,11 +116,11 @@ def import_log(
         "log": str(path),
         "out": str(run_dir),
         "duration_s": frames[-1][0] - first_s,
-        "frames": census.frames,
-        "known": census.known,
-        "unknown": dict(sorted(census.unknown.items())),
-        "refused": dict(sorted(census.refused.items())),
-        "skipped": dict(census.skipped),
+        "frames": len(frames),
+        "known": len(frames) - sum(unknown.values()) - sum(damaged.values()),
+        "unknown": unknown,
+        "refused": damaged,
+        "skipped": dict(Counter(message.kind for message in chosen if message.kind is not None)),
         "left_out": [line._asdict() for line in log.left_out],
         "ignored": log.ignored_count,
         "ignored_lines": [line._asdict() for line in log.ignored],

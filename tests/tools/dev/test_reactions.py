@@ -1,26 +1,23 @@
 """Reaction times by frames: what counts as torque 0, IDLE and its confirmation."""
 
 import math
-from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisState, Fault, Mode
-from firmware_py.interface.generated.records import DriveHeartbeat, FirmwareHeartbeat, SetInputTorque
-from hil.bus.can_log import CanLog
-from hil.scenario.scenario import load_scenario
-from tools.dev.reactions import (
-    IDLE,
-    Reaction,
-    attributable,
-    cells,
-    latched,
-    markdown,
-    reaction,
-    records,
-    worst,
+from firmware_py.interface.generated.records import (
+    DriveHeartbeat,
+    FirmwareHeartbeat,
+    SetAxisState,
+    SetInputTorque,
 )
+from hil.record.candump import BusLog, bus_log
+from hil.scenario.scenario import load_scenario
+from tools.dev.reactions import Reaction, attributable, cells, latched, markdown, reaction, worst
 
+IDLE = SetAxisState(AxisState.IDLE)
 OPENED = DriveHeartbeat(0, AxisState.IDLE.value, 0, 0)
 CLOSED = DriveHeartbeat(0, AxisState.CLOSED_LOOP_CONTROL.value, 0, 0)
 RUN: list[tuple[float, Any]] = [
@@ -38,21 +35,20 @@ RUN: list[tuple[float, Any]] = [
 ]
 
 
-def rounded(times: Reaction) -> list[float]:
-    return [round(time_s, 6) for time_s in times]
+def bus_of(sent: list[tuple[float, Any]]) -> BusLog:
+    frames = [codec.encode(record) for _, record in sent]
+    times_s = np.array([t_s for t_s, _ in sent])
+    return bus_log(times_s, np.array([frame.can_id for frame in frames]), [frame.data for frame in frames])
+
+
+def reacted(sent: list[tuple[float, Any]]) -> list[float]:
+    return [round(time_s, 6) for time_s in reaction(bus_of(sent), 0.95)]
 
 
 def test_times_count_from_the_fault_to_what_holds_for_good() -> None:
-    assert rounded(reaction(iter(RUN), 0.95)) == [0.07, 0.07, 0.2]
-    assert rounded(reaction(iter(RUN[:-2]), 0.95)) == [0.07, 0.07, math.inf]
-    assert rounded(reaction(iter([*RUN, (1.3, SetInputTorque(0.1))]), 0.95)) == [math.inf] * 3
-
-
-def test_frames_are_read_from_a_run_s_log(tmp_path: Path) -> None:
-    with CanLog(tmp_path / "can.log") as log:
-        for t_s, record in RUN:
-            log.write(round(1e6 * t_s), [codec.encode(record)])
-    assert rounded(reaction(records(tmp_path / "can.log"), 0.95)) == [0.07, 0.07, 0.2]
+    assert reacted(RUN) == [0.07, 0.07, 0.2]
+    assert reacted(RUN[:-2]) == [0.07, 0.07, math.inf]
+    assert reacted([*RUN, (1.3, SetInputTorque(0.1))]) == [math.inf] * 3
 
 
 def test_the_first_latched_fault_counts() -> None:
@@ -60,10 +56,10 @@ def test_the_first_latched_fault_counts() -> None:
         return (1.0, FirmwareHeartbeat(mode.value, 0, fault.value, 0.0, 0))
 
     moving = [*RUN, beat(Mode.RUN, Fault.NONE)]
-    assert latched(moving) is None
-    assert latched([*moving, beat(Mode.E_STOP, Fault.NONE)]) is None
+    assert latched(bus_of(moving)) is None
+    assert latched(bus_of([*moving, beat(Mode.E_STOP, Fault.NONE)])) is None
     faults = (Fault.STALL, Fault.OVERSPEED)
-    assert latched([*moving, *(beat(Mode.FAULT, fault) for fault in faults)]) == Fault.STALL
+    assert latched(bus_of([*moving, *(beat(Mode.FAULT, fault) for fault in faults)])) == Fault.STALL
 
 
 def test_the_table_has_the_worst_of_each_time() -> None:
