@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from plant_sim.plant import Plant
 from plant_sim.result import MotionState, Phase
@@ -107,14 +108,14 @@ def soft_run_up(one: Case) -> list[dict[str, Any]]:
 
 
 def grazing_amplitude_m(one: Case, ratio: float) -> float:
-    """Return the drive amplitude, m, at which the non-impact motion just reaches the stop, by bisection."""
+    """Return the drive amplitude, m, at which the non-impact motion just reaches the stop."""
     free = replace(one, stop_m=one.rest_length_m + 10.0)
-    low, high = 0.0, 0.2
-    for _ in range(30):
-        middle = 0.5 * (low + high)
-        reaches_m = follow(replace(free, amplitude_m=middle).scene(ratio), AT_REST, SETTLED).x_high_m
-        low, high = (middle, high) if reaches_m < one.stop_m else (low, middle)
-    return 0.5 * (low + high)
+
+    def beyond_m(amplitude_m: float) -> float:
+        scene = replace(free, amplitude_m=amplitude_m).scene(ratio)
+        return follow(scene, AT_REST, SETTLED).x_high_m - one.stop_m
+
+    return float(brentq(beyond_m, 0.0, 0.2))
 
 
 def contact_for_peak_s(preset_and_ratio: tuple[str, float]) -> float:
