@@ -1,7 +1,8 @@
 """Output options of a command, which reject an unwritable place before any work."""
 
 import os
-from collections.abc import Callable
+import zlib
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
@@ -13,6 +14,15 @@ from tools.output import BadInputError
 PICTURES = (".svg", ".png", ".pdf")
 RECORDINGS = (".rrd",)
 TABLES = (".parquet", ".csv", ".arrow")
+
+
+def digest(texts: Sequence[str]) -> str:
+    """What the name of a file or folder of results ends in, so that other inputs have another; may be empty.
+
+    >>> digest([]), digest(["scene.stop.restitution=0.6"])
+    ('', '-45880dd9')
+    """
+    return f"-{zlib.crc32(' '.join(texts).encode()):08x}" if texts else ""
 
 
 def file_option(description: str, endings: tuple[str, ...] = ()) -> Any:

@@ -1,7 +1,6 @@
 """`vibrohil campaign NAME`: Monte Carlo of the closed loop over truth and starts, compiled."""
 
 import time
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -12,6 +11,7 @@ import typer
 from hil.timing.signals import Interrupted
 from tools.commands.options import Change, FirmwareBuild, Json, Scheduler, Workers
 from tools.output import BadInputError, answer, exit_of, progress_console
+from tools.outputs import digest
 
 if TYPE_CHECKING:
     from tools.campaign.campaign import Outcome, Trial
@@ -58,8 +58,7 @@ def campaign(
         raise BadInputError(f"--keep {keep}: wanted failures, all, or a trial's number, 0 … {count - 1}")
     prepare(RunOptions(clock="lockstep", firmware=firmware))
     started_s = time.perf_counter()
-    changes = f"-{zlib.crc32(' '.join(change).encode()):08x}" if change else ""
-    folder = RUNS / f"campaign-{name}-{seed}{changes}"
+    folder = RUNS / f"campaign-{name}-{seed}{digest(change or [])}"
 
     def keep_some(outcomes: "Sequence[Outcome]") -> list[str]:
         return [str(keep_trial(folder, trial_of(plan, trial))) for trial in kept_of(outcomes, keep)]

@@ -1,5 +1,6 @@
 """`vibrohil import LOG`: a CAN log of a real bench in the layout of a run."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -36,4 +37,5 @@ def import_log(
 def show(result: dict[str, Any]) -> None:
     """Print what the log has, and how to look at it."""
     show_tables(result)
-    console.print(f"[dim]open it with:[/] vibrohil view {escape(result['out'])}", soft_wrap=True)
+    place = escape(shlex.quote(result["out"]))
+    console.print(f"[dim]open it with:[/] vibrohil view {place}", soft_wrap=True)

@@ -1,5 +1,6 @@
 """`vibrohil new NAME`: a commented scenario to begin with."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -24,7 +25,7 @@ def new(
     text = TEMPLATE.read_text("utf-8").replace("NAME.toml", path.name)
     with path.open("x", encoding="utf-8") as file:
         file.write(text)
-    run = f"vibrohil run {path} --clock lockstep"
+    run = f"vibrohil run {shlex.quote(str(path))} --clock lockstep"
     answer(
         {"scenario": str(path), "run": run},
         as_json,

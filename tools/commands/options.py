@@ -90,7 +90,7 @@ Turns = Annotated[
     Path | None,
     typer.Option(help="The socket of a run's pacemaker, which gives this node its turns.", hidden=True),
 ]
-Until = Annotated[float | None, number("Stop after this time in s; by default on Ctrl-C.")]
+Until = Annotated[float | None, number("Stop after this time in s; by default on Ctrl-C.", low=1e-3)]
 
 
 def unfolded(command: Callable[..., None]) -> Callable[..., None]:

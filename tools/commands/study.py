@@ -102,7 +102,9 @@ def sweep(
         own = {law: cases.case(name, law) for law in laws}
         shown = [d for d in found if replace(d.case, amplitude_m=own[d.case.law].amplitude_m) in own.values()]
         if shown:
-            pictures += figures.amplitude_frequency(shown, common.out, f"sweep-{name}")
+            only = "" if law == "all" else f"-{law}"
+            at = "" if amplitude is None else f"-{1e3 * amplitude:.12g}mm"
+            pictures += figures.amplitude_frequency(shown, common.out, f"sweep-{name}{only}{at}")
     result = {"regimes": [diagram.as_json() for diagram in found], "figures": pictures}
     common.answer(result, wall_s)
 

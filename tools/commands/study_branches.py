@@ -8,7 +8,7 @@ import typer
 
 from tools.commands.options import Change, Json, changed_scene
 from tools.output import BadInputError, answer, console, figure, figure_table, table_of
-from tools.outputs import folder_option
+from tools.outputs import digest, folder_option
 
 if TYPE_CHECKING:
     from plant_sim.scene import Scene
@@ -49,7 +49,7 @@ def branches(
     started_s = time.perf_counter()
     found = [branch for kind in kinds for branch in following.branches(module, over, *kind)]
     wall_s = time.perf_counter() - started_s
-    name = f"branches-{Path(scene).stem}-{over}-{numbered(kinds)}"
+    name = f"branches-{scene_name(scene, change)}-{over}-{numbered(kinds)}"
     payload = {
         "scene": scene,
         "over": over,
@@ -91,7 +91,7 @@ def boundaries(
     margins += [one for kind in kinds for one in following.margins(module, (second,), *kind)]
     wall_s = time.perf_counter() - started_s
     nominal = value_in(module, first), value_in(module, second)
-    name = f"boundaries-{Path(scene).stem}-{first}-{second}-{numbered(kinds)}"
+    name = f"boundaries-{scene_name(scene, change)}-{first}-{second}-{numbered(kinds)}"
     pictures = figures.boundary_figure(curves, (first, second), nominal, out, name)
     payload = {
         "scene": scene,
@@ -149,6 +149,12 @@ def parsed(orbit: str) -> list[tuple[int, int]]:
             )
         kinds.append((int(turns), int(impacts)))
     return kinds
+
+
+def scene_name(source: str, change: list[str] | None) -> str:
+    """A scene in the name of a file; with a digest of its file's path and of its changes, if it has some."""
+    own = [source] if source.endswith(".toml") else []
+    return Path(source).stem + digest([*own, *(change or [])])
 
 
 def numbered(kinds: list[tuple[int, int]]) -> str:

@@ -81,7 +81,7 @@ class Basin:
     @property
     def name(self) -> str:
         """Name of the map's files."""
-        return f"basin-{self.case.preset}-{self.case.law}-r{self.ratio:g}-{self.plane}"
+        return f"basin-{self.case.name}-r{self.ratio:.12g}-{self.plane}-{self.size}"
 
     def as_json(self) -> dict[str, Any]:
         """Return the basin's parameters and figures as a JSON object."""

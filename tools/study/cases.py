@@ -83,6 +83,11 @@ class Case:
         symbol, unit = ("b", " N s/m") if self.law == "viscous" else ("μ", "")
         return f"{self.law}, {symbol} = {self.coefficient:g}{unit}"
 
+    @property
+    def name(self) -> str:
+        """Name in the names of files: preset, law, its coefficient and the drive's amplitude."""
+        return f"{self.preset}-{self.law}-{self.coefficient:.12g}-{1e3 * self.amplitude_m:.12g}mm"
+
     def parameters(self) -> dict[str, Any]:
         """Return all parameters on which the results depend."""
         return asdict(self)

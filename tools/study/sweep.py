@@ -133,9 +133,8 @@ def diagrams(cases: Sequence[Case], where: work.Where, count: int = RATIOS) -> l
     tasks = [SweepTask(case, direction, count) for case in cases for direction in ("up", "down")]
     sweeps = [Sweep(**found) for found in work.run("sweep", piece, tasks, where)]
     for (case, direction, _), sweep in zip(tasks, sweeps, strict=True):
-        module = f"{case.preset}-{case.law}-{case.coefficient:g}-{1e3 * case.amplitude_m:g}mm"
         work.write_table(
-            where.out / f"sweep-{module}-{direction}.parquet",
+            where.out / f"sweep-{case.name}-{direction}.parquet",
             pa.Table.from_pylist(sweep.rows),
             case.parameters(),
         )

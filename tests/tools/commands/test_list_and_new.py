@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import tomllib
 from pathlib import Path
 
@@ -81,6 +82,14 @@ def test_a_new_scenario_passes_as_it_stands_and_is_written_over_no_file(tmp_path
     (tmp_path / "mine.toml").write_text("mine")
     assert cli.run(["new", "mine"]) == EXIT_BAD_INPUT
     assert (tmp_path / "mine.toml").read_text() == "mine"
+
+
+def test_the_command_for_a_new_scenario_can_be_pasted(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    name = """it's a "b c" """.strip()
+    assert cli.run(["new", name]) == EXIT_PASSED
+    command = capsys.readouterr().out.splitlines()[-1]
+    assert shlex.split(command) == ["vibrohil", "run", f"{name}.toml", "--clock", "lockstep"]
 
 
 def test_what_is_commented_out_in_a_new_scenario_is_valid_too(tmp_path, monkeypatch, capsys):

@@ -15,6 +15,7 @@ from pyarrow import parquet
 from plant_sim.scene import Scene
 from tools import cli
 from tools.commands import study
+from tools.commands.study_branches import scene_name
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, plain
 from tools.study import work
 from tools.study.branches import saddle
@@ -227,7 +228,23 @@ def test_basin_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> No
     assert low < one["impact_fraction"] < high
     assert one["impact_fraction"] == pytest.approx(0.784, abs=0.02)
     assert one["parameters"]["amplitude_m"] == 0.02
-    assert (tmp_path / "basin-table1-viscous-r1.3-state.parquet").exists()
+    assert (tmp_path / "basin-table1-viscous-0.2-20mm-r1.3-state-40.parquet").exists()
+
+
+def test_studies_with_other_parameters_write_other_files(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    small = ["basin", "--plane", "phase", "--size", "4"]
+    others = (["--size", "5"], ["--value", "0.1"], ["--amplitude", "0.0200001"], ["--ratio", "1.3000001"])
+    found = [run(capsys, *small, *other, "--out", str(tmp_path))["figures"] for other in ([], *others)]
+    assert len({path for paths in found for path in paths}) == 2 * len(found)
+    sweeps = [
+        run(capsys, "sweep", "--preset", "table1", "--law", law, "--quick", *more, "--out", str(tmp_path))
+        for law, more in (("viscous", []), ("viscous", ["--amplitude", "0.021"]), ("coulomb", []))
+    ]
+    assert len({path for found in sweeps for path in found["figures"]}) == 2 * len(sweeps)
+    scenes = [scene_name("a/x.toml", None), scene_name("b/x.toml", None), scene_name("x", None)]
+    assert len({*scenes, scene_name("x", ["scene.stop.restitution=0.6"])}) == 4
 
 
 def test_the_cost_of_a_basin_includes_the_saddle_s_portrait(
