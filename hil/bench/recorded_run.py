@@ -10,7 +10,8 @@ import atexit
 import difflib
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -24,15 +25,16 @@ from hil.judge.judge import judge
 from hil.judge.verdict import RunVerdict, Verdict
 from hil.record import log_reader
 from hil.record.candump import NO_BUS, Bus, StoredBus
-from hil.record.damage import reading
+from hil.record.damage import CAUSE_UNKNOWN, reading
 from hil.record.folder_lock import is_in_use
 from hil.record.frame_tables import RAW, names_of, raw_table, table_of
 from hil.record.log_reader import TIMELINES, contiguous, read_traces
 from hil.record.new_file import is_foreign
+from hil.record.provenance import build_of, this_build
 from hil.record.rrd.log_file import is_whole, repair
 from hil.record.rrd.rerun_program import RerunError
-from hil.record.run_folder import RUNS, VERDICT, is_own, refuse_irregular
-from hil.record.run_traces import CAN_LOG, RunTraces
+from hil.record.run_folder import RUN_NOTE, RUNS, VERDICT, is_own, refuse_irregular
+from hil.record.run_traces import CAN_LOG, RunTraces, read_json
 from hil.show.rerun_log import LOG_NAME, rebuild
 
 if TYPE_CHECKING:
@@ -97,8 +99,20 @@ def runs_in(place: Path) -> str:
 
 def rebuilt(run_dir: Path) -> Path:
     """Rebuild a run's log from its traces, elsewhere if the folder is another user's, and return its path."""
-    with reading(run_dir, "its traces make no run; import its can.log to see the frames"):
+    remedy = "its traces make no run; import its can.log to see the frames"
+    with reading(run_dir, remedy, lambda: cause(lambda: read_json(run_dir / RUN_NOTE))):
         return rebuild(run_dir, temporary_folder() if is_foreign(run_dir) else None)
+
+
+def cause(note: Callable[[], Mapping[str, Any]]) -> str:
+    """Why a run cannot be read, as far as `note`, which reads its run.json, tells the build that made it."""
+    try:
+        made_by = build_of(note())
+    except (OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError):
+        return CAUSE_UNKNOWN
+    if made_by == this_build():
+        return "is damaged"
+    return f"was made by vibrohil {made_by}, which may differ from this {this_build()}, or is damaged"
 
 
 def copied(log: Path) -> Path:
@@ -150,6 +164,14 @@ class Run:
     folder: Path
     """The run folder, which has can.log beside the log; the log may be a copy elsewhere."""
 
+    def _reading(self, still_readable: str) -> AbstractContextManager[None]:
+        """Convert any error while the log is read to DamagedFileError, as `hil.record.damage.reading`."""
+        return reading(self.log, still_readable, lambda: cause(self._note))
+
+    def _note(self) -> dict[str, Any]:
+        """The content of run.json at the start of the run."""
+        return log_reader.json_object(log_reader.documents(self.log).get("run", "{}"))
+
     @cached_property
     def frames(self) -> Bus:
         """The frames of can.log; none if there is no such file beside the log."""
@@ -162,7 +184,7 @@ class Run:
     @cached_property
     def _logged(self) -> list[str]:
         """Names of the tables that the log has."""
-        with reading(self.log, "make it again from the traces, by deleting it and naming the run folder"):
+        with self._reading("make it again from the traces, by deleting it and naming the run folder"):
             return [name.removeprefix("/") for name in log_reader.names(self.log)]
 
     @cached_property
@@ -173,9 +195,8 @@ class Run:
     @cached_property
     def wall_start_s(self) -> float:
         """The run's start on the wall clock."""
-        with reading(self.log, TABLES_ARE_LEFT):
-            run = log_reader.json_object(log_reader.documents(self.log).get("run", "{}"))
-            return float(run.get("wall_start_s", 0.0))
+        with self._reading(TABLES_ARE_LEFT):
+            return float(self._note().get("wall_start_s", 0.0))
 
     def table(self, name: str) -> pa.Table:
         """One table with a row per tick (impact, frame, event) and a column per signal."""
@@ -184,7 +205,7 @@ class Run:
                 raise RunError(f"no table {name!r}: frames are in {CAN_LOG}; put it beside {self.log}")
             return table_of(self.frames.whole(), named(name, self.names, "table"), self.wall_start_s)
         entity = f"/{name}"
-        with reading(self.log, f"other tables may still be read; {name} may not"):
+        with self._reading(f"other tables may still be read; {name} may not"):
             return flat(log_reader.table(self.log, entity))
 
     def blocks(self, name: str) -> Iterator[pa.Table]:
@@ -193,7 +214,7 @@ class Run:
             yield from (raw_table(piece, self.wall_start_s) for piece in self.frames.pieces())
             return
         entity = f"/{named(name, self._logged, 'table')}"
-        with reading(self.log, f"other tables may still be read; {name} may not"):
+        with self._reading(f"other tables may still be read; {name} may not"):
             yield from map(flat, log_reader.ordered_blocks(self.log, entity))
 
     def frame(self, name: str) -> "pandas.DataFrame":
@@ -239,7 +260,7 @@ class Run:
     @cached_property
     def traces(self) -> RunTraces:
         """The run's traces, read from its log."""
-        with reading(self.log, TABLES_ARE_LEFT):
+        with self._reading(TABLES_ARE_LEFT):
             found = read_traces(self.log)
         if len(found.firmware) and "tick" not in (found.firmware.dtype.names or ()):
             raise RunError(
@@ -257,7 +278,7 @@ class Run:
     def judged(self) -> RunVerdict:
         """The verdict, computed from the log."""
         traces = self.traces
-        with reading(self.log, TABLES_ARE_LEFT):
+        with self._reading(TABLES_ARE_LEFT):
             return judge(traces, self.folder)
 
     @cached_property

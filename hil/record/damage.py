@@ -1,6 +1,6 @@
 """Damaged files and those of other versions: one sentence with the file, the reason and the readable part."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -12,13 +12,18 @@ class DamagedFileError(ValueError):
     """A file of a run, log or suite is unreadable or has invalid content."""
 
 
+CAUSE_UNKNOWN = "is damaged, or of another version"
+
+
 @contextmanager
-def reading(path: Path, still_readable: str) -> Iterator[None]:
+def reading(
+    path: Path, still_readable: str, cause: Callable[[], str] = lambda: CAUSE_UNKNOWN
+) -> Iterator[None]:
     """Convert any error while the content of `path` is read to DamagedFileError, caused by that error.
 
-    `still_readable` states the readable part and the remedy. Missing or changed bytes can violate any
-    assumption of the reading code, so no list of exceptions would be complete; a panic of Rerun's library
-    derives from BaseException.
+    `still_readable` states the readable part and the remedy, `cause` what is wrong with the file. Missing or
+    changed bytes can violate any assumption of the reading code, so no list of exceptions would be complete;
+    a panic of Rerun's library derives from BaseException.
     """
     try:
         yield
@@ -27,9 +32,7 @@ def reading(path: Path, still_readable: str) -> Iterator[None]:
     except BaseException as error:
         if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
             raise
-        raise DamagedFileError(
-            f"{path} is damaged, or of another version ({reason_of(error)}); {still_readable}"
-        ) from error
+        raise DamagedFileError(f"{path} {cause()} ({reason_of(error)}); {still_readable}") from error
 
 
 def reason_of(error: BaseException) -> str:

@@ -3,6 +3,7 @@
 import hashlib
 import platform
 import subprocess
+from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -70,6 +71,22 @@ def key(*parts: object) -> str:
     Stored results are named by this digest, so that no result is reused after an edit of the code.
     """
     return hashlib.sha256(repr((parts, sources(), packages())).encode()).hexdigest()
+
+
+def build_of(run: Mapping[str, Any]) -> str:
+    """The version and the commit of the build that made a run, from its run.json.
+
+    >>> build_of({"versions": {"vibrohil": "0.1.0"}, "commit": "57e2f2a826bd15c3", "edited": True})
+    '0.1.0 of commit 57e2f2a8, edited'
+    """
+    commit = f" of commit {str(run['commit'])[:8]}" if run.get("commit") else ""
+    return f"{run['versions']['vibrohil']}{commit}{', edited' if run.get('edited') else ''}"
+
+
+@cache
+def this_build() -> str:
+    """The version and the commit of this build."""
+    return build_of({"versions": packages(), **commit()})
 
 
 KEYS = ("commit", "edited", "changes", "seed")

@@ -1,6 +1,7 @@
 """Damaged files of a run: what is still readable is used, and the rest is said in a sentence."""
 
 import os
+import re
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
@@ -9,10 +10,11 @@ import numpy as np
 import pytest
 from run_folder import make_run, write_run
 
-from hil.bench.recorded_run import rebuilt
+from hil.bench.recorded_run import cause, rebuilt
 from hil.judge.judge import judge
 from hil.record.candump import StoredBus, parse_candump
 from hil.record.damage import DamagedFileError, reading
+from hil.record.provenance import commit, packages, this_build
 from hil.record.rrd.log_file import repair
 from hil.record.rrd.rerun_program import RerunError
 from hil.record.run_traces import read_run
@@ -138,6 +140,20 @@ def test_a_file_that_does_not_begin_as_a_log_is_none(tmp_path: Path) -> None:
     os.truncate(log, 3 << 30)
     with pytest.raises(RerunError, match="no Rerun log"):
         repair(log)
+
+
+def test_a_run_of_another_build_is_refused_with_both_builds(tmp_path: Path) -> None:
+    made_up = make_run()
+    made_up.run |= {"versions": {"vibrohil": "0.0.9"}, "commit": "0123456789abcdef", "edited": False}
+    run = write_run(made_up, tmp_path / "run")
+    rebuilt(run)
+    (run / "scenario.toml").write_text('title = "t"\nscene = "table1-motor-soft"\n')
+    both = f"was made by vibrohil 0.0.9 of commit 01234567, which may differ from this {this_build()}"
+    with pytest.raises(DamagedFileError, match=re.escape(both)):
+        rebuilt(run)
+    assert cause(lambda: made_up.run).startswith(both)
+    assert cause(lambda: {"versions": packages(), **commit()}) == "is damaged"
+    assert cause(lambda: {}) == "is damaged, or of another version"
 
 
 def test_what_has_another_cause_is_no_damage() -> None:
