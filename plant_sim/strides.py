@@ -105,21 +105,8 @@ class _Drawing:
         return _Stride(pace, size * by_size, self._walk.walk_ratio_m_s * hertz * size_factor * by_length)
 
     def _row(self, length_s: float, here: _Stride, there: _Stride, strike: float, knock: float) -> None:
-        self._rows.append(
-            (
-                self.t_s,
-                length_s,
-                self._cycles,
-                here.hertz,
-                there.hertz,
-                here.size,
-                there.size,
-                here.stride_m,
-                there.stride_m,
-                strike,
-                knock,
-            )
-        )
+        pairs = (value for pair in zip(here, there, strict=True) for value in pair)
+        self._rows.append((self.t_s, length_s, self._cycles, *pairs, strike, knock))
 
     def _go(
         self, cycles: float, here: _Stride, there: _Stride, strike: float = 0.0, knock: float = 0.0

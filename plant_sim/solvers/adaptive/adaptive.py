@@ -122,8 +122,7 @@ def simulate(
     duration_s = until_s - initial.t_s
     rows: list[NDArray[np.void]] = []
     for held_n_m, held_until_s in _held(torque_n_m, initial.t_s, duration_s):
-        rows.append(run(parts, NoSensing(), memory, held_n_m, initial.t_s, held_until_s, grid))
-        while memory.held[0].elapsed_s < held_until_s:  # the buffer of impacts was full
+        while not rows or memory.held[0].elapsed_s < held_until_s:  # again if the buffer of impacts was full
             rows.append(run(parts, NoSensing(), memory, held_n_m, initial.t_s, held_until_s, grid))
     impacts = np.concatenate(rows)
     origin = origin_m(parts.stop, parts.striker)

@@ -166,31 +166,6 @@ def current_s(parts: Parts) -> float:
     return STABLE / max(winding.bandwidth_rad_s, cancelled)
 
 
-@subroutine
-def stays_within_voltage(
-    winding: DqWinding, drive: MotorDrive, torque_n_m: float, dense: Vector, place: int
-) -> bool:
-    """Whether the hull of a step's Bernstein coefficients proves that the bus never limits the loop."""
-    i_d, i_q = _largest(dense[place]), _largest(dense[place + 1])
-    u_d, u_q = _largest(dense[place + 2]), _largest(dense[place + 3])
-    electrical = drive.pole_pairs * _largest(dense[SPEED])
-    L_d, L_q, alpha = winding.d_inductance_h, winding.q_inductance_h, winding.bandwidth_rad_s
-    d = u_d + alpha * L_d * i_d + electrical * L_q * i_q
-    q = u_q + alpha * L_q * (abs(asked_current_a(drive, torque_n_m)) + i_q)
-    q += electrical * (L_d * i_d + flux_wb(drive))
-    limit = voltage_limit_v(drive)
-    within: bool = d * d + q * q < limit * limit
-    return within
-
-
-@subroutine
-def _largest(b: Vector) -> float:
-    largest = 0.0
-    for i in range(b.size):
-        largest = max(largest, abs(b[i]))
-    return largest
-
-
 def magnetic_energy_j(winding: DqWinding, i_d: float, i_q: float) -> float:
     """Energy of the currents' magnetic fields, J: 3/4 (L_d i_d² + L_q i_q²)."""
     return 0.75 * (winding.d_inductance_h * i_d * i_d + winding.q_inductance_h * i_q * i_q)
@@ -221,8 +196,6 @@ def voltage_events(parts: Parts, step: Step, found: Found) -> Found:
         return found
     flow, dense, scratch = step.flow, step.dense, step.scratch
     values, excess = scratch.poly, scratch.press[: DEGREE + 1]
-    if not flow.voltage_limited and stays_within_voltage(winding, drive, flow.torque_n_m, dense, place):
-        return found
     for i in range(DEGREE + 1):
         look_within(dense, NODES[i], scratch)
         omega = scratch.inner[SPEED]

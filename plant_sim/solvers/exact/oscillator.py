@@ -90,12 +90,7 @@ class Flight(NamedTuple):
 @jit
 def oscillator(parts: Parts) -> Oscillator:
     """Constants of a scene with an ideal drive."""
-    return oscillator_at(parts, constant_speed_rad_s(parts.drive))
-
-
-@subroutine
-def oscillator_at(parts: Parts, Omega: float) -> Oscillator:
-    """Constants of a scene at the drive's speed Ω, rad/s."""
+    Omega = constant_speed_rad_s(parts.drive)
     return oscillator_of(parts.striker, parts.drive, parts.friction, parts.stop, Omega)
 
 
