@@ -77,15 +77,13 @@ def _walking_housing_m_s2(housing: Walking, t_s: float) -> float:
     return felt_m_s2(housing, t_s)
 
 
-@by_part
+_is_moving = one_of(Moving)
+
+
+@subroutine
 def steady_m_s2(housing: Housing) -> float:
     """The constant part of a_b, m/s², in which sensors are at rest; of any other motion a_b at t = 0."""
-    return housing_m_s2(housing, 0.0)
-
-
-@steady_m_s2.register(Moving)
-def _moving_steady_m_s2(housing: Moving) -> float:
-    return housing.along_m_s2
+    return housing.along_m_s2 if _is_moving(housing) else housing_m_s2(housing, 0.0)
 
 
 @by_part
@@ -110,16 +108,13 @@ def _walking_housing_m_s3(housing: Walking, t_s: float) -> float:
     return felt_m_s3(housing, t_s)
 
 
-@by_part
+@subroutine
 def expand_housing(housing: Housing, t_s: float, series: FloatArray) -> None:
-    """Taylor coefficients of a_b at `t_s`, into `series`, shape (order + 1,)."""
+    """Taylor coefficients of a_b at `t_s`, into `series`, shape (order + 1,); a constant has one."""
     series[:] = 0.0
-    series[0] = housing_m_s2(housing, t_s)
-
-
-@expand_housing.register(Moving)
-def _moving_expand_housing(housing: Moving, t_s: float, series: FloatArray) -> None:
-    series[:] = 0.0
+    if not _is_moving(housing):
+        series[0] = housing_m_s2(housing, t_s)
+        return
     series[0] = housing.along_m_s2
     rate = housing.harmonic_rad_s
     _add_sine(housing.harmonic_m_s2, rate, rate * t_s + housing.harmonic_phase_rad, series)

@@ -5,9 +5,8 @@ approach speeds, m/s; k is the ratio of separation to approach speed.
 """
 
 import math
-from typing import NamedTuple
 
-from plant_sim.kernels import by_part, subroutine
+from plant_sim.kernels import subroutine
 
 HERTZ_EXPONENT = 1.5
 """F ∝ δ^1.5 for a rounded striker on a flat pad (Hertz)."""
@@ -18,24 +17,6 @@ _QUARTER = (
     / math.gamma(0.5 + 1.0 / (HERTZ_EXPONENT + 1.0))
 )
 """∫₀¹ du / √(1 − uⁿ⁺¹) for Hertz's exponent."""
-
-
-class Dissipation(NamedTuple):
-    """The unknown d of `hunt_crossley_dissipation`."""
-
-    restitution: float
-
-
-class LogDamping(NamedTuple):
-    """The unknown ln ζ of `kelvin_voigt_damping`."""
-
-    restitution: float
-
-
-@by_part
-def imbalance(unknown: Dissipation | LogDamping, value: float) -> float:
-    """A function that falls with `value` and is 0 at the unknown's value."""
-    raise NotImplementedError
 
 
 @subroutine
@@ -51,17 +32,22 @@ def hunt_crossley_dissipation(restitution: float) -> float:
     """
     if restitution >= 1.0:
         return 0.0
-    unknown = Dissipation(restitution)
     largest = math.nextafter(1.0 / restitution, 0.0)
-    if imbalance(unknown, largest) > 0.0:  # the root is closer to 1/k than numbers are
+    if imbalance(restitution, False, largest) > 0.0:  # the root is closer to 1/k than numbers are
         return largest
-    return root(unknown, 0.0, largest)
+    return root(restitution, False, 0.0, largest)
 
 
-@imbalance.register(Dissipation)
-def dissipation_imbalance(unknown: Dissipation, value: float) -> float:
-    """G(d) − G(−k d), over d²."""
-    k = unknown.restitution
+@subroutine
+def imbalance(restitution: float, is_linear: bool, value: float) -> float:
+    """A function that falls with the unknown `value` and is 0 at the one that gives this restitution k.
+
+    For Hunt and Crossley's stop the unknown is d, and the function G(d) − G(−k d), over d². For a linear stop
+    the unknown is ln ζ, and the function ln k(ζ) − ln k.
+    """
+    if is_linear:
+        return math.log(kelvin_voigt_restitution(math.exp(value))) - math.log(restitution)
+    k = restitution
     return log_remainder(value) - k * k * log_remainder(-k * value)
 
 
@@ -120,25 +106,19 @@ def kelvin_voigt_damping(mass_kg: float, stiffness_n_per_m: float, restitution: 
     """D in N s/m of F = K δ + D δ' ≥ 0 for a given restitution."""
     if restitution >= 1.0:
         return 0.0
-    zeta = math.exp(root(LogDamping(restitution), -50.0, 50.0))
+    zeta = math.exp(root(restitution, True, -50.0, 50.0))
     return 2.0 * zeta * math.sqrt(stiffness_n_per_m * mass_kg)
 
 
-@imbalance.register(LogDamping)
-def log_damping_imbalance(unknown: LogDamping, value: float) -> float:
-    """ln k(ζ) − ln k."""
-    return math.log(kelvin_voigt_restitution(math.exp(value))) - math.log(unknown.restitution)
-
-
 @subroutine
-def root(unknown: Dissipation | LogDamping, low: float, high: float) -> float:
-    """The unknown's value, between `low` and `high`: bisection down to two adjacent floats.
+def root(restitution: float, is_linear: bool, low: float, high: float) -> float:
+    """The unknown of `imbalance`, between `low` and `high`: bisection down to two adjacent floats.
 
     scipy.optimize is not used because its import takes longer than everything else that a scene needs.
     """
     middle = low + 0.5 * (high - low)
     while low < middle < high:
-        if imbalance(unknown, middle) > 0.0:
+        if imbalance(restitution, is_linear, middle) > 0.0:
             low = middle
         else:
             high = middle

@@ -6,7 +6,7 @@ An impact at a rigid stop takes no time; one at a soft stop is a contact. The la
 
 import math
 
-from plant_sim.kernels import by_part, subroutine
+from plant_sim.kernels import by_part, one_of, subroutine
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import (
     HuntCrossley,
@@ -34,6 +34,8 @@ from plant_sim.solvers.adaptive.state_layout import (
 )
 from plant_sim.solvers.adaptive.wearer import closing_m_s
 from plant_sim.solvers.bernstein import root
+
+_is_kelvin_voigt = one_of(KelvinVoigt)
 
 
 @subroutine
@@ -85,15 +87,10 @@ def _kelvin_voigt_stop_events(stop: KelvinVoigt, parts: Parts, step: Step, found
     return earlier(found, Event.LEAVE, root(press, -1.0, 0.0, zeros, scratch))
 
 
-@by_part
+@subroutine
 def leaving_zeros(stop: Stop) -> int:
     """Number of leading zero derivatives, at the begin of a contact, of the quantity whose root ends it."""
-    return 1
-
-
-@leaving_zeros.register(KelvinVoigt)
-def _kelvin_voigt_leaving_zeros(stop: KelvinVoigt) -> int:
-    return 0 if stop.damping_n_s_m > 0.0 else 1
+    return 0 if _is_kelvin_voigt(stop) and stop.damping_n_s_m > 0.0 else 1
 
 
 @subroutine
