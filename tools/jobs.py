@@ -1,5 +1,6 @@
 """Independent jobs, on this machine's cores or on the workers of a Dask scheduler."""
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -18,16 +19,19 @@ CONNECT_TIMEOUT_S = 10.0
 def results(
     function: Callable[[Task], Result],
     tasks: Sequence[Task],
-    cores: int,
+    cores: int | None = None,
     scheduler: str | None = None,
     threads: bool = False,
 ) -> Iterator[tuple[int, Result]]:
     """Yield the index and the result of each task, in the order in which they finish.
 
+    `cores`: the number of processes or threads; by default one for each core that this process may use.
     With processes, the first task runs alone: it compiles the kernels that the other processes load.
     `threads` is for kernels that release the interpreter's lock: they are compiled once, and results are not
     copied. A scheduler repeats a dead worker's unfinished tasks on other workers.
     """
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    cores = cores or available or 1
     if scheduler is not None:
         with _client(scheduler) as client, client.get_executor(pure=False) as pool:
             yield from _in_pool(pool, function, tasks)

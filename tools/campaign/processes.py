@@ -92,7 +92,7 @@ def run_all(
     the same campaign is running.
     """
     folder = folder_of(plan, trials)
-    where = work.here(folder, workers, scheduler)
+    where = work.Where(folder, workers, scheduler)
     with claimed(folder):
         found = work.run("batch", piece, batches(plan, trials), where, threads=False)
         shutil.rmtree(folder)

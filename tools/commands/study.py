@@ -58,7 +58,7 @@ class StudyOptions:
         """Compute a study, and measure its wall time."""
         from tools.study import work
 
-        where, begun_s = work.here(self.out, self.cores, self.scheduler), time.perf_counter()
+        where, begun_s = work.Where(self.out, self.cores, self.scheduler), time.perf_counter()
         found = computed(where)
         return found, time.perf_counter() - begun_s
 

@@ -10,7 +10,6 @@ because their judges are Python code.
 """
 
 import json
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -21,8 +20,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from hil.record import provenance
+from hil.record.new_file import is_regular, write_anew
 from tools.jobs import results
-from tools.output import BadInputError
 from tools.progress import shown_progress
 
 Task = TypeVar("Task")
@@ -33,16 +32,8 @@ class Where:
     """Folder of the results, and the workers: threads on this machine, or the workers of a Dask scheduler."""
 
     out: Path
-    cores: int
+    cores: int | None = None
     scheduler: str | None = None
-
-
-def here(out: Path, cores: int | None = None, scheduler: str | None = None) -> Where:
-    """Return checked settings; the default is all cores. Raises BadInputError for fewer than one core."""
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if cores is not None and cores < 1:
-        raise BadInputError(f"--cores is {cores}: wanted 1 or more; leave it out for all {available}")
-    return Where(out, cores or available, scheduler)
 
 
 def paths_of(kind: str, tasks: Sequence[object], out: Path) -> list[Path]:
@@ -75,19 +66,18 @@ def versions() -> dict[str, str]:
 
 
 def store(path: Path, task: object, result: Any) -> None:
-    """Write a result with its task and versions atomically."""
+    """Write a result with its task and versions."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
-    content = {"task": repr(task), "versions": versions(), "result": result}
-    partial.write_text(json.dumps(content), encoding="utf-8")
-    partial.replace(path)
+    write_anew(path, json.dumps({"task": repr(task), "versions": versions(), "result": result}))
 
 
 def stored(path: Path) -> Any:
-    """Return the result in a file; None if there is none, or if the file is damaged."""
+    """Return the result in a file; None if there is none, or if the file is cut short or damaged."""
+    if not is_regular(path):
+        return None
     try:
         return json.loads(path.read_text(encoding="utf-8"))["result"]
-    except (FileNotFoundError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         return None
 
 

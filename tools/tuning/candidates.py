@@ -4,7 +4,6 @@ A campaign's trial samples its truth from seed and number alone, so that candida
 Parameters are chosen with a seed below `FIRST_CAMPAIGN_SEED` and judged with a seed at or above this limit.
 """
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -70,7 +69,7 @@ def run_candidates(
         parts += [(number, batch) for batch in batches(plan, trials)]
     found: list[list[Outcome]] = [[] for _ in candidates]
     done, total = 0, trials * len(candidates)
-    for place, outcomes in results(run_batch, [batch for _, batch in parts], workers or os.cpu_count() or 1):
+    for place, outcomes in results(run_batch, [batch for _, batch in parts], workers):
         found[parts[place][0]] += outcomes
         done += len(outcomes)
         progress(done / total, "trials")

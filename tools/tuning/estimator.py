@@ -19,7 +19,6 @@ the readings. NIS is reported too.
 """
 
 import math
-import os
 from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
@@ -215,8 +214,7 @@ def replay_all(
 ) -> tuple[list[Combination], list[Replayed]]:
     """Replay all logs with all combinations, on all cores: results by combination, and by log."""
     found: dict[int, Replayed] = {}
-    count = min(workers or os.cpu_count() or 1, len(sources))
-    for number, result in results(partial(replayed, combinations), sources, count):
+    for number, result in results(partial(replayed, combinations), sources, workers):
         found[number] = result
         progress(len(found) / len(sources), "logs")
     logs = [found[number] for number in range(len(sources))]

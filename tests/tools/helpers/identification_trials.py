@@ -5,7 +5,6 @@ bench's compiled loop (`recorded` states the differences from a run's log) and i
 file. No log can identify l0, so the stop's position is compared relative to the true l0.
 """
 
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -121,7 +120,7 @@ def truths_of(scene: Scene) -> dict[str, tuple[str, float]]:
 
 def run_trials(trials: int, seed: int = SEED, seconds: float = SECONDS) -> list[Trial]:
     """Run all trials on all cores."""
-    found = dict(results(partial(run_trial, seed, seconds=seconds), range(trials), os.cpu_count() or 1))
+    found = dict(results(partial(run_trial, seed, seconds=seconds), range(trials)))
     return [found[number] for number in range(trials)]
 
 

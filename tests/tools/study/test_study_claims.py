@@ -125,7 +125,7 @@ PLANTED: dict[str, list[tuple[Change, str]]] = {
 def claims(tmp_path_factory: pytest.TempPathFactory) -> list[JudgedClaim]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(evidence, "BASIN_SIZE", 80)
-        return judge(Evidence(work.here(tmp_path_factory.mktemp("studies")), ratios=23))
+        return judge(Evidence(work.Where(tmp_path_factory.mktemp("studies")), ratios=23))
 
 
 def test_verdicts(claims: list[JudgedClaim]) -> None:
