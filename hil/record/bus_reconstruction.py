@@ -18,7 +18,7 @@ from firmware_py.interface.generated.records import (
     SetInputTorque,
     StrikerEstimate,
 )
-from hil.record.candump import BusLog
+from hil.record.candump import NO_BUS, Bus, BusLog
 from plant_sim.arrays import FloatArray, IntArray
 
 
@@ -34,8 +34,15 @@ NEVER_SENT = ("state.estimator.p_xx", "state.estimator.p_vv", "wake_latency_us",
 """Columns that figures and plots read and that no frame carries."""
 
 
-def frames_of(bus: BusLog, record: type[Any]) -> Frames:
-    """All decodable frames of one kind."""
+def frames_of(bus: Bus, record: type[Any]) -> Frames:
+    """All decodable frames of one kind; the others of a log on disk are not kept in memory."""
+    pieces = [decoded(piece, record) for piece in bus.pieces()] or [decoded(NO_BUS, record)]
+    times, signals = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
+    return Frames(record, times, signals)
+
+
+def decoded(bus: BusLog, record: type[Any]) -> tuple[FloatArray, FloatArray]:
+    """Times and signals of the decodable frames of one kind."""
     one = codec.CODECS[record]
     times, signals = [], []
     rows = np.flatnonzero(bus.can_id == one.can_id)
@@ -45,8 +52,7 @@ def frames_of(bus: BusLog, record: type[Any]) -> Frames:
         except codec.FrameError:
             continue  # reported and counted when the frames are decoded for the log
         times.append(float(bus.t_s[row]))
-    values = np.array(signals, np.float64).reshape(len(times), len(record._fields))
-    return Frames(record, np.array(times), values)
+    return np.array(times), np.array(signals, np.float64).reshape(len(times), len(record._fields))
 
 
 def held(frames: Frames, t_s: FloatArray) -> dict[str, FloatArray]:

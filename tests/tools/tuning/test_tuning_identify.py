@@ -2,6 +2,7 @@
 
 import json
 import os
+import tracemalloc
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 from firmware_py.interface.codec import CODECS
 from firmware_py.interface.generated.records import Accelerometer, EncoderEstimates
 from hil.bench.lockstep import in_lockstep
+from hil.record import candump
 from hil.record.candump import BusLog, bus_log
 from hil.scenario.scenario import check_scenario
 from plant_sim.scene import read_scene
@@ -35,6 +37,7 @@ from tools.tuning.result import Tuning
 SPRING_N_PER_M, STOP_M, RESTITUTION = 71.1, 0.1802, 0.47
 BANDWIDTH_HZ = 400.0
 ACCELEROMETER, ENCODER = CODECS[Accelerometer], CODECS[EncoderEstimates]
+SENSED = [ACCELEROMETER.encode(Accelerometer(1.0, 1.0, 0.0)), ENCODER.encode(EncoderEstimates(0.5, 0.0))]
 
 
 def record(
@@ -258,12 +261,38 @@ def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
         read_ticks(tmp_path / "fifo.log")
 
 
+def test_a_log_that_is_too_large_is_refused_unread(tmp_path: Path) -> None:
+    log = tmp_path / "long.log"
+    log.touch()
+    os.truncate(log, 601_000_000)
+    with pytest.raises(BadInputError, match="has 601 MB; wanted at most 600 MB, an hour"):
+        read_ticks(log)
+    sparse = [0.05 * number for number in range(150_000)]
+    with pytest.raises(BadInputError, match="spans 7500 s; wanted at most 7200 s"):
+        ticks_of(bus_at(sparse), 1e-3)
+
+
+def test_frames_of_others_are_not_kept_in_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(candump, "BLOCK_BYTES", 1 << 16)
+    log = tmp_path / "can.log"
+    own = [(1e-3 * tick, *frame) for tick in range(3) for frame in SENSED]
+    foreign = [(1e-4 * number, 0x7FF, bytes(8)) for number in range(60_000)]
+    with log.open("w") as file:
+        for t_s, can_id, data in sorted([*own, *foreign]):
+            file.write(f"({t_s:.6f}) can0 {can_id:03X}#{data.hex()}\n")
+    tracemalloc.start()
+    ticks = read_ticks(log)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(ticks.low_m_s2) == 3
+    assert peak < 1 << 20 < log.stat().st_size
+
+
 def bus_at(times_s: list[float]) -> BusLog:
-    frames = [ACCELEROMETER.encode(Accelerometer(1.0, 1.0, 0.0)), ENCODER.encode(EncoderEstimates(0.5, 0.0))]
     return bus_log(
         np.repeat(times_s, 2),
-        np.array([frame.can_id for frame in frames] * len(times_s)),
-        [frame.data for frame in frames] * len(times_s),
+        np.array([frame.can_id for frame in SENSED] * len(times_s)),
+        [frame.data for frame in SENSED] * len(times_s),
     )
 
 

@@ -24,7 +24,7 @@ from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
 from firmware_py.interface.generated.records import OperatorCommand
 from firmware_py.shell.parameters import with_overrides
 from hil.record.bus_reconstruction import frames_of
-from hil.record.run_traces import read_bus
+from hil.record.candump import StoredBus
 from hil.scenario.scenario import LARGEST_RATIO
 from plant_sim.arrays import FloatArray
 from plant_sim.scene import read_scene
@@ -251,7 +251,7 @@ def bench_of(source: Path, scene: str | None) -> Bench | None:
         tables = read_toml(scenario, *OF_A_RUN).get("scene", {})
     else:
         return None
-    commands = frames_of(read_bus(can_log_of(source)), OperatorCommand).signals
+    commands = frames_of(StoredBus(can_log_of(source)), OperatorCommand).signals
     ratios = commands[:, OperatorCommand._fields.index("target_ratio")] if len(commands) else np.zeros(0)
     return Bench(tables, float(np.max(ratios)) if ratios.any() else LARGEST_RATIO)
 

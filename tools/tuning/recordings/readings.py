@@ -7,8 +7,8 @@ import numpy as np
 
 from firmware_py.interface.generated.records import Accelerometer, EncoderEstimates
 from hil.record.bus_reconstruction import frames_of, tick_numbers
-from hil.record.candump import BusLog
-from hil.record.run_traces import CAN_LOG, read_bus
+from hil.record.candump import Bus, StoredBus
+from hil.record.run_traces import CAN_LOG
 from plant_sim.arrays import FloatArray
 from tools.output import BadInputError
 
@@ -16,6 +16,9 @@ CLIPPED_SHARE = 0.95
 QUIET_SHARE = 0.2
 """Share of the low range within which both ranges are compared for the offset of the high one."""
 BUS_PERIOD_S = 1e-3
+MOST_BYTES = 600_000_000
+"""Size of the largest log, an hour of the bench's bus; its sensors' readings take as much memory."""
+LONGEST_S = 7200.0
 MOST_TICKS_A_FRAME = 100
 """A log with more ticks per frame has wrong times; each tick takes memory."""
 
@@ -51,6 +54,11 @@ def can_log_of(source: Path) -> Path:
         raise BadInputError(f"{path} is not there; give a run folder or a candump log")
     if not path.is_file():  # a FIFO may block for ever, and a device may have no end
         raise BadInputError(f"{path} is no file; give a run folder or a candump log")
+    if path.stat().st_size > MOST_BYTES:
+        raise BadInputError(
+            f"{path} has {path.stat().st_size / 1e6:.0f} MB; wanted at most {MOST_BYTES / 1e6:.0f} MB, an "
+            "hour of the bench's bus, since all readings are fitted together: give a part of the log"
+        )
     return path
 
 
@@ -62,10 +70,10 @@ def read(source: Path, low_full_scale_m_s2: float, period_s: float = BUS_PERIOD_
 def read_ticks(source: Path, period_s: float = BUS_PERIOD_S) -> Ticks:
     """The sensors' frames of a run folder or of a candump log."""
     path = can_log_of(source)
-    return ticks_of(read_bus(path), period_s, str(path))
+    return ticks_of(StoredBus(path), period_s, str(path))
 
 
-def ticks_of(bus: BusLog, period_s: float, name: str = "the log") -> Ticks:
+def ticks_of(bus: Bus, period_s: float, name: str = "the log") -> Ticks:
     """The frames of both sensors on common ticks; BadInputError for a log without them."""
     felt, turned = frames_of(bus, Accelerometer), frames_of(bus, EncoderEstimates)
     if len(felt.t_s) < 2 or len(turned.t_s) < 2:
@@ -81,6 +89,10 @@ def ticks_of(bus: BusLog, period_s: float, name: str = "the log") -> Ticks:
         raise BadInputError(
             f"{name} has {frames} frames of the sensors in {count * period_s:.0f} s; wanted some in each "
             "tick: leave out those with wrong times"
+        )
+    if count * period_s > LONGEST_S:
+        raise BadInputError(
+            f"{name} spans {count * period_s:.0f} s; wanted at most {LONGEST_S:g} s: give a part"
         )
     columns = np.full((5, count), np.nan)
     columns[:3, of_felt - first] = felt.signals[:, :3].T
