@@ -15,29 +15,19 @@ from plant_sim.kernels import register_kinds
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.walking import COLUMNS
 from plant_sim.references import by_reference
-from plant_sim.sensors.sensing import NoSensing, Probe, Sensing
 
-_ARRAYS: Any = (
-    (np.complex128, 1, ("poles", "states")),
-    (np.complex128, 2, ("moments",)),
-    (np.float64, 1, ("step_s", "readings")),
-    (np.float64, 2, ("inputs", "pulses", "shaken")),
-    (np.int64, 1, ("active",)),
-)
-_EMPTY: dict[str, Any] = {
-    "rows": np.zeros((1, COLUMNS)),
-    **{name: np.zeros((0,) * axes, kind) for kind, axes, names in _ARRAYS for name in names},
-}
+_EMPTY: dict[str, Any] = {"rows": np.zeros((1, COLUMNS))}
 """The arrays of an absent part, by the name of their field."""
 
 
+_SLOTS = get_type_hints(Parts)
 _make_record: Any = namedtuple  # a class cannot list fields that are found at run time
 
 
 @cache
-def _slot_record(slot: str, declared: Any) -> tuple[Any, tuple[type, ...], dict[str, Any]]:
+def _slot_record(slot: str) -> tuple[Any, tuple[type, ...], dict[str, Any]]:
     """The record of a slot, its parts by kind, and the types of its fields without `kind`."""
-    members = get_args(declared) or (declared,)
+    members = get_args(_SLOTS[slot]) or (_SLOTS[slot],)
     fields: dict[str, Any] = {}
     for member in members:
         for name, its_type in get_type_hints(member).items():
@@ -53,10 +43,10 @@ def _slot_record(slot: str, declared: Any) -> tuple[Any, tuple[type, ...], dict[
 
 
 @cache
-def _columns(slot: str, declared: Any, kind: Any) -> tuple[Any, int, list[tuple[str, Any, Any]]]:
+def _columns(slot: str, kind: Any) -> tuple[Any, int, list[tuple[str, Any, Any]]]:
     """The record of a slot, a part's place among its kinds, and each field's name, type and value if the part
     does not have it (None if it does)."""
-    record, members, fields = _slot_record(slot, declared)
+    record, members, fields = _slot_record(slot)
     own = get_type_hints(kind)
     absent = {
         name: its_type(0) if its_type in (float, int) else _EMPTY[name]
@@ -67,10 +57,10 @@ def _columns(slot: str, declared: Any, kind: Any) -> tuple[Any, int, list[tuple[
     return record, members.index(kind), columns
 
 
-def with_kind(slot: str, declared: Any, part: Any) -> Any:
-    """The part as the record of its slot, whose declared type is `declared`."""
+def with_kind(slot: str, part: Any) -> Any:
+    """The part as the record of its slot."""
     kind: Any = type(part)
-    record, place, columns = _columns(slot, declared, kind)
+    record, place, columns = _columns(slot, kind)
     values = []
     for name, its_type, absent in columns:
         if absent is not None:
@@ -88,27 +78,9 @@ def _any_parts() -> Any:
     return record
 
 
-_SLOTS = get_type_hints(Parts)
 _AnyParts = _any_parts()
 
 
 def kernel_parts(parts: Parts) -> Parts:
     """The parts for kernels. Interpreted kernels (NUMBA_DISABLE_JIT) take them as they are."""
-    records = _AnyParts(
-        *(with_kind(slot, _SLOTS[slot], part) for slot, part in zip(_SLOTS, parts, strict=True))
-    )
-    return by_reference(parts, records)
-
-
-def kernel_probe(probe: Probe) -> Probe:
-    """The sensors' filters for kernels, or their absence."""
-    return _kernel_probe(probe) if isinstance(probe, Sensing) else _no_probe()
-
-
-def _kernel_probe(probe: Probe) -> Probe:
-    return by_reference(probe, with_kind("probe", NoSensing | Sensing, probe))
-
-
-@cache
-def _no_probe() -> Probe:
-    return _kernel_probe(NoSensing())
+    return by_reference(parts, _AnyParts(*map(with_kind, Parts._fields, parts)))

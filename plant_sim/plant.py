@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from plant_sim.scene import Scene, require_scene
 from plant_sim.sensors.gait import GaitReading, GaitSensors, GaitTruth, gait_at, gaits_at
 from plant_sim.sensors.readings import Noise, Readers, SensorReading, Sensors
 from plant_sim.sensors.sampled import SAMPLED
-from plant_sim.sensors.sensing import NoSensing, Probe, Sensing, allocate_sensing, sense_jump, series_order
+from plant_sim.sensors.sensing import NO_SENSING, Sensing, allocate_sensing, sense_jump, series_order
 from plant_sim.simulation import initial_state
 from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, DONE, NO_GRID, advance, kernel_records, refusal
 from plant_sim.solvers.adaptive.observation import (
@@ -82,7 +82,7 @@ class Plant:
         initial = initial or initial_state(scene, self.parts)
         _require_start(initial, self.parts)
         self._sensors: Sensors | None = None
-        self._probe: Probe = NoSensing()
+        self._probe = NO_SENSING
         if scene.sensors is not None:
             sensing = allocate_sensing(scene.sensors, initial.omega_rad_s, self.parts.housing)
             self._probe = sensing
@@ -167,7 +167,7 @@ class Plant:
         self.now = observation(memory)
 
     @property
-    def _kernel_arguments(self) -> tuple[Parts, Probe, Memory]:
+    def _kernel_arguments(self) -> tuple[Parts, Sensing, Memory]:
         return self._kernel_parts, self._kernel_probe, self._kernel_memory
 
     def _call(self, torque_n_m: float, dt_s: float) -> None:
@@ -227,12 +227,12 @@ class Plant:
 
     def lend(self) -> Lent:
         """Hand the module to compiled code until `take_back`. Raises PlantError without sensors."""
-        if self._sensors is None or isinstance(self._probe, NoSensing):
+        if self._sensors is None:
             raise PlantError("the scene has no sensors; add the table [sensors]")
         parts, probe, memory = self._kernel_arguments
         return Lent(
             parts=parts,
-            probe=cast(Sensing, probe),
+            probe=probe,
             memory=memory,
             readers=self._sensors.readers,
             noise=self._sensors.noise,

@@ -12,12 +12,12 @@ linear: the response to a_b, a polynomial over the step, is added to that of the
 
 import cmath
 import math
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import one_of, subroutine
+from plant_sim.kernels import subroutine
 from plant_sim.parts.drive import constant_speed_rad_s, is_motor
 from plant_sim.parts.housing import Housing, Level, housing_m_s2, is_level, steady_m_s2
 from plant_sim.parts.parts import Parts
@@ -40,10 +40,6 @@ AGE, JUMP = range(2)
 """Columns of Sensing.pulses: time since the impact, s, and change of velocity, m/s; 0 in an unused row."""
 
 
-class NoSensing(NamedTuple):
-    """A scene without sensors."""
-
-
 class Sensing(NamedTuple):
     """Poles λ and states z of the filters, shape (3,), and `active[0]` half-sines, shape (PULSES, 2).
 
@@ -51,6 +47,7 @@ class Sensing(NamedTuple):
     `inputs`: power coefficients over a step of crank speed, striker velocity and a_b, shape (3, DEGREE + 1).
     A tilted or moving housing has a fourth filter, and `shaken` of shape (2, DEGREE + 1), otherwise (0, …).
     `readings` are the outputs of the filters: accelerations, m/s², and the speed, rad/s; 0 without a filter.
+    A module without sensors has no filters.
     """
 
     poles: Complex
@@ -65,16 +62,9 @@ class Sensing(NamedTuple):
     readings: Vector
 
 
-Probe: TypeAlias = NoSensing | Sensing
-
-
-def allocate_sensing(
-    sensors: SensorsTable, crank_speed_rad_s: float, housing: Housing | None = None
-) -> Sensing:
-    """Filters in steady state for a striker at rest, the constant part of a_b and a steady crank."""
-    is_felt = housing is not None and not is_level(housing)
-    filters = HOUSING + 1 if is_felt else HOUSING
-    sensing = Sensing(
+def allocate_filters(filters: int, pulse_s: float) -> Sensing:
+    """This number of filters, with impacts at a rigid stop read as half-sines of `pulse_s`."""
+    return Sensing(
         poles=np.zeros(filters, np.complex128),
         states=np.zeros(filters, np.complex128),
         moments=np.zeros((filters, DEGREE + 2), dtype=np.complex128),
@@ -82,11 +72,23 @@ def allocate_sensing(
         inputs=np.zeros((3, DEGREE + 1)),
         pulses=np.zeros((PULSES, 2)),
         active=np.zeros(1, np.int64),
-        pulse_s=sensors.rigid_contact_s,
-        shaken=np.zeros((2 if is_felt else 0, DEGREE + 1)),
+        pulse_s=float(pulse_s),
+        shaken=np.zeros((2 if filters > HOUSING else 0, DEGREE + 1)),
         readings=np.zeros(HOUSING + 1),
     )
-    settle_filters(sensing, sensors, crank_speed_rad_s, Level() if housing is None else housing)
+
+
+NO_SENSING = allocate_filters(0, 0.0)
+"""The filters of a module without sensors: none."""
+
+
+def allocate_sensing(
+    sensors: SensorsTable, crank_speed_rad_s: float, housing: Housing | None = None
+) -> Sensing:
+    """Filters in steady state for a striker at rest, the constant part of a_b and a steady crank."""
+    housing = Level() if housing is None else housing
+    sensing = allocate_filters(HOUSING if is_level(housing) else HOUSING + 1, sensors.rigid_contact_s)
+    settle_filters(sensing, sensors, crank_speed_rad_s, housing)
     return sensing
 
 
@@ -113,12 +115,14 @@ def pole(table: AccelerometerTable) -> complex:
     return 2.0 * math.pi * table.bandwidth_hz * complex(-1.0, 1.0) / math.sqrt(2.0)
 
 
-is_sensing = one_of(Sensing)
-"""Whether there are sensors, which need the motion within steps."""
+@subroutine(inline=True)
+def is_sensing(probe: Sensing) -> bool:
+    """Whether there are sensors, which need the motion within steps."""
+    return probe.poles.size > 0
 
 
 @subroutine(inline=True)
-def note_readings(probe: Probe) -> None:
+def note_readings(probe: Sensing) -> None:
     """Read the filters: an accelerometer's output is 2 Re(r z) with r = −j ω/√2 = −j Im λ."""
     if not is_sensing(probe):
         return
@@ -129,13 +133,13 @@ def note_readings(probe: Probe) -> None:
 
 
 @subroutine(inline=True)
-def series_order(probe: Probe) -> int:
+def series_order(probe: Sensing) -> int:
     """Order of a step's Taylor series; the sensors' filters are driven by polynomials of degree DEGREE."""
     return DEGREE if is_sensing(probe) else ORDER
 
 
 @subroutine
-def sense_jump(probe: Probe, jump_m_s: float) -> None:
+def sense_jump(probe: Sensing, jump_m_s: float) -> None:
     """Start a half-sine for a loss of velocity by `jump_m_s` at a rigid stop."""
     if not is_sensing(probe):
         return

@@ -11,7 +11,7 @@ from numba.core import types
 from numba.np.random._constants import fi_double, ki_double, wi_double
 
 from plant_sim.kernels import subroutine
-from plant_sim.kinds import kernel_parts, kernel_probe
+from plant_sim.kinds import kernel_parts
 from plant_sim.parts.drive import IdealDrive, MotorTable, constant_speed_rad_s
 from plant_sim.parts.housing import NO_SHOCK, NO_SWING, Moving, Tilted, moving, tilt_m_s2
 from plant_sim.parts.linkage import SliderCrank
@@ -25,7 +25,7 @@ from plant_sim.references import by_reference
 from plant_sim.result import EnergyLedger, Impact, Observation
 from plant_sim.scene import Scene
 from plant_sim.sensors.readings import SensorReading, read_sensors, readers
-from plant_sim.sensors.sensing import NoSensing, allocate_sensing, sense_jump, series_order, settle_filters
+from plant_sim.sensors.sensing import NO_SENSING, allocate_sensing, sense_jump, series_order, settle_filters
 from plant_sim.simulation import initial_state
 from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, NO_GRID, advance, call_advance
 from plant_sim.solvers.adaptive.state_layout import (
@@ -192,14 +192,14 @@ class PlantModel:
         initial = initial_state(self.scene, parts)
         sensors = scene.sensors
         omega_rad_s = initial.omega_rad_s
-        probe = NoSensing() if sensors is None else allocate_sensing(sensors, omega_rad_s, parts.housing)
+        probe = NO_SENSING if sensors is None else allocate_sensing(sensors, omega_rad_s, parts.housing)
         order = series_order(probe)
         memory = allocate(parts, initial, scene.solver.accuracy, IMPACTS_A_CALL, order)
         self._parts = parts
         self._scope = dict(VOCABULARY)
         self.records: dict[str, Any] = {
             "parts": kernel_parts(parts),
-            "probe": kernel_probe(probe),
+            "probe": by_reference(probe),
             "memory": by_reference(memory._replace(advance_at=UNKNOWN)),
             "grid": NO_GRID,
             "noise": noise(seed),

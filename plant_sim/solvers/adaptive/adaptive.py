@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.kernels import address_of, by_address, call_at, entry_point, jit
-from plant_sim.kinds import kernel_parts, kernel_probe
+from plant_sim.kinds import kernel_parts
 from plant_sim.parts.friction import bend_m_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_rigid, origin_m
 from plant_sim.references import by_reference
 from plant_sim.result import Impact, Impacts, MotionState, Observation, Phase, Samples, SimulationResult
-from plant_sim.sensors.sensing import NoSensing, Probe, note_readings
+from plant_sim.sensors.sensing import NO_SENSING, Sensing, note_readings
 from plant_sim.solvers.adaptive.automaton import determine_phase
 from plant_sim.solvers.adaptive.crank import settle_crank
 from plant_sim.solvers.adaptive.observation import (
@@ -52,7 +52,7 @@ NO_GRID: Grid = by_reference(Grid(np.empty(0), np.empty((0, READINGS))))
 @jit
 def advance(
     parts: Parts,
-    probe: Probe,
+    probe: Sensing,
     memory: Memory,
     torque_n_m: float,
     start_s: float,
@@ -92,9 +92,9 @@ def advance(
     return status
 
 
-def kernel_records(parts: Parts, probe: Probe, memory: Memory) -> tuple[Parts, Probe, Memory]:
+def kernel_records(parts: Parts, probe: Sensing, memory: Memory) -> tuple[Parts, Sensing, Memory]:
     """Parts, sensors' filters and memory for kernels; with the memory they have the address of `advance`."""
-    its_parts, its_probe = kernel_parts(parts), kernel_probe(probe)
+    its_parts, its_probe = kernel_parts(parts), by_reference(probe)
     address = address_of(advance, its_parts, its_probe, by_reference(memory), 0.0, 0.0, 0.0, NO_GRID)
     return its_parts, its_probe, by_reference(memory._replace(advance_at=address))
 
@@ -123,7 +123,7 @@ def simulate(
     rows: list[NDArray[np.void]] = []
     for held_n_m, held_until_s in _held(torque_n_m, initial.t_s, duration_s):
         while not rows or memory.held[0].elapsed_s < held_until_s:  # again if the buffer of impacts was full
-            rows.append(run(parts, NoSensing(), memory, held_n_m, initial.t_s, held_until_s, grid))
+            rows.append(run(parts, NO_SENSING, memory, held_n_m, initial.t_s, held_until_s, grid))
     impacts = np.concatenate(rows)
     origin = origin_m(parts.stop, parts.striker)
     end = observation(memory)
@@ -158,7 +158,7 @@ def _held(torque_n_m: Torque, start_s: float, duration_s: float) -> Iterator[tup
 
 def run(
     parts: Parts,
-    probe: Probe,
+    probe: Sensing,
     memory: Memory,
     torque_n_m: float,
     start_s: float,
@@ -166,7 +166,7 @@ def run(
     grid: Grid,
 ) -> NDArray[np.void]:
     """Call `advance` and raise its failures; return and clear the impacts so far, records as `Impact`."""
-    records = kernel_parts(parts), kernel_probe(probe), by_reference(memory)
+    records = kernel_parts(parts), by_reference(probe), by_reference(memory)
     arguments = (*records, float(torque_n_m), float(start_s), float(duration_s), by_reference(grid))
     status = entry_point(advance, *arguments)(*arguments)
     if status in (STEP_TOO_SMALL, TOO_COSTLY):

@@ -11,7 +11,7 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_force_n, has_no_stop, is_soft, stop_force_n
 from plant_sim.parts.wearer import is_worn
 from plant_sim.result import Phase
-from plant_sim.sensors.sensing import Probe
+from plant_sim.sensors.sensing import Sensing
 from plant_sim.solvers.adaptive.crank import (
     break_crank_away,
     crank_events,
@@ -121,7 +121,9 @@ def first_event(parts: Parts, step: Step) -> Found:
 
 
 @subroutine
-def apply(parts: Parts, probe: Probe, memory: Memory, torque_n_m: float, event: Event, time_s: float) -> None:
+def apply(
+    parts: Parts, probe: Sensing, memory: Memory, torque_n_m: float, event: Event, time_s: float
+) -> None:
     """Apply an event to the state."""
     if event == Event.TOUCH:
         _touch(parts, probe, memory, time_s)
@@ -149,7 +151,7 @@ def apply(parts: Parts, probe: Probe, memory: Memory, torque_n_m: float, event: 
 
 
 @subroutine
-def _touch(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
+def _touch(parts: Parts, probe: Sensing, memory: Memory, time_s: float) -> None:
     """Treat the striker's arrival at the stop's surface, depth 0, from outside."""
     y, mode = memory.y, memory.mode[0]
     y[0] = 0.0

@@ -32,7 +32,7 @@ from plant_sim.parts.striker import has_linear_spring, spring_force_n
 from plant_sim.parts.wearer import is_worn
 from plant_sim.parts.winding import is_wound
 from plant_sim.result import Phase
-from plant_sim.sensors.sensing import Probe, is_sensing
+from plant_sim.sensors.sensing import Sensing, is_sensing
 from plant_sim.solvers.adaptive.crank import crank_in_stage
 from plant_sim.solvers.adaptive.state_layout import (
     ANGLE,
@@ -72,7 +72,7 @@ _is_linear_but_for_a_constant = one_of(NoFriction, Viscous, Coulomb)
 
 @subroutine(inline=True)
 def series_step_s(
-    probe: Probe, parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float
+    probe: Sensing, parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float
 ) -> float:
     """Expand the motion into `memory.series`; return the length of a step, s, or 0 if there is no series.
 

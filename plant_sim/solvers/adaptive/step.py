@@ -11,7 +11,7 @@ from plant_sim.kernels import subroutine
 from plant_sim.parts.housing import smooth_for_s
 from plant_sim.parts.parts import Parts
 from plant_sim.result import Phase
-from plant_sim.sensors.sensing import Probe, is_sensing, sense_series, sense_step, series_order
+from plant_sim.sensors.sensing import Sensing, is_sensing, sense_series, sense_step, series_order
 from plant_sim.solvers.adaptive.automaton import apply, first_event, may_end
 from plant_sim.solvers.adaptive.crank import crank_now, turn_crank
 from plant_sim.solvers.adaptive.dop853 import attempt, extend
@@ -39,7 +39,7 @@ rest; the error per forcing period then exceeds the accuracy.
 @subroutine(inline=True)
 def take_step(
     parts: Parts,
-    probe: Probe,
+    probe: Sensing,
     memory: Memory,
     torque_n_m: float,
     start_s: float,
@@ -177,7 +177,7 @@ def _look_within(parts: Parts, flow: Flow, h_s: float, memory: Memory, is_series
 
 @subroutine(inline=True)
 def _sense(
-    parts: Parts, probe: Probe, memory: Memory, h_s: float, used_s: float, begin_s: float, is_series: bool
+    parts: Parts, probe: Sensing, memory: Memory, h_s: float, used_s: float, begin_s: float, is_series: bool
 ) -> None:
     """Drive the sensors' filters over the first `used_s` of the step."""
     if not is_sensing(probe) or used_s == 0.0:

@@ -20,7 +20,7 @@ from plant_sim.parts.stop import (
 )
 from plant_sim.parts.wearer import contact_mass_kg
 from plant_sim.result import Phase
-from plant_sim.sensors.sensing import Probe, sense_jump
+from plant_sim.sensors.sensing import Sensing, sense_jump
 from plant_sim.solvers.adaptive.crank import crank_now
 from plant_sim.solvers.adaptive.event_location import Event, Found, Step, earlier
 from plant_sim.solvers.adaptive.state_layout import (
@@ -94,7 +94,7 @@ def leaving_zeros(stop: Stop) -> int:
 
 
 @subroutine
-def rebound(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
+def rebound(parts: Parts, probe: Sensing, memory: Memory, time_s: float) -> None:
     """Newton's law: v⁺ = −k v⁻."""
     mass, k = parts.striker.mass_kg, restitution(parts.stop)
     v = memory.y[1]
