@@ -5,7 +5,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -15,6 +15,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.segment import Segment
 from rich.table import Column, Table
+from rich.text import Text
 
 from hil.judge.figures import text as figure_texts
 
@@ -30,6 +31,9 @@ PIPED_WIDTH = 240
 """Width in characters where the output is no terminal: each row of a table stays on one line, for grep."""
 
 
+LEAST_TEXT = 24
+"""Width in characters within which a column of longer texts is folded before a table is divided."""
+COLUMN_GAP = 2
 MOST_RECORDS, MOST_IN_CELL, MOST_UNFOLDED = 40, 6, 3
 """Most records, values in a cell, and values of an object in a record, that are printed; --json has all."""
 CONTROL = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u202a-\\u202e\\u2066-\\u2069]")
@@ -203,12 +207,54 @@ def show_records(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
     shared = [f"{key} = {text_of(rows[0][key])}" for key in same if rows[0].get(key) not in (None, "")]
     more = [] if len(rows) <= MOST_RECORDS else [f"the first {MOST_RECORDS} of {len(rows)}, --json has all"]
     console.print(f"\n[bold]{escape(title)}[/]  {escape(', '.join([*shared, *more]))}", soft_wrap=True)
-    columns = [key for key in keys if key not in same]
     shown = rows[:MOST_RECORDS]
-    numeric = {key: all(isinstance(row.get(key), int | float | None) for row in shown) for key in columns}
-    headers = [f">{key}" if numeric[key] else Column(escape(key), overflow="fold") for key in columns]
-    cells = ([escape(text_of(row.get(key))) for key in columns] for row in shown)
-    console.print(table_of(headers, cells))
+    columns = {key: [escape(text_of(row.get(key))) for row in shown] for key in keys if key not in same}
+    numbers = {key for key in columns if all(isinstance(row.get(key), int | float | None) for row in shown)}
+    print_columns(columns, numbers)
+
+
+def print_columns(columns: Mapping[str, Sequence[str]], unbroken: Collection[str]) -> None:
+    """Print columns of cells in markup, as one table or, in a narrow terminal, in blocks of columns.
+
+    Each block begins with the column of texts that has the most different cells. `unbroken`: the columns
+    whose cells stay on one line, such as numbers, aligned to the right; other cells are folded.
+    """
+    least = {}
+    for title, cells in columns.items():
+        natural = max(Text.from_markup(cell).cell_len for cell in (escape(title), *cells))
+        least[title] = natural if title in unbroken else min(natural, LEAST_TEXT)
+    texts = [title for title in columns if title not in unbroken] or list(columns)
+    label = max(texts, key=lambda title: len(set(columns[title])), default="")
+    for place, titles in enumerate(blocks_of(least, label, console.width)):
+        if place > 0:
+            console.print()
+        headers = [
+            f">{title}" if title in unbroken else Column(escape(title), overflow="fold") for title in titles
+        ]
+        console.print(table_of(headers, zip(*(columns[title] for title in titles), strict=True)))
+
+
+def blocks_of(least: Mapping[str, int], label: str, width: int) -> Iterator[list[str]]:
+    """Divide columns, by their least widths, into blocks that fit into `width`; one block if they all do.
+
+    >>> list(blocks_of({"n": 2, "name": 6, "a": 5, "b": 5}, "name", 16))
+    [['name', 'n'], ['name', 'a'], ['name', 'b']]
+    >>> list(blocks_of({"n": 2, "name": 6, "a": 5, "b": 5}, "name", 24))
+    [['n', 'name', 'a', 'b']]
+    """
+    if sum(least.values()) + COLUMN_GAP * (len(least) - 1) <= width:
+        yield list(least)
+        return
+    block = [label]
+    for title in least:
+        if title == label:
+            continue
+        wanted = sum(least[one] + COLUMN_GAP for one in block) + least[title]
+        if wanted > width and len(block) > 1:
+            yield block
+            block = [label]
+        block.append(title)
+    yield block
 
 
 def unfolded(row: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

@@ -93,15 +93,18 @@ def show_figures(figures: "Figures") -> None:
 
 
 def show_next(out: Path) -> None:
-    """Print the commands and the page with which a person goes on from a run."""
+    """Print the commands and the page with which a person goes on from a run, as far as it has a log."""
+    from hil.show.rerun_log import LOG_NAME
+
     place = shlex.quote(str(out))
-    steps = [
-        ("look at every signal", f"vibrohil view {place}"),
-        ("all figures", f"vibrohil inspect {place} --all"),
-    ]
-    if (out / "report.html").exists():
-        steps.insert(1, ("verdict on one page", f"{out}/report.html"))
-    for name, what in steps:
+    steps = {
+        "look at every signal": (LOG_NAME, f"vibrohil view {place}"),
+        "verdict on one page": ("report.html", f"{out}/report.html"),
+        "all figures": (LOG_NAME, f"vibrohil inspect {place} --all"),
+    }
+    for name, (file, what) in steps.items():
+        if not (out / file).exists():
+            continue
         console.print(f"[dim]{name + ':':22}[/]{escape(what)}", soft_wrap=True)
 
 

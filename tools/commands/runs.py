@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Column
 
 from tools.commands.options import Json
-from tools.output import EXIT_NOTHING_RAN, EXIT_PASSED, answer, console, figure, marked, table_of
+from tools.output import EXIT_NOTHING_RAN, EXIT_PASSED, answer, console, figure, marked, print_columns
 
 if TYPE_CHECKING:
     from tools.logs.catalogue import ListedRun
@@ -78,12 +77,14 @@ def row_of(run: "ListedRun", columns: list[str]) -> dict[str, Any]:
 
 def print_table(shown: "list[ListedRun]", columns: list[str], counts: str) -> None:
     """Print a line for each run, then their number."""
-    titles = ("begun", "", "scenario", "commit", *columns, "folder")
-    table = table_of(Column(title, overflow="fold") for title in titles)
-    for run in shown:
-        begun = time.strftime("%Y-%m-%d %H:%M", time.localtime(run.begun_s))
-        word = "[dim]no verdict[/]" if run.word is None else marked(run.word)
-        name, figures = figure(run.figure("scenario")), [figure(run.figure(name)) for name in columns]
-        table.add_row(begun, word, *map(escape, (name, run.commit, *figures, str(run.folder))))
-    console.print(table)
+    words = ["[dim]no verdict[/]" if run.word is None else marked(run.word) for run in shown]
+    begun = [time.strftime("%Y-%m-%d %H:%M", time.localtime(run.begun_s)) for run in shown]
+    texts = {
+        "scenario": [figure(run.figure("scenario")) for run in shown],
+        "commit": [run.commit for run in shown],
+        **{name: [figure(run.figure(name)) for run in shown] for name in columns},
+        "folder": [str(run.folder) for run in shown],
+    }
+    cells = {title: list(map(escape, column)) for title, column in texts.items()}
+    print_columns({"begun": begun, "verdict": words, **cells}, ())
     console.print(counts, markup=False)

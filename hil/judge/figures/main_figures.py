@@ -42,8 +42,11 @@ def main_figures(figures: Figures) -> list[Row]:
 def impact_rows(figures: Figures) -> list[Row]:
     """Regime and number of impacts: the true ones, or without truth those that the firmware reported."""
     if figures.impact_count is None:
-        reported = figures.impacts_reported
-        return [("regime reported", figures.regime_estimated, ""), ("impacts reported", reported, "")]
+        rows = [
+            ("regime reported", figures.regime_estimated, ""),
+            ("impacts reported", figures.impacts_reported, ""),
+        ]
+        return rows if figures.ticks else []
     return [("regime", figures.regime, ""), ("impacts", figures.impact_count, "")]
 
 

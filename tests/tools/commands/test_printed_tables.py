@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from tools.output import answer, show_tables
+from tools import cli
+from tools.output import EXIT_PASSED, answer, console, show_tables
 
 
 def printed(payload: dict, capsys: pytest.CaptureFixture[str]) -> list[str]:
@@ -40,6 +41,32 @@ def test_of_many_the_first_records_and_the_last_number_are_shown(capsys) -> None
     assert lines[:3] == ["times_s 100, the last 99", "few 1, 2", ""]
     assert lines[3] == "rows the first 40 of 50, --json has all"
     assert lines[-1] == "39"
+
+
+def test_a_table_that_is_wider_than_the_terminal_is_printed_in_blocks_of_whole_columns(
+    capsys, monkeypatch
+) -> None:
+    monkeypatch.setattr(console, "_width", 40)
+    rows = [{"id": n, "name": f"frame {n}", **{f"response_{k}_s": n + 0.125 for k in "abc"}} for n in (1, 2)]
+    lines = printed({"frames": rows}, capsys)
+    assert lines == [
+        *("", "frames", "name id response_a_s response_b_s"),
+        *("frame 1 1 1.125 1.125", "frame 2 2 2.125 2.125"),
+        *("", "name response_c_s", "frame 1 1.125", "frame 2 2.125"),
+    ]
+
+
+@pytest.mark.parametrize("command", [["schedule"], ["runs"]])
+def test_no_figure_is_cut_on_eighty_columns(command, capsys, monkeypatch, tmp_path) -> None:
+    run = tmp_path / "runs" / "20261127-181207-the-longest-name-of-a-scenario-that-anyone-has"
+    run.mkdir(parents=True)
+    (run / "run.json").write_text('{"made_by": "vibrohil", "scenario": "soft-start-multistable"}')
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(console, "_width", 80)
+    assert cli.run(command) == EXIT_PASSED
+    shown = capsys.readouterr().out
+    assert "…" not in shown
+    assert max(map(len, shown.splitlines())) <= 80
 
 
 @pytest.mark.parametrize(("passed", "word"), [(True, "PASSED"), (False, "FAILED"), (None, "NOT JUDGED")])
