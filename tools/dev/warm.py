@@ -12,6 +12,7 @@ import numpy as np
 from firmware_py.builds.machine_code import object_code
 from hil.bench.lockstep import warm_lockstep
 from hil.scenario.scenario import load_scenario
+from hil.timing.realtime import collect_rarely
 from kernel_cache import root
 from plant_sim.scene import load_scene, read_scene
 from plant_sim.simulation import simulate
@@ -41,6 +42,7 @@ def main() -> None:
     """Compile the kernels, and print the reason for the waiting time first."""
     print(f"setup: compiling plant and firmware into {root()}; about a minute, once", flush=True)
     started_s = time.perf_counter()
+    collect_rarely()
     for package in PACKAGES:  # where PYTHONDONTWRITEBYTECODE is set, each start would compile them again
         compileall.compile_dir(ROOT / package, quiet=2)
     with ProcessPoolExecutor(1, get_context("spawn")) as beside:

@@ -21,6 +21,7 @@ from numba.core import types
 
 from firmware_py.builds.flat import stored
 from firmware_py.builds.machine_code import NAMES_EXCEPTION, RAW, Target, retargeted
+from hil.timing.realtime import collect_rarely
 from kernel_cache import folder_of, kept_file
 from numba_linking import LINKED
 
@@ -78,6 +79,7 @@ def assembly(functions: Functions) -> str:
 
 def main() -> None:
     """Write the file."""
+    collect_rarely()
     from tools.fmu.models import functions_of
 
     file, *arguments = sys.argv[1:]
