@@ -261,8 +261,8 @@ FOLDERS: dict[str, Spoil] = {
     "run.rrd of texts": _logged(signals={"tick": ["a", "b"], "x_m": ["c", "d"]}),
     "run.rrd of times that are texts": _logged(signals={"t_s": ["a", "b"]}),
     "run.rrd of lists": _logged(signals={"tick": [[1], [2]], "x_m": [[1.0], [2.0]]}),
-    "run.rrd of 600 million nulls": _array(
-        lambda: pa.StructArray.from_arrays([pa.nulls(NULLS)] * 3, names=["tick", "x_m", "v_m_s"])
+    "run.rrd of 300 million nulls": _array(
+        lambda: pa.StructArray.from_arrays([pa.nulls(NULLS // 2)] * 3, names=["tick", "x_m", "v_m_s"])
     ),
     "run.rrd of values without bytes": _array(
         lambda: pa.Array.from_buffers(pa.binary(0), NULLS, [None, pa.py_buffer(b"")])

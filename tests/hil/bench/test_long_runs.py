@@ -11,7 +11,7 @@ from run_folder import END_S, T_S, make_run, write_run
 from hil.record.traces import trace
 from hil.record.traces.trace import TraceWriter
 
-MINUTES = 3, 6
+MINUTES = 1, 4
 JUDGE = "assert finish(run_dir).figures.ticks == ticks"
 INSPECT = "assert Run(log, run_dir).verdict['ticks'] == ticks"
 COMPARE = "run = Run(log, run_dir); assert first_difference(run, run) is None"

@@ -37,9 +37,9 @@ def local() -> Iterator[ProvidedBus]:
         yield provided
 
 
-@pytest.fixture(params=["local", pytest.param("vcan", marks=needs_kernel_can)])
+@pytest.fixture(scope="module", params=["local", pytest.param("vcan", marks=needs_kernel_can)])
 def either(request: pytest.FixtureRequest) -> Iterator[ProvidedBus]:
-    """The hub, and the kernel's own bus."""
+    """The hub, and the kernel's own bus; each test joins it with nodes of its own."""
     with provide(request.param) as provided:
         yield provided
 

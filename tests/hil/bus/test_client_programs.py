@@ -131,7 +131,7 @@ async def controller(odrive):
     odrive.clear_errors()
     odrive.setAxisState("closed_loop_control")
     odrive.set_controller_mode("velocity_control")
-    for _ in range(30):
+    for _ in range(20):
         odrive.set_velocity(1.0)
         await asyncio.sleep(0.1)
     print("velocity", await odrive.get_velocity(), "voltage", odrive.bus_voltage)
