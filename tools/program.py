@@ -5,9 +5,10 @@ import os
 from contextlib import chdir
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from tools.examples import EXAMPLES
 from tools.output import BadInputError
@@ -73,14 +74,15 @@ def vibrohil(
 
 
 @functools.cache
-def program() -> typer.Typer:
+def program() -> TyperGroup:
     """The program with all its commands; KernelCacheError if the kernels' folder cannot be written."""
     app = typer.Typer(name="vibrohil", no_args_is_help=True, pretty_exceptions_enable=False)
     app.callback()(vibrohil)
     for group, modules in COMMANDS.items():
         for module in modules:
             add(app, module, group)
-    return app
+    command: Any = typer.main.get_command(app)  # its type lacks the sub-commands
+    return command  # type: ignore[no-any-return]
 
 
 def check_surroundings(arguments: list[str]) -> None:

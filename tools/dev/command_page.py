@@ -4,8 +4,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-import typer
-
 from tools.program import program
 
 MADE = "<!-- made by `python -m tools.dev.reference`; change the code it is made from -->"
@@ -70,7 +68,7 @@ def option_table(options: Mapping[str, str]) -> str:
 
 def command_page() -> str:
     """Every command and its options."""
-    whole: Any = typer.main.get_command(program())
+    whole = program()
     every_name = list(every_command(whole))
     without = [
         name

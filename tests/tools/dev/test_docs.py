@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import NamedTuple, get_type_hints
 
 import pytest
-import typer
 
 from firmware_py.core.state import State
 from firmware_py.interface.parameter_table import TABLE
@@ -120,7 +119,7 @@ EXAMPLES_SHOWN = [shlex.split(example)[1:] for example in EXAMPLES.values()]
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_every_command_and_option_that_is_shown_is_there(place, shown):
-    commands = typer.main.get_command(program()).commands
+    commands = program().commands
     for name, *words in shown:
         if name.startswith("--"):
             continue
@@ -140,7 +139,7 @@ def test_every_command_and_option_that_is_shown_is_there(place, shown):
 
 
 def test_every_command_is_in_the_readme():
-    commands = typer.main.get_command(program()).commands
+    commands = program().commands
     named = {name for name, *_ in shown_on(README)}
     # The plant stands beside the firmware.
     assert named | {"plant"} == set(commands)
@@ -213,7 +212,7 @@ def test_the_sizes_of_the_blocks_states_are_those_of_the_code():
 def test_every_option_is_in_the_section_of_its_command():
     page = (DOCS / "reference" / "command-line.md").read_text("utf-8")
     sections = dict(re.findall(r"^## vibrohil (.*?)\n(.*?)(?=^## |\Z)", page, re.DOTALL | re.MULTILINE))
-    for name, command in every_command(typer.main.get_command(program())):
+    for name, command in every_command(program()):
         for option in options_of(command):
             assert option.replace("|", "\\|") in sections[name], f"vibrohil {name} has {option}"
 

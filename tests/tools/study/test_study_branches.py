@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq
-from typer.testing import CliRunner
 
 from plant_sim.scene import Scene, load_scene, read_scene
 from plant_sim.simulation import simulate
-from tools.program import program
+from tools import cli
+from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
 from tools.study.branches.boundaries import boundaries, margins
 from tools.study.branches.branches import Branch, branches
 from tools.study.branches.continuation import CurvePoint, correct, follow, locate, point_at
@@ -379,34 +379,34 @@ def test_a_soft_stop_has_a_fold_of_its_own() -> None:
     assert highest == pytest.approx(1.3921982, abs=1e-6)
 
 
-def test_the_commands_answer_in_json_and_draw_their_figures(tmp_path) -> None:
-    command = ["study", "branches", "--json", "--out", str(tmp_path)]
-    payload = json.loads(CliRunner().invoke(program(), command).stdout)
+def test_the_commands_answer_in_json_and_draw_their_figures(tmp_path, capsys) -> None:
+    assert cli.run(["study", "branches", "--json", "--out", str(tmp_path)]) == EXIT_PASSED
+    payload = json.loads(capsys.readouterr().out)
     (branch,) = payload["branches"]
     assert {"ratio", "v_m_s", "multipliers", "stable"} <= set(branch["points"][0])
     assert [one["kind"] for one in branch["special"]] == ["grazing", "period-doubling", "fold", "grazing"]
     assert all((tmp_path / path.rpartition("/")[2]).stat().st_size > 5000 for path in payload["figures"])
     command = ["study", "boundaries", "table1-coulomb", "--over", "ratio,mu", "--json"]
-    payload = json.loads(CliRunner().invoke(program(), [*command, "--out", str(tmp_path)]).stdout)
+    assert cli.run([*command, "--out", str(tmp_path)]) == EXIT_PASSED
+    payload = json.loads(capsys.readouterr().out)
     assert {one["parameter"] for one in payload["margins"]} == {"ratio", "mu"}
     assert {curve["kind"] for curve in payload["boundaries"]} == {"fold", "grazing", "period-doubling"}
 
 
-def test_an_orbit_that_grazes_is_shown_at_no_speed_without_a_sign(tmp_path) -> None:
-    shown = CliRunner().invoke(program(), ["study", "branches", "--out", str(tmp_path)]).stdout
-    grazing = [line.split() for line in shown.splitlines() if " grazing " in line]
+def test_an_orbit_that_grazes_is_shown_at_no_speed_without_a_sign(tmp_path, capsys) -> None:
+    assert cli.run(["study", "branches", "--out", str(tmp_path)]) == EXIT_PASSED
+    grazing = [line.split() for line in capsys.readouterr().out.splitlines() if " grazing " in line]
     assert [line[3] for line in grazing] == ["0.000000", "0.000000"]
 
 
-def test_a_scene_without_a_stop_has_no_impact_orbits(tmp_path) -> None:
+def test_a_scene_without_a_stop_has_no_impact_orbits(tmp_path, capsys) -> None:
     scene = tmp_path / "free.toml"
     scene.write_text(
         "[striker]\nmass_kg = 0.8\nspring_n_m = 70.0\nrest_length_m = 0.12\n"
         '[drive]\nmodel = "ideal"\namplitude_m = 0.02\nratio = 1.1\n'
     )
-    result = CliRunner().invoke(program(), ["study", "branches", str(scene)])
-    assert result.exit_code != 0
-    assert "impact orbits need a stop" in str(result.exception)
+    assert cli.run(["study", "branches", str(scene)]) == EXIT_BAD_INPUT
+    assert "impact orbits need a stop" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(
@@ -420,11 +420,9 @@ def test_a_scene_without_a_stop_has_no_impact_orbits(tmp_path) -> None:
         (["boundaries", "--over", "ratio,ratio"], "wanted two of"),
     ],
 )
-def test_what_cannot_be_followed_is_refused_with_the_remedy(arguments, says, monkeypatch) -> None:
-    monkeypatch.setenv("COLUMNS", "1000")
-    result = CliRunner().invoke(program(), ["study", *arguments])
-    assert result.exit_code != 0
-    assert says in str(result.exception) + result.output
+def test_what_cannot_be_followed_is_refused_with_the_remedy(arguments, says, capsys) -> None:
+    assert cli.run(["study", *arguments]) == EXIT_BAD_INPUT
+    assert says in " ".join(capsys.readouterr().err.split())
 
 
 def test_the_page_states_what_is_computed() -> None:
