@@ -141,9 +141,9 @@ def sampled_losses(done: Run, dice: np.random.Generator) -> list[dict[str, Any]]
     if len(done.impacts) == 0:
         return []
     hardest = done.impacts[int(np.argmax(done.impacts["peak_force_n"]))]
-    contact = next(one for one in contacts_of(done) if one.impact["t_s"] == hardest["t_s"])
+    end_s = next(end_s for impact, end_s in contacts_of(done) if impact["t_s"] == hardest["t_s"])
     first = max(math.floor((float(hardest["t_s"]) - NEAR_S) / done.tick_s), 1)
-    last = math.ceil((contact.end_s + NEAR_S) / done.tick_s)
+    last = math.ceil((end_s + NEAR_S) / done.tick_s)
     ticks = sorted(dice.choice(np.arange(first, last), size=int(dice.integers(1, LOST + 1)), replace=False))
     kind = str(dice.choice(["dropped", "corrupted", "sensor-stuck"]))
     return [
@@ -168,22 +168,15 @@ TARGETS: dict[str, dict[str, Any]] = {
 }
 
 
-class TrueContact(NamedTuple):
-    """A true contact: its record, and its end."""
-
-    impact: NDArray[np.void]
-    end_s: float
-
-
-def contacts_of(done: Run) -> list[TrueContact]:
-    """Return the contacts that have ended, oldest first."""
+def contacts_of(done: Run) -> list[tuple[NDArray[np.void], float]]:
+    """Return the impacts whose contacts have ended, oldest first, each with the end of its contact, s."""
     pushing = done.true("stop_force_n") > 0.0
     found = []
     for impact in done.impacts:
         tick = math.ceil(float(impact["t_s"]) / done.tick_s)
         free = np.flatnonzero(~pushing[tick:])
         if len(free):
-            found.append(TrueContact(impact, (tick + int(free[0])) * done.tick_s))
+            found.append((impact, (tick + int(free[0])) * done.tick_s))
     return found
 
 
@@ -201,8 +194,7 @@ def judge_limits(trial: Trial, done: Run, outcome: Outcome) -> None:
     tripped_s = latch.t_s if latch is not None and latch.fault in OF_THE_IMPACT else math.inf
     gone_s = latch.t_s if latch is not None and latch.fault not in OF_THE_IMPACT else math.inf
     early = False  # a trip by the kick itself, before its contact
-    for contact in contacts_of(done):
-        impact, end_s = contact.impact, contact.end_s
+    for impact, end_s in contacts_of(done):
         early = early or bool(impact["t_s"] > tripped_s)
         if gone_s <= end_s:
             outcome.leave_out(f"{latch.fault.name.lower()} came first" if latch else "")

@@ -7,7 +7,7 @@ or end, the attractor is then followed in decreasing steps until a step is below
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -130,7 +130,7 @@ class Diagram:
 
 def diagrams(cases: Sequence[Case], where: work.Where, count: int = RATIOS) -> list[Diagram]:
     """Compute the run-up and the run-down of every case, and write each as one file."""
-    tasks = [SweepTask(case, direction, count) for case in cases for direction in ("up", "down")]
+    tasks = [(case, direction, count) for case in cases for direction in ("up", "down")]
     sweeps = [Sweep(**found) for found in work.run("sweep", piece, tasks, where)]
     for (case, direction, _), sweep in zip(tasks, sweeps, strict=True):
         work.write_table(
@@ -141,16 +141,8 @@ def diagrams(cases: Sequence[Case], where: work.Where, count: int = RATIOS) -> l
     return [Diagram(*one) for one in zip(cases, sweeps[::2], sweeps[1::2], strict=True)]
 
 
-class SweepTask(NamedTuple):
-    """A sweep to compute: its case, direction (up or down) and number of ratios."""
-
-    case: Case
-    direction: str
-    ratios: int
-
-
-def piece(task: SweepTask) -> dict[str, Any]:
-    """Compute one sweep: a row for each ratio, and its edges."""
+def piece(task: tuple[Case, str, int]) -> dict[str, Any]:
+    """Compute the sweep of a case, up or down over a number of ratios: a row for each, and its edges."""
     return asdict(run(*task))
 
 

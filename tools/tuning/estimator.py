@@ -155,10 +155,10 @@ def sampled_module(seed: int, number: int) -> tuple[Cell, Sampled]:
 
 def record_log(seed: int, number: int, seconds: float) -> Log:
     """The log of a sampled module."""
-    from tools.tuning.recordings.recorded import record
+    from tools.tuning.recordings.recorded import received, record
 
     cell, sampled = sampled_module(seed, number)
-    return Log(deepcopy(dict(cell.firmware)), record(cell, sampled, seconds)[0])
+    return Log(deepcopy(dict(cell.firmware)), received(record(cell, sampled, seconds)))
 
 
 def course_of(log: Log, parameters: dict[str, float]) -> FloatArray:

@@ -22,7 +22,7 @@ from tools.jobs import results
 from tools.output import BadInputError
 from tools.tuning.identification.identify import identify
 from tools.tuning.recordings.readings import of_ticks
-from tools.tuning.recordings.recorded import record
+from tools.tuning.recordings.recorded import received, record
 
 SECONDS = 60.0
 SEED = 30_000
@@ -82,7 +82,7 @@ def run_trial(seed: int, trial: int, seconds: float) -> Trial:
     cell = known.cell(law, ratio)
     sampled = sample(cell.scene, WIDER, seed, trial)
     nominal = with_overrides(known.nominal)
-    ticks, _ = record(cell, sampled, seconds)
+    ticks = received(record(cell, sampled, seconds))
     try:
         found = identify(
             of_ticks(ticks, nominal["sensor.low_full_scale_m_s2"]), nominal["sensor.bandwidth_hz"]

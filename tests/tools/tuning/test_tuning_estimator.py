@@ -25,7 +25,7 @@ from tools.tuning.estimator import (
     worth,
 )
 from tools.tuning.recordings import replay
-from tools.tuning.recordings.recorded import record
+from tools.tuning.recordings.recorded import received, record
 from tools.tuning.result import Tuning
 
 ALONE = Sampling(workers=1)
@@ -105,8 +105,8 @@ def test_the_likeliest_of_sampled_modules_is_near_the_least_error() -> None:
     logs = []
     for number in range(4):
         cell, sampled = sampled_module(ALONE.seed, number)
-        ticks, truth = record(cell, sampled, 30.0)
-        logs.append((Log(dict(cell.firmware), ticks), truth.x_m))
+        done = record(cell, sampled, 30.0)
+        logs.append((Log(dict(cell.firmware), received(done)), done.true("x_m")))
 
     def error_mm(parameters: dict[str, float]) -> float:
         courses = ((course_of(log, parameters)[:, replay.X], x_m) for log, x_m in logs)
