@@ -206,7 +206,8 @@ def judge_limits(trial: Trial, done: Run, outcome: Outcome) -> None:
         group = "kicked" if overlaps else f"{lost}" if long else f"short_{lost}"
         if force > FORCE_BEYOND or impulse > IMPULSE_BEYOND:
             valid_s = end_s + done.tick_s * sum(one.at_s > end_s - done.tick_s for one in losses)
-            in_time = tripped_s <= valid_s + IN_TICKS * done.tick_s and is_off(done, valid_s)
+            later_n_m = done.firmware["outputs.torque_n_m"][round(valid_s / done.tick_s) + IN_TICKS :]
+            in_time = tripped_s <= valid_s + IN_TICKS * done.tick_s and not np.any(later_n_m)
             count(outcome, "missed", group, not in_time)
             if not in_time and group == "0":
                 outcome.why = f"no trip at {force:.2f} of the force, {impulse:.2f} of the impulse limit"
@@ -231,11 +232,6 @@ def count(outcome: Outcome, part: str, group: str, is_part: bool) -> None:
     for name, more in ((WHOLE_OF[part], 1), (part, int(is_part))):
         key = f"{name}_{group}"
         outcome.counts[key] = outcome.counts.get(key, 0) + more
-
-
-def is_off(done: Run, valid_s: float) -> bool:
-    """Return whether the torque is 0 from `IN_TICKS` after the first valid sample on."""
-    return not np.any(done.firmware["outputs.torque_n_m"][round(valid_s / done.tick_s) + IN_TICKS :])
 
 
 LIMITS = Campaign(

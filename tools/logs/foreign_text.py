@@ -87,7 +87,10 @@ class LineFeed(io.TextIOBase):
 def read_text(path: Path, kind: str, packed: bool, tolerant: bool) -> ForeignLog:
     """Read a log in a text format."""
     text = text_of(path, packed)
-    refuse_many_lines(path, text)
+    if (count := text.count("\n")) > MOST_LINES:  # before its lines take all memory
+        raise BadInputError(
+            f"{path} holds {count:,} lines, more than {MOST_LINES:,}; cut it and import its parts"
+        )
     log = ForeignLog(truncated=truncation(kind, text))
     lines = text.split("\n")
     del text  # takes as much memory as its lines
@@ -167,15 +170,6 @@ def text_of(path: Path, packed: bool) -> str:
     except UnicodeDecodeError:
         text = content.decode("cp1252", errors="replace")
     return text.replace("\r\n", "\n").replace("\r", "\n")
-
-
-def refuse_many_lines(path: Path, text: str) -> None:
-    """Raise `BadInputError` for a text of more than MOST_LINES, before its lines take all memory."""
-    count = text.count("\n")
-    if count > MOST_LINES:
-        raise BadInputError(
-            f"{path} holds {count:,} lines, more than {MOST_LINES:,}; cut it and import its parts"
-        )
 
 
 def refuse_plain_candump(path: Path, kind: str, lines: Sequence[str]) -> None:

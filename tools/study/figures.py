@@ -1,6 +1,6 @@
 """The studies' figures, each as SVG and PNG."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from tools.study.basin import axes as starts_of
 from tools.study.branches.saddle import Portrait
 from tools.study.cases import Case
 from tools.study.portraits import Motion, Pair
-from tools.study.sweep import HIGH_RATIO, LOW_RATIO, Diagram, Interval
+from tools.study.sweep import HIGH_RATIO, LOW_RATIO, Diagram
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,12 +51,6 @@ def save(figure: "Figure", folder: Path, name: str) -> list[str]:
     return [str(svg), str(png)]
 
 
-def shade(axes: "Axes", bands: Iterable[Interval]) -> None:
-    """Mark multistable ratios."""
-    for low, high in bands:
-        axes.axvspan(low, high, color=BAND_COLOUR, alpha=0.45, lw=0, zorder=0)
-
-
 def _title(case: Case) -> str:
     return f"{case.label}, A = {1e3 * case.amplitude_m:g} mm"
 
@@ -69,7 +63,8 @@ def amplitude_frequency(diagrams: Sequence[Diagram], folder: Path, file_name: st
     for column, diagram in enumerate(diagrams):
         case = diagram.case
         for axes in grid[:, column]:
-            shade(axes, diagram.multistable())
+            for low, high in diagram.multistable():
+                axes.axvspan(low, high, color=BAND_COLOUR, alpha=0.45, lw=0, zorder=0)
         for sweep, colour, marker, label in (
             (diagram.up, UP_COLOUR, "^", "run-up"),
             (diagram.down, DOWN_COLOUR, "v", "run-down"),
@@ -107,14 +102,6 @@ def _mark(axes: "Axes", portrait: Portrait) -> list[Any]:
         if len(points):
             lines += axes.plot(1e3 * points[:, 0], points[:, 1], marker, color=colour, **style)
     return lines
-
-
-def _border(
-    axes: "Axes", across_m: NDArray[np.float64], up: NDArray[np.float64], in_impacts: NDArray[np.bool_]
-) -> list[Any]:
-    """Draw the border of the basins, the stable manifold of the unstable orbit; return the legend's line."""
-    axes.contour(1e3 * across_m, up, in_impacts, levels=[0.5], colors=BORDER_COLOUR, linewidths=1.5)
-    return axes.plot([], [], color=BORDER_COLOUR, lw=1.5, label="its stable manifold, the border")
 
 
 def basin(found: Basin, folder: Path, portrait: Portrait | None = None) -> list[str]:
@@ -162,7 +149,10 @@ def basin(found: Basin, folder: Path, portrait: Portrait | None = None) -> list[
     if portrait is not None:
         handles += _mark(axes, portrait)
         if len(portrait.saddles):
-            handles += _border(axes, across_m, up, reaches_stop)
+            style = {"colors": BORDER_COLOUR, "linewidths": 1.5}
+            axes.contour(1e3 * across_m, up, reaches_stop, levels=[0.5], **style)
+            manifold = "its stable manifold, the border"
+            handles += axes.plot([], [], color=BORDER_COLOUR, lw=1.5, label=manifold)
     axes.legend(handles=handles, loc="lower left", fontsize=8)
     return save(figure, folder, found.name)
 

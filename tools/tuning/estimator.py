@@ -102,20 +102,13 @@ class Combination:
 # --- innovations --------------------------------------------------------------------------------------
 
 
-class Said(NamedTuple):
-    """The mean log-likelihood of innovations, and their mean normalised square."""
-
-    likelihood: float
-    nis: float
-
-
-def said(innovation: FloatArray, variance: FloatArray) -> Said:
+def said(innovation: FloatArray, variance: FloatArray) -> tuple[float, float]:
     """The means of ln p = −½ (ln 2πS + ν²/S) and of ν²/S, over innovations ν with the variances S."""
     if len(innovation) == 0:
-        return Said(0.0, float("nan"))
+        return 0.0, float("nan")
     squares = innovation**2 / variance
     likelihood = -0.5 * (np.log(2.0 * np.pi * variance) + np.minimum(squares, HIGHEST_NIS))
-    return Said(float(np.mean(likelihood)), float(np.mean(squares)))
+    return float(np.mean(likelihood)), float(np.mean(squares))
 
 
 def worth(series: FloatArray) -> float:
@@ -194,8 +187,8 @@ def replayed(combinations: Sequence[dict[str, float]], source: Callable[[], Log]
     rows = []
     for parameters in combinations:
         found = innovations(parameters)
-        at_stop = said(*found[2:])
-        rows.append((at_stop.likelihood, said(*found[:2]).nis, at_stop.nis))
+        (_, in_flight), (likelihood, at_stop) = said(*found[:2]), said(*found[2:])
+        rows.append((likelihood, in_flight, at_stop))
     # Second differences of white noise have 6 times its variance; median |x| of a normal is 0.6745 σ.
     bends = np.abs(np.diff(log.ticks.low_m_s2, 2))
     noise_m_s2 = float(np.nanmedian(bends)) / 0.6745 / math.sqrt(6.0)
