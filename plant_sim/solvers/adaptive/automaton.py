@@ -117,7 +117,7 @@ def first_event(parts: Parts, step: Step) -> Found:
     if dry_limit_n(parts) > 0.0:
         s = root(step.dense[VELOCITY], -flow.direction, 0.0, step.mode.zero_velocity, step.scratch)
         found = earlier(found, Event.HALT, s)
-    return stop_events(parts.stop, parts, step, found)
+    return stop_events(parts, step, found)
 
 
 @subroutine

@@ -6,16 +6,16 @@ An impact at a rigid stop takes no time; one at a soft stop is a contact. The la
 
 import math
 
-from plant_sim.kernels import by_part, one_of, subroutine
+from plant_sim.kernels import one_of, subroutine
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import (
-    HuntCrossley,
     KelvinVoigt,
-    RigidStop,
     Stop,
     contact_rate_rad_s,
     damping_s_m,
     elastic_energy_j,
+    has_no_stop,
+    is_soft,
     restitution,
 )
 from plant_sim.parts.wearer import contact_mass_kg
@@ -44,53 +44,39 @@ def in_touch(phase: int, depth_m: float) -> bool:
     return phase == Phase.CONTACT or (phase == Phase.STICK and depth_m > 0.0)
 
 
-@by_part
-def stop_events(stop: Stop, parts: Parts, step: Step, found: Found) -> Found:
-    """The earlier of `found` and the stop's own event."""
-    return found
+@subroutine
+def stop_events(parts: Parts, step: Step, found: Found) -> Found:
+    """The earlier of `found` and the stop's own event.
 
-
-@stop_events.register(RigidStop)
-def _rigid_stop_events(stop: RigidStop, parts: Parts, step: Step, found: Found) -> Found:
-    if step.flow.phase != Phase.FLIGHT:
-        return found
-    return earlier(found, Event.TOUCH, root(step.dense[DEPTH], 1.0, 0.0, step.mode.zero_depth, step.scratch))
-
-
-@stop_events.register(HuntCrossley)
-def _hunt_crossley_stop_events(stop: HuntCrossley, parts: Parts, step: Step, found: Found) -> Found:
-    depth, zeros = step.dense[DEPTH], step.mode.zero_depth
-    if step.flow.phase == Phase.FLIGHT:
-        return earlier(found, Event.TOUCH, root(depth, 1.0, 0.0, zeros, step.scratch))
-    if step.flow.phase == Phase.CONTACT:
-        return earlier(found, Event.LEAVE, root(depth, -1.0, 0.0, zeros, step.scratch))
-    return found
-
-
-@stop_events.register(KelvinVoigt)
-def _kelvin_voigt_stop_events(stop: KelvinVoigt, parts: Parts, step: Step, found: Found) -> Found:
-    slope_s = stop.damping_n_s_m / stop.stiffness_n_per_m
+    A soft stop's force ends where δ + (D/K) δ' reaches 0: with a linear damper before its surface, otherwise
+    there. A striker that was released before the surface clears it, or presses the stop again.
+    """
     phase, zeros, scratch = step.flow.phase, step.mode.zero_depth, step.scratch
+    if has_no_stop(parts.stop) or phase not in (Phase.FLIGHT, Phase.CONTACT):
+        return found
     depth = step.dense[DEPTH]
-    press = scratch.press[: depth.size]
-    beyond = phase == Phase.FLIGHT and depth[0] > 0.0
+    beyond = phase == Phase.FLIGHT and is_soft(parts.stop) and depth[0] > 0.0
     if phase == Phase.FLIGHT and not beyond:
         return earlier(found, Event.TOUCH, root(depth, 1.0, 0.0, zeros, scratch))
-    if phase not in (Phase.FLIGHT, Phase.CONTACT):
-        return found
-    if beyond:
-        found = earlier(found, Event.CLEAR, root(depth, -1.0, 0.0, 0, scratch))
+    press, release_s = scratch.press[: depth.size], _release_s(parts.stop)
     for i in range(depth.size):
-        press[i] = depth[i] + slope_s * closing_m_s(parts, step.dense[:, i])  # F/K
-    if beyond:
-        return earlier(found, Event.PRESS, root(press, 1.0, 0.0, zeros, scratch))
-    return earlier(found, Event.LEAVE, root(press, -1.0, 0.0, zeros, scratch))
+        press[i] = depth[i] + release_s * closing_m_s(parts, step.dense[:, i])  # F/K
+    if not beyond:
+        return earlier(found, Event.LEAVE, root(press, -1.0, 0.0, zeros, scratch))
+    found = earlier(found, Event.CLEAR, root(depth, -1.0, 0.0, 0, scratch))
+    return earlier(found, Event.PRESS, root(press, 1.0, 0.0, zeros, scratch))
+
+
+@subroutine
+def _release_s(stop: Stop) -> float:
+    """D/K, s, of a stop with a linear damper; 0 for all others."""
+    return stop.damping_n_s_m / stop.stiffness_n_per_m if _is_kelvin_voigt(stop) else 0.0
 
 
 @subroutine
 def leaving_zeros(stop: Stop) -> int:
     """Number of leading zero derivatives, at the begin of a contact, of the quantity whose root ends it."""
-    return 0 if _is_kelvin_voigt(stop) and stop.damping_n_s_m > 0.0 else 1
+    return 0 if _release_s(stop) > 0.0 else 1
 
 
 @subroutine
