@@ -136,7 +136,7 @@ def table_of(columns: Iterable[str | Column], rows: Iterable[Iterable[str]] = ()
             return one
         is_number = one.startswith(">")
         text = escape(one.removeprefix(">"))
-        return Column(text, justify="right", no_wrap=True) if is_number else Column(text)
+        return Column(text, justify="right", no_wrap=True) if is_number else Column(text, overflow="fold")
 
     headers = map(header, columns)
     table = Table(*headers, title_justify="left", box=None, pad_edge=False, **options)

@@ -36,6 +36,15 @@ UNARY: Final[Mapping[type[ast.unaryop], Callable[[Any], Any]]] = {
     ast.UAdd: operator.pos,
     ast.USub: operator.neg,
 }
+
+
+def compared(compare: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """A comparison that gives 1 or 0, and NaN where one side is NaN: what is not known meets no limit."""
+    return lambda first, second: np.where(np.isnan(first) | np.isnan(second), np.nan, compare(first, second))[
+        ()
+    ]
+
+
 BINARY: Final[Mapping[type[ast.operator | ast.cmpop], Callable[[Any, Any], Any]]] = {
     ast.Add: np.add,
     ast.Sub: np.subtract,
@@ -44,10 +53,10 @@ BINARY: Final[Mapping[type[ast.operator | ast.cmpop], Callable[[Any, Any], Any]]
     ast.FloorDiv: np.floor_divide,
     ast.Mod: np.mod,
     ast.Pow: np.power,
-    ast.Lt: np.less,
-    ast.LtE: np.less_equal,
-    ast.Gt: np.greater,
-    ast.GtE: np.greater_equal,
+    ast.Lt: compared(np.less),
+    ast.LtE: compared(np.less_equal),
+    ast.Gt: compared(np.greater),
+    ast.GtE: compared(np.greater_equal),
 }
 FORMS: Final = (
     "numbers, pi, signals, + - * / // % **, < <= > >=, and calls of functions of one signal or number"

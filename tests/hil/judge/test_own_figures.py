@@ -150,6 +150,18 @@ def test_a_check_is_of_the_run_s_figures_or_of_one_s_own(given, said):
         Check(**given, high=1.0)
 
 
+@pytest.mark.parametrize(
+    "compared", ["x > 3", "x >= 3", "3 < x", "3 <= x", "0 * x < -1", "(x > 3) - (x < 0)"]
+)
+def test_a_comparison_with_what_is_not_known_is_neither_true_nor_false(compared):
+    """A limit that a signal never exceeds must not pass where the signal has no value."""
+    records = plant([0.0, 1.0, 2.0], x_m=[1.0, math.nan, 2.0])
+    expression = f"max({compared.replace('x', 'plant.x_m')})"
+    with pytest.raises(ExpressionError, match="gives nan"):
+        own_figure(expression, WHOLE, records, firmware([0.0], 0.0))
+    assert own_figure(expression, Window(2.0, 3.0), records, firmware([0.0], 0.0)) == 0.0
+
+
 def test_own_figures_are_checked_like_others_and_never_pass_when_missing():
     t_s = np.arange(10) * 1e-3
     traces = RunTraces(plant(t_s, x_m=t_s), firmware(t_s, 0.0))
