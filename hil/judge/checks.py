@@ -39,18 +39,28 @@ class Check(BaseModel):
     '= impact'
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, strict=True, use_attribute_docstrings=True
+    )
 
     name: str
+    """the figure's dotted name, see docs/reference/figures.md, or a new one for an expression"""
     low: float | None = None
+    """the lowest permitted value"""
     high: float | None = None
+    """the highest permitted value"""
     equals: Value | None = None
+    """the only permitted value: a text, a number, true or false"""
     unit: str | None = None
+    """the figure's unit as a text"""
     requirement: str | None = None
-    """Id of the requirement that the check proves; see docs/requirements.md."""
+    """the id of the requirement that the check proves, see docs/requirements.md"""
     expression: str | None = None
+    """a number made of signals, such as max(plant.omega_rad_s)"""
     from_s: float = 0.0
+    """the beginning of the expression's window in s"""
     to_s: float = LONGEST_S
+    """the end of the expression's window in s"""
 
     @model_validator(mode="after")
     def _an_expression_can_be_worked_out(self) -> Self:

@@ -1,11 +1,16 @@
 """Scenario files: what is taken, what is refused, and how it is said."""
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, get_args
 
 import pytest
+from pydantic import BaseModel
 
 from firmware_py.shell.parameters import ParameterError
+from hil.judge.checks import Check
+from hil.judge.requirements import Requirement
 from hil.scenario.files import ScenarioError, read_scenario
 from hil.scenario.operator import Command, Request
 from hil.scenario.scenario import check_scenario, load_scenario
@@ -24,6 +29,37 @@ def written(tmp_path: Path, text: str) -> Path:
     path = tmp_path / "nothing-moves.toml"
     path.write_text(text)
     return path
+
+
+def kinds_of(base: type[BaseModel]) -> Iterator[type[BaseModel]]:
+    for kind in base.__subclasses__():
+        yield kind
+        yield from kinds_of(kind)
+
+
+def test_every_key_that_a_user_writes_has_a_meaning_for_its_messages() -> None:
+    """Without one a message about a number would ask for a table."""
+    read = [kind for kind in kinds_of(BaseModel) if kind.__module__.startswith(("hil.", "plant_sim."))]
+    read.remove(Requirement)  # which no user writes
+    without = [
+        f"{kind.__name__}.{name}"
+        for kind in read
+        for name, field in kind.model_fields.items()
+        if not (field.description or is_table(field.annotation) or names_its_table(name))
+    ]
+    assert Check in read
+    assert without == []
+
+
+def is_table(annotation: Any) -> bool:
+    """Whether a key's value is a table, or holds some."""
+    is_model = isinstance(annotation, type) and issubclass(annotation, BaseModel)
+    return is_model or any(map(is_table, get_args(annotation)))
+
+
+def names_its_table(name: str) -> bool:
+    """Whether a key chooses the table itself, by its law, model or kind."""
+    return name in ("law", "model", "kind")
 
 
 def test_default_scenario_is_the_soft_start() -> None:
@@ -61,6 +97,11 @@ RUN_COMMAND = '[[script.commands]]\nat_s = 1.0\nrequest = "run"\n'
         ("[scirpt]\n", [], r"scirpt = .* is not a known key; did you mean script\?"),
         ("", ["script.duration_s=-1"], r"script.duration_s = -1.* is not a number greater than 0"),
         ("", ["script.duration_s=nan"], r"script.duration_s = nan is not a finite number"),
+        (
+            '[[checks]]\nname = "fault"\nlow = nan\n',
+            [],
+            r"checks.0.low = nan is .*; give the lowest permitted value",
+        ),
         ("", ["script.durations=1"], r"script.durations = 1 is not a known key; did you mean duration_s\?"),
         (RUN_COMMAND, [], r"the command at 1.0 s asks for 'run' with no target_ratio; .* e.g. 1.3"),
         (RUN_COMMAND + "target_ratio = 9.0\n", [], r"target_ratio = 9.0 is not a number of at most 4"),
