@@ -1,35 +1,33 @@
 """The scenes on which methods are compared, each with one difficulty; a method's answer, and its errors."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hil.scenario.settings import apply_settings
 from plant_sim.arrays import FloatArray
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.parts import Parts
-from plant_sim.scene import Scene, load_scene, read_scene
+from plant_sim.scene import Scene, load_scene, read_scene, with_values
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Case:
     """A scene, the duration of its run, and its constant torque."""
 
     name: str
     base: str
-    settings: tuple[str, ...]
+    changes: Mapping[str, Any]
     until_s: float
     torque_n_m: float = 0.0
 
     @cached_property
     def scene(self) -> Scene:
         """The checked scene."""
-        settings = [f"scene.{setting}" for setting in self.settings]
-        return load_scene(apply_settings({"scene": read_scene(self.base)}, settings)["scene"])
+        return load_scene(with_values(read_scene(self.base), self.changes))
 
     @cached_property
     def parts(self) -> Parts:
@@ -45,14 +43,14 @@ class Case:
 
 
 CASES = (
-    Case("periodic", "table1-viscous", ("drive.ratio=1.0",), 50.0),
-    Case("sensitive", "table1-coulomb", ("drive.ratio=0.9",), 20.0),
+    Case("periodic", "table1-viscous", {"drive.ratio": 1.0}, 50.0),
+    Case("sensitive", "table1-coulomb", {"drive.ratio": 0.9}, 20.0),
     # The stop is at the spring's rest length: once a period chatter, rest on the stop, and release.
-    Case("chattering", "table1-viscous", ("stop.position_m=0.12", "drive.ratio=0.3"), 50.0),
-    Case("sticking", "table1-coulomb", ("drive.amplitude_m=0.024",), 50.0),
-    Case("Stribeck", "table1-stribeck", (), 50.0),
+    Case("chattering", "table1-viscous", {"stop.position_m": 0.12, "drive.ratio": 0.3}, 50.0),
+    Case("sticking", "table1-coulomb", {"drive.amplitude_m": 0.024}, 50.0),
+    Case("Stribeck", "table1-stribeck", {}, 50.0),
     # Without the motor's dry loss, which no peer models, and with a stop smooth enough for Taylor series.
-    Case("motor", "gait-motor-soft", ("motor.dry_n_m=0.0", "stop.law=kelvin-voigt"), 3.0, 0.05),
+    Case("motor", "gait-motor-soft", {"motor.dry_n_m": 0.0, "stop.law": "kelvin-voigt"}, 3.0, 0.05),
 )
 
 

@@ -15,7 +15,7 @@ from tools.trade.peers import heyoka_peer, scipy_peer
 from tools.trade.peers.automaton import has_peers, run
 from tools.trade.pictures import draw
 
-SHORT = {case.name: Case(case.name, case.base, case.settings, 2.5, case.torque_n_m) for case in CASES}
+SHORT = {case.name: Case(case.name, case.base, case.changes, 2.5, case.torque_n_m) for case in CASES}
 
 
 def test_there_is_a_case_for_each_difficulty() -> None:
@@ -30,7 +30,7 @@ def test_peers_and_own_solvers_agree(name: str) -> None:
     case = SHORT[name]
     method, setting, tolerances = scipy_peer.SETTINGS[-1]
     assert (method, setting) == ("scipy DOP853", "1e-10")
-    errors = errors_of(case, run(case, scipy_peer.ScipyFlow(case, "DOP853", tolerances)), own.truth(case))
+    errors = errors_of(case, run(case, scipy_peer.scipy_flow(case, "DOP853", tolerances)), own.truth(case))
     assert errors.impacts == errors.impacts_wanted
     assert errors.error < 1e-8
 

@@ -8,7 +8,7 @@ instant.
 import math
 from collections.abc import Callable
 from enum import Enum
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -50,13 +50,9 @@ class Piece(NamedTuple):
     event: Event
 
 
-class Flow(Protocol):
-    """An integrator that advances a state to the first event, with the striker sliding in `direction`."""
-
-    def __call__(
-        self, t_s: float, state: list[float], until_s: float, direction: float, in_contact: bool
-    ) -> Piece:
-        """Integrate one smooth piece of motion."""
+Flow = Callable[[float, list[float], float, float, bool], Piece]
+"""An integrator: from a time and state to the first event, at most until a time; the direction in which the
+striker slides, and whether it is in contact."""
 
 
 def static_limit_n(parts: Parts) -> float:
