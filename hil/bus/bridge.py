@@ -49,7 +49,7 @@ class Passed:
 
 
 class Direction(can.Listener):
-    """Passes messages from one bus to another; a failure of the first bus sets `ending`."""
+    """Passes messages from one bus to another; a failure of either bus sets `ending`."""
 
     def __init__(self, source: can.BusABC, target: can.BusABC, ending: threading.Event) -> None:
         self.counts = Passed()
@@ -71,10 +71,15 @@ class Direction(can.Listener):
             self.counts.forwarded += 1
         except can.CanError:
             self.counts.unsent += 1
+        except Exception as error:  # each interface raises what its driver's library raises
+            self._fail(self._target, error)
 
     def on_error(self, exc: Exception) -> None:
         """Keep the failure of the source."""
-        self.failure = f"{self._source.channel_info}: {exc}"
+        self._fail(self._source, exc)
+
+    def _fail(self, bus: can.BusABC, error: Exception) -> None:
+        self.failure = f"{bus.channel_info}: {error}"
         self._ending.set()
 
 

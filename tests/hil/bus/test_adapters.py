@@ -21,11 +21,12 @@ from firmware_py.interface.generated.records import Accelerometer, SetInputTorqu
 from hil.bus import Bus, ProvidedBus, join, open_bus, provide, shared
 from hil.record.run_traces import read_bus
 from hil.show.recorder import Recorder
+from hil.timing.processes import READY_TIMEOUT_S
 from tools import cli
 from tools.output import EXIT_BAD_INPUT
 
 TIMEOUT_S = 5.0
-KINDS = [name for name in INTERFACES if name != "made-unplugged"]
+KINDS = [name for name in INTERFACES if name not in ("made-unplugged", "made-cut")]
 
 
 @pytest.fixture
@@ -65,6 +66,16 @@ def test_an_adapter_that_fails_is_named(wire: ProvidedBus, capfd: pytest.Capture
         sender.send_all([Frame(number, b"") for number in range(20)])
         assert [frame.can_id for frame in frames_within(node, 9, TIMEOUT_S)] == list(range(9))
     assert "the device is gone" in capfd.readouterr().err
+
+
+def test_an_adapter_that_fails_to_send_is_named(wire: ProvidedBus, capfd: pytest.CaptureFixture[str]) -> None:
+    """Not the hub, from which the message came."""
+    with shared(provide(address("made-cut", wire))) as provided, closing(join(provided.address)) as node:
+        node.send(Frame(1, b""))
+        assert provided.bridge is not None
+        assert provided.bridge.wait(READY_TIMEOUT_S)
+        assert not provided.bridge.succeeded
+    assert f"{wire.address}: the device does not answer" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("kind", ["made-late", "made-device-time"])

@@ -137,6 +137,13 @@ class Unplugged(WithoutDescriptor):
         return message, filtered
 
 
+class Cut(WithoutDescriptor):
+    """Fails at each message that it is to send, with an error of its driver's library."""
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        raise OSError("the device does not answer")
+
+
 INTERFACES = {
     "made-descriptor": LocalBus,
     "made-no-descriptor": WithoutDescriptor,
@@ -146,6 +153,7 @@ INTERFACES = {
     "made-late": Late,
     "made-error-frames": ErrorFrames,
     "made-unplugged": Unplugged,
+    "made-cut": Cut,
 }
 
 
