@@ -63,7 +63,7 @@ def emulator(name: BoardName, image: Path) -> list[str]:
 
 
 def image(name: BoardName) -> Path:
-    """The path of the linked image; building it after a change of the firmware takes a minute."""
+    """The path of the linked image; building it after a change of the firmware takes half a minute."""
     refuse_without_tools()
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(SOURCES.iterdir()))).hexdigest()[
         :16

@@ -133,7 +133,7 @@ def kept(name: str, make: Callable[[], bytes]) -> Path:
 
 
 def raw_assembly() -> str:
-    """The firmware's LLVM assembly as `raw_ir` writes it; the first time it takes half a minute."""
+    """The firmware's LLVM assembly as `raw_ir` writes it; the first time it takes some 15 s."""
     return kept("raw.ll", _raw_assembly).read_text()
 
 

@@ -52,7 +52,7 @@ def build(
     """Make an object file of the firmware, its headers and its A2L file, without a C compiler.
 
     The object follows a gait only if firmware.gait.follow is set. The command prints the bytes of the code,
-    and of config and state by block. The first call after a change of the firmware takes a minute. For a
+    and of config and state by block. The first call after a change of the firmware takes half a minute. For a
     board, the config requires the test of the drive's watchdog before a start, unless
     firmware.watchdog.proof_required is set.
     """

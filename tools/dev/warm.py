@@ -40,7 +40,7 @@ def warm_studies() -> None:
 
 def main() -> None:
     """Compile the kernels, and print the reason for the waiting time first."""
-    print(f"setup: compiling plant and firmware into {root()}; about a minute, once", flush=True)
+    print(f"setup: compiling plant and firmware into {root()}; about half a minute, once", flush=True)
     started_s = time.perf_counter()
     collect_rarely()
     for package in PACKAGES:  # where PYTHONDONTWRITEBYTECODE is set, each start would compile them again

@@ -87,7 +87,7 @@ def main() -> None:
 
 
 def object_code(arguments: tuple[str, ...], names: Iterable[str]) -> bytes:
-    """The object file of the functions `names` of a model; the first time it takes a minute."""
+    """The object file of the functions `names` of a model; the first time it takes half a minute."""
 
     def make() -> bytes:
         with tempfile.TemporaryDirectory() as folder:
