@@ -105,7 +105,7 @@ def rebuilt(run_dir: Path) -> Path:
 
 
 def cause(note: Callable[[], Mapping[str, Any]]) -> str:
-    """Why a run cannot be read, as far as `note`, which reads its run.json, tells the build that made it."""
+    """Why a run cannot be read, as far as `note`, which reads its run.json, names the build that made it."""
     try:
         made_by = build_of(note())
     except (OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError):
