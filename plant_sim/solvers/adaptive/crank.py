@@ -7,14 +7,14 @@ independent of the striker's.
 
 import math
 
-from plant_sim.kernels import by_part, subroutine
-from plant_sim.parts.drive import Drive, MotorDrive, is_motor, motor_torque_n_m
+from plant_sim.kernels import subroutine
+from plant_sim.parts.drive import Drive, is_motor, motor_torque_n_m
 from plant_sim.parts.friction import ROUNDING, set_off
 from plant_sim.parts.linkage import crank_torque_n_m, piston_m
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
 from plant_sim.parts.striker import spring_force_n
-from plant_sim.parts.winding import DqWinding, Winding
+from plant_sim.parts.winding import is_wound
 from plant_sim.solvers.adaptive.event_location import (
     Course,
     Event,
@@ -194,33 +194,30 @@ def crank_events(parts: Parts, step: Step, found: Found) -> Found:
     if not flow.crank_stuck:
         s = root(step.dense[SPEED], -flow.crank_direction, 0.0, step.mode.zero_crank, step.scratch)
         return earlier(found, Event.CRANK_HALT, s)
-    return earlier(found, Event.CRANK_BREAK, _break_event(parts.winding, drive, parts, step))
+    return earlier(found, Event.CRANK_BREAK, _break_event(parts, drive.dry_n_m, step))
 
 
-@by_part
-def _break_event(winding: Winding, drive: MotorDrive, parts: Parts, step: Step) -> float:
+@subroutine
+def _break_event(parts: Parts, dry_n_m: float, step: Step) -> float:
     """First s at which the torque on a crank at rest exceeds `crank_limit_n_m`; at the limit the loss holds.
 
-    At rest the net torque is linear in the striker's position: net(0) + slope (place − place(0)).
+    With an ideal current the net torque at rest is linear in the striker's position: net(0) + slope (place −
+    place(0)).
     """
-    flow, y, scratch = step.flow, step.y, step.scratch
+    flow, angle_rad, scratch = step.flow, step.y[ANGLE], step.scratch
+    limit = crank_limit_n_m(parts, dry_n_m, flow.torque_n_m, angle_rad, step.y)
+    if is_wound(parts.winding):
+        values, net = scratch.poly, scratch.press[: DEGREE + 1]
+        for i in range(DEGREE + 1):
+            look_within(step.dense, NODES[i], scratch)
+            values[i] = crank_net_n_m(parts, flow.torque_n_m, angle_rad, scratch.inner)
+        interpolate(values, net)
+        return first_beyond(net, 1.0, 0.0, limit, scratch)
     place = scratch.press[: step.dense.shape[1]]
     place_within(parts, step.dense, place)
-    slope = crank_load_n_m(parts, y[ANGLE], 0.0) - crank_load_n_m(parts, y[ANGLE], 1.0)
-    net = motor_torque_n_m(drive, flow.torque_n_m, 0.0) - crank_load_n_m(parts, y[ANGLE], 0.0)
-    limit = crank_limit_n_m(parts, drive.dry_n_m, flow.torque_n_m, y[ANGLE], y)
-    return first_beyond(place, slope, net, limit, scratch)
-
-
-@_break_event.register(DqWinding)
-def _dq_winding_break_event(winding: DqWinding, drive: MotorDrive, parts: Parts, step: Step) -> float:
-    flow, y, values, net = step.flow, step.y, step.scratch.poly, step.scratch.press[: DEGREE + 1]
-    for i in range(DEGREE + 1):
-        look_within(step.dense, NODES[i], step.scratch)
-        values[i] = crank_net_n_m(parts, flow.torque_n_m, y[ANGLE], step.scratch.inner)
-    interpolate(values, net)
-    limit = crank_limit_n_m(parts, drive.dry_n_m, flow.torque_n_m, y[ANGLE], y)
-    return first_beyond(net, 1.0, 0.0, limit, step.scratch)
+    slope = crank_load_n_m(parts, angle_rad, 0.0) - crank_load_n_m(parts, angle_rad, 1.0)
+    at_stop = motor_torque_n_m(parts.drive, flow.torque_n_m, 0.0) - crank_load_n_m(parts, angle_rad, 0.0)
+    return first_beyond(place, slope, at_stop, limit, scratch)
 
 
 @subroutine
