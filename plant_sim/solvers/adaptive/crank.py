@@ -209,7 +209,7 @@ def _break_event(parts: Parts, dry_n_m: float, step: Step) -> float:
     if is_wound(parts.winding):
         values, net = scratch.poly, scratch.press[: DEGREE + 1]
         for i in range(DEGREE + 1):
-            look_within(step.dense, NODES[i], scratch)
+            look_within(step.dense, NODES[i], scratch.inner)
             values[i] = crank_net_n_m(parts, flow.torque_n_m, angle_rad, scratch.inner)
         interpolate(values, net)
         return first_beyond(net, 1.0, 0.0, limit, scratch)

@@ -58,10 +58,10 @@ def earlier(found: Found, event: Event, s: float) -> Found:
 
 
 @subroutine
-def look_within(dense: Vector, s: float, scratch: Scratch) -> None:
-    """The motion within a step, into `scratch.inner`."""
+def look_within(dense: Vector, s: float, out: Vector) -> None:
+    """The motion within a step, into `out`."""
     for i in range(dense.shape[0]):
-        scratch.inner[i] = at(dense[i], s)
+        out[i] = at(dense[i], s)
 
 
 class Course(NamedTuple):

@@ -11,6 +11,7 @@ from plant_sim.parts.wearer import is_worn
 from plant_sim.parts.winding import DqWinding
 from plant_sim.result import ElectricalLedger, EnergyLedger, MotionState, Observation, Phase
 from plant_sim.solvers.adaptive.crank import crank_in_stage, crank_now
+from plant_sim.solvers.adaptive.event_location import look_within
 from plant_sim.solvers.adaptive.motion import derivative, flow_now, stored_energy_j
 from plant_sim.solvers.adaptive.state_layout import (
     DEPTH,
@@ -124,8 +125,7 @@ def sample_step(
     mode, y = memory.mode[0], memory.trial
     while mode.samples < grid.t_s.size and grid.t_s[mode.samples] < flow.time_s + used_s:
         tau_s = grid.t_s[mode.samples] - flow.time_s
-        for i in range(dense.shape[0]):
-            y[i] = at(dense[i], tau_s / h_s)
+        look_within(dense, tau_s / h_s, y)
         note(parts, flow, tau_s, y, memory.k[1], grid.rows[mode.samples])
         mode.samples += 1
 

@@ -197,7 +197,7 @@ def voltage_events(parts: Parts, step: Step, found: Found) -> Found:
     flow, dense, scratch = step.flow, step.dense, step.scratch
     values, excess = scratch.poly, scratch.press[: DEGREE + 1]
     for i in range(DEGREE + 1):
-        look_within(dense, NODES[i], scratch)
+        look_within(dense, NODES[i], scratch.inner)
         omega = scratch.inner[SPEED]
         values[i] = voltage_excess(winding, drive, flow.torque_n_m, omega, scratch.inner, place)
     interpolate(values, excess)

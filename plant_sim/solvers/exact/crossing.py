@@ -143,22 +143,15 @@ def first_crossing(o: Oscillator, here: Point, there: Point, direction: float, s
     eighth, ninth = high_derivative_bounds(o, here, span)
     first, at_stop = NO_ROOT, False
     if o.has_stop:
-        first = _first_root(
-            overlap(here), _at_end(overlap(there), there.overlap_m), span, share * eighth, scratch
-        )
+        end = overlap(there)._replace(value=there.overlap_m)  # beyond the stop, where it may be by then
+        first = _first_root(overlap(here), end, span, share * eighth, scratch)
         at_stop = first <= 1.0
     if o.is_dry:
-        end = _at_end(backing(there, direction), -direction * there.v_m_s)
+        end = backing(there, direction)._replace(value=-direction * there.v_m_s)
         turn = _first_root(backing(here, direction), end, span, share * ninth, scratch)
         if turn < first:
             first, at_stop = turn, False
     return Crossing(first, at_stop)
-
-
-@subroutine(inline=True)
-def _at_end(guard: Guard, value: float) -> Guard:
-    """The guard at the end of a span, where it may be beyond zero."""
-    return Guard(value, guard.slope, guard.bend, guard.third, guard.fourth)
 
 
 @subroutine(inline=True)
@@ -191,9 +184,9 @@ def event_near(
     """Whether a guard, clear up to a point, surely has a root near it; and the point of the event."""
     p = near
     for _ in range(MOST_TRIES):
-        guard = Guard(p.overlap_m, p.v_m_s, p.a_m_s2, p.jerk_m_s3, p.snap_m_s4)
+        guard = overlap(p)._replace(value=p.overlap_m)
         if not at_stop:
-            guard = _at_end(backing(p, direction), -direction * p.v_m_s)
+            guard = backing(p, direction)._replace(value=-direction * p.v_m_s)
         if not guard.slope > 0.0:
             break
         rest = -guard.value / guard.slope

@@ -179,20 +179,13 @@ def launch(
     offset = -direction * o.dry_offset_m
     if o.resonant:
         force = o.stiffness_1_s2 * A
-        return Flight(
-            y_m - offset, v_m_s, offset, force * cos_crank, force * sin_crank, A * cos_crank, A * sin_crank
-        )
-    forced_sin = o.steady_sin_m * cos_crank - o.steady_cos_m * sin_crank
-    forced_cos = o.steady_sin_m * sin_crank + o.steady_cos_m * cos_crank
-    return Flight(
-        (y_m - offset) - forced_cos,
-        v_m_s - o.drive_rad_s * forced_sin,
-        offset,
-        forced_sin,
-        forced_cos,
-        A * cos_crank,
-        A * sin_crank,
-    )
+        forced_sin, forced_cos = force * cos_crank, force * sin_crank
+        free_m, free_m_s = y_m - offset, v_m_s
+    else:
+        forced_sin = o.steady_sin_m * cos_crank - o.steady_cos_m * sin_crank
+        forced_cos = o.steady_sin_m * sin_crank + o.steady_cos_m * cos_crank
+        free_m, free_m_s = (y_m - offset) - forced_cos, v_m_s - o.drive_rad_s * forced_sin
+    return Flight(free_m, free_m_s, offset, forced_sin, forced_cos, A * cos_crank, A * sin_crank)
 
 
 @subroutine
