@@ -33,7 +33,7 @@ from typing import Any, NamedTuple
 
 import llvmlite
 import numba
-from numba.core import caching, serialize
+from numba.core import caching, runtime, serialize
 
 PACKAGES = ("plant_sim", "firmware_py", "hil", "tools")
 """Packages whose modules are part of a key; the versions of numba and llvmlite stand for all others."""
@@ -282,6 +282,7 @@ class _Locator:
 
 _numba_caching: Any = caching  # numba's own types are incomplete
 _numba_serialize: Any = serialize
+_numba_runtime: Any = runtime
 
 
 class _Format(_numba_caching.CompileResultCacheImpl):  # type: ignore[misc]  # a base without types
@@ -313,9 +314,15 @@ class KernelCache(_numba_caching.FunctionCache):  # type: ignore[misc]  # a base
     _impl_class = _Format
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
-        """The compiled code for a signature; None if there is none yet, or if its file is damaged."""
+        """The compiled code for a signature; None if there is none yet, or if its file is damaged.
+
+        numba's own method first imports all that a compilation needs, which takes half a second. A
+        compilation does so itself; loaded code needs numba's memory management alone.
+        """
+        _numba_runtime.rtsys.initialize(target_context)
         try:
-            return super().load_overload(signature, target_context)
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(signature, target_context)
         except Exception as error:  # unpickling damaged bytes may raise anything
             print(
                 f"kernel cache: a file of {self._name} in {self.cache_path} is damaged "

@@ -140,17 +140,22 @@ def series_order(probe: Sensing) -> int:
 
 @subroutine
 def sense_jump(probe: Sensing, jump_m_s: float) -> None:
-    """Start a half-sine for a loss of velocity by `jump_m_s` at a rigid stop."""
+    """Start a half-sine for a loss of velocity by `jump_m_s` at a rigid stop, or add it to the last one.
+
+    numpy's argmin would load numba's linear algebra, and scipy's with it, into every process with a plant.
+    """
     if not is_sensing(probe):
         return
-    pulses = probe.pulses
+    pulses, last = probe.pulses, 0
     for i in range(PULSES if jump_m_s != 0.0 else 0):
         if pulses[i, JUMP] == 0.0:
             pulses[i, AGE] = 0.0
             pulses[i, JUMP] = jump_m_s
             probe.active[0] += 1
             return
-    pulses[np.argmin(pulses[:, AGE]), JUMP] += jump_m_s
+        if pulses[i, AGE] < pulses[last, AGE]:
+            last = i
+    pulses[last, JUMP] += jump_m_s
 
 
 @subroutine(inline=True)

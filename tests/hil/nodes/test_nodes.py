@@ -157,9 +157,10 @@ def test_a_firmware_alone_says_why_it_refuses_its_parameters():
     assert "is out of bounds" in done.stderr or "it is damaged or was edited by hand" in done.stderr
 
 
-def test_a_nodes_process_loads_no_reader_of_databases_and_no_tables():
+def test_a_nodes_process_loads_no_reader_of_databases_no_tables_and_no_linear_algebra():
     """They take longer to load than everything else, in each process of each run."""
-    heavy = ("cantools", "can", "pandas", "pyarrow", "rerun")
-    look = f"import sys, hil.nodes.main; print([name for name in {heavy} if name in sys.modules])"
+    heavy = ("cantools", "can", "pandas", "pyarrow", "rerun", "scipy.linalg", "numba.np.linalg")
+    load = "from hil.nodes import main; main.warm_plant(main.load_scenario('soft-start-multistable').scene)"
+    look = f"import sys; {load}; print([name for name in {heavy} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", look], check=True, capture_output=True, text=True)
     assert done.stdout == "[]\n"
