@@ -145,31 +145,31 @@ def test_every_command_is_in_the_readme():
     assert named | {"plant"} == set(commands)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_every_setting_that_is_shown_can_be_made(page):
-    for name, *words in shown_on(page):
-        settings = [words[place + 1] for place, word in enumerate(words[:-1]) if word == "--set"]
-        given = [setting for setting in settings if "NAME" not in setting]
-        if name == "run" and given and not words[0].endswith(".toml"):
-            load_scenario(words[0], given)
+def test_every_setting_that_is_shown_can_be_made():
+    for page in PAGES:
+        for name, *words in shown_on(page):
+            settings = [words[place + 1] for place, word in enumerate(words[:-1]) if word == "--set"]
+            given = [setting for setting in settings if "NAME" not in setting]
+            if name == "run" and given and not words[0].endswith(".toml"):
+                load_scenario(words[0], given)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_every_parameter_that_is_named_is_one(page):
-    known = {one.name for one in TABLE} | set(CATALOGUE)
-    text = page.read_text("utf-8")
-    if page.name == "changes.md":  # its tables have the old name before the new one
-        text = "\n".join(line.rsplit("|", 2)[1] for line in text.splitlines() if line.startswith("|"))
-    if page.name == "export-an-fmu.md":
-        known |= {"motor.torque_n_m", "stop.law"}  # an input of the unit, and a key of scenes that it lacks
-    named = set(PARAMETER.findall(text))
-    assert named <= known, f"{page.name} names {named - known}"
+def test_every_parameter_that_is_named_is_one():
+    for page in PAGES:
+        known = {one.name for one in TABLE} | set(CATALOGUE)
+        text = page.read_text("utf-8")
+        if page.name == "changes.md":  # its tables have the old name before the new one
+            text = "\n".join(line.rsplit("|", 2)[1] for line in text.splitlines() if line.startswith("|"))
+        if page.name == "export-an-fmu.md":
+            known |= {"motor.torque_n_m", "stop.law"}  # an input of the unit; a key of scenes that it lacks
+        named = set(PARAMETER.findall(text))
+        assert named <= known, f"{page.name} names {named - known}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_every_link_leads_somewhere(page):
-    for target in LINK.findall(page.read_text("utf-8")):
-        assert (page.parent / target).exists(), f"{page.name} links to {target}"
+def test_every_link_leads_somewhere():
+    for page in PAGES:
+        for target in LINK.findall(page.read_text("utf-8")):
+            assert (page.parent / target).exists(), f"{page.name} links to {target}"
 
 
 def anchors_of(page: Path) -> set[str]:
@@ -180,11 +180,11 @@ def anchors_of(page: Path) -> set[str]:
     return {name.replace(" ", "-") for name in plain} | set(re.findall(r'<a id="(.*?)">', text))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_every_link_to_a_section_finds_it(page):
-    for target, anchor in SECTION_LINK.findall(page.read_text("utf-8")):
-        there = page.parent / target if target else page
-        assert anchor in anchors_of(there), f"{page.name} links to {target}#{anchor}"
+def test_every_link_to_a_section_finds_it():
+    for page in PAGES:
+        for target, anchor in SECTION_LINK.findall(page.read_text("utf-8")):
+            there = page.parent / target if target else page
+            assert anchor in anchors_of(there), f"{page.name} links to {target}#{anchor}"
 
 
 @pytest.mark.parametrize("name", reference.PAGES)
