@@ -17,6 +17,14 @@ class Phase(IntEnum):
     CONTACT = 3
 
 
+class LegState(IntEnum):
+    """Phase of the leg of a wearer who walks."""
+
+    STANDING = 0
+    STANCE = 1
+    SWING = 2
+
+
 @dataclass(frozen=True, slots=True)
 class MotionState:
     """The module at one instant. The crank angle is carried modulo 2π, never as Ω t."""

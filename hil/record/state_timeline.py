@@ -9,8 +9,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from firmware_py.interface.enums import ActingLimit, AxisState, Fault, GaitState, Mode, Regime
-from plant_sim.result import Phase
-from plant_sim.sensors.gait import LegState
+from plant_sim.result import LegState, Phase
 
 TRUTH, ESTIMATE, TARGET, OTHER, ALARM = 0x56B4E9FF, 0xE69F00FF, 0x9A9AA2FF, 0xCC79A7FF, 0xD55E00FF
 """Colours (RGBA) by meaning in all plots: truth, the firmware's estimate, target, other signals, alarms."""

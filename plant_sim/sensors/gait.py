@@ -1,7 +1,6 @@
 """The gait of a walker: its truth, and the readings of an IMU and two switches."""
 
 import math
-from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -25,20 +24,13 @@ from plant_sim.parts.walking import (
     leg_at,
     row_at,
 )
+from plant_sim.result import LegState
 from plant_sim.tables.sensor_tables import GaitSensorsTable
 
 FULL_SHARE = 0.3
 """Share of the full motion from which on the foot is loaded as in walking."""
 STANDING_LOAD = 0.5
 """Shares of heel and toe in the leg's load in standing."""
-
-
-class LegState(IntEnum):
-    """Phase of the leg."""
-
-    STANDING = 0
-    STANCE = 1
-    SWING = 2
 
 
 class GaitTruth(NamedTuple):

@@ -20,7 +20,7 @@ from hil.judge.figures.records import GaitFigures
 from hil.record.run_traces import RunTraces, column
 from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import BoolArray, FloatArray
-from plant_sim.sensors.gait import LegState
+from plant_sim.result import LegState
 
 SETTLING_STRIDES = 4
 """Strides at the beginning of a hold in which the crank may still be locking to the gait."""

@@ -11,7 +11,7 @@ from hil.judge.figures.gait import push_off
 from hil.judge.figures.records import GaitFigures
 from hil.record.log_reader import tables
 from hil.show.rerun_log import rebuild
-from plant_sim.sensors.gait import LegState
+from plant_sim.result import LegState
 
 STRIDE_S = 0.4
 ERROR = 0.012

@@ -14,6 +14,8 @@ from hil.bus.in_process import InProcessBus, InProcessNode
 from hil.faults.memory import ParameterMemory
 from hil.nodes.plant import PlantNode
 from hil.nodes.runners import FirmwareRunner, Pace
+from hil.nodes.warm import warm_plant
+from hil.scenario.scenario import load_scenario
 from plant_sim.scene import load_scene
 
 ESTOP = codec.DRIVE_ESTOP.encode(DriveEstop())
@@ -161,6 +163,16 @@ def test_a_nodes_process_loads_no_reader_of_databases_no_tables_and_no_linear_al
     """They take longer to load than everything else, in each process of each run."""
     heavy = ("cantools", "can", "pandas", "pyarrow", "rerun", "scipy.linalg", "numba.np.linalg")
     load = "from hil.nodes import main; main.warm_plant(main.load_scenario('soft-start-multistable').scene)"
-    look = f"import sys; {load}; print([name for name in {heavy} if name in sys.modules])"
+    warm_plant(load_scenario("soft-start-multistable").scene)  # a process that compiles loads more
+    assert loaded_by(load, heavy) == "[]\n"
+
+
+def test_a_recorders_process_loads_no_kernels_and_no_scenes():
+    assert loaded_by("import hil.show.recorder", ("numba", "scipy", "plant_sim.scene")) == "[]\n"
+
+
+def loaded_by(program: str, names: tuple[str, ...]) -> str:
+    """Those of the modules that a program loads, as it prints them."""
+    look = f"import sys; {program}; print([name for name in {names} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", look], check=True, capture_output=True, text=True)
-    assert done.stdout == "[]\n"
+    return done.stdout

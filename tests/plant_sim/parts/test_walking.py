@@ -13,8 +13,9 @@ from plant_sim.parts import walking as w
 from plant_sim.parts.housing import housing_m_s2, housing_m_s3, smooth_for_s
 from plant_sim.parts.walking import KNOCK_M_S2, Walking, leg_at, row_at
 from plant_sim.plant import Plant
+from plant_sim.result import LegState
 from plant_sim.scene import Scene, load_scene
-from plant_sim.sensors.gait import GaitReading, GaitTruth, LegState, gait_at
+from plant_sim.sensors.gait import GaitReading, GaitTruth, gait_at
 
 G = 9.80665
 PACES = [
