@@ -17,6 +17,7 @@ import can
 from hil.bus.base import BusError
 from hil.bus.local import LocalBus
 from hil.timing.processes import READY, report_to_parent, stop_requests
+from hil.timing.realtime import BRIDGE_PRIORITY, take_fifo
 
 BITRATE = 1_000_000
 """Bit rate of the bench's bus; interfaces without a bit rate ignore it."""
@@ -121,6 +122,7 @@ def main() -> int:
     except BusError as error:
         report_to_parent(f"failed {error}")
         return 0
+    take_fifo(BRIDGE_PRIORITY)  # the threads that pass the messages start with this priority
     with adapter, LocalBus(arguments.socket) as hub:
         return bridge(hub, adapter)
 

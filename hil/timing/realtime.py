@@ -33,6 +33,11 @@ OPERATOR_PRIORITY = NODE_PRIORITY
 """The operator's work is short; at a lower priority the nodes could block it on a slow machine."""
 
 
+BRIDGE_PRIORITY = NODE_PRIORITY - 1
+"""All frames of an adapter pass through the bridge. An adapter's library that polls gets only the time that
+the nodes leave."""
+
+
 class Reservation(NamedTuple):
     """A process's share of a CPU: `runtime_ns` in each `period_ns`, or a fixed `priority`."""
 
@@ -137,7 +142,9 @@ def take_scheduler(library: ctypes.CDLL, reservation: Reservation) -> str:
 
 
 def take_fifo(priority: int) -> bool:
-    """Request SCHED_FIFO; returns False if this user has no right to it."""
+    """Request SCHED_FIFO; returns False if this user has no right to it, or the system none."""
+    if libc() is None:
+        return False
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except PermissionError:

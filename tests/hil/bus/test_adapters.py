@@ -1,6 +1,7 @@
 """Adapters without descriptor, with device time, for one program, with own messages, late, or with errors."""
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -22,6 +23,7 @@ from hil.bus import Bus, ProvidedBus, join, open_bus, provide, shared
 from hil.record.run_traces import read_bus
 from hil.show.recorder import Recorder
 from hil.timing.processes import READY_TIMEOUT_S
+from hil.timing.realtime import BRIDGE_PRIORITY, fixed_priority
 from tools import cli
 from tools.output import EXIT_BAD_INPUT
 
@@ -76,6 +78,18 @@ def test_an_adapter_that_fails_to_send_is_named(wire: ProvidedBus, capfd: pytest
         assert provided.bridge.wait(READY_TIMEOUT_S)
         assert not provided.bridge.succeeded
     assert f"{wire.address}: the device does not answer" in capfd.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no /proc")
+def test_the_bridge_precedes_ordinary_processes_where_it_may(wire: ProvidedBus) -> None:
+    """At ordinary priority, four runs at once held up a bridge's frames by 50 s."""
+    with fixed_priority(BRIDGE_PRIORITY):
+        permitted = os.sched_getscheduler(0)
+    with shared(provide(address("made-late", wire))) as provided:
+        assert provided.bridge is not None
+        threads = os.listdir(f"/proc/{provided.bridge.pid}/task")
+        policies = [os.sched_getscheduler(int(thread)) for thread in threads]
+        assert policies.count(permitted) >= len(("main", "to the adapter", "from the adapter"))
 
 
 @pytest.mark.parametrize("kind", ["made-late", "made-device-time"])
