@@ -16,7 +16,7 @@ from plant_sim.parts.walking import Walking
 from plant_sim.result import ElectricalLedger, EnergyLedger, Impact, MotionState, Observation
 from plant_sim.scene import Scene, require_scene
 from plant_sim.sensors.gait import GaitReading, GaitSensors, GaitTruth, gait_at, gaits_at
-from plant_sim.sensors.readings import Noise, Readers, SensorReading, Sensors
+from plant_sim.sensors.readings import Noise, Readers, SensorReading, read_sensors, readers
 from plant_sim.sensors.sampled import SAMPLED
 from plant_sim.sensors.sensing import NO_SENSING, Sensing, allocate_sensing, sense_jump, series_order
 from plant_sim.simulation import initial_state
@@ -81,12 +81,12 @@ class Plant:
         self.parts = parts or scene.parts(seed)
         initial = initial or initial_state(scene, self.parts)
         _require_start(initial, self.parts)
-        self._sensors: Sensors | None = None
+        self._readers: Readers | None = None
+        self._noise = Noise(np.random.default_rng(seed))
         self._probe = NO_SENSING
         if scene.sensors is not None:
-            sensing = allocate_sensing(scene.sensors, initial.omega_rad_s, self.parts.housing)
-            self._probe = sensing
-            self._sensors = Sensors(scene.sensors, sensing, np.random.default_rng(seed))
+            self._readers = readers(scene.sensors)
+            self._probe = allocate_sensing(scene.sensors, initial.omega_rad_s, self.parts.housing)
         order = series_order(self._probe)
         self._memory = allocate(self.parts, initial, scene.solver.accuracy, IMPACTS_A_CALL, order)
         self.sampled = () if scene.sensors is None else scene.sensors.sampled()
@@ -188,9 +188,10 @@ class Plant:
 
     def sense(self) -> SensorReading:
         """Sample every sensor now, with new noise in each call."""
-        if self._sensors is None:
+        if self._readers is None:
             raise PlantError("the scene has no sensors; add the table [sensors]")
-        return self._sensors.read(self.now.crank_rad)
+        filtered, noise = self._probe.readings.tolist(), self._noise.next()
+        return read_sensors(self._readers, filtered, self.now.crank_rad, noise)
 
     @property
     def has_gait_sensors(self) -> bool:
@@ -227,15 +228,15 @@ class Plant:
 
     def lend(self) -> Lent:
         """Hand the module to compiled code until `take_back`. Raises PlantError without sensors."""
-        if self._sensors is None:
+        if self._readers is None:
             raise PlantError("the scene has no sensors; add the table [sensors]")
         parts, probe, memory = self._kernel_arguments
         return Lent(
             parts=parts,
             probe=probe,
             memory=memory,
-            readers=self._sensors.readers,
-            noise=self._sensors.noise,
+            readers=self._readers,
+            noise=self._noise,
             t_s=self._t_s,
             t_rest_s=self._t_rest_s,
         )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.kernels import subroutine
-from plant_sim.sensors.sensing import HIGH, HOUSING, LOW, SPEED_ESTIMATE, Sensing
+from plant_sim.sensors.sensing import HIGH, HOUSING, LOW, SPEED_ESTIMATE
 from plant_sim.tables.sensor_tables import AccelerometerTable, SensorsTable
 
 TURN_RAD = 2.0 * math.pi
@@ -106,19 +106,6 @@ def read_sensors(readers: Readers, filtered: Numbers, crank_rad: float, noise: N
         read_position_rev(readers, crank_rad),
         read_velocity_rev_s(readers, filtered[SPEED_ESTIMATE], noise[3]),
     )
-
-
-class Sensors:
-    """All sensors of a module, read together."""
-
-    def __init__(self, sensors: SensorsTable, sensing: Sensing, noise: np.random.Generator) -> None:
-        self.readers = readers(sensors)
-        self._readings = sensing.readings
-        self.noise = Noise(noise)
-
-    def read(self, crank_rad: float) -> SensorReading:
-        """Read every sensor once, with new noise."""
-        return read_sensors(self.readers, self._readings.tolist(), crank_rad, self.noise.next())
 
 
 class Noise:

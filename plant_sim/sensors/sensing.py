@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from plant_sim.kernels import subroutine
 from plant_sim.parts.drive import constant_speed_rad_s, is_motor
-from plant_sim.parts.housing import Housing, Level, housing_m_s2, is_level, steady_m_s2
+from plant_sim.parts.housing import Housing, housing_m_s2, is_level, steady_m_s2
 from plant_sim.parts.parts import Parts
 from plant_sim.solvers.adaptive.state_layout import SHAKE, SPEED, VELOCITY, Vector, state_size
 from plant_sim.solvers.bernstein import DEGREE, NODES, ORDER, interpolate
@@ -82,11 +82,8 @@ NO_SENSING = allocate_filters(0, 0.0)
 """The filters of a module without sensors: none."""
 
 
-def allocate_sensing(
-    sensors: SensorsTable, crank_speed_rad_s: float, housing: Housing | None = None
-) -> Sensing:
+def allocate_sensing(sensors: SensorsTable, crank_speed_rad_s: float, housing: Housing) -> Sensing:
     """Filters in steady state for a striker at rest, the constant part of a_b and a steady crank."""
-    housing = Level() if housing is None else housing
     sensing = allocate_filters(HOUSING if is_level(housing) else HOUSING + 1, sensors.rigid_contact_s)
     settle_filters(sensing, sensors, crank_speed_rad_s, housing)
     return sensing

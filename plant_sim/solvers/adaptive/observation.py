@@ -16,7 +16,6 @@ from plant_sim.solvers.adaptive.motion import derivative, flow_now, stored_energ
 from plant_sim.solvers.adaptive.state_layout import (
     DEPTH,
     OBSERVED,
-    READINGS,
     VELOCITY,
     Flow,
     Grid,
@@ -137,8 +136,6 @@ def note(parts: Parts, flow: Flow, tau_s: float, y: Vector, slopes: Vector, row:
     `slopes` is scratch.
     """
     row[OBSERVED.x_m], row[OBSERVED.v_m_s] = from_stop_m(parts, y), y[1]
-    if row.size < READINGS:
-        return
     derivative(parts, flow, tau_s, y, slopes)
     row[OBSERVED.accel_m_s2] = slopes[1]
     row[OBSERVED.stop_force_n] = 0.0

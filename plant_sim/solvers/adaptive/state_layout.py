@@ -214,10 +214,9 @@ class Flow(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """Times at which a run is sampled, ascending, shape (n,), and the module at them, shape (n, columns).
+    """Times at which a run is sampled, ascending, shape (n,), and the module at them, shape (n, READINGS).
 
-    A row begins as an `Observation` does, with the position counted from the scene's stop: all READINGS, or
-    position and velocity alone.
+    A row begins as an `Observation` does, with the position counted from the scene's stop.
     """
 
     t_s: Vector

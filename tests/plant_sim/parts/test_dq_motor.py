@@ -17,9 +17,9 @@ from plant_sim.scene import Scene, load_scene
 from plant_sim.sensors.sensing import NO_SENSING
 from plant_sim.simulation import initial_state, simulate
 from plant_sim.solvers.adaptive.adaptive import run
-from plant_sim.solvers.adaptive.state_layout import Grid, Memory, allocate, current_place
+from plant_sim.solvers.adaptive.state_layout import READINGS, Grid, Memory, allocate, current_place
 
-NO_SAMPLES = Grid(np.empty(0), np.empty((0, 2)))
+NO_SAMPLES = Grid(np.empty(0), np.empty((0, READINGS)))
 
 SALIENT = {"d_inductance_h": 0.25e-3, "q_inductance_h": 0.35e-3}
 

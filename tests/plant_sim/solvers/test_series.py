@@ -18,10 +18,10 @@ from plant_sim.simulation import initial_state
 from plant_sim.solvers.adaptive.adaptive import run, simulate
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.series import expand, motion_within, state_after
-from plant_sim.solvers.adaptive.state_layout import Grid, Memory, allocate
+from plant_sim.solvers.adaptive.state_layout import READINGS, Grid, Memory, allocate
 from plant_sim.solvers.bernstein import ORDER
 
-NO_SAMPLES = Grid(np.empty(0), np.empty((0, 2)))
+NO_SAMPLES = Grid(np.empty(0), np.empty((0, READINGS)))
 
 SHAKEN = {
     "tilt_rad": 0.1,
