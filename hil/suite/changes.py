@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy  # it loads `stats` at the first use, which takes longer than a short run
 from numpy.typing import NDArray
-from scipy import stats
 
 from hil.judge.tolerance import Tolerance, tolerance_of
 
@@ -51,7 +51,7 @@ def p_value(before: Numbers, after: Numbers) -> float | None:
         return 1.0
     if len(before) < FEWEST_PAIRS:
         return None
-    return float(stats.wilcoxon(after - before, zero_method="zsplit").pvalue)
+    return float(scipy.stats.wilcoxon(after - before, zero_method="zsplit").pvalue)
 
 
 def middle(values: Sequence[Any]) -> Any:
@@ -111,7 +111,7 @@ def size(one: Mapping[str, Any]) -> float:
 def judge(rows: Sequence[dict[str, Any]]) -> None:
     """Add each row's verdict: better, worse, same, or differs if there are too few seeds for a test."""
     tested = [one for one in rows if one["p"] is not None and not one["equal"]]
-    adjusted = stats.false_discovery_control([one["p"] for one in tested]).tolist() if tested else []
+    adjusted = scipy.stats.false_discovery_control([one["p"] for one in tested]).tolist() if tested else []
     for one in rows:
         one["verdict"] = "same" if one["equal"] else "differs"
     for one, p in zip(tested, adjusted, strict=True):

@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import binom, binomtest
+import scipy  # it loads `stats` at the first use, which takes longer than a short run
 
 from plant_sim.arrays import FloatArray
 
@@ -43,7 +43,7 @@ def wilson(successes: int, trials: int) -> Share:
     """
     if trials == 0:
         return Share(math.nan, 0.0, 1.0)
-    bounds = binomtest(successes, trials).proportion_ci(CONFIDENCE, method="wilson")
+    bounds = scipy.stats.binomtest(successes, trials).proportion_ci(CONFIDENCE, method="wilson")
     low = 0.0 if successes == 0 else float(bounds.low)
     high = 1.0 if successes == trials else float(bounds.high)
     return Share(successes / trials, low, high)
@@ -59,7 +59,7 @@ def quantile(ordered: FloatArray, share: float) -> tuple[float, float, float]:
     (50.5, 40.0, 61.0)
     """
     n = len(ordered)
-    low, high = (int(binom.ppf(tail, n, share)) for tail in (TAIL, 1.0 - TAIL))
+    low, high = (int(scipy.stats.binom.ppf(tail, n, share)) for tail in (TAIL, 1.0 - TAIL))
     bounds = ordered[max(low - 1, 0)], ordered[min(high, n - 1)]
     return float(np.quantile(ordered, share)), float(bounds[0]), float(bounds[1])
 
