@@ -3,6 +3,8 @@
 import json
 import math
 import time
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -130,3 +132,16 @@ def test_every_stop_is_met_on_the_orbit() -> None:
 def test_a_plot_of_another_kind_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run(["trade", "--plot", "trade.bmp"]) == 4
     assert "wanted a file ending in .svg or .png or .pdf" in " ".join(capsys.readouterr().err.split())
+
+
+def test_the_cost_of_a_run_is_without_compiling(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first run in a process compiles the loop, or loads it: as if that took 100 s."""
+    ns, in_lockstep = [0], control_rate.in_lockstep
+
+    def first_slow(*arguments: Any) -> Any:
+        ns[0] += 1_000_000_000 if ns[0] else 100_000_000_000
+        return in_lockstep(*arguments)
+
+    monkeypatch.setattr(control_rate, "in_lockstep", first_slow)
+    monkeypatch.setattr(control_rate, "time", SimpleNamespace(thread_time_ns=lambda: ns[0]))
+    assert control_rate.row(500, "compiled")["cost"] == 1e6 / control_rate.UNTIL_S
