@@ -125,6 +125,7 @@ PLANTED: dict[str, list[tuple[Change, str]]] = {
 def claims(tmp_path_factory: pytest.TempPathFactory) -> list[JudgedClaim]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(evidence, "BASIN_SIZE", 80)
+        patch.setattr(evidence, "RAMP_STEPS_PER_S", 40)
         return judge(Evidence(work.Where(tmp_path_factory.mktemp("studies")), ratios=23))
 
 
