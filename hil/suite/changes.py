@@ -125,6 +125,24 @@ def urgency(one: Mapping[str, Any]) -> tuple[Any, ...]:
     return not newly_missed, not one["flipped"], one["equal"], one["verdict"] == "same", -size(one)
 
 
+def by_name(suite: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """The scenarios of a suite by their names."""
+    return {one["name"]: one for one in suite["scenarios"]}
+
+
+def only_in(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    """The scenarios of one suite that the other has not run, and of the others the checks that it lacks."""
+    found, run = [], by_name(other)
+    for name, scenario in by_name(one).items():
+        if name not in run:
+            found.append(name)
+            continue
+        known = {(check["name"], check["limit"]) for check in run[name]["checks"]}
+        checks = [(check["name"], check["limit"]) for check in scenario["checks"]]
+        found += [f"{name}: {figure} {limit}" for figure, limit in checks if (figure, limit) not in known]
+    return found
+
+
 def changes(
     before: Mapping[str, Any], after: Mapping[str, Any], tolerances: Mapping[str, Tolerance] | None = None
 ) -> list[dict[str, Any]]:

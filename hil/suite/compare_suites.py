@@ -1,7 +1,7 @@
 """Compares two suites: the verdicts of their scenarios, and the verdicts and figures of their checks."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ from hil.record import formats
 from hil.record.damage import reading
 from hil.record.new_file import is_regular
 from hil.record.run_folder import refuse_large_note
-from hil.suite.changes import changes
+from hil.suite.changes import by_name, changes, only_in
 from hil.suite.suite import RESULT
 
 
@@ -38,18 +38,6 @@ def read_suite(folder: Path) -> dict[str, Any]:
         return result
 
 
-def only_in(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
-    """The scenarios of one suite that the other has not run, and of the others the checks that it lacks."""
-    for name, scenario in one.items():
-        if name not in other:
-            yield name
-            continue
-        known = {(check["name"], check["limit"]) for check in other[name]["checks"]}
-        for check in scenario["checks"]:
-            if (check["name"], check["limit"]) not in known:
-                yield f"{name}: {check['name']} {check['limit']}"
-
-
 def compare(
     a: Mapping[str, Any], b: Mapping[str, Any], tolerances: Mapping[str, Tolerance] | None = None
 ) -> dict[str, Any]:
@@ -57,9 +45,9 @@ def compare(
 
     `equal`: both have the same scenarios, seeds and checks, no verdict differs, and all figures are equal.
     """
-    of_a, of_b = ({one["name"]: one for one in suite["scenarios"]} for suite in (a, b))
+    of_a, of_b = by_name(a), by_name(b)
     both = [name for name in of_a if name in of_b]
-    only = [*only_in(of_a, of_b)], [*only_in(of_b, of_a)]
+    only = only_in(a, b), only_in(b, a)
     passed = {name: (of_a[name]["passed"], of_b[name]["passed"]) for name in both}
     verdicts = [{"scenario": name, "a": of, "b": to} for name, (of, to) in passed.items() if of != to]
     found = changes(a, b, tolerances)

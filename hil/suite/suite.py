@@ -26,7 +26,7 @@ from hil.scenario.scenario import Scenario, load_scenario
 from hil.scenario.seeds import at_other_times
 from hil.scenario.settings import Settings
 from hil.show.report.pages import write_suite_report
-from hil.suite.changes import Baseline, changes
+from hil.suite.changes import Baseline, changes, only_in
 from hil.timing.clock import ClockName
 from hil.timing.signals import EndingSignals, Interrupted, ending_signals
 
@@ -281,6 +281,7 @@ def run_suite(
         "requirements": requirements.trace([]),
         "changed": [] if not scenarios else list(scenarios[0].changes),
         "changes": None,
+        "only_in_baseline": None,
     }
     if not scenarios:
         return result
@@ -303,6 +304,7 @@ def run_suite(
         }
         if baseline is not None:
             result["changes"] = changes(baseline.suite, result, baseline.tolerances)
+            result["only_in_baseline"] = only_in(baseline.suite, result)
         suite.publish(ordered, result)
         if interruption is None and signals.came:  # all runs are kept and not repeated
             interruption = Interrupted(signals.came[0])

@@ -13,6 +13,9 @@ from tools.output import BadInputError, answer, console, exit_of, figure, marked
 from tools.outputs import folder_option
 from tools.progress import shown_progress
 
+MOST_LACKING = 5
+"""Most names of scenarios and checks that are printed of those that only the baseline has."""
+
 
 def suite(
     names: Annotated[
@@ -99,6 +102,9 @@ def show(result: dict[str, Any]) -> None:
     )
     if result["changes"] is not None:
         show_changes(result["changes"])
+    if lacking := result["only_in_baseline"]:
+        more = f" … and {len(lacking) - MOST_LACKING} more" if len(lacking) > MOST_LACKING else ""
+        console.print(f"only in the baseline: {', '.join(lacking[:MOST_LACKING])}{more}", markup=False)
 
 
 def line_of(check: dict[str, Any], many: bool) -> str:

@@ -168,3 +168,19 @@ def test_a_suite_is_compared_with_the_one_before(
     assert result["changed"] == ["script.duration_s=0.4"]
     assert [(one["figure"], one["equal"]) for one in result["changes"]][-1] == ("impact_count", True)
     assert "Beside the baseline" in Path(result["report"]).read_text()
+    assert result["only_in_baseline"] == []
+
+
+@pytest.mark.usefixtures("in_process")
+def test_a_check_or_scenario_that_only_the_baseline_has_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A limit that was loosened since passes without a word otherwise."""
+    monkeypatch.chdir(tmp_path)
+    loosened = resting(tmp_path)
+    resting(tmp_path, "gone")
+    assert run(["suite", "rests.toml", "gone.toml", "--out", "before"]) == EXIT_PASSED
+    loosened.write_text(loosened.read_text().replace("low = 0", "low = -1"))
+    capsys.readouterr()
+    assert run(["suite", "rests.toml", "--baseline", "before"]) == EXIT_PASSED
+    assert "only in the baseline: rests: impact_count ≥ 0, gone" in capsys.readouterr().out
