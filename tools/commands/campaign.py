@@ -9,7 +9,7 @@ import tomli_w
 import typer
 
 from hil.timing.signals import Interrupted
-from tools.commands.options import Change, FirmwareBuild, Json, Scheduler, Workers
+from tools.commands.options import MOST_TRIALS, Change, FirmwareBuild, Json, Scheduler, Workers
 from tools.output import BadInputError, answer, exit_of, progress_console
 from tools.outputs import digest
 
@@ -23,7 +23,10 @@ def campaign(
         typer.Argument(help="The campaign."),
     ],
     trials: Annotated[
-        int | None, typer.Option(help="Number of trials; by default enough for the campaign's goals.", min=1)
+        int | None,
+        typer.Option(
+            help="Number of trials; by default enough for the campaign's goals.", min=1, max=MOST_TRIALS
+        ),
     ] = None,
     seed: Annotated[
         int, typer.Option(help="Seed of all trials; seeds below 10000 belong to tuning and tests.", min=0)

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from plant_sim.scene import Scene
 
 
+MOST_TRIALS = 1_000_000
+"""Largest number of trials, modules or seeds: a day of the quickest ones, whose results fit into memory."""
+
+
 def number(description: str, low: float | None = None, high: float | None = None) -> Any:
     """A Typer option for a number within bounds, which refuses nan and inf."""
     return typer.Option(help=description, callback=finite, min=low, max=high)

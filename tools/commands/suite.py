@@ -7,7 +7,15 @@ import typer
 from rich.markup import escape
 from rich.table import Column
 
-from tools.commands.options import Change, FirmwareBuild, Json, ParameterFiles, RealTime, note_unused_bus
+from tools.commands.options import (
+    MOST_TRIALS,
+    Change,
+    FirmwareBuild,
+    Json,
+    ParameterFiles,
+    RealTime,
+    note_unused_bus,
+)
 from tools.logs.changes import Tolerances, baseline_result, show_changes, tolerances_of
 from tools.output import BadInputError, answer, console, exit_of, figure, marked, table_of
 from tools.outputs import folder_option
@@ -35,7 +43,9 @@ def suite(
     seeds: Annotated[
         int,
         typer.Option(
-            help="Run each scenario with this number of seeds, from --seed on; all must pass.", min=1
+            help="Run each scenario with this number of seeds, from --seed on; all must pass.",
+            min=1,
+            max=MOST_TRIALS,
         ),
     ] = 1,
     change: Change = None,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from tools.commands.options import Json, Workers, number, unfolded
+from tools.commands.options import MOST_TRIALS, Json, Workers, number, unfolded
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, answer, console, show_tables
 from tools.outputs import PICTURES, file_option
 from tools.progress import Progress, shown_progress
@@ -178,7 +178,9 @@ def identify(
 def detector(
     cost_miss: Annotated[float, number("Cost of a missed impact.")] = 1.0,
     cost_false_alarm: Annotated[float, number("Cost of a false alarm.")] = 1.0,
-    trials: Annotated[int | None, typer.Option(help="Trials for each floor.", min=11)] = None,
+    trials: Annotated[
+        int | None, typer.Option(help="Trials for each floor.", min=11, max=MOST_TRIALS)
+    ] = None,
     sampling: SamplingOptions = SamplingOptions(),
     outputs: Outputs = Outputs(Path("detector.toml")),
 ) -> None:
@@ -207,10 +209,16 @@ def estimator(
         list[Path] | None,
         typer.Argument(help="Run folders or candump logs; by default logs of sampled modules are recorded."),
     ] = None,
-    modules: Annotated[int | None, typer.Option(help="Number of sampled modules.", min=2)] = None,
+    modules: Annotated[
+        int | None, typer.Option(help="Number of sampled modules.", min=2, max=MOST_TRIALS)
+    ] = None,
     fresh_trials: Annotated[
         int | None,
-        typer.Option(help="Trials that compare the result with default and naive values; 0: none.", min=0),
+        typer.Option(
+            help="Trials that compare the result with default and naive values; 0: none.",
+            min=0,
+            max=MOST_TRIALS,
+        ),
     ] = None,
     sampling: SamplingOptions = SamplingOptions(),
     outputs: Outputs = Outputs(Path("estimator.toml")),
@@ -235,8 +243,12 @@ def estimator(
 @tune.command()
 @unfolded
 def start(
-    trials: Annotated[int | None, typer.Option(help="Trials for each point of the grid.", min=8)] = None,
-    fresh_trials: Annotated[int | None, typer.Option(help="Trials for the judgement.", min=8)] = None,
+    trials: Annotated[
+        int | None, typer.Option(help="Trials for each point of the grid.", min=8, max=MOST_TRIALS)
+    ] = None,
+    fresh_trials: Annotated[
+        int | None, typer.Option(help="Trials for the judgement.", min=8, max=MOST_TRIALS)
+    ] = None,
     sampling: SamplingOptions = SamplingOptions(),
     outputs: Outputs = Outputs(Path("start.toml")),
 ) -> None:
