@@ -250,6 +250,13 @@ def log_figures(traces: RunTraces, clock: str) -> LogFigures:
     return LogFigures(lost, max(0, recorded + lost - sent))
 
 
+def impact_count(traces: RunTraces) -> int | None:
+    """The number of true touch-downs; None without truth, and where a log that was cut has lost them."""
+    counted = len(traces.impacts)
+    has_all = bool(traces.outcome) or counted > 0
+    return counted if has_all and len(traces.plant) else None
+
+
 def figures_from(traces: RunTraces) -> Figures:
     """All figures of one run."""
     plant, firmware, impacts = traces.plant, traces.firmware, traces.impacts
@@ -302,7 +309,7 @@ def figures_from(traces: RunTraces) -> Figures:
         impacts=tuple(
             TrueImpact(float(t), float(v)) for t, v in zip(impacts_t_s, impacts_v_m_s, strict=True)
         ),
-        impact_count=len(impacts_t_s) if len(plant) else None,
+        impact_count=impact_count(traces),
         impacts_reported=len(detection.reported(firmware)),
         regime=lower_name(motion.regime),
         regime_estimated=lower_name(Regime(int(reported[-1])) if len(reported) else Regime.UNCERTAIN),

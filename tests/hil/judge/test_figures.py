@@ -41,6 +41,15 @@ def made_up() -> MadeUpRun:
     return make_run()
 
 
+def test_impacts_that_a_log_has_lost_are_not_counted_as_none(made_up, tmp_path):
+    """A log that was cut has the plant's first records, but not yet the impacts, which come after them."""
+    made_up.impacts = {name: values[:0] for name, values in made_up.impacts.items()}
+    assert figures_of(write_run(made_up, tmp_path / "without")).impact_count == 0
+    cut = write_run(made_up, tmp_path / "cut")
+    (cut / "outcome.json").unlink()
+    assert figures_of(cut).impact_count is None
+
+
 def test_the_made_up_run_gives_its_known_figures(made_up, tmp_path):
     figures = figures_of(write_run(made_up, tmp_path))
 
