@@ -119,10 +119,10 @@ declare void @llvm.memset.p0.i32(ptr, i8, i32, i1)
 """
 """`vibro_power_up` fills the state from its words that are not 0, a fifth of all, to save flash."""
 TO_INTEGER = re.compile(r"^ *(%\S+) = fptosi double (\S+) to i64", re.MULTILINE)
-"""Conversions of floats to integers. All of the firmware's are within 32 bits
-(`tests/firmware_py/node/test_conversions.py`), for which processors have an
-instruction; for 64 they call a function of the C library, which on a Cortex-M4F uses doubles. The pattern
-begins at the beginning of a line: from within a line it would scan each long name once per character."""
+"""Conversions of floats to integers. All of the firmware's are within 32 bits, for which processors have an
+instruction (`tests/firmware_py/node/test_conversions.py`); for 64 they call a function of the C library,
+which on a Cortex-M4F uses doubles. The pattern begins at the beginning of a line: from within a line it would
+scan each long name once per character."""
 NAMES_EXCEPTION = re.compile(r"^ *store ptr @\.const\.picklebuf\S*, ptr \S*.*\n", re.MULTILINE)
 """Stores of numba's pickled exceptions, which are removed: the wrapper only uses the status."""
 

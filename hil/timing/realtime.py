@@ -31,8 +31,6 @@ SCHEDULING_ATTRIBUTES = struct.Struct("=IIQiIQQQII")
 NODE_PRIORITY = 20
 OPERATOR_PRIORITY = NODE_PRIORITY
 """The operator's work is short; at a lower priority the nodes could block it on a slow machine."""
-
-
 BRIDGE_PRIORITY = NODE_PRIORITY - 1
 """All frames of an adapter pass through the bridge. An adapter's library that polls gets only the time that
 the nodes leave."""

@@ -40,9 +40,12 @@ UNARY: Final[Mapping[type[ast.unaryop], Callable[[Any], Any]]] = {
 
 def compared(compare: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     """A comparison that gives 1 or 0, and NaN where one side is NaN: what is not known meets no limit."""
-    return lambda first, second: np.where(np.isnan(first) | np.isnan(second), np.nan, compare(first, second))[
-        ()
-    ]
+
+    def known(first: Any, second: Any) -> Any:
+        unknown = np.isnan(first) | np.isnan(second)
+        return np.where(unknown, np.nan, compare(first, second))[()]
+
+    return known
 
 
 BINARY: Final[Mapping[type[ast.operator | ast.cmpop], Callable[[Any, Any], Any]]] = {
