@@ -23,6 +23,7 @@ from fuzzing import queue_kills, run_kills
 from fuzzing.kill import PARENT, REPORT, SIGNALS, Kill
 
 from hil.bench.workers import Workers
+from tools.study import work
 
 QUEUES = ("suite", "campaign")
 PROCESSES = {
@@ -88,6 +89,14 @@ def test_kills_find_the_workers_of_a_suite_and_a_campaign_as_they_are_started() 
         pid = dict(some.results([1]))[1]
         assert queue_kills.worker_of(SimpleNamespace(pid=os.getpid())) == pid
     assert queue_kills.worker_of(SimpleNamespace(pid=os.getpid())) == 0
+
+
+def test_the_trials_of_a_campaign_that_have_ended_are_counted(tmp_path: Path) -> None:
+    queue = queue_kills.Queue("campaign", tmp_path)
+    assert queue.finished() == {}
+    for path in work.paths_of("batch", [1, 2], tmp_path / "runs" / "campaign-start-up"):
+        work.store(path, 1, [])
+    assert len(queue.finished()) == 2
 
 
 @pytest.mark.parametrize("of", QUEUES)

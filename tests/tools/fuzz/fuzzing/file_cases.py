@@ -17,8 +17,8 @@ from fuzzing.damage import Random, damaged_bytes
 from fuzzing.scene_cases import PARAMETERS, SHORT_RUN, chosen
 from hil.record.candump import parse_candump
 
-WRITERS = ("log", "asc", "blf", "csv", "trc", "db")
-PACKED = ("log.gz", "asc.gz", "csv.gz", "trc.gz")
+WRITERS = ("log", "asc", "blf", "trc")
+PACKED = ("log.gz", "asc.gz", "trc.gz")
 """Formats of python-can that `import` reads; text formats also compressed."""
 OWN_NOTES = "notes.txt"
 """Name of a user's file in a run's folder."""

@@ -64,7 +64,7 @@ class Queue:
         This time distinguishes a run from its repetition.
         """
         if not self.is_suite:
-            pieces = self._campaigns.glob("campaign-*/pieces/*.parquet")
+            pieces = self._campaigns.glob("campaign-*/pieces/*.json")
             return {path.name: "" for path in pieces}  # so few trials are a piece each
         runs = {path.parent: read_verdict(path) for path in self.out.glob("*/verdict.json")}
         return {
