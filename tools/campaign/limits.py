@@ -183,6 +183,7 @@ def contacts_of(done: Run) -> list[tuple[NDArray[np.void], float]]:
 def judge_limits(trial: Trial, done: Run, outcome: Outcome) -> None:
     """Judge the contacts up to the first that exceeds a limit.
 
+    A trip within the pulse of the kick is the kick's; any other belongs to the contact before it.
     The counts have the number of the samples lost within the contact: `above_0` are contacts beyond a limit,
     `missed_0` those after which no limit's fault was latched in time, `below_0` trials whose contacts all lie
     below the limits, `tripped_0` those with a limit's fault.
@@ -193,9 +194,10 @@ def judge_limits(trial: Trial, done: Run, outcome: Outcome) -> None:
     latch = next((change for change in done.modes if change.mode == Mode.FAULT), None)
     tripped_s = latch.t_s if latch is not None and latch.fault in OF_THE_IMPACT else math.inf
     gone_s = latch.t_s if latch is not None and latch.fault not in OF_THE_IMPACT else math.inf
-    early = False  # a trip by the kick itself, before its contact
-    for impact, end_s in contacts_of(done):
-        early = early or bool(impact["t_s"] > tripped_s)
+    by_kick = 0.0 <= tripped_s - kicked.at_s <= KICK_PULSE_S + IN_TICKS * done.tick_s
+    contacts = contacts_of(done)
+    next_s = [float(impact["t_s"]) for impact, _ in contacts[1:]] + [math.inf]
+    for (impact, end_s), following_s in zip(contacts, next_s, strict=True):
         if gone_s <= end_s:
             outcome.leave_out(f"{latch.fault.name.lower()} came first" if latch else "")
             return
@@ -215,16 +217,20 @@ def judge_limits(trial: Trial, done: Run, outcome: Outcome) -> None:
         if max(force, impulse) >= BELOW:
             outcome.counts["within"] = 1
             return
-        if early:
+        if by_kick and impact["t_s"] > tripped_s:
             continue
-        tripped = tripped_s <= end_s + IN_TICKS * done.tick_s
+        until_s = end_s + IN_TICKS * done.tick_s if by_kick else following_s
+        tripped = tripped_s <= until_s and tripped_s < math.inf
         count(outcome, "tripped", group, tripped)
         if tripped and group == "0":
             outcome.why = f"tripped at {force:.2f} of the force and {impulse:.2f} of the impulse limit"
         if tripped:
             return
-    if tripped_s < math.inf:
+    if by_kick:
         outcome.leave_out("the kick exceeded twice a limit, and no contact followed within the trial")
+    elif tripped_s < math.inf:
+        count(outcome, "tripped", "0", is_part=True)
+        outcome.why = "tripped without a contact"
 
 
 def count(outcome: Outcome, part: str, group: str, is_part: bool) -> None:

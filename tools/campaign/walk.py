@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from firmware_py.interface.enums import Mode
+from firmware_py.interface.enums import Mode, Refusal
 from firmware_py.interface.generated.parameters import Gait
 from hil.judge.detection import WEAKEST_V_M_S
 from hil.judge.figures.gait import following
@@ -41,6 +41,8 @@ AFTER_S = 10.0
 """Duration of a trial after a stop or a stumble, s."""
 
 SETTLED_S = 5.0
+EXPECTED_S = 2.5
+"""Time before the leg stands or stumbles from which on the firmware may stop: 1.25 strides at 0.5 Hz."""
 SOFTEST_N, HARDEST_N = 10.0, 40.0
 HARDER = 1.05
 """Limit of v⁻ after a stop or a stumble, over the steady v⁻; the leg's motion makes impacts uneven."""
@@ -136,17 +138,20 @@ def judge_walk(trial: Trial, done: Run, outcome: Outcome) -> None:
     captured = done.first_in(Mode.RUN)
     ends_s = ended_s(done.parts.housing)
     if done.first_in(Mode.SOFT_START) is None:
-        outcome.leave_out("refused: no whole number of turns a stride within the region")
+        if Refusal.NO_HARMONIC in done.firmware["outputs.refusal"]:
+            outcome.leave_out("refused: no whole number of turns a stride within the region")
+        else:
+            outcome.why = f"never started: {done.last_word}"
         return
     if captured is None or captured.t_s + SETTLED_S > ends_s:
         outcome.why = f"no hold: {done.last_word}"
         return
     hold_s = (captured.t_s, min(left_s(done, captured.t_s), scenario.duration_s, ends_s))
     judge_hold(done, scenario.config.p.gait, hold_s, outcome)
-    if course in ("stop", "stumble"):
-        judge_end(done, ends_s, hold_s, PRESETS[preset].last_pulse_s, outcome)
-    elif done.modes[-1].mode != Mode.RUN:
+    if hold_s[1] < min(scenario.duration_s, ends_s - EXPECTED_S):
         outcome.why = f"not kept: {done.last_word}"
+    elif course in ("stop", "stumble"):
+        judge_end(done, ends_s, hold_s, PRESETS[preset].last_pulse_s, outcome)
     else:
         outcome.why = missing(done, hold_s)
 
