@@ -12,7 +12,7 @@ from typing import Any, Self
 from pydantic import BaseModel, ConfigDict, model_validator
 
 from hil.judge.figures.records import CATALOGUE, Figures, Origin, incomplete, value_of
-from hil.judge.gaps import doubt_of
+from hil.judge.gaps import describes_the_bench, doubt_of
 from hil.judge.hold import Window
 from hil.judge.requirements import requirements
 from hil.judge.verdict import CheckResult, Value, Verdict
@@ -188,7 +188,9 @@ def doubt(check: Check, figures: Figures) -> str | None:
     """The reason why a check cannot be judged; None if it can."""
     if check.name in incomplete(figures):
         return f"can.log lacks {figures.log.frames_lost} frames, from which this figure is computed"
-    return doubt_of(check.name, window_s(check, figures), figures.gaps)
+    if check.expression is None and describes_the_bench(check.name):
+        return None
+    return doubt_of(window_s(check, figures), figures.gaps)
 
 
 def window_s(check: Check, figures: Figures) -> tuple[float, float]:

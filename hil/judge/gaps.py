@@ -24,11 +24,11 @@ SETTLING_S = 2.0
 The estimate has recovered after 0.2 s."""
 ANNOUNCED_KINDS = ("paused", "killed", "restarted", "clock-jitter", "clock-jumped")
 """Faults that keep a process from running: they make gaps of the scenario, not of the host."""
-OF_THE_MACHINE = (
-    *("memory.", "log.", "loops.", "tick_us.", "wake_us.", "realtime_factor", "bus_load"),
+OF_THE_BENCH = (
+    *("memory", "log", "loops", "tick_us", "wake_us", "realtime_factor", "bus_load"),
     *("overruns", "baseline_overruns", "late_wakeups", "long_work", "real_time", "held_s", "own_late_s"),
 )
-"""Beginnings of the figures that describe the bench itself; they are judged in spite of a gap."""
+"""The figures, and groups of figures, that describe the bench itself; they are judged in spite of a gap."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,10 +119,17 @@ def gaps_of(traces: RunTraces, period_s: float) -> list[Gap]:
     return sorted(found, key=lambda gap: gap.from_s)
 
 
-def doubt_of(name: str, window_s: tuple[float, float], gaps: Sequence[Gap]) -> str | None:
-    """Why the figure `name`, taken over `window_s`, is not judged; None if no gap touches its window."""
-    if name.startswith(OF_THE_MACHINE):
-        return None
+def describes_the_bench(figure: str) -> bool:
+    """Whether a figure of a run describes the bench itself.
+
+    >>> describes_the_bench("tick_us.p99"), describes_the_bench("regime")
+    (True, False)
+    """
+    return figure.partition(".")[0] in OF_THE_BENCH
+
+
+def doubt_of(window_s: tuple[float, float], gaps: Sequence[Gap]) -> str | None:
+    """Why a figure of the motion, taken over `window_s`, is not judged; None if no gap touches its window."""
     for gap in gaps:
         to_s = math.inf if gap.to_s is None else gap.to_s
         if gap.from_s <= window_s[1] and window_s[0] <= to_s + SETTLING_S:
