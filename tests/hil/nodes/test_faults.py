@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -95,6 +96,13 @@ def samples(sent: list[list[Frame]]) -> list[tuple[int, int]]:
     """(tick sent in, tick made in) of each sample."""
     number = {sample(tick): tick for tick in range(len(sent))}
     return [(tick, number[frame]) for tick, frames in enumerate(sent) for frame in frames if frame in number]
+
+
+def test_a_node_that_starts_on_a_bus_on_which_frames_never_cease_begins_in_spite_of_them() -> None:
+    starting = Thread(target=FaultyBus(Wire(), "plant", [], seed=1, period_s=1e-3).restart, daemon=True)
+    starting.start()
+    starting.join(2.0)
+    assert not starting.is_alive()
 
 
 FRAMES = {"frames": ["Accelerometer"]}
