@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from firmware_py.interface.addresses import DEFAULT, NOT_OURS, Addresses, bus_id, module_id
 from firmware_py.interface.frame import Frame
-from hil.bus.base import Bus, BusCounters
+from hil.bus.base import NO_END_NS, Bus, BusCounters
 
 
 def addressed(bus: Bus, places: Addresses) -> Bus:
@@ -39,11 +39,11 @@ class AddressedBus:
             if (can_id := module_id(self._places, frame.can_id)) != NOT_OURS
         ]
 
-    def receive_stamped(self) -> list[tuple[int, Frame]]:
-        """Like `receive`, with each frame's arrival on the wall clock in ns."""
+    def receive_stamped(self, until_ns: int = NO_END_NS) -> list[tuple[int, Frame]]:
+        """Like `receive`, with each frame's arrival on the wall clock in ns, up to `until_ns`."""
         return [
             (stamp_ns, Frame(can_id, frame.data))
-            for stamp_ns, frame in self._bus.receive_stamped()
+            for stamp_ns, frame in self._bus.receive_stamped(until_ns)
             if (can_id := module_id(self._places, frame.can_id)) != NOT_OURS
         ]
 

@@ -1,6 +1,7 @@
 """The interface of every bus to a node, and the bus's counters."""
 
 import select
+import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
@@ -9,6 +10,9 @@ from firmware_py.interface.frame import Frame
 
 MAX_BURST = 4096
 """Largest number of frames that one `receive` returns, so that a flood of frames cannot block a node."""
+
+NO_END_NS = sys.maxsize
+"""A time on the wall clock after all others."""
 
 SEND_RETRIES = 4
 SEND_RETRY_S = 100e-6
@@ -58,8 +62,11 @@ class Bus(NodeBus, Protocol):
     def counters(self) -> BusCounters:
         """The errors counted so far."""
 
-    def receive_stamped(self) -> list[tuple[int, Frame]]:
-        """Like `receive`, with each arrival on the wall clock in ns; for a bus opened with `stamped`."""
+    def receive_stamped(self, until_ns: int = NO_END_NS) -> list[tuple[int, Frame]]:
+        """All frames that have arrived up to `until_ns`, and some that have arrived since.
+
+        Each has its arrival on the wall clock in ns. For a bus opened with `stamped`.
+        """
 
     def fileno(self) -> int:
         """A descriptor that becomes readable when frames arrive."""

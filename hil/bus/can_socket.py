@@ -16,10 +16,12 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Connection
+from hil.bus.base import MAX_BURST, NO_END_NS, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Connection
 from hil.bus.wire import FRAME_BYTES, MAX_STANDARD_ID, pack, unpack
 from hil.timing.realtime import libc
 
+ANSWER_TIMEOUT_S = 60.0
+"""Longest wait for a socket of another network namespace, whose holder may wait for a busy machine."""
 BATCH = 256
 """Largest number of frames per system call: a quarter of a second of traffic on this bus."""
 EXACT_ID_MASK = 0xC0000000 | MAX_STANDARD_ID
@@ -139,6 +141,7 @@ def open_can_socket(interface: str, accept: Iterable[int] | None, stamped: bool)
 def fetch_can_socket(path: Path, accept: Iterable[int] | None, stamped: bool) -> socket.socket:
     """Return a CAN socket of another network namespace from the process that listens at `path`."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
+        link.settimeout(ANSWER_TIMEOUT_S)
         try:
             link.connect(str(path))
             request = {"accept": None if accept is None else list(accept), "stamped": stamped}
@@ -168,6 +171,8 @@ class CanSocket(Connection):
         self._send_batch = library.sendmmsg
         self._incoming = FrameBatch()
         self._stamped: FrameBatch | None = None
+        self._newest_ns = 0
+        """Arrival of the newest frame in `_stamped`."""
         self._outgoing = FrameBatch()
 
     @property
@@ -220,16 +225,17 @@ class CanSocket(Connection):
             return 0
         return int(count)
 
-    def receive_stamped(self) -> list[tuple[int, Frame]]:
-        """The frames that have arrived, at most one batch, with the kernel's wall clock in ns."""
+    def receive_stamped(self, until_ns: int = NO_END_NS) -> list[tuple[int, Frame]]:
+        """The frames that have arrived, with the kernel's wall clock in ns."""
         batch = self._stamped
         if batch is None:
             batch = self._stamped = FrameBatch(stamped=True)
-        count = self._take(batch)
         frames = []
-        for index, stamp_ns in enumerate(batch.take_stamps(count)):
-            content = batch.buffer[index * FRAME_BYTES : (index + 1) * FRAME_BYTES]
-            frames += [(stamp_ns, frame) for frame in unpack(content, self._counters)]
+        while self._newest_ns < until_ns and (count := self._take(batch)):
+            for index, stamp_ns in enumerate(batch.take_stamps(count)):
+                content = batch.buffer[index * FRAME_BYTES : (index + 1) * FRAME_BYTES]
+                frames += [(stamp_ns, frame) for frame in unpack(content, self._counters)]
+                self._newest_ns = stamp_ns
         return frames
 
     def _drops(self) -> int:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from firmware_py.interface.frame import Frame
 from hil.bus import wire
-from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Connection
+from hil.bus.base import MAX_BURST, NO_END_NS, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Connection
 from hil.timing.pacemaker import Turn
 
 HELLO = wire.CAN_FRAME.pack(wire.CONTROL_ID, 0, b"vibro-1\0")
@@ -120,18 +120,15 @@ class HubSocket(Connection):
             chunk = b"".join(messages)
         return wire.unpack(chunk, self.counters, self._requests)
 
-    def receive_stamped(self) -> list[tuple[int, Frame]]:
-        """All frames that have arrived, with the hub's wall clock in ns when it forwarded each."""
-        return self._stamped(self._read())
-
-    def _stamped(self, chunk: bytes) -> list[tuple[int, Frame]]:
-        """The data frames of `chunk` with their times in ns; other messages are counted as foreign."""
+    def receive_stamped(self, until_ns: int = NO_END_NS) -> list[tuple[int, Frame]]:
+        """The frames that have arrived, with the hub's wall clock in ns when it forwarded each."""
         frames = []
-        for stamp_ns, can_id, data in self._passed(chunk):
-            if can_id <= wire.MAX_STANDARD_ID:
-                frames.append((stamp_ns, Frame(can_id, data)))
-            else:
-                self.counters.foreign += 1
+        while self._stamp_ns < until_ns and (chunk := self._read()):
+            for stamp_ns, can_id, data in self._passed(chunk):
+                if can_id <= wire.MAX_STANDARD_ID:
+                    frames.append((stamp_ns, Frame(can_id, data)))
+                else:
+                    self.counters.foreign += 1
         return frames
 
     def receive_any(self) -> tuple[int, int, bytes] | None:

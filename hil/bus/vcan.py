@@ -29,6 +29,8 @@ from hil.timing.realtime import libc
 CLONE_NEWUSER = 0x10000000
 CLONE_NEWNET = 0x40000000
 REQUEST_BYTES = 1 << 14
+REQUEST_TIMEOUT_S = 5.0
+"""Longest wait for the request of a node that has connected: the other nodes' requests wait as well."""
 INTERFACE = "vcan0"
 """Its name in the namespace, where it is the only one beside `lo`."""
 
@@ -76,7 +78,11 @@ def hand_out(listener: socket.socket, interface: str) -> None:
     """Answer one node's request with a CAN socket opened on `interface`."""
     link, _ = listener.accept()
     with link:
-        content = link.recv(REQUEST_BYTES)
+        link.settimeout(REQUEST_TIMEOUT_S)
+        try:
+            content = link.recv(REQUEST_BYTES)
+        except TimeoutError:
+            return  # the node was stopped before its request
         if not content:
             return  # the node ended before its request
         request = json.loads(content)

@@ -24,6 +24,7 @@ from hil.record.candump import bus_log
 from hil.record.run_traces import read_json, read_scenario
 from hil.show.follower import Follower
 from hil.show.rerun_log import LOG_NAME, RunLog
+from hil.timing.clock import NS_PER_S
 from hil.timing.pacemaker import TurnTimes
 from hil.timing.processes import READY, read_start, report_to_parent, stop_requests
 from hil.timing.realtime import settle_garbage
@@ -55,27 +56,26 @@ class Recorder:
         self.log = RunLog(run_dir / LOG_NAME, run, read_scenario(run_dir))
         self.can_log = CanLog(run_dir / "can.log")
         self.frames = 0
-        self._newest_ns = 0
-        self._until_ns = sys.maxsize
-        """Time on the wall clock until which frames are recorded."""
         self._arrived_s: list[float] = []
         self._can_ids: list[int] = []
         self._payloads: list[bytes] = []
 
-    def drain(self) -> bool:
-        """Read the frames that have arrived; returns whether there were any."""
-        before = len(self._payloads)
-        while self._newest_ns < self._until_ns and self.bus and (arrived := self.bus.receive_stamped()):
-            stamps_ns = np.array([wall_ns for wall_ns, _ in arrived], np.int64)
-            self._newest_ns = int(stamps_ns[-1])
-            times_us = self.since_start_ns(stamps_ns) // 1000
-            for t_us, (_, frame) in zip(times_us.tolist(), arrived, strict=True):
-                if t_us >= 0:  # frames sent before the start are not part of this run
-                    self.can_log.write(t_us, (frame,))
-                    self._arrived_s.append(t_us * 1e-6)
-                    self._can_ids.append(frame.can_id)
-                    self._payloads.append(frame.data)
-        return len(self._payloads) > before
+    def drain(self, until_ns: int | None = None) -> bool:
+        """Read the frames that have arrived up to a time on the wall clock, by default now; tell if any came.
+
+        However many frames come, it ends.
+        """
+        if self.bus is None or not (arrived := self.bus.receive_stamped(until_ns or time.time_ns())):
+            return False
+        stamps_ns = np.array([wall_ns for wall_ns, _ in arrived], np.int64)
+        times_us = self.since_start_ns(stamps_ns) // 1000
+        for t_us, (_, frame) in zip(times_us.tolist(), arrived, strict=True):
+            if t_us >= 0:  # frames sent before the start are not part of this run
+                self.can_log.write(t_us, (frame,))
+                self._arrived_s.append(t_us * 1e-6)
+                self._can_ids.append(frame.can_id)
+                self._payloads.append(frame.data)
+        return True
 
     def since_start_ns(self, wall_ns: NDArray[np.int64]) -> NDArray[np.int64]:
         """Convert times of the wall clock to times of the run, both in ns."""
@@ -91,10 +91,10 @@ class Recorder:
 
     def close(self) -> None:
         """Write all frames sent up to now and the remaining records, and close both files."""
-        self._until_ns = time.time_ns()
+        latest_ns = time.time_ns() + round(LATEST_DELIVERY_S * NS_PER_S)
         if self.bus is not None:
             self.bus.wait(LATEST_DELIVERY_S)
-            while self.drain():
+            while self.drain(latest_ns):
                 self.bus.wait(LATEST_DELIVERY_S)
         self.append()
         self.can_log.close()

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from threading import Thread
 
 import pytest
 from kernel_interface import needs_kernel_can
@@ -18,9 +19,11 @@ from waiting import frames_within
 
 from firmware_py.interface.frame import Frame
 from hil.bus import Bus, BusError, ProvidedBus, join, open_bus, provide
-from hil.bus.can_socket import SO_TIMESTAMPNS, CanSocket, has_kernel_can
+from hil.bus.base import MAX_BURST
+from hil.bus.can_socket import BATCH, SO_TIMESTAMPNS, CanSocket, fetch_can_socket, has_kernel_can
 from hil.bus.hub_socket import HELLO
 from hil.bus.in_process import InProcessBus
+from hil.bus.vcan import hand_out
 from hil.bus.wire import CAN_FRAME
 from hil.timing.processes import Child
 from hil.timing.signals import Interrupted
@@ -190,6 +193,80 @@ def test_arrivals_carry_the_wall_clock_where_asked_for(either: ProvidedBus) -> N
             stamped += recorder.receive_stamped()
         assert [received for _, received in stamped] == [frame(1), frame(2)]
         assert all(before_ns <= stamp_ns <= time.time_ns() for stamp_ns, _ in stamped)
+
+
+def test_stamped_frames_behind_many_foreign_messages_are_received_in_the_same_call(
+    local: ProvidedBus,
+) -> None:
+    """Else a recorder that is asked to end takes the bus for empty."""
+    with joined(local, 1) as (sender,), joined(local, 1, stamped=True) as (recorder,):
+        for _ in range(3):
+            sender.send_all([Frame(0x80000001, b"")] * (MAX_BURST // 2))
+            time.sleep(0.05)
+        sender.send(frame(1))
+        time.sleep(0.1)
+        assert [received for _, received in recorder.receive_stamped()] == [frame(1)]
+        assert recorder.counters.foreign == 3 * (MAX_BURST // 2)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the kernel's time stamps are Linux's")
+def test_datagrams_behind_many_foreign_ones_are_received_in_the_same_call() -> None:
+    receiving, sending = datagrams()
+    receiving.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+    bus = CanSocket(receiving)
+    with sending, contextlib.closing(bus):
+        for _ in range(BATCH):  # datagrams take much room
+            sending.send(CAN_FRAME.pack(0x80000001, 0, b""))
+        sending.send(CAN_FRAME.pack(1, 1, b"x"))
+        assert [received for _, received in bus.receive_stamped()] == [Frame(1, b"x")]
+
+
+def test_frames_stamped_later_than_wanted_are_left_for_the_next_call(local: ProvidedBus) -> None:
+    """However fast others send, a call comes to its end."""
+    with joined(local, 1) as (sender,), joined(local, 1, stamped=True) as (recorder,):
+        sender.send(frame(1))
+        recorder.wait(2.0)
+        assert len(recorder.receive_stamped(time.time_ns())) == 1
+        sender.send(frame(2))
+        recorder.wait(2.0)
+        assert recorder.receive_stamped(0) == []
+        assert [received for _, received in recorder.receive_stamped()] == [frame(2)]
+
+
+def test_a_holder_of_sockets_does_not_wait_for_a_client_that_asks_for_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A process that was stopped while it joined; the others join meanwhile."""
+    monkeypatch.setattr("hil.bus.vcan.REQUEST_TIMEOUT_S", 0.05)
+    with socket.socket(socket.AF_UNIX) as listener, socket.socket(socket.AF_UNIX) as client:
+        listener.bind(str(tmp_path / "vcan"))
+        listener.listen()
+        client.connect(str(tmp_path / "vcan"))
+        serving = Thread(target=hand_out, args=(listener, "vcan0"), daemon=True)
+        serving.start()
+        serving.join(2.0)
+        assert not serving.is_alive()
+
+
+def test_a_node_does_not_wait_for_a_holder_that_answers_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hil.bus.can_socket.ANSWER_TIMEOUT_S", 0.05)
+    failed: list[BusError] = []
+
+    def fetch() -> None:
+        try:
+            fetch_can_socket(tmp_path / "vcan", None, stamped=False)
+        except BusError as error:
+            failed.append(error)
+
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(tmp_path / "vcan"))
+        listener.listen()
+        joining = Thread(target=fetch, daemon=True)
+        joining.start()
+        joining.join(2.0)
+        assert "no private vcan is held" in str(failed)
 
 
 def test_a_foreign_program_is_disconnected_and_the_others_receive_nothing_of_it(local: ProvidedBus) -> None:
