@@ -14,7 +14,7 @@ import numpy as np
 from plant_sim.kernels import register_kinds
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.walking import COLUMNS
-from plant_sim.references import by_reference
+from plant_sim.references import Reference, by_reference
 
 _EMPTY: dict[str, Any] = {"rows": np.zeros((1, COLUMNS))}
 """The arrays of an absent part, by the name of their field."""
@@ -83,4 +83,6 @@ _AnyParts = _any_parts()
 
 def kernel_parts(parts: Parts) -> Parts:
     """The parts for kernels. Interpreted kernels (NUMBA_DISABLE_JIT) take them as they are."""
+    if isinstance(parts, Reference):
+        return parts
     return by_reference(parts, _AnyParts(*map(with_kind, Parts._fields, parts)))

@@ -82,15 +82,13 @@ class Reference:
     def __init__(self, record: tuple[Any, ...], kind: Any) -> None:
         """`kind` determines the record's compiled type: its class, or `kind_of` it."""
         self.record = record  # keeps the arrays alive
-        kinds: list[str] = []
+        if kind not in _LAYOUTS:
+            _LAYOUTS[kind] = ReferenceType(_typeof(record)), struct.Struct(_format(record))
+        self.numba_type, layout = _LAYOUTS[kind]
         numbers: list[float] = []
-        _flatten(record, kinds, numbers)
-        packed = struct.pack("".join(kinds), *numbers)
-        self._words = (ctypes.c_int64 * len(numbers)).from_buffer_copy(packed)
+        _flatten(record, numbers)
+        self._words = (ctypes.c_int64 * len(numbers)).from_buffer_copy(layout.pack(*numbers))
         self.address = ctypes.addressof(self._words)
-        if kind not in _TYPES:
-            _TYPES[kind] = ReferenceType(_typeof(record))
-        self.numba_type = _TYPES[kind]
 
     @property
     def words(self) -> list[int]:
@@ -101,39 +99,46 @@ class Reference:
         return getattr(self.record, name)
 
 
-_TYPES: dict[Any, ReferenceType] = {}
-"""Types by the kind of record: numba takes a millisecond to find one."""
+_LAYOUTS: dict[Any, tuple[ReferenceType, struct.Struct]] = {}
+"""Type and layout by the kind of record: numba takes a millisecond to find a type."""
 
 
 def by_reference(record: _Record, layout: Any = None) -> _Record:
     """The record for a kernel, in the fields of `layout` if one is given: a record whose class determines the
-    types of all its fields.
+    types of all its fields. A record by reference stays as it is.
 
     Kernels that Python interprets (NUMBA_DISABLE_JIT) take the record itself.
     """
-    if IS_INTERPRETED:
+    if IS_INTERPRETED or isinstance(record, Reference):
         return record
     reference: Any = Reference(record, kind_of(record)) if layout is None else Reference(layout, type(layout))
     its_record: _Record = reference
     return its_record
 
 
-def _flatten(value: Any, kinds: list[str], numbers: list[float]) -> None:
-    """Append the words of a number, an array (numba's ArrayModel) or a record, and their `struct` kinds."""
+def _format(value: Any) -> str:
+    """The layout, for `struct`, of a number, an array (numba's ArrayModel) or a record."""
     if isinstance(value, tuple):
-        for field in value:
-            _flatten(field, kinds, numbers)
-    elif isinstance(value, float):
-        kinds.append("d")
-        numbers.append(value)
-    elif type(value) is int:
-        kinds.append("q")
-        numbers.append(value)
-    elif isinstance(value, np.ndarray):
-        kinds.append("q" * (5 + 2 * value.ndim))
-        numbers += (0, 0, value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides)
-    else:
-        raise TypeError(f"{value!r} in a record for kernels; wanted a float, an int, an array or a record")
+        return "".join(map(_format, value))
+    if isinstance(value, float):
+        return "d"
+    if type(value) is int:
+        return "q"
+    if isinstance(value, np.ndarray):
+        return "q" * (5 + 2 * value.ndim)
+    raise TypeError(f"{value!r} in a record for kernels; wanted a float, an int, an array or a record")
+
+
+def _flatten(record: tuple[Any, ...], numbers: list[float]) -> None:
+    """Append the words of a record."""
+    for value in record:
+        if isinstance(value, tuple):
+            _flatten(value, numbers)
+        elif isinstance(value, np.ndarray):
+            address = ctypes.addressof(ctypes.c_char.from_buffer(value)) if value.size > 0 else 0
+            numbers.extend((0, 0, value.size, value.itemsize, address, *value.shape, *value.strides))
+        else:
+            numbers.append(value)
 
 
 @typeof_impl.register(Reference)

@@ -12,6 +12,8 @@ fewer terms, and a step that needs more of them is one of DOP853.
 
 import math
 
+import numpy as np
+
 from plant_sim.kernels import one_of, subroutine
 from plant_sim.parts.drive import Drive, is_motor, motor_torque_n_m
 from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Viscous, friction_force_n, is_stribeck
@@ -119,8 +121,7 @@ def expand(parts: Parts, flow: Flow, y: Vector, series: Vector, order: int) -> N
     """Taylor coefficients of the motion from the state `y` on, into `series`, shape (state + BESIDE,
     order + 1)."""
     n, work, striker = state_size(parts), work_place(parts), parts.striker
-    depth, velocity, loss = series[DEPTH], series[VELOCITY], series[work + 1]
-    sine, spring, drag = series[n + SINE], series[n + SPRING], series[n + DRAG]
+    loss, spring, drag = series[work + 1], series[n + SPRING], series[n + DRAG]
     housing_m_s2 = series[n + SHAKE]
     crank = crank_in_stage(parts.drive, flow, 0.0, y)
     torque_n_m = motor_torque_n_m(parts.drive, flow.torque_n_m, crank.speed_rad_s)
@@ -132,33 +133,33 @@ def expand(parts: Parts, flow: Flow, y: Vector, series: Vector, order: int) -> N
         series[i, 0] = y[i]
     if not is_level(parts.housing):
         expand_housing(parts.housing, flow.time_s, housing_m_s2)
-    sine[0], series[n + COSINE, 0] = math.sin(crank.angle_rad), math.cos(crank.angle_rad)
+    series[n + SINE, 0], series[n + COSINE, 0] = math.sin(crank.angle_rad), math.cos(crank.angle_rad)
+    depth_k, velocity_k = y[DEPTH], y[VELOCITY]
     for k in range(order):
         per = 1.0 / (k + 1)
         for account in range(work + 2, n):
             series[account, k + 1] = 0.0
-        stretch_m = parts.drive.amplitude_m * sine[k] - depth[k] + _at_start(reach_m, k)
-        spring[k] = spring_force_n(striker, stretch_m)
+        spring[k] = spring_force_n(
+            striker, parts.drive.amplitude_m * series[n + SINE, k] + _at_start(reach_m, k) - depth_k
+        )
         lost_w = _turn(parts.drive, flow, torque_n_m, k, per, n, work, series)
+        square = _square(series[VELOCITY], k)
         push_n = 0.0
         if is_pressed:
-            push_n = _press(parts.stop, flow.damping_s_m, k, per, work, series)
+            push_n = _press(parts.stop, flow.damping_s_m, square, k, per, work, series)
         if slides:
             drag[k] = _drag(parts.friction, normal_n, flow.direction, k, n, series)
-            for j in range(k + 1):
-                lost_w -= drag[j] * velocity[k - j]
-            depth[k + 1] = per * velocity[k]
+            lost_w -= _drag_power_w(parts.friction, normal_n, flow.direction, square, k, n, series)
             force_n = spring[k] - push_n + drag[k]
             if not is_level(parts.housing):
                 force_n -= striker.mass_kg * housing_m_s2[k]
-            velocity[k + 1] = per * force_n * (1.0 / striker.mass_kg)
+            depth_k, velocity_k = per * velocity_k, per * (1.0 / striker.mass_kg) * force_n
         else:
-            depth[k + 1] = velocity[k + 1] = 0.0
+            depth_k = velocity_k = 0.0
+        series[DEPTH, k + 1], series[VELOCITY, k + 1] = depth_k, velocity_k
         loss[k + 1] = per * lost_w
         if not is_level(parts.housing):
-            power = 0.0
-            for j in range(k + 1):
-                power -= housing_m_s2[j] * velocity[k - j]
+            power = -_product(housing_m_s2, series[VELOCITY], k)
             series[housing_place(parts), k + 1] = per * striker.mass_kg * power
 
 
@@ -169,25 +170,45 @@ def _at_start(value: float, k: int) -> float:
 
 
 @subroutine(inline=True)
+def _product(a: Vector, b: Vector, k: int) -> float:
+    """Coefficient k of a product.
+
+    The newest coefficients come last: a processor adds up the others while it still computes those. An
+    unsigned index spares it the look for negative ones.
+    """
+    if k == 0:
+        return a[0] * b[0]
+    total = 0.0
+    for j in range(1, k):
+        total += a[j] * b[np.uint64(k - j)]
+    return total + a[0] * b[k] + a[k] * b[0]
+
+
+@subroutine(inline=True)
+def _square(c: Vector, k: int) -> float:
+    """Coefficient k of a square: as `_product`, where each term but the middle one stands twice."""
+    if k == 0:
+        return c[0] * c[0]
+    total = 0.0
+    for j in range(1, (k + 1) // 2):
+        total += c[j] * c[np.uint64(k - j)]
+    middle = c[k // 2] if k % 2 == 0 else 0.0
+    return 2.0 * (total + c[0] * c[k]) + middle * middle
+
+
+@subroutine(inline=True)
 def _turn(
     drive: Drive, flow: Flow, torque_n_m: float, k: int, per: float, n: int, work: int, series: Vector
 ) -> float:
     """Coefficients k + 1 of crank and drive's work; return coefficient k of the crank's loss, W."""
     sine, cosine, spring, speed = series[n + SINE], series[n + COSINE], series[n + SPRING], series[SPEED]
-    load_n = sine_rate = cosine_rate = square = 0.0
+    load_n = _product(spring, cosine, k)
     if not is_motor(drive):
-        for j in range(k + 1):
-            load_n += spring[j] * cosine[k - j]
         turn = per * drive.omega_rad_s
         sine[k + 1], cosine[k + 1] = turn * cosine[k], -turn * sine[k]
         series[work, k + 1] = turn * drive.amplitude_m * load_n
         return 0.0
-    for j in range(k + 1):
-        load_n += spring[j] * cosine[k - j]
-        sine_rate += speed[j] * cosine[k - j]
-        cosine_rate -= speed[j] * sine[k - j]
-        square += speed[j] * speed[k - j]
-    sine[k + 1], cosine[k + 1] = per * sine_rate, per * cosine_rate
+    sine[k + 1], cosine[k + 1] = per * _product(speed, cosine, k), -per * _product(speed, sine, k)
     if flow.crank_stuck:
         series[ANGLE, k + 1] = speed[k + 1] = series[work, k + 1] = 0.0
         return 0.0
@@ -195,20 +216,20 @@ def _turn(
     held_n_m = drive.viscous_n_m_s * speed[k] + drive.amplitude_m * load_n
     net_n_m = _at_start(torque_n_m - dry_n_m, k) - held_n_m
     series[ANGLE, k + 1] = per * speed[k]
-    speed[k + 1] = per * net_n_m * (1.0 / drive.inertia_kg_m2)
+    speed[k + 1] = per * (1.0 / drive.inertia_kg_m2) * net_n_m
     series[work, k + 1] = per * torque_n_m * speed[k]
-    lost_w: float = drive.viscous_n_m_s * square + dry_n_m * speed[k]
+    lost_w: float = drive.viscous_n_m_s * _square(speed, k) + dry_n_m * speed[k]
     return lost_w
 
 
 @subroutine(inline=True)
-def _press(stop: Stop, damping_s_m: float, k: int, per: float, work: int, series: Vector) -> float:
-    """Coefficients k + 1 of a linear stop's loss and impulse; return coefficient k of its force, N."""
-    velocity = series[VELOCITY]
-    square = 0.0
-    for j in range(k + 1):
-        square += velocity[j] * velocity[k - j]
-    push_n = stop_force_n(stop, elastic_force_n(stop, series[DEPTH, k]), velocity[k], damping_s_m)
+def _press(
+    stop: Stop, damping_s_m: float, square: float, k: int, per: float, work: int, series: Vector
+) -> float:
+    """Coefficients k + 1 of a linear stop's loss and impulse, from that of the velocity's square; return
+    coefficient k of its force, N."""
+    elastic_n = elastic_force_n(stop, series[DEPTH, k])
+    push_n = stop_force_n(stop, elastic_n, series[VELOCITY, k], damping_s_m)
     series[work + 2, k + 1] = per * stop_force_n(stop, 0.0, square, damping_s_m)
     series[work + 3, k + 1] = per * push_n
     return push_n
@@ -217,26 +238,34 @@ def _press(stop: Stop, damping_s_m: float, k: int, per: float, work: int, series
 @subroutine(inline=True)
 def _drag(friction: Friction, normal_n: float, direction: float, k: int, n: int, series: Vector) -> float:
     """Coefficient k of the friction force, N, of a striker sliding in `direction`, ±1."""
-    if not is_stribeck(friction):
-        return friction_force_n(friction, _at_start(normal_n, k), series[VELOCITY, k], direction)
     velocity, power, fall = series[VELOCITY], series[n + POWER], series[n + FALL]
+    if not is_stribeck(friction):
+        return friction_force_n(friction, _at_start(normal_n, k), velocity[k], direction)
     per_speed = direction / friction.v_s_m_s
     power[k] = per_speed * velocity[k]
     if friction.delta == 2.0:
-        power[k] = 0.0
-        for j in range(k + 1):
-            power[k] += per_speed * velocity[j] * per_speed * velocity[k - j]
+        power[k] = per_speed * per_speed * _square(velocity, k)
     if k == 0:
         fall[k] = math.exp(-power[k])
     else:  # f = e^−p: f' = −p' f
-        fall[k] = 0.0
+        total = 0.0
         for j in range(1, k + 1):
-            fall[k] -= j * power[j] * fall[k - j]
-        fall[k] /= k
+            total -= j * power[j] * fall[np.uint64(k - j)]
+        fall[k] = total / k
     weight_n = normal_n * direction
     falling_n: float = (friction.mu_s - friction.mu) * weight_n * fall[k]
     force_n: float = -_at_start(friction.mu * weight_n, k) - falling_n - friction.b_n_s_m * velocity[k]
     return force_n
+
+
+@subroutine(inline=True)
+def _drag_power_w(
+    friction: Friction, normal_n: float, direction: float, square: float, k: int, n: int, series: Vector
+) -> float:
+    """Coefficient k of the friction force times the velocity, W, from that of the velocity's square."""
+    if not is_stribeck(friction):
+        return friction_force_n(friction, normal_n * series[VELOCITY, k], square, direction)
+    return _product(series[n + DRAG], series[VELOCITY], k)
 
 
 @subroutine

@@ -14,7 +14,6 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.winding import DqWinding
 from plant_sim.plant import Plant
 from plant_sim.scene import Scene, load_scene
-from plant_sim.sensors.sensing import NO_SENSING
 from plant_sim.simulation import initial_state, simulate
 from plant_sim.solvers.adaptive.adaptive import run
 from plant_sim.solvers.adaptive.state_layout import READINGS, Grid, Memory, allocate, current_place
@@ -68,7 +67,7 @@ def test_agrees_with_motulator(changes: dict[str, Any], torque_n_m: float, spun_
     place, ours = current_place(parts), []
     limited = False
     for t_s in times_s:
-        run(parts, NO_SENSING, memory, torque_n_m, 0.0, float(t_s), NO_SAMPLES)
+        run(parts, memory, NO_SAMPLES, torque_n_m, 0.0, float(t_s))
         limited = limited or memory.mode[0].voltage_limited == 1
         i_d, i_q = memory.y[place : place + 2]
         torque = 1.5 * parts.drive.pole_pairs * (0.08 / 10.5 + (0.25e-3 - 0.35e-3) * i_d) * i_q

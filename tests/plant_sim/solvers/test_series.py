@@ -13,7 +13,6 @@ from plant_sim.parts.linkage import SliderCrank
 from plant_sim.plant import Plant
 from plant_sim.references import by_reference
 from plant_sim.scene import load_scene
-from plant_sim.sensors.sensing import NO_SENSING
 from plant_sim.simulation import initial_state
 from plant_sim.solvers.adaptive.adaptive import run, simulate
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
@@ -61,7 +60,7 @@ def expanded(name: str, torque_n_m: float = 0.02) -> tuple[Any, Memory]:
     scene = load_scene(changed(base, {"sensors": None, **changes}))
     parts = scene.parts()
     memory = allocate(parts, initial_state(scene), 1e-10, 100)
-    run(parts, NO_SENSING, memory, torque_n_m, 0.0, T_S, NO_SAMPLES)
+    run(parts, memory, NO_SAMPLES, torque_n_m, 0.0, T_S)
     _expanded(kernel_parts(parts), by_reference(memory), torque_n_m, T_S, H_S)
     return parts, memory
 
