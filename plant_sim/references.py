@@ -135,7 +135,7 @@ def _flatten(record: tuple[Any, ...], numbers: list[float]) -> None:
         if isinstance(value, tuple):
             _flatten(value, numbers)
         elif isinstance(value, np.ndarray):
-            address = ctypes.addressof(ctypes.c_char.from_buffer(value)) if value.size > 0 else 0
+            address = ctypes.addressof(ctypes.c_char.from_buffer(value.data)) if value.size > 0 else 0
             numbers.extend((0, 0, value.size, value.itemsize, address, *value.shape, *value.strides))
         else:
             numbers.append(value)

@@ -177,23 +177,23 @@ def _product(a: Vector, b: Vector, k: int) -> float:
     unsigned index spares it the look for negative ones.
     """
     if k == 0:
-        return a[0] * b[0]
+        return float(a[0] * b[0])
     total = 0.0
     for j in range(1, k):
         total += a[j] * b[np.uint64(k - j)]
-    return total + a[0] * b[k] + a[k] * b[0]
+    return float(total + a[0] * b[k] + a[k] * b[0])
 
 
 @subroutine(inline=True)
 def _square(c: Vector, k: int) -> float:
     """Coefficient k of a square: as `_product`, where each term but the middle one stands twice."""
     if k == 0:
-        return c[0] * c[0]
+        return float(c[0] * c[0])
     total = 0.0
     for j in range(1, (k + 1) // 2):
         total += c[j] * c[np.uint64(k - j)]
     middle = c[k // 2] if k % 2 == 0 else 0.0
-    return 2.0 * (total + c[0] * c[k]) + middle * middle
+    return float(2.0 * (total + c[0] * c[k]) + middle * middle)
 
 
 @subroutine(inline=True)
