@@ -24,6 +24,8 @@ COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
 }
 CONDITION = re.compile(r"\s*([a-z_][a-z0-9_.]*)\s*(<=|>=|!=|=|<|>)\s*(.+?)\s*")
 UNITS_S = {"h": 3600.0, "d": 86_400.0, "w": 604_800.0}
+VERDICT_NAMES = ("passed", "verdict")
+"""What conditions and tables may name beside the figures."""
 AGE = re.compile(r"(\d+(?:\.\d+)?)([hdw])")
 
 
@@ -56,7 +58,9 @@ class ListedRun:
         return f"{str(origin.get('commit') or '')[:8]}{'+' if origin.get('edited') else ''}"
 
     def figure(self, name: str) -> Any:
-        """A figure by its dotted name; None if the run lacks the figure."""
+        """A figure by its dotted name, `passed` or `verdict`; None if the run lacks it."""
+        if name in VERDICT_NAMES:
+            return self.passed if name == "passed" else self.word
         return None if self.verdict is None else self.verdict["figures"].get(name)
 
 
@@ -108,7 +112,7 @@ def listed(runs: Path) -> list[ListedRun]:
 
 def refuse_other_figures(option: str, text: str, name: str) -> None:
     """Raise BadInputError unless `name` is `passed`, `verdict` or the name of a figure."""
-    if name not in CATALOGUE and name not in ("passed", "verdict"):
+    if name not in CATALOGUE and name not in VERDICT_NAMES:
         raise BadInputError(
             f"{option} {text!r}: no figure {name!r}; docs/reference/figures.md lists them, beside `passed` "
             "and `verdict`"
@@ -143,7 +147,7 @@ def condition(text: str) -> Callable[[ListedRun], bool]:
     compare = COMPARISONS[sign]
 
     def meets(run: ListedRun) -> bool:
-        value = run.passed if name == "passed" else run.figure(name)
+        value = run.figure(name)
         if value is None:
             return False
         if isinstance(value, str) != isinstance(wanted, str):

@@ -56,6 +56,8 @@ def test_every_run_is_listed_the_newest_first(folder):
         (["impact_v_m_s>0.4", "impact_v_m_s<=0.5"], ["suite/soft"]),
         (["fault != none"], ["suite/soft"]),
         (["scenario=three"], ["suite/none"]),
+        (["verdict=failed"], ["suite/soft", "suite/none"]),
+        (["verdict!=failed"], ["good"]),
     ],
 )
 def test_conditions_choose_runs_by_their_figures(folder, conditions, wanted):
@@ -67,6 +69,9 @@ def test_the_command_lists_chooses_and_prunes(folder, capsys):
     listed = json.loads(capsys.readouterr().out)["runs"]
     assert [run["scenario"] for run in listed] == ["two", "three"]
     assert listed[0]["figures"]["fault"] == "drive-timeout"
+    assert cli.run(["runs", str(folder), "--json", "--show", "verdict", "--show", "passed"]) == EXIT_PASSED
+    shown = [run["figures"] for run in json.loads(capsys.readouterr().out)["runs"]]
+    assert shown[:2] == [{"verdict": None, "passed": None}, {"verdict": "passed", "passed": True}]
     assert cli.run(["runs", str(folder)]) == EXIT_PASSED
     assert "4 of 4 runs" in capsys.readouterr().out
     assert cli.run(["runs", str(folder), "--most", "1"]) == EXIT_PASSED
