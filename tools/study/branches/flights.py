@@ -18,7 +18,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import jit, subroutine
+from plant_sim.kernels import jit
 from plant_sim.parts.drive import IdealDrive, constant_speed_rad_s
 from plant_sim.parts.friction import ClosedForm
 from plant_sim.parts.parts import Parts
@@ -26,10 +26,10 @@ from plant_sim.parts.stop import NoStop, RigidStop
 from plant_sim.parts.striker import Striker
 from plant_sim.result import MotionState, Phase, SimulationResult
 from plant_sim.solvers.adaptive import adaptive
-from plant_sim.solvers.bernstein import Scratch, new_scratch
+from plant_sim.solvers.bernstein import new_scratch
 from plant_sim.solvers.cost import SolverError
-from plant_sim.solvers.exact.automaton import Event, Motion, after, begin, next_event
-from plant_sim.solvers.exact.oscillator import Oscillator, flow, free_flow, launch, oscillator_of, point
+from plant_sim.solvers.exact.automaton import Event, after, begin, next_event
+from plant_sim.solvers.exact.oscillator import flow, free_flow, launch, oscillator_of, point
 
 Vector: TypeAlias = NDArray[np.float64]
 ADAPTIVE_ACCURACY, ADAPTIVE_DIFFERENCE = 1e-12, 1e-4
@@ -91,7 +91,8 @@ def fly(
     duration_s: float,
 ) -> FlightEnd:
     """The end of the flight of `duration_s` that begins at y = x − l0, v and a crank angle."""
-    o = oscillator_of(striker, drive, friction, NoStop(), drive.omega_rad_s)
+    law = oscillator_of(striker, drive, friction, NoStop(), drive.omega_rad_s)
+    o = law._replace(is_dry=True)  # without dry friction, a turn is one of dry friction without a force
     motion, scratch = begin(o, 0.0, y_m, v_m_s, crank_rad), new_scratch(0)
     yy, yv, vy, vv = 1.0, 0.0, 0.0, 1.0
     highest, margin, start, end = -math.inf, math.inf, math.nan, 0.0
@@ -109,12 +110,10 @@ def fly(
             C, S, D = free_flow(o, span)
             yy, vy = C * yy + S * vy, D * vy - o.stiffness_1_s2 * S * yy
             yv, vv = C * yv + S * vv, D * vv - o.stiffness_1_s2 * S * yv
-            if not o.is_dry:
-                _, high = turning_points(o, motion, arrival, scratch)
-                highest = max(highest, high)
         departure = after(o, arrival, event, 0.0)
         if event == Event.TURN:
             highest = max(highest, arrival.y_m)
+        if event == Event.TURN and law.is_dry:
             push = o.amplitude_m * arrival.sin_crank - arrival.y_m
             margin = min(margin, abs(push) - o.dry_offset_m)
             share = 0.0
@@ -125,23 +124,6 @@ def fly(
     if math.isnan(start):
         start = 0.0
     return FlightEnd(motion.y_m, motion.v_m_s, start, end, yy, yv, vy, vv, highest, margin)
-
-
-@subroutine
-def turning_points(o: Oscillator, motion: Motion, arrival: Motion, scratch: Scratch) -> tuple[float, float]:
-    """Lowest and highest y at which the speed of a flight passes through zero; ∞, −∞ if it does not.
-
-    Without dry friction a turn is no event, so it is looked for as a turn of dry friction without a force.
-    """
-    dry = o._replace(is_dry=True, has_stop=False)
-    low, high = math.inf, -math.inf
-    span_s = (arrival.t_s - motion.t_s) + (arrival.t_low_s - motion.t_low_s)
-    begun = begin(dry, 0.0, motion.y_m, motion.v_m_s, motion.crank_rad)
-    turn, event = next_event(dry, begun, span_s, scratch)
-    while event == Event.TURN:
-        low, high = min(low, turn.y_m), max(high, turn.y_m)
-        turn, event = next_event(dry, after(dry, turn, event, 0.0), span_s, scratch)
-    return low, min(high, o.gap_m)
 
 
 class ClosedFlight(NamedTuple):
