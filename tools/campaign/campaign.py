@@ -165,8 +165,8 @@ class Outcome:
     """Outcome of one trial.
 
     `why` is empty for a success. An ineligible trial is not counted; its `why` gives the reason. `metrics`
-    are one value per trial by name, `counts` (of hits, misses, …) are summed over trials, `samples` are
-    pooled.
+    are one value per trial by name, `shares` (hits among touch-downs, …) are each a part and its whole,
+    summed over trials, `samples` are pooled.
     """
 
     trial: int
@@ -176,12 +176,17 @@ class Outcome:
     simulated_s: float = 0.0
     compute_s: float = 0.0
     metrics: dict[str, float] = field(default_factory=dict)
-    counts: dict[str, int] = field(default_factory=dict)
+    shares: dict[str, tuple[int, int]] = field(default_factory=dict)
     samples: dict[str, list[float]] = field(default_factory=dict)
 
     def leave_out(self, why: str) -> None:
         """Mark the trial as ineligible."""
         self.eligible, self.why = False, why
+
+    def count(self, share: str, *, is_part: bool) -> None:
+        """Count one more of a whole, and if it is, of its part."""
+        part, whole = self.shares.get(share, (0, 0))
+        self.shares[share] = part + int(is_part), whole + 1
 
 
 Quantile = Literal["lowest", "p50", "p95", "worst"]
@@ -189,7 +194,7 @@ Quantile = Literal["lowest", "p50", "p95", "worst"]
 
 @dataclass(frozen=True)
 class Goal:
-    """A limit on a figure: a metric's quantile, a share of counts, or the share of successes.
+    """A limit on a figure: a metric's quantile, a share, or the share of successes.
 
     The goal applies to the cells whose names begin with `where`, taken together; an empty `where` means all
     cells. The figure must be at least `low` or at most `high`, in the unit in which the figure is printed.

@@ -152,15 +152,6 @@ def sampled_losses(done: Run, dice: np.random.Generator) -> list[dict[str, Any]]
     ]
 
 
-WHOLE_OF = {"missed": "above", "tripped": "below"}
-"""Counts that are a part of another, with the other."""
-GROUPS = (*(f"{kind}{lost}" for kind in ("", "short_") for lost in range(LOST + 1)), "kicked")
-SHARES = {
-    f"{part}_{group}": ((f"{part}_{group}",), (f"{whole}_{group}",))
-    for part, whole in WHOLE_OF.items()
-    for group in GROUPS
-}
-"""Shares of counts, as in `tools.campaign.results`."""
 TARGETS: dict[str, dict[str, Any]] = {
     "dropped": {"frames": ["Accelerometer"]},
     "corrupted": {"frames": ["Accelerometer"]},
@@ -181,12 +172,19 @@ def contacts_of(done: Run) -> list[tuple[NDArray[np.void], float]]:
 
 
 def judge_limits(trial: Trial, done: Run, outcome: Outcome) -> None:
-    """Judge the contacts up to the first that exceeds a limit.
+    """Judge a trial by its contacts; one within the band (`within_band`) need not trip, but may."""
+    is_within = judge_contacts(trial, done, outcome)
+    if outcome.eligible:
+        outcome.count("within_band", is_part=is_within)
 
-    A trip within the pulse of the kick is the kick's; any other belongs to the contact before it.
-    The counts have the number of the samples lost within the contact: `above_0` are contacts beyond a limit,
-    `missed_0` those after which no limit's fault was latched in time, `below_0` trials whose contacts all lie
-    below the limits, `tripped_0` those with a limit's fault.
+
+def judge_contacts(trial: Trial, done: Run, outcome: Outcome) -> bool:
+    """Judge the contacts up to the first that exceeds a limit; return whether one lies within the band.
+
+    A trip within the pulse of the kick is the kick's; any other belongs to the contact before it. The shares
+    have the number of the samples lost within the contact: `missed_0` of the contacts beyond a limit, those
+    after which no limit's fault was latched in time; `tripped_0` of the contacts far below the limits, those
+    with a limit's fault.
     """
     limit = flattened(trial.scenario.parameters)
     force_n, impulse_n_s = limit["limit.force_n"], limit["limit.impulse_n_s"]
@@ -200,7 +198,7 @@ def judge_limits(trial: Trial, done: Run, outcome: Outcome) -> None:
     for (impact, end_s), following_s in zip(contacts, next_s, strict=True):
         if gone_s <= end_s:
             outcome.leave_out(f"{latch.fault.name.lower()} came first" if latch else "")
-            return
+            return False
         force, impulse = float(impact["peak_force_n"]) / force_n, float(impact["impulse_n_s"]) / impulse_n_s
         lost = sum(bool(impact["t_s"] - done.tick_s <= one.at_s <= end_s) for one in losses)
         long = trial.scenario.document["scene"]["stop"]["contact_s"] >= 1e-3 * CLEAN_MS
@@ -210,34 +208,27 @@ def judge_limits(trial: Trial, done: Run, outcome: Outcome) -> None:
             valid_s = end_s + done.tick_s * sum(one.at_s > end_s - done.tick_s for one in losses)
             later_n_m = done.firmware["outputs.torque_n_m"][round(valid_s / done.tick_s) + IN_TICKS :]
             in_time = tripped_s <= valid_s + IN_TICKS * done.tick_s and not np.any(later_n_m)
-            count(outcome, "missed", group, not in_time)
+            outcome.count(f"missed_{group}", is_part=not in_time)
             if not in_time and group == "0":
                 outcome.why = f"no trip at {force:.2f} of the force, {impulse:.2f} of the impulse limit"
-            return
+            return False
         if max(force, impulse) >= BELOW:
-            outcome.counts["within"] = 1
-            return
+            return True
         if by_kick and impact["t_s"] > tripped_s:
             continue
         until_s = end_s + IN_TICKS * done.tick_s if by_kick else following_s
         tripped = tripped_s <= until_s and tripped_s < math.inf
-        count(outcome, "tripped", group, tripped)
+        outcome.count(f"tripped_{group}", is_part=tripped)
         if tripped and group == "0":
             outcome.why = f"tripped at {force:.2f} of the force and {impulse:.2f} of the impulse limit"
         if tripped:
-            return
+            return False
     if by_kick:
         outcome.leave_out("the kick exceeded twice a limit, and no contact followed within the trial")
     elif tripped_s < math.inf:
-        count(outcome, "tripped", "0", is_part=True)
+        outcome.count("tripped_0", is_part=True)
         outcome.why = "tripped without a contact"
-
-
-def count(outcome: Outcome, part: str, group: str, is_part: bool) -> None:
-    """Count a contact of a group in its whole, and if it is, in this part."""
-    for name, more in ((WHOLE_OF[part], 1), (part, int(is_part))):
-        key = f"{name}_{group}"
-        outcome.counts[key] = outcome.counts.get(key, 0) + more
+    return False
 
 
 LIMITS = Campaign(

@@ -77,16 +77,15 @@ def start_up(trial: Trial, done: Run, outcome: Outcome) -> None:
     if not attractor.exists:
         outcome.leave_out("no impact attractor at this speed")
         ended = done.modes[-1]
-        outcome.counts["hopeless"] = 1
         refused = bool(np.any(done.firmware["outputs.refusal"] == Refusal.RATIO_TOO_HIGH))
         said = refused or ended.fault in (Fault.START_FAILED, Fault.ATTRACTOR_LOST)
         elsewhere = lost_by(done, duration_s, omega_rad_s) == ""
-        outcome.counts["hopeless_settled"] = int(said or elsewhere)
+        outcome.count("hopeless_settled", is_part=said or elsewhere)
         return
-    outcome.counts["instant"] = int(reference.instant_start_captures(scene, omega_rad_s))
-    outcome.counts["fault_before_start"] = int(
-        any(change.fault != Fault.NONE and change.t_s < RUN_S for change in done.modes)
-    )
+    captures = reference.instant_start_captures(scene, omega_rad_s)
+    outcome.count("instant_start_captures", is_part=captures)
+    has_fault = any(change.fault != Fault.NONE and change.t_s < RUN_S for change in done.modes)
+    outcome.count("fault_before_start", is_part=has_fault)
     outcome.why = lost_by(done, duration_s, omega_rad_s)
     captured = done.first_in(Mode.RUN)
     if captured is None:
@@ -137,25 +136,22 @@ def detect(trial: Trial, done: Run, outcome: Outcome) -> None:
     pairs = detection.match(true_s, done.detected_s)
     due, hard = true_s <= until_s, speeds >= GRAZING_M_S
     found, alarms, of_hard = pairs.found, pairs.false, hard[pairs.truth]
-    outcome.counts |= {
-        "hits": int(np.count_nonzero(found & hard & due)),
-        "misses": int(np.count_nonzero(~found & hard & due)),
-        "false_alarms": int(np.count_nonzero(alarms & (done.detected_s <= until_s))),
-        "soft_hits": int(np.count_nonzero(found & ~hard & due)),
-        "soft": int(np.count_nonzero(~hard & due)),
+    missed = true_s[~found & hard & due]
+    alarmed = done.detected_s[alarms & (done.detected_s <= until_s)]
+    hits, soft_hits = (int(np.count_nonzero(found & of & due)) for of in (hard, ~hard))
+    outcome.shares |= {
+        "recall": (hits, hits + len(missed)),
+        "recall_below_grazing": (soft_hits, int(np.count_nonzero(~hard & due))),
+        "precision": (hits + soft_hits, hits + soft_hits + len(alarmed)),
     }
     if of_hard.any():
         outcome.samples["latency"] = (1e3 * pairs.latency_s[of_hard]).tolist()
         reported_m_s = done.detections["outputs.impact_speed_m_s"][pairs.detection]
         outcome.metrics["speed_error"] = rms((reported_m_s - speeds[pairs.truth])[of_hard])
     _judge_regime(done, duration_s, outcome)
-    wrong = outcome.counts["misses"] + outcome.counts["false_alarms"]
-    if wrong:
-        missed = true_s[~found & hard & due]
-        alarmed = done.detected_s[alarms & (done.detected_s <= until_s)]
-        outcome.why = (f"{len(missed)} missed (first at {missed[0]:.3f} s)" if len(missed) else "") + (
-            f" {len(alarmed)} false (first at {alarmed[0]:.3f} s)" if len(alarmed) else ""
-        )
+    outcome.why = (f"{len(missed)} missed (first at {missed[0]:.3f} s)" if len(missed) else "") + (
+        f" {len(alarmed)} false (first at {alarmed[0]:.3f} s)" if len(alarmed) else ""
+    )
 
 
 def _judge_regime(done: Run, duration_s: float, outcome: Outcome) -> None:
@@ -182,9 +178,9 @@ def _judge_regime(done: Run, duration_s: float, outcome: Outcome) -> None:
     reported = late["outputs.regime"][late["outputs.period_ended"]]
     grazing = len(speeds) > 0 and float(np.mean(speeds)) < GRAZING_M_S
     right = (reported == truth.value) | (grazing & (reported == Regime.UNCERTAIN.value))
-    outcome.counts["periods"] = len(reported)
-    outcome.counts["periods_right"] = int(np.count_nonzero(right))
-    outcome.counts["periods_uncertain"] = int(np.count_nonzero(reported == Regime.UNCERTAIN.value))
+    uncertain = reported == Regime.UNCERTAIN.value
+    outcome.shares["regime_right"] = int(np.count_nonzero(right)), len(reported)
+    outcome.shares["regime_uncertain"] = int(np.count_nonzero(uncertain)), len(reported)
 
 
 def hold(trial: Trial, done: Run, outcome: Outcome) -> None:

@@ -2,61 +2,34 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from tools.campaign import limits
 from tools.campaign.campaign import Campaign, Cell, Goal, Outcome
 from tools.campaign.sampling import FIRST_CAMPAIGN_SEED
 from tools.campaign.statistics import distribution, wilson
 
-SHARES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "recall": (("hits",), ("hits", "misses")),
-    "recall_below_grazing": (("soft_hits",), ("soft",)),
-    "precision": (("hits", "soft_hits"), ("hits", "soft_hits", "false_alarms")),
-    "regime_right": (("periods_right",), ("periods",)),
-    "regime_uncertain": (("periods_uncertain",), ("periods",)),
-    "instant_start_captures": (("instant",), ("eligible",)),
-    "fault_before_start": (("fault_before_start",), ("eligible",)),
-    "hopeless_settled": (("hopeless_settled",), ("hopeless",)),
-    "in_window": (("strides_hit",), ("strides",)),
-    "in_force": (("turns_in_force",), ("turns",)),
-    "within_band": (("within",), ("eligible",)),
-    **limits.SHARES,
-}
-"""Shares of counts summed over trials: (numerator's counts, denominator's counts).
 
-`hopeless_settled` applies to trials in which no impact attractor exists at the requested speed: the firmware
-has reported a fault, has refused the ratio as too high, or keeps impacts at another speed.
-"""
-
-
-def counts_of(outcomes: Sequence[Outcome]) -> Counter[str]:
-    """Sum the counts of the outcomes; add the numbers of eligible and of successful trials."""
-    total: Counter[str] = Counter()
+def totals_of(outcomes: Sequence[Outcome]) -> dict[str, tuple[int, int]]:
+    """Return the part and the whole of each share, summed over the outcomes."""
+    parts, wholes = Counter[str](), Counter[str]()
     for outcome in outcomes:
-        total.update(outcome.counts)
-    total["eligible"] = sum(outcome.eligible for outcome in outcomes)
-    total["success"] = sum(outcome.eligible and outcome.why == "" for outcome in outcomes)
-    return total
+        for name, (part, whole) in outcome.shares.items():
+            parts[name] += part
+            wholes[name] += whole
+    return {name: (parts[name], whole) for name, whole in wholes.items() if whole}
 
 
-def shares_of(counts: Counter[str]) -> dict[str, dict[str, float]]:
+def shares_of(totals: Mapping[str, tuple[int, int]]) -> dict[str, dict[str, float]]:
     """Return the shares with Wilson's bounds, and the F1 score of impact detection."""
-    found = {}
-    for name, (above, below) in SHARES.items():
-        trials = sum(counts[one] for one in below)
-        if trials and all(one in counts for one in above):
-            share = wilson(sum(counts[one] for one in above), trials)
-            found[name] = {**share._asdict(), "n": trials}
-    if counts["hits"]:
-        wrong = counts["misses"] + counts["false_alarms"]
-        found["f1"] = {
-            "value": 2 * counts["hits"] / (2 * counts["hits"] + wrong),
-            "n": counts["hits"] + wrong,
-        }
+    found = {name: {**wilson(*total)._asdict(), "n": total[1]} for name, total in totals.items()}
+    hits, touch_downs = totals.get("recall", (0, 0))
+    if hits:
+        right, detections = totals["precision"]
+        wrong = touch_downs - hits + detections - right
+        found["f1"] = {"value": 2 * hits / (2 * hits + wrong), "n": hits + wrong}
     return found
 
 
@@ -105,15 +78,16 @@ def verdict_of(passed: Sequence[bool | None]) -> bool | None:
 
 
 def summary(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Return the counts, shares and metrics of the outcomes."""
-    counts = counts_of(outcomes)
+    """Return the numbers of trials, the shares and the metrics of the outcomes."""
+    eligible = [one for one in outcomes if one.eligible]
+    success = sum(one.why == "" for one in eligible)
     spreads = {name: distribution(np.array(values)) for name, values in values_of(outcomes).items()}
     return {
         "trials": len(outcomes),
-        "eligible": counts["eligible"],
-        "success": counts["success"],
-        "success_share": wilson(counts["success"], counts["eligible"])._asdict(),
-        "shares": shares_of(counts),
+        "eligible": len(eligible),
+        "success": success,
+        "success_share": wilson(success, len(eligible))._asdict(),
+        "shares": shares_of(totals_of(outcomes)),
         "metrics": {
             name: {**spread._asdict(), "unit": campaign.units.get(name, "1")}
             for name, spread in spreads.items()

@@ -191,8 +191,8 @@ def judge_hold(done: Run, gait: Gait, hold_s: tuple[float, float], outcome: Outc
     if len(turns) > 1:
         felt_n = np.abs(done.true("felt_force_n")[ticks])
         peaks_n = np.maximum.reduceat(felt_n[: turns[-1]], turns[:-1])
-        outcome.counts["turns"] = len(peaks_n)
-        outcome.counts["turns_in_force"] = int(np.sum((peaks_n >= SOFTEST_N) & (peaks_n <= HARDEST_N)))
+        in_force = (peaks_n >= SOFTEST_N) & (peaks_n <= HARDEST_N)
+        outcome.shares["in_force"] = int(np.sum(in_force)), len(peaks_n)
         outcome.metrics["felt_low"] = float(np.min(peaks_n))
         outcome.metrics["felt_high"] = float(np.max(peaks_n))
     walking = done.parts.housing
@@ -206,8 +206,7 @@ def judge_hold(done: Run, gait: Gait, hold_s: tuple[float, float], outcome: Outc
     inside = (phases >= gait.window_start) & (phases <= gait.window_end)
     if len(strikes_s) > 1:
         hits = np.histogram(pulses_s[inside], strikes_s)[0]
-        outcome.counts["strides"] = len(hits)
-        outcome.counts["strides_hit"] = int(np.sum(hits > 0))
+        outcome.shares["in_window"] = int(np.sum(hits > 0)), len(hits)
         outcome.metrics["pulses_per_stride"] = float(np.mean(np.histogram(pulses_s, strikes_s)[0]))
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from firmware_py.shell.parameters import DEFAULTS
 from tools.campaign.campaign import Outcome
-from tools.campaign.results import counts_of, shares_of, values_of
+from tools.campaign.results import shares_of, totals_of, values_of
 from tools.output import BadInputError
 from tools.progress import Progress
 from tools.tuning.candidates import SAMPLING, Sampling, run_candidates
@@ -53,18 +53,19 @@ def operating(
     floor_m_s2: float, outcomes: Sequence[Outcome], cost_miss: float, cost_false_alarm: float
 ) -> Operating:
     """The results of a floor. The cost's standard error assumes two Poisson counts of at least one event."""
-    counts = counts_of(outcomes)
-    shares = shares_of(counts)
+    totals = totals_of(outcomes)
+    shares = shares_of(totals)
     latencies = np.array(values_of(outcomes).get("latency", [math.nan]))
     hours = sum(outcome.simulated_s for outcome in outcomes) / 3600.0
-    misses, alarms = counts["misses"], counts["false_alarms"]
+    (hits, touch_downs), (right, detections) = (totals.get(name, (0, 0)) for name in ("recall", "precision"))
+    misses, alarms = touch_downs - hits, detections - right
     nothing = {"value": math.nan, "low": math.nan, "high": math.nan}
     recall, precision = shares.get("recall", nothing), shares.get("precision", nothing)
     # Var(c₁ n₁ + c₂ n₂) = c₁² n₁ + c₂² n₂
     variance = cost_miss**2 * max(misses, 1) + cost_false_alarm**2 * max(alarms, 1)
     return Operating(
         floor_m_s2=floor_m_s2,
-        hits=counts["hits"],
+        hits=hits,
         misses=misses,
         false_alarms=alarms,
         hours=hours,

@@ -287,7 +287,7 @@ def test_seeds_of_tuning_are_marked() -> None:
 def test_f1_counts_misses_and_false_alarms_alike() -> None:
     cells = plan_of("detect").cells
     outcomes = [
-        Outcome(trial, trial, counts={"hits": 99, "misses": trial % 2, "false_alarms": 0, "soft_hits": 1})
+        Outcome(trial, trial, shares={"recall": (99, 99 + trial % 2), "precision": (100, 100)})
         for trial in range(len(cells))
     ]
     result = result_of(CAMPAIGNS["detect"], cells, outcomes, 20_000, wall_s=1.0)

@@ -89,10 +89,10 @@ def test_a_trip_far_below_the_limits_is_counted_however_long_after_the_contact_i
     tripped_s: float,
 ) -> None:
     outcome = judged_limits(tripped_s)
-    assert (outcome.eligible, outcome.counts["tripped_0"], outcome.counts["below_0"]) == (True, 1, 1)
+    assert (outcome.eligible, outcome.shares["tripped_0"]) == (True, (1, 1))
     assert outcome.why == "tripped at 0.20 of the force and 0.20 of the impulse limit"
 
 
 def test_a_trip_by_the_kick_itself_is_none_of_the_contact_before() -> None:
     outcome = judged_limits(KICK_S + 0.013)
-    assert (outcome.eligible, outcome.counts["tripped_0"], outcome.counts["below_0"]) == (False, 0, 1)
+    assert (outcome.eligible, outcome.shares["tripped_0"]) == (False, (0, 1))

@@ -40,8 +40,8 @@ def test_the_floor_stands_a_step_off_the_cliff(costs, floor: float, low: float, 
 
 
 def outcome(trial: int, hits: int, misses: int, false_alarms: int) -> Outcome:
-    counts = {"hits": hits, "misses": misses, "false_alarms": false_alarms, "soft_hits": 0, "soft": 0}
-    return Outcome(trial, 0, simulated_s=1800.0, counts=counts, samples={"latency": [1.0, 2.0, 3.0]})
+    shares = {"recall": (hits, hits + misses), "precision": (hits, hits + false_alarms)}
+    return Outcome(trial, 0, simulated_s=1800.0, shares=shares, samples={"latency": [1.0, 2.0, 3.0]})
 
 
 def test_costs_are_what_is_stated() -> None:
@@ -79,7 +79,7 @@ def test_candidates_meet_the_same_sampled_modules() -> None:
         workers=1,
         conditions=conditions,
     )
-    assert [one.counts for one in same] == [one.counts for one in again]
+    assert [one.shares for one in same] == [one.shares for one in again]
     assert [one.samples for one in same] == [one.samples for one in again]
     assert [one.trial for one in same] == [0, 1, 2, 3]
     assert reports == sorted(reports)
