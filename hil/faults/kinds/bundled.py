@@ -16,9 +16,10 @@ class Bundled(FramesFault):
     period_s: float = Field(gt=0.0, le=1.0, description="the time from one bundle to the next, in s")
 
     def outgoing(self, frames: list[Frame], step: Step) -> list[Frame]:
-        """Frames are held until the next bundle leaves."""
+        """Frames are held until the next bundle leaves; those of the step in which it leaves are not late."""
         named, others = self.named(frames), self.others(frames)
-        self.count(len(named))
         self._held.extend(Late(step.t_s, one) for one in named)
-        is_due = periods_begun(self.at_s, self.period_s, step) > 0
-        return [*self.released(), *others] if is_due else others
+        if periods_begun(self.at_s, self.period_s, step) > 0:
+            return [*self.released(), *others]
+        self.count(len(named))
+        return others

@@ -17,10 +17,11 @@ class Delayed(FramesFault):
     delay_s: float = Field(gt=0.0, description="the delay, in s")
 
     def outgoing(self, frames: list[Frame], step: Step) -> list[Frame]:
-        """Frames are held until they are due."""
+        """Frames are held until they are due; a frame that leaves in its own step is not delayed."""
         named, held = self.named(frames), self._held
-        self.count(len(named))
         held.extend(Late(step.t_s + self.delay_s, one) for one in named)
+        if self.delay_s > TIME_RESOLUTION_S:
+            self.count(len(named))
         due = []
         while held and held[0].due_s <= step.t_s + TIME_RESOLUTION_S:
             due.append(held.popleft().frame)

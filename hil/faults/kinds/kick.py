@@ -1,12 +1,14 @@
 """A kick to the striker."""
 
+from collections.abc import Sequence
 from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from hil.faults.fault import TIME_RESOLUTION_S
+from hil.faults.fault import TIME_RESOLUTION_S, Fault
 from hil.faults.on_plant import PhysicalFault
 from plant_sim.plant import Plant
+from plant_sim.scene import Scene
 
 
 class Kick(PhysicalFault):
@@ -21,3 +23,7 @@ class Kick(PhysicalFault):
         if self.at_s > powered_up_s - TIME_RESOLUTION_S:
             plant.kick(self.change_m_s)
             self.count()
+
+    def without_object(self, scene: Scene, faults: Sequence[Fault]) -> str | None:
+        """No change."""
+        return "it changes nothing; give another value" if self.change_m_s == 0.0 else None

@@ -39,6 +39,7 @@ def document(*faults, scene="table1-motor-soft", **script):
         ({"kind": "friction-changed", "factor": 3.0}, {"friction": {"law": "none"}}, "factor = 3 does not"),
         ({"kind": "friction-changed", "factor": 1.0}, {}, "factor = 1 does not"),
         ({"kind": "stiffness-changed", "factor": 1.0}, {}, "it changes nothing"),
+        ({"kind": "kick", "change_m_s": 0.0}, {}, "it changes nothing"),
         ({"kind": "sensor-clipped", "sensor": "encoder", "limit_m_s2": 1.0}, {}, "the encoder measures"),
         ({"kind": "parameters-damaged"}, {}, "no firmware starts while the parameter file is damaged"),
     ],
