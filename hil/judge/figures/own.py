@@ -58,14 +58,25 @@ def worked_out(expression: str, t_s: Signal, names: Names, read: Read) -> float:
 
 
 def refuse_unknown(expression: str) -> None:
-    """Raise ExpressionError if the expression has an unknown name or form and no run could evaluate it."""
+    """Raise ExpressionError if no run could evaluate the expression, or all runs would give one value."""
     t_s = np.linspace(0.0, 1.0, SAMPLES_TO_TRY)
     rising = 1.0 - np.exp(-10.0 * t_s)
+    read: list[str] = []
+
+    def rise(trace: str, name: str) -> Signal:
+        read.append(f"{trace}.{name}")
+        return rising
+
     names = {
         "plant": PlantRecord._fields,
         "firmware": [one.name for name, kind in fields_of(walks=True) for one in flatten(name, kind)],
     }
-    worked_out(expression, t_s, names, lambda _trace, _name: rising)
+    worked_out(expression, t_s, names, rise)
+    if not read:
+        raise ExpressionError(
+            f"{expression!r} names no signal, so that its value is the same in every run; name one, such as "
+            "plant.x_m"
+        )
 
 
 def own_figure(expression: str, window: Window, plant: Records, firmware: Records) -> float:

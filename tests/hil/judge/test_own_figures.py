@@ -108,6 +108,7 @@ def test_a_signal_of_the_firmware_before_its_first_tick_is_named_as_the_reason()
         ("1" * 1001, r"it has 1001 characters; wanted 1000 at most"),
         ("(" * 400, r"cannot be worked out"),
         ("1\x002", r"cannot be worked out"),
+        ("1 < 2", r"'1 < 2' names no signal"),
     ],
 )
 def test_what_no_run_could_work_out_is_refused_before_it(expression, said):
