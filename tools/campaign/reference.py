@@ -74,8 +74,13 @@ def refuse_other_drives(scene: Scene) -> None:
 
 
 def goes_on(impacts_s: FloatArray, until_s: float, omega_rad_s: float, judged_s: float = JUDGED_S) -> bool:
-    """Return whether impacts last to the end: no gap in the last `judged_s` exceeds `LONGEST_GAP` periods."""
-    return len(long_gaps(impacts_s, until_s - judged_s, until_s, 2.0 * np.pi / omega_rad_s)) == 0
+    """Return whether impacts last to the end.
+
+    They do if there are some in the last `judged_s`, without a gap of more than `LONGEST_GAP` periods.
+    """
+    from_s = until_s - judged_s
+    has_impact = bool(np.any((impacts_s > from_s) & (impacts_s < until_s)))
+    return has_impact and len(long_gaps(impacts_s, from_s, until_s, 2.0 * np.pi / omega_rad_s)) == 0
 
 
 def long_gaps(impacts_s: FloatArray, from_s: float, until_s: float, period_s: float) -> FloatArray:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from plant_sim.tables.table import STANDARD_GRAVITY_M_S2
+from tools.output import BadInputError
 
 FIRST_CAMPAIGN_SEED = 10_000
 SWING_HZ = (0.5, 2.0)
@@ -74,6 +75,12 @@ def sample(
         sensors[name] = {"bias_m_s2": bias_m_s2, **sensors.get(name, {})}
     highest_m = min(0.06, stop["position_m"] - striker["rest_length_m"])
     if not at_rest:
+        if highest_m < -0.1:
+            raise BadInputError(
+                f"scene.stop.position_m = {scene['stop']['position_m']:g}: the striker starts at up to 0.1 m "
+                f"behind scene.striker.rest_length_m = {scene['striker']['rest_length_m']:g}, and this stop "
+                "is behind all starts; give a position further forward"
+            )
         sampled["initial"] = {
             "x_m": float(striker["rest_length_m"] + truth.uniform(-0.1, highest_m)),
             "v_m_s": float(truth.uniform(-0.8, 0.8)),

@@ -16,6 +16,7 @@ from plant_sim.scene import Scene, load_scene
 from tools.campaign import processes
 from tools.campaign.campaign import Cell, Goal, Outcome, Plan
 from tools.campaign.campaigns import CAMPAIGNS
+from tools.campaign.reference import goes_on
 from tools.campaign.results import result_of
 from tools.campaign.sampling import MISMATCH, sample
 from tools.campaign.statistics import distribution, wilson
@@ -131,11 +132,21 @@ def test_settings_that_make_no_sense_are_refused(capsys: pytest.CaptureFixture[s
         (["--set", "campaign.impulses=[0.5, -0.5]"], "campaign.impulses: -0.5 is no number"),
         (["--set", "scene.stop.law='rigid'"], "contact_s"),
         (["--set", "scene.drive.model='dq-motor'"], "set scene.drive.model = 'motor'"),
+        (["--set", "scene.stop.position_m=0.0"], "scene.stop.position_m = 0: the striker starts at up to"),
         (["--keep", "1"], "0 … 0"),
         (["--keep", "successes"], "wanted failures, all, or a trial's number"),
     ):
         assert run(["campaign", "hold", "--trials", "1", *arguments, "--json"]) == EXIT_BAD_INPUT
         assert reason in json.loads(capsys.readouterr().out)["error"]
+
+
+def test_impacts_last_only_if_there_are_some() -> None:
+    """At one turn in ten seconds the judged seconds are shorter than the longest gap that is permitted."""
+    for omega_rad_s in (0.6, 6.0):
+        period_s = 2.0 * np.pi / omega_rad_s
+        assert not goes_on(np.zeros(0), 60.0, omega_rad_s)
+        assert not goes_on(np.array([40.0]), 60.0, omega_rad_s)
+        assert goes_on(np.arange(0.0, 60.0, period_s), 60.0, omega_rad_s, judged_s=2.0 * period_s)
 
 
 def test_kept_are_failures_one_trial_or_all() -> None:
