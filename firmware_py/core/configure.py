@@ -9,9 +9,9 @@ from firmware_py.core.config import Config, Derived, MonitorTicks, Row, Ticks
 from firmware_py.core.estimation import crank, detector, stop_model, striker_model
 from firmware_py.core.gate_limits import GateLimits
 from firmware_py.core.numbers import TAU
-from firmware_py.core.records import zeroed
 from firmware_py.core.safety import drive_link, gate, monitors, watchdog_proof
 from firmware_py.interface.generated.parameters import Parameters
+from firmware_py.interface.zeroed import zeroed
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 

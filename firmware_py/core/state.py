@@ -5,7 +5,6 @@ from typing import NamedTuple
 from firmware_py.core.control import hold, speed, spin_down, start
 from firmware_py.core.estimation import crank, detector, estimator_state, regime
 from firmware_py.core.gait import gait, gait_lock, stride_harmonic
-from firmware_py.core.records import zeroed
 from firmware_py.core.safety import drive_link, gate, monitors, supervisor, watchdog_proof
 from firmware_py.interface.enums import (
     INIT,
@@ -17,6 +16,7 @@ from firmware_py.interface.enums import (
     Refusal,
     Regime,
 )
+from firmware_py.interface.zeroed import zeroed
 
 
 class State(NamedTuple):

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from firmware_py.interface.frame import FrameErrorReason
+from firmware_py.interface.zeroed import zeroed
 
 
 class Counters(NamedTuple):
@@ -19,16 +20,7 @@ class Counters(NamedTuple):
     unsent: int
 
 
-NOTHING_YET = Counters(
-    frames=0,
-    rejected_length=0,
-    rejected_crc=0,
-    rejected_value=0,
-    rejected_repeated=0,
-    counter_gaps=0,
-    skipped_ticks=0,
-    unsent=0,
-)
+NOTHING_YET = zeroed(Counters)
 
 
 def count_refusal(counters: Counters, reason: FrameErrorReason) -> Counters:

@@ -73,6 +73,7 @@ from firmware_py.interface.arrivals import NEVER, Arrival, Now, accept
 from firmware_py.interface.counters import Counters
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import kinds, records, unpacking
+from firmware_py.interface.zeroed import zeroed
 
 '''
 
@@ -85,7 +86,7 @@ class Received(NamedTuple):
 
 {members}
 
-INITIAL = Received({initial})
+INITIAL = zeroed(Received, {initial})
 '''
 RECEIVE = '''def receive(
     now: Now, received: Received, counters: Counters, frame: WordFrame
@@ -143,16 +144,11 @@ def record_source(layout: Layout) -> str:
     sender = f", from {layout.sender}" if layout.sender else ""
     text = f"class {layout.name}(NamedTuple):\n"
     text += docstring(f"0x{layout.can_id:03X}{sender}{when}. {layout.comment}")
+    fields = ""
     for name, signal in layout.signals.items():
         kind = "float" if signal.is_real else "int"
-        text += f"\n    {name}: {kind}\n" + docstring(signal.comment)
-    return text
-
-
-def nothing(layout: Layout) -> str:
-    """The expression of a frame's record with all its signals at zero."""
-    zeros = ("0.0" if signal.is_real else "0" for signal in layout.signals.values())
-    return f"records.{layout.name}({', '.join(zeros)})"
+        fields += f"    {name}: {kind}\n" + docstring(signal.comment)
+    return f"{text}\n{fields}" if fields else text
 
 
 def docstring(text: str) -> str:
@@ -201,14 +197,18 @@ def pack_source(layout: Layout) -> str:
 def unpack_source(layout: Layout) -> str:
     """The text of `unpack_x(length, word) -> (record, reason)`."""
     name = snake(layout.name)
+    values = ", ".join(f"{field}={_from_word(signal)}" for field, signal in layout.signals.items())
     lines = [
         f"def unpack_{name}(length: int, word: int) -> tuple[records.{layout.name}, FrameErrorReason]:",
-        *(f"    {field} = {_from_word(signal)}" for field, signal in layout.signals.items()),
+        f"    record = records.{layout.name}({values})",
     ]
-    listed = " and ".join(filter(None, map(_received, layout.signals.values()))) or "True"
-    values = ", ".join(f"{name}={_to_value(signal)}" for name, signal in layout.signals.items())
-    lines += [f"    reason = check_frame(kinds.{name.upper()}, length, word, {listed})"]
-    return "\n".join([*lines, f"    return records.{layout.name}({values}), reason\n"])
+    listed = " and ".join(filter(None, map(_received, layout.signals.values())))
+    if listed:
+        lines += [f"    listed = {listed}"]
+    valid = "listed" if listed else "True"
+    return "\n".join(
+        [*lines, f"    return record, check_frame(kinds.{name.upper()}, length, word, {valid})\n"]
+    )
 
 
 def _sendable(signal: Signal) -> str:
@@ -217,26 +217,28 @@ def _sendable(signal: Signal) -> str:
         return f"is_float32({signal.name})"
     if signal.kind is SignalKind.QUANTITY:
         return f"isfinite({signal.name})"
-    return _listed(signal)
-
-
-def _listed(signal: Signal) -> str:
-    """Condition that a whole number is a valid value of the signal."""
-    if signal.kind is SignalKind.ENUMERATION:
-        values = sorted(signal.values)
-        if values != list(range(values[0], values[-1] + 1)):
-            return f"{signal.name} in {tuple(values)}"
-        return f"{values[0]} <= {signal.name} <= {values[-1]}"
-    return f"{signal.low_counts} <= {signal.name} <= {signal.high_counts}"
+    return _valid(signal, signal.name, -math.inf, math.inf)
 
 
 def _received(signal: Signal) -> str:
-    """Condition that received counts are valid for the signal; empty if all values of its bits are."""
+    """Condition that the received signal is valid; empty if all values of its bits are."""
     if signal.is_float:
-        return f"isfinite({signal.name})"
-    is_listed = signal.kind is SignalKind.ENUMERATION
-    is_any = (signal.low_counts, signal.high_counts) == span(signal.is_signed, signal.bits)
-    return _listed(signal) if is_listed or not is_any else ""
+        return f"isfinite(record.{signal.name})"
+    counts = _operand(signal) if signal.is_real else f"record.{signal.name}"
+    return _valid(signal, counts, *span(signal.is_signed, signal.bits))
+
+
+def _valid(signal: Signal, counts: str, lowest: float, highest: float) -> str:
+    """Condition that `counts`, from `lowest` to `highest`, are valid for the signal; empty if all are."""
+    values = sorted(signal.values) or [signal.low_counts, signal.high_counts]
+    low, high = values[0], values[-1]
+    if signal.values and values != list(range(low, high + 1)):
+        return f"{counts} in {tuple(values)}"
+    if low > lowest and high < highest:
+        return f"{low} <= {counts} <= {high}"
+    if low > lowest:
+        return f"{counts} >= {low}"
+    return f"{counts} <= {high}" if high < highest else ""
 
 
 def _placed(signal: Signal) -> str:
@@ -256,17 +258,22 @@ def _placed(signal: Signal) -> str:
     return f"{counts} << {signal.start}" if signal.start else counts
 
 
-def _from_word(signal: Signal) -> str:
-    """Expression of the counts in the word; of the value for a float."""
+def _counts(signal: Signal) -> str:
+    """Expression of the counts in the word."""
     raw = f"word >> {signal.start}" if signal.start else "word"
-    if signal.is_float:
-        return f"float32_at({raw})"
     return f"signed({raw}, {signal.bits})" if signal.is_signed else f"{raw} & 0x{(1 << signal.bits) - 1:X}"
 
 
-def _to_value(signal: Signal) -> str:
-    """Expression of the physical value from the counts."""
-    return signal.name if signal.is_float or not signal.is_real else f"{signal.name} * {signal.scale!r}"
+def _operand(signal: Signal) -> str:
+    """`_counts` within a larger expression."""
+    return _counts(signal) if signal.is_signed else f"({_counts(signal)})"
+
+
+def _from_word(signal: Signal) -> str:
+    """Expression of the physical value of the signal in the word."""
+    if signal.is_float:
+        return f"float32_at(word >> {signal.start})" if signal.start else "float32_at(word)"
+    return f"{_operand(signal)} * {signal.scale!r}" if signal.is_real else _counts(signal)
 
 
 def received_source(frames: list[Layout]) -> str:
@@ -282,7 +289,6 @@ def received_source(frames: list[Layout]) -> str:
         arrival = f"{name}_arrival"
         if layout.signals:
             members += f"    {name}: records.{layout.name}\n"
-            initial += f"{name}={nothing(layout)}, "
         members += f"    {arrival}: Arrival\n"
         initial += f"{arrival}=NEVER, "
         branches += branch(layout)

@@ -31,6 +31,7 @@ from firmware_py.interface.generated.records import (
     SetLimits,
     StrikerEstimate,
 )
+from firmware_py.interface.zeroed import zeroed
 
 TORQUE_CONTROL = 1
 PASSTHROUGH = 1
@@ -102,16 +103,7 @@ class Transmitter(NamedTuple):
 
 NO_FRAME = WordFrame(0, 0, 0)
 
-INITIAL = Transmitter(
-    waiting=0,
-    counts=0,
-    fault=FaultEvent(0, 0, 0),
-    refusal=0,
-    impact=Impact(0, 0.0, 0.0, 0.0),
-    report=RegimeReport(0, 0.0, 0.0, 0),
-    report_tick=-NEVER_TICKS,
-    period_ended=False,
-)
+INITIAL = zeroed(Transmitter, report_tick=-NEVER_TICKS)
 
 
 def queue(now: Transmitter, frame: int) -> tuple[Transmitter, int]:

@@ -8,8 +8,8 @@ from typing import Any, cast
 
 from firmware_py.builds.flat import Memory, loaded, stored
 from firmware_py.core.config import Config
-from firmware_py.core.records import Record
 from firmware_py.interface.frame import Frame, bytes_of, word_of
+from firmware_py.interface.zeroed import Record
 from firmware_py.node.memory import INITIAL, pool_of
 from firmware_py.node.tick import MAX_RX, NO_TX
 from firmware_py.shell.node import Node

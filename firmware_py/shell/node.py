@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from firmware_py.core.config import Config
 from firmware_py.core.configure import config_of
 from firmware_py.core.inputs import Inputs
-from firmware_py.core.records import Record
 from firmware_py.core.state import Outputs, State
 from firmware_py.interface.counters import Counters
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
 from firmware_py.interface.generated.kinds import SET_INPUT_TORQUE
 from firmware_py.interface.generated.received import Received
+from firmware_py.interface.zeroed import Record
 from firmware_py.node import calibration, memory, xcp
 from firmware_py.node.tick import INITIAL, Rx, tick
 from firmware_py.shell.catching_up import divide_frames, due_counter, fit_frames

@@ -18,9 +18,9 @@ from typing import NamedTuple
 from firmware_py.core.config import Config
 from firmware_py.core.estimation.regime import RegimeState
 from firmware_py.core.numbers import clamp
-from firmware_py.core.records import zeroed
 from firmware_py.core.request import Request
 from firmware_py.interface.enums import NO_REFUSAL, Refusal
+from firmware_py.interface.zeroed import zeroed
 
 PHASE_SLOPE_RAD = 1.4
 """φ' at 0°, per unit of r: 0.8° per 0.01."""

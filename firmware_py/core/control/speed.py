@@ -15,8 +15,8 @@ from firmware_py.core.elementary import sine_cosine
 from firmware_py.core.estimation.crank import CrankState
 from firmware_py.core.estimation.estimator_state import EstimatorState
 from firmware_py.core.numbers import clamp
-from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import NO_LIMIT, ActingLimit
+from firmware_py.interface.zeroed import zeroed
 
 LEAD_TICKS = 1.5
 """From the sensors' time t_k to the middle of the torque, which acts from t_{k+1} to t_{k+2}."""

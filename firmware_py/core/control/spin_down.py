@@ -24,7 +24,7 @@ from firmware_py.core.elementary import atan2
 from firmware_py.core.estimation.crank import CrankState
 from firmware_py.core.estimation.estimator_state import EstimatorState
 from firmware_py.core.numbers import at_least, clamp, wrap_pi
-from firmware_py.core.records import zeroed
+from firmware_py.interface.zeroed import zeroed
 
 WAITS_RAD = 0.75 * math.pi
 """If the crank lags by more than π minus this angle, it waits for the next swing; waiting needs no speed."""

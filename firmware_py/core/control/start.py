@@ -18,8 +18,8 @@ from typing import NamedTuple
 from firmware_py.core.config import Config
 from firmware_py.core.estimation.regime import RegimeState
 from firmware_py.core.numbers import at_least
-from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import RUN, SOFT_START, STOPPING, Mode
+from firmware_py.interface.zeroed import zeroed
 
 DIP_S = 1.0
 """Duration of the S-curve down to the dip."""

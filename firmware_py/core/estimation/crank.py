@@ -12,8 +12,8 @@ from firmware_py.core.config import Config
 from firmware_py.core.elementary import exp
 from firmware_py.core.inputs import EncoderInput
 from firmware_py.core.numbers import TAU, clamp, fraction, wrap_pi, wrap_two_pi
-from firmware_py.core.records import zeroed
 from firmware_py.interface.arrivals import NEVER_TICKS
+from firmware_py.interface.zeroed import zeroed
 
 FASTEST_RAD_S = 1000.0
 """Largest plausible speed: 25 times the motor's limit."""

@@ -16,8 +16,8 @@ from firmware_py.core.config import Config
 from firmware_py.core.estimation import stop_model
 from firmware_py.core.estimation.estimator_state import Contact, Prediction
 from firmware_py.core.numbers import at_least
-from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import CONTACT, FREE, ContactPhase
+from firmware_py.interface.zeroed import zeroed
 
 SIGMAS = 4.0
 """Deviations of the estimate, in addition to the floor."""

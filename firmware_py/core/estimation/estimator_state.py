@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 from firmware_py.core.estimation.accelerometer import SensorState
 from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, StateEstimate
-from firmware_py.core.records import zeroed
 from firmware_py.interface.arrivals import NEVER_TICKS
+from firmware_py.interface.zeroed import zeroed
 
 INITIAL_POSITION_STD_M = 0.03
 """The striker may rest anywhere in its travel."""

@@ -15,8 +15,7 @@ from firmware_py.core.estimation.crank import CrankState
 from firmware_py.core.estimation.estimator_state import Contact
 from firmware_py.core.numbers import at_least, wrap_pi
 from firmware_py.interface.enums import Regime
-
-NO_PHASE_RAD = 0.0
+from firmware_py.interface.zeroed import zeroed
 
 EQUAL_SPEED = 0.15
 """Relative difference of approach speeds up to which two periods count as alike; a rise changes 5 %."""
@@ -57,20 +56,7 @@ class RegimeState(NamedTuple):
     ended: bool
 
 
-_EMPTY = Period(0, 0.0, NO_PHASE_RAD, 0.0)
-
-INITIAL = RegimeState(
-    angle_rad=0.0,
-    running=_EMPTY,
-    last=_EMPTY,
-    second=_EMPTY,
-    third=_EMPTY,
-    periods=0,
-    candidate=Regime.UNCERTAIN,
-    agreed=0,
-    regime=Regime.UNCERTAIN,
-    ended=False,
-)
+INITIAL = zeroed(RegimeState, candidate=Regime.UNCERTAIN, regime=Regime.UNCERTAIN)
 
 
 def alike(one: Period, other: Period) -> bool:
@@ -130,7 +116,7 @@ def step(state: RegimeState, crank: CrankState, contact: Contact, acceleration_m
         running = add_sample(running, touch_down, speed_m_s, at_impact_rad, abs(acceleration_m_s2))
         return state._replace(angle_rad=angle_rad, running=running, ended=False)
     running = add_sample(running, False, 0.0, 0.0, abs(acceleration_m_s2))
-    fresh = add_sample(_EMPTY, touch_down, speed_m_s, at_impact_rad, abs(acceleration_m_s2))
+    fresh = add_sample(INITIAL.running, touch_down, speed_m_s, at_impact_rad, abs(acceleration_m_s2))
     candidate = decide(running, state.last, state.second, state.third)
     if state.periods < 2:
         candidate = Regime.UNCERTAIN

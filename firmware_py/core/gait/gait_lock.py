@@ -21,8 +21,8 @@ from firmware_py.core.config import Config
 from firmware_py.core.estimation.regime import RegimeState
 from firmware_py.core.gait.gait import CycleState
 from firmware_py.core.numbers import TAU, clamp, fraction, wrap_pi
-from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import Refusal
+from firmware_py.interface.zeroed import zeroed
 
 MOST_TURNS = 15
 """Largest number of crank turns per stride that the report can hold."""

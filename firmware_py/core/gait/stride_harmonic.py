@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 from firmware_py.core.config import Config
 from firmware_py.core.gait.gait_lock import LockState, Moment
-from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import NO_REFUSAL, Refusal
+from firmware_py.interface.zeroed import zeroed
 
 SETTLING, MEAN, REPORTING = 1, 4, 6
 """Strides before impacts count, strides in their mean, and strides before a miss is reported."""

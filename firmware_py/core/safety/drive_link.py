@@ -21,7 +21,6 @@ from typing import NamedTuple
 
 from firmware_py.core.config import Config
 from firmware_py.core.inputs import DriveInput, EncoderInput
-from firmware_py.core.records import zeroed
 from firmware_py.core.safety import watchdog_proof
 from firmware_py.core.safety.watchdog_proof import ProofStage
 from firmware_py.interface.arrivals import NEVER_TICKS
@@ -38,6 +37,7 @@ from firmware_py.interface.enums import (
     STOPPING,
     Mode,
 )
+from firmware_py.interface.zeroed import zeroed
 
 REPEAT_S = 0.020
 """Period of IDLE and E-stop until they are confirmed; also the shortest time to a confirming heartbeat."""

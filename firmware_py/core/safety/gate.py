@@ -19,9 +19,9 @@ from typing import NamedTuple
 from firmware_py.core.gate_limits import GateLimits
 from firmware_py.core.inputs import Inputs, PowerInput
 from firmware_py.core.numbers import TAU, at_least, clamp, wrap_pi
-from firmware_py.core.records import zeroed
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import AXIS_IDLE, NO_FAULT, NO_LIMIT, ActingLimit, Fault
+from firmware_py.interface.zeroed import zeroed
 
 CLIPPED_SHARE = 0.98
 """Share of the full scale above which a reading may be clipped; such a reading violates the force limit."""

@@ -12,9 +12,9 @@ from typing import NamedTuple
 from firmware_py.core.config import Config, MonitorTicks
 from firmware_py.core.estimation.crank import CrankState
 from firmware_py.core.estimation.estimator_state import EstimatorState
-from firmware_py.core.records import zeroed
 from firmware_py.core.safety.gate import GateFindings
 from firmware_py.interface.enums import CLOSED_LOOP, MOVING, NO_FAULT, STOPPING, AxisState, Fault, Mode
+from firmware_py.interface.zeroed import zeroed
 
 RUNAWAY_RAD_S = 5.0
 """Speed above the target that is a runaway: half the natural frequency; a lagging encoder causes 4 rad/s."""

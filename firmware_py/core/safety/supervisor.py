@@ -11,7 +11,6 @@ conditions of a start are checked again. Clearing never arms.
 
 from typing import NamedTuple
 
-from firmware_py.core.records import zeroed
 from firmware_py.core.safety.monitors import Findings
 from firmware_py.interface.enums import (
     ASKS_CLEAR,
@@ -33,29 +32,7 @@ from firmware_py.interface.enums import (
     Mode,
     OperatorRequest,
 )
-
-
-class Conditions(NamedTuple):
-    """All inputs of a transition. `fault` is the fault that counts in this mode, or NONE.
-
-    `proof_passed`: the test of the drive's watchdog has passed. `proven`: it has passed or is not required.
-    """
-
-    estop: bool
-    fault: Fault
-    inputs_fresh: bool
-    drive_well: bool
-    operator_fresh: bool
-    request: OperatorRequest
-    idle_seen: bool
-    clear_armed: bool
-    target_valid: bool
-    axis_idle: bool
-    freewheel_overspeed: bool
-    captured: bool
-    standstill: bool
-    proof_passed: bool
-    proven: bool
+from firmware_py.interface.zeroed import zeroed
 
 
 class Observed(NamedTuple):
@@ -93,42 +70,38 @@ class SupervisorState(NamedTuple):
 INITIAL = zeroed(SupervisorState, mode=INIT, fault=NO_FAULT)
 
 
-def transition(mode: Mode, conditions: Conditions) -> Mode:  # noqa: PLR0911, PLR0912 - a table
-    """The mode after this tick."""
-    if conditions.estop:
+def transition(  # noqa: PLR0911 - a table
+    state: SupervisorState, fault: Fault, findings: Findings, now: Observed
+) -> Mode:
+    """The mode after this tick. `fault`: the finding that is a fault in the present mode, or NONE."""
+    mode, operator_fresh = state.mode, not findings.operator_lost
+    all_fresh = operator_fresh and findings.watchdog == NO_FAULT
+    asks_run = operator_fresh and now.request == ASKS_RUN
+    asks_clear = operator_fresh and now.request == ASKS_CLEAR
+    asks_proof = operator_fresh and now.request == ASKS_PROOF
+    if now.estop:
         return E_STOP
-    asks_run = conditions.operator_fresh and conditions.request == ASKS_RUN
-    asks_clear = conditions.operator_fresh and conditions.request == ASKS_CLEAR
-
     if mode in LATCHED:
-        if asks_clear and conditions.clear_armed and conditions.fault == NO_FAULT:
-            return INIT
-        return mode
-    if conditions.fault != NO_FAULT:
+        return INIT if asks_clear and state.clear_armed and fault == NO_FAULT else mode
+    if fault != NO_FAULT:
         return FAULT
     if mode == INIT:
-        if conditions.inputs_fresh and conditions.operator_fresh and conditions.drive_well:
-            return READY
-        return INIT
+        return READY if all_fresh and findings.drive == NO_FAULT else INIT
     if mode == READY:
-        if not (conditions.inputs_fresh and conditions.operator_fresh):
+        if not all_fresh:
             return INIT
-        may_close = conditions.axis_idle and conditions.idle_seen and not conditions.freewheel_overspeed
-        if asks_run and may_close and conditions.target_valid and conditions.proven:
+        may_close = now.axis_idle and state.idle_seen and not findings.freewheel_overspeed
+        if asks_run and may_close and now.target_valid and now.proven:
             return SOFT_START
-        asks_proof = conditions.operator_fresh and conditions.request == ASKS_PROOF
-        return PROOF if asks_proof and may_close and conditions.standstill else READY
+        return PROOF if asks_proof and may_close and findings.standstill else READY
     if mode == PROOF:
-        asks_proof = conditions.operator_fresh and conditions.request == ASKS_PROOF
         unfinished = PROOF if asks_proof else INIT
-        return READY if conditions.proof_passed else unfinished
+        return READY if now.proof_passed else unfinished
     if mode == STOPPING:
-        return READY if conditions.standstill else STOPPING
-    if not (asks_run and conditions.target_valid):
+        return READY if findings.standstill else STOPPING
+    if not (asks_run and now.target_valid):
         return STOPPING
-    if mode == SOFT_START:
-        return RUN if conditions.captured else SOFT_START
-    return RUN
+    return SOFT_START if mode == SOFT_START and not now.captured else RUN
 
 
 def counting_fault(  # noqa: PLR0911 - a table
@@ -184,28 +157,10 @@ def latch_reason(
 
 def step(state: SupervisorState, findings: Findings, now: Observed) -> SupervisorState:
     """One tick: the new mode, the latched reason, and the requests seen since the mode began."""
-    operator_fresh = not findings.operator_lost
     fault = counting_fault(state.mode, findings, now.start_failed, now.proof_failed)
-    conditions = Conditions(
-        estop=now.estop,
-        fault=fault,
-        inputs_fresh=findings.watchdog == NO_FAULT,
-        drive_well=findings.drive == NO_FAULT,
-        operator_fresh=operator_fresh,
-        request=now.request,
-        idle_seen=state.idle_seen,
-        clear_armed=state.clear_armed,
-        target_valid=now.target_valid,
-        axis_idle=now.axis_idle,
-        freewheel_overspeed=findings.freewheel_overspeed,
-        captured=now.captured,
-        standstill=findings.standstill,
-        proof_passed=now.proof_passed,
-        proven=now.proven,
-    )
-    new_mode = transition(state.mode, conditions)
+    new_mode = transition(state, fault, findings, now)
     reason, reason_of_drive = latch_reason(state, new_mode, fault, now.disarm_reason)
-    stays = new_mode == state.mode
+    stays, operator_fresh = new_mode == state.mode, not findings.operator_lost
     idle = operator_fresh and now.request == ASKS_IDLE
     let_go = operator_fresh and now.request != ASKS_CLEAR
     return SupervisorState(

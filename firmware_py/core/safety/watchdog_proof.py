@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 from firmware_py.core.config import Config
 from firmware_py.core.inputs import DriveInput
-from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import AXIS_IDLE, CLOSED_LOOP, PROOF, Mode
+from firmware_py.interface.zeroed import zeroed
 
 WATCHDOG_S = 0.050
 """The drive's watchdog, a setting of the drive."""

@@ -6,6 +6,7 @@ from firmware_py.interface.arrivals import NEVER, Arrival, Now, accept
 from firmware_py.interface.counters import Counters
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import kinds, records, unpacking
+from firmware_py.interface.zeroed import zeroed
 
 RECEIVED_IDS = (
     kinds.ENCODER_ESTIMATES.can_id,
@@ -52,29 +53,19 @@ class Received(NamedTuple):
     xcp_command_arrival: Arrival
 
 
-INITIAL = Received(
-    encoder_estimates=records.EncoderEstimates(0.0, 0.0),
+INITIAL = zeroed(
+    Received,
     encoder_estimates_arrival=NEVER,
-    accelerometer=records.Accelerometer(0.0, 0.0, 0.0),
     accelerometer_arrival=NEVER,
-    gait_sensors=records.GaitSensors(0.0, 0.0, 0, 0),
     gait_sensors_arrival=NEVER,
-    drive_current=records.DriveCurrent(0.0, 0.0),
     drive_current_arrival=NEVER,
-    coarse_position=records.CoarsePosition(0.0),
     coarse_position_arrival=NEVER,
-    drive_heartbeat=records.DriveHeartbeat(0, 0, 0, 0),
     drive_heartbeat_arrival=NEVER,
-    drive_errors=records.DriveErrors(0, 0),
     drive_errors_arrival=NEVER,
-    drive_temperature=records.DriveTemperature(0.0, 0.0),
     drive_temperature_arrival=NEVER,
-    drive_supply=records.DriveSupply(0.0, 0.0),
     drive_supply_arrival=NEVER,
-    operator_command=records.OperatorCommand(0, 0.0, 0.0),
     operator_command_arrival=NEVER,
     drive_estop_arrival=NEVER,
-    xcp_command=records.XcpCommand(0, 0, 0),
     xcp_command_arrival=NEVER,
 )
 

@@ -12,13 +12,10 @@ class DriveHeartbeat(NamedTuple):
 
     axis_error: int
     """ODrive Axis_Error: any combination of bits."""
-
     axis_state: int
     """ODrive Axis_State."""
-
     procedure_result: int
     """ODrive Procedure_Result."""
-
     trajectory_done: int
     """ODrive Trajectory_Done_Flag; bits 49 to 63 are not used."""
 
@@ -34,7 +31,6 @@ class DriveErrors(NamedTuple):
 
     active_errors: int
     """ODrive Active_Errors: any combination of bits."""
-
     disarm_reason: int
     """ODrive Disarm_Reason: the bits that disarmed the axis last."""
 
@@ -53,7 +49,6 @@ class EncoderEstimates(NamedTuple):
     """ODrive Pos_Estimate. Circular in the simulated drive: 0 to 1, so that float32 keeps its
     resolution however long a run is.
     """
-
     velocity_rev_s: float
     """ODrive Vel_Estimate."""
 
@@ -63,7 +58,6 @@ class SetControllerMode(NamedTuple):
 
     control_mode: int
     """ODrive Control_Mode."""
-
     input_mode: int
     """ODrive Input_Mode."""
 
@@ -75,7 +69,6 @@ class SetInputVelocity(NamedTuple):
 
     velocity_rev_s: float
     """ODrive Input_Vel."""
-
     torque_feedforward_n_m: float
     """ODrive Input_Torque_FF."""
 
@@ -94,7 +87,6 @@ class SetLimits(NamedTuple):
 
     velocity_limit_rev_s: float
     """ODrive Velocity_Limit."""
-
     current_limit_a: float
     """ODrive Current_Limit."""
 
@@ -104,7 +96,6 @@ class DriveCurrent(NamedTuple):
 
     setpoint_a: float
     """ODrive Iq_Setpoint: torque-producing current."""
-
     measured_a: float
     """ODrive Iq_Measured: torque-producing current."""
 
@@ -114,7 +105,6 @@ class DriveTemperature(NamedTuple):
 
     inverter_degc: float
     """ODrive FET_Temperature."""
-
     motor_degc: float
     """ODrive Motor_Temperature."""
 
@@ -124,7 +114,6 @@ class DriveSupply(NamedTuple):
 
     voltage_v: float
     """ODrive Bus_Voltage."""
-
     current_a: float
     """ODrive Bus_Current."""
 
@@ -150,10 +139,8 @@ class Accelerometer(NamedTuple):
 
     striker_low_m_s2: float
     """Striker, +-16 g at 2048 counts per g."""
-
     striker_high_m_s2: float
     """Striker, +-200 g at 49 mg a count: a 13-bit sensor, sign-extended."""
-
     housing_m_s2: float
     """Housing, +-16 g at 2048 counts per g."""
 
@@ -174,15 +161,12 @@ class GaitSensors(NamedTuple):
 
     shank_rate_rad_s: float
     """Angular rate of the shank in the sagittal plane; positive if its top goes forward."""
-
     along_m_s2: float
     """Specific force along the shank, positive upward, gravity included: +9.8 on an upright shank at
     rest.
     """
-
     heel_contact: int
     """1: the heel switch is closed."""
-
     toe_contact: int
     """1: the toe switch is closed."""
 
@@ -194,10 +178,8 @@ class OperatorCommand(NamedTuple):
 
     request: int
     """Mode request."""
-
     target_ratio: float
     """Drive speed over the nominal natural frequency."""
-
     target_impulse_n_s: float
     """Requested impulse of an impact on the stop, reached by a change of the ratio within the impact
     regime or of the turns per stride; 0: no request.
@@ -211,10 +193,8 @@ class XcpCommand(NamedTuple):
 
     command: int
     """XCP command code. Unknown codes are answered, so no values are listed."""
-
     low: int
     """Bytes 1 to 3."""
-
     high: int
     """Bytes 4 to 7."""
 
@@ -224,16 +204,12 @@ class FirmwareHeartbeat(NamedTuple):
 
     mode: int
     """Supervisor mode."""
-
     acting_limit: int
     """Limit that acts on the torque."""
-
     fault: int
     """Latched fault."""
-
     target_omega_rad_s: float
     """Target speed of the speed loop."""
-
     regime: int
     """Regime decision."""
 
@@ -243,10 +219,8 @@ class StrikerEstimate(NamedTuple):
 
     position_m: float
     """From the crank's mean position, positive towards the stop."""
-
     velocity_m_s: float
     """Positive towards the stop."""
-
     crank_omega_rad_s: float
     """Crank speed."""
 
@@ -256,13 +230,10 @@ class RegimeReport(NamedTuple):
 
     impacts: int
     """Impacts within the period; 255 means 255 or more."""
-
     impact_phase_deg: float
     """Crank angle of the last impact past the forward dead centre; 0 without one."""
-
     peak_acceleration_m_s2: float
     """Largest magnitude of striker acceleration within the period."""
-
     regime: int
     """Regime decision."""
 
@@ -272,10 +243,8 @@ class ImpactEvent(NamedTuple):
 
     age_s: float
     """From touch-down to the tick that sent this frame."""
-
     approach_speed_m_s: float
     """Striker speed at touch-down."""
-
     impulse_n_s: float
     """Impulse on the stop."""
 
@@ -287,10 +256,8 @@ class FaultEvent(NamedTuple):
 
     disarm_reason: int
     """The drive's disarm reason, where it gave one."""
-
     fault: int
     """Reason of disarming."""
-
     refusal: int
     """Reason of a refusal; NONE with a fault."""
 
@@ -300,22 +267,16 @@ class GaitReport(NamedTuple):
 
     gait_phase: float
     """Phase of the gait cycle since heel strike; 0 if there is no estimate."""
-
     stride_hz: float
     """Gait cycles per second."""
-
     harmonic: int
     """Crank turns per stride at which the crank is locked; 0: not locked."""
-
     gait_state: int
     """State of the leg."""
-
     pulses_in_window: int
     """Pulses within the push-off window since power-up, modulo 256."""
-
     pulses_outside: int
     """Pulses outside of the push-off window since power-up, modulo 256."""
-
     confidence: float
     """Confidence in phase and frequency: 0 none, 1 full."""
 
@@ -327,9 +288,7 @@ class XcpResponse(NamedTuple):
 
     packet: int
     """XCP packet identifier: 255 response, 254 error, otherwise the number of the sample's ODT."""
-
     low: int
     """Bytes 1 to 3."""
-
     high: int
     """Bytes 4 to 7."""

@@ -4,8 +4,8 @@ import pytest
 from firmware_py.core.estimation import detector
 from firmware_py.core.estimation.estimator_state import Contact, Prediction
 from firmware_py.core.estimation.kalman import Covariance, StateEstimate
-from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import ContactPhase
+from firmware_py.interface.zeroed import zeroed
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({})

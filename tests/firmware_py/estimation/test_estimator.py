@@ -17,9 +17,9 @@ from firmware_py.core.estimation.estimator_state import Contact, EstimatorState
 from firmware_py.core.estimation.kalman import Covariance, StateEstimate
 from firmware_py.core.inputs import AccelerometerInput
 from firmware_py.core.measurements import NOTHING_MEASURED, Measurement, Measurements
-from firmware_py.core.records import zeroed
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import ContactPhase
+from firmware_py.interface.zeroed import zeroed
 from firmware_py.shell.parameters import config_from
 
 FREE = Contact(False, False, 0.0, 0.0, measured=True, settled=True)

@@ -6,11 +6,11 @@ from records import HEALTHY, replaced
 from firmware_py.core.config import Config
 from firmware_py.core.estimation import crank, estimator_state
 from firmware_py.core.inputs import Inputs
-from firmware_py.core.records import zeroed
 from firmware_py.core.safety import monitors
 from firmware_py.core.safety.gate import GateFindings
 from firmware_py.core.safety.monitors import Findings, MonitorState, Watched
 from firmware_py.interface.enums import MOVING, AxisState, Fault, Mode
+from firmware_py.interface.zeroed import zeroed
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({})

@@ -1,91 +1,116 @@
 """Every mode against every combination of conditions, held to rules written independently of the code."""
 
-import itertools
+from collections.abc import Iterable
+from itertools import product
+from typing import Any
 
 import pytest
 
-from firmware_py.core.records import zeroed
 from firmware_py.core.safety import supervisor, watchdog_proof
 from firmware_py.core.safety.monitors import Findings
-from firmware_py.core.safety.supervisor import Conditions, SupervisorState, counting_fault, transition
+from firmware_py.core.safety.supervisor import Observed, SupervisorState, counting_fault, transition
 from firmware_py.core.safety.watchdog_proof import ProofState
 from firmware_py.interface.enums import LATCHED, MOVING, Fault, Mode, OperatorRequest
+from firmware_py.interface.zeroed import zeroed
 
 NO_FINDINGS = zeroed(Findings, watchdog=Fault.NONE, limit=Fault.NONE, drive=Fault.NONE, standstill=True)
 
 
-def all_conditions() -> list[Conditions]:
-    flags = itertools.product((False, True), repeat=13)
-    return [
-        Conditions(e, f, i, d, o, r, s, c, t, a, w, k, z, y, p)
-        for (e, i, d, o, s, c, t, a, w, k, z, y, p) in flags
-        for f in (Fault.NONE, Fault.OVERSPEED)
-        for r in OperatorRequest
-    ]
+OBSERVED = zeroed(
+    Observed,
+    request=OperatorRequest.IDLE,
+    disarm_reason=0x200,
+    target_valid=True,
+    axis_idle=True,
+    proven=True,
+)
+BOTH = (False, True)
 
 
-CONDITIONS = all_conditions()
+def combinations(record: Any, **values: Iterable[object]) -> list[Any]:
+    """The record with every combination of the values of some fields."""
+    return [record._replace(**dict(zip(values, chosen, strict=True))) for chosen in product(*values.values())]
+
+
+CONDITIONS = [
+    *product(
+        combinations(supervisor.INITIAL, idle_seen=BOTH, clear_armed=BOTH),
+        (Fault.NONE, Fault.OVERSPEED),
+        combinations(
+            NO_FINDINGS,
+            watchdog=(Fault.NONE, Fault.SENSOR_TIMEOUT),
+            drive=(Fault.NONE, Fault.DRIVE_ERROR),
+            operator_lost=BOTH,
+            standstill=BOTH,
+            freewheel_overspeed=BOTH,
+        ),
+        combinations(
+            OBSERVED,
+            request=OperatorRequest,
+            **dict.fromkeys(
+                ("estop", "target_valid", "axis_idle", "captured", "proof_passed", "proven"), BOTH
+            ),
+        ),
+    )
+]
 
 
 @pytest.mark.parametrize("mode", list(Mode))
 def test_every_mode_under_every_condition(mode: Mode) -> None:  # noqa: PLR0912 - one rule after the other
-    for c in CONDITIONS:
-        after = transition(mode, c)
+    for state, fault, findings, now in CONDITIONS:
+        after = transition(state._replace(mode=mode), fault, findings, now)
         assert isinstance(after, Mode)
-        wants_run = c.operator_fresh and c.request == OperatorRequest.RUN
-        if c.estop:
+        operator_fresh, inputs_fresh = not findings.operator_lost, findings.watchdog == Fault.NONE
+        wants_run = operator_fresh and now.request == OperatorRequest.RUN
+        if now.estop:
             assert after == Mode.E_STOP
             continue
         # Motion begins in one place only: out of READY, asked for by a fresh operator who was seen idle.
         if after in MOVING and mode not in MOVING:
             assert (mode, after) == (Mode.READY, Mode.SOFT_START)
             assert wants_run
-            assert c.idle_seen
-            assert c.axis_idle
-            assert c.inputs_fresh
-            assert c.target_valid
-            assert c.proven
-            assert not c.freewheel_overspeed
-            assert c.fault == Fault.NONE
+            assert state.idle_seen
+            assert now.axis_idle
+            assert inputs_fresh
+            assert now.target_valid
+            assert now.proven
+            assert not findings.freewheel_overspeed
+            assert fault == Fault.NONE
         # A fault ends all motion in the same tick, and keeps it from beginning.
-        if c.fault != Fault.NONE and mode in (*MOVING, Mode.READY, Mode.INIT, Mode.PROOF):
+        if fault != Fault.NONE and mode in (*MOVING, Mode.READY, Mode.INIT, Mode.PROOF):
             assert after == Mode.FAULT
         # What is latched is left only for INIT, by a fresh, armed request to clear, with the cause gone.
         if mode in LATCHED:
-            cleared = c.operator_fresh and c.request == OperatorRequest.CLEAR_FAULTS and c.clear_armed
-            assert after == (Mode.INIT if cleared and c.fault == Fault.NONE else mode)
-        if mode == Mode.INIT and c.fault == Fault.NONE:
-            well = c.inputs_fresh and c.operator_fresh and c.drive_well
+            cleared = operator_fresh and now.request == OperatorRequest.CLEAR_FAULTS and state.clear_armed
+            assert after == (Mode.INIT if cleared and fault == Fault.NONE else mode)
+        if mode == Mode.INIT and fault == Fault.NONE:
+            well = inputs_fresh and operator_fresh and findings.drive == Fault.NONE
             assert after == (Mode.READY if well else Mode.INIT)
-        if (
-            mode in (Mode.SOFT_START, Mode.RUN)
-            and c.fault == Fault.NONE
-            and not (wants_run and c.target_valid)
-        ):
+        runs_on = wants_run and now.target_valid
+        if mode in (Mode.SOFT_START, Mode.RUN) and fault == Fault.NONE and not runs_on:
             assert after == Mode.STOPPING
-        if mode == Mode.SOFT_START and c.fault == Fault.NONE and wants_run and c.target_valid:
-            assert after == (Mode.RUN if c.captured else Mode.SOFT_START)
-        if mode == Mode.RUN and c.fault == Fault.NONE and wants_run and c.target_valid:
+        if mode == Mode.SOFT_START and fault == Fault.NONE and runs_on:
+            assert after == (Mode.RUN if now.captured else Mode.SOFT_START)
+        if mode == Mode.RUN and fault == Fault.NONE and runs_on:
             assert after == Mode.RUN
-        if mode == Mode.STOPPING and c.fault == Fault.NONE:
-            assert after == (Mode.READY if c.standstill else Mode.STOPPING)
-        if mode == Mode.READY and c.fault == Fault.NONE:
-            fresh = c.inputs_fresh and c.operator_fresh
-            may_close = c.idle_seen and c.axis_idle and not c.freewheel_overspeed
+        if mode == Mode.STOPPING and fault == Fault.NONE:
+            assert after == (Mode.READY if findings.standstill else Mode.STOPPING)
+        asked = operator_fresh and now.request == OperatorRequest.PROVE_WATCHDOG
+        if mode == Mode.READY and fault == Fault.NONE:
+            may_close = state.idle_seen and now.axis_idle and not findings.freewheel_overspeed
             wanted = Mode.READY
-            if wants_run and may_close and c.target_valid and c.proven:
+            if runs_on and may_close and now.proven:
                 wanted = Mode.SOFT_START
-            if c.request == OperatorRequest.PROVE_WATCHDOG and may_close and c.standstill:
+            if asked and may_close and findings.standstill:
                 wanted = Mode.PROOF
-            assert after == (wanted if fresh else Mode.INIT)
+            assert after == (wanted if inputs_fresh and operator_fresh else Mode.INIT)
         # The test of the drive's watchdog lasts while it is asked for; afterwards all conditions count again.
-        if mode == Mode.PROOF and c.fault == Fault.NONE:
-            asked = c.operator_fresh and c.request == OperatorRequest.PROVE_WATCHDOG
-            assert after == (Mode.READY if c.proof_passed else Mode.PROOF if asked else Mode.INIT)
+        if mode == Mode.PROOF and fault == Fault.NONE:
+            assert after == (Mode.READY if now.proof_passed else Mode.PROOF if asked else Mode.INIT)
         if after == Mode.PROOF:
             assert mode in (Mode.READY, Mode.PROOF)
         # Clearing never arms.
-        if c.request == OperatorRequest.CLEAR_FAULTS:
+        if now.request == OperatorRequest.CLEAR_FAULTS:
             assert after not in (Mode.SOFT_START, Mode.RUN, Mode.PROOF) or mode == after == Mode.PROOF
 
 
@@ -131,16 +156,6 @@ def test_a_failed_test_of_the_watchdog_is_a_fault_in_proof_alone() -> None:
     assert (failed.mode, failed.fault) == (Mode.FAULT, Fault.DRIVE_WATCHDOG)
     passed = step(state, request=asked, proof=watchdog_proof.INITIAL._replace(passed=True))
     assert (passed.mode, passed.idle_seen) == (Mode.READY, False)
-
-
-OBSERVED = zeroed(
-    supervisor.Observed,
-    request=OperatorRequest.IDLE,
-    disarm_reason=0x200,
-    target_valid=True,
-    axis_idle=True,
-    proven=True,
-)
 
 
 def step(
