@@ -1,10 +1,34 @@
-"""Functions common to all frames: length, rolling counter, CRC-8, and the coding of numbers."""
+"""Functions common to all frames: length, rolling counter, CRC-8, and the coding of numbers.
+
+The CRC is that of SAE J1850: polynomial 0x1D, initial value and final XOR 0xFF, not reflected. The polynomial
+is primitive, of period 255. The CRC of a frame covers at most 64 bits (the identifier's low byte and seven of
+data), so it detects every one- and two-bit error and every burst of up to eight bits (Peterson and Brown,
+"Cyclic Codes for Error Detection", 1961). The identifier is included so that a frame received under a wrong
+identifier is detected.
+"""
 
 from typing import NamedTuple
 
-from firmware_py.interface.crc import FINAL_XOR, TABLE
 from firmware_py.interface.float32 import FLOAT32_OVERFLOW, float32_bits, float32_of
 from firmware_py.interface.frame import ACCEPTED, FrameErrorReason, WordFrame
+
+CRC_POLYNOMIAL = 0x1D
+CRC_INITIAL = 0xFF
+CRC_FINAL_XOR = 0xFF
+
+
+def _shifted_out(byte: int) -> int:
+    """Remainder of `byte`·x⁸ divided by the polynomial."""
+    remainder = byte
+    for _ in range(8):
+        carry = remainder & 0x80
+        remainder = (remainder << 1) & 0xFF
+        if carry:
+            remainder ^= CRC_POLYNOMIAL
+    return remainder
+
+
+CRC_TABLE = bytes(_shifted_out(byte) for byte in range(256))
 
 
 class FrameKind(NamedTuple):
@@ -26,14 +50,14 @@ def checksum(kind: FrameKind, word: int) -> int:
     last = kind.length - 1
     register = kind.register
     if last >= 2:
-        register = TABLE[TABLE[register ^ word & 0xFF] ^ word >> 8 & 0xFF]
+        register = CRC_TABLE[CRC_TABLE[register ^ word & 0xFF] ^ word >> 8 & 0xFF]
     if last >= 4:
-        register = TABLE[TABLE[register ^ word >> 16 & 0xFF] ^ word >> 24 & 0xFF]
+        register = CRC_TABLE[CRC_TABLE[register ^ word >> 16 & 0xFF] ^ word >> 24 & 0xFF]
     if last >= 6:
-        register = TABLE[TABLE[register ^ word >> 32 & 0xFF] ^ word >> 40 & 0xFF]
+        register = CRC_TABLE[CRC_TABLE[register ^ word >> 32 & 0xFF] ^ word >> 40 & 0xFF]
     if last % 2 == 1:
-        register = TABLE[register ^ word >> 8 * (last - 1) & 0xFF]
-    return register ^ FINAL_XOR
+        register = CRC_TABLE[register ^ word >> 8 * (last - 1) & 0xFF]
+    return register ^ CRC_FINAL_XOR
 
 
 def counter_of(kind: FrameKind, word: int) -> int:

@@ -13,8 +13,8 @@ import sys
 from pathlib import Path
 from textwrap import wrap
 
-from firmware_py.interface.crc import INITIAL, TABLE
 from firmware_py.interface.dbc import Layout, Signal, SignalKind, layouts, span
+from firmware_py.interface.framing import CRC_INITIAL, CRC_TABLE
 from firmware_py.interface.parameter_table import TABLE as PARAMETER_TABLE
 from firmware_py.interface.parameter_table import record_name
 
@@ -129,7 +129,7 @@ def sources() -> dict[str, str]:
 
 def constant(layout: Layout) -> str:
     """The constant with identity and timing of a frame, in kinds.py."""
-    register = TABLE[INITIAL ^ (layout.can_id & 0xFF)] if layout.protected else 0
+    register = CRC_TABLE[CRC_INITIAL ^ (layout.can_id & 0xFF)] if layout.protected else 0
     period_s = layout.period_s or 0.0
     numbers = f"0x{layout.can_id:03X}, {layout.length}, {period_s!r}, {layout.counter_bits}, {register}"
     return f"{snake(layout.name).upper()} = FrameKind({numbers})\n"

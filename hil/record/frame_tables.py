@@ -8,15 +8,15 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from firmware_py.interface.codec import CODEC_BY_ID, FrameCodec
-from firmware_py.interface.crc import FINAL_XOR, INITIAL, TABLE
 from firmware_py.interface.dbc import SignalKind, database
+from firmware_py.interface.framing import CRC_FINAL_XOR, CRC_TABLE
 from hil.record.candump import MOST_BYTES, Bus, BusLog
 from hil.record.traces.precision import whole_ns
 from plant_sim.arrays import BoolArray, IntArray
 
 RAW: Final = "can/raw"
 """Name of the table with a row per frame: its identifier and its bytes."""
-CRC_TABLE = np.frombuffer(TABLE, np.uint8)
+CRC_STEPS = np.frombuffer(CRC_TABLE, np.uint8)
 SLICE_ROWS = 10_000
 """Frames that are decoded at a time: Python's objects take ten times the memory of their columns."""
 
@@ -107,10 +107,10 @@ def surely_valid(codec: FrameCodec[Any], data: NDArray[np.uint8]) -> BoolArray:
     """Mask of the frames, shape (n, 8), that certainly decode without error; others need their codec."""
     valid = np.ones(len(data), bool)
     if codec.protected:
-        check = np.full(len(data), TABLE[INITIAL ^ codec.can_id & 0xFF])
+        check = np.full(len(data), codec.kind.register, np.uint8)
         for byte in data[:, : codec.length - 1].T:
-            check = CRC_TABLE[check ^ byte]
-        valid &= (check ^ FINAL_XOR) == data[:, codec.length - 1]
+            check = CRC_STEPS[check ^ byte]
+        valid &= (check ^ CRC_FINAL_XOR) == data[:, codec.length - 1]
     words = np.ascontiguousarray(data).view("<u8")[:, 0]
     for signal in codec.signals.values():
         if signal.is_float:

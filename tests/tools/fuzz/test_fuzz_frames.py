@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from crccheck.crc import Crc8SaeJ1850  # type: ignore[import-untyped]  # it carries no types
 
 from firmware_py.interface.codec import CODEC_BY_ID
-from firmware_py.interface.crc import frame_crc8
 from firmware_py.interface.frame import Frame, WordFrame
 from firmware_py.interface.generated.received import RECEIVED_IDS
 from firmware_py.node import tick
@@ -72,7 +72,8 @@ class Strangers:
                 return Frame(listed.can_id, body)
             case 2:
                 if listed.protected:
-                    body = body[:-1] + bytes([frame_crc8(listed.can_id, body[:-1])])
+                    body = body[:-1]
+                    body += bytes([Crc8SaeJ1850.calc(bytes([listed.can_id & 0xFF]) + body)])
                 return Frame(listed.can_id, body)
             case _:
                 return mutated(self.seen[first % len(self.seen)], second)
