@@ -18,7 +18,8 @@ from firmware_py.interface.generated.records import (
     SetInputTorque,
     StrikerEstimate,
 )
-from hil.record.candump import NO_BUS, Bus, BusLog
+from hil.record.candump import Bus, BusLog
+from hil.record.frame_tables import valid_frames, values_of
 from plant_sim.arrays import FloatArray, IntArray
 
 
@@ -36,23 +37,14 @@ NEVER_SENT = ("state.estimator.p_xx", "state.estimator.p_vv", "wake_latency_us",
 
 def frames_of(bus: Bus, record: type[Any]) -> Frames:
     """All decodable frames of one kind; the others of a log on disk are not kept in memory."""
-    pieces = [decoded(piece, record) for piece in bus.pieces()] or [decoded(NO_BUS, record)]
-    times, signals = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
-    return Frames(record, times, signals)
-
-
-def decoded(bus: BusLog, record: type[Any]) -> tuple[FloatArray, FloatArray]:
-    """Times and signals of the decodable frames of one kind."""
     one = codec.CODECS[record]
-    times, signals = [], []
-    rows = np.flatnonzero(bus.can_id == one.can_id)
-    for row, payload in zip(rows.tolist(), bus.payloads_of(rows), strict=True):
-        try:
-            signals.append(tuple(one.decode(payload)))
-        except codec.FrameError:
-            continue  # reported and counted when the frames are decoded for the log
-        times.append(float(bus.t_s[row]))
-    return np.array(times), np.array(signals, np.float64).reshape(len(times), len(record._fields))
+    times, signals = [np.zeros(0)], [np.zeros((0, len(record._fields)))]
+    for piece in bus.pieces():
+        frames = valid_frames(piece, one)
+        times.append(piece.t_s[frames.rows])
+        columns = [values_of(signal, frames.words) for signal in one.signals.values()]
+        signals.append(np.array(columns, np.float64).reshape(len(columns), -1).T)
+    return Frames(record, np.concatenate(times), np.concatenate(signals))
 
 
 def held(frames: Frames, t_s: FloatArray) -> dict[str, FloatArray]:

@@ -8,7 +8,10 @@ from hypothesis import strategies as st
 from firmware_py.interface import codec
 from firmware_py.interface.codec import CODEC_BY_ID, CODECS, FrameCodec
 from firmware_py.interface.dbc import SignalKind
+from firmware_py.interface.frame import bytes_of
+from firmware_py.interface.framing import seal
 from firmware_py.interface.generated.records import SetInputTorque
+from hil.record.bus_reconstruction import frames_of
 from hil.record.candump import NO_BUS, bus_log
 from hil.record.frame_tables import names_of, refused, surely_valid, table_of
 
@@ -16,7 +19,8 @@ QUANTITIES = {SignalKind.QUANTITY, SignalKind.EXACT}
 NUMBERS = [
     codec for codec in CODECS.values() if {signal.kind for signal in codec.signals.values()} <= QUANTITIES
 ]
-"""The codecs of frames with numbers alone; others are always left to their codec."""
+"""The codecs of frames with numbers alone."""
+KNOWN = [codec for codec in CODECS.values() if codec.record._fields]
 
 
 def error_of(codec: FrameCodec, data: bytes) -> str | None:
@@ -42,6 +46,34 @@ def test_what_is_surely_valid_can_be_decoded_and_what_was_sent_is(codec, content
         abs(number) % 2 if kind is int else float(number) for kind, number in zip(kinds, numbers, strict=True)
     ]
     assert is_surely_valid(codec, codec.encode(codec.record._make(values), counter).data)
+
+
+def sealed(codec: FrameCodec, content: bytes) -> bytes:
+    """Any content with the checksum that belongs to it."""
+    if not codec.protected:
+        return content[: codec.length]
+    below = 8 * (codec.length - 1) - codec.kind.counter_bits
+    word = int.from_bytes(content, "little") & (1 << below) - 1
+    return bytes_of(seal(codec.kind, word, content[0], True)[0].word, codec.length)
+
+
+@pytest.mark.parametrize("codec", KNOWN, ids=lambda codec: codec.record.__name__)
+@given(contents=st.lists(st.binary(min_size=8, max_size=8), max_size=4))
+def test_tables_and_columns_have_what_the_codec_decodes_and_nothing_else(codec, contents):
+    payloads = [one for content in contents for one in (content[: codec.length], sealed(codec, content))]
+    bus = bus_log(np.arange(len(payloads)) / 4, np.full(len(payloads), codec.can_id), payloads)
+    decoded = [tuple(codec.decode(one)) for one in payloads if error_of(codec, one) is None]
+    table = table_of(bus, f"can/{codec.record.__name__}", 0.0)
+    found = [table[name].to_pylist() for name in codec.record._fields]
+    assert list(zip(*found, strict=True)) == decoded
+    kinds = [float if codec.signals[name].is_real else int for name in codec.record._fields]
+    assert all(
+        type(value) is kind
+        for row in zip(*found, strict=True)
+        for value, kind in zip(row, kinds, strict=True)
+    )
+    columns = frames_of(bus, codec.record).signals
+    assert (columns.shape, columns.tolist()) == ((len(decoded), len(kinds)), list(map(list, decoded)))
 
 
 @given(

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from firmware_py.interface.codec import CODECS
+from firmware_py.interface.dbc import layouts
 from firmware_py.interface.generated.records import Accelerometer, EncoderEstimates
 from hil.bench.lockstep import in_lockstep
 from hil.record import candump
@@ -280,6 +281,7 @@ def test_frames_of_others_are_not_kept_in_memory(tmp_path: Path, monkeypatch: py
     with log.open("w") as file:
         for t_s, can_id, data in sorted([*own, *foreign]):
             file.write(f"({t_s:.6f}) can0 {can_id:03X}#{data.hex()}\n")
+    layouts()  # is loaded once, for any number of frames
     tracemalloc.start()
     ticks = read_ticks(log)
     _, peak = tracemalloc.get_traced_memory()
