@@ -29,6 +29,7 @@ from hil.nodes.closed_loop import (
     LINE_BYTES,
     LOG_BYTES,
     MOST_RECEIVED,
+    TICKS,
     TO_PLANT,
     Bench,
     Buffers,
@@ -130,6 +131,7 @@ class Stretches:
     def run(self, tick: int, ticks: int) -> Records:
         """Run `ticks` from `tick` on; return their records."""
         plant, node, buffers = self._plant.node, self._native_node(), self._buffers
+        buffers.used[:] = self._impact_count[0] = 0
         plant.act(ticks)
         frames, sent = np.zeros((MOST_RECEIVED, 3), np.int64), np.zeros(1 + 3 * MOST_SENT, np.int64)
         tick_address, config, memory, _ = node.native
@@ -143,7 +145,6 @@ class Stretches:
             record_bytes=self._firmware_rows.itemsize,
         )
         held = self._to_plant.receive()
-        buffers.used[:] = self._impact_count[0] = 0
         buffers.used[TO_PLANT] = len(held)
         in_transit = np.zeros((max(len(held), 1 + MOST_SENT), 3), np.int64)  # a command, and the firmware's
         for place, frame in enumerate(held):
@@ -173,6 +174,11 @@ class Stretches:
         plant.resume(state, status)
         self._to_plant.pending += frames_in(in_transit[: buffers.used[TO_PLANT]])
         self._to_operator.pending += frames_in(sent[1:].reshape(-1, 3)[: sent[0]])
+        return self.records()
+
+    def records(self) -> Records:
+        """The records of the present stretch; those before the tick of a failure, if it has failed."""
+        buffers, ticks = self._buffers, self._buffers.used[TICKS]
         return Records(
             buffers.plant[:ticks],
             self._firmware_rows[:ticks].astype(self._columns, copy=False),
@@ -208,8 +214,17 @@ class RecordedStretches(Stretches):
         return super().ticks_from(tick) if all(turns.is_in_step(tick) for turns in self._turns) else 0
 
     def record(self, tick: int, ticks: int) -> None:
-        """Run `ticks` from `tick` on, and append their records."""
-        records = self.run(tick, ticks)
+        """Run `ticks` from `tick` on, and append their records, also those before a failure."""
+        try:
+            self.run(tick, ticks)
+        finally:
+            self._append(tick, self.records())
+        for turns in self._turns:
+            turns.resume(tick + ticks)
+
+    def _append(self, tick: int, records: Records) -> None:
+        """Append the records of a stretch that began in `tick`."""
+        ticks = len(records.plant)
         rows, node = self._plant_rows[:ticks], self._plant.node
         for column, name in enumerate(PlantRecord._fields):
             rows[name] = records.plant[:, column]
@@ -224,8 +239,6 @@ class RecordedStretches(Stretches):
         records.firmware["tick"], records.firmware["t_s"] = numbers, (numbers + 0.5) * self._scenario.period_s
         self._firmware_trace.append_all(records.firmware)
         self._can_log.append(records.can_log.tobytes())
-        for turns in self._turns:
-            turns.resume(tick + ticks)
 
 
 def records_of(scenario: Scenario, seed: int, columns: Any, build: Build = "compiled") -> Iterator[Records]:

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from firmware_py.interface.frame import Frame
+from firmware_py.shell.flat_node import FirmwareFailedError
 from hil.bench import stretches
 from hil.bench.lockstep import LockstepNodes, run_lockstep, silent
 from hil.bus.can_log import CanLog
 from hil.nodes.closed_loop import LINE_BYTES, log_line
 from hil.nodes.frame_rows import word_frame
+from hil.record.run_traces import read_bus
 from hil.record.traces import trace
 from hil.scenario.files import read_scenario
 from hil.scenario.scenario import check_scenario
@@ -88,6 +90,27 @@ def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
         for column in one.dtype.names or ():
             if column != "work_us":
                 np.testing.assert_array_equal(one[column], other[column], err_msg=f"{name}: {column}")
+
+
+def test_what_was_recorded_before_the_firmware_failed_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiled = stretches.entry_point
+
+    def failing(*arguments: Any) -> Any:
+        run = compiled(*arguments)
+
+        def failing_run(bench: Any, state: Any, _: int) -> tuple[Any, int]:
+            return run(bench, state, 100)[0], stretches.FIRMWARE_FAILED
+
+        return failing_run
+
+    monkeypatch.setattr(stretches, "entry_point", failing)
+    with pytest.raises(FirmwareFailedError, match="in the compiled firmware's tick 100"):
+        run_lockstep(scenario_with(), tmp_path, 1, silent, "compiled")
+    for name in ("plant", "firmware"):
+        assert trace.read(tmp_path / f"{name}.trace")["tick"].tolist() == list(range(100))
+    assert read_bus(tmp_path / "can.log").t_s[-1] == pytest.approx(0.0995)
 
 
 def test_lines_of_the_log_are_those_of_can_log(tmp_path: Path) -> None:
