@@ -41,7 +41,7 @@ class Outcome:
     own_late_s: float | None = None
     """Time for which nodes held the run up by their own work."""
     holds: list[dict[str, Any]] = field(default_factory=list)
-    """The holds, as records of `hil.timing.pacemaker.Hold`."""
+    """The holds, as of `hil.timing.pacemaker.Hold`."""
     cut_s: float | None = None
     """Time at which a run was ended because a process, `cut_by`, was held up for too long."""
     cut_by: str | None = None

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
 
 from firmware_py.interface.frame import Frame
 from hil.bus.in_process import InProcessBus, InProcessNode
@@ -24,22 +23,6 @@ Logged = tuple[int, list[Frame]]
 def in_ns(time_s: float) -> int:
     """A time in whole nanoseconds."""
     return round(time_s * NS_PER_S)
-
-
-class LockstepBus(Protocol):
-    """The bus between the nodes of lockstep, which join by name; time advances between their steps."""
-
-    def join(self, name: str) -> InProcessNode | ModelledNode:
-        """The connection of one of the nodes."""
-
-    def breaks_by(self, fault: Fault) -> bool:
-        """Whether a fault acts on the bus itself, and not at the nodes' connections."""
-
-    def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
-        """Advance the time; return the frames on the bus in this interval, for the log."""
-
-    def close(self) -> None:
-        """End the run."""
 
 
 class IdealBus:
@@ -138,3 +121,7 @@ class BusAsModelled:
             if fault.node_off is not None:
                 self._bus.switch_off(fault.node_off)
         self._bus.destroy(frozenset().union(*(fault.destroyed_ids for fault in acting)))
+
+
+LockstepBus = IdealBus | BusAsModelled
+"""The bus between the nodes of lockstep, which join by name; time advances between their steps."""

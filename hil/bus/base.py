@@ -51,12 +51,12 @@ class NodeBus(Protocol):
     def receive(self) -> list[Frame]:
         """All frames that have arrived, oldest first, without waiting."""
 
-    def wait(self, timeout_s: float) -> None:
-        """Return when frames have arrived, or after `timeout_s`."""
-
 
 class Bus(NodeBus, Protocol):
     """One node's connection. It never receives its own frames; only `wait` may block longer than a send."""
+
+    def wait(self, timeout_s: float) -> None:
+        """Return when frames have arrived, or after `timeout_s`."""
 
     @property
     def counters(self) -> BusCounters:

@@ -210,9 +210,6 @@ class TurnSocket(HubSocket):
         chunk, self._arrived = self._arrived, b""
         return self._unpacked(chunk)
 
-    def wait(self, timeout_s: float) -> None:
-        """Return at once: no frame arrives during a turn."""
-
     def leave(self) -> None:
         """Take no more turns; safe in a signal handler."""
         with suppress(OSError):

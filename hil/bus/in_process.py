@@ -11,15 +11,12 @@ class InProcessBus:
     def __init__(self) -> None:
         self._nodes: list[InProcessNode] = []
 
-    def join(self, listening: bool = True) -> "InProcessNode":
-        """Add a node and return its connection; a node that only sends joins with `listening` False."""
+    def join(self) -> "InProcessNode":
+        """Add a node and return its connection."""
         node = InProcessNode()
         for other in self._nodes:
-            if listening:
-                other.others.append(node)
-            if other.listening:
-                node.others.append(other)
-        node.listening = listening
+            other.others.append(node)
+            node.others.append(other)
         self._nodes.append(node)
         return node
 
@@ -35,16 +32,12 @@ class Inbox:
         received, self.pending = self.pending, []
         return received
 
-    def wait(self, _: float) -> None:
-        """Return at once: no frame can arrive while a node of the same process waits."""
-
 
 class InProcessNode(Inbox):
     """One node's connection; no frame is lost or late."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.listening = True
         self.others: list[InProcessNode] = []
 
     def send_all(self, frames: Iterable[Frame]) -> None:

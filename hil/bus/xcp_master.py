@@ -16,7 +16,7 @@ from firmware_py.interface.generated import kinds
 from firmware_py.interface.parameter_table import INDEX as PARAMETERS
 from firmware_py.node import places, xcp
 from firmware_py.node.memory import file_name
-from hil.bus.base import NodeBus
+from hil.bus.base import Bus
 
 ACCEPTED_IDS = (kinds.XCP_RESPONSE.can_id,)
 """The identifiers that a master receives."""
@@ -71,7 +71,7 @@ class Sampled(NamedTuple):
 class XcpMaster:
     """One session with the firmware's slave on a bus that accepts `ACCEPTED_IDS`."""
 
-    def __init__(self, bus: NodeBus, timeout_s: float = TIMEOUT_S) -> None:
+    def __init__(self, bus: Bus, timeout_s: float = TIMEOUT_S) -> None:
         self._bus = bus
         self._timeout_s = timeout_s
         self._packets: list[bytes] = []

@@ -88,10 +88,6 @@ class FaultyBus:
         self._foreign = []
         return received if self._passes(received) else []
 
-    def wait(self, timeout_s: float) -> None:
-        """Return when frames have arrived, or after `timeout_s`."""
-        self._bus.wait(timeout_s)
-
     def _passes(self, frames: Sequence[Frame]) -> bool:
         """Whether the node is connected; otherwise the frames are lost."""
         pulled = [fault for fault in self._faults if fault.acts(self._step.t_s) and fault.unplugs(self._node)]

@@ -1,4 +1,4 @@
-"""The plant's faults in its node, tick by tick: the acting faults change parts, drive and readings."""
+"""The faults of drive and module in the plant's node: the acting faults change parts and drive."""
 
 import math
 from collections.abc import Sequence
@@ -10,23 +10,20 @@ from hil.drive import axis
 from hil.drive.axis import DriveConfig, DriveState
 from hil.faults.fault import TIME_RESOLUTION_S, Fault
 from hil.faults.on_plant import PhysicalFault
-from hil.faults.readings import SensorFaults
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.plant import Plant
-from plant_sim.sensors.readings import SensorReading
 
 DRIVE_IDS = range(NODE_IDS)
 """Identifiers of the drive's electronics: those of node 0."""
 
 
 class PlantFaults:
-    """A scenario's sensor, drive and module faults, for one plant and its drive."""
+    """A scenario's drive and module faults, for one plant and its drive."""
 
     def __init__(
-        self, faults: Sequence[Fault], seed: int, plant: Plant, config: DriveConfig, began_s: float = 0.0
+        self, faults: Sequence[Fault], plant: Plant, config: DriveConfig, began_s: float = 0.0
     ) -> None:
         """`began_s`: time of the plant's power-up; earlier kicks did not meet it."""
-        self._sensors = SensorFaults(faults, seed)
         self._faults = [fault for fault in faults if isinstance(fault, PhysicalFault)]
         edges_s = {edge_s for fault in self._faults for edge_s in (fault.at_s, fault.end_s)}
         self._edges_s = sorted(edge_s for edge_s in edges_s if edge_s < math.inf)
@@ -85,10 +82,6 @@ class PlantFaults:
             if fault.changes(self._parts, self._config)
             and not (self.waits and fault.parts(self._parts).stop != self._parts.stop)
         ]
-
-    def published(self, t_s: float, reading: SensorReading) -> SensorReading:
-        """The sensors' reading with the acting faults, from the true reading."""
-        return self._sensors.published(t_s, reading)
 
     def reported(self, estimates: EncoderEstimates) -> EncoderEstimates:
         """The drive's reported position, from its circular position."""

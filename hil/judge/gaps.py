@@ -14,6 +14,7 @@ import numpy as np
 
 from hil.record.run_traces import RunTraces, column
 from hil.record.traces.stored_trace import Records
+from hil.timing.pacemaker import Hold
 
 OPERATOR_PERIOD_S = 0.01
 MOST_SHOWN = 5
@@ -45,27 +46,6 @@ class Gap:
         """The gap as text: `held up the plant from 1.950 s to 1.981 s`."""
         end = "and the run was ended" if self.to_s is None else f"to {self.to_s:.3f} s"
         return f"held up the {self.process} from {self.from_s:.3f} s {end}"
-
-
-@dataclass(frozen=True, slots=True)
-class TimeHeld:
-    """A hold: simulated time stood still at `t_s` because `process` was late, by the host or its own work."""
-
-    t_s: float
-    process: str
-    held_s: float
-    own_s: float
-
-    @property
-    def whole_s(self) -> float:
-        """Duration of the hold."""
-        return self.held_s + self.own_s
-
-    @property
-    def in_words(self) -> str:
-        """The hold as text: `plant for 31.0 ms at 1.950 s`."""
-        own = f", {1e3 * self.own_s:.1f} ms of them its own work" if self.own_s else ""
-        return f"{self.process} for {1e3 * self.whole_s:.1f} ms at {self.t_s:.3f} s{own}"
 
 
 def gaps_in(
@@ -137,7 +117,7 @@ def doubt_of(window_s: tuple[float, float], gaps: Sequence[Gap]) -> str | None:
     return None
 
 
-def longest_holds(holds: Sequence[TimeHeld]) -> list[str]:
+def longest_holds(holds: Sequence[Hold]) -> list[str]:
     """The longest holds of a run as text, in order of time."""
     longest = sorted(holds, key=lambda hold: -hold.whole_s)[:MOST_SHOWN]
     return [hold.in_words for hold in sorted(longest, key=lambda hold: hold.t_s)]

@@ -1,12 +1,11 @@
-"""The verdict on a run from its traces: figures, checks, reasons, doubts."""
+"""The verdict on a run from its traces: figures, checks, and the reasons to fail it or not to judge it."""
 
 from pathlib import Path
 
 from hil.judge.checks import checks_of, evaluate
 from hil.judge.figures.figures import figures_from
 from hil.judge.figures.moments import moment_of
-from hil.judge.reasons import doubts_of, fault_effects, reasons_of
-from hil.judge.verdict import RunVerdict, Verdict
+from hil.judge.verdict import IMPORTED, FaultEffect, RunVerdict, Verdict
 from hil.record import provenance
 from hil.record.run_traces import RunTraces
 
@@ -27,3 +26,35 @@ def judge(traces: RunTraces, folder: Path) -> RunVerdict:
         provenance={key: traces.run.get(key) for key in provenance.KEYS},
         folder=folder,
     )
+
+
+def reasons_of(traces: RunTraces) -> list[str]:
+    """The reasons why this run fails regardless of its checks, one sentence each."""
+    reasons = [*traces.outcome.get("reasons", []), *traces.damage]
+    if not traces.outcome:
+        reasons.append("the run was cut short: it left no outcome.json")
+    was_cut_by_host = traces.outcome.get("cut_s") is not None
+    if traces.run.get("clock") == IMPORTED or was_cut_by_host:
+        return reasons
+    nodes = {"plant": traces.plant, "firmware": traces.firmware}
+    return reasons + [f"{name} left no trace" for name, records in nodes.items() if len(records) == 0]
+
+
+def fault_effects(traces: RunTraces) -> list[FaultEffect]:
+    """The effect of each fault of the script, in its order; unknown for runs that did not count."""
+    faults = traces.scenario.get("script", {}).get("faults", [])
+    counts = traces.outcome.get("faults_acted") or [None] * len(faults)
+    return [
+        FaultEffect(fault["kind"], float(fault["at_s"]), count)
+        for fault, count in zip(faults, counts, strict=True)
+    ]
+
+
+def doubts_of(traces: RunTraces) -> list[str]:
+    """The reasons why this run is not judged, one sentence each."""
+    idle = [
+        f"the fault {effect.kind!r} at {effect.at_s:g} s acted on nothing, so the run shows nothing of it"
+        for effect in fault_effects(traces)
+        if effect.acted_on == 0
+    ]
+    return [*traces.outcome.get("not_judged", []), *idle]

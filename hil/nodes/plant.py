@@ -35,6 +35,7 @@ from hil.drive.node import (
 )
 from hil.drive.reports import NOTHING, Ticks, first_reports, look, report_ticks, take, ticks_of
 from hil.faults.fault import Fault
+from hil.faults.on_sensor import SensorFaults
 from hil.faults.plant import PlantFaults
 from hil.nodes.frame_rows import byte_frame, word_frame
 from hil.nodes.plant_steps import Due, PlantState, Setup
@@ -111,7 +112,8 @@ class PlantNode:
         self.rejected = 0
         """Number of drive commands that could not be read."""
         self.began_s = first_tick * period_s
-        self._faults = PlantFaults(faults, seed, self.plant, self.drive_config, self.began_s)
+        self._sensor_faults = SensorFaults(faults, seed)
+        self._faults = PlantFaults(faults, self.plant, self.drive_config, self.began_s)
         self.period_s = period_s
         self.tick = first_tick
         self.record: PlantRecord
@@ -131,7 +133,7 @@ class PlantNode:
     def publish(self) -> list[Frame]:
         """The frames of tick k: sensor samples, at most one further report of the drive, and answers."""
         self.act()
-        self._reading = reading = self._faults.published(self.tick * self.period_s, self.plant.sense())
+        self._reading = reading = self._sensor_faults.published(self.tick * self.period_s, self.plant.sense())
         estimates = messages.encoder_estimates(
             self.drive, reading.encoder_position_rev, reading.encoder_velocity_rev_s
         )

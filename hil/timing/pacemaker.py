@@ -14,6 +14,7 @@ import mmap
 import os
 import tempfile
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
 from enum import IntEnum
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -107,7 +108,8 @@ class Plan(NamedTuple):
                     yield tick, one
 
 
-class Hold(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Hold:
     """An interval in which simulated time stood still at `t_s`, in s; `process` was late."""
 
     t_s: float
@@ -116,6 +118,17 @@ class Hold(NamedTuple):
     """The part for which the host is responsible."""
     own_s: float
     """The part that the process's own work, by its CPU time, took beyond its time."""
+
+    @property
+    def whole_s(self) -> float:
+        """Duration of the hold."""
+        return self.held_s + self.own_s
+
+    @property
+    def in_words(self) -> str:
+        """The hold as text: `plant for 31.0 ms at 1.950 s`."""
+        own = f", {1e3 * self.own_s:.1f} ms of them its own work" if self.own_s else ""
+        return f"{self.process} for {1e3 * self.whole_s:.1f} ms at {self.t_s:.3f} s{own}"
 
 
 class Pacemaker:
@@ -223,7 +236,7 @@ class Pacemaker:
         return {
             "held_s": self.held_ns / NS_PER_S,
             "own_late_s": self.own_ns / NS_PER_S,
-            "holds": [hold._asdict() for hold in self.holds],
+            "holds": [asdict(hold) for hold in self.holds],
             "abandoned": self.abandoned,
         }
 

@@ -29,14 +29,14 @@ from hil.judge.figures.records import (
     Spread,
     TrueImpact,
 )
-from hil.judge.gaps import TimeHeld, gaps_of
+from hil.judge.gaps import gaps_of
 from hil.judge.hold import Window, hold_motion, hold_window
 from hil.judge.verdict import IMPORTED
 from hil.record.rates import slow_rows
 from hil.record.run_traces import RunTraces, column, read_run
 from hil.record.state_timeline import lower_name
 from hil.record.traces.stored_trace import Records
-from hil.timing.pacemaker import AGAIN
+from hil.timing.pacemaker import AGAIN, Hold
 from plant_sim.arrays import FloatArray
 
 DEFAULT_PERIOD_S = 1e-3
@@ -266,8 +266,8 @@ def figures_from(traces: RunTraces) -> Figures:
     loops = Loops(*(loop_timing(records, period_s, clock == IMPORTED) for records in (plant, firmware)))
     baseline = outcome.get("baseline_overruns")
     under_uml = bool(run.get("user_mode_linux", False))
-    time_held = tuple(TimeHeld(**one) for one in outcome.get("holds", []))
-    held_ms = [1e3 * (one.held_s + one.own_s) for one in time_held]
+    time_held = tuple(Hold(**one) for one in outcome.get("holds", []))
+    held_ms = [1e3 * one.whole_s for one in time_held]
     hold = hold_window(firmware)
     motion = hold_motion(plant, impacts, hold)
     end = faults.drive_end(plant, firmware)

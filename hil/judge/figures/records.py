@@ -11,7 +11,8 @@ from dataclasses import asdict, dataclass, is_dataclass
 from enum import Enum, auto
 from typing import Annotated, Any, NamedTuple, TypeAlias, get_args, get_origin, get_type_hints
 
-from hil.judge.gaps import Gap, TimeHeld
+from hil.judge.gaps import Gap
+from hil.timing.pacemaker import Hold
 
 Number: TypeAlias = float | None
 """A figure that some runs do not have."""
@@ -248,7 +249,7 @@ class Figures:
         Number, "s", "total time for which the host held the run up; none where time is not held"
     ]
     own_late_s: Annotated[Number, "s", "total time for which processes held the run up by their own work"]
-    time_held: Annotated[tuple[TimeHeld, ...], "", "the holds of a millisecond or longer"]
+    time_held: Annotated[tuple[Hold, ...], "", "the holds of a millisecond or longer"]
     gaps: Annotated[tuple[Gap, ...], "", "in strict time: intervals in which the host held a process up"]
     overruns: Annotated[int, "", "ticks skipped, both loops"]
     baseline_overruns: Annotated[int | None, "", "ticks that a bare sleep loop beside the run skipped"]

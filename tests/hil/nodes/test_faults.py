@@ -36,8 +36,8 @@ from hil.faults.kinds.phase_loss import PhaseLoss
 from hil.faults.line import FaultyBus, TrafficError
 from hil.faults.memory import ParameterMemory
 from hil.faults.on_bus import Step
+from hil.faults.on_sensor import SensorFaults
 from hil.faults.processes import ProcessFaults
-from hil.faults.readings import SensorFaults
 from hil.judge.figures.figures import figures_of
 from hil.nodes.plant import PlantNode
 from hil.record.traces import trace

@@ -62,10 +62,6 @@ class PushedBus:
         """Send frames unchanged."""
         self._bus.send_all(frames)
 
-    def wait(self, timeout_s: float) -> None:
-        """Wait for frames on the bus."""
-        self._bus.wait(timeout_s)
-
     def receive(self) -> list[Frame]:
         """Return the received frames with the torque changed; call this once per tick."""
         tick = min(self._tick, len(self._push_n_m) - 1)
