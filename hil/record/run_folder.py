@@ -14,7 +14,7 @@ from typing import Any
 
 from hil.record.folder_lock import FolderInUseError, is_in_use, locked
 from hil.record.new_file import MOST_NOTE_BYTES, is_regular, made_anew
-from hil.record.run_traces import CAN_LOG
+from hil.record.run_traces import CAN_LOG, TRACES
 from hil.record.traces import trace
 
 RUNS = Path("runs")
@@ -30,7 +30,6 @@ MADE_BY = "made_by"
 """Key in a folder's note that marks the folder as made by this program."""
 MAKER = "vibrohil"
 
-TRACES = ("plant", "firmware", "impacts", "operator", "bus_errors")
 PROCESSES = ("firmware", "plant", "firmware-again", "plant-again", "baseline", "recorder", "live")
 WRITTEN_WHOLE = (
     *(f"{name}.trace" for name in TRACES),

@@ -16,6 +16,8 @@ from hil.record.traces.precision import TICKED
 from hil.record.traces.stored_trace import PIECE_RECORDS, Records, StoredTrace
 from plant_sim.arrays import FloatArray
 
+TRACES = ("plant", "firmware", "impacts", "operator", "bus_errors")
+"""The traces of a run, by the names of their files and of the fields of `RunTraces`."""
 CAN_LOG = "can.log"
 """File with the frames of a run in candump's format."""
 NO_RECORDS: Records = np.zeros(0, dtype=[])
@@ -83,9 +85,7 @@ def pieces(traces: RunTraces) -> Iterator[RunTraces]:
     """Yield the run in pieces: records in memory, all cut at the same times, and then the frames."""
     ticked = max((traces.plant, traces.firmware), key=len)
     edges_s = rising(ticked)[PIECE_RECORDS::PIECE_RECORDS]
-    records = {
-        name: getattr(traces, name) for name in ("plant", "firmware", "impacts", "operator", "bus_errors")
-    }
+    records = {name: getattr(traces, name) for name in TRACES}
     cuts = {
         name: [0, *np.searchsorted(rising(one), edges_s).tolist(), len(one)] for name, one in records.items()
     }
@@ -161,15 +161,12 @@ def read_run(run_dir: Path) -> RunTraces:
         bus = stored = StoredBus(can_log)
         part(damage, can_log, lambda path: refuse_unreadable_lines(path, stored), None)
     nothing: dict[str, Any] = {}
+    found: dict[str, Any] = {name: records(name) for name in TRACES}
     return RunTraces(
-        plant=records("plant"),
-        firmware=records("firmware"),
-        impacts=records("impacts"),
-        operator=records("operator"),
+        **found,
         bus=bus,
         run=note("run.json"),
         outcome=note("outcome.json"),
         scenario=part(damage, run_dir / "scenario.toml", lambda path: read_scenario(path.parent), nothing),
-        bus_errors=records("bus_errors"),
         damage=damage,
     )

@@ -1,9 +1,12 @@
 """One scenario run with several seeds, which sample noise and fault times."""
 
+from collections.abc import Mapping
+from copy import deepcopy
+from typing import Any
+
 import numpy as np
 
 from hil.scenario.scenario import Scenario, check_scenario
-from hil.scenario.time_shift import later
 
 AS_WRITTEN = 1
 """The seed with which faults begin at the scenario's own times."""
@@ -26,3 +29,21 @@ def at_other_times(scenario: Scenario, seed: int) -> Scenario:
     by_ticks = int(np.random.default_rng([seed, SEED_OF_FAULT_TIMES]).integers(1, int(ticks)))
     document = later(scenario.document, first_s, by_ticks * scenario.period_s)
     return check_scenario(document, scenario.name, scenario.changes)
+
+
+def later(document: Mapping[str, Any], since_s: float, by_s: float) -> dict[str, Any]:
+    """A copy of a scenario's tables in which every time t ≥ `since_s` of script and checks is t + `by_s`.
+
+    The run becomes longer by `by_s`. Times keep a resolution of 1 µs.
+    """
+    moved: dict[str, Any] = deepcopy(dict(document))
+    script = moved["script"]
+    script["duration_s"] = round(script["duration_s"] + by_s, 6)
+    lines = [*script.get("commands", []), *script.get("faults", [])]
+    for table, key in [
+        *((line, "at_s") for line in lines),
+        *((check, key) for check in moved.get("checks", []) for key in ("from_s", "to_s")),
+    ]:
+        if key in table and table[key] >= since_s:
+            table[key] = round(table[key] + by_s, 6)
+    return moved

@@ -1,14 +1,11 @@
 """Reads new records in a run folder while processes write to it."""
 
 from pathlib import Path
+from typing import Any
 
 from hil.record.candump import BusLog, parse_candump
-from hil.record.run_traces import NO_RECORDS, RunTraces
-from hil.record.traces import trace
-from hil.record.traces.precision import TICKED, columns_of
-from hil.record.traces.stored_trace import Columns, Records
-
-TRACES = ("plant", "firmware", "impacts", "operator")
+from hil.record.run_traces import CAN_LOG, TRACES, RunTraces, read_trace
+from hil.record.traces.stored_trace import Records
 
 
 class Follower:
@@ -21,21 +18,18 @@ class Follower:
 
     def new_traces(self, bus: BusLog) -> RunTraces:
         """The records of each trace since the last call, with these frames."""
-        plant, firmware, impacts, operator = map(self._new_records, TRACES)
-        return RunTraces(plant, firmware, impacts, operator, bus)
+        records: dict[str, Any] = {name: self._new_records(name) for name in TRACES}
+        return RunTraces(**records, bus=bus)
 
     def _new_records(self, name: str) -> Records:
         """The new records of one trace; none while the trace does not exist."""
-        path = self.run_dir / f"{name}.trace"
-        if not path.exists():
-            return NO_RECORDS
-        records = trace.read(path, self._read[name])
+        records: Records = read_trace(self.run_dir / f"{name}.trace")[self._read[name] :]
         self._read[name] += len(records)
-        return Columns(columns_of(records, name not in TICKED), len(records))
+        return records
 
     def new_frames(self) -> BusLog:
         """The whole lines of can.log since the last call."""
-        path = self.run_dir / "can.log"
+        path = self.run_dir / CAN_LOG
         text = b""
         if path.exists():
             with path.open("rb") as file:

@@ -129,12 +129,16 @@ class RunLog:
         for records in (traces.plant, traces.firmware):
             if len(records):
                 self._end_s = float(column(records, "t_s")[-1])
-        self._plant(traces.plant)
-        self._firmware(traces.firmware)
-        self._impacts(traces.impacts)
-        self._operator(traces.operator)
+        for log, records in (
+            (self._plant, traces.plant),
+            (self._firmware, traces.firmware),
+            (self._impacts, traces.impacts),
+            (self._operator, traces.operator),
+            (self._bus_errors, traces.bus_errors),
+        ):
+            if len(records):
+                log(records)
         self._frames(traces.bus.whole())
-        self._bus_errors(traces.bus_errors)
         self.out.send_events()
         self.out.flush()
 
@@ -233,8 +237,6 @@ class RunLog:
     # --- one trace each ------------------------------------------------------------------------------
 
     def _plant(self, records: Records) -> None:
-        if len(records) == 0:
-            return
         t_s = column(records, "t_s")
         self.out.ticked("plant", self._plant_log.logged(records), column(records, "wake_latency_us"))
         self.out.state_timelines(records, PLANT_TIMELINES)
@@ -251,8 +253,6 @@ class RunLog:
                 self.out.event(at_s, f"drive error: {axis_errors(value)}", "ERROR")
 
     def _firmware(self, records: Records) -> None:
-        if len(records) == 0:
-            return
         self.out.ticked("firmware", self._firmware_log.logged(records), column(records, "wake_latency_us"))
         self.out.state_timelines(records, FIRMWARE_TIMELINES)
         if self._walked:
@@ -283,8 +283,6 @@ class RunLog:
                 self.out.event(t_s, f"limit {state_name(ActingLimit, value)}", "WARN")
 
     def _impacts(self, records: Records) -> None:
-        if len(records) == 0:
-            return
         self.out.records("impacts/truth", records)
         self.drawing.flashes(records)
         if self.stop_m is not None:
@@ -292,8 +290,6 @@ class RunLog:
             self.out.send("impacts/touch_down", t_s, rr.Scalars.columns(scalars=[self.stop_m] * len(t_s)))
 
     def _operator(self, records: Records) -> None:
-        if len(records) == 0:
-            return
         self.out.records("operator", records)
         targets = dict(zip(column(records, "t_s"), column(records, "target_ratio"), strict=True))
         for t_s, value in self.out.changes("request", records, "request"):
@@ -319,8 +315,6 @@ class RunLog:
 
     def _bus_errors(self, records: Records) -> None:
         """Log the error counters and states of a modelled bus."""
-        if len(records) == 0:
-            return
         self.out.records("bus_errors", records)
         self.out.state_timelines(records, BUS_TIMELINES)
         for states in BUS_TIMELINES:
