@@ -12,7 +12,6 @@ from itertools import product
 from typing import Any, Literal, NamedTuple
 
 from firmware_py.shell.builds import Build
-from hil.scenario.operator import Command, Request
 from hil.scenario.scenario import Scenario, check_scenario
 from hil.scenario.settings import apply_settings
 from plant_sim.validation_messages import real
@@ -132,25 +131,21 @@ class Trial(NamedTuple):
         return self.scenario.commands[-1].target_ratio * self.scenario.config.d.natural_rad_s
 
 
+def script_of(
+    cell: Cell, run_s: float, duration_s: float, faults: Sequence[Mapping[str, Any]] = ()
+) -> dict[str, Any]:
+    """Return a script: the operator is idle, and from `run_s` on makes the cell's request."""
+    run = {"at_s": run_s, "request": "run", "target_ratio": cell.ratio}
+    if cell.impulse_n_s > 0.0:
+        run["target_impulse_n_s"] = cell.impulse_n_s
+    commands = [{"at_s": 0.0, "request": "idle"}, run]
+    return {"duration_s": duration_s, "commands": commands, "faults": list(faults)}
+
+
 def scenario_of(
-    name: str,
-    scene: Mapping[str, Any],
-    firmware: Mapping[str, Any],
-    commands: Sequence[Command],
-    duration_s: float,
-    seed: int,
-    faults: Sequence[Mapping[str, Any]] = (),
+    name: str, scene: Mapping[str, Any], firmware: Mapping[str, Any], script: Mapping[str, Any], seed: int
 ) -> Scenario:
-    """Return the checked scenario with this scene, parameters and script."""
-    lines = []
-    for command in commands:
-        line: dict[str, Any] = {"at_s": command.at_s, "request": command.request.value}
-        if command.request is Request.RUN:
-            line["target_ratio"] = command.target_ratio
-        if command.target_impulse_n_s > 0.0:
-            line["target_impulse_n_s"] = command.target_impulse_n_s
-        lines.append(line)
-    script = {"duration_s": duration_s, "commands": lines, "faults": [dict(fault) for fault in faults]}
+    """Return the checked scenario with these tables."""
     document = {"title": name, "scene": scene, "firmware": firmware, "script": script, "seed": seed}
     return check_scenario(document, name)
 

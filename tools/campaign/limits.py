@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from firmware_py.interface.enums import Fault, Mode
 from firmware_py.shell.parameters import flattened
-from hil.scenario.operator import Command, Request
 from hil.scenario.scenario import Scenario
 from plant_sim.scene import read_scene
 from tools.campaign.campaign import (
@@ -29,6 +28,7 @@ from tools.campaign.campaign import (
     Trial,
     first_tick_s,
     scenario_of,
+    script_of,
 )
 from tools.campaign.run import Run, run
 from tools.campaign.sampling import LARGEST_RUN_SEED
@@ -121,13 +121,11 @@ def limit_scenario(plan: Plan, cell: Cell, number: int) -> Scenario:
     seed = plan.seed
     module = sampled_module(cell, plan.numbers, np.random.default_rng([seed, number, 0]))
     run_seed = int(np.random.default_rng([seed, number, 1]).integers(LARGEST_RUN_SEED))
-    commands = [Command(0.0, Request.IDLE, 0.0), Command(RUN_S, Request.RUN, cell.ratio)]
     duration_s = module.kick["at_s"] + AFTER_S
 
     def with_losses(losses: Sequence[Mapping[str, Any]]) -> Scenario:
-        faults = [module.kick, *losses]
-        name = plan.name_of(number)
-        return scenario_of(name, module.scene, module.firmware, commands, duration_s, run_seed, faults)
+        script = script_of(cell, RUN_S, duration_s, [module.kick, *losses])
+        return scenario_of(plan.name_of(number), module.scene, module.firmware, script, run_seed)
 
     scenario = with_losses(())
     dice = np.random.default_rng([seed, number, 3])

@@ -1,14 +1,13 @@
 """The modules of all campaigns but `walk` and `limits`: a friction law, a speed ratio and an impulse each."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from hil.scenario.operator import Command, Request
 from hil.scenario.scenario import Scenario
 from plant_sim.scene import read_scene
-from tools.campaign.campaign import BASE_SCENE, Cell, Plan, Sampler, first_tick_s, scenario_of
+from tools.campaign.campaign import BASE_SCENE, Cell, Plan, Sampler, first_tick_s, scenario_of, script_of
 from tools.campaign.sampling import sample
 
 CLEAR_S, IDLE_S, RUN_S = 1.0, 1.3, 1.6
@@ -56,14 +55,14 @@ def module_cell(law: str, ratio: float, impulse_n_s: float = 0.0) -> Cell:
     return LAWS[law].cell(law, ratio, impulse_n_s)
 
 
-def script(cell: Cell) -> list[Command]:
-    """Return the operator's commands in a trial."""
-    return [
-        Command(0.0, Request.IDLE, 0.0),
-        Command(CLEAR_S, Request.CLEAR_FAULTS, 0.0),
-        Command(IDLE_S, Request.IDLE, 0.0),
-        Command(RUN_S, Request.RUN, cell.ratio, cell.impulse_n_s),
+def module_script(cell: Cell, duration_s: float, faults: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+    """Return the script of a trial: the operator's commands and the faults."""
+    script = script_of(cell, RUN_S, duration_s, faults)
+    script["commands"][1:1] = [
+        {"at_s": CLEAR_S, "request": "clear-faults"},
+        {"at_s": IDLE_S, "request": "idle"},
     ]
+    return script
 
 
 def kick(numbers: Mapping[str, Any], dice: np.random.Generator) -> dict[str, Any]:
@@ -82,8 +81,9 @@ def module_scenario(plan: Plan, cell: Cell, number: int) -> Scenario:
     faults = []
     if "kick_low_m_s" in numbers:
         faults = [kick(numbers, np.random.default_rng((plan.seed, number, 2)))]
-    name = plan.name_of(number)
-    return scenario_of(name, tables, cell.firmware, script(cell), duration_s, seed, faults)
+    return scenario_of(
+        plan.name_of(number), tables, cell.firmware, module_script(cell, duration_s, faults), seed
+    )
 
 
 MODULES = Sampler({"laws": LAWS, "ratios": None, "impulses": None}, module_cell, module_scenario)

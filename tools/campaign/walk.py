@@ -17,12 +17,21 @@ from firmware_py.interface.generated.parameters import Gait
 from hil.judge.detection import WEAKEST_V_M_S
 from hil.judge.figures.gait import following
 from hil.scenario.files import read_scenario
-from hil.scenario.operator import Command, Request
 from hil.scenario.scenario import Scenario
 from plant_sim.parts.walking import BEGIN_S, FROM_SIZE, KNOCK_M_S2, TO_SIZE, Walking
 from plant_sim.scene import read_scene
 from plant_sim.sensors.gait import phases_at
-from tools.campaign.campaign import Campaign, Cell, Goal, Outcome, Plan, Sampler, Trial, scenario_of
+from tools.campaign.campaign import (
+    Campaign,
+    Cell,
+    Goal,
+    Outcome,
+    Plan,
+    Sampler,
+    Trial,
+    scenario_of,
+    script_of,
+)
 from tools.campaign.reference import long_gaps
 from tools.campaign.run import Run
 from tools.campaign.sampling import MISMATCH, Sampled, sample
@@ -128,8 +137,8 @@ def sampled_walk(cell: Cell, numbers: Mapping[str, Any], seed: int, trial: int) 
 def walk_scenario(plan: Plan, cell: Cell, number: int) -> Scenario:
     """Sample a module and a walk."""
     (tables, seed), course = sampled_walk(cell, plan.numbers, plan.seed, number)
-    commands = [Command(0.0, Request.IDLE, 0.0), Command(RUN_S, Request.RUN, cell.ratio)]
-    return scenario_of(plan.name_of(number), tables, cell.firmware, commands, course.duration_s, seed)
+    script = script_of(cell, RUN_S, course.duration_s)
+    return scenario_of(plan.name_of(number), tables, cell.firmware, script, seed)
 
 
 def judge_walk(trial: Trial, done: Run, outcome: Outcome) -> None:

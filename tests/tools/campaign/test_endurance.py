@@ -11,8 +11,7 @@ from firmware_py.shell.parameters import config_from
 from hil.bench.stretches import records_of
 from hil.record.traces.firmware_trace import columns_of
 from hil.record.traces.plant_trace import PlantRecord
-from hil.scenario.operator import Command, Request
-from tools.campaign.campaign import scenario_of
+from tools.campaign.campaign import scenario_of, script_of
 from tools.campaign.modules import module_cell
 
 COVARIANCE = tuple(
@@ -34,9 +33,8 @@ def test_the_covariance_stays_positive_definite(build: Build, pytestconfig: pyte
     """The nominal module in RUN; 86,400,000 ticks (`--endurance-ticks`) are a day."""
     ticks = pytestconfig.getoption("endurance_ticks")
     cell = module_cell("viscous", 1.1)
-    commands = [Command(0.0, Request.IDLE, 0.0), Command(0.5, Request.RUN, cell.ratio, cell.impulse_n_s)]
-    duration_s = ticks * config_from(cell.firmware).tick_s
-    scenario = scenario_of("endurance", cell.scene, cell.firmware, commands, duration_s, 1)
+    script = script_of(cell, 0.5, ticks * config_from(cell.firmware).tick_s)
+    scenario = scenario_of("endurance", cell.scene, cell.firmware, script, 1)
     smallest, squares, judged, mode = math.inf, 0.0, 0, Mode.INIT.value
     for records in records_of(scenario, 1, columns_of(SIGNALS), build):
         known = records.firmware

@@ -4,7 +4,7 @@ Such a log differs from a run's: it has no candump text, and no frame is late or
 """
 
 from tools.campaign.campaign import Cell, scenario_of
-from tools.campaign.modules import script
+from tools.campaign.modules import module_script
 from tools.campaign.run import Run, run
 from tools.campaign.sampling import Sampled
 from tools.tuning.recordings.readings import Ticks
@@ -20,9 +20,8 @@ RECEIVED = (
 
 def record(cell: Cell, sampled: Sampled, duration_s: float) -> Run:
     """Run the closed loop from power-up on, and keep the sensors' frames."""
-    scenario = scenario_of(
-        "recorded", sampled.tables, cell.firmware, script(cell), duration_s, sampled.run_seed
-    )
+    script = module_script(cell, duration_s)
+    scenario = scenario_of("recorded", sampled.tables, cell.firmware, script, sampled.run_seed)
     return run(scenario, scenario.seed, RECEIVED)
 
 
