@@ -346,6 +346,19 @@ def test_a_striker_that_sticks_has_a_multiplier_that_is_exactly_zero() -> None:
     assert all(np.all(np.isinf(one.multipliers)) for one in grazing)
 
 
+def test_a_grazing_where_the_parameter_turns_round_is_no_fold() -> None:
+    """There v⁻ grows as a root of the parameter, and the other half of the curve is behind the stop."""
+    (branch,) = branches(load_scene("table1-coulomb"), "mu")
+    assert [(one.kind, one.ends) for one in branch.special] == [("grazing", True)]
+
+
+def test_a_branch_that_leaves_the_range_of_its_parameter_ends_there_by_no_grazing() -> None:
+    """Without a rebound a flight begins on the stop: at k = 0 that is no touch between two impacts."""
+    (branch,) = branches(load_scene("table1-coulomb"), "restitution")
+    assert branch.special == []
+    assert min(one.values["restitution"] for one in branch.orbits) < 0.05
+
+
 def test_a_curve_is_followed_round_its_folds() -> None:
     def circle(z: np.ndarray):
         return np.array([z @ z - 1.0]), 2.0 * z[None, :]

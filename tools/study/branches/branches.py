@@ -241,13 +241,15 @@ def _special_between(
         if test(module, before) * test(module, following) < 0.0:
             point = locate(module, before, following, partial(test, module))
             if point is not None and abs(test(module, point)) < ZERO:
-                found.append(point)
-                half.special.append(Special(kind, module.orbit(point.at), False))
+                orbit = module.orbit(point.at)
+                if np.all(np.isfinite(orbit.multipliers)):  # otherwise it grazes, which ends the branch
+                    found.append(point)
+                    half.special.append(Special(kind, orbit, False))
     return found
 
 
 def _end(module: ImpactMap, half: Branch, beyond: CurvePoint) -> None:
-    """Add the grazing that ends a branch, before or near the point `beyond` of its curve."""
+    """Add the grazing that ends a branch within the parameter's range, before or near `beyond`."""
     last = half.curve[-1]
     slowest = 2 * int(np.argmin(beyond.at[1 : 2 * module.impacts : 2])) + 1
     end = None
@@ -259,7 +261,8 @@ def _end(module: ImpactMap, half: Branch, beyond: CurvePoint) -> None:
         end = None if found is None else point_at(module, found, last.tangent)
     elif beyond is not last:
         end = locate(module, last, beyond, lambda point: module.orbit(point.at).clearance_m)
-    if end is not None:
+    parameter = PARAMETERS[module.over[0]]
+    if end is not None and parameter.low <= end.at[-1] * parameter.scale <= parameter.high:
         half.curve.append(end)
         half.special.append(Special("grazing", module.orbit(end.at), True))
 
