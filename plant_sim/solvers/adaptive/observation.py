@@ -179,9 +179,10 @@ def observe(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> N
     if is_worn(parts.wearer):
         observed[OBSERVED.ankle_j] = y[ankle_place(parts)]
     observed[OBSERVED.phase] = flow.phase
-    held_n = held_force_n(parts, crank.angle_rad, y, time_s)
-    if flow.phase == Phase.REST_ON_STOP and held_n < dry_limit_n(parts):
-        observed[OBSERVED.phase] = Phase.STICK.value  # friction holds it there, the stop does not have to
+    if flow.phase == Phase.REST_ON_STOP:
+        held_n = held_force_n(parts, crank.angle_rad, y, time_s)
+        if held_n < dry_limit_n(parts):  # friction holds it there, the stop does not have to
+            observed[OBSERVED.phase] = Phase.STICK.value
 
 
 _PHASES = tuple(Phase)
