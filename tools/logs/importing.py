@@ -57,6 +57,16 @@ def undecoded(bus: BusLog) -> tuple[dict[str, int], dict[str, int]]:
     return unknown, damaged
 
 
+def mixed_by(jumps: Sequence[ClockJump]) -> list[str]:
+    """The first jump backwards as a reason not to judge the run; empty without one."""
+    return [
+        f"the log's clock falls back from {from_s:.6f} to {to_s:.6f} s at line or message {place}, and frames "
+        "of different times are mixed; cut the log there and import its parts"
+        for place, from_s, to_s in jumps
+        if to_s < from_s
+    ][:1]
+
+
 def refuse_long(path: Path, duration_s: float, jumps: Sequence[ClockJump]) -> None:
     """Raise `BadInputError` for a log that spans more than `LONGEST_S`, and name its first jump."""
     if duration_s > LONGEST_S:
@@ -100,7 +110,7 @@ def import_log(
         with CanLog(run_dir / "can.log") as can_log:
             for t_s, frame in frames:
                 can_log.write(round((t_s - first_s) * 1e6), (frame,))
-        run_folder.write_json(run_dir / "outcome.json", {"reasons": []})
+        run_folder.write_json(run_dir / "outcome.json", {"reasons": [], "not_judged": mixed_by(jumps)})
         bus = read_bus(run_dir / "can.log")
         unknown, damaged = undecoded(bus)
         ticks = ticks_seen(bus, PERIOD_S)

@@ -142,6 +142,19 @@ def test_it_is_printed_with_what_the_firmware_reported(imported, capsys):
     assert not any(line.startswith(("regime uncertain", "impacts 0", "check ")) for line in lines)
 
 
+def test_a_clock_that_falls_back_is_a_reason_not_to_judge_the_run(tmp_path, capsys):
+    """Frames of two recordings are mixed, so every figure of the run may be wrong."""
+    write(tmp_path / "bench.log")
+    log, run = tmp_path / "twice.log", tmp_path / "run"
+    log.write_text(2 * (tmp_path / "bench.log").read_text())
+    assert cli.run(["import", str(log), "--out", str(run)]) == EXIT_PASSED
+    capsys.readouterr()
+    assert cli.run(["inspect", str(run)]) == EXIT_NOTHING_RAN
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "not judged: the log's clock falls back from 1700000001.999" in printed
+    assert "cut the log there and import its parts" in printed
+
+
 def test_a_log_in_the_folder_that_it_would_replace_is_refused(tmp_path, capsys):
     write(tmp_path / "bench.log")
     run = tmp_path / "run"

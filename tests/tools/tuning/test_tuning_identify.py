@@ -302,3 +302,22 @@ def test_wrong_times_take_no_memory_and_their_order_does_not_matter() -> None:
     with pytest.raises(BadInputError, match="wrong times"):
         ticks_of(bus_at([0.001, 0.002, 9e9]), 1e-3)
     assert len(ticks_of(bus_at([0.001, 0.005, 0.003]), 1e-3).low_m_s2) == 5
+
+
+def test_two_recordings_of_the_same_times_are_not_mixed() -> None:
+    """As in logs with times from their start, one after the other; repeated frames are no other recording."""
+    assert len(ticks_of(bus_at([0.001, 0.002, 0.001, 0.002]), 1e-3).low_m_s2) == 2
+    ticks, other = range(100), ACCELEROMETER.encode(Accelerometer(2.0, 2.0, 0.0))
+    for others, is_mixed in ((range(50, 60), False), (range(50, 70), True)):
+        frames = [(1e-3 * tick, frame) for tick in ticks for frame in SENSED]
+        frames += [(1e-3 * tick, other) for tick in others]
+        bus = bus_log(
+            np.array([t_s for t_s, _ in frames]),
+            np.array([frame.can_id for _, frame in frames]),
+            [frame.data for _, frame in frames],
+        )
+        if is_mixed:
+            with pytest.raises(BadInputError, match=r"two samples of the accelerometer in .* at 0.05 s"):
+                ticks_of(bus, 1e-3)
+        else:
+            assert len(ticks_of(bus, 1e-3).low_m_s2) == 100

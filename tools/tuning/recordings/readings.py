@@ -21,6 +21,8 @@ MOST_BYTES = 600_000_000
 LONGEST_S = 7200.0
 MOST_TICKS_A_FRAME = 100
 """A log with more ticks per frame has wrong times; each tick takes memory."""
+MOST_MIXED = 0.1
+"""Share of samples in ticks of other samples, above which a log mixes recordings; below, frames are late."""
 
 
 class Readings(NamedTuple):
@@ -97,6 +99,12 @@ def ticks_of(bus: Bus, period_s: float, name: str = "the log") -> Ticks:
     columns = np.full((5, count), np.nan)
     columns[:3, of_felt - first] = felt.signals[:, :3].T
     columns[3:, of_turned - first] = turned.signals[:, :2].T
+    others = np.any(felt.signals[:, :3] != columns[:3, of_felt - first].T, axis=1)
+    if np.mean(others) > MOST_MIXED:
+        raise BadInputError(
+            f"{name} has two samples of the accelerometer in {np.count_nonzero(others)} ticks, the first at "
+            f"{felt.t_s[others][0]:g} s; wanted one: give a log of one recording whose clock never falls back"
+        )
     return Ticks(period_s, *columns)
 
 
