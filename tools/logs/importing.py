@@ -60,7 +60,7 @@ def undecoded(bus: BusLog) -> tuple[dict[str, int], dict[str, int]]:
 def mixed_by(jumps: Sequence[ClockJump]) -> list[str]:
     """The first jump backwards as a reason not to judge the run; empty without one."""
     return [
-        f"the log's clock falls back from {from_s:.6f} to {to_s:.6f} s at line or message {place}, and frames "
+        f"the log's clock falls back from {from_s:.6f} to {to_s:.6f} s at line or message {place}: frames "
         "of different times are mixed; cut the log there and import its parts"
         for place, from_s, to_s in jumps
         if to_s < from_s
