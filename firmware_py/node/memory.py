@@ -1,7 +1,7 @@
 """What a firmware in flat memory keeps: its state, and the memory of XCP."""
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
 from firmware_py.interface.float32 import float32_bits
@@ -31,7 +31,7 @@ def file_name() -> str:
     return f"vibro_{zlib.crc32(content.encode()):08x}"
 
 
-def pool_of(values: Sequence[float]) -> list[int]:
+def pool_of(values: Iterable[float]) -> list[int]:
     """A pool without a session whose staged characteristics are `values`, in the order of their indices."""
     pool = [0] * xcp.POOL
     text = f"tick{file_name()}".encode().ljust(xcp.TEXT_WORDS * xcp.ELEMENT_BYTES, b"\0")

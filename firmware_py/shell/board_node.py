@@ -3,7 +3,6 @@
 import struct
 import subprocess
 import weakref
-from collections.abc import Mapping
 from typing import Any, BinaryIO, cast
 
 import numpy as np
@@ -16,7 +15,6 @@ from firmware_py.node.memory import FirmwareState
 from firmware_py.node.tick import Tx
 from firmware_py.node.xcp import NO_REQUEST, REQUEST
 from firmware_py.shell.flat_node import FRAME_BYTES, FlatNode
-from firmware_py.shell.parameters import values_of
 
 TICK, CONFIG, STATE, MEASURED_TICK, READ_CONFIG = range(5)
 MESSAGE = struct.Struct("<3q")
@@ -38,9 +36,8 @@ class BoardNode(FlatNode):
     target: board.BoardName = "cortex-m7"
     kind = TICK
 
-    def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
-        """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
-        super().__init__(config, parameters)
+    def __init__(self, config: Config) -> None:
+        super().__init__(config)
         self._precision = TARGETS[self.target].precision
         board_process = board.start(self.target)
         weakref.finalize(self, _switch_off, board_process)
@@ -75,7 +72,6 @@ class BoardNode(FlatNode):
         self._read(memoryview(own.view("u1")))  # type: ignore[arg-type]  # no buffer in stubs
         copier(own, self.flat_config)()
         self.config = loaded(Config, self.flat_config[0].item())
-        self.values = values_of(self.config.p)
 
     def _read(self, reply: memoryview) -> None:
         """Fill a buffer with the board's reply."""

@@ -3,7 +3,7 @@
 import ctypes
 import struct
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, cast
 
 from firmware_py.builds.flat import Memory, loaded, stored
@@ -33,10 +33,9 @@ class FlatNode(Node):
     its first member, the `NodeState`, at the same address, and `pool` its last one.
     """
 
-    def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
-        """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
-        super().__init__(config, parameters)
-        self.whole: Memory = stored(INITIAL._replace(pool=tuple(pool_of(list(self.values.values())))))
+    def __init__(self, config: Config) -> None:
+        super().__init__(config)
+        self.whole: Memory = stored(INITIAL._replace(pool=tuple(pool_of(self.values.values()))))
         self.memory: Memory = self.whole["node"]
         self.pool = cast("list[int]", self.whole["pool"][0])  # an array, used like a list
         self.flat_config = stored(config)

@@ -2,7 +2,6 @@
 
 import ctypes
 import functools
-from collections.abc import Mapping
 from typing import Any, NamedTuple, cast
 
 from firmware_py.builds.flat import Memory, Precision, copier, in_precision
@@ -40,9 +39,8 @@ class NativeNode(FlatNode):
 
     target: HostName = "host"
 
-    def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
-        """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
-        super().__init__(config, parameters)
+    def __init__(self, config: Config) -> None:
+        super().__init__(config)
         self._tick = vibro_tick(self.target)
         self._precision = TARGETS[self.target].precision
         self._own = in_precision(self.whole, FirmwareState, self._precision)

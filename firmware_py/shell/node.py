@@ -1,8 +1,7 @@
 """The firmware on the bus: `firmware_py.node.tick` with bytes around its words. No clock, no socket."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,10 +39,8 @@ class Node(ABC):
     damage: str = ""
     """The reason for which the parameter file was refused at power-up; empty if it was accepted."""
 
-    def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
-        """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
+    def __init__(self, config: Config) -> None:
         self.config = config
-        self.values = with_overrides(parameters or {})
 
     @abstractmethod
     def part(self, kind: type[Record], name: str) -> Record:
@@ -85,19 +82,21 @@ class Node(ABC):
         return self.run_period(fit_frames(frames), behind_ticks)
 
     def calibrate(self) -> bool:
-        """Judge the waiting request of XCP, if there is one; a commit changes `values` and `config`."""
+        """Judge the waiting request of XCP, if there is one; a commit changes `config`."""
         if self.pool[xcp.REQUEST] == xcp.NO_REQUEST:
             return False
-        before = self.config
-        self.config = calibration.calibrate(self.pool, before, self.outputs.mode)
-        if self.config is not before:
-            self.values = values_of(self.config.p)
+        self.config = calibration.calibrate(self.pool, self.config, self.outputs.mode)
         return True
 
     @property
     @abstractmethod
     def ticks(self) -> int:
         """The number of periods since power-up."""
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The parameters in use, by their dotted names."""
+        return values_of(self.config.p)
 
     @property
     def inputs(self) -> Inputs:
@@ -120,20 +119,16 @@ class Node(ABC):
         return self.part(Counters, "counters")
 
 
-class MakeNode(Protocol):
-    """A function or class that makes a controller after power-up."""
-
-    def __call__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> Node:
-        """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
+MakeNode = Callable[[Config], Node]
+"""A function or class that makes a controller after power-up."""
 
 
 class FirmwareNode(Node):
     """A node whose firmware is interpreted."""
 
-    def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
-        """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
-        super().__init__(config, parameters)
-        self._state, self.pool = INITIAL, memory.pool_of(list(self.values.values()))
+    def __init__(self, config: Config) -> None:
+        super().__init__(config)
+        self._state, self.pool = INITIAL, memory.pool_of(self.values.values())
         import filterpy.kalman  # noqa: F401, PLC0415 - now, not in the first tick: it takes a second
 
     def part(self, kind: type[Record], name: str) -> Record:
@@ -166,7 +161,7 @@ def powered_up(
     try:
         values = read_back(parameter_file, build)
     except ParameterError as error:
-        node = make(config_of(parameters_of(with_overrides(build or {})), True), build)
+        node = make(config_of(parameters_of(with_overrides(build or {})), True))
         node.damage = str(error)
         return node
-    return make(config_of(parameters_of(values), False), values)
+    return make(config_of(parameters_of(values), False))

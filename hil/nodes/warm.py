@@ -27,7 +27,7 @@ def warm_plant(scene: Scene) -> None:
 
 def warm_firmware(parameters: Mapping[str, Any], build: Build = "python") -> None:
     """Run a temporary firmware on the frames of a drive at rest."""
-    node = node_of(build)(config_from(parameters), parameters)
+    node = node_of(build)(config_from(parameters))
     for tick in range(WARM_TICKS):
         command = OperatorCommand(OperatorRequest.IDLE, 0.0, 0.0)
         node.tick([codec.OPERATOR_COMMAND.encode(command, tick)], 1)

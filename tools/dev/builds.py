@@ -20,7 +20,7 @@ import argparse
 import os
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from itertools import zip_longest
@@ -92,10 +92,10 @@ def written_out() -> Iterator[None]:
 class Beside(FirmwareNode):
     """The interpreted firmware; on the same frames, its written-out algebra runs interpreted and compiled."""
 
-    def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
-        super().__init__(config, parameters)
-        self._written_out = FirmwareNode(config, parameters)
-        self._compiled = node_of("compiled")(config, parameters)
+    def __init__(self, config: Config) -> None:
+        super().__init__(config)
+        self._written_out = FirmwareNode(config)
+        self._compiled = node_of("compiled")(config)
         self._ticks = 0
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:

@@ -38,7 +38,7 @@ class Twins(Bench):
     def __post_init__(self) -> None:
         super().__post_init__()
         one = self.node
-        other = node_of("compiled")(config_from(self.parameters), self.parameters)
+        other = node_of("compiled")(config_from(self.parameters))
         self.other = other
         tick = one.tick
 
@@ -165,9 +165,7 @@ def test_both_builds_keep_the_same_bits_while_somebody_walks(
     walked: Recorded, parameters: dict[str, float] | None
 ) -> None:
     parameters = walked.parameters if parameters is None else parameters
-    python, compiled = (
-        node_of(build)(config_from(parameters), parameters) for build in ("python", "compiled")
-    )  # type: ignore[arg-type]
+    python, compiled = (node_of(build)(config_from(parameters)) for build in ("python", "compiled"))  # type: ignore[arg-type]
     confidence, harmonic = 0.0, 0
     for tick, frames in enumerate(walked.received):
         assert compiled.tick(frames, 1) == python.tick(frames, 1), tick
@@ -183,7 +181,7 @@ def test_both_builds_keep_the_same_bits_while_somebody_walks(
 
 def test_xcp_is_served_alike() -> None:
     """Calibration, its refusals, uploads and DAQ lists: the same frames in the same ticks."""
-    nodes = [node_of(build)(config_from({}), {}) for build in ("python", "compiled")]  # type: ignore[arg-type]
+    nodes = [node_of(build)(config_from({})) for build in ("python", "compiled")]  # type: ignore[arg-type]
     for frame in commands_of(random.Random(1), 3000):
         sent = [one.tick([frame], 1) for one in nodes]
         assert sent[0] == sent[1], frame
@@ -241,7 +239,7 @@ def test_what_the_subset_has_not_has_no_flat_memory() -> None:
 
 
 def test_nothing_moves_on_in_a_tick_that_is_refused() -> None:
-    one = node_of("compiled")(config_from({}), {})
+    one = node_of("compiled")(config_from({}))
     with pytest.raises(ValueError, match="elapsed_ticks = 0"):
         one.tick([], 0)
     assert math.isfinite(one.outputs.torque_n_m)
@@ -250,7 +248,7 @@ def test_nothing_moves_on_in_a_tick_that_is_refused() -> None:
 
 @pytest.mark.parametrize("build", NATIVE)
 def test_nothing_moves_on_in_a_tick_whose_arithmetic_fails(build: Build) -> None:
-    one = node_of(build)(config_from({})._replace(tick_s=0.0), {})
+    one = node_of(build)(config_from({})._replace(tick_s=0.0))
     assert isinstance(one, NativeNode)
     sample = [codec.ACCELEROMETER.encode(Accelerometer(0.0, 0.0, 0.0), 0)]
     with pytest.raises(FirmwareFailedError, match="division by zero"):

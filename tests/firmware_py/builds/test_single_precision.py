@@ -84,7 +84,7 @@ def driven(nodes: Sequence[FlatNode], each_tick: Callable[[list[list[Frame]]], N
 
 def test_open_loop_it_estimates_as_in_double_precision() -> None:
     config = config_from(PARAMETERS)
-    ours, double = SinglePrecisionNode(config, PARAMETERS), NativeNode(config, PARAMETERS)
+    ours, double = SinglePrecisionNode(config), NativeNode(config)
     errors, modes = [], []
 
     def look(_: list[list[Frame]]) -> None:
@@ -121,7 +121,7 @@ def reals(memory: Any) -> list[float]:
 def test_after_a_day_it_sends_what_it_sends_at_first() -> None:
     """Clocks and ages are integers, or real numbers that begin anew with each period."""
     config = config_from(PARAMETERS)
-    first, later = SinglePrecisionNode(config, PARAMETERS), SinglePrecisionNode(config, PARAMETERS)
+    first, later = SinglePrecisionNode(config), SinglePrecisionNode(config)
     later.memory["ticks"] = A_DAY_TICKS
     later.push_memory()
     sent: list[Frame] = []

@@ -124,7 +124,7 @@ class Bench:
     build: Build = "compiled"
 
     def __post_init__(self) -> None:
-        self.node = node_of(self.build)(config_from(self.parameters), self.parameters)
+        self.node = node_of(self.build)(config_from(self.parameters))
         self.plant = Plant(load_scene(self.scene), self.seed)
         self.tick = 0
         self.axis_state = AxisState.IDLE.value

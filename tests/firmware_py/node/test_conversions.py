@@ -118,7 +118,7 @@ def test_every_conversion_to_an_integer_stays_within_32_bits(reached: set[Site])
             except ParameterError:  # no conflict with the other parameters is permitted
                 continue
     dice = random.Random(1)
-    node = node_of("python")(config_from(FOLLOWS), FOLLOWS)
+    node = node_of("python")(config_from(FOLLOWS))
     steps = walk(np.random.default_rng(1), stride_s=0.75, count=8)
     for tick in range(6000):
         frames = hostile_frames(dice, tick, 2e-3 * tick) if tick % 2 else []

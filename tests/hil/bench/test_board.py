@@ -78,7 +78,7 @@ def test_boards_send_the_bytes_of_their_precision_here_and_decide_alike(name: st
 
 @pytest.mark.usefixtures("tools")
 def test_xcp_is_served_as_by_the_compiled_build() -> None:
-    nodes = [make(config_from({}), {}) for make in (NativeNode, BoardNode)]
+    nodes = [make(config_from({})) for make in (NativeNode, BoardNode)]
     for frame in commands_of(random.Random(2), 1000):
         sent = [node.tick([frame], 1) for node in nodes]
         assert sent[0] == sent[1], frame
@@ -90,7 +90,7 @@ def test_xcp_is_served_as_by_the_compiled_build() -> None:
 
 @pytest.mark.usefixtures("tools")
 def test_in_single_precision_a_parameter_that_is_written_is_in_the_next_config() -> None:
-    node = SinglePrecisionBoardNode(config_from({}), {})
+    node = SinglePrecisionBoardNode(config_from({}))
     before = node.config
     assert calibrate(node, "start.rise_s", 6.0) is XcpError.NONE
     assert staged(node, "start.rise_s") == 6.0
@@ -100,7 +100,7 @@ def test_in_single_precision_a_parameter_that_is_written_is_in_the_next_config()
 @pytest.mark.usefixtures("tools")
 def test_in_single_precision_the_measurements_are_the_members_of_its_own_state() -> None:
     """The offsets follow the state's layout: each measurement is read where the board has stored it."""
-    node = SinglePrecisionBoardNode(config_from({}), {})
+    node = SinglePrecisionBoardNode(config_from({}))
     ask(node, XcpCommandCode.CONNECT)
     for index, place in enumerate(places.ALL):
         upload = command(XcpCommandCode.SHORT_UPLOAD, 4, 0, 0, *(4 * index).to_bytes(4, "little"))
@@ -131,7 +131,7 @@ class MeasuredNode(BoardNode):
     kind = MEASURED_TICK
 
     def __init__(self) -> None:
-        super().__init__(config_from({}), {})
+        super().__init__(config_from({}))
         self.instructions: list[float] = []
         self.stack_bytes = 0
 
@@ -173,13 +173,13 @@ def test_measurement_costs_few_instructions() -> None:
 
 @pytest.mark.usefixtures("tools")
 def test_a_board_ends_with_its_node_and_says_so_when_it_has_died() -> None:
-    node = BoardNode(config_from({}), {})
+    node = BoardNode(config_from({}))
     process = node._process
     node.tick([], 1)
     del node
     gc.collect()
     assert process.poll() == 0
-    node = BoardNode(config_from({}), {})
+    node = BoardNode(config_from({}))
     node._process.kill()
     with pytest.raises(BoardDiedError, match="status -9"):
         node.tick([], 1)

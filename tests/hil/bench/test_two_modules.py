@@ -2,7 +2,6 @@
 
 import pytest
 
-from firmware_py.core.configure import config_of
 from firmware_py.interface import codec
 from firmware_py.interface.addresses import (
     BROADCAST_NODE,
@@ -18,7 +17,7 @@ from firmware_py.interface.enums import Mode, Regime
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import DriveEstop
 from firmware_py.shell.builds import node_of
-from firmware_py.shell.parameters import addresses_from, parameters_of, with_overrides
+from firmware_py.shell.parameters import addresses_from, config_from
 from hil.bus.addressed import AddressedBus, addressed
 from hil.bus.in_process import InProcessBus
 from hil.can_model.message_set import bus_schedule
@@ -45,8 +44,7 @@ class Module:
         buses = (addressed(join(name), places) for name in ("plant", "firmware", "operator"))
         self.plant_bus, self.firmware_bus, self.operator_bus = buses
         self.plant = PlantNode(scenario.scene, seed)
-        values = with_overrides(scenario.parameters)
-        self.firmware = node_of("compiled")(config_of(parameters_of(values), False), values)
+        self.firmware = node_of("compiled")(config_from(scenario.parameters))
         self.operator = OperatorNode(commands, 1e-9 * TICK_NS)
         self.speeds: list[float] = []
 

@@ -102,7 +102,7 @@ class Life:
         config = config_from(scenario.parameters)
         self.tick = 0
         self.seen: Counter[str] = Counter()
-        self._firmware = FirmwareNode(config, scenario.parameters)
+        self._firmware = FirmwareNode(config)
         self._plant = PlantNode(scenario.scene, seed, scenario.period_s)
         self._operator = OperatorNode(scenario.commands, scenario.period_s)
         self._strangers = Strangers(seed)
