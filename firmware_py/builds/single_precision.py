@@ -23,7 +23,7 @@ _SPLIT: tuple[tuple[tuple[float, ...], int], ...] = (
     ((elementary._LN2, elementary._LN2_REST), 12),
     ((math.pi, elementary._PI_REST), SINGLE_BITS),
     ((0.5 * math.pi, elementary._HALF_PI_REST), SINGLE_BITS),
-    ((0.25 * math.pi, 3.06161699786838301793e-17), SINGLE_BITS),
+    ((0.25 * math.pi, elementary._QUARTER_PI_REST), SINGLE_BITS),
     ((elementary._ATAN_1_2, elementary._ATAN_1_2_REST), SINGLE_BITS),
     ((elementary._ATAN_3_2, elementary._ATAN_3_2_REST), SINGLE_BITS),
 )
