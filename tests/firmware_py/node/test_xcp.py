@@ -141,8 +141,7 @@ def test_any_writes_in_any_order_stay_within_the_bounds() -> None:
             error = write(one, xcp.COMMIT, struct.pack("<I", 1))
             assert error is XcpError.NONE or one.values == before
             ask(one, Code.CONNECT)
-        for name in one.values:
-            changed |= {name} if one.values[name] != DEFAULTS[name] else set()
+        changed |= {name for name, value in one.values.items() if value != DEFAULTS[name]}
     assert with_overrides(one.values) == one.values
     assert changed
     assert changed <= {parameter.name for parameter in TABLE if parameter.is_calibrated}
