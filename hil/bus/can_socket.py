@@ -18,6 +18,7 @@ from pathlib import Path
 from firmware_py.interface.frame import Frame
 from hil.bus.base import MAX_BURST, NO_END_NS, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Connection
 from hil.bus.wire import FRAME_BYTES, MAX_STANDARD_ID, pack, unpack
+from hil.timing.clock import NS_PER_S
 from hil.timing.realtime import libc
 
 ANSWER_TIMEOUT_S = 60.0
@@ -33,12 +34,8 @@ SO_TIMESTAMPNS = 35
 SO_MEMINFO = 55
 MEMINFO = struct.Struct("=9I")
 """Counters that SO_MEMINFO returns; the last one counts dropped messages."""
-CONTROL_HEADER = struct.Struct("=Qii")
-"""Header of a control message: length including this header, level, kind."""
 STAMP = struct.Struct("=qQ")
 """A time: seconds and nanoseconds."""
-CONTROL_BYTES = CONTROL_HEADER.size + STAMP.size
-"""Room for the control message of a frame."""
 
 RECEIVE_BUFFER_BYTES = 4 << 20
 QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
@@ -73,9 +70,9 @@ class BatchHeader(ctypes.Structure):
 
 
 class FrameBatch:
-    """Buffers for a batch of frames, their headers and, if `stamped`, each frame's arrival time."""
+    """Buffers for a batch of frames, and their headers."""
 
-    def __init__(self, stamped: bool = False) -> None:
+    def __init__(self) -> None:
         self.buffer = bytearray(BATCH * FRAME_BYTES)
         address = ctypes.addressof(ctypes.c_char.from_buffer(self.buffer))
         self._vectors = (IoVector * BATCH)(
@@ -85,26 +82,6 @@ class FrameBatch:
         for header, vector in zip(self.headers, self._vectors, strict=True):
             header.message.vectors = ctypes.pointer(vector)
             header.message.vector_count = 1
-        self.control = bytearray(BATCH * CONTROL_BYTES if stamped else 0)
-        if stamped:
-            address = ctypes.addressof(ctypes.c_char.from_buffer(self.control))
-            for index, header in enumerate(self.headers):
-                header.message.control = address + index * CONTROL_BYTES
-                header.message.control_length = CONTROL_BYTES
-
-    def take_stamps(self, count: int) -> list[int]:
-        """Return the arrivals of the first `count` frames on the wall clock in ns, and reset their buffers.
-
-        The kernel overwrites a control buffer's length with the length it used, so the length is set again.
-        """
-        stamps_ns = []
-        for index in range(count):
-            seconds, nanoseconds = STAMP.unpack_from(
-                self.control, index * CONTROL_BYTES + CONTROL_HEADER.size
-            )
-            stamps_ns.append(seconds * 1_000_000_000 + nanoseconds)
-            self.headers[index].message.control_length = CONTROL_BYTES
-        return stamps_ns
 
 
 def has_kernel_can() -> bool:
@@ -170,9 +147,8 @@ class CanSocket(Connection):
         self._receive_batch = library.recvmmsg
         self._send_batch = library.sendmmsg
         self._incoming = FrameBatch()
-        self._stamped: FrameBatch | None = None
         self._newest_ns = 0
-        """Arrival of the newest frame in `_stamped`."""
+        """Arrival of the newest frame that `receive_stamped` has read."""
         self._outgoing = FrameBatch()
 
     @property
@@ -212,30 +188,33 @@ class CanSocket(Connection):
         frames: list[Frame] = []
         count = BATCH
         while count == BATCH and len(frames) < MAX_BURST:
-            count = self._take(self._incoming)
+            headers = self._incoming.headers
+            count = self._receive_batch(self._descriptor, headers, BATCH, socket.MSG_DONTWAIT, None)
+            if count < 0:
+                if (number := ctypes.get_errno()) not in NOTHING_TO_RECEIVE:
+                    raise OSError(number, os.strerror(number))
+                return frames
             frames += unpack(self._incoming.buffer[: count * FRAME_BYTES], self._counters, self._requests)
         return frames
 
-    def _take(self, batch: FrameBatch) -> int:
-        """Fill the batch with the frames that have arrived and return their number."""
-        count = self._receive_batch(self._descriptor, batch.headers, BATCH, socket.MSG_DONTWAIT, None)
-        if count < 0:
-            if (number := ctypes.get_errno()) not in NOTHING_TO_RECEIVE:
-                raise OSError(number, os.strerror(number))
-            return 0
-        return int(count)
-
     def receive_stamped(self, until_ns: int = NO_END_NS) -> list[tuple[int, Frame]]:
-        """The frames that have arrived, with the kernel's wall clock in ns."""
-        batch = self._stamped
-        if batch is None:
-            batch = self._stamped = FrameBatch(stamped=True)
-        frames = []
-        while self._newest_ns < until_ns and (count := self._take(batch)):
-            for index, stamp_ns in enumerate(batch.take_stamps(count)):
-                content = batch.buffer[index * FRAME_BYTES : (index + 1) * FRAME_BYTES]
-                frames += [(stamp_ns, frame) for frame in unpack(content, self._counters)]
-                self._newest_ns = stamp_ns
+        """The frames that have arrived, with the kernel's wall clock in ns.
+
+        One system call each: the recorder has time, and Python's own socket reads the stamps.
+        """
+        frames: list[tuple[int, Frame]] = []
+        while self._newest_ns < until_ns:
+            try:
+                content, ((_, _, stamp),), _, _ = self._socket.recvmsg(
+                    FRAME_BYTES, socket.CMSG_SPACE(STAMP.size), socket.MSG_DONTWAIT
+                )
+            except OSError as error:
+                if error.errno not in NOTHING_TO_RECEIVE:
+                    raise
+                break
+            seconds, nanoseconds = STAMP.unpack(stamp)
+            self._newest_ns = seconds * NS_PER_S + nanoseconds
+            frames += [(self._newest_ns, frame) for frame in unpack(content, self._counters)]
         return frames
 
     def _drops(self) -> int:
