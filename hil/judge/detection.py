@@ -44,6 +44,12 @@ def reported(firmware: Records) -> Records:
     return some
 
 
+def strong(impacts: Records) -> Records:
+    """The impacts that must be detected by their approach speed."""
+    some: Records = impacts[column(impacts, "v_m_s") >= WEAKEST_V_M_S]
+    return some
+
+
 def due(v_m_s: FloatArray, peak_force_n: FloatArray) -> BoolArray:
     """Mask of the touch-downs that must be detected; shapes (n,). The force on a rigid stop is NaN."""
     strong: BoolArray = (v_m_s >= WEAKEST_V_M_S) & ~(peak_force_n < WEAKEST_PEAK_N)

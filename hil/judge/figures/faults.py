@@ -7,7 +7,7 @@ import numpy as np
 
 from firmware_py.interface.enums import MOVING, Fault, Mode
 from hil.judge import detection
-from hil.judge.figures.records import FaultFigures, LatchedFigures, SafeStateFigures
+from hil.judge.figures.records import FaultFigures, LatchedFigures, SafeStateFigures, no_figures
 from hil.judge.hold import Window, capture
 from hil.record.run_traces import RunTraces, column
 from hil.record.traces.stored_trace import Records
@@ -74,8 +74,7 @@ def safe_state_figures(
 ) -> SafeStateFigures:
     """Torque and impacts of the drive after `end`."""
     if end is None:
-        return SafeStateFigures(None, None, None, None, None)
-    strong = column(impacts, "v_m_s") >= detection.WEAKEST_V_M_S
+        return no_figures(SafeStateFigures)
     return SafeStateFigures(
         cause=end.cause,
         at_s=end.at_s,
@@ -83,7 +82,7 @@ def safe_state_figures(
         command_zero_after_s=zero_after(
             column(firmware, "t_s"), column(firmware, "outputs.torque_n_m"), end.at_s
         ),
-        impacts_after=int(np.count_nonzero(strong & (column(impacts, "t_s") > end.at_s)))
+        impacts_after=int(np.count_nonzero(column(detection.strong(impacts), "t_s") > end.at_s))
         if len(plant)
         else None,
     )
@@ -104,19 +103,11 @@ def fault_figures(traces: RunTraces, hold: Window | None) -> FaultFigures:
     plant, impacts = traces.plant, traces.impacts
     fault = first_of_the_script(traces.scenario)
     if fault is None or len(plant) == 0 or column(plant, "t_s")[-1] < fault.start_s:
-        return FaultFigures(
-            torque_zero_after_s=None,
-            impacts_after_zero=None,
-            largest_torque_n_m=None,
-            largest_speed_rad_s=None,
-            peak_force_n=None,
-            impacts_again_after_s=None,
-            turning_at_end_rad_s=None,
-        )
+        return no_figures(FaultFigures)
     t_s, torque_n_m = column(plant, "t_s"), column(plant, "motor_torque_n_m")
     speed = column(plant, "omega_rad_s")
     since = t_s >= fault.start_s
-    strong = impacts[column(impacts, "v_m_s") >= detection.WEAKEST_V_M_S]
+    strong = detection.strong(impacts)
     strong_t_s, forces = column(strong, "t_s"), column(strong, "peak_force_n")
     zero_s = zero_after(t_s, torque_n_m, fault.start_s)
     forces_n = forces[strong_t_s >= fault.start_s]
@@ -168,6 +159,6 @@ def latched_figures(plant: Records, firmware: Records, period_s: float) -> Latch
     """Stalls of the loops before the first fault."""
     latched = np.flatnonzero(column(firmware, "outputs.fault") != Fault.NONE)
     if len(latched) == 0:
-        return LatchedFigures(None, None, None)
+        return no_figures(LatchedFigures)
     at_s = float(column(firmware, "t_s")[latched[0]])
     return LatchedFigures(at_s, held_ms(firmware, at_s, period_s), held_ms(plant, at_s, period_s))

@@ -22,12 +22,13 @@ from hil.judge.figures.records import (
     Figures,
     Latency,
     LogFigures,
+    LoopFigures,
     Loops,
-    LoopTiming,
     MemoryFigures,
     SpeedFigures,
     Spread,
     TrueImpact,
+    no_figures,
 )
 from hil.judge.gaps import gaps_of
 from hil.judge.hold import Window, hold_motion, hold_window
@@ -59,7 +60,7 @@ def spread(values: FloatArray) -> Spread:
     """Quantiles of the finite values."""
     finite = values[np.isfinite(values)]
     if len(finite) == 0:
-        return Spread(None, None, None)
+        return no_figures(Spread)
     p50, p99 = np.percentile(finite, [50.0, 99.0])
     return Spread(float(p50), float(p99), float(finite.max()))
 
@@ -69,7 +70,7 @@ def rms(errors: FloatArray) -> float | None:
     return float(np.sqrt(np.mean(errors**2))) if len(errors) else None
 
 
-def loop_timing(records: Records, period_s: float, is_imported: bool) -> LoopTiming:
+def loop_figures(records: Records, period_s: float, is_imported: bool) -> LoopFigures:
     """A loop's timing from its own trace; skipped ticks are the numbers missing in its ticks from 0 on.
 
     Of an imported log, which has no ticks before the firmware's first heartbeat, they are those missing from
@@ -83,7 +84,7 @@ def loop_timing(records: Records, period_s: float, is_imported: bool) -> LoopTim
     own_us = column(records, "cpu_us") if has_cpu else work_us
     held = np.diff(tick) - 1.0
     longest = int(np.argmax(held)) if len(held) else None
-    return LoopTiming(
+    return LoopFigures(
         ticks=len(tick),
         overruns=int(tick[-1]) + 1 - first - len(tick) if len(tick) else 0,
         late_wakeups=int(np.count_nonzero(wake_us > half_tick_us)),
@@ -133,7 +134,7 @@ def felt_figures(traces: RunTraces, hold: Window | None) -> FeltFigures:
     """Peak force on the wearer in the run, and per turn of the crank in the settled half of the hold."""
     plant = traces.plant
     if not traces.is_worn or len(plant) == 0:
-        return FeltFigures(None, None, None)
+        return no_figures(FeltFigures)
     force_n = np.abs(column(plant, "felt_force_n"))
     peak_n = float(force_n.max())
     if hold is None:
@@ -164,7 +165,7 @@ def energy_residual(plant: Records) -> float | None:
 def estimate_figures(plant: Records, firmware: Records, hold: Window | None) -> EstimateFigures:
     """Errors of the estimate at tick k against the truth at t_k, the sampling instant of its sensors."""
     if hold is None or len(plant) == 0:
-        return EstimateFigures(None, None, None, None)
+        return no_figures(EstimateFigures)
     inside = firmware[hold.holds(column(firmware, "t_s"))]
     errors = estimate_errors(plant, inside)
     nis = column(inside, "state.estimator.nis")
@@ -178,7 +179,7 @@ def estimate_figures(plant: Records, firmware: Records, hold: Window | None) -> 
 
 def detector_figures(plant: Records, impacts: Records, firmware: Records) -> DetectorFigures:
     """Compare detections, timed by the reporting tick, with the touch-downs while the firmware ran."""
-    nothing = DetectorFigures(None, None, Latency(None, None), None, 0)
+    nothing = DetectorFigures(None, None, no_figures(Latency), None, 0)
     if len(plant) == 0 or len(firmware) == 0:
         return nothing
     alive_until_s = float(column(firmware, "t_s")[-1]) - detection.LONGEST_LATENCY_S
@@ -197,7 +198,7 @@ def detector_figures(plant: Records, impacts: Records, firmware: Records) -> Det
     return DetectorFigures(
         precision=float(np.mean(~pairs.false[judged])) if judged.any() else None,
         recall=float(np.mean(pairs.found[due])) if due.any() else None,
-        latency_ms=Latency(None, None) if quantiles is None else Latency(*map(float, quantiles)),
+        latency_ms=no_figures(Latency) if quantiles is None else Latency(*map(float, quantiles)),
         speed_rmse_m_s=rms(speed_error),
         slept_through=int(slept_through.sum()),
     )
@@ -206,12 +207,12 @@ def detector_figures(plant: Records, impacts: Records, firmware: Records) -> Det
 def speed_figures(plant: Records, firmware: Records, hold: Window | None) -> SpeedFigures:
     """The true crank speed against the firmware's target."""
     if hold is None or len(plant) == 0:
-        return SpeedFigures(None, None, None)
+        return no_figures(SpeedFigures)
     late = hold.second_half()
     omega = column(plant, "omega_rad_s")[late.holds(column(plant, "t_s"))]
     target = column(firmware, "outputs.target_omega_rad_s")[late.holds(column(firmware, "t_s"))]
     if len(omega) == 0 or len(target) == 0 or target.mean() == 0.0 or omega.mean() == 0.0:
-        return SpeedFigures(None, None, None)
+        return no_figures(SpeedFigures)
     return SpeedFigures(
         mean_rad_s=float(omega.mean()),
         error=float(omega.mean() / target.mean() - 1.0),
@@ -240,7 +241,7 @@ def log_figures(traces: RunTraces, clock: str) -> LogFigures:
         return LogFigures(0, None)
     nodes = traces.run.get("nodes", {})
     if not traces.run.get("counts_losses", False) or "recorder" not in nodes:
-        return LogFigures(None, None)
+        return no_figures(LogFigures)
     recorded, lost = nodes["recorder"]["frames"], nodes["recorder"]["lost"]
     own = ("plant", "firmware", "operator")
     if any("sent" not in nodes.get(name, {}) for name in own):
@@ -263,7 +264,7 @@ def figures_from(traces: RunTraces) -> Figures:
     run, outcome = traces.run, traces.outcome
     period_s = float(run.get("period_s", DEFAULT_PERIOD_S))
     clock = str(run.get("clock", "lockstep"))
-    loops = Loops(*(loop_timing(records, period_s, clock == IMPORTED) for records in (plant, firmware)))
+    loops = Loops(*(loop_figures(records, period_s, clock == IMPORTED) for records in (plant, firmware)))
     baseline = outcome.get("baseline_overruns")
     under_uml = bool(run.get("user_mode_linux", False))
     time_held = tuple(Hold(**one) for one in outcome.get("holds", []))

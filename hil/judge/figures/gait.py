@@ -8,7 +8,6 @@ touch-down. The window is taken from the firmware's parameters.
 """
 
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from firmware_py.interface.enums import MOVING, Mode
 from firmware_py.shell.parameters import config_from
 from hil.judge import detection
-from hil.judge.figures.records import GaitFigures
+from hil.judge.figures.records import GaitFigures, no_figures
 from hil.record.run_traces import RunTraces, column
 from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import BoolArray, FloatArray
@@ -72,7 +71,7 @@ def phase_at(plant: Records, t_s: FloatArray) -> FloatArray:
 
 def pulses_of(plant: Records, impacts: Records) -> Pulses:
     """The pulses among `impacts`."""
-    strong = impacts[column(impacts, "v_m_s") >= detection.WEAKEST_V_M_S]
+    strong = detection.strong(impacts)
     t_s = column(strong, "t_s")
     return Pulses(t_s, column(strong, "v_m_s"), phase_at(plant, t_s))
 
@@ -136,7 +135,7 @@ def gait_figures(traces: RunTraces, hold_s: tuple[float, float] | None) -> GaitF
     """All figures of a walk over the hold; all None without a walk or a hold."""
     plant, firmware = traces.plant, traces.firmware
     if not traces.is_walked or len(plant) == 0 or len(firmware) == 0 or hold_s is None:
-        return GaitFigures(*[None] * len(fields(GaitFigures)))
+        return no_figures(GaitFigures)
     start_s, end_s = hold_s
     t_s, error = phase_error(plant, firmware)
     error = error[(t_s >= start_s) & (t_s <= end_s)]

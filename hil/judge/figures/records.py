@@ -9,11 +9,12 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, is_dataclass
 from enum import Enum, auto
-from typing import Annotated, Any, NamedTuple, TypeAlias, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NamedTuple, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
 from hil.judge.gaps import Gap
 from hil.timing.pacemaker import Hold
 
+Group = TypeVar("Group")
 Number: TypeAlias = float | None
 """A figure that some runs do not have."""
 
@@ -36,6 +37,11 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def no_figures(kind: type[Group]) -> Group:
+    """A group of figures that a run does not have."""
+    return kind(*[None] * len(get_type_hints(kind)))
+
+
 @dataclass(frozen=True, slots=True)
 class Spread:
     """Two quantiles and the largest value of a sample."""
@@ -54,7 +60,7 @@ class Latency:
 
 
 @dataclass(frozen=True, slots=True)
-class LoopTiming:
+class LoopFigures:
     """Timing of one loop."""
 
     ticks: Annotated[int, "", "ticks run"]
@@ -71,8 +77,8 @@ class LoopTiming:
 class Loops:
     """The two loops of the bench."""
 
-    plant: Annotated[LoopTiming, "", "the plant's loop"]
-    firmware: Annotated[LoopTiming, "", "the firmware's loop"]
+    plant: Annotated[LoopFigures, "", "the plant's loop"]
+    firmware: Annotated[LoopFigures, "", "the firmware's loop"]
 
 
 @dataclass(frozen=True, slots=True)
