@@ -200,7 +200,8 @@ class Child:
                 continue
             byte = os.read(descriptor, 1)
             if not byte:
-                self._process.wait(STOP_TIMEOUT_S)
+                if not self.wait(EXIT_TIMEOUT_S):
+                    raise ChildError(f"{self.name} has closed its output and not ended")
                 refused = self._process.poll() == BAD_INPUT_STATUS
                 raise (ChildRefusalError if refused else ChildError)(
                     f"{self.how_it_ended()} before it was ready\n{self.last_errors()}".rstrip()

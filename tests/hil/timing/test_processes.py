@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from hil.timing import processes
-from hil.timing.processes import Child
+from hil.timing.processes import Child, ChildError
 
 LEADER_ENDS_FIRST = """
 import ctypes, os, threading, time
@@ -27,3 +27,15 @@ def test_a_child_whose_first_thread_has_ended_is_not_killed(monkeypatch: pytest.
     child.wait_ready()
     assert child.stop() == "said"
     assert not child.killed_at_stop
+
+
+def test_a_child_that_closes_its_output_and_lives_on_is_an_error_of_the_child(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As that of a host which is busy for long: the run fails for this reason, and does not break off."""
+    monkeypatch.setattr(processes, "EXIT_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(processes, "STOP_TIMEOUT_S", 0.2)
+    silent = Child("silent", [sys.executable, "-P", "-c", "import os, time; os.close(1); time.sleep(60.0)"])
+    with pytest.raises(ChildError, match="silent has closed its output and not ended"):
+        silent.wait_ready()
+    silent.stop()
