@@ -47,6 +47,7 @@ def runs(
     known = listed(folder)
     found = chosen(known, where or [])
     if older is not None:
+        found = found[:most]
         pruned = prune(found, age_s(older), folder)
         summary = f"removed {len(pruned.removed)} of {len(found)} runs"
         summary += f"; {len(pruned.in_use)} are in progress and stay" if pruned.in_use else ""

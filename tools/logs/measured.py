@@ -58,7 +58,7 @@ def measured(
     ticks: list[int] = []
     sent = 0
     with session(bus, settings) as master, shown_progress() as progress:
-        master.start([wanted])
+        start(master, wanted)
         start_s = shown_s = time.monotonic()
         for sample in master.samples([wanted]):
             now_s = time.monotonic()
@@ -74,6 +74,20 @@ def measured(
     send(streams, wanted.names, rows[sent:])
     lost = lost_samples(ticks, wanted.prescaler)
     return {name: summary(name, [row[1 + k] for row in rows], lost) for k, name in enumerate(wanted.names)}
+
+
+def start(master: XcpMaster, wanted: Sampled) -> None:
+    """Start the measurement; BadInputError if it needs more frames than the firmware can send."""
+    try:
+        master.start([wanted])
+    except RefusedError as refused:
+        if refused.error != XcpError.MEMORY_OVERFLOW.name:
+            raise
+        rate_hz = 1.0 / (TICK_S * wanted.prescaler)
+        raise BadInputError(
+            f"the firmware has no room for {len(wanted.names)} signals at {rate_hz:g} Hz; lower --rate, or "
+            "name fewer signals"
+        ) from refused
 
 
 def lost_samples(ticks: Sequence[int], prescaler: int) -> int:

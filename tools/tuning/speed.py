@@ -145,7 +145,7 @@ def shape(nominal: NominalDrive, bandwidth_hz: float, phase_margin_deg: float) -
     Bandwidth grows with the crossover and the phase margin with the ratio, so that both are bisected.
     """
     wanted_rad_s = 2.0 * math.pi * bandwidth_hz
-    at_wanted = np.array([wanted_rad_s])
+    at_wanted = np.array([min(wanted_rad_s, 0.99 * math.pi / nominal.tick_s)])  # the Nyquist limit
 
     def crossover(ratio: float) -> float:
         def wide(one: float) -> bool:

@@ -490,6 +490,9 @@ def test_the_commands_measure_and_calibrate(
     assert log.read_bytes() == content
     assert cli.run(["inspect", str(log), "--json"]) == EXIT_BAD_INPUT
     assert "holds signals of `vibrohil measure`, no run" in json.loads(capsys.readouterr().out)["error"]
+    assert cli.run(["measure", *names, *where, "--rate", "1000", "--until", "1"]) == EXIT_BAD_INPUT
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert "the firmware has no room for 3 signals at 1000 Hz; lower --rate, or name fewer signals" in error
 
     saved = tmp_path / "gains.toml"
     assert cli.run(["calibrate", "speed.gain_i_n_m=0.75", *where, "--save", str(saved)]) == 0

@@ -87,6 +87,13 @@ def test_the_command_lists_chooses_and_prunes(folder, capsys):
     assert cli.run(["runs", str(folder / "foreign")]) == EXIT_NOTHING_RAN
 
 
+def test_pruning_takes_only_the_listed_runs(folder, capsys):
+    command = ["runs", str(folder), "--prune", "0d", "--where", "passed=false", "--most", "1", "--json"]
+    assert cli.run(command) == EXIT_PASSED
+    assert json.loads(capsys.readouterr().out)["removed"] == [str(folder / "suite" / "soft")]
+    assert (folder / "suite" / "none").exists()
+
+
 def test_pruning_takes_nothing_that_no_run_has_made(folder, capsys):
     (folder / "good" / "notes.txt").write_text("mine")
     assert cli.run(["runs", str(folder), "--prune", "0d", "--json"]) == EXIT_PASSED

@@ -115,6 +115,10 @@ def test_what_cannot_be_had_is_refused() -> None:
         shape(NominalDrive(), 25.0, 80.0)
     with pytest.raises(BadInputError, match="cannot be reached with a control period"):
         shape(NominalDrive(), 400.0, 20.0)
+    with pytest.raises(
+        BadInputError, match="the nearest is 198 Hz"
+    ):  # at the tick's rate samples look at rest
+        shape(NominalDrive(), 1000.0, 20.0)
 
 
 def test_the_defaults_are_the_commands_output() -> None:
