@@ -35,32 +35,42 @@ from firmware_py.core.estimation import kalman
 from firmware_py.core.estimation.accelerometer import SensorState, sense
 from firmware_py.core.estimation.crank import CrankState
 from firmware_py.core.estimation.estimator_state import (
-    BEND_SHARE,
-    BIAS_FLOOR_M_S2,
-    BIAS_NOISE,
-    CONTACT_NOISE,
-    GAP_NOISE,
     INITIAL,
-    INITIAL_BIAS_STD_M_S2,
-    INITIAL_POSITION_STD_M,
-    INITIAL_VELOCITY_STD_M_S,
-    POSITION_FLOOR_M,
-    SEPARATION_JITTER_S,
-    STILL_M_S2,
-    VELOCITY_FLOOR_M_S,
     Contact,
     EstimatorState,
     Prediction,
     estimate_of,
 )
 from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, Push, StateEstimate
-from firmware_py.core.estimation.newton import newton, restitution_variance, stop_variance
+from firmware_py.core.estimation.newton import (
+    SEPARATION_JITTER_S,
+    newton,
+    restitution_variance,
+    stop_variance,
+)
 from firmware_py.core.inputs import AccelerometerInput
 from firmware_py.core.measurements import Measurements, measured
 from firmware_py.core.numbers import at_least
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import FREE, ContactPhase
+from firmware_py.interface.zeroed import zeroed
 
+POSITION_FLOOR_M = 5e-05
+"""The position of the stop itself is not known better."""
+VELOCITY_FLOOR_M_S = 0.0005
+"""One count of the high range, integrated over a tick."""
+BIAS_FLOOR_M_S2 = 0.001
+"""Floor that lets the estimate follow a drifting bias."""
+BIAS_NOISE = 0.0001 * 0.0001
+"""Variance per tick: allows a drift of 0.2 g per hour and more."""
+CONTACT_NOISE = ProcessNoise(0.0, 0.001 * 0.001, BIAS_NOISE)
+"""Q of a tick in contact, for 1 mm/s: counts of 49 mg, aliasing."""
+GAP_NOISE = ProcessNoise(0.0, 0.003 * 0.003, BIAS_NOISE)
+"""Q of a tick without a reading, for 3 mm/s: an impact may be missed."""
+BEND_SHARE = 0.05
+"""The trapezoid's error, as a share of the second difference of the readings."""
+STILL_M_S2 = 0.25
+"""Largest reading of a striker that a dry guide holds: noise, and a bias not yet known."""
 STILL_M_S = 0.05
 """Speed below which the striker may be stuck; 2 σ of the velocity replace it if they are larger."""
 LONGEST_SLIDE = 5
@@ -74,14 +84,10 @@ DOUBT_VARIANCE = 1e-4
 DOUBT_SIGMAS = 10.0
 """An estimate further from the stop than this many deviations and 20 mm excludes a touch-down."""
 
-INITIAL_COVARIANCE = Covariance(
-    INITIAL_POSITION_STD_M * INITIAL_POSITION_STD_M,
-    0.0,
-    0.0,
-    INITIAL_VELOCITY_STD_M_S * INITIAL_VELOCITY_STD_M_S,
-    0.0,
-    INITIAL_BIAS_STD_M_S2 * INITIAL_BIAS_STD_M_S2,
-)
+INITIAL_COVARIANCE = zeroed(Covariance, xx=0.03 * 0.03, vv=0.3 * 0.3, bb=0.3 * 0.3)
+"""The striker may rest anywhere in its travel, in m, and still swing at power-up, in m/s; the largest bias,
+50 mg, is taken as 1.6 sigma.
+"""
 LARGEST = 1e3
 """Largest magnitude of a state, in SI units; an estimate beyond it has diverged and starts anew."""
 

@@ -1,36 +1,11 @@
-"""The estimator's state, its constants, and its intermediate results within a tick."""
+"""The estimator's state, and its intermediate results within a tick."""
 
 from typing import NamedTuple
 
 from firmware_py.core.estimation.accelerometer import SensorState
-from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, StateEstimate
+from firmware_py.core.estimation.kalman import Covariance, StateEstimate
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.zeroed import zeroed
-
-INITIAL_POSITION_STD_M = 0.03
-"""The striker may rest anywhere in its travel."""
-INITIAL_VELOCITY_STD_M_S = 0.3
-"""The striker may still swing at power-up."""
-INITIAL_BIAS_STD_M_S2 = 0.3
-"""The largest bias, 50 mg, is taken as 1.6 sigma."""
-POSITION_FLOOR_M = 5e-05
-"""The position of the stop itself is not known better."""
-VELOCITY_FLOOR_M_S = 0.0005
-"""One count of the high range, integrated over a tick."""
-BIAS_FLOOR_M_S2 = 0.001
-"""Floor that lets the estimate follow a drifting bias."""
-BIAS_NOISE = 0.0001 * 0.0001
-"""Variance per tick: allows a drift of 0.2 g per hour and more."""
-CONTACT_NOISE = ProcessNoise(0.0, 0.001 * 0.001, BIAS_NOISE)
-"""Q of a tick in contact, for 1 mm/s: counts of 49 mg, aliasing."""
-GAP_NOISE = ProcessNoise(0.0, 0.003 * 0.003, BIAS_NOISE)
-"""Q of a tick without a reading, for 3 mm/s: an impact may be missed."""
-BEND_SHARE = 0.05
-"""The trapezoid's error, as a share of the second difference of the readings."""
-SEPARATION_JITTER_S = 0.001
-"""Larger than at touch-down: a contact ends more softly than it starts."""
-STILL_M_S2 = 0.25
-"""Largest reading of a striker that a dry guide holds: noise, and a bias not yet known."""
 
 
 class EstimatorState(NamedTuple):

@@ -2,10 +2,12 @@
 
 from firmware_py.core.config import Config, Transition
 from firmware_py.core.estimation import kalman
-from firmware_py.core.estimation.estimator_state import SEPARATION_JITTER_S
 from firmware_py.core.estimation.kalman import ProcessNoise, Push, StateEstimate
 from firmware_py.core.estimation.striker_model import model_acceleration
 from firmware_py.core.numbers import at_least
+
+SEPARATION_JITTER_S = 0.001
+"""Larger than at touch-down: a contact ends more softly than it starts."""
 
 
 def stop_variance(config: Config) -> float:

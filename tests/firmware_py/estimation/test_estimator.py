@@ -234,9 +234,9 @@ def test_an_estimate_that_is_no_number_starts_anew() -> None:
 
 def test_variances_keep_their_floors() -> None:
     state = rested(config_from({}), 3000)
-    assert state.p_xx >= estimator_state.POSITION_FLOOR_M**2
-    assert state.p_vv >= estimator_state.VELOCITY_FLOOR_M_S**2
-    assert state.p_bb >= estimator_state.BIAS_FLOOR_M_S2**2
+    assert state.p_xx >= estimator.POSITION_FLOOR_M**2
+    assert state.p_vv >= estimator.VELOCITY_FLOOR_M_S**2
+    assert state.p_bb >= estimator.BIAS_FLOOR_M_S2**2
 
 
 def test_a_dry_guide_widens_what_the_model_is_trusted_with() -> None:
