@@ -14,27 +14,20 @@ from firmware_py.core.numbers import TAU, fraction
 from firmware_py.core.safety.drive_link import DriveFrame
 from firmware_py.core.state import Outputs, State
 from firmware_py.interface.arrivals import NEVER_TICKS
-from firmware_py.interface.enums import AXIS_IDLE, CLOSED_LOOP, NO_FAULT, NO_REFUSAL, Fault
-from firmware_py.interface.frame import WordFrame
-from firmware_py.interface.generated import kinds, packing
-from firmware_py.interface.generated.records import (
-    ClearErrors,
-    DriveEstop,
-    FaultEvent,
-    FirmwareHeartbeat,
-    GaitReport,
-    ImpactEvent,
-    RegimeReport,
-    SetAbsolutePosition,
-    SetAxisState,
-    SetControllerMode,
-    SetLimits,
-    StrikerEstimate,
+from firmware_py.interface.enums import (
+    AXIS_IDLE,
+    CLOSED_LOOP,
+    NO_FAULT,
+    NO_REFUSAL,
+    ControlMode,
+    Fault,
+    InputMode,
 )
+from firmware_py.interface.frame import WordFrame
+from firmware_py.interface.generated import kinds, packing, records
 from firmware_py.interface.zeroed import zeroed
 
-TORQUE_CONTROL = 1
-PASSTHROUGH = 1
+TORQUE_CONTROL, PASSTHROUGH = ControlMode.TORQUE_CONTROL.value, InputMode.PASSTHROUGH.value
 REGIME_S = 0.05
 """The shortest time between two regime reports."""
 
@@ -93,10 +86,10 @@ class Transmitter(NamedTuple):
 
     waiting: int
     counts: int
-    fault: FaultEvent
+    fault: records.FaultEvent
     refusal: int
     impact: Impact
-    report: RegimeReport
+    report: records.RegimeReport
     report_tick: int
     period_ended: bool
 
@@ -117,7 +110,7 @@ def queue_events(now: Transmitter, tick: int, before: Outputs, outputs: Outputs)
     reason_is_new = outputs.disarm_reason not in (0, before.disarm_reason)
     if outputs.fault not in (NO_FAULT, before.fault) or reason_is_new:
         now, replaced = queue(now, FAULT.value)
-        now = now._replace(fault=FaultEvent(outputs.disarm_reason, outputs.fault.value, 0))
+        now = now._replace(fault=records.FaultEvent(outputs.disarm_reason, outputs.fault.value, 0))
         lost += replaced
     if outputs.separation:
         now, replaced = queue(now, IMPACT.value)
@@ -139,7 +132,7 @@ def queue_cyclic(
     if outputs.period_ended:
         now = now._replace(period_ended=True)
     if now.period_ended and tick - now.report_tick >= round(REGIME_S / config.tick_s):
-        report = RegimeReport(
+        report = records.RegimeReport(
             outputs.period_impacts,
             360.0 * fraction(outputs.impact_phase_rad / TAU),
             outputs.peak_acceleration_m_s2,
@@ -159,26 +152,26 @@ def queue_cyclic(
 def drive_frame(config: Config, kind: DriveFrame, position_rev: float) -> WordFrame:
     """The content of a frame that the drive link sends."""
     if kind == DriveFrame.ESTOP:
-        return packing.pack_drive_estop(DriveEstop(), 0)[0]
+        return packing.pack_drive_estop(records.DriveEstop(), 0)[0]
     if kind == DriveFrame.CONTROLLER_MODE:
-        return packing.pack_set_controller_mode(SetControllerMode(TORQUE_CONTROL, PASSTHROUGH), 0)[0]
+        return packing.pack_set_controller_mode(records.SetControllerMode(TORQUE_CONTROL, PASSTHROUGH), 0)[0]
     if kind == DriveFrame.LIMITS:
-        limits = SetLimits(config.p.limit.drive_speed_rad_s / TAU, config.p.speed.current_limit_a)
+        limits = records.SetLimits(config.p.limit.drive_speed_rad_s / TAU, config.p.speed.current_limit_a)
         return packing.pack_set_limits(limits, 0)[0]
     if kind == DriveFrame.CLEAR_ERRORS:
-        return packing.pack_clear_errors(ClearErrors(0), 0)[0]
+        return packing.pack_clear_errors(records.ClearErrors(0), 0)[0]
     if kind == DriveFrame.RE_ZERO:
         # Subtract whole turns only, so that the crank's angle does not change.
-        return packing.pack_set_absolute_position(SetAbsolutePosition(fraction(position_rev)), 0)[0]
+        return packing.pack_set_absolute_position(records.SetAbsolutePosition(fraction(position_rev)), 0)[0]
     state = CLOSED_LOOP.value if kind == DriveFrame.CLOSED_LOOP else AXIS_IDLE.value
-    return packing.pack_set_axis_state(SetAxisState(state), 0)[0]
+    return packing.pack_set_axis_state(records.SetAxisState(state), 0)[0]
 
 
-def gait_report(state: State) -> GaitReport:
+def gait_report(state: State) -> records.GaitReport:
     """The report of the estimated gait and of the crank's lock to it."""
     cycle, lock = state.gait, state.gait_lock
     walking = cycle.confidence > 0.0
-    return GaitReport(
+    return records.GaitReport(
         gait_phase=cycle.phase if walking else 0.0,
         stride_hz=1.0 / cycle.stride.mean_s if walking else 0.0,
         harmonic=lock.harmonic,
@@ -189,9 +182,9 @@ def gait_report(state: State) -> GaitReport:
     )
 
 
-def heartbeat(outputs: Outputs) -> FirmwareHeartbeat:
+def heartbeat(outputs: Outputs) -> records.FirmwareHeartbeat:
     """The mode and its reasons."""
-    return FirmwareHeartbeat(
+    return records.FirmwareHeartbeat(
         outputs.mode.value,
         outputs.acting_limit.value,
         outputs.fault.value,
@@ -217,15 +210,17 @@ def pack(  # noqa: PLR0911 - a line a frame
     if frame == FAULT.value:
         return packing.pack_fault_event(now.fault, count)
     if frame == REFUSAL.value:
-        return packing.pack_fault_event(FaultEvent(0, Fault.REQUEST_REFUSED.value, now.refusal), count)
+        refused = records.FaultEvent(0, Fault.REQUEST_REFUSED.value, now.refusal)
+        return packing.pack_fault_event(refused, count)
     if frame == IMPACT.value:
         seen_tick, age_s, approach_speed_m_s, impulse_n_s = now.impact
         age_s += (tick - seen_tick + 0.5) * config.tick_s  # half a tick: from the sensors' time to the tick's
-        return packing.pack_impact_event(ImpactEvent(age_s, approach_speed_m_s, impulse_n_s), count)
+        return packing.pack_impact_event(records.ImpactEvent(age_s, approach_speed_m_s, impulse_n_s), count)
     if frame == REGIME.value:
         return packing.pack_regime_report(now.report, count)
     if frame == ESTIMATE.value:
-        estimate = StrikerEstimate(state.estimator.x_m, state.estimator.v_m_s, state.crank.omega_rad_s)
+        x_m, v_m_s = state.estimator.x_m, state.estimator.v_m_s
+        estimate = records.StrikerEstimate(x_m, v_m_s, state.crank.omega_rad_s)
         return packing.pack_striker_estimate(estimate, count)
     if frame == HEARTBEAT.value:
         return packing.pack_firmware_heartbeat(heartbeat(outputs), count)

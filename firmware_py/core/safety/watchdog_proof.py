@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 from firmware_py.core.config import Config
 from firmware_py.core.inputs import DriveInput
-from firmware_py.interface.enums import AXIS_IDLE, CLOSED_LOOP, PROOF, Mode
+from firmware_py.interface.enums import AXIS_IDLE, CLOSED_LOOP, PROOF, AxisError, Mode
 from firmware_py.interface.zeroed import zeroed
 
 WATCHDOG_S = 0.050
@@ -32,8 +32,7 @@ LONGEST_S = 2.0
 STILL_RAD_S = 1.0
 """A faster crank ends the test: the drive gives torque, or the crank is turned from outside."""
 
-WATCHDOG_TIMER_EXPIRED = 0x01000000
-"""`AxisError.WATCHDOG_TIMER_EXPIRED`."""
+WATCHDOG_TIMER_EXPIRED = AxisError.WATCHDOG_TIMER_EXPIRED.value
 
 
 class ProofStage(IntEnum):
