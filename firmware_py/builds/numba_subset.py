@@ -21,7 +21,7 @@ import firmware_py.core
 import firmware_py.node
 import numba_replace  # noqa: F401 - defines `_replace` of records in compiled code
 from firmware_py.builds.flat import members
-from firmware_py.interface import arrivals, counters, enums, float32, framing
+from firmware_py.interface import arrivals, enums, float32, framing
 from firmware_py.interface.enums import AxisState, OperatorRequest
 from firmware_py.interface.generated import packing, received, unpacking
 from numba_linking import LINKED
@@ -57,7 +57,7 @@ def register(inlined: bool = True) -> None:
 
 def subset() -> Iterator[ModuleType]:
     """The modules of the subset."""
-    yield from (framing, counters, arrivals, packing, unpacking, received)
+    yield from (framing, arrivals, packing, unpacking, received)
     for package in (firmware_py.core, firmware_py.node):
         for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             yield importlib.import_module(found.name)

@@ -7,9 +7,9 @@ the frame is used. After a silence in which the counter may have wrapped, an equ
 
 from typing import NamedTuple
 
-from firmware_py.interface.counters import Counters, count_refusal
 from firmware_py.interface.frame import ACCEPTED, FrameErrorReason
 from firmware_py.interface.framing import FrameKind, counter_of
+from firmware_py.interface.zeroed import zeroed
 
 NEVER_TICKS = 1_000_000
 """The age of a source that was never received."""
@@ -34,6 +34,32 @@ class Arrival(NamedTuple):
 
 
 NEVER = Arrival(-NEVER_TICKS, -NEVER_TICKS, -1)
+
+
+class Counters(NamedTuple):
+    """Counts since power-up: frames accepted, frames dropped by reason, gaps in rolling counters, skipped
+    ticks, and own frames lost to a full queue or to a value that cannot be encoded."""
+
+    frames: int
+    rejected_length: int
+    rejected_crc: int
+    rejected_value: int
+    rejected_repeated: int
+    counter_gaps: int
+    skipped_ticks: int
+    unsent: int
+
+
+NOTHING_YET = zeroed(Counters)
+
+
+def count_refusal(counters: Counters, reason: FrameErrorReason) -> Counters:
+    """Count a frame that the codec refuses."""
+    if reason == FrameErrorReason.LENGTH:
+        return counters._replace(rejected_length=counters.rejected_length + 1)
+    if reason == FrameErrorReason.CRC:
+        return counters._replace(rejected_crc=counters.rejected_crc + 1)
+    return counters._replace(rejected_value=counters.rejected_value + 1)
 
 
 def age(tick: int, arrival: Arrival) -> int:

@@ -69,8 +69,7 @@ RECEIVED = '''"""Frames received by the firmware: written by `generate.py` out o
 
 from typing import NamedTuple
 
-from firmware_py.interface.arrivals import NEVER, Arrival, Now, accept
-from firmware_py.interface.counters import Counters
+from firmware_py.interface.arrivals import NEVER, Arrival, Counters, Now, accept
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import kinds, records, unpacking
 from firmware_py.interface.zeroed import zeroed

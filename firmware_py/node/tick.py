@@ -27,8 +27,7 @@ from firmware_py.core.safety.drive_link import NO_DRIVE_FRAME
 from firmware_py.core.state import INITIAL as INITIAL_CORE
 from firmware_py.core.state import INITIAL_OUTPUTS, Outputs, State
 from firmware_py.core.step import step
-from firmware_py.interface.arrivals import Now
-from firmware_py.interface.counters import NOTHING_YET, Counters, count_frames
+from firmware_py.interface.arrivals import NOTHING_YET, Counters, Now
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import kinds, packing
 from firmware_py.interface.generated.received import INITIAL as NOTHING_RECEIVED
@@ -137,7 +136,11 @@ def tick(config: Config, state: NodeState, rx: Rx) -> tuple[NodeState, Tx]:
     inputs = inputs_of(received, now.tick)
     core, outputs = step(config, state.core, inputs, gate_now, rx.behind_ticks == 0)
     waiting, lost, tx = transmit(config, state, received, core, outputs, rx.behind_ticks)
-    counters = count_frames(counters, accepted, 1 if rx.behind_ticks > 0 else 0, lost)
+    counters = counters._replace(
+        frames=counters.frames + accepted,
+        skipped_ticks=counters.skipped_ticks + (1 if rx.behind_ticks > 0 else 0),
+        unsent=counters.unsent + lost,
+    )
     return NodeState(
         ticks=now.tick,
         received=received,

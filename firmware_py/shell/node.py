@@ -10,7 +10,7 @@ from firmware_py.core.config import Config
 from firmware_py.core.configure import config_of
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.state import Outputs, State
-from firmware_py.interface.counters import Counters
+from firmware_py.interface.arrivals import Counters
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
 from firmware_py.interface.generated.kinds import SET_INPUT_TORQUE
 from firmware_py.interface.generated.received import Received

@@ -2,8 +2,7 @@
 
 from typing import NamedTuple
 
-from firmware_py.interface.arrivals import NEVER, Arrival, Now, accept
-from firmware_py.interface.counters import Counters
+from firmware_py.interface.arrivals import NEVER, Arrival, Counters, Now, accept
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import kinds, records, unpacking
 from firmware_py.interface.zeroed import zeroed

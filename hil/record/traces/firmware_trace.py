@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from firmware_py.builds.flat import Precision, layout
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.state import Outputs, State
-from firmware_py.interface.counters import Counters
+from firmware_py.interface.arrivals import Counters
 from firmware_py.node.tick import NodeState
 from firmware_py.shell.node import Node
 from hil.record.traces.trace import FieldType, TraceWriter

@@ -172,8 +172,7 @@ import numba
 import numpy as np
 from firmware_py.builds.numba_subset import register
 from firmware_py.core.measurements import measured, measurements
-from firmware_py.interface.arrivals import Now
-from firmware_py.interface.counters import NOTHING_YET
+from firmware_py.interface.arrivals import NOTHING_YET, Now
 from firmware_py.interface.generated.received import INITIAL, receive
 from firmware_py.shell.parameters import DEFAULTS, parameters_of
 from hil.nodes.sampled import sampled_frame
