@@ -47,6 +47,8 @@ LONGEST_WORK_P99_US = 500.0
 LONGEST_HOLD_MS = 3.0
 """Shortest stall that disturbs the controlled motion even if it is rare: an impact lasts 10 ms, and its
 detection takes a few ticks."""
+OWN_BUSES = ("local", "vcan")
+"""Names of the buses that are made for a run alone."""
 OVERRUN_FRACTION = 1e-3
 """Allowed overruns in addition to twice those of a bare sleep loop, as a share of the ticks due."""
 OVERRUN_FRACTION_UML = 1e-2
@@ -236,7 +238,11 @@ def memory_figures(outcome: Mapping[str, Any]) -> MemoryFigures:
 
 
 def log_figures(traces: RunTraces, clock: str) -> LogFigures:
-    """The frames that the recorder has lost by its own report, and frames of others; in lockstep none."""
+    """The frames that the recorder has lost, and frames of others; in lockstep none.
+
+    The bus counts lost frames. On the run's own bus every frame that a node has sent was on the bus, so that
+    those which are neither recorded nor counted are lost as well.
+    """
     if clock == "lockstep":
         return LogFigures(0, None)
     nodes = traces.run.get("nodes", {})
@@ -247,8 +253,9 @@ def log_figures(traces: RunTraces, clock: str) -> LogFigures:
     if any("sent" not in nodes.get(name, {}) for name in own):
         return LogFigures(lost, None)
     senders = [one for name, one in nodes.items() if name.removesuffix(AGAIN) in own]
-    sent = sum(one["sent"] - one["unsent"] for one in senders)
-    return LogFigures(lost, max(0, recorded + lost - sent))
+    missing = sum(one["sent"] - one["unsent"] for one in senders) - recorded - lost
+    uncounted = max(0, missing) if traces.run.get("bus") in OWN_BUSES else 0
+    return LogFigures(lost + uncounted, max(0, -missing))
 
 
 def impact_count(traces: RunTraces) -> int | None:

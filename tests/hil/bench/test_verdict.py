@@ -18,6 +18,7 @@ from hil.bench.verdict import failed_for, finish
 from hil.judge import junit, requirements
 from hil.judge.checks import Check, checks_of, margin_share
 from hil.judge.figures.figures import figures_of
+from hil.judge.figures.records import LogFigures
 from hil.judge.seeds import merged
 from hil.judge.verdict import read_verdict
 from hil.record.rrd.rerun_program import rerun
@@ -146,6 +147,31 @@ def test_losses_of_the_recorder_are_reported_and_no_check_is_judged_on_them(tmp_
     assert ("LOG INCOMPLETE" in page) is bool(frames)
     assert ("can.log lacks 800 frames; incomplete: bus_load" in page) is bool(frames)
     assert open_run(tmp_path).judged.lost_frames == finished.lost_frames
+
+
+@pytest.mark.parametrize(
+    ("bus", "recorded", "lost", "foreign"),
+    [
+        ("local", 52, 0, 0),
+        ("local", 50, 2, 0),
+        ("vcan", 40, 12, 0),
+        ("local", 55, 0, 3),
+        ("socketcan:can0", 50, 0, 0),
+    ],
+)
+def test_frames_of_the_runs_own_bus_that_nobody_has_recorded_or_counted_are_lost(
+    tmp_path, bus, recorded, lost, foreign
+):
+    """A recorder that ends too early knows of no loss; on another bus, frames may never have left a node."""
+    made_up = make_run()
+    made_up.run["bus"] = bus
+    made_up.run["nodes"] = {
+        "plant": {"sent": 30, "unsent": 0},
+        "firmware": {"sent": 25, "unsent": 5},
+        "operator": {"sent": 2, "unsent": 0},
+        "recorder": {"frames": recorded, "lost": 0},
+    }
+    assert figures_of(write_run(made_up, tmp_path)).log == LogFigures(lost, foreign)
 
 
 def test_losses_that_a_bus_does_not_count_are_unknown_not_none(tmp_path):
