@@ -61,9 +61,9 @@ class Recorder:
         self._payloads: list[bytes] = []
 
     def drain(self, until_ns: int | None = None) -> bool:
-        """Read the frames that have arrived up to a time on the wall clock, by default now; tell if any came.
+        """Read the frames that have arrived up to a time on the wall clock, by default now.
 
-        However many frames come, it ends.
+        It ends, however many frames come. Returns whether there were any.
         """
         if self.bus is None or not (arrived := self.bus.receive_stamped(until_ns or time.time_ns())):
             return False
