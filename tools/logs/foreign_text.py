@@ -150,7 +150,7 @@ def refuse_bad(path: Path, kind: str, log: ForeignLog, tolerant: bool) -> None:
     number, text, why = log.left_out[0 if not tolerant else -1]
     where = f"{path}, line {number}: {text!r} cannot be read ({why})"
     if not tolerant:
-        raise BadInputError(f"{where}; wanted {FORMATS}; --tolerant leaves such lines out")
+        raise BadInputError(f"{where}; wanted {FORMATS}; `vibrohil import --tolerant` leaves such lines out")
     if len(log.left_out) > MOST_BAD_LINES:
         raise BadInputError(f"{where}; {len(log.left_out)} such lines: is it a {kind} log? Wanted {FORMATS}")
 

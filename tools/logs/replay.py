@@ -199,10 +199,12 @@ def on_a_grid(
     """Divide the log of a run in lockstep, whose firmware ticks at (k + 1/2) T, into its ticks.
 
     An E-stop in the second half of a period is the firmware's: it precedes all other frames on the bus, and
-    the operator sends at the beginning of a period.
+    the operator sends at the beginning of a period. A log that ends early has fewer than `count` ticks.
     """
     period_us = round(period_s * US)
     refuse_long(count)
+    seen = max((math.ceil(message.t_s / period_s) for message in messages), default=0)
+    count = min(count, seen)
     ticks = [RecordedTick((k + 0.5) * period_s, []) for k in range(count)]
     sent: list[SentFrame] = []
     for message in messages:

@@ -59,6 +59,18 @@ def test_a_run_is_replayed_to_the_bit(run_dir: Path) -> None:
     assert result.frames > result.ticks
 
 
+def test_a_run_whose_log_ends_early_is_replayed_to_this_end(run_dir: Path, tmp_path: Path) -> None:
+    """As of an interrupted run: what the firmware would receive later is not known."""
+    cut = tmp_path / "run"
+    shutil.copytree(run_dir, cut)
+    lines = (cut / "can.log").read_text().splitlines(keepends=True)
+    kept = [line for line in lines if float(line[1:].partition(")")[0]) < 8.0]
+    (cut / "can.log").write_text("".join(kept))
+    result = replay(cut)
+    assert result.equal, result
+    assert result.ticks == 8000
+
+
 def run_on_a_modelled_bus(folder: Path, bitrate: int) -> Path:
     scenario = folder / "modelled.toml"
     scenario.write_text(
