@@ -16,28 +16,24 @@ class Place(NamedTuple):
     path: tuple[int, ...]
 
 
-def places_of(kind: Any, name: str = "", path: tuple[int, ...] = ()) -> list[Place]:
-    """The numbers, enums and truth values within a record or one of its members, in the order of memory."""
+def members_of(kind: Any) -> dict[str, Any]:
+    """The types within a record by their names, or within a tuple by their indices; else none."""
     if get_origin(kind) is tuple:
-        items = enumerate(get_args(kind))
-        return [
-            place for index, item in items for place in places_of(item, f"{name}.{index}", (*path, index))
-        ]
-    if hasattr(kind, "_fields"):
-        hints = get_type_hints(kind)
-        members = enumerate(kind._fields)
-        dot = f"{name}." if name else ""
-        return [
-            place
-            for index, member in members
-            for place in places_of(hints[member], f"{dot}{member}", (*path, index))
-        ]
-    return [Place(name, kind, path)]
+        return {str(index): item for index, item in enumerate(get_args(kind))}
+    return get_type_hints(kind) if hasattr(kind, "_fields") else {}
+
+
+def places_of(kind: Any, name: str, path: tuple[int, ...]) -> list[Place]:
+    """The numbers, enums and truth values within a record or one of its members, in the order of memory."""
+    found: list[Place] = []
+    for index, (member, item) in enumerate(members_of(kind).items()):
+        found += places_of(item, f"{name}.{member}" if name else member, (*path, index))
+    return found or [Place(name, kind, path)]
 
 
 ALL = tuple(
     place._replace(name=place.name.replace("core.", "state.", 1)) if place.name.startswith("core.") else place
-    for place in places_of(NodeState)
+    for place in places_of(NodeState, "", ())
 )
 """All measurements, named as in a run's log; a measurement's address is four times its index."""
 

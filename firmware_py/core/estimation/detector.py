@@ -150,42 +150,34 @@ def step_in_contact(
     fresh: bool,
 ) -> tuple[DetectorState, Contact]:
     """A tick in contact: the impulse so far, and whether the striker has left the stop."""
-    contact_ticks = state.contact_ticks + 1
-    since_touch_down_s = state.since_touch_down_s + config.tick_s
-    peak_m_s2 = at_least(excess_m_s2, state.peak_m_s2)
-    # The excess contains neither spring nor friction, so the stop's impulse is J = m ∫excess dt.
-    area_m_s = state.area_m_s + excess_m_s2 * config.tick_s
-    # The integral is incomplete if a tick has no sample.
-    measurable = state.measurable and fresh and not predicted.sensor.clipped
-    ended = fresh and excess_m_s2 < at_least(END_FRACTION * peak_m_s2, END_M_S2)
-    unseen = not fresh and contact_ticks >= config.d.ticks.newton_contact
-    if not (ended or unseen or contact_ticks >= config.d.ticks.longest_contact):
-        held = state._replace(
-            contact_ticks=contact_ticks,
-            excess_m_s2=excess_m_s2,
-            peak_m_s2=peak_m_s2,
-            area_m_s=area_m_s,
-            since_touch_down_s=since_touch_down_s,
-            measurable=measurable,
-        )
-        return held, Contact(False, False, 0.0, state.approach_speed_m_s, measured=measurable, settled=False)
+    # The excess contains neither spring nor friction, so the stop's impulse is J = m ∫excess dt; the integral
+    # is incomplete if a tick has no sample.
+    now = state._replace(
+        contact_ticks=state.contact_ticks + 1,
+        excess_m_s2=excess_m_s2,
+        peak_m_s2=at_least(excess_m_s2, state.peak_m_s2),
+        area_m_s=state.area_m_s + excess_m_s2 * config.tick_s,
+        since_touch_down_s=state.since_touch_down_s + config.tick_s,
+        measurable=state.measurable and fresh and not predicted.sensor.clipped,
+    )
+    before_m_s = now.approach_speed_m_s
+    ended = fresh and excess_m_s2 < at_least(END_FRACTION * now.peak_m_s2, END_M_S2)
+    unseen = not fresh and now.contact_ticks >= config.d.ticks.newton_contact
+    if not (ended or unseen or now.contact_ticks >= config.d.ticks.longest_contact):
+        return now, Contact(False, False, 0.0, before_m_s, measured=now.measurable, settled=False)
 
-    before_m_s = state.approach_speed_m_s
     # A stop returns at most the kinetic energy of the touch-down.
     plausible = -1.2 * before_m_s - 0.05 < predicted.estimate.v_m_s < 0.2 * before_m_s + 0.05
-    measured = measurable and plausible
+    measured = now.measurable and plausible
     # If readings are missing or contradict the estimate, the larger impulse counts: a lost reading may
     # hide a part of the integral, and the estimate misses a kick.
-    change_m_s = area_m_s if measured else at_least(area_m_s, (1.0 + config.p.stop.restitution) * before_m_s)
-    freed = state._replace(
+    expected_m_s = (1.0 + config.p.stop.restitution) * before_m_s
+    change_m_s = now.area_m_s if measured else at_least(now.area_m_s, expected_m_s)
+    freed = now._replace(
         phase=FREE,
         contact_ticks=0,
         blind_ticks=config.d.ticks.refractory,
-        excess_m_s2=excess_m_s2,
-        peak_m_s2=peak_m_s2,
         impulse_n_s=config.p.striker.mass_kg * change_m_s,
-        area_m_s=area_m_s,
-        since_touch_down_s=since_touch_down_s,
         measurable=True,
     )
     return freed, Contact(False, True, SEPARATION_AGE_S, before_m_s, measured=measured, settled=False)
