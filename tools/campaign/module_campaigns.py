@@ -31,6 +31,8 @@ LATE_TURNS = 10
 """Number of last turns of the crank; their median duration gives the speed that is kept."""
 TARGET_SHARE = 0.02
 """A turn is at speed if its duration differs from the median of the last turns by at most this share."""
+FEWEST_TURNS = 10
+"""Fewest turns of the crank from which the true regime is found."""
 LEAST_JUDGED_S = 5.0
 """Shortest time in mode RUN for which an estimate is judged, s."""
 
@@ -160,21 +162,17 @@ def _judge_regime(done: Run, duration_s: float, outcome: Outcome) -> None:
     if captured is None or done.modes[-1].mode != Mode.RUN:
         return
     from_s = captured.t_s + SETTLE_S
-    turns = done.turns_s[done.turns_s >= from_s]
-    if len(turns) < 10:
+    if np.count_nonzero(done.turns_s >= from_s) < FEWEST_TURNS:
         return
-    # Eight points a turn, so that the crank angle can be interpolated between them.
-    places = np.arange(0.0, len(turns) - 1.0, 0.125)
-    t_s = np.interp(places, np.arange(len(turns)), turns)
-    crank_rad = 2.0 * np.pi * (places % 1.0)
-    inside = (done.impacts["t_s"] >= t_s[0]) & (done.impacts["t_s"] <= t_s[-1])
-    times, speeds = done.impacts[inside]["t_s"], done.impacts[inside]["v_m_s"]
-    truth = true_regime.decide(
-        t_s, np.ones_like(t_s), true_regime.cut_periods(t_s, crank_rad, times), times, speeds
-    )
+    ticks = slice(round(from_s / done.tick_s), round(duration_s / done.tick_s))
+    t_s: FloatArray = done.tick_s * np.arange(ticks.start, ticks.stop).astype(np.float64)
+    judged = done.impacts[(done.impacts["t_s"] >= t_s[0]) & (done.impacts["t_s"] <= t_s[-1])]
+    times, speeds = judged["t_s"], judged["v_m_s"]
+    periods = true_regime.cut_periods(t_s, done.true("crank_rad")[ticks], times)
+    truth = true_regime.decide(t_s, done.true("v_m_s")[ticks], periods, times, speeds)
     if truth not in (Regime.IMPACT, Regime.NON_IMPACT, Regime.PERIOD_N):
         return
-    late = done.firmware[round(from_s / done.tick_s) : round(duration_s / done.tick_s)]
+    late = done.firmware[ticks]
     reported = late["outputs.regime"][late["outputs.period_ended"]]
     grazing = len(speeds) > 0 and float(np.mean(speeds)) < GRAZING_M_S
     right = (reported == truth.value) | (grazing & (reported == Regime.UNCERTAIN.value))

@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.judge.true_regime import Periods, impacts_by_period, period_edges
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.plant import Plant
 from plant_sim.result import Impact
@@ -159,24 +160,22 @@ def driven(which: Scene, ratios: tuple[float, float], rise_s: float, then_s: flo
     return Driven(plant.take_impacts(), t_s, crank_rad, felt_n)
 
 
-def impacts_a_turn(run: Driven, from_s: float) -> NDArray[np.int64]:
-    """Return the number of impacts in each whole turn since a time.
+def turns_of(run: Driven, from_s: float) -> Periods:
+    """Return the whole turns since a time, and the number of impacts in each.
 
     A turn begins at the backward dead centre, far from impacts.
     """
-    places = (run.crank_rad + 0.5 * math.pi) / (2.0 * math.pi)
-    first, last = math.ceil(float(np.interp(from_s, run.t_s, places))), math.floor(places[-1])
-    hits = [impact for impact in run.impacts if impact.v_m_s >= SOFTEST_M_S]
-    turns = np.floor(np.interp([impact.t_s for impact in hits], run.t_s, places)).astype(int) - first
-    within = turns[(turns >= 0) & (turns < last - first)]
-    return np.bincount(within, minlength=max(last - first, 0)).astype(np.int64)
+    edges_s = period_edges(run.crank_rad, run.t_s, -0.5 * math.pi)
+    edges_s = edges_s[edges_s >= from_s]
+    hits_s = np.array([impact.t_s for impact in run.impacts if impact.v_m_s >= SOFTEST_M_S])
+    return Periods(edges_s, impacts_by_period(hits_s, edges_s))
 
 
 def region(stop: Stop) -> tuple[float, float]:
     """Return the longest range of r with one impact a turn in a slow run-up on a standing leg, or nan."""
     run = driven(scene(stop, "outward", 0.0), (LOW_RATIO, HIGH_RATIO), SWEEP_S, 0.0)
-    counts = impacts_a_turn(run, 0.0)
-    one = counts == 1
+    turns = turns_of(run, 0.0)
+    one = turns.counts == 1
     # A single turn with another number of impacts does not end the range.
     one[1:-1] |= one[:-2] & one[2:]
     edges = np.flatnonzero(np.diff(np.concatenate(([0], one.astype(int), [0]))))
@@ -184,9 +183,8 @@ def region(stop: Stop) -> tuple[float, float]:
     if len(begins) == 0:
         return math.nan, math.nan
     longest = int(np.argmax(ends - begins))
-    turn_at_s = np.interp(2.0 * math.pi * np.arange(len(counts) + 2) + 0.5 * math.pi, run.crank_rad, run.t_s)
     low, high = (
-        LOW_RATIO + (HIGH_RATIO - LOW_RATIO) * turn_at_s[at] / SWEEP_S
+        LOW_RATIO + (HIGH_RATIO - LOW_RATIO) * turns.edges_s[at] / SWEEP_S
         for at in (begins[longest], ends[longest])
     )
     return max(float(low), LOWEST_RATIO), TOP_SHARE * float(high)
@@ -218,7 +216,7 @@ def pulses_n(run: Driven, from_s: float) -> Vector:
 def judged(stop: Stop, axis: str, stride_hz: float, ratio: float) -> Judged:
     """Run a cell with one n and return its verdict."""
     run = driven(scene(stop, axis, stride_hz), (0.75 * ratio, ratio), RISE_S, SETTLE_S + JUDGED_S)
-    counts = impacts_a_turn(run, RISE_S + SETTLE_S)
+    counts = turns_of(run, RISE_S + SETTLE_S).counts
     missed = float(np.mean(counts == 0)) if len(counts) else 1.0
     felt = pulses_n(run, RISE_S + SETTLE_S)
     if len(felt) == 0:

@@ -64,14 +64,29 @@ def test_turns_a_stride_lie_in_the_region_nearest_to_its_centre_first() -> None:
 def test_turns_are_counted_whole_and_from_the_rear_dead_centre_on() -> None:
     """Impacts in the middle of the turns but one, and two in another."""
     run = turning([1.2, 2.2, 4.2, 5.1, 5.3, 6.2, 7.2, 8.2])
-    assert feasibility.impacts_a_turn(run, 0.0).tolist() == [1, 1, 0, 1, 2, 1, 1, 1, 0]
-    assert feasibility.impacts_a_turn(run, 4.5).tolist() == [2, 1, 1, 1, 0]
+    assert feasibility.turns_of(run, 0.0).counts.tolist() == [1, 1, 0, 1, 2, 1, 1, 1, 0]
+    assert feasibility.turns_of(run, 4.5).counts.tolist() == [2, 1, 1, 1, 0]
+
+
+def test_the_region_ends_with_its_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A crank that is made faster evenly has an impact in the middle of each turn of a range."""
+    t_s = np.arange(0.0, feasibility.SWEEP_S, feasibility.STEP_S)
+    slope = (feasibility.HIGH_RATIO - feasibility.LOW_RATIO) / feasibility.SWEEP_S
+    natural_rad_s = feasibility.module(*STOP[:2]).natural_rad_s
+    crank_rad = natural_rad_s * (feasibility.LOW_RATIO * t_s + 0.5 * slope * t_s**2)
+    begins_s = np.interp(2.0 * math.pi * np.arange(1.0, 1000.0) - 0.5 * math.pi, crank_rad, t_s)
+    ratios = feasibility.LOW_RATIO + slope * begins_s
+    first, last = np.searchsorted(ratios, [1.0, 1.3])
+    impacts = [impact(at_s) for at_s in 0.5 * (begins_s[first:last] + begins_s[first + 1 : last + 1])]
+    monkeypatch.setattr(feasibility, "driven", lambda *_: Driven(impacts, t_s, crank_rad, 0.0 * t_s))
+    wanted = ratios[first], feasibility.TOP_SHARE * ratios[last]
+    assert feasibility.region(STOP) == pytest.approx(wanted, abs=2e-5)
 
 
 def test_grazing_is_no_impact() -> None:
     run = turning([1.2, 2.2])
     run.impacts.append(impact(3.2, 0.5 * feasibility.SOFTEST_M_S))
-    assert feasibility.impacts_a_turn(run, 0.0).tolist()[:4] == [1, 1, 0, 0]
+    assert feasibility.turns_of(run, 0.0).counts.tolist()[:4] == [1, 1, 0, 0]
     assert len(feasibility.pulses_n(run, 0.0)) == 2
 
 
