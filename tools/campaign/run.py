@@ -39,11 +39,6 @@ SIGNALS = (
     "state.gait.phase",
 )
 """Signals of the firmware that are kept in every tick for the judges."""
-TRUTHS = ("x_m", "v_m_s", "crank_rad", "omega_rad_s", "motor_torque_n_m", "stop_force_n", "felt_force_n")
-"""Columns of `PlantRecord` that are kept in every tick for the judges."""
-TRUTH_COLUMNS = [PlantRecord._fields.index(name) for name in TRUTHS]
-
-
 Kept = tuple[FloatArray, NDArray[np.void], NDArray[np.void]]
 """The truth and the kept signals of the firmware, a row a tick each, and the true impacts."""
 
@@ -70,8 +65,8 @@ class Run:
     impacts: NDArray[np.void]
 
     def true(self, name: str) -> FloatArray:
-        """Return a column of the truth by its name in `TRUTHS`, shape (ticks,)."""
-        return self.plant[:, TRUTHS.index(name)]
+        """Return a column of the truth by its name in `PlantRecord`, shape (ticks,)."""
+        return self.plant[:, PlantRecord._fields.index(name)]
 
     @cached_property
     def modes(self) -> list[ModeChange]:
@@ -131,13 +126,13 @@ def run(scenario: Scenario, seed: int, more: Sequence[str] = (), firmware: Build
 
 def in_stretches(scenario: Scenario, seed: int, columns: Any, firmware: Build) -> Kept:
     """Run the scenario in the compiled closed loop, without a run folder."""
-    plant = np.empty((scenario.ticks, len(TRUTHS)))
+    plant = np.empty((scenario.ticks, len(PlantRecord._fields)))
     known = np.empty(scenario.ticks, columns)
     impacts: list[NDArray[np.void]] = []
     tick = 0
     for records in records_of(scenario, seed, columns, firmware):
         ticks = slice(tick, tick + len(records.plant))
-        plant[ticks], known[ticks] = records.plant[:, TRUTH_COLUMNS], records.firmware
+        plant[ticks], known[ticks] = records.plant, records.firmware
         impacts.append(records.impacts.copy())
         tick = ticks.stop
     return plant, known, np.concatenate(impacts)
@@ -154,5 +149,5 @@ def in_a_folder(scenario: Scenario, seed: int, columns: Any, firmware: Build) ->
     for name in columns.names:
         if name in (traced.dtype.names or ()):  # a run without a walker records no gait
             known[name] = traced[name]
-    truth = structured_to_unstructured(plant[list(TRUTHS)], np.float64)
+    truth = structured_to_unstructured(plant[list(PlantRecord._fields)], np.float64)
     return truth, known, impacts

@@ -12,10 +12,9 @@ from hil.bench.recorded_run import log_of
 from hil.record.rrd.rerun_program import RerunError, rerun_environment, rerun_program
 from hil.record.run_folder import VERDICT, read_note
 from hil.timing.signals import Interrupted, is_ctrl_c
-from tools.logs import quiet_viewer
+from tools.logs.quiet_viewer import LOOPBACK, served
 from tools.output import BadInputError, progress_console
 
-LOOPBACK = "127.0.0.1"
 LIVE_PORT = 9876
 """Port on which Rerun's viewers listen for live runs; Rerun's own default."""
 LIVE_URL = f"rerun+http://{LOOPBACK}:{LIVE_PORT}/proxy"
@@ -26,11 +25,6 @@ def viewer_command(*logs: Path, web: bool = False, port: str = "auto") -> list[s
     """Command for a viewer of logs; it listens on the loopback interface only, by default on a free port."""
     command = [str(rerun_program()), *map(str, logs), "--bind", LOOPBACK, "--port", port]
     return [*command, "--serve-web", "--web-viewer-port", "0"] if web else command
-
-
-def live_viewer_command(web: bool) -> list[str]:
-    """Command for a viewer that waits for live runs."""
-    return viewer_command(web=web, port=str(LIVE_PORT))
 
 
 def has_display() -> bool:
@@ -45,14 +39,15 @@ def view(run: Path | None, web: bool, live: bool) -> None:
     log = None if live else log_of(run)
     if not web and not has_display():
         raise BadInputError("no display to open a window on; look at it in a browser with --web")
+    logs, port = ((), str(LIVE_PORT)) if log is None else ((log,), "auto")
     shown = f"waiting for `vibrohil run --live` at {LIVE_URL}" if log is None else str(log)
     try:
         if web:
-            in_browser(live_viewer_command(web) if log is None else viewer_command(log, web=web), shown)
+            in_browser(viewer_command(*logs, web=web, port=port), shown)
             return
         progress_console.print(shown)
         if log is None:
-            subprocess.run(live_viewer_command(web), env=rerun_environment(), check=True)
+            subprocess.run(viewer_command(port=port), env=rerun_environment(), check=True)
         else:
             in_window(log)
     except (Interrupted, KeyboardInterrupt) as error:
@@ -99,7 +94,7 @@ def put_cursor(url: str, at_s: float, viewer: subprocess.Popen[bytes]) -> None:
 
 def in_browser(command: list[str], shown: str) -> None:
     """Serve the viewer until Ctrl-C, and open it in a browser if there is one."""
-    with quiet_viewer.served(command, rerun_environment()) as (address, process):
+    with served(command, rerun_environment()) as (address, process):
         progress_console.print(f"{shown}: at {address} until Ctrl-C", soft_wrap=True)
         webbrowser.open(address)
         process.wait()
@@ -123,7 +118,7 @@ def live_viewer() -> str:
             "start `vibrohil view --live --web` in another terminal first"
         )
     viewer = subprocess.Popen(
-        live_viewer_command(web=False),
+        viewer_command(port=str(LIVE_PORT)),
         env=rerun_environment(),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,

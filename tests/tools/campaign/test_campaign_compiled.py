@@ -12,6 +12,7 @@ from firmware_py.interface.enums import Mode
 from hil.bench.bench import run_scenario
 from hil.bench.options import RunOptions
 from hil.record.traces.firmware_trace import columns_of
+from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import read
 from hil.scenario.scenario import load_scenario
 from plant_sim.result import Impact
@@ -20,7 +21,7 @@ from plant_sim.solvers.adaptive import adaptive
 from tools.campaign.campaigns import CAMPAIGNS, run_trial, trial_of
 from tools.campaign.reference import HELD_S, RAMP_S, alone, at, led, would_be_lost
 from tools.campaign.results import result_of
-from tools.campaign.run import SIGNALS, TRUTHS, in_a_folder, in_stretches
+from tools.campaign.run import SIGNALS, in_a_folder, in_stretches
 from tools.campaign.run import run as run_loop
 from tools.cli import run
 from tools.commands.campaign import keep_trial
@@ -40,7 +41,7 @@ def test_a_kept_trial_is_a_scenario_that_a_run_repeats_bit_for_bit(tmp_path: Pat
     plant, firmware = (read(tmp_path / "run" / f"{name}.trace") for name in ("plant", "firmware"))
     impacts = read(tmp_path / "run" / "impacts.trace")
     assert len(impacts) == len(done.impacts) > 10
-    for name in TRUTHS:
+    for name in PlantRecord._fields:
         np.testing.assert_array_equal(done.true(name), plant[name], err_msg=name)
     for name in Impact._fields:
         np.testing.assert_array_equal(done.impacts[name], impacts[name], err_msg=name)

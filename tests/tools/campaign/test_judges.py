@@ -8,12 +8,13 @@ import pytest
 
 from firmware_py.interface.enums import Fault, Mode, Refusal
 from hil.record.traces.firmware_trace import columns_of
+from hil.record.traces.plant_trace import PlantRecord
 from plant_sim.arrays import record_type
 from plant_sim.result import Impact
 from tools.campaign.campaign import Outcome, Trial
 from tools.campaign.campaigns import CAMPAIGNS, trial_of
 from tools.campaign.limits import judge_limits
-from tools.campaign.run import SIGNALS, TRUTHS, ModeChange, Run
+from tools.campaign.run import SIGNALS, ModeChange, Run
 from tools.campaign.walk import ended_s, judge_walk
 
 SEED = 20_000
@@ -28,7 +29,8 @@ def run_of(trial: Trial, modes: dict[float, Mode], refusal: Refusal = Refusal.NO
     for at_s, mode in modes.items():
         firmware["outputs.mode"][round(at_s / TICK_S) :] = mode
     parts = trial.scenario.scene.parts(trial.scenario.seed)
-    return Run(parts, TICK_S, np.zeros((ticks, len(TRUTHS))), firmware, np.zeros(0, record_type(Impact)))
+    plant = np.zeros((ticks, len(PlantRecord._fields)))
+    return Run(parts, TICK_S, plant, firmware, np.zeros(0, record_type(Impact)))
 
 
 def judged_walk(course: str, modes: dict[float, Mode], refusal: Refusal = Refusal.NONE) -> Outcome:

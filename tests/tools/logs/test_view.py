@@ -169,7 +169,7 @@ def test_a_viewer_for_live_runs_takes_no_other():
 
 def test_a_viewer_for_live_runs_is_bound_to_loopback():
     for web in (False, True):
-        command = view.live_viewer_command(web)
+        command = view.viewer_command(web=web, port=str(view.LIVE_PORT))
         assert command[command.index("--bind") + 1] == "127.0.0.1"
 
 
