@@ -160,8 +160,8 @@ def portrait(preset: Preset = "table1", common: StudyOptions = StudyOptions()) -
             {
                 "law": both.case.law,
                 "parameters": both.case.parameters(),
-                "impact_r": both.impact and both.impact.ratio,
-                "non_impact_r": both.non_impact and both.non_impact.ratio,
+                "impact_r": both.impact.ratio,
+                "non_impact_r": both.non_impact.ratio,
             }
             for both in pairs
         ],

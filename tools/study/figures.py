@@ -163,16 +163,8 @@ def portraits(pairs: Sequence[Pair], folder: Path, name: str) -> list[str]:
     for row, both in zip(grid, pairs, strict=True):
         row[3].sharex(row[1])
         row[3].sharey(row[1])
-        for axes, motion, kind in (
-            (row[:2], both.impact, "impact"),
-            (row[2:], both.non_impact, "non-impact"),
-        ):
-            if motion is None:
-                for blank in axes:
-                    blank.set_axis_off()
-                axes[0].set_title(f"{_title(both.case)}\nno {kind} motion", fontsize=9)
-                continue
-            _portrait(axes, motion, kind)
+        _portrait(row[:2], both.impact, "impact")
+        _portrait(row[2:], both.non_impact, "non-impact")
     figure.suptitle(
         f"{pairs[0].case.preset}: both motions of each friction law; points: once per drive period, at the "
         "crank's backward dead centre",

@@ -33,25 +33,21 @@ class Motion:
 
 @dataclass(frozen=True)
 class Pair:
-    """The impact and the non-impact motion of a case; None if the motion does not exist."""
+    """The impact and the non-impact motion of a case at one ratio."""
 
     case: Case
-    impact: Motion | None
-    non_impact: Motion | None
+    impact: Motion
+    non_impact: Motion
 
 
 def pair(diagram: Diagram) -> Pair:
-    """Return both motions at the middle of the widest multistable band; if none, the motion at r = 1.5."""
-    band = diagram.widest_multistable()
-    if band is not None:
-        ratio = round(0.5 * (band[0] + band[1]), 2)
-        return Pair(
-            diagram.case,
-            motion(diagram.case, ratio, diagram.up.state_at(ratio)),
-            motion(diagram.case, ratio, diagram.down.state_at(ratio)),
-        )
-    non_impact = 1.5
-    return Pair(diagram.case, None, motion(diagram.case, non_impact, diagram.up.state_at(non_impact)))
+    """Return both motions in the middle of the widest multistable band."""
+    ratio = diagram.two_motions_r()
+    return Pair(
+        diagram.case,
+        motion(diagram.case, ratio, diagram.up.state_at(ratio)),
+        motion(diagram.case, ratio, diagram.down.state_at(ratio)),
+    )
 
 
 def motion(case: Case, ratio: float, start: State) -> Motion:

@@ -112,6 +112,13 @@ class Diagram:
         """Return the widest interval with two motions; None if there is none."""
         return max(self.multistable(), key=lambda interval: interval[1] - interval[0], default=None)
 
+    def two_motions_r(self) -> float:
+        """Return the middle of the widest interval with two motions, to 0.01; ValueError without one."""
+        band = self.widest_multistable()
+        if band is None:
+            raise ValueError(f"{self.case.preset}, {self.case.label}: no ratio has two motions")
+        return round(0.5 * (band[0] + band[1]), 2)
+
     def onset(self) -> float | None:
         """Return the lowest ratio at which the run-up has impacts; None if it has none."""
         return min((low for low, _ in self.up.with_impacts()), default=None)

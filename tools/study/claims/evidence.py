@@ -89,10 +89,8 @@ class Evidence:
 
     def basin(self, law: str) -> basin.Basin:
         """Return the basin in the plane (x0, v0) in the middle of the multistable band."""
-        band = self.diagrams[case("table1", law)].widest_multistable()
-        if band is None:
-            raise ValueError(f"{law} has no multistable band to take a basin in")
-        return basin.compute(case("table1", law), round(sum(band) / 2.0, 2), "state", BASIN_SIZE, self.where)
+        one = case("table1", law)
+        return basin.compute(one, self.diagrams[one].two_motions_r(), "state", BASIN_SIZE, self.where)
 
 
 def soft_case(preset: str, contact_s: float, b_n_s_m: float) -> Case:
