@@ -19,7 +19,7 @@ from tools.study.branches.boundaries import boundaries, margins
 from tools.study.branches.branches import Branch, branches
 from tools.study.branches.continuation import CurvePoint, correct, follow, locate, point_at
 from tools.study.branches.impact_map import Orbit
-from tools.study.branches.parameters import value_in, with_values
+from tools.study.branches.parameters import PARAMETERS, value_in, with_values
 from tools.study.branches.saddle import after, portrait
 from tools.study.orbits import State, classify
 
@@ -357,6 +357,16 @@ def test_a_branch_that_leaves_the_range_of_its_parameter_ends_there_by_no_grazin
     (branch,) = branches(load_scene("table1-coulomb"), "restitution")
     assert branch.special == []
     assert min(one.values["restitution"] for one in branch.orbits) < 0.05
+
+
+@pytest.mark.parametrize(("over", "limit"), [("b", 0.0), ("restitution", 1.0), ("gap", 0.0)])
+def test_a_branch_ends_at_the_limit_of_its_parameter(over: str, limit: float) -> None:
+    """There is no negative damping, and no rebound faster than the approach."""
+    (branch,) = branches(Viscous().scene(1.3), over)
+    values = [orbit.values[over] for orbit in branch.orbits]
+    assert min(abs(value - limit) for value in (values[0], values[-1])) < 1e-12
+    assert all(PARAMETERS[over].low - 1e-12 <= value <= PARAMETERS[over].high + 1e-12 for value in values)
+    assert all(one.is_admissible for one in branch.orbits[1:-1])
 
 
 def test_a_curve_is_followed_round_its_folds() -> None:

@@ -183,14 +183,16 @@ def _nearest(module: ImpactMap, z: Vector, to: Vector) -> Vector:
 
 def _half(module: ImpactMap, start: CurvePoint, doubled: list[CurvePoint]) -> Branch:
     """The part of a branch behind a start, up to its end; `doubled`: period doublings where it can end."""
-    parameter, nominal = PARAMETERS[module.over[0]], _nominal(module)
+    nominal = _nominal(module)
     half = Branch(module.turns, module.impacts, module.over[0], curve=[start])
 
     def from_nominal(point: CurvePoint) -> float:
         return float(point.at[-1]) - nominal
 
-    for following in follow(module, start, LONGEST_STEP, MOST_POINTS):
+    for ahead in follow(module, start, LONGEST_STEP, MOST_POINTS):
         last = half.curve[-1]
+        limit = _limit_between(module, last, ahead)
+        following = ahead if limit is None else limit
         end = _met(module, last, following, doubled)
         if end is not None:
             half.curve.append(end)
@@ -207,8 +209,7 @@ def _half(module: ImpactMap, start: CurvePoint, doubled: list[CurvePoint]) -> Br
             _end(module, half, following)
             return half
         half.curve.append(following)
-        value = following.at[-1] * parameter.scale
-        if not parameter.low < value < parameter.high or _is_closed(half.curve):
+        if limit is not None or _is_closed(half.curve):
             return half
     _end(module, half, half.curve[-1])
     return half
@@ -216,6 +217,15 @@ def _half(module: ImpactMap, start: CurvePoint, doubled: list[CurvePoint]) -> Br
 
 def _arclength(start: CurvePoint, point: CurvePoint) -> float:
     return float(start.tangent @ (point.at - start.at))
+
+
+def _limit_between(module: ImpactMap, before: CurvePoint, following: CurvePoint) -> CurvePoint | None:
+    """The point between two neighbours of a curve at which the parameter reaches an end of its range."""
+    parameter = PARAMETERS[module.over[0]]
+    limit = (parameter.low if following.at[-1] < before.at[-1] else parameter.high) / parameter.scale
+    if (before.at[-1] - limit) * (following.at[-1] - limit) < 0.0:
+        return locate(module, before, following, lambda point: float(point.at[-1]) - limit)
+    return None
 
 
 def _met(
@@ -262,7 +272,7 @@ def _end(module: ImpactMap, half: Branch, beyond: CurvePoint) -> None:
     elif beyond is not last:
         end = locate(module, last, beyond, lambda point: module.orbit(point.at).clearance_m)
     parameter = PARAMETERS[module.over[0]]
-    if end is not None and parameter.low <= end.at[-1] * parameter.scale <= parameter.high:
+    if end is not None and parameter.low + ZERO < end.at[-1] * parameter.scale < parameter.high - ZERO:
         half.curve.append(end)
         half.special.append(Special("grazing", module.orbit(end.at), True))
 
