@@ -75,18 +75,20 @@ def _read_field(context: Any, builder: Any, reference: ReferenceType, pointer: A
 
 
 class Reference:
-    """A record and its copy in the layout that kernels read: words of eight bytes."""
+    """A record, the fields that kernels read of it, and their copy in the layout of kernels: words of eight
+    bytes."""
 
-    __slots__ = ("_words", "address", "numba_type", "record")
+    __slots__ = ("_words", "address", "fields", "numba_type", "record")
 
-    def __init__(self, record: tuple[Any, ...], kind: Any) -> None:
-        """`kind` determines the record's compiled type: its class, or `kind_of` it."""
-        self.record = record  # keeps the arrays alive
+    def __init__(self, record: tuple[Any, ...], fields: tuple[Any, ...], kind: Any) -> None:
+        """`fields`: what kernels read; `kind` determines its compiled type: its class, or `kind_of` it."""
+        self.record = record
+        self.fields = fields  # keeps the arrays alive
         if kind not in _LAYOUTS:
-            _LAYOUTS[kind] = ReferenceType(_typeof(record)), struct.Struct(_format(record))
+            _LAYOUTS[kind] = ReferenceType(_typeof(fields)), struct.Struct(_format(fields))
         self.numba_type, layout = _LAYOUTS[kind]
         numbers: list[float] = []
-        _flatten(record, numbers)
+        _flatten(fields, numbers)
         self._words = (ctypes.c_int64 * len(numbers)).from_buffer_copy(layout.pack(*numbers))
         self.address = ctypes.addressof(self._words)
 
@@ -111,7 +113,8 @@ def by_reference(record: _Record, layout: Any = None) -> _Record:
     """
     if IS_INTERPRETED or isinstance(record, Reference):
         return record
-    reference: Any = Reference(record, kind_of(record)) if layout is None else Reference(layout, type(layout))
+    kind, fields = (kind_of(record), record) if layout is None else (type(layout), layout)
+    reference: Any = Reference(record, fields, kind)
     its_record: _Record = reference
     return its_record
 

@@ -63,6 +63,8 @@ _BINOMIALS: Coefficients = np.array(
     [[float(math.comb(n, i)) for i in range(ORDER + 1)] for n in range(ORDER + 1)]
 )
 
+_PER_BINOMIAL: Coefficients = 1.0 / np.maximum(_BINOMIALS, 1.0)
+
 _START, _WIDTH = ORDER + 1, ORDER + 2
 """Columns of the stack of `first_rise` behind the coefficients."""
 
@@ -129,11 +131,12 @@ def from_powers(powers: Coefficients, h: float, b: Coefficients, degree: int) ->
     """Coefficients of Σ c_k (h s)ᵏ, of degree n = `degree`, into `b`: b_i = Σ C(i, k) / C(n, k) c_k hᵏ."""
     scale = 1.0
     for k in range(degree + 1):
-        b[k] = powers[k] * scale / _BINOMIALS[degree, k]
+        b[k] = powers[k] * scale * _PER_BINOMIAL[degree, k]
         scale *= h
-    for j in range(1, degree + 1):
-        for i in range(degree, j - 1, -1):
-            b[i] += b[i - 1]
+    for j in range(degree):
+        for back in range(degree - j):
+            i = np.uint64(degree - back)
+            b[i] += b[np.uint64(degree - back - 1)]
 
 
 @subroutine

@@ -63,7 +63,7 @@ def image(records: dict[str, Any]) -> tuple[list[int], list[int]]:
     """
     words = [word for record in records.values() for word in record.words]
     end, places = len(words), dict[int, int]()
-    for array in (array for record in records.values() for array in arrays_in(record.record)):
+    for array in (array for record in records.values() for array in arrays_in(record.fields)):
         places.setdefault(array.ctypes.data, 8 * len(words))
         words += np.frombuffer(array.tobytes(), np.int64).tolist()
     pointers = [place for place, word in enumerate(words[:end]) if word in places]

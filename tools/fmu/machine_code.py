@@ -49,7 +49,7 @@ class Flat(NamedTuple):
     """Words of an instance's memory that hold no array."""
 
     words: list[int]
-    record: tuple[()] = ()
+    fields: tuple[()] = ()
 
 
 def flat(record: tuple[Any, ...]) -> Flat:

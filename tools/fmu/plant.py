@@ -333,7 +333,7 @@ class PlantModel:
         texts, word, lines = self._part_texts(), 0, []
         for slot, text in texts.items():
             lines.append(f"{slot} = {text}")
-        records = self.records["parts"].record
+        records = self.records["parts"].fields
         for slot, record in records._asdict().items():
             part = getattr(self._parts, slot)
             computed = ("gravity_m_s2",) if isinstance(part, Walking) else part._fields
@@ -373,11 +373,11 @@ class PlantModel:
         lines = [
             f"if is_rigid(parts.stop) and {x_m} > stop_position_m(parts.stop):",
             "    return 1",
-            f"set_accuracy(parts, memory, {self._of('solver.accuracy')})",
             "omega_rad_s = constant_speed_rad_s(parts.drive)",
             f"depth_m = {x_m} - origin_m(parts.stop, parts.striker)",
             f"phase_rad = {self._of('drive.phase_rad')}",
             f"restart(parts, memory, depth_m, {self._of('initial.v_m_s')}, phase_rad, omega_rad_s)",
+            f"set_accuracy(parts, memory, {self._of('solver.accuracy')})",
         ]
         if self.scene.sensors is not None:
             sensors = self._record(self.scene.sensors, "sensors.")

@@ -281,7 +281,7 @@ def _judged_terms(friction: Friction) -> int:
 def _accurate_s(series: Vector, scale: Vector, order: int, terms: int, longest_s: float) -> float:
     """The length of a step, s, at most `longest_s`, over which the last `terms` are within the tolerances in
     the mean."""
-    per_s, longest_power = LEAST, 1.0
+    per_s, mean, longest_power = LEAST, 0.0, 1.0
     for _ in range(order - terms):
         longest_power *= longest_s
     for k in range(order - terms + 1, order + 1):
@@ -289,8 +289,9 @@ def _accurate_s(series: Vector, scale: Vector, order: int, terms: int, longest_s
         square = 0.0
         for i in range(scale.size):
             square += (series[i, k] / scale[i]) ** 2
-        mean = math.sqrt(square / scale.size)
-        if not mean * longest_power <= CLEARLY_WITHIN:  # a root takes longer than all else here
+        before, mean = mean, math.sqrt(square / scale.size)
+        # A root takes longer than all else here: none is taken where the term before it asks for as much.
+        if not (mean * longest_power <= CLEARLY_WITHIN or mean <= before * per_s):
             per_s = max(per_s, mean ** (1.0 / k))
     return min(longest_s, 1.0 / per_s)
 

@@ -164,6 +164,8 @@ class Contact:
 
 _NEW_MODE: One[Mode] = zeros_of(Mode, 1)
 _NEW_MODE[0].phase = UNSETTLED
+_NEW_HELD: One[Held] = zeros_of(Held, 1)
+_NEW_HELD[0].stored_before_j = math.nan
 _NEW_CONTACT: One[Contact] = zeros_of(Contact, 1)
 
 OBSERVED: Any = Observation._make(range(len(Observation._fields)))
@@ -281,9 +283,9 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int, 
         scratch=scratch_arrays(motion if is_wound(parts.winding) else 0),
         advance_at=0,
     )
-    set_accuracy(parts, memory, accuracy)
     depth_m = initial.x_m - origin_m(stop, striker)
     restart(parts, memory, depth_m, initial.v_m_s, initial.crank_rad, initial.omega_rad_s)
+    set_accuracy(parts, memory, accuracy)
     return memory
 
 
@@ -291,17 +293,17 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int, 
 def restart(
     parts: Parts, memory: Memory, depth_m: float, v_m_s: float, crank_rad: float, omega_rad_s: float
 ) -> None:
-    """Set a module to a start of undetermined phase; nothing of an earlier run is left."""
+    """Set a module to a start of undetermined phase; nothing of an earlier run is left. `set_accuracy`
+    follows.
+    """
     memory.y[:] = 0.0
     memory.mode[0] = _NEW_MODE[0]
+    memory.held[0] = _NEW_HELD[0]
     if is_soft(parts.stop):
         memory.contact[0] = _NEW_CONTACT[0]
     memory.y[0], memory.y[1] = depth_m, v_m_s
     held, striker = memory.held[0], parts.striker
-    held.elapsed_s = held.elapsed_low_s = 0.0
     held.free_step_s = held.contact_step_s = 0.1 / math.sqrt(striker.spring_n_per_m / striker.mass_kg)
-    held.last_step_s = held.last_margin = held.debt = 0.0
-    held.stored_before_j = math.nan
     memory.observed[:] = 0.0
     angle_rad = crank_rad % TURN_RAD
     if is_motor(parts.drive):
