@@ -143,6 +143,11 @@ class ProcessesRun:
     """The process that was waited for longer than the longest hold."""
     children: dict[str, Child] = field(default_factory=dict, init=False)
 
+    def __post_init__(self) -> None:
+        self.scripted = ProcessFaults(self.scenario.faults)
+        self.restarted = {again_name(one.process): one.process for one in self.scripted.restarts()}
+        """The processes that are restarted, by the names of those that replace them."""
+
     def run(self) -> None:
         """Provide the bus, run on it, and note how it ended."""
         run_folder.note(self.run_dir, bus=self.options.bus, kernel_can=False)
@@ -179,9 +184,8 @@ class ProcessesRun:
             began_s = time.monotonic() + START_DELAY_S
             wall_start_ns = time.time_ns() + t0_ns - self.clock.now_ns()
             run_folder.note(self.run_dir, t0_ns=t0_ns, wall_start_s=wall_start_ns / NS_PER_S)
-            later = {again_name(process) for _, process, _ in ProcessFaults(self.scenario.faults).restarts()}
             for name, child in self.children.items():
-                if name not in later:
+                if name not in self.restarted:
                     child.start(Start(t0_ns))
             if self.provided.pacemaker is not None:
                 self.provided.pacemaker.tell(plan_of(self.scenario, t0_ns).as_line())
@@ -249,11 +253,10 @@ class ProcessesRun:
         python = [sys.executable, "-P", "-m"]
         baseline = [*python, "hil.timing.baseline", "--ticks", str(self.scenario.ticks)]
         live = [*python, "hil.show.live", str(self.run_dir), "--to", str(self.options.viewer)]
-        restarts = ProcessFaults(self.scenario.faults).restarts()
         build = {FIRMWARE: ["--firmware", self.options.firmware]}
         again = {
-            again_name(process): [program(), process, scenario, *common, *build.get(process, []), "--again"]
-            for _, process, _ in restarts
+            name: [program(), process, scenario, *common, *build.get(process, []), "--again"]
+            for name, process in self.restarted.items()
         }
         return {
             "firmware": [program(), "firmware", scenario, *common, *build[FIRMWARE]],
@@ -341,18 +344,14 @@ class ProcessesRun:
 
     def continue_paused(self) -> None:
         """End the nodes that are paused beyond the end of the script; as in lockstep, they tick no more."""
-        for process in ProcessFaults(self.scenario.faults).paused_at(self.scenario.duration_s):
+        for process in self.scripted.paused_at(self.scenario.duration_s):
             self.children[process].signal(signal.SIGTERM)
             self.children[process].signal(signal.SIGCONT)
 
     def await_ends(self) -> None:
         """Wait for the loops, which end by themselves within a tick or two after the script."""
-        scripted = ProcessFaults(self.scenario.faults)
-        later = [again_name(process) for _, process, _ in scripted.restarts()]
         for name, child in self.children.items():
-            if name not in ("firmware", "plant", BASELINE, *later):
-                continue
-            if scripted.kills(name):
+            if name not in ("firmware", "plant", BASELINE, *self.restarted) or self.scripted.kills(name):
                 continue
             if not child.wait(END_TIMEOUT_S):
                 self.outcome.reasons.append(f"{name} did not end within {END_TIMEOUT_S:g} s of the script")

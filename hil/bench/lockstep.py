@@ -28,7 +28,7 @@ from hil.nodes.runners import FirmwareRunner, OperatorRunner, Pace, PlantRunner
 from hil.record import run_folder
 from hil.scenario.scenario import Scenario
 from hil.timing.clock import NS_PER_S
-from hil.timing.loop import LoopTiming
+from hil.timing.loop import UNTIMED, LoopTiming
 from hil.timing.memory import SETTLING_SHARE, MemoryWatch
 from hil.timing.signals import delayed_signals
 from plant_sim.kernels import IS_INTERPRETED
@@ -53,8 +53,6 @@ PROGRESS_S = 0.5
 NS_PER_US = 1000
 BENCH = "bench"
 """Name, among those of the nodes, under which faults of processes and of the modelled bus are counted."""
-UNTIMED = LoopTiming(0, 0.0, 0.0, 0)
-"""Timing of the plant, which is not measured in lockstep."""
 
 
 def run_lockstep(

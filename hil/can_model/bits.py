@@ -13,6 +13,7 @@ import re
 from functools import cache
 
 from firmware_py.interface.frame import Frame
+from hil.timing.clock import NS_PER_S
 
 CRC_POLYNOMIAL = 0x4599
 """x¹⁵ + x¹⁴ + x¹⁰ + x⁸ + x⁷ + x⁴ + x³ + 1 without its leading term."""
@@ -38,8 +39,6 @@ ERROR_FRAME_BITS = 2 * 6 + 8
 """The longest error frame: an error flag, the flags that answer it, and the delimiter of recessive bits."""
 SUSPEND_BITS = 8
 """Bits for which an error-passive node suspends transmission after a frame of its own."""
-
-NS_PER_S = 1_000_000_000
 
 
 class BitRateError(ValueError):

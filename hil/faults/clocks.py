@@ -13,7 +13,7 @@ import numpy as np
 
 from hil.faults.fault import TIME_RESOLUTION_S, Fault
 from hil.faults.on_process import ClockFault, ProcessFault
-from hil.timing.loop import LoopTiming
+from hil.timing.loop import UNTIMED, LoopTiming
 
 SEED_OF_CLOCKS = 2000
 """Independent of the seeds of bus and sensor faults."""
@@ -141,7 +141,7 @@ class Turns:
 
     def _turn(self, tick: int) -> None:
         if self._unrecorded is not None:
-            self._runner.record(self._unrecorded, LoopTiming(0, 0.0, 0.0, 0))
+            self._runner.record(self._unrecorded, UNTIMED)
         self._runner.step(tick)
         self._unrecorded = tick
         self._next_tick = tick + 1

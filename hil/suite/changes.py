@@ -151,7 +151,7 @@ def changes(
     Both suites are results of `run_suite`. A check is identified by its figure and its limit.
     """
     places = paired(before, after)
-    of_before = {one["name"]: one for one in before["scenarios"]}
+    of_before = by_name(before)
     rows = []
     for one in after["scenarios"]:
         known = {

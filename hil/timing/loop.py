@@ -27,6 +27,10 @@ class LoopTiming(NamedTuple):
     """CPU time since the end of the previous tick's work: what the node itself, not the host, has taken."""
 
 
+UNTIMED = LoopTiming(0, 0.0, 0.0, 0)
+"""Timing of a tick that is not measured."""
+
+
 class FixedRateLoop:
     """Calls a step at t0 + offset + k · period.
 

@@ -78,7 +78,7 @@ def test_both_hold_their_own_target(modelled):
         move_to = model.move_to
     else:
         ideal = InProcessBus()
-        joins = [lambda name: ideal.join(listening=name != "operator")] * 2
+        joins = [lambda _: ideal.join()] * 2
         move_to = lambda _: None  # noqa: E731
     modules = [Module(*each) for each in zip(joins, PLACES, RATIOS, (1, 2), strict=True)]
     play(modules, SECONDS, move_to)
@@ -95,8 +95,7 @@ def test_both_hold_their_own_target(modelled):
 
 def test_an_emergency_stop_of_one_drive_is_none_of_the_other():
     bus = InProcessBus()
-    join = lambda name: bus.join(listening=name != "operator")  # noqa: E731
-    modules = [Module(join, places, 1.3, 1) for places in PLACES]
+    modules = [Module(lambda _: bus.join(), places, 1.3, 1) for places in PLACES]
     play(modules, 1.0, lambda _: None)
     modules[0].operator_bus.send_all([codec.DRIVE_ESTOP.encode(DriveEstop())])
     play(modules, 0.1, lambda _: None)
