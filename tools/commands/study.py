@@ -150,20 +150,20 @@ def basin(
 def portrait(preset: Preset = "table1", common: StudyOptions = StudyOptions()) -> None:
     """Time histories and phase portraits of both attractors for each friction law."""
     from tools.study import cases, figures
-    from tools.study.portraits import pair
+    from tools.study.portraits import both_motions
     from tools.study.sweep import diagrams
 
     chosen = [cases.case(preset, law) for law in cases.LAWS]
-    pairs, wall_s = common.compute(lambda where: [pair(diagram) for diagram in diagrams(chosen, where)])
+    pairs, wall_s = common.compute(lambda where: [*map(both_motions, diagrams(chosen, where))])
     result = {
         "portraits": [
             {
-                "law": both.case.law,
-                "parameters": both.case.parameters(),
-                "impact_r": both.impact.ratio,
-                "non_impact_r": both.non_impact.ratio,
+                "law": impact.case.law,
+                "parameters": impact.case.parameters(),
+                "impact_r": impact.ratio,
+                "non_impact_r": non_impact.ratio,
             }
-            for both in pairs
+            for impact, non_impact in pairs
         ],
         "figures": figures.portraits(pairs, common.out, f"portrait-{preset}"),
     }

@@ -12,7 +12,7 @@ from tools.study.basin import Basin
 from tools.study.basin import axes as starts_of
 from tools.study.branches.saddle import Portrait
 from tools.study.cases import Case
-from tools.study.portraits import Motion, Pair
+from tools.study.portraits import Motion
 from tools.study.sweep import HIGH_RATIO, LOW_RATIO, Diagram
 
 if TYPE_CHECKING:
@@ -157,17 +157,17 @@ def basin(found: Basin, folder: Path, portrait: Portrait | None = None) -> list[
     return save(figure, folder, found.name)
 
 
-def portraits(pairs: Sequence[Pair], folder: Path, name: str) -> list[str]:
+def portraits(pairs: Sequence[tuple[Motion, Motion]], folder: Path, name: str) -> list[str]:
     """Draw, in a row for each law, time histories and phase portraits of impact and non-impact motion."""
     figure, grid = new_figure(len(pairs), 4, 15.0, 0.8 + 2.9 * len(pairs))
-    for row, both in zip(grid, pairs, strict=True):
+    for row, (impact, non_impact) in zip(grid, pairs, strict=True):
         row[3].sharex(row[1])
         row[3].sharey(row[1])
-        _portrait(row[:2], both.impact, "impact")
-        _portrait(row[2:], both.non_impact, "non-impact")
+        _portrait(row[:2], impact, "impact")
+        _portrait(row[2:], non_impact, "non-impact")
     figure.suptitle(
-        f"{pairs[0].case.preset}: both motions of each friction law; points: once per drive period, at the "
-        "crank's backward dead centre",
+        f"{pairs[0][0].case.preset}: both motions of each friction law; points: once per drive period, at "
+        "the crank's backward dead centre",
         fontsize=11,
     )
     return save(figure, folder, name)

@@ -31,23 +31,11 @@ class Motion:
     """Poincaré points: SECTIONS of them."""
 
 
-@dataclass(frozen=True)
-class Pair:
-    """The impact and the non-impact motion of a case at one ratio."""
-
-    case: Case
-    impact: Motion
-    non_impact: Motion
-
-
-def pair(diagram: Diagram) -> Pair:
-    """Return both motions in the middle of the widest multistable band."""
-    ratio = diagram.two_motions_r()
-    return Pair(
-        diagram.case,
-        motion(diagram.case, ratio, diagram.up.state_at(ratio)),
-        motion(diagram.case, ratio, diagram.down.state_at(ratio)),
-    )
+def both_motions(diagram: Diagram) -> tuple[Motion, Motion]:
+    """Return impact and non-impact motion in the middle of the widest multistable band."""
+    case, ratio = diagram.case, diagram.two_motions_r()
+    starts = diagram.up.state_at(ratio), diagram.down.state_at(ratio)
+    return motion(case, ratio, starts[0]), motion(case, ratio, starts[1])
 
 
 def motion(case: Case, ratio: float, start: State) -> Motion:
