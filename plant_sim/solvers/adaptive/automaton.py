@@ -34,6 +34,7 @@ from plant_sim.solvers.adaptive.state_layout import (
 from plant_sim.solvers.adaptive.stiction import dry_limit_n, from_rest, release, release_event
 from plant_sim.solvers.adaptive.stop import (
     come_to_rest,
+    follow_disturbance,
     leave,
     leaving_zeros,
     open_contact,
@@ -80,6 +81,8 @@ def _determine_contact(parts: Parts, memory: Memory, closing: float, time_s: flo
     else:
         enter(mode, Phase.CONTACT, mode.direction, zeros, 0)
         mode.in_impact = IN_CONTACT
+    if y[0] > 0.0:
+        follow_disturbance(parts, memory)
     if stop_force_n(stop, elastic_force_n(stop, y[0]), closing, contact.damping_s_m) < 0.0:
         contact.leave_m_s = closing
         enter(mode, Phase.FLIGHT, mode.direction, 0, 0)

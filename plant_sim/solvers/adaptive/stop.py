@@ -119,6 +119,19 @@ def open_contact(parts: Parts, memory: Memory, time_s: float, zeros: int) -> Non
 
 
 @subroutine
+def follow_disturbance(parts: Parts, memory: Memory) -> None:
+    """Give a contact that a disturbance has made faster the damping of its speed.
+
+    The speed is that of an impact from the stop's surface with the present energy: √(v² + 2 E/m).
+    """
+    y, contact = memory.y, memory.contact[0]
+    closing = max(closing_m_s(parts, y), 0.0)
+    mass = contact_mass_kg(parts.wearer, parts.striker.mass_kg)
+    speed = math.sqrt(closing * closing + 2.0 * elastic_energy_j(parts.stop, y[0]) / mass)
+    contact.damping_s_m = min(contact.damping_s_m, damping_s_m(parts.stop, speed))
+
+
+@subroutine
 def press_again(parts: Parts, memory: Memory, time_s: float) -> None:
     """Press a stop again that released early and has not been cleared: its spring stores energy again.
 

@@ -51,6 +51,51 @@ def test_a_change_in_the_middle_of_a_contact_goes_on_with_it() -> None:
     assert plant.energy.residual < 1e-6
 
 
+def on_a_pad(x_m: float, v_m_s: float) -> Plant:
+    """A striker at a pad of 10 ms, which its spring presses it into a little."""
+    scene = load_scene(
+        {
+            "striker": {"mass_kg": 0.8, "spring_n_m": 70.0, "rest_length_m": 0.12},
+            "drive": {"model": "ideal", "amplitude_m": 0.0, "speed_rad_s": 0.0},
+            "friction": {"law": "viscous", "b_n_s_m": 0.2},
+            "stop": {"law": "hunt-crossley", "position_m": 0.115, "restitution": 0.5, "contact_s": 0.01},
+            "initial": {"x_m": x_m, "v_m_s": v_m_s},
+        }
+    )
+    return Plant(scene, seed=1)
+
+
+def peak_and_rebound(plant: Plant) -> tuple[float, float]:
+    """The largest force of a pad, N, and the striker's fastest return, m/s, in 40 ms."""
+    forces_n, speeds_m_s = [], []
+    for _ in range(400):
+        plant.advance(0.0, 1e-4)
+        forces_n.append(plant.now.stop_force_n)
+        speeds_m_s.append(plant.now.v_m_s)
+    return max(forces_n), -min(speeds_m_s)
+
+
+def test_a_kick_at_rest_in_a_pad_is_an_impact_of_its_speed() -> None:
+    """The damping of the contact follows the kick, and not the slow touch-down before it."""
+    for kick_m_s in (0.3, 1.0, 3.0):
+        kicked = on_a_pad(0.11, 0.0)
+        kicked.advance(0.0, 5.0)
+        assert kicked.state.phase == Phase.CONTACT
+        kicked.kick(kick_m_s)
+        kicked_to = peak_and_rebound(kicked)
+        assert kicked_to == pytest.approx(peak_and_rebound(on_a_pad(0.115, kick_m_s)), rel=0.1)
+        assert kicked_to[1] == pytest.approx(0.5 * kick_m_s, rel=0.1)
+
+
+def test_a_pad_that_moves_into_a_striker_at_rest_throws_it_back() -> None:
+    plant = on_a_pad(0.11, 0.0)
+    plant.advance(0.0, 5.0)
+    plant.replace_parts(plant.parts._replace(stop=plant.parts.stop._replace(position_m=0.11)))
+    plant.advance(0.0, 0.1)
+    assert plant.now.v_m_s < -0.1
+    assert plant.energy.residual < 1e-6
+
+
 def test_other_kinds_of_parts_and_numbers_that_are_none_are_refused() -> None:
     plant = swinging(1)
     with pytest.raises(PlantError, match="RigidStop"):
