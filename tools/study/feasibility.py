@@ -94,12 +94,9 @@ class Judged(NamedTuple):
     """Result of a cell for one n."""
 
     verdict: str
-    missed_share: float
-    felt_low_n: float
-    felt_high_n: float
-
-
-UNKNOWN = Judged("", math.nan, math.nan, math.nan)
+    missed_share: float = math.nan
+    felt_low_n: float = math.nan
+    felt_high_n: float = math.nan
 
 
 def stops() -> list[Stop]:
@@ -250,24 +247,20 @@ def cell(stop: Stop, axis: str, stride_hz: float, low: float, high: float) -> di
         "region_high": high,
         "idle_impacts_hz": math.nan,
     }
-    found = UNKNOWN
     if not low <= high:
-        found = found._replace(verdict=NO_REGION)
-    elif not (candidates := harmonics(stop, stride_hz, low, high)):
-        found = found._replace(verdict=NO_TURNS)
-    else:
-        row["harmonic"], row["ratio"] = candidates[0]
-        row["idle_impacts_hz"] = idle_impacts_hz(stop, axis, stride_hz)
-        if row["idle_impacts_hz"] > IDLE_IMPACTS_HZ:
-            found = found._replace(verdict=LEG_IMPACTS)
-        else:
-            for number, (harmonic, ratio) in enumerate(candidates):
-                other = judged(stop, axis, stride_hz, ratio)
-                if number == 0 or other.verdict == FEASIBLE:
-                    found, row["harmonic"], row["ratio"] = other, harmonic, ratio
-                if other.verdict == FEASIBLE:
-                    break
-    return row | found._asdict()
+        return row | Judged(NO_REGION)._asdict()
+    candidates = harmonics(stop, stride_hz, low, high)
+    if not candidates:
+        return row | Judged(NO_TURNS)._asdict()
+    row["harmonic"], row["ratio"] = candidates[0]
+    row["idle_impacts_hz"] = idle_impacts_hz(stop, axis, stride_hz)
+    if row["idle_impacts_hz"] > IDLE_IMPACTS_HZ:
+        return row | Judged(LEG_IMPACTS)._asdict()
+    first = judged(stop, axis, stride_hz, row["ratio"])
+    for harmonic, ratio in candidates[1:]:
+        if first.verdict != FEASIBLE and (other := judged(stop, axis, stride_hz, ratio)).verdict == FEASIBLE:
+            return row | {"harmonic": harmonic, "ratio": ratio} | other._asdict()
+    return row | first._asdict()
 
 
 def piece(task: tuple[Stop, Sequence[float]]) -> list[dict[str, Any]]:
