@@ -17,7 +17,7 @@ import math
 from typing import NamedTuple
 
 from firmware_py.core.gate_limits import GateLimits
-from firmware_py.core.inputs import Inputs, PowerInput
+from firmware_py.core.inputs import EncoderInput, Inputs, PowerInput
 from firmware_py.core.numbers import TAU, at_least, clamp, wrap_pi
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import AXIS_IDLE, NO_FAULT, NO_LIMIT, ActingLimit, Fault
@@ -280,17 +280,17 @@ def limit_fault(limits: GateLimits, state: GateState, power: PowerInput) -> Faul
     return state.contact.fault
 
 
-def judge(limits: GateLimits, state: GateState, inputs: Inputs) -> tuple[GateState, GateFindings]:
-    """One tick, after its readings have been taken."""
-    power, encoder = inputs.power, inputs.encoder
-    frozen_ticks, window_ticks, window_rev = state.frozen_ticks, state.window_ticks + 1, state.window_rev
-    encoder_ticks, own_rad_s = min(state.encoder_ticks + 1, NEVER_TICKS), state.own_rad_s
-    usable = abs(encoder.position_rev) < LARGEST_REV
-    if usable and encoder.age_ticks < 1:
-        encoder_ticks = encoder.age_ticks
-    if usable and encoder.age_ticks == 0:
+def watch_encoder(limits: GateLimits, state: GateState, encoder: EncoderInput) -> GateState:
+    """The state after this tick's encoder reading, if there is a usable one.
+
+    Its age, the time for which a drive has reported a speed at a position that does not change, and the
+    crank's speed from its positions.
+    """
+    encoder_ticks, window_ticks = min(state.encoder_ticks + 1, NEVER_TICKS), state.window_ticks + 1
+    frozen_ticks, window_rev, own_rad_s = state.frozen_ticks, state.window_rev, state.own_rad_s
+    if encoder.age_ticks == 0 and abs(encoder.position_rev) < LARGEST_REV:
+        encoder_ticks = 0
         still = encoder.position_rev == state.position_rev
-        # Frozen: the drive reports a speed, but its position does not change.
         frozen = still and abs(TAU * encoder.velocity_rev_s) > FROZEN_RAD_S
         frozen_ticks = frozen_ticks + 1 if frozen else 0
         if state.encoder_ticks > limits.encoder_ticks:
@@ -299,34 +299,44 @@ def judge(limits: GateLimits, state: GateState, inputs: Inputs) -> tuple[GateSta
             turned_rad = wrap_pi(TAU * (encoder.position_rev - window_rev))
             own_rad_s = turned_rad / (window_ticks * limits.tick_s)
             window_rev, window_ticks = encoder.position_rev, 0
-    silent_ticks = max(inputs.accelerometer.age_ticks, encoder.age_ticks)
-    unsteady_ticks, gaps = state.unsteady_ticks, state.gaps
-    if silent_ticks == 0 and state.silent_ticks >= limits.gap_ticks:
-        unsteady_ticks, gaps = limits.gap_ticks, min(gaps + 1, GAPS)
-    elif silent_ticks == 0:
-        unsteady_ticks = max(unsteady_ticks - 1, 0)
-        gaps = gaps if unsteady_ticks > 0 else 0
-    strong = not abs(power.current_a) <= limits.current_a
-    odd_voltage = not limits.lowest_v <= power.voltage_v <= limits.highest_v
-    new = state._replace(
+    return state._replace(
         encoder_ticks=encoder_ticks,
         position_rev=encoder.position_rev,
         frozen_ticks=frozen_ticks,
         window_rev=window_rev,
         window_ticks=window_ticks,
         own_rad_s=own_rad_s,
+    )
+
+
+def count_gaps(limits: GateLimits, state: GateState, silent_ticks: int) -> GateState:
+    """The state after a tick in which the older one of the two sources is this old."""
+    unsteady_ticks, gaps = state.unsteady_ticks, state.gaps
+    if silent_ticks == 0 and state.silent_ticks >= limits.gap_ticks:
+        unsteady_ticks, gaps = limits.gap_ticks, min(gaps + 1, GAPS)
+    elif silent_ticks == 0:
+        unsteady_ticks = max(unsteady_ticks - 1, 0)
+        gaps = gaps if unsteady_ticks > 0 else 0
+    return state._replace(silent_ticks=silent_ticks, unsteady_ticks=unsteady_ticks, gaps=gaps)
+
+
+def judge(limits: GateLimits, state: GateState, inputs: Inputs) -> tuple[GateState, GateFindings]:
+    """One tick, after its readings have been taken."""
+    power, encoder = inputs.power, inputs.encoder
+    state = watch_encoder(limits, state, encoder)
+    state = count_gaps(limits, state, max(inputs.accelerometer.age_ticks, encoder.age_ticks))
+    strong = not abs(power.current_a) <= limits.current_a
+    odd_voltage = not limits.lowest_v <= power.voltage_v <= limits.highest_v
+    new = state._replace(
         overcurrent_ticks=state.overcurrent_ticks + 1 if strong else 0,
         voltage_ticks=state.voltage_ticks + 1 if odd_voltage else 0,
-        silent_ticks=silent_ticks,
-        unsteady_ticks=unsteady_ticks,
-        gaps=gaps,
     )
     findings = GateFindings(
         watchdog_fault(limits, new, inputs),
         limit_fault(limits, new, power),
         Fault.DRIVE_ERROR if inputs.drive.axis_error != 0 else NO_FAULT,
         inputs.operator.age_ticks > limits.operator_ticks,
-        is_overspeed(limits, own_rad_s, encoder.velocity_rev_s),
+        is_overspeed(limits, new.own_rad_s, encoder.velocity_rev_s),
     )
     return new._replace(
         contact=state.contact._replace(fault=NO_FAULT),
