@@ -47,6 +47,11 @@ class AddressedBus:
             if (can_id := module_id(self._places, frame.can_id)) != NOT_OURS
         ]
 
+    @property
+    def newest_ns(self) -> int:
+        """The newest arrival on the bus."""
+        return self._bus.newest_ns
+
     def wait(self, timeout_s: float) -> None:
         """Return when frames have arrived, or after `timeout_s`."""
         self._bus.wait(timeout_s)

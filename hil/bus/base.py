@@ -68,6 +68,10 @@ class Bus(NodeBus, Protocol):
         Each has its arrival on the wall clock in ns. For a bus opened with `stamped`.
         """
 
+    @property
+    def newest_ns(self) -> int:
+        """The newest arrival that `receive_stamped` has read, of any frame: also of those it left out."""
+
     def fileno(self) -> int:
         """A descriptor that becomes readable when frames arrive."""
 

@@ -147,8 +147,7 @@ class CanSocket(Connection):
         self._receive_batch = library.recvmmsg
         self._send_batch = library.sendmmsg
         self._incoming = FrameBatch()
-        self._newest_ns = 0
-        """Arrival of the newest frame that `receive_stamped` has read."""
+        self.newest_ns = 0
         self._outgoing = FrameBatch()
 
     @property
@@ -203,7 +202,7 @@ class CanSocket(Connection):
         One system call each: the recorder has time, and Python's own socket reads the stamps.
         """
         frames: list[tuple[int, Frame]] = []
-        while self._newest_ns < until_ns:
+        while self.newest_ns < until_ns:
             try:
                 content, ((_, _, stamp),), _, _ = self._socket.recvmsg(
                     FRAME_BYTES, socket.CMSG_SPACE(STAMP.size), socket.MSG_DONTWAIT
@@ -213,8 +212,8 @@ class CanSocket(Connection):
                     raise
                 break
             seconds, nanoseconds = STAMP.unpack(stamp)
-            self._newest_ns = seconds * NS_PER_S + nanoseconds
-            frames += [(self._newest_ns, frame) for frame in unpack(content, self._counters)]
+            self.newest_ns = seconds * NS_PER_S + nanoseconds
+            frames += [(self.newest_ns, frame) for frame in unpack(content, self._counters)]
         return frames
 
     def _drops(self) -> int:

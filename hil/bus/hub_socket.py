@@ -45,7 +45,7 @@ class HubSocket(Connection):
         self._requests = requests
         self._received = b""
         self._unfinished = b""
-        self._stamp_ns = 0
+        self.newest_ns = 0
         self.ended = False
         """Whether the hub has ended; noticed at the next send or receive."""
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -123,7 +123,7 @@ class HubSocket(Connection):
     def receive_stamped(self, until_ns: int = NO_END_NS) -> list[tuple[int, Frame]]:
         """The frames that have arrived, with the hub's wall clock in ns when it forwarded each."""
         frames = []
-        while self._stamp_ns < until_ns and (chunk := self._read()):
+        while self.newest_ns < until_ns and (chunk := self._read()):
             for stamp_ns, can_id, data in self._passed(chunk):
                 if can_id <= wire.MAX_STANDARD_ID:
                     frames.append((stamp_ns, Frame(can_id, data)))
@@ -147,9 +147,9 @@ class HubSocket(Connection):
             if can_id == wire.CONTROL_ID and length == wire.LOSS_KIND:
                 self.counters.lost += int.from_bytes(data, "little")
             elif can_id == wire.CONTROL_ID:
-                self._stamp_ns = int.from_bytes(data, "little")
+                self.newest_ns = int.from_bytes(data, "little")
             else:
-                yield self._stamp_ns, can_id, data[:length]
+                yield self.newest_ns, can_id, data[:length]
 
     def fileno(self) -> int:
         """The socket's descriptor."""

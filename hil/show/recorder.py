@@ -60,13 +60,13 @@ class Recorder:
         self._can_ids: list[int] = []
         self._payloads: list[bytes] = []
 
-    def drain(self, until_ns: int | None = None) -> bool:
+    def drain(self, until_ns: int | None = None) -> None:
         """Read the frames that have arrived up to a time on the wall clock, by default now.
 
-        It ends, however many frames come. Returns whether there were any.
+        It ends, however many frames come.
         """
         if self.bus is None or not (arrived := self.bus.receive_stamped(until_ns or time.time_ns())):
-            return False
+            return
         stamps_ns = np.array([wall_ns for wall_ns, _ in arrived], np.int64)
         times_us = self.since_start_ns(stamps_ns) // 1000
         for t_us, (_, frame) in zip(times_us.tolist(), arrived, strict=True):
@@ -75,7 +75,6 @@ class Recorder:
                 self._arrived_s.append(t_us * 1e-6)
                 self._can_ids.append(frame.can_id)
                 self._payloads.append(frame.data)
-        return True
 
     def since_start_ns(self, wall_ns: NDArray[np.int64]) -> NDArray[np.int64]:
         """Convert times of the wall clock to times of the run, both in ns."""
@@ -92,13 +91,20 @@ class Recorder:
     def close(self) -> None:
         """Write all frames sent up to now and the remaining records, and close both files."""
         latest_ns = time.time_ns() + round(LATEST_DELIVERY_S * NS_PER_S)
-        if self.bus is not None:
-            self.bus.wait(LATEST_DELIVERY_S)
-            while self.drain(latest_ns):
-                self.bus.wait(LATEST_DELIVERY_S)
+        bus = self.bus
+        while bus is not None and bus.newest_ns < latest_ns and is_readable(bus, LATEST_DELIVERY_S):
+            before_ns = bus.newest_ns
+            self.drain(latest_ns)
+            if bus.newest_ns == before_ns and time.time_ns() > latest_ns:
+                break  # the bus has ended
         self.append()
         self.can_log.close()
         self.log.close()
+
+
+def is_readable(bus: Bus, timeout_s: float) -> bool:
+    """Whether frames arrive within `timeout_s`."""
+    return bool(select.select([bus], [], [], timeout_s)[0])
 
 
 def record(recorder: Recorder, wakers: list[int]) -> None:

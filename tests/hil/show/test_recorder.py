@@ -6,7 +6,9 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -15,13 +17,17 @@ from run_folder import T_S, make_run, write_run, write_trace
 from waiting import waited_for
 
 from firmware_py.interface import codec
+from firmware_py.interface.addresses import Addresses, bus_id
+from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import SetInputTorque
 from hil.bus import join, provide
+from hil.bus.addressed import addressed
 from hil.record.log_reader import read_traces
 from hil.record.rrd.log_file import repair
 from hil.record.rrd.rerun_program import RerunError
 from hil.record.run_traces import read_bus, read_run
 from hil.record.traces.trace import TraceWriter
+from hil.show.recorder import Recorder
 from hil.show.rerun_log import rebuild
 from hil.timing.processes import Child, Start
 
@@ -126,6 +132,30 @@ def test_asked_to_end_it_does_not_wait_for_frames_that_come_later(run_dir):
         recorder.stop()
         sender.close()
     assert ended, "others send for as long as they like"
+
+
+def test_a_late_frame_behind_frames_of_others_is_recorded(run_dir):
+    """Of another module on the bus, and of 29 bits: an adapter may deliver them before this module's last."""
+    places = Addresses(drive_node=1, own_node=5)
+    own = codec.encode(SetInputTorque(0.25))
+    with provide("local") as provided, closing(join(provided.address, accept=())) as sender:
+        recorder = Recorder(run_dir, addressed(join(provided.address, stamped=True), places))
+        sender.send_all([own, Frame(0x80000001, b"")])
+        late = threading.Timer(0.02, sender.send, [Frame(bus_id(places, own.can_id), own.data)])
+        late.start()
+        recorder.close()
+        late.join()
+        recorder.bus.close()
+    assert read_bus(run_dir / "can.log").payloads == (own.data,)
+
+
+def test_it_ends_when_the_bus_has_ended(run_dir):
+    with provide("local") as provided:
+        recorder = start(run_dir, "--bus", provided.address)
+        provided.holder.signal(signal.SIGKILL)
+        assert provided.holder.wait(5.0)
+        assert json.loads(recorder.stop()) == {"frames": 0, "lost": 0}
+    assert not recorder.killed_at_stop
 
 
 BURSTS = 1500
