@@ -20,6 +20,7 @@ import time
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -143,10 +144,15 @@ class ProcessesRun:
     """The process that was waited for longer than the longest hold."""
     children: dict[str, Child] = field(default_factory=dict, init=False)
 
-    def __post_init__(self) -> None:
-        self.scripted = ProcessFaults(self.scenario.faults)
-        self.restarted = {again_name(one.process): one.process for one in self.scripted.restarts()}
+    @cached_property
+    def scripted(self) -> ProcessFaults:
+        """The script's faults of processes."""
+        return ProcessFaults(self.scenario.faults)
+
+    @cached_property
+    def restarted(self) -> dict[str, str]:
         """The processes that are restarted, by the names of those that replace them."""
+        return {again_name(one.process): one.process for one in self.scripted.restarts()}
 
     def run(self) -> None:
         """Provide the bus, run on it, and note how it ended."""
