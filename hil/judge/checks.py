@@ -21,6 +21,8 @@ from plant_sim.validation_messages import nearest
 
 LONGEST_S = 86_400.0
 """Longest duration of a run."""
+END_TOLERANCE_S = 0.01
+"""Time by which a run may end before the window of a check does: some ticks."""
 MOST_CHECKS = 500
 """Largest number of checks of a scenario: one of a long expression takes some ten milliseconds."""
 
@@ -167,20 +169,29 @@ def measured(check: Check, figures: Figures, traces: RunTraces) -> tuple[Value |
     if silent := [name for name in ("plant", "firmware") if getattr(figures.loops, name).ticks == 0]:
         return None, f"{' and '.join(silent)} recorded no tick"
     if check.expression is not None:
-        from hil.judge.figures.expression import ExpressionError  # noqa: PLC0415 - most have none
-        from hil.judge.figures.own import own_figure  # noqa: PLC0415
-
-        try:
-            window = Window(check.from_s, check.to_s)
-            return own_figure(check.expression, window, traces.plant, traces.firmware), None
-        except ExpressionError as error:
-            return None, str(error)
+        return measured_own(check, check.expression, figures, traces)
     value = value_of(figures, check.name)
     spec = CATALOGUE[check.name]
     if spec.origin is Origin.HOLD and figures.hold_start_s is None:
         return value, "the firmware never reached mode RUN, so the run has no hold"
     if value is None:
         return None, f"the run does not have this figure ({spec.meaning})"
+    return value, None
+
+
+def measured_own(
+    check: Check, expression: str, figures: Figures, traces: RunTraces
+) -> tuple[Value | None, str | None]:
+    """The value of an own figure over the check's window, or None and the reason."""
+    from hil.judge.figures.expression import ExpressionError  # noqa: PLC0415 - most have none
+    from hil.judge.figures.own import own_figure  # noqa: PLC0415
+
+    try:
+        value = own_figure(expression, Window(check.from_s, check.to_s), traces.plant, traces.firmware)
+    except ExpressionError as error:
+        return None, str(error)
+    if check.to_s < LONGEST_S and figures.duration_s + END_TOLERANCE_S < check.to_s:
+        return None, f"the run ended at {figures.duration_s:g} s, before the window's end, {check.to_s:g} s"
     return value, None
 
 

@@ -131,6 +131,7 @@ WITHOUT_FIGURES = [
     ({"name": "estimate.x_rmse_m", "high": 1.0}, NOT_REACHED),
     ({"name": "regime", "equals": "impact"}, NOT_REACHED),
     ({**OWN, "from_s": 50.0, "to_s": 60.0}, "nothing was recorded from 50 s to 60 s: the run lasted"),
+    ({**OWN, "expression": "max(plant.x_m)", "to_s": 60.0}, "before the window's end, 60 s"),
     ({**OWN, "expression": "max(plant.x_m / 0.0)"}, "'max(plant.x_m / 0.0)' gives inf"),
 ]
 
