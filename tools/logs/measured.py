@@ -141,6 +141,8 @@ def pairs_of(texts: Sequence[str]) -> dict[str, float]:
             number = float(value)
         except ValueError:
             raise BadInputError(f"{text!r}: wanted KEY=NUMBER, e.g. speed.gain_p_n_m_s=0.06") from None
+        if key in wanted:
+            raise BadInputError(f"{key} is given twice; wanted one value for each parameter")
         wanted[key] = checked(key, number)
     return wanted
 

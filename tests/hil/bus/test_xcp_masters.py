@@ -515,6 +515,7 @@ def test_the_commands_measure_and_calibrate(
         (["measure", "state.crank.omega"], "did you mean state.crank.omega_rad_s"),
         (["calibrate", "speed.gain_q=1"], "there is no firmware parameter 'speed.gain_q'"),
         (["calibrate", "speed.gain_p_n_m_s=much"], "wanted KEY=NUMBER"),
+        (["calibrate", "start.rise_s=5", "start.rise_s=6"], "start.rise_s is given twice"),
     ],
 )
 def test_a_wrong_name_or_value_is_bad_input(
