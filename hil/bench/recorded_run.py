@@ -72,7 +72,7 @@ def log_of(run: Path | None) -> Path:
     refuse_irregular(place)
     if not (place / "plant.trace").exists() and not (place / LOG_NAME).exists():
         if is_own(place):
-            raise RunError(f"{place} has no log: its run has not begun, or was ended before; see {VERDICT}")
+            raise RunError(why_without_log(place))
         raise RunError(
             f"{place} is no run folder: it holds neither {LOG_NAME} nor plant.trace{runs_in(place)}"
         )
@@ -89,6 +89,18 @@ def log_of(run: Path | None) -> Path:
             raise RunError(f"{place} has only begun: its log holds nothing yet; look again") from None
         return rebuilt(place)
     return log
+
+
+def why_without_log(run_dir: Path) -> str:
+    """Why a run folder has neither log nor traces, and what to do."""
+    with reading(run_dir, f"its {VERDICT} or {RUN_NOTE} is damaged; run it again"):
+        verdict, note = read_json(run_dir / VERDICT), read_json(run_dir / RUN_NOTE)
+    if verdict.get("passed") is True:
+        again = f"vibrohil run {note.get('scenario')} --seed {note.get('seed')} --out FOLDER"
+        return (
+            f"{run_dir} passed as one of several seeds and keeps only its verdict; repeat it with `{again}`"
+        )
+    return f"{run_dir} has no log: its run has not begun, or was ended before; see {VERDICT}"
 
 
 def runs_in(place: Path) -> str:

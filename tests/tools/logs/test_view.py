@@ -143,6 +143,13 @@ def test_a_run_that_was_killed_before_its_log_began_is_a_run_all_the_same(tmp_pa
         recorded_run.log_of(tmp_path)
 
 
+def test_a_seed_that_passed_says_that_only_its_verdict_is_kept(tmp_path):
+    run_folder.note(tmp_path, scenario="mine", seed=7)
+    run_folder.write_json(tmp_path / "verdict.json", {"passed": True})
+    with pytest.raises(RunError, match=r"passed as one of several seeds.*vibrohil run mine --seed 7"):
+        recorded_run.log_of(tmp_path)
+
+
 def test_without_a_display_the_browser_is_recommended(log, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
