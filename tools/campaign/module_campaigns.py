@@ -293,6 +293,7 @@ MODULE_CAMPAIGNS = (
         numbers={"duration_s": 30.0, **MISMATCH},
         units={"x_rmse": "mm", "v_rmse": "m/s", "x_worst": "mm", "nis": "1"},
         goals=(
+            Goal("eligible", low=240, full_size=True),
             Goal("x_rmse", "p50", "viscous", high=0.9),
             Goal("v_rmse", "p50", "viscous", high=0.010),
             Goal("x_rmse", "p50", "coulomb-0.2", high=3.0),
@@ -311,6 +312,7 @@ MODULE_CAMPAIGNS = (
         numbers={"duration_s": 40.0, **MISMATCH},
         units={"latency": "ms", "speed_error": "m/s"},
         goals=(
+            Goal("eligible", low=430, full_size=True),
             Goal("f1", low=0.999),
             Goal("latency", "p50", high=1.5),
             Goal("latency", "p95", high=2.5),
@@ -339,6 +341,7 @@ MODULE_CAMPAIGNS = (
             "cycle_variation": "%",
         },
         goals=(
+            Goal("eligible", low=690, full_size=True),
             Goal("success", low=1.0),
             Goal("ripple", "p50", "viscous r=1.3", high=0.2),
             Goal("impulse", "lowest", "viscous r=1.4", low=1.0),

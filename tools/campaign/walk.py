@@ -261,6 +261,7 @@ WALK = Campaign(
         "decision": "s",
     },
     goals=(
+        Goal("eligible", low=2090, full_size=True),
         Goal("success", where="walking steady", low=0.99),
         Goal("success", where="walking change", low=0.99),
         Goal("in_force", where="walking steady", low=0.9999, wanted=1.0, reason=WEAK_TURNS),
