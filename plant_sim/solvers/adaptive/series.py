@@ -202,13 +202,18 @@ def _turn(
 ) -> float:
     """Coefficients k + 1 of crank and drive's work; return coefficient k of the crank's loss, W."""
     sine, cosine, spring, speed = series[n + SINE], series[n + COSINE], series[n + SPRING], series[SPEED]
-    load_n = _product(spring, cosine, k)
     if not is_motor(drive):
         turn = per * drive.omega_rad_s
         sine[k + 1], cosine[k + 1] = turn * cosine[k], -turn * sine[k]
-        series[work, k + 1] = turn * drive.amplitude_m * load_n
+        series[work, k + 1] = turn * drive.amplitude_m * _product(spring, cosine, k)
         return 0.0
-    sine[k + 1], cosine[k + 1] = per * _product(speed, cosine, k), -per * _product(speed, sine, k)
+    load_n = sine_rate = cosine_rate = 0.0
+    for j in range(k + 1):  # three products in one loop
+        back = np.uint64(k - j)
+        load_n += spring[j] * cosine[back]
+        sine_rate += speed[j] * cosine[back]
+        cosine_rate -= speed[j] * sine[back]
+    sine[k + 1], cosine[k + 1] = per * sine_rate, per * cosine_rate
     if flow.crank_stuck:
         series[ANGLE, k + 1] = speed[k + 1] = series[work, k + 1] = 0.0
         return 0.0
