@@ -47,7 +47,8 @@ LONGEST_BRIDGE_TICKS = 4
 """Up to 3 lost readings are bridged by a straight line; over a longer gap the line would invent an area."""
 COUNTER_MODULUS = 256
 LONGEST_LATE = 16
-"""A frame whose counter is up to this number behind the newest is late; the line that bridged it stays."""
+"""A missing frame up to this number behind the newest may come late; the line that bridged it stays."""
+ALL_MISSING = (1 << LONGEST_LATE) - 1
 LONGEST_COUNTED = 64
 """A larger difference of counters is a restarted sensor and counts as 1."""
 
@@ -98,12 +99,14 @@ class ContactState(NamedTuple):
 class GateState(NamedTuple):
     """Duration of each condition in ticks. `silent_ticks`: time since the last sample of both sources.
 
+    `missing`: bit n is set if the frame n + 1 before the newest one, whose counter is `counter`, is missing.
     `gaps`: number of long gaps; it returns to 0 after `unsteady_ticks` of samples. `window_rev` and
     `window_ticks`: the position and the age of the beginning of the window for the crank's own speed.
     """
 
     contact: ContactState
     counter: int
+    missing: int
     reading_ticks: int
     low_m_s2: float
     stuck_ticks: int
@@ -137,14 +140,31 @@ INITIAL = zeroed(
 )
 
 
-def counted_ticks(before: int, counter: int) -> int:
-    """Samples from the counter `before` (−1: none) to `counter`; 0 for a frame that is late."""
+def counted_ticks(before: int, missing: int, counter: int) -> int:
+    """Samples from the counter `before` (−1: none) to `counter`; 0 for a frame that is late.
+
+    Late is one of those that were missing. Any other from behind is of a sensor that has restarted, or whose
+    counter is wrong; it counts as 1, so that it hides no contact.
+    """
     if before < 0:
         return 1
     ticks = (counter - before) % COUNTER_MODULUS
-    if ticks >= COUNTER_MODULUS - LONGEST_LATE:
+    behind = COUNTER_MODULUS - ticks
+    if behind <= LONGEST_LATE and missing >> behind - 1 & 1 == 1:
         return 0
     return max(ticks, 1) if ticks <= LONGEST_COUNTED else 1
+
+
+def missing_behind(before: int, missing: int, counter: int, ticks: int) -> int:
+    """The frames that are missing behind the newest after one that counts as `ticks` samples."""
+    behind = (before - counter) % COUNTER_MODULUS
+    if ticks == 0:
+        return missing ^ 1 << behind - 1
+    if before < 0 or behind != COUNTER_MODULUS - ticks:
+        return 0
+    if ticks >= LONGEST_LATE:
+        return ALL_MISSING
+    return (missing << ticks | (1 << ticks - 1) - 1) & ALL_MISSING
 
 
 def is_within(value: float, limit: float) -> bool:
@@ -213,19 +233,21 @@ def integrate_reading(limits: GateLimits, state: ContactState, high_m_s2: float,
 
 def take_reading(limits: GateLimits, state: GateState, reading: GateReading) -> GateState:
     """The state after one accelerometer frame; the frames of a bundle one after the other."""
-    ticks = counted_ticks(state.counter, reading.counter)
+    ticks = counted_ticks(state.counter, state.missing, reading.counter)
+    missing = missing_behind(state.counter, state.missing, reading.counter, ticks)
     contact = state.contact
     if state.reading_ticks > limits.sensor_ticks:  # after a silence nothing is known of the flight
-        ticks, contact = 1, IN_FLIGHT._replace(fault=contact.fault)
+        ticks, missing, contact = 1, 0, IN_FLIGHT._replace(fault=contact.fault)
     contact = integrate_reading(limits, contact, reading.high_m_s2, ticks)
     if ticks == 0:
-        return state._replace(contact=contact, reading_ticks=0)
+        return state._replace(contact=contact, missing=missing, reading_ticks=0)
     # Stuck: while the crank shakes the striker, no working accelerometer repeats a reading to the last count.
     turning = not abs(TAU * reading.velocity_rev_s) <= TURNING_RAD_S
     stuck = reading.low_m_s2 == state.low_m_s2 and turning
     return state._replace(
         contact=contact,
         counter=reading.counter,
+        missing=missing,
         reading_ticks=0,
         low_m_s2=reading.low_m_s2,
         stuck_ticks=state.stuck_ticks + ticks if stuck else 0,

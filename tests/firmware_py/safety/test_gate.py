@@ -269,30 +269,56 @@ def test_a_long_gap_invents_no_impulse() -> None:
 
 
 @pytest.mark.parametrize(
-    ("before", "counter", "ticks"),
+    ("before", "missing", "counter", "ticks", "missing_after"),
     [
-        (-1, 77, 1),
-        (3, 4, 1),
-        (3, 7, 4),
-        (255, 0, 1),
-        (250, 3, 9),
-        (3, 67, 64),
-        (3, 68, 1),
-        (3, 2, 0),
-        (3, 243, 0),
-        (3, 242, 1),
-        (3, 3, 1),
-        (0, 17, 17),
+        (-1, 0, 77, 1, 0),
+        (3, 0, 4, 1, 0),
+        (3, 0b1, 4, 1, 0b10),
+        (3, 0, 7, 4, 0b111),
+        (3, 0b1, 5, 2, 0b101),
+        (255, 0, 0, 1, 0),
+        (3, 0, 18, 15, 0b11_1111_1111_1111),
+        (3, 0, 19, 16, 0xFFFF),
+        (3, 0, 67, 64, 0xFFFF),
+        (3, 0xFFFF, 68, 1, 0),
+        (3, 0b1, 2, 0, 0),
+        (3, 0xFFFF, 243, 0, 0x7FFF),
+        (3, 0xFFFF, 242, 1, 0),
+        # No frame is missing there: the sensor has restarted.
+        (3, 0b10, 2, 1, 0),
+        (3, 0, 243, 1, 0),
+        (3, 0, 3, 1, 0),
     ],
 )
-def test_the_counter_gives_the_samples_between_two_frames(before: int, counter: int, ticks: int) -> None:
-    assert gate.counted_ticks(before, counter) == ticks
+def test_the_counter_gives_the_samples_between_two_frames(
+    before: int, missing: int, counter: int, ticks: int, missing_after: int
+) -> None:
+    assert gate.counted_ticks(before, missing, counter) == ticks
+    assert gate.missing_behind(before, missing, counter, ticks) == missing_after
+
+
+@pytest.mark.parametrize("bit", range(8))
+@pytest.mark.requirement("S-04")
+def test_no_stuck_bit_of_the_counter_hides_an_impulse(bit: int) -> None:
+    """Each counter is the true one with one bit at 0; wherever the contact is, it trips as with all bits."""
+    contact = pulse(250.0, 20)
+    assert Fault.IMPULSE_LIMIT in felt(contact)[1]
+    for begin in range(0, 256, 4):
+        state = gate.INITIAL
+        found = []
+        for place, high_m_s2 in enumerate([0.0] * begin + contact):
+            reading = GateReading(0.01 * place, high_m_s2, place % 256 & ~(1 << bit), 0.0)
+            state = gate.take_reading(CONFIG.d.gate, state, reading)
+            state, findings = gate.judge(CONFIG.d.gate, state, CLOSED)
+            found.append(findings.limit)
+        assert Fault.IMPULSE_LIMIT in found
 
 
 def test_a_late_reading_counts_for_the_force_and_ends_no_silence_of_another() -> None:
-    state, _ = felt([0.0, 0.0, 0.0])
+    state, _ = felt([0.0, 0.0, 0.0], [0, 2])
     late = gate.take_reading(CONFIG.d.gate, state, GateReading(9.0, -1900.0, 1, 0.0))
-    assert late == state._replace(contact=state.contact._replace(fault=Fault.FORCE_LIMIT), reading_ticks=0)
+    contact = state.contact._replace(fault=Fault.FORCE_LIMIT)
+    assert late == state._replace(contact=contact, missing=0, reading_ticks=0)
     silent = state._replace(reading_ticks=CONFIG.d.ticks.sensor + 1)
     anew = gate.take_reading(CONFIG.d.gate, silent, GateReading(9.0, -19.0, 1, 0.0))
     assert (anew.counter, anew.contact.flight_m_s2) == (1, -19.0)
