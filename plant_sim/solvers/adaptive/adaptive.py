@@ -122,6 +122,7 @@ def simulate(
     grid = Grid(times_s, np.zeros((times_s.size, READINGS)))
     duration_s = until_s - initial.t_s
     rows: list[NDArray[np.void]] = []
+    # Memory and Grid have one type for all scenes, which their class is enough to find.
     records = kernel_parts(parts), by_reference(memory, memory), by_reference(grid, grid)
     for held_n_m, held_until_s in _held(torque_n_m, initial.t_s, duration_s):
         while not rows or memory.held[0].elapsed_s < held_until_s:  # again if the buffer of impacts was full
