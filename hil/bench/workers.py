@@ -85,7 +85,7 @@ def main() -> None:
         return
     try:
         spawn.prepare(pipe.recv())
-        serve(pipe, *pipe.recv())
+        serve(pipe, pipe.recv())
     except (EOFError, ConnectionError):  # the program has closed the pipe, or has ended
         return
     except Interrupted:  # the task has cleaned up; the program sees the signal by which this process ends
@@ -93,10 +93,8 @@ def main() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-def serve(pipe: Connection, function: Callable[[Any], Any], prepare: Callable[[], None] | None) -> None:
+def serve(pipe: Connection, function: Callable[[Any], Any]) -> None:
     """In a worker: receive tasks and send results until the end of the pipe raises an exception."""
-    if prepare is not None:
-        prepare()
     while True:
         task = pipe.recv()
         try:
@@ -149,15 +147,13 @@ class TemporaryFolder:
 
 
 class Workers(Generic[Task, Result]):
-    """At most `processes` workers that run `function` on one task after another; each calls `prepare` first.
+    """At most `processes` workers that run `function` on one task after another.
 
     They start when needed and remain, with their compiled code, until the block ends.
     """
 
-    def __init__(
-        self, function: Callable[[Task], Result], processes: int, prepare: Callable[[], None] | None = None
-    ) -> None:
-        self._serve = (function, prepare)
+    def __init__(self, function: Callable[[Task], Result], processes: int) -> None:
+        self._function = function
         self._processes = processes
         self._idle: list[Worker] = []
         self._busy: list[tuple[Worker, Task]] = []
@@ -242,7 +238,7 @@ class Workers(Generic[Task, Result]):
             )
         with suppress(BrokenPipeError):  # the worker has already ended; `results` sees the end of its pipe
             ours.send(own_modules())
-            ours.send(self._serve)
+            ours.send(self._function)
         return Worker(process, ours)
 
 

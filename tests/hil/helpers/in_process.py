@@ -14,8 +14,7 @@ def without_workers() -> Iterator[None]:
     """Let `Workers.results` run its tasks in this process."""
 
     def results(some: Workers[Any, Any], tasks: Sequence[Any]) -> Iterator[tuple[Any, Any]]:
-        function, _ = some._serve
-        return ((task, function(task)) for task in tasks)
+        return ((task, some._function(task)) for task in tasks)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Workers, "results", results)
