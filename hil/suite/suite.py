@@ -11,7 +11,7 @@ from typing import Any
 
 from hil.bench import beginning, workers
 from hil.bench.bench import prepare, run_scenario
-from hil.bench.ending import Outcome, close, reason_of, was_cut_short
+from hil.bench.ending import Outcome, close, is_verdict, reason_of, was_cut_short
 from hil.bench.lockstep import Progress, silent
 from hil.bench.options import RunOptions
 from hil.bench.verdict import KILLED, without_records
@@ -92,11 +92,12 @@ def judged(case: Case, options: RunOptions) -> RunVerdict:
         return run_scenario(case.scenario, options, case.run_dir, case.seed, silent)
     except run_folder.RunFolderError:
         raise
-    except Exception:
+    except Exception as error:
         verdict = case.run_dir / run_folder.VERDICT
         if not verdict.exists():
             raise
-        traceback.print_exc()
+        if not is_verdict(error):  # a defect of this program
+            traceback.print_exc()
         return read_verdict(verdict)
 
 
