@@ -77,9 +77,16 @@ class CommandTable(Table):
 
 
 class ScriptTable(Table):
-    """Duration of the run, and the operator's commands."""
+    """Duration of the run, the operator's commands, and the faults."""
 
     duration_s: float = Field(gt=0.0, le=86_400.0, description="the run's length in s")
+    longest_delay_s: float = Field(
+        default=0.61,
+        ge=0.0,
+        le=86_400.0,
+        description="with several seeds: the longest sampled delay of the first fault and of all that "
+        "follows, in s; by default a drive period at r = 1.1, so that faults come at every phase",
+    )
     commands: list[CommandTable] = Field(
         default=[], max_length=MOST_COMMANDS, description="the tables [[script.commands]]"
     )
@@ -178,6 +185,8 @@ class Scenario:
     bitrate: int | None
     """Bit rate of the modelled bus in bit/s; None: frames arrive at once."""
     duration_s: float
+    longest_delay_s: float
+    """Longest sampled delay of the first fault, and of all that follows, with several seeds."""
     commands: tuple[Command, ...]
     faults: tuple[Fault, ...]
     seed: int
@@ -233,6 +242,7 @@ def check_scenario(document: Mapping[str, Any], name: str, changes: Sequence[str
         parameters=table.firmware,
         bitrate=None if table.bus is None else table.bus.bitrate,
         duration_s=table.script.duration_s,
+        longest_delay_s=table.script.longest_delay_s,
         commands=tuple(
             Command(
                 command.at_s,

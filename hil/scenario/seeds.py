@@ -10,8 +10,6 @@ from hil.scenario.scenario import Scenario, check_scenario
 
 AS_WRITTEN = 1
 """The seed with which faults begin at the scenario's own times."""
-DRIVE_PERIOD_S = 0.61
-"""Drive period at r = 1.1, where faults are injected: a delay by one period does not change the phase."""
 SEED_OF_FAULT_TIMES = 4000
 """Independent of the seeds of all faults."""
 
@@ -19,14 +17,14 @@ SEED_OF_FAULT_TIMES = 4000
 def at_other_times(scenario: Scenario, seed: int) -> Scenario:
     """Delay the first fault, all that comes later in script and checks, and the run's end by a sampled time.
 
-    The time is less than a drive period. The scenario is unchanged with the seed `AS_WRITTEN`, or if a fault
-    begins at time 0.
+    The time is less than the script's `longest_delay_s`. The scenario is unchanged with the seed
+    `AS_WRITTEN`, if a fault begins at time 0, or if the longest delay is less than two ticks.
     """
     first_s = min((fault.at_s for fault in scenario.faults), default=0.0)
-    if seed == AS_WRITTEN or first_s == 0.0:
+    most_ticks = int(scenario.longest_delay_s / scenario.period_s)
+    if seed == AS_WRITTEN or first_s == 0.0 or most_ticks < 2:
         return scenario
-    ticks = DRIVE_PERIOD_S / scenario.period_s
-    by_ticks = int(np.random.default_rng([seed, SEED_OF_FAULT_TIMES]).integers(1, int(ticks)))
+    by_ticks = int(np.random.default_rng([seed, SEED_OF_FAULT_TIMES]).integers(1, most_ticks))
     document = later(scenario.document, first_s, by_ticks * scenario.period_s)
     return check_scenario(document, scenario.name, scenario.changes)
 

@@ -158,6 +158,15 @@ def test_a_seed_moves_the_fault_and_what_follows_it_within_a_drive_period() -> N
     assert at_other_times(load_scenario("operator-lost"), 7).faults == ()
 
 
+@pytest.mark.parametrize("longest_s", [0.0, 0.0015, 0.02])
+def test_a_script_limits_the_delay_of_its_faults(longest_s: float) -> None:
+    written = load_scenario("a-stuck-encoder-stops-the-motor", {"script.longest_delay_s": longest_s})
+    moved = {at_other_times(written, seed).faults[0].at_s for seed in range(2, 40)}
+    by_s = {at_s - written.faults[0].at_s for at_s in moved}
+    assert len(by_s) == 1 if longest_s < 0.002 else len(by_s) > 10
+    assert max(by_s) < max(longest_s, 1e-9)
+
+
 CHECKS = [
     Check(name="peak_force_n", low=90.0, high=180.0, unit="N"),
     Check(name="regime", equals="impact"),
