@@ -19,12 +19,15 @@ from plant_sim.solvers.adaptive.crank import angle_at, angle_event, coupling_n, 
 from plant_sim.solvers.adaptive.event_location import Step
 from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, Memory, Vector, enter
 from plant_sim.solvers.adaptive.stop import leaving_zeros, open_contact
-from plant_sim.solvers.adaptive.wearer import from_stop_m
+from plant_sim.solvers.adaptive.wearer import closing_m_s, from_stop_m
 from plant_sim.solvers.bernstein import DEGREE, NODES, Scratch, interpolate, root
 from plant_sim.solvers.double_double import TURN_RAD
 
 NEAR_RAD = 1e-9
 """A crank within this angle of a breakaway counts as having reached it."""
+
+BESIDE_SHARE = 1e-3
+"""Distance, as a share of a step's tolerance, of a striker from a plate to which no force drives it."""
 
 _is_still = one_of(Level, Tilted)
 
@@ -130,13 +133,18 @@ def from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
     force."""
     y, mode = memory.y, memory.mode[0]
     net = held_force_n(parts, crank_now(parts, memory).angle_rad, y, time_s)
-    if is_worn(parts.wearer) and y[0] == 0.0:
-        # at a plate at rest, which the housing moves along as it does the striker
+    is_beside = is_worn(parts.wearer) and y[0] == 0.0 and closing_m_s(parts, y) == 0.0
+    if is_beside:  # at a plate at rest, which the housing moves along as it does the striker
         net += parts.striker.mass_kg * housing_m_s2(parts.housing, time_s)
     dry = dry_limit_n(parts)
     rounding = held_limit_n(parts, y, time_s) - dry
     growth, near = _pull_growth(parts, memory, time_s)
     near = max(near, rounding) if growth != 0.0 else rounding
+    if is_beside and abs(net) <= near:
+        # They part or press as t³ or higher powers of time have it: a step finds the touch-down, if any.
+        y[0] = -BESIDE_SHARE * memory.scale[0]
+        enter(mode, Phase.FLIGHT, -1, 0, 1)
+        return
     is_on_stop = is_rigid(parts.stop) and y[0] == 0.0
     direction = set_off(net, dry, near, growth, is_on_stop)
     if direction == 0 and (is_on_stop or dry > 0.0):

@@ -3,8 +3,10 @@
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 from changed_scenes import HERTZ, changed
+from scipy.integrate import solve_ivp
 
 from plant_sim.parts.stop import RigidStop
 from plant_sim.plant import Plant
@@ -76,3 +78,38 @@ def test_the_restitution_is_that_of_striker_and_plate() -> None:
     }
     impacts = simulate(load_scene(tables), 0.3).impacts
     assert -impacts.v_after_m_s[0] / impacts.v_m_s[0] == pytest.approx(0.5, rel=1e-5)
+
+
+@pytest.mark.parametrize(("amplitude_m", "phase_rad"), [(0.0, 0.0), (0.0, 1.5), (0.02, 0.0), (0.02, math.pi)])
+def test_a_housing_swings_striker_and_plate_that_begin_side_by_side(
+    amplitude_m: float, phase_rad: float
+) -> None:
+    """Both begin at rest at the relaxed spring; an elastic pad needs no events in scipy's equations."""
+    ankle_n_per_m, ankle_n_s_m, plate_kg, b_n_s_m, turn_rad_s = 2e4, 100.0, 1.5, 0.2, 10.0
+    tables = {
+        "striker": {"mass_kg": 0.8, "spring_n_m": 70.0, "rest_length_m": 0.12},
+        "drive": {"model": "ideal", "amplitude_m": amplitude_m, "speed_rad_s": turn_rad_s},
+        "friction": {"law": "viscous", "b_n_s_m": b_n_s_m},
+        "stop": {"law": "hunt-crossley", "position_m": 0.12, "restitution": 1.0, "contact_s": 0.01},
+        "wearer": {"plate_kg": plate_kg, "ankle_n_m": ankle_n_per_m, "ankle_n_s_m": ankle_n_s_m},
+        "housing": {"harmonic": {"amplitude_m_s2": 3.4, "frequency_hz": 1.0, "phase_rad": phase_rad}},
+    }
+    scene = load_scene(tables)
+    stiffness = scene.parts().stop.stiffness_n_per_mn
+
+    def slopes(t, state):
+        x, v, p, u = state
+        push = stiffness * max(x - p, 0.0) ** 1.5
+        a_b = 3.4 * math.sin(2.0 * math.pi * t + phase_rad)
+        spring = 70.0 * (amplitude_m * math.sin(turn_rad_s * t) - x)
+        felt = ankle_n_per_m * p + ankle_n_s_m * u
+        return v, (spring - b_n_s_m * v - push) / 0.8 - a_b, u, (push - felt) / plate_kg - a_b
+
+    times_s = np.linspace(0.0, 0.3, 31)
+    reference = solve_ivp(
+        slopes, (0.0, 0.3), np.zeros(4), "DOP853", times_s, rtol=1e-11, atol=1e-14, max_step=1e-4
+    )
+    samples = simulate(scene, 0.3, samples_s=0.01).samples
+    assert samples is not None
+    assert samples.x_m == pytest.approx(0.12 + reference.y[0], abs=1e-7)
+    assert samples.v_m_s == pytest.approx(reference.y[1], abs=1e-6)
