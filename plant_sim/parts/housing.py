@@ -12,7 +12,7 @@ from pydantic import Field
 
 from plant_sim.arrays import FloatArray
 from plant_sim.kernels import by_part, one_of, subroutine
-from plant_sim.parts.walking import Walking, felt_m_s2, felt_m_s3, unbroken_s
+from plant_sim.parts.walking import Walking, bump_m_s, felt_m_s2, felt_m_s3, unbroken_s
 from plant_sim.tables.table import Table
 
 SAME_INSTANT_S = 1e-12
@@ -132,6 +132,24 @@ def _add_sine(amplitude: float, rate_rad_s: float, phase_rad: float, series: Flo
         series[k] += sine
         turn = rate_rad_s / (k + 1)
         sine, cosine = turn * cosine, -turn * sine
+
+
+@by_part
+def shock_m_s(housing: Housing, t_s: float) -> float:
+    """The velocity, m/s, that a shock which begins at `t_s` gives the housing; 0 at all other times."""
+    return 0.0
+
+
+@shock_m_s.register(Moving)
+def _moving_shock_m_s(housing: Moving, t_s: float) -> float:
+    if abs(t_s - housing.shock_start_s) > _same_s(t_s):
+        return 0.0
+    return housing.shock_m_s2 * housing.shock_s * 2.0 / math.pi  # the integral of a half-sine
+
+
+@shock_m_s.register(Walking)
+def _walking_shock_m_s(housing: Walking, t_s: float) -> float:
+    return bump_m_s(housing, t_s, _same_s(t_s))
 
 
 @by_part

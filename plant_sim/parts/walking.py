@@ -292,6 +292,17 @@ def felt_m_s3(walking: Walking, t_s: float) -> float:
 
 
 @subroutine
+def bump_m_s(walking: Walking, t_s: float, same_s: float) -> float:
+    """The velocity along the axis, m/s, that a heel strike and a knock which begin at `t_s` give the
+    housing."""
+    row = walking.rows[row_at(walking.rows, t_s + same_s)]
+    if abs(t_s - row[BEGIN_S]) > same_s:
+        return 0.0
+    strike, knock = 0.5 * STRIKE_S * row[STRIKE_M_S2], 0.5 * KNOCK_S * row[KNOCK_M_S2]  # ∫ sin²
+    return along_axis(walking, strike, -STRIKE_BACKWARD * strike - knock, 0.0)
+
+
+@subroutine
 def unbroken_s(walking: Walking, t_s: float, same_s: float) -> float:
     """Longest smooth interval from `t_s`, s: a radian of the fastest wave, up to the end of a row or bump."""
     rows = walking.rows

@@ -82,7 +82,7 @@ def _determine_contact(parts: Parts, memory: Memory, closing: float, time_s: flo
         enter(mode, Phase.CONTACT, mode.direction, zeros, 0)
         mode.in_impact = IN_CONTACT
     if y[0] > 0.0:
-        follow_disturbance(parts, memory)
+        follow_disturbance(parts, memory, 0.0)
     if stop_force_n(stop, elastic_force_n(stop, y[0]), closing, contact.damping_s_m) < 0.0:
         contact.leave_m_s = closing
         enter(mode, Phase.FLIGHT, mode.direction, 0, 0)

@@ -20,6 +20,7 @@ from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.observation import follow_contact, follow_felt, sample_step
 from plant_sim.solvers.adaptive.series import motion_within, series_step_s, state_after
 from plant_sim.solvers.adaptive.state_layout import Flow, Grid, Held, Memory, Vector, state_size
+from plant_sim.solvers.adaptive.stop import follow_shock
 from plant_sim.solvers.adaptive.wearer import ankle_s, closing_m_s
 from plant_sim.solvers.adaptive.winding import current_s
 from plant_sim.solvers.cost import debt
@@ -49,6 +50,7 @@ def take_step(
     """Take one step, at most up to an event; return its length, s, or −1 if no step is small enough."""
     y, mode, held, new = memory.y, memory.mode[0], memory.held[0], memory.new
     begin_s = start_s + held.elapsed_s
+    follow_shock(parts, memory, begin_s)
     flow = flow_now(parts, memory, torque_n_m, begin_s)
     scale = memory.contact_scale if flow.phase == Phase.CONTACT else memory.scale
     remaining = (duration_s - held.elapsed_s) - held.elapsed_low_s

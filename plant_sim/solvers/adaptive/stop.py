@@ -7,6 +7,7 @@ An impact at a rigid stop takes no time; one at a soft stop is a contact. The la
 import math
 
 from plant_sim.kernels import one_of, subroutine
+from plant_sim.parts.housing import shock_m_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import (
     KelvinVoigt,
@@ -18,7 +19,7 @@ from plant_sim.parts.stop import (
     is_soft,
     restitution,
 )
-from plant_sim.parts.wearer import contact_mass_kg
+from plant_sim.parts.wearer import contact_mass_kg, is_worn
 from plant_sim.result import Phase
 from plant_sim.sensors.sensing import Sensing, sense_jump
 from plant_sim.solvers.adaptive.crank import crank_now
@@ -119,16 +120,29 @@ def open_contact(parts: Parts, memory: Memory, time_s: float, zeros: int) -> Non
 
 
 @subroutine
-def follow_disturbance(parts: Parts, memory: Memory) -> None:
-    """Give a contact that a disturbance has made faster the damping of its speed.
+def follow_disturbance(parts: Parts, memory: Memory, coming_m_s: float) -> None:
+    """Give a contact that a disturbance has made faster, or makes faster by `coming_m_s`, the damping of its
+    speed.
 
     The speed is that of an impact from the stop's surface with the present energy: √(v² + 2 E/m).
     """
     y, contact = memory.y, memory.contact[0]
-    closing = max(closing_m_s(parts, y), 0.0)
+    closing = max(closing_m_s(parts, y) + coming_m_s, 0.0)
     mass = contact_mass_kg(parts.wearer, parts.striker.mass_kg)
     speed = math.sqrt(closing * closing + 2.0 * elastic_energy_j(parts.stop, y[0]) / mass)
     contact.damping_s_m = min(contact.damping_s_m, damping_s_m(parts.stop, speed))
+
+
+@subroutine
+def follow_shock(parts: Parts, memory: Memory, time_s: float) -> None:
+    """Give a contact in which a shock of the housing begins the damping of the speed that it brings.
+
+    A plate is shaken as the striker is.
+    """
+    if memory.mode[0].in_impact == IN_CONTACT and not is_worn(parts.wearer):
+        change_m_s = shock_m_s(parts.housing, time_s)
+        if change_m_s != 0.0:
+            follow_disturbance(parts, memory, -change_m_s)
 
 
 @subroutine

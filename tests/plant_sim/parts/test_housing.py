@@ -3,8 +3,10 @@
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 from changed_scenes import TILT, changed
+from scipy.integrate import solve_ivp
 
 from plant_sim.plant import Plant
 from plant_sim.result import MotionState, Phase
@@ -78,3 +80,47 @@ def test_a_tilted_module_at_rest_reads_gravity_at_once() -> None:
             assert value == pytest.approx(G * math.sin(0.2), abs=1e-8)
         plant.advance(0.0, 1e-3)
     assert plant.state.phase == Phase.STICK
+
+
+@pytest.mark.parametrize("shock_s", [1e-3, 5e-3, 3e-2])
+def test_a_shock_at_rest_in_a_pad_meets_the_damping_of_its_speed(shock_s: float) -> None:
+    """A shock of 1 m/s, however long it takes; the slow touch-down before it would damp a thousand times."""
+    peak_m_s2 = -1.0 * math.pi / (2.0 * shock_s)
+    scene = load_scene(
+        {
+            "striker": {"mass_kg": 0.8, "spring_n_m": 70.0, "rest_length_m": 0.12},
+            "drive": {"model": "ideal", "amplitude_m": 0.0, "speed_rad_s": 0.0},
+            "friction": {"law": "viscous", "b_n_s_m": 0.2},
+            "stop": {"law": "hunt-crossley", "position_m": 0.115, "restitution": 0.5, "contact_s": 0.01},
+            "initial": {"x_m": 0.11},
+            "housing": {"shock": {"peak_m_s2": peak_m_s2, "start_s": 5.0, "duration_s": shock_s}},
+        }
+    )
+    stop = scene.parts().stop
+    pressed_m = (70.0 * 0.005 / stop.stiffness_n_per_mn) ** (1.0 / 1.5)
+    resting_j = stop.stiffness_n_per_mn * pressed_m**2.5 / 2.5
+    damping_s_m = stop.dissipation / math.sqrt(1.0 + 2.0 * resting_j / 0.8)
+
+    def push_n(depth, v):
+        return stop.stiffness_n_per_mn * max(depth, 0.0) ** 1.5 * max(1.0 + damping_s_m * v, 0.0)
+
+    def slopes(t, state):
+        depth, v = state
+        a_b = peak_m_s2 * math.sin(math.pi * t / shock_s) if t < shock_s else 0.0
+        return v, (70.0 * (0.005 - depth) - 0.2 * v - push_n(depth, v)) / 0.8 - a_b
+
+    times_s = np.arange(1, 401) * 1e-4
+    reference = solve_ivp(
+        slopes, (0.0, 0.0401), [pressed_m, 0.0], "DOP853", times_s, rtol=1e-10, atol=1e-13, max_step=1e-4
+    )
+    plant = Plant(scene, seed=1)
+    plant.advance(0.0, 5.0)
+    seen = []
+    for _ in times_s:
+        plant.advance(0.0, 1e-4)
+        seen.append((plant.now.stop_force_n, plant.now.v_m_s))
+    forces_n, speeds_m_s = np.array(seen).T
+    expected_n = [push_n(*state) for state in reference.y.T]
+    assert forces_n == pytest.approx(np.array(expected_n), abs=1e-3 * max(expected_n))
+    assert speeds_m_s == pytest.approx(reference.y[1], abs=1e-4)
+    assert plant.energy.residual < 1e-6

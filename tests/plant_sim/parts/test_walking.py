@@ -10,7 +10,7 @@ import pytest
 from changed_scenes import changed
 
 from plant_sim.parts import walking as w
-from plant_sim.parts.housing import housing_m_s2, housing_m_s3, smooth_for_s
+from plant_sim.parts.housing import housing_m_s2, housing_m_s3, shock_m_s, smooth_for_s
 from plant_sim.parts.walking import KNOCK_M_S2, Walking, leg_at, row_at
 from plant_sim.plant import Plant
 from plant_sim.result import LegState
@@ -196,6 +196,22 @@ def test_a_step_ends_where_a_heel_strike_a_knock_or_a_stride_does() -> None:
 
 
 # --- the strides --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("axis", ["up", "forward"])
+def test_a_heel_strike_and_a_knock_bring_the_velocity_of_their_bumps(axis: str) -> None:
+    walking = walking_of(UNEVEN | {"axis": axis})
+    smooth = walking._replace(rows=walking.rows.copy())
+    smooth.rows[:, [w.STRIKE_M_S2, w.KNOCK_M_S2]] = 0.0
+    steps_s = (np.arange(4000) + 0.5) * w.KNOCK_S / 4000
+    bumps = 0
+    for begin_s in walking.rows[:, w.BEGIN_S]:
+        times_s = begin_s + steps_s
+        change = sum(housing_m_s2(walking, t) - housing_m_s2(smooth, t) for t in times_s) * w.KNOCK_S / 4000
+        assert shock_m_s(walking, begin_s) == pytest.approx(change, abs=1e-6)
+        assert shock_m_s(walking, begin_s + 1e-3) == 0.0
+        bumps += abs(change) > 1e-3
+    assert bumps > 3
 
 
 def test_strides_are_the_seeds_own() -> None:
