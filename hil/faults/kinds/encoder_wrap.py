@@ -1,12 +1,15 @@
 """A position that is a count of turns."""
 
+from collections.abc import Sequence
 from typing import Literal
 
 from pydantic import Field, PrivateAttr
 
 from firmware_py.interface.generated.records import EncoderEstimates
+from hil.faults.fault import Fault
 from hil.faults.on_plant import PhysicalFault
 from plant_sim.plant import Plant
+from plant_sim.scene import Scene
 
 
 class EncoderWrap(PhysicalFault):
@@ -20,6 +23,15 @@ class EncoderWrap(PhysicalFault):
 
     _turns_rev: int = PrivateAttr()
     _last_rev: float | None = PrivateAttr()
+
+    def without_object(self, scene: Scene, faults: Sequence[Fault]) -> str | None:
+        """A count that would have wrapped before."""
+        if self.count_rev < self.wraps_at_rev:
+            return None
+        return (
+            f"count_rev = {self.count_rev} is not below wraps_at_rev = {self.wraps_at_rev}; "
+            "begin with a lower count, or let it wrap at a higher one"
+        )
 
     def strike(self, plant: Plant, powered_up_s: float) -> None:
         """Begin to count."""

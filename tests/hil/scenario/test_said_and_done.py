@@ -40,6 +40,11 @@ def document(*faults, scene="table1-motor-soft", **script):
         ({"kind": "friction-changed", "factor": 1.0}, {}, "factor = 1 does not"),
         ({"kind": "stiffness-changed", "factor": 1.0}, {}, "it changes nothing"),
         ({"kind": "kick", "change_m_s": 0.0}, {}, "it changes nothing"),
+        (
+            {"kind": "encoder-wrap", "count_rev": 8, "wraps_at_rev": 8},
+            {},
+            "count_rev = 8 is not below wraps_at_rev = 8; begin with a lower count, or let it wrap",
+        ),
         ({"kind": "sensor-clipped", "sensor": "encoder", "limit_m_s2": 1.0}, {}, "the encoder measures"),
         ({"kind": "parameters-damaged"}, {}, "no firmware starts while the parameter file is damaged"),
     ],
