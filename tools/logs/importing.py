@@ -94,8 +94,8 @@ def import_log(
     if not frames:
         raise BadInputError(f"{path} holds no data frame of classic CAN with an 11-bit identifier")
     frames.sort(key=lambda stamped: stamped[0])
-    refuse_long(path, frames[-1][0] - frames[0][0], jumps)
-    first_s = frames[0][0]
+    first_s, duration_s = frames[0][0], frames[-1][0] - frames[0][0]
+    refuse_long(path, duration_s, jumps)
     with run_folder.claimed(path.stem, out_dir) as run_dir:
         run_folder.clear(run_dir)
         run_folder.note(
@@ -105,6 +105,7 @@ def import_log(
             bus=path.name,
             kernel_can=False,
             period_s=PERIOD_S,
+            duration_s=duration_s,
             wall_start_s=first_s if first_s > EARLIEST_WALL_S else 0.0,
         )
         with CanLog(run_dir / "can.log") as can_log:
@@ -125,7 +126,7 @@ def import_log(
     return {
         "log": str(path),
         "out": str(run_dir),
-        "duration_s": frames[-1][0] - first_s,
+        "duration_s": duration_s,
         "frames": len(frames),
         "known": len(frames) - sum(unknown.values()) - sum(damaged.values()),
         "unknown": unknown,

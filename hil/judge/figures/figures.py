@@ -288,7 +288,7 @@ def figures_from(traces: RunTraces) -> Figures:
     last_tick = max(
         (float(column(records, "tick")[-1]) for records in (plant, firmware) if len(records)), default=-1
     )
-    duration_s = (last_tick + 1.0) * period_s
+    duration_s = float(run.get("duration_s", (last_tick + 1.0) * period_s))
     elapsed_s = outcome.get("wall_s")
     return Figures(
         scenario=str(run.get("scenario", "")),

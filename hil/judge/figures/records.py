@@ -248,7 +248,9 @@ class Figures:
     bus: Annotated[str, "", "the bus of the run"]
     kernel_can: Annotated[bool, "", "whether frames went through the kernel's CAN stack"]
     real_time: Annotated[bool | None, "", "whether a real-time run met its timing; none with other clocks"]
-    duration_s: Annotated[float, "s", "simulated duration"]
+    duration_s: Annotated[
+        float, "s", "simulated duration; of an imported log the time from its first frame to its last"
+    ]
     ticks: Annotated[int, "", "ticks that the firmware ran"]
     time: Annotated[str | None, "", "held or strict real time; none in lockstep"]
     held_s: Annotated[

@@ -180,6 +180,19 @@ def test_what_came_before_the_first_heartbeat_is_no_overrun(tmp_path, capsys):
     assert (firmware["ticks"], firmware["overruns"]) == (TICKS - 100, 0)
 
 
+@pytest.mark.parametrize("can_ids", [(0x069, 0x7AB), (HEARTBEAT_ID, 0x7AB)])
+def test_a_log_lasts_from_its_first_frame_to_its_last_whoever_sent_them(can_ids, tmp_path, capsys):
+    log, run = tmp_path / "bench.log", tmp_path / "run"
+    times_s = (START_S, START_S + 2.5)
+    log.write_text(
+        "".join(f"({t_s:.6f}) can0 {can_id:03X}#0000\n" for t_s, can_id in zip(times_s, can_ids, strict=True))
+    )
+    assert cli.run(["import", str(log), "--out", str(run)]) == EXIT_PASSED
+    verdict = open_run(run).verdict
+    assert verdict["duration_s"] == pytest.approx(2.5)
+    assert verdict["bus_load"] == pytest.approx(2 * (55 + 20) / 2.5e6)
+
+
 def test_times_of_a_wall_clock_stay_on_the_wall_time(tmp_path, capsys):
     write(tmp_path / "bench.log")
     assert cli.run(["import", str(tmp_path / "bench.log"), "--out", str(tmp_path / "run")]) == EXIT_PASSED
