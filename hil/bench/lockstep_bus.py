@@ -51,7 +51,7 @@ class IdealBus:
 class BusAsModelled:
     """The bus model: frames take time, the lowest identifier first; bus faults act in the model.
 
-    The error counters are recorded in `bus_errors.trace` in `out_dir`.
+    The error counters and the discarded frames are recorded in `bus_errors.trace` in `out_dir`.
     """
 
     def __init__(self, bitrate: int, out_dir: Path, faults: Sequence[Fault]) -> None:
@@ -60,7 +60,7 @@ class BusAsModelled:
         self._faults = [fault for fault in faults if isinstance(fault, ModelledFault)]
         self._babbling = [fault for fault in faults if isinstance(fault, Babbling)]
         self._errors = TraceWriter(out_dir / "bus_errors.trace", [("", BusErrorRecord)])
-        self._last_errors = 0, [UNTOUCHED] * len(NODES)
+        self._last_errors = 0, 0, [UNTOUCHED] * len(NODES)
 
     def join(self, name: str) -> ModelledNode:
         """The connection of one of the nodes."""
@@ -101,10 +101,11 @@ class BusAsModelled:
 
     def _note_errors(self, t_s: float) -> None:
         model = self._bus
-        errors = model.figures.errors, [model.counters(name) for name in NODES]
+        unsent = sum(model.join(name).lost for name in NODES)
+        errors = model.figures.errors, unsent, [model.counters(name) for name in NODES]
         if errors != self._last_errors:
-            self._last_errors = destroyed, counters = errors
-            self._errors.append(BusErrorRecord(t_s, destroyed, *map(errors_of, counters)))
+            self._last_errors = destroyed, unsent, counters = errors
+            self._errors.append(BusErrorRecord(t_s, destroyed, unsent, *map(errors_of, counters)))
 
     def _count(self, t_s: float, deliveries: Sequence[Delivery], destroyed: int) -> None:
         """Count the transmissions destroyed, and the foreign frames, of an interval that begins at `t_s`."""

@@ -89,10 +89,14 @@ class NodeErrors(NamedTuple):
 
 
 class BusErrorRecord(NamedTuple):
-    """Transmissions destroyed up to `t_s`, which their senders repeat, and the nodes' error counters."""
+    """Transmissions destroyed up to `t_s`, which their senders repeat, and the nodes' error counters.
+
+    `unsent`: frames that these nodes have discarded up to `t_s`, by a full transmit queue or while bus-off.
+    """
 
     t_s: float
     destroyed: int
+    unsent: int
     plant: NodeErrors
     firmware: NodeErrors
     operator: NodeErrors

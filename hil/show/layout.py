@@ -280,7 +280,11 @@ def bus_errors() -> Any:
     """Destroyed transmissions, and the error counters and error states of the nodes' controllers."""
     nodes = (("plant", TRUTH), ("firmware", ESTIMATE), ("operator", OTHER))
     return rrb.Horizontal(
-        plot("Transmissions destroyed so far", Line("/bus_errors", "destroyed", "destroyed", "", ALARM)),
+        plot(
+            "Transmissions destroyed and frames not sent so far",
+            Line("/bus_errors", "destroyed", "destroyed", "", ALARM),
+            Line("/bus_errors", "unsent", "not sent", "", OTHER),
+        ),
         plot(
             "Error counters",
             *(Line("/bus_errors", f"{node}.transmit", f"{node}, sent", "", color) for node, color in nodes),

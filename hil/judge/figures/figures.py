@@ -238,24 +238,27 @@ def memory_figures(outcome: Mapping[str, Any]) -> MemoryFigures:
 
 
 def log_figures(traces: RunTraces, clock: str) -> LogFigures:
-    """The frames that the recorder has lost, and frames of others; in lockstep none.
+    """The frames that the recorder has lost, those of others, and those that no node could send.
 
-    The bus counts lost frames. On the run's own bus every frame that a node has sent was on the bus, so that
-    those which are neither recorded nor counted are lost as well.
+    In lockstep all are recorded, and the bus model counts the frames that are not sent. In real time the bus
+    counts lost frames, and nodes the frames that they could not send. On the run's own bus every frame that a
+    node has sent was on the bus, so that those which are neither recorded nor counted are lost as well.
     """
     if clock == "lockstep":
-        return LogFigures(0, None)
+        unsent = column(traces.bus_errors, "unsent")
+        return LogFigures(0, None, int(unsent[-1]) if len(unsent) else 0)
     nodes = traces.run.get("nodes", {})
     if not traces.run.get("counts_losses", False) or "recorder" not in nodes:
         return no_figures(LogFigures)
     recorded, lost = nodes["recorder"]["frames"], nodes["recorder"]["lost"]
     own = ("plant", "firmware", "operator")
     if any("sent" not in nodes.get(name, {}) for name in own):
-        return LogFigures(lost, None)
+        return LogFigures(lost, None, None)
     senders = [one for name, one in nodes.items() if name.removesuffix(AGAIN) in own]
-    missing = sum(one["sent"] - one["unsent"] for one in senders) - recorded - lost
+    unsent = sum(one["unsent"] for one in senders)
+    missing = sum(one["sent"] for one in senders) - unsent - recorded - lost
     uncounted = max(0, missing) if traces.run.get("bus") in OWN_BUSES else 0
-    return LogFigures(lost + uncounted, max(0, -missing))
+    return LogFigures(lost + uncounted, max(0, -missing), unsent)
 
 
 def impact_count(traces: RunTraces) -> int | None:

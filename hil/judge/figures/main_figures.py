@@ -34,6 +34,7 @@ def main_figures(figures: Figures) -> list[Row]:
         ("held up by the host", scaled(1e3, figures.held_s), "ms"),
         ("met its timing", None if figures.real_time is None else timing[figures.real_time], ""),
         ("simulated time / elapsed time", figures.realtime_factor, ""),
+        ("frames that nodes could not send", figures.log.frames_unsent or None, ""),
         (f"bus load{left_out}", scaled(100.0, figures.bus_load), "%"),
     ]
     return [row for row in rows if figure_text(row[1]) != NO_VALUE]

@@ -229,13 +229,19 @@ class GaitFigures:
 
 @dataclass(frozen=True, slots=True)
 class LogFigures:
-    """Whether the log holds every frame that was on the bus."""
+    """Whether the log holds every frame that was on the bus, and whether every frame got there."""
 
     frames_lost: Annotated[
         int | None, "", "frames that the recorder lost; none if the bus does not count them"
     ]
     frames_foreign: Annotated[
         int | None, "", "frames that came from none of the run's own processes; none if that is not known"
+    ]
+    frames_unsent: Annotated[
+        int | None,
+        "",
+        "frames that the run's own nodes discarded, by a full transmit queue or while bus-off; "
+        "none if that is not known",
     ]
 
 
@@ -271,7 +277,7 @@ class Figures:
     bus_load: Annotated[Number, "", "mean load of the bus at 1 Mbit/s, worst-case bit stuffing", Origin.LOG]
     realtime_factor: Annotated[Number, "", "simulated time divided by elapsed time"]
     memory: Annotated[MemoryFigures, "", "growth of the processes' own memory"]
-    log: Annotated[LogFigures, "", "frames missing in can.log"]
+    log: Annotated[LogFigures, "", "frames missing in can.log, and on the bus"]
     impacts: Annotated[tuple[TrueImpact, ...], "", "the true touch-downs"]
     impact_count: Annotated[int | None, "", "true touch-downs of the run"]
     impacts_reported: Annotated[int, "", "impacts that the firmware reported"]

@@ -134,6 +134,7 @@ def test_at_1_mbit_s_no_sample_is_late(tmp_path: Path) -> None:
     assert set(firmware["inputs.accelerometer.age_ticks"]) == {0}
     assert np.max(np.abs(firmware["inputs.accelerometer.low_m_s2"] - plant["striker_low_m_s2"])) < 0.01
     bus = figures_of(run_dir)
+    assert bus.log.frames_unsent == 0
     assert bus.bus_load is not None
     assert 0.35 < bus.bus_load < 0.6
 

@@ -134,7 +134,7 @@ def test_losses_of_the_recorder_are_reported_and_no_check_is_judged_on_them(tmp_
     assert ("can.log lacks 800 frames; incomplete: bus_load" in printed) is bool(frames)
     verdict = finished.as_json()
     # The other nodes of this folder have reported nothing.
-    assert verdict["log"] == {"frames_lost": frames, "frames_foreign": None}
+    assert verdict["log"] == {"frames_lost": frames, "frames_foreign": None, "frames_unsent": None}
     assert verdict["incomplete"] == (["bus_load"] if frames else [])
     assert [check["passed"] for check in verdict["checks"]] == [None if frames else True, True]
     assert verdict["verdict"] == ("not-judged" if frames else "passed")
@@ -171,7 +171,7 @@ def test_frames_of_the_runs_own_bus_that_nobody_has_recorded_or_counted_are_lost
         "operator": {"sent": 2, "unsent": 0},
         "recorder": {"frames": recorded, "lost": 0},
     }
-    assert figures_of(write_run(made_up, tmp_path)).log == LogFigures(lost, foreign)
+    assert figures_of(write_run(made_up, tmp_path)).log == LogFigures(lost, foreign, 5)
 
 
 def test_losses_that_a_bus_does_not_count_are_unknown_not_none(tmp_path):

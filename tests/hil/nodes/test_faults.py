@@ -567,6 +567,7 @@ def test_a_node_that_is_bus_off_is_silent_and_comes_back(tmp_path: Path) -> None
     ages = trace.read(run_dir / "firmware.trace")["inputs.accelerometer.age_ticks"]
     assert 20 <= max(ages[1000:]) <= 23  # 128 runs of 11 bits more
     assert set(ages[1030:]) == {0}
+    assert 40 <= (figures_of(run_dir).log.frames_unsent or 0) <= 80  # two to three frames a tick
 
 
 def test_one_that_babbles_with_the_lowest_identifier_takes_the_bus_for_itself(tmp_path: Path) -> None:
