@@ -268,20 +268,17 @@ def update_events(
                 learn_event(config, heel_off, took_s, stride.known),
                 learn_event(config, toe_off, took_s, stride.known),
             )
-        events = clear_times(events)
-    elif toe and not leg.toe and is_due(stride, toe_down, at_s):
+        return stride, clear_times(events), Leg(heel, toe, swung, still_s)
+    if toe and not leg.toe and is_due(stride, toe_down, at_s):
         toe_down = toe_down._replace(at_s=at_s)
         stride = correct_stride(config, stride, toe_down)
-        events = events._replace(toe_down=toe_down)
-    elif leg.heel and not heel and is_due(stride, heel_off, at_s):
+    if leg.heel and not heel and is_due(stride, heel_off, at_s):
         heel_off = heel_off._replace(at_s=at_s)
         stride = correct_stride(config, stride, heel_off)
-        events = events._replace(heel_off=heel_off)
-    elif leg.toe and not toe and is_due(stride, toe_off, at_s):
+    if leg.toe and not toe and is_due(stride, toe_off, at_s):
         toe_off = toe_off._replace(at_s=at_s)
         stride = correct_stride(config, stride, toe_off)
-        events = events._replace(toe_off=toe_off)
-    return stride, events, Leg(heel, toe, swung, still_s)
+    return stride, Events(toe_down, heel_off, toe_off), Leg(heel, toe, swung, still_s)
 
 
 def pass_strike(stride: Stride) -> Stride:

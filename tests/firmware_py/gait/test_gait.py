@@ -145,6 +145,17 @@ def test_switches_that_bounce_report_no_events() -> None:
     assert learnt == pytest.approx([TOE_DOWN, HEEL_OFF, TOE_OFF], abs=0.02)
 
 
+def test_a_heel_that_lifts_in_the_frame_in_which_the_toes_come_down_is_an_event_too() -> None:
+    """One frame shows both switches, and so the edges of both; they are equally old."""
+    walked = walk(np.random.default_rng(1), count=20, spread=0.0, timing=0.0)
+    tipped = walked._replace(
+        heel=walked.heel & (walked.phase < 0.25), toe=walked.toe & (walked.phase >= 0.25)
+    )
+    events = followed(tipped)[-1].events
+    assert events.toe_down.phase == pytest.approx(0.25, abs=0.005)
+    assert events.heel_off.phase == pytest.approx(0.25, abs=0.005)
+
+
 def test_a_foot_that_comes_down_early_ends_all_trust() -> None:
     """Tripped: the toes come down at half of their time."""
     walked = walk(np.random.default_rng(1), count=20, spread=0.0)
