@@ -15,12 +15,18 @@ from typing import Any
 
 from hil.bench.verdict import KILLED, failed_for, finish, prejudge, write
 from hil.bus.base import BusError
+from hil.judge.figures.figures import OWN_BUSES
 from hil.judge.verdict import RunVerdict, read_verdict
 from hil.record import run_folder
+from hil.record.bus_reconstruction import of_two_firmwares
+from hil.record.candump import StoredBus
+from hil.record.run_traces import CAN_LOG
 from hil.record.traces import trace
 from hil.timing.processes import ChildError, ChildRefusalError
 from hil.timing.signals import Interrupted, ending_signals, interruption
 
+NOT_SHARED = (*OWN_BUSES, "in-process")
+"""Buses, by their names in run.json, that are made for one run alone."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -151,5 +157,8 @@ def close(run_dir: Path, outcome: Outcome, only_if_failed: bool = False) -> RunV
     """Collect the files of a run that has ended, and judge it."""
     run_folder.free_reserve(run_dir)
     trace.bring_home(run_dir)
+    can_log, bus = run_dir / CAN_LOG, run_folder.read_note(run_dir / run_folder.RUN_NOTE).get("bus")
+    if can_log.exists() and bus not in NOT_SHARED:
+        outcome.not_judged += of_two_firmwares(StoredBus(can_log))
     run_folder.write_json(run_dir / "outcome.json", vars(outcome))
     return finish(run_dir, only_if_failed)

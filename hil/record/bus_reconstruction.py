@@ -31,6 +31,10 @@ class Frames(NamedTuple):
     signals: FloatArray
 
 
+HEARTBEAT_PERIOD_S = codec.FIRMWARE_HEARTBEAT.period_s or 0.1
+LARGEST_SHARE = 1.5
+"""Heartbeats over those that one firmware sends; a firmware that starts anew sends one more."""
+FEWEST_HEARTBEATS = 10
 NEVER_SENT = ("state.estimator.p_xx", "state.estimator.p_vv", "wake_latency_us", "work_us")
 """Columns that figures and plots read and that no frame carries."""
 
@@ -45,6 +49,20 @@ def frames_of(bus: Bus, record: type[Any]) -> Frames:
         columns = [values_of(signal, frames.words) for signal in one.signals.values()]
         signals.append(np.array(columns, np.float64).reshape(len(columns), -1).T)
     return Frames(record, np.concatenate(times), np.concatenate(signals))
+
+
+def of_two_firmwares(bus: Bus) -> list[str]:
+    """A reason not to judge a run on whose bus one firmware cannot have sent all heartbeats; or none."""
+    t_s = frames_of(bus, FirmwareHeartbeat).t_s
+    lasts_s = float(np.ptp(t_s)) if len(t_s) else 0.0
+    expected = round(lasts_s / HEARTBEAT_PERIOD_S) + 1
+    if len(t_s) < max(LARGEST_SHARE * expected, FEWEST_HEARTBEATS):
+        return []
+    return [
+        f"{len(t_s)} heartbeats of a firmware within {lasts_s:.1f} s, and one firmware sends {expected}; two "
+        "firmwares with the same node number share the bus (give one another bus.own_node), or can.log has "
+        "each frame twice"
+    ]
 
 
 def held(frames: Frames, t_s: FloatArray) -> dict[str, FloatArray]:

@@ -12,7 +12,7 @@ from firmware_py.interface.frame import Frame
 from hil.bus.can_log import CanLog
 from hil.judge.verdict import IMPORTED
 from hil.record import run_folder
-from hil.record.bus_reconstruction import ticks_seen
+from hil.record.bus_reconstruction import of_two_firmwares, ticks_seen
 from hil.record.candump import BusLog
 from hil.record.frame_tables import refused
 from hil.record.run_traces import read_bus
@@ -111,8 +111,9 @@ def import_log(
         with CanLog(run_dir / "can.log") as can_log:
             for t_s, frame in frames:
                 can_log.write(round((t_s - first_s) * 1e6), (frame,))
-        run_folder.write_json(run_dir / "outcome.json", {"reasons": [], "not_judged": mixed_by(jumps)})
         bus = read_bus(run_dir / "can.log")
+        doubts = mixed_by(jumps) + of_two_firmwares(bus)
+        run_folder.write_json(run_dir / "outcome.json", {"reasons": [], "not_judged": doubts})
         unknown, damaged = undecoded(bus)
         ticks = ticks_seen(bus, PERIOD_S)
         if ticks:

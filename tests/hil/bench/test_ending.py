@@ -12,9 +12,14 @@ import psutil
 import pytest
 from fuzzing.kill import begun
 from resting import resting
+from run_folder import make_run, write_run
 from waiting import waited_for
 
+from firmware_py.interface import codec
+from firmware_py.interface.enums import ActingLimit, Mode, Regime
+from firmware_py.interface.generated.records import FirmwareHeartbeat
 from hil.bench.bench import run_scenario
+from hil.bench.ending import Outcome, close
 from hil.bench.lockstep import silent
 from hil.bench.options import RunOptions
 from hil.bench.verdict import failed_for
@@ -85,6 +90,22 @@ def test_an_interrupted_suite_is_gone_in_two_seconds_keeps_what_is_finished_and_
     # A suite that is complete starts anew.
     run_suite(Chosen(names[:1]), LOCKSTEP, out, [1], silent, processes=1)
     assert (out / "quick" / "run.json").stat().st_mtime_ns > before
+
+
+@pytest.mark.parametrize("firmwares", [0, 1, 2])
+def test_a_second_firmware_on_a_shared_bus_leaves_the_run_not_judged(firmwares: int, tmp_path: Path) -> None:
+    made_up = make_run()
+    made_up.run["bus"] = "socketcan:can0"
+    can_id, data = codec.encode(FirmwareHeartbeat(Mode.RUN, ActingLimit.NONE, 0, 12.0, Regime.IMPACT), 0)
+    times_s = sorted(0.1 * beat + 0.037 * late for late in range(firmwares) for beat in range(30))
+    made_up.can_log = "".join(f"({t_s:.6f}) can0 {can_id:03X}#{data.hex()}\n" for t_s in times_s)
+    run_dir = write_run(made_up, tmp_path)
+    if firmwares == 0:  # the run has ended before its recorder began
+        (run_dir / "can.log").unlink()
+    verdict = close(run_dir, Outcome(**made_up.outcome))
+    assert [doubt.partition(";")[0] for doubt in verdict.not_judged] == [
+        "60 heartbeats of a firmware within 2.9 s, and one firmware sends 30"
+    ] * (firmwares == 2)
 
 
 def test_junit_stays_xml_whatever_a_process_has_written() -> None:

@@ -155,6 +155,18 @@ def test_a_clock_that_falls_back_is_a_reason_not_to_judge_the_run(tmp_path, caps
     assert "cut the log there and import its parts" in printed
 
 
+def test_heartbeats_of_two_firmwares_are_a_reason_not_to_judge_the_run(tmp_path, capsys):
+    log, run = tmp_path / "bench.log", tmp_path / "run"
+    both = sorted((t_s + late_s, can_id, data) for late_s in (0.0, 0.037) for t_s, can_id, data in frames())
+    log.write_text("".join(f"({t_s:.6f}) can0 {can_id:03X}#{data.hex()}\n" for t_s, can_id, data in both))
+    assert cli.run(["import", str(log), "--out", str(run)]) == EXIT_PASSED
+    capsys.readouterr()
+    assert cli.run(["inspect", str(run)]) == EXIT_NOTHING_RAN
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "not judged: 40 heartbeats of a firmware within 1.9 s, and one firmware sends 20" in printed
+    assert "two firmwares with the same node number share the bus" in printed
+
+
 def test_a_log_in_the_folder_that_it_would_replace_is_refused(tmp_path, capsys):
     write(tmp_path / "bench.log")
     run = tmp_path / "run"
