@@ -158,6 +158,23 @@ def test_a_seed_moves_the_fault_and_what_follows_it_within_a_drive_period() -> N
     assert at_other_times(load_scenario("operator-lost"), 7).faults == ()
 
 
+@pytest.mark.usefixtures("in_process")
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        "a-violent-kick-stops-the-motor",
+        "a-violent-kick-into-a-weak-stop-stops-the-motor",
+        "a-violent-kick-just-before-an-impact-stops-the-motor",
+        "a-winding-found-hot-right-after-run-moves-nothing",
+    ],
+)
+def test_a_fault_at_certain_phases_alone_is_judged_alike_with_every_seed(
+    scenario: str, tmp_path: Path
+) -> None:
+    result = run_suite(Chosen([scenario]), LOCKSTEP, tmp_path / "out", [2, 7], silent)
+    assert result["scenarios"][0]["failed_seeds"] == []
+
+
 @pytest.mark.parametrize("longest_s", [0.0, 0.0015, 0.02])
 def test_a_script_limits_the_delay_of_its_faults(longest_s: float) -> None:
     written = load_scenario("a-stuck-encoder-stops-the-motor", {"script.longest_delay_s": longest_s})
