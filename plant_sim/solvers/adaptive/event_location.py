@@ -84,6 +84,13 @@ def steepest(course: Course, place: int) -> float:
         for j in range(course.order, 0, -1):
             total = total * course.h_s + j * abs(course.coefficients[place, j])
         return total
+    return 2.0 * steepest_stage(course.k, place)
+
+
+@subroutine
+def steepest_stage(k: Vector, place: int) -> float:
+    """A quantity's largest slope, of either sign, in the stages of a step."""
+    largest = 0.0
     for stage in range(12):
-        total = max(total, abs(course.k[stage, place]))
-    return 2.0 * total
+        largest = max(largest, abs(k[stage, place]))
+    return largest

@@ -8,6 +8,7 @@ the state there has the accuracy of a step.
 import math
 
 from plant_sim.kernels import subroutine
+from plant_sim.parts.friction import bend_m_s
 from plant_sim.parts.housing import smooth_for_s
 from plant_sim.parts.parts import Parts
 from plant_sim.result import Phase
@@ -15,11 +16,11 @@ from plant_sim.sensors.sensing import Sensing, is_sensing, sense_series, sense_s
 from plant_sim.solvers.adaptive.automaton import apply, first_event, may_end
 from plant_sim.solvers.adaptive.crank import crank_now, turn_crank
 from plant_sim.solvers.adaptive.dop853 import attempt, extend
-from plant_sim.solvers.adaptive.event_location import Course, Event, Found, Step
+from plant_sim.solvers.adaptive.event_location import Course, Event, Found, Step, steepest_stage
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.observation import follow_contact, follow_felt, sample_step
-from plant_sim.solvers.adaptive.series import motion_within, series_step_s, state_after
-from plant_sim.solvers.adaptive.state_layout import Flow, Grid, Held, Memory, Vector, state_size
+from plant_sim.solvers.adaptive.series import LEAST, motion_within, series_step_s, state_after
+from plant_sim.solvers.adaptive.state_layout import VELOCITY, Flow, Grid, Held, Memory, Vector, state_size
 from plant_sim.solvers.adaptive.stop import follow_shock
 from plant_sim.solvers.adaptive.wearer import ankle_s, closing_m_s
 from plant_sim.solvers.adaptive.winding import current_s
@@ -113,17 +114,25 @@ def _stages_step_s(
     parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float, remaining_s: float
 ) -> tuple[float, float]:
     """Step of DOP853 from `memory.y` to `memory.new`: its length, s, or −1 if none is small enough, and the
-    number of attempts."""
+    number of attempts.
+
+    Over a longer change of speed the fall of Stribeck's friction near rest could lie between two stages.
+    """
     held, k = memory.held[0], memory.k
     derivative(parts, flow, 0.0, memory.y, k[0])
+    most_m_s = max(0.5 * abs(memory.y[VELOCITY]), bend_m_s(parts.friction))
+    longest_s = min(longest_s, most_m_s / max(abs(k[0, VELOCITY]), LEAST))
     attempts, next_s = 0.0, held.contact_step_s if flow.phase == Phase.CONTACT else held.free_step_s
     while True:
         h = min(next_s, longest_s, remaining_s)
         attempts += 1.0
         error = attempt(parts, flow, h, memory.y, scale, k, memory.trial, memory.new)
-        if error <= 1.0:
+        if not error <= 1.0:  # also nan
+            next_s = h * (max(0.2, 0.9 * _eighth_root(1.0 / error)) if error < 1e300 else 0.2)
+        elif math.isinf(most_m_s) or h * steepest_stage(k, VELOCITY) <= 2.0 * most_m_s:
             break
-        next_s = h * (max(0.2, 0.9 * _eighth_root(1.0 / error)) if error < 1e300 else 0.2)
+        else:
+            next_s = 0.5 * h
         if next_s < 1e-12 * longest_s:
             return -1.0, attempts
     _choose_next(held, flow.phase, next_s, h, error)

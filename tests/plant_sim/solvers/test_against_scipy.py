@@ -77,3 +77,18 @@ def test_the_motion_is_scipys_and_its_energy_balances(
     if isinstance(parts.wearer, Ankle):
         assert theirs.peak_felt * (1.0 - 1e-6) <= ours.peak_felt_force_n <= theirs.peak_felt * 1.02
         assert ours.energy.ankle_j > 0.0
+
+
+@pytest.mark.parametrize(("delta", "changes"), [(4.0, {}), (2.0, ROD)])
+def test_a_narrow_fall_of_friction_near_rest_is_not_passed_over(
+    monkeypatch: pytest.MonkeyPatch, delta: float, changes: dict[str, Any]
+) -> None:
+    """A swing of 0.6 m/s passes the 2 mm/s of the fall in 0.3 ms; scipy's steps are a sixth of that."""
+    monkeypatch.setattr("reference.MOST_STEP_S", 5e-5)
+    friction = {"law": "stribeck", "mu": 0.05, "mu_s": 0.2, "v_s_m_s": 2e-3, "delta": delta}
+    start = {"x_m": 0.1, "v_m_s": 0.6}
+    tables = changed(STRIBECK, {"friction": friction, "initial": start, "drive.ratio": 1.0, **changes})
+    scene = load_scene(tables)
+    ours, theirs = simulate(scene, 0.6), simulated_again(scene, 0.6)
+    assert ours.final.x_m == pytest.approx(theirs.x, abs=1e-8)
+    assert ours.final.v_m_s == pytest.approx(theirs.v, abs=1e-7)
