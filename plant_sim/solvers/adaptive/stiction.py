@@ -26,9 +26,6 @@ from plant_sim.solvers.double_double import TURN_RAD
 NEAR_RAD = 1e-9
 """A crank within this angle of a breakaway counts as having reached it."""
 
-BESIDE_SHARE = 1e-3
-"""Distance, as a share of a step's tolerance, of a striker from a plate to which no force drives it."""
-
 _is_still = one_of(Level, Tilted)
 
 
@@ -138,13 +135,8 @@ def from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
         net += parts.striker.mass_kg * housing_m_s2(parts.housing, time_s)
     dry = dry_limit_n(parts)
     rounding = held_limit_n(parts, y, time_s) - dry
-    growth, near = _pull_growth(parts, memory, time_s)
+    growth, near = (0.0, 0.0) if is_beside else _pull_growth(parts, memory, time_s)
     near = max(near, rounding) if growth != 0.0 else rounding
-    if is_beside and abs(net) <= near:
-        # They part or press as t³ or higher powers of time have it: a step finds the touch-down, if any.
-        y[0] = -BESIDE_SHARE * memory.scale[0]
-        enter(mode, Phase.FLIGHT, -1, 0, 1)
-        return
     is_on_stop = is_rigid(parts.stop) and y[0] == 0.0
     direction = set_off(net, dry, near, growth, is_on_stop)
     if direction == 0 and (is_on_stop or dry > 0.0):

@@ -36,6 +36,9 @@ from plant_sim.solvers.adaptive.state_layout import (
 from plant_sim.solvers.adaptive.wearer import closing_m_s
 from plant_sim.solvers.bernstein import root
 
+SURFACE_SHARE = 1e-3
+"""Distance from the surface, as a share of a step's tolerance, of a striker that leaves it from rest."""
+
 _is_kelvin_voigt = one_of(KelvinVoigt)
 
 
@@ -175,6 +178,12 @@ def leave(parts: Parts, memory: Memory) -> None:
     enter(mode, Phase.FLIGHT, mode.direction, 1 if closing < 0.0 else 2, mode.zero_velocity)
     mode.in_impact = LET_GO
     memory.contact[0].leave_m_s = closing
+    if closing == 0.0 and y[0] == 0.0 and memory.contact[0].touch_m_s == 0.0:
+        # It was at rest on the surface and parts from it as a power of time that only the coming step shows.
+        y[0] = -SURFACE_SHARE * memory.scale[0]
+        enter(mode, Phase.FLIGHT, mode.direction, 0, mode.zero_velocity)
+        mode.in_impact = NO_IMPACT
+        return
     if not lets_go_early:
         record_contact(parts, memory)
 

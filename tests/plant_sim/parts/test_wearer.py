@@ -113,3 +113,29 @@ def test_a_housing_swings_striker_and_plate_that_begin_side_by_side(
     assert samples is not None
     assert samples.x_m == pytest.approx(0.12 + reference.y[0], abs=1e-7)
     assert samples.v_m_s == pytest.approx(reference.y[1], abs=1e-6)
+
+
+@pytest.mark.parametrize("law", ["hunt-crossley", "kelvin-voigt"])
+@pytest.mark.parametrize("worn", [{}, {"wearer": WEARER}])
+@pytest.mark.parametrize(("before_s", "torque_n_m"), [(0.0, 0.2), (0.0, -0.2), (0.5, 0.2), (0.5, -0.2)])
+def test_a_motor_sets_a_striker_in_motion_that_lies_on_a_pad_without_force(
+    law: str, worn: dict[str, Any], before_s: float, torque_n_m: float
+) -> None:
+    """The pull of a crank that sets off grows with t², and so the striker's way with t⁴."""
+    tables = {
+        "striker": {"mass_kg": 0.8, "spring_n_m": 70.0, "rest_length_m": 0.12},
+        "drive": {"model": "motor", "amplitude_m": 0.02},
+        "stop": {"law": law, "position_m": 0.12, "restitution": 0.5, "contact_s": 0.01},
+    }
+    plant = Plant(load_scene(tables | worn), seed=1)
+    plant.advance(0.0, before_s)
+    assert plant.now.v_m_s == 0.0
+    plant.advance(torque_n_m, 0.01)
+    pull = 70.0 * 0.02 * (0.195 if torque_n_m > 0.0 else -0.195) / 5e-4 / 2.0  # N/s², less the dry loss
+    expected_m_s = pull / 0.8 * 0.01**3 / 3.0
+    if torque_n_m > 0.0:  # the pad yields
+        assert 0.0 < plant.now.v_m_s < expected_m_s
+    else:
+        assert plant.now.v_m_s == pytest.approx(expected_m_s, rel=0.05)
+        assert not plant.take_impacts()
+    assert plant.energy.residual < 1e-9
