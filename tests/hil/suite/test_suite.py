@@ -166,12 +166,13 @@ def test_a_seed_moves_the_fault_and_what_follows_it_within_a_drive_period() -> N
         "a-violent-kick-into-a-weak-stop-stops-the-motor",
         "a-violent-kick-just-before-an-impact-stops-the-motor",
         "a-winding-found-hot-right-after-run-moves-nothing",
+        "a-drive-that-falls-silent-right-after-run-is-disarmed",
     ],
 )
 def test_a_fault_at_certain_phases_alone_is_judged_alike_with_every_seed(
     scenario: str, tmp_path: Path
 ) -> None:
-    result = run_suite(Chosen([scenario]), LOCKSTEP, tmp_path / "out", [2, 7], silent)
+    result = run_suite(Chosen([scenario]), LOCKSTEP, tmp_path / "out", [2, 7, 8], silent)
     assert result["scenarios"][0]["failed_seeds"] == []
 
 
