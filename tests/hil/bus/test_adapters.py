@@ -12,6 +12,7 @@ from pathlib import Path
 
 import can
 import pytest
+from host import PATIENT
 from made_adapters import INTERFACES, installed
 from resting import resting
 from waiting import frames_within
@@ -134,6 +135,7 @@ def test_a_run_works_on_an_adapter(wire: ProvidedBus, tmp_path: Path) -> None:
     program = vibrohil(
         *("run", str(resting(tmp_path, duration_s=1.0)), "--clock", "real", "--bus", address(kind, wire)),
         *("--out", str(out), "--json"),
+        *(word for setting in PATIENT for word in ("--set", setting)),
     )
     while program.poll() is None:
         time.sleep(0.05)

@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 
 import can
 import pytest
+from host import PATIENT, stop
+from waiting import waited_for
 
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, Mode
@@ -28,15 +30,19 @@ SHORT = [
     "script.duration_s=3.0",
     'script.commands=[{at_s=0.2,request="run",target_ratio=1.1}]',
     "firmware.start.rise_s=1.0",
-    'script.faults=[{kind="dropped",at_s=2.2,frames=["Accelerometer"]}]',
 ]
+CREEPING = [*PATIENT, "firmware.start.approach_s=10.0", "firmware.start.rise_s=12.0"]
+"""A crank so slow that positions which the host holds back, and delivers at once, are no overspeed."""
+E_STOP = 'script.commands=[{at_s=0.2,request="run",target_ratio=1.1},{at_s=1.2,request="e-stop"}]'
 DBC_PATH = Path(codec.__file__).with_name("vibro.dbc")
 SUFFIXES = ("log", "asc", "blf")
 PATIENCE_S = 60.0
+STALL_S = 0.1
+"""A pause of the host, several times as long as the firmware's ordinary watchdogs of the sensors."""
 
 
-def scenario() -> Scenario:
-    return load_scenario("soft-start-multistable", SHORT)
+def scenario(*more: str) -> Scenario:
+    return load_scenario("soft-start-multistable", [*SHORT, *more])
 
 
 class Decision(NamedTuple):
@@ -44,6 +50,9 @@ class Decision(NamedTuple):
 
     mode: str
     fault: str
+
+
+STARTING = Decision("SOFT_START", "NONE")
 
 
 def decisions(firmware_trace: Path) -> list[Decision]:
@@ -157,19 +166,21 @@ def test_cantools_monitor_shows_it(live: Live) -> None:
 @pytest.mark.realtime
 @pytest.mark.quiet
 def test_a_log_played_back_gives_the_firmware_the_same_decisions(tmp_path: Path) -> None:
-    run_dir, _ = in_lockstep(scenario(), tmp_path / "run", 1, silent, "compiled")
+    run_dir, _ = in_lockstep(scenario(*CREEPING, E_STOP), tmp_path / "run", 1, silent, "compiled")
     expected = decisions(run_dir / "firmware.trace")
-    assert expected[-1] == Decision("FAULT", "SENSOR_TIMEOUT")
+    assert expected[-2:] == [STARTING, Decision("E_STOP", "NONE")]
     with provide("local") as provided:
         firmware = [program(), "firmware", str(run_dir / "scenario.toml")]
         firmware += ["--bus", provided.address, "--out", str(tmp_path)]
         with running(firmware, stderr=subprocess.PIPE) as process:
-            assert process.stderr is not None
-            assert process.stderr.readline().startswith(b"running")
+            assert shown(process).startswith(b"running")
             time.sleep(0.5)  # its loop begins
             channel = provided.address.removeprefix("local:")
             player = tool("can.player", channel, str(run_dir / "can.log"))
-            subprocess.run(player, check=True, capture_output=True, timeout=PATIENCE_S)
+            with subprocess.Popen(player, stdout=subprocess.DEVNULL) as playing:
+                waited_for(lambda: STARTING in decisions(tmp_path / "firmware.trace"))
+                stop([(playing.pid, STALL_S), (process.pid, STALL_S)])
+                assert playing.wait(PATIENCE_S) == 0
     played = decisions(tmp_path / "firmware.trace")
     assert played[: len(expected)] == expected
 
@@ -177,29 +188,42 @@ def test_a_log_played_back_gives_the_firmware_the_same_decisions(tmp_path: Path)
 @pytest.mark.realtime
 @pytest.mark.quiet
 def test_plant_firmware_and_operator_meet_from_three_processes(tmp_path: Path) -> None:
+    """Also where the host pauses each of them."""
     out = tmp_path / "deep" / "new"
     with provide("local") as provided, ExitStack() as stack:
         more = ["soft-start-multistable", "--bus", provided.address]
-        change = [word for setting in SHORT[:3] for word in ("--set", setting)]
+        change = [
+            word for setting in (*SHORT, *CREEPING, "script.duration_s=1.5") for word in ("--set", setting)
+        ]
+        nodes: dict[str, subprocess.Popen[bytes]] = {}
         for node in ("plant", "firmware"):
             command = [program(), node, *more, "--out", str(out), *change]
-            process = stack.enter_context(running(command, stderr=subprocess.PIPE))
-            assert process.stderr is not None
-            assert process.stderr.readline().startswith(b"running")
-        subprocess.run([program(), "operator", *more, *change], check=True, capture_output=True)
-        time.sleep(0.6)
-        left = [Decision("SOFT_START", "NONE"), Decision("FAULT", "OPERATOR_TIMEOUT")]
+            nodes[node] = stack.enter_context(running(command, stderr=subprocess.PIPE))
+            assert shown(nodes[node]).startswith(b"running")
+        operator = [program(), "operator", *more, *change]
+        with subprocess.Popen(operator, stderr=subprocess.PIPE) as playing:
+            assert shown(playing).startswith(b"playing")
+            waited_for(lambda: STARTING in decisions(out / "firmware.trace"))
+            stop([(process.pid, STALL_S) for process in (*nodes.values(), playing)])
+            playing.communicate()
+            assert playing.returncode == 0
+        waited_for(lambda: decisions(out / "firmware.trace")[-1].mode == "FAULT")
+        left = [STARTING, Decision("FAULT", "OPERATOR_TIMEOUT")]
         assert decisions(out / "firmware.trace")[-2:] == left
         # One who leaves early leaves an E-stop behind.
-        early = subprocess.Popen([program(), "operator", *more, *change], stderr=subprocess.PIPE)
-        assert early.stderr is not None
-        assert early.stderr.readline().startswith(b"playing")
-        time.sleep(0.5)
-        early.send_signal(signal.SIGINT)
-        early.stderr.close()
-        assert early.wait(PATIENCE_S) == 0
-        time.sleep(0.3)
-        assert decisions(out / "firmware.trace")[-1].mode == "E_STOP"
+        with subprocess.Popen(operator, stderr=subprocess.PIPE) as early:
+            assert shown(early).startswith(b"playing")
+            time.sleep(0.5)
+            early.send_signal(signal.SIGINT)
+            early.communicate()
+            assert early.returncode == 0
+        waited_for(lambda: decisions(out / "firmware.trace")[-1].mode == "E_STOP")
     plant = trace.read(out / "plant.trace")
-    assert abs(plant["motor_torque_n_m"]).max() > 0.01
+    assert abs(plant["motor_torque_n_m"]).max() > 0.001
     assert plant["motor_torque_n_m"][-1] == 0.0
+
+
+def shown(process: subprocess.Popen[bytes]) -> bytes:
+    """The next line that a process has written on standard error."""
+    assert process.stderr is not None
+    return process.stderr.readline()

@@ -1,9 +1,8 @@
 """Real time beside stalls of the host: lockstep's frames in lockstep's order, whatever process is late."""
 
 import signal
-import subprocess
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import can
 import pytest
 from fuzzing.kill import signalled
+from host import stop
 
 from hil.bench.bench import run_scenario
 from hil.bench.lockstep import silent
@@ -73,14 +73,6 @@ def beside(disturb: Any, folder: Path) -> Iterator[None]:
         disturbed = thread.submit(watch)
         yield
     disturbed.result()
-
-
-def stop(stalls: Sequence[tuple[int, float]]) -> None:
-    """Stop processes one after another, each for some seconds, from a process that is none of them."""
-    steps = (
-        f"kill -STOP {pid}; sleep {stalled_s}; kill -CONT {pid}; sleep 0.05" for pid, stalled_s in stalls
-    )
-    subprocess.run(["/bin/sh", "-c", "; ".join(steps)], check=True)
 
 
 @pytest.mark.realtime
@@ -172,8 +164,8 @@ def test_strict_time_misses_periods_and_judges_nothing_that_a_stall_touched(tmp_
         verdict = run_scenario(quick(), RunOptions(bus="local", time="strict"), tmp_path, 1, silent).as_json()
     assert verdict["held_s"] is None
     assert verdict["overruns"] >= 40
-    (longest,) = [gap for gap in verdict["gaps"] if gap["to_s"] - gap["from_s"] > 0.04]
-    assert longest["process"] == "plant"
+    long = [gap["process"] for gap in verdict["gaps"] if gap["to_s"] - gap["from_s"] > 0.04]
+    assert "plant" in long  # the host itself may pause any process at another time
     by_name = {check["name"]: check["verdict"] for check in verdict["checks"]}
     assert by_name["fault"] == "not-judged"
     assert verdict["verdict"] != "passed"
