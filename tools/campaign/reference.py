@@ -24,6 +24,8 @@ from tools.output import BadInputError
 
 FLYWHEEL_KG_M2 = 1e4
 """Flywheel's inertia; a mean load below 0.1 N m changes its speed by less than 0.001 rad/s in a minute."""
+ACCURACY_M = 1e-6
+"""Error of position per forcing period: regimes are those of 1e-9 m, and v⁻ changes by less than 1e-5 m/s."""
 FLYWHEEL_V = 1e9
 """Supply voltage, above the back-EMF of a motor whose torque constant suits the flywheel."""
 RAMP_S, HELD_S = 40.0, 20.0
@@ -98,7 +100,8 @@ def alone(
 
     The speed goes from `from_rad_s` to `to_rad_s` in `ramp_s`; the whole run lasts `duration_s`.
     """
-    unsensed = scene.model_copy(update={"sensors": None})
+    solver = scene.solver.model_copy(update={"accuracy": ACCURACY_M})
+    unsensed = scene.model_copy(update={"sensors": None, "solver": solver})
     plant = Plant(unsensed, 0, led(scene.parts()), replace(start, omega_rad_s=from_rad_s))
     if ramp_s > 0.0:
         plant.advance(FLYWHEEL_KG_M2 * (to_rad_s - from_rad_s) / ramp_s, ramp_s)

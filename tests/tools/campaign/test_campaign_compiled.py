@@ -18,8 +18,20 @@ from hil.scenario.scenario import load_scenario
 from plant_sim.result import Impact
 from plant_sim.scene import load_scene
 from plant_sim.solvers.adaptive import adaptive
+from tools.campaign import reference as truth
 from tools.campaign.campaigns import CAMPAIGNS, run_trial, trial_of
-from tools.campaign.reference import HELD_S, RAMP_S, alone, at, led, would_be_lost
+from tools.campaign.reference import (
+    ACCURACY_M,
+    HELD_S,
+    RAMP_S,
+    Reference,
+    alone,
+    at,
+    led,
+    reference,
+    would_be_lost,
+)
+from tools.campaign.reference import instant_start_captures as captures
 from tools.campaign.results import result_of
 from tools.campaign.run import SIGNALS, in_a_folder, in_stretches
 from tools.campaign.run import run as run_loop
@@ -101,10 +113,26 @@ def test_a_led_crank_keeps_its_speed_and_reaches_it_by_its_ramp() -> None:
     moving = type(start)(start.t_s, start.x_m, start.v_m_s, start.crank_rad, 10.0, start.phase)
     wanted = adaptive.simulate(led(scene.parts()), moving, 8.0).impacts
     assert len(held) == len(wanted.t_s) > 4
-    np.testing.assert_allclose(held["t_s"], wanted.t_s, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(held["v_m_s"], wanted.v_m_s, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(held["t_s"], wanted.t_s, rtol=0.0, atol=ACCURACY_M)
+    np.testing.assert_allclose(held["v_m_s"], wanted.v_m_s, rtol=0.0, atol=10.0 * ACCURACY_M)
     late = alone(scene, start, 5.0, 11.0, RAMP_S, RAMP_S + HELD_S)[-10:]["t_s"]
     np.testing.assert_allclose(np.diff(late), 2.0 * np.pi / 11.0, rtol=1e-3)
+
+
+def test_the_references_accuracy_changes_no_regime(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = CAMPAIGNS["start-up"].plan([], SEED)
+    trials = [trial_of(plan, number) for number in range(30)]
+    found: list[list[tuple[Reference, bool]]] = []
+    for accuracy_m in (ACCURACY_M, 1e-3 * ACCURACY_M):
+        monkeypatch.setattr(truth, "ACCURACY_M", accuracy_m)
+        found.append([])
+        for trial in trials:
+            truth_of = trial.scenario.scene, trial.omega_rad_s
+            found[-1].append((reference.__wrapped__(*truth_of, trial.seed), captures.__wrapped__(*truth_of)))
+    for (coarse, coarsely), (fine, finely) in zip(*found, strict=True):
+        assert (coarse.exists, coarsely) == (fine.exists, finely)
+        np.testing.assert_allclose(coarse[1:], fine[1:], rtol=0.0, atol=1e-5)
+    assert len({fine.exists for fine, _ in found[1]}) == len({finely for _, finely in found[1]}) == 2
 
 
 def test_a_striker_left_at_rest_at_a_multistable_speed_is_lost_and_one_in_impacts_is_not() -> None:
