@@ -117,13 +117,13 @@ def simulate(
 
     `samples_t_s` ascends within the run. `accuracy` is the largest error per forcing period, m.
     """
-    memory = allocate(parts, initial, accuracy, IMPACTS_AT_ONCE)
+    its_parts = kernel_parts(parts)
+    memory = allocate(its_parts, initial, accuracy, IMPACTS_AT_ONCE)
     times_s = np.array(() if samples_t_s is None else samples_t_s, dtype=np.float64)
     grid = Grid(times_s, np.zeros((times_s.size, READINGS)))
     duration_s = until_s - initial.t_s
     rows: list[NDArray[np.void]] = []
-    # Memory and Grid have one type for all scenes, which their class is enough to find.
-    records = kernel_parts(parts), by_reference(memory, memory), by_reference(grid, grid)
+    records = its_parts, memory, by_reference(grid, grid)  # a grid's class determines its type for all scenes
     for held_n_m, held_until_s in _held(torque_n_m, initial.t_s, duration_s):
         while not rows or memory.held[0].elapsed_s < held_until_s:  # again if the buffer of impacts was full
             rows.append(run(*records, held_n_m, initial.t_s, held_until_s))

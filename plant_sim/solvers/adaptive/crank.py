@@ -175,9 +175,15 @@ def break_crank_away(parts: Parts, memory: Memory, torque_n_m: float) -> None:
 
 
 @subroutine
+def dry_loss_n_m(drive: Drive) -> float:
+    """Torque, N m, with which a crank's dry loss holds it at rest; 0 if nothing does."""
+    return drive.dry_n_m if is_motor(drive) else 0.0
+
+
+@subroutine
 def crank_may_halt(drive: Drive, flow: Flow, y: Vector, new: Vector, course: Course) -> bool:
     """Whether the crank may halt or break away in a step; bounds as in `automaton.may_end`."""
-    if not is_motor(drive) or drive.dry_n_m == 0.0:
+    if dry_loss_n_m(drive) == 0.0:
         return False
     if flow.crank_stuck:
         return True
@@ -189,12 +195,12 @@ def crank_may_halt(drive: Drive, flow: Flow, y: Vector, new: Vector, course: Cou
 def crank_events(parts: Parts, step: Step, found: Found) -> Found:
     """The earlier of `found` and the crank's halt or breakaway."""
     drive, flow = parts.drive, step.flow
-    if not is_motor(drive) or drive.dry_n_m == 0.0:
+    if dry_loss_n_m(drive) == 0.0:
         return found
     if not flow.crank_stuck:
         s = root(step.dense[SPEED], -flow.crank_direction, 0.0, step.mode.zero_crank, step.scratch)
         return earlier(found, Event.CRANK_HALT, s)
-    return earlier(found, Event.CRANK_BREAK, _break_event(parts, drive.dry_n_m, step))
+    return earlier(found, Event.CRANK_BREAK, _break_event(parts, dry_loss_n_m(drive), step))
 
 
 @subroutine

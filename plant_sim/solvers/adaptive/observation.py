@@ -37,6 +37,9 @@ GOLDEN = 0.6180339887498949
 GOLDEN_CUTS = 20
 """Number of cuts: they narrow half a step to 3e-5 of it, where the force is 1e-9 below its peak."""
 
+NEAR_THE_END = 3e-5
+"""Share of a step at whose end a force shows whether it rises; a peak nearer to the end is 1e-9 above it."""
+
 
 class Force(NamedTuple):
     """A force whose peak is followed: of a soft stop in a contact with damping λ, or of a worn module on its
@@ -89,7 +92,7 @@ def _largest(force: Force, dense: Vector, share: float, before_n: float) -> floa
         if force_n > best:
             best, best_s = force_n, s
         last_n = force_n
-    if best + jump_n > before_n:
+    if best + jump_n > before_n and not _peaks_at_an_end(force, dense, share, best, best_s):
         low, high = max(best_s - 0.25 * share, 0.0), min(best_s + 0.25 * share, share)
         left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
         left_n, right_n = force_at(force, dense, left), force_at(force, dense, right)
@@ -103,7 +106,16 @@ def _largest(force: Force, dense: Vector, share: float, before_n: float) -> floa
                 right = low + GOLDEN * (high - low)
                 right_n = force_at(force, dense, right)
         return max(before_n, best, left_n, right_n)
-    return before_n
+    return max(before_n, best)
+
+
+@subroutine
+def _peaks_at_an_end(force: Force, dense: Vector, share: float, best_n: float, best_s: float) -> bool:
+    """Whether the force falls from `best_s` inwards, if that is an end of the step."""
+    if 0.0 < best_s < share:
+        return False
+    inwards_s = share * NEAR_THE_END
+    return force_at(force, dense, inwards_s if best_s == 0.0 else share - inwards_s) <= best_n
 
 
 @subroutine

@@ -330,9 +330,10 @@ def _is_torque_constant(drive: Drive, flow: Flow, series: Vector, h_s: float, or
 @subroutine
 def largest_change(c: Vector, h_s: float, order: int) -> float:
     """A bound of a series' change within a step: Σ |c_k| hᵏ from k = 1 on."""
-    total = 0.0
-    for k in range(order, 0, -1):
-        total = (total + abs(c[k])) * h_s
+    total, power = 0.0, 1.0
+    for k in range(1, order + 1):
+        power *= h_s
+        total += abs(c[k]) * power
     return total
 
 
@@ -347,7 +348,8 @@ def state_after(series: Vector, h_s: float, out: Vector, order: int) -> None:
 
 
 @subroutine
-def motion_within(series: Vector, h_s: float, dense: Vector, order: int) -> None:
-    """Bernstein coefficients of the motion over a step, into `dense`, shape (motion, order + 1)."""
-    for i in range(dense.shape[0]):
+def motion_within(series: Vector, h_s: float, dense: Vector, order: int, is_crank_needed: bool) -> None:
+    """Bernstein coefficients of the motion, or of the striker's alone, over a step, into `dense`, shape
+    (motion, order + 1)."""
+    for i in range(dense.shape[0] if is_crank_needed else VELOCITY + 1):
         from_powers(series[i], h_s, dense[i], order)

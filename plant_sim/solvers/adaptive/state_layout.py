@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.arrays import One, zeros_of
-from plant_sim.kernels import subroutine
+from plant_sim.kernels import entry_point, jit, subroutine
+from plant_sim.kinds import kernel_parts
 from plant_sim.parts.drive import Drive, is_motor
 from plant_sim.parts.friction import bend_m_s
 from plant_sim.parts.housing import is_level
@@ -23,6 +24,7 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_rigid, is_soft, origin_m
 from plant_sim.parts.wearer import is_worn
 from plant_sim.parts.winding import is_wound
+from plant_sim.references import by_reference
 from plant_sim.result import Impact, MotionState, Observation
 from plant_sim.solvers.bernstein import DEGREE, ORDER, Scratch, scratch_arrays
 from plant_sim.solvers.double_double import TURN_RAD
@@ -259,13 +261,14 @@ class Memory(NamedTuple):
 
 
 def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int, order: int = ORDER) -> Memory:
-    """Memory of a module at `initial`, with the arrays that these parts need and room for `impacts`.
+    """Memory of a module at `initial`, by reference, with the arrays that these parts need and room for
+    `impacts`.
 
     `order` of a step's Taylor series: with sensors DEGREE, otherwise ORDER.
     """
     striker, stop = parts.striker, parts.stop
     motion, size = work_place(parts), state_size(parts)
-    memory = Memory(
+    arrays = Memory(
         y=np.zeros(size),
         mode=zeros_of(Mode, 1),
         held=zeros_of(Held, 1),
@@ -284,9 +287,26 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int, 
         advance_at=0,
     )
     depth_m = initial.x_m - origin_m(stop, striker)
-    restart(parts, memory, depth_m, initial.v_m_s, initial.crank_rad, initial.omega_rad_s)
-    set_accuracy(parts, memory, accuracy)
+    memory = by_reference(arrays, arrays)  # its class determines its type for all scenes
+    start = depth_m, initial.v_m_s, initial.crank_rad, initial.omega_rad_s, accuracy
+    arguments = kernel_parts(parts), memory, *map(float, start)
+    entry_point(_begin, *arguments)(*arguments)
     return memory
+
+
+@jit
+def _begin(
+    parts: Parts,
+    memory: Memory,
+    depth_m: float,
+    v_m_s: float,
+    crank_rad: float,
+    omega_rad_s: float,
+    accuracy: float,
+) -> None:
+    """Set a module to its start."""
+    restart(parts, memory, depth_m, v_m_s, crank_rad, omega_rad_s)
+    set_accuracy(parts, memory, accuracy)
 
 
 @subroutine

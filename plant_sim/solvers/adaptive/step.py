@@ -14,7 +14,7 @@ from plant_sim.parts.parts import Parts
 from plant_sim.result import Phase
 from plant_sim.sensors.sensing import Sensing, is_sensing, sense_series, sense_step, series_order
 from plant_sim.solvers.adaptive.automaton import apply, first_event, may_end
-from plant_sim.solvers.adaptive.crank import crank_now, turn_crank
+from plant_sim.solvers.adaptive.crank import crank_now, dry_loss_n_m, turn_crank
 from plant_sim.solvers.adaptive.dop853 import attempt, extend
 from plant_sim.solvers.adaptive.event_location import Course, Event, Found, Step, steepest_stage
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
@@ -72,7 +72,7 @@ def take_step(
     is_checked = may_end(parts, flow, y, new, Course(is_series, memory.series, memory.k, h, order), mode)
     dense = memory.long_dense if is_series else memory.dense
     if has_sample or is_checked or (is_sensing(probe) and not is_series):
-        _look_within(parts, flow, h, memory, is_series, order)
+        _look_within(parts, flow, h, memory, is_series, order, has_sample)
     if is_checked:
         found = first_event(parts, Step(flow, mode, h, y, dense, memory.scratch))
         event = found.event
@@ -178,10 +178,17 @@ def _eighth_root(value: float) -> float:
 
 
 @subroutine
-def _look_within(parts: Parts, flow: Flow, h_s: float, memory: Memory, is_series: bool, order: int) -> None:
-    """The motion within the step, into `memory.long_dense` or `memory.dense`."""
+def _look_within(
+    parts: Parts, flow: Flow, h_s: float, memory: Memory, is_series: bool, order: int, has_sample: bool
+) -> None:
+    """The motion within the step, into `memory.long_dense` or `memory.dense`.
+
+    Of a series only what events, forces and samples need: the crank's motion takes as long as the striker's.
+    """
     if is_series:
-        motion_within(memory.series, h_s, memory.long_dense, order)
+        slides = flow.phase in (Phase.FLIGHT, Phase.CONTACT)
+        is_crank_needed = has_sample or not slides or dry_loss_n_m(parts.drive) > 0.0
+        motion_within(memory.series, h_s, memory.long_dense, order, is_crank_needed)
     else:
         extend(parts, flow, h_s, memory.y, memory.new, memory.k, memory.trial, memory.dense)
 

@@ -46,7 +46,7 @@ def _expanded(parts, memory, torque_n_m, t_s, h_s):
     flow = flow_now(parts, memory, torque_n_m, t_s)
     expand(parts, flow, memory.y, memory.series, ORDER)
     state_after(memory.series, h_s, memory.new, ORDER)
-    motion_within(memory.series, h_s, memory.long_dense, ORDER)
+    motion_within(memory.series, h_s, memory.long_dense, ORDER, True)
 
 
 @jit
