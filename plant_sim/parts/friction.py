@@ -137,7 +137,7 @@ def bend_m_s(friction: Friction) -> float:
 
 @bend_m_s.register(Stribeck)
 def _stribeck_bend_m_s(friction: Stribeck) -> float:
-    return friction.v_s_m_s
+    return friction.v_s_m_s if friction.mu_s > friction.mu else math.inf
 
 
 @by_part

@@ -38,6 +38,7 @@ from plant_sim.solvers.adaptive.stop import (
     leave,
     leaving_zeros,
     open_contact,
+    part_from_surface,
     press_again,
     rebound,
     record_contact,
@@ -165,6 +166,8 @@ def _touch(parts: Parts, probe: Sensing, memory: Memory, time_s: float) -> None:
         enter(mode, mode.phase, mode.direction, 2, mode.zero_velocity)
     elif v == 0.0:
         from_rest(parts, memory, time_s)
+        if mode.phase == Phase.FLIGHT:
+            part_from_surface(memory)
     elif is_soft(parts.stop):
         open_contact(parts, memory, time_s, leaving_zeros(parts.stop))
     else:

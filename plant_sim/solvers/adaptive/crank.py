@@ -30,6 +30,9 @@ from plant_sim.solvers.adaptive.winding import turning_torque_n_m
 from plant_sim.solvers.bernstein import DEGREE, NO_ROOT, NODES, at, first_beyond, interpolate, root
 from plant_sim.solvers.double_double import TURN_LOW_RAD, TURN_RAD
 
+LOOP_ROUNDING = 1e-9
+"""`ROUNDING` of a torque by a current that is integrated."""
+
 
 @subroutine(inline=True)
 def crank_now(parts: Parts, memory: Memory) -> Crank:
@@ -136,10 +139,12 @@ def crank_net_n_m(parts: Parts, torque_n_m: float, angle_rad: float, y: Vector) 
 @subroutine
 def crank_limit_n_m(parts: Parts, dry_n_m: float, torque_n_m: float, angle_rad: float, y: Vector) -> float:
     """Largest net torque, N m, at which the dry loss holds a crank at rest: the loss plus a rounding of the
-    net torque, to which the motor adds at most what its drive permits."""
+    net torque, to which the motor adds at most what its drive permits. A current loop approaches its command
+    for ever, and rounding of the current may pass the loss."""
     motor = motor_torque_n_m(parts.drive, torque_n_m, 0.0)
     load = crank_load_n_m(parts, angle_rad, from_stop_m(parts, y))
-    return dry_n_m + ROUNDING * (abs(motor) + abs(load) + dry_n_m)
+    rounding = LOOP_ROUNDING if is_wound(parts.winding) else ROUNDING
+    return dry_n_m + rounding * (abs(motor) + abs(load) + dry_n_m)
 
 
 @subroutine

@@ -164,6 +164,17 @@ def press_again(parts: Parts, memory: Memory, time_s: float) -> None:
 
 
 @subroutine
+def part_from_surface(memory: Memory) -> None:
+    """Let a striker at rest on the surface set off just outside it.
+
+    Which power of time its motion begins with, and so how many derivatives are zero, only the step shows.
+    """
+    mode = memory.mode[0]
+    memory.y[0] = -SURFACE_SHARE * memory.scale[0]
+    enter(mode, Phase.FLIGHT, mode.direction, 0, mode.zero_velocity)
+
+
+@subroutine
 def leave(parts: Parts, memory: Memory) -> None:
     """End the stop's force; the elastic energy of a stop that releases early is lost as it relaxes.
 
@@ -179,9 +190,7 @@ def leave(parts: Parts, memory: Memory) -> None:
     mode.in_impact = LET_GO
     memory.contact[0].leave_m_s = closing
     if closing == 0.0 and y[0] == 0.0 and memory.contact[0].touch_m_s == 0.0:
-        # It was at rest on the surface and parts from it as a power of time that only the coming step shows.
-        y[0] = -SURFACE_SHARE * memory.scale[0]
-        enter(mode, Phase.FLIGHT, mode.direction, 0, mode.zero_velocity)
+        part_from_surface(memory)
         mode.in_impact = NO_IMPACT
         return
     if not lets_go_early:

@@ -12,6 +12,7 @@ from plant_sim.plant import Plant
 from plant_sim.result import Phase
 from plant_sim.scene import load_scene
 from plant_sim.simulation import simulate
+from plant_sim.solvers.cost import SolverError
 
 METHODS = ["exact", "adaptive"]
 
@@ -182,3 +183,36 @@ def test_a_torque_beyond_every_limit_is_the_largest_that_the_drive_gives(
     )
     assert abs(most.omega_rad_s) > 10.0
     assert beyond == most
+
+
+@pytest.mark.parametrize("torque_n_m", [0.005, -0.005])
+def test_a_current_that_approaches_the_dry_loss_for_ever_turns_nothing(torque_n_m: float) -> None:
+    """The crank carries no load, and the current loop's rounding passes the loss again and again."""
+    scene = load_scene(changed("table1-dq-motor", {"drive.amplitude_m": 0.0, "initial.v_m_s": 1.0}))
+    result = simulate(scene, 2.0, torque_n_m=torque_n_m)
+    assert result.final.omega_rad_s == 0.0
+    assert result.final.crank_rad == 0.0
+    assert simulate(scene, 2.0, torque_n_m=torque_n_m * (1.0 + 1e-6)).final.omega_rad_s * torque_n_m > 0.0
+
+
+@pytest.mark.parametrize("delta", [0.3, 0.5, 2.0])
+def test_a_striker_leaves_a_rigid_stop_however_steep_friction_falls(delta: float) -> None:
+    """The spring pulls it off while the piston is behind, and throws it back."""
+    friction = {"law": "stribeck", "mu": 0.0, "mu_s": 0.05, "v_s_m_s": 0.01, "delta": delta}
+    drive = {"model": "ideal", "amplitude_m": 0.02, "speed_rad_s": 3.0}
+    tables = BALANCED | {"friction": friction, "drive": drive, "initial": {"x_m": 0.125}}
+    tables["stop"] = {"law": "rigid", "position_m": 0.125, "restitution": 0.1}
+    result = simulate(load_scene(tables), 6.0, samples_s=0.01)
+    assert result.samples is not None
+    assert np.min(result.samples.x_m) < 0.11
+    assert result.energy.residual < 1e-7
+    assert result.impacts.v_m_s[0] > 0.01
+
+
+def test_chatter_that_does_not_die_out_names_the_restitution_where_friction_does_not_fall() -> None:
+    friction = {"law": "stribeck", "mu": 0.0, "mu_s": 0.0, "v_s_m_s": 0.1, "delta": 2.0}
+    tables = BALANCED | {"friction": friction, "initial": {"x_m": 0.125 - 1e-13}}
+    tables["stop"] = {"law": "rigid", "position_m": 0.125, "restitution": 1.0}
+    tables["striker"] = BALANCED["striker"] | {"spring_n_m": 1e4}
+    with pytest.raises(SolverError, match=r"lower stop\.restitution"):
+        simulate(load_scene(tables), 10.0)
