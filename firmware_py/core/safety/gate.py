@@ -162,7 +162,7 @@ def missing_behind(before: int, missing: int, counter: int, ticks: int) -> int:
         return missing ^ 1 << behind - 1
     if before < 0 or behind != COUNTER_MODULUS - ticks:
         return 0
-    if ticks >= LONGEST_LATE:
+    if ticks > LONGEST_LATE:
         return ALL_MISSING
     return (missing << ticks | (1 << ticks - 1) - 1) & ALL_MISSING
 
