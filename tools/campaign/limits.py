@@ -192,8 +192,8 @@ def judge_contacts(trial: Trial, done: Run, outcome: Outcome) -> bool:
     gone_s = latch.t_s if latch is not None and latch.fault not in OF_THE_IMPACT else math.inf
     by_kick = 0.0 <= tripped_s - kicked.at_s <= KICK_PULSE_S + IN_TICKS * done.tick_s
     contacts = contacts_of(done)
-    next_s = [float(impact["t_s"]) for impact, _ in contacts[1:]] + [math.inf]
-    for (impact, end_s), following_s in zip(contacts, next_s, strict=True):
+    starts_s = [*(float(impact["t_s"]) for impact, _ in contacts), math.inf]
+    for (impact, end_s), following_s in zip(contacts, starts_s[1:], strict=True):
         if gone_s <= end_s:
             outcome.leave_out(f"{latch.fault.name.lower()} came first" if latch else "")
             return False

@@ -64,12 +64,12 @@ LIMITS = {"limit": {"force_n": 100.0, "impulse_n_s": 1.0}}
 KICK_S = 1.0
 
 
-def judged_limits(tripped_s: float, contact_s: float = 0.2) -> Outcome:
-    """A contact of 10 ms far below the limits, and a trip of the force limit at `tripped_s`."""
+def judged_limits(tripped_s: float, contacts: int = 1) -> Outcome:
+    """Contacts of 10 ms at 0.2 s far below the limits, and a trip of the force limit at `tripped_s`."""
     pushing = np.zeros(1500)
-    pushing[round(contact_s / TICK_S) :][:10] = 20.0
-    impacts = np.zeros(1, record_type(Impact))
-    impacts["t_s"], impacts["peak_force_n"], impacts["impulse_n_s"] = contact_s, 20.0, 0.2
+    pushing[200:][:10] = 20.0
+    impacts = np.zeros(contacts, record_type(Impact))
+    impacts["t_s"], impacts["peak_force_n"], impacts["impulse_n_s"] = 0.2, 20.0, 0.2
     done: Any = SimpleNamespace(
         tick_s=TICK_S,
         impacts=impacts,
@@ -98,3 +98,10 @@ def test_a_trip_far_below_the_limits_is_counted_however_long_after_the_contact_i
 def test_a_trip_by_the_kick_itself_is_none_of_the_contact_before() -> None:
     outcome = judged_limits(KICK_S + 0.013)
     assert (outcome.eligible, outcome.shares["tripped_0"]) == (False, (0, 1))
+
+
+def test_a_trial_without_a_contact_is_judged_by_its_trip() -> None:
+    outcome = judged_limits(KICK_S + 0.013, contacts=0)
+    assert (outcome.eligible, outcome.shares) == (False, {})
+    outcome = judged_limits(0.5, contacts=0)
+    assert (outcome.why, outcome.shares["tripped_0"]) == ("tripped without a contact", (1, 1))
