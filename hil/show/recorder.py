@@ -63,9 +63,12 @@ class Recorder:
     def drain(self, until_ns: int | None = None) -> None:
         """Read the frames that have arrived up to a time on the wall clock, by default now.
 
-        It ends, however many frames come.
+        It ends, however many frames come; if the clock has fallen back, where it fell.
         """
-        if self.bus is None or not (arrived := self.bus.receive_stamped(until_ns or time.time_ns())):
+        if self.bus is None:
+            return
+        until_ns = until_ns or max(time.time_ns(), self.bus.newest_ns + 1)
+        if not (arrived := self.bus.receive_stamped(until_ns)):
             return
         stamps_ns = np.array([wall_ns for wall_ns, _ in arrived], np.int64)
         times_us = self.since_start_ns(stamps_ns) // 1000

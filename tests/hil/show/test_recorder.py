@@ -149,6 +149,21 @@ def test_a_late_frame_behind_frames_of_others_is_recorded(run_dir):
     assert read_bus(run_dir / "can.log").payloads == (own.data,)
 
 
+def test_frames_are_read_on_while_the_wall_clock_has_fallen_back(run_dir):
+    """The host's time steps by a minute: until then all frames would stay in the bus, and most be lost."""
+    frame = codec.encode(SetInputTorque(0.25))
+    with provide("local") as provided, closing(join(provided.address, accept=())) as sender:
+        recorder = Recorder(run_dir, join(provided.address, stamped=True))
+        recorder.bus.newest_ns = time.time_ns() + 60_000_000_000
+        sender.send(frame)
+        recorder.bus.wait(2.0)
+        recorder.drain()
+        recorder.append()
+        recorder.close()
+        recorder.bus.close()
+    assert recorder.frames == 1
+
+
 def test_it_ends_when_the_bus_has_ended(run_dir):
     with provide("local") as provided:
         recorder = start(run_dir, "--bus", provided.address)
