@@ -107,8 +107,8 @@ def ending_with_a_verdict(
 
     An exception that ended the block or the judgement is raised again after the verdict is written, unless it
     only makes the run fail (`is_verdict`). If the disk is full at the start, the block is not entered.
-    `only_if_failed`: a run that has passed keeps only its verdict. `of_a_suite`: an interrupted run is not
-    judged, since its suite must end at once and runs it again.
+    `only_if_failed`: as in `finish`. `of_a_suite`: an interrupted run is not judged, since its suite must end
+    at once and runs it again.
     """
     ending = Ending(prejudge(run_dir, KILLED))
     reasons = ending.outcome.reasons

@@ -20,7 +20,7 @@ class RunOptions:
     keep_traces: bool = True
     """If False, the traces of a run that has passed are removed; its log remains."""
     only_if_failed: bool = False
-    """Whether a run that has passed leaves only its verdict."""
+    """Whether a run that has passed leaves only its verdict and its scenario."""
     of_a_suite: bool = False
     """Whether an interrupted run is not judged, since its suite runs it again."""
 

@@ -8,6 +8,7 @@ hil.bench.recorded_run.RunError: runs/nowhere.rrd is not there; name a run folde
 
 import atexit
 import difflib
+import shlex
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -34,7 +35,7 @@ from hil.record.provenance import build_of, this_build
 from hil.record.rrd.log_file import is_whole, repair
 from hil.record.rrd.rerun_program import RerunError
 from hil.record.run_folder import RUN_NOTE, RUNS, VERDICT, is_own, refuse_irregular
-from hil.record.run_traces import CAN_LOG, RunTraces, read_json
+from hil.record.run_traces import CAN_LOG, SCENARIO, RunTraces, read_json
 from hil.show.rerun_log import LOG_NAME, rebuild
 
 if TYPE_CHECKING:
@@ -96,9 +97,10 @@ def why_without_log(run_dir: Path) -> str:
     with reading(run_dir, f"its {VERDICT} or {RUN_NOTE} is damaged; run it again"):
         verdict, note = read_json(run_dir / VERDICT), read_json(run_dir / RUN_NOTE)
     if verdict.get("passed") is True:
-        again = f"vibrohil run {note.get('scenario')} --seed {note.get('seed')} --out FOLDER"
+        scenario, clock = shlex.quote(str(run_dir / SCENARIO)), note.get("clock")
         return (
-            f"{run_dir} passed as one of several seeds and keeps only its verdict; repeat it with `{again}`"
+            f"{run_dir} passed as one of several seeds and keeps no log; repeat it with "
+            f"`vibrohil run {scenario} --seed {note.get('seed')} --clock {clock} --out FOLDER`"
         )
     return f"{run_dir} has no log: its run has not begun, or was ended before; see {VERDICT}"
 

@@ -17,7 +17,7 @@ from hil.judge.judge import judge
 from hil.judge.verdict import RunVerdict
 from hil.record.new_file import write_anew
 from hil.record.run_folder import RUN_NOTE, VERDICT, clear, write_json
-from hil.record.run_traces import RunTraces, read_json, read_run, read_scenario
+from hil.record.run_traces import SCENARIO, RunTraces, read_json, read_run, read_scenario
 from hil.show.report.pages import write_report
 from hil.show.rerun_log import LOG_NAME, write_log
 
@@ -27,12 +27,12 @@ KILLED = "the run is not finished, or its process was killed before the verdict"
 def finish(run_dir: Path, only_if_failed: bool = False) -> RunVerdict:
     """Judge the run in `run_dir`, also an interrupted one, and write its log, report and verdict.
 
-    `only_if_failed`: a run that has passed keeps only its verdict and `run.json`.
+    `only_if_failed`: a run that has passed keeps only its verdict, `run.json` and its scenario.
     """
     traces = read_run(run_dir)
     verdict = judge(traces, run_dir)
     if only_if_failed and verdict.passed:
-        clear(run_dir, keep=(RUN_NOTE,))
+        clear(run_dir, keep=(RUN_NOTE, SCENARIO))
         write_json(run_dir / VERDICT, document_of(verdict))
     else:
         publish(run_dir, traces, verdict)

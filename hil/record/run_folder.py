@@ -14,7 +14,7 @@ from typing import Any
 
 from hil.record.folder_lock import FolderInUseError, is_in_use, locked
 from hil.record.new_file import MOST_NOTE_BYTES, is_regular, made_anew
-from hil.record.run_traces import CAN_LOG, TRACES
+from hil.record.run_traces import CAN_LOG, SCENARIO, TRACES
 from hil.record.traces import trace
 
 RUNS = Path("runs")
@@ -39,7 +39,7 @@ MADE_BY_A_RUN = (
     *WRITTEN_WHOLE,
     *(f"{name}.new" for name in WRITTEN_WHOLE),
     *(f"{name}.log" for name in PROCESSES),
-    *("scenario.toml", CAN_LOG, "junit.xml", "report.html", RESERVE),
+    *(SCENARIO, CAN_LOG, "junit.xml", "report.html", RESERVE),
 )
 """Every file that a run may write; the suffix `.new` marks unfinished files."""
 

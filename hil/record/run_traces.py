@@ -20,6 +20,8 @@ TRACES = ("plant", "firmware", "impacts", "operator", "bus_errors")
 """The traces of a run, by the names of their files and of the fields of `RunTraces`."""
 CAN_LOG = "can.log"
 """File with the frames of a run in candump's format."""
+SCENARIO = "scenario.toml"
+"""File with the scenario as run."""
 NO_RECORDS: Records = np.zeros(0, dtype=[])
 
 
@@ -112,7 +114,7 @@ def read_bus(path: Path) -> BusLog:
 
 def read_scenario(run_dir: Path) -> dict[str, Any]:
     """The scenario as run, in raw tables."""
-    path = run_dir / "scenario.toml"
+    path = run_dir / SCENARIO
     if not path.exists():
         return {}
     document = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -167,6 +169,6 @@ def read_run(run_dir: Path) -> RunTraces:
         bus=bus,
         run=note("run.json"),
         outcome=note("outcome.json"),
-        scenario=part(damage, run_dir / "scenario.toml", lambda path: read_scenario(path.parent), nothing),
+        scenario=part(damage, run_dir / SCENARIO, lambda path: read_scenario(path.parent), nothing),
         damage=damage,
     )

@@ -40,7 +40,7 @@ JUNIT, PAGE = "junit.xml", "index.html"
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One run of a suite; with several seeds, a run that has passed keeps only its verdict."""
+    """One run of a suite; with several seeds, a run that has passed keeps no log and no traces."""
 
     scenario: Scenario
     seed: int

@@ -123,7 +123,11 @@ def test_a_scenario_in_many_seeds_has_one_verdict_and_leaves_little(tmp_path: Pa
     assert left == [
         "index.html",
         "junit.xml",
-        *(f"noisy/seed-{seed}/{name}" for seed in (3, 4, 5) for name in ("run.json", "verdict.json")),
+        *(
+            f"noisy/seed-{seed}/{name}"
+            for seed in (3, 4, 5)
+            for name in ("run.json", "scenario.toml", "verdict.json")
+        ),
         "suite.json",
     ]
     assert "3 of 3 seeds" in Path(result["report"]).read_text()

@@ -143,10 +143,12 @@ def test_a_run_that_was_killed_before_its_log_began_is_a_run_all_the_same(tmp_pa
         recorded_run.log_of(tmp_path)
 
 
-def test_a_seed_that_passed_says_that_only_its_verdict_is_kept(tmp_path):
-    run_folder.note(tmp_path, scenario="mine", seed=7)
+def test_a_seed_that_passed_says_how_to_repeat_it(tmp_path):
+    """Its faults came later than in the scenario of its name."""
+    run_folder.note(tmp_path, scenario="mine", clock="lockstep", seed=7)
     run_folder.write_json(tmp_path / "verdict.json", {"passed": True})
-    with pytest.raises(RunError, match=r"passed as one of several seeds.*vibrohil run mine --seed 7"):
+    again = rf"vibrohil run {tmp_path}/scenario\.toml --seed 7 --clock lockstep"
+    with pytest.raises(RunError, match=f"passed as one of several seeds.*{again}"):
         recorded_run.log_of(tmp_path)
 
 
