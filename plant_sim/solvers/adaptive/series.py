@@ -16,7 +16,15 @@ import numpy as np
 
 from plant_sim.kernels import one_of, subroutine
 from plant_sim.parts.drive import Drive, is_motor, motor_torque_n_m
-from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Viscous, friction_force_n, is_stribeck
+from plant_sim.parts.friction import (
+    Coulomb,
+    Friction,
+    NoFriction,
+    Viscous,
+    friction_force_n,
+    is_stribeck,
+    static_limit_n,
+)
 from plant_sim.parts.housing import Level, Moving, Tilted, expand_housing, is_level
 from plant_sim.parts.linkage import is_endless
 from plant_sim.parts.parts import Parts
@@ -93,7 +101,7 @@ def _step_s(parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: 
         and _is_regular(parts.housing)
         and not is_worn(parts.wearer)
         and not is_wound(parts.winding)
-        and _has_recurrence(parts.friction)
+        and _has_recurrence(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2)
         and has_linear_spring(parts.striker)
     ):
         return 0.0
@@ -110,9 +118,10 @@ def _step_s(parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: 
 
 
 @subroutine
-def _has_recurrence(friction: Friction) -> bool:
+def _has_recurrence(friction: Friction, normal_n: float) -> bool:
+    """Stribeck's e^−p has one where the striker halts before it slides the other way, with p < 0."""
     if is_stribeck(friction):
-        return friction.delta in (1.0, 2.0)
+        return friction.delta in (1.0, 2.0) and static_limit_n(friction, normal_n) > 0.0
     return _is_linear_but_for_a_constant(friction)
 
 

@@ -88,3 +88,18 @@ def test_the_numbers_of_dop853_are_scipys() -> None:
         (dop853.D, DOP853.D),
     ):
         assert np.array_equal(own, theirs)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"friction.mu": 0.0, "friction.mu_s": 0.0}, {"striker.gravity_m_s2": 0.0}]
+)
+@pytest.mark.parametrize("delta", [1.0, 2.0, 4.0])
+def test_a_stribeck_law_without_force_is_none_at_any_speed(changes: dict[str, Any], delta: float) -> None:
+    """It never halts the striker, which turns round a thousand Stribeck speeds fast."""
+    steep = {"friction.v_s_m_s": 1e-3, "friction.delta": delta, "initial.v_m_s": -2.0, **changes}
+    ours = simulate(scene("table1-stribeck", steep), 3.0)
+    same = {"friction": {"law": "none"}, "initial.v_m_s": -2.0}
+    theirs = simulate(load_scene(changed("table1-stribeck", same)), 3.0)
+    assert theirs.method == "exact"
+    assert ours.final.x_m == pytest.approx(theirs.final.x_m, abs=1e-8)
+    assert ours.impacts.t_s == pytest.approx(theirs.impacts.t_s, abs=1e-8)
