@@ -84,8 +84,8 @@ class ScriptTable(Table):
         default=0.61,
         ge=0.0,
         le=86_400.0,
-        description="with several seeds: the longest sampled delay of the first fault and of all that "
-        "follows, in s; by default a drive period at r = 1.1, so that faults come at every phase",
+        description="the longest delay of the first fault and of all that follows, in s, which several "
+        "seeds sample; by default a drive period at r = 1.1, so that faults come at every phase",
     )
     commands: list[CommandTable] = Field(
         default=[], max_length=MOST_COMMANDS, description="the tables [[script.commands]]"
