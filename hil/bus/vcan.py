@@ -77,12 +77,10 @@ def enter_own_network() -> None:
 def hand_out(listener: socket.socket, interface: str) -> None:
     """Answer one node's request with a CAN socket opened on `interface`."""
     link, _ = listener.accept()
-    with link:
+    # The node may be stopped before its request, or end before its answer.
+    with link, suppress(TimeoutError, ConnectionError):
         link.settimeout(REQUEST_TIMEOUT_S)
-        try:
-            content = link.recv(REQUEST_BYTES)
-        except TimeoutError:
-            return  # the node was stopped before its request
+        content = link.recv(REQUEST_BYTES)
         if not content:
             return  # the node ended before its request
         request = json.loads(content)

@@ -248,6 +248,20 @@ def test_a_holder_of_sockets_does_not_wait_for_a_client_that_asks_for_nothing(
         assert not serving.is_alive()
 
 
+def test_a_holder_of_sockets_outlives_a_client_that_has_ended_before_its_answer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the bus of all others would end with it."""
+    monkeypatch.setattr("hil.bus.vcan.open_can_socket", lambda *_: socket.socket(socket.AF_UNIX))
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(tmp_path / "vcan"))
+        listener.listen()
+        with socket.socket(socket.AF_UNIX) as client:
+            client.connect(str(tmp_path / "vcan"))
+            client.sendall(b'{"accept": null, "stamped": false}')
+        hand_out(listener, "vcan0")
+
+
 def test_a_node_does_not_wait_for_a_holder_that_answers_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
