@@ -47,7 +47,7 @@ def frames_of(bus: Bus, record: type[Any]) -> Frames:
         frames = valid_frames(piece, one)
         times.append(piece.t_s[frames.rows])
         columns = [values_of(signal, frames.words) for signal in one.signals.values()]
-        signals.append(np.array(columns, np.float64).reshape(len(columns), -1).T)
+        signals.append(np.array(columns, np.float64).reshape(len(columns), len(frames.rows)).T)
     return Frames(record, np.concatenate(times), np.concatenate(signals))
 
 

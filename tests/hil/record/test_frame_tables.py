@@ -10,7 +10,7 @@ from firmware_py.interface.codec import CODEC_BY_ID, CODECS, FrameCodec
 from firmware_py.interface.dbc import SignalKind
 from firmware_py.interface.frame import bytes_of
 from firmware_py.interface.framing import seal
-from firmware_py.interface.generated.records import SetInputTorque
+from firmware_py.interface.generated.records import DriveEstop, SetInputTorque
 from hil.record.bus_reconstruction import frames_of
 from hil.record.candump import NO_BUS, bus_log
 from hil.record.frame_tables import names_of, refused, surely_valid, table_of
@@ -74,6 +74,12 @@ def test_tables_and_columns_have_what_the_codec_decodes_and_nothing_else(codec, 
     )
     columns = frames_of(bus, codec.record).signals
     assert (columns.shape, columns.tolist()) == ((len(decoded), len(kinds)), list(map(list, decoded)))
+
+
+def test_frames_without_signals_have_their_times():
+    bus = bus_log(np.array([0.5, 1.0]), np.full(2, codec.DRIVE_ESTOP.can_id), [b"", b""])
+    found = frames_of(bus, DriveEstop)
+    assert (found.t_s.tolist(), found.signals.shape) == ([0.5, 1.0], (2, 0))
 
 
 @given(
