@@ -245,8 +245,11 @@ def log_figures(traces: RunTraces, clock: str) -> LogFigures:
     node has sent was on the bus, so that those which are neither recorded nor counted are lost as well.
     """
     if clock == "lockstep":
-        unsent = column(traces.bus_errors, "unsent")
-        return LogFigures(0, None, int(unsent[-1]) if len(unsent) else 0)
+        errors = traces.bus_errors
+        if len(errors) == 0:
+            return LogFigures(0, None, 0)
+        is_counted = "unsent" in errors.dtype.names  # earlier logs do not have it
+        return LogFigures(0, None, int(column(errors, "unsent")[-1]) if is_counted else None)
     nodes = traces.run.get("nodes", {})
     if not traces.run.get("counts_losses", False) or "recorder" not in nodes:
         return no_figures(LogFigures)

@@ -22,6 +22,7 @@ from hil.judge.figures.records import LogFigures
 from hil.judge.seeds import merged
 from hil.judge.verdict import read_verdict
 from hil.record.rrd.rerun_program import rerun
+from hil.record.traces.trace import TraceWriter
 from hil.show.report.pages import write_suite_report
 from tools.commands.run import show_checks, show_figures
 
@@ -172,6 +173,16 @@ def test_frames_of_the_runs_own_bus_that_nobody_has_recorded_or_counted_are_lost
         "recorder": {"frames": recorded, "lost": 0},
     }
     assert figures_of(write_run(made_up, tmp_path)).log == LogFigures(lost, foreign, 5)
+
+
+def test_a_log_from_before_unsent_frames_were_counted_is_read(tmp_path):
+    made_up = make_run()
+    made_up.run["clock"] = "lockstep"
+    fields = [("t_s", float), ("destroyed", int)]
+    writer = TraceWriter(write_run(made_up, tmp_path) / "bus_errors.trace", fields)
+    writer.append(1.0, 17)
+    writer.close()
+    assert figures_of(tmp_path).log == LogFigures(0, None, None)
 
 
 def test_losses_that_a_bus_does_not_count_are_unknown_not_none(tmp_path):
