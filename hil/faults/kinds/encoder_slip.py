@@ -1,10 +1,13 @@
 """An encoder whose magnet slips."""
 
+from collections.abc import Sequence
 from typing import Literal
 
 from pydantic import Field
 
+from hil.faults.fault import Fault
 from hil.faults.on_sensor import TURN_RAD, Past, ReadingFault, shifted
+from plant_sim.scene import Scene
 from plant_sim.sensors.readings import SensorReading
 
 
@@ -17,3 +20,7 @@ class EncoderSlip(ReadingFault):
     def disturbed(self, reading: SensorReading, past: Past) -> SensorReading:
         """The angle with the slip."""
         return shifted(reading, "encoder", self.slip_rev * TURN_RAD)
+
+    def without_object(self, scene: Scene, faults: Sequence[Fault]) -> str | None:
+        """No change."""
+        return "it changes nothing; give another value" if self.slip_rev == 0.0 else None

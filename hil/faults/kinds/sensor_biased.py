@@ -1,10 +1,13 @@
 """A sensor with a bias."""
 
+from collections.abc import Sequence
 from typing import Literal
 
 from pydantic import Field
 
+from hil.faults.fault import Fault
 from hil.faults.on_sensor import Past, SensorFault, shifted
+from plant_sim.scene import Scene
 from plant_sim.sensors.readings import SensorReading
 
 
@@ -17,3 +20,7 @@ class SensorBiased(SensorFault):
     def disturbed(self, reading: SensorReading, past: Past) -> SensorReading:
         """The reading with the constant."""
         return shifted(reading, self.sensor, self.bias)
+
+    def without_object(self, scene: Scene, faults: Sequence[Fault]) -> str | None:
+        """No change."""
+        return "it changes nothing; give another value" if self.bias == 0.0 else None

@@ -40,6 +40,8 @@ def document(*faults, scene="table1-motor-soft", **script):
         ({"kind": "friction-changed", "factor": 1.0}, {}, "factor = 1 does not"),
         ({"kind": "stiffness-changed", "factor": 1.0}, {}, "it changes nothing"),
         ({"kind": "kick", "change_m_s": 0.0}, {}, "it changes nothing"),
+        ({"kind": "encoder-slip", "slip_rev": 0.0}, {}, "it changes nothing"),
+        ({"kind": "sensor-biased", "sensor": "striker", "bias": 0.0}, {}, "it changes nothing"),
         (
             {"kind": "encoder-wrap", "count_rev": 8, "wraps_at_rev": 8},
             {},
