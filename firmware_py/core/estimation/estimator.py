@@ -390,8 +390,11 @@ def count_gated_ticks(config: Config, gated_ticks: int, predicted: Prediction) -
     """Ticks for which the innovation has been beyond the gate.
 
     An unmodelled force acts on the striker, so the accelerometer alone moves the estimate. If the innovation
-    stays beyond the gate for too long, the estimate is lost, and the model corrects it again.
+    stays beyond the gate for too long, the estimate is lost, and the model corrects it again. A lost reading
+    neither ends nor begins this time.
     """
+    if predicted.sensor.missed_ticks > 0:
+        return min(gated_ticks + 1, NEVER_TICKS) if gated_ticks > 0 else 0
     if abs(predicted.innovation_m_s2) <= config.p.estimator.gate_sigmas * predicted.innovation_std_m_s2:
         return 0
     return min(gated_ticks + 1, NEVER_TICKS)

@@ -333,7 +333,7 @@ def test_a_push_is_none_of_the_models_business_unless_it_lasts() -> None:
     config = config_from(EXACT_SENSOR)
     usual = zeroed(
         estimator_state.Prediction,
-        sensor=estimator_state.INITIAL.sensor,
+        sensor=estimator_state.INITIAL.sensor._replace(missed_ticks=0),
         innovation_std_m_s2=0.1,
         model_variance=0.01,
         started=True,
@@ -343,3 +343,7 @@ def test_a_push_is_none_of_the_models_business_unless_it_lasts() -> None:
     assert estimator.count_gated_ticks(config, 7, usual) == 0
     assert estimator.count_gated_ticks(config, 7, pushed) == 8
     assert estimator.count_gated_ticks(config, NEVER_TICKS, pushed) == NEVER_TICKS
+    missing = usual._replace(sensor=usual.sensor._replace(missed_ticks=1))  # without a reading no innovation
+    assert estimator.count_gated_ticks(config, 7, missing) == 8
+    assert estimator.count_gated_ticks(config, 0, missing) == 0
+    assert estimator.count_gated_ticks(config, NEVER_TICKS, missing) == NEVER_TICKS
