@@ -25,6 +25,10 @@ NEAR_M = 0.006
 """Distance that counts as near the stop; the estimate's deviation is added."""
 SURE_FACTOR = 3.0
 """Factor of the threshold for two successive readings at any position."""
+ROUGH_FACTOR = 2.0
+"""Factor of the roughness, which is added to this threshold: 5 σ of white noise."""
+ROUGH_TICKS = 64
+"""Ticks over which the roughness is averaged: noise is known after a tenth of a drive period."""
 END_M_S2 = 1.5
 """Excess below which a contact has ended."""
 END_FRACTION = 0.02
@@ -38,6 +42,7 @@ LONGEST_CONTACT_S = 0.08
 class DetectorState(NamedTuple):
     """`excess_m_s2` is the model's acceleration minus the measured one; impulse and speed: last impact.
 
+    `roughness_m_s2` is the mean second difference of the readings in flight, 2.4 σ of white noise.
     `area_m_s` is ∫excess dt over the contact so far. `since_touch_down_s` is the time from the last
     touch-down to the sensors' time; it stops at the separation.
     """
@@ -46,6 +51,7 @@ class DetectorState(NamedTuple):
     contact_ticks: int
     blind_ticks: int
     excess_m_s2: float
+    roughness_m_s2: float
     peak_m_s2: float
     approach_speed_m_s: float
     impulse_n_s: float
@@ -80,13 +86,22 @@ def may_touch(
     coming_m_s: float,
 ) -> bool:
     """Whether the striker may be at the stop, or the excess is so large that only the stop can cause it."""
-    sure_m_s2 = SURE_FACTOR * limit_m_s2
+    sure_m_s2 = SURE_FACTOR * limit_m_s2 + ROUGH_FACTOR * state.roughness_m_s2
     if excess_m_s2 > sure_m_s2 and state.excess_m_s2 > limit_m_s2:
         return True
     estimate = predicted.estimate
     reach_m = NEAR_M + 3.0 * math.sqrt(at_least(estimate.p.xx, 0.0))
     slack_m_s = 3.0 * math.sqrt(at_least(estimate.p.vv, 0.0))
     return estimate.x_m > config.p.stop.position_m - reach_m and coming_m_s > -slack_m_s
+
+
+def follow_roughness(state: DetectorState, predicted: Prediction) -> float:
+    """The mean second difference of the readings after this tick."""
+    sensor = predicted.sensor
+    if sensor.missed_ticks > 0:
+        return state.roughness_m_s2
+    bend_m_s2 = sensor.acceleration_m_s2 - 2.0 * sensor.before_m_s2 + sensor.second_m_s2
+    return state.roughness_m_s2 + (abs(bend_m_s2) - state.roughness_m_s2) / ROUGH_TICKS
 
 
 def step_in_flight(
@@ -115,6 +130,7 @@ def step_in_flight(
             contact_ticks=0,
             blind_ticks=blind_ticks,
             excess_m_s2=excess_m_s2,
+            roughness_m_s2=follow_roughness(state, predicted) if blind_ticks == 0 else state.roughness_m_s2,
             peak_m_s2=0.0,
             area_m_s=0.0,
             measurable=True,
@@ -129,6 +145,7 @@ def step_in_flight(
         contact_ticks=0,
         blind_ticks=0,
         excess_m_s2=excess_m_s2,
+        roughness_m_s2=state.roughness_m_s2,
         peak_m_s2=excess_m_s2,
         approach_speed_m_s=speed_m_s,
         impulse_n_s=(1.0 + config.p.stop.restitution)

@@ -58,6 +58,23 @@ def test_far_from_the_stop_or_leaving_one_reading_is_no_impact(changes: dict[str
     assert not run([7.0], **changes)[0].touch_down
 
 
+def test_noise_far_from_the_stop_is_no_impact_once_it_is_known() -> None:
+    """Noise of 0.3 g: two seconds of it had a dozen touch-downs, which misled the estimate."""
+    rng = np.random.default_rng(3)
+    readings_m_s2 = 3.0 * rng.standard_normal(2200)
+    state, found = detector.INITIAL, []
+    for k in range(2, len(readings_m_s2)):
+        z, before, second = readings_m_s2[[k, k - 1, k - 2]]
+        sensor = COMING.sensor._replace(acceleration_m_s2=z, before_m_s2=before, second_m_s2=second)
+        noisy = coming(float(-z), COMING._replace(sensor=sensor), x_m=0.10)
+        state, contact = detector.step(CONFIG, state, noisy)
+        found.append(contact.touch_down)
+    assert sum(found[200:]) == 0
+    assert state.roughness_m_s2 == pytest.approx(np.sqrt(12.0 / np.pi) * 3.0, rel=0.2)
+    missing = COMING._replace(sensor=sensor._replace(missed_ticks=1))
+    assert detector.follow_roughness(state, missing) == state.roughness_m_s2
+
+
 def test_a_lost_estimate_does_not_hide_a_impact() -> None:
     assert [c.touch_down for c in run([30.0, 200.0], x_m=0.10)] == [False, True]
 
