@@ -180,6 +180,27 @@ def test_a_fault_at_certain_phases_alone_is_judged_alike_with_every_seed(
     assert result["scenarios"][0]["failed_seeds"] == []
 
 
+@pytest.mark.usefixtures("in_process")
+@pytest.mark.parametrize(
+    ("scenario", "seeds"),
+    [
+        # The accelerometer turns round just before an impact, and far from one.
+        ("an-accelerometer-the-wrong-way-round-does-no-harm", [5, 13]),
+        # A touch-down far from the stop; several of them.
+        ("a-noisy-accelerometer-does-no-harm", [5, 27]),
+        # All readings of a contact are lost.
+        ("half-of-the-samples-lost-is-ridden-through", [5, 9]),
+        ("a-fifth-more-strides-keep-the-impacts", [5, 10]),
+    ],
+)
+def test_a_fault_that_does_no_harm_does_none_with_any_seed(
+    scenario: str, seeds: list[int], tmp_path: Path
+) -> None:
+    result = run_suite(Chosen([scenario]), LOCKSTEP, tmp_path / "out", seeds, silent)
+    assert [one["seeds"] for one in result["scenarios"]] == [len(seeds)]
+    assert [one["passed"] for one in result["scenarios"]] == [True]
+
+
 @pytest.mark.parametrize("longest_s", [0.0, 0.0015, 0.02])
 def test_a_script_limits_the_delay_of_its_faults(longest_s: float) -> None:
     written = load_scenario("a-stuck-encoder-stops-the-motor", {"script.longest_delay_s": longest_s})
