@@ -35,6 +35,9 @@ FLIGHT_M_S3 = 300.0
 SPRING_M_S = 2.0
 """Rate at which the reading in flight is followed; the spring may change it faster by this speed: a spring
 of 70 N/m on 0.8 kg changes it by up to 170 m/s³, a soft stop by 10⁴."""
+SETTLING_READINGS = 8
+"""First readings, which begin no contact: an accelerometer that starts with the firmware does not show yet
+how the striker swings. The force limit counts at once, from 0."""
 LEAD_S = 0.0004
 """Time by which the deviation is extrapolated for the force limit: the low-pass lowers a short peak,
 and the peak lies between two samples."""
@@ -81,12 +84,13 @@ class GateReading(NamedTuple):
 
 class ContactState(NamedTuple):
     """The contact so far. `flight_m_s2`: the reading in flight. `deviation_m_s2`: that minus the reading.
+    `readings`: number of readings since the first one, up to `SETTLING_READINGS`.
 
     A positive deviation is a push of the stop. `change_m_s` is ∫deviation dt over the contact or, after a
     change of sign, since then. `fault`: a limit was violated since the last `judge`.
     """
 
-    started: bool
+    readings: int
     touching: bool
     ticks: int
     flight_m_s2: float
@@ -172,10 +176,10 @@ def is_within(value: float, limit: float) -> bool:
     return -AWAY_FACTOR * limit <= value <= limit
 
 
-def in_flight(flight_m_s2: float, deviation_m_s2: float, fault: Fault) -> ContactState:
+def in_flight(readings: int, flight_m_s2: float, deviation_m_s2: float, fault: Fault) -> ContactState:
     """The state after a reading without a contact."""
     return IN_FLIGHT._replace(
-        started=True, flight_m_s2=flight_m_s2, deviation_m_s2=deviation_m_s2, fault=fault
+        readings=readings, flight_m_s2=flight_m_s2, deviation_m_s2=deviation_m_s2, fault=fault
     )
 
 
@@ -196,7 +200,7 @@ def extend_contact(state: ContactState, deviation_m_s2: float, ticks: int, dt_s:
     turns = state.touching and deviation_m_s2 * state.change_m_s < 0.0 and abs(deviation_m_s2) > TOUCH_M_S2
     before = IN_FLIGHT if turns else state
     return ContactState(
-        started=True,
+        readings=state.readings,
         touching=True,
         ticks=before.ticks + ticks,
         flight_m_s2=state.flight_m_s2,
@@ -209,7 +213,8 @@ def extend_contact(state: ContactState, deviation_m_s2: float, ticks: int, dt_s:
 
 def integrate_reading(limits: GateLimits, state: ContactState, high_m_s2: float, ticks: int) -> ContactState:
     """The contact after one reading, `ticks` after the previous one; a late one (0) counts as force only."""
-    flight_m_s2 = state.flight_m_s2 if state.started else high_m_s2
+    settling, readings = state.readings < SETTLING_READINGS, min(state.readings + 1, SETTLING_READINGS)
+    flight_m_s2 = 0.0 if settling else state.flight_m_s2
     deviation_m_s2 = flight_m_s2 - high_m_s2
     dt_s = min(ticks, LONGEST_BRIDGE_TICKS) * limits.tick_s
     fault = state.fault
@@ -217,17 +222,19 @@ def integrate_reading(limits: GateLimits, state: ContactState, high_m_s2: float,
         fault = Fault.FORCE_LIMIT
     if ticks == 0 or not abs(deviation_m_s2) < math.inf:  # not a number: nothing can be integrated
         return state._replace(fault=fault)
+    if settling:
+        return in_flight(readings, high_m_s2, 0.0, fault)
     if not state.touching and abs(deviation_m_s2) <= TOUCH_M_S2:
         flight_m_s2 -= clamp(deviation_m_s2, limits.flight_m_s3 * dt_s)
-        return in_flight(flight_m_s2, deviation_m_s2, fault)
+        return in_flight(readings, flight_m_s2, deviation_m_s2, fault)
     contact = extend_contact(state, deviation_m_s2, ticks, dt_s)
     too_long = contact.ticks > limits.longest_contact_ticks
     if fault == NO_FAULT and (too_long or not is_within(contact.change_m_s, limits.change_m_s)):
         fault = Fault.IMPULSE_LIMIT
     if too_long:
-        return in_flight(high_m_s2, 0.0, fault)
+        return in_flight(readings, high_m_s2, 0.0, fault)
     if abs(deviation_m_s2) < at_least(END_SHARE * contact.peak_m_s2, END_M_S2):
-        return in_flight(flight_m_s2, deviation_m_s2, fault)
+        return in_flight(readings, flight_m_s2, deviation_m_s2, fault)
     return contact._replace(fault=fault)
 
 

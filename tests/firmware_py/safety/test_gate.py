@@ -41,11 +41,20 @@ def guard(
     return state, findings
 
 
+def settled(flight_m_s2: float) -> GateState:
+    """A gate that knows the flight, before the reading with counter 0."""
+    state = gate.INITIAL
+    for place in range(-gate.SETTLING_READINGS, 0):
+        reading = GateReading(0.01 * place, flight_m_s2, place % 256, 0.0)
+        state = gate.take_reading(CONFIG.d.gate, state, reading)
+    return state
+
+
 def felt(
     readings: list[float], counters: list[int] | None = None, config: Config = CONFIG
 ) -> tuple[GateState, list[Fault]]:
-    """The faults after each reading; a missing counter is a lost frame."""
-    state, faults = gate.INITIAL, []
+    """The faults after each reading, the first of which is in flight; a missing counter is a lost frame."""
+    state, faults = settled(readings[0]), []
     for place, high_m_s2 in enumerate(readings):
         if counters is None or place in counters:
             state = gate.take_reading(
@@ -95,7 +104,7 @@ def test_nothing_is_found_on_a_healthy_module() -> None:
     state, findings = guard(ticks=1000)
     assert findings == NOTHING
     assert state == gate.INITIAL._replace(
-        contact=gate.IN_FLIGHT._replace(started=True),
+        contact=gate.IN_FLIGHT._replace(readings=gate.SETTLING_READINGS),
         counter=999 % 256,
         reading_ticks=1,
         encoder_ticks=0,
@@ -211,7 +220,7 @@ def test_a_contact_ends_below_its_share_of_the_peak() -> None:
     state, _ = felt([0.0, -1000.0, -20.1])
     assert state.contact.touching
     state, _ = felt([0.0, -100.0, -5.0])
-    ended = gate.IN_FLIGHT._replace(started=True, deviation_m_s2=5.0)
+    ended = gate.IN_FLIGHT._replace(readings=gate.SETTLING_READINGS, deviation_m_s2=5.0)
     assert state.contact == ended
 
 
@@ -342,11 +351,27 @@ def test_a_deviation_that_stays_is_no_impact_and_trips() -> None:
     assert faults[:105] == [Fault.NONE] * 105
     assert faults[105] == Fault.IMPULSE_LIMIT
     assert set(faults[106:]) == {Fault.NONE}
-    assert state.contact == gate.IN_FLIGHT._replace(started=True, flight_m_s2=-14.0)
+    assert state.contact == gate.IN_FLIGHT._replace(readings=gate.SETTLING_READINGS, flight_m_s2=-14.0)
     state, _ = felt([0.0] * 5 + [-14.0] * 101 + [-314.0])
     assert state.contact.change_m_s == pytest.approx(0.5 * 300.0 * 1e-3)
     force = replaced(CONFIG, "d.gate.peak_m_s2", 13.0)
     assert felt([0.0] * 5 + [-14.0] * 101, config=force)[1][-1] == Fault.FORCE_LIMIT
+
+
+def test_a_sensor_that_starts_while_the_striker_swings_trips_nothing() -> None:
+    """Its low-pass begins at 0: no contact begins before the flight is known. The force counts at once."""
+    swing = [18.0 * math.cos(0.009 * k) * (1.0 - math.exp(-k / 2.0)) for k in range(400)]
+    state, faults = gate.INITIAL, []
+    for place, high_m_s2 in enumerate(swing):
+        state = gate.take_reading(
+            CONFIG.d.gate, state, GateReading(0.01 * place, high_m_s2, place % 256, 0.0)
+        )
+        state, findings = gate.judge(CONFIG.d.gate, state, CLOSED)
+        faults.append(findings.limit)
+        assert not state.contact.touching
+    assert set(faults) == {Fault.NONE}
+    hard = gate.take_reading(CONFIG.d.gate, gate.INITIAL, GateReading(0.0, -1.8e3, 0, 0.0))
+    assert gate.judge(CONFIG.d.gate, hard, CLOSED)[1].limit == Fault.FORCE_LIMIT
 
 
 def test_after_a_silence_nothing_is_known_of_the_flight() -> None:
