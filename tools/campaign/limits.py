@@ -169,6 +169,13 @@ def contacts_of(done: Run) -> list[tuple[NDArray[np.void], float]]:
     return found
 
 
+def open_contact_s(done: Run) -> float:
+    """Return the first tick of a contact that outlasts the run, s; infinite if there is none."""
+    pushing = done.true("stop_force_n") > 0.0
+    begun = len(pushing) - int(np.argmax(~pushing[::-1]))
+    return begun * done.tick_s if begun < len(pushing) else math.inf
+
+
 def judge_limits(trial: Trial, done: Run, outcome: Outcome) -> None:
     """Judge a trial by its contacts; one within the band (`within_band`) need not trip, but may."""
     is_within = judge_contacts(trial, done, outcome)
@@ -191,8 +198,8 @@ def judge_contacts(trial: Trial, done: Run, outcome: Outcome) -> bool:
     tripped_s = latch.t_s if latch is not None and latch.fault in OF_THE_IMPACT else math.inf
     gone_s = latch.t_s if latch is not None and latch.fault not in OF_THE_IMPACT else math.inf
     by_kick = 0.0 <= tripped_s - kicked.at_s <= KICK_PULSE_S + IN_TICKS * done.tick_s
-    contacts = contacts_of(done)
-    starts_s = [*(float(impact["t_s"]) for impact, _ in contacts), math.inf]
+    contacts, open_s = contacts_of(done), open_contact_s(done)
+    starts_s = [*(float(impact["t_s"]) for impact, _ in contacts), open_s]
     for (impact, end_s), following_s in zip(contacts, starts_s[1:], strict=True):
         if gone_s <= end_s:
             outcome.leave_out(f"{latch.fault.name.lower()} came first" if latch else "")
@@ -223,6 +230,8 @@ def judge_contacts(trial: Trial, done: Run, outcome: Outcome) -> bool:
             return False
     if by_kick:
         outcome.leave_out("the kick exceeded twice a limit, and no contact followed within the trial")
+    elif open_s <= tripped_s < math.inf:
+        outcome.leave_out("tripped in a contact that outlasts the trial")
     elif tripped_s < math.inf:
         outcome.count("tripped_0", is_part=True)
         outcome.why = "tripped without a contact"

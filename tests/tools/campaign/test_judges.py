@@ -1,5 +1,6 @@
 """Judges of campaigns on runs that go wrong: a run that is lost, never starts or trips late is no success."""
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -64,10 +65,14 @@ LIMITS = {"limit": {"force_n": 100.0, "impulse_n_s": 1.0}}
 KICK_S = 1.0
 
 
-def judged_limits(tripped_s: float, contacts: int = 1) -> Outcome:
-    """Contacts of 10 ms at 0.2 s far below the limits, and a trip of the force limit at `tripped_s`."""
+def judged_limits(tripped_s: float, contacts: int = 1, last_s: float = math.inf) -> Outcome:
+    """Contacts of 10 ms at 0.2 s far below the limits, and a trip of the force limit at `tripped_s`.
+
+    A contact from `last_s` on outlasts the trial, and is no record.
+    """
     pushing = np.zeros(1500)
     pushing[200:][:10] = 20.0
+    pushing[np.arange(1500) * TICK_S >= last_s] = 20.0
     impacts = np.zeros(contacts, record_type(Impact))
     impacts["t_s"], impacts["peak_force_n"], impacts["impulse_n_s"] = 0.2, 20.0, 0.2
     done: Any = SimpleNamespace(
@@ -98,6 +103,14 @@ def test_a_trip_far_below_the_limits_is_counted_however_long_after_the_contact_i
 def test_a_trip_by_the_kick_itself_is_none_of_the_contact_before() -> None:
     outcome = judged_limits(KICK_S + 0.013)
     assert (outcome.eligible, outcome.shares["tripped_0"]) == (False, (0, 1))
+
+
+@pytest.mark.parametrize("contacts", [0, 1])
+def test_a_trip_in_a_contact_that_outlasts_the_trial_is_not_judged(contacts: int) -> None:
+    outcome = judged_limits(1.48, contacts, last_s=1.47)
+    assert (outcome.eligible, outcome.why) == (False, "tripped in a contact that outlasts the trial")
+    assert sum(count for count, _ in outcome.shares.values()) == 0
+    assert judged_limits(1.46, contacts, last_s=1.47).shares["tripped_0"] == (1, 1)
 
 
 def test_a_trial_without_a_contact_is_judged_by_its_trip() -> None:
