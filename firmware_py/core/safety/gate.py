@@ -36,8 +36,9 @@ SPRING_M_S = 2.0
 """Rate at which the reading in flight is followed; the spring may change it faster by this speed: a spring
 of 70 N/m on 0.8 kg changes it by up to 170 m/s³, a soft stop by 10⁴."""
 SETTLING_READINGS = 8
-"""First readings, which begin no contact: an accelerometer that starts with the firmware does not show yet
-how the striker swings. The force limit counts at once, from 0."""
+"""Steady readings after which the flight is known. Before, no contact begins: an accelerometer that starts
+with the firmware does not show yet how the striker swings, and the striker may be at the stop. The force
+limit counts at once, from 0."""
 LEAD_S = 0.0004
 """Time by which the deviation is extrapolated for the force limit: the low-pass lowers a short peak,
 and the peak lies between two samples."""
@@ -84,7 +85,7 @@ class GateReading(NamedTuple):
 
 class ContactState(NamedTuple):
     """The contact so far. `flight_m_s2`: the reading in flight. `deviation_m_s2`: that minus the reading.
-    `readings`: number of readings since the first one, up to `SETTLING_READINGS`.
+    `readings`: number of steady readings since the first one, up to `SETTLING_READINGS`.
 
     A positive deviation is a push of the stop. `change_m_s` is ∫deviation dt over the contact or, after a
     change of sign, since then. `fault`: a limit was violated since the last `judge`.
@@ -211,9 +212,24 @@ def extend_contact(state: ContactState, deviation_m_s2: float, ticks: int, dt_s:
     )
 
 
+def settle(
+    limits: GateLimits, state: ContactState, high_m_s2: float, ticks: int, fault: Fault
+) -> ContactState:
+    """The state after one of the first readings.
+
+    They end with `SETTLING_READINGS` in a row, of which none is a contact's jump away from the one before,
+    and in any case after `LONGEST_CONTACT_S`.
+    """
+    steady, waited_ticks = abs(high_m_s2 - state.flight_m_s2) <= TOUCH_M_S2, state.ticks + ticks
+    readings = state.readings + 1 if steady else 1
+    if readings == SETTLING_READINGS or waited_ticks > limits.longest_contact_ticks:
+        return in_flight(SETTLING_READINGS, high_m_s2, 0.0, fault)
+    return in_flight(readings, high_m_s2, 0.0, fault)._replace(ticks=waited_ticks)
+
+
 def integrate_reading(limits: GateLimits, state: ContactState, high_m_s2: float, ticks: int) -> ContactState:
     """The contact after one reading, `ticks` after the previous one; a late one (0) counts as force only."""
-    settling, readings = state.readings < SETTLING_READINGS, min(state.readings + 1, SETTLING_READINGS)
+    settling = state.readings < SETTLING_READINGS
     flight_m_s2 = 0.0 if settling else state.flight_m_s2
     deviation_m_s2 = flight_m_s2 - high_m_s2
     dt_s = min(ticks, LONGEST_BRIDGE_TICKS) * limits.tick_s
@@ -223,18 +239,18 @@ def integrate_reading(limits: GateLimits, state: ContactState, high_m_s2: float,
     if ticks == 0 or not abs(deviation_m_s2) < math.inf:  # not a number: nothing can be integrated
         return state._replace(fault=fault)
     if settling:
-        return in_flight(readings, high_m_s2, 0.0, fault)
+        return settle(limits, state, high_m_s2, ticks, fault)
     if not state.touching and abs(deviation_m_s2) <= TOUCH_M_S2:
         flight_m_s2 -= clamp(deviation_m_s2, limits.flight_m_s3 * dt_s)
-        return in_flight(readings, flight_m_s2, deviation_m_s2, fault)
+        return in_flight(state.readings, flight_m_s2, deviation_m_s2, fault)
     contact = extend_contact(state, deviation_m_s2, ticks, dt_s)
     too_long = contact.ticks > limits.longest_contact_ticks
     if fault == NO_FAULT and (too_long or not is_within(contact.change_m_s, limits.change_m_s)):
         fault = Fault.IMPULSE_LIMIT
     if too_long:
-        return in_flight(readings, high_m_s2, 0.0, fault)
+        return in_flight(state.readings, high_m_s2, 0.0, fault)
     if abs(deviation_m_s2) < at_least(END_SHARE * contact.peak_m_s2, END_M_S2):
-        return in_flight(readings, flight_m_s2, deviation_m_s2, fault)
+        return in_flight(state.readings, flight_m_s2, deviation_m_s2, fault)
     return contact._replace(fault=fault)
 
 

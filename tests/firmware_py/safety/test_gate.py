@@ -374,6 +374,29 @@ def test_a_sensor_that_starts_while_the_striker_swings_trips_nothing() -> None:
     assert gate.judge(CONFIG.d.gate, hard, CLOSED)[1].limit == Fault.FORCE_LIMIT
 
 
+@pytest.mark.parametrize("begun_ticks", range(0, 10, 3))
+def test_a_sensor_that_starts_within_a_contact_trips_nothing(begun_ticks: int) -> None:
+    contact = [-200.0 * math.sin(math.pi * (k + 0.5) / 10) for k in range(begun_ticks, 10)]
+    state, faults = gate.INITIAL, []
+    for place, high_m_s2 in enumerate([*contact, *[0.0] * 150]):
+        state = gate.take_reading(
+            CONFIG.d.gate, state, GateReading(0.01 * place, high_m_s2, place % 256, 0.0)
+        )
+        state, findings = gate.judge(CONFIG.d.gate, state, CLOSED)
+        faults.append(findings.limit)
+    assert set(faults) == {Fault.NONE}
+    assert state.contact == gate.IN_FLIGHT._replace(readings=gate.SETTLING_READINGS)
+
+
+def test_a_sensor_that_never_is_steady_is_watched_all_the_same() -> None:
+    state, steady = gate.INITIAL, []
+    for place in range(300):
+        reading = GateReading(0.01 * place, 20.0 * (-1.0) ** place, place % 256, 0.0)
+        state = gate.take_reading(CONFIG.d.gate, state, reading)
+        steady.append(state.contact.readings)
+    assert steady[98] < gate.SETTLING_READINGS == steady[102]
+
+
 def test_after_a_silence_nothing_is_known_of_the_flight() -> None:
     state, _ = felt([0.0, 0.0, -300.0])
     silent = replaced(CLOSED, "accelerometer.age_ticks", 1)
