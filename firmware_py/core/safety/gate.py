@@ -259,7 +259,8 @@ def take_reading(limits: GateLimits, state: GateState, reading: GateReading) -> 
     ticks = counted_ticks(state.counter, state.missing, reading.counter)
     missing = missing_behind(state.counter, state.missing, reading.counter, ticks)
     contact = state.contact
-    if state.reading_ticks > limits.sensor_ticks:  # after a silence nothing is known of the flight
+    # After a silence that `judge` has found, nothing is known of the flight; before, the motor has a torque.
+    if state.reading_ticks > limits.sensor_ticks + 1:
         ticks, missing, contact = 1, 0, IN_FLIGHT._replace(fault=contact.fault)
     contact = integrate_reading(limits, contact, reading.high_m_s2, ticks)
     if ticks == 0:

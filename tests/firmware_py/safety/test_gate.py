@@ -329,7 +329,7 @@ def test_a_late_reading_counts_for_the_force_and_ends_no_silence_of_another() ->
     late = gate.take_reading(CONFIG.d.gate, state, GateReading(9.0, -1900.0, 1, 0.0))
     contact = state.contact._replace(fault=Fault.FORCE_LIMIT)
     assert late == state._replace(contact=contact, missing=0, reading_ticks=0)
-    silent = state._replace(reading_ticks=CONFIG.d.ticks.sensor + 1)
+    silent = state._replace(reading_ticks=CONFIG.d.ticks.sensor + 2)
     anew = gate.take_reading(CONFIG.d.gate, silent, GateReading(9.0, -19.0, 1, 0.0))
     assert (anew.counter, anew.contact.flight_m_s2) == (1, -19.0)
 
@@ -397,11 +397,13 @@ def test_a_sensor_that_never_is_steady_is_watched_all_the_same() -> None:
     assert steady[98] < gate.SETTLING_READINGS == steady[102]
 
 
-def test_after_a_silence_nothing_is_known_of_the_flight() -> None:
+def test_after_a_silence_that_is_a_fault_nothing_is_known_of_the_flight() -> None:
+    """After any shorter one the motor has a torque, and an impulse counts at once."""
     state, _ = felt([0.0, 0.0, -300.0])
     silent = replaced(CLOSED, "accelerometer.age_ticks", 1)
-    for ticks, touching in ((29, True), (30, False)):
-        later, _ = guard(silent, ticks, state)
+    for ticks, fault, touching in ((30, Fault.NONE, True), (31, Fault.SENSOR_TIMEOUT, False)):
+        later, findings = guard(silent, ticks, state)
+        assert findings.watchdog == fault
         later = gate.take_reading(CONFIG.d.gate, later, GateReading(0.0, -40.0, 200, 0.0))
         assert later.contact.touching == touching
     assert later.contact.flight_m_s2 == -40.0
