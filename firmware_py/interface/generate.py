@@ -7,6 +7,7 @@ microcontroller has no such description; so each frame gets the few lines that o
 compares the checked-in files with the output of this module.
 """
 
+import argparse
 import math
 import subprocess
 import sys
@@ -320,5 +321,6 @@ def formatted(text: str) -> str:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(prog="python -m firmware_py.interface.generate", description=__doc__).parse_args()
     for file, text in sources().items():
         (GENERATED / file).write_text(formatted(text), encoding="utf-8")

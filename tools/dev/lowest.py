@@ -5,6 +5,7 @@ It makes an environment in a temporary folder, installs the lower bound of every
 exit status is that of pip or of the run; the versions are printed. It downloads 1.3 GB.
 """
 
+import argparse
 import os
 import re
 import subprocess
@@ -28,6 +29,7 @@ def lowest() -> list[str]:
 
 def main() -> int:
     """Install and run; return the exit status."""
+    argparse.ArgumentParser(prog="python -m tools.dev.lowest", description=__doc__).parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         python = folder / "venv" / "bin" / "python"

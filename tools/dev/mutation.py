@@ -8,6 +8,7 @@ one fails. The unchanged code must pass the tests first: tests that fail anyway,
 every mutant. mutmut is not used, because it does not mutate decorated functions, such as the plant's kernels.
 """
 
+import argparse
 import ast
 import faulthandler
 import gc
@@ -190,4 +191,8 @@ def main(name: str, tests: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1], sys.argv[2:]))
+    parser = argparse.ArgumentParser(prog="python -m tools.dev.mutation", description=__doc__)
+    parser.add_argument("module", metavar="MODULE")
+    parser.add_argument("tests", nargs=argparse.REMAINDER, metavar="TEST", help="as pytest takes them")
+    asked = parser.parse_args()
+    sys.exit(main(asked.module, asked.tests))

@@ -132,7 +132,11 @@ def attributable(scenario: Scenario) -> bool:
 
 def main() -> None:
     """Run the scenarios of the command line and print their times."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.dev.reactions",
+        description=__doc__,
+        formatter_class=argparse.RawTextHelpFormatter,
+    )
     parser.add_argument("names", nargs="*", metavar="SCENARIO", help="all with a fault without")
     parser.add_argument("--seeds", type=int, default=20, help="runs of each scenario (default 20)")
     asked = parser.parse_args()

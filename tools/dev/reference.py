@@ -5,6 +5,7 @@
 A test fails if the pages are out of date.
 """
 
+import argparse
 import ast
 import inspect
 import re
@@ -32,8 +33,8 @@ from plant_sim.tables.quantities import QUANTITIES
 from plant_sim.tables.table import tables_in
 from tools.dev.command_page import command_page, page, repeated, row, table
 
-PLACE = Path("docs/reference")
 ROOT = Path(__file__).parents[2]
+PLACE = ROOT / "docs/reference"
 
 
 def first_sentences(thing: Any) -> str:
@@ -390,6 +391,7 @@ PAGES = {
 
 def main() -> None:
     """Write all pages."""
+    argparse.ArgumentParser(prog="python -m tools.dev.reference", description=__doc__).parse_args()
     PLACE.mkdir(parents=True, exist_ok=True)
     for name, make in PAGES.items():
         (PLACE / name).write_text(make(), encoding="utf-8")

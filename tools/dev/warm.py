@@ -1,5 +1,6 @@
 """`python -m tools.dev.warm`: compiles all kernels of runs and studies, and all modules, in advance."""
 
+import argparse
 import compileall
 import tempfile
 import time
@@ -40,6 +41,7 @@ def warm_studies() -> None:
 
 def main() -> None:
     """Compile the kernels, and print the reason for the waiting time first."""
+    argparse.ArgumentParser(prog="python -m tools.dev.warm", description=__doc__).parse_args()
     print(f"setup: compiling plant and firmware into {root()}; about half a minute, once", flush=True)
     started_s = time.perf_counter()
     collect_rarely()

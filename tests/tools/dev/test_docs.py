@@ -2,6 +2,8 @@
 
 import re
 import shlex
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple, get_type_hints
@@ -36,6 +38,7 @@ IN_ORDER = {
     "a tuning": ("how-to/tune.md",),
 }
 """Pages whose examples build on one another."""
+DEV_PROGRAMS = ("builds", "lowest", "mutation", "reactions", "reference", "warm")
 
 
 class Block(NamedTuple):
@@ -191,6 +194,18 @@ def test_every_link_to_a_section_finds_it():
 def test_the_reference_is_up_to_date(name):
     written = (DOCS / "reference" / name).read_text("utf-8")
     assert written == reference.PAGES[name](), f"{name} is old; run python -m tools.dev.reference"
+
+
+@pytest.mark.parametrize(
+    "module", ["firmware_py.interface.generate", *(f"tools.dev.{name}" for name in DEV_PROGRAMS)]
+)
+def test_a_developers_program_asked_for_help_only_answers(module, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", module, "--help"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith(f"usage: python -m {module} ")
+    assert not list(tmp_path.iterdir())
 
 
 def words_of(kind: type) -> int:
