@@ -20,7 +20,7 @@ from hil.faults.every import AnyFault
 from hil.faults.fault import Fault
 from hil.faults.on_bus import ModelledFault
 from hil.faults.on_process import ClockFault, ProcessFault
-from hil.judge.checks import MOST_CHECKS, Check
+from hil.judge.checks import LONGEST_S, MOST_CHECKS, Check
 from hil.scenario.files import ScenarioError, read_scenario, scenario_name
 from hil.scenario.operator import Command, Request
 from hil.scenario.parameter_file import merged
@@ -79,13 +79,14 @@ class CommandTable(Table):
 class ScriptTable(Table):
     """Duration of the run, the operator's commands, and the faults."""
 
-    duration_s: float = Field(gt=0.0, le=86_400.0, description="the run's length in s")
+    duration_s: float = Field(gt=0.0, le=LONGEST_S, description="the run's length in s")
     longest_delay_s: float = Field(
         default=0.61,
         ge=0.0,
-        le=86_400.0,
+        le=LONGEST_S,
         description="the longest delay of the first fault and of all that follows, in s, which several "
-        "seeds sample; by default a drive period at r = 1.1, so that faults come at every phase",
+        "seeds sample; by default a drive period at r = 1.1, so that faults come at every phase; it makes no "
+        "run longer than a day",
     )
     commands: list[CommandTable] = Field(
         default=[], max_length=MOST_COMMANDS, description="the tables [[script.commands]]"

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from hil.judge.checks import LONGEST_S
 from hil.scenario.scenario import Scenario, check_scenario
 
 AS_WRITTEN = 1
@@ -17,11 +18,13 @@ SEED_OF_FAULT_TIMES = 4000
 def at_other_times(scenario: Scenario, seed: int) -> Scenario:
     """Delay the first fault, all that comes later in script and checks, and the run's end by a sampled time.
 
-    The time is less than the script's `longest_delay_s`. The scenario is unchanged with the seed
-    `AS_WRITTEN`, if a fault begins at time 0, or if the longest delay is less than two ticks.
+    The time is less than the script's `longest_delay_s`, and makes no run longer than a day. The scenario
+    is unchanged with the seed `AS_WRITTEN`, if a fault begins at time 0, or if the longest delay is less than
+    two ticks.
     """
     first_s = min((fault.at_s for fault in scenario.faults), default=0.0)
-    most_ticks = int(scenario.longest_delay_s / scenario.period_s)
+    most_s = min(scenario.longest_delay_s, LONGEST_S - scenario.duration_s)
+    most_ticks = int(most_s / scenario.period_s)
     if seed == AS_WRITTEN or first_s == 0.0 or most_ticks < 2:
         return scenario
     by_ticks = int(np.random.default_rng([seed, SEED_OF_FAULT_TIMES]).integers(1, most_ticks))

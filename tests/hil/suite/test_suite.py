@@ -210,6 +210,15 @@ def test_a_script_limits_the_delay_of_its_faults(longest_s: float) -> None:
     assert max(by_s) < max(longest_s, 1e-9)
 
 
+@pytest.mark.parametrize("duration_s", [86_000.0, 86_399.9, 86_400.0])
+def test_no_delay_makes_a_run_longer_than_a_day(duration_s: float) -> None:
+    longest = {"script.duration_s": duration_s, "script.longest_delay_s": 86_400.0}
+    written = load_scenario("a-stuck-encoder-stops-the-motor", longest)
+    lasts_s = {at_other_times(written, seed).duration_s for seed in range(2, 40)}
+    assert max(lasts_s) <= 86_400.0
+    assert (len(lasts_s) > 10) is (duration_s < 86_400.0)
+
+
 CHECKS = [
     Check(name="peak_force_n", low=90.0, high=180.0, unit="N"),
     Check(name="regime", equals="impact"),
