@@ -13,6 +13,8 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
 from firmware_py.interface.codec import CODEC_BY_ID
 from firmware_py.interface.dbc import database
 from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
@@ -25,6 +27,7 @@ from hil.faults.on_bus import NamedFrames
 from hil.record.run_folder import read_note, refuse_irregular
 from hil.scenario.parameter_file import merged
 from hil.scenario.scenario import Scenario, load_scenario
+from plant_sim.arrays import FloatArray
 from tools.logs.foreign_logs import LoggedMessage, clock_jumps, read_log
 from tools.output import BadInputError
 
@@ -46,6 +49,8 @@ BEGINNINGS = (Mode.INIT, Mode.READY)
 """Modes in which a foreign log may begin: the crank is at rest, and nothing before it matters."""
 MOST_TICKS = 600_000
 """Largest number of replayed ticks: ten minutes; each takes a kilobyte of memory."""
+LONGEST_BUNDLE = 16
+"""Torque frames that an adapter stamps with one time at most, in its longest latency period."""
 LAST_TICKS = 2
 """Frames of the last ticks may be missing in a log, which ends while they wait for the bus."""
 US = 1e6
@@ -223,6 +228,8 @@ def between_torques(
     messages: Sequence[LoggedMessage], period_s: float
 ) -> tuple[list[SentFrame], list[RecordedTick]]:
     """Divide a log at the firmware's torque frames; ticks that sent none are filled in at equal intervals."""
+    torques_s = np.array([message.t_s for message in messages if message.can_id == TORQUE_ID])
+    missed = iter(periods_before(torques_s, period_s))
     ticks: list[RecordedTick] = []
     sent: list[SentFrame] = []
     waiting: list[LoggedMessage] = []
@@ -230,9 +237,8 @@ def between_torques(
     for message in messages:
         frame = Frame(message.can_id, message.data)
         if message.can_id == TORQUE_ID:
-            ticks += filled_in(
-                ticks[-1].t_s if ticks else message.t_s - period_s, message.t_s, period_s, waiting
-            )
+            before_s = ticks[-1].t_s if ticks else message.t_s - period_s
+            ticks += filled_in(before_s, message.t_s, next(missed), waiting)
             refuse_long(len(ticks))
             waiting = []
         if message.can_id in SENT_IDS or (message.can_id == ESTOP_ID and follows):
@@ -244,6 +250,18 @@ def between_torques(
     return sent, ticks
 
 
+def periods_before(t_s: FloatArray, period_s: float) -> list[int]:
+    """Whole periods from the frame before to each of the frames that the firmware sends once in a period.
+
+    Frames that follow each other faster were late: all but the last frame of an adapter's bundle have
+    waited, and so were sent earlier than their times `t_s`, shape (n,), say.
+    """
+    padded = np.append(t_s, np.full(LONGEST_BUNDLE, np.inf))
+    sent_s = np.min([padded[k : k + len(t_s)] - k * period_s for k in range(LONGEST_BUNDLE)], axis=0)
+    periods = np.clip(np.rint(np.diff(sent_s) / period_s), 1, MOST_TICKS + 1)
+    return [1, *map(int, periods)]
+
+
 def refuse_long(ticks: int) -> None:
     """Raise BadInputError for more ticks than are replayed."""
     if ticks > MOST_TICKS:
@@ -251,10 +269,9 @@ def refuse_long(ticks: int) -> None:
 
 
 def filled_in(
-    before_s: float, t_s: float, period_s: float, waiting: Sequence[LoggedMessage]
+    before_s: float, t_s: float, count: int, waiting: Sequence[LoggedMessage]
 ) -> Iterator[RecordedTick]:
-    """Yield the ticks after `before_s` up to `t_s`, each with the frames that had arrived."""
-    count = max(round((t_s - before_s) / period_s), 1)
+    """Yield the `count` ticks after `before_s` up to `t_s`, each with the frames that had arrived."""
     refuse_long(count)
     given = 0
     for number in range(1, count + 1):

@@ -1,6 +1,7 @@
 """Replays: today's firmware sends what the recorded firmware sent, from the recorded frames alone."""
 
 import json
+import math
 import shutil
 from collections import Counter
 from pathlib import Path
@@ -102,6 +103,18 @@ def test_torque_frames_divide_a_log_as_the_grid_of_lockstep_does(run_dir: Path) 
     by_torque = between_torques(messages, period_s)
     assert by_grid[0] == by_torque[0]
     assert [tick.received for tick in by_grid[1]] == [tick.received for tick in by_torque[1]]
+
+
+def test_an_adapter_that_bundles_frames_adds_no_ticks(foreign: Path, tmp_path: Path) -> None:
+    """All frames of a bundle have its time."""
+    bundled = tmp_path / "bundled.log"
+    lines = [line[1:].partition(")") for line in foreign.read_text().splitlines(keepends=True)]
+    bundled.write_text(
+        "".join(f"({math.ceil(float(t_s) / 0.016) * 0.016:.6f}){rest}" for t_s, _, rest in lines)
+    )
+    first, other = replay(foreign), replay(bundled)
+    assert (other.equal, other.ticks, other.frames) == (True, first.ticks, first.frames)
+    assert other.different_frames == first.different_frames
 
 
 def test_other_parameters_are_found_at_the_first_frame_that_they_change(

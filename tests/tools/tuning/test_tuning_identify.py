@@ -304,6 +304,21 @@ def test_wrong_times_take_no_memory_and_their_order_does_not_matter() -> None:
     assert len(ticks_of(bus_at([0.001, 0.005, 0.003]), 1e-3).low_m_s2) == 5
 
 
+def test_frames_whose_times_are_those_of_bundles_are_no_recordings_mixed() -> None:
+    felt = [ACCELEROMETER.encode(Accelerometer(0.1 * k, 0.1 * k, 0.0)) for k in range(100)]
+    frames = [(8e-3 * (k // 8), frame) for k, one in enumerate(felt) for frame in (one, SENSED[1])]
+    bus = bus_log(
+        np.array([t_s for t_s, _ in frames]),
+        np.array([frame.can_id for _, frame in frames]),
+        [frame.data for _, frame in frames],
+    )
+    with pytest.raises(
+        BadInputError, match=r"in 87 ticks, .* 0 s; wanted one: the adapter .* bundles; set its latency"
+    ) as error:
+        ticks_of(bus, 1e-3)
+    assert "clock" not in str(error.value)
+
+
 def test_two_recordings_of_the_same_times_are_not_mixed() -> None:
     """As in logs with times from their start, one after the other; repeated frames are no other recording."""
     assert len(ticks_of(bus_at([0.001, 0.002, 0.001, 0.002]), 1e-3).low_m_s2) == 2

@@ -101,9 +101,14 @@ def ticks_of(bus: Bus, period_s: float, name: str = "the log") -> Ticks:
     columns[3:, of_turned - first] = turned.signals[:, :2].T
     others = np.any(felt.signals[:, :3] != columns[:3, of_felt - first].T, axis=1)
     if np.mean(others) > MOST_MIXED:
+        remedy = (
+            "give a log of one recording whose clock never falls back"
+            if np.any(np.diff(felt.t_s) < 0.0)
+            else "the adapter has stamped frames in bundles; set its latency timer to 1 ms, and record anew"
+        )
         raise BadInputError(
             f"{name} has two samples of the accelerometer in {np.count_nonzero(others)} ticks, the first at "
-            f"{felt.t_s[others][0]:g} s; wanted one: give a log of one recording whose clock never falls back"
+            f"{felt.t_s[others][0]:g} s; wanted one: {remedy}"
         )
     return Ticks(period_s, *columns)
 
