@@ -7,7 +7,6 @@ half of a tick's work.
 
 import ctypes
 import errno
-import json
 import os
 import socket
 import struct
@@ -21,6 +20,8 @@ from hil.bus.wire import FRAME_BYTES, MAX_STANDARD_ID, pack, unpack
 from hil.timing.clock import NS_PER_S
 from hil.timing.realtime import libc
 
+PRIVATE_INTERFACE = "vcan0"
+"""The interface of a private vcan, in a network namespace where it is the only one beside `lo`."""
 ANSWER_TIMEOUT_S = 60.0
 """Longest wait for a socket of another network namespace, whose holder may wait for a busy machine."""
 BATCH = 256
@@ -89,15 +90,21 @@ def has_kernel_can() -> bool:
     if not hasattr(socket, "AF_CAN"):
         return False
     try:
-        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+        new_can_socket().close()
     except OSError:
         return False
     return True
 
 
-def open_can_socket(interface: str, accept: Iterable[int] | None, stamped: bool) -> socket.socket:
-    """Open a kernel CAN socket on `interface` for the identifiers in `accept`, or for all if it is None."""
-    can_socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+def new_can_socket() -> socket.socket:
+    """Make a kernel CAN socket in the network namespace of this process, bound to no interface."""
+    return socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+
+
+def bind_can_socket(
+    can_socket: socket.socket, interface: str, accept: Iterable[int] | None, stamped: bool
+) -> socket.socket:
+    """Join `interface` of the socket's namespace for the identifiers in `accept`, or for all if it is None."""
     if accept is not None:
         filters = b"".join(struct.pack("=II", can_id, EXACT_ID_MASK) for can_id in accept)
         can_socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters)
@@ -115,14 +122,12 @@ def open_can_socket(interface: str, accept: Iterable[int] | None, stamped: bool)
     return can_socket
 
 
-def fetch_can_socket(path: Path, accept: Iterable[int] | None, stamped: bool) -> socket.socket:
-    """Return a CAN socket of another network namespace from the process that listens at `path`."""
+def fetch_can_socket(path: Path) -> socket.socket:
+    """Return an unbound CAN socket of another network namespace from the process that listens at `path`."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
         link.settimeout(ANSWER_TIMEOUT_S)
         try:
             link.connect(str(path))
-            request = {"accept": None if accept is None else list(accept), "stamped": stamped}
-            link.sendall(json.dumps(request).encode())
             _, descriptors, _, _ = socket.recv_fds(link, 1, 1)
         except OSError as error:
             raise BusError(
@@ -131,7 +136,7 @@ def fetch_can_socket(path: Path, accept: Iterable[int] | None, stamped: bool) ->
             ) from error
     if not descriptors:
         raise BusError(f"the holder of vcan:{path} gave no CAN socket; it may be shutting down")
-    return socket.socket(fileno=descriptors[0])
+    return socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW, descriptors[0])
 
 
 class CanSocket(Connection):

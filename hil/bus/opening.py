@@ -10,7 +10,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from hil.bus.base import Bus, BusError
-from hil.bus.can_socket import CanSocket, fetch_can_socket, has_kernel_can, open_can_socket
+from hil.bus.can_socket import (
+    PRIVATE_INTERFACE,
+    CanSocket,
+    bind_can_socket,
+    fetch_can_socket,
+    has_kernel_can,
+    new_can_socket,
+)
 from hil.bus.hub_socket import HELLO, HELLO_SEND_ONLY, HELLO_STAMPED, HubSocket, TurnSocket
 from hil.bus.wire import requests_in
 from hil.timing.pacemaker import PACEMAKER
@@ -210,13 +217,14 @@ def join(address: str, accept: Collection[int] | None = None, stamped: bool = Fa
         greeting = HELLO_SEND_ONLY if only_sends else HELLO_STAMPED if stamped else HELLO
         return HubSocket(Path(channel), greeting, requests)
     if interface == "vcan":
-        return CanSocket(fetch_can_socket(Path(channel), accept, stamped), requests)
+        fetched = fetch_can_socket(Path(channel))
+        return CanSocket(bind_can_socket(fetched, PRIVATE_INTERFACE, accept, stamped), requests)
     if interface != "socketcan":
         raise BusError(f"bus {address} is an adapter; its nodes meet at the hub that `shared` gives")
     try:
         if not has_kernel_can():
             raise OSError("this kernel has no CAN sockets")
-        return CanSocket(open_can_socket(channel, accept, stamped), requests)
+        return CanSocket(bind_can_socket(new_can_socket(), channel, accept, stamped), requests)
     except OSError as error:
         raise BusError(
             f"bus {address} did not open: {error}; wanted a CAN interface that is up, see "

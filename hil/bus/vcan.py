@@ -1,9 +1,9 @@
 """A private vcan interface for one run, in a network namespace of its own, which ends with its process.
 
 `python -m hil.bus.vcan FOLDER` makes the namespace and the interface and keeps them until its standard input
-ends. It prints `ready vcan:FOLDER/vcan`: a Unix socket through which it passes CAN sockets opened in that
-namespace. A socket stays in the namespace in which it was opened, so the nodes need not enter it. No other
-user of the machine can open a CAN socket there: the folder is the user's own, and so is the namespace.
+ends. It prints `ready vcan:FOLDER/vcan`: a Unix socket through which it passes CAN sockets made in that
+namespace. A socket stays in the namespace in which it was made, so the nodes need not enter it. No other user
+of the machine can make a CAN socket there: the folder is the user's own, and so is the namespace.
 
 All modules are imported before the namespace is entered: an ordinary user enters a user namespace with it,
 where files of root's can no longer be read, of a Python in root's folder for example.
@@ -11,7 +11,6 @@ where files of root's can no longer be read, of a Python in root's folder for ex
 
 import argparse
 import ctypes
-import json
 import os
 import selectors
 import socket
@@ -22,17 +21,12 @@ from pathlib import Path
 from pyroute2 import IPRoute
 from pyroute2.netlink.exceptions import NetlinkError
 
-from hil.bus.can_socket import open_can_socket
+from hil.bus.can_socket import PRIVATE_INTERFACE, new_can_socket
 from hil.timing.processes import READY, report_to_parent, stop_requests
 from hil.timing.realtime import libc
 
 CLONE_NEWUSER = 0x10000000
 CLONE_NEWNET = 0x40000000
-REQUEST_BYTES = 1 << 14
-REQUEST_TIMEOUT_S = 5.0
-"""Longest wait for the request of a node that has connected: the other nodes' requests wait as well."""
-INTERFACE = "vcan0"
-"""Its name in the namespace, where it is the only one beside `lo`."""
 
 
 class VcanError(RuntimeError):
@@ -74,18 +68,11 @@ def enter_own_network() -> None:
     Path("/proc/self/gid_map").write_text(f"0 {group} 1")
 
 
-def hand_out(listener: socket.socket, interface: str) -> None:
-    """Answer one node's request with a CAN socket opened on `interface`."""
+def hand_out(listener: socket.socket) -> None:
+    """Give the next node that connects a CAN socket of this namespace; it binds the socket itself."""
     link, _ = listener.accept()
-    # The node may be stopped before its request, or end before its answer.
-    with link, suppress(TimeoutError, ConnectionError):
-        link.settimeout(REQUEST_TIMEOUT_S)
-        content = link.recv(REQUEST_BYTES)
-        if not content:
-            return  # the node ended before its request
-        request = json.loads(content)
-        with open_can_socket(interface, request["accept"], request["stamped"]) as can_socket:
-            socket.send_fds(link, [b"1"], [can_socket.fileno()])
+    with link, new_can_socket() as can_socket, suppress(ConnectionError):  # the node may have ended
+        socket.send_fds(link, [b"1"], [can_socket.fileno()])
 
 
 def main() -> None:
@@ -102,7 +89,7 @@ def main() -> None:
         selector.register(sys.stdin, selectors.EVENT_READ)
         try:
             enter_own_network()
-            make_interface(INTERFACE)
+            make_interface(PRIVATE_INTERFACE)
         except VcanError as error:
             report_to_parent(f"failed {error}")
             return
@@ -111,8 +98,8 @@ def main() -> None:
         selector.register(listener, selectors.EVENT_READ)
         report_to_parent(f"{READY} vcan:{path}")
         while all(key.fileobj is listener for key, _ in selector.select()):
-            hand_out(listener, INTERFACE)
-    remove_interface(INTERFACE)
+            hand_out(listener)
+    remove_interface(PRIVATE_INTERFACE)
     path.unlink(missing_ok=True)
     with suppress(OSError):
         path.parent.rmdir()

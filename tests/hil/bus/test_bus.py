@@ -233,16 +233,16 @@ def test_frames_stamped_later_than_wanted_are_left_for_the_next_call(local: Prov
         assert [received for _, received in recorder.receive_stamped()] == [frame(2)]
 
 
-def test_a_holder_of_sockets_does_not_wait_for_a_client_that_asks_for_nothing(
+def test_a_holder_of_sockets_does_not_wait_for_a_client_that_takes_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A process that was stopped while it joined; the others join meanwhile."""
-    monkeypatch.setattr("hil.bus.vcan.REQUEST_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("hil.bus.vcan.new_can_socket", lambda: socket.socket(socket.AF_UNIX))
     with socket.socket(socket.AF_UNIX) as listener, socket.socket(socket.AF_UNIX) as client:
         listener.bind(str(tmp_path / "vcan"))
         listener.listen()
         client.connect(str(tmp_path / "vcan"))
-        serving = Thread(target=hand_out, args=(listener, "vcan0"), daemon=True)
+        serving = Thread(target=hand_out, args=(listener,), daemon=True)
         serving.start()
         serving.join(2.0)
         assert not serving.is_alive()
@@ -252,14 +252,13 @@ def test_a_holder_of_sockets_outlives_a_client_that_has_ended_before_its_answer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Else the bus of all others would end with it."""
-    monkeypatch.setattr("hil.bus.vcan.open_can_socket", lambda *_: socket.socket(socket.AF_UNIX))
+    monkeypatch.setattr("hil.bus.vcan.new_can_socket", lambda: socket.socket(socket.AF_UNIX))
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(tmp_path / "vcan"))
         listener.listen()
         with socket.socket(socket.AF_UNIX) as client:
             client.connect(str(tmp_path / "vcan"))
-            client.sendall(b'{"accept": null, "stamped": false}')
-        hand_out(listener, "vcan0")
+        hand_out(listener)
 
 
 def test_a_node_does_not_wait_for_a_holder_that_answers_nothing(
@@ -270,7 +269,7 @@ def test_a_node_does_not_wait_for_a_holder_that_answers_nothing(
 
     def fetch() -> None:
         try:
-            fetch_can_socket(tmp_path / "vcan", None, stamped=False)
+            fetch_can_socket(tmp_path / "vcan")
         except BusError as error:
             failed.append(error)
 
