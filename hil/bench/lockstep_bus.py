@@ -74,12 +74,12 @@ class BusAsModelled:
         """Advance the model; return the frames that have arrived, logged at their arrival."""
         if self._faults:
             self._break(from_ns / NS_PER_S)
-        destroyed = self._bus.figures.errors
+        destroyed = self._bus.destroyed
         for t_ns, frame in self._foreign_frames(from_ns, to_ns):
             self._bus.submit(STRANGER, frame, t_ns)
         deliveries = self._bus.move_to(to_ns)
         logged = [(delivery.t_ns, [delivery.frame]) for delivery in deliveries]
-        self._count(from_ns / NS_PER_S, deliveries, self._bus.figures.errors - destroyed)
+        self._count(from_ns / NS_PER_S, deliveries, self._bus.destroyed - destroyed)
         self._bus.join(STRANGER).pending.clear()
         self._note_errors(to_ns / NS_PER_S)
         return logged
@@ -102,7 +102,7 @@ class BusAsModelled:
     def _note_errors(self, t_s: float) -> None:
         model = self._bus
         unsent = sum(model.join(name).lost for name in NODES)
-        errors = model.figures.errors, unsent, [model.counters(name) for name in NODES]
+        errors = model.destroyed, unsent, [model.counters(name) for name in NODES]
         if errors != self._last_errors:
             self._last_errors = destroyed, unsent, counters = errors
             self._errors.append(BusErrorRecord(t_s, destroyed, unsent, *map(errors_of, counters)))

@@ -104,7 +104,7 @@ def new_can_socket() -> socket.socket:
 def bind_can_socket(
     can_socket: socket.socket, interface: str, accept: Iterable[int] | None, stamped: bool
 ) -> socket.socket:
-    """Join `interface` of the socket's namespace for the identifiers in `accept`, or for all if it is None."""
+    """Bind a socket to `interface` for the identifiers in `accept`, or for all if it is None."""
     if accept is not None:
         filters = b"".join(struct.pack("=II", can_id, EXACT_ID_MASK) for can_id in accept)
         can_socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters)

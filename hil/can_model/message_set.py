@@ -2,11 +2,11 @@
 
 Period: `GenMsgCycleTime`, or for a frame sent on an event its smallest gap, `GenMsgDelayTime`. Deadline: the
 period, since a frame's transmission must end before its successor is queued. Length: the bound of Davis et
-al. 2007, including stuff bits and intermission. A frame with two senders is two streams; a frame that no node
-of the bench sends is none.
+al. 2007, including stuff bits and intermission. Every node queues at most one frame per tick in addition to
+those of every tick. A frame with two senders is two streams; a frame that no node of the bench sends is none.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from cantools.database.can import Message
@@ -32,10 +32,6 @@ at most one response and one sample, which have the same identifier."""
 XCP_DEADLINE_NS = 10 * NS_PER_MS
 """Deadline of these frames, which control nothing: samples carry their tick, and a master waits for
 responses."""
-
-ALL_SENDERS = frozenset({"Drive", "Sensors", "Firmware", "Operator"})
-PACED_SENDERS = ALL_SENDERS
-"""Nodes that queue at most one frame per tick in addition to those of every tick."""
 
 ONE_ERROR = ErrorModel(burst=1, gap_ns=10 * NS_PER_MS)
 """A disturbed bus: one transmission destroyed at any time, then one every 10 ms."""
@@ -68,19 +64,16 @@ class Schedule(NamedTuple):
 
 
 def bus_streams(
-    bitrate: int,
-    paced: Collection[str] = PACED_SENDERS,
-    modules: Sequence[Addresses] = (DEFAULT,),
-    is_measured: bool = True,
+    bitrate: int, modules: Sequence[Addresses] = (DEFAULT,), is_measured: bool = True
 ) -> list[Stream]:
-    """Return all streams of `modules` at `bitrate`; senders in `paced` queue one slow frame a tick.
+    """Return all streams of `modules` at `bitrate`.
 
     `is_measured`: a master of XCP sends a command and receives a response and a sample in every tick.
     """
     streams = [
         stream
         for number, places in enumerate(modules)
-        for stream in _module_streams(bitrate, paced, places, "" if len(modules) == 1 else f" {number}")
+        for stream in _module_streams(bitrate, places, "" if len(modules) == 1 else f" {number}")
         if is_measured or not stream.name.startswith(XCP)
     ]
     streams += [
@@ -91,7 +84,7 @@ def bus_streams(
     return sorted(streams, key=lambda stream: stream.can_id)
 
 
-def _module_streams(bitrate: int, paced: Collection[str], places: Addresses, suffix: str) -> Iterator[Stream]:
+def _module_streams(bitrate: int, places: Addresses, suffix: str) -> Iterator[Stream]:
     """Yield the streams of `vibro.dbc` for the module at `places`, its names ending in `suffix`."""
     bit_ns = bit_ns_of(bitrate)
     for message in sorted(database().messages, key=lambda message: message.frame_id):
@@ -99,7 +92,6 @@ def _module_streams(bitrate: int, paced: Collection[str], places: Addresses, suf
             if sender == NO_NODE:
                 continue
             period_ns = _period_ns(message)
-            is_paced = period_ns > TICK_NS and sender in paced
             yield Stream(
                 can_id=bus_id(places, message.frame_id),
                 name=f"{message.name}{suffix}",
@@ -109,7 +101,7 @@ def _module_streams(bitrate: int, paced: Collection[str], places: Addresses, suf
                 jitter_ns=QUEUING_JITTER_NS,
                 deadline_ns=XCP_DEADLINE_NS if message.name in XCP else period_ns,
                 transmission_ns=worst_case_bits(message.length) * bit_ns,
-                pacing=Pacing(f"{sender}{suffix}", TICK_NS) if is_paced else None,
+                pacing=Pacing(f"{sender}{suffix}", TICK_NS) if period_ns > TICK_NS else None,
             )
 
 
@@ -125,11 +117,10 @@ def _period_ns(message: Message) -> int:
 
 def bus_schedule(
     bitrate: int,
-    paced: Collection[str] = PACED_SENDERS,
     errors: ErrorModel | None = None,
     modules: Sequence[Addresses] = (DEFAULT,),
     is_measured: bool = True,
 ) -> Schedule:
     """Analyse a bus of `bitrate` bit/s with the modules at these places; arguments as of `bus_streams`."""
-    streams = bus_streams(bitrate, paced, modules, is_measured)
+    streams = bus_streams(bitrate, modules, is_measured)
     return Schedule(bitrate, float(load(streams)), response_times(streams, bit_ns_of(bitrate), errors))

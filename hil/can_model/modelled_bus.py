@@ -52,19 +52,6 @@ class Delivery(NamedTuple):
     receivers: tuple[str, ...]
 
 
-class BusFigures(NamedTuple):
-    """Counts since the start."""
-
-    frames: int
-    """Transmissions without error."""
-    errors: int
-    """Transmissions that failed."""
-    busy_ns: int
-    """Bus time of all transmissions, including intermissions."""
-    lost: int
-    """Frames that their node refused or discarded."""
-
-
 class Pending(NamedTuple):
     """A queued frame; frames sort by identifier, then by age."""
 
@@ -145,7 +132,9 @@ class ModelledBus:
         self._idle_from_bit = 0
         self._recessive_from_bit = 0
         """Start of the run of recessive bits that ends with the next frame."""
-        self._queued = self._frames = self._errors = self._busy_bits = 0
+        self._queued = 0
+        self.destroyed = 0
+        """Transmissions that have failed so far; one under way counts from its start."""
         self.t_ns = 0
         """The time at which frames of joined nodes are queued, set by `move_to`."""
 
@@ -199,12 +188,6 @@ class ModelledBus:
         """The node's error counters, which determine its error state."""
         return self.join(node).counters
 
-    @property
-    def figures(self) -> BusFigures:
-        """The transmissions so far; a frame in transmission counts from its start."""
-        lost = sum(node.lost for node in self._nodes.values())
-        return BusFigures(self._frames, self._errors, self._busy_bits * self._bit_ns, lost)
-
     # --- time ------------------------------------------------------------------------------------------
 
     def _advance(self, until_ns: int) -> None:
@@ -251,9 +234,7 @@ class ModelledBus:
         self._now_bit = start_bit
         self._idle_from_bit = start_bit + busy_bits
         self._recessive_from_bit = self._idle_from_bit - RECESSIVE_TAIL_BITS
-        self._frames += arrived
-        self._errors += not arrived
-        self._busy_bits += busy_bits
+        self.destroyed += not arrived
         for node in receivers:
             node.counters = (after_receiving if arrived else after_receive_error)(node.counters)
         for node in senders:

@@ -15,9 +15,8 @@ from hypothesis import strategies as st
 from firmware_py.interface.dbc import database
 from firmware_py.interface.frame import Frame, worst_case_bits
 from firmware_py.interface.generated.kinds import XCP_COMMAND
-from hil.can_model.bits import BitRateError, frame_bits
+from hil.can_model.bits import BitRateError, bit_ns_of, frame_bits
 from hil.can_model.message_set import (
-    ALL_SENDERS,
     ONE_ERROR,
     TICK_NS,
     bus_schedule,
@@ -271,7 +270,7 @@ def test_every_frame_with_a_sender_is_analysed_with_the_timing_of_the_dbc() -> N
     assert [one.can_id for one in streams] == sorted(one.can_id for one in streams)
     assert {one.can_id for one in streams} == set(messages) - {0x00D}  # SetInputVelocity: no node sends it
     assert [one.sender for one in streams if one.can_id == 0x002] == ["Operator", "Firmware"]
-    assert {one.sender for one in streams} == ALL_SENDERS
+    assert {one.sender for one in streams} == {"Drive", "Sensors", "Firmware", "Operator"}
     for one in streams:
         message = messages[one.can_id]
         assert one.transmission_ns == 1000 * worst_case_bits(message.length)
@@ -282,13 +281,15 @@ def test_every_frame_with_a_sender_is_analysed_with_the_timing_of_the_dbc() -> N
 
 def test_what_1_mbit_promises() -> None:
     """Every node's frames all in one tick are too much; one slow frame a tick and node is not."""
-    assert bus_schedule(1_000_000, paced=(), is_measured=False).late == ["SetInputTorque", "Accelerometer"]
-    paced = bus_schedule(1_000_000, paced=ALL_SENDERS)
+    unpaced = [one._replace(pacing=None) for one in bus_streams(1_000_000, is_measured=False)]
+    late = [one.stream.name for one in response_times(unpaced, bit_ns_of(1_000_000)) if not one.in_time]
+    assert late == ["SetInputTorque", "Accelerometer"]
+    paced = bus_schedule(1_000_000)
     assert paced.schedulable
     accelerometer = next(one for one in paced.responses if one.stream.name == "Accelerometer")
     # jitter, blocking, one slow frame of drive and firmware each, the operator's E-stop, three of the tick's
     assert accelerometer.response_ns == 100_000 + 135_000 * 6 + 55_000
-    assert bus_schedule(1_000_000, paced=ALL_SENDERS, errors=ONE_ERROR).late == ["Accelerometer"]
+    assert bus_schedule(1_000_000, errors=ONE_ERROR).late == ["Accelerometer"]
 
 
 def test_measurement_delays_no_frame_of_control() -> None:
@@ -306,14 +307,14 @@ def test_measurement_delays_no_frame_of_control() -> None:
 
 @pytest.mark.parametrize("bitrate", [500_000, 250_000])
 def test_slower_buses_are_overloaded(bitrate: int) -> None:
-    schedule = bus_schedule(bitrate, paced=ALL_SENDERS)
+    schedule = bus_schedule(bitrate)
     assert not schedule.schedulable
     assert schedule.load > 1
 
 
 def test_only_slow_frames_are_paced() -> None:
-    for one in bus_streams(1_000_000, paced={"Firmware"}):
-        assert (one.pacing is not None) == (one.sender == "Firmware" and one.period_ns > TICK_NS)
+    for one in bus_streams(1_000_000):
+        assert (one.pacing is not None) == (one.period_ns > TICK_NS)
 
 
 @pytest.mark.parametrize("bitrate", [0, -1, 300_000, 999_999, 2_000_000])
@@ -338,7 +339,7 @@ def test_the_critical_instant_reaches_the_bound() -> None:
     """All frames at once, one bit after the longest less urgent one has begun: the bound for frames of
     exactly these lengths, less that bit. Of streams that share an identifier one is played, since for both
     together the bound is safe, not exact."""
-    streams = [stream._replace(jitter_ns=0) for stream in bus_streams(1_000_000, paced=())]
+    streams = [stream._replace(jitter_ns=0, pacing=None) for stream in bus_streams(1_000_000)]
     streams = list({stream.can_id: stream for stream in reversed(streams)}.values())
     names = sorted({stream.sender for stream in streams})
     dice = random.Random(5)
