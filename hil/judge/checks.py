@@ -164,12 +164,12 @@ def margin_share(check: Check, value: Any) -> float | None:
     return margin(check, value) / scale if scale > 0.0 else None
 
 
-def measured(check: Check, figures: Figures, traces: RunTraces) -> tuple[Value | None, str | None]:
+def measure(check: Check, figures: Figures, traces: RunTraces) -> tuple[Value | None, str | None]:
     """The value of a check's figure, or None and the reason why the run does not have it."""
     if silent := [name for name in ("plant", "firmware") if getattr(figures.loops, name).ticks == 0]:
         return None, f"{' and '.join(silent)} recorded no tick"
     if check.expression is not None:
-        return measured_own(check, check.expression, figures, traces)
+        return measure_own(check, check.expression, figures, traces)
     value = value_of(figures, check.name)
     spec = CATALOGUE[check.name]
     if spec.origin is Origin.HOLD and figures.hold_start_s is None:
@@ -179,7 +179,7 @@ def measured(check: Check, figures: Figures, traces: RunTraces) -> tuple[Value |
     return value, None
 
 
-def measured_own(
+def measure_own(
     check: Check, expression: str, figures: Figures, traces: RunTraces
 ) -> tuple[Value | None, str | None]:
     """The value of an own figure over the check's window, or None and the reason."""
@@ -219,7 +219,7 @@ def evaluate(
     """Evaluate each check on the figures, and own expressions on `traces`."""
     results = []
     for check in checks:
-        value, reason = measured(check, figures, traces)
+        value, reason = measure(check, figures, traces)
         verdict = Verdict.PASSED if within(check, value) else Verdict.FAILED
         if (doubted := doubt(check, figures)) is not None:
             verdict, reason = Verdict.NOT_JUDGED, doubted

@@ -2,9 +2,7 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
-from hil.record.run_traces import column
+from hil.record.run_traces import column, pair_by_tick
 from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import FloatArray
 
@@ -19,10 +17,7 @@ class EstimateErrors(NamedTuple):
 
 def estimate_errors(plant: Records, firmware: Records) -> EstimateErrors:
     """Estimate minus truth of position and velocity."""
-    _, of_plant, of_firmware = np.intersect1d(
-        column(plant, "tick"), column(firmware, "tick"), return_indices=True, assume_unique=True
-    )
-    truth, estimated = plant[of_plant], firmware[of_firmware]
+    truth, estimated = pair_by_tick(plant, firmware)
     return EstimateErrors(
         column(truth, "t_s"),
         column(estimated, "state.estimator.x_m") - column(truth, "x_m"),

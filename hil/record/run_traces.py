@@ -68,6 +68,13 @@ def column(records: Records, name: str) -> FloatArray:
     raise KeyError(f"the trace has no column {name!r}; it has {near}")
 
 
+def pair_by_tick(first: Records, second: Records) -> tuple[Records, Records]:
+    """The records of two traces at the ticks that both have; of a repeated tick the first."""
+    ticks = column(first, "tick"), column(second, "tick")
+    _, of_first, of_second = np.intersect1d(*ticks, return_indices=True)
+    return first[of_first], second[of_second]
+
+
 def read_json(path: Path) -> dict[str, Any]:
     """A JSON object; empty if the file does not exist. Raises DamagedFileError for other content."""
     if not path.exists():

@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from operator import itemgetter
 from pathlib import Path
@@ -79,23 +79,6 @@ def dynamic(archetype: str, struct: pa.StructArray) -> rr.ComponentColumnList:
     return rr.DynamicArchetype.columns(archetype=archetype, components={"record": struct})
 
 
-class Timebase:
-    """Converts simulated seconds to the log's two time columns."""
-
-    def __init__(self, wall_start_s: float) -> None:
-        self.wall_start_ns = round(wall_start_s * 1e9)
-
-    def columns(self, t_s: FloatArray, late_us: FloatArray | float = 0.0) -> list[rr.TimeColumn]:
-        """`sim_time` and `wall_time` of rows at `t_s`; `late_us`: the process's wake-up latency, if known."""
-        sim_ns = whole_ns(t_s)
-        late_ns = np.round(np.nan_to_num(np.multiply(late_us, 1e3))).astype(np.int64)
-        wall_ns = self.wall_start_ns + sim_ns + late_ns
-        return [
-            rr.TimeColumn("sim_time", duration=sim_ns.astype("timedelta64[ns]")),
-            rr.TimeColumn("wall_time", timestamp=wall_ns.astype("datetime64[ns]")),
-        ]
-
-
 class LogStream:
     """Writes to a file, or to a viewer by its URL, with an initial layout."""
 
@@ -108,13 +91,13 @@ class LogStream:
         else:
             self.recording.connect_grpc(to, default_blueprint=blueprint)
         self._file = to if isinstance(to, Path) else None
-        self.time = Timebase(float(run.get("wall_start_s", 0.0)))
+        self._wall_start_ns = round(float(run.get("wall_start_s", 0.0)) * 1e9)
         self._declared: set[str] = set()
         self._last: dict[str, int] = {}
         self._new_events: list[tuple[float, str, str]] = []
         name = " ".join([run.get("scenario", "run"), *run.get("changes", [])])
         self.recording.send_recording_name(f"{name} ({run.get('clock', '?')})")
-        self.recording.send_recording_start_time_nanos(self.time.wall_start_ns)
+        self.recording.send_recording_start_time_nanos(self._wall_start_ns)
 
     def flush(self) -> None:
         """Pass all data to the file or the viewer.
@@ -139,9 +122,30 @@ class LogStream:
         """Log a static page in Markdown."""
         self.recording.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
-    def send(self, entity: str, t_s: FloatArray, columns: Iterable[Any], late_us: Any = 0.0) -> None:
-        """Log columns with a row at each of `t_s`; `late_us` as in `Timebase.columns`."""
-        self.recording.send_columns(entity, self.time.columns(t_s, late_us), [*columns])
+    def send(
+        self, entity: str, t_s: FloatArray, columns: Iterable[Any], late_us: FloatArray | float = 0.0
+    ) -> None:
+        """Log columns with a row at each of `t_s`; `late_us`: the process's wake-up latency, if known."""
+        sim_ns = whole_ns(t_s)
+        late_ns = np.round(np.nan_to_num(np.multiply(late_us, 1e3))).astype(np.int64)
+        wall_ns = self._wall_start_ns + sim_ns + late_ns
+        times = [
+            rr.TimeColumn("sim_time", duration=sim_ns.astype("timedelta64[ns]")),
+            rr.TimeColumn("wall_time", timestamp=wall_ns.astype("datetime64[ns]")),
+        ]
+        self.recording.send_columns(entity, times, [*columns])
+
+    def constant(self, entity: str, t_s: FloatArray, value: float, name: str, rgba: int) -> None:
+        """Log a line at a constant value over the times `t_s`."""
+        self.declare(entity, rr.SeriesLines.from_fields(names=[name], colors=colors([rgba]), widths=[1.0]))
+        self.send(entity, t_s[[0, -1]], rr.Scalars.columns(scalars=[value] * 2))
+
+    def states(self, entity: str, changes: Sequence[tuple[float, str]], rgba: Mapping[str, int]) -> None:
+        """Log the changes of a state timeline; `rgba`: the colours of its states."""
+        self.declare(entity, rr.StateConfiguration(values=list(rgba), colors=colors(rgba.values())))
+        if changes:
+            t_s, states = zip(*changes, strict=True)
+            self.send(entity, np.array(t_s), rr.StateChange.columns(state=states))
 
     def records(self, entity: str, records: Records) -> None:
         """Log records with all their columns."""
@@ -154,18 +158,10 @@ class LogStream:
     def state_timelines(self, records: Records, timelines: Iterable[StateTimeline]) -> None:
         """Log the changes of state timelines."""
         for timeline in timelines:
-            self.declare(
-                timeline.entity,
-                rr.StateConfiguration(
-                    values=[lower_name(state) for state in timeline.states],
-                    colors=colors(timeline.colors.get(state, ALARM) for state in timeline.states),
-                ),
-            )
+            rgba = {lower_name(state): timeline.colors.get(state, ALARM) for state in timeline.states}
             changes = self.changes(timeline.entity, records, timeline.column)
-            if changes:
-                states = [state_name(timeline.states, value) for _, value in changes]
-                times = np.array([t_s for t_s, _ in changes])
-                self.send(timeline.entity, times, rr.StateChange.columns(state=states))
+            named = [(t_s, state_name(timeline.states, value)) for t_s, value in changes]
+            self.states(timeline.entity, named, rgba)
 
     def changes(self, key: str, records: Records, name: str) -> list[tuple[float, int]]:
         """Times and new values at which a column of integers changes; `key` identifies it between calls."""

@@ -50,7 +50,7 @@ from hil.show.drawing import Drawing
 from hil.show.highlights import highlights, marks
 from hil.show.injected import NONE, Injected, injected, timeline
 from hil.show.layout import Contents, Mark, layout
-from hil.show.log_stream import LogStream, colors, dynamic
+from hil.show.log_stream import LogStream, dynamic
 from hil.show.verdict_text import verdict_text
 
 BUS_TIMELINES = tuple(
@@ -197,12 +197,9 @@ class RunLog:
 
     def _states(self, entity: str, changes: Sequence[tuple[float, str]]) -> None:
         """Log a state timeline with texts of this run as states; all except `none` are alarms."""
-        if not changes:
-            return
-        states = [state for _, state in changes]
-        shades = colors(NEUTRAL if state == NONE else ALARM for state in states)
-        self.out.declare(entity, rr.StateConfiguration(values=states, colors=shades))
-        self.out.send(entity, np.array([t_s for t_s, _ in changes]), rr.StateChange.columns(state=states))
+        if changes:
+            rgba = {state: NEUTRAL if state == NONE else ALARM for _, state in changes}
+            self.out.states(entity, changes, rgba)
 
     def _estimate_error(self, traces: RunTraces) -> None:
         """Log estimate minus truth, the position's in mm; a log of a real bench has no truth."""
@@ -224,9 +221,7 @@ class RunLog:
         window = push_off(self._scenario)
         ends_s = np.array([0.0, self._end_s])
         for edge, share in (("from", window.start), ("to", window.end)):
-            entity = f"gait/window/{edge}"
-            self.out.declare(entity, rr.SeriesLines(names=[f"window {edge}"], colors=colors([TARGET])))
-            self.out.send(entity, ends_s, rr.Scalars.columns(scalars=[share] * 2))
+            self.out.constant(f"gait/window/{edge}", ends_s, share, f"window {edge}", TARGET)
         t_s = column(traces.impacts, "t_s")
         phase = phase_at(traces.plant, t_s)
         inside = window.holds(phase)
@@ -237,15 +232,11 @@ class RunLog:
     # --- one trace each ------------------------------------------------------------------------------
 
     def _plant(self, records: Records) -> None:
-        t_s = column(records, "t_s")
         self.out.ticked("plant", self._plant_log.logged(records), column(records, "wake_latency_us"))
         self.out.state_timelines(records, PLANT_TIMELINES)
         self.drawing.truth(records)
         if self.stop_m is not None:
-            self.out.declare(
-                "stop", rr.SeriesLines.from_fields(names=["stop"], colors=colors([ALARM]), widths=[1.0])
-            )
-            self.out.send("stop", t_s[[0, -1]], rr.Scalars.columns(scalars=[self.stop_m] * 2))
+            self.out.constant("stop", column(records, "t_s"), self.stop_m, "stop", ALARM)
         if self._walked:
             self.out.state_timelines(records, (LEG_TIMELINE,))
         for at_s, value in self.out.changes("axis_error", records, "axis_error"):
@@ -259,9 +250,7 @@ class RunLog:
             self.out.state_timelines(records, (LEG_ESTIMATED_TIMELINE,))
         self.drawing.estimate(records)
         self._firmware_events(records)
-        self.out.declare("nis_expected", rr.SeriesLines(names=["1"], colors=colors([TARGET]), widths=[1.0]))
-        ends_s = column(records, "t_s")[[0, -1]]
-        self.out.send("nis_expected", ends_s, rr.Scalars.columns(scalars=[1.0] * 2))
+        self.out.constant("nis_expected", column(records, "t_s"), 1.0, "1", TARGET)
         seen = detection.reported(records)
         if len(seen):
             touch_down_s = column(seen, "t_s") - column(seen, "outputs.impact_age_s")

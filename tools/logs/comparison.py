@@ -22,7 +22,7 @@ from hil.judge.tolerance import Tolerance, tolerance_of
 from hil.record.damage import reading
 from hil.record.frame_tables import RAW
 from hil.record.log_reader import MEASURED
-from hil.record.run_traces import column
+from hil.record.run_traces import column, pair_by_tick
 from hil.record.state_timeline import ALARM, OTHER
 from hil.show.layout import overlay
 from hil.show.log_stream import colors, recorded
@@ -253,11 +253,10 @@ def compare(a: Run, b: Run, tolerances: Mapping[str, Tolerance] | None = None) -
 
 def position_and_speed_apart(a: Run, b: Run) -> Iterator[tuple[str, FloatArray, FloatArray]]:
     """True position in mm and crank speed in rad/s, b minus a at their common ticks: name, s, values."""
-    first, second = a.traces.plant, b.traces.plant
-    _, of_a, of_b = np.intersect1d(column(first, "tick"), column(second, "tick"), return_indices=True)
-    t_s = column(first, "t_s")[of_a]
+    first, second = pair_by_tick(a.traces.plant, b.traces.plant)
+    t_s = column(first, "t_s")
     for name, source, factor in (("x_mm", "x_m", 1e3), ("omega_rad_s", "omega_rad_s", 1.0)):
-        apart = factor * (column(second, source)[of_b] - column(first, source)[of_a])
+        apart = factor * (column(second, source) - column(first, source))
         if len(apart):
             yield name, t_s, apart
 

@@ -14,6 +14,7 @@ import math
 import operator
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
@@ -38,7 +39,7 @@ UNARY: Final[Mapping[type[ast.unaryop], Callable[[Any], Any]]] = {
 }
 
 
-def compared(compare: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+def make_comparison(compare: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     """A comparison that gives 1 or 0, and NaN where one side is NaN: what is not known meets no limit."""
 
     def known(first: Any, second: Any) -> Any:
@@ -56,10 +57,10 @@ BINARY: Final[Mapping[type[ast.operator | ast.cmpop], Callable[[Any, Any], Any]]
     ast.FloorDiv: np.floor_divide,
     ast.Mod: np.mod,
     ast.Pow: np.power,
-    ast.Lt: compared(np.less),
-    ast.LtE: compared(np.less_equal),
-    ast.Gt: compared(np.greater),
-    ast.GtE: compared(np.greater_equal),
+    ast.Lt: make_comparison(np.less),
+    ast.LtE: make_comparison(np.less_equal),
+    ast.Gt: make_comparison(np.greater),
+    ast.GtE: make_comparison(np.greater_equal),
 }
 FORMS: Final = (
     "numbers, pi, signals, + - * / // % **, < <= > >=, and calls of functions of one signal or number"
@@ -70,76 +71,60 @@ class ExpressionError(ValueError):
     """An expression cannot be evaluated; the message says why."""
 
 
-def evaluate(
-    expression: str,
-    names: Names,
-    read: Read,
-    reducers: Mapping[str, Callable[[Signal], float]],
-    elementwise: Mapping[str, Callable[[Any], Any]],
-) -> float:
-    """The number that an expression gives; raises ExpressionError.
+@dataclass(frozen=True)
+class Expression:
+    """An expression and the meaning of its names."""
 
-    reducers: functions from a signal to a number. elementwise: functions of a signal or a number, to the
-    same.
-    """
-    translation = _Translation(expression, names, read, reducers, elementwise)
-    value_of_all = translation.of(translation.parsed())
-    with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")
-        value = value_of_all()
-    if np.ndim(value) != 0:
-        raise ExpressionError(f"{expression!r} is a signal; make a number of it, by {', '.join(reducers)}")
-    return float(value)
+    text: str
+    names: Names
+    read: Read
+    reducers: Mapping[str, Callable[[Signal], float]]
+    """Functions from a signal to a number."""
+    elementwise: Mapping[str, Callable[[Any], Any]]
+    """Functions of a signal or a number, to the same."""
 
+    def evaluate(self) -> float:
+        """The number that the expression gives; raises ExpressionError."""
+        value_of_all = self._translate(self._parse())
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            value = value_of_all()
+        if np.ndim(value) != 0:
+            functions = ", ".join(self.reducers)
+            raise ExpressionError(f"{self.text!r} is a signal; make a number of it, by {functions}")
+        return float(value)
 
-class _Translation:
-    """Turns the tree of an expression into a function that evaluates it."""
+    def _error(self, why: str) -> ExpressionError:
+        return ExpressionError(f"{self.text[:MOST_CHARACTERS]!r} cannot be worked out: {why}")
 
-    def __init__(
-        self,
-        expression: str,
-        names: Names,
-        read: Read,
-        reducers: Mapping[str, Callable[[Signal], float]],
-        elementwise: Mapping[str, Callable[[Any], Any]],
-    ) -> None:
-        self._expression = expression
-        self._names = names
-        self._read = read
-        self._reducers = reducers
-        self._elementwise = elementwise
-
-    def error(self, why: str) -> ExpressionError:
-        return ExpressionError(f"{self._expression[:MOST_CHARACTERS]!r} cannot be worked out: {why}")
-
-    def parsed(self) -> ast.expr:
-        if len(self._expression) > MOST_CHARACTERS:
-            raise self.error(f"it has {len(self._expression)} characters; wanted {MOST_CHARACTERS} at most")
+    def _parse(self) -> ast.expr:
+        if len(self.text) > MOST_CHARACTERS:
+            raise self._error(f"it has {len(self.text)} characters; wanted {MOST_CHARACTERS} at most")
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                return ast.parse(self._expression.strip(), mode="eval").body
+                return ast.parse(self.text.strip(), mode="eval").body
         except SyntaxError as error:
-            raise self.error(error.msg) from None
+            raise self._error(error.msg) from None
         except (ValueError, MemoryError, RecursionError) as error:  # null bytes; too deep for Python's parser
-            raise self.error(f"Python cannot read it ({error})") from None
+            raise self._error(f"Python cannot read it ({error})") from None
 
-    def of(self, node: ast.expr, nested: int = 0) -> Callable[[], Any]:
+    def _translate(self, node: ast.expr, nested: int = 0) -> Callable[[], Any]:
         """A function that gives the node's value: a float of numpy, or an array of them.
 
         Raises ExpressionError if the node has another form than those listed, or an unknown name.
         """
         if nested > MOST_NESTED:
-            raise self.error(f"more than {MOST_NESTED} operations within one another; write it shorter")
+            raise self._error(f"more than {MOST_NESTED} operations within one another; write it shorter")
         match node:
             case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
                 return partial(_as_float, number)
             case ast.Name(id="pi"):
                 return partial(np.float64, math.pi)
             case ast.Name() | ast.Attribute():
-                return partial(self._read, *self._signal(node))
+                return partial(self.read, *self._signal(node))
             case ast.UnaryOp(op=sign, operand=operand) if type(sign) in UNARY:
-                change, inner = UNARY[type(sign)], self.of(operand, nested + 1)
+                change, inner = UNARY[type(sign)], self._translate(operand, nested + 1)
                 return lambda: change(inner())
             case (
                 ast.BinOp(left=left, op=operation, right=right)
@@ -147,28 +132,28 @@ class _Translation:
             ) if type(operation) in BINARY:
                 joined, first, second = (
                     BINARY[type(operation)],
-                    self.of(left, nested + 1),
-                    self.of(right, nested + 1),
+                    self._translate(left, nested + 1),
+                    self._translate(right, nested + 1),
                 )
                 return lambda: np.float64(1.0) * joined(first(), second())
             case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]):
-                if name not in (known := [*self._reducers, *self._elementwise]):
-                    raise self.error(f"{name!r} is not defined; functions are {', '.join(known)}")
-                return partial(self._called, name, self.of(argument, nested + 1))
+                if name not in (known := [*self.reducers, *self.elementwise]):
+                    raise self._error(f"{name!r} is not defined; functions are {', '.join(known)}")
+                return partial(self._call, name, self._translate(argument, nested + 1))
             case _:
-                part = ast.get_source_segment(self._expression.strip(), node) or type(node).__name__
-                raise self.error(f"{part!r} is not allowed; wanted {FORMS}")
+                part = ast.get_source_segment(self.text.strip(), node) or type(node).__name__
+                raise self._error(f"{part!r} is not allowed; wanted {FORMS}")
 
-    def _called(self, name: str, argument_of: Callable[[], Any]) -> Any:
+    def _call(self, name: str, argument_of: Callable[[], Any]) -> Any:
         argument = argument_of()
-        if name in self._elementwise:
-            return self._elementwise[name](argument)
+        if name in self.elementwise:
+            return self.elementwise[name](argument)
         if np.ndim(argument) != 1:
-            raise self.error(f"{name} is a function of a signal; got a number")
+            raise self._error(f"{name} is a function of a signal; got a number")
         try:
-            return np.float64(self._reducers[name](argument))
+            return np.float64(self.reducers[name](argument))
         except (ArithmeticError, IndexError, ValueError) as error:
-            raise self.error(f"{name} finds no figure in the signal ({error})") from error
+            raise self._error(f"{name} finds no figure in the signal ({error})") from error
 
     def _signal(self, node: ast.expr) -> tuple[str, str]:
         """The trace of a signal and its name within it; raises ExpressionError if there is none."""
@@ -178,15 +163,15 @@ class _Translation:
             names.insert(0, inner.attr)
             inner = inner.value
         if not isinstance(inner, ast.Name):
-            raise self.error(f"a dot only stands in the name of a signal; wanted {FORMS}")
+            raise self._error(f"a dot only stands in the name of a signal; wanted {FORMS}")
         trace, name = inner.id, ".".join(names)
-        if trace not in self._names:
-            raise self.error(f"{trace!r} is not defined; signals begin with {', '.join(self._names)}")
-        if name in self._names[trace]:
+        if trace not in self.names:
+            raise self._error(f"{trace!r} is not defined; signals begin with {', '.join(self.names)}")
+        if name in self.names[trace]:
             return trace, name
         listing = f"`vibrohil inspect RUN --table {trace}` lists its signals"
-        raise self.error(
-            f"no signal {'.'.join([trace, *names])}; {nearest(name, self._names[trace], listing)}"
+        raise self._error(
+            f"no signal {'.'.join([trace, *names])}; {nearest(name, self.names[trace], listing)}"
         )
 
 

@@ -16,7 +16,7 @@ from firmware_py.interface.enums import MOVING, Mode
 from firmware_py.shell.parameters import config_from
 from hil.judge import detection
 from hil.judge.figures.records import GaitFigures, no_figures
-from hil.record.run_traces import RunTraces, column
+from hil.record.run_traces import RunTraces, column, pair_by_tick
 from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import BoolArray, FloatArray
 from plant_sim.result import LegState
@@ -78,13 +78,10 @@ def pulses_of(plant: Records, impacts: Records) -> Pulses:
 
 def phase_error(plant: Records, firmware: Records) -> tuple[FloatArray, FloatArray]:
     """Times in s and circular errors in cycles of the estimated phase, where estimate and truth exist."""
-    _, of_plant, of_firmware = np.intersect1d(
-        column(plant, "tick"), column(firmware, "tick"), return_indices=True, assume_unique=True
-    )
-    truth = column(plant[of_plant], "gait.phase")
-    error = (column(firmware[of_firmware], "state.gait.phase") - truth + 0.5) % 1.0 - 0.5
+    truth, estimated = pair_by_tick(plant, firmware)
+    error = (column(estimated, "state.gait.phase") - column(truth, "gait.phase") + 0.5) % 1.0 - 0.5
     known = np.isfinite(error)
-    return column(plant[of_plant], "t_s")[known], error[known]
+    return column(truth, "t_s")[known], error[known]
 
 
 def heel_strikes(plant: Records) -> FloatArray:

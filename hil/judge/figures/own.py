@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hil.judge.figures.expression import ExpressionError, Names, Read, Signal, evaluate
+from hil.judge.figures.expression import Expression, ExpressionError, Names, Read, Signal
 from hil.judge.hold import Window
 from hil.record.run_traces import column
 from hil.record.traces.firmware_trace import fields_of
@@ -51,10 +51,10 @@ def step_figure(key: str, t_s: Signal) -> Callable[[Signal], float]:
     return figure
 
 
-def worked_out(expression: str, t_s: Signal, names: Names, read: Read) -> float:
+def evaluate(expression: str, t_s: Signal, names: Names, read: Read) -> float:
     """Evaluate the expression on signals over `t_s`; raises ExpressionError."""
     steps = {name: step_figure(key, t_s) for name, key in OF_A_STEP.items()}
-    return evaluate(expression, names, read, {**REDUCERS, **steps}, ELEMENTWISE)
+    return Expression(expression, names, read, {**REDUCERS, **steps}, ELEMENTWISE).evaluate()
 
 
 def refuse_unknown(expression: str) -> None:
@@ -71,7 +71,7 @@ def refuse_unknown(expression: str) -> None:
         "plant": PlantRecord._fields,
         "firmware": [one.name for name, kind in fields_of(walks=True) for one in flatten(name, kind)],
     }
-    worked_out(expression, t_s, names, rise)
+    evaluate(expression, t_s, names, rise)
     if not read:
         raise ExpressionError(
             f"{expression!r} names no signal, so that its value is the same in every run; name one, such as "
@@ -100,7 +100,7 @@ def own_figure(expression: str, window: Window, plant: Records, firmware: Record
         return np.where(newest >= 0, column(firmware, name)[newest], np.nan)
 
     names = {"plant": plant.dtype.names or (), "firmware": firmware.dtype.names or ()}
-    value = worked_out(expression, instants_s, names, read)
+    value = evaluate(expression, instants_s, names, read)
     if not math.isfinite(value):
         early = "firmware." in expression and instants_s[0] < ticks_s[0]
         remedy = f"; the firmware has no signal before its first tick at {ticks_s[0]:g} s, so begin later"
