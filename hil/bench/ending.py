@@ -18,7 +18,7 @@ from hil.bus.base import BusError
 from hil.judge.figures.figures import OWN_BUSES
 from hil.judge.verdict import RunVerdict, read_verdict
 from hil.record import run_folder
-from hil.record.bus_reconstruction import of_two_firmwares
+from hil.record.bus_reconstruction import doubt_two_firmwares
 from hil.record.candump import StoredBus
 from hil.record.run_traces import CAN_LOG
 from hil.record.traces import trace
@@ -159,6 +159,6 @@ def close(run_dir: Path, outcome: Outcome, only_if_failed: bool = False) -> RunV
     trace.bring_home(run_dir)
     can_log, bus = run_dir / CAN_LOG, run_folder.read_note(run_dir / run_folder.RUN_NOTE).get("bus")
     if can_log.exists() and bus not in NOT_SHARED:
-        outcome.not_judged += of_two_firmwares(StoredBus(can_log))
+        outcome.not_judged += doubt_two_firmwares(StoredBus(can_log))
     run_folder.write_json(run_dir / "outcome.json", vars(outcome))
     return finish(run_dir, only_if_failed)

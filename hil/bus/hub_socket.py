@@ -110,12 +110,12 @@ class HubSocket(Connection):
 
     def receive(self) -> list[Frame]:
         """All frames that have arrived."""
-        return self._unpacked(self._read())
+        return self._unpack(self._read())
 
-    def _unpacked(self, chunk: bytes) -> list[Frame]:
+    def _unpack(self, chunk: bytes) -> list[Frame]:
         if wire.CONTROL_MARK in chunk:
             messages = (
-                wire.CAN_FRAME.pack(can_id, len(data), data) for _, can_id, data in self._passed(chunk)
+                wire.CAN_FRAME.pack(can_id, len(data), data) for _, can_id, data in self._messages_in(chunk)
             )
             chunk = b"".join(messages)
         return wire.unpack(chunk, self.counters, self._requests)
@@ -124,7 +124,7 @@ class HubSocket(Connection):
         """The frames that have arrived, with the hub's wall clock in ns when it forwarded each."""
         frames = []
         while self.newest_ns < until_ns and (chunk := self._read()):
-            for stamp_ns, can_id, data in self._passed(chunk):
+            for stamp_ns, can_id, data in self._messages_in(chunk):
                 if can_id <= wire.MAX_STANDARD_ID:
                     frames.append((stamp_ns, Frame(can_id, data)))
                 else:
@@ -137,11 +137,11 @@ class HubSocket(Connection):
         Only this message is taken from the socket, so its descriptor stays readable while others wait.
         """
         while chunk := self._read(most=1):
-            for message in self._passed(chunk):
+            for message in self._messages_in(chunk):
                 return message
         return None
 
-    def _passed(self, chunk: bytes) -> Iterator[tuple[int, int, bytes]]:
+    def _messages_in(self, chunk: bytes) -> Iterator[tuple[int, int, bytes]]:
         """Yield time, identifier with flags, and data of `chunk`'s messages; evaluate its control records."""
         for can_id, length, data in wire.CAN_FRAME.iter_unpack(chunk):
             if can_id == wire.CONTROL_ID and length == wire.LOSS_KIND:
@@ -208,7 +208,7 @@ class TurnSocket(HubSocket):
     def receive(self) -> list[Frame]:
         """The frames that had arrived when the turn began, since the last call."""
         chunk, self._arrived = self._arrived, b""
-        return self._unpacked(chunk)
+        return self._unpack(chunk)
 
     def leave(self) -> None:
         """Take no more turns; safe in a signal handler."""

@@ -104,7 +104,7 @@ def closed_unless_up(provided: ProvidedBus) -> Iterator[None]:
         raise
 
 
-def started_hub(name: str, path: Path, turn_times: int | None) -> Child:
+def start_hub(name: str, path: Path, turn_times: int | None) -> Child:
     """Start a hub at `path`; as a pacemaker it writes the times of the turns to the memory `turn_times`."""
     command = [sys.executable, "-P", "-m", "hil.bus.hub", str(path)]
     if turn_times is None:
@@ -116,7 +116,7 @@ def provide_local(reason: str, turn_times: int | None = None) -> ProvidedBus:
     """Start a hub for this run alone."""
     folder = private_folder()
     path = folder / "bus"
-    hub = started_hub("hub", path, turn_times)
+    hub = start_hub("hub", path, turn_times)
     provided = ProvidedBus("local", f"local:{path}", False, reason, hub, folder)
     if turn_times is not None:
         provided.turns, provided.pacemaker = path, hub
@@ -142,7 +142,7 @@ def provide_vcan(reason: str, turn_times: int | None = None) -> ProvidedBus:
         provided.address = rest
         if turn_times is not None:
             provided.turns = folder / "turns"
-            provided.pacemaker = started_hub(PACEMAKER, provided.turns, turn_times)
+            provided.pacemaker = start_hub(PACEMAKER, provided.turns, turn_times)
             provided.pacemaker.wait_ready()
     return provided
 

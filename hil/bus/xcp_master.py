@@ -233,7 +233,7 @@ class XcpMaster:
                     continue
                 number, odt = owners[packet[0]]
                 if odt == 0:
-                    self._last_tick += wrapped(int.from_bytes(packet[1:3], "little") - self._last_tick)
+                    self._last_tick += wrap_ticks(int.from_bytes(packet[1:3], "little") - self._last_tick)
                     ticks[number], partial[number] = self._last_tick, []
                 start = 3 if odt == 0 else 1
                 words = partial.get(number)
@@ -253,7 +253,7 @@ class XcpMaster:
                     raise SessionError("another master has begun a session, which has ended this measurement")
 
 
-def wrapped(ticks: int) -> int:
+def wrap_ticks(ticks: int) -> int:
     """A difference of two time stamps, from half a period before to half a period after."""
     return (ticks + STAMP_TICKS // 2) % STAMP_TICKS - STAMP_TICKS // 2
 

@@ -221,7 +221,7 @@ class ModelledBus:
         ready = [node for node in self._nodes.values() if node.queue and node.silent_until_bit <= start_bit]
         can_id = min(node.queue[0].can_id for node in ready)
         senders = [node for node in ready if node.queue[0].can_id == can_id]
-        winners = dominant(senders)
+        winners = find_dominant(senders)
         overruled = [node for node in senders if node not in winners]
         self._count_recessive_run(start_bit, has_ended=True)
         receivers = [node for node in self._nodes.values() if node not in senders and not node.sequences_left]
@@ -249,7 +249,7 @@ class ModelledBus:
             self._under_way.append(Delivery(t_ns, winners[0].name, pending.frame, names))
 
 
-def dominant(senders: Sequence[ModelledNode]) -> list[ModelledNode]:
+def find_dominant(senders: Sequence[ModelledNode]) -> list[ModelledNode]:
     """The senders of one identifier whose frame is dominant where their frames differ first."""
 
     def levels(node: ModelledNode) -> tuple[int, bytes]:

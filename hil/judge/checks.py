@@ -132,7 +132,7 @@ def margin(check: Check, value: Any) -> float:
     return float(min(below, math.inf if check.low is None else value - check.low))
 
 
-def within(check: Check, value: Any) -> bool:
+def is_within(check: Check, value: Any) -> bool:
     """Whether `value` meets the check; a missing value or one that is not finite does not."""
     return margin(check, value) >= 0.0
 
@@ -220,7 +220,7 @@ def evaluate(
     results = []
     for check in checks:
         value, reason = measure(check, figures, traces)
-        verdict = Verdict.PASSED if within(check, value) else Verdict.FAILED
+        verdict = Verdict.PASSED if is_within(check, value) else Verdict.FAILED
         if (doubted := doubt(check, figures)) is not None:
             verdict, reason = Verdict.NOT_JUDGED, doubted
         unit = check.unit or "" if check.expression is not None else CATALOGUE[check.name].unit

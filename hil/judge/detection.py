@@ -38,25 +38,25 @@ class Matching:
     false: BoolArray
 
 
-def reported(firmware: Records) -> Records:
+def select_reported(firmware: Records) -> Records:
     """The firmware's records of the ticks that report an impact."""
     some: Records = firmware[column(firmware, "outputs.impact") != 0.0]
     return some
 
 
-def strong(impacts: Records) -> Records:
+def select_strong(impacts: Records) -> Records:
     """The impacts that must be detected by their approach speed."""
     some: Records = impacts[column(impacts, "v_m_s") >= WEAKEST_V_M_S]
     return some
 
 
-def due(v_m_s: FloatArray, peak_force_n: FloatArray) -> BoolArray:
+def is_due(v_m_s: FloatArray, peak_force_n: FloatArray) -> BoolArray:
     """Mask of the touch-downs that must be detected; shapes (n,). The force on a rigid stop is NaN."""
     strong: BoolArray = (v_m_s >= WEAKEST_V_M_S) & ~(peak_force_n < WEAKEST_PEAK_N)
     return strong
 
 
-def slept_through(touch_down_s: FloatArray, tick_t_s: FloatArray) -> BoolArray:
+def is_slept_through(touch_down_s: FloatArray, tick_t_s: FloatArray) -> BoolArray:
     """Mask of the touch-downs, shape (n,), that no tick in sorted `tick_t_s` follows within `ASLEEP_S`."""
     following = np.searchsorted(tick_t_s, touch_down_s)
     after_s = np.append(tick_t_s, np.inf)[following] - touch_down_s

@@ -64,7 +64,7 @@ def gaps_in(
             yield Gap(from_s, to_s, name)
 
 
-def announced_for(process: str, scenario: Mapping[str, Any]) -> list[tuple[float, float]]:
+def find_announced(process: str, scenario: Mapping[str, Any]) -> list[tuple[float, float]]:
     """The intervals in which a fault of the scenario keeps `process` from running, with a margin of 0.1 s."""
     faults = scenario.get("script", {}).get("faults", [])
     return [
@@ -94,7 +94,7 @@ def gaps_of(traces: RunTraces, period_s: float) -> list[Gap]:
         gap
         for name, records, period in loops
         if len(records)
-        for gap in gaps_in(name, records, period, announced_for(name, traces.scenario))
+        for gap in gaps_in(name, records, period, find_announced(name, traces.scenario))
     ]
     return sorted(found, key=lambda gap: gap.from_s)
 

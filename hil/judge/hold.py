@@ -51,7 +51,7 @@ def hold_motion(plant: Records, impacts: Records, hold: Window | None) -> HoldMo
     """Regime, impacts per turn, capture, typical approach speed and impulse over the hold."""
     if hold is None or len(plant) == 0:
         return HoldMotion(Regime.UNCERTAIN, None, None, None, None)
-    strong = detection.strong(impacts)
+    strong = detection.select_strong(impacts)
     strong_t_s, strong_v_m_s = column(strong, "t_s"), column(strong, "v_m_s")
     inside, hits = hold.holds(column(plant, "t_s")), hold.holds(strong_t_s)
     t_s, crank_rad = column(plant, "t_s")[inside], column(plant, "crank_rad")[inside]

@@ -79,7 +79,7 @@ def worst_of(check: Check, results: Mapping[int, CheckResult]) -> ScenarioCheck:
     )
 
 
-def merged(checks: Sequence[Check], verdicts: Mapping[int, RunVerdict]) -> ScenarioVerdict:
+def merge(checks: Sequence[Check], verdicts: Mapping[int, RunVerdict]) -> ScenarioVerdict:
     """Merge a scenario's verdicts by seed; `checks`: its checks, in the order of the verdicts' results."""
     seeds = sorted(verdicts)
     failed = tuple(seed for seed in seeds if verdicts[seed].verdict is Verdict.FAILED)
@@ -96,7 +96,7 @@ def merged(checks: Sequence[Check], verdicts: Mapping[int, RunVerdict]) -> Scena
             for number, check in enumerate(checks)
         ),
         "reasons": tuple(f"seed {seed}: {reason}" for seed in seeds for reason in verdicts[seed].reasons),
-        "doubts": said_by_seeds(verdicts),
+        "doubts": merge_doubts(verdicts),
     }
     return ScenarioVerdict(
         **known,
@@ -106,7 +106,7 @@ def merged(checks: Sequence[Check], verdicts: Mapping[int, RunVerdict]) -> Scena
     )
 
 
-def said_by_seeds(verdicts: Mapping[int, RunVerdict]) -> tuple[str, ...]:
+def merge_doubts(verdicts: Mapping[int, RunVerdict]) -> tuple[str, ...]:
     """The doubts, each once if all seeds give it, else with its seed."""
     seeds = sorted(verdicts)
     lines: list[str] = []

@@ -97,18 +97,18 @@ def decide(
     head = int(len(counts) * (1.0 - TAIL))
     if not counts[head:].any():
         still = np.max(np.abs(v_m_s[t_s >= edges[head]]), initial=0.0) < STILL_M_S
-        return without_impacts(counts[:head], still)
-    return with_impacts(counts[head:], speeds[head:])
+        return decide_without_impacts(counts[:head], still)
+    return decide_with_impacts(counts[head:], speeds[head:])
 
 
-def without_impacts(earlier_counts: IntArray, still: np.bool_ | bool) -> Regime:
+def decide_without_impacts(earlier_counts: IntArray, still: np.bool_ | bool) -> Regime:
     """The regime of a window whose deciding part has no impact."""
     if np.count_nonzero(earlier_counts) >= 2:
         return Regime.LOST
     return Regime.STUCK if still else Regime.NON_IMPACT
 
 
-def with_impacts(counts: IntArray, speeds: FloatArray) -> Regime:
+def decide_with_impacts(counts: IntArray, speeds: FloatArray) -> Regime:
     """The regime from the number and the mean speed of the impacts in each period; shapes (periods,)."""
     if np.median(counts) >= CHATTER_COUNT:
         return Regime.CHATTERING

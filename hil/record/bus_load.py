@@ -54,7 +54,7 @@ def load_from_log(middle_s: FloatArray, shares: FloatArray) -> BusLoad:
     return BusLoad(tenths, np.round(shares * (BITRATE_BIT_S * TENTH_S)))
 
 
-def summed(loads: Iterable[BusLoad]) -> BusLoad:
+def sum_loads(loads: Iterable[BusLoad]) -> BusLoad:
     """The sum of loads, with each tenth once and in order of time."""
     parts = [BusLoad(np.zeros(0, np.int64), np.zeros(0)), *loads]
     tenth, row = np.unique(np.concatenate([part.tenth for part in parts]), return_inverse=True)

@@ -51,7 +51,7 @@ def frames_of(bus: Bus, record: type[Any]) -> Frames:
     return Frames(record, np.concatenate(times), np.concatenate(signals))
 
 
-def of_two_firmwares(bus: Bus) -> list[str]:
+def doubt_two_firmwares(bus: Bus) -> list[str]:
     """A reason not to judge a run on whose bus one firmware cannot have sent all heartbeats; or none."""
     t_s = frames_of(bus, FirmwareHeartbeat).t_s
     lasts_s = float(np.ptp(t_s)) if len(t_s) else 0.0
@@ -65,7 +65,7 @@ def of_two_firmwares(bus: Bus) -> list[str]:
     ]
 
 
-def held(frames: Frames, t_s: FloatArray) -> dict[str, FloatArray]:
+def hold_last(frames: Frames, t_s: FloatArray) -> dict[str, FloatArray]:
     """Each signal as last received at each of `t_s`, shape (n,); NaN before the first frame."""
     last = np.searchsorted(frames.t_s, t_s, side="right") - 1
     padded = np.vstack([np.full((1, frames.signals.shape[1]), np.nan), frames.signals])
@@ -79,7 +79,7 @@ def tick_numbers(t_s: FloatArray, period_s: float) -> IntArray:
     return np.maximum(numbers, 0)
 
 
-def ticks_seen(bus: BusLog, period_s: float) -> dict[str, NDArray[Any]]:
+def reconstruct_ticks(bus: BusLog, period_s: float) -> dict[str, NDArray[Any]]:
     """The firmware's ticks from its first heartbeat on, one for each period with a frame; empty without one.
 
     Columns of shape (ticks,) by their names in the firmware's trace; NaN for signals not sent on the bus.
@@ -94,9 +94,9 @@ def ticks_seen(bus: BusLog, period_s: float) -> dict[str, NDArray[Any]]:
     # A tick's record has the time of its last frame, so that it includes all of its frames.
     last_of_tick = np.flatnonzero(np.diff(numbers, append=numbers[-1] + 1) > 0)
     tick, t_s = numbers[last_of_tick], sent_s[last_of_tick]
-    state, reported = held(estimate, t_s), held(impact, t_s)
-    sensed = held(frames_of(bus, Accelerometer), t_s)
-    decided = held(heartbeat, t_s)
+    state, reported = hold_last(estimate, t_s), hold_last(impact, t_s)
+    sensed = hold_last(frames_of(bus, Accelerometer), t_s)
+    decided = hold_last(heartbeat, t_s)
     touch_down = np.zeros(len(t_s), bool)
     touch_down[np.searchsorted(t_s, impact.t_s[impact.t_s >= t_s[0]])] = True
     states = {name: decided[name].astype(np.int64) for name in ("mode", "acting_limit", "fault", "regime")}
@@ -105,7 +105,7 @@ def ticks_seen(bus: BusLog, period_s: float) -> dict[str, NDArray[Any]]:
         "t_s": t_s,
         **{f"outputs.{name}": values for name, values in states.items()},
         "outputs.target_omega_rad_s": decided["target_omega_rad_s"],
-        "outputs.torque_n_m": held(torque, t_s)["torque_n_m"],
+        "outputs.torque_n_m": hold_last(torque, t_s)["torque_n_m"],
         "outputs.impact": touch_down,
         "outputs.impact_age_s": reported["age_s"],
         "outputs.impact_speed_m_s": reported["approach_speed_m_s"],

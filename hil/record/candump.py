@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.record.bus_load import BusLoad, load_of, summed
+from hil.record.bus_load import BusLoad, load_of, sum_loads
 from plant_sim.arrays import FloatArray, IntArray
 
 LINE = re.compile(rb"\((\d{1,12}\.\d{6,9})\) \S+ ([0-9A-Fa-f]{1,8})#((?:[0-9A-Fa-f]{2}){0,64})\r?\n")
@@ -31,11 +31,11 @@ class Bus(ABC):
     @cached_property
     def load(self) -> BusLoad:
         """The load of the bus in each tenth of a second."""
-        return summed(load_of(piece.t_s, piece.length) for piece in self.pieces())
+        return sum_loads(load_of(piece.t_s, piece.length) for piece in self.pieces())
 
     def whole(self) -> "BusLog":
         """All frames in memory."""
-        return joined_logs(self.pieces())
+        return join_logs(self.pieces())
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class BusLog(Bus):
 NO_BUS = BusLog(np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64), b"")
 
 
-def joined_logs(pieces: Iterable[BusLog]) -> BusLog:
+def join_logs(pieces: Iterable[BusLog]) -> BusLog:
     """All pieces as one log."""
     parts = [NO_BUS, *pieces]
     return BusLog(

@@ -39,7 +39,7 @@ def valid_frames(bus: BusLog, codec: FrameCodec[Any]) -> FrameWords:
     content, starts = np.frombuffer(bus.content, np.uint8), bus.starts[rows]
     for place in range(codec.length):  # by column: places of all bytes would take eight times the memory
         data[:, place] = content[starts + place]
-    valid = surely_valid(codec, data)
+    valid = is_surely_valid(codec, data)
     return FrameWords(rows[valid], words_of(data[valid]))
 
 
@@ -63,7 +63,7 @@ def values_of(signal: Signal, words: NDArray[np.uint64]) -> NDArray[Any]:
     return counts * float(signal.scale) if signal.is_real else counts.astype(np.int64)
 
 
-def surely_valid(codec: FrameCodec[Any], data: NDArray[np.uint8]) -> BoolArray:
+def is_surely_valid(codec: FrameCodec[Any], data: NDArray[np.uint8]) -> BoolArray:
     """Mask of the frames of the right length, shape (n, 8), that the codec decodes without error."""
     valid = np.ones(len(data), bool)
     if codec.protected:
@@ -132,14 +132,14 @@ def raw_table(bus: BusLog, wall_start_s: float) -> pa.Table:
 # --- frames that cannot be decoded -----------------------------------------------------------------------
 
 
-def refused(bus: BusLog) -> list[tuple[int, str]]:
+def find_refused(bus: BusLog) -> list[tuple[int, str]]:
     """Index and reason of each frame that cannot be decoded, in order of time."""
     return sorted(
-        reason for can_id in np.unique(bus.can_id).tolist() for reason in refused_frames(bus, can_id)
+        reason for can_id in np.unique(bus.can_id).tolist() for reason in find_refused_of(bus, can_id)
     )
 
 
-def refused_frames(bus: BusLog, can_id: int) -> Iterator[tuple[int, str]]:
+def find_refused_of(bus: BusLog, can_id: int) -> Iterator[tuple[int, str]]:
     """Yield index and reason of each refused frame of one identifier."""
     codec = CODEC_BY_ID.get(can_id)
     rows = np.flatnonzero(bus.can_id == can_id)

@@ -79,7 +79,7 @@ def takes_room(kind: pa.DataType) -> bool:
     )
 
 
-def in_order(parts: Iterable[pa.Table]) -> pa.Table:
+def join_in_order(parts: Iterable[pa.Table]) -> pa.Table:
     """Join blocks into one table, in order of simulated time."""
     table = pa.concat_tables(parts, promote_options="default")
     sim_ns = sim_ns_of(table)
@@ -104,7 +104,7 @@ def names(path: Path) -> list[str]:
 
 def table(path: Path, name: str) -> pa.Table:
     """The rows of an entity in order of simulated time, one column per component, without static data."""
-    return in_order(blocks(path, name))
+    return join_in_order(blocks(path, name))
 
 
 def ordered_blocks(path: Path, name: str) -> Iterator[pa.Table]:

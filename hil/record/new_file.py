@@ -11,7 +11,7 @@ MOST_NOTE_BYTES = 4 << 20
 """Size of the largest JSON or TOML text of a run that is read; in memory it takes up to forty times that."""
 
 
-def made_anew(path: Path) -> Path:
+def make_anew(path: Path) -> Path:
     """The path of a new, empty file; what stood there is removed, and a link's target is left alone."""
     path.unlink(missing_ok=True)
     os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666))
@@ -20,7 +20,7 @@ def made_anew(path: Path) -> Path:
 
 def write_anew(path: Path, text: str) -> None:
     """Write a new file; what stood there is removed, and a link's target is left alone."""
-    made_anew(path).write_text(text, encoding="utf-8")
+    make_anew(path).write_text(text, encoding="utf-8")
 
 
 def is_regular(path: Path) -> bool:

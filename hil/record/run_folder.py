@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.record.folder_lock import FolderInUseError, is_in_use, locked
-from hil.record.new_file import MOST_NOTE_BYTES, is_regular, made_anew
+from hil.record.new_file import MOST_NOTE_BYTES, is_regular, make_anew
 from hil.record.run_traces import CAN_LOG, SCENARIO, TRACES
 from hil.record.traces import trace
 
@@ -234,7 +234,7 @@ def free_reserve(run_dir: Path) -> None:
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a JSON file atomically, since other processes may read it."""
-    unfinished = made_anew(path.with_name(f"{path.name}.new"))
+    unfinished = make_anew(path.with_name(f"{path.name}.new"))
     unfinished.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
     unfinished.rename(path)
 

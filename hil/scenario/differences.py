@@ -158,7 +158,7 @@ def word_of(axis: Mapping[str, Sequence[Any]], step: int) -> str:
     return f"{key.rpartition('.')[2]}-{value if plain else step + 1}"
 
 
-def with_values(document: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+def set_values(document: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
     """A copy of a scenario's tables with the values of a case; raises TextInputError."""
     changed: dict[str, Any] = deepcopy(dict(document))
     for key, value in values.items():
@@ -178,7 +178,7 @@ def check_sets() -> Mapping[str, Mapping[str, Any]]:
     return read_toml(CHECK_SETS, "sets of checks", "install the package again")
 
 
-def with_sets(entries: object, inherited: int = 0) -> Any:
+def expand_sets(entries: object, inherited: int = 0) -> Any:
     """The checks of a scenario, with each name of a set replaced by its checks; raises TextInputError.
 
     A check with the name of an earlier one of a set, or of the first `inherited` entries, changes its keys.
@@ -192,7 +192,7 @@ def with_sets(entries: object, inherited: int = 0) -> Any:
         for check in check_set(entry) if isinstance(entry, str) else [entry]:
             name = check.get("name") if isinstance(check, Mapping) else None
             if isinstance(name, str) and name in places:
-                checks[places[name]] = with_keys(checks[places[name]], check)
+                checks[places[name]] = change_keys(checks[places[name]], check)
                 continue
             if isinstance(name, str) and shared:
                 places[name] = len(checks)
@@ -208,7 +208,7 @@ def check_set(name: str) -> list[dict[str, Any]]:
     return deepcopy(check_sets()[name]["checks"])
 
 
-def with_keys(check: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+def change_keys(check: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """A check with other keys; a required value replaces bounds, and bounds a required value."""
     gone: set[str] = set()
     if "equals" in changes:

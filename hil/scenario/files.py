@@ -17,9 +17,9 @@ from hil.scenario.differences import (
     FileTable,
     apply_differences,
     cases_of,
+    expand_sets,
     refuse_no_lists,
-    with_sets,
-    with_values,
+    set_values,
 )
 from hil.scenario.parameter_file import read_parameters
 from plant_sim.scene import read_scene
@@ -109,7 +109,7 @@ def read_scenario(source: str | Path) -> dict[str, Any]:
     tables, inherited = read_tables(source)
     if "checks" in tables:
         with name_file_in_errors(locate(source)[0]):
-            tables["checks"] = with_sets(tables["checks"], inherited)
+            tables["checks"] = expand_sets(tables["checks"], inherited)
     return {"firmware": {}, **tables}
 
 
@@ -120,7 +120,7 @@ def read_tables(source: str | Path, *, is_base: bool = False) -> tuple[dict[str,
     """
     path, case = locate(source)
     document = read_file(path)
-    own = written_out({key: document[key] for key in document if key not in FileTable.model_fields}, path)
+    own = resolve_names({key: document[key] for key in document if key not in FileTable.model_fields}, path)
     with name_file_in_errors(path):
         references = references_of(document)
         tables, inherited = own, 0
@@ -138,7 +138,7 @@ def read_tables(source: str | Path, *, is_base: bool = False) -> tuple[dict[str,
         elif references.append:
             raise TextInputError("append continues the lists of `like`, which is missing; add it")
         values = values_of_case(cases_of(references.vary, path.stem), case, path)
-        return written_out(with_values(tables, values), path), inherited
+        return resolve_names(set_values(tables, values), path), inherited
 
 
 def values_of_case(cases: Mapping[str, Mapping[str, Any]], case: str | None, path: Path) -> Mapping[str, Any]:
@@ -169,7 +169,7 @@ def beside(path: Path, name: str) -> str | Path:
     return path.parent / name if ".toml" in name or "/" in name else name
 
 
-def written_out(tables: dict[str, Any], path: Path) -> dict[str, Any]:
+def resolve_names(tables: dict[str, Any], path: Path) -> dict[str, Any]:
     """The tables with those of a named scene and of a file of parameters in the place of the names."""
     if isinstance(scene := tables.get("scene"), str):
         tables["scene"] = read_scene(beside(path, scene))

@@ -46,7 +46,7 @@ def values_of(document: Mapping[str, Any], path: Path) -> dict[str, float]:
     return values
 
 
-def nested(values: Mapping[str, float]) -> dict[str, Any]:
+def nest(values: Mapping[str, float]) -> dict[str, Any]:
     """Convert dotted names to the nested tables of a scenario's `[firmware]`.
 
     >>> nested({"stop.restitution": 0.4, "stop.position_m": 0.18})
@@ -61,10 +61,10 @@ def nested(values: Mapping[str, float]) -> dict[str, Any]:
 
 def read_parameters(path: Path) -> dict[str, Any]:
     """Read the file as a scenario's table `[firmware]`."""
-    return nested(values_of(read_document(path), path))
+    return nest(values_of(read_document(path), path))
 
 
-def merged(firmware: Mapping[str, Any], paths: Sequence[Path]) -> dict[str, Any]:
+def merge_files(firmware: Mapping[str, Any], paths: Sequence[Path]) -> dict[str, Any]:
     """A scenario's table `[firmware]` updated by parameter files in order; the last file takes precedence."""
     tables = {block: dict(table) if isinstance(table, dict) else table for block, table in firmware.items()}
     for path in paths:

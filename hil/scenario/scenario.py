@@ -23,7 +23,7 @@ from hil.faults.on_process import ClockFault, ProcessFault
 from hil.judge.checks import LONGEST_S, MOST_CHECKS, Check
 from hil.scenario.files import ScenarioError, read_scenario, scenario_name
 from hil.scenario.operator import Command, Request
-from hil.scenario.parameter_file import merged
+from hil.scenario.parameter_file import merge_files
 from hil.scenario.settings import Settings, apply_settings, as_texts
 from plant_sim.scene import Scene
 from plant_sim.tables.table import Table
@@ -218,7 +218,7 @@ def load_scenario(
     """
     document = read_scenario(source)
     if parameter_files:
-        document["firmware"] = merged(document["firmware"], parameter_files)
+        document["firmware"] = merge_files(document["firmware"], parameter_files)
     changes = (*map(str, parameter_files), *as_texts(settings))
     return check_scenario(apply_settings(document, settings), scenario_name(source), changes)
 

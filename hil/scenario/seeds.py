@@ -15,7 +15,7 @@ SEED_OF_FAULT_TIMES = 4000
 """Independent of the seeds of all faults."""
 
 
-def at_other_times(scenario: Scenario, seed: int) -> Scenario:
+def delay_faults(scenario: Scenario, seed: int) -> Scenario:
     """Delay the first fault, all that comes later in script and checks, and the run's end by a sampled time.
 
     The time is less than the script's `longest_delay_s`, and makes no run longer than a day. The scenario
@@ -28,11 +28,11 @@ def at_other_times(scenario: Scenario, seed: int) -> Scenario:
     if seed == AS_WRITTEN or first_s == 0.0 or most_ticks < 2:
         return scenario
     by_ticks = int(np.random.default_rng([seed, SEED_OF_FAULT_TIMES]).integers(1, most_ticks))
-    document = later(scenario.document, first_s, by_ticks * scenario.period_s)
+    document = shift_times(scenario.document, first_s, by_ticks * scenario.period_s)
     return check_scenario(document, scenario.name, scenario.changes)
 
 
-def later(document: Mapping[str, Any], since_s: float, by_s: float) -> dict[str, Any]:
+def shift_times(document: Mapping[str, Any], since_s: float, by_s: float) -> dict[str, Any]:
     """A copy of a scenario's tables in which every time t ≥ `since_s` of script and checks is t + `by_s`.
 
     The run becomes longer by `by_s`. Times keep a resolution of 1 µs.

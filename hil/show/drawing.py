@@ -39,7 +39,7 @@ def zigzag() -> list[list[float]]:
     return [[0.0, 0.0], *inner, [1.0, 0.0]]
 
 
-def moved(x_mm: FloatArray) -> FloatArray:
+def translate(x_mm: FloatArray) -> FloatArray:
     """Translations along the axis, shape (n, 3)."""
     return np.column_stack([x_mm, np.zeros_like(x_mm), np.zeros_like(x_mm)])
 
@@ -78,7 +78,7 @@ class Drawing:
     def _move(self, entity: str, t_s: FloatArray, **transform: Any) -> None:
         self.out.send(f"module/{entity}", t_s, rr.Transform3D.columns(**transform))
 
-    def truth(self, plant: Records) -> None:
+    def draw_truth(self, plant: Records) -> None:
         """Move crank, yoke, spring and striker to their true positions."""
         shown = plant[column(plant, "tick") % EVERY_TICKS == 0]
         if len(shown) == 0:
@@ -89,21 +89,21 @@ class Drawing:
         striker_mm = 1e3 * column(shown, "x_m")
         zero, one = np.zeros_like(half), np.ones_like(half)
         turn = np.column_stack([zero, zero, np.sin(half), np.cos(half)])
-        self._move("crank", t_s, translation=moved(zero + CRANK_MM), quaternion=turn)
-        self._move("yoke", t_s, translation=moved(piston_mm))
+        self._move("crank", t_s, translation=translate(zero + CRANK_MM), quaternion=turn)
+        self._move("yoke", t_s, translation=translate(piston_mm))
         stretch = np.column_stack([striker_mm - STRIKER_MM - piston_mm, one, one])
-        self._move("spring", t_s, translation=moved(piston_mm), scale=stretch)
-        self._move("striker", t_s, translation=moved(striker_mm))
+        self._move("spring", t_s, translation=translate(piston_mm), scale=stretch)
+        self._move("striker", t_s, translation=translate(striker_mm))
 
-    def estimate(self, firmware: Records) -> None:
+    def draw_estimate(self, firmware: Records) -> None:
         """Move the outline of the striker to its estimated position."""
         shown = firmware[column(firmware, "tick") % EVERY_TICKS == 0]
         if len(shown):
             self._strips("ghost", [box(-STRIKER_MM, 0.0, 20.0)], ESTIMATE, 2.0)
             ghost_mm = 1e3 * column(shown, "state.estimator.x_m")
-            self._move("ghost", column(shown, "t_s"), translation=moved(ghost_mm))
+            self._move("ghost", column(shown, "t_s"), translation=translate(ghost_mm))
 
-    def flashes(self, impacts: Records) -> None:
+    def draw_flashes(self, impacts: Records) -> None:
         """Show a flash at the stop for `FLASH_S` from each touch-down."""
         if len(impacts) == 0 or self.stop_mm is None:
             return

@@ -15,17 +15,17 @@ class Injected(NamedTuple):
     text: str
 
 
-def injected(scenario: Mapping[str, Any]) -> list[Injected]:
+def find_injected(scenario: Mapping[str, Any]) -> list[Injected]:
     """The faults of a scenario in the order of time, from its raw tables.
 
     >>> fault = {"kind": "sensor-stuck", "sensor": "striker", "at_s": 4.0, "duration_s": 0.5}
     >>> injected({"script": {"faults": [fault]}})
     [Injected(from_s=4.0, to_s=4.5, text='sensor-stuck (sensor striker)')]
     """
-    return sorted(_one(fault) for fault in scenario.get("script", {}).get("faults", []))
+    return sorted(_describe(fault) for fault in scenario.get("script", {}).get("faults", []))
 
 
-def _one(fault: Mapping[str, Any]) -> Injected:
+def _describe(fault: Mapping[str, Any]) -> Injected:
     given = [
         f"{key} {', '.join(map(str, value)) if isinstance(value, list) else value}"
         for key, value in fault.items()

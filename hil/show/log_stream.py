@@ -114,11 +114,11 @@ class LogStream:
             self._declared.add(entity)
             self.recording.log(entity, *what, static=True)
 
-    def document(self, entity: str, text: str, language: str) -> None:
+    def log_document(self, entity: str, text: str, language: str) -> None:
         """Log a static text in this language."""
-        self.markdown(entity, f"```{language}\n{text}\n```")
+        self.log_markdown(entity, f"```{language}\n{text}\n```")
 
-    def markdown(self, entity: str, text: str) -> None:
+    def log_markdown(self, entity: str, text: str) -> None:
         """Log a static page in Markdown."""
         self.recording.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
@@ -135,35 +135,35 @@ class LogStream:
         ]
         self.recording.send_columns(entity, times, [*columns])
 
-    def constant(self, entity: str, t_s: FloatArray, value: float, name: str, rgba: int) -> None:
+    def log_constant(self, entity: str, t_s: FloatArray, value: float, name: str, rgba: int) -> None:
         """Log a line at a constant value over the times `t_s`."""
         self.declare(entity, rr.SeriesLines.from_fields(names=[name], colors=colors([rgba]), widths=[1.0]))
         self.send(entity, t_s[[0, -1]], rr.Scalars.columns(scalars=[value] * 2))
 
-    def states(self, entity: str, changes: Sequence[tuple[float, str]], rgba: Mapping[str, int]) -> None:
+    def log_states(self, entity: str, changes: Sequence[tuple[float, str]], rgba: Mapping[str, int]) -> None:
         """Log the changes of a state timeline; `rgba`: the colours of its states."""
         self.declare(entity, rr.StateConfiguration(values=list(rgba), colors=colors(rgba.values())))
         if changes:
             t_s, states = zip(*changes, strict=True)
             self.send(entity, np.array(t_s), rr.StateChange.columns(state=states))
 
-    def records(self, entity: str, records: Records) -> None:
+    def log_records(self, entity: str, records: Records) -> None:
         """Log records with all their columns."""
         self.send(entity, column(records, "t_s"), dynamic("trace", struct_of(records)))
 
-    def ticked(self, entity: str, records: Records, late_us: FloatArray | float) -> None:
+    def log_ticks(self, entity: str, records: Records, late_us: FloatArray | float) -> None:
         """Log records without their time column, which the timeline already has."""
         self.send(entity, column(records, "t_s"), dynamic("trace", struct_of(records, but=TIME)), late_us)
 
-    def state_timelines(self, records: Records, timelines: Iterable[StateTimeline]) -> None:
+    def log_state_timelines(self, records: Records, timelines: Iterable[StateTimeline]) -> None:
         """Log the changes of state timelines."""
         for timeline in timelines:
             rgba = {lower_name(state): timeline.colors.get(state, ALARM) for state in timeline.states}
-            changes = self.changes(timeline.entity, records, timeline.column)
+            changes = self.find_changes(timeline.entity, records, timeline.column)
             named = [(t_s, state_name(timeline.states, value)) for t_s, value in changes]
-            self.states(timeline.entity, named, rgba)
+            self.log_states(timeline.entity, named, rgba)
 
-    def changes(self, key: str, records: Records, name: str) -> list[tuple[float, int]]:
+    def find_changes(self, key: str, records: Records, name: str) -> list[tuple[float, int]]:
         """Times and new values at which a column of integers changes; `key` identifies it between calls."""
         values = column(records, name).astype(np.int64)
         if len(values) == 0:
@@ -173,7 +173,7 @@ class LogStream:
         at = np.flatnonzero(values != before)
         return [(float(t), int(v)) for t, v in zip(column(records, "t_s")[at], values[at], strict=True)]
 
-    def event(self, at_s: float, text: str, level: str) -> None:
+    def add_event(self, at_s: float, text: str, level: str) -> None:
         """Add a line to the log's events; `send_events` writes it."""
         self._new_events.append((at_s, text, level))
 

@@ -26,9 +26,9 @@ from hil.judge.estimate_error import EstimateErrors, estimate_errors
 from hil.judge.figures.gait import phase_at, push_off
 from hil.judge.judge import judge
 from hil.judge.verdict import RunVerdict, Verdict
-from hil.record.bus_load import BusLoad, summed
+from hil.record.bus_load import BusLoad, sum_loads
 from hil.record.candump import BusLog
-from hil.record.frame_tables import refused
+from hil.record.frame_tables import find_refused
 from hil.record.rates import Held, signals_of_checks
 from hil.record.rrd.log_file import written_whole
 from hil.record.run_traces import RunTraces, column, pieces, read_run
@@ -48,7 +48,7 @@ from hil.record.state_timeline import (
 from hil.record.traces.stored_trace import Records
 from hil.show.drawing import Drawing
 from hil.show.highlights import highlights, marks
-from hil.show.injected import NONE, Injected, injected, timeline
+from hil.show.injected import NONE, Injected, find_injected, timeline
 from hil.show.layout import Contents, Mark, layout
 from hil.show.log_stream import LogStream, dynamic
 from hil.show.verdict_text import verdict_text
@@ -104,15 +104,15 @@ class RunLog:
         self._contents = Contents(
             worn="wearer" in scenario.get("scene", {}),
             walked=self._walked,
-            injected=bool(injected(scenario)),
+            injected=bool(find_injected(scenario)),
             measured=run.get("clock") != "lockstep",
         )
         self.out = LogStream(to, run, None if is_over else layout(None, self._contents))
         self.stop_m: float | None = scenario.get("scene", {}).get("stop", {}).get("position_m")
-        self._pending_load = summed(())
+        self._pending_load = sum_loads(())
         self._end_s = 0.0
-        self.out.document("about/run", json.dumps(dict(run), indent=2), "json")
-        self.out.document("about/scenario", tomli_w.dumps(dict(scenario)), "toml")
+        self.out.log_document("about/run", json.dumps(dict(run), indent=2), "json")
+        self.out.log_document("about/scenario", tomli_w.dumps(dict(scenario)), "toml")
         self._scenario = scenario
         named = signals_of_checks(scenario)
         self._plant_log, self._firmware_log = Held("plant", named), Held("firmware", named)
@@ -121,7 +121,7 @@ class RunLog:
 
     def close(self) -> None:
         """Write the pending bus load and the file's footer."""
-        self._bus_load(self._pending_load)
+        self._log_bus_load(self._pending_load)
         self.out.recording.disconnect()
 
     def append(self, traces: RunTraces) -> None:
@@ -130,15 +130,15 @@ class RunLog:
             if len(records):
                 self._end_s = float(column(records, "t_s")[-1])
         for log, records in (
-            (self._plant, traces.plant),
-            (self._firmware, traces.firmware),
-            (self._impacts, traces.impacts),
-            (self._operator, traces.operator),
-            (self._bus_errors, traces.bus_errors),
+            (self._log_plant, traces.plant),
+            (self._log_firmware, traces.firmware),
+            (self._log_impacts, traces.impacts),
+            (self._log_operator, traces.operator),
+            (self._log_bus_errors, traces.bus_errors),
         ):
             if len(records):
                 log(records)
-        self._frames(traces.bus.whole())
+        self._log_frames(traces.bus.whole())
         self.out.send_events()
         self.out.flush()
 
@@ -146,24 +146,24 @@ class RunLog:
         """Log the results of the ended run: outcome, verdict, checks, errors, faults."""
         figures = verdict.figures
         for hold in figures.time_held:
-            self.out.event(hold.t_s, f"time held: {hold.in_words}", "INFO")
+            self.out.add_event(hold.t_s, f"time held: {hold.in_words}", "INFO")
         for gap in figures.gaps:
-            self.out.event(gap.from_s, f"the host {gap.in_words}", "WARN")
+            self.out.add_event(gap.from_s, f"the host {gap.in_words}", "WARN")
         if verdict.lost_frames is not None:
-            self.out.event(figures.duration_s, verdict.lost_frames, "WARN")
-        self.out.document("about/outcome", json.dumps(dict(traces.outcome), indent=2), "json")
+            self.out.add_event(figures.duration_s, verdict.lost_frames, "WARN")
+        self.out.log_document("about/outcome", json.dumps(dict(traces.outcome), indent=2), "json")
         text = verdict_text(self._scenario.get("title", "run"), traces.run, verdict)
-        self.out.markdown("about/verdict", text)
+        self.out.log_markdown("about/verdict", text)
         failed = sorted(marks(verdict.checks, traces, figures))
         for mark in failed:
-            self.out.event(mark.t_s, mark.text, "ERROR")
+            self.out.add_event(mark.t_s, mark.text, "ERROR")
         for mark in sorted(marks(verdict.checks, traces, figures, Verdict.PASSED)):
-            self.out.event(mark.t_s, mark.text, "INFO")
-        self._checks(failed)
-        self._injected(injected(self._scenario))
-        self._estimate_error(traces)
+            self.out.add_event(mark.t_s, mark.text, "INFO")
+        self._log_checks(failed)
+        self._log_injected(find_injected(self._scenario))
+        self._log_estimate_error(traces)
         if self._walked:
-            self._pulses(traces)
+            self._log_pulses(traces)
         self.out.send_events()
         contents = self._contents._replace(
             impacts=len(traces.impacts) > 0,
@@ -175,33 +175,33 @@ class RunLog:
         blueprint = layout(highlights(traces, figures, failed), contents)
         self.out.recording.send_blueprint(blueprint, make_active=True, make_default=True)
 
-    def _checks(self, failed: Sequence[Mark]) -> None:
+    def _log_checks(self, failed: Sequence[Mark]) -> None:
         """Log the failed checks as a state timeline."""
         texts: dict[float, str] = {}
         for mark in failed:
             # A mark extends to the run's end, so a mark at the end itself would have no width.
             t_s = min(mark.t_s, LATEST_MARK * self._end_s)
             texts[t_s] = f"{texts[t_s]}; {mark.text}" if t_s in texts else mark.text
-        self._states("states/checks", list(texts.items()))
+        self._log_states("states/checks", list(texts.items()))
 
-    def _injected(self, faults: list[Injected]) -> None:
+    def _log_injected(self, faults: list[Injected]) -> None:
         """Log the scenario's injected faults as a state timeline and as events."""
         if not faults:
             return
-        self._states("states/injected", timeline(faults, self._end_s))
+        self._log_states("states/injected", timeline(faults, self._end_s))
         for fault in faults:
             if fault.from_s <= self._end_s:
-                self.out.event(fault.from_s, f"injected: {fault.text}", "WARN")
+                self.out.add_event(fault.from_s, f"injected: {fault.text}", "WARN")
             if fault.to_s <= self._end_s:
-                self.out.event(fault.to_s, f"injected fault over: {fault.text}", "INFO")
+                self.out.add_event(fault.to_s, f"injected fault over: {fault.text}", "INFO")
 
-    def _states(self, entity: str, changes: Sequence[tuple[float, str]]) -> None:
+    def _log_states(self, entity: str, changes: Sequence[tuple[float, str]]) -> None:
         """Log a state timeline with texts of this run as states; all except `none` are alarms."""
         if changes:
             rgba = {state: NEUTRAL if state == NONE else ALARM for _, state in changes}
-            self.out.states(entity, changes, rgba)
+            self.out.log_states(entity, changes, rgba)
 
-    def _estimate_error(self, traces: RunTraces) -> None:
+    def _log_estimate_error(self, traces: RunTraces) -> None:
         """Log estimate minus truth, the position's in mm; a log of a real bench has no truth."""
         plant, firmware = traces.plant, traces.firmware
         if (
@@ -216,12 +216,12 @@ class RunLog:
         struct = pa.StructArray.from_arrays(single, names=list(shown))
         self.out.send("estimate_error", errors.t_s, dynamic("trace", struct))
 
-    def _pulses(self, traces: RunTraces) -> None:
+    def _log_pulses(self, traces: RunTraces) -> None:
         """Log the push-off window, and each impact at its phase of the gait cycle; standing has no phase."""
         window = push_off(self._scenario)
         ends_s = np.array([0.0, self._end_s])
         for edge, share in (("from", window.start), ("to", window.end)):
-            self.out.constant(f"gait/window/{edge}", ends_s, share, f"window {edge}", TARGET)
+            self.out.log_constant(f"gait/window/{edge}", ends_s, share, f"window {edge}", TARGET)
         t_s = column(traces.impacts, "t_s")
         phase = phase_at(traces.plant, t_s)
         inside = window.holds(phase)
@@ -231,88 +231,88 @@ class RunLog:
 
     # --- one trace each ------------------------------------------------------------------------------
 
-    def _plant(self, records: Records) -> None:
-        self.out.ticked("plant", self._plant_log.logged(records), column(records, "wake_latency_us"))
-        self.out.state_timelines(records, PLANT_TIMELINES)
-        self.drawing.truth(records)
+    def _log_plant(self, records: Records) -> None:
+        self.out.log_ticks("plant", self._plant_log.logged(records), column(records, "wake_latency_us"))
+        self.out.log_state_timelines(records, PLANT_TIMELINES)
+        self.drawing.draw_truth(records)
         if self.stop_m is not None:
-            self.out.constant("stop", column(records, "t_s"), self.stop_m, "stop", ALARM)
+            self.out.log_constant("stop", column(records, "t_s"), self.stop_m, "stop", ALARM)
         if self._walked:
-            self.out.state_timelines(records, (LEG_TIMELINE,))
-        for at_s, value in self.out.changes("axis_error", records, "axis_error"):
+            self.out.log_state_timelines(records, (LEG_TIMELINE,))
+        for at_s, value in self.out.find_changes("axis_error", records, "axis_error"):
             if value != AxisError.NONE:
-                self.out.event(at_s, f"drive error: {axis_errors(value)}", "ERROR")
+                self.out.add_event(at_s, f"drive error: {axis_errors(value)}", "ERROR")
 
-    def _firmware(self, records: Records) -> None:
-        self.out.ticked("firmware", self._firmware_log.logged(records), column(records, "wake_latency_us"))
-        self.out.state_timelines(records, FIRMWARE_TIMELINES)
+    def _log_firmware(self, records: Records) -> None:
+        self.out.log_ticks("firmware", self._firmware_log.logged(records), column(records, "wake_latency_us"))
+        self.out.log_state_timelines(records, FIRMWARE_TIMELINES)
         if self._walked:
-            self.out.state_timelines(records, (LEG_ESTIMATED_TIMELINE,))
-        self.drawing.estimate(records)
-        self._firmware_events(records)
-        self.out.constant("nis_expected", column(records, "t_s"), 1.0, "1", TARGET)
-        seen = detection.reported(records)
+            self.out.log_state_timelines(records, (LEG_ESTIMATED_TIMELINE,))
+        self.drawing.draw_estimate(records)
+        self._log_firmware_events(records)
+        self.out.log_constant("nis_expected", column(records, "t_s"), 1.0, "1", TARGET)
+        seen = detection.select_reported(records)
         if len(seen):
             touch_down_s = column(seen, "t_s") - column(seen, "outputs.impact_age_s")
             speed = column(seen, "outputs.impact_speed_m_s")
             self.out.send("impacts/detected", touch_down_s, rr.Scalars.columns(scalars=speed))
 
-    def _firmware_events(self, records: Records) -> None:
-        for t_s, value in self.out.changes("mode", records, "outputs.mode"):
+    def _log_firmware_events(self, records: Records) -> None:
+        for t_s, value in self.out.find_changes("mode", records, "outputs.mode"):
             alarming = value in LATCHED
-            self.out.event(t_s, f"mode {state_name(Mode, value)}", "ERROR" if alarming else "INFO")
-        for t_s, value in self.out.changes("fault", records, "outputs.fault"):
+            self.out.add_event(t_s, f"mode {state_name(Mode, value)}", "ERROR" if alarming else "INFO")
+        for t_s, value in self.out.find_changes("fault", records, "outputs.fault"):
             if value != Fault.NONE:
-                self.out.event(t_s, f"fault {state_name(Fault, value)}", "ERROR")
-        for t_s, value in self.out.changes("regime", records, "outputs.regime"):
+                self.out.add_event(t_s, f"fault {state_name(Fault, value)}", "ERROR")
+        for t_s, value in self.out.find_changes("regime", records, "outputs.regime"):
             bad = value in (Regime.LOST, Regime.CHATTERING, Regime.STUCK)
-            self.out.event(t_s, f"regime {state_name(Regime, value)}", "WARN" if bad else "INFO")
-        for t_s, value in self.out.changes("limit", records, "outputs.acting_limit"):
+            self.out.add_event(t_s, f"regime {state_name(Regime, value)}", "WARN" if bad else "INFO")
+        for t_s, value in self.out.find_changes("limit", records, "outputs.acting_limit"):
             if value not in (ActingLimit.NONE, ActingLimit.SAFE_STATE):
-                self.out.event(t_s, f"limit {state_name(ActingLimit, value)}", "WARN")
+                self.out.add_event(t_s, f"limit {state_name(ActingLimit, value)}", "WARN")
 
-    def _impacts(self, records: Records) -> None:
-        self.out.records("impacts/truth", records)
-        self.drawing.flashes(records)
+    def _log_impacts(self, records: Records) -> None:
+        self.out.log_records("impacts/truth", records)
+        self.drawing.draw_flashes(records)
         if self.stop_m is not None:
             t_s = column(records, "t_s")
             self.out.send("impacts/touch_down", t_s, rr.Scalars.columns(scalars=[self.stop_m] * len(t_s)))
 
-    def _operator(self, records: Records) -> None:
-        self.out.records("operator", records)
+    def _log_operator(self, records: Records) -> None:
+        self.out.log_records("operator", records)
         targets = dict(zip(column(records, "t_s"), column(records, "target_ratio"), strict=True))
-        for t_s, value in self.out.changes("request", records, "request"):
+        for t_s, value in self.out.find_changes("request", records, "request"):
             ratio = f" at r = {targets[t_s]:g}" if value == OperatorRequest.RUN else ""
             request = state_name(OperatorRequest, value)
-            self.out.event(t_s, f"operator asks for {request}{ratio}", "INFO")
-        for t_s, value in self.out.changes("estop", records, "estop"):
+            self.out.add_event(t_s, f"operator asks for {request}{ratio}", "INFO")
+        for t_s, value in self.out.find_changes("estop", records, "estop"):
             if value:
-                self.out.event(t_s, "operator: emergency stop", "ERROR")
+                self.out.add_event(t_s, "operator: emergency stop", "ERROR")
 
-    def _frames(self, bus: BusLog) -> None:
+    def _log_frames(self, bus: BusLog) -> None:
         """Log the load of the bus, and the frames that cannot be decoded."""
         if len(bus.t_s) == 0:
             return
-        if found := refused(bus):
+        if found := find_refused(bus):
             self._refused = True
             t_s = bus.t_s[[row for row, _ in found]]
             texts = [f"{at_s:.3f} s  {why}" for at_s, (_, why) in zip(t_s, found, strict=True)]
             self.out.send("can/rejected", t_s, rr.TextLog.columns(text=texts, level=["WARN"] * len(texts)))
-        load = summed((self._pending_load, bus.load))
-        self._bus_load(BusLoad(load.tenth[:-1], load.bits[:-1]))
+        load = sum_loads((self._pending_load, bus.load))
+        self._log_bus_load(BusLoad(load.tenth[:-1], load.bits[:-1]))
         self._pending_load = BusLoad(load.tenth[-1:], load.bits[-1:])
 
-    def _bus_errors(self, records: Records) -> None:
+    def _log_bus_errors(self, records: Records) -> None:
         """Log the error counters and states of a modelled bus."""
-        self.out.records("bus_errors", records)
-        self.out.state_timelines(records, BUS_TIMELINES)
+        self.out.log_records("bus_errors", records)
+        self.out.log_state_timelines(records, BUS_TIMELINES)
         for states in BUS_TIMELINES:
             node = states.column.partition(".")[0]
-            for t_s, value in self.out.changes(f"events of {node}", records, states.column):
+            for t_s, value in self.out.find_changes(f"events of {node}", records, states.column):
                 if value != ErrorState.ERROR_ACTIVE:
-                    self.out.event(t_s, f"bus: {node} is {state_name(ErrorState, value)}", "WARN")
+                    self.out.add_event(t_s, f"bus: {node} is {state_name(ErrorState, value)}", "WARN")
 
-    def _bus_load(self, load: BusLoad) -> None:
+    def _log_bus_load(self, load: BusLoad) -> None:
         if len(load.tenth):
             self.out.send("can/load", load.middle_s, rr.Scalars.columns(scalars=load.shares))
 

@@ -38,7 +38,7 @@ class Whole(NamedTuple):
     entity: str
 
 
-def mapped(target: str, field: str | None) -> list[VisualizerComponentMapping]:
+def map_field(target: str, field: str | None) -> list[VisualizerComponentMapping]:
     """Mapping of a field to the component `target` of a visualizer."""
     if field is None:
         return []
@@ -51,13 +51,13 @@ def visualizer(series: Line | Dots) -> Any:
     color = np.array([series.color], np.uint32)
     if isinstance(series, Line):
         line = rr.Measurements.from_fields(names=[series.name], units=[series.unit], colors=color)
-        values = mapped("Measurements:values", series.field)
-        variances = mapped("Measurements:variances", series.variance)
+        values = map_field("Measurements:values", series.field)
+        variances = map_field("Measurements:variances", series.variance)
         return line.visualizer(mappings=values + variances)
     dots = rr.SeriesPoints.from_fields(
         names=[series.name], colors=color, markers=[series.marker], marker_sizes=[3.5]
     )
-    return dots.visualizer(mappings=mapped("Scalars:scalars", series.field))
+    return dots.visualizer(mappings=map_field("Scalars:scalars", series.field))
 
 
 def plot(

@@ -62,7 +62,7 @@ def middle(values: Sequence[Any]) -> Any:
     return max(values, key=lambda value: counts[repr(value)])
 
 
-def paired(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[int, int]]:
+def pair_seeds(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[int, int]]:
     """Indices in both suites of the seeds that both have."""
     of_before = {seed: place for place, seed in enumerate(before["seeds"])}
     return [(of_before[seed], place) for place, seed in enumerate(after["seeds"]) if seed in of_before]
@@ -125,15 +125,15 @@ def urgency(one: Mapping[str, Any]) -> tuple[Any, ...]:
     return not newly_missed, not one["flipped"], one["equal"], one["verdict"] == "same", -size(one)
 
 
-def by_name(suite: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+def index_by_name(suite: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """The scenarios of a suite by their names."""
     return {one["name"]: one for one in suite["scenarios"]}
 
 
-def only_in(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+def find_only_in(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
     """The scenarios of one suite that the other has not run, and of the others the checks that it lacks."""
-    found, run = [], by_name(other)
-    for name, scenario in by_name(one).items():
+    found, run = [], index_by_name(other)
+    for name, scenario in index_by_name(one).items():
         if name not in run:
             found.append(name)
             continue
@@ -150,8 +150,8 @@ def changes(
 
     Both suites are results of `run_suite`. A check is identified by its figure and its limit.
     """
-    places = paired(before, after)
-    of_before = by_name(before)
+    places = pair_seeds(before, after)
+    of_before = index_by_name(before)
     rows = []
     for one in after["scenarios"]:
         known = {

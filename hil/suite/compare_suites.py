@@ -10,7 +10,7 @@ from hil.record import formats
 from hil.record.damage import reading
 from hil.record.new_file import is_regular
 from hil.record.run_folder import refuse_large_note
-from hil.suite.changes import by_name, changes, only_in
+from hil.suite.changes import changes, find_only_in, index_by_name
 from hil.suite.suite import RESULT
 
 
@@ -45,9 +45,9 @@ def compare(
 
     `equal`: both have the same scenarios, seeds and checks, no verdict differs, and all figures are equal.
     """
-    of_a, of_b = by_name(a), by_name(b)
+    of_a, of_b = index_by_name(a), index_by_name(b)
     both = [name for name in of_a if name in of_b]
-    only = only_in(a, b), only_in(b, a)
+    only = find_only_in(a, b), find_only_in(b, a)
     passed = {name: (of_a[name]["passed"], of_b[name]["passed"]) for name in both}
     verdicts = [{"scenario": name, "a": of, "b": to} for name, (of, to) in passed.items() if of != to]
     found = changes(a, b, tolerances)

@@ -16,17 +16,17 @@ from hil.bench.lockstep import Progress, silent
 from hil.bench.options import RunOptions
 from hil.bench.verdict import KILLED, without_records
 from hil.judge import junit, requirements
-from hil.judge.seeds import ScenarioVerdict, merged
+from hil.judge.seeds import ScenarioVerdict, merge
 from hil.judge.verdict import RunVerdict, Verdict, read_verdict, worst
 from hil.record import formats, run_folder
 from hil.record.new_file import write_anew
 from hil.record.run_traces import read_json
 from hil.scenario.files import ScenarioError, scenario_names, sources_in
 from hil.scenario.scenario import Scenario, load_scenario
-from hil.scenario.seeds import at_other_times
+from hil.scenario.seeds import delay_faults
 from hil.scenario.settings import Settings
 from hil.show.report.pages import write_suite_report
-from hil.suite.changes import Baseline, changes, only_in
+from hil.suite.changes import Baseline, changes, find_only_in
 from hil.timing.clock import ClockName
 from hil.timing.signals import EndingSignals, Interrupted, ending_signals
 
@@ -76,13 +76,13 @@ def cases_of(scenarios: Sequence[Scenario], seeds: Sequence[int], folder: Path) 
     if len(seeds) == 1:
         return [Case(one, seeds[0], folder / one.name, False) for one in scenarios]
     return [
-        Case(at_other_times(one, seed), seed, folder / one.name / f"seed-{seed}", True)
+        Case(delay_faults(one, seed), seed, folder / one.name / f"seed-{seed}", True)
         for one in scenarios
         for seed in seeds
     ]
 
 
-def judged(case: Case, options: RunOptions) -> RunVerdict:
+def judge_case(case: Case, options: RunOptions) -> RunVerdict:
     """Run a case and return its verdict; a run that raises an exception has failed for this reason.
 
     An exception without a verdict is raised again: nothing ran, for example because the bus does not open.
@@ -101,21 +101,21 @@ def judged(case: Case, options: RunOptions) -> RunVerdict:
         return read_verdict(verdict)
 
 
-def verdicts(
+def run_cases(
     cases: Sequence[Case], options: RunOptions, processes: int = PROCESSES
 ) -> Generator[tuple[Case, RunVerdict]]:
     """Run the cases and yield their verdicts in the order of completion."""
     if options.clock != "lockstep":
         for case in cases:
-            yield case, judged(case, options)
+            yield case, judge_case(case, options)
         return
     # Long runs first, so that no process still has a long run at the end.
     ordered = sorted(cases, key=lambda case: -case.scenario.duration_s) if processes > 1 else cases
-    for case, found in workers.results(partial(judged, options=options), ordered, processes):
-        yield case, broken_off(case, options.clock, found) if isinstance(found, workers.Died) else found
+    for case, found in workers.results(partial(judge_case, options=options), ordered, processes):
+        yield case, close_broken_off(case, options.clock, found) if isinstance(found, workers.Died) else found
 
 
-def broken_off(case: Case, clock: ClockName, death: workers.Died) -> RunVerdict:
+def close_broken_off(case: Case, clock: ClockName, death: workers.Died) -> RunVerdict:
     """The verdict on a run whose process was killed, from the files that it left."""
     with run_folder.claimed(case.scenario.name, case.run_dir) as run_dir:
         if not run_folder.is_own(run_dir):
@@ -126,7 +126,7 @@ def broken_off(case: Case, clock: ClockName, death: workers.Died) -> RunVerdict:
         return close(run_dir, Outcome(reasons=[reason]))
 
 
-def taken_over(case: Case, clock: ClockName) -> RunVerdict | None:
+def take_over(case: Case, clock: ClockName) -> RunVerdict | None:
     """The verdict of a case in an earlier, interrupted suite; None if not judged or its inputs changed."""
     described = read_json(case.run_dir / run_folder.RUN_NOTE)
     if described.get("key") != beginning.key_of(case.scenario, clock, case.seed):
@@ -136,24 +136,24 @@ def taken_over(case: Case, clock: ClockName) -> RunVerdict | None:
     return None if verdict is None or was_cut_short(verdict) else verdict
 
 
-def not_run(case: Case, clock: ClockName, why: str) -> RunVerdict:
+def discard_not_run(case: Case, clock: ClockName, why: str) -> RunVerdict:
     """The verdict on a run that an interrupted suite has not completed; its files are removed."""
     run_folder.discard(case.run_dir)
-    return without_verdict(case, clock, f"{why} before its end")
+    return fail_unjudged(case, clock, f"{why} before its end")
 
 
-def without_verdict(case: Case, clock: ClockName, reason: str) -> RunVerdict:
+def fail_unjudged(case: Case, clock: ClockName, reason: str) -> RunVerdict:
     """The failed verdict on a run that was not judged."""
     run = {"scenario": case.scenario.name, "clock": clock, "seed": case.seed}
     return without_records(run, case.scenario.document, reason, case.run_dir)
 
 
-def prejudge(path: Path, cases: Sequence[Case], clock: ClockName) -> None:
+def write_junit_of_kill(path: Path, cases: Sequence[Case], clock: ClockName) -> None:
     """Write a JUnit file that names a kill as the reason; it remains if no other can be written."""
     first: dict[str, Case] = {}
     for case in cases:
         first.setdefault(case.scenario.name, case)
-    killed = [without_verdict(case, clock, KILLED) for case in first.values()]
+    killed = [fail_unjudged(case, clock, KILLED) for case in first.values()]
     write_anew(path, junit.document(killed))
 
 
@@ -183,12 +183,12 @@ class Suite:
             run_folder.refuse_irregular(case.run_dir)
         before = read_json(self.folder / RESULT)
         if before.get("asked") == self.options.of_the_result and not before.get("complete"):
-            known = ((case, taken_over(case, self.options.clock)) for case in self.cases)
+            known = ((case, take_over(case, self.options.clock)) for case in self.cases)
             self.found = {case: verdict for case, verdict in known if verdict}
         for case in self.due:
             run_folder.discard(case.run_dir)
         self.note(result, complete=False)
-        prejudge(self.folder / JUNIT, self.cases, self.options.clock)
+        write_junit_of_kill(self.folder / JUNIT, self.cases, self.options.clock)
 
     @property
     def due(self) -> list[Case]:
@@ -201,7 +201,7 @@ class Suite:
         progress(len(self.found) / number, f"running {len(due)} scenarios or seeds of {number}")
         interruption: BaseException | None = None
         try:
-            with closing(verdicts(due, self.options, processes)) as coming:
+            with closing(run_cases(due, self.options, processes)) as coming:
                 for case, verdict in coming:
                     self.found[case] = verdict
                     done = len(self.found)
@@ -212,7 +212,7 @@ class Suite:
             signals.raises = False
             clock = self.options.clock
             for case in self.due:
-                self.found[case] = taken_over(case, clock) or not_run(case, clock, reason_of(error))
+                self.found[case] = take_over(case, clock) or discard_not_run(case, clock, reason_of(error))
         except Exception:
             if not self.found:
                 self.withdraw()
@@ -227,12 +227,12 @@ class Suite:
         with suppress(OSError):  # it holds other files
             self.folder.rmdir()
 
-    def merged(self, scenarios: Sequence[Scenario]) -> list[ScenarioVerdict]:
+    def merge(self, scenarios: Sequence[Scenario]) -> list[ScenarioVerdict]:
         """The verdict on each scenario from those of its seeds."""
         by_scenario: dict[str, dict[int, RunVerdict]] = {}
         for case in self.cases:
             by_scenario.setdefault(case.scenario.name, {})[case.seed] = self.found[case]
-        return [merged(scenario.checks, by_scenario[scenario.name]) for scenario in scenarios]
+        return [merge(scenario.checks, by_scenario[scenario.name]) for scenario in scenarios]
 
     def publish(self, ordered: Sequence[ScenarioVerdict], result: Mapping[str, Any]) -> None:
         """Write the JUnit file and the page."""
@@ -291,7 +291,7 @@ def run_suite(
         suite = Suite(folder, options, cases_of(scenarios, seeds, folder))
         suite.resume(result)
         interruption = suite.run(processes, progress, signals)
-        ordered = suite.merged(scenarios)
+        ordered = suite.merge(scenarios)
         of_suite = worst(verdict.verdict for verdict in ordered)
         result |= {
             "scenarios": [verdict.summary() for verdict in ordered],
@@ -305,7 +305,7 @@ def run_suite(
         }
         if baseline is not None:
             result["changes"] = changes(baseline.suite, result, baseline.tolerances)
-            result["only_in_baseline"] = only_in(baseline.suite, result)
+            result["only_in_baseline"] = find_only_in(baseline.suite, result)
         suite.publish(ordered, result)
         if interruption is None and signals.came:  # all runs are kept and not repeated
             interruption = Interrupted(signals.came[0])

@@ -50,13 +50,13 @@ class MemoryWatch:
     def growth_mb(self) -> dict[str, float]:
         """Growth of each process after settling, in MB; without processes with too few samples."""
         return {
-            name: grown_mb(samples)
+            name: median_growth_mb(samples)
             for name, samples in self._samples.items()
             if len(samples) >= FEWEST_SAMPLES
         }
 
 
-def grown_mb(samples_mb: Sequence[float]) -> float:
+def median_growth_mb(samples_mb: Sequence[float]) -> float:
     """Median of the last samples minus the median of the first samples after settling, in MB.
 
     >>> grown_mb([1.0] * 10 + [50.0] * 30)

@@ -1,8 +1,8 @@
 """The campaign `walk`: suitable modules of the feasibility table, on courses of walking.
 
 Felt force, pulses and phase are judged from `SETTLED_S` after the capture on, turn by turn and stride by
-stride. Pulses after a stop or a stumble count until a pause (`hil.judge.figures.gait.following`); pulses that
-the leg's own motion causes after the pause are counted separately.
+stride. Pulses after a stop or a stumble count until a pause (`hil.judge.figures.gait.is_following`); pulses
+that the leg's own motion causes after the pause are counted separately.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ import numpy as np
 from firmware_py.interface.enums import Mode, Refusal
 from firmware_py.interface.generated.parameters import Gait
 from hil.judge.detection import WEAKEST_V_M_S
-from hil.judge.figures.gait import following
+from hil.judge.figures.gait import is_following
 from hil.scenario.files import read_scenario
 from hil.scenario.scenario import Scenario
 from plant_sim.parts.walking import BEGIN_S, FROM_SIZE, KNOCK_M_S2, TO_SIZE, Walking
@@ -225,7 +225,7 @@ def judge_end(
     """Judge the time from a stop or a stumble to the last pulse, and the largest v⁻ after it."""
     pulses = done.impacts[done.impacts["v_m_s"] >= WEAKEST_V_M_S]
     times, speeds = pulses["t_s"], pulses["v_m_s"]
-    follows = following(times, ends_s, float("inf"))
+    follows = is_following(times, ends_s, float("inf"))
     steady = (times >= 0.5 * (sum(hold_s))) & (times <= ends_s)
     last_s = float(np.max(times[follows] - ends_s, initial=0.0))
     hardest = float(np.max(speeds[follows], initial=0.0)) / float(np.max(speeds[steady], initial=1e-9))

@@ -12,9 +12,9 @@ from firmware_py.interface.frame import Frame
 from hil.bus.can_log import CanLog
 from hil.judge.verdict import IMPORTED
 from hil.record import run_folder
-from hil.record.bus_reconstruction import of_two_firmwares, ticks_seen
+from hil.record.bus_reconstruction import doubt_two_firmwares, reconstruct_ticks
 from hil.record.candump import BusLog
-from hil.record.frame_tables import refused
+from hil.record.frame_tables import find_refused
 from hil.record.run_traces import read_bus
 from hil.record.traces.trace import TraceWriter
 from hil.show.rerun_log import rebuild
@@ -49,7 +49,7 @@ def of_channel(messages: list[LoggedMessage], channel: str | None, path: Path) -
 
 def undecoded(bus: BusLog) -> tuple[dict[str, int], dict[str, int]]:
     """Counts by identifier of the frames that are not in the DBC, and of those that it cannot decode."""
-    ids = Counter(int(bus.can_id[row]) for row, _ in refused(bus))
+    ids = Counter(int(bus.can_id[row]) for row, _ in find_refused(bus))
     named = [(f"0x{can_id:03X}", count, can_id in CODEC_BY_ID) for can_id, count in sorted(ids.items())]
     unknown, damaged = (
         {name: count for name, count, known in named if known is is_known} for is_known in (False, True)
@@ -112,10 +112,10 @@ def import_log(
             for t_s, frame in frames:
                 can_log.write(round((t_s - first_s) * 1e6), (frame,))
         bus = read_bus(run_dir / "can.log")
-        doubts = mixed_by(jumps) + of_two_firmwares(bus)
+        doubts = mixed_by(jumps) + doubt_two_firmwares(bus)
         run_folder.write_json(run_dir / "outcome.json", {"reasons": [], "not_judged": doubts})
         unknown, damaged = undecoded(bus)
-        ticks = ticks_seen(bus, PERIOD_S)
+        ticks = reconstruct_ticks(bus, PERIOD_S)
         if ticks:
             fields = [(name, type(values[0].item())) for name, values in ticks.items()]
             with TraceWriter(run_dir / "firmware.trace", fields) as writer:

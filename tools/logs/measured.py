@@ -19,7 +19,7 @@ from hil.bus import open_bus
 from hil.bus.addressed import addressed
 from hil.bus.xcp_master import RefusedError, Sampled, XcpMaster
 from hil.record.formats import PARAMETERS
-from hil.record.new_file import made_anew, write_anew
+from hil.record.new_file import make_anew, write_anew
 from hil.scenario.settings import apply_settings
 from hil.show.log_stream import LogStream
 from tools.logs.view import live_viewer
@@ -117,7 +117,7 @@ def log_streams(bus: str, live: bool, out: Path | None) -> list[LogStream]:
         log = out / LOG_NAME
         if os.path.lexists(log):
             raise BadInputError(f"{log} exists and is kept; name another folder")
-        targets.append(made_anew(log))
+        targets.append(make_anew(log))
     return [LogStream(target, run, None) for target in targets]
 
 
@@ -128,7 +128,7 @@ def send(streams: Sequence[LogStream], names: Sequence[str], rows: Sequence[tupl
     records: NDArray[np.void] = np.zeros(len(rows), [("t_s", float), *((name, float) for name in names)])
     records[:] = list(rows)
     for stream in streams:
-        stream.ticked("firmware", records, 0.0)
+        stream.log_ticks("firmware", records, 0.0)
         stream.flush()
 
 

@@ -25,7 +25,7 @@ from firmware_py.shell.parameters import config_from, of_the_build
 from hil.faults.memory import ParameterMemory
 from hil.faults.on_bus import NamedFrames
 from hil.record.run_folder import read_note, refuse_irregular
-from hil.scenario.parameter_file import merged
+from hil.scenario.parameter_file import merge_files
 from hil.scenario.scenario import Scenario, load_scenario
 from plant_sim.arrays import FloatArray
 from tools.logs.foreign_logs import LoggedMessage, clock_jumps, read_log
@@ -139,7 +139,7 @@ def replay(source: Path, build: Build = "compiled", parameters: Sequence[Path] =
     scenario = scenario_of(source, parameters) if is_own else None
     log = source / CAN_LOG if is_own else source
     messages = [message for message in read_log(log).messages if message.kind is None]
-    overrides = merged({}, parameters) if scenario is None else scenario.parameters
+    overrides = merge_files({}, parameters) if scenario is None else scenario.parameters
     period_s = config_from(overrides).tick_s
     if scenario is None:
         refuse_jumps(log, messages)

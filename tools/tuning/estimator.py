@@ -30,7 +30,7 @@ import numpy as np
 from scipy.signal import correlate
 
 from firmware_py.shell.parameters import DEFAULTS
-from hil.scenario.parameter_file import nested
+from hil.scenario.parameter_file import nest
 from plant_sim.arrays import FloatArray
 from tools.campaign.campaign import Cell
 from tools.campaign.modules import module_cell
@@ -136,7 +136,7 @@ def read_log(path: Path) -> Log:
 
     values = nominal_of(path)
     changed = {name: value for name, value in values.items() if value != DEFAULTS[name]}
-    return Log(nested(changed), read_ticks(path, values["control.tick_s"]))
+    return Log(nest(changed), read_ticks(path, values["control.tick_s"]))
 
 
 def sampled_module(seed: int, number: int) -> tuple[Cell, Sampled]:
@@ -160,7 +160,7 @@ def course_of(log: Log, parameters: dict[str, float]) -> FloatArray:
     from tools.tuning.recordings.replay import replay
 
     firmware = deepcopy(log.nominal)
-    for block, table in nested(parameters).items():
+    for block, table in nest(parameters).items():
         firmware.setdefault(block, {}).update(table)
     begin = round(SETTLING_SHARE * len(log.ticks.low_m_s2))
     return replay(config_from(firmware), log.ticks)[begin:]

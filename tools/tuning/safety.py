@@ -19,7 +19,7 @@ from hil.judge.judge import judge
 from hil.record.formats import PARAMETERS
 from hil.record.run_traces import read_run
 from hil.scenario.files import read_scenario
-from hil.scenario.parameter_file import nested
+from hil.scenario.parameter_file import nest
 from hil.scenario.scenario import check_scenario
 from tools.tuning.result import Tuning
 
@@ -65,7 +65,7 @@ def judged(
             if "target_ratio" in command:
                 command["target_ratio"] = min(bench.ratio, command["target_ratio"])
     firmware = document["firmware"]
-    for block, table in nested(values).items():
+    for block, table in nest(values).items():
         firmware.setdefault(block, {}).update(table)
     try:
         scenario = check_scenario(document, name)

@@ -82,7 +82,7 @@ def safe_state_figures(
         command_zero_after_s=zero_after(
             column(firmware, "t_s"), column(firmware, "outputs.torque_n_m"), end.at_s
         ),
-        impacts_after=int(np.count_nonzero(column(detection.strong(impacts), "t_s") > end.at_s))
+        impacts_after=int(np.count_nonzero(column(detection.select_strong(impacts), "t_s") > end.at_s))
         if len(plant)
         else None,
     )
@@ -107,7 +107,7 @@ def fault_figures(traces: RunTraces, hold: Window | None) -> FaultFigures:
     t_s, torque_n_m = column(plant, "t_s"), column(plant, "motor_torque_n_m")
     speed = column(plant, "omega_rad_s")
     since = t_s >= fault.start_s
-    strong = detection.strong(impacts)
+    strong = detection.select_strong(impacts)
     strong_t_s, forces = column(strong, "t_s"), column(strong, "peak_force_n")
     zero_s = zero_after(t_s, torque_n_m, fault.start_s)
     forces_n = forces[strong_t_s >= fault.start_s]

@@ -186,11 +186,11 @@ def detector_figures(plant: Records, impacts: Records, firmware: Records) -> Det
         return nothing
     alive_until_s = float(column(firmware, "t_s")[-1]) - detection.LONGEST_LATENCY_S
     touch_down_s = column(impacts, "t_s")
-    seen = detection.reported(firmware)
+    seen = detection.select_reported(firmware)
     pairs = detection.match(touch_down_s, column(seen, "t_s"))
-    due = detection.due(column(impacts, "v_m_s"), column(impacts, "peak_force_n"))
+    due = detection.is_due(column(impacts, "v_m_s"), column(impacts, "peak_force_n"))
     due &= touch_down_s <= alive_until_s
-    slept_through = due & ~pairs.found & detection.slept_through(touch_down_s, column(firmware, "t_s"))
+    slept_through = due & ~pairs.found & detection.is_slept_through(touch_down_s, column(firmware, "t_s"))
     due &= ~slept_through
     judged = column(seen, "t_s") <= alive_until_s
     speed_error = (
@@ -324,7 +324,7 @@ def figures_from(traces: RunTraces) -> Figures:
             TrueImpact(float(t), float(v)) for t, v in zip(impacts_t_s, impacts_v_m_s, strict=True)
         ),
         impact_count=impact_count(traces),
-        impacts_reported=len(detection.reported(firmware)),
+        impacts_reported=len(detection.select_reported(firmware)),
         regime=lower_name(motion.regime),
         regime_estimated=lower_name(Regime(int(reported[-1])) if len(reported) else Regime.UNCERTAIN),
         hold_start_s=hold.start_s if hold else None,

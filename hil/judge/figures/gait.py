@@ -71,7 +71,7 @@ def phase_at(plant: Records, t_s: FloatArray) -> FloatArray:
 
 def pulses_of(plant: Records, impacts: Records) -> Pulses:
     """The pulses among `impacts`."""
-    strong = detection.strong(impacts)
+    strong = detection.select_strong(impacts)
     t_s = column(strong, "t_s")
     return Pulses(t_s, column(strong, "v_m_s"), phase_at(plant, t_s))
 
@@ -101,7 +101,7 @@ def gait_end(plant: Records, since_s: float) -> GaitEnd | None:
     return GaitEnd(min(found)[1], min(found)[0]) if found else None
 
 
-def restarted_s(firmware: Records, after_s: float) -> float:
+def next_start_s(firmware: Records, after_s: float) -> float:
     """The time in s of the first start of the crank after `after_s`; infinite without a start."""
     t_s, mode = column(firmware, "t_s"), column(firmware, "outputs.mode")
     begins = np.flatnonzero((mode[1:] == Mode.SOFT_START) & (mode[:-1] != Mode.SOFT_START)) + 1
@@ -109,7 +109,7 @@ def restarted_s(firmware: Records, after_s: float) -> float:
     return float(later[0]) if len(later) else float("inf")
 
 
-def following(pulses_s: FloatArray, at_s: float, until_s: float) -> BoolArray:
+def is_following(pulses_s: FloatArray, at_s: float, until_s: float) -> BoolArray:
     """Mask of the pulses that follow `at_s` without a pause, up to `until_s`."""
     later = np.flatnonzero((pulses_s > at_s) & (pulses_s < until_s))
     gaps = np.diff(np.concatenate([[at_s], pulses_s[later]])) > PAUSE_S
@@ -119,7 +119,7 @@ def following(pulses_s: FloatArray, at_s: float, until_s: float) -> BoolArray:
     return found
 
 
-def undriven(firmware: Records, pulses_s: FloatArray) -> int:
+def count_undriven(firmware: Records, pulses_s: FloatArray) -> int:
     """Number of pulses with the crank off for `PAUSE_S` or more."""
     driven_s = column(firmware, "t_s")[np.isin(column(firmware, "outputs.mode"), MOVING)]
     before = np.searchsorted(driven_s, pulses_s) - 1
@@ -146,7 +146,7 @@ def gait_figures(traces: RunTraces, hold_s: tuple[float, float] | None) -> GaitF
     misses = np.histogram(pulses.t_s[~inside], strikes)[0] if len(strikes) > 1 else np.zeros(0)
     after = hardest = None
     if end is not None:
-        follows = following(pulses.t_s, end.at_s, restarted_s(firmware, end.at_s))
+        follows = is_following(pulses.t_s, end.at_s, next_start_s(firmware, end.at_s))
         before = (pulses.t_s >= 0.5 * (start_s + steady_end_s)) & (pulses.t_s <= end.at_s)
         after = float(pulses.t_s[follows][-1] - end.at_s) if follows.any() else 0.0
         if before.any():
@@ -163,5 +163,5 @@ def gait_figures(traces: RunTraces, hold_s: tuple[float, float] | None) -> GaitF
         end_s=None if end is None else end.at_s,
         last_pulse_after_s=after,
         hardest_after=hardest,
-        undriven=undriven(firmware, pulses.t_s),
+        undriven=count_undriven(firmware, pulses.t_s),
     )

@@ -21,21 +21,21 @@ def main_figures(figures: Figures) -> list[Row]:
         ("last approach speed", figures.impacts[-1].v_m_s if figures.impacts else None, "m/s"),
         ("peak stop force", figures.peak_force_n, "N"),
         ("peak felt force", figures.felt.peak_n, "N"),
-        ("strides with a pulse in the window", scaled(100.0, gait.in_window), "%"),
-        ("position error, RMS", scaled(1e3, estimate.x_rmse_m), "mm"),
-        ("velocity error, RMS", scaled(1e3, estimate.v_rmse_m_s), "mm/s"),
-        ("impacts detected", scaled(100.0, detector.recall), "%"),
-        ("detections that are impacts", scaled(100.0, detector.precision), "%"),
+        ("strides with a pulse in the window", scale(100.0, gait.in_window), "%"),
+        ("position error, RMS", scale(1e3, estimate.x_rmse_m), "mm"),
+        ("velocity error, RMS", scale(1e3, estimate.v_rmse_m_s), "mm/s"),
+        ("impacts detected", scale(100.0, detector.recall), "%"),
+        ("detections that are impacts", scale(100.0, detector.precision), "%"),
         ("detection latency, median", detector.latency_ms.p50, "ms"),
-        ("speed ripple", scaled(100.0, figures.speed.ripple), "%"),
+        ("speed ripple", scale(100.0, figures.speed.ripple), "%"),
         ("firmware's work a tick, 99 %", figures.tick_us.p99, "µs"),
         ("skipped ticks", figures.overruns or None, ""),
         ("skipped by a bare sleep loop", figures.baseline_overruns or None, ""),
-        ("held up by the host", scaled(1e3, figures.held_s), "ms"),
+        ("held up by the host", scale(1e3, figures.held_s), "ms"),
         ("met its timing", None if figures.real_time is None else timing[figures.real_time], ""),
         ("simulated time / elapsed time", figures.realtime_factor, ""),
         ("frames that nodes could not send", figures.log.frames_unsent or None, ""),
-        (f"bus load{left_out}", scaled(100.0, figures.bus_load), "%"),
+        (f"bus load{left_out}", scale(100.0, figures.bus_load), "%"),
     ]
     return [row for row in rows if figure_text(row[1]) != NO_VALUE]
 
@@ -51,6 +51,6 @@ def impact_rows(figures: Figures) -> list[Row]:
     return [("regime", figures.regime, ""), ("impacts", figures.impact_count, "")]
 
 
-def scaled(factor: float, value: float | None) -> float | None:
+def scale(factor: float, value: float | None) -> float | None:
     """A figure in a unit for display; None if the run does not have it."""
     return None if value is None else factor * value

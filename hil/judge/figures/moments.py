@@ -27,14 +27,14 @@ def largest(records: Records, name: str) -> float | None:
 def first_missed(traces: RunTraces) -> float | None:
     """Time of the first touch-down that should have been detected and was not."""
     touch_down_s = column(traces.impacts, "t_s")
-    pairs = detection.match(touch_down_s, column(detection.reported(traces.firmware), "t_s"))
-    due = detection.due(column(traces.impacts, "v_m_s"), column(traces.impacts, "peak_force_n"))
+    pairs = detection.match(touch_down_s, column(detection.select_reported(traces.firmware), "t_s"))
+    due = detection.is_due(column(traces.impacts, "v_m_s"), column(traces.impacts, "peak_force_n"))
     return next(iter(touch_down_s[due & ~pairs.found].tolist()), None)
 
 
 def first_false_alarm(traces: RunTraces) -> float | None:
     """Time of the first detection that belongs to no touch-down."""
-    detected_s = column(detection.reported(traces.firmware), "t_s")
+    detected_s = column(detection.select_reported(traces.firmware), "t_s")
     pairs = detection.match(column(traces.impacts, "t_s"), detected_s)
     return next(iter(detected_s[pairs.false].tolist()), None)
 

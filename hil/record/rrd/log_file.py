@@ -12,7 +12,7 @@ from pathlib import Path
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
-from hil.record.new_file import made_anew
+from hil.record.new_file import make_anew
 from hil.record.rrd.rerun_program import RerunError, rerun
 
 MAGIC = b"RRF2"
@@ -61,7 +61,7 @@ def repair(path: Path) -> bool:
         raise RerunError(
             f"{path} is no Rerun log: its first bytes are not those of one; rebuild it from the traces"
         )
-    mended = made_anew(path.with_name(f"{path.name}.mended"))
+    mended = make_anew(path.with_name(f"{path.name}.mended"))
     try:
         outcome = rerun(["rrd", "optimize", "--continue-on-error", path, "-o", mended])
         if outcome.returncode != 0 or not is_whole(mended):
@@ -88,7 +88,7 @@ def written_whole(path: Path, needed_bytes: int = ROOM_BYTES) -> Iterator[Path]:
     Raises OSError if there is no room for `needed_bytes`, `RerunError` if only a part was written.
     """
     refuse_full_disk(path, needed_bytes)
-    unfinished = made_anew(path.with_name(f"{path.name}.new"))
+    unfinished = make_anew(path.with_name(f"{path.name}.new"))
     try:
         yield unfinished
         if not is_whole(unfinished):

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.record import formats
-from hil.record.new_file import made_anew
+from hil.record.new_file import make_anew
 from hil.timing.realtime import is_user_mode_linux
 
 MAGIC = b"VHTRACE%d" % formats.TRACE
@@ -165,7 +165,7 @@ class TraceWriter:
     def _create(self, path: Path, home: Path, described: bytes) -> None:
         """Create a file with its header at `home`; `path` becomes a link to it."""
         # The file gets its name once its header is complete, so that no reader finds an incomplete header.
-        unfinished = made_anew(home.with_name(f"{home.name}.new"))
+        unfinished = make_anew(home.with_name(f"{home.name}.new"))
         self._file = unfinished.open("r+b")
         self._file.truncate(self._header_bytes)
         self._header = mmap.mmap(self._file.fileno(), self._header_bytes)
@@ -299,7 +299,7 @@ def bring_home(run_dir: Path) -> None:
     for link in run_dir.glob("*.trace"):
         if is_elsewhere(link):
             elsewhere = link.resolve()
-            copy = made_anew(link.with_name(f"{link.name}.new"))
+            copy = make_anew(link.with_name(f"{link.name}.new"))
             shutil.copyfile(elsewhere, copy)
             copy.replace(link)
             elsewhere.unlink()

@@ -18,7 +18,7 @@ from hil.judge.seeds import ScenarioVerdict
 from hil.judge.verdict import BY_GRAVITY, RunVerdict, worst
 from hil.record.new_file import write_anew
 from hil.record.run_traces import RunTraces
-from hil.show.injected import injected
+from hil.show.injected import find_injected
 
 LINKED = ("run.rrd", "can.log", "scenario.toml", "verdict.json")
 """Files of the run to which the page links."""
@@ -35,7 +35,7 @@ def template(name: str) -> Template:
 
 def happenings(traces: RunTraces, figures: Figures) -> list[str]:
     """The faults that the scenario injected, and the fault that the firmware latched, one sentence each."""
-    faults = injected(traces.scenario)
+    faults = find_injected(traces.scenario)
     lines = [f"Injected at {fault.from_s:g} s: {fault.text}." for fault in faults]
     if figures.latched.at_s is not None:
         lines.append(f"The firmware latched the fault {figures.fault} at {figures.latched.at_s:.3f} s.")
@@ -59,13 +59,13 @@ def write_report(path: Path, traces: RunTraces, verdict: RunVerdict) -> None:
         scenario=tomli_w.dumps(dict(traces.scenario)),
         longest_holds=longest_holds(figures.time_held),
         longest_gaps=longest_gaps(figures.gaps),
-        made_with=made_with(traces.run),
+        made_with=describe_origin(traces.run),
         text=figure_text,
     )
     write_anew(path, page)
 
 
-def made_with(run: Mapping[str, Any]) -> dict[str, str]:
+def describe_origin(run: Mapping[str, Any]) -> dict[str, str]:
     """How a run was made, in text: its versions and the single values of its run.json."""
     versions = run.get("versions", {})
     single = {name: value for name, value in run.items() if not isinstance(value, Mapping)}

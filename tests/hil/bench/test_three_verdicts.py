@@ -14,7 +14,7 @@ from hil.bench.options import RunOptions
 from hil.bench.verdict import finish
 from hil.judge import junit, requirements
 from hil.judge.checks import checks_of
-from hil.judge.seeds import merged
+from hil.judge.seeds import merge
 from hil.judge.verdict import Verdict, worst
 from hil.show.report.pages import write_suite_report
 from hil.suite.suite import Chosen, run_suite
@@ -94,7 +94,7 @@ def test_a_run_that_the_bench_could_not_judge_says_why_everywhere(tmp_path):
     assert "the plant was held up for 40 ms" in (tmp_path / "run" / "report.html").read_text()
     of_requirements = requirements.trace([verdict])
     assert {one["verdict"] for one in of_requirements.values()} <= {"not-judged", None}
-    both = merged(checks_of(made_up.scenario), {1: verdict})
+    both = merge(checks_of(made_up.scenario), {1: verdict})
     write_suite_report(tmp_path / "index.html", [both], of_requirements)
     assert "not judged: the plant was held up for 40 ms" in (tmp_path / "index.html").read_text()
 
@@ -117,7 +117,7 @@ def test_one_seed_that_is_not_judged_leaves_the_scenario_not_judged(tmp_path):
     fine = finish(write_run(made_up, tmp_path / "a"))
     made_up.outcome["not_judged"] = ["a hold of 11 s"]
     doubted = finish(write_run(made_up, tmp_path / "b"))
-    both = merged(checks_of({"checks": checks}), {1: fine, 2: doubted})
+    both = merge(checks_of({"checks": checks}), {1: fine, 2: doubted})
     assert (both.verdict, both.passed_seeds, both.not_judged_seeds) == (Verdict.NOT_JUDGED, 1, (2,))
     assert both.not_judged == ("seed 2: a hold of 11 s",)
     assert "not judged: seed 2: a hold of 11 s" in junit.document([both])

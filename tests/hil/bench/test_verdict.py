@@ -19,7 +19,7 @@ from hil.judge import junit, requirements
 from hil.judge.checks import Check, checks_of, margin_share
 from hil.judge.figures.figures import figures_of
 from hil.judge.figures.records import LogFigures
-from hil.judge.seeds import merged
+from hil.judge.seeds import merge
 from hil.judge.verdict import read_verdict
 from hil.record.rrd.rerun_program import rerun
 from hil.record.traces.trace import TraceWriter
@@ -42,7 +42,7 @@ def finished(tmp_path_factory):
 
 def in_a_suite(verdict):
     """The verdict on the scenario of one run."""
-    return merged(checks_of(make_run().scenario), {1: verdict})
+    return merge(checks_of(make_run().scenario), {1: verdict})
 
 
 class Page(html.parser.HTMLParser):

@@ -352,7 +352,7 @@ def test_a_detection_belongs_to_one_touch_down_only(truth, found, matched):
 def test_a_touch_that_no_wearer_feels_need_not_be_seen():
     v_m_s = np.array([0.04, 0.06, 0.09, 0.09, 0.06])
     peak_force_n = np.array([6.0, 6.0, 1.3, 5.0, np.nan])  # nan: a rigid stop
-    assert detection.due(v_m_s, peak_force_n).tolist() == [False, True, False, True, True]
+    assert detection.is_due(v_m_s, peak_force_n).tolist() == [False, True, False, True, True]
 
 
 def test_what_held_the_loops_up_before_a_fault_is_said(made_up, tmp_path):

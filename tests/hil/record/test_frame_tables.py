@@ -13,7 +13,7 @@ from firmware_py.interface.framing import seal
 from firmware_py.interface.generated.records import DriveEstop, SetInputTorque
 from hil.record.bus_reconstruction import frames_of
 from hil.record.candump import NO_BUS, bus_log
-from hil.record.frame_tables import names_of, refused, surely_valid, table_of
+from hil.record.frame_tables import find_refused, is_surely_valid, names_of, table_of
 
 QUANTITIES = {SignalKind.QUANTITY, SignalKind.EXACT}
 NUMBERS = [
@@ -31,21 +31,21 @@ def error_of(codec: FrameCodec, data: bytes) -> str | None:
     return None
 
 
-def is_surely_valid(codec: FrameCodec, data: bytes) -> bool:
-    return bool(surely_valid(codec, np.frombuffer(data.ljust(8, b"\0"), np.uint8)[None])[0])
+def is_valid_frame(codec: FrameCodec, data: bytes) -> bool:
+    return bool(is_surely_valid(codec, np.frombuffer(data.ljust(8, b"\0"), np.uint8)[None])[0])
 
 
 @pytest.mark.parametrize("codec", NUMBERS, ids=lambda codec: codec.record.__name__)
 @given(content=st.binary(min_size=8, max_size=8), counter=st.integers(0, 255))
 def test_what_is_surely_valid_can_be_decoded_and_what_was_sent_is(codec, content, counter):
     received = content[: codec.length]
-    assert is_surely_valid(codec, received) == (error_of(codec, received) is None)
+    assert is_valid_frame(codec, received) == (error_of(codec, received) is None)
     kinds = codec.record.__annotations__.values()
     numbers = np.frombuffer(content, np.int16)[: len(kinds)].tolist()
     values = [
         abs(number) % 2 if kind is int else float(number) for kind, number in zip(kinds, numbers, strict=True)
     ]
-    assert is_surely_valid(codec, codec.encode(codec.record._make(values), counter).data)
+    assert is_valid_frame(codec, codec.encode(codec.record._make(values), counter).data)
 
 
 def sealed(codec: FrameCodec, content: bytes) -> bytes:
@@ -97,7 +97,7 @@ def test_frames_are_refused_for_the_reason_of_their_codec(frames):
         error_of(CODEC_BY_ID[can_id], data) if can_id in CODEC_BY_ID else "0x7AB: not in the DBC"
         for can_id, data in frames
     ]
-    assert refused(bus) == [(row, reason) for row, reason in enumerate(reasons) if reason is not None]
+    assert find_refused(bus) == [(row, reason) for row, reason in enumerate(reasons) if reason is not None]
 
 
 def test_a_frame_that_cannot_be_decoded_is_in_the_raw_table_alone():

@@ -16,7 +16,7 @@ from hil.bus.base import BusError
 from hil.record.run_folder import WARM_UP, RunFolderError, claimed, clear, write_note
 from hil.record.run_traces import read_bus
 from hil.scenario.scenario import Scenario, load_scenario
-from hil.suite.suite import Case, Chosen, judged, run_suite
+from hil.suite.suite import Case, Chosen, judge_case, run_suite
 from tools.cli import run
 from tools.output import EXIT_BAD_INPUT
 
@@ -102,13 +102,13 @@ def test_a_run_that_breaks_off_is_not_judged_by_the_figures_of_the_one_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     case = Case(load_scenario(resting(tmp_path)), 1, tmp_path / "out", False)
-    assert judged(case, LOCKSTEP).figures.ticks == 300
+    assert judge_case(case, LOCKSTEP).figures.ticks == 300
 
     def breaks(*_: object) -> None:
         raise RuntimeError("no compiler")
 
     monkeypatch.setattr("hil.bench.lockstep.warm_lockstep", breaks)
-    verdict = judged(case, LOCKSTEP)
+    verdict = judge_case(case, LOCKSTEP)
     assert verdict.passed is False
     assert verdict.figures.ticks == 0
     assert verdict.reasons[0] == "broke off: RuntimeError: no compiler"

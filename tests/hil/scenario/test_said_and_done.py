@@ -10,7 +10,7 @@ from hil.bench.lockstep_bus import BusAsModelled
 from hil.faults.kinds.disturbed import Disturbed
 from hil.scenario.files import ScenarioError, read_scenario
 from hil.scenario.scenario import check_scenario, load_scenario
-from hil.scenario.seeds import at_other_times
+from hil.scenario.seeds import delay_faults
 from hil.scenario.settings import SettingError, as_texts, keys_and_values
 from plant_sim.scene import read_scene
 from tools.cli import run
@@ -182,7 +182,7 @@ def windows(scenario):
 def test_the_windows_of_checks_move_along_with_a_seed():
     kick = {"kind": "kick", "at_s": 2.5, "change_m_s": 0.1}
     written = check_scenario({**document(kick), "checks": WINDOWS}, "mine")
-    moved = at_other_times(written, 5)
+    moved = delay_faults(written, 5)
     by_s = moved.faults[0].at_s - 2.5
     assert by_s > 0.0
     assert windows(moved) == {

@@ -16,15 +16,15 @@ from hil.bench.lockstep import silent
 from hil.bench.options import RunOptions
 from hil.bench.workers import Died
 from hil.faults.every import KINDS
-from hil.judge.checks import Check, within
+from hil.judge.checks import Check, is_within
 from hil.judge.judge import judge
-from hil.judge.seeds import merged
+from hil.judge.seeds import merge
 from hil.judge.verdict import CheckResult, RunVerdict, Verdict
 from hil.record.run_folder import RunFolderError
 from hil.record.run_traces import RunTraces
 from hil.scenario.files import scenario_names
 from hil.scenario.scenario import load_scenario
-from hil.scenario.seeds import at_other_times
+from hil.scenario.seeds import delay_faults
 from hil.suite.compare_suites import SuiteError, compare, read_suite
 from hil.suite.suite import Case, Chosen, run_suite, scenarios_for
 from tools.cli import run
@@ -145,10 +145,10 @@ def test_a_seed_that_fails_keeps_its_log(tmp_path: Path) -> None:
 
 def test_a_seed_moves_the_fault_and_what_follows_it_within_a_drive_period() -> None:
     written = load_scenario("a-restarted-controller-goes-on-once-it-is-asked-anew")
-    assert at_other_times(written, 1) is written
+    assert delay_faults(written, 1) is written
     times_s = set()
     for seed in range(2, 40):
-        moved = at_other_times(written, seed)
+        moved = delay_faults(written, seed)
         by_s = moved.faults[0].at_s - written.faults[0].at_s
         assert 0.0 < by_s < 0.611
         assert moved.duration_s - written.duration_s == pytest.approx(by_s)
@@ -158,8 +158,8 @@ def test_a_seed_moves_the_fault_and_what_follows_it_within_a_drive_period() -> N
         times_s.add(by_s)
     assert len(times_s) > 30
     from_the_start = load_scenario("damaged-parameters-arm-nothing")
-    assert at_other_times(from_the_start, 7) is from_the_start
-    assert at_other_times(load_scenario("operator-lost"), 7).faults == ()
+    assert delay_faults(from_the_start, 7) is from_the_start
+    assert delay_faults(load_scenario("operator-lost"), 7).faults == ()
 
 
 @pytest.mark.usefixtures("in_process")
@@ -204,7 +204,7 @@ def test_a_fault_that_does_no_harm_does_none_with_any_seed(
 @pytest.mark.parametrize("longest_s", [0.0, 0.0015, 0.02])
 def test_a_script_limits_the_delay_of_its_faults(longest_s: float) -> None:
     written = load_scenario("a-stuck-encoder-stops-the-motor", {"script.longest_delay_s": longest_s})
-    moved = {at_other_times(written, seed).faults[0].at_s for seed in range(2, 40)}
+    moved = {delay_faults(written, seed).faults[0].at_s for seed in range(2, 40)}
     by_s = {at_s - written.faults[0].at_s for at_s in moved}
     assert len(by_s) == 1 if longest_s < 0.002 else len(by_s) > 10
     assert max(by_s) < max(longest_s, 1e-9)
@@ -214,7 +214,7 @@ def test_a_script_limits_the_delay_of_its_faults(longest_s: float) -> None:
 def test_no_delay_makes_a_run_longer_than_a_day(duration_s: float) -> None:
     longest = {"script.duration_s": duration_s, "script.longest_delay_s": 86_400.0}
     written = load_scenario("a-stuck-encoder-stops-the-motor", longest)
-    lasts_s = {at_other_times(written, seed).duration_s for seed in range(2, 40)}
+    lasts_s = {delay_faults(written, seed).duration_s for seed in range(2, 40)}
     assert max(lasts_s) <= 86_400.0
     assert (len(lasts_s) > 10) is (duration_s < 86_400.0)
 
@@ -230,14 +230,14 @@ def verdict(force_n: float | None, regime: str) -> RunVerdict:
     results = tuple(
         CheckResult(one.name, Verdict.PASSED if met else Verdict.FAILED, values[one.name], "", one.limit)
         for one in CHECKS
-        for met in [within(one, values[one.name])]
+        for met in [is_within(one, values[one.name])]
     )
     reasons = ("firmware left no trace",) if regime == "none" else ()
     return replace(judge(RunTraces(), Path()), checks=results, reasons=reasons)
 
 
 def test_the_worst_figure_is_the_one_nearest_to_or_furthest_beyond_a_limit() -> None:
-    good = merged(
+    good = merge(
         CHECKS, {1: verdict(120.0, "impact"), 2: verdict(178.0, "impact"), 3: verdict(93.0, "impact")}
     )
     force, regime = good.checks
@@ -249,7 +249,7 @@ def test_the_worst_figure_is_the_one_nearest_to_or_furthest_beyond_a_limit() -> 
         178.0,
     )
     assert (regime.lowest, regime.highest) == (None, None)
-    bad = merged(CHECKS, {1: verdict(120.0, "lost"), 2: verdict(190.0, "impact"), 3: verdict(None, "none")})
+    bad = merge(CHECKS, {1: verdict(120.0, "lost"), 2: verdict(190.0, "impact"), 3: verdict(None, "none")})
     assert (bad.passed, bad.passed_seeds, bad.failed_seeds) == (False, 0, (1, 2, 3))
     assert [(one.value, one.seed, one.passed_seeds) for one in bad.checks] == [(None, 3, 1), ("lost", 1, 1)]
     assert bad.reasons == ("seed 3: firmware left no trace",)

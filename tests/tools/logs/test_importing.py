@@ -19,7 +19,7 @@ from firmware_py.interface.generated.records import (
 )
 from hil.bench import recorded_run
 from hil.bench.recorded_run import open_run
-from hil.record.bus_reconstruction import tick_numbers, ticks_seen
+from hil.record.bus_reconstruction import reconstruct_ticks, tick_numbers
 from hil.record.candump import bus_log
 from hil.record.log_reader import tables
 from tools import cli
@@ -339,4 +339,4 @@ def test_jitter_moves_no_frame_into_another_tick(phase_s):
 def test_a_bus_without_firmware_shows_no_ticks():
     torque = codec.encode(SetInputTorque(0.1))
     bus = bus_log(np.array([0.1]), np.array([torque.can_id]), (torque.data,))
-    assert ticks_seen(bus, 1e-3) == {}
+    assert reconstruct_ticks(bus, 1e-3) == {}

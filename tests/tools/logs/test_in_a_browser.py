@@ -11,7 +11,7 @@ from short_run import make_run
 
 from hil.judge.checks import checks_of
 from hil.judge.requirements import trace
-from hil.judge.seeds import merged
+from hil.judge.seeds import merge
 from hil.judge.verdict import read_verdict
 from hil.record import state_timeline
 from hil.record.rrd.rerun_program import rerun_environment
@@ -71,7 +71,7 @@ def test_a_suites_page_leads_to_each_run(browser, run_dir, tmp_path, dark):
     verdict = read_verdict(run_dir / "verdict.json")
     checks = checks_of(read_scenario(run_dir))
     runs = (verdict, replace(verdict, reasons=("plant left no trace",)))
-    both = [merged(checks, {1: one}) for one in runs]
+    both = [merge(checks, {1: one}) for one in runs]
     write_suite_report(tmp_path / "index.html", both, trace(both))
     browser.open((tmp_path / "index.html").as_uri(), dark)
     browser.wait_for("document.querySelectorAll('td a').length == 2")

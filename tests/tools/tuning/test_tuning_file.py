@@ -7,7 +7,7 @@ import pytest
 
 from firmware_py.shell.parameters import ParameterError
 from hil.bench.lockstep import silent
-from hil.scenario.parameter_file import merged, read_document, read_parameters
+from hil.scenario.parameter_file import merge_files, read_document, read_parameters
 from hil.scenario.scenario import load_scenario
 from plant_sim.text_input import TextInputError
 from tools import cli
@@ -63,7 +63,7 @@ def test_the_last_file_is_on_top(tmp_path: Path) -> None:
     write(one, tuning(speed__gain_p_n_m_s=0.04, speed__gain_i_n_m=0.5), SAFE)
     write(two, tuning(speed__gain_p_n_m_s=0.03), SAFE)
     known = {"speed": {"gain_i_n_m": 0.1, "load_share": 0.5}}
-    assert merged(known, [one, two]) == {
+    assert merge_files(known, [one, two]) == {
         "speed": {"gain_i_n_m": 0.5, "load_share": 0.5, "gain_p_n_m_s": 0.03}
     }
     assert known == {"speed": {"gain_i_n_m": 0.1, "load_share": 0.5}}

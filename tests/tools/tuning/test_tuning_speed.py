@@ -10,7 +10,7 @@ import pytest
 from measured_loop import MeasuredLoop, measure_loop
 
 from firmware_py.shell.parameters import DEFAULTS
-from hil.scenario.parameter_file import nested
+from hil.scenario.parameter_file import nest
 from tools import cli
 from tools.output import EXIT_PASSED, BadInputError
 from tools.plots import drawn
@@ -94,7 +94,7 @@ def test_the_loop_measured_on_the_bench_is_the_designed_one(
 
 def test_the_measurement_sees_other_gains() -> None:
     gains = {"speed.gain_p_n_m_s": 0.03, "speed.gain_i_n_m": 0.3}
-    other = measure_loop(nested(gains), window_s=5.0)
+    other = measure_loop(nest(gains), window_s=5.0)
     at = int(np.argmin(np.abs(other.omega_rad_s - 2.0 * math.pi * 20.0)))
     expected = respond(NominalDrive(), 0.03, 0.3, other.omega_rad_s).loop[at]
     assert other.loop[at] == pytest.approx(expected, rel=0.06)
