@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import entry_point, subroutine
+from plant_sim.kernels import entry_point, jit, subroutine
 from plant_sim.kinds import kernel_parts
+from plant_sim.module import MOST_IMPACTS, Module, module_of, move
 from plant_sim.parts.housing import housing_m_s2
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_rigid, origin_m, stop_position_m
@@ -18,9 +19,9 @@ from plant_sim.scene import Scene, require_scene
 from plant_sim.sensors.gait import GaitReading, GaitSensors, GaitTruth, gait_at, gaits_at
 from plant_sim.sensors.readings import Noise, Readers, SensorReading, read_sensors, readers
 from plant_sim.sensors.sampled import SAMPLED
-from plant_sim.sensors.sensing import NO_SENSING, Sensing, allocate_sensing, sense_jump, series_order
+from plant_sim.sensors.sensing import NO_SENSING, allocate_sensing, sense_jump, series_order
 from plant_sim.simulation import initial_state
-from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, DONE, NO_GRID, advance, kernel_records, refusal
+from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, DONE, refusal
 from plant_sim.solvers.adaptive.observation import (
     electrical_ledger,
     ledger,
@@ -28,7 +29,7 @@ from plant_sim.solvers.adaptive.observation import (
     observation,
     peak_felt_force_n,
 )
-from plant_sim.solvers.adaptive.state_layout import UNSETTLED, Memory, allocate
+from plant_sim.solvers.adaptive.state_layout import UNSETTLED, allocate
 from plant_sim.tables.quantities import quantity_of
 from plant_sim.validation_messages import real
 
@@ -38,9 +39,7 @@ GAIT_PERIOD_S = 5e-3
 SAMPLED_STREAM = 11
 """First random stream of the sampled sensors; each has its own stream for its noise."""
 
-IMPACTS_A_CALL = 64
-"""Rows of the impacts' buffer. Only during chatter does a tick have more; it then takes two calls."""
-
+_MOVE = jit(move)
 
 POSITION_ROUNDING = 4e-16
 """Rounding of the difference of two positions, as a share of a position."""
@@ -48,18 +47,6 @@ POSITION_ROUNDING = 4e-16
 
 class PlantError(ValueError):
     """A call that the plant cannot answer."""
-
-
-class Lent(NamedTuple):
-    """The data with which compiled code advances a plant tick by tick; `noise` is that of the sensors."""
-
-    parts: Parts
-    probe: Sensing
-    memory: Memory
-    readers: Readers
-    noise: Noise
-    t_s: float
-    t_rest_s: float
 
 
 class Plant:
@@ -82,13 +69,15 @@ class Plant:
         initial = initial or initial_state(scene, self.parts)
         _require_start(initial, self.parts)
         self._readers: Readers | None = None
-        self._noise = Noise(np.random.default_rng(seed))
-        self._probe = NO_SENSING
+        self.noise = Noise(np.random.default_rng(seed))
+        """The noise of the sensors' samples."""
+        probe = NO_SENSING
         if scene.sensors is not None:
             self._readers = readers(scene.sensors)
-            self._probe = allocate_sensing(scene.sensors, initial.omega_rad_s, self.parts.housing)
-        order = series_order(self._probe)
-        self._memory = allocate(self.parts, initial, scene.solver.accuracy, IMPACTS_A_CALL, order)
+            probe = allocate_sensing(scene.sensors, initial.omega_rad_s, self.parts.housing)
+        order = series_order(probe)
+        memory = allocate(self.parts, initial, scene.solver.accuracy, MOST_IMPACTS, order)
+        memory.held[0].t_s = initial.t_s
         self.sampled = () if scene.sensors is None else scene.sensors.sampled()
         """The sensors that are sampled on periods of their own."""
         streams = (SAMPLED_STREAM + SAMPLED.index(type(sensor)) for sensor in self.sampled)
@@ -96,17 +85,14 @@ class Plant:
         self._gait_sensors: GaitSensors | None = None
         if scene.sensors is not None and isinstance(self.parts.housing, Walking):
             self._gait_sensors = GaitSensors(scene.sensors.gait, self.parts.housing, seed, GAIT_PERIOD_S)
-        self._t_s = initial.t_s
-        self._t_rest_s = 0.0
-        self._torque_n_m = 0.0
         self._impacts: list[Impact] = []
-        self._kernel_parts, self._kernel_probe, self._kernel_memory = kernel_records(
-            self.parts, self._probe, self._memory
-        )
-        self._advance = compiled_advance(self)
-        self._call(0.0, 0.0)
-        self.now: Observation = observation(self._memory)
+        self.module = module_of(self.parts, probe, memory)
+        """The module for compiled code, which calls `take_back` after it has advanced it."""
+        self._memory = self.module.memory
+        self._move = compiled_move(self)
+        self.now: Observation
         """The present observation of the module."""
+        self._call(0.0, 0.0)
 
     def advance(self, torque_n_m: float, dt_s: float) -> None:
         """Advance by `dt_s` under a constant motor torque command (an ideal drive ignores it)."""
@@ -116,12 +102,6 @@ class Plant:
                 f"torque_n_m = {torque_n_m}, dt_s = {dt_s}: both must be finite and the time not negative"
             )
         self._call(torque_n_m, dt_s)
-        self.now = observation(self._memory)
-        self._torque_n_m = torque_n_m
-        # Neumaier's sum: a day of ticks adds up to a day.
-        t_s = self._t_s + dt_s
-        self._t_rest_s += (self._t_s - t_s) + dt_s
-        self._t_s = t_s
 
     def replace_parts(self, parts: Parts) -> None:
         """Replace the parts by others of the same kinds; the motion continues from its present state.
@@ -137,7 +117,7 @@ class Plant:
                 f"{stop_position_m(parts.stop)} m; wait until the striker is clear of it (`is_clear_of`)"
             )
         depth_m = depth_after_m(self.parts, parts, float(self._memory.y[0]))
-        self.parts, self._kernel_parts = parts, kernel_parts(parts)
+        self.parts, self.module = parts, self.module._replace(parts=kernel_parts(parts))
         self._memory.y[0] = depth_m
         self._disturb()
 
@@ -155,43 +135,41 @@ class Plant:
         if not abs(change_m_s) <= largest_m_s:
             raise PlantError(f"change_m_s = {change_m_s}; wanted at most {largest_m_s:g} m/s, up or down")
         self._memory.y[1] += change_m_s
-        sense_jump(self._probe, -change_m_s)
+        sense_jump(self.module.probe, -change_m_s)
         self._disturb()
 
     def _disturb(self) -> None:
         """Enter the phase that follows from the changed state, and exclude its energy from the ledger."""
-        memory = self._memory
-        memory.held[0].stored_before_j = math.nan
-        memory.mode[0].phase = UNSETTLED
-        self._call(self._torque_n_m, 0.0)
-        self.now = observation(memory)
-
-    @property
-    def _kernel_arguments(self) -> tuple[Parts, Sensing, Memory]:
-        return self._kernel_parts, self._kernel_probe, self._kernel_memory
+        held = self._memory.held[0]
+        held.stored_before_j = math.nan
+        self._memory.mode[0].phase = UNSETTLED
+        self._call(held.torque_n_m, 0.0)
 
     def _call(self, torque_n_m: float, dt_s: float) -> None:
-        memory = self._memory
-        held: Any = memory.held  # a field of the array takes a fiftieth of the time of a record's
-        held["elapsed_s"] = held["elapsed_low_s"] = 0.0
-        mode: Any = memory.mode
-        impacts = mode["impacts"]
-        while True:
-            status = self._advance(*self._kernel_arguments, torque_n_m, self.t_s, dt_s, NO_GRID)
-            if impacts[0]:
-                self._impacts += [Impact(*row) for row in memory.impacts[: impacts[0]].tolist()]
-                impacts[0] = 0
-            if status == DONE:
-                return
-            if status != BUFFER_FULL:
-                raise refusal(status, self.parts, memory, self.t_s)
+        while (status := self._move(self.module, torque_n_m, dt_s)) == BUFFER_FULL:
+            self._impacts = self.take_impacts()
+        self.take_back(status)
+
+    def take_back(self, status: int) -> None:
+        """Continue after kernels have advanced the module, with the solver's status.
+
+        Raises SolverError if it failed.
+        """
+        if status != DONE:
+            raise refusal(status, self.parts, self._memory, self.t_s)
+        self.now = observation(self._memory)
 
     def sense(self) -> SensorReading:
         """Sample every sensor now, with new noise in each call."""
+        filtered, noise = self.module.probe.readings.tolist(), self.noise.next()
+        return read_sensors(self.readers, filtered, self.now.crank_rad, noise)
+
+    @property
+    def readers(self) -> Readers:
+        """The readers of the sensors. Raises PlantError without sensors."""
         if self._readers is None:
             raise PlantError("the scene has no sensors; add the table [sensors]")
-        filtered, noise = self._probe.readings.tolist(), self._noise.next()
-        return read_sensors(self._readers, filtered, self.now.crank_rad, noise)
+        return self._readers
 
     @property
     def has_gait_sensors(self) -> bool:
@@ -226,37 +204,28 @@ class Plant:
         walking = self.parts.housing
         return gaits_at(walking, times_s) if isinstance(walking, Walking) else None
 
-    def lend(self) -> Lent:
-        """Hand the module to compiled code until `take_back`. Raises PlantError without sensors."""
-        if self._readers is None:
-            raise PlantError("the scene has no sensors; add the table [sensors]")
-        parts, probe, memory = self._kernel_arguments
-        return Lent(
-            parts=parts,
-            probe=probe,
-            memory=memory,
-            readers=self._readers,
-            noise=self._noise,
-            t_s=self._t_s,
-            t_rest_s=self._t_rest_s,
-        )
+    @property
+    def _impact_count(self) -> Any:
+        mode: Any = self._memory.mode  # a field of the array takes a fiftieth of the time of a record's
+        return mode["impacts"]
 
-    def take_back(self, t_s: float, t_rest_s: float, torque_n_m: float, status: int) -> None:
-        """Continue from the state that compiled code has reached. Raises SolverError if it failed."""
-        self._t_s, self._t_rest_s, self._torque_n_m = t_s, t_rest_s, torque_n_m
-        if status != DONE:
-            raise refusal(status, self.parts, self._memory, self.t_s)
-        self.now = observation(self._memory)
+    def take_impact_rows(self) -> NDArray[np.void]:
+        """Impacts as `take_impacts`, as records that are valid until the plant advances."""
+        count = self._impact_count
+        rows: NDArray[np.void] = self._memory.impacts[: count[0]]
+        count[0] = 0
+        return rows
 
     def take_impacts(self) -> list[Impact]:
         """Impacts completed since the last call, oldest first (at a soft stop: after separation)."""
-        impacts, self._impacts = self._impacts, []
-        return impacts
+        before, self._impacts = self._impacts, []
+        return [*before, *(Impact(*row) for row in self.take_impact_rows().tolist())]
 
     @property
     def t_s(self) -> float:
         """Time since the start, s."""
-        return self._t_s + self._t_rest_s
+        held: Any = self._memory.held
+        return float(held["t_s"][0] + held["t_rest_s"][0])
 
     @property
     def state(self) -> MotionState:
@@ -318,6 +287,6 @@ def warm(scene: Scene) -> None:
         plant.sense()
 
 
-def compiled_advance(plant: Plant) -> Callable[..., int]:
-    """The kernel for the types of this plant, compiled or loaded now."""
-    return entry_point(advance, *plant._kernel_arguments, 0.0, 0.0, 0.0, NO_GRID)
+def compiled_move(plant: Plant) -> Callable[[Module, float, float], int]:
+    """The kernel `move` for the types of this plant, compiled or loaded now."""
+    return entry_point(_MOVE, plant.module, 0.0, 0.0)

@@ -37,17 +37,15 @@ from hil.nodes.closed_loop import (
     run,
 )
 from hil.nodes.frame_rows import frames_in, word_frame
-from hil.nodes.plant_steps import Module, PlantState
+from hil.nodes.plant_steps import PlantState
 from hil.record.traces.firmware_trace import columns_in, moves_to
 from hil.record.traces.plant_trace import PlantRecord
 from hil.scenario.scenario import Scenario
 from hil.timing.clock import NS_PER_S
 from hil.timing.signals import delayed_signals
-from plant_sim.arrays import zeros_of
 from plant_sim.kernels import entry_point
 from plant_sim.result import Impact
 from plant_sim.sensors.gait import GaitTruth
-from plant_sim.solvers.adaptive.adaptive import NO_GRID
 
 AHEAD_S = 0.005
 """Time from the end of a stretch to the beginning of any other fault."""
@@ -107,7 +105,6 @@ class Stretches:
             can_log=np.zeros(LONGEST_TICKS * LINES_A_TICK * LINE_BYTES if is_logged else 0, np.uint8),
             used=np.zeros(4, np.int64),
         )
-        self._impacts, self._impact_count = zeros_of(Impact, LONGEST_TICKS), np.zeros(1, np.int64)
 
     def ticks_from(self, tick: int) -> int:
         """Number of ticks from `tick` on that may be compiled; one while the operator waits for an answer."""
@@ -128,10 +125,10 @@ class Stretches:
         assert isinstance(node, NativeNode)
         return node
 
-    def run(self, tick: int, ticks: int) -> Records:
-        """Run `ticks` from `tick` on; return their records."""
+    def run(self, tick: int, ticks: int) -> None:
+        """Run `ticks` from `tick` on; `records` then has their records."""
         plant, node, buffers = self._plant.node, self._native_node(), self._buffers
-        buffers.used[:] = self._impact_count[0] = 0
+        buffers.used[:] = 0
         plant.act(ticks)
         frames, sent = np.zeros((MOST_RECEIVED, 3), np.int64), np.zeros(1 + 3 * MOST_SENT, np.int64)
         tick_address, config, memory, _ = node.native
@@ -149,15 +146,14 @@ class Stretches:
         in_transit = np.zeros((max(len(held), 1 + MOST_SENT), 3), np.int64)  # a command, and the firmware's
         for place, frame in enumerate(held):
             in_transit[place] = word_frame(frame)
-        lent = plant.plant.lend()
         bench = Bench(
             period_s=self._scenario.period_s,
             period_ns=self._period_ns,
-            module=Module(lent.parts, lent.probe, lent.memory, NO_GRID, self._impacts, self._impact_count),
-            readers=lent.readers,
+            module=plant.plant.module,
+            readers=plant.plant.readers,
             setup=plant.setup,
             due=plant.due(ticks),
-            noise=lent.noise.take(ticks),
+            noise=plant.plant.noise.take(ticks),
             commands=self._commands(tick + ticks),
             to_plant=in_transit,
             firmware=firmware,
@@ -174,15 +170,14 @@ class Stretches:
         plant.resume(state, status)
         self._to_plant.pending += frames_in(in_transit[: buffers.used[TO_PLANT]])
         self._to_operator.pending += frames_in(sent[1:].reshape(-1, 3)[: sent[0]])
-        return self.records()
 
     def records(self) -> Records:
-        """The records of the present stretch; those before the tick of a failure, if it has failed."""
+        """Take the records of the last stretch; those before the tick of a failure, if it has failed."""
         buffers, ticks = self._buffers, self._buffers.used[TICKS]
         return Records(
             buffers.plant[:ticks],
             self._firmware_rows[:ticks].astype(self._columns, copy=False),
-            self._impacts[: self._impact_count[0]],
+            self._plant.node.plant.take_impact_rows(),
             buffers.can_log[: buffers.used[LOG_BYTES]],
         )
 
@@ -265,6 +260,6 @@ def records_of(scenario: Scenario, seed: int, columns: Any, build: Build = "comp
                     "lockstep, or let the fault begin and end with a tick"
                 )
             with delayed_signals():
-                records = stretches.run(tick, ticks)
-            yield records
+                stretches.run(tick, ticks)
+            yield stretches.records()
             tick += ticks

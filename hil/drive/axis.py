@@ -79,6 +79,8 @@ class DriveConfig(NamedTuple):
     """Two electrical turns a second with seven pole pairs."""
     idle_current_a: float = 0.05
     """Supply current of the electronics."""
+    node_id: int = 0
+    """The drive's node number on its bus."""
     ambient_degc: float = 25.0
     thermal_resistance_k_w: float = 3.0
     """Winding to air, for a gimbal motor of 80 mm: at 10 A (40 W) the winding settles 120 K above ambient."""

@@ -56,10 +56,11 @@ def address(node_id: int) -> Frame:
     return Frame(ADDRESS_ID, bytes((node_id,)) + SERIAL_NUMBER.to_bytes(6, "little") + b"\0")
 
 
-def is_new_address(node_id: int, frame: Frame) -> bool:
+@subroutine
+def is_new_address(node_id: int, frame: WordFrame) -> bool:
     """Whether an Address frame gives this drive another node number than it has."""
-    own = frame.data[1:7] == SERIAL_NUMBER.to_bytes(6, "little")
-    return frame.can_id in (ADDRESS_ID, BROADCAST_ADDRESS_ID) and own and frame.data[0] != node_id
+    own = frame.length > 6 and frame.word >> 8 & 0xFFFF_FFFF_FFFF == SERIAL_NUMBER
+    return frame.can_id in (ADDRESS_ID, BROADCAST_ADDRESS_ID) and own and frame.word & 0xFF != node_id
 
 
 def torques(config: axis.DriveConfig, drive: axis.DriveState, telemetry: axis.Telemetry) -> Frame:
@@ -127,8 +128,8 @@ def obey(  # noqa: PLR0912 - one command after the other
         position, reason = unpacking.unpack_set_absolute_position(meant_length(length), word)
         if reason == ACCEPTED:
             drive = axis.set_position(drive, position.position_rev, encoder_position_rev)
-    elif can_id < NODE_IDS and NOT_MODELLED >> can_id & 1:
-        drive = axis.disarm(drive, axis.BAD_CONFIG)
+    elif (can_id < NODE_IDS and NOT_MODELLED >> can_id & 1) or is_new_address(config.node_id, frame):
+        drive = axis.disarm(drive, axis.BAD_CONFIG)  # the node number is a parameter of the run
     return drive, reason == ACCEPTED
 
 

@@ -18,9 +18,9 @@ from hil.nodes.compiled import kernel
 from hil.nodes.plant_steps import (
     MOST_FRAMES,
     Due,
-    Module,
     PlantState,
     Setup,
+    encoder_sample,
     move_on,
     obey_frames,
     publish,
@@ -28,6 +28,7 @@ from hil.nodes.plant_steps import (
     record_plant,
 )
 from plant_sim.kernels import call_at, subroutine
+from plant_sim.module import Module
 from plant_sim.sensors.readings import Readers, read_sensors
 from plant_sim.solvers.adaptive.adaptive import DONE
 from plant_sim.solvers.adaptive.state_layout import OBSERVED
@@ -183,7 +184,8 @@ def plant_turn(bench: Bench, state: PlantState) -> tuple[PlantState, int, int]:
     row, tick = buffers.used[TICKS], state.tick
     omega_rad_s, readings = observed[OBSERVED.omega_rad_s], bench.module.probe.readings
     reading = read_sensors(bench.readers, readings, observed[OBSERVED.crank_rad], bench.noise[row])
-    state, count = publish(setup, bench.due, observed, state, reading, bench.firmware.frames)
+    sample = encoder_sample(state.drive, reading)
+    state, count = publish(setup, bench.due, observed, state, reading, sample, bench.firmware.frames)
     log_rows(buffers, tick * bench.period_ns // 1000, bench.firmware.frames, count)
     state = obey_frames(setup.drive, state, reading, omega_rad_s, bench.to_plant, buffers.used[TO_PLANT])
     buffers.used[TO_PLANT] = 0

@@ -142,9 +142,7 @@ def plant_main(scenario: str, settings: Sequence[str], process: NodeProcess) -> 
     faults = of_a_node(loaded.faults)
 
     def make(pace: Pace, bus: FaultyBus) -> PlantRunner:
-        runner = PlantRunner(loaded.scene, process.seed, pace, bus, process.out_dir, faults)
-        runner.node.node_id = places.drive_node
-        return runner
+        return PlantRunner(loaded.scene, process.seed, pace, bus, process.out_dir, faults, places.drive_node)
 
     process.run(PLANT, make, loaded.period_s, 0.0, ACCEPTED_IDS, places, faults)
 

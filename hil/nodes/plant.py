@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.generated.records import Accelerometer, GaitSensors
+from firmware_py.interface.generated import packing
+from firmware_py.interface.generated.records import EncoderEstimates, GaitSensors
 from hil.bus.wire import REMOTE_FLAG
-from hil.drive import axis, messages
-from hil.drive.axis import TIME_RESOLUTION_S, DriveConfig, DriveState, Telemetry
+from hil.drive import axis
+from hil.drive.axis import TIME_RESOLUTION_S, DriveConfig, DriveState
 from hil.drive.axis_table import AxisTable, axis_of
 from hil.drive.node import (
     COMMAND_IDS,
@@ -27,20 +28,31 @@ from hil.drive.node import (
     VERSION,
     VERSION_ID,
     address,
-    is_new_address,
-    obey,
     powers,
     report_frame,
     torques,
 )
-from hil.drive.reports import NOTHING, Ticks, first_reports, look, report_ticks, take, ticks_of
+from hil.drive.reports import Ticks, first_reports, report_ticks, ticks_of
 from hil.faults.fault import Fault
 from hil.faults.on_sensor import SensorFaults
 from hil.faults.plant import PlantFaults
-from hil.nodes.frame_rows import byte_frame, word_frame
-from hil.nodes.plant_steps import Due, PlantState, Setup
+from hil.nodes.compiled import kernel
+from hil.nodes.frame_rows import byte_frame, frames_in, word_frame
+from hil.nodes.plant_steps import (
+    MOST_FRAMES,
+    Due,
+    PlantState,
+    Setup,
+    encoder_frame,
+    encoder_sample,
+    move_on,
+    obey_frames,
+    publish,
+    telemetry,
+)
 from hil.nodes.sampled import SampledFrames
 from hil.record.traces.plant_trace import PlantRecord
+from plant_sim.kernels import entry_point
 from plant_sim.parts.drive import MotorDrive, MotorTable
 from plant_sim.plant import Plant
 from plant_sim.result import Impact
@@ -48,7 +60,8 @@ from plant_sim.scene import Scene
 from plant_sim.sensors.gait import GaitReading, GaitTruth
 from plant_sim.sensors.readings import SensorReading
 
-OBEYED_IDS = frozenset((*COMMAND_IDS, *NOT_MODELLED_IDS))
+_MOVE_ON = kernel(move_on)
+
 ACCEPTED_IDS = (
     *COMMAND_IDS,
     *NOT_MODELLED_IDS,
@@ -104,104 +117,125 @@ class PlantNode:
         period_s: float = CAN_PERIOD_S,
         faults: Sequence[Fault] = (),
         first_tick: int = 0,
+        node_id: int = 0,
     ) -> None:
-        """`first_tick`: tick of power-up, at which the module is in the scene's initial state."""
+        """`first_tick`: tick of power-up, at which the module is in the scene's initial state. `node_id`:
+        the drive's node number on its bus, for clients that request its address.
+        """
         self.plant = Plant(scene, seed=seed)
-        self.drive_config = drive_config(scene)
-        self.drive: DriveState = axis.power_up(self.drive_config)
-        self.rejected = 0
-        """Number of drive commands that could not be read."""
+        self.drive_config = drive_config(scene)._replace(node_id=node_id)
+        self.state = PlantState(
+            tick=first_tick,
+            counter=-1,
+            reports=first_reports(first_tick),
+            drive=axis.power_up(self.drive_config),
+            torque_n_m=0.0,
+            rejected=0,
+        )
+        """The state between two steps, which compiled steps continue."""
+        self.period_s = period_s
         self.began_s = first_tick * period_s
         self._sensor_faults = SensorFaults(faults, seed)
         self._faults = PlantFaults(faults, self.plant, self.drive_config, self.began_s)
-        self.period_s = period_s
-        self.tick = first_tick
         self.record: PlantRecord
         self.gait: GaitTruth | None = None
         """The gait at t_k; None without a walk."""
-        self.counter = -1
         self._report_ticks, self._ticks_an_encoder_frame = frame_ticks(scene, period_s)
-        self.reports = first_reports(first_tick)
         self._reading: SensorReading
-        self.node_id = 0
-        """The drive's node number on its bus, for clients that request its address."""
-        self.requests: list[int] = []
+        self._estimates: EncoderEstimates
+        self._requests: list[int] = []
         self._ticks_a_gait_frame = ticks_of(codec.GAIT_SENSORS, period_s)
         self._last_gait_frame = -1
-        self.sampled = SampledFrames(self.plant, period_s)
+        self._sampled = SampledFrames(self.plant, period_s)
+        self._outbox = np.zeros((MOST_FRAMES, 3), np.int64)
+        self._move_on = entry_point(_MOVE_ON, self.plant.module, self.drive_config, self.state, period_s)
 
-    def publish(self) -> list[Frame]:
-        """The frames of tick k: sensor samples, at most one further report of the drive, and answers."""
-        self.act()
-        self._reading = reading = self._sensor_faults.published(self.tick * self.period_s, self.plant.sense())
-        estimates = messages.encoder_estimates(
-            self.drive, reading.encoder_position_rev, reading.encoder_velocity_rev_s
+    @property
+    def tick(self) -> int:
+        """The tick of the next step."""
+        return self.state.tick
+
+    @property
+    def drive(self) -> DriveState:
+        """The drive's state."""
+        return self.state.drive
+
+    @property
+    def setup(self) -> Setup:
+        """The drive's configuration and the frames' periods."""
+        return Setup(
+            self.drive_config, self._report_ticks, self._ticks_an_encoder_frame, self._sampled.all_sensors
         )
-        estimates = self._faults.reported(estimates)
-        self.counter += 1
-        frames = [
-            codec.ACCELEROMETER.encode(
-                Accelerometer(reading.striker_low_m_s2, reading.striker_high_m_s2, reading.housing_m_s2),
-                self.counter,
-            ),
-        ]
-        encoder_frame = codec.ENCODER_ESTIMATES.encode(estimates)
-        if self.tick % self._ticks_an_encoder_frame == 0:
-            frames.append(encoder_frame)
-        if self.plant.has_gait_sensors:
-            frames += [frame for _, frame in self.gait_frames(range(self.tick, self.tick + 1))]
-        frames += self.sampled.frames(self.tick)
-        self.reports, report = take(look(self._report_ticks, self.reports, self.tick))
-        if report != NOTHING:
-            frames.append(self._report(report))
-        if self.requests:
-            frames += [self._answer(can_id, encoder_frame) for can_id in self.requests[:MOST_ANSWERS]]
-            self.requests.clear()
-        return self._faults.sent(frames)
 
-    def gait_frames(self, ticks: range) -> list[tuple[int, Frame]]:
-        """The gait sensors' frames in these ticks: one for each period that begins, unless it drops out."""
+    def due(self, ticks: int) -> Due:
+        """The gait sensors' frames and the samples of the next `ticks`; each is sampled once."""
+        samples = self._sampled.rows(self.tick, ticks)
+        return Due(self._gait_rows(range(self.tick, self.tick + ticks)), samples, np.zeros(2, np.int64))
+
+    def _gait_rows(self, ticks: range) -> NDArray[np.int64]:
+        """The gait sensors' frames, one for each period that begins in `ticks`, unless it drops out."""
         due = []
-        for tick in ticks:
+        for tick in ticks if self.plant.has_gait_sensors else ():
             number = tick // self._ticks_a_gait_frame
             if number != self._last_gait_frame:
                 self._last_gait_frame = number
                 due.append(tick)
-        if not due:
-            return []
-        readings = self.plant.sense_gaits(np.array([self._since_start_s(tick) for tick in due]))
-        return [
-            (tick, codec.GAIT_SENSORS.encode(gait_record(reading), tick // self._ticks_a_gait_frame))
+        times_s = np.array(due) * self.period_s - self.began_s
+        readings = self.plant.sense_gaits(times_s) if due else []
+        frames = [
+            (tick, *packing.pack_gait_sensors(gait_record(reading), tick // self._ticks_a_gait_frame)[0])
             for tick, reading in zip(due, readings, strict=True)
             if reading is not None
         ]
+        return np.array(frames, dtype=np.int64).reshape(-1, 4)
 
-    def _answer(self, can_id: int, estimates: Frame) -> Frame:
+    def publish(self) -> list[Frame]:
+        """The frames of tick k: sensor samples, at most one further report of the drive, and answers."""
+        self.act()
+        self._reading = self._sensor_faults.published(self.tick * self.period_s, self.plant.sense())
+        self._estimates = self._faults.reported(encoder_sample(self.drive, self._reading))
+        self.state, count = publish(
+            self.setup,
+            self.due(1),
+            self.plant.observed,
+            self.state,
+            self._reading,
+            self._estimates,
+            self._outbox,
+        )
+        frames = frames_in(self._outbox[:count])
+        frames += [self._answer(can_id) for can_id in self._requests[:MOST_ANSWERS]]
+        self._requests.clear()
+        return self._faults.sent(frames)
+
+    def _answer(self, can_id: int) -> Frame:
         """The frame that answers a client's request for `can_id`."""
+        config, drive, now = self.drive_config, self.drive, telemetry(self.plant.observed)
         if can_id in REPORT_OF_REQUEST:
-            return self._report(REPORT_OF_REQUEST[can_id])
-        if can_id == estimates.can_id:
-            return estimates
+            return byte_frame(*report_frame(config, drive, now, REPORT_OF_REQUEST[can_id]))
+        if can_id == codec.ENCODER_ESTIMATES.can_id:
+            return byte_frame(*encoder_frame(self._estimates))
         if can_id == TORQUES_ID:
-            return torques(self.drive_config, self.drive, self._telemetry())
+            return torques(config, drive, now)
         if can_id == POWERS_ID:
-            return powers(self.drive_config, self.drive, self._telemetry())
-        return VERSION if can_id == VERSION_ID else address(self.node_id)
-
-    def _report(self, report: int) -> Frame:
-        return byte_frame(*report_frame(self.drive_config, self.drive, self._telemetry(), report))
-
-    def _telemetry(self) -> Telemetry:
-        now = self.plant.now
-        return Telemetry(now.current_a, now.motor_torque_n_m, now.omega_rad_s)
+            return powers(config, drive, now)
+        return VERSION if can_id == VERSION_ID else address(config.node_id)
 
     def advance(self, frames: Sequence[Frame]) -> None:
         """Obey `frames`, make the record of this tick, and advance to the next."""
         self._obey(self._faults.received(frames))
-        self.record = self._record_of(self._torque_n_m())
-        self.gait = self.plant.gait_at(self._since_start_s(self.tick))
+        self.record = PlantRecord(
+            self.tick,
+            self.tick * self.period_s,
+            *self.plant.now,
+            self.state.torque_n_m,
+            self.drive.axis.state,
+            self.drive.axis.errors,
+            *self._reading,
+        )
+        self.gait = self.plant.gait_at(self.record.t_s - self.began_s)
         self._pass_time(self.period_s, 2.0 * TIME_RESOLUTION_S, self._drive_on)
-        self.tick += 1
+        self.state = self.state._replace(tick=self.tick + 1)
 
     def _pass_time(self, duration_s: float, after_s: float, move_by: Callable[[float], None]) -> None:
         """Let faults begin and end at their times, from `after_s` on; `move_by` the durations in between."""
@@ -210,80 +244,51 @@ class PlantNode:
         for edge_s in edges_s:
             move_by(edge_s - begin_s - gone_s)
             gone_s = edge_s - begin_s
-            self.drive_config, self.drive = self._faults.act(edge_s, self.drive)
+            self._act_at(edge_s)
         move_by(duration_s - gone_s)
 
-    def _torque_n_m(self) -> float:
-        """The torque that the drive requests of the motor."""
-        return axis.torque_n_m(self.drive_config, self.drive, self.plant.now.omega_rad_s)
+    def _given_n_m(self) -> float:
+        """The motor's torque for the one that the drive requests."""
+        now = self.plant.now
+        torque_n_m = axis.torque_n_m(self.drive_config, self.drive, now.omega_rad_s)
+        return self._faults.given_n_m(torque_n_m, now.crank_rad)
 
     def _drive_on(self, dt_s: float) -> None:
         """Advance by `dt_s` under the drive's torque, until its watchdog expires."""
-        config = self.drive_config
-        armed_s = min(dt_s, axis.watchdog_left_s(config, self.drive))
-        self._move(self._torque_n_m(), armed_s)
-        now = self.plant.now
-        self.drive = axis.elapse(config, self.drive, armed_s, now.omega_rad_s, now.current_a)
-        if armed_s < dt_s - TIME_RESOLUTION_S:
-            self._move(0.0, dt_s - armed_s)
+        state = self.state._replace(torque_n_m=self._given_n_m())
+        self.resume(*self._move_on(self.plant.module, self.drive_config, state, dt_s))
 
     def _obey(self, frames: Sequence[Frame]) -> None:
-        for frame in frames:
-            can_id, data = frame
-            if can_id in OBEYED_IDS:
-                position_rev = self._reading.encoder_position_rev
-                self.drive, was_read = obey(self.drive_config, self.drive, word_frame(frame), position_rev)
-                self.rejected += not was_read
-            elif not data and can_id in REQUEST_IDS:
-                self.requests.append(can_id)
-                if self.drive_config.is_fed_by_every_frame:
-                    self.drive = axis.feed_watchdog(self.drive)
-            elif is_new_address(self.node_id, frame):
-                self.drive = axis.disarm(self.drive, axis.BAD_CONFIG)  # the node number is a parameter
+        """Obey the commands, and note the requests, which are answered in the next tick."""
+        self._requests += [can_id for can_id, data in frames if not data and can_id in REQUEST_IDS]
+        rows = np.array([word_frame(frame) for frame in frames], dtype=np.int64).reshape(-1, 3)
+        omega_rad_s = self.plant.now.omega_rad_s
+        self.state = obey_frames(
+            self.drive_config, self.state, self._reading, omega_rad_s, rows, count=len(rows)
+        )
 
     def gaits_in(self, tick: int, ticks: int) -> NDArray[np.float64] | None:
         """The gait in `ticks` from `tick` on, one row of `GaitTruth` each; None without a walk."""
         numbers = np.arange(tick, tick + ticks, dtype=np.float64)
         return self.plant.gaits_at(numbers * self.period_s - self.began_s)
 
-    def _since_start_s(self, tick: int) -> float:
-        return tick * self.period_s - self.began_s
-
     def act(self, ticks: int = 1) -> None:
         """Begin and end the faults that are due in this tick; they act for `ticks` until the next call."""
-        self.drive_config, self.drive = self._faults.act(self.tick * self.period_s, self.drive, ticks)
+        self._act_at(self.tick * self.period_s, ticks)
+
+    def _act_at(self, t_s: float, ticks: int = 1) -> None:
+        self.drive_config, drive = self._faults.act(t_s, self.drive, ticks)
+        self.state = self.state._replace(drive=drive)
 
     @property
     def has_waiting_fault(self) -> bool:
         """Whether a fault is due that cannot act yet (`PlantFaults.waits`)."""
         return self._faults.waits
 
-    @property
-    def setup(self) -> Setup:
-        """The drive's configuration and the frames' periods, for compiled steps."""
-        sensors = self.sampled.all_sensors()
-        return Setup(self.drive_config, self._report_ticks, self._ticks_an_encoder_frame, sensors)
-
-    @property
-    def state(self) -> PlantState:
-        """The state between two ticks, for compiled steps."""
-        lent = self.plant.lend()
-        return PlantState(
-            self.tick, self.counter, self.reports, self.drive, lent.t_s, lent.t_rest_s, torque_n_m=0.0
-        )
-
-    def due(self, ticks: int) -> Due:
-        """The gait sensors' frames and the samples of the next `ticks`, for compiled steps."""
-        numbers = range(self.tick, self.tick + ticks)
-        frames = self.gait_frames(numbers) if self.plant.has_gait_sensors else []
-        rows = [(number, *word_frame(frame)) for number, frame in frames]
-        gait = np.array(rows, dtype=np.int64).reshape(-1, 4)
-        return Due(gait, self.sampled.rows(self.tick, ticks), np.zeros(2, np.int64))
-
     def resume(self, state: PlantState, status: int) -> None:
         """Continue from the state that compiled steps have reached, with the solver's status."""
-        self.tick, self.counter, self.reports, self.drive, t_s, t_rest_s, torque_n_m = state
-        self.plant.take_back(t_s, t_rest_s, torque_n_m, status)
+        self.state = state
+        self.plant.take_back(status)
 
     def sleep_through(self, ticks: int, frames: Sequence[Frame]) -> None:
         """Advance by `ticks` in which this process did not run; `frames` arrived in that time.
@@ -293,7 +298,7 @@ class PlantNode:
         pause does not count towards the watchdog afterwards, since this process could not receive commands in
         it.
         """
-        if self.counter < 0:  # the first sample has not been sent yet
+        if self.state.counter < 0:  # the first sample has not been sent yet
             self._reading = self.plant.sense()
         self._obey(frames)
         armed_s = axis.watchdog_left_s(self.drive_config, self.drive)
@@ -301,28 +306,14 @@ class PlantNode:
         def coast(dt_s: float) -> None:
             nonlocal armed_s
             driven_s = min(armed_s, dt_s)
-            self._move(self._torque_n_m(), driven_s)
-            self._move(0.0, dt_s - driven_s)
+            for torque_n_m, duration_s in ((self._given_n_m(), driven_s), (0.0, dt_s - driven_s)):
+                if duration_s > 0.0:
+                    self.plant.advance(torque_n_m, duration_s)
             armed_s -= driven_s
 
         self._pass_time(ticks * self.period_s, 0.0, coast)
-        self.tick += ticks
-        self.counter += ticks  # the sensors continued to sample: their counter counts periods
-
-    def _move(self, torque_n_m: float, dt_s: float) -> None:
-        if dt_s > 0.0:
-            self.plant.advance(self._faults.given_n_m(torque_n_m, self.plant.now.crank_rad), dt_s)
-
-    def _record_of(self, torque_n_m: float) -> PlantRecord:
-        return PlantRecord(
-            self.tick,
-            self.tick * self.period_s,
-            *self.plant.now,
-            torque_n_m,
-            self.drive.axis.state,
-            self.drive.axis.errors,
-            *self._reading,
-        )
+        # The sensors continued to sample: their counter counts periods.
+        self.state = self.state._replace(tick=self.tick + ticks, counter=self.state.counter + ticks)
 
     def take_impacts(self) -> list[Impact]:
         """Remove and return the impacts that have ended since the last call."""

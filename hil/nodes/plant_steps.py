@@ -1,6 +1,7 @@
-"""The steps of the plant's node in a tick: it publishes at t_k, then advances to t_{k+1}.
+"""The steps of the plant's node in a tick: it publishes at t_k, obeys, is recorded, and moves to t_{k+1}.
 
-Pure steps, which `hil.nodes.closed_loop` compiles; `PlantNode` has the same order for single ticks.
+They are written once: `hil.nodes.closed_loop` compiles them to one loop, the node's FMU to one step, and
+`PlantNode` calls them one by one, with the faults in between.
 """
 
 from typing import NamedTuple
@@ -10,19 +11,18 @@ from numpy.typing import NDArray
 
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import packing
-from firmware_py.interface.generated.records import Accelerometer
+from firmware_py.interface.generated.records import Accelerometer, EncoderEstimates
 from hil.drive import axis, messages
 from hil.drive.axis import TIME_RESOLUTION_S, DriveConfig, DriveState, Telemetry
 from hil.drive.node import obey, report_frame
 from hil.drive.reports import NOTHING, Reports, Ticks, look, take
 from hil.nodes.sampled import COUNTER, NOISE, TICK, WHICH, sampled_frame
 from plant_sim.kernels import subroutine
-from plant_sim.parts.parts import Parts
+from plant_sim.module import Module, move
 from plant_sim.sensors.readings import SensorReading
 from plant_sim.sensors.sampled import SAMPLED, SampledSensor
-from plant_sim.sensors.sensing import Sensing
-from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, DONE, call_advance
-from plant_sim.solvers.adaptive.state_layout import OBSERVED, Grid, Memory
+from plant_sim.solvers.adaptive.adaptive import DONE
+from plant_sim.solvers.adaptive.state_layout import OBSERVED
 
 Vector = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -31,17 +31,6 @@ MOST_FRAMES = 4 + len(SAMPLED)
 """Most frames that a tick publishes: two samples, gait and sampled sensors, and a report."""
 GAIT, SAMPLE = range(2)
 """Indices in `Due.next`."""
-
-
-class Module(NamedTuple):
-    """The module, and a buffer for finished impacts: rows, and their number so far in `impact_count[0]`."""
-
-    parts: Parts
-    probe: Sensing
-    memory: Memory
-    no_grid: Grid
-    impacts: NDArray[np.void]
-    impact_count: Integers
 
 
 class Setup(NamedTuple):
@@ -66,19 +55,18 @@ class Due(NamedTuple):
 
 
 class PlantState(NamedTuple):
-    """The state of the plant's node between two steps, apart from the memory of the module.
+    """The state of the plant's node between two steps, apart from the module.
 
-    `counter`: the number of the accelerometers' last sample. `t_rest_s`: the rounding error of `t_s`.
-    `torque_n_m`: the torque last requested of the motor.
+    `counter`: the number of the accelerometers' last sample. `torque_n_m`: the torque last requested of the
+    motor. `rejected`: the number of drive commands that could not be read.
     """
 
     tick: int
     counter: int
     reports: Reports
     drive: DriveState
-    t_s: float
-    t_rest_s: float
     torque_n_m: float
+    rejected: int
 
 
 @subroutine
@@ -96,12 +84,15 @@ def accelerometer_frame(reading: SensorReading, counter: int) -> WordFrame:
 
 
 @subroutine
-def encoder_frame(drive: DriveState, reading: SensorReading) -> WordFrame:
+def encoder_sample(drive: DriveState, reading: SensorReading) -> EncoderEstimates:
+    """The drive's encoder sample."""
+    return messages.encoder_estimates(drive, reading.encoder_position_rev, reading.encoder_velocity_rev_s)
+
+
+@subroutine
+def encoder_frame(sample: EncoderEstimates) -> WordFrame:
     """The frame of the drive's encoder sample."""
-    estimates = messages.encoder_estimates(
-        drive, reading.encoder_position_rev, reading.encoder_velocity_rev_s
-    )
-    return packing.pack_encoder_estimates(estimates, 0)[0]
+    return packing.pack_encoder_estimates(sample, 0)[0]
 
 
 @subroutine
@@ -114,24 +105,30 @@ def telemetry(observed: Vector) -> Telemetry:
 
 @subroutine
 def publish(
-    setup: Setup, due: Due, observed: Vector, state: PlantState, reading: SensorReading, outbox: Integers
+    setup: Setup,
+    due: Due,
+    observed: Vector,
+    state: PlantState,
+    reading: SensorReading,
+    sample: EncoderEstimates,
+    outbox: Integers,
 ) -> tuple[PlantState, int]:
     """Put the frames of a tick into `outbox`; return the node's state, and the number of frames.
 
-    `observed`: the module's present observation.
+    `observed`: the module's present observation. `sample`: `encoder_sample` as the drive reports it.
     """
     tick, counter, drive = state.tick, state.counter + 1, state.drive
     count = put(outbox, 0, accelerometer_frame(reading, counter))
     if tick % setup.encoder_ticks == 0:
-        count = put(outbox, count, encoder_frame(drive, reading))
+        count = put(outbox, count, encoder_frame(sample))
     row = due.next[GAIT]
     if row < due.gait.shape[0] and due.gait[row, 0] == tick:
         count = put(outbox, count, WordFrame(due.gait[row, 1], due.gait[row, 2], due.gait[row, 3]))
         due.next[GAIT] = row + 1
     while due.next[SAMPLE] < due.samples.shape[0] and due.samples[due.next[SAMPLE], TICK] == tick:
-        sample = due.samples[due.next[SAMPLE]]
-        which, sampled = int(sample[WHICH]), int(sample[COUNTER])
-        count = put(outbox, count, sampled_frame(setup.sampled, which, observed, sample[NOISE:], sampled))
+        next_one = due.samples[due.next[SAMPLE]]
+        which, number = int(next_one[WHICH]), int(next_one[COUNTER])
+        count = put(outbox, count, sampled_frame(setup.sampled, which, observed, next_one[NOISE:], number))
         due.next[SAMPLE] += 1
     reports, report = take(look(setup.report_ticks, state.reports, tick))
     if report != NOTHING:
@@ -152,36 +149,13 @@ def obey_frames(
 
     `frames`: rows of identifier, length and word. `omega_rad_s`: the motor's speed.
     """
-    drive = state.drive
+    drive, rejected = state.drive, state.rejected
     for row in range(count):
         frame = WordFrame(frames[row, 0], frames[row, 1], frames[row, 2])
-        drive, _ = obey(config, drive, frame, reading.encoder_position_rev)
+        drive, was_read = obey(config, drive, frame, reading.encoder_position_rev)
+        rejected += 0 if was_read else 1
     torque_n_m = axis.torque_n_m(config, drive, omega_rad_s)
-    return state._replace(drive=drive, torque_n_m=torque_n_m)
-
-
-@subroutine
-def later(t_s: float, t_rest_s: float, dt_s: float) -> tuple[float, float]:
-    """Add `dt_s` to a time and its rounding error (Neumaier's sum, as in `plant_sim.plant`)."""
-    sum_s = t_s + dt_s
-    return sum_s, t_rest_s + ((t_s - sum_s) + dt_s)
-
-
-@subroutine(inline=True)
-def move(module: Module, torque_n_m: float, t_s: float, dt_s: float) -> int:
-    """Advance by `dt_s` under constant torque; store finished impacts; return the solver's status."""
-    memory = module.memory
-    memory.held[0].elapsed_s = memory.held[0].elapsed_low_s = 0.0
-    while True:
-        status = call_advance(module.parts, module.probe, memory, torque_n_m, t_s, dt_s, module.no_grid)
-        for row in range(memory.mode[0].impacts):
-            place = module.impact_count[0]
-            if place < module.impacts.shape[0]:
-                module.impacts[place] = memory.impacts[row]
-                module.impact_count[0] = place + 1
-        memory.mode[0].impacts = 0
-        if status != BUFFER_FULL:
-            return status
+    return state._replace(drive=drive, torque_n_m=torque_n_m, rejected=rejected)
 
 
 @subroutine(inline=True)
@@ -192,21 +166,21 @@ def move_on(
 
     Returns the node's state in the same tick, and the solver's status.
     """
-    drive, t_s, t_rest_s, torque_n_m = state.drive, state.t_s, state.t_rest_s, state.torque_n_m
-    observed = module.memory.observed
-    armed_s = min(duration_s, axis.watchdog_left_s(config, drive))
+    drive, torque_n_m, observed = state.drive, state.torque_n_m, module.memory.observed
+    armed_s = axis.watchdog_left_s(config, drive)
+    if armed_s > duration_s - TIME_RESOLUTION_S:
+        armed_s = duration_s
     status, dt_s = DONE, armed_s
     for is_armed in (True, False):
         if dt_s > 0.0:
-            status = move(module, torque_n_m, t_s + t_rest_s, dt_s)
-            t_s, t_rest_s = later(t_s, t_rest_s, dt_s)
+            status = move(module, torque_n_m, dt_s)
         if is_armed:
             omega_rad_s, current_a = observed[OBSERVED.omega_rad_s], observed[OBSERVED.current_a]
             drive = axis.elapse(config, drive, armed_s, omega_rad_s, current_a)
-        if status != DONE or armed_s >= duration_s - TIME_RESOLUTION_S:
+        if status != DONE or armed_s == duration_s:
             break
         dt_s, torque_n_m = duration_s - armed_s, 0.0
-    return state._replace(drive=drive, t_s=t_s, t_rest_s=t_rest_s, torque_n_m=torque_n_m), status
+    return state._replace(drive=drive), status
 
 
 @subroutine

@@ -53,8 +53,12 @@ class PlantRunner:
         bus: FaultyBus,
         out_dir: Path | None,
         faults: Sequence[Fault] = (),
+        node_id: int = 0,
     ) -> None:
-        self._make_node: Callable[[int], PlantNode] = partial(PlantNode, scene, seed, pace.period_s, faults)
+        """`node_id`: as of `PlantNode`."""
+        self._make_node: Callable[..., PlantNode] = partial(
+            PlantNode, scene, seed, pace.period_s, faults, node_id=node_id
+        )
         self.node = self._make_node(pace.first_tick)
         self.bus = bus
         self.trace: TraceWriter | None = None

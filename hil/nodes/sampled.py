@@ -4,7 +4,7 @@ A sensor's record in `plant_sim.sensors.sampled` has the name of its frame in `v
 frame's period and the packing of its signals.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,10 +12,9 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from firmware_py.interface.codec import CODECS
-from firmware_py.interface.frame import Frame, WordFrame
+from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import records
 from hil.drive.reports import ticks_of
-from hil.nodes.frame_rows import byte_frame
 from plant_sim.kernels import by_part
 from plant_sim.plant import Plant
 from plant_sim.sensors.sampled import SAMPLED, SampledSensor, signals
@@ -77,34 +76,21 @@ class SampledFrames:
         self._codecs = [CODEC_OF[type(sensor)] for sensor in plant.sampled]
         self._ticks = [ticks_of(its_codec, period_s) for its_codec in self._codecs]
         self._last = [-1] * len(self._codecs)
-
-    def all_sensors(self) -> tuple[SampledSensor, ...]:
+        fitted = {type(sensor): sensor for sensor in plant.sampled}
+        self.all_sensors = tuple(fitted.get(kind) or kind(*[0.0] * len(kind._fields)) for kind in SAMPLED)
         """A sensor of every kind for `sampled_frame`, so that all scenes have one kernel; rows name only the
         fitted ones."""
-        fitted = {type(sensor): sensor for sensor in self._plant.sampled}
-        return tuple(fitted.get(kind) or kind(*[0.0] * len(kind._fields)) for kind in SAMPLED)
-
-    def frames(self, tick: int) -> list[Frame]:
-        """The frames of the sensors that are sampled in `tick`, from the plant's present state."""
-        frames = []
-        for which, number, noise in self._samples(tick):
-            frame = frame_of(self._plant.sampled[which], self._plant.observed, noise, number)
-            frames.append(byte_frame(*frame))
-        return frames
 
     def rows(self, tick: int, ticks: int) -> Vector:
         """The samples in `ticks` from `tick` on for `sampled_frame`, one row each."""
         rows = []
         for number in range(tick, tick + ticks) if self._codecs else ():
-            for which, counter, noise in self._samples(number):
-                kind = SAMPLED.index(type(self._plant.sampled[which]))
-                rows.append([number, kind, counter, *noise, *[0.0] * (MOST_SIGNALS - len(noise))])
+            for which, its_codec in enumerate(self._codecs):
+                counter = number // self._ticks[which]
+                if counter != self._last[which]:
+                    self._last[which] = counter
+                    signals = len(its_codec.record._fields)
+                    noise = self._plant.sample_noise(which, signals)
+                    kind = SAMPLED.index(type(self._plant.sampled[which]))
+                    rows.append([number, kind, counter, *noise, *[0.0] * (MOST_SIGNALS - signals)])
         return np.array(rows, dtype=np.float64).reshape(-1, NOISE + MOST_SIGNALS)
-
-    def _samples(self, tick: int) -> Iterator[tuple[int, int, Vector]]:
-        """Yield number, counter and noise of the sensors whose period begins in `tick`."""
-        for which, its_codec in enumerate(self._codecs):
-            number = tick // self._ticks[which]
-            if number != self._last[which]:
-                self._last[which] = number
-                yield which, number, self._plant.sample_noise(which, len(its_codec.record._fields))

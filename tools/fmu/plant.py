@@ -20,7 +20,7 @@ from plant_sim.parts.striker import Striker
 from plant_sim.parts.walking import Walking
 from plant_sim.parts.wearer import NoWearer
 from plant_sim.parts.winding import WindingTable
-from plant_sim.plant import IMPACTS_A_CALL, depth_after_m
+from plant_sim.plant import depth_after_m
 from plant_sim.references import by_reference
 from plant_sim.result import EnergyLedger, Impact, Observation
 from plant_sim.scene import Scene
@@ -96,26 +96,26 @@ def step(
     parts: Any, probe: Any, memory: Any, grid: Any, torque_n_m: float, t_s: float, h_s: float, out: Any
 ) -> int:
     """Advance by `h_s` and write the outputs; returns the solver's status."""
-    held, mode = memory.held[0], memory.mode[0]
+    held = memory.held[0]
     held.elapsed_s = held.elapsed_low_s = 0.0
     status = BUFFER_FULL
     while status == BUFFER_FULL:
         status = call_advance(parts, probe, memory, torque_n_m, t_s, h_s, grid)
-        write_impacts(memory.impacts, mode.impacts, out)
-        mode.impacts = 0
+        write_impacts(memory, out)
     write_motion(memory, out)
     return status
 
 
 @subroutine
-def write_impacts(impacts: Any, count: int, out: Any) -> None:
-    """Write the number of impacts and the last one's data, after the first `count` of these rows."""
-    for row in range(count):
-        impact = impacts[row]
+def write_impacts(memory: Any, out: Any) -> None:
+    """Write the number of impacts and the last one's data; the memory then has room for others."""
+    for row in range(memory.mode[0].impacts):
+        impact = memory.impacts[row]
         out[COUNT] += 1.0
         out[COUNT + 1], out[COUNT + 2], out[COUNT + 3] = impact.t_s, impact.v_m_s, impact.v_after_m_s
         out[COUNT + 4], out[COUNT + 6] = impact.impulse_n_s, impact.crank_rad
         out[COUNT + 5] = 0.0 if math.isnan(impact.peak_force_n) else impact.peak_force_n
+    memory.mode[0].impacts = 0
 
 
 @subroutine
@@ -171,6 +171,8 @@ class PlantModel:
 
     kind = "plant"
     """The kind of functions in `models.functions_of`."""
+    most_impacts = 64
+    """Rows of the impacts' buffer; a step with more empties it several times."""
 
     def __init__(self, scene: Scene, seed: int) -> None:
         self.scene = scene.model_copy(
@@ -194,7 +196,7 @@ class PlantModel:
         omega_rad_s = initial.omega_rad_s
         probe = NO_SENSING if sensors is None else allocate_sensing(sensors, omega_rad_s, parts.housing)
         order = series_order(probe)
-        memory = allocate(parts, initial, scene.solver.accuracy, IMPACTS_A_CALL, order)
+        memory = allocate(parts, initial, scene.solver.accuracy, self.most_impacts, order)
         self._parts = parts
         self._scope = dict(VOCABULARY)
         self.records: dict[str, Any] = {

@@ -15,17 +15,16 @@ from hil.nodes.plant import drive_config, frame_ticks
 from hil.nodes.plant_steps import (
     MOST_FRAMES,
     Due,
-    Module,
     PlantState,
     Setup,
+    encoder_sample,
     move_on,
     obey_frames,
     publish,
 )
 from hil.nodes.sampled import MOST_SIGNALS, NOISE
-from plant_sim.arrays import zeros_of
+from plant_sim.module import Module
 from plant_sim.references import by_reference
-from plant_sim.result import Impact
 from plant_sim.scene import Scene
 from plant_sim.sensors.readings import SensorReading
 from plant_sim.sensors.sampled import SAMPLED
@@ -36,8 +35,6 @@ from tools.fmu.variables import MOST_RECEIVED, FmuError, Variable, frame_places,
 
 register()
 
-MOST_IMPACTS = 4096
-"""Most impacts of one tick that are counted."""
 NO_SENSORS = tuple(kind(*[0.0] * len(kind._fields)) for kind in SAMPLED)
 """Sensors with sampling periods of their own, of which no sample is ever due."""
 
@@ -63,8 +60,6 @@ class Mail(NamedTuple):
     sent: NDArray[np.int64]
     counts: NDArray[np.int64]
     torque_n_m: NDArray[np.float64]
-    impacts: NDArray[np.void]
-    impact_count: NDArray[np.int64]
     due: Due
 
 
@@ -87,14 +82,14 @@ def tick(
     config, observed, readings = load_config(config_at), memory.observed, mail.readings
     setup = Setup(config.drive, config.report_ticks, config.encoder_ticks, NO_SENSORS)
     reading = SensorReading(readings[0], readings[1], readings[2], readings[3], readings[4])
-    state, mail.counts[1] = publish(setup, mail.due, observed, load_state(state_at), reading, mail.sent)
+    state = load_state(state_at)
+    sample = encoder_sample(state.drive, reading)
+    state, mail.counts[1] = publish(setup, mail.due, observed, state, reading, sample, mail.sent)
     omega_rad_s = observed[OBSERVED.omega_rad_s]
     state = obey_frames(config.drive, state, reading, omega_rad_s, mail.received, mail.counts[0])
     mail.torque_n_m[0] = state.torque_n_m
-    mail.impact_count[0] = 0
-    module = Module(parts, probe, memory, grid, mail.impacts, mail.impact_count)
-    state, status = move_on(module, config.drive, state, config.period_s)
-    write_impacts(mail.impacts, mail.impact_count[0], out)
+    state, status = move_on(Module(parts, probe, memory, grid), config.drive, state, config.period_s)
+    write_impacts(memory, out)
     write_motion(memory, out)
     store_record(state._replace(tick=state.tick + 1), state_at)
     return status
@@ -104,6 +99,8 @@ class PlantNodeModel(PlantModel):
     """A scene's module with its drive and its sensors as a node of the bus."""
 
     kind = "plant-node"
+    most_impacts = 4096
+    """A tick with more is refused."""
 
     def __init__(self, scene: Scene, seed: int, period_s: float) -> None:
         """`period_s`: the tick. Raises FmuError for a scene whose frames an FMU cannot make."""
@@ -117,7 +114,7 @@ class PlantNodeModel(PlantModel):
         self.fixed_step_s = period_s
         self._objects |= {("node-shared",): ("node_tick",)}
         config = drive_config(scene)
-        state = PlantState(0, -1, first_reports(0), axis.power_up(config), 0.0, 0.0, 0.0)
+        state = PlantState(0, -1, first_reports(0), axis.power_up(config), 0.0, 0)
         self.records |= {
             "config": flat(NodeConfig(config, *frame_ticks(scene, period_s), period_s)),
             "state": flat(state),
@@ -152,8 +149,6 @@ def mailbox() -> Mail:
         np.zeros((MOST_FRAMES, 3), np.int64),
         np.zeros(2, np.int64),
         np.zeros(1),
-        zeros_of(Impact, MOST_IMPACTS),
-        np.zeros(1, np.int64),
         due,
     )
 

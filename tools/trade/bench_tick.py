@@ -15,12 +15,11 @@ from hil.nodes.warm import warm_firmware, warm_plant
 from hil.record.traces.firmware_trace import columns_of
 from hil.scenario.scenario import Scenario
 from plant_sim.kernels import jit
-from plant_sim.parts.parts import Parts
+from plant_sim.module import Module, move
 from plant_sim.plant import Plant
 from plant_sim.sensors.readings import Readers, read_sensors
-from plant_sim.sensors.sensing import Sensing
-from plant_sim.solvers.adaptive.adaptive import DONE, NO_GRID, call_advance
-from plant_sim.solvers.adaptive.state_layout import OBSERVED, Grid, Memory
+from plant_sim.solvers.adaptive.adaptive import DONE
+from plant_sim.solvers.adaptive.state_layout import OBSERVED
 from tools.trade.control_rate import short_start
 from tools.trade.costs import Progress
 
@@ -33,26 +32,17 @@ UNIT = "µs of processor per tick, called from compiled code"
 
 @jit
 def run_ticks(
-    parts: Parts,
-    probe: Sensing,
-    memory: Memory,
-    readers: Readers,
-    noise: NDArray[np.float64],
-    speed_rad_s: float,
-    tick_s: float,
-    no_grid: Grid,
+    module: Module, readers: Readers, noise: NDArray[np.float64], speed_rad_s: float, tick_s: float
 ) -> float:
     """Run a tick for each row of `noise`; return the sum of the readings of speed, nan if one failed."""
-    total = 0.0
+    total, memory = 0.0, module.memory
     for row in range(noise.shape[0]):
         crank_rad, omega_rad_s = memory.observed[OBSERVED.crank_rad], memory.observed[OBSERVED.omega_rad_s]
-        reading = read_sensors(readers, probe.readings, crank_rad, noise[row])
+        reading = read_sensors(readers, module.probe.readings, crank_rad, noise[row])
         total += reading.encoder_velocity_rev_s
         torque_n_m = START_N_M + GAIN_N_M_S * (speed_rad_s - omega_rad_s)
-        memory.held[0].elapsed_s = memory.held[0].elapsed_low_s = 0.0
         memory.mode[0].impacts = 0
-        status = call_advance(parts, probe, memory, torque_n_m, row * tick_s, tick_s, no_grid)
-        if status != DONE:
+        if move(module, torque_n_m, tick_s) != DONE:
             return np.nan
     return total
 
@@ -77,21 +67,11 @@ def measure(repeats: int, progress: Progress) -> list[dict[str, Any]]:
 
 def _plant_us(scenario: Scenario) -> float:
     plant = Plant(scenario.scene, seed=1)
-    lent = plant.lend()
     speed_rad_s = scenario.commands[0].target_ratio * scenario.scene.natural_rad_s
     noise = np.random.default_rng(1).standard_normal((TICKS, 4))
     for rows in (noise[:SETTLE_TICKS], noise):
         begun = time.thread_time_ns()
-        total = run_ticks(
-            lent.parts,
-            lent.probe,
-            lent.memory,
-            lent.readers,
-            rows,
-            speed_rad_s,
-            scenario.period_s,
-            NO_GRID,
-        )
+        total = run_ticks(plant.module, plant.readers, rows, speed_rad_s, scenario.period_s)
         assert not np.isnan(total)
     return (time.thread_time_ns() - begun) * 1e-3 / TICKS
 

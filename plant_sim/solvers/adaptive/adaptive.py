@@ -182,6 +182,9 @@ def refusal(status: int, parts: Parts, memory: Memory, start_s: float) -> Solver
     place = f"at t = {start_s + memory.held[0].elapsed_s:.9g} s, x = {x_m:.9g} m, v = {memory.y[1]:.6g} m/s"
     if status == TOO_COSTLY:
         return too_costly(place, _remedy(parts, memory))
+    if status == BUFFER_FULL:
+        most = memory.impacts.shape[0]
+        return SolverError(f"more than {most:,} impacts at once {place}; lower stop.restitution")
     return SolverError(
         f"no step is small enough {place}; raise solver.accuracy, or make the parts less extreme"
     )

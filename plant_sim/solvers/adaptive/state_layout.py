@@ -132,8 +132,14 @@ def enter_crank(mode: Mode, stuck: int, direction: int, zero_crank: int) -> None
 
 
 class Held:
-    """Values that a step passes on to the next."""
+    """Values that a step passes on to the next, or a tick (`plant_sim.module`) to the next."""
 
+    t_s: float
+    """Time of a module that is advanced tick by tick."""
+    t_rest_s: float
+    """Rounding error of `t_s`."""
+    torque_n_m: float
+    """The torque command of its last tick."""
     elapsed_s: float
     elapsed_low_s: float
     """Rounding error of `elapsed_s`; over 1e6 s of steps it would add up to 0.1 ms."""

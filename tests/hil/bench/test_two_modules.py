@@ -85,7 +85,7 @@ def test_both_hold_their_own_target(modelled):
     for module in modules:
         outputs = module.firmware.outputs
         assert (outputs.mode, outputs.regime) == (Mode.RUN, Regime.IMPACT)
-        assert module.plant.rejected == 0
+        assert module.plant.state.rejected == 0
         mean_rad_s = sum(module.speeds[-2000:]) / 2000
         assert mean_rad_s == pytest.approx(outputs.target_omega_rad_s, rel=0.02)
     assert (

@@ -8,6 +8,7 @@ from cantools.database.can import Message
 
 from firmware_py.interface.enums import AxisError, AxisState, ProcedureResult
 from firmware_py.interface.frame import Frame
+from hil.drive.axis import clear_errors
 from hil.nodes.plant import ACCEPTED_IDS, PlantNode
 from plant_sim import load_scene
 
@@ -43,13 +44,13 @@ def test_every_message_of_odrives_dbc_is_obeyed_answered_or_refused(message: Mes
         node.advance([Frame(message.frame_id, bytes(8))])  # another node's report, not a request
         other.advance([])
         assert node.publish() == other.publish()
-        assert node.rejected == 0
+        assert node.state.rejected == 0
         return
     idle_or_torque_passed_through = struct.pack("<II", 1, 1)
     node.advance([Frame(message.frame_id, idle_or_torque_passed_through[: message.length])])
     refused = (AxisState.IDLE, AxisError.BAD_CONFIG, AxisError.BAD_CONFIG, ProcedureResult.DISARMED)
     assert (node.drive.axis == refused) is (name not in COMMANDS)
-    assert node.rejected == 0
+    assert node.state.rejected == 0
 
 
 @pytest.mark.parametrize(("number", "refused"), [(0, False), (7, True)])
@@ -61,7 +62,7 @@ def test_a_new_node_number_is_refused(number: int, refused: bool) -> None:
     serial = node.publish()[-1].data[1:7]
     node.advance([Frame(0x7E6, bytes((number,)) + serial)])
     assert (node.drive.axis.errors == AxisError.BAD_CONFIG) is refused
-    node.drive = node.drive._replace(axis=node.drive.axis._replace(errors=0))
+    node.state = node.state._replace(drive=clear_errors(node.drive))
     node.publish()
     node.advance([Frame(0x7E6, bytes((7, 1, 2, 3, 4, 5, 6)))])  # another drive's
     assert node.drive.axis.errors == 0

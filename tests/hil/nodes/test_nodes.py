@@ -146,7 +146,8 @@ def test_the_plant_obeys_what_came_in_its_pause_before_it_moves_on() -> None:
     plant.advance([])
     for tick in range(40):
         firmware.step(tick)
-    plant.drive = plant.drive._replace(setpoint=plant.drive.setpoint._replace(age_s=0.04))
+    setpoint = plant.drive.setpoint._replace(age_s=0.04)
+    plant.state = plant.state._replace(drive=plant.drive._replace(setpoint=setpoint))
     plant.sleep_through(40, plant_end.receive())
     assert plant.drive.setpoint.age_s == 0.0
 

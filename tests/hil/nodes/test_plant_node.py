@@ -12,10 +12,13 @@ import pytest
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisError, AxisState, ProcedureResult
 from firmware_py.interface.frame import Frame
+from hil.bus.in_process import InProcessBus
 from hil.drive.axis import is_armed
 from hil.drive.axis_table import BenchScene
 from hil.faults.kinds.stop_moved import StopMoved
+from hil.faults.line import FaultyBus
 from hil.nodes.plant import PlantNode
+from hil.nodes.runners import Pace, PlantRunner
 from hil.record.traces.plant_trace import PlantRecord
 from plant_sim.parts.stop import RigidStop
 from plant_sim.plant import Plant
@@ -300,13 +303,25 @@ def test_a_record_takes_truth_and_readings_in_their_own_order() -> None:
 
 
 def test_discovery_finds_the_drive_at_its_node_number() -> None:
-    node = PlantNode(load_scene("table1-motor-soft"), 1)
-    node.node_id = 5
+    node = PlantNode(load_scene("table1-motor-soft"), 1, node_id=5)
     node.publish()
     node.advance([Frame(0x7E6, b"")])
     answer = node.publish()[-1]
     assert answer.data[0] == 5
     assert int.from_bytes(answer.data[1:7], "little") != 0
+
+
+def test_the_drive_keeps_its_node_number_when_its_process_starts_anew() -> None:
+    bus = InProcessBus()
+    plant_end, client = bus.join(), bus.join()
+    line = FaultyBus(plant_end, "plant", [], 1, 1e-3)
+    runner = PlantRunner(load_scene("table1-motor-soft"), 1, Pace(1e-3, 1.0), line, None, node_id=5)
+    runner.restart(0)
+    client.send_all([Frame(0x7E6, b"")])
+    runner.step(0)
+    client.receive()
+    runner.step(1)
+    assert [frame.data[0] for frame in client.receive() if frame.can_id == 0x006] == [5]
 
 
 def test_watchdog_and_periods_are_keys_of_the_scene() -> None:

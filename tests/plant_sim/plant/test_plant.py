@@ -9,11 +9,13 @@ import pytest
 from changed_scenes import HERTZ, KNOCK, SWING, TILT, changed
 from reference import Reference, simulated_again
 
-from plant_sim.plant import Plant, PlantError, compiled_advance
+from plant_sim.module import MOST_IMPACTS
+from plant_sim.plant import Plant, PlantError, compiled_move
 from plant_sim.result import Phase
-from plant_sim.scene import load_scene
+from plant_sim.scene import load_scene, read_scene
 from plant_sim.simulation import initial_state, simulate
 from plant_sim.solvers.adaptive.state_layout import allocate
+from plant_sim.solvers.cost import SolverError
 
 MOTOR = load_scene("gait-motor-soft")
 WEARER = {"plate_kg": 1.0, "ankle_n_m": 1e4, "ankle_n_s_m": 100.0}
@@ -206,11 +208,41 @@ def test_the_state_holds_only_what_the_scene_names(
     assert memory.contact.size == contact
 
 
+CHATTER = {
+    "solver": {"method": "adaptive"},
+    "friction": {"law": "none"},
+    "stop": {"law": "rigid", "position_m": 0.07, "restitution": 0.9995},
+    "initial": {"x_m": 0.06999, "v_m_s": 0.0},
+    "drive": {"model": "motor", "amplitude_m": 0.02},
+    "sensors": {},
+}
+"""It bounces over a preloaded stop for many seconds, more often than there is room for impacts."""
+CHATTER_S = 20.0
+
+
+def test_a_long_chatter_loses_no_impact() -> None:
+    scene = load_scene({**read_scene("table1-viscous"), **CHATTER})
+    plant = Plant(scene, seed=1)
+    plant.advance(0.0, CHATTER_S)
+    impacts = plant.take_impacts()
+    assert len(impacts) > MOST_IMPACTS
+    times_s = simulate(scene, until_s=CHATTER_S).impacts.t_s
+    assert [one.t_s for one in impacts] == pytest.approx(times_s.tolist(), abs=1e-7)
+    assert plant.t_s == CHATTER_S
+
+
+def test_compiled_code_without_room_for_impacts_says_so() -> None:
+    plant = Plant(load_scene({**read_scene("table1-viscous"), **CHATTER}), seed=1)
+    status = compiled_move(plant)(plant.module, 0.0, CHATTER_S)
+    with pytest.raises(SolverError, match=rf"{MOST_IMPACTS:,} impacts at once at t = .*restitution"):
+        plant.take_back(status)
+
+
 def test_one_kernel_serves_every_scene() -> None:
     """Another combination of parts is advanced by the code that is already there."""
     stribeck = {"law": "stribeck", "mu": 0.15, "mu_s": 0.2, "v_s_m_s": 0.05, "delta": 1.0}
     kernels = {
-        compiled_advance(Plant(load_scene(changed("table1-viscous", changes)), seed=1))
+        compiled_move(Plant(load_scene(changed("table1-viscous", changes)), seed=1))
         for changes in (
             {},
             {"friction": stribeck, "sensors": {}},

@@ -139,7 +139,7 @@ class Life:
         counters = self._firmware.counters
         dropped = {reason: getattr(counters, reason) for reason in REASONS}
         assert counters.frames + sum(dropped.values()) == self._addressed, "frames for the firmware"
-        self.seen.update(dropped, rejected_by_the_plant=self._plant.rejected)
+        self.seen.update(dropped, rejected_by_the_plant=self._plant.state.rejected)
 
 
 def one_life(seed: int) -> Counter[str]:
