@@ -68,8 +68,8 @@ def checks() -> list[DoctorCheck]:
         programs("user-mode Linux", user_mode_linux.REMEDY, user_mode_linux.missing_programs()),
         programs("emulated board", board_tools.REMEDY, board_tools.missing_tools()),
         programs("FMU linker", linker.REMEDY, [p for p in (linker.LINKER,) if not shutil.which(p)]),
-        permitted("SCHED_FIFO", fifo, "rtprio 30", "any busy process"),
-        permitted("mlockall", lock, "memlock unlimited", "a page fetched from disk"),
+        check_permission("SCHED_FIFO", fifo, "rtprio 30", "any busy process"),
+        check_permission("mlockall", lock, "memlock unlimited", "a page fetched from disk"),
         wake_up(late_us),
         viewer(),
     ]
@@ -155,7 +155,7 @@ def programs(name: str, remedy: str, missing: Sequence[str]) -> DoctorCheck:
     return DoctorCheck(name, not missing, remedy, f"no {', no '.join(missing)}" if missing else "installed")
 
 
-def permitted(name: str, passed: bool, limit: str, delay: str) -> DoctorCheck:
+def check_permission(name: str, passed: bool, limit: str, delay: str) -> DoctorCheck:
     """Whether this user may have a real-time permission."""
     remedy = f"run as root, or give this user {limit} in /etc/security/limits.d and log in again"
     return DoctorCheck(name, passed, remedy, "allowed" if passed else f"refused: {delay} delays the loops")

@@ -53,7 +53,7 @@ ADDRESS_SPACE_GIB = 3
 """Address space that the largest process of a run maps; most of it is never used."""
 
 
-def refused_by_the_machine(error: Exception) -> str:
+def describe_refusal(error: Exception) -> str:
     """A sentence about a file or memory that the machine does not give the program; empty for others."""
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
         files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
@@ -144,5 +144,5 @@ def report(error: Exception, as_json: bool) -> int:
         say_error("error:", f"out of memory; {remedy}", as_json)
         return output.EXIT_INTERNAL_ERROR
     kinds = {f"{kind.__module__}.{kind.__qualname__}" for kind in type(error).__mro__}
-    sentence = str(error) if kinds & BAD_INPUT else refused_by_the_machine(error)
+    sentence = str(error) if kinds & BAD_INPUT else describe_refusal(error)
     return refuse(sentence, as_json) if sentence else report_internal_error(error, as_json)

@@ -119,7 +119,7 @@ NO_VALUE = figure_texts.NO_VALUE
 figure = figure_texts.figure_text
 
 
-def marked(verdict: str, loud: bool = False) -> str:
+def mark_verdict(verdict: str, loud: bool = False) -> str:
     """A verdict (passed, failed, not-judged) in words and colour; `loud`: in capitals."""
     words = verdict.replace("-", " ")
     style = {"passed": "bold green" if loud else "green", "failed": "bold red"}.get(words, "bold yellow")
@@ -167,7 +167,7 @@ def show_tables(payload: Mapping[str, Any]) -> None:
             show_records(name, rows)
     if "passed" in values:
         words = {True: "passed", False: "failed", None: "not-judged"}
-        console.print(marked(words[values["passed"]], loud=True))
+        console.print(mark_verdict(words[values["passed"]], loud=True))
 
 
 def single_values(values: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
@@ -197,7 +197,7 @@ def records_in(value: Any) -> list[Mapping[str, Any]]:
 
 def show_records(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
     """Print the first records, a column for each key; what is the same in all stands in the title."""
-    rows = [dict(unfolded(row)) for row in rows]
+    rows = [dict(unfold(row)) for row in rows]
     keys = [
         key
         for key in dict.fromkeys(key for row in rows for key in row)
@@ -257,7 +257,7 @@ def blocks_of(least: Mapping[str, int], label: str, width: int) -> Iterator[list
     yield block
 
 
-def unfolded(row: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+def unfold(row: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """The cells of a record, those of small objects in it by their dotted names."""
     for key, value in row.items():
         if isinstance(value, Mapping) and len(value) <= MOST_UNFOLDED and not records_in(value):

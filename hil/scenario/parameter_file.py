@@ -49,7 +49,7 @@ def values_of(document: Mapping[str, Any], path: Path) -> dict[str, float]:
 def nest(values: Mapping[str, float]) -> dict[str, Any]:
     """Convert dotted names to the nested tables of a scenario's `[firmware]`.
 
-    >>> nested({"stop.restitution": 0.4, "stop.position_m": 0.18})
+    >>> nest({"stop.restitution": 0.4, "stop.position_m": 0.18})
     {'stop': {'restitution': 0.4, 'position_m': 0.18}}
     """
     tables: dict[str, Any] = {}

@@ -19,7 +19,7 @@ def find_injected(scenario: Mapping[str, Any]) -> list[Injected]:
     """The faults of a scenario in the order of time, from its raw tables.
 
     >>> fault = {"kind": "sensor-stuck", "sensor": "striker", "at_s": 4.0, "duration_s": 0.5}
-    >>> injected({"script": {"faults": [fault]}})
+    >>> find_injected({"script": {"faults": [fault]}})
     [Injected(from_s=4.0, to_s=4.5, text='sensor-stuck (sensor striker)')]
     """
     return sorted(_describe(fault) for fault in scenario.get("script", {}).get("faults", []))

@@ -59,7 +59,7 @@ class MemoryWatch:
 def median_growth_mb(samples_mb: Sequence[float]) -> float:
     """Median of the last samples minus the median of the first samples after settling, in MB.
 
-    >>> grown_mb([1.0] * 10 + [50.0] * 30)
+    >>> median_growth_mb([1.0] * 10 + [50.0] * 30)
     0.0
     """
     settled = samples_mb[int(SETTLING_SHARE * len(samples_mb)) :]

@@ -43,7 +43,7 @@ class Cell:
     impulse_n_s: float = 0.0
 
 
-def listed(value: Any) -> Sequence[Any]:
+def list_values(value: Any) -> Sequence[Any]:
     """Return the values of a setting, which may be a list or one value."""
     return value if isinstance(value, list) else [value]
 
@@ -89,7 +89,7 @@ def cells_of(
             raise BadInputError(f"campaign.{axis} has no value; wanted one or more")
     if chosen != [None] * len(axes):
         pairs = zip(chosen, conditions[0], strict=True)
-        conditions = [tuple(otherwise if one is None else listed(one) for one, otherwise in pairs)]
+        conditions = [tuple(otherwise if one is None else list_values(one) for one, otherwise in pairs)]
     cells = []
     for values in (values for condition in conditions for values in product(*condition)):
         for (axis, known), value in zip(axes.items(), values, strict=True):

@@ -74,7 +74,7 @@ class Module(NamedTuple):
     kick: dict[str, Any]
 
 
-def sampled_module(cell: Cell, numbers: Mapping[str, Any], dice: np.random.Generator) -> Module:
+def sample_module(cell: Cell, numbers: Mapping[str, Any], dice: np.random.Generator) -> Module:
     """Sample the truth, the nominal mass, the limits and the kick."""
 
     def between(low: float, high: float) -> float:
@@ -119,7 +119,7 @@ def sampled_module(cell: Cell, numbers: Mapping[str, Any], dice: np.random.Gener
 def limit_scenario(plan: Plan, cell: Cell, number: int) -> Scenario:
     """Sample a module; the samples that are lost lie near the hardest contact of the run without losses."""
     seed = plan.seed
-    module = sampled_module(cell, plan.numbers, np.random.default_rng([seed, number, 0]))
+    module = sample_module(cell, plan.numbers, np.random.default_rng([seed, number, 0]))
     run_seed = int(np.random.default_rng([seed, number, 1]).integers(LARGEST_RUN_SEED))
     duration_s = module.kick["at_s"] + AFTER_S
 
@@ -130,11 +130,11 @@ def limit_scenario(plan: Plan, cell: Cell, number: int) -> Scenario:
     scenario = with_losses(())
     dice = np.random.default_rng([seed, number, 3])
     if dice.uniform() < LOSSES_SHARE:
-        scenario = with_losses(sampled_losses(run(scenario, run_seed, firmware=plan.firmware), dice))
+        scenario = with_losses(sample_losses(run(scenario, run_seed, firmware=plan.firmware), dice))
     return scenario
 
 
-def sampled_losses(done: Run, dice: np.random.Generator) -> list[dict[str, Any]]:
+def sample_losses(done: Run, dice: np.random.Generator) -> list[dict[str, Any]]:
     """Sample the lost, corrupted or repeated samples near the hardest contact; none without an impact."""
     if len(done.impacts) == 0:
         return []

@@ -37,7 +37,7 @@ LEAST_JUDGED_S = 5.0
 """Shortest time in mode RUN for which an estimate is judged, s."""
 
 
-def lost_by(done: Run, duration_s: float, omega_rad_s: float) -> str:
+def find_loss(done: Run, duration_s: float, omega_rad_s: float) -> str:
     """Return why the run does not end in mode RUN with lasting impacts; empty if it does."""
     started = [change for change in done.modes if change.t_s >= RUN_S]
     if not any(change.mode == Mode.SOFT_START for change in started):
@@ -68,7 +68,7 @@ def energy_j(done: Run, until_s: float) -> float:
     return float(np.sum(np.maximum(taken_w, 0.0)) * done.tick_s)
 
 
-def start_up(trial: Trial, done: Run, outcome: Outcome) -> None:
+def judge_start_up(trial: Trial, done: Run, outcome: Outcome) -> None:
     """Judge a capture of the impact regime: time, energy and overshoot.
 
     The overshoot is the largest v⁻ on the way, relative to the largest steady v⁻; at low ratios it is
@@ -81,14 +81,14 @@ def start_up(trial: Trial, done: Run, outcome: Outcome) -> None:
         ended = done.modes[-1]
         refused = bool(np.any(done.firmware["outputs.refusal"] == Refusal.RATIO_TOO_HIGH))
         said = refused or ended.fault in (Fault.START_FAILED, Fault.ATTRACTOR_LOST)
-        elsewhere = lost_by(done, duration_s, omega_rad_s) == ""
+        elsewhere = find_loss(done, duration_s, omega_rad_s) == ""
         outcome.count("hopeless_settled", is_part=said or elsewhere)
         return
     captures = reference.instant_start_captures(scene, omega_rad_s)
     outcome.count("instant_start_captures", is_part=captures)
     has_fault = any(change.fault != Fault.NONE and change.t_s < RUN_S for change in done.modes)
     outcome.count("fault_before_start", is_part=has_fault)
-    outcome.why = lost_by(done, duration_s, omega_rad_s)
+    outcome.why = find_loss(done, duration_s, omega_rad_s)
     captured = done.first_in(Mode.RUN)
     if captured is None:
         return
@@ -107,13 +107,13 @@ def start_up(trial: Trial, done: Run, outcome: Outcome) -> None:
             outcome.metrics["overshoot_low"] = float(np.max(way)) / max(attractor.path_m_s, steady_m_s)
 
 
-def estimate(trial: Trial, done: Run, outcome: Outcome) -> None:
+def judge_estimate(trial: Trial, done: Run, outcome: Outcome) -> None:
     """Judge the errors of position and velocity in mode RUN, from `SETTLE_S` after a nominal capture on."""
     known = done.firmware
     judged = known["outputs.mode"] == Mode.RUN
     judged[: round((CAPTURED_S + SETTLE_S) / done.tick_s)] = False
     if np.count_nonzero(judged) < LEAST_JUDGED_S / done.tick_s:
-        outcome.leave_out(lost_by(done, trial.scenario.duration_s, trial.omega_rad_s) or "no time in RUN")
+        outcome.leave_out(find_loss(done, trial.scenario.duration_s, trial.omega_rad_s) or "no time in RUN")
         return
     x_error = (known["state.estimator.x_m"] - done.true("x_m"))[judged]
     v_error = (known["state.estimator.v_m_s"] - done.true("v_m_s"))[judged]
@@ -130,7 +130,7 @@ def rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def detect(trial: Trial, done: Run, outcome: Outcome) -> None:
+def judge_detect(trial: Trial, done: Run, outcome: Outcome) -> None:
     """Match detections with true touch-downs from power-up to the end, and judge the reported regime."""
     duration_s = trial.scenario.duration_s
     until_s = duration_s - detection.LONGEST_LATENCY_S
@@ -181,10 +181,10 @@ def _judge_regime(done: Run, duration_s: float, outcome: Outcome) -> None:
     outcome.shares["regime_uncertain"] = int(np.count_nonzero(uncertain)), len(reported)
 
 
-def hold(trial: Trial, done: Run, outcome: Outcome) -> None:
+def judge_hold(trial: Trial, done: Run, outcome: Outcome) -> None:
     """Judge a hold: lasting impacts, their impulse and phase, and the crank's speed."""
     duration_s, omega_rad_s = trial.scenario.duration_s, trial.omega_rad_s
-    outcome.why = lost_by(done, duration_s, omega_rad_s)
+    outcome.why = find_loss(done, duration_s, omega_rad_s)
     held = done.impacts[done.impacts["t_s"] >= SETTLED_S]
     lasts_s = duration_s - SETTLED_S
     if outcome.why == "" and not reference.goes_on(held["t_s"], duration_s, omega_rad_s, lasts_s):
@@ -213,7 +213,7 @@ def hold(trial: Trial, done: Run, outcome: Outcome) -> None:
         outcome.metrics["speed_error"] = 100.0 * abs(mean / omega_rad_s - 1.0)
 
 
-def recover(trial: Trial, done: Run, outcome: Outcome) -> None:
+def judge_recover(trial: Trial, done: Run, outcome: Outcome) -> None:
     """Judge the recovery from a kick during the hold.
 
     Eligible are kicks after which the module at constant crank speed would end without impacts. The metric is
@@ -230,11 +230,11 @@ def recover(trial: Trial, done: Run, outcome: Outcome) -> None:
         outcome.leave_out("the kick's own impact tripped the impulse limit")
         return
     kicked = math.ceil(kicked_s / done.tick_s)
-    start = reference.at(*(float(done.true(name)[kicked]) for name in ("x_m", "v_m_s", "crank_rad")))
+    start = reference.state_at(*(float(done.true(name)[kicked]) for name in ("x_m", "v_m_s", "crank_rad")))
     if not reference.would_be_lost(trial.scenario.scene, start, omega_rad_s):
         outcome.leave_out("the kick did not throw it out")
         return
-    outcome.why = lost_by(done, duration_s, omega_rad_s)
+    outcome.why = find_loss(done, duration_s, omega_rad_s)
     if outcome.why == "":
         outcome.metrics["recovery"] = _back_s(done, kicked_s, omega_rad_s) - kicked_s
 
@@ -265,7 +265,7 @@ MODULE_CAMPAIGNS = (
         title="from random states into the impact regime, where one exists",
         trials=4800,
         sampler=MODULES,
-        judge=start_up,
+        judge=judge_start_up,
         conditions=((WET_AND_DRY, (1.1, 1.2, 1.3, 1.35), NO_IMPULSE),),
         numbers={"duration_s": 32.0, "swing_m_s2": 0.5, **MISMATCH},
         units={
@@ -288,7 +288,7 @@ MODULE_CAMPAIGNS = (
         title="position and velocity in the impact regime",
         trials=300,
         sampler=MODULES,
-        judge=estimate,
+        judge=judge_estimate,
         conditions=((("viscous",), (1.1,), NO_IMPULSE), (("coulomb-0.2",), (0.95,), NO_IMPULSE)),
         numbers={"duration_s": 30.0, **MISMATCH},
         units={"x_rmse": "mm", "v_rmse": "m/s", "x_worst": "mm", "nis": "1"},
@@ -304,7 +304,7 @@ MODULE_CAMPAIGNS = (
         title="touch-downs found, when, and the regime reported",
         trials=440,
         sampler=MODULES,
-        judge=detect,
+        judge=judge_detect,
         conditions=(
             (("viscous",), (1.0, 1.1, 1.2, 1.3, 1.35), NO_IMPULSE),
             (("coulomb", "stribeck"), (1.0, 1.1, 1.2), NO_IMPULSE),
@@ -325,7 +325,7 @@ MODULE_CAMPAIGNS = (
         title="the impact regime, or a requested impulse, held for a minute",
         trials=700,
         sampler=MODULES,
-        judge=hold,
+        judge=judge_hold,
         conditions=(
             (("viscous",), (1.3, 1.4), NO_IMPULSE),
             (("viscous",), (1.3,), (0.65, 0.75, 0.85, 0.95, 1.05)),
@@ -354,7 +354,7 @@ MODULE_CAMPAIGNS = (
         title="back into the impact regime after a kick out of it",
         trials=1800,
         sampler=MODULES,
-        judge=recover,
+        judge=judge_recover,
         conditions=((("viscous",), (1.3, 1.35), NO_IMPULSE),),
         numbers={"duration_s": 50.0, "kick_low_m_s": 0.8, "kick_high_m_s": 1.4, **MISMATCH},
         units={"recovery": "s"},

@@ -38,7 +38,7 @@ def batches(plan: Plan, trials: int) -> list[Batch]:
     return [Batch(plan, list(range(begin, min(begin + size, trials)))) for begin in begins]
 
 
-def piece(batch: Batch) -> list[dict[str, Any]]:
+def run_piece(batch: Batch) -> list[dict[str, Any]]:
     """Run the trials of a batch; return their outcomes as JSON can hold them."""
     return [asdict(outcome) for outcome in run_batch(batch)]
 
@@ -77,10 +77,10 @@ def outcomes_of(found: Sequence[Sequence[Mapping[str, Any]]]) -> list[Outcome]:
     return [Outcome(**outcome) for outcomes in found for outcome in outcomes]
 
 
-def finished(plan: Plan, trials: int) -> list[Outcome]:
+def read_finished(plan: Plan, trials: int) -> list[Outcome]:
     """The outcomes of an interrupted campaign's finished batches."""
     paths = work.paths_of("batch", batches(plan, trials), folder_of(plan, trials))
-    return outcomes_of([found for path in paths if (found := work.stored(path)) is not None])
+    return outcomes_of([found for path in paths if (found := work.read_stored(path)) is not None])
 
 
 def run_all(
@@ -94,6 +94,6 @@ def run_all(
     folder = folder_of(plan, trials)
     where = work.Where(folder, workers, scheduler)
     with claimed(folder):
-        found = work.run("batch", piece, batches(plan, trials), where, threads=False)
+        found = work.run("batch", run_piece, batches(plan, trials), where, threads=False)
         shutil.rmtree(folder)
     return outcomes_of(found)

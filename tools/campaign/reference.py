@@ -51,7 +51,7 @@ class Reference(NamedTuple):
     path_m_s: float
 
 
-def led(parts: Parts) -> Parts:
+def lead_crank(parts: Parts) -> Parts:
     """Return the parts with a flywheel that prescribes the crank's speed and a motor that can turn it."""
     drive = parts.drive
     assert isinstance(drive, MotorDrive)
@@ -93,7 +93,7 @@ def long_gaps(impacts_s: FloatArray, from_s: float, until_s: float, period_s: fl
     return np.column_stack((edges[begins], edges[begins + 1]))
 
 
-def alone(
+def simulate_alone(
     scene: Scene, start: MotionState, from_rad_s: float, to_rad_s: float, ramp_s: float, duration_s: float
 ) -> NDArray[np.void]:
     """Return the impacts, as records of `Impact`, while the crank's speed ramps up and is then held.
@@ -102,14 +102,14 @@ def alone(
     """
     solver = scene.solver.model_copy(update={"accuracy": ACCURACY_M})
     unsensed = scene.model_copy(update={"sensors": None, "solver": solver})
-    plant = Plant(unsensed, 0, led(scene.parts()), replace(start, omega_rad_s=from_rad_s))
+    plant = Plant(unsensed, 0, lead_crank(scene.parts()), replace(start, omega_rad_s=from_rad_s))
     if ramp_s > 0.0:
         plant.advance(FLYWHEEL_KG_M2 * (to_rad_s - from_rad_s) / ramp_s, ramp_s)
     plant.advance(0.0, duration_s - ramp_s)
     return np.array(plant.take_impacts(), record_type(Impact))
 
 
-def at(x_m: float, v_m_s: float, crank_rad: float) -> MotionState:
+def state_at(x_m: float, v_m_s: float, crank_rad: float) -> MotionState:
     """Return an initial state at t = 0 in flight."""
     return MotionState(0.0, x_m, v_m_s, crank_rad, 0.0, Phase.FLIGHT)
 
@@ -123,9 +123,9 @@ def hardest_m_s(impacts: NDArray[np.void], until_s: float) -> float:
 def reference(scene: Scene, omega_rad_s: float, seed: tuple[int, ...]) -> Reference:
     """Return the reference of this truth at this speed; `seed` generates the tried initial states."""
     more = np.random.default_rng(seed)
-    start = at(scene.striker.rest_length_m, 0.0, 0.0)
+    start = state_at(scene.striker.rest_length_m, 0.0, 0.0)
     until_s = RAMP_S + HELD_S
-    impacts = alone(scene, start, SLOWEST * omega_rad_s, omega_rad_s, RAMP_S, until_s)
+    impacts = simulate_alone(scene, start, SLOWEST * omega_rad_s, omega_rad_s, RAMP_S, until_s)
     path_m_s = float(np.max(impacts["v_m_s"], initial=0.0))
     if goes_on(impacts["t_s"], until_s, omega_rad_s):
         return Reference(True, hardest_m_s(impacts, until_s), path_m_s)
@@ -133,12 +133,12 @@ def reference(scene: Scene, omega_rad_s: float, seed: tuple[int, ...]) -> Refere
     assert not isinstance(stop, NoStop)
     lowest_m, highest_m = -0.1, stop.position_m - scene.striker.rest_length_m
     for _ in range(TRIES):
-        start = at(
+        start = state_at(
             scene.striker.rest_length_m + float(more.uniform(lowest_m, highest_m)),
             float(more.uniform(-0.8, 0.8)),
             float(more.uniform(0.0, 2.0 * np.pi)),
         )
-        impacts = alone(scene, start, omega_rad_s, omega_rad_s, 0.0, HELD_S)
+        impacts = simulate_alone(scene, start, omega_rad_s, omega_rad_s, 0.0, HELD_S)
         if goes_on(impacts["t_s"], HELD_S, omega_rad_s):
             late_m_s = hardest_m_s(impacts, HELD_S)
             return Reference(True, late_m_s, max(path_m_s, late_m_s))
@@ -148,11 +148,11 @@ def reference(scene: Scene, omega_rad_s: float, seed: tuple[int, ...]) -> Refere
 @lru_cache(KEPT)
 def instant_start_captures(scene: Scene, omega_rad_s: float) -> bool:
     """Return whether the sampled initial state leads to lasting impacts if the crank starts at full speed."""
-    impacts = alone(scene, initial_state(scene), omega_rad_s, omega_rad_s, 0.0, HELD_S)
+    impacts = simulate_alone(scene, initial_state(scene), omega_rad_s, omega_rad_s, 0.0, HELD_S)
     return goes_on(impacts["t_s"], HELD_S, omega_rad_s)
 
 
 def would_be_lost(scene: Scene, start: MotionState, omega_rad_s: float) -> bool:
     """Return whether a state leads to motion without impacts at constant crank speed."""
-    impacts = alone(scene, start, omega_rad_s, omega_rad_s, 0.0, HELD_S)
+    impacts = simulate_alone(scene, start, omega_rad_s, omega_rad_s, 0.0, HELD_S)
     return not np.any(impacts["t_s"] > HELD_S - JUDGED_S)

@@ -57,7 +57,7 @@ def figure_of(goal: Goal, result: dict[str, Any]) -> float | None:
     return None if metric is None or goal.quantile is None else float(metric[goal.quantile])
 
 
-def judged(goal: Goal, value: float | None) -> bool | None:
+def meets_goal(goal: Goal, value: float | None) -> bool | None:
     """Return whether a goal is met; None if nothing was measured."""
     if value is None:
         return None
@@ -120,7 +120,7 @@ def result_of(
                 "unit": campaign.units.get(goal.figure, ""),
                 "low": goal.low,
                 "high": goal.high,
-                "passed": judged(goal, value),
+                "passed": meets_goal(goal, value),
                 "wanted": goal.wanted,
                 "reason": goal.reason,
             }

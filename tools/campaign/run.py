@@ -113,7 +113,7 @@ def run(scenario: Scenario, seed: int, more: Sequence[str] = (), firmware: Build
     """Run a scenario from power-up on; `more` names signals to keep in addition to `SIGNALS`."""
     is_steady = all(fault.is_steady for fault in scenario.faults)
     is_compiled = firmware in NATIVE and not IS_INTERPRETED
-    kept = in_stretches if is_compiled and is_steady else in_a_folder
+    kept = run_in_stretches if is_compiled and is_steady else run_in_a_folder
     plant, known, impacts = kept(scenario, seed, columns_of([*SIGNALS, *more]), firmware)
     return Run(
         scenario.scene.parts(seed),
@@ -124,7 +124,7 @@ def run(scenario: Scenario, seed: int, more: Sequence[str] = (), firmware: Build
     )
 
 
-def in_stretches(scenario: Scenario, seed: int, columns: Any, firmware: Build) -> Kept:
+def run_in_stretches(scenario: Scenario, seed: int, columns: Any, firmware: Build) -> Kept:
     """Run the scenario in the compiled closed loop, without a run folder."""
     plant = np.empty((scenario.ticks, len(PlantRecord._fields)))
     known = np.empty(scenario.ticks, columns)
@@ -138,7 +138,7 @@ def in_stretches(scenario: Scenario, seed: int, columns: Any, firmware: Build) -
     return plant, known, np.concatenate(impacts)
 
 
-def in_a_folder(scenario: Scenario, seed: int, columns: Any, firmware: Build) -> Kept:
+def run_in_a_folder(scenario: Scenario, seed: int, columns: Any, firmware: Build) -> Kept:
     """Run the scenario in lockstep and read its traces."""
     with tempfile.TemporaryDirectory() as folder:
         run_lockstep(scenario, Path(folder), seed, lambda *_: None, firmware)

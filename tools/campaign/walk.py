@@ -121,7 +121,7 @@ def course_of(cell: Cell, numbers: Mapping[str, Any], dice: np.random.Generator)
     return Course(paces, [], whole_s)
 
 
-def sampled_walk(cell: Cell, numbers: Mapping[str, Any], seed: int, trial: int) -> tuple[Sampled, Course]:
+def sample_walk(cell: Cell, numbers: Mapping[str, Any], seed: int, trial: int) -> tuple[Sampled, Course]:
     """Sample the truth of a trial and the wearer's walk."""
     course = course_of(cell, numbers, np.random.default_rng([seed, trial, 3]))
     scene = deepcopy(dict(cell.scene))
@@ -136,7 +136,7 @@ def sampled_walk(cell: Cell, numbers: Mapping[str, Any], seed: int, trial: int) 
 
 def walk_scenario(plan: Plan, cell: Cell, number: int) -> Scenario:
     """Sample a module and a walk."""
-    (tables, seed), course = sampled_walk(cell, plan.numbers, plan.seed, number)
+    (tables, seed), course = sample_walk(cell, plan.numbers, plan.seed, number)
     script = script_of(cell, RUN_S, course.duration_s)
     return scenario_of(plan.name_of(number), tables, cell.firmware, script, seed)
 
@@ -145,7 +145,7 @@ def judge_walk(trial: Trial, done: Run, outcome: Outcome) -> None:
     """Judge a walk: its hold, and its end or the rest of the walk."""
     (preset, course), scenario = trial.cell.values, trial.scenario
     captured = done.first_in(Mode.RUN)
-    ends_s = ended_s(done.parts.housing)
+    ends_s = find_end_s(done.parts.housing)
     if done.first_in(Mode.SOFT_START) is None:
         if Refusal.NO_HARMONIC in done.firmware["outputs.refusal"]:
             outcome.leave_out("refused: no whole number of turns a stride within the region")
@@ -155,17 +155,17 @@ def judge_walk(trial: Trial, done: Run, outcome: Outcome) -> None:
     if captured is None or captured.t_s + SETTLED_S > ends_s:
         outcome.why = f"no hold: {done.last_word}"
         return
-    hold_s = (captured.t_s, min(left_s(done, captured.t_s), scenario.duration_s, ends_s))
+    hold_s = (captured.t_s, min(find_left_s(done, captured.t_s), scenario.duration_s, ends_s))
     judge_hold(done, scenario.config.p.gait, hold_s, outcome)
     if hold_s[1] < min(scenario.duration_s, ends_s - EXPECTED_S):
         outcome.why = f"not kept: {done.last_word}"
     elif course in ("stop", "stumble"):
         judge_end(done, ends_s, hold_s, PRESETS[preset].last_pulse_s, outcome)
     else:
-        outcome.why = missing(done, hold_s)
+        outcome.why = find_missing(done, hold_s)
 
 
-def ended_s(walking: object) -> float:
+def find_end_s(walking: object) -> float:
     """Return the time at which the leg first stands after walking or stumbles, s; inf if it does neither."""
     assert isinstance(walking, Walking)
     rows = walking.rows
@@ -175,12 +175,12 @@ def ended_s(walking: object) -> float:
     return float(found[0]) if len(found) else float("inf")
 
 
-def left_s(done: Run, since_s: float) -> float:
+def find_left_s(done: Run, since_s: float) -> float:
     """Return the time of the first change of mode after `since_s`, s; inf if there is none."""
     return next((change.t_s for change in done.modes if change.t_s > since_s), float("inf"))
 
 
-def missing(done: Run, hold_s: tuple[float, float]) -> str:
+def find_missing(done: Run, hold_s: tuple[float, float]) -> str:
     """Return the first interval of the hold in which impacts are missing, as text; empty if none are."""
     begin_s, end_s = hold_s[0] + SETTLED_S, hold_s[1]
     turns_s = done.turns_s[(done.turns_s >= begin_s) & (done.turns_s <= end_s)]
@@ -232,7 +232,7 @@ def judge_end(
     outcome.metrics["last_pulse"] = last_s
     outcome.metrics["undriven"] = float(np.count_nonzero(times > ends_s) - np.count_nonzero(follows))
     outcome.metrics["hardest_after"] = hardest
-    outcome.metrics["decision"] = left_s(done, hold_s[0]) - ends_s
+    outcome.metrics["decision"] = find_left_s(done, hold_s[0]) - ends_s
     if last_s > latest_s:
         outcome.why = f"last pulse {last_s:.2f} s after"
     elif hardest > HARDER:

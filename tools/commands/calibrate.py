@@ -25,10 +25,10 @@ def calibrate(
     At rest every tuning parameter may change, in motion those marked in the parameters' reference; limits,
     ceilings and watchdogs never. A power cycle restores the parameter file. Exit status 1 if one is refused.
     """
-    from tools.logs.measured import calibrated, pairs_of
+    from tools.logs.measured import change_parameters, pairs_of
 
     wanted = pairs_of(values)
-    refused = calibrated(wanted, bus, change or [], save)
+    refused = change_parameters(wanted, bus, change or [], save)
     status = EXIT_CHECK_FAILED if refused else EXIT_PASSED
 
     def show() -> None:

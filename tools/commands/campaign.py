@@ -48,7 +48,7 @@ def campaign(
     from hil.record.run_folder import RUNS
     from plant_sim.scene import load_scene
     from tools.campaign.campaigns import CAMPAIGNS, trial_of
-    from tools.campaign.processes import finished, run_all
+    from tools.campaign.processes import read_finished, run_all
     from tools.campaign.reference import refuse_other_drives
     from tools.campaign.results import result_of
 
@@ -69,7 +69,7 @@ def campaign(
     try:
         outcomes = run_all(plan, count, workers, scheduler)
     except (Interrupted, WorkerDiedError):
-        ended = finished(plan, count)
+        ended = read_finished(plan, count)
         say_what_is_kept(len(ended), count, keep_some(ended))
         raise
     result = result_of(chosen, plan.cells, outcomes, seed, time.perf_counter() - started_s)

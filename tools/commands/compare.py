@@ -16,7 +16,7 @@ from tools.output import (
     answer,
     console,
     figure,
-    marked,
+    mark_verdict,
     table_of,
 )
 from tools.outputs import RECORDINGS, new_option
@@ -99,7 +99,7 @@ def show(result: dict[str, Any]) -> None:
 
     figures, changes = result["figures"], result["largest_changes"]
     table = table_of(Column(title, no_wrap=True) for title in ("figure", "a", "b", "b − a"))
-    table.add_row("verdict", *map(marked, (result["verdict"][side] for side in ("a", "b"))), "")
+    table.add_row("verdict", *map(mark_verdict, (result["verdict"][side] for side in ("a", "b"))), "")
     table.add_row("fault", figures["fault"]["a"], figures["fault"]["b"], "")
     for one in result["flips"]:
         both = (figure(one[f"value_{side}"], one["unit"]) for side in ("a", "b"))

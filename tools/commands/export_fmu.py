@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from tools.commands.options import Change, Json, ParameterFiles, changed_scene
+from tools.commands.options import Change, Json, ParameterFiles, load_changed_scene
 from tools.output import BadInputError, answer, console
 from tools.outputs import file_option
 
@@ -75,4 +75,4 @@ def model_of(of: Part, name: str, seed: int, changes: Sequence[str], parameters:
         raise BadInputError("--parameters are the firmware's; with them choose --of firmware")
     from tools.fmu.plant import PlantModel
 
-    return PlantModel(changed_scene(name, changes), seed)
+    return PlantModel(load_changed_scene(name, changes), seed)

@@ -15,7 +15,7 @@ from tools.output import (
     exit_of,
     figure,
     figure_table,
-    marked,
+    mark_verdict,
     plain,
     progress_console,
     table_of,
@@ -95,7 +95,7 @@ def show(logged: "Run", every: bool) -> None:
 
     verdict = logged.judged
     title = logged.traces.scenario.get("title", verdict.scenario)
-    console.print(f"{marked(verdict.verdict, loud=True)}  {escape(str(title))}\n")
+    console.print(f"{mark_verdict(verdict.verdict, loud=True)}  {escape(str(title))}\n")
     show_checks(verdict)
     console.print()
     if len(logged.traces.plant) == 0:

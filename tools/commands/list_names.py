@@ -53,11 +53,11 @@ def list_names(
     every = list(names[what]())
     if group in names:
         raise BadInputError(f"--group {group}: these are a kind of names: vibrohil list {group}")
-    found = chosen(every, group, find)
+    found = choose(every, group, find)
     answer({what: [one._asdict() for one in found]}, as_json, lambda: show(found, len(every)))
 
 
-def chosen(every: Sequence[Named], group: str | None, text: str | None) -> list[Named]:
+def choose(every: Sequence[Named], group: str | None, text: str | None) -> list[Named]:
     """The names of a group that contain a text; BadInputError for an unknown group or if there is none."""
     groups = sorted({one.group for one in every})
     if group is not None and group not in groups:

@@ -33,7 +33,7 @@ def measure(
     """
     from firmware_py.node.places import ALL
     from hil.bus.xcp_master import Sampled
-    from tools.logs.measured import measured
+    from tools.logs.measured import measure_signals
 
     if names:
         every = [place.name for place in ALL]
@@ -42,5 +42,5 @@ def measure(
     if not signals:
         raise typer.BadParameter("name at least one signal; --list prints their names")
     wanted = Sampled(signals, max(round(1000.0 / rate), 1))
-    found = measured(wanted, bus, change or [], until, live, out)
+    found = measure_signals(wanted, bus, change or [], until, live, out)
     answer({"signals": found, "out": out}, as_json)

@@ -38,7 +38,7 @@ def note_unused_bus(bus: str, clock: str) -> None:
         progress_console.print(f"note: --bus {bus} is not used: lockstep has a bus of its own", markup=False)
 
 
-def changed_scene(source: str, changes: Sequence[str] | None) -> "Scene":
+def load_changed_scene(source: str, changes: Sequence[str] | None) -> "Scene":
     """The scene with this name or file, after the `--set` changes; raises SceneError or SettingError."""
     from hil.scenario.settings import apply_settings
     from plant_sim.scene import load_scene, read_scene
@@ -97,7 +97,7 @@ Turns = Annotated[
 Until = Annotated[float | None, number("Stop after this time in s; by default on Ctrl-C.", low=1e-3)]
 
 
-def unfolded(command: Callable[..., None]) -> Callable[..., None]:
+def unfold(command: Callable[..., None]) -> Callable[..., None]:
     """Replace each record among a command's parameters by one option per field, in the record's place.
 
     A record is a frozen dataclass of options, given as a parameter's default; its values are the options'

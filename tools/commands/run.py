@@ -16,7 +16,7 @@ from tools.output import (
     exit_of,
     figure,
     figure_table,
-    marked,
+    mark_verdict,
     table_of,
 )
 from tools.outputs import folder_option
@@ -77,7 +77,7 @@ def run(
 
 def show(verdict: "RunVerdict", title: str) -> None:
     """Print a run's verdict with its statement, the checks, the figures that it has, and what to do next."""
-    console.print(f"{marked(verdict.verdict, loud=True)}  {escape(title)}\n")
+    console.print(f"{mark_verdict(verdict.verdict, loud=True)}  {escape(title)}\n")
     show_checks(verdict)
     console.print()
     show_figures(verdict.figures)
@@ -117,7 +117,7 @@ def show_checks(verdict: "RunVerdict") -> None:
     checks = table_of((Column("check", overflow="fold"), *columns))
     for check in verdict.by_gravity:
         plain = (check.name, figure(check.value, check.unit), figure(check.limit, check.unit))
-        checks.add_row(*map(escape, plain), marked(check.verdict))
+        checks.add_row(*map(escape, plain), mark_verdict(check.verdict))
     if verdict.checks:
         console.print(checks)
     for reason in dict.fromkeys(check.reason for check in verdict.checks if check.reason is not None):

@@ -8,7 +8,7 @@ import typer
 from rich.markup import escape
 
 from tools.commands.options import Json
-from tools.output import EXIT_NOTHING_RAN, EXIT_PASSED, answer, console, figure, marked, print_columns
+from tools.output import EXIT_NOTHING_RAN, EXIT_PASSED, answer, console, figure, mark_verdict, print_columns
 
 if TYPE_CHECKING:
     from tools.logs.catalogue import ListedRun
@@ -40,12 +40,12 @@ def runs(
     as_json: Json = False,
 ) -> None:
     """List the runs with their verdicts and key figures."""
-    from tools.logs.catalogue import age_s, chosen, listed, prune, refuse_other_figures
+    from tools.logs.catalogue import age_s, choose, list_runs, prune, refuse_other_figures
 
     for name in show or []:
         refuse_other_figures("--show", name, name)
-    known = listed(folder)
-    found = chosen(known, where or [])
+    known = list_runs(folder)
+    found = choose(known, where or [])
     if older is not None:
         found = found[:most]
         pruned = prune(found, age_s(older), folder)
@@ -78,7 +78,7 @@ def row_of(run: "ListedRun", columns: list[str]) -> dict[str, Any]:
 
 def print_table(shown: "list[ListedRun]", columns: list[str], counts: str) -> None:
     """Print a line for each run, then their number."""
-    words = ["[dim]no verdict[/]" if run.word is None else marked(run.word) for run in shown]
+    words = ["[dim]no verdict[/]" if run.word is None else mark_verdict(run.word) for run in shown]
     begun = [time.strftime("%Y-%m-%d %H:%M", time.localtime(run.begun_s)) for run in shown]
     texts = {
         "scenario": [figure(run.figure("scenario")) for run in shown],

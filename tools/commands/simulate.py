@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from tools.commands.options import Change, Json, changed_scene, number
+from tools.commands.options import Change, Json, load_changed_scene, number
 from tools.output import BadInputError, answer, show_tables
 from tools.outputs import PICTURES, file_option
 
@@ -34,7 +34,7 @@ def simulate(
         raise BadInputError(
             f"--until is {until}: wanted above 0 and at most {longest_s:g} simulated seconds, e.g. --until 10"
         )
-    loaded = changed_scene(scene, change)
+    loaded = load_changed_scene(scene, change)
     from plant_sim.simulation import simulate as simulate_plant  # imports numba: after the input's checks
 
     started = time.perf_counter()

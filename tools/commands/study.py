@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
-from tools.commands.options import Json, Scheduler, Workers, number, unfolded
+from tools.commands.options import Json, Scheduler, Workers, number, unfold
 from tools.commands.study_branches import boundaries, branches
 from tools.output import answer, console, table_of
 from tools.outputs import file_option, folder_option
@@ -70,7 +70,7 @@ class StudyOptions:
 
 
 @study.command()
-@unfolded
+@unfold
 def sweep(
     preset: Annotated[Literal["table1", "gait", "both"], typer.Option(help="table1, gait or both.")] = "both",
     law: Annotated[
@@ -110,7 +110,7 @@ def sweep(
 
 
 @study.command()
-@unfolded
+@unfold
 def basin(
     preset: Preset = "table1",
     law: Law = "viscous",
@@ -146,7 +146,7 @@ def basin(
 
 
 @study.command()
-@unfolded
+@unfold
 def portrait(preset: Preset = "table1", common: StudyOptions = StudyOptions()) -> None:
     """Time histories and phase portraits of both attractors for each friction law."""
     from tools.study import cases, figures
@@ -171,7 +171,7 @@ def portrait(preset: Preset = "table1", common: StudyOptions = StudyOptions()) -
 
 
 @study.command()
-@unfolded
+@unfold
 def claims(
     page: Annotated[
         Path | None, file_option("The page to write; by default claims.md in the folder of results.")
@@ -194,7 +194,7 @@ def claims(
 
 
 @study.command()
-@unfolded
+@unfold
 def feasibility(
     preset: Annotated[
         Literal["table1", "gait", "walking", "all"], typer.Option(help="table1, gait, walking or all.")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from tools.commands.options import Change, Json, changed_scene
+from tools.commands.options import Change, Json, load_changed_scene
 from tools.output import BadInputError, answer, console, figure, figure_table, table_of
 from tools.outputs import digest, folder_option
 
@@ -40,7 +40,7 @@ def branches(
     as_json: Json = False,
 ) -> None:
     """Follow stable and unstable impact orbits through their folds, and locate where they end."""
-    module, kinds = checked_scene(scene, change, (over,)), parsed(orbit)
+    module, kinds = check_scene(scene, change, (over,)), parsed(orbit)
     from tools.study.branches import branches as following
     from tools.study.branches import figures
     from tools.study.branches.parameters import PARAMETERS, value_in
@@ -49,7 +49,7 @@ def branches(
     started_s = time.perf_counter()
     found = [branch for kind in kinds for branch in following.branches(module, over, *kind)]
     wall_s = time.perf_counter() - started_s
-    name = f"branches-{scene_name(scene, change)}-{over}-{numbered(kinds)}"
+    name = f"branches-{scene_name(scene, change)}-{over}-{number_kinds(kinds)}"
     payload = {
         "scene": scene,
         "over": over,
@@ -79,7 +79,7 @@ def boundaries(
             f"--over is {over!r}: wanted two of {', '.join(PARAMETERS)}, e.g. --over ratio,mu"
         )
     first, second = names
-    module, kinds = checked_scene(scene, change, names), parsed(orbit)
+    module, kinds = check_scene(scene, change, names), parsed(orbit)
     from tools.study.branches import boundaries as following
     from tools.study.branches import figures
     from tools.study.branches.branches import branches as branches_of
@@ -91,7 +91,7 @@ def boundaries(
     margins += [one for kind in kinds for one in following.margins(module, (second,), *kind)]
     wall_s = time.perf_counter() - started_s
     nominal = value_in(module, first), value_in(module, second)
-    name = f"boundaries-{scene_name(scene, change)}-{first}-{second}-{numbered(kinds)}"
+    name = f"boundaries-{scene_name(scene, change)}-{first}-{second}-{number_kinds(kinds)}"
     pictures = figures.boundary_figure(curves, (first, second), nominal, out, name)
     payload = {
         "scene": scene,
@@ -108,9 +108,9 @@ def boundaries(
     answer(payload, as_json)
 
 
-def checked_scene(source: str, change: list[str] | None, over: tuple[str, ...]) -> "Scene":
+def check_scene(source: str, change: list[str] | None, over: tuple[str, ...]) -> "Scene":
     """The scene; BadInputError if it has no impact orbits or lacks one of the parameters."""
-    scene = changed_scene(source, change)
+    scene = load_changed_scene(source, change)
     if scene.drive.model != "ideal":
         raise BadInputError(
             f"{source} has drive.model = {scene.drive.model!r}: branches are orbits of a crank at constant "
@@ -157,7 +157,7 @@ def scene_name(source: str, change: list[str] | None) -> str:
     return Path(source).stem + digest([*own, *(change or [])])
 
 
-def numbered(kinds: list[tuple[int, int]]) -> str:
+def number_kinds(kinds: list[tuple[int, int]]) -> str:
     """Kinds of orbits in the name of a file."""
     return "-".join(f"{turns}-{impacts}" for turns, impacts in kinds)
 

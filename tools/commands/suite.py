@@ -17,7 +17,7 @@ from tools.commands.options import (
     note_unused_bus,
 )
 from tools.logs.changes import Tolerances, baseline_result, show_changes, tolerances_of
-from tools.output import BadInputError, answer, console, exit_of, figure, marked, table_of
+from tools.output import BadInputError, answer, console, exit_of, figure, mark_verdict, table_of
 from tools.outputs import folder_option
 from tools.progress import shown_progress
 
@@ -90,7 +90,7 @@ def show(result: dict[str, Any]) -> None:
     table = table_of((Column(overflow="fold") for _ in range(2)), show_header=False)
     for one in result["scenarios"]:
         seeds = f"[bold]{one['passed_seeds']} of {one['seeds']}[/]  " if many else ""
-        table.add_row(marked(one["verdict"]), seeds + escape(one["name"]))
+        table.add_row(mark_verdict(one["verdict"]), seeds + escape(one["name"]))
         for reason in one["reasons"]:
             table.add_row("", f"  [red]{escape(reason)}[/]")
         for reason in one["not_judged"]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from tools.commands.options import MOST_TRIALS, Json, Workers, number, unfolded
+from tools.commands.options import MOST_TRIALS, Json, Workers, number, unfold
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, answer, console, show_tables
 from tools.outputs import PICTURES, file_option
 from tools.progress import Progress, shown_progress
@@ -119,7 +119,7 @@ def conclude(
 
 
 @tune.command()
-@unfolded
+@unfold
 def speed(
     bandwidth_hz: Annotated[
         float | None, number("Bandwidth from target to speed, −3 dB; by default the firmware's.", low=0.1)
@@ -146,7 +146,7 @@ def speed(
 
 
 @tune.command()
-@unfolded
+@unfold
 def identify(
     source: Annotated[Path, typer.Argument(help="A run folder, or a candump log of a real bench.")],
     scene: Annotated[
@@ -174,7 +174,7 @@ def identify(
 
 
 @tune.command()
-@unfolded
+@unfold
 def detector(
     cost_miss: Annotated[float, number("Cost of a missed impact.")] = 1.0,
     cost_false_alarm: Annotated[float, number("Cost of a false alarm.")] = 1.0,
@@ -203,7 +203,7 @@ def detector(
 
 
 @tune.command()
-@unfolded
+@unfold
 def estimator(
     logs: Annotated[
         list[Path] | None,
@@ -241,7 +241,7 @@ def estimator(
 
 
 @tune.command()
-@unfolded
+@unfold
 def start(
     trials: Annotated[
         int | None, typer.Option(help="Trials for each point of the grid.", min=8, max=MOST_TRIALS)

@@ -109,7 +109,7 @@ class Beside(FirmwareNode):
         return super().tick(frames_in, elapsed_ticks)
 
 
-def decided(scenario: Scenario, seed: int, **node: Any) -> Decisions:
+def decide(scenario: Scenario, seed: int, **node: Any) -> Decisions:
     """Decisions of a run on a node; DifferentBytesError if it is `Beside` and the other two nodes differ."""
     with tempfile.TemporaryDirectory() as folder:
         run_lockstep(scenario, Path(folder), seed, silent, **node)
@@ -121,8 +121,8 @@ def difference(name: str, seed: int) -> str:
     scenario = load_scenario(name)
     warm_plant(scenario.scene)
     try:
-        of_python = decided(scenario, seed, make=Beside)
-        found = differences(of_python, decided(scenario, seed, build="compiled"))
+        of_python = decide(scenario, seed, make=Beside)
+        found = differences(of_python, decide(scenario, seed, build="compiled"))
     except DifferentBytesError as error:
         return str(error)
     return f"{len(found)} decisions differ, first {found[0]}" if found else ""

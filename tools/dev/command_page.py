@@ -12,7 +12,7 @@ FEWEST_SECTIONS = 3
 """What has the same name and meaning in this number of sections or more is described once for all of them."""
 
 
-def repeated(sections: Iterable[Mapping[str, str]]) -> dict[str, str]:
+def find_repeated(sections: Iterable[Mapping[str, str]]) -> dict[str, str]:
     """The meanings, by their names, that are described once for several sections: one for a name."""
     counts = Counter(meaning for section in sections for meaning in section.items())
     found = [meaning for meaning, count in counts.items() if count >= FEWEST_SECTIONS]
@@ -77,7 +77,7 @@ def command_page() -> str:
     ]
     names = ", ".join(f"`{name}`" for name in without)
     of_group = {
-        group: repeated(map(switches, map(options_of, command.commands.values())))
+        group: find_repeated(map(switches, map(options_of, command.commands.values())))
         for group, command in every_name
         if hasattr(command, "commands")
     }
@@ -88,7 +88,7 @@ def command_page() -> str:
         options = options_of(command)
         described[name] = [option for option in options if above.get(option) == options[option]]
         left[name] = {option: options[option] for option in options if option not in described[name]}
-    of_all = repeated(map(switches, left.values()))
+    of_all = find_repeated(map(switches, left.values()))
     parts = [
         "Every command describes itself with `--help`. With `--json` it prints one JSON object on standard "
         f"output ({names} do not have this option). All have the same "

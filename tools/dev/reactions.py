@@ -68,19 +68,19 @@ def reaction(bus: BusLog, fault_s: float) -> Reaction:
     return Reaction(off_s - fault_s, idle_s - fault_s, confirmed_s - fault_s)
 
 
-def latched(bus: BusLog) -> Fault | None:
+def find_latched(bus: BusLog) -> Fault | None:
     """The first latched fault according to the firmware's heartbeat; None without one."""
     beats = (FirmwareHeartbeat(*signals) for signals in frames_of(bus, FirmwareHeartbeat).signals)
     return next((Fault(int(beat.fault)) for beat in beats if beat.mode in LATCHED and beat.fault), None)
 
 
-def reacted(case: Case) -> tuple[Fault | None, Reaction]:
+def run_case(case: Case) -> tuple[Fault | None, Reaction]:
     """Run a case; return the latched fault, None without one, and the reaction times."""
     case.run_dir.mkdir(parents=True)
     run_lockstep(case.scenario, case.run_dir, case.seed, silent, "compiled")
     bus = read_bus(case.run_dir / "can.log")
     shutil.rmtree(case.run_dir)
-    return latched(bus), reaction(bus, min(fault.at_s for fault in case.scenario.faults))
+    return find_latched(bus), reaction(bus, min(fault.at_s for fault in case.scenario.faults))
 
 
 def worst(reactions: Sequence[Reaction]) -> Reaction:
@@ -88,7 +88,7 @@ def worst(reactions: Sequence[Reaction]) -> Reaction:
     return Reaction(*(max(times) for times in zip(*reactions, strict=True)))
 
 
-def shown(time_s: float) -> str:
+def text_of(time_s: float) -> str:
     """A time as text; `never` if the step is missing, e.g. because the drive sends nothing any more."""
     return f"{1000.0 * time_s:.0f} ms" if math.isfinite(time_s) else "never"
 
@@ -121,7 +121,7 @@ def longest_of(times_s: Sequence[float]) -> str:
     """The longest finite time of several scenarios as text, and how many of them never come to the step."""
     finite_s = [time_s for time_s in times_s if math.isfinite(time_s)]
     never = len(times_s) - len(finite_s)
-    texts = [shown(max(finite_s))] if finite_s else []
+    texts = [text_of(max(finite_s))] if finite_s else []
     return ", ".join([*texts, f"never in {never}"] if never else texts)
 
 
@@ -144,13 +144,13 @@ def main() -> None:
     found: dict[tuple[Fault, str], list[Reaction]] = {}
     with tempfile.TemporaryDirectory() as folder:
         cases = cases_of(list(filter(attributable, scenarios)), range(1, asked.seeds + 1), Path(folder))
-        for case, found_in in workers.results(reacted, cases, PROCESSES):
+        for case, found_in in workers.results(run_case, cases, PROCESSES):
             name = case.scenario.name
             if isinstance(found_in, workers.Died):
                 raise SystemExit(f"{name}, seed {case.seed}: its process {found_in.how}")
             fault, times = found_in
             what = "no fault" if fault is None else fault.name
-            print(f"{name}, seed {case.seed}: {what}: {', '.join(map(shown, times))}", file=sys.stderr)
+            print(f"{name}, seed {case.seed}: {what}: {', '.join(map(text_of, times))}", file=sys.stderr)
             if fault is not None:
                 found.setdefault((fault, name), []).append(times)
     print(cells(found), markdown(found), sep="\n")

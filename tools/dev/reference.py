@@ -31,7 +31,7 @@ from hil.scenario.files import scenario_names
 from hil.scenario.scenario import CommandTable, Scenario, ScenarioTable, ScriptTable, load_scenario
 from plant_sim.tables.quantities import QUANTITIES
 from plant_sim.tables.table import tables_in
-from tools.dev.command_page import command_page, page, repeated, row, table
+from tools.dev.command_page import command_page, find_repeated, page, row, table
 
 ROOT = Path(__file__).parents[2]
 PLACE = ROOT / "docs/reference"
@@ -346,7 +346,7 @@ def own_keys(kind: type[BaseModel]) -> dict[str, str]:
 def faults() -> str:
     """Every fault, its keys, and the scenarios that hold the firmware to a reaction."""
     scenarios = [load_scenario(name) for name in scenario_names()]
-    shared = repeated(map(own_keys, KINDS))
+    shared = find_repeated(map(own_keys, KINDS))
     parts = [
         "A fault is a table `[[script.faults]]` of a scenario. It acts on the bus, at a sensor, in the drive "
         "or the module, on a process or on its clock, but never inside the firmware. Each fault has `at_s`, "

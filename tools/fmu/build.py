@@ -114,13 +114,13 @@ def export(model: Model, version: Version, file: Path) -> None:
     sources = b"".join(path.read_bytes() for path in sorted(SOURCES.iterdir()))
     token = hashlib.sha256(b"".join(codes) + text.encode() + sources).hexdigest()[:32]
     with tempfile.TemporaryDirectory() as folder:
-        library = linked(Path(folder), model.name, version, header(model, version, token), codes)
+        library = link(Path(folder), model.name, version, header(model, version, token), codes)
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as fmu:
         fmu.writestr("modelDescription.xml", description(model, version, token))
         fmu.writestr(f"binaries/{PLATFORMS[version]}/{model.name}.so", library)
 
 
-def linked(folder: Path, name: str, version: Version, header_text: str, codes: list[bytes]) -> bytes:
+def link(folder: Path, name: str, version: Version, header_text: str, codes: list[bytes]) -> bytes:
     """The shared library of the C shell and the object files."""
     (folder / "model.h").write_text(header_text)
     sources = [str(SOURCES / f"fmi{version}.c"), str(SOURCES / f"{name}.c")]

@@ -95,7 +95,7 @@ def scalar(value: Any) -> Any:
     return plain(value) if isinstance(value, str | int | float) else None
 
 
-def listed(runs: Path) -> list[ListedRun]:
+def list_runs(runs: Path) -> list[ListedRun]:
     """Every run in the folder `runs` and its subfolders, including suites, the newest first.
 
     Raises BadInputError for a place that is no folder; only the default one may be missing, before any run.
@@ -157,7 +157,7 @@ def condition(text: str) -> Callable[[ListedRun], bool]:
     return meets
 
 
-def chosen(runs: Iterable[ListedRun], conditions: Sequence[str]) -> list[ListedRun]:
+def choose(runs: Iterable[ListedRun], conditions: Sequence[str]) -> list[ListedRun]:
     """The runs that meet every condition."""
     tests = [condition(text) for text in conditions]
     return [run for run in runs if all(meets(run) for meets in tests)]

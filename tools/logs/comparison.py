@@ -52,7 +52,7 @@ class Difference(NamedTuple):
     b: Any
 
 
-def alike(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
+def are_alike(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
     """Mask, shape (n,), of the rows in which two columns of the same length are equal; NaN equals NaN."""
     same: NDArray[np.bool_] = np.asarray(a == b, bool)
     if a.dtype.kind == "f" and b.dtype.kind == "f":
@@ -97,7 +97,7 @@ def first_in_table(name: str, table_a: pa.Table, table_b: pa.Table) -> Differenc
         ):
             continue
         values_a, values_b = table_a[signal].to_numpy()[rows_a], table_b[signal].to_numpy()[rows_b]
-        unlike = np.flatnonzero(~alike(values_a, values_b))
+        unlike = np.flatnonzero(~are_alike(values_a, values_b))
         if len(unlike) and (found is None or shared_s[unlike[0]] < found.t_s):
             row = int(unlike[0])
             found = Difference(
@@ -106,7 +106,7 @@ def first_in_table(name: str, table_a: pa.Table, table_b: pa.Table) -> Differenc
     return found
 
 
-def paired(
+def pair_blocks(
     blocks_a: Iterable[pa.Table], blocks_b: Iterable[pa.Table], by_time: bool
 ) -> Iterator[tuple[pa.Table, pa.Table]]:
     """Corresponding parts of two tables, one after the other; all but the last end with a common row.
@@ -138,7 +138,7 @@ def first_in_blocks(
     name: str, blocks_a: Iterable[pa.Table], blocks_b: Iterable[pa.Table]
 ) -> Difference | None:
     """The first difference within one table, which is read in blocks."""
-    parts = paired(blocks_a, blocks_b, name in TICKED)
+    parts = pair_blocks(blocks_a, blocks_b, name in TICKED)
     found = (first_in_table(name, part_a, part_b) for part_a, part_b in parts)
     return next((difference for difference in found if difference is not None), None)
 

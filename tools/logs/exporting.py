@@ -37,7 +37,7 @@ class DecodedFrames(NamedTuple):
     units: Mapping[str, str]
 
 
-def decoded(run: Run) -> Iterator[DecodedFrames]:
+def decode(run: Run) -> Iterator[DecodedFrames]:
     """The frames of a run's can.log that have signals, grouped by name; BadInputError if there are none."""
     names = {table.removeprefix(CAN) for table in run.names if table.startswith(CAN)}
     known = [message for message in database().messages if message.name in names and message.signals]
@@ -131,7 +131,7 @@ def export(run: Run, kind: str, out: Path) -> dict[str, int]:
             counts[one.name] = len(one.t_s)
             yield one
 
-    frames = counting(decoded(run))
+    frames = counting(decode(run))
     try:
         FORMATS[kind](frames, out)
     except ModuleNotFoundError as error:

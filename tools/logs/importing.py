@@ -31,7 +31,7 @@ NO_CHANNEL = str(None)
 """The channel of a message for which the log names none."""
 
 
-def of_channel(messages: list[LoggedMessage], channel: str | None, path: Path) -> list[LoggedMessage]:
+def choose_channel(messages: list[LoggedMessage], channel: str | None, path: Path) -> list[LoggedMessage]:
     """The messages of one channel; BadInputError if a log has several and none is named.
 
     Messages without a channel, such as error frames in candump's logs, belong to each.
@@ -47,7 +47,7 @@ def of_channel(messages: list[LoggedMessage], channel: str | None, path: Path) -
     return messages if channel is None else [m for m in messages if m.channel in (channel, NO_CHANNEL)]
 
 
-def undecoded(bus: BusLog) -> tuple[dict[str, int], dict[str, int]]:
+def count_undecoded(bus: BusLog) -> tuple[dict[str, int], dict[str, int]]:
     """Counts by identifier of the frames that are not in the DBC, and of those that it cannot decode."""
     ids = Counter(int(bus.can_id[row]) for row, _ in find_refused(bus))
     named = [(f"0x{can_id:03X}", count, can_id in CODEC_BY_ID) for can_id, count in sorted(ids.items())]
@@ -57,7 +57,7 @@ def undecoded(bus: BusLog) -> tuple[dict[str, int], dict[str, int]]:
     return unknown, damaged
 
 
-def mixed_by(jumps: Sequence[ClockJump]) -> list[str]:
+def doubt_mixed(jumps: Sequence[ClockJump]) -> list[str]:
     """The first jump backwards as a reason not to judge the run; empty without one."""
     return [
         f"the log's clock falls back from {from_s:.6f} to {to_s:.6f} s at line or message {place}: frames "
@@ -86,7 +86,7 @@ def import_log(
             f"{path} lies in the folder that it would replace; name another --out than {out_dir}"
         )
     log = read_log(path, tolerant)
-    chosen = of_channel(log.messages, channel, path)
+    chosen = choose_channel(log.messages, channel, path)
     jumps = clock_jumps(chosen)
     frames = [
         (message.t_s, Frame(message.can_id, message.data)) for message in chosen if message.kind is None
@@ -112,9 +112,9 @@ def import_log(
             for t_s, frame in frames:
                 can_log.write(round((t_s - first_s) * 1e6), (frame,))
         bus = read_bus(run_dir / "can.log")
-        doubts = mixed_by(jumps) + doubt_two_firmwares(bus)
+        doubts = doubt_mixed(jumps) + doubt_two_firmwares(bus)
         run_folder.write_json(run_dir / "outcome.json", {"reasons": [], "not_judged": doubts})
-        unknown, damaged = undecoded(bus)
+        unknown, damaged = count_undecoded(bus)
         ticks = reconstruct_ticks(bus, PERIOD_S)
         if ticks:
             fields = [(name, type(values[0].item())) for name, values in ticks.items()]

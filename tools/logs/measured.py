@@ -46,7 +46,7 @@ def session(bus: str, settings: Sequence[str]) -> Iterator[XcpMaster]:
             master.disconnect()
 
 
-def measured(
+def measure_signals(
     wanted: Sampled, bus: str, settings: Sequence[str], until_s: float, live: bool, out: Path | None
 ) -> dict[str, dict[str, Any]]:
     """Measure the signals; by name: unit, samples received and lost, last, lowest and highest value.
@@ -147,7 +147,7 @@ def pairs_of(texts: Sequence[str]) -> dict[str, float]:
     return wanted
 
 
-def calibrated(
+def change_parameters(
     wanted: Mapping[str, float], bus: str, settings: Sequence[str], save: Path | None
 ) -> list[dict[str, str]]:
     """Change parameters together; returns those refused, `{key, why}`, in which case none has changed.

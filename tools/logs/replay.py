@@ -144,9 +144,9 @@ def replay(source: Path, build: Build = "compiled", parameters: Sequence[Path] =
     if scenario is None:
         refuse_jumps(log, messages)
     if scenario is not None and read_note(source / RUN).get("clock") == "lockstep":
-        sent, ticks = on_a_grid(messages, period_s, scenario.ticks)
+        sent, ticks = divide_on_grid(messages, period_s, scenario.ticks)
     else:
-        sent, ticks = between_torques(messages, period_s)
+        sent, ticks = divide_at_torques(messages, period_s)
     if not ticks:
         raise BadInputError(
             f"{log} has no frame {NAMES[TORQUE_ID]}; wanted a log in which the firmware ticks"
@@ -160,8 +160,8 @@ def replay(source: Path, build: Build = "compiled", parameters: Sequence[Path] =
         ParameterMemory(overrides, faults, seed).read(0.0), of_the_build(overrides), node_of(build)
     )
     replayed = [SentFrame(tick.t_s, frame) for tick in ticks for frame in node.tick(tick.received, 1)]
-    changed_frames = changed_frames_of(sent, replayed, ticks[-min(LAST_TICKS, len(ticks))].t_s)
-    changed = changed_decisions(recorded, decisions_of(replayed), is_own)
+    changed_frames = compare_frames(sent, replayed, ticks[-min(LAST_TICKS, len(ticks))].t_s)
+    changed = compare_decisions(recorded, decisions_of(replayed), is_own)
     equal = not changed and not (is_own and changed_frames)
     proves_nothing = bool(hidden) and not equal
     return Replay(
@@ -198,7 +198,7 @@ def hidden_cause(scenario: Scenario) -> str:
     return ""
 
 
-def on_a_grid(
+def divide_on_grid(
     messages: Sequence[LoggedMessage], period_s: float, count: int
 ) -> tuple[list[SentFrame], list[RecordedTick]]:
     """Divide the log of a run in lockstep, whose firmware ticks at (k + 1/2) T, into its ticks.
@@ -224,7 +224,7 @@ def on_a_grid(
     return sent, ticks
 
 
-def between_torques(
+def divide_at_torques(
     messages: Sequence[LoggedMessage], period_s: float
 ) -> tuple[list[SentFrame], list[RecordedTick]]:
     """Divide a log at the firmware's torque frames; ticks that sent none are filled in at equal intervals."""
@@ -238,7 +238,7 @@ def between_torques(
         frame = Frame(message.can_id, message.data)
         if message.can_id == TORQUE_ID:
             before_s = ticks[-1].t_s if ticks else message.t_s - period_s
-            ticks += filled_in(before_s, message.t_s, next(missed), waiting)
+            ticks += fill_in(before_s, message.t_s, next(missed), waiting)
             refuse_long(len(ticks))
             waiting = []
         if message.can_id in SENT_IDS or (message.can_id == ESTOP_ID and follows):
@@ -268,7 +268,7 @@ def refuse_long(ticks: int) -> None:
         raise BadInputError(f"the recording has {ticks} ticks or more; at most {MOST_TICKS} are replayed")
 
 
-def filled_in(
+def fill_in(
     before_s: float, t_s: float, count: int, waiting: Sequence[LoggedMessage]
 ) -> Iterator[RecordedTick]:
     """Yield the `count` ticks after `before_s` up to `t_s`, each with the frames that had arrived."""
@@ -282,7 +282,7 @@ def filled_in(
         yield RecordedTick(min(until_s, t_s), [Frame(one.can_id, one.data) for one in waiting[first:given]])
 
 
-def changed_frames_of(
+def compare_frames(
     recorded: Sequence[SentFrame], replayed: Sequence[SentFrame], end_s: float
 ) -> list[ChangedFrame]:
     """Compare the frames of each identifier; the bus may deliver the identifiers in another order.
@@ -331,7 +331,7 @@ def decisions_of(frames: Sequence[SentFrame]) -> dict[str, list[Decision]]:
     return found
 
 
-def changed_decisions(
+def compare_decisions(
     recorded: Mapping[str, list[Decision]], replayed: Mapping[str, list[Decision]], is_own: bool
 ) -> list[ChangedDecision]:
     """Return for each signal the first decision that is not the same; later ones follow from it.
@@ -343,7 +343,7 @@ def changed_decisions(
     for signal, tolerance_s in TOLERANCES_S.items():
         allowed_s = WAIT_FOR_THE_BUS_S if is_own else tolerance_s
         is_state = signal in STATES and not is_own
-        lists = [begun(one[signal]) if is_state else one[signal] for one in (recorded, replayed)]
+        lists = [drop_init(one[signal]) if is_state else one[signal] for one in (recorded, replayed)]
         for number, (one, other) in enumerate(zip_longest(*lists)):
             within_s = math.inf if is_state and number == 0 else allowed_s
             if not (one and other and one.value == other.value and abs(one.t_s - other.t_s) <= within_s):
@@ -352,7 +352,7 @@ def changed_decisions(
     return changed
 
 
-def begun(decisions: list[Decision]) -> list[Decision]:
+def drop_init(decisions: list[Decision]) -> list[Decision]:
     """Return the decisions without a mode INIT at their beginning."""
     return decisions[1:] if decisions and decisions[0].value == Mode.INIT.name else decisions
 

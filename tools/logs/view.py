@@ -43,13 +43,13 @@ def view(run: Path | None, web: bool, live: bool) -> None:
     shown = f"waiting for `vibrohil run --live` at {LIVE_URL}" if log is None else str(log)
     try:
         if web:
-            in_browser(viewer_command(*logs, web=web, port=port), shown)
+            open_in_browser(viewer_command(*logs, web=web, port=port), shown)
             return
         progress_console.print(shown)
         if log is None:
             subprocess.run(viewer_command(port=port), env=rerun_environment(), check=True)
         else:
-            in_window(log)
+            open_in_window(log)
     except (Interrupted, KeyboardInterrupt) as error:
         if not is_ctrl_c(error):
             raise
@@ -57,7 +57,7 @@ def view(run: Path | None, web: bool, live: bool) -> None:
         raise RerunError(f"the viewer ended with status {error.returncode}") from error
 
 
-def in_window(log: Path) -> None:
+def open_in_window(log: Path) -> None:
     """Open a log with the cursor on the first failed check, if any; return when the window is closed."""
     at_s = read_note(log.parent / VERDICT).get("first_failure_s")
     port = free_port()
@@ -92,7 +92,7 @@ def put_cursor(url: str, at_s: float, viewer: subprocess.Popen[bytes]) -> None:
             time.sleep(0.2)
 
 
-def in_browser(command: list[str], shown: str) -> None:
+def open_in_browser(command: list[str], shown: str) -> None:
     """Serve the viewer until Ctrl-C, and open it in a browser if there is one."""
     with served(command, rerun_environment()) as (address, process):
         progress_console.print(f"{shown}: at {address} until Ctrl-C", soft_wrap=True)
@@ -101,7 +101,7 @@ def in_browser(command: list[str], shown: str) -> None:
     raise subprocess.CalledProcessError(process.returncode, command)
 
 
-def waiting_for_runs() -> bool:
+def is_viewer_waiting() -> bool:
     """Whether an open viewer waits for live runs."""
     with socket.socket() as caller:
         caller.settimeout(1.0)
@@ -110,7 +110,7 @@ def waiting_for_runs() -> bool:
 
 def live_viewer() -> str:
     """The URL of the open viewer; if there is none, open a window, or raise BadInputError without display."""
-    if waiting_for_runs():
+    if is_viewer_waiting():
         return LIVE_URL
     if not has_display():
         raise BadInputError(
@@ -126,7 +126,7 @@ def live_viewer() -> str:
         start_new_session=True,  # the window stays when the run has ended
     )
     deadline_s = time.monotonic() + OPENING_S
-    while not waiting_for_runs():
+    while not is_viewer_waiting():
         if viewer.poll() is not None or time.monotonic() > deadline_s:
             raise RerunError(f"the viewer did not open within {OPENING_S:g} s; try `vibrohil view --live`")
         time.sleep(0.1)

@@ -135,7 +135,7 @@ def scene(stop: Stop, axis: str, stride_hz: float) -> Scene:
     return load_scene(tables)
 
 
-def driven(which: Scene, ratios: tuple[float, float], rise_s: float, then_s: float) -> Driven:
+def drive(which: Scene, ratios: tuple[float, float], rise_s: float, then_s: float) -> Driven:
     """Run the plant while the crank's speed rises from one ratio to another in `rise_s` and is then held."""
     plant = Plant(which, seed=1)
     drive = plant.parts.drive
@@ -170,7 +170,7 @@ def turns_of(run: Driven, from_s: float) -> Periods:
 
 def region(stop: Stop) -> tuple[float, float]:
     """Return the longest range of r with one impact a turn in a slow run-up on a standing leg, or nan."""
-    run = driven(scene(stop, "outward", 0.0), (LOW_RATIO, HIGH_RATIO), SWEEP_S, 0.0)
+    run = drive(scene(stop, "outward", 0.0), (LOW_RATIO, HIGH_RATIO), SWEEP_S, 0.0)
     turns = turns_of(run, 0.0)
     one = turns.counts == 1
     # A single turn with another number of impacts does not end the range.
@@ -210,9 +210,9 @@ def pulses_n(run: Driven, from_s: float) -> Vector:
     return np.array(found)
 
 
-def judged(stop: Stop, axis: str, stride_hz: float, ratio: float) -> Judged:
+def judge_cell(stop: Stop, axis: str, stride_hz: float, ratio: float) -> Judged:
     """Run a cell with one n and return its verdict."""
-    run = driven(scene(stop, axis, stride_hz), (0.75 * ratio, ratio), RISE_S, SETTLE_S + JUDGED_S)
+    run = drive(scene(stop, axis, stride_hz), (0.75 * ratio, ratio), RISE_S, SETTLE_S + JUDGED_S)
     counts = turns_of(run, RISE_S + SETTLE_S).counts
     missed = float(np.mean(counts == 0)) if len(counts) else 1.0
     felt = pulses_n(run, RISE_S + SETTLE_S)
@@ -231,7 +231,7 @@ def judged(stop: Stop, axis: str, stride_hz: float, ratio: float) -> Judged:
 
 def idle_impacts_hz(stop: Stop, axis: str, stride_hz: float) -> float:
     """Return the impacts per second that the leg causes with the crank at rest."""
-    run = driven(scene(stop, axis, stride_hz), (0.0, 0.0), 0.0, IDLE_S)
+    run = drive(scene(stop, axis, stride_hz), (0.0, 0.0), 0.0, IDLE_S)
     return sum(impact.v_m_s >= SOFTEST_M_S for impact in run.impacts) / IDLE_S
 
 
@@ -256,9 +256,12 @@ def cell(stop: Stop, axis: str, stride_hz: float, low: float, high: float) -> di
     row["idle_impacts_hz"] = idle_impacts_hz(stop, axis, stride_hz)
     if row["idle_impacts_hz"] > IDLE_IMPACTS_HZ:
         return row | Judged(LEG_IMPACTS)._asdict()
-    first = judged(stop, axis, stride_hz, row["ratio"])
+    first = judge_cell(stop, axis, stride_hz, row["ratio"])
     for harmonic, ratio in candidates[1:]:
-        if first.verdict != FEASIBLE and (other := judged(stop, axis, stride_hz, ratio)).verdict == FEASIBLE:
+        if (
+            first.verdict != FEASIBLE
+            and (other := judge_cell(stop, axis, stride_hz, ratio)).verdict == FEASIBLE
+        ):
             return row | {"harmonic": harmonic, "ratio": ratio} | other._asdict()
     return row | first._asdict()
 

@@ -46,7 +46,7 @@ def run(
 ) -> list[Any]:
     """Compute the missing pieces and return the results of all in the order of `tasks`."""
     paths = paths_of(kind, tasks, where.out)
-    found = {index: result for index, path in enumerate(paths) if (result := stored(path)) is not None}
+    found = {index: result for index, path in enumerate(paths) if (result := read_stored(path)) is not None}
     missing = [index for index in range(len(tasks)) if index not in found]
     if missing:
         computed = results(piece, [tasks[index] for index in missing], where.cores, where.scheduler, threads)
@@ -71,7 +71,7 @@ def store(path: Path, task: object, result: Any) -> None:
     write_anew(path, json.dumps({"task": repr(task), "versions": versions(), "result": result}))
 
 
-def stored(path: Path) -> Any:
+def read_stored(path: Path) -> Any:
     """Return the result in a file; None if there is none, or if the file is cut short or damaged."""
     if not is_regular(path):
         return None

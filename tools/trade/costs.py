@@ -68,14 +68,14 @@ def measure(case: Case, methods: Sequence[Method], repeats: int, progress: Progr
     for method in methods:
         progress(f"{case.name}: {method.name} {method.setting}")
         errors.append(errors_of(case, method.solve(), truth))
-    times = interleaved([partial(spent_us, method.solve) for method in methods], repeats)
+    times = interleave([partial(spent_us, method.solve) for method in methods], repeats)
     return [
         Cost(case, method, error, least / case.until_s)
         for method, error, least in zip(methods, errors, times, strict=True)
     ]
 
 
-def interleaved(measurements: Sequence[Callable[[], float]], repeats: int) -> list[float]:
+def interleave(measurements: Sequence[Callable[[], float]], repeats: int) -> list[float]:
     """Repeat measurements of time, and return the least time of each; every repeat runs all of them in turn.
 
     The times are this thread's processor time, not wall time, because it depends less on other programs'

@@ -18,7 +18,7 @@ from plant_sim.plant import Plant
 from plant_sim.result import Impact
 from plant_sim.scene import Scene, load_scene, read_scene
 from plant_sim.simulation import initial_state
-from tools.trade.costs import COST_UNIT, Progress, interleaved, mean
+from tools.trade.costs import COST_UNIT, Progress, interleave, mean
 
 RATIO = 1.3
 SETTLE_PERIODS, LOOK_PERIODS = 60, 60
@@ -118,7 +118,7 @@ class Module:
         return self.plant.take_impacts()
 
 
-def settled(scene: Scene, ratio: float = RATIO) -> Module:
+def settle(scene: Scene, ratio: float = RATIO) -> Module:
     """Return the scene's module after SETTLE_PERIODS at a speed."""
     module = Module(scene)
     module.carry_on(ratio, SETTLE_PERIODS)
@@ -127,7 +127,7 @@ def settled(scene: Scene, ratio: float = RATIO) -> Module:
 
 def spent_us_s(scene: Scene) -> float:
     """Return the processor time per simulated second, µs, without the time of the calls alone."""
-    module = settled(scene)
+    module = settle(scene)
     begun_s, begun = module.plant.t_s, time.thread_time_ns()
     module.carry_on(RATIO, LOOK_PERIODS)
     ended = time.thread_time_ns()
@@ -160,7 +160,7 @@ def measure(kind: str, quick: bool, repeats: int, progress: Progress) -> list[di
     for name, scene in scenes:
         progress(name)
         rows.append({"what": f"{kind}: {name}", "kind": kind, **figures_of(scene)})
-    times = interleaved([partial(spent_us_s, scene) for _, scene in scenes], repeats)
+    times = interleave([partial(spent_us_s, scene) for _, scene in scenes], repeats)
     for row, least in zip(rows, times, strict=True):
         row.update(
             cost=least,
@@ -173,7 +173,7 @@ def measure(kind: str, quick: bool, repeats: int, progress: Progress) -> list[di
 
 def figures_of(scene: Scene) -> dict[str, Any]:
     """Return the figures of the orbit with these parts."""
-    module = settled(scene)
+    module = settle(scene)
     plant = module.plant
     drive_j, terminals = plant.energy.drive_work_j, plant.electrical
     impacts = module.carry_on(RATIO, LOOK_PERIODS)
@@ -190,5 +190,5 @@ def figures_of(scene: Scene) -> dict[str, Any]:
         "energy_per_cycle_j": (plant.energy.drive_work_j - drive_j) / LOOK_PERIODS,
         "terminal_energy_per_cycle_j": terminal_j,
         # Without impacts at RATIO, the fold is reached from the impacts at resonance.
-        "fold_r": fold_of(module, RATIO) if impacts else fold_of(settled(scene, 1.0), 1.0),
+        "fold_r": fold_of(module, RATIO) if impacts else fold_of(settle(scene, 1.0), 1.0),
     }

@@ -93,7 +93,7 @@ def choose(candidates: Sequence[FloatArray]) -> Choice:
     return Choice(best, tuple(left))
 
 
-def differing(one: FloatArray, other: FloatArray) -> list[Criterion]:
+def find_differing(one: FloatArray, other: FloatArray) -> list[Criterion]:
     """The criteria in which two candidates differ significantly."""
     return [
         criterion

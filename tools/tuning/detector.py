@@ -49,7 +49,7 @@ class Operating:
     false_alarms_1_h: float
 
 
-def operating(
+def evaluate_floor(
     floor_m_s2: float, outcomes: Sequence[Outcome], cost_miss: float, cost_false_alarm: float
 ) -> Operating:
     """The results of a floor. The cost's standard error assumes two Poisson counts of at least one event."""
@@ -81,7 +81,7 @@ def operating(
     )
 
 
-def chosen(points: Sequence[Operating]) -> tuple[Operating, list[Operating]]:
+def choose(points: Sequence[Operating]) -> tuple[Operating, list[Operating]]:
     """The adjacent floors within one standard error of the least cost: the second lowest, and all of them."""
     best = min(range(len(points)), key=lambda number: points[number].cost_1_h)
     limit = points[best].cost_1_h + points[best].cost_error_1_h
@@ -113,12 +113,12 @@ def tune_detector(
         candidates = [{PARAMETER: floor} for floor in floors]
         found = run_candidates("detect", candidates, its_seed, trials, progress, sampling.workers)
         return [
-            operating(floor, outcomes, cost_miss, cost_false_alarm)
+            evaluate_floor(floor, outcomes, cost_miss, cost_false_alarm)
             for floor, outcomes in zip(floors, found, strict=True)
         ]
 
     points = tried(floors_m_s2, sampling.seed)
-    best, alike = chosen(points)
+    best, alike = choose(points)
     fresh, default = tried((best.floor_m_s2, DEFAULTS[PARAMETER]), sampling.fresh_seed)
     warnings = []
     if best.floor_m_s2 in (floors_m_s2[0], floors_m_s2[-1]) and len(alike) == 1:

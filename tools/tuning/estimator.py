@@ -102,7 +102,7 @@ class Combination:
 # --- innovations --------------------------------------------------------------------------------------
 
 
-def said(innovation: FloatArray, variance: FloatArray) -> tuple[float, float]:
+def mean_likelihood(innovation: FloatArray, variance: FloatArray) -> tuple[float, float]:
     """The means of ln p = −½ (ln 2πS + ν²/S) and of ν²/S, over innovations ν with the variances S."""
     if len(innovation) == 0:
         return 0.0, float("nan")
@@ -139,7 +139,7 @@ def read_log(path: Path) -> Log:
     return Log(nest(changed), read_ticks(path, values["control.tick_s"]))
 
 
-def sampled_module(seed: int, number: int) -> tuple[Cell, Sampled]:
+def sample_module(seed: int, number: int) -> tuple[Cell, Sampled]:
     """The condition and the truth of the sampled module with this number."""
     law, ratio = CONDITIONS[number % len(CONDITIONS)]
     cell = module_cell(law, ratio)
@@ -148,10 +148,10 @@ def sampled_module(seed: int, number: int) -> tuple[Cell, Sampled]:
 
 def record_log(seed: int, number: int, seconds: float) -> Log:
     """The log of a sampled module."""
-    from tools.tuning.recordings.recorded import received, record
+    from tools.tuning.recordings.recorded import read_received, record
 
-    cell, sampled = sampled_module(seed, number)
-    return Log(deepcopy(dict(cell.firmware)), received(record(cell, sampled, seconds)))
+    cell, sampled = sample_module(seed, number)
+    return Log(deepcopy(dict(cell.firmware)), read_received(record(cell, sampled, seconds)))
 
 
 def course_of(log: Log, parameters: dict[str, float]) -> FloatArray:
@@ -166,7 +166,7 @@ def course_of(log: Log, parameters: dict[str, float]) -> FloatArray:
     return replay(config_from(firmware), log.ticks)[begin:]
 
 
-def replayed(combinations: Sequence[dict[str, float]], source: Callable[[], Log]) -> Replayed:
+def replay(combinations: Sequence[dict[str, float]], source: Callable[[], Log]) -> Replayed:
     """Replay a log with all combinations; the effective number is that of the run's own parameters."""
     from tools.tuning.recordings import replay
 
@@ -187,7 +187,7 @@ def replayed(combinations: Sequence[dict[str, float]], source: Callable[[], Log]
     rows = []
     for parameters in combinations:
         found = innovations(parameters)
-        (_, in_flight), (likelihood, at_stop) = said(*found[:2]), said(*found[2:])
+        (_, in_flight), (likelihood, at_stop) = mean_likelihood(*found[:2]), mean_likelihood(*found[2:])
         rows.append((likelihood, in_flight, at_stop))
     # Second differences of white noise have 6 times its variance; median |x| of a normal is 0.6745 σ.
     bends = np.abs(np.diff(log.ticks.low_m_s2, 2))
@@ -207,7 +207,7 @@ def replay_all(
 ) -> tuple[list[Combination], list[Replayed]]:
     """Replay all logs with all combinations, on all cores: results by combination, and by log."""
     found: dict[int, Replayed] = {}
-    for number, result in results(partial(replayed, combinations), sources, workers):
+    for number, result in results(partial(replay, combinations), sources, workers):
         found[number] = result
         progress(len(found) / len(sources), "logs")
     logs = [found[number] for number in range(len(sources))]
@@ -227,7 +227,7 @@ def replay_all(
     ], logs
 
 
-def consistent(points: Sequence[Combination]) -> Sequence[Combination]:
+def select_consistent(points: Sequence[Combination]) -> Sequence[Combination]:
     """The combinations whose variance at the stop is not too small; all if it is in every one."""
     return [one for one in points if one.nis_stop <= LARGEST_NIS] or points
 
@@ -261,7 +261,7 @@ def tune_estimator(
     here = {name: DEFAULTS[name] for name in (grid or GRID)}
     points, by_log = replay_all(sources, [*combinations, here], progress, sampling.workers)
     points, default = points[:-1], points[-1]
-    sound = consistent(points)
+    sound = select_consistent(points)
     best = max(sound, key=lambda one: one.likelihood)
     parameters: dict[str, Value] = {}
     for name in grid or GRID:

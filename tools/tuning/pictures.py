@@ -8,7 +8,7 @@ import numpy as np
 
 from firmware_py.shell.parameters import DEFAULTS
 from tools.tuning import detector, start
-from tools.tuning.estimator import MEMORY, NEAR, NOISE, STOP, Combination, consistent, profile
+from tools.tuning.estimator import MEMORY, NEAR, NOISE, STOP, Combination, profile, select_consistent
 from tools.tuning.identification.friction_laws import Law, friction_m_s2
 from tools.tuning.identification.identify import Identified, friction_points
 from tools.tuning.recordings.readings import Readings
@@ -183,7 +183,7 @@ def draw_detector(figure: "Figure", tuning: Tuning, points: Sequence[detector.Op
 
 def draw_estimator(figure: "Figure", tuning: Tuning, points: Sequence[Combination]) -> None:
     """Draw the profile likelihood of each parameter."""
-    sound = consistent(points)
+    sound = select_consistent(points)
     best = max(one.likelihood for one in sound)
     labels = {
         NOISE: "Q: noise of v by tick [m/s]",

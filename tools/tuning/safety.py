@@ -37,7 +37,7 @@ class SafetyResult:
     why: str
 
 
-def within_bounds(values: Mapping[str, float]) -> SafetyResult:
+def check_bounds(values: Mapping[str, float]) -> SafetyResult:
     """Test the bounds of the parameter table and the rules between parameters."""
     try:
         with_overrides(values)
@@ -54,7 +54,7 @@ class Bench:
     ratio: float
 
 
-def judged(
+def judge_scenario(
     name: str, values: Mapping[str, float], progress: Progress, seed: int = SEED, bench: Bench | None = None
 ) -> SafetyResult:
     """Run a scenario with these parameters in place of its own, in a folder that is removed, and judge it."""
@@ -81,10 +81,10 @@ def judge_safety(
     values: Mapping[str, float], progress: Progress, bench: Bench | None = None
 ) -> list[SafetyResult]:
     """Test the bounds; if the firmware would accept the values, run the safety scenarios too."""
-    bounds = within_bounds(values)
+    bounds = check_bounds(values)
     if not bounds.passed:
         return [bounds]
-    return [bounds, *(judged(name, values, progress, SEED, bench) for name in SCENARIOS)]
+    return [bounds, *(judge_scenario(name, values, progress, SEED, bench) for name in SCENARIOS)]
 
 
 def document_of(tuning: Tuning, safety: Sequence[SafetyResult]) -> dict[str, Any]:

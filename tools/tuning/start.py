@@ -37,7 +37,7 @@ from tools.tuning.criteria import (
     FAILED,
     IMPACT,
     choose,
-    differing,
+    find_differing,
     hardest,
     late,
     starts_of,
@@ -128,7 +128,7 @@ def tune_start(
     fresh = run(everyone, sampling.fresh_seed, fresh_trials)
     after, before, naive = (ramp(one, some) for one, some in zip(everyone, fresh, strict=True))
     as_good = choose(fresh[:2]).alike
-    alone = {name: as_good_alone(name, points, starts, choice.best) for name in grid}
+    alone = {name: find_equivalent(name, points, starts, choice.best) for name in grid}
     tuning = Tuning(
         command="start",
         source=(
@@ -154,14 +154,14 @@ def tune_start(
     return tuning, [ramp(one, some) for one, some in zip(points, starts, strict=True)]
 
 
-def as_good_alone(
+def find_equivalent(
     name: str, points: Sequence[Mapping[str, float]], starts: Sequence[FloatArray], best: int
 ) -> list[float]:
     """The values of a parameter that make no significant difference, the others as at the best point."""
     return [
         one[name]
         for one, some in zip(points, starts, strict=True)
-        if {**one, name: points[best][name]} == points[best] and not differing(some, starts[best])
+        if {**one, name: points[best][name]} == points[best] and not find_differing(some, starts[best])
     ]
 
 

@@ -20,7 +20,7 @@ from tools.campaign.reference import goes_on
 from tools.campaign.results import result_of
 from tools.campaign.sampling import MISMATCH, sample
 from tools.campaign.statistics import distribution, wilson
-from tools.campaign.walk import course_of, ended_s, missing, sampled_walk
+from tools.campaign.walk import course_of, find_end_s, find_missing, sample_walk
 from tools.cli import run
 from tools.commands.campaign import kept_of
 from tools.output import (
@@ -400,14 +400,14 @@ def test_a_change_of_cadence_is_a_fifth_in_five_strides_and_back() -> None:
 def test_a_walk_is_sampled_with_its_mismatch_and_starts_at_rest() -> None:
     _, cells, numbers, *_ = plan_of("walk")
     cell = cells[3]
-    sampled, course = sampled_walk(cell, numbers, 20_000, 3)
-    again, _ = sampled_walk(cell, numbers, 20_000, 3)
+    sampled, course = sample_walk(cell, numbers, 20_000, 3)
+    again, _ = sample_walk(cell, numbers, 20_000, 3)
     assert sampled == again
     scene = load_scene(sampled.tables)
     assert scene.initial.v_m_s == 0.0
     assert scene.striker.spring_n_m != 720.0
     assert [stumble.at_s for stumble in scene.gait.stumble] == course.stumbles
-    assert ended_s(scene.parts(3).housing) == pytest.approx(course.stumbles[0], abs=2.0)
+    assert find_end_s(scene.parts(3).housing) == pytest.approx(course.stumbles[0], abs=2.0)
 
 
 # --- finished batches --------------------------------------------------------------------------------
@@ -499,5 +499,5 @@ def test_missing_impacts_are_reported_with_their_interval():
     turns_s = np.arange(0.0, 60.0, 0.2)
     impacts = np.array([(t_s,) for t_s in turns_s if not 40.1 < t_s < 41.1], np.dtype([("t_s", float)]))
     done: Any = SimpleNamespace(turns_s=turns_s, impacts=impacts)
-    assert missing(done, (0.0, 60.0)) == "impacts missing from 40.0 to 41.2 s"
-    assert missing(done, (0.0, 39.0)) == ""
+    assert find_missing(done, (0.0, 60.0)) == "impacts missing from 40.0 to 41.2 s"
+    assert find_missing(done, (0.0, 39.0)) == ""

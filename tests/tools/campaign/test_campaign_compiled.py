@@ -25,15 +25,15 @@ from tools.campaign.reference import (
     HELD_S,
     RAMP_S,
     Reference,
-    alone,
-    at,
-    led,
+    lead_crank,
     reference,
+    simulate_alone,
+    state_at,
     would_be_lost,
 )
 from tools.campaign.reference import instant_start_captures as captures
 from tools.campaign.results import result_of
-from tools.campaign.run import SIGNALS, in_a_folder, in_stretches
+from tools.campaign.run import SIGNALS, run_in_a_folder, run_in_stretches
 from tools.campaign.run import run as run_loop
 from tools.cli import run
 from tools.commands.campaign import keep_trial
@@ -76,7 +76,7 @@ def test_a_trial_in_a_folder_is_the_one_in_stretches() -> None:
     trial = trial_of(CAMPAIGNS["walk"].plan(["campaign.walk_s=8.0"], SEED), 0)
     kept = [
         how(trial.scenario, trial.scenario.seed, columns_of(SIGNALS), "compiled")
-        for how in (in_stretches, in_a_folder)
+        for how in (run_in_stretches, run_in_a_folder)
     ]
     for ours, other in zip(*kept, strict=True):
         np.testing.assert_array_equal(ours, other)
@@ -108,14 +108,14 @@ def test_a_housing_that_swings_at_the_cranks_frequency_does_not_end_the_impacts(
 
 def test_a_led_crank_keeps_its_speed_and_reaches_it_by_its_ramp() -> None:
     scene = load_scene("table1-motor-soft")
-    start = at(scene.striker.rest_length_m, 0.0, 0.0)
-    held = alone(scene, start, 10.0, 10.0, 0.0, 8.0)
+    start = state_at(scene.striker.rest_length_m, 0.0, 0.0)
+    held = simulate_alone(scene, start, 10.0, 10.0, 0.0, 8.0)
     moving = type(start)(start.t_s, start.x_m, start.v_m_s, start.crank_rad, 10.0, start.phase)
-    wanted = adaptive.simulate(led(scene.parts()), moving, 8.0).impacts
+    wanted = adaptive.simulate(lead_crank(scene.parts()), moving, 8.0).impacts
     assert len(held) == len(wanted.t_s) > 4
     np.testing.assert_allclose(held["t_s"], wanted.t_s, rtol=0.0, atol=ACCURACY_M)
     np.testing.assert_allclose(held["v_m_s"], wanted.v_m_s, rtol=0.0, atol=10.0 * ACCURACY_M)
-    late = alone(scene, start, 5.0, 11.0, RAMP_S, RAMP_S + HELD_S)[-10:]["t_s"]
+    late = simulate_alone(scene, start, 5.0, 11.0, RAMP_S, RAMP_S + HELD_S)[-10:]["t_s"]
     np.testing.assert_allclose(np.diff(late), 2.0 * np.pi / 11.0, rtol=1e-3)
 
 
@@ -138,11 +138,11 @@ def test_the_references_accuracy_changes_no_regime(monkeypatch: pytest.MonkeyPat
 def test_a_striker_left_at_rest_at_a_multistable_speed_is_lost_and_one_in_impacts_is_not() -> None:
     scene = load_scene("table1-motor-soft")
     omega_rad_s = 1.3 * float(np.sqrt(scene.striker.spring_n_m / scene.striker.mass_kg))
-    assert would_be_lost(scene, at(scene.striker.rest_length_m, 0.0, 0.0), omega_rad_s)
+    assert would_be_lost(scene, state_at(scene.striker.rest_length_m, 0.0, 0.0), omega_rad_s)
     trial = trial_of(LEVEL.plan(["campaign.laws='viscous'", "campaign.ratios=1.3"], 1), 0)
     done = run_loop(trial.scenario, 1)
     last = (float(done.true(name)[-1]) for name in ("x_m", "v_m_s", "crank_rad"))
-    assert not would_be_lost(trial.scenario.scene, at(*last), omega_rad_s)
+    assert not would_be_lost(trial.scenario.scene, state_at(*last), omega_rad_s)
 
 
 LEVEL = replace(CAMPAIGNS["start-up"], numbers={**CAMPAIGNS["start-up"].numbers, "swing_m_s2": 0.0})

@@ -16,7 +16,7 @@ from tools.campaign.campaign import Outcome, Trial
 from tools.campaign.campaigns import CAMPAIGNS, trial_of
 from tools.campaign.limits import judge_limits
 from tools.campaign.run import SIGNALS, ModeChange, Run
-from tools.campaign.walk import ended_s, judge_walk
+from tools.campaign.walk import find_end_s, judge_walk
 
 SEED = 20_000
 TICK_S = 1e-3
@@ -50,7 +50,7 @@ def test_a_walk_that_is_lost_before_its_end_is_not_kept(course: str) -> None:
 
 def test_a_stop_that_the_firmware_expects_within_a_stride_is_no_loss() -> None:
     trial = trial_of(CAMPAIGNS["walk"].plan(["campaign.courses='stop'"], SEED), 0)
-    stands_s = ended_s(trial.scenario.scene.parts(trial.scenario.seed).housing)
+    stands_s = find_end_s(trial.scenario.scene.parts(trial.scenario.seed).housing)
     modes = {0.5: Mode.SOFT_START, 6.0: Mode.RUN, stands_s - 1.2: Mode.STOPPING}
     assert judged_walk("stop", modes).why == ""
 

@@ -15,7 +15,7 @@ from firmware_py.interface.generated.records import (
 )
 from hil.record.candump import BusLog, bus_log
 from hil.scenario.scenario import load_scenario
-from tools.dev.reactions import Reaction, attributable, cells, latched, markdown, reaction, worst
+from tools.dev.reactions import Reaction, attributable, cells, find_latched, markdown, reaction, worst
 
 IDLE = SetAxisState(AxisState.IDLE)
 OPENED = DriveHeartbeat(0, AxisState.IDLE.value, 0, 0)
@@ -56,10 +56,10 @@ def test_the_first_latched_fault_counts() -> None:
         return (1.0, FirmwareHeartbeat(mode.value, 0, fault.value, 0.0, 0))
 
     moving = [*RUN, beat(Mode.RUN, Fault.NONE)]
-    assert latched(bus_of(moving)) is None
-    assert latched(bus_of([*moving, beat(Mode.E_STOP, Fault.NONE)])) is None
+    assert find_latched(bus_of(moving)) is None
+    assert find_latched(bus_of([*moving, beat(Mode.E_STOP, Fault.NONE)])) is None
     faults = (Fault.STALL, Fault.OVERSPEED)
-    assert latched(bus_of([*moving, *(beat(Mode.FAULT, fault) for fault in faults)])) == Fault.STALL
+    assert find_latched(bus_of([*moving, *(beat(Mode.FAULT, fault) for fault in faults)])) == Fault.STALL
 
 
 def test_the_table_has_the_worst_of_each_time() -> None:

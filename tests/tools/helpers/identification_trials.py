@@ -21,8 +21,8 @@ from tools.campaign.statistics import wilson
 from tools.jobs import results
 from tools.output import BadInputError
 from tools.tuning.identification.identify import identify
-from tools.tuning.recordings.readings import of_ticks
-from tools.tuning.recordings.recorded import received, record
+from tools.tuning.recordings.readings import merge_ticks
+from tools.tuning.recordings.recorded import read_received, record
 
 SECONDS = 60.0
 SEED = 30_000
@@ -82,10 +82,10 @@ def run_trial(seed: int, trial: int, seconds: float) -> Trial:
     cell = known.cell(law, ratio)
     sampled = sample(cell.scene, WIDER, seed, trial)
     nominal = with_overrides(known.nominal)
-    ticks = received(record(cell, sampled, seconds))
+    ticks = read_received(record(cell, sampled, seconds))
     try:
         found = identify(
-            of_ticks(ticks, nominal["sensor.low_full_scale_m_s2"]), nominal["sensor.bandwidth_hz"]
+            merge_ticks(ticks, nominal["sensor.low_full_scale_m_s2"]), nominal["sensor.bandwidth_hz"]
         )
     except BadInputError as error:
         return Trial(trial, law, "", str(error), {}, {}, {})

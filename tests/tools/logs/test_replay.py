@@ -13,7 +13,7 @@ from firmware_py.interface.codec import CODEC_BY_ID
 from firmware_py.interface.enums import Mode
 from tools import cli
 from tools.logs.foreign_logs import read_log
-from tools.logs.replay import IDS, between_torques, on_a_grid, replay
+from tools.logs.replay import IDS, divide_at_torques, divide_on_grid, replay
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PASSED, BadInputError
 
 E_STOP = "e-stop-in-the-hold"
@@ -99,8 +99,8 @@ def test_a_bus_on_which_frames_come_late_leaves_a_replay_not_judged(tmp_path: Pa
 def test_torque_frames_divide_a_log_as_the_grid_of_lockstep_does(run_dir: Path) -> None:
     messages = read_log(run_dir / "can.log").messages
     period_s = 1e-3
-    by_grid = on_a_grid(messages, period_s, round(DURATION_S / period_s))
-    by_torque = between_torques(messages, period_s)
+    by_grid = divide_on_grid(messages, period_s, round(DURATION_S / period_s))
+    by_torque = divide_at_torques(messages, period_s)
     assert by_grid[0] == by_torque[0]
     assert [tick.received for tick in by_grid[1]] == [tick.received for tick in by_torque[1]]
 
@@ -210,7 +210,7 @@ def test_the_command_replays_a_folder_of_recordings(
 
 def test_modes_in_the_recording_are_those_of_the_scenario(run_dir: Path) -> None:
     """The recording holds what the tests above rest on: a start, motion, and the E-stop."""
-    sent, _ = between_torques(read_log(run_dir / "can.log").messages, 1e-3)
+    sent, _ = divide_at_torques(read_log(run_dir / "can.log").messages, 1e-3)
     beats = [one.frame for one in sent if one.frame.can_id == IDS["FirmwareHeartbeat"]]
     modes = {Mode(CODEC_BY_ID[frame.can_id].decode(frame.data).mode) for frame in beats}  # type: ignore[attr-defined]
     assert modes >= {Mode.READY, Mode.SOFT_START, Mode.RUN, Mode.E_STOP}

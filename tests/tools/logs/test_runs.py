@@ -45,7 +45,7 @@ def names(found, folder):
 
 
 def test_every_run_is_listed_the_newest_first(folder):
-    assert names(runs.listed(folder), folder) == ["cut", "good", "suite/soft", "suite/none"]
+    assert names(runs.list_runs(folder), folder) == ["cut", "good", "suite/soft", "suite/none"]
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_every_run_is_listed_the_newest_first(folder):
     ],
 )
 def test_conditions_choose_runs_by_their_figures(folder, conditions, wanted):
-    assert names(runs.chosen(runs.listed(folder), conditions), folder) == wanted
+    assert names(runs.choose(runs.list_runs(folder), conditions), folder) == wanted
 
 
 def test_the_command_lists_chooses_and_prunes(folder, capsys):
@@ -202,7 +202,7 @@ def test_a_folder_in_the_place_of_a_file_stays_and_stops_no_pruning(tmp_path):
         (tmp_path / name).mkdir()
         (tmp_path / name / "run.json").write_text('{"made_by": "vibrohil"}')
     (tmp_path / "first" / "plant.trace").mkdir()
-    pruned = runs.prune(runs.listed(tmp_path), -1.0, tmp_path)
+    pruned = runs.prune(runs.list_runs(tmp_path), -1.0, tmp_path)
     assert len(pruned.removed) == 2
     assert [one.relative_to(tmp_path).as_posix() for one in sorted(tmp_path.rglob("*"))] == [
         "first",

@@ -188,6 +188,6 @@ def test_ctrl_c_is_the_way_to_end_a_viewer_in_a_browser(monkeypatch, tmp_path, n
         os.kill(os.getpid(), number)
         time.sleep(5.0)
 
-    monkeypatch.setattr(view, "in_browser", shown)
+    monkeypatch.setattr(view, "open_in_browser", shown)
     monkeypatch.setattr(view, "log_of", lambda _: tmp_path / "run.rrd")
     assert cli.run(["view", str(tmp_path), "--web"]) == status

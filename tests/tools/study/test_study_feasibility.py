@@ -78,7 +78,7 @@ def test_the_region_ends_with_its_turns(monkeypatch: pytest.MonkeyPatch) -> None
     ratios = feasibility.LOW_RATIO + slope * begins_s
     first, last = np.searchsorted(ratios, [1.0, 1.3])
     impacts = [impact(at_s) for at_s in 0.5 * (begins_s[first:last] + begins_s[first + 1 : last + 1])]
-    monkeypatch.setattr(feasibility, "driven", lambda *_: Driven(impacts, t_s, crank_rad, 0.0 * t_s))
+    monkeypatch.setattr(feasibility, "drive", lambda *_: Driven(impacts, t_s, crank_rad, 0.0 * t_s))
     wanted = ratios[first], feasibility.TOP_SHARE * ratios[last]
     assert feasibility.region(STOP) == pytest.approx(wanted, abs=2e-5)
 
@@ -108,8 +108,8 @@ def test_a_cell_is_judged_by_its_impacts_then_by_its_pulses(
     monkeypatch: pytest.MonkeyPatch, times_s: list[float], scale: float, verdict: str
 ) -> None:
     run = turning(times_s, seconds=36.0)
-    monkeypatch.setattr(feasibility, "driven", lambda *_: run._replace(felt_n=scale * run.felt_n))
-    assert feasibility.judged(STOP, "outward", 0.8, 1.0).verdict == verdict
+    monkeypatch.setattr(feasibility, "drive", lambda *_: run._replace(felt_n=scale * run.felt_n))
+    assert feasibility.judge_cell(STOP, "outward", 0.8, 1.0).verdict == verdict
 
 
 def test_the_first_that_fails_is_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:

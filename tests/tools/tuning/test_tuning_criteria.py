@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from plant_sim.arrays import FloatArray
-from tools.tuning.criteria import CRITERIA, choose, differing, is_worse
+from tools.tuning.criteria import CRITERIA, choose, find_differing, is_worse
 
 COUNT = 400
 
@@ -52,11 +52,11 @@ def test_one_outlier_decides_nothing() -> None:
     """The largest of all impacts is a single sample."""
     other = starts()
     other[1, 7] = 1.6
-    assert differing(starts(), other) == []
+    assert find_differing(starts(), other) == []
 
 
 def test_the_aims_that_differ_are_named() -> None:
-    names = [criterion.name for criterion in differing(starts(), starts(impact=1.1, energy_j=2.0))]
+    names = [criterion.name for criterion in find_differing(starts(), starts(impact=1.1, energy_j=2.0))]
     assert names == ["overshoot", "energy"]
 
 

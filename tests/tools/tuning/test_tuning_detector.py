@@ -13,7 +13,7 @@ from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
 from tools.plots import drawn
 from tools.tuning import safety
 from tools.tuning.candidates import Sampling, run_candidates
-from tools.tuning.detector import PARAMETER, Operating, chosen, operating, tune_detector
+from tools.tuning.detector import PARAMETER, Operating, choose, evaluate_floor, tune_detector
 from tools.tuning.pictures import draw_detector
 from tools.tuning.result import Tuning, Value
 
@@ -35,7 +35,7 @@ def characteristic(*costs: float) -> list[Operating]:
     ],
 )
 def test_the_floor_stands_a_step_off_the_cliff(costs, floor: float, low: float, high: float) -> None:
-    best, alike = chosen(characteristic(*costs))
+    best, alike = choose(characteristic(*costs))
     assert (best.floor_m_s2, alike[0].floor_m_s2, alike[-1].floor_m_s2) == (floor, low, high)
 
 
@@ -46,7 +46,7 @@ def outcome(trial: int, hits: int, misses: int, false_alarms: int) -> Outcome:
 
 def test_costs_are_what_is_stated() -> None:
     outcomes = [outcome(0, 90, 4, 1), outcome(1, 110, 0, 2)]
-    point = operating(1.5, outcomes, cost_miss=2.0, cost_false_alarm=10.0)
+    point = evaluate_floor(1.5, outcomes, cost_miss=2.0, cost_false_alarm=10.0)
     assert point.hours == 1.0
     assert point.cost_1_h == 2.0 * 4 + 10.0 * 3
     assert point.cost_error_1_h == pytest.approx((2.0**2 * 4 + 10.0**2 * 3) ** 0.5)
@@ -84,8 +84,8 @@ def test_candidates_meet_the_same_sampled_modules() -> None:
     assert [one.trial for one in same] == [0, 1, 2, 3]
     assert reports == sorted(reports)
     assert reports[-1] == 1.0
-    shifted = operating(1.5, same, 1.0, 1.0)
-    misses = operating(900.0, deaf, 1.0, 1.0)
+    shifted = evaluate_floor(1.5, same, 1.0, 1.0)
+    misses = evaluate_floor(900.0, deaf, 1.0, 1.0)
     assert shifted.recall > 0.99
     assert misses.recall < 0.5
 

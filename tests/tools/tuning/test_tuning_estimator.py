@@ -19,13 +19,13 @@ from tools.tuning.estimator import (
     Combination,
     Log,
     course_of,
-    said,
-    sampled_module,
+    mean_likelihood,
+    sample_module,
     tune_estimator,
     worth,
 )
 from tools.tuning.recordings import replay
-from tools.tuning.recordings.recorded import received, record
+from tools.tuning.recordings.recorded import read_received, record
 from tools.tuning.result import Tuning
 
 ALONE = Sampling(workers=1)
@@ -37,7 +37,7 @@ SMALL = {NOISE: (1e-5, 1e-4, 1e-3), MEMORY: (0.03, 0.3, 3.0), STOP: (1e-4, 3e-4)
 
 def test_innovations_as_large_as_said_are_the_most_likely() -> None:
     residuals = np.random.default_rng(1).normal(0.0, 0.3, 5000)
-    by_std = {std: said(residuals, np.full(5000, std**2)) for std in (0.15, 0.3, 0.6)}
+    by_std = {std: mean_likelihood(residuals, np.full(5000, std**2)) for std in (0.15, 0.3, 0.6)}
     likelihood, nis = by_std[0.3]
     assert nis == pytest.approx(1.0, abs=0.05)
     assert likelihood == max(by_std.values())[0]
@@ -105,9 +105,9 @@ def test_the_likeliest_of_sampled_modules_is_near_the_least_error() -> None:
     tuning, points = tune_estimator(modules=4, seconds=30.0, fresh_trials=0, grid=SMALL, sampling=ALONE)
     logs = []
     for number in range(4):
-        cell, sampled = sampled_module(ALONE.seed, number)
+        cell, sampled = sample_module(ALONE.seed, number)
         done = record(cell, sampled, 30.0)
-        logs.append((Log(dict(cell.firmware), received(done)), done.true("x_m")))
+        logs.append((Log(dict(cell.firmware), read_received(done)), done.true("x_m")))
 
     def error_mm(parameters: dict[str, float]) -> float:
         courses = ((course_of(log, parameters)[:, replay.X], x_m) for log, x_m in logs)

@@ -14,7 +14,7 @@ from tools import cli
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
 from tools.tuning import safety
 from tools.tuning.result import Merit, Tuning, tuned
-from tools.tuning.safety import SafetyResult, judge_safety, within_bounds, write
+from tools.tuning.safety import SafetyResult, check_bounds, judge_safety, write
 
 SAFE = [SafetyResult("bounds", 1, True, "")]
 
@@ -105,7 +105,7 @@ def test_what_is_unsafe_needs_force_and_says_so(tmp_path: Path, monkeypatch, cap
     def failed(name: str, *_: object) -> SafetyResult:
         return SafetyResult(name, 1, False, "it rattles")
 
-    monkeypatch.setattr("tools.tuning.safety.judged", failed)
+    monkeypatch.setattr("tools.tuning.safety.judge_scenario", failed)
     path = tmp_path / "mine.toml"
     command = ["tune", "speed", "--out", str(path)]
     assert cli.run([*command, "--json"]) == EXIT_CHECK_FAILED
@@ -125,7 +125,7 @@ def test_what_is_unsafe_needs_force_and_says_so(tmp_path: Path, monkeypatch, cap
 
 
 def test_bounds_are_judged_before_anything_runs() -> None:
-    assert within_bounds({"speed.gain_p_n_m_s": 0.05}).passed
+    assert check_bounds({"speed.gain_p_n_m_s": 0.05}).passed
     results = judge_safety({"speed.gain_p_n_m_s": 50.0}, silent)
     assert [result.scenario for result in results] == ["bounds"]
     assert not results[0].passed
@@ -137,7 +137,7 @@ def test_the_safety_scenarios_distinguish_good_from_bad() -> None:
     good = judge_safety({"speed.gain_p_n_m_s": 0.05}, silent)
     assert [result.scenario for result in good] == ["bounds", *safety.SCENARIOS]
     assert all(result.passed for result in good)
-    bad = safety.judged("quick-start-below-the-band", {"limit.impulse_n_s": 0.2}, silent)
+    bad = safety.judge_scenario("quick-start-below-the-band", {"limit.impulse_n_s": 0.2}, silent)
     assert not bad.passed
     assert "fault is impulse-limit" in bad.why
 

@@ -29,7 +29,7 @@ from tools.tuning.identification.impacts import (
     contact_time_s,
     dissipation,
     fit_impact,
-    integrated,
+    integrate,
     seen,
 )
 from tools.tuning.recordings.readings import Readings, read, read_ticks, ticks_of
@@ -205,7 +205,7 @@ def test_integrals_are_those_of_a_polynomial() -> None:
 @pytest.mark.parametrize("restitution", [0.2, 0.5, 0.8, 0.99])
 def test_a_contact_without_pull_gives_back_its_restitution(restitution: float) -> None:
     """∫ push dt = (1 + k) v⁻ in a Hunt–Crossley contact whose damping is that of k."""
-    pushes, _ = integrated(dissipation(restitution), 0.0, 0.0, 0.0, 0.0)
+    pushes, _ = integrate(dissipation(restitution), 0.0, 0.0, 0.0, 0.0)
     times = STEP * np.arange(len(pushes))
     assert np.trapezoid(pushes, times) == pytest.approx(1.0 + restitution, abs=2e-3)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from firmware_py.core.estimation.striker_model import free_flight
-from tools.tuning.identification.first_values import Linear, linear, signed
+from tools.tuning.identification.first_values import Linear, fit_signed, linear
 from tools.tuning.identification.flights import Flight
 from tools.tuning.identification.friction_laws import FITTED, Law, Striker
 from tools.tuning.identification.striker import Fit, Samples, fit, fits, simplest
@@ -46,7 +46,7 @@ def with_reading(one: Flight, z: np.ndarray) -> Flight:
 
 
 def first_of(known: list[Flight]) -> Linear:
-    return signed(known, [np.cumsum(one.z_m_s2 - np.mean(one.z_m_s2)) * T for one in known])
+    return fit_signed(known, [np.cumsum(one.z_m_s2 - np.mean(one.z_m_s2)) * T for one in known])
 
 
 def fitted(known: list[Flight], law: Law = Law.BOTH) -> Fit:

@@ -26,12 +26,12 @@ def seeds(module: ImpactMap, over: str) -> Iterator[Vector]:
         if PARAMETERS[over].low < value < PARAMETERS[over].high:
             for phase, speed in product(SEED_PHASES, SEED_SPEEDS):
                 scene = with_values(module.scene, {over: value})
-                seed = settled(module, scene, {over: value}, phase, speed * module.speed_m_s)
+                seed = settle(module, scene, {over: value}, phase, speed * module.speed_m_s)
                 if seed is not None:
                     yield seed
 
 
-def settled(
+def settle(
     module: ImpactMap, scene: Scene, values: dict[str, float], phase: float, speed_m_s: float
 ) -> Vector | None:
     """The orbit that one start from the stop settles on within SETTLING_TURNS, from its next impacts.

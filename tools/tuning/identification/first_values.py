@@ -103,7 +103,7 @@ def linear(flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray], law: Law
     return Linear(striker, states, speeds, [mask & bool(one) for mask, one in zip(used, kept, strict=True)])
 
 
-def signed(flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray]) -> Linear:
+def fit_signed(flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray]) -> Linear:
     """The linear fit of both friction laws, after the signs of v have settled."""
     found = linear(flights, speeds_m_s, Law.BOTH)
     for _ in range(SIGN_PASSES - 1):

@@ -30,7 +30,7 @@ from plant_sim.arrays import FloatArray
 from plant_sim.scene import read_scene
 from plant_sim.text_input import read_toml
 from tools.output import BadInputError, figure
-from tools.tuning.identification.first_values import signed
+from tools.tuning.identification.first_values import fit_signed
 from tools.tuning.identification.flights import Contact, Flight, contacts_of, flights_of, integrals
 from tools.tuning.identification.friction_laws import FITTED, Law, friction_m_s2
 from tools.tuning.identification.impacts import FreeForces, contact_time_s, fit_impact
@@ -111,7 +111,7 @@ def identify(readings: Readings, bandwidth_hz: float) -> Identified:
             "record some seconds with the crank turning"
         )
     swing = swing_m_s(readings)
-    first = signed(flights, [swing[one.begin : one.end] for one in flights])
+    first = fit_signed(flights, [swing[one.begin : one.end] for one in flights])
     samples, found = fits(flights, first)
     law = simplest(found)
     fit = found[law]
@@ -120,7 +120,7 @@ def identify(readings: Readings, bandwidth_hz: float) -> Identified:
         rows = slice(samples.starts[number], samples.starts[number + 1])
         if flight.contact is not None and samples.used[rows].any():
             last = fit.motion[rows][-1]
-            impact = fitted_impact(readings, flight, flight.contact, fit, last, bandwidth_hz)
+            impact = fit_contact(readings, flight, flight.contact, fit, last, bandwidth_hz)
             if impact is not None:
                 impacts.append(impact)
                 numbers.append(number)
@@ -168,7 +168,7 @@ def friction_points(found: Identified) -> tuple[FloatArray, FloatArray]:
 # --- impacts --------------------------------------------------------------------------------------------
 
 
-def fitted_impact(
+def fit_contact(
     readings: Readings, flight: Flight, contact: Contact, fit: Fit, state: FloatArray, bandwidth_hz: float
 ) -> Impact | None:
     """Fit one impact to the readings during it; None for a slow or incomplete one.

@@ -63,7 +63,7 @@ dissipation = functools.lru_cache(hertz_dissipation)
 
 
 @jit
-def integrated(
+def integrate(
     d: float, pull: float, damping: float, dry: float, stiffness: float
 ) -> tuple[FloatArray, FloatArray]:
     """Forces of contact and spring, and speeds of the striker until it leaves the stop, a row each STEP.
@@ -120,7 +120,7 @@ def seen(
     share = scale_s / speed_m_s
     damping, dry = forces.damping_1_s * scale_s, forces.dry_m_s2 * share
     stiffness = forces.stiffness_1_s2 * scale_s**2
-    pushes, speeds = integrated(dissipation(restitution), pull_m_s2 * share, damping, dry, stiffness)
+    pushes, speeds = integrate(dissipation(restitution), pull_m_s2 * share, damping, dry, stiffness)
     # Before the touch-down, the low-pass has settled on the friction in flight.
     before = forces.damping_1_s * speed_m_s + forces.dry_m_s2
     count = math.ceil(rows_s[-1] / GRID_S) + 1

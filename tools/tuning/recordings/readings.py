@@ -66,7 +66,7 @@ def can_log_of(source: Path) -> Path:
 
 def read(source: Path, low_full_scale_m_s2: float, period_s: float = BUS_PERIOD_S) -> Readings:
     """The readings of a run folder or of a candump log."""
-    return of_ticks(read_ticks(source, period_s), low_full_scale_m_s2)
+    return merge_ticks(read_ticks(source, period_s), low_full_scale_m_s2)
 
 
 def read_ticks(source: Path, period_s: float = BUS_PERIOD_S) -> Ticks:
@@ -119,7 +119,7 @@ def count_rev(position_rev: FloatArray) -> float:
     return float(np.min(np.diff(places))) if len(places) > 1 else 0.0
 
 
-def of_ticks(ticks: Ticks, low_full_scale_m_s2: float) -> Readings:
+def merge_ticks(ticks: Ticks, low_full_scale_m_s2: float) -> Readings:
     """Merge both ranges and unwrap the angle; a tick without one of the sensors ends a piece."""
     period_s, low, high, housing, position_rev, _ = ticks
     angle = 2.0 * np.pi * (position_rev + 0.5 * count_rev(position_rev))

@@ -25,6 +25,6 @@ def record(cell: Cell, sampled: Sampled, duration_s: float) -> Run:
     return run(scenario, scenario.seed, RECEIVED)
 
 
-def received(done: Run) -> Ticks:
+def read_received(done: Run) -> Ticks:
     """The sensors' frames of a recorded run."""
     return Ticks(done.tick_s, *(done.firmware[name].copy() for name in RECEIVED))
