@@ -13,7 +13,12 @@ from xcp_session import command
 from firmware_py.builds.c_header import config_header, header
 from firmware_py.builds.flat import Precision, in_precision, stored
 from firmware_py.builds.loaded_object import function
-from firmware_py.builds.machine_code import object_code, sizes
+from firmware_py.builds.machine_code import (
+    object_code,
+    raw_assembly,
+    sizes,
+    without_zeroed_results,
+)
 from firmware_py.core.config import Config
 from firmware_py.interface.enums import XcpCommandCode
 from firmware_py.interface.frame import Frame, word_of
@@ -144,3 +149,12 @@ def test_the_example_for_a_board_sends_what_the_compiled_build_does(tmp_path: Pa
     assert list(zip(words[::3], words[1::3], words[2::3], strict=True)) == sent
     assert len(sent) > 500
     assert node.values["speed.gain_p_n_m_s"] == pytest.approx(0.06, abs=1e-8)
+
+
+def test_memory_of_results_is_not_zeroed_before_a_call() -> None:
+    """The zeros, which no caller reads, would cost 6 kB; other variables of a function keep theirs."""
+    own, result = "  store i64 0, ptr %own, align 8\n", "  store i64 0, ptr %result, align 8\n"
+    call = "  %1 = call i32 @g(ptr %result, ptr %raised, i64 1)\n"
+    assert without_zeroed_results(own + result + call) == own + call
+    raw = raw_assembly()
+    assert raw.count("\n") - without_zeroed_results(raw).count("\n") > 1000
