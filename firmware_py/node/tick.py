@@ -134,7 +134,7 @@ def tick(config: Config, state: NodeState, rx: Rx) -> tuple[NodeState, Tx]:
         if usable and frame.can_id == kinds.ACCELEROMETER.can_id:
             gate_now = gate.take_reading(config.d.gate, gate_now, reading_of(received))
     inputs = inputs_of(received, now.tick)
-    core, outputs = step(config, state.core, inputs, gate_now, rx.behind_ticks == 0)
+    core, outputs = step(config, state.core._replace(gate=gate_now), inputs, rx.behind_ticks == 0)
     waiting, lost, tx = transmit(config, state, received, core, outputs, rx.behind_ticks)
     counters = counters._replace(
         frames=counters.frames + accepted,

@@ -1,6 +1,6 @@
 """Entry to the gait blocks: passes on the operator's request, or replaces it by one derived from the stride.
 
-    accepts(config, state) -> bool                       whether the crank can follow, as of the last tick
+    accepts(config, lock) -> bool                        whether the crank can follow, as of the last tick
     ask(config, state, leg, operator, now) -> (state, request)
 
 Without `gait.follow` the operator's request passes unchanged. An image for a drive that never follows a gait
@@ -32,9 +32,9 @@ def is_built_in() -> bool:
     return True
 
 
-def accepts(config: Config, state: WalkState) -> bool:
+def accepts(config: Config, lock: gait_lock.LockState) -> bool:
     """Whether a request to run can be followed, as of the last tick."""
-    return not is_built_in() or config.p.gait.follow == 0 or state.gait_lock.refusal == NO_REFUSAL
+    return not is_built_in() or config.p.gait.follow == 0 or lock.refusal == NO_REFUSAL
 
 
 def ask(

@@ -42,7 +42,7 @@ def run_step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outpu
             inputs.encoder.velocity_rev_s,
         )
         gate_now = gate.take_reading(config.d.gate, gate_now, reading)
-    return step(config, state, inputs, gate_now, True)
+    return step(config, state._replace(gate=gate_now), inputs, True)
 
 
 def replaced(record: Any, path: str, value: Any) -> Any:

@@ -8,14 +8,16 @@ import pytest
 from records import HEALTHY, replaced, run_step
 
 from firmware_py.core import step as core
+from firmware_py.core.config import Config
 from firmware_py.core.estimation import detector
+from firmware_py.core.estimation.estimator_state import Contact
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.state import INITIAL, State
 from firmware_py.interface.enums import AxisState, Fault, Mode, OperatorRequest
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({})
-STANDING = core.Sensed(INITIAL.crank, INITIAL.estimator, INITIAL.detector, INITIAL.regime, detector.FLYING)
+OBSERVERS = ("crank", "estimator", "detector", "regime")
 RUNNING = INITIAL._replace(supervisor=INITIAL.supervisor._replace(mode=Mode.RUN))
 CLOSED = replaced(
     replaced(HEALTHY, "drive.axis_state", AxisState.CLOSED_LOOP_CONTROL),
@@ -72,7 +74,12 @@ def test_no_limit_is_missed(
     changes: dict[str, Any], ticks: int, fault: Fault, seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     dice = random.Random(seed)
-    monkeypatch.setattr(core, "sense", lambda *_: noisy(STANDING, dice))
+
+    def sense_noise(_config: Config, state: State, _inputs: Inputs) -> tuple[State, Contact]:
+        observed = {name: noisy(getattr(INITIAL, name), dice) for name in OBSERVERS}
+        return state._replace(**observed), noisy(detector.FLYING, dice)
+
+    monkeypatch.setattr(core, "sense", sense_noise)
     # The monitors, which read the noise, are silent: what is found, the gate has found.
     watch = core.monitors.step
 
