@@ -1,15 +1,12 @@
 """Output of the commands: one JSON object for machines, tables for people, and exit statuses."""
 
 import json
-import math
 import os
 import re
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, TextIO
 
-import numpy as np
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
@@ -26,6 +23,10 @@ EXIT_INTERNAL_ERROR = 3
 EXIT_BAD_INPUT = 4
 EXIT_NOTHING_RAN = 5
 """Nothing ran, or something that ran was not judged."""
+
+NO_VALUE = figure_texts.NO_VALUE
+figure = figure_texts.figure_text
+plain = figure_texts.plain
 
 PIPED_WIDTH = 240
 """Width in characters where the output is no terminal: each row of a table stays on one line, for grep."""
@@ -74,21 +75,6 @@ def exit_of(verdict: Mapping[str, Any]) -> int:
     return EXIT_PASSED if verdict["passed"] else EXIT_CHECK_FAILED
 
 
-def plain(value: Any, finite: bool = True) -> Any:
-    """`value` in JSON's own types: arrays become lists, paths texts, if `finite` NaN and infinities null."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item, finite) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist(), finite)
-    if isinstance(value, list | tuple):
-        return [plain(item, finite) for item in value]
-    if isinstance(value, Path):
-        return str(value)
-    if finite and isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
 def print_json(payload: Mapping[str, Any]) -> None:
     """Print one JSON object, and nothing else, on standard output."""
     sys.stdout.write(json.dumps(plain(payload), allow_nan=False) + "\n")
@@ -113,10 +99,6 @@ def answer(
         show()
     if status:
         raise typer.Exit(status)
-
-
-NO_VALUE = figure_texts.NO_VALUE
-figure = figure_texts.figure_text
 
 
 def mark_verdict(verdict: str, loud: bool = False) -> str:

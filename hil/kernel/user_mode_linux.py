@@ -96,7 +96,7 @@ class UmlDeathError(RuntimeError):
     """User-mode Linux did not boot, or died under the command; the message has its last output and remedy."""
 
 
-def run_in_kernel(command: Sequence[str], memory: str | None = None, host_cpu: int | None = None) -> int:
+def run_in_kernel(command: Sequence[str], memory: str | None = None) -> int:
     """Run `command` under user-mode Linux and return its exit status, 128 + n after signal n.
 
     Working directory and environment are the caller's, with the programs of this Python environment first.
@@ -105,8 +105,8 @@ def run_in_kernel(command: Sequence[str], memory: str | None = None, host_cpu: i
     second signal follows.
 
     `memory` is the guest's memory, such as "8G" (default `GUEST_MEMORY`); the machine provides only the pages
-    in use. The kernel stays on `host_cpu` (default: the last CPU this process may use): it serves all its
-    processes by stopping and continuing them, and moving between CPUs makes each switch tens of times slower.
+    in use. The kernel stays on one CPU, the last that this process may use: it serves all its processes by
+    stopping and continuing them, and moving between CPUs makes each switch tens of times slower.
     """
     if not command:
         raise UmlError("no command to run under user-mode Linux; give one after --")
@@ -118,12 +118,11 @@ def run_in_kernel(command: Sequence[str], memory: str | None = None, host_cpu: i
     if not re.fullmatch(r"[1-9][0-9]*[MG]", memory):
         raise UmlError(f"memory of user-mode Linux: got {memory!r}, wanted a number with M or G such as 4G")
     kernel, busybox = _program(KERNEL), _program("busybox")
-    cpu = max(os.sched_getaffinity(0)) if host_cpu is None else host_cpu
     with tempfile.TemporaryDirectory(prefix="vibrohil-kernel-") as name:
         folder = Path(name)
         _write_guest(folder, busybox, command)
         preloaded = _preloaded(folder)
-        with (folder / "console").open("wb") as console, _on_cpu(cpu):
+        with (folder / "console").open("wb") as console, _on_one_cpu():
             process = subprocess.Popen(
                 [
                     kernel,
@@ -230,12 +229,10 @@ def _memory_folder(memory: str) -> str:
 
 
 @contextmanager
-def _on_cpu(cpu: int) -> Iterator[None]:
-    """Keep this thread, and every process that it starts within the block, on one CPU."""
+def _on_one_cpu() -> Iterator[None]:
+    """Keep this thread, and every process that it starts within the block, on one CPU, the last allowed."""
     allowed = os.sched_getaffinity(0)
-    if cpu not in allowed:
-        raise UmlError(f"host CPU for user-mode Linux: got {cpu}, wanted one of {sorted(allowed)}")
-    os.sched_setaffinity(0, {cpu})
+    os.sched_setaffinity(0, {max(allowed)})
     try:
         yield
     finally:

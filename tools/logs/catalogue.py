@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hil.judge.figures.records import CATALOGUE, plain
+from hil.judge.figures.records import CATALOGUE
+from hil.judge.figures.text import plain
 from hil.judge.verdict import Verdict
 from hil.record.run_folder import RUNS, VERDICT, discard_unused, is_own, read_note
 from tools.output import BadInputError

@@ -5,12 +5,12 @@ report and tables take units and meanings from here. Times are simulated seconds
 unless a name says otherwise.
 """
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, is_dataclass
 from enum import Enum, auto
 from typing import Annotated, Any, NamedTuple, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
+from hil.judge.figures.text import plain
 from hil.judge.gaps import Gap
 from hil.timing.pacemaker import Hold
 
@@ -26,15 +26,6 @@ class Origin(Enum):
     """Computed from can.log: incomplete if frames are missing there."""
     HOLD = auto()
     """Computed over the hold: a run that never reaches mode RUN does not have it."""
-
-
-def plain(value: Any) -> Any:
-    """`value` with None for each float that is not finite, to any depth."""
-    if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def no_figures(kind: type[Group]) -> Group:
