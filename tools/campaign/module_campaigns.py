@@ -24,7 +24,6 @@ CAPTURED_S = RUN_S + 8.0
 """Time by which a nominal capture is complete, s after power-up."""
 KICK_FAULT_S = 1.0
 """An impulse-limit fault within this time after a kick is attributed to the kick, s."""
-GRAZING_M_S = 0.05
 LATE_IMPACTS = 10
 """Number of last impacts whose mean v⁻ is the steady v⁻; its largest value is taken from twice as many."""
 LATE_TURNS = 10
@@ -136,7 +135,7 @@ def judge_detect(trial: Trial, done: Run, outcome: Outcome) -> None:
     until_s = duration_s - detection.LONGEST_LATENCY_S
     true_s, speeds = done.impacts["t_s"], done.impacts["v_m_s"]
     pairs = detection.match(true_s, done.detected_s)
-    due, hard = true_s <= until_s, speeds >= GRAZING_M_S
+    due, hard = true_s <= until_s, speeds >= detection.WEAKEST_V_M_S
     found, alarms, of_hard = pairs.found, pairs.false, hard[pairs.truth]
     missed = true_s[~found & hard & due]
     alarmed = done.detected_s[alarms & (done.detected_s <= until_s)]
@@ -174,7 +173,7 @@ def _judge_regime(done: Run, duration_s: float, outcome: Outcome) -> None:
         return
     late = done.firmware[ticks]
     reported = late["outputs.regime"][late["outputs.period_ended"]]
-    grazing = len(speeds) > 0 and float(np.mean(speeds)) < GRAZING_M_S
+    grazing = len(speeds) > 0 and float(np.mean(speeds)) < detection.WEAKEST_V_M_S
     right = (reported == truth.value) | (grazing & (reported == Regime.UNCERTAIN.value))
     uncertain = reported == Regime.UNCERTAIN.value
     outcome.shares["regime_right"] = int(np.count_nonzero(right)), len(reported)

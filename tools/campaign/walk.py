@@ -15,7 +15,8 @@ import numpy as np
 from firmware_py.interface.enums import Mode, Refusal
 from firmware_py.interface.generated.parameters import Gait
 from hil.judge.detection import WEAKEST_V_M_S
-from hil.judge.figures.gait import is_following
+from hil.judge.figures.figures import peaks_by_turn
+from hil.judge.figures.gait import PushOff, is_following
 from hil.scenario.files import read_scenario
 from hil.scenario.scenario import Scenario
 from plant_sim.parts.walking import BEGIN_S, FROM_SIZE, KNOCK_M_S2, TO_SIZE, Walking
@@ -196,10 +197,8 @@ def judge_hold(done: Run, gait: Gait, hold_s: tuple[float, float], outcome: Outc
     ticks = np.arange(round(begin_s / done.tick_s), round(end_s / done.tick_s))
     if len(ticks) == 0:
         return
-    turns = np.flatnonzero(np.diff(done.true("crank_rad")[ticks]) < -np.pi) + 1
-    if len(turns) > 1:
-        felt_n = np.abs(done.true("felt_force_n")[ticks])
-        peaks_n = np.maximum.reduceat(felt_n[: turns[-1]], turns[:-1])
+    peaks_n = peaks_by_turn(done.true("crank_rad")[ticks], np.abs(done.true("felt_force_n")[ticks]))
+    if len(peaks_n):
         in_force = (peaks_n >= SOFTEST_N) & (peaks_n <= HARDEST_N)
         outcome.shares["in_force"] = int(np.sum(in_force)), len(peaks_n)
         outcome.metrics["felt_low"] = float(np.min(peaks_n))
@@ -212,7 +211,7 @@ def judge_hold(done: Run, gait: Gait, hold_s: tuple[float, float], outcome: Outc
     strikes_s = ticks[1:][np.diff(truth) < -0.5] * done.tick_s
     pulses_s = done.impacts[done.impacts["v_m_s"] >= WEAKEST_V_M_S]["t_s"]
     phases = phases_at(walking, pulses_s)
-    inside = (phases >= gait.window_start) & (phases <= gait.window_end)
+    inside = PushOff(gait.window_start, gait.window_end).holds(phases)
     if len(strikes_s) > 1:
         hits = np.histogram(pulses_s[inside], strikes_s)[0]
         outcome.shares["in_window"] = int(np.sum(hits > 0)), len(hits)

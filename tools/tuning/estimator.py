@@ -166,7 +166,7 @@ def course_of(log: Log, parameters: dict[str, float]) -> FloatArray:
     return replay(config_from(firmware), log.ticks)[begin:]
 
 
-def replay(combinations: Sequence[dict[str, float]], source: Callable[[], Log]) -> Replayed:
+def replay_log(combinations: Sequence[dict[str, float]], source: Callable[[], Log]) -> Replayed:
     """Replay a log with all combinations; the effective number is that of the run's own parameters."""
     from tools.tuning.recordings import replay
 
@@ -207,7 +207,7 @@ def replay_all(
 ) -> tuple[list[Combination], list[Replayed]]:
     """Replay all logs with all combinations, on all cores: results by combination, and by log."""
     found: dict[int, Replayed] = {}
-    for number, result in results(partial(replay, combinations), sources, workers):
+    for number, result in results(partial(replay_log, combinations), sources, workers):
         found[number] = result
         progress(len(found) / len(sources), "logs")
     logs = [found[number] for number in range(len(sources))]

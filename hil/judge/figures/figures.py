@@ -132,6 +132,15 @@ def peak_force(plant: Records, impacts: Records) -> float | None:
     return float(forces.max()) if len(forces) else None
 
 
+def peaks_by_turn(crank_rad: FloatArray, values: FloatArray) -> FloatArray:
+    """The largest of `values` in each whole turn of the crank, shape (turns,); inputs of shape (ticks,)."""
+    turns = np.floor(np.unwrap(crank_rad) / (2.0 * np.pi))
+    starts = np.flatnonzero(np.diff(turns) > 0.0) + 1
+    if len(starts) < 2:
+        return np.zeros(0)
+    return np.maximum.reduceat(values[: starts[-1]], starts[:-1])
+
+
 def felt_figures(traces: RunTraces, hold: Window | None) -> FeltFigures:
     """Peak force on the wearer in the run, and per turn of the crank in the settled half of the hold."""
     plant = traces.plant
@@ -142,12 +151,9 @@ def felt_figures(traces: RunTraces, hold: Window | None) -> FeltFigures:
     if hold is None:
         return FeltFigures(peak_n, None, None)
     late = hold.second_half().holds(column(plant, "t_s"))
-    turns = np.floor(np.unwrap(column(plant, "crank_rad")[late]) / (2.0 * np.pi))
-    starts = np.flatnonzero(np.diff(turns) > 0.0) + 1
-    if len(starts) < 2:
+    peaks_n = peaks_by_turn(column(plant, "crank_rad")[late], force_n[late])
+    if len(peaks_n) == 0:
         return FeltFigures(peak_n, None, None)
-    whole = force_n[late][: starts[-1]]
-    peaks_n = np.maximum.reduceat(whole, starts[:-1])
     return FeltFigures(peak_n, float(peaks_n.min()), float(peaks_n.max()))
 
 
