@@ -13,7 +13,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,7 +35,7 @@ from hil.record.provenance import build_of, this_build
 from hil.record.rrd.log_file import is_whole, repair
 from hil.record.rrd.rerun_program import RerunError
 from hil.record.run_folder import RUN_NOTE, RUNS, VERDICT, is_own, refuse_irregular
-from hil.record.run_traces import CAN_LOG, SCENARIO, RunTraces, read_json
+from hil.record.run_traces import CAN_LOG, SCENARIO, RunTraces, part, read_json
 from hil.show.rerun_log import LOG_NAME, rebuild
 
 if TYPE_CHECKING:
@@ -88,27 +88,49 @@ def log_of(run: Path | None) -> Path:
     except RerunError:
         if is_running:
             raise RunError(f"{place} has only begun: its log holds nothing yet; look again") from None
+        if not (place / "plant.trace").exists():
+            raise RunError(f"{log} is damaged, and no traces are beside it; {how_to_repeat(place)}") from None
         return rebuilt(place)
     return log
 
 
 def why_without_log(run_dir: Path) -> str:
     """Why a run folder has neither log nor traces, and what to do."""
-    with reading(run_dir, f"its {VERDICT} or {RUN_NOTE} is damaged; run it again"):
-        verdict, note = read_json(run_dir / VERDICT), read_json(run_dir / RUN_NOTE)
+    with reading(run_dir, f"its {VERDICT} is damaged; run it again"):
+        verdict = read_json(run_dir / VERDICT)
     if verdict.get("passed") is True:
-        scenario, clock = shlex.quote(str(run_dir / SCENARIO)), note.get("clock")
-        return (
-            f"{run_dir} passed as one of several seeds and keeps no log; repeat it with "
-            f"`vibrohil run {scenario} --seed {note.get('seed')} --clock {clock} --out FOLDER`"
-        )
+        return f"{run_dir} passed as one of several seeds and keeps no log; {how_to_repeat(run_dir)}"
     return f"{run_dir} has no log: its run has not begun, or was ended before; see {VERDICT}"
+
+
+def how_to_repeat(run_dir: Path) -> str:
+    """The command that repeats a run."""
+    with reading(run_dir, f"its {RUN_NOTE} is damaged; run it again"):
+        note = read_json(run_dir / RUN_NOTE)
+    scenario = shlex.quote(str(run_dir / SCENARIO))
+    return (
+        f"repeat it with `vibrohil run {scenario} --seed {note.get('seed')} --clock {note.get('clock')} "
+        "--out FOLDER`"
+    )
 
 
 def runs_in(place: Path) -> str:
     """What to name instead of a folder of runs, as a suite leaves it; empty if there are none."""
     runs = [str(note.parent) for note in sorted(place.glob("*/run.json"))]
     return f"; name one of the runs in it, e.g. {', '.join(runs[:2])}" if runs else ""
+
+
+def with_losses(found: RunTraces, log: Path, run_dir: Path) -> RunTraces:
+    """A log's traces, with a sentence if it has lost ticks or its end since the verdict beside it."""
+    if log.name != LOG_NAME:
+        return found
+    nothing: dict[str, Any] = {}
+    verdict, outcome = (part([], run_dir / name, read_json, nothing) for name in (VERDICT, "outcome.json"))
+    count, judged_count = len(found.firmware), verdict.get("ticks", 0)
+    if count >= judged_count and bool(found.outcome) >= bool(outcome):
+        return found
+    sentence = f"{log} is damaged, with {count} of the {judged_count} ticks that {VERDICT} judges"
+    return replace(found, outcome=found.outcome or outcome, damage=[sentence])
 
 
 def rebuilt(run_dir: Path) -> Path:
@@ -275,7 +297,7 @@ class Run:
     def traces(self) -> RunTraces:
         """The run's traces, read from its log."""
         with self._reading(TABLES_ARE_LEFT):
-            found = read_traces(self.log)
+            found = with_losses(read_traces(self.log), self.log, self.folder)
         if len(found.firmware) and "tick" not in (found.firmware.dtype.names or ()):
             raise RunError(
                 f"{self.log} holds signals of `vibrohil measure`, no run; `vibrohil view` shows them, and "

@@ -1,11 +1,14 @@
 """The bench from Python, and as a pytest plug-in."""
 
+import re
+import shutil
 import tomllib
 
 import numpy as np
 import pytest
 
 import hil
+from hil.bench.recorded_run import RunError, open_run
 from hil.record.run_traces import read_json
 from hil.scenario.files import ScenarioError
 from hil.scenario.settings import SettingError
@@ -118,6 +121,26 @@ def test_a_run_has_by_default_the_seed_of_its_scenario(tmp_path):
         for name, given in (("own", {}), ("other", {"seed": np.int64(8)}))
     ]
     assert seeds == [7, 8]
+
+
+def test_a_log_that_lost_ticks_since_its_verdict_says_so_and_not_that_the_run_was_cut(run, tmp_path):
+    damaged = shutil.copytree(run.folder, tmp_path / "run")
+    content = (run.folder / "run.rrd").read_bytes()
+    (damaged / "run.rrd").write_bytes(content[: len(content) // 2])
+    for _ in range(2):  # the log was repaired at the first reading
+        (reason,) = open_run(damaged).verdict["reasons"]
+        assert re.search(r"run\.rrd is damaged, with \d+ of the 1000 ticks", reason)
+
+
+@pytest.mark.parametrize("content", [b"", b"RRF2"])
+def test_an_unreadable_log_without_traces_is_left_as_it_is(run, tmp_path, content):
+    damaged = shutil.copytree(run.folder, tmp_path / "run")
+    for trace in damaged.glob("*.trace"):
+        trace.unlink()
+    (damaged / "run.rrd").write_bytes(content)
+    with pytest.raises(RunError, match=r"run\.rrd is damaged, and no traces .*`vibrohil run .* --seed 1 "):
+        open_run(damaged)
+    assert (damaged / "run.rrd").read_bytes() == content
 
 
 TESTS = """
