@@ -1,5 +1,6 @@
 """`vibrohil schedule`: worst-case response time of every CAN frame."""
 
+from collections import Counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -8,6 +9,8 @@ from tools.commands.options import Json
 from tools.output import BadInputError, answer, exit_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from firmware_py.interface.addresses import Addresses
     from hil.can_model.message_set import Schedule
 
@@ -35,6 +38,7 @@ def schedule(
     from hil.can_model.message_set import ONE_ERROR, bus_schedule
 
     modules = [places_of(text) for text in module or ["0,1"]]
+    refuse_shared_nodes(modules)
     analysed = bus_schedule(bitrate, modules=modules)
     disturbed = bus_schedule(bitrate, errors=ONE_ERROR, modules=modules)
     alone = bus_schedule(bitrate, modules=modules, is_measured=False)
@@ -72,6 +76,20 @@ def places_of(text: str) -> "Addresses":
         return addresses(int(drive_node), int(own_node))
     except AddressError as error:
         raise BadInputError(f"--module {text}: {error}") from error
+
+
+def refuse_shared_nodes(modules: "Sequence[Addresses]") -> None:
+    """Raise BadInputError for modules with a common node number: their frames have the same identifiers."""
+    from firmware_py.interface.addresses import OWN_NODES
+
+    count = Counter(places.drive_node for places in modules)
+    for places in modules:
+        count.update(range(places.own_node, places.own_node + OWN_NODES))
+    shared = ", ".join(str(node) for node in sorted(count) if count[node] > 1)
+    if shared:
+        raise BadInputError(
+            f"--module: more than one module has node {shared}; give each module node numbers of its own"
+        )
 
 
 def rows(analysed: "Schedule", disturbed: "Schedule") -> list[dict[str, Any]]:
