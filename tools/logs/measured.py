@@ -53,12 +53,13 @@ def measure_signals(
 
     `live` and `out` also show them in a viewer and write them to a log.
     """
-    streams = log_streams(bus, live, out)
+    viewers = [live_viewer()] if live else []
     rows: list[tuple[float, ...]] = []
     ticks: list[int] = []
     sent = 0
     with session(bus, settings) as master, shown_progress() as progress:
         start(master, wanted)
+        streams = log_streams(bus, viewers, out)
         start_s = shown_s = time.monotonic()
         for sample in master.samples([wanted]):
             now_s = time.monotonic()
@@ -108,10 +109,10 @@ def summary(name: str, values: Sequence[float], lost: int) -> dict[str, Any]:
     }
 
 
-def log_streams(bus: str, live: bool, out: Path | None) -> list[LogStream]:
-    """A log file in the folder `out`, and an open viewer."""
+def log_streams(bus: str, viewers: Sequence[str], out: Path | None) -> list[LogStream]:
+    """A log file in the folder `out`, and the open viewers."""
     run = {"scenario": "measurement", "clock": "real", "bus": bus, "wall_start_s": time.time()}
-    targets: list[Path | str] = [live_viewer()] if live else []
+    targets: list[Path | str] = [*viewers]
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         log = out / LOG_NAME

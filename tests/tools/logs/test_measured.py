@@ -4,7 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from tools.logs.measured import LOG_NAME, log_streams, lost_samples, summary
+from hil.bus.opening import BusError
+from hil.bus.xcp_master import Sampled
+from tools.logs.measured import LOG_NAME, log_streams, lost_samples, measured, summary
 from tools.output import BadInputError
 
 
@@ -23,5 +25,12 @@ def test_a_log_is_never_written_through_a_link(tmp_path: Path) -> None:
     folder.mkdir()
     (folder / LOG_NAME).symlink_to(victim)
     with pytest.raises(BadInputError, match=r"measured\.rrd exists and is kept; name another folder"):
-        log_streams("local", live=False, out=folder)
+        log_streams("local", [], folder)
     assert victim.read_text() == "precious\n"
+
+
+def test_what_cannot_be_measured_leaves_no_log(tmp_path: Path) -> None:
+    wanted = Sampled(["state.estimator.x_m"], 1)
+    with pytest.raises(BusError, match="no hub answers"):
+        measured(wanted, f"local:{tmp_path}/bus", [], 1.0, False, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
