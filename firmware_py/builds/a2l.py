@@ -140,7 +140,7 @@ def a2l_name(name: str) -> str:
     return first + "".join(f"[{part}]" if part.isdecimal() else f".{part}" for part in rest)
 
 
-def quoted(text: str) -> str:
+def quote(text: str) -> str:
     """A string of A2L."""
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
@@ -158,11 +158,11 @@ def conversion_of(unit: str) -> str:
 def conversions() -> Iterator[str]:
     """Conversions: one for each unit and one for each enum."""
     for unit in sorted({unit_of(place.name) for place in ALL} | {unit_text(one) for one in TABLE}):
-        method = f'{conversion_of(unit)} "" IDENTICAL "%9.6" {quoted(unit)}'
+        method = f'{conversion_of(unit)} "" IDENTICAL "%9.6" {quote(unit)}'
         yield f"    /begin COMPU_METHOD {method} /end COMPU_METHOD"
     enums = {place.kind.__name__: place.kind for place in ALL if issubclass(place.kind, IntEnum)}
     for name, kind in sorted(enums.items()):
-        values = "\n".join(f"        {member.value} {quoted(member.name)}" for member in kind)
+        values = "\n".join(f"        {member.value} {quote(member.name)}" for member in kind)
         method = f'{name} "" TAB_VERB "%4.0" "" COMPU_TAB_REF {name}_names'
         yield (
             f"    /begin COMPU_METHOD {method} /end COMPU_METHOD\n"
@@ -194,7 +194,7 @@ def characteristic(index: int, parameter: Parameter) -> str:
     """One parameter; those that are never written over the bus are read-only."""
     read_only = "" if parameter.is_calibrated else " READ_ONLY"
     return (
-        f"    /begin CHARACTERISTIC {parameter.name} {quoted(parameter.meaning)} VALUE "
+        f"    /begin CHARACTERISTIC {parameter.name} {quote(parameter.meaning)} VALUE "
         f"0x{xcp.ELEMENT_BYTES * index:X} layout_float32 0 {conversion_of(unit_text(parameter))} "
         f"{parameter.low!r} {parameter.high!r}\n"
         f"      ECU_ADDRESS_EXTENSION {xcp.CHARACTERISTICS}{read_only}\n"

@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 from firmware_py.builds.board_tools import COMPILER, EMULATOR, REMEDY, missing_tools
 from firmware_py.builds.c_header import header
-from firmware_py.builds.machine_code import TARGETS, kept, object_code
+from firmware_py.builds.machine_code import TARGETS, cache_file, object_code
 
 SOURCES = Path(__file__).parent / "board_image"
 BoardName = Literal["cortex-m7", "cortex-m4f"]
@@ -68,7 +68,7 @@ def image(name: BoardName) -> Path:
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(SOURCES.iterdir()))).hexdigest()[
         :16
     ]
-    return kept(f"{name}-{digest}.elf", lambda: _link(name))
+    return cache_file(f"{name}-{digest}.elf", lambda: _link(name))
 
 
 def _link(name: BoardName) -> bytes:

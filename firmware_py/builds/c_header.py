@@ -11,7 +11,7 @@ from enum import IntEnum
 from typing import Any, get_args, get_origin
 
 from firmware_py.builds.flat import Precision, layout, members
-from firmware_py.builds.single_precision import single
+from firmware_py.builds.single_precision import round_to_single
 from firmware_py.core.config import Config
 from firmware_py.interface.frame import WordFrame
 from firmware_py.node.memory import FirmwareState
@@ -116,7 +116,7 @@ def initializer(value: Any, precision: Precision, indent: str) -> str:
         if math.isnan(value):
             return "NAN"
         if precision == "single":
-            value = single(value)
+            value = round_to_single(value)
         digits = repr(value) + ("f" if precision == "single" else "")
         return digits if math.isfinite(value) else "INFINITY" if value > 0.0 else "-INFINITY"
     return str(value).lower() if isinstance(value, bool) else str(int(value))
@@ -126,7 +126,7 @@ def header(precision: Precision = "double") -> str:
     """The text of the header with the structs and the function."""
     found: dict[Any, None] = {}
     for record in RECORDS:
-        for kind in needed(record):
+        for kind in list_needed(record):
             found[kind] = None
     blocks = [
         enum_text(kind) if issubclass(kind, IntEnum) else struct_text(kind, precision) for kind in found
@@ -134,13 +134,13 @@ def header(precision: Precision = "double") -> str:
     return "\n".join([TOP.format(max_rx=MAX_RX), *blocks, BOTTOM])
 
 
-def needed(kind: Any) -> Iterator[Any]:
+def list_needed(kind: Any) -> Iterator[Any]:
     """The records and enums that a type contains, each after its own members, and the type itself."""
     if get_origin(kind) is tuple:
-        yield from needed(get_args(kind)[0])
+        yield from list_needed(get_args(kind)[0])
     elif hasattr(kind, "_fields"):
         for _, member in members(kind):
-            yield from needed(member)
+            yield from list_needed(member)
         yield kind
     elif issubclass(kind, IntEnum):
         yield kind

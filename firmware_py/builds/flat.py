@@ -42,14 +42,14 @@ def layout(kind: Any, precision: Precision = "double") -> Any:
     return np.dtype([(name, layout(member, precision)) for name, member in members(kind)], align=True)
 
 
-def stored(record: tuple[Any, ...]) -> Memory:
+def to_flat(record: tuple[Any, ...]) -> Memory:
     """A copy of the record in flat memory, an array of one element."""
     memory = np.zeros(1, layout(type(record)))
     memory[0] = _plain(record)
     return cast(Memory, memory)
 
 
-def in_precision(memory: Memory, kind: Any, precision: Precision) -> Memory:
+def to_precision(memory: Memory, kind: Any, precision: Precision) -> Memory:
     """Records of type `kind` with floats of this precision, each rounded once; infinite beyond its range."""
     wanted = layout(kind, precision)
     if memory.dtype == wanted:
@@ -103,7 +103,7 @@ def _plain(value: Any) -> Any:
     return tuple(map(_plain, value)) if hasattr(value, "_fields") else list(map(_plain, value))
 
 
-def loaded(kind: Any, value: Any) -> Any:
+def from_flat(kind: Any, value: Any) -> Any:
     """The record of type `kind` from `memory[0].item()`, or from a part of it."""
     return _loader(kind)(value)
 

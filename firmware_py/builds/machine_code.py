@@ -25,7 +25,7 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from firmware_py.builds import single_precision
-from firmware_py.builds.flat import Precision, in_precision, layout, stored
+from firmware_py.builds.flat import Precision, layout, to_flat, to_precision
 from firmware_py.core.config import Config
 from firmware_py.node.memory import INITIAL, FirmwareState
 from firmware_py.node.tick import Tx
@@ -132,14 +132,14 @@ ZEROED = re.compile(
 )
 
 
-def kept(name: str, make: Callable[[], bytes]) -> Path:
+def cache_file(name: str, make: Callable[[], bytes]) -> Path:
     """Path of a cached file of what `make` returns, which depends on the firmware's sources alone."""
     return kept_file(folder_of("firmware_py.builds", *BUILDERS), name, make)
 
 
 def raw_assembly() -> str:
     """The firmware's LLVM assembly as `raw_ir` writes it; the first time it takes some 15 s."""
-    return kept("raw.ll", _raw_assembly).read_text()
+    return cache_file("raw.ll", _raw_assembly).read_text()
 
 
 def _raw_assembly() -> bytes:
@@ -153,18 +153,18 @@ def _raw_assembly() -> bytes:
 def object_code(target: TargetName, has_gait: bool = True) -> bytes:
     """The firmware as a relocatable object file; without a gait, the operator alone asks for a ratio."""
     name = target if has_gait else f"{target}-without-gait"
-    return kept(f"{name}.o", lambda: _object_code(target, has_gait)).read_bytes()
+    return cache_file(f"{name}.o", lambda: _object_code(target, has_gait)).read_bytes()
 
 
 def _object_code(target: TargetName, has_gait: bool) -> bytes:
-    assembly = without_zeroed_results(NAMES_EXCEPTION.sub("", raw_assembly()))
+    assembly = remove_zeroed_results(NAMES_EXCEPTION.sub("", raw_assembly()))
     assembly = TO_INTEGER.sub(
         r"  \1.word = fptosi double \2 to i32\n  \1 = sext i32 \1.word to i64", assembly
     )
     assembly, constants = HAS_GAIT.subn(rf'\1c"\\0{has_gait:d}"', assembly)
     assert constants > 0, "the raw assembly lacks the constant that leaves out the gait"
     tick, calibrate = assembly.partition("\n")[0].removeprefix("; ").split()
-    state = in_precision(stored(INITIAL), FirmwareState, TARGETS[target].precision)
+    state = to_precision(to_flat(INITIAL), FirmwareState, TARGETS[target].precision)
     words = np.frombuffer(state.tobytes(), "<u4")
     (places,) = words.nonzero()
     wrapper = WRAPPER.format(
@@ -175,10 +175,10 @@ def _object_code(target: TargetName, has_gait: bool) -> bytes:
         places=", ".join(f"i16 {place}" for place in places),
         words=", ".join(f"i32 {word}" for word in words[places]),
     )
-    return retargeted(assembly + wrapper, TARGETS[target], ENTRIES)
+    return retarget(assembly + wrapper, TARGETS[target], ENTRIES)
 
 
-def without_zeroed_results(assembly: str) -> str:
+def remove_zeroed_results(assembly: str) -> str:
     """The assembly without the zeros that numba stores into the memory of a call's result beforehand.
 
     The result counts only if the call succeeds. After a call that fails, LLVM would carry on these zeros
@@ -210,10 +210,10 @@ def code_generation() -> Iterator[None]:
         llvm.set_option("", f"{repetitions}0")
 
 
-def retargeted(assembly: str, target: Target, kept_names: Collection[str]) -> bytes:
+def retarget(assembly: str, target: Target, kept_names: Collection[str]) -> bytes:
     """The object file of numba's raw LLVM assembly; only `kept_names` have external linkage."""
     if target.precision == "single":
-        assembly = single_precision.narrowed(assembly)
+        assembly = single_precision.narrow(assembly)
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     machine = llvm.Target.from_triple(target.triple).create_target_machine(

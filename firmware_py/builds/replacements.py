@@ -20,7 +20,7 @@ from firmware_py.builds.numba_subset import (
     store,
 )
 from firmware_py.core.config import Config, Derived
-from firmware_py.core.configure import tuned
+from firmware_py.core.configure import derive_tuning_constants
 from firmware_py.core.estimation import kalman
 from firmware_py.core.gait import follow
 from firmware_py.interface.generated.parameters import Parameters
@@ -237,7 +237,7 @@ def _with_page(config: Any, pool: Any) -> Any:
 def _apply(config: Any, p: Any, pool: Any) -> Any:
     """`calibration.apply` to the config at an address."""
     place = _derived_place(config)
-    _store(tuned(p, _load_derived(place)), place)
+    _store(derive_tuning_constants(p, _load_derived(place)), place)
     put_page(config, pool, _parameters_place(config))
     return config
 

@@ -30,7 +30,7 @@ _SPLIT: tuple[tuple[tuple[float, ...], int], ...] = (
 """Constants that are sums of several floats, and the bits of all terms but the last one."""
 
 
-def single(value: Fraction | float) -> float:
+def round_to_single(value: Fraction | float) -> float:
     """The nearest number of single precision; infinite from halfway between the largest one and 2¹²⁸ on.
 
     >>> single(0.1)
@@ -43,7 +43,7 @@ def single(value: Fraction | float) -> float:
     return rounded
 
 
-def pieces(number: Fraction, count: int, bits: int) -> Iterator[float]:
+def split_number(number: Fraction, count: int, bits: int) -> Iterator[float]:
     """A positive number as a sum of floats; all terms but the last have at most `bits` bits.
 
     >>> [float(piece).hex() for piece in pieces(Fraction(1, 3), 2, 4)]
@@ -54,7 +54,7 @@ def pieces(number: Fraction, count: int, bits: int) -> Iterator[float]:
         piece = round(number / unit) * unit
         yield float(piece)
         number -= piece
-    yield single(number)
+    yield round_to_single(number)
 
 
 def _replaced() -> Iterator[tuple[float, float]]:
@@ -63,10 +63,10 @@ def _replaced() -> Iterator[tuple[float, float]]:
     yield elementary._HALF, 2.0**12 + 1.0
     for terms, bits in _SPLIT:
         exact = sum(map(Fraction, terms), Fraction())
-        yield from zip(terms, pieces(exact, len(terms), bits), strict=True)
+        yield from zip(terms, split_number(exact, len(terms), bits), strict=True)
 
 
-REPLACED = {value: other for value, other in _replaced() if other != single(value)}
+REPLACED = {value: other for value, other in _replaced() if other != round_to_single(value)}
 """Constants that are not merely rounded, with their values for single precision."""
 
 # Each pattern begins with plain characters, which `re` finds faster than what must not precede them.
@@ -84,7 +84,7 @@ _REWRITTEN: Sequence[tuple[re.Pattern[str], str]] = (
 _QUOTED = re.compile(r'("[^"]*")')
 
 
-def narrowed(assembly: str) -> str:
+def narrow(assembly: str) -> str:
     """The LLVM assembly with every double replaced by a float."""
     return "\n".join(_line(line) if "double" in line else line for line in assembly.split("\n"))
 
@@ -105,4 +105,4 @@ def _constant(found: re.Match[str]) -> str:
     """A constant in single precision; LLVM writes a float as the bits of the equal double."""
     text = found[1]
     value: float = struct.unpack(">d", bytes.fromhex(text[2:]))[0] if text.startswith("0x") else float(text)
-    return f" 0x{struct.pack('>d', REPLACED.get(value, single(value))).hex().upper()}"
+    return f" 0x{struct.pack('>d', REPLACED.get(value, round_to_single(value))).hex().upper()}"

@@ -16,7 +16,7 @@ from firmware_py.interface.zeroed import zeroed
 STANDARD_GRAVITY_M_S2 = 9.80665
 
 
-def gate_limits(p: Parameters) -> GateLimits:
+def derive_gate_limits(p: Parameters) -> GateLimits:
     """All that the gate knows of the parameters."""
     tick_s, mass_kg = p.control.tick_s, p.striker.mass_kg
     return GateLimits(
@@ -54,7 +54,7 @@ def in_ticks(duration_s: float, tick_s: float, least: int = 0) -> int:
 
 
 def ticks_of(p: Parameters) -> Ticks:
-    """The durations in ticks of the control period, without those that `tuned` computes."""
+    """The durations in ticks of the control period, without those that `derive_tuning_constants` computes."""
     tick_s = p.control.tick_s
     return zeroed(
         Ticks,
@@ -82,7 +82,7 @@ def ticks_of(p: Parameters) -> Ticks:
     )
 
 
-def of_the_module(p: Parameters) -> Derived:
+def derive_module_constants(p: Parameters) -> Derived:
     """The constants that follow from parameters which never change over the bus; 0 for the others."""
     tick_s, mass_kg, restitution = p.control.tick_s, p.striker.mass_kg, p.stop.restitution
     stiffness_1_s2 = p.striker.spring_n_m / mass_kg
@@ -112,11 +112,11 @@ def of_the_module(p: Parameters) -> Derived:
         unloaded_rad_s2=implausible_rad_s2 + largest_load_n_m / p.motor.inertia_kg_m2,
         spin_down_highest_rad_s=min(1.5 * natural_rad_s, 0.97 * p.limit.speed_rad_s),
         ticks=ticks_of(p),
-        gate=gate_limits(p),
+        gate=derive_gate_limits(p),
     )
 
 
-def tuned(p: Parameters, d: Derived) -> Derived:
+def derive_tuning_constants(p: Parameters, d: Derived) -> Derived:
     """`d` with the constants that follow from tuning parameters."""
     tick_s = p.control.tick_s
     spin_down_s = p.spin_down.longest_s if p.gait.follow > 0 else 0.0
@@ -140,10 +140,10 @@ def tuned(p: Parameters, d: Derived) -> Derived:
 
 def config_of(parameters: Parameters, damaged: bool) -> Config:
     """The configuration for parameters within their bounds; `damaged`: see `Config`."""
-    d = tuned(parameters, of_the_module(parameters))
+    d = derive_tuning_constants(parameters, derive_module_constants(parameters))
     return Config(parameters.control.tick_s, parameters, d, damaged)
 
 
-def after_commit(config: Config, parameters: Parameters) -> Config:
+def commit(config: Config, parameters: Parameters) -> Config:
     """The configuration with other tuning parameters; damaged ones remain marked as damaged."""
-    return config._replace(p=parameters, d=tuned(parameters, config.d))
+    return config._replace(p=parameters, d=derive_tuning_constants(parameters, config.d))

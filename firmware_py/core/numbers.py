@@ -32,7 +32,7 @@ def at_least(value: float, floor: float) -> float:
     return value if value >= floor else floor
 
 
-def floored(value: float) -> float:
+def round_down(value: float) -> float:
     """The largest whole number not above `value`, which is within ±`LARGEST_TO_WRAP`.
 
     `math.floor` gives an integer, which a microcontroller converts by many instructions, and raises for NaN.
@@ -45,7 +45,7 @@ def fraction(turns: float) -> float:
     """The fractional part of `turns`, in [0, 1); 0 for NaN and beyond ±`LARGEST_TO_WRAP`."""
     if not -LARGEST_TO_WRAP <= turns <= LARGEST_TO_WRAP:
         return 0.0
-    rest = turns - floored(turns)
+    rest = turns - round_down(turns)
     return rest if 0.0 <= rest < 1.0 else 0.0
 
 
@@ -53,7 +53,7 @@ def wrap_pi(angle_rad: float) -> float:
     """`angle_rad` in (−π, π]; 0 for NaN and beyond ±`LARGEST_TO_WRAP`."""
     if not -LARGEST_TO_WRAP <= angle_rad <= LARGEST_TO_WRAP:
         return 0.0
-    angle = angle_rad - TAU * floored((angle_rad + math.pi) / TAU)
+    angle = angle_rad - TAU * round_down((angle_rad + math.pi) / TAU)
     return angle if -math.pi < angle <= math.pi else math.pi  # outside by rounding only
 
 
@@ -61,5 +61,5 @@ def wrap_two_pi(angle_rad: float) -> float:
     """`angle_rad` in [0, 2π); 0 for NaN and beyond ±`LARGEST_TO_WRAP`."""
     if not -LARGEST_TO_WRAP <= angle_rad <= LARGEST_TO_WRAP:
         return 0.0
-    angle = angle_rad - TAU * floored(angle_rad / TAU)
+    angle = angle_rad - TAU * round_down(angle_rad / TAU)
     return angle if 0.0 <= angle < TAU else 0.0  # outside by rounding only

@@ -97,7 +97,7 @@ def supervise(
     if watchdog_proof.tolerates(state.proof, inputs.drive):
         findings = findings._replace(drive=NO_FAULT)
     proven = watchdog_proof.may_start(config, state.proof)
-    valid_ratio = start.valid_ratio(config, inputs.operator.target_ratio)
+    valid_ratio = start.is_valid_ratio(config, inputs.operator.target_ratio)
     observed = Observed(
         estop=inputs.estop,
         request=inputs.operator.request,
@@ -164,7 +164,7 @@ def command(
     elif mode in MOVING and is_closed:
         speed_now = speed.step(config, state.speed, crank_now, state.estimator, target_rad_s, target_rad_s2)
     else:
-        speed_now = speed.safe(state.speed)
+        speed_now = speed.rest(state.speed)
     state = state._replace(start=start_now, hold=hold_now, spin_down=spin_down_now, speed=speed_now)
     return state, target_rad_s
 

@@ -92,9 +92,9 @@ class FrameCodec(Generic[R]):
             frame, sendable = self.pack(record, counter)
             data = bytes_of(frame.word, self.length)
         except (TypeError, ValueError, OverflowError, struct.error) as error:
-            raise unencodable(self.layout, record) from error
+            raise find_encoding_error(self.layout, record) from error
         if not sendable:
-            raise unencodable(self.layout, record)
+            raise find_encoding_error(self.layout, record)
         return Frame(self.can_id, data)
 
     def decode(self, data: bytes) -> R:
@@ -103,7 +103,7 @@ class FrameCodec(Generic[R]):
         """
         record, reason = self.unpack(len(data), word_of(data))
         if reason is not ACCEPTED:
-            raise unusable(self.layout, data, reason)
+            raise find_decoding_error(self.layout, data, reason)
         return record
 
     def counter(self, data: bytes) -> int:
@@ -113,7 +113,7 @@ class FrameCodec(Generic[R]):
         return counter_of(self.kind, word_of(data))
 
 
-def unusable(layout: "Layout", data: bytes, reason: FrameErrorReason) -> FrameError:
+def find_decoding_error(layout: "Layout", data: bytes, reason: FrameErrorReason) -> FrameError:
     """The error for data that the decoder refuses for `reason`; it names the invalid signal."""
     title = f"{layout.name} (0x{layout.can_id:03X})"
     if reason is FrameErrorReason.LENGTH:
@@ -130,16 +130,16 @@ def unusable(layout: "Layout", data: bytes, reason: FrameErrorReason) -> FrameEr
         if signal.is_signed and not signal.is_float and counts >> signal.bits - 1:
             counts -= 1 << signal.bits
         value = float32_of(counts) if signal.is_float else counts
-        found = _unsendable(layout.name, signal, value, is_counts=True)
+        found = find_signal_error(layout.name, signal, value, is_counts=True)
         if found is not None:
             return found
     raise AssertionError(f"{title}: refused for {reason.name}, but every signal of {data.hex(' ')} is well")
 
 
-def unencodable(layout: "Layout", record: tuple[Any, ...]) -> FrameError:
+def find_encoding_error(layout: "Layout", record: tuple[Any, ...]) -> FrameError:
     """The error for a record that the encoder refuses; it names the first field that cannot be sent."""
     for signal, value in zip(layout.signals.values(), record, strict=False):
-        found = _unsendable(layout.name, signal, value, is_counts=False)
+        found = find_signal_error(layout.name, signal, value, is_counts=False)
         if found is not None:
             return found
     wanted = ", ".join(layout.signals)
@@ -148,11 +148,11 @@ def unencodable(layout: "Layout", record: tuple[Any, ...]) -> FrameError:
     )
 
 
-def _unsendable(frame: str, signal: "Signal", value: object, is_counts: bool) -> FrameError | None:
+def find_signal_error(frame: str, signal: "Signal", value: object, is_counts: bool) -> FrameError | None:
     where = f"{frame}.{signal.name}"
     quantity = signal.is_float or (signal.kind.value == "Quantity" and not is_counts)
     if not isinstance(value, Real):
-        return _not_a_number(where, value, "a number")
+        return refuse_type(where, value, "a number")
     if not math.isfinite(value):
         return FrameError(FrameErrorReason.NOT_FINITE, f"{where}: {value}, wanted a finite number")
     if quantity:
@@ -160,11 +160,11 @@ def _unsendable(frame: str, signal: "Signal", value: object, is_counts: bool) ->
         too_large = signal.is_float and abs(float(value)) > FLOAT32_MAX
         return FrameError(FrameErrorReason.RANGE, f"{where}: {value}, wanted {wanted}") if too_large else None
     if not isinstance(value, Integral):
-        return _not_a_number(where, value, "a whole number (int)")
-    return _unlisted(where, signal, int(value))
+        return refuse_type(where, value, "a whole number (int)")
+    return find_range_error(where, signal, int(value))
 
 
-def _unlisted(where: str, signal: "Signal", number: int) -> FrameError | None:
+def find_range_error(where: str, signal: "Signal", number: int) -> FrameError | None:
     if signal.values:
         if number in signal.values:
             return None
@@ -177,7 +177,7 @@ def _unlisted(where: str, signal: "Signal", number: int) -> FrameError | None:
     return FrameError(FrameErrorReason.RANGE, f"{where}: {number} counts, wanted {wanted}")
 
 
-def _not_a_number(where: str, value: object, wanted: str) -> FrameError:
+def refuse_type(where: str, value: object, wanted: str) -> FrameError:
     return FrameError(
         FrameErrorReason.NOT_A_NUMBER, f"{where}: {value!r} is {type(value).__name__}, wanted {wanted}"
     )

@@ -17,7 +17,7 @@ CRC_INITIAL = 0xFF
 CRC_FINAL_XOR = 0xFF
 
 
-def _shifted_out(byte: int) -> int:
+def shift_out(byte: int) -> int:
     """Remainder of `byte`·x⁸ divided by the polynomial."""
     remainder = byte
     for _ in range(8):
@@ -28,7 +28,7 @@ def _shifted_out(byte: int) -> int:
     return remainder
 
 
-CRC_TABLE = bytes(_shifted_out(byte) for byte in range(256))
+CRC_TABLE = bytes(shift_out(byte) for byte in range(256))
 
 
 class FrameKind(NamedTuple):
@@ -86,7 +86,7 @@ def check_frame(kind: FrameKind, length: int, word: int, listed: bool) -> FrameE
     return ACCEPTED if listed else FrameErrorReason.VALUE
 
 
-def saturated(counts: float, low: int, high: int) -> int:
+def saturate(counts: float, low: int, high: int) -> int:
     """The whole number nearest to `counts`, limited to `low` and `high`; NaN gives `low`."""
     if low < counts < high:
         return round(counts)

@@ -49,7 +49,7 @@ source runs interpreted, compiled and on a microcontroller.
 from math import isfinite
 
 from firmware_py.interface.frame import WordFrame
-from firmware_py.interface.framing import float32_counts, is_float32, saturated, seal, signed
+from firmware_py.interface.framing import float32_counts, is_float32, saturate, seal, signed
 from firmware_py.interface.generated import kinds, records
 '''
 
@@ -248,7 +248,7 @@ def _placed(signal: Signal) -> str:
         counts, is_signed = f"float32_counts({signal.name})", False
     elif signal.kind is SignalKind.QUANTITY:
         scaled = f"{signal.name} / {signal.scale!r}" if signal.is_real else f"float({signal.name})"
-        counts = f"saturated({scaled}, {signal.low_counts}, {signal.high_counts})"
+        counts = f"saturate({scaled}, {signal.low_counts}, {signal.high_counts})"
     if signal.start + signal.bits == 64:
         # The word is signed: its top bit is the sign.
         counts = counts if is_signed else f"signed({counts}, {signal.bits})"
@@ -314,7 +314,7 @@ def branch(layout: Layout) -> str:
     )
 
 
-def formatted(text: str) -> str:
+def format_source(text: str) -> str:
     """The Python source, formatted by `ruff format`; needs the packages of requirements-dev.lock."""
     command = [sys.executable, "-P", "-m", "ruff", "format", "--stdin-filename", __file__, "-"]
     return subprocess.run(command, input=text, check=True, capture_output=True, text=True).stdout
@@ -323,4 +323,4 @@ def formatted(text: str) -> str:
 if __name__ == "__main__":
     argparse.ArgumentParser(prog="python -m firmware_py.interface.generate", description=__doc__).parse_args()
     for file, text in sources().items():
-        (GENERATED / file).write_text(formatted(text), encoding="utf-8")
+        (GENERATED / file).write_text(format_source(text), encoding="utf-8")

@@ -12,7 +12,7 @@ import struct
 from typing import Any
 
 from firmware_py.core.config import Config
-from firmware_py.core.configure import after_commit
+from firmware_py.core.configure import commit
 from firmware_py.core.conflicts import Conflict, conflict_of
 from firmware_py.interface.enums import E_STOP, FAULT, INIT, READY, Mode, XcpError
 from firmware_py.interface.float32 import float32_bits, float32_of
@@ -73,7 +73,7 @@ def with_page(config: Config, pool: list[int]) -> Parameters:
 
 def apply(config: Config, p: Parameters, pool: list[int]) -> Config:
     """The config with the parameters `p` of `with_page`; a compiled build changes its memory."""
-    return after_commit(config, p)
+    return commit(config, p)
 
 
 def is_writable(place: int, mode: Mode) -> bool:
@@ -95,7 +95,7 @@ def stage(pool: list[int], place: int, bits: int, mode: Mode) -> XcpError:
     return XcpError.NONE
 
 
-def commit_error(pool: list[int], config: Config, mode: Mode) -> XcpError:
+def find_commit_error(pool: list[int], config: Config, mode: Mode) -> XcpError:
     """Why the staged values cannot be applied together now."""
     for place in range(COUNT):
         bits = pool[PAGE_AT + place]
@@ -118,7 +118,7 @@ def calibrate(pool: list[int], config: Config, mode: Mode) -> Config:
             pool[PAGE_AT + index] = bits_in_use(config, index)
         return config
     is_commit = place == COMMIT
-    error = commit_error(pool, config, mode) if is_commit else stage(pool, place, pool[VALUE], mode)
+    error = find_commit_error(pool, config, mode) if is_commit else stage(pool, place, pool[VALUE], mode)
     if error != XcpError.NONE:
         refuse(pool, error)
         return config

@@ -88,7 +88,7 @@ INITIAL = NodeState(
 NO_TX = Tx(0, transmitter.NO_FRAME, transmitter.NO_FRAME, transmitter.NO_FRAME)
 
 
-def with_frame(tx: Tx, frame: WordFrame) -> Tx:
+def add_frame(tx: Tx, frame: WordFrame) -> Tx:
     """`tx` with one more frame behind the others; `NO_FRAME` adds none."""
     if frame.can_id == 0:
         return tx
@@ -110,15 +110,15 @@ def transmit(
     other = transmitter.NO_FRAME
     if now.drive_frame != NO_DRIVE_FRAME:
         position_rev = received.encoder_estimates.position_rev
-        other = transmitter.drive_frame(config, now.drive_frame, position_rev)
+        other = transmitter.pack_drive_frame(config, now.drive_frame, position_rev)
     elif waiting.waiting != 0:
         waiting, other = transmitter.next_frame(config, waiting, tick + behind_ticks, core, now)
         lost += 1 if other.can_id == 0 else 0
     tx = NO_TX
     if not now.withholds:
         torque, _ = packing.pack_set_input_torque(SetInputTorque(now.torque_n_m), 0)
-        tx = with_frame(tx, torque)
-    return waiting, lost, with_frame(tx, other)
+        tx = add_frame(tx, torque)
+    return waiting, lost, add_frame(tx, other)
 
 
 def tick(config: Config, state: NodeState, rx: Rx) -> tuple[NodeState, Tx]:

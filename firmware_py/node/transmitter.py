@@ -149,7 +149,7 @@ def queue_cyclic(
     return now
 
 
-def drive_frame(config: Config, kind: DriveFrame, position_rev: float) -> WordFrame:
+def pack_drive_frame(config: Config, kind: DriveFrame, position_rev: float) -> WordFrame:
     """The content of a frame that the drive link sends."""
     if kind == DriveFrame.ESTOP:
         return packing.pack_drive_estop(records.DriveEstop(), 0)[0]
@@ -167,7 +167,7 @@ def drive_frame(config: Config, kind: DriveFrame, position_rev: float) -> WordFr
     return packing.pack_set_axis_state(records.SetAxisState(state), 0)[0]
 
 
-def gait_report(state: State) -> records.GaitReport:
+def gait_report_of(state: State) -> records.GaitReport:
     """The report of the estimated gait and of the crank's lock to it."""
     cycle, lock = state.gait, state.gait_lock
     walking = cycle.confidence > 0.0
@@ -182,7 +182,7 @@ def gait_report(state: State) -> records.GaitReport:
     )
 
 
-def heartbeat(outputs: Outputs) -> records.FirmwareHeartbeat:
+def heartbeat_of(outputs: Outputs) -> records.FirmwareHeartbeat:
     """The mode and its reasons."""
     return records.FirmwareHeartbeat(
         outputs.mode.value,
@@ -223,9 +223,9 @@ def pack(  # noqa: PLR0911 - a line a frame
         estimate = records.StrikerEstimate(x_m, v_m_s, state.crank.omega_rad_s)
         return packing.pack_striker_estimate(estimate, count)
     if frame == HEARTBEAT.value:
-        return packing.pack_firmware_heartbeat(heartbeat(outputs), count)
+        return packing.pack_firmware_heartbeat(heartbeat_of(outputs), count)
     if frame == GAIT.value:
-        return packing.pack_gait_report(gait_report(state), count)
+        return packing.pack_gait_report(gait_report_of(state), count)
     return NO_FRAME, False
 
 

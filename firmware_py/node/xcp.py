@@ -29,7 +29,7 @@ from firmware_py.interface.generated import packing
 from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.generated.records import XcpCommand, XcpResponse
 from firmware_py.node.places import ALL, latch, word_at, word_of
-from firmware_py.node.tick import NodeState, Tx, with_frame
+from firmware_py.node.tick import NodeState, Tx, add_frame
 
 RESPONSE, ERROR = 0xFF, 0xFE
 """Packet identifiers of a response and of an error."""
@@ -131,7 +131,7 @@ def upload(pool: list[int], state: object, extension: int, address: int, size: i
     return answer(pool, content, content >> 24)
 
 
-def checksum(pool: list[int], state: object, size: int) -> XcpError:
+def build_checksum(pool: list[int], state: object, size: int) -> XcpError:
     """BUILD_CHECKSUM: the sum of whole elements (XCP_ADD_44)."""
     extension, address, total = pool[EXTENSION], pool[ADDRESS], 0
     if size > MOST_SUMMED_BYTES:
@@ -173,7 +173,7 @@ def is_running(pool: list[int]) -> bool:
     return modes & RUNNING != 0
 
 
-def allocation_error(  # noqa: PLR0911 - a line a reason
+def find_allocation_error(  # noqa: PLR0911 - a line a reason
     pool: list[int], code: int, number: int, second: int, third: int
 ) -> XcpError:
     """Why `allocate` is refused: not in the standard's order, in which the codes descend, or no room."""
@@ -196,7 +196,7 @@ def allocation_error(  # noqa: PLR0911 - a line a reason
 
 def allocate(pool: list[int], code: int, number: int, second: int, third: int) -> XcpError:
     """FREE_DAQ, ALLOC_DAQ: `number` lists, ALLOC_ODT: `second` ODTs of a list, ALLOC_ODT_ENTRY: `third`."""
-    error = allocation_error(pool, code, number, second, third)
+    error = find_allocation_error(pool, code, number, second, third)
     if error != XcpError.NONE:
         return error
     at = list_at(number)
@@ -245,7 +245,7 @@ def set_mode(pool: list[int], at: int, mode: int, high: int) -> XcpError:
     return XcpError.NONE
 
 
-def meant_lists(pool: list[int], code: int, mode: int, number: int) -> int:
+def select_lists(pool: list[int], code: int, mode: int, number: int) -> int:
     """The lists that START_STOP_DAQ_LIST, on the list `number`, or START_STOP_SYNCH means: a bit for each."""
     if code == Code.START_STOP_DAQ_LIST:
         return 1 << number
@@ -256,7 +256,7 @@ def meant_lists(pool: list[int], code: int, mode: int, number: int) -> int:
     return meant
 
 
-def starting_error(pool: list[int], meant: int) -> XcpError:
+def find_starting_error(pool: list[int], meant: int) -> XcpError:
     """Why the meant lists cannot start: incomplete, or with those that run over one packet per tick."""
     packets_a_tick = 0.0
     for index in range(pool[LISTS]):
@@ -275,8 +275,8 @@ def start_stop(pool: list[int], code: int, mode: int, number: int) -> XcpError:
     """Start, stop or select lists, from the next tick on; a single one's first identifier is answered."""
     if mode > SELECT:
         return XcpError.MODE_NOT_VALID
-    is_one, meant = code == Code.START_STOP_DAQ_LIST, meant_lists(pool, code, mode, number)
-    error = starting_error(pool, meant) if mode == START else XcpError.NONE
+    is_one, meant = code == Code.START_STOP_DAQ_LIST, select_lists(pool, code, mode, number)
+    error = find_starting_error(pool, meant) if mode == START else XcpError.NONE
     if error != XcpError.NONE:
         return error
     for index in range(pool[LISTS]):
@@ -289,7 +289,7 @@ def start_stop(pool: list[int], code: int, mode: int, number: int) -> XcpError:
     return answer(pool, pool[list_at(number) + FIRST] if is_one else 0, 0)
 
 
-def packet(pool: list[int], at: int) -> XcpResponse:
+def next_packet(pool: list[int], at: int) -> XcpResponse:
     """The next packet of a list: identifier, in the first ODT the time stamp if any, and value."""
     odt = pool[at + FIRST] + pool[at + NEXT]
     value = word_of(pool[LATCHED_AT + odt], pool[ENTRIES_AT + odt])
@@ -402,7 +402,7 @@ def execute(  # noqa: PLR0911 - a line a command
     if code == Code.SHORT_UPLOAD:
         return upload(pool, state, low >> 16, high, size)
     if code == Code.BUILD_CHECKSUM:
-        return checksum(pool, state, high)
+        return build_checksum(pool, state, high)
     if code == Code.DOWNLOAD:
         return download(pool, size, low >> 8 | (high & 0xFFFF) << 16)
     return execute_daq(pool, code, low, high)
@@ -438,13 +438,13 @@ def exchange(pool: list[int], state: object, tick_s: float, now: NodeState, tx: 
         pool[ENDS] = now.ticks + round(SILENCE_S / tick_s) if pool[IS_CONNECTED] != 0 else NEVER
     if pool[WAITS] != 0 and pool[REQUEST] != WRITE and tx.frame_count < 2:
         frame, _ = packing.pack_xcp_response(XcpResponse(pool[PACKET], pool[LOW], pool[HIGH]), 0)
-        tx = with_frame(tx, frame)
+        tx = add_frame(tx, frame)
         pool[WAITS], pool[WAKES] = 0, NOW if is_running(pool) else pool[ENDS]
     if now.ticks >= pool[ENDS]:
         end_session(pool)
     sending = next_list(pool, state)
     if sending != NO_POINTER:
-        frame, _ = packing.pack_xcp_response(packet(pool, sending), 0)
-        tx = with_frame(tx, frame)
+        frame, _ = packing.pack_xcp_response(next_packet(pool, sending), 0)
+        tx = add_frame(tx, frame)
         pool[sending + NEXT] += 1
     return tx

@@ -8,7 +8,7 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 
 from firmware_py.builds import board
-from firmware_py.builds.flat import Memory, Precision, copier, in_precision, layout, loaded
+from firmware_py.builds.flat import Memory, Precision, copier, from_flat, layout, to_precision
 from firmware_py.builds.machine_code import TARGETS
 from firmware_py.core.config import Config
 from firmware_py.node.memory import FirmwareState
@@ -71,7 +71,7 @@ class BoardNode(FlatNode):
         self._write(MESSAGE.pack(READ_CONFIG, 0, 0))
         self._read(memoryview(own.view("u1")))  # type: ignore[arg-type]  # no buffer in stubs
         copier(own, self.flat_config)()
-        self.config = loaded(Config, self.flat_config[0].item())
+        self.config = from_flat(Config, self.flat_config[0].item())
 
     def _read(self, reply: memoryview) -> None:
         """Fill a buffer with the board's reply."""
@@ -84,7 +84,7 @@ class BoardNode(FlatNode):
         self._send(STATE, FirmwareState, self.whole)
 
     def _send(self, kind: int, record: type[Any], content: Memory) -> None:
-        self._write(MESSAGE.pack(kind, 0, 0) + in_precision(content, record, self._precision).tobytes())
+        self._write(MESSAGE.pack(kind, 0, 0) + to_precision(content, record, self._precision).tobytes())
 
     def _write(self, message: bytes) -> None:
         try:

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, cast
 
-from firmware_py.builds.flat import Memory, loaded, stored
+from firmware_py.builds.flat import Memory, from_flat, to_flat
 from firmware_py.core.config import Config
 from firmware_py.interface.frame import Frame, bytes_of, word_of
 from firmware_py.interface.zeroed import Record
@@ -35,11 +35,11 @@ class FlatNode(Node):
 
     def __init__(self, config: Config) -> None:
         super().__init__(config)
-        self.whole: Memory = stored(INITIAL._replace(pool=tuple(pool_of(self.values.values()))))
+        self.whole: Memory = to_flat(INITIAL._replace(pool=tuple(pool_of(self.values.values()))))
         self.memory: Memory = self.whole["node"]
         self.pool = cast("list[int]", self.whole["pool"][0])  # an array, used like a list
-        self.flat_config = stored(config)
-        self.tx = stored(NO_TX)
+        self.flat_config = to_flat(config)
+        self.tx = to_flat(NO_TX)
         self._sent = memoryview(self.tx.view("u1"))  # type: ignore[arg-type]  # numpy's stubs lack the buffer
         self._rx = ctypes.create_string_buffer(_RX[-1].size)
 
@@ -58,7 +58,7 @@ class FlatNode(Node):
 
     def part(self, kind: type[Record], name: str) -> Record:
         """The member `name` of the `NodeState`, a record of type `kind`."""
-        record: Record = loaded(kind, self.memory[name][0].item())
+        record: Record = from_flat(kind, self.memory[name][0].item())
         return record
 
     def run_period(self, frames: Sequence[Frame], behind_ticks: int) -> list[Frame]:
@@ -80,6 +80,6 @@ class FlatNode(Node):
         """Judge the waiting request of XCP; interpreted, because requests are rare."""
         is_judged = super().calibrate()
         if is_judged:
-            self.flat_config[:] = stored(self.config)
+            self.flat_config[:] = to_flat(self.config)
             self.push_memory()
         return is_judged

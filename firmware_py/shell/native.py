@@ -4,7 +4,7 @@ import ctypes
 import functools
 from typing import Any, NamedTuple, cast
 
-from firmware_py.builds.flat import Memory, Precision, copier, in_precision
+from firmware_py.builds.flat import Memory, Precision, copier, to_precision
 from firmware_py.builds.loaded_object import function
 from firmware_py.builds.machine_code import ENTRY, TARGETS, HostName, object_code
 from firmware_py.core.config import Config
@@ -43,7 +43,7 @@ class NativeNode(FlatNode):
         super().__init__(config)
         self._tick = vibro_tick(self.target)
         self._precision = TARGETS[self.target].precision
-        self._own = in_precision(self.whole, FirmwareState, self._precision)
+        self._own = to_precision(self.whole, FirmwareState, self._precision)
         self._take, self._give = copier(self._own, self.whole), copier(self.whole, self._own)
         self.push_memory()
 
@@ -62,7 +62,7 @@ class NativeNode(FlatNode):
 
     def push_memory(self) -> None:
         """Hand over config and state in the function's precision."""
-        self._own_config = in_precision(self.flat_config, Config, self._precision)
+        self._own_config = to_precision(self.flat_config, Config, self._precision)
         self._addresses = [memory.ctypes.data for memory in (self._own_config, self._own, self.tx)]
         self._give()
 

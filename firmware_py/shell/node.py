@@ -18,7 +18,7 @@ from firmware_py.interface.zeroed import Record
 from firmware_py.node import calibration, memory, xcp
 from firmware_py.node.tick import INITIAL, Rx, tick
 from firmware_py.shell.catching_up import divide_frames, due_counter, fit_frames
-from firmware_py.shell.parameters import ParameterError, parameters_of, read_back, values_of, with_overrides
+from firmware_py.shell.parameters import ParameterError, parameters_of, parse_file, values_of, with_overrides
 
 LONGEST_CATCH_UP_S = 0.5
 """Longer than the watchdogs of links and sensors (`ceiling.link_watchdog_s`): raise both together."""
@@ -150,7 +150,7 @@ class FirmwareNode(Node):
         return [Frame(can_id, bytes_of(word, length)) for can_id, length, word in sent]
 
 
-def powered_up(
+def power_up(
     parameter_file: str, build: Mapping[str, float] | None = None, make: MakeNode = FirmwareNode
 ) -> Node:
     """A controller that starts with the content of its parameter file and the parameters of its build.
@@ -159,7 +159,7 @@ def powered_up(
     does not arm; its `damage` says what is wrong with the file.
     """
     try:
-        values = read_back(parameter_file, build)
+        values = parse_file(parameter_file, build)
     except ParameterError as error:
         node = make(config_of(parameters_of(with_overrides(build or {})), True))
         node.damage = str(error)

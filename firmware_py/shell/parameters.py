@@ -68,12 +68,12 @@ def config_from(overrides: Mapping[str, Any]) -> Config:
 # --- one value --------------------------------------------------------------------------------------------
 
 
-def rounded(value: float) -> float:
+def round_to_float32(value: float) -> float:
     """The float32 nearest to `value`, and `value` itself if it is NaN or beyond the range of float32."""
     return float32_of(float32_bits(value)) if abs(value) < FLOAT32_OVERFLOW else value
 
 
-def checked(name: str, value: Any) -> float:
+def check_value(name: str, value: Any) -> float:
     """`value` as a float within the bounds of parameter `name`; raise ParameterError otherwise."""
     parameter = BY_NAME.get(name)
     if parameter is None:
@@ -84,31 +84,31 @@ def checked(name: str, value: Any) -> float:
     bounds = f"from {parameter.low:g} to {parameter.high:g}{unit}"
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ParameterError(f"{name} = {value!r} is no number; give one {bounds}")
-    is_within = rounded(parameter.low) <= rounded(value) <= rounded(parameter.high)
+    is_within = round_to_float32(parameter.low) <= round_to_float32(value) <= round_to_float32(parameter.high)
     if not is_within or (parameter.whole and not float(value).is_integer()):
         count = "; a count is a whole number" if parameter.whole else ""
         raise ParameterError(f"{name} = {value!r}{unit} is out of bounds; give a value {bounds}{count}")
     return float(value)
 
 
-def checked_in_file(name: str, value: Any) -> float:
-    """`checked` for a value of a parameter file; parameters of the build are refused."""
+def check_in_file(name: str, value: Any) -> float:
+    """`check_value` for a value of a parameter file; parameters of the build are refused."""
     if name in OF_THE_BUILD:
         raise ParameterError(
             f"{name} is settled by the build ({value!r} is in a parameter file); remove it from the file"
         )
-    return checked(name, value)
+    return check_value(name, value)
 
 
 # --- all values together ----------------------------------------------------------------------------------
 
 
-def flattened(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Nested tables as dotted names: `{"stop": {"restitution": 0.4}}` gives `{"stop.restitution": 0.4}`."""
     flat: dict[str, Any] = {}
     for key, value in values.items():
         if isinstance(value, Mapping) and (value or f"{prefix}{key}" not in DEFAULTS):
-            flat.update(flattened(value, f"{prefix}{key}."))
+            flat.update(flatten(value, f"{prefix}{key}."))
         else:
             flat[f"{prefix}{key}"] = value
     return flat
@@ -119,7 +119,7 @@ def with_overrides(overrides: Mapping[str, Any]) -> dict[str, float]:
 
     The caller configures the build, so parameters of the tier BUILD are accepted too.
     """
-    values = DEFAULTS | {name: checked(name, value) for name, value in flattened(overrides).items()}
+    values = DEFAULTS | {name: check_value(name, value) for name, value in flatten(overrides).items()}
     refuse_conflicts(values)
     return values
 
@@ -130,7 +130,7 @@ def refuse_conflicts(values: Mapping[str, float]) -> None:
     See `core.conflicts`; or a value is above its ceiling, or a limit is above what can be measured.
     """
     for one in TABLE:
-        if one.at_most and rounded(values[one.name]) > rounded(values[one.at_most]):
+        if one.at_most and round_to_float32(values[one.name]) > round_to_float32(values[one.at_most]):
             raise ParameterError(
                 f"{one.name} = {values[one.name]:g} exceeds {one.at_most} = {values[one.at_most]:g}; "
                 "change one of them"
@@ -141,7 +141,7 @@ def refuse_conflicts(values: Mapping[str, float]) -> None:
         raise ParameterError(conflict_text(p, conflict))
     seen_m_s2 = CLIPPED_SHARE * p.sensor.high_full_scale_m_s2 - p.sensor.high_offset_m_s2
     most_n = p.striker.mass_kg * seen_m_s2
-    if rounded(p.limit.force_n) > rounded(most_n):
+    if round_to_float32(p.limit.force_n) > round_to_float32(most_n):
         raise ParameterError(
             f"limit.force_n = {p.limit.force_n:g} N exceeds the {most_n:g} N that the high range "
             f"shows on striker.mass_kg = {p.striker.mass_kg:g}; lower the limit"
@@ -176,12 +176,12 @@ def conflict_text(p: Parameters, conflict: Conflict) -> str:
     )
 
 
-def with_proof(overrides: Mapping[str, Any]) -> dict[str, Any]:
+def require_proof(overrides: Mapping[str, Any]) -> dict[str, Any]:
     """`overrides` with the test of the drive's watchdog required before a start, unless they say otherwise.
 
     For a firmware whose bus may carry a real drive.
     """
-    return {"watchdog.proof_required": 1.0} | flattened(overrides)
+    return {"watchdog.proof_required": 1.0} | flatten(overrides)
 
 
 def addresses_from(values: Mapping[str, Any]) -> Addresses:
@@ -190,9 +190,9 @@ def addresses_from(values: Mapping[str, Any]) -> Addresses:
     return addresses(int(complete["bus.drive_node"]), int(complete["bus.own_node"]))
 
 
-def of_the_build(values: Mapping[str, Any]) -> dict[str, float]:
+def select_build(values: Mapping[str, Any]) -> dict[str, float]:
     """The parameters of the build among `values`."""
-    return {name: value for name, value in flattened(values).items() if name in OF_THE_BUILD}
+    return {name: value for name, value in flatten(values).items() if name in OF_THE_BUILD}
 
 
 # --- the parameter file -----------------------------------------------------------------------------------
@@ -203,7 +203,7 @@ def _checksum(values: Mapping[str, float]) -> str:
     return f"{zlib.crc32(text.encode()):08x}"
 
 
-def written(values: Mapping[str, float]) -> str:
+def format_file(values: Mapping[str, float]) -> str:
     """A complete set of values as TOML with its checksum, without the parameters of the build."""
     filed = {name: value for name, value in values.items() if name not in OF_THE_BUILD}
     document: dict[str, Any] = {"checksum": _checksum(filed)}
@@ -213,25 +213,25 @@ def written(values: Mapping[str, float]) -> str:
     return tomli_w.dumps(document)
 
 
-def read_back(
+def parse_file(
     text: str, build: Mapping[str, float] | None = None, source: str = "the parameter file"
 ) -> dict[str, float]:
-    """The values of a file that `written` made, with the `build`'s parameters, or defaults without them.
+    """The values of a file that `format_file` made, with the `build`'s parameters, or defaults without them.
 
     Raises ParameterError if the file is damaged or incomplete, or contains parameters of the build.
     """
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ParameterError(f"{source} is no TOML ({error}); write it again with written()") from error
+        raise ParameterError(f"{source} is no TOML ({error}); write it again with format_file()") from error
     checksum = document.pop("checksum", None)
-    values = {name: checked_in_file(name, value) for name, value in flattened(document).items()}
+    values = {name: check_in_file(name, value) for name, value in flatten(document).items()}
     missing = sorted(set(BY_NAME) - set(OF_THE_BUILD) - set(values))
     if missing:
-        raise ParameterError(f"{source} lacks {', '.join(missing)}; write it again with written()")
+        raise ParameterError(f"{source} lacks {', '.join(missing)}; write it again with format_file()")
     if checksum != _checksum(values):
         raise ParameterError(
             f"{source} has checksum {checksum!r}, its values give {_checksum(values)!r}: it is damaged or "
-            "was edited by hand; write it again with written()"
+            "was edited by hand; write it again with format_file()"
         )
-    return with_overrides(values | of_the_build(build or {}))
+    return with_overrides(values | select_build(build or {}))

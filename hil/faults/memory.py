@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from firmware_py.shell.parameters import of_the_build, with_overrides, written
+from firmware_py.shell.parameters import format_file, select_build, with_overrides
 from hil.faults.fault import Fault
 from hil.faults.on_process import MemoryFault
 
@@ -20,8 +20,8 @@ class ParameterMemory:
     """
 
     def __init__(self, parameters: Mapping[str, Any], faults: Sequence[Fault] = (), seed: int = 1) -> None:
-        self.of_the_build = of_the_build(parameters)
-        self._text = written(with_overrides(parameters))
+        self.of_the_build = select_build(parameters)
+        self._text = format_file(with_overrides(parameters))
         self._damages = [fault for fault in faults if isinstance(fault, MemoryFault)]
         self._noise = np.random.default_rng([seed, SEED_OF_MEMORY])
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from firmware_py.interface.addresses import Addresses, bus_id
 from firmware_py.interface.generated import received
 from firmware_py.shell.builds import Build, node_of
-from firmware_py.shell.parameters import addresses_from, config_from, with_proof
+from firmware_py.shell.parameters import addresses_from, config_from, require_proof
 from hil.bus import Bus, is_own_bus, join_in_turns, open_bus
 from hil.bus.addressed import addressed
 from hil.bus.hub_socket import TurnSocket
@@ -118,7 +118,7 @@ def firmware_main(scenario: str | None, settings: Sequence[str], process: NodePr
         parameters, faults = loaded.parameters, of_a_node(loaded.faults)
         walks = loaded.scene.gait is not None
     if not (process.sync or is_own_bus(process.bus)):
-        parameters = with_proof(parameters)
+        parameters = require_proof(parameters)
     period_s = config_from(parameters).tick_s
     refuse_other_periods(period_s)
     warm_firmware(parameters, build)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from firmware_py.interface.frame import Frame
-from firmware_py.shell.node import FirmwareNode, MakeNode, powered_up
+from firmware_py.shell.node import FirmwareNode, MakeNode, power_up
 from hil.faults.fault import Fault
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
@@ -140,9 +140,7 @@ class FirmwareRunner:
 
     def _power_up(self, tick: int) -> None:
         self.last_tick = tick - 1
-        self.node = powered_up(
-            self._memory.read(tick * self._period_s), self._memory.of_the_build, self._make
-        )
+        self.node = power_up(self._memory.read(tick * self._period_s), self._memory.of_the_build, self._make)
         if self.node.damage:
             self._say(self.node.damage)
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from firmware_py.shell.parameters import BY_NAME, ParameterError, checked_in_file
+from firmware_py.shell.parameters import BY_NAME, ParameterError, check_in_file
 from hil.record.formats import PARAMETERS, FormatError, refuse_other_format
 from plant_sim.text_input import read_toml
 
@@ -38,7 +38,7 @@ def values_of(document: Mapping[str, Any], path: Path) -> dict[str, float]:
     for name, entry in document["parameters"].items():
         if not isinstance(entry, dict) or "value" not in entry:
             raise ParameterError(f'{path}: [parameters."{name}"] wants value and unit')
-        values[name] = checked_in_file(name, entry["value"])
+        values[name] = check_in_file(name, entry["value"])
         if entry.get("unit") != BY_NAME[name].unit:
             raise ParameterError(
                 f"{path}: {name} is given in {entry.get('unit')!r}; wanted {BY_NAME[name].unit!r}"

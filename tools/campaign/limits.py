@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.interface.enums import Fault, Mode
-from firmware_py.shell.parameters import flattened
+from firmware_py.shell.parameters import flatten
 from hil.scenario.scenario import Scenario
 from plant_sim.scene import read_scene
 from tools.campaign.campaign import (
@@ -191,7 +191,7 @@ def judge_contacts(trial: Trial, done: Run, outcome: Outcome) -> bool:
     after which no limit's fault was latched in time; `tripped_0` of the contacts far below the limits, those
     with a limit's fault.
     """
-    limit = flattened(trial.scenario.parameters)
+    limit = flatten(trial.scenario.parameters)
     force_n, impulse_n_s = limit["limit.force_n"], limit["limit.impulse_n_s"]
     kicked, *losses = trial.scenario.faults
     latch = next((change for change in done.modes if change.mode == Mode.FAULT), None)

@@ -60,7 +60,7 @@ def build(
     from firmware_py.builds.c_header import config_header, header
     from firmware_py.builds.machine_code import TARGETS, object_code, sizes
     from firmware_py.node.memory import file_name
-    from firmware_py.shell.parameters import addresses_from, config_from, with_proof
+    from firmware_py.shell.parameters import addresses_from, config_from, require_proof
     from hil.scenario.scenario import load_scenario
     from hil.scenario.settings import apply_settings
     from tools.budget import ram_by_block
@@ -69,7 +69,7 @@ def build(
         parameters = apply_settings({"firmware": {}}, change or [])["firmware"]
     else:
         parameters = load_scenario(scenario, change or []).parameters
-    config = config_from(parameters if target.startswith("host") else with_proof(parameters))
+    config = config_from(parameters if target.startswith("host") else require_proof(parameters))
     has_gait = config.p.gait.follow > 0
     code, precision = object_code(target, has_gait), TARGETS[target].precision
     out.mkdir(parents=True, exist_ok=True)

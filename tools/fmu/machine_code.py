@@ -19,8 +19,8 @@ import numba
 import numpy as np
 from numba.core import types
 
-from firmware_py.builds.flat import stored
-from firmware_py.builds.machine_code import NAMES_EXCEPTION, RAW, Target, retargeted
+from firmware_py.builds.flat import to_flat
+from firmware_py.builds.machine_code import NAMES_EXCEPTION, RAW, Target, retarget
 from hil.timing.realtime import collect_rarely
 from kernel_cache import folder_of, kept_file
 from numba_linking import LINKED
@@ -54,7 +54,7 @@ class Flat(NamedTuple):
 
 def flat(record: tuple[Any, ...]) -> Flat:
     """A record of the firmware's subset, as in `firmware_py.builds.flat`."""
-    content = stored(record).tobytes()
+    content = to_flat(record).tobytes()
     return Flat(np.frombuffer(content.ljust(-(-len(content) // 8) * 8, b"\0"), np.int64).tolist())
 
 
@@ -94,7 +94,7 @@ def object_code(arguments: tuple[str, ...], names: Iterable[str]) -> bytes:
             fresh = Path(folder) / "raw.ll"
             command = [sys.executable, "-P", "-m", "tools.fmu.machine_code", str(fresh), *arguments]
             subprocess.run(command, env=environ | RAW, check=True)
-            return retargeted(fresh.read_text(), TARGET, tuple(names))
+            return retarget(fresh.read_text(), TARGET, tuple(names))
 
     digest = hashlib.sha256("\0".join(arguments).encode()).hexdigest()[:16]
     folder = folder_of("tools.fmu", Path(__file__).with_name("models.py"))

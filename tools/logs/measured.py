@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from firmware_py.builds.a2l import unit_of
 from firmware_py.interface.enums import XcpError
 from firmware_py.interface.parameter_table import INDEX, TABLE
-from firmware_py.shell.parameters import addresses_from, checked
+from firmware_py.shell.parameters import addresses_from, check_value
 from hil.bus import open_bus
 from hil.bus.addressed import addressed
 from hil.bus.xcp_master import RefusedError, Sampled, XcpMaster
@@ -144,7 +144,7 @@ def pairs_of(texts: Sequence[str]) -> dict[str, float]:
             raise BadInputError(f"{text!r}: wanted KEY=NUMBER, e.g. speed.gain_p_n_m_s=0.06") from None
         if key in wanted:
             raise BadInputError(f"{key} is given twice; wanted one value for each parameter")
-        wanted[key] = checked(key, number)
+        wanted[key] = check_value(key, number)
     return wanted
 
 

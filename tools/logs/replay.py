@@ -20,8 +20,8 @@ from firmware_py.interface.dbc import database
 from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.builds import Build, node_of
-from firmware_py.shell.node import powered_up
-from firmware_py.shell.parameters import config_from, of_the_build
+from firmware_py.shell.node import power_up
+from firmware_py.shell.parameters import config_from, select_build
 from hil.faults.memory import ParameterMemory
 from hil.faults.on_bus import NamedFrames
 from hil.record.run_folder import read_note, refuse_irregular
@@ -156,8 +156,8 @@ def replay(source: Path, build: Build = "compiled", parameters: Sequence[Path] =
         refuse_unknown_beginning(log, recorded["mode"])
     faults, seed = ((), 1) if scenario is None else (scenario.faults, scenario.seed)
     hidden = "" if scenario is None else hidden_cause(scenario)
-    node = powered_up(
-        ParameterMemory(overrides, faults, seed).read(0.0), of_the_build(overrides), node_of(build)
+    node = power_up(
+        ParameterMemory(overrides, faults, seed).read(0.0), select_build(overrides), node_of(build)
     )
     replayed = [SentFrame(tick.t_s, frame) for tick in ticks for frame in node.tick(tick.received, 1)]
     changed_frames = compare_frames(sent, replayed, ticks[-min(LAST_TICKS, len(ticks))].t_s)

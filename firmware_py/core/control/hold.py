@@ -70,7 +70,7 @@ def wanted_step(config: Config, ratio: float, request: Request, impulse_n_s: flo
     return clamp(step, config.p.hold.largest_step)
 
 
-def possible(config: Config, target_impulse_n_s: float) -> bool:
+def is_possible(config: Config, target_impulse_n_s: float) -> bool:
     """Whether a requested impulse is possible; 0 means no request, and NaN is impossible."""
     return target_impulse_n_s == 0.0 or (
         config.p.hold.lowest_impulse_n_s <= target_impulse_n_s <= config.p.hold.highest_impulse_n_s
@@ -79,7 +79,7 @@ def possible(config: Config, target_impulse_n_s: float) -> bool:
 
 def find_unmet(config: Config, target_impulse_n_s: float) -> Refusal:
     """The refusal of an impossible impulse, or NONE."""
-    return NO_REFUSAL if possible(config, target_impulse_n_s) else IMPULSE_OUT_OF_RANGE
+    return NO_REFUSAL if is_possible(config, target_impulse_n_s) else IMPULSE_OUT_OF_RANGE
 
 
 def rest(config: Config, request: Request) -> HoldState:

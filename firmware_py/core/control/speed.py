@@ -71,7 +71,7 @@ def known_acceleration(
     return clamp(known, 2.0 * config.p.speed.torque_limit_n_m / motor.inertia_kg_m2)
 
 
-def safe(state: SpeedState) -> SpeedState:
+def rest(state: SpeedState) -> SpeedState:
     """The state with zero torque, and the integral reset."""
     return INITIAL._replace(acting_n_m=state.torque_n_m)
 

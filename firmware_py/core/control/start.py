@@ -100,7 +100,7 @@ def s_curve(s: float) -> tuple[float, float]:
     return s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s)
 
 
-def valid_ratio(config: Config, ratio: float) -> bool:
+def is_valid_ratio(config: Config, ratio: float) -> bool:
     """Whether the operator's ratio is within the valid range; NaN is not."""
     return config.p.start.lowest_ratio <= ratio <= config.p.start.highest_ratio
 

@@ -46,7 +46,7 @@ def critically_damped_gains(bandwidth_rad_s: float, tick_s: float) -> tuple[floa
     return 1.0 - pole * pole * pole, 1.5 * rest * rest * (1.0 + pole), 0.5 * rest * rest * rest
 
 
-def lateness(state: CrankState, way_rad: float, innovation_rad: float) -> int:
+def estimate_lateness(state: CrankState, way_rad: float, innovation_rad: float) -> int:
     """Estimated age of a reading, in ticks; the encoder's frame carries no time.
 
     It is the age that best explains how far the reading lags, if the crank turns by `way_rad` per tick. It
@@ -91,7 +91,7 @@ def step(
             missed_ticks=min(state.missed_ticks + 1, NEVER_TICKS - 1),
         )
     innovation_rad = wrap_pi(measured_rad - angle_rad)
-    late_ticks = lateness(state, omega_rad_s * T, innovation_rad)
+    late_ticks = estimate_lateness(state, omega_rad_s * T, innovation_rad)
     if late_ticks > 0:
         measured_rad += late_ticks * omega_rad_s * T
         innovation_rad = wrap_pi(measured_rad - angle_rad)

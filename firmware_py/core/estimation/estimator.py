@@ -44,7 +44,7 @@ from firmware_py.core.estimation.estimator_state import (
 from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, Push, StateEstimate
 from firmware_py.core.estimation.newton import (
     SEPARATION_JITTER_S,
-    newton,
+    apply_newton,
     restitution_variance,
     stop_variance,
 )
@@ -266,7 +266,7 @@ def correct_by_contact(
             estimate = correct_by_law(config, estimate, approach_m_s)
         else:
             before = state.touch_down
-            estimate = newton(config, estimate.bias_m_s2, before, crank.angle_rad, contact.age_s)
+            estimate = apply_newton(config, estimate.bias_m_s2, before, crank.angle_rad, contact.age_s)
     return estimate, state.touch_down
 
 

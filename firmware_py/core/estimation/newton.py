@@ -20,7 +20,7 @@ def restitution_variance(config: Config) -> float:
     return config.p.estimator.restitution_std * config.p.estimator.restitution_std
 
 
-def newton(
+def apply_newton(
     config: Config, bias_m_s2: float, touch_down: StateEstimate, angle_rad: float, age_s: float
 ) -> StateEstimate:
     """The estimate `age_s` after the separation of a detected impact, by x'⁺ = −k x'⁻.

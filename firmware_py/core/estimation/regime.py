@@ -59,7 +59,7 @@ class RegimeState(NamedTuple):
 INITIAL = zeroed(RegimeState, candidate=Regime.UNCERTAIN, regime=Regime.UNCERTAIN)
 
 
-def alike(one: Period, other: Period) -> bool:
+def are_alike(one: Period, other: Period) -> bool:
     """Whether two periods have the same number of impacts at about the same speed."""
     larger_m_s = at_least(one.speed_m_s, other.speed_m_s)
     return one.impacts == other.impacts and abs(one.speed_m_s - other.speed_m_s) <= EQUAL_SPEED * larger_m_s
@@ -77,13 +77,13 @@ def decide(  # noqa: PLR0911 - a table, read top to bottom
         return Regime.CHATTERING
     if at_least(last.speed_m_s, second.speed_m_s) < GRAZING_M_S:
         return Regime.UNCERTAIN
-    if last.impacts > 0 and alike(last, second):
+    if last.impacts > 0 and are_alike(last, second):
         return Regime.IMPACT
     if last.impacts == 1 and second.impacts == 1 and third.impacts == 1:
         # One impact per period with an alternating speed is an orbit of period two.
-        alternating = alike(last, third) and alike(second, fourth)
+        alternating = are_alike(last, third) and are_alike(second, fourth)
         return Regime.PERIOD_N if alternating else Regime.IMPACT
-    if alike(last, third) or alike(last, fourth):
+    if are_alike(last, third) or are_alike(last, fourth):
         return Regime.PERIOD_N
     return Regime.UNCERTAIN
 

@@ -50,7 +50,7 @@ def ask(
         return state._replace(gait=cycle), operator_request(operator)
     lock = gait_lock.step(config, state.gait_lock, cycle, now, state.stride_harmonic.aim_ratio)
     impulse_n_s = operator.target_impulse_n_s
-    target_n_s = impulse_n_s if hold.possible(config, impulse_n_s) else 0.0
+    target_n_s = impulse_n_s if hold.is_possible(config, impulse_n_s) else 0.0
     harmonic = stride_harmonic.step(config, state.stride_harmonic, lock, now, target_n_s)
     request = Request(
         ratio=lock.base_ratio,

@@ -116,7 +116,7 @@ def turning_share(config: Config, stride_s: float) -> float:
     return min(share, LARGEST_SHARE)
 
 
-def within(config: Config, phase: float) -> bool:
+def is_in_window(config: Config, phase: float) -> bool:
     """Whether a phase of the cycle is in the window."""
     return config.p.gait.window_start <= phase <= config.p.gait.window_end
 
@@ -168,7 +168,7 @@ def step(config: Config, state: LockState, gait: CycleState, now: Moment, aim_ra
     in_window, outside = state.in_window, state.outside
     if now.holding and now.touch_down and harmonic > 0:
         phase = gait.phase - now.since_touch_down_s / gait.stride.expected_s
-        if within(config, fraction(phase)):
+        if is_in_window(config, fraction(phase)):
             in_window = (in_window + 1) % COUNTS
         else:
             outside = (outside + 1) % COUNTS

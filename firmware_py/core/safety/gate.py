@@ -145,7 +145,7 @@ INITIAL = zeroed(
 )
 
 
-def counted_ticks(before: int, missing: int, counter: int) -> int:
+def count_ticks(before: int, missing: int, counter: int) -> int:
     """Samples from the counter `before` (−1: none) to `counter`; 0 for a frame that is late.
 
     Late is one of those that were missing. Any other from behind is of a sensor that has restarted, or whose
@@ -160,7 +160,7 @@ def counted_ticks(before: int, missing: int, counter: int) -> int:
     return max(ticks, 1) if ticks <= LONGEST_COUNTED else 1
 
 
-def missing_behind(before: int, missing: int, counter: int, ticks: int) -> int:
+def find_missing(before: int, missing: int, counter: int, ticks: int) -> int:
     """The frames that are missing behind the newest after one that counts as `ticks` samples."""
     behind = (before - counter) % COUNTER_MODULUS
     if ticks == 0:
@@ -256,8 +256,8 @@ def integrate_reading(limits: GateLimits, state: ContactState, high_m_s2: float,
 
 def take_reading(limits: GateLimits, state: GateState, reading: GateReading) -> GateState:
     """The state after one accelerometer frame; the frames of a bundle one after the other."""
-    ticks = counted_ticks(state.counter, state.missing, reading.counter)
-    missing = missing_behind(state.counter, state.missing, reading.counter, ticks)
+    ticks = count_ticks(state.counter, state.missing, reading.counter)
+    missing = find_missing(state.counter, state.missing, reading.counter, ticks)
     contact = state.contact
     # After a silence that `judge` has found, nothing is known of the flight; before, the motor has a torque.
     if state.reading_ticks > limits.sensor_ticks + 1:
@@ -286,7 +286,7 @@ def is_overspeed(limits: GateLimits, own_rad_s: float, velocity_rev_s: float) ->
     )
 
 
-def watchdog_fault(limits: GateLimits, state: GateState, inputs: Inputs) -> Fault:
+def find_watchdog_fault(limits: GateLimits, state: GateState, inputs: Inputs) -> Fault:
     """The fault of the first source that is stale, not finite or repeating for too long, or NONE."""
     if (
         inputs.accelerometer.age_ticks > limits.sensor_ticks
@@ -313,7 +313,7 @@ def is_hot(limits: GateLimits, power: PowerInput) -> bool:
     )
 
 
-def limit_fault(limits: GateLimits, state: GateState, power: PowerInput) -> Fault:
+def find_limit_fault(limits: GateLimits, state: GateState, power: PowerInput) -> Fault:
     """The fault of the first quantity beyond its limit, or NONE."""
     if state.frozen_ticks > limits.frozen_ticks:
         return Fault.DRIVE_FROZEN
@@ -378,8 +378,8 @@ def judge(limits: GateLimits, state: GateState, inputs: Inputs) -> tuple[GateSta
         voltage_ticks=state.voltage_ticks + 1 if odd_voltage else 0,
     )
     findings = GateFindings(
-        watchdog_fault(limits, new, inputs),
-        limit_fault(limits, new, power),
+        find_watchdog_fault(limits, new, inputs),
+        find_limit_fault(limits, new, power),
         Fault.DRIVE_ERROR if inputs.drive.axis_error != 0 else NO_FAULT,
         inputs.operator.age_ticks > limits.operator_ticks,
         is_overspeed(limits, new.own_rad_s, encoder.velocity_rev_s),

@@ -84,7 +84,7 @@ class Findings(NamedTuple):
 INITIAL = zeroed(MonitorState)
 
 
-def watchdog_fault(config: Config, crank: CrankState, estimate: EstimatorState) -> Fault:
+def find_watchdog_fault(config: Config, crank: CrankState, estimate: EstimatorState) -> Fault:
     """The fault of the first observer that has had no usable reading for too long, or NONE."""
     if estimate.sensor.missed_ticks > config.d.ticks.sensor:
         return Fault.SENSOR_TIMEOUT
@@ -133,7 +133,7 @@ def count_conditions(config: Config, held: MonitorTicks, now: Watched) -> Monito
     )
 
 
-def first_fault(config: Config, held: MonitorTicks) -> Fault:
+def find_first_fault(config: Config, held: MonitorTicks) -> Fault:
     """The fault of the first monitor whose condition has lasted too long, or NONE."""
     for index in range(len(FAULTS)):
         if held[index] > config.d.ticks.monitors[index]:
@@ -165,9 +165,9 @@ def step(
     )
     watchdog, limit, drive = found.watchdog, found.limit, found.drive
     if watchdog == NO_FAULT:
-        watchdog = watchdog_fault(config, now.crank, now.estimate)
+        watchdog = find_watchdog_fault(config, now.crank, now.estimate)
     if limit == NO_FAULT:
-        limit = first_fault(config, state.held)
+        limit = find_first_fault(config, state.held)
     if drive == NO_FAULT and is_disobeyed(config, state, now.axis_state):
         drive = Fault.DRIVE_ERROR
     return state, Findings(

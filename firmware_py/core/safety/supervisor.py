@@ -104,7 +104,7 @@ def transition(  # noqa: PLR0911 - a table
     return SOFT_START if mode == SOFT_START and not now.captured else RUN
 
 
-def counting_fault(  # noqa: PLR0911 - a table
+def find_fault(  # noqa: PLR0911 - a table
     mode: Mode, findings: Findings, start_failed: bool, proof_failed: bool
 ) -> Fault:
     """The finding that is a fault in `mode`, or NONE.
@@ -157,7 +157,7 @@ def latch_reason(
 
 def step(state: SupervisorState, findings: Findings, now: Observed) -> SupervisorState:
     """One tick: the new mode, the latched reason, and the requests seen since the mode began."""
-    fault = counting_fault(state.mode, findings, now.start_failed, now.proof_failed)
+    fault = find_fault(state.mode, findings, now.start_failed, now.proof_failed)
     new_mode = transition(state, fault, findings, now)
     reason, reason_of_drive = latch_reason(state, new_mode, fault, now.disarm_reason)
     stays, operator_fresh = new_mode == state.mode, not findings.operator_lost

@@ -9,7 +9,7 @@ source runs interpreted, compiled and on a microcontroller.
 from math import isfinite
 
 from firmware_py.interface.frame import WordFrame
-from firmware_py.interface.framing import float32_counts, is_float32, saturated, seal, signed
+from firmware_py.interface.framing import float32_counts, is_float32, saturate, seal, signed
 from firmware_py.interface.generated import kinds, records
 
 
@@ -118,9 +118,9 @@ def pack_set_absolute_position(record: records.SetAbsolutePosition, counter: int
 def pack_accelerometer(record: records.Accelerometer, counter: int) -> tuple[WordFrame, bool]:
     striker_low_m_s2, striker_high_m_s2, housing_m_s2 = record
     word = (
-        saturated(striker_low_m_s2 / 0.0047884033203125, -32767, 32767) & 0xFFFF
-        | (saturated(striker_high_m_s2 / 0.48052585, -4095, 4095) & 0xFFFF) << 16
-        | (saturated(housing_m_s2 / 0.0047884033203125, -32767, 32767) & 0xFFFF) << 32
+        saturate(striker_low_m_s2 / 0.0047884033203125, -32767, 32767) & 0xFFFF
+        | (saturate(striker_high_m_s2 / 0.48052585, -4095, 4095) & 0xFFFF) << 16
+        | (saturate(housing_m_s2 / 0.0047884033203125, -32767, 32767) & 0xFFFF) << 32
     )
     sendable = isfinite(striker_low_m_s2) and isfinite(striker_high_m_s2) and isfinite(housing_m_s2)
     return seal(kinds.ACCELEROMETER, word, counter, sendable)
@@ -128,7 +128,7 @@ def pack_accelerometer(record: records.Accelerometer, counter: int) -> tuple[Wor
 
 def pack_coarse_position(record: records.CoarsePosition, counter: int) -> tuple[WordFrame, bool]:
     (striker_position_m,) = record
-    word = saturated(striker_position_m / 1e-05, -32767, 32767) & 0xFFFF
+    word = saturate(striker_position_m / 1e-05, -32767, 32767) & 0xFFFF
     sendable = isfinite(striker_position_m)
     return seal(kinds.COARSE_POSITION, word, counter, sendable)
 
@@ -136,8 +136,8 @@ def pack_coarse_position(record: records.CoarsePosition, counter: int) -> tuple[
 def pack_gait_sensors(record: records.GaitSensors, counter: int) -> tuple[WordFrame, bool]:
     shank_rate_rad_s, along_m_s2, heel_contact, toe_contact = record
     word = (
-        saturated(shank_rate_rad_s / 0.001, -32767, 32767) & 0xFFFF
-        | (saturated(along_m_s2 / 0.0047884033203125, -32767, 32767) & 0xFFFF) << 16
+        saturate(shank_rate_rad_s / 0.001, -32767, 32767) & 0xFFFF
+        | (saturate(along_m_s2 / 0.0047884033203125, -32767, 32767) & 0xFFFF) << 16
         | heel_contact << 32
         | toe_contact << 33
     )
@@ -154,8 +154,8 @@ def pack_operator_command(record: records.OperatorCommand, counter: int) -> tupl
     request, target_ratio, target_impulse_n_s = record
     word = (
         request
-        | saturated(target_ratio / 0.0001, 0, 40000) << 8
-        | saturated(target_impulse_n_s / 0.0001, 0, 65535) << 24
+        | saturate(target_ratio / 0.0001, 0, 40000) << 8
+        | saturate(target_impulse_n_s / 0.0001, 0, 65535) << 24
     )
     sendable = 0 <= request <= 3 and isfinite(target_ratio) and isfinite(target_impulse_n_s)
     return seal(kinds.OPERATOR_COMMAND, word, counter, sendable)
@@ -174,7 +174,7 @@ def pack_firmware_heartbeat(record: records.FirmwareHeartbeat, counter: int) -> 
         mode
         | acting_limit << 4
         | fault << 8
-        | (saturated(target_omega_rad_s / 0.002, -32767, 32767) & 0xFFFF) << 16
+        | (saturate(target_omega_rad_s / 0.002, -32767, 32767) & 0xFFFF) << 16
         | regime << 32
     )
     sendable = (
@@ -190,9 +190,9 @@ def pack_firmware_heartbeat(record: records.FirmwareHeartbeat, counter: int) -> 
 def pack_striker_estimate(record: records.StrikerEstimate, counter: int) -> tuple[WordFrame, bool]:
     position_m, velocity_m_s, crank_omega_rad_s = record
     word = (
-        saturated(position_m / 1e-05, -32767, 32767) & 0xFFFF
-        | (saturated(velocity_m_s / 0.0002, -32767, 32767) & 0xFFFF) << 16
-        | (saturated(crank_omega_rad_s / 0.002, -32767, 32767) & 0xFFFF) << 32
+        saturate(position_m / 1e-05, -32767, 32767) & 0xFFFF
+        | (saturate(velocity_m_s / 0.0002, -32767, 32767) & 0xFFFF) << 16
+        | (saturate(crank_omega_rad_s / 0.002, -32767, 32767) & 0xFFFF) << 32
     )
     sendable = isfinite(position_m) and isfinite(velocity_m_s) and isfinite(crank_omega_rad_s)
     return seal(kinds.STRIKER_ESTIMATE, word, counter, sendable)
@@ -201,9 +201,9 @@ def pack_striker_estimate(record: records.StrikerEstimate, counter: int) -> tupl
 def pack_regime_report(record: records.RegimeReport, counter: int) -> tuple[WordFrame, bool]:
     impacts, impact_phase_deg, peak_acceleration_m_s2, regime = record
     word = (
-        saturated(float(impacts), 0, 255)
-        | saturated(impact_phase_deg / 0.01, 0, 36000) << 8
-        | saturated(peak_acceleration_m_s2 / 0.05, 0, 65535) << 24
+        saturate(float(impacts), 0, 255)
+        | saturate(impact_phase_deg / 0.01, 0, 36000) << 8
+        | saturate(peak_acceleration_m_s2 / 0.05, 0, 65535) << 24
         | regime << 40
     )
     sendable = (
@@ -218,9 +218,9 @@ def pack_regime_report(record: records.RegimeReport, counter: int) -> tuple[Word
 def pack_impact_event(record: records.ImpactEvent, counter: int) -> tuple[WordFrame, bool]:
     age_s, approach_speed_m_s, impulse_n_s = record
     word = (
-        saturated(age_s / 1e-05, 0, 65535)
-        | saturated(approach_speed_m_s / 0.0002, 0, 65535) << 16
-        | saturated(impulse_n_s / 0.0002, 0, 65535) << 32
+        saturate(age_s / 1e-05, 0, 65535)
+        | saturate(approach_speed_m_s / 0.0002, 0, 65535) << 16
+        | saturate(impulse_n_s / 0.0002, 0, 65535) << 32
     )
     sendable = isfinite(age_s) and isfinite(approach_speed_m_s) and isfinite(impulse_n_s)
     return seal(kinds.IMPACT_EVENT, word, counter, sendable)
@@ -236,13 +236,13 @@ def pack_fault_event(record: records.FaultEvent, counter: int) -> tuple[WordFram
 def pack_gait_report(record: records.GaitReport, counter: int) -> tuple[WordFrame, bool]:
     gait_phase, stride_hz, harmonic, gait_state, pulses_in_window, pulses_outside, confidence = record
     word = (
-        saturated(gait_phase / 1.52587890625e-05, 0, 65535)
-        | saturated(stride_hz / 0.01, 0, 255) << 16
+        saturate(gait_phase / 1.52587890625e-05, 0, 65535)
+        | saturate(stride_hz / 0.01, 0, 255) << 16
         | harmonic << 24
         | gait_state << 28
         | pulses_in_window << 32
         | pulses_outside << 40
-        | saturated(confidence / 0.1, 0, 10) << 48
+        | saturate(confidence / 0.1, 0, 10) << 48
     )
     sendable = (
         isfinite(gait_phase)

@@ -208,8 +208,8 @@ def test_a_trace_gets_the_same_numbers(tmp_path: Path) -> None:
 
 
 def test_a_record_survives_the_way_into_flat_memory() -> None:
-    memory = flat.stored(INITIAL)
-    assert repr(flat.loaded(NodeState, memory[0].item())) == repr(INITIAL)
+    memory = flat.to_flat(INITIAL)
+    assert repr(flat.from_flat(NodeState, memory[0].item())) == repr(INITIAL)
 
 
 class Odd(NamedTuple):
@@ -225,7 +225,7 @@ class Odd(NamedTuple):
     )
 )
 def test_every_number_survives_the_way_into_flat_memory(values: tuple) -> None:
-    back = flat.loaded(Odd, flat.stored(Odd(*values))[0].item())
+    back = flat.from_flat(Odd, flat.to_flat(Odd(*values))[0].item())
     assert repr(back) == repr(Odd(*values))
     assert flat.layout(Odd).itemsize == 40
     assert [flat.layout(Odd).fields[name][1] for name in Odd._fields] == [0, 8, 16, 24]
@@ -243,7 +243,7 @@ def test_nothing_moves_on_in_a_tick_that_is_refused() -> None:
     with pytest.raises(ValueError, match="elapsed_ticks = 0"):
         one.tick([], 0)
     assert math.isfinite(one.outputs.torque_n_m)
-    assert one.memory.tobytes() == flat.stored(INITIAL).tobytes()  # type: ignore[attr-defined]
+    assert one.memory.tobytes() == flat.to_flat(INITIAL).tobytes()  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("build", NATIVE)
@@ -254,5 +254,5 @@ def test_nothing_moves_on_in_a_tick_whose_arithmetic_fails(build: Build) -> None
     with pytest.raises(FirmwareFailedError, match="division by zero"):
         one.tick(sample, 1)
     assert one.ticks == 0
-    unchanged = flat.in_precision(flat.stored(INITIAL), NodeState, one.native.precision)
-    assert flat.in_precision(one.memory, NodeState, one.native.precision).tobytes() == unchanged.tobytes()
+    unchanged = flat.to_precision(flat.to_flat(INITIAL), NodeState, one.native.precision)
+    assert flat.to_precision(one.memory, NodeState, one.native.precision).tobytes() == unchanged.tobytes()

@@ -11,13 +11,13 @@ from closed_loop import Bench
 from xcp_session import command
 
 from firmware_py.builds.c_header import config_header, header
-from firmware_py.builds.flat import Precision, in_precision, stored
+from firmware_py.builds.flat import Precision, to_flat, to_precision
 from firmware_py.builds.loaded_object import function
 from firmware_py.builds.machine_code import (
     object_code,
     raw_assembly,
+    remove_zeroed_results,
     sizes,
-    without_zeroed_results,
 )
 from firmware_py.core.config import Config
 from firmware_py.interface.enums import XcpCommandCode
@@ -32,7 +32,7 @@ from firmware_py.shell.parameters import config_from
 def test_a_board_begins_as_the_compiled_build_does() -> None:
     """The compiled build is this object file, with a state of its own."""
     power_up = function(object_code("host"), "vibro_power_up", ctypes.CFUNCTYPE(None, ctypes.c_void_p))
-    wanted = stored(INITIAL)
+    wanted = to_flat(INITIAL)
     content = ctypes.create_string_buffer(b"\xff" * wanted.nbytes, wanted.nbytes)
     power_up(content)
     assert content.raw == wanted.tobytes()
@@ -40,7 +40,7 @@ def test_a_board_begins_as_the_compiled_build_does() -> None:
 
 def test_sizes_are_counted() -> None:
     found, single = sizes("host"), sizes("host-single")
-    assert found["state"] == stored(INITIAL).nbytes
+    assert found["state"] == to_flat(INITIAL).nbytes
     assert 0.5 * found["state"] < single["state"] < found["state"]
     assert 0.5 * found["config"] < single["config"] < found["config"]
     assert found["code"] > 20_000
@@ -108,7 +108,7 @@ def test_a_config_in_single_precision_is_rounded_once(tmp_path: Path) -> None:
     compiled("gcc", tmp_path / "a.c", CONFIG, *options, precision="single")
     library = ctypes.CDLL(str(tmp_path / "config.so"))
     library.config.restype = ctypes.c_void_p
-    wanted = in_precision(stored(config), Config, "single")
+    wanted = to_precision(to_flat(config), Config, "single")
     assert ctypes.string_at(library.config(), wanted.nbytes) == wanted.tobytes()
 
 
@@ -120,7 +120,7 @@ def test_the_example_for_a_board_sends_what_the_compiled_build_does(tmp_path: Pa
     board = ctypes.CDLL(str(library))
     board.sent.restype = ctypes.POINTER(ctypes.c_int64)
     board.built_config.restype = ctypes.c_void_p
-    wanted = stored(config_from({}))
+    wanted = to_flat(config_from({}))
     assert ctypes.string_at(board.built_config(), wanted.nbytes) == wanted.tobytes()
     sent: list[tuple[int, int, int]] = []
     board.control_power_up()
@@ -155,6 +155,6 @@ def test_memory_of_results_is_not_zeroed_before_a_call() -> None:
     """The zeros, which no caller reads, would cost 6 kB; other variables of a function keep theirs."""
     own, result = "  store i64 0, ptr %own, align 8\n", "  store i64 0, ptr %result, align 8\n"
     call = "  %1 = call i32 @g(ptr %result, ptr %raised, i64 1)\n"
-    assert without_zeroed_results(own + result + call) == own + call
+    assert remove_zeroed_results(own + result + call) == own + call
     raw = raw_assembly()
-    assert raw.count("\n") - without_zeroed_results(raw).count("\n") > 1000
+    assert raw.count("\n") - remove_zeroed_results(raw).count("\n") > 1000

@@ -10,9 +10,9 @@ import llvmlite.binding as llvm
 import numpy as np
 from closed_loop import Bench
 
-from firmware_py.builds.flat import copier, in_precision, loaded, stored
+from firmware_py.builds.flat import copier, from_flat, to_flat, to_precision
 from firmware_py.builds.machine_code import raw_assembly
-from firmware_py.builds.single_precision import _NUMBER, REPLACED, narrowed, single
+from firmware_py.builds.single_precision import _NUMBER, REPLACED, narrow, round_to_single
 from firmware_py.core.config import Config
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated import kinds
@@ -23,7 +23,7 @@ from firmware_py.shell.parameters import config_from
 
 
 def test_of_the_whole_firmware_no_double_is_left() -> None:
-    assembly = narrowed(raw_assembly())
+    assembly = narrow(raw_assembly())
     unquoted = re.sub(r'"[^"]*"', "", assembly)
     assert not re.search(r"\bdouble\b|@\S*\.f64\b", unquoted)
     assert unquoted.count("sitofp i64") == raw_assembly().count("sitofp i64") > 30
@@ -45,22 +45,22 @@ def test_each_constant_of_the_number_format_is_met_in_the_firmware() -> None:
 
 
 def test_memory_goes_to_single_precision_and_back() -> None:
-    memory = stored(INITIAL)
-    small, back = in_precision(memory, NodeState, "single"), stored(INITIAL)
+    memory = to_flat(INITIAL)
+    small, back = to_precision(memory, NodeState, "single"), to_flat(INITIAL)
     back["core"]["estimator"]["x_m"] = 1.0
     back["ticks"] = 7
     copier(small, back)()
-    assert back.tobytes() == stored(loaded(NodeState, small[0].item())).tobytes()
+    assert back.tobytes() == to_flat(from_flat(NodeState, small[0].item())).tobytes()
     assert np.allclose(reals(back), reals(memory), rtol=1e-7, atol=0.0, equal_nan=True)
     assert integers(back) == integers(memory)
     assert small["ticks"].dtype == np.int64
     assert 0.5 * memory.nbytes < small.nbytes < memory.nbytes
-    config = in_precision(stored(config_from({})), Config, "single")
+    config = to_precision(to_flat(config_from({})), Config, "single")
     assert config["tick_s"][0] == np.float32(0.001)
-    assert single(1e39) == np.inf
-    with_large = stored(INITIAL)
+    assert round_to_single(1e39) == np.inf
+    with_large = to_flat(INITIAL)
     with_large["core"]["estimator"]["x_m"] = -1e39
-    assert in_precision(with_large, NodeState, "single")["core"]["estimator"]["x_m"][0] == -np.inf
+    assert to_precision(with_large, NodeState, "single")["core"]["estimator"]["x_m"][0] == -np.inf
 
 
 PARAMETERS = {"start.rise_s": 2.0, "start.confirm_periods": 2}

@@ -117,7 +117,7 @@ def test_nan_cuts_the_torque_at_once() -> None:
 
 def test_safe_is_zero_at_once() -> None:
     state = step(target=19.0, omega=0.0)
-    safe = speed.safe(state)
+    safe = speed.rest(state)
     assert safe.torque_n_m == 0.0
     assert safe.integral_n_m == 0.0
     assert safe.acting_n_m == state.torque_n_m

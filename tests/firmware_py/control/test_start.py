@@ -204,7 +204,7 @@ def test_modes_without_motion_forget_everything(mode: Mode) -> None:
 
 @pytest.mark.parametrize(("ratio", "valid"), [(1.3, True), (0.0, False), (3.0, False), (float("nan"), False)])
 def test_ratios_that_can_be_run(ratio: float, valid: bool) -> None:
-    assert start.valid_ratio(CONFIG, ratio) is valid
+    assert start.is_valid_ratio(CONFIG, ratio) is valid
 
 
 def test_a_start_onto_a_turning_crank_begins_at_its_speed() -> None:

@@ -175,7 +175,7 @@ def test_newtons_law_stands_in_for_a_clipped_contact_and_its_covariance_is_the_s
     monkeypatch.setattr(newton, "SEPARATION_JITTER_S", 0.0)
     p = Covariance(1e-8, 2e-9, 0.0, 1e-6, 0.0, 1e-4)
     before = StateEstimate(0.18, 0.9, 0.2, p)
-    after = newton.newton(config, 0.25, before, 0.4, 0.0)
+    after = newton.apply_newton(config, 0.25, before, 0.4, 0.0)
     assert after.x_m == pytest.approx(0.18)
     assert after.v_m_s == pytest.approx(-0.45)
     assert after.bias_m_s2 == 0.25

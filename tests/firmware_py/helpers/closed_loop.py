@@ -7,7 +7,7 @@ from typing import Any, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.builds.flat import loaded, stored
+from firmware_py.builds.flat import from_flat, to_flat
 from firmware_py.core.config import Config
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.state import Outputs, State
@@ -144,13 +144,13 @@ class Bench:
         if not isinstance(node, FlatNode):
             return Kept(lambda: getattr(node, attribute), lambda record: record)
         memory = node.memory[member]
-        return Kept(memory.tobytes, lambda row: loaded(kind, np.frombuffer(row, memory.dtype)[0].item()))
+        return Kept(memory.tobytes, lambda row: from_flat(kind, np.frombuffer(row, memory.dtype)[0].item()))
 
     def configure(self, config: Config) -> None:
         """Another configuration from now on."""
         self.node.config = config
         if isinstance(self.node, FlatNode):
-            self.node.flat_config[:] = stored(config)
+            self.node.flat_config[:] = to_flat(config)
             self.node.push_memory()
 
     @property

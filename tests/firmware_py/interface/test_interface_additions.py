@@ -29,7 +29,7 @@ from firmware_py.interface.generated.records import FaultEvent
 from firmware_py.shell.parameters import config_from
 
 biased = estimator_state.INITIAL._replace(bias_m_s2=6.0)
-fault = monitors.watchdog_fault(config_from({}), crank.INITIAL, biased)
+fault = monitors.find_watchdog_fault(config_from({}), crank.INITIAL, biased)
 assert fault == Fault.BIASED
 assert codec.decode(codec.encode(FaultEvent(0, fault.value, 0))).fault == 25
 """,

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from firmware_py.core.configure import after_commit, config_of
+from firmware_py.core.configure import commit, config_of
 from firmware_py.core.estimation import stop_model
 from firmware_py.interface import parameter_table
 from firmware_py.interface.enums import READY, XcpError
@@ -22,7 +22,7 @@ from firmware_py.node.xcp import (
     WRITE,
 )
 from firmware_py.shell import parameters
-from firmware_py.shell.parameters import DEFAULTS, ParameterError, config_from, rounded
+from firmware_py.shell.parameters import DEFAULTS, ParameterError, config_from, round_to_float32
 from plant_sim.parts.restitution import hertz_stiffness, hunt_crossley_dissipation
 
 
@@ -82,8 +82,8 @@ def test_bounds_hold_on_both_sides_and_every_bound_gives_a_configuration() -> No
     for name, bound, step in ((p.name, *side) for p in TABLE for side in ((p.low, -1.0), (p.high, 1.0))):
         beyond = bound + step * max(abs(bound) * 1e-6, 1e-6)
         with pytest.raises(ParameterError, match=name):
-            parameters.checked(name, beyond)
-        assert parameters.checked(name, bound) == bound
+            parameters.check_value(name, beyond)
+        assert parameters.check_value(name, bound) == bound
         config = config_of(parameters.parameters_of(DEFAULTS | {name: bound}), False)
         assert config.tick_s > 0.0
 
@@ -100,18 +100,18 @@ def test_the_nominal_contact_is_that_of_the_plants_stop(restitution: float) -> N
 
 def test_a_parameter_file_comes_back() -> None:
     values = parameters.with_overrides({"stop.restitution": 0.43})
-    assert parameters.read_back(parameters.written(values)) == values
+    assert parameters.parse_file(parameters.format_file(values)) == values
 
 
 def test_a_parameter_file_has_nothing_of_the_build() -> None:
     """Those come from the build, whatever the file was written with."""
     quick = {"control.tick_s": 0.0005}
-    text = parameters.written(parameters.with_overrides(quick))
+    text = parameters.format_file(parameters.with_overrides(quick))
     assert "tick_s" not in text
-    assert parameters.read_back(text)["control.tick_s"] == 0.001
-    assert parameters.read_back(text, quick)["control.tick_s"] == 0.0005
+    assert parameters.parse_file(text)["control.tick_s"] == 0.001
+    assert parameters.parse_file(text, quick)["control.tick_s"] == 0.0005
     with pytest.raises(ParameterError, match=r"control.tick_s is settled by the build"):
-        parameters.read_back(text + "\n[control]\ntick_s = 0.00025\n")
+        parameters.parse_file(text + "\n[control]\ntick_s = 0.00025\n")
 
 
 @pytest.mark.parametrize(
@@ -125,9 +125,9 @@ def test_a_parameter_file_has_nothing_of_the_build() -> None:
     ],
 )
 def test_a_damaged_file_is_refused(damage) -> None:
-    text = parameters.written(parameters.with_overrides({"stop.restitution": 0.43}))
+    text = parameters.format_file(parameters.with_overrides({"stop.restitution": 0.43}))
     with pytest.raises(ParameterError):
-        parameters.read_back(damage(text))
+        parameters.parse_file(damage(text))
 
 
 def next_on_the_bus(value: float) -> float:
@@ -163,8 +163,8 @@ def test_only_tuning_parameters_are_written_and_within_their_bounds(
     for wanted in (math.nan, math.inf, -math.inf, next_on_the_bus(parameter.high)):
         assert write(DEFAULTS, name, wanted) == (DEFAULTS, XcpError.OUT_OF_RANGE)
     for bound in (parameter.low, parameter.high):
-        value = rounded(bound)
-        assert parameters.checked(name, value) == value
+        value = round_to_float32(bound)
+        assert parameters.check_value(name, value) == value
         expected = DEFAULTS | {name: value}, XcpError.NONE
         try:
             parameters.refuse_conflicts(expected[0])
@@ -180,7 +180,7 @@ def test_a_commit_derives_every_constant_anew_that_follows_from_tuning(follow: i
     written = [(p.name, value) for p in TABLE if p.is_calibrated for value in (p.low, p.high)]
     for name, value in written:
         after = parameters.parameters_of(DEFAULTS | {"gait.follow": follow, name: value})
-        assert after_commit(config_of(before, True), after) == config_of(after, True), (name, value)
+        assert commit(config_of(before, True), after) == config_of(after, True), (name, value)
     assert len(written) > 100
 
 
@@ -192,7 +192,7 @@ def test_no_parameter_is_written_above_its_ceiling(parameter: parameter_table.Pa
     error = XcpError.OUT_OF_RANGE if parameter.is_calibrated else XcpError.WRITE_PROTECTED
     assert write(DEFAULTS, parameter.name, above) == (DEFAULTS, error)
     with pytest.raises(ParameterError, match=parameter.at_most):
-        parameters.read_back(parameters.written(DEFAULTS | {parameter.name: above}))
+        parameters.parse_file(parameters.format_file(DEFAULTS | {parameter.name: above}))
 
 
 def test_torque_current_speed_and_watchdogs_have_ceilings() -> None:
@@ -241,7 +241,7 @@ def test_bounds_that_fit_together_are_checked_together(values: dict[str, float],
     with pytest.raises(ParameterError, match=sentence):
         config_from(values)
     for name, value in values.items():
-        assert parameters.checked(name, value) == value
+        assert parameters.check_value(name, value) == value
 
 
 def test_a_start_of_29_s_may_still_be_asked_for() -> None:
@@ -267,7 +267,7 @@ def test_a_parameter_may_equal_its_ceiling_as_a_float32() -> None:
         ("speed.torque_limit_n_m", "ceiling.torque_n_m"),
         ("watchdog.sensor_s", "ceiling.sensor_watchdog_s"),
     ):
-        value = rounded(values[ceiling])
+        value = round_to_float32(values[ceiling])
         assert value > values[ceiling]
         assert parameters.with_overrides({name: value})[name] == value
         with pytest.raises(ParameterError):
@@ -275,12 +275,12 @@ def test_a_parameter_may_equal_its_ceiling_as_a_float32() -> None:
 
 
 def test_a_firmware_that_may_meet_a_real_drive_requires_the_test_of_its_watchdog() -> None:
-    assert parameters.with_proof({"start": {"rise_s": 2.0}}) == {
+    assert parameters.require_proof({"start": {"rise_s": 2.0}}) == {
         "watchdog.proof_required": 1.0,
         "start.rise_s": 2.0,
     }
     for chosen in ({"watchdog": {"proof_required": 0}}, {"watchdog.proof_required": 0}):
-        assert parameters.with_proof(chosen) == {"watchdog.proof_required": 0}
+        assert parameters.require_proof(chosen) == {"watchdog.proof_required": 0}
     assert write(DEFAULTS, "watchdog.proof_required", 1.0)[1] is XcpError.WRITE_PROTECTED
     with pytest.raises(ParameterError, match="settled by the build"):
-        parameters.checked_in_file("watchdog.proof_required", 0.0)
+        parameters.check_in_file("watchdog.proof_required", 0.0)

@@ -31,8 +31,8 @@ from firmware_py.interface.generated.records import (
     SetInputTorque,
     SetLimits,
 )
-from firmware_py.shell.node import FirmwareNode, powered_up
-from firmware_py.shell.parameters import DEFAULTS, config_from, written
+from firmware_py.shell.node import FirmwareNode, power_up
+from firmware_py.shell.parameters import DEFAULTS, config_from, format_file
 
 G = 9.80665
 
@@ -258,14 +258,14 @@ def test_a_position_that_has_run_far_is_brought_back_by_whole_turns_at_rest(turn
 
 
 def test_a_good_parameter_file_is_used() -> None:
-    one = powered_up(written(DEFAULTS | {"stop.restitution": 0.43}))
+    one = power_up(format_file(DEFAULTS | {"stop.restitution": 0.43}))
     assert one.values["stop.restitution"] == 0.43
     assert one.config == config_from({"stop.restitution": 0.43})
 
 
 @pytest.mark.requirement("S-09")
 def test_damaged_parameters_are_said_and_nothing_moves_whatever_is_asked_for() -> None:
-    broken = powered_up(written(DEFAULTS).replace("mass_kg = 0.8", "mass_kg = 0.9"))
+    broken = power_up(format_file(DEFAULTS).replace("mass_kg = 0.8", "mass_kg = 0.9"))
     bench = Bench()
     bench.node = broken
     bench.started()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from compiled_calls import as_compiled
 
-from firmware_py.core.numbers import TAU, at_least, clamp, floored, fraction, wrap_pi, wrap_two_pi
+from firmware_py.core.numbers import TAU, at_least, clamp, fraction, round_down, wrap_pi, wrap_two_pi
 
 EVERY_KIND = (0.0, -0.0, 1e-20, -1e-20, 3.0, -3.0, math.pi, -math.pi, TAU, -TAU, 1e3, -1e5, 1e9, -1e9)
 TOO_LARGE = (math.nan, math.inf, -math.inf, 1.1e9, -1.1e9, 1e19, -1e19, 1e300, -1e300)
@@ -35,8 +35,8 @@ def test_a_floor_without_integers_is_the_floor() -> None:
     edges = [math.nextafter(number, number + side) for number in whole for side in (-1, 0, 1)]
     for value in [*edges, *np.linspace(-3.0, 3.0, 121), *np.geomspace(1e-300, 1e9, 200)]:
         for signed in (float(value), -float(value)):
-            assert math.copysign(1.0, floored(0.0 * signed)) == 1.0
-            assert floored(signed) == math.floor(signed), signed
+            assert math.copysign(1.0, round_down(0.0 * signed)) == 1.0
+            assert round_down(signed) == math.floor(signed), signed
 
 
 def test_what_is_no_angle_is_zero() -> None:

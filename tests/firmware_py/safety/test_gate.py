@@ -303,8 +303,8 @@ def test_a_long_gap_invents_no_impulse() -> None:
 def test_the_counter_gives_the_samples_between_two_frames(
     before: int, missing: int, counter: int, ticks: int, missing_after: int
 ) -> None:
-    assert gate.counted_ticks(before, missing, counter) == ticks
-    assert gate.missing_behind(before, missing, counter, ticks) == missing_after
+    assert gate.count_ticks(before, missing, counter) == ticks
+    assert gate.find_missing(before, missing, counter, ticks) == missing_after
 
 
 @pytest.mark.parametrize("bit", range(8))

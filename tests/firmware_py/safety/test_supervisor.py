@@ -8,7 +8,7 @@ import pytest
 
 from firmware_py.core.safety import supervisor, watchdog_proof
 from firmware_py.core.safety.monitors import Findings
-from firmware_py.core.safety.supervisor import Observed, SupervisorState, counting_fault, transition
+from firmware_py.core.safety.supervisor import Observed, SupervisorState, find_fault, transition
 from firmware_py.core.safety.watchdog_proof import ProofState
 from firmware_py.interface.enums import LATCHED, MOVING, Fault, Mode, OperatorRequest
 from firmware_py.interface.zeroed import zeroed
@@ -143,13 +143,13 @@ def test_which_finding_is_a_fault_in_which_mode(
     findings: Findings, failed: bool, expected: dict[Mode, Fault]
 ) -> None:
     for mode in Mode:
-        assert counting_fault(mode, findings, failed, False) == expected.get(mode, Fault.NONE), mode
+        assert find_fault(mode, findings, failed, False) == expected.get(mode, Fault.NONE), mode
 
 
 def test_a_failed_test_of_the_watchdog_is_a_fault_in_proof_alone() -> None:
     for mode in Mode:
         wanted = Fault.DRIVE_WATCHDOG if mode == Mode.PROOF else Fault.NONE
-        assert counting_fault(mode, NO_FINDINGS, False, True) == wanted
+        assert find_fault(mode, NO_FINDINGS, False, True) == wanted
     state = supervisor.INITIAL._replace(mode=Mode.PROOF)
     asked = OperatorRequest.PROVE_WATCHDOG
     failed = step(state, request=asked, proof=watchdog_proof.INITIAL._replace(failed=True))

@@ -15,7 +15,7 @@ from emulated_board import require_board_programs
 from xcp_session import answered, ask, calibrate, command, commands_of, configure, staged
 
 from firmware_py.builds import board
-from firmware_py.builds.flat import loaded
+from firmware_py.builds.flat import from_flat
 from firmware_py.interface.enums import XcpCommandCode, XcpError
 from firmware_py.node import places
 from firmware_py.node.tick import NodeState
@@ -105,7 +105,7 @@ def test_in_single_precision_the_measurements_are_the_members_of_its_own_state()
     for index, place in enumerate(places.ALL):
         upload = command(XcpCommandCode.SHORT_UPLOAD, 4, 0, 0, *(4 * index).to_bytes(4, "little"))
         sent = node.tick([upload], 1)
-        word = places.word_at(loaded(NodeState, node.memory[0].item()), index)
+        word = places.word_at(from_flat(NodeState, node.memory[0].item()), index)
         assert int.from_bytes(answered(node, sent)[1:5], "little") == word, place.name
 
 

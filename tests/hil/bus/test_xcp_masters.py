@@ -29,8 +29,8 @@ from pyxcp.types import XcpResponseError
 
 from firmware_py.builds import board_tools
 from firmware_py.builds.a2l import a2l, a2l_name, unit_text
-from firmware_py.builds.flat import loaded
-from firmware_py.core.configure import after_commit
+from firmware_py.builds.flat import from_flat
+from firmware_py.core.configure import commit
 from firmware_py.interface.addresses import DEFAULT, Addresses
 from firmware_py.interface.enums import Mode, XcpCommandCode
 from firmware_py.interface.float32 import float32_bits
@@ -42,7 +42,7 @@ from firmware_py.node.tick import NodeState
 from firmware_py.shell.builds import Build
 from firmware_py.shell.flat_node import FlatNode
 from firmware_py.shell.node import FirmwareNode
-from firmware_py.shell.parameters import parameters_of, rounded, values_of
+from firmware_py.shell.parameters import parameters_of, round_to_float32, values_of
 from hil.bus import join, provide
 from hil.bus.xcp_master import ACCEPTED_IDS, RefusedError, Sampled, SessionError, XcpMaster, XcpMasterError
 from hil.scenario.parameter_file import read_parameters
@@ -98,7 +98,7 @@ class Running:
         """The 32 bits of a measurement after a tick."""
         state = self.states[tick]
         if isinstance(state, np.ndarray):
-            state = loaded(NodeState, state[0].item())
+            state = from_flat(NodeState, state[0].item())
         return places.word_at(state, places.INDEX[name])
 
     def tick_of(self, names: Sequence[str], values: Sequence[float]) -> int:
@@ -352,7 +352,9 @@ def near(parameter: Parameter) -> float:
     if parameter.whole:
         return parameter.default + (1.0 if parameter.default < parameter.high else -1.0)
     step = 0.001 * (parameter.default or parameter.high)
-    return rounded(parameter.default + (step if parameter.default + step <= parameter.high else -step))
+    return round_to_float32(
+        parameter.default + (step if parameter.default + step <= parameter.high else -step)
+    )
 
 
 def test_pyxcp_writes_every_tuning_parameter_at_rest_and_no_other(resting: Running) -> None:
@@ -366,14 +368,18 @@ def test_pyxcp_writes_every_tuning_parameter_at_rest_and_no_other(resting: Runni
             assert parameter.is_calibrated == (error == ""), (parameter.name, error)
             assert parameter.is_calibrated or "WRITE_PROTECTED" in error, (parameter.name, error)
             values[parameter.name] = near(parameter) if parameter.is_calibrated else values[parameter.name]
-        assert list(map(rounded, node.values.values())) == list(map(rounded, values_of(before.p).values()))
+        assert list(map(round_to_float32, node.values.values())) == list(
+            map(round_to_float32, values_of(before.p).values())
+        )
         assert refused_by(master, xcp.COMMIT, struct.pack("<I", 1)) == ""
         master.disconnect()
-    expected = after_commit(before, parameters_of(values))
+    expected = commit(before, parameters_of(values))
     if resting.bench.build == "cortex-m4f":  # its constants are those of single precision
-        assert list(map(rounded, node.values.values())) == list(map(rounded, values.values()))
+        assert list(map(round_to_float32, node.values.values())) == list(
+            map(round_to_float32, values.values())
+        )
         assert node.config.d.crank_gains == pytest.approx(expected.d.crank_gains, rel=1e-5)
-        assert tuple(node.config.d.gate) == tuple(map(rounded, before.d.gate))
+        assert tuple(node.config.d.gate) == tuple(map(round_to_float32, before.d.gate))
     else:
         assert node.values == values
         assert node.config == expected

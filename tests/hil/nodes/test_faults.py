@@ -24,7 +24,7 @@ from firmware_py.interface.generated.records import (
     SetAxisState,
     SetInputTorque,
 )
-from firmware_py.shell.parameters import DEFAULTS, ParameterError, read_back, written
+from firmware_py.shell.parameters import DEFAULTS, ParameterError, format_file, parse_file
 from hil.bench.lockstep import in_lockstep, silent
 from hil.drive.axis import is_armed
 from hil.faults.clocks import in_turns
@@ -414,11 +414,11 @@ def test_a_restarted_node_is_made_anew_and_begins_at_its_tick() -> None:
 def test_another_digit_is_damage_that_is_found() -> None:
     for seed in range(200):
         memory = ParameterMemory({}, [fault("parameters-damaged", at_s=1.0)], seed)
-        assert read_back(memory.read(0.5)) == DEFAULTS
+        assert parse_file(memory.read(0.5)) == DEFAULTS
         damaged = memory.read(1.0)
-        assert sum(one != other for one, other in zip(damaged, written(DEFAULTS), strict=True)) == 1
+        assert sum(one != other for one, other in zip(damaged, format_file(DEFAULTS), strict=True)) == 1
         with pytest.raises(ParameterError):
-            read_back(damaged)
+            parse_file(damaged)
 
 
 @pytest.mark.parametrize(
