@@ -218,6 +218,8 @@ class Plant:
 
     def take_impacts(self) -> list[Impact]:
         """Impacts completed since the last call, oldest first (at a soft stop: after separation)."""
+        if not (self._impacts or self._impact_count[0]):
+            return []
         before, self._impacts = self._impacts, []
         return [*before, *(Impact(*row) for row in self.take_impact_rows().tolist())]
 

@@ -190,8 +190,8 @@ def plant_turn(bench: Bench, state: PlantState) -> tuple[PlantState, int, int]:
     state = obey_frames(setup.drive, state, reading, omega_rad_s, bench.to_plant, buffers.used[TO_PLANT])
     buffers.used[TO_PLANT] = 0
     record_plant(buffers.plant[row], tick * bench.period_s, observed, state, reading)
-    state, status = move_on(bench.module, setup.drive, state, bench.period_s)
-    return state, count, status
+    drive, status = move_on(bench.module, setup.drive, state.drive, state.torque_n_m, bench.period_s)
+    return state._replace(drive=drive), count, status
 
 
 @subroutine

@@ -28,6 +28,7 @@ from hil.drive.node import (
     VERSION,
     VERSION_ID,
     address,
+    obey,
     powers,
     report_frame,
     torques,
@@ -40,13 +41,13 @@ from hil.nodes.compiled import kernel
 from hil.nodes.frame_rows import byte_frame, frames_in, word_frame
 from hil.nodes.plant_steps import (
     MOST_FRAMES,
+    NOTHING_DUE,
     Due,
     PlantState,
     Setup,
     encoder_frame,
     encoder_sample,
     move_on,
-    obey_frames,
     publish,
     telemetry,
 )
@@ -148,7 +149,7 @@ class PlantNode:
         self._last_gait_frame = -1
         self._sampled = SampledFrames(self.plant, period_s)
         self._outbox = np.zeros((MOST_FRAMES, 3), np.int64)
-        self._move_on = entry_point(_MOVE_ON, self.plant.module, self.drive_config, self.state, period_s)
+        self._move_on = entry_point(_MOVE_ON, self.plant.module, self.drive_config, self.drive, 0.0, period_s)
 
     @property
     def tick(self) -> int:
@@ -169,6 +170,8 @@ class PlantNode:
 
     def due(self, ticks: int) -> Due:
         """The gait sensors' frames and the samples of the next `ticks`; each is sampled once."""
+        if not (self.plant.has_gait_sensors or self.plant.sampled):
+            return NOTHING_DUE
         samples = self._sampled.rows(self.tick, ticks)
         return Due(self._gait_rows(range(self.tick, self.tick + ticks)), samples, np.zeros(2, np.int64))
 
@@ -245,27 +248,32 @@ class PlantNode:
             move_by(edge_s - begin_s - gone_s)
             gone_s = edge_s - begin_s
             self._act_at(edge_s)
+            torque_n_m = axis.torque_n_m(self.drive_config, self.drive, self.plant.now.omega_rad_s)
+            self.state = self.state._replace(torque_n_m=torque_n_m)
         move_by(duration_s - gone_s)
 
     def _given_n_m(self) -> float:
         """The motor's torque for the one that the drive requests."""
-        now = self.plant.now
-        torque_n_m = axis.torque_n_m(self.drive_config, self.drive, now.omega_rad_s)
-        return self._faults.given_n_m(torque_n_m, now.crank_rad)
+        return self._faults.given_n_m(self.state.torque_n_m, self.plant.now.crank_rad)
 
     def _drive_on(self, dt_s: float) -> None:
         """Advance by `dt_s` under the drive's torque, until its watchdog expires."""
-        state = self.state._replace(torque_n_m=self._given_n_m())
-        self.resume(*self._move_on(self.plant.module, self.drive_config, state, dt_s))
+        drive, status = self._move_on(
+            self.plant.module, self.drive_config, self.drive, self._given_n_m(), dt_s
+        )
+        self.resume(self.state._replace(drive=drive), status)
 
     def _obey(self, frames: Sequence[Frame]) -> None:
         """Obey the commands, and note the requests, which are answered in the next tick."""
-        self._requests += [can_id for can_id, data in frames if not data and can_id in REQUEST_IDS]
-        rows = np.array([word_frame(frame) for frame in frames], dtype=np.int64).reshape(-1, 3)
-        omega_rad_s = self.plant.now.omega_rad_s
-        self.state = obey_frames(
-            self.drive_config, self.state, self._reading, omega_rad_s, rows, count=len(rows)
-        )
+        config, state = self.drive_config, self.state
+        drive, rejected = state.drive, state.rejected
+        for frame in frames:
+            drive, was_read = obey(config, drive, word_frame(frame), self._reading.encoder_position_rev)
+            rejected += not was_read
+            if not frame.data and frame.can_id in REQUEST_IDS:
+                self._requests.append(frame.can_id)
+        torque_n_m = axis.torque_n_m(config, drive, self.plant.now.omega_rad_s)
+        self.state = PlantState(state.tick, state.counter, state.reports, drive, torque_n_m, rejected)
 
     def gaits_in(self, tick: int, ticks: int) -> NDArray[np.float64] | None:
         """The gait in `ticks` from `tick` on, one row of `GaitTruth` each; None without a walk."""
@@ -278,7 +286,8 @@ class PlantNode:
 
     def _act_at(self, t_s: float, ticks: int = 1) -> None:
         self.drive_config, drive = self._faults.act(t_s, self.drive, ticks)
-        self.state = self.state._replace(drive=drive)
+        if drive is not self.state.drive:
+            self.state = self.state._replace(drive=drive)
 
     @property
     def has_waiting_fault(self) -> bool:

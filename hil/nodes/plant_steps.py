@@ -16,7 +16,7 @@ from hil.drive import axis, messages
 from hil.drive.axis import TIME_RESOLUTION_S, DriveConfig, DriveState, Telemetry
 from hil.drive.node import obey, report_frame
 from hil.drive.reports import NOTHING, Reports, Ticks, look, take
-from hil.nodes.sampled import COUNTER, NOISE, TICK, WHICH, sampled_frame
+from hil.nodes.sampled import COUNTER, MOST_SIGNALS, NOISE, TICK, WHICH, sampled_frame
 from plant_sim.kernels import subroutine
 from plant_sim.module import Module, move
 from plant_sim.sensors.readings import SensorReading
@@ -52,6 +52,10 @@ class Due(NamedTuple):
     gait: Integers
     samples: Vector
     next: Integers
+
+
+NOTHING_DUE = Due(np.zeros((0, 4), np.int64), np.zeros((0, NOISE + MOST_SIGNALS)), np.zeros(2, np.int64))
+"""For scenes without a gait and without sensors with periods of their own."""
 
 
 class PlantState(NamedTuple):
@@ -133,7 +137,7 @@ def publish(
     reports, report = take(look(setup.report_ticks, state.reports, tick))
     if report != NOTHING:
         count = put(outbox, count, report_frame(setup.drive, drive, telemetry(observed), report))
-    return state._replace(counter=counter, reports=reports), count
+    return PlantState(tick, counter, reports, drive, state.torque_n_m, state.rejected), count
 
 
 @subroutine(inline=True)
@@ -155,18 +159,18 @@ def obey_frames(
         drive, was_read = obey(config, drive, frame, reading.encoder_position_rev)
         rejected += 0 if was_read else 1
     torque_n_m = axis.torque_n_m(config, drive, omega_rad_s)
-    return state._replace(drive=drive, torque_n_m=torque_n_m, rejected=rejected)
+    return PlantState(state.tick, state.counter, state.reports, drive, torque_n_m, rejected)
 
 
 @subroutine(inline=True)
 def move_on(
-    module: Module, config: DriveConfig, state: PlantState, duration_s: float
-) -> tuple[PlantState, int]:
-    """Advance by `duration_s` under the torque of `state`, without torque once the drive's watchdog expires.
+    module: Module, config: DriveConfig, drive: DriveState, torque_n_m: float, duration_s: float
+) -> tuple[DriveState, int]:
+    """Advance by `duration_s` under the motor's torque, without torque once the drive's watchdog expires.
 
-    Returns the node's state in the same tick, and the solver's status.
+    Returns the drive, and the solver's status.
     """
-    drive, torque_n_m, observed = state.drive, state.torque_n_m, module.memory.observed
+    observed = module.memory.observed
     armed_s = axis.watchdog_left_s(config, drive)
     if armed_s > duration_s - TIME_RESOLUTION_S:
         armed_s = duration_s
@@ -180,7 +184,7 @@ def move_on(
         if status != DONE or armed_s == duration_s:
             break
         dt_s, torque_n_m = duration_s - armed_s, 0.0
-    return state._replace(drive=drive), status
+    return drive, status
 
 
 @subroutine

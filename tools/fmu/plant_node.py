@@ -14,6 +14,7 @@ from hil.drive.reports import Ticks, first_reports
 from hil.nodes.plant import drive_config, frame_ticks
 from hil.nodes.plant_steps import (
     MOST_FRAMES,
+    NOTHING_DUE,
     Due,
     PlantState,
     Setup,
@@ -22,7 +23,6 @@ from hil.nodes.plant_steps import (
     obey_frames,
     publish,
 )
-from hil.nodes.sampled import MOST_SIGNALS, NOISE
 from plant_sim.module import Module
 from plant_sim.references import by_reference
 from plant_sim.scene import Scene
@@ -88,10 +88,11 @@ def tick(
     omega_rad_s = observed[OBSERVED.omega_rad_s]
     state = obey_frames(config.drive, state, reading, omega_rad_s, mail.received, mail.counts[0])
     mail.torque_n_m[0] = state.torque_n_m
-    state, status = move_on(Module(parts, probe, memory, grid), config.drive, state, config.period_s)
+    module = Module(parts, probe, memory, grid)
+    drive, status = move_on(module, config.drive, state.drive, state.torque_n_m, config.period_s)
     write_impacts(memory, out)
     write_motion(memory, out)
-    store_record(state._replace(tick=state.tick + 1), state_at)
+    store_record(state._replace(tick=state.tick + 1, drive=drive), state_at)
     return status
 
 
@@ -142,14 +143,13 @@ class PlantNodeModel(PlantModel):
 
 def mailbox() -> Mail:
     """Empty mail."""
-    due = Due(np.zeros((0, 4), np.int64), np.zeros((0, NOISE + MOST_SIGNALS)), np.zeros(2, np.int64))
     return Mail(
         np.zeros(len(SensorReading._fields)),
         np.zeros((MOST_RECEIVED, 3), np.int64),
         np.zeros((MOST_FRAMES, 3), np.int64),
         np.zeros(2, np.int64),
         np.zeros(1),
-        due,
+        NOTHING_DUE,
     )
 
 
