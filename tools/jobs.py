@@ -34,25 +34,25 @@ def results(
     cores = cores or available or 1
     if scheduler is not None:
         with _client(scheduler) as client, client.get_executor(pure=False) as pool:
-            yield from _in_pool(pool, function, tasks)
+            yield from _run_in_pool(pool, function, tasks)
     elif threads and cores == 1:
         yield from enumerate(map(function, tasks))
     elif threads:
         with ThreadPoolExecutor(cores) as pool:
-            yield from _in_pool(pool, function, tasks)
+            yield from _run_in_pool(pool, function, tasks)
     else:
         numbered = list(enumerate(tasks))
-        with Workers(partial(_of_numbered, function), cores) as workers:
+        with Workers(partial(_call_numbered, function), cores) as workers:
             for some in (numbered[:1], numbered[1:]):
                 for (number, _), result in workers.results(some):
                     yield number, alive(result)
 
 
-def _of_numbered(function: Callable[[Task], Result], numbered: tuple[int, Task]) -> Result:
+def _call_numbered(function: Callable[[Task], Result], numbered: tuple[int, Task]) -> Result:
     return function(numbered[1])
 
 
-def _in_pool(
+def _run_in_pool(
     pool: Executor, function: Callable[[Task], Result], tasks: Sequence[Task]
 ) -> Iterator[tuple[int, Result]]:
     futures = {pool.submit(function, task): number for number, task in enumerate(tasks)}

@@ -64,13 +64,13 @@ def look(ticks: Ticks, reports: Reports, tick: int) -> Reports:
     for place in range(len(ticks)):
         period = tick // ticks[place]
         if period != reports.looked_tick // ticks[place] and waiting < FULL:
-            waiting = _queued(waiting, place + 1)
+            waiting = _append(waiting, place + 1)
         next_tick = min(next_tick, (period + 1) * ticks[place])
     return Reports(waiting, tick, next_tick)
 
 
 @subroutine
-def _queued(waiting: int, report: int) -> int:
+def _append(waiting: int, report: int) -> int:
     """Return the queue with a report appended."""
     end = 1
     while waiting >= end:

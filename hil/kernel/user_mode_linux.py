@@ -121,7 +121,7 @@ def run_in_kernel(command: Sequence[str], memory: str | None = None) -> int:
     with tempfile.TemporaryDirectory(prefix="vibrohil-kernel-") as name:
         folder = Path(name)
         _write_guest(folder, busybox, command)
-        preloaded = _preloaded(folder)
+        preloaded = _preload(folder)
         with (folder / "console").open("wb") as console, _on_one_cpu():
             process = subprocess.Popen(
                 [
@@ -163,7 +163,7 @@ def _needs_library() -> bool:
     return cpuinfo.exists() and has_amx(cpuinfo.read_text())
 
 
-def _preloaded(folder: Path) -> dict[str, str]:
+def _preload(folder: Path) -> dict[str, str]:
     """The environment that gives the kernel the library which it needs on processors with AMX."""
     if not _needs_library():
         return {}

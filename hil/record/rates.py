@@ -94,8 +94,8 @@ class Held:
         self._last: dict[str, Any] = {}
         """The values that are held from the last records on, by column."""
 
-    def logged(self, records: Records) -> Columns:
-        """The next records of the trace, in memory."""
+    def hold(self, records: Records) -> Columns:
+        """The next records of the trace as logged, in memory."""
         due = column(records, "tick") % SLOW_TICKS == 0
         rows = np.maximum.accumulate(np.where(due, np.arange(len(records)), -1))
         columns = {name: np.ascontiguousarray(records[name]) for name in records.dtype.names or ()}

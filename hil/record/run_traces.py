@@ -93,10 +93,11 @@ def read_trace(path: Path) -> Records:
 def pieces(traces: RunTraces) -> Iterator[RunTraces]:
     """Yield the run in pieces: records in memory, all cut at the same times, and then the frames."""
     ticked = max((traces.plant, traces.firmware), key=len)
-    edges_s = rising(ticked)[PIECE_RECORDS::PIECE_RECORDS]
+    edges_s = accumulate_times(ticked)[PIECE_RECORDS::PIECE_RECORDS]
     records = {name: getattr(traces, name) for name in TRACES}
     cuts = {
-        name: [0, *np.searchsorted(rising(one), edges_s).tolist(), len(one)] for name, one in records.items()
+        name: [0, *np.searchsorted(accumulate_times(one), edges_s).tolist(), len(one)]
+        for name, one in records.items()
     }
     for number in range(len(edges_s) + 1):
         piece: dict[str, Any] = {
@@ -108,7 +109,7 @@ def pieces(traces: RunTraces) -> Iterator[RunTraces]:
         yield replace(traces, **none, bus=bus)
 
 
-def rising(records: Records) -> FloatArray:
+def accumulate_times(records: Records) -> FloatArray:
     """The times of records in s, made non-decreasing even if they are damaged."""
     times: FloatArray = np.fmax.accumulate(np.fmax(column(records, "t_s"), 0.0))
     return times

@@ -232,7 +232,7 @@ class RunLog:
     # --- one trace each ------------------------------------------------------------------------------
 
     def _log_plant(self, records: Records) -> None:
-        self.out.log_ticks("plant", self._plant_log.logged(records), column(records, "wake_latency_us"))
+        self.out.log_ticks("plant", self._plant_log.hold(records), column(records, "wake_latency_us"))
         self.out.log_state_timelines(records, PLANT_TIMELINES)
         self.drawing.draw_truth(records)
         if self.stop_m is not None:
@@ -244,7 +244,7 @@ class RunLog:
                 self.out.add_event(at_s, f"drive error: {axis_errors(value)}", "ERROR")
 
     def _log_firmware(self, records: Records) -> None:
-        self.out.log_ticks("firmware", self._firmware_log.logged(records), column(records, "wake_latency_us"))
+        self.out.log_ticks("firmware", self._firmware_log.hold(records), column(records, "wake_latency_us"))
         self.out.log_state_timelines(records, FIRMWARE_TIMELINES)
         if self._walked:
             self.out.log_state_timelines(records, (LEG_ESTIMATED_TIMELINE,))

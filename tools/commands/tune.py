@@ -57,16 +57,16 @@ class Outputs:
     as_json: Json = False
 
 
-def given(**options: Any) -> dict[str, Any]:
+def list_given(**options: Any) -> dict[str, Any]:
     """The options that the user set; the called function has defaults for the others."""
     return {name: value for name, value in options.items() if value is not None}
 
 
-def chosen(options: SamplingOptions) -> "Sampling":
+def choose_sampling(options: SamplingOptions) -> "Sampling":
     """Seeds and processes as the user set them."""
     from tools.tuning.candidates import Sampling
 
-    return Sampling(**given(**vars(options)))
+    return Sampling(**list_given(**vars(options)))
 
 
 def conclude(
@@ -135,8 +135,8 @@ def speed(
     from tools.tuning import pictures
     from tools.tuning.speed import NominalDrive, tune_speed
 
-    nominal = NominalDrive(**given(inertia_kg_m2=inertia_kg_m2, tracker_rad_s=tracker_rad_s))
-    wanted = given(bandwidth_hz=bandwidth_hz, phase_margin_deg=phase_margin_deg)
+    nominal = NominalDrive(**list_given(inertia_kg_m2=inertia_kg_m2, tracker_rad_s=tracker_rad_s))
+    wanted = list_given(bandwidth_hz=bandwidth_hz, phase_margin_deg=phase_margin_deg)
     conclude(
         outputs,
         lambda _: tune_speed(nominal, **wanted),
@@ -194,8 +194,8 @@ def detector(
             cost_miss,
             cost_false_alarm,
             progress=progress,
-            sampling=chosen(sampling),
-            **given(trials=trials),
+            sampling=choose_sampling(sampling),
+            **list_given(trials=trials),
         ),
         pictures.draw_detector,
         lambda points: {"characteristic": [asdict(point) for point in points]},
@@ -232,8 +232,8 @@ def estimator(
         lambda progress: tune_estimator(
             logs or (),
             progress=progress,
-            sampling=chosen(sampling),
-            **given(modules=modules, fresh_trials=fresh_trials),
+            sampling=choose_sampling(sampling),
+            **list_given(modules=modules, fresh_trials=fresh_trials),
         ),
         pictures.draw_estimator,
         lambda points: {"tried": [asdict(point) for point in points]},
@@ -260,8 +260,8 @@ def start(
         outputs,
         lambda progress: tune_start(
             progress=progress,
-            sampling=chosen(sampling),
-            **given(trials=trials, fresh_trials=fresh_trials),
+            sampling=choose_sampling(sampling),
+            **list_given(trials=trials, fresh_trials=fresh_trials),
         ),
         pictures.draw_start,
         lambda tried: {"tried": [asdict(one) for one in tried]},

@@ -131,12 +131,12 @@ def passes(name: str, code: ast.Module, tests: Sequence[str]) -> bool:
     faulthandler.cancel_dump_traceback_later()  # it waits for a thread, which a fork does not copy
     child = os.fork()
     if child == 0:
-        os._exit(_in_child(name, code, tests))
+        os._exit(_run_in_child(name, code, tests))
     _, status = os.waitpid(child, 0)
     return os.waitstatus_to_exitcode(status) == pytest.ExitCode.OK
 
 
-def _in_child(name: str, code: ast.Module, tests: Sequence[str]) -> int:
+def _run_in_child(name: str, code: ast.Module, tests: Sequence[str]) -> int:
     signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
     silent = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silent, 1)

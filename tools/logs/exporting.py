@@ -57,7 +57,7 @@ def frames_of(table: pa.Table, message: Message) -> DecodedFrames:
     return DecodedFrames(message.name, table["t_s"].to_numpy(), wall_ns, signals, units)
 
 
-def as_mf4(frames: Iterable[DecodedFrames], path: Path) -> None:
+def write_mf4(frames: Iterable[DecodedFrames], path: Path) -> None:
     """Write one MDF file; asammdf would write any other name than `….mf4` with that ending instead."""
     from asammdf import MDF, Signal
 
@@ -74,7 +74,7 @@ def as_mf4(frames: Iterable[DecodedFrames], path: Path) -> None:
         written.rename(path)
 
 
-def as_mcap(frames: Iterable[DecodedFrames], path: Path) -> None:
+def write_mcap(frames: Iterable[DecodedFrames], path: Path) -> None:
     """Write one MCAP file, its messages in order of time within each topic."""
     from mcap.writer import Writer
 
@@ -93,7 +93,7 @@ def as_mcap(frames: Iterable[DecodedFrames], path: Path) -> None:
         writer.finish()  # type: ignore[no-untyped-call]  # mcap types all but this
 
 
-def as_parquet(frames: Iterable[DecodedFrames], folder: Path) -> None:
+def write_parquet(frames: Iterable[DecodedFrames], folder: Path) -> None:
     """Write a file for each frame; a field's metadata holds its `unit`."""
     folder.mkdir(parents=True, exist_ok=True)
     for one in frames:
@@ -104,7 +104,7 @@ def as_parquet(frames: Iterable[DecodedFrames], folder: Path) -> None:
         parquet.write_table(table.cast(pa.schema(fields)), folder / f"{one.name}.parquet")
 
 
-def as_csv(frames: Iterable[DecodedFrames], folder: Path) -> None:
+def write_csv(frames: Iterable[DecodedFrames], folder: Path) -> None:
     """Write a file for each frame; the title of a column is `name [unit]`."""
     folder.mkdir(parents=True, exist_ok=True)
     for one in frames:
@@ -115,10 +115,10 @@ def as_csv(frames: Iterable[DecodedFrames], folder: Path) -> None:
 
 
 FORMATS: Mapping[str, Callable[[Iterable[DecodedFrames], Path], None]] = {
-    "mf4": as_mf4,
-    "mcap": as_mcap,
-    "parquet": as_parquet,
-    "csv": as_csv,
+    "mf4": write_mf4,
+    "mcap": write_mcap,
+    "parquet": write_parquet,
+    "csv": write_csv,
 }
 
 

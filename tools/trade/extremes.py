@@ -243,7 +243,7 @@ def end_of(extreme: Extreme, method: str, accuracy: float | None = None) -> Moti
     if method != "Plant":
         if disturbance is None:
             return simulate(scene, extreme.until_s, torque_n_m=extreme.torque_n_m).final
-        return _disturbed(scene, extreme.until_s, disturbance)
+        return _simulate_disturbed(scene, extreme.until_s, disturbance)
     plant = Plant(scene, seed=1)
     for tick in range(round(extreme.until_s / extreme.tick_s)):
         if disturbance is not None and tick == round(disturbance.at_s / extreme.tick_s):
@@ -255,7 +255,7 @@ def end_of(extreme: Extreme, method: str, accuracy: float | None = None) -> Moti
     return plant.state
 
 
-def _disturbed(scene: Scene, until_s: float, disturbance: Disturbance) -> MotionState:
+def _simulate_disturbed(scene: Scene, until_s: float, disturbance: Disturbance) -> MotionState:
     """Return the final state of two runs, the second from the disturbed end of the first."""
     before = simulate(scene, disturbance.at_s).final
     stop: Any = scene.stop

@@ -20,7 +20,7 @@ from tools.campaign.results import shares_of, totals_of, values_of
 from tools.output import BadInputError
 from tools.progress import Progress
 from tools.tuning.candidates import SAMPLING, Sampling, run_candidates
-from tools.tuning.result import Merit, Tuning, tuned
+from tools.tuning.result import Merit, Tuning, make_value
 
 PARAMETER = "detector.floor_m_s2"
 FLOORS_M_S2 = (0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0, 24.0, 48.0)
@@ -109,7 +109,7 @@ def tune_detector(
         )
     floors_m_s2 = floors_m_s2 or FLOORS_M_S2
 
-    def tried(floors: Sequence[float], its_seed: int) -> list[Operating]:
+    def try_floors(floors: Sequence[float], its_seed: int) -> list[Operating]:
         candidates = [{PARAMETER: floor} for floor in floors]
         found = run_candidates("detect", candidates, its_seed, trials, progress, sampling.workers)
         return [
@@ -117,9 +117,9 @@ def tune_detector(
             for floor, outcomes in zip(floors, found, strict=True)
         ]
 
-    points = tried(floors_m_s2, sampling.seed)
+    points = try_floors(floors_m_s2, sampling.seed)
     best, alike = choose(points)
-    fresh, default = tried((best.floor_m_s2, DEFAULTS[PARAMETER]), sampling.fresh_seed)
+    fresh, default = try_floors((best.floor_m_s2, DEFAULTS[PARAMETER]), sampling.fresh_seed)
     warnings = []
     if best.floor_m_s2 in (floors_m_s2[0], floors_m_s2[-1]) and len(alike) == 1:
         warnings.append("the best floor lies at the end of those tried: the costs ask for one beyond")
@@ -131,7 +131,9 @@ def tune_detector(
         ),
         seed=sampling.seed,
         range_is="floors whose cost does not differ significantly from the least",
-        parameters={PARAMETER: tuned(PARAMETER, best.floor_m_s2, alike[0].floor_m_s2, alike[-1].floor_m_s2)},
+        parameters={
+            PARAMETER: make_value(PARAMETER, best.floor_m_s2, alike[0].floor_m_s2, alike[-1].floor_m_s2)
+        },
         figures_of_merit={**merits("", fresh), **merits("default_", default)},
         warnings=tuple(warnings),
     )

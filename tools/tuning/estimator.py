@@ -40,7 +40,7 @@ from tools.output import BadInputError
 from tools.progress import Progress
 from tools.tuning.candidates import SAMPLING, Sampling, points_of, run_candidates
 from tools.tuning.recordings.readings import Ticks
-from tools.tuning.result import Merit, Tuning, Value, tuned
+from tools.tuning.result import Merit, Tuning, Value, make_value
 
 NOISE, MEMORY, STOP = "estimator.velocity_noise_m_s", "estimator.model_memory_s", "estimator.stop_std_m"
 FLOOR = "estimator.model_std_m_s2"
@@ -266,9 +266,9 @@ def tune_estimator(
     parameters: dict[str, Value] = {}
     for name in grid or GRID:
         near = [value for value, one in profile(sound, name).items() if one > best.likelihood - NEAR]
-        parameters[name] = tuned(name, best.parameters[name], min(near), max(near))
+        parameters[name] = make_value(name, best.parameters[name], min(near), max(near))
     noises = [one.noise_m_s2 for one in by_log]
-    parameters[FLOOR] = tuned(FLOOR, float(np.median(noises)), min(noises), max(noises))
+    parameters[FLOOR] = make_value(FLOOR, float(np.median(noises)), min(noises), max(noises))
     values = {name: value.value for name, value in parameters.items()}
     merits = {
         "log_likelihood": Merit(best.likelihood, "1"),

@@ -64,6 +64,6 @@ class Tuning:
         }
 
 
-def tuned(name: str, value: float, low: float, high: float) -> Value:
+def make_value(name: str, value: float, low: float, high: float) -> Value:
     """A value with its parameter's unit."""
     return Value(value, BY_NAME[name].unit, low, high)

@@ -28,7 +28,7 @@ from firmware_py.core.estimation.crank import critically_damped_gains
 from firmware_py.shell.parameters import DEFAULTS
 from plant_sim.arrays import FloatArray
 from tools.output import BadInputError
-from tools.tuning.result import Merit, Tuning, tuned
+from tools.tuning.result import Merit, Tuning, make_value
 
 ComplexArray = NDArray[np.complex128]
 
@@ -152,7 +152,7 @@ def shape(nominal: NominalDrive, bandwidth_hz: float, phase_margin_deg: float) -
             closed = respond(nominal, *gains(nominal, one, ratio), at_wanted).closed
             return bool(abs(closed[0]) >= math.sqrt(0.5))
 
-        return _bisected(wide, *CROSSOVERS_RAD_S)
+        return _bisect(wide, *CROSSOVERS_RAD_S)
 
     def margin(ratio: float) -> float:
         return _phase_margin_deg(respond(nominal, *gains(nominal, crossover(ratio), ratio)))
@@ -170,7 +170,7 @@ def shape(nominal: NominalDrive, bandwidth_hz: float, phase_margin_deg: float) -
             f"almost without integral it is {reached.phase_margin_deg:.3g}; ask for less of either, or raise "
             "--tracker-rad-s"
         )
-    ratio = _bisected(lambda one: margin(one) >= phase_margin_deg, *INTEGRAL_RATIOS)
+    ratio = _bisect(lambda one: margin(one) >= phase_margin_deg, *INTEGRAL_RATIOS)
     return crossover(ratio), ratio
 
 
@@ -183,7 +183,7 @@ def _phase_margin_deg(response: LoopResponse) -> float:
     return float(np.degrees((1.0 - share) * phases[0] + share * phases[1]))
 
 
-def _bisected(holds: Callable[[float], bool], low: float, high: float) -> float:
+def _bisect(holds: Callable[[float], bool], low: float, high: float) -> float:
     """The smallest value in [low, high] from which on a condition holds, to 1 part in 1000."""
     if holds(low):
         return low
@@ -213,9 +213,9 @@ def tune_speed(
         peak = np.max(np.abs(1.0 / (1.0 + respond(nominal, *moved).loop)))
         return is_stable(nominal, *moved) and bool(peak <= LARGEST_PEAK)
 
-    p_low = 1.0 / _bisected(lambda one: not sound(1.0 / one, 1.0), 1.0, 100.0)
-    p_high = _bisected(lambda one: not sound(one, 1.0), 1.0, 100.0)
-    i_high = _bisected(lambda one: not sound(1.0, one), 1.0, 100.0)
+    p_low = 1.0 / _bisect(lambda one: not sound(1.0 / one, 1.0), 1.0, 100.0)
+    p_high = _bisect(lambda one: not sound(one, 1.0), 1.0, 100.0)
+    i_high = _bisect(lambda one: not sound(1.0, one), 1.0, 100.0)
     return Tuning(
         command="speed",
         source=(
@@ -225,9 +225,9 @@ def tune_speed(
         seed=None,
         range_is=f"each gain alone, the loop's sensitivity within {LARGEST_PEAK:g}",
         parameters={
-            "speed.gain_p_n_m_s": tuned("speed.gain_p_n_m_s", gain_p, p_low * gain_p, p_high * gain_p),
-            "speed.gain_i_n_m": tuned("speed.gain_i_n_m", gain_i, 0.0, i_high * gain_i),
-            "crank.bandwidth_rad_s": tuned(
+            "speed.gain_p_n_m_s": make_value("speed.gain_p_n_m_s", gain_p, p_low * gain_p, p_high * gain_p),
+            "speed.gain_i_n_m": make_value("speed.gain_i_n_m", gain_i, 0.0, i_high * gain_i),
+            "crank.bandwidth_rad_s": make_value(
                 "crank.bandwidth_rad_s", nominal.tracker_rad_s, nominal.tracker_rad_s, nominal.tracker_rad_s
             ),
         },

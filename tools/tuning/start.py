@@ -42,7 +42,7 @@ from tools.tuning.criteria import (
     late,
     starts_of,
 )
-from tools.tuning.result import Merit, Tuning, tuned
+from tools.tuning.result import Merit, Tuning, make_value
 
 RISE, APPROACH = "start.rise_s", "start.approach_ratio"
 Grid = Mapping[str, Sequence[float]]
@@ -137,7 +137,7 @@ def tune_start(
         ),
         seed=sampling.seed,
         range_is="values that, each alone, make no significant difference",
-        parameters={name: tuned(name, best[name], min(alone[name]), max(alone[name])) for name in grid},
+        parameters={name: make_value(name, best[name], min(alone[name]), max(alone[name])) for name in grid},
         figures_of_merit={
             **merits("", after),
             **merits("default_", before),

@@ -98,7 +98,7 @@ def loop_figures(records: Records, period_s: float, is_imported: bool) -> LoopFi
     )
 
 
-def met_its_timing(
+def has_met_timing(
     loops: Loops, baseline_overruns: int | None, under_uml: bool, held_ms: Sequence[float] = ()
 ) -> bool:
     """Whether both loops met their overrun and work limits, and neither stalled for `LONGEST_HOLD_MS`.
@@ -307,7 +307,7 @@ def figures_from(traces: RunTraces) -> Figures:
         clock=clock,
         bus=str(run.get("bus", "")),
         kernel_can=bool(run.get("kernel_can", False)),
-        real_time=met_its_timing(loops, baseline, under_uml, held_ms) if clock == "real" else None,
+        real_time=has_met_timing(loops, baseline, under_uml, held_ms) if clock == "real" else None,
         time=str(run.get("time", "strict")) if clock == "real" else None,
         held_s=outcome.get("held_s"),
         own_late_s=outcome.get("own_late_s"),

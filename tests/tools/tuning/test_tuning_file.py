@@ -13,7 +13,7 @@ from plant_sim.text_input import TextInputError
 from tools import cli
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
 from tools.tuning import safety
-from tools.tuning.result import Merit, Tuning, tuned
+from tools.tuning.result import Merit, Tuning, make_value
 from tools.tuning.safety import SafetyResult, check_bounds, judge_safety, write
 
 SAFE = [SafetyResult("bounds", 1, True, "")]
@@ -26,7 +26,7 @@ def tuning(**values: float) -> Tuning:
         seed=3,
         range_is="nothing",
         parameters={
-            name.replace("__", "."): tuned(name.replace("__", "."), value, 0.5 * value, 2.0 * value)
+            name.replace("__", "."): make_value(name.replace("__", "."), value, 0.5 * value, 2.0 * value)
             for name, value in values.items()
         },
         figures_of_merit={"margin": Merit(50.0, "deg")},

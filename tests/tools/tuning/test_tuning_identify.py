@@ -28,9 +28,9 @@ from tools.tuning.identification.impacts import (
     STEP,
     contact_time_s,
     dissipation,
+    filter_forces,
     fit_impact,
     integrate,
-    seen,
 )
 from tools.tuning.recordings.readings import Readings, read, read_ticks, ticks_of
 from tools.tuning.result import Tuning
@@ -212,7 +212,7 @@ def test_a_contact_without_pull_gives_back_its_restitution(restitution: float) -
 
 def test_a_impact_is_fitted_back() -> None:
     rows = np.arange(16) * 1e-3
-    readings = seen(rows, 0.9, 4.0, BANDWIDTH_HZ, 0.00123, 0.0031, 0.45)
+    readings = filter_forces(rows, 0.9, 4.0, BANDWIDTH_HZ, 0.00123, 0.0031, 0.45)
     fitted = fit_impact(rows, readings, 0.9, 4.0, BANDWIDTH_HZ)
     assert fitted.touch_down_s == pytest.approx(0.00123, abs=2e-6)
     assert fitted.scale_s == pytest.approx(0.0031, rel=2e-3)

@@ -85,13 +85,11 @@ def branches(scene: Scene, over: str, turns: int = 1, impacts: int = 1) -> list[
     if turns % 2 == 0 and impacts % 2 == 0:
         parents = branches(scene, over, turns // 2, impacts // 2)
         special = [one for parent in parents for one in parent.special if one.kind == "period-doubling"]
-        doubled = [_doubled(module, one.orbit) for one in special if not one.doubles]
+        doubled = [_double(module, one.orbit) for one in special if not one.doubles]
     found: list[Branch] = []
     for start in doubled:
         if not any(_lies_on(module, branch, start.at) for branch in found):
-            branch = _joined(
-                module, Branch(turns, impacts, over, curve=[start]), _half(module, start, doubled)
-            )
+            branch = _join(module, Branch(turns, impacts, over, curve=[start]), _half(module, start, doubled))
             branch.special.insert(0, Special("period-doubling", branch.orbits[0], True))
             found.append(branch)
     for seed in chain(seeds(module, over), _less_an_impact(module)):
@@ -102,7 +100,7 @@ def branches(scene: Scene, over: str, turns: int = 1, impacts: int = 1) -> list[
     return found
 
 
-def _doubled(module: ImpactMap, orbit: Orbit) -> CurvePoint:
+def _double(module: ImpactMap, orbit: Orbit) -> CurvePoint:
     """An orbit at its period doubling, passed twice, with the tangent of the branch of twice the period.
 
     The derivative of the equations has two null vectors there. One repeats in both halves the change of the
@@ -138,10 +136,10 @@ def _branch_through(module: ImpactMap, seed: Vector, doubled: list[CurvePoint]) 
     if start is None or not module.orbit(start.at).is_admissible:
         return None
     halves = [_half(module, CurvePoint(start.at, sign * start.tangent), doubled) for sign in (-1.0, 1.0)]
-    return _joined(module, *halves)
+    return _join(module, *halves)
 
 
-def _joined(module: ImpactMap, before: Branch, behind: Branch) -> Branch:
+def _join(module: ImpactMap, before: Branch, behind: Branch) -> Branch:
     """One branch of the two parts before and behind their common start."""
     turned = [CurvePoint(point.at, -point.tangent) for point in reversed(before.curve[1:])]
     branch = Branch(module.turns, module.impacts, module.over[0], curve=turned + behind.curve)
@@ -193,7 +191,7 @@ def _half(module: ImpactMap, start: CurvePoint, doubled: list[CurvePoint]) -> Br
         last = half.curve[-1]
         limit = _limit_between(module, last, ahead)
         following = ahead if limit is None else limit
-        end = _met(module, last, following, doubled)
+        end = _meet(module, last, following, doubled)
         if end is not None:
             half.curve.append(end)
             half.special.append(Special("period-doubling", module.orbit(end.at), True))
@@ -228,7 +226,7 @@ def _limit_between(module: ImpactMap, before: CurvePoint, following: CurvePoint)
     return None
 
 
-def _met(
+def _meet(
     module: ImpactMap, before: CurvePoint, following: CurvePoint, doubled: list[CurvePoint]
 ) -> CurvePoint | None:
     """The period doubling between two neighbours of a curve, where the parameter turns round."""

@@ -39,7 +39,7 @@ LINES = {
 }
 
 
-def shown(values: Any, name: str) -> Any:
+def scale(values: Any, name: str) -> Any:
     """A parameter's values in the unit of its axis: lengths in mm."""
     return np.asarray(values) * (1e3 if PARAMETERS[name].unit == "m" else 1.0)
 
@@ -56,9 +56,9 @@ def branch_figure(found: Sequence[Branch], nominal: float, folder: Path, name: s
         sizes = np.array([[np.max(np.abs(orbit.multipliers))] for orbit in branch.orbits])
         for stable, style in ((True, "-"), (False, "--")):
             at, v_m_s = _pieces(branch, np.array([orbit.v_m_s for orbit in branch.orbits]), stable)
-            curves = speeds.plot(shown(at, over), v_m_s, style, color=colour, lw=1.6)
+            curves = speeds.plot(scale(at, over), v_m_s, style, color=colour, lw=1.6)
             at, size = _pieces(branch, sizes, stable)
-            growth.plot(shown(at, over), size, style, color=colour, lw=1.6)
+            growth.plot(scale(at, over), size, style, color=colour, lw=1.6)
             if np.any(np.isfinite(at)):
                 stability = "stable" if stable else "unstable"
                 _label(curves[0], f"{branch.turns}/{branch.impacts}, {stability}", labelled)
@@ -67,13 +67,13 @@ def branch_figure(found: Sequence[Branch], nominal: float, folder: Path, name: s
             if special:
                 values = [(orbit.values[over], v) for orbit in special for v in orbit.v_m_s]
                 at, v_m_s = np.array(values).T
-                points = speeds.plot(shown(at, over), v_m_s, marker, color=BORDER_COLOUR, ms=6)
+                points = speeds.plot(scale(at, over), v_m_s, marker, color=BORDER_COLOUR, ms=6)
                 _label(points[0], kind.replace("-", " "), labelled)
     growth.set(yscale="log", ylim=(1e-1, 3e1), ylabel="largest |multiplier|", xlabel=LABELS[over])
     growth.axhline(1.0, color="k", lw=0.8)
     speeds.set(ylabel="approach speed v⁻ at the stop [m/s]", ylim=(0.0, None))
     for axes in (speeds, growth):
-        axes.axvline(shown(nominal, over), color="k", lw=0.6, ls=":")
+        axes.axvline(scale(nominal, over), color="k", lw=0.6, ls=":")
     if labelled:
         speeds.legend(loc="best", fontsize=8)
     speeds.set_title("impact orbits: turns of the crank / impacts")
@@ -97,15 +97,15 @@ def boundary_figure(
     for place, curve in enumerate(curves):
         seen = curve.kind in {one.kind for one in curves[:place]}
         axes.plot(
-            shown(curve.values(first), first),
-            shown(curve.values(second), second),
+            scale(curve.values(first), first),
+            scale(curve.values(second), second),
             lw=1.6,
             label=None if seen else curve.kind.replace("-", " "),
             **LINES[curve.kind],
         )
-    axes.plot(shown(nominal[0], first), shown(nominal[1], second), "k*", ms=10, label="the scene")
+    axes.plot(scale(nominal[0], first), scale(nominal[1], second), "k*", ms=10, label="the scene")
     axes.set(xlabel=LABELS[first], ylabel=LABELS[second])
-    axes.set_ylim(shown(max(PARAMETERS[second].low, 0.0), second), None)
+    axes.set_ylim(scale(max(PARAMETERS[second].low, 0.0), second), None)
     axes.legend(loc="best", fontsize=8)
     return save(figure, folder, name)
 

@@ -118,7 +118,7 @@ def _flight(
     t = np.asarray(np.arange(len(z)) * T, np.float64)
     angle = readings.angle_rad[begin:end]
     crank = np.sin(angle - delay_s * np.gradient(angle, T))
-    return Flight(begin, end, t, z, crank, standing_still(z - at_rest_m_s2, T), contact)
+    return Flight(begin, end, t, z, crank, is_at_rest(z - at_rest_m_s2, T), contact)
 
 
 def integrals(z: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:
@@ -130,7 +130,7 @@ def integrals(z: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:
     return velocity, np.concatenate([[0.0], np.cumsum(way)])
 
 
-def standing_still(moving_m_s2: FloatArray, period_s: float) -> BoolArray:
+def is_at_rest(moving_m_s2: FloatArray, period_s: float) -> BoolArray:
     """Samples at rest: the reading, less its value at rest, is small and nearly constant for `STILL_S`."""
     width = round(STILL_S / period_s)
     near = np.abs(moving_m_s2) < RESTING_M_S2

@@ -36,7 +36,7 @@ from tools.tuning.identification.friction_laws import FITTED, Law, friction_m_s2
 from tools.tuning.identification.impacts import FreeForces, contact_time_s, fit_impact
 from tools.tuning.identification.striker import Fit, Samples, end_errors_m, fits, simplest
 from tools.tuning.recordings.readings import Readings, can_log_of, read
-from tools.tuning.result import Merit, Tuning, Value, tuned
+from tools.tuning.result import Merit, Tuning, Value, make_value
 from tools.tuning.safety import Bench
 
 NORMAL_95 = 1.96
@@ -276,7 +276,7 @@ def tune_identify(source: Path) -> tuple[Tuning, Identified, Readings]:
             "stop.contact_s": ("contact_s", 1.0, 0.0),
         }
     parameters = {
-        name: tuned(name, *(one * factor + base for one in (found.values[key], *bounds[key])))
+        name: make_value(name, *(one * factor + base for one in (found.values[key], *bounds[key])))
         for name, (key, factor, base) in places.items()
     }
     merits = {

@@ -106,7 +106,7 @@ def low_pass(bandwidth_hz: float) -> tuple[FloatArray, FloatArray]:
     return b, a
 
 
-def seen(
+def filter_forces(
     rows_s: FloatArray,
     speed_m_s: float,
     pull_m_s2: float,
@@ -152,7 +152,7 @@ def fit_impact(
 
     def residual(unknown: FloatArray) -> FloatArray:
         touch_down_s, scale_ms, restitution = unknown
-        model = seen(
+        model = filter_forces(
             rows_s,
             speed_m_s,
             pull_m_s2,
