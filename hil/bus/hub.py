@@ -258,7 +258,8 @@ class Hub:
         chunk = client.loss_report + stamp + frames
         if client.queued or client.member is not None:
             if len(client.queued) + len(chunk) > client.most_queued:
-                self._drop(client, len(frames) // FRAME_BYTES)
+                client.unreported += len(frames) // FRAME_BYTES
+                client.dropped += len(frames) // FRAME_BYTES
                 return
             client.unreported = 0
             client.queued += chunk
@@ -273,10 +274,6 @@ class Hub:
         if sent < len(chunk):
             client.queued += chunk[sent:]
             self._watch(client)
-
-    def _drop(self, client: Client, frames: int) -> None:
-        client.unreported += frames
-        client.dropped += frames
 
     def _drain(self, client: Client) -> None:
         try:

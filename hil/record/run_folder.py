@@ -73,9 +73,6 @@ def read_note(path: Path) -> dict[str, Any]:
         return {}
     try:
         refuse_large_note(path)
-    except RunFolderError:
-        return {}
-    try:
         content = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):
         return {}

@@ -16,6 +16,7 @@ from firmware_py.interface.enums import MOVING, Mode
 from firmware_py.shell.parameters import config_from
 from hil.judge import detection
 from hil.judge.figures.records import GaitFigures, no_figures
+from hil.judge.hold import Window
 from hil.record.run_traces import RunTraces, column, pair_by_tick
 from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import BoolArray, FloatArray
@@ -128,18 +129,17 @@ def count_undriven(firmware: Records, pulses_s: FloatArray) -> int:
     return int(np.count_nonzero(idle_s >= PAUSE_S))
 
 
-def gait_figures(traces: RunTraces, hold_s: tuple[float, float] | None) -> GaitFigures:
+def gait_figures(traces: RunTraces, hold: Window | None) -> GaitFigures:
     """All figures of a walk over the hold; all None without a walk or a hold."""
     plant, firmware = traces.plant, traces.firmware
-    if not traces.is_walked or len(plant) == 0 or len(firmware) == 0 or hold_s is None:
+    if not traces.is_walked or len(plant) == 0 or len(firmware) == 0 or hold is None:
         return no_figures(GaitFigures)
-    start_s, end_s = hold_s
     t_s, error = phase_error(plant, firmware)
-    error = error[(t_s >= start_s) & (t_s <= end_s)]
-    end = gait_end(plant, start_s)
+    error = error[hold.holds(t_s)]
+    end = gait_end(plant, hold.start_s)
+    steady = hold if end is None else Window(hold.start_s, min(hold.end_s, end.at_s))
     strikes = heel_strikes(plant)
-    steady_end_s = end_s if end is None else min(end_s, end.at_s)
-    strikes = strikes[(strikes >= start_s) & (strikes <= steady_end_s)][SETTLING_STRIDES:]
+    strikes = strikes[steady.holds(strikes)][SETTLING_STRIDES:]
     pulses = pulses_of(plant, traces.impacts)
     inside = push_off(traces.scenario).holds(pulses.phase)
     hits = np.histogram(pulses.t_s[inside], strikes)[0] if len(strikes) > 1 else np.zeros(0)
@@ -147,7 +147,7 @@ def gait_figures(traces: RunTraces, hold_s: tuple[float, float] | None) -> GaitF
     after = hardest = None
     if end is not None:
         follows = is_following(pulses.t_s, end.at_s, next_start_s(firmware, end.at_s))
-        before = (pulses.t_s >= 0.5 * (start_s + steady_end_s)) & (pulses.t_s <= end.at_s)
+        before = (pulses.t_s >= steady.second_half().start_s) & (pulses.t_s <= end.at_s)
         after = float(pulses.t_s[follows][-1] - end.at_s) if follows.any() else 0.0
         if before.any():
             largest = float(np.max(pulses.v_m_s[follows], initial=0.0))
