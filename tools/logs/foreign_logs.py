@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import can
 
+from hil.bus.wire import MAX_STANDARD_ID
+from hil.record.candump import MOST_BYTES
 from tools.output import BadInputError
 
 FORMATS = "candump -L's .log, or .asc, .blf or .trc, the text formats also with .gz"
@@ -27,8 +29,6 @@ MOST_MESSAGES = 400_000
 """Largest number of messages: a hundred seconds of a busy bus; their import takes 0.6 GB of memory."""
 MOST_BAD_LINES = 1000
 """Largest number of unreadable lines; more mean a log of another format."""
-MOST_BYTES = 8
-MAX_STANDARD_ID = 0x7FF
 
 
 class BadLine(NamedTuple):

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import can
 
+from hil.record.candump import MOST_BYTES
 from tools.logs import foreign_logs
 from tools.logs.foreign_logs import (
     FORMATS,
@@ -246,7 +247,7 @@ def classic(rest: str) -> str:
         flags = int(words[8 + named + length + 2], 16)
     except (ValueError, IndexError):
         return rest
-    if flags & CAN_FD_FLAG or length > foreign_logs.MOST_BYTES:
+    if flags & CAN_FD_FLAG or length > MOST_BYTES:
         return rest
     if flags & REMOTE_FLAG:
         return f" {channel} {can_id} {direction} r {dlc}"

@@ -24,14 +24,14 @@ from firmware_py.shell.node import power_up
 from firmware_py.shell.parameters import config_from, select_build
 from hil.faults.memory import ParameterMemory
 from hil.faults.on_bus import NamedFrames
-from hil.record.run_folder import read_note, refuse_irregular
+from hil.record.run_folder import RUN_NOTE, read_note, refuse_irregular
+from hil.record.run_traces import CAN_LOG, SCENARIO
 from hil.scenario.parameter_file import merge_files
 from hil.scenario.scenario import Scenario, load_scenario
 from plant_sim.arrays import FloatArray
 from tools.logs.foreign_logs import LoggedMessage, clock_jumps, read_log
 from tools.output import BadInputError
 
-CAN_LOG, SCENARIO, RUN = "can.log", "scenario.toml", "run.json"
 IDS = {message.name: message.frame_id for message in database().messages}
 NAMES = {frame_id: name for name, frame_id in IDS.items()}
 TORQUE_ID, ESTOP_ID = IDS["SetInputTorque"], IDS["DriveEstop"]
@@ -122,7 +122,7 @@ def recordings(place: Path) -> list[Path]:
     """Return a recording itself, or the recordings in a folder: run folders and CAN logs, sorted by name."""
     if not place.exists():
         raise BadInputError(f"{place} is not there; wanted a run folder, a CAN log, or a folder of these")
-    if not place.is_dir() or (place / RUN).exists() or (place / CAN_LOG).exists():
+    if not place.is_dir() or (place / RUN_NOTE).exists() or (place / CAN_LOG).exists():
         return [place]
     return sorted(one for one in place.iterdir() if (one / CAN_LOG).exists() or one.suffix in LOGS)
 
@@ -143,7 +143,7 @@ def replay(source: Path, build: Build = "compiled", parameters: Sequence[Path] =
     period_s = config_from(overrides).tick_s
     if scenario is None:
         refuse_jumps(log, messages)
-    if scenario is not None and read_note(source / RUN).get("clock") == "lockstep":
+    if scenario is not None and read_note(source / RUN_NOTE).get("clock") == "lockstep":
         sent, ticks = divide_on_grid(messages, period_s, scenario.ticks)
     else:
         sent, ticks = divide_at_torques(messages, period_s)
@@ -179,7 +179,7 @@ def replay(source: Path, build: Build = "compiled", parameters: Sequence[Path] =
 
 def scenario_of(folder: Path, parameters: Sequence[Path]) -> Scenario:
     """Return the scenario of a run folder."""
-    missing = [name for name in (CAN_LOG, SCENARIO, RUN) if not (folder / name).exists()]
+    missing = [name for name in (CAN_LOG, SCENARIO, RUN_NOTE) if not (folder / name).exists()]
     if missing:
         log = folder / CAN_LOG
         remedy = f"replay {log} instead" if log.exists() else "wanted the folder of a run, or a CAN log"

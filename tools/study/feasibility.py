@@ -63,7 +63,6 @@ LEG_IMPACTS = "impacts by the leg"
 LOST = "impacts lost"
 TOO_HARD = "too hard"
 TOO_SOFT = "too soft"
-REASONS = (FEASIBLE, NO_REGION, NO_TURNS, LEG_IMPACTS, LOST, TOO_HARD, TOO_SOFT)
 
 CELL = (
     *("preset", "axis", "law", "wearer", "verdict", "contact_s", "region_low", "region_high", "stride_hz"),
