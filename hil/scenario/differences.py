@@ -53,7 +53,7 @@ class FileTable(Table):
 
 
 def apply_differences(
-    base: Mapping[str, Any], own: Mapping[str, Any], append: Collection[str], above: str = ""
+    base: Mapping[str, Any], own: Mapping[str, Any], append: Collection[str] = (), above: str = ""
 ) -> dict[str, Any]:
     """The tables of `base` with the differences that `own` states.
 

@@ -30,6 +30,7 @@ import numpy as np
 from scipy.signal import correlate
 
 from firmware_py.shell.parameters import DEFAULTS
+from hil.scenario.differences import apply_differences
 from hil.scenario.parameter_file import nest
 from plant_sim.arrays import FloatArray
 from tools.campaign.campaign import Cell
@@ -159,9 +160,7 @@ def course_of(log: Log, parameters: dict[str, float]) -> FloatArray:
     from firmware_py.shell.parameters import config_from
     from tools.tuning.recordings.replay import replay
 
-    firmware = deepcopy(log.nominal)
-    for block, table in nest(parameters).items():
-        firmware.setdefault(block, {}).update(table)
+    firmware = apply_differences(log.nominal, nest(parameters))
     begin = round(SETTLING_SHARE * len(log.ticks.low_m_s2))
     return replay(config_from(firmware), log.ticks)[begin:]
 

@@ -18,6 +18,7 @@ from hil.bench.lockstep import Progress, in_lockstep
 from hil.judge.judge import judge
 from hil.record.formats import PARAMETERS
 from hil.record.run_traces import read_run
+from hil.scenario.differences import apply_differences
 from hil.scenario.files import read_scenario
 from hil.scenario.parameter_file import nest
 from hil.scenario.scenario import check_scenario
@@ -64,9 +65,7 @@ def judge_scenario(
         for command in document["script"]["commands"]:
             if "target_ratio" in command:
                 command["target_ratio"] = min(bench.ratio, command["target_ratio"])
-    firmware = document["firmware"]
-    for block, table in nest(values).items():
-        firmware.setdefault(block, {}).update(table)
+    document["firmware"] = apply_differences(document["firmware"], nest(values))
     try:
         scenario = check_scenario(document, name)
     except ParameterError as error:
