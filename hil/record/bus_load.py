@@ -5,15 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from firmware_py.interface.frame import worst_case_bits
 from plant_sim.arrays import FloatArray, IntArray
 
 BITRATE_BIT_S = 1e6
 """Bit rate of the bench's classic CAN bus."""
-HEAD_BITS, BITS_A_BYTE = 55.0, 10.0
-"""Worst-case length in bits of a frame and of each data byte, with stuffing and the space between frames.
-
-11-bit identifiers: 55 + 10 n (Davis, Burns, Bril, Lukkien 2007).
-"""
+MOST_BYTES = 64
+"""Largest number of data bytes in a log: those of CAN FD."""
+FRAME_BITS = np.array([worst_case_bits(length) for length in range(MOST_BYTES + 1)], np.float64)
+"""Worst-case length of a frame in bits by its number of data bytes."""
 TENTH_S = 0.1
 """Averaging time of the load over time: the period of the slowest cyclic frames."""
 TIME_RESOLUTION_S = 1e-6
@@ -45,7 +45,7 @@ class BusLoad(NamedTuple):
 def load_of(t_s: FloatArray, length: IntArray) -> BusLoad:
     """The load by frames at `t_s` with `length` bytes, both of shape (n,)."""
     tenths = np.floor((t_s + TIME_RESOLUTION_S) / TENTH_S).astype(np.int64)
-    return BusLoad(tenths, HEAD_BITS + BITS_A_BYTE * length.astype(np.float64))
+    return BusLoad(tenths, FRAME_BITS[length])
 
 
 def load_from_log(middle_s: FloatArray, shares: FloatArray) -> BusLoad:
