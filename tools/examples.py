@@ -33,7 +33,7 @@ EXAMPLES = {
     "firmware node": "vibrohil firmware --bus socketcan:can0",
     "firmware budget": "vibrohil firmware budget",
     "firmware build": "vibrohil firmware build --target cortex-m7 --out board",
-    "plant": "vibrohil plant table1-motor-soft --bus socketcan:can0",
+    "plant": "vibrohil plant soft-start-multistable --bus socketcan:can0",
     "measure": "vibrohil measure state.estimator.x_m outputs.torque_n_m --bus socketcan:can0 --rate 100",
     "calibrate": "vibrohil calibrate speed.gain_p_n_m_s=0.06 --bus socketcan:can0 --save gains.toml",
     "operator": "vibrohil operator soft-start-multistable --bus socketcan:can0",

@@ -13,7 +13,9 @@ import pytest
 from firmware_py.core.state import State
 from firmware_py.interface.parameter_table import TABLE
 from hil.judge.figures.records import CATALOGUE
+from hil.scenario.files import scenario_names
 from hil.scenario.scenario import load_scenario
+from plant_sim.scene import scene_names
 from tools import cli
 from tools.dev import reference
 from tools.dev.command_page import every_command, options_of
@@ -133,6 +135,11 @@ def test_every_command_and_option_that_is_shown_is_there(place, shown):
             named = words[0] if words[0] in command.commands else getattr(command, "unnamed", words[0])
             assert named in command.commands, f"{place}: vibrohil {name} {words[0]}"
             command = command.commands[named]
+        argument = next(iter(words[1:] if words[:1] == [command.name] else words), "")
+        first = command.params[0].name if command.params else ""
+        names = {"scenario": scenario_names, "scene": scene_names}.get(first)
+        if names is not None and re.fullmatch(r"[a-z][a-z0-9-]+", argument):
+            assert argument in names(), f"{place}: vibrohil {name} {argument}"
         known = {
             option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)
         }
