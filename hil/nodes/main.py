@@ -26,6 +26,7 @@ from hil.faults.on_process import FIRMWARE, PLANT
 from hil.nodes.plant import ACCEPTED_IDS
 from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
 from hil.nodes.warm import warm_firmware, warm_plant
+from hil.record.run_folder import VERDICT, RunFolderError
 from hil.record.traces.trace import bring_home
 from hil.scenario.operator import RECEIVED_IDS, OperatorNode
 from hil.scenario.scenario import load_scenario, refuse_other_periods
@@ -75,6 +76,8 @@ class NodeProcess(NamedTuple):
         """
         start = await_start(self.sync, again=True) if self.again else Start(0)
         if self.out_dir is not None:
+            if not self.sync and (self.out_dir / VERDICT).exists():
+                raise RunFolderError(f"--out: {self.out_dir} holds a run that has ended; name another folder")
             self.out_dir.mkdir(parents=True, exist_ok=True)
         clock_faults = ClockFaults(faults, name, self.seed)
         own_tick = start.first_tick + round(clock_faults.offset_s(start.first_tick * period_s) / period_s)

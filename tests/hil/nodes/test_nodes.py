@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import pytest
 
@@ -12,9 +13,11 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import DriveErrors, DriveEstop
 from hil.bus.in_process import InProcessBus, InProcessNode
 from hil.faults.memory import ParameterMemory
+from hil.nodes.main import NodeProcess, plant_main
 from hil.nodes.plant import PlantNode
 from hil.nodes.runners import FirmwareRunner, Pace
 from hil.nodes.warm import warm_plant
+from hil.record.run_folder import RunFolderError
 from hil.scenario.scenario import load_scenario
 from plant_sim.scene import load_scene
 
@@ -158,6 +161,15 @@ def test_a_firmware_alone_says_why_it_refuses_its_parameters():
         [*command, "--bus", "local", "--until", "0.02"], check=True, capture_output=True, text=True
     )
     assert "is out of bounds" in done.stderr or "it is damaged or was edited by hand" in done.stderr
+
+
+def test_a_node_alone_writes_no_traces_into_the_folder_of_a_run_that_has_ended(tmp_path: Path):
+    """Its verdict and its log would be of one run, and its traces of another."""
+    (tmp_path / "verdict.json").write_text("{}")
+    process = NodeProcess("local", tmp_path, 1, sync=False, again=False, until_s=0.001)
+    with pytest.raises(RunFolderError, match="holds a run that has ended; name another folder"):
+        plant_main("soft-start-multistable", (), process)
+    assert [one.name for one in tmp_path.iterdir()] == ["verdict.json"]
 
 
 def test_a_nodes_process_loads_no_reader_of_databases_no_tables_and_no_linear_algebra():
