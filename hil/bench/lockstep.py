@@ -117,22 +117,22 @@ class LockstepNodes:
         pace = Pace(scenario.period_s, scenario.duration_s, is_timed=False)
         joined = {name: self._bus.join(name) for name in NODES}
         self.to_plant, self.to_operator = joined[PLANT], joined[OPERATOR]
-        self._lines = {}
+        self.lines = {}
         for name, bus in joined.items():
             own = [fault for fault in faults[name] if not self._bus.breaks_by(fault)]
-            self._lines[name] = FaultyBus(bus, name, own, seed, pace.period_s)
-        self.plant = PlantRunner(scenario.scene, seed, pace, self._lines[PLANT], run_dir, faults[PLANT])
+            self.lines[name] = FaultyBus(bus, name, own, seed, pace.period_s)
+        self.plant = PlantRunner(scenario.scene, seed, pace, self.lines[PLANT], run_dir, faults[PLANT])
         self.firmware = FirmwareRunner(
             ParameterMemory(scenario.parameters, faults[FIRMWARE], seed),
             pace,
-            self._lines[FIRMWARE],
+            self.lines[FIRMWARE],
             run_dir,
             walks=scenario.scene.gait is not None,
             make=make,
         )
         self._plant = in_turns(self.plant, PLANT, faults[PLANT], pace.period_s, seed)
         self._firmware = in_turns(self.firmware, FIRMWARE, faults[FIRMWARE], pace.period_s, seed)
-        self.operator = OperatorRunner(scenario.commands, pace, self._lines[OPERATOR], run_dir)
+        self.operator = OperatorRunner(scenario.commands, pace, self.lines[OPERATOR], run_dir)
         self._processes = ProcessFaults(faults[BENCH])
         can_log = Path(os.devnull) if run_dir is None else run_dir / "can.log"
         self._can_log = stack.enter_context(CanLog(can_log))
@@ -153,16 +153,16 @@ class LockstepNodes:
         """Run one tick: the plant and the operator at t_k, the firmware half a period later."""
         t_s, t_ns, half_ns = tick * self._scenario.period_s, tick * self._period_ns, self._period_ns // 2
         if self._processes.takes_turn(PLANT, t_s):
-            self._lines[PLANT].move_to(t_s)
+            self.lines[PLANT].move_to(t_s)
             self._plant.step(tick)
             self._plant.record(tick, UNTIMED)
         if self.operator.due_tick <= tick:
-            self._lines[OPERATOR].move_to(t_s)
+            self.lines[OPERATOR].move_to(t_s)
             self.operator.step(tick)
         self._pass_time(t_ns, t_ns + half_ns)
         if self._processes.takes_turn(FIRMWARE, t_s):
             started_ns = time.perf_counter_ns()
-            self._lines[FIRMWARE].move_to(t_s)
+            self.lines[FIRMWARE].move_to(t_s)
             self._firmware.step(tick)
             work_us = (time.perf_counter_ns() - started_ns) * 1e-3
             self._firmware.record(tick, LoopTiming(0, 0.0, work_us, 0))

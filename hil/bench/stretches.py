@@ -1,9 +1,10 @@
 """Stretches: sequences of lockstep ticks in one compiled call, with single ticks of lockstep in between.
 
-A stretch ends before a fault begins, and the next one starts some time after the fault has ended. Faults that
-only change the module's parts or the drive's configuration begin and end between two stretches. There is no
-stretch while a node's clock differs from the bench's, nor in runs with a modelled bus. Frames, traces and
-can.log equal those of tick-by-tick lockstep.
+A stretch ends a tick before a fault begins, because a fault may repeat what was before it, and the next one
+starts when the fault has ended, holds no frame back and has left no node behind. Faults that only change the
+module's parts or the drive's configuration begin and end between two stretches. There is no stretch while a
+node's clock differs from the bench's, nor in runs with a modelled bus. Frames, traces and can.log equal those
+of tick-by-tick lockstep.
 
 `records_of` runs a whole scenario in stretches without a run folder, for campaigns.
 """
@@ -47,10 +48,6 @@ from plant_sim.kernels import entry_point
 from plant_sim.result import Impact
 from plant_sim.sensors.gait import GaitTruth
 
-AHEAD_S = 0.005
-"""Time from the end of a stretch to the beginning of any other fault."""
-BEHIND_S = 0.25
-"""Time from the end of a fault to the next stretch, after which no delayed frame of the fault remains."""
 LONGEST_TICKS = 4096
 """Longest stretch in ticks; the size of the buffers."""
 LINES_A_TICK = 8
@@ -58,16 +55,16 @@ MOST_SENT = 3
 """Most frames that the firmware sends in a tick."""
 
 
-def quiet_until_s(faults: Sequence[Fault], t_s: float) -> float:
+def quiet_until_s(faults: Sequence[Fault], t_s: float, period_s: float) -> float:
     """The end of the interval from `t_s` on in which no fault changes or acts; `t_s` if there is none."""
     until_s = math.inf
     for fault in faults:
         if fault.is_steady:
             edges_s = [edge_s for edge_s in (fault.at_s, fault.end_s) if edge_s > t_s + TIME_RESOLUTION_S]
             until_s = min([until_s, *edges_s])
-        elif t_s < fault.at_s - AHEAD_S:
-            until_s = min(until_s, fault.at_s - AHEAD_S)
-        elif t_s < fault.end_s + BEHIND_S:
+        elif t_s < fault.at_s - period_s:
+            until_s = min(until_s, fault.at_s - period_s)
+        elif t_s < fault.end_s:
             return t_s
     return until_s
 
@@ -94,6 +91,7 @@ class Stretches:
         self._scenario = scenario
         self._plant, self._firmware, self._operator = nodes.plant, nodes.firmware, nodes.operator
         self._to_plant, self._to_operator = nodes.to_plant, nodes.to_operator
+        self._lines = nodes.lines.values()
         self._period_ns = round(scenario.period_s * NS_PER_S)
         self._run: Callable[..., tuple[PlantState, int]] | None = None
         self._columns, precision = columns, self._native_node().native.precision
@@ -109,7 +107,7 @@ class Stretches:
     def ticks_from(self, tick: int) -> int:
         """Number of ticks from `tick` on that may be compiled; one while the operator waits for an answer."""
         scenario = self._scenario
-        quiet_s = quiet_until_s(scenario.faults, tick * scenario.period_s)
+        quiet_s = quiet_until_s(scenario.faults, tick * scenario.period_s, scenario.period_s)
         until = scenario.ticks
         if quiet_s < math.inf:
             until = min(until, math.floor((quiet_s + TIME_RESOLUTION_S) / scenario.period_s))
@@ -117,7 +115,10 @@ class Stretches:
         if listening_tick is not None:
             until = min(until, max(listening_tick, tick + 1))
         is_asked = self._native_node().whole["pool"][0, IS_CONNECTED] or self._plant.node.has_waiting_fault
-        return 0 if is_asked else min(until - tick, LONGEST_TICKS)
+        is_behind = self._plant.node.tick != tick or self._firmware.last_tick != tick - 1
+        if is_asked or is_behind or any(line.held_frames for line in self._lines):
+            return 0
+        return min(until - tick, LONGEST_TICKS)
 
     def _native_node(self) -> NativeNode:
         """The firmware's present node, which a restart replaces."""
@@ -185,6 +186,7 @@ class Stretches:
         """The operator's frames before `until_tick`, rows as of the gait sensors."""
         rows: list[tuple[int, int, int, int]] = []
         while (tick := self._operator.due_tick) < until_tick:
+            self._operator.bus.move_to(tick * self._scenario.period_s)
             rows += [(tick, *word_frame(frame)) for frame in self._operator.frames(tick)]
         return np.array(rows, dtype=np.int64).reshape(-1, 4)
 

@@ -51,7 +51,8 @@ class ClockFaults:
         t_s = own_s
         for jump in self._jumps:
             if t_s >= jump.at_s:
-                t_s = max(t_s - jump.ahead_s, jump.at_s)
+                during_s = max(t_s - jump.ahead_s, jump.at_s)
+                t_s = during_s if during_s < jump.end_s else max(t_s, jump.end_s)
         return t_s
 
     def lateness_s(self, t_s: float) -> float:

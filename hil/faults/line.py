@@ -53,6 +53,11 @@ class FaultyBus:
         self._step = Step(self._step.t_s, 0.0)
         self._foreign: list[Frame] = []
 
+    @property
+    def held_frames(self) -> int:
+        """The number of frames that the faults hold back."""
+        return sum(fault.held_frames for fault in self._faults)
+
     def move_to(self, t_s: float) -> None:
         """Begin the node's step at `t_s`; frames of foreign nodes are sent first."""
         self._step = Step(t_s, self._step.t_s)

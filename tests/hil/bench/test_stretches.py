@@ -36,6 +36,7 @@ FIRMWARE_AWAY = {"kind": "restarted", "at_s": 1.2, "duration_s": 0.2, "process":
 SHAKEN = {"kind": "clock-jitter", "at_s": 0.5, "duration_s": 0.1, "process": "firmware", "largest_s": 0.0025}
 PLANT_SHAKEN = {"kind": "clock-jitter", "at_s": 0.5, "duration_s": 0.1, "process": "plant", "largest_s": 4e-4}
 LEAPT = {"kind": "clock-jumped", "at_s": 3.4, "by_s": 0.5}
+OPERATOR_AWAY = {"kind": "unplugged", "at_s": 0.584, "duration_s": 0.4548, "node": "operator"}
 THERE_AND_BACK = {"kind": "clock-jumped", "at_s": 1.0, "by_s": 0.6, "duration_s": 0.3}
 """The firmware has no turn while its clock falls back; its frames wait longer than a stretch does."""
 
@@ -59,10 +60,19 @@ WALK = "a-steady-walk-has-a-pulse-in-every-push-off"
         (BASE, (STIFFER, KICK, NOISY, PAUSED)),
         (BASE, (SHAKEN, PLANT_SHAKEN, FIRMWARE_AWAY, PLANT_AWAY, LEAPT)),
         (BASE, (THERE_AND_BACK,)),
+        (BASE, (OPERATOR_AWAY,)),
         (WALK, ()),
         (WALK, (PLANT_AWAY,)),
     ],
-    ids=["undisturbed", "disturbed", "clocks-and-restarts", "there-and-back", "walking", "walking-restarted"],
+    ids=[
+        "undisturbed",
+        "disturbed",
+        "clocks-and-restarts",
+        "there-and-back",
+        "operator-away",
+        "walking",
+        "walking-restarted",
+    ],
 )
 def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
     base: str, faults: tuple[dict[str, Any], ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -403,6 +403,16 @@ def test_jitter_delays_turns_and_skips_what_it_must_with_no_tick_twice() -> None
     assert small.steps == [*range(2000)]
 
 
+@pytest.mark.parametrize("by_s", [0.05, -0.004])
+def test_jitter_acts_at_its_own_time_after_a_jump_that_has_ended(by_s: float) -> None:
+    leapt = fault("clock-jumped", at_s=0.01, duration_s=0.01, by_s=by_s)
+    shaken = fault("clock-jitter", at_s=0.2, duration_s=0.05, process="firmware", largest_s=0.0025)
+    _, turns = turned(range(400), leapt, shaken)
+    late = [slot for slot, steps in enumerate(turns) if slot >= 100 and steps != [slot]]
+    assert 200 <= min(late) < 205
+    assert 245 < max(late) < 253
+
+
 def test_a_restarted_node_is_made_anew_and_begins_at_its_tick() -> None:
     again = fault("restarted", at_s=0.005, duration_s=0.1, process="firmware")
     steps, turns = turned(range(105, 110), again)
