@@ -1,13 +1,14 @@
 """Additional sensors that correct the estimate: the row of H and the noise of each.
 
-Each sensor measures z = H (x, v, bias) + noise and sends a frame of its own. To add one, add it to the two
-records and two functions below, its frame to `vibro.dbc`, and the deviation of its noise to the parameters.
+Each sensor measures z = H (x, v, bias) + noise and sends a frame of its own. To add one, add it to
+`Measurements` and to the two functions below, its frame to `vibro.dbc`, and the deviation of its noise to the
+parameters.
 The accelerometer is no such sensor, because its reading also depends on the crank: see `accelerometer`.
 """
 
 from typing import NamedTuple
 
-from firmware_py.interface.arrivals import Arrival, age
+from firmware_py.interface.arrivals import age
 from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.generated.received import INITIAL, Received
 
@@ -25,7 +26,7 @@ class Measurements(NamedTuple):
     coarse_position_m: Measurement
 
 
-class Measured(NamedTuple):
+class SensorModel(NamedTuple):
     """A sensor's row of H and the variance of its noise."""
 
     x: float
@@ -34,32 +35,19 @@ class Measured(NamedTuple):
     variance: float
 
 
-class AllMeasured(NamedTuple):
-    """The row of H and the variance of each sensor."""
-
-    coarse_position_m: Measured
-
-
-def measurement(value: float, arrival: Arrival, tick: int) -> Measurement:
-    """One reading, with its age at tick number `tick`."""
-    return Measurement(value, age(tick, arrival))
-
-
-def measurements(received: Received, tick: int) -> Measurements:
+def measurements_of(received: Received, tick: int) -> Measurements:
     """The newest readings, with their ages at tick number `tick`."""
     coarse = received.coarse_position
     return Measurements(
-        measurement(coarse.striker_position_m, received.coarse_position_arrival, tick),
+        Measurement(coarse.striker_position_m, age(tick, received.coarse_position_arrival)),
     )
 
 
-NOTHING_MEASURED = measurements(INITIAL, 0)
+NOTHING_MEASURED = measurements_of(INITIAL, 0)
 """The readings before the first frame is received."""
 
 
-def measured(parameters: Parameters) -> AllMeasured:
-    """The row of H and the variance of each sensor, from the parameters."""
+def model_sensors(parameters: Parameters) -> tuple[SensorModel, ...]:
+    """The model of each sensor, in the order of `Measurements`."""
     coarse_m = parameters.estimator.coarse_std_m
-    return AllMeasured(
-        Measured(1.0, 0.0, 0.0, coarse_m * coarse_m),
-    )
+    return (SensorModel(1.0, 0.0, 0.0, coarse_m * coarse_m),)

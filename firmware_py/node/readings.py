@@ -9,7 +9,7 @@ from firmware_py.core.inputs import (
     OperatorInput,
     PowerInput,
 )
-from firmware_py.core.measurements import measurements
+from firmware_py.core.measurements import measurements_of
 from firmware_py.core.safety.gate import GateReading
 from firmware_py.interface.arrivals import age
 from firmware_py.interface.enums import axis_state_of, operator_request_of
@@ -39,7 +39,7 @@ def inputs_of(received: Received, tick: int) -> Inputs:
             acceleration.housing_m_s2,
             age(tick, received.accelerometer_arrival),
         ),
-        measurements=measurements(received, tick),
+        measurements=measurements_of(received, tick),
         encoder=EncoderInput(
             encoder.position_rev, encoder.velocity_rev_s, age(tick, received.encoder_estimates_arrival)
         ),

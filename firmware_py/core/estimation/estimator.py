@@ -49,7 +49,7 @@ from firmware_py.core.estimation.newton import (
     stop_variance,
 )
 from firmware_py.core.inputs import AccelerometerInput
-from firmware_py.core.measurements import Measurements, measured
+from firmware_py.core.measurements import Measurements, model_sensors
 from firmware_py.core.numbers import at_least
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import FREE, ContactPhase
@@ -186,11 +186,11 @@ def propagate(
 
 def correct_by_sensors(config: Config, estimate: StateEstimate, measurements: Measurements) -> StateEstimate:
     """The estimate, corrected by the measurements that have come in this tick."""
-    rows = measured(config.p)
+    models = model_sensors(config.p)
     for index in range(len(measurements)):
         z, age_ticks = measurements[index]
         if age_ticks == 0 and math.isfinite(z):
-            x, v, bias, variance = rows[index]
+            x, v, bias, variance = models[index]
             estimate = kalman.update(estimate, z, Row(x, v, bias), variance)
     return estimate
 

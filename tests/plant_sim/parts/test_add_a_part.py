@@ -171,7 +171,7 @@ COMPILED_FRAMES = """
 import numba
 import numpy as np
 from firmware_py.builds.numba_subset import register
-from firmware_py.core.measurements import measured, measurements
+from firmware_py.core.measurements import measurements_of, model_sensors
 from firmware_py.interface.arrivals import NOTHING_YET, Now
 from firmware_py.interface.generated.received import INITIAL, receive
 from firmware_py.shell.parameters import DEFAULTS, parameters_of
@@ -187,10 +187,11 @@ for which in range(len(sensors)):
     taken = numba.njit(lambda *arguments: receive(*arguments))(*arguments)
     assert taken == receive(*arguments), which
     assert taken[2]
-    assert numba.njit(lambda *arguments: measurements(*arguments))(taken[0], 7) == measurements(taken[0], 7)
+    readings = numba.njit(lambda *arguments: measurements_of(*arguments))(taken[0], 7)
+    assert readings == measurements_of(taken[0], 7)
     print(frame.can_id)
 defaults = parameters_of(DEFAULTS)
-assert numba.njit(lambda parameters: measured(parameters))(defaults) == measured(defaults)
+assert numba.njit(lambda parameters: model_sensors(parameters))(defaults) == model_sensors(defaults)
 """
 
 
