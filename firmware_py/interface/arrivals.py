@@ -28,12 +28,9 @@ class Arrival(NamedTuple):
     `counted_tick` is the tick of the newest counter, dropped repetitions included.
     """
 
-    tick: int
-    counted_tick: int
-    counter: int
-
-
-NEVER = Arrival(-NEVER_TICKS, -NEVER_TICKS, -1)
+    tick: int = -NEVER_TICKS
+    counted_tick: int = -NEVER_TICKS
+    counter: int = -1
 
 
 class Counters(NamedTuple):

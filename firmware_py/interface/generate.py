@@ -70,7 +70,7 @@ RECEIVED = '''"""Frames received by the firmware: written by `generate.py` out o
 
 from typing import NamedTuple
 
-from firmware_py.interface.arrivals import NEVER, Arrival, Counters, Now, accept
+from firmware_py.interface.arrivals import Arrival, Counters, Now, accept
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import kinds, records, unpacking
 from firmware_py.interface.zeroed import zeroed
@@ -86,7 +86,7 @@ class Received(NamedTuple):
 
 {members}
 
-INITIAL = zeroed(Received, {initial})
+INITIAL = zeroed(Received)
 '''
 RECEIVE = '''def receive(
     now: Now, received: Received, counters: Counters, frame: WordFrame
@@ -283,18 +283,16 @@ def received_source(frames: list[Layout]) -> str:
         key=lambda layout: (layout.period_s or math.inf, layout.can_id),
     )
     ids = ", ".join(f"kinds.{snake(layout.name).upper()}.can_id" for layout in frames)
-    members, initial, branches = "", "", ""
+    members, branches = "", ""
     for layout in frames:
         name = snake(layout.name)
-        arrival = f"{name}_arrival"
         if layout.signals:
             members += f"    {name}: records.{layout.name}\n"
-        members += f"    {arrival}: Arrival\n"
-        initial += f"{arrival}=NEVER, "
+        members += f"    {name}_arrival: Arrival\n"
         branches += branch(layout)
     return (
         RECEIVED
-        + STATE.format(ids=ids, members=members, initial=initial)
+        + STATE.format(ids=ids, members=members)
         + RECEIVE.format(branches=branches.replace("    elif", "    if", 1))
     )
 

@@ -10,8 +10,9 @@ ZEROS = {int: 0, float: 0.0, bool: False}
 def zeroed(record: type[Record], **others: object) -> Record:
     """A NamedTuple of type `record` with every number 0, every truth value False, and `others` as given.
 
-    Records within the record are zeroed too. A field of another type, such as an enum, has no zero and must
-    be among `others`; otherwise KeyError is raised. Called when a module is imported, never in a tick.
+    A field with a default has its default. Records within the record are zeroed too. A field of another type,
+    such as an enum, has no zero and must be among `others`; otherwise KeyError is raised. It is called when a
+    module is imported, never in a tick.
 
     >>> from typing import NamedTuple
     >>> class Level(NamedTuple):
@@ -20,9 +21,10 @@ def zeroed(record: type[Record], **others: object) -> Record:
     >>> zeroed(Level, ticks=3)
     Level(ticks=3, height_m=0.0)
     """
-    fields = {
+    given = record._field_defaults | others  # type: ignore[attr-defined]  # of every NamedTuple
+    zeros = {
         name: zeroed(kind) if hasattr(kind, "_fields") else ZEROS[kind]
         for name, kind in record.__annotations__.items()
-        if name not in others
+        if name not in given
     }
-    return record(**fields, **others)
+    return record(**zeros, **given)

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from firmware_py.interface.arrivals import NEVER, Arrival, Counters, Now, accept
+from firmware_py.interface.arrivals import Arrival, Counters, Now, accept
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import kinds, records, unpacking
 from firmware_py.interface.zeroed import zeroed
@@ -52,21 +52,7 @@ class Received(NamedTuple):
     xcp_command_arrival: Arrival
 
 
-INITIAL = zeroed(
-    Received,
-    encoder_estimates_arrival=NEVER,
-    accelerometer_arrival=NEVER,
-    gait_sensors_arrival=NEVER,
-    drive_current_arrival=NEVER,
-    coarse_position_arrival=NEVER,
-    drive_heartbeat_arrival=NEVER,
-    drive_errors_arrival=NEVER,
-    drive_temperature_arrival=NEVER,
-    drive_supply_arrival=NEVER,
-    operator_command_arrival=NEVER,
-    drive_estop_arrival=NEVER,
-    xcp_command_arrival=NEVER,
-)
+INITIAL = zeroed(Received)
 
 
 def receive(
