@@ -65,27 +65,24 @@ def emulator(name: BoardName, image: Path) -> list[str]:
 def image(name: BoardName) -> Path:
     """The path of the linked image; building it after a change of the firmware takes half a minute."""
     refuse_without_tools()
-    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(SOURCES.iterdir()))).hexdigest()[
-        :16
-    ]
-    return cache_file(f"{name}-{digest}.elf", lambda: _link(name))
+    sources = b"".join(path.read_bytes() for path in sorted(SOURCES.iterdir()))
+    digest = hashlib.sha256(sources).hexdigest()[:16]
+    return cache_file(f"{name}-{digest}.elf", lambda: link(name))
 
 
-def _link(name: BoardName) -> bytes:
-    with tempfile.TemporaryDirectory() as folder:
-        return _link_in(Path(folder), name)
-
-
-def _link_in(folder: Path, name: BoardName) -> bytes:
-    (folder / "vibro_firmware.o").write_bytes(object_code(name))
-    (folder / "vibro_firmware.h").write_text(header(TARGETS[name].precision), encoding="utf-8")
-    linked = folder / "image.elf"
-    parts = [str(SOURCES / "main.c"), str(folder / "vibro_firmware.o"), "-T", str(SOURCES / "mps2.ld")]
-    command = [*compiler(name), "-I", str(folder), *parts, *LIBRARIES, "-o", str(linked)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        raise BoardError(f"{COMPILER} cannot link the image: {done.stderr.strip()}")
-    return linked.read_bytes()
+def link(name: BoardName) -> bytes:
+    """Link the image."""
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        (folder / "vibro_firmware.o").write_bytes(object_code(name))
+        (folder / "vibro_firmware.h").write_text(header(TARGETS[name].precision), encoding="utf-8")
+        linked = folder / "image.elf"
+        parts = [str(SOURCES / "main.c"), str(folder / "vibro_firmware.o"), "-T", str(SOURCES / "mps2.ld")]
+        command = [*compiler(name), "-I", str(folder), *parts, *LIBRARIES, "-o", str(linked)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise BoardError(f"{COMPILER} cannot link the image: {done.stderr.strip()}")
+        return linked.read_bytes()
 
 
 def start(name: BoardName) -> "subprocess.Popen[bytes]":

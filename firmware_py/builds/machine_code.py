@@ -194,20 +194,17 @@ def remove_zeroed_results(assembly: str) -> str:
 
 @contextmanager
 def code_generation() -> Iterator[None]:
-    """Set LLVM's options for the generation of machine code, which are global in the process.
+    """Set LLVM's option for the generation of machine code, which is global in the process.
 
-    Its register allocator does not split live ranges by regions of the code: this default adds ten to twenty
-    kilobytes of moves to this one large function, varying with each change of a line, and saves no
-    instruction per tick. Where code is to be small, equal sequences become functions, and these once more.
+    Its register allocator does not split live ranges by regions of the code: this default adds five kilobytes
+    of moves to this one large function, varying with each change of a line, and no tick is quicker.
     """
-    regions, repetitions = "-grow-region-complexity-budget=", "-machine-outliner-reruns="
-    llvm.set_option("", f"{regions}0")
-    llvm.set_option("", f"{repetitions}1")
+    option = "-grow-region-complexity-budget="
+    llvm.set_option("", f"{option}0")
     try:
         yield
     finally:
-        llvm.set_option("", f"{regions}{LLVM_REGION_BUDGET}")
-        llvm.set_option("", f"{repetitions}0")
+        llvm.set_option("", f"{option}{LLVM_REGION_BUDGET}")
 
 
 def retarget(assembly: str, target: Target, kept_names: Collection[str]) -> bytes:
