@@ -202,11 +202,9 @@ def first_waiting(waiting: int) -> int:
 
 
 def pack(  # noqa: PLR0911 - a line a frame
-    config: Config, now: Transmitter, frame: int, tick: int, state: State, outputs: Outputs
+    config: Config, now: Transmitter, frame: int, tick: int, state: State, outputs: Outputs, count: int
 ) -> tuple[WordFrame, bool]:
-    """`(frame, sendable)` of one frame of `Slow`."""
-    # Faults and refusals share an identifier, and so a counter.
-    count = now.counts >> 4 * (FAULT.value if frame == REFUSAL.value else frame) & 15
+    """`(frame, sendable)` of one frame of `Slow`; `count`: its rolling counter."""
     if frame == FAULT.value:
         return packing.pack_fault_event(now.fault, count)
     if frame == REFUSAL.value:
@@ -234,10 +232,10 @@ def next_frame(
 ) -> tuple[Transmitter, WordFrame]:
     """Remove the first waiting frame, which is sent in `tick`; `NO_FRAME` if it cannot be encoded."""
     frame = first_waiting(now.waiting)
-    packed, sendable = pack(config, now, frame, tick, state, outputs)
+    # Faults and refusals share an identifier, and so a counter.
     place = 4 * (FAULT.value if frame == REFUSAL.value else frame)
-    count = (now.counts >> place) + 1 & 15
-    counts = now.counts & ~(15 << place) | count << place
-    waiting = now.waiting & ~(1 << frame)
-    now = now._replace(counts=counts)
-    return now._replace(waiting=waiting), packed if sendable else NO_FRAME
+    count = now.counts >> place & 15
+    packed, sendable = pack(config, now, frame, tick, state, outputs, count=count)
+    counts = now.counts & ~(15 << place) | (count + 1 & 15) << place
+    now = now._replace(counts=counts, waiting=now.waiting & ~(1 << frame))
+    return now, packed if sendable else NO_FRAME
