@@ -35,6 +35,8 @@ HEARTBEAT_PERIOD_S = codec.FIRMWARE_HEARTBEAT.period_s or 0.1
 LARGEST_SHARE = 1.5
 """Heartbeats over those that one firmware sends; a firmware that starts anew sends one more."""
 FEWEST_HEARTBEATS = 10
+LONGEST_BUNDLE = 16
+"""Frames of one kind that an adapter stamps with one time at most, in its longest latency period."""
 NEVER_SENT = ("state.estimator.p_xx", "state.estimator.p_vv", "wake_latency_us", "work_us")
 """Columns that figures and plots read and that no frame carries."""
 
@@ -79,6 +81,18 @@ def tick_numbers(t_s: FloatArray, period_s: float) -> IntArray:
     return np.maximum(numbers, 0)
 
 
+def latest_sent(t_s: FloatArray, period_s: float) -> FloatArray:
+    """The latest times at which frames that a node sends once in a period can have been sent, shape (n,).
+
+    Frames that follow each other faster were late: all but the last frame of an adapter's bundle have
+    waited, and so were sent before the times `t_s` with which it has stamped them.
+    """
+    padded = np.append(t_s, np.full(LONGEST_BUNDLE, np.inf))
+    later = [padded[k : k + len(t_s)] - k * period_s for k in range(LONGEST_BUNDLE)]
+    latest: FloatArray = np.min(later, axis=0)
+    return latest
+
+
 def reconstruct_ticks(bus: BusLog, period_s: float) -> dict[str, NDArray[Any]]:
     """The firmware's ticks from its first heartbeat on, one for each period with a frame; empty without one.
 
@@ -88,6 +102,9 @@ def reconstruct_ticks(bus: BusLog, period_s: float) -> dict[str, NDArray[Any]]:
     torque, impact = frames_of(bus, SetInputTorque), frames_of(bus, ImpactEvent)
     if len(heartbeat.t_s) == 0:
         return {}
+    sent_s = latest_sent(torque.t_s, period_s)
+    has_waited = torque.t_s - sent_s > 0.5 * period_s
+    torque = torque._replace(t_s=np.where(has_waited, sent_s, torque.t_s))
     sent_s = np.concatenate([frames.t_s for frames in (heartbeat, estimate, torque, impact)])
     sent_s = np.unique(sent_s[sent_s >= heartbeat.t_s[0]])
     numbers = tick_numbers(sent_s, period_s)

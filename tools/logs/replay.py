@@ -24,6 +24,7 @@ from firmware_py.shell.node import power_up
 from firmware_py.shell.parameters import config_from, select_build
 from hil.faults.memory import ParameterMemory
 from hil.faults.on_bus import NamedFrames
+from hil.record.bus_reconstruction import latest_sent
 from hil.record.run_folder import RUN_NOTE, read_note, refuse_irregular
 from hil.record.run_traces import CAN_LOG, SCENARIO
 from hil.scenario.parameter_file import merge_files
@@ -49,8 +50,6 @@ BEGINNINGS = (Mode.INIT, Mode.READY)
 """Modes in which a foreign log may begin: the crank is at rest, and nothing before it matters."""
 MOST_TICKS = 600_000
 """Largest number of replayed ticks: ten minutes; each takes a kilobyte of memory."""
-LONGEST_BUNDLE = 16
-"""Torque frames that an adapter stamps with one time at most, in its longest latency period."""
 LAST_TICKS = 2
 """Frames of the last ticks may be missing in a log, which ends while they wait for the bus."""
 US = 1e6
@@ -251,14 +250,8 @@ def divide_at_torques(
 
 
 def periods_before(t_s: FloatArray, period_s: float) -> list[int]:
-    """Whole periods from the frame before to each of the frames that the firmware sends once in a period.
-
-    Frames that follow each other faster were late: all but the last frame of an adapter's bundle have
-    waited, and so were sent earlier than their times `t_s`, shape (n,), say.
-    """
-    padded = np.append(t_s, np.full(LONGEST_BUNDLE, np.inf))
-    sent_s = np.min([padded[k : k + len(t_s)] - k * period_s for k in range(LONGEST_BUNDLE)], axis=0)
-    periods = np.clip(np.rint(np.diff(sent_s) / period_s), 1, MOST_TICKS + 1)
+    """Whole periods from the frame before to each of the frames that the firmware sends once in a period."""
+    periods = np.clip(np.rint(np.diff(latest_sent(t_s, period_s)) / period_s), 1, MOST_TICKS + 1)
     return [1, *map(int, periods)]
 
 

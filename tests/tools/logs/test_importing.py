@@ -340,3 +340,13 @@ def test_a_bus_without_firmware_shows_no_ticks():
     torque = codec.encode(SetInputTorque(0.1))
     bus = bus_log(np.array([0.1]), np.array([torque.can_id]), (torque.data,))
     assert reconstruct_ticks(bus, 1e-3) == {}
+
+
+def test_an_adapter_that_bundles_frames_hides_no_ticks():
+    """All frames of a bundle have its time."""
+    t_s, can_ids, payloads = zip(*frames(), strict=True)
+    bundle_s = 0.016 * np.ceil(np.array(t_s) / 0.016)
+    found = reconstruct_ticks(bus_log(bundle_s, np.array(can_ids), payloads), 1e-3)
+    np.testing.assert_array_equal(np.diff(found["tick"]), 1)
+    assert len(found["tick"]) == TICKS - 15  # before the bundle of the first heartbeat, nothing is known
+    assert np.count_nonzero(found["outputs.impact"]) == 2
