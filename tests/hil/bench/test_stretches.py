@@ -52,6 +52,35 @@ def scenario_with(*faults: dict[str, Any], base: str = BASE) -> Any:
 
 WALK = "a-steady-walk-has-a-pulse-in-every-push-off"
 
+ANY: list[dict[str, Any]] = [
+    {"kind": "dropped", "frames": ["EncoderEstimates"], "share": 0.5},
+    {"kind": "delayed", "frames": ["SetInputTorque"], "delay_s": 0.03},
+    {"kind": "delayed", "frames": ["OperatorCommand"], "delay_s": 0.3},
+    {"kind": "bundled", "frames": ["Accelerometer", "EncoderEstimates"], "period_s": 0.008},
+    {"kind": "thinned", "frames": ["Accelerometer"], "period_s": 0.004},
+    {"kind": "reordered", "frames": ["Accelerometer"]},
+    *({"kind": "unplugged", "node": node} for node in ("plant", "firmware", "operator")),
+    {"kind": "flood", "frames_a_tick": 2},
+    {"kind": "sensor-stuck", "sensor": "striker"},
+    {"kind": "sensor-slow", "sensor": "encoder", "lag_s": 0.02},
+    {"kind": "encoder-wrap", "count_rev": 10},
+    {"kind": "torque-stuck", "torque_n_m": 0.1},
+    {"kind": "phase-loss"},
+    *({"kind": "paused", "process": process} for process in ("plant", "firmware")),
+    {"kind": "clock-jitter", "process": "firmware", "largest_s": 8e-4},
+    {"kind": "clock-jumped", "by_s": 0.05},
+]
+
+
+def random_faults(seed: int) -> tuple[dict[str, Any], ...]:
+    """Three faults of any kinds at times within ticks; each lasts some ticks or some tenths of a second."""
+    dice = random.Random(seed)
+    durations_s = (dice.uniform(0.002, 0.05), dice.uniform(0.05, 0.4))
+    return tuple(
+        {**kind, "at_s": round(dice.uniform(0.3, 3.4), 4), "duration_s": round(dice.choice(durations_s), 4)}
+        for kind in dice.sample(ANY, 3)
+    )
+
 
 @pytest.mark.parametrize(
     ("base", "faults"),
@@ -63,6 +92,7 @@ WALK = "a-steady-walk-has-a-pulse-in-every-push-off"
         (BASE, (OPERATOR_AWAY,)),
         (WALK, ()),
         (WALK, (PLANT_AWAY,)),
+        *((BASE, random_faults(seed)) for seed in range(12)),
     ],
     ids=[
         "undisturbed",
@@ -72,6 +102,7 @@ WALK = "a-steady-walk-has-a-pulse-in-every-push-off"
         "operator-away",
         "walking",
         "walking-restarted",
+        *(f"random {seed}" for seed in range(12)),
     ],
 )
 def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
