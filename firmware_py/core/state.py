@@ -6,16 +6,7 @@ from firmware_py.core.control import hold, speed, spin_down, start
 from firmware_py.core.estimation import crank, detector, estimator_state, regime
 from firmware_py.core.gait import gait, gait_lock, stride_harmonic
 from firmware_py.core.safety import drive_link, gate, monitors, supervisor, watchdog_proof
-from firmware_py.interface.enums import (
-    INIT,
-    NO_FAULT,
-    NO_REFUSAL,
-    ActingLimit,
-    Fault,
-    Mode,
-    Refusal,
-    Regime,
-)
+from firmware_py.interface.enums import ActingLimit, Fault, Mode, Refusal, Regime
 from firmware_py.interface.zeroed import zeroed
 
 
@@ -92,9 +83,9 @@ INITIAL = State(
 
 INITIAL_OUTPUTS = zeroed(
     Outputs,
-    mode=INIT,
-    fault=NO_FAULT,
-    refusal=NO_REFUSAL,
+    mode=Mode.INIT,
+    fault=Fault.NONE,
+    refusal=Refusal.NONE,
     regime=Regime.UNCERTAIN,
     acting_limit=ActingLimit.SAFE_STATE,
     drive_frame=drive_link.NO_DRIVE_FRAME,

@@ -28,21 +28,7 @@ from firmware_py.core.safety.gate import GateFindings
 from firmware_py.core.safety.monitors import Findings, Watched
 from firmware_py.core.safety.supervisor import Observed
 from firmware_py.core.state import Outputs, State
-from firmware_py.interface.enums import (
-    ASKS_CLEAR,
-    ASKS_RUN,
-    CLOSED_LOOP,
-    MOVING,
-    NO_FAULT,
-    NO_LIMIT,
-    NO_REFUSAL,
-    READY,
-    RUN,
-    STOPPING,
-    ActingLimit,
-    Mode,
-    Refusal,
-)
+from firmware_py.interface.enums import MOVING, ActingLimit, AxisState, Fault, Mode, OperatorRequest, Refusal
 
 
 class Supervised(NamedTuple):
@@ -81,7 +67,7 @@ def supervise(
 ) -> tuple[State, Supervised]:
     """Update monitors and mode; `found`: the gate's findings."""
     mode = state.supervisor.mode
-    spins_down = mode == STOPPING and config.d.spin_down_s > 0.0
+    spins_down = mode == Mode.STOPPING and config.d.spin_down_s > 0.0
     target_rad_s = state.spin_down.target_omega_rad_s if spins_down else state.start.target_omega_rad_s
     stretch_m = speed.stretch_m(config, sin(state.crank.angle_rad), state.estimator.x_m)
     watched = Watched(
@@ -95,7 +81,7 @@ def supervise(
     )
     monitors_now, findings = monitors.step(config, state.monitors, found, watched)
     if watchdog_proof.tolerates(state.proof, inputs.drive):
-        findings = findings._replace(drive=NO_FAULT)
+        findings = findings._replace(drive=Fault.NONE)
     proven = watchdog_proof.may_start(config, state.proof)
     valid_ratio = start.is_valid_ratio(config, inputs.operator.target_ratio)
     observed = Observed(
@@ -120,7 +106,7 @@ def choose_request(config: Config, state: State, contact: Contact, inputs: Input
     mode = state.supervisor.mode
     now = Moment(
         moving=mode in MOVING,
-        holding=mode == RUN and state.start.stage == start.HOLD,
+        holding=mode == Mode.RUN and state.start.stage == start.HOLD,
         angle_rad=state.crank.angle_rad,
         regime=state.regime,
         touch_down=contact.touch_down,
@@ -138,7 +124,7 @@ def command(
 ) -> tuple[State, float]:
     """Update start, hold, stop and speed loop, which proposes the torque; also the target speed."""
     mode, crank_now, impact_n_s = state.supervisor.mode, state.crank, state.detector.impulse_n_s
-    hold_acts = mode == RUN and state.start.stage == start.HOLD and not request.sets_hold_ratio
+    hold_acts = mode == Mode.RUN and state.start.stage == start.HOLD and not request.sets_hold_ratio
     if hold_acts and request.ratio >= config.p.start.capture_ratio:
         base_ratio = state.start.to_rad_s / config.d.natural_rad_s
         hold_now = hold.step(config, state.hold, request, base_ratio, state.regime, impact_n_s)
@@ -156,7 +142,7 @@ def command(
     )
     spin_down_now = spin_down.INITIAL
     target_rad_s, target_rad_s2 = start_now.target_omega_rad_s, start_now.target_acceleration_rad_s2
-    if mode == STOPPING and config.d.spin_down_s > 0.0:
+    if mode == Mode.STOPPING and config.d.spin_down_s > 0.0:
         spin_down_now = spin_down.step(config, state.spin_down, crank_now, state.estimator)
         target_rad_s, target_rad_s2 = spin_down_now.target_omega_rad_s, 0.0
     if not is_current:
@@ -188,7 +174,7 @@ def link(config: Config, state: State, inputs: Inputs, operator_lost: bool) -> t
         proof_now.stage,
         drive=inputs.drive,
         encoder=inputs.encoder,
-        asks_clear=inputs.operator.request == ASKS_CLEAR and not operator_lost,
+        asks_clear=inputs.operator.request == OperatorRequest.CLEAR_FAULTS and not operator_lost,
     )
     return state._replace(proof=proof_now, drive_link=drive_link_now), frame
 
@@ -196,18 +182,18 @@ def link(config: Config, state: State, inputs: Inputs, operator_lost: bool) -> t
 def find_refusal(
     mode: Mode, inputs: Inputs, supervised: Supervised, request: Request, by_control: Refusal
 ) -> Refusal:
-    """The first reason why a RUN request is not followed; NO_REFUSAL if it is, or if there is none."""
-    if inputs.operator.request != ASKS_RUN or supervised.findings.operator_lost:
-        return NO_REFUSAL
+    """The first reason why a RUN request is not followed; NONE if it is, or if there is none."""
+    if inputs.operator.request != OperatorRequest.RUN or supervised.findings.operator_lost:
+        return Refusal.NONE
     if not supervised.valid_ratio:
         return Refusal.RATIO_OUT_OF_RANGE
-    if mode == READY and supervised.findings.freewheel_overspeed:
+    if mode == Mode.READY and supervised.findings.freewheel_overspeed:
         return Refusal.CRANK_TOO_FAST
-    if mode == READY and not supervised.proven:
+    if mode == Mode.READY and not supervised.proven:
         return Refusal.WATCHDOG_UNPROVEN
-    if request.refusal != NO_REFUSAL:
+    if request.refusal != Refusal.NONE:
         return request.refusal
-    return by_control if by_control != NO_REFUSAL else request.unmet
+    return by_control if by_control != Refusal.NONE else request.unmet
 
 
 def decide(
@@ -217,7 +203,7 @@ def decide(
     state, supervised = supervise(config, state, contact, inputs, found)
     mode = state.supervisor.mode
     state, request = choose_request(config, state, contact, inputs)
-    is_closed = inputs.drive.axis_state == CLOSED_LOOP
+    is_closed = inputs.drive.axis_state == AxisState.CLOSED_LOOP_CONTROL
     state, target_rad_s = command(config, state, request, is_closed=is_closed, is_current=is_current)
     state, frame = link(config, state, inputs, supervised.findings.operator_lost)
     retreated = (
@@ -226,9 +212,9 @@ def decide(
         and start.has_retreated(config, state.start, request.ratio)
     )
     acting_limit = state.speed.acting_limit
-    if acting_limit == NO_LIMIT and state.hold.guarded:
+    if acting_limit == ActingLimit.NONE and state.hold.guarded:
         acting_limit = ActingLimit.IMPACT_PHASE
-    if acting_limit == NO_LIMIT and retreated:
+    if acting_limit == ActingLimit.NONE and retreated:
         acting_limit = ActingLimit.RETREAT
     # After a retreat, or if there is no impact in the dip, the ratio is too high.
     is_lost_again = retreated and state.start.attempts > 1
@@ -245,7 +231,7 @@ def guard(
         config.d.gate, state.gate, found, inputs, state.speed.torque_n_m
     )
     state = state._replace(gate=gate_now)
-    if limit != NO_LIMIT and is_current:
+    if limit != ActingLimit.NONE and is_current:
         state = state._replace(speed=state.speed._replace(torque_n_m=torque_n_m))
     return state, limit
 
@@ -257,7 +243,7 @@ def step(config: Config, state: State, inputs: Inputs, is_current: bool) -> tupl
     state = state._replace(gate=gate_now)
     state, decided = decide(config, state, contact, inputs, found, is_current)
     state, gate_limit = guard(config, state, found, inputs, is_current)
-    if gate_limit != NO_LIMIT:
+    if gate_limit != ActingLimit.NONE:
         decided = decided._replace(acting_limit=gate_limit)
     return state, outputs_of(state, contact, decided)
 

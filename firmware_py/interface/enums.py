@@ -269,23 +269,11 @@ class ParameterTier(IntEnum):
     TUNING = 2
 
 
-# Members used in a tick have names of their own, because a look-up in the enum takes ten times longer.
-INIT, READY, SOFT_START, RUN, STOPPING, FAULT, E_STOP, PROOF = Mode
-ASKS_IDLE, ASKS_RUN, ASKS_CLEAR, ASKS_PROOF = OperatorRequest
-FREE, CONTACT = ContactPhase
-NO_FAULT, NO_LIMIT, NO_REFUSAL = Fault.NONE, ActingLimit.NONE, Refusal.NONE
-AXIS_IDLE, CLOSED_LOOP = AxisState.IDLE, AxisState.CLOSED_LOOP_CONTROL
-
-
-_AXIS_STATES = tuple(AxisState)
-_OPERATOR_REQUESTS = tuple(OperatorRequest)
-
-
 def axis_state_of(value: int) -> AxisState:
     """The axis state of a decoded frame; a compiled build reinterprets the number."""
-    return _AXIS_STATES[value]
+    return AxisState(value)
 
 
 def operator_request_of(value: int) -> OperatorRequest:
     """The request of a decoded frame; a compiled build reinterprets the number."""
-    return _OPERATOR_REQUESTS[value]
+    return OperatorRequest(value)

@@ -14,7 +14,7 @@ from typing import Any
 from firmware_py.core.config import Config
 from firmware_py.core.configure import commit
 from firmware_py.core.conflicts import Conflict, conflict_of
-from firmware_py.interface.enums import E_STOP, FAULT, INIT, READY, Mode, XcpError
+from firmware_py.interface.enums import Mode, XcpError
 from firmware_py.interface.float32 import float32_bits, float32_of
 from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.parameter_table import INDEX, TABLE
@@ -78,7 +78,7 @@ def apply(config: Config, p: Parameters, pool: list[int]) -> Config:
 
 def is_writable(place: int, mode: Mode) -> bool:
     """Whether a parameter may be written in this mode; no torque acts in the four below."""
-    if mode in (INIT, READY, FAULT, E_STOP):
+    if mode in (Mode.INIT, Mode.READY, Mode.FAULT, Mode.E_STOP):
         return RIGHTS[place] != NEVER
     return RIGHTS[place] == ALWAYS
 

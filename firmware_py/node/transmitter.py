@@ -14,15 +14,7 @@ from firmware_py.core.numbers import TAU, fraction
 from firmware_py.core.safety.drive_link import DriveFrame
 from firmware_py.core.state import Outputs, State
 from firmware_py.interface.arrivals import NEVER_TICKS
-from firmware_py.interface.enums import (
-    AXIS_IDLE,
-    CLOSED_LOOP,
-    NO_FAULT,
-    NO_REFUSAL,
-    ControlMode,
-    Fault,
-    InputMode,
-)
+from firmware_py.interface.enums import AxisState, ControlMode, Fault, InputMode, Refusal
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import kinds, packing, records
 from firmware_py.interface.zeroed import zeroed
@@ -108,7 +100,7 @@ def queue_events(now: Transmitter, tick: int, before: Outputs, outputs: Outputs)
     """Queue faults, impacts and refusals; also returns the number of frames lost."""
     lost = 0
     reason_is_new = outputs.disarm_reason not in (0, before.disarm_reason)
-    if outputs.fault not in (NO_FAULT, before.fault) or reason_is_new:
+    if outputs.fault not in (Fault.NONE, before.fault) or reason_is_new:
         now, replaced = queue(now, FAULT.value)
         now = now._replace(fault=records.FaultEvent(outputs.disarm_reason, outputs.fault.value, 0))
         lost += replaced
@@ -118,7 +110,7 @@ def queue_events(now: Transmitter, tick: int, before: Outputs, outputs: Outputs)
         impact = Impact(tick, outputs.impact_age_s, outputs.impact_speed_m_s, impulse_n_s)
         now = now._replace(impact=impact)
         lost += replaced
-    if outputs.refusal not in (NO_REFUSAL, before.refusal):
+    if outputs.refusal not in (Refusal.NONE, before.refusal):
         now, replaced = queue(now, REFUSAL.value)
         now = now._replace(refusal=outputs.refusal.value)
         lost += replaced
@@ -163,7 +155,7 @@ def pack_drive_frame(config: Config, kind: DriveFrame, position_rev: float) -> W
     if kind == DriveFrame.RE_ZERO:
         # Subtract whole turns only, so that the crank's angle does not change.
         return packing.pack_set_absolute_position(records.SetAbsolutePosition(fraction(position_rev)), 0)[0]
-    state = CLOSED_LOOP.value if kind == DriveFrame.CLOSED_LOOP else AXIS_IDLE.value
+    state = AxisState.CLOSED_LOOP_CONTROL.value if kind == DriveFrame.CLOSED_LOOP else AxisState.IDLE.value
     return packing.pack_set_axis_state(records.SetAxisState(state), 0)[0]
 
 

@@ -12,7 +12,7 @@ feed-forward; it runs once a tick, where an ODrive runs it 8,000 times a second.
 import math
 from typing import NamedTuple
 
-from firmware_py.interface.enums import AXIS_IDLE, CLOSED_LOOP, AxisError, AxisState
+from firmware_py.interface.enums import AxisError, AxisState
 from plant_sim.kernels import subroutine
 
 TORQUE_CONTROL, VELOCITY_CONTROL = 1, 2
@@ -23,6 +23,7 @@ SUCCESS, BUSY, CANCELLED, DISARMED, ENCODER_MISMATCH, NO_END_STOP, INVALID_STATE
 """ODrive's ProcedureResult; ENCODER_MISMATCH is its POLE_PAIR_CPR_MISMATCH."""
 UNDEFINED, VOLTAGE_CONTROL, INACTIVE = 0, 0, 0
 """AxisState, ControlMode and InputMode that replace a requested number that ODrive does not define."""
+AXIS_IDLE, CLOSED_LOOP = AxisState.IDLE, AxisState.CLOSED_LOOP_CONTROL
 FULL_CALIBRATION = AxisState.FULL_CALIBRATION_SEQUENCE
 MOTOR_CALIBRATION = AxisState.MOTOR_CALIBRATION
 ENCODER_CALIBRATION = AxisState.ENCODER_OFFSET_CALIBRATION

@@ -19,7 +19,7 @@ from firmware_py.core.config import Config
 from firmware_py.core.estimation.regime import RegimeState
 from firmware_py.core.numbers import clamp
 from firmware_py.core.request import Request
-from firmware_py.interface.enums import NO_REFUSAL, Refusal
+from firmware_py.interface.enums import Refusal
 from firmware_py.interface.zeroed import zeroed
 
 PHASE_SLOPE_RAD = 1.4
@@ -34,8 +34,6 @@ GAIN_IMPULSE = 0.2
 IMPULSE_TOLERANCE = 0.03
 """Relative error above which the requested impulse is not met."""
 
-RATIO_TOO_HIGH, IMPULSE_OUT_OF_RANGE = Refusal.RATIO_TOO_HIGH, Refusal.IMPULSE_OUT_OF_RANGE
-
 
 class HoldState(NamedTuple):
     """`trim` is the ratio's present difference from the S-curve's end, `wanted_trim` its target."""
@@ -49,7 +47,7 @@ class HoldState(NamedTuple):
     refusal: Refusal
 
 
-INITIAL = zeroed(HoldState, refusal=NO_REFUSAL)
+INITIAL = zeroed(HoldState, refusal=Refusal.NONE)
 
 
 def phase_step(config: Config, phase_rad: float) -> float:
@@ -79,7 +77,7 @@ def is_possible(config: Config, target_impulse_n_s: float) -> bool:
 
 def find_unmet(config: Config, target_impulse_n_s: float) -> Refusal:
     """The refusal of an impossible impulse, or NONE."""
-    return NO_REFUSAL if is_possible(config, target_impulse_n_s) else IMPULSE_OUT_OF_RANGE
+    return Refusal.NONE if is_possible(config, target_impulse_n_s) else Refusal.IMPULSE_OUT_OF_RANGE
 
 
 def rest(config: Config, request: Request) -> HoldState:
@@ -92,14 +90,14 @@ def find_bound(config: Config, ratio: float, guarded: bool, request: Request, im
     target_impulse_n_s = request.impulse_n_s
     if target_impulse_n_s <= 0.0:
         short = guarded and request.ratio - ratio > config.p.hold.largest_step
-        return RATIO_TOO_HIGH if short else NO_REFUSAL
+        return Refusal.RATIO_TOO_HIGH if short else Refusal.NONE
     if (guarded or ratio >= config.p.start.highest_ratio) and impulse_n_s < target_impulse_n_s * (
         1.0 - IMPULSE_TOLERANCE
     ):
         return Refusal.IMPULSE_TOO_HIGH
     if ratio <= config.p.hold.lowest_ratio and impulse_n_s > target_impulse_n_s * (1.0 + IMPULSE_TOLERANCE):
         return Refusal.IMPULSE_TOO_LOW
-    return NO_REFUSAL
+    return Refusal.NONE
 
 
 def step(
@@ -112,12 +110,16 @@ def step(
 ) -> HoldState:
     """One tick of a captured motion. `base_ratio`: the S-curve's end; `impact_n_s`: the last impact's."""
     unmet = find_unmet(config, request.impulse_n_s)
-    if unmet != NO_REFUSAL:
+    if unmet != Refusal.NONE:
         request = request._replace(impulse_n_s=0.0)
     wanted_trim, guarded = state.wanted_trim, state.guarded
     bound_periods, impulse_n_s, refusal = state.bound_periods, state.impulse_n_s, state.refusal
-    of_ratio = refusal in (NO_REFUSAL, RATIO_TOO_HIGH)
-    if unmet != NO_REFUSAL or refusal == IMPULSE_OUT_OF_RANGE or of_ratio != (request.impulse_n_s <= 0.0):
+    of_ratio = refusal in (Refusal.NONE, Refusal.RATIO_TOO_HIGH)
+    if (
+        unmet != Refusal.NONE
+        or refusal == Refusal.IMPULSE_OUT_OF_RANGE
+        or of_ratio != (request.impulse_n_s <= 0.0)
+    ):
         refusal = unmet
     if regime.ended and regime.last.impacts == 1 and regime.second.impacts == 1:
         impulse_n_s = impact_n_s if impulse_n_s <= 0.0 else impulse_n_s + 0.5 * (impact_n_s - impulse_n_s)
@@ -130,8 +132,9 @@ def step(
         moved = max(moved, min(config.p.hold.lowest_ratio, base_ratio))
         wanted_trim = moved - base_ratio
         bound = find_bound(config, moved, guarded, request, impulse_n_s)
-        bound_periods = bound_periods + 1 if bound != NO_REFUSAL else 0
-        if unmet == NO_REFUSAL and (bound == NO_REFUSAL or bound_periods >= config.p.hold.refusing_periods):
+        bound_periods = bound_periods + 1 if bound != Refusal.NONE else 0
+        is_settled = bound == Refusal.NONE or bound_periods >= config.p.hold.refusing_periods
+        if unmet == Refusal.NONE and is_settled:
             refusal = bound
     dt_s = config.tick_s
     change = clamp(wanted_trim - state.trim, config.p.hold.rate_1_s * dt_s)

@@ -15,7 +15,7 @@ from firmware_py.core.elementary import sine_cosine
 from firmware_py.core.estimation.crank import CrankState
 from firmware_py.core.estimation.estimator_state import EstimatorState
 from firmware_py.core.numbers import clamp
-from firmware_py.interface.enums import NO_LIMIT, ActingLimit
+from firmware_py.interface.enums import ActingLimit
 from firmware_py.interface.zeroed import zeroed
 
 LEAD_TICKS = 1.5
@@ -102,7 +102,7 @@ def step(
     error_rad_s = target_omega_rad_s - crank.omega_rad_s
     wanted_n_m = feedforward_n_m + config.p.speed.gain_p_n_m_s * error_rad_s + state.integral_n_m
 
-    acting_limit = NO_LIMIT
+    acting_limit = ActingLimit.NONE
     torque_n_m = clamp(wanted_n_m, config.p.speed.torque_limit_n_m)
     if torque_n_m != wanted_n_m:
         acting_limit = ActingLimit.TORQUE
@@ -122,7 +122,7 @@ def step(
 
     integral_n_m = state.integral_n_m
     pushes_on = error_rad_s * (wanted_n_m - torque_n_m) > 0.0
-    if acting_limit == NO_LIMIT or not pushes_on:
+    if acting_limit == ActingLimit.NONE or not pushes_on:
         integral_n_m = clamp(
             integral_n_m + config.p.speed.gain_i_n_m * error_rad_s * config.tick_s,
             config.p.speed.torque_limit_n_m,

@@ -18,7 +18,7 @@ from typing import NamedTuple
 from firmware_py.core.config import Config
 from firmware_py.core.estimation.regime import RegimeState
 from firmware_py.core.numbers import at_least
-from firmware_py.interface.enums import RUN, SOFT_START, STOPPING, Mode
+from firmware_py.interface.enums import Mode
 from firmware_py.interface.zeroed import zeroed
 
 DIP_S = 1.0
@@ -275,7 +275,7 @@ def bound_search(config: Config, state: StartState, mode: Mode, needs_impacts: b
     """The state, failed if the impacts have been missing for longer than `LONGEST_SEARCH_S`."""
     found = state.stage == HOLD or state.hits >= config.p.start.confirm_periods or not needs_impacts
     searching_s = state.searching_s + config.tick_s
-    if mode == RUN and found:
+    if mode == Mode.RUN and found:
         searching_s = 0.0
     overdue = searching_s > LONGEST_SEARCH_S
     return state._replace(
@@ -297,13 +297,13 @@ def step(
     The S-curve ends at the requested ratio, but not above `free_ratio`, the highest ratio that needs no guard
     on the impact phase, nor, if the goal may retreat, above `ceiling_ratio`.
     """
-    if mode == STOPPING:
+    if mode == Mode.STOPPING:
         if state.stage != STOP:
             # If the crank is slower than its target, begin at its speed: a stop must not accelerate it.
             from_rad_s = min(at_least(omega_rad_s, 0.0), state.target_omega_rad_s)
             state = begin_curve(state, STOP, from_rad_s, 0.0, config.p.start.stop_s, 0)
         return advance(config, state)
-    if mode not in (SOFT_START, RUN):
+    if mode not in (Mode.SOFT_START, Mode.RUN):
         return INITIAL
     if not drive_ready or state.failed:
         return state

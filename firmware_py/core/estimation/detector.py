@@ -16,7 +16,7 @@ from firmware_py.core.config import Config
 from firmware_py.core.estimation import stop_model
 from firmware_py.core.estimation.estimator_state import Contact, Prediction
 from firmware_py.core.numbers import at_least
-from firmware_py.interface.enums import CONTACT, FREE, ContactPhase
+from firmware_py.interface.enums import ContactPhase
 from firmware_py.interface.zeroed import zeroed
 
 SIGMAS = 4.0
@@ -61,7 +61,7 @@ class DetectorState(NamedTuple):
     impacts: int
 
 
-INITIAL = zeroed(DetectorState, phase=FREE, measurable=True)
+INITIAL = zeroed(DetectorState, phase=ContactPhase.FREE, measurable=True)
 
 FLYING = Contact(False, False, 0.0, 0.0, measured=True, settled=True)
 SWINGING_OUT = FLYING._replace(settled=False)
@@ -72,7 +72,7 @@ def step(config: Config, state: DetectorState, predicted: Prediction) -> tuple[D
     """One tick, on the prediction before any correction."""
     fresh = predicted.sensor.missed_ticks == 0 and predicted.started
     excess_m_s2 = -predicted.innovation_m_s2 if fresh else 0.0
-    if state.phase == FREE:
+    if state.phase == ContactPhase.FREE:
         return step_in_flight(config, state, predicted, excess_m_s2, fresh)
     return step_in_contact(config, state, predicted, excess_m_s2, fresh)
 
@@ -141,7 +141,7 @@ def step_in_flight(
     age_s = stop_model.contact_age_s(config, excess_m_s2, speed_m_s)
     age_s = min(age_s, 3.0 * config.tick_s) + config.d.sensor_delay_s
     touched = DetectorState(
-        phase=CONTACT,
+        phase=ContactPhase.CONTACT,
         contact_ticks=0,
         blind_ticks=0,
         excess_m_s2=excess_m_s2,
@@ -191,7 +191,7 @@ def step_in_contact(
     expected_m_s = (1.0 + config.p.stop.restitution) * before_m_s
     change_m_s = now.area_m_s if measured else at_least(now.area_m_s, expected_m_s)
     freed = now._replace(
-        phase=FREE,
+        phase=ContactPhase.FREE,
         contact_ticks=0,
         blind_ticks=config.d.ticks.refractory,
         impulse_n_s=config.p.striker.mass_kg * change_m_s,

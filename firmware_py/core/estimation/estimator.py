@@ -52,7 +52,7 @@ from firmware_py.core.inputs import AccelerometerInput
 from firmware_py.core.measurements import Measurements, model_sensors
 from firmware_py.core.numbers import at_least
 from firmware_py.interface.arrivals import NEVER_TICKS
-from firmware_py.interface.enums import FREE, ContactPhase
+from firmware_py.interface.enums import ContactPhase
 from firmware_py.interface.zeroed import zeroed
 
 POSITION_FLOOR_M = 5e-05
@@ -94,7 +94,7 @@ LARGEST = 1e3
 
 def strapdown_noise(config: Config, sensor: SensorState, phase: ContactPhase, dt_s: float) -> ProcessNoise:
     """Q of a tick; in contact with the trapezoid's error, estimated from the second difference of z."""
-    if phase == FREE:
+    if phase == ContactPhase.FREE:
         noise_m_s = config.p.estimator.velocity_noise_m_s
         return ProcessNoise(0.0, noise_m_s * noise_m_s, BIAS_NOISE)
     bend_m_s2 = sensor.acceleration_m_s2 - 2.0 * sensor.before_m_s2 + sensor.second_m_s2

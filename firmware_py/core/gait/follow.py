@@ -16,7 +16,7 @@ from firmware_py.core.gait.gait_lock import Moment
 from firmware_py.core.inputs import GaitInput, OperatorInput
 from firmware_py.core.request import Request
 from firmware_py.interface.arrivals import NEVER_TICKS
-from firmware_py.interface.enums import NO_REFUSAL
+from firmware_py.interface.enums import Refusal
 
 
 class WalkState(NamedTuple):
@@ -34,7 +34,7 @@ def is_built_in() -> bool:
 
 def accepts(config: Config, lock: gait_lock.LockState) -> bool:
     """Whether a request to run can be followed, as of the last tick."""
-    return not is_built_in() or config.p.gait.follow == 0 or lock.refusal == NO_REFUSAL
+    return not is_built_in() or config.p.gait.follow == 0 or lock.refusal == Refusal.NONE
 
 
 def ask(
@@ -72,6 +72,6 @@ def operator_request(operator: OperatorInput) -> Request:
         sets_hold_ratio=False,
         trim=0.0,
         trim_rate_1_s=0.0,
-        refusal=NO_REFUSAL,
-        unmet=NO_REFUSAL,
+        refusal=Refusal.NONE,
+        unmet=Refusal.NONE,
     )

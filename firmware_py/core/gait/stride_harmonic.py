@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from firmware_py.core.config import Config
 from firmware_py.core.gait.gait_lock import LockState, Moment
-from firmware_py.interface.enums import NO_REFUSAL, Refusal
+from firmware_py.interface.enums import Refusal
 from firmware_py.interface.zeroed import zeroed
 
 SETTLING, MEAN, REPORTING = 1, 4, 6
@@ -38,7 +38,7 @@ class StrideHarmonicState(NamedTuple):
     refusal: Refusal
 
 
-INITIAL = zeroed(StrideHarmonicState, refusal=NO_REFUSAL)
+INITIAL = zeroed(StrideHarmonicState, refusal=Refusal.NONE)
 """State without a request; an `aim_ratio` of 0 stands for the region's centre."""
 
 
@@ -60,10 +60,10 @@ def slope_n_s(config: Config, state: StrideHarmonicState) -> float:
 def find_unmet(config: Config, state: StrideHarmonicState, target_impulse_n_s: float) -> Refusal:
     """The refusal if the impacts miss the request after enough strides."""
     if state.turns < REPORTING * state.harmonic:
-        return NO_REFUSAL
+        return Refusal.NONE
     miss_n_s = state.impulse_n_s - target_impulse_n_s
     if abs(miss_n_s) <= config.p.gait.impulse_tolerance * target_impulse_n_s:
-        return NO_REFUSAL
+        return Refusal.NONE
     return Refusal.IMPULSE_TOO_HIGH if miss_n_s < 0.0 else Refusal.IMPULSE_TOO_LOW
 
 
@@ -104,6 +104,6 @@ def step(
         left_ratio=left_ratio,
         left_impulse_n_s=left_impulse_n_s,
         aim_ratio=state.aim_ratio if asks else 0.0,
-        refusal=state.refusal if asks else NO_REFUSAL,
+        refusal=state.refusal if asks else Refusal.NONE,
     )
     return aim(config, state, target_impulse_n_s) if asks and has_means(state) else state

@@ -24,19 +24,7 @@ from firmware_py.core.inputs import DriveInput, EncoderInput
 from firmware_py.core.safety import watchdog_proof
 from firmware_py.core.safety.watchdog_proof import ProofStage
 from firmware_py.interface.arrivals import NEVER_TICKS
-from firmware_py.interface.enums import (
-    AXIS_IDLE,
-    CLOSED_LOOP,
-    E_STOP,
-    FAULT,
-    INIT,
-    PROOF,
-    READY,
-    RUN,
-    SOFT_START,
-    STOPPING,
-    Mode,
-)
+from firmware_py.interface.enums import AxisState, Mode
 from firmware_py.interface.zeroed import zeroed
 
 REPEAT_S = 0.020
@@ -111,17 +99,17 @@ INITIAL = zeroed(DriveLinkState, request=OPEN, service_ticks=NEVER_TICKS)
 
 def find_request(mode: Mode, stage: ProofStage) -> AxisRequest:  # noqa: PLR0911 - a table
     """The axis request of `mode`, and in PROOF of the stage of the test."""
-    if mode == PROOF and stage == watchdog_proof.CLOSE:
+    if mode == Mode.PROOF and stage == watchdog_proof.CLOSE:
         return CLOSE
-    if mode == PROOF and stage == watchdog_proof.WITHHOLD:
+    if mode == Mode.PROOF and stage == watchdog_proof.WITHHOLD:
         return KEEP
-    if mode == E_STOP:
+    if mode == Mode.E_STOP:
         return STOP
-    if mode == SOFT_START:
+    if mode == Mode.SOFT_START:
         return CLOSE
-    if mode in (RUN, STOPPING):
+    if mode in (Mode.RUN, Mode.STOPPING):
         return KEEP
-    if mode == FAULT:
+    if mode == Mode.FAULT:
         return DISARM
     return OPEN
 
@@ -173,7 +161,7 @@ def step(
     confirmed = state.confirmed and not begins and drive.age_ticks <= config.d.ticks.drive
     if drive.age_ticks == 0 and request_ticks >= config.d.ticks.repeat and (is_set or request != CLOSE):
         closes = request in (CLOSE, KEEP)
-        confirmed = drive.axis_state == (CLOSED_LOOP if closes else AXIS_IDLE)
+        confirmed = drive.axis_state == (AxisState.CLOSED_LOOP_CONTROL if closes else AxisState.IDLE)
 
     period_ticks = config.d.ticks.arm if request == CLOSE and is_set else config.d.ticks.repeat
     place = state.place
@@ -187,9 +175,9 @@ def step(
         place += 1
 
     if frame == NO_DRIVE_FRAME:
-        may_clear = (mode == INIT and asks_clear) or (mode == PROOF and stage == watchdog_proof.CLEAR)
-        clears = may_clear and drive.axis_error != 0
-        rests = mode == READY and confirmed and abs(encoder.velocity_rev_s) < STILL_REV_S
+        ends_proof = mode == Mode.PROOF and stage == watchdog_proof.CLEAR
+        clears = (ends_proof or (mode == Mode.INIT and asks_clear)) and drive.axis_error != 0
+        rests = mode == Mode.READY and confirmed and abs(encoder.velocity_rev_s) < STILL_REV_S
         if clears and service_ticks >= config.d.ticks.arm:
             frame = DriveFrame.CLEAR_ERRORS
             service_ticks = 0

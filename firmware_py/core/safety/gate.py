@@ -20,7 +20,7 @@ from firmware_py.core.gate_limits import GateLimits
 from firmware_py.core.inputs import EncoderInput, Inputs, PowerInput
 from firmware_py.core.numbers import TAU, at_least, clamp, wrap_pi
 from firmware_py.interface.arrivals import NEVER_TICKS
-from firmware_py.interface.enums import AXIS_IDLE, NO_FAULT, NO_LIMIT, ActingLimit, Fault
+from firmware_py.interface.enums import ActingLimit, AxisState, Fault
 from firmware_py.interface.zeroed import zeroed
 
 CLIPPED_SHARE = 0.98
@@ -139,7 +139,7 @@ class GateFindings(NamedTuple):
     overspeed: bool
 
 
-IN_FLIGHT = zeroed(ContactState, fault=NO_FAULT)
+IN_FLIGHT = zeroed(ContactState, fault=Fault.NONE)
 INITIAL = zeroed(
     GateState, contact=IN_FLIGHT, counter=-1, reading_ticks=NEVER_TICKS, encoder_ticks=NEVER_TICKS
 )
@@ -245,7 +245,7 @@ def integrate_reading(limits: GateLimits, state: ContactState, high_m_s2: float,
         return in_flight(state.readings, flight_m_s2, deviation_m_s2, fault)
     contact = extend_contact(state, deviation_m_s2, ticks, dt_s)
     too_long = contact.ticks > limits.longest_contact_ticks
-    if fault == NO_FAULT and (too_long or not is_within(contact.change_m_s, limits.change_m_s)):
+    if fault == Fault.NONE and (too_long or not is_within(contact.change_m_s, limits.change_m_s)):
         fault = Fault.IMPULSE_LIMIT
     if too_long:
         return in_flight(state.readings, high_m_s2, 0.0, fault)
@@ -302,7 +302,7 @@ def find_watchdog_fault(limits: GateLimits, state: GateState, inputs: Inputs) ->
         return Fault.DRIVE_TIMEOUT
     if state.gaps >= GAPS:
         return Fault.STALE_SAMPLES
-    return NO_FAULT
+    return Fault.NONE
 
 
 def is_hot(limits: GateLimits, power: PowerInput) -> bool:
@@ -380,12 +380,12 @@ def judge(limits: GateLimits, state: GateState, inputs: Inputs) -> tuple[GateSta
     findings = GateFindings(
         find_watchdog_fault(limits, new, inputs),
         find_limit_fault(limits, new, power),
-        Fault.DRIVE_ERROR if inputs.drive.axis_error != 0 else NO_FAULT,
+        Fault.DRIVE_ERROR if inputs.drive.axis_error != 0 else Fault.NONE,
         inputs.operator.age_ticks > limits.operator_ticks,
         is_overspeed(limits, new.own_rad_s, encoder.velocity_rev_s),
     )
     return new._replace(
-        contact=state.contact._replace(fault=NO_FAULT),
+        contact=state.contact._replace(fault=Fault.NONE),
         reading_ticks=min(state.reading_ticks + 1, NEVER_TICKS),
     ), findings
 
@@ -395,15 +395,15 @@ def permit(
 ) -> tuple[GateState, float, ActingLimit]:
     """The permitted part of the proposed torque, and the gate's limit that acts on it, or NONE."""
     found = (
-        findings.watchdog != NO_FAULT
-        or findings.limit != NO_FAULT
-        or findings.drive != NO_FAULT
+        findings.watchdog != Fault.NONE
+        or findings.limit != Fault.NONE
+        or findings.drive != Fault.NONE
         or findings.operator_lost
         or findings.overspeed
         or inputs.estop
     )
     proposed = torque_n_m != 0.0
-    is_idle = inputs.drive.age_ticks == 0 and inputs.drive.axis_state == AXIS_IDLE
+    is_idle = inputs.drive.age_ticks == 0 and inputs.drive.axis_state == AxisState.IDLE
     shut = (state.shut and (proposed or not is_idle)) or (found and proposed)
     state = state._replace(shut=shut)
     if shut:
@@ -417,4 +417,4 @@ def permit(
     backward = permitted_n_m < 0.0 and not (rad_s >= -limits.speed_rad_s and own_rad_s >= -own_limit_rad_s)
     if forward or backward:
         return state, 0.0, ActingLimit.SPEED
-    return state, permitted_n_m, NO_LIMIT if permitted_n_m == torque_n_m else ActingLimit.TORQUE
+    return state, permitted_n_m, ActingLimit.NONE if permitted_n_m == torque_n_m else ActingLimit.TORQUE

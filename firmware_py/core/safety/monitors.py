@@ -13,7 +13,7 @@ from firmware_py.core.config import Config, MonitorTicks
 from firmware_py.core.estimation.crank import CrankState
 from firmware_py.core.estimation.estimator_state import EstimatorState
 from firmware_py.core.safety.gate import GateFindings
-from firmware_py.interface.enums import CLOSED_LOOP, MOVING, NO_FAULT, STOPPING, AxisState, Fault, Mode
+from firmware_py.interface.enums import MOVING, AxisState, Fault, Mode
 from firmware_py.interface.zeroed import zeroed
 
 RUNAWAY_RAD_S = 5.0
@@ -88,7 +88,7 @@ def find_watchdog_fault(config: Config, crank: CrankState, estimate: EstimatorSt
     """The fault of the first observer that has had no usable reading for too long, or NONE."""
     if estimate.sensor.missed_ticks > config.d.ticks.sensor:
         return Fault.SENSOR_TIMEOUT
-    return Fault.ENCODER_TIMEOUT if crank.missed_ticks > config.d.ticks.encoder else NO_FAULT
+    return Fault.ENCODER_TIMEOUT if crank.missed_ticks > config.d.ticks.encoder else Fault.NONE
 
 
 def is_disturbed(config: Config, crank: CrankState, load_known: bool) -> bool:
@@ -120,7 +120,7 @@ def is_invalid(config: Config, estimate: EstimatorState) -> bool:
 def count_conditions(config: Config, held: MonitorTicks, now: Watched) -> MonitorTicks:
     """The condition of each monitor: the duration of each after this tick."""
     moving = now.mode in MOVING
-    driven = moving and now.axis_state == CLOSED_LOOP
+    driven = moving and now.axis_state == AxisState.CLOSED_LOOP_CONTROL
     target_rad_s, omega_rad_s = now.target_omega_rad_s, now.crank.omega_rad_s
     stalled = target_rad_s > 1.0 and not omega_rad_s > config.p.limit.stall_share * target_rad_s
     return MonitorTicks(
@@ -129,7 +129,7 @@ def count_conditions(config: Config, held: MonitorTicks, now: Watched) -> Monito
         load_implausible=count(held.load_implausible, driven and now.disturbed),
         runaway=count(held.runaway, driven and not omega_rad_s <= target_rad_s + RUNAWAY_RAD_S),
         stall=count(held.stall, driven and stalled),
-        stop_failed=count(held.stop_failed, now.mode == STOPPING),
+        stop_failed=count(held.stop_failed, now.mode == Mode.STOPPING),
     )
 
 
@@ -138,12 +138,12 @@ def find_first_fault(config: Config, held: MonitorTicks) -> Fault:
     for index in range(len(FAULTS)):
         if held[index] > config.d.ticks.monitors[index]:
             return FAULTS[index]
-    return NO_FAULT
+    return Fault.NONE
 
 
 def is_disobeyed(config: Config, state: MonitorState, axis_state: AxisState) -> bool:
     """Whether the drive does not close or open its axis in time, or has opened it by itself."""
-    has_left = state.enabled and axis_state != CLOSED_LOOP
+    has_left = state.enabled and axis_state != AxisState.CLOSED_LOOP_CONTROL
     return has_left or state.enable_ticks > config.d.ticks.enable
 
 
@@ -152,7 +152,7 @@ def step(
 ) -> tuple[MonitorState, Findings]:
     """One tick; `found`: the gate's findings, which precede those of the monitors."""
     limits, omega_rad_s = config.p.limit, now.crank.omega_rad_s
-    moving, closed = now.mode in MOVING, now.axis_state == CLOSED_LOOP
+    moving, closed = now.mode in MOVING, now.axis_state == AxisState.CLOSED_LOOP_CONTROL
     still_rad_s = limits.standstill_rad_s * (MOVES_AGAIN if state.standstill_ticks > 0 else 1.0)
     disagrees = (moving and not closed and not state.enabled) or (closed and not moving)
     too_fast = not abs(omega_rad_s) <= limits.speed_rad_s
@@ -164,11 +164,11 @@ def step(
         freewheel_ticks=config.d.ticks.takeover if too_fast else max(state.freewheel_ticks - 1, 0),
     )
     watchdog, limit, drive = found.watchdog, found.limit, found.drive
-    if watchdog == NO_FAULT:
+    if watchdog == Fault.NONE:
         watchdog = find_watchdog_fault(config, now.crank, now.estimate)
-    if limit == NO_FAULT:
+    if limit == Fault.NONE:
         limit = find_first_fault(config, state.held)
-    if drive == NO_FAULT and is_disobeyed(config, state, now.axis_state):
+    if drive == Fault.NONE and is_disobeyed(config, state, now.axis_state):
         drive = Fault.DRIVE_ERROR
     return state, Findings(
         watchdog=watchdog,

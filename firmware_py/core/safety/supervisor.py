@@ -12,26 +12,7 @@ conditions of a start are checked again. Clearing never arms.
 from typing import NamedTuple
 
 from firmware_py.core.safety.monitors import Findings
-from firmware_py.interface.enums import (
-    ASKS_CLEAR,
-    ASKS_IDLE,
-    ASKS_PROOF,
-    ASKS_RUN,
-    E_STOP,
-    FAULT,
-    INIT,
-    LATCHED,
-    MOVING,
-    NO_FAULT,
-    PROOF,
-    READY,
-    RUN,
-    SOFT_START,
-    STOPPING,
-    Fault,
-    Mode,
-    OperatorRequest,
-)
+from firmware_py.interface.enums import LATCHED, MOVING, Fault, Mode, OperatorRequest
 from firmware_py.interface.zeroed import zeroed
 
 
@@ -67,7 +48,7 @@ class SupervisorState(NamedTuple):
     clear_armed: bool
 
 
-INITIAL = zeroed(SupervisorState, mode=INIT, fault=NO_FAULT)
+INITIAL = zeroed(SupervisorState, mode=Mode.INIT, fault=Fault.NONE)
 
 
 def transition(  # noqa: PLR0911 - a table
@@ -75,33 +56,33 @@ def transition(  # noqa: PLR0911 - a table
 ) -> Mode:
     """The mode after this tick. `fault`: the finding that is a fault in the present mode, or NONE."""
     mode, operator_fresh = state.mode, not findings.operator_lost
-    all_fresh = operator_fresh and findings.watchdog == NO_FAULT
-    asks_run = operator_fresh and now.request == ASKS_RUN
-    asks_clear = operator_fresh and now.request == ASKS_CLEAR
-    asks_proof = operator_fresh and now.request == ASKS_PROOF
+    all_fresh = operator_fresh and findings.watchdog == Fault.NONE
+    asks_run = operator_fresh and now.request == OperatorRequest.RUN
+    asks_clear = operator_fresh and now.request == OperatorRequest.CLEAR_FAULTS
+    asks_proof = operator_fresh and now.request == OperatorRequest.PROVE_WATCHDOG
     if now.estop:
-        return E_STOP
+        return Mode.E_STOP
     if mode in LATCHED:
-        return INIT if asks_clear and state.clear_armed and fault == NO_FAULT else mode
-    if fault != NO_FAULT:
-        return FAULT
-    if mode == INIT:
-        return READY if all_fresh and findings.drive == NO_FAULT else INIT
-    if mode == READY:
+        return Mode.INIT if asks_clear and state.clear_armed and fault == Fault.NONE else mode
+    if fault != Fault.NONE:
+        return Mode.FAULT
+    if mode == Mode.INIT:
+        return Mode.READY if all_fresh and findings.drive == Fault.NONE else Mode.INIT
+    if mode == Mode.READY:
         if not all_fresh:
-            return INIT
+            return Mode.INIT
         may_close = now.axis_idle and state.idle_seen and not findings.freewheel_overspeed
         if asks_run and may_close and now.target_valid and now.proven:
-            return SOFT_START
-        return PROOF if asks_proof and may_close and findings.standstill else READY
-    if mode == PROOF:
-        unfinished = PROOF if asks_proof else INIT
-        return READY if now.proof_passed else unfinished
-    if mode == STOPPING:
-        return READY if findings.standstill else STOPPING
+            return Mode.SOFT_START
+        return Mode.PROOF if asks_proof and may_close and findings.standstill else Mode.READY
+    if mode == Mode.PROOF:
+        unfinished = Mode.PROOF if asks_proof else Mode.INIT
+        return Mode.READY if now.proof_passed else unfinished
+    if mode == Mode.STOPPING:
+        return Mode.READY if findings.standstill else Mode.STOPPING
     if not (asks_run and now.target_valid):
-        return STOPPING
-    return SOFT_START if mode == SOFT_START and not now.captured else RUN
+        return Mode.STOPPING
+    return Mode.SOFT_START if mode == Mode.SOFT_START and not now.captured else Mode.RUN
 
 
 def find_fault(  # noqa: PLR0911 - a table
@@ -115,29 +96,29 @@ def find_fault(  # noqa: PLR0911 - a table
     as motion. In FAULT and E_STOP the result is the reason against clearing; a drive's error is none, because
     clearing resets it.
     """
-    moving = mode in MOVING or mode == PROOF
+    moving = mode in MOVING or mode == Mode.PROOF
     latched = mode in LATCHED
     if findings.parameters_damaged:
         return Fault.PARAMETERS_DAMAGED
-    if mode == INIT:
-        return NO_FAULT
-    if (moving or latched) and findings.watchdog != NO_FAULT:
+    if mode == Mode.INIT:
+        return Fault.NONE
+    if (moving or latched) and findings.watchdog != Fault.NONE:
         return findings.watchdog
     if moving and findings.operator_lost:
         return Fault.OPERATOR_TIMEOUT
-    if not latched and findings.drive != NO_FAULT:
+    if not latched and findings.drive != Fault.NONE:
         return findings.drive
     if (moving or latched) and findings.overspeed:
         return Fault.OVERSPEED
-    if findings.watchdog == NO_FAULT and findings.limit != NO_FAULT:
+    if findings.watchdog == Fault.NONE and findings.limit != Fault.NONE:
         return findings.limit
-    if proof_failed and mode == PROOF:
+    if proof_failed and mode == Mode.PROOF:
         return Fault.DRIVE_WATCHDOG
-    if start_failed and mode == SOFT_START:
+    if start_failed and mode == Mode.SOFT_START:
         return Fault.START_FAILED
-    if start_failed and mode == RUN:
+    if start_failed and mode == Mode.RUN:
         return Fault.ATTRACTOR_LOST
-    return NO_FAULT
+    return Fault.NONE
 
 
 def latch_reason(
@@ -145,9 +126,9 @@ def latch_reason(
 ) -> tuple[Fault, int]:
     """The latched fault and the drive's reason after this tick; NONE and 0 in other modes."""
     if new_mode not in LATCHED:
-        return NO_FAULT, 0
+        return Fault.NONE, 0
     reason, reason_of_drive = state.fault, state.disarm_reason
-    if new_mode == FAULT and state.mode != FAULT:
+    if new_mode == Mode.FAULT and state.mode != Mode.FAULT:
         reason, reason_of_drive = fault, 0
     if reason == Fault.DRIVE_ERROR and reason_of_drive == 0:
         # The drive reports an error before it reports the reason.
@@ -161,12 +142,12 @@ def step(state: SupervisorState, findings: Findings, now: Observed) -> Superviso
     new_mode = transition(state, fault, findings, now)
     reason, reason_of_drive = latch_reason(state, new_mode, fault, now.disarm_reason)
     stays, operator_fresh = new_mode == state.mode, not findings.operator_lost
-    idle = operator_fresh and now.request == ASKS_IDLE
-    let_go = operator_fresh and now.request != ASKS_CLEAR
+    idle = operator_fresh and now.request == OperatorRequest.IDLE
+    let_go = operator_fresh and now.request != OperatorRequest.CLEAR_FAULTS
     return SupervisorState(
         mode=new_mode,
         fault=reason,
         disarm_reason=reason_of_drive,
-        idle_seen=new_mode == READY and stays and (state.idle_seen or idle),
+        idle_seen=new_mode == Mode.READY and stays and (state.idle_seen or idle),
         clear_armed=new_mode in LATCHED and stays and (state.clear_armed or let_go),
     )

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 from firmware_py.core.config import Config
 from firmware_py.core.inputs import DriveInput
-from firmware_py.interface.enums import AXIS_IDLE, CLOSED_LOOP, PROOF, AxisError, Mode
+from firmware_py.interface.enums import AxisError, AxisState, Mode
 from firmware_py.interface.zeroed import zeroed
 
 WATCHDOG_S = 0.050
@@ -78,11 +78,12 @@ def tolerates(state: ProofState, drive: DriveInput) -> bool:
 def judge_heartbeat(config: Config, state: ProofState, drive: DriveInput) -> ProofState:
     """The state after a tick of WITHHOLD, by the heartbeat of this tick."""
     if drive.age_ticks == 0:
-        is_disarmed = drive.axis_state == AXIS_IDLE and drive.axis_error == WATCHDOG_TIMER_EXPIRED
+        is_disarmed = drive.axis_state == AxisState.IDLE and drive.axis_error == WATCHDOG_TIMER_EXPIRED
         if is_disarmed and state.withheld_ticks <= config.d.ticks.proof_due + 1:
             return state._replace(stage=CLEAR)
         # Before the watchdog is due, a closed axis is no failure.
-        is_early = drive.axis_state == CLOSED_LOOP and state.withheld_ticks < config.d.ticks.proof_due
+        is_closed = drive.axis_state == AxisState.CLOSED_LOOP_CONTROL
+        is_early = is_closed and state.withheld_ticks < config.d.ticks.proof_due
         return state if is_early else state._replace(failed=True)
     return state._replace(failed=state.withheld_ticks > config.d.ticks.proof_due + 1)
 
@@ -112,7 +113,7 @@ def step(  # noqa: PLR0911 - stages, read top to bottom
 
     In PROOF, an axis in CLEAR that is idle and without an error has passed the test.
     """
-    if mode != PROOF:
+    if mode != Mode.PROOF:
         passed = state.passed and drive.age_ticks <= config.d.ticks.drive
         return INITIAL._replace(passed=passed)
     if state.stage == REST:

@@ -6,7 +6,7 @@ import pytest
 from firmware_py.core.configure import commit, config_of
 from firmware_py.core.estimation import stop_model
 from firmware_py.interface import parameter_table
-from firmware_py.interface.enums import READY, XcpError
+from firmware_py.interface.enums import Mode, XcpError
 from firmware_py.interface.parameter_table import INDEX, TABLE
 from firmware_py.node.calibration import calibrate
 from firmware_py.node.memory import pool_of
@@ -142,7 +142,7 @@ def write(values: dict[str, float], name: str, value: float) -> tuple[dict[str, 
     bits = int(np.float32(value).view(np.uint32))
     for place, word in ((INDEX[name], bits), (COMMIT, 1)):
         pool[ADDRESS], pool[REQUEST], pool[VALUE] = ELEMENT_BYTES * place, WRITE, word
-        config = calibrate(pool, config, READY)
+        config = calibrate(pool, config, Mode.READY)
         if pool[PACKET] == ERROR and error is XcpError.NONE:
             error = XcpError(pool[LOW])
     return parameters.values_of(config.p), error

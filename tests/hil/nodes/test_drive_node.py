@@ -8,7 +8,7 @@ import pytest
 
 from firmware_py.builds.numba_subset import register
 from firmware_py.interface import codec
-from firmware_py.interface.enums import AXIS_IDLE, AxisError, AxisState, ProcedureResult
+from firmware_py.interface.enums import AxisError, AxisState, ProcedureResult
 from firmware_py.interface.frame import Frame, WordFrame, word_of
 from hil.drive import axis, messages
 from hil.drive.axis import DISARMED, SUCCESS, TURN_RAD, DriveConfig, DriveState, Telemetry
@@ -410,7 +410,7 @@ def test_a_calibration_takes_its_time_and_ends(state: int, takes_s: float) -> No
     speeds = turn(drive, takes_s - TICK_S)
     assert drive.state.axis == (state, 0, 0, ProcedureResult.BUSY)
     speeds += turn(drive, TICK_S, omega_rad_s=speeds[-1])
-    assert drive.state.axis == (AXIS_IDLE, 0, 0, SUCCESS)
+    assert drive.state.axis == (AxisState.IDLE, 0, 0, SUCCESS)
     angles_rev = [sum(speeds[: tick + 1]) * TICK_S / TURN_RAD for tick in range(0, len(speeds), 50)]
     assert max(angles_rev) == pytest.approx(0.0 if state == 4 else 8 / 7, abs=0.05)
     assert angles_rev[-1] == pytest.approx(0.0, abs=0.05)
@@ -424,7 +424,7 @@ def test_a_calibration_of_a_blocked_crank_fails(state: int) -> None:
         drive.elapse(TICK_S, 0.0, 0.0)
     mismatch = ProcedureResult.POLE_PAIR_CPR_MISMATCH
     error = AxisError.CALIBRATION_ERROR
-    assert drive.state.axis == (AXIS_IDLE, error, error, mismatch)
+    assert drive.state.axis == (AxisState.IDLE, error, error, mismatch)
     drive.handle([CLEAR, ARM], 0.0)
     assert drive.armed
 
@@ -432,12 +432,12 @@ def test_a_calibration_of_a_blocked_crank_fails(state: int) -> None:
 def test_a_calibration_can_be_called_off_and_stopped() -> None:
     drive = Drive()
     drive.handle([axis_state(3), axis_state(1)], 0.0)
-    assert drive.state.axis == (AXIS_IDLE, 0, 0, ProcedureResult.CANCELLED)
+    assert drive.state.axis == (AxisState.IDLE, 0, 0, ProcedureResult.CANCELLED)
     drive.handle([axis_state(7), ESTOP], 0.0)
     estop = AxisError.ESTOP_REQUESTED
-    assert drive.state.axis == (AXIS_IDLE, estop, estop, DISARMED)
+    assert drive.state.axis == (AxisState.IDLE, estop, estop, DISARMED)
     drive.handle([axis_state(7)], 0.0)  # not before its errors are cleared
-    assert drive.state.axis.state == AXIS_IDLE
+    assert drive.state.axis.state == AxisState.IDLE
     drive.handle([CLEAR, axis_state(7), ARM], 0.0)
     assert drive.state.axis == (AxisState.CLOSED_LOOP_CONTROL, 0, 0, SUCCESS)
 
@@ -445,7 +445,7 @@ def test_a_calibration_can_be_called_off_and_stopped() -> None:
 def test_homing_finds_no_end_stop() -> None:
     drive = Drive()
     drive.handle([axis_state(11)], 0.0)
-    assert drive.state.axis == (AXIS_IDLE, 0, 0, ProcedureResult.HOMING_WITHOUT_ENDSTOP)
+    assert drive.state.axis == (AxisState.IDLE, 0, 0, ProcedureResult.HOMING_WITHOUT_ENDSTOP)
 
 
 register()
