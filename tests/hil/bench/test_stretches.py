@@ -73,11 +73,14 @@ ANY: list[dict[str, Any]] = [
 
 
 def random_faults(seed: int) -> tuple[dict[str, Any], ...]:
-    """Three faults of any kinds at times within ticks; each lasts some ticks or some tenths of a second."""
+    """Three faults of any kinds, at ticks or within them, for some ticks or some tenths of a second."""
     dice = random.Random(seed)
-    durations_s = (dice.uniform(0.002, 0.05), dice.uniform(0.05, 0.4))
     return tuple(
-        {**kind, "at_s": round(dice.uniform(0.3, 3.4), 4), "duration_s": round(dice.choice(durations_s), 4)}
+        {
+            **kind,
+            "at_s": round(dice.uniform(0.3, 3.4), dice.choice((3, 4))),
+            "duration_s": round(dice.uniform(0.002, dice.choice((0.05, 0.4))), 4),
+        }
         for kind in dice.sample(ANY, 3)
     )
 
