@@ -402,6 +402,17 @@ def test_a_soft_stop_has_a_fold_of_its_own() -> None:
     assert highest == pytest.approx(1.3921982, abs=1e-6)
 
 
+@pytest.mark.parametrize("name", ["table1-viscous", "table1-coulomb", "table1-stribeck"])
+def test_no_special_point_of_a_soft_stop_lies_beyond_the_grazing_that_ends_the_branch(name: str) -> None:
+    """Beyond it v⁻ is negative, and next to it the central differences reach beyond it."""
+    pad = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
+    (branch,) = branches(load_scene({**read_scene(name), "stop": pad}), "ratio")
+    ends = [branch.special[0], branch.special[-1]]
+    assert [(one.kind, one.ends, one.orbit.v_m_s[0]) for one in ends] == [("grazing", True, 0.0)] * 2
+    assert min(orbit.v_m_s[0] for orbit in branch.orbits) >= 0.0
+    assert min(one.orbit.v_m_s[0] for one in branch.special[1:-1]) > 1e-3
+
+
 def test_the_commands_answer_in_json_and_draw_their_figures(tmp_path, capsys) -> None:
     assert cli.run(["study", "branches", "--json", "--out", str(tmp_path)]) == EXIT_PASSED
     payload = json.loads(capsys.readouterr().out)

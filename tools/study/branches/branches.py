@@ -199,7 +199,7 @@ def _half(module: ImpactMap, start: CurvePoint, doubled: list[CurvePoint]) -> Br
         between = _special_between(module, half, last, following)
         if from_nominal(last) * from_nominal(following) < 0.0:
             operating = locate(module, last, following, from_nominal)
-            if operating is not None:
+            if operating is not None and module.orbit(operating.at).is_admissible:
                 between.append(operating)
                 half.operating.append(module.orbit(operating.at))
         half.curve += sorted(between, key=partial(_arclength, last))
@@ -250,7 +250,8 @@ def _special_between(
             point = locate(module, before, following, partial(test, module))
             if point is not None and abs(test(module, point)) < ZERO:
                 orbit = module.orbit(point.at)
-                if np.all(np.isfinite(orbit.multipliers)):  # otherwise it grazes, which ends the branch
+                # What grazes, or lies beyond the grazing, which ends the branch, is no orbit of it.
+                if np.all(np.isfinite(orbit.multipliers)) and orbit.is_admissible:
                     found.append(point)
                     half.special.append(Special(kind, orbit, False))
     return found

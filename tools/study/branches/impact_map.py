@@ -19,13 +19,15 @@ from numpy.typing import NDArray
 
 from plant_sim.scene import Scene
 from tools.study.branches.continuation import Vector
-from tools.study.branches.flights import AdaptiveFlight, ClosedFlight, Flight, Leg
+from tools.study.branches.flights import ADAPTIVE_DIFFERENCE, AdaptiveFlight, ClosedFlight, Flight, Leg
 from tools.study.branches.parameters import PARAMETERS, TURN_RAD, value_in, with_values
 
 DIFFERENCE = 1e-6
 """Step of central differences over a parameter, in its own scale."""
 GRAZING_M_S = 1e-10
 """v⁻ below which an impact grazes, where the impact map has no derivative."""
+GRAZING_DIFFERENCES = 2.0
+"""The same by the step of central differences, which reach beyond v⁻ = 0 there."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,10 @@ class ImpactMap:
                 inverse = np.array([[1.0 / y_slope, 0.0], [v_slope / y_slope, -1.0]])
                 whole = -inverse @ A @ whole
         v_m_s = z[1 : 2 * m : 2] * self.speed_m_s
-        if np.min(np.abs(v_m_s)) < GRAZING_M_S or not np.all(np.isfinite(whole)):
+        differences_m_s = 0.0 if self.has_closed_form else ADAPTIVE_DIFFERENCE * self.speed_m_s
+        if np.min(np.abs(v_m_s)) < max(GRAZING_M_S, GRAZING_DIFFERENCES * differences_m_s) or not np.all(
+            np.isfinite(whole)
+        ):
             multipliers = np.full(2, np.inf + 0j)
         elif margin_m < 0.0:  # sticking projects all speeds onto rest, so that the derivative is singular
             multipliers = np.array([np.trace(whole), 0.0], np.complex128)
