@@ -22,6 +22,7 @@ from hil.record.formats import PARAMETERS
 from hil.record.new_file import make_anew, write_anew
 from hil.scenario.settings import apply_settings
 from hil.show.log_stream import LogStream
+from hil.timing.signals import Interrupted, is_ctrl_c
 from tools.logs.view import live_viewer
 from tools.output import BadInputError
 from tools.progress import shown_progress
@@ -61,17 +62,21 @@ def measure_signals(
         start(master, wanted)
         streams = log_streams(bus, viewers, out)
         start_s = shown_s = time.monotonic()
-        for sample in master.samples([wanted]):
-            now_s = time.monotonic()
-            if sample is not None:
-                ticks.append(sample.tick)
-                rows.append((sample.tick * TICK_S, *sample.values))
-            if now_s - shown_s > SHOWN_S:
-                progress(min((now_s - start_s) / until_s, 1.0), f"{len(rows)} samples")
-                send(streams, wanted.names, rows[sent:])
-                shown_s, sent = now_s, len(rows)
-            if now_s - start_s >= until_s:
-                break
+        try:
+            for sample in master.samples([wanted]):
+                now_s = time.monotonic()
+                if sample is not None:
+                    ticks.append(sample.tick)
+                    rows.append((sample.tick * TICK_S, *sample.values))
+                if now_s - shown_s > SHOWN_S:
+                    progress(min((now_s - start_s) / until_s, 1.0), f"{len(rows)} samples")
+                    send(streams, wanted.names, rows[sent:])
+                    shown_s, sent = now_s, len(rows)
+                if now_s - start_s >= until_s:
+                    break
+        except (Interrupted, KeyboardInterrupt) as error:
+            if not is_ctrl_c(error):
+                raise
     send(streams, wanted.names, rows[sent:])
     lost = lost_samples(ticks, wanted.prescaler)
     return {name: summary(name, [row[1 + k] for row in rows], lost) for k, name in enumerate(wanted.names)}

@@ -1,12 +1,17 @@
 """What `vibrohil measure` says of the samples that it did not receive."""
 
+import signal
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from hil.bus.opening import BusError
-from hil.bus.xcp_master import Sampled
-from tools.logs.measured import LOG_NAME, log_streams, lost_samples, measured, summary
+from hil.bus.xcp_master import Sample, Sampled
+from hil.timing.signals import Interrupted, interruption
+from tools.logs.measured import LOG_NAME, log_streams, lost_samples, measure_signals, summary
 from tools.output import BadInputError
 
 
@@ -32,5 +37,33 @@ def test_a_log_is_never_written_through_a_link(tmp_path: Path) -> None:
 def test_what_cannot_be_measured_leaves_no_log(tmp_path: Path) -> None:
     wanted = Sampled(["state.estimator.x_m"], 1)
     with pytest.raises(BusError, match="no hub answers"):
-        measured(wanted, f"local:{tmp_path}/bus", [], 1.0, False, tmp_path / "out")
+        measure_signals(wanted, f"local:{tmp_path}/bus", [], 1.0, False, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+class EndedBy:
+    """A master that receives one sample before a signal ends the program."""
+
+    def __init__(self, number: signal.Signals) -> None:
+        self.number = number
+
+    def start(self, lists: Sequence[Sampled]) -> None:
+        assert len(lists) == 1
+
+    def samples(self, _: Sequence[Sampled]) -> Iterator[Sample]:
+        yield Sample(0, 7, (0.125,))
+        raise Interrupted(interruption(self.number))
+
+
+def test_ctrl_c_ends_a_measurement_with_the_figures_of_what_has_arrived(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    name = "state.estimator.x_m"
+
+    def measured_until(number: signal.Signals) -> dict[str, dict[str, Any]]:
+        monkeypatch.setattr("tools.logs.measured.session", lambda *_: nullcontext(EndedBy(number)))
+        return measure_signals(Sampled([name], 1), "local", [], 60.0, False, None)
+
+    assert measured_until(signal.SIGINT)[name]["last"] == 0.125
+    with pytest.raises(Interrupted, match="SIGTERM"):
+        measured_until(signal.SIGTERM)
