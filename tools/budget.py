@@ -10,7 +10,7 @@ import numpy as np
 
 from firmware_py.builds.board import TIMER_TICKS_AN_INSTRUCTION, BoardName, image
 from firmware_py.builds.flat import Precision, layout
-from firmware_py.builds.machine_code import sizes
+from firmware_py.builds.machine_code import measure_sizes
 from firmware_py.core.config import Config
 from firmware_py.node.memory import FirmwareState
 from firmware_py.shell.board_node import MEASURED_TICK, BoardNode
@@ -61,13 +61,13 @@ def budget(names: Sequence[str], progress: Progress, target: BoardName = "cortex
             run_lockstep(load_scenario(name), Path(folder), 1, progress, make=Measured)
     ordinary = [one for one in measured if one[1]]
     late = [one for one in measured if not one[1]]
-    found = sizes(target)
+    found = measure_sizes(target)
     return {
         "flash": {
             "code": found["code"],
             "constants": found["constants"],
             "image": flash,
-            "image without a gait": flash - in_flash(found) + in_flash(sizes(target, has_gait=False)),
+            "image without a gait": flash - in_flash(found) + in_flash(measure_sizes(target, has_gait=False)),
         },
         "ram": {name: found[name] for name in ("config", "state", "tx")},
         "stack": max(one[3] for one in measured),

@@ -66,7 +66,7 @@ def checks() -> list[DoctorCheck]:
             refusal or "user and network namespaces of this user's own can be made",
         ),
         programs("user-mode Linux", user_mode_linux.REMEDY, user_mode_linux.missing_programs()),
-        programs("emulated board", board_tools.REMEDY, board_tools.missing_tools()),
+        programs("emulated board", board_tools.REMEDY, board_tools.find_missing_tools()),
         programs("FMU linker", linker.REMEDY, [p for p in (linker.LINKER,) if not shutil.which(p)]),
         check_permission("SCHED_FIFO", fifo, "rtprio 30", "any busy process"),
         check_permission("mlockall", lock, "memlock unlimited", "a page fetched from disk"),

@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from firmware_py.builds.board_tools import COMPILER, EMULATOR, REMEDY, missing_tools
+from firmware_py.builds.board_tools import COMPILER, EMULATOR, REMEDY, find_missing_tools
 from firmware_py.builds.c_header import header
 from firmware_py.builds.machine_code import TARGETS, cache_file, object_code
 
@@ -47,7 +47,7 @@ class BoardError(ValueError):
 
 def refuse_without_tools() -> None:
     """Raise BoardError if a program or library is missing."""
-    if missing := missing_tools():
+    if missing := find_missing_tools():
         raise BoardError(f"an emulated Cortex-M needs {' and '.join(missing)}; {REMEDY}")
 
 

@@ -10,7 +10,7 @@ REMEDY = (
 )
 
 
-def missing_tools() -> list[str]:
+def find_missing_tools() -> list[str]:
     """The names of the missing programs and libraries."""
     missing = [program for program in (COMPILER, EMULATOR) if shutil.which(program) is None]
     if COMPILER not in missing:

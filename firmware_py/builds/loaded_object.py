@@ -5,7 +5,7 @@ from typing import Any
 import llvmlite.binding as llvm
 
 
-def function(code: bytes, name: str, prototype: Any) -> Any:
+def load_function(code: bytes, name: str, prototype: Any) -> Any:
     """The function `name` of an object file for this machine, as a ctypes function of type `prototype`."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()

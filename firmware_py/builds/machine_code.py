@@ -243,7 +243,7 @@ def retarget(assembly: str, target: Target, kept_names: Collection[str]) -> byte
         return bytes(machine.emit_object(module))
 
 
-def sizes(target: TargetName, has_gait: bool = True) -> dict[str, int]:
+def measure_sizes(target: TargetName, has_gait: bool = True) -> dict[str, int]:
     """Bytes of the target's object file in flash, and of its caller's structs in RAM."""
     code, precision = object_code(target, has_gait), TARGETS[target].precision
     text = constants = 0

@@ -183,14 +183,14 @@ def refuse_type(where: str, value: object, wanted: str) -> FrameError:
     )
 
 
-def camel(name: str) -> str:
+def to_camel(name: str) -> str:
     """`SET_INPUT_TORQUE` as `SetInputTorque`."""
     return "".join(map(str.capitalize, name.split("_")))
 
 
 CODEC_BY_NAME: dict[str, FrameCodec[Any]] = {
     name: FrameCodec(
-        getattr(records, camel(name)),
+        getattr(records, to_camel(name)),
         kind,
         getattr(packing, f"pack_{name.lower()}"),
         getattr(unpacking, f"unpack_{name.lower()}"),

@@ -109,7 +109,7 @@ from typing import NamedTuple
 '''
 
 
-def snake(name: str) -> str:
+def to_snake(name: str) -> str:
     """`SetInputTorque` as `set_input_torque`."""
     return "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in name).lstrip("_")
 
@@ -132,7 +132,7 @@ def constant(layout: Layout) -> str:
     register = CRC_TABLE[CRC_INITIAL ^ (layout.can_id & 0xFF)] if layout.protected else 0
     period_s = layout.period_s or 0.0
     numbers = f"0x{layout.can_id:03X}, {layout.length}, {period_s!r}, {layout.counter_bits}, {register}"
-    return f"{snake(layout.name).upper()} = FrameKind({numbers})\n"
+    return f"{to_snake(layout.name).upper()} = FrameKind({numbers})\n"
 
 
 def record_source(layout: Layout) -> str:
@@ -181,7 +181,7 @@ def members(table: str) -> str:
 
 def pack_source(layout: Layout) -> str:
     """The text of `pack_x(record, counter) -> (frame, sendable)`."""
-    name, fields = snake(layout.name), list(layout.signals)
+    name, fields = to_snake(layout.name), list(layout.signals)
     lines = [
         f"def pack_{name}({'record' if fields else '_record'}: records.{layout.name}, counter: int) -> "
         "tuple[WordFrame, bool]:"
@@ -196,7 +196,7 @@ def pack_source(layout: Layout) -> str:
 
 def unpack_source(layout: Layout) -> str:
     """The text of `unpack_x(length, word) -> (record, reason)`."""
-    name = snake(layout.name)
+    name = to_snake(layout.name)
     values = ", ".join(f"{field}={_from_word(signal)}" for field, signal in layout.signals.items())
     lines = [
         f"def unpack_{name}(length: int, word: int) -> tuple[records.{layout.name}, FrameErrorReason]:",
@@ -282,10 +282,10 @@ def received_source(frames: list[Layout]) -> str:
         (layout for layout in frames if "Firmware" in layout.receivers),
         key=lambda layout: (layout.period_s or math.inf, layout.can_id),
     )
-    ids = ", ".join(f"kinds.{snake(layout.name).upper()}.can_id" for layout in frames)
+    ids = ", ".join(f"kinds.{to_snake(layout.name).upper()}.can_id" for layout in frames)
     members, branches = "", ""
     for layout in frames:
-        name = snake(layout.name)
+        name = to_snake(layout.name)
         if layout.signals:
             members += f"    {name}: records.{layout.name}\n"
         members += f"    {name}_arrival: Arrival\n"
@@ -299,7 +299,7 @@ def received_source(frames: list[Layout]) -> str:
 
 def branch(layout: Layout) -> str:
     """The lines that process one frame."""
-    name = snake(layout.name)
+    name = to_snake(layout.name)
     kind, new = f"kinds.{name.upper()}", f"{name}_arrival=arrival"
     if layout.signals:
         new += f", {name}={name} if usable else received.{name}"

@@ -108,7 +108,7 @@ def set_address(pool: list[int], extension: int, address: int, is_fresh: bool) -
     return XcpError.NONE
 
 
-def element(pool: list[int], state: object, extension: int, place: int) -> int:
+def read_element(pool: list[int], state: object, extension: int, place: int) -> int:
     """The 32 bits of an element, or NO_ELEMENT."""
     if extension == MEASUREMENTS and place < MEASURED:
         return word_at(state, place)
@@ -123,7 +123,7 @@ def upload(pool: list[int], state: object, extension: int, address: int, size: i
         return XcpError.OUT_OF_RANGE
     content = 0
     for index in range(size):
-        word = element(pool, state, extension, (address + index) // ELEMENT_BYTES)
+        word = read_element(pool, state, extension, (address + index) // ELEMENT_BYTES)
         if word == NO_ELEMENT:
             return XcpError.OUT_OF_RANGE
         content |= (word >> 8 * ((address + index) % ELEMENT_BYTES) & 0xFF) << 8 * index
@@ -139,7 +139,7 @@ def build_checksum(pool: list[int], state: object, size: int) -> XcpError:
     if not 0 < size <= MOST_SUMMED_BYTES or size % ELEMENT_BYTES != 0 or address % ELEMENT_BYTES != 0:
         return XcpError.OUT_OF_RANGE
     for index in range(size // ELEMENT_BYTES):
-        word = element(pool, state, extension, address // ELEMENT_BYTES + index)
+        word = read_element(pool, state, extension, address // ELEMENT_BYTES + index)
         if word == NO_ELEMENT:
             return XcpError.OUT_OF_RANGE
         total += word

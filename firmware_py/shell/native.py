@@ -5,7 +5,7 @@ import functools
 from typing import Any, NamedTuple, cast
 
 from firmware_py.builds.flat import Memory, Precision, copier, to_precision
-from firmware_py.builds.loaded_object import function
+from firmware_py.builds.loaded_object import load_function
 from firmware_py.builds.machine_code import ENTRY, TARGETS, HostName, object_code
 from firmware_py.core.config import Config
 from firmware_py.node.memory import FirmwareState
@@ -31,7 +31,7 @@ class Native(NamedTuple):
 @functools.cache
 def vibro_tick(target: HostName) -> Any:
     """The firmware's C function; its first use compiles it or loads it from the cache."""
-    return function(object_code(target), ENTRY, TICK)
+    return load_function(object_code(target), ENTRY, TICK)
 
 
 class NativeNode(FlatNode):

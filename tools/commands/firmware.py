@@ -58,7 +58,7 @@ def build(
     """
     from firmware_py.builds.a2l import a2l
     from firmware_py.builds.c_header import config_header, header
-    from firmware_py.builds.machine_code import TARGETS, object_code, sizes
+    from firmware_py.builds.machine_code import TARGETS, measure_sizes, object_code
     from firmware_py.node.memory import file_name
     from firmware_py.shell.parameters import addresses_from, config_from, require_proof
     from hil.scenario.scenario import load_scenario
@@ -77,7 +77,7 @@ def build(
     (out / "vibro_firmware.h").write_text(header(precision), encoding="utf-8")
     (out / "vibro_config.h").write_text(config_header(config, precision), encoding="utf-8")
     (out / f"{file_name()}.a2l").write_text(a2l(addresses_from(parameters)), encoding="utf-8")
-    found, parts = sizes(target, has_gait), ram_by_block(precision)
+    found, parts = measure_sizes(target, has_gait), ram_by_block(precision)
     payload = {"target": target, "bytes": found, "map": parts, "out": out}
     files = f"{out}: vibro_firmware.o, vibro_firmware.h, vibro_config.h, {file_name()}.a2l"
     answer(payload, as_json, lambda: show_sizes(found, parts, files))

@@ -21,7 +21,7 @@ from compiled_calls import as_compiled
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from firmware_py.builds.loaded_object import function
+from firmware_py.builds.loaded_object import load_function
 from firmware_py.builds.machine_code import TARGETS, TargetName, object_code, retarget
 from firmware_py.core.elementary import LARGEST_EXACT_RAD, atan2, cube_root, exp, sin, sine_cosine
 from firmware_py.core.numbers import wrap_pi
@@ -174,7 +174,7 @@ def assembly(tmp_path_factory: pytest.TempPathFactory) -> str:
 def in_single_precision(assembly: str, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
     """The five functions' results for each pair, shape (n, 5)."""
     prototype = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_int64, *[ctypes.c_void_p] * 3)
-    apply = function(retarget(assembly, TARGETS["host-single"], ["apply"]), "apply", prototype)
+    apply = load_function(retarget(assembly, TARGETS["host-single"], ["apply"]), "apply", prototype)
     results = np.zeros((len(x), 5), np.float32)
     assert apply(len(x), x.ctypes.data, y.ctypes.data, results.ctypes.data) == 0
     return results

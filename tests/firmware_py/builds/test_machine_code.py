@@ -12,12 +12,12 @@ from xcp_session import command
 
 from firmware_py.builds.c_header import config_header, header
 from firmware_py.builds.flat import Precision, to_flat, to_precision
-from firmware_py.builds.loaded_object import function
+from firmware_py.builds.loaded_object import load_function
 from firmware_py.builds.machine_code import (
+    measure_sizes,
     object_code,
     raw_assembly,
     remove_zeroed_results,
-    sizes,
 )
 from firmware_py.core.config import Config
 from firmware_py.interface.enums import XcpCommandCode
@@ -31,7 +31,7 @@ from firmware_py.shell.parameters import config_from
 
 def test_a_board_begins_as_the_compiled_build_does() -> None:
     """The compiled build is this object file, with a state of its own."""
-    power_up = function(object_code("host"), "vibro_power_up", ctypes.CFUNCTYPE(None, ctypes.c_void_p))
+    power_up = load_function(object_code("host"), "vibro_power_up", ctypes.CFUNCTYPE(None, ctypes.c_void_p))
     wanted = to_flat(INITIAL)
     content = ctypes.create_string_buffer(b"\xff" * wanted.nbytes, wanted.nbytes)
     power_up(content)
@@ -39,7 +39,7 @@ def test_a_board_begins_as_the_compiled_build_does() -> None:
 
 
 def test_sizes_are_counted() -> None:
-    found, single = sizes("host"), sizes("host-single")
+    found, single = measure_sizes("host"), measure_sizes("host-single")
     assert found["state"] == to_flat(INITIAL).nbytes
     assert 0.5 * found["state"] < single["state"] < found["state"]
     assert 0.5 * found["config"] < single["config"] < found["config"]

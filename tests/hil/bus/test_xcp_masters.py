@@ -57,7 +57,7 @@ MOVING = ("state.crank.omega_rad_s", "state.estimator.x_m", "state.estimator.v_m
 
 INTERFACE = "xcp0"
 needs_board = pytest.mark.skipif(
-    bool(board_tools.missing_tools()), reason=f"no emulated board; {board_tools.REMEDY}"
+    bool(board_tools.find_missing_tools()), reason=f"no emulated board; {board_tools.REMEDY}"
 )
 
 
