@@ -218,7 +218,10 @@ def join(address: str, accept: Collection[int] | None = None, stamped: bool = Fa
         return HubSocket(Path(channel), greeting, requests)
     if interface == "vcan":
         fetched = fetch_can_socket(Path(channel))
-        return CanSocket(bind_can_socket(fetched, PRIVATE_INTERFACE, accept, stamped), requests)
+        try:
+            return CanSocket(bind_can_socket(fetched, PRIVATE_INTERFACE, accept, stamped), requests)
+        except OSError as error:
+            raise BusError(f"bus {address} did not open: {error}; its holder may be shutting down") from error
     if interface != "socketcan":
         raise BusError(f"bus {address} is an adapter; its nodes meet at the hub that `shared` gives")
     try:

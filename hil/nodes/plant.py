@@ -252,15 +252,14 @@ class PlantNode:
             self.state = self.state._replace(torque_n_m=torque_n_m)
         move_by(duration_s - gone_s)
 
-    def _given_n_m(self) -> float:
+    def _given_n_m(self, torque_n_m: float) -> float:
         """The motor's torque for the one that the drive requests."""
-        return self._faults.given_n_m(self.state.torque_n_m, self.plant.now.crank_rad)
+        return self._faults.given_n_m(torque_n_m, self.plant.now.crank_rad)
 
     def _drive_on(self, dt_s: float) -> None:
         """Advance by `dt_s` under the drive's torque, until its watchdog expires."""
-        drive, status = self._move_on(
-            self.plant.module, self.drive_config, self.drive, self._given_n_m(), dt_s
-        )
+        given_n_m = self._given_n_m(self.state.torque_n_m)
+        drive, status = self._move_on(self.plant.module, self.drive_config, self.drive, given_n_m, dt_s)
         self.resume(self.state._replace(drive=drive), status)
 
     def _obey(self, frames: Sequence[Frame]) -> None:
@@ -315,9 +314,9 @@ class PlantNode:
         def coast(dt_s: float) -> None:
             nonlocal armed_s
             driven_s = min(armed_s, dt_s)
-            for torque_n_m, duration_s in ((self._given_n_m(), driven_s), (0.0, dt_s - driven_s)):
+            for torque_n_m, duration_s in ((self.state.torque_n_m, driven_s), (0.0, dt_s - driven_s)):
                 if duration_s > 0.0:
-                    self.plant.advance(torque_n_m, duration_s)
+                    self.plant.advance(self._given_n_m(torque_n_m), duration_s)
             armed_s -= driven_s
 
         self._pass_time(ticks * self.period_s, 0.0, coast)

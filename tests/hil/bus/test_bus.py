@@ -1,6 +1,7 @@
 """Buses: who receives from whom, what is never lost, and what happens when nobody reads."""
 
 import contextlib
+import errno
 import os
 import select
 import signal
@@ -280,6 +281,20 @@ def test_a_node_does_not_wait_for_a_holder_that_answers_nothing(
         joining.start()
         joining.join(2.0)
         assert "no private vcan is held" in str(failed)
+
+
+def test_a_private_vcan_that_is_gone_when_its_socket_is_bound_is_an_error_of_the_bus(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its holder has ended after it gave the socket."""
+
+    class Unbound(socket.socket):
+        def bind(self, _: object) -> None:
+            raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
+
+    monkeypatch.setattr("hil.bus.opening.fetch_can_socket", lambda _: Unbound(socket.AF_UNIX))
+    with pytest.raises(BusError, match=r"bus vcan:/gone/vcan did not open: .*No such device"):
+        join("vcan:/gone/vcan")
 
 
 def test_a_foreign_program_is_disconnected_and_the_others_receive_nothing_of_it(local: ProvidedBus) -> None:

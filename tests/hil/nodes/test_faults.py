@@ -272,6 +272,13 @@ def driven(broken: Fault, ticks: int, torque_n_m: float = 0.1) -> tuple[PlantNod
     return node, sent
 
 
+def test_a_phase_that_is_lost_after_the_watchdog_has_expired_in_a_pause_has_no_effect() -> None:
+    lost = fault("phase-loss", at_s=0.15)
+    node, _ = driven(lost, ticks=10)
+    node.sleep_through(300, [])
+    assert lost.effects == 0
+
+
 def test_a_jammed_crank_stands_and_a_free_one_turns_on() -> None:
     jammed, _ = driven(fault("motor-stall", at_s=0.1), 200)
     assert jammed.record.omega_rad_s == 0.0
