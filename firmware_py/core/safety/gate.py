@@ -200,15 +200,12 @@ def extend_contact(state: ContactState, deviation_m_s2: float, ticks: int, dt_s:
     """The contact with one more reading; a reading of the other sign begins a new one."""
     turns = state.touching and deviation_m_s2 * state.change_m_s < 0.0 and abs(deviation_m_s2) > TOUCH_M_S2
     before = IN_FLIGHT if turns else state
-    return ContactState(
-        readings=state.readings,
+    return state._replace(
         touching=True,
         ticks=before.ticks + ticks,
-        flight_m_s2=state.flight_m_s2,
         deviation_m_s2=deviation_m_s2,
         peak_m_s2=at_least(abs(deviation_m_s2), before.peak_m_s2),
         change_m_s=before.change_m_s + 0.5 * (before.deviation_m_s2 + deviation_m_s2) * dt_s,
-        fault=state.fault,
     )
 
 

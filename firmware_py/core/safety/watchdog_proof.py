@@ -123,15 +123,12 @@ def step(  # noqa: PLR0911 - stages, read top to bottom
     if drive.age_ticks == 0:
         interval_ticks = max(beat_ticks, 0)
         beat_ticks = 0
-    withheld_ticks = state.withheld_ticks + 1 if state.stage == WITHHOLD else 0
-    now = ProofState(
-        stage=state.stage,
+    now = state._replace(
         ticks=state.ticks + 1,
-        withheld_ticks=withheld_ticks,
+        withheld_ticks=state.withheld_ticks + 1 if state.stage == WITHHOLD else 0,
         beat_ticks=beat_ticks,
         interval_ticks=interval_ticks,
         passed=False,
-        failed=state.failed,
     )
     turns = not abs(omega_rad_s) <= STILL_RAD_S
     if turns or now.ticks > config.d.ticks.proof_longest:
