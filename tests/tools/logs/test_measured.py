@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hil.bus.opening import BusError
+from hil.bus import BusError
 from hil.bus.xcp_master import Sample, Sampled
 from hil.timing.signals import Interrupted, interruption
 from tools.logs.measured import LOG_NAME, log_streams, lost_samples, measure_signals, summary
