@@ -148,7 +148,7 @@ def apply_settings(document: Mapping[str, Any], settings: Settings) -> dict[str,
                 f"--set {setting!r} is not KEY=VALUE with a dotted key, e.g. scene.drive.ratio=1.3"
             )
         if first not in changed:
-            known = ", ".join(f"{key}." for key in changed)
+            known = ", ".join(f"{key}." for key, part in changed.items() if isinstance(part, dict | list))
             raise SettingError(f"--set {setting!r} starts with {first!r}; wanted one of {known}")
         try:
             put(changed, split_key(setting), value)
