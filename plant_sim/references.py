@@ -5,7 +5,7 @@ compiled kernel serves all records of a type.
 """
 
 import ctypes
-import struct
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numba
@@ -15,9 +15,9 @@ from numba.core.datamodel import models
 from numba.core.datamodel.registry import register_default
 from numba.core.imputils import impl_ret_borrowed, lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate
-from numba.extending import NativeValue, infer_getattr, typeof_impl, unbox
+from numba.extending import NativeValue, infer_getattr, intrinsic, typeof_impl, unbox
 
-from plant_sim.kernels import IS_INTERPRETED, kind_of
+from plant_sim.kernels import IS_INTERPRETED, entry_point, jit, kind_of
 
 _Record = TypeVar("_Record", bound=tuple[Any, ...])
 
@@ -28,6 +28,7 @@ _native_value: Any = NativeValue
 _typeof: Any = numba.typeof
 _lower_getattr_generic: Any = lower_getattr_generic
 _unbox: Any = unbox
+_intrinsic: Any = intrinsic
 _AttributeTemplate: Any = AttributeTemplate
 _PrimitiveModel: Any = models.PrimitiveModel
 
@@ -85,12 +86,12 @@ class Reference:
         self.record = record
         self.fields = fields  # keeps the arrays alive
         if kind not in _LAYOUTS:
-            _LAYOUTS[kind] = ReferenceType(_typeof(fields)), struct.Struct(_format(fields))
-        self.numba_type, layout = _LAYOUTS[kind]
-        numbers: list[float] = []
-        _flatten(fields, numbers)
-        self._words = (ctypes.c_int64 * len(numbers)).from_buffer_copy(layout.pack(*numbers))
+            store = entry_point(_store, fields, 0)
+            _LAYOUTS[kind] = ReferenceType(_typeof(fields)), ctypes.c_int64 * _word_count(fields), store
+        self.numba_type, words, store = _LAYOUTS[kind]
+        self._words = words()
         self.address = ctypes.addressof(self._words)
+        store(fields, self.address)
 
     @property
     def words(self) -> list[int]:
@@ -101,8 +102,28 @@ class Reference:
         return getattr(self.record, name)
 
 
-_LAYOUTS: dict[Any, tuple[ReferenceType, struct.Struct]] = {}
-"""Type and layout by the kind of record: numba takes a millisecond to find a type."""
+def _store_record(_: Any, record: Any, address: Any) -> Any:
+    """Store a record at an address, in numba's layout."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        pointer = context.get_value_type(signature.args[0]).as_pointer()
+        builder.store(values[0], builder.inttoptr(values[1], pointer))
+        return context.get_dummy_value()
+
+    return types.void(record, address), generate
+
+
+_store_at: Any = _intrinsic(_store_record)
+
+
+def _store_words(record: tuple[Any, ...], address: int) -> None:
+    """Store a record at an address."""
+    _store_at(record, address)
+
+
+_store = jit(_store_words, _nrt=False)
+_LAYOUTS: dict[Any, tuple[ReferenceType, Any, Callable[[tuple[Any, ...], int], None]]] = {}
+"""Type, words and function to store it, by the kind of record: numba takes a millisecond to find a type."""
 
 
 def by_reference(record: _Record, layout: Any = None) -> _Record:
@@ -119,29 +140,15 @@ def by_reference(record: _Record, layout: Any = None) -> _Record:
     return its_record
 
 
-def _format(value: Any) -> str:
-    """The layout, for `struct`, of a number, an array (numba's ArrayModel) or a record."""
+def _word_count(value: Any) -> int:
+    """The number of words of a number, an array (numba's ArrayModel) or a record."""
     if isinstance(value, tuple):
-        return "".join(map(_format, value))
-    if isinstance(value, float):
-        return "d"
-    if type(value) is int:
-        return "q"
+        return sum(map(_word_count, value))
+    if isinstance(value, float) or type(value) is int:
+        return 1
     if isinstance(value, np.ndarray):
-        return "q" * (5 + 2 * value.ndim)
+        return 5 + 2 * value.ndim
     raise TypeError(f"{value!r} in a record for kernels; wanted a float, an int, an array or a record")
-
-
-def _flatten(record: tuple[Any, ...], numbers: list[float]) -> None:
-    """Append the words of a record."""
-    for value in record:
-        if isinstance(value, tuple):
-            _flatten(value, numbers)
-        elif isinstance(value, np.ndarray):
-            address = ctypes.addressof(ctypes.c_char.from_buffer(value.data)) if value.size > 0 else 0
-            numbers.extend((0, 0, value.size, value.itemsize, address, *value.shape, *value.strides))
-        else:
-            numbers.append(value)
 
 
 @typeof_impl.register(Reference)
