@@ -21,7 +21,14 @@ _EMPTY: dict[str, Any] = {"rows": np.zeros((1, COLUMNS))}
 
 
 _SLOTS = get_type_hints(Parts)
-_make_record: Any = namedtuple  # a class cannot list fields that are found at run time
+
+
+def _any(name: str, fields: dict[str, Any]) -> Any:
+    """The class of a record with these fields, in this module, where a kernel from the cache looks for it."""
+    record = namedtuple(f"Any{name.title()}", fields, module=__name__)  # type: ignore[misc]  # found at run time
+    record.__annotations__ = fields
+    globals()[record.__name__] = record
+    return record
 
 
 @cache
@@ -36,8 +43,7 @@ def _slot_record(slot: str) -> tuple[Any, tuple[type, ...], dict[str, Any]]:
                     f"{slot}: {name} is {fields[name]} in one part and {its_type} in another; the fields "
                     "of a slot's parts share one type a name, rename one of them"
                 )
-    record = _make_record(f"Any{slot.title()}", ["kind", *fields])
-    record.__annotations__ = {"kind": int, **fields}
+    record = _any(slot, {"kind": int, **fields})
     register_kinds(record, members)
     return record, members, fields
 
@@ -72,13 +78,9 @@ def with_kind(slot: str, part: Any) -> Any:
     return record(place, *values)
 
 
-def _any_parts() -> Any:
-    record = _make_record("AnyParts", Parts._fields)
-    record.__annotations__ = dict.fromkeys(Parts._fields, object)
-    return record
-
-
-_AnyParts = _any_parts()
+_AnyParts = _any("parts", dict.fromkeys(Parts._fields, object))
+for _slot in Parts._fields:
+    _slot_record(_slot)
 
 
 def kernel_parts(parts: Parts) -> Parts:
