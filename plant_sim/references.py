@@ -32,6 +32,9 @@ _intrinsic: Any = intrinsic
 _AttributeTemplate: Any = AttributeTemplate
 _PrimitiveModel: Any = models.PrimitiveModel
 
+PARENT = 1
+"""Place of the address of Python's array among the words of an array (numba's ArrayModel)."""
+
 
 class ReferenceType(types.Type):
     """A pointer to a record (NamedTuple) that does not change while kernels run."""
@@ -95,8 +98,11 @@ class Reference:
 
     @property
     def words(self) -> list[int]:
-        """The words of the copy."""
-        return list(self._words)
+        """The words of the copy, with zeros for the addresses of Python's arrays, which no kernel reads."""
+        words = list(self._words)
+        for place in _array_objects(self.fields):
+            words[place] = 0
+        return words
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.record, name)
@@ -149,6 +155,18 @@ def _word_count(value: Any) -> int:
     if isinstance(value, np.ndarray):
         return 5 + 2 * value.ndim
     raise TypeError(f"{value!r} in a record for kernels; wanted a float, an int, an array or a record")
+
+
+def _array_objects(record: tuple[Any, ...], start: int = 0) -> list[int]:
+    """The places of Python's arrays (`parent`) among the words of a record, which begin at `start`."""
+    places = []
+    for value in record:
+        if isinstance(value, tuple):
+            places += _array_objects(value, start)
+        elif isinstance(value, np.ndarray):
+            places.append(start + PARENT)
+        start += _word_count(value)
+    return places
 
 
 @typeof_impl.register(Reference)

@@ -23,7 +23,8 @@ from fmus import (
 
 from plant_sim.plant import Plant
 from plant_sim.scene import Scene, load_scene
-from tools.fmu.build import Version
+from tools.fmu.build import Version, header
+from tools.fmu.plant import PlantModel
 from tools.fmu.variables import FmuError
 
 FMUS: dict[tuple[str, Version], tuple[Scene, Path, Fmu]] = {}
@@ -57,6 +58,12 @@ def drive(plant: Plant, one: Instance, torque_n_m: float, h_s: float) -> None:
     one.set("motor.torque_n_m", torque_n_m)
     one.step(h_s)
     plant.advance(torque_n_m, h_s)
+
+
+def test_a_scene_gives_the_same_unit_each_time() -> None:
+    """No address of this process is in it, or its token would differ."""
+    first, again = (PlantModel(load_scene("table1-motor-soft"), 1) for _ in range(2))
+    assert header(first, 3, "") == header(again, 3, "")
 
 
 @pytest.mark.parametrize("name", SCENES)
