@@ -33,8 +33,8 @@ def list_names(
         typer.Option(
             "--show",
             metavar="NAME",
-            help="Print the complete tables of this scenario (name, FILE or FILE::CASE) as TOML, after "
-            "check-sets or scenes of such: with all that its file refers to.",
+            help="Print this scenario (name, FILE or FILE::CASE) as TOML, with all that its file refers to; "
+            "after `list check-sets` or `list scenes`, this set or scene.",
         ),
     ] = None,
     as_json: Json = False,
