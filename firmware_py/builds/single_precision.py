@@ -33,7 +33,7 @@ _SPLIT: tuple[tuple[tuple[float, ...], int], ...] = (
 def round_to_single(value: Fraction | float) -> float:
     """The nearest number of single precision; infinite from halfway between the largest one and 2¹²⁸ on.
 
-    >>> single(0.1)
+    >>> round_to_single(0.1)
     0.10000000149011612
     """
     try:
@@ -46,7 +46,7 @@ def round_to_single(value: Fraction | float) -> float:
 def split_number(number: Fraction, count: int, bits: int) -> Iterator[float]:
     """A positive number as a sum of floats; all terms but the last have at most `bits` bits.
 
-    >>> [float(piece).hex() for piece in pieces(Fraction(1, 3), 2, 4)]
+    >>> [float(piece).hex() for piece in split_number(Fraction(1, 3), 2, 4)]
     ['0x1.6000000000000p-2', '-0x1.5555560000000p-7']
     """
     for _ in range(count - 1):

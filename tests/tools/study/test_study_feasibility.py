@@ -26,6 +26,8 @@ from tools.study.feasibility import (
     Stop,
 )
 
+VERDICTS = FEASIBLE, NO_REGION, NO_TURNS, LEG_IMPACTS, LOST, TOO_HARD, TOO_SOFT
+"""In the order of the page's columns."""
 STOP = Stop("walking", "viscous", 0.03, "compliant")
 TABLE1 = Stop("table1", "viscous", 0.03, "stiff")
 
@@ -146,7 +148,7 @@ def test_the_counts_of_the_page_are_those_of_its_cells() -> None:
     text = page.read_text("utf-8")
     for preset, axis in itertools.product(feasibility.MODULES, feasibility.AXES):
         verdicts = [row["verdict"] for row in rows if (row["preset"], row["axis"]) == (preset, axis)]
-        counts = [len(verdicts), *(verdicts.count(reason) for reason in feasibility.REASONS)]
+        counts = [len(verdicts), *(verdicts.count(verdict) for verdict in VERDICTS)]
         assert f"| {preset} | {axis} | {' | '.join(map(str, counts))} |" in text
 
 
