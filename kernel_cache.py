@@ -6,11 +6,12 @@ the folder of a kernel is named by a digest of every module that the kernel's mo
 and of the versions of numba and llvmlite. The digest is one of syntax trees, so that comments, docstrings and
 line breaks do not count.
 
-numba unpickles what it finds in its cache and runs it. The cache therefore has mode 0700, and a folder that
-belongs to another user, or that others may write, is refused. A damaged file is compiled anew.
+numba unpickles what it finds in its cache and runs it. The cache therefore has mode 0700. A folder that
+belongs to another user, or that others may write or exchange, is refused. A damaged file is compiled anew.
 """
 
 import ast
+import errno
 import fcntl
 import functools
 import glob
@@ -46,6 +47,9 @@ UNUSED_S = 30 * 86_400.0
 """A folder that no process has used for this long is removed."""
 SYNTAX_TREES = "sources.json"
 MOST_SYNTAX_TREES = 4_000
+OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+MOST_LINKS = 40
+"""Number of links on the way to the cache, as Linux follows in a path."""
 
 
 class KernelCacheError(OSError):
@@ -67,13 +71,12 @@ def root() -> Path:
 
 @functools.cache
 def _private(folder: Path) -> Path:
-    """The folder, made with mode 0700 if needed, and found to be this user's alone to write."""
+    """The folder, made with mode 0700 if needed, and found to be this user's alone to write or exchange."""
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with suppress(FileExistsError):
-            folder.mkdir(mode=0o700)
+        found = _made_and_checked(folder)
         tempfile.TemporaryFile(dir=folder).close()
-        found = folder.stat()
+    except KernelCacheError:
+        raise
     except OSError as error:
         raise KernelCacheError(
             f"compiled kernels are kept in {folder}, which cannot be written ({error.strerror}); "
@@ -84,13 +87,51 @@ def _private(folder: Path) -> Path:
             f"compiled kernels are kept in {folder}, which belongs to user {found.st_uid}, who could place "
             "code in it; set VIBROHIL_CACHE_DIR to a folder of your own"
         )
-    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+    if found.st_mode & OTHERS_WRITE:
         raise KernelCacheError(
             f"compiled kernels are kept in {folder}, which others may write (mode {found.st_mode & 0o777:o}) "
             "and place code in; remove it (its kernels are compiled anew), or set VIBROHIL_CACHE_DIR to a "
             "folder that only you may write"
         )
     return folder
+
+
+def _made_and_checked(folder: Path) -> os.stat_result:
+    """The status of a folder, made with those above it if needed, where no other user can exchange it.
+
+    As ssh checks a file of keys: each folder and link on the way belongs to this user or to the system, and
+    others write no folder on the way but a sticky one. The way is walked from the root down, so that
+    what was found in a checked folder stays there. Raises KernelCacheError.
+    """
+    trusted = {0, os.stat("/").st_uid} | _own_users()
+    top, *names = folder.absolute().parts
+    place, links = Path(top), 0
+    while True:
+        found = place.lstat()
+        is_link = stat.S_ISLNK(found.st_mode)
+        if found.st_uid not in trusted and (names or is_link):
+            raise KernelCacheError(
+                f"compiled kernels are kept in {folder}, below {place}, which belongs to user "
+                f"{found.st_uid}, who could exchange it; set VIBROHIL_CACHE_DIR to a folder of your own"
+            )
+        if is_link:
+            links += 1
+            if links > MOST_LINKS:
+                raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
+            names = [*(place.parent / os.readlink(place)).parts[1:], *names]
+            place = Path(top)
+        elif names and found.st_mode & OTHERS_WRITE and not found.st_mode & stat.S_ISVTX:
+            raise KernelCacheError(
+                f"compiled kernels are kept in {folder}, below {place}, which others may write (mode "
+                f"{found.st_mode & 0o777:o}) and in which they could exchange it; chmod go-w {place}, or set "
+                "VIBROHIL_CACHE_DIR to another folder"
+            )
+        elif not names:
+            return found
+        name = names.pop(0)
+        place = place.parent if name == ".." else place / name
+        with suppress(FileExistsError):
+            place.mkdir(mode=0o700)
 
 
 def _own_users() -> set[int]:

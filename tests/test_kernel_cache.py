@@ -159,6 +159,54 @@ def test_a_cache_that_others_may_write_is_refused_with_the_remedy(tmp_path: Path
         kernel_cache._private.__wrapped__(tmp_path)
 
 
+@pytest.mark.parametrize("mode", [0o770, 0o702, 0o777])
+@pytest.mark.parametrize("link", ["", "above", "chain"])
+def test_a_cache_that_others_may_exchange_is_refused_with_the_remedy(
+    tmp_path: Path, mode: int, link: str
+) -> None:
+    """Whoever may write a folder above the cache, or one that a link leads through, may exchange it."""
+    open_folder = tmp_path / "open"
+    (open_folder / "mine" / "cache").mkdir(parents=True, mode=0o700)
+    cache = open_folder / "mine" / "cache"
+    if link == "above":
+        (tmp_path / "link").symlink_to("open/mine")
+        cache = tmp_path / "link" / "cache"
+    if link == "chain":
+        (tmp_path / "target").mkdir(mode=0o700)
+        (open_folder / "second").symlink_to(tmp_path / "target")
+        (tmp_path / "first").symlink_to(open_folder / "second")
+        cache = tmp_path / "first"
+    open_folder.chmod(mode)
+    with pytest.raises(
+        KernelCacheError, match=rf"below {open_folder}, which others may write .*; chmod go-w"
+    ):
+        kernel_cache._private.__wrapped__(cache)
+    open_folder.chmod(0o1777)  # as /tmp: nobody but the owner moves what is in it
+    assert kernel_cache._private.__wrapped__(cache) == cache
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can make a folder of another user")
+@pytest.mark.parametrize("kind", ["folder", "link"])
+def test_a_cache_below_another_users_folder_or_link_is_refused(tmp_path: Path, kind: str) -> None:
+    (tmp_path / "mine").mkdir(mode=0o700)
+    other = tmp_path / "other"
+    other.mkdir() if kind == "folder" else other.symlink_to("mine")
+    os.lchown(other, 12345, 12345)
+    for cache in (other / "cache", *([other] if kind == "link" else [])):
+        with pytest.raises(KernelCacheError, match=rf"below {other}, which belongs to user 12345"):
+            kernel_cache._private.__wrapped__(cache)
+
+
+def test_folders_above_the_cache_are_made_for_its_user_alone_and_a_circle_of_links_ends(
+    tmp_path: Path,
+) -> None:
+    kernel_cache._private.__wrapped__(tmp_path / "a" / "b" / "cache")
+    assert {(tmp_path / name).stat().st_mode & 0o777 for name in ("a", "a/b", "a/b/cache")} == {0o700}
+    (tmp_path / "circle").symlink_to("circle")
+    with pytest.raises(KernelCacheError, match="cannot be written"):
+        kernel_cache._private.__wrapped__(tmp_path / "circle" / "cache")
+
+
 def test_another_users_cache_is_refused_with_the_remedy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
