@@ -5,6 +5,7 @@ SHELL := /bin/sh
 .DEFAULT_GOAL := help
 .PHONY: help setup hil view test check lock clean
 MAKEFLAGS += --no-print-directory
+BEGUN_S := $(shell date +%s)
 
 # A person's own pip settings must not send packages elsewhere or add unhashed ones.
 unexport PIP_USER PIP_TARGET PIP_PREFIX PIP_CONSTRAINT PYTHONHOME PYTHONPATH
@@ -37,9 +38,13 @@ view: setup ## the newest run in the Rerun viewer
 
 test: setup $(INSTALLED_DEV) ## all tests: on all cores, then those that need a quiet machine one by one
 	@echo "test: all but those that need a quiet machine, and the examples in docstrings, on all cores"
-	@$(BIN)/python -m pytest -n auto --dist worksteal --durations=3 -m "not quiet" --doctest-modules tests $(PACKAGES)
-	@echo "test: those that need a quiet machine, one by one"
-	@$(BIN)/python -m pytest --durations=3 -m quiet
+	@failed=; \
+	$(BIN)/python -m pytest -n auto --dist worksteal --durations=3 -m "not quiet" --doctest-modules tests $(PACKAGES) \
+	    || failed="those on all cores"; \
+	echo "test: those that need a quiet machine, one by one"; \
+	$(BIN)/python -m pytest --durations=3 -m quiet || failed="$${failed:+$$failed and }those on a quiet machine"; \
+	if [ -n "$$failed" ]; then echo "test: FAILED: $$failed" >&2; exit 1; fi; \
+	echo "test: all passed, both on all cores and one by one"
 
 check: setup $(INSTALLED_DEV) ## formatter, linter, strict types, import contracts
 	@echo "check: format"
@@ -68,11 +73,12 @@ $(BIN)/python:
 	"$$python" -m venv --clear $(VENV)
 
 # editable_mode=compat: setuptools' other way leaves a relative folder on Python's path, which the working folder could
-# hold with modules of somebody else (tests/trust).
+# hold with modules of somebody else (tests/trust). LC_ALL: setuptools writes the checkout's path in the locale's
+# encoding, and in the locale C a path with an umlaut has none.
 $(INSTALLED): | $(BIN)/python
 	@echo "setup: the packages of requirements.lock, checked against its hashes (1.3 GB on disk; some minutes)"
 	@$(PIP) $(FROM_LOCK) requirements.lock
-	@$(PIP) --no-deps --no-build-isolation --config-settings editable_mode=compat -e .
+	@LC_ALL=C.UTF-8 $(PIP) --no-deps --no-build-isolation --config-settings editable_mode=compat -e .
 	@$(COMPLETE)
 	@rm -f $(VENV)/.installed-[0-9]* && touch $@
 
@@ -83,5 +89,5 @@ $(INSTALLED_DEV): | $(INSTALLED)
 	@rm -f $(VENV)/.installed-dev-* && touch $@
 
 $(WARM): | $(INSTALLED)
-	@$(BIN)/python -m tools.dev.warm
+	@$(BIN)/python -m tools.dev.warm --begun-s $(BEGUN_S)
 	@rm -f $(VENV)/.warm-* && touch $@

@@ -20,6 +20,7 @@ SLOW_TESTS = Path(__file__).with_name("slow.txt")
 SLOW_S = 1.0
 HIDDEN = Path(__file__).with_name("hidden")
 collect_ignore = ["hidden"]
+pytest_plugins = ["other_processor"]
 
 collect_rarely()
 

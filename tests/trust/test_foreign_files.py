@@ -78,6 +78,7 @@ def test_hostile_run_folders_and_logs_change_nothing_elsewhere_and_end_with_a_se
     environment = os.environ | {
         "XDG_CACHE_HOME": str(tmp_path),
         "VIBROHIL_CACHE_DIR": str(kernel_cache.root()),
+        "PYTHONDONTWRITEBYTECODE": "1",  # Python's own files beside the modules of the tests are no harm
     }
     done = subprocess.run(
         [sys.executable, "-P", Path(__file__).with_name("watched.py"), cases, kernel_cache.root()],

@@ -4,7 +4,9 @@ import argparse
 import compileall
 import tempfile
 import time
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -26,11 +28,20 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = ("plant_sim", "firmware_py", "hil", "tools")
 
 
+def warm_modules() -> None:
+    """Compile all modules to bytecode: where PYTHONDONTWRITEBYTECODE is set, each start would do it again."""
+    for package in PACKAGES:
+        compileall.compile_dir(ROOT / package, quiet=2)
+
+
+def warm_solver(method: str) -> None:
+    """Compile the kernels of a solver. They serve every scene."""
+    table = read_scene("table1-viscous") | {"solver": {"method": method, "accuracy": 1e-3}}
+    simulate(load_scene(table), 0.1)
+
+
 def warm_studies() -> None:
-    """Compile the kernels of every solver, of orbits and of branches. They serve every scene."""
-    for method in ("exact", "adaptive"):
-        table = read_scene("table1-viscous") | {"solver": {"method": method, "accuracy": 1e-3}}
-        simulate(load_scene(table), 0.1)
+    """Compile the kernels of orbits and of branches."""
     for law in ("viscous", "stribeck"):
         scene = case("table1", law).scene(1.0)
         classify(scene, np.array([AT_REST]))
@@ -39,21 +50,33 @@ def warm_studies() -> None:
         module.orbit(module.point(np.ones(1), np.ones(1), module.nominal))
 
 
-def main() -> None:
-    """Compile the kernels, and print the reason for the waiting time first."""
-    argparse.ArgumentParser(prog="python -m tools.dev.warm", description=__doc__).parse_args()
-    print(f"setup: compiling plant and firmware into {root()}; about half a minute, once", flush=True)
-    started_s = time.perf_counter()
-    collect_rarely()
-    for package in PACKAGES:  # where PYTHONDONTWRITEBYTECODE is set, each start would compile them again
-        compileall.compile_dir(ROOT / package, quiet=2)
-    with ProcessPoolExecutor(1, get_context("spawn")) as beside:
-        firmware = beside.submit(object_code, "host")
-        warm_studies()
-        firmware.result()
+def warm_loop() -> None:
+    """Compile what couples firmware and plant."""
     with tempfile.TemporaryDirectory() as folder:
         warm_lockstep(load_scenario(DEFAULT_SCENARIO), "compiled", Path(folder))
-    print(f"setup: ready after {time.perf_counter() - started_s:.1f} s", flush=True)
+
+
+def main() -> None:
+    """Compile everything, a line for each step, and print how long the whole set-up took."""
+    parser = argparse.ArgumentParser(prog="python -m tools.dev.warm", description=__doc__)
+    parser.add_argument("--begun-s", type=float, default=time.time(), help="Unix time at which the set-up began")
+    begun_s = parser.parse_args().begun_s
+    print(f"setup: compiling plant and firmware into {root()}; about half a minute, once", flush=True)
+    collect_rarely()
+    with ProcessPoolExecutor(1, get_context("spawn")) as beside:
+        firmware = beside.submit(object_code, "host")
+        steps: tuple[tuple[str, Callable[[], object]], ...] = (
+            ("modules", warm_modules),
+            ("the exact solver", partial(warm_solver, "exact")),
+            ("the adaptive solver", partial(warm_solver, "adaptive")),
+            ("orbits and branches", warm_studies),
+            ("the firmware, in a process beside these", firmware.result),
+            ("the closed loop", warm_loop),
+        )
+        for number, (name, compile_step) in enumerate(steps, 1):
+            print(f"setup: {number} of {len(steps)}: {name}", flush=True)
+            compile_step()
+    print(f"setup: ready; it took {time.time() - begun_s:.0f} s in all", flush=True)
 
 
 if __name__ == "__main__":

@@ -26,6 +26,8 @@ from tools.study.orbits import State, classify
 ROOT = Path(__file__).parents[3]
 MASS_KG, SPRING_N_PER_M, REST_M = 0.8, 70.0, 0.12
 OMEGA_0 = math.sqrt(SPRING_N_PER_M / MASS_KG)
+ROUNDING_M_S = 1e-12
+"""Rounding error of a speed near 0 that linear algebra made: it differs from processor to processor."""
 
 
 @dataclass(frozen=True)
@@ -408,8 +410,9 @@ def test_no_special_point_of_a_soft_stop_lies_beyond_the_grazing_that_ends_the_b
     pad = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
     (branch,) = branches(load_scene({**read_scene(name), "stop": pad}), "ratio")
     ends = [branch.special[0], branch.special[-1]]
-    assert [(one.kind, one.ends, one.orbit.v_m_s[0]) for one in ends] == [("grazing", True, 0.0)] * 2
-    assert min(orbit.v_m_s[0] for orbit in branch.orbits) >= 0.0
+    assert [(one.kind, one.ends) for one in ends] == [("grazing", True)] * 2
+    assert [one.orbit.v_m_s[0] for one in ends] == pytest.approx([0.0, 0.0], abs=ROUNDING_M_S)
+    assert min(orbit.v_m_s[0] for orbit in branch.orbits) >= -ROUNDING_M_S
     assert min(one.orbit.v_m_s[0] for one in branch.special[1:-1]) > 1e-3
 
 
