@@ -59,7 +59,9 @@ def warm_loop() -> None:
 def main() -> None:
     """Compile everything, a line for each step, and print how long the whole set-up took."""
     parser = argparse.ArgumentParser(prog="python -m tools.dev.warm", description=__doc__)
-    parser.add_argument("--begun-s", type=float, default=time.time(), help="Unix time at which the set-up began")
+    parser.add_argument(
+        "--begun-s", type=float, default=time.time(), help="Unix time at which the set-up began"
+    )
     begun_s = parser.parse_args().begun_s
     print(f"setup: compiling plant and firmware into {root()}; about half a minute, once", flush=True)
     collect_rarely()
