@@ -1,14 +1,14 @@
 """Linear algebra and fits as another processor would round them.
 
-OpenBLAS chooses its kernels by the processor, and each rounds differently: where one gives 0.0, another gives
-−1.4e-21. `pytest --other-processor SEED` changes every float that numpy.linalg, scipy.linalg and scipy.optimize
-return by up to one unit in its last place, and every zero by less than the smallest rounding error of the
-result. A test that compares such a float with `==` fails then, on every machine.
+OpenBLAS chooses its kernels by the processor, and each rounds differently: where one gives 0.0, another
+gives −1.4e-21. `pytest --other-processor SEED` changes every float that numpy.linalg, scipy.linalg and
+scipy.optimize return by up to one unit in its last place, and every zero by less than the rounding error of
+the result's largest number. A test that compares such a float with `==` fails then, on every machine.
 """
 
 import functools
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -73,7 +73,7 @@ def pytest_report_header(config: pytest.Config) -> list[str]:
 
 
 @pytest.fixture(autouse=True)
-def other_processor(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def other_processor(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Replace the functions wherever a module of the project has them."""
     seed = request.config.getoption("--other-processor")
     if seed is not None:
@@ -88,4 +88,3 @@ def other_processor(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPa
             for name, value in list(vars(module).items()):
                 if callable(value) and getattr(value, "__hash__", None) and value in originals:
                     monkeypatch.setattr(module, name, originals[value])
-    yield
