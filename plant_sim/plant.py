@@ -30,7 +30,7 @@ from plant_sim.solvers.adaptive.observation import (
     peak_felt_force_n,
 )
 from plant_sim.solvers.adaptive.state_layout import UNSETTLED, allocate
-from plant_sim.tables.quantities import quantity_of
+from plant_sim.tables.quantities import SPEED
 from plant_sim.validation_messages import real
 
 GAIT_PERIOD_S = 5e-3
@@ -131,7 +131,7 @@ class Plant:
 
         Its work is in no ledger.
         """
-        change_m_s, largest_m_s = real(change_m_s), quantity_of("change_m_s").largest
+        change_m_s, largest_m_s = real(change_m_s), SPEED.largest
         if not abs(change_m_s) <= largest_m_s:
             raise PlantError(f"change_m_s = {change_m_s}; wanted at most {largest_m_s:g} m/s, up or down")
         self._memory.y[1] += change_m_s

@@ -247,13 +247,22 @@ def read_scene(source: str | Path | Mapping[str, Any]) -> dict[str, Any]:
 
 
 def with_values(tables: Mapping[str, Any], changes: Mapping[str, object]) -> dict[str, Any]:
-    """A copy of these tables with values replaced by dotted keys, such as `drive.ratio`; None deletes one."""
+    """A copy of these tables with values replaced by dotted keys, such as `drive.ratio`; None deletes one.
+
+    Raises SceneError for a key within a value that is no table.
+    """
     changed: dict[str, Any] = copy.deepcopy(dict(tables))
     for dotted, value in changes.items():
         *path, key = dotted.split(".")
         table = changed
-        for step in path:
-            table = table.setdefault(step, {})
+        for place, step in enumerate(path):
+            inside = table.setdefault(step, {})
+            if not isinstance(inside, dict):
+                whole = ".".join(path[: place + 1])
+                raise SceneError(
+                    f"{whole} = {inside!r} is no table and has no key {dotted!r}; give {whole} itself"
+                )
+            table = inside
         if value is None:
             table.pop(key, None)
         else:

@@ -116,6 +116,11 @@ class _Drawing:
         self.t_s += length_s
         self._cycles += cycles
 
+    @property
+    def _strike_m_s2(self) -> float:
+        """Peak of a heel strike now."""
+        return float(self._walk.heel_strike_m_s2 * (self._now.hertz / NATURAL_HZ) ** 2)
+
     def stand(self) -> bool:
         """Stand until the next pace; return whether there is one."""
         later = [pace.at_s for pace in self._walk.pace if pace.at_s > self.t_s and pace.stride_hz > 0.0]
@@ -127,8 +132,7 @@ class _Drawing:
 
     def stride(self) -> None:
         """Append one stride, from heel strike to heel strike."""
-        here = self._now
-        strike = self._walk.heel_strike_m_s2 * (here.hertz / NATURAL_HZ) ** 2
+        here, strike = self._now, self._strike_m_s2
         if here is STILL:
             goal = self._sampled(wanted_hz(self._walk.pace, self.t_s))
             self._go(1.0, _Stride(STARTING_SHARE * goal.hertz, 0.0, 0.0), goal)
@@ -157,7 +161,7 @@ class _Drawing:
     def rows(self, endless: bool = False) -> Rows:
         """All rows; `endless` adds one that continues as the last one ended."""
         if endless:
-            self._row(math.inf, self._now, self._now, 0.0, 0.0)
+            self._row(math.inf, self._now, self._now, self._strike_m_s2, 0.0)
         rows = np.array(self._rows)
         assert rows.shape[1] == COLUMNS
         return rows

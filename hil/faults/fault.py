@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr
 
 from plant_sim.scene import Scene
+from plant_sim.tables.quantities import Duration
 from plant_sim.tables.table import Table
 
 TIME_RESOLUTION_S = 1e-9
@@ -35,8 +36,8 @@ class Fault(Table):
     """Whether it changes which frames the firmware receives, or when it ticks, after a log has seen them."""
 
     kind: str
-    at_s: float = Field(ge=0.0, description="the fault's beginning, in s from the start")
-    duration_s: float | None = Field(
+    at_s: Duration = Field(ge=0.0, description="the fault's beginning, in s from the start")
+    duration_s: Duration | None = Field(
         default=None, gt=0.0, description="the fault's duration, in s; by default to the end of the run"
     )
 

@@ -13,6 +13,7 @@ from firmware_py.interface.frame import Frame
 from hil.faults.fault import TIME_RESOLUTION_S, Fault
 from plant_sim.scene import Scene
 from plant_sim.sensors.sampled import SAMPLED
+from plant_sim.tables.quantities import Number
 from plant_sim.validation_messages import nearest
 
 FRAME_IDS = {record.__name__: codec.can_id for record, codec in CODECS.items()}
@@ -20,7 +21,7 @@ FRAME_IDS = {record.__name__: codec.can_id for record, codec in CODECS.items()}
 
 Node: TypeAlias = Literal["plant", "firmware", "operator"]
 Share = Annotated[
-    float, Field(gt=0.0, le=1.0, description="the share of frames or readings hit, chosen at random, 0…1")
+    Number, Field(gt=0.0, le=1.0, description="the share of frames or readings hit, chosen at random, 0…1")
 ]
 
 

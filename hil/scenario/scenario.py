@@ -26,6 +26,7 @@ from hil.scenario.operator import Command, Request
 from hil.scenario.parameter_file import merge_files
 from hil.scenario.settings import Settings, apply_settings, as_texts
 from plant_sim.scene import Scene
+from plant_sim.tables.quantities import Duration, Impulse, Number
 from plant_sim.tables.table import Table
 from plant_sim.validation_messages import messages_of
 
@@ -45,15 +46,15 @@ REALTIME_PERIOD_S = 1e-3
 class CommandTable(Table):
     """One line of the script."""
 
-    at_s: float = Field(ge=0.0, description="the command's time, in s from the start")
+    at_s: Duration = Field(ge=0.0, description="the command's time, in s from the start")
     request: Literal["idle", "run", "clear-faults", "e-stop", "prove-watchdog", "silent"] = Field(
         description="the request: idle, run, clear-faults, e-stop (repeated until the firmware confirms it), "
         "prove-watchdog (of the drive, before a start) or silent"
     )
-    target_ratio: float | None = Field(
+    target_ratio: Number | None = Field(
         default=None, gt=0.0, le=LARGEST_RATIO, description="the drive's speed as a ratio of the nominal ω"
     )
-    target_impulse_n_s: float | None = Field(
+    target_impulse_n_s: Impulse | None = Field(
         default=None,
         gt=0.0,
         le=LARGEST_IMPULSE_N_S,
@@ -79,8 +80,8 @@ class CommandTable(Table):
 class ScriptTable(Table):
     """Duration of the run, the operator's commands, and the faults."""
 
-    duration_s: float = Field(gt=0.0, le=LONGEST_S, description="the run's length in s")
-    longest_delay_s: float = Field(
+    duration_s: Duration = Field(gt=0.0, le=LONGEST_S, description="the run's length in s")
+    longest_delay_s: Duration = Field(
         default=0.61,
         ge=0.0,
         le=LONGEST_S,

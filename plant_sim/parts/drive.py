@@ -7,6 +7,21 @@ from typing import Annotated, Literal, NamedTuple, Self, TypeAlias
 from pydantic import Field, model_validator
 
 from plant_sim.kernels import one_of, subroutine
+from plant_sim.tables.quantities import (
+    Angle,
+    AngularSpeed,
+    Current,
+    Frequency,
+    Inductance,
+    Inertia,
+    Length,
+    Number,
+    Resistance,
+    RotaryDamping,
+    Torque,
+    TorqueConstant,
+    Voltage,
+)
 from plant_sim.tables.table import Table
 
 
@@ -58,18 +73,26 @@ def asked_current_a(drive: MotorDrive, torque_n_m: float) -> float:
     return min(max(asked_a, -drive.current_limit_a), drive.current_limit_a)
 
 
+@subroutine
+def voltage_limit_v(drive: MotorDrive) -> float:
+    """Largest voltage vector of a bus, V: the circle inscribed in the inverter's hexagon."""
+    return drive.supply_v / math.sqrt(3.0)
+
+
 @subroutine(inline=True)
 def motor_current_a(drive: Drive, torque_n_m: float, omega_rad_s: float) -> float:
     """Current, A, for a commanded torque, limited by the drive and by the supply voltage.
 
-    The winding's time constant L/R is below the control period, so R i + K_t ω stays within ± the supply. An
-    ideal drive has no current.
+    The voltage limit is that of the windings (`plant_sim.parts.winding`): R i_q + p ω ψ within ± V/√3, with
+    p ψ = K_t / (3/2). The winding's time constant L/R is below the control period, so that the current has
+    settled, and the voltage p ω L i_q across it, some 2 % of the limit, is neglected. An ideal drive has no
+    current.
     """
     if not is_motor(drive):
         return 0.0
-    back_emf_v = drive.torque_constant_n_m_a * omega_rad_s
-    current_a = min(asked_current_a(drive, torque_n_m), (drive.supply_v - back_emf_v) / drive.resistance_ohm)
-    return max(current_a, (-drive.supply_v - back_emf_v) / drive.resistance_ohm)
+    limit_v, back_emf_v = voltage_limit_v(drive), drive.torque_constant_n_m_a * omega_rad_s / 1.5
+    current_a = min(asked_current_a(drive, torque_n_m), (limit_v - back_emf_v) / drive.resistance_ohm)
+    return max(current_a, (-limit_v - back_emf_v) / drive.resistance_ohm)
 
 
 @subroutine(inline=True)
@@ -84,29 +107,33 @@ class MotorTable(Table):
     """A small direct-drive BLDC gimbal motor with a flywheel, as seen at its torque command."""
 
     # Together: 0.8 N m at 10 A, against peaks of 0.14 N m (table1, r = 1.3) and 0.49 N m (gait, r = 1.2).
-    torque_constant_n_m_a: float = Field(default=0.08, gt=0.0, description="the torque constant in N m/A")
-    resistance_ohm: float = Field(default=0.4, gt=0.0, description="the winding's resistance in Ω")
+    torque_constant_n_m_a: TorqueConstant = Field(
+        default=0.08, gt=0.0, description="the torque constant in N m/A"
+    )
+    resistance_ohm: Resistance = Field(default=0.4, gt=0.0, description="the winding's resistance in Ω")
     # 0.75 ms with 0.4 Ω: faster than the 1 ms tick, so that the current is taken as settled.
-    inductance_h: float = Field(default=0.3e-3, gt=0.0, description="the winding's inductance in H")
+    inductance_h: Inductance = Field(default=0.3e-3, gt=0.0, description="the winding's inductance in H")
     # A 12N14P stator, the usual one of gimbal motors.
     pole_pairs: int = Field(default=7, ge=1, description="the number of pole pairs")
-    # Six lithium cells; no-load speed 300 rad/s, ten times what r = 1.3 needs.
-    supply_v: float = Field(default=24.0, gt=0.0, description="the supply voltage in V")
-    current_limit_a: float = Field(default=10.0, gt=0.0, description="the drive's current limit in A")
+    # Six lithium cells; no-load speed 260 rad/s, twenty times what r = 1.3 needs.
+    supply_v: Voltage = Field(default=24.0, gt=0.0, description="the supply voltage in V")
+    current_limit_a: Current = Field(default=10.0, gt=0.0, description="the drive's current limit in A")
     # A flywheel that keeps the speed ripple at 2.7 % under a plain PI loop; 1e-4 alone would not.
-    inertia_kg_m2: float = Field(
+    inertia_kg_m2: Inertia = Field(
         default=5e-4, gt=0.0, description="the inertia of rotor and flywheel in kg m²"
     )
     # A tenth of the dry loss at 5 rad/s: bearings of this size.
-    viscous_n_m_s: float = Field(default=1e-4, ge=0.0, description="the viscous loss in N m s")
+    viscous_n_m_s: RotaryDamping = Field(default=1e-4, ge=0.0, description="the viscous loss in N m s")
     # Cogging and seals of a motor of this size, 1 % of its torque.
-    dry_n_m: float = Field(default=5e-3, ge=0.0, description="the dry loss in N m")
+    dry_n_m: Torque = Field(default=5e-3, ge=0.0, description="the dry loss in N m")
     # Three times the crank's speed at r = 1.3 of table1, 1.6 times gait's at r = 1.
-    speed_limit_rad_s: float = Field(default=40.0, gt=0.0, description="the drive's speed limit in rad/s")
+    speed_limit_rad_s: AngularSpeed = Field(
+        default=40.0, gt=0.0, description="the drive's speed limit in rad/s"
+    )
 
 
 _Rod = Annotated[
-    float | None,
+    Length | None,
     Field(
         gt=0.0, description="the connecting rod's length in m, above amplitude_m (default: endless, a sine)"
     ),
@@ -116,7 +143,7 @@ _Rod = Annotated[
 class CrankTable(Table):
     """The crank, which every drive has."""
 
-    amplitude_m: float = Field(ge=0.0, description="the piston's amplitude in m: the crank's radius")
+    amplitude_m: Length = Field(ge=0.0, description="the piston's amplitude in m: the crank's radius")
     rod_m: _Rod = None
 
     @model_validator(mode="after")
@@ -133,10 +160,10 @@ class IdealDriveTable(CrankTable):
     """The paper's crank: constant speed, independent of the load."""
 
     model: Literal["ideal"]
-    ratio: float | None = Field(default=None, ge=0.0, description="the crank's speed as a ratio Ω/ω")
-    frequency_hz: float | None = Field(default=None, ge=0.0, description="the crank's frequency in Hz")
-    speed_rad_s: float | None = Field(default=None, ge=0.0, description="the crank's speed in rad/s")
-    phase_rad: float = Field(default=0.0, description="the crank's angle at the start in rad")
+    ratio: Number | None = Field(default=None, ge=0.0, description="the crank's speed as a ratio Ω/ω")
+    frequency_hz: Frequency | None = Field(default=None, ge=0.0, description="the crank's frequency in Hz")
+    speed_rad_s: AngularSpeed | None = Field(default=None, ge=0.0, description="the crank's speed in rad/s")
+    phase_rad: Angle = Field(default=0.0, description="the crank's angle at the start in rad")
 
     @model_validator(mode="after")
     def _one_speed(self) -> Self:
@@ -164,7 +191,7 @@ _SPEEDS = ("ratio", "frequency_hz", "speed_rad_s")
 class TorqueDriveTable(CrankTable):
     """The crank on a motor with a torque command."""
 
-    phase_rad: float = Field(default=0.0, description="the crank's angle at the start in rad")
+    phase_rad: Angle = Field(default=0.0, description="the crank's angle at the start in rad")
 
     @model_validator(mode="before")
     @classmethod

@@ -10,6 +10,7 @@ from typing import Annotated, Literal, NamedTuple, Self, TypeAlias
 from pydantic import Field, model_validator
 
 from plant_sim.kernels import by_part, one_of, subroutine
+from plant_sim.tables.quantities import Damping, Number, Speed
 from plant_sim.tables.table import Table
 
 ROUNDING = 1e-14
@@ -167,7 +168,7 @@ class ViscousTable(Table):
     """Friction proportional to speed."""
 
     law: Literal["viscous"]
-    b_n_s_m: float = Field(ge=0.0, description="the viscous coefficient in N s/m")
+    b_n_s_m: Damping = Field(ge=0.0, description="the viscous coefficient in N s/m")
 
     def part(self) -> Viscous:
         """The law's record."""
@@ -178,8 +179,8 @@ class CoulombTable(Table):
     """Dry friction; it sticks."""
 
     law: Literal["coulomb"]
-    mu: float = Field(ge=0.0, description="the coefficient of dry friction")
-    b_n_s_m: float = Field(default=0.0, ge=0.0, description="the viscous coefficient in N s/m")
+    mu: Number = Field(ge=0.0, description="the coefficient of dry friction")
+    b_n_s_m: Damping = Field(default=0.0, ge=0.0, description="the viscous coefficient in N s/m")
 
     def part(self) -> Coulomb:
         """The law's record."""
@@ -190,11 +191,11 @@ class StribeckTable(Table):
     """Dry friction that falls from μ_s to μ with speed; it sticks."""
 
     law: Literal["stribeck"]
-    mu: float = Field(ge=0.0, description="the coefficient of sliding friction at speed")
-    mu_s: float = Field(ge=0.0, description="the coefficient of static friction, at least mu")
-    v_s_m_s: float = Field(gt=0.0, description="the Stribeck speed in m/s")
-    delta: float = Field(gt=0.0, description="the Stribeck exponent")
-    b_n_s_m: float = Field(default=0.0, ge=0.0, description="the viscous coefficient in N s/m")
+    mu: Number = Field(ge=0.0, description="the coefficient of sliding friction at speed")
+    mu_s: Number = Field(ge=0.0, description="the coefficient of static friction, at least mu")
+    v_s_m_s: Speed = Field(gt=0.0, description="the Stribeck speed in m/s")
+    delta: Number = Field(gt=0.0, description="the Stribeck exponent")
+    b_n_s_m: Damping = Field(default=0.0, ge=0.0, description="the viscous coefficient in N s/m")
 
     @model_validator(mode="after")
     def _static_not_below_sliding(self) -> Self:

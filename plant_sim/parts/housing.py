@@ -13,6 +13,7 @@ from pydantic import Field
 from plant_sim.arrays import FloatArray
 from plant_sim.kernels import by_part, one_of, subroutine
 from plant_sim.parts.walking import Walking, bump_m_s, felt_m_s2, felt_m_s3, unbroken_s
+from plant_sim.tables.quantities import Acceleration, Angle, Duration, Frequency
 from plant_sim.tables.table import Table
 
 SAME_INSTANT_S = 1e-12
@@ -181,17 +182,19 @@ is_level = one_of(Level)
 class HarmonicTable(Table):
     """The housing swings along the axis; a slow tilt of ±20° corresponds to 3.4 m/s²."""
 
-    amplitude_m_s2: float = Field(gt=0.0, description="the amplitude in m/s²")
-    frequency_hz: float = Field(gt=0.0, description="the frequency in Hz")
-    phase_rad: float = Field(default=0.0, description="the phase at t = 0 in rad")
+    amplitude_m_s2: Acceleration = Field(gt=0.0, description="the amplitude in m/s²")
+    frequency_hz: Frequency = Field(gt=0.0, description="the frequency in Hz")
+    phase_rad: Angle = Field(default=0.0, description="the phase at t = 0 in rad")
 
 
 class ShockTable(Table):
     """A single shock of the housing along the axis, a half-sine."""
 
-    peak_m_s2: float = Field(description="the largest acceleration in m/s², negative away from the stop")
-    start_s: float = Field(ge=0.0, description="the shock's beginning in s")
-    duration_s: float = Field(gt=0.0, description="the shock's duration in s")
+    peak_m_s2: Acceleration = Field(
+        description="the largest acceleration in m/s², negative away from the stop"
+    )
+    start_s: Duration = Field(ge=0.0, description="the shock's beginning in s")
+    duration_s: Duration = Field(gt=0.0, description="the shock's duration in s")
 
 
 NO_SWING = HarmonicTable.model_construct(amplitude_m_s2=0.0, frequency_hz=0.0)
@@ -221,7 +224,7 @@ def moving(along_m_s2: float, swing: HarmonicTable, shock: ShockTable) -> Moving
 class MotionTable(Table):
     """[housing]: tilt and acceleration of the module's housing along the striker's axis."""
 
-    tilt_rad: float = Field(
+    tilt_rad: Angle = Field(
         default=0.0,
         ge=-math.pi / 2.0,
         le=math.pi / 2.0,

@@ -15,6 +15,7 @@ from plant_sim.parts.restitution import (
 )
 from plant_sim.parts.striker import Striker
 from plant_sim.parts.wearer import Wearer, contact_mass_kg
+from plant_sim.tables.quantities import Duration, Length, Number, PadStiffness
 from plant_sim.tables.table import Table
 
 
@@ -192,7 +193,7 @@ class NoStopTable(Table):
         return NoStop()
 
 
-_Position = Annotated[float, Field(description="the stop's position in m")]
+_Position = Annotated[Length, Field(description="the stop's position in m")]
 
 
 class RigidStopTable(Table):
@@ -200,7 +201,7 @@ class RigidStopTable(Table):
 
     law: Literal["rigid"]
     position_m: _Position
-    restitution: float = Field(ge=0.0, le=1.0, description="the coefficient of restitution, 0 to 1")
+    restitution: Number = Field(ge=0.0, le=1.0, description="the coefficient of restitution, 0 to 1")
 
     def part(self, striker_kg: float, wearer: Wearer) -> RigidStop:
         """The stop."""
@@ -211,17 +212,18 @@ class SoftStopTable(Table):
     """The keys of all soft stops."""
 
     position_m: _Position
-    restitution: float = Field(
+    restitution: Number = Field(
         gt=0.0,
         le=1.0,
         description="the coefficient of restitution, above 0 (a soft stop always returns some) to 1",
     )
-    contact_s: float | None = Field(
+    contact_s: Duration | None = Field(
         default=None,
         gt=0.0,
-        description=f"the elastic contact time in s at {CONTACT_REFERENCE_SPEED_M_S} m/s of approach",
+        description=f"the elastic contact time in s at {CONTACT_REFERENCE_SPEED_M_S} m/s of approach "
+        "(hunt-crossley: to a fixed stop)",
     )
-    stiffness: float | None = Field(
+    stiffness: PadStiffness | None = Field(
         default=None, gt=0.0, description="the stop's stiffness in N/m (hunt-crossley: N/m^1.5)"
     )
 
@@ -244,8 +246,9 @@ class KelvinVoigtTable(SoftStopTable):
 
     def part(self, striker_kg: float, wearer: Wearer) -> KelvinVoigt:
         """The stop of a striker of this mass, on this wearer."""
-        stiffness = self.stiffness or linear_stiffness(striker_kg, self.contact_s or math.nan)
-        damping = kelvin_voigt_damping(contact_mass_kg(wearer, striker_kg), stiffness, self.restitution)
+        mass_kg = contact_mass_kg(wearer, striker_kg)
+        stiffness = self.stiffness or linear_stiffness(mass_kg, self.contact_s or math.nan)
+        damping = kelvin_voigt_damping(mass_kg, stiffness, self.restitution)
         return KelvinVoigt(self.position_m, stiffness, damping)
 
 

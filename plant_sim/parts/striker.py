@@ -6,6 +6,7 @@ from typing import NamedTuple
 from pydantic import Field
 
 from plant_sim.kernels import subroutine
+from plant_sim.tables.quantities import Acceleration, Length, Mass, Stiffness
 from plant_sim.tables.table import STANDARD_GRAVITY_M_S2, Table
 
 
@@ -48,10 +49,10 @@ def spring_stretch_m(striker: Striker, force_n: float) -> float:
 class StrikerTable(Table):
     """The striker on its coupling spring."""
 
-    mass_kg: float = Field(gt=0.0, description="the striker's mass in kg")
-    spring_n_m: float = Field(gt=0.0, description="the coupling spring's stiffness in N/m")
-    rest_length_m: float = Field(description="the striker's position in m where the spring is relaxed")
-    gravity_m_s2: float = Field(
+    mass_kg: Mass = Field(gt=0.0, description="the striker's mass in kg")
+    spring_n_m: Stiffness = Field(gt=0.0, description="the coupling spring's stiffness in N/m")
+    rest_length_m: Length = Field(description="the striker's position in m where the spring is relaxed")
+    gravity_m_s2: Acceleration = Field(
         default=STANDARD_GRAVITY_M_S2,
         ge=0.0,
         description="gravity in m/s² (it enters dry friction, and the motion where the housing is tilted)",

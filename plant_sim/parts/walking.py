@@ -49,7 +49,8 @@ Jet: TypeAlias = tuple[float, float, float, float]
     COLUMNS,
 ) = range(12)
 """Columns of `Walking.rows`: begin and length of the row, cycles before it, first and last value of
-frequency, size and stride, and the peaks of a heel strike and of a knock at its beginning."""
+frequency, size and stride, and the peaks of a heel strike and of a knock at its beginning. The last row of a
+walk that does not stop is of infinite length: even strides, each with its heel strike."""
 
 STRIKE_S = 0.03
 """Duration of a heel strike at the shank."""
@@ -133,6 +134,18 @@ def row_at(rows: Rows, t_s: float) -> int:
         else:
             high = middle
     return low
+
+
+@subroutine
+def since_strike_s(row: Rows, into_s: float, same_s: float) -> float:
+    """Time since the last heel strike, s; the last row of a walk has no end and one strike a stride.
+
+    The instant of a strike may be missed by up to `same_s`: then the time is 0 or just below.
+    """
+    if math.isfinite(row[LENGTH_S]) or row[FROM_HZ] == 0.0:
+        return into_s
+    stride_s: float = 1.0 / row[FROM_HZ]
+    return into_s - math.floor((into_s + same_s) / stride_s) * stride_s
 
 
 @subroutine
@@ -242,7 +255,7 @@ def leg_at(walking: Walking, t_s: float) -> Leg:
     x2, x3 = speed[1] + ahead[2], speed[2] + ahead[3]
     fall, fall1 = rise[2] + g, rise[3]
     cosine, sine = math.cos(lean[0]), math.sin(lean[0])
-    strike, strike1 = _bump(row[STRIKE_M_S2], into_s, STRIKE_S)
+    strike, strike1 = _bump(row[STRIKE_M_S2], since_strike_s(row, into_s, 0.0), STRIKE_S)
     knock, knock1 = _bump(row[KNOCK_M_S2], into_s, KNOCK_S)
     return Leg(
         lean_rad=lean[0],
@@ -296,7 +309,7 @@ def bump_m_s(walking: Walking, t_s: float, same_s: float) -> float:
     """The velocity along the axis, m/s, that a heel strike and a knock which begin at `t_s` give the
     housing."""
     row = walking.rows[row_at(walking.rows, t_s + same_s)]
-    if abs(t_s - row[BEGIN_S]) > same_s:
+    if abs(since_strike_s(row, t_s - row[BEGIN_S], same_s)) > same_s:
         return 0.0
     strike, knock = 0.5 * STRIKE_S * row[STRIKE_M_S2], 0.5 * KNOCK_S * row[KNOCK_M_S2]  # ∫ sin²
     return along_axis(walking, strike, -STRIKE_BACKWARD * strike - knock, 0.0)
@@ -310,10 +323,13 @@ def unbroken_s(walking: Walking, t_s: float, same_s: float) -> float:
     into_s = t_s - row[BEGIN_S]
     hertz = max(row[FROM_HZ], row[TO_HZ]) * (1.0 + math.pi * abs(walking.warp))
     longest = 1.0 / (2.0 * math.pi * ORDER * hertz) if hertz > 0.0 else math.inf
-    if row[LENGTH_S] - into_s > same_s:
-        longest = min(longest, row[LENGTH_S] - into_s)
-    if row[STRIKE_M_S2] != 0.0 and STRIKE_S - into_s > same_s:
-        longest = min(longest, STRIKE_S - into_s, STRIKE_S / (2.0 * math.pi))
+    since_s, left_s = since_strike_s(row, into_s, same_s), row[LENGTH_S] - into_s
+    if math.isinf(left_s) and hertz > 0.0:
+        left_s = 1.0 / row[FROM_HZ] - since_s
+    if left_s > same_s:
+        longest = min(longest, left_s)
+    if row[STRIKE_M_S2] != 0.0 and STRIKE_S - since_s > same_s:
+        longest = min(longest, STRIKE_S - since_s, STRIKE_S / (2.0 * math.pi))
     if row[KNOCK_M_S2] != 0.0 and KNOCK_S - into_s > same_s:
         longest = min(longest, KNOCK_S - into_s, KNOCK_S / (2.0 * math.pi))
     return longest

@@ -14,13 +14,13 @@ some thousand rad/s, and a loop of 20 kHz would add 75 µs of delay to a lag of 
 of a solver every tick.
 """
 
-import math
 from typing import NamedTuple, TypeAlias
 
 from pydantic import Field
 
 from plant_sim.kernels import one_of, subroutine
 from plant_sim.parts.drive import MotorDrive
+from plant_sim.tables.quantities import AngularSpeed, Inductance
 from plant_sim.tables.table import Table
 
 
@@ -49,23 +49,17 @@ def flux_wb(drive: MotorDrive) -> float:
     return flux
 
 
-@subroutine
-def voltage_limit_v(drive: MotorDrive) -> float:
-    """Largest voltage vector of a bus, V: the circle inscribed in the inverter's hexagon."""
-    return drive.supply_v / math.sqrt(3.0)
-
-
 class WindingTable(Table):
     """[winding]: a dq-motor's parameters beside [motor]; R and L are per phase, K_t per peak ampere."""
 
-    d_inductance_h: float | None = Field(
+    d_inductance_h: Inductance | None = Field(
         default=None, gt=0.0, description="the inductance along the magnets in H (default: the motor's)"
     )
-    q_inductance_h: float | None = Field(
+    q_inductance_h: Inductance | None = Field(
         default=None, gt=0.0, description="the inductance across them in H (default: the motor's)"
     )
     # An ODrive's own default. With the 1 ms tick of the torque command a faster loop shows little.
-    bandwidth_rad_s: float = Field(
+    bandwidth_rad_s: AngularSpeed = Field(
         default=1000.0, gt=0.0, description="the bandwidth of the current loop in rad/s"
     )
 

@@ -173,9 +173,11 @@ class GaitSensors:
         self._dice = np.random.default_rng((seed, GAIT_STREAM))
         self._heel = _Switch(table.heel_threshold, table.bounce_s)
         self._toe = _Switch(table.toe_threshold, table.bounce_s)
-        frames = max(table.dropout_s / period_s, 1.0)
+        # Mean number of lost frames over that of received ones between two drop-outs, which is at least 1.
+        odds = table.dropout_share / (1.0 - table.dropout_share)
+        frames = max(table.dropout_s / period_s, 1.0, odds)
         self._ends = 1.0 / frames
-        self._begins = table.dropout_share / (1.0 - table.dropout_share) / frames
+        self._begins = odds / frames
         self._is_out = False
 
     def read(self, times_s: FloatArray) -> list[GaitReading | None]:

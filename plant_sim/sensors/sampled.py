@@ -12,6 +12,7 @@ from pydantic import Field
 
 from plant_sim.kernels import by_part
 from plant_sim.solvers.adaptive.state_layout import OBSERVED
+from plant_sim.tables.quantities import Length
 from plant_sim.tables.table import Table
 
 Vector = NDArray[np.float64]
@@ -46,7 +47,7 @@ class CoarseTable(Table):
     """[sensors.coarse]: an absolute position of the striker, on the period of its frame."""
 
     # A Hall or a string sensor's.
-    noise_m: float = Field(default=2e-3, ge=0.0, description="the position's noise in m rms")
+    noise_m: Length = Field(default=2e-3, ge=0.0, description="the position's noise in m rms")
 
     def sensor(self) -> CoarsePosition:
         """The sensor's record."""

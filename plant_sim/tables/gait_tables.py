@@ -6,6 +6,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from plant_sim.parts.walking import TOE_OFF
+from plant_sim.tables.quantities import Acceleration, Duration, Frequency, Length, Number, WalkRatio
 from plant_sim.tables.table import Table
 
 LATEST_S = 86_400.0
@@ -17,11 +18,11 @@ MOST_ENTRIES = 1000
 class PaceTable(Table):
     """[[gait.pace]]: the walker's cadence from a time on."""
 
-    at_s: float = Field(
+    at_s: Duration = Field(
         ge=0.0, le=LATEST_S, description="from when in s; between two paces that walk it changes evenly"
     )
     # The slowest is rehabilitation's 0.3 m/s at 0.44 Hz, the fastest a brisk 1.8 m/s at 1.1 Hz.
-    stride_hz: float = Field(
+    stride_hz: Frequency = Field(
         ge=0.0, le=1.5, description="the strides a second, up to 1.5 and not between 0 and 0.2; 0: standing"
     )
 
@@ -41,9 +42,9 @@ _SLOWEST_HZ = 0.2
 class StumbleTable(Table):
     """[[gait.stumble]]: the foot trips in the next mid-swing; the walk recovers in three strides."""
 
-    at_s: float = Field(ge=0.0, le=LATEST_S, description="after when in s")
+    at_s: Duration = Field(ge=0.0, le=LATEST_S, description="after when in s")
     # 15 m/s² for 80 ms take 0.6 m/s off a foot that swings at 4.
-    knock_m_s2: float = Field(
+    knock_m_s2: Acceleration = Field(
         default=15.0, ge=0.0, description="the largest deceleration of the foot in m/s²"
     )
 
@@ -64,28 +65,28 @@ class GaitTable(Table):
         default=[], max_length=MOST_ENTRIES, description="the tables [[gait.stumble]]"
     )
     # The lower third of the shank, above an ankle exoskeleton's joint.
-    mount_m: float = Field(default=0.1, description="the module's height over the ankle in m")
+    mount_m: Length = Field(default=0.1, description="the module's height over the ankle in m")
     # Healthy walkers; 3 to 6 % after a stroke.
-    variability: float = Field(
+    variability: Number = Field(
         default=0.02,
         ge=0.0,
         le=0.2,
         description="the deviation of each stride's frequency, size and length, as a share of itself",
     )
     # 0.62 is what the curves have; a paretic leg stands shorter, the other one longer.
-    stance_share: float = Field(
+    stance_share: Number = Field(
         default=TOE_OFF, ge=0.5, le=0.75, description="the phase at which the foot leaves the ground"
     )
-    range_share: float = Field(
+    range_share: Number = Field(
         default=1.0, ge=0.0, le=1.5, description="the leg's range of motion over a healthy one's"
     )
     # Step length over cadence is nearly the same at all speeds: 0.0065 m min (Sekiya & Nagasaki 1998), so
     # that a stride is 1.4 m long at 0.9 Hz.
-    walk_ratio_m_s: float = Field(
+    walk_ratio_m_s: WalkRatio = Field(
         default=1.56, ge=0.0, le=3.0, description="the stride's length over its frequency in m s"
     )
     # 1 g at the shank at natural cadence: the lower end of what bone-mounted accelerometers read.
-    heel_strike_m_s2: float = Field(
+    heel_strike_m_s2: Acceleration = Field(
         default=10.0,
         ge=0.0,
         description="a heel strike's peak at the shank in m/s² at 0.9 Hz, growing as the cadence's square",

@@ -4,16 +4,17 @@ from typing import Literal
 
 from pydantic import Field
 
+from plant_sim.tables.quantities import Length, Number, Speed
 from plant_sim.tables.table import Table
 
 
 class InitialTable(Table):
     """The striker at t = 0."""
 
-    x_m: float | None = Field(
+    x_m: Length | None = Field(
         default=None, description="the striker's position in m (default: rest_length_m)"
     )
-    v_m_s: float = Field(default=0.0, description="the striker's velocity in m/s")
+    v_m_s: Speed = Field(default=0.0, description="the striker's velocity in m/s")
 
 
 class SolverTable(Table):
@@ -22,7 +23,7 @@ class SolverTable(Table):
     method: Literal["auto", "exact", "adaptive"] = Field(
         default="auto", description="one of auto, exact, adaptive"
     )
-    accuracy: float = Field(
+    accuracy: Number = Field(
         default=1e-9,
         ge=1e-13,
         le=1e-2,

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from plant_sim.tables.quantities import quantity_of
+from plant_sim.tables.quantities import is_undeclared, quantity_of
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 SMALLEST_BESIDE_0 = 1e-15
@@ -19,6 +19,16 @@ class Table(BaseModel):
     """A table refuses unknown keys, wrong types, NaN, infinity and unphysical magnitudes; it is immutable."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **keywords: Any) -> None:
+        """Raise TypeError for a float that declares no quantity."""
+        for name, field in cls.model_fields.items():
+            if is_undeclared(field):
+                raise TypeError(
+                    f"{cls.__name__}.{name} is a float without a quantity; declare it with one of "
+                    "plant_sim.tables.quantities, such as Length, or Number"
+                )
 
     @model_validator(mode="before")
     @classmethod
@@ -32,8 +42,8 @@ class Table(BaseModel):
     def _has_a_physical_size(cls, value: Any, info: ValidationInfo) -> Any:
         if isinstance(value, bool) or not isinstance(value, int | float) or info.field_name is None:
             return value
-        quantity = quantity_of(info.field_name)
-        bounds = cls.model_fields[info.field_name].metadata
+        field = cls.model_fields[info.field_name]
+        quantity, bounds = quantity_of(field), field.metadata
         smallest = 0.0
         if any(getattr(bound, "gt", None) == 0.0 for bound in bounds):
             smallest = quantity.smallest

@@ -29,7 +29,7 @@ from hil.judge.requirements import requirements
 from hil.scenario.differences import FileTable, check_sets
 from hil.scenario.files import scenario_names
 from hil.scenario.scenario import CommandTable, Scenario, ScenarioTable, ScriptTable, load_scenario
-from plant_sim.tables.quantities import QUANTITIES
+from plant_sim.tables.quantities import quantity_of
 from plant_sim.tables.table import tables_in
 from tools.dev.command_page import command_page, find_repeated, page, row, table
 
@@ -309,12 +309,17 @@ def scenes() -> str:
         parts += [f"## {heading}", *table_sections(found)]
     parts += ["## Sets of checks", table(["name", "title", "checks"], check_set_rows())]
     parts.append(
-        "## Sizes\n\nEvery number has a largest size, and a number above 0 has a smallest one, by the unit "
-        "at the end of its key; the first matching row applies. A number that may be 0 is 0 or at least "
-        "1e-15."
+        "## Sizes\n\nEvery number has a largest size, and a number above 0 has a smallest one, by its "
+        "quantity. A number that may be 0 is 0 or at least 1e-15."
     )
-    rows = (row(f"`…{one.suffix}`", f"{one.smallest:g} … {one.largest:g}", one.reason) for one in QUANTITIES)
-    parts.append(table(["key", "size", "why no more"], rows))
+    fields = (field for one in [*of_scenario, *tables_in(BenchScene)] for field in one.model_fields.values())
+    rows = (
+        row(
+            " in ".join(filter(None, (one.name, one.unit))), f"{one.smallest:g} … {one.largest:g}", one.reason
+        )
+        for one in sorted(set(map(quantity_of, fields)), key=lambda one: one.name)
+    )
+    parts.append(table(["quantity", "size", "why no more"], rows))
     return page("Scenarios and scenes", *parts)
 
 

@@ -5,14 +5,18 @@ A group of frames is a count, and four 32-bit integers a frame.
 
 import math
 from collections.abc import Iterator
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
-from plant_sim.tables.quantities import quantity_of
+from pydantic.fields import FieldInfo
+
+from plant_sim.tables.quantities import Quantity, quantity_of
 from plant_sim.tables.table import Table
 
 Role = Literal["input", "output", "fixed", "tunable"]
 """`fixed` and `tunable` are parameters; the master may change tunable ones between two steps."""
 
+FMI_SIGNS = str.maketrans({" ": ".", "²": "2", "Ω": "Ohm"})
+"""How FMI writes the signs in a quantity's unit."""
 UNITS = {
     "_m_s2_rthz": ("m/s2/Hz0.5", ""),  # FMI has whole exponents only
     "_n_s_m": ("N.s/m", 'kg="1" s="-1"'),
@@ -64,10 +68,15 @@ class Variable(NamedTuple):
     low: float = -math.inf
     high: float = math.inf
     is_integer: bool = False
+    quantity: Quantity | None = None
+    """Of a scene's key."""
 
     @property
     def unit(self) -> str | None:
-        """The unit by the end of the name; None without one."""
+        """The unit: of a scene's key as declared, of others by the end of the name; None without one."""
+        if self.quantity is not None:
+            unit = self.quantity.unit.translate(FMI_SIGNS).replace("√Hz", "Hz0.5")
+            return unit if unit in dict(UNITS.values()) else None
         return next((unit for suffix, (unit, _) in UNITS.items() if self.name.endswith(suffix)), None)
 
 
@@ -84,14 +93,16 @@ def parameters(scene: Table, prefix: str = "") -> Iterator[Variable]:
             yield from parameters(value, f"{name}.")
         elif isinstance(value, float):
             role: Role = "fixed" if name.startswith(FIXED) else "tunable"
-            yield Variable(name, role, field.description or "", value, *bounds(key, field.metadata))
+            yield Variable(
+                name, role, field.description or "", value, *bounds(field), quantity=quantity_of(field)
+            )
 
 
-def bounds(key: str, metadata: list[Any]) -> tuple[float, float]:
+def bounds(field: FieldInfo) -> tuple[float, float]:
     """The smallest and largest value of a key, from its quantity and the marks of its field."""
-    quantity = quantity_of(key)
+    quantity = quantity_of(field)
     low, high = -quantity.largest, quantity.largest
-    for mark in metadata:
+    for mark in field.metadata:
         if getattr(mark, "gt", None) == 0.0:
             low = quantity.smallest
         low = max(low, getattr(mark, "ge", low))

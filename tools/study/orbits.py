@@ -23,6 +23,8 @@ from plant_sim.solvers.double_double import TURN_RAD
 from plant_sim.solvers.exact import exact
 from plant_sim.solvers.exact.automaton import Event, after, begin, next_event
 from plant_sim.solvers.exact.oscillator import Oscillator, oscillator
+from plant_sim.tilt import levelled, tilted
+from tools.output import BadInputError
 
 Vector = NDArray[np.float64]
 
@@ -101,10 +103,20 @@ class Outcome(NamedTuple):
 
 
 def turn_s(scene: Scene) -> float:
-    """Duration of a turn of the crank, s."""
+    """Duration of a turn of the crank, s. Raises BadInputError if it does not turn."""
+    return TURN_RAD / turning_rad_s(scene)
+
+
+def turning_rad_s(scene: Scene) -> float:
+    """The crank's speed, rad/s. Raises BadInputError if it does not turn."""
     drive = scene.parts().drive
     assert isinstance(drive, IdealDrive)
-    return TURN_RAD / drive.omega_rad_s
+    if drive.omega_rad_s == 0.0:
+        raise BadInputError(
+            "the drive's speed is 0: orbits and attractors are those of a turning crank; give drive.ratio, "
+            "drive.frequency_hz or drive.speed_rad_s above 0"
+        )
+    return drive.omega_rad_s
 
 
 def scale_m_s(scene: Scene) -> float:
@@ -132,7 +144,7 @@ def motion(
     initial = MotionState(0.0, x_m, start.v_m_s, start.crank_rad, omega_rad_s, Phase.FLIGHT)
     if scene.beyond_closed_form:
         return adaptive.simulate(parts, initial, until_s, t_s, accuracy=accuracy_m)
-    return exact.simulate(parts, initial, until_s, t_s)
+    return tilted(exact.simulate(levelled(parts), initial, until_s, t_s), parts, initial)
 
 
 def end_of(scene: Scene, found: SimulationResult) -> State:
@@ -157,10 +169,13 @@ def follow(scene: Scene, start: State, protocol: Protocol) -> Outcome:
 def classify(scene: Scene, starts: Vector) -> tuple[NDArray[np.int64], Vector]:
     """The cycles (0: none) and the impacts a turn in which starts end: (y, v, crank angle), shape (n, 3)."""
     cycles, rates = np.empty(len(starts), np.int64), np.empty(len(starts))
+    turning_rad_s(scene)
     tolerance_m_s = CLASSIFY.tolerance * scale_m_s(scene)
     if not scene.beyond_closed_form:
-        o = oscillator(kernel_parts(scene.parts()))
-        classify_in_closed_form(o, starts, CLASSIFY.settle_s, tolerance_m_s, cycles, rates)
+        parts, level = scene.parts(), levelled(scene.parts())
+        sag_m = parts.striker.rest_length_m - level.striker.rest_length_m
+        o, shifted = oscillator(kernel_parts(level)), starts + np.array([sag_m, 0.0, 0.0])
+        classify_in_closed_form(o, shifted, CLASSIFY.settle_s, tolerance_m_s, cycles, rates)
         return cycles, rates
     for index, start in enumerate(starts.tolist()):
         outcome = follow(scene, State(*start), CLASSIFY)

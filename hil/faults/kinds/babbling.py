@@ -6,6 +6,7 @@ from pydantic import Field
 
 from firmware_py.interface.frame import Frame
 from hil.faults.on_bus import LineFault, Step, periods_begun
+from plant_sim.tables.quantities import Duration
 
 
 class Babbling(LineFault):
@@ -17,7 +18,7 @@ class Babbling(LineFault):
     data_hex: str = Field(
         default="", pattern="^([0-9a-fA-F]{2}){0,8}$", description="the frame's data in hex"
     )
-    period_s: float = Field(ge=2e-5, description="the time between two frames, in s")
+    period_s: Duration = Field(ge=2e-5, description="the time between two frames, in s")
 
     @property
     def frame(self) -> Frame:

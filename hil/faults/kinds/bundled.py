@@ -6,6 +6,7 @@ from pydantic import Field
 
 from firmware_py.interface.frame import Frame
 from hil.faults.on_bus import FramesFault, Late, Step, periods_begun
+from plant_sim.tables.quantities import Duration
 
 
 class Bundled(FramesFault):
@@ -13,7 +14,7 @@ class Bundled(FramesFault):
 
     is_beyond_log: ClassVar[bool] = True
     kind: Literal["bundled"]
-    period_s: float = Field(gt=0.0, le=1.0, description="the time from one bundle to the next, in s")
+    period_s: Duration = Field(gt=0.0, le=1.0, description="the time from one bundle to the next, in s")
 
     def outgoing(self, frames: list[Frame], step: Step) -> list[Frame]:
         """Frames are held until the next bundle leaves; those of the step in which it leaves are not late."""

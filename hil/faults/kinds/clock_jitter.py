@@ -5,6 +5,7 @@ from typing import Literal
 from pydantic import Field
 
 from hil.faults.on_process import ClockFault, Process
+from plant_sim.tables.quantities import Duration
 
 
 class ClockJitter(ClockFault):
@@ -12,7 +13,7 @@ class ClockJitter(ClockFault):
 
     kind: Literal["clock-jitter"]
     process: Process = Field(description="the process: plant or firmware")
-    largest_s: float = Field(
+    largest_s: Duration = Field(
         gt=0.0, le=0.1, description="the largest delay, in s; each is sampled from 0 to this"
     )
 

@@ -5,13 +5,14 @@ from typing import Literal
 from pydantic import Field
 
 from hil.faults.on_process import FIRMWARE, ClockFault
+from plant_sim.tables.quantities import Duration
 
 
 class ClockJumped(ClockFault):
     """The controller's clock jumps once while the controller runs."""
 
     kind: Literal["clock-jumped"]
-    by_s: float = Field(ge=-10.0, le=10.0, description="the change in s, positive forwards")
+    by_s: Duration = Field(ge=-10.0, le=10.0, description="the change in s, positive forwards")
 
     def faulty_process(self) -> str:
         """The controller."""

@@ -7,6 +7,7 @@ from pydantic import Field
 from firmware_py.interface.frame import Frame
 from hil.faults.fault import TIME_RESOLUTION_S
 from hil.faults.on_bus import FramesFault, Late, Step
+from plant_sim.tables.quantities import Duration
 
 
 class Delayed(FramesFault):
@@ -14,7 +15,7 @@ class Delayed(FramesFault):
 
     is_beyond_log: ClassVar[bool] = True
     kind: Literal["delayed"]
-    delay_s: float = Field(gt=0.0, description="the delay, in s")
+    delay_s: Duration = Field(gt=0.0, description="the delay, in s")
 
     def outgoing(self, frames: list[Frame], step: Step) -> list[Frame]:
         """Frames are held until they are due; a frame that leaves in its own step is not delayed."""

@@ -10,6 +10,7 @@ from hil.faults.on_plant import PhysicalFault
 from plant_sim.parts.friction import times
 from plant_sim.parts.parts import Parts
 from plant_sim.scene import Scene
+from plant_sim.tables.quantities import Number
 
 
 class FrictionChanged(PhysicalFault):
@@ -17,7 +18,7 @@ class FrictionChanged(PhysicalFault):
 
     is_steady: ClassVar[bool] = True
     kind: Literal["friction-changed"]
-    factor: float = Field(ge=0.0, le=1000.0, description="the new coefficients divided by the old ones")
+    factor: Number = Field(ge=0.0, le=1000.0, description="the new coefficients divided by the old ones")
 
     def parts(self, parts: Parts) -> Parts:
         """A guide with the new coefficients."""

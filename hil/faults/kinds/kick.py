@@ -9,6 +9,7 @@ from hil.faults.fault import TIME_RESOLUTION_S, Fault
 from hil.faults.on_plant import PhysicalFault
 from plant_sim.plant import Plant
 from plant_sim.scene import Scene
+from plant_sim.tables.quantities import Speed
 
 
 class Kick(PhysicalFault):
@@ -16,7 +17,7 @@ class Kick(PhysicalFault):
 
     is_steady: ClassVar[bool] = True
     kind: Literal["kick"]
-    change_m_s: float = Field(description="the change of velocity in m/s, positive towards the stop")
+    change_m_s: Speed = Field(description="the change of velocity in m/s, positive towards the stop")
 
     def strike(self, plant: Plant, powered_up_s: float) -> None:
         """Kick the striker; a plant that is powered up later is not kicked."""

@@ -6,13 +6,14 @@ from typing import Literal
 from pydantic import Field
 
 from hil.faults.on_process import ProcessFault, Signal
+from plant_sim.tables.quantities import Duration
 
 
 class Paused(ProcessFault):
     """A process is stopped, and then continues."""
 
     kind: Literal["paused"]
-    duration_s: float = Field(gt=0.0, description="the duration of the stall, in s")
+    duration_s: Duration = Field(gt=0.0, description="the duration of the stall, in s")
 
     def signals(self) -> list[Signal]:
         """Stop and continue."""

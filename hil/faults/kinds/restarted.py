@@ -5,6 +5,7 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from hil.faults.on_process import ProcessFault
+from plant_sim.tables.quantities import Duration
 
 
 class Restarted(ProcessFault):
@@ -13,4 +14,4 @@ class Restarted(ProcessFault):
     ends_process: ClassVar[bool] = True
     starts_anew: ClassVar[bool] = True
     kind: Literal["restarted"]
-    duration_s: float = Field(ge=0.1, description="the time until the new process starts, in s")
+    duration_s: Duration = Field(ge=0.1, description="the time until the new process starts, in s")

@@ -9,13 +9,14 @@ from hil.faults.fault import Fault
 from hil.faults.on_sensor import Past, SensorFault, shifted
 from plant_sim.scene import Scene
 from plant_sim.sensors.readings import SensorReading
+from plant_sim.tables.quantities import Number
 
 
 class SensorBiased(SensorFault):
     """An additional constant: of accelerations in m/s², of the encoder's angle in rad."""
 
     kind: Literal["sensor-biased"]
-    bias: float = Field(description="the constant, in m/s² or rad")
+    bias: Number = Field(description="the constant, in m/s² or rad")
 
     def disturbed(self, reading: SensorReading, past: Past) -> SensorReading:
         """The reading with the constant."""

@@ -9,13 +9,14 @@ from hil.faults.fault import Fault
 from hil.faults.on_sensor import Past, SensorFault
 from plant_sim.scene import Scene
 from plant_sim.sensors.readings import SensorReading
+from plant_sim.tables.quantities import Acceleration
 
 
 class SensorClipped(SensorFault):
     """Accelerations that are clipped at a limit."""
 
     kind: Literal["sensor-clipped"]
-    limit_m_s2: float = Field(gt=0.0, description="the largest reading, in m/s²")
+    limit_m_s2: Acceleration = Field(gt=0.0, description="the largest reading, in m/s²")
 
     def disturbed(self, reading: SensorReading, past: Past) -> SensorReading:
         """The reading within the limit."""

@@ -7,6 +7,7 @@ from pydantic import Field
 
 from hil.faults.on_sensor import Past, SensorFault
 from plant_sim.sensors.readings import SensorReading
+from plant_sim.tables.quantities import Duration
 
 POSITION = "encoder_position_rev"
 
@@ -15,7 +16,7 @@ class SensorSlow(SensorFault):
     """Readings that lag, as behind a filter of first order."""
 
     kind: Literal["sensor-slow"]
-    lag_s: float = Field(gt=0.0, le=1.0, description="the filter's time constant, in s")
+    lag_s: Duration = Field(gt=0.0, le=1.0, description="the filter's time constant, in s")
 
     def disturbed(self, reading: SensorReading, past: Past) -> SensorReading:
         """The previous output moved towards the new reading; the encoder's angle takes the shorter way."""

@@ -9,6 +9,7 @@ from hil.faults.fault import Fault
 from hil.faults.on_plant import PhysicalFault
 from plant_sim.parts.parts import Parts
 from plant_sim.scene import Scene
+from plant_sim.tables.quantities import Number
 
 
 class StiffnessChanged(PhysicalFault):
@@ -16,7 +17,7 @@ class StiffnessChanged(PhysicalFault):
 
     is_steady: ClassVar[bool] = True
     kind: Literal["stiffness-changed"]
-    factor: float = Field(gt=0.0, le=10.0, description="the new stiffness divided by the old one")
+    factor: Number = Field(gt=0.0, le=10.0, description="the new stiffness divided by the old one")
 
     def parts(self, parts: Parts) -> Parts:
         """A striker with the new stiffness."""

@@ -10,6 +10,7 @@ from hil.faults.on_plant import PhysicalFault
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import NoStop
 from plant_sim.scene import Scene
+from plant_sim.tables.quantities import Length
 
 
 class StopMoved(PhysicalFault):
@@ -17,7 +18,7 @@ class StopMoved(PhysicalFault):
 
     is_steady: ClassVar[bool] = True
     kind: Literal["stop-moved"]
-    by_m: float = Field(ge=-0.2, le=0.2, description="the shift in m, positive away from the drive")
+    by_m: Length = Field(ge=-0.2, le=0.2, description="the shift in m, positive away from the drive")
 
     def parts(self, parts: Parts) -> Parts:
         """A stop at the new position."""

@@ -8,6 +8,7 @@ from hil.drive.axis import DriveConfig
 from hil.faults.on_plant import PhysicalFault
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.parts import Parts
+from plant_sim.tables.quantities import Voltage
 
 
 class SupplySag(PhysicalFault):
@@ -15,7 +16,7 @@ class SupplySag(PhysicalFault):
 
     is_steady: ClassVar[bool] = True
     kind: Literal["supply-sag"]
-    supply_v: float = Field(gt=0.0, le=60.0, description="the supply's voltage, in V")
+    supply_v: Voltage = Field(gt=0.0, le=60.0, description="the supply's voltage, in V")
 
     def parts(self, parts: Parts) -> Parts:
         """A motor at this voltage."""

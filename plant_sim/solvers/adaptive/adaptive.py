@@ -66,7 +66,9 @@ def advance(
     `memory.held[0].elapsed_s` is the time reached. The samples at the times of `grid` (absolute)
     are written into it.
     """
-    mode, held = memory.mode[0], memory.held[0]
+    mode, held, room = memory.mode[0], memory.held[0], memory.impacts.shape[0]
+    if mode.impacts >= room:  # a disturbance may end an impact, as each step may
+        return BUFFER_FULL
     if mode.phase == UNSETTLED:
         determine_phase(parts, memory, torque_n_m, start_s)
     elif mode.crank_stuck == 1 or mode.zero_crank > 0:  # the torque may have changed
@@ -78,7 +80,7 @@ def advance(
         sample_now(parts, memory, torque_n_m, start_s, grid)
         if held.elapsed_s >= duration_s:
             break
-        if mode.impacts == memory.impacts.shape[0]:
+        if mode.impacts >= room:
             status = BUFFER_FULL
             break
         used = take_step(parts, probe, memory, torque_n_m, start_s, duration_s, grid)

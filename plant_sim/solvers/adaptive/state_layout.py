@@ -19,10 +19,10 @@ from plant_sim.kernels import entry_point, jit, subroutine
 from plant_sim.kinds import kernel_parts
 from plant_sim.parts.drive import Drive, is_motor
 from plant_sim.parts.friction import bend_m_s
-from plant_sim.parts.housing import is_level
+from plant_sim.parts.housing import is_level, steady_m_s2
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_rigid, is_soft, origin_m
-from plant_sim.parts.wearer import is_worn
+from plant_sim.parts.wearer import equilibrium_m, is_worn
 from plant_sim.parts.winding import is_wound
 from plant_sim.references import by_reference
 from plant_sim.result import Impact, MotionState, Observation
@@ -328,6 +328,10 @@ def restart(
     if is_soft(parts.stop):
         memory.contact[0] = _NEW_CONTACT[0]
     memory.y[0], memory.y[1] = depth_m, v_m_s
+    if is_worn(parts.wearer):
+        plate_m = equilibrium_m(parts.wearer, steady_m_s2(parts.housing))
+        memory.y[plate_place(parts.drive)] = plate_m
+        memory.y[0] -= plate_m
     held, striker = memory.held[0], parts.striker
     held.free_step_s = held.contact_step_s = 0.1 / math.sqrt(striker.spring_n_per_m / striker.mass_kg)
     memory.observed[:] = 0.0

@@ -8,9 +8,16 @@ import math
 from typing import NamedTuple
 
 from plant_sim.kernels import subroutine
-from plant_sim.parts.drive import MotorDrive, asked_current_a, is_motor, motor_current_a, motor_torque_n_m
+from plant_sim.parts.drive import (
+    MotorDrive,
+    asked_current_a,
+    is_motor,
+    motor_current_a,
+    motor_torque_n_m,
+    voltage_limit_v,
+)
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.winding import DqWinding, flux_wb, is_wound, voltage_limit_v
+from plant_sim.parts.winding import DqWinding, flux_wb, is_wound
 from plant_sim.solvers.adaptive.event_location import (
     Course,
     Event,

@@ -151,3 +151,17 @@ def test_extremes_balance(changes: dict[str, Any], supply_v: float) -> None:
     assert plant.energy.residual < 1e-9
     assert plant.electrical is not None
     assert plant.electrical.residual < 1e-9
+
+
+@pytest.mark.parametrize(("supply_v", "omega_rad_s"), [(2.0, 20.0), (2.0, -20.0), (6.0, 60.0), (24.0, 20.0)])
+def test_a_motor_and_its_windings_have_one_voltage_limit(supply_v: float, omega_rad_s: float) -> None:
+    """At a given speed they settle at the same current, but for the voltage across the inductance."""
+    changes = {"motor.supply_v": supply_v, "motor.inertia_kg_m2": 1e9, "motor.inductance_h": 1e-6}
+    currents_a = []
+    for model in ("motor", "dq-motor"):
+        module = scene({**changes, "drive.model": model})
+        start = replace(initial_state(module), omega_rad_s=omega_rad_s)
+        plant = Plant(module, seed=0, initial=start)
+        plant.advance(0.8, 0.1)
+        currents_a.append(plant.now.current_a)
+    assert currents_a[0] == pytest.approx(currents_a[1], rel=1e-3)

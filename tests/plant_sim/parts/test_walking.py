@@ -15,7 +15,8 @@ from plant_sim.parts.walking import KNOCK_M_S2, Walking, leg_at, row_at
 from plant_sim.plant import Plant
 from plant_sim.result import LegState
 from plant_sim.scene import Scene, load_scene
-from plant_sim.sensors.gait import GaitReading, GaitTruth, gait_at
+from plant_sim.sensors.gait import GaitReading, GaitSensors, GaitTruth, gait_at
+from plant_sim.tables.sensor_tables import GaitSensorsTable
 
 G = 9.80665
 PACES = [
@@ -269,6 +270,9 @@ def test_a_stumble_is_a_knock_in_mid_swing_and_uneven_strides_after_it() -> None
     assert np.ptp(np.diff(even.rows[:12, w.BEGIN_S])) < 1e-9
 
 
+TIMES = [-1e-3, 0.25 * w.STRIKE_S, 0.5 * w.STRIKE_S, 0.75 * w.STRIKE_S, 1.1 * w.STRIKE_S]
+
+
 def test_the_longest_script_of_a_walk_is_sampled_soon() -> None:
     """A thousand paces over the longest run, and a thousand stumbles at once."""
     paces = [{"at_s": 86.4 * number, "stride_hz": 1.4 + 0.1 * (number % 2)} for number in range(1000)]
@@ -276,6 +280,22 @@ def test_the_longest_script_of_a_walk_is_sampled_soon() -> None:
     rows = walking_of({"axis": "up", "pace": paces, "stumble": [{"at_s": 86_400.0}] * 1000}).rows
     assert time.process_time() - begun_s < 10.0
     assert 100_000 < len(rows) < 150_000
+
+
+@pytest.mark.parametrize("after_s", [10.0, 700.0, 86_399.0])
+def test_a_walk_keeps_its_heel_strikes(after_s: float) -> None:
+    """However long it lasts: one in every stride, at the phase of 0, and a step of the solver ends there."""
+    walking = walking_of(STEADY | {"axis": "up"})
+    soft = walking_of(STEADY | {"axis": "up", "heel_strike_m_s2": 0.0})
+    begin_s = float(walking.rows[row_at(walking.rows, after_s), w.BEGIN_S])
+    begin_s += math.ceil((after_s - begin_s) * 0.9) / 0.9
+    for stride in range(3):
+        strike_s = begin_s + stride / 0.9
+        at = [housing_m_s2(walking, strike_s + t_s) - housing_m_s2(soft, strike_s + t_s) for t_s in TIMES]
+        assert at == pytest.approx([0.0, 5.0, 10.0, 5.0, 0.0], abs=1e-6)
+        assert smooth_for_s(walking, strike_s - 1e-3) == pytest.approx(1e-3, abs=1e-10)
+        assert shock_m_s(walking, strike_s) == pytest.approx(0.5 * w.STRIKE_S * 10.0)
+        assert shock_m_s(walking, strike_s + 1e-3) == 0.0
 
 
 # --- the module ---------------------------------------------------------------------------------------
@@ -360,6 +380,15 @@ def test_frames_drop_out_in_runs_of_the_length_asked() -> None:
     assert np.mean(lost) == pytest.approx(0.2, abs=0.05)
     runs = np.diff(np.flatnonzero(np.diff(np.r_[False, lost, False]))[:], n=1)[::2]
     assert np.mean(runs) * 5e-3 == pytest.approx(0.05, rel=0.25)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9, 0.99])
+def test_as_many_frames_drop_out_as_the_table_says(share: float) -> None:
+    """With drop-outs of four frames, and one frame between two of them, no more than 0.8 would be reached."""
+    walking = walking_of(STEADY)
+    table = GaitSensorsTable(dropout_share=share, dropout_s=0.02)
+    read = GaitSensors(table, walking, 1, 5e-3).read(5e-3 * np.arange(100_000))
+    assert np.mean([one is None for one in read]) == pytest.approx(share, abs=0.02)
 
 
 def test_a_switch_bounces_after_it_changes_and_at_no_other_time() -> None:

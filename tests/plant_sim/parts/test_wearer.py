@@ -57,7 +57,17 @@ def test_a_tilted_plate_hangs_in_its_ankle() -> None:
         plant.advance(0.0, 0.5)
     assert plant.now.felt_force_n == pytest.approx(-9.80665 * math.sin(0.3), rel=1e-6)
     assert plant.peak_felt_force_n is not None
-    assert plant.peak_felt_force_n > abs(plant.now.felt_force_n)
+
+
+@pytest.mark.parametrize("tilt_rad", [-1.0, 0.3, 0.5 * math.pi])
+def test_a_plate_starts_where_it_hangs(tilt_rad: float) -> None:
+    """Without an impact the wearer feels the plate's weight, from the start on, and nothing else."""
+    changes = {"stop": HERTZ | {"position_m": 0.4}, "housing.tilt_rad": tilt_rad}
+    result = simulate(scene(changes), 1.0, samples_s=0.01)
+    assert len(result.impacts.t_s) == 0
+    assert result.samples is not None
+    assert result.samples.felt_force_n == pytest.approx(-9.80665 * math.sin(tilt_rad), rel=1e-6)
+    assert result.samples.x_m[0] == 0.12
 
 
 def test_solvers_without_a_form_for_it_refuse_it() -> None:
@@ -78,6 +88,22 @@ def test_the_restitution_is_that_of_striker_and_plate() -> None:
     }
     impacts = simulate(load_scene(tables), 0.3).impacts
     assert -impacts.v_after_m_s[0] / impacts.v_m_s[0] == pytest.approx(0.5, rel=1e-5)
+
+
+@pytest.mark.parametrize("plate_kg", [0.5, 1.0, 1e4])
+def test_the_contact_lasts_as_long_as_the_table_says(plate_kg: float) -> None:
+    """An elastic contact of two free masses is half a period of the reduced mass on the pad."""
+    tables = {
+        "striker": {"mass_kg": 0.8, "spring_n_m": 1e-6, "rest_length_m": 0.0},
+        "drive": {"model": "ideal", "amplitude_m": 0.0, "speed_rad_s": 0.0},
+        "stop": {"law": "kelvin-voigt", "position_m": 0.1, "restitution": 1.0, "contact_s": 0.04},
+        "wearer": {"plate_kg": plate_kg, "ankle_n_m": 1e-6, "ankle_n_s_m": 0.0},
+        "initial": {"v_m_s": 1.0},
+    }
+    found = simulate(load_scene(tables), 0.3, samples_s=1e-4)
+    assert found.samples is not None
+    pressed_s = found.samples.t_s[found.samples.stop_force_n > 0.0]
+    assert pressed_s[-1] - pressed_s[0] == pytest.approx(0.04, abs=2e-4)
 
 
 @pytest.mark.parametrize(("amplitude_m", "phase_rad"), [(0.0, 0.0), (0.0, 1.5), (0.02, 0.0), (0.02, math.pi)])

@@ -126,8 +126,9 @@ def test_current_and_supply_limit_the_torque() -> None:
     weak = Plant(load_scene(changed("gait-motor-soft", {"motor.supply_v": 2.0})), seed=1)
     for _ in range(2000):
         weak.advance(0.4, 1e-3)
-    # At speed R i = V − K_t ω; 0.4 N m would need 2 V of it at rest.
-    assert weak.now.current_a == pytest.approx((2.0 - 0.08 * weak.state.omega_rad_s) / 0.4, rel=1e-12)
+    # At speed R i = V/√3 − K_t ω / 1.5; 0.4 N m would need 2 V of it at rest.
+    back_emf_v = 0.08 * weak.state.omega_rad_s / 1.5
+    assert weak.now.current_a == pytest.approx((2.0 / math.sqrt(3.0) - back_emf_v) / 0.4, rel=1e-12)
     assert weak.now.current_a < 5.0
 
 

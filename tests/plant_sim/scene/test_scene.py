@@ -211,6 +211,11 @@ def test_a_scene_that_cannot_be_read(tmp_path: Path) -> None:
         load_scene(tmp_path / "bad.toml")
 
 
+def test_a_key_within_a_number_is_refused() -> None:
+    with pytest.raises(SceneError, match=r"striker\.mass_kg = 0\.8 is no table and has no key"):
+        load_scene("table1-viscous").with_({"striker.mass_kg.x": 1})
+
+
 def test_a_scene_with_other_values_is_checked_as_a_new_one() -> None:
     scene = load_scene("table1-viscous")
     other = scene.with_({"drive.ratio": 1.2, "stop": {"law": "none"}, "initial.v_m_s": 0.5})

@@ -1,6 +1,6 @@
 """Physical bounds on every key of a scene, and on the solvers' work."""
 
-from typing import Any, get_args
+from typing import Any
 
 import pytest
 from changed_scenes import changed
@@ -16,7 +16,7 @@ NUMBERS: list[tuple[type[Table], str]] = [
     (table, key)
     for table in tables_in(Scene)
     for key, field in table.model_fields.items()
-    if {float, int} & {field.annotation, *get_args(field.annotation)}
+    if field.annotation is int or quantity_of(field).unit or quantity_of(field) in field.metadata
 ]
 
 
@@ -45,9 +45,15 @@ def test_a_number_that_is_not_below_0_has_a_smallest_size() -> None:
     assert len(positive) > 40
 
 
-def test_each_bound_has_its_reason() -> None:
-    for _, key in NUMBERS:
-        assert quantity_of(key).reason
+def test_a_number_without_a_quantity_is_no_key() -> None:
+    with pytest.raises(TypeError, match=r"Bare\.mu_s is a float without a quantity"):
+        type("Bare", (Table,), {"__annotations__": {"mu_s": float | None}})
+
+
+def test_the_unit_is_that_of_the_field_whatever_its_name_ends_in() -> None:
+    """μ_s is no duration."""
+    scene = load_scene(changed("table1-stribeck", {"friction.mu_s": 1e8}))
+    assert scene.friction.mu_s == 1e8
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import pytest
 
 from firmware_py.interface.enums import Regime
 from plant_sim.scene import Scene, load_scene
+from tools.output import BadInputError
 from tools.study.basin import axes
 from tools.study.cases import Case, case
 from tools.study.orbits import (
@@ -164,3 +165,19 @@ def test_figures_are_those_of_whole_cycles() -> None:
     found = outcome_of(module, motion(module, end, turns * turn_s(module)), turns, 1e-4)
     assert found.cycle > 1
     assert found.impacts * found.cycle == pytest.approx(round(found.impacts * found.cycle))
+
+
+def test_a_tilt_moves_the_module_away_from_its_stop() -> None:
+    """Upright, gravity pulls the striker 0.11 m off the stop: no impacts, by each way to an outcome."""
+    module = VISCOUS.scene(1.2)
+    upright = load_scene({**VISCOUS.tables(1.2), "housing": {"tilt_rad": 0.5 * math.pi}})
+    starts = np.array([AT_REST])
+    assert classify(module, starts)[1] == [1.0]
+    assert classify(upright, starts)[1] == [0.0]
+    assert follow(upright, AT_REST, CLASSIFY).impacts == 0.0
+
+
+def test_orbits_of_a_crank_that_stands_are_refused() -> None:
+    for study in (lambda one: classify(one, np.array([AT_REST])), lambda one: follow(one, AT_REST, CLASSIFY)):
+        with pytest.raises(BadInputError, match="the drive's speed is 0"):
+            study(VISCOUS.scene(0.0))

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.scene import Scene
+from plant_sim.solvers.exact.exact import require_closed_form
 from tools.study.branches.continuation import Vector
 from tools.study.branches.flights import ADAPTIVE_DIFFERENCE, AdaptiveFlight, ClosedFlight, Flight, Leg
 from tools.study.branches.parameters import PARAMETERS, TURN_RAD, value_in, with_values
@@ -71,6 +72,8 @@ class ImpactMap:
         self.speed_m_s = scene.natural_rad_s * self.length_m
         self.is_soft = scene.stop.law != "rigid"
         self.has_closed_form = not scene.beyond_closed_form
+        if self.has_closed_form:
+            require_closed_form(scene.parts())  # a tilt is no closed form's
         self._legs: dict[bytes, tuple[Course, list[Leg]]] = {}
         self._orbits: dict[bytes, Orbit] = {}
 

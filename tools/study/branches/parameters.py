@@ -43,7 +43,7 @@ def value_in(scene: Scene, name: str) -> float:
 
 
 def with_values(scene: Scene, values: dict[str, float]) -> Scene:
-    """The scene with other values of some parameters; Stribeck's μ_s/μ stays as it is.
+    """The scene with other values of some parameters; Stribeck's μ_s/μ stays as it is, or μ_s − μ if μ is 0.
 
     The values are not checked, so that a curve may look beyond its end.
     """
@@ -55,6 +55,7 @@ def with_values(scene: Scene, values: dict[str, float]) -> Scene:
         if name == "ratio":
             keys.update(frequency_hz=None, speed_rad_s=None)
         if name == "mu" and scene.friction.law == "stribeck":
-            keys["mu_s"] = value * scene.friction.mu_s / scene.friction.mu
+            mu, mu_s = scene.friction.mu, scene.friction.mu_s
+            keys["mu_s"] = value * mu_s / mu if mu > 0.0 else value + mu_s
     changed = {name: getattr(scene, name).model_copy(update=keys) for name, keys in tables.items()}
     return scene.model_copy(update=changed)
