@@ -28,6 +28,7 @@ BAD_INPUT = frozenset(
         "hil.bench.recorded_run.RunError",
         "hil.bench.workers.WorkerDiedError",
         "hil.bus.base.BusError",
+        "hil.bus.base.BusFailedError",
         "hil.bus.xcp_master.XcpMasterError",
         "hil.can_model.bits.BitRateError",
         "hil.faults.line.TrafficError",

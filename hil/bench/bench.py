@@ -31,7 +31,7 @@ from hil.bench.ending import Outcome, ending_with_a_verdict
 from hil.bench.lockstep import Progress, simulate
 from hil.bench.options import RunOptions
 from hil.bench.supervision import BASELINE, Supervision, again_name, plan_of
-from hil.bus import Bus, ProvidedBus, join, join_in_turns, provide, shared
+from hil.bus import Bus, BusCounters, ProvidedBus, join, join_in_turns, provide, shared
 from hil.bus.addressed import addressed
 from hil.bus.hub_socket import TurnSocket
 from hil.faults.fault import FAULTS_ACTED, effects_of, of_a_node
@@ -162,10 +162,12 @@ class ProcessesRun:
                 self.turn_times = shared_turn_times()
                 stack.callback(os.close, self.turn_times)
             self.provided = stack.enter_context(shared(provide(self.options.bus, self.turn_times)))
-            holders = self.provided.processes
+            holders, bridge = self.provided.processes, self.provided.bridge
             time_name: TimeName = "strict" if self.provided.turns is None else "held"
             run_folder.note(self.run_dir, time=time_name, **self.provided.described)
             self.run_on_bus()
+        if bridge is not None:
+            run_folder.note(self.run_dir, bridge=asdict(bridge.counted_for(BusCounters())))
         if self.provided.said:
             said = json.loads(self.provided.said)
             self.note_holds(said)

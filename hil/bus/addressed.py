@@ -7,7 +7,8 @@ from collections.abc import Iterable
 
 from firmware_py.interface.addresses import DEFAULT, NOT_OURS, Addresses, bus_id, module_id
 from firmware_py.interface.frame import Frame
-from hil.bus.base import NO_END_NS, Bus, BusCounters
+from hil.bus.base import NO_END_NS, Bus
+from hil.bus.wrapped import WrappedBus
 
 
 def addressed(bus: Bus, places: Addresses) -> Bus:
@@ -15,27 +16,22 @@ def addressed(bus: Bus, places: Addresses) -> Bus:
     return bus if places == DEFAULT else AddressedBus(bus, places)
 
 
-class AddressedBus:
+class AddressedBus(WrappedBus):
     """A bus that carries the module's identifiers; its node sends and receives those of `vibro.dbc`."""
 
     def __init__(self, bus: Bus, places: Addresses) -> None:
-        self._bus = bus
+        super().__init__(bus)
         self._places = places
-
-    @property
-    def counters(self) -> BusCounters:
-        """The errors counted so far."""
-        return self._bus.counters
 
     def send_all(self, frames: Iterable[Frame]) -> None:
         """Queue frames in order."""
-        self._bus.send_all([Frame(bus_id(self._places, can_id), data) for can_id, data in frames])
+        self.inner.send_all([Frame(bus_id(self._places, can_id), data) for can_id, data in frames])
 
     def receive(self) -> list[Frame]:
         """The module's frames that have arrived."""
         return [
             Frame(can_id, frame.data)
-            for frame in self._bus.receive()
+            for frame in self.inner.receive()
             if (can_id := module_id(self._places, frame.can_id)) != NOT_OURS
         ]
 
@@ -43,23 +39,6 @@ class AddressedBus:
         """Like `receive`, with each frame's arrival on the wall clock in ns, up to `until_ns`."""
         return [
             (stamp_ns, Frame(can_id, frame.data))
-            for stamp_ns, frame in self._bus.receive_stamped(until_ns)
+            for stamp_ns, frame in self.inner.receive_stamped(until_ns)
             if (can_id := module_id(self._places, frame.can_id)) != NOT_OURS
         ]
-
-    @property
-    def newest_ns(self) -> int:
-        """The newest arrival on the bus."""
-        return self._bus.newest_ns
-
-    def wait(self, timeout_s: float) -> None:
-        """Return when frames have arrived, or after `timeout_s`."""
-        self._bus.wait(timeout_s)
-
-    def fileno(self) -> int:
-        """The bus's descriptor."""
-        return self._bus.fileno()
-
-    def close(self) -> None:
-        """Leave the bus."""
-        self._bus.close()

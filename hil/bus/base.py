@@ -1,7 +1,9 @@
 """The interface of every bus to a node, and the bus's counters."""
 
+import logging
 import select
 import sys
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
@@ -19,8 +21,15 @@ SEND_RETRY_S = 100e-6
 """A node retries a full transmit queue for 4 × 0.1 ms, less than half a tick; then it drops frames."""
 
 
+LOGGER = logging.getLogger(__name__)
+
+
 class BusError(ValueError):
     """A bus cannot be opened as requested; the message states what was expected and the remedy."""
+
+
+class BusFailedError(ConnectionError):
+    """An open bus carries no more frames: its adapter has failed, its interface is gone, or its hub ended."""
 
 
 @dataclass
@@ -32,11 +41,24 @@ class BusCounters:
     waited: int = 0
     """Sends that met a full transmit queue and had to wait."""
     unsent: int = 0
-    """Frames dropped because the queue stayed full or the bus was gone."""
+    """Frames that the bus refused: its queue stayed full, its adapter took none, or it was gone."""
+    first_unsent_ns: int | None = None
+    """Time of the first of them on the monotonic clock."""
+    refusal: str = ""
+    """The reason for the first of them."""
     foreign: int = 0
     """Received frames other than classic data frames with an 11-bit identifier."""
     lost: int = 0
     """Frames that arrived while the receive queue was full."""
+    receive_errors: int = 0
+    """Errors of an adapter's receiving side, after which it went on."""
+
+    def refuse(self, frames: int, reason: str) -> None:
+        """Count frames that were not sent, and report the first of them."""
+        if self.unsent == 0 and frames > 0:
+            self.first_unsent_ns, self.refusal = time.monotonic_ns(), reason
+            LOGGER.warning("frames are refused and not sent: %s", reason)
+        self.unsent += frames
 
 
 class NodeBus(Protocol):
@@ -61,6 +83,10 @@ class Bus(NodeBus, Protocol):
     @property
     def counters(self) -> BusCounters:
         """The errors counted so far."""
+
+    @property
+    def failure(self) -> str:
+        """Why the bus carries no more frames; empty while it works."""
 
     def receive_stamped(self, until_ns: int = NO_END_NS) -> list[tuple[int, Frame]]:
         """All frames that have arrived up to `until_ns`, and some that have arrived since.

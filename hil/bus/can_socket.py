@@ -40,8 +40,10 @@ STAMP = struct.Struct("=qQ")
 
 RECEIVE_BUFFER_BYTES = 4 << 20
 QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
-NOTHING_TO_RECEIVE = (errno.EAGAIN, errno.ENETDOWN, errno.ENODEV)
-"""Errors that mean an empty queue or an interface that went down; any other error is raised."""
+GONE = (errno.ENODEV, errno.ENXIO)
+"""Errors of an interface that was removed, as by pulling its plug; it never comes back to this socket."""
+NOTHING_TO_RECEIVE = (errno.EAGAIN, errno.ENETDOWN, *GONE)
+"""Errors that mean an empty queue, or an interface that went down or is gone; any other error is raised."""
 
 
 class IoVector(ctypes.Structure):
@@ -153,12 +155,15 @@ class CanSocket(Connection):
         self._send_batch = library.sendmmsg
         self._incoming = FrameBatch()
         self.newest_ns = 0
+        self.failure = ""
+        """Why the bus carries no more frames; empty while it works."""
         self._outgoing = FrameBatch()
 
     @property
     def counters(self) -> BusCounters:
-        """The errors counted so far."""
-        self._counters.lost = self._drops()
+        """The errors counted so far, or up to `close`."""
+        if self._socket.fileno() >= 0:
+            self._counters.lost = self._drops()
         return self._counters
 
     def send_all(self, frames: Iterable[Frame]) -> None:
@@ -179,13 +184,19 @@ class CanSocket(Connection):
             if sent > 0:
                 packed = packed[sent * FRAME_BYTES :]
                 continue
-            if ctypes.get_errno() not in QUEUE_FULL or attempt == SEND_RETRIES:
+            number = ctypes.get_errno()
+            if number not in QUEUE_FULL or attempt == SEND_RETRIES:
                 # An interface that is down is treated as full: the watchdogs at both ends detect the silence.
-                self._counters.unsent += count
+                self._note_failure(number)
+                self._counters.refuse(count, os.strerror(number))
                 return
             attempt += 1
             self._counters.waited += attempt == 1
             time.sleep(SEND_RETRY_S)
+
+    def _note_failure(self, number: int) -> None:
+        if number in GONE:
+            self.failure = f"its interface is gone ({os.strerror(number)})"
 
     def receive(self) -> list[Frame]:
         """The frames that have arrived, at most `MAX_BURST`."""
@@ -197,6 +208,7 @@ class CanSocket(Connection):
             if count < 0:
                 if (number := ctypes.get_errno()) not in NOTHING_TO_RECEIVE:
                     raise OSError(number, os.strerror(number))
+                self._note_failure(number)
                 return frames
             frames += unpack(self._incoming.buffer[: count * FRAME_BYTES], self._counters, self._requests)
         return frames
@@ -232,4 +244,5 @@ class CanSocket(Connection):
 
     def close(self) -> None:
         """Leave the bus."""
+        self._counters = self.counters
         self._socket.close()

@@ -48,6 +48,7 @@ class HubSocket(Connection):
         self.newest_ns = 0
         self.ended = False
         """Whether the hub has ended; noticed at the next send or receive."""
+        self._address = f"local:{path}"
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.settimeout(JOIN_TIMEOUT_S)
         try:
@@ -67,6 +68,11 @@ class HubSocket(Connection):
                 "both sides with one version of vibrohil"
             )
         self._socket.setblocking(False)
+
+    @property
+    def failure(self) -> str:
+        """Why the bus carries no more frames; empty while it works."""
+        return "its hub has ended" if self.ended else ""
 
     def send_all(self, frames: Iterable[Frame]) -> None:
         """Queue frames in one system call."""
@@ -94,7 +100,8 @@ class HubSocket(Connection):
             packed = packed[sent:]
         # The rest of a partly sent frame is sent first next time, which keeps the stream aligned to frames.
         self._unfinished = packed[: len(packed) % wire.FRAME_BYTES]
-        self.counters.unsent += len(packed) // wire.FRAME_BYTES
+        reason = self.failure or "the transmit queue is full"
+        self.counters.refuse(len(packed) // wire.FRAME_BYTES, f"{self._address}: {reason}")
 
     def _read(self, most: int = MAX_BURST) -> bytes:
         """The whole frames that have arrived, at most `most`."""
@@ -196,11 +203,12 @@ class TurnSocket(HubSocket):
     def end_turn(self, cpu_ns: int, next_tick: int) -> None:
         """Send the turn's frames, and that it has ended: its CPU time, and the tick of the next turn."""
         end = wire.TURN_END.pack(min(cpu_ns // 1000, LARGEST_WORD), next_tick)
-        packed, self._outgoing = self._outgoing + wire.control(wire.END_KIND, end), b""
+        packed, self._outgoing = self._outgoing, b""
         try:
-            self._socket.sendall(packed)
+            self._socket.sendall(packed + wire.control(wire.END_KIND, end))
         except ConnectionError:
             self.ended = True
+            self.counters.refuse(len(packed) // wire.FRAME_BYTES, self.failure)
 
     def _write(self, packed: bytes) -> None:
         self._outgoing += packed

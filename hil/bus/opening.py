@@ -5,11 +5,12 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from hil.bus.base import Bus, BusError
+from hil.bus.base import LOGGER, Bus, BusError
+from hil.bus.bridge_process import BridgeProcess
 from hil.bus.can_socket import (
     PRIVATE_INTERFACE,
     CanSocket,
@@ -19,6 +20,7 @@ from hil.bus.can_socket import (
     new_can_socket,
 )
 from hil.bus.hub_socket import HELLO, HELLO_SEND_ONLY, HELLO_STAMPED, HubSocket, TurnSocket
+from hil.bus.watched import WatchedBus
 from hil.bus.wire import requests_in
 from hil.timing.pacemaker import PACEMAKER
 from hil.timing.processes import READY, Child, ChildError
@@ -40,7 +42,7 @@ class ProvidedBus:
     """Reason for the choice of this bus."""
     holder: Child | None = None
     folder: Path | None = None
-    bridge: Child | None = None
+    bridge: BridgeProcess | None = None
     """The process that joins an adapter to the run's hub."""
     turns: Path | None = None
     """The socket of the pacemaker, which gives turns to the nodes of a run; None without one."""
@@ -193,13 +195,9 @@ def shared(provided: ProvidedBus) -> ProvidedBus:
         return provided
     bus = provide_local(f"{provided.reason}, and joined to a hub where the nodes of this machine meet")
     with closed_unless_up(bus):
-        hub = bus.address.removeprefix("local:")
-        command = [sys.executable, "-P", "-m", "hil.bus.bridge", hub, provided.address]
         bus.name = provided.name
-        bus.bridge = Child("bridge", command)
-        line = bus.bridge.read_line()
-        if line != READY:
-            raise BusError(line.removeprefix("failed "))
+        bus.bridge = BridgeProcess(Path(bus.address.removeprefix("local:")), provided.address)
+        bus.bridge.await_adapter()
     return bus
 
 
@@ -248,10 +246,16 @@ def join_in_turns(
 
 @contextmanager
 def open_bus(spec: str, accept: Collection[int] | None = None) -> Iterator[tuple[ProvidedBus, Bus]]:
-    """Make or find the bus that `spec` names, and join it; a bus made for this call ends after the block."""
-    with shared(provide(spec)) as provided:
-        bus = join(provided.address, accept)
-        try:
-            yield provided, bus
-        finally:
-            bus.close()
+    """Make or find the bus that `spec` names, and join it; a bus made for this call ends after the block.
+
+    `receive` of the joined bus raises BusFailedError once it carries no more frames.
+    """
+    bus: Bus | None = None
+    try:
+        with shared(provide(spec)) as provided:
+            bus = WatchedBus(join(provided.address, accept), provided.name, provided.bridge)
+            with closing(bus):
+                yield provided, bus
+    finally:
+        if bus is not None and (unsent := bus.counters.unsent):
+            LOGGER.warning("%d frames were refused and not sent", unsent)

@@ -1,9 +1,11 @@
 """The verdict on a run from its traces: figures, checks, and the reasons to fail it or not to judge it."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from hil.judge.checks import checks_of, evaluate
-from hil.judge.figures.figures import figures_from
+from hil.judge.figures.figures import figures_from, refusals_of
 from hil.judge.figures.moments import moment_of
 from hil.judge.verdict import IMPORTED, FaultEffect, RunVerdict, Verdict
 from hil.record import provenance
@@ -57,4 +59,16 @@ def doubts_of(traces: RunTraces) -> list[str]:
         for effect in fault_effects(traces)
         if effect.acted_on == 0
     ]
-    return [*traces.outcome.get("not_judged", []), *idle]
+    return [*traces.outcome.get("not_judged", []), *doubt_refused_frames(traces.run), *idle]
+
+
+def doubt_refused_frames(run: Mapping[str, Any]) -> list[str]:
+    """Frames that the bus refused: the run's commands and readings were not those of its script and nodes."""
+    refusals = [one for one in refusals_of(run) if one.get("first_unsent_ns") is not None]
+    if not refusals:
+        return []
+    first = min(refusals, key=lambda one: int(one["first_unsent_ns"]))
+    frames, at_s = sum(one["unsent"] for one in refusals), (first["first_unsent_ns"] - run["t0_ns"]) * 1e-9
+    return [
+        f"the bus refused {frames} frames of the run's nodes, the first at {at_s:.2f} s: {first['refusal']}"
+    ]

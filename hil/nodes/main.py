@@ -3,18 +3,18 @@
 import json
 import signal
 import sys
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from firmware_py.interface.addresses import Addresses, bus_id
 from firmware_py.interface.generated import received
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.parameters import addresses_from, config_from, require_proof
-from hil.bus import Bus, is_own_bus, join_in_turns, open_bus
+from hil.bus import Bus, BusFailedError, is_own_bus, join_in_turns, open_bus
 from hil.bus.addressed import addressed
 from hil.bus.hub_socket import TurnSocket
 from hil.bus.wire import MAX_STANDARD_ID, REMOTE_FLAG
@@ -41,6 +41,10 @@ START_DELAY_S = 0.2
 """Time from readiness to the start of a node that runs alone."""
 ESTOP_PATIENCE_S = 2.0
 """Longest wait for the confirmation of an E-stop after the operator's script: twenty heartbeats."""
+UNCONFIRMED = (
+    "error: no firmware has confirmed the E-stop; cut the drive's supply, then check the bus, the firmware "
+    "and the node numbers bus.drive_node and bus.own_node"
+)
 
 
 class NodeProcess(NamedTuple):
@@ -87,21 +91,36 @@ class NodeProcess(NamedTuple):
         else:
             member = Member[(name + AGAIN * self.again).upper().replace("-", "_")]
             joining = joined_in_turns(self.bus, self.turns, member, accept, places)
-        with joining as (node_bus, giver):
-            line = FaultyBus(node_bus, name, faults, self.seed, period_s)
-            runner = make(pace, line)
-            line.restart()
-            begin = start if self.again else await_start(self.sync)
-            stepped = in_turns(runner, name, faults, period_s, self.seed, start.first_tick)
-            overruns = run_node(giver, stepped, line, begin, pace, offset, self.sync)
-            summary = {"overruns": overruns, "lost_records": runner.lost_records, **asdict(node_bus.counters)}
-            summary[FAULTS_ACTED] = effects_of([faults])
-            if self.sync:
-                report_to_parent(json.dumps(summary))
-            else:
-                print(json.dumps(summary), file=sys.stderr)
+        summary: dict[str, Any] = {}
+        try:
+            with joining as (node_bus, giver):
+                line = FaultyBus(node_bus, name, faults, self.seed, period_s)
+                runner = make(pace, line)
+                line.restart()
+                begin = start if self.again else await_start(self.sync)
+                stepped = in_turns(runner, name, faults, period_s, self.seed, start.first_tick)
+                loop = loop_of(begin, pace, offset)
+                try:
+                    run_node(giver, stepped, line, loop, begin.first_tick, pace, self.sync)
+                finally:
+                    if not self.sync:
+                        node_bus.send_all(runner.last_frames())
+                    leave_realtime()
+                    runner.close()
+                    acted = {FAULTS_ACTED: effects_of([faults])}
+                    summary = {"overruns": loop.overruns, "lost_records": runner.lost_records, **acted}
+        finally:
+            if summary:  # after the end of the adapter's bridge, which counts frames too
+                self.report({**summary, **asdict(node_bus.counters)})
         if self.out_dir is not None and not self.sync:
             bring_home(self.out_dir)
+
+    def report(self, summary: Mapping[str, Any]) -> None:
+        """Report the node's counts to the process that started it, or on standard error."""
+        if self.sync:
+            report_to_parent(json.dumps(summary))
+        else:
+            print(json.dumps(summary), file=sys.stderr)
 
 
 def firmware_main(scenario: str | None, settings: Sequence[str], process: NodeProcess, build: Build) -> None:
@@ -154,7 +173,7 @@ def operator_main(scenario: str, settings: Sequence[str], bus: str) -> bool:
     """`vibrohil operator`: a scenario's script on `bus`; sends an E-stop if it is ended early.
 
     An E-stop is repeated until the firmware confirms it, for at most `ESTOP_PATIENCE_S` beyond the end.
-    Returns whether every E-stop was confirmed.
+    Returns whether every E-stop was confirmed. Raises BusFailedError, after an E-stop that may not leave.
     """
     loaded = load_scenario(scenario, settings)
     node = OperatorNode(loaded.commands, loaded.period_s)
@@ -183,13 +202,15 @@ def operator_main(scenario: str, settings: Sequence[str], bus: str) -> bool:
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, stop)
         print(f"playing the script for {loaded.duration_s:g} s; Ctrl-C is an E-stop", file=sys.stderr)
-        loop.run(None, step, None)
+        try:
+            loop.run(None, step, None)
+        except BusFailedError:
+            node.emergency_stop(node.due_tick)
+            node_bus.send_all(node.publish(node.due_tick))
+            print(UNCONFIRMED, file=sys.stderr)
+            raise
     if node.estop_is_unconfirmed:
-        print(
-            "error: no firmware has confirmed the E-stop; cut the drive's supply, then check the bus, "
-            "the firmware and the node numbers bus.drive_node and bus.own_node",
-            file=sys.stderr,
-        )
+        print(UNCONFIRMED, file=sys.stderr)
     return not node.estop_is_unconfirmed
 
 
@@ -243,44 +264,43 @@ def await_start(sync: bool, again: bool = False) -> Start:
     return Start(MonotonicClock().now_ns() + round(START_DELAY_S * NS_PER_S))
 
 
+def loop_of(start: Start, pace: Pace, offset: float) -> FixedRateLoop:
+    """The loop of strict time, which begins `offset` periods after the start."""
+    period_ns = round(pace.period_s * NS_PER_S)
+    return FixedRateLoop(MonotonicClock(), start.t0_ns, period_ns, round(offset * period_ns))
+
+
 def run_node(
     giver: TurnSocket | None,
     runner: Runner | Turns,
     line: FaultyBus,
-    start: Start,
+    loop: FixedRateLoop,
+    first_tick: int,
     pace: Pace,
-    offset: float,
     sync: bool,
-) -> int:
-    """Run in the turns of the pacemaker, or in strict time, which does not wait for a late node.
+) -> None:
+    """Run in the turns of the pacemaker, or in strict time by `loop`, which does not wait for a late node.
 
-    Strict time begins at the start, delayed by `offset` periods. The node ends with its script, by SIGTERM
-    or, if it is alone, by Ctrl-C. Returns the number of ticks that strict time has missed.
+    The node ends with its script, by SIGTERM or, if it is alone, by Ctrl-C. Raises BusFailedError in strict
+    time.
     """
-    if start.first_tick > 0:
+    if first_tick > 0:
         become_realtime(NODE)
-    period_ns = round(pace.period_s * NS_PER_S)
-    loop = FixedRateLoop(MonotonicClock(), start.t0_ns, period_ns, round(offset * period_ns))
     stop = loop.stop if giver is None else giver.leave
     for number in (signal.SIGTERM,) if sync else (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop())
 
     def step(tick: int) -> int:
-        if tick == start.first_tick > 0:
+        if tick == first_tick > 0:
             line.restart()
         line.move_to(tick * pace.period_s)
         runner.step(tick)
         return tick + 1
 
-    try:
-        if giver is None:
-            if not sync:
-                print(f"running at {1.0 / pace.period_s:g} Hz; Ctrl-C ends it", file=sys.stderr)
-            line.restart()
-            loop.run(pace.ticks, step, runner.record, start.first_tick)
-        else:
-            run_turns(giver, step, runner.record)
-    finally:
-        leave_realtime()
-        runner.close()
-    return loop.overruns
+    if giver is not None:
+        run_turns(giver, step, runner.record)
+        return
+    if not sync:
+        print(f"running at {1.0 / pace.period_s:g} Hz; Ctrl-C ends it", file=sys.stderr)
+    line.restart()
+    loop.run(pace.ticks, step, runner.record, first_tick)

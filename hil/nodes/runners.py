@@ -5,7 +5,9 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
+from firmware_py.interface.generated.records import SetInputTorque
 from firmware_py.shell.node import FirmwareNode, MakeNode, power_up
 from hil.faults.fault import Fault
 from hil.faults.line import FaultyBus
@@ -97,6 +99,10 @@ class PlantRunner:
         for impact in impacts:
             self._impacts.append(impact)
 
+    def last_frames(self) -> list[Frame]:
+        """The frames that the plant sends last, when it ends: none."""
+        return []
+
     @property
     def lost_records(self) -> int:
         """Records for which the disk had no room."""
@@ -158,6 +164,10 @@ class FirmwareRunner:
         """Append the tick's record."""
         if self.trace is not None:
             self.trace.append(self.node, tick, (tick + 0.5) * self._period_s, timing)
+
+    def last_frames(self) -> list[Frame]:
+        """The frames that the firmware sends last, when it ends: a torque of 0."""
+        return [codec.SET_INPUT_TORQUE.encode(SetInputTorque(0.0))]
 
     @property
     def lost_records(self) -> int:

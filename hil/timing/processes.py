@@ -25,6 +25,7 @@ READY_TIMEOUT_S = 600.0
 STOP_TIMEOUT_S = 3.0
 EXIT_TIMEOUT_S = 60.0
 """Additional time for a process whose first thread has ended, and whose others a busy host holds up."""
+PIPE_BYTES = 1 << 16
 BUSY_LOOK_S = 0.2
 LOOK_S = 1.0
 MOST_LOOKS_STOPPED = 5
@@ -141,6 +142,7 @@ class Child:
                 pass_fds=descriptors,
                 preexec_fn=asked_to_end_with_parent,  # noqa: PLW1509  one system call, no lock
             )
+        self._partial = b""
         self.killed_at_stop = False
         """Whether the child was killed because it did not end on request."""
 
@@ -209,6 +211,17 @@ class Child:
             line += byte
         return line.decode().rstrip("\n")
 
+    def read_available(self) -> str:
+        """The child's whole lines that have arrived and were not read, without waiting for more."""
+        stdout = self._process.stdout
+        assert stdout is not None
+        while not stdout.closed and select.select([stdout], [], [], 0.0)[0]:
+            if not (chunk := os.read(stdout.fileno(), PIPE_BYTES)):
+                break
+            self._partial += chunk
+        lines, end, self._partial = self._partial.rpartition(b"\n")
+        return (lines + end).decode(errors="replace")
+
     def wait_ready(self, timeout_s: float = READY_TIMEOUT_S) -> str:
         """Wait for the line that starts with `ready` and return the rest of the line."""
         line = self.read_line(timeout_s)
@@ -232,7 +245,7 @@ class Child:
 
     def signal(self, number: signal.Signals) -> None:
         """Send the child a signal, unless it has ended."""
-        if not self.ended:
+        if self._process.poll() is None:
             self._process.send_signal(number)
 
     def wait(self, timeout_s: float) -> bool:
@@ -248,7 +261,7 @@ class Child:
 
         `at_work_s`: additional time before the kill for a child that is running, not stopped by a signal.
         """
-        if not self.ended:
+        if self._process.poll() is None:
             self._process.terminate()
         with suppress(subprocess.TimeoutExpired):
             return self._last_output(STOP_TIMEOUT_S)
@@ -264,4 +277,6 @@ class Child:
 
     def _last_output(self, timeout_s: float | None = None) -> str:
         """Wait for the child's end, and return the rest of its standard output; may raise TimeoutExpired."""
-        return self._process.communicate(timeout=timeout_s)[0].decode(errors="replace")
+        rest = self._process.communicate(timeout=timeout_s)[0]
+        partial, self._partial = self._partial, b""
+        return (partial + rest).decode(errors="replace")

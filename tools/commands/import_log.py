@@ -8,7 +8,7 @@ import typer
 from rich.markup import escape
 
 from tools.commands.options import Json
-from tools.output import answer, console, show_tables
+from tools.output import EXIT_NOTHING_RAN, EXIT_PASSED, answer, console, show_tables
 from tools.outputs import folder_option
 
 
@@ -27,11 +27,16 @@ def import_log(
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Make a run folder from a CAN log, to view and inspect like a run, but without truth."""
+    """Make a run folder from a CAN log, to view and inspect like a run, but without truth.
+
+    Its times count from the first frame. Exit status 5 if it must not be judged: more than a hundredth of its
+    lines are no messages, its clock falls back, or two firmwares have sent with the same numbers.
+    """
     from tools.logs.importing import import_log as make_run
 
     result = make_run(log, out, channel, tolerant)
-    answer(result, as_json, lambda: show(result))
+    status = EXIT_NOTHING_RAN if result["not_judged"] else EXIT_PASSED
+    answer(result, as_json, lambda: show(result), status)
 
 
 def show(result: dict[str, Any]) -> None:

@@ -17,11 +17,12 @@ import numpy as np
 import pyarrow as pa
 from cantools.database.can import Message
 from numpy.typing import NDArray
-from pyarrow import csv, parquet
+from pyarrow import parquet
 
 from firmware_py.interface.dbc import database
 from hil.bench.recorded_run import Run
 from hil.record.frame_tables import table_of
+from tools.logs.csv_table import write_csv
 from tools.output import BadInputError
 
 CAN = "can/"
@@ -104,21 +105,21 @@ def write_parquet(frames: Iterable[DecodedFrames], folder: Path) -> None:
         parquet.write_table(table.cast(pa.schema(fields)), folder / f"{one.name}.parquet")
 
 
-def write_csv(frames: Iterable[DecodedFrames], folder: Path) -> None:
+def write_csv_files(frames: Iterable[DecodedFrames], folder: Path) -> None:
     """Write a file for each frame; the title of a column is `name [unit]`."""
     folder.mkdir(parents=True, exist_ok=True)
     for one in frames:
         units = {"t_s": "s", **one.units}
         columns = {"t_s": one.t_s, **one.signals}
         titles = [f"{name} [{units[name]}]" if units[name] else name for name in columns]
-        csv.write_csv(pa.table(columns).rename_columns(titles), folder / f"{one.name}.csv")
+        write_csv(pa.table(columns).rename_columns(titles), folder / f"{one.name}.csv")
 
 
 FORMATS: Mapping[str, Callable[[Iterable[DecodedFrames], Path], None]] = {
     "mf4": write_mf4,
     "mcap": write_mcap,
     "parquet": write_parquet,
-    "csv": write_csv,
+    "csv": write_csv_files,
 }
 
 

@@ -27,6 +27,12 @@ CONTAINED_HEADER_BYTES = {1: 32, 2: 40}
 """Size of a contained object's header by its version."""
 CAN_OBJECTS = {1: 16, 73: 32, 86: 16, 100: 84, 101: 40}
 """Smallest size of a message after its header, by the object's type: classic, error, classic, FD, FD."""
+DIRECTION_AT = {1: 2, 86: 2, 100: 2, 101: 34}
+"""Place of the byte with the direction after a message's header, by the object's type."""
+DIRECTION_MASK, TXRQ = 0x0F, 2
+"""Direction: 0 received, 1 sent, 2 requested to be sent."""
+MOST_HEAD_BYTES = 128
+"""Largest number of an object's bytes that are looked at here: both headers and the direction."""
 MARK = b"LOBJ"
 PADDING = 8
 """Largest distance from the end of an object to the next."""
@@ -87,7 +93,7 @@ def walk_blf(path: Path, log: ForeignLog) -> Damage | None:
     messages = 0
     try:
         with path.open("rb") as file:
-            for version, kind, size in contained_objects(path, file):
+            for version, kind, size, content in contained_objects(path, file):
                 if size < BLF_OBJECT.size:
                     raise LogError(f"after {messages} messages an object has the size {size}")
                 if version not in CONTAINED_HEADER_BYTES:
@@ -98,6 +104,9 @@ def walk_blf(path: Path, log: ForeignLog) -> Damage | None:
                     if size < CONTAINED_HEADER_BYTES[version] + CAN_OBJECTS[kind]:
                         raise LogError(f"after {messages} messages an object of type {kind} has {size} bytes")
                     messages += 1
+                    at = CONTAINED_HEADER_BYTES[version] + DIRECTION_AT.get(kind, size)
+                    if at < len(content) and content[at] & DIRECTION_MASK == TXRQ:
+                        log.requests.add(messages)
                     if messages > foreign_logs.MOST_MESSAGES:
                         raise too_many(path)
     except LogError as error:
@@ -105,8 +114,17 @@ def walk_blf(path: Path, log: ForeignLog) -> Damage | None:
     return None
 
 
-def contained_objects(path: Path, file: BinaryIO) -> Iterator[tuple[int, int, int]]:
-    """Header version, type and size of each object within the containers.
+class Contained(NamedTuple):
+    """An object within a container: its header's version, its type, its stated size, and its first bytes."""
+
+    version: int
+    kind: int
+    size: int
+    content: bytes
+
+
+def contained_objects(path: Path, file: BinaryIO) -> Iterator[Contained]:
+    """The objects within the containers.
 
     An object of impossible size is yielded last. What is not whole at the end is left to `truncated`.
     """
@@ -152,14 +170,14 @@ def unpack(body: bytes) -> bytes:
         raise LogError(f"a container cannot be unpacked ({error})") from error
 
 
-def whole_objects(data: bytes) -> Generator[tuple[int, int, int], None, bytes]:
+def whole_objects(data: bytes) -> Generator[Contained, None, bytes]:
     """Yield the objects that lie in `data` as a whole; return the bytes after them."""
     at = 0
     while (start := data.find(MARK, at, at + PADDING)) >= 0 and start + BLF_OBJECT.size <= len(data):
         _, _, version, size, kind = BLF_OBJECT.unpack_from(data, start)
         if start + size > len(data):
             return data[start:]
-        yield version, kind, size
+        yield Contained(version, kind, size, data[start : min(start + size, start + MOST_HEAD_BYTES)])
         if size < BLF_OBJECT.size:
             raise LogError(f"an object has the size {size}")
         at = start + size

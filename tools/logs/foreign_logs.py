@@ -27,6 +27,8 @@ LARGEST_BYTES = 64 << 20
 """Largest log, unpacked."""
 MOST_MESSAGES = 400_000
 """Largest number of messages: a hundred seconds of a busy bus; their import takes 0.6 GB of memory."""
+TRANSMIT_REQUEST = "transmit request"
+"""Kind of a message that its sender has only requested."""
 MOST_BAD_LINES = 1000
 """Largest number of unreadable lines; more mean a log of another format."""
 
@@ -67,6 +69,10 @@ class ForeignLog:
     """Counts of a .blf log's objects that are no messages."""
     truncated: str | None = None
     """A sign that the log is cut short; None without one."""
+    requests: set[int] = field(default_factory=set)
+    """Places of Vector's TxRq events: a transmit request, whose frame follows if it was sent."""
+    earlier_s: float = 0.0
+    """Time by which an .asc log's reader gets all times later, since it takes none before the trigger."""
 
     def add(self, message: can.Message, place: int, path: Path) -> None:
         """Append a message; ValueError if it contradicts itself, BadInputError for too many."""
@@ -75,14 +81,20 @@ class ForeignLog:
         check(message)
         self.messages.append(
             LoggedMessage(
-                float(message.timestamp),
+                float(message.timestamp) - self.earlier_s,
                 str(message.channel),
                 place,
                 message.arbitration_id,
                 bytes(message.data),
-                kind_of(message),
+                TRANSMIT_REQUEST if place in self.requests else kind_of(message),
             )
         )
+
+    @property
+    def ignored_share(self) -> float:
+        """Share of the lines that were ignored or left out among those that could be messages."""
+        ignored = self.ignored_count + len(self.left_out)
+        return ignored / max(ignored + len(self.messages), 1)
 
     def ignore(self, line: BadLine) -> None:
         """Count a line that is no message."""

@@ -44,15 +44,26 @@ CANDUMP_LINE = re.compile(
     r"\(\d{1,12}\.\d{1,9}\) \S+ [0-9A-Fa-f]{1,8}#"
     r"(R[0-9A-Fa-f]?|#[0-9A-Fa-f]([0-9A-Fa-f]{2}){0,64}|([0-9A-Fa-f]{2}){0,64})( [RT])?"
 )
-PLAIN_CANDUMP_LINE = re.compile(r"(\([\d:. -]+\)\s+)?\S+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]")
-"""A line of candump without -L, with or without a time."""
+PLAIN_CANDUMP_LINE = re.compile(r"(\([\d:. -]+\)\s+)?\S+\s+([RT]X\s+\S\s+\S\s+)?[0-9A-Fa-f]{3,8}\s+\[\d+\]")
+"""A line of candump without -L, with or without a time and the extra columns of -x."""
+DECIMAL_COMMA = {
+    ".log": re.compile(r"\s*\(\d+(,)\d+\)"),
+    ".asc": re.compile(r"\s*-?\d+(,)\d+\s"),
+    ".trc": re.compile(r"(?:\s*\d+\)?\s+\d+|;\$STARTTIME=\d+)(,)\d+"),
+}
+"""The time at the beginning of a line, as some locales write it."""
 ASC_STRUCTURE = re.compile(
     r"date\s|base\s|(no\s+)?internal\s+events\s+logged|(begin|end)\s+triggerblock|"
     r"[\d.]+\s+start of measurement",
     re.IGNORECASE,
 )
 ASC_BASE = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
-ASC_EVENT = re.compile(r"(\d{1,12}(?:\.\d{1,12})?)(\s.*)", re.DOTALL)
+ASC_EVENT = re.compile(r"(-?\d{1,12}(?:\.\d{1,12})?)(\s.*)", re.DOTALL)
+"""An event with its time, which is negative before the trigger."""
+TRC_VERSION = re.compile(r";\$FILEVERSION=([\d.]+)")
+TRC_VERSIONS = ("1.0", "1.1", "1.2", "1.3", "2.0", "2.1")
+TRC_ID_COLUMN = 4
+"""Column of the identifier in a .trc log of version 1.2; 1.3 has one more column behind it."""
 CAN_FD_FLAG, REMOTE_FLAG = 0x1000, 0x10
 """Bits of the flags in .asc's CANFD notation, which loggers of CAN FD channels use for classic frames too."""
 
@@ -93,7 +104,7 @@ def read_text(path: Path, kind: str, packed: bool, tolerant: bool) -> ForeignLog
             f"{path} holds {count:,} lines, more than {MOST_LINES:,}; cut it and import its parts"
         )
     log = ForeignLog(truncated=truncation(kind, text))
-    lines = text.split("\n")
+    lines = [with_point(kind, line) for line in text.split("\n")]
     del text  # takes as much memory as its lines
     refuse_plain_candump(path, kind, lines)
     header, body = split_header(path, kind, lines)
@@ -101,6 +112,10 @@ def read_text(path: Path, kind: str, packed: bool, tolerant: bool) -> ForeignLog
         raise BadInputError(
             f"{path} has a line of {longest} characters in its header; wanted at most {LONGEST_LINE}"
         )
+    if kind == ".asc":
+        body = with_positive_times(body, log)
+    elif kind == ".trc":
+        header, body = as_known_version(path, header, body)
     waiting = readable(kind, body, log)
     while True:
         feed = LineFeed(chain(header, waiting))
@@ -205,14 +220,65 @@ def split_header(path: Path, kind: str, lines: Sequence[str]) -> tuple[list[Line
     return [], numbered
 
 
+def with_point(kind: str, line: str) -> str:
+    """The line with a decimal point in its time, for which some locales write a comma."""
+    found = DECIMAL_COMMA[kind].match(line)
+    return line if found is None else f"{line[: found.start(1)]}.{line[found.end(1) :]}"
+
+
+def as_known_version(
+    path: Path, header: Sequence[Line], body: Sequence[Line]
+) -> tuple[list[Line], list[Line]]:
+    """A .trc log's header and lines in a version that python-can knows: 1.3 for 1.2, which it does not.
+
+    Raises BadInputError for a version that is not read.
+    """
+    version = next((found[1] for _, text in header if (found := TRC_VERSION.match(text))), "1.0")
+    if version not in TRC_VERSIONS:
+        raise BadInputError(
+            f"{path} is a .trc log of version {version}; wanted one of {', '.join(TRC_VERSIONS)}: save it as "
+            "version 1.1 or 2.1"
+        )
+    header = [
+        Line(number, f"{text.strip().rstrip(';')}\n" if text.startswith(";$") else text)
+        for number, text in header
+    ]
+    if version != "1.2":
+        return header, list(body)
+    header = [Line(number, text.replace("=1.2", "=1.3", 1)) for number, text in header]
+    columns = ((number, text.split()) for number, text in body)
+    return header, [
+        Line(number, " ".join([*words[: TRC_ID_COLUMN + 1], "-", *words[TRC_ID_COLUMN + 1 :]]))
+        for number, words in columns
+    ]
+
+
+def with_positive_times(lines: Sequence[Line], log: ForeignLog) -> list[Line]:
+    """An .asc log's lines with absolute times, which begin at 0 if there are events before the trigger.
+
+    Relative times count from the event before, of whatever kind.
+    """
+    bases = (ASC_BASE.match(line.text.strip()) for line in lines[:LONGEST_HEADER])
+    is_relative = any(found[2] is not None and found[2].lower() == "relative" for found in bases if found)
+    times: dict[int, float] = {}
+    elapsed_s = 0.0
+    for number, text in lines:
+        if event := ASC_EVENT.match(text.strip()):
+            elapsed_s = float(event[1]) + (elapsed_s if is_relative else 0.0)
+            times[number] = elapsed_s
+    log.earlier_s = max(0.0, -min(times.values(), default=0.0))
+    if not (is_relative or log.earlier_s):
+        return list(lines)
+    return [
+        Line(number, f"{times[number] + log.earlier_s:.9f} {text.split(None, 1)[1]}")
+        if number in times
+        else Line(number, text)
+        for number, text in lines
+    ]
+
+
 def readable(kind: str, lines: Sequence[Line], log: ForeignLog) -> Iterator[Line]:
     """The lines that may hold messages, as the reader understands them."""
-    is_relative = any(
-        found[2] is not None and found[2].lower() == "relative"
-        for line in lines[:LONGEST_HEADER]
-        if kind == ".asc" and (found := ASC_BASE.match(line.text.strip()))
-    )
-    elapsed_s = 0.0
     for number, text in lines:
         if len(log.left_out) > MOST_BAD_LINES:
             return
@@ -227,9 +293,8 @@ def readable(kind: str, lines: Sequence[Line], log: ForeignLog) -> Iterator[Line
             continue
         if kind == ".asc" and (event := ASC_EVENT.match(stripped)):
             stamp, rest = event[1], event[2]
-            if is_relative:  # to the event before, of whatever kind
-                elapsed_s += float(stamp)
-                stamp = f"{elapsed_s:.9f}"
+            if [word.lower() for word in rest.split(None, 3)[2:3]] == ["txrq"]:
+                log.requests.add(number)
             stripped = f"{stamp if '.' in stamp else stamp + '.0'}{classic(rest)}"
         yield Line(number, f"{stripped}\n")
 

@@ -18,13 +18,22 @@ from hil.record.frame_tables import find_refused
 from hil.record.run_traces import read_bus
 from hil.record.traces.trace import TraceWriter
 from hil.show.rerun_log import rebuild
-from tools.logs.foreign_logs import SHOWN_LINES, ClockJump, LoggedMessage, clock_jumps, read_log
+from tools.logs.foreign_logs import (
+    SHOWN_LINES,
+    ClockJump,
+    ForeignLog,
+    LoggedMessage,
+    clock_jumps,
+    read_log,
+)
 from tools.output import BadInputError
 
 PERIOD_S = 1e-3
 """The bus's tick."""
 LONGEST_S = 86400.0
 """Longest time that a log may span; more is a clock that was set."""
+MOST_IGNORED_SHARE = 0.01
+"""Largest share of lines that are no messages, such as statistics of the bus, in a log that may be judged."""
 EARLIEST_WALL_S = 1e8
 """Times before 1973 are not wall time; they count from the start of the log."""
 NO_CHANNEL = str(None)
@@ -65,6 +74,18 @@ def doubt_mixed(jumps: Sequence[ClockJump]) -> list[str]:
         for place, from_s, to_s in jumps
         if to_s < from_s
     ][:1]
+
+
+def doubt_ignored(log: ForeignLog) -> list[str]:
+    """Too many lines that are no messages as a reason not to judge the run; empty without one."""
+    if log.ignored_share <= MOST_IGNORED_SHARE:
+        return []
+    number, text, why = min([*log.ignored[:1], *log.left_out[:1]])
+    ignored = log.ignored_count + len(log.left_out)
+    return [
+        f"{ignored} lines, {log.ignored_share:.1%} of the log, were ignored, more than "
+        f"{MOST_IGNORED_SHARE:.0%}; the first is line {number}: {text!r} ({why})"
+    ]
 
 
 def refuse_long(path: Path, duration_s: float, jumps: Sequence[ClockJump]) -> None:
@@ -112,7 +133,7 @@ def import_log(
             for t_s, frame in frames:
                 can_log.write(round((t_s - first_s) * 1e6), (frame,))
         bus = read_bus(run_dir / "can.log")
-        doubts = doubt_mixed(jumps) + doubt_two_firmwares(bus)
+        doubts = doubt_ignored(log) + doubt_mixed(jumps) + doubt_two_firmwares(bus)
         run_folder.write_json(run_dir / "outcome.json", {"reasons": [], "not_judged": doubts})
         unknown, damaged = count_undecoded(bus)
         ticks = reconstruct_ticks(bus, PERIOD_S)
@@ -137,6 +158,8 @@ def import_log(
         "ignored": log.ignored_count,
         "ignored_lines": [line._asdict() for line in log.ignored],
         "other_objects": dict(sorted(log.other_objects.items())),
+        "not_judged": doubts,
+        "trigger_s": None if log.earlier_s == 0.0 else -first_s,
         "clock_jumps": len(jumps),
         "clock_jumps_first": [jump._asdict() for jump in jumps[:SHOWN_LINES]],
         "truncated": log.truncated,

@@ -3,9 +3,10 @@
 from pathlib import Path
 
 import pyarrow as pa
-from pyarrow import csv, feather, parquet
+from pyarrow import feather, parquet
 
 from hil.bench.recorded_run import Run
+from tools.logs.csv_table import write_csv
 from tools.output import BadInputError
 from tools.plots import drawn
 
@@ -25,20 +26,7 @@ def write_table(table: pa.Table, path: Path) -> None:
     elif path.suffix == ".arrow":
         feather.write_feather(table, path, compression="uncompressed")
     else:
-        csv.write_csv(as_text(table), path)
-
-
-def as_text(table: pa.Table) -> pa.Table:
-    """A table for CSV: bytes become hexadecimal text; BadInputError for a column of lists."""
-    columns = {}
-    for name in table.column_names:
-        values = table[name]
-        if pa.types.is_nested(values.type):
-            raise BadInputError(f"column {name!r} holds several numbers a row; write .parquet or .arrow")
-        if pa.types.is_binary(values.type):
-            values = pa.array([blob.hex() for blob in values.to_pylist()])
-        columns[name] = values
-    return pa.table(columns)
+        write_csv(table, path)
 
 
 def plot_signals(run: Run, signals: list[str], path: Path) -> None:

@@ -49,6 +49,8 @@ LONGEST_HOLD_MS = 3.0
 detection takes a few ticks."""
 OWN_BUSES = ("local", "vcan")
 """Names of the buses that are made for a run alone."""
+SENDERS = ("plant", "firmware", "operator")
+"""The run's own nodes."""
 OVERRUN_FRACTION = 1e-3
 """Allowed overruns in addition to twice those of a bare sleep loop, as a share of the ticks due."""
 OVERRUN_FRACTION_UML = 1e-2
@@ -243,6 +245,16 @@ def memory_figures(outcome: Mapping[str, Any]) -> MemoryFigures:
     )
 
 
+def senders_of(run: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The counts of the nodes that send, from the content of run.json."""
+    return [one for name, one in run.get("nodes", {}).items() if name.removesuffix(AGAIN) in SENDERS]
+
+
+def refusals_of(run: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The counts of those that hand frames to the bus: the nodes that send, and the adapter's bridge."""
+    return [*senders_of(run), *([run["bridge"]] if "bridge" in run else [])]
+
+
 def log_figures(traces: RunTraces, clock: str) -> LogFigures:
     """The frames that the recorder has lost, those of others, and those that no node could send.
 
@@ -257,15 +269,16 @@ def log_figures(traces: RunTraces, clock: str) -> LogFigures:
         is_counted = "unsent" in errors.dtype.names  # earlier logs do not have it
         return LogFigures(0, None, int(column(errors, "unsent")[-1]) if is_counted else None)
     nodes = traces.run.get("nodes", {})
-    if not traces.run.get("counts_losses", False) or "recorder" not in nodes:
+    if "recorder" not in nodes:
         return no_figures(LogFigures)
     recorded, lost = nodes["recorder"]["frames"], nodes["recorder"]["lost"]
-    own = ("plant", "firmware", "operator")
-    if any("sent" not in nodes.get(name, {}) for name in own):
-        return LogFigures(lost, None, None)
-    senders = [one for name, one in nodes.items() if name.removesuffix(AGAIN) in own]
-    unsent = sum(one["unsent"] for one in senders)
-    missing = sum(one["sent"] for one in senders) - unsent - recorded - lost
+    counts_losses = traces.run.get("counts_losses", False)
+    if any("sent" not in nodes.get(name, {}) for name in SENDERS):
+        return LogFigures(lost if counts_losses else None, None, None)
+    unsent = sum(one["unsent"] for one in refusals_of(traces.run))
+    if not counts_losses:
+        return LogFigures(None, None, unsent)
+    missing = sum(one["sent"] for one in senders_of(traces.run)) - unsent - recorded - lost
     uncounted = max(0, missing) if traces.run.get("bus") in OWN_BUSES else 0
     return LogFigures(lost + uncounted, max(0, -missing), unsent)
 

@@ -231,8 +231,8 @@ class LogFigures:
     frames_unsent: Annotated[
         int | None,
         "",
-        "frames that the run's own nodes discarded, by a full transmit queue or while bus-off; "
-        "none if that is not known",
+        "frames of the run's own nodes that were not sent: a transmit queue was full, an adapter refused "
+        "them, or the node was bus-off; none if that is not known",
     ]
 
 

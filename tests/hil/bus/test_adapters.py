@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -13,14 +14,14 @@ from pathlib import Path
 import can
 import pytest
 from host import PATIENT
-from made_adapters import INTERFACES, installed
+from made_adapters import INTERFACES, REFUSING, installed
 from resting import resting
-from waiting import frames_within
+from waiting import frames_within, waited_for
 
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.generated.records import Accelerometer, SetInputTorque
-from hil.bus import Bus, ProvidedBus, join, open_bus, provide, shared
+from firmware_py.interface.generated.records import Accelerometer, DriveEstop, SetInputTorque
+from hil.bus import Bus, BusFailedError, ProvidedBus, join, open_bus, provide, shared
 from hil.record.run_traces import read_bus
 from hil.show.recorder import Recorder
 from hil.timing.processes import READY_TIMEOUT_S
@@ -29,7 +30,7 @@ from tools import cli
 from tools.output import EXIT_BAD_INPUT
 
 TIMEOUT_S = 5.0
-KINDS = [name for name in INTERFACES if name not in ("made-unplugged", "made-cut")]
+KINDS = [name for name in INTERFACES if name not in ("made-unplugged", "made-cut", *REFUSING)]
 
 
 @pytest.fixture
@@ -65,10 +66,57 @@ def test_a_node_receives_every_frame_and_none_of_its_own(kind: str, wire: Provid
 
 
 def test_an_adapter_that_fails_is_named(wire: ProvidedBus, capfd: pytest.CaptureFixture[str]) -> None:
+    """By the process that opens it, and to the node, whose last frame still leaves."""
     with closing(join(wire.address)) as sender, on("made-unplugged", wire) as node:
         sender.send_all([Frame(number, b"") for number in range(20)])
-        assert [frame.can_id for frame in frames_within(node, 9, TIMEOUT_S)] == list(range(9))
+        with pytest.raises(BusFailedError, match=r"the adapter has failed: .*: the device is gone; check"):
+            frames_within(node, 20, TIMEOUT_S)
+        node.send_all([Frame(0x700, b"last")])
+        assert frames_within(sender, 1, TIMEOUT_S) == [Frame(0x700, b"last")]
     assert "the device is gone" in capfd.readouterr().err
+
+
+def test_a_passing_receive_error_is_counted(wire: ProvidedBus) -> None:
+    with closing(join(wire.address)) as sender, on("made-glitch", wire) as node:
+        assert waited_for(lambda: node.receive() == [] and node.counters.receive_errors, TIMEOUT_S) == 1
+        sender.send(Frame(1, b""))
+        assert frames_within(node, 1, TIMEOUT_S) == [Frame(1, b"")]
+
+
+def test_a_killed_bridge_is_a_failed_adapter(wire: ProvidedBus) -> None:
+    with open_bus(address("made-late", wire)) as (provided, node):
+        assert provided.bridge is not None
+        os.kill(provided.bridge.pid, signal.SIGKILL)
+        assert provided.bridge.wait(READY_TIMEOUT_S)
+        with pytest.raises(BusFailedError, match="bridge was killed by SIGKILL"):
+            node.receive()
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("command", "kind", "last"),
+    [
+        ("firmware soft-start-multistable", "made-unplugged", codec.encode(SetInputTorque(0.0))),
+        ("operator soft-start-multistable", "made-unplugged", codec.encode(DriveEstop())),
+        ("plant soft-start-multistable", "made-unplugged", None),
+        ("plant soft-start-multistable", "made-cut", None),
+        ("measure state.estimator.x_m", "made-unplugged", None),
+        ("calibrate speed.gain_p_n_m_s=0.06", "made-unplugged", None),
+    ],
+)
+def test_a_program_whose_adapter_fails_ends_at_once_after_its_last_frame(
+    command: str, kind: str, last: Frame | None, wire: ProvidedBus
+) -> None:
+    with closing(join(wire.address)) as other:
+        program = vibrohil(*command.split(), "--bus", address(kind, wire))
+        if kind == "made-unplugged":
+            received_from(other, program)
+            other.send_all([Frame(0x7F0, b"")] * 10)
+        _, errors = program.communicate(timeout=READY_TIMEOUT_S)
+        assert program.returncode == EXIT_BAD_INPUT
+        assert "error: the adapter has failed: " in errors
+        assert "Traceback" not in errors
+        assert last is None or last in frames_within(other, 10**6, 0.5)
 
 
 def test_an_adapter_that_fails_to_send_is_named(wire: ProvidedBus, capfd: pytest.CaptureFixture[str]) -> None:
@@ -76,8 +124,10 @@ def test_an_adapter_that_fails_to_send_is_named(wire: ProvidedBus, capfd: pytest
     with shared(provide(address("made-cut", wire))) as provided, closing(join(provided.address)) as node:
         node.send(Frame(1, b""))
         assert provided.bridge is not None
-        assert provided.bridge.wait(READY_TIMEOUT_S)
-        assert not provided.bridge.succeeded
+        bridge = provided.bridge
+        assert waited_for(lambda: bridge.failure)
+        assert bridge.ended
+    assert not bridge.succeeded
     assert f"{wire.address}: the device does not answer" in capfd.readouterr().err
 
 
@@ -176,7 +226,10 @@ def test_the_loss_of_the_adapter_ends_a_run_with_its_reason(wire: ProvidedBus, t
     sender.send_all([Frame(0x7F0, b"")] * 10)
     printed, errors = program.communicate()
     assert "the device is gone" in errors
-    assert any("bridge ended with status 1" in reason for reason in json.loads(printed)["reasons"])
+    assert any(
+        reason.startswith("the adapter has failed (") and "the device is gone) at " in reason
+        for reason in json.loads(printed)["reasons"]
+    )
     sender.close()
 
 

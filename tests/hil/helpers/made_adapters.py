@@ -6,6 +6,7 @@ The channel is the path of the hub's socket. `installed` makes them known to the
 import fcntl
 import time
 from collections import deque
+from collections.abc import Sequence
 from copy import copy
 from pathlib import Path
 from typing import Any
@@ -144,6 +145,49 @@ class Cut(WithoutDescriptor):
         raise OSError("the device does not answer")
 
 
+class Glitch(WithoutDescriptor):
+    """Raises one error between two messages, and goes on."""
+
+    _has_raised = False
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        message, filtered = super()._recv_internal(timeout)
+        if message is None and not self._has_raised:
+            self._has_raised = True
+            raise can.CanOperationError("receive overrun")
+        return message, filtered
+
+
+class Refusing(WithoutDescriptor):
+    """Refuses some of the messages that it is to send, counted from the first, as if its queue were full."""
+
+    refused: Sequence[int] = range(20, 320)
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        self._number = -1
+        super().__init__(*args, **kwargs)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self._number += 1
+        if self._number in self.refused:
+            raise can.CanOperationError("the transmit buffer is full")
+        super().send(msg, timeout)
+
+
+class RefusingForEver(Refusing):
+    refused = range(20, 10**9)
+
+
+class RefusingAgain(Refusing):
+    refused = (*range(20, 320), *range(400, 700))
+
+
+REFUSING = {
+    "made-refusing-for-300-ms": Refusing,
+    "made-refusing-for-ever": RefusingForEver,
+    "made-refusing-again": RefusingAgain,
+}
+"""By their names; a node sends one message each millisecond."""
 INTERFACES = {
     "made-descriptor": LocalBus,
     "made-no-descriptor": WithoutDescriptor,
@@ -154,6 +198,8 @@ INTERFACES = {
     "made-error-frames": ErrorFrames,
     "made-unplugged": Unplugged,
     "made-cut": Cut,
+    "made-glitch": Glitch,
+    **REFUSING,
 }
 
 

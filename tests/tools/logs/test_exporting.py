@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 from contextlib import redirect_stdout
 
 import numpy as np
@@ -14,6 +15,7 @@ from firmware_py.interface import codec
 from firmware_py.interface.dbc import database
 from hil.bench.recorded_run import open_run
 from tools import cli
+from tools.logs.csv_table import write_csv
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
 
 FRAME = "Accelerometer"
@@ -106,6 +108,23 @@ def test_csv(run_dir, truth, tmp_path):
     table = csv.read_csv(tmp_path / "frames" / f"{FRAME}.csv")
     np.testing.assert_allclose(table[f"{SIGNAL} [{UNIT}]"].to_numpy(), truth[1], rtol=SINGLE)
     np.testing.assert_array_equal(table["t_s [s]"].to_numpy(), truth[0])
+
+
+def test_csv_columns_are_floats_throughout_and_texts_are_no_formulas(tmp_path):
+    """Other readers guess a column's type from its first rows; polars takes these texts for floats."""
+    floats = pa.array([0.0, -3.0, 0.1, 1e20, 1e-9, float("nan"), float("inf"), None], pa.float32())
+    texts = ["ready", "=1+1", "+1", "-1", "@SUM(A1)", "\t=1", 'a\n"b",c', None]
+    table = pa.table({"x [m]": floats, "=n": range(8), "text": texts})
+    write_csv(table, tmp_path / "table.csv")
+    lines = (tmp_path / "table.csv").read_text().splitlines()
+    assert lines[0] == '"x [m]","\'=n","text"'
+    polars_float = r"[-+]?((\d*\.\d+)([eE][-+]?\d+)?|inf|NaN|(\d+)[eE][-+]?\d+|\d+\.)|"
+    assert all(re.fullmatch(polars_float, line.partition(",")[0]) for line in lines[1:])
+    found = csv.read_csv(tmp_path / "table.csv")
+    assert found["'=n"].to_pylist() == list(range(8))
+    assert found["text"].to_pylist() == [
+        *("ready", "'=1+1", "'+1", "'-1", "'@SUM(A1)", "' =1", 'a "b",c', "")
+    ]
 
 
 def test_nothing_is_written_over(run_dir, tmp_path, capsys):

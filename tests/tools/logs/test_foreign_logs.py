@@ -2,6 +2,7 @@
 
 import json
 import os
+import struct
 from pathlib import Path
 
 import can
@@ -11,7 +12,7 @@ from hostile_logs import ASC, ASC_FRAME, GOOD, blf, blf_container, blf_object
 
 from tools import cli
 from tools.logs.foreign_logs import clock_jumps, kind_of, read_log
-from tools.output import EXIT_PASSED, BadInputError
+from tools.output import EXIT_NOTHING_RAN, EXIT_PASSED, BadInputError
 
 
 def reading(folder: Path, name: str, content: str | bytes, tolerant: bool = True):
@@ -50,6 +51,119 @@ def test_relative_times_of_asc_are_summed_over_all_events(tmp_path: Path) -> Non
     log = reading(tmp_path, "a.asc", "base hex  timestamps relative\n" + "\n".join(lines) + "\n")
     assert [one.t_s for one in log.messages] == [0.5, 1.0, 1.5]
     assert [line.number for line in log.ignored] == [3]
+
+
+@pytest.mark.parametrize("base", ["absolute", "relative"])
+def test_frames_before_the_trigger_of_asc_are_read(base: str, tmp_path: Path, capsys) -> None:
+    times = [-1.5, -0.25, 0.0, 0.5] if base == "absolute" else [-1.5, 1.25, 0.25, 0.5]
+    lines = [f"{t_s:.6f} 1 00E Rx d 4 CD CC 4C 3D" for t_s in times]
+    content = f"base hex  timestamps {base}\n" + "\n".join(lines) + "\n"
+    log = reading(tmp_path, "a.asc", content)
+    assert [one.t_s for one in log.messages] == pytest.approx([-1.5, -0.25, 0.0, 0.5])
+    assert log.ignored_count == 0
+    assert (
+        cli.run(["import", str(tmp_path / "a.asc"), "--out", str(tmp_path / "run"), "--json"]) == EXIT_PASSED
+    )
+    result = json.loads(capsys.readouterr().out)
+    assert (result["frames"], result["duration_s"], result["trigger_s"]) == pytest.approx((4, 2.0, 1.5))
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.asc", "base hex  timestamps absolute\n-0,5 1 00E Rx d 1 00\n12,25 1 00E Rx d 1 00\n"),
+        ("a.log", "(99,5) can0 00E#00\n(112,250000) can0 00E#00\n"),
+        (
+            "a.trc",
+            ";$FILEVERSION=1.1\n;$STARTTIME=45244,9\n 1) 500,0 Rx 000E 1 00\n 2) 13250,0 Rx 000E 1 00\n",
+        ),
+        (
+            "a.trc",
+            ";$FILEVERSION=2.1\n;$STARTTIME=45244.9\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n"
+            " 1 500,000 DT 1 000E Rx - 1 00\n 2 13250,000 DT 1 000E Rx - 1 00\n",
+        ),
+    ],
+)
+def test_decimal_commas_are_read(name: str, content: str, tmp_path: Path) -> None:
+    log = reading(tmp_path, name, content, tolerant=False)
+    first, last = log.messages
+    assert last.t_s - first.t_s == pytest.approx(12.75)
+    assert log.ignored_count == 0
+
+
+def test_trc_of_version_1_2_is_read(tmp_path: Path) -> None:
+    """As PEAK describes it, with the warning, the error and the semicolon of its example."""
+    lines = [
+        ";$FILEVERSION=1.2 ",
+        ";$STARTTIME=39878.6772258947; ",
+        ";---+--   ----+------  +  --+--  ----+---  +  -+ -- -- -- -- -- -- -- ",
+        "     1)      1059.900  1  Rx         0300  7  00 00 00 00 04 00 00 ",
+        "     2)      1298.945  2  Tx         0400  2  00 01 ",
+        "     3)      1346.834  1  Warng  FFFFFFFF  4  00 00 00 04  BUSLIGHT ",
+        "     4)      1349.222  1  Error      0008  4  00 19 08 08 ",
+        "     5)      1352.743  1  Rx         0100  3  RTR ",
+    ]
+    log = reading(tmp_path, "a.trc", "\r\n".join(lines) + "\r\n", tolerant=False)
+    found = [(one.channel, one.can_id, one.data, one.kind) for one in log.messages]
+    assert found == [
+        ("1", 0x300, b"\0\0\0\0\x04\0\0", None),
+        ("2", 0x400, b"\0\x01", None),
+        ("1", 0x100, b"", "remote frame"),
+    ]
+    assert log.messages[1].t_s - log.messages[0].t_s == pytest.approx(0.239045)
+    assert log.ignored_count == 2
+
+
+def test_an_unknown_version_of_trc_is_named(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match=r"version 3\.0; wanted one of 1\.0, .*: save it as version 1\.1"):
+        reading(tmp_path, "a.trc", ";$FILEVERSION=3.0\n1 1.0 DT 1 18F Rx - 1 0B\n")
+
+
+REQUESTED = (
+    "{t} 1  00E             {dir} d 4 CD CC 4C 3D\n",
+    "{t} CANFD   1 {dir}         17  0 0 2 2 CD CC 130000 130 0 0 0 0 0 0\n",
+)
+
+
+@pytest.mark.parametrize("kind", ["asc", "canfd", "blf", "blf-fd"])
+def test_transmit_requests_are_no_frames(kind: str, tmp_path: Path, capsys) -> None:
+    """Of three frames, the second was requested before it was sent."""
+    if kind.startswith("blf"):
+        path = tmp_path / "a.blf"
+        classic, fd_64 = (1, "<HBBL8s"), (101, "<BBBBLLLLLLLHBBL64s")
+        number, layout = fd_64 if kind == "blf-fd" else classic
+
+        def body(direction: int) -> bytes:
+            data = b"\xcd\xcc\x4c\x3d"
+            if number == 1:
+                return struct.pack(layout, 1, direction, 4, 0x00E, data)
+            return struct.pack(layout, 1, 4, 4, 0, 0x00E, 0, 0, 0, 0, 0, 0, 0, direction, 0, 0, data)
+
+        objects = [blf_object(kind=number, time_ns=10**6, body=body(direction)) for direction in (0, 2, 1, 0)]
+        path.write_bytes(blf(blf_container(b"".join(objects))))
+    else:
+        path = tmp_path / "a.asc"
+        line = REQUESTED[kind == "canfd"]
+        path.write_text(ASC + "".join(line.format(t="0.5", dir=one) for one in ("Rx", "TxRq", "Tx", "Rx")))
+    log = read_log(path)
+    assert [one.kind for one in log.messages] == [None, "transmit request", None, None]
+    assert cli.run(["import", str(path), "--out", str(tmp_path / "run"), "--json"]) == EXIT_PASSED
+    result = json.loads(capsys.readouterr().out)
+    assert (result["frames"], result["skipped"]) == (3, {"transmit request": 1})
+
+
+@pytest.mark.parametrize(("ignored", "status"), [(1, EXIT_PASSED), (2, EXIT_NOTHING_RAN)])
+def test_an_import_that_ignores_more_than_a_hundredth_is_not_judged(
+    ignored: int, status: int, tmp_path: Path, capsys
+) -> None:
+    frames = "".join(ASC_FRAME.format(t=number * 1e-3, can_id="00E") for number in range(199 - ignored))
+    (tmp_path / "a.asc").write_text(ASC + frames + "1.0 1  Statistic: D 1 R 0\n" * ignored)
+    assert cli.run(["import", str(tmp_path / "a.asc"), "--out", str(tmp_path / "run"), "--json"]) == status
+    doubts = json.loads(capsys.readouterr().out)["not_judged"]
+    assert [doubt.partition(", more than 1%; ")[0] for doubt in doubts] == (
+        ["2 lines, 1.0% of the log, were ignored"] if status else []
+    )
+    assert json.loads((tmp_path / "run" / "outcome.json").read_text())["not_judged"] == doubts
 
 
 def test_a_first_message_right_after_the_base_is_read(tmp_path: Path) -> None:
@@ -158,6 +272,8 @@ def test_plain_candump_output_is_refused_with_the_option(tmp_path: Path) -> None
         "  can0  00E   [4]  CD CC 4C 3D",
         " (1700000000.1)  can0  00E   [4]  CD CC 4C 3D",
         "can0  1F334455  [0]",
+        " can0  RX - -  00E   [4]  CD CC 4C 3D",
+        " (1700000000.123456)  can0  TX B E  00E   [4]  CD CC 4C 3D",
     ):
         with pytest.raises(BadInputError, match="candump -L"):
             reading(tmp_path, "a.log", f"{line}\n")
