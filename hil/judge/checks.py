@@ -1,5 +1,6 @@
 """Checks: limits of figures, and their evaluation on a run.
 
+A check takes the limits of the requirement that it names (`hil.scenario.limits`), and may have stricter ones.
 A figure that is missing or NaN fails its check, and the result says why. If a node has recorded no tick,
 every check fails: a firmware that never ran has latched no fault. A figure that is computed from an
 incomplete log is not judged.
@@ -9,12 +10,12 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from hil.judge.figures.records import CATALOGUE, Figures, Origin, incomplete, value_of
 from hil.judge.gaps import describes_the_bench, doubt_of
 from hil.judge.hold import Window
-from hil.judge.requirements import requirements
+from hil.judge.requirements import Bounds, requirements
 from hil.judge.verdict import CheckResult, Value, Verdict
 from hil.record.run_traces import NOTHING_LEFT, RunTraces
 from plant_sim.validation_messages import nearest
@@ -30,6 +31,7 @@ MOST_CHECKS = 500
 class Check(BaseModel):
     """A figure by its dotted name, and either inclusive bounds (`low`, `high`, both) or the required value.
 
+    A check that names a requirement with limits of this figure takes these; its own may only be stricter.
     With an `expression` the figure is the user's own (`hil.judge.figures.own`), with any name and unit,
     evaluated from `from_s` to `to_s`.
 
@@ -57,6 +59,10 @@ class Check(BaseModel):
     """the figure's unit as a text"""
     requirement: str | None = None
     """the id of the requirement that the check proves, see docs/requirements.md"""
+    shows_after_s: float = Field(default=0.0, ge=0.0)
+    """the time in s that the script's fault takes to show on the bus; it extends the requirement's limit"""
+    required: Bounds | None = None
+    """the requirement's limit in this scenario, which the bench writes into a run's folder"""
     expression: str | None = None
     """a number made of signals, such as max(plant.omega_rad_s)"""
     from_s: float = 0.0
@@ -92,27 +98,47 @@ class Check(BaseModel):
             raise ValueError(
                 f"check {self.name!r} proves {self.requirement!r}, no requirement; wanted {known}"
             )
+        self._refuse_limits_that_mean_nothing(is_text=spec is not None and spec.is_text)
+        return self
+
+    def _refuse_limits_that_mean_nothing(self, *, is_text: bool) -> None:
+        """Raise ValueError for no limit, two kinds of it, one of another type, or one that nothing meets."""
         bounded = self.low is not None or self.high is not None
+        if not bounded and self.equals is None and self.requirement is not None:
+            if not requirements()[self.requirement].limits_of(self.name):
+                raise ValueError(
+                    f"check {self.name!r} has no limit, and its requirement {self.requirement} has none of "
+                    "this figure; give low, high or both, or equals"
+                )
+            return
         if bounded == (self.equals is not None):
             raise ValueError(
                 f"check {self.name!r} has no limit, or both kinds; give low, high or both, or equals"
             )
-        is_text = spec is not None and spec.is_text
         if is_text != (isinstance(self.equals, str) and not bounded):
             wanted = "a text; give equals and a text" if is_text else "a number; give low, high or a number"
             raise ValueError(f"check {self.name!r} cannot pass: the figure is {wanted}")
         if self.low is not None and self.high is not None and self.low > self.high:
             raise ValueError(f"check {self.name!r} cannot pass: low {self.low} is above high {self.high}")
-        return self
+
+    @property
+    def own(self) -> Bounds:
+        """The limit that the scenario gives."""
+        return Bounds(low=self.low, high=self.high, equals=self.equals)
+
+    @property
+    def bounds(self) -> Bounds:
+        """The limit that counts: the scenario's own, completed by that of the requirement."""
+        if self.required is None or self.equals is not None:
+            return self.own
+        low = self.required.low if self.low is None else self.low
+        high = self.required.high if self.high is None else self.high
+        return Bounds(low=low, high=high, equals=self.required.equals)
 
     @property
     def limit(self) -> str:
-        """The limit as text, such as `≥ 0.9`."""
-        if self.equals is not None:
-            return f"= {str(self.equals).lower() if isinstance(self.equals, bool) else self.equals}"
-        if self.low is None:
-            return f"≤ {self.high:g}"
-        return f"≥ {self.low:g}" if self.high is None else f"{self.low:g} … {self.high:g}"
+        """The limit that counts as text, such as `≥ 0.9`."""
+        return self.bounds.text
 
 
 def margin(check: Check, value: Any) -> float:
@@ -123,13 +149,15 @@ def margin(check: Check, value: Any) -> float:
     >>> margin(Check(name="regime", equals="impact"), "lost")
     -inf
     """
-    if check.equals is not None:
-        alike = isinstance(value, bool) == isinstance(check.equals, bool)
-        return 0.0 if alike and value == check.equals else -math.inf
+    bounds = check.bounds
+    if bounds.equals is not None:
+        alike = isinstance(value, bool) == isinstance(bounds.equals, bool)
+        return 0.0 if alike and value == bounds.equals else -math.inf
     if value is None or isinstance(value, bool | str) or not math.isfinite(value):
         return -math.inf
-    below = math.inf if check.high is None else check.high - value
-    return float(min(below, math.inf if check.low is None else value - check.low))
+    distances = [bounds.high - value] if bounds.high is not None else []
+    distances += [value - bounds.low] if bounds.low is not None else []
+    return float(min(distances, default=-math.inf))  # a check without a limit never passes
 
 
 def is_within(check: Check, value: Any) -> bool:
@@ -150,9 +178,9 @@ def margin_share(check: Check, value: Any) -> float | None:
     >>> margin_share(Check(name="detector.recall", low=0.9), 1.0)
     1.0
     """
-    if check.equals is not None or not isinstance(value, int | float) or not math.isfinite(value):
+    low, high, equals = check.bounds.low, check.bounds.high, check.bounds.equals
+    if equals is not None or not isinstance(value, int | float) or not math.isfinite(value):
         return None
-    low, high = check.low, check.high
     if high is not None and low == 0.0:
         return (high - value) / high if high > 0.0 else None
     if high is not None:
@@ -236,6 +264,7 @@ def evaluate(
                 requirement=check.requirement,
                 reason=reason,
                 margin_share=share,
+                required=check.required.text if check.required not in (None, check.bounds) else None,
             )
         )
     return results

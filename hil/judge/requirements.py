@@ -1,4 +1,4 @@
-"""The requirements in requirements.toml, and their traceability to the checks that prove them."""
+"""The requirements in requirements.toml with their limits, and their traceability to the checks."""
 
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -8,17 +8,65 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from hil.judge.verdict import RunVerdict, Verdict, worst
+from hil.judge.verdict import RunVerdict, Value, Verdict, worst
+
+
+class Bounds(BaseModel):
+    """Inclusive bounds of a figure, or its only permitted value."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, strict=True, use_attribute_docstrings=True
+    )
+
+    low: float | None = None
+    """the lowest permitted value"""
+    high: float | None = None
+    """the highest permitted value"""
+    equals: Value | None = None
+    """the only permitted value: a text, a number, true or false"""
+
+    @property
+    def text(self) -> str:
+        """The bounds as text.
+
+        >>> Bounds(low=0.9).text, Bounds(low=1.0, high=2.5).text, Bounds(equals=True).text
+        ('≥ 0.9', '1 … 2.5', '= true')
+        """
+        if self.equals is not None:
+            return f"= {str(self.equals).lower() if isinstance(self.equals, bool) else self.equals}"
+        if self.low is None:
+            return "no limit" if self.high is None else f"≤ {self.high:g}"
+        return f"≥ {self.low:g}" if self.high is None else f"{self.low:g} … {self.high:g}"
+
+
+class Limit(Bounds):
+    """A requirement's limit of a figure.
+
+    A scenario's check takes the last limit of its figure whose conditions hold; `hil.scenario.limits` knows
+    the conditions and the quantities.
+    """
+
+    figure: str
+    """the figure's dotted name"""
+    of: str | None = None
+    """a quantity of the scenario, of which `low` and `high` are multiples"""
+    when: Mapping[str, Value] = {}
+    """what holds in a scenario to which this limit applies, by key"""
 
 
 class Requirement(BaseModel):
-    """A requirement in one sentence."""
+    """A requirement in one sentence, and the limits of the figures by which it is judged."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     text: str
     source: str
     """The page under docs that states the requirement, with its section."""
+    limits: tuple[Limit, ...] = ()
+
+    def limits_of(self, figure: str) -> list[Limit]:
+        """The limits of a figure, in the order of the file."""
+        return [limit for limit in self.limits if limit.figure == figure]
 
 
 @cache

@@ -76,6 +76,8 @@ class CheckResult:
     requirement: str | None = None
     reason: str | None = None
     margin_share: float | None = None
+    required: str | None = None
+    """The requirement's limit where the scenario's own is stricter."""
 
     @property
     def passed(self) -> bool | None:
@@ -87,7 +89,14 @@ class CheckResult:
         """The measured value, the limit and the reason: `peak_force_n is 250 N, wanted ≤ 100 N`."""
         found = "not there" if self.value is None else figure_text(self.value, self.unit)
         reason = "" if self.reason is None else f": {self.reason}"
-        return f"{self.name} is {found}, wanted {self.limit} {self.unit}".rstrip() + reason
+        own = "" if self.required is None else self.of_the_scenario
+        return f"{self.name} is {found}, wanted {self.limit} {self.unit}".rstrip() + own + reason
+
+    @property
+    def of_the_scenario(self) -> str:
+        """Says that the limit is the scenario's own, for its module, and names the requirement's."""
+        required = f"{self.required} {self.unit}".rstrip()
+        return f" (the scenario's own limit, for its module; {self.requirement} requires {required})"
 
     @property
     def margin_percent(self) -> int | None:

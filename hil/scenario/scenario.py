@@ -22,12 +22,14 @@ from hil.faults.on_bus import ModelledFault
 from hil.faults.on_process import ClockFault, ProcessFault
 from hil.judge.checks import LONGEST_S, MOST_CHECKS, Check
 from hil.scenario.files import ScenarioError, read_scenario, scenario_name
+from hil.scenario.limits import Judged, take_limits
 from hil.scenario.operator import Command, Request
 from hil.scenario.parameter_file import merge_files
 from hil.scenario.settings import Settings, apply_settings, as_texts
 from plant_sim.scene import Scene
 from plant_sim.tables.quantities import Duration, Impulse, Number
 from plant_sim.tables.table import Table
+from plant_sim.text_input import TextInputError
 from plant_sim.validation_messages import messages_of
 
 LARGEST_RATIO = 4.0
@@ -236,6 +238,16 @@ def check_scenario(document: Mapping[str, Any], name: str, changes: Sequence[str
     _refuse_less_than_a_tick(table.script.duration_s, config.tick_s)
     _refuse_without_object(table.script.faults, scene)
     _refuse_small_jumps(table.script.faults, config.tick_s)
+    commands = tuple(
+        Command(
+            command.at_s,
+            Request(command.request),
+            command.target_ratio or 0.0,
+            command.target_impulse_n_s or 0.0,
+        )
+        for command in table.script.commands
+    )
+    checks = _take_limits(Judged(scene, config, commands, table.script.faults, table.checks))
     return Scenario(
         name=name,
         title=table.title,
@@ -245,21 +257,26 @@ def check_scenario(document: Mapping[str, Any], name: str, changes: Sequence[str
         bitrate=None if table.bus is None else table.bus.bitrate,
         duration_s=table.script.duration_s,
         longest_delay_s=table.script.longest_delay_s,
-        commands=tuple(
-            Command(
-                command.at_s,
-                Request(command.request),
-                command.target_ratio or 0.0,
-                command.target_impulse_n_s or 0.0,
-            )
-            for command in table.script.commands
-        ),
+        commands=commands,
         faults=tuple(table.script.faults),
         seed=table.seed,
-        checks=tuple(table.checks),
-        document=document,
+        checks=checks,
+        document={**document, **({"checks": [_as_table(check) for check in checks]} if checks else {})},
         changes=tuple(changes),
     )
+
+
+def _take_limits(judged: Judged) -> tuple[Check, ...]:
+    """The checks with the limits of their requirements; raises `ScenarioError`."""
+    try:
+        return take_limits(judged)
+    except TextInputError as error:
+        raise ScenarioError(str(error)) from error
+
+
+def _as_table(check: Check) -> dict[str, Any]:
+    """A check as a table of a scenario's file."""
+    return check.model_dump(exclude_defaults=True, exclude_none=True)
 
 
 def _refuse_without_motor_or_sensors(scene: Scene) -> None:

@@ -25,9 +25,10 @@ from hil.drive.axis_table import BenchScene
 from hil.faults.every import KINDS, PLACES
 from hil.judge.checks import Check
 from hil.judge.figures.records import CATALOGUE
-from hil.judge.requirements import requirements
+from hil.judge.requirements import Bounds, Limit, requirements
 from hil.scenario.differences import FileTable, check_sets
 from hil.scenario.files import scenario_names
+from hil.scenario.limits import SCALES
 from hil.scenario.scenario import CommandTable, Scenario, ScenarioTable, ScriptTable, load_scenario
 from plant_sim.tables.quantities import quantity_of
 from plant_sim.tables.table import tables_in
@@ -191,7 +192,25 @@ def requirement_rows() -> Iterator[str]:
         where = f"[{one.source.partition('#')[0]}]({one.source})"
         in_scenarios = f"{len(proving)} in {len(set(proving))} scenarios" if proving else "—"
         tests = "<br>".join(f"`{test}`" for test in of_tests[name]) or "—"
-        yield row(f'<a id="{name.lower()}"></a>{name}', one.text, where, in_scenarios, tests)
+        limits = "<br>".join(limits_in_words(one.limits)) or "—"
+        yield row(f'<a id="{name.lower()}"></a>{name}', one.text, limits, where, in_scenarios, tests)
+
+
+def limits_in_words(limits: Iterable[Limit]) -> Iterator[str]:
+    """A line for each figure: its limits, the quantities that they are multiples of, and their conditions."""
+    for figure, group in groupby(limits, lambda limit: limit.figure):
+        alternatives = []
+        for limit in group:
+            unit = f"× `{limit.of}`" if limit.of else CATALOGUE[figure].unit
+            conditions = " and ".join(f"`{key}` = {value}" for key, value in limit.when.items())
+            alternatives.append(f"{limit.text} {unit}".rstrip() + (f" if {conditions}" if conditions else ""))
+        yield f"`{figure}` {'; '.join(alternatives)}"
+
+
+def quantity_rows() -> Iterator[str]:
+    """A row for each quantity of which a limit may be a multiple."""
+    for name, function in SCALES.items():
+        yield row(f"`{name}`", first_sentences(function))
 
 
 def requirement_page() -> str:
@@ -203,7 +222,15 @@ def requirement_page() -> str:
         "that prove it and their results: on its page, in `suite.json` and in JUnit. The tests fail if a "
         "requirement has no proof, or if a scenario's check proves no requirement. A test names its "
         'requirement with `@pytest.mark.requirement("S-01")`; `pytest -k NAME` runs it.',
-        table(["id", "requirement", "stated in", "checks", "tests"], requirement_rows()),
+        "A check takes the limits of its requirement: of several limits of a figure the last one whose "
+        "conditions hold. A scenario may only demand more. A condition names a `kind` of fault in the "
+        "script, a figure of which a check demands this value, or a key of the scene or the firmware. "
+        "Where a fault takes time to show on the bus, the check states it as `shows_after_s`, which "
+        "extends the limit. Limits hold in lockstep and in real time: held time changes no figure of the "
+        "motion, and in strict time a check whose interval a host stall of 3 ms or more has touched is "
+        "not judged.",
+        table(["id", "requirement", "limits", "stated in", "checks", "tests"], requirement_rows()),
+        table(["quantity", "meaning"], quantity_rows()),
         "## Scenarios",
         "The scenarios by the requirements that their checks prove.",
         table(
@@ -293,9 +320,12 @@ def check_set_rows() -> Iterator[str]:
 
 
 def limit_of(check: Mapping[str, Any]) -> str:
-    """The limit of a check in a set as text; empty if the scenario gives it."""
-    bounded = {"low", "high", "equals"} & check.keys()
-    return f"{Check.model_validate(check).limit} {check.get('unit', '')}" if bounded else ""
+    """The limit of a check in a set as text: its own, its requirement's, or none if the scenario gives it."""
+    one = Check.model_construct(**check)
+    if one.own != Bounds():
+        return f"{one.own.text} {one.unit or ''}"
+    requirement = requirements().get(one.requirement or "")
+    return f"as {one.requirement} requires" if requirement and requirement.limits_of(one.name) else ""
 
 
 def scenes() -> str:
@@ -336,7 +366,8 @@ def reaction_of(scenario: Scenario) -> str:
     for name, what in DEADLINES.items():
         for check in scenario.checks:
             if check.name == name:
-                within_s = check.equals if check.high is None else check.high
+                bounds = check.bounds
+                within_s = bounds.equals if bounds.high is None else bounds.high
                 return f"{what} {within_s:g} s"
     return "bounds"
 

@@ -87,6 +87,7 @@ def test_the_verdict_has_every_key_and_is_what_is_written(finished):
         "requirement": None,
         "reason": None,
         "margin_share": None,
+        "required": None,
     }
     assert {"t_s", "v_m_s"} == set(verdict["impacts"][0])
 

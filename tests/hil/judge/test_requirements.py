@@ -1,5 +1,6 @@
 """Every requirement is proved by a check or a test, and every check of a scenario proves a requirement."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -7,12 +8,16 @@ from xml.etree import ElementTree
 import pytest
 
 from hil.judge import junit
+from hil.judge.checks import Check, checks_of
+from hil.judge.figures.records import CATALOGUE
 from hil.judge.judge import judge
 from hil.judge.requirements import requirements, trace
 from hil.judge.verdict import CheckResult, Verdict
 from hil.record.run_traces import RunTraces
 from hil.scenario.files import ScenarioError, read_scenario, scenario_names
+from hil.scenario.limits import SCALES, look_up
 from hil.scenario.scenario import check_scenario, load_scenario
+from hil.scenario.settings import apply_settings
 from tools.dev.reference import proving_tests
 
 ROOT = Path(__file__).parents[3]
@@ -83,3 +88,111 @@ def test_junit_names_the_requirement_and_where_it_is_stated():
     assert properties["impact_count", "requirement"] == "P-01"
     assert properties["impact_count", "requirement_page"] == "docs/requirements.md#p-01"
     assert ("fault", "requirement") not in properties
+
+
+# --- limits -------------------------------------------------------------------------------------------------
+
+
+def with_check(source, check, *settings):
+    """The check as the scenario takes it, and the scenario."""
+    document = {**read_scenario(source), "checks": [{"name": "fault", "equals": "drive-timeout"}, check]}
+    scenario = check_scenario(apply_settings(document, settings), "mine")
+    return scenario.checks[1], scenario
+
+
+RIPPLE = {"name": "speed.ripple", "requirement": "P-04"}
+TORQUE = {"name": "after_fault.largest_torque_n_m", "requirement": "S-05"}
+DEADLINE = {"name": "after_fault.torque_zero_after_s", "requirement": "S-01"}
+KICK = "a-violent-kick-stops-the-motor"
+
+
+@pytest.mark.parametrize(
+    ("source", "check", "settings", "limit"),
+    [
+        ("soft-start-multistable", RIPPLE, [], "≤ 0.002"),
+        ("soft-start-multistable", RIPPLE | {"high": 0.001}, [], "≤ 0.001"),
+        ("soft-start-multistable", RIPPLE | {"low": 0.0001}, [], "0.0001 … 0.002"),
+        ("soft-start-multistable", RIPPLE | {"equals": 0.0}, [], "= 0.0"),
+        ("soft-start-with-the-d-q-motor", RIPPLE, [], "≤ 0.005"),
+        (KICK, TORQUE, [], "≤ 0.6006"),
+        (KICK, TORQUE, ["firmware.speed.torque_limit_n_m=0.4"], "≤ 0.4004"),
+        ("corrupted-torque-commands-stay-within-the-motor", TORQUE, [], "≤ 0.8008"),
+        (KICK, DEADLINE, [], "≤ 0.5"),  # of the fault that another check demands
+        (KICK, DEADLINE | {"shows_after_s": 0.25}, [], "≤ 0.75"),
+        (KICK, {"name": "regime", "requirement": "P-01"}, [], "= impact"),
+    ],
+)
+def test_a_check_has_the_limit_of_its_requirement_or_a_stricter_one(source, check, settings, limit):
+    taken, scenario = with_check(source, check, *settings)
+    assert taken.limit == limit
+    assert [one.limit for one in checks_of(scenario.document)][1] == limit
+
+
+@pytest.mark.parametrize(
+    ("check", "message"),
+    [
+        (RIPPLE | {"high": 0.1}, "permits ≤ 0.1, and its requirement P-04 only ≤ 0.002"),
+        (RIPPLE | {"low": 0.003}, "permits ≥ 0.003, and its requirement P-04 only ≤ 0.002"),
+        (RIPPLE | {"equals": 0.003}, "permits = 0.003"),
+        ({"name": "speed.error", "requirement": "P-04", "low": -0.01}, "only -0.002 … 0.002"),
+        ({"name": "regime", "requirement": "P-01", "equals": "lost"}, "permits = lost"),
+        ({"name": "impact_count", "requirement": "P-14", "high": 3.0}, "only = 0"),
+        ({"name": "impact_v_m_s", "requirement": "P-02"}, "P-02 has none of this figure"),
+        ({"name": "impact_v_m_s"}, "has no limit, or both kinds"),
+        (
+            {"name": "impact_impulse_n_s", "requirement": "P-08"},
+            "a multiple of target_impulse_n_s, which this",
+        ),
+    ],
+)
+def test_a_check_that_permits_more_than_its_requirement_is_refused(check, message):
+    with pytest.raises(ScenarioError, match=message):
+        with_check(KICK, check)
+
+
+def test_a_recorded_scenario_takes_the_limits_of_another_module_anew():
+    _, scenario = with_check(KICK, TORQUE)
+    document = apply_settings(scenario.document, ["firmware.speed.torque_limit_n_m=0.4"])
+    assert check_scenario(document, "again").checks[1].limit == "≤ 0.4004"
+
+
+def test_the_speed_of_a_free_crank_falls_with_its_inertia():
+    speed = {"name": "after_fault.largest_speed_rad_s", "requirement": "S-06"}
+    light, heavy = (
+        with_check("a-silent-encoder-stops-the-motor", speed, f"scene.motor.inertia_kg_m2={j}")[0].bounds.high
+        for j in (5e-4, 1e-3)
+    )
+    # 25² + c (60 mm + 20 mm)² / J
+    assert light == pytest.approx((25.0**2 + 70.0 * 0.08**2 / 5e-4) ** 0.5)
+    assert heavy == pytest.approx((25.0**2 + 70.0 * 0.08**2 / 1e-3) ** 0.5)
+
+
+def test_a_stricter_limit_is_said_to_be_the_scenarios_own():
+    taken, _ = with_check(KICK, TORQUE | {"high": 0.2})
+    result = replace(CHECKS[1], name=taken.name, unit="N m", limit=taken.limit, requirement="S-05")
+    own = replace(result, required=taken.required.text)
+    assert own.sentence.endswith("(the scenario's own limit, for its module; S-05 requires ≤ 0.6006 N m)")
+
+
+def test_every_limit_names_a_figure_a_quantity_and_conditions_that_exist():
+    scenario = load_scenario("an-impulse-asked-for-is-held")
+    keys = {"kind"} | set(CATALOGUE)
+    for name, requirement in requirements().items():
+        for limit in requirement.limits:
+            assert limit.figure in CATALOGUE, name
+            assert Check(name=limit.figure, **limit.model_dump(include={"low", "high", "equals"})), name
+            assert limit.when.keys() - keys == {
+                key for key in limit.when if key.startswith(("scene.", "firmware."))
+            }
+            if limit.of is not None and limit.of not in SCALES:
+                assert look_up(scenario, limit.of) > 0.0, f"{name}: {limit.of}"
+
+
+def test_the_deadlines_of_faults_are_those_of_the_fault_table():
+    table = (ROOT / "docs" / "safety.md").read_text("utf-8")
+    rows = re.findall(r"^\| \d+ \| ([A-Z_]+) \| .* \| ([\d.]+) s \|$", table, re.MULTILINE)
+    deadline_s = {name.lower().replace("_", "-"): float(seconds) for name, seconds in rows}
+    default, *longer = requirements()["S-01"].limits_of("after_fault.torque_zero_after_s")
+    assert default.high == min(deadline_s.values())
+    for limit in longer:
+        assert limit.high == deadline_s[limit.when["fault"]], limit.when
