@@ -56,7 +56,7 @@ class Bench:
         from firmware_py.shell.parameters import ParameterError
         from hil.bus import BusError
         from hil.record.run_folder import RunFolderError
-        from plant_sim.text_input import TextInputError
+        from text_input import TextInputError
 
         try:
             run = hil.run(

@@ -29,8 +29,8 @@ from plant_sim.tables.quantities import LARGEST_SPEED_RAD_S
 from plant_sim.tables.scene_tables import InitialTable, SolverTable
 from plant_sim.tables.sensor_tables import SensorsTable
 from plant_sim.tables.table import Table
-from plant_sim.text_input import TextInputError, read_toml
 from plant_sim.validation_messages import messages_of, nearest
+from text_input import TextInputError, read_toml
 
 SCENES = Path(__file__).parent / "scenes"
 

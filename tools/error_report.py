@@ -43,7 +43,7 @@ BAD_INPUT = frozenset(
         "plant_sim.simulation.SimulationError",
         "plant_sim.solvers.cost.SolverError",
         "plant_sim.solvers.exact.exact.UnsupportedSceneError",
-        "plant_sim.text_input.TextInputError",
+        "text_input.TextInputError",
         "tools.fmu.variables.FmuError",
         "tools.output.BadInputError",
     }

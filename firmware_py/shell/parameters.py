@@ -6,7 +6,6 @@ float32, the precision of the bus, so that a bound itself can be written.
 """
 
 import difflib
-import tomllib
 import zlib
 from collections.abc import Mapping
 from typing import Any
@@ -32,6 +31,7 @@ from firmware_py.interface.float32 import FLOAT32_OVERFLOW, float32_bits, float3
 from firmware_py.interface.generated import parameters as parameter_records
 from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.parameter_table import TABLE, Parameter, record_name
+from text_input import parse_toml
 
 BY_NAME: dict[str, Parameter] = {parameter.name: parameter for parameter in TABLE}
 DEFAULTS: dict[str, float] = {parameter.name: parameter.default for parameter in TABLE}
@@ -221,9 +221,11 @@ def parse_file(
     Raises ParameterError if the file is damaged or incomplete, or contains parameters of the build.
     """
     try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ParameterError(f"{source} is no TOML ({error}); write it again with format_file()") from error
+        document = parse_toml(text)
+    except ValueError as error:
+        raise ParameterError(
+            f"{source} is no usable TOML ({error}); write it again with format_file()"
+        ) from error
     checksum = document.pop("checksum", None)
     values = {name: check_in_file(name, value) for name, value in flatten(document).items()}
     missing = sorted(set(BY_NAME) - set(OF_THE_BUILD) - set(values))

@@ -2,7 +2,6 @@
 
 import json
 import re
-import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -16,9 +15,11 @@ from rerun.chunk import RrdReader
 from hil.record.bus_load import BusLoad, load_from_log
 from hil.record.candump import NO_BUS, Bus, BusLog
 from hil.record.new_file import MOST_NOTE_BYTES
+from hil.record.rrd.unpacked_size import count_chunks, most_unpacked_bytes
 from hil.record.run_traces import NO_RECORDS, RunTraces
 from hil.record.traces.precision import NS_PER_S, TIME
 from hil.record.traces.stored_trace import Records, StoredColumns
+from text_input import parse_toml
 
 TIMELINES = ("sim_time", "wall_time")
 MEASURED = frozenset({"deadline_ns", "work_us", "wake_latency_us", "overruns", "cpu_us"})
@@ -27,12 +28,15 @@ ROW_ID = "rerun.controls.RowId"
 FENCE = re.compile(r"\A```\w*\n(.*)\n```\Z", re.DOTALL)
 
 
+BYTES_A_VALUE = 4
+"""Fewest bytes of a run's log for each of its values, unpacked, on average."""
 LOAD = "/can/load"
 RECORD = "trace:record"
 
 
 def store_of(path: Path) -> Any:
     """A log's chunks, which are found once as long as the file does not change."""
+    count_chunks(path)  # refuses what unpacks to too much
     file = path.stat()
     return _store_of(path, file.st_ino, file.st_size, file.st_mtime_ns)
 
@@ -51,8 +55,10 @@ def entities(path: Path) -> set[str]:
 def blocks(path: Path, entity: str) -> Iterator[pa.Table]:
     """Yield the rows of an entity in blocks, in the order of the file.
 
-    Raises ValueError for a column of which any number of elements takes no room, for example null.
+    Raises ValueError for a column of which any number of elements takes no room, for example null, and for
+    more values than a run logs: a packed bit becomes a byte, and a number eight.
     """
+    values, most = 0, most_unpacked_bytes(path) // BYTES_A_VALUE
     for chunk in store_of(path).stream().filter(content=entity):
         if not chunk.is_static:
             batch = chunk.to_record_batch().drop_columns([ROW_ID])
@@ -61,6 +67,9 @@ def blocks(path: Path, entity: str) -> Iterator[pa.Table]:
                     raise ValueError(
                         f"{column.name} is of type {column.type!s:.80}; a run logs no such column"
                     )
+            values += sum(map(count_values, batch.columns))
+            if values > most:
+                raise ValueError(f"{entity} has more than {most} values; a log of this size has fewer")
             yield pa.table(batch.columns, names=batch.schema.names)
 
 
@@ -77,6 +86,15 @@ def takes_room(kind: pa.DataType) -> bool:
         or pa.types.is_string(kind)
         or (pa.types.is_list(kind) and all(map(takes_room, inner)))
     )
+
+
+def count_values(array: pa.Array) -> int:
+    """The number of values in an array, each column of a struct by itself."""
+    if pa.types.is_struct(array.type):
+        return sum(map(count_values, array.flatten()))
+    if pa.types.is_list(array.type) or pa.types.is_fixed_size_list(array.type):
+        return len(array) + count_values(array.flatten())
+    return len(array)
 
 
 def join_in_order(parts: Iterable[pa.Table]) -> pa.Table:
@@ -229,6 +247,6 @@ def read_traces(path: Path) -> RunTraces:
         bus=LoggedBus(load_in(table(path, LOAD))) if LOAD in known else NO_BUS,
         run=json_object(texts.get("run", "{}")),
         outcome=json_object(texts.get("outcome", "{}")),
-        scenario=tomllib.loads(texts.get("scenario", "")),
+        scenario=parse_toml(texts.get("scenario", "")),
         bus_errors=records("/bus_errors"),
     )

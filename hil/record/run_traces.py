@@ -2,7 +2,6 @@
 
 import difflib
 import json
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from hil.record.damage import DamagedFileError, reading
 from hil.record.traces.precision import TICKED
 from hil.record.traces.stored_trace import PIECE_RECORDS, Records, StoredTrace
 from plant_sim.arrays import FloatArray
+from text_input import parse_toml
 
 TRACES = ("plant", "firmware", "impacts", "operator", "bus_errors")
 """The traces of a run, by the names of their files and of the fields of `RunTraces`."""
@@ -125,7 +125,7 @@ def read_scenario(run_dir: Path) -> dict[str, Any]:
     path = run_dir / SCENARIO
     if not path.exists():
         return {}
-    document = tomllib.loads(path.read_text(encoding="utf-8"))
+    document = parse_toml(path.read_text(encoding="utf-8"))
     if not document:
         raise DamagedFileError(f"{path} is damaged: it is empty")
     return document

@@ -17,8 +17,8 @@ from pydantic import Field
 
 from hil.scenario.settings import put, split_key
 from plant_sim.tables.table import Table
-from plant_sim.text_input import TextInputError, read_toml
 from plant_sim.validation_messages import nearest
+from text_input import TextInputError, read_toml
 
 CHECK_SETS = Path(__file__).with_name("check_sets.toml")
 KINDS = ("law", "model")

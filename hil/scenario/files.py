@@ -23,8 +23,8 @@ from hil.scenario.differences import (
 )
 from hil.scenario.parameter_file import read_parameters
 from plant_sim.scene import read_scene
-from plant_sim.text_input import TextInputError, read_toml
 from plant_sim.validation_messages import messages_of, nearest
+from text_input import TextInputError, read_toml
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 

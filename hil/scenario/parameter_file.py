@@ -15,7 +15,7 @@ from typing import Any
 
 from firmware_py.shell.parameters import BY_NAME, ParameterError, check_in_file
 from hil.record.formats import PARAMETERS, FormatError, refuse_other_format
-from plant_sim.text_input import read_toml
+from text_input import read_toml
 
 TUNE = "write it with `vibrohil tune`"
 

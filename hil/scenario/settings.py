@@ -2,14 +2,13 @@
 
 import json
 import re
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from typing import Any
 
 import numpy as np
 
-from plant_sim.text_input import DEEPEST, TextInputError, parse_toml
+from text_input import DEEPEST, TextInputError, TOMLDecodeError, parse_toml
 
 Settings = str | Sequence[str] | Mapping[str, Any]
 """One or more texts `KEY=VALUE` with TOML values, or a mapping from dotted keys to values."""
@@ -23,7 +22,7 @@ def parse_value(text: str) -> Any:
     """Parse a TOML value: 1.3, true, "word", [1, 2]; a bare word is a string. Raises TextInputError."""
     try:
         document = parse_toml(f"value = {text}")
-    except tomllib.TOMLDecodeError:
+    except TOMLDecodeError:
         document = {"value": text}
     if len(document) > 1 or (document["value"] == text and "\n" in text):
         raise TextInputError("it has a second line; give each setting by itself")

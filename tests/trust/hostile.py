@@ -227,8 +227,38 @@ FILES = (
     "verdict.json",
 )
 LONG_CHECK = f"[[checks]]\nname = 'x'\nhigh = 1.0\nexpression = 'max({'+'.join(['plant.x_m'] * 90)})'\n"
+LONG_KEY = f"{'.'.join('a' * 4500)} = 1\n"
+MANY_KEYS = "".join(f"[{number:x}.a.a.a.a.a.a.a]\n" for number in range(73_000))
 LONG = ("can.log", "plant.trace", "firmware.trace", "impacts.trace", "operator.trace")
 NULLS = 200_000_000
+
+
+def bits(count: int) -> pa.Array:
+    """An array of packed bits, of which 255 bytes are packed into one."""
+    return pa.Array.from_buffers(pa.bool_(), count, [None, pa.py_buffer(bytes(count // 8 + 1))])
+
+
+def pack_by_arrow(log: Path) -> None:
+    """Write a log's first chunk anew, as an Arrow stream that is itself packed, by more than LZ4 does."""
+    content, place = log.read_bytes(), 12
+    kept = content[:place]
+    while (header := struct.unpack_from("<QQ", content, place))[0] != 2:
+        kept += content[place : place + 16 + header[1]]
+        place += 16 + header[1]
+    table, stream = pa.table({"x": np.zeros(1 << 26)}), pa.BufferOutputStream()
+    with pa.ipc.new_stream(stream, table.schema, options=pa.ipc.IpcWriteOptions(compression="zstd")) as one:
+        one.write_table(table)
+    packed = stream.getvalue().to_pybytes()
+    record = b"\x10\x01\x20\x01\x2a" + varint(len(packed)) + packed
+    log.write_bytes(kept + struct.pack("<QQ", 2, len(record)) + record + content[place + 16 + header[1] :])
+
+
+def varint(number: int) -> bytes:
+    """A number as protobuf writes it."""
+    low = bytes([number & 0x7F | (0x80 if number > 0x7F else 0)])
+    return low + varint(number >> 7) if number > 0x7F else low
+
+
 NOTES = ("run.json", "outcome.json", "processes.json", "scenario.toml", "verdict.json")
 FOLDERS: dict[str, Spoil] = {
     "as it was": lambda run_dir, victim: None,
@@ -267,11 +297,22 @@ FOLDERS: dict[str, Spoil] = {
     "run.rrd of values without bytes": _array(
         lambda: pa.Array.from_buffers(pa.binary(0), NULLS, [None, pa.py_buffer(b"")])
     ),
+    "run.rrd of 250 million packed bits": _array(
+        lambda: pa.StructArray.from_arrays([bits(NULLS // 8)] * 10, names=list("abcdefghij"))
+    ),
+    "run.rrd of 4,000 million packed bits": _array(
+        lambda: pa.StructArray.from_arrays([bits(NULLS // 2)] * 40, names=list(map(str, range(40))))
+    ),
+    "run.rrd that Arrow has packed too": lambda run_dir, victim: pack_by_arrow(run_dir / "run.rrd"),
     "run.rrd of a run of 200 million": _array(
         lambda: pa.RunEndEncodedArray.from_arrays(pa.array([NULLS], pa.int32()), pa.array([0.0]))
     ),
     "run.rrd with a scenario of 10 million tables": _logged(scenario="[[a]]\n" * 10_000_000),
     "run.rrd with a note of 20 million lists": _logged(run='{"a": [' + "[]," * 20_000_000 + "[]]}"),
+    "scenario.toml of one long key": _content("scenario.toml", LONG_KEY.encode()),
+    "scenario.toml of one long key and no log": _rebuilt(_content("scenario.toml", LONG_KEY.encode())),
+    "run.rrd with a scenario of one long key": _logged(scenario=LONG_KEY),
+    "run.rrd with a scenario of many keys": _logged(scenario=MANY_KEYS),
     "run.rrd with 4,000 long checks": _logged(
         scenario=LONG_CHECK * 4000, signals={"tick": [1, 2], "x_m": [0.0, 1.0]}
     ),

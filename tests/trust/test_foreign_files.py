@@ -177,7 +177,7 @@ def test_settings_of_matplotlib_in_the_working_folder_are_not_read(tmp_path: Pat
 @pytest.mark.realtime
 def test_modules_in_the_working_folder_are_not_imported_by_any_process(tmp_path: Path) -> None:
     taken = tmp_path / "taken"
-    own = {"hil", "tools", "plant_sim", "kernel_cache", "numba_linking", "numba_replace"}
+    own = {"hil", "tools", "plant_sim", "kernel_cache", "numba_linking", "numba_replace", "text_input"}
     names = sys.stdlib_module_names | own | {"numpy"}
     for folder in (tmp_path, *(tmp_path / entry for entry in relative_entries())):
         folder.mkdir(exist_ok=True)

@@ -4,9 +4,9 @@ import errno
 import os
 import shutil
 import warnings
-from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 
 from rerun.chunk import RrdReader
@@ -14,6 +14,7 @@ from rerun.error_utils import RerunWarning
 
 from hil.record.new_file import make_anew
 from hil.record.rrd.rerun_program import RerunError, rerun
+from hil.record.rrd.unpacked_size import count_chunks
 
 MAGIC = b"RRF2"
 """First bytes of a log."""
@@ -32,16 +33,19 @@ def begins_as_log(path: Path) -> bool:
 def is_whole(path: Path) -> bool:
     """Whether a log holds a recording that can be read from its first message to its footer.
 
-    Raises RerunError for a log of several recordings.
+    Raises RerunError for a log of several recordings, and for one that unpacks to more than a run's.
     """
     if not begins_as_log(path):
         return False
+    chunks = count_chunks(path)
     try:
         with warnings.catch_warnings(action="ignore", category=RerunWarning):  # of a log without a footer
             reader = RrdReader(path)
             recordings = len(reader.recordings())
             if recordings == 1:
-                deque(reader.store().stream(), maxlen=0)
+                stream = reader.store().stream()
+                if sum(1 for _ in islice(stream, chunks + 1)) > chunks:  # the footer lists one several times
+                    return False
     except RuntimeError:
         return False
     if recordings > 1:

@@ -130,6 +130,12 @@ def test_a_damaged_file_is_refused(damage) -> None:
         parameters.parse_file(damage(text))
 
 
+def test_a_parameter_file_of_one_long_key_is_refused_before_it_fills_the_memory() -> None:
+    """A text of 9 KB would take 8 GB."""
+    with pytest.raises(ParameterError, match="nested more than 8 deep"):
+        parameters.parse_file(f"{'.'.join('a' * 4500)} = 1\n")
+
+
 def next_on_the_bus(value: float) -> float:
     """The next larger float32, the precision in which bounds are compared."""
     return float(np.nextafter(np.float32(value), np.float32(np.inf)))

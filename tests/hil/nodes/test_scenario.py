@@ -15,7 +15,7 @@ from hil.scenario.files import ScenarioError, read_scenario
 from hil.scenario.operator import Command, Request
 from hil.scenario.scenario import check_scenario, load_scenario
 from plant_sim.scene import SceneError
-from plant_sim.text_input import TextInputError
+from text_input import TextInputError
 
 MINIMAL = """
 title = "Nothing moves"

@@ -11,7 +11,7 @@ from hil.scenario.differences import check_sets
 from hil.scenario.files import ScenarioError, read_file, read_scenario, scenario_names, shipped_scenarios
 from hil.scenario.scenario import load_scenario
 from hil.suite.suite import scenarios_for
-from plant_sim.text_input import parse_toml
+from text_input import parse_toml
 from tools.cli import run
 from tools.output import EXIT_BAD_INPUT
 

@@ -9,7 +9,7 @@ from firmware_py.shell.parameters import ParameterError
 from hil.bench.lockstep import silent
 from hil.scenario.parameter_file import merge_files, read_document, read_parameters
 from hil.scenario.scenario import load_scenario
-from plant_sim.text_input import TextInputError
+from text_input import TextInputError
 from tools import cli
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
 from tools.tuning import safety

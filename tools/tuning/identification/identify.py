@@ -28,7 +28,7 @@ from hil.record.candump import StoredBus
 from hil.scenario.scenario import LARGEST_RATIO
 from plant_sim.arrays import FloatArray
 from plant_sim.scene import read_scene
-from plant_sim.text_input import read_toml
+from text_input import read_toml
 from tools.output import BadInputError, figure
 from tools.tuning.identification.first_values import fit_signed
 from tools.tuning.identification.flights import Contact, Flight, contacts_of, flights_of, integrals

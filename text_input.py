@@ -1,7 +1,7 @@
-"""Reading a user's text: a regular file of bounded size, TOML of bounded depth and bounded integers.
+"""Reading a foreign text: a regular file of bounded size; TOML of bounded length, depth and integers.
 
-The limits are checked before parsing: a parser would use gigabytes and its whole stack for a text that is
-nested 100,000 deep.
+All foreign TOML is parsed here, by every package, so this module imports none of them. The limits are checked
+before parsing: a parser would use gigabytes and its whole stack for a text that is nested 100,000 deep.
 """
 
 import re
@@ -11,8 +11,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+TOMLDecodeError = tomllib.TOMLDecodeError
+
 LARGEST_BYTES = 1 << 20
-"""Largest size of a file: a thousand times that of the longest scenario."""
+"""Largest size of a file: four hundred times that of the longest scenario."""
+MOST_CHARACTERS = 3 << 19
+"""Longest text: a scenario as run, with what it is like written out. The worst such text takes 0.6 GB."""
 DEEPEST = 8
 """Most levels of brackets and parts of a dotted key; scenes and scenarios have 4."""
 LARGEST_INTEGER = 2**63 - 1
@@ -67,19 +71,21 @@ def read_toml(path: Path, what: str, remedy: str) -> dict[str, Any]:
         return parse_toml(text)
     except TextInputError as error:
         raise TextInputError(f"{what} {str(path)!r}: {error}; {remedy}") from error
-    except tomllib.TOMLDecodeError as error:
+    except TOMLDecodeError as error:
         raise TextInputError(f"{what} {str(path)!r} is not valid TOML: {error}; correct it there") from error
 
 
 def parse_toml(text: str) -> dict[str, Any]:
     """The tables of a text.
 
-    Raises TextInputError beyond the limits, before anything is parsed, and tomllib.TOMLDecodeError.
+    Raises TextInputError beyond the limits, before anything is parsed, and TOMLDecodeError.
     """
+    if len(text) > MOST_CHARACTERS:
+        raise TextInputError(f"it has {len(text)} characters; wanted {MOST_CHARACTERS} at most")
     refuse_deep(text)
     try:
         tables = tomllib.loads(text)
-    except tomllib.TOMLDecodeError:
+    except TOMLDecodeError:
         raise
     except ValueError as error:  # Python converts no integer of more than 4300 digits
         raise TextInputError("an integer has more than 64 bits") from error
