@@ -111,12 +111,13 @@ def _batches(stream: bytes) -> Iterator[pa.Message]:
 
 
 def _is_compressed(message: pa.Message) -> bool:
-    """Whether a message's columns are compressed, or it is none that a run writes: of a dictionary, say.
+    """Whether a message's columns are compressed, or it is of an unknown kind.
 
     The header is a flatbuffer: a table begins with the distance to its list of places, one a field; the
-    message's field 2 is the record batch, whose field 3 names a compression.
+    message's field 2 is the record batch, or a dictionary whose field 1 is the batch. The batch's field 3
+    names a compression.
     """
-    if message.type != "record batch":
+    if message.type not in ("record batch", "dictionary"):
         return True
     header = message.metadata.to_pybytes()
 
@@ -130,4 +131,6 @@ def _is_compressed(message: pa.Message) -> bool:
         return int(place + struct.unpack_from("<I", header, place)[0])
 
     batch = field(follow(0), 2)
+    if batch and message.type == "dictionary":
+        batch = field(follow(batch), 1)
     return batch == 0 or field(follow(batch), 3) != 0
