@@ -18,9 +18,9 @@ import numpy as np
 from firmware_py.builds import board_tools
 from hil.bus import BusError, provide
 from hil.bus.can_socket import has_kernel_can
-from hil.bus.vcan import VcanError, enter_own_network
 from hil.kernel import user_mode_linux
 from hil.timing.clock import MonotonicClock
+from hil.timing.own_network import NetworkError, enter_own_network
 from hil.timing.realtime import BASELINE, RealtimeReport, become_realtime
 from kernel_cache import KernelCacheError, root
 from tools.fmu import linker
@@ -89,7 +89,7 @@ def bare_loop() -> tuple[RealtimeReport, list[float], str]:
         late_us.append((clock.now_ns() - start_ns - tick * PERIOD_NS) * 1e-3)
     try:
         enter_own_network()
-    except (VcanError, OSError) as error:
+    except (NetworkError, OSError) as error:
         return report, late_us, str(error)
     return report, late_us, ""
 

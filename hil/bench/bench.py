@@ -43,6 +43,7 @@ from hil.nodes.runners import OperatorRunner, Pace
 from hil.record import run_folder
 from hil.scenario.operator import OPERATOR_PERIOD_S, RECEIVED_IDS
 from hil.scenario.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
+from hil.show.window import WINDOW, in_own_network
 from hil.timing.clock import NS_PER_S, MonotonicClock, TimeName
 from hil.timing.loop import FixedRateLoop, LoopTiming, run_turns
 from hil.timing.pacemaker import LONGEST_HOLD_NS, PACEMAKER, Member, shared_turn_times
@@ -261,6 +262,7 @@ class ProcessesRun:
         python = [sys.executable, "-P", "-m"]
         baseline = [*python, "hil.timing.baseline", "--ticks", str(self.scenario.ticks)]
         live = [*python, "hil.show.live", str(self.run_dir), "--to", str(self.options.viewer)]
+        live = in_own_network(live) if self.options.viewer == WINDOW else live
         build = {FIRMWARE: ["--firmware", self.options.firmware]}
         again = {
             name: [program(), process, scenario, *common, *build.get(process, []), "--again"]

@@ -16,7 +16,7 @@ class RunOptions:
     bus: str = "auto"
     firmware: Build = "compiled"
     viewer: str | None = None
-    """URL of an open viewer, which shows the run while it runs in real time."""
+    """URL of an open viewer, or `window`, which shows the run while it runs in real time."""
     keep_traces: bool = True
     """If False, the traces of a run that has passed are removed; its log remains."""
     only_if_failed: bool = False

@@ -10,8 +10,6 @@ where files of root's can no longer be read, of a Python in root's folder for ex
 """
 
 import argparse
-import ctypes
-import os
 import selectors
 import socket
 import sys
@@ -22,11 +20,8 @@ from pyroute2 import IPRoute
 from pyroute2.netlink.exceptions import NetlinkError
 
 from hil.bus.can_socket import PRIVATE_INTERFACE, new_can_socket
+from hil.timing.own_network import NetworkError, enter_own_network
 from hil.timing.processes import READY, report_to_parent, stop_requests
-from hil.timing.realtime import libc
-
-CLONE_NEWUSER = 0x10000000
-CLONE_NEWNET = 0x40000000
 
 
 class VcanError(RuntimeError):
@@ -52,22 +47,6 @@ def remove_interface(name: str) -> None:
             netlink.link("del", index=index)
 
 
-def enter_own_network() -> None:
-    """Move this process into a new network namespace; without permission also into a new user namespace."""
-    library = libc()
-    if library is not None and library.unshare(CLONE_NEWNET) == 0:
-        return
-    user, group = os.getuid(), os.getgid()
-    if library is None or library.unshare(CLONE_NEWUSER | CLONE_NEWNET) != 0:
-        raise VcanError(
-            f"this user may make neither a network namespace nor a user namespace "
-            f"({os.strerror(ctypes.get_errno())}); wanted root or kernel.unprivileged_userns_clone=1"
-        )
-    Path("/proc/self/setgroups").write_text("deny")
-    Path("/proc/self/uid_map").write_text(f"0 {user} 1")
-    Path("/proc/self/gid_map").write_text(f"0 {group} 1")
-
-
 def hand_out(listener: socket.socket) -> None:
     """Give the next node that connects a CAN socket of this namespace; it binds the socket itself."""
     link, _ = listener.accept()
@@ -90,7 +69,7 @@ def main() -> None:
         try:
             enter_own_network()
             make_interface(PRIVATE_INTERFACE)
-        except VcanError as error:
+        except (NetworkError, VcanError) as error:
             report_to_parent(f"failed {error}")
             return
         listener.bind(str(path))

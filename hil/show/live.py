@@ -1,10 +1,11 @@
 """The live view: a separate process that sends the new records of a run to an open viewer.
 
 `python -m hil.show.live RUN_DIR --to URL` waits for the start like the nodes and then reads new records
-several times a second, as the recorder does. It shares only the run's files with the other processes: a
-viewer that is slow, stopped or closed delays neither the loops, nor the recorder, nor the verdict. The SDK
-waits without limit for a viewer that disappears while it connects or disconnects, so both have a time limit
-here, after which this process ends.
+several times a second, as the recorder does. `--to window` opens a window of its own, which stays open.
+
+It shares only the run's files with the other processes: a viewer that is slow, stopped or closed delays
+neither the loops, nor the recorder, nor the verdict. The SDK waits without limit for a viewer that disappears
+while it connects or disconnects, so both have a time limit here, after which this process ends.
 """
 
 import argparse
@@ -21,6 +22,7 @@ from hil.record.run_traces import read_json, read_scenario
 from hil.show.follower import Follower
 from hil.show.log_stream import VIEWER_TIMEOUT_S
 from hil.show.rerun_log import RunLog
+from hil.show.window import WINDOW, open_window
 from hil.timing.processes import READY, read_start, stop_requests
 
 APPEND_PERIOD_S = 0.25
@@ -63,14 +65,15 @@ def main() -> None:
     """Show the run in a folder until a stop is requested or the viewer is closed."""
     parser = argparse.ArgumentParser(description="Show a run that is going on.")
     parser.add_argument("run_dir", type=Path)
-    parser.add_argument("--to", required=True, help="the viewer's address, rerun+http://HOST:PORT/proxy")
+    parser.add_argument("--to", required=True, help="window, or a viewer's rerun+http://HOST:PORT/proxy")
     arguments = parser.parse_args()
-    os.nice(NICENESS)
     try:
+        url = open_window()[1] if arguments.to == WINDOW else arguments.to
+        os.nice(NICENESS)
         stopping = stop_requests()
         print(READY, flush=True)
         read_start()
-        follow(arguments.run_dir, arguments.to, [stopping.fileno(), sys.stdin.fileno()])
+        follow(arguments.run_dir, url, [stopping.fileno(), sys.stdin.fileno()])
     except RuntimeError as error:
         give_up(str(error))
 

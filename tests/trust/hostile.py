@@ -228,7 +228,7 @@ FILES = (
 )
 LONG_CHECK = f"[[checks]]\nname = 'x'\nhigh = 1.0\nexpression = 'max({'+'.join(['plant.x_m'] * 90)})'\n"
 LONG_KEY = f"{'.'.join('a' * 4500)} = 1\n"
-MANY_KEYS = "".join(f"[{number:x}.a.a.a.a.a.a.a]\n" for number in range(73_000))
+MANY_KEYS = "".join(f"[{number:x}.a.a.a.a.a.a.a]\n" for number in range(20_000))
 LONG = ("can.log", "plant.trace", "firmware.trace", "impacts.trace", "operator.trace")
 NULLS = 200_000_000
 

@@ -18,7 +18,7 @@ def measure(
     bus: NodeBus = "auto",
     rate: Annotated[float, number("Samples of each signal per second.", 4.0, 1000.0)] = 25.0,
     until: Annotated[float, number("Measure for this time in s; Ctrl-C ends earlier.", 0.0)] = 10.0,
-    live: Annotated[bool, typer.Option("--live", help="Show the signals in a viewer meanwhile.")] = False,
+    live: Annotated[bool, typer.Option("--live", help="Show the signals in a waiting viewer.")] = False,
     out: Annotated[
         Path | None, folder_option("A folder for the log `measured.rrd`; by default none.")
     ] = None,

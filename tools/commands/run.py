@@ -48,7 +48,7 @@ def run(
         bool, typer.Option("--keep-traces", help="Keep the traces of a passed run too.")
     ] = False,
     live: Annotated[
-        bool, typer.Option(help="In real time: show the run meanwhile, in an open viewer or a new window.")
+        bool, typer.Option(help="In real time: show the run meanwhile, in a waiting viewer or a new window.")
     ] = False,
     as_json: Json = False,
 ) -> None:
@@ -65,7 +65,7 @@ def run(
 
         if clock == "lockstep":
             raise BadInputError("--live shows a run in real time; after one in lockstep: `vibrohil view`")
-        viewer = live_viewer()
+        viewer = live_viewer(may_open=True)
     options = RunOptions(
         clock=clock, time=time, bus=bus, firmware=firmware, viewer=viewer, keep_traces=keep_traces
     )

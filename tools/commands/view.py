@@ -10,7 +10,9 @@ from tools.commands.options import Logged
 def view(
     run: Logged = None,
     web: Annotated[bool, typer.Option(help="Open in a browser instead of a window; loopback only.")] = False,
-    live: Annotated[bool, typer.Option(help="Wait for runs that are started with --live.")] = False,
+    live: Annotated[
+        bool, typer.Option(help="With --web: wait for runs that are started with --live.")
+    ] = False,
 ) -> None:
     """Open a run in the Rerun viewer, or a viewer that waits for live runs."""
     from tools.logs.view import view as open_viewer

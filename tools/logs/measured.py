@@ -54,7 +54,7 @@ def measure_signals(
 
     `live` and `out` also show them in a viewer and write them to a log.
     """
-    viewers = [live_viewer()] if live else []
+    viewers = [live_viewer(may_open=False)] if live else []
     rows: list[tuple[float, ...]] = []
     ticks: list[int] = []
     sent = 0

@@ -16,8 +16,8 @@ from typing import IO
 from urllib.request import urlopen
 
 from hil.record.rrd.rerun_program import RerunError
+from hil.show.window import LOOPBACK
 
-LOOPBACK = "127.0.0.1"
 POLICY = "; ".join(
     (
         "default-src 'self'",

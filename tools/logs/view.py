@@ -1,30 +1,25 @@
 """Opening a run in the Rerun viewer, in a window or in a browser, for this machine alone."""
 
 import os
-import socket
 import subprocess
 import sys
-import time
 import webbrowser
+from collections.abc import Iterator
 from pathlib import Path
 
 from hil.bench.recorded_run import log_of
-from hil.record.rrd.rerun_program import RerunError, rerun_environment, rerun_program
+from hil.record.rrd.rerun_program import RerunError, rerun_environment
 from hil.record.run_folder import VERDICT, read_note
+from hil.show.window import LOOPBACK, WINDOW, in_own_network, viewer_command
 from hil.timing.signals import Interrupted, is_ctrl_c
-from tools.logs.quiet_viewer import LOOPBACK, served
-from tools.output import BadInputError, progress_console
+from tools.logs.quiet_viewer import served
+from tools.output import EXIT_BAD_INPUT, BadInputError, progress_console
 
 LIVE_PORT = 9876
 """Port on which Rerun's viewers listen for live runs; Rerun's own default."""
 LIVE_URL = f"rerun+http://{LOOPBACK}:{LIVE_PORT}/proxy"
-OPENING_S = 20.0
-
-
-def viewer_command(*logs: Path, web: bool = False, port: str = "auto") -> list[str]:
-    """Command for a viewer of logs; it listens on the loopback interface only, by default on a free port."""
-    command = [str(rerun_program()), *map(str, logs), "--bind", LOOPBACK, "--port", port]
-    return [*command, "--serve-web", "--web-viewer-port", "0"] if web else command
+LISTENS = "0A"
+"""State of a listening socket in the kernel's tables."""
 
 
 def has_display() -> bool:
@@ -36,60 +31,37 @@ def view(run: Path | None, web: bool, live: bool) -> None:
     """Open `run`, or a viewer that waits for live runs; return when the window is closed or on Ctrl-C."""
     if live and run is not None:
         raise BadInputError(f"--live waits for runs that are going on; leave out {run}, or leave out --live")
+    if live and not web:
+        raise BadInputError(
+            "--live waits in a browser; add --web (`vibrohil run --live` opens its own window)"
+        )
     log = None if live else log_of(run)
     if not web and not has_display():
         raise BadInputError("no display to open a window on; look at it in a browser with --web")
-    logs, port = ((), str(LIVE_PORT)) if log is None else ((log,), "auto")
-    shown = f"waiting for `vibrohil run --live` at {LIVE_URL}" if log is None else str(log)
     try:
-        if web:
-            open_in_browser(viewer_command(*logs, web=web, port=port), shown)
-            return
-        progress_console.print(shown)
         if log is None:
-            subprocess.run(viewer_command(port=port), env=rerun_environment(), check=True)
+            shown = f"waiting for `vibrohil run --live` at {LIVE_URL}"
+            open_in_browser(viewer_command(web=True, port=LIVE_PORT), shown)
+        elif web:
+            open_in_browser(viewer_command(log, web=True), str(log))
         else:
+            progress_console.print(str(log))
             open_in_window(log)
     except (Interrupted, KeyboardInterrupt) as error:
         if not is_ctrl_c(error):
             raise
-    except subprocess.CalledProcessError as error:
-        raise RerunError(f"the viewer ended with status {error.returncode}") from error
 
 
 def open_in_window(log: Path) -> None:
     """Open a log with the cursor on the first failed check, if any; return when the window is closed."""
     at_s = read_note(log.parent / VERDICT).get("first_failure_s")
-    port = free_port()
-    command = viewer_command(log, port=str(port))
-    with subprocess.Popen(command, env=rerun_environment()) as viewer:
-        if isinstance(at_s, float | int):
-            put_cursor(f"rerun+http://{LOOPBACK}:{port}/proxy", at_s, viewer)
-    if viewer.returncode != 0:
-        raise subprocess.CalledProcessError(viewer.returncode, command)
-
-
-def free_port() -> int:
-    """A port of the loopback interface that is not in use."""
-    with socket.socket() as taken:
-        taken.bind((LOOPBACK, 0))
-        return int(taken.getsockname()[1])
-
-
-def put_cursor(url: str, at_s: float, viewer: subprocess.Popen[bytes]) -> None:
-    """Set the time cursor as soon as the viewer has loaded its log; print the time if this fails."""
-    from rerun.experimental import ViewerClient
-
-    deadline_s = time.monotonic() + OPENING_S
-    while viewer.poll() is None:
-        try:
-            ViewerClient.connect(url).set_time("sim_time", duration=at_s, play_state="paused")
-            return
-        except (ConnectionError, RuntimeError) as error:
-            if time.monotonic() > deadline_s:
-                progress_console.print(f"the first failed check is at {at_s:.3f} s ({error})")
-                return
-            time.sleep(0.2)
+    cursor = ["--at", str(at_s)] if isinstance(at_s, float | int) else []
+    command = [sys.executable, "-P", "-m", "hil.show.window", str(log), *cursor]
+    ended = subprocess.run(in_own_network(command), stderr=subprocess.PIPE, text=True, check=False)
+    if ended.returncode == EXIT_BAD_INPUT:
+        raise BadInputError(ended.stderr.strip().removeprefix("error: "))
+    if ended.returncode != 0:
+        raise RerunError(f"the viewer ended with status {ended.returncode}: {ended.stderr.strip()}")
 
 
 def open_in_browser(command: list[str], shown: str) -> None:
@@ -98,36 +70,37 @@ def open_in_browser(command: list[str], shown: str) -> None:
         progress_console.print(f"{shown}: at {address} until Ctrl-C", soft_wrap=True)
         webbrowser.open(address)
         process.wait()
-    raise subprocess.CalledProcessError(process.returncode, command)
+    raise RerunError(f"the viewer ended with status {process.returncode}")
 
 
 def is_viewer_waiting() -> bool:
-    """Whether an open viewer waits for live runs."""
-    with socket.socket() as caller:
-        caller.settimeout(1.0)
-        return caller.connect_ex((LOOPBACK, LIVE_PORT)) == 0
+    """Whether a viewer of this user waits for live runs; BadInputError if its port is of another user."""
+    users = set(listening_users(LIVE_PORT))
+    if users - {os.geteuid()}:
+        raise BadInputError(
+            f"--live: port {LIVE_PORT}, where a viewer would wait, belongs to another user; nothing is sent"
+        )
+    return bool(users)
 
 
-def live_viewer() -> str:
-    """The URL of the open viewer; if there is none, open a window, or raise BadInputError without display."""
+def listening_users(port: int) -> Iterator[int]:
+    """The users who listen on a port of this machine, as far as it says (Linux)."""
+    for table in ("tcp", "tcp6"):
+        path = Path("/proc/net") / table
+        for line in path.read_text().splitlines()[1:] if path.exists() else ():
+            _, local, _, state, _, _, _, user, *_ = line.split()
+            if state == LISTENS and int(local.rpartition(":")[2], 16) == port:
+                yield int(user)
+
+
+def live_viewer(*, may_open: bool) -> str:
+    """Where to show a run: the viewer that waits in a browser, else a window if one may be opened."""
     if is_viewer_waiting():
         return LIVE_URL
-    if not has_display():
+    if not may_open or not has_display():
+        lacks = ", and there is no display to open one on" if may_open else ""
         raise BadInputError(
-            f"--live: no viewer is open at {LIVE_URL}, and there is no display to open one on; "
+            f"--live: no viewer is open at {LIVE_URL}{lacks}; "
             "start `vibrohil view --live --web` in another terminal first"
         )
-    viewer = subprocess.Popen(
-        viewer_command(port=str(LIVE_PORT)),
-        env=rerun_environment(),
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,  # the window stays when the run has ended
-    )
-    deadline_s = time.monotonic() + OPENING_S
-    while not is_viewer_waiting():
-        if viewer.poll() is not None or time.monotonic() > deadline_s:
-            raise RerunError(f"the viewer did not open within {OPENING_S:g} s; try `vibrohil view --live`")
-        time.sleep(0.1)
-    return LIVE_URL
+    return WINDOW

@@ -16,8 +16,8 @@ from hil.judge.verdict import read_verdict
 from hil.record import state_timeline
 from hil.record.rrd.rerun_program import rerun_environment
 from hil.record.run_traces import read_scenario
+from hil.show import window
 from hil.show.report.pages import write_suite_report
-from tools.logs import view
 from tools.logs.quiet_viewer import served
 
 GREEN, RED = {False: (31, 138, 76), True: (63, 184, 114)}, {False: (207, 52, 56), True: (240, 102, 106)}
@@ -89,7 +89,7 @@ def test_the_viewer_shows_a_run_in_the_browser_from_this_machine_alone(browser, 
         """How high the timeline of the run-up is, some 20 rows where it is drawn."""
         return int((drawn_in(seen[LANE_ROWS], START).sum(axis=1) > 1000).sum())
 
-    command = view.viewer_command(run_dir / "run.rrd", web=True)
+    command = window.viewer_command(run_dir / "run.rrd", web=True)
     with served(command, rerun_environment()) as (address, _):
         browser.open(address, dark=True)
         # The page is drawn piece by piece.

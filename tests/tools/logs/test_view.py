@@ -8,6 +8,7 @@ import subprocess
 import time
 from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -16,6 +17,7 @@ from hil.bench.recorded_run import RunError
 from hil.record import run_folder
 from hil.record.rrd.rerun_program import rerun, rerun_environment
 from hil.record.run_traces import RunTraces
+from hil.show import window
 from hil.show.rerun_log import LOG_NAME, RunLog
 from tools import cli
 from tools.logs import view
@@ -50,7 +52,7 @@ def listening(pid: int) -> set[str]:
 def test_the_web_viewer_listens_on_loopback_only(log):
     environment = rerun_environment()
     process = subprocess.Popen(
-        view.viewer_command(log, web=True),
+        window.viewer_command(log, web=True),
         env=environment,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -66,11 +68,6 @@ def test_the_web_viewer_listens_on_loopback_only(log):
     finally:
         os.kill(process.pid, signal.SIGTERM)
         process.wait(10.0)
-
-
-def test_a_window_is_bound_to_loopback_as_well():
-    command = view.viewer_command(Path("run.rrd"), web=False)
-    assert command[command.index("--bind") + 1] == "127.0.0.1"
 
 
 def test_usage_data_is_switched_off():
@@ -166,19 +163,41 @@ def test_a_live_run_needs_a_viewer_or_a_display(monkeypatch):
         taken.bind(("127.0.0.1", 0))
         monkeypatch.setattr(view, "LIVE_PORT", taken.getsockname()[1])
         with pytest.raises(BadInputError, match="view --live --web"):
-            view.live_viewer()
+            view.live_viewer(may_open=True)
         taken.listen()
-        assert view.live_viewer() == view.LIVE_URL
+        assert view.live_viewer(may_open=True) == view.LIVE_URL
+        monkeypatch.setattr(os, "geteuid", lambda: 12345)
+        with pytest.raises(BadInputError, match="belongs to another user; nothing is sent"):
+            view.live_viewer(may_open=True)
+
+
+def test_a_window_opens_in_a_network_of_its_own(log, monkeypatch):
+    """Its port takes commands that delete files, from every user who reaches it."""
+    monkeypatch.setenv("DISPLAY", ":7")
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        monkeypatch.setattr(view, "LIVE_PORT", unused.getsockname()[1])
+        assert view.live_viewer(may_open=True) == "window"
+        with pytest.raises(BadInputError, match="view --live --web"):
+            view.live_viewer(may_open=False)
+    started = []
+    ended = SimpleNamespace(returncode=4, stderr="error: shared\n")
+    monkeypatch.setattr(view.subprocess, "run", lambda command, **_: started.append(command) or ended)
+    with pytest.raises(BadInputError, match="shared"):
+        view.view(log, web=False, live=False)
+    assert started[0][1:4] == ["-P", "-m", "hil.timing.own_network"]
 
 
 def test_a_viewer_for_live_runs_takes_no_other():
     with pytest.raises(BadInputError, match="--live"):
         view.view(Path("run"), web=True, live=True)
+    with pytest.raises(BadInputError, match="--live waits in a browser; add --web"):
+        view.view(None, web=False, live=True)
 
 
-def test_a_viewer_for_live_runs_is_bound_to_loopback():
+def test_a_viewer_is_bound_to_loopback():
     for web in (False, True):
-        command = view.viewer_command(web=web, port=str(view.LIVE_PORT))
+        command = window.viewer_command(web=web, port=view.LIVE_PORT)
         assert command[command.index("--bind") + 1] == "127.0.0.1"
 
 
