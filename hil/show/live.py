@@ -68,7 +68,7 @@ def main() -> None:
     parser.add_argument("--to", required=True, help="window, or a viewer's rerun+http://HOST:PORT/proxy")
     arguments = parser.parse_args()
     try:
-        url = open_window()[1] if arguments.to == WINDOW else arguments.to
+        url = open_window(stays=True)[1] if arguments.to == WINDOW else arguments.to
         os.nice(NICENESS)
         stopping = stop_requests()
         print(READY, flush=True)

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hil.record.rrd.rerun_program import RerunError, rerun_environment, rerun_program
+from hil.timing.processes import asked_to_end_with_parent
 
 LOOPBACK = "127.0.0.1"
 WINDOW = "window"
@@ -41,8 +42,8 @@ def free_port() -> int:
         return int(taken.getsockname()[1])
 
 
-def open_window(*logs: Path) -> tuple["subprocess.Popen[bytes]", str]:
-    """Open a window that stays when this process ends; returns it and its address once it listens."""
+def open_window(*logs: Path, stays: bool) -> tuple["subprocess.Popen[bytes]", str]:
+    """Open a window, which may stay when this process ends; returns it and its address once it listens."""
     port = free_port()
     viewer = subprocess.Popen(
         viewer_command(*logs, port=port),
@@ -50,7 +51,8 @@ def open_window(*logs: Path) -> tuple["subprocess.Popen[bytes]", str]:
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
-        start_new_session=True,
+        start_new_session=stays,
+        preexec_fn=None if stays else asked_to_end_with_parent,  # noqa: PLW1509  one system call, no lock
     )
     deadline_s = time.monotonic() + OPENING_S
     while not is_listening(port):
@@ -90,13 +92,10 @@ def main() -> None:
     parser.add_argument("log", type=Path)
     parser.add_argument("--at", type=float, help="time of the cursor in s")
     arguments = parser.parse_args()
-    viewer, url = open_window(arguments.log)
-    try:
-        if arguments.at is not None:
-            put_cursor(url, arguments.at, viewer)
-        sys.exit(viewer.wait())
-    except KeyboardInterrupt:
-        viewer.terminate()
+    viewer, url = open_window(arguments.log, stays=False)
+    if arguments.at is not None:
+        put_cursor(url, arguments.at, viewer)
+    sys.exit(viewer.wait())
 
 
 if __name__ == "__main__":
