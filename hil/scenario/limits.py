@@ -17,7 +17,7 @@ from hil.judge.figures.records import CATALOGUE
 from hil.judge.requirements import Bounds, requirements
 from hil.scenario.operator import Command
 from plant_sim.scene import Scene
-from plant_sim.text_input import TextInputError
+from text_input import TextInputError
 
 
 class Judged(NamedTuple):

@@ -29,8 +29,8 @@ from hil.scenario.settings import Settings, apply_settings, as_texts
 from plant_sim.scene import Scene
 from plant_sim.tables.quantities import Duration, Impulse, Number
 from plant_sim.tables.table import Table
-from plant_sim.text_input import TextInputError
 from plant_sim.validation_messages import messages_of
+from text_input import TextInputError
 
 LARGEST_RATIO = 4.0
 """Largest ratio that the command frame can carry."""
