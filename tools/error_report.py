@@ -25,6 +25,7 @@ BAD_INPUT = frozenset(
     {
         "firmware_py.builds.board.BoardError",
         "firmware_py.shell.parameters.ParameterError",
+        "hil.bench.bench.BenchError",
         "hil.bench.recorded_run.RunError",
         "hil.bench.workers.WorkerDiedError",
         "hil.bus.base.BusError",
@@ -32,6 +33,7 @@ BAD_INPUT = frozenset(
         "hil.bus.xcp_master.XcpMasterError",
         "hil.can_model.bits.BitRateError",
         "hil.faults.line.TrafficError",
+        "hil.kernel.user_mode_linux.UmlDeathError",
         "hil.kernel.user_mode_linux.UmlError",
         "hil.record.damage.DamagedFileError",
         "hil.record.rrd.rerun_program.RerunError",

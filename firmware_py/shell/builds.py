@@ -4,10 +4,14 @@ from typing import Literal
 
 from firmware_py.shell.node import FirmwareNode, MakeNode
 
-Build = Literal["python", "compiled", "host-single", "cortex-m7", "cortex-m4f"]
+HostBuild = Literal["python", "compiled", "host-single"]
+"""The builds that run on this machine, and so in real time."""
+Build = Literal[HostBuild, "cortex-m7", "cortex-m4f"]
 """`python`: interpreted, with filterpy's algebra. `compiled`: one C function for this machine.
 `host-single`: `compiled` in single precision. `cortex-m7` and `cortex-m4f`: the code of `compiled` and of
 `host-single` for a Cortex-M7 and a Cortex-M4F, on a board emulated by QEMU, in lockstep only."""
+HERE: dict[Build, Build] = {"cortex-m7": "compiled", "cortex-m4f": "host-single"}
+"""For each board, the build on this machine that computes the same numbers."""
 NATIVE: tuple[Build, ...] = ("compiled", "host-single")
 """Builds whose nodes are instances of `native.NativeNode`, which compiled code can call."""
 

@@ -26,6 +26,7 @@ def begin(run_dir: Path, scenario: Scenario, clock: str, seed: int) -> None:
         seed=seed,
         period_s=scenario.period_s,
         user_mode_linux=is_user_mode_linux(),
+        begun_s=time.time(),
         created=time.strftime("%Y-%m-%dT%H:%M:%S%z"),
         key=key_of(scenario, clock, seed),
         changes=list(scenario.changes),

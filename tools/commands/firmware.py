@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import typer
 from typer.core import TyperGroup
 
+from firmware_py.shell.builds import HostBuild
 from tools.commands.options import Again, Change, Json, NodeBus, Sync, Turns, Until
 from tools.output import answer, console, table_of
 from tools.outputs import folder_option
@@ -118,8 +119,8 @@ def node(
     scenario: Scenario = None,
     bus: NodeBus = "auto",
     build: Annotated[
-        Literal["python", "compiled"],
-        typer.Option("--firmware", help="The firmware's build: interpreted, or compiled by numba."),
+        HostBuild,
+        typer.Option("--firmware", help="The build: interpreted, compiled, or in single precision."),
     ] = "compiled",
     out: Annotated[Path | None, folder_option("A run folder for the trace; by default none.")] = None,
     change: Change = None,

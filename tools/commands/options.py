@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from firmware_py.shell.builds import Build
 from tools.output import progress_console
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def setting(description: str) -> Any:
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 Logged = Annotated[Path | None, typer.Argument(help="A run folder or .rrd file; by default the newest run.")]
 FirmwareBuild = Annotated[
-    Literal["python", "compiled", "host-single", "cortex-m7", "cortex-m4f"],
+    Build,
     typer.Option(
         "--firmware",
         help="The firmware's build: interpreted, compiled, in single precision, or (lockstep only) on "

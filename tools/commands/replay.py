@@ -24,11 +24,13 @@ def replay(
             help="Run folders, CAN logs of another bench, or folders of such recordings.", metavar="LOG|RUN…"
         ),
     ],
-    firmware: FirmwareBuild = "compiled",
+    firmware: FirmwareBuild | None = None,
     parameters: ParameterFiles = None,
     as_json: Json = False,
 ) -> None:
     """Feed recorded frames, tick by tick, to today's firmware, and compare what it sends with the record.
+
+    The firmware's build is by default the recorded one, of a log `compiled`.
 
     The frames of a run must be equal to the bit; a log of another bench must show the same decisions (modes,
     regimes, impacts, faults) within stated times. The exit status is 1 if a replay differs, and 5 if the log

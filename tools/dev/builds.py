@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from firmware_py.core.config import Config
 from firmware_py.core.estimation import kalman
 from firmware_py.interface.frame import Frame
-from firmware_py.shell.builds import Build, node_of
+from firmware_py.shell.builds import HERE, Build, node_of
 from firmware_py.shell.node import FirmwareNode
 from hil.bench import workers
 from hil.bench.lockstep import run_lockstep, silent
@@ -126,10 +126,6 @@ def difference(name: str, seed: int) -> str:
     except DifferentBytesError as error:
         return str(error)
     return f"{len(found)} decisions differ, first {found[0]}" if found else ""
-
-
-HERE: dict[str, Build] = {"cortex-m7": "compiled", "cortex-m4f": "host-single"}
-"""For each board, the build on this machine that computes the same numbers."""
 
 
 def different_log(name: str, seed: int, board: Build) -> str:

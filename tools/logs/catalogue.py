@@ -27,6 +27,8 @@ CONDITION = re.compile(r"\s*([a-z_][a-z0-9_.]*)\s*(<=|>=|!=|=|<|>)\s*(.+?)\s*")
 UNITS_S = {"h": 3600.0, "d": 86_400.0, "w": 604_800.0}
 VERDICT_NAMES = ("passed", "verdict")
 """What conditions and tables may name beside the figures."""
+LATEST_S = 9e9
+"""Latest time at which a run may say that it began: the year 2255."""
 AGE = re.compile(r"(\d+(?:\.\d+)?)([hdw])")
 
 
@@ -36,7 +38,7 @@ class ListedRun:
 
     folder: Path
     begun_s: float
-    """Time at which the run began by the file system's clock, in s since 1970."""
+    """Time at which the run began, in s since 1970."""
     verdict: dict[str, Any] | None
     """What `known_of` keeps of the verdict."""
 
@@ -106,9 +108,16 @@ def list_runs(runs: Path) -> list[ListedRun]:
     found = []
     for document in runs.glob("**/run.json"):
         folder = document.parent
-        verdict = known_of(read_note(folder / VERDICT))
-        found.append(ListedRun(folder, document.lstat().st_mtime, verdict))
+        found.append(ListedRun(folder, begun_s(document), known_of(read_note(folder / VERDICT))))
     return sorted(found, key=lambda run: run.begun_s, reverse=True)
+
+
+def begun_s(document: Path) -> float:
+    """The time at which a run began by its run.json; without it, when that was last written."""
+    stated = read_note(document).get("begun_s")
+    if isinstance(stated, int | float) and 0.0 <= stated < LATEST_S:
+        return float(stated)
+    return document.lstat().st_mtime
 
 
 def refuse_other_figures(option: str, text: str, name: str) -> None:

@@ -38,7 +38,7 @@ NOT_COMPARED = ("t_s", "wall_time")
 SIDES = ("a", "b")
 TIMING = frozenset(
     {"tick_us", "wake_us", "loops", "overruns", "baseline_overruns", "late_wakeups", "long_work", "memory"}
-    | {"realtime_factor", "real_time", "latched"}
+    | {"realtime_factor", "real_time", "latched", "held_s", "own_late_s"}
 )
 """Groups of figures that depend on the machine, not on the module."""
 

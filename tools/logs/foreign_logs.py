@@ -15,6 +15,8 @@ import can
 
 from hil.bus.wire import MAX_STANDARD_ID
 from hil.record.candump import MOST_BYTES
+from hil.record.run_folder import is_own
+from hil.record.run_traces import CAN_LOG
 from tools.output import BadInputError
 
 FORMATS = "candump -L's .log, or .asc, .blf or .trc, the text formats also with .gz"
@@ -105,7 +107,14 @@ class ForeignLog:
 
 def too_many(path: Path) -> BadInputError:
     """The error for a log of more than MOST_MESSAGES."""
-    return BadInputError(f"{path} holds more than {MOST_MESSAGES:,} messages; cut it and import its parts")
+    return BadInputError(f"{path} holds more than {MOST_MESSAGES:,} messages; {remedy_for_large(path)}")
+
+
+def remedy_for_large(path: Path) -> str:
+    """What to do with a log that is too large to be imported."""
+    if path.name == CAN_LOG and is_own(path.parent):
+        return f"it is the log of a run: view, inspect or replay {path.parent}, which has no such limit"
+    return "cut it and import its parts"
 
 
 def kind_of(message: can.Message) -> str | None:
@@ -146,7 +155,7 @@ def refuse_large(path: Path, size: int) -> None:
     """Raise `BadInputError` for a log of more than LARGEST_BYTES, before its messages take all memory."""
     if size > LARGEST_BYTES:
         raise BadInputError(
-            f"{path} holds more than {LARGEST_BYTES >> 20} MB once unpacked; cut it and import its parts"
+            f"{path} holds more than {LARGEST_BYTES >> 20} MB once unpacked; {remedy_for_large(path)}"
         )
 
 

@@ -24,6 +24,7 @@ from tools.logs.foreign_logs import (
     ForeignLog,
     bad_line,
     refuse_large,
+    remedy_for_large,
 )
 from tools.output import BadInputError
 
@@ -101,7 +102,7 @@ def read_text(path: Path, kind: str, packed: bool, tolerant: bool) -> ForeignLog
     text = text_of(path, packed)
     if (count := text.count("\n")) > MOST_LINES:  # before its lines take all memory
         raise BadInputError(
-            f"{path} holds {count:,} lines, more than {MOST_LINES:,}; cut it and import its parts"
+            f"{path} holds {count:,} lines, more than {MOST_LINES:,}; {remedy_for_large(path)}"
         )
     log = ForeignLog(truncated=truncation(kind, text))
     lines = [with_point(kind, line) for line in text.split("\n")]

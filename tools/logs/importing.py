@@ -1,5 +1,6 @@
 """A CAN log of a real bench in the layout of a run: the bus traffic, without truth."""
 
+import time
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -122,6 +123,7 @@ def import_log(
         run_folder.note(
             run_dir,
             scenario=path.name,
+            begun_s=time.time(),
             clock=IMPORTED,
             bus=path.name,
             kernel_can=False,

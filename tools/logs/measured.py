@@ -2,6 +2,7 @@
 
 import os
 import time
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -54,6 +55,9 @@ def measure_signals(
 
     `live` and `out` also show them in a viewer and write them to a log.
     """
+    twice = next((name for name, count in Counter(wanted.names).items() if count > 1), None)
+    if twice is not None:
+        raise BadInputError(f"{twice} is named twice; name each signal once")
     viewers = [live_viewer(may_open=False)] if live else []
     rows: list[tuple[float, ...]] = []
     ticks: list[int] = []

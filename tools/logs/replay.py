@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -19,12 +19,14 @@ from firmware_py.interface.codec import CODEC_BY_ID
 from firmware_py.interface.dbc import database
 from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
 from firmware_py.interface.frame import Frame
-from firmware_py.shell.builds import Build, node_of
+from firmware_py.shell.builds import HERE, Build, node_of
 from firmware_py.shell.node import power_up
 from firmware_py.shell.parameters import config_from, select_build
+from hil.bus.wire import MAX_STANDARD_ID
 from hil.faults.memory import ParameterMemory
 from hil.faults.on_bus import NamedFrames
 from hil.record.bus_reconstruction import latest_sent
+from hil.record.candump import StoredBus
 from hil.record.run_folder import RUN_NOTE, read_note, refuse_irregular
 from hil.record.run_traces import CAN_LOG, SCENARIO
 from hil.scenario.parameter_file import merge_files
@@ -48,6 +50,8 @@ LEAST_BITRATE = 1_000_000
 """Bits per second from which on every E-stop is on the bus within half a period of its being sent."""
 BEGINNINGS = (Mode.INIT, Mode.READY)
 """Modes in which a foreign log may begin: the crank is at rest, and nothing before it matters."""
+MOST_FRAMES = 3_000_000
+"""Largest number of a run's frames: ten minutes of a busy bus; each takes a quarter of a kilobyte."""
 MOST_TICKS = 600_000
 """Largest number of replayed ticks: ten minutes; each takes a kilobyte of memory."""
 LAST_TICKS = 2
@@ -63,8 +67,8 @@ class RecordedTick(NamedTuple):
     received: list[Frame]
 
 
-class SentFrame(NamedTuple):
-    """A frame that a firmware sent, and when."""
+class StampedFrame(NamedTuple):
+    """A frame on the bus, or sent by the replayed firmware, and when."""
 
     t_s: float
     frame: Frame
@@ -126,26 +130,26 @@ def recordings(place: Path) -> list[Path]:
     return sorted(one for one in place.iterdir() if (one / CAN_LOG).exists() or one.suffix in LOGS)
 
 
-def replay(source: Path, build: Build = "compiled", parameters: Sequence[Path] = ()) -> Replay:
+def replay(source: Path, build: Build | None = None, parameters: Sequence[Path] = ()) -> Replay:
     """Replay the folder of a run, or a log of another bench.
 
-    `parameters`: parameter files over those of the run, or of a log over the defaults. Raises `BadInputError`
-    where the firmware's state before the log's first tick cannot be known.
+    `build`: by default the recorded one, on this machine; of a log `compiled`. `parameters`: parameter files
+    over those of the run, or of a log over the defaults. Raises `BadInputError` where the firmware's state
+    before the log's first tick cannot be known.
     """
     is_own = source.is_dir()
     if is_own:
         refuse_irregular(source)
     scenario = scenario_of(source, parameters) if is_own else None
     log = source / CAN_LOG if is_own else source
-    messages = [message for message in read_log(log).messages if message.kind is None]
+    note = read_note(source / RUN_NOTE) if is_own else {}
+    frames = frames_of_run(log) if is_own else frames_of_log(log)
     overrides = merge_files({}, parameters) if scenario is None else scenario.parameters
     period_s = config_from(overrides).tick_s
-    if scenario is None:
-        refuse_jumps(log, messages)
-    if scenario is not None and read_note(source / RUN_NOTE).get("clock") == "lockstep":
-        sent, ticks = divide_on_grid(messages, period_s, scenario.ticks)
+    if scenario is not None and note.get("clock") == "lockstep":
+        sent, ticks = divide_on_grid(frames, period_s, scenario.ticks)
     else:
-        sent, ticks = divide_at_torques(messages, period_s)
+        sent, ticks = divide_at_torques(frames, period_s)
     if not ticks:
         raise BadInputError(
             f"{log} has no frame {NAMES[TORQUE_ID]}; wanted a log in which the firmware ticks"
@@ -156,9 +160,11 @@ def replay(source: Path, build: Build = "compiled", parameters: Sequence[Path] =
     faults, seed = ((), 1) if scenario is None else (scenario.faults, scenario.seed)
     hidden = "" if scenario is None else hidden_cause(scenario)
     node = power_up(
-        ParameterMemory(overrides, faults, seed).read(0.0), select_build(overrides), node_of(build)
+        ParameterMemory(overrides, faults, seed).read(0.0),
+        select_build(overrides),
+        node_of(build or recorded_build(note)),
     )
-    replayed = [SentFrame(tick.t_s, frame) for tick in ticks for frame in node.tick(tick.received, 1)]
+    replayed = [StampedFrame(tick.t_s, frame) for tick in ticks for frame in node.tick(tick.received, 1)]
     changed_frames = compare_frames(sent, replayed, ticks[-min(LAST_TICKS, len(ticks))].t_s)
     changed = compare_decisions(recorded, decisions_of(replayed), is_own)
     equal = not changed and not (is_own and changed_frames)
@@ -174,6 +180,38 @@ def replay(source: Path, build: Build = "compiled", parameters: Sequence[Path] =
         first_difference=min(changed_frames, key=lambda one: one.t_s, default=None),
         decisions=changed,
     )
+
+
+def recorded_build(note: Mapping[str, Any]) -> Build:
+    """The build on this machine that computes as the recorded one; `note`: the content of run.json."""
+    builds: dict[str, Build] = {one: one for one in get_args(Build)}
+    build = builds.get(str(note.get("firmware")), "compiled")
+    return HERE.get(build, build)
+
+
+def frames_of_run(log: Path) -> list[StampedFrame]:
+    """The frames of a run's can.log; BadInputError for more than MOST_FRAMES, or for other lines."""
+    bus = StoredBus(log)
+    frames: list[StampedFrame] = []
+    for piece in bus.pieces():
+        if len(frames) + len(piece.t_s) > MOST_FRAMES:
+            raise BadInputError(f"{log} holds more than {MOST_FRAMES:,} frames, which are not replayed")
+        columns = zip(piece.t_s.tolist(), piece.can_id.tolist(), piece.payloads, strict=True)
+        frames += (
+            StampedFrame(t_s, Frame(can_id, data))
+            for t_s, can_id, data in columns
+            if can_id <= MAX_STANDARD_ID
+        )
+    if bus.lines > bus.frames:
+        raise BadInputError(f"{log} has {bus.lines - bus.frames} lines that no run writes")
+    return frames
+
+
+def frames_of_log(log: Path) -> list[StampedFrame]:
+    """The frames of another bench's log, whose clock must not jump."""
+    messages = [message for message in read_log(log).messages if message.kind is None]
+    refuse_jumps(log, messages)
+    return [StampedFrame(message.t_s, Frame(message.can_id, message.data)) for message in messages]
 
 
 def scenario_of(folder: Path, parameters: Sequence[Path]) -> Scenario:
@@ -198,8 +236,8 @@ def hidden_cause(scenario: Scenario) -> str:
 
 
 def divide_on_grid(
-    messages: Sequence[LoggedMessage], period_s: float, count: int
-) -> tuple[list[SentFrame], list[RecordedTick]]:
+    frames: Sequence[StampedFrame], period_s: float, count: int
+) -> tuple[list[StampedFrame], list[RecordedTick]]:
     """Divide the log of a run in lockstep, whose firmware ticks at (k + 1/2) T, into its ticks.
 
     An E-stop in the second half of a period is the firmware's: it precedes all other frames on the bus, and
@@ -207,44 +245,43 @@ def divide_on_grid(
     """
     period_us = round(period_s * US)
     refuse_long(count)
-    seen = max((math.ceil(message.t_s / period_s) for message in messages), default=0)
+    seen = max((math.ceil(one.t_s / period_s) for one in frames), default=0)
     count = min(count, seen)
     ticks = [RecordedTick((k + 0.5) * period_s, []) for k in range(count)]
-    sent: list[SentFrame] = []
-    for message in messages:
-        t_us = round(message.t_s * US)
+    sent: list[StampedFrame] = []
+    for one in frames:
+        t_us = round(one.t_s * US)
         tick = max(math.ceil((2 * t_us - period_us) / (2 * period_us)), 0)
         is_late = 2 * (t_us % period_us) >= period_us
-        frame = Frame(message.can_id, message.data)
-        if message.can_id in SENT_IDS or (message.can_id == ESTOP_ID and is_late):
-            sent.append(SentFrame(message.t_s, frame))
+        if one.frame.can_id in SENT_IDS or (one.frame.can_id == ESTOP_ID and is_late):
+            sent.append(one)
         elif tick < count:
-            ticks[tick].received.append(frame)
+            ticks[tick].received.append(one.frame)
     return sent, ticks
 
 
 def divide_at_torques(
-    messages: Sequence[LoggedMessage], period_s: float
-) -> tuple[list[SentFrame], list[RecordedTick]]:
+    frames: Sequence[StampedFrame], period_s: float
+) -> tuple[list[StampedFrame], list[RecordedTick]]:
     """Divide a log at the firmware's torque frames; ticks that sent none are filled in at equal intervals."""
-    torques_s = np.array([message.t_s for message in messages if message.can_id == TORQUE_ID])
+    torques_s = np.array([one.t_s for one in frames if one.frame.can_id == TORQUE_ID])
     missed = iter(periods_before(torques_s, period_s))
     ticks: list[RecordedTick] = []
-    sent: list[SentFrame] = []
-    waiting: list[LoggedMessage] = []
+    sent: list[StampedFrame] = []
+    waiting: list[StampedFrame] = []
     follows = False
-    for message in messages:
-        frame = Frame(message.can_id, message.data)
-        if message.can_id == TORQUE_ID:
-            before_s = ticks[-1].t_s if ticks else message.t_s - period_s
-            ticks += fill_in(before_s, message.t_s, next(missed), waiting)
+    for one in frames:
+        can_id = one.frame.can_id
+        if can_id == TORQUE_ID:
+            before_s = ticks[-1].t_s if ticks else one.t_s - period_s
+            ticks += fill_in(before_s, one.t_s, next(missed), waiting)
             refuse_long(len(ticks))
             waiting = []
-        if message.can_id in SENT_IDS or (message.can_id == ESTOP_ID and follows):
-            sent.append(SentFrame(message.t_s, frame))
+        if can_id in SENT_IDS or (can_id == ESTOP_ID and follows):
+            sent.append(one)
             follows = True
         else:
-            waiting.append(message)
+            waiting.append(one)
             follows = False
     return sent, ticks
 
@@ -262,7 +299,7 @@ def refuse_long(ticks: int) -> None:
 
 
 def fill_in(
-    before_s: float, t_s: float, count: int, waiting: Sequence[LoggedMessage]
+    before_s: float, t_s: float, count: int, waiting: Sequence[StampedFrame]
 ) -> Iterator[RecordedTick]:
     """Yield the `count` ticks after `before_s` up to `t_s`, each with the frames that had arrived."""
     refuse_long(count)
@@ -272,11 +309,11 @@ def fill_in(
         first = given
         while given < len(waiting) and waiting[given].t_s <= until_s:
             given += 1
-        yield RecordedTick(min(until_s, t_s), [Frame(one.can_id, one.data) for one in waiting[first:given]])
+        yield RecordedTick(min(until_s, t_s), [one.frame for one in waiting[first:given]])
 
 
 def compare_frames(
-    recorded: Sequence[SentFrame], replayed: Sequence[SentFrame], end_s: float
+    recorded: Sequence[StampedFrame], replayed: Sequence[StampedFrame], end_s: float
 ) -> list[ChangedFrame]:
     """Compare the frames of each identifier; the bus may deliver the identifiers in another order.
 
@@ -296,7 +333,7 @@ def compare_frames(
     return changed
 
 
-def decisions_of(frames: Sequence[SentFrame]) -> dict[str, list[Decision]]:
+def decisions_of(frames: Sequence[StampedFrame]) -> dict[str, list[Decision]]:
     """Return the changes of mode and regime, and the events, in frames that a firmware sent."""
     found: dict[str, list[Decision]] = {signal: [] for signal in TOLERANCES_S}
 

@@ -1,7 +1,9 @@
 """A run owns its folder: it is made exclusively, never shared, and nothing foreign in it is touched."""
 
+import fcntl
 import json
 import threading
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from hil.bench.bench import run_scenario
 from hil.bench.lockstep import silent
 from hil.bench.options import RunOptions
 from hil.bus.base import BusError
+from hil.record.folder_lock import is_in_use, locked
 from hil.record.run_folder import WARM_UP, RunFolderError, claimed, clear, write_note
 from hil.record.run_traces import read_bus
 from hil.scenario.scenario import Scenario, load_scenario
@@ -96,6 +99,24 @@ def test_a_folder_in_use_is_refused_until_its_run_is_over(tmp_path: Path) -> Non
     with claimed("rests", out), pytest.raises(RunFolderError, match="in use"):
         run_short(scenario, out)
     assert run_short(scenario, out)["passed"]
+
+
+def test_a_folder_that_somebody_looks_at_can_be_claimed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who looks whether a folder is in use locks it for a moment: the claim waits for the end of the look."""
+    looking = ExitStack()
+    looking.enter_context(locked(tmp_path, shared=True))
+    flock = fcntl.flock
+
+    def lock_and_end_the_look(lock: int, kind: int) -> None:
+        flock(lock, kind)
+        looking.close()
+
+    monkeypatch.setattr("hil.record.folder_lock.fcntl.flock", lock_and_end_the_look)
+    with claimed("rests", tmp_path):
+        assert is_in_use(tmp_path)
+    assert not is_in_use(tmp_path)
 
 
 def test_a_run_that_breaks_off_is_not_judged_by_the_figures_of_the_one_before(

@@ -10,6 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from hil.bench.bench import BenchError
+from hil.bus import BusFailedError
+from hil.kernel.user_mode_linux import UmlDeathError
 from tools import error_report
 from tools.output import EXIT_BAD_INPUT, EXIT_INTERNAL_ERROR
 
@@ -106,6 +109,16 @@ def test_a_library_for_which_there_is_no_address_space_is_no_defect(
     monkeypatch.setattr(error_report, "small_address_space", lambda: "this process may map 0.5 GiB")
     assert error_report.report(error, as_json=False) == EXIT_BAD_INPUT
     assert "error: this process may map 0.5 GiB" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "error", [BenchError("no program vibrohil"), UmlDeathError("the guest died"), BusFailedError("unplugged")]
+)
+def test_what_the_machine_lacks_or_loses_is_no_defect(
+    error: Exception, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert error_report.report(error, as_json=False) == EXIT_BAD_INPUT
+    assert capsys.readouterr().err.strip() == f"error: {error}"
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from tools.logs.comparison import (
     first_in_blocks,
     first_in_table,
     flips_of,
+    is_timing,
     largest_changes,
     position_and_speed_apart,
 )
@@ -150,6 +151,11 @@ def test_runs_of_two_seeds_are_equal_within_a_wide_tolerance(runs):
 
 def table(t_s, **columns):
     return pa.table({"t_s": np.array(t_s, float), **columns})
+
+
+def test_the_time_for_which_a_run_was_held_is_no_difference_of_the_module():
+    assert all(map(is_timing, ("held_s", "own_late_s", "loops.plant.overruns")))
+    assert not is_timing("impact_count")
 
 
 def test_the_earliest_difference_of_all_columns_is_named():

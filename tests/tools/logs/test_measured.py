@@ -11,8 +11,9 @@ import pytest
 from hil.bus import BusError
 from hil.bus.xcp_master import Sample, Sampled
 from hil.timing.signals import Interrupted, interruption
+from tools import cli
 from tools.logs.measured import LOG_NAME, log_streams, lost_samples, measure_signals, summary
-from tools.output import BadInputError
+from tools.output import EXIT_BAD_INPUT, BadInputError
 
 
 @pytest.mark.parametrize(
@@ -39,6 +40,12 @@ def test_what_cannot_be_measured_leaves_no_log(tmp_path: Path) -> None:
     with pytest.raises(BusError, match="no hub answers"):
         measure_signals(wanted, f"local:{tmp_path}/bus", [], 1.0, False, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_signal_that_is_named_twice_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    names = ["state.estimator.x_m", "state.estimator.v_m_s", "state.estimator.x_m"]
+    assert cli.run(["measure", *names, "--bus", "local"]) == EXIT_BAD_INPUT
+    assert "state.estimator.x_m is named twice" in capsys.readouterr().err
 
 
 class EndedBy:

@@ -11,9 +11,9 @@ import pytest
 import hil
 from firmware_py.interface.codec import CODEC_BY_ID
 from firmware_py.interface.enums import Mode
+from firmware_py.shell.builds import Build
 from tools import cli
-from tools.logs.foreign_logs import read_log
-from tools.logs.replay import IDS, divide_at_torques, divide_on_grid, replay
+from tools.logs.replay import IDS, divide_at_torques, divide_on_grid, frames_of_run, replay
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PASSED, BadInputError
 
 E_STOP = "e-stop-in-the-hold"
@@ -86,7 +86,7 @@ def test_on_a_modelled_bus_the_firmwares_own_e_stop_precedes_its_torque(tmp_path
     run = run_on_a_modelled_bus(tmp_path, 1_000_000)
     result = replay(run)
     assert result.equal, result
-    sent = Counter(message.can_id for message in read_log(run / "can.log").messages)
+    sent = Counter(one.frame.can_id for one in frames_of_run(run / "can.log"))
     assert sent[IDS["DriveEstop"]] > 1, "operator and firmware each send one"
 
 
@@ -96,11 +96,31 @@ def test_a_bus_on_which_frames_come_late_leaves_a_replay_not_judged(tmp_path: Pa
     assert "125000 bit/s" in result.reason
 
 
+def test_a_long_run_is_replayed_though_as_a_log_it_would_be_too_large(
+    run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for limit in ("foreign_logs.MOST_MESSAGES", "foreign_text.MOST_LINES"):
+        monkeypatch.setattr(f"tools.logs.{limit}", 1000)
+    assert replay(run_dir).equal
+    command = ["import", str(run_dir / "can.log"), "--out", str(tmp_path / "imported")]
+    assert cli.run(command) == EXIT_BAD_INPUT
+    assert f"view, inspect or replay {run_dir}" in "".join(capsys.readouterr().err.split("\n"))
+
+
+@pytest.mark.parametrize("build", ["python", "host-single"])
+def test_a_run_is_replayed_by_its_recorded_build(build: Build, tmp_path: Path) -> None:
+    short = {"script.duration_s": 2.0, "script.commands": []}
+    hil.run(E_STOP, out=tmp_path / "run", firmware=build, set=short)
+    assert replay(tmp_path / "run").equal
+    if build == "host-single":
+        assert replay(tmp_path / "run", "compiled").different_frames > 0
+
+
 def test_torque_frames_divide_a_log_as_the_grid_of_lockstep_does(run_dir: Path) -> None:
-    messages = read_log(run_dir / "can.log").messages
+    recorded = frames_of_run(run_dir / "can.log")
     period_s = 1e-3
-    by_grid = divide_on_grid(messages, period_s, round(DURATION_S / period_s))
-    by_torque = divide_at_torques(messages, period_s)
+    by_grid = divide_on_grid(recorded, period_s, round(DURATION_S / period_s))
+    by_torque = divide_at_torques(recorded, period_s)
     assert by_grid[0] == by_torque[0]
     assert [tick.received for tick in by_grid[1]] == [tick.received for tick in by_torque[1]]
 
@@ -210,7 +230,7 @@ def test_the_command_replays_a_folder_of_recordings(
 
 def test_modes_in_the_recording_are_those_of_the_scenario(run_dir: Path) -> None:
     """The recording holds what the tests above rest on: a start, motion, and the E-stop."""
-    sent, _ = divide_at_torques(read_log(run_dir / "can.log").messages, 1e-3)
+    sent, _ = divide_at_torques(frames_of_run(run_dir / "can.log"), 1e-3)
     beats = [one.frame for one in sent if one.frame.can_id == IDS["FirmwareHeartbeat"]]
     modes = {Mode(CODEC_BY_ID[frame.can_id].decode(frame.data).mode) for frame in beats}  # type: ignore[attr-defined]
     assert modes >= {Mode.READY, Mode.SOFT_START, Mode.RUN, Mode.E_STOP}

@@ -48,6 +48,14 @@ def test_every_run_is_listed_the_newest_first(folder):
     assert names(runs.list_runs(folder), folder) == ["cut", "good", "suite/soft", "suite/none"]
 
 
+@pytest.mark.parametrize(("stated", "is_taken"), [(1.5e9, True), (-1.0, False), (1e300, False), ("x", False)])
+def test_a_run_began_when_its_note_says_whenever_that_was_written_again(folder, stated, is_taken):
+    note = folder / "suite" / "none" / "run.json"
+    note.write_text(json.dumps({"begun_s": stated}))
+    (found,) = [run for run in runs.list_runs(folder) if run.folder == note.parent]
+    assert found.begun_s == (stated if is_taken else note.stat().st_mtime)
+
+
 @pytest.mark.parametrize(
     ("conditions", "wanted"),
     [
