@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,9 +151,21 @@ class FirmwareNode(Node):
         return [Frame(can_id, bytes_of(word, length)) for can_id, length, word in sent]
 
 
+class PoweredUp(Protocol):
+    """What `power_up` makes."""
+
+    damage: str
+    """The reason for which the parameter file was refused; empty if it was accepted."""
+
+
+AnyNode = TypeVar("AnyNode", bound=PoweredUp)
+
+
 def power_up(
-    parameter_file: str, build: Mapping[str, float] | None = None, make: MakeNode = FirmwareNode
-) -> Node:
+    parameter_file: str,
+    build: Mapping[str, float] | None = None,
+    make: Callable[[Config], AnyNode] = FirmwareNode,  # type: ignore[assignment]  # a default narrows no TypeVar
+) -> AnyNode:
     """A controller that starts with the content of its parameter file and the parameters of its build.
 
     If the file is damaged, the controller uses default parameters, reports PARAMETERS_DAMAGED on the bus and

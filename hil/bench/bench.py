@@ -39,15 +39,18 @@ from hil.faults.line import FaultyBus
 from hil.faults.on_process import FIRMWARE, ProcessFault
 from hil.faults.processes import ProcessFaults
 from hil.judge.verdict import RunVerdict
+from hil.nodes.own_controller import load_own
 from hil.nodes.runners import OperatorRunner, Pace
 from hil.record import run_folder
+from hil.record.own_trace import NONE, is_build
+from hil.scenario.files import ScenarioError
 from hil.scenario.operator import OPERATOR_PERIOD_S, RECEIVED_IDS
 from hil.scenario.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
 from hil.show.window import WINDOW, in_own_network
 from hil.timing.clock import NS_PER_S, MonotonicClock, TimeName
 from hil.timing.loop import FixedRateLoop, LoopTiming, run_turns
 from hil.timing.pacemaker import LONGEST_HOLD_NS, PACEMAKER, Member, shared_turn_times
-from hil.timing.processes import Child, Start, has_stopped, is_busy
+from hil.timing.processes import Child, ChildError, Start, has_stopped, is_busy
 from hil.timing.realtime import OPERATOR_PRIORITY, fixed_priority, settle_garbage
 
 START_DELAY_S = 0.3
@@ -59,6 +62,9 @@ LIVE = "live"
 END_WAIT_S = 0.5
 """Time until a pacemaker that has been killed is seen to have ended."""
 END_TIMEOUT_S = 5.0
+LONGEST_WAIT_S = 60.0
+"""Time for the program of `--firmware none` to send its first heartbeat."""
+LOOK_S = 0.05
 GRACE_S = 1.0
 """Time after the longest hold in which the pacemaker itself ends the run; it may have been stopped."""
 
@@ -97,10 +103,22 @@ def run_scenario(
 
 
 def prepare(options: RunOptions) -> None:
-    """Make the image of an emulated build; raises BoardError if the build cannot run here."""
-    match options.firmware:
-        case "python" | "compiled" | "host-single":
-            return
+    """Make the image of an emulated build, and look at a user's controller.
+
+    Raises BoardError if the build cannot run here, TextInputError for a controller that cannot.
+    """
+    if options.firmware == NONE:
+        if options.clock == "lockstep":
+            raise ScenarioError(
+                "--firmware none with --clock lockstep: another program joins the bus in real time; give "
+                "--clock real, or --firmware FILE.py:FUNCTION for a controller that lockstep calls"
+            )
+        return
+    if not is_build(options.firmware):
+        load_own(options.firmware)
+        return
+    if options.firmware not in ("cortex-m7", "cortex-m4f"):
+        return
     from firmware_py.builds.board import BoardError, image  # noqa: PLC0415 - imports LLVM
 
     if options.clock != "lockstep":
@@ -108,7 +126,7 @@ def prepare(options: RunOptions) -> None:
             f"--firmware {options.firmware} with --clock {options.clock}: an emulated board keeps no wall "
             "clock's time; give --clock lockstep"
         )
-    image(options.firmware)
+    image("cortex-m7" if options.firmware == "cortex-m7" else "cortex-m4f")
 
 
 def program() -> str:
@@ -159,7 +177,7 @@ class ProcessesRun:
         """Provide the bus, run on it, and note how it ended."""
         run_folder.note(self.run_dir, bus=self.options.bus, kernel_can=False)
         with ExitStack() as stack:
-            if self.options.time == "held":
+            if self.options.time == "held" and self.options.firmware != NONE:
                 self.turn_times = shared_turn_times()
                 stack.callback(os.close, self.turn_times)
             self.provided = stack.enter_context(shared(provide(self.options.bus, self.turn_times)))
@@ -182,6 +200,8 @@ class ProcessesRun:
             stack.callback(self.stop_all)
             self.start()
             operator_bus = self.joined_as_operator(stack)
+            if self.options.firmware == NONE:
+                self.await_controller(operator_bus)
             pace = Pace(self.scenario.period_s, self.scenario.duration_s)
             faults = of_a_node(self.scenario.faults)
             line = FaultyBus(operator_bus, "operator", faults, self.seed, self.scenario.period_s)
@@ -219,6 +239,21 @@ class ProcessesRun:
             stack.callback(self.giver.close)
         stack.callback(bus.close)
         return addressed(bus, places)
+
+    def await_controller(self, bus: Bus) -> None:
+        """Wait for the first heartbeat of the program that is the controller.
+
+        Raises ChildError if none comes.
+        """
+        how = f"--bus {self.provided.address}"
+        print(f"waiting for a controller: it joins with {how} and sends its heartbeat", file=sys.stderr)
+        until_s = time.monotonic() + LONGEST_WAIT_S
+        while not bus.receive():
+            if time.monotonic() > until_s:
+                raise ChildError(
+                    f"no FirmwareHeartbeat within {LONGEST_WAIT_S:g} s; start a controller with {how}"
+                )
+            time.sleep(LOOK_S)
 
     def note_endless_hold(self, t_s: float) -> None:
         """Say why turns ended before the script although no process has ended: one of them is late for ever.
@@ -268,8 +303,9 @@ class ProcessesRun:
             name: [program(), process, scenario, *common, *build.get(process, []), "--again"]
             for name, process in self.restarted.items()
         }
+        firmware = [program(), "firmware", scenario, *common, *build[FIRMWARE]]
         return {
-            "firmware": [program(), "firmware", scenario, *common, *build[FIRMWARE]],
+            **({} if self.options.firmware == NONE else {FIRMWARE: firmware}),
             "plant": [program(), "plant", scenario, *common],
             **again,
             BASELINE: baseline,

@@ -17,10 +17,12 @@ from hil.bench.verdict import KILLED, failed_for, finish, prejudge, write
 from hil.bus.base import BusError
 from hil.judge.figures.figures import OWN_BUSES
 from hil.judge.verdict import RunVerdict, read_verdict
+from hil.nodes.own_controller import OwnControllerError
 from hil.record import run_folder
 from hil.record.bus_reconstruction import doubt_two_firmwares
 from hil.record.candump import StoredBus
-from hil.record.run_traces import CAN_LOG
+from hil.record.own_trace import is_build, write_firmware_trace
+from hil.record.run_traces import CAN_LOG, read_scenario
 from hil.record.traces import trace
 from hil.timing.processes import ChildError, ChildRefusalError
 from hil.timing.signals import Interrupted, ending_signals, interruption
@@ -69,9 +71,11 @@ def is_no_room(error: BaseException) -> bool:
 
 
 def is_verdict(error: BaseException) -> bool:
-    """Whether the error only makes the run fail: the disk is full, or a process has ended at its start."""
+    """Whether the error only makes the run fail: a full disk, a process that ended at its start, or a user's
+    controller that failed in a tick.
+    """
     died = isinstance(error, ChildError) and not isinstance(error, ChildRefusalError)
-    return died or is_no_room(error)
+    return died or isinstance(error, OwnControllerError) or is_no_room(error)
 
 
 def reason_of(error: BaseException) -> str:
@@ -80,7 +84,7 @@ def reason_of(error: BaseException) -> str:
         return str(error) or interruption(signal.SIGINT)
     if is_no_room(error):
         return f"no room on the disk: {error}"
-    if isinstance(error, ChildError):
+    if isinstance(error, ChildError | OwnControllerError):
         return str(error)
     return f"broke off: {type(error).__name__}: {error}"
 
@@ -157,7 +161,10 @@ def close(run_dir: Path, outcome: Outcome, only_if_failed: bool = False) -> RunV
     """Collect the files of a run that has ended, and judge it."""
     run_folder.free_reserve(run_dir)
     trace.bring_home(run_dir)
-    can_log, bus = run_dir / CAN_LOG, run_folder.read_note(run_dir / run_folder.RUN_NOTE).get("bus")
+    note = run_folder.read_note(run_dir / run_folder.RUN_NOTE)
+    can_log, bus = run_dir / CAN_LOG, note.get("bus")
+    if "firmware" in note and not is_build(note["firmware"]):
+        write_firmware_trace(run_dir, note["period_s"], "gait" in read_scenario(run_dir).get("scene", {}))
     if can_log.exists() and bus not in NOT_SHARED:
         outcome.not_judged += doubt_two_firmwares(StoredBus(can_log))
     run_folder.write_json(run_dir / "outcome.json", vars(outcome))

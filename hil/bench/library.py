@@ -9,6 +9,7 @@ from hil.bench.bench import run_scenario
 from hil.bench.lockstep import silent
 from hil.bench.options import RunOptions
 from hil.bench.recorded_run import Run, open_run
+from hil.record.own_trace import NONE
 from hil.scenario.files import ScenarioError
 from hil.scenario.scenario import load_scenario
 from hil.scenario.settings import Settings
@@ -22,7 +23,7 @@ def run(
     clock: ClockName = "lockstep",
     bus: str = "auto",
     time: TimeName = "held",
-    firmware: Build = "compiled",
+    firmware: str = "compiled",
     seed: int | None = None,
     set: Settings = (),
     parameters: str | Path | Sequence[str | Path] = (),
@@ -31,7 +32,8 @@ def run(
     """Run a scenario by its name or its file, record every signal, judge it, and return the run.
 
     `time` is that of real time: `held` while a process is late, or `strict`.
-    `firmware` is the build: `python`, `compiled`, `host-single` or, in lockstep, `cortex-m7` or `cortex-m4f`.
+    `firmware` is the build: `python`, `compiled`, `host-single` or, in lockstep, `cortex-m7` or `cortex-m4f`;
+    or a user's own controller as `FILE.py:FUNCTION`, or `none` where another program on the bus is one.
     `seed` is by default the scenario's.
     `set` changes values by dotted keys, such as `{"scene.striker.spring_n_m": 72.0}`; `parameters` is a file
     of `vibrohil tune`, or several; `out` is the run's folder, by default a new one under runs/. A run whose
@@ -42,7 +44,8 @@ def run(
     """
     one_of("clock", clock, get_args(ClockName))
     one_of("time", time, get_args(TimeName))
-    one_of("firmware", firmware, get_args(Build))
+    if not isinstance(firmware, str) or (":" not in firmware and firmware != NONE):
+        one_of("firmware", firmware, get_args(Build))
     several: Iterable[object] = [parameters]
     if isinstance(parameters, Iterable) and not isinstance(parameters, str):
         several = parameters

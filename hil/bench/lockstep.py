@@ -10,10 +10,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from firmware_py.shell.builds import NATIVE, Build, node_of
+from firmware_py.shell.builds import NATIVE
 from firmware_py.shell.node import MakeNode
 from hil.bench import beginning
 from hil.bench.ending import Outcome
@@ -24,6 +25,7 @@ from hil.faults.fault import Fault, effects_of, of_a_node
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
 from hil.faults.processes import ProcessFaults
+from hil.nodes.own_controller import MakeRunner, runner_of
 from hil.nodes.runners import FirmwareRunner, OperatorRunner, Pace, PlantRunner
 from hil.record import run_folder
 from hil.scenario.scenario import Scenario
@@ -46,7 +48,7 @@ def silent(_: float, __: str) -> None:
 
 
 WARM_TICKS = 50
-WARM: list[tuple[Scene, bool, Build]] = []
+WARM: list[tuple[Scene, bool, str]] = []
 """Compiled or loaded combinations in this process: scene, whether the bus is ideal, and build."""
 PROGRESS_S = 0.5
 """Simulated time between two reports of progress, at most twice this."""
@@ -60,7 +62,7 @@ def run_lockstep(
     run_dir: Path,
     seed: int,
     progress: Progress,
-    build: Build = "python",
+    build: str = "python",
     make: MakeNode | None = None,
     faults: Mapping[str, Sequence[Fault]] | None = None,
 ) -> int:
@@ -72,7 +74,8 @@ def run_lockstep(
     """
     faults = faults_by_node(scenario) if faults is None else faults
     with ExitStack() as stack:
-        nodes = LockstepNodes(scenario, run_dir, seed, faults, make or node_of(build), stack)
+        make_runner = runner_of(build) if make is None else partial(FirmwareRunner, make=make)
+        nodes = LockstepNodes(scenario, run_dir, seed, faults, make_runner, stack)
         stretches = nodes.stretches() if build in NATIVE and make is None else None
         tick, ticks_in_all = 0, scenario.ticks
         progress_ticks = round(PROGRESS_S / scenario.period_s)
@@ -106,7 +109,7 @@ class LockstepNodes:
         run_dir: Path | None,
         seed: int,
         faults: Mapping[str, Sequence[Fault]],
-        make: MakeNode,
+        make_runner: MakeRunner,
         stack: ExitStack,
     ) -> None:
         """`run_dir`: None for compiled stretches that are not recorded. `stack` closes the files."""
@@ -122,14 +125,9 @@ class LockstepNodes:
             own = [fault for fault in faults[name] if not self._bus.breaks_by(fault)]
             self.lines[name] = FaultyBus(bus, name, own, seed, pace.period_s)
         self.plant = PlantRunner(scenario.scene, seed, pace, self.lines[PLANT], run_dir, faults[PLANT])
-        self.firmware = FirmwareRunner(
-            ParameterMemory(scenario.parameters, faults[FIRMWARE], seed),
-            pace,
-            self.lines[FIRMWARE],
-            run_dir,
-            walks=scenario.scene.gait is not None,
-            make=make,
-        )
+        memory = ParameterMemory(scenario.parameters, faults[FIRMWARE], seed)
+        walks = scenario.scene.gait is not None
+        self.firmware = make_runner(memory, pace, self.lines[FIRMWARE], run_dir, walks)
         self._plant = in_turns(self.plant, PLANT, faults[PLANT], pace.period_s, seed)
         self._firmware = in_turns(self.firmware, FIRMWARE, faults[FIRMWARE], pace.period_s, seed)
         self.operator = OperatorRunner(scenario.commands, pace, self.lines[OPERATOR], run_dir)
@@ -180,7 +178,7 @@ class LockstepNodes:
 
 
 def in_lockstep(
-    scenario: Scenario, out_dir: Path | None, seed: int, progress: Progress, firmware: Build = "python"
+    scenario: Scenario, out_dir: Path | None, seed: int, progress: Progress, firmware: str = "python"
 ) -> tuple[Path, Outcome]:
     """Run in this process without a judgement; return the run folder and the outcome."""
     outcome = Outcome()
@@ -197,7 +195,7 @@ def simulate(
     seed: int,
     outcome: Outcome,
     progress: Progress,
-    firmware: Build = "python",
+    firmware: str = "python",
 ) -> None:
     """Run in this process; times are simulated from 0, so that two runs with the same seed are identical."""
     bus = {"bus": "in-process", "bus_reason": "lockstep", "kernel_can": False}
@@ -224,7 +222,7 @@ def simulate(
         outcome.memory_watched_s = (1.0 - SETTLING_SHARE) * scenario.duration_s
 
 
-def warm_lockstep(scenario: Scenario, firmware: Build, run_dir: Path) -> None:
+def warm_lockstep(scenario: Scenario, firmware: str, run_dir: Path) -> None:
     """Compile or load all code that a run needs, by a short run whose records are discarded.
 
     This takes place once per process for each scene, kind of bus and build.

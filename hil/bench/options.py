@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from firmware_py.shell.builds import Build
 from hil.timing.clock import ClockName, TimeName
 
 
@@ -14,7 +13,10 @@ class RunOptions:
     time: TimeName = "held"
     """Whether real time is held while a node is late; on a bus that is not the run's own it never is."""
     bus: str = "auto"
-    firmware: Build = "compiled"
+    firmware: str = "compiled"
+    """A build of the firmware (`firmware_py.shell.builds.Build`), a user's controller as `FILE.py:FUNCTION`,
+    or `none` where another program on the bus is the controller.
+    """
     viewer: str | None = None
     """URL of an open viewer, or `window`, which shows the run while it runs in real time."""
     keep_traces: bool = True

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.node.xcp import IS_CONNECTED
-from firmware_py.shell.builds import Build, node_of
+from firmware_py.shell.builds import Build
 from firmware_py.shell.flat_node import FirmwareFailedError
 from firmware_py.shell.native import NativeNode
 from hil.bench.lockstep import LockstepNodes, faults_by_node
@@ -38,6 +38,7 @@ from hil.nodes.closed_loop import (
     run,
 )
 from hil.nodes.frame_rows import frames_in, word_frame
+from hil.nodes.own_controller import runner_of
 from hil.nodes.plant_steps import PlantState
 from hil.record.traces.firmware_trace import columns_in, moves_to
 from hil.record.traces.plant_trace import PlantRecord
@@ -251,7 +252,7 @@ def records_of(scenario: Scenario, seed: int, columns: Any, build: Build = "comp
             f"({kinds}); run it in lockstep"
         )
     with ExitStack() as stack:
-        nodes = LockstepNodes(scenario, None, seed, faults_by_node(scenario), node_of(build), stack)
+        nodes = LockstepNodes(scenario, None, seed, faults_by_node(scenario), runner_of(build), stack)
         stretches = Stretches(scenario, nodes, columns, is_logged=False)
         tick = 0
         while tick < scenario.ticks:

@@ -8,11 +8,11 @@ from contextlib import closing, contextmanager
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from firmware_py.interface.addresses import Addresses, bus_id
 from firmware_py.interface.generated import received
-from firmware_py.shell.builds import Build, node_of
+from firmware_py.shell.builds import Build
 from firmware_py.shell.parameters import addresses_from, config_from, require_proof
 from hil.bus import Bus, BusFailedError, is_own_bus, join_in_turns, open_bus
 from hil.bus.addressed import addressed
@@ -23,9 +23,11 @@ from hil.faults.fault import FAULTS_ACTED, Fault, effects_of, of_a_node
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
 from hil.faults.on_process import FIRMWARE, PLANT
+from hil.nodes.own_controller import runner_of
 from hil.nodes.plant import ACCEPTED_IDS
 from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
 from hil.nodes.warm import warm_firmware, warm_plant
+from hil.record.own_trace import is_build
 from hil.record.run_folder import VERDICT, RunFolderError
 from hil.record.traces.trace import bring_home
 from hil.scenario.operator import RECEIVED_IDS, OperatorNode
@@ -123,7 +125,7 @@ class NodeProcess(NamedTuple):
             print(json.dumps(summary), file=sys.stderr)
 
 
-def firmware_main(scenario: str | None, settings: Sequence[str], process: NodeProcess, build: Build) -> None:
+def firmware_main(scenario: str | None, settings: Sequence[str], process: NodeProcess, build: str) -> None:
     """`vibrohil firmware`: the controller on a bus, with a scenario's parameters or its defaults.
 
     On a bus that the bench has not made, no start comes before the test of the drive's watchdog, unless the
@@ -143,12 +145,14 @@ def firmware_main(scenario: str | None, settings: Sequence[str], process: NodePr
         parameters = require_proof(parameters)
     period_s = config_from(parameters).tick_s
     refuse_other_periods(period_s)
-    warm_firmware(parameters, build)
+    if is_build(build):
+        warm_firmware(parameters, cast(Build, build))
+    make_runner = runner_of(build)
 
     def make(pace: Pace, bus: FaultyBus) -> FirmwareRunner:
         memory = ParameterMemory(parameters, faults, process.seed)
         out_dir, say = process.out_dir, partial(print, file=sys.stderr)
-        return FirmwareRunner(memory, pace, bus, out_dir, walks, node_of(build), say)
+        return make_runner(memory, pace, bus, out_dir, walks, say)
 
     process.run(FIRMWARE, make, period_s, 0.5, received.RECEIVED_IDS, addresses_from(parameters), faults)
 

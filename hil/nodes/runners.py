@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
@@ -134,19 +134,25 @@ class FirmwareRunner:
         process in real time.
         """
         self.bus = bus
-        self._memory = memory
+        self.memory = memory
         self._make = make
         self._say = say or partial(_write_line, out_dir)
         self._period_s = pace.period_s
-        self.trace: FirmwareTrace | None = None
         self._power_up(pace.first_tick)
-        if out_dir is not None:
-            again, expected = pace.first_tick > 0, pace.expected_records
-            self.trace = FirmwareTrace(out_dir / "firmware.trace", walks, expected, again, pace.is_timed)
+        self.trace = None if out_dir is None else self.open_trace(out_dir, walks, pace)
+
+    def make_node(self, parameter_file: str) -> Any:
+        """The node after power-up with the content of a parameter file."""
+        return power_up(parameter_file, self.memory.of_the_build, self._make)
+
+    def open_trace(self, out_dir: Path, walks: bool, pace: Pace) -> Any:
+        """The trace of the node's signals."""
+        again, expected = pace.first_tick > 0, pace.expected_records
+        return FirmwareTrace(out_dir / "firmware.trace", walks, expected, again, pace.is_timed)
 
     def _power_up(self, tick: int) -> None:
         self.last_tick = tick - 1
-        self.node = power_up(self._memory.read(tick * self._period_s), self._memory.of_the_build, self._make)
+        self.node = self.make_node(self.memory.read(tick * self._period_s))
         if self.node.damage:
             self._say(self.node.damage)
 

@@ -6,8 +6,7 @@ from typing import Annotated, Literal
 import typer
 from typer.core import TyperGroup
 
-from firmware_py.shell.builds import HostBuild
-from tools.commands.options import Again, Change, Json, NodeBus, Sync, Turns, Until
+from tools.commands.options import Again, Change, Controller, Json, NodeBus, Sync, Turns, Until
 from tools.output import answer, console, table_of
 from tools.outputs import folder_option
 from tools.progress import shown_progress
@@ -118,10 +117,7 @@ def budget(
 def node(
     scenario: Scenario = None,
     bus: NodeBus = "auto",
-    build: Annotated[
-        HostBuild,
-        typer.Option("--firmware", help="The build: interpreted, compiled, or in single precision."),
-    ] = "compiled",
+    build: Controller = "compiled",
     out: Annotated[Path | None, folder_option("A run folder for the trace; by default none.")] = None,
     change: Change = None,
     seed: Annotated[int, typer.Option(help="Seed of the faults' random numbers.", min=0)] = 1,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass, replace
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import typer
 
@@ -60,6 +60,31 @@ FirmwareBuild = Annotated[
         "--firmware",
         help="The firmware's build: interpreted, compiled, in single precision, or (lockstep only) on "
         "an emulated Cortex-M7 or, in single precision, Cortex-M4F.",
+    ),
+]
+
+
+def controller(text: str | None) -> str | None:
+    """The value of `--firmware` of a run. Raises BadParameter for what is no build, file or `none`."""
+    from firmware_py.shell.builds import Build
+    from hil.record.own_trace import NONE, is_build
+
+    if text is None or is_build(text) or text == NONE or ":" in text:
+        return text
+    raise typer.BadParameter(
+        f"{text!r} is no build of the firmware; wanted {', '.join(get_args(Build))}, "
+        "none, or your own controller as FILE.py:FUNCTION"
+    )
+
+
+Controller = Annotated[
+    str,
+    typer.Option(
+        "--firmware",
+        callback=controller,
+        metavar="BUILD|FILE.py:FUNCTION|none",
+        help="The firmware's build, as of `campaign`; your own controller, a function in a Python file; or "
+        "none: another program joins the bus (real time).",
     ),
 ]
 ParameterFiles = Annotated[

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from tools.commands.options import FirmwareBuild, Json, ParameterFiles
+from tools.commands.options import Controller, Json, ParameterFiles
 from tools.output import (
     EXIT_CHECK_FAILED,
     EXIT_NOTHING_RAN,
@@ -24,7 +24,7 @@ def replay(
             help="Run folders, CAN logs of another bench, or folders of such recordings.", metavar="LOG|RUN…"
         ),
     ],
-    firmware: FirmwareBuild | None = None,
+    firmware: Controller | None = None,
     parameters: ParameterFiles = None,
     as_json: Json = False,
 ) -> None:

@@ -8,7 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Column
 
-from tools.commands.options import Change, FirmwareBuild, Json, ParameterFiles, RealTime, note_unused_bus
+from tools.commands.options import Change, Controller, Json, ParameterFiles, RealTime, note_unused_bus
 from tools.output import (
     BadInputError,
     answer,
@@ -37,7 +37,7 @@ def run(
     bus: Annotated[
         str, typer.Option(help="auto, vcan, local, socketcan:can0 or any python-can interface:channel.")
     ] = "auto",
-    firmware: FirmwareBuild = "compiled",
+    firmware: Controller = "compiled",
     out: Annotated[Path | None, folder_option("The run folder; by default a new one under runs/.")] = None,
     seed: Annotated[
         int | None, typer.Option(help="Seed of all random numbers; by default the scenario's, or 1.", min=0)

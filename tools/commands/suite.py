@@ -10,7 +10,7 @@ from rich.table import Column
 from tools.commands.options import (
     MOST_TRIALS,
     Change,
-    FirmwareBuild,
+    Controller,
     Json,
     ParameterFiles,
     RealTime,
@@ -35,7 +35,7 @@ def suite(
     ] = "lockstep",
     time: RealTime = "held",
     bus: Annotated[str, typer.Option(help="The bus of real-time runs, as for run.")] = "auto",
-    firmware: FirmwareBuild = "compiled",
+    firmware: Controller = "compiled",
     out: Annotated[
         Path | None, folder_option("The folder for all runs; by default a new one under runs/.")
     ] = None,

@@ -19,12 +19,13 @@ from firmware_py.interface.codec import CODEC_BY_ID
 from firmware_py.interface.dbc import database
 from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
 from firmware_py.interface.frame import Frame
-from firmware_py.shell.builds import HERE, Build, node_of
+from firmware_py.shell.builds import HERE, Build
 from firmware_py.shell.node import power_up
 from firmware_py.shell.parameters import config_from, select_build
 from hil.bus.wire import MAX_STANDARD_ID
 from hil.faults.memory import ParameterMemory
 from hil.faults.on_bus import NamedFrames
+from hil.nodes.own_controller import node_maker
 from hil.record.bus_reconstruction import latest_sent
 from hil.record.candump import StoredBus
 from hil.record.run_folder import RUN_NOTE, read_note, refuse_irregular
@@ -130,7 +131,7 @@ def recordings(place: Path) -> list[Path]:
     return sorted(one for one in place.iterdir() if (one / CAN_LOG).exists() or one.suffix in LOGS)
 
 
-def replay(source: Path, build: Build | None = None, parameters: Sequence[Path] = ()) -> Replay:
+def replay(source: Path, build: str | None = None, parameters: Sequence[Path] = ()) -> Replay:
     """Replay the folder of a run, or a log of another bench.
 
     `build`: by default the recorded one, on this machine; of a log `compiled`. `parameters`: parameter files
@@ -162,7 +163,7 @@ def replay(source: Path, build: Build | None = None, parameters: Sequence[Path] 
     node = power_up(
         ParameterMemory(overrides, faults, seed).read(0.0),
         select_build(overrides),
-        node_of(build or recorded_build(note)),
+        node_maker(build or recorded_build(note)),
     )
     replayed = [StampedFrame(tick.t_s, frame) for tick in ticks for frame in node.tick(tick.received, 1)]
     changed_frames = compare_frames(sent, replayed, ticks[-min(LAST_TICKS, len(ticks))].t_s)
@@ -183,9 +184,16 @@ def replay(source: Path, build: Build | None = None, parameters: Sequence[Path] 
 
 
 def recorded_build(note: Mapping[str, Any]) -> Build:
-    """The build on this machine that computes as the recorded one; `note`: the content of run.json."""
-    builds: dict[str, Build] = {one: one for one in get_args(Build)}
-    build = builds.get(str(note.get("firmware")), "compiled")
+    """The build on this machine that computes as the recorded one; `note`: the content of run.json.
+
+    Raises BadInputError for a user's own controller: a file that a run folder names is not run unasked.
+    """
+    recorded = str(note.get("firmware", "compiled"))
+    if not is_build(recorded):
+        raise BadInputError(
+            f"the run's controller was {recorded}, not the firmware; give --firmware FILE.py:FUNCTION"
+        )
+    build = cast(Build, recorded)
     return HERE.get(build, build)
 
 

@@ -6,6 +6,7 @@ numbers. Figures of a step response are python-control's, for the signal minus i
 """
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
@@ -22,6 +23,8 @@ from hil.record.traces.trace import flatten
 FINAL_SHARE: Final = 0.1
 """Share of a window, at its end, whose median is the final value of a step response."""
 SAMPLES_TO_TRY: Final = 200
+OF_AN_OWN_CONTROLLER: Final = re.compile(r"\bfirmware\.(own\.[A-Za-z_][\w.]*)")
+"""Names that only a run with the user's own controller has."""
 
 REDUCERS: Final[Mapping[str, Callable[[Signal], float]]] = {
     "min": lambda signal: float(np.min(signal)),
@@ -67,10 +70,8 @@ def refuse_unknown(expression: str) -> None:
         read.append(f"{trace}.{name}")
         return rising
 
-    names = {
-        "plant": PlantRecord._fields,
-        "firmware": [one.name for name, kind in fields_of(walks=True) for one in flatten(name, kind)],
-    }
+    firmware = [one.name for name, kind in fields_of(walks=True) for one in flatten(name, kind)]
+    names = {"plant": PlantRecord._fields, "firmware": firmware + OF_AN_OWN_CONTROLLER.findall(expression)}
     evaluate(expression, t_s, names, rise)
     if not read:
         raise ExpressionError(
