@@ -29,7 +29,7 @@ from firmware_py.shell.parameters import addresses_from
 from hil.bench import beginning
 from hil.bench.ending import Outcome, ending_with_a_verdict
 from hil.bench.lockstep import Progress, simulate
-from hil.bench.options import RunOptions
+from hil.bench.options import RunOptions, prepare
 from hil.bench.supervision import BASELINE, Supervision, again_name, plan_of
 from hil.bus import Bus, BusCounters, ProvidedBus, join, join_in_turns, provide, shared
 from hil.bus.addressed import addressed
@@ -39,11 +39,9 @@ from hil.faults.line import FaultyBus
 from hil.faults.on_process import FIRMWARE, ProcessFault
 from hil.faults.processes import ProcessFaults
 from hil.judge.verdict import RunVerdict
-from hil.nodes.own_controller import load_own
 from hil.nodes.runners import OperatorRunner, Pace
 from hil.record import run_folder
-from hil.record.own_trace import NONE, is_build
-from hil.scenario.files import ScenarioError
+from hil.record.traces.own_trace import NONE
 from hil.scenario.operator import OPERATOR_PERIOD_S, RECEIVED_IDS
 from hil.scenario.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
 from hil.show.window import WINDOW, in_own_network
@@ -100,33 +98,6 @@ def run_scenario(
         if not options.keep_traces and ending.verdict.passed:
             run_folder.keep_the_log(run_dir)
     return ending.verdict
-
-
-def prepare(options: RunOptions) -> None:
-    """Make the image of an emulated build, and look at a user's controller.
-
-    Raises BoardError if the build cannot run here, TextInputError for a controller that cannot.
-    """
-    if options.firmware == NONE:
-        if options.clock == "lockstep":
-            raise ScenarioError(
-                "--firmware none with --clock lockstep: another program joins the bus in real time; give "
-                "--clock real, or --firmware FILE.py:FUNCTION for a controller that lockstep calls"
-            )
-        return
-    if not is_build(options.firmware):
-        load_own(options.firmware)
-        return
-    if options.firmware not in ("cortex-m7", "cortex-m4f"):
-        return
-    from firmware_py.builds.board import BoardError, image  # noqa: PLC0415 - imports LLVM
-
-    if options.clock != "lockstep":
-        raise BoardError(
-            f"--firmware {options.firmware} with --clock {options.clock}: an emulated board keeps no wall "
-            "clock's time; give --clock lockstep"
-        )
-    image("cortex-m7" if options.firmware == "cortex-m7" else "cortex-m4f")
 
 
 def program() -> str:

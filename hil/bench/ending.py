@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from hil.bench.sent_decisions import write_firmware_trace
 from hil.bench.verdict import KILLED, failed_for, finish, prejudge, write
 from hil.bus.base import BusError
 from hil.judge.figures.figures import OWN_BUSES
@@ -21,9 +22,9 @@ from hil.nodes.own_controller import OwnControllerError
 from hil.record import run_folder
 from hil.record.bus_reconstruction import doubt_two_firmwares
 from hil.record.candump import StoredBus
-from hil.record.own_trace import is_build, write_firmware_trace
 from hil.record.run_traces import CAN_LOG, read_scenario
 from hil.record.traces import trace
+from hil.record.traces.own_trace import is_build
 from hil.timing.processes import ChildError, ChildRefusalError
 from hil.timing.signals import Interrupted, ending_signals, interruption
 

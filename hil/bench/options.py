@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 
+from hil.nodes.own_controller import load_own
+from hil.record.traces.own_trace import NONE, is_build
+from hil.scenario.files import ScenarioError
 from hil.timing.clock import ClockName, TimeName
 
 
@@ -30,3 +33,30 @@ class RunOptions:
     def of_the_result(self) -> dict[str, str]:
         """The options on which the result of a suite depends, as stored in suite.json."""
         return {"clock": self.clock, "time": self.time, "bus": self.bus, "firmware": self.firmware}
+
+
+def prepare(options: RunOptions) -> None:
+    """Make the image of an emulated build, and look at a user's controller.
+
+    Raises BoardError if the build cannot run here, TextInputError for a controller that cannot.
+    """
+    if options.firmware == NONE:
+        if options.clock == "lockstep":
+            raise ScenarioError(
+                "--firmware none with --clock lockstep: another program joins the bus in real time; give "
+                "--clock real, or --firmware FILE.py:FUNCTION for a controller that lockstep calls"
+            )
+        return
+    if not is_build(options.firmware):
+        load_own(options.firmware)
+        return
+    if options.firmware not in ("cortex-m7", "cortex-m4f"):
+        return
+    from firmware_py.builds.board import BoardError, image  # noqa: PLC0415 - imports LLVM
+
+    if options.clock != "lockstep":
+        raise BoardError(
+            f"--firmware {options.firmware} with --clock {options.clock}: an emulated board keeps no wall "
+            "clock's time; give --clock lockstep"
+        )
+    image("cortex-m7" if options.firmware == "cortex-m7" else "cortex-m4f")

@@ -27,8 +27,8 @@ from hil.nodes.own_controller import runner_of
 from hil.nodes.plant import ACCEPTED_IDS
 from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
 from hil.nodes.warm import warm_firmware, warm_plant
-from hil.record.own_trace import is_build
 from hil.record.run_folder import VERDICT, RunFolderError
+from hil.record.traces.own_trace import is_build
 from hil.record.traces.trace import bring_home
 from hil.scenario.operator import RECEIVED_IDS, OperatorNode
 from hil.scenario.scenario import load_scenario, refuse_other_periods
@@ -152,7 +152,7 @@ def firmware_main(scenario: str | None, settings: Sequence[str], process: NodePr
     def make(pace: Pace, bus: FaultyBus) -> FirmwareRunner:
         memory = ParameterMemory(parameters, faults, process.seed)
         out_dir, say = process.out_dir, partial(print, file=sys.stderr)
-        return make_runner(memory, pace, bus, out_dir, walks, say)
+        return make_runner(memory, pace, bus, out_dir, walks, say=say)
 
     process.run(FIRMWARE, make, period_s, 0.5, received.RECEIVED_IDS, addresses_from(parameters), faults)
 

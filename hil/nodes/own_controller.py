@@ -8,7 +8,7 @@ tick: a NamedTuple of numbers. `config` is the firmware's `Config`, of which `co
 those received since the last tick and those to be sent. The file is code that runs as its user.
 
 The state of each tick is recorded. What the controller decides is judged by the frames that it sends, as on a
-log of a real bench (`hil.record.own_trace`).
+log of a real bench (`hil.record.traces.own_trace`).
 """
 
 import importlib.util
@@ -25,8 +25,8 @@ from firmware_py.shell.node import power_up
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
 from hil.nodes.runners import FirmwareRunner, Pace
-from hil.record.own_trace import OwnTrace, is_build, refuse_state
-from plant_sim.text_input import TextInputError
+from hil.record.traces.own_trace import OwnTrace, is_build, refuse_state
+from text_input import TextInputError
 
 Tick = Callable[[Config, Any, Sequence[Frame]], tuple[Any, Sequence[Frame]]]
 """One control period: the next state, and the frames to be sent."""

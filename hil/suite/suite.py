@@ -10,10 +10,10 @@ from time import perf_counter
 from typing import Any
 
 from hil.bench import beginning, workers
-from hil.bench.bench import prepare, run_scenario
+from hil.bench.bench import run_scenario
 from hil.bench.ending import Outcome, close, is_verdict, reason_of, was_cut_short
 from hil.bench.lockstep import Progress, silent
-from hil.bench.options import RunOptions
+from hil.bench.options import RunOptions, prepare
 from hil.bench.verdict import KILLED, without_records
 from hil.judge import junit, requirements
 from hil.judge.seeds import ScenarioVerdict, merge

@@ -42,8 +42,7 @@ def campaign(
     as_json: Json = False,
 ) -> None:
     """Run the closed loop on many sampled modules and starts, and judge the results by goals."""
-    from hil.bench.bench import prepare
-    from hil.bench.options import RunOptions
+    from hil.bench.options import RunOptions, prepare
     from hil.bench.workers import WorkerDiedError
     from hil.record.run_folder import RUNS
     from plant_sim.scene import load_scene

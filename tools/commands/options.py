@@ -67,7 +67,7 @@ FirmwareBuild = Annotated[
 def controller(text: str | None) -> str | None:
     """The value of `--firmware` of a run. Raises BadParameter for what is no build, file or `none`."""
     from firmware_py.shell.builds import Build
-    from hil.record.own_trace import NONE, is_build
+    from hil.record.traces.own_trace import NONE, is_build
 
     if text is None or is_build(text) or text == NONE or ":" in text:
         return text

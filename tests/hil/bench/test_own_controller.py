@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import hil
-from plant_sim.text_input import TextInputError
+from text_input import TextInputError
 from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PASSED
 
