@@ -30,7 +30,7 @@ BAD_INPUT = frozenset(
         "hil.bench.workers.WorkerDiedError",
         "hil.bus.base.BusError",
         "hil.bus.base.BusFailedError",
-        "hil.bus.xcp_master.XcpMasterError",
+        "tools.xcp_master.XcpMasterError",
         "hil.can_model.bits.BitRateError",
         "hil.faults.line.TrafficError",
         "hil.kernel.user_mode_linux.UmlDeathError",

@@ -7,8 +7,7 @@ from collections.abc import Iterable
 
 from firmware_py.interface.addresses import DEFAULT, NOT_OURS, Addresses, bus_id, module_id
 from firmware_py.interface.frame import Frame
-from hil.bus.base import NO_END_NS, Bus
-from hil.bus.wrapped import WrappedBus
+from hil.bus.base import NO_END_NS, Bus, WrappedBus
 
 
 def addressed(bus: Bus, places: Addresses) -> Bus:

@@ -3,9 +3,8 @@
 import select
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import Bus, BusCounters, BusFailedError
+from hil.bus.base import Bus, BusCounters, BusFailedError, WrappedBus
 from hil.bus.bridge_process import BridgeProcess
-from hil.bus.wrapped import WrappedBus
 
 
 class WatchedBus(WrappedBus):

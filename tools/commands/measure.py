@@ -32,8 +32,8 @@ def measure(
     per tick: one signal at 1 kHz or forty at 25 Hz. The log has the signals in the places of a run's log.
     """
     from firmware_py.node.places import ALL
-    from hil.bus.xcp_master import Sampled
     from tools.logs.measured import measure_signals
+    from tools.xcp_master import Sampled
 
     if names:
         every = [place.name for place in ALL]

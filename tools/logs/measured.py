@@ -18,7 +18,6 @@ from firmware_py.interface.parameter_table import INDEX, TABLE
 from firmware_py.shell.parameters import addresses_from, check_value
 from hil.bus import open_bus
 from hil.bus.addressed import addressed
-from hil.bus.xcp_master import RefusedError, Sampled, XcpMaster
 from hil.record.formats import PARAMETERS
 from hil.record.new_file import make_anew, write_anew
 from hil.scenario.settings import apply_settings
@@ -27,6 +26,7 @@ from hil.timing.signals import Interrupted, is_ctrl_c
 from tools.logs.view import live_viewer
 from tools.output import BadInputError
 from tools.progress import shown_progress
+from tools.xcp_master import RefusedError, Sampled, XcpMaster
 
 TICK_S = 0.001
 """The control period on a real bus."""

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from hil.record.bus_reconstruction import latest_sent
 from hil.record.candump import StoredBus
 from hil.record.run_folder import RUN_NOTE, read_note, refuse_irregular
 from hil.record.run_traces import CAN_LOG, SCENARIO
+from hil.record.traces.own_trace import is_build
 from hil.scenario.parameter_file import merge_files
 from hil.scenario.scenario import Scenario, load_scenario
 from plant_sim.arrays import FloatArray

@@ -44,10 +44,10 @@ from firmware_py.shell.flat_node import FlatNode
 from firmware_py.shell.node import FirmwareNode
 from firmware_py.shell.parameters import parameters_of, round_to_float32, values_of
 from hil.bus import join, provide
-from hil.bus.xcp_master import ACCEPTED_IDS, RefusedError, Sampled, SessionError, XcpMaster, XcpMasterError
 from hil.scenario.parameter_file import read_parameters
 from tools import cli
 from tools.output import EXIT_BAD_INPUT
+from tools.xcp_master import ACCEPTED_IDS, RefusedError, Sampled, SessionError, XcpMaster, XcpMasterError
 
 FLOATS = [place.name for place in places.ALL if place.kind is float and place.name.startswith("state.")]
 SAMPLES, LONGEST_S = 12, 60.0
@@ -472,7 +472,7 @@ def test_a_master_that_refuses_the_firmware_leaves_no_session(
 ) -> None:
     bus = join(compiled.address, ACCEPTED_IDS)
     master = XcpMaster(bus)
-    monkeypatch.setattr("hil.bus.xcp_master.file_name", lambda: "another.a2l")
+    monkeypatch.setattr("tools.xcp_master.file_name", lambda: "another.a2l")
     for _ in range(2):
         with pytest.raises(XcpMasterError, match="build and flash it"):
             master.connect()

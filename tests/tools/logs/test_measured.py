@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from hil.bus import BusError
-from hil.bus.xcp_master import Sample, Sampled
 from hil.timing.signals import Interrupted, interruption
 from tools import cli
 from tools.logs.measured import LOG_NAME, log_streams, lost_samples, measure_signals, summary
 from tools.output import EXIT_BAD_INPUT, BadInputError
+from tools.xcp_master import Sample, Sampled
 
 
 @pytest.mark.parametrize(
