@@ -138,8 +138,8 @@ def row_at(rows: Rows, t_s: float) -> int:
 
 @subroutine
 def since_strike_s(row: Rows, into_s: float, same_s: float) -> float:
-    """Time since the last heel strike, s; the last row of a walk has no end and one
-    heel strike a stride.
+    """Time since the last heel strike, s; the last row of a walk has no end and one heel strike a
+    stride.
 
     The instant of a heel strike may be missed by up to `same_s`: then the time is 0 or just below.
     """
