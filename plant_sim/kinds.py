@@ -87,4 +87,9 @@ def kernel_parts(parts: Parts) -> Parts:
     """The parts for kernels. Interpreted kernels (NUMBA_DISABLE_JIT) take them as they are."""
     if isinstance(parts, Reference):
         return parts
-    return by_reference(parts, _AnyParts(*map(with_kind, Parts._fields, parts)))
+    return by_reference(parts, any_parts(parts))
+
+
+def any_parts(parts: Parts) -> Any:
+    """The parts as the record of all slots."""
+    return parts.fields if isinstance(parts, Reference) else _AnyParts(*map(with_kind, Parts._fields, parts))

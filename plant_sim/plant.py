@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.kernels import entry_point, jit, subroutine
-from plant_sim.kinds import kernel_parts
-from plant_sim.module import MOST_IMPACTS, Module, module_of, move
+from plant_sim.module import MOST_IMPACTS, move
 from plant_sim.parts.housing import housing_m_s2
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_rigid, origin_m, stop_position_m
@@ -19,9 +18,9 @@ from plant_sim.scene import Scene, require_scene
 from plant_sim.sensors.gait import GaitReading, GaitSensors, GaitTruth, gait_at, gaits_at
 from plant_sim.sensors.readings import Noise, Readers, SensorReading, read_sensors, readers
 from plant_sim.sensors.sampled import SAMPLED
-from plant_sim.sensors.sensing import NO_SENSING, allocate_sensing, sense_jump, series_order
+from plant_sim.sensors.sensing import NO_SENSING, allocate_sensing, sense_jump
 from plant_sim.simulation import initial_state
-from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, DONE, refusal
+from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, DONE, refusal, with_address
 from plant_sim.solvers.adaptive.observation import (
     electrical_ledger,
     ledger,
@@ -29,7 +28,7 @@ from plant_sim.solvers.adaptive.observation import (
     observation,
     peak_felt_force_n,
 )
-from plant_sim.solvers.adaptive.state_layout import UNSETTLED, allocate
+from plant_sim.solvers.adaptive.state_layout import UNSETTLED, Run, allocate, run_of
 from plant_sim.tables.quantities import SPEED
 from plant_sim.validation_messages import real
 
@@ -75,9 +74,9 @@ class Plant:
         if scene.sensors is not None:
             self._readers = readers(scene.sensors)
             probe = allocate_sensing(scene.sensors, initial.omega_rad_s, self.parts.housing)
-        order = series_order(probe)
-        memory = allocate(self.parts, initial, scene.solver.accuracy, MOST_IMPACTS, order)
-        memory.held[0].t_s = initial.t_s
+        run = allocate(self.parts, initial, scene.solver.accuracy, MOST_IMPACTS, probe)
+        start: Any = run.memory[0].held
+        start.t_s = initial.t_s
         self.sampled = () if scene.sensors is None else scene.sensors.sampled()
         """The sensors that are sampled on periods of their own."""
         streams = (SAMPLED_STREAM + SAMPLED.index(type(sensor)) for sensor in self.sampled)
@@ -86,9 +85,10 @@ class Plant:
         if scene.sensors is not None and isinstance(self.parts.housing, Walking):
             self._gait_sensors = GaitSensors(scene.sensors.gait, self.parts.housing, seed, GAIT_PERIOD_S)
         self._impacts: list[Impact] = []
-        self.module = module_of(self.parts, probe, memory)
+        self.module = with_address(run)
         """The module for compiled code, which calls `take_back` after it has advanced it."""
-        self._memory = self.module.memory
+        self._module_record: Any = getattr(self.module, "record", self.module)
+        self._memory: Any = self.module.memory[0]
         self._move = compiled_move(self)
         self.now: Observation
         """The present observation of the module."""
@@ -116,14 +116,14 @@ class Plant:
                 f"the striker is at x = {self.now.x_m} m, beyond the rigid stop that would be at "
                 f"{stop_position_m(parts.stop)} m; wait until the striker is clear of it (`is_clear_of`)"
             )
-        depth_m = depth_after_m(self.parts, parts, float(self._memory.y[0]))
-        self.parts, self.module = parts, self.module._replace(parts=kernel_parts(parts))
-        self._memory.y[0] = depth_m
+        depth_m = depth_after_m(self.parts, parts, float(self._memory.y.depth_m))
+        self.parts, self.module = parts, run_of(parts, *self._module_record[1:])
+        self._memory.y.depth_m = depth_m
         self._disturb()
 
     def is_clear_of(self, parts: Parts) -> bool:
         """Whether the striker is before the rigid stop of these parts, or at it; True without one."""
-        depth_m = depth_after_m(self.parts, parts, float(self._memory.y[0]))
+        depth_m = depth_after_m(self.parts, parts, float(self._memory.y.depth_m))
         return not is_rigid(parts.stop) or depth_m <= 0.0
 
     def kick(self, change_m_s: float) -> None:
@@ -134,15 +134,15 @@ class Plant:
         change_m_s, largest_m_s = real(change_m_s), SPEED.largest
         if not abs(change_m_s) <= largest_m_s:
             raise PlantError(f"change_m_s = {change_m_s}; wanted at most {largest_m_s:g} m/s, up or down")
-        self._memory.y[1] += change_m_s
+        self._memory.y.v_m_s += change_m_s
         sense_jump(self.module.probe, -change_m_s)
         self._disturb()
 
     def _disturb(self) -> None:
         """Enter the phase that follows from the changed state, and exclude its energy from the ledger."""
-        held = self._memory.held[0]
+        held = self._memory.held
         held.stored_before_j = math.nan
-        self._memory.mode[0].phase = UNSETTLED
+        self._memory.mode.phase = UNSETTLED
         self._call(held.torque_n_m, 0.0)
 
     def _call(self, torque_n_m: float, dt_s: float) -> None:
@@ -156,7 +156,7 @@ class Plant:
         Raises SolverError if it failed.
         """
         if status != DONE:
-            raise refusal(status, self.parts, self._memory, self.t_s)
+            raise refusal(status, self.module)
         self.now = observation(self._memory)
 
     def sense(self) -> SensorReading:
@@ -179,7 +179,8 @@ class Plant:
     @property
     def observed(self) -> NDArray[np.float64]:
         """The present observation for sampled sensors, with places as in `state_layout.OBSERVED`."""
-        return self._memory.observed
+        observed: NDArray[np.float64] = self._memory.observed
+        return observed
 
     def sample_noise(self, which: int, signals: int) -> NDArray[np.float64]:
         """Standard normals for the next sample of one of `sampled`, one for each of its signals."""
@@ -206,13 +207,13 @@ class Plant:
 
     @property
     def _impact_count(self) -> Any:
-        mode: Any = self._memory.mode  # a field of the array takes a fiftieth of the time of a record's
-        return mode["impacts"]
+        memory: Any = self.module.memory  # a field of the array takes a fiftieth of the time of a record's
+        return memory["mode"]["impacts"]
 
     def take_impact_rows(self) -> NDArray[np.void]:
         """Impacts as `take_impacts`, as records that are valid until the plant advances."""
         count = self._impact_count
-        rows: NDArray[np.void] = self._memory.impacts[: count[0]]
+        rows: NDArray[np.void] = self.module.impacts[: count[0]]
         count[0] = 0
         return rows
 
@@ -226,7 +227,8 @@ class Plant:
     @property
     def t_s(self) -> float:
         """Time since the start, s."""
-        held: Any = self._memory.held
+        memory: Any = self.module.memory
+        held = memory["held"]
         return float(held["t_s"][0] + held["t_rest_s"][0])
 
     @property
@@ -289,6 +291,6 @@ def warm(scene: Scene) -> None:
         plant.sense()
 
 
-def compiled_move(plant: Plant) -> Callable[[Module, float, float], int]:
+def compiled_move(plant: Plant) -> Callable[[Run, float, float], int]:
     """The kernel `move` for the types of this plant, compiled or loaded now."""
     return entry_point(_MOVE, plant.module, 0.0, 0.0)

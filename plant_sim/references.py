@@ -90,7 +90,7 @@ class Reference:
         self.fields = fields  # keeps the arrays alive
         if kind not in _LAYOUTS:
             store = entry_point(_store, fields, 0)
-            _LAYOUTS[kind] = ReferenceType(_typeof(fields)), ctypes.c_int64 * _word_count(fields), store
+            _LAYOUTS[kind] = ReferenceType(_typeof(fields)), ctypes.c_int64 * word_count(fields), store
         self.numba_type, words, store = _LAYOUTS[kind]
         self._words = words()
         self.address = ctypes.addressof(self._words)
@@ -146,10 +146,10 @@ def by_reference(record: _Record, layout: Any = None) -> _Record:
     return its_record
 
 
-def _word_count(value: Any) -> int:
+def word_count(value: Any) -> int:
     """The number of words of a number, an array (numba's ArrayModel) or a record."""
     if isinstance(value, tuple):
-        return sum(map(_word_count, value))
+        return sum(map(word_count, value))
     if isinstance(value, float) or type(value) is int:
         return 1
     if isinstance(value, np.ndarray):
@@ -165,7 +165,7 @@ def _array_objects(record: tuple[Any, ...], start: int = 0) -> list[int]:
             places += _array_objects(value, start)
         elif isinstance(value, np.ndarray):
             places.append(start + PARENT)
-        start += _word_count(value)
+        start += word_count(value)
     return places
 
 

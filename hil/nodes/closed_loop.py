@@ -28,10 +28,9 @@ from hil.nodes.plant_steps import (
     record_plant,
 )
 from plant_sim.kernels import call_at, subroutine
-from plant_sim.module import Module
 from plant_sim.sensors.readings import Readers, read_sensors
 from plant_sim.solvers.adaptive.adaptive import DONE
-from plant_sim.solvers.adaptive.state_layout import OBSERVED
+from plant_sim.solvers.adaptive.state_layout import OBSERVED, Run
 
 register()
 
@@ -96,7 +95,7 @@ class Bench(NamedTuple):
 
     period_s: float
     period_ns: int
-    module: Module
+    module: Run
     readers: Readers
     setup: Setup
     due: Due
@@ -180,7 +179,7 @@ def plant_turn(bench: Bench, state: PlantState) -> tuple[PlantState, int, int]:
 
     Returns its state, the number of frames in the firmware's inbox, and the solver's status.
     """
-    setup, buffers, observed = bench.setup, bench.buffers, bench.module.memory.observed
+    setup, buffers, observed = bench.setup, bench.buffers, bench.module.memory[0].observed
     row, tick = buffers.used[TICKS], state.tick
     omega_rad_s, readings = observed[OBSERVED.omega_rad_s], bench.module.probe.readings
     reading = read_sensors(bench.readers, readings, observed[OBSERVED.crank_rad], bench.noise[row])

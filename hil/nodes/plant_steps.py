@@ -18,11 +18,11 @@ from hil.drive.node import obey, report_frame
 from hil.drive.reports import NOTHING, Reports, Ticks, look, take
 from hil.nodes.sampled import COUNTER, MOST_SIGNALS, NOISE, TICK, WHICH, sampled_frame
 from plant_sim.kernels import subroutine
-from plant_sim.module import Module, move
+from plant_sim.module import move
 from plant_sim.sensors.readings import SensorReading
 from plant_sim.sensors.sampled import SAMPLED, SampledSensor
 from plant_sim.solvers.adaptive.adaptive import DONE
-from plant_sim.solvers.adaptive.state_layout import OBSERVED
+from plant_sim.solvers.adaptive.state_layout import OBSERVED, Run
 
 Vector = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -164,13 +164,13 @@ def obey_frames(
 
 @subroutine(inline=True)
 def move_on(
-    module: Module, config: DriveConfig, drive: DriveState, torque_n_m: float, duration_s: float
+    module: Run, config: DriveConfig, drive: DriveState, torque_n_m: float, duration_s: float
 ) -> tuple[DriveState, int]:
     """Advance by `duration_s` under the motor's torque, without torque once the drive's watchdog expires.
 
     Returns the drive, and the solver's status.
     """
-    observed = module.memory.observed
+    observed = module.memory[0].observed
     armed_s = axis.watchdog_left_s(config, drive)
     if armed_s > duration_s - TIME_RESOLUTION_S:
         armed_s = duration_s

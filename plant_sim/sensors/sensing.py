@@ -21,7 +21,7 @@ from plant_sim.kernels import subroutine
 from plant_sim.parts.drive import constant_speed_rad_s, is_motor
 from plant_sim.parts.housing import Housing, housing_m_s2, is_level, steady_m_s2
 from plant_sim.parts.parts import Parts
-from plant_sim.solvers.adaptive.state_layout import SHAKE, SPEED, VELOCITY, Vector, state_size
+from plant_sim.solvers.adaptive.state_layout import SeriesRows, Vector, Y
 from plant_sim.solvers.bernstein import DEGREE, NODES, ORDER, interpolate
 from plant_sim.tables.sensor_tables import AccelerometerTable, SensorsTable
 
@@ -162,22 +162,22 @@ def sense_step(
     """Drive the filters over the first `used_s` of a step of `h_s` of Bernstein coefficients `dense`."""
     inputs, share = probe.inputs, used_s / h_s
     if is_motor(parts.drive):
-        to_power(dense[SPEED], share, inputs[CRANK_SPEED])
-    to_power(dense[VELOCITY], share, inputs[STRIKER_VELOCITY])
+        to_power(dense[Y.crank_rad_s], share, inputs[CRANK_SPEED])
+    to_power(dense[Y.v_m_s], share, inputs[STRIKER_VELOCITY])
     if not is_level(parts.housing):
         _interpolate_housing(parts.housing, probe, used_s, begin_s)
     _drive_filters(probe, parts, used_s)
 
 
 @subroutine(inline=True)
-def sense_series(probe: Sensing, parts: Parts, series: Vector, used_s: float) -> None:
+def sense_series(probe: Sensing, parts: Parts, series: SeriesRows, used_s: float) -> None:
     """Drive the filters over the first `used_s` of a step by a Taylor series."""
     inputs = probe.inputs
     if is_motor(parts.drive):
-        _scaled(series[SPEED], used_s, inputs[CRANK_SPEED])
-    _scaled(series[VELOCITY], used_s, inputs[STRIKER_VELOCITY])
+        _scaled(series.crank_rad_s, used_s, inputs[CRANK_SPEED])
+    _scaled(series.v_m_s, used_s, inputs[STRIKER_VELOCITY])
     if not is_level(parts.housing):
-        _scaled(series[state_size(parts) + SHAKE], used_s, inputs[SHAKEN])
+        _scaled(series.housing_m_s2, used_s, inputs[SHAKEN])
     _drive_filters(probe, parts, used_s)
 
 

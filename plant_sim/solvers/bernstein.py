@@ -72,25 +72,16 @@ _FROM_VALUES: Coefficients = _inverse([_basis(Fraction(float(s))) for s in NODES
 
 
 class Scratch(NamedTuple):
-    """Scratch arrays of event location: shapes (ORDER + 1,) twice, (DEEPEST_HALVING + 2, ORDER + 3).
-
-    `inner` is the motion within a step; only windings use it.
-    """
+    """Scratch arrays of event location: shapes (ORDER + 1,) twice, (DEEPEST_HALVING + 2, ORDER + 3)."""
 
     poly: Coefficients
     press: Coefficients
     stack: Coefficients
-    inner: Coefficients
 
 
-def scratch_arrays(motion: int) -> Scratch:
-    """Scratch arrays; `inner` holds this number of quantities."""
-    return Scratch(
-        np.zeros(ORDER + 1),
-        np.zeros(ORDER + 1),
-        np.zeros((DEEPEST_HALVING + 2, ORDER + 3)),
-        np.zeros(motion),
-    )
+def scratch_arrays() -> Scratch:
+    """Scratch arrays."""
+    return Scratch(np.zeros(ORDER + 1), np.zeros(ORDER + 1), np.zeros((DEEPEST_HALVING + 2, ORDER + 3)))
 
 
 new_scratch = jit(scratch_arrays)

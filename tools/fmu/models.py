@@ -16,7 +16,7 @@ def functions_of(kind: str, scene: str = "", seed: str = "0") -> Functions:
     if kind == "plant-shared":
         return any_plant.shared_functions()
     if kind == "node-shared":
-        return shared_functions(any_plant.kinds())
+        return shared_functions(any_plant.run_type())
     its_scene = load_scene(json.loads(scene))
     if kind == PlantNodeModel.kind:
         return PlantNodeModel(its_scene, int(seed), period_s=1e-3).functions()

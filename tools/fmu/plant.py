@@ -21,14 +21,15 @@ from plant_sim.parts.walking import Walking
 from plant_sim.parts.wearer import NoWearer
 from plant_sim.parts.winding import WindingTable
 from plant_sim.plant import depth_after_m
-from plant_sim.references import by_reference
+from plant_sim.references import word_count
 from plant_sim.result import EnergyLedger, Impact, Observation
 from plant_sim.scene import Scene
 from plant_sim.sensors.readings import SensorReading, read_sensors, readers
-from plant_sim.sensors.sensing import NO_SENSING, allocate_sensing, sense_jump, series_order, settle_filters
+from plant_sim.sensors.sensing import NO_SENSING, allocate_sensing, sense_jump, settle_filters
 from plant_sim.simulation import initial_state
-from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, NO_GRID, advance, call_advance
+from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, advance, call_advance
 from plant_sim.solvers.adaptive.state_layout import (
+    MEMORY,
     OBSERVED,
     UNSETTLED,
     allocate,
@@ -43,8 +44,6 @@ from tools.fmu.variables import NO_KEYS, Variable, parameters
 
 _pointer: Any = types.CPointer
 NUMBERS = _pointer(types.float64)
-UNKNOWN = 0x5AFE_C0DE_5AFE_C0DE
-"""Stands for the address of `plant_advance` until an instance has it."""
 TORQUE, KICKS, ACCELERATION = "motor.torque_n_m", "kicks.v_m_s", "housing.acceleration_m_s2"
 INPUTS = (
     Variable(TORQUE, "input", "torque command of the motor; an ideal drive ignores it"),
@@ -79,49 +78,50 @@ def natural_rad_s(striker: Striker) -> float:
     return math.sqrt(striker.spring_n_per_m / striker.mass_kg)
 
 
-def change(before: Any, after: Any, probe: Any, memory: Any, kick_m_s: float) -> int:
+def change(run: Any, after: Any, kick_m_s: float) -> int:
     """Replace the parts, or kick the striker, as `Plant` does; 1 if a rigid stop forbids the parts."""
-    depth_m = depth_after_m(before, after, memory.y[0])
+    memory = run.memory[0]
+    depth_m = depth_after_m(run.parts, after, memory.y.depth_m)
     if kick_m_s == 0.0 and is_rigid(after.stop) and depth_m > 0.0:
         return 1
-    memory.y[0] = depth_m
-    memory.y[1] += kick_m_s
-    sense_jump(probe, -kick_m_s)
-    memory.held[0].stored_before_j = math.nan
-    memory.mode[0].phase = UNSETTLED
+    memory.y.depth_m = depth_m
+    memory.y.v_m_s += kick_m_s
+    sense_jump(run.probe, -kick_m_s)
+    memory.held.stored_before_j = math.nan
+    memory.mode.phase = UNSETTLED
     return 0
 
 
-def step(
-    parts: Any, probe: Any, memory: Any, grid: Any, torque_n_m: float, t_s: float, h_s: float, out: Any
-) -> int:
+def step(run: Any, torque_n_m: float, t_s: float, h_s: float, out: Any) -> int:
     """Advance by `h_s` and write the outputs; returns the solver's status."""
-    held = memory.held[0]
+    held = run.memory[0].held
+    held.torque_n_m, held.start_s, held.duration_s = torque_n_m, t_s, h_s
     held.elapsed_s = held.elapsed_low_s = 0.0
     status = BUFFER_FULL
     while status == BUFFER_FULL:
-        status = call_advance(parts, probe, memory, torque_n_m, t_s, h_s, grid)
-        write_impacts(memory, out)
-    write_motion(memory, out)
+        status = call_advance(run)
+        write_impacts(run, out)
+    write_motion(run, out)
     return status
 
 
 @subroutine
-def write_impacts(memory: Any, out: Any) -> None:
-    """Write the number of impacts and the last one's data; the memory then has room for others."""
-    for row in range(memory.mode[0].impacts):
-        impact = memory.impacts[row]
+def write_impacts(run: Any, out: Any) -> None:
+    """Write the number of impacts and the last one's data; the run then has room for others."""
+    mode = run.memory[0].mode
+    for row in range(mode.impacts):
+        impact = run.impacts[row]
         out[COUNT] += 1.0
         out[COUNT + 1], out[COUNT + 2], out[COUNT + 3] = impact.t_s, impact.v_m_s, impact.v_after_m_s
         out[COUNT + 4], out[COUNT + 6] = impact.impulse_n_s, impact.crank_rad
         out[COUNT + 5] = 0.0 if math.isnan(impact.peak_force_n) else impact.peak_force_n
-    memory.mode[0].impacts = 0
+    mode.impacts = 0
 
 
 @subroutine
-def write_motion(memory: Any, out: Any) -> None:
+def write_motion(run: Any, out: Any) -> None:
     """Write the present observation and the energy residual."""
-    held, observed = memory.held[0], memory.observed
+    held, observed = run.memory[0].held, run.memory[0].observed
     for place in range(observed.size):
         out[place] = observed[place]
     ledger = _Ledger(
@@ -157,6 +157,12 @@ VOCABULARY: dict[str, Any] = {
     "Gravity": Gravity,
 }
 """The functions and records in generated texts."""
+
+
+def offset(record: np.dtype[Any], field: str) -> int:
+    """The offset of a field in bytes."""
+    assert record.fields is not None
+    return int(record.fields[field][1])
 
 
 def noise(seed: int) -> Flat:
@@ -195,15 +201,10 @@ class PlantModel:
         sensors = scene.sensors
         omega_rad_s = initial.omega_rad_s
         probe = NO_SENSING if sensors is None else allocate_sensing(sensors, omega_rad_s, parts.housing)
-        order = series_order(probe)
-        memory = allocate(parts, initial, scene.solver.accuracy, self.most_impacts, order)
         self._parts = parts
         self._scope = dict(VOCABULARY)
         self.records: dict[str, Any] = {
-            "parts": kernel_parts(parts),
-            "probe": by_reference(probe),
-            "memory": by_reference(memory._replace(advance_at=UNKNOWN)),
-            "grid": NO_GRID,
+            "run": allocate(parts, initial, scene.solver.accuracy, self.most_impacts, probe),
             "noise": noise(seed),
         }
 
@@ -225,13 +226,16 @@ class PlantModel:
         rules = "".join(f"{json.dumps(message)}, " for _, message in self.rules)
         tables = {"uint64_t K": ki_double, "double W": wi_double, "double F": fi_double}
         acts = f" || (i) == {self._place[ACCELERATION]}" if self._is_carried else ""
+        run = self.records["run"]
         return "\n".join(
             [
                 f"#define OUT {self._place[OUTPUTS[0].name]}",
                 f"#define READINGS {self._place.get(READINGS[0].name, 0)}",
                 f"#define KICKS_IN {self._place[KICKS]}",
                 f"#define TORQUE_IN {self._place.get(TORQUE, 0)}",
-                f"#define ADVANCE_AT {self.records['memory'].words.index(UNKNOWN)}",
+                f"#define PARTS_WORDS {word_count(run.fields.parts)}",
+                f"#define MEMORY_AT {run.words.index(run.memory.ctypes.data)}",
+                f"#define ADVANCE_AT {(offset(MEMORY, 'held') + offset(MEMORY['held'], 'advance_at')) // 8}",
                 f"#define ACTS_ON_PARTS(i) (TABLE[i].role == 't'{acts})",
                 f"static const char *const RULES[] = {{NULL, {rules}}};",
                 *(
@@ -243,36 +247,35 @@ class PlantModel:
 
     def functions(self) -> Functions:
         """The functions of this scene."""
-        parts, probe, memory, _ = self.kinds()
-        found = {
+        run = self.run_type()
+        found: Functions = {
             "plant_parts": (self._function("parts", self._parts_lines()), (NUMBERS, NUMBERS)),
-            "plant_begin": (self._function("begin", self._begin_lines()), (NUMBERS, parts, probe, memory)),
+            "plant_begin": (self._function("begin", self._begin_lines()), (NUMBERS, run)),
         }
         if self.scene.sensors is not None:
             read = self._function("read", self._read_lines())
-            found["plant_read"] = read, (NUMBERS, probe, memory, NUMBERS, NUMBERS)
+            found["plant_read"] = read, (NUMBERS, run, NUMBERS, NUMBERS)
         return found
 
     def shared_functions(self) -> Functions:
         """The functions of every scene: the kernel is the same for all."""
-        parts, probe, memory, grid = self.kinds()
-        number = types.float64
+        run, parts, number = self.run_type(), _typeof(kernel_parts(self._parts)), types.float64
         return {
-            "plant_advance": (_advance, (parts, probe, memory, number, number, number, grid)),
-            "plant_change": (change, (parts, parts, probe, memory, number)),
-            "plant_step": (step, (parts, probe, memory, grid, number, number, number, NUMBERS)),
+            "plant_advance": (_advance, (run,)),
+            "plant_change": (change, (run, parts, number)),
+            "plant_step": (step, (run, number, number, number, NUMBERS)),
         }
 
-    def kinds(self) -> list[Any]:
-        """numba's types of the records that kernels take."""
-        return [_typeof(self.records[name]) for name in ("parts", "probe", "memory", "grid")]
+    def run_type(self) -> Any:
+        """numba's type of the run that kernels take."""
+        return _typeof(self.records["run"])
 
     def _function(self, name: str, lines: list[str]) -> Any:
         """A function of `v`, the values of the variables, from generated lines: calls of the plant's own."""
         arguments = {
             "parts": "v, words",
-            "begin": "v, parts, probe, memory",
-            "read": "v, probe, memory, noise, out",
+            "begin": "v, run",
+            "read": "v, run, noise, out",
         }
         body = "".join(f"    {line}\n" for line in [*lines, "return 0"])
         exec(f"def plant_{name}({arguments[name]}):\n{body}", self._scope)
@@ -335,7 +338,7 @@ class PlantModel:
         texts, word, lines = self._part_texts(), 0, []
         for slot, text in texts.items():
             lines.append(f"{slot} = {text}")
-        records = self.records["parts"].fields
+        records = self.records["run"].fields.parts
         for slot, record in records._asdict().items():
             part = getattr(self._parts, slot)
             computed = ("gravity_m_s2",) if isinstance(part, Walking) else part._fields
@@ -373,23 +376,24 @@ class PlantModel:
         """The start: tolerances, state, and steady filters; 1 if it is beyond a rigid stop."""
         x_m = self._of("initial.x_m")
         lines = [
+            "parts = run.parts",
             f"if is_rigid(parts.stop) and {x_m} > stop_position_m(parts.stop):",
             "    return 1",
             "omega_rad_s = constant_speed_rad_s(parts.drive)",
             f"depth_m = {x_m} - origin_m(parts.stop, parts.striker)",
             f"phase_rad = {self._of('drive.phase_rad')}",
-            f"restart(parts, memory, depth_m, {self._of('initial.v_m_s')}, phase_rad, omega_rad_s)",
-            f"set_accuracy(parts, memory, {self._of('solver.accuracy')})",
+            f"restart(run, depth_m, {self._of('initial.v_m_s')}, phase_rad, omega_rad_s)",
+            f"set_accuracy(run, {self._of('solver.accuracy')})",
         ]
         if self.scene.sensors is not None:
             sensors = self._record(self.scene.sensors, "sensors.")
-            lines.append(f"settle_filters(probe, {sensors}, omega_rad_s, parts.housing)")
+            lines.append(f"settle_filters(run.probe, {sensors}, omega_rad_s, parts.housing)")
         return lines
 
     def _read_lines(self) -> list[str]:
         """The sensors' readings of this instant, from four standard normals."""
         assert self.scene.sensors is not None
         sensors = self._record(self.scene.sensors, "sensors.")
-        crank_rad = f"memory.observed[{OBSERVED.crank_rad}]"
+        crank_rad = f"run.memory[0].observed[{OBSERVED.crank_rad}]"
         names = ", ".join(f"out[{place}]" for place in range(len(READINGS)))
-        return [f"{names} = read_sensors(readers({sensors}), probe.readings, {crank_rad}, noise)"]
+        return [f"{names} = read_sensors(readers({sensors}), run.probe.readings, {crank_rad}, noise)"]

@@ -23,7 +23,6 @@ from hil.nodes.plant_steps import (
     obey_frames,
     publish,
 )
-from plant_sim.module import Module
 from plant_sim.references import by_reference
 from plant_sim.scene import Scene
 from plant_sim.sensors.readings import SensorReading
@@ -72,14 +71,11 @@ def tick(
     config_at: Any,
     state_at: Any,
     mail: Any,
-    parts: Any,
-    probe: Any,
-    memory: Any,
-    grid: Any,
+    run: Any,
     out: Any,
 ) -> int:
     """Publish, obey and advance by a tick. Returns the solver's status."""
-    config, observed, readings = load_config(config_at), memory.observed, mail.readings
+    config, observed, readings = load_config(config_at), run.memory[0].observed, mail.readings
     setup = Setup(config.drive, config.report_ticks, config.encoder_ticks, NO_SENSORS)
     reading = SensorReading(readings[0], readings[1], readings[2], readings[3], readings[4])
     state = load_state(state_at)
@@ -88,10 +84,9 @@ def tick(
     omega_rad_s = observed[OBSERVED.omega_rad_s]
     state = obey_frames(config.drive, state, reading, omega_rad_s, mail.received, mail.counts[0])
     mail.torque_n_m[0] = state.torque_n_m
-    module = Module(parts, probe, memory, grid)
-    drive, status = move_on(module, config.drive, state.drive, state.torque_n_m, config.period_s)
-    write_impacts(memory, out)
-    write_motion(memory, out)
+    drive, status = move_on(run, config.drive, state.drive, state.torque_n_m, config.period_s)
+    write_impacts(run, out)
+    write_motion(run, out)
     store_record(state._replace(tick=state.tick + 1, drive=drive), state_at)
     return status
 
@@ -153,9 +148,9 @@ def mailbox() -> Mail:
     )
 
 
-def shared_functions(kinds: list[Any]) -> Functions:
-    """The function of every node; `kinds`: numba's types of parts, probe, memory and grid."""
+def shared_functions(run_type: Any) -> Functions:
+    """The function of every node; `run_type`: numba's type of the run."""
     typeof: Any = numba.typeof
     mail = typeof(by_reference(mailbox()))
-    arguments = (types.voidptr, types.voidptr, mail, *kinds, NUMBERS)
+    arguments = (types.voidptr, types.voidptr, mail, run_type, NUMBERS)
     return {"node_tick": (tick, arguments)}

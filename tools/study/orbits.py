@@ -193,7 +193,7 @@ def classify_in_closed_form(
     rates: Vector,
 ) -> None:
     """Fill the cycles and the impacts a turn in which starts end; a map has a million of them."""
-    turn_s, scratch = TURN_RAD / o.drive_rad_s, new_scratch(0)
+    turn_s, scratch = TURN_RAD / o.drive_rad_s, new_scratch()
     counts, v_m_s = np.empty(LAST_TURNS, np.int64), np.empty(LAST_TURNS * CHATTER_IMPACTS)
     for index in range(len(starts)):
         y_m, start_m_s, crank_rad = starts[index, 0], starts[index, 1], starts[index, 2]

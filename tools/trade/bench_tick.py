@@ -15,11 +15,11 @@ from hil.nodes.warm import warm_firmware, warm_plant
 from hil.record.traces.firmware_trace import columns_of
 from hil.scenario.scenario import Scenario
 from plant_sim.kernels import jit
-from plant_sim.module import Module, move
+from plant_sim.module import move
 from plant_sim.plant import Plant
 from plant_sim.sensors.readings import Readers, read_sensors
 from plant_sim.solvers.adaptive.adaptive import DONE
-from plant_sim.solvers.adaptive.state_layout import OBSERVED
+from plant_sim.solvers.adaptive.state_layout import OBSERVED, Run
 from tools.trade.control_rate import short_start
 from tools.trade.costs import Progress
 
@@ -32,16 +32,16 @@ UNIT = "µs of processor per tick, called from compiled code"
 
 @jit
 def run_ticks(
-    module: Module, readers: Readers, noise: NDArray[np.float64], speed_rad_s: float, tick_s: float
+    module: Run, readers: Readers, noise: NDArray[np.float64], speed_rad_s: float, tick_s: float
 ) -> float:
     """Run a tick for each row of `noise`; return the sum of the readings of speed, nan if one failed."""
-    total, memory = 0.0, module.memory
+    total, memory = 0.0, module.memory[0]
     for row in range(noise.shape[0]):
         crank_rad, omega_rad_s = memory.observed[OBSERVED.crank_rad], memory.observed[OBSERVED.omega_rad_s]
         reading = read_sensors(readers, module.probe.readings, crank_rad, noise[row])
         total += reading.encoder_velocity_rev_s
         torque_n_m = START_N_M + GAIN_N_M_S * (speed_rad_s - omega_rad_s)
-        memory.mode[0].impacts = 0
+        memory.mode.impacts = 0
         if move(module, torque_n_m, tick_s) != DONE:
             return np.nan
     return total

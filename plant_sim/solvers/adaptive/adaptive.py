@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.kernels import address_of, by_address, call_at, entry_point, jit
-from plant_sim.kinds import kernel_parts
 from plant_sim.parts.friction import bend_m_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_rigid, origin_m
-from plant_sim.references import by_reference
 from plant_sim.result import Impact, Impacts, MotionState, Observation, Phase, Samples, SimulationResult
-from plant_sim.sensors.sensing import NO_SENSING, Sensing, note_readings
+from plant_sim.sensors.sensing import NO_SENSING, note_readings
 from plant_sim.solvers.adaptive.automaton import determine_phase
 from plant_sim.solvers.adaptive.crank import settle_crank
 from plant_sim.solvers.adaptive.observation import (
@@ -27,7 +25,16 @@ from plant_sim.solvers.adaptive.observation import (
     peak_felt_force_n,
     sample_now,
 )
-from plant_sim.solvers.adaptive.state_layout import READINGS, UNSETTLED, Grid, Memory, Vector, allocate
+from plant_sim.solvers.adaptive.state_layout import (
+    READINGS,
+    UNSETTLED,
+    Grid,
+    Memory,
+    Run,
+    Vector,
+    allocate,
+    now_s,
+)
 from plant_sim.solvers.adaptive.step import take_step
 from plant_sim.solvers.adaptive.wearer import from_stop_m
 from plant_sim.solvers.adaptive.winding import settle_voltage
@@ -46,64 +53,52 @@ TORQUE_PERIOD_S = 1e-3
 Torque: TypeAlias = float | Callable[[float], float]
 """A motor's torque, N m: constant, or a function of time in s."""
 
-NO_GRID: Grid = by_reference(Grid(np.empty(0), np.empty((0, READINGS))))
-_NO_SENSING = by_reference(NO_SENSING)
-
 
 @jit
-def advance(
-    parts: Parts,
-    probe: Sensing,
-    memory: Memory,
-    torque_n_m: float,
-    start_s: float,
-    duration_s: float,
-    grid: Grid,
-) -> int:
-    """Advance `memory` to `duration_s` after `start_s` under a constant torque; another call continues the
-    run.
+def advance(run: Run) -> int:
+    """Advance a run to `held.duration_s` after `held.start_s` under a constant torque; return the status.
 
-    `memory.held[0].elapsed_s` is the time reached. The samples at the times of `grid` (absolute)
-    are written into it.
+    Another call continues the run. `held.elapsed_s` is the time reached. Samples at the times of the grid are
+    written into it; its times are absolute.
     """
-    mode, held, room = memory.mode[0], memory.held[0], memory.impacts.shape[0]
+    memory, room = run.memory[0], run.impacts.shape[0]
+    mode, held = memory.mode, memory.held
     if mode.impacts >= room:  # a disturbance may end an impact, as each step may
         return BUFFER_FULL
     if mode.phase == UNSETTLED:
-        determine_phase(parts, memory, torque_n_m, start_s)
+        determine_phase(run)
     elif mode.crank_stuck == 1 or mode.zero_crank > 0:  # the torque may have changed
-        settle_crank(parts, memory, torque_n_m)
-    settle_voltage(parts, memory, torque_n_m)
-    begin_ledger(parts, memory)
+        settle_crank(run)
+    settle_voltage(run)
+    begin_ledger(run)
     status = DONE
     while True:
-        sample_now(parts, memory, torque_n_m, start_s, grid)
-        if held.elapsed_s >= duration_s:
+        sample_now(run)
+        if held.elapsed_s >= held.duration_s:
             break
         if mode.impacts >= room:
             status = BUFFER_FULL
             break
-        used = take_step(parts, probe, memory, torque_n_m, start_s, duration_s, grid)
+        used = take_step(run)
         if used < 0.0:
             status = STEP_TOO_SMALL
             break
         if held.debt > ALLOWANCE:
             status = TOO_COSTLY
             break
-    observe(parts, memory, torque_n_m, start_s + held.elapsed_s)
-    note_readings(probe)
+    observe(run)
+    note_readings(run.probe)
     return status
 
 
-def kernel_records(parts: Parts, probe: Sensing, memory: Memory) -> tuple[Parts, Sensing, Memory]:
-    """Parts, sensors' filters and memory for kernels; with the memory they have the address of `advance`."""
-    its_parts, its_probe = kernel_parts(parts), by_reference(probe)
-    address = address_of(advance, its_parts, its_probe, by_reference(memory), 0.0, 0.0, 0.0, NO_GRID)
-    return its_parts, its_probe, by_reference(memory._replace(advance_at=address))
+def with_address(run: Run) -> Run:
+    """The run for other kernels: its memory has the address of `advance`."""
+    run.memory[0].held.advance_at = address_of(advance, run)
+    return run
 
 
-call_advance = by_address(advance, lambda *arguments: call_at(arguments[2].advance_at, arguments))
-"""`advance`, for other kernels; its memory is one of `kernel_records`."""
+call_advance = by_address(advance, lambda run: call_at(run.memory[0].held.advance_at, (run,)))
+"""`advance`, for other kernels; the run is one of `with_address`."""
 
 
 def simulate(
@@ -119,16 +114,15 @@ def simulate(
 
     `samples_t_s` ascends within the run. `accuracy` is the largest error per forcing period, m.
     """
-    its_parts = kernel_parts(parts)
-    memory = allocate(its_parts, initial, accuracy, IMPACTS_AT_ONCE)
     times_s = np.array(() if samples_t_s is None else samples_t_s, dtype=np.float64)
     grid = Grid(times_s, np.zeros((times_s.size, READINGS)))
     duration_s = until_s - initial.t_s
     rows: list[NDArray[np.void]] = []
-    records = its_parts, memory, by_reference(grid, grid)  # a grid's class determines its type for all scenes
+    one = allocate(parts, initial, accuracy, IMPACTS_AT_ONCE, NO_SENSING, grid)
+    memory: Any = one.memory[0]
     for held_n_m, held_until_s in _held(torque_n_m, initial.t_s, duration_s):
-        while not rows or memory.held[0].elapsed_s < held_until_s:  # again if the buffer of impacts was full
-            rows.append(run(*records, held_n_m, initial.t_s, held_until_s))
+        while not rows or memory.held.elapsed_s < held_until_s:  # again if the buffer of impacts was full
+            rows.append(run(one, held_n_m, initial.t_s, held_until_s))
     impacts = np.concatenate(rows)
     origin = origin_m(parts.stop, parts.striker)
     end = observation(memory)
@@ -161,31 +155,32 @@ def _held(torque_n_m: Torque, start_s: float, duration_s: float) -> Iterator[tup
         yield torque_n_m(start_s + tick * TORQUE_PERIOD_S), until_s
 
 
-def run(
-    parts: Parts, memory: Memory, grid: Grid, torque_n_m: float, start_s: float, duration_s: float
-) -> NDArray[np.void]:
-    """Advance a module without sensors and raise failures; return and clear the impacts so far, records as
-    `Impact`.
-    """
-    records = kernel_parts(parts), _NO_SENSING, by_reference(memory)
-    arguments = (*records, float(torque_n_m), float(start_s), float(duration_s), by_reference(grid))
-    status = entry_point(advance, *arguments)(*arguments)
+def run(one: Run, torque_n_m: float, start_s: float, duration_s: float) -> NDArray[np.void]:
+    """Advance a run and raise failures; return and clear the impacts so far, records as `Impact`."""
+    memory: Any = one.memory
+    held, mode = (
+        memory["held"],
+        memory["mode"],
+    )  # a field of the array takes a fiftieth of the time of a record's
+    held["torque_n_m"], held["start_s"], held["duration_s"] = torque_n_m, start_s, duration_s
+    status = entry_point(advance, one)(one)
     if status in (STEP_TOO_SMALL, TOO_COSTLY):
-        raise refusal(status, parts, memory, start_s)
-    mode: Any = memory.mode  # a field of the array takes a fiftieth of the time of a record's
-    impacts: NDArray[np.void] = memory.impacts[: mode["impacts"][0]].copy()
+        raise refusal(status, one)
+    impacts: NDArray[np.void] = one.impacts[: mode["impacts"][0]].copy()
     mode["impacts"] = 0
     return impacts
 
 
-def refusal(status: int, parts: Parts, memory: Memory, start_s: float) -> SolverError:
+def refusal(status: int, one: Run) -> SolverError:
     """The error for a failed run: cause, time and motion, remedy."""
-    x_m = from_stop_m(parts, memory.y) + origin_m(parts.stop, parts.striker)
-    place = f"at t = {start_s + memory.held[0].elapsed_s:.9g} s, x = {x_m:.9g} m, v = {memory.y[1]:.6g} m/s"
+    parts: Any = one.parts
+    memory: Any = one.memory[0]
+    x_m = from_stop_m(memory.y) + origin_m(parts.stop, parts.striker)
+    place = f"at t = {now_s(memory):.9g} s, x = {x_m:.9g} m, v = {memory.y.v_m_s:.6g} m/s"
     if status == TOO_COSTLY:
         return too_costly(place, _remedy(parts, memory))
     if status == BUFFER_FULL:
-        most = memory.impacts.shape[0]
+        most = one.impacts.shape[0]
         return SolverError(f"more than {most:,} impacts at once {place}; lower stop.restitution")
     return SolverError(
         f"no step is small enough {place}; raise solver.accuracy, or make the parts less extreme"
@@ -194,7 +189,7 @@ def refusal(status: int, parts: Parts, memory: Memory, start_s: float) -> Solver
 
 def _remedy(parts: Parts, memory: Memory) -> str:
     """Remedy that names the most likely keys for a run that is too costly."""
-    if memory.mode[0].phase == Phase.CONTACT:
+    if memory.mode.phase == Phase.CONTACT:
         return (
             "make the stop softer (stop.contact_s, stop.stiffness), start the striker outside it "
             "(initial.x_m, stop.position_m), or raise solver.accuracy"

@@ -7,11 +7,9 @@ STICK, REST_ON_STOP ── release ──▶ FLIGHT or CONTACT
 """
 
 from plant_sim.kernels import subroutine
-from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_force_n, has_no_stop, is_soft, stop_force_n
 from plant_sim.parts.wearer import is_worn
 from plant_sim.result import Phase
-from plant_sim.sensors.sensing import Sensing
 from plant_sim.solvers.adaptive.crank import (
     break_crank_away,
     crank_events,
@@ -20,17 +18,7 @@ from plant_sim.solvers.adaptive.crank import (
     settle_crank,
 )
 from plant_sim.solvers.adaptive.event_location import Course, Event, Found, Step, earlier, steepest
-from plant_sim.solvers.adaptive.state_layout import (
-    IN_CONTACT,
-    LET_GO,
-    NO_IMPACT,
-    VELOCITY,
-    Flow,
-    Memory,
-    Mode,
-    Vector,
-    enter,
-)
+from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, LET_GO, NO_IMPACT, Flow, Run, Y, enter
 from plant_sim.solvers.adaptive.stiction import dry_limit_n, from_rest, release, release_event
 from plant_sim.solvers.adaptive.stop import (
     come_to_rest,
@@ -50,128 +38,132 @@ from plant_sim.solvers.bernstein import NO_ROOT, root
 
 
 @subroutine
-def determine_phase(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> None:
+def determine_phase(run: Run) -> None:
     """Enter the phases that follow from the state alone: at a start and after a disturbance.
 
     Only an impact at a soft stop continues, if the striker is still in it.
     """
-    y, mode = memory.y, memory.mode[0]
-    memory.held[0].last_step_s = 0.0
-    settle_crank(parts, memory, torque_n_m)
-    closing = closing_m_s(parts, y)
-    enter(mode, Phase.FLIGHT, 1 if y[1] > 0.0 else -1, 1 if y[0] == 0.0 and closing < 0.0 else 0, 0)
-    if is_soft(parts.stop):
-        _determine_contact(parts, memory, closing, time_s)
-    if y[1] == 0.0:
-        from_rest(parts, memory, time_s)
+    memory = run.memory[0]
+    y, mode = memory.y, memory.mode
+    memory.held.last_step_s = 0.0
+    settle_crank(run)
+    closing = closing_m_s(y)
+    enter(mode, Phase.FLIGHT, 1 if y.v_m_s > 0.0 else -1, 1 if y.depth_m == 0.0 and closing < 0.0 else 0, 0)
+    if is_soft(run.parts.stop):
+        _determine_contact(run, closing)
+    if y.v_m_s == 0.0:
+        from_rest(run)
 
 
 @subroutine
-def _determine_contact(parts: Parts, memory: Memory, closing: float, time_s: float) -> None:
+def _determine_contact(run: Run, closing: float) -> None:
     """Begin, continue or end an impact at a soft stop, from the state alone."""
-    y, mode, stop, contact = memory.y, memory.mode[0], parts.stop, memory.contact[0]
-    if y[0] < 0.0 or (y[0] == 0.0 and closing <= 0.0):
+    memory, stop = run.memory[0], run.parts.stop
+    y, mode, contact = memory.y, memory.mode, memory.contact
+    if y.depth_m < 0.0 or (y.depth_m == 0.0 and closing <= 0.0):
         if mode.in_impact != NO_IMPACT:
             contact.leave_m_s = closing
-            record_contact(parts, memory)
+            record_contact(run)
         return
     before = mode.in_impact
-    zeros = leaving_zeros(stop) if y[0] == 0.0 else 0
+    zeros = leaving_zeros(stop) if y.depth_m == 0.0 else 0
     if before == NO_IMPACT:
-        open_contact(parts, memory, time_s, zeros)
+        open_contact(run, zeros)
     else:
         enter(mode, Phase.CONTACT, mode.direction, zeros, 0)
         mode.in_impact = IN_CONTACT
-    if y[0] > 0.0:
-        follow_disturbance(parts, memory, 0.0)
-    if stop_force_n(stop, elastic_force_n(stop, y[0]), closing, contact.damping_s_m) < 0.0:
+    if y.depth_m > 0.0:
+        follow_disturbance(run, 0.0)
+    if stop_force_n(stop, elastic_force_n(stop, y.depth_m), closing, contact.damping_s_m) < 0.0:
         contact.leave_m_s = closing
         enter(mode, Phase.FLIGHT, mode.direction, 0, 0)
         mode.in_impact = NO_IMPACT if before == NO_IMPACT else LET_GO
 
 
 @subroutine
-def may_end(parts: Parts, flow: Flow, y: Vector, new: Vector, course: Course, mode: Mode) -> bool:
+def may_end(run: Run, flow: Flow, course: Course) -> bool:
     """Whether an event may occur in the step, by bounds from its ends and its largest slopes.
 
     A function with slopes within ± S and values g0 and g1 at the ends is at least (g0 + g1 − S h) / 2.
     """
+    parts, memory = run.parts, run.memory[0]
+    y, new, mode = memory.y, memory.new, memory.mode
     if (
         is_worn(parts.wearer)
         or flow.phase != Phase.FLIGHT
         or mode.zero_depth + mode.zero_velocity + mode.zero_crank > 0
     ):
         return True
-    change = course.h_s * steepest(course, VELOCITY)
-    if dry_limit_n(parts) > 0.0 and (y[1] + new[1]) * flow.direction <= change:
+    change = course.h_s * steepest(course, Y.v_m_s)
+    if dry_limit_n(parts) > 0.0 and (y.v_m_s + new.v_m_s) * flow.direction <= change:
         return True
-    if not has_no_stop(parts.stop) and max(y[0], new[0]) + 0.125 * course.h_s * change >= 0.0:
+    if not has_no_stop(parts.stop) and max(y.depth_m, new.depth_m) + 0.125 * course.h_s * change >= 0.0:
         return True
     return crank_may_halt(parts.drive, flow, y, new, course) or voltage_may_end(parts, flow, y, new, course)
 
 
 @subroutine
-def first_event(parts: Parts, step: Step) -> Found:
+def first_event(run: Run, step: Step) -> Found:
     """The first event of a step."""
-    flow = step.flow
-    found = crank_events(parts, step, Found(Event.NONE, NO_ROOT))
-    found = voltage_events(parts, step, found)
+    parts, memory, flow = run.parts, run.memory[0], step.flow
+    found = crank_events(run, step, Found(Event.NONE, NO_ROOT))
+    found = voltage_events(run, step, found)
     if flow.phase in (Phase.STICK, Phase.REST_ON_STOP):
-        return earlier(found, Event.RELEASE, release_event(parts, step))
+        return earlier(found, Event.RELEASE, release_event(run, step))
     if dry_limit_n(parts) > 0.0:
-        s = root(step.dense[VELOCITY], -flow.direction, 0.0, step.mode.zero_velocity, step.scratch)
+        s = root(step.dense[Y.v_m_s], -flow.direction, 0.0, memory.mode.zero_velocity, memory.scratch)
         found = earlier(found, Event.HALT, s)
-    return stop_events(parts, step, found)
+    return stop_events(run, step, found)
 
 
 @subroutine
-def apply(
-    parts: Parts, probe: Sensing, memory: Memory, torque_n_m: float, event: Event, time_s: float
-) -> None:
+def apply(run: Run, event: Event) -> None:
     """Apply an event to the state."""
+    memory = run.memory[0]
     if event == Event.TOUCH:
-        _touch(parts, probe, memory, time_s)
+        _touch(run)
     elif event == Event.PRESS:
-        press_again(parts, memory, time_s)
+        press_again(run)
     elif event == Event.LEAVE:
-        leave(parts, memory)
+        leave(run)
     elif event == Event.CLEAR:
-        memory.y[0] = 0.0
-        mode = memory.mode[0]
+        memory.y.depth_m = 0.0
+        mode = memory.mode
         enter(mode, mode.phase, mode.direction, 1, mode.zero_velocity)
         if mode.in_impact == LET_GO:
-            record_contact(parts, memory)
+            record_contact(run)
     elif event == Event.HALT:
-        memory.y[1] = 0.0
-        from_rest(parts, memory, time_s)
+        memory.y.v_m_s = 0.0
+        from_rest(run)
     elif event == Event.RELEASE:
-        release(parts, memory, time_s)
+        release(run)
     elif event == Event.CRANK_HALT:
-        halt_crank(parts, memory, torque_n_m)
+        halt_crank(run)
     elif event == Event.CRANK_BREAK:
-        break_crank_away(parts, memory, torque_n_m)
+        break_crank_away(run)
     elif event in (Event.LIMIT, Event.UNLIMIT):
         limit_voltage(memory, event == Event.LIMIT)
 
 
 @subroutine
-def _touch(parts: Parts, probe: Sensing, memory: Memory, time_s: float) -> None:
+def _touch(run: Run) -> None:
     """Treat the striker's arrival at the stop's surface, depth 0, from outside."""
-    y, mode = memory.y, memory.mode[0]
-    y[0] = 0.0
-    v = closing_m_s(parts, y)
+    parts, memory = run.parts, run.memory[0]
+    y, mode = memory.y, memory.mode
+    y.depth_m = 0.0
+    v = closing_m_s(y)
     if v < 0.0:  # a graze that rounding made an event
         enter(mode, mode.phase, mode.direction, 1, mode.zero_velocity)
-    elif v == 0.0 and y[1] != 0.0:  # striker and plate side by side
+    elif v == 0.0 and y.v_m_s != 0.0:  # striker and plate side by side
         enter(mode, mode.phase, mode.direction, 2, mode.zero_velocity)
     elif v == 0.0:
-        from_rest(parts, memory, time_s)
+        from_rest(run)
         if mode.phase == Phase.FLIGHT:
-            part_from_surface(memory)
+            part_from_surface(run)
     elif is_soft(parts.stop):
-        open_contact(parts, memory, time_s, leaving_zeros(parts.stop))
+        open_contact(run, leaving_zeros(parts.stop))
     else:
-        rebound(parts, probe, memory, time_s)
-        if y[1] > -memory.held[0].rest_m_s:
-            come_to_rest(parts, memory)
-            from_rest(parts, memory, time_s)
+        rebound(run)
+        if y.v_m_s > -memory.held.rest_m_s:
+            come_to_rest(run)
+            from_rest(run)

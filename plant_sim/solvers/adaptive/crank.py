@@ -24,8 +24,8 @@ from plant_sim.solvers.adaptive.event_location import (
     look_within,
     steepest,
 )
-from plant_sim.solvers.adaptive.state_layout import ANGLE, SPEED, Crank, Flow, Memory, Vector, enter_crank
-from plant_sim.solvers.adaptive.wearer import from_stop_m, place_within
+from plant_sim.solvers.adaptive.state_layout import Crank, Flow, Memory, Run, State, Y, enter_crank
+from plant_sim.solvers.adaptive.wearer import from_stop_m
 from plant_sim.solvers.adaptive.winding import turning_torque_n_m
 from plant_sim.solvers.bernstein import DEGREE, NO_ROOT, NODES, at, first_beyond, interpolate, root
 from plant_sim.solvers.double_double import TURN_LOW_RAD, TURN_RAD
@@ -35,19 +35,10 @@ LOOP_ROUNDING = 1e-9
 
 
 @subroutine(inline=True)
-def crank_now(parts: Parts, memory: Memory) -> Crank:
-    """The crank at the last step's end."""
-    drive = parts.drive
-    if is_motor(drive):
-        return Crank(memory.y[ANGLE], memory.y[SPEED])
-    return Crank(memory.held[0].crank_rad, drive.omega_rad_s)
-
-
-@subroutine(inline=True)
-def crank_in_stage(drive: Drive, flow: Flow, tau_s: float, y: Vector) -> Crank:
+def crank_in_stage(drive: Drive, flow: Flow, tau_s: float, y: State) -> Crank:
     """The crank `tau_s` after the step's start, where the state is `y`."""
     if is_motor(drive):
-        return Crank(y[ANGLE], y[SPEED])
+        return Crank(y.crank_rad, y.crank_rad_s)
     return Crank(flow.angle_rad + drive.omega_rad_s * tau_s, drive.omega_rad_s)
 
 
@@ -55,20 +46,16 @@ def crank_in_stage(drive: Drive, flow: Flow, tau_s: float, y: Vector) -> Crank:
 def angle_at(drive: Drive, step: Step, s: float) -> float:
     """Crank angle, rad, within a step."""
     if is_motor(drive):
-        return at(step.dense[ANGLE], s)
+        return at(step.dense[Y.crank_rad], s)
     return step.flow.angle_rad + drive.omega_rad_s * s * step.h_s
 
 
 @subroutine(inline=True)
 def turn_crank(drive: Drive, memory: Memory, h_s: float) -> None:
     """Update the crank's angle after a step, within [0, 2π)."""
-    if is_motor(drive):
-        angle_rad, turns = within_a_turn(memory.y[ANGLE])
-        memory.y[ANGLE] = angle_rad
-    else:
-        angle_rad, turns = within_a_turn(memory.held[0].crank_rad + drive.omega_rad_s * h_s)
-        memory.held[0].crank_rad = angle_rad
-    memory.mode[0].turns += turns
+    turned_rad = memory.y.crank_rad if is_motor(drive) else memory.y.crank_rad + drive.omega_rad_s * h_s
+    memory.y.crank_rad, turns = within_a_turn(turned_rad)
+    memory.mode.turns += turns
 
 
 @subroutine
@@ -104,21 +91,21 @@ def crank_load_n_m(parts: Parts, angle_rad: float, place_m: float) -> float:
 
 @subroutine(inline=True)
 def crank_derivative(
-    drive: Drive, flow: Flow, torque_n_m: float, load_n_m: float, crank: Crank, work: int, out: Vector
+    drive: Drive, flow: Flow, torque_n_m: float, load_n_m: float, crank: Crank, out: State
 ) -> float:
     """Fill in the crank's part of the derivative and the drive's power, W; returns the crank's loss, W."""
     if not is_motor(drive):
-        out[work] = load_n_m * crank.speed_rad_s
+        out.drive_j = load_n_m * crank.speed_rad_s
         return 0.0
     if flow.crank_stuck:
-        out[ANGLE] = 0.0
-        out[SPEED] = 0.0
-        out[work] = 0.0
+        out.crank_rad = 0.0
+        out.crank_rad_s = 0.0
+        out.drive_j = 0.0
         return 0.0
     loss_n_m = drive.viscous_n_m_s * crank.speed_rad_s + drive.dry_n_m * flow.crank_direction
-    out[ANGLE] = crank.speed_rad_s
-    out[SPEED] = (torque_n_m - loss_n_m - load_n_m) / drive.inertia_kg_m2
-    out[work] = torque_n_m * crank.speed_rad_s
+    out.crank_rad = crank.speed_rad_s
+    out.crank_rad_s = (torque_n_m - loss_n_m - load_n_m) / drive.inertia_kg_m2
+    out.drive_j = torque_n_m * crank.speed_rad_s
     return loss_n_m * crank.speed_rad_s
 
 
@@ -129,54 +116,56 @@ def rotor_energy_j(drive: Drive, omega_rad_s: float) -> float:
 
 
 @subroutine
-def crank_net_n_m(parts: Parts, torque_n_m: float, angle_rad: float, y: Vector) -> float:
+def crank_net_n_m(parts: Parts, torque_n_m: float, angle_rad: float, y: State) -> float:
     """Torque, N m, on a crank at rest at `angle_rad`, without its dry loss."""
     torque = turning_torque_n_m(parts, torque_n_m, Crank(angle_rad, 0.0), y)
-    load = crank_load_n_m(parts, angle_rad, from_stop_m(parts, y))
+    load = crank_load_n_m(parts, angle_rad, from_stop_m(y))
     return torque - load
 
 
 @subroutine
-def crank_limit_n_m(parts: Parts, dry_n_m: float, torque_n_m: float, angle_rad: float, y: Vector) -> float:
+def crank_limit_n_m(parts: Parts, dry_n_m: float, torque_n_m: float, angle_rad: float, y: State) -> float:
     """Largest net torque, N m, at which the dry loss holds a crank at rest: the loss plus a rounding of the
     net torque, to which the motor adds at most what its drive permits. A current loop approaches its command
     for ever, and rounding of the current may pass the loss."""
     motor = motor_torque_n_m(parts.drive, torque_n_m, 0.0)
-    load = crank_load_n_m(parts, angle_rad, from_stop_m(parts, y))
+    load = crank_load_n_m(parts, angle_rad, from_stop_m(y))
     rounding = LOOP_ROUNDING if is_wound(parts.winding) else ROUNDING
     return dry_n_m + rounding * (abs(motor) + abs(load) + dry_n_m)
 
 
 @subroutine
-def settle_crank(parts: Parts, memory: Memory, torque_n_m: float) -> None:
+def settle_crank(run: Run) -> None:
     """Determine whether a motor's crank at rest stays there under this torque, otherwise its direction."""
-    drive, y, mode = parts.drive, memory.y, memory.mode[0]
+    parts, memory = run.parts, run.memory[0]
+    drive, y, mode, torque_n_m = parts.drive, memory.y, memory.mode, memory.held.torque_n_m
     if not is_motor(drive):
         return
     if drive.dry_n_m == 0.0:
         enter_crank(mode, 0, 0, 0)
         return
-    if y[SPEED] != 0.0:
-        enter_crank(mode, 0, 1 if y[SPEED] > 0.0 else -1, 0)
+    if y.crank_rad_s != 0.0:
+        enter_crank(mode, 0, 1 if y.crank_rad_s > 0.0 else -1, 0)
         return
-    net = crank_net_n_m(parts, torque_n_m, y[ANGLE], y)
-    limit = crank_limit_n_m(parts, drive.dry_n_m, torque_n_m, y[ANGLE], y)
+    net = crank_net_n_m(parts, torque_n_m, y.crank_rad, y)
+    limit = crank_limit_n_m(parts, drive.dry_n_m, torque_n_m, y.crank_rad, y)
     direction = set_off(net, limit, 0.0, 0.0, False)
     enter_crank(mode, 1 if direction == 0 else 0, direction, 1)
 
 
 @subroutine
-def halt_crank(parts: Parts, memory: Memory, torque_n_m: float) -> None:
+def halt_crank(run: Run) -> None:
     """Halt the crank."""
-    memory.y[SPEED] = 0.0
-    settle_crank(parts, memory, torque_n_m)
+    run.memory[0].y.crank_rad_s = 0.0
+    settle_crank(run)
 
 
 @subroutine
-def break_crank_away(parts: Parts, memory: Memory, torque_n_m: float) -> None:
+def break_crank_away(run: Run) -> None:
     """Let the crank break away from rest."""
-    net = crank_net_n_m(parts, torque_n_m, memory.y[ANGLE], memory.y)
-    enter_crank(memory.mode[0], 0, 1 if net > 0.0 else -1, 2)
+    memory = run.memory[0]
+    net = crank_net_n_m(run.parts, memory.held.torque_n_m, memory.y.crank_rad, memory.y)
+    enter_crank(memory.mode, 0, 1 if net > 0.0 else -1, 2)
 
 
 @subroutine
@@ -186,56 +175,62 @@ def dry_loss_n_m(drive: Drive) -> float:
 
 
 @subroutine
-def crank_may_halt(drive: Drive, flow: Flow, y: Vector, new: Vector, course: Course) -> bool:
+def crank_may_halt(drive: Drive, flow: Flow, y: State, new: State, course: Course) -> bool:
     """Whether the crank may halt or break away in a step; bounds as in `automaton.may_end`."""
     if dry_loss_n_m(drive) == 0.0:
         return False
     if flow.crank_stuck:
         return True
-    twice_mean: float = (y[SPEED] + new[SPEED]) * flow.crank_direction
-    return twice_mean <= course.h_s * steepest(course, SPEED)
+    twice_mean: float = (y.crank_rad_s + new.crank_rad_s) * flow.crank_direction
+    return twice_mean <= course.h_s * steepest(course, Y.crank_rad_s)
 
 
 @subroutine
-def crank_events(parts: Parts, step: Step, found: Found) -> Found:
+def crank_events(run: Run, step: Step, found: Found) -> Found:
     """The earlier of `found` and the crank's halt or breakaway."""
-    drive, flow = parts.drive, step.flow
+    drive, flow, memory = run.parts.drive, step.flow, run.memory[0]
     if dry_loss_n_m(drive) == 0.0:
         return found
     if not flow.crank_stuck:
-        s = root(step.dense[SPEED], -flow.crank_direction, 0.0, step.mode.zero_crank, step.scratch)
+        s = root(
+            step.dense[Y.crank_rad_s], -flow.crank_direction, 0.0, memory.mode.zero_crank, memory.scratch
+        )
         return earlier(found, Event.CRANK_HALT, s)
-    return earlier(found, Event.CRANK_BREAK, _break_event(parts, dry_loss_n_m(drive), step))
+    return earlier(found, Event.CRANK_BREAK, _break_event(run, dry_loss_n_m(drive), step))
 
 
 @subroutine
-def _break_event(parts: Parts, dry_n_m: float, step: Step) -> float:
+def _break_event(run: Run, dry_n_m: float, step: Step) -> float:
     """First s at which the torque on a crank at rest exceeds `crank_limit_n_m`; at the limit the loss holds.
 
     With an ideal current the net torque at rest is linear in the striker's position: net(0) + slope (place −
     place(0)).
     """
-    flow, angle_rad, scratch = step.flow, step.y[ANGLE], step.scratch
-    limit = crank_limit_n_m(parts, dry_n_m, flow.torque_n_m, angle_rad, step.y)
+    parts, memory, flow = run.parts, run.memory[0], step.flow
+    y, scratch = memory.y, memory.scratch
+    angle_rad = y.crank_rad
+    limit = crank_limit_n_m(parts, dry_n_m, flow.torque_n_m, angle_rad, y)
     if is_wound(parts.winding):
         values, net = scratch.poly, scratch.press[: DEGREE + 1]
         for i in range(DEGREE + 1):
-            look_within(step.dense, NODES[i], scratch.inner)
-            values[i] = crank_net_n_m(parts, flow.torque_n_m, angle_rad, scratch.inner)
+            look_within(memory, step.dense, NODES[i], memory.all_inner)
+            values[i] = crank_net_n_m(parts, flow.torque_n_m, angle_rad, memory.inner)
         interpolate(values, net)
         return first_beyond(net, 1.0, 0.0, limit, scratch)
     place = scratch.press[: step.dense.shape[1]]
-    place_within(parts, step.dense, place)
+    for i in range(place.size):
+        place[i] = step.dense[Y.depth_m, i] + step.dense[Y.plate_m, i]
     slope = crank_load_n_m(parts, angle_rad, 0.0) - crank_load_n_m(parts, angle_rad, 1.0)
     at_stop = motor_torque_n_m(parts.drive, flow.torque_n_m, 0.0) - crank_load_n_m(parts, angle_rad, 0.0)
     return first_beyond(place, slope, at_stop, limit, scratch)
 
 
 @subroutine
-def angle_event(drive: Drive, up_rad: float, down_rad: float, step: Step) -> float:
+def angle_event(run: Run, up_rad: float, down_rad: float, step: Step) -> float:
     """First s at which the crank reaches `up_rad`, above its angle at the start, or `down_rad`, below it."""
+    drive = run.parts.drive
     if is_motor(drive):
-        angle, scratch = step.dense[ANGLE], step.scratch
+        angle, scratch = step.dense[Y.crank_rad], run.memory[0].scratch
         return min(root(angle, 1.0, -up_rad, 0, scratch), root(angle, -1.0, down_rad, 0, scratch))
     turn, begin_rad = drive.omega_rad_s * step.h_s, step.flow.angle_rad
     bound = up_rad - begin_rad if turn > 0.0 else down_rad - begin_rad

@@ -11,9 +11,8 @@ import numpy as np
 
 from plant_sim.arrays import FloatArray
 from plant_sim.kernels import subroutine
-from plant_sim.parts.parts import Parts
 from plant_sim.solvers.adaptive.motion import derivative
-from plant_sim.solvers.adaptive.state_layout import STAGES, Flow, Vector, state_size, work_place
+from plant_sim.solvers.adaptive.state_layout import STAGES, Flow, Run, Vector
 from plant_sim.solvers.bernstein import DEGREE
 
 
@@ -62,20 +61,21 @@ D = _table("""
 
 
 @subroutine(inline=True)
-def attempt(
-    parts: Parts, flow: Flow, h_s: float, y: Vector, scale: Vector, k: Vector, trial: Vector, new: Vector
-) -> float:
-    """Step from `y` to `new`; return the error, relative to the tolerance `scale`. `k[0]` is the derivative at `y`.
-
-    `k` has shape (STAGES, n), all others (n,).
+def attempt(run: Run, flow: Flow, h_s: float, scale: Vector) -> float:
+    """Step from `memory.y` to `memory.new`; return the error, relative to the tolerance `scale`. `k[0]` is the
+    derivative at `y`.
     """
-    n, motion = state_size(parts), work_place(parts)
+    parts, memory = run.parts, run.memory[0]
+    held, places, k, slopes = memory.held, memory.places, memory.all_slopes, memory.slopes
+    y, trial, new = memory.all_y, memory.all_trial, memory.all_new
     for stage in range(1, 12):
-        for i in range(motion):  # the integrals feed back into nothing
+        for place in range(held.motion):  # the integrals feed back into nothing
+            i = places[place]
             trial[i] = y[i] + h_s * _slope(k, stage, 1 if stage < 5 else 3, i)
-        derivative(parts, flow, C[stage] * h_s, trial, k[stage])
+        derivative(parts, flow, C[stage] * h_s, memory.trial, slopes[stage])
     fifth, third = 0.0, 0.0
-    for i in range(n):
+    for place in range(held.used):
+        i = places[place]
         new[i] = y[i] + h_s * _slope(k, 12, 5, i)
         e5 = E5[0] * k[0, i]
         e3 = E3[0] * k[0, i]
@@ -86,7 +86,7 @@ def attempt(
         third += (e3 / scale[i]) ** 2
     if fifth == 0.0:
         return 0.0
-    return abs(h_s) * fifth / math.sqrt((fifth + 0.01 * third) * n)
+    return abs(h_s) * fifth / math.sqrt((fifth + 0.01 * third) * held.used)
 
 
 @subroutine(inline=True)
@@ -99,17 +99,19 @@ def _slope(k: Vector, stage: int, first: int, i: int) -> float:
 
 
 @subroutine
-def extend(
-    parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector, trial: Vector, dense: Vector
-) -> None:
-    """Bernstein coefficients of the motion over the step, into `dense`, shape (motion, DEGREE + 1)."""
-    motion = work_place(parts)
-    derivative(parts, flow, h_s, new, k[12])
+def extend(run: Run, flow: Flow, h_s: float) -> None:
+    """Bernstein coefficients of the motion over the step, into `memory.dense`."""
+    parts, memory = run.parts, run.memory[0]
+    k, slopes, dense, places = memory.all_slopes, memory.slopes, memory.dense, memory.places
+    y, trial, new, motion = memory.all_y, memory.all_trial, memory.all_new, memory.held.motion
+    derivative(parts, flow, h_s, memory.new, slopes[12])
     for stage in range(13, STAGES):
-        for i in range(motion):
+        for place in range(motion):
+            i = places[place]
             trial[i] = y[i] + h_s * _slope(k, stage, 5, i)
-        derivative(parts, flow, C[stage] * h_s, trial, k[stage])
-    for i in range(motion):
+        derivative(parts, flow, C[stage] * h_s, memory.trial, slopes[stage])
+    for place in range(motion):
+        i = places[place]
         b = dense[i]
         rise = new[i] - y[i]
         # y0 + s (F0 + (1 − s)(F1 + s (F2 + (1 − s)(F3 + s (F4 + (1 − s)(F5 + s F6))))))

@@ -8,8 +8,8 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from plant_sim.kernels import subroutine
-from plant_sim.solvers.adaptive.state_layout import Flow, Mode, Vector
-from plant_sim.solvers.bernstein import Scratch, at
+from plant_sim.solvers.adaptive.state_layout import Flow, Memory, Vector
+from plant_sim.solvers.bernstein import at
 
 
 class Event(IntEnum):
@@ -32,14 +32,11 @@ class Event(IntEnum):
 
 
 class Step(NamedTuple):
-    """A computed step: its constants, its length, mode and state before it, and the motion within it."""
+    """A computed step: its constants, its length, and the motion within it."""
 
     flow: Flow
-    mode: Mode
     h_s: float
-    y: Vector
     dense: Vector
-    scratch: Scratch
 
 
 class Found(NamedTuple):
@@ -58,9 +55,10 @@ def earlier(found: Found, event: Event, s: float) -> Found:
 
 
 @subroutine
-def look_within(dense: Vector, s: float, out: Vector) -> None:
+def look_within(memory: Memory, dense: Vector, s: float, out: Vector) -> None:
     """The motion within a step, into `out`."""
-    for i in range(dense.shape[0]):
+    for place in range(memory.held.motion):
+        i = memory.places[place]
         out[i] = at(dense[i], s)
 
 

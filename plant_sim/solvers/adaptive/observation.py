@@ -1,35 +1,21 @@
 """Observations of a module: samples and largest forces within a step, state and ledgers at its end."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from plant_sim.kernels import subroutine
-from plant_sim.parts.housing import is_level
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m, stop_force_n
+from plant_sim.parts.stop import elastic_force_n, is_soft, origin_m, stop_force_n
 from plant_sim.parts.wearer import is_worn
 from plant_sim.parts.winding import DqWinding
 from plant_sim.result import ElectricalLedger, EnergyLedger, MotionState, Observation, Phase
-from plant_sim.solvers.adaptive.crank import crank_in_stage, crank_now
+from plant_sim.solvers.adaptive.crank import crank_in_stage
 from plant_sim.solvers.adaptive.event_location import look_within
 from plant_sim.solvers.adaptive.motion import derivative, flow_now, stored_energy_j
-from plant_sim.solvers.adaptive.state_layout import (
-    DEPTH,
-    OBSERVED,
-    VELOCITY,
-    Flow,
-    Grid,
-    Memory,
-    Vector,
-    ankle_place,
-    current_place,
-    housing_place,
-    terminal_place,
-    work_place,
-)
+from plant_sim.solvers.adaptive.state_layout import OBSERVED, Flow, Memory, Run, State, Vector, Y, now_s
 from plant_sim.solvers.adaptive.stiction import dry_limit_n, held_force_n
 from plant_sim.solvers.adaptive.stop import in_touch
-from plant_sim.solvers.adaptive.wearer import ankle_force_n, closing_m_s, felt_force_n, from_stop_m, plate_at
+from plant_sim.solvers.adaptive.wearer import ankle_force_n, closing_m_s, felt_force_n, from_stop_m
 from plant_sim.solvers.adaptive.winding import magnetic_energy_j, turning_current_a, turning_torque_n_m
 from plant_sim.solvers.bernstein import at
 
@@ -54,26 +40,29 @@ class Force(NamedTuple):
 def force_at(force: Force, dense: Vector, s: float) -> float:
     """The force within a step, N."""
     parts = force.parts
-    place, velocity = plate_at(parts, dense, s)
+    place = velocity = 0.0
+    if is_worn(parts.wearer):
+        place, velocity = at(dense[Y.plate_m], s), at(dense[Y.plate_m_s], s)
     if force.is_felt and is_worn(parts.wearer):
         return abs(ankle_force_n(parts.wearer, place, velocity))
-    elastic_n = elastic_force_n(parts.stop, max(at(dense[DEPTH], s), 0.0))
-    return stop_force_n(parts.stop, elastic_n, at(dense[VELOCITY], s) - velocity, force.damping_s_m)
+    elastic_n = elastic_force_n(parts.stop, max(at(dense[Y.depth_m], s), 0.0))
+    return stop_force_n(parts.stop, elastic_n, at(dense[Y.v_m_s], s) - velocity, force.damping_s_m)
 
 
 @subroutine
-def follow_contact(parts: Parts, memory: Memory, dense: Vector, damping_s_m: float, share: float) -> None:
+def follow_contact(run: Run, dense: Vector, damping_s_m: float, share: float) -> None:
     """Update the largest force of the contact by the used share of a step."""
-    contact = memory.contact[0]
-    contact.peak_n = _largest(Force(parts, False, damping_s_m), dense, share, contact.peak_n)
+    contact = run.memory[0].contact
+    contact.peak_n = _largest(Force(run.parts, False, damping_s_m), dense, share, contact.peak_n)
 
 
 @subroutine
-def follow_felt(parts: Parts, memory: Memory, share: float) -> None:
+def follow_felt(run: Run, share: float) -> None:
     """Update the largest force on a wearer by the used share of a step."""
-    if is_worn(parts.wearer):
-        contact = memory.contact[0]
-        contact.peak_felt_n = _largest(Force(parts, True, 0.0), memory.dense, share, contact.peak_felt_n)
+    if is_worn(run.parts.wearer):
+        memory = run.memory[0]
+        contact = memory.contact
+        contact.peak_felt_n = _largest(Force(run.parts, True, 0.0), memory.dense, share, contact.peak_felt_n)
 
 
 @subroutine
@@ -119,40 +108,39 @@ def _peaks_at_an_end(force: Force, dense: Vector, share: float, best_n: float, b
 
 
 @subroutine
-def sample_now(parts: Parts, memory: Memory, torque_n_m: float, start_s: float, grid: Grid) -> None:
+def sample_now(run: Run) -> None:
     """Fill samples at times up to now that no step has covered."""
-    mode, now_s = memory.mode[0], start_s + memory.held[0].elapsed_s
-    while mode.samples < grid.t_s.size and grid.t_s[mode.samples] <= now_s:
-        flow = flow_now(parts, memory, torque_n_m, now_s)
-        note(parts, flow, 0.0, memory.y, memory.k[0], grid.rows[mode.samples])
+    memory, grid = run.memory[0], run.grid
+    mode = memory.mode
+    while mode.samples < grid.t_s.size and grid.t_s[mode.samples] <= now_s(memory):
+        note(run.parts, flow_now(run), 0.0, memory.y, memory.slopes[0], grid.rows[mode.samples])
         mode.samples += 1
 
 
 @subroutine
-def sample_step(
-    parts: Parts, memory: Memory, flow: Flow, dense: Vector, h_s: float, used_s: float, grid: Grid
-) -> None:
+def sample_step(run: Run, flow: Flow, dense: Vector, h_s: float, used_s: float) -> None:
     """Fill samples at times within the used part of a step."""
-    mode, y = memory.mode[0], memory.trial
+    memory, grid = run.memory[0], run.grid
+    mode = memory.mode
     while mode.samples < grid.t_s.size and grid.t_s[mode.samples] < flow.time_s + used_s:
         tau_s = grid.t_s[mode.samples] - flow.time_s
-        look_within(dense, tau_s / h_s, y)
-        note(parts, flow, tau_s, y, memory.k[1], grid.rows[mode.samples])
+        look_within(memory, dense, tau_s / h_s, memory.all_trial)
+        note(run.parts, flow, tau_s, memory.trial, memory.slopes[1], grid.rows[mode.samples])
         mode.samples += 1
 
 
 @subroutine
-def note(parts: Parts, flow: Flow, tau_s: float, y: Vector, slopes: Vector, row: Vector) -> None:
+def note(parts: Parts, flow: Flow, tau_s: float, y: State, slopes: State, row: Vector) -> None:
     """Write the module `tau_s` after a step's start, where its motion is `y`, as a row of `Grid`.
 
     `slopes` is scratch.
     """
-    row[OBSERVED.x_m], row[OBSERVED.v_m_s] = from_stop_m(parts, y), y[1]
+    row[OBSERVED.x_m], row[OBSERVED.v_m_s] = from_stop_m(y), y.v_m_s
     derivative(parts, flow, tau_s, y, slopes)
-    row[OBSERVED.accel_m_s2] = slopes[1]
+    row[OBSERVED.accel_m_s2] = slopes.v_m_s
     row[OBSERVED.stop_force_n] = 0.0
-    if is_soft(parts.stop) and in_touch(flow.phase, y[0]):
-        elastic_n, closing = elastic_force_n(parts.stop, y[0]), closing_m_s(parts, y)
+    if is_soft(parts.stop) and in_touch(flow.phase, y.depth_m):
+        elastic_n, closing = elastic_force_n(parts.stop, y.depth_m), closing_m_s(y)
         row[OBSERVED.stop_force_n] = stop_force_n(parts.stop, elastic_n, closing, flow.damping_s_m)
     crank = crank_in_stage(parts.drive, flow, tau_s, y)
     row[OBSERVED.crank_rad], row[OBSERVED.omega_rad_s] = crank.angle_rad, crank.speed_rad_s
@@ -162,37 +150,32 @@ def note(parts: Parts, flow: Flow, tau_s: float, y: Vector, slopes: Vector, row:
 
 
 @subroutine
-def begin_ledger(parts: Parts, memory: Memory) -> None:
+def begin_ledger(run: Run) -> None:
     """Begin the ledger at a start; after a change from outside, continue it without that change."""
-    held = memory.held[0]
+    memory = run.memory[0]
+    held = memory.held
     if math.isnan(held.stored_before_j):
-        crank = crank_now(parts, memory)
-        stored_j = stored_energy_j(parts, memory.mode[0].phase, memory.y, crank)
+        stored_j = stored_energy_j(run.parts, memory.mode.phase, memory.y)
         held.stored_before_j = stored_j - memory.observed[OBSERVED.stored_j]
 
 
 @subroutine
-def observe(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> None:
+def observe(run: Run) -> None:
     """Write the present observation of the module."""
-    y, observed = memory.y, memory.observed
-    flow = flow_now(parts, memory, torque_n_m, time_s)
-    note(parts, flow, 0.0, y, memory.k[0], observed)
+    parts, memory = run.parts, run.memory[0]
+    y, observed, flow = memory.y, memory.observed, flow_now(run)
+    note(parts, flow, 0.0, y, memory.slopes[0], observed)
     observed[OBSERVED.x_m] += origin_m(parts.stop, parts.striker)
-    crank = crank_now(parts, memory)
-    work = work_place(parts)
-    observed[OBSERVED.drive_work_j] = y[work]
-    stored_j = stored_energy_j(parts, flow.phase, y, crank)
-    observed[OBSERVED.stored_j] = stored_j - memory.held[0].stored_before_j
-    observed[OBSERVED.friction_j] = y[work + 1]
-    if is_soft(parts.stop) or is_rigid(parts.stop):
-        observed[OBSERVED.impact_loss_j] = y[work + 2]
-    if not is_level(parts.housing):
-        observed[OBSERVED.housing_work_j] = y[housing_place(parts)]
-    if is_worn(parts.wearer):
-        observed[OBSERVED.ankle_j] = y[ankle_place(parts)]
+    observed[OBSERVED.drive_work_j] = y.drive_j
+    stored_j = stored_energy_j(parts, flow.phase, y)
+    observed[OBSERVED.stored_j] = stored_j - memory.held.stored_before_j
+    observed[OBSERVED.friction_j] = y.friction_j
+    observed[OBSERVED.impact_loss_j] = y.stop_j
+    observed[OBSERVED.housing_work_j] = y.housing_j
+    observed[OBSERVED.ankle_j] = y.ankle_j
     observed[OBSERVED.phase] = flow.phase
     if flow.phase == Phase.REST_ON_STOP:
-        held_n = held_force_n(parts, crank.angle_rad, y, time_s)
+        held_n = held_force_n(parts, y, flow.time_s)
         if held_n < dry_limit_n(parts):  # friction holds it there, the stop does not have to
             observed[OBSERVED.phase] = Phase.STICK.value
 
@@ -220,24 +203,23 @@ def ledger(now: Observation, memory: Memory) -> EnergyLedger:
         impact_loss_j=now.impact_loss_j,
         housing_work_j=now.housing_work_j,
         ankle_j=now.ankle_j,
-        stored_j=now.stored_j + float(memory.held[0].stored_before_j),
+        stored_j=now.stored_j + float(memory.held.stored_before_j),
     )
 
 
 def peak_felt_force_n(parts: Parts, memory: Memory) -> float | None:
     """Largest force on the wearer so far, N; None without a wearer."""
-    return float(memory.contact[0].peak_felt_n) if is_worn(parts.wearer) else None
+    return float(memory.contact.peak_felt_n) if is_worn(parts.wearer) else None
 
 
 def electrical_ledger(parts: Parts, memory: Memory) -> ElectricalLedger | None:
     """Electrical ledger so far; None if the windings are not modelled."""
     if not isinstance(parts.winding, DqWinding):
         return None
-    terminal, currents = terminal_place(parts), current_place(parts)
-    i_d, i_q = memory.y[currents : currents + 2].tolist()
+    y: Any = memory.y
     return ElectricalLedger(
-        work_j=float(memory.y[terminal]),
-        shaft_j=float(memory.y[work_place(parts)]),
-        copper_j=float(memory.y[terminal + 1]),
-        magnetic_j=magnetic_energy_j(parts.winding, i_d, i_q),
+        work_j=float(y.terminal_j),
+        shaft_j=float(y.drive_j),
+        copper_j=float(y.copper_j),
+        magnetic_j=magnetic_energy_j(parts.winding, float(y.i_d_a), float(y.i_q_a)),
     )

@@ -1,23 +1,20 @@
-"""State of a module from step to step, in arrays that kernels change in place.
+"""The records of a module that kernels advance: its state, what a step passes on, and scratch.
 
-The integrated state holds only the quantities of the scene's parts: depth and velocity; with a motor the
-crank's angle and speed; with a wearer position and velocity of the foot plate; with windings their currents
-and the integrals of the current loop; then the integrals of the ledger: work of the drive, friction loss,
-with a stop its loss, with a soft stop its impulse, with a tilted or moving housing its work, with a wearer
-the ankle's loss, with windings the work at their terminals and the copper loss. Depth is x − x_stop − p, so
-that it keeps its digits at the stop.
+`Memory` is one record, a block of numbers without pointers: a copy of its bytes is a copy of the module. Its
+parts that are used both by name and by place have two names: `y` by name, `all_y` as an array.
 """
 
 import math
-from typing import Any, NamedTuple
+from collections import namedtuple
+from typing import Annotated, Any, NamedTuple, TypeAlias, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.arrays import One, zeros_of
+from plant_sim.arrays import IntArray, One, record_type, zeros_of
 from plant_sim.kernels import entry_point, jit, subroutine
-from plant_sim.kinds import kernel_parts
-from plant_sim.parts.drive import Drive, is_motor
+from plant_sim.kinds import any_parts
+from plant_sim.parts.drive import is_motor
 from plant_sim.parts.friction import bend_m_s
 from plant_sim.parts.housing import is_level, steady_m_s2
 from plant_sim.parts.parts import Parts
@@ -34,58 +31,50 @@ Vector = NDArray[np.float64]
 STAGES = 16
 """Evaluations of the derivative in a step: 12 stages, 1 at its end, 3 for the continuous extension."""
 
-DEPTH, VELOCITY, ANGLE, SPEED = range(4)
-"""Places of the motion in the state; the integrals of the ledger follow from `work_place` on."""
 
-SINE, COSINE, SPRING, DRAG, POWER, FALL, SHAKE, BESIDE = range(8)
-"""Rows of a Taylor series behind those of the state: sin θ, cos θ, force of the coupling spring, friction,
-exponent and exponential of Stribeck's law, a_b of the housing."""
+class State:
+    """The integrated quantities; those of missing parts are 0. Depth is x − x_stop − p, so that it keeps its
+    digits at the stop. The crank's angle and speed are integrated with a motor only.
+    """
 
-
-@subroutine
-def plate_place(drive: Drive) -> int:
-    """Place of the foot plate's position in the state, followed by its velocity, if there is a wearer."""
-    return 4 if is_motor(drive) else 2
-
-
-@subroutine
-def current_place(parts: Parts) -> int:
-    """Place of the windings' currents in the state, if they are modelled."""
-    return plate_place(parts.drive) + (2 if is_worn(parts.wearer) else 0)
-
-
-@subroutine
-def work_place(parts: Parts) -> int:
-    """Place of the drive's work in the state; friction's follows, then the stop's loss and impulse."""
-    return current_place(parts) + (4 if is_wound(parts.winding) else 0)
-
-
-@subroutine
-def housing_place(parts: Parts) -> int:
-    """Place of the housing's work in the state, if it is tilted or moves."""
-    place = work_place(parts) + 2
-    if is_soft(parts.stop):
-        return place + 2
-    return place + 1 if is_rigid(parts.stop) else place
+    depth_m: float
+    v_m_s: float
+    crank_rad: float
+    crank_rad_s: float
+    plate_m: float
+    plate_m_s: float
+    i_d_a: float
+    i_q_a: float
+    u_d_v: float
+    u_q_v: float
+    # The accounts, which feed back into nothing.
+    drive_j: float
+    friction_j: float
+    stop_j: float
+    impulse_n_s: float
+    housing_j: float
+    ankle_j: float
+    terminal_j: float
+    copper_j: float
 
 
-@subroutine
-def ankle_place(parts: Parts) -> int:
-    """Place of the ankle's loss in the state, if there is a wearer."""
-    return housing_place(parts) + (0 if is_level(parts.housing) else 1)
+class Beside:
+    """Rows of a Taylor series behind those of the state; `power` and `fall` are of Stribeck's law."""
+
+    sine: float
+    cosine: float
+    spring_n: float
+    drag_n: float
+    power: float
+    fall: float
+    housing_m_s2: float
 
 
-@subroutine
-def terminal_place(parts: Parts) -> int:
-    """Place of the work at a motor's terminals in the state, if its windings are modelled."""
-    return ankle_place(parts) + (1 if is_worn(parts.wearer) else 0)
+Y: Any = namedtuple("Y", State.__annotations__)(*range(len(State.__annotations__)))
+"""Places of the state's quantities in arrays of them."""
 
-
-@subroutine
-def state_size(parts: Parts) -> int:
-    """Length of the integrated state."""
-    return terminal_place(parts) + (2 if is_wound(parts.winding) else 0)
-
+SIZE, ACCOUNTS = len(Y), Y.drive_j
+"""Number of quantities, and the place of the first account."""
 
 UNSETTLED = -1
 """Phase of a module at a start or after a disturbance, before the solver has determined it."""
@@ -115,22 +104,6 @@ class Mode:
     voltage_limited: int
 
 
-@subroutine
-def enter(mode: Mode, phase: int, direction: int, zero_depth: int, zero_velocity: int) -> None:
-    """Begin a phase of the striker: set all that belongs to it; nothing of the phase before remains.
-
-    `direction` of sliding, ±1, or 0 at rest; the zeros as in `Mode`.
-    """
-    mode.phase, mode.direction = phase, direction
-    mode.zero_depth, mode.zero_velocity = zero_depth, zero_velocity
-
-
-@subroutine
-def enter_crank(mode: Mode, stuck: int, direction: int, zero_crank: int) -> None:
-    """Begin a phase of the crank: stuck (1) or turning in `direction`, which is 0 without a dry loss."""
-    mode.crank_stuck, mode.crank_direction, mode.zero_crank = stuck, direction, zero_crank
-
-
 class Held:
     """Values that a step passes on to the next, or a tick (`plant_sim.module`) to the next."""
 
@@ -139,7 +112,9 @@ class Held:
     t_rest_s: float
     """Rounding error of `t_s`."""
     torque_n_m: float
-    """The torque command of its last tick."""
+    """The torque command of the present call of `advance`, its start and its duration."""
+    start_s: float
+    duration_s: float
     elapsed_s: float
     elapsed_low_s: float
     """Rounding error of `elapsed_s`; over 1e6 s of steps it would add up to 0.1 ms."""
@@ -151,10 +126,13 @@ class Held:
     """A rebound at a rigid stop below this speed ends in rest."""
     debt: float
     """Cost (`plant_sim.solvers.cost`) that simulated time has not yet paid off."""
-    crank_rad: float
-    """Crank angle with an ideal drive; with a motor it is in the integrated state."""
     stored_before_j: float
     """Stored energy where the ledger begins; NaN until it is taken anew, after a change from outside."""
+    motion: int
+    """Number of places of the motion in `places`, and of all."""
+    used: int
+    advance_at: int
+    """Address of the kernel `advance`; 0 until a kernel may need it (`adaptive.with_address`)."""
 
 
 class Contact:
@@ -170,14 +148,81 @@ class Contact:
     peak_felt_n: float
 
 
-_NEW_MODE: One[Mode] = zeros_of(Mode, 1)
-_NEW_MODE[0].phase = UNSETTLED
-_NEW_HELD: One[Held] = zeros_of(Held, 1)
-_NEW_HELD[0].stored_before_j = math.nan
-_NEW_CONTACT: One[Contact] = zeros_of(Contact, 1)
-
 OBSERVED: Any = Observation._make(range(len(Observation._fields)))
 """Places in Memory.observed by the field names of `Observation`."""
+
+
+def _array(*shape: int, of: Any = np.float64) -> np.dtype[Any]:
+    return np.dtype((of, shape))
+
+
+_SERIES = np.dtype(
+    (
+        np.record,
+        [(name, np.float64, (ORDER + 1,)) for kind in (State, Beside) for name in kind.__annotations__],
+    )
+)
+_SCRATCH = np.dtype(
+    (np.record, [(name, one.dtype, one.shape) for name, one in scratch_arrays()._asdict().items()])
+)
+SeriesRows: TypeAlias = Any
+"""A record with a row of Taylor coefficients for each quantity of `State` and `Beside`."""
+
+
+class Memory:
+    """The module and its scratch. `all_x` is the same memory as `x`, as an array."""
+
+    mode: Mode
+    all_mode: Annotated[IntArray, _array(len(Mode.__annotations__), of=np.int64)]
+    held: Held
+    all_held: Annotated[Vector, _array(len(Held.__annotations__))]
+    contact: Contact
+    all_contact: Annotated[Vector, _array(len(Contact.__annotations__))]
+    y: State
+    all_y: Annotated[Vector, _array(SIZE)]
+    """The state now."""
+    new: State
+    all_new: Annotated[Vector, _array(SIZE)]
+    """The state at the end of the present step."""
+    trial: State
+    all_trial: Annotated[Vector, _array(SIZE)]
+    inner: State
+    all_inner: Annotated[Vector, _array(SIZE)]
+    scale: State
+    all_scale: Annotated[Vector, _array(SIZE)]
+    """Tolerances of a step, and below those of a step in contact."""
+    contact_scale: State
+    all_contact_scale: Annotated[Vector, _array(SIZE)]
+    slopes: Annotated[Any, _array(STAGES, of=record_type(State))]
+    all_slopes: Annotated[Vector, _array(STAGES, SIZE)]
+    """Derivatives of the state in the stages of DOP853."""
+    series: Annotated[SeriesRows, _SERIES]
+    all_series: Annotated[Vector, _array(SIZE + len(Beside.__annotations__), ORDER + 1)]
+    """Taylor coefficients of a step."""
+    dense: Annotated[Vector, _array(ACCOUNTS, DEGREE + 1)]
+    """Bernstein coefficients of the motion within a step of DOP853, or within a series of its degree."""
+    long_dense: Annotated[Vector, _array(ACCOUNTS, ORDER + 1)]
+    """Bernstein coefficients of the motion within a series of full order."""
+    places: Annotated[IntArray, _array(SIZE, of=np.int64)]
+    """Places of the quantities of the parts: `held.motion` of the motion, `held.used` with accounts."""
+    observed: Annotated[Vector, _array(len(OBSERVED))]
+    scratch: Annotated[Scratch, _SCRATCH]
+
+
+def _memory_type() -> np.dtype[Any]:
+    """The type of `Memory`: its fields one after the other, `all_x` in the place of `x`."""
+    names, formats, offsets, end = [], [], [], 0
+    for name, hint in get_type_hints(Memory, include_extras=True).items():
+        its_type = hint.__metadata__[0] if hasattr(hint, "__metadata__") else record_type(hint)
+        offsets.append(end - its_type.itemsize if name.startswith("all_") else end)
+        end = offsets[-1] + its_type.itemsize
+        names.append(name)
+        formats.append(its_type)
+    return np.dtype((np.record, {"names": names, "formats": formats, "offsets": offsets, "itemsize": end}))
+
+
+MEMORY = _memory_type()
+"""The type of a record of `Memory`."""
 
 SHARE_OF_A_STEP, SHARE_OF_A_MOTOR_STEP = 0.05, 0.02
 """Share of the accuracy that each of some twenty steps per forcing period may contribute as error.
@@ -193,6 +238,22 @@ another's."""
 SHARE_OF_BEND = 1e-3
 """Largest error of the velocity as a share of `bend_m_s`, for any accuracy: a larger one would hide the curve
 of friction near rest."""
+
+
+@subroutine
+def enter(mode: Mode, phase: int, direction: int, zero_depth: int, zero_velocity: int) -> None:
+    """Begin a phase of the striker: set all that belongs to it; nothing of the phase before remains.
+
+    `direction` of sliding, ±1, or 0 at rest; the zeros as in `Mode`.
+    """
+    mode.phase, mode.direction = phase, direction
+    mode.zero_depth, mode.zero_velocity = zero_depth, zero_velocity
+
+
+@subroutine
+def enter_crank(mode: Mode, stuck: int, direction: int, zero_crank: int) -> None:
+    """Begin a phase of the crank: stuck (1) or turning in `direction`, which is 0 without a dry loss."""
+    mode.crank_stuck, mode.crank_direction, mode.zero_crank = stuck, direction, zero_crank
 
 
 class Crank(NamedTuple):
@@ -223,6 +284,10 @@ class Flow(NamedTuple):
     """Whether the bus limits a current loop."""
 
 
+READINGS = Observation._fields.index("felt_force_n") + 1
+"""Number of an observation's fields that describe the present instant alone."""
+
+
 class Grid(NamedTuple):
     """Times at which a run is sampled, ascending, shape (n,), and the module at them, shape (n, READINGS).
 
@@ -233,152 +298,134 @@ class Grid(NamedTuple):
     rows: Vector
 
 
-READINGS = Observation._fields.index("felt_force_n") + 1
-"""Number of an observation's fields that describe the present instant alone."""
+NO_GRID = Grid(np.empty(0), np.empty((0, READINGS)))
 
 
-class Memory(NamedTuple):
-    """Integrated state, mode, values between steps, results, tolerances, and scratch from `k` on.
+class Run(NamedTuple):
+    """What kernels advance: parts, the sensors' filters, memory, room for impacts, and the grid of samples.
 
-    `contact` is empty without a soft stop; `impacts` are records as `Impact`, the first `mode.impacts` of
-    them in use.
+    Impacts are records as `Impact`; the first `mode.impacts` are in use.
     """
 
-    y: Vector
-    mode: One[Mode]
-    held: One[Held]
-    contact: One[Contact]
+    parts: Parts
+    probe: Any
+    memory: One[Memory]
     impacts: Any
-    observed: Vector
-    scale: Vector
-    contact_scale: Vector
-    k: Vector
-    trial: Vector
-    new: Vector
-    dense: Vector
-    """Bernstein coefficients of the motion within a step of DOP853, shape (motion, DEGREE + 1)."""
-    series: Vector
-    """Taylor coefficients of a step, shape (state + BESIDE, order + 1)."""
-    long_dense: Vector
-    """Bernstein coefficients of the motion within it, shape (motion, order + 1)."""
-    scratch: Scratch
-    advance_at: int
-    """Address of the kernel `advance`; 0 until a kernel may need it (`adaptive.kernel_records`)."""
+    grid: Grid
 
 
-def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int, order: int = ORDER) -> Memory:
-    """Memory of a module at `initial`, by reference, with the arrays that these parts need and room for
-    `impacts`.
+def run_of(parts: Parts, probe: Any, memory: One[Memory], impacts: Any, grid: Grid = NO_GRID) -> Run:
+    """The run by reference."""
+    record = Run(parts, probe, memory, impacts, grid)
+    return by_reference(record, record._replace(parts=any_parts(parts)))
 
-    `order` of a step's Taylor series: with sensors DEGREE, otherwise ORDER.
-    """
-    striker, stop = parts.striker, parts.stop
-    motion, size = work_place(parts), state_size(parts)
-    arrays = Memory(
-        y=np.zeros(size),
-        mode=zeros_of(Mode, 1),
-        held=zeros_of(Held, 1),
-        contact=zeros_of(Contact, 1 if is_soft(stop) else 0),
-        impacts=zeros_of(Impact, impacts),
-        observed=np.zeros(len(OBSERVED)),
-        scale=np.zeros(size),
-        contact_scale=np.zeros(size if is_soft(stop) else 0),
-        k=np.zeros((STAGES, size)),
-        trial=np.zeros(size),
-        new=np.zeros(size),
-        dense=np.zeros((motion, DEGREE + 1)),
-        series=np.zeros((size + BESIDE, order + 1)),
-        long_dense=np.zeros((motion, order + 1)),
-        scratch=scratch_arrays(motion if is_wound(parts.winding) else 0),
-        advance_at=0,
-    )
-    depth_m = initial.x_m - origin_m(stop, striker)
-    memory = by_reference(arrays, arrays)  # its class determines its type for all scenes
+
+def allocate(
+    parts: Parts, initial: MotionState, accuracy: float, impacts: int, probe: Any, grid: Grid = NO_GRID
+) -> Run:
+    """A module at `initial`, by reference, with room for `impacts`."""
+    run = run_of(parts, probe, np.zeros(1, MEMORY), zeros_of(Impact, impacts), grid)
+    depth_m = initial.x_m - origin_m(parts.stop, parts.striker)
     start = depth_m, initial.v_m_s, initial.crank_rad, initial.omega_rad_s, accuracy
-    arguments = kernel_parts(parts), memory, *map(float, start)
+    arguments = run, *map(float, start)
     entry_point(_begin, *arguments)(*arguments)
-    return memory
+    return run
 
 
 @jit
 def _begin(
-    parts: Parts,
-    memory: Memory,
-    depth_m: float,
-    v_m_s: float,
-    crank_rad: float,
-    omega_rad_s: float,
-    accuracy: float,
+    run: Run, depth_m: float, v_m_s: float, crank_rad: float, omega_rad_s: float, accuracy: float
 ) -> None:
     """Set a module to its start."""
-    restart(parts, memory, depth_m, v_m_s, crank_rad, omega_rad_s)
-    set_accuracy(parts, memory, accuracy)
+    restart(run, depth_m, v_m_s, crank_rad, omega_rad_s)
+    set_accuracy(run, accuracy)
 
 
 @subroutine
-def restart(
-    parts: Parts, memory: Memory, depth_m: float, v_m_s: float, crank_rad: float, omega_rad_s: float
-) -> None:
+def restart(run: Run, depth_m: float, v_m_s: float, crank_rad: float, omega_rad_s: float) -> None:
     """Set a module to a start of undetermined phase; nothing of an earlier run is left. `set_accuracy`
     follows.
     """
-    memory.y[:] = 0.0
-    memory.mode[0] = _NEW_MODE[0]
-    memory.held[0] = _NEW_HELD[0]
-    if is_soft(parts.stop):
-        memory.contact[0] = _NEW_CONTACT[0]
-    memory.y[0], memory.y[1] = depth_m, v_m_s
+    parts, striker = run.parts, run.parts.striker
+    advance_at = run.memory[0].held.advance_at
+    memory = run.memory[0]
+    memory.all_mode[:] = 0
+    memory.all_held[:] = memory.all_contact[:] = memory.all_y[:] = memory.observed[:] = 0.0
+    y, held, memory.mode.phase = memory.y, memory.held, UNSETTLED
+    held.advance_at, held.stored_before_j = advance_at, math.nan
+    y.depth_m, y.v_m_s, y.crank_rad = depth_m, v_m_s, crank_rad % TURN_RAD
+    y.crank_rad_s = omega_rad_s if is_motor(parts.drive) else parts.drive.omega_rad_s
     if is_worn(parts.wearer):
-        plate_m = equilibrium_m(parts.wearer, steady_m_s2(parts.housing))
-        memory.y[plate_place(parts.drive)] = plate_m
-        memory.y[0] -= plate_m
-    held, striker = memory.held[0], parts.striker
+        y.plate_m = equilibrium_m(parts.wearer, steady_m_s2(parts.housing))
+        y.depth_m -= y.plate_m
     held.free_step_s = held.contact_step_s = 0.1 / math.sqrt(striker.spring_n_per_m / striker.mass_kg)
-    memory.observed[:] = 0.0
-    angle_rad = crank_rad % TURN_RAD
-    if is_motor(parts.drive):
-        memory.y[ANGLE], memory.y[SPEED] = angle_rad, omega_rad_s
-    else:
-        held.crank_rad = angle_rad
+    _note_places(parts, memory)
 
 
 @subroutine
-def set_accuracy(parts: Parts, memory: Memory, accuracy: float) -> None:
+def _note_places(parts: Parts, memory: Memory) -> None:
+    """Note which quantities the parts have: those of the motion, then the accounts."""
+    memory.held.motion = memory.held.used = 0
+    motor, soft = is_motor(parts.drive), is_soft(parts.stop)
+    _use(memory, Y.depth_m, 2, True)
+    _use(memory, Y.crank_rad, 2, motor)
+    _use(memory, Y.plate_m, 2, is_worn(parts.wearer))
+    _use(memory, Y.i_d_a, 4, is_wound(parts.winding))
+    memory.held.motion = memory.held.used
+    _use(memory, Y.drive_j, 2, True)
+    _use(memory, Y.stop_j, 1, soft or is_rigid(parts.stop))
+    _use(memory, Y.impulse_n_s, 1, soft)
+    _use(memory, Y.housing_j, 1, not is_level(parts.housing))
+    _use(memory, Y.ankle_j, 1, is_worn(parts.wearer))
+    _use(memory, Y.terminal_j, 2, is_wound(parts.winding))
+
+
+@subroutine
+def _use(memory: Memory, first: int, count: int, has: bool) -> None:
+    for place in range(first, first + count if has else first):
+        memory.places[memory.held.used] = place
+        memory.held.used += 1
+
+
+@subroutine
+def set_accuracy(run: Run, accuracy: float) -> None:
     """Set the tolerated error of one step in each quantity, equivalent to a step's share of `accuracy` in
     position."""
+    parts, memory = run.parts, run.memory[0]
     striker, stop, scale = parts.striker, parts.stop, memory.scale
     natural = math.sqrt(striker.spring_n_per_m / striker.mass_kg)
     length = max(parts.drive.amplitude_m, 1e-3)
-    scale[DEPTH], scale[VELOCITY] = 1.0, natural
-    if is_motor(parts.drive):
-        scale[ANGLE], scale[SPEED] = 1.0 / length, natural / length
-    if is_worn(parts.wearer):
-        plate = plate_place(parts.drive)
-        scale[plate], scale[plate + 1] = 1.0, natural
-    _set_current_scale(parts, length, natural, scale)
     force = striker.spring_n_per_m * max(length, abs(striker.rest_length_m - origin_m(stop, striker)))
-    work = work_place(parts)
-    scale[work:] = force
-    if is_soft(stop):
-        scale[work + 3] = striker.mass_kg * natural
+    memory.all_scale[:] = force
+    scale.depth_m, scale.v_m_s = 1.0, natural
+    scale.crank_rad, scale.crank_rad_s = 1.0 / length, natural / length
+    scale.plate_m, scale.plate_m_s = 1.0, natural
+    _set_current_scale(parts, length, natural, scale)
+    scale.impulse_n_s = striker.mass_kg * natural
     share = SHARE_OF_A_MOTOR_STEP if is_motor(parts.drive) else SHARE_OF_A_STEP
-    for i in range(scale.size):
-        scale[i] *= share * accuracy
-    scale[VELOCITY] = min(scale[VELOCITY], SHARE_OF_BEND * bend_m_s(parts.friction))
-    for i in range(memory.contact_scale.size):
-        memory.contact_scale[i] = SHARE_OF_A_CONTACT * scale[i]
-    memory.held[0].rest_m_s = 0.01 * accuracy * natural  # such a rebound's height is far below the accuracy
+    for i in range(SIZE):
+        memory.all_scale[i] *= share * accuracy
+    scale.v_m_s = min(scale.v_m_s, SHARE_OF_BEND * bend_m_s(parts.friction))
+    for i in range(SIZE):
+        memory.all_contact_scale[i] = SHARE_OF_A_CONTACT * memory.all_scale[i]
+    memory.held.rest_m_s = 0.01 * accuracy * natural  # such a rebound's height is far below the accuracy
 
 
 @subroutine
-def _set_current_scale(parts: Parts, length_m: float, natural_rad_s: float, scale: Vector) -> None:
+def _set_current_scale(parts: Parts, length_m: float, natural_rad_s: float, scale: State) -> None:
     """Set the units of the windings' currents and voltages, if they are modelled."""
-    winding, drive, place = parts.winding, parts.drive, current_place(parts)
+    winding, drive = parts.winding, parts.drive
     if not (is_wound(winding) and is_motor(drive)):
         return
     # An error of current dies out within 1/α; until then it turns the crank: δω = K_t δi / (J α).
     alpha = winding.bandwidth_rad_s
     current = drive.inertia_kg_m2 * alpha / drive.torque_constant_n_m_a * natural_rad_s / length_m
-    scale[place] = scale[place + 1] = current
-    scale[place + 2] = alpha * winding.d_inductance_h * current
-    scale[place + 3] = alpha * winding.q_inductance_h * current
+    scale.i_d_a = scale.i_q_a = current
+    scale.u_d_v = alpha * winding.d_inductance_h * current
+    scale.u_q_v = alpha * winding.q_inductance_h * current
+
+
+@subroutine
+def now_s(memory: Memory) -> float:
+    """The time reached."""
+    return memory.held.start_s + memory.held.elapsed_s

@@ -12,18 +12,19 @@ from plant_sim.parts.friction import bend_m_s
 from plant_sim.parts.housing import smooth_for_s
 from plant_sim.parts.parts import Parts
 from plant_sim.result import Phase
-from plant_sim.sensors.sensing import Sensing, is_sensing, sense_series, sense_step, series_order
+from plant_sim.sensors.sensing import is_sensing, sense_series, sense_step, series_order
 from plant_sim.solvers.adaptive.automaton import apply, first_event, may_end
-from plant_sim.solvers.adaptive.crank import crank_now, dry_loss_n_m, turn_crank
+from plant_sim.solvers.adaptive.crank import dry_loss_n_m, turn_crank
 from plant_sim.solvers.adaptive.dop853 import attempt, extend
 from plant_sim.solvers.adaptive.event_location import Course, Event, Found, Step, steepest_stage
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.observation import follow_contact, follow_felt, sample_step
 from plant_sim.solvers.adaptive.series import LEAST, motion_within, series_step_s, state_after
-from plant_sim.solvers.adaptive.state_layout import VELOCITY, Flow, Grid, Held, Memory, Vector, state_size
+from plant_sim.solvers.adaptive.state_layout import Flow, Held, Memory, Run, Vector, Y, now_s
 from plant_sim.solvers.adaptive.stop import follow_shock
 from plant_sim.solvers.adaptive.wearer import ankle_s, closing_m_s
 from plant_sim.solvers.adaptive.winding import current_s
+from plant_sim.solvers.bernstein import ORDER
 from plant_sim.solvers.cost import debt
 from plant_sim.solvers.double_double import two_sum
 
@@ -39,63 +40,57 @@ rest; the error per forcing period then exceeds the accuracy.
 
 
 @subroutine(inline=True)
-def take_step(
-    parts: Parts,
-    probe: Sensing,
-    memory: Memory,
-    torque_n_m: float,
-    start_s: float,
-    duration_s: float,
-    grid: Grid,
-) -> float:
+def take_step(run: Run) -> float:
     """Take one step, at most up to an event; return its length, s, or −1 if no step is small enough."""
-    y, mode, held, new = memory.y, memory.mode[0], memory.held[0], memory.new
-    begin_s = start_s + held.elapsed_s
-    follow_shock(parts, memory, begin_s)
-    flow = flow_now(parts, memory, torque_n_m, begin_s)
-    scale = memory.contact_scale if flow.phase == Phase.CONTACT else memory.scale
-    remaining = (duration_s - held.elapsed_s) - held.elapsed_low_s
+    parts, memory, grid = run.parts, run.memory[0], run.grid
+    mode, held = memory.mode, memory.held
+    begin_s = now_s(memory)
+    follow_shock(run)
+    flow = flow_now(run)
+    scale = memory.all_contact_scale if flow.phase == Phase.CONTACT else memory.all_scale
+    remaining = (held.duration_s - held.elapsed_s) - held.elapsed_low_s
     longest = _longest_s(parts, memory, begin_s)
     longest_series = min(LONGEST_SERIES * longest, smooth_for_s(parts.housing, begin_s), remaining)
-    h = series_step_s(probe, parts, flow, memory, scale, longest_series)
-    is_series, order, attempts = h > 0.0, series_order(probe), 1.0
+    h = series_step_s(run, flow, scale, longest_series)
+    is_series, order, attempts = h > 0.0, series_order(run.probe), 1.0
     if is_series:
-        state_after(memory.series, h, new, order)
+        state_after(memory, h, order)
     else:
-        h, attempts = _stages_step_s(parts, flow, memory, scale, longest, remaining)
+        h, attempts = _stages_step_s(run, flow, scale, longest, remaining)
         if h < 0.0:
             return h
 
     used: float = h
     event = Event.NONE
     has_sample = mode.samples < grid.t_s.size and grid.t_s[mode.samples] < begin_s + h
-    is_checked = may_end(parts, flow, y, new, Course(is_series, memory.series, memory.k, h, order), mode)
-    dense = memory.long_dense if is_series else memory.dense
-    if has_sample or is_checked or (is_sensing(probe) and not is_series):
-        _look_within(parts, flow, h, memory, is_series, order, has_sample)
+    is_checked = may_end(run, flow, Course(is_series, memory.all_series, memory.all_slopes, h, order))
+    dense = memory.long_dense[:] if is_series and order == ORDER else memory.dense[:]
+    if has_sample or is_checked or (is_sensing(run.probe) and not is_series):
+        _look_within(run, flow, h, is_series, order, has_sample)
     if is_checked:
-        found = first_event(parts, Step(flow, mode, h, y, dense, memory.scratch))
+        found = first_event(run, Step(flow, h, dense))
         event = found.event
         if event != Event.NONE:
-            used = _repeat(parts, flow, found, h, memory, is_series, order)
+            used = _repeat(run, flow, found, h, is_series, order)
     if flow.phase == Phase.CONTACT:
-        follow_contact(parts, memory, dense, flow.damping_s_m, used / h)
-    follow_felt(parts, memory, used / h)
-    _sense(parts, probe, memory, h, used, begin_s, is_series)
+        follow_contact(run, dense, flow.damping_s_m, used / h)
+    follow_felt(run, used / h)
+    _sense(run, h, used, begin_s, is_series)
     if has_sample:
-        sample_step(parts, memory, flow, dense, h, used, grid)
+        sample_step(run, flow, dense, h, used)
 
-    for i in range(state_size(parts)):
-        y[i] = new[i]
+    for place in range(held.used):
+        i = memory.places[place]
+        memory.all_y[i] = memory.all_new[i]
     turn_crank(parts.drive, memory, used)
     if used > 0.0:  # at an event at the step's start, the other quantities are still zero
         mode.zero_depth = mode.zero_velocity = mode.zero_crank = mode.zero_voltage = 0
-    _pass_time(memory, flow.phase, used, remaining, duration_s)
+    _pass_time(memory, flow.phase, used, remaining)
     if used < remaining:  # what ends a call is as short as the caller asked for
         held.debt = debt(held.debt, attempts, used / longest)
     if event != Event.NONE:
         held.last_step_s = 0.0
-        apply(parts, probe, memory, torque_n_m, event, start_s + held.elapsed_s)
+        apply(run, event)
     return used
 
 
@@ -104,32 +99,33 @@ def _longest_s(parts: Parts, memory: Memory, begin_s: float) -> float:
     """The longest step of DOP853, s: a radian of the fastest motion of any part."""
     striker = parts.striker
     natural = math.sqrt(striker.spring_n_per_m / striker.mass_kg)
-    longest = 1.0 / max(natural, abs(crank_now(parts, memory).speed_rad_s))
+    longest = 1.0 / max(natural, abs(memory.y.crank_rad_s))
     longest = min(longest, ankle_s(parts), smooth_for_s(parts.housing, begin_s))
     return min(longest, current_s(parts))
 
 
 @subroutine
 def _stages_step_s(
-    parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float, remaining_s: float
+    run: Run, flow: Flow, scale: Vector, longest_s: float, remaining_s: float
 ) -> tuple[float, float]:
     """Step of DOP853 from `memory.y` to `memory.new`: its length, s, or −1 if none is small enough, and the
     number of attempts.
 
     Over a longer change of speed the fall of Stribeck's friction near rest could lie between two stages.
     """
-    held, k = memory.held[0], memory.k
-    derivative(parts, flow, 0.0, memory.y, k[0])
-    most_m_s = max(0.5 * abs(memory.y[VELOCITY]), bend_m_s(parts.friction))
-    longest_s = min(longest_s, most_m_s / max(abs(k[0, VELOCITY]), LEAST))
+    parts, memory = run.parts, run.memory[0]
+    held, slopes = memory.held, memory.slopes
+    derivative(parts, flow, 0.0, memory.y, slopes[0])
+    most_m_s = max(0.5 * abs(memory.y.v_m_s), bend_m_s(parts.friction))
+    longest_s = min(longest_s, most_m_s / max(abs(slopes[0].v_m_s), LEAST))
     attempts, next_s = 0.0, held.contact_step_s if flow.phase == Phase.CONTACT else held.free_step_s
     while True:
         h = min(next_s, longest_s, remaining_s)
         attempts += 1.0
-        error = attempt(parts, flow, h, memory.y, scale, k, memory.trial, memory.new)
+        error = attempt(run, flow, h, scale)
         if not error <= 1.0:  # also nan
             next_s = h * (max(0.2, 0.9 * _eighth_root(1.0 / error)) if error < 1e300 else 0.2)
-        elif math.isinf(most_m_s) or h * steepest_stage(k, VELOCITY) <= 2.0 * most_m_s:
+        elif math.isinf(most_m_s) or h * steepest_stage(memory.all_slopes, Y.v_m_s) <= 2.0 * most_m_s:
             break
         else:
             next_s = 0.5 * h
@@ -140,14 +136,14 @@ def _stages_step_s(
 
 
 @subroutine
-def _pass_time(memory: Memory, phase: int, used_s: float, remaining_s: float, duration_s: float) -> None:
-    """Advance the time by `used_s` in a phase, of the `remaining_s` up to `duration_s`."""
-    held = memory.held[0]
+def _pass_time(memory: Memory, phase: int, used_s: float, remaining_s: float) -> None:
+    """Advance the time by `used_s` in a phase, of the `remaining_s` up to the call's end."""
+    held = memory.held
     if used_s > 0.0:
-        memory.mode[0].seen |= 1 << phase
+        memory.mode.seen |= 1 << phase
     elapsed_s, rest_s = two_sum(held.elapsed_s, held.elapsed_low_s + used_s)
     is_end = used_s == remaining_s
-    held.elapsed_s = duration_s if is_end else elapsed_s
+    held.elapsed_s = held.duration_s if is_end else elapsed_s
     held.elapsed_low_s = 0.0 if is_end else rest_s
 
 
@@ -178,26 +174,23 @@ def _eighth_root(value: float) -> float:
 
 
 @subroutine
-def _look_within(
-    parts: Parts, flow: Flow, h_s: float, memory: Memory, is_series: bool, order: int, has_sample: bool
-) -> None:
+def _look_within(run: Run, flow: Flow, h_s: float, is_series: bool, order: int, has_sample: bool) -> None:
     """The motion within the step, into `memory.long_dense` or `memory.dense`.
 
     Of a series only what events, forces and samples need: the crank's motion takes as long as the striker's.
     """
     if is_series:
         slides = flow.phase in (Phase.FLIGHT, Phase.CONTACT)
-        is_crank_needed = has_sample or not slides or dry_loss_n_m(parts.drive) > 0.0
-        motion_within(memory.series, h_s, memory.long_dense, order, is_crank_needed)
+        is_crank_needed = has_sample or not slides or dry_loss_n_m(run.parts.drive) > 0.0
+        motion_within(run.memory[0], h_s, order, is_crank_needed)
     else:
-        extend(parts, flow, h_s, memory.y, memory.new, memory.k, memory.trial, memory.dense)
+        extend(run, flow, h_s)
 
 
 @subroutine(inline=True)
-def _sense(
-    parts: Parts, probe: Sensing, memory: Memory, h_s: float, used_s: float, begin_s: float, is_series: bool
-) -> None:
+def _sense(run: Run, h_s: float, used_s: float, begin_s: float, is_series: bool) -> None:
     """Drive the sensors' filters over the first `used_s` of the step."""
+    probe, parts, memory = run.probe, run.parts, run.memory[0]
     if not is_sensing(probe) or used_s == 0.0:
         return
     if is_series:
@@ -207,26 +200,24 @@ def _sense(
 
 
 @subroutine
-def _repeat(
-    parts: Parts, flow: Flow, found: Found, h_s: float, memory: Memory, is_series: bool, order: int
-) -> float:
+def _repeat(run: Run, flow: Flow, found: Found, h_s: float, is_series: bool, order: int) -> float:
     """Repeat the step up to the event; the time of a touch-down is then corrected by Newton's method."""
-    new = memory.new
+    new = run.memory[0].new
     used = found.s * h_s
-    _end_at(parts, flow, used, memory, is_series, order)
-    closing = closing_m_s(parts, new)
+    _end_at(run, flow, used, is_series, order)
+    closing = closing_m_s(new)
     if found.event == Event.TOUCH and closing != 0.0:
-        correction = -new[0] / closing
+        correction = -new.depth_m / closing
         if abs(correction) < 1e-3 * used:
             used = min(used + correction, h_s)
-            _end_at(parts, flow, used, memory, is_series, order)
+            _end_at(run, flow, used, is_series, order)
     return used
 
 
 @subroutine
-def _end_at(parts: Parts, flow: Flow, used_s: float, memory: Memory, is_series: bool, order: int) -> None:
+def _end_at(run: Run, flow: Flow, used_s: float, is_series: bool, order: int) -> None:
     """The state `used_s` after the step's start, into `memory.new`."""
     if is_series:
-        state_after(memory.series, used_s, memory.new, order)
+        state_after(run.memory[0], used_s, order)
     else:
-        attempt(parts, flow, used_s, memory.y, memory.scale, memory.k, memory.trial, memory.new)
+        attempt(run, flow, used_s, run.memory[0].all_scale)

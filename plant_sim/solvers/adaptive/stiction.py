@@ -15,9 +15,9 @@ from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m
 from plant_sim.parts.striker import spring_force_n, spring_stretch_m
 from plant_sim.parts.wearer import is_worn
 from plant_sim.result import Phase
-from plant_sim.solvers.adaptive.crank import angle_at, angle_event, coupling_n, crank_now
+from plant_sim.solvers.adaptive.crank import angle_at, angle_event, coupling_n
 from plant_sim.solvers.adaptive.event_location import Step
-from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, Memory, Vector, enter
+from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, Run, State, Vector, enter, now_s
 from plant_sim.solvers.adaptive.stop import leaving_zeros, open_contact
 from plant_sim.solvers.adaptive.wearer import closing_m_s, from_stop_m
 from plant_sim.solvers.bernstein import DEGREE, NODES, Scratch, interpolate, root
@@ -36,23 +36,29 @@ def dry_limit_n(parts: Parts) -> float:
 
 
 @subroutine
-def held_force_n(parts: Parts, angle_rad: float, y: Vector, time_s: float) -> float:
+def held_force_n(parts: Parts, y: State, time_s: float) -> float:
     """Force, N, on a striker at rest, without dry friction and the force of a rigid stop."""
-    spring = coupling_n(parts, angle_rad, from_stop_m(parts, y))
-    inertia = parts.striker.mass_kg * housing_m_s2(parts.housing, time_s)
-    return spring - elastic_force_n(parts.stop, max(y[0], 0.0)) - inertia
+    return held_force_at_n(parts, y.crank_rad, y, time_s)
 
 
 @subroutine
-def held_limit_n(parts: Parts, y: Vector, time_s: float) -> float:
+def held_force_at_n(parts: Parts, angle_rad: float, y: State, time_s: float) -> float:
+    """`held_force_n` with the crank at another angle."""
+    spring = coupling_n(parts, angle_rad, from_stop_m(y))
+    inertia = parts.striker.mass_kg * housing_m_s2(parts.housing, time_s)
+    return spring - elastic_force_n(parts.stop, max(y.depth_m, 0.0)) - inertia
+
+
+@subroutine
+def held_limit_n(parts: Parts, y: State, time_s: float) -> float:
     """Largest `held_force_n` on a striker that stays at rest: friction's limit and the force's rounding."""
     striker, stop = parts.striker, parts.stop
     limit = dry_limit_n(parts)
     reach = abs(striker.rest_length_m - origin_m(stop, striker))
-    reach += abs(from_stop_m(parts, y))
+    reach += abs(from_stop_m(y))
     spring = spring_force_n(striker, parts.drive.amplitude_m + reach)
     inertia = striker.mass_kg * abs(housing_m_s2(parts.housing, time_s))
-    return limit + ROUNDING * (spring + elastic_force_n(stop, max(y[0], 0.0)) + inertia + limit)
+    return limit + ROUNDING * (spring + elastic_force_n(stop, max(y.depth_m, 0.0)) + inertia + limit)
 
 
 @subroutine
@@ -94,26 +100,27 @@ def _next(angle_rad: float, after_rad: float) -> float:
 
 
 @subroutine
-def release_event(parts: Parts, step: Step) -> float:
+def release_event(run: Run, step: Step) -> float:
     """First s at which a resting striker breaks away.
 
     In a housing that moves, the sum of spring and housing force is approximated by a polynomial, to 1e-9 over
     a radian.
     """
-    flow, h_s = step.flow, step.h_s
+    parts, memory, flow, h_s = run.parts, run.memory[0], step.flow, step.h_s
+    y, scratch = memory.y, memory.scratch
     if _is_still(parts.housing):
-        up, down = _release_angles(parts, flow.phase, flow.angle_rad, step.y[0])
-        return angle_event(parts.drive, up, down, step)
-    values, pull = step.scratch.poly, step.scratch.press[: DEGREE + 1]
+        up, down = _release_angles(parts, flow.phase, flow.angle_rad, y.depth_m)
+        return angle_event(run, up, down, step)
+    values, pull = scratch.poly, scratch.press[: DEGREE + 1]
     largest = 0.0
     for i in range(DEGREE + 1):
         angle = angle_at(parts.drive, step, NODES[i])
-        values[i] = held_force_n(parts, angle, step.y, flow.time_s + NODES[i] * h_s)
+        values[i] = held_force_at_n(parts, angle, y, flow.time_s + NODES[i] * h_s)
         largest = max(largest, abs(values[i]))
     interpolate(values, pull)
     limit = dry_limit_n(parts) + ROUNDING * largest
-    down = _break(pull, -1.0, limit, step.scratch)
-    return min(down, _break(pull, 1.0, limit, step.scratch)) if flow.phase == Phase.STICK else down
+    down = _break(pull, -1.0, limit, scratch)
+    return min(down, _break(pull, 1.0, limit, scratch)) if flow.phase == Phase.STICK else down
 
 
 @subroutine
@@ -125,19 +132,20 @@ def _break(pull: Vector, sign: float, limit_n: float, scratch: Scratch) -> float
 
 
 @subroutine
-def from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
+def from_rest(run: Run) -> None:
     """Set the phase of a striker at v = 0: stick, rest on a rigid stop, or motion in the direction of the
     force."""
-    y, mode = memory.y, memory.mode[0]
-    net = held_force_n(parts, crank_now(parts, memory).angle_rad, y, time_s)
-    is_beside = is_worn(parts.wearer) and y[0] == 0.0 and closing_m_s(parts, y) == 0.0
+    parts, memory = run.parts, run.memory[0]
+    y, mode, time_s = memory.y, memory.mode, now_s(memory)
+    net = held_force_n(parts, y, time_s)
+    is_beside = is_worn(parts.wearer) and y.depth_m == 0.0 and closing_m_s(y) == 0.0
     if is_beside:  # at a plate at rest, which the housing moves along as it does the striker
         net += parts.striker.mass_kg * housing_m_s2(parts.housing, time_s)
     dry = dry_limit_n(parts)
     rounding = held_limit_n(parts, y, time_s) - dry
-    growth, near = (0.0, 0.0) if is_beside else _pull_growth(parts, memory, time_s)
+    growth, near = (0.0, 0.0) if is_beside else _pull_growth(run)
     near = max(near, rounding) if growth != 0.0 else rounding
-    is_on_stop = is_rigid(parts.stop) and y[0] == 0.0
+    is_on_stop = is_rigid(parts.stop) and y.depth_m == 0.0
     direction = set_off(net, dry, near, growth, is_on_stop)
     if direction == 0 and (is_on_stop or dry > 0.0):
         enter(mode, Phase.REST_ON_STOP if is_on_stop else Phase.STICK, 0, 0, 0)
@@ -145,49 +153,50 @@ def from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
     forward = direction > 0
     if direction == 0:  # free, and without a pull
         forward = growth > 0.0 or (growth == 0.0 and net >= 0.0)
-    _slide(parts, memory, time_s, forward, 1 if abs(net) > dry + near else 2)
+    _slide(run, forward, 1 if abs(net) > dry + near else 2)
 
 
 @subroutine
-def _pull_growth(parts: Parts, memory: Memory, time_s: float) -> tuple[float, float]:
+def _pull_growth(run: Run) -> tuple[float, float]:
     """Time derivative of the pull on a striker at rest, N/s, and the change of the pull within twice
     NEAR_RAD, N.
 
     Within that distance of the limit the derivative decides, so that no release is missed. At the piston's
     dead centres the derivative vanishes, and no breakaway begins.
     """
-    crank, striker = crank_now(parts, memory), parts.striker
+    parts, memory = run.parts, run.memory[0]
+    y, striker = memory.y, parts.striker
     is_still = _is_still(parts.housing)
-    if is_still and abs(math.cos(crank.angle_rad)) < 1e-4:
+    if is_still and abs(math.cos(y.crank_rad)) < 1e-4:
         return 0.0, 0.0
-    per_rad = crank_torque_n_m(
-        parts.linkage, striker.spring_n_per_m, parts.drive.amplitude_m, crank.angle_rad
-    )
+    per_rad = crank_torque_n_m(parts.linkage, striker.spring_n_per_m, parts.drive.amplitude_m, y.crank_rad)
     if is_still:
-        return per_rad * crank.speed_rad_s, abs(per_rad) * 2.0 * NEAR_RAD
-    shaken = striker.mass_kg * housing_m_s3(parts.housing, time_s)
+        return per_rad * y.crank_rad_s, abs(per_rad) * 2.0 * NEAR_RAD
+    shaken = striker.mass_kg * housing_m_s3(parts.housing, now_s(memory))
     natural = math.sqrt(striker.spring_n_per_m / striker.mass_kg)
-    growth = per_rad * crank.speed_rad_s - shaken
+    growth = per_rad * y.crank_rad_s - shaken
     return growth, (abs(per_rad) + abs(shaken) / natural) * 2.0 * NEAR_RAD
 
 
 @subroutine
-def release(parts: Parts, memory: Memory, time_s: float) -> None:
+def release(run: Run) -> None:
     """Release a striker whose pull has just reached its limit: it sets off with zero acceleration."""
-    net = held_force_n(parts, crank_now(parts, memory).angle_rad, memory.y, time_s)
-    forward = net > 0.0 and memory.mode[0].phase == Phase.STICK
-    _slide(parts, memory, time_s, forward, 2)
+    memory = run.memory[0]
+    net = held_force_n(run.parts, memory.y, now_s(memory))
+    forward = net > 0.0 and memory.mode.phase == Phase.STICK
+    _slide(run, forward, 2)
 
 
 @subroutine
-def _slide(parts: Parts, memory: Memory, time_s: float, forward: bool, zeros: int) -> None:
+def _slide(run: Run, forward: bool, zeros: int) -> None:
     """Slide from v = 0; the first `zeros` derivatives, v included, are zero."""
-    y, mode = memory.y, memory.mode[0]
+    parts, memory = run.parts, run.memory[0]
+    y, mode = memory.y, memory.mode
     direction = 1 if forward else -1
     if mode.in_impact == IN_CONTACT:
         enter(mode, Phase.CONTACT, direction, mode.zero_depth, zeros)
         return
-    sets_off_surface = y[0] == 0.0 and not forward
+    sets_off_surface = y.depth_m == 0.0 and not forward
     enter(mode, Phase.FLIGHT, direction, zeros + 1 if sets_off_surface else mode.zero_depth, zeros)
-    if is_soft(parts.stop) and y[0] == 0.0 and forward:
-        open_contact(parts, memory, time_s, zeros + leaving_zeros(parts.stop))
+    if is_soft(parts.stop) and y.depth_m == 0.0 and forward:
+        open_contact(run, zeros + leaving_zeros(parts.stop))

@@ -8,38 +8,19 @@ import math
 from plant_sim.kernels import subroutine
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.wearer import Ankle, is_worn
-from plant_sim.solvers.adaptive.state_layout import Vector, ankle_place, plate_place
-from plant_sim.solvers.bernstein import at
+from plant_sim.solvers.adaptive.state_layout import State
 
 
 @subroutine(inline=True)
-def from_stop_m(parts: Parts, y: Vector) -> float:
+def from_stop_m(y: State) -> float:
     """The striker's position relative to the stop's position in the scene, m."""
-    place_m: float = y[0]
-    return place_m + y[plate_place(parts.drive)] if is_worn(parts.wearer) else place_m
+    return y.depth_m + y.plate_m
 
 
 @subroutine(inline=True)
-def closing_m_s(parts: Parts, y: Vector) -> float:
+def closing_m_s(y: State) -> float:
     """The striker's velocity relative to the stop's surface, m/s: the time derivative of depth."""
-    v_m_s: float = y[1]
-    return v_m_s - y[plate_place(parts.drive) + 1] if is_worn(parts.wearer) else v_m_s
-
-
-@subroutine
-def place_within(parts: Parts, dense: Vector, out: Vector) -> None:
-    """Bernstein coefficients of `from_stop_m` over a step, into `out`."""
-    for i in range(out.size):
-        out[i] = from_stop_m(parts, dense[:, i])
-
-
-@subroutine(inline=True)
-def plate_at(parts: Parts, dense: Vector, s: float) -> tuple[float, float]:
-    """The plate's position, m, and velocity, m/s, within a step."""
-    if not is_worn(parts.wearer):
-        return 0.0, 0.0
-    place = plate_place(parts.drive)
-    return at(dense[place], s), at(dense[place + 1], s)
+    return y.v_m_s - y.plate_m_s
 
 
 @subroutine
@@ -49,41 +30,39 @@ def ankle_force_n(ankle: Ankle, place_m: float, velocity_m_s: float) -> float:
 
 
 @subroutine
-def felt_force_n(parts: Parts, y: Vector) -> float:
+def felt_force_n(parts: Parts, y: State) -> float:
     """Force on the wearer, N."""
-    wearer, place = parts.wearer, plate_place(parts.drive)
-    return ankle_force_n(wearer, y[place], y[place + 1]) if is_worn(wearer) else 0.0
+    return ankle_force_n(parts.wearer, y.plate_m, y.plate_m_s) if is_worn(parts.wearer) else 0.0
 
 
 @subroutine
-def plate_momentum_n_s(parts: Parts, y: Vector) -> float:
+def plate_momentum_n_s(parts: Parts, y: State) -> float:
     """m_f p', N s."""
     wearer = parts.wearer
-    return wearer.plate_kg * y[plate_place(parts.drive) + 1] if is_worn(wearer) else 0.0
+    return wearer.plate_kg * y.plate_m_s if is_worn(wearer) else 0.0
 
 
 @subroutine
-def plate_energy_j(parts: Parts, y: Vector) -> float:
+def plate_energy_j(parts: Parts, y: State) -> float:
     """Energy of plate and ankle spring, J."""
-    wearer, place = parts.wearer, plate_place(parts.drive)
+    wearer = parts.wearer
     if not is_worn(wearer):
         return 0.0
-    p, v = y[place], y[place + 1]
+    p, v = y.plate_m, y.plate_m_s
     energy_j: float = 0.5 * (wearer.plate_kg * v * v + wearer.stiffness_n_per_m * p * p)
     return energy_j
 
 
 @subroutine(inline=True)
-def plate_derivative(parts: Parts, push_n: float, a_b: float, y: Vector, out: Vector) -> None:
+def plate_derivative(parts: Parts, push_n: float, a_b: float, y: State, out: State) -> None:
     """Fill in the plate's part of the derivative and the ankle's loss."""
     wearer = parts.wearer
     if not is_worn(wearer):
         return
-    place = plate_place(parts.drive)
-    v = y[place + 1]
-    out[place] = v
-    out[place + 1] = (push_n - felt_force_n(parts, y)) / wearer.plate_kg - a_b
-    out[ankle_place(parts)] = wearer.damping_n_s_m * v * v
+    v = y.plate_m_s
+    out.plate_m = v
+    out.plate_m_s = (push_n - felt_force_n(parts, y)) / wearer.plate_kg - a_b
+    out.ankle_j = wearer.damping_n_s_m * v * v
 
 
 @subroutine

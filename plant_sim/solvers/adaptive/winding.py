@@ -27,15 +27,7 @@ from plant_sim.solvers.adaptive.event_location import (
     look_within,
     steepest,
 )
-from plant_sim.solvers.adaptive.state_layout import (
-    SPEED,
-    Crank,
-    Flow,
-    Memory,
-    Vector,
-    current_place,
-    terminal_place,
-)
+from plant_sim.solvers.adaptive.state_layout import Crank, Flow, Memory, Run, State, Y
 from plant_sim.solvers.bernstein import DEGREE, NODES, interpolate, root
 
 STABLE = 4.5
@@ -50,22 +42,21 @@ class Voltages(NamedTuple):
 
 
 @subroutine
-def turning_current_a(parts: Parts, torque_n_m: float, crank: Crank, y: Vector) -> float:
+def turning_current_a(parts: Parts, torque_n_m: float, crank: Crank, y: State) -> float:
     """The torque-producing current i_q, A; it settles at once if the windings are not modelled."""
     if not is_wound(parts.winding):
         return motor_current_a(parts.drive, torque_n_m, crank.speed_rad_s)
-    current_a: float = y[current_place(parts) + 1]
+    current_a: float = y.i_q_a
     return current_a
 
 
 @subroutine(inline=True)
-def turning_torque_n_m(parts: Parts, torque_n_m: float, crank: Crank, y: Vector) -> float:
+def turning_torque_n_m(parts: Parts, torque_n_m: float, crank: Crank, y: State) -> float:
     """The torque of the motor's current on the crank, N m, for the command `torque_n_m`."""
     winding, drive = parts.winding, parts.drive
     if not (is_wound(winding) and is_motor(drive)):
         return motor_torque_n_m(drive, torque_n_m, crank.speed_rad_s)
-    place = current_place(parts)
-    i_d, i_q = y[place], y[place + 1]
+    i_d, i_q = y.i_d_a, y.i_q_a
     saliency_h = winding.d_inductance_h - winding.q_inductance_h
     # T = 3/2 p (ψ i_q + (L_d − L_q) i_d i_q)
     torque: float = 1.5 * drive.pole_pairs * (flux_wb(drive) + saliency_h * i_d) * i_q
@@ -74,10 +65,10 @@ def turning_torque_n_m(parts: Parts, torque_n_m: float, crank: Crank, y: Vector)
 
 @subroutine
 def asked_voltages(
-    winding: DqWinding, drive: MotorDrive, torque_n_m: float, omega_rad_s: float, y: Vector, place: int
+    winding: DqWinding, drive: MotorDrive, torque_n_m: float, omega_rad_s: float, y: State
 ) -> Voltages:
     """The current loop's voltage command to the inverter, V."""
-    i_d, i_q, u_d, u_q = y[place], y[place + 1], y[place + 2], y[place + 3]
+    i_d, i_q, u_d, u_q = y.i_d_a, y.i_q_a, y.u_d_v, y.u_q_v
     electrical = drive.pole_pairs * omega_rad_s
     L_d, L_q, alpha = winding.d_inductance_h, winding.q_inductance_h, winding.bandwidth_rad_s
     return Voltages(
@@ -90,42 +81,41 @@ def asked_voltages(
 
 @subroutine
 def voltage_excess(
-    winding: DqWinding, drive: MotorDrive, torque_n_m: float, omega_rad_s: float, y: Vector, place: int
+    winding: DqWinding, drive: MotorDrive, torque_n_m: float, omega_rad_s: float, y: State
 ) -> float:
     """|v*|² − V²/3, V²: positive if the bus limits the current loop."""
-    asked = asked_voltages(winding, drive, torque_n_m, omega_rad_s, y, place)
+    asked = asked_voltages(winding, drive, torque_n_m, omega_rad_s, y)
     limit = voltage_limit_v(drive)
     return asked.d * asked.d + asked.q * asked.q - limit * limit
 
 
 @subroutine(inline=True)
-def winding_derivative(parts: Parts, flow: Flow, crank: Crank, y: Vector, out: Vector) -> None:
+def winding_derivative(parts: Parts, flow: Flow, crank: Crank, y: State, out: State) -> None:
     """Fill in the windings' part of the derivative."""
     winding, drive = parts.winding, parts.drive
     if not (is_wound(winding) and is_motor(drive)):
         return
-    place, account = current_place(parts), terminal_place(parts)
     torque_n_m, omega_rad_s = flow.torque_n_m, crank.speed_rad_s
-    i_d, i_q = y[place], y[place + 1]
+    i_d, i_q = y.i_d_a, y.i_q_a
     L_d, L_q, R = winding.d_inductance_h, winding.q_inductance_h, drive.resistance_ohm
-    asked = asked_voltages(winding, drive, torque_n_m, omega_rad_s, y, place)
+    asked = asked_voltages(winding, drive, torque_n_m, omega_rad_s, y)
     share = 1.0
     if flow.voltage_limited:
         share = voltage_limit_v(drive) / math.sqrt(asked.d * asked.d + asked.q * asked.q)
     v_d, v_q = share * asked.d, share * asked.q
     electrical = drive.pole_pairs * omega_rad_s
-    out[place] = (v_d - R * i_d + electrical * L_q * i_q) / L_d
-    out[place + 1] = (v_q - R * i_q - electrical * (L_d * i_d + flux_wb(drive))) / L_q
+    out.i_d_a = (v_d - R * i_d + electrical * L_q * i_q) / L_d
+    out.i_q_a = (v_q - R * i_q - electrical * (L_d * i_d + flux_wb(drive))) / L_q
     # u' = α R (i* − i) + (R/L)(v − v*): nothing is added up that the bus cannot give
     alpha_R = winding.bandwidth_rad_s * R
-    out[place + 2] = -alpha_R * i_d + R / L_d * (v_d - asked.d)
-    out[place + 3] = alpha_R * (asked_current_a(drive, torque_n_m) - i_q) + R / L_q * (v_q - asked.q)
-    out[account] = 1.5 * (v_d * i_d + v_q * i_q)
-    out[account + 1] = 1.5 * R * (i_d * i_d + i_q * i_q)
+    out.u_d_v = -alpha_R * i_d + R / L_d * (v_d - asked.d)
+    out.u_q_v = alpha_R * (asked_current_a(drive, torque_n_m) - i_q) + R / L_q * (v_q - asked.q)
+    out.terminal_j = 1.5 * (v_d * i_d + v_q * i_q)
+    out.copper_j = 1.5 * R * (i_d * i_d + i_q * i_q)
 
 
 @subroutine
-def voltage_may_end(parts: Parts, flow: Flow, y: Vector, new: Vector, course: Course) -> bool:
+def voltage_may_end(parts: Parts, flow: Flow, y: State, new: State, course: Course) -> bool:
     """Whether the voltage command may exceed the bus within a step, by bounds as for other events.
 
     A function with slopes within ± S and values g0 and g1 at the ends has |g| ≤ (|g0| + |g1| + S h) / 2.
@@ -135,14 +125,14 @@ def voltage_may_end(parts: Parts, flow: Flow, y: Vector, new: Vector, course: Co
         return False
     if flow.voltage_limited:
         return True
-    place, torque_n_m = current_place(parts), flow.torque_n_m
-    h_s, steep_speed = course.h_s, steepest(course, SPEED)
-    steep_d, steep_q = steepest(course, place), steepest(course, place + 1)
-    steep_u_d, steep_u_q = steepest(course, place + 2), steepest(course, place + 3)
+    torque_n_m = flow.torque_n_m
+    h_s, steep_speed = course.h_s, steepest(course, Y.crank_rad_s)
+    steep_d, steep_q = steepest(course, Y.i_d_a), steepest(course, Y.i_q_a)
+    steep_u_d, steep_u_q = steepest(course, Y.u_d_v), steepest(course, Y.u_q_v)
     L_d, L_q, alpha = winding.d_inductance_h, winding.q_inductance_h, winding.bandwidth_rad_s
-    fastest = drive.pole_pairs * (max(abs(y[SPEED]), abs(new[SPEED])) + h_s * steep_speed)
-    most_d = max(abs(y[place]), abs(new[place])) + h_s * steep_d
-    most_q = max(abs(y[place + 1]), abs(new[place + 1])) + h_s * steep_q
+    fastest = drive.pole_pairs * (max(abs(y.crank_rad_s), abs(new.crank_rad_s)) + h_s * steep_speed)
+    most_d = max(abs(y.i_d_a), abs(new.i_d_a)) + h_s * steep_d
+    most_q = max(abs(y.i_q_a), abs(new.i_q_a)) + h_s * steep_q
     faster = drive.pole_pairs * steep_speed
     change_d = steep_u_d + alpha * L_d * steep_d + L_q * (faster * most_q + fastest * steep_q)
     change_q = (
@@ -151,8 +141,8 @@ def voltage_may_end(parts: Parts, flow: Flow, y: Vector, new: Vector, course: Co
         + L_d * (faster * most_d + fastest * steep_d)
         + faster * flux_wb(drive)
     )
-    before = asked_voltages(winding, drive, torque_n_m, y[SPEED], y, place)
-    after = asked_voltages(winding, drive, torque_n_m, new[SPEED], new, place)
+    before = asked_voltages(winding, drive, torque_n_m, y.crank_rad_s, y)
+    after = asked_voltages(winding, drive, torque_n_m, new.crank_rad_s, new)
     d = 0.5 * (abs(before.d) + abs(after.d) + h_s * change_d)
     q = 0.5 * (abs(before.q) + abs(after.q) + h_s * change_q)
     limit = voltage_limit_v(drive)
@@ -179,35 +169,36 @@ def magnetic_energy_j(winding: DqWinding, i_d: float, i_q: float) -> float:
 
 
 @subroutine
-def settle_voltage(parts: Parts, memory: Memory, torque_n_m: float) -> None:
+def settle_voltage(run: Run) -> None:
     """Determine whether the bus limits the current loop from now on under this torque command."""
+    parts, memory = run.parts, run.memory[0]
     winding, drive, y = parts.winding, parts.drive, memory.y
     if is_wound(winding) and is_motor(drive):
-        excess = voltage_excess(winding, drive, torque_n_m, y[SPEED], y, current_place(parts))
-        memory.mode[0].voltage_limited = 1 if excess > 0.0 else 0
-        memory.mode[0].zero_voltage = 0
+        excess = voltage_excess(winding, drive, memory.held.torque_n_m, y.crank_rad_s, y)
+        memory.mode.voltage_limited = 1 if excess > 0.0 else 0
+        memory.mode.zero_voltage = 0
 
 
 @subroutine
 def limit_voltage(memory: Memory, is_limited: bool) -> None:
     """Begin or end the voltage limit of the current loop."""
-    memory.mode[0].voltage_limited = 1 if is_limited else 0
-    memory.mode[0].zero_voltage = 1
+    memory.mode.voltage_limited = 1 if is_limited else 0
+    memory.mode.zero_voltage = 1
 
 
 @subroutine
-def voltage_events(parts: Parts, step: Step, found: Found) -> Found:
+def voltage_events(run: Run, step: Step, found: Found) -> Found:
     """The earlier of `found` and the begin or end of the current loop's voltage limit."""
-    winding, drive, place = parts.winding, parts.drive, current_place(parts)
+    parts, memory = run.parts, run.memory[0]
+    winding, drive = parts.winding, parts.drive
     if not (is_wound(winding) and is_motor(drive)):
         return found
-    flow, dense, scratch = step.flow, step.dense, step.scratch
+    flow, dense, scratch, inner = step.flow, step.dense, memory.scratch, memory.inner
     values, excess = scratch.poly, scratch.press[: DEGREE + 1]
     for i in range(DEGREE + 1):
-        look_within(dense, NODES[i], scratch.inner)
-        omega = scratch.inner[SPEED]
-        values[i] = voltage_excess(winding, drive, flow.torque_n_m, omega, scratch.inner, place)
+        look_within(memory, dense, NODES[i], memory.all_inner)
+        values[i] = voltage_excess(winding, drive, flow.torque_n_m, inner.crank_rad_s, inner)
     interpolate(values, excess)
     if flow.voltage_limited:
-        return earlier(found, Event.UNLIMIT, root(excess, -1.0, 0.0, step.mode.zero_voltage, scratch))
-    return earlier(found, Event.LIMIT, root(excess, 1.0, 0.0, step.mode.zero_voltage, scratch))
+        return earlier(found, Event.UNLIMIT, root(excess, -1.0, 0.0, memory.mode.zero_voltage, scratch))
+    return earlier(found, Event.LIMIT, root(excess, 1.0, 0.0, memory.mode.zero_voltage, scratch))

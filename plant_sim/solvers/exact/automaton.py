@@ -13,7 +13,7 @@
 A striker that sticks has no speed and therefore cannot meet the stop. Every function here is pure and
 compiled, so that studies can run this loop inside kernels of their own:
 
-    motion, scratch = begin(o, t_s, x − l0, v, crank), new_scratch(0)
+    motion, scratch = begin(o, t_s, x − l0, v, crank), new_scratch()
     while True:
         arrival, event = next_event(o, motion, until_s, scratch)
         …a study's evaluation of `motion`, `arrival` and `event`…

@@ -54,7 +54,7 @@ def _run(
     o = oscillator(parts)
     motion = begin(o, start[0], start[1], start[2], start[3])
     before_j = stored_j(o, motion)
-    ledger, scratch = empty_ledger(), new_scratch(0)
+    ledger, scratch = empty_ledger(), new_scratch()
     fastest_rad_s, behind = max(o.drive_rad_s, o.natural_rad_s), 0.0
     impacts, found, next_sample = np.empty((64, 6)), 0, 0
     event = Event.IMPACT

@@ -31,7 +31,7 @@ coefficients = st.lists(st.floats(-1.0, 1.0), min_size=8, max_size=8)
 
 @jit
 def _first_root(start, end, doubt):
-    return crossing._first_root(start, end, 1.0, doubt, new_scratch(0))
+    return crossing._first_root(start, end, 1.0, doubt, new_scratch())
 
 
 @settings(max_examples=500, derandomize=True)

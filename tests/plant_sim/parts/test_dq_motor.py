@@ -14,11 +14,10 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.winding import DqWinding
 from plant_sim.plant import Plant
 from plant_sim.scene import Scene, load_scene
+from plant_sim.sensors.sensing import NO_SENSING
 from plant_sim.simulation import initial_state, simulate
 from plant_sim.solvers.adaptive.adaptive import run
-from plant_sim.solvers.adaptive.state_layout import READINGS, Grid, Memory, allocate, current_place
-
-NO_SAMPLES = Grid(np.empty(0), np.empty((0, READINGS)))
+from plant_sim.solvers.adaptive.state_layout import Run, allocate
 
 SALIENT = {"d_inductance_h": 0.25e-3, "q_inductance_h": 0.35e-3}
 
@@ -27,10 +26,10 @@ def scene(changes: dict[str, Any], name: str = "table1-motor-soft") -> Scene:
     return load_scene(changed(name, {"drive.model": "dq-motor", "sensors": DELETE, **changes}))
 
 
-def started(module: Scene, omega_rad_s: float = 0.0, accuracy: float = 1e-10) -> tuple[Parts, Memory]:
+def started(module: Scene, omega_rad_s: float = 0.0, accuracy: float = 1e-10) -> tuple[Parts, Run]:
     parts = module.parts()
     start = replace(initial_state(module), omega_rad_s=omega_rad_s)
-    return parts, allocate(parts, start, accuracy, 64)
+    return parts, allocate(parts, start, accuracy, 64, NO_SENSING)
 
 
 @pytest.mark.parametrize(
@@ -59,19 +58,19 @@ def test_agrees_with_motulator(changes: dict[str, Any], torque_n_m: float, spun_
     motulator has them in the stator's frame with flux linkages, and knows of no crank.
     """
     module = scene({"drive.amplitude_m": 0.0, "winding": SALIENT, **changes})
-    parts, memory = started(module, spun_rad_s or 0.0, accuracy=1e-12)
+    parts, one = started(module, spun_rad_s or 0.0, accuracy=1e-12)
     assert isinstance(parts.drive, MotorDrive)
     assert isinstance(parts.winding, DqWinding)
     times_s = np.linspace(0.0, 8e-3, 17)
     theirs = motulator_motion(parts.drive, parts.winding, torque_n_m, times_s, spun_rad_s)
-    place, ours = current_place(parts), []
-    limited = False
+    memory: Any = one.memory[0]
+    ours, limited = [], False
     for t_s in times_s:
-        run(parts, memory, NO_SAMPLES, torque_n_m, 0.0, float(t_s))
-        limited = limited or memory.mode[0].voltage_limited == 1
-        i_d, i_q = memory.y[place : place + 2]
+        run(one, torque_n_m, 0.0, float(t_s))
+        limited = limited or memory.mode.voltage_limited == 1
+        i_d, i_q = memory.y.i_d_a, memory.y.i_q_a
         torque = 1.5 * parts.drive.pole_pairs * (0.08 / 10.5 + (0.25e-3 - 0.35e-3) * i_d) * i_q
-        ours.append([i_d, i_q, memory.y[3], torque])
+        ours.append([i_d, i_q, memory.y.crank_rad_s, torque])
     for mine, reference in zip(np.array(ours).T, theirs, strict=True):
         assert np.max(np.abs(mine - reference)) <= 1e-9 * max(np.max(np.abs(reference)), 1.0)
     assert limited == (parts.drive.supply_v == 6.0)
@@ -97,7 +96,7 @@ def test_the_ledgers_balance() -> None:
     limited = 0
     for tick in range(4000):
         plant.advance(0.08 + 0.3 * math.sin(0.013 * tick) + 0.1 * math.sin(0.17 * tick), 1e-3)
-        limited += int(plant._memory.mode[0].voltage_limited)
+        limited += int(plant._memory.mode.voltage_limited)
     assert 100 < limited < 3900
     assert plant.energy.drive_work_j > 1.0
     assert plant.energy.residual < 1e-9

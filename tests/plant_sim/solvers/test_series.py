@@ -8,19 +8,16 @@ import pytest
 from changed_scenes import KELVIN_VOIGT, changed
 
 from plant_sim.kernels import jit
-from plant_sim.kinds import kernel_parts
 from plant_sim.parts.linkage import SliderCrank
 from plant_sim.plant import Plant
-from plant_sim.references import by_reference
 from plant_sim.scene import load_scene
+from plant_sim.sensors.sensing import NO_SENSING
 from plant_sim.simulation import initial_state
 from plant_sim.solvers.adaptive.adaptive import run, simulate
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
-from plant_sim.solvers.adaptive.series import expand, motion_within, state_after
-from plant_sim.solvers.adaptive.state_layout import READINGS, Grid, Memory, allocate
+from plant_sim.solvers.adaptive.series import expand, state_after
+from plant_sim.solvers.adaptive.state_layout import allocate
 from plant_sim.solvers.bernstein import ORDER
-
-NO_SAMPLES = Grid(np.empty(0), np.empty((0, READINGS)))
 
 SHAKEN = {
     "tilt_rad": 0.1,
@@ -42,44 +39,39 @@ ENDLESS_M = 1e9
 
 
 @jit
-def _expanded(parts, memory, torque_n_m, t_s, h_s):
-    flow = flow_now(parts, memory, torque_n_m, t_s)
-    expand(parts, flow, memory.y, memory.series, ORDER)
-    state_after(memory.series, h_s, memory.new, ORDER)
-    motion_within(memory.series, h_s, memory.long_dense, ORDER, True)
+def _expanded(run, h_s):
+    expand(run, flow_now(run), ORDER)
+    state_after(run.memory[0], h_s, ORDER)
 
 
 @jit
-def _slopes(parts, memory, torque_n_m, t_s, y, out):
-    derivative(parts, flow_now(parts, memory, torque_n_m, t_s), 0.0, y, out)
+def _slopes(run, tau_s):
+    memory = run.memory[0]
+    derivative(run.parts, flow_now(run), tau_s, memory.y if tau_s == 0.0 else memory.new, memory.slopes[0])
 
 
-def expanded(name: str, torque_n_m: float = 0.02) -> tuple[Any, Memory]:
-    """A module after a third of a second, and the series of its motion from there on."""
+def expanded(name: str, torque_n_m: float = 0.02) -> Any:
+    """A module after a third of a second, with the series of its motion from there on."""
     base, changes = SCENES[name]
     scene = load_scene(changed(base, {"sensors": None, **changes}))
-    parts = scene.parts()
-    memory = allocate(parts, initial_state(scene), 1e-10, 100)
-    run(parts, memory, NO_SAMPLES, torque_n_m, 0.0, T_S)
-    _expanded(kernel_parts(parts), by_reference(memory), torque_n_m, T_S, H_S)
-    return parts, memory
+    one = allocate(scene.parts(), initial_state(scene), 1e-10, 100, NO_SENSING)
+    run(one, torque_n_m, 0.0, T_S)
+    _expanded(one, H_S)
+    return one
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_a_series_obeys_the_equations_of_motion(name: str) -> None:
     """Its slope at both ends of a step is the derivative of all quantities there."""
-    parts, memory = expanded(name)
-    size = memory.y.size
-    series = memory.series[:size]
-    slopes = np.zeros(size)
-    records = kernel_parts(parts), by_reference(memory)
-    _slopes(*records, 0.02, T_S, memory.y, slopes)
-    assert series[:, 1] == pytest.approx(slopes, rel=1e-12, abs=1e-13)
-    if parts.drive.phase_rad == 0.0 and hasattr(parts.drive, "omega_rad_s"):
-        memory.held[0].crank_rad += parts.drive.omega_rad_s * H_S
-    _slopes(*records, 0.02, T_S + H_S, memory.new, slopes)
+    one = expanded(name)
+    memory = one.memory[0]
+    used = memory.places[: memory.held.used]
+    series = memory.all_series[used]
+    _slopes(one, 0.0)
+    assert series[:, 1] == pytest.approx(memory.all_slopes[0][used], rel=1e-12, abs=1e-13)
+    _slopes(one, H_S)
     at_end = (series[:, 1:] * np.arange(1, ORDER + 1) * H_S ** np.arange(ORDER)).sum(axis=1)
-    assert at_end == pytest.approx(slopes, rel=1e-9, abs=1e-11)
+    assert at_end == pytest.approx(memory.all_slopes[0][used], rel=1e-9, abs=1e-11)
 
 
 @pytest.mark.parametrize(

@@ -93,7 +93,7 @@ def fly(
     """The end of the flight of `duration_s` that begins at y = x − l0, v and a crank angle."""
     law = oscillator_of(striker, drive, friction, NoStop(), drive.omega_rad_s)
     o = law._replace(is_dry=True)  # without dry friction, a turn is one of dry friction without a force
-    motion, scratch = begin(o, 0.0, y_m, v_m_s, crank_rad), new_scratch(0)
+    motion, scratch = begin(o, 0.0, y_m, v_m_s, crank_rad), new_scratch()
     yy, yv, vy, vv = 1.0, 0.0, 0.0, 1.0
     highest, margin, start, end = -math.inf, math.inf, math.nan, 0.0
     event = Event.TURN
