@@ -29,6 +29,14 @@ class Row(NamedTuple):
     b: float
 
 
+class Tracker(NamedTuple):
+    """A tracker of the crank: its triple pole, g, h and k of a tick, and the largest disturbance."""
+
+    bandwidth_rad_s: float
+    gains: tuple[float, float, float]
+    largest_rad_s2: float
+
+
 class MonitorTicks(NamedTuple):
     """A duration of each monitor's condition, named as its fault, in the order of their reports."""
 
@@ -66,12 +74,13 @@ class Ticks(NamedTuple):
 class Derived(NamedTuple):
     """Constants derived from the parameters. Forces are per unit of the striker's mass.
 
-    `crank_gains`: g, h and k of the crank's tracker. `sensor_delay_s`: the accelerometers' low-pass.
+    `tracker`: that of the control, by tuning parameters; `own_tracker`: that of the monitors, by none.
+    `sensor_delay_s`: the accelerometers' low-pass.
     `flight`: F of a tick of the model, `strapdown`: of a tick that integrates the accelerometer; `row`: H of
     the model. `…_rate`: share of a difference that a reading adds to an average. `readings_as_one`: N.
     `contact_growth`: factor of the Hertz contact, a = growth · (x'⁻ t)^1.5, m/s² per m^1.5.
-    `implausible_rad_s2`, `unloaded_rad_s2`: limit on the crank's unexplained acceleration if the striker's
-    load is known and if it is not. `spin_down_s`: longest braking, 0: the S-curve alone.
+    `implausible_rad_s2`: limit on the crank's unexplained acceleration; `largest_load_n_m`: the largest load
+    of the striker that explains one. `spin_down_s`: longest braking, 0: the S-curve alone.
     """
 
     natural_rad_s: float
@@ -79,7 +88,8 @@ class Derived(NamedTuple):
     damping_1_s: float
     dry_m_s2: float
     sensor_delay_s: float
-    crank_gains: tuple[float, float, float]
+    tracker: Tracker
+    own_tracker: Tracker
     flight: Transition
     strapdown: Transition
     row: Row
@@ -90,7 +100,7 @@ class Derived(NamedTuple):
     contact_growth: float
     highest_phase_rad: float
     implausible_rad_s2: float
-    unloaded_rad_s2: float
+    largest_load_n_m: float
     spin_down_s: float
     spin_down_highest_rad_s: float
     ticks: Ticks

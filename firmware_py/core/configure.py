@@ -5,11 +5,11 @@ A commit changes tuning parameters only: constants of the module and the gate's 
 
 import math
 
-from firmware_py.core.config import Config, Derived, MonitorTicks, Row, Ticks
+from firmware_py.core.config import Config, Derived, MonitorTicks, Row, Ticks, Tracker
 from firmware_py.core.estimation import crank, detector, stop_model, striker_model
 from firmware_py.core.gate_limits import GateLimits
 from firmware_py.core.numbers import TAU
-from firmware_py.core.safety import drive_link, gate, monitors, watchdog_proof
+from firmware_py.core.safety import drive_link, gate, liveness, monitors, own_crank, watchdog_proof
 from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.zeroed import zeroed
 
@@ -24,6 +24,9 @@ def derive_gate_limits(p: Parameters) -> GateLimits:
         peak_m_s2=p.limit.force_n / mass_kg,
         change_m_s=p.limit.impulse_n_s / mass_kg,
         clipped_m_s2=gate.CLIPPED_SHARE * p.sensor.high_full_scale_m_s2,
+        low_clipped_m_s2=gate.CLIPPED_SHARE * p.sensor.low_full_scale_m_s2,
+        differ_m_s2=p.sensor.high_offset_m_s2 + liveness.DIFFER_M_S2,
+        reads_housing=p.sensor.housing_weight > 0.0,
         flight_m_s3=max(gate.FLIGHT_M_S3, gate.SPRING_M_S * p.striker.spring_n_m / mass_kg),
         torque_n_m=p.speed.torque_limit_n_m,
         speed_rad_s=p.limit.speed_rad_s,
@@ -89,8 +92,8 @@ def derive_module_constants(p: Parameters) -> Derived:
     damping_1_s = p.friction.b_n_s_m / mass_kg
     natural_rad_s = math.sqrt(stiffness_1_s2)
     delay_s = math.sqrt(2.0) / (TAU * p.sensor.bandwidth_hz)  # Butterworth, second order, at rest
-    implausible_rad_s2 = monitors.IMPLAUSIBLE_SHARE * p.speed.torque_limit_n_m / p.motor.inertia_kg_m2
-    largest_load_n_m = p.striker.spring_n_m * p.limit.stretch_m * p.drive.amplitude_m
+    torque_n_m, inertia_kg_m2 = p.speed.torque_limit_n_m, p.motor.inertia_kg_m2
+    spring_load_n_m = p.striker.spring_n_m * p.limit.stretch_m * p.drive.amplitude_m
     return zeroed(
         Derived,
         natural_rad_s=natural_rad_s,
@@ -98,7 +101,10 @@ def derive_module_constants(p: Parameters) -> Derived:
         damping_1_s=damping_1_s,
         dry_m_s2=p.friction.mu * STANDARD_GRAVITY_M_S2,
         sensor_delay_s=delay_s,
-        crank_gains=(0.0, 0.0, 0.0),
+        tracker=Tracker(0.0, (0.0, 0.0, 0.0), 0.0),
+        own_tracker=crank.tracker_of(
+            own_crank.BANDWIDTH_RAD_S, own_crank.LARGEST_SHARE * torque_n_m / inertia_kg_m2, tick_s
+        ),
         flight=striker_model.free_flight(stiffness_1_s2, damping_1_s, tick_s),
         strapdown=striker_model.strapdown(tick_s),
         # a_d = a − τ a',  a = −(c/m) (x − …) − (b/m) x',  a' = −(c/m) (x' − x_A') − (b/m) a
@@ -108,8 +114,8 @@ def derive_module_constants(p: Parameters) -> Derived:
             b=1.0,
         ),
         contact_growth=stop_model.contact_growth(mass_kg, p.stop.contact_s, restitution),
-        implausible_rad_s2=implausible_rad_s2,
-        unloaded_rad_s2=implausible_rad_s2 + largest_load_n_m / p.motor.inertia_kg_m2,
+        implausible_rad_s2=monitors.IMPLAUSIBLE_SHARE * torque_n_m / inertia_kg_m2,
+        largest_load_n_m=min(spring_load_n_m, own_crank.LOAD_SHARE * torque_n_m),
         spin_down_highest_rad_s=min(1.5 * natural_rad_s, 0.97 * p.limit.speed_rad_s),
         ticks=ticks_of(p),
         gate=derive_gate_limits(p),
@@ -122,7 +128,7 @@ def derive_tuning_constants(p: Parameters, d: Derived) -> Derived:
     spin_down_s = p.spin_down.longest_s if p.gait.follow > 0 else 0.0
     stop_ticks = in_ticks(max(p.start.stop_s, spin_down_s) + monitors.STOP_MARGIN_S, tick_s)
     return d._replace(
-        crank_gains=crank.critically_damped_gains(p.crank.bandwidth_rad_s, tick_s),
+        tracker=crank.tracker_of(p.crank.bandwidth_rad_s, p.crank.largest_disturbance_rad_s2, tick_s),
         high_offset_rate=min(tick_s / p.sensor.high_offset_s, 1.0),
         housing_rate=min(tick_s / p.sensor.housing_offset_s, 1.0),
         learning_rate=min(tick_s / p.estimator.model_learning_s, 1.0),

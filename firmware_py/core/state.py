@@ -5,7 +5,7 @@ from typing import NamedTuple
 from firmware_py.core.control import hold, speed, spin_down, start
 from firmware_py.core.estimation import crank, detector, estimator_state, regime
 from firmware_py.core.gait import gait, gait_lock, stride_harmonic
-from firmware_py.core.safety import drive_link, gate, monitors, supervisor, watchdog_proof
+from firmware_py.core.safety import drive_link, gate, monitors, own_crank, supervisor, watchdog_proof
 from firmware_py.interface.enums import ActingLimit, Fault, Mode, Refusal, Regime
 from firmware_py.interface.zeroed import zeroed
 
@@ -14,6 +14,7 @@ class State(NamedTuple):
     """The core's state, from one tick to the next."""
 
     crank: crank.CrankState
+    own_crank: own_crank.OwnCrank
     estimator: estimator_state.EstimatorState
     detector: detector.DetectorState
     regime: regime.RegimeState
@@ -63,6 +64,7 @@ class Outputs(NamedTuple):
 
 INITIAL = State(
     crank=crank.INITIAL,
+    own_crank=own_crank.INITIAL,
     estimator=estimator_state.INITIAL,
     detector=detector.INITIAL,
     regime=regime.INITIAL,

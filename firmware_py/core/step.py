@@ -9,12 +9,10 @@ from t_{k+1} for one tick. A tick that catches up (`is_current` is False) belong
 its torque is not sent, and the last one that was sent goes on acting.
 """
 
-import math
 from typing import NamedTuple
 
 from firmware_py.core.config import Config
 from firmware_py.core.control import hold, speed, spin_down, start
-from firmware_py.core.elementary import sin
 from firmware_py.core.estimation import crank, detector, estimator, regime
 from firmware_py.core.estimation.estimator_state import Contact
 from firmware_py.core.gait import follow
@@ -22,7 +20,7 @@ from firmware_py.core.gait.follow import WalkState
 from firmware_py.core.gait.gait_lock import Moment
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.request import Request
-from firmware_py.core.safety import drive_link, gate, monitors, supervisor, watchdog_proof
+from firmware_py.core.safety import drive_link, gate, monitors, own_crank, supervisor, watchdog_proof
 from firmware_py.core.safety.drive_link import DriveFrame
 from firmware_py.core.safety.gate import GateFindings
 from firmware_py.core.safety.monitors import Findings, Watched
@@ -50,16 +48,22 @@ class Decided(NamedTuple):
 
 def sense(config: Config, state: State, inputs: Inputs) -> tuple[State, Contact]:
     """Update crank, estimate, impacts and regime by this tick's sample; also the detector's result."""
-    known_rad_s2 = speed.known_acceleration(config, state.speed.acting_n_m, state.crank, state.estimator)
-    crank_now = crank.step(config, state.crank, inputs.encoder, known_rad_s2)
+    acting_n_m = state.speed.acting_n_m
+    load_n_m = config.p.speed.load_share * speed.crank_load(
+        config, state.crank, state.estimator, 0.5 * config.tick_s
+    )
+    known_rad_s2 = crank.known_acceleration(config, acting_n_m, state.crank, load_n_m)
+    crank_now = crank.step(config, config.d.tracker, state.crank, inputs.encoder, known_rad_s2)
+    own = own_crank.step(config, state.own_crank, inputs, acting_n_m, state.gate.contact.touching)
     predicted = estimator.propagate(
         config, state.estimator, inputs.accelerometer, state.detector.phase, crank_now
     )
     detector_now, contact = detector.step(config, state.detector, predicted)
     estimate = estimator.correct(config, state.estimator, predicted, contact, inputs.measurements, crank_now)
     regime_now = regime.step(state.regime, crank_now, contact, predicted.sensor.acceleration_m_s2)
-    state = state._replace(crank=crank_now, estimator=estimate, detector=detector_now, regime=regime_now)
-    return state, contact
+    return state._replace(
+        crank=crank_now, own_crank=own, estimator=estimate, detector=detector_now, regime=regime_now
+    ), contact
 
 
 def supervise(
@@ -69,15 +73,13 @@ def supervise(
     mode = state.supervisor.mode
     spins_down = mode == Mode.STOPPING and config.d.spin_down_s > 0.0
     target_rad_s = state.spin_down.target_omega_rad_s if spins_down else state.start.target_omega_rad_s
-    stretch_m = speed.stretch_m(config, sin(state.crank.angle_rad), state.estimator.x_m)
     watched = Watched(
         mode=mode,
         axis_state=inputs.drive.axis_state,
-        crank=state.crank,
+        crank=state.own_crank.tracked,
         estimate=state.estimator,
         impulse_n_s=state.detector.impulse_n_s if contact.separation else 0.0,
         target_omega_rad_s=target_rad_s,
-        disturbed=monitors.is_disturbed(config, state.crank, not math.isnan(stretch_m)),
     )
     monitors_now, findings = monitors.step(config, state.monitors, found, watched)
     if watchdog_proof.tolerates(state.proof, inputs.drive):

@@ -22,8 +22,8 @@ def reading_of(received: Received) -> GateReading:
     return GateReading(
         acceleration.striker_low_m_s2,
         acceleration.striker_high_m_s2,
+        acceleration.housing_m_s2,
         received.accelerometer_arrival.counter,
-        received.encoder_estimates.velocity_rev_s,
     )
 
 

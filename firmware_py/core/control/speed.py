@@ -36,39 +36,14 @@ class SpeedState(NamedTuple):
 INITIAL = zeroed(SpeedState, acting_limit=ActingLimit.SAFE_STATE)
 
 
-def stretch_m(config: Config, sine: float, x_m: float) -> float:
-    """The spring's stretch at the sine of the crank's angle; NaN beyond the longest: the estimate is lost."""
-    stretch = config.p.drive.amplitude_m * sine + config.p.striker.rest_length_m - x_m
-    return stretch if abs(stretch) <= config.p.limit.stretch_m else math.nan
-
-
 def crank_load(config: Config, crank: CrankState, estimate: EstimatorState, ahead_s: float) -> float:
     """The torque by which the spring opposes the crank `ahead_s` after the estimate, N m."""
     sine, cosine = sine_cosine(crank.angle_rad + crank.omega_rad_s * ahead_s)
-    stretch = stretch_m(config, sine, estimate.x_m + estimate.v_m_s * ahead_s)
-    if math.isnan(stretch):
+    drive, striker = config.p.drive, config.p.striker
+    stretch = drive.amplitude_m * sine + striker.rest_length_m - (estimate.x_m + estimate.v_m_s * ahead_s)
+    if not abs(stretch) <= config.p.limit.stretch_m:
         return 0.0  # the estimate is lost
     return config.p.striker.spring_n_m * stretch * config.p.drive.amplitude_m * cosine
-
-
-def known_acceleration(
-    config: Config, acting_n_m: float, crank: CrankState, estimate: EstimatorState
-) -> float:
-    """The known part of the crank's acceleration over the tick that ended with the newest sample, rad/s².
-
-    `acting_n_m` is the torque that acted during that tick.
-    """
-    motor = config.p.motor
-    losses_n_m = motor.viscous_n_m_s * crank.omega_rad_s
-    if crank.omega_rad_s > 0.2:
-        losses_n_m += motor.dry_n_m
-    elif crank.omega_rad_s < -0.2:
-        losses_n_m -= motor.dry_n_m
-    elif abs(acting_n_m) < 2.0 * motor.dry_n_m:
-        return 0.0
-    crank_n_m = config.p.speed.load_share * crank_load(config, crank, estimate, 0.5 * config.tick_s)
-    known = (acting_n_m - losses_n_m - crank_n_m) / motor.inertia_kg_m2
-    return clamp(known, 2.0 * config.p.speed.torque_limit_n_m / motor.inertia_kg_m2)
 
 
 def rest(state: SpeedState) -> SpeedState:

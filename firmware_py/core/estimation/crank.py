@@ -8,7 +8,7 @@ so the encoder may count on or start again after each turn.
 
 from typing import NamedTuple
 
-from firmware_py.core.config import Config
+from firmware_py.core.config import Config, Tracker
 from firmware_py.core.elementary import exp
 from firmware_py.core.inputs import EncoderInput
 from firmware_py.core.numbers import TAU, clamp, fraction, wrap_pi, wrap_two_pi
@@ -46,6 +46,28 @@ def critically_damped_gains(bandwidth_rad_s: float, tick_s: float) -> tuple[floa
     return 1.0 - pole * pole * pole, 1.5 * rest * rest * (1.0 + pole), 0.5 * rest * rest * rest
 
 
+def tracker_of(bandwidth_rad_s: float, largest_rad_s2: float, tick_s: float) -> Tracker:
+    """The constants of a tracker."""
+    return Tracker(bandwidth_rad_s, critically_damped_gains(bandwidth_rad_s, tick_s), largest_rad_s2)
+
+
+def known_acceleration(config: Config, acting_n_m: float, crank: CrankState, load_n_m: float) -> float:
+    """The known part of the crank's acceleration over the tick that ended with the newest sample, rad/s².
+
+    `acting_n_m` is the torque that acted during that tick, `load_n_m` the striker's load that opposed it.
+    """
+    motor = config.p.motor
+    losses_n_m = motor.viscous_n_m_s * crank.omega_rad_s
+    if crank.omega_rad_s > 0.2:
+        losses_n_m += motor.dry_n_m
+    elif crank.omega_rad_s < -0.2:
+        losses_n_m -= motor.dry_n_m
+    elif abs(acting_n_m) < 2.0 * motor.dry_n_m:
+        return 0.0
+    known = (acting_n_m - losses_n_m - load_n_m) / motor.inertia_kg_m2
+    return clamp(known, 2.0 * config.p.speed.torque_limit_n_m / motor.inertia_kg_m2)
+
+
 def estimate_lateness(state: CrankState, way_rad: float, innovation_rad: float) -> int:
     """Estimated age of a reading, in ticks; the encoder's frame carries no time.
 
@@ -61,6 +83,7 @@ def estimate_lateness(state: CrankState, way_rad: float, innovation_rad: float) 
 
 def step(
     config: Config,
+    tracker: Tracker,
     state: CrankState,
     encoder: EncoderInput,
     known_acceleration_rad_s2: float,
@@ -95,24 +118,20 @@ def step(
     if late_ticks > 0:
         measured_rad += late_ticks * omega_rad_s * T
         innovation_rad = wrap_pi(measured_rad - angle_rad)
-    g, h, k = config.d.crank_gains
+    g, h, k = tracker.gains
     if state.missed_ticks > 0 or late_ticks > 0:
         # A reading after missed ones covers the whole time since then: the same bandwidth with a longer T.
         # Late readings are extrapolated by the estimated speed, which feeds the error of that speed back: the
         # bandwidth must be lower.
         late_s = late_ticks * T
         T = (state.missed_ticks + 1) * T
-        g, h, k = critically_damped_gains(
-            config.p.crank.bandwidth_rad_s / (1.0 + config.p.crank.bandwidth_rad_s * late_s), T
-        )
+        bandwidth_rad_s = tracker.bandwidth_rad_s
+        g, h, k = critically_damped_gains(bandwidth_rad_s / (1.0 + bandwidth_rad_s * late_s), T)
     # θ += g e, ω += h e / T, a += 2 k e / T²
     return CrankState(
         wrap_two_pi(angle_rad + g * innovation_rad),
         clamp(omega_rad_s + h * innovation_rad / T, FASTEST_RAD_S),
-        clamp(
-            state.disturbance_rad_s2 + 2.0 * k * innovation_rad / (T * T),
-            config.p.crank.largest_disturbance_rad_s2,
-        ),
+        clamp(state.disturbance_rad_s2 + 2.0 * k * innovation_rad / (T * T), tracker.largest_rad_s2),
         innovation_rad,
         0,
         late_ticks,

@@ -19,6 +19,8 @@ from typing import NamedTuple
 from firmware_py.core.gate_limits import GateLimits
 from firmware_py.core.inputs import EncoderInput, Inputs, PowerInput
 from firmware_py.core.numbers import TAU, at_least, clamp, wrap_pi
+from firmware_py.core.safety import liveness
+from firmware_py.core.safety.liveness import LifeState
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import ActingLimit, AxisState, Fault
 from firmware_py.interface.zeroed import zeroed
@@ -56,8 +58,6 @@ ALL_MISSING = (1 << LONGEST_LATE) - 1
 LONGEST_COUNTED = 64
 """A larger difference of counters is a restarted sensor and counts as 1."""
 
-TURNING_RAD_S = 5.0
-"""Crank speed above which two successive accelerometer readings differ by more than one count."""
 FROZEN_RAD_S = 0.5
 """Reported speed above which the crank's position must change."""
 
@@ -75,12 +75,12 @@ GAPS = 3
 
 
 class GateReading(NamedTuple):
-    """One accelerometer frame as it arrived, and the drive's newest speed."""
+    """One accelerometer frame as it arrived."""
 
     low_m_s2: float
     high_m_s2: float
+    housing_m_s2: float
     counter: int
-    velocity_rev_s: float
 
 
 class ContactState(NamedTuple):
@@ -113,8 +113,7 @@ class GateState(NamedTuple):
     counter: int
     missing: int
     reading_ticks: int
-    low_m_s2: float
-    stuck_ticks: int
+    life: LifeState
     encoder_ticks: int
     position_rev: float
     frozen_ticks: int
@@ -262,16 +261,12 @@ def take_reading(limits: GateLimits, state: GateState, reading: GateReading) -> 
     contact = integrate_reading(limits, contact, reading.high_m_s2, ticks)
     if ticks == 0:
         return state._replace(contact=contact, missing=missing, reading_ticks=0)
-    # Stuck: while the crank shakes the striker, no working accelerometer repeats a reading to the last count.
-    turning = not abs(TAU * reading.velocity_rev_s) <= TURNING_RAD_S
-    stuck = reading.low_m_s2 == state.low_m_s2 and turning
     return state._replace(
         contact=contact,
         counter=reading.counter,
         missing=missing,
         reading_ticks=0,
-        low_m_s2=reading.low_m_s2,
-        stuck_ticks=state.stuck_ticks + ticks if stuck else 0,
+        life=liveness.take(limits, state.life, reading.low_m_s2, reading.high_m_s2, reading.housing_m_s2),
     )
 
 
@@ -288,7 +283,7 @@ def find_watchdog_fault(limits: GateLimits, state: GateState, inputs: Inputs) ->
     if (
         inputs.accelerometer.age_ticks > limits.sensor_ticks
         or state.reading_ticks > limits.sensor_ticks
-        or state.stuck_ticks > limits.sensor_ticks
+        or not liveness.is_alive(limits, state.life)
     ):
         return Fault.SENSOR_TIMEOUT
     if limits.gait_ticks > 0 and inputs.gait.age_ticks > limits.gait_ticks:

@@ -21,7 +21,8 @@ RUNAWAY_RAD_S = 5.0
 RUNAWAY_S = 0.1
 
 IMPLAUSIBLE_SHARE = 0.25
-"""Share of the torque limit: 300 rad/s² with the default motor. A lagging encoder causes that for 8 ms."""
+"""Share of the torque limit, as torque on the crank: 0.15 N m with the default motor, which a lagging encoder
+seems to cause for 8 ms."""
 IMPLAUSIBLE_S = 0.02
 
 MOVES_AGAIN = 1.5
@@ -38,8 +39,8 @@ FAULTS = tuple(Fault[name.upper()] for name in MonitorTicks._fields)
 class Watched(NamedTuple):
     """What the monitors watch in a tick. `mode` and `target_omega_rad_s`: of the previous tick.
 
-    `impulse_n_s` belongs to an impact that has ended in this tick; 0 if there is none. `disturbed`: neither
-    the torque nor a known load explains the crank's acceleration.
+    `crank`: the monitors' own (`own_crank`). `impulse_n_s` belongs to an impact that has ended in this tick;
+    0 if there is none.
     """
 
     mode: Mode
@@ -48,7 +49,6 @@ class Watched(NamedTuple):
     estimate: EstimatorState
     impulse_n_s: float
     target_omega_rad_s: float
-    disturbed: bool
 
 
 class MonitorState(NamedTuple):
@@ -91,16 +91,6 @@ def find_watchdog_fault(config: Config, crank: CrankState, estimate: EstimatorSt
     return Fault.ENCODER_TIMEOUT if crank.missed_ticks > config.d.ticks.encoder else Fault.NONE
 
 
-def is_disturbed(config: Config, crank: CrankState, load_known: bool) -> bool:
-    """Whether the part of the crank's acceleration that the model does not explain exceeds its limit.
-
-    If the estimate is lost, the load of the striker is unknown: the largest load that there can be is added
-    to the limit.
-    """
-    limit_rad_s2 = config.d.implausible_rad_s2 if load_known else config.d.unloaded_rad_s2
-    return not abs(crank.disturbance_rad_s2) <= limit_rad_s2
-
-
 def count(ticks: int, condition: bool) -> int:
     """The duration of a condition after this tick."""
     return ticks + 1 if condition else 0
@@ -122,11 +112,12 @@ def count_conditions(config: Config, held: MonitorTicks, now: Watched) -> Monito
     moving = now.mode in MOVING
     driven = moving and now.axis_state == AxisState.CLOSED_LOOP_CONTROL
     target_rad_s, omega_rad_s = now.target_omega_rad_s, now.crank.omega_rad_s
+    disturbed = not abs(now.crank.disturbance_rad_s2) <= config.d.implausible_rad_s2
     stalled = target_rad_s > 1.0 and not omega_rad_s > config.p.limit.stall_share * target_rad_s
     return MonitorTicks(
         impulse_limit=count(held.impulse_limit, not now.impulse_n_s <= config.p.limit.impulse_n_s),
         estimate_invalid=count(held.estimate_invalid, moving and is_invalid(config, now.estimate)),
-        load_implausible=count(held.load_implausible, driven and now.disturbed),
+        load_implausible=count(held.load_implausible, driven and disturbed),
         runaway=count(held.runaway, driven and not omega_rad_s <= target_rad_s + RUNAWAY_RAD_S),
         stall=count(held.stall, driven and stalled),
         stop_failed=count(held.stop_failed, now.mode == Mode.STOPPING),

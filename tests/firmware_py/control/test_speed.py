@@ -122,27 +122,3 @@ def test_safe_is_zero_at_once() -> None:
     assert safe.integral_n_m == 0.0
     assert safe.acting_n_m == state.torque_n_m
     assert safe.acting_limit == ActingLimit.SAFE_STATE
-
-
-def test_losses_and_load_are_against_the_motion_and_the_acceleration_has_a_bound() -> None:
-    motor, limits = CONFIG.p.motor, CONFIG.p.speed
-    pulled = ESTIMATE._replace(x_m=0.13)
-    for omega_rad_s in (12.0, -12.0, 0.3, -0.3):
-        lost_n_m = motor.viscous_n_m_s * omega_rad_s + math.copysign(motor.dry_n_m, omega_rad_s)
-        theta_rad = omega_rad_s * 0.5e-3
-        load_n_m = 70.0 * (0.02 * math.sin(theta_rad) - 0.01) * 0.02 * math.cos(theta_rad)
-        turning = CRANK._replace(omega_rad_s=omega_rad_s)
-        found = speed.known_acceleration(CONFIG, 0.0, turning, pulled)
-        expected = -(lost_n_m + limits.load_share * load_n_m) / motor.inertia_kg_m2
-        assert found == pytest.approx(expected, rel=1e-9)
-    most_rad_s2 = 2.0 * limits.torque_limit_n_m / motor.inertia_kg_m2
-    assert speed.known_acceleration(CONFIG, 9.0, CRANK, ESTIMATE) == most_rad_s2
-
-
-def test_a_standing_crank_is_not_estimated_to_move_by_less_than_its_dry_friction() -> None:
-    state = speed.INITIAL._replace(acting_n_m=0.004)
-    standing = CRANK._replace(omega_rad_s=0.0)
-    assert speed.known_acceleration(CONFIG, state.acting_n_m, standing, ESTIMATE) == 0.0
-    breaking_away_n_m = 2.1 * CONFIG.p.motor.dry_n_m
-    found = speed.known_acceleration(CONFIG, breaking_away_n_m, standing, ESTIMATE)
-    assert found == pytest.approx(breaking_away_n_m / CONFIG.p.motor.inertia_kg_m2)

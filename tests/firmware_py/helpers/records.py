@@ -38,8 +38,8 @@ def run_step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outpu
         reading = gate.GateReading(
             accelerometer.low_m_s2,
             accelerometer.high_m_s2,
+            accelerometer.housing_m_s2,
             (gate_now.counter + 1) % gate.COUNTER_MODULUS,
-            inputs.encoder.velocity_rev_s,
         )
         gate_now = gate.take_reading(config.d.gate, gate_now, reading)
     return step(config, state._replace(gate=gate_now), inputs, True)

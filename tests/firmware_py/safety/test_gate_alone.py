@@ -40,7 +40,8 @@ def inputs_at(tick: int, changes: dict[str, Any]) -> Inputs:
     """The inputs of a healthy module that turns at 12 rad/s, but for the changes."""
     inputs = replaced(CLOSED, "encoder.position_rev", (12e-3 * tick / math.tau) % 1.0)
     inputs = replaced(inputs, "encoder.velocity_rev_s", 12.0 / math.tau)
-    inputs = replaced(inputs, "accelerometer.low_m_s2", 0.01 * (tick % 7))
+    for channel in ("low", "high", "housing"):
+        inputs = replaced(inputs, f"accelerometer.{channel}_m_s2", 0.01 * (tick % 7))
     for path, value in changes.items():
         inputs = replaced(inputs, path, value)
     return inputs

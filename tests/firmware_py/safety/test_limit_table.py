@@ -1,11 +1,14 @@
-"""The table of limits in docs/safety.md names every limit and watchdog, with its default and its ceiling."""
+"""The tables of docs/safety.md name every limit and watchdog, and the figures of every shipped module."""
 
 import re
 from pathlib import Path
 
 import pytest
 
+from firmware_py.core.safety import liveness, monitors
 from firmware_py.interface.parameter_table import INDEX, TABLE, Parameter
+from hil.scenario.files import scenario_names
+from hil.scenario.scenario import load_scenario
 
 PAGE = Path("docs/safety.md").read_text(encoding="utf-8")
 ROWS = [line for line in PAGE.splitlines() if re.match(r"\| [^|]+ \| (gate|monitor) \|", line)]
@@ -40,6 +43,26 @@ def test_every_limit_is_on_the_page_with_its_default_and_its_ceiling(parameter: 
 
 
 def test_every_limit_has_two_sides_a_time_and_a_reaction_to_bad_input() -> None:
-    assert len(ROWS) == 24
+    assert len(ROWS) == 25
     for row in ROWS:
         assert all(cell.strip() for cell in row.strip("|").split("|")), row
+
+
+def test_the_page_has_the_figures_of_the_jam_for_every_shipped_module() -> None:
+    rows = set()
+    for name in scenario_names():
+        config = load_scenario(name).config
+        p, limit_n_m = config.p, monitors.IMPLAUSIBLE_SHARE * config.p.speed.torque_limit_n_m
+        rows.add(
+            f"| {p.striker.spring_n_m:g} N/m, crank of {1e3 * p.drive.amplitude_m:g} mm | "
+            f"{limit_n_m:.2f} N m | "
+            f"{config.d.implausible_rad_s2:.0f} rad/s² | {limit_n_m + config.d.largest_load_n_m:.2f} N m |"
+        )
+    assert rows == {line for line in PAGE.splitlines() if re.match(r"\| \d+ N/m, crank", line)}
+
+
+def test_the_page_has_the_figures_of_the_signs_of_life() -> None:
+    row = next(row for row in ROWS if "without a sign of life" in row)
+    assert f"| {liveness.READINGS} equal" in row
+    assert f"{liveness.DIFFER_M_S2:g} m/s² |" in row
+    assert f"repeats a reading {liveness.READINGS} times" in PAGE

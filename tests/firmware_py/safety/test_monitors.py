@@ -33,12 +33,10 @@ def watch(
     state: MonitorState = monitors.INITIAL,
     found: GateFindings = NOTHING,
     config: Config = CONFIG,
-    load_known: bool = True,
 ) -> tuple[MonitorState, Findings]:
     findings = None
     for _ in range(ticks):
-        disturbed = monitors.is_disturbed(config, crank_state, load_known)
-        now = Watched(mode, inputs.drive.axis_state, crank_state, estimate, impulse, target, disturbed)
+        now = Watched(mode, inputs.drive.axis_state, crank_state, estimate, impulse, target)
         state, findings = monitors.step(config, state, found, now)
     assert findings is not None
     return state, findings
@@ -157,20 +155,6 @@ def test_an_acceleration_that_no_torque_explains() -> None:
     loaded = CRANK._replace(disturbance_rad_s2=1000.0)
     assert watch(HEALTHY, 500, Mode.SOFT_START, loaded)[1].limit == Fault.NONE
     assert watch(CLOSED, 500, Mode.READY, loaded)[1].limit == Fault.NONE
-
-
-def test_without_an_estimate_the_largest_load_there_can_be_is_assumed() -> None:
-    """70 N/m stretched by 0.2 m at a crank of 0.02 m: 0.28 N m, 560 rad/s² on top of the 300."""
-    assert CONFIG.d.unloaded_rad_s2 == pytest.approx(860.0)
-    for disturbance_rad_s2, fault in (
-        (859.9, Fault.NONE),
-        (-859.9, Fault.NONE),
-        (860.1, Fault.LOAD_IMPLAUSIBLE),
-        (-860.1, Fault.LOAD_IMPLAUSIBLE),
-        (math.nan, Fault.LOAD_IMPLAUSIBLE),
-    ):
-        loaded = CRANK._replace(disturbance_rad_s2=disturbance_rad_s2)
-        assert watch(ticks=21, crank_state=loaded, load_known=False)[1].limit == fault
 
 
 @pytest.mark.parametrize(

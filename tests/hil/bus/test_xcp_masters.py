@@ -378,7 +378,7 @@ def test_pyxcp_writes_every_tuning_parameter_at_rest_and_no_other(resting: Runni
         assert list(map(round_to_float32, node.values.values())) == list(
             map(round_to_float32, values.values())
         )
-        assert node.config.d.crank_gains == pytest.approx(expected.d.crank_gains, rel=1e-5)
+        assert node.config.d.tracker.gains == pytest.approx(expected.d.tracker.gains, rel=1e-5)
         assert tuple(node.config.d.gate) == tuple(map(round_to_float32, before.d.gate))
     else:
         assert node.values == values

@@ -128,6 +128,11 @@ def each(ticks: Iterable[int], late: int = 0) -> list[tuple[int, int]]:
                 *each(range(16, 20)),
             ],
         ),
+        (
+            "frozen",  # with the counter of the first
+            {"duration_s": 0.006},
+            [*each(range(5)), *((tick, 5) for tick in range(5, 11)), *each(range(11, 20))],
+        ),
         ("thinned", {"duration_s": 0.01, "period_s": 0.004}, each([*range(6), 9, 13, *range(15, 20)])),
         (
             "reordered",  # in pairs, the later one first
@@ -209,12 +214,31 @@ def test_an_unplugged_node_neither_sends_nor_receives(node: str) -> None:
         ("sensor-wrong-sign", {"sensor": "striker-low"}, {"striker_low_m_s2": -10.0}),
         ("sensor-intermittent", {"sensor": "housing", "share": 1.0}, {"housing_m_s2": 0.0}),
         ("encoder-slip", {"slip_rev": 0.5}, {"encoder_position_rev": 0.25}),
+        (
+            "sensor-drifting",
+            {"sensor": "housing", "rate": 2.0},
+            {"housing_m_s2": READING.housing_m_s2 + 2e-3},
+        ),
+        (
+            "sensor-swapped",
+            {"sensors": ["striker-low", "housing"]},
+            {"striker_low_m_s2": READING.housing_m_s2, "housing_m_s2": READING.striker_low_m_s2},
+        ),
     ],
 )
 def test_what_a_broken_sensor_gives(kind: str, more: dict[str, Any], changes: dict[str, float]) -> None:
     sensors = SensorFaults([fault(kind, **more)], seed=1)
     assert sensors.published(0.004, READING) == READING
     assert sensors.published(0.005, READING) == pytest.approx(READING._replace(**changes))
+
+
+def test_a_drift_grows_and_begins_anew_with_its_process() -> None:
+    drift = fault("sensor-drifting", sensor="striker-low", rate=3.0, duration_s=0.1)
+    for _ in range(2):
+        sensors = SensorFaults([drift], seed=1)
+        given = [sensors.published(k * 1e-3, READING).striker_low_m_s2 for k in range(105)]
+        assert given[4] == READING.striker_low_m_s2
+        assert given[54] == pytest.approx(READING.striker_low_m_s2 + 3.0 * 0.05)
 
 
 def test_a_stuck_sensor_repeats_its_last_reading_until_it_is_well() -> None:

@@ -40,7 +40,7 @@ def _replay(config: Config, ticks: FloatArray, out: FloatArray) -> None:
         position, velocity = ticks[k, 3], ticks[k, 4]
         felt = AccelerometerInput(low, high, housing, 0 if np.isfinite(low) else 1)
         turned = EncoderInput(position, velocity, 0 if np.isfinite(position) else 1)
-        crank_now = crank.step(config, crank_now, turned, 0.0)
+        crank_now = crank.step(config, config.d.tracker, crank_now, turned, 0.0)
         before = estimate
         predicted = estimator.propagate(config, estimate, felt, touched.phase, crank_now)
         touched, contact = detector.step(config, touched, predicted)

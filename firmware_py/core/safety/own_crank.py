@@ -1,0 +1,54 @@
+"""The crank as the monitors see it: from the encoder's positions, the torque sent and the raw accelerometer.
+
+The monitors share the algorithm of `estimation.crank`, but neither its state nor its tuning: bandwidth and
+largest disturbance are fixed in the build, and the striker's load comes from no estimate. The accelerometer
+reads the forces of spring and friction alone, m z = c (A sin θ + l0 − x) − b x' + F_stop, so in flight
+
+    T_crank = m z A cos θ
+
+without the small friction. During a contact the last reading before it counts. The load explains no more than
+a share of the largest torque: a jam under the largest torque is found whatever the accelerometer reads.
+"""
+
+from typing import NamedTuple
+
+from firmware_py.core.config import Config
+from firmware_py.core.elementary import sine_cosine
+from firmware_py.core.estimation import crank
+from firmware_py.core.estimation.crank import CrankState
+from firmware_py.core.inputs import Inputs
+from firmware_py.core.numbers import clamp
+
+BANDWIDTH_RAD_S = 200.0
+"""Triple pole of the tracker: a lost torque is found within 20 ms, and the speed has 0.1 % noise."""
+LARGEST_SHARE = 4.0 / 3.0
+"""Largest disturbance, as a share of the largest torque: five times the monitor's limit."""
+LOAD_SHARE = 0.7
+"""Largest load that explains an acceleration, as a share of the largest torque; the monitor's own share and
+this one together are less than the whole."""
+
+
+class OwnCrank(NamedTuple):
+    """`pull_m_s2`: the striker's newest reading outside a contact, low range."""
+
+    tracked: CrankState
+    pull_m_s2: float
+
+
+INITIAL = OwnCrank(crank.INITIAL, 0.0)
+
+
+def step(config: Config, state: OwnCrank, inputs: Inputs, acting_n_m: float, touching: bool) -> OwnCrank:
+    """One tick. `acting_n_m`: the torque that acted in it; `touching`: the gate sees a contact."""
+    pull_m_s2 = state.pull_m_s2
+    if inputs.accelerometer.age_ticks == 0 and not touching:
+        pull_m_s2 = inputs.accelerometer.low_m_s2
+    tracked = state.tracked
+    _, cosine = sine_cosine(tracked.angle_rad + 0.5 * config.tick_s * tracked.omega_rad_s)
+    load_n_m = config.p.striker.mass_kg * pull_m_s2 * config.p.drive.amplitude_m * cosine
+    known_rad_s2 = crank.known_acceleration(
+        config, acting_n_m, tracked, clamp(load_n_m, config.d.largest_load_n_m)
+    )
+    return OwnCrank(
+        crank.step(config, config.d.own_tracker, tracked, inputs.encoder, known_rad_s2), pull_m_s2
+    )
