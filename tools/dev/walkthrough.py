@@ -3,10 +3,9 @@
     python -m tools.dev.walkthrough --out docs/data/sensor-faults.csv
 
 Each channel is stuck, frozen (its frame), 0, at its end, drifting, swapped or of the wrong sign, at four
-ratios, in the start, in the hold and in the stop. The runs are in lockstep on the compiled firmware, one after
-the other; a second call continues the first. A row of the file is a run: the fault that was latched, the time
-from the sensor's fault to the final torque 0, and the largest force after it. Prints the table of
-docs/safety.md.
+ratios, in the start, in the hold and in the stop. The runs are in lockstep on the compiled firmware, one by
+one; a second call continues the first. A row of the file is a run: the fault that was latched, the time from
+the sensor's fault to the final torque 0, and the largest force after it. Prints the table of docs/safety.md.
 """
 
 import argparse
