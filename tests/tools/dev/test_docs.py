@@ -40,7 +40,16 @@ IN_ORDER = {
     "a tuning": ("how-to/tune.md",),
 }
 """Pages whose examples build on one another."""
-DEV_PROGRAMS = ("builds", "lowest", "mutation", "reactions", "reference", "warm")
+DEV_PROGRAMS = (
+    "builds",
+    "lowest",
+    "mutation",
+    "parameter_sweep",
+    "reactions",
+    "reference",
+    "walkthrough",
+    "warm",
+)
 
 
 class Block(NamedTuple):
