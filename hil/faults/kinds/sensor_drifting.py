@@ -10,13 +10,14 @@ from hil.faults.fault import Fault
 from hil.faults.on_sensor import Past, SensorFault, shifted
 from plant_sim.scene import Scene
 from plant_sim.sensors.readings import SensorReading
+from plant_sim.tables.quantities import Number
 
 
 class SensorDrifting(SensorFault):
     """An error that grows from 0 at a constant rate: of accelerations, or of the encoder's angle."""
 
     kind: Literal["sensor-drifting"]
-    rate: float = Field(description="the rate, in m/s² or rad per second")
+    rate: Number = Field(description="the rate, in m/s² or rad per second")
 
     _error: float = PrivateAttr()
 

@@ -37,7 +37,7 @@ def jam(bench: Bench) -> None:
         ({"motor.inertia_kg_m2": 9e-5, "speed.gain_p_n_m_s": 0.009, "speed.gain_i_n_m": 0.14}, 9e-5),
     ],
 )
-@pytest.mark.requirement("S-01", "S-08")
+@pytest.mark.requirement("S-01")
 def test_a_jam_is_found_in_a_tenth_of_a_second_of_torque(
     parameters: dict[str, Any], inertia_kg_m2: float
 ) -> None:
