@@ -137,7 +137,7 @@ def singles() -> list[str]:
 def pairs(number: int, dice: random.Random) -> list[str]:
     """Pairs of different parameters at their bounds."""
     values = singles()
-    found = []
+    found: list[str] = []
     while len(found) < number:
         first, second = dice.sample(values, 2)
         if first.split("=")[0] != second.split("=")[0]:

@@ -79,8 +79,7 @@ def all_faults() -> dict[tuple[str, str], dict[str, Any]]:
 
 FAULTS = all_faults()
 TRIALS = [
-    Trial(*channel_and_kind, ratio, phase)
-    for channel_and_kind, ratio, phase in product(FAULTS, RATIOS, PHASES)
+    Trial(channel, kind, ratio, phase) for (channel, kind), ratio, phase in product(FAULTS, RATIOS, PHASES)
 ]
 
 
