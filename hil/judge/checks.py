@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from hil.judge.figures.records import CATALOGUE, Figures, Origin, incomplete, value_of
 from hil.judge.gaps import describes_the_bench, doubt_of
-from hil.judge.hold import Window
+from hil.judge.hold import Window, commanded_end_s
 from hil.judge.requirements import Bounds, requirements
 from hil.judge.verdict import CheckResult, Value, Verdict
 from hil.record.run_traces import NOTHING_LEFT, RunTraces
@@ -63,6 +63,8 @@ class Check(BaseModel):
     """the time in s that the script's fault takes to show on the bus; it extends the requirement's limit"""
     required: Bounds | None = None
     """the requirement's limit in this scenario, which the bench writes into a run's folder"""
+    hold_may_end: bool = False
+    """whether fault or wearer may end the hold before the script does; the check covers it up to there"""
     expression: str | None = None
     """a number made of signals, such as max(plant.omega_rad_s)"""
     from_s: float = 0.0
@@ -200,11 +202,25 @@ def measure(check: Check, figures: Figures, traces: RunTraces) -> tuple[Value | 
         return measure_own(check, check.expression, figures, traces)
     value = value_of(figures, check.name)
     spec = CATALOGUE[check.name]
-    if spec.origin is Origin.HOLD and figures.hold_start_s is None:
-        return value, "the firmware never reached mode RUN, so the run has no hold"
+    if spec.origin is Origin.HOLD:
+        if figures.hold_start_s is None:
+            return value, "the firmware never reached mode RUN, so the run has no hold"
+        if not check.hold_may_end and (early := early_end(figures, traces)) is not None:
+            return None, early
     if value is None:
         return None, f"the run does not have this figure ({spec.meaning})"
     return value, None
+
+
+def early_end(figures: Figures, traces: RunTraces) -> str | None:
+    """Says that the hold ended before the script ended it: its figures do not cover the whole hold."""
+    start_s, end_s = figures.hold_start_s, figures.hold_end_s
+    if start_s is None or end_s is None:
+        return None
+    commanded_s = commanded_end_s(traces.scenario, start_s)
+    if commanded_s is None or end_s >= commanded_s - END_TOLERANCE_S:
+        return None
+    return f"the hold ended at {end_s:.2f} s, before the script ends it at {commanded_s:g} s"
 
 
 def measure_own(

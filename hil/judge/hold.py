@@ -1,6 +1,7 @@
 """The hold of a run: its window, the motion in it, and the capture time of the impact regime."""
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,6 +36,16 @@ def hold_window(firmware: Records) -> Window | None:
     spans = np.split(running, np.flatnonzero(np.diff(running) > 1) + 1)
     longest = max(spans, key=lambda span: t_s[span[-1]] - t_s[span[0]])
     return Window(float(t_s[longest[0]]), float(t_s[longest[-1]]))
+
+
+def commanded_end_s(scenario: Mapping[str, Any], start_s: float) -> float | None:
+    """Time at which the script of raw tables ends a hold that began at `start_s`; None without a script.
+
+    The next command that is no RUN ends it, or else the script.
+    """
+    script = scenario.get("script", {})
+    ends_s = [one["at_s"] for one in script.get("commands", []) if one["request"] != "run"]
+    return min((one for one in ends_s if one > start_s), default=script.get("duration_s"))
 
 
 class HoldMotion(NamedTuple):

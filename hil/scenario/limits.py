@@ -145,7 +145,22 @@ def take_limit(check: Check, judged: Judged) -> Check:
             f"check {check.name!r} permits {check.own.text}, and its requirement {check.requirement} only "
             f"{required.text}; leave the limit out, or give a stricter one"
         )
-    return check.model_copy(update={"required": required})
+    taken = check.model_copy(update={"required": required})
+    if cannot_fail(taken):
+        raise TextInputError(
+            f"check {check.name!r} permits {taken.limit}, and no value of this figure is outside of that; "
+            "give a limit that a run can miss, or leave the check out"
+        )
+    return taken
+
+
+def cannot_fail(check: Check) -> bool:
+    """Whether every value that the check's figure can have is within the limit."""
+    bounds = check.bounds
+    if bounds.equals is not None or check.expression is not None:
+        return False
+    lowest, highest = CATALOGUE[check.name].range
+    return (bounds.low is None or bounds.low <= lowest) and (bounds.high is None or bounds.high >= highest)
 
 
 def take_limits(judged: Judged) -> tuple[Check, ...]:

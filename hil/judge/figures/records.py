@@ -5,6 +5,7 @@ report and tables take units and meanings from here. Times are simulated seconds
 unless a name says otherwise.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, is_dataclass
 from enum import Enum, auto
@@ -312,6 +313,15 @@ class Figures:
         return content
 
 
+SIGNED = (
+    *("speed.error", "speed.mean_rad_s", "after_fault.turning_at_end_rad_s"),
+    *("memory.nodes_growth_mb", "memory.recorder_growth_mb_min"),
+)
+"""Figures that may be negative; all other numbers are counts, times, sizes and shares."""
+SHARES = ("detector.precision", "detector.recall", "gait.in_window")
+"""Figures that are never above 1."""
+
+
 class FigureSpec(NamedTuple):
     """Name, unit and meaning of a figure, and whether it is a text."""
 
@@ -320,6 +330,11 @@ class FigureSpec(NamedTuple):
     meaning: str
     origin: Origin | None = None
     is_text: bool = False
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """The lowest and the highest value that any run can have."""
+        return -math.inf if self.name in SIGNED else 0.0, 1.0 if self.name in SHARES else math.inf
 
 
 def walk(record: type, prefix: str = "") -> Iterator[FigureSpec]:

@@ -129,7 +129,7 @@ def test_a_stop_moves_only_once_the_striker_is_clear_of_its_new_place(tmp_path, 
     path.write_text(
         'title = "It swings"\nscene = "own.toml"\n[script]\nduration_s = 1.5\n'
         f'[[script.faults]]\nkind = "stop-moved"\nat_s = 0.0\nby_m = {by_m}\n'
-        '[[checks]]\nname = "impact_count"\nlow = 0\n'
+        '[[checks]]\nname = "impact_count"\nhigh = 99\n'
     )
     scene = load_scenario("soft-start-multistable").document["scene"]
     own = {**scene, "stop": {"law": "rigid", "position_m": 0.18, "restitution": 0.5}}

@@ -10,6 +10,7 @@ duration_s = {duration_s}
 [[checks]]
 name = "impact_count"
 low = {fewest}
+high = 9.0
 """
 
 

@@ -6,16 +6,16 @@ import pytest
 from pydantic import ValidationError
 
 from hil.judge.checks import Check, evaluate
+from hil.record.run_traces import RunTraces
 
 
 def figures(**values):
     ticked = SimpleNamespace(ticks=1)
     known = {"regime": "impact", "real_time": True, "impact_count": 8, "peak_force_n": 250.0}
+    known |= {"hold_start_s": 1.0, "hold_end_s": 9.0}
     return SimpleNamespace(
         log=SimpleNamespace(frames_lost=0),
         gaps=(),
-        hold_start_s=1.0,
-        hold_end_s=9.0,
         loops=SimpleNamespace(plant=ticked, firmware=ticked),
         **{**known, **values},
     )
@@ -94,3 +94,31 @@ def test_limits_read_as_people_write_them():
         Check(name="real_time", equals=True).limit,
     ]
     assert limits == ["1 … 2.5", "≤ 0.001", "= true"]
+
+
+SCRIPT = {"commands": [{"at_s": 0.5, "request": "run"}, {"at_s": 9.0, "request": "idle"}], "duration_s": 12.0}
+
+
+@pytest.mark.parametrize(
+    ("hold_end_s", "script", "may_end", "passed"),
+    [
+        (9.0, SCRIPT, False, True),
+        (8.995, SCRIPT, False, True),
+        (8.98, SCRIPT, False, False),
+        (6.0, SCRIPT, True, True),
+        (12.0, SCRIPT | {"commands": SCRIPT["commands"][:1]}, False, True),
+        (11.9, SCRIPT | {"commands": SCRIPT["commands"][:1]}, False, False),
+        (11.9, {}, False, True),
+    ],
+)
+def test_a_check_of_the_hold_covers_it_to_the_end_that_the_script_gives(hold_end_s, script, may_end, passed):
+    """A module that stops by itself has held nothing from then on, whatever it held until then."""
+    traces = RunTraces(run={}, scenario={"script": script})
+    of_hold = Check(name="regime", equals="impact", hold_may_end=may_end)
+    of_run = Check(name="impact_count", equals=8)
+    held, counted = evaluate([of_hold, of_run], figures(hold_end_s=hold_end_s), traces)
+    assert (held.passed, counted.passed) == (passed, True)
+    if not passed:
+        assert held.reason == f"the hold ended at {hold_end_s:.2f} s, before the script ends it at " + (
+            "9 s" if hold_end_s < 9.0 else "12 s"
+        )

@@ -143,6 +143,9 @@ def test_a_check_has_the_limit_of_its_requirement_or_a_stricter_one(source, chec
             {"name": "impact_impulse_n_s", "requirement": "P-08"},
             "a multiple of target_impulse_n_s, which this",
         ),
+        ({"name": "impact_count", "low": 0.0}, "no value of this figure is outside"),
+        ({"name": "detector.recall", "high": 1.0}, "no value of this figure is outside"),
+        ({"name": "detector.recall", "low": 0.0, "high": 1.5}, "no value of this figure is outside"),
     ],
 )
 def test_a_check_that_permits_more_than_its_requirement_is_refused(check, message):

@@ -183,4 +183,4 @@ def test_a_check_or_scenario_that_only_the_baseline_has_is_named(
     loosened.write_text(loosened.read_text().replace("low = 0", "low = -1"))
     capsys.readouterr()
     assert run(["suite", "rests.toml", "--baseline", "before"]) == EXIT_PASSED
-    assert "only in the baseline: rests: impact_count ≥ 0, gone" in capsys.readouterr().out
+    assert "only in the baseline: rests: impact_count 0 … 9, gone" in capsys.readouterr().out

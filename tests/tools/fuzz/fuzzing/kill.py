@@ -32,7 +32,7 @@ request = "run"
 target_ratio = 1.1
 [[checks]]
 name = "impact_count"
-low = 0
+high = 1e6
 """
 GONE_S = 2.0
 START_LIMIT_S = 180.0
