@@ -44,8 +44,9 @@ def commanded_end_s(scenario: Mapping[str, Any], start_s: float) -> float | None
     The next command that is no RUN ends it, or else the script.
     """
     script = scenario.get("script", {})
-    ends_s = [one["at_s"] for one in script.get("commands", []) if one["request"] != "run"]
-    return min((one for one in ends_s if one > start_s), default=script.get("duration_s"))
+    ends_s = [float(one["at_s"]) for one in script.get("commands", []) if one["request"] != "run"]
+    ends_s += [float(script["duration_s"])] if "duration_s" in script else []
+    return min((one for one in ends_s if one > start_s), default=None)
 
 
 class HoldMotion(NamedTuple):
