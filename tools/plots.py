@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hil.record.new_file import open_anew
 from plant_sim.result import SimulationResult
 from plant_sim.scene import Scene
 
@@ -40,8 +41,15 @@ def drawn(path: Path, width: float = 14.0, height: float = 4.4) -> Iterator["Fig
     use_style()
     figure = Figure(figsize=(width, height), layout="constrained")
     yield figure
-    dated = {"Date": None} if path.suffix.lower() == ".svg" else None  # the same data give the same file
-    figure.savefig(path, dpi=110, metadata=dated)
+    save(figure, path, 110)
+
+
+def save(figure: "Figure", path: Path, dpi: int) -> None:
+    """Write a figure into a new SVG, PNG or PDF file."""
+    kind = path.suffix.lower().removeprefix(".")
+    dated = {"Date": None} if kind == "svg" else None  # the same data give the same file
+    with open_anew(path) as file:
+        figure.savefig(file, format=kind, dpi=dpi, metadata=dated)
 
 
 def plot_motion(result: SimulationResult, scene: Scene, path: Path) -> None:

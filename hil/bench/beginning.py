@@ -6,6 +6,7 @@ from pathlib import Path
 import tomli_w
 
 from hil.record import provenance, run_folder
+from hil.record.new_file import write_anew
 from hil.scenario.scenario import Scenario
 from hil.timing.realtime import is_user_mode_linux
 
@@ -33,4 +34,4 @@ def begin(run_dir: Path, scenario: Scenario, clock: str, seed: int) -> None:
         **provenance.commit(),
         versions=provenance.versions(),
     )
-    (run_dir / "scenario.toml").write_text(tomli_w.dumps(scenario.document))
+    write_anew(run_dir / "scenario.toml", tomli_w.dumps(scenario.document))

@@ -13,6 +13,7 @@ from hil.faults.fault import Fault
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
 from hil.nodes.plant import PlantNode
+from hil.record.new_file import append_line
 from hil.record.traces.firmware_trace import FirmwareTrace
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import TraceWriter
@@ -188,8 +189,7 @@ class FirmwareRunner:
 
 def _write_line(out_dir: Path | None, line: str) -> None:
     if out_dir is not None:
-        with (out_dir / "firmware.log").open("a", encoding="utf-8") as file:
-            file.write(f"{line}\n")
+        append_line(out_dir / "firmware.log", line)
 
 
 class OperatorRunner:

@@ -25,7 +25,7 @@ TIMELINES = ("sim_time", "wall_time")
 MEASURED = frozenset({"deadline_ns", "work_us", "wake_latency_us", "overruns", "cpu_us"})
 """Columns that depend on the machine and therefore differ between runs."""
 ROW_ID = "rerun.controls.RowId"
-FENCE = re.compile(r"\A```\w*\n(.*)\n```\Z", re.DOTALL)
+FENCE = re.compile(r"\A(```+)\w*\n(.*)\n\1\Z", re.DOTALL)
 
 
 BYTES_A_VALUE = 4
@@ -215,7 +215,7 @@ def documents(path: Path) -> dict[str, str]:
             if len(text) > MOST_NOTE_BYTES:
                 raise ValueError(f"{chunk.entity_path} has {len(text)} characters")
             fenced = FENCE.match(text)
-            texts[chunk.entity_path.removeprefix("/about/")] = fenced.group(1) if fenced else text
+            texts[chunk.entity_path.removeprefix("/about/")] = fenced.group(2) if fenced else text
     return texts
 
 

@@ -1,26 +1,42 @@
-"""Files within run folders, which may come from somebody else.
+"""Files that are written, and files within run folders, which may come from somebody else.
 
 A link in a foreign folder may point at any file of this user, and a pipe or a device in it may never end.
+Every file that a command writes is opened here, so that a link is replaced, not followed, whoever puts it
+there at whatever moment. A test finds all other ways to open a file.
 """
 
 import os
 import stat
 from pathlib import Path
+from typing import BinaryIO
 
 MOST_NOTE_BYTES = 4 << 20
 """Size of the largest JSON or TOML text of a run that is read; in memory it takes up to forty times that."""
 
 
-def make_anew(path: Path) -> Path:
-    """The path of a new, empty file; what stood there is removed, and a link's target is left alone."""
+def open_anew(path: Path) -> BinaryIO:
+    """A new file, to write bytes; what stood at the path is removed, and a link's target is left alone."""
     path.unlink(missing_ok=True)
-    os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666))
+    return os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666), "wb")
+
+
+def append_line(path: Path, line: str) -> None:
+    """Add a line to a file, which is made if it is missing. Raises OSError for a link."""
+    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW
+    with os.fdopen(os.open(path, flags, 0o666), "a", encoding="utf-8") as file:
+        file.write(f"{line}\n")
+
+
+def make_anew(path: Path) -> Path:
+    """The path of a new, empty file, for a library that opens it by itself."""
+    open_anew(path).close()
     return path
 
 
-def write_anew(path: Path, text: str) -> None:
-    """Write a new file; what stood there is removed, and a link's target is left alone."""
-    make_anew(path).write_text(text, encoding="utf-8")
+def write_anew(path: Path, content: str | bytes) -> None:
+    """Write a new file, as `open_anew` makes it."""
+    with open_anew(path) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
 
 
 def is_regular(path: Path) -> bool:

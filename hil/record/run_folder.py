@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.record.folder_lock import FolderInUseError, is_in_use, locked
-from hil.record.new_file import MOST_NOTE_BYTES, is_regular, make_anew
+from hil.record.new_file import MOST_NOTE_BYTES, is_regular, write_anew
 from hil.record.run_traces import CAN_LOG, SCENARIO, TRACES
 from hil.record.traces import trace
 
@@ -50,6 +50,9 @@ MOST_RESULT_BYTES = 32 << 20
 """Size of the largest result of a run, which lists every impact, or of a suite."""
 MOST_HOLES_BYTES = 64 << 20
 """Size up to which a file may be all holes; a trace grows by such pieces."""
+OTHERS_WRITE = 0o022
+"""The bits of a mode that let group and others write."""
+FOLDER_MODE = 0o777 & ~OTHERS_WRITE
 BLOCK_BYTES = 512
 """Unit of `st_blocks`."""
 LARGEST_SHARE_OF_HOLES = 100
@@ -144,7 +147,7 @@ def new_folder(name: str) -> Path:
     Raises RunFolderError if `runs` cannot be made.
     """
     try:
-        RUNS.mkdir(exist_ok=True)
+        RUNS.mkdir(FOLDER_MODE, exist_ok=True)
     except OSError as error:
         raise RunFolderError(
             f"{RUNS}/ cannot be made here ({error.strerror}); name a folder with --out"
@@ -153,9 +156,20 @@ def new_folder(name: str) -> Path:
     while True:
         folder = RUNS / (f"{stamp}-{name}" if number == 1 else f"{stamp}-{name}-{number}")
         with suppress(FileExistsError):
-            folder.mkdir()
+            folder.mkdir(FOLDER_MODE)
             return folder
         number += 1
+
+
+@contextmanager
+def written_by_oneself() -> Iterator[None]:
+    """In this block new files and folders have the umask's modes, but no other user may write them."""
+    before = os.umask(OTHERS_WRITE)
+    os.umask(before | OTHERS_WRITE)
+    try:
+        yield
+    finally:
+        os.umask(before)
 
 
 @contextmanager
@@ -169,8 +183,9 @@ def claimed(name: str, out_dir: Path | None, note_name: str = RUN_NOTE) -> Itera
     """
     folder = (new_folder(name) if out_dir is None else out_dir).absolute()
     refuse_foreign(folder, note_name)
-    folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
+        stack.enter_context(written_by_oneself())
+        folder.mkdir(parents=True, exist_ok=True)
         try:
             stack.enter_context(locked(folder))
         except FolderInUseError as error:
@@ -221,7 +236,7 @@ def discard(run_dir: Path) -> None:
 
 def reserve(run_dir: Path) -> None:
     """Reserve the disk space for the run's verdict."""
-    (run_dir / RESERVE).write_bytes(bytes(RESERVE_BYTES))
+    write_anew(run_dir / RESERVE, bytes(RESERVE_BYTES))
 
 
 def free_reserve(run_dir: Path) -> None:
@@ -231,8 +246,8 @@ def free_reserve(run_dir: Path) -> None:
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a JSON file atomically, since other processes may read it."""
-    unfinished = make_anew(path.with_name(f"{path.name}.new"))
-    unfinished.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
+    unfinished = path.with_name(f"{path.name}.new")
+    write_anew(unfinished, json.dumps(content, indent=2, allow_nan=False) + "\n")
     unfinished.rename(path)
 
 

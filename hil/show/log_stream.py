@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from operator import itemgetter
@@ -115,8 +116,9 @@ class LogStream:
             self.recording.log(entity, *what, static=True)
 
     def log_document(self, entity: str, text: str, language: str) -> None:
-        """Log a static text in this language."""
-        self.log_markdown(entity, f"```{language}\n{text}\n```")
+        """Log a static text in this language; it has no fence as long as that around it."""
+        fence = max(re.findall("`+", text), key=len, default="``") + "`"
+        self.log_markdown(entity, f"{fence}{language}\n{text}\n{fence}")
 
     def log_markdown(self, entity: str, text: str) -> None:
         """Log a static page in Markdown."""

@@ -79,8 +79,10 @@ def outcomes_of(found: Sequence[Sequence[Mapping[str, Any]]]) -> list[Outcome]:
 
 def read_finished(plan: Plan, trials: int) -> list[Outcome]:
     """The outcomes of an interrupted campaign's finished batches."""
-    paths = work.paths_of("batch", batches(plan, trials), folder_of(plan, trials))
-    return outcomes_of([found for path in paths if (found := work.read_stored(path)) is not None])
+    tasks = batches(plan, trials)
+    paths = work.paths_of("batch", tasks, folder_of(plan, trials))
+    stored = map(work.read_stored, paths, tasks)
+    return outcomes_of([found for found in stored if found is not None])
 
 
 def run_all(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tomli_w
 import typer
 
+from hil.record.new_file import write_anew
 from hil.timing.signals import Interrupted
 from tools.commands.options import MOST_TRIALS, Change, FirmwareBuild, Json, Scheduler, Workers
 from tools.output import BadInputError, answer, exit_of, progress_console
@@ -96,5 +97,5 @@ def keep_trial(folder: Path, trial: "Trial") -> Path:
     """Write a trial's scenario; `vibrohil run`, compiled and in lockstep, repeats it bit for bit."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{trial.scenario.name}.toml"
-    path.write_text(tomli_w.dumps(trial.scenario.document), encoding="utf-8")
+    write_anew(path, tomli_w.dumps(trial.scenario.document))
     return path

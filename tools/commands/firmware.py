@@ -61,6 +61,7 @@ def build(
     from firmware_py.builds.machine_code import TARGETS, measure_sizes, object_code
     from firmware_py.node.memory import file_name
     from firmware_py.shell.parameters import addresses_from, config_from, require_proof
+    from hil.record.new_file import write_anew
     from hil.scenario.scenario import load_scenario
     from hil.scenario.settings import apply_settings
     from tools.budget import ram_by_block
@@ -73,10 +74,10 @@ def build(
     has_gait = config.p.gait.follow > 0
     code, precision = object_code(target, has_gait), TARGETS[target].precision
     out.mkdir(parents=True, exist_ok=True)
-    (out / "vibro_firmware.o").write_bytes(code)
-    (out / "vibro_firmware.h").write_text(header(precision), encoding="utf-8")
-    (out / "vibro_config.h").write_text(config_header(config, precision), encoding="utf-8")
-    (out / f"{file_name()}.a2l").write_text(a2l(addresses_from(parameters)), encoding="utf-8")
+    write_anew(out / "vibro_firmware.o", code)
+    write_anew(out / "vibro_firmware.h", header(precision))
+    write_anew(out / "vibro_config.h", config_header(config, precision))
+    write_anew(out / f"{file_name()}.a2l", a2l(addresses_from(parameters)))
     found, parts = measure_sizes(target, has_gait), ram_by_block(precision)
     payload = {"target": target, "bytes": found, "map": parts, "out": out}
     files = f"{out}: vibro_firmware.o, vibro_firmware.h, vibro_config.h, {file_name()}.a2l"

@@ -11,6 +11,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
+from hil.record.new_file import open_anew
 from tools.fmu.description import description
 from tools.fmu.linker import LINKER, REMEDY
 from tools.fmu.variables import FmuError, Variable
@@ -115,7 +116,7 @@ def export(model: Model, version: Version, file: Path) -> None:
     token = hashlib.sha256(b"".join(codes) + text.encode() + sources).hexdigest()[:32]
     with tempfile.TemporaryDirectory() as folder:
         library = link(Path(folder), model.name, version, header(model, version, token), codes)
-    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as fmu:
+    with open_anew(file) as opened, zipfile.ZipFile(opened, "w", zipfile.ZIP_DEFLATED) as fmu:
         fmu.writestr("modelDescription.xml", description(model, version, token))
         fmu.writestr(f"binaries/{PLATFORMS[version]}/{model.name}.so", library)
 

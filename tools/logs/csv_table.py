@@ -10,6 +10,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from hil.record.new_file import open_anew
 from tools.output import BadInputError
 
 FORMULA = re.compile(r"\s*[=+\-@]")
@@ -22,8 +23,8 @@ def write_csv(table: pa.Table, path: Path) -> None:
     titles = ",".join(quoted(name) for name in table.column_names)
     cells = [cells_of(name, table[name]) for name in table.column_names]
     lines = pc.binary_join_element_wise(*cells, ",") if cells else pa.array([], pa.string())
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        file.writelines(f"{line}\n" for line in (titles, *lines.to_pylist()))
+    with open_anew(path) as file:
+        file.writelines(f"{line}\n".encode() for line in (titles, *lines.to_pylist()))
 
 
 def cells_of(name: str, values: pa.ChunkedArray) -> pa.ChunkedArray:

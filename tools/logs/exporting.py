@@ -22,6 +22,7 @@ from pyarrow import parquet
 from firmware_py.interface.dbc import database
 from hil.bench.recorded_run import Run
 from hil.record.frame_tables import table_of
+from hil.record.new_file import open_anew
 from tools.logs.csv_table import write_csv
 from tools.output import BadInputError
 
@@ -79,7 +80,7 @@ def write_mcap(frames: Iterable[DecodedFrames], path: Path) -> None:
     """Write one MCAP file, its messages in order of time within each topic."""
     from mcap.writer import Writer
 
-    with path.open("wb") as stream:
+    with open_anew(path) as stream:
         writer = Writer(stream)
         writer.start(library="vibrohil")
         for one in frames:
@@ -102,7 +103,8 @@ def write_parquet(frames: Iterable[DecodedFrames], folder: Path) -> None:
         wall_time = one.wall_ns.astype("datetime64[ns]")
         table = pa.table({"t_s": one.t_s, "wall_time": wall_time, **one.signals})
         fields = [field.with_metadata({"unit": units[field.name]}) for field in table.schema]
-        parquet.write_table(table.cast(pa.schema(fields)), folder / f"{one.name}.parquet")
+        with open_anew(folder / f"{one.name}.parquet") as file:
+            parquet.write_table(table.cast(pa.schema(fields)), file)
 
 
 def write_csv_files(frames: Iterable[DecodedFrames], folder: Path) -> None:

@@ -6,6 +6,7 @@ import pyarrow as pa
 from pyarrow import feather, parquet
 
 from hil.bench.recorded_run import Run
+from hil.record.new_file import open_anew
 from tools.logs.csv_table import write_csv
 from tools.output import BadInputError
 from tools.plots import drawn
@@ -21,12 +22,14 @@ DEFAULT_SIGNALS = (
 
 def write_table(table: pa.Table, path: Path) -> None:
     """Write a table to a file ending in one of `tools.outputs.TABLES`."""
-    if path.suffix == ".parquet":
-        parquet.write_table(table, path)
-    elif path.suffix == ".arrow":
-        feather.write_feather(table, path, compression="uncompressed")
-    else:
+    if path.suffix == ".csv":
         write_csv(table, path)
+        return
+    with open_anew(path) as file:
+        if path.suffix == ".parquet":
+            parquet.write_table(table, file)
+        else:
+            feather.write_feather(table, file, compression="uncompressed")
 
 
 def plot_signals(run: Run, signals: list[str], path: Path) -> None:

@@ -16,6 +16,7 @@ wearer: there the felt pulse is the force on the bare stop, and the compliant we
 """
 
 import csv
+import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -26,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.judge.true_regime import Periods, impacts_by_period, period_edges
+from hil.record.new_file import open_anew
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.plant import Plant
 from plant_sim.result import Impact
@@ -288,7 +290,7 @@ def write_cells(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
             return f"{value:.4g}" if math.isfinite(value) else ""
         return str(value)
 
-    with path.open("w", encoding="utf-8", newline="") as file:
+    with io.TextIOWrapper(open_anew(path), encoding="utf-8", newline="") as file:
         lines = csv.DictWriter(file, CELL, extrasaction="ignore", lineterminator="\n")
         lines.writeheader()
         lines.writerows({name: text(row[name]) for name in CELL} for row in rows)

@@ -46,8 +46,8 @@ def save(figure: "Figure", folder: Path, name: str) -> list[str]:
     """Write the figure as SVG and PNG and return both paths."""
     folder.mkdir(parents=True, exist_ok=True)
     svg, png = folder / f"{name}.svg", folder / f"{name}.png"
-    figure.savefig(svg, metadata={"Date": None})
-    figure.savefig(png, dpi=130)
+    plots.save(figure, svg, 110)
+    plots.save(figure, png, 130)
     return [str(svg), str(png)]
 
 

@@ -10,7 +10,10 @@ because their judges are Python code.
 """
 
 import json
+import os
+import stat
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -20,8 +23,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from hil.record import provenance
-from hil.record.new_file import is_regular, write_anew
+from hil.record.new_file import MOST_NOTE_BYTES, open_anew, write_anew
+from hil.record.run_folder import OTHERS_WRITE, written_by_oneself
 from tools.jobs import results
+from tools.output import BadInputError, progress_console
 from tools.progress import shown_progress
 
 Task = TypeVar("Task")
@@ -46,7 +51,10 @@ def run(
 ) -> list[Any]:
     """Compute the missing pieces and return the results of all in the order of `tasks`."""
     paths = paths_of(kind, tasks, where.out)
-    found = {index: result for index, path in enumerate(paths) if (result := read_stored(path)) is not None}
+    stored = [read_stored(path, task) for path, task in zip(paths, tasks, strict=True)]
+    found = {index: result for index, result in enumerate(stored) if result is not None}
+    if found:
+        progress_console.print(f"{kind}: {len(found)} of {len(tasks)} results taken over from {where.out}")
     missing = [index for index in range(len(tasks)) if index not in found]
     if missing:
         computed = results(piece, [tasks[index] for index in missing], where.cores, where.scheduler, threads)
@@ -67,21 +75,41 @@ def versions() -> dict[str, str]:
 
 def store(path: Path, task: object, result: Any) -> None:
     """Write a result with its task and versions."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_anew(path, json.dumps({"task": repr(task), "versions": versions(), "result": result}))
+    with written_by_oneself():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_anew(path, json.dumps({"task": repr(task), "versions": versions(), "result": result}))
 
 
-def read_stored(path: Path) -> Any:
-    """Return the result in a file; None if there is none, or if the file is cut short or damaged."""
-    if not is_regular(path):
-        return None
+def read_stored(path: Path, task: object) -> Any:
+    """Return the result of a task in a file; None if there is none, or if the file is damaged.
+
+    Raises BadInputError for a file that another user may have written.
+    """
     try:
-        return json.loads(path.read_text(encoding="utf-8"))["result"]
-    except (ValueError, KeyError, TypeError):
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except FileNotFoundError:
         return None
+    except OSError as error:
+        raise BadInputError(f"{path} is no file of a result ({error.strerror}); remove it") from error
+    with os.fdopen(descriptor, "rb") as file:
+        for place, found in ((path.parent, path.parent.stat()), (path, os.fstat(descriptor))):
+            if found.st_uid != os.geteuid() or found.st_mode & OTHERS_WRITE:
+                raise BadInputError(
+                    f"{place} has results that another user may have written (owner {found.st_uid}, mode "
+                    f"{found.st_mode & 0o777:o}); remove it, or name another folder with --out"
+                )
+        found = os.fstat(descriptor)
+        if stat.S_ISREG(found.st_mode) and found.st_size <= MOST_NOTE_BYTES:
+            with suppress(ValueError, KeyError, TypeError, RecursionError):
+                content = json.loads(file.read())
+                if (content["task"], content["versions"]) == (repr(task), versions()):
+                    return content["result"]
+    progress_console.print(f"{path} is damaged, or of another task; it is computed anew", markup=False)
+    return None
 
 
 def write_table(path: Path, table: pa.Table, parameters: Mapping[str, Any]) -> None:
     """Write the table of a result as Parquet, with its parameters and the versions as metadata."""
     metadata = {"vibrohil": json.dumps({"parameters": parameters, "versions": versions()})}
-    pq.write_table(table.replace_schema_metadata(metadata), path, compression="zstd")
+    with open_anew(path) as file:
+        pq.write_table(table.replace_schema_metadata(metadata), file, compression="zstd")

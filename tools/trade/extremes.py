@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from hil.record.new_file import write_anew
 from plant_sim.plant import Plant
 from plant_sim.result import MotionState
 from plant_sim.scene import Scene, SceneError, load_scene, read_scene, with_values
@@ -333,7 +334,7 @@ def write(page: Path, progress: Callable[[str], None]) -> list[dict[str, Any]]:
         lines.append(f"| {extreme.what} | {extreme.value} | {' | '.join(shown)} |")
     refusals = [f"{number}. {sentence}" for number, sentence in enumerate(sentences, 1)]
     text = INTRODUCTION.format(fine=FINE)
-    page.write_text(text + "\n".join([*lines, "", "## Refusals", "", *refusals, ""]), encoding="utf-8")
+    write_anew(page, text + "\n".join([*lines, "", "## Refusals", "", *refusals, ""]))
     return [
         {
             "what": f"{extreme.what}: {extreme.value}",

@@ -17,6 +17,7 @@ from firmware_py.shell.parameters import ParameterError, with_overrides
 from hil.bench.lockstep import Progress, in_lockstep
 from hil.judge.judge import judge
 from hil.record.formats import PARAMETERS
+from hil.record.new_file import write_anew
 from hil.record.run_traces import read_run
 from hil.scenario.differences import apply_differences
 from hil.scenario.files import read_scenario
@@ -111,4 +112,4 @@ def document_of(tuning: Tuning, safety: Sequence[SafetyResult]) -> dict[str, Any
 def write(path: Path, tuning: Tuning, safety: Sequence[SafetyResult]) -> None:
     """Write the file."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(tomli_w.dumps(document_of(tuning, safety)), encoding="utf-8")
+    write_anew(path, tomli_w.dumps(document_of(tuning, safety)))

@@ -94,14 +94,72 @@ def test_what_is_there_is_not_computed_again(tmp_path: Path) -> None:
     assert len(computed) == 4
 
 
-def test_a_damaged_piece_is_computed_again(tmp_path: Path) -> None:
-    def double(number: float) -> list[float]:
-        return [2.0 * number]
+def other_task(path: Path) -> None:
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"task": "9", "result": "forged"}))
 
+
+def sparse(path: Path) -> None:
+    with path.open("wb") as file:
+        file.truncate(3 << 30)
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:40])
+
+
+def nest(path: Path) -> None:
+    path.write_text("[" * 100_000)
+
+
+def double(number: float) -> list[float]:
+    return [2.0 * number]
+
+
+@pytest.fixture
+def stored(tmp_path: Path) -> Path:
+    """The one piece in the folder of a study."""
     work.run("double", double, [0.1], work.Where(tmp_path, 1))
     (path,) = (tmp_path / "pieces").iterdir()
-    path.write_bytes(path.read_bytes()[:40])
+    return path
+
+
+@pytest.mark.parametrize("damage", [cut, sparse, nest, other_task])
+def test_a_damaged_piece_is_reported_and_computed_again(damage, stored: Path, tmp_path: Path, capsys) -> None:
+    damage(stored)
     assert work.run("double", double, [0.1], work.Where(tmp_path, 1)) == [[0.2]]
+    assert "computed anew" in (said := " ".join(capsys.readouterr().err.split()))
+    assert "taken over" not in said
+    assert work.run("double", double, [0.1], work.Where(tmp_path, 1)) == [[0.2]]
+    assert "double: 1 of 1 results taken over" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize("mode", [0o664, 0o646])
+def test_results_that_another_user_may_have_written_are_refused(
+    mode: int, stored: Path, tmp_path: Path, monkeypatch
+) -> None:
+    user = os.geteuid()
+    for place in (stored, stored.parent):
+        before = place.stat().st_mode
+        place.chmod(before | mode)
+        with pytest.raises(BadInputError, match=r"another user may have written .*mode .*remove it"):
+            work.run("double", double, [0.1], work.Where(tmp_path, 1))
+        place.chmod(before)
+    monkeypatch.setattr(os, "geteuid", lambda: user + 1)
+    with pytest.raises(BadInputError, match=rf"another user may have written .owner {user}, "):
+        work.run("double", double, [0.1], work.Where(tmp_path, 1))
+    monkeypatch.undo()
+    stored.rename(tmp_path / "forged")
+    stored.symlink_to(tmp_path / "forged")
+    with pytest.raises(BadInputError, match="is no file of a result"):
+        work.run("double", double, [0.1], work.Where(tmp_path, 1))
+
+
+def test_results_are_written_by_their_user_alone_whatever_the_umask(tmp_path: Path) -> None:
+    before = os.umask(0)
+    work.run("double", double, [0.1], work.Where(tmp_path, 1))
+    assert os.umask(before) == 0
+    (path,) = (tmp_path / "pieces").iterdir()
+    assert (path.stat().st_mode & 0o777, path.parent.stat().st_mode & 0o777) == (0o644, 0o755)
 
 
 def test_a_result_says_what_it_was_computed_from(tmp_path: Path) -> None:

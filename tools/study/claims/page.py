@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from hil.record.new_file import write_anew
 from tools.output import figure
 from tools.study import work
 from tools.study.claims.claims import CONTRADICTED, REPRODUCED, UNDER_PARAMETERS, JudgedClaim
@@ -36,7 +37,7 @@ soft stops are solved by an adaptive method to 1e-7 m per period.
 def write(claims: Sequence[JudgedClaim], path: Path) -> None:
     """Write the page as Markdown."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join(lines(claims)) + "\n", encoding="utf-8")
+    write_anew(path, "\n".join(lines(claims)) + "\n")
 
 
 def lines(claims: Sequence[JudgedClaim]) -> Iterator[str]:
