@@ -7,13 +7,14 @@ SHELL := /bin/sh
 MAKEFLAGS += --no-print-directory
 BEGUN_S := $(shell date +%s)
 
-# A person's own pip settings must not send packages elsewhere or add unhashed ones.
+# A person's own pip settings must not send packages elsewhere (nor those of files: --target= and --no-user below)
+# or add unhashed ones.
 unexport PIP_USER PIP_TARGET PIP_PREFIX PIP_CONSTRAINT PYTHONHOME PYTHONPATH
 
 PACKAGES := firmware_py plant_sim hil tools
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input install --quiet --quiet
+PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input install --quiet --quiet --target= --no-user
 content = $(shell cat $(1) | cksum | cut -d ' ' -f 1)
 # A lock names all packages, so pip resolves nothing: an old pip takes the newest release of a package with extras,
 # which has no hash here, and refuses it. `pip check` then says whether a lock lacks something.

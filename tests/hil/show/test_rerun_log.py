@@ -1,5 +1,6 @@
 """The log: all of the traces, read back; the same whoever wrote it; mended when cut."""
 
+import re
 from contextlib import closing
 from dataclasses import replace
 from types import SimpleNamespace
@@ -15,15 +16,16 @@ from firmware_py.interface.enums import Fault, Mode
 from hil.judge.figures.figures import figures_from, figures_of
 from hil.judge.judge import judge
 from hil.judge.verdict import CheckResult, Verdict
-from hil.record.log_reader import read_traces, tables
+from hil.record.log_reader import documents, read_traces, tables
 from hil.record.rates import SLOW_TICKS, is_slow, slow_rows
 from hil.record.rrd import log_file
 from hil.record.rrd.log_file import ROOM_BYTES, is_whole, repair, written_whole
 from hil.record.rrd.rerun_program import RerunError, rerun
 from hil.record.run_traces import read_run
 from hil.show.highlights import highlights
-from hil.show.log_stream import recording_id
+from hil.show.log_stream import LogStream, recording_id
 from hil.show.rerun_log import LOG_NAME, RunLog, rebuild, write_log
+from hil.show.verdict_text import verdict_text
 
 
 @pytest.fixture(scope="module")
@@ -304,3 +306,20 @@ def test_a_log_of_which_only_a_part_was_written_is_refused(log_path, tmp_path):
     with pytest.raises(RerunError, match="is not written"), written_whole(path) as unfinished:
         unfinished.write_bytes(log_path.read_bytes()[:-1])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_texts_of_a_scenario_are_shown_and_not_taken_for_markdown(tmp_path, monkeypatch):
+    """The viewer would fetch the pictures of a page in Markdown."""
+    text = 'title = "x"\n```\n![y](http://192.0.2.1/y.png)\n````\n'
+    stream = LogStream(tmp_path / "a.rrd", {}, None)
+    stream.log_document("about/scenario", text, "toml")
+    stream.recording.disconnect()
+    assert documents(tmp_path / "a.rrd")["scenario"] == text
+    pages = []
+    monkeypatch.setattr(LogStream, "log_markdown", lambda _, __, page: pages.append(page))
+    stream.log_document("about/scenario", text, "toml")
+    assert pages[0].startswith("`````toml\n")
+    title = "![x](http://192.0.2.1/x.png)<img src=//192.0.2.1/>"
+    verdict = SimpleNamespace(verdict=Verdict.PASSED, reasons=[title], not_judged=[title], by_gravity=[])
+    page = verdict_text(title, {"scenario": title, "changes": [title]}, verdict)
+    assert re.search(r"(?<!\\)[!\[<]", page) is None

@@ -1,9 +1,11 @@
 """The lock alone decides what is installed, whatever has been released since it was made."""
 
 import hashlib
+import os
 import shlex
 import subprocess
 import sys
+import venv
 import zipfile
 from pathlib import Path
 
@@ -54,3 +56,28 @@ def test_a_newer_release_of_a_package_with_extras_does_not_break_the_set_up(tmp_
         "measured-1.0.dist-info",
         "wants-1.0.dist-info",
     }
+
+
+def test_a_target_in_a_persons_pip_settings_does_not_send_packages_elsewhere(tmp_path: Path) -> None:
+    told = [one for one in (ROOT / "Makefile").read_text().splitlines() if one.startswith("PIP := ")]
+    options = [one for one in told[0].split() if one in ("--target=", "--no-user")]
+    venv.create(tmp_path / "venv", with_pip=False)
+    wheel(tmp_path, "one", "1")
+    (tmp_path / "pip.conf").write_text(f"[install]\ntarget = {tmp_path / 'elsewhere'}\nuser = true\n")
+    python = tmp_path / "venv" / "bin" / "python"
+    pip = [
+        sys.executable,
+        "-P",
+        "-m",
+        "pip",
+        "--python",
+        python,
+        "install",
+        *options,
+        "--no-deps",
+        "--no-index",
+    ]
+    environment = os.environ | {"PIP_CONFIG_FILE": str(tmp_path / "pip.conf")}
+    subprocess.run([*pip, tmp_path / "one-1-py3-none-any.whl"], env=environment, cwd=tmp_path, check=True)
+    assert [*tmp_path.glob("venv/lib/*/site-packages/one-1.dist-info")] != []
+    assert not (tmp_path / "elsewhere").exists()
