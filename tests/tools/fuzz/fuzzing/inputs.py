@@ -30,7 +30,7 @@ from kernel_cache import root
 Kind = Literal["scenes", "files"]
 Case = Callable[[Random, Path, Path], list[str]]
 
-MOST_BYTES = 2 << 30
+MOST_BYTES = 1_500_000_000
 RENEWED_AFTER = 200
 """Inputs for one process; memory that its libraries keep would otherwise count for later inputs."""
 IN_ORDER = (0, 1, 4, 5)
