@@ -12,6 +12,7 @@ from firmware_py.builds.board import TIMER_TICKS_AN_INSTRUCTION, BoardName, imag
 from firmware_py.builds.flat import Precision, layout
 from firmware_py.builds.machine_code import measure_sizes
 from firmware_py.core.config import Config
+from firmware_py.node.inbox import PERIODS
 from firmware_py.node.memory import FirmwareState
 from firmware_py.shell.board_node import MEASURED_TICK, BoardNode
 from hil.bench.lockstep import Progress, run_lockstep
@@ -48,10 +49,10 @@ def budget(names: Sequence[str], progress: Progress, target: BoardName = "cortex
     class Measured(BoardNode):
         kind = MEASURED_TICK
 
-        def run(self, behind_ticks: int, frame_count: int, frames: Any) -> int:
-            status = super().run(behind_ticks, frame_count, frames)
+        def run(self) -> int:
+            status = super().run()
             instructions = float(self.reply["timer_ticks"][0]) / TIMER_TICKS_AN_INSTRUCTION
-            measured.append((name, behind_ticks == 0, instructions, int(self.reply["stack_bytes"][0])))
+            measured.append((name, self.inbox[PERIODS] == 0, instructions, int(self.reply["stack_bytes"][0])))
             return status
 
     Measured.target = target

@@ -15,7 +15,7 @@ from firmware_py.builds.single_precision import round_to_single
 from firmware_py.core.config import Config
 from firmware_py.interface.frame import WordFrame
 from firmware_py.node.memory import FirmwareState
-from firmware_py.node.tick import MAX_RX, Tx
+from firmware_py.node.tick import Tx
 
 RECORDS = (Config, FirmwareState, WordFrame, Tx)
 """Types of the objects to which the function's pointers point."""
@@ -35,7 +35,7 @@ TOP = """\
 #include <stdint.h>
 
 #ifdef __cplusplus
-extern "C" {{
+extern "C" {
 #define VIBRO_HOLDS static_assert
 #elif __STDC_VERSION__ >= 201112L
 #define VIBRO_HOLDS _Static_assert
@@ -43,26 +43,29 @@ extern "C" {{
 #define VIBRO_HOLDS(condition, message) extern char vibro_holds[(condition) ? 1 : -1]
 #endif
 
-#define VIBRO_MAX_FRAMES {max_rx}
 """
 
 BOTTOM = """\
 /* Fill `state` as it is at power-up. */
 void vibro_power_up(vibro_firmware_state *state);
 
-/* One control period, called once in config->tick_s. It allocates nothing, keeps nothing beside `state`, and
- * reads no clock.
- *
- * `state` is filled by vibro_power_up before the first call. `behind_ticks` is 0. After n missed periods call
- * it once for each of them, with its frames and `behind_ticks` n, n - 1, ... 1, then for the present period;
- * send the last torque only. `frames` are those received in the period, at most VIBRO_MAX_FRAMES, in order of
- * their arrival.
+/* Hand over received frames in the order of their arrival, at any time but during another call. A frame that
+ * the firmware does not receive is passed over. Of more frames than it has room for, the firmware keeps the
+ * newest, and an E-stop in any case. Returns 0.
+ */
+int32_t vibro_receive(vibro_firmware_state *state, int64_t frame_count, const vibro_word_frame *frames);
+
+/* Let time pass, once in config->tick_s: `elapsed_ticks` is 1, and n + 1 after n missed periods. Returns how
+ * often vibro_tick is to be called now. The firmware finds the frames that belong to each missed period.
+ */
+int32_t vibro_advance(const vibro_config *config, vibro_firmware_state *state, int64_t elapsed_ticks);
+
+/* One control period. It allocates nothing, keeps nothing beside `state`, and reads no clock.
  * The first tx->frame_count (0 to 3) of tx->first, tx->second and tx->third are to be sent at once, in order.
  *
  * Returns 0; another number where the arithmetic failed, with `state` and `tx` unchanged: stop the drive.
  */
-int32_t vibro_tick(const vibro_config *config, vibro_firmware_state *state, int64_t behind_ticks,
-                   int64_t frame_count, const vibro_word_frame *frames, vibro_tx *tx);
+int32_t vibro_tick(const vibro_config *config, vibro_firmware_state *state, vibro_tx *tx);
 
 /* Calibration over XCP: call it after a tick's frames have been sent, never while a tick runs. It processes
  * the write that the tick has received, if any. A commit changes the tuning parameters in `config` and the
@@ -131,7 +134,7 @@ def header(precision: Precision = "double") -> str:
     blocks = [
         enum_text(kind) if issubclass(kind, IntEnum) else struct_text(kind, precision) for kind in found
     ]
-    return "\n".join([TOP.format(max_rx=MAX_RX), *blocks, BOTTOM])
+    return "\n".join([TOP, *blocks, BOTTOM])
 
 
 def list_needed(kind: Any) -> Iterator[Any]:

@@ -1,14 +1,15 @@
 """The firmware as an object file for any target: numba's unoptimised code, compiled by LLVM alone.
 
     void vibro_power_up(vibro_firmware_state *)
-    int32_t vibro_tick(const vibro_config *, vibro_firmware_state *, int64_t behind_ticks,
-                       int64_t frame_count, const vibro_word_frame *, vibro_tx *)
+    int32_t vibro_receive(vibro_firmware_state *, int64_t frame_count, const vibro_word_frame *)
+    int32_t vibro_advance(const vibro_config *, vibro_firmware_state *, int64_t elapsed_ticks)
+    int32_t vibro_tick(const vibro_config *, vibro_firmware_state *, vibro_tx *)
     int32_t vibro_calibrate(vibro_config *, vibro_firmware_state *)
 
-The last two return 0; `vibro_tick` another number with state and tx unchanged if the arithmetic failed. The
-object requires functions for operations without an instruction on its target and for copying and filling
-memory, but no operating system and no inexact mathematics of a C library, whose last bits differ from
-another's.
+`vibro_advance` returns the number of ticks to run, the others 0; `vibro_tick` returns another number with
+state and tx unchanged if the arithmetic failed. The object requires functions for operations without an
+instruction on its target and for copying and filling memory, but no operating system and no inexact
+mathematics of a C library, whose last bits differ from another's.
 """
 
 import os
@@ -59,8 +60,7 @@ TARGETS: dict[TargetName, Target] = {
 
 BUILDERS = sorted(Path(__file__).parent.glob("*.py"))
 """The modules that make the code; the cache is keyed by them and by all that they import."""
-ENTRY = "vibro_tick"
-ENTRIES = (ENTRY, "vibro_power_up", "vibro_calibrate")
+ENTRIES = ("vibro_power_up", "vibro_receive", "vibro_advance", "vibro_tick", "vibro_calibrate")
 GAIT_CONSTANT = "vibro_has_gait"
 """A constant array of one byte in the raw assembly, which is 1: LLVM leaves out the gait where it is 0."""
 HAS_GAIT = re.compile(rf'^(@{GAIT_CONSTANT}\S* = .* \[1 x i8\] )c"\\01"', re.MULTILINE)
@@ -80,12 +80,24 @@ APART = ("4node3xcp5serve", "12replacements8put_page")
 QUICK = ("vibro_latch",)
 """Names of functions that stay quick where code is made small: a loop over the measurements of a sample."""
 WRAPPER = """
-define i32 @vibro_tick(ptr %config, ptr %state, i64 %current, i64 %count, ptr %frames, ptr %tx) {{
+define i32 @vibro_receive(ptr %state, i64 %count, ptr %frames) {{
   %returned = alloca i64
   %raised = alloca ptr
-  %status = call i32 @{tick}(
-    ptr %returned, ptr %raised,
-    ptr %config, ptr %state, i64 %current, i64 %count, ptr %frames, ptr %tx)
+  %status = call i32 @{receive}(ptr %returned, ptr %raised, ptr %state, i64 %count, ptr %frames)
+  ret i32 %status
+}}
+define i32 @vibro_advance(ptr %config, ptr %state, i64 %elapsed) {{
+  %returned = alloca i64
+  %raised = alloca ptr
+  %status = call i32 @{advance}(ptr %returned, ptr %raised, ptr %config, ptr %state, i64 %elapsed)
+  %periods = load i64, ptr %returned
+  %periods.word = trunc i64 %periods to i32
+  ret i32 %periods.word
+}}
+define i32 @vibro_tick(ptr %config, ptr %state, ptr %tx) {{
+  %returned = alloca i64
+  %raised = alloca ptr
+  %status = call i32 @{tick}(ptr %returned, ptr %raised, ptr %config, ptr %state, ptr %tx)
   ret i32 %status
 }}
 define i32 @vibro_calibrate(ptr %config, ptr %state) {{
@@ -163,11 +175,13 @@ def _object_code(target: TargetName, has_gait: bool) -> bytes:
     )
     assembly, constants = HAS_GAIT.subn(rf'\1c"\\0{has_gait:d}"', assembly)
     assert constants > 0, "the raw assembly lacks the constant that leaves out the gait"
-    tick, calibrate = assembly.partition("\n")[0].removeprefix("; ").split()
+    receive, advance, tick, calibrate = assembly.partition("\n")[0].removeprefix("; ").split()
     state = to_precision(to_flat(INITIAL), FirmwareState, TARGETS[target].precision)
     words = np.frombuffer(state.tobytes(), "<u4")
     (places,) = words.nonzero()
     wrapper = WRAPPER.format(
+        receive=receive,
+        advance=advance,
         tick=tick,
         calibrate=calibrate,
         state_size=words.nbytes,

@@ -69,6 +69,7 @@ class Ticks(NamedTuple):
     proof_due: int
     proof_longest: int
     gait: int
+    catch_up: int
 
 
 class Derived(NamedTuple):

@@ -14,6 +14,9 @@ from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.zeroed import zeroed
 
 STANDARD_GRAVITY_M_S2 = 9.80665
+LONGEST_CATCH_UP_S = 0.5
+"""Longest time whose missed periods are run later (`node.inbox`). It is longer than the watchdogs of links
+and sensors (`ceiling.link_watchdog_s`): raise both together."""
 
 
 def derive_gate_limits(p: Parameters) -> GateLimits:
@@ -82,6 +85,7 @@ def ticks_of(p: Parameters) -> Ticks:
         proof_due=in_ticks(watchdog_proof.WATCHDOG_S, tick_s) + 2,
         proof_longest=in_ticks(watchdog_proof.LONGEST_S, tick_s),
         gait=in_ticks(p.watchdog.gait_s, tick_s),
+        catch_up=in_ticks(LONGEST_CATCH_UP_S, tick_s),
     )
 
 

@@ -1,4 +1,4 @@
-"""What a firmware in flat memory keeps: its state, and the memory of XCP."""
+"""What a firmware in flat memory keeps: its state, the memory of XCP, and the inbox."""
 
 import zlib
 from collections.abc import Iterable
@@ -6,22 +6,25 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from firmware_py.interface.float32 import float32_bits
 from firmware_py.interface.parameter_table import TABLE
-from firmware_py.node import xcp
+from firmware_py.node import inbox, xcp
 from firmware_py.node.places import ALL
 from firmware_py.node.tick import INITIAL as INITIAL_NODE
 from firmware_py.node.tick import NodeState
 
 if TYPE_CHECKING:
     Pool = tuple[int, ...]
+    Inbox = tuple[int, ...]
 else:
     Pool = tuple.__class_getitem__((int,) * xcp.POOL)
+    Inbox = tuple.__class_getitem__((int,) * inbox.SIZE)
 
 
 class FirmwareState(NamedTuple):
-    """The firmware's state, and behind it the memory of measurement and calibration (XCP)."""
+    """The firmware's state, and behind it the memory of measurement and calibration (XCP), and the inbox."""
 
     node: NodeState
     pool: Pool
+    inbox: Inbox
 
 
 def file_name() -> str:
@@ -42,4 +45,6 @@ def pool_of(values: Iterable[float]) -> list[int]:
     return pool
 
 
-INITIAL = FirmwareState(INITIAL_NODE, tuple(pool_of([parameter.default for parameter in TABLE])))
+INITIAL = FirmwareState(
+    INITIAL_NODE, tuple(pool_of([parameter.default for parameter in TABLE])), (0,) * inbox.SIZE
+)

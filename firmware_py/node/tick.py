@@ -1,14 +1,12 @@
 """The whole firmware, frames in to frames out:
 
-    tick(config, state, rx) -> (state, tx)
+    tick(config, state, inbox) -> (state, tx)
 
-It always advances one control period. Call it once per period with the frames that have arrived in it.
-Whoever missed periods calls it once for each of them, with that period's frames and `rx.behind_ticks` above
-0, then once for the present period, and sends the last torque and all other frames in order (`shell.node`).
+It always advances one control period, on those frames in the inbox that belong to this period: see
+`node.inbox`, which also says how many ticks are run when periods were missed.
 
-`config` is made from the parameters; `state` starts as `INITIAL`. `rx.frames` holds `rx.frame_count` items of
-`WordFrame`: any sequence if interpreted, a tuple or a pointer if compiled. `tx.frame_count` frames are sent;
-the first is the torque, unless the drive's watchdog is tested.
+`config` is made from the parameters; `state` starts as `INITIAL`. `tx.frame_count` frames are sent; the first
+is the torque, unless the drive's watchdog is tested or the tick runs a period that was missed.
 
 Measurement and calibration follow the tick (`xcp.exchange`), which adds their frames to `tx`.
 
@@ -17,7 +15,6 @@ loops, plain functions), so that one source runs interpreted, compiled by numba 
 code, and on a microcontroller.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from firmware_py.core.config import Config
@@ -27,34 +24,20 @@ from firmware_py.core.safety.drive_link import NO_DRIVE_FRAME
 from firmware_py.core.state import INITIAL as INITIAL_CORE
 from firmware_py.core.state import INITIAL_OUTPUTS, Outputs, State
 from firmware_py.core.step import step
-from firmware_py.interface.arrivals import NOTHING_YET, Counters, Now
+from firmware_py.interface.arrivals import NOTHING_YET, Arrival, Counters, Now
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import kinds, packing
 from firmware_py.interface.generated.received import INITIAL as NOTHING_RECEIVED
 from firmware_py.interface.generated.received import Received, receive
 from firmware_py.interface.generated.records import SetInputTorque
+from firmware_py.node import inbox as waiting_frames
 from firmware_py.node import transmitter
 from firmware_py.node.readings import inputs_of, reading_of
 from firmware_py.node.transmitter import Transmitter
 
-MAX_RX = 64
-"""Capacity of a flat `rx`. A tick brings at most 3 frames; the 25 ticks tolerated in an overrun bring 60."""
-
-
-class Rx(NamedTuple):
-    """The frames since the last tick, in the order of their arrival.
-
-    `behind_ticks`: time from this period to the present one. Above 0 the tick catches up, and its torque will
-    not be sent.
-    """
-
-    behind_ticks: int
-    frame_count: int
-    frames: Sequence[WordFrame]
-
 
 class Tx(NamedTuple):
-    """The first `frame_count` frames are to be sent in this tick. The torque always comes first."""
+    """The first `frame_count` frames are to be sent in this tick, in this order."""
 
     frame_count: int
     first: WordFrame
@@ -115,30 +98,34 @@ def transmit(
         waiting, other = transmitter.next_frame(config, waiting, tick + behind_ticks, core, now)
         lost += 1 if other.can_id == 0 else 0
     tx = NO_TX
-    if not now.withholds:
+    if not now.withholds and behind_ticks == 0:
         torque, _ = packing.pack_set_input_torque(SetInputTorque(now.torque_n_m), 0)
         tx = add_frame(tx, torque)
     return waiting, lost, add_frame(tx, other)
 
 
-def tick(config: Config, state: NodeState, rx: Rx) -> tuple[NodeState, Tx]:
-    """Run one control period."""
+def tick(config: Config, state: NodeState, inbox: list[int]) -> tuple[NodeState, Tx]:
+    """Run one control period; the inbox is only read."""
     now = Now(tick=state.ticks + 1, tick_s=config.tick_s)
     received, counters = state.received, state.counters
     gate_now = state.core.gate
-    accepted = 0
-    for index in range(rx.frame_count):
-        frame = rx.frames[index]
-        received, counters, usable = receive(now, received, counters, frame)
-        accepted += 1 if usable else 0
-        if usable and frame.can_id == kinds.ACCELEROMETER.can_id:
-            gate_now = gate.take_reading(config.d.gate, gate_now, reading_of(received))
+    accepted, behind_ticks = inbox[waiting_frames.ESTOP], waiting_frames.behind_ticks(inbox)
+    if inbox[waiting_frames.ESTOP] != 0:
+        received = received._replace(drive_estop_arrival=Arrival(now.tick, now.tick, -1))
+    for number in range(inbox[waiting_frames.TAKEN], inbox[waiting_frames.RECEIVED]):
+        index = waiting_frames.index_of(number)
+        if inbox[index] >> waiting_frames.BEHIND_BIT == behind_ticks:
+            frame = waiting_frames.frame_at(inbox, index)
+            received, counters, usable = receive(now, received, counters, frame)
+            accepted += 1 if usable else 0
+            if usable and frame.can_id == kinds.ACCELEROMETER.can_id:
+                gate_now = gate.take_reading(config.d.gate, gate_now, reading_of(received))
     inputs = inputs_of(received, now.tick)
-    core, outputs = step(config, state.core._replace(gate=gate_now), inputs, rx.behind_ticks == 0)
-    waiting, lost, tx = transmit(config, state, received, core, outputs, rx.behind_ticks)
+    core, outputs = step(config, state.core._replace(gate=gate_now), inputs, behind_ticks == 0)
+    waiting, lost, tx = transmit(config, state, received, core, outputs, behind_ticks)
     counters = counters._replace(
         frames=counters.frames + accepted,
-        skipped_ticks=counters.skipped_ticks + (1 if rx.behind_ticks > 0 else 0),
+        skipped_ticks=counters.skipped_ticks + (1 if behind_ticks > 0 else 0),
         unsent=counters.unsent + lost,
     )
     return NodeState(

@@ -16,8 +16,8 @@ from firmware_py.node.tick import Tx
 from firmware_py.node.xcp import NO_REQUEST, REQUEST
 from firmware_py.shell.flat_node import FRAME_BYTES, FlatNode
 
-TICK, CONFIG, STATE, MEASURED_TICK, READ_CONFIG = range(5)
-MESSAGE = struct.Struct("<3q")
+TICK, CONFIG, STATE, MEASURED_TICK, READ_CONFIG, RECEIVE, ADVANCE = range(7)
+MESSAGE, PERIODS = struct.Struct("<2q"), struct.Struct("<q")
 
 
 def reply_layout(precision: Precision) -> "np.dtype[np.void]":
@@ -49,11 +49,21 @@ class BoardNode(FlatNode):
         self._reply_bytes = memoryview(self.reply.view("u1"))  # type: ignore[arg-type]  # no buffer in stubs
         self._send(CONFIG, Config, self.flat_config)
 
-    def run(self, behind_ticks: int, frame_count: int, frames: Any) -> int:
+    def receive_rows(self, count: int, rows: Any) -> None:
+        """Send `count` frames to the board's inbox."""
+        self._write(MESSAGE.pack(RECEIVE, count) + bytes(memoryview(rows)[: FRAME_BYTES * count]))
+
+    def advance(self, elapsed_ticks: int) -> int:
+        """Let the board's time pass; the number of periods to run."""
+        periods = bytearray(PERIODS.size)
+        self._write(MESSAGE.pack(ADVANCE, elapsed_ticks))
+        self._read(memoryview(periods))
+        return int(PERIODS.unpack(periods)[0])
+
+    def run(self) -> int:
         """One tick, before which the board processes a write over XCP."""
         is_asked = self.pool[REQUEST] != NO_REQUEST
-        request = MESSAGE.pack(self.kind, behind_ticks, frame_count)
-        self._write(request + bytes(memoryview(frames)[: FRAME_BYTES * frame_count]))
+        self._write(MESSAGE.pack(self.kind, 0))
         self._read(self._reply_bytes)
         if is_asked:
             self._read_config()
@@ -68,7 +78,7 @@ class BoardNode(FlatNode):
     def _read_config(self) -> None:
         """Take the board's config and parameters."""
         own = np.zeros(1, layout(Config, self._precision))
-        self._write(MESSAGE.pack(READ_CONFIG, 0, 0))
+        self._write(MESSAGE.pack(READ_CONFIG, 0))
         self._read(memoryview(own.view("u1")))  # type: ignore[arg-type]  # no buffer in stubs
         copier(own, self.flat_config)()
         self.config = from_flat(Config, self.flat_config[0].item())
@@ -84,7 +94,7 @@ class BoardNode(FlatNode):
         self._send(STATE, FirmwareState, self.whole)
 
     def _send(self, kind: int, record: type[Any], content: Memory) -> None:
-        self._write(MESSAGE.pack(kind, 0, 0) + to_precision(content, record, self._precision).tobytes())
+        self._write(MESSAGE.pack(kind, 0) + to_precision(content, record, self._precision).tobytes())
 
     def _write(self, message: bytes) -> None:
         try:

@@ -11,12 +11,14 @@ from firmware_py.core.config import Config
 from firmware_py.interface.frame import Frame, bytes_of, word_of
 from firmware_py.interface.zeroed import Record
 from firmware_py.node.memory import INITIAL, pool_of
-from firmware_py.node.tick import MAX_RX, NO_TX
+from firmware_py.node.tick import NO_TX
 from firmware_py.shell.node import Node
 
 FRAME_BYTES = 24
 _TX = struct.Struct("<10q")
-_RX = [struct.Struct(f"<{3 * count}q") for count in range(MAX_RX + 1)]
+MOST_AT_ONCE = 64
+"""Most frames that are handed over in one call."""
+_RX = [struct.Struct(f"<{3 * count}q") for count in range(MOST_AT_ONCE + 1)]
 
 
 class FirmwareFailedError(ArithmeticError):
@@ -30,7 +32,7 @@ class FlatNode(Node):
     processes the writes over XCP by itself.
 
     `whole` holds the `FirmwareState`, one element laid out by `firmware_py.builds.flat.layout`; `memory` is
-    its first member, the `NodeState`, at the same address, and `pool` its last one.
+    its first member, the `NodeState`, at the same address; `pool` and `inbox` are the other two.
     """
 
     def __init__(self, config: Config) -> None:
@@ -48,8 +50,17 @@ class FlatNode(Node):
         """The number of periods since power-up."""
         return int(self.memory["ticks"][0])
 
+    @property
+    def inbox(self) -> list[int]:
+        """The memory of the waiting frames, as of the last tick."""
+        return cast("list[int]", self.whole["inbox"][0])
+
     @abstractmethod
-    def run(self, behind_ticks: int, frame_count: int, frames: Any) -> int:
+    def receive_rows(self, count: int, rows: Any) -> None:
+        """Put `count` frames into the inbox; `rows`: their identifiers, lengths and words."""
+
+    @abstractmethod
+    def run(self) -> int:
         """Run one tick on `memory` and write its frames to `tx`; return 0 unless the arithmetic failed."""
 
     @abstractmethod
@@ -61,14 +72,19 @@ class FlatNode(Node):
         record: Record = from_flat(kind, self.memory[name][0].item())
         return record
 
-    def run_period(self, frames: Sequence[Frame], behind_ticks: int) -> list[Frame]:
-        """Run one control period, `behind_ticks` before the present one."""
-        words: list[int] = []
-        for can_id, data in frames:
-            words += (can_id, len(data), word_of(data))
-        count = len(words) // 3
-        _RX[count].pack_into(self._rx, 0, *words)
-        if self.run(behind_ticks, count, self._rx) != 0:
+    def receive(self, frames: Sequence[Frame]) -> None:
+        """Put frames into the inbox in the order of their arrival."""
+        for first in range(0, len(frames), MOST_AT_ONCE):
+            words: list[int] = []
+            for can_id, data in frames[first : first + MOST_AT_ONCE]:
+                words += (can_id, len(data), word_of(data))
+            count = len(words) // 3
+            _RX[count].pack_into(self._rx, 0, *words)
+            self.receive_rows(count, self._rx)
+
+    def run_period(self) -> list[Frame]:
+        """Run one control period."""
+        if self.run() != 0:
             raise FirmwareFailedError("a division by zero or a domain error in the firmware's tick")
         frame_count, *words = _TX.unpack_from(self._sent)
         return [

@@ -1,4 +1,4 @@
-"""The firmware on the bus: `firmware_py.node.tick` with bytes around its words. No clock, no socket."""
+"""The firmware on the bus: `firmware_py.node` with bytes around its words. No clock, no socket."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -13,16 +13,10 @@ from firmware_py.core.inputs import Inputs
 from firmware_py.core.state import Outputs, State
 from firmware_py.interface.arrivals import Counters
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
-from firmware_py.interface.generated.kinds import SET_INPUT_TORQUE
-from firmware_py.interface.generated.received import Received
 from firmware_py.interface.zeroed import Record
-from firmware_py.node import calibration, memory, xcp
-from firmware_py.node.tick import INITIAL, Rx, tick
-from firmware_py.shell.catching_up import divide_frames, due_counter, fit_frames
+from firmware_py.node import calibration, inbox, memory, xcp
+from firmware_py.node.tick import INITIAL, tick
 from firmware_py.shell.parameters import ParameterError, parameters_of, parse_file, values_of, with_overrides
-
-LONGEST_CATCH_UP_S = 0.5
-"""Longer than the watchdogs of links and sensors (`ceiling.link_watchdog_s`): raise both together."""
 
 
 class Node(ABC):
@@ -47,40 +41,37 @@ class Node(ABC):
     def part(self, kind: type[Record], name: str) -> Record:
         """The member `name` of the `NodeState`, a record of type `kind`."""
 
+    @property
     @abstractmethod
-    def run_period(self, frames: Sequence[Frame], behind_ticks: int) -> list[Frame]:
-        """Run one control period, `behind_ticks` before the present one."""
+    def inbox(self) -> list[int]:
+        """The memory of the waiting frames (`firmware_py.node.inbox`)."""
+
+    @abstractmethod
+    def receive(self, frames: Sequence[Frame]) -> None:
+        """Put frames into the inbox in the order of their arrival."""
+
+    @abstractmethod
+    def advance(self, elapsed_ticks: int) -> int:
+        """Let time pass; the number of periods to run."""
+
+    @abstractmethod
+    def run_period(self) -> list[Frame]:
+        """Run one control period."""
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
         """Run every period since the last call, each on its own frames, and return what is to be sent.
 
-        `elapsed_ticks` exceeds 1 after missed periods. Of the torques only the last one is sent. If more than
-        `LONGEST_CATCH_UP_S` was missed, nothing is caught up: all frames belong to the present period, and
-        the silence before it lets the watchdogs stop the motor.
+        `elapsed_ticks` exceeds 1 after missed periods; only the torque of the last one is sent.
         """
         if elapsed_ticks < 1:
             raise ValueError(f"elapsed_ticks = {elapsed_ticks}; a tick is later than the one before it")
         self.elapsed_ticks = elapsed_ticks
-        if elapsed_ticks == 1:
-            return self._run_period(frames_in, 0)
-        most_ticks = round(LONGEST_CATCH_UP_S / self.config.tick_s)
-        if elapsed_ticks <= most_ticks:
-            last_sample = self.part(Received, "received").accelerometer_arrival
-            due = due_counter(last_sample, self.ticks + elapsed_ticks)
-            periods = divide_frames(frames_in, elapsed_ticks, due)
-        else:
-            periods = [*([] for _ in range(most_ticks - 1)), list(frames_in)]
+        self.receive(frames_in)
         sent: list[Frame] = []
-        for behind_ticks in range(len(periods) - 1, 0, -1):
-            others = self._run_period(periods[-1 - behind_ticks], behind_ticks)
-            sent += (one for one in others if one.can_id != SET_INPUT_TORQUE.can_id)
-        newest = self._run_period(periods[-1], 0)
-        first = 1 if newest and newest[0].can_id == SET_INPUT_TORQUE.can_id else 0
-        return newest[:first] + sent + newest[first:]
-
-    def _run_period(self, frames: Sequence[Frame], behind_ticks: int) -> list[Frame]:
-        self.calibrate()
-        return self.run_period(fit_frames(frames), behind_ticks)
+        for _ in range(self.advance(elapsed_ticks)):
+            self.calibrate()
+            sent += self.run_period()
+        return sent
 
     def calibrate(self) -> bool:
         """Judge the waiting request of XCP, if there is one; a commit changes `config`."""
@@ -130,6 +121,7 @@ class FirmwareNode(Node):
     def __init__(self, config: Config) -> None:
         super().__init__(config)
         self._state, self.pool = INITIAL, memory.pool_of(self.values.values())
+        self._inbox = [0] * inbox.SIZE
         import filterpy.kalman  # noqa: F401, PLC0415 - now, not in the first tick: it takes a second
 
     def part(self, kind: type[Record], name: str) -> Record:
@@ -142,10 +134,25 @@ class FirmwareNode(Node):
         """The number of periods since power-up."""
         return self._state.ticks
 
-    def run_period(self, frames: Sequence[Frame], behind_ticks: int) -> list[Frame]:
-        """Run one control period, `behind_ticks` before the present one."""
-        words = [WordFrame(can_id, len(data), word_of(data)) for can_id, data in frames]
-        self._state, tx = tick(self.config, self._state, Rx(behind_ticks, len(words), words))
+    @property
+    def inbox(self) -> list[int]:
+        """The memory of the waiting frames."""
+        return self._inbox
+
+    def receive(self, frames: Sequence[Frame]) -> None:
+        """Put frames into the inbox in the order of their arrival."""
+        for can_id, data in frames:
+            inbox.receive(self._inbox, WordFrame(can_id, len(data), word_of(data)))
+
+    def advance(self, elapsed_ticks: int) -> int:
+        """Let time pass; the number of periods to run."""
+        newest, most_ticks = self._state.received.accelerometer_arrival, self.config.d.ticks.catch_up
+        return inbox.advance(self._inbox, newest, self._state.ticks, elapsed_ticks, most_ticks)
+
+    def run_period(self) -> list[Frame]:
+        """Run one control period."""
+        self._state, tx = tick(self.config, self._state, self._inbox)
+        inbox.end_period(self._inbox)
         tx = xcp.exchange(self.pool, self._state, self.config.tick_s, self._state, tx)
         sent = (tx.first, tx.second, tx.third)[: tx.frame_count]
         return [Frame(can_id, bytes_of(word, length)) for can_id, length, word in sent]

@@ -133,8 +133,9 @@ class Stretches:
         buffers.used[:] = 0
         plant.act(ticks)
         frames, sent = np.zeros((MOST_RECEIVED, 3), np.int64), np.zeros(1 + 3 * MOST_SENT, np.int64)
-        tick_address, config, memory, _ = node.native
+        receive_address, tick_address, config, memory, _ = node.native
         firmware = Firmware(
+            receive=receive_address,
             tick=tick_address,
             config=config.ctypes.data,
             state=memory.ctypes.data,

@@ -51,12 +51,13 @@ LINE_BYTES = 48
 
 
 class Firmware(NamedTuple):
-    """The firmware (`firmware_py.shell.native`): addresses of its function and its memory.
+    """The firmware (`firmware_py.shell.native`): addresses of its functions and its memory.
 
     `frames`: received frames, shape (MOST_RECEIVED, 3).
     `sent`: the number of sent frames, and three frames. `record_bytes`: length of a recorded row.
     """
 
+    receive: int
     tick: int
     config: int
     state: int
@@ -211,8 +212,8 @@ def firmware_turn(bench: Bench, tick: int, count: int) -> int:
     """The firmware at t_k + T/2 ticks on the first `count` frames of its inbox; its status is returned."""
     firmware, buffers = bench.firmware, bench.buffers
     frames, sent = firmware.frames.ctypes.data, firmware.sent.ctypes.data
-    arguments = (firmware.config, firmware.state, 0, count, frames, sent)
-    if call_at(firmware.tick, arguments) & STATUS != 0:
+    call_at(firmware.receive, (firmware.state, count, frames))
+    if call_at(firmware.tick, (firmware.config, firmware.state, sent)) & STATUS != 0:
         return FIRMWARE_FAILED
     for place in range(firmware.sent[0]):
         begin = 1 + 3 * place

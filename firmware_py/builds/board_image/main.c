@@ -1,21 +1,22 @@
 /* The firmware on an emulated board: frames in and out through QEMU's standard input and output.
  *
- * A request consists of its kind and two numbers. TICK is followed by the received frames; CONFIG and STATE are
- * followed by a new config or state, which replaces the present one. The reply to TICK is the status, the frames
- * to be sent and the state; MEASURED_TICK, which is slower, also reports the time and the stack of the tick. The
- * reply to READ_CONFIG is the config. Before each tick a write over XCP is processed.
+ * A request consists of its kind and a number. RECEIVE is followed by that number of frames; CONFIG and STATE
+ * are followed by a new config or state, which replaces the present one. The reply to ADVANCE, of that number of
+ * periods, is the number of ticks to run. The reply to TICK is the status, the frames to be sent and the state;
+ * MEASURED_TICK, which is slower, also reports the time and the stack of the tick. The reply to READ_CONFIG is
+ * the config. Before each tick a write over XCP is processed.
  * The bytes are carried by semihosting, a debugger's interface that the firmware itself does not use.
  */
 #include <string.h>
 
 #include "vibro_firmware.h"
 
-enum { TICK, CONFIG, STATE, MEASURED_TICK, READ_CONFIG };
+enum { TICK, CONFIG, STATE, MEASURED_TICK, READ_CONFIG, RECEIVE, ADVANCE };
 enum { SYS_OPEN = 0x01, SYS_WRITE = 0x05, SYS_READ = 0x06, SYS_EXIT_EXTENDED = 0x20 };
 enum { READ_BINARY = 1, WRITE_BINARY = 5, ENDED = 0x20026 };
 
 static struct {
-    int64_t kind, behind_ticks, frame_count;
+    int64_t kind, number;
 } request;
 static struct {
     int64_t status, timer_ticks, stack_bytes;
@@ -23,7 +24,6 @@ static struct {
     vibro_firmware_state state;
 } reply;
 static vibro_config config;
-static vibro_word_frame frames[VIBRO_MAX_FRAMES];
 static int input, output;
 
 static int semihosting(int operation, const void *arguments) {
@@ -71,7 +71,7 @@ enum { CONTROL, VALUE, RELOAD, PAINT = 0x50A17ED, PAINTED_WORDS = 4096 };
 
 static void tick(void) {
     vibro_calibrate(&config, &reply.state);
-    reply.status = vibro_tick(&config, &reply.state, request.behind_ticks, request.frame_count, frames, &reply.tx);
+    reply.status = vibro_tick(&config, &reply.state, &reply.tx);
 }
 
 static __attribute__((noinline)) void measured_tick(void) {
@@ -92,6 +92,19 @@ static __attribute__((noinline)) void measured_tick(void) {
     reply.stack_bytes = (int64_t)((uintptr_t)top - (uintptr_t)deepest);
 }
 
+static void receive(int64_t count) {
+    for (; count > 0; count--) {
+        vibro_word_frame frame;
+        take(&frame, sizeof frame);
+        vibro_receive(&reply.state, 1, &frame);
+    }
+}
+
+static void advance(int64_t elapsed_ticks) {
+    const int64_t periods = vibro_advance(&config, &reply.state, elapsed_ticks);
+    give(&periods, sizeof periods);
+}
+
 static void serve(void) {
     input = open_file("/dev/stdin", READ_BINARY);
     output = open_file("/dev/stdout", WRITE_BINARY);
@@ -105,8 +118,11 @@ static void serve(void) {
             take(&reply.state, sizeof reply.state);
         } else if (request.kind == READ_CONFIG) {
             give(&config, sizeof config);
+        } else if (request.kind == RECEIVE) {
+            receive(request.number);
+        } else if (request.kind == ADVANCE) {
+            advance(request.number);
         } else {
-            take(frames, (uint32_t)request.frame_count * sizeof frames[0]);
             if (request.kind == MEASURED_TICK) {
                 measured_tick();
             } else {

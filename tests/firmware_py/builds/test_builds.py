@@ -20,10 +20,9 @@ from firmware_py.core.estimation import kalman
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Mode, OperatorRequest, XcpError
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.generated.records import Accelerometer, DriveEstop, GaitSensors
-from firmware_py.node.tick import INITIAL, MAX_RX, NodeState
+from firmware_py.interface.generated.records import Accelerometer, GaitSensors
+from firmware_py.node.tick import INITIAL, NodeState
 from firmware_py.shell.builds import NATIVE, Build, node_of
-from firmware_py.shell.catching_up import fit_frames
 from firmware_py.shell.flat_node import FirmwareFailedError
 from firmware_py.shell.native import NativeNode
 from firmware_py.shell.parameters import config_from
@@ -61,19 +60,6 @@ def bits(record: tuple) -> dict[str, object]:
 def written_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kalman, "predict", kalman.predict_written_out)
     monkeypatch.setattr(kalman, "update", kalman.update_written_out)
-
-
-@pytest.mark.parametrize("build", ["python", "compiled"])
-def test_an_e_stop_at_the_beginning_of_a_long_pause_is_obeyed_after_it(build: Build) -> None:
-    node = node_of(build)(config_from({}))
-    estop = codec.DRIVE_ESTOP.encode(DriveEstop())
-    samples = [codec.ACCELEROMETER.encode(Accelerometer(0.0, 0.0, 0.0), number) for number in range(600)]
-    node.tick([], 1)
-    node.tick([estop, *samples], 600)
-    assert node.outputs.mode == Mode.E_STOP
-    assert len(fit_frames([estop, *samples])) == MAX_RX
-    assert fit_frames([estop, *samples])[0] == estop
-    assert fit_frames([estop, *samples])[1:] == samples[600 - MAX_RX + 1 :]
 
 
 @pytest.mark.usefixtures("written_out")

@@ -112,7 +112,9 @@ def test_a_config_in_single_precision_is_rounded_once(tmp_path: Path) -> None:
     assert ctypes.string_at(library.config(), wanted.nbytes) == wanted.tobytes()
 
 
-def test_the_example_for_a_board_sends_what_the_compiled_build_does(tmp_path: Path) -> None:
+@pytest.fixture
+def board(tmp_path: Path) -> ctypes.CDLL:
+    """The example with the firmware as a shared library."""
     (tmp_path / "vibro_firmware.o").write_bytes(object_code("host"))
     library = tmp_path / "board.so"
     more = (str(tmp_path / "vibro_firmware.o"), "-fPIC", "-shared", "-lm", "-o", str(library))
@@ -120,6 +122,24 @@ def test_the_example_for_a_board_sends_what_the_compiled_build_does(tmp_path: Pa
     board = ctypes.CDLL(str(library))
     board.sent.restype = ctypes.POINTER(ctypes.c_int64)
     board.built_config.restype = ctypes.c_void_p
+    return board
+
+
+@pytest.mark.requirement("S-07")
+@pytest.mark.parametrize("elapsed_ticks", [1, 10])
+def test_the_example_for_a_board_keeps_an_e_stop_before_a_flood(
+    elapsed_ticks: int, board: ctypes.CDLL
+) -> None:
+    """The drive's E-stop is passed on in the next tick."""
+    board.control_power_up()
+    board.control_receive(0x002, 0, b"")
+    for _ in range(1000):
+        board.control_receive(0x009, 8, bytes(8))
+    board.control_tick(ctypes.c_int64(elapsed_ticks))
+    assert 0x002 in board.sent()[: 3 * board.sent_count() : 3]
+
+
+def test_the_example_for_a_board_sends_what_the_compiled_build_does(board: ctypes.CDLL) -> None:
     wanted = to_flat(config_from({}))
     assert ctypes.string_at(board.built_config(), wanted.nbytes) == wanted.tobytes()
     sent: list[tuple[int, int, int]] = []
@@ -137,7 +157,7 @@ def test_the_example_for_a_board_sends_what_the_compiled_build_does(tmp_path: Pa
             frames = [*frames, commands.pop(0)]
         for frame in frames:
             board.control_receive(frame.can_id, len(frame.data), frame.data)
-        board.control_tick(ctypes.c_int64(0))
+        board.control_tick(ctypes.c_int64(1))
         sent.extend((frame.can_id, len(frame.data), word_of(frame.data)) for frame in node.tick(frames, 1))
         return frames
 

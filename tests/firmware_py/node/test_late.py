@@ -10,7 +10,7 @@ from closed_loop import Bench, Change
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, Mode
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.generated.records import ImpactEvent
+from firmware_py.interface.generated.records import ImpactEvent, SetInputTorque
 from firmware_py.shell.parameters import config_from
 
 PARAMETERS = {"start.rise_s": 1.0, "start.confirm_periods": 2}
@@ -91,14 +91,13 @@ def test_the_limits_on_an_impact_hold_within_an_overrun() -> None:
     bench.configure(config_from({**PARAMETERS, "limit.impulse_n_s": 0.5}))
     bench.run((ticks + 1) * 1e-3)
     assert bench.node.outputs.fault == Fault.IMPULSE_LIMIT
-    assert codec.SET_INPUT_TORQUE.decode(bench.sent[0].data).torque_n_m == 0.0
+    assert [one for one in bench.records() if isinstance(one, SetInputTorque)] == [SetInputTorque(0.0)]
 
 
 def test_nothing_is_caught_up_beyond_every_watchdog() -> None:
     bench = overrun(touch_down_tick() - 100, 1000)
     assert (bench.node.elapsed_ticks, bench.node.outputs.mode) == (1001, Mode.FAULT)
-    assert [frame.can_id for frame in bench.sent].count(codec.SET_INPUT_TORQUE.can_id) == 1
-    assert codec.SET_INPUT_TORQUE.decode(bench.sent[0].data).torque_n_m == 0.0
+    assert [one for one in bench.records() if isinstance(one, SetInputTorque)] == [SetInputTorque(0.0)]
 
 
 class HeldUp:

@@ -16,6 +16,7 @@ from typing import ClassVar
 
 import pytest
 from closed_loop import Bench
+from due_frames import due_frames
 from hypothesis import HealthCheck, Phase, seed, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
@@ -43,6 +44,7 @@ from firmware_py.interface.generated.records import (
     SetLimits,
     XcpResponse,
 )
+from firmware_py.node.inbox import behind_ticks
 
 TICKS = int(os.environ.get("VIBROHIL_LONG_TICKS", "10000"))
 LONG = TICKS >= 200_000
@@ -108,15 +110,16 @@ class Rules:
                     self.consent += 1
 
     def sent(self, frames: list[Frame], mode: Mode, is_current: bool) -> None:
-        """Judge what this tick sends; the torque of a tick that catches up is not sent."""
+        """Judge what this tick sends; a tick that catches up sends no torque."""
         records = [codec.decode(frame) for frame in frames]
         torques = [record for record in records if isinstance(record, SetInputTorque)]
         others = [record for record in records if not isinstance(record, SetInputTorque | XcpResponse)]
-        # A torque leads every tick, unless the drive's watchdog is tested.
-        assert records[:1] == torques or (mode == Mode.PROOF and not torques)
+        # A torque leads every present tick, unless the drive's watchdog is tested.
+        assert records[:1] == torques or ((mode == Mode.PROOF or not is_current) and not torques)
         assert len(others) <= 1
         assert len(records) <= 3
-        for torque in torques if is_current else ():
+        assert is_current or not torques
+        for torque in torques:
             assert abs(torque.torque_n_m) <= TORQUE_LIMIT_N_M + 1e-6
             assert mode in MOVING or torque.torque_n_m == 0.0, f"{torque} in {mode.name}"
         for record in others:
@@ -172,10 +175,11 @@ class AnyOrder(RuleBasedStateMachine):
         )
         run_period = self.bench.node.run_period
 
-        def judge_period(frames: list[Frame], behind_ticks: int) -> list[Frame]:
-            self.rules.received(frames)
-            sent = run_period(frames, behind_ticks)
-            self.rules.sent(sent, self.bench.mode, behind_ticks == 0)
+        def judge_period() -> list[Frame]:
+            is_current = behind_ticks(self.bench.node.inbox) == 0
+            self.rules.received(due_frames(self.bench.node.inbox))
+            sent = run_period()
+            self.rules.sent(sent, self.bench.mode, is_current)
             AnyOrder.modes.add(self.bench.mode)
             return sent
 

@@ -6,7 +6,6 @@ In single precision, on a Cortex-M4F: the same decisions.
 import gc
 import random
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -135,8 +134,8 @@ class MeasuredNode(BoardNode):
         self.instructions: list[float] = []
         self.stack_bytes = 0
 
-    def run(self, behind_ticks: int, frame_count: int, frames: Any) -> int:
-        status = super().run(behind_ticks, frame_count, frames)
+    def run(self) -> int:
+        status = super().run()
         self.instructions.append(float(self.reply["timer_ticks"][0]) / board.TIMER_TICKS_AN_INSTRUCTION)
         self.stack_bytes = max(self.stack_bytes, int(self.reply["stack_bytes"][0]))
         return status

@@ -2,7 +2,8 @@
 #include "fmu.h"
 #include "frames.h"
 
-int32_t vibro_tick(const void *config, void *state, int64_t behind_ticks, int64_t count, const struct frame *frames, void *tx);
+int32_t vibro_receive(void *state, int64_t count, const struct frame *frames);
+int32_t vibro_tick(const void *config, void *state, void *tx);
 
 const char *begin(block *b) {
     (void)b;
@@ -13,8 +14,8 @@ const char *step(block *b, double h_s, int *is_unchanged) {
     struct frame frames[MOST_RECEIVED];
     struct { int64_t count; struct frame frames[MOST_SENT]; } *sent = (void *)(b->words + TX);
     (void)h_s, *is_unchanged = 1;
-    int64_t count = frames_from(b->v + RECEIVED, frames);
-    if (vibro_tick(b->words + CONFIG, b->words + STATE, 0, count, frames, sent)) return "the arithmetic of the firmware failed";
+    vibro_receive(b->words + STATE, frames_from(b->v + RECEIVED, frames), frames);
+    if (vibro_tick(b->words + CONFIG, b->words + STATE, sent)) return "the arithmetic of the firmware failed";
     frames_to(b->v + SENT, sent->count, sent->frames);
     return NULL;
 }
