@@ -10,8 +10,9 @@ the sensor's fault to the final torque 0, and the largest force after it. Prints
 
 import argparse
 import csv
+import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,6 +30,8 @@ PHASES = {"start": 1.2, "hold": HELD_S, "stop": HELD_S + 0.2}
 """Time of the fault in each phase, s; RUN is requested at `RUN_S`, in the phase `stop` IDLE at `HELD_S`."""
 ACCELEROMETERS = ("striker-low", "striker-high", "housing")
 BEYOND_M_S2 = 3000.0
+STEP_MS = 10
+"""Resolution of the times on the page, to which they are rounded up."""
 DRIFTS = {"encoder": 0.2} | dict.fromkeys(ACCELEROMETERS, 5.0)
 """Rates of a drift per s: in rad, and in m/s²."""
 
@@ -131,28 +134,34 @@ def write_rows(path: Path, rows: Sequence[Row]) -> None:
         csv.writer(file, lineterminator="\n").writerows([Row._fields, *rows])
 
 
-def reaction_of(rows: Sequence[Row]) -> str:
-    """The reactions of some runs: the longest time to torque 0 of each fault, and where there is none."""
+def reaction_of(rows: Sequence[Row]) -> tuple[str, str]:
+    """The longest time to torque 0 of each fault that was latched, rounded up, and the ratios without one."""
     longest: dict[str, int] = {}
     for row in rows:
         if row.fault:
             longest[row.fault] = max(longest.get(row.fault, 0), int(row.torque_zero_ms))
-    texts = [f"{fault} {time_ms} ms" for fault, time_ms in sorted(longest.items())]
+    times = (
+        f"{fault} {STEP_MS * math.ceil(time_ms / STEP_MS)} ms" for fault, time_ms in sorted(longest.items())
+    )
     silent = [row.ratio for row in rows if not row.fault]
-    if len(silent) == len(rows):
-        return "none"
-    return ", ".join(texts) + (f"; none at r = {', '.join(silent)}" if silent else "")
+    ratios = sorted({ratio: silent.count(ratio) for ratio in silent}.items())
+    without = ", ".join(ratio if runs == len(PHASES) else f"{ratio} ({runs} of 3)" for ratio, runs in ratios)
+    return ", ".join(times) or "none", without or "—"
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """The table of docs/safety.md."""
-    of_kind: dict[tuple[str, str], dict[str, list[Row]]] = {}
+    """The table of docs/safety.md: channels with the same reaction to a kind share a row."""
+    of_kind: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
-        of_kind.setdefault((row.channel, row.kind), {}).setdefault(row.phase, []).append(row)
-    lines = ["| channel | fault | in the start | in the hold | in the stop |", "|---|---|---|---|---|"]
-    for (channel, kind), phases in of_kind.items():
-        cells: Mapping[str, list[Row]] = phases
-        lines.append("| " + " | ".join((channel, kind, *(reaction_of(cells[one]) for one in PHASES))) + " |")
+        of_kind.setdefault((row.kind, row.channel), []).append(row)
+    channels: dict[tuple[str, str, str], list[str]] = {}
+    for (kind, channel), own in sorted(of_kind.items()):
+        channels.setdefault((kind, *reaction_of(own)), []).append(channel)
+    lines = ["| fault | channels | reaction, longest time | none at r = |", "|---|---|---|---|"]
+    lines += [
+        f"| {kind} | {'; '.join(own)} | {found} | {silent} |"
+        for (kind, found, silent), own in channels.items()
+    ]
     return "\n".join(lines)
 
 

@@ -1,0 +1,136 @@
+"""Every sentence of docs/safety.md with a figure is tied: to the code, a parameter, a data file or a test."""
+
+import csv
+import re
+from pathlib import Path
+
+import pytest
+
+from firmware_py.core.control.start import LONGEST_SEARCH_S
+from firmware_py.core.safety import drive_link, gate, liveness, own_crank, watchdog_proof
+from firmware_py.shell.parameters import DEFAULTS
+from hil.drive.axis import DriveConfig
+from tools.campaign import limits
+from tools.dev import walkthrough
+
+PAGE = Path("docs/safety.md").read_text(encoding="utf-8")
+PROSE = [
+    " ".join(part.split()) for part in re.split(r"\n\s*\n", PAGE) if not part.startswith(("|", "    ", "\n"))
+]
+DRIVE_MS, WINDOW = (
+    1e3 * DriveConfig._field_defaults["watchdog_s"],
+    round(1e3 * DEFAULTS["watchdog.sensor_s"]) + 1,
+)
+REACTIONS = list(csv.DictReader(Path("docs/data/reactions.csv").read_text("utf-8").splitlines()))
+CONTACTS = list(csv.DictReader(Path("docs/data/limits.csv").read_text("utf-8").splitlines()))
+BELOW_PERCENT = {
+    count: 300.0
+    / sum(
+        int(row[count])
+        for row in CONTACTS
+        if row["lost"] == "0" and row["contact"][0] in "51" and row["contact"] != "1.5 to 3 ms"
+    )
+    for count in ("above", "below")
+}
+"""The rule of three on the contacts from 5 ms up without a lost sample, none of which was judged wrong."""
+PARAMETER = re.compile(r"`([a-z_]+\.[a-z_0-9]+)` (?:\(([\d.]+) [^)]*\)|= ([\d.]+))")
+
+BY_CODE = [
+    f"due {1e3 * watchdog_proof.WATCHDOG_S:g} ms and two ticks after the last frame",
+    f"takes more than {watchdog_proof.LONGEST_S:g} s, or if the crank turns faster than "
+    f"{watchdog_proof.STILL_RAD_S:g} rad/s",
+    f"repeated every {1e3 * drive_link.REPEAT_S:g} ms until a later heartbeat",
+    f"command watchdog ends all torque {DRIVE_MS:g} ms after the firmware's last frame",
+    f"watchdog has ended the torque {DRIVE_MS:g} ms after the last torque command",
+    f"end it {WINDOW} ms after the last accelerometer or encoder frame",
+    f"extrapolates a rising drop by {1e3 * gate.LEAD_S:g} ms",
+    f"low-pass of {DEFAULTS['sensor.bandwidth_hz']:g} Hz",
+    f"at most {gate.LONGEST_CONTACT_S:g} s, because its low-pass",
+    f"repeats a reading {liveness.READINGS} times",
+    f"ranges differ for {liveness.READINGS} readings in a row",
+    f"at most {100.0 * own_crank.LOAD_SHARE:g} % of the largest torque",
+    f"in a quarter of the trials, 1 to {limits.LOST} lost",
+    f"beyond {limits.FORCE_BEYOND} × the force limit or {limits.IMPULSE_BEYOND} × the impulse limit",
+    f"within {limits.IN_TICKS} ticks",
+    f"below {limits.BELOW} of both limits",
+    f"From {limits.CLEAN_MS:g} ms up no contact",
+    f"below {BELOW_PERCENT['above']:.2f} % and {BELOW_PERCENT['below']:.2f} % (95 %)",
+    f"The {LONGEST_SEARCH_S:g} s of START_FAILED",
+    f"at r = {walkthrough.RATIOS[0]:g}, {walkthrough.RATIOS[1]:g}, {walkthrough.RATIOS[2]:g} and "
+    f"{walkthrough.RATIOS[3]:g}",
+]
+"""Fragments whose figures are constants."""
+BY_TEST = {
+    "A watchdog of up to 51 ms passes, one of 54 ms or more fails": "test_a_drive_that_disarms_too_late",
+    "every 20 ms until a heartbeat received at least 20 ms after": "test_an_e_stop_leaves_in_its_tick",
+    "repeats the E-stop for up to 2 s": "test_a_heartbeat_from_before_the_e_stop_confirms_nothing",
+    "the torque is 0 within 100 ms": "test_each_row",
+    "At r = 1.3 up to two more impacts follow": "test_a_stop_ends_with_few_impacts_and_none_much_harder",
+    "at most 4 more impacts, the last within 2 s, none more than 3 % harder": "test_a_stop_ends_with_few",
+    "noise of 2 counts or more": "test_a_channel_that_repeats_itself_is_dead",
+    "only afterwards (1,001 ms)": "test_the_table_of_reactions_is_that_of_the_data",
+}
+"""Fragments whose figures a test asserts, or a campaign has measured: the beginning of the test's name."""
+BY_CAMPAIGN = [
+    "On the judged seed 20260 23,731 of 24,000 trials were eligible",
+    "; 3,320 contacts lay between",
+    "Of these contacts 347 of 8,694 were missed and 8 of 389 tripped",
+]
+"""Counts of `vibrohil campaign limits` beside those of docs/data/limits.csv."""
+
+
+def strip_figures_that_are_tied(text: str) -> str:
+    """The prose without links, code, tied fragments and the figures of parameters, which are checked here."""
+    text = text.replace("`gait.follow` = 1", "")  # a condition
+    for name, bracketed, equal in PARAMETER.findall(text):
+        assert float(bracketed or equal) == DEFAULTS[name], f"{name} on the page of safety"
+    text = PARAMETER.sub("", text)
+    for fragment in (*BY_CODE, *BY_TEST, *BY_CAMPAIGN):
+        text = text.replace(fragment, "")
+    return re.sub(r"`[^`]*`|\]\([^)]*\)|\*\*[^*]*\*\*|^\d\. | \d\. ", " ", text)
+
+
+@pytest.mark.parametrize("text", PROSE, ids=range(len(PROSE)))
+def test_every_figure_in_a_sentence_is_tied(text: str) -> None:
+    left = strip_figures_that_are_tied(text)
+    assert not re.findall(
+        r"[^.]*\d[^.]*", re.sub(r"torque (is |to )?0\b|0 is proposed|(than|above|stays) 0|status 1", "", left)
+    )
+
+
+@pytest.mark.parametrize("fragment", [*BY_CODE, *BY_TEST, *BY_CAMPAIGN])
+def test_every_tied_fragment_is_on_the_page(fragment: str) -> None:
+    assert fragment in " ".join(PROSE)
+
+
+def test_every_named_test_exists() -> None:
+    tests = "".join(path.read_text("utf-8") for path in Path("tests").rglob("test_*.py"))
+    assert [name for name in BY_TEST.values() if f"def {name}" not in tests] == []
+
+
+def test_the_table_of_reactions_is_that_of_the_data() -> None:
+    """Per fault: scenarios, runs, and the longest finite times in ms."""
+    rows = {
+        line.split(" | ")[0][2:]: line
+        for line in PAGE.splitlines()
+        if re.match(r"\| [A-Z_]+ \| \d+ \| \d+ \|", line)
+    }
+    assert set(rows) == {row["fault"] for row in REACTIONS}
+    for fault, line in rows.items():
+        own = [row for row in REACTIONS if row["fault"] == fault]
+        cells = [str(len(own)), str(sum(int(row["runs"]) for row in own))]
+        for column in ("torque_zero_ms", "idle_sent_ms", "idle_confirmed_ms"):
+            finite = [int(row[column]) for row in own if row[column]]
+            never = len(own) - len(finite)
+            cells.append(f"{max(finite)} ms" + (f", never in {never}" if never else ""))
+        assert line == f"| {fault} | " + " | ".join(cells) + " |"
+
+
+def test_the_table_of_the_sensors_faults_is_that_of_the_data() -> None:
+    rows = walkthrough.read_rows(Path("docs/data/sensor-faults.csv"))
+    assert {row[:4] for row in rows} == {
+        (t.channel, t.kind, f"{t.ratio:g}", t.phase) for t in walkthrough.TRIALS
+    }
+    by_trial = {row[:4]: row for row in rows}
+    ordered = [by_trial[t.channel, t.kind, f"{t.ratio:g}", t.phase] for t in walkthrough.TRIALS]
+    assert walkthrough.markdown(ordered) in PAGE
