@@ -7,8 +7,9 @@ with the crank at rest. It has three stages in the mode PROOF, all at zero torqu
 
 1. CLOSE: the axis is closed as for a start. The interval between two heartbeats is measured.
 2. WITHHOLD: no frame is sent to the drive, because a real ODrive's watchdog is fed by every frame. The stage
-   begins so that the next heartbeat is due `WATCHDOG_S` and two ticks after the last frame. That heartbeat
-   must report an idle axis and the error WATCHDOG_TIMER_EXPIRED.
+   begins so that a heartbeat is due `WATCHDOG_S` and two ticks after the last frame. The first heartbeat
+   from then on, which may be late (`longest_delay_ticks`), or an earlier one must report an idle axis and the
+   error WATCHDOG_TIMER_EXPIRED.
 3. CLEAR: the axis is opened and its error cleared, until a heartbeat reports an idle axis without an error.
 
 The test has failed if a stage ends otherwise, if the test lasts longer than `LONGEST_S`, or if the crank
@@ -77,15 +78,30 @@ def tolerates(state: ProofState, drive: DriveInput) -> bool:
 
 def judge_heartbeat(config: Config, state: ProofState, drive: DriveInput) -> ProofState:
     """The state after a tick of WITHHOLD, by the heartbeat of this tick."""
+    due_ticks = config.d.ticks.proof_due
+    is_late = state.withheld_ticks > due_ticks + longest_delay_ticks(due_ticks - 1, state.interval_ticks)
     if drive.age_ticks == 0:
         is_disarmed = drive.axis_state == AxisState.IDLE and drive.axis_error == WATCHDOG_TIMER_EXPIRED
-        if is_disarmed and state.withheld_ticks <= config.d.ticks.proof_due + 1:
+        if is_disarmed and not is_late:
             return state._replace(stage=CLEAR)
         # Before the watchdog is due, a closed axis is no failure.
         is_closed = drive.axis_state == AxisState.CLOSED_LOOP_CONTROL
-        is_early = is_closed and state.withheld_ticks < config.d.ticks.proof_due
+        is_early = is_closed and state.withheld_ticks < due_ticks
         return state if is_early else state._replace(failed=True)
-    return state._replace(failed=state.withheld_ticks > config.d.ticks.proof_due + 1)
+    return state._replace(failed=is_late)
+
+
+def longest_delay_ticks(wait_ticks: int, interval_ticks: int) -> int:
+    """The longest delay of a heartbeat that is due `wait_ticks` after the first frame was withheld.
+
+    Each heartbeat may be a tick late, so that an interval differs from the measured one by a tick. These
+    differences add up, but a heartbeat never comes later than an interval and a tick after it was due.
+
+    >>> [longest_delay_ticks(51, interval_ticks) for interval_ticks in (5, 10, 50, 100)]
+    [6, 7, 3, 2]
+    """
+    intervals = (wait_ticks + interval_ticks - 1) // max(interval_ticks, 1)
+    return 1 + min(intervals, interval_ticks)
 
 
 def wait_ticks(due_ticks: int, interval_ticks: int) -> int:

@@ -1,6 +1,7 @@
 """The test of the drive's watchdog, tick by tick, on a drive that reports its axis every 100 ms."""
 
 import itertools
+from pathlib import Path
 
 import pytest
 from records import replaced
@@ -17,10 +18,14 @@ EXPIRED = AxisError.WATCHDOG_TIMER_EXPIRED.value
 
 class Drive:
     """A drive whose axis closes 42 ms after the test has begun, and is disarmed `watchdog_ms` after the last
-    frame; it reports its state every `beat_ms`, for the first time after `first_ms`.
+    frame; it reports its state every `beat_ms`, for the first time after `first_ms`, and where it is `uneven`
+    every second time a tick later.
     """
 
-    def __init__(self, watchdog_ms: int, beat_ms: int, first_ms: int, error: int = EXPIRED) -> None:
+    def __init__(
+        self, watchdog_ms: int, beat_ms: int, first_ms: int, error: int = EXPIRED, uneven: bool = False
+    ) -> None:
+        self.uneven = uneven
         self.watchdog_ms, self.beat_ms, self.first_ms, self.error = watchdog_ms, beat_ms, first_ms, error
         self.state, self.errors, self.age_ms, self.clear_ms = AxisState.IDLE, 0, 0, 0
         self.seen = DriveInput(AxisState.IDLE, 0, 0, 50)
@@ -36,7 +41,8 @@ class Drive:
         if stage == CLEAR:
             self.errors = 0
         self.seen = self.seen._replace(age_ticks=self.seen.age_ticks + 1)
-        if ms % self.beat_ms == self.first_ms % self.beat_ms:
+        number, phase_ms = divmod(ms - self.first_ms % self.beat_ms, self.beat_ms)
+        if phase_ms == (number % 2 if self.uneven else 0):
             self.seen = DriveInput(self.state, self.errors, 0, 0)
         return self.seen
 
@@ -78,6 +84,37 @@ def test_a_drive_that_disarms_too_late_or_never_fails(watchdog_ms: int) -> None:
         assert stages.count(WITHHOLD) <= 54
 
 
+@pytest.mark.requirement("S-16")
+@pytest.mark.parametrize(
+    ("beat_ms", "least_failing_ms", "uneven"),
+    [
+        (beat_ms, failing_ms, uneven)
+        for beat_ms, failing_ms in ((5, 59), (10, 60), (50, 56), (100, 55))
+        for uneven in (False, True)
+    ],
+)
+def test_which_watchdogs_pass_follows_from_the_heartbeats_period(
+    beat_ms: int, least_failing_ms: int, uneven: bool
+) -> None:
+    """Up to 51 ms with any; from 54 ms + min(⌈51/H⌉, H) none: docs/safety.md."""
+    assert least_failing_ms == 54 + min(-(-51 // beat_ms), beat_ms)
+    page = (Path(__file__).parents[3] / "docs/safety.md").read_text("utf-8")
+    assert "up to 51 ms passes, and one of 54 ms + min(⌈51 ms/H⌉ ms, H) or more fails" in " ".join(
+        page.split()
+    )
+    for first_ms in range(beat_ms):
+        for watchdog_ms in (30, 49) if uneven and beat_ms >= 50 else (30, 49, 50, 51):
+            assert run(Drive(watchdog_ms, beat_ms, first_ms, uneven=uneven))[0].passed, (
+                watchdog_ms,
+                first_ms,
+            )
+        for watchdog_ms in (least_failing_ms, least_failing_ms + 1, 100, 10**9):
+            assert run(Drive(watchdog_ms, beat_ms, first_ms, uneven=uneven))[0].failed, (
+                watchdog_ms,
+                first_ms,
+            )
+
+
 @pytest.mark.parametrize("error", [0, AxisError.VELOCITY_LIMIT_VIOLATION.value, EXPIRED | 1])
 def test_a_drive_that_disarms_for_another_reason_fails(error: int) -> None:
     assert run(Drive(50, 100, 37, error))[0].failed
@@ -103,7 +140,7 @@ def test_a_drive_that_falls_silent_fails() -> None:
     drive.tick = silent  # type: ignore[method-assign]
     state, stages = run(drive)
     assert state.failed
-    assert stages.count(WITHHOLD) == 54
+    assert stages.count(WITHHOLD) == 55
 
 
 @pytest.mark.parametrize("omega_rad_s", [1.01, -1.01, float("nan")])
