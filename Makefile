@@ -11,7 +11,7 @@ BEGUN_S := $(shell date +%s)
 # or add unhashed ones.
 unexport PIP_USER PIP_TARGET PIP_PREFIX PIP_CONSTRAINT PYTHONHOME PYTHONPATH
 
-PACKAGES := firmware_py plant_sim hil tools
+PACKAGES := compilation firmware_py plant_sim hil tools
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input install --quiet --quiet --target= --no-user
@@ -23,7 +23,7 @@ COMPLETE = missing=$$($(BIN)/python -m pip check) || { echo "$$missing" >&2; exi
 LOCKED := --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-emit-index-url
 INSTALLED := $(VENV)/.installed-$(call content,requirements.lock pyproject.toml)
 INSTALLED_DEV := $(VENV)/.installed-dev-$(call content,requirements-dev.lock pyproject.toml)
-WARM := $(VENV)/.warm-$(call content,requirements.lock tools/dev/warm.py kernel_cache.py numba_linking.py numba_replace.py $$(find plant_sim firmware_py hil -name '*.py' | sort))
+WARM := $(VENV)/.warm-$(call content,requirements.lock tools/dev/warm.py $$(find compilation plant_sim firmware_py hil -name '*.py' | sort))
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 15

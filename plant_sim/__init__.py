@@ -35,5 +35,5 @@ _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 
 def __getattr__(name: str) -> object:
     if name not in _MODULES:
-        raise AttributeError(f"plant_sim has no {name}; it hands out {', '.join(sorted(_MODULES))}")
+        raise AttributeError(f"plant_sim has no {name}; its names are {', '.join(sorted(_MODULES))}")
     return getattr(importlib.import_module(f"plant_sim.{_MODULES[name]}"), name)

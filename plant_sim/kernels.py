@@ -17,9 +17,9 @@ from numba.core import cgutils, types
 from numba.core import config as numba_config
 from numba.extending import intrinsic, is_jitted, overload, register_jitable
 
-import kernel_cache
-import numba_replace  # noqa: F401 - defines `_replace` of records in compiled code
-from numba_linking import LINKED
+import compilation.record_replace  # noqa: F401 - defines `_replace` of records in compiled code
+from compilation import kernel_cache
+from compilation.linking import LINKED
 
 if typing.TYPE_CHECKING:
     from typing_extensions import TypeIs

@@ -71,7 +71,7 @@ def _grid(until_s: float, samples_s: float) -> NDArray[np.float64]:
     count = until_s / spacing_s
     if count > MOST_SAMPLES:
         raise SimulationError(
-            f"samples_s = {spacing_s} asks for {count:.3g} samples up to {until_s} s; wanted {MOST_SAMPLES} "
+            f"samples_s = {spacing_s} requests {count:.3g} samples up to {until_s} s; wanted {MOST_SAMPLES} "
             "at most, give a longer spacing"
         )
     return np.append(spacing_s * np.arange(math.ceil(count * (1.0 - 1e-12))), until_s)

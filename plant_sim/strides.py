@@ -63,18 +63,18 @@ def wanted_hz(paces: Sequence[PaceTable], t_s: float) -> float:
 
 def sample_strides(walk: GaitTable, dice: np.random.Generator) -> Rows:
     """Rows from t = 0 on; the last one has no end."""
-    drawing = _Drawing(walk, dice)
+    sampling = _Sampling(walk, dice)
     script_s = [pace.at_s for pace in walk.pace] + [trip.at_s for trip in walk.stumble]
     until_s = max(SAMPLED_S, max(script_s) + AFTER_SCRIPT_S)
-    while drawing.t_s < until_s or drawing.is_tripping:
-        if drawing.is_walking or wanted_hz(walk.pace, drawing.t_s) > 0.0:
-            drawing.stride()
-        elif not drawing.stand():
-            return drawing.rows()
-    return drawing.rows(endless=True)
+    while sampling.t_s < until_s or sampling.is_tripping:
+        if sampling.is_walking or wanted_hz(walk.pace, sampling.t_s) > 0.0:
+            sampling.stride()
+        elif not sampling.stand():
+            return sampling.rows()
+    return sampling.rows(endless=True)
 
 
-class _Drawing:
+class _Sampling:
     def __init__(self, walk: GaitTable, dice: np.random.Generator) -> None:
         self._walk = walk
         self._dice = dice

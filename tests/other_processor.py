@@ -24,7 +24,7 @@ SOURCES = {
     np: "polyfit roots",
 }
 """The modules and functions whose results are rounded anew."""
-PROJECT = ("firmware_py", "plant_sim", "hil", "tools", "test_", "control")
+PROJECT = ("compilation", "firmware_py", "plant_sim", "hil", "tools", "test_", "control")
 """Beginnings of the names of the modules that call them."""
 
 

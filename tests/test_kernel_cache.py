@@ -1,7 +1,7 @@
 """Kernels are keyed by their sources, kept where only this user writes, and rebuilt if damaged."""
 
-import ast
 import errno
+import importlib.util
 import os
 import subprocess
 import sys
@@ -11,21 +11,18 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from numba.core import types
 
-import kernel_cache
-from firmware_py.builds import machine_code
+from compilation import PACKAGES, kernel_cache
+from compilation.kernel_cache import KernelCacheError
 from hil.bench.lockstep import warm_lockstep
 from hil.nodes import closed_loop
 from hil.scenario.scenario import load_scenario
-from kernel_cache import KernelCacheError
 from plant_sim.solvers.adaptive import adaptive
-
-ROOT = Path(kernel_cache.__file__).parent
-NUMBA = ("numba_linking.py", "numba_replace.py")
 
 CALLEE = """
 from plant_sim.kernels import subroutine
@@ -94,14 +91,6 @@ def test_an_edited_callee_in_another_file_is_never_run_stale(copy: Copy) -> None
     assert copy.call() == (3.0, True, "")
 
 
-def test_comments_docstrings_line_breaks_and_other_modules_compile_nothing_anew(copy: Copy) -> None:
-    copy.call()
-    copy.write("callee", CALLEE.replace("    return", '    """Twice x."""\n    # twice\n\n    return'))
-    copy.write("caller", f'"""A caller."""\n\n\n{CALLER}')
-    copy.write("other", "x = 1\n")
-    assert copy.call() == (2.0, True, "")
-
-
 def test_what_callees_import_counts_too(copy: Copy) -> None:
     copy.write("factor", "FACTOR = 2.0\n")
     copy.write("callee", f"from plant_sim import factor{CALLEE.replace('2.0', 'factor.FACTOR')}")
@@ -134,15 +123,6 @@ def test_a_damaged_file_is_reported_in_one_line_and_compiled_anew(copy: Copy) ->
         assert str(damaged.parent) in message
         assert "compiling it anew" in message
     assert copy.call() == (2.0, True, "")
-
-
-def test_a_damaged_list_of_sources_is_made_anew(copy: Copy) -> None:
-    copy.call()
-    listed = copy.cache / kernel_cache.SYNTAX_TREES
-    whole = listed.read_text()
-    listed.write_text(whole[:100])
-    assert copy.call() == (2.0, True, "")
-    assert listed.read_text() == whole
 
 
 def test_the_cache_is_made_for_its_user_alone(copy: Copy) -> None:
@@ -294,52 +274,41 @@ def records(kind: Any) -> set[type]:
     return ({own} if own else set()).union(*map(records, within))
 
 
-def test_kernels_are_keyed_by_the_modules_of_all_records_that_they_take(tmp_path: Path) -> None:
+def test_kernels_take_records_of_their_own_layer_or_below(tmp_path: Path) -> None:
+    """So that a change of a record compiles them anew."""
     warm_lockstep(load_scenario("soft-start-multistable"), "compiled", tmp_path)
     for kernel in (adaptive.advance, closed_loop.run):
-        found = kernel_cache.sources(Path(kernel.__wrapped__.__code__.co_filename))
+        layer = kernel_cache.LAYERS[kernel.__wrapped__.__module__.partition(".")[0]]
         classes = set().union(*(records(kind) for signature in kernel.overloads for kind in signature))
-        own = [kind for kind in classes if kind.__module__.split(".")[0] in kernel_cache.PACKAGES]
+        own = {kind.__module__.partition(".")[0] for kind in classes} & set(PACKAGES)
         assert own
-        files = {kind.__name__: Path(str(sys.modules[kind.__module__].__file__)) for kind in own}
-        assert not {name for name, path in files.items() if path not in found}
+        assert own <= set(layer)
 
 
-def test_the_cache_imports_none_of_the_packages_that_use_it() -> None:
-    module = Path(kernel_cache.__file__)
-    assert kernel_cache.sources(module) == {module}
+def edited(folder: Path, package: str, monkeypatch: pytest.MonkeyPatch) -> set[str]:
+    """The layers whose kernels are compiled anew after an edit of a module in a package."""
+    layers = {*kernel_cache.LAYERS, "tests"}
+    for name in PACKAGES:
+        (folder / name).mkdir()
+        (folder / name / "module.py").write_text("x = 1\n")
+    places = {name: SimpleNamespace(submodule_search_locations=[str(folder / name)]) for name in layers}
+    monkeypatch.setattr(importlib.util, "find_spec", places.get)
+    before = {layer: kernel_cache.key.__wrapped__(layer) for layer in layers}
+    (folder / package / "module.py").write_text("x = 2\n")
+    return {layer for layer in layers if kernel_cache.key.__wrapped__(layer) != before[layer]}
 
 
-def test_the_closed_loops_kernel_is_keyed_by_no_module_that_it_does_not_contain() -> None:
-    found = {str(path.relative_to(ROOT)) for path in kernel_cache.sources(Path(closed_loop.__file__))}
-    assert {"hil/nodes/closed_loop.py", "hil/drive/axis.py", "hil/nodes/sampled.py"} <= found
-    assert "plant_sim/solvers/adaptive/adaptive.py" in found
-    assert not any(
-        folder in path for path in found for folder in ("show", "judge", "shell", "core/step", "core/state")
-    )
-
-
-def test_the_compiled_firmware_is_keyed_by_what_replaces_its_functions() -> None:
-    found = {str(path.relative_to(ROOT)) for path in kernel_cache.sources(*machine_code.BUILDERS)}
-    assert {"firmware_py/builds/replacements.py", "firmware_py/core/step.py", *NUMBA} <= found
-
-
-def test_the_plants_kernels_are_keyed_by_how_numba_compiles_them() -> None:
-    assert {ROOT / name for name in NUMBA} <= kernel_cache.sources(Path(adaptive.__file__))
-
-
-def test_a_source_is_parsed_once_as_its_trees_digest_is_kept_on_disk(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("package", "compiled_anew"),
+    [
+        ("compilation", {"compilation", "plant_sim", "firmware_py", "hil", "tools", "tests"}),
+        ("plant_sim", {"plant_sim", "hil", "tools", "tests"}),
+        ("firmware_py", {"firmware_py", "hil", "tools", "tests"}),
+        ("hil", {"hil", "tools", "tests"}),
+        ("tools", {"tools", "tests"}),
+    ],
+)
+def test_an_edit_compiles_its_layer_and_those_above_it_anew(
+    package: str, compiled_anew: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """To parse all of a kernel's sources at each start of a process would take 0.2 s, to read them 5 ms."""
-    monkeypatch.setenv("VIBROHIL_CACHE_DIR", str(tmp_path))
-    parsed = []
-    parse = ast.parse
-    monkeypatch.setattr(ast, "parse", lambda *of: parsed.append(of) or parse(*of))
-    keys = []
-    for _ in range(2):
-        for kept in (kernel_cache._source, kernel_cache._known_sources, kernel_cache.key):
-            kept.cache_clear()
-        keys.append((kernel_cache.key(Path(adaptive.__file__)), len(parsed)))
-    assert keys[0] == keys[1]
-    assert keys[0][1] > 20
+    assert edited(tmp_path, package, monkeypatch) == compiled_anew

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from compilation.kernel_cache import KernelCacheError, root
 from firmware_py.builds import board_tools
 from hil.bus import BusError, provide
 from hil.bus.can_socket import has_kernel_can
@@ -22,7 +23,6 @@ from hil.kernel import user_mode_linux
 from hil.timing.clock import MonotonicClock
 from hil.timing.own_network import NetworkError, enter_own_network
 from hil.timing.realtime import BASELINE, RealtimeReport, become_realtime
-from kernel_cache import KernelCacheError, root
 from tools.fmu import linker
 
 PACKAGES = "packages"

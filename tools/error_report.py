@@ -41,7 +41,7 @@ BAD_INPUT = frozenset(
         "hil.record.traces.trace.TraceError",
         "hil.suite.compare_suites.SuiteError",
         "hil.timing.processes.ChildRefusalError",
-        "kernel_cache.KernelCacheError",
+        "compilation.kernel_cache.KernelCacheError",
         "plant_sim.simulation.SimulationError",
         "plant_sim.solvers.cost.SolverError",
         "plant_sim.solvers.exact.exact.UnsupportedSceneError",

@@ -25,12 +25,12 @@ from typing import Literal, NamedTuple
 import llvmlite.binding as llvm
 import numpy as np
 
+from compilation.kernel_cache import folder_of, kept_file
 from firmware_py.builds import single_precision
 from firmware_py.builds.flat import Precision, layout, to_flat, to_precision
 from firmware_py.core.config import Config
 from firmware_py.node.memory import INITIAL, FirmwareState
 from firmware_py.node.tick import Tx
-from kernel_cache import folder_of, kept_file
 
 HostName = Literal["host", "host-single"]
 TargetName = Literal["cortex-m7", "cortex-m4f"] | HostName
@@ -58,8 +58,6 @@ TARGETS: dict[TargetName, Target] = {
 }
 """The host's features are not used: a fused multiply-add that another target lacks would change bits."""
 
-BUILDERS = sorted(Path(__file__).parent.glob("*.py"))
-"""The modules that make the code; the cache is keyed by them and by all that they import."""
 ENTRIES = ("vibro_power_up", "vibro_receive", "vibro_advance", "vibro_tick", "vibro_calibrate")
 GAIT_CONSTANT = "vibro_has_gait"
 """A constant array of one byte in the raw assembly, which is 1: LLVM leaves out the gait where it is 0."""
@@ -146,7 +144,7 @@ ZEROED = re.compile(
 
 def cache_file(name: str, make: Callable[[], bytes]) -> Path:
     """Path of a cached file of what `make` returns, which depends on the firmware's sources alone."""
-    return kept_file(folder_of("firmware_py.builds", *BUILDERS), name, make)
+    return kept_file(folder_of("firmware_py.builds"), name, make)
 
 
 def raw_assembly() -> str:

@@ -2,7 +2,7 @@
 
 `register()` does not change the functions, so both builds can run in one process. Operations that the subset
 cannot express are defined here as machine instructions: the bits of a float32, an enum from a number, and
-records in memory. `_replace` of a record is defined in `numba_replace`.
+records in memory. `_replace` of a record is defined in `compilation.record_replace`.
 """
 
 import functools
@@ -17,14 +17,14 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic, overload, register_jitable
 
+import compilation.record_replace  # noqa: F401 - defines `_replace` of records in compiled code
 import firmware_py.core
 import firmware_py.node
-import numba_replace  # noqa: F401 - defines `_replace` of records in compiled code
+from compilation.linking import LINKED
 from firmware_py.builds.flat import members
 from firmware_py.interface import arrivals, enums, float32, framing
 from firmware_py.interface.enums import AxisState, OperatorRequest
 from firmware_py.interface.generated import packing, received, unpacking
-from numba_linking import LINKED
 
 _tuple: Any = types.BaseTuple.from_types
 

@@ -13,9 +13,9 @@ from typing import Any
 import llvmlite.binding as llvm
 import numba
 
+from compilation.linking import LINKED
 from firmware_py.builds.flat_tick import FUNCTIONS
 from firmware_py.builds.numba_subset import register
-from numba_linking import LINKED
 
 
 def main() -> None:

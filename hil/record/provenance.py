@@ -9,6 +9,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import compilation
+
 PACKAGES = ("vibrohil", "numpy", "numba", "filterpy", "python-can", "cantools", "rerun-sdk")
 """Packages whose versions a run reports."""
 GIT_TIMEOUT_S = 5.0
@@ -42,15 +44,12 @@ def commit() -> dict[str, Any]:
     return {"commit": git("rev-parse", "HEAD"), "edited": None if status is None else bool(status)}
 
 
-PARTS = ("firmware_py", "plant_sim", "hil", "tools")
-
-
 @cache
 def sources() -> str:
     """A digest of every file of the code, since a result may depend on any of them."""
     root = Path(__file__).resolve().parents[2]
     digest = hashlib.sha256()
-    for part in PARTS:
+    for part in compilation.PACKAGES:
         for path in sorted((root / part).rglob("*")):
             if path.is_file() and path.suffix != ".pyc":
                 content = path.read_bytes()

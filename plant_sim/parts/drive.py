@@ -67,10 +67,10 @@ def constant_speed_rad_s(drive: Drive) -> float:
 
 
 @subroutine
-def asked_current_a(drive: MotorDrive, torque_n_m: float) -> float:
-    """Current, A, that a drive asks of its motor for a commanded torque: i_q* of the windings."""
-    asked_a = torque_n_m / drive.torque_constant_n_m_a
-    return min(max(asked_a, -drive.current_limit_a), drive.current_limit_a)
+def commanded_current_a(drive: MotorDrive, torque_n_m: float) -> float:
+    """Current command, A, of a drive for a torque command, within its limit: i_q* of the windings."""
+    current_a = torque_n_m / drive.torque_constant_n_m_a
+    return min(max(current_a, -drive.current_limit_a), drive.current_limit_a)
 
 
 @subroutine
@@ -91,7 +91,7 @@ def motor_current_a(drive: Drive, torque_n_m: float, omega_rad_s: float) -> floa
     if not is_motor(drive):
         return 0.0
     limit_v, back_emf_v = voltage_limit_v(drive), drive.torque_constant_n_m_a * omega_rad_s / 1.5
-    current_a = min(asked_current_a(drive, torque_n_m), (limit_v - back_emf_v) / drive.resistance_ohm)
+    current_a = min(commanded_current_a(drive, torque_n_m), (limit_v - back_emf_v) / drive.resistance_ohm)
     return max(current_a, (-limit_v - back_emf_v) / drive.resistance_ohm)
 
 

@@ -150,7 +150,7 @@ def since_strike_s(row: Rows, into_s: float, same_s: float) -> float:
 
 
 @subroutine
-def _going_over(first: float, last: float, into_s: float, length_s: float) -> Jet:
+def _transition(first: float, last: float, into_s: float, length_s: float) -> Jet:
     """Transition from `first` to `last` by S = 10 s³ − 15 s⁴ + 6 s⁵, with S' = S'' = 0 at both ends."""
     if first == last or into_s >= length_s:
         return last, 0.0, 0.0, 0.0
@@ -243,9 +243,9 @@ def leg_at(walking: Walking, t_s: float) -> Leg:
     """State of the shank at `t_s`."""
     row = walking.rows[row_at(walking.rows, t_s)]
     into_s, length_s, g, h = t_s - row[BEGIN_S], row[LENGTH_S], walking.gravity_m_s2, walking.mount_m
-    hertz = _going_over(row[FROM_HZ], row[TO_HZ], into_s, length_s)
-    size = _going_over(row[FROM_SIZE], row[TO_SIZE], into_s, length_s)
-    stride = _going_over(row[FROM_STRIDE_M], row[TO_STRIDE_M], into_s, length_s)
+    hertz = _transition(row[FROM_HZ], row[TO_HZ], into_s, length_s)
+    size = _transition(row[FROM_SIZE], row[TO_SIZE], into_s, length_s)
+    stride = _transition(row[FROM_STRIDE_M], row[TO_STRIDE_M], into_s, length_s)
     phase = _warped(cycles_at(row, t_s), hertz, walking.warp)
     lean = _times(size, _curve(SHANK_RAD, phase))
     rise = _times(size, _curve(RISE_M, phase))

@@ -97,8 +97,8 @@ def _truth(walking: Walking, t_s: float) -> tuple[float, ...]:
     phase = cycles_at(row, t_s) % 1.0
     in_curves = phase + walking.warp * math.sin(math.pi * phase) ** 2
     s = min((t_s - row[BEGIN_S]) / row[LENGTH_S], 1.0)
-    gone_over = s * s * s * (10.0 - s * (15.0 - 6.0 * s))
-    size = row[FROM_SIZE] + (row[TO_SIZE] - row[FROM_SIZE]) * gone_over
+    passed = s * s * s * (10.0 - s * (15.0 - 6.0 * s))
+    size = row[FROM_SIZE] + (row[TO_SIZE] - row[FROM_SIZE]) * passed
     walks = min(size / (FULL_SHARE * full), 1.0)
     rest = (1.0 - walks) * STANDING_LOAD
     state = LegState.STANCE if in_curves < TOE_OFF else LegState.SWING
@@ -106,7 +106,7 @@ def _truth(walking: Walking, t_s: float) -> tuple[float, ...]:
         float(state.value),
         1.0 if row[KNOCK_M_S2] > 0.0 and t_s - row[BEGIN_S] < KNOCK_S else 0.0,
         phase,
-        row[FROM_HZ] + (row[TO_HZ] - row[FROM_HZ]) * gone_over,
+        row[FROM_HZ] + (row[TO_HZ] - row[FROM_HZ]) * passed,
         *motion,
         walks * heel_load(in_curves) + rest,
         walks * toe_load(in_curves) + rest,
@@ -160,8 +160,8 @@ class _Switch:
         if self._was is not None and closed != self._was:
             self._changed_s = t_s
         self._was = closed
-        tossed = bool(dice.random() < 0.5)
-        return tossed if t_s - self._changed_s < self._bounce_s else closed
+        bounced = bool(dice.random() < 0.5)
+        return bounced if t_s - self._changed_s < self._bounce_s else closed
 
 
 class GaitSensors:

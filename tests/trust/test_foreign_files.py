@@ -17,13 +17,13 @@ from hostile_logs import HOSTILE
 from pydantic import ValidationError
 
 import hil
-import kernel_cache
+from compilation import kernel_cache
 from hil.judge.checks import Check
 from hil.record.rrd.log_file import written_whole
 from hil.record.run_folder import write_json
 from tools import cli, output
 
-ROOT = Path(kernel_cache.__file__).parent
+ROOT = Path(kernel_cache.__file__).parents[1]
 PACKAGES = ("firmware_py", "plant_sim", "hil", "tools")
 LIMIT_S = 20.0
 LIMIT_BYTES = 1 << 30
@@ -177,7 +177,7 @@ def test_settings_of_matplotlib_in_the_working_folder_are_not_read(tmp_path: Pat
 @pytest.mark.realtime
 def test_modules_in_the_working_folder_are_not_imported_by_any_process(tmp_path: Path) -> None:
     taken = tmp_path / "taken"
-    own = {"hil", "tools", "plant_sim", "kernel_cache", "numba_linking", "numba_replace", "text_input"}
+    own = {"hil", "tools", "plant_sim", "compilation", "text_input"}
     names = sys.stdlib_module_names | own | {"numpy"}
     for folder in (tmp_path, *(tmp_path / entry for entry in relative_entries())):
         folder.mkdir(exist_ok=True)

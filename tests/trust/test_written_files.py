@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 from matplotlib.figure import Figure
 
-import kernel_cache
+from compilation import kernel_cache
 from hil.record import run_folder
 from tools import cli, outputs, plots
 from tools.commands.campaign import keep_trial
@@ -19,7 +19,7 @@ from tools.logs import inspection
 from tools.output import BadInputError
 from tools.program import program
 
-ROOT = Path(kernel_cache.__file__).parent
+ROOT = Path(kernel_cache.__file__).parents[1]
 PACKAGES = ("firmware_py", "plant_sim", "hil", "tools")
 OWN_PLACES = {
     "hil/record/new_file.py": "the one place",

@@ -12,11 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
+from compilation import PACKAGES
+from compilation.kernel_cache import root
 from firmware_py.builds.machine_code import object_code
 from hil.bench.lockstep import warm_lockstep
 from hil.scenario.scenario import load_scenario
 from hil.timing.realtime import collect_rarely
-from kernel_cache import root
 from plant_sim.scene import load_scene, read_scene
 from plant_sim.simulation import simulate
 from tools.study.branches.impact_map import ImpactMap
@@ -25,7 +26,6 @@ from tools.study.orbits import AT_REST, CLASSIFY, classify, follow
 
 DEFAULT_SCENARIO = "soft-start-multistable"
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("plant_sim", "firmware_py", "hil", "tools")
 
 
 def warm_modules() -> None:

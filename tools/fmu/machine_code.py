@@ -19,11 +19,11 @@ import numba
 import numpy as np
 from numba.core import types
 
+from compilation.kernel_cache import folder_of, kept_file
+from compilation.linking import LINKED
 from firmware_py.builds.flat import to_flat
 from firmware_py.builds.machine_code import NAMES_EXCEPTION, RAW, Target, retarget
 from hil.timing.realtime import collect_rarely
-from kernel_cache import folder_of, kept_file
-from numba_linking import LINKED
 
 TARGET = Target("x86_64-unknown-linux-gnu", "x86-64-v2", "", "pic", "double", is_small=False)
 """Every 64-bit PC of the last fifteen years. No fused multiply-add, which would change bits."""
@@ -97,7 +97,7 @@ def object_code(arguments: tuple[str, ...], names: Iterable[str]) -> bytes:
             return retarget(fresh.read_text(), TARGET, tuple(names))
 
     digest = hashlib.sha256("\0".join(arguments).encode()).hexdigest()[:16]
-    folder = folder_of("tools.fmu", Path(__file__).with_name("models.py"))
+    folder = folder_of("tools.fmu")
     return kept_file(folder, f"{digest}.o", make).read_bytes()
 
 

@@ -282,7 +282,7 @@ def _accurate_s(memory: Memory, scale: Vector, order: int, terms: int, longest_s
             i = memory.places[place]
             square += (series[i, k] / scale[i]) ** 2
         before, mean = mean, math.sqrt(square / held.used)
-        # A root takes longer than all else here: none is taken where the term before it asks for as much.
+        # A root takes longest of all here: it is left out where the term before it allows no longer step.
         if not (mean * longest_power <= CLEARLY_WITHIN or mean <= before * per_s):
             per_s = max(per_s, mean ** (1.0 / k))
     return min(longest_s, 1.0 / per_s)

@@ -86,7 +86,7 @@ def take_step(run: Run) -> float:
     if used > 0.0:  # at an event at the step's start, the other quantities are still zero
         mode.zero_depth = mode.zero_velocity = mode.zero_crank = mode.zero_voltage = 0
     _pass_time(memory, flow.phase, used, remaining)
-    if used < remaining:  # what ends a call is as short as the caller asked for
+    if used < remaining:  # the last step of a call is as short as the call demands
         held.debt = debt(held.debt, attempts, used / longest)
     if event != Event.NONE:
         held.last_step_s = 0.0

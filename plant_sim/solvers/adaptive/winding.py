@@ -10,7 +10,7 @@ from typing import NamedTuple
 from plant_sim.kernels import subroutine
 from plant_sim.parts.drive import (
     MotorDrive,
-    asked_current_a,
+    commanded_current_a,
     is_motor,
     motor_current_a,
     motor_torque_n_m,
@@ -64,7 +64,7 @@ def turning_torque_n_m(parts: Parts, torque_n_m: float, crank: Crank, y: State) 
 
 
 @subroutine
-def asked_voltages(
+def commanded_voltages(
     winding: DqWinding, drive: MotorDrive, torque_n_m: float, omega_rad_s: float, y: State
 ) -> Voltages:
     """The current loop's voltage command to the inverter, V."""
@@ -74,7 +74,7 @@ def asked_voltages(
     return Voltages(
         u_d - alpha * L_d * i_d - electrical * L_q * i_q,
         u_q
-        + alpha * L_q * (asked_current_a(drive, torque_n_m) - i_q)
+        + alpha * L_q * (commanded_current_a(drive, torque_n_m) - i_q)
         + electrical * (L_d * i_d + flux_wb(drive)),
     )
 
@@ -84,9 +84,9 @@ def voltage_excess(
     winding: DqWinding, drive: MotorDrive, torque_n_m: float, omega_rad_s: float, y: State
 ) -> float:
     """|v*|² − V²/3, V²: positive if the bus limits the current loop."""
-    asked = asked_voltages(winding, drive, torque_n_m, omega_rad_s, y)
+    commanded = commanded_voltages(winding, drive, torque_n_m, omega_rad_s, y)
     limit = voltage_limit_v(drive)
-    return asked.d * asked.d + asked.q * asked.q - limit * limit
+    return commanded.d * commanded.d + commanded.q * commanded.q - limit * limit
 
 
 @subroutine(inline=True)
@@ -98,18 +98,18 @@ def winding_derivative(parts: Parts, flow: Flow, crank: Crank, y: State, out: St
     torque_n_m, omega_rad_s = flow.torque_n_m, crank.speed_rad_s
     i_d, i_q = y.i_d_a, y.i_q_a
     L_d, L_q, R = winding.d_inductance_h, winding.q_inductance_h, drive.resistance_ohm
-    asked = asked_voltages(winding, drive, torque_n_m, omega_rad_s, y)
+    commanded = commanded_voltages(winding, drive, torque_n_m, omega_rad_s, y)
     share = 1.0
     if flow.voltage_limited:
-        share = voltage_limit_v(drive) / math.sqrt(asked.d * asked.d + asked.q * asked.q)
-    v_d, v_q = share * asked.d, share * asked.q
+        share = voltage_limit_v(drive) / math.sqrt(commanded.d * commanded.d + commanded.q * commanded.q)
+    v_d, v_q = share * commanded.d, share * commanded.q
     electrical = drive.pole_pairs * omega_rad_s
     out.i_d_a = (v_d - R * i_d + electrical * L_q * i_q) / L_d
     out.i_q_a = (v_q - R * i_q - electrical * (L_d * i_d + flux_wb(drive))) / L_q
     # u' = α R (i* − i) + (R/L)(v − v*): nothing is added up that the bus cannot give
     alpha_R = winding.bandwidth_rad_s * R
-    out.u_d_v = -alpha_R * i_d + R / L_d * (v_d - asked.d)
-    out.u_q_v = alpha_R * (asked_current_a(drive, torque_n_m) - i_q) + R / L_q * (v_q - asked.q)
+    out.u_d_v = -alpha_R * i_d + R / L_d * (v_d - commanded.d)
+    out.u_q_v = alpha_R * (commanded_current_a(drive, torque_n_m) - i_q) + R / L_q * (v_q - commanded.q)
     out.terminal_j = 1.5 * (v_d * i_d + v_q * i_q)
     out.copper_j = 1.5 * R * (i_d * i_d + i_q * i_q)
 
@@ -141,8 +141,8 @@ def voltage_may_end(parts: Parts, flow: Flow, y: State, new: State, course: Cour
         + L_d * (faster * most_d + fastest * steep_d)
         + faster * flux_wb(drive)
     )
-    before = asked_voltages(winding, drive, torque_n_m, y.crank_rad_s, y)
-    after = asked_voltages(winding, drive, torque_n_m, new.crank_rad_s, new)
+    before = commanded_voltages(winding, drive, torque_n_m, y.crank_rad_s, y)
+    after = commanded_voltages(winding, drive, torque_n_m, new.crank_rad_s, new)
     d = 0.5 * (abs(before.d) + abs(after.d) + h_s * change_d)
     q = 0.5 * (abs(before.q) + abs(after.q) + h_s * change_q)
     limit = voltage_limit_v(drive)

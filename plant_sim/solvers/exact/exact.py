@@ -178,9 +178,11 @@ def require_closed_form(parts: Parts) -> None:
         )
 
 
-def sample_times(initial: MotionState, until_s: float, asked_t_s: FloatArray | None) -> FloatArray:
+def sample_times(initial: MotionState, until_s: float, requested_t_s: FloatArray | None) -> FloatArray:
     """The times of a run's samples, s, shape (n,); refuses invalid times."""
-    samples_t_s = np.zeros(0) if asked_t_s is None else np.ascontiguousarray(asked_t_s, dtype=np.float64)
+    samples_t_s = (
+        np.zeros(0) if requested_t_s is None else np.ascontiguousarray(requested_t_s, dtype=np.float64)
+    )
     numbers = (initial.t_s, initial.x_m, initial.v_m_s, initial.crank_rad, until_s)
     if not all(map(math.isfinite, numbers)):
         raise UnsupportedSceneError(

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import hil
+from compilation.kernel_cache import root
 from hil.bench.recorded_run import RunError, open_run
 from hil.record.run_traces import read_json
 from hil.scenario.files import ScenarioError
 from hil.scenario.settings import SettingError
-from kernel_cache import root
 
 pytest_plugins = ["pytester"]
 

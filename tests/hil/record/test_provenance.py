@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import pytest
 from resting import resting
 
+import compilation
 import hil
 from hil.record import provenance
 
@@ -60,7 +61,7 @@ def test_asking_for_edits_takes_no_lock_of_the_repository(monkeypatch, tmp_path)
 def test_an_edit_of_any_file_changes_the_digest_of_the_sources(monkeypatch, tmp_path):
     here = Path(provenance.__file__)
     root = here.parents[2]
-    for part in provenance.PARTS:
+    for part in compilation.PACKAGES:
         shutil.copytree(root / part, tmp_path / part, ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(provenance, "__file__", str(tmp_path / here.relative_to(root)))
     found = {provenance.sources.__wrapped__()}

@@ -21,7 +21,7 @@ VISCOUS = load_scene("table1-viscous")
 
 def test_the_package_hands_out_its_public_names() -> None:
     assert plant_sim.simulate is simulate
-    with pytest.raises(AttributeError, match=r"plant_sim has no simulator; it hands out .*simulate"):
+    with pytest.raises(AttributeError, match=r"plant_sim has no simulator; its names are .*simulate"):
         plant_sim.simulator  # type: ignore[attr-defined]  # noqa: B018  # that is the test
 
 
@@ -139,7 +139,7 @@ def test_each_sample_is_given_once(until_s: float, spacing_s: float, count: int)
         ({"until_s": np.array([1.0, 2.0])}, r"until_s = array"),
         ({"until_s": 1.0, "torque_n_m": "much"}, "torque_n_m = 'much': wanted a finite motor torque"),
         ({"until_s": 1.0, "samples_s": 0}, "samples_s = 0: wanted a positive, finite spacing"),
-        ({"until_s": 1.0, "samples_s": 1e-12}, "samples_s = 1e-12 asks for 1e[+]12 samples"),
+        ({"until_s": 1.0, "samples_s": 1e-12}, "samples_s = 1e-12 requests 1e[+]12 samples"),
     ],
 )
 def test_what_is_no_such_number_is_refused_in_a_sentence(arguments: dict[str, Any], said: str) -> None:

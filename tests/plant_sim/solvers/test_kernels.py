@@ -78,7 +78,7 @@ REPLACING = """
 from typing import Any, NamedTuple
 import numpy as np
 import numba
-import kernel_cache, numba_replace
+import compilation.record_replace
 
 class Record(NamedTuple):
     step_s: float

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from compilation.kernel_cache import KernelCacheError
 from hil.kernel import user_mode_linux
-from kernel_cache import KernelCacheError
 from tools import doctor
 from tools.logs import view
 

@@ -11,7 +11,7 @@ LISTS = {REPOSITORY / "tools" / "commands", REPOSITORY / "hil" / "faults" / "kin
 
 FILES = [
     path
-    for package in ("firmware_py", "plant_sim", "hil", "tools", "docs", "tests")
+    for package in ("compilation", "firmware_py", "plant_sim", "hil", "tools", "docs", "tests")
     for path in (REPOSITORY / package).rglob("*")
     if path.is_file() and "__pycache__" not in path.parts
 ]

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from kernel_cache import PACKAGES
+from compilation import PACKAGES
 
 MAKEFILE = Path(__file__).parents[3] / "Makefile"
 

@@ -22,10 +22,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 from watched import Watch, run_limited
 
+from compilation.kernel_cache import root
 from fuzzing import file_cases, scene_cases
 from fuzzing.damage import Random
 from hil.record.run_folder import MADE_BY_A_RUN
-from kernel_cache import root
 
 Kind = Literal["scenes", "files"]
 Case = Callable[[Random, Path, Path], list[str]]

@@ -2,22 +2,20 @@
 
 numba itself keys a cached kernel by the file of the kernel's own function. After an edit of a callee in
 another file, of the order of a record's fields or of an enum's value, it would run stale machine code. Here
-the folder of a kernel is named by a digest of every module that the kernel's module imports, directly or not,
-and of the versions of numba and llvmlite. The digest is one of syntax trees, so that comments, docstrings and
-line breaks do not count.
+the folder of a kernel is named by a digest of all modules of its package and of the packages below that one
+(`LAYERS`), and of the versions of numba and llvmlite. So an edit of the bench or of a tool leaves the kernels
+of plant and firmware as they are.
 
 numba unpickles what it finds in its cache and runs it. The cache therefore has mode 0700. A folder that
 belongs to another user, or that others may write or exchange, is refused. A damaged file is compiled anew.
 """
 
-import ast
 import errno
 import fcntl
 import functools
 import glob
 import hashlib
 import importlib.util
-import json
 import os
 import pickle
 import re
@@ -26,27 +24,32 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from types import CodeType, SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import llvmlite
 import numba
 from numba.core import caching, runtime, serialize
 
-PACKAGES = ("plant_sim", "firmware_py", "hil", "tools")
-"""Packages whose modules are part of a key; the versions of numba and llvmlite stand for all others."""
-KEYED = (*PACKAGES, "numba_linking", "numba_replace")
+from compilation import PACKAGES
+
+LAYERS = {
+    "compilation": PACKAGES[:1],
+    "plant_sim": PACKAGES[:2],
+    "firmware_py": ("compilation", "firmware_py"),
+    "hil": PACKAGES[:4],
+    "tools": PACKAGES,
+}
+"""The packages on whose modules the kernels of a package depend."""
 
 KEYED_FOLDER = re.compile(r"(?P<name>.+)-[0-9a-f]{16}")
 MOST_KEYS = 16
 """Number of folders kept for each module of kernels: the versions of the sources that were used last."""
 UNUSED_S = 30 * 86_400.0
 """A folder that no process has used for this long is removed."""
-SYNTAX_TREES = "sources.json"
-MOST_SYNTAX_TREES = 4_000
 OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 MOST_LINKS = 40
 """Number of links on the way to the cache, as Linux follows in a path."""
@@ -141,12 +144,12 @@ def _own_users() -> set[int]:
 
 
 @functools.cache
-def folder_of(name: str, module: Path, *also: Path) -> Path:
+def folder_of(name: str, *also: Path) -> Path:
     """The folder of all that is compiled from a module, made if needed.
 
-    name: the module's dotted name. also: files that count as if the module imported them.
+    name: the module's dotted name. also: files that count beside those of its layer.
     """
-    folder = root() / f"{name}-{key(module, *also)}"
+    folder = root() / f"{name}-{key(name.partition('.')[0], *also)}"
     if not folder.exists():
         _remove_unused(root())
     _private(folder)
@@ -171,120 +174,25 @@ def _remove_unused(cache: Path) -> None:
 # -- What a kernel is compiled from -----------------------------------------------------------------------
 
 
-class Source(NamedTuple):
-    """A source file, for the keys of what is compiled from it."""
-
-    digest: str
-    """Of its syntax tree without docstrings."""
-    imports: list[str]
-    """Dotted names that it imports: modules, and names that may be modules."""
-
-
 @functools.cache
-def key(module: Path, *also: Path) -> str:
-    """A digest of these modules, of all modules that they import, and of numba and llvmlite."""
+def key(layer: str, *also: Path) -> str:
+    """A digest of the sources of a layer and of those below it, of other files, and of numba and llvmlite."""
     digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__}".encode())
-    for path in sorted(sources(module, *also), key=lambda path: (path.name, path)):
-        digest.update(f" {path.name} {_source(path).digest}".encode())
+    for path in (*sources(layer), *also):
+        content = path.read_bytes()
+        digest.update(f" {path.name} {len(content)} ".encode() + content)
     return digest.hexdigest()[:16]
 
 
-def sources(*modules: Path) -> set[Path]:
-    """These modules' files and those of all modules of `PACKAGES` that they import, directly or not."""
-    known = _known_sources(root())
-    before = len(known)
-    found, pending = set(modules), list(modules)
-    while pending:
-        for name in _source(pending.pop()).imports:
-            path = _file_of(name)
-            if path is not None and path not in found:
-                found.add(path)
-                pending.append(path)
-    if len(known) > before:
-        _keep_sources(root(), known)
-    return found
-
-
-@functools.cache
-def _file_of(name: str) -> Path | None:
-    """The file of a module of `KEYED`; None for other modules, and for names within a module."""
-    top, *inner = name.split(".")
-    place = _place_of(top) if top in KEYED else None
-    if place is None:
-        return None
-    path = os.path.join(place, *inner)  # not Path, which takes ten times as long
-    candidates = f"{path}.py", os.path.join(path, "__init__.py")
-    return next((Path(candidate) for candidate in candidates if os.path.isfile(candidate)), None)
-
-
-@functools.cache
-def _place_of(top: str) -> str | None:
-    """The folder of a package, or the path of a module without its suffix."""
-    spec = importlib.util.find_spec(top)
-    if spec is None or spec.origin is None:
-        return None
-    folders = spec.submodule_search_locations
-    return folders[0] if folders else spec.origin.removesuffix(".py")
-
-
-@functools.cache
-def _source(path: Path) -> Source:
-    """What counts of a file.
-
-    To parse a file takes a millisecond, to read it some ten microseconds: what was parsed is kept on disk by
-    the digest of the file's bytes.
-    """
-    known = _known_sources(root())
-    content = path.read_bytes()
-    digest = hashlib.sha256(content).hexdigest()
-    if digest not in known:
-        tree = ast.parse(content, path)
-        imports = list(_imports(tree, path))
-        for node in ast.walk(tree):
-            if isinstance(getattr(node, "body", None), list):
-                node.body = [line for line in node.body if not _is_text(line)]  # type: ignore[attr-defined]
-        known[digest] = Source(hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imports)
-    return known[digest]
-
-
-def _is_text(statement: ast.stmt) -> bool:
-    """Whether a statement is a docstring, or a string below what it describes."""
-    return (
-        isinstance(statement, ast.Expr)
-        and isinstance(statement.value, ast.Constant)
-        and isinstance(statement.value.value, str)
-    )
-
-
-def _imports(tree: ast.Module, path: Path) -> Iterator[str]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            if node.level or node.module is None:
-                raise KernelCacheError(
-                    f"{path}:{node.lineno} imports a module by a relative name; wanted its whole name, as "
-                    "the kernels compiled from this file are keyed by what it imports"
-                )
-            yield node.module
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
-
-
-@functools.cache
-def _known_sources(cache: Path) -> dict[str, Source]:
-    try:
-        listed = json.loads((cache / SYNTAX_TREES).read_text())
-        return {content: Source(digest, imports) for content, (digest, imports) in listed.items()}
-    except (OSError, ValueError, AttributeError, TypeError):  # none yet, or damaged: it is made anew
-        return {}
-
-
-def _keep_sources(cache: Path, known: dict[str, Source]) -> None:
-    """Write the list of known sources; the oldest go beyond `MOST_SYNTAX_TREES`."""
-    latest = dict(list(known.items())[-MOST_SYNTAX_TREES:])
-    with tempfile.NamedTemporaryFile("w", dir=cache, suffix=".json", delete=False) as file:
-        json.dump(latest, file)
-    os.replace(file.name, cache / SYNTAX_TREES)
+def sources(layer: str) -> list[Path]:
+    """The modules of a layer's packages; of all packages for a module in none of them, such as a test."""
+    found: list[Path] = []
+    for package in LAYERS.get(layer, PACKAGES):
+        spec = importlib.util.find_spec(package)
+        for place in (spec and spec.submodule_search_locations) or ():
+            for folder, _, names in os.walk(place):
+                found += (Path(folder, name) for name in names if name.endswith(".py"))
+    return sorted(found)
 
 
 # -- numba's cache ----------------------------------------------------------------------------------------
@@ -295,7 +203,8 @@ class _Locator:
 
     def __init__(self, function: Callable[..., Any], path: str) -> None:
         self._function = function
-        self._folder = folder_of(function.__module__, Path(path))
+        is_known = function.__module__.partition(".")[0] in LAYERS
+        self._folder = folder_of(function.__module__, *(() if is_known else (Path(path),)))
 
     def get_cache_path(self) -> str:
         """The folder, named by the sources."""
