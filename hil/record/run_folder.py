@@ -87,6 +87,12 @@ def is_own(folder: Path, note_name: str = RUN_NOTE) -> bool:
     return read_note(folder / note_name).get(MADE_BY) == MAKER
 
 
+def is_written_by_oneself(*places: Path) -> bool:
+    """Whether these files and folders belong to this user, and no other may write them."""
+    found = [place.lstat() for place in places]
+    return all(one.st_uid == os.geteuid() and not one.st_mode & OTHERS_WRITE for one in found)
+
+
 def refuse_irregular(run_dir: Path) -> None:
     """Raise RunFolderError if a file of a run is a link, a pipe or a device, or is far too large.
 

@@ -127,12 +127,16 @@ def close_broken_off(case: Case, clock: ClockName, death: workers.Died) -> RunVe
 
 
 def take_over(case: Case, clock: ClockName) -> RunVerdict | None:
-    """The verdict of a case in an earlier, interrupted suite; None if not judged or its inputs changed."""
+    """The verdict of a case in an earlier, interrupted suite.
+
+    None if it is not judged, its inputs have changed, or another user may have written it.
+    """
     described = read_json(case.run_dir / run_folder.RUN_NOTE)
     if described.get("key") != beginning.key_of(case.scenario, clock, case.seed):
         return None
     place = case.run_dir / run_folder.VERDICT
-    verdict = read_verdict(place) if place.exists() else None
+    is_trusted = place.exists() and run_folder.is_written_by_oneself(case.run_dir, place)
+    verdict = read_verdict(place) if is_trusted else None
     return None if verdict is None or was_cut_short(verdict) else verdict
 
 

@@ -2,6 +2,7 @@
 
 import fcntl
 import json
+import os
 import threading
 from contextlib import ExitStack
 from pathlib import Path
@@ -16,7 +17,14 @@ from hil.bench.lockstep import silent
 from hil.bench.options import RunOptions
 from hil.bus.base import BusError
 from hil.record.folder_lock import is_in_use, locked
-from hil.record.run_folder import WARM_UP, RunFolderError, claimed, clear, write_note
+from hil.record.run_folder import (
+    WARM_UP,
+    RunFolderError,
+    claimed,
+    clear,
+    is_written_by_oneself,
+    write_note,
+)
 from hil.record.run_traces import read_bus
 from hil.scenario.scenario import Scenario, load_scenario
 from hil.suite.suite import Case, Chosen, judge_case, run_suite
@@ -249,3 +257,18 @@ def test_a_place_that_can_hold_no_folder_is_bad_input(
     (tmp_path / "loop").symlink_to("loop")
     command = ["run", "soft-start-multistable", "--clock", "lockstep", "--out", out]
     assert run(command) == EXIT_BAD_INPUT
+
+
+def test_a_verdict_that_another_user_may_write_is_none_to_take_over(tmp_path, monkeypatch):
+    verdict = tmp_path / "verdict.json"
+    verdict.write_text("{}")
+    tmp_path.chmod(0o755)
+    verdict.chmod(0o644)
+    assert is_written_by_oneself(tmp_path, verdict)
+    for place, mode in ((verdict, 0o664), (verdict, 0o646), (tmp_path, 0o1777)):
+        before = place.stat().st_mode
+        place.chmod(mode)
+        assert not is_written_by_oneself(tmp_path, verdict)
+        place.chmod(before)
+    monkeypatch.setattr(os, "geteuid", lambda: verdict.stat().st_uid + 1)
+    assert not is_written_by_oneself(tmp_path, verdict)
