@@ -31,6 +31,7 @@ def begin(run_dir: Path, scenario: Scenario, clock: str, seed: int) -> None:
         created=time.strftime("%Y-%m-%dT%H:%M:%S%z"),
         key=key_of(scenario, clock, seed),
         changes=list(scenario.changes),
+        faults=[fault.as_record()._asdict() for fault in scenario.faults],
         **provenance.commit(),
         versions=provenance.versions(),
     )

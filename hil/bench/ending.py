@@ -22,6 +22,7 @@ from hil.nodes.own_controller import OwnControllerError
 from hil.record import run_folder
 from hil.record.bus_reconstruction import doubt_two_firmwares
 from hil.record.candump import StoredBus
+from hil.record.run_faults import with_effects
 from hil.record.run_traces import CAN_LOG, read_scenario
 from hil.record.traces import trace
 from hil.record.traces.own_trace import is_build
@@ -42,7 +43,7 @@ class Outcome:
     reasons: list[str] = field(default_factory=list)
     """Reasons why the run fails regardless of its checks, one sentence each."""
     faults_acted: list[int | None] = field(default_factory=list)
-    """What each fault of the script acted on: frames, readings, ticks or starts; None: unknown."""
+    """What each fault of the script acted on: frames, readings, ticks or starts; kept in run.json."""
     not_judged: list[str] = field(default_factory=list)
     """Reasons why the run proves nothing, one sentence each; it is not judged unless it fails."""
     held_s: float | None = None
@@ -163,10 +164,12 @@ def close(run_dir: Path, outcome: Outcome, only_if_failed: bool = False) -> RunV
     run_folder.free_reserve(run_dir)
     trace.bring_home(run_dir)
     note = run_folder.read_note(run_dir / run_folder.RUN_NOTE)
+    run_folder.note(run_dir, faults=with_effects(note, outcome.faults_acted))
     can_log, bus = run_dir / CAN_LOG, note.get("bus")
     if "firmware" in note and not is_build(note["firmware"]):
         write_firmware_trace(run_dir, note["period_s"], "gait" in read_scenario(run_dir).get("scene", {}))
     if can_log.exists() and bus not in NOT_SHARED:
         outcome.not_judged += doubt_two_firmwares(StoredBus(can_log))
-    run_folder.write_json(run_dir / "outcome.json", vars(outcome))
+    stored = {key: value for key, value in vars(outcome).items() if key != "faults_acted"}
+    run_folder.write_json(run_dir / "outcome.json", stored)
     return finish(run_dir, only_if_failed)

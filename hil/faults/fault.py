@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field, PrivateAttr
 
+from hil.record.run_faults import RunFault
 from plant_sim.scene import Scene
 from plant_sim.tables.quantities import Duration
 from plant_sim.tables.table import Table
@@ -52,6 +53,37 @@ class Fault(Table):
     def acts(self, t_s: float) -> bool:
         """Whether the fault acts at `t_s`."""
         return self.at_s - TIME_RESOLUTION_S <= t_s < self.end_s - TIME_RESOLUTION_S
+
+    @property
+    def interval_s(self) -> tuple[float, float]:
+        """When it acts: its beginning and its end, in s; the end is infinite for one that does not end."""
+        return self.at_s, self.end_s
+
+    @property
+    def acts_in(self) -> str | None:
+        """The node or process in which it acts; None for a fault on the bus."""
+        return getattr(self, "node", None)
+
+    @property
+    def silences(self) -> bool:
+        """Whether it keeps its process from running."""
+        return False
+
+    @property
+    def in_words(self) -> str:
+        """Its kind and its keys, without its times."""
+        given = self.model_dump(exclude={"kind", "at_s", "duration_s"}, exclude_unset=True)
+        keys = (
+            f"{key} {', '.join(map(str, value)) if isinstance(value, list) else value}"
+            for key, value in given.items()
+        )
+        return f"{self.kind} ({'; '.join(keys)})" if given else self.kind
+
+    def as_record(self) -> RunFault:
+        """The fault as a run records it, before anything is known of its effects."""
+        from_s, to_s = self.interval_s
+        ends_s = None if math.isinf(to_s) else to_s
+        return RunFault(self.kind, self.acts_in, self.silences, from_s, ends_s, self.in_words)
 
     def begin(self, noise: np.random.Generator) -> None:
         """Begin anew, as in a process that starts."""

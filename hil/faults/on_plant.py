@@ -20,6 +20,11 @@ class PhysicalFault(Fault):
     cuts_supply: ClassVar[bool] = False
     """Whether the drive's electronics have no supply."""
 
+    @property
+    def acts_in(self) -> str | None:
+        """The plant's node."""
+        return "plant"
+
     def strike(self, plant: "Plant", powered_up_s: float) -> None:
         """Act on the plant, which was powered up at `powered_up_s`, once at the fault's beginning."""
 

@@ -39,6 +39,16 @@ class ProcessFault(HostFault):
 
     process: Process = Field(description="the process: plant or firmware")
 
+    @property
+    def acts_in(self) -> str | None:
+        """Its process."""
+        return self.process
+
+    @property
+    def silences(self) -> bool:
+        """Always."""
+        return True
+
     def without_object(self, scene: Scene, faults: Sequence[Fault]) -> str | None:
         """The process is dead all the time."""
         for other in faults:
@@ -67,6 +77,16 @@ class ClockFault(HostFault):
         raise NotImplementedError
 
     @property
+    def acts_in(self) -> str | None:
+        """The process whose clock it is."""
+        return self.faulty_process()
+
+    @property
+    def silences(self) -> bool:
+        """A process runs late by a wrong clock, or not for a while."""
+        return True
+
+    @property
     def ahead_s(self) -> float:
         """The time by which the clock is ahead while the fault acts."""
         return 0.0
@@ -79,6 +99,11 @@ class ClockFault(HostFault):
 
 class MemoryFault(HostFault):
     """A fault of the firmware's parameter file."""
+
+    @property
+    def acts_in(self) -> str | None:
+        """The firmware."""
+        return FIRMWARE
 
     def damaged(self, text: str, noise: np.random.Generator) -> str:
         """What a firmware reads that starts while the fault acts."""

@@ -36,6 +36,11 @@ class ReadingFault(Fault):
 
     _past: Past | None = PrivateAttr()
 
+    @property
+    def acts_in(self) -> str | None:
+        """The plant's node."""
+        return "plant"
+
     def begin(self, noise: np.random.Generator) -> None:
         """Begin anew, as in a process that starts: no reading has been given."""
         super().begin(noise)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from hil.record.run_faults import faults_of
 from hil.record.run_traces import RunTraces, column
 from hil.record.traces.stored_trace import Records
 from hil.timing.pacemaker import Hold
@@ -23,8 +24,6 @@ SHORTEST_GAP_S = 3e-3
 SETTLING_S = 2.0
 """Time for which a gap's effect lasts: four drive periods at 2 Hz, in which the impact regime settles again.
 The estimate has recovered after 0.2 s."""
-ANNOUNCED_KINDS = ("paused", "killed", "restarted", "clock-jitter", "clock-jumped")
-"""Faults that keep a process from running: they make gaps of the scenario, not of the host."""
 OF_THE_BENCH = (
     *("memory", "log", "loops", "tick_us", "wake_us", "realtime_factor", "bus_load"),
     *("overruns", "baseline_overruns", "late_wakeups", "long_work", "real_time", "held_s", "own_late_s"),
@@ -64,13 +63,12 @@ def gaps_in(
             yield Gap(from_s, to_s, name)
 
 
-def find_announced(process: str, scenario: Mapping[str, Any]) -> list[tuple[float, float]]:
-    """The intervals in which a fault of the scenario keeps `process` from running, with a margin of 0.1 s."""
-    faults = scenario.get("script", {}).get("faults", [])
+def find_announced(process: str, run: Mapping[str, Any]) -> list[tuple[float, float]]:
+    """The intervals in which a fault of the run keeps `process` from running, with a margin of 0.1 s."""
     return [
-        (fault["at_s"] - 0.1, fault["at_s"] + fault.get("duration_s", math.inf) + 0.1)
-        for fault in faults
-        if fault["kind"] in ANNOUNCED_KINDS and fault.get("process", "firmware") == process
+        (fault.from_s - 0.1, fault.end_s + 0.1)
+        for fault in faults_of(run)
+        if fault.silences and fault.node == process
     ]
 
 
@@ -94,7 +92,7 @@ def gaps_of(traces: RunTraces, period_s: float) -> list[Gap]:
         gap
         for name, records, period in loops
         if len(records)
-        for gap in gaps_in(name, records, period, find_announced(name, traces.scenario))
+        for gap in gaps_in(name, records, period, find_announced(name, run))
     ]
     return sorted(found, key=lambda gap: gap.from_s)
 

@@ -9,6 +9,7 @@ from hil.judge.figures.figures import figures_from, refusals_of
 from hil.judge.figures.moments import moment_of
 from hil.judge.verdict import IMPORTED, FaultEffect, RunVerdict, Verdict
 from hil.record import provenance
+from hil.record.run_faults import faults_of
 from hil.record.run_traces import RunTraces
 
 
@@ -44,12 +45,7 @@ def reasons_of(traces: RunTraces) -> list[str]:
 
 def fault_effects(traces: RunTraces) -> list[FaultEffect]:
     """The effect of each fault of the script, in its order; unknown for runs that did not count."""
-    faults = traces.scenario.get("script", {}).get("faults", [])
-    counts = traces.outcome.get("faults_acted") or [None] * len(faults)
-    return [
-        FaultEffect(fault["kind"], float(fault["at_s"]), count)
-        for fault, count in zip(faults, counts, strict=True)
-    ]
+    return [FaultEffect(fault.kind, fault.from_s, fault.acted) for fault in faults_of(traces.run)]
 
 
 def doubts_of(traces: RunTraces) -> list[str]:

@@ -1,8 +1,9 @@
-"""The faults that a scenario injects, as log and report show them."""
+"""The faults of a run, as log and report show them."""
 
-import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
+
+from hil.record.run_faults import faults_of
 
 NONE = "none"
 
@@ -15,30 +16,15 @@ class Injected(NamedTuple):
     text: str
 
 
-def find_injected(scenario: Mapping[str, Any]) -> list[Injected]:
-    """The faults of a scenario in the order of time, from its raw tables.
-
-    >>> fault = {"kind": "sensor-stuck", "sensor": "striker", "at_s": 4.0, "duration_s": 0.5}
-    >>> find_injected({"script": {"faults": [fault]}})
-    [Injected(from_s=4.0, to_s=4.5, text='sensor-stuck (sensor striker)')]
-    """
-    return sorted(_describe(fault) for fault in scenario.get("script", {}).get("faults", []))
-
-
-def _describe(fault: Mapping[str, Any]) -> Injected:
-    given = [
-        f"{key} {', '.join(map(str, value)) if isinstance(value, list) else value}"
-        for key, value in fault.items()
-        if key not in ("kind", "at_s", "duration_s")
-    ]
-    text = f"{fault['kind']} ({'; '.join(given)})" if given else str(fault["kind"])
-    return Injected(fault["at_s"], fault["at_s"] + fault.get("duration_s", math.inf), text)
+def injected_in(run: Mapping[str, Any]) -> list[Injected]:
+    """The faults of a run in the order of time, from the content of its run.json."""
+    return sorted(Injected(fault.from_s, fault.end_s, fault.text) for fault in faults_of(run))
 
 
 def timeline(faults: list[Injected], end_s: float) -> list[tuple[float, str]]:
     """The times in s at which the set of acting faults changes, with its description, to the run's end.
 
-    >>> timeline([Injected(1.0, 3.0, "a"), Injected(2.0, math.inf, "b")], 9.0)
+    >>> timeline([Injected(1.0, 3.0, "a"), Injected(2.0, float("inf"), "b")], 9.0)
     [(0.0, 'none'), (1.0, 'a'), (2.0, 'a + b'), (3.0, 'b')]
     """
     edges = sorted({0.0, *(edge for fault in faults for edge in fault[:2] if edge <= end_s)})

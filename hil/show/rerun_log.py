@@ -48,7 +48,7 @@ from hil.record.state_timeline import (
 from hil.record.traces.stored_trace import Records
 from hil.show.drawing import Drawing
 from hil.show.highlights import highlights, marks
-from hil.show.injected import NONE, Injected, find_injected, timeline
+from hil.show.injected import NONE, Injected, injected_in, timeline
 from hil.show.layout import Contents, Mark, layout
 from hil.show.log_stream import LogStream, dynamic
 from hil.show.verdict_text import verdict_text
@@ -104,7 +104,7 @@ class RunLog:
         self._contents = Contents(
             worn="wearer" in scenario.get("scene", {}),
             walked=self._walked,
-            injected=bool(find_injected(scenario)),
+            injected=bool(run.get("faults")),
             measured=run.get("clock") != "lockstep",
         )
         self.out = LogStream(to, run, None if is_over else layout(None, self._contents))
@@ -128,7 +128,7 @@ class RunLog:
         """Log the records of `traces`, which are all new, and pass them to the operating system."""
         for records in (traces.plant, traces.firmware):
             if len(records):
-                self._end_s = float(column(records, "t_s")[-1])
+                self._end_s = max(self._end_s, float(column(records, "t_s")[-1]))
         for log, records in (
             (self._log_plant, traces.plant),
             (self._log_firmware, traces.firmware),
@@ -160,7 +160,7 @@ class RunLog:
         for mark in sorted(marks(verdict.checks, traces, figures, Verdict.PASSED)):
             self.out.add_event(mark.t_s, mark.text, "INFO")
         self._log_checks(failed)
-        self._log_injected(find_injected(self._scenario))
+        self._log_injected(injected_in(traces.run))
         self._log_estimate_error(traces)
         if self._walked:
             self._log_pulses(traces)
@@ -192,7 +192,7 @@ class RunLog:
         for fault in faults:
             if fault.from_s <= self._end_s:
                 self.out.add_event(fault.from_s, f"injected: {fault.text}", "WARN")
-            if fault.to_s <= self._end_s:
+            if fault.from_s < fault.to_s <= self._end_s:
                 self.out.add_event(fault.to_s, f"injected fault over: {fault.text}", "INFO")
 
     def _log_states(self, entity: str, changes: Sequence[tuple[float, str]]) -> None:

@@ -91,12 +91,15 @@ def show_table(name: str, rows: "pa.Table", to: Path | None) -> None:
 def show(logged: "Run", every: bool) -> None:
     """Print the verdict, the checks and the most important figures, or every figure and the tables' names."""
     from hil.judge.figures.records import CATALOGUE, value_of
+    from hil.record.run_faults import EARLIER_VERSION, lacks_faults
     from tools.commands.run import show_checks, show_figures
 
     verdict = logged.judged
     title = logged.traces.scenario.get("title", verdict.scenario)
     console.print(f"{mark_verdict(verdict.verdict, loud=True)}  {escape(str(title))}\n")
     show_checks(verdict)
+    if lacks_faults(logged.traces.run, logged.traces.scenario):
+        console.print(EARLIER_VERSION)
     console.print()
     if len(logged.traces.plant) == 0:
         console.print("this log holds no truth, so it lacks the figures that need it")

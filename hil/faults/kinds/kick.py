@@ -19,6 +19,11 @@ class Kick(PhysicalFault):
     kind: Literal["kick"]
     change_m_s: Speed = Field(description="the change of velocity in m/s, positive towards the stop")
 
+    @property
+    def interval_s(self) -> tuple[float, float]:
+        """An instant."""
+        return self.at_s, self.at_s
+
     def strike(self, plant: Plant, powered_up_s: float) -> None:
         """Kick the striker; a plant that is powered up later is not kicked."""
         if self.at_s > powered_up_s - TIME_RESOLUTION_S:

@@ -9,6 +9,7 @@ from firmware_py.interface.enums import MOVING, Fault, Mode
 from hil.judge import detection
 from hil.judge.figures.records import FaultFigures, LatchedFigures, SafeStateFigures, no_figures
 from hil.judge.hold import Window, capture
+from hil.record.run_faults import faults_of
 from hil.record.run_traces import RunTraces, column
 from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import FloatArray
@@ -88,20 +89,18 @@ def safe_state_figures(
     )
 
 
-def first_of_the_script(scenario: Mapping[str, Any]) -> Window | None:
-    """Beginning and end of the script's first fault; None without a fault."""
-    faults = scenario.get("script", {}).get("faults", [])
-    if not faults:
+def first_of_the_run(run: Mapping[str, Any]) -> Window | None:
+    """The first fault's beginning, and the time from which impacts count again: its end, if it has one."""
+    first = min(faults_of(run), key=lambda fault: fault.from_s, default=None)
+    if first is None:
         return None
-    first = min(faults, key=lambda fault: float(fault["at_s"]))
-    at_s = float(first["at_s"])
-    return Window(at_s, at_s + float(first.get("duration_s", 0.0)))
+    return Window(first.from_s, first.from_s if first.to_s is None else first.to_s)
 
 
 def fault_figures(traces: RunTraces, hold: Window | None) -> FaultFigures:
     """Torque, speed and impacts after the first fault of the script."""
     plant, impacts = traces.plant, traces.impacts
-    fault = first_of_the_script(traces.scenario)
+    fault = first_of_the_run(traces.run)
     if fault is None or len(plant) == 0 or column(plant, "t_s")[-1] < fault.start_s:
         return no_figures(FaultFigures)
     t_s, torque_n_m = column(plant, "t_s"), column(plant, "motor_torque_n_m")

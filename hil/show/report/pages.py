@@ -17,8 +17,9 @@ from hil.judge.gaps import longest_gaps, longest_holds
 from hil.judge.seeds import ScenarioVerdict
 from hil.judge.verdict import BY_GRAVITY, RunVerdict, worst
 from hil.record.new_file import write_anew
+from hil.record.run_faults import EARLIER_VERSION, lacks_faults
 from hil.record.run_traces import RunTraces
-from hil.show.injected import find_injected
+from hil.show.injected import injected_in
 
 LINKED = ("run.rrd", "can.log", "scenario.toml", "verdict.json")
 """Files of the run to which the page links."""
@@ -35,8 +36,9 @@ def template(name: str) -> Template:
 
 def happenings(traces: RunTraces, figures: Figures) -> list[str]:
     """The faults that the scenario injected, and the fault that the firmware latched, one sentence each."""
-    faults = find_injected(traces.scenario)
-    lines = [f"Injected at {fault.from_s:g} s: {fault.text}." for fault in faults]
+    lines = [f"Injected at {fault.from_s:g} s: {fault.text}." for fault in injected_in(traces.run)]
+    if lacks_faults(traces.run, traces.scenario):
+        lines.append(f"{EARLIER_VERSION}.")
     if figures.latched.at_s is not None:
         lines.append(f"The firmware latched the fault {figures.fault} at {figures.latched.at_s:.3f} s.")
     return lines

@@ -1,5 +1,7 @@
 """What faults act on is counted, none leaves the run not judged, and they act at instants within a tick."""
 
+import json
+
 import numpy as np
 import pytest
 import tomli_w
@@ -24,6 +26,36 @@ def run_with(folder, *faults, firmware="compiled", **more):
     path = resting(folder, duration_s=0.6)
     path.write_text(path.read_text() + "\n".join(map(toml, faults)))
     return hil.run(path, out=folder / "run", firmware=firmware, **more)
+
+
+def test_a_fault_says_when_it_acted_whatever_ends_before_it(tmp_path):
+    """A killed firmware never comes back, and its last record is before the other faults."""
+    run = run_with(
+        tmp_path,
+        {"kind": "killed", "process": "firmware", "at_s": 0.2, "duration_s": 0.1},
+        {"kind": "kick", "change_m_s": 0.1, "at_s": 0.3},
+        {"kind": "unplugged", "node": "operator", "at_s": 0.4, "duration_s": 0.1},
+        {"kind": "sensor-stuck", "sensor": "housing", "at_s": 0.5},
+    )
+    noted = json.loads((run.folder / "run.json").read_text())["faults"]
+    keys = ("kind", "node", "silences", "from_s", "to_s")
+    assert [tuple(one[key] for key in keys) for one in noted] == [
+        ("killed", "firmware", True, 0.2, None),
+        ("kick", "plant", False, 0.3, 0.3),
+        ("unplugged", "operator", False, 0.4, 0.5),
+        ("sensor-stuck", "plant", False, 0.5, None),
+    ]
+    assert [one["acted"] for one in noted] == [one["acted_on"] for one in run.verdict["faults"]]
+    assert all(one["acted"] for one in noted)
+    assert "faults_acted" not in (run.folder / "outcome.json").read_text()
+    events = [text for text in run.table("events")["text"].to_pylist() if "injected" in text]
+    assert [text.partition(" s  ")[2] for text in events] == [
+        "injected: killed (process firmware)",
+        "injected: kick (change_m_s 0.1)",
+        "injected: unplugged (node operator)",
+        "injected fault over: unplugged (node operator)",
+        "injected: sensor-stuck (sensor housing)",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -22,8 +22,10 @@ from hil.judge.figures.records import LogFigures
 from hil.judge.seeds import merge
 from hil.judge.verdict import read_verdict
 from hil.record.rrd.rerun_program import rerun
+from hil.record.run_faults import RunFault
 from hil.record.traces.trace import TraceWriter
 from hil.show.report.pages import write_suite_report
+from tools import cli
 from tools.commands.run import show_checks, show_figures
 
 # What a program that reads the verdict may rely on.
@@ -251,14 +253,24 @@ def test_the_report_stands_alone_and_says_the_verdict_first(finished):
 
 def test_the_report_says_what_was_injected_and_what_the_firmware_latched(tmp_path):
     made_up = make_run()
-    fault = {"kind": "sensor-stuck", "sensor": "striker", "at_s": 2.0, "duration_s": 0.5}
-    made_up.scenario["script"] = {"faults": [fault]}
+    fault = RunFault("sensor-stuck", "plant", False, 2.0, 2.5, "sensor-stuck (sensor striker)")
+    made_up.run["faults"] = [fault._asdict()]
     made_up.firmware["outputs.fault"][-10:] = Fault.SENSOR_TIMEOUT
     latched_s = made_up.firmware["t_s"][-10]
     finish(write_run(made_up, tmp_path))
     words = Page((tmp_path / "report.html").read_text()).words
     assert "Injected at 2 s: sensor-stuck (sensor striker)." in words
     assert f"The firmware latched the fault sensor-timeout at {latched_s:.3f} s." in words
+
+
+def test_a_run_of_an_earlier_version_says_that_it_lacks_its_faults(tmp_path, capsys):
+    made_up = make_run()
+    made_up.scenario["script"] = {"faults": [{"kind": "killed", "at_s": 2.0, "process": "plant"}]}
+    finish(write_run(made_up, tmp_path))
+    sentence = "run.json does not say when the scenario's faults acted"
+    assert any(sentence in text for text in Page((tmp_path / "report.html").read_text()).words)
+    cli.run(["inspect", str(tmp_path)])
+    assert sentence in " ".join(capsys.readouterr().out.split())
 
 
 def test_the_report_escapes_what_a_scenario_says(tmp_path):
@@ -390,8 +402,7 @@ def test_a_stall_that_is_not_the_hosts_is_judged(tmp_path, excuse):
     if excuse == "the firmware's own work":
         made_up.firmware["cpu_us"][2999] = 40_000.0
     else:
-        pause = {"kind": "paused", "at_s": 3.0, "duration_s": 0.04, "process": "firmware"}
-        made_up.scenario["script"] = {"faults": [pause]}
+        made_up.run["faults"] = [RunFault("paused", "firmware", True, 3.0, 3.04, "paused")._asdict()]
     made_up.scenario["checks"] = [{"name": "peak_force_n", "high": 100.0, "unit": "N"}]
     verdict = finish(write_run(made_up, tmp_path)).as_json()
     assert verdict["gaps"] == []

@@ -13,7 +13,7 @@ from hil.judge.figures.faults import (
     drive_end,
     fault_figures,
     first_fault,
-    first_of_the_script,
+    first_of_the_run,
     held_ms,
     latched_figures,
     safe_state_figures,
@@ -21,6 +21,7 @@ from hil.judge.figures.faults import (
     zero_after,
 )
 from hil.judge.hold import Window
+from hil.record.run_faults import RunFault
 from hil.record.run_traces import RunTraces
 
 T_S = 0.01
@@ -147,13 +148,19 @@ def test_the_safe_state_has_the_torque_and_the_impacts_after_its_beginning():
     ("faults", "window"),
     [
         ([], None),
-        ([{"at_s": 3}], Window(3.0, 3.0)),
-        ([{"at_s": 3.0, "duration_s": 0.5}, {"at_s": 2.0, "duration_s": 0.25}], Window(2.0, 2.25)),
+        ([(3.0, None)], Window(3.0, 3.0)),
+        ([(3.0, 3.5), (2.0, 2.25)], Window(2.0, 2.25)),
     ],
 )
-def test_the_first_fault_of_the_script_is_the_earliest(faults, window):
-    assert first_of_the_script({"script": {"faults": faults}}) == window
-    assert first_of_the_script({}) is None
+def test_the_first_fault_of_the_run_is_the_earliest(faults, window):
+    assert first_of_the_run(run_with(*faults)) == window
+    assert first_of_the_run({}) is None
+
+
+def run_with(*intervals_s):
+    """The note of a run with faults from … to …."""
+    faults = [RunFault("kick", "plant", False, *interval_s, "kick") for interval_s in intervals_s]
+    return {"faults": [fault._asdict() for fault in faults]}
 
 
 HOLD = Window(0.0, 9.99)
@@ -162,10 +169,8 @@ HOLD = Window(0.0, 9.99)
 def faulty(n=1000, hold=HOLD, at_s=4.0, duration_s=1.0, impacts_t_s=None, force_n=100.0, **of_plant):
     """Figures of a run of 10 s with a fault, at two turns and, by default, two impacts a second."""
     t_s = np.arange(0.25, 10.0, 0.5) if impacts_t_s is None else impacts_t_s
-    scenario = {"script": {"faults": [{"at_s": at_s, "duration_s": duration_s}]}}
-    traces = RunTraces(
-        run={}, scenario=scenario, plant=plant(n, **of_plant), impacts=impacts(*t_s, force_n=force_n)
-    )
+    run = run_with((at_s, at_s + duration_s))
+    traces = RunTraces(run=run, plant=plant(n, **of_plant), impacts=impacts(*t_s, force_n=force_n))
     return fault_figures(traces, hold)
 
 

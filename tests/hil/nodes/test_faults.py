@@ -40,6 +40,7 @@ from hil.faults.on_sensor import SensorFaults
 from hil.faults.processes import ProcessFaults
 from hil.judge.figures.figures import figures_of
 from hil.nodes.plant import PlantNode
+from hil.record.run_faults import RunFault
 from hil.record.traces import trace
 from hil.scenario.files import ScenarioError, read_scenario
 from hil.scenario.scenario import check_scenario, refuse_modelled_bus
@@ -469,7 +470,7 @@ def test_the_force_after_a_fault_is_that_of_impacts_after_it(
     tmp_path: Path, peaks_n: list[float], expected_n: float | None
 ) -> None:
     made_up = make_run()
-    made_up.scenario.setdefault("script", {})["faults"] = [{"kind": "kick", "at_s": 3.0}]
+    made_up.run["faults"] = [RunFault("kick", "plant", False, 3.0, 3.0, "kick")._asdict()]
     at_s = np.array([2.5, 3.5])[: len(peaks_n)]
     made_up.impacts.clear()
     made_up.impacts.update(

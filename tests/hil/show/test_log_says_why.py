@@ -15,13 +15,14 @@ from hil.bench.verdict import finish
 from hil.can_model.fault_confinement import BusErrorRecord, ErrorState, NodeErrors
 from hil.record.log_reader import documents, read_traces, tables
 from hil.record.rrd.rerun_program import RerunError
+from hil.record.run_faults import RunFault
 from hil.record.run_traces import read_run
 from hil.record.traces.trace import TraceWriter
 from hil.show import layout, rerun_log
 from hil.show.rerun_log import ERROR_TICKS, rebuild
 from tools.logs import view
 
-FAULT = {"kind": "sensor-stuck", "sensor": "striker", "at_s": 4.0, "duration_s": 0.5}
+FAULT = RunFault("sensor-stuck", "plant", False, 4.0, 4.5, "sensor-stuck (sensor striker)")
 FAILING = {"name": "detector.recall", "low": 1.5}
 PASSING = {"name": "impact_v_m_s", "low": 0.01, "high": 9.0}
 
@@ -29,7 +30,7 @@ PASSING = {"name": "impact_v_m_s", "low": 0.01, "high": 9.0}
 def broken(**more):
     made_up = make_run()
     made_up.scenario["checks"] = [PASSING, FAILING]
-    made_up.scenario["script"] = {**made_up.scenario.get("script", {}), "faults": [FAULT]}
+    made_up.run["faults"] = [FAULT._asdict()]
     made_up.scenario.update(more)
     return made_up
 
@@ -109,7 +110,7 @@ def test_a_panel_is_there_where_it_has_something_to_show(tmp_path, monkeypatch):
     whole = broken()
     whole.impacts = {name: values[:0] for name, values in whole.impacts.items()}
     whole.scenario["checks"] = []
-    whole.scenario["script"]["faults"] = []
+    whole.run["faults"] = []
     whole.can_log = "(0.100000) can0 7AB#00\n"
     assert contents_of(whole, tmp_path / "calm", monkeypatch) == full._replace(
         impacts=False, failed=False, injected=False, refused=True
