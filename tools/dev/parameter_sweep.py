@@ -3,7 +3,7 @@
     python -m tools.dev.parameter_sweep --out sweep.csv [--pairs 20000] [--seed 1] [--runs 500] [SCENARIO…]
 
 The runs are in lockstep on the compiled firmware, one by one, in an order that the seed shuffles; a second
-call continues the first. `--pairs` draws pairs of parameters, each at one of its bounds, instead of single
+call continues the first. `--pairs` samples pairs of parameters, each at one of its bounds, instead of single
 ones. A scenario counts if the firmware with its own parameters latches a fault in it. The deadline is that of
 this fault in docs/safety.md, extended by as much as the parameters extend the fault's own duration. It is
 missed if the motor has a torque later. Parameters that do not fit together are refused, and a module that
@@ -172,7 +172,7 @@ def main() -> None:
     )
     parser.add_argument("names", nargs="*", metavar="SCENARIO", help="all with a fault without")
     parser.add_argument("--out", type=Path, required=True, help="the data file, which is read first")
-    parser.add_argument("--pairs", type=int, default=0, help="number of pairs to draw instead of singles")
+    parser.add_argument("--pairs", type=int, default=0, help="number of pairs to sample instead of singles")
     parser.add_argument("--seed", type=int, default=1, help="seed of the pairs and of the order")
     parser.add_argument("--runs", type=int, default=1_000_000, help="most runs of this call")
     asked = parser.parse_args()
