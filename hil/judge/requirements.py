@@ -76,6 +76,14 @@ def requirements() -> Mapping[str, Requirement]:
     return {name: Requirement.model_validate(table) for name, table in document.items()}
 
 
+@cache
+def size_of(figure: str) -> float:
+    """The smallest bound other than 0 that a requirement sets for a figure in its unit; 0 without one."""
+    limits = [limit for one in requirements().values() for limit in one.limits_of(figure) if limit.of is None]
+    bounds = [abs(bound) for limit in limits for bound in (limit.low, limit.high) if bound]
+    return min(bounds, default=0.0)
+
+
 def trace(verdicts: Iterable[RunVerdict]) -> dict[str, Any]:
     """For each requirement the checks that prove it, and the verdict on it (None if none has run).
 

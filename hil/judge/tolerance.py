@@ -4,6 +4,8 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
+from hil.judge.requirements import size_of
+
 
 class Tolerance(NamedTuple):
     """Largest change that counts as none: `absolute` in the figure's unit, or `relative` to the value."""
@@ -27,12 +29,21 @@ class Tolerance(NamedTuple):
 
 
 ROUNDING = Tolerance(1e-12, 1e-9)
-"""The default: what rounding leaves, far below what any figure resolves."""
+"""What rounding leaves, far below what any figure resolves."""
+SHARE_OF_REQUIRED = 1e-3
+"""A change by this share of the limit that a requirement sets means nothing."""
 
 
 def tolerance_of(tolerances: Mapping[str, Tolerance], figure: str) -> Tolerance:
-    """The figure's own tolerance, or that of all figures under the name `*`, or ROUNDING."""
-    return tolerances.get(figure, tolerances.get("*", ROUNDING))
+    """The figure's own tolerance, or that of all figures under the name `*`, or the default.
+
+    The default is ROUNDING, or a thousandth of the limit that a requirement sets for the figure.
+
+    >>> [tolerance_of({}, name).holds(1e-10, 1e-11) for name in ("energy_residual", "held_s")]
+    [True, False]
+    """
+    default = ROUNDING._replace(absolute=max(ROUNDING.absolute, SHARE_OF_REQUIRED * size_of(figure)))
+    return tolerances.get(figure, tolerances.get("*", default))
 
 
 def tolerances_from(settings: Iterable[str], figures: Iterable[str]) -> dict[str, Tolerance]:

@@ -77,6 +77,17 @@ def verdict_of(passed: Sequence[bool | None]) -> bool | None:
     return True if passed and None not in passed else None
 
 
+def why_not_judged(campaign: Campaign, goals: Sequence[Mapping[str, Any]], trials: int) -> list[str]:
+    """What is missing for a verdict: the goals without a value, or all of them; a sentence each."""
+    unmeasured = [str(goal["figure"]) for goal in goals if goal["passed"] is None]
+    if goals:
+        return [f"{figure}: no eligible trial of {trials} has this figure" for figure in unmeasured]
+    wanted = ", ".join(" ".join(filter(None, (goal.where, goal.figure))) for goal in campaign.goals)
+    return [
+        f"no goal applies: {wanted} want {campaign.trials} trials, or a condition that --set has left out"
+    ]
+
+
 def summary(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Return the numbers of trials, the shares and the metrics of the outcomes."""
     eligible = [one for one in outcomes if one.eligible]
@@ -145,6 +156,7 @@ def result_of(
         ],
         "goals": goals,
         "passed": verdict_of([goal["passed"] for goal in goals]),
+        "not_judged": why_not_judged(campaign, goals, len(outcomes)),
         "wall_s": wall_s,
         "simulated_s": simulated_s,
         "realtime_factor_a_core": float(np.median(speeds)) if speeds else math.nan,

@@ -10,7 +10,15 @@ import typer
 
 from hil.record.new_file import write_anew
 from hil.timing.signals import Interrupted
-from tools.commands.options import MOST_TRIALS, Change, FirmwareBuild, Json, Scheduler, Workers
+from tools.commands.options import (
+    MOST_TRIALS,
+    Change,
+    FirmwareBuild,
+    Json,
+    ParameterFiles,
+    Scheduler,
+    Workers,
+)
 from tools.output import BadInputError, answer, exit_of, progress_console
 from tools.outputs import digest
 
@@ -32,7 +40,15 @@ def campaign(
     seed: Annotated[
         int, typer.Option(help="Seed of all trials; seeds below 10000 belong to tuning and tests.", min=0)
     ] = 20_260,
+    parameters: ParameterFiles = None,
     change: Change = None,
+    baseline: Annotated[
+        str | None,
+        typer.Option(
+            help="Run the same trials with other parameters too, and print the paired differences: a "
+            "parameter file, or default for the firmware's own parameters."
+        ),
+    ] = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
     keep: Annotated[
@@ -42,39 +58,67 @@ def campaign(
     firmware: FirmwareBuild = "compiled",
     as_json: Json = False,
 ) -> None:
-    """Run the closed loop on many sampled modules and starts, and judge the results by goals."""
+    """Run the closed loop on many sampled modules and starts, and judge the results by goals.
+
+    Keys of --set campaign.KEY, lists of conditions first. start-up, estimate, detect, hold, recover: laws
+    (viscous, coulomb, coulomb-0.2, coulomb-0.3, stribeck), ratios, impulses; duration_s (hold: hold_s).
+    start-up: swing_m_s2. recover: kick_low_m_s, kick_high_m_s. walk: presets (walking, table1), courses
+    (steady, change, stop, stumble); walk_s, variability. limits: contacts_ms (1.5 to 3, 3 to 5, 5 to 10,
+    10 to 30); mismatch_mass, high_offset_m_s2. All but limits: mismatch_spring, mismatch_damping,
+    mismatch_restitution, mismatch_rest_length_m, mismatch_stop_m, mismatch_dry_friction, mismatch_bias_g,
+    mismatch_amplitude.
+    """
     from hil.bench.options import RunOptions, prepare
     from hil.bench.workers import WorkerDiedError
     from hil.record.run_folder import RUNS
     from plant_sim.scene import load_scene
     from tools.campaign.campaigns import CAMPAIGNS, trial_of
+    from tools.campaign.paired import compare
     from tools.campaign.processes import read_finished, run_all
     from tools.campaign.reference import refuse_other_drives
     from tools.campaign.results import result_of
 
     chosen = CAMPAIGNS[name]
     count = trials or chosen.trials
-    plan = chosen.plan(change or [], seed, firmware)
+    settings = [*settings_of(parameters or []), *(change or [])]
+    plan = chosen.plan(settings, seed, firmware)
+    others = [] if baseline in (None, "default") else [Path(str(baseline))]
+    plan_before = chosen.plan([*settings_of(others), *(change or [])], seed, firmware)
     for cell in plan.cells:
         refuse_other_drives(load_scene(cell.scene))
     if keep not in (None, "failures", "all") and not (keep.isdecimal() and int(keep) < count):
         raise BadInputError(f"--keep {keep}: wanted failures, all, or a trial's number, 0 … {count - 1}")
     prepare(RunOptions(clock="lockstep", firmware=firmware))
     started_s = time.perf_counter()
-    folder = RUNS / f"campaign-{name}-{seed}{digest(change or [])}"
+    folder = RUNS / f"campaign-{name}-{seed}{digest(settings)}"
 
     def keep_some(outcomes: "Sequence[Outcome]") -> list[str]:
         return [str(keep_trial(folder, trial_of(plan, trial))) for trial in kept_of(outcomes, keep)]
 
     try:
         outcomes = run_all(plan, count, workers, scheduler)
+        before = run_all(plan_before, count, workers, scheduler) if baseline is not None else None
     except (Interrupted, WorkerDiedError):
         ended = read_finished(plan, count)
         say_what_is_kept(len(ended), count, keep_some(ended))
         raise
     result = result_of(chosen, plan.cells, outcomes, seed, time.perf_counter() - started_s)
     result["kept"] = keep_some(outcomes)
+    if before is not None:
+        result["baseline"] = baseline
+        result["differences"] = compare(before, outcomes, chosen.units)
     answer(result, as_json, status=exit_of(result))
+
+
+def settings_of(files: Sequence[Path]) -> list[str]:
+    """The parameters of tuned files as settings KEY=VALUE."""
+    from hil.scenario.parameter_file import read_document, values_of
+
+    return [
+        f"firmware.{name}={value!r}"
+        for path in files
+        for name, value in values_of(read_document(path), path).items()
+    ]
 
 
 def say_what_is_kept(ended: int, trials: int, kept: Sequence[str]) -> None:

@@ -20,7 +20,8 @@ Tolerances = Annotated[
     list[str] | None,
     typer.Option(
         "--tolerance",
-        help="Change that counts as none: FIGURE=ABSOLUTE[,RELATIVE], or *=… for all; default 1e-12,1e-9.",
+        help="Change that counts as none: FIGURE=ABSOLUTE[,RELATIVE], or *=… for all; default 1e-12,1e-9, "
+        "or a thousandth of a requirement's limit.",
     ),
 ]
 COLORS = {"better": "green", "worse": "bold red"}
@@ -62,6 +63,8 @@ def show_changes(changes: Sequence[Mapping[str, Any]]) -> None:
 
     All changed verdicts are printed, of the other figures the first MOST_SHOWN.
     """
+    from hil.suite.changes import FEWEST_PAIRS
+
     differing = [one for one in changes if not one["equal"]]
     flips = sum(one["flipped"] for one in differing)
     titles = ("scenario", "figure", "before", "after", "margin before", "after", "")
@@ -84,5 +87,5 @@ def show_changes(changes: Sequence[Mapping[str, Any]]) -> None:
     console.print(
         f"of {len(changes)} figures {len(changes) - len(differing)} are equal within their tolerance, "
         f"{counts['better']} better, {counts['worse']} worse"
-        + (f"; {few} differ, too few seeds to judge them: --seeds 10" if few else "")
+        + (f"; {few} differ, to judge them takes {FEWEST_PAIRS} seeds: --seeds {FEWEST_PAIRS}" if few else "")
     )

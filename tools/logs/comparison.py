@@ -18,6 +18,7 @@ from rerun.chunk import RrdReader
 
 from hil.bench.recorded_run import Run
 from hil.judge.figures.records import CATALOGUE, value_of
+from hil.judge.requirements import size_of
 from hil.judge.tolerance import Tolerance, tolerance_of
 from hil.record.damage import reading
 from hil.record.frame_tables import RAW
@@ -207,16 +208,17 @@ def flips_of(a: Run, b: Run) -> list[dict[str, Any]]:
 def largest_changes(
     figures: Mapping[str, Mapping[str, Any]], tolerances: Mapping[str, Tolerance] | None = None
 ) -> list[str]:
-    """The figures beyond their tolerance: texts and missing ones first, then by relative change.
+    """The figures beyond their tolerance: texts and missing ones first, then by their change.
 
-    Timing comes last.
+    A change is relative to the larger value, or to a requirement's limit if that is larger still: a residual
+    that rises tenfold far below its limit means little. Timing comes last.
     """
 
     def size(name: str) -> float:
         row = figures[name]
         if row["change"] is None:
             return math.inf
-        return float(abs(row["change"]) / max(abs(row["a"]), abs(row["b"])))
+        return float(abs(row["change"]) / max(abs(row["a"]), abs(row["b"]), size_of(name)))
 
     differing = [
         name

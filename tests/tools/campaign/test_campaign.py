@@ -1,6 +1,8 @@
 """Campaigns without a closed loop: samples, conditions, statistics, goals."""
 
 import json
+import math
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -16,12 +18,14 @@ from plant_sim.scene import Scene, load_scene
 from tools.campaign import processes
 from tools.campaign.campaign import Cell, Goal, Outcome, Plan
 from tools.campaign.campaigns import CAMPAIGNS
+from tools.campaign.paired import compare
 from tools.campaign.reference import goes_on
 from tools.campaign.results import result_of
 from tools.campaign.sampling import MISMATCH, sample
 from tools.campaign.statistics import distribution, wilson
 from tools.campaign.walk import course_of, find_end_s, find_missing, sample_walk
 from tools.cli import run
+from tools.commands.campaign import campaign as campaign_command
 from tools.commands.campaign import kept_of
 from tools.output import (
     EXIT_BAD_INPUT,
@@ -273,6 +277,51 @@ def test_a_goal_applies_only_if_its_condition_is_in_the_campaign() -> None:
     result = result_of(ESTIMATE, cells, [outcome(0, 0.5)], 20_000, wall_s=1.0)
     assert [goal["figure"] for goal in result["goals"]] == ["viscous x_rmse p50", "viscous v_rmse p50"]
     assert result["passed"]
+
+
+def test_a_campaign_that_is_not_judged_says_which_goal_lacks_what() -> None:
+    cells = plan_of("estimate").cells
+    result = result_of(ESTIMATE, cells, [outcome(0, 0.5)], 20_000, wall_s=1.0)
+    assert result["passed"] is None
+    assert len(result["not_judged"]) == 1
+    assert result["not_judged"][0].endswith(": no eligible trial of 1 has this figure")
+    goals = tuple(replace(goal, full_size=True) for goal in ESTIMATE.goals)
+    (reason,) = result_of(replace(ESTIMATE, goals=goals), cells, [outcome(0, 0.5)], 20_000, 1.0)["not_judged"]
+    assert f"want {ESTIMATE.trials} trials" in reason
+    assert result_of(ESTIMATE, cells[:1], [outcome(0, 0.5)], 20_000, wall_s=1.0)["not_judged"] == []
+
+
+def test_trials_of_two_parameter_sets_are_compared_in_pairs() -> None:
+    """Modules differ by much more than the parameters change; only the pairs show the change."""
+    dice = np.random.default_rng(1)
+    modules = dice.normal(10.0, 3.0, 200)
+    before = [Outcome(n, 0, metrics={"x": x}, why="lost" if n < 30 else "") for n, x in enumerate(modules)]
+    after = [
+        Outcome(n, 0, metrics={"x": x + 0.1 + 0.02 * dice.normal()}, why="lost" if n % 20 == 19 else "")
+        for n, x in enumerate(modules)
+    ]
+    before[150].eligible = False
+    after[151].metrics["x"] = math.nan
+    success, metric = compare(before, after[::-1], {"x": "mm"})
+    assert (success["figure"], success["pairs"], success["baseline"]) == ("success", 199, 169 / 199)
+    assert success["value"] == 189 / 199
+    assert 0.0 < success["low"] < success["value"] - success["baseline"] < success["high"] < 0.2
+    assert success["differs"]
+    assert (metric["figure"], metric["unit"], metric["pairs"]) == ("x", "mm", 198)
+    assert 0.09 < metric["low"] < 0.1 < metric["high"] < 0.11
+    assert metric["differs"]
+    alike = compare(before, before, {})
+    assert [one["differs"] for one in alike] == [False, False]
+    assert compare(before, [], {}) == []
+
+
+def test_the_help_names_every_key_of_every_campaign() -> None:
+    text = " ".join((campaign_command.__doc__ or "").split())
+    for one in CAMPAIGNS.values():
+        for key in (*one.sampler.axes, *one.numbers):
+            assert re.search(rf"\b{key}\b", text), f"{one.name}: {key}"
+        for known in one.sampler.axes.values():
+            assert all(value in text for value in known or ())
 
 
 def test_the_regression_bound_decides_and_what_is_wanted_is_shown(

@@ -97,7 +97,8 @@ def test_the_largest_change_comes_first_and_what_the_machine_took_last():
 
     figures = {
         "tick_us.p99": row(10.0, 90.0),
-        "speed.error": row(1e-6, 2e-6),
+        "energy_residual": row(1e-11, 1e-10),  # of 1e-6
+        "speed.error": row(1e-5, 4e-5),  # of 2e-3
         "peak_force_n": row(200.0, 201.0),
         "impact_count": row(3.0, 3.0),
         "regime": row("impact", "lost"),
@@ -105,7 +106,7 @@ def test_the_largest_change_comes_first_and_what_the_machine_took_last():
     }
     wanted = ["regime", "largest_v_m_s", "speed.error", "peak_force_n", "tick_us.p99"]
     assert largest_changes(figures) == wanted
-    tolerances = {"speed.error": Tolerance(1e-5, 0.0), "peak_force_n": Tolerance(0.0, 0.01)}
+    tolerances = {"speed.error": Tolerance(1e-4, 0.0), "peak_force_n": Tolerance(0.0, 0.01)}
     assert largest_changes(figures, tolerances) == ["regime", "largest_v_m_s", "tick_us.p99"]
 
 
