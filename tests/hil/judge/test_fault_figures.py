@@ -126,6 +126,15 @@ def test_without_a_plant_the_firmware_alone_says_how_it_ended():
     assert torque_after(no_plant, end) is None
 
 
+def test_a_node_that_ends_just_so_long_before_the_other_is_not_silent():
+    late, early = np.array([0.5, 1.0]), np.array([0.5, 1.0 - SILENT_S])
+    still = records(t_s=early, motor_torque_n_m=[0, 0], omega_rad_s=[0, 0])
+    assert drive_end(still, firmware([RUN] * 2, t_s=late)) is None
+    still["t_s"] = late
+    assert drive_end(still, firmware([RUN] * 2, t_s=early)) is None
+    assert drive_end(still[:0], firmware([RUN] * 2, t_s=np.array([0.1, 0.5]))) is None
+
+
 def test_the_safe_state_has_the_torque_and_the_impacts_after_its_beginning():
     end = DriveEnd("fault", 0.5)
     on_s = T_S * np.arange(100)
