@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from hil.bench import bench
 from hil.timing.signals import Interrupted
 from plant_sim.scene import Scene, load_scene
 from tools.campaign import processes
@@ -313,6 +314,29 @@ def test_trials_of_two_parameter_sets_are_compared_in_pairs() -> None:
     alike = compare(before, before, {})
     assert [one["differs"] for one in alike] == [False, False]
     assert compare(before, [], {}) == []
+
+
+def test_a_campaign_compares_a_parameter_file_with_the_defaults(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run_all(plan: Plan, count: int, *_: Any) -> list[Outcome]:
+        tuned = "gain_p_n_m_s" in plan.cells[0].firmware.get("speed", {})
+        return [Outcome(n, 0, metrics={"steady_v": 0.9 + 0.01 * n + 0.05 * tuned}) for n in range(count)]
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(processes, "run_all", run_all)
+    monkeypatch.setattr(bench, "prepare", lambda *_: None)
+    Path("tuned.toml").write_text(
+        'format = 1\n[parameters."speed.gain_p_n_m_s"]\nvalue = 0.02\nunit = "N m s"\n'
+    )
+    for sets, change in (
+        (["--parameters", "tuned.toml", "--baseline", "default"], 0.05),
+        (["--baseline", "tuned.toml"], -0.05),
+    ):
+        run(["campaign", "start-up", "--trials", "20", "--json", *sets])
+        _, metric = json.loads(capsys.readouterr().out)["differences"]
+        assert (metric["figure"], metric["differs"]) == ("steady_v", True)
+        assert [metric["low"], metric["high"]] == pytest.approx([change, change])
 
 
 def test_the_help_names_every_key_of_every_campaign() -> None:

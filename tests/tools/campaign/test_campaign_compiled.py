@@ -182,14 +182,6 @@ def test_a_campaign_from_the_command_line(
     assert 5.0 < result["metrics"]["capture"]["p50"] < 8.0
     assert result["metrics"]["steady_v"]["p50"] == pytest.approx(0.91, abs=0.03)
     assert status == exit_of(result)
-    tuned = tmp_path / "tuned.toml"
-    tuned.write_text('format = 1\n[parameters."speed.gain_p_n_m_s"]\nvalue = 0.02\nunit = "N m s"\n')
-    run([*arguments, *settings, "--parameters", str(tuned), "--baseline", "default"])
-    compared = json.loads(capsys.readouterr().out)
-    steady = {one["figure"]: one for one in compared["differences"]}["steady_v"]
-    assert steady["baseline"] == pytest.approx(result["metrics"]["steady_v"]["p50"])
-    assert (steady["pairs"], steady["value"]) == (4, pytest.approx(compared["metrics"]["steady_v"]["p50"]))
-    assert steady["value"] != pytest.approx(steady["baseline"], rel=1e-9), "the parameters have no effect"
     run([*arguments, *settings[:2], "--set", "campaign.ratios=1.2", "--keep", "2"])
     other = json.loads(capsys.readouterr().out)["kept"]
     assert load_scenario(Path(result["kept"][0])).commands[-1].target_ratio == 1.3, "it is as it was"
