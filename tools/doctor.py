@@ -55,7 +55,7 @@ def checks() -> list[DoctorCheck]:
         DoctorCheck(
             "CAN in the kernel",
             has_kernel_can(),
-            "modprobe can can-raw, or run under another kernel: vibrohil kernel -- COMMAND",
+            f"{load_modules('can', 'can-raw', 'vcan')}, or another kernel: vibrohil kernel -- COMMAND",
             f"Linux {platform.release()} opens {'an' if has_kernel_can() else 'no'} AF_CAN socket",
         ),
         private_vcan(),
@@ -65,11 +65,17 @@ def checks() -> list[DoctorCheck]:
             "sysctl kernel.unprivileged_userns_clone=1 kernel.apparmor_restrict_unprivileged_userns=0",
             refusal or "user and network namespaces of this user's own can be made",
         ),
+        programs(
+            "can-utils",
+            "apt-get install can-utils, to watch a bus with candump",
+            missing("candump", "cansend"),
+        ),
         programs("user-mode Linux", user_mode_linux.REMEDY, user_mode_linux.missing_programs()),
         programs("emulated board", board_tools.REMEDY, board_tools.find_missing_tools()),
-        programs("FMU linker", linker.REMEDY, [p for p in (linker.LINKER,) if not shutil.which(p)]),
+        programs("FMU linker", linker.REMEDY, missing(linker.LINKER)),
         check_permission("SCHED_FIFO", fifo, "rtprio 30", "any busy process"),
         check_permission("mlockall", lock, "memlock unlimited", "a page fetched from disk"),
+        machine_load(os.getloadavg()[0], os.cpu_count() or 1),
         wake_up(late_us),
         viewer(),
     ]
@@ -142,7 +148,7 @@ def kernels() -> DoctorCheck:
 
 def private_vcan() -> DoctorCheck:
     """Whether a vcan can be made for a run alone."""
-    name, remedy = "private vcan", "modprobe vcan, or: vibrohil kernel -- COMMAND"
+    name, remedy = "private vcan", f"{load_modules('vcan')}, or: vibrohil kernel -- COMMAND"
     try:
         with provide("vcan") as bus:
             return DoctorCheck(name, True, remedy, bus.address)
@@ -153,6 +159,31 @@ def private_vcan() -> DoctorCheck:
 def programs(name: str, remedy: str, missing: Sequence[str]) -> DoctorCheck:
     """Whether the programs of an ability are installed."""
     return DoctorCheck(name, not missing, remedy, f"no {', no '.join(missing)}" if missing else "installed")
+
+
+def missing(*names: str) -> list[str]:
+    """Those of some programs that are not installed; `modprobe` may stand outside of a user's path."""
+    return [
+        name
+        for name in names
+        if shutil.which(name, path=f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin") is None
+    ]
+
+
+def load_modules(*modules: str) -> str:
+    """The command that loads modules of the kernel; without -a, modprobe takes the others as options."""
+    command = f"modprobe -a {' '.join(modules)}"
+    return f"apt-get install kmod (there is no modprobe), then {command}" if missing("modprobe") else command
+
+
+def machine_load(load: float, cores: int) -> DoctorCheck:
+    """Whether processors are free: a real-time run needs two, one for each loop."""
+    return DoctorCheck(
+        "load of the machine",
+        load <= max(cores - 2, 0.5 * cores),
+        "end what else runs, or run in lockstep; in real time the run is held up, or periods are missed",
+        f"{load:.1f} processes want to run on {cores} cores, by the mean of the last minute",
+    )
 
 
 def check_permission(name: str, passed: bool, limit: str, delay: str) -> DoctorCheck:

@@ -7,6 +7,7 @@ EXAMPLES = {
     "campaign": "vibrohil campaign start-up --trials 200",
     "runs": "vibrohil runs --where passed=false --show detector.recall",
     "view": "vibrohil view runs/mine --web",
+    "why": "vibrohil why runs/mine",
     "inspect": "vibrohil inspect runs/mine --plot motion.png --signal plant.x_m",
     "compare": "vibrohil compare runs/one runs/two",
     "replay": "vibrohil replay runs/mine bench.log",

@@ -29,7 +29,7 @@ def print_version(wanted: bool) -> None:
 
 COMMANDS = {
     "Test the firmware": ("new", "run", "suite", "campaign"),
-    "Look at runs": ("runs", "view", "inspect", "compare", "replay", "import_log", "export"),
+    "Look at runs": ("runs", "view", "why", "inspect", "compare", "replay", "import_log", "export"),
     "Design": ("tune", "trade", "schedule"),
     "The module alone": ("simulate", "study", "export_fmu"),
     "One node on a bus": ("firmware", "plant", "operator", "measure", "calibrate"),

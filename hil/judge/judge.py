@@ -51,7 +51,7 @@ def fault_effects(traces: RunTraces) -> list[FaultEffect]:
 def doubts_of(traces: RunTraces) -> list[str]:
     """The reasons why this run is not judged, one sentence each."""
     idle = [
-        f"the fault {effect.kind!r} at {effect.at_s:g} s acted on nothing, so the run shows nothing of it"
+        f"the injected fault {effect.kind!r} at {effect.at_s:g} s acted on nothing, and so shows nothing"
         for effect in fault_effects(traces)
         if effect.acted_on == 0
     ]

@@ -100,8 +100,8 @@ class CheckResult:
 
     @property
     def margin_percent(self) -> int | None:
-        """Length of the margin bar, 0 to 100: 0 at the limit, 100 in the middle of two limits."""
-        return None if self.margin_share is None else round(100.0 * min(max(self.margin_share, 0.0), 1.0))
+        """The margin in percent: 0 at the limit, 100 in the middle of two limits, down to −100 beyond one."""
+        return None if self.margin_share is None else round(100.0 * min(max(self.margin_share, -1.0), 1.0))
 
     def as_json(self) -> dict[str, Any]:
         """The result in JSON's types, as in verdict.json."""

@@ -3,8 +3,9 @@
 Signals used by figures and plots are logged at every tick. `SLOW_BLOCKS` change slowly or repeat other
 signals: the plant's energies, current, requested torque, leg motion and encoder readings; the firmware's
 counters, sums, delays, last results and gait lock, and the estimator's bias and adapted variances. The log
-has them at 100 Hz and repeats each value until the next, which takes a tenth of the room. A signal that is
-named in a check of the scenario is logged at every tick.
+has them at 100 Hz and repeats each value until the next, which takes a tenth of the room. It also has them at
+the tick in which the firmware latches a fault, to show the limit that was exceeded. A signal that is named in
+a check of the scenario is logged at every tick.
 """
 
 import re
@@ -15,8 +16,10 @@ import numpy as np
 
 from hil.record.run_traces import column
 from hil.record.traces.stored_trace import Columns, Records
+from plant_sim.arrays import BoolArray
 
 SLOW_TICKS = 10
+FAULT = "outputs.fault"
 SLOW_BLOCKS = (
     "firmware.counters",
     "firmware.state.crank.disturbance_rad_s2",
@@ -93,10 +96,11 @@ class Held:
         self._named = named
         self._last: dict[str, Any] = {}
         """The values that are held from the last records on, by column."""
+        self._fault = 0.0
 
     def hold(self, records: Records) -> Columns:
         """The next records of the trace as logged, in memory."""
-        due = column(records, "tick") % SLOW_TICKS == 0
+        due = (column(records, "tick") % SLOW_TICKS == 0) | self._latches(records)
         rows = np.maximum.accumulate(np.where(due, np.arange(len(records)), -1))
         columns = {name: np.ascontiguousarray(records[name]) for name in records.dtype.names or ()}
         for name, values in columns.items():
@@ -106,6 +110,13 @@ class Held:
                 columns[name] = np.where(rows >= 0, values[rows], before)
                 self._last[name] = columns[name][-1]
         return Columns(columns, len(records))
+
+    def _latches(self, records: Records) -> BoolArray:
+        """Whether the firmware's fault changes in each record; never in another trace."""
+        fault = column(records, FAULT) if FAULT in (records.dtype.names or ()) else np.zeros(len(records))
+        changes: BoolArray = np.diff(fault, prepend=self._fault) != 0.0
+        self._fault = float(fault[-1]) if len(fault) else self._fault
+        return changes
 
 
 def slow_rows(records: Records) -> Records:

@@ -8,10 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from firmware_py.interface.enums import ParameterTier
+from firmware_py.interface.parameter_table import TABLE
+from plant_sim.validation_messages import nearest
 from text_input import DEEPEST, TextInputError, TOMLDecodeError, parse_toml
 
 Settings = str | Sequence[str] | Mapping[str, Any]
 """One or more texts `KEY=VALUE` with TOML values, or a mapping from dotted keys to values."""
+
+
+MODULE = "module."
+"""Beginning of a key that stands for the module's truth and the firmware's nominal parameter together."""
+MODULE_PARAMETERS = [one.name for one in TABLE if one.tier is ParameterTier.MODULE]
 
 
 class SettingError(TextInputError):
@@ -133,14 +141,34 @@ def put(document: dict[str, Any], keys: Sequence[str], value: Any) -> None:
             raise TextInputError(f"{here} is a value, not a table")
 
 
+def of_the_module(key: str) -> tuple[str, str]:
+    """The keys of the truth and of the nominal parameter behind `module.KEY`; raises SettingError.
+
+    >>> of_the_module("module.striker.mass_kg")
+    ('scene.striker.mass_kg', 'firmware.striker.mass_kg')
+    """
+    name = key.removeprefix(MODULE)
+    if name not in MODULE_PARAMETERS:
+        near = nearest(name, MODULE_PARAMETERS, "docs/reference/parameters.md lists those of the module")
+        raise SettingError(f"--set {key!r}: the firmware has no such nominal parameter of the module; {near}")
+    return f"scene.{name}", f"firmware.{name}"
+
+
 def apply_settings(document: Mapping[str, Any], settings: Settings) -> dict[str, Any]:
     """A copy of `document` with each value of `settings` in its place.
 
     The first word of a key must be one of the document's own tables (such as scene, firmware, script);
-    tables below it are made as needed, and a number is a place in a list, from 0.
+    tables below it are made as needed, and a number is a place in a list, from 0. `module.KEY` sets the same
+    key of the scene and of the firmware's nominal parameters.
     """
     changed: dict[str, Any] = deepcopy(dict(document))
-    for setting, value in keys_and_values(settings):
+    both = {"scene", "firmware"} <= set(changed)
+    single = (
+        (key, value)
+        for setting, value in keys_and_values(settings)
+        for key in (of_the_module(setting) if both and setting.startswith(MODULE) else (setting,))
+    )
+    for setting, value in single:
         first, _, rest = setting.partition(".")
         if not (first and rest):
             raise SettingError(
@@ -148,6 +176,7 @@ def apply_settings(document: Mapping[str, Any], settings: Settings) -> dict[str,
             )
         if first not in changed:
             known = ", ".join(f"{key}." for key, part in changed.items() if isinstance(part, dict | list))
+            known += f", {MODULE}" if both else ""
             raise SettingError(f"--set {setting!r} starts with {first!r}; wanted one of {known}")
         try:
             put(changed, split_key(setting), value)

@@ -10,6 +10,8 @@ from hil.show.layout import Highlights, Mark
 
 CLOSE_UP_S = 3.0
 """Duration of the close-up: about four to twelve drive periods."""
+PASSED = f"check {Verdict.PASSED.words}: "
+"""Beginning of the mark of a check that has passed."""
 
 
 def marks(

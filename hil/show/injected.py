@@ -1,6 +1,6 @@
 """The faults of a run, as log and report show them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from hil.record.run_faults import faults_of
@@ -19,6 +19,20 @@ class Injected(NamedTuple):
 def injected_in(run: Mapping[str, Any]) -> list[Injected]:
     """The faults of a run in the order of time, from the content of its run.json."""
     return sorted(Injected(fault.from_s, fault.end_s, fault.text) for fault in faults_of(run))
+
+
+def since(faults: Sequence[Injected], at_s: float) -> str:
+    """The time since the latest injected fault, as the end of a sentence; empty without one.
+
+    >>> since([Injected(4.0, 4.5, "sensor-stuck")], 4.03)
+    ', 30 ms after the injected fault sensor-stuck'
+    """
+    before = [fault for fault in faults if fault.from_s <= at_s]
+    if not before:
+        return ""
+    delay_s = at_s - before[-1].from_s
+    delay = f"{1e3 * delay_s:.0f} ms" if delay_s < 1.0 else f"{delay_s:.3g} s"
+    return f", {delay} after the injected fault {before[-1].text}"
 
 
 def timeline(faults: list[Injected], end_s: float) -> list[tuple[float, str]]:

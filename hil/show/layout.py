@@ -3,11 +3,15 @@
 Plots select fields of the traces' records, so names, units and colours of the series are defined here.
 """
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import rerun.blueprint as rrb
 
 from hil.record.state_timeline import ALARM, ESTIMATE, GOOD, OTHER, TARGET, TRUTH
+from hil.show.legible.extents import Extents
+from hil.show.legible.limits import APPROACH_LIMITS, FORCE_LIMITS
 from hil.show.views import (
     IMPACTS,
     POSITION,
@@ -52,6 +56,19 @@ class Contents(NamedTuple):
     bus_errors: bool = False
     refused: bool = True
     """Whether frames could not be decoded."""
+    held: bool = False
+    """Whether time was held."""
+    imported: bool = False
+    """Whether the log is of a real bench, with neither truth nor the firmware's internal signals."""
+    limited: tuple[str, ...] = ()
+    """The entities with limits of checks."""
+
+
+class Drawing(NamedTuple):
+    """How plots and state timelines of one log are made: `plot` and `state_timelines`, without their ends."""
+
+    plot: Callable[..., rrb.TimeSeriesView]
+    states: Callable[..., rrb.StateTimelineView]
 
 
 class Mark(NamedTuple):
@@ -61,22 +78,34 @@ class Mark(NamedTuple):
     text: str
 
 
+def limits(contents: Contents, entity: str) -> list[Whole]:
+    """The limits in one plot, if there are some."""
+    return [Whole(entity)] * (entity in contents.limited)
+
+
 APPROACH_SPEED, PEAK_FORCE = "Approach speed v⁻ [m/s]", "Peak force [N]"
 """Titles of plots that stand in several tabs, or that a run without impacts does not have."""
 
 
-def overview(detail_s: tuple[float, float] | None, contents: Contents) -> Any:
+def approach_speeds(draw: Drawing, contents: Contents, **options: Any) -> rrb.TimeSeriesView:
+    """The approach speeds of all impacts, with the limits of checks on them."""
+    lines = limits(contents, APPROACH_LIMITS)
+    name = f"{APPROACH_SPEED}, limits red" if lines else APPROACH_SPEED
+    return draw.plot(name, *IMPACTS, *lines, **{"legend": rrb.Corner2D.RightBottom} | options)
+
+
+def overview(draw: Drawing, detail_s: tuple[float, float] | None, contents: Contents) -> Any:
     """The overview of the run: the verdict and its explanation."""
     more = [*(["injected"] if contents.injected else []), *(["checks"] if contents.failed else [])]
     verdict = [rrb.TextDocumentView(origin="/about/verdict", name="Verdict")] * contents.judged
     return shares(
         rrb.Vertical,
-        state_timelines("Modes and regimes", "mode", "regime", *more),
-        plot("Striker, close up [m]", *POSITION, span_s=detail_s, legend=rrb.Corner2D.LeftBottom),
+        draw.states("Modes and regimes", "mode", "regime", *more),
+        draw.plot("Striker, close up [m]", *POSITION, span_s=detail_s, legend=rrb.Corner2D.LeftBottom),
         rrb.Horizontal(
-            *([plot(APPROACH_SPEED, *IMPACTS, legend=rrb.Corner2D.RightBottom)] if contents.impacts else []),
-            plot("Crank speed [rad/s]", *SPEED, legend=None),
-            plot("Torque [N m]", *TORQUE, legend=None),
+            *([approach_speeds(draw, contents, legend=None)] if contents.impacts else []),
+            draw.plot("Crank speed [rad/s], target grey", *SPEED, legend=None),
+            draw.plot("Torque [N m], requested orange", *TORQUE, legend=None),
         ),
         rrb.Horizontal(module(), *verdict, texts("Events", "/events")),
         by=(5 + len(more), 7, 5, 6),
@@ -84,56 +113,51 @@ def overview(detail_s: tuple[float, float] | None, contents: Contents) -> Any:
     )
 
 
-def start_up(run_up_s: tuple[float, float] | None, contents: Contents) -> Any:
+def start_up(draw: Drawing, run_up_s: tuple[float, float] | None, contents: Contents) -> Any:
     """The start-up of the striker to its orbit."""
-    impact_plots = [plot(APPROACH_SPEED, *IMPACTS, span_s=run_up_s)] * contents.impacts
+    impact_plots = [approach_speeds(draw, contents, span_s=run_up_s)] * contents.impacts
     return shares(
         rrb.Vertical,
-        plot("Striker [m]", *POSITION, span_s=run_up_s, legend=rrb.Corner2D.LeftBottom),
+        draw.plot("Striker [m]", *POSITION, span_s=run_up_s, legend=rrb.Corner2D.LeftBottom),
         *impact_plots,
-        plot("Crank speed [rad/s]", *SPEED, span_s=run_up_s),
-        plot("Torque [N m]", *TORQUE, span_s=run_up_s),
+        draw.plot("Crank speed [rad/s]", *SPEED, span_s=run_up_s),
+        draw.plot("Torque [N m]", *TORQUE, span_s=run_up_s),
         by=(4, *[2] * (2 + len(impact_plots))),
         name="Start-up",
     )
 
 
-def estimator(detail_s: tuple[float, float] | None) -> Any:
+def estimator(draw: Drawing, detail_s: tuple[float, float] | None, contents: Contents) -> Any:
     """The estimator: its errors and the consistency of its covariance."""
     innovation = "state.estimator.innovation_m_s2"
     deviation = "state.estimator.innovation_std_m_s2"
 
     def error(name: str, field: str, unit: str) -> rrb.TimeSeriesView:
         line = Line("/estimate_error", field, "estimate − truth", unit, ESTIMATE)
-        return plot(f"Error of the {name}, whole run [{unit}]", line)
+        return draw.plot(f"Error of the {name}, whole run [{unit}]", line)
 
+    velocity = draw.plot("Velocity, close up [m/s]", *VELOCITY, span_s=detail_s)
+    if contents.imported:
+        return rrb.Vertical(velocity, acceleration(draw, detail_s), name="Estimator")
     return rrb.Vertical(
-        plot("Velocity, close up [m/s]", *VELOCITY, span_s=detail_s),
-        rrb.Horizontal(error("position", "x_mm", "mm"), error("velocity", "v_m_s", "m/s")),
-        plot(
-            "Acceleration, close up [m/s²]",
-            Line("/firmware", "inputs.accelerometer.high_m_s2", "high range", "m/s²", OTHER),
-            Line("/firmware", "inputs.accelerometer.low_m_s2", "low range", "m/s²", ESTIMATE),
-            Line("/firmware", "inputs.accelerometer.housing_m_s2", "housing", "m/s²", TARGET),
-            Line("/plant", "accel_m_s2", "true", "m/s²", TRUTH),
-            span_s=detail_s,
-            legend=rrb.Corner2D.LeftBottom,
-        ),
+        velocity,
+        rrb.Horizontal(error("position", "x_m", "m"), error("velocity", "v_m_s", "m/s")),
+        acceleration(draw, detail_s),
         rrb.Horizontal(
-            plot(
+            draw.plot(
                 "Innovation in flight, close up [m/s²]",
                 Line("/firmware", innovation, "innovation", "m/s²", ESTIMATE),
                 Line("/firmware", deviation, "its σ", "m/s²", TARGET),
                 span_s=detail_s,
             ),
-            plot(
+            draw.plot(
                 "NIS; its mean is 1 if the uncertainty is right",
                 Line("/firmware", "state.estimator.nis", "NIS", "", OTHER),
                 Whole("/nis_expected"),
                 range_y=(0.0, LARGEST_NIS),
                 legend=None,
             ),
-            plot(
+            draw.plot(
                 "Accelerometer bias [m/s²]",
                 Line(
                     "/firmware",
@@ -150,27 +174,47 @@ def estimator(detail_s: tuple[float, float] | None) -> Any:
     )
 
 
-def impacts(detail_s: tuple[float, float] | None, worn: bool) -> Any:
+def acceleration(draw: Drawing, detail_s: tuple[float, float] | None) -> rrb.TimeSeriesView:
+    """The accelerometers' readings, with the true acceleration."""
+    return draw.plot(
+        "Acceleration, close up [m/s²]",
+        Line("/firmware", "inputs.accelerometer.high_m_s2", "high range", "m/s²", OTHER),
+        Line("/firmware", "inputs.accelerometer.low_m_s2", "low range", "m/s²", ESTIMATE),
+        Line("/firmware", "inputs.accelerometer.housing_m_s2", "housing", "m/s²", TARGET),
+        Line("/plant", "accel_m_s2", "true", "m/s²", TRUTH),
+        span_s=detail_s,
+        legend=rrb.Corner2D.LeftBottom,
+    )
+
+
+def impacts(draw: Drawing, detail_s: tuple[float, float] | None, contents: Contents) -> Any:
     """The impacts: approach speed, impulse and peak force, felt force, and energy."""
     forces: list[Line | Whole] = [Line("/plant", "stop_force_n", "on the stop", "N", TRUTH)]
-    if worn:
+    if contents.worn:
         forces += [Line("/plant", "felt_force_n", "felt by the wearer", "N", OTHER)]
+    impulse = draw.plot(
+        "Impulse [N s]",
+        Dots("/impacts/truth", "impulse_n_s", "true impulse [N s]", TRUTH, "diamond"),
+        Dots("/impacts/detected_impulse", None, "reported impulse [N s]", ESTIMATE, "cross"),
+        legend=rrb.Corner2D.RightBottom,
+    )
+    if contents.imported:
+        return rrb.Vertical(
+            approach_speeds(draw, contents), impulse, acceleration(draw, detail_s), name="Impacts"
+        )
     return rrb.Vertical(
         rrb.Horizontal(
-            plot(APPROACH_SPEED, *IMPACTS, legend=rrb.Corner2D.RightBottom),
-            plot(
-                "Impulse [N s]",
-                Dots("/impacts/truth", "impulse_n_s", "impulse [N s]", TRUTH, "diamond"),
-                legend=rrb.Corner2D.RightBottom,
-            ),
-            plot(
+            approach_speeds(draw, contents),
+            impulse,
+            draw.plot(
                 PEAK_FORCE,
                 Dots("/impacts/truth", "peak_force_n", "peak force [N]", TRUTH, "circle"),
+                *limits(contents, FORCE_LIMITS),
                 legend=rrb.Corner2D.RightBottom,
             ),
         ),
-        plot("Force, close up [N]", *forces, span_s=detail_s),
-        plot(
+        draw.plot("Force, close up [N]", *forces, span_s=detail_s),
+        draw.plot(
             "Energy [J]",
             Line("/plant", "drive_work_j", "drive work", "J", TRUTH),
             Line("/plant", "friction_j", "friction", "J", TARGET),
@@ -186,16 +230,16 @@ OUTSIDE = "another turn's pulse"
 of them belongs to the window."""
 
 
-def gait(detail_s: tuple[float, float] | None) -> Any:
+def gait(draw: Drawing, detail_s: tuple[float, float] | None) -> Any:
     """The wearer's gait cycle, true and estimated, and the phases of the pulses."""
 
     def close_up(name: str, *lines: Line) -> rrb.TimeSeriesView:
-        return plot(f"{name}, close up [{lines[0].unit}]", *lines, span_s=detail_s, legend=None)
+        return draw.plot(f"{name}, close up [{lines[0].unit}]", *lines, span_s=detail_s, legend=None)
 
     return shares(
         rrb.Vertical,
-        state_timelines("The leg: true, estimated", "leg", "leg_estimated"),
-        plot(
+        draw.states("The leg: true, estimated", "leg", "leg_estimated"),
+        draw.plot(
             "Gait cycle: phase and pulses",
             Line("/plant", "gait.phase", "true", "", TRUTH),
             Line("/firmware", "state.gait.phase", "estimate", "", ESTIMATE),
@@ -208,7 +252,7 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
             legend=rrb.Corner2D.LeftBottom,
         ),
         rrb.Horizontal(
-            plot(
+            draw.plot(
                 "Pulses over the cycle, whole run",
                 Whole("/gait/window/from"),
                 Whole("/gait/window/to"),
@@ -217,7 +261,7 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
                 range_y=(0.0, 1.0),
                 legend=None,
             ),
-            plot(
+            draw.plot(
                 "Strides a second, crank turns a stride, confidence",
                 Line("/plant", "gait.stride_hz", "true strides a second", "Hz", TRUTH),
                 Line("/firmware", "state.gait_lock.harmonic", "turns a stride", "", OTHER),
@@ -242,55 +286,56 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
     )
 
 
-def bus_and_timing(contents: Contents) -> Any:
+def bus_and_timing(draw: Drawing, contents: Contents) -> Any:
     """The loops' timing, the bus load, and the states of the drive."""
     loops = (
         rrb.Horizontal(
-            plot(
+            draw.plot(
                 "Firmware loop [µs]",
                 Line("/firmware", "wake_latency_us", "wake-up latency", "µs", DARK_ESTIMATE),
                 Line("/firmware", "work_us", "work", "µs", ESTIMATE),
             ),
-            plot(
+            draw.plot(
                 "Plant loop [µs]",
                 Line("/plant", "wake_latency_us", "wake-up latency", "µs", DARK_TRUTH),
                 Line("/plant", "work_us", "work", "µs", TRUTH),
             ),
         ),
     )
-    skipped = plot(
+    skipped = draw.plot(
         "Ticks skipped so far",
         Line("/firmware", "overruns", "firmware", "", ESTIMATE),
         Line("/plant", "overruns", "plant", "", TRUTH),
     )
-    load = plot("Bus load (of 1 Mbit/s)", Whole("/can/load"), range_y=(0.0, 1.0), legend=None)
+    load = draw.plot("Bus load (of 1 Mbit/s)", Whole("/can/load"), range_y=(0.0, 1.0), legend=None)
     return rrb.Vertical(
         *(loops if contents.measured else ()),
         rrb.Horizontal(*([skipped] if contents.measured else []), load),
-        *([bus_errors()] if contents.bus_errors else []),
+        *([bus_errors(draw)] if contents.bus_errors else []),
         rrb.Horizontal(
-            state_timelines("Drive, faults, limits", "axis", "fault", "limit", "motion"),
+            draw.states("Drive, faults, limits", "axis", "fault", "limit", "motion"),
             *([texts("Frames refused", "/can/rejected")] if contents.refused else []),
         ),
+        *([texts("Time held", "/held")] if contents.held else []),
         name="Bus and timing",
     )
 
 
-def bus_errors() -> Any:
+def bus_errors(draw: Drawing) -> Any:
     """Destroyed transmissions, and the error counters and error states of the nodes' controllers."""
     nodes = (("plant", TRUTH), ("firmware", ESTIMATE), ("operator", OTHER))
     return rrb.Horizontal(
-        plot(
+        draw.plot(
             "Transmissions destroyed and frames not sent so far",
             Line("/bus_errors", "destroyed", "destroyed", "", ALARM),
             Line("/bus_errors", "unsent", "not sent", "", OTHER),
         ),
-        plot(
+        draw.plot(
             "Error counters",
             *(Line("/bus_errors", f"{node}.transmit", f"{node}, sent", "", color) for node, color in nodes),
             *(Line("/bus_errors", f"{node}.receive", f"{node}, received", "", TARGET) for node, _ in nodes),
         ),
-        state_timelines("Error states", *(f"bus_{node}" for node, _ in nodes)),
+        draw.states("Error states", *(f"bus_{node}" for node, _ in nodes)),
     )
 
 
@@ -304,21 +349,25 @@ def about() -> Any:
     )
 
 
-def layout(highlights: Highlights | None, contents: Contents) -> rrb.Blueprint:
+def layout(
+    highlights: Highlights | None, contents: Contents, extents: Extents | None = None
+) -> rrb.Blueprint:
     """The tabs of a run's log, opened on `highlights`; without them, as during a recording, on the whole run.
 
-    After a failed check the cursor loops through its close-up.
+    After a failed check the cursor loops through its close-up. `extents`: the ranges of a finished run.
     """
+    root = "states" if highlights is None else "timeline"
+    draw = Drawing(partial(plot, extents=extents), partial(state_timelines, root=root))
     detail_s = highlights.detail_s if highlights else None
     run_up_s = highlights.run_up_s if highlights else None
     return rrb.Blueprint(
         rrb.Tabs(
-            overview(detail_s, contents),
-            start_up(run_up_s, contents),
-            estimator(detail_s),
-            *([impacts(detail_s, contents.worn)] if contents.impacts else []),
-            *([gait(detail_s)] if contents.walked else []),
-            bus_and_timing(contents),
+            overview(draw, detail_s, contents),
+            start_up(draw, run_up_s, contents),
+            estimator(draw, detail_s, contents),
+            *([impacts(draw, detail_s, contents)] if contents.impacts else []),
+            *([gait(draw, detail_s)] if contents.walked else []),
+            bus_and_timing(draw, contents),
             about(),
         ),
         time_panel(detail_s, contents.failed),

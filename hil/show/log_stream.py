@@ -20,6 +20,8 @@ from hil.record.run_traces import column
 from hil.record.state_timeline import ALARM, StateTimeline, lower_name, state_name
 from hil.record.traces.precision import TIME, whole_ns
 from hil.record.traces.stored_trace import Records
+from hil.show.legible.limits import Limit
+from hil.show.legible.state_labels import fit
 from plant_sim.arrays import FloatArray
 
 APPLICATION_ID = "vibrohil"
@@ -96,6 +98,7 @@ class LogStream:
         self._declared: set[str] = set()
         self._last: dict[str, int] = {}
         self._new_events: list[tuple[float, str, str]] = []
+        self._timelines: dict[str, tuple[list[tuple[float, str]], dict[str, int]]] = {}
         name = " ".join([run.get("scenario", "run"), *run.get("changes", [])])
         self.recording.send_recording_name(f"{name} ({run.get('clock', '?')})")
         self.recording.send_recording_start_time_nanos(self._wall_start_ns)
@@ -142,12 +145,39 @@ class LogStream:
         self.declare(entity, rr.SeriesLines.from_fields(names=[name], colors=colors([rgba]), widths=[1.0]))
         self.send(entity, t_s[[0, -1]], rr.Scalars.columns(scalars=[value] * 2))
 
+    def log_constants(self, entity: str, t_s: FloatArray, lines: Sequence[Limit], rgba: int) -> None:
+        """Log several lines at constant values over the times `t_s` as one entity."""
+        names, shades = [line.name for line in lines], colors([rgba] * len(lines))
+        self.declare(
+            entity, rr.SeriesLines.from_fields(names=names, colors=shades, widths=[1.0] * len(lines))
+        )
+        values = np.tile([line.value for line in lines], (2, 1))
+        self.send(entity, t_s[[0, -1]], rr.Scalars.columns(scalars=values))
+
     def log_states(self, entity: str, changes: Sequence[tuple[float, str]], rgba: Mapping[str, int]) -> None:
         """Log the changes of a state timeline; `rgba`: the colours of its states."""
         self.declare(entity, rr.StateConfiguration(values=list(rgba), colors=colors(rgba.values())))
+        all_changes, all_rgba = self._timelines.setdefault(entity, ([], {}))
+        all_changes += changes
+        all_rgba |= rgba
         if changes:
             t_s, states = zip(*changes, strict=True)
             self.send(entity, np.array(t_s), rr.StateChange.columns(state=states))
+
+    def log_timelines(self, end_s: float) -> None:
+        """Log the state timelines of a finished run for its layout, with names that fit their intervals."""
+        for entity, (changes, rgba) in self._timelines.items():
+            shown = fit(entity, changes, rgba, end_s)
+            # A label belongs to a value, so a state that is shown without its name is a value of its own.
+            values = [one.state if one.label == one.state else f"{one.state} → {one.label}" for one in shown]
+            styles = {value: (one.label, one.rgba) for value, one in zip(values, shown, strict=True)}
+            labels, rgbas = zip(*styles.values(), strict=True) if styles else ((), ())
+            place = f"timeline/{entity.partition('/')[2]}"
+            self.declare(
+                place, rr.StateConfiguration(values=list(styles), labels=labels, colors=colors(rgbas))
+            )
+            if values:
+                self.send(place, np.array([one.t_s for one in shown]), rr.StateChange.columns(state=values))
 
     def log_records(self, entity: str, records: Records) -> None:
         """Log records with all their columns."""

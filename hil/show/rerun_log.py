@@ -22,14 +22,15 @@ import tomli_w
 from firmware_py.interface.enums import LATCHED, ActingLimit, AxisError, Fault, Mode, OperatorRequest, Regime
 from hil.can_model.fault_confinement import ErrorState
 from hil.judge import detection
+from hil.judge.checks import Check, checks_of
 from hil.judge.estimate_error import EstimateErrors, estimate_errors
 from hil.judge.figures.gait import phase_at, push_off
 from hil.judge.judge import judge
-from hil.judge.verdict import RunVerdict, Verdict
+from hil.judge.verdict import IMPORTED, RunVerdict, Verdict
 from hil.record.bus_load import BusLoad, sum_loads
 from hil.record.candump import BusLog
 from hil.record.frame_tables import find_refused
-from hil.record.rates import Held, signals_of_checks
+from hil.record.rates import SLOW_TICKS, Held, is_slow, signals_of_checks
 from hil.record.rrd.log_file import written_whole
 from hil.record.run_traces import RunTraces, column, pieces, read_run
 from hil.record.state_timeline import (
@@ -50,8 +51,12 @@ from hil.show.drawing import Drawing
 from hil.show.highlights import highlights, marks
 from hil.show.injected import NONE, Injected, injected_in, timeline
 from hil.show.layout import Contents, Mark, layout
+from hil.show.legible.extents import Extents
+from hil.show.legible.limits import FIGURES, limits_of
 from hil.show.log_stream import LogStream, dynamic
 from hil.show.verdict_text import verdict_text
+from hil.timing.pacemaker import Hold
+from plant_sim.arrays import FloatArray
 
 BUS_TIMELINES = tuple(
     StateTimeline(
@@ -105,8 +110,10 @@ class RunLog:
             worn="wearer" in scenario.get("scene", {}),
             walked=self._walked,
             injected=bool(run.get("faults")),
-            measured=run.get("clock") != "lockstep",
+            measured=run.get("clock") == "real",
+            imported=run.get("clock") == IMPORTED,
         )
+        self._extents = Extents()
         self.out = LogStream(to, run, None if is_over else layout(None, self._contents))
         self.stop_m: float | None = scenario.get("scene", {}).get("stop", {}).get("position_m")
         self._pending_load = sum_loads(())
@@ -145,8 +152,7 @@ class RunLog:
     def conclude(self, traces: RunTraces, verdict: RunVerdict) -> None:
         """Log the results of the ended run: outcome, verdict, checks, errors, faults."""
         figures = verdict.figures
-        for hold in figures.time_held:
-            self.out.add_event(hold.t_s, f"time held: {hold.in_words}", "INFO")
+        self._log_held(figures.time_held)
         for gap in figures.gaps:
             self.out.add_event(gap.from_s, f"the host {gap.in_words}", "WARN")
         if verdict.lost_frames is not None:
@@ -164,16 +170,37 @@ class RunLog:
         self._log_estimate_error(traces)
         if self._walked:
             self._log_pulses(traces)
+        limited = self._log_limits(checks_of(self._scenario))
         self.out.send_events()
+        self.out.log_timelines(self._end_s)
         contents = self._contents._replace(
-            impacts=len(traces.impacts) > 0,
+            impacts=len(traces.impacts) > 0 or figures.impacts_reported > 0,
             judged=True,
             failed=bool(failed),
             bus_errors=len(traces.bus_errors) > 0,
             refused=self._refused,
+            held=len(figures.time_held) > 0,
+            limited=limited,
         )
-        blueprint = layout(highlights(traces, figures, failed), contents)
+        blueprint = layout(highlights(traces, figures, failed), contents, self._extents)
         self.out.recording.send_blueprint(blueprint, make_active=True, make_default=True)
+
+    def _log_held(self, holds: Sequence[Hold]) -> None:
+        """Log the intervals in which time was held as a list of their own."""
+        if holds:
+            texts = [f"{hold.t_s:.3f} s  {hold.in_words}" for hold in holds]
+            t_s = np.array([hold.t_s for hold in holds])
+            self.out.send("held", t_s, rr.TextLog.columns(text=texts, level=["INFO"] * len(texts)))
+
+    def _log_limits(self, checks: Sequence[Check]) -> tuple[str, ...]:
+        """Log the limits of checks that a plot shows, and return their entities."""
+        ends_s = np.array([0.0, self._end_s])
+        found = {entity: limits_of(checks, figures) for entity, figures in FIGURES.items()}
+        for entity, limits in found.items():
+            if limits:
+                self.out.log_constants(entity, ends_s, limits, ALARM)
+                self._extents.add(entity, np.array([limit.value for limit in limits]))
+        return tuple(entity for entity, limits in found.items() if limits)
 
     def _log_checks(self, failed: Sequence[Mark]) -> None:
         """Log the failed checks as a state timeline."""
@@ -191,7 +218,7 @@ class RunLog:
         self._log_states("states/injected", timeline(faults, self._end_s))
         for fault in faults:
             if fault.from_s <= self._end_s:
-                self.out.add_event(fault.from_s, f"injected: {fault.text}", "WARN")
+                self.out.add_event(fault.from_s, f"injected fault: {fault.text}", "WARN")
             if fault.from_s < fault.to_s <= self._end_s:
                 self.out.add_event(fault.to_s, f"injected fault over: {fault.text}", "INFO")
 
@@ -202,7 +229,7 @@ class RunLog:
             self.out.log_states(entity, changes, rgba)
 
     def _log_estimate_error(self, traces: RunTraces) -> None:
-        """Log estimate minus truth, the position's in mm; a log of a real bench has no truth."""
+        """Log estimate minus truth; a log of a real bench has no truth."""
         plant, firmware = traces.plant, traces.firmware
         if (
             len(plant) == 0
@@ -211,7 +238,9 @@ class RunLog:
         ):
             return
         errors = largest_of_each(ERROR_TICKS, estimate_errors(plant, firmware))
-        shown = {"x_mm": 1e3 * errors.x_m, "v_m_s": errors.v_m_s}
+        shown = {"x_m": errors.x_m, "v_m_s": errors.v_m_s}
+        for name, values in shown.items():
+            self._extents.add(f"/estimate_error.{name}", values)
         single = [pa.array(values, pa.float32()) for values in shown.values()]
         struct = pa.StructArray.from_arrays(single, names=list(shown))
         self.out.send("estimate_error", errors.t_s, dynamic("trace", struct))
@@ -231,12 +260,22 @@ class RunLog:
 
     # --- one trace each ------------------------------------------------------------------------------
 
+    def _log_trace(self, trace: str, records: Records, held: Held) -> None:
+        """Log the records of plant or firmware, and note the ranges of their signals."""
+        kept = held.hold(records)
+        self.out.log_ticks(trace, kept, column(records, "wake_latency_us"))
+        for name in kept.dtype.names or ():
+            if kept.dtype[name].kind == "f":
+                every = SLOW_TICKS if is_slow(f"{trace}.{name}") else 1
+                self._extents.add(f"/{trace}.{name}", kept[name][::every])
+
     def _log_plant(self, records: Records) -> None:
-        self.out.log_ticks("plant", self._plant_log.hold(records), column(records, "wake_latency_us"))
+        self._log_trace("plant", records, self._plant_log)
         self.out.log_state_timelines(records, PLANT_TIMELINES)
         self.drawing.draw_truth(records)
         if self.stop_m is not None:
             self.out.log_constant("stop", column(records, "t_s"), self.stop_m, "stop", ALARM)
+            self._extents.add("/stop", np.array([self.stop_m]))
         if self._walked:
             self.out.log_state_timelines(records, (LEG_TIMELINE,))
         for at_s, value in self.out.find_changes("axis_error", records, "axis_error"):
@@ -244,18 +283,36 @@ class RunLog:
                 self.out.add_event(at_s, f"drive error: {axis_errors(value)}", "ERROR")
 
     def _log_firmware(self, records: Records) -> None:
-        self.out.log_ticks("firmware", self._firmware_log.hold(records), column(records, "wake_latency_us"))
+        self._log_trace("firmware", records, self._firmware_log)
         self.out.log_state_timelines(records, FIRMWARE_TIMELINES)
         if self._walked:
             self.out.log_state_timelines(records, (LEG_ESTIMATED_TIMELINE,))
         self.drawing.draw_estimate(records)
         self._log_firmware_events(records)
         self.out.log_constant("nis_expected", column(records, "t_s"), 1.0, "1", TARGET)
+        self._log_reported(records)
+
+    def _log_reported(self, records: Records) -> None:
+        """Log the reported impacts at their touch-downs, and their impulses at the ends of the contacts."""
         seen = detection.select_reported(records)
-        if len(seen):
-            touch_down_s = column(seen, "t_s") - column(seen, "outputs.impact_age_s")
-            speed = column(seen, "outputs.impact_speed_m_s")
-            self.out.send("impacts/detected", touch_down_s, rr.Scalars.columns(scalars=speed))
+        if len(seen) == 0:
+            return
+        touch_down_s = column(seen, "t_s") - column(seen, "outputs.impact_age_s")
+        self._log_dots("impacts/detected", touch_down_s, column(seen, "outputs.impact_speed_m_s"))
+        if "outputs.separation" in (records.dtype.names or ()):
+            seen = records[column(records, "outputs.separation") != 0.0]
+        self._log_dots(
+            "impacts/detected_impulse", column(seen, "t_s"), column(seen, "outputs.impact_impulse_n_s")
+        )
+        if self._contents.imported:  # there is no true position, and no scenario that says where the stop is
+            x_m = np.interp(touch_down_s, column(records, "t_s"), column(records, "state.estimator.x_m"))
+            self._log_dots("impacts/touch_down", touch_down_s, x_m)
+
+    def _log_dots(self, entity: str, t_s: FloatArray, values: FloatArray) -> None:
+        """Log points of a plot, and note their range."""
+        if len(t_s):
+            self.out.send(entity, t_s, rr.Scalars.columns(scalars=values))
+            self._extents.add(f"/{entity}", values)
 
     def _log_firmware_events(self, records: Records) -> None:
         for t_s, value in self.out.find_changes("mode", records, "outputs.mode"):
@@ -263,7 +320,7 @@ class RunLog:
             self.out.add_event(t_s, f"mode {state_name(Mode, value)}", "ERROR" if alarming else "INFO")
         for t_s, value in self.out.find_changes("fault", records, "outputs.fault"):
             if value != Fault.NONE:
-                self.out.add_event(t_s, f"fault {state_name(Fault, value)}", "ERROR")
+                self.out.add_event(t_s, f"latched fault {state_name(Fault, value)}", "ERROR")
         for t_s, value in self.out.find_changes("regime", records, "outputs.regime"):
             bad = value in (Regime.LOST, Regime.CHATTERING, Regime.STUCK)
             self.out.add_event(t_s, f"regime {state_name(Regime, value)}", "WARN" if bad else "INFO")
@@ -273,6 +330,8 @@ class RunLog:
 
     def _log_impacts(self, records: Records) -> None:
         self.out.log_records("impacts/truth", records)
+        for name in ("v_m_s", "impulse_n_s", "peak_force_n"):
+            self._extents.add(f"/impacts/truth.{name}", column(records, name))
         self.drawing.draw_flashes(records)
         if self.stop_m is not None:
             t_s = column(records, "t_s")

@@ -9,6 +9,7 @@ import rerun.blueprint as rrb
 from rerun.blueprint.encodings import ComponentSourceKind, TimelineColumn, VisualizerComponentMapping
 
 from hil.record.state_timeline import ESTIMATE, GOOD, TARGET, TRUTH
+from hil.show.legible.extents import Extents
 
 
 class Line(NamedTuple):
@@ -60,14 +61,26 @@ def visualizer(series: Line | Dots) -> Any:
     return dots.visualizer(mappings=map_field("Scalars:scalars", series.field))
 
 
+def name_of(series: Line | Dots | Whole) -> str:
+    """Name of a series among the `Extents`."""
+    field = None if isinstance(series, Whole) else series.field
+    return series.entity if field is None else f"{series.entity}.{field}"
+
+
 def plot(
     name: str,
     *series: Line | Dots | Whole,
     span_s: tuple[float, float] | None = None,
     range_y: tuple[float, float] | None = None,
     legend: rrb.Corner2D | None = rrb.Corner2D.LeftTop,
+    extents: Extents | None = None,
 ) -> rrb.TimeSeriesView:
-    """A plot of `series`, initially over `span_s` (None: all times) and `range_y` (None: all values)."""
+    """A plot of `series`, initially over `span_s` (None: all times) and `range_y`.
+
+    Without `range_y` it has the rounded range of its values in `extents`, or Rerun's own without these.
+    """
+    if range_y is None and extents is not None:
+        range_y = extents.of(map(name_of, series))
     drawn: dict[str | rr.datatypes.EntityPath, list[Any]] = {}
     for item in series:
         if not isinstance(item, Whole):
@@ -121,10 +134,10 @@ IMPACTS = (
 )
 
 
-def state_timelines(name: str, *states: str) -> rrb.StateTimelineView:
-    """State timelines over the whole run."""
+def state_timelines(name: str, *states: str, root: str) -> rrb.StateTimelineView:
+    """State timelines over the whole run, below `/states` during it and below `/timeline` afterwards."""
     return rrb.StateTimelineView(
-        origin="/states", contents=[f"/states/{state}" for state in states], name=name
+        origin=f"/{root}", contents=[f"/{root}/{state}" for state in states], name=name
     )
 
 

@@ -100,7 +100,7 @@ def show(result: dict[str, Any]) -> None:
     figures, changes = result["figures"], result["largest_changes"]
     table = table_of(Column(title, no_wrap=True) for title in ("figure", "a", "b", "b − a"))
     table.add_row("verdict", *map(mark_verdict, (result["verdict"][side] for side in ("a", "b"))), "")
-    table.add_row("fault", figures["fault"]["a"], figures["fault"]["b"], "")
+    table.add_row("latched fault", figures["fault"]["a"], figures["fault"]["b"], "")
     for one in result["flips"]:
         both = (figure(one[f"value_{side}"], one["unit"]) for side in ("a", "b"))
         table.add_row(escape(f"{one['name']} {one['limit']}"), *map(escape, both), flip(one["a"], one["b"]))

@@ -27,7 +27,9 @@ def list_names(
         typer.Argument(help="The kind of names to list."),
     ] = "scenarios",
     group: Annotated[str | None, typer.Option(help="Only this group: the table's second column.")] = None,
-    find: Annotated[str | None, typer.Option(help="Only names and titles that contain this text.")] = None,
+    find: Annotated[
+        str | None, typer.Option(help="Only names and titles that contain this text or a synonym of it.")
+    ] = None,
     shown: Annotated[
         str | None,
         typer.Option(
@@ -57,15 +59,48 @@ def list_names(
     answer({what: [one._asdict() for one in found]}, as_json, lambda: show(found, len(every)))
 
 
+SYNONYMS = (
+    ("stuck", "freeze", "frozen", "repeats"),
+    ("silent", "dead", "mute", "unplugged", "lost"),
+    ("late", "delay", "latency", "bundle", "pause"),
+    ("kick", "shock", "knock", "bump"),
+    ("killed", "crash", "restart", "reboot", "reset"),
+    ("jam", "block", "stall"),
+    ("hot", "temperature", "overheat"),
+    ("supply", "voltage", "battery", "brown-out"),
+    ("bias", "offset", "drift"),
+    ("noisy", "noise"),
+    ("babbling", "flood", "overload"),
+    ("corrupt", "checksum", "crc"),
+    ("e-stop", "emergency"),
+    ("walk", "gait", "stride"),
+)
+"""Words of one meaning: those of the names, and those with which people look for them."""
+
+
+def with_synonyms(text: str) -> list[str]:
+    """A text in lower case, and all words that mean the same as a word that begins with it.
+
+    >>> "stuck" in with_synonyms("Freeze"), with_synonyms("encoder")
+    (True, ['encoder'])
+    """
+    text = text.lower()
+    same = [group for group in SYNONYMS if len(text) > 2 and any(word.startswith(text) for word in group)]
+    return list(dict.fromkeys([text, *(word for group in same for word in group)]))
+
+
 def choose(every: Sequence[Named], group: str | None, text: str | None) -> list[Named]:
     """The names of a group that contain a text; BadInputError for an unknown group or if there is none."""
     groups = sorted({one.group for one in every})
     if group is not None and group not in groups:
         raise BadInputError(f"--group {group}: no such group; the groups are {', '.join(groups)}")
     within = [one for one in every if group in (None, one.group)]
-    found = [one for one in within if (text or "").lower() in f"{one.name} {one.title}".lower()]
+    wanted = with_synonyms(text or "")
+    found = [one for one in within if any(word in f"{one.name} {one.title}".lower() for word in wanted)]
     if not found:
-        raise BadInputError(f"--find {text!r}: none of {len(within)} names and titles contains it")
+        raise BadInputError(
+            f"--find {text!r}: none of {len(within)} names and titles contains it or a synonym"
+        )
     return found
 
 

@@ -100,7 +100,10 @@ RealTime = Annotated[
 ]
 Change = Annotated[
     list[str] | None,
-    setting("Change a value: scene.KEY, firmware.KEY, script.KEY or campaign.KEY=VALUE, as far as used"),
+    setting(
+        "Change a value: scene.KEY, firmware.KEY, script.KEY or campaign.KEY=VALUE, as far as used; "
+        "module.KEY sets scene and firmware's nominal parameter together"
+    ),
 ]
 Workers = Annotated[
     int | None, typer.Option(help="Number of processes or threads; by default one per core.", min=1)

@@ -1,6 +1,7 @@
 """`vibrohil run SCENARIO`: one run of firmware and plant on a bus, with a verdict."""
 
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -72,7 +73,21 @@ def run(
     with shown_progress() as progress:
         verdict = run_scenario(loaded, options, out, loaded.seed if seed is None else seed, progress)
     payload = verdict.as_json()
-    answer(payload, as_json, lambda: show(verdict, loaded.document["title"]), exit_of(payload))
+    answer(
+        payload,
+        as_json,
+        lambda: show(verdict, title_of(loaded.document["title"], loaded.changes)),
+        exit_of(payload),
+    )
+
+
+def title_of(title: str, changes: Sequence[str]) -> str:
+    """A scenario's title with what was changed in it.
+
+    >>> title_of("The impacts are held at r = 1.3", ["script.commands.1.target_ratio=1.25"])
+    'The impacts are held at r = 1.3, with script.commands.1.target_ratio=1.25'
+    """
+    return f"{title}, with {', '.join(changes)}" if changes else title
 
 
 def show(verdict: "RunVerdict", title: str) -> None:
@@ -131,11 +146,11 @@ def show_checks(verdict: "RunVerdict") -> None:
             else "; the longest that loops were held up just before it: "
             f"firmware {figure(latched.firmware_held_ms)} ms, plant {figure(latched.plant_held_ms)} ms"
         )
-        console.print(f"fault {figures.fault} at {figure(latched.at_s)} s{held_up}")
+        console.print(f"latched fault {figures.fault} at {figure(latched.at_s)} s{held_up}")
     for effect in verdict.faults:
         if effect.acted_on is not None:
             times = "once" if effect.acted_on == 1 else f"{effect.acted_on:,} times"
-            console.print(f"[dim]fault {effect.kind} at {effect.at_s:g} s acted {times}[/]")
+            console.print(f"[dim]injected fault {effect.kind} at {effect.at_s:g} s acted {times}[/]")
     if holds := longest_holds(figures.time_held):
         console.print(f"time was held, longest: {escape('; '.join(holds))}")
     for gap in longest_gaps(figures.gaps):

@@ -240,7 +240,7 @@ def hidden_cause(scenario: Scenario) -> str:
     for fault in scenario.faults:
         own = isinstance(fault, NamedFrames) and {IDS[name] for name in fault.frames} & {*SENT_IDS, ESTOP_ID}
         if fault.is_beyond_log or own:
-            return f"the fault {fault.kind} at {fault.at_s:g} s acts on what the log does not show"
+            return f"the injected fault {fault.kind} at {fault.at_s:g} s acts on what the log does not show"
     return ""
 
 

@@ -85,14 +85,18 @@ class Expression:
 
     def evaluate(self) -> float:
         """The number that the expression gives; raises ExpressionError."""
-        value_of_all = self._translate(self._parse())
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")
-            value = value_of_all()
+        value = self.over_time()
         if np.ndim(value) != 0:
             functions = ", ".join(self.reducers)
             raise ExpressionError(f"{self.text!r} is a signal; make a number of it, by {functions}")
         return float(value)
+
+    def over_time(self) -> Signal:
+        """The value at each instant of the signals, or a number without one; raises ExpressionError."""
+        value_of_all = self._translate(self._parse())
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            return np.asarray(value_of_all())
 
     def _error(self, why: str) -> ExpressionError:
         return ExpressionError(f"{self.text[:MOST_CHARACTERS]!r} cannot be worked out: {why}")

@@ -9,7 +9,9 @@ from urllib.parse import quote
 
 import tomli_w
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from markupsafe import Markup
 
+from hil.judge.cause import Cause, find_cause
 from hil.judge.figures.main_figures import main_figures
 from hil.judge.figures.records import CATALOGUE, Figures, value_of
 from hil.judge.figures.text import figure_text
@@ -19,7 +21,9 @@ from hil.judge.verdict import BY_GRAVITY, RunVerdict, worst
 from hil.record.new_file import write_anew
 from hil.record.run_faults import EARLIER_VERSION, lacks_faults
 from hil.record.run_traces import RunTraces
-from hil.show.injected import injected_in
+from hil.show.injected import injected_in, since
+from hil.show.report.picture import shapes
+from hil.show.report.run_picture import close_up, whole_run
 
 LINKED = ("run.rrd", "can.log", "scenario.toml", "verdict.json")
 """Files of the run to which the page links."""
@@ -34,25 +38,41 @@ def template(name: str) -> Template:
     return environment.get_template(name)
 
 
-def happenings(traces: RunTraces, figures: Figures) -> list[str]:
-    """The faults that the scenario injected, and the fault that the firmware latched, one sentence each."""
-    lines = [f"Injected at {fault.from_s:g} s: {fault.text}." for fault in injected_in(traces.run)]
+def happenings(traces: RunTraces, cause: Cause | None) -> list[str]:
+    """The injected faults, and the latched fault or the first failed check, one sentence each."""
+    faults = injected_in(traces.run)
+    lines = [f"Injected fault at {fault.from_s:g} s: {fault.text}." for fault in faults]
     if lacks_faults(traces.run, traces.scenario):
         lines.append(f"{EARLIER_VERSION}.")
-    if figures.latched.at_s is not None:
-        lines.append(f"The firmware latched the fault {figures.fault} at {figures.latched.at_s:.3f} s.")
-    return lines
+    if cause is None:
+        return lines
+    return [*lines, f"{cause.sentence[0].upper()}{cause.sentence[1:]}{since(faults, cause.at_s)}."]
+
+
+def pictures_of(traces: RunTraces, figures: Figures, cause: Cause | None) -> list[tuple[Markup, str]]:
+    """The pictures of a run as SVG, with their captions."""
+    found = [
+        (
+            whole_run(traces, figures.duration_s, cause),
+            "The whole run; the red line is the cause." if cause else "The whole run.",
+        )
+    ]
+    if cause is not None:
+        found.append((close_up(traces, figures.duration_s, cause), f"Close-up around {cause.at_s:.3f} s."))
+    svg = template("picture.svg.j2")
+    return [(Markup(svg.render(shapes(one))), caption) for one, caption in found if one is not None]
 
 
 def write_report(path: Path, traces: RunTraces, verdict: RunVerdict) -> None:
     """Write the page of one run."""
-    figures = verdict.figures
+    figures, cause = verdict.figures, find_cause(traces, verdict)
     page = template("report.html.j2").render(
         verdict=verdict,
         title=traces.scenario.get("title", verdict.scenario),
         changes=traces.run.get("changes", []),
         main_figures=[(label, figure_text(*shown)) for label, *shown in main_figures(figures)],
-        happenings=happenings(traces, figures),
+        happenings=happenings(traces, cause),
+        pictures=pictures_of(traces, figures, cause),
         files=[name for name in LINKED if (path.parent / name).exists()],
         rows=[
             (spec.name, figure_text(value_of(figures, spec.name), spec.unit), spec.meaning)
@@ -106,6 +126,14 @@ def row_of(verdict: ScenarioVerdict, beside: Path) -> Row:
     return Row(verdict, link, *nearest_limit(verdict))
 
 
+def by_scenario(changes: Sequence[Mapping[str, Any]]) -> dict[str, list[Mapping[str, Any]]]:
+    """Changes of a suite by their scenarios, both in the order in which they come."""
+    grouped: dict[str, list[Mapping[str, Any]]] = {}
+    for one in changes:
+        grouped.setdefault(one["scenario"], []).append(one)
+    return grouped
+
+
 def write_suite_report(
     path: Path,
     verdicts: Sequence[ScenarioVerdict],
@@ -122,6 +150,7 @@ def write_suite_report(
         verdict=worst(one.verdict for one in verdicts),
         requirements=requirements,
         changed=None if changes is None else [one for one in changes if not one["equal"]],
+        by_scenario=by_scenario,
         text=figure_text,
     )
     write_anew(path, page)

@@ -85,7 +85,7 @@ def test_what_a_fault_acted_on_stands_in_the_verdict(tmp_path, fault, counts):
     (effect,) = run.verdict["faults"]
     assert (effect["kind"], effect["at_s"]) == (fault["kind"], 0.2)
     assert effect["acted_on"] in counts
-    nothing = f"the fault {fault['kind']!r} at 0.2 s acted on nothing"
+    nothing = f"the injected fault {fault['kind']!r} at 0.2 s acted on nothing"
     assert run.verdict["verdict"] == ("not-judged" if effect["acted_on"] == 0 else "passed")
     assert any(nothing in reason for reason in run.verdict["not_judged"]) is (effect["acted_on"] == 0)
 

@@ -38,7 +38,7 @@ WRITTEN = {
     ),
     "/impacts/truth": columns(("", Impact)),
     "/bus_errors": columns(("", BusErrorRecord)),
-    "/estimate_error": {"x_mm", "v_m_s"},
+    "/estimate_error": {"x_m", "v_m_s"},
     "/operator": columns(("", OperatorRecord)),
 }
 

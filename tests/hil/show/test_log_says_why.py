@@ -19,6 +19,7 @@ from hil.record.run_faults import RunFault
 from hil.record.run_traces import read_run
 from hil.record.traces.trace import TraceWriter
 from hil.show import layout, rerun_log
+from hil.show.legible.limits import APPROACH_LIMITS
 from hil.show.rerun_log import ERROR_TICKS, rebuild
 from tools.logs import view
 
@@ -59,18 +60,18 @@ def test_the_verdict_comes_in_words_with_failed_checks_first(log_path):
 def test_injected_faults_are_a_state_timeline_and_all_that_happened_are_events(log_path):
     log = tables(log_path)
     assert states(log, "injected") == ["none", "sensor-stuck (sensor striker)", "none"]
-    assert "4.000 s  injected: sensor-stuck (sensor striker)" in events(log)
+    assert "4.000 s  injected fault: sensor-stuck (sensor striker)" in events(log)
     assert "4.500 s  injected fault over: sensor-stuck (sensor striker)" in events(log)
     assert any("check passed: impact_v_m_s" in text for text in events(log))
     assert any("check failed: detector.recall" in text for text in events(log))
 
 
-def test_the_position_error_is_estimate_less_truth_in_mm(tmp_path):
+def test_the_position_error_is_estimate_less_truth_in_m(tmp_path):
     made_up = broken()
     made_up.firmware["state.estimator.x_m"] = made_up.plant["x_m"] + 1e-3
     log = tables(rebuild(write_run(made_up, tmp_path)))
-    errors = [record[0]["x_mm"] for record in log["/estimate_error"]["trace:record"].to_pylist()]
-    assert errors == pytest.approx([1.0] * (len(made_up.plant["x_m"]) // ERROR_TICKS), abs=2e-5)
+    errors = [record[0]["x_m"] for record in log["/estimate_error"]["trace:record"].to_pylist()]
+    assert errors == pytest.approx([1e-3] * (len(made_up.plant["x_m"]) // ERROR_TICKS), abs=2e-8)
 
 
 def test_bus_errors_reach_the_log_and_come_back_from_it(tmp_path):
@@ -93,9 +94,9 @@ def test_bus_errors_reach_the_log_and_come_back_from_it(tmp_path):
 def contents_of(made_up, folder, monkeypatch):
     seen = []
 
-    def noting(highlights, contents):
+    def noting(highlights, contents, *extents):
         seen.append(contents)
-        return layout.layout(highlights, contents)
+        return layout.layout(highlights, contents, *extents)
 
     monkeypatch.setattr(rerun_log, "layout", noting)
     rebuild(write_run(made_up, folder))
@@ -105,15 +106,17 @@ def contents_of(made_up, folder, monkeypatch):
 def test_a_panel_is_there_where_it_has_something_to_show(tmp_path, monkeypatch):
     full = contents_of(broken(), tmp_path / "full", monkeypatch)
     assert full == layout.Contents(
-        judged=True, failed=True, injected=True, refused=False, measured=full.measured
+        **{"judged": True, "failed": True, "injected": True, "refused": False},
+        limited=(APPROACH_LIMITS,),
     )
     whole = broken()
     whole.impacts = {name: values[:0] for name, values in whole.impacts.items()}
+    whole.firmware["outputs.impact"][:] = False
     whole.scenario["checks"] = []
     whole.run["faults"] = []
     whole.can_log = "(0.100000) can0 7AB#00\n"
     assert contents_of(whole, tmp_path / "calm", monkeypatch) == full._replace(
-        impacts=False, failed=False, injected=False, refused=True
+        limited=(), impacts=False, failed=False, injected=False, refused=True
     )
 
 

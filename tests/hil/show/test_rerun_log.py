@@ -270,7 +270,7 @@ def test_faults_are_events_and_alarms(tmp_path):
             strict=True,
         )
     )
-    assert levels["fault sensor-timeout"] == levels["mode fault"] == "ERROR"
+    assert levels["latched fault sensor-timeout"] == levels["mode fault"] == "ERROR"
 
 
 def test_the_same_run_keeps_its_identity():

@@ -15,7 +15,7 @@ from tools.logs import view
 
 def test_every_check_has_a_name_a_finding_and_a_remedy() -> None:
     found = doctor.checks()
-    assert len({check.name for check in found}) == len(found) == 12
+    assert len({check.name for check in found}) == len(found) == 14
     for check in found:
         assert check.detail, check
         assert check.remedy, check
@@ -53,6 +53,20 @@ def test_a_requirement_without_its_module_is_found_and_none_is_imported(
     assert "antigravity" not in sys.modules
 
 
+def test_modules_are_loaded_together_and_a_missing_modprobe_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name, **_: f"/sbin/{name}")
+    assert doctor.load_modules("can", "vcan") == "modprobe -a can vcan"
+    monkeypatch.setattr(shutil, "which", lambda name, **_: None)
+    assert "apt-get install kmod" in doctor.load_modules("vcan")
+
+
+@pytest.mark.parametrize(
+    ("load", "cores", "free"), [(0.9, 2, True), (1.1, 2, False), (6.0, 8, True), (7.0, 8, False)]
+)
+def test_a_loaded_machine_is_found(load: float, cores: int, free: bool) -> None:
+    assert doctor.machine_load(load, cores).passed is free
+
+
 def test_late_wake_ups_fail() -> None:
     assert doctor.wake_up([80.0] * 99 + [499.0]).passed
     assert not doctor.wake_up([80.0] * 98 + [900.0] * 2).passed
@@ -74,7 +88,7 @@ def test_a_cold_or_unwritable_cache_is_found(tmp_path: Path, monkeypatch: pytest
 
 
 def test_missing_programs_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shutil, "which", lambda name: None)
+    monkeypatch.setattr(shutil, "which", lambda name, **_: None)
     monkeypatch.setattr(user_mode_linux, "has_amx", lambda cpuinfo: False)
     check = next(one for one in doctor.checks() if one.name == "user-mode Linux")
     assert (check.passed, check.detail) == (False, "no linux.uml, no busybox")
@@ -89,5 +103,5 @@ def test_the_viewer_works_where_view_opens_a_window(monkeypatch: pytest.MonkeyPa
         monkeypatch.setenv("DISPLAY", display)
     monkeypatch.setattr(doctor, "VULKAN_DRIVERS", (Path(__file__).parent,))
     monkeypatch.setattr(Path, "glob", lambda *_: iter([Path("driver.json")]))
-    monkeypatch.setattr(doctor.shutil, "which", lambda _: "/usr/bin/xvfb-run")
+    monkeypatch.setattr(doctor.shutil, "which", lambda *_, **__: "/usr/bin/xvfb-run")
     assert doctor.viewer().passed is view.has_display() is bool(display)

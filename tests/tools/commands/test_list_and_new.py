@@ -53,6 +53,19 @@ def test_a_group_and_a_text_choose_from_the_names(capsys):
 
 
 @pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("freeze", "a-stuck-encoder-stops-the-motor"),
+        ("Frozen", "a-stuck-accelerometer-stops-the-motor"),
+        ("reboot", "a-killed-controller-leaves-no-torque"),
+        ("emergency", "e-stop-in-the-hold"),
+    ],
+)
+def test_a_name_is_found_by_a_synonym(capsys, text, name):
+    assert name in listed(capsys, "--find", text)
+
+
+@pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["--group", "fault"], "the groups are"),

@@ -83,7 +83,7 @@ def test_a_fault_in_lockstep_was_held_up_by_nothing(run_folder, monkeypatch, cap
     (run_folder / "spoilt.toml").write_text(spoilt)
     command = ["run", str(run_folder / "spoilt.toml"), "--clock", "lockstep"]
     said = printed([*command, "--out", str(run_folder / "spoilt")], monkeypatch, capsys)
-    (line,) = (line for line in said.splitlines() if line.startswith("fault start-failed at "))
+    (line,) = (line for line in said.splitlines() if line.startswith("latched fault start-failed at "))
     assert "held up" not in line
 
 

@@ -157,11 +157,9 @@ def test_every_command_and_option_that_is_shown_is_there(place, shown):
         assert options <= known | {"--help"}, f"{place}: vibrohil {name} has no {options - known}"
 
 
-def test_every_command_is_in_the_readme():
-    commands = program().commands
-    named = {name for name, *_ in shown_on(README)}
-    # The plant stands beside the firmware.
-    assert named | {"plant"} == set(commands)
+def test_the_readme_shows_ten_commands_and_the_documentation_names_every_one():
+    assert len(INDENTED.findall(README.read_text("utf-8"))) == 10
+    assert {name for name, *_ in shown_on(DOCS / "README.md")} == set(program().commands)
 
 
 def test_every_setting_that_is_shown_can_be_made():

@@ -77,7 +77,7 @@ def test_a_comparison_fits_one_screen_and_begins_with_the_runs_the_verdict_and_t
     lines = capsys.readouterr().out.splitlines()
     assert "first difference at 0.000000 s in plant.striker" in " ".join(lines)
     assert lines[:3] == [f"a: {runs / 'first'}", f"b: {runs / 'other'}", ""]
-    assert [line.split()[0] for line in lines[3:6]] == ["figure", "verdict", "fault"]
+    assert [line.split()[0] for line in lines[3:6]] == ["figure", "verdict", "latched"]
     assert len(lines) <= 24
 
 
@@ -137,7 +137,7 @@ def test_a_changed_verdict_is_shown_in_red_above_all_figures(runs, capsys):
     )
     show(result)
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines[:4]] == ["figure", "verdict", "fault", "striker_x_m"]
+    assert [line.split()[0] for line in lines[:4]] == ["figure", "verdict", "latched", "striker_x_m"]
     assert lines[3].rstrip().endswith("passed → failed")
     assert flip(True, False).startswith("[bold red]")
     assert flip(False, None).startswith("[bold red]")

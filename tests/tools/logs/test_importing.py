@@ -4,6 +4,7 @@ import gzip
 import io
 import json
 from contextlib import redirect_stdout
+from pathlib import Path
 
 import can
 import numpy as np
@@ -111,11 +112,22 @@ def test_modes_estimate_and_impacts_come_from_the_frames(imported):
     t_s, x_m = logged.signal("firmware.state.estimator.x_m")
     np.testing.assert_allclose(x_m[::10], 0.1 + 1e-5 * np.arange(0, TICKS, 10), atol=2e-5)
     assert len(t_s) == TICKS
-    assert log["/impacts/detected"].num_rows == 2
+    dots = ("detected", "detected_impulse", "touch_down")
+    assert [log[f"/impacts/{name}"].num_rows for name in dots] == [2, 2, 2]
     refused = [text for (text,) in log["/can/rejected"]["TextLog:text"].to_pylist()]
     assert [text.partition(" s  ")[2] for text in refused[:2]] == ["0x7AB: not in the DBC"] * 2
     assert "/module/striker" not in log
     assert log["/module/ghost"].num_rows > 0
+
+
+def test_the_sample_log_shows_impacts_and_a_latched_fault(tmp_path, capsys):
+    sample = Path(__file__).parents[3] / "docs/data/bench.log.gz"
+    assert cli.run(["import", str(sample), "--out", str(tmp_path / "bench")]) == EXIT_PASSED
+    capsys.readouterr()
+    assert cli.run(["why", str(tmp_path / "bench"), "--json"]) == EXIT_PASSED
+    said = json.loads(capsys.readouterr().out)
+    assert said["cause"].startswith("the firmware latched the fault sensor-timeout at 6.1")
+    assert open_run(tmp_path / "bench").figures.impacts_reported == 7
 
 
 def test_figures_that_need_the_truth_are_missing(imported):

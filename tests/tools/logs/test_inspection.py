@@ -85,6 +85,17 @@ def test_a_table_is_written_as_its_ending_says(run_dir, tmp_path, capsys, ending
     )
 
 
+def test_rows_in_the_middle_of_a_table_are_printed_on_request(run_dir, capsys):
+    command = ["inspect", str(run_dir), "--table", "plant", "--rows", "300:303"]
+    assert cli.run([*command, "--json"]) == EXIT_PASSED
+    values = said(capsys)["values"]
+    assert [row["tick"] for row in values] == [300, 301, 302]
+    assert cli.run(command) == EXIT_PASSED
+    printed = capsys.readouterr().out
+    assert "plant: rows 300 to 303 of " in printed
+    assert all(f"{row['x_m']:.4g}" in printed for row in values)
+
+
 def test_bytes_are_hexadecimal_in_csv(run_dir, tmp_path):
     path = tmp_path / "raw.csv"
     assert cli.run(["inspect", str(run_dir), "--table", "can/raw", "--to", str(path)]) == EXIT_PASSED
@@ -109,6 +120,9 @@ def test_signals_are_drawn(run_dir, tmp_path, capsys):
         (["--table", "plant", "--to", "plant.xlsx"], ".parquet"),
         (["--table", "module/striker", "--to", "striker.csv"], "several numbers"),
         (["--to", "plant.csv"], "--table"),
+        (["--rows", "1:2"], "--table"),
+        (["--table", "plant", "--rows", "9:9"], "FROM:TO"),
+        (["--table", "plant", "--rows", "900000:900001"], "rows, from 0"),
         (["--signal", "plant.x_m"], "--plot"),
         (["--plot", "x.png", "--signal", "plant.x"], "x_m"),
         (["--plot", "x.png", "--signal", "nothing"], "TABLE.COLUMN"),

@@ -1,11 +1,12 @@
 """The page of the claims: verdict, reason and measured figures of each claim."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from hil.record.new_file import write_anew
-from tools.output import figure
+from tools.output import NO_VALUE, figure
 from tools.study import work
 from tools.study.claims.claims import CONTRADICTED, REPRODUCED, UNDER_PARAMETERS, JudgedClaim
 
@@ -29,9 +30,27 @@ Both modules have m_B = 0.8 kg, l0 = 0.12 m, x_stop = 0.18 m, k = 0.5, and b = 0
 Coulomb–Stribeck friction has μ_s = 4/3 μ, v_s = 0.05 m/s and δ = 1; the paper does not give these values
 either. A sweep has 111 ratios r = Ω/ω from 0.7 to 1.8, upwards (run-up) and downwards (run-down). Each
 ratio is held for 50 s, of which the first 30 s are discarded.
-Viscous and Coulomb friction are solved in closed form from event to event. Coulomb–Stribeck friction and
-soft stops are solved by an adaptive method to 1e-7 m per period.
 """
+
+FIGURES = """
+## The paper's figures
+
+| in the paper | here | command |
+|---|---|---|
+| Figure 1, the module | [mechanism](explanation/mechanism.svg) | |
+| Figure 2, amplitude–frequency diagram | below | `vibrohil study sweep --preset table1` |
+| Figure 3, phase portraits | below | `vibrohil study portrait` |
+| 4.3, basins of attraction | [basin](explanation/basin.svg) | `vibrohil study basin --plane state` |
+
+![Stroke over the speed ratio in run-up and run-down, for each friction law](pictures/sweep-table1.svg)
+
+![Motion over time and phase portrait of both attractors, for each friction law](pictures/portraits.svg)
+"""
+MOST_IN_CELL = 8
+"""Most figures in one cell of the page; `--json` has all."""
+NUMBERS = """
+| the paper's number | ours, by `vibrohil study claims` | claim |
+|---|---|---|"""
 
 
 def write(claims: Sequence[JudgedClaim], path: Path) -> None:
@@ -51,10 +70,37 @@ def lines(claims: Sequence[JudgedClaim]) -> Iterator[str]:
     for verdict, meaning in MEANING.items():
         count = sum(claim.verdict == verdict for claim in claims)
         yield f"- **{verdict}**: {meaning}; {count} of {len(claims)}."
+    yield FIGURES
+    yield NUMBERS.lstrip()
+    yield from _numbers({claim.id: claim.value for claim in claims})
     for claim in claims:
         yield from _section(claim)
     versions = ", ".join(f"{name} {number}" for name, number in work.versions().items())
     yield f"\nComputed with {versions}."
+
+
+def _numbers(values: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    """Yield the rows of the paper's numbers beside the measured ones, of the claims that are there."""
+
+    def span(found: Iterable[float | None]) -> str:
+        known = [one for one in found if one is not None and math.isfinite(one)]
+        return f"{figure(min(known))} to {figure(max(known))}" if known else NO_VALUE
+
+    def percent(share: float | None) -> str:
+        return figure(None if share is None else 100.0 * share, "%")
+
+    rows: dict[str, tuple[str, Callable[[Mapping[str, Any]], str]]] = {
+        "C2": ("impacts begin at Ω/ω = 0.9 to 1.1", lambda value: span(value["onset_r"].values())),
+        "C3": ("this is 3 to 5 Hz", lambda value: f"{span(value['r_0.9_to_1.1_hz'])} Hz"),
+        "C7": (
+            "peak forces of 10 to 40 N",
+            lambda value: f"{span(one for peaks in value['peak_n'].values() for one in peaks.values())} N",
+        ),
+        "C8": ("impulses vary by less than 5 %", lambda value: percent(value["greatest_variation"])),
+    }
+    for name, (number, ours) in rows.items():
+        if name in values:
+            yield f"| {number} | {ours(values[name])} | [{name}](#{name.lower()}) |"
 
 
 def _section(claim: JudgedClaim) -> Iterator[str]:
@@ -64,6 +110,8 @@ def _section(claim: JudgedClaim) -> Iterator[str]:
     yield "| measured | |"
     yield "|---|---|"
     for names, value in _flat(claim.value):
+        if isinstance(value, Mapping) and len(value) > MOST_IN_CELL:
+            continue
         yield f"| `{', '.join(names)}` | {_text(value)} |"
 
 
