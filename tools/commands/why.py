@@ -29,7 +29,8 @@ def why(run: Logged = None, as_json: Json = False) -> None:
 
 def explain(logged: "Run") -> dict[str, Any]:
     """The cause of a run's end, its limit, injected faults, failed checks, and the events around it."""
-    from hil.judge.cause import find_cause
+    from hil.judge.why.cause import find_cause
+    from hil.record.run_faults import faults_of
     from hil.show.injected import injected_in, since
 
     verdict, faults = logged.judged, injected_in(logged.traces.run)
@@ -38,7 +39,6 @@ def explain(logged: "Run") -> dict[str, Any]:
     sentences = [*verdict.reasons, *verdict.not_judged]
     if cause is not None:
         sentences.insert(0, f"{cause.sentence}{since(faults, at_s)}")
-    acted = [effect.acted_on for effect in sorted(verdict.faults, key=lambda effect: effect.at_s)]
     return {
         "scenario": verdict.scenario,
         "verdict": verdict.verdict.value,
@@ -46,8 +46,8 @@ def explain(logged: "Run") -> dict[str, Any]:
         "at_s": None if cause is None else at_s,
         "limit": None if cause is None or cause.limit is None else cause.limit._asdict(),
         "injected": [
-            {"at_s": fault.from_s, "to_s": fault.to_s, "fault": fault.text, "acted_on": count}
-            for fault, count in zip(faults, acted, strict=True)
+            {"at_s": fault.from_s, "to_s": fault.to_s, "fault": fault.text, "acted_on": fault.acted}
+            for fault in sorted(faults_of(logged.traces.run), key=lambda fault: fault.from_s)
         ],
         "failed": [check.sentence for check in verdict.checks if check.passed is False],
         "events": events_around(logged, at_s),

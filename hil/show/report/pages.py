@@ -11,13 +11,13 @@ import tomli_w
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
-from hil.judge.cause import Cause, find_cause
 from hil.judge.figures.main_figures import main_figures
 from hil.judge.figures.records import CATALOGUE, Figures, value_of
 from hil.judge.figures.text import figure_text
 from hil.judge.gaps import longest_gaps, longest_holds
 from hil.judge.seeds import ScenarioVerdict
 from hil.judge.verdict import BY_GRAVITY, RunVerdict, worst
+from hil.judge.why.cause import Cause, find_cause
 from hil.record.new_file import write_anew
 from hil.record.run_faults import EARLIER_VERSION, lacks_faults
 from hil.record.run_traces import RunTraces

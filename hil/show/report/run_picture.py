@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hil.judge.cause import AFTER_S, BEFORE_S, Cause
 from hil.judge.checks import Check, checks_of
+from hil.judge.why.cause import AFTER_S, BEFORE_S, Cause
 from hil.record.rates import SIGNAL
 from hil.record.run_traces import RunTraces, column
 from hil.record.state_timeline import ALARM, FIRMWARE_TIMELINES, StateTimeline, state_name

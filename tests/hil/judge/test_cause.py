@@ -11,7 +11,7 @@ from firmware_py.interface.enums import AxisState, Fault, Mode
 from firmware_py.shell.parameters import BY_NAME, config_from
 from hil.bench.recorded_run import open_run
 from hil.bench.verdict import finish
-from hil.judge.cause import conditions, find_cause
+from hil.judge.why.cause import conditions, find_cause
 from hil.record.run_traces import read_run
 
 SAFETY = Path(__file__).parents[3] / "docs/safety.md"
@@ -42,8 +42,8 @@ def test_every_latched_fault_has_its_conditions_and_every_condition_its_row_with
 # What the firmware has at the latch, and the sentence of the limit that results.
 CASES = {
     Fault.SENSOR_TIMEOUT: (
-        {"state.gate.stuck_ticks": 31, "inputs.accelerometer.age_ticks": 0, "state.gate.reading_ticks": 0},
-        "repetition of one accelerometer reading was 0.031 s, limit 0.03 s (watchdog.sensor_s)",
+        {"state.gate.life.same_low": 31, "inputs.accelerometer.age_ticks": 0, "state.gate.reading_ticks": 0},
+        "equal readings of the low range was 31, limit 30",
     ),
     Fault.DRIVE_TIMEOUT: (
         {"inputs.drive.age_ticks": 20, "inputs.power.age_ticks": 351},
@@ -77,12 +77,12 @@ CASES = {
         "high-range reading, which may be clipped was —, limit 1922 m/s² (sensor.high_full_scale_m_s2)",
     ),
     Fault.STALL: (
-        {"state.crank.omega_rad_s": 2.0, "outputs.target_omega_rad_s": 10.0},
+        {"state.own_crank.tracked.omega_rad_s": 2.0, "outputs.target_omega_rad_s": 10.0},
         "crank speed over its target was 0.2, limit 0.3 (limit.stall_share) for 0.8 s (limit.stall_s)",
     ),
     Fault.LOAD_IMPLAUSIBLE: (
-        {"state.crank.disturbance_rad_s2": -301.0},
-        "unexplained acceleration of the crank was 301 rad/s², limit 300 rad/s²",
+        {"state.own_crank.tracked.disturbance_rad_s2": -302.0},
+        "unexplained torque on the crank was 0.151 N m, limit 0.15 N m",
     ),
     Fault.DRIVE_WATCHDOG: ({}, ""),
 }

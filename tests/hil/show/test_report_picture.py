@@ -8,6 +8,7 @@ from run_folder import V_M_S, make_run, write_run
 
 from firmware_py.interface.enums import Fault
 from hil.bench.verdict import finish
+from hil.record.run_faults import RunFault
 from hil.show.report.picture import BINS, Curve, Level, Picture, Plot, Span, Strip, extrema, path_of, shapes
 
 
@@ -62,14 +63,15 @@ def test_the_report_shows_modes_striker_impacts_speeds_and_torque(tmp_path):
 
 def test_a_latched_fault_has_a_close_up_with_its_quantity_and_limit(tmp_path):
     made_up = make_run()
-    made_up.scenario["script"] = {"faults": [{"kind": "sensor-stuck", "sensor": "striker", "at_s": 4.0}]}
+    fault = RunFault("sensor-stuck", "plant", False, 4.0, None, "sensor-stuck (sensor striker)")
+    made_up.run["faults"] = [fault._asdict()]
     made_up.firmware["outputs.fault"][4031:] = Fault.SENSOR_TIMEOUT
     ticks = np.arange(len(made_up.firmware["tick"]))
-    made_up.firmware["state.gate.stuck_ticks"] = np.maximum(ticks - 4000, 0)
+    made_up.firmware["state.gate.life.same_low"] = np.maximum(ticks - 4000, 0)
     text = page_of(made_up, tmp_path)
     assert text.count("<svg") == 2
-    assert "Repetition of one accelerometer reading [s]" in text
-    assert "limit (watchdog.sensor_s)" in text
+    assert "Equal readings of the low range" in text
+    assert "limit (bound of the build)" in text
     assert "32 ms after the injected fault sensor-stuck (sensor striker)." in text
 
 

@@ -3,14 +3,14 @@
 import json
 
 import numpy as np
-import pytest
 from run_folder import make_run, write_run
 
 from firmware_py.interface.enums import Fault
 from hil.bench.verdict import finish
+from hil.record.run_faults import RunFault
 from tools.cli import run
 
-INJECTED = {"kind": "sensor-stuck", "sensor": "striker", "at_s": 4.0}
+INJECTED = RunFault("sensor-stuck", "plant", False, 4.0, None, "sensor-stuck (sensor striker)", 3000)
 
 
 def answer(folder, capsys):
@@ -22,22 +22,21 @@ def answer(folder, capsys):
 
 def test_a_latched_fault_is_explained_by_what_was_injected_seen_and_exceeded(tmp_path, capsys):
     made_up = make_run()
-    made_up.scenario["script"] = {"faults": [INJECTED]}
+    made_up.run["faults"] = [INJECTED._asdict()]
     made_up.scenario["checks"] = []
-    made_up.outcome["faults_acted"] = [3000]
     made_up.firmware["outputs.fault"][4031:] = Fault.SENSOR_TIMEOUT
     made_up.firmware["outputs.mode"][4031:] = 5
-    made_up.firmware["state.gate.stuck_ticks"] = np.full(len(made_up.firmware["tick"]), 31)
+    made_up.firmware["state.gate.life.same_low"] = np.full(len(made_up.firmware["tick"]), 31)
     finish(write_run(made_up, tmp_path))
     said = answer(tmp_path, capsys)
     assert said["cause"].endswith(", 32 ms after the injected fault sensor-stuck (sensor striker)")
     assert said["limit"] == {
-        "name": "repetition of one accelerometer reading",
-        "value": pytest.approx(0.031),
-        "unit": "s",
-        "bound": pytest.approx(0.03),
-        "parameter": "watchdog.sensor_s",
-        "row": "silence of the accelerometer",
+        "name": "equal readings of the low range",
+        "value": 31.0,
+        "unit": "",
+        "bound": 30.0,
+        "parameter": None,
+        "row": "readings of a channel without a sign of life",
     }
     assert said["injected"][0]["acted_on"] == 3000
     texts = [event["text"] for event in said["events"]]
@@ -48,7 +47,7 @@ def test_a_latched_fault_is_explained_by_what_was_injected_seen_and_exceeded(tmp
 
     assert run(["why", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
-    for text in ("watchdog.sensor_s", "silence of the accelerometer", "acted 3,000 times", "4.0315 s"):
+    for text in ("readings of a channel without a sign of life", "acted 3,000 times", "4.0315 s"):
         assert text in printed
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from firmware_py.core.config import Config
 from firmware_py.core.control.start import LONGEST_SEARCH_S
 from firmware_py.core.safety.gate import AWAY_FACTOR, CLIPPED_SHARE, DRIVES_OWN, GAPS
+from firmware_py.core.safety.liveness import READINGS
 from firmware_py.core.safety.monitors import RUNAWAY_RAD_S
 from firmware_py.interface.enums import AxisState, Fault, Mode
 from firmware_py.shell.parameters import DEFAULTS, config_from
@@ -73,6 +74,8 @@ def expression(text: str, firmware: Records | None, config: Config) -> Expressio
         "away": AWAY_FACTOR,
         "clipped": CLIPPED_SHARE,
         "gaps": float(GAPS),
+        "readings": float(READINGS),
+        "reads_housing": float(config.d.gate.reads_housing),
         "search_s": LONGEST_SEARCH_S,
         "runaway_rad_s": RUNAWAY_RAD_S,
         "implausible_rad_s2": config.d.implausible_rad_s2,
