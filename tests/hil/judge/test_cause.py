@@ -21,8 +21,10 @@ NOT_LATCHED = {Fault.NONE, Fault.REQUEST_REFUSED}
 
 
 def rows_of_the_page():
-    """First cells of the table of limits, and the names in the table of faults, with their whole rows."""
-    rows = [line.strip("| ").split(" | ") for line in SAFETY.read_text("utf-8").splitlines() if "|" in line]
+    """The whole rows of the tables of faults and of limits, by the fault's name or by the first cell."""
+    text = SAFETY.read_text("utf-8").partition("## Reaction times")
+    lines = (text[0] + text[2].partition("\n## ")[2]).splitlines()
+    rows = [line.strip("| ").split(" | ") for line in lines if "|" in line]
     return {(cells[1] if cells[0].isdecimal() else cells[0]): " ".join(cells) for cells in rows}
 
 
