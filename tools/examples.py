@@ -33,6 +33,7 @@ EXAMPLES = {
     "study feasibility": "vibrohil study feasibility",
     "firmware node": "vibrohil firmware --bus socketcan:can0",
     "firmware budget": "vibrohil firmware budget",
+    "firmware c": "vibrohil firmware c --out firmware-c",
     "firmware build": "vibrohil firmware build --target cortex-m7 --out board",
     "plant": "vibrohil plant soft-start-multistable --bus socketcan:can0",
     "measure": "vibrohil measure state.estimator.x_m outputs.torque_n_m --bus socketcan:can0 --rate 100",

@@ -1,13 +1,13 @@
 """`vibrohil firmware`: the controller alone, on any bus; and its build for a board."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 from typer.core import TyperGroup
 
 from tools.commands.options import Again, Change, Controller, Json, NodeBus, Sync, Turns, Until
-from tools.output import answer, console, table_of
+from tools.output import BadInputError, answer, console, table_of
 from tools.outputs import folder_option
 from tools.progress import shown_progress
 
@@ -62,14 +62,9 @@ def build(
     from firmware_py.node.memory import file_name
     from firmware_py.shell.parameters import addresses_from, config_from, require_proof
     from hil.record.new_file import write_anew
-    from hil.scenario.scenario import load_scenario
-    from hil.scenario.settings import apply_settings
     from tools.budget import ram_by_block
 
-    if scenario is None:
-        parameters = apply_settings({"firmware": {}}, change or [])["firmware"]
-    else:
-        parameters = load_scenario(scenario, change or []).parameters
+    parameters = parameters_of(scenario, change)
     config = config_from(parameters if target.startswith("host") else require_proof(parameters))
     has_gait = config.p.gait.follow > 0
     code, precision = object_code(target, has_gait), TARGETS[target].precision
@@ -82,6 +77,57 @@ def build(
     payload = {"target": target, "bytes": found, "map": parts, "out": out}
     files = f"{out}: vibro_firmware.o, vibro_firmware.h, vibro_config.h, {file_name()}.a2l"
     answer(payload, as_json, lambda: show_sizes(found, parts, files))
+
+
+def parameters_of(scenario: str | None, change: list[str] | None) -> dict[str, Any]:
+    """The firmware's parameters in a scenario, or without one the changed ones."""
+    from hil.scenario.scenario import load_scenario
+    from hil.scenario.settings import apply_settings
+
+    if scenario is None:
+        parameters: dict[str, Any] = apply_settings({"firmware": {}}, change or [])["firmware"]
+        return parameters
+    return load_scenario(scenario, change or []).parameters
+
+
+@firmware.command()
+def c(
+    scenario: Scenario = None,
+    *,
+    out: Annotated[Path, folder_option("The folder for the source, its headers and how to compile it.")],
+    precision: Annotated[
+        Literal["single", "double"], typer.Option(help="The precision of all floats.")
+    ] = "double",
+    without_gait: Annotated[
+        bool, typer.Option("--without-gait", help="Leave out the blocks that follow the wearer's gait.")
+    ] = False,
+    change: Change = None,
+    as_json: Json = False,
+) -> None:
+    """Write the firmware as C99 source, with its headers and its A2L file.
+
+    Each function has the name of its Python function, with its module's name before it. README.md names the
+    compiler's options that keep the bits: compiled with them, the source sends the same frames as the other
+    builds of its precision.
+    """
+    from firmware_py.builds.c99.emitter import emit
+    from firmware_py.builds.c99.folder import folder_of_c
+    from firmware_py.shell.parameters import addresses_from, config_from, require_proof
+    from hil.record.new_file import write_anew
+
+    parameters = parameters_of(scenario, change)
+    config = config_from(require_proof(parameters))
+    if without_gait and config.p.gait.follow > 0:
+        raise BadInputError("--without-gait leaves out what firmware.gait.follow = 1 needs; drop one of them")
+    emitter = emit(precision, not without_gait)
+    files = folder_of_c(emitter, config, addresses_from(parameters))
+    out.mkdir(parents=True, exist_ok=True)
+    for name, text in files.items():
+        write_anew(out / name, text)
+    lines, count = len(files["vibro_firmware.c"].splitlines()), len(emitter.functions)
+    payload = {"files": [str(out / name) for name in files], "lines": lines, "functions": count}
+    shown = f"{out}: {', '.join(files)}\n{count} functions on {lines:,} lines"
+    answer(payload, as_json, lambda: console.print(shown, markup=False))
 
 
 def show_sizes(found: dict[str, int], parts: dict[str, dict[str, int]], files: str) -> None:

@@ -1,0 +1,652 @@
+"""The translation of one function: its statements, calls and records.
+
+A record that a function takes and returns changed is passed by pointer and changed in place; of the other
+results the first is returned and the rest go to pointers named `…_out`. Before a call, a record that is about
+to change is copied if another argument points to it or to a part of it.
+"""
+
+import ast
+import inspect
+from collections.abc import Callable, Mapping
+from functools import partial
+from types import FunctionType
+from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
+
+from firmware_py.builds.c99.expressions import (
+    BRACES,
+    CHOICE,
+    ORDER,
+    PRIMARY,
+    UNARY,
+    Address,
+    C,
+    Items,
+    Place,
+    Variable,
+    expression,
+)
+from firmware_py.builds.c99.lines import Line, remove_copies, render, wrap
+from firmware_py.builds.c99.names import c_identifier, first_paragraph, is_record, snake
+from firmware_py.builds.c99.operations import BINARY, FALSE, TRUE, Operations
+from firmware_py.builds.c99.scopes import beginnings, count_assignments, first_value
+from firmware_py.builds.c99.shape import comments, function_name, refuse, shape, source
+from firmware_py.builds.flat import members
+
+
+class Target(NamedTuple):
+    """Where a result goes: nowhere, to a place, or to a variable that is declared with it."""
+
+    place: Place | None
+    declares: Variable | None = None
+
+
+class Passed(NamedTuple):
+    """The arguments of a call, and the variables that are copied to their targets after it."""
+
+    arguments: dict[str, C]
+    back: list[tuple[Target, C]]
+
+
+TargetOf = Callable[[Any], Target]
+"""The target of a result of this type."""
+
+
+class Body(Operations):
+    """The translation of one function."""
+
+    def __init__(self, unit: Any, function: FunctionType) -> None:
+        super().__init__(unit, function, source(function))
+        self.shape = shape(function)
+        self.counts = count_assignments(self.tree)
+        self.begins = beginnings(self.tree, set(self.counts) - set(self.shape.parameters) - {"_"})
+        self.pending = sorted(line for line in comments(function.__module__) if line >= self.tree.lineno)
+        self.outs = {
+            index: Variable(name, self.shape.results[index], is_pointer=True)
+            for index, name in self.shape.outs.items()
+        }
+        self.copied: list[str] = []
+        """Parameters that are records and are assigned; they are copied first."""
+        changed = self.shape.in_place.values()
+        for name, kind in self.shape.parameters.items():
+            is_pointer = is_record(kind)
+            variable = Variable(c_identifier(name), kind, is_pointer)
+            if is_pointer and name in self.counts and name not in changed:
+                self.copied.append(name)
+                variable.is_pointer = False
+                given = Variable(f"{variable.name}_in", kind, is_pointer=True)
+                self.lines.append(Line((Place(given),), declares=variable))
+            self.variables[name] = variable
+
+    # -- The whole -------------------------------------------------------------------------------------------
+
+    def head(self) -> str:
+        """The function's declaration."""
+        where, parts = self.shape, []
+        for name, kind in where.parameters.items():
+            own = self.variables[name].name
+            if kind == list[int]:
+                parts.append(f"int64_t *{own}")
+            elif name in where.in_place.values():
+                parts.append(f"{self.unit.c_type(kind)} *{own}")
+            elif is_record(kind):
+                parts.append(f"const {self.unit.c_type(kind)} *{own}{'_in' if name in self.copied else ''}")
+            else:
+                parts.append(f"{self.unit.c_type(kind)} {own}".replace("* ", "*"))
+        parts += [f"{self.unit.c_type(one.kind)} *{one.name}" for one in self.outs.values()]
+        result = "void" if where.value is None else self.unit.c_type(where.results[where.value])
+        return f"static {result} {function_name(self.function)}({', '.join(parts) or 'void'})"
+
+    def translate(self) -> tuple[str, str]:
+        """The function's declaration and its whole text."""
+        head = self.head()
+        self.block(self.tree.body)
+        if self.lines[-1].parts == ("return;",):
+            self.lines.pop()
+        lines = remove_copies(self.lines)
+        used = {place.resolve(True).root for line in lines for place in (*line.touched(), *line.written())}
+        unused = [
+            one for name, one in self.variables.items() if name in self.shape.parameters and one not in used
+        ]
+        lines = [*(Line((f"(void){one.name};",)) for one in unused), *lines]
+        body = render(lines, self.unit.c_type)
+        above = first_paragraph(ast.get_docstring(self.tree))
+        begin = "\n".join([*(wrap(above) if above else []), *wrap(f"{head} {{")])
+        return head, f"{begin}\n{body}\n}}\n"
+
+    def block(self, body: list[ast.stmt]) -> bool:
+        """Write statements; whether the function returns among them by a condition that is known here."""
+        for statement in body:
+            while self.pending and self.pending[0] <= statement.lineno:
+                text = comments(self.function.__module__)[self.pending.pop(0)]
+                self.lines.append(Line((f"/* {text} */",)))
+            own = {
+                node.id
+                for target in getattr(statement, "targets", [])
+                for node in ast.walk(target)
+                if isinstance(node, ast.Name)
+            }
+            own |= (
+                {statement.target.id}
+                if isinstance(statement, ast.For) and isinstance(statement.target, ast.Name)
+                else set()
+            )
+            for name in self.begins.get(id(statement), ()):
+                if name not in own:
+                    variable = self.declare(name, self.find_kind(name))
+                    self.lines.append(Line(declares=variable))
+            write = getattr(self, f"do_{snake(type(statement).__name__)}", None)
+            if write is None:
+                raise refuse(self.module, statement, "this statement is outside the subset")
+            if write(statement):
+                return True
+        return False
+
+    def nested(self, body: list[ast.stmt]) -> None:
+        """Write the statements of a block, whose temporary variables end with it."""
+        names = set(self.names)
+        self.block(body)
+        self.names = names
+
+    def declare(self, name: str, kind: Any) -> Variable:
+        """A local variable from here on."""
+        self.variables[name] = Variable(c_identifier(name), kind)
+        return self.variables[name]
+
+    def find_kind(self, name: str) -> Any:
+        """The type of a variable that is declared before its first assignment."""
+        value, index = first_value(self.tree, name)
+        if value is None:
+            raise refuse(self.module, self.tree, f"{name} is never assigned")
+        return self.kind_of(value) if index is None else self.element_kind(value, index)
+
+    def element_kind(self, node: ast.expr, index: int) -> Any:
+        """The type of an element of a tuple."""
+        node = node.body if isinstance(node, ast.IfExp) else node
+        if isinstance(node, ast.Tuple):
+            return self.kind_of(node.elts[index])
+        if function := self.function_of(node):
+            return shape(function).results[index]
+        kind = self.look(node).kind
+        return members(kind)[index][1] if is_record(kind) else get_args(kind)[index]
+
+    def kind_of(self, node: ast.expr) -> Any:
+        """The type of an expression."""
+        if function := self.function_of(node):
+            if (
+                get_origin(returned := get_type_hints(function)["return"]) is tuple
+                and len(shape(function).results) == 1
+            ):
+                return returned
+            return shape(function).results[0]
+        if (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Attribute)
+            and node.func.attr == "_replace"
+        ):
+            return self.kind_of(node.func.value)
+        return self.look(node).kind
+
+    # -- Statements ------------------------------------------------------------------------------------------
+
+    def do_pass(self, node: ast.Pass) -> None:
+        """Nothing."""
+
+    def do_expr(self, node: ast.Expr) -> None:
+        """A call without a result; docstrings are left out."""
+        if isinstance(node.value, ast.Call):
+            self.call(node.value, {})
+
+    def do_assign(self, node: ast.Assign) -> None:
+        """An assignment."""
+        for target in node.targets:
+            self.assign(node, target, node.value)
+
+    def assign(self, statement: ast.stmt, target: ast.expr, value: ast.expr) -> None:
+        """Write the assignment of a value to a name, an element or a tuple of them."""
+        if (
+            isinstance(value, ast.IfExp)
+            and isinstance(value.body, ast.Tuple)
+            and isinstance(value.orelse, ast.Tuple)
+        ):
+            sides = zip(value.body.elts, value.orelse.elts, strict=True)
+            value = ast.Tuple([ast.copy_location(ast.IfExp(value.test, *side), value) for side in sides])
+        if not isinstance(target, ast.Tuple):
+            if not self.point(statement, target, value):
+                goal = self.target(statement, target, value=value)
+                if goal.place is not None:
+                    self.store(goal.place, goal.declares, value)
+        elif isinstance(value, ast.Tuple):
+            self.assign_each(statement, target.elts, value.elts)
+        elif self.function_of(value) and isinstance(value, ast.Call):
+            self.call(
+                value, {index: partial(self.target, statement, one) for index, one in enumerate(target.elts)}
+            )
+        else:
+            whole = self.expression(value)
+            for index, one in enumerate(target.elts):
+                if not (isinstance(one, ast.Name) and one.id == "_"):
+                    part = self.item(whole, C((str(index),), int))
+                    self.put(self.target(statement, one, part.kind), part)
+
+    def assign_each(self, statement: ast.stmt, targets: list[ast.expr], values: list[ast.expr]) -> None:
+        """Write `a, b = x, y`; all values are read first where a later one reads an earlier target."""
+        with self.captured():
+            places = [self.look(one).place if self.is_known(statement, one) else None for one in targets]
+            clashes = any(
+                place is not None and any(self.look(later).reads(place) for later in values[index + 1 :])
+                for index, place in enumerate(places)
+            )
+        if not clashes:
+            for one, part in zip(targets, values, strict=True):
+                self.assign(statement, one, part)
+            return
+        hints = [one.id if isinstance(one, ast.Name) else "value" for one in targets]
+        held = [self.temporary(self.expression(one), hint) for one, hint in zip(values, hints, strict=True)]
+        for one, value in zip(targets, held, strict=True):
+            self.put(self.target(statement, one, value.kind), value)
+
+    def is_known(self, statement: ast.stmt, node: ast.expr) -> bool:
+        """Whether a target exists before this statement."""
+        name = node.id if isinstance(node, ast.Name) else ""
+        return not name or (name in self.variables and name not in self.begins.get(id(statement), ()))
+
+    def target(
+        self, statement: ast.stmt, node: ast.expr, kind: Any = None, value: ast.expr | None = None
+    ) -> Target:
+        """The target of an assignment; a variable that begins here is declared."""
+        if not isinstance(node, ast.Name):
+            return Target(self.expression(node).place)
+        if node.id == "_":
+            return Target(None)
+        if self.is_known(statement, node):
+            return Target(Place(self.variables[node.id]))
+        kind = self.kind_of(value) if value is not None else kind
+        variable = self.declare(node.id, kind)
+        return Target(Place(variable), variable)
+
+    def point(self, statement: ast.stmt, target: ast.expr, value: ast.expr) -> bool:
+        """Write a pointer for a name that means a part of a record which this function does not change."""
+        if not isinstance(target, ast.Name) or not isinstance(value, (ast.Attribute, ast.Name)):
+            return False
+        found = self.look(value)
+        if not is_record(found.kind) or found.place is None or self.counts[target.id] != 1:
+            return False
+        root = found.place.resolve(True).root
+        changed = [*(self.variables[name] for name in self.shape.in_place.values()), *self.outs.values()]
+        if self.is_known(statement, target) or not root.is_pointer or root in changed:
+            return False
+        variable = Variable(c_identifier(target.id), found.kind, is_pointer=True, points_to=found.place)
+        self.variables[target.id] = variable
+        self.lines.append(Line((Address(found.place),), declares=variable))
+        return True
+
+    def do_aug_assign(self, node: ast.AugAssign) -> None:
+        """An assignment such as `+=`."""
+        place, value = self.expression(node.target), self.expression(node.value)
+        if type(node.op) not in BINARY or place.place is None:
+            raise refuse(self.module, node, "this assignment is outside the subset")
+        parts = expression(place.kind, 0, self.converted(value, place.kind)).parts
+        self.lines.append(Line(parts, place.place, f"{BINARY[type(node.op)][0]}="))
+
+    def do_return(self, node: ast.Return) -> None:
+        """The end of the function: results that change parameters are stored first."""
+        where, value = self.shape, node.value
+        if value is None:
+            self.leave(None)
+            return
+        if (
+            isinstance(value, ast.Call)
+            and self.function_of(value)
+            and (len(where.results) > 1 or where.in_place)
+        ):
+            goals = {index: Place(one) for index, one in self.outs.items()}
+            goals |= {index: Place(self.variables[name]) for index, name in where.in_place.items()}
+            targets: dict[int, TargetOf] = {
+                index: partial(self.fixed, place) for index, place in goals.items()
+            }
+            self.leave(self.call(value, targets, keeps=where.value))
+            return
+        parts = value.elts if isinstance(value, ast.Tuple) else [value]
+        changed = {
+            self.variables[name]: parts[index]
+            for index, name in where.in_place.items()
+            if not (isinstance(one := parts[index], ast.Name) and one.id == name)
+        }
+        result = self.expression(parts[where.value]) if where.value is not None else None
+        if result is not None and any(result.reads(Place(one)) for one in changed):
+            result = self.temporary(result, "result")
+        for index, out in self.outs.items():
+            self.store(Place(out), None, parts[index])
+        for done, variable in enumerate(changed):
+            if any(self.look(changed[variable]).reads(Place(one)) for one in list(changed)[:done]):
+                raise refuse(
+                    self.module, node, "this result reads a record that an earlier result has changed"
+                )
+            self.store(Place(variable), None, changed[variable])
+        self.leave(result)
+
+    def fixed(self, place: Place, _: Any) -> Target:
+        """A target that exists."""
+        return Target(place)
+
+    def leave(self, result: C | None) -> None:
+        """Write the end of the function."""
+        if result is None or self.shape.value is None:
+            self.lines.append(Line(("return;",), is_return=True))
+        else:
+            parts = expression(result.kind, 0, self.typed(result, self.shape.results[self.shape.value])).parts
+            self.lines.append(Line(("return ", *parts, ";"), is_return=True))
+
+    def do_if(self, node: ast.If) -> bool:
+        """A branch; whether it surely returns, if its condition is known here."""
+        test = self.expression(node.test)
+        if test in (TRUE, FALSE):
+            chosen = node.body if test == TRUE else node.orelse
+            return self.block(chosen) or (bool(chosen) and isinstance(chosen[-1], ast.Return))
+        self.lines.append(Line(("if (", *test.parts, ")"), opens=True))
+        self.nested(node.body)
+        while (
+            len(node.orelse) == 1
+            and isinstance(node.orelse[0], ast.If)
+            and id(node.orelse[0]) not in self.begins
+        ):
+            inner = node.orelse[0]
+            with self.captured() as needed:
+                test = self.expression(inner.test)
+            if needed or test in (TRUE, FALSE):
+                break
+            node = inner
+            self.lines.append(Line(("else if (", *test.parts, ")"), opens=True, closes=True))
+            self.nested(node.body)
+        if node.orelse:
+            self.lines.append(Line(("else",), opens=True, closes=True))
+            self.nested(node.orelse)
+        self.lines.append(Line(closes=True))
+        return False
+
+    def do_while(self, node: ast.While) -> None:
+        """A loop with a condition."""
+        with self.captured() as needed:
+            test = self.expression(node.test)
+        if needed:
+            raise refuse(self.module, node, "the condition of this loop needs statements of its own")
+        self.lines.append(Line(("while (", *test.parts, ")"), opens=True))
+        self.nested(node.body)
+        self.lines.append(Line(closes=True))
+
+    def do_for(self, node: ast.For) -> None:
+        """A loop over a range, or over a tuple that is written out."""
+        if not isinstance(node.target, ast.Name) or node.orelse:
+            raise refuse(self.module, node, "this loop is outside the subset")
+        name = node.target.id
+        variable = Variable("count" if name == "_" else c_identifier(name), int)
+        own = variable.name
+        if isinstance(node.iter, ast.Tuple):
+            items = [self.expression(one) for one in node.iter.elts]
+            choices, at = self.fresh(f"{own}_choices"), self.fresh("at")
+            listed = [part for one in items for part in (", ", *one.parts)][1:]
+            self.lines.append(Line((f"const int64_t {choices}[] = {{", *listed, "};")))
+            self.lines.append(Line((f"for (int {at} = 0; {at} < {len(items)}; {at}++)",), opens=True))
+            variable.kind = items[0].kind
+            self.lines.append(Line((f"{choices}[{at}]",), declares=variable))
+        elif (
+            isinstance(node.iter, ast.Call)
+            and self.value_of(node.iter.func) is range
+            and len(node.iter.args) < 3
+        ):
+            bounds = [self.expression(one) for one in node.iter.args]
+            if self.needs_index(node, name):
+                self.write_out(node, name, int(bounds[-1].text))
+                return
+            start = bounds[0].parts if len(bounds) > 1 else ("0",)
+            condition = (f"; {own} < ", *bounds[-1].within(ORDER + 1), f"; {own}++)")
+            self.lines.append(Line((f"for (int64_t {own} = ", *start, *condition), opens=True))
+        else:
+            raise refuse(self.module, node.iter, "wanted a range or a tuple to iterate over")
+        self.variables[name] = variable
+        self.nested(node.body)
+        self.lines.append(Line(closes=True))
+
+    def needs_index(self, node: ast.For, name: str) -> bool:
+        """Whether a loop variable numbers the members of a record, which C has no index for."""
+        subscripts = (one for one in ast.walk(node) if isinstance(one, ast.Subscript))
+        indexed = [
+            one.value for one in subscripts if isinstance(one.slice, ast.Name) and one.slice.id == name
+        ]
+        kinds = [self.look(one).kind for one in indexed]
+        return any(
+            is_record(kind) or (get_origin(kind) is tuple and len(get_args(kind)) == 1) for kind in kinds
+        )
+
+    def write_out(self, node: ast.For, name: str, count: int) -> None:
+        """Write the body of a loop once for each value of its variable."""
+        begins = any(id(one) in self.begins for one in node.body)
+        for index in range(count):
+            self.known[name] = index
+            if begins:
+                self.lines.append(Line(opens=True))
+            self.block(node.body)
+            if begins:
+                self.lines.append(Line(closes=True))
+        del self.known[name]
+
+    # -- Records ---------------------------------------------------------------------------------------------
+
+    def put(self, target: Target, value: C) -> None:
+        """Write the assignment of a value to a target."""
+        if target.place is None:
+            self.lines.append(Line(("(void)", *value.within(UNARY), ";")))
+        elif value.place is None or target.declares or value.place.resolve() != target.place.resolve():
+            kind = target.place.root.kind if not target.place.path else value.kind
+            is_bare = value.level == BRACES and target.declares is not None
+            parts = value.parts if is_bare else expression(kind, 0, self.typed(value, kind)).parts
+            self.lines.append(
+                Line(parts, None if target.declares else target.place, declares=target.declares)
+            )
+
+    def store(self, place: Place, declares: Variable | None, node: ast.expr) -> None:
+        """Write `place = node`, for records member by member where that saves copies."""
+        target = Target(place, declares)
+        if isinstance(node, ast.Call):
+            called, function = self.value_of(node.func), self.function_of(node)
+            if isinstance(node.func, ast.Attribute) and node.func.attr == "_replace":
+                self.replace(target, node)
+                return
+            if function and (shape(function).in_place or shape(function).outs):
+                self.call(node, {0: lambda _: target})
+                return
+            if is_record(called):
+                self.construct(target, called, node)
+                return
+        if isinstance(node, ast.IfExp) and self.store_choice(target, node):
+            return
+        self.put(target, self.expression(node))
+
+    def store_choice(self, target: Target, node: ast.IfExp) -> bool:
+        """Write `place = a if test else b` as branches if the values need statements; whether they do."""
+        with self.captured() as needed:
+            kind = self.expression(node).kind
+        if not needed or not is_record(kind) or target.place is None:
+            return False
+        if target.declares:
+            self.lines.append(Line(declares=target.declares))
+        test = self.expression(node.test)
+        branches = [node.body, node.orelse]
+        same = [
+            self.look(one).place == target.place if isinstance(one, ast.Name) else False for one in branches
+        ]
+        if same[0]:
+            branches.reverse()
+            same.reverse()
+            test = expression(bool, UNARY, "!", test.within(UNARY))
+        self.lines.append(Line(("if (", *test.parts, ")"), opens=True))
+        self.store(target.place, None, branches[0])
+        if not same[1]:
+            self.lines.append(Line(("else",), opens=True, closes=True))
+            self.store(target.place, None, branches[1])
+        self.lines.append(Line(closes=True))
+        return True
+
+    def replace(self, target: Target, node: ast.Call) -> None:
+        """Write `place = record._replace(…)`: a value that reads what is assigned before it is read first."""
+        if not isinstance(node.func, ast.Attribute) or target.place is None:
+            raise refuse(self.module, node, "wanted a record to replace members of")
+        place = target.place
+        base = self.expression(node.func.value)
+        is_same = base.place is not None and not target.declares and base.place.resolve() == place.resolve()
+        named = {one.arg: one.value for one in node.keywords if one.arg}
+        values = {name: self.value_in(base.kind, name, one) for name, one in named.items()}
+        whole = C((place,), base.kind)
+        for index, (name, value) in enumerate(values.items()):
+            earlier = [self.member(whole, one).place for one in list(values)[:index]] if is_same else [place]
+            if (
+                not target.declares
+                and isinstance(value, C)
+                and any(one and value.reads(one) for one in earlier)
+            ):
+                values[name] = self.temporary(value, name)
+        if not is_same:
+            self.put(target, base)
+        for name, value in values.items():
+            self.set_member(self.member(whole, name), value)
+
+    def set_member(self, member: C, value: C | Items) -> None:
+        """Write the assignment of a record's member."""
+        if isinstance(value, Items):
+            for index, one in enumerate(value.items):
+                self.put(Target(self.item(member, C((str(index),), int)).place), one)
+            return
+        if value.kind is int and member.kind is float:
+            value = expression(float, UNARY, self.converted(value, float))
+        self.put(Target(member.place), value)
+
+    def value_in(self, record: Any, name: str, node: ast.expr) -> C | Items:
+        """The value of a record's member."""
+        kind = dict(members(record))[name]
+        if get_origin(kind) is not tuple:
+            self.hint = name
+            value = self.expression(node)
+            self.hint = ""
+            return value
+        if isinstance(node, ast.Tuple):
+            return Items([self.expression(one) for one in node.elts], kind)
+        if not isinstance(node, ast.Call):
+            raise refuse(self.module, node, "wanted a tuple or a call for a member that is an array")
+        held = [Variable(self.fresh(f"{name}_{index}"), item) for index, item in enumerate(get_args(kind))]
+        self.lines += [Line(declares=one) for one in held]
+        self.call(node, {index: partial(self.fixed, Place(one)) for index, one in enumerate(held)})
+        return Items([C((Place(one),), one.kind) for one in held], kind)
+
+    def construct(self, target: Target, kind: Any, node: ast.Call) -> None:
+        """Write `place = Record(…)`: by members if these are records in memory, else by an initializer."""
+        values = {name: self.value_in(kind, name, one) for name, one in self.given(kind, node).items()}
+        place, parts = target.place, [one for one in values.values() if isinstance(one, C)]
+        has_records = any(is_record(one.kind) and one.place for one in parts)
+        is_whole = len(values) == len(kind._fields)
+        if (
+            place
+            and not target.declares
+            and has_records
+            and is_whole
+            and not any(one.reads(place) for one in parts)
+        ):
+            for name, value in values.items():
+                self.set_member(self.member(C((place,), kind), name), value)
+            return
+        self.unit.c_type(kind)
+        self.put(target, self.initializer(kind, values))
+
+    # -- Calls -----------------------------------------------------------------------------------------------
+
+    def call(self, node: ast.Call, targets: Mapping[int, TargetOf], keeps: int | None = None) -> C | None:
+        """Write a call; `targets` of its results. The result `keeps` is returned as an expression instead."""
+        function = self.function_of(node)
+        if function is None:
+            raise refuse(self.module, node, "this call is outside the subset")
+        where, name = shape(function), self.unit.call(function)
+        given, passed = self.given_arguments(function, node), Passed({}, [])
+        for parameter, kind in where.parameters.items():
+            if parameter not in where.in_place.values():
+                value = self.expression(given[parameter])
+                as_kind = expression(kind, CHOICE, self.converted(value, kind))
+                passed.arguments[parameter] = self.reference(value, parameter) if is_record(kind) else as_kind
+        goals = [
+            targets[k](kind) if k in targets else Target(None)
+            for k, kind in enumerate(where.results)
+            if k != where.value
+        ]
+        goals.insert(len(goals) if where.value is None else where.value, Target(None))
+        for index, parameter in where.in_place.items():
+            passed.arguments[parameter] = self.changed(
+                goals[index], given[parameter], parameter, where.results[index], passed
+            )
+        for index, out in where.outs.items():
+            passed.arguments[out] = self.written(
+                goals[index], out.removesuffix("_out"), where.results[index], passed
+            )
+        listed = [
+            part
+            for one in (*where.parameters, *where.outs.values())
+            for part in (", ", passed.arguments[one])
+        ]
+        kind = None if where.value is None else where.results[where.value]
+        called, result = expression(kind, PRIMARY, f"{name}(", *listed[1:], ")"), None
+        if where.value is None:
+            self.lines.append(Line((*called.parts, ";")))
+        elif keeps == where.value:
+            result = self.temporary(called, "result") if passed.back else called
+        else:
+            self.put(targets[where.value](kind) if where.value in targets else Target(None), called)
+        for goal, held in passed.back:
+            self.put(goal, held)
+        return result
+
+    def given_arguments(self, function: FunctionType, node: ast.Call) -> dict[str, ast.expr]:
+        """The arguments by their parameters, with defaults."""
+        signature = inspect.signature(function)
+        bound = signature.bind(*node.args, **{one.arg: one.value for one in node.keywords if one.arg})
+        defaults = {
+            name: ast.copy_location(ast.Constant(one.default), node)
+            for name, one in signature.parameters.items()
+        }
+        return defaults | bound.arguments
+
+    def reference(self, value: C, hint: str) -> C:
+        """A pointer to a record; a value that is none in memory gets a variable."""
+        return C((Address(value.place or self.in_memory(value, hint)),), value.kind)
+
+    def changed(self, goal: Target, given: ast.expr, hint: str, kind: Any, passed: Passed) -> C:
+        """The pointer to a record that a call changes, which holds what is given to the call."""
+        place = goal.place
+        is_there = place is not None and not goal.declares and self.look(given).place == place
+        for name, one in passed.arguments.items():
+            if place is not None and one.reads(place):
+                if one.is_pointer:
+                    place = None
+                elif not is_there:
+                    passed.arguments[name] = self.temporary(one, name)
+        if place is None:
+            variable = Variable(self.fresh(hint), kind)
+            self.store(Place(variable), variable, given)
+            return self.pointer(goal, variable, passed)
+        self.store(place, goal.declares, given)
+        return C((Address(place, is_written=True),), kind)
+
+    def written(self, goal: Target, hint: str, kind: Any, passed: Passed) -> C:
+        """The pointer to a further result."""
+        is_read = goal.place and any(
+            one.is_pointer and one.reads(goal.place) for one in passed.arguments.values()
+        )
+        if goal.place is None or is_read:
+            variable = Variable(self.fresh(hint if goal.place else f"unused_{hint}"), kind)
+            self.lines.append(Line(declares=variable))
+            return self.pointer(goal, variable, passed)
+        if goal.declares:
+            self.lines.append(Line(declares=goal.declares))
+        return C((Address(goal.place, is_written=True),), kind)
+
+    def pointer(self, goal: Target, variable: Variable, passed: Passed) -> C:
+        """The pointer to a variable whose content goes to the target after the call."""
+        if goal.place is not None:
+            passed.back.append((goal, C((Place(variable),), variable.kind)))
+        return C((Address(Place(variable), is_written=True),), variable.kind)
