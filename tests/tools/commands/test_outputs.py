@@ -26,6 +26,7 @@ READ = {
     ("export-fmu", "--parameters"),
     ("suite", "--parameters"),
     ("suite", "--baseline"),
+    ("campaign", "--parameters"),
     ("plant", "--turns"),
     ("firmware node", "--turns"),
 }
