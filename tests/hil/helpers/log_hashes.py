@@ -1,6 +1,7 @@
 """A hash of each column of a log, to compare two logs by."""
 
 import hashlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,15 @@ def content_bytes(values: NDArray[Any]) -> bytes:
         return values.tobytes()
     blobs = [value if isinstance(value, bytes) else str(value).encode() for value in values.tolist()]
     return b"".join(len(blob).to_bytes(4, "little") + blob for blob in blobs)
+
+
+def differing_entities(live: Mapping[str, str], whole: Mapping[str, str]) -> set[str]:
+    """The entities of a whole log that one written during the run lacks or has otherwise.
+
+    Left out are those that only the conclusion writes: names of states that fit, and limits of checks.
+    """
+    differing = {name.split(":")[0] for name in whole if live.get(name) != whole[name]}
+    return {entity for entity in differing if not entity.startswith(("/timeline/", "/limits/", "/held"))}
 
 
 def column_hashes(path: Path) -> dict[str, str]:

@@ -14,11 +14,10 @@ from run_folder import make_run, write_run
 from hil.bench.verdict import finish
 from hil.can_model.fault_confinement import BusErrorRecord, ErrorState, NodeErrors
 from hil.record.log_reader import documents, read_traces, tables
-from hil.record.rrd.rerun_program import RerunError
 from hil.record.run_faults import RunFault
 from hil.record.run_traces import read_run
 from hil.record.traces.trace import TraceWriter
-from hil.show import layout, rerun_log
+from hil.show import layout, rerun_log, window
 from hil.show.legible.limits import APPROACH_LIMITS
 from hil.show.rerun_log import ERROR_TICKS, rebuild
 from tools.logs import view
@@ -171,15 +170,19 @@ def test_the_cursor_stands_on_the_first_failed_check(tmp_path, monkeypatch):
     made_up.scenario["checks"] = [{"name": "detector.recall", "low": 1.5}]
     run_dir = write_run(made_up, tmp_path)
     failure_s = finish(run_dir).first_failure_s
-    seen, put_cursor = [], view.put_cursor
+    commands = []
 
-    def watched(url, at_s, viewer):
-        put_cursor(url, at_s, viewer)
-        client = ViewerClient.connect(url)
-        seen.append(client.get_state().recordings[0].current_time)
+    def noted(command, **_):
+        commands.append(command)
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr(view.subprocess, "run", noted)
+    view.open_in_window(run_dir / "run.rrd")
+    assert commands[0][-2:] == ["--at", str(failure_s)]
+    with virtual_screen(monkeypatch):
+        viewer, url = window.open_window(run_dir / "run.rrd", stays=False)
+        window.put_cursor(url, failure_s, viewer)
+        current_time = ViewerClient.connect(url).get_state().recordings[0].current_time
         viewer.terminate()
-
-    monkeypatch.setattr(view, "put_cursor", watched)
-    with virtual_screen(monkeypatch), pytest.raises(RerunError):
-        view.view(run_dir, web=False, live=False)
-    assert seen == [round(1e9 * failure_s)]
+        viewer.wait()
+    assert current_time == round(1e9 * failure_s)
