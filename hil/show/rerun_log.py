@@ -30,8 +30,8 @@ from hil.judge.verdict import IMPORTED, RunVerdict, Verdict
 from hil.record.bus_load import BusLoad, sum_loads
 from hil.record.candump import BusLog
 from hil.record.frame_tables import find_refused
-from hil.record.rates import SLOW_TICKS, Held, is_slow, signals_of_checks
 from hil.record.rrd.log_file import written_whole
+from hil.record.rrd.rates import SLOW_TICKS, Held, is_slow, signals_of_checks
 from hil.record.run_traces import RunTraces, column, pieces, read_run
 from hil.record.state_timeline import (
     ALARM,

@@ -33,7 +33,7 @@ from hil.judge.figures.records import (
 from hil.judge.gaps import gaps_of
 from hil.judge.hold import Window, hold_motion, hold_window
 from hil.judge.verdict import IMPORTED
-from hil.record.rates import slow_rows
+from hil.record.rrd.rates import slow_rows
 from hil.record.run_traces import RunTraces, column, read_run
 from hil.record.state_timeline import lower_name
 from hil.record.traces.stored_trace import Records

@@ -13,7 +13,7 @@ from firmware_py.core.state import Outputs, State
 from firmware_py.shell.node import Counters
 from hil.can_model.fault_confinement import BusErrorRecord
 from hil.record import state_timeline
-from hil.record.rates import SLOW_BLOCKS
+from hil.record.rrd.rates import SLOW_BLOCKS
 from hil.record.rrd.rerun_program import rerun_environment, rerun_program
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import flatten

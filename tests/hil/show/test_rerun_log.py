@@ -17,9 +17,9 @@ from hil.judge.figures.figures import figures_from, figures_of
 from hil.judge.judge import judge
 from hil.judge.verdict import CheckResult, Verdict
 from hil.record.log_reader import documents, read_traces, tables
-from hil.record.rates import SLOW_TICKS, is_slow, slow_rows
 from hil.record.rrd import log_file
 from hil.record.rrd.log_file import ROOM_BYTES, is_whole, repair, written_whole
+from hil.record.rrd.rates import SLOW_TICKS, is_slow, slow_rows
 from hil.record.rrd.rerun_program import RerunError, rerun
 from hil.record.run_traces import read_run
 from hil.show.highlights import highlights

@@ -59,8 +59,8 @@ def test_a_newer_release_of_a_package_with_extras_does_not_break_the_set_up(tmp_
 
 
 def test_a_target_in_a_persons_pip_settings_does_not_send_packages_elsewhere(tmp_path: Path) -> None:
-    told = [one for one in (ROOT / "Makefile").read_text().splitlines() if one.startswith("PIP := ")]
-    options = [one for one in told[0].split() if one in ("--target=", "--no-user")]
+    lines = [one for one in (ROOT / "Makefile").read_text().splitlines() if one.startswith("PIP := ")]
+    options = [one for one in lines[0].split() if one in ("--target=", "--no-user")]
     venv.create(tmp_path / "venv", with_pip=False)
     wheel(tmp_path, "one", "1")
     (tmp_path / "pip.conf").write_text(f"[install]\ntarget = {tmp_path / 'elsewhere'}\nuser = true\n")

@@ -11,7 +11,7 @@ from pyarrow import csv, feather, parquet
 from short_run import make_run
 
 from hil.bench.recorded_run import open_run
-from hil.record.rates import SLOW_TICKS, is_slow
+from hil.record.rrd.rates import SLOW_TICKS, is_slow
 from hil.record.run_traces import read_bus
 from hil.record.traces import trace
 from tools import cli
