@@ -50,11 +50,11 @@ def test_a_fault_says_when_it_acted_whatever_ends_before_it(tmp_path):
     assert "faults_acted" not in (run.folder / "outcome.json").read_text()
     events = [text for text in run.table("events")["text"].to_pylist() if "injected" in text]
     assert [text.partition(" s  ")[2] for text in events] == [
-        "injected: killed (process firmware)",
-        "injected: kick (change_m_s 0.1)",
-        "injected: unplugged (node operator)",
+        "injected fault: killed (process firmware)",
+        "injected fault: kick (change_m_s 0.1)",
+        "injected fault: unplugged (node operator)",
         "injected fault over: unplugged (node operator)",
-        "injected: sensor-stuck (sensor housing)",
+        "injected fault: sensor-stuck (sensor housing)",
     ]
 
 
