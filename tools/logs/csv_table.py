@@ -47,7 +47,7 @@ def cells_of(name: str, values: pa.ChunkedArray) -> pa.ChunkedArray:
 def quoted(text: str) -> str:
     """A text as a cell: in one line without control characters, and no formula.
 
-    >>> print(*(quoted(text) for text in ("ready", "=1+1", " -", "two\tcells")))
+    >>> print(*(quoted(text) for text in ("ready", "=1+1", " -", "two\\tcells")))
     "ready" "'=1+1" "' -" "two cells"
     """
     text = CONTROL.sub(" ", text).replace('"', '""')

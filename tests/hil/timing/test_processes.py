@@ -1,5 +1,6 @@
 """The end of child processes."""
 
+import subprocess
 import sys
 
 import pytest
@@ -22,7 +23,7 @@ ctypes.CDLL(None).pthread_exit(None)
 @pytest.mark.skipif(sys.platform != "linux", reason="pthread_exit leaves a dead first thread on Linux")
 def test_a_child_whose_first_thread_has_ended_is_not_killed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "STOP_TIMEOUT_S", 0.2)
-    monkeypatch.setattr(Child, "ended", True)  # no request to end: the child ends by itself
+    monkeypatch.setattr(subprocess.Popen, "terminate", lambda _: None)  # the child ends by itself
     child = Child("late", [sys.executable, "-P", "-c", LEADER_ENDS_FIRST])
     child.wait_ready()
     assert child.stop() == "said"

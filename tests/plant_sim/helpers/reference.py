@@ -173,9 +173,8 @@ class Reference:
             case MotorDrive():
                 kt, r = drive.torque_constant_n_m_a, drive.resistance_ohm
                 current = np.clip(torque / kt, -drive.current_limit_a, drive.current_limit_a)
-                current = np.clip(
-                    current, (-drive.supply_v - kt * omega) / r, (drive.supply_v - kt * omega) / r
-                )
+                most_v, emf_v = drive.supply_v / math.sqrt(3.0), kt * omega / 1.5  # of a phase's amplitude
+                current = np.clip(current, (-most_v - emf_v) / r, (most_v - emf_v) / r)
                 losses = drive.viscous_n_m_s * omega + drive.dry_n_m * crank_direction
                 alpha = (kt * current - losses - load) / drive.inertia_kg_m2
                 if self.is_crank_stuck:

@@ -43,21 +43,22 @@ def test_every_byte_of_config_and_state_is_of_one_block(
 
 @pytest.mark.usefixtures("board_programs")
 @pytest.mark.parametrize(
-    ("target", "most_ram", "most_stack"), [("cortex-m7", 8192, 8192), ("cortex-m4f", 6144, 5120)]
+    ("target", "most_ram", "most_stack"), [("cortex-m7", 12_288, 8192), ("cortex-m4f", 10_240, 5120)]
 )
 def test_the_firmware_keeps_its_budget(
     target: board.BoardName, most_ram: int, most_stack: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of the RAM, 2 KiB are XCP's: its lists with their samples, and a staged value of each parameter.
+    """Of the RAM, 4 KiB are the inbox's, and 2 KiB XCP's: its lists with their samples, and a staged value of each parameter.
 
     Of the flash, 15 KiB are calibration's: bounds, conflicts and the constants that follow from a commit.
     """
     if target != "cortex-m4f":  # the code without a gait is compiled for one board alone
         monkeypatch.setattr("tools.budget.measure_sizes", lambda name, has_gait=True: measure_sizes(name))
     found = budget(["a-controller-that-pauses-for-thirty-ticks-goes-on"], lambda *_: None, target)
-    assert 60_000 < found["flash"]["image"] <= 78_000
-    assert found["flash"]["image without a gait"] <= (66_000 if target == "cortex-m4f" else 78_000)
+    assert 60_000 < found["flash"]["image"] <= 84_000
+    assert found["flash"]["image without a gait"] <= (68_000 if target == "cortex-m4f" else 84_000)
     assert 0.5 * most_ram < sum(found["ram"].values()) < most_ram
     assert 0.5 * most_stack < found["stack"] < most_stack
-    for ticks in found["instructions"].values():  # a tick that catches up costs no more than another
-        assert 5_000 < ticks["p50"] <= ticks["p99"] <= ticks["worst"] <= 11_000
+    assert found["instructions"]["ordinary"]["p99"] <= 11_000
+    for ticks in found["instructions"].values():  # after a pause a tick looks through the frames that waited
+        assert 5_000 < ticks["p50"] <= ticks["p99"] <= ticks["worst"] <= 16_000

@@ -68,7 +68,7 @@ BY_TEST = {
     "every 20 ms until a heartbeat received at least 20 ms after": "test_an_e_stop_leaves_in_its_tick",
     "repeats the E-stop for up to 2 s": "test_a_heartbeat_from_before_the_e_stop_confirms_nothing",
     "the torque is 0 within 100 ms": "test_each_row",
-    "At r = 1.3 up to two more impacts follow": "test_a_stop_ends_with_few_impacts_and_none_much_harder",
+    "any of 42 phases of the turn (11 at the slowest)": "test_the_impacts_after_an_e_stop_are_those",
     "at most 4 more impacts, the last within 2 s, none more than 3 % harder": "test_a_stop_ends_with_few",
     "noise of 2 counts or more": "test_a_channel_that_repeats_itself_is_dead",
     "only afterwards (1,001 ms)": "test_the_table_of_reactions_is_that_of_the_data",

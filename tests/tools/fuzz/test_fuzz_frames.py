@@ -16,6 +16,7 @@ from crccheck.crc import Crc8SaeJ1850  # type: ignore[import-untyped]  # it carr
 
 from firmware_py.interface.codec import CODEC_BY_ID
 from firmware_py.interface.frame import Frame, WordFrame
+from firmware_py.interface.generated.kinds import DRIVE_ESTOP
 from firmware_py.interface.generated.received import RECEIVED_IDS
 from firmware_py.node import tick
 from firmware_py.shell.node import FirmwareNode
@@ -119,7 +120,8 @@ class Life:
             published += self._operator.publish(self.tick)
         self._plant.advance(self._mixed(self._commanded, strangers))
         received = self._mixed(published, strangers)
-        self._addressed += sum(frame.can_id in RECEIVED_IDS for frame in received)
+        estops = sum(frame == Frame(DRIVE_ESTOP.can_id, b"") for frame in received)
+        self._addressed += sum(frame.can_id in RECEIVED_IDS for frame in received) - max(estops - 1, 0)
         self._commanded = self._firmware.tick(received, 1)
         self._strangers.seen = [*self._strangers.seen, *published, *self._commanded][-REMEMBERED:]
         asked_n_m, given_n_m = self._firmware.outputs.torque_n_m, self._plant.record.torque_command_n_m

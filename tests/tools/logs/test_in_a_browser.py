@@ -33,7 +33,7 @@ def rgb(rgba: int) -> tuple[int, int, int]:
 
 TRUTH, STOP, START = map(rgb, (state_timeline.TRUTH, state_timeline.ALARM, state_timeline.WARN))
 HEADINGS = "Array.from(document.querySelectorAll('h2'), h => h.innerText)"
-OF_A_RUN = ["Checks", "Figures", "What happened", "Made with"]
+OF_A_RUN = ["Checks", "Figures", "Made with"]
 """The parts of a run's report."""
 
 

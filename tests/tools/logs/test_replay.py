@@ -206,7 +206,7 @@ def test_a_run_whose_log_lacks_what_the_firmware_received_is_not_judged(tmp_path
     hil.run("a-controller-that-goes-bus-off-stops-the-motor", out=folder)
     result = replay(folder)
     assert result.equal is None
-    assert result.reason == "the fault bus-off at 6 s acts on what the log does not show"
+    assert result.reason == "the injected fault bus-off at 6 s acts on what the log does not show"
 
 
 def test_the_command_replays_a_folder_of_recordings(
