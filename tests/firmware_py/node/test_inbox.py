@@ -93,6 +93,7 @@ def encoder(number: int) -> Frame:
 
 
 SAMPLES = [frame for number in (11, 12, 13) for frame in (encoder(number), sample(number))]
+SWAPPED = [SAMPLES[index] for index in (1, 0, 3, 2, 5, 4)]
 NEWEST = Arrival(100, 100, 10)
 DAMAGED = Frame(sample(11).can_id, bytes(8))
 
@@ -107,7 +108,7 @@ DAMAGED = Frame(sample(11).can_id, bytes(8))
         (SAMPLES, 4, [[0, 1], [2, 3], [4, 5], []]),
         (SAMPLES[2:], 3, [[], [0, 1], [2, 3]]),
         # From before the first period, and of periods that are still to come.
-        ([sample(9), sample(10), *SAMPLES], 3, [[0, 1, 2, 3], [4, 5], [6, 7]]),
+        ([sample(9), sample(10), *SWAPPED], 3, [[0, 1, 2, 3], [4, 5], [6, 7]]),
         (SAMPLES, 2, [[0, 1], [2, 3, 4, 5]]),
         # An encoder frame alone, or with a damaged accelerometer frame, lies before its successor.
         ([encoder(11), DAMAGED, encoder(12), *SAMPLES[4:]], 3, [[0, 1], [2], [3, 4]]),

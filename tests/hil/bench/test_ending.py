@@ -25,6 +25,7 @@ from hil.bench.options import RunOptions
 from hil.bench.verdict import failed_for
 from hil.judge import junit
 from hil.judge.judge import judge
+from hil.record import run_folder
 from hil.record.run_traces import RunTraces
 from hil.scenario.scenario import load_scenario
 from hil.suite.suite import Chosen, run_suite
@@ -137,11 +138,15 @@ def test_a_full_disk_in_lockstep_is_a_failed_verdict_that_says_so(
 def test_a_disk_that_is_full_at_the_start_leaves_a_verdict_that_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def full(path: Path, _: bytes) -> None:
-        path.touch()
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    write_anew = run_folder.write_anew
 
-    monkeypatch.setattr(Path, "write_bytes", full)
+    def full(path: Path, content: bytes | str) -> None:
+        if path.name == run_folder.RESERVE:
+            path.touch()
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write_anew(path, content)
+
+    monkeypatch.setattr(run_folder, "write_anew", full)
     out = tmp_path / "out"
     command = ["run", rests(tmp_path, "rests", 0.3), "--clock", "lockstep", "--out", str(out)]
     assert cli.run(command) == EXIT_BAD_INPUT
@@ -154,7 +159,7 @@ def test_a_disk_that_is_full_at_the_start_leaves_a_verdict_that_says_so(
 def test_a_folder_without_permission_is_no_defect(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def read_only(path: Path, **_: Any) -> None:
+    def read_only(path: Path, *_: int, **__: Any) -> None:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
 
     scenario = rests(tmp_path, "rests", 0.3)

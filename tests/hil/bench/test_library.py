@@ -65,7 +65,7 @@ def test_a_run_whose_checks_fail_is_returned_and_says_so(scenario, tmp_path):
 
 
 def test_what_cannot_run_raises_a_sentence():
-    with pytest.raises(SettingError, match=r"starts with 'plant'; wanted one of (\w+\., ){3}\w+\.$"):
+    with pytest.raises(SettingError, match=r"starts with 'plant'; wanted one of (\w+\., ){4}\w+\.$"):
         hil.run("soft-start-multistable", set={"plant.mass_kg": 1.0})
     with pytest.raises(ScenarioError, match="no named scenario"):
         hil.run("soft-strat")

@@ -210,7 +210,7 @@ def test_a_tilted_module_with_a_wearer_publishes_what_it_feels() -> None:
         assert codec.ACCELEROMETER.decode(frame.data).housing_m_s2 == pytest.approx(along_m_s2, abs=0.2)
     record = node.record
     assert record.housing_work_j > 1e-3  # the striker has slid downhill
-    assert record.ankle_j > 0.0
+    assert record.ankle_j >= 0.0  # the plate hangs at rest until an impact
     taken = record.stored_j + record.friction_j + record.impact_loss_j + record.ankle_j
     assert record.drive_work_j + record.housing_work_j == pytest.approx(taken, abs=1e-8)
 
