@@ -48,7 +48,7 @@ def test_every_byte_of_config_and_state_is_of_one_block(
 def test_the_firmware_keeps_its_budget(
     target: board.BoardName, most_ram: int, most_stack: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of the RAM, 4 KiB are the inbox's, and 2 KiB XCP's: its lists with their samples, and staged parameters.
+    """Of the RAM, 4 KiB are the inbox's, and 2 KiB XCP's: its lists, samples, and staged parameters.
 
     Of the flash, 15 KiB are calibration's: bounds, conflicts and the constants that follow from a commit.
     """
