@@ -229,7 +229,8 @@ def test_shipped_cases_have_names_and_the_list_shows_them_complete(
 ) -> None:
     names = scenario_names()
     path, case = shipped_scenarios()["a-sagging-supply-stops-the-motor"]
-    assert len(names) == 110
+    assert len(names) == len(set(names)) == len(shipped_scenarios())
+    assert {path for path, _ in shipped_scenarios().values()} == set(path.parents[1].rglob("*.toml"))
     assert case == "a-sagging-supply-stops-the-motor"
     assert len(read_file(path)["vary"]) == 1
     assert run(["list", "--show", case]) == 0
