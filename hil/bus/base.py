@@ -21,6 +21,12 @@ SEND_RETRY_S = 100e-6
 """A node retries a full transmit queue for 4 × 0.1 ms, less than half a tick; then it drops frames."""
 
 
+LONGEST_REFUSAL_NS = 1_000_000_000
+"""A bus that has carried frames and then refuses every one for this long has failed.
+
+Before its first frame it may refuse for longer: a real bus carries none while no other node acknowledges.
+"""
+
 LOGGER = logging.getLogger(__name__)
 
 
@@ -52,13 +58,27 @@ class BusCounters:
     """Frames that arrived while the receive queue was full."""
     receive_errors: int = 0
     """Errors of an adapter's receiving side, after which it went on."""
+    refused_from_ns: int | None = None
+    """Time of the first of the refusals that no carried frame has followed; None before any was carried."""
+    carried: int = 0
+    """Frames that the bus had carried at the last refusal."""
+    lasting_refusal: str = ""
+    """Why and for how long a bus that has carried frames now refuses every one; empty while it does not."""
 
     def refuse(self, frames: int, reason: str) -> None:
         """Count frames that were not sent, and report the first of them."""
-        if self.unsent == 0 and frames > 0:
-            self.first_unsent_ns, self.refusal = time.monotonic_ns(), reason
+        if frames == 0:
+            return
+        now_ns = time.monotonic_ns()
+        if self.unsent == 0:
+            self.first_unsent_ns, self.refusal = now_ns, reason
             LOGGER.warning("frames are refused and not sent: %s", reason)
         self.unsent += frames
+        if (carried := self.sent - self.unsent) != self.carried:
+            self.carried, self.refused_from_ns, self.lasting_refusal = carried, now_ns, ""
+        elif self.refused_from_ns is not None and now_ns - self.refused_from_ns >= LONGEST_REFUSAL_NS:
+            seconds = (now_ns - self.refused_from_ns) * 1e-9
+            self.lasting_refusal = f"it has refused every frame for {seconds:.1f} s ({reason})"
 
 
 class NodeBus(Protocol):

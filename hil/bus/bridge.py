@@ -100,6 +100,8 @@ class Direction(threading.Thread):
             self._target.send(message, timeout=LOOK_S)
         except can.CanError as error:  # a full queue, a message that nobody acknowledged
             self.counts.refuse(1, f"{self._target.channel_info}: {error}")
+            if self.counts.lasting_refusal:
+                self._fail(self._target, self.counts.lasting_refusal)
         except Exception as error:  # each interface raises what its driver's library raises
             self.counts.refuse(1, f"{self._target.channel_info}: {error}")
             self._fail(self._target, error)
@@ -117,8 +119,8 @@ class Direction(threading.Thread):
         else:
             self._ending.wait(RETRY_S)
 
-    def _fail(self, bus: can.BusABC, error: Exception) -> None:
-        self.failure = f"{bus.channel_info}: {error}"
+    def _fail(self, bus: can.BusABC, why: object) -> None:
+        self.failure = f"{bus.channel_info}: {why}"
         print(self.failure, file=sys.stderr)
         self._when_failed()
 

@@ -187,8 +187,9 @@ class CanSocket(Connection):
             number = ctypes.get_errno()
             if number not in QUEUE_FULL or attempt == SEND_RETRIES:
                 # An interface that is down is treated as full: the watchdogs at both ends detect the silence.
-                self._note_failure(number)
                 self._counters.refuse(count, os.strerror(number))
+                self.failure = self._counters.lasting_refusal
+                self._note_failure(number)
                 return
             attempt += 1
             self._counters.waited += attempt == 1

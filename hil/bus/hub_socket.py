@@ -72,7 +72,7 @@ class HubSocket(Connection):
     @property
     def failure(self) -> str:
         """Why the bus carries no more frames; empty while it works."""
-        return "its hub has ended" if self.ended else ""
+        return "its hub has ended" if self.ended else self.counters.lasting_refusal
 
     def send_all(self, frames: Iterable[Frame]) -> None:
         """Queue frames in one system call."""
@@ -100,7 +100,7 @@ class HubSocket(Connection):
             packed = packed[sent:]
         # The rest of a partly sent frame is sent first next time, which keeps the stream aligned to frames.
         self._unfinished = packed[: len(packed) % wire.FRAME_BYTES]
-        reason = self.failure or "the transmit queue is full"
+        reason = "its hub has ended" if self.ended else "the transmit queue is full"
         self.counters.refuse(len(packed) // wire.FRAME_BYTES, f"{self._address}: {reason}")
 
     def _read(self, most: int = MAX_BURST) -> bytes:

@@ -30,7 +30,7 @@ from tools import cli
 from tools.output import EXIT_BAD_INPUT
 
 TIMEOUT_S = 5.0
-KINDS = [name for name in INTERFACES if name not in ("made-unplugged", "made-cut", *REFUSING)]
+KINDS = [name for name in INTERFACES if name not in ("made-unplugged", "made-cut", "made-not-yet", *REFUSING)]
 
 
 @pytest.fixture
@@ -138,9 +138,13 @@ def test_the_bridge_precedes_ordinary_processes_where_it_may(wire: ProvidedBus) 
         permitted = os.sched_getscheduler(0)
     with shared(provide(address("made-late", wire))) as provided:
         assert provided.bridge is not None
-        threads = os.listdir(f"/proc/{provided.bridge.pid}/task")
-        policies = [os.sched_getscheduler(int(thread)) for thread in threads]
-        assert policies.count(permitted) >= len(("main", "to the adapter", "from the adapter"))
+        tasks = Path(f"/proc/{provided.bridge.pid}/task")
+
+        def policies() -> list[int]:
+            return [os.sched_getscheduler(int(thread.name)) for thread in tasks.iterdir()]
+
+        started = len(("main", "to the adapter", "from the adapter"))
+        assert waited_for(lambda: policies().count(permitted) >= started, TIMEOUT_S), policies()
 
 
 @pytest.mark.parametrize("kind", ["made-late", "made-device-time"])

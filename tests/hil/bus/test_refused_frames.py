@@ -22,7 +22,8 @@ from firmware_py.interface.frame import Frame
 from hil.bus import Bus, ProvidedBus, join, open_bus, provide
 from hil.bus.can_socket import CanSocket
 from hil.can_model.modelled_bus import ModelledBus
-from tools.output import EXIT_NOTHING_RAN
+from hil.timing.processes import READY_TIMEOUT_S
+from tools.output import EXIT_BAD_INPUT, EXIT_NOTHING_RAN
 
 SENT = 1000
 MANNERS = {name: kind.refused for name, kind in REFUSING.items()}
@@ -135,6 +136,37 @@ def test_a_node_alone_counts_what_its_adapter_refuses(kind: str, wire: ProvidedB
     assert summary["unsent"] == refused > 0
     assert errors.count("frames are refused and not sent: ") == 1
     assert f"{refused} frames were refused and not sent" in errors
+
+
+@pytest.mark.realtime
+def test_a_node_alone_ends_when_its_adapter_refuses_for_ever(wire: ProvidedBus) -> None:
+    """Not before it has carried a frame: until another node is on the bus, a real one carries none."""
+    program = vibrohil("plant", "soft-start-multistable", "--bus", address("made-refusing-for-ever", wire))
+    _, errors = program.communicate(timeout=READY_TIMEOUT_S)
+    assert program.returncode == EXIT_BAD_INPUT
+    assert "error: the adapter has failed: " in errors
+    assert "it has refused every frame for 1." in errors
+    waiting = vibrohil(
+        *("plant", "soft-start-multistable", "--bus", address("made-not-yet", wire), "--until", "1.5")
+    )
+    _, errors = waiting.communicate()
+    assert waiting.returncode == 0, errors
+
+
+@pytest.mark.parametrize("opened", [on_hub, on_kernel_can])
+def test_a_bus_that_refuses_for_a_second_has_failed_if_it_carried_frames(
+    opened: Callable[..., Any], wire: ProvidedBus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_ns = [0]
+    monkeypatch.setattr("hil.bus.base.time.monotonic_ns", lambda: now_ns[0])
+    device = Device(REFUSING["made-refusing-again"].refused)
+    failed = []
+    with opened("", wire, device) as node:
+        for device.number in range(340):
+            node.send_all([Frame(1, b"")])
+            now_ns[0] += 4_000_000
+            failed += [device.number] if node.failure else []
+    assert failed == list(range(20 + 250, 340)), "from one second on, and for good"
 
 
 @pytest.mark.realtime

@@ -182,6 +182,10 @@ class RefusingAgain(Refusing):
     refused = (*range(20, 320), *range(400, 700))
 
 
+class NotYet(Refusing):
+    refused = range(1200)
+
+
 REFUSING = {
     "made-refusing-for-300-ms": Refusing,
     "made-refusing-for-ever": RefusingForEver,
@@ -199,6 +203,7 @@ INTERFACES = {
     "made-unplugged": Unplugged,
     "made-cut": Cut,
     "made-glitch": Glitch,
+    "made-not-yet": NotYet,
     **REFUSING,
 }
 
