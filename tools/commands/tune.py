@@ -133,6 +133,7 @@ def speed(
 ) -> None:
     """Design the PI gains of the speed loop for a bandwidth and a phase margin."""
     from tools.tuning import pictures
+    from tools.tuning.safety import Bench
     from tools.tuning.speed import NominalDrive, tune_speed
 
     nominal = NominalDrive(**list_given(inertia_kg_m2=inertia_kg_m2, tracker_rad_s=tracker_rad_s))
@@ -142,6 +143,7 @@ def speed(
         lambda _: tune_speed(nominal, **wanted),
         lambda figure, _, design: pictures.draw_speed(figure, nominal, design),
         lambda _: {},
+        Bench(changes={"motor": {"inertia_kg_m2": nominal.inertia_kg_m2}}),
     )
 
 

@@ -3,10 +3,11 @@
 The runs are scenarios of the bench in lockstep on the compiled build, with their own checks and plant.
 """
 
+import math
 import tempfile
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -50,10 +51,14 @@ def check_bounds(values: Mapping[str, float]) -> SafetyResult:
 
 @dataclass(frozen=True)
 class Bench:
-    """A plant that replaces the scenarios' own, for parameters of another module, and its highest ratio."""
+    """The plant of the safety scenarios for parameters of another module.
 
-    scene: Mapping[str, Any]
-    ratio: float
+    `scene`: tables that replace the scenarios' own; `changes`: their differences to it; `ratio`: the highest.
+    """
+
+    scene: Mapping[str, Any] | None = None
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    ratio: float = math.inf
 
 
 def judge_scenario(
@@ -62,7 +67,9 @@ def judge_scenario(
     """Run a scenario with these parameters in place of its own, in a folder that is removed, and judge it."""
     document = deepcopy(read_scenario(name))
     if bench is not None:
-        document["scene"] = deepcopy(dict(bench.scene))
+        document["scene"] = apply_differences(
+            deepcopy(dict(document["scene"] if bench.scene is None else bench.scene)), bench.changes
+        )
         for command in document["script"]["commands"]:
             if "target_ratio" in command:
                 command["target_ratio"] = min(bench.ratio, command["target_ratio"])

@@ -227,9 +227,13 @@ def tune_speed(
         parameters={
             "speed.gain_p_n_m_s": make_value("speed.gain_p_n_m_s", gain_p, p_low * gain_p, p_high * gain_p),
             "speed.gain_i_n_m": make_value("speed.gain_i_n_m", gain_i, 0.0, i_high * gain_i),
-            "crank.bandwidth_rad_s": make_value(
-                "crank.bandwidth_rad_s", nominal.tracker_rad_s, nominal.tracker_rad_s, nominal.tracker_rad_s
-            ),
+            **{
+                name: make_value(name, value, value, value)
+                for name, value in (
+                    ("crank.bandwidth_rad_s", nominal.tracker_rad_s),
+                    ("motor.inertia_kg_m2", nominal.inertia_kg_m2),
+                )
+            },
         },
         figures_of_merit=merits(design),
     ), design

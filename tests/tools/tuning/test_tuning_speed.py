@@ -140,6 +140,15 @@ def test_the_command_takes_the_motor_and_the_tracker_that_are_named(
     assert (default["crank.bandwidth_rad_s"], quick["crank.bandwidth_rad_s"]) == (TRACKER, 500.0)
     assert quick["speed.gain_i_n_m"] > default["speed.gain_i_n_m"]
     assert heavy["speed.gain_p_n_m_s"] == pytest.approx(2.0 * default["speed.gain_p_n_m_s"], rel=0.1)
+    assert heavy["motor.inertia_kg_m2"] == 1e-3
+
+
+def test_a_module_of_twice_the_inertia_is_tested_with_its_own_plant() -> None:
+    values = tune_speed(NominalDrive(inertia_kg_m2=1e-3))[0].values
+    own = safety.Bench(changes={"motor": {"inertia_kg_m2": 1e-3}})
+    for bench, passes in ((own, True), (safety.Bench(changes={"motor": {"inertia_kg_m2": 1e-4}}), False)):
+        result = safety.judge_scenario("quick-start-below-the-band", values, lambda *_: None, bench=bench)
+        assert result.passed == passes, result.why
 
 
 def test_the_disk_margin_is_controls(design: SpeedDesign) -> None:

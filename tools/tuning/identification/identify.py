@@ -253,7 +253,7 @@ def bench_of(source: Path, scene: str | None) -> Bench | None:
         return None
     commands = frames_of(StoredBus(can_log_of(source)), OperatorCommand).signals
     ratios = commands[:, OperatorCommand._fields.index("target_ratio")] if len(commands) else np.zeros(0)
-    return Bench(tables, float(np.max(ratios)) if ratios.any() else LARGEST_RATIO)
+    return Bench(tables, ratio=float(np.max(ratios)) if ratios.any() else LARGEST_RATIO)
 
 
 def tune_identify(source: Path) -> tuple[Tuning, Identified, Readings]:
