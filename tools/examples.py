@@ -5,6 +5,7 @@ EXAMPLES = {
     "run": "vibrohil run soft-start-multistable --clock lockstep",
     "suite": "vibrohil suite soft-start-multistable e-stop-in-the-hold",
     "campaign": "vibrohil campaign start-up --trials 200",
+    "falsify": "vibrohil falsify a-kick-towards-the-stop-does-not-lose-the-impacts --budget 200",
     "runs": "vibrohil runs --where passed=false --show detector.recall",
     "view": "vibrohil view runs/mine --web",
     "why": "vibrohil why runs/mine",

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 from hil.bench.workers import Workers, alive
 from tools.output import BadInputError
@@ -16,6 +16,10 @@ Result = TypeVar("Result")
 CONNECT_TIMEOUT_S = 10.0
 
 
+Run = Callable[[Sequence[Task]], Iterator[tuple[int, Result]]]
+"""Yields the index and the result of each task, in the order in which they finish."""
+
+
 def results(
     function: Callable[[Task], Result],
     tasks: Sequence[Task],
@@ -23,7 +27,19 @@ def results(
     scheduler: str | None = None,
     threads: bool = False,
 ) -> Iterator[tuple[int, Result]]:
-    """Yield the index and the result of each task, in the order in which they finish.
+    """Yield the index and the result of each task, in the order in which they finish."""
+    with pool(function, cores, scheduler, threads) as run:
+        yield from run(tasks)
+
+
+@contextmanager
+def pool(
+    function: Callable[[Task], Result],
+    cores: int | None = None,
+    scheduler: str | None = None,
+    threads: bool = False,
+) -> "Iterator[Run[Task, Result]]":
+    """Give a function that runs lists of tasks, one list after another, on the same workers.
 
     `cores`: the number of processes or threads; by default one for each core that this process may use.
     With processes, the first task runs alone: it compiles the kernels that the other processes load.
@@ -33,19 +49,32 @@ def results(
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     cores = cores or available or 1
     if scheduler is not None:
-        with _client(scheduler) as client, client.get_executor(pure=False) as pool:
-            yield from _run_in_pool(pool, function, tasks)
+        with _client(scheduler) as client, client.get_executor(pure=False) as executor:
+            yield partial(_run_in_pool, executor, function)
     elif threads and cores == 1:
-        yield from enumerate(map(function, tasks))
+        yield lambda tasks: enumerate(map(function, tasks))
     elif threads:
-        with ThreadPoolExecutor(cores) as pool:
-            yield from _run_in_pool(pool, function, tasks)
+        with ThreadPoolExecutor(cores) as executor:
+            yield partial(_run_in_pool, executor, function)
     else:
-        numbered = list(enumerate(tasks))
         with Workers(partial(_call_numbered, function), cores) as workers:
-            for some in (numbered[:1], numbered[1:]):
-                for (number, _), result in workers.results(some):
-                    yield number, alive(result)
+            yield _Processes(workers).run
+
+
+class _Processes(Generic[Task, Result]):
+    """Runs lists of tasks in worker processes."""
+
+    def __init__(self, workers: Workers[tuple[int, Task], Result]) -> None:
+        self._workers = workers
+        self._alone = 1
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Result]]:
+        """Run the tasks; of the first list the first task runs alone."""
+        numbered = list(enumerate(tasks))
+        alone, self._alone = self._alone, 0
+        for some in (numbered[:alone], numbered[alone:]):
+            for (number, _), result in self._workers.results(some):
+                yield number, alive(result)
 
 
 def _call_numbered(function: Callable[[Task], Result], numbered: tuple[int, Task]) -> Result:

@@ -28,7 +28,7 @@ def print_version(wanted: bool) -> None:
 
 
 COMMANDS = {
-    "Test the firmware": ("new", "run", "suite", "campaign"),
+    "Test the firmware": ("new", "run", "suite", "campaign", "falsify"),
     "Look at runs": ("runs", "view", "why", "inspect", "compare", "replay", "import_log", "export"),
     "Design": ("tune", "trade", "schedule"),
     "The module alone": ("simulate", "study", "export_fmu"),

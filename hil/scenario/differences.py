@@ -15,6 +15,7 @@ from typing import Any
 
 from pydantic import Field
 
+from hil.scenario.search import MOST_KEYS, SearchTable
 from hil.scenario.settings import put, split_key
 from plant_sim.tables.table import Table
 from plant_sim.validation_messages import nearest
@@ -49,6 +50,9 @@ class FileTable(Table):
         default=[],
         description="the tables [[vary]]: each gives keys of the scenario a list with one value for each "
         "case; several tables give all combinations; the key `name` gives the names of the cases",
+    )
+    search: list[SearchTable] = Field(
+        default=[], max_length=MOST_KEYS, description="the tables [[search]] of `vibrohil falsify`"
     )
 
 
@@ -132,7 +136,7 @@ def columns_of(axis: Mapping[str, Any], where: str) -> dict[str, list[Any]]:
             left[:0] = [(f"{key}.{name}", inner) for name, inner in value.items()]
             continue
         if split_key(key)[0] in FileTable.model_fields:
-            raise TextInputError(f"{where}.{key}: like, append and vary hold for all cases of a file")
+            raise TextInputError(f"{where}.{key}: like, append, vary and search hold for all cases of a file")
         if not isinstance(value, list) or not value:
             raise TextInputError(f"{where}.{key} = {value!r}; give a list with a value for each case")
         if key in columns:

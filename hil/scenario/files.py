@@ -22,6 +22,7 @@ from hil.scenario.differences import (
     set_values,
 )
 from hil.scenario.parameter_file import read_parameters
+from hil.scenario.search import SearchTable
 from plant_sim.scene import read_scene
 from plant_sim.validation_messages import messages_of, nearest
 from text_input import TextInputError, read_toml
@@ -139,6 +140,14 @@ def read_tables(source: str | Path, *, is_base: bool = False) -> tuple[dict[str,
             raise TextInputError("append continues the lists of `like`, which is missing; add it")
         values = values_of_case(cases_of(references.vary, path.stem), case, path)
         return resolve_names(set_values(tables, values), path), inherited
+
+
+def search_tables(source: str | Path) -> list[SearchTable]:
+    """The tables [[search]] of a scenario's own file."""
+    path, _ = locate(source)
+    document = read_file(path)
+    with name_file_in_errors(path):
+        return references_of(document).search
 
 
 def values_of_case(cases: Mapping[str, Mapping[str, Any]], case: str | None, path: Path) -> Mapping[str, Any]:

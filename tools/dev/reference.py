@@ -30,6 +30,7 @@ from hil.scenario.differences import FileTable, check_sets
 from hil.scenario.files import scenario_names
 from hil.scenario.limits import SCALES
 from hil.scenario.scenario import CommandTable, Scenario, ScenarioTable, ScriptTable, load_scenario
+from hil.scenario.search import SearchTable
 from plant_sim.tables.quantities import quantity_of
 from plant_sim.tables.table import tables_in
 from tools.dev.command_page import command_page, find_repeated, page, row, table
@@ -334,7 +335,7 @@ def scenes() -> str:
         "A part without a table is absent. Unknown keys are rejected. Tables with the same keys share a "
         "section; where they differ, their texts follow each other in the order of the heading."
     ]
-    of_scenario: list[type[BaseModel]] = [ScenarioTable, FileTable, ScriptTable, CommandTable]
+    of_scenario: list[type[BaseModel]] = [ScenarioTable, FileTable, SearchTable, ScriptTable, CommandTable]
     for heading, found in (("A scenario", of_scenario), ("A scene", [*tables_in(BenchScene)][1:])):
         parts += [f"## {heading}", *table_sections(found)]
     parts += ["## Sets of checks", table(["name", "title", "checks"], check_set_rows())]

@@ -189,7 +189,7 @@ def test_cases_have_the_names_and_scenes_that_the_file_gives(base: Path) -> None
         ("[[vary]]\nseed = [1, 1]", "two cases have the name 'mine-seed-1'"),
         ('[[vary]]\nname = ["../out"]', "a case has the name '../out'; wanted letters"),
         ("[[vary]]\nname = [3]", "a case has the name 3; wanted letters"),
-        ('[[vary]]\nlike = ["base.toml"]', "vary.0.like: like, append and vary hold for all cases"),
+        ('[[vary]]\nlike = ["base.toml"]', "vary.0.like: like, append, vary and search hold for all cases"),
         ('[[vary]]\n"a..b" = [1]', "'a..b' is no dotted key"),
         ("[[vary]]\nscript.faults.0.at_s = [1.0]", "vary: script.faults.0: the list has 0 entries"),
         ("[[vary]]\ntitle.x = [1.0]", "vary: title is a value, not a table"),

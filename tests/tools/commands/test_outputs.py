@@ -18,7 +18,17 @@ from tools import cli
 from tools.error_report import BAD_INPUT, report
 from tools.output import EXIT_BAD_INPUT, EXIT_INTERNAL_ERROR, BadInputError
 
-FOLDERS = {"run", "suite", "import", "firmware node", "firmware build", "firmware c", "plant", "measure"}
+FOLDERS = {
+    "run",
+    "suite",
+    "falsify",
+    "import",
+    "firmware node",
+    "firmware build",
+    "firmware c",
+    "plant",
+    "measure",
+}
 """Commands whose --out is a folder; `study`'s is one, too."""
 READ = {
     ("run", "--parameters"),

@@ -1,0 +1,210 @@
+"""`vibrohil falsify`: what it varies, what it counts, and that `run` repeats what it writes."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil.scenario.files import ScenarioError, read_file, search_tables
+from hil.scenario.scenario import load_scenario
+from hil.timing.signals import Interrupted
+from tools import cli
+from tools.falsify import evaluations as stored
+from tools.falsify.objective import BROKEN, Result, result_at
+from tools.falsify.search import OPTIMISERS, search
+from tools.falsify.space import DELAY, Dimension, Space, space_of
+from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, EXIT_PASSED, BadInputError
+
+KICK = "a-kick-towards-the-stop-does-not-lose-the-impacts"
+OWN = """
+title = "The crank stays below a speed at every ratio"
+like = "quick-start-below-the-band"
+checks = [
+    {{ name = "speed_rad_s", expression = "max(plant.omega_rad_s)", high = {limit}, unit = "rad/s" }},
+    {{ name = "fault", equals = "none" }},
+]
+script.duration_s = 2.5
+script.commands = [{{ at_s = 0.1, request = "run", target_ratio = 1.0 }}]
+search = [
+    {{ key = "script.commands.0.target_ratio", low = 0.8, high = {high} }},
+    {{ key = "scene.friction.b_n_s_m", low = 0.1, high = 0.3 }},
+]
+"""
+
+
+def written(folder: Path, text: str, name: str = "own") -> str:
+    path = folder / f"{name}.toml"
+    path.write_text(text)
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ({"key": "script.duration_s", "low": 1.0}, "give low and high, or choices"),
+        ({"key": "script.duration_s", "low": 2.0, "high": 1.0}, "is not below"),
+        ({"key": "script.duration_s", "low": "a", "high": "b"}, "must be numbers"),
+        ({"key": "script.duration_s", "choices": [1]}, "search"),
+        ({"key": "script..duration_s", "low": 1.0, "high": 2.0}, "no dotted key"),
+        ({"key": "script.duration_s", "low": 1.0, "high": 2.0, "step": 1}, "step"),
+    ],
+)
+def test_a_table_that_cannot_be_searched_is_refused(tmp_path, table, said):
+    line = ", ".join(f"{key} = {json.dumps(value)}" for key, value in table.items())
+    source = written(tmp_path, f'title = "x"\nlike = "{KICK}"\nsearch = [{{ {line} }}]\n')
+    with pytest.raises(ScenarioError, match=said):
+        search_tables(source)
+
+
+@pytest.mark.parametrize(
+    ("dimension", "values"),
+    [
+        (Dimension("k", 1, 1, 3), [1, 1, 2, 3, 3]),
+        (Dimension("k", 1.0, 1.0, 3.0), [1.0, 1.5, 2.0, 2.5, 3.0]),
+        (Dimension("k", "a", choices=("a", "b")), ["a", "a", "b", "b", "b"]),
+    ],
+)
+def test_whole_numbers_stay_whole(dimension, values):
+    found = [dimension.value(share) for share in (0.0, 0.25, 0.5, 0.75, 1.0)]
+    assert found == values
+    assert [type(one) for one in found] == [type(one) for one in values]
+
+
+def test_the_default_space_of_a_kick_varies_kick_module_sensors_and_disturbances():
+    space = space_of(KICK, [])
+    ranges = {one.key: one.text for one in space.dimensions}
+    assert ranges[DELAY] == "0 … 0.61"
+    assert ranges["script.faults.0.change_m_s"] == "-0.3 … 0.3"
+    assert ranges["scene.stop.restitution"] == "0.45 … 0.55"
+    assert ranges["script.faults.2.duration_s"].startswith("0.0, 0.001")
+    assert {one.requirement for one in space.checks} == {"S-04", "S-05", "S-06", "P-07"}
+    # Nothing that is at its default is left in the script, and the requirement's limit counts.
+    scenario = load_scenario(KICK)
+    assert space.tables(space.defaults)["script"] == scenario.document["script"]
+    [own] = [one for one in scenario.checks if one.name == "after_fault.peak_force_n"]
+    [taken] = [one for one in space.checks if one.name == own.name]
+    assert own.bounds.low is not None
+    assert taken.bounds == own.required
+    # A fault comes with its size, and the delay moves all that follows.
+    values = [0.5 if one.key == DELAY else one.default for one in space.dimensions]
+    values[[one.key for one in space.dimensions].index("script.faults.2.duration_s")] = 0.002
+    moved = space.scenario(values)
+    assert [(one.kind, one.at_s) for one in moved.faults] == [("kick", 6.5), ("dropped", 6.5)]
+    assert moved.duration_s == scenario.duration_s + 0.5
+
+
+def test_a_run_without_a_fault_is_searched_without_disturbances():
+    space = space_of("soft-start-multistable", [])
+    assert not any("faults" in one.key for one in space.dimensions)
+    assert {"P-04", "P-05", "P-06"} <= {one.requirement for one in space.checks}
+    assert "P-03" not in {one.requirement for one in space.checks}  # its limit is this scenario's own
+    assert [one.requirement for one in space_of("soft-start-multistable", ["P-03"]).checks] == ["P-03"]
+    with pytest.raises(BadInputError, match="P-99"):
+        space_of("soft-start-multistable", ["P-99"])
+
+
+class Valley:
+    """Runs whose margin is a smooth function of their values, with one that is not judged."""
+
+    def __init__(self):
+        self.known = {}
+
+    def results(self, space, values, _=""):
+        for one in values:
+            far = float(np.sum((np.array(one) - 0.37) ** 2))
+            self.known[one] = Result((), "doubted") if one[0] > 0.98 else Result((far + 0.01, None))
+        return [self.known[one] for one in values]
+
+
+def valley() -> Space:
+    space = Space("valley", {}, tuple(Dimension(f"k{n}", 0.0, 0.0, 1.0) for n in range(6)), (0, 1))
+    checks = load_scenario("soft-start-multistable").checks
+    vars(space)["checks"] = checks[2:4]
+    return space
+
+
+def test_the_optimisers_find_more_than_sobol_with_the_same_budget():
+    baseline, *others = search([valley()], 400, 3, Valley())
+    assert [one.method for one in others] == list(OPTIMISERS)
+    for one in others:
+        assert one.runs <= 400
+        assert one.best.margin < 0.5 * baseline.best.margin
+    assert sum(baseline.unjudged.values()) > 0
+
+
+@pytest.mark.usefixtures("in_process")
+def test_a_counterexample_is_small_and_run_repeats_it_bit_for_bit(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    own = written(tmp_path, OWN.format(limit=10.5, high=1.3))
+    assert cli.run(["falsify", own, "--budget", "16", "--out", "found", "--json"]) == EXIT_CHECK_FAILED
+    said = capsys.readouterr()
+    assert "no direction, counted as broken or not: fault" in said.err
+    result = json.loads(said.out)
+    assert {"runs", "worst", "found", "baseline", "passed"} <= result.keys()
+    worst = result["worst"]
+    assert (worst["check"], worst["scenario"], result["passed"]) == ("speed_rad_s", "own", False)
+    assert list(worst["values"]) == ["script.commands.0.target_ratio"]  # the friction has returned
+    assert Path(result["picture"]).stat().st_size > 10_000
+    counterexample = Path(result["counterexample"])
+    assert set(read_file(counterexample)) == {"title", "like", "checks", "script", "seed"}
+    assert cli.run(["run", str(counterexample), "--clock", "lockstep", "--json"]) == EXIT_CHECK_FAILED
+    [check] = json.loads(capsys.readouterr().out)["checks"]
+    assert check["margin_share"] == worst["margin"] < 0.0
+
+
+@pytest.mark.usefixtures("in_process")
+def test_an_interrupted_search_goes_on_and_without_counterexample_shows_the_margins(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    own = written(tmp_path, OWN.format(limit=14.0, high=1.2))
+    command = ["falsify", own, "--budget", "8", "--json"]
+    whole, tasks = stored.run_task, []
+
+    def interrupted(spaces, task):
+        tasks.append(task)
+        if len(tasks) > 1:
+            raise Interrupted("interrupted by SIGINT")
+        return whole(spaces, task)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(stored, "run_task", interrupted)
+        assert cli.run(command) == 2
+    assert "the same command continues" in capsys.readouterr().err
+    assert cli.run(command) == EXIT_PASSED
+    result = json.loads(capsys.readouterr().out)
+    assert result["taken_over"] == len(tasks[0].values)
+    assert result["runs"] > result["taken_over"]
+    assert result["worst"]["margin"] > 0.0
+    assert result["baseline"]["margin"] >= result["worst"]["margin"]
+    assert Path(result["picture"]).name == "margins.png"
+
+
+@pytest.mark.usefixtures("in_process")
+@pytest.mark.parametrize(
+    ("arguments", "status", "said"),
+    [
+        (["soft-start-multistable", "--requirement", "S-09"], EXIT_BAD_INPUT, "no check to search"),
+        (["own.toml", "other/own.toml"], EXIT_BAD_INPUT, "same name"),
+        (["gone.toml"], EXIT_BAD_INPUT, "gone.toml"),
+        (["never.toml", "--budget", "4"], EXIT_NOTHING_RAN, "refused"),
+    ],
+)
+def test_what_proves_nothing_is_no_success(arguments, status, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path, OWN.format(limit=14.0, high=1.2))
+    (tmp_path / "other").mkdir()
+    written(tmp_path / "other", OWN.format(limit=14.0, high=1.2))
+    written(tmp_path, OWN.format(limit=14.0, high=6.0).replace("low = 0.8", "low = 5.0"), "never")
+    assert cli.run(["falsify", *arguments]) == status
+    printed = capsys.readouterr()
+    assert said in printed.err + printed.out
+
+
+def test_a_failed_check_without_a_margin_counts_as_broken(tmp_path):
+    space = space_of(written(tmp_path, OWN.format(limit=14.0, high=1.2)), [])
+    stopped = OWN.format(limit=14.0, high=1.2).replace('equals = "none"', 'equals = "stall"')
+    assert result_at(space, space.defaults).margin > 0.0
+    broken = space_of(written(tmp_path, stopped, "stopped"), [])
+    assert result_at(broken, broken.defaults).margin == BROKEN

@@ -1,0 +1,174 @@
+"""`vibrohil falsify SCENARIO…`: searches for the run with the smallest margin."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hil.timing.signals import Interrupted
+from tools.commands.options import MOST_TRIALS, Change, Json, Scheduler, Workers
+from tools.output import (
+    EXIT_CHECK_FAILED,
+    EXIT_NOTHING_RAN,
+    EXIT_PASSED,
+    BadInputError,
+    answer,
+    progress_console,
+    table_of,
+)
+from tools.outputs import digest, folder_option
+from tools.progress import shown_progress
+
+if TYPE_CHECKING:
+    from tools.falsify.evaluations import Evaluations
+    from tools.falsify.search import Hunt
+    from tools.falsify.space import Space
+
+
+def falsify(
+    scenarios: Annotated[list[str], typer.Argument(help="Scenarios by name or file.")],
+    requirement: Annotated[
+        list[str] | None,
+        typer.Option(help="Only checks of this requirement; repeatable. By default all that have limits."),
+    ] = None,
+    budget: Annotated[
+        int, typer.Option(help="Runs of each method, in all scenarios together.", min=4, max=MOST_TRIALS)
+    ] = 500,
+    seed: Annotated[int, typer.Option(help="Seed of the search; a run has its scenario's own.", min=0)] = 1,
+    change: Change = None,
+    out: Annotated[
+        Path | None, folder_option("The folder for counterexample and picture; by default under runs/.")
+    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """Search for the run with the smallest margin, by Sobol points, differential evolution and CMA-ES.
+
+    Each varies the values of the scenario's tables [[search]]; without one, of the default space: instant and
+    size of its fault, the module as campaigns sample it, the sensors' errors, and small disturbances. A
+    counterexample is made small and written as a scenario; the exit status is then 1. The same command
+    continues an interrupted search; with a larger budget it takes over the runs.
+    """
+    from hil.bench.options import RunOptions, prepare
+    from hil.bench.workers import WorkerDiedError
+    from hil.record.run_folder import RUNS
+    from hil.scenario.files import sources_in
+    from tools import jobs
+    from tools.campaign.processes import claimed
+    from tools.falsify.evaluations import Evaluations, folder_of, runner
+    from tools.falsify.search import search
+    from tools.falsify.space import space_of
+
+    sources = list(dict.fromkeys(source for name in scenarios for source in sources_in(name)))
+    spaces = [space_of(source, requirement or [], change or []) for source in sources]
+    by_name = {space.name: source for space, source in zip(spaces, sources, strict=True)}
+    refuse_nothing_to_search(spaces)
+    prepare(RunOptions(clock="lockstep", firmware="compiled"))
+    for space in spaces:
+        show_space(space)
+    folder = folder_of(spaces)
+    out = out or RUNS / f"falsify-{spaces[0].name}-{seed}{digest([*scenarios, *(requirement or [])])}"
+    with (
+        claimed(folder),
+        jobs.pool(runner(spaces), workers, scheduler) as run,
+        shown_progress() as progress,
+    ):
+        evaluations = Evaluations(folder, run, progress)
+        try:
+            hunts = search(spaces, budget, seed, evaluations)
+            result = result_of(hunts, evaluations, by_name, out)
+        except (Interrupted, WorkerDiedError):
+            progress_console.print(
+                f"{len(evaluations.known)} runs have ended; the same command continues after them",
+                soft_wrap=True,
+            )
+            raise
+    answer(result, as_json, status=status_of(result))
+
+
+def status_of(result: dict[str, Any]) -> int:
+    """The exit status: 1 with a counterexample, 5 if no run was judged."""
+    if result["worst"] is None:
+        return EXIT_NOTHING_RAN
+    return EXIT_CHECK_FAILED if result["found"] else EXIT_PASSED
+
+
+def refuse_nothing_to_search(spaces: "list[Space]") -> None:
+    """Raise BadInputError for a scenario without a chosen check, and for two of one name."""
+    for space in spaces:
+        if not space.chosen:
+            raise BadInputError(
+                f"{space.name}: no check to search, as it has none with a limit of the wanted requirements; "
+                "name another --requirement, or leave the scenario out"
+            )
+    names = [space.name for space in spaces]
+    if len(set(names)) < len(names):
+        raise BadInputError(f"two of the scenarios have the same name, among {', '.join(names)}; rename one")
+
+
+def show_space(space: "Space") -> None:
+    """Print on standard error what is varied, and the checks that give no direction."""
+    from tools.falsify.space import without_direction
+
+    rows = ([one.key, str(one.default), one.text] for one in space.dimensions)
+    progress_console.print(f"{space.name}: {', '.join(one.name for one in space.checks)}", markup=False)
+    progress_console.print(table_of(["key", "scenario", "searched"], rows))
+    if names := without_direction(space):
+        progress_console.print(
+            f"no direction, counted as broken or not: {', '.join(names)}", markup=False, soft_wrap=True
+        )
+
+
+def result_of(
+    hunts: "list[Hunt]", evaluations: "Evaluations", by_name: dict[str, str], out: Path
+) -> dict[str, Any]:
+    """The JSON object of a search, after its counterexample or its picture of margins has been written."""
+    from tools.falsify.counterexample import shrink, write
+    from tools.falsify.pictures import plot_instant, plot_margins
+
+    worst = min((one.best for one in hunts if one.best is not None), key=lambda one: one.margin, default=None)
+    unjudged = sum((one.unjudged for one in hunts[1:]), hunts[0].unjudged)
+    result: dict[str, Any] = {
+        "runs": len(evaluations.known),
+        "taken_over": evaluations.taken_over,
+        "not_judged": sum(unjudged.values()),
+        "why_not_judged": dict(unjudged),
+        "methods": [row_of(one) for one in hunts],
+        "worst": None,
+        "found": False,
+        "baseline": {"margin": None if hunts[0].best is None else hunts[0].best.margin},
+        "passed": None if worst is None else worst.margin >= 0.0,
+    }
+    if worst is None:
+        return result
+    out.mkdir(parents=True, exist_ok=True)
+    result |= {"found": worst.margin < 0.0, "picture": str(out / "margins.png"), "counterexample": None}
+    if worst.margin < 0.0:
+        worst = shrink(worst, evaluations)
+        path = write(worst, by_name[worst.space.name], out / f"{worst.space.name}-worst.toml")
+        result |= {"counterexample": str(path), "picture": str(out / "instant.png")}
+        plot_instant(worst, out / "instant.png")
+    else:
+        plot_margins(worst, evaluations, out / "margins.png")
+    result["worst"] = {
+        "margin": worst.margin,
+        "check": worst.name,
+        "requirement": worst.space.checks[worst.check].requirement,
+        "scenario": worst.space.name,
+        "values": worst.space.changed(worst.values),
+    }
+    return result
+
+
+def row_of(hunt: "Hunt") -> dict[str, Any]:
+    """A row of the table of methods."""
+    best = hunt.best
+    return {
+        "method": hunt.method,
+        "runs": hunt.runs,
+        "found_after": hunt.found_after,
+        "margin": None if best is None else best.margin,
+        "check": None if best is None else best.name,
+        "scenario": None if best is None else best.space.name,
+    }

@@ -1,0 +1,1 @@
+"""Searches for the run with the smallest margin: falsification of the requirements."""

@@ -1,0 +1,114 @@
+"""One run of a search: the margins of the chosen checks, judged as `vibrohil run` judges them."""
+
+import math
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from hil.bench.lockstep import faults_by_node, run_lockstep, silent
+from hil.faults.fault import effects_of
+from hil.judge.checks import Check
+from hil.judge.figures.records import CATALOGUE, Origin
+from hil.judge.judge import judge
+from hil.judge.verdict import CheckResult, RunVerdict, Verdict
+from hil.record.candump import NO_BUS, StoredBus
+from hil.record.run_faults import with_effects
+from hil.record.run_traces import CAN_LOG, TRACES, RunTraces, read_trace
+from hil.scenario.scenario import Scenario
+from text_input import TextInputError
+from tools.falsify.space import Space
+
+BROKEN = -1.0
+"""The margin of a failed check that has no margin: a text, or a figure that the run does not have."""
+LEAST = -10.0
+"""Smallest margin; farther beyond a limit counts the same."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """Outcome of a run: a margin for each chosen check, None where it gives no direction or is not judged.
+
+    `why`: the reason why the run is not judged or was refused; empty for a judged one.
+    """
+
+    margins: tuple[float | None, ...]
+    why: str = ""
+
+    @property
+    def margin(self) -> float | None:
+        """The smallest margin; None for a run that is not judged."""
+        if self.why:
+            return None
+        return min((one for one in self.margins if one is not None), default=1.0)
+
+    @property
+    def worst(self) -> int:
+        """The place of the smallest margin among the chosen checks."""
+        margins = [math.inf if one is None else one for one in self.margins]
+        return margins.index(min(margins))
+
+
+class Task(NamedTuple):
+    """Runs in one call of a worker: a space by its name, and the values of each run."""
+
+    space: str
+    values: tuple[tuple[Any, ...], ...]
+
+
+def run_task(spaces: Mapping[str, Space], task: Task) -> list[dict[str, Any]]:
+    """Run all values of a task; return the results as JSON can hold them."""
+    return [asdict(result_at(spaces[task.space], values)) for values in task.values]
+
+
+def result_at(space: Space, values: Sequence[Any]) -> Result:
+    """Run a scenario with these values, and give the margins of the chosen checks."""
+    try:
+        scenario = space.scenario(values)
+    except TextInputError as error:
+        return Result((), f"refused: {error}")
+    with tempfile.TemporaryDirectory() as folder:
+        verdict, _ = judged(scenario, Path(folder), [scenario.checks[place] for place in space.chosen])
+    if verdict.reasons:
+        return Result(tuple(BROKEN for _ in space.chosen))
+    results = [verdict.checks[place] for place in space.chosen]
+    if verdict.doubts or all(one.verdict is Verdict.NOT_JUDGED for one in results):
+        return Result((), "; ".join(verdict.doubts) or "no check was judged")
+    return Result(tuple(map(margin_of, results)))
+
+
+def margin_of(result: CheckResult) -> float | None:
+    """A check's margin as a share; None if it gives no direction."""
+    if result.verdict is Verdict.NOT_JUDGED:
+        return None
+    if result.verdict is Verdict.FAILED:
+        share = result.margin_share
+        return BROKEN if share is None else max(min(share, -1e-9), LEAST)
+    return result.margin_share
+
+
+def judged(scenario: Scenario, run_dir: Path, checks: Sequence[Check]) -> tuple[RunVerdict, RunTraces]:
+    """Run in compiled lockstep and judge; the traces are in `run_dir`.
+
+    The log of the bus is read only if one of `checks` needs it.
+    """
+    faults = faults_by_node(scenario)
+    run_lockstep(scenario, run_dir, scenario.seed, silent, "compiled", faults=faults)
+    note: dict[str, Any] = {
+        "scenario": scenario.name,
+        "clock": "lockstep",
+        "period_s": scenario.period_s,
+        "faults": [fault.as_record()._asdict() for fault in scenario.faults],
+    }
+    note["faults"] = with_effects(note, effects_of(faults.values()))
+    needs_bus = any(one.expression is None and CATALOGUE[one.name].origin is Origin.LOG for one in checks)
+    found: dict[str, Any] = {name: read_trace(run_dir / f"{name}.trace") for name in TRACES}
+    traces = RunTraces(
+        **found,
+        bus=StoredBus(run_dir / CAN_LOG) if needs_bus else NO_BUS,
+        run=note,
+        outcome={"wall_s": None},
+        scenario=scenario.document,
+    )
+    return judge(traces, run_dir), traces

@@ -1,0 +1,94 @@
+"""Pictures of a search: a run around its instant, and margins over the two keys that matter most."""
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hil.judge.figures.moments import moment_of
+from hil.record.run_faults import faults_of
+from hil.record.run_traces import RunTraces, column, pair_by_tick
+from plant_sim.arrays import FloatArray
+from tools.falsify.evaluations import Evaluations
+from tools.falsify.objective import judged
+from tools.falsify.search import Best, most_important
+from tools.falsify.space import Space
+from tools.plots import drawn
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+AROUND_S = 1.0
+"""Time shown before and after the first fault, or else the instant that explains the check."""
+SIGNALS = {
+    "speed": ("omega_rad_s", "crank speed [rad/s]"),
+    "largest_speed": ("omega_rad_s", "crank speed [rad/s]"),
+    "turning": ("omega_rad_s", "crank speed [rad/s]"),
+    "torque": ("motor_torque_n_m", "motor torque [N m]"),
+    "force": ("stop_force_n", "force on the stop [N]"),
+    "felt": ("felt_force_n", "felt force [N]"),
+    "estimate": ("", "error of the estimate [mm]"),
+}
+"""The plant's signal behind a figure, by a word of its name; otherwise the striker's velocity."""
+
+
+def signal_of(name: str, traces: RunTraces) -> tuple[FloatArray, FloatArray, str]:
+    """Times, values and label of the signal behind a figure."""
+    signal, label = next((one for word, one in SIGNALS.items() if word in name), ("v_m_s", "velocity [m/s]"))
+    if signal:
+        return column(traces.plant, "t_s"), column(traces.plant, signal), label
+    plant, firmware = pair_by_tick(traces.plant, traces.firmware)
+    error_m = column(firmware, "state.estimator.x_m") - column(plant, "x_m")
+    return column(plant, "t_s"), 1e3 * error_m, label
+
+
+def draw_instant(best: Best, axes: "Axes") -> None:
+    """Draw the signal behind the worst check around its instant, with the script's faults."""
+    scenario = best.space.scenario(best.values)
+    check = scenario.checks[best.space.chosen[best.check]]
+    with tempfile.TemporaryDirectory() as folder:
+        verdict, traces = judged(scenario, Path(folder), [check])
+        faults = faults_of(traces.run)
+        moment_s = moment_of(check.name, traces, verdict.figures)
+        at_s = min((one.from_s for one in faults), default=moment_s)
+        t_s, values, label = signal_of(check.name, traces)
+        shown = np.abs(t_s - at_s) <= AROUND_S
+        axes.plot(t_s[shown], values[shown], lw=1.0)
+        for fault in faults:
+            if abs(fault.from_s - at_s) <= AROUND_S:
+                axes.axvline(fault.from_s, color="tab:red", lw=0.8, ls="--", label=fault.text)
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(loc="upper right", fontsize=7)
+    axes.set(xlabel="time [s]", ylabel=label)
+    axes.set_title(f"{check.name}, margin {best.margin:.0%}\n{best.space.name}", fontsize=8)
+
+
+def plot_instant(best: Best, path: Path) -> None:
+    """Draw a run around its instant into a file."""
+    with drawn(path, 9.0, 3.6) as figure:
+        draw_instant(best, figure.subplots())
+
+
+def plot_margins(best: Best, evaluations: Evaluations, path: Path) -> None:
+    """Draw the worst check's margins in all judged runs of its scenario over the two most important keys."""
+    space: Space = best.space
+    rows = [
+        (values, result.margins[best.check])
+        for (name, values), result in evaluations.known.items()
+        if name == space.name and not result.why and result.margins[best.check] is not None
+    ]
+    numbers = [
+        [float(one) if isinstance(one, int | float) else np.nan for one in values] for values, _ in rows
+    ]
+    places, margins = np.array(numbers), np.array([margin for _, margin in rows])
+    keys = most_important(space, places, margins)
+    with drawn(path, 7.0, 4.6) as figure:
+        axes = figure.subplots()
+        if len(keys) == 2:
+            shown = axes.scatter(places[:, keys[0]], places[:, keys[1]], c=margins, s=14, cmap="viridis")
+            figure.colorbar(shown, label=f"margin of {best.name}")
+            axes.plot(*(float(best.values[k]) for k in keys), "r+", ms=14, mew=2, label="smallest margin")
+            axes.legend(loc="upper right")
+            axes.set(xlabel=space.dimensions[keys[0]].key, ylabel=space.dimensions[keys[1]].key)
+        axes.set_title(f"{space.name}: {len(margins)} runs, smallest margin {best.margin:.0%}", fontsize=8)

@@ -1,0 +1,331 @@
+"""What a search varies: the tables [[search]] of a scenario, or the default space of its kind.
+
+The default space holds what the scenario's requirements cover: the instant of its fault as with several
+seeds, smaller sizes of a fault that must not end the motion, the module as campaigns sample it, errors of the
+sensors, and small disturbances beside the fault.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from hil.judge.checks import Check
+from hil.judge.requirements import requirements
+from hil.scenario.files import search_tables
+from hil.scenario.operator import Request
+from hil.scenario.scenario import Scenario, check_scenario, load_scenario
+from hil.scenario.search import SearchTable
+from hil.scenario.seeds import shift_times
+from hil.scenario.settings import Settings, apply_settings
+from plant_sim.tables.table import STANDARD_GRAVITY_M_S2
+from plant_sim.validation_messages import nearest
+from tools.campaign.sampling import MISMATCH
+from tools.output import BadInputError
+
+DELAY = "delay_s"
+"""The key that delays the first fault, or else the last command, and all that follows."""
+MILDER = ("change_m_s", "share", "duration_s", "bias", "std", "by_m", "largest_s")
+"""Keys of faults of which a smaller value disturbs less."""
+MILDEST = 0.1
+"""Smallest size of a fault that must not end the motion, as a share of the scenario's own."""
+RIDDEN_THROUGH = ("regime", "after_fault.impacts_again_after_s", "after_fault.turning_at_end_rad_s")
+"""Figures whose checks say that the motion goes on."""
+WINDOW_S, WINDOW_SHARE = 1.0, 0.4
+"""When disturbances come: within this time after the scenario's fault, or without one in this share of
+the time from RUN to the last command or the end, so that the second half of the hold is steady."""
+UNDER_DISTURBANCES = ("S-", "P-07")
+"""Beginnings of the requirements that hold whatever disturbs the motion; the others hold in steady motion."""
+STEADY = ("S-", "P-")
+"""Beginnings of those that hold in a run without a fault."""
+NOISE = (0.5, 2.0)
+"""Range of the sensors' noise, as multiples of the scene's."""
+RATIO_STEP = 0.03
+"""Largest step of the target's ratio, as a share."""
+
+TICKS = [0.0, 0.001, 0.002, 0.003, 0.004, 0.005]
+"""Durations of lost, corrupted and frozen samples: a quarter of what scenarios ride through."""
+KICK, JITTER = ("change_m_s", -0.1, 0.1), ("largest_s", 0.0, 0.001)
+"""Bounds of a kick and of a clock's jitter: a third of what scenarios ride through."""
+SAMPLES = {"frames": ["Accelerometer"]}
+DISTURBANCES: tuple[tuple[dict[str, Any], tuple[Any, ...]], ...] = (
+    ({"kind": "kick"}, KICK),
+    ({"kind": "dropped", **SAMPLES}, ("duration_s", TICKS)),
+    ({"kind": "corrupted", **SAMPLES}, ("duration_s", TICKS)),
+    ({"kind": "frozen", **SAMPLES}, ("duration_s", [0.0, *TICKS[2:]])),
+    ({"kind": "clock-jitter", "process": "firmware", "duration_s": 0.1}, JITTER),
+)
+"""Faults beside the scenario's own, each with the key of its size and its range; size 0 leaves it out."""
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """One searched value: its key, its value in the scenario, and its range or its choices."""
+
+    key: str
+    default: Any
+    low: float = 0.0
+    high: float = 0.0
+    choices: tuple[Any, ...] = ()
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the values are whole numbers."""
+        return isinstance(self.low, int) and isinstance(self.high, int)
+
+    def value(self, share: float) -> Any:
+        """The value at a place from 0 to 1 of its range."""
+        if self.choices:
+            return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
+        if self.is_whole:
+            return min(self.low + int(share * (self.high - self.low + 1)), self.high)
+        return float(self.low + share * (self.high - self.low))
+
+    @property
+    def text(self) -> str:
+        """The range in words."""
+        if self.choices:
+            return ", ".join(map(str, self.choices))
+        return f"{self.low:.6g} … {self.high:.6g}"
+
+
+@dataclass(frozen=True)
+class Space:
+    """A scenario, what a search varies in it, and the checks whose margins count, by their places."""
+
+    name: str
+    document: Mapping[str, Any]
+    dimensions: tuple[Dimension, ...]
+    chosen: tuple[int, ...]
+    since_s: float = 0.0
+    """The time from which `DELAY` delays."""
+    optional: Mapping[str, tuple[int, str]] = field(default_factory=dict)
+    """Lines of the script that are left out where a value is the default: list, place and key."""
+
+    @cached_property
+    def defaults(self) -> tuple[Any, ...]:
+        """The scenario's own values."""
+        return tuple(one.default for one in self.dimensions)
+
+    @cached_property
+    def checks(self) -> tuple[Check, ...]:
+        """The chosen checks, with their limits in the unchanged scenario."""
+        return tuple(self.scenario(self.defaults).checks[place] for place in self.chosen)
+
+    def values(self, place: Sequence[float]) -> tuple[Any, ...]:
+        """The values at a place of the unit cube, one number for each dimension."""
+        return tuple(one.value(share) for one, share in zip(self.dimensions, place, strict=True))
+
+    def changed(self, values: Sequence[Any]) -> dict[str, Any]:
+        """The values that differ from the scenario's own, by their keys."""
+        pairs = zip(self.dimensions, values, strict=True)
+        return {one.key: value for one, value in pairs if value != one.default}
+
+    def tables(self, values: Sequence[Any]) -> dict[str, Any]:
+        """The scenario's tables with these values; lines of the script that change nothing are left out."""
+        changed = self.changed(values)
+        delay_s = changed.pop(DELAY, 0.0)
+        document = apply_settings(self.document, changed)
+        script = document["script"]
+        for key, (place, lines) in reversed(list(self.optional.items())):
+            if key not in changed:
+                del script[lines][place]
+        return shift_times(document, self.since_s, delay_s) if delay_s else document
+
+    def scenario(self, values: Sequence[Any]) -> Scenario:
+        """The checked scenario with these values."""
+        return check_scenario(self.tables(values), self.name)
+
+
+def space_of(source: str, wanted: Sequence[str], settings: Settings = ()) -> Space:
+    """The space of a scenario; `wanted`: ids of requirements, or none for those that have limits.
+
+    Raises BadInputError for what cannot be searched, and the errors of `load_scenario`.
+    """
+    for one in wanted:
+        if one not in requirements():
+            raise BadInputError(
+                f"--requirement {one}: {nearest(one, list(requirements()), 'see docs/requirements.md')}"
+            )
+    scenario = load_scenario(source, settings)
+    document = deepcopy(dict(scenario.document))
+    document.setdefault("seed", scenario.seed)
+    tables = search_tables(source)
+    if tables:
+        chosen = tuple(k for k, one in enumerate(scenario.checks) if not wanted or one.requirement in wanted)
+        return own_space(scenario, document, tables, chosen)
+    kinds = kinds_of(scenario, wanted)
+    chosen = tuple(k for k, one in enumerate(scenario.checks) if is_chosen(one, wanted, kinds))
+    document["checks"] = [without_own_limit(one) for one in scenario.checks]
+    return default_space(scenario, document, chosen, kinds is UNDER_DISTURBANCES)
+
+
+def kinds_of(scenario: Scenario, wanted: Sequence[str]) -> tuple[str, ...]:
+    """The requirements that count: with a fault, or if there are only those, those that always hold."""
+    ids = wanted or [one.requirement or "" for one in scenario.checks if one.required is not None]
+    always = [one for one in ids if one.startswith(UNDER_DISTURBANCES)]
+    is_disturbed = bool(always) and (len(always) == len(ids) or (bool(scenario.faults) and not wanted))
+    return UNDER_DISTURBANCES if is_disturbed else STEADY
+
+
+def is_chosen(check: Check, wanted: Sequence[str], kinds: tuple[str, ...]) -> bool:
+    """Whether a check counts in the default space.
+
+    The limits that only the scenario has suit its own module alone; they count where they are asked for.
+    """
+    if wanted:
+        return check.requirement in wanted
+    if check.requirement is None:
+        return True
+    return check.requirement.startswith(kinds) and check.required is not None
+
+
+def without_own_limit(check: Check) -> dict[str, Any]:
+    """A check's table with the limit of its requirement, if that has one."""
+    table = check.model_dump(exclude_defaults=True, exclude_none=True, exclude={"required"})
+    if check.required is None:
+        return table
+    return {key: value for key, value in table.items() if key not in ("low", "high", "equals")}
+
+
+def own_space(
+    scenario: Scenario, document: dict[str, Any], tables: Sequence[SearchTable], chosen: tuple[int, ...]
+) -> Space:
+    """The space of the tables [[search]]."""
+    dimensions = []
+    for one in tables:
+        default = 0.0 if one.key == DELAY else value_at(scenario, document, one.key)
+        dimensions.append(Dimension(one.key, default, one.low, one.high, tuple(one.choices or ())))
+    return Space(scenario.name, document, tuple(dimensions), chosen, since_s(scenario))
+
+
+def value_at(scenario: Scenario, document: Mapping[str, Any], key: str) -> Any:
+    """The value at a dotted key of the scenario's tables, or its default in scene and parameters."""
+    first, *rest = key.split(".")
+    checked: Any = {"scene": scenario.scene, "firmware": scenario.config.p}.get(first)
+    found: Any = document.get(first)
+    for name in rest:
+        if isinstance(found, list):
+            found = found[int(name)] if name.isdecimal() and int(name) < len(found) else None
+        else:
+            found = found.get(name) if isinstance(found, Mapping) else None
+        checked = getattr(checked, name, None)
+    value = checked if found is None else found
+    if value is None:
+        raise BadInputError(
+            f"search {key!r}: the scenario has no such value; give it in the scenario, or check the key"
+        )
+    return value
+
+
+def since_s(scenario: Scenario) -> float:
+    """The time of the first fault, or without one of the last command."""
+    return min((one.at_s for one in scenario.faults), default=0.0) or max(
+        (one.at_s for one in scenario.commands), default=0.0
+    )
+
+
+def default_space(
+    scenario: Scenario, document: dict[str, Any], chosen: tuple[int, ...], disturbed: bool
+) -> Space:
+    """The default space of a scenario's kind; `disturbed`: with disturbances beside its own faults."""
+    dimensions = [*instants(scenario), *sizes(scenario), *module(scenario), *sensors(scenario)]
+    optional: dict[str, tuple[int, str]] = {}
+    if disturbed:
+        for size, at, place, lines in disturbances(scenario, document):
+            dimensions += [size, at]
+            optional[size.key] = place, lines
+    return Space(scenario.name, document, tuple(dimensions), chosen, since_s(scenario), optional)
+
+
+def instants(scenario: Scenario) -> Iterator[Dimension]:
+    """The delay of the fault, as with several seeds."""
+    if since_s(scenario) > 0.0 and scenario.longest_delay_s > 0.0:
+        yield Dimension(DELAY, 0.0, 0.0, scenario.longest_delay_s)
+
+
+def sizes(scenario: Scenario) -> Iterator[Dimension]:
+    """The sizes of faults that must not end the motion, up to the scenario's own; kicks both ways."""
+    if not any(check.name in RIDDEN_THROUGH for check in scenario.checks):
+        return
+    for place, fault in enumerate(scenario.faults):
+        for key in MILDER:
+            value = getattr(fault, key, None)
+            if value:
+                ends = sorted((-value if key == "change_m_s" else MILDEST * value, value))
+                yield Dimension(f"script.faults.{place}.{key}", value, *ends)
+
+
+def module(scenario: Scenario) -> Iterator[Dimension]:
+    """The module's parameters as campaigns sample them, and the crank's first angle."""
+    scene = scenario.scene
+
+    def spread(key: str, value: Any, mismatch: str, highest: float = math.inf) -> Iterator[Dimension]:
+        if value:
+            is_absolute = mismatch in ("rest_length_m", "stop_m", "restitution")
+            width = MISMATCH[f"mismatch_{mismatch}"] * (1.0 if is_absolute else value)
+            yield Dimension(f"scene.{key}", value, value - width, min(value + width, highest))
+
+    yield from spread("striker.spring_n_m", scene.striker.spring_n_m, "spring")
+    yield from spread("striker.rest_length_m", scene.striker.rest_length_m, "rest_length_m")
+    yield from spread("stop.position_m", getattr(scene.stop, "position_m", None), "stop_m")
+    yield from spread("stop.restitution", getattr(scene.stop, "restitution", None), "restitution", 1.0)
+    for key in ("b_n_s_m", "mu", "mu_s"):
+        kind = "damping" if key == "b_n_s_m" else "dry_friction"
+        yield from spread(f"friction.{key}", getattr(scene.friction, key, None), kind)
+    yield Dimension("scene.drive.phase_rad", scene.drive.phase_rad, 0.0, 2.0 * math.pi)
+
+
+def sensors(scenario: Scenario) -> Iterator[Dimension]:
+    """Bias and noise of the accelerometers, and the encoder's noise."""
+    for sensor, key in (("striker_low", "noise_m_s2_rthz"), ("housing", ""), ("encoder", "noise_rad_s")):
+        table = getattr(scenario.scene.sensors, sensor, None)
+        if table is None:
+            continue
+        if sensor != "encoder":
+            width = MISMATCH["mismatch_bias_g"] * STANDARD_GRAVITY_M_S2
+            yield Dimension(f"scene.sensors.{sensor}.bias_m_s2", table.bias_m_s2, -width, width)
+        if key and (value := getattr(table, key)):
+            yield Dimension(f"scene.sensors.{sensor}.{key}", value, NOISE[0] * value, NOISE[1] * value)
+
+
+def disturbances(
+    scenario: Scenario, document: dict[str, Any]
+) -> Iterator[tuple[Dimension, Dimension, int, str]]:
+    """Add disturbances to the script: size and instant of each, its place, and the list that it is in."""
+    runs = [one for one in scenario.commands if one.request is Request.RUN]
+    if not runs:
+        return
+    last_s = max((one.at_s for one in scenario.commands if one is not runs[-1]), default=0.0)
+    from_s, until_s = runs[-1].at_s, max(last_s, 0.0) or scenario.duration_s
+    until_s = from_s + WINDOW_SHARE * (max(until_s, from_s + WINDOW_S) - from_s)
+    if scenario.faults:
+        from_s = min(one.at_s for one in scenario.faults)
+        until_s = from_s + WINDOW_S
+    until_s = min(until_s, scenario.duration_s - WINDOW_S / 10.0)
+    script = document["script"] = {**document["script"]}
+    lines = {name: script[name] for name in ("commands", "faults") if name in script}
+    script |= {name: [*lines.get(name, [])] for name in ("commands", "faults")}
+    for table, (key, *bounds) in DISTURBANCES:
+        place = len(script["faults"])
+        script["faults"].append({**table, "at_s": from_s, key: 0.0})
+        size = (
+            Dimension(f"script.faults.{place}.{key}", 0.0, *bounds)
+            if len(bounds) == 2
+            else Dimension(f"script.faults.{place}.{key}", 0.0, choices=tuple(bounds[0]))
+        )
+        yield size, Dimension(f"script.faults.{place}.at_s", from_s, from_s, until_s), place, "faults"
+    place, ratio = len(script["commands"]), runs[-1].target_ratio
+    command = {**next(one for one in reversed(script["commands"]) if one["request"] == "run"), "at_s": from_s}
+    script["commands"].append(command)
+    bounds = [(1.0 - RATIO_STEP) * ratio, (1.0 + RATIO_STEP) * ratio]
+    size = Dimension(f"script.commands.{place}.target_ratio", ratio, *bounds)
+    yield size, Dimension(f"script.commands.{place}.at_s", from_s, from_s, until_s), place, "commands"
+
+
+def without_direction(space: Space) -> list[str]:
+    """Names of the chosen checks that have no margin: of a required value, or with a limit of 0."""
+    bounds = {one.name: one.bounds for one in space.checks}
+    return [name for name, one in bounds.items() if one.equals is not None or one.high == 0.0]
