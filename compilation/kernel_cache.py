@@ -3,13 +3,14 @@
 numba itself keys a cached kernel by the file of the kernel's own function. After an edit of a callee in
 another file, of the order of a record's fields or of an enum's value, it would run stale machine code. Here
 the folder of a kernel is named by a digest of all modules of its package and of the packages below that one
-(`LAYERS`), and of the versions of numba and llvmlite. So an edit of the bench or of a tool leaves the kernels
-of plant and firmware as they are.
+(`LAYERS`), without comments and docstrings, and of the versions of numba and llvmlite. So an edit of the
+bench or of a tool leaves the kernels of plant and firmware as they are.
 
 numba unpickles what it finds in its cache and runs it. The cache therefore has mode 0700. A folder that
 belongs to another user, or that others may write or exchange, is refused. A damaged file is compiled anew.
 """
 
+import ast
 import errno
 import fcntl
 import functools
@@ -24,7 +25,7 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from types import CodeType, SimpleNamespace
@@ -43,7 +44,7 @@ LAYERS = {
     "hil": PACKAGES[:4],
     "tools": PACKAGES,
 }
-"""The packages on whose modules the kernels of a package depend."""
+"""The packages on whose modules the kernels of a package depend; those of a test depend on all packages."""
 
 KEYED_FOLDER = re.compile(r"(?P<name>.+)-[0-9a-f]{16}")
 MOST_KEYS = 16
@@ -149,11 +150,16 @@ def folder_of(name: str, *also: Path) -> Path:
 
     name: the module's dotted name. also: files that count beside those of its layer.
     """
-    folder = root() / f"{name}-{key(name.partition('.')[0], *also)}"
+    return _folder(name, key(name.partition(".")[0], *also))
+
+
+def _folder(name: str, digest: str) -> Path:
+    """A folder named by a digest, made if needed, with the time of its last use."""
+    folder = root() / f"{name}-{digest}"
     if not folder.exists():
         _remove_unused(root())
     _private(folder)
-    os.utime(folder)  # the time of its last use
+    os.utime(folder)
     return folder
 
 
@@ -177,21 +183,56 @@ def _remove_unused(cache: Path) -> None:
 @functools.cache
 def key(layer: str, *also: Path) -> str:
     """A digest of the sources of a layer and of those below it, of other files, and of numba and llvmlite."""
-    digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__}".encode())
-    for path in (*sources(layer), *also):
-        content = path.read_bytes()
-        digest.update(f" {path.name} {len(content)} ".encode() + content)
+    packages = [(package, _package_key(package).encode()) for package in LAYERS.get(layer, PACKAGES)]
+    return _digest([*packages, *((path.name, path.read_bytes()) for path in also)])
+
+
+def _package_key(package: str) -> str:
+    """A digest of a package's sources without comments and docstrings.
+
+    To parse them takes some tenths of a second, so the digest is kept under that of the sources as written.
+    """
+    contents = [(path.name, path.read_bytes()) for path in sources(package)]
+
+    def parsed() -> bytes:
+        return _digest((name, without_comments(content)) for name, content in contents).encode()
+
+    return kept_file(_folder(f"key.{package}", _digest(contents)), "key.txt", parsed).read_text()
+
+
+def _digest(contents: Iterable[tuple[str, bytes]]) -> str:
+    """A digest of named contents, and of the versions of what compiles them."""
+    versions = numba.__version__, llvmlite.__version__, sys.version_info[:2]
+    digest = hashlib.sha256(repr(versions).encode())
+    for name, content in contents:
+        digest.update(f" {name} {len(content)} ".encode() + content)
     return digest.hexdigest()[:16]
 
 
-def sources(layer: str) -> list[Path]:
-    """The modules of a layer's packages; of all packages for a module in none of them, such as a test."""
+class _WithoutTexts(ast.NodeTransformer):
+    """Removes texts that stand alone: the docstrings of modules, classes, functions and attributes."""
+
+    def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
+        """The statement, unless it is a text."""
+        is_text = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        return None if is_text else node
+
+
+def without_comments(source: bytes) -> bytes:
+    """What a module's source means: its syntax tree without comments, docstrings, layout and places."""
+    try:
+        return ast.dump(_WithoutTexts().visit(ast.parse(source))).encode()
+    except (SyntaxError, ValueError):  # no Python
+        return source
+
+
+def sources(package: str) -> list[Path]:
+    """The modules of a package."""
     found: list[Path] = []
-    for package in LAYERS.get(layer, PACKAGES):
-        spec = importlib.util.find_spec(package)
-        for place in (spec and spec.submodule_search_locations) or ():
-            for folder, _, names in os.walk(place):
-                found += (Path(folder, name) for name in names if name.endswith(".py"))
+    spec = importlib.util.find_spec(package)
+    for place in (spec and spec.submodule_search_locations) or ():
+        for folder, _, names in os.walk(place):
+            found += (Path(folder, name) for name in names if name.endswith(".py"))
     return sorted(found)
 
 

@@ -285,7 +285,7 @@ def test_kernels_take_records_of_their_own_layer_or_below(tmp_path: Path) -> Non
         assert own <= set(layer)
 
 
-def edited(folder: Path, package: str, monkeypatch: pytest.MonkeyPatch) -> set[str]:
+def edited(folder: Path, package: str, monkeypatch: pytest.MonkeyPatch, source: str = "x = 2\n") -> set[str]:
     """The layers whose kernels are compiled anew after an edit of a module in a package."""
     layers = {*kernel_cache.LAYERS, "tests"}
     for name in PACKAGES:
@@ -294,7 +294,7 @@ def edited(folder: Path, package: str, monkeypatch: pytest.MonkeyPatch) -> set[s
     places = {name: SimpleNamespace(submodule_search_locations=[str(folder / name)]) for name in layers}
     monkeypatch.setattr(importlib.util, "find_spec", places.get)
     before = {layer: kernel_cache.key.__wrapped__(layer) for layer in layers}
-    (folder / package / "module.py").write_text("x = 2\n")
+    (folder / package / "module.py").write_text(source)
     return {layer for layer in layers if kernel_cache.key.__wrapped__(layer) != before[layer]}
 
 
@@ -312,3 +312,20 @@ def test_an_edit_compiles_its_layer_and_those_above_it_anew(
     package: str, compiled_anew: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert edited(tmp_path, package, monkeypatch) == compiled_anew
+
+
+@pytest.mark.parametrize(
+    ("source", "compiles_anew"),
+    [
+        ('"""What it is."""\n\nx = 1  # m\n"""Its length."""\n', False),
+        ("x = (\n    1\n)\n", False),
+        ("x = 1.0\n", True),
+        ("x = '# 1'\n", True),
+        ('x = 1\nf("""text""")\n', True),
+        ("x = 1 +\n", True),
+    ],
+)
+def test_an_edit_of_comments_and_docstrings_compiles_nothing(
+    source: str, compiles_anew: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert bool(edited(tmp_path, "plant_sim", monkeypatch, source)) == compiles_anew
