@@ -9,8 +9,8 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from firmware_py.builds.board import TIMER_TICKS_AN_INSTRUCTION, BoardName, image
+from firmware_py.builds.c_compiler import measure_sizes
 from firmware_py.builds.flat import Precision, layout
-from firmware_py.builds.machine_code import measure_sizes
 from firmware_py.core.config import Config
 from firmware_py.node.inbox import PERIODS
 from firmware_py.node.memory import FirmwareState
@@ -49,11 +49,10 @@ def budget(names: Sequence[str], progress: Progress, target: BoardName = "cortex
     class Measured(BoardNode):
         kind = MEASURED_TICK
 
-        def run(self) -> int:
-            status = super().run()
+        def run(self) -> None:
+            super().run()
             instructions = float(self.reply["timer_ticks"][0]) / TIMER_TICKS_AN_INSTRUCTION
             measured.append((name, self.inbox[PERIODS] == 0, instructions, int(self.reply["stack_bytes"][0])))
-            return status
 
     Measured.target = target
     flash = image_bytes(target)

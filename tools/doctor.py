@@ -72,7 +72,7 @@ def checks() -> list[DoctorCheck]:
         ),
         programs("user-mode Linux", user_mode_linux.REMEDY, user_mode_linux.missing_programs()),
         programs("emulated board", board_tools.REMEDY, board_tools.find_missing_tools()),
-        programs("FMU linker", linker.REMEDY, missing(linker.LINKER)),
+        programs("C compiler", linker.REMEDY, missing(linker.LINKER)),
         check_permission("SCHED_FIFO", fifo, "rtprio 30", "any busy process"),
         check_permission("mlockall", lock, "memlock unlimited", "a page fetched from disk"),
         machine_load(os.getloadavg()[0], os.cpu_count() or 1),

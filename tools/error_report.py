@@ -24,6 +24,7 @@ UNUSABLE = (errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno.
 BAD_INPUT = frozenset(
     {
         "firmware_py.builds.board.BoardError",
+        "firmware_py.builds.c_compiler.CompilerError",
         "firmware_py.shell.parameters.ParameterError",
         "hil.bench.bench.BenchError",
         "hil.bench.recorded_run.RunError",

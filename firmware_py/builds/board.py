@@ -7,28 +7,18 @@ import hashlib
 import subprocess
 import tempfile
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from firmware_py.builds.board_tools import COMPILER, EMULATOR, REMEDY, find_missing_tools
-from firmware_py.builds.c_header import header
-from firmware_py.builds.machine_code import TARGETS, cache_file, object_code
+from firmware_py.builds.c99.header import header
+from firmware_py.builds.c_compiler import TARGETS, cache_file, object_code
 
 SOURCES = Path(__file__).parent / "board_image"
 BoardName = Literal["cortex-m7", "cortex-m4f"]
 
 
-class Board(NamedTuple):
-    """A board of QEMU, and the compiler's names of its processor and floating-point unit."""
-
-    machine: str
-    cpu: str
-    fpu: str
-
-
-BOARDS: dict[BoardName, Board] = {
-    "cortex-m7": Board("mps2-an500", "cortex-m7", "fpv5-d16"),
-    "cortex-m4f": Board("mps2-an386", "cortex-m4", "fpv4-sp-d16"),
-}
+MACHINES: dict[BoardName, str] = {"cortex-m7": "mps2-an500", "cortex-m4f": "mps2-an386"}
+"""QEMU's names of the boards."""
 OPTIONS = ("-std=c11", "-O2", "-ffp-contract=off", "-nostartfiles", "-nostdlib")
 LIBRARIES = ("-lm", "-lc", "-lgcc")
 """libm provides only `floorf` and `rintf`, which are exact, on processors without such instructions."""
@@ -51,19 +41,13 @@ def refuse_without_tools() -> None:
         raise BoardError(f"an emulated Cortex-M needs {' and '.join(missing)}; {REMEDY}")
 
 
-def compiler(name: BoardName) -> list[str]:
-    """The C compiler's command for a board's processor."""
-    board = BOARDS[name]
-    return [COMPILER, "-mthumb", f"-mcpu={board.cpu}", f"-mfpu={board.fpu}", "-mfloat-abi=hard", *OPTIONS]
-
-
 def emulator(name: BoardName, image: Path) -> list[str]:
     """The emulator's command for an image on a board."""
-    return [EMULATOR, "-machine", BOARDS[name].machine, *EMULATION, "-kernel", str(image)]
+    return [EMULATOR, "-machine", MACHINES[name], *EMULATION, "-kernel", str(image)]
 
 
 def image(name: BoardName) -> Path:
-    """The path of the linked image; building it after a change of the firmware takes half a minute."""
+    """The path of the linked image; it is built after a change of the firmware."""
     refuse_without_tools()
     sources = b"".join(path.read_bytes() for path in sorted(SOURCES.iterdir()))
     digest = hashlib.sha256(sources).hexdigest()[:16]
@@ -78,7 +62,17 @@ def link(name: BoardName) -> bytes:
         (folder / "vibro_firmware.h").write_text(header(TARGETS[name].precision), encoding="utf-8")
         linked = folder / "image.elf"
         parts = [str(SOURCES / "main.c"), str(folder / "vibro_firmware.o"), "-T", str(SOURCES / "mps2.ld")]
-        command = [*compiler(name), "-I", str(folder), *parts, *LIBRARIES, "-o", str(linked)]
+        command = [
+            COMPILER,
+            *TARGETS[name].options,
+            *OPTIONS,
+            "-I",
+            str(folder),
+            *parts,
+            *LIBRARIES,
+            "-o",
+            str(linked),
+        ]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode != 0:
             raise BoardError(f"{COMPILER} cannot link the image: {done.stderr.strip()}")

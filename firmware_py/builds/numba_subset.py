@@ -8,11 +8,12 @@ records in memory. `_replace` of a record is defined in `compilation.record_repl
 import functools
 import importlib
 import pkgutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from enum import IntEnum
 from types import FunctionType, ModuleType
 from typing import Any, get_args, get_origin
 
+import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic, overload, register_jitable
@@ -21,28 +22,26 @@ import compilation.record_replace  # noqa: F401 - defines `_replace` of records 
 import firmware_py.core
 import firmware_py.node
 from compilation.linking import LINKED
-from firmware_py.builds.flat import members
+from firmware_py.builds.flat import layout, members
+from firmware_py.core.estimation import kalman
 from firmware_py.interface import arrivals, enums, float32, framing
 from firmware_py.interface.enums import AxisState, OperatorRequest
 from firmware_py.interface.generated import packing, received, unpacking
+from firmware_py.node import places
+from firmware_py.node.tick import NodeState
 
 _tuple: Any = types.BaseTuple.from_types
 
 
-REPLACEMENTS = "firmware_py.builds.replacements"
-"""Loaded by name, as the subset is: a kernel of the bench that imports this module contains no part of the
-core, and is not compiled anew with it."""
-
-
 @functools.cache
-def register(inlined: bool = True) -> None:
+def register() -> None:
     """Register the firmware's functions for calls from compiled code.
 
-    `inlined`: functions are inlined. Records of hundreds of members are then not copied at each call, which
-    would take two thirds of a tick; the code is larger, too large for a board.
+    They are inlined: records of hundreds of members are then not copied at each call, which would take two
+    thirds of a tick.
     """
-    instead = importlib.import_module(REPLACEMENTS).INSTEAD
-    options: Any = LINKED | {"forceinline": inlined}
+    instead = replacements()
+    options: Any = LINKED | {"forceinline": True}
     for module in subset():
         for function in vars(module).values():
             if isinstance(function, FunctionType) and function.__module__ == module.__name__:
@@ -61,6 +60,62 @@ def subset() -> Iterator[ModuleType]:
     for package in (firmware_py.core, firmware_py.node):
         for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             yield importlib.import_module(found.name)
+
+
+def replacements() -> dict[Any, Any]:
+    """The functions that compiled code replaces: filterpy's algebra, by the same algebra written out; and the
+    reading of a measurement, by its place in memory.
+    """
+    state = layout(NodeState)
+    offsets = np.array([offset_of(state, one.path) for one in places.ALL])
+    numbers: dict[Any, int] = {float: 0, bool: 2}
+    kinds = np.array([numbers.get(one.kind, 1) for one in places.ALL])
+    bits_of: Any = float32_bits
+
+    def word_at(memory: Any, place: int) -> int:
+        at, kind = offsets[place], kinds[place]
+        if kind == 0:
+            bits: int = bits_of(load_float(memory, at))
+            return bits
+        number: int = load_integer(memory, at)
+        return number & (0xFFFFFFFF if kind == 1 else 0xFF)
+
+    return {
+        kalman.predict: kalman.predict_written_out,
+        kalman.update: kalman.update_written_out,
+        places.word_at: word_at,
+    }
+
+
+def offset_of(record: Any, path: Sequence[int]) -> int:
+    """The offset of a number in a record's memory, in bytes."""
+    offset = 0
+    for index in path:
+        if record.subdtype is not None:
+            record = record.subdtype[0]
+            offset += index * record.itemsize
+        else:
+            record, start = list(record.fields.values())[index][:2]
+            offset += start
+    return offset
+
+
+def _number_at(kind: Any) -> Any:
+    @intrinsic
+    def load(_: Any, address: types.Type, offset: types.Type) -> Any:
+        """The number of eight bytes at an address plus an offset."""
+
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            begin = builder.bitcast(arguments[0], ir.IntType(8).as_pointer())
+            place = builder.gep(begin, [arguments[1]])
+            return builder.load(builder.bitcast(place, context.get_value_type(kind).as_pointer()), align=1)
+
+        return kind(address, offset), generate
+
+    return load
+
+
+load_float, load_integer = _number_at(types.float64), _number_at(types.int64)
 
 
 def _instead(function: FunctionType, *_: Any) -> FunctionType:

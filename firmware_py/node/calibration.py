@@ -3,8 +3,7 @@
     calibrate(pool, config, mode) -> config
 
 A write of one characteristic is staged if the parameter may be written now and its value is within bounds. A
-write of 1 to `COMMIT` applies all staged values together, if they fit together. `config` is the record if
-interpreted, which a commit replaces; its address if compiled, where a commit changes the memory.
+write of 1 to `COMMIT` applies all staged values together, if they fit together.
 """
 
 import math
@@ -34,7 +33,7 @@ from firmware_py.node.xcp import (
 NEVER, AT_REST, ALWAYS = range(3)
 """When a parameter may be written."""
 
-# The tables are bytes, which compiled code reads; of a tuple it makes a branch for each entry, 6 kB in all.
+# Bytes take the least flash.
 RIGHTS = bytes(NEVER if not one.is_calibrated else ALWAYS if one.while_running else AT_REST for one in TABLE)
 LOWS = struct.pack(f"<{COUNT}f", *(one.low for one in TABLE))
 HIGHS = struct.pack(f"<{COUNT}f", *(one.high for one in TABLE))
@@ -55,7 +54,7 @@ def float32_in(table: bytes, place: int) -> float:
 
 
 def bits_in_use(config: Config, place: int) -> int:
-    """The bits of a parameter as float32; a compiled build reads it at its address."""
+    """The bits of a parameter as float32; in C it is read at its address."""
     table, member = PATHS[place]
     return float32_bits(config.p[table][member])
 
@@ -69,11 +68,6 @@ def with_page(config: Config, pool: list[int]) -> Parameters:
             rows[table][member] = int(value) if WHOLES[place] else value
     kinds: Any = Parameters.__annotations__.values()
     return Parameters._make(kind._make(row) for kind, row in zip(kinds, rows, strict=True))
-
-
-def apply(config: Config, p: Parameters, pool: list[int]) -> Config:
-    """The config with the parameters `p` of `with_page`; a compiled build changes its memory."""
-    return commit(config, p)
 
 
 def is_writable(place: int, mode: Mode) -> bool:
@@ -123,4 +117,4 @@ def calibrate(pool: list[int], config: Config, mode: Mode) -> Config:
         refuse(pool, error)
         return config
     pool[ADDRESS] += ELEMENT_BYTES
-    return apply(config, with_page(config, pool), pool) if is_commit else config
+    return commit(config, with_page(config, pool)) if is_commit else config

@@ -55,14 +55,6 @@ def word_at(memory: Any, place: int) -> int:
 
 
 def latch(memory: Any, pool: list[int], source: int, target: int, count: int) -> None:
-    """Copy measurements: `pool[target + k]` becomes that of the place `pool[source + k]`, for k < `count`.
-
-    A compiled build copies the eight bytes from each member's address on, without converting them.
-    """
+    """Copy measurements: `pool[target + k]` becomes that of the place `pool[source + k]`, for k < `count`."""
     for index in range(count):
         pool[target + index] = word_at(memory, pool[source + index])
-
-
-def word_of(latched: int, place: int) -> int:
-    """`word_at` of a measurement when it was latched; a compiled build converts the member's bytes here."""
-    return latched

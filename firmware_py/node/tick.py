@@ -83,12 +83,18 @@ def add_frame(tx: Tx, frame: WordFrame) -> Tx:
 
 
 def transmit(
-    config: Config, before: NodeState, received: Received, core: State, now: Outputs, behind_ticks: int
+    config: Config,
+    waiting: Transmitter,
+    before: Outputs,
+    tick: int,
+    received: Received,
+    core: State,
+    now: Outputs,
+    behind_ticks: int,
 ) -> tuple[Transmitter, int, Tx]:
     """The waiting frames after this tick, the number of lost frames, and the frames to be sent."""
-    tick = before.ticks + 1
     has_gait = received.gait_sensors_arrival.tick >= 0
-    waiting, lost = transmitter.queue_events(before.waiting, tick, before.outputs, now)
+    waiting, lost = transmitter.queue_events(waiting, tick, before, now)
     waiting = transmitter.queue_cyclic(config, waiting, tick, now, has_gait)
     other = transmitter.NO_FRAME
     if now.drive_frame != NO_DRIVE_FRAME:
@@ -122,7 +128,16 @@ def tick(config: Config, state: NodeState, inbox: list[int]) -> tuple[NodeState,
                 gate_now = gate.take_reading(config.d.gate, gate_now, reading_of(received))
     inputs = inputs_of(received, now.tick)
     core, outputs = step(config, state.core._replace(gate=gate_now), inputs, behind_ticks == 0)
-    waiting, lost, tx = transmit(config, state, received, core, outputs, behind_ticks)
+    waiting, lost, tx = transmit(
+        config,
+        state.waiting,
+        before=state.outputs,
+        tick=now.tick,
+        received=received,
+        core=core,
+        now=outputs,
+        behind_ticks=behind_ticks,
+    )
     counters = counters._replace(
         frames=counters.frames + accepted,
         skipped_ticks=counters.skipped_ticks + (1 if behind_ticks > 0 else 0),

@@ -28,7 +28,7 @@ from firmware_py.interface.enums import XcpError
 from firmware_py.interface.generated import packing
 from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.generated.records import XcpCommand, XcpResponse
-from firmware_py.node.places import ALL, latch, word_at, word_of
+from firmware_py.node.places import ALL, latch, word_at
 from firmware_py.node.tick import NodeState, Tx, add_frame
 
 RESPONSE, ERROR = 0xFF, 0xFE
@@ -292,7 +292,7 @@ def start_stop(pool: list[int], code: int, mode: int, number: int) -> XcpError:
 def next_packet(pool: list[int], at: int) -> XcpResponse:
     """The next packet of a list: identifier, in the first ODT the time stamp if any, and value."""
     odt = pool[at + FIRST] + pool[at + NEXT]
-    value = word_of(pool[LATCHED_AT + odt], pool[ENTRIES_AT + odt])
+    value = pool[LATCHED_AT + odt]
     if pool[at + NEXT] == 0 and pool[at + MODE] & TIME_STAMPED:
         return XcpResponse(odt & 0xFF, pool[at + STAMP] & 0xFFFF | (value & 0xFF) << 16, value >> 8)
     return XcpResponse(odt & 0xFF, value & 0xFFFFFF, value >> 24)

@@ -1,5 +1,6 @@
 """The node on an emulated board: a Cortex-M in QEMU that is powered up when the node is made."""
 
+import os
 import struct
 import subprocess
 import weakref
@@ -8,8 +9,8 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 
 from firmware_py.builds import board
+from firmware_py.builds.c_compiler import TARGETS
 from firmware_py.builds.flat import Memory, Precision, copier, from_flat, layout, to_precision
-from firmware_py.builds.machine_code import TARGETS
 from firmware_py.core.config import Config
 from firmware_py.node.memory import FirmwareState
 from firmware_py.node.tick import Tx
@@ -22,7 +23,7 @@ MESSAGE, PERIODS = struct.Struct("<2q"), struct.Struct("<q")
 
 def reply_layout(precision: Precision) -> "np.dtype[np.void]":
     """The layout of the board's reply to a tick."""
-    numbers = ((name, np.int64) for name in ("status", "timer_ticks", "stack_bytes"))
+    numbers = ((name, np.int64) for name in ("timer_ticks", "stack_bytes"))
     return np.dtype([*numbers, ("tx", layout(Tx, precision)), ("state", layout(FirmwareState, precision))])
 
 
@@ -40,7 +41,7 @@ class BoardNode(FlatNode):
         super().__init__(config)
         self._precision = TARGETS[self.target].precision
         board_process = board.start(self.target)
-        weakref.finalize(self, _switch_off, board_process)
+        weakref.finalize(self, _switch_off, board_process, os.getpid())
         self._process = board_process
         self._to_board = cast(BinaryIO, board_process.stdin)
         self._from_board = cast(BinaryIO, board_process.stdout)
@@ -60,7 +61,7 @@ class BoardNode(FlatNode):
         self._read(memoryview(periods))
         return int(PERIODS.unpack(periods)[0])
 
-    def run(self) -> int:
+    def run(self) -> None:
         """One tick, before which the board processes a write over XCP."""
         is_asked = self.pool[REQUEST] != NO_REQUEST
         self._write(MESSAGE.pack(self.kind, 0))
@@ -69,7 +70,6 @@ class BoardNode(FlatNode):
             self._read_config()
         self.tx[:] = self.reply["tx"]
         self._take_state()
-        return int(self.reply["status"][0])
 
     def calibrate(self) -> bool:
         """Nothing to do: the board processes the request by itself."""
@@ -110,6 +110,7 @@ class SinglePrecisionBoardNode(BoardNode):
     target = "cortex-m4f"
 
 
-def _switch_off(process: "subprocess.Popen[bytes]") -> None:
-    """End the emulator by closing its input."""
-    process.communicate()
+def _switch_off(process: "subprocess.Popen[bytes]", owner: int) -> None:
+    """End the emulator by closing its input; a forked process leaves that of its parent on."""
+    if os.getpid() == owner:
+        process.communicate()

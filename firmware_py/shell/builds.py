@@ -7,9 +7,9 @@ from firmware_py.shell.node import FirmwareNode, MakeNode
 HostBuild = Literal["python", "compiled", "host-single"]
 """The builds that run on this machine, and so in real time."""
 Build = Literal[HostBuild, "cortex-m7", "cortex-m4f"]
-"""`python`: interpreted, with filterpy's algebra. `compiled`: one C function for this machine.
-`host-single`: `compiled` in single precision. `cortex-m7` and `cortex-m4f`: the code of `compiled` and of
-`host-single` for a Cortex-M7 and a Cortex-M4F, on a board emulated by QEMU, in lockstep only."""
+"""`python`: interpreted, with filterpy's algebra. `compiled`: compiled by numba for this machine. The others
+are the emitted C (`builds.c99`): `host-single` in single precision on this machine, `cortex-m7` and
+`cortex-m4f` on a board emulated by QEMU, in lockstep only."""
 HERE: dict[Build, Build] = {"cortex-m7": "compiled", "cortex-m4f": "host-single"}
 """For each board, the build on this machine that computes the same numbers."""
 NATIVE: tuple[Build, ...] = ("compiled", "host-single")
@@ -21,9 +21,9 @@ def node_of(build: Build) -> MakeNode:
     if build == "python":
         return FirmwareNode
     if build in ("cortex-m7", "cortex-m4f"):
-        from firmware_py.shell import board_node  # noqa: PLC0415 - imports LLVM
+        from firmware_py.shell import board_node  # noqa: PLC0415 - imports the emitter
 
         return board_node.BoardNode if build == "cortex-m7" else board_node.SinglePrecisionBoardNode
-    from firmware_py.shell import native  # noqa: PLC0415 - imports LLVM
+    from firmware_py.shell import native  # noqa: PLC0415 - only where it runs
 
     return native.NativeNode if build == "compiled" else native.SinglePrecisionNode

@@ -21,10 +21,6 @@ MOST_AT_ONCE = 64
 _RX = [struct.Struct(f"<{3 * count}q") for count in range(MOST_AT_ONCE + 1)]
 
 
-class FirmwareFailedError(ArithmeticError):
-    """The arithmetic of a tick failed, e.g. by a division by zero."""
-
-
 class FlatNode(Node):
     """A node in flat memory; a subclass runs its tick, in this process or on a board.
 
@@ -60,8 +56,8 @@ class FlatNode(Node):
         """Put `count` frames into the inbox; `rows`: their identifiers, lengths and words."""
 
     @abstractmethod
-    def run(self) -> int:
-        """Run one tick on `memory` and write its frames to `tx`; return 0 unless the arithmetic failed."""
+    def run(self) -> None:
+        """Run one tick on `memory` and write its frames to `tx`."""
 
     @abstractmethod
     def push_memory(self) -> None:
@@ -84,8 +80,7 @@ class FlatNode(Node):
 
     def run_period(self) -> list[Frame]:
         """Run one control period."""
-        if self.run() != 0:
-            raise FirmwareFailedError("a division by zero or a domain error in the firmware's tick")
+        self.run()
         frame_count, *words = _TX.unpack_from(self._sent)
         return [
             Frame(words[place], bytes_of(words[place + 2], words[place + 1]))

@@ -1,29 +1,24 @@
-"""Nodes whose firmware is an object file in this process; compiled code can call it, by address."""
+"""Nodes whose firmware is machine code in this process; compiled code can call it, by address."""
 
 import ctypes
 import functools
 from typing import Any, NamedTuple, cast
 
 from firmware_py.builds.flat import Memory, Precision, copier, to_precision
-from firmware_py.builds.loaded_object import load_function
-from firmware_py.builds.machine_code import TARGETS, HostName, object_code
 from firmware_py.core.config import Config
 from firmware_py.node.memory import FirmwareState
 from firmware_py.shell.flat_node import FlatNode
 
 POINTER, INTEGER = ctypes.c_void_p, ctypes.c_int64
 TYPES = {
-    "vibro_receive": ctypes.CFUNCTYPE(ctypes.c_int32, POINTER, INTEGER, POINTER),
+    "vibro_receive": ctypes.CFUNCTYPE(None, POINTER, INTEGER, POINTER),
     "vibro_advance": ctypes.CFUNCTYPE(ctypes.c_int32, POINTER, POINTER, INTEGER),
-    "vibro_tick": ctypes.CFUNCTYPE(ctypes.c_int32, POINTER, POINTER, POINTER),
+    "vibro_tick": ctypes.CFUNCTYPE(None, POINTER, POINTER, POINTER),
 }
 
 
 class Native(NamedTuple):
-    """The addresses of `vibro_receive` and `vibro_tick` in this process, and the memory on which they work.
-
-    `vibro_tick` returns 0 unless its arithmetic has failed.
-    """
+    """The addresses of `vibro_receive` and `vibro_tick` in this process, and the memory they work on."""
 
     receive_address: int
     tick_address: int
@@ -33,29 +28,44 @@ class Native(NamedTuple):
 
 
 @functools.cache
-def functions(target: HostName) -> list[Any]:
-    """The firmware's C functions of `TYPES`; their first use compiles them or loads them from the cache."""
-    return [load_function(object_code(target), name, kind) for name, kind in TYPES.items()]
+def compiled_functions() -> list[Any]:
+    """The functions of `TYPES`, compiled by numba; their first use compiles them or loads them."""
+    from firmware_py.builds.compiled import kernels  # noqa: PLC0415 - imports numba
+
+    return [kind(kernels()[name].address) for name, kind in TYPES.items()]
+
+
+@functools.cache
+def emitted_functions(precision: Precision) -> list[Any]:
+    """The functions of `TYPES` of the emitted C; raise CompilerError without a compiler."""
+    from firmware_py.builds.c_compiler import shared_library  # noqa: PLC0415 - imports the emitter
+
+    library = ctypes.CDLL(str(shared_library("host" if precision == "double" else "host-single")))
+    return [kind((name, library)) for name, kind in TYPES.items()]
 
 
 class NativeNode(FlatNode):
     """One controller in double precision, whose functions work on `memory` itself."""
 
-    target: HostName = "host"
+    precision: Precision = "double"
 
     def __init__(self, config: Config) -> None:
         super().__init__(config)
-        self._receive, self._advance, self._tick = functions(self.target)
-        self._precision = TARGETS[self.target].precision
-        self._own = to_precision(self.whole, FirmwareState, self._precision)
+        self._receive, self._advance, self._tick = self.load_functions()
+        self._own = to_precision(self.whole, FirmwareState, self.precision)
         self._take, self._give = copier(self._own, self.whole), copier(self.whole, self._own)
         self.push_memory()
+
+    @staticmethod
+    def load_functions() -> list[Any]:
+        """The functions of `TYPES`."""
+        return compiled_functions()
 
     @property
     def native(self) -> Native:
         """The node's function and memory; `push_memory` may replace the memory."""
         receive, tick = (cast(int, ctypes.cast(one, POINTER).value) for one in (self._receive, self._tick))
-        return Native(receive, tick, self._own_config, self._own, self._precision)
+        return Native(receive, tick, self._own_config, self._own, self.precision)
 
     def receive_rows(self, count: int, rows: Any) -> None:
         """Put `count` frames into the inbox."""
@@ -67,15 +77,14 @@ class NativeNode(FlatNode):
         periods: int = self._advance(config, state, elapsed_ticks)
         return periods
 
-    def run(self) -> int:
+    def run(self) -> None:
         """One tick."""
-        status: int = self._tick(*self._addresses)
+        self._tick(*self._addresses)
         self.pull_state()
-        return status
 
     def push_memory(self) -> None:
         """Hand over config and state in the functions' precision."""
-        self._own_config = to_precision(self.flat_config, Config, self._precision)
+        self._own_config = to_precision(self.flat_config, Config, self.precision)
         self._addresses = [memory.ctypes.data for memory in (self._own_config, self._own, self.tx)]
         self._give()
 
@@ -85,6 +94,11 @@ class NativeNode(FlatNode):
 
 
 class SinglePrecisionNode(NativeNode):
-    """One controller in single precision; `memory` holds its numbers as doubles."""
+    """One controller in single precision, from the emitted C; `memory` holds its numbers as doubles."""
 
-    target = "host-single"
+    precision = "single"
+
+    @staticmethod
+    def load_functions() -> list[Any]:
+        """The functions of `TYPES`."""
+        return emitted_functions("single")

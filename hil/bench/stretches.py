@@ -19,14 +19,12 @@ from numpy.typing import NDArray
 
 from firmware_py.node.xcp import IS_CONNECTED
 from firmware_py.shell.builds import Build
-from firmware_py.shell.flat_node import FirmwareFailedError
 from firmware_py.shell.native import NativeNode
 from hil.bench.lockstep import LockstepNodes, faults_by_node
 from hil.bus.can_log import CanLog
 from hil.faults.clocks import Turns
 from hil.faults.fault import TIME_RESOLUTION_S, Fault
 from hil.nodes.closed_loop import (
-    FIRMWARE_FAILED,
     LINE_BYTES,
     LOG_BYTES,
     MOST_RECEIVED,
@@ -164,10 +162,6 @@ class Stretches:
         )
         self._run = self._run or entry_point(run, bench, plant.state, ticks)
         state, status = self._run(bench, plant.state, ticks)
-        if status == FIRMWARE_FAILED:
-            raise FirmwareFailedError(
-                f"a division by zero or a domain error in the compiled firmware's tick {state.tick}"
-            )
         node.pull_state()
         self._firmware.last_tick = state.tick - 1
         plant.resume(state, status)

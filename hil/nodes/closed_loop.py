@@ -38,10 +38,6 @@ Vector = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 
-FIRMWARE_FAILED = -1
-"""Status of `run` in addition to the solver's: the firmware's arithmetic failed."""
-STATUS = 0xFFFF_FFFF
-"""The bits of the firmware's status, a C integer of 32 bits."""
 MOST_RECEIVED = MOST_FRAMES + 1
 """Most frames to the firmware per tick: those of the plant's node, and a command."""
 NUMBER_BYTES = 8
@@ -208,13 +204,12 @@ def operator_turn(bench: Bench, tick: int, count: int) -> int:
 
 
 @subroutine(inline=True)
-def firmware_turn(bench: Bench, tick: int, count: int) -> int:
-    """The firmware at t_k + T/2 ticks on the first `count` frames of its inbox; its status is returned."""
+def firmware_turn(bench: Bench, tick: int, count: int) -> None:
+    """The firmware at t_k + T/2 ticks on the first `count` frames of its inbox."""
     firmware, buffers = bench.firmware, bench.buffers
     frames, sent = firmware.frames.ctypes.data, firmware.sent.ctypes.data
     call_at(firmware.receive, (firmware.state, count, frames))
-    if call_at(firmware.tick, (firmware.config, firmware.state, sent)) & STATUS != 0:
-        return FIRMWARE_FAILED
+    call_at(firmware.tick, (firmware.config, firmware.state, sent))
     for place in range(firmware.sent[0]):
         begin = 1 + 3 * place
         frame = WordFrame(firmware.sent[begin], firmware.sent[begin + 1], firmware.sent[begin + 2])
@@ -223,21 +218,19 @@ def firmware_turn(bench: Bench, tick: int, count: int) -> int:
     row = buffers.used[TICKS]
     record_firmware(buffers.firmware, row * firmware.record_bytes, firmware.state_bytes, buffers.moves)
     buffers.used[TICKS] = row + 1
-    return DONE
 
 
 @kernel
 def run(bench: Bench, state: PlantState, ticks: int) -> tuple[PlantState, int]:
-    """Run `ticks`; return the plant's state and the status: DONE, the solver's, or FIRMWARE_FAILED.
+    """Run `ticks`; return the plant's state and the solver's status.
 
     After a failure the state is that of the failed tick.
     """
     for _ in range(ticks):
         state, count, status = plant_turn(bench, state)
-        if status == DONE:
-            count = operator_turn(bench, state.tick, count)
-            status = firmware_turn(bench, state.tick, count)
         if status != DONE:
             return state, status
+        count = operator_turn(bench, state.tick, count)
+        firmware_turn(bench, state.tick, count)
         state = state._replace(tick=state.tick + 1)
     return state, DONE

@@ -49,16 +49,17 @@ def build(
     change: Change = None,
     as_json: Json = False,
 ) -> None:
-    """Make an object file of the firmware, its headers and its A2L file, without a C compiler.
+    """Make an object file of the firmware, its headers and its A2L file, with gcc.
+
+    It is the source of `firmware c`, compiled: for a board by arm-none-eabi-gcc, for this machine by gcc.
 
     The object follows a gait only if firmware.gait.follow is set. The command prints the bytes of the code,
-    and of config and state by block. The first call after a change of the firmware takes half a minute. For a
-    board, the config requires the test of the drive's watchdog before a start, unless
-    firmware.watchdog.proof_required is set.
+    and of config and state by block. For a board, the config requires the test of the drive's watchdog before
+    a start, unless firmware.watchdog.proof_required is set.
     """
     from firmware_py.builds.a2l import a2l
-    from firmware_py.builds.c_header import config_header, header
-    from firmware_py.builds.machine_code import TARGETS, measure_sizes, object_code
+    from firmware_py.builds.c99.header import config_header, header
+    from firmware_py.builds.c_compiler import TARGETS, measure_sizes, object_code
     from firmware_py.node.memory import file_name
     from firmware_py.shell.parameters import addresses_from, config_from, require_proof
     from hil.record.new_file import write_anew

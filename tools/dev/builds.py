@@ -4,9 +4,9 @@ Each scenario runs once on the `python` build, whose algebra is filterpy's, and 
 Rounding differs, so the sent bytes may differ; modes, faults and detected impacts must be the same, each
 within a tick. `vibrohil compare` of a suite on each build compares the verdicts.
 
-In the first run two more nodes receive the same frames: the interpreted firmware with its algebra written
-out, and the compiled firmware. These two must send the same bytes in every tick. Without names: all
-scenarios.
+In the first run three more nodes receive the same frames: the interpreted firmware with its algebra written
+out, the compiled firmware, and the emitted C. These three must send the same bytes in every tick, and the
+last two must keep the same state to the bit. Without names: all scenarios.
 
 `--board cortex-m7` instead runs each scenario on the emulated board and on the compiled build, `--board
 cortex-m4f` on the board and on `host-single`: can.log must be the same to the byte.
@@ -32,10 +32,14 @@ os.environ["OPENBLAS_CORETYPE"] = "Haswell"  # before numpy is imported, here an
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_py.builds.c_compiler import shared_library
+from firmware_py.builds.flat import layout
 from firmware_py.core.config import Config
 from firmware_py.core.estimation import kalman
 from firmware_py.interface.frame import Frame
-from firmware_py.shell.builds import HERE, Build, node_of
+from firmware_py.node.memory import FirmwareState
+from firmware_py.shell.builds import HERE, Build
+from firmware_py.shell.native import NativeNode, emitted_functions
 from firmware_py.shell.node import FirmwareNode
 from hil.bench import workers
 from hil.bench.lockstep import run_lockstep, silent
@@ -89,23 +93,54 @@ def written_out() -> Iterator[None]:
         kalman.predict, kalman.update = shipped
 
 
+class EmittedNode(NativeNode):
+    """A node of the emitted C, in double precision."""
+
+    @staticmethod
+    def load_functions() -> list[Any]:
+        """The functions of the emitted C."""
+        return emitted_functions("double")
+
+
+def numbers_in(kind: Any, start: int = 0) -> Iterator[int]:
+    """The bytes of a record that are no padding."""
+    if kind.subdtype is not None:
+        item, shape = kind.subdtype
+        for index in range(int(np.prod(shape))):
+            yield from numbers_in(item, start + index * item.itemsize)
+    elif kind.fields is None:
+        yield from range(start, start + kind.itemsize)
+    else:
+        for item, offset in kind.fields.values():
+            yield from numbers_in(item, start + offset)
+
+
+NUMBERS = np.fromiter(numbers_in(layout(FirmwareState)), np.int64)
+
+
 class Beside(FirmwareNode):
-    """The interpreted firmware; on the same frames, its written-out algebra runs interpreted and compiled."""
+    """The interpreted firmware; on the same frames, its written-out algebra, the compiled one and the C."""
 
     def __init__(self, config: Config) -> None:
         super().__init__(config)
         self._written_out = FirmwareNode(config)
-        self._compiled = node_of("compiled")(config)
+        self._compiled, self._emitted = NativeNode(config), EmittedNode(config)
         self._ticks = 0
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
-        """Run one control tick of all three; DifferentBytesError if the written-out algebras differ."""
+        """Run one control tick of all four; DifferentBytesError if the other three differ."""
         self._ticks += elapsed_ticks
         with written_out():
             sent = self._written_out.tick(frames_in, elapsed_ticks)
         others = self._compiled.tick(frames_in, elapsed_ticks)
         if sent != others:
             raise DifferentBytesError(f"tick {self._ticks}: python sends {sent}, compiled sends {others}")
+        emitted = self._emitted.tick(frames_in, elapsed_ticks)
+        if emitted != others:
+            raise DifferentBytesError(f"tick {self._ticks}: C sends {emitted}, compiled sends {others}")
+        one, other = (node.whole.view(np.uint8)[NUMBERS] for node in (self._compiled, self._emitted))
+        if not np.array_equal(one, other):
+            raise DifferentBytesError(f"tick {self._ticks}: the state of the C differs from the compiled one")
         return super().tick(frames_in, elapsed_ticks)
 
 
@@ -150,6 +185,7 @@ def main() -> None:
     # Compile once for all processes.
     if given.board is None:
         warm_firmware({}, "compiled")
+        shared_library("host")
         compare, same = partial(difference, seed=given.seed), "the same bytes and decisions"
     else:
         for build in (given.board, HERE[given.board]):

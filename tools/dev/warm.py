@@ -14,7 +14,7 @@ import numpy as np
 
 from compilation import PACKAGES
 from compilation.kernel_cache import root
-from firmware_py.builds.machine_code import object_code
+from firmware_py.builds.compiled import kernels
 from hil.bench.lockstep import warm_lockstep
 from hil.scenario.scenario import load_scenario
 from hil.timing.realtime import collect_rarely
@@ -50,6 +50,12 @@ def warm_studies() -> None:
         module.orbit(module.point(np.ones(1), np.ones(1), module.nominal))
 
 
+def warm_firmware() -> None:
+    """Compile the firmware."""
+    collect_rarely()
+    kernels()
+
+
 def warm_loop() -> None:
     """Compile what couples firmware and plant."""
     with tempfile.TemporaryDirectory() as folder:
@@ -66,7 +72,7 @@ def main() -> None:
     print(f"setup: compiling plant and firmware into {root()}; about half a minute, once", flush=True)
     collect_rarely()
     with ProcessPoolExecutor(1, get_context("spawn")) as beside:
-        firmware = beside.submit(object_code, "host")
+        firmware = beside.submit(warm_firmware)
         steps: tuple[tuple[str, Callable[[], object]], ...] = (
             ("modules", warm_modules),
             ("the exact solver", partial(warm_solver, "exact")),

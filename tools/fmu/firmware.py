@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from firmware_py.builds.machine_code import object_code
+from firmware_py.builds.c_compiler import object_code
 from firmware_py.node.memory import INITIAL
 from firmware_py.node.tick import NO_TX
 from firmware_py.shell.parameters import config_from
@@ -27,7 +27,7 @@ class FirmwareModel:
         self.records: dict[str, Any] = {"config": flat(config), "state": flat(INITIAL), "tx": flat(NO_TX)}
 
     def code(self) -> list[bytes]:
-        """The object file that the tests and boards use too."""
+        """The object file of the emitted C for this machine."""
         return [object_code("host")]
 
     def header(self) -> str:

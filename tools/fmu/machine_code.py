@@ -1,15 +1,16 @@
-"""Functions as LLVM assembly that a C program calls, by the same way as the firmware's board builds, and the
-memory that they take.
+"""Functions as an object file that a C program calls: numba's unoptimised code, compiled by LLVM alone, and
+the memory that they take.
 
 `NUMBA_OPT=0 python -m tools.fmu.machine_code FILE ARGUMENTS` writes the raw assembly of an FMU's
 functions; it needs a process of its own, because numba reads NUMBA_OPT only once.
 """
 
 import hashlib
+import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection
 from os import environ
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,11 +23,17 @@ from numba.core import types
 from compilation.kernel_cache import folder_of, kept_file
 from compilation.linking import LINKED
 from firmware_py.builds.flat import to_flat
-from firmware_py.builds.machine_code import NAMES_EXCEPTION, RAW, Target, retarget
 from hil.timing.realtime import collect_rarely
 
-TARGET = Target("x86_64-unknown-linux-gnu", "x86-64-v2", "", "pic", "double", is_small=False)
+TRIPLE, CPU = "x86_64-unknown-linux-gnu", "x86-64-v2"
 """Every 64-bit PC of the last fifteen years. No fused multiply-add, which would change bits."""
+RAW = {"NUMBA_OPT": "0", "NUMBA_DISABLE_JIT": "0"}
+"""numba's settings in a process that writes raw assembly; it compiles even where kernels are interpreted."""
+SPEED = 2
+MOST_ARGUMENTS = 100
+"""A function with more arguments is inlined: numba passes each number of a record as an argument."""
+NAMES_EXCEPTION = re.compile(r"^ *store ptr @\.const\.picklebuf\S*, ptr \S*.*\n", re.MULTILINE)
+"""Stores of numba's pickled exceptions, which are removed: the wrapper only uses the status."""
 Functions = dict[str, tuple[Callable[..., int], tuple[Any, ...]]]
 """Functions that return an integer, with numba's types of their arguments, by their names in C."""
 
@@ -86,7 +93,7 @@ def main() -> None:
     Path(file).write_text(assembly(functions_of(*arguments)))
 
 
-def object_code(arguments: tuple[str, ...], names: Iterable[str]) -> bytes:
+def object_code(arguments: tuple[str, ...], names: Collection[str]) -> bytes:
     """The object file of the functions `names` of a model; the first time it takes half a minute."""
 
     def make() -> bytes:
@@ -94,11 +101,32 @@ def object_code(arguments: tuple[str, ...], names: Iterable[str]) -> bytes:
             fresh = Path(folder) / "raw.ll"
             command = [sys.executable, "-P", "-m", "tools.fmu.machine_code", str(fresh), *arguments]
             subprocess.run(command, env=environ | RAW, check=True)
-            return retarget(fresh.read_text(), TARGET, tuple(names))
+            return object_of(fresh.read_text(), names)
 
     digest = hashlib.sha256("\0".join(arguments).encode()).hexdigest()[:16]
     folder = folder_of("tools.fmu")
     return kept_file(folder, f"{digest}.o", make).read_bytes()
+
+
+def object_of(raw: str, kept_names: Collection[str]) -> bytes:
+    """The object file of raw assembly; only `kept_names` have external linkage."""
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    target = llvm.Target.from_triple(TRIPLE)
+    machine = target.create_target_machine(cpu=CPU, opt=SPEED, reloc="pic", codemodel="default")
+    module = llvm.parse_assembly(raw)
+    module.triple, module.data_layout = TRIPLE, str(machine.target_data)
+    for symbol in (*module.functions, *module.global_variables):
+        if not symbol.is_declaration and symbol.name not in kept_names:
+            symbol.linkage = "internal"
+    for function in module.functions:
+        if not function.is_declaration and len(list(function.arguments)) > MOST_ARGUMENTS:
+            function.add_function_attribute("alwaysinline")
+    options = llvm.create_pipeline_tuning_options(speed_level=SPEED)
+    options.slp_vectorization = options.loop_vectorization = options.loop_unrolling = False
+    builder = llvm.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(module, builder)
+    return bytes(machine.emit_object(module))
 
 
 if __name__ == "__main__":

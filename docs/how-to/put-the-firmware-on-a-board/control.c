@@ -29,10 +29,7 @@ void control_receive(uint32_t can_id, uint32_t length, const void *data) {
 void control_tick(int64_t elapsed_ticks) {
     for (int32_t left = vibro_advance(&config, &state, elapsed_ticks); left > 0; left--) {
         vibro_tx tx;
-        if (vibro_tick(&config, &state, &tx) != 0) { /* a division by zero: nothing has moved on; the drive's E-stop */
-            can_send(0x002, 0, "");
-            return;
-        }
+        vibro_tick(&config, &state, &tx);
         if (tx.frame_count > 0) {
             send(&tx.first);
         }

@@ -2,7 +2,7 @@
  *
  * A request consists of its kind and a number. RECEIVE is followed by that number of frames; CONFIG and STATE
  * are followed by a new config or state, which replaces the present one. The reply to ADVANCE, of that number of
- * periods, is the number of ticks to run. The reply to TICK is the status, the frames to be sent and the state;
+ * periods, is the number of ticks to run. The reply to TICK is the frames to be sent and the state;
  * MEASURED_TICK, which is slower, also reports the time and the stack of the tick. The reply to READ_CONFIG is
  * the config. Before each tick a write over XCP is processed.
  * The bytes are carried by semihosting, a debugger's interface that the firmware itself does not use.
@@ -19,7 +19,7 @@ static struct {
     int64_t kind, number;
 } request;
 static struct {
-    int64_t status, timer_ticks, stack_bytes;
+    int64_t timer_ticks, stack_bytes;
     vibro_tx tx;
     vibro_firmware_state state;
 } reply;
@@ -71,7 +71,7 @@ enum { CONTROL, VALUE, RELOAD, PAINT = 0x50A17ED, PAINTED_WORDS = 4096 };
 
 static void tick(void) {
     vibro_calibrate(&config, &reply.state);
-    reply.status = vibro_tick(&config, &reply.state, &reply.tx);
+    vibro_tick(&config, &reply.state, &reply.tx);
 }
 
 static __attribute__((noinline)) void measured_tick(void) {

@@ -6,25 +6,16 @@ to change is copied if another argument points to it or to a part of it.
 """
 
 import ast
-from functools import partial
 from types import FunctionType
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_origin
 
-from firmware_py.builds.c99.expressions import (
-    ORDER,
-    Address,
-    C,
-    Place,
-    Variable,
-    expression,
-)
+from firmware_py.builds.c99.expressions import Address, C, Level, Place, Variable, expression
 from firmware_py.builds.c99.lines import Line, remove_copies, render, wrap
 from firmware_py.builds.c99.names import c_identifier, first_paragraph, is_record, snake
 from firmware_py.builds.c99.operations import BINARY, FALSE, TRUE
-from firmware_py.builds.c99.scopes import beginnings, count_assignments, first_value
+from firmware_py.builds.c99.scopes import beginnings, count_assignments
 from firmware_py.builds.c99.shape import comments, function_name, refuse, shape, source
-from firmware_py.builds.c99.stores import Stores, Target, TargetOf
-from firmware_py.builds.flat import members
+from firmware_py.builds.c99.stores import Stores
 
 
 class Body(Stores):
@@ -37,7 +28,7 @@ class Body(Stores):
         self.begins = beginnings(self.tree, set(self.counts) - set(self.shape.parameters) - {"_"})
         self.pending = sorted(line for line in comments(function.__module__) if line >= self.tree.lineno)
         self.outs = {
-            index: Variable(name, self.shape.results[index], is_pointer=True)
+            index: Variable(name, self.shape.results[index], is_pointer=True, is_declared=True)
             for index, name in self.shape.outs.items()
         }
         self.copied: list[str] = []
@@ -45,11 +36,11 @@ class Body(Stores):
         changed = self.shape.in_place.values()
         for name, kind in self.shape.parameters.items():
             is_pointer = is_record(kind)
-            variable = Variable(c_identifier(name), kind, is_pointer)
+            variable = Variable(c_identifier(name), kind, is_pointer, is_declared=True)
             if is_pointer and name in self.counts and name not in changed:
                 self.copied.append(name)
                 variable.is_pointer = False
-                given = Variable(f"{variable.name}_in", kind, is_pointer=True)
+                given = Variable(f"{variable.name}_in", kind, is_pointer=True, is_declared=True)
                 self.lines.append(Line((Place(given),), declares=variable))
             self.variables[name] = variable
 
@@ -59,13 +50,12 @@ class Body(Stores):
         """The function's declaration."""
         where, parts = self.shape, []
         for name, kind in where.parameters.items():
-            own = self.variables[name].name
+            own = f"{self.variables[name].name}{'_in' if name in self.copied else ''}"
             if kind == list[int]:
                 parts.append(f"int64_t *{own}")
-            elif name in where.in_place.values():
-                parts.append(f"{self.unit.c_type(kind)} *{own}")
             elif is_record(kind):
-                parts.append(f"const {self.unit.c_type(kind)} *{own}{'_in' if name in self.copied else ''}")
+                const = "" if name in where.in_place.values() else "const "
+                parts.append(f"{const}{self.unit.c_type(kind)} *{own}")
             else:
                 parts.append(f"{self.unit.c_type(kind)} {own}".replace("* ", "*"))
         parts += [f"{self.unit.c_type(one.kind)} *{one.name}" for one in self.outs.values()]
@@ -80,10 +70,8 @@ class Body(Stores):
             self.lines.pop()
         lines = remove_copies(self.lines)
         used = {place.resolve(True).root for line in lines for place in (*line.touched(), *line.written())}
-        unused = [
-            one for name, one in self.variables.items() if name in self.shape.parameters and one not in used
-        ]
-        lines = [*(Line((f"(void){one.name};",)) for one in unused), *lines]
+        given = (self.variables[name] for name in self.shape.parameters)
+        lines = [*(Line((f"(void){one.name};",)) for one in given if one not in used), *lines]
         body = render(lines, self.unit.c_type)
         above = first_paragraph(ast.get_docstring(self.tree))
         begin = "\n".join([*(wrap(above) if above else []), *wrap(f"{head} {{")])
@@ -95,21 +83,12 @@ class Body(Stores):
             while self.pending and self.pending[0] <= statement.lineno:
                 text = comments(self.function.__module__)[self.pending.pop(0)]
                 self.lines.append(Line((f"/* {text} */",)))
-            own = {
-                node.id
-                for target in getattr(statement, "targets", [])
-                for node in ast.walk(target)
-                if isinstance(node, ast.Name)
-            }
-            own |= (
-                {statement.target.id}
-                if isinstance(statement, ast.For) and isinstance(statement.target, ast.Name)
-                else set()
-            )
+            targets = [getattr(statement, "target", None), *getattr(statement, "targets", [])]
+            own = {node.id for one in targets if one for node in ast.walk(one) if isinstance(node, ast.Name)}
             for name in self.begins.get(id(statement), ()):
+                self.variables[name] = Variable(c_identifier(name))
                 if name not in own:
-                    variable = self.declare(name, self.find_kind(name))
-                    self.lines.append(Line(declares=variable))
+                    self.declare(self.variables[name])
             write = getattr(self, f"do_{snake(type(statement).__name__)}", None)
             if write is None:
                 raise refuse(self.module, statement, "this statement is outside the subset")
@@ -122,45 +101,6 @@ class Body(Stores):
         names = set(self.names)
         self.block(body)
         self.names = names
-
-    def declare(self, name: str, kind: Any) -> Variable:
-        """A local variable from here on."""
-        self.variables[name] = Variable(c_identifier(name), kind)
-        return self.variables[name]
-
-    def find_kind(self, name: str) -> Any:
-        """The type of a variable that is declared before its first assignment."""
-        value, index = first_value(self.tree, name)
-        if value is None:
-            raise refuse(self.module, self.tree, f"{name} is never assigned")
-        return self.kind_of(value) if index is None else self.element_kind(value, index)
-
-    def element_kind(self, node: ast.expr, index: int) -> Any:
-        """The type of an element of a tuple."""
-        node = node.body if isinstance(node, ast.IfExp) else node
-        if isinstance(node, ast.Tuple):
-            return self.kind_of(node.elts[index])
-        if function := self.function_of(node):
-            return shape(function).results[index]
-        kind = self.look(node).kind
-        return members(kind)[index][1] if is_record(kind) else get_args(kind)[index]
-
-    def kind_of(self, node: ast.expr) -> Any:
-        """The type of an expression."""
-        if function := self.function_of(node):
-            if (
-                get_origin(returned := get_type_hints(function)["return"]) is tuple
-                and len(shape(function).results) == 1
-            ):
-                return returned
-            return shape(function).results[0]
-        if (
-            isinstance(node, ast.Call)
-            and isinstance(node.func, ast.Attribute)
-            and node.func.attr == "_replace"
-        ):
-            return self.kind_of(node.func.value)
-        return self.look(node).kind
 
     # -- Statements ------------------------------------------------------------------------------------------
 
@@ -175,84 +115,68 @@ class Body(Stores):
     def do_assign(self, node: ast.Assign) -> None:
         """An assignment."""
         for target in node.targets:
-            self.assign(node, target, node.value)
+            self.assign(target, node.value)
 
-    def assign(self, statement: ast.stmt, target: ast.expr, value: ast.expr) -> None:
+    def assign(self, target: ast.expr, value: ast.expr) -> None:
         """Write the assignment of a value to a name, an element or a tuple of them."""
-        if (
-            isinstance(value, ast.IfExp)
-            and isinstance(value.body, ast.Tuple)
-            and isinstance(value.orelse, ast.Tuple)
-        ):
-            sides = zip(value.body.elts, value.orelse.elts, strict=True)
+        if isinstance(value, ast.IfExp) and isinstance(target, ast.Tuple):
+            halves: Any = value.body, value.orelse
+            sides = zip(*(one.elts for one in halves), strict=True)
             value = ast.Tuple([ast.copy_location(ast.IfExp(value.test, *side), value) for side in sides])
         if not isinstance(target, ast.Tuple):
-            if not self.point(statement, target, value):
-                goal = self.target(statement, target, value=value)
-                if goal.place is not None:
-                    self.store(goal.place, goal.declares, value)
+            goal = self.target(target)
+            if goal is not None and not self.point(target, value):
+                self.store(goal, value)
         elif isinstance(value, ast.Tuple):
-            self.assign_each(statement, target.elts, value.elts)
+            self.assign_each(target.elts, value.elts)
         elif self.function_of(value) and isinstance(value, ast.Call):
-            self.call(
-                value, {index: partial(self.target, statement, one) for index, one in enumerate(target.elts)}
-            )
+            self.call(value, {index: self.target(one) for index, one in enumerate(target.elts)})
         else:
             whole = self.expression(value)
             for index, one in enumerate(target.elts):
                 if not (isinstance(one, ast.Name) and one.id == "_"):
                     part = self.item(whole, C((str(index),), int))
-                    self.put(self.target(statement, one, part.kind), part)
+                    self.put(self.target(one), part)
 
-    def assign_each(self, statement: ast.stmt, targets: list[ast.expr], values: list[ast.expr]) -> None:
+    def assign_each(self, targets: list[ast.expr], values: list[ast.expr]) -> None:
         """Write `a, b = x, y`; all values are read first where a later one reads an earlier target."""
         with self.captured():
-            places = [self.look(one).place if self.is_known(statement, one) else None for one in targets]
+            places = [
+                place if (place := self.target(one)) and place.root.is_declared else None for one in targets
+            ]
             clashes = any(
                 place is not None and any(self.look(later).reads(place) for later in values[index + 1 :])
                 for index, place in enumerate(places)
             )
         if not clashes:
             for one, part in zip(targets, values, strict=True):
-                self.assign(statement, one, part)
+                self.assign(one, part)
             return
         hints = [one.id if isinstance(one, ast.Name) else "value" for one in targets]
         held = [self.temporary(self.expression(one), hint) for one, hint in zip(values, hints, strict=True)]
         for one, value in zip(targets, held, strict=True):
-            self.put(self.target(statement, one, value.kind), value)
+            self.put(self.target(one), value)
 
-    def is_known(self, statement: ast.stmt, node: ast.expr) -> bool:
-        """Whether a target exists before this statement."""
-        name = node.id if isinstance(node, ast.Name) else ""
-        return not name or (name in self.variables and name not in self.begins.get(id(statement), ()))
+    def target(self, node: ast.expr) -> Place | None:
+        """The place that an assignment changes; none for the name `_`."""
+        if isinstance(node, ast.Name):
+            return None if node.id == "_" else Place(self.variables[node.id])
+        return self.expression(node).place
 
-    def target(
-        self, statement: ast.stmt, node: ast.expr, kind: Any = None, value: ast.expr | None = None
-    ) -> Target:
-        """The target of an assignment; a variable that begins here is declared."""
-        if not isinstance(node, ast.Name):
-            return Target(self.expression(node).place)
-        if node.id == "_":
-            return Target(None)
-        if self.is_known(statement, node):
-            return Target(Place(self.variables[node.id]))
-        kind = self.kind_of(value) if value is not None else kind
-        variable = self.declare(node.id, kind)
-        return Target(Place(variable), variable)
-
-    def point(self, statement: ast.stmt, target: ast.expr, value: ast.expr) -> bool:
+    def point(self, target: ast.expr, value: ast.expr) -> bool:
         """Write a pointer for a name that means a part of a record which this function does not change."""
-        if not isinstance(target, ast.Name) or not isinstance(value, (ast.Attribute, ast.Name)):
+        variable = self.variables.get(target.id) if isinstance(target, ast.Name) else None
+        if variable is None or variable.is_declared or not isinstance(value, (ast.Attribute, ast.Name)):
             return False
         found = self.look(value)
-        if not is_record(found.kind) or found.place is None or self.counts[target.id] != 1:
+        if not is_record(found.kind) or found.place is None or self.counts[variable.name.rstrip("_")] != 1:
             return False
         root = found.place.resolve(True).root
         changed = [*(self.variables[name] for name in self.shape.in_place.values()), *self.outs.values()]
-        if self.is_known(statement, target) or not root.is_pointer or root in changed:
+        if not root.is_pointer or root in changed:
             return False
-        variable = Variable(c_identifier(target.id), found.kind, is_pointer=True, points_to=found.place)
-        self.variables[target.id] = variable
+        variable.kind, variable.is_pointer, variable.points_to = found.kind, True, found.place
+        variable.is_declared = True
         self.lines.append(Line((Address(found.place),), declares=variable))
         return True
 
@@ -270,17 +194,11 @@ class Body(Stores):
         if value is None:
             self.leave(None)
             return
-        if (
-            isinstance(value, ast.Call)
-            and self.function_of(value)
-            and (len(where.results) > 1 or where.in_place)
-        ):
+        hands_on = self.function_of(value) and (len(where.results) > 1 or where.in_place)
+        if hands_on and isinstance(value, ast.Call):
             goals = {index: Place(one) for index, one in self.outs.items()}
             goals |= {index: Place(self.variables[name]) for index, name in where.in_place.items()}
-            targets: dict[int, TargetOf] = {
-                index: partial(self.fixed, place) for index, place in goals.items()
-            }
-            self.leave(self.call(value, targets, keeps=where.value))
+            self.leave(self.call(value, goals, keeps=where.value))
             return
         parts = value.elts if isinstance(value, ast.Tuple) else [value]
         changed = {
@@ -292,13 +210,11 @@ class Body(Stores):
         if result is not None and any(result.reads(Place(one)) for one in changed):
             result = self.temporary(result, "result")
         for index, out in self.outs.items():
-            self.store(Place(out), None, parts[index])
+            self.store(Place(out), parts[index])
         for done, variable in enumerate(changed):
             if any(self.look(changed[variable]).reads(Place(one)) for one in list(changed)[:done]):
-                raise refuse(
-                    self.module, node, "this result reads a record that an earlier result has changed"
-                )
-            self.store(Place(variable), None, changed[variable])
+                raise refuse(self.module, node, "a result reads a record that an earlier one has changed")
+            self.store(Place(variable), changed[variable])
         self.leave(result)
 
     def leave(self, result: C | None) -> None:
@@ -317,12 +233,9 @@ class Body(Stores):
             return self.block(chosen) or (bool(chosen) and isinstance(chosen[-1], ast.Return))
         self.lines.append(Line(("if (", *test.parts, ")"), opens=True))
         self.nested(node.body)
-        while (
-            len(node.orelse) == 1
-            and isinstance(node.orelse[0], ast.If)
-            and id(node.orelse[0]) not in self.begins
-        ):
-            inner = node.orelse[0]
+        while len(node.orelse) == 1 and isinstance(inner := node.orelse[0], ast.If):
+            if id(inner) in self.begins:
+                break
             with self.captured() as needed:
                 test = self.expression(inner.test)
             if needed or test in (TRUE, FALSE):
@@ -342,16 +255,15 @@ class Body(Stores):
             test = self.expression(node.test)
         if needed:
             raise refuse(self.module, node, "the condition of this loop needs statements of its own")
-        self.lines.append(Line(("while (", *test.parts, ")"), opens=True))
-        self.nested(node.body)
-        self.lines.append(Line(closes=True))
+        with self.braces("while (", *test.parts, ")"):
+            self.block(node.body)
 
     def do_for(self, node: ast.For) -> None:
         """A loop over a range, or over a tuple that is written out."""
         if not isinstance(node.target, ast.Name) or node.orelse:
             raise refuse(self.module, node, "this loop is outside the subset")
         name = node.target.id
-        variable = Variable("count" if name == "_" else c_identifier(name), int)
+        variable = Variable("count" if name == "_" else c_identifier(name), int, is_declared=True)
         own = variable.name
         if isinstance(node.iter, ast.Tuple):
             items = [self.expression(one) for one in node.iter.elts]
@@ -361,17 +273,13 @@ class Body(Stores):
             self.lines.append(Line((f"for (int {at} = 0; {at} < {len(items)}; {at}++)",), opens=True))
             variable.kind = items[0].kind
             self.lines.append(Line((f"{choices}[{at}]",), declares=variable))
-        elif (
-            isinstance(node.iter, ast.Call)
-            and self.value_of(node.iter.func) is range
-            and len(node.iter.args) < 3
-        ):
+        elif isinstance(node.iter, ast.Call) and self.value_of(node.iter.func) is range:
             bounds = [self.expression(one) for one in node.iter.args]
             if self.needs_index(node, name):
                 self.write_out(node, name, int(bounds[-1].text))
                 return
             start = bounds[0].parts if len(bounds) > 1 else ("0",)
-            condition = (f"; {own} < ", *bounds[-1].within(ORDER + 1), f"; {own}++)")
+            condition = (f"; {own} < ", *bounds[-1].within(Level.ORDER + 1), f"; {own}++)")
             self.lines.append(Line((f"for (int64_t {own} = ", *start, *condition), opens=True))
         else:
             raise refuse(self.module, node.iter, "wanted a range or a tuple to iterate over")
@@ -381,11 +289,9 @@ class Body(Stores):
 
     def needs_index(self, node: ast.For, name: str) -> bool:
         """Whether a loop variable numbers the members of a record, which C has no index for."""
-        subscripts = (one for one in ast.walk(node) if isinstance(one, ast.Subscript))
-        indexed = [
-            one.value for one in subscripts if isinstance(one.slice, ast.Name) and one.slice.id == name
-        ]
-        kinds = [self.look(one).kind for one in indexed]
+        subscripts = [one for one in ast.walk(node) if isinstance(one, ast.Subscript)]
+        wanted = ast.dump(ast.Name(name, ast.Load()))
+        kinds = [self.look(one.value).kind for one in subscripts if ast.dump(one.slice) == wanted]
         return any(
             is_record(kind) or (get_origin(kind) is tuple and len(get_args(kind)) == 1) for kind in kinds
         )

@@ -2,25 +2,21 @@
 
 import functools
 import inspect
-import math
 import sys
 import textwrap
 from collections.abc import Iterator
 from enum import IntEnum
-from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any, NamedTuple, get_args, get_origin
 
-import jinja2
-
-from firmware_py.builds import c_header as header
+from firmware_py.builds.c99 import header
 from firmware_py.builds.c99.body import Body
 from firmware_py.builds.c99.expressions import C, Place, Variable
 from firmware_py.builds.c99.lines import WIDTH, wrap
 from firmware_py.builds.c99.names import c_identifier, first_paragraph, is_record
 from firmware_py.builds.c99.shape import documents, function_name, origin, shape, short
+from firmware_py.builds.c99.single_precision import in_single_precision
 from firmware_py.builds.flat import Precision, members
-from firmware_py.builds.single_precision import REPLACED, round_to_single
 from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.node import calibration, inbox, tick, xcp
 from firmware_py.node.memory import INITIAL
@@ -30,14 +26,7 @@ ROOTS: tuple[Any, ...] = (
     *(inbox.end_period, xcp.exchange, calibration.calibrate),
 )
 """The functions that the entry points call."""
-TEMPLATES = jinja2.Environment(
-    loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
-    undefined=jinja2.StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    keep_trailing_newline=True,
-)
-GIVEN: Any = TEMPLATES.get_template("given.c.j2").module
+GIVEN: Any = header.TEMPLATES.get_template("given.c.j2").module
 
 
 class Translated(NamedTuple):
@@ -84,11 +73,9 @@ class Emitter:
 
     def number(self, value: float, written: str = "") -> str:
         """A float constant; `written`: as it stands in Python."""
-        if self.precision == "single" and not math.isnan(value):
-            value, written = REPLACED.get(value, round_to_single(value)), ""
-        if not math.isfinite(value):
-            return "NAN" if math.isnan(value) else "INFINITY" if value > 0.0 else "-INFINITY"
-        return (written or repr(value)) + self.suffix
+        if self.precision == "single":
+            value = in_single_precision(value)
+        return header.number(value, self.precision, written)
 
     def constant(self, module: ModuleType, name: str, value: Any) -> C:
         """A reference to a constant of a module, which is then defined."""
@@ -128,13 +115,7 @@ class Emitter:
             return f"{{{', '.join(map(self.initial, value))}}}"
         if isinstance(value, IntEnum):
             return self.constant(sys.modules[__name__], "", value).text
-        return (
-            str(value).lower()
-            if isinstance(value, bool)
-            else self.number(value)
-            if isinstance(value, float)
-            else str(value)
-        )
+        return self.number(value) if isinstance(value, float) else header.number(value, self.precision)
 
     # -- Functions -------------------------------------------------------------------------------------------
 
@@ -147,22 +128,18 @@ class Emitter:
             self.functions[function] = Translated("", "", [])
             for kind in (*shape(function).parameters.values(), *shape(function).results):
                 self.c_type(kind)
-            given = getattr(GIVEN, name, None)
-            if given is not None:
-                text = given(self)
-                for one in (
-                    one for one in vars(inspect.getmodule(function)).values() if isinstance(one, FunctionType)
-                ):
-                    if f"{function_name(one)}(" in text and one is not function:
-                        self.call(one)
-                head = next(
-                    line for line in text.splitlines() if line.startswith("static") and f" {name}(" in line
-                )
-                found = Translated(head.removesuffix(" {"), text, self.calls.pop())
-            else:
-                found = Translated(*Body(self, function).translate(), self.calls.pop())
-            self.functions[function] = found
+            head, text = self.given(function) if hasattr(GIVEN, name) else Body(self, function).translate()
+            self.functions[function] = Translated(head, text, self.calls.pop())
         return name
+
+    def given(self, function: FunctionType) -> tuple[str, str]:
+        """The declaration and the text of a function that is written in C."""
+        name = function_name(function)
+        text = getattr(GIVEN, name)(self)
+        for one in vars(sys.modules[function.__module__]).values():
+            if isinstance(one, FunctionType) and one is not function and f"{function_name(one)}(" in text:
+                self.call(one)
+        return next(line[:-2] for line in text.splitlines() if f" {name}(" in line), text
 
     def modules(self) -> list[ModuleType]:
         """The modules in the order of their definition: each behind those that it calls if possible."""
@@ -185,24 +162,20 @@ class Emitter:
 
     def ordered(self) -> dict[ModuleType, list[FunctionType]]:
         """The functions by their modules, in the order of the sources."""
-        line = lambda function: function.__code__.co_firstlineno  # noqa: E731
-        return {
-            module: sorted((one for one in self.functions if inspect.getmodule(one) is module), key=line)
-            for module in self.modules()
-        }
+        found: dict[ModuleType, list[FunctionType]] = {module: [] for module in self.modules()}
+        for one in sorted(self.functions, key=lambda one: one.__code__.co_firstlineno):
+            found[sys.modules[one.__module__]].append(one)
+        return found
 
     def prototypes(self) -> str:
         """The declarations of the functions that are called above their definition."""
         order = [one for functions in self.ordered().values() for one in functions]
+        place = {one: index for index, one in enumerate(order)}
         early = {
-            called
-            for index, one in enumerate(order)
-            for called in self.functions[one].calls
-            if called not in order[:index]
+            called for one in order for called in self.functions[one].calls if place[called] >= place[one]
         }
-        return "\n".join(
-            line for one in order if one in early for line in wrap(f"{self.functions[one].head};")
-        )
+        heads = (self.functions[one].head for one in order if one in early)
+        return "\n".join(line for head in heads for line in wrap(f"{head};"))
 
     # -- Tables for the functions that are written in C ------------------------------------------------------
 
@@ -217,9 +190,7 @@ class Emitter:
     def power_up(self) -> str:
         """Assignments of the numbers of the state that are not 0 at power-up."""
         values = zip(paths(tick.NodeState), numbers(INITIAL.node), strict=True)
-        lines = [
-            f"    state->node.{name} = {self.initial(value)};" for (name, _), value in values if value != 0
-        ]
+        lines = [f"    state->node.{name} = {self.initial(one)};" for (name, _), one in values if one != 0]
         begin, page = INITIAL.pool[: self.page_at], INITIAL.pool[self.page_at :]
         lines += [f"    state->pool[{index}] = {value};" for index, value in enumerate(begin) if value]
         lines += wrap(f"static const uint32_t PAGE[{len(page)}] = {{{', '.join(map(str, page))}}};", "    ")
@@ -230,16 +201,12 @@ class Emitter:
 
     def text(self) -> str:
         """The source file."""
-        sections = []
-        ordered = self.ordered()
+        sections, ordered = [], self.ordered()
         titles = {short(module.__name__): title(module) for module in ordered}
         for (name, about), functions in zip(titles.items(), ordered.values(), strict=True):
-            sections += [
-                *wrap(f"/* ---- {name}: {about} ---- */"),
-                "",
-                *(self.functions[one].text for one in functions),
-            ]
-        return TEMPLATES.get_template("firmware.c.j2").render(
+            sections += [*wrap(f"/* ---- {name}: {about} ---- */"), ""]
+            sections += [self.functions[one].text for one in functions]
+        return header.TEMPLATES.get_template("firmware.c.j2").render(
             contents="\n".join(contents_line(name, about) for name, about in titles.items()),
             real=self.real,
             pi=self.number(3.141592653589793),
@@ -254,11 +221,8 @@ class Emitter:
         """The declaration of a type that only the source needs."""
         if issubclass(kind, IntEnum):
             return header.enum_text(kind)
-        declared = ((c_identifier(name), member) for name, member in members(kind))
-        lines = [header.declaration(name, member, self.precision) for name, member in declared]
-        body = "\n    ".join(lines or ["uint8_t nothing;"])  # C has no empty struct
-        above = "\n".join(wrap(header.comment(kind)))
-        return f"{above}\ntypedef struct {{\n    {body}\n}} {header.c_name(kind)};\n"
+        above, *rest = header.struct_text(kind, self.precision).splitlines(keepends=True)
+        return "".join([*(f"{line}\n" for line in wrap(above.rstrip())), *rest])
 
 
 def title(module: ModuleType) -> str:
@@ -277,11 +241,8 @@ def paths(kind: Any, name: str = "") -> list[tuple[str, Any]]:
     if get_origin(kind) is tuple:
         return [one for index, item in enumerate(get_args(kind)) for one in paths(item, f"{name}[{index}]")]
     if is_record(kind):
-        return [
-            one
-            for key, item in members(kind)
-            for one in paths(item, f"{name}.{c_identifier(key)}".lstrip("."))
-        ]
+        named = ((f"{name}.{c_identifier(key)}".lstrip("."), item) for key, item in members(kind))
+        return [one for key, item in named for one in paths(item, key)]
     return [(name, kind)]
 
 

@@ -4,26 +4,21 @@ A place is a variable and a path of members and indices. Two places overlap if o
 from this follows where a record may be changed in place, and where a copy is needed first.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
+from enum import IntEnum
 from typing import Any, NamedTuple, Union
 
 Part = Union[str, "Place", "Address"]
-PRIMARY, UNARY, PRODUCT, SUM, SHIFT, ORDER, EQUAL, BITS, AND, OR, CHOICE = (
-    15,
-    14,
-    12,
-    11,
-    10,
-    9,
-    8,
-    7,
-    4,
-    3,
-    2,
-)
-"""Precedences of C's operators; `BITS` is that of `&`, above `^` and `|`."""
-BRACES = 0
-"""The level of an initializer in braces, which needs its type before it outside a declaration."""
+
+
+class Level(IntEnum):
+    """Precedences of C's operators; `BITS` is that of `&`, above `^` and `|`.
+
+    `BRACES`: an initializer in braces, which needs its type before it outside a declaration.
+    """
+
+    BRACES, CHOICE, OR, AND, BITS = 0, 2, 3, 4, 7
+    EQUAL, ORDER, SHIFT, SUM, PRODUCT, UNARY, PRIMARY = 8, 9, 10, 11, 12, 14, 15
 
 
 class Variable:
@@ -31,12 +26,15 @@ class Variable:
 
     `points_to`: the record to which a pointer of the function points. `lives_at`: the member of which the
     variable is a copy, if the copy is not needed; the variable is then a name for that member.
+
+    A variable without a type gets that of its first value, which declares it unless `is_declared`.
     """
 
     def __init__(
-        self, name: str, kind: Any, is_pointer: bool = False, points_to: "Place | None" = None
+        self, name: str, kind: Any = None, is_pointer: bool = False, is_declared: bool = False
     ) -> None:
-        self.name, self.kind, self.is_pointer, self.points_to = name, kind, is_pointer, points_to
+        self.name, self.kind, self.is_pointer, self.is_declared = name, kind, is_pointer, is_declared
+        self.points_to: Place | None = None
         self.lives_at: Place | None = None
 
 
@@ -57,11 +55,6 @@ class Place(NamedTuple):
         (root, path), (its_root, its_path) = self.resolve(True), other.resolve(True)
         pairs = zip(path, its_path, strict=False)
         return root is its_root and all(a == b for a, b in pairs if isinstance(a, str) and isinstance(b, str))
-
-    def contains(self, other: "Place") -> bool:
-        """Whether the other place is this one or a part of it."""
-        (root, path), (its_root, its_path) = self.resolve(True), other.resolve(True)
-        return root is its_root and its_path[: len(path)] == path
 
     @property
     def text(self) -> str:
@@ -109,7 +102,7 @@ class C(NamedTuple):
 
     parts: tuple[Part, ...]
     kind: Any
-    level: int = PRIMARY
+    level: int = Level.PRIMARY
 
     @property
     def text(self) -> str:
@@ -139,13 +132,6 @@ class C(NamedTuple):
     def reads(self, place: Place) -> bool:
         """Whether it reads this place, a part of it or a record that contains it."""
         return any(place.overlaps(one) for one in read_places(self.parts))
-
-
-class Items(NamedTuple):
-    """The values of a member that is an array."""
-
-    items: Sequence[C]
-    kind: Any
 
 
 def expression(kind: Any, level: int, *parts: Any) -> C:

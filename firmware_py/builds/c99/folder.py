@@ -1,8 +1,8 @@
 """The folder with the firmware in C: source, headers, the example for a board, and how to compile it."""
 
 from firmware_py.builds.a2l import a2l
-from firmware_py.builds.c99.emitter import TEMPLATES, Emitter
-from firmware_py.builds.c_header import config_header, header
+from firmware_py.builds.c99.emitter import Emitter
+from firmware_py.builds.c99.header import TEMPLATES, config_header, header
 from firmware_py.core.config import Config
 from firmware_py.interface.addresses import Addresses
 from firmware_py.node.memory import file_name

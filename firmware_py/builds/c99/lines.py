@@ -3,41 +3,14 @@
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 from typing import Any
 
 from firmware_py.builds.c99.expressions import Address, Part, Place, Variable, read_places, text_of
+from firmware_py.builds.c99.names import is_record
 
 WIDTH = 110
-OPERATORS = frozenset(
-    [
-        "&&",
-        "||",
-        "+",
-        "-",
-        "*",
-        "/",
-        "?",
-        ":",
-        "=",
-        "<",
-        ">",
-        "==",
-        "<=",
-        ">=",
-        "!=",
-        "|",
-        "&",
-        "<<",
-        ">>",
-        "^",
-        "+=",
-        "-=",
-        "*=",
-        "/=",
-        "|=",
-        "&=",
-    ]
-)
+OPERATORS = " && || + - * / ? : = < > == <= >= != | & << >> ^ += -= *= /= |= &= "
 """A line is broken behind these, or behind a comma."""
 
 
@@ -90,14 +63,10 @@ def remove_copies(lines: list[Line]) -> list[Line]:
     """
     for start, line in enumerate(lines):
         copy, source = line.declares, line.parts[0] if len(line.parts) == 1 else None
-        if (
-            copy is None
-            or copy.is_pointer
-            or not isinstance(source, Place)
-            or not hasattr(copy.kind, "_fields")
-        ):
+        if copy is None or copy.is_pointer or not isinstance(source, Place) or not is_record(copy.kind):
             continue
-        if not source.path or not source.resolve().root.is_pointer or source.resolve().root.points_to:
+        root = source.resolve().root
+        if not source.path or not root.is_pointer or root.points_to:
             continue
         ends = [k for k in range(start + 1, len(lines)) if is_return_of(lines[k], copy, source)]
         if len(ends) == 1 and may_live_there(lines, start, ends[0], copy, source):
@@ -108,9 +77,8 @@ def remove_copies(lines: list[Line]) -> list[Line]:
 
 def is_return_of(line: Line, copy: Variable, source: Place) -> bool:
     """Whether the line writes the copy back."""
-    return (
-        line.target is not None and line.target.resolve() == source.resolve() and line.parts == (Place(copy),)
-    )
+    is_there = line.target is not None and line.target.resolve() == source.resolve()
+    return is_there and line.parts == (Place(copy),)
 
 
 def may_live_there(lines: Sequence[Line], start: int, end: int, copy: Variable, source: Place) -> bool:
@@ -148,46 +116,32 @@ def wrap(text: str, margin: str = "") -> list[str]:
         return [margin + text]
     if text.startswith("/*"):
         return textwrap.wrap(text, WIDTH, initial_indent=margin, subsequent_indent=f"{margin} * ")
-    begin = text.find("{.")
-    end = closing(text, begin) if begin >= 0 else -1
-    if end >= 0 and not text[end:].strip("});,"):
-        members = split_members(text[begin + 1 : end])
-        inner = [line for one in members for line in wrap(one, f"{margin}    ")]
-        return [*wrap(text[: begin + 1], margin), *inner, margin + text[end:]]
+    begin, inside = text.find("{."), depths(text)
+    if begin >= 0:
+        depth = inside[begin]
+        end = begin + inside[begin:].index(depth - 1)
+        if not text[end:].strip("});,"):
+            ends = [k + 1 for k in range(begin, end) if text[k] == "," and inside[k] == depth]
+            members = (text[a:b].strip() for a, b in pairwise([begin + 1, *ends, end]))
+            inner = [line for one in members for line in wrap(one, f"{margin}    ")]
+            return [*wrap(text[: begin + 1], margin), *inner, margin + text[end:]]
     return list(fill(text, margin))
 
 
-def closing(text: str, begin: int) -> int:
-    """The index of the brace that closes the one at `begin`."""
-    depth = 0
-    for index in range(begin, len(text)):
-        depth += (text[index] == "{") - (text[index] == "}")
-        if depth == 0:
-            return index
-    return -1
-
-
-def split_members(text: str) -> list[str]:
-    """The members of an initializer, each with its comma."""
-    depth, found = 0, [""]
-    for one in text:
-        depth += (one in "({[") - (one in ")}]")
-        found[-1] += one
-        if one == "," and depth == 0:
-            found.append("")
-    return [one.strip() for one in found if one.strip()]
+def depths(text: str) -> list[int]:
+    """The number of open brackets behind each character."""
+    return list(accumulate((one in "([{") - (one in ")]}") for one in text))
 
 
 def fill(text: str, margin: str) -> Iterator[str]:
     """The lines of a statement, broken where the fewest brackets are open."""
     indent = margin
     while len(indent + text) > WIDTH:
-        depth, breaks = 0, []
+        breaks, inside = [], depths(text)
         for index, one in enumerate(text[: WIDTH - len(indent) + 1]):
-            depth += (one in "([{") - (one in ")]}")
-            before = text[:index].rpartition(" ")[2] if one == " " else ""
-            if before in OPERATORS or before.endswith((",", ";")):
-                breaks.append((depth, -index))
+            before = text[:index].rpartition(" ")[2] if one == " " else "x"
+            if f" {before} " in OPERATORS or before.endswith((",", ";")):
+                breaks.append((inside[index], -index))
         late = [one for one in breaks if -one[1] > (WIDTH - len(indent)) // 2] or breaks
         if not late:
             break

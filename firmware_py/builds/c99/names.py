@@ -2,45 +2,11 @@
 
 from typing import Any
 
-KEYWORDS = frozenset(
-    [
-        "auto",
-        "break",
-        "case",
-        "char",
-        "const",
-        "default",
-        "do",
-        "double",
-        "else",
-        "enum",
-        "extern",
-        "float",
-        "for",
-        "goto",
-        "if",
-        "inline",
-        "int",
-        "long",
-        "register",
-        "restrict",
-        "return",
-        "short",
-        "signed",
-        "sizeof",
-        "static",
-        "struct",
-        "switch",
-        "typedef",
-        "union",
-        "unsigned",
-        "void",
-        "volatile",
-        "while",
-        "bool",
-        "operator",
-    ]
-)
+KEYWORDS = """
+auto break case char const default do double else enum extern float for goto if inline int long register
+restrict return short signed sizeof static struct switch typedef union unsigned void volatile while bool
+operator
+"""
 """Names that C or C++ reserves; in C they get an underscore."""
 
 
@@ -51,7 +17,7 @@ def is_record(kind: Any) -> bool:
 
 def c_identifier(name: str) -> str:
     """A Python name in C."""
-    return f"{name}_" if name in KEYWORDS else name
+    return f"{name}_" if name in KEYWORDS.split() else name
 
 
 def first_paragraph(document: str | None) -> str:

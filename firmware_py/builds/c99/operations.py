@@ -14,25 +14,7 @@ from enum import IntEnum
 from types import FunctionType, ModuleType
 from typing import Any, get_args, get_origin, get_type_hints
 
-from firmware_py.builds.c99.expressions import (
-    AND,
-    BITS,
-    BRACES,
-    CHOICE,
-    EQUAL,
-    OR,
-    ORDER,
-    PRIMARY,
-    PRODUCT,
-    SHIFT,
-    SUM,
-    UNARY,
-    C,
-    Items,
-    Place,
-    Variable,
-    expression,
-)  # fmt: skip
+from firmware_py.builds.c99.expressions import C, Level, Place, Variable, expression
 from firmware_py.builds.c99.lines import Line
 from firmware_py.builds.c99.names import c_identifier, is_record, snake
 from firmware_py.builds.c99.shape import INSTEAD, refuse, shape
@@ -41,17 +23,24 @@ from firmware_py.core.gait.follow import is_built_in
 from firmware_py.interface.enums import axis_state_of, operator_request_of
 
 BINARY: dict[type, tuple[str, int]] = {
-    ast.Add: ("+", SUM), ast.Sub: ("-", SUM), ast.Mult: ("*", PRODUCT), ast.Div: ("/", PRODUCT),
-    ast.LShift: ("<<", SHIFT), ast.RShift: (">>", SHIFT),
-    ast.BitAnd: ("&", BITS), ast.BitXor: ("^", BITS - 1), ast.BitOr: ("|", BITS - 2),
+    ast.Add: ("+", Level.SUM), ast.Sub: ("-", Level.SUM),
+    ast.Mult: ("*", Level.PRODUCT), ast.Div: ("/", Level.PRODUCT),
+    ast.LShift: ("<<", Level.SHIFT), ast.RShift: (">>", Level.SHIFT),
+    ast.BitAnd: ("&", Level.BITS), ast.BitXor: ("^", Level.BITS - 1), ast.BitOr: ("|", Level.BITS - 2),
 }  # fmt: skip
 COMPARED: dict[type, tuple[str, int]] = {
-    ast.Eq: ("==", EQUAL), ast.NotEq: ("!=", EQUAL),
-    ast.Lt: ("<", ORDER), ast.LtE: ("<=", ORDER), ast.Gt: (">", ORDER), ast.GtE: (">=", ORDER),
+    ast.Eq: ("==", Level.EQUAL), ast.NotEq: ("!=", Level.EQUAL), ast.Lt: ("<", Level.ORDER),
+    ast.LtE: ("<=", Level.ORDER), ast.Gt: (">", Level.ORDER), ast.GtE: (">=", Level.ORDER),
 }  # fmt: skip
 SAME_NUMBER = (axis_state_of, operator_request_of)
 """Functions from a number to the enum of the same number."""
 TRUE, FALSE = C(("true",), bool), C(("false",), bool)
+
+
+def is_replace(node: ast.expr) -> bool:
+    """Whether it replaces members of a record."""
+    called = node.func if isinstance(node, ast.Call) else None
+    return isinstance(called, ast.Attribute) and called.attr == "_replace"
 
 
 class Operations:
@@ -85,7 +74,7 @@ class Operations:
 
     def in_memory(self, value: C, hint: str) -> Place:
         """A variable that holds a value."""
-        variable = Variable(self.fresh(hint), value.kind)
+        variable = Variable(self.fresh(hint), value.kind, is_declared=True)
         self.lines.append(Line(value.parts, declares=variable))
         return Place(variable)
 
@@ -101,6 +90,15 @@ class Operations:
             yield self.lines
         finally:
             self.lines = kept
+
+    @contextmanager
+    def braces(self, *head: Any) -> Iterator[None]:
+        """The lines of a block behind its head; names of temporary variables end with it."""
+        names = set(self.names)
+        self.lines.append(Line(head, opens=True))
+        yield
+        self.lines.append(Line(closes=True))
+        self.names = names
 
     def look(self, node: ast.expr) -> C:
         """An expression that is only looked at."""
@@ -188,15 +186,12 @@ class Operations:
         if is_record(whole.kind):
             return self.member(whole, whole.kind._fields[int(index.text)])
         if whole.kind is bytes:
-            return expression(int, UNARY, ("(int64_t)", whole, "[", index, "]"))
-        kinds = get_args(whole.kind)
-        if (
-            get_origin(whole.kind) is tuple
-            and len(set(kinds) - {Ellipsis}) == len(kinds) - (Ellipsis in kinds) == 1
-        ):
+            return expression(int, Level.UNARY, ("(int64_t)", whole, "[", index, "]"))
+        kinds = [one for one in get_args(whole.kind) if one is not Ellipsis]
+        if get_origin(whole.kind) is tuple and len(kinds) == 1:  # one record, which stands for the tuple
             return C(whole.parts, kinds[0])
         if whole.place is None:
-            return expression(kinds[0], PRIMARY, whole, "[", index, "]")
+            return expression(kinds[0], Level.PRIMARY, whole, "[", index, "]")
         return C((Place(whole.place.root, (*whole.place.path, index)),), kinds[0])
 
     # -- Operators -------------------------------------------------------------------------------------------
@@ -207,46 +202,46 @@ class Operations:
         if isinstance(node.op, ast.Not):
             if value in (TRUE, FALSE):
                 return FALSE if value == TRUE else TRUE
-            return expression(bool, UNARY, "!", value.within(UNARY))
+            return expression(bool, Level.UNARY, "!", value.within(Level.UNARY))
         operator = "-" if isinstance(node.op, ast.USub) else "~"
-        operand = ("(", *value.parts, ")") if value.text.startswith("-") else value.within(UNARY)
-        return expression(value.kind, UNARY, operator, operand)
+        operand = ("(", *value.parts, ")") if value.text.startswith("-") else value.within(Level.UNARY)
+        return expression(value.kind, Level.UNARY, operator, operand)
 
     def of_bin_op(self, node: ast.BinOp) -> C:
         """An arithmetic operation."""
         left, right = self.expression(node.left), self.expression(node.right)
         if isinstance(node.op, (ast.Mod, ast.FloorDiv)):
             name = "floor_mod" if isinstance(node.op, ast.Mod) else "floor_div"
-            return expression(int, PRIMARY, (f"{name}(", left, ", ", right, ")"))
+            return expression(int, Level.PRIMARY, (f"{name}(", left, ", ", right, ")"))
         if type(node.op) not in BINARY:
             raise refuse(self.module, node, "this operator is outside the subset")
         operator, level = BINARY[type(node.op)]
         kind = float if float in (left.kind, right.kind) or operator == "/" else int
         if operator == "<<" and left.is_number:
-            left = expression(int, PRIMARY, "INT64_C(", left, ")")
+            left = expression(int, Level.PRIMARY, "INT64_C(", left, ")")
         elif operator == "<<":
-            return expression(int, PRIMARY, ("shift_left(", left, ", ", right, ")"))
-        is_tight = level <= SHIFT  # parentheses around all operands of shifts and bit operations
+            return expression(int, Level.PRIMARY, ("shift_left(", left, ", ", right, ")"))
+        is_tight = level <= Level.SHIFT  # parentheses around all operands of shifts and bit operations
         is_chain = isinstance(node.left, ast.BinOp) and type(node.left.op) is type(node.op)
-        left_level = UNARY if is_tight and not is_chain else level
+        left_level = Level.UNARY if is_tight and not is_chain else level
         sides = (
             self.converted(left, kind, left_level),
-            self.converted(right, kind, UNARY if is_tight else level + 1),
+            self.converted(right, kind, Level.UNARY if is_tight else level + 1),
         )
         return expression(kind, level, sides[0], f" {operator} ", sides[1])
 
-    def converted(self, value: C, kind: Any, level: int = CHOICE) -> tuple[Any, ...]:
+    def converted(self, value: C, kind: Any, level: int = Level.CHOICE) -> tuple[Any, ...]:
         """The parts of an operand of this precedence, as a float if that is wanted."""
         if kind is not float or value.kind is float:
-            return value.parts if value.level == BRACES else value.within(level)
+            return value.parts if value.level == Level.BRACES else value.within(level)
         if value.is_number:
             return (f"{value.text}.0{self.unit.suffix}",)
-        return (f"({self.unit.real})", *value.within(UNARY))
+        return (f"({self.unit.real})", *value.within(Level.UNARY))
 
     def of_bool_op(self, node: ast.BoolOp) -> C:
         """Conditions joined by `and` or `or`; what a later one needs is written in a branch."""
         is_and = isinstance(node.op, ast.And)
-        operator, level = (" && ", AND) if is_and else (" || ", OR)
+        operator, level = (" && ", Level.AND) if is_and else (" || ", Level.OR)
         neutral, absorbing = (TRUE, FALSE) if is_and else (FALSE, TRUE)
         found: list[C] = []
         for one in node.values:
@@ -260,8 +255,8 @@ class Operations:
                 before = self.joined(found, operator, level)
                 holds = self.temporary(before, "holds")
                 test = holds.parts if is_and else ("!", *holds.parts)
-                self.lines.append(Line(("if (", *test, ")"), opens=True))
-                self.lines += [*needed, Line(value.parts, holds.place), Line(closes=True)]
+                with self.braces("if (", *test, ")"):
+                    self.lines += [*needed, Line(value.parts, holds.place)]
                 found = [holds]
             else:
                 self.lines += needed
@@ -274,10 +269,8 @@ class Operations:
             return values[0]
         parts: list[Any] = []
         for one in values:
-            parts += [
-                operator,
-                ("(", *one.parts, ")") if one.level <= AND and one.level != level else one.within(level),
-            ]
+            is_mixed = one.level <= Level.AND and one.level != level
+            parts += [operator, ("(", *one.parts, ")") if is_mixed else one.within(level)]
         return expression(bool, level, *parts[1:])
 
     def of_compare(self, node: ast.Compare) -> C:
@@ -285,20 +278,20 @@ class Operations:
         left, found = self.expression(node.left), []
         for operator, right_node in zip(node.ops, node.comparators, strict=True):
             if isinstance(operator, (ast.In, ast.NotIn)):
-                sign, link, level = (
-                    ("==", " || ", OR) if isinstance(operator, ast.In) else ("!=", " && ", AND)
-                )
-                items = (one.within(EQUAL + 1) for one in self.items(right_node))
-                tests = [expression(bool, EQUAL, left.within(EQUAL + 1), f" {sign} ", one) for one in items]
-                return self.joined(tests, link, level)
+                is_in, own = isinstance(operator, ast.In), left.within(Level.ORDER)
+                items = (one.within(Level.ORDER) for one in self.items(right_node))
+                tests = [
+                    expression(bool, Level.EQUAL, own, " == " if is_in else " != ", one) for one in items
+                ]
+                return self.joined(tests, *(" || ", Level.OR) if is_in else (" && ", Level.AND))
             if type(operator) not in COMPARED:
                 raise refuse(self.module, node, "this comparison is outside the subset")
             right, (sign, level) = self.expression(right_node), COMPARED[type(operator)]
             kind = float if float in (left.kind, right.kind) else int
-            sides = (self.converted(one, kind, ORDER + 1) for one in (left, right))
+            sides = (self.converted(one, kind, Level.ORDER + 1) for one in (left, right))
             found.append(expression(bool, level, next(sides), f" {sign} ", next(sides)))
             left = right
-        return self.joined(found, " && ", AND)
+        return self.joined(found, " && ", Level.AND)
 
     def items(self, node: ast.expr) -> list[C]:
         """The elements of a tuple that is written out, or of a module's."""
@@ -319,30 +312,22 @@ class Operations:
             float if float in (first.kind, second.kind) else second.kind if first.kind is int else first.kind
         )
         first, second = (
-            expression(kind, max(one.level, CHOICE), self.typed(one, kind)) for one in (first, second)
+            expression(kind, max(one.level, Level.CHOICE), self.typed(one, kind)) for one in (first, second)
         )
         if not needed and not needed_else:
-            sides = first.within(CHOICE + 1), " : ", second.within(CHOICE + 1)
-            return expression(kind, CHOICE, test.within(CHOICE + 1), " ? ", sides)
-        chosen = Variable(self.fresh("chosen"), kind)
+            sides = first.within(Level.CHOICE + 1), " : ", second.within(Level.CHOICE + 1)
+            return expression(kind, Level.CHOICE, test.within(Level.CHOICE + 1), " ? ", sides)
+        chosen = Variable(self.fresh("chosen"), kind, is_declared=True)
         place = Place(chosen)
-        self.lines += [
-            Line(declares=chosen),
-            Line(("if (", *test.parts, ")"), opens=True),
-            *needed,
-            Line(first.parts, place),
-        ]
-        self.lines += [
-            Line(("else",), opens=True, closes=True),
-            *needed_else,
-            Line(second.parts, place),
-            Line(closes=True),
-        ]
+        self.lines.append(Line(declares=chosen))
+        with self.braces("if (", *test.parts, ")"):
+            self.lines += [*needed, Line(first.parts, place), Line(("else",), opens=True, closes=True)]
+            self.lines += [*needed_else, Line(second.parts, place)]
         return C((place,), kind)
 
     def typed(self, value: C, kind: Any) -> tuple[Any, ...]:
         """The parts of a value outside a declaration: an initializer gets its type."""
-        if value.level == BRACES:
+        if value.level == Level.BRACES:
             return (f"({self.unit.c_type(value.kind)})", *value.parts)
         return self.converted(value, kind)
 
@@ -350,8 +335,8 @@ class Operations:
 
     def of_call(self, node: ast.Call) -> C:  # noqa: PLR0911 - a line a kind of call
         """A call as an expression."""
-        if isinstance(node.func, ast.Attribute) and node.func.attr == "_replace":
-            return self.in_a_variable(self.look(node.func.value).kind, node)
+        if is_replace(node):
+            return self.in_a_variable(self.look(node.func.value).kind, node)  # type: ignore[attr-defined]
         called, function = self.value_of(node.func), self.function_of(node)
         if is_record(called):
             return self.compound(called, node)
@@ -377,34 +362,27 @@ class Operations:
     def in_a_variable(self, kind: Any, node: ast.Call) -> C:
         """A record that a call or `_replace` changes, in a variable of its own."""
         variable = Variable(self.fresh(self.hint or snake(kind.__name__)), kind)
-        self.store(Place(variable), variable, node)
+        self.store(Place(variable), node)
         return C((Place(variable),), kind)
 
     def compound(self, kind: Any, node: ast.Call) -> C:
         """A record's initializer."""
-        self.unit.c_type(kind)
-        return self.initializer(
-            kind, {name: self.value_in(kind, name, one) for name, one in self.given(kind, node).items()}
-        )
+        return self.initializer(kind, self.given(kind, node))
 
-    def initializer(self, kind: Any, values: dict[str, C | Items]) -> C:
+    def initializer(self, kind: Any, values: dict[str, C]) -> C:
         """An initializer of these members; the others are 0."""
+        self.unit.c_type(kind)
         parts: list[Any] = []
         for name, one in values.items():
-            parts += [", ", f".{c_identifier(name)} = "]
-            if isinstance(one, Items):
-                listed = [part for item in one.items for part in (", ", item)]
-                parts += ["{", *listed[1:], "}"]
-            else:
-                parts.append(self.converted(one, dict(members(kind))[name]))
-        return expression(kind, BRACES, "{", *(parts[1:] or ["0"]), "}")
+            parts += [", ", f".{c_identifier(name)} = ", self.converted(one, dict(members(kind))[name])]
+        return expression(kind, Level.BRACES, "{", *(parts[1:] or ["0"]), "}")
 
-    def given(self, kind: Any, node: ast.Call) -> dict[str, ast.expr]:
+    def given(self, kind: Any, node: ast.Call) -> dict[str, C]:
         """The values of a record's members, in the order of the record."""
         found = dict(zip(kind._fields, node.args, strict=False)) | {
             one.arg: one.value for one in node.keywords
         }
-        return {name: found[name] for name in kind._fields if name in found}
+        return {name: self.value_in(kind, name, found[name]) for name in kind._fields if name in found}
 
     def builtin(self, called: Any, node: ast.Call) -> C:  # noqa: PLR0911 - a line a function
         """A call of Python's own functions or of `math`."""
@@ -415,24 +393,26 @@ class Operations:
         if name in ("min", "max"):
             function = f"{name}_{'real' if kind is float else 'int'}"
             both = lambda one, other: (f"{function}(", *one, ", ", *other, ")")  # noqa: E731
-            return expression(kind, PRIMARY, functools.reduce(both, operands))
-        if name == "abs":
-            return expression(
-                kind, PRIMARY, f"fabs{suffix}(" if kind is float else "abs_int(", operands[0], ")"
-            )
+            return expression(kind, Level.PRIMARY, functools.reduce(both, operands))
+        real = self.converted(values[0], float)
+        if name == "abs" and kind is int:
+            return expression(int, Level.PRIMARY, "abs_int(", operands[0], ")")
+        if name in ("abs", "sqrt"):
+            function = f"{'fabs' if name == 'abs' else name}{suffix}"
+            return expression(float, Level.PRIMARY, f"{function}(", real, ")")
         if name in ("isnan", "isfinite"):
-            return expression(bool, PRIMARY, f"{name}(", self.converted(values[0], float), ")")
+            return expression(bool, Level.PRIMARY, f"{name}(", real, ")")
         if name == "float":
-            return expression(float, UNARY, self.converted(values[0], float))
-        if name in ("int", "round", "floor") and kind is int:
-            return values[0]
-        if name == "int":  # all within 32 bits, for which processors have an instruction
-            return expression(int, UNARY, "(int64_t)(int32_t)", values[0].within(UNARY))
-        if name in ("round", "floor"):
-            rounded = f"(int64_t)(int32_t){'rint' if name == 'round' else name}{suffix}("
-            return expression(int, UNARY, rounded, operands[0], ")")
-        if name == "sqrt":
-            return expression(float, PRIMARY, f"sqrt{suffix}(", self.converted(values[0], float), ")")
+            return expression(float, Level.UNARY, real)
         if name == "radians":
-            return expression(float, PRODUCT, values[0].within(PRODUCT), f" * (PI / 180.0{suffix})")
+            return expression(
+                float, Level.PRODUCT, values[0].within(Level.PRODUCT), f" * (PI / 180.0{suffix})"
+            )
+        if name in ("int", "round", "floor"):
+            if kind is int:
+                return values[0]
+            function = {"int": "", "round": f"rint{suffix}", "floor": f"floor{suffix}"}[name]
+            argument = (f"{function}(", real, ")") if function else values[0].within(Level.UNARY)
+            # all within 32 bits, for which processors have an instruction
+            return expression(int, Level.UNARY, "(int64_t)(int32_t)", argument)
         raise refuse(self.module, node, "this call is outside the subset")

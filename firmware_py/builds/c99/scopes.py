@@ -45,13 +45,3 @@ def begin_of(chains: list[Chain]) -> ast.stmt:
         depth += 1
     depth -= len({one[depth][0] for one in chains}) > 1
     return min((one[depth] for one in chains), key=lambda one: one[1])[2]
-
-
-def first_value(tree: ast.FunctionDef, name: str) -> tuple[ast.expr | None, int | None]:
-    """The value that a name is assigned first, and its index if the name is part of a tuple."""
-    for node in ast.walk(tree):
-        for target in node.targets if isinstance(node, ast.Assign) else ():
-            for index, one in enumerate(target.elts if isinstance(target, ast.Tuple) else [target]):
-                if isinstance(one, ast.Name) and one.id == name and isinstance(node, ast.Assign):
-                    return node.value, index if isinstance(target, ast.Tuple) else None
-    return None, None

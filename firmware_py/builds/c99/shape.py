@@ -86,16 +86,10 @@ def documents(module: str) -> dict[str, str]:
     """The docstrings of a module's constants."""
     found, body = {}, tree_of(module).body
     for one, behind in pairwise(body):
-        if (
-            isinstance(one, ast.Assign)
-            and isinstance(behind, ast.Expr)
-            and isinstance(behind.value, ast.Constant)
-        ):
-            for name in (
-                node.id for target in one.targets for node in ast.walk(target) if isinstance(node, ast.Name)
-            ):
-                found[name] = str(behind.value.value)
-                break  # of several names the first one carries the docstring
+        document = behind.value if isinstance(behind, ast.Expr) else None
+        if isinstance(one, ast.Assign) and isinstance(document, ast.Constant):
+            names = [node.id for node in ast.walk(one.targets[0]) if isinstance(node, ast.Name)]
+            found[names[0]] = str(document.value)  # of several names the first one carries the docstring
     return found
 
 
@@ -118,10 +112,8 @@ def shape(function: FunctionType) -> Shape:
     kinds = {name: hints[name] for name in inspect.signature(function).parameters}
     kinds = {name: NodeState if kind in (object, Any) else kind for name, kind in kinds.items()}
     returned = hints["return"]
-    results = (
-        get_args(returned) if get_origin(returned) is tuple else () if returned is type(None) else (returned,)
-    )
-    results = tuple(one for one in results if one is not Ellipsis)
+    listed = get_args(returned) if get_origin(returned) is tuple else (returned,)
+    results = tuple(one for one in listed if one not in (Ellipsis, type(None)))
     in_place: dict[int, str] = {}
     for index, kind in enumerate(results):
         free = [name for name, other in kinds.items() if other is kind and name not in in_place.values()]

@@ -20,11 +20,9 @@ from firmware_py.core.estimation import kalman
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Mode, OperatorRequest, XcpError
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.generated.records import Accelerometer, GaitSensors
+from firmware_py.interface.generated.records import GaitSensors
 from firmware_py.node.tick import INITIAL, NodeState
-from firmware_py.shell.builds import NATIVE, Build, node_of
-from firmware_py.shell.flat_node import FirmwareFailedError
-from firmware_py.shell.native import NativeNode
+from firmware_py.shell.builds import node_of
 from firmware_py.shell.parameters import config_from
 from hil.record.traces.firmware_trace import FirmwareTrace
 from hil.record.traces.trace import read
@@ -230,15 +228,3 @@ def test_nothing_moves_on_in_a_tick_that_is_refused() -> None:
         one.tick([], 0)
     assert math.isfinite(one.outputs.torque_n_m)
     assert one.memory.tobytes() == flat.to_flat(INITIAL).tobytes()  # type: ignore[attr-defined]
-
-
-@pytest.mark.parametrize("build", NATIVE)
-def test_nothing_moves_on_in_a_tick_whose_arithmetic_fails(build: Build) -> None:
-    one = node_of(build)(config_from({})._replace(tick_s=0.0))
-    assert isinstance(one, NativeNode)
-    sample = [codec.ACCELEROMETER.encode(Accelerometer(0.0, 0.0, 0.0), 0)]
-    with pytest.raises(FirmwareFailedError, match="division by zero"):
-        one.tick(sample, 1)
-    assert one.ticks == 0
-    unchanged = flat.to_precision(flat.to_flat(INITIAL), NodeState, one.native.precision)
-    assert flat.to_precision(one.memory, NodeState, one.native.precision).tobytes() == unchanged.tobytes()

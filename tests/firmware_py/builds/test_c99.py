@@ -7,26 +7,24 @@ import json
 import random
 import subprocess
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import numpy as np
 import pytest
 from closed_loop import Bench
 from compilers import require_compiler
 from xcp_session import commands_of
 
-from firmware_py.builds import c_header
+from firmware_py.builds.c99 import header
 from firmware_py.builds.c99.body import Body
 from firmware_py.builds.c99.emitter import Emitter, emit
 from firmware_py.builds.c99.folder import OPTIONS
 from firmware_py.builds.c99.lines import WIDTH
 from firmware_py.builds.c99.shape import UntranslatableError
-from firmware_py.builds.flat import Precision, to_flat
-from firmware_py.core.config import Config
+from firmware_py.builds.c_compiler import shared_library
+from firmware_py.builds.flat import Precision
 from firmware_py.core.estimation import kalman
-from firmware_py.interface.frame import Frame, bytes_of, word_of
-from firmware_py.node.memory import INITIAL
-from firmware_py.node.tick import NO_TX
+from firmware_py.interface.frame import Frame
+from firmware_py.shell.native import NativeNode, emitted_functions
 from firmware_py.shell.node import FirmwareNode
 from firmware_py.shell.parameters import config_from
 from tools import cli
@@ -172,38 +170,29 @@ def test_what_cannot_be_translated_is_refused_with_file_and_line() -> None:
         lines_of(power)
 
 
-class Emitted:
-    """The emitted C as a node: its memory, and frames in and out."""
+class Emitted(NativeNode):
+    """The emitted C as a node, which judges requests of XCP itself."""
 
-    def __init__(self, library: Path, config: Config, pool: list[int]) -> None:
-        self.c = ctypes.CDLL(str(library))
-        self.memory = to_flat(config), to_flat(INITIAL._replace(pool=tuple(pool))), to_flat(NO_TX)
-        self.config, self.state, self.tx = (ctypes.c_void_p(one.ctypes.data) for one in self.memory)
+    @staticmethod
+    def load_functions() -> list[Any]:
+        """The functions of the emitted C."""
+        return emitted_functions("double")
 
-    def tick(self, frames: list[Frame], elapsed_ticks: int) -> list[Frame]:
-        rows = np.array([(one.can_id, len(one.data), word_of(one.data)) for one in frames] or [(0, 0, 0)])
-        self.c.vibro_receive(self.state, ctypes.c_int64(len(frames)), ctypes.c_void_p(rows.ctypes.data))
-        sent: list[Frame] = []
-        for _ in range(self.c.vibro_advance(self.config, self.state, ctypes.c_int64(elapsed_ticks))):
-            assert self.c.vibro_calibrate(self.config, self.state) == 0
-            assert self.c.vibro_tick(self.config, self.state, self.tx) == 0
-            count, *words = self.memory[2].view(np.int64).tolist()
-            sent += [Frame(words[k], bytes_of(words[k + 2], words[k + 1])) for k in range(0, 3 * count, 3)]
-        return sent
+    def calibrate(self) -> bool:
+        """Judge the waiting request in C."""
+        config, state, _ = (ctypes.c_void_p(address) for address in self._addresses)
+        ctypes.CDLL(str(shared_library("host"))).vibro_calibrate(config, state)
+        return False
 
 
-def test_the_c_sends_the_bytes_of_the_python_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_c_sends_the_bytes_of_the_python_source(monkeypatch: pytest.MonkeyPatch) -> None:
     """Among lost frames, missed periods and commands of XCP, with the algebra written out in both."""
     require_compiler("gcc")
     monkeypatch.setattr(kalman, "predict", kalman.predict_written_out)
     monkeypatch.setattr(kalman, "update", kalman.update_written_out)
-    (tmp_path / "vibro_firmware.c").write_text(emit("double").text())
-    (tmp_path / "vibro_firmware.h").write_text(c_header.header())
-    library, source = tmp_path / "c.so", str(tmp_path / "vibro_firmware.c")
-    subprocess.run(["gcc", *OPTIONS, "-fPIC", "-shared", source, "-lm", "-o", str(library)], check=True)
     config, dice = config_from({"start.rise_s": 1.0}), random.Random(1)
     node = FirmwareNode(config)
-    emitted, commands, sent = Emitted(library, config, node.pool), commands_of(dice, 300), []
+    emitted, commands, sent = Emitted(config), commands_of(dice, 300), []
 
     def change(_: int, frames: list[Frame]) -> list[Frame]:
         kept = [one for one in frames if dice.random() < 0.99]
@@ -228,7 +217,7 @@ def test_compilers_find_nothing_to_warn_of(
     require_compiler(compiler)
     source = tmp_path / "vibro_firmware.c"
     source.write_text(emit(precision, has_gait).text())
-    (tmp_path / "vibro_firmware.h").write_text(c_header.header(precision))
+    (tmp_path / "vibro_firmware.h").write_text(header.header(precision))
     promoted = ["-Wdouble-promotion"] if precision == "single" else []
     command = [compiler, *OPTIONS, *STRICT, *promoted, "-fsyntax-only", str(source)]
     subprocess.run(command, check=True)

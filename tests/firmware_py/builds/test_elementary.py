@@ -3,10 +3,8 @@
 import ctypes
 import itertools
 import math
-import os
 import random
 import re
-import shutil
 import struct
 import subprocess
 import sys
@@ -18,11 +16,14 @@ import mpmath
 import numpy as np
 import pytest
 from compiled_calls import as_compiled
+from compilers import require_compiler
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from firmware_py.builds.loaded_object import load_function
-from firmware_py.builds.machine_code import TARGETS, TargetName, object_code, retarget
+from firmware_py.builds.c99.emitter import Emitter
+from firmware_py.builds.c99.folder import OPTIONS
+from firmware_py.builds.c99.header import header
+from firmware_py.builds.c_compiler import TARGETS, TargetName, object_code
 from firmware_py.core.elementary import LARGEST_EXACT_RAD, atan2, cube_root, exp, sin, sine_cosine
 from firmware_py.core.numbers import wrap_pi
 
@@ -129,54 +130,41 @@ def test_interpreted_and_compiled_give_the_same_bits(
         assert bits(compiled(*one)) == bits(function(*one)), one
 
 
-ASSEMBLY = """
-import sys, numba
-from numba.core import types
-from firmware_py.builds.numba_subset import register
-from firmware_py.core.elementary import atan2, cube_root, exp, sin, sine_cosine
-
-register(inlined=False)
-
-def apply(count, x, y, results):
-    for k in range(count):
-        results[5 * k] = sin(x[k])
-        results[5 * k + 1] = sine_cosine(x[k])[1]
-        results[5 * k + 2] = exp(x[k])
-        results[5 * k + 3] = cube_root(x[k])
-        results[5 * k + 4] = atan2(y[k], x[k])
-    return 0
-
-numbers = types.CPointer(types.float64)
-dispatcher = numba.njit(types.int64(types.int64, numbers, numbers, numbers))(apply)
-(result,) = dispatcher.overloads.values()
-text = result.library.get_llvm_str()
-text += f'''
-define i32 @apply(i64 %count, ptr %x, ptr %y, ptr %results) {{
-  %returned = alloca i64
-  %raised = alloca ptr
-  %status = call i32 @{result.fndesc.mangled_name}(
-    ptr %returned, ptr %raised, i64 %count, ptr %x, ptr %y, ptr %results)
-  ret i32 %status
-}}
-'''
-open(sys.argv[1], "w").write(text)
+APPLY = """
+void apply(int64_t count, const float *x, const float *y, float *results) {
+    for (int64_t k = 0; k < count; k++) {
+        float sine, *const result = results + 5 * k;
+        result[0] = elementary_sin(x[k]);
+        sine = elementary_sine_cosine(x[k], &result[1]);
+        (void)sine;
+        result[2] = elementary_exp(x[k]);
+        result[3] = elementary_cube_root(x[k]);
+        result[4] = elementary_atan2(y[k], x[k]);
+    }
+}
 """
 
 
 @pytest.fixture(scope="module")
-def assembly(tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = tmp_path_factory.mktemp("apply") / "apply.ll"
-    environment = os.environ | {"NUMBA_OPT": "0"}
-    subprocess.run([sys.executable, "-c", ASSEMBLY, str(path)], check=True, env=environment)
-    return path.read_text()
+def apply(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """The emitted functions in single precision, with a loop around them."""
+    require_compiler("gcc")
+    folder = tmp_path_factory.mktemp("apply")
+    emitter = Emitter("single", False)
+    for function in (sin, sine_cosine, exp, cube_root, atan2):
+        emitter.call(function)
+    (folder / "vibro_firmware.h").write_text(header("single"))
+    (folder / "apply.c").write_text(emitter.text() + APPLY)
+    command = ["gcc", *OPTIONS, "-fPIC", "-shared", "apply.c", "-lm", "-o", "apply.so"]
+    subprocess.run(command, check=True, cwd=folder)
+    return ctypes.CDLL(str(folder / "apply.so")).apply
 
 
-def in_single_precision(assembly: str, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
+def in_single_precision(apply: Any, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
     """The five functions' results for each pair, shape (n, 5)."""
-    prototype = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_int64, *[ctypes.c_void_p] * 3)
-    apply = load_function(retarget(assembly, TARGETS["host-single"], ["apply"]), "apply", prototype)
     results = np.zeros((len(x), 5), np.float32)
-    assert apply(len(x), x.ctypes.data, y.ctypes.data, results.ctypes.data) == 0
+    pointers = (ctypes.c_void_p(one.ctypes.data) for one in (x, y, results))
+    apply(ctypes.c_int64(len(x)), *pointers)
     return results
 
 
@@ -196,7 +184,7 @@ def floats(values: Iterable[float]) -> NDArray[np.float32]:
     ],
 )
 def test_in_single_precision_it_is_true_to_the_last_places(
-    assembly: str,
+    apply: Any,
     column: int,
     reference: Callable[..., float],
     arguments: Sequence[Any],
@@ -205,7 +193,7 @@ def test_in_single_precision_it_is_true_to_the_last_places(
     """The C library's double precision errs by less than 1e-8 of single precision's last place."""
     y = floats(one[0] if column == 4 else 0.0 for one in arguments)
     x = floats(one[1] if column == 4 else one for one in arguments)
-    results = in_single_precision(assembly, x, y)[:, column]
+    results = in_single_precision(apply, x, y)[:, column]
     worst = 0.0
     for a, b, result in zip(x.tolist(), y.tolist(), results.tolist(), strict=True):
         truth = reference(b, a) if column == 4 else reference(a)
@@ -214,11 +202,11 @@ def test_in_single_precision_it_is_true_to_the_last_places(
     assert 0.4 < worst < most_ulps
 
 
-def test_in_single_precision_edges_are_what_they_are_in_double(assembly: str) -> None:
+def test_in_single_precision_edges_are_what_they_are_in_double(apply: Any) -> None:
     edges = [0.0, -0.0, 1.0, -1.0, 1e38, -1e38, math.inf, -math.inf, math.nan, 710.0, -710.0]
     pairs = list(itertools.product(edges, edges))
     x, y = floats(pair[0] for pair in pairs), floats(pair[1] for pair in pairs)
-    given = in_single_precision(assembly, x, y)
+    given = in_single_precision(apply, x, y)
     wanted = [
         [sin(a), cos(a), exp(a), cube_root(a), atan2(b, a)]
         for a, b in zip(x.tolist(), y.tolist(), strict=True)
@@ -233,15 +221,14 @@ def test_the_firmware_takes_nothing_inexact_from_outside(
     target: TargetName, tools: str, tmp_path: Path
 ) -> None:
     """No mathematics of a C library, and no multiply-add that rounds once instead of twice."""
-    if shutil.which(f"{tools}objdump") is None:
-        pytest.skip(f"no {tools}objdump on this machine")
+    require_compiler(TARGETS[target].compiler)
     path = tmp_path / "firmware.o"
     path.write_bytes(object_code(target))
     symbols = printed(f"{tools}nm", "-u", str(path)).split()[1::2]
     assert symbols
     exact = {"memcpy", "memset", "memmove", "floor", "rint"}
     if target == "cortex-m4f":
-        exact = {"floorf", "rintf"}
+        exact = {"memcpy", "memset", "memmove", "floorf", "rintf"}
     assert {symbol for symbol in symbols if not symbol.startswith("__aeabi_")} <= exact
     instructions = printed(f"{tools}objdump", "-d", str(path))
     multiplication = {"host": "mulsd", "cortex-m7": "vmul.f64", "cortex-m4f": "vmul.f32"}[target]

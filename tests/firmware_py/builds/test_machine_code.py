@@ -1,24 +1,19 @@
 """The object file on a board: its beginning, its headers, and the page's example, which C accepts."""
 
 import ctypes
-import shutil
 import struct
 import subprocess
 from pathlib import Path
 
 import pytest
 from closed_loop import Bench
+from compilers import require_compiler
 from xcp_session import command
 
-from firmware_py.builds.c_header import config_header, header
+from firmware_py.builds import c_compiler
+from firmware_py.builds.c99.header import config_header, header
+from firmware_py.builds.c_compiler import CompilerError, measure_sizes, object_code, shared_library
 from firmware_py.builds.flat import Precision, to_flat, to_precision
-from firmware_py.builds.loaded_object import load_function
-from firmware_py.builds.machine_code import (
-    measure_sizes,
-    object_code,
-    raw_assembly,
-    remove_zeroed_results,
-)
 from firmware_py.core.config import Config
 from firmware_py.interface.enums import XcpCommandCode
 from firmware_py.interface.frame import Frame, word_of
@@ -29,16 +24,24 @@ from firmware_py.shell.builds import node_of
 from firmware_py.shell.parameters import config_from
 
 
-def test_a_board_begins_as_the_compiled_build_does() -> None:
-    """The compiled build is this object file, with a state of its own."""
-    power_up = load_function(object_code("host"), "vibro_power_up", ctypes.CFUNCTYPE(None, ctypes.c_void_p))
+def test_the_c_begins_as_the_compiled_build_does() -> None:
+    require_compiler("gcc")
     wanted = to_flat(INITIAL)
     content = ctypes.create_string_buffer(b"\xff" * wanted.nbytes, wanted.nbytes)
-    power_up(content)
+    ctypes.CDLL(str(shared_library("host"))).vibro_power_up(content)
     assert content.raw == wanted.tobytes()
 
 
+def test_without_a_compiler_the_build_names_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(c_compiler.shutil, "which", lambda _: None)
+    with pytest.raises(CompilerError, match=r"cortex-m7 needs arm-none-eabi-gcc; .*gcc-arm-none-eabi"):
+        object_code("cortex-m7")
+    with pytest.raises(CompilerError, match=r"host-single needs gcc; .*apt-get install gcc"):
+        shared_library("host-single")
+
+
 def test_sizes_are_counted() -> None:
+    require_compiler("gcc")
     found, single = measure_sizes("host"), measure_sizes("host-single")
     assert found["state"] == to_flat(INITIAL).nbytes
     assert 0.5 * found["state"] < single["state"] < found["state"]
@@ -68,8 +71,7 @@ def example() -> str:
 
 
 def compiled(compiler: str, source: Path, text: str, *options: str, precision: Precision = "double") -> None:
-    if shutil.which(compiler) is None:
-        pytest.skip(f"no {compiler} on this machine")
+    require_compiler(compiler)
     (source.parent / "vibro_firmware.h").write_text(header(precision))
     (source.parent / "vibro_config.h").write_text(config_header(config_from({}), precision))
     source.write_text(text)
@@ -115,6 +117,7 @@ def test_a_config_in_single_precision_is_rounded_once(tmp_path: Path) -> None:
 @pytest.fixture
 def board(tmp_path: Path) -> ctypes.CDLL:
     """The example with the firmware as a shared library."""
+    require_compiler("gcc")
     (tmp_path / "vibro_firmware.o").write_bytes(object_code("host"))
     library = tmp_path / "board.so"
     more = (str(tmp_path / "vibro_firmware.o"), "-fPIC", "-shared", "-lm", "-o", str(library))
@@ -169,12 +172,3 @@ def test_the_example_for_a_board_sends_what_the_compiled_build_does(board: ctype
     assert list(zip(words[::3], words[1::3], words[2::3], strict=True)) == sent
     assert len(sent) > 500
     assert node.values["speed.gain_p_n_m_s"] == pytest.approx(0.06, abs=1e-8)
-
-
-def test_memory_of_results_is_not_zeroed_before_a_call() -> None:
-    """The zeros, which no caller reads, would cost 6 kB; other variables of a function keep theirs."""
-    own, result = "  store i64 0, ptr %own, align 8\n", "  store i64 0, ptr %result, align 8\n"
-    call = "  %1 = call i32 @g(ptr %result, ptr %raised, i64 1)\n"
-    assert remove_zeroed_results(own + result + call) == own + call
-    raw = raw_assembly()
-    assert raw.count("\n") - remove_zeroed_results(raw).count("\n") > 1000

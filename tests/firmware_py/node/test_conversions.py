@@ -1,6 +1,6 @@
 """Every conversion of a float to an integer stays within 32 bits, for which processors have an instruction.
 
-The machine code converts to 32 bits (`firmware_py.builds.machine_code.TO_INTEGER`). The test interprets the
+The emitted C converts to 32 bits (`firmware_py.builds.c99.operations`). The test interprets the
 firmware with conversions that check their argument, and reaches each one that the sources have: a new one
 fails it until it is reached.
 """

@@ -3,6 +3,7 @@
 import random
 
 import pytest
+from compilers import require_compiler
 from due_frames import due_frames
 from emulated_board import require_board_programs
 from hypothesis import given, settings
@@ -32,6 +33,8 @@ BUILDS: tuple[Build, ...] = ("python", "compiled", "host-single", "cortex-m7", "
 def node(request: pytest.FixtureRequest) -> Node:
     if request.param.startswith("cortex"):
         require_board_programs()
+    elif request.param == "host-single":
+        require_compiler("gcc")
     return node_of(request.param)(config_from({}))
 
 

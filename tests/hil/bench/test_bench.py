@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
+from compilers import require_compiler
 from resting import resting
 
 from hil.bench.bench import run_scenario
@@ -110,6 +111,7 @@ def test_run_starts_together_keeps_its_rate_counts_what_faults_act_on_and_leaves
 
 @pytest.mark.realtime
 def test_a_firmware_in_single_precision_runs_in_real_time(tmp_path: Path) -> None:
+    require_compiler("gcc")
     options = RunOptions(bus="local", firmware="host-single")
     scenario = load_scenario(resting(tmp_path / "scenario"))
     assert run_scenario(scenario, options, tmp_path / "run", 1, silent).passed

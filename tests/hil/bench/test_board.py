@@ -4,12 +4,16 @@ In single precision, on a Cortex-M4F: the same decisions.
 """
 
 import gc
+import os
 import random
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 import pytest
 from closed_loop import Bench
+from compilers import require_compiler
 from emulated_board import require_board_programs
 from xcp_session import answered, ask, calibrate, command, commands_of, configure, staged
 
@@ -38,6 +42,7 @@ from tools.output import EXIT_BAD_INPUT
 @pytest.fixture(scope="module")
 def tools() -> None:
     require_board_programs()
+    require_compiler("gcc")
 
 
 BUILDS: tuple[Build, ...] = ("compiled", "cortex-m7", "host-single", "cortex-m4f")
@@ -145,7 +150,7 @@ class MeasuredNode(BoardNode):
 def test_measurement_costs_few_instructions() -> None:
     """Those of a session, and of forty signals at 25 Hz, beyond those of a tick without a session.
 
-    All forty are latched in one tick of forty, which costs more than the others.
+    All forty are converted in one tick of forty, which costs more than the others.
     """
     quiet, asked = MeasuredNode(), MeasuredNode()
     places_of_floats = [index for index, place in enumerate(places.ALL) if place.kind is float][:40]
@@ -166,8 +171,8 @@ def test_measurement_costs_few_instructions() -> None:
     running = cost(400)
     print(f"session {max(connected):.0f}, DAQ mean {np.mean(running):.0f}, with a sample {max(running):.0f}")
     assert max(connected) <= 40
-    assert np.mean(running) <= 220
-    assert max(running) <= 560
+    assert np.mean(running) <= 280
+    assert max(running) <= 1_700
 
 
 @pytest.mark.usefixtures("tools")
@@ -185,17 +190,27 @@ def test_a_board_ends_with_its_node_and_says_so_when_it_has_died() -> None:
 
 
 @pytest.mark.usefixtures("tools")
-@pytest.mark.parametrize(("target", "most_stack"), [("cortex-m7", 8192), ("cortex-m4f", 5120)])
+@pytest.mark.parametrize(("target", "most_stack"), [("cortex-m7", 4096), ("cortex-m4f", 3072)])
 def test_a_commit_of_parameters_fits_into_its_tick_and_into_the_stack(
     target: board.BoardName, most_stack: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """60,000 instructions at 1.3 cycles are 0.46 ms of a tick of 1 ms at 168 MHz."""
+    """40,000 instructions at 1.3 cycles are 0.31 ms of a tick of 1 ms at 168 MHz."""
     monkeypatch.setattr(MeasuredNode, "target", target)
     node = MeasuredNode()
     assert calibrate(node, "start.rise_s", 6.0) is XcpError.NONE
     assert calibrate(node, "start.capture_ratio", node.values["start.capture_ratio"]) is XcpError.NONE
-    assert 20_000 < max(node.instructions) < 60_000
+    print(f"{target}: {max(node.instructions):.0f} instructions, {node.stack_bytes} B")
+    assert 10_000 < max(node.instructions) < 40_000
     assert node.stack_bytes < most_stack
+
+
+@pytest.mark.usefixtures("tools")
+def test_a_forked_process_leaves_the_board_of_its_parent_on() -> None:
+    node = MeasuredNode()
+    with ProcessPoolExecutor(1, get_context("fork")) as child:
+        child.submit(os.getpid).result()
+    node.tick([], 1)
+    assert node.ticks == 1
 
 
 def test_without_the_tools_a_sentence_names_the_packages(

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from firmware_py.interface.frame import Frame
-from firmware_py.shell.flat_node import FirmwareFailedError
 from hil.bench import stretches
 from hil.bench.lockstep import LockstepNodes, run_lockstep, silent
 from hil.bus.can_log import CanLog
@@ -19,6 +18,8 @@ from hil.record.traces import trace
 from hil.scenario.files import read_scenario
 from hil.scenario.scenario import check_scenario
 from hil.scenario.settings import apply_settings
+from plant_sim.solvers.adaptive.adaptive import STEP_TOO_SMALL
+from plant_sim.solvers.cost import SolverError
 
 SETTINGS = [
     "script.duration_s=4.0",
@@ -136,21 +137,19 @@ def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
                 np.testing.assert_array_equal(one[column], other[column], err_msg=f"{name}: {column}")
 
 
-def test_what_was_recorded_before_the_firmware_failed_is_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_was_recorded_before_a_failure_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compiled = stretches.entry_point
 
     def failing(*arguments: Any) -> Any:
         run = compiled(*arguments)
 
         def failing_run(bench: Any, state: Any, _: int) -> tuple[Any, int]:
-            return run(bench, state, 100)[0], stretches.FIRMWARE_FAILED
+            return run(bench, state, 100)[0], STEP_TOO_SMALL
 
         return failing_run
 
     monkeypatch.setattr(stretches, "entry_point", failing)
-    with pytest.raises(FirmwareFailedError, match="in the compiled firmware's tick 100"):
+    with pytest.raises(SolverError, match="no step is small enough"):
         run_lockstep(scenario_with(), tmp_path, 1, silent, "compiled")
     for name in ("plant", "firmware"):
         assert trace.read(tmp_path / f"{name}.trace")["tick"].tolist() == list(range(100))

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from compilers import require_compiler
 
 from firmware_py.interface.enums import Fault, Mode
 from firmware_py.shell.builds import Build
@@ -31,6 +32,8 @@ TRUE_X = PlantRecord._fields.index("x_m")
 @pytest.mark.parametrize("build", ["compiled", "host-single"])
 def test_the_covariance_stays_positive_definite(build: Build, pytestconfig: pytest.Config) -> None:
     """The nominal module in RUN; 86,400,000 ticks (`--endurance-ticks`) are a day."""
+    if build == "host-single":
+        require_compiler("gcc")
     ticks = pytestconfig.getoption("endurance_ticks")
     cell = module_cell("viscous", 1.1)
     script = script_of(cell, 0.5, ticks * config_from(cell.firmware).tick_s)

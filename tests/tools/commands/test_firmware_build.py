@@ -10,8 +10,8 @@ import pytest
 from emulated_board import require_board_programs
 
 from firmware_py.builds import board
+from firmware_py.builds.c_compiler import measure_sizes
 from firmware_py.builds.flat import layout
-from firmware_py.builds.machine_code import measure_sizes
 from firmware_py.node.tick import NodeState
 from tools import cli
 from tools.budget import blocks, budget, ram_by_block
@@ -43,7 +43,7 @@ def test_every_byte_of_config_and_state_is_of_one_block(
 
 @pytest.mark.usefixtures("board_programs")
 @pytest.mark.parametrize(
-    ("target", "most_ram", "most_stack"), [("cortex-m7", 12_288, 8192), ("cortex-m4f", 10_240, 5120)]
+    ("target", "most_ram", "most_stack"), [("cortex-m7", 12_288, 4096), ("cortex-m4f", 10_240, 3072)]
 )
 def test_the_firmware_keeps_its_budget(
     target: board.BoardName, most_ram: int, most_stack: int, monkeypatch: pytest.MonkeyPatch
@@ -55,10 +55,10 @@ def test_the_firmware_keeps_its_budget(
     if target != "cortex-m4f":  # the code without a gait is compiled for one board alone
         monkeypatch.setattr("tools.budget.measure_sizes", lambda name, has_gait=True: measure_sizes(name))
     found = budget(["a-controller-that-pauses-for-thirty-ticks-goes-on"], lambda *_: None, target)
-    assert 60_000 < found["flash"]["image"] <= 84_000
-    assert found["flash"]["image without a gait"] <= (68_000 if target == "cortex-m4f" else 84_000)
+    assert 48_000 < found["flash"]["image"] <= 58_000
+    assert found["flash"]["image without a gait"] <= (52_000 if target == "cortex-m4f" else 58_000)
     assert 0.5 * most_ram < sum(found["ram"].values()) < most_ram
     assert 0.5 * most_stack < found["stack"] < most_stack
-    assert found["instructions"]["ordinary"]["p99"] <= 11_000
+    assert found["instructions"]["ordinary"]["p99"] <= 9_500
     for ticks in found["instructions"].values():  # after a pause a tick looks through the frames that waited
-        assert 5_000 < ticks["p50"] <= ticks["p99"] <= ticks["worst"] <= 16_000
+        assert 5_000 < ticks["p50"] <= ticks["p99"] <= ticks["worst"] <= 15_000

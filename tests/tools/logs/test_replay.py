@@ -7,6 +7,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from compilers import require_compiler
 
 import hil
 from firmware_py.interface.codec import CODEC_BY_ID
@@ -109,6 +110,8 @@ def test_a_long_run_is_replayed_though_as_a_log_it_would_be_too_large(
 
 @pytest.mark.parametrize("build", ["python", "host-single"])
 def test_a_run_is_replayed_by_its_recorded_build(build: Build, tmp_path: Path) -> None:
+    if build == "host-single":
+        require_compiler("gcc")
     short = {"script.duration_s": 2.0, "script.commands": []}
     hil.run(E_STOP, out=tmp_path / "run", firmware=build, set=short)
     assert replay(tmp_path / "run").equal

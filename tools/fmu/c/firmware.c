@@ -2,8 +2,8 @@
 #include "fmu.h"
 #include "frames.h"
 
-int32_t vibro_receive(void *state, int64_t count, const struct frame *frames);
-int32_t vibro_tick(const void *config, void *state, void *tx);
+void vibro_receive(void *state, int64_t count, const struct frame *frames);
+void vibro_tick(const void *config, void *state, void *tx);
 
 const char *begin(block *b) {
     (void)b;
@@ -15,7 +15,7 @@ const char *step(block *b, double h_s, int *is_unchanged) {
     struct { int64_t count; struct frame frames[MOST_SENT]; } *sent = (void *)(b->words + TX);
     (void)h_s, *is_unchanged = 1;
     vibro_receive(b->words + STATE, frames_from(b->v + RECEIVED, frames), frames);
-    if (vibro_tick(b->words + CONFIG, b->words + STATE, sent)) return "the arithmetic of the firmware failed";
+    vibro_tick(b->words + CONFIG, b->words + STATE, sent);
     frames_to(b->v + SENT, sent->count, sent->frames);
     return NULL;
 }

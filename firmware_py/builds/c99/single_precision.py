@@ -1,14 +1,11 @@
-"""The firmware in single precision: numba's LLVM assembly with each `double` made a `float`.
+"""Constants in single precision: each is rounded once, but for a few that depend on the number format.
 
-Types, instructions and constants change; each constant is rounded once. Integers, and so all ages and
-counters, stay 64 bits wide. A few constants of `core.elementary` and `core.numbers` depend on the number
-format: they are replaced by their values for single precision.
+These are constants of `core.elementary` and `core.numbers`; they have other values in single precision.
 """
 
 import math
-import re
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from fractions import Fraction
 
 from firmware_py.core import elementary, numbers
@@ -69,40 +66,7 @@ def _replaced() -> Iterator[tuple[float, float]]:
 REPLACED = {value: other for value, other in _replaced() if other != round_to_single(value)}
 """Constants that are not merely rounded, with their values for single precision."""
 
-# Each pattern begins with plain characters, which `re` finds faster than what must not precede them.
-_NUMBER = re.compile(r" (0x[0-9A-F]{16}|-?\d\.\d+e[+-]\d+)(?![\w.])")
-_REWRITTEN: Sequence[tuple[re.Pattern[str], str]] = (
-    (
-        re.compile(r"fp(?:trunc double (\S+) to float|ext float (\S+) to double)"),
-        r"bitcast float \1\2 to float",
-    ),
-    (re.compile(r"double(?<![\w.$%@-]double)(?![\w.])"), "float"),
-    (re.compile(r"@llvm\.(\w+)\.f64\("), r"@llvm.\1.f32("),
-    (re.compile(r"@(floor|sqrt)\("), r"@\1f("),
-    (re.compile(r", align \d+$"), ""),  # the alignment of a float is smaller
-)
-_QUOTED = re.compile(r'("[^"]*")')
 
-
-def narrow(assembly: str) -> str:
-    """The LLVM assembly with every double replaced by a float."""
-    return "\n".join(_line(line) if "double" in line else line for line in assembly.split("\n"))
-
-
-def _line(line: str) -> str:
-    parts = _QUOTED.split(line)  # odd elements are quoted names and bytes
-    if not any("double" in part for part in parts[::2]):
-        return line
-    for place in range(0, len(parts), 2):
-        text = _NUMBER.sub(_constant, parts[place])
-        for pattern, replacement in _REWRITTEN:
-            text = pattern.sub(replacement, text)
-        parts[place] = text
-    return "".join(parts)
-
-
-def _constant(found: re.Match[str]) -> str:
-    """A constant in single precision; LLVM writes a float as the bits of the equal double."""
-    text = found[1]
-    value: float = struct.unpack(">d", bytes.fromhex(text[2:]))[0] if text.startswith("0x") else float(text)
-    return f" 0x{struct.pack('>d', REPLACED.get(value, round_to_single(value))).hex().upper()}"
+def in_single_precision(value: float) -> float:
+    """A constant of the firmware in single precision."""
+    return value if math.isnan(value) else REPLACED.get(value, round_to_single(value))
