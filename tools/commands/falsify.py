@@ -47,8 +47,8 @@ def falsify(
 
     Each varies the values of the scenario's tables [[search]]; without one, of the default space: instant and
     size of its fault, the module as campaigns sample it, the sensors' errors, and small disturbances. A
-    counterexample is made small and written as a scenario; the exit status is then 1. The same command
-    continues an interrupted search; with a larger budget it takes over the runs.
+    counterexample is made small, written as a scenario and run for `vibrohil view`; the exit status is then
+    1. The same command continues an interrupted search; with a larger budget it takes over the runs.
     """
     from hil.bench.options import RunOptions, prepare
     from hil.bench.workers import WorkerDiedError
@@ -68,7 +68,11 @@ def falsify(
     for space in spaces:
         show_space(space)
     folder = folder_of(spaces)
-    out = out or RUNS / f"falsify-{spaces[0].name}-{seed}{digest([*scenarios, *(requirement or [])])}"
+    out = (
+        out
+        or RUNS
+        / f"falsify-{spaces[0].name}-{seed}{digest([*scenarios, *(requirement or []), *(change or [])])}"
+    )
     with (
         claimed(folder),
         jobs.pool(runner(spaces), workers, scheduler) as run,
@@ -124,9 +128,14 @@ def result_of(
     hunts: "list[Hunt]", evaluations: "Evaluations", by_name: dict[str, str], out: Path
 ) -> dict[str, Any]:
     """The JSON object of a search, after its counterexample or its picture of margins has been written."""
+    from hil.bench.bench import run_scenario
+    from hil.bench.lockstep import silent
+    from hil.bench.options import RunOptions
+    from hil.scenario.scenario import load_scenario
     from tools.falsify.counterexample import shrink, write
     from tools.falsify.pictures import plot_instant, plot_margins
 
+    options = RunOptions(clock="lockstep", firmware="compiled")
     worst = min((one.best for one in hunts if one.best is not None), key=lambda one: one.margin, default=None)
     unjudged = sum((one.unjudged for one in hunts[1:]), hunts[0].unjudged)
     result: dict[str, Any] = {
@@ -136,6 +145,8 @@ def result_of(
         "why_not_judged": dict(unjudged),
         "methods": [row_of(one) for one in hunts],
         "worst": None,
+        "counterexample": None,
+        "run": None,
         "found": False,
         "baseline": {"margin": None if hunts[0].best is None else hunts[0].best.margin},
         "passed": None if worst is None else worst.margin >= 0.0,
@@ -143,11 +154,12 @@ def result_of(
     if worst is None:
         return result
     out.mkdir(parents=True, exist_ok=True)
-    result |= {"found": worst.margin < 0.0, "picture": str(out / "margins.png"), "counterexample": None}
+    result |= {"found": worst.margin < 0.0, "picture": str(out / "margins.png")}
     if worst.margin < 0.0:
         worst = shrink(worst, evaluations)
         path = write(worst, by_name[worst.space.name], out / f"{worst.space.name}-worst.toml")
-        result |= {"counterexample": str(path), "picture": str(out / "instant.png")}
+        run_scenario(found := load_scenario(path), options, out / "run", found.seed, silent)
+        result |= {"counterexample": str(path), "picture": str(out / "instant.png"), "run": str(out / "run")}
         plot_instant(worst, out / "instant.png")
     else:
         plot_margins(worst, evaluations, out / "margins.png")

@@ -6,16 +6,15 @@ sensors, and small disturbances beside the fault.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 from hil.judge.checks import Check
 from hil.judge.requirements import requirements
 from hil.scenario.files import search_tables
-from hil.scenario.operator import Request
 from hil.scenario.scenario import Scenario, check_scenario, load_scenario
 from hil.scenario.search import SearchTable
 from hil.scenario.seeds import shift_times
@@ -40,24 +39,43 @@ UNDER_DISTURBANCES = ("S-", "P-07")
 """Beginnings of the requirements that hold whatever disturbs the motion; the others hold in steady motion."""
 STEADY = ("S-", "P-")
 """Beginnings of those that hold in a run without a fault."""
-NOISE = (0.5, 2.0)
-"""Range of the sensors' noise, as multiples of the scene's."""
+BIAS_M_S2 = MISMATCH["mismatch_bias_g"] * STANDARD_GRAVITY_M_S2
 RATIO_STEP = 0.03
 """Largest step of the target's ratio, as a share."""
 
-TICKS = [0.0, 0.001, 0.002, 0.003, 0.004, 0.005]
-"""Durations of lost, corrupted and frozen samples: a quarter of what scenarios ride through."""
-KICK, JITTER = ("change_m_s", -0.1, 0.1), ("largest_s", 0.0, 0.001)
-"""Bounds of a kick and of a clock's jitter: a third of what scenarios ride through."""
-SAMPLES = {"frames": ["Accelerometer"]}
-DISTURBANCES: tuple[tuple[dict[str, Any], tuple[Any, ...]], ...] = (
-    ({"kind": "kick"}, KICK),
-    ({"kind": "dropped", **SAMPLES}, ("duration_s", TICKS)),
-    ({"kind": "corrupted", **SAMPLES}, ("duration_s", TICKS)),
-    ({"kind": "frozen", **SAMPLES}, ("duration_s", [0.0, *TICKS[2:]])),
-    ({"kind": "clock-jitter", "process": "firmware", "duration_s": 0.1}, JITTER),
-)
-"""Faults beside the scenario's own, each with the key of its size and its range; size 0 leaves it out."""
+Ends = Callable[[float], tuple[float, float]]
+
+
+def by_share(mismatch: str) -> Ends:
+    """The range around a value by a campaign's mismatch, a share of the value."""
+    return lambda value: ((1.0 - MISMATCH[mismatch]) * value, (1.0 + MISMATCH[mismatch]) * value)
+
+
+def by_width(mismatch: str) -> Ends:
+    """The range around a value by a campaign's mismatch, in the value's unit."""
+    return lambda value: (value - MISMATCH[mismatch], value + MISMATCH[mismatch])
+
+
+def noise(value: float) -> tuple[float, float]:
+    """Half of the noise to twice of it."""
+    return 0.5 * value, 2.0 * value
+
+
+RANGES: Mapping[str, Ends] = {
+    "scene.striker.spring_n_m": by_share("mismatch_spring"),
+    "scene.striker.rest_length_m": by_width("mismatch_rest_length_m"),
+    "scene.stop.position_m": by_width("mismatch_stop_m"),
+    "scene.stop.restitution": by_width("mismatch_restitution"),
+    "scene.friction.b_n_s_m": by_share("mismatch_damping"),
+    "scene.friction.mu": by_share("mismatch_dry_friction"),
+    "scene.friction.mu_s": by_share("mismatch_dry_friction"),
+    "scene.drive.phase_rad": lambda _: (0.0, 2.0 * math.pi),
+    "scene.sensors.striker_low.bias_m_s2": lambda _: (-BIAS_M_S2, BIAS_M_S2),
+    "scene.sensors.housing.bias_m_s2": lambda _: (-BIAS_M_S2, BIAS_M_S2),
+    "scene.sensors.striker_low.noise_m_s2_rthz": noise,
+    "scene.sensors.encoder.noise_rad_s": noise,
+}
+"""What every default space varies of module and sensors, where the scene has it."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +107,22 @@ class Dimension:
         if self.choices:
             return ", ".join(map(str, self.choices))
         return f"{self.low:.6g} … {self.high:.6g}"
+
+
+TICKS = (0.0, 0.001, 0.002, 0.003, 0.004, 0.005)
+SAMPLES = {"frames": ["Accelerometer"]}
+DISTURBANCES = (
+    ({"kind": "kick"}, Dimension("change_m_s", 0.0, -0.1, 0.1)),
+    ({"kind": "dropped", **SAMPLES}, Dimension("duration_s", 0.0, choices=TICKS)),
+    ({"kind": "corrupted", **SAMPLES}, Dimension("duration_s", 0.0, choices=TICKS)),
+    ({"kind": "frozen", **SAMPLES}, Dimension("duration_s", 0.0, choices=(0.0, *TICKS[2:]))),
+    (
+        {"kind": "clock-jitter", "process": "firmware", "duration_s": 0.1},
+        Dimension("largest_s", 0.0, 0.0, 0.001),
+    ),
+)
+"""Faults beside the scenario's own, each with its size: up to a third of what scenarios ride through. A fault
+of size 0 is left out."""
 
 
 @dataclass(frozen=True)
@@ -197,27 +231,25 @@ def own_space(
     dimensions = []
     for one in tables:
         default = 0.0 if one.key == DELAY else value_at(scenario, document, one.key)
+        if default is None:
+            raise BadInputError(
+                f"search {one.key!r}: the scenario has no such value; give it, or check the key"
+            )
         dimensions.append(Dimension(one.key, default, one.low, one.high, tuple(one.choices or ())))
     return Space(scenario.name, document, tuple(dimensions), chosen, since_s(scenario))
 
 
 def value_at(scenario: Scenario, document: Mapping[str, Any], key: str) -> Any:
-    """The value at a dotted key of the scenario's tables, or its default in scene and parameters."""
+    """The value at a dotted key of the scenario's tables, or its default in scene and parameters, or None."""
     first, *rest = key.split(".")
     checked: Any = {"scene": scenario.scene, "firmware": scenario.config.p}.get(first)
     found: Any = document.get(first)
     for name in rest:
-        if isinstance(found, list):
-            found = found[int(name)] if name.isdecimal() and int(name) < len(found) else None
-        else:
-            found = found.get(name) if isinstance(found, Mapping) else None
+        table = dict(enumerate(found)) if isinstance(found, list) else found
+        place = int(name) if isinstance(found, list) and name.isdecimal() else name
+        found = table.get(place) if isinstance(table, Mapping) else None
         checked = getattr(checked, name, None)
-    value = checked if found is None else found
-    if value is None:
-        raise BadInputError(
-            f"search {key!r}: the scenario has no such value; give it in the scenario, or check the key"
-        )
-    return value
+    return checked if found is None else found
 
 
 def since_s(scenario: Scenario) -> float:
@@ -231,7 +263,7 @@ def default_space(
     scenario: Scenario, document: dict[str, Any], chosen: tuple[int, ...], disturbed: bool
 ) -> Space:
     """The default space of a scenario's kind; `disturbed`: with disturbances beside its own faults."""
-    dimensions = [*instants(scenario), *sizes(scenario), *module(scenario), *sensors(scenario)]
+    dimensions = [*instants(scenario), *sizes(scenario), *module(scenario, document)]
     optional: dict[str, tuple[int, str]] = {}
     if disturbed:
         for size, at, place, lines in disturbances(scenario, document):
@@ -258,71 +290,40 @@ def sizes(scenario: Scenario) -> Iterator[Dimension]:
                 yield Dimension(f"script.faults.{place}.{key}", value, *ends)
 
 
-def module(scenario: Scenario) -> Iterator[Dimension]:
-    """The module's parameters as campaigns sample them, and the crank's first angle."""
-    scene = scenario.scene
-
-    def spread(key: str, value: Any, mismatch: str, highest: float = math.inf) -> Iterator[Dimension]:
-        if value:
-            is_absolute = mismatch in ("rest_length_m", "stop_m", "restitution")
-            width = MISMATCH[f"mismatch_{mismatch}"] * (1.0 if is_absolute else value)
-            yield Dimension(f"scene.{key}", value, value - width, min(value + width, highest))
-
-    yield from spread("striker.spring_n_m", scene.striker.spring_n_m, "spring")
-    yield from spread("striker.rest_length_m", scene.striker.rest_length_m, "rest_length_m")
-    yield from spread("stop.position_m", getattr(scene.stop, "position_m", None), "stop_m")
-    yield from spread("stop.restitution", getattr(scene.stop, "restitution", None), "restitution", 1.0)
-    for key in ("b_n_s_m", "mu", "mu_s"):
-        kind = "damping" if key == "b_n_s_m" else "dry_friction"
-        yield from spread(f"friction.{key}", getattr(scene.friction, key, None), kind)
-    yield Dimension("scene.drive.phase_rad", scene.drive.phase_rad, 0.0, 2.0 * math.pi)
+def module(scenario: Scenario, document: Mapping[str, Any]) -> Iterator[Dimension]:
+    """The module and its sensors' errors as campaigns sample them, noise, and the crank's first angle."""
+    for key, ends_of in RANGES.items():
+        value = value_at(scenario, document, key)
+        if value is not None and (value or key.endswith(("phase_rad", "bias_m_s2"))):
+            yield Dimension(key, value, *ends_of(value))
 
 
-def sensors(scenario: Scenario) -> Iterator[Dimension]:
-    """Bias and noise of the accelerometers, and the encoder's noise."""
-    for sensor, key in (("striker_low", "noise_m_s2_rthz"), ("housing", ""), ("encoder", "noise_rad_s")):
-        table = getattr(scenario.scene.sensors, sensor, None)
-        if table is None:
-            continue
-        if sensor != "encoder":
-            width = MISMATCH["mismatch_bias_g"] * STANDARD_GRAVITY_M_S2
-            yield Dimension(f"scene.sensors.{sensor}.bias_m_s2", table.bias_m_s2, -width, width)
-        if key and (value := getattr(table, key)):
-            yield Dimension(f"scene.sensors.{sensor}.{key}", value, NOISE[0] * value, NOISE[1] * value)
+def window_s(scenario: Scenario, run_s: float) -> tuple[float, float]:
+    """When disturbances come."""
+    if scenario.faults:
+        from_s = min(one.at_s for one in scenario.faults)
+        return from_s, min(from_s + WINDOW_S, scenario.duration_s - WINDOW_S / 10.0)
+    later_s = [one.at_s for one in scenario.commands if one.at_s > run_s]
+    return run_s, run_s + WINDOW_SHARE * (max(later_s, default=scenario.duration_s) - run_s)
 
 
 def disturbances(
     scenario: Scenario, document: dict[str, Any]
 ) -> Iterator[tuple[Dimension, Dimension, int, str]]:
     """Add disturbances to the script: size and instant of each, its place, and the list that it is in."""
-    runs = [one for one in scenario.commands if one.request is Request.RUN]
+    runs = [one for one in document["script"].get("commands", []) if one["request"] == "run"]
     if not runs:
         return
-    last_s = max((one.at_s for one in scenario.commands if one is not runs[-1]), default=0.0)
-    from_s, until_s = runs[-1].at_s, max(last_s, 0.0) or scenario.duration_s
-    until_s = from_s + WINDOW_SHARE * (max(until_s, from_s + WINDOW_S) - from_s)
-    if scenario.faults:
-        from_s = min(one.at_s for one in scenario.faults)
-        until_s = from_s + WINDOW_S
-    until_s = min(until_s, scenario.duration_s - WINDOW_S / 10.0)
-    script = document["script"] = {**document["script"]}
-    lines = {name: script[name] for name in ("commands", "faults") if name in script}
-    script |= {name: [*lines.get(name, [])] for name in ("commands", "faults")}
-    for table, (key, *bounds) in DISTURBANCES:
-        place = len(script["faults"])
-        script["faults"].append({**table, "at_s": from_s, key: 0.0})
-        size = (
-            Dimension(f"script.faults.{place}.{key}", 0.0, *bounds)
-            if len(bounds) == 2
-            else Dimension(f"script.faults.{place}.{key}", 0.0, choices=tuple(bounds[0]))
-        )
-        yield size, Dimension(f"script.faults.{place}.at_s", from_s, from_s, until_s), place, "faults"
-    place, ratio = len(script["commands"]), runs[-1].target_ratio
-    command = {**next(one for one in reversed(script["commands"]) if one["request"] == "run"), "at_s": from_s}
-    script["commands"].append(command)
-    bounds = [(1.0 - RATIO_STEP) * ratio, (1.0 + RATIO_STEP) * ratio]
-    size = Dimension(f"script.commands.{place}.target_ratio", ratio, *bounds)
-    yield size, Dimension(f"script.commands.{place}.at_s", from_s, from_s, until_s), place, "commands"
+    window = window_s(scenario, runs[-1]["at_s"])
+    script = document["script"] = {"faults": [], **deepcopy(dict(document["script"]))}
+    ratio = runs[-1]["target_ratio"]
+    step = Dimension("target_ratio", ratio, (1.0 - RATIO_STEP) * ratio, (1.0 + RATIO_STEP) * ratio)
+    for name, table, size in (*(("faults", *one) for one in DISTURBANCES), ("commands", runs[-1], step)):
+        place = len(script[name])
+        script[name].append({**table, "at_s": window[0], size.key: size.default})
+        key = f"script.{name}.{place}"
+        at = Dimension(f"{key}.at_s", window[0], *window)
+        yield replace(size, key=f"{key}.{size.key}"), at, place, name
 
 
 def without_direction(space: Space) -> list[str]:

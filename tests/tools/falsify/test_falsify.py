@@ -1,9 +1,11 @@
 """`vibrohil falsify`: what it varies, what it counts, and that `run` repeats what it writes."""
 
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
+import planted
 import pytest
 
 from hil.scenario.files import ScenarioError, read_file, search_tables
@@ -104,6 +106,15 @@ def test_a_run_without_a_fault_is_searched_without_disturbances():
         space_of("soft-start-multistable", ["P-99"])
 
 
+def test_each_planted_defect_is_a_change_of_one_place():
+    defects = tomllib.loads(planted.DEFECTS.read_text("utf-8"))["defects"]
+    counts = {
+        one["name"]: (planted.ROOT / one["file"]).read_text("utf-8").count(one["old"]) for one in defects
+    }
+    assert counts
+    assert {name: count for name, count in counts.items() if count != 1} == {}
+
+
 class Valley:
     """Runs whose margin is a smooth function of their values, with one that is not judged."""
 
@@ -148,7 +159,7 @@ def test_a_counterexample_is_small_and_run_repeats_it_bit_for_bit(tmp_path, monk
     assert Path(result["picture"]).stat().st_size > 10_000
     counterexample = Path(result["counterexample"])
     assert set(read_file(counterexample)) == {"title", "like", "checks", "script", "seed"}
-    assert cli.run(["run", str(counterexample), "--clock", "lockstep", "--json"]) == EXIT_CHECK_FAILED
+    assert cli.run(["inspect", result["run"], "--json"]) == EXIT_CHECK_FAILED  # what `view` opens
     [check] = json.loads(capsys.readouterr().out)["checks"]
     assert check["margin_share"] == worst["margin"] < 0.0
 

@@ -1,0 +1,141 @@
+"""Makes docs/worst-cases.md: the smallest margin found for each requirement, its scenario, and a picture.
+
+    python -m tools.dev.worst_cases [--runs N]
+
+Sobol points, N in each scenario, then N runs of CMA-ES for each safety and performance requirement, in the
+scenario with the smallest margin. An interrupted search continues.
+"""
+
+import argparse
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from hil.judge.requirements import requirements
+from tools import jobs
+from tools.dev.command_page import page, row, table
+from tools.falsify.evaluations import Evaluations, folder_of, runner
+from tools.falsify.pictures import draw_instant
+from tools.falsify.search import Best, EndedError, Hunt, Start, Target, adapt, score, sobol
+from tools.falsify.space import STEADY, space_of
+from tools.plots import drawn
+from tools.progress import shown_progress
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE, PICTURE = DOCS / "worst-cases.md", DOCS / "pictures/worst-cases.png"
+SCENARIOS = (
+    "a-kick-towards-the-stop-does-not-lose-the-impacts",
+    "twenty-lost-samples-do-not-stop-it",
+    "a-controller-whose-clock-jitters-goes-on",
+    "a-violent-kick-stops-the-motor",
+    "a-violent-kick-into-a-weak-stop-stops-the-motor",
+    "a-silent-encoder-stops-the-motor",
+    "a-jammed-crank-is-let-go-of",
+    "lost-operator-commands-stop-the-motor",
+    "damaged-parameters-arm-nothing",
+    "e-stop-in-the-hold",
+    "instant-start-multistable",
+    "quick-start-below-the-band",
+    "soft-start-multistable",
+    "at-r-0.6-it-never-reaches-the-stop",
+    "a-crank-that-the-striker-drives-is-waited-for",
+    "an-impulse-asked-for-is-held",
+    "a-walker-who-stops-gets-no-more-pulses",
+)
+"""Together they have every requirement with limits but those on the gait's phase and window."""
+SEED, COLUMNS = 1, 3
+
+
+def worst_of(requirement: str, evaluations: Evaluations, starts: Mapping[str, Start]) -> Best | None:
+    """The smallest margin of a requirement's checks in all judged runs; 1 where none gives a direction."""
+    found = [
+        Best(score(result, check), starts[name].space, values, check)
+        for (name, values), result in evaluations.known.items()
+        if not result.why
+        for check, one in enumerate(starts[name].space.checks)
+        if one.requirement == requirement
+    ]
+    return min(found, key=lambda one: one.margin, default=None)
+
+
+def search_all(runs: int, evaluations: Evaluations) -> dict[str, Best | None]:
+    """The worst run for each requirement with limits, by Sobol points and then CMA-ES."""
+    starts: dict[str, Start] = {}
+    for name in SCENARIOS:
+        space = space_of(name, [])
+        places = sobol(space, runs, SEED)
+        values = [space.values(place.tolist()) for place in places]
+        results = evaluations.results(space, values, f"{name}: {len(evaluations.known)} runs")
+        starts[name] = Start(space, places, results)
+    found: dict[str, Best | None] = {}
+    for requirement, one in requirements().items():
+        if not (requirement.startswith(STEADY) and one.limits):
+            continue
+        best = found[requirement] = worst_of(requirement, evaluations, starts)
+        if best is None or not 0.0 <= best.margin < 1.0:
+            continue
+        _, places, results = starts[best.space.name]
+        order = sorted(range(len(results)), key=lambda k: score(results[k], best.check))
+        try:
+            adapt(Hunt(requirement, evaluations, runs), Target(best.space, best.check, places[order]), SEED)
+        except EndedError:
+            found[requirement] = worst_of(requirement, evaluations, starts)
+    return found
+
+
+def rows_of(found: Mapping[str, Best | None]) -> Iterator[str]:
+    """A row for each requirement."""
+    for requirement, best in found.items():
+        if best is None:
+            yield row(requirement, "—", "not searched", "", "")
+            continue
+        changed = best.space.changed(best.values)
+        parts = (f"`{key}` {value:.3g}" for key, value in changed.items() if not key.endswith(".at_s"))
+        margin = f"**{best.margin:.0%}**" if best.margin < 0.0 else f"{best.margin:.0%}"
+        yield row(requirement, margin, f"`{best.name}`", f"`{best.space.name}`", ", ".join(parts))
+
+
+def text_of(found: Mapping[str, Best | None], evaluations: Evaluations) -> str:
+    """The page."""
+    judged = sum(not one.why for one in evaluations.known.values())
+    return page(
+        "Worst cases",
+        f"The smallest margin that {judged} judged runs have shown for each requirement, as a share of its "
+        f"limit: 0 % is at the limit, below it the requirement is broken. {len(evaluations.known) - judged} "
+        "runs were not judged. `python -m tools.dev.worst_cases --runs N` makes this page and takes over the "
+        "runs of an earlier one; [campaigns](campaigns.md#search-for-the-worst-run) says what varies. All "
+        "values vary at once; of the worst run the table leaves out the instants. A text shows 100 %, "
+        "or −100 % once they are broken.",
+        table(["requirement", "smallest margin", "figure", "scenario", "values"], rows_of(found)),
+        "![The worst run of each requirement around its instant](pictures/worst-cases.png)",
+    )
+
+
+def draw(found: Mapping[str, Best | None]) -> None:
+    """Draw the worst run of each requirement with a margin."""
+    shown = [(name, best) for name, best in found.items() if best is not None and best.margin < 1.0]
+    rows = math.ceil(len(shown) / COLUMNS)
+    with drawn(PICTURE, 4.6 * COLUMNS, 2.6 * rows) as figure:
+        axes = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
+        for place, (name, best) in zip(axes, shown, strict=False):
+            draw_instant(best, place)
+            place.set_title(f"{name}: {place.get_title()}", fontsize=7)
+        for place in axes[len(shown) :]:
+            place.set_visible(False)
+
+
+def main() -> None:
+    """Search, and write page and picture."""
+    parser = argparse.ArgumentParser(prog="python -m tools.dev.worst_cases", description=__doc__)
+    parser.add_argument("--runs", type=int, default=16, help="runs in a scenario, and for a requirement")
+    runs = parser.parse_args().runs
+    spaces = [space_of(name, []) for name in SCENARIOS]
+    with jobs.pool(runner(spaces)) as run, shown_progress() as progress:
+        evaluations = Evaluations(folder_of(spaces), run, progress)
+        found = search_all(runs, evaluations)
+    PAGE.write_text(text_of(found, evaluations), encoding="utf-8")
+    draw(found)
+
+
+if __name__ == "__main__":
+    main()
