@@ -43,6 +43,9 @@ BIAS_M_S2 = MISMATCH["mismatch_bias_g"] * STANDARD_GRAVITY_M_S2
 RATIO_STEP = 0.03
 """Largest step of the target's ratio, as a share."""
 
+PHASE = "scene.drive.phase_rad"
+"""The crank's first angle; with a fault, `DELAY` varies the angle at which it comes."""
+BIASES = "scene.sensors.striker_low.bias_m_s2", "scene.sensors.housing.bias_m_s2"
 Ends = Callable[[float], tuple[float, float]]
 
 
@@ -69,9 +72,8 @@ RANGES: Mapping[str, Ends] = {
     "scene.friction.b_n_s_m": by_share("mismatch_damping"),
     "scene.friction.mu": by_share("mismatch_dry_friction"),
     "scene.friction.mu_s": by_share("mismatch_dry_friction"),
-    "scene.drive.phase_rad": lambda _: (0.0, 2.0 * math.pi),
-    "scene.sensors.striker_low.bias_m_s2": lambda _: (-BIAS_M_S2, BIAS_M_S2),
-    "scene.sensors.housing.bias_m_s2": lambda _: (-BIAS_M_S2, BIAS_M_S2),
+    PHASE: lambda _: (0.0, 2.0 * math.pi),
+    **dict.fromkeys(BIASES, lambda _: (-BIAS_M_S2, BIAS_M_S2)),
     "scene.sensors.striker_low.noise_m_s2_rthz": noise,
     "scene.sensors.encoder.noise_rad_s": noise,
 }
@@ -294,7 +296,8 @@ def module(scenario: Scenario, document: Mapping[str, Any]) -> Iterator[Dimensio
     """The module and its sensors' errors as campaigns sample them, noise, and the crank's first angle."""
     for key, ends_of in RANGES.items():
         value = value_at(scenario, document, key)
-        if value is not None and (value or key.endswith(("phase_rad", "bias_m_s2"))):
+        varies = not scenario.faults if key == PHASE else value or key in BIASES
+        if value is not None and varies:
             yield Dimension(key, value, *ends_of(value))
 
 

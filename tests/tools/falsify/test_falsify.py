@@ -79,6 +79,7 @@ def test_the_default_space_of_a_kick_varies_kick_module_sensors_and_disturbances
     assert ranges[DELAY] == "0 … 0.61"
     assert ranges["script.faults.0.change_m_s"] == "-0.3 … 0.3"
     assert ranges["scene.stop.restitution"] == "0.45 … 0.55"
+    assert "scene.drive.phase_rad" not in ranges  # the delay varies the phase of the fault
     assert ranges["script.faults.2.duration_s"].startswith("0.0, 0.001")
     assert {one.requirement for one in space.checks} == {"S-04", "S-05", "S-06", "P-07"}
     # Nothing that is at its default is left in the script, and the requirement's limit counts.
