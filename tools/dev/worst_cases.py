@@ -9,11 +9,13 @@ scenario with the smallest margin. An interrupted search continues.
 import argparse
 import math
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 from hil.judge.requirements import requirements
 from tools import jobs
-from tools.dev.command_page import page, row, table
+from tools.dev.command_page import row, table
+from tools.falsify.counterexample import shrink
 from tools.falsify.evaluations import Evaluations, folder_of, runner
 from tools.falsify.pictures import draw_instant
 from tools.falsify.search import Best, EndedError, Hunt, Start, Target, adapt, score, sobol
@@ -34,7 +36,6 @@ SCENARIOS = (
     "lost-operator-commands-stop-the-motor",
     "damaged-parameters-arm-nothing",
     "e-stop-in-the-hold",
-    "instant-start-multistable",
     "quick-start-below-the-band",
     "soft-start-multistable",
     "at-r-0.6-it-never-reaches-the-stop",
@@ -42,7 +43,7 @@ SCENARIOS = (
     "an-impulse-asked-for-is-held",
     "a-walker-who-stops-gets-no-more-pulses",
 )
-"""Together they have every requirement with limits but those on the gait's phase and window."""
+"""Together they have every requirement with limits but S-15, P-09 and P-10."""
 SEED, COLUMNS = 1, 3
 
 
@@ -89,26 +90,29 @@ def rows_of(found: Mapping[str, Best | None]) -> Iterator[str]:
         if best is None:
             yield row(requirement, "—", "not searched", "", "")
             continue
-        changed = best.space.changed(best.values)
-        parts = (f"`{key}` {value:.3g}" for key, value in changed.items() if not key.endswith(".at_s"))
-        margin = f"**{best.margin:.0%}**" if best.margin < 0.0 else f"{best.margin:.0%}"
-        yield row(requirement, margin, f"`{best.name}`", f"`{best.space.name}`", ", ".join(parts))
+        changed = best.space.changed(best.values).items() if best.margin < 0.0 else ()
+        values = ", ".join(f"`{key}` {value:.3g}" for key, value in changed)
+        margin = f"**{best.margin:.1%}**" if best.margin < 0.0 else f"{best.margin:.0%}"
+        yield row(requirement, margin, f"`{best.name}`", f"`{best.space.name}`", values)
 
 
-def text_of(found: Mapping[str, Best | None], evaluations: Evaluations) -> str:
-    """The page."""
-    judged = sum(not one.why for one in evaluations.known.values())
-    return page(
-        "Worst cases",
-        f"The smallest margin that {judged} judged runs have shown for each requirement, as a share of its "
-        f"limit: 0 % is at the limit, below it the requirement is broken. {len(evaluations.known) - judged} "
-        "runs were not judged. `python -m tools.dev.worst_cases --runs N` makes this page and takes over the "
-        "runs of an earlier one; [campaigns](campaigns.md#search-for-the-worst-run) says what varies. All "
-        "values vary at once; of the worst run the table leaves out the instants. A text shows 100 %, "
-        "or −100 % once they are broken.",
+def text_of(found: Mapping[str, Best | None], runs: int, judged: int) -> str:
+    """The page; `runs`: the number of searched runs, of which `judged` were judged."""
+    parts = (
+        "# Worst cases",
+        "<!-- made by `python -m tools.dev.worst_cases` -->",
+        f"The smallest margin that {judged} judged runs of a search have shown for each requirement, as a "
+        "share of its limit: 0 % is at the limit, below it the requirement is broken. A text shows 100 %, or "
+        f"−100 % once it is broken. {runs - judged} runs were not judged. "
+        "`python -m tools.dev.worst_cases --runs N` makes this page; "
+        "[campaigns](campaigns.md#search-for-the-worst-run) says what varies. Of a broken requirement the "
+        "table has the values that break it; below −1000 % is −1000 %.",
         table(["requirement", "smallest margin", "figure", "scenario", "values"], rows_of(found)),
+        "P-04 and P-05 are limits of a module that is as nominal: a bias of the housing's accelerometer "
+        "shifts the estimate, most where no impact corrects it.",
         "![The worst run of each requirement around its instant](pictures/worst-cases.png)",
     )
+    return "\n\n".join(parts) + "\n"
 
 
 def draw(found: Mapping[str, Best | None]) -> None:
@@ -133,7 +137,12 @@ def main() -> None:
     with jobs.pool(runner(spaces)) as run, shown_progress() as progress:
         evaluations = Evaluations(folder_of(spaces), run, progress)
         found = search_all(runs, evaluations)
-    PAGE.write_text(text_of(found, evaluations), encoding="utf-8")
+        judged = sum(not one.why for one in evaluations.known.values())
+        page_of = partial(text_of, runs=len(evaluations.known), judged=judged)
+        for requirement, best in found.items():
+            if best is not None and best.margin < 0.0:
+                found[requirement] = shrink(best, evaluations)
+    PAGE.write_text(page_of(found), encoding="utf-8")
     draw(found)
 
 

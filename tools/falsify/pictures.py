@@ -57,9 +57,11 @@ def draw_instant(best: Best, axes: "Axes") -> None:
         axes.plot(t_s[shown], values[shown], lw=1.0)
         for fault in faults:
             if abs(fault.from_s - at_s) <= AROUND_S:
-                axes.axvline(fault.from_s, color="tab:red", lw=0.8, ls="--", label=fault.text)
-    if axes.get_legend_handles_labels()[1]:
-        axes.legend(loc="upper right", fontsize=7)
+                axes.axvline(fault.from_s, color="tab:red", lw=0.8, ls="--")
+                across = axes.get_xaxis_transform()
+                axes.text(
+                    fault.from_s, 1.0, fault.kind, transform=across, rotation=90, size=6, va="top", ha="right"
+                )
     axes.set(xlabel="time [s]", ylabel=label)
     axes.set_title(f"{check.name}, margin {best.margin:.0%}\n{best.space.name}", fontsize=8)
 

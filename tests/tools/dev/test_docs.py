@@ -49,6 +49,7 @@ DEV_PROGRAMS = (
     "reference",
     "walkthrough",
     "warm",
+    "worst_cases",
 )
 
 
