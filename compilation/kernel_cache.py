@@ -36,6 +36,7 @@ import numba
 from numba.core import caching, runtime, serialize
 
 from compilation import PACKAGES
+from compilation.users import own_users
 
 LAYERS = {
     "compilation": PACKAGES[:1],
@@ -86,7 +87,7 @@ def _private(folder: Path) -> Path:
             f"compiled kernels are kept in {folder}, which cannot be written ({error.strerror}); "
             "set VIBROHIL_CACHE_DIR to a writable folder"
         ) from error
-    if found.st_uid not in _own_users():
+    if found.st_uid not in own_users():
         raise KernelCacheError(
             f"compiled kernels are kept in {folder}, which belongs to user {found.st_uid}, who could place "
             "code in it; set VIBROHIL_CACHE_DIR to a folder of your own"
@@ -107,7 +108,7 @@ def _made_and_checked(folder: Path) -> os.stat_result:
     others write no folder on the way but a sticky one. The way is walked from the root down, so that
     what was found in a checked folder stays there. Raises KernelCacheError.
     """
-    trusted = {0, os.stat("/").st_uid} | _own_users()
+    trusted = {0, os.stat("/").st_uid} | own_users()
     top, *names = folder.absolute().parts
     place, links = Path(top), 0
     while True:
@@ -136,12 +137,6 @@ def _made_and_checked(folder: Path) -> os.stat_result:
         place = place.parent if name == ".." else place / name
         with suppress(FileExistsError):
             place.mkdir(mode=0o700)
-
-
-def _own_users() -> set[int]:
-    """User ids that are this user: under user-mode Linux files keep the outer user's, see `hil.kernel`."""
-    outer = os.environ.get("VIBROHIL_OUTER_USER")
-    return {os.geteuid()} | ({int(outer)} if outer else set())
 
 
 @functools.cache

@@ -5,6 +5,7 @@ internal error, 4 usage or bad input, 5 nothing ran. This module imports little:
 before the other imports of the program, which take a third of a second.
 """
 
+import os
 import sys
 
 from hil.timing.signals import Interrupted, delayed_signals, ending_signals
@@ -41,6 +42,7 @@ def run(arguments: list[str]) -> int:
 def main() -> None:
     """Entry point of the installed program."""
     output = open_streams()
+    os.umask(os.umask(0) | 0o022)  # nothing that the program writes may be changed by others
     status = run(sys.argv[1:])
     sys.stdout.flush()
     if output.failure is not None and not isinstance(output.failure, BrokenPipeError):

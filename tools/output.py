@@ -57,7 +57,7 @@ def console_on(stream: TextIO | None) -> Console:
     if not (given.isdecimal() and int(given) > 0):
         os.environ.pop("COLUMNS", None)  # rich would print nothing in 0 columns
     width = PIPED_WIDTH if not in_terminal and "COLUMNS" not in os.environ else None
-    return TextConsole(stderr=stream is sys.stderr, width=width, highlight=False)
+    return TextConsole(stderr=stream is sys.stderr, width=width, highlight=False, emoji=False)
 
 
 console = console_on(sys.stdout)

@@ -9,6 +9,7 @@ from typing import Any
 
 import typer
 
+from hil.record.new_file import foreign_link_on
 from tools.output import BadInputError
 
 PICTURES = (".svg", ".png", ".pdf")
@@ -43,10 +44,26 @@ def new_option(description: str, endings: tuple[str, ...] = ()) -> Any:
 def _option(description: str, refuse: Callable[[str, Path], None]) -> Any:
     def check(parameter: typer.CallbackParam, path: Path | None) -> Path | None:
         if path is not None:
+            refuse_link(parameter.opts[0], path)
             refuse(parameter.opts[0], path)
         return path
 
-    return typer.Option(help=description, callback=check)
+    return typer.Option(help=description, callback=check, parser=path, metavar="<path>")
+
+
+def path(text: str) -> Path:
+    """The path of an option; typer.BadParameter for an empty one, which would be the working folder."""
+    if not text:
+        raise typer.BadParameter("it is empty; name a file or folder, `.` for this folder")
+    return Path(text)
+
+
+def refuse_link(option: str, path: Path) -> None:
+    """Raise BadInputError if another user's link stands on the way to `path`: it may lead anywhere."""
+    if link := foreign_link_on(path):
+        raise BadInputError(
+            f"{option} is {path}: {link} is another user's link to {os.readlink(link)}; name another place"
+        )
 
 
 def refuse_existing(option: str, path: Path, endings: tuple[str, ...] = ()) -> None:

@@ -12,7 +12,7 @@ import shlex
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +26,7 @@ from hil.judge.judge import judge
 from hil.judge.verdict import RunVerdict, Verdict
 from hil.record import log_reader
 from hil.record.candump import NO_BUS, Bus, StoredBus
-from hil.record.damage import CAUSE_UNKNOWN, reading
+from hil.record.damage import CAUSE_UNKNOWN, DamagedFileError, reading
 from hil.record.folder_lock import is_in_use
 from hil.record.frame_tables import RAW, names_of, raw_table, table_of
 from hil.record.log_reader import TIMELINES, contiguous, read_traces
@@ -81,6 +81,9 @@ def log_of(run: Path | None) -> Path:
     if not log.exists():
         return rebuilt(place)
     is_running = not (place / "outcome.json").exists() and is_in_use(place)
+    if not is_running and (place / "plant.trace").exists() and not is_whole(log):
+        with suppress(DamagedFileError):  # the log itself may hold more than damaged traces
+            return rebuilt(place)
     if is_running or (is_foreign(place) and not is_whole(log)):
         log = copied(log)
     try:

@@ -40,7 +40,9 @@ def reasons_of(traces: RunTraces) -> list[str]:
     if traces.run.get("clock") == IMPORTED or was_cut_by_host:
         return reasons
     nodes = {"plant": traces.plant, "firmware": traces.firmware}
-    return reasons + [f"{name} left no trace" for name, records in nodes.items() if len(records) == 0]
+    return reasons + [
+        f"{name} left no readable trace" for name, records in nodes.items() if len(records) == 0
+    ]
 
 
 def fault_effects(traces: RunTraces) -> list[FaultEffect]:

@@ -10,8 +10,13 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
+from compilation.users import own_users
+
 MOST_NOTE_BYTES = 4 << 20
 """Size of the largest JSON or TOML text of a run that is read; in memory it takes up to forty times that."""
+
+SYSTEM = {0, os.stat("/").st_uid}
+"""Users whose links lead where this user's own would; in a user namespace root has another number."""
 
 
 def open_anew(path: Path) -> BinaryIO:
@@ -45,6 +50,15 @@ def is_regular(path: Path) -> bool:
         return stat.S_ISREG(path.lstat().st_mode)
     except OSError:
         return False
+
+
+def foreign_link_on(path: Path) -> Path | None:
+    """A link on the way to a place that belongs neither to this user nor to the system; None without one."""
+    trusted = SYSTEM | own_users()
+    for place in (path.absolute(), *path.absolute().parents):
+        if place.is_symlink() and place.lstat().st_uid not in trusted:
+            return place
+    return None
 
 
 def is_foreign(place: Path) -> bool:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.record.folder_lock import FolderInUseError, is_in_use, locked
-from hil.record.new_file import MOST_NOTE_BYTES, is_regular, write_anew
+from hil.record.new_file import MOST_NOTE_BYTES, foreign_link_on, is_foreign, is_regular, write_anew
 from hil.record.run_traces import CAN_LOG, SCENARIO, TRACES
 from hil.record.traces import trace
 
@@ -152,6 +152,10 @@ def new_folder(name: str) -> Path:
 
     Raises RunFolderError if `runs` cannot be made.
     """
+    if link := foreign_link_on(RUNS):
+        raise RunFolderError(
+            f"{link} is another user's link to {os.readlink(link)}; name a folder with --out"
+        )
     try:
         RUNS.mkdir(FOLDER_MODE, exist_ok=True)
     except OSError as error:
@@ -197,12 +201,21 @@ def claimed(name: str, out_dir: Path | None, note_name: str = RUN_NOTE) -> Itera
         except FolderInUseError as error:
             raise RunFolderError(f"--out: {folder} is in use by another run; name another folder") from error
         refuse_foreign(folder, note_name)
-        yield folder
+        try:
+            yield folder
+        except FileNotFoundError as error:
+            if folder.is_dir():
+                raise
+            raise RunFolderError(
+                f"--out: {folder} was removed by another program while it was written; run the command again"
+            ) from error
 
 
 def discard_unused(run_dir: Path, below: Path) -> bool:
-    """Remove the files of a run unless it or a suite around it, below `below`, is in progress."""
-    if any(is_in_use(folder) for folder in run_dir.parents if folder.is_relative_to(below)):
+    """Remove a run's files, unless they are foreign, or it or a suite below `below` is in progress."""
+    if is_foreign(run_dir) or any(
+        is_in_use(folder) for folder in run_dir.parents if folder.is_relative_to(below)
+    ):
         return False
     try:
         with locked(run_dir):

@@ -120,7 +120,7 @@ class LogStream:
 
     def log_document(self, entity: str, text: str, language: str) -> None:
         """Log a static text in this language; it has no fence as long as that around it."""
-        fence = max(re.findall("`+", text), key=len, default="``") + "`"
+        fence = max(["``", *re.findall("`+", text)], key=len) + "`"
         self.log_markdown(entity, f"{fence}{language}\n{text}\n{fence}")
 
     def log_markdown(self, entity: str, text: str) -> None:

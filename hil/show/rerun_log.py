@@ -11,6 +11,7 @@ whole run; its output depends on the traces alone.
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -391,4 +392,7 @@ def write_log(path: Path, traces: RunTraces, verdict: RunVerdict) -> Path:
 def rebuild(run_dir: Path, into: Path | None = None) -> Path:
     """Rebuild `run.rrd` from the traces of a run, in the run's folder or in another one."""
     traces = read_run(run_dir)
+    if traces.damage and traces.outcome:  # the log has no other place for it
+        reasons = [*traces.outcome.get("reasons", []), *traces.damage]
+        traces = replace(traces, outcome={**traces.outcome, "reasons": reasons}, damage=())
     return write_log((into or run_dir) / LOG_NAME, traces, judge(traces, run_dir))

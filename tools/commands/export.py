@@ -6,7 +6,7 @@ from typing import Annotated, Literal, get_args
 import typer
 
 from tools.commands.options import Json, Logged
-from tools.output import answer
+from tools.output import BadInputError, answer
 from tools.outputs import new_option, refuse_existing
 
 Kind = Literal["mf4", "mcap", "parquet", "csv"]
@@ -28,12 +28,15 @@ def export(
 ) -> None:
     """Write every frame of a run, decoded with units by vibro.dbc, for MDF, MCAP or table programs."""
     from hil.bench.recorded_run import open_run
+    from hil.record.new_file import is_foreign
     from tools.logs.exporting import export as write
 
     ending = "" if out is None else out.suffix.removeprefix(".").lower()
     kind = to or (ending if ending in get_args(Kind) else "mf4")
     logged = open_run(run)
-    place = logged.log.parent / f"frames.{kind}" if out is None else out
+    if out is None and is_foreign(logged.folder):
+        raise BadInputError(f"{logged.folder} cannot be written by you; name a file or folder with --out")
+    place = logged.folder / f"frames.{kind}" if out is None else out
     refuse_existing("--out", place)
     frames = write(logged, kind, place)
     payload = {"run": str(logged.folder), "to": kind, "out": str(place), "frames": frames}

@@ -149,8 +149,11 @@ def tables_of(what: str, name: str) -> Mapping[str, Any]:
 
         return {"checks": check_set(name)}
     from hil.scenario.files import read_scenario
+    from hil.scenario.scenario import check_scenario
 
-    return read_scenario(name)
+    tables = read_scenario(name)
+    check_scenario(tables, name)
+    return tables
 
 
 def scenarios() -> Iterator[Named]:

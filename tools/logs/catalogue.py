@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from hil.judge.figures.records import CATALOGUE
 from hil.judge.figures.text import plain
 from hil.judge.verdict import Verdict
+from hil.record import formats
 from hil.record.run_folder import RUNS, VERDICT, discard_unused, is_own, read_note
 from tools.output import BadInputError
 
@@ -108,7 +109,9 @@ def list_runs(runs: Path) -> list[ListedRun]:
     found = []
     for document in runs.glob("**/run.json"):
         folder = document.parent
-        found.append(ListedRun(folder, begun_s(document), known_of(read_note(folder / VERDICT))))
+        verdict = read_note(folder / VERDICT)
+        is_known = verdict.get(formats.KEY, formats.VERDICT) == formats.VERDICT
+        found.append(ListedRun(folder, begun_s(document), known_of(verdict if is_known else {})))
     return sorted(found, key=lambda run: run.begun_s, reverse=True)
 
 

@@ -215,9 +215,12 @@ def split_header(path: Path, kind: str, lines: Sequence[str]) -> tuple[list[Line
             raise BadInputError(f"{path} has a header of {end} lines; wanted at most {LONGEST_HEADER}")
         return [Line(number, f"{text}\n") for number, text in numbered[:end]], numbered[end:]
     if kind == ".asc":
-        base = next((found[1] for line in numbered if (found := ASC_BASE.match(line.text.strip()))), "hex")
+        bases = [words for line in numbered if (words := line.text.lower().split())[:1] == ["base"]]
+        base = bases[0][1] if bases and len(bases[0]) > 1 else "hex"
+        if base not in ("hex", "dec"):
+            raise BadInputError(f"{path} has numbers of base {base!r}; wanted base hex or base dec")
         # python-can takes the first line that it does not know as the header's end and drops it
-        return [Line(0, f"base {base.lower()}\n"), Line(0, "internal events logged\n")], numbered
+        return [Line(0, f"base {base}\n"), Line(0, "internal events logged\n")], numbered
     return [], numbered
 
 

@@ -94,8 +94,8 @@ def refuse_long(path: Path, duration_s: float, jumps: Sequence[ClockJump]) -> No
     if duration_s > LONGEST_S:
         place, from_s, to_s = max(jumps, key=lambda jump: abs(jump.to_s - jump.from_s))
         raise BadInputError(
-            f"{path} spans {duration_s:g} s, more than {LONGEST_S:g} s: at line or message {place} the time "
-            f"goes from {from_s:.6f} to {to_s:.6f} s; cut the log there and import its parts"
+            f"{path} spans {duration_s:.9g} s, more than {LONGEST_S:g} s: at line or message {place} the "
+            f"time goes from {from_s:.6f} to {to_s:.6f} s; cut the log there and import its parts"
         )
 
 

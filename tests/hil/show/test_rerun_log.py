@@ -308,6 +308,14 @@ def test_a_log_of_which_only_a_part_was_written_is_refused(log_path, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("text", ["", "`", "``", "a `b` c", '{"x": "``y"}', "```\n`", "`" * 7])
+def test_a_document_comes_back_whatever_backticks_it_has(text, tmp_path):
+    stream = LogStream(tmp_path / "a.rrd", {}, None)
+    stream.log_document("about/run", text, "json")
+    stream.recording.disconnect()
+    assert documents(tmp_path / "a.rrd")["run"] == text
+
+
 def test_texts_of_a_scenario_are_shown_and_not_taken_for_markdown(tmp_path, monkeypatch):
     """The viewer would fetch the pictures of a page in Markdown."""
     text = 'title = "x"\n```\n![y](http://192.0.2.1/y.png)\n````\n'

@@ -322,3 +322,9 @@ def test_no_path_of_this_machine_is_in_the_run(tmp_path: Path) -> None:
             assert b"somebody-secret" not in content, path
             assert str(tmp_path).encode() not in content, path
             assert os.uname().nodename.encode() not in content or len(os.uname().nodename) < 4, path
+
+
+def test_an_asc_log_of_another_base_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.asc").write_text("base oct  timestamps absolute\n 0.1 1 123 Rx d 1 00\n")
+    with pytest.raises(BadInputError, match="numbers of base 'oct'; wanted base hex or base dec"):
+        read_log(tmp_path / "a.asc")
