@@ -19,8 +19,9 @@ from numba.core import types
 
 from compilation import PACKAGES, kernel_cache
 from compilation.kernel_cache import KernelCacheError
-from hil.bench.lockstep import warm_lockstep
 from hil.nodes import closed_loop
+from hil.runs.job import Job
+from hil.runs.recording import warm_lockstep
 from hil.scenario.scenario import load_scenario
 from plant_sim.solvers.adaptive import adaptive
 
@@ -276,7 +277,7 @@ def records(kind: Any) -> set[type]:
 
 def test_kernels_take_records_of_their_own_layer_or_below(tmp_path: Path) -> None:
     """So that a change of a record compiles them anew."""
-    warm_lockstep(load_scenario("soft-start-multistable"), "compiled", tmp_path)
+    warm_lockstep(Job(load_scenario("soft-start-multistable"), 1))
     for kernel in (adaptive.advance, closed_loop.run):
         layer = kernel_cache.LAYERS[kernel.__wrapped__.__module__.partition(".")[0]]
         classes = set().union(*(records(kind) for signature in kernel.overloads for kind in signature))

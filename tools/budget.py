@@ -15,7 +15,8 @@ from firmware_py.core.config import Config
 from firmware_py.node.inbox import PERIODS
 from firmware_py.node.memory import FirmwareState
 from firmware_py.shell.board_node import MEASURED_TICK, BoardNode
-from hil.bench.lockstep import Progress, run_lockstep
+from hil.runs.job import Job, Progress
+from hil.runs.recording import record
 from hil.scenario.scenario import load_scenario
 
 SCENARIOS = ("soft-start-multistable", "a-controller-that-pauses-for-thirty-ticks-goes-on")
@@ -58,7 +59,7 @@ def budget(names: Sequence[str], progress: Progress, target: BoardName = "cortex
     flash = image_bytes(target)
     for name in names or SCENARIOS:
         with tempfile.TemporaryDirectory() as folder:
-            run_lockstep(load_scenario(name), Path(folder), 1, progress, make=Measured)
+            record(Job(load_scenario(name), 1, Measured, Path(folder), progress=progress))
     ordinary = [one for one in measured if one[1]]
     late = [one for one in measured if not one[1]]
     found = measure_sizes(target)

@@ -26,9 +26,7 @@ from typing import Any
 
 from firmware_py.interface.addresses import bus_id
 from firmware_py.shell.parameters import addresses_from
-from hil.bench import beginning
-from hil.bench.ending import Outcome, ending_with_a_verdict
-from hil.bench.lockstep import Progress, simulate
+from hil.bench.ending import ending_with_a_verdict
 from hil.bench.options import RunOptions, prepare
 from hil.bench.supervision import BASELINE, Supervision, again_name, plan_of
 from hil.bus import Bus, BusCounters, ProvidedBus, join, join_in_turns, provide, shared
@@ -36,12 +34,17 @@ from hil.bus.addressed import addressed
 from hil.bus.hub_socket import TurnSocket
 from hil.faults.fault import FAULTS_ACTED, effects_of, of_a_node
 from hil.faults.line import FaultyBus
-from hil.faults.on_process import FIRMWARE, ProcessFault
+from hil.faults.on_process import ProcessFault
 from hil.faults.processes import ProcessFaults
 from hil.judge.verdict import RunVerdict
-from hil.nodes.runners import OperatorRunner, Pace
+from hil.nodes.runners import OperatorRunner, Pace, traces_in
 from hil.record import run_folder
 from hil.record.traces.own_trace import NONE
+from hil.roster import FIRMWARE
+from hil.runs import beginning
+from hil.runs.job import Job, Progress
+from hil.runs.outcome import Outcome
+from hil.runs.recording import simulate
 from hil.scenario.operator import OPERATOR_PERIOD_S, RECEIVED_IDS
 from hil.scenario.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
 from hil.show.window import WINDOW, in_own_network
@@ -91,7 +94,7 @@ def run_scenario(
         run_folder.note(run_dir, firmware=options.firmware)
         with ending_with_a_verdict(run_dir, options.only_if_failed, options.of_a_suite) as ending:
             if in_lockstep:
-                simulate(scenario, run_dir, seed, ending.outcome, progress, options.firmware)
+                simulate(Job(scenario, seed, options.firmware, run_dir, ending.outcome, progress))
             else:
                 ProcessesRun(scenario, options, run_dir, seed, ending.outcome, progress).run()
             progress(1.0, "writing log and verdict")
@@ -176,7 +179,8 @@ class ProcessesRun:
             pace = Pace(self.scenario.period_s, self.scenario.duration_s)
             faults = of_a_node(self.scenario.faults)
             line = FaultyBus(operator_bus, "operator", faults, self.seed, self.scenario.period_s)
-            operator = OperatorRunner(self.scenario.commands, pace, line, self.run_dir)
+            traces = traces_in(self.run_dir, pace)
+            operator = OperatorRunner(self.scenario.commands, pace, line, traces)
             stack.callback(operator.close)
             settle_garbage()
             stack.callback(gc.unfreeze)

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from hil.bench.sent_decisions import write_firmware_trace
 from hil.bench.verdict import KILLED, failed_for, finish, prejudge, write
@@ -26,40 +25,13 @@ from hil.record.run_faults import with_effects
 from hil.record.run_traces import CAN_LOG, read_scenario
 from hil.record.traces import trace
 from hil.record.traces.own_trace import is_build
+from hil.runs.outcome import Outcome
 from hil.timing.processes import ChildError, ChildRefusalError
 from hil.timing.signals import Interrupted, ending_signals, interruption
 
 NOT_SHARED = (*OWN_BUSES, "in-process")
 """Buses, by their names in run.json, that are made for one run alone."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-
-
-@dataclass
-class Outcome:
-    """The end of a run, as stored in outcome.json."""
-
-    wall_s: float = 0.0
-    """Elapsed time from the start to the end of the loops."""
-    reasons: list[str] = field(default_factory=list)
-    """Reasons why the run fails regardless of its checks, one sentence each."""
-    faults_acted: list[int | None] = field(default_factory=list)
-    """What each fault of the script acted on: frames, readings, ticks or starts; kept in run.json."""
-    not_judged: list[str] = field(default_factory=list)
-    """Reasons why the run proves nothing, one sentence each; it is not judged unless it fails."""
-    held_s: float | None = None
-    """Time for which the host held the run up; None where time was not held."""
-    own_late_s: float | None = None
-    """Time for which nodes held the run up by their own work."""
-    holds: list[dict[str, Any]] = field(default_factory=list)
-    """The holds, as of `hil.timing.pacemaker.Hold`."""
-    cut_s: float | None = None
-    """Time at which a run was ended because a process, `cut_by`, was held up for too long."""
-    cut_by: str | None = None
-    baseline_overruns: int | None = None
-    memory_growth_mb: dict[str, float] = field(default_factory=dict)
-    """Growth by process after it has settled, in runs that are long enough."""
-    memory_watched_s: float = 0.0
-    """Time over which the growth was measured."""
 
 
 def was_cut_short(verdict: RunVerdict) -> bool:

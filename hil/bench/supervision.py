@@ -8,10 +8,10 @@ import signal
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from hil.bench.ending import Outcome
-from hil.bench.lockstep import Progress
-from hil.faults.on_process import FIRMWARE, PLANT
 from hil.faults.processes import ProcessFaults
+from hil.roster import ROSTER
+from hil.runs.job import Progress
+from hil.runs.outcome import Outcome
 from hil.scenario.operator import OPERATOR_PERIOD_S
 from hil.scenario.scenario import Scenario
 from hil.timing.clock import NS_PER_S
@@ -46,10 +46,8 @@ def plan_of(scenario: Scenario, t0_ns: int) -> Plan:
         for at_s, process, start_s in faults.restarts()
     }
     takes = [Takes(Member.OPERATOR, due_ns=period_ns // 4)]
-    for process, member, offset_ns in (
-        (PLANT, Member.PLANT, 0),
-        (FIRMWARE, Member.FIRMWARE, period_ns // 2),
-    ):
+    for process, phase in ((node.name, node.phase) for node in ROSTER if node.is_process):
+        member, offset_ns = Member[process.upper()], round(phase * period_ns)
         absent = faults.absences(process, period_s, ticks)
         if process in restarted:
             again = [(0, restarted[process][1]), *absent]

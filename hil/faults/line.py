@@ -12,7 +12,7 @@ from firmware_py.interface.frame import Frame
 from hil.bus.base import MAX_BURST, NodeBus
 from hil.faults.fault import Fault
 from hil.faults.on_bus import LineFault, Step
-from hil.faults.on_process import PLANT
+from hil.roster import PLANT
 
 MOST_HELD_FRAMES = 100_000
 """Largest number of frames that a fault may hold back: a minute of one frame, and its copies."""

@@ -3,14 +3,15 @@
 from collections import deque
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias
+from typing import Annotated, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
-from pydantic import Field, PrivateAttr, field_validator
+from pydantic import AfterValidator, Field, PrivateAttr, field_validator
 
 from firmware_py.interface.codec import CODECS
 from firmware_py.interface.frame import Frame
 from hil.faults.fault import TIME_RESOLUTION_S, Fault
+from hil.roster import as_choice, names
 from plant_sim.scene import Scene
 from plant_sim.sensors.sampled import SAMPLED
 from plant_sim.tables.quantities import Number
@@ -19,7 +20,15 @@ from plant_sim.validation_messages import nearest
 FRAME_IDS = {record.__name__: codec.can_id for record, codec in CODECS.items()}
 """Identifiers by the names that vibro.dbc gives the frames."""
 
-Node: TypeAlias = Literal["plant", "firmware", "operator"]
+
+def is_node(name: str) -> str:
+    """Raise ValueError if no node has this name."""
+    if name not in names():
+        raise ValueError(f"node = {name!r} is no node of the bench; give {as_choice(names())}")
+    return name
+
+
+Node: TypeAlias = Annotated[str, AfterValidator(is_node)]
 Share = Annotated[
     Number, Field(gt=0.0, le=1.0, description="the share of frames or readings hit, chosen at random, 0…1")
 ]

@@ -2,16 +2,24 @@
 
 import signal
 from collections.abc import Sequence
-from typing import ClassVar, Literal, NamedTuple, TypeAlias
+from typing import Annotated, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from hil.faults.fault import Fault
+from hil.roster import FIRMWARE, as_choice, processes
 from plant_sim.scene import Scene
 
-Process: TypeAlias = Literal["plant", "firmware"]
-PLANT, FIRMWARE = "plant", "firmware"
+
+def is_process(name: str) -> str:
+    """Raise ValueError if no node with a process of its own has this name."""
+    if name not in processes():
+        raise ValueError(f"process = {name!r} is no process of the bench; give {as_choice(processes())}")
+    return name
+
+
+Process: TypeAlias = Annotated[str, AfterValidator(is_process)]
 
 
 class Signal(NamedTuple):

@@ -1,9 +1,10 @@
 """The closed loop of plant, drive, sensors, operator and firmware in one compiled call, tick by tick.
 
-`run` executes the same steps as `hil.bench.lockstep`, in the same order and with bit-identical results, while
+`run` executes the same steps as `hil.runs.lockstep`, in the same order and with bit-identical results, while
 no work in Python is required: no fault begins or ends, the bus is ideal, and the frames of operator and gait
-sensors are known in advance. It consists of the nodes' own pure steps (`hil.drive.node`, `hil.drive.reports`,
-`plant_sim.sensors.readings`, `firmware_py.node.tick`) and the plant's solver. Records are written as bytes
+sensors are known in advance. Where only the plant needs none, Python runs the others (`exchange`).
+It consists of the nodes' own pure steps (`hil.drive.node`, `hil.drive.reports`,
+`plant_sim.sensors.readings`, `firmware_py.node.tick`) and the plant's solver. Records and frames are written
 into the caller's buffers.
 """
 
@@ -38,12 +39,12 @@ Vector = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 
+EXCHANGE_FAILED = -1
+"""Status of `run` in addition to the solver's: Python raised an exception."""
 MOST_RECEIVED = MOST_FRAMES + 1
 """Most frames to the firmware per tick: those of the plant's node, and a command."""
 NUMBER_BYTES = 8
 """Length of a number in the firmware's memory."""
-LINE_BYTES = 48
-"""Upper bound on the length of a line of can.log."""
 
 
 class Firmware(NamedTuple):
@@ -64,22 +65,24 @@ class Firmware(NamedTuple):
 
 
 class Buffers(NamedTuple):
-    """Buffers for the records of one call, and their numbers in `used`; an empty `can_log` receives no lines.
+    """Memory for the records of one call, and the numbers of what it holds in `used`.
 
-    `plant`: rows of numbers in the order of `PlantRecord`. `firmware`: packed rows, copied from the
-    firmware's memory by `moves` (rows of source, destination and length in bytes). `can_log`: lines.
+    `plant`: rows that begin with the numbers of `PlantRecord`; `plant_whole`: the same memory as integers.
+    `firmware`: packed rows, copied from the firmware's memory by `moves` (rows of source, destination and
+    length in bytes). `frames`: rows of time in µs, identifier, length and word; empty if they are not kept.
     """
 
     plant: Vector
+    plant_whole: Integers
     firmware: Bytes
     moves: Integers
-    can_log: Bytes
+    frames: Integers
     used: Integers
 
 
-TICKS, LOG_BYTES, TO_PLANT, COMMAND = range(4)
-"""Indices in `Buffers.used`: completed ticks, bytes of can.log, frames in transit to the plant, and the next
-row of the operator's frames."""
+TICKS, FRAMES, TO_PLANT, COMMAND, STOP = range(5)
+"""Indices in `Buffers.used`: completed ticks, frames on the bus, frames in transit to the plant, the next row
+of the operator's frames, and whether to stop after this tick."""
 
 
 class Bench(NamedTuple):
@@ -87,7 +90,10 @@ class Bench(NamedTuple):
 
     `period_ns`: duration of a tick. `to_plant`: frames in transit to the plant, rows of identifier, length
     and word. `commands`: the operator's frames, rows of tick, identifier, length and word, in order of time.
-    `noise`: four standard normals for each tick.
+    `noise`: four standard normals for each tick. `exchange`: 0, or the address of a function that runs all
+    nodes but the plant up to its next step: it receives the number of the plant's frames, rows of
+    `firmware.frames`, and returns the number of those in `to_plant`; if they are full it is called again,
+    with -1, for the others. A negative number ends the run.
     """
 
     period_s: float
@@ -101,6 +107,7 @@ class Bench(NamedTuple):
     to_plant: Integers
     firmware: Firmware
     buffers: Buffers
+    exchange: int
 
 
 @subroutine
@@ -117,55 +124,23 @@ def record_firmware(rows: Bytes, start: int, state: Bytes, moves: Integers) -> N
 
 
 @subroutine
-def hexadecimal(value: int) -> int:
-    """The character code of a hexadecimal digit."""
-    return 48 + value if value < 10 else 55 + value
-
-
-@subroutine
-def log_line(buffer: Bytes, start: int, t_us: int, frame: WordFrame) -> int:
-    """Write a line of can.log, `(seconds.micros) can0 ID#DATA`; returns the index after it."""
-    seconds, micros = t_us // 1_000_000, t_us % 1_000_000
-    buffer[start] = 40
-    digits, rest = 1, seconds
-    while rest >= 10:
-        digits, rest = digits + 1, rest // 10
-    for place in range(digits):
-        buffer[start + digits - place] = 48 + seconds % 10
-        seconds //= 10
-    start += digits + 1
-    buffer[start] = 46
-    for place in range(6):
-        buffer[start + 6 - place] = 48 + micros % 10
-        micros //= 10
-    start += 7
-    for character in (41, 32, 99, 97, 110, 48, 32):  # ") can0 "
-        buffer[start] = character
-        start += 1
-    for place in range(3):
-        buffer[start + place] = hexadecimal(frame.can_id >> (8 - 4 * place) & 15)
-    buffer[start + 3] = 35
-    start += 4
-    for place in range(frame.length):
-        byte = frame.word >> 8 * place & 255
-        buffer[start] = hexadecimal(byte >> 4)
-        buffer[start + 1] = hexadecimal(byte & 15)
-        start += 2
-    buffer[start] = 10
-    return start + 1
-
-
-@subroutine
 def log_frame(buffers: Buffers, t_us: int, frame: WordFrame) -> None:
-    """Write a line of can.log, if the log is kept."""
-    if buffers.can_log.size == 0:
+    """Write a frame's row, if frames are kept."""
+    frames, row = buffers.frames, buffers.used[FRAMES]
+    if frames.shape[0] == 0:
         return
-    buffers.used[LOG_BYTES] = log_line(buffers.can_log, buffers.used[LOG_BYTES], t_us, frame)
+    frames[row, 0], frames[row, 1], frames[row, 2], frames[row, 3] = (
+        t_us,
+        frame.can_id,
+        frame.length,
+        frame.word,
+    )
+    buffers.used[FRAMES] = row + 1
 
 
 @subroutine
 def log_rows(buffers: Buffers, t_us: int, rows: Integers, count: int) -> None:
-    """Write the lines of the first `count` frames in `rows`."""
+    """Write the rows of the first `count` frames in `rows`."""
     for row in range(count):
         log_frame(buffers, t_us, WordFrame(rows[row, 0], rows[row, 1], rows[row, 2]))
 
@@ -183,9 +158,19 @@ def plant_turn(bench: Bench, state: PlantState) -> tuple[PlantState, int, int]:
     sample = encoder_sample(state.drive, reading)
     state, count = publish(setup, bench.due, observed, state, reading, sample, bench.firmware.frames)
     log_rows(buffers, tick * bench.period_ns // 1000, bench.firmware.frames, count)
+    if bench.exchange != 0:
+        most = bench.to_plant.shape[0]
+        arrived = call_at(bench.exchange, (count,))
+        while arrived == most:
+            state = obey_frames(setup.drive, state, reading, omega_rad_s, bench.to_plant, most)
+            arrived = call_at(bench.exchange, (-1,))
+        if arrived < 0:
+            return state, count, EXCHANGE_FAILED
+        buffers.used[TO_PLANT] = arrived
     state = obey_frames(setup.drive, state, reading, omega_rad_s, bench.to_plant, buffers.used[TO_PLANT])
     buffers.used[TO_PLANT] = 0
-    record_plant(buffers.plant[row], tick * bench.period_s, observed, state, reading)
+    whole = buffers.plant_whole[row]
+    record_plant(buffers.plant[row], whole, tick * bench.period_s, observed, state, reading)
     drive, status = move_on(bench.module, setup.drive, state.drive, state.torque_n_m, bench.period_s)
     return state._replace(drive=drive), count, status
 
@@ -217,12 +202,11 @@ def firmware_turn(bench: Bench, tick: int, count: int) -> None:
         buffers.used[TO_PLANT] = put(bench.to_plant, buffers.used[TO_PLANT], frame)
     row = buffers.used[TICKS]
     record_firmware(buffers.firmware, row * firmware.record_bytes, firmware.state_bytes, buffers.moves)
-    buffers.used[TICKS] = row + 1
 
 
 @kernel
 def run(bench: Bench, state: PlantState, ticks: int) -> tuple[PlantState, int]:
-    """Run `ticks`; return the plant's state and the solver's status.
+    """Run `ticks`; return the plant's state and the status: the solver's, or EXCHANGE_FAILED.
 
     After a failure the state is that of the failed tick.
     """
@@ -230,7 +214,11 @@ def run(bench: Bench, state: PlantState, ticks: int) -> tuple[PlantState, int]:
         state, count, status = plant_turn(bench, state)
         if status != DONE:
             return state, status
-        count = operator_turn(bench, state.tick, count)
-        firmware_turn(bench, state.tick, count)
+        if bench.exchange == 0:
+            count = operator_turn(bench, state.tick, count)
+            firmware_turn(bench, state.tick, count)
+        bench.buffers.used[TICKS] += 1
         state = state._replace(tick=state.tick + 1)
+        if bench.buffers.used[STOP] != 0:
+            break
     return state, DONE

@@ -22,14 +22,14 @@ from hil.faults.clocks import ClockFaults, Runner, Turns, in_turns
 from hil.faults.fault import FAULTS_ACTED, Fault, effects_of, of_a_node
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
-from hil.faults.on_process import FIRMWARE, PLANT
 from hil.nodes.own_controller import runner_of
 from hil.nodes.plant import ACCEPTED_IDS
-from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
+from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner, traces_in
 from hil.nodes.warm import warm_firmware, warm_plant
 from hil.record.run_folder import VERDICT, RunFolderError
 from hil.record.traces.own_trace import is_build
 from hil.record.traces.trace import bring_home
+from hil.roster import FIRMWARE, PLANT
 from hil.scenario.operator import RECEIVED_IDS, OperatorNode
 from hil.scenario.scenario import load_scenario, refuse_other_periods
 from hil.scenario.settings import apply_settings
@@ -151,8 +151,8 @@ def firmware_main(scenario: str | None, settings: Sequence[str], process: NodePr
 
     def make(pace: Pace, bus: FaultyBus) -> FirmwareRunner:
         memory = ParameterMemory(parameters, faults, process.seed)
-        out_dir, say = process.out_dir, partial(print, file=sys.stderr)
-        return make_runner(memory, pace, bus, out_dir, walks, say=say)
+        traces, say = traces_in(process.out_dir, pace), partial(print, file=sys.stderr)
+        return make_runner(memory, pace, bus, traces, walks, say=say)
 
     process.run(FIRMWARE, make, period_s, 0.5, received.RECEIVED_IDS, addresses_from(parameters), faults)
 
@@ -168,7 +168,8 @@ def plant_main(scenario: str, settings: Sequence[str], process: NodeProcess) -> 
     faults = of_a_node(loaded.faults)
 
     def make(pace: Pace, bus: FaultyBus) -> PlantRunner:
-        return PlantRunner(loaded.scene, process.seed, pace, bus, process.out_dir, faults, places.drive_node)
+        traces = traces_in(process.out_dir, pace)
+        return PlantRunner(loaded.scene, process.seed, pace, bus, traces, faults, places.drive_node)
 
     process.run(PLANT, make, loaded.period_s, 0.0, ACCEPTED_IDS, places, faults)
 

@@ -21,11 +21,12 @@ from typing import Any, NamedTuple, Protocol, cast
 from firmware_py.core.config import Config
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.builds import Build, node_of
-from firmware_py.shell.node import power_up
+from firmware_py.shell.node import MakeNode, power_up
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
-from hil.nodes.runners import FirmwareRunner, Pace
-from hil.record.traces.own_trace import OwnTrace, is_build, refuse_state
+from hil.nodes.runners import FirmwareRunner, Making, Pace
+from hil.record.traces.own_trace import OWN, OwnTrace, is_build, own_fields, refuse_state
+from hil.record.traces.trace import OpenTrace
 from text_input import TextInputError
 
 Tick = Callable[[Config, Any, Sequence[Frame]], tuple[Any, Sequence[Frame]]]
@@ -112,21 +113,22 @@ class OwnRunner(FirmwareRunner):
         memory: ParameterMemory,
         pace: Pace,
         bus: FaultyBus,
-        out_dir: Path | None,
+        traces: OpenTrace,
         walks: bool = True,
-        say: Callable[[str], None] | None = None,
+        say: Callable[[str], object] = lambda _: None,
     ) -> None:
         """The arguments after `file` are those of `FirmwareRunner`."""
         self._file = file
-        super().__init__(memory, pace, bus, out_dir, walks, say=say)
+        super().__init__(memory, pace, bus, traces, walks, say=say)
 
     def make_node(self, parameter_file: str) -> OwnController:
         """The controller after power-up."""
         return power_up(parameter_file, self.memory.of_the_build, partial(OwnController, self._file))
 
-    def open_trace(self, out_dir: Path, walks: bool, pace: Pace) -> OwnTrace:
-        """The trace of the controller's state."""
-        return OwnTrace(out_dir, type(self._file.initial), pace.expected_records, pace.first_tick > 0)
+    def open_trace(self, traces: OpenTrace, walks: bool) -> OwnTrace | None:
+        """The trace of the controller's state; None if it is not kept."""
+        writer = traces(OWN, own_fields(type(self._file.initial)), is_ticked=True)
+        return None if writer is None else OwnTrace(writer)
 
 
 class MakeRunner(Protocol):
@@ -137,9 +139,9 @@ class MakeRunner(Protocol):
         memory: ParameterMemory,
         pace: Pace,
         bus: Any,
-        out_dir: Path | None,
+        traces: OpenTrace,
         walks: bool = True,
-        say: Callable[[str], None] | None = None,
+        say: Callable[[str], object] = lambda _: None,
     ) -> FirmwareRunner:
         """The arguments are those of `FirmwareRunner`."""
 
@@ -151,8 +153,21 @@ def node_maker(firmware: str) -> Callable[[Config], Any]:
     return partial(OwnController, load_own(firmware))
 
 
-def runner_of(firmware: str) -> MakeRunner:
-    """What makes the runner of a build of the firmware, or of `FILE.py:FUNCTION`. Raises TextInputError."""
+def runner_of(firmware: str | MakeNode) -> MakeRunner:
+    """What makes the runner of a build of the firmware, of `FILE.py:FUNCTION`, or of a function's nodes.
+
+    Raises TextInputError.
+    """
+    if callable(firmware):
+        return partial(FirmwareRunner, make=firmware)
     if is_build(firmware):
         return partial(FirmwareRunner, make=node_of(cast(Build, firmware)))
     return partial(OwnRunner, load_own(firmware))
+
+
+def make_firmware(making: Making) -> FirmwareRunner:
+    """The firmware's runner, of the bench's own or of a user's. Raises TextInputError."""
+    scenario, seed, pace, bus, faults, traces, firmware, say = making
+    memory = ParameterMemory(scenario.parameters, faults, seed)
+    walks = scenario.scene.gait is not None
+    return runner_of(firmware)(memory, pace, bus, traces, walks, say=say)

@@ -192,6 +192,11 @@ class PlantNode:
         ]
         return np.array(frames, dtype=np.int64).reshape(-1, 4)
 
+    def note_requests(self, frames: Sequence[Frame]) -> bool:
+        """Note the requests of clients among frames, which `publish` answers; whether there are any."""
+        self._requests += [frame.can_id for frame in frames if not frame.data and frame.can_id in REQUEST_IDS]
+        return bool(self._requests)
+
     def publish(self) -> list[Frame]:
         """The frames of tick k: sensor samples, at most one further report of the drive, and answers."""
         self.act()
@@ -269,8 +274,7 @@ class PlantNode:
         for frame in frames:
             drive, was_read = obey(config, drive, word_frame(frame), self._reading.encoder_position_rev)
             rejected += not was_read
-            if not frame.data and frame.can_id in REQUEST_IDS:
-                self._requests.append(frame.can_id)
+        self.note_requests(frames)
         torque_n_m = axis.torque_n_m(config, drive, self.plant.now.omega_rad_s)
         self.state = PlantState(state.tick, state.counter, state.reports, drive, torque_n_m, rejected)
 

@@ -189,14 +189,15 @@ def move_on(
 
 @subroutine
 def record_plant(
-    row: Vector, t_s: float, observed: Vector, state: PlantState, reading: SensorReading
+    row: Vector, whole: Integers, t_s: float, observed: Vector, state: PlantState, reading: SensorReading
 ) -> None:
-    """Write a tick's numbers in the order of `PlantRecord`, before the module moves."""
-    row[0], row[1] = state.tick, t_s
-    for which in range(observed.size):
+    """Write a tick's record as of `PlantRecord`, before the module moves; `whole`: `row` as integers."""
+    whole[0], row[1] = state.tick, t_s
+    for which in range(observed.size - 1):
         row[2 + which] = observed[which]
+    whole[1 + observed.size] = int(observed[observed.size - 1])  # the phase
     place, servo = 2 + observed.size, state.drive.axis
-    row[place], row[place + 1], row[place + 2] = state.torque_n_m, servo.state.value, servo.errors
+    row[place], whole[place + 1], whole[place + 2] = state.torque_n_m, servo.state.value, servo.errors
     row[place + 3], row[place + 4] = reading.striker_low_m_s2, reading.striker_high_m_s2
     row[place + 5], row[place + 6] = reading.housing_m_s2, reading.encoder_position_rev
     row[place + 7] = reading.encoder_velocity_rev_s

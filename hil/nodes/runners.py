@@ -1,6 +1,6 @@
 """Runners connect the bench's nodes to bus and trace; a loop calls them in each tick, on every clock."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,15 +9,16 @@ from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import SetInputTorque
 from firmware_py.shell.node import FirmwareNode, MakeNode, power_up
+from firmware_py.shell.parameters import addresses_from
 from hil.faults.fault import Fault
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
 from hil.nodes.plant import PlantNode
-from hil.record.new_file import append_line
-from hil.record.traces.firmware_trace import FirmwareTrace
+from hil.record.traces.firmware_trace import FirmwareTrace, fields_of
 from hil.record.traces.plant_trace import PlantRecord
-from hil.record.traces.trace import TraceWriter
+from hil.record.traces.trace import Fields, OpenTrace, TraceWriter, no_trace
 from hil.scenario.operator import Command, OperatorNode, OperatorRecord
+from hil.scenario.scenario import Scenario
 from hil.timing.loop import LoopTiming
 from plant_sim.result import Impact
 from plant_sim.scene import Scene
@@ -45,6 +46,35 @@ class Pace(NamedTuple):
         return 0 if self.first_tick > 0 else self.ticks or 0
 
 
+class Making(NamedTuple):
+    """What a node's runner is made from."""
+
+    scenario: Scenario
+    seed: int
+    pace: Pace
+    bus: FaultyBus
+    faults: Sequence[Fault]
+    """The script's faults for this node."""
+    traces: OpenTrace = no_trace
+    firmware: str | MakeNode = "compiled"
+    """The build of the firmware, or a user's controller as `FILE.py:FUNCTION`, or what makes its node."""
+    say: Callable[[str], object] = lambda _: None
+    """Receives what the node reports to a person."""
+
+
+def traces_in(folder: Path | None, pace: Pace) -> OpenTrace:
+    """What opens the traces of a process in `folder`; a process that replaces another continues them."""
+    if folder is None:
+        return no_trace
+
+    def opened(name: str, fields: Fields, is_ticked: bool = False) -> TraceWriter:
+        expected = pace.expected_records if is_ticked else 0
+        path = folder / f"{name}.trace"
+        return TraceWriter(path, fields, expected, pace.first_tick > 0, pace.is_timed)
+
+    return opened
+
+
 class PlantRunner:
     """The plant's node at t_k: publish, obey the frames that have arrived, advance."""
 
@@ -54,7 +84,7 @@ class PlantRunner:
         seed: int,
         pace: Pace,
         bus: FaultyBus,
-        out_dir: Path | None,
+        traces: OpenTrace = no_trace,
         faults: Sequence[Fault] = (),
         node_id: int = 0,
     ) -> None:
@@ -64,15 +94,9 @@ class PlantRunner:
         )
         self.node = self._make_node(pace.first_tick)
         self.bus = bus
-        self.trace: TraceWriter | None = None
-        if out_dir is not None:
-            gait = [("gait", GaitTruth)] if scene.gait is not None else []
-            fields = [("", PlantRecord), *gait, ("", LoopTiming)]
-            again = pace.first_tick > 0
-            self.trace = TraceWriter(
-                out_dir / "plant.trace", fields, pace.expected_records, again, pace.is_timed
-            )
-            self._impacts = TraceWriter(out_dir / "impacts.trace", [("", Impact)], resume=again)
+        gait = [("gait", GaitTruth)] if scene.gait is not None else []
+        self._trace = traces("plant", [("", PlantRecord), *gait, ("", LoopTiming)], is_ticked=True)
+        self._impacts = traces("impacts", [("", Impact)])
 
     def restart(self, tick: int) -> None:
         """Replace the node by a new one whose first tick is `tick`."""
@@ -90,15 +114,12 @@ class PlantRunner:
     def record(self, _: int, timing: LoopTiming) -> None:
         """Append the tick's records."""
         impacts = self.node.take_impacts()
-        if self.trace is not None:
+        if self._trace is not None:
             gait = () if self.node.gait is None else (self.node.gait,)
-            self.trace.append(self.node.record, *gait, timing)
-            self.record_impacts(impacts)
-
-    def record_impacts(self, impacts: Iterable[Impact]) -> None:
-        """Append impacts, with times from the start of the run."""
-        for impact in impacts:
-            self._impacts.append(impact)
+            self._trace.append(self.node.record, *gait, timing)
+        if self._impacts is not None:
+            for impact in impacts:
+                self._impacts.append(impact)
 
     def last_frames(self) -> list[Frame]:
         """The frames that the plant sends last, when it ends: none."""
@@ -107,13 +128,20 @@ class PlantRunner:
     @property
     def lost_records(self) -> int:
         """Records for which the disk had no room."""
-        return 0 if self.trace is None else self.trace.lost + self._impacts.lost
+        return sum(trace.lost for trace in (self._trace, self._impacts) if trace is not None)
 
     def close(self) -> None:
         """Close the traces."""
-        if self.trace is not None:
-            self.trace.close()
-            self._impacts.close()
+        for trace in (self._trace, self._impacts):
+            if trace is not None:
+                trace.close()
+
+
+def make_plant(making: Making) -> PlantRunner:
+    """The plant's runner."""
+    scenario, seed, pace, bus, faults, traces, *_ = making
+    node_id = addresses_from(scenario.parameters).drive_node
+    return PlantRunner(scenario.scene, seed, pace, bus, traces, faults, node_id)
 
 
 class FirmwareRunner:
@@ -124,32 +152,28 @@ class FirmwareRunner:
         memory: ParameterMemory,
         pace: Pace,
         bus: FaultyBus,
-        out_dir: Path | None,
+        traces: OpenTrace = no_trace,
         walks: bool = True,
         make: MakeNode = FirmwareNode,
-        say: Callable[[str], None] | None = None,
+        say: Callable[[str], object] = lambda _: None,
     ) -> None:
-        """`say` receives the reason for which a parameter file is refused.
-
-        By default it is written to `firmware.log` in `out_dir`, the file with the errors of the firmware's
-        process in real time.
-        """
+        """`say` receives the reason for which a parameter file is refused."""
         self.bus = bus
         self.memory = memory
         self._make = make
-        self._say = say or partial(_write_line, out_dir)
+        self._say = say
         self._period_s = pace.period_s
         self._power_up(pace.first_tick)
-        self.trace = None if out_dir is None else self.open_trace(out_dir, walks, pace)
+        self.trace = self.open_trace(traces, walks)
 
     def make_node(self, parameter_file: str) -> Any:
         """The node after power-up with the content of a parameter file."""
         return power_up(parameter_file, self.memory.of_the_build, self._make)
 
-    def open_trace(self, out_dir: Path, walks: bool, pace: Pace) -> Any:
-        """The trace of the node's signals."""
-        again, expected = pace.first_tick > 0, pace.expected_records
-        return FirmwareTrace(out_dir / "firmware.trace", walks, expected, again, pace.is_timed)
+    def open_trace(self, traces: OpenTrace, walks: bool) -> Any:
+        """The trace of the node's signals; None if it is not kept."""
+        writer = traces("firmware", fields_of(walks), is_ticked=True)
+        return None if writer is None else FirmwareTrace(writer, walks)
 
     def _power_up(self, tick: int) -> None:
         self.last_tick = tick - 1
@@ -187,20 +211,15 @@ class FirmwareRunner:
             self.trace.writer.close()
 
 
-def _write_line(out_dir: Path | None, line: str) -> None:
-    if out_dir is not None:
-        append_line(out_dir / "firmware.log", line)
-
-
 class OperatorRunner:
     """The operator's node; call `step` in tick `due_tick`."""
 
-    def __init__(self, commands: Sequence[Command], pace: Pace, bus: FaultyBus, out_dir: Path | None) -> None:
-        self.node = OperatorNode(commands, pace.period_s, is_recorded=out_dir is not None)
+    def __init__(
+        self, commands: Sequence[Command], pace: Pace, bus: FaultyBus, traces: OpenTrace = no_trace
+    ) -> None:
+        self._trace = traces("operator", [("", OperatorRecord)])
+        self.node = OperatorNode(commands, pace.period_s, is_recorded=self._trace is not None)
         self.bus = bus
-        self._trace: TraceWriter | None = None
-        if out_dir is not None:
-            self._trace = TraceWriter(out_dir / "operator.trace", [("", OperatorRecord)])
 
     @property
     def due_tick(self) -> int:
@@ -222,3 +241,8 @@ class OperatorRunner:
         """Close the trace."""
         if self._trace is not None:
             self._trace.close()
+
+
+def make_operator(making: Making) -> OperatorRunner:
+    """The operator's runner."""
+    return OperatorRunner(making.scenario.commands, making.pace, making.bus, making.traces)

@@ -22,8 +22,6 @@ RUN_NOTE, SUITE_NOTE = "run.json", "suite.json"
 VERDICT = "verdict.json"
 RESULTS = (VERDICT, SUITE_NOTE)
 RESERVE = "reserve"
-WARM_UP = "warm-up"
-"""Subfolder of the short run that compiles and loads all code in advance."""
 RESERVE_BYTES = 2 << 20
 """Disk space reserved for verdict, JUnit and outcome in case a run fills the disk."""
 MADE_BY = "made_by"
@@ -227,11 +225,6 @@ def discard_unused(run_dir: Path, below: Path) -> bool:
 
 def clear(run_dir: Path, keep: tuple[str, ...] = ()) -> None:
     """Remove the files that a run writes, except `keep`."""
-    warm_up = run_dir / WARM_UP
-    if warm_up.is_symlink():
-        warm_up.unlink()
-    elif warm_up.is_dir():
-        discard(warm_up)
     for name in set(MADE_BY_A_RUN) - set(keep):
         path = run_dir / name
         if path.is_symlink() and trace.is_elsewhere(path):

@@ -9,10 +9,9 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from hil.bench import beginning, workers
+from hil.bench import workers
 from hil.bench.bench import run_scenario
-from hil.bench.ending import Outcome, close, is_verdict, reason_of, was_cut_short
-from hil.bench.lockstep import Progress, silent
+from hil.bench.ending import close, is_verdict, reason_of, was_cut_short
 from hil.bench.options import RunOptions, prepare
 from hil.bench.verdict import KILLED, without_records
 from hil.judge import junit, requirements
@@ -21,6 +20,9 @@ from hil.judge.verdict import RunVerdict, Verdict, read_verdict, worst
 from hil.record import formats, run_folder
 from hil.record.new_file import write_anew
 from hil.record.run_traces import read_json
+from hil.runs import beginning
+from hil.runs.job import Progress, silent
+from hil.runs.outcome import Outcome
 from hil.scenario.files import ScenarioError, scenario_names, sources_in
 from hil.scenario.scenario import Scenario, load_scenario
 from hil.scenario.seeds import delay_faults

@@ -1,27 +1,22 @@
 """Run a scenario in closed loop and keep its impacts, detections and modes for the judges."""
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.lib.recfunctions import structured_to_unstructured
 from numpy.typing import NDArray
 
 from firmware_py.interface.enums import Fault, Mode
-from firmware_py.shell.builds import NATIVE, Build
-from hil.bench.lockstep import run_lockstep
-from hil.bench.stretches import records_of
-from hil.record.traces.firmware_trace import columns_of
+from firmware_py.shell.builds import Build
 from hil.record.traces.plant_trace import PlantRecord
-from hil.record.traces.trace import read
+from hil.runs.job import Job
+from hil.runs.segments import segments
 from hil.scenario.scenario import Scenario
 from plant_sim.arrays import FloatArray
-from plant_sim.kernels import IS_INTERPRETED
 from plant_sim.parts.parts import Parts
+from plant_sim.result import Impact
 
 SIGNALS = (
     "outputs.mode",
@@ -39,8 +34,8 @@ SIGNALS = (
     "state.gait.phase",
 )
 """Signals of the firmware that are kept in every tick for the judges."""
-Kept = tuple[FloatArray, NDArray[np.void], NDArray[np.void]]
-"""The truth and the kept signals of the firmware, a row a tick each, and the true impacts."""
+EVENTS = ("outputs.impact", "outputs.period_ended")
+"""Those that are true in the tick of an event alone."""
 
 
 class ModeChange(NamedTuple):
@@ -53,20 +48,20 @@ class ModeChange(NamedTuple):
 
 @dataclass(frozen=True)
 class Run:
-    """A finished run: the truth and the firmware's kept signals, a row a tick each, and the true impacts.
+    """A finished run: the truth and the firmware's kept signals, a record a tick each, and the true impacts.
 
-    Impacts: records as `Impact`, oldest first.
+    `plant`: records with the columns of `PlantRecord`. `impacts`: as `Impact`, oldest first.
     """
 
     parts: Parts
     tick_s: float
-    plant: FloatArray
+    plant: NDArray[np.void]
     firmware: NDArray[np.void]
     impacts: NDArray[np.void]
 
     def true(self, name: str) -> FloatArray:
         """Return a column of the truth by its name in `PlantRecord`, shape (ticks,)."""
-        return self.plant[:, PlantRecord._fields.index(name)]
+        return np.asarray(self.plant[name], np.float64)
 
     @cached_property
     def modes(self) -> list[ModeChange]:
@@ -109,45 +104,55 @@ class Run:
         return (ticks + 1.0) * self.tick_s
 
 
+class TickedRows:
+    """The records of a trace at their ticks; a tick in which the node did not run repeats those before."""
+
+    def __init__(self, ticks: int) -> None:
+        self._has_run = np.zeros(ticks, bool)
+        self._rows: NDArray[np.void] | None = None
+
+    def add(self, records: NDArray[np.void]) -> None:
+        """Place records."""
+        if self._rows is None:
+            self._rows = np.zeros(len(self._has_run), records.dtype)
+        ticks = records["tick"].copy()
+        first = int(ticks[0]) if len(ticks) else 0
+        end = first + len(ticks)
+        if end <= len(self._rows) and np.array_equal(ticks, np.arange(first, end)):
+            # As bytes: numpy copies records column by column.
+            self._rows[first:end].view(np.uint8)[:] = records.view(np.uint8)
+        else:
+            is_within = ticks < len(self._rows)  # a clock that is ahead passes the end
+            ticks = ticks[is_within]
+            self._rows[ticks] = records[is_within]
+        self._has_run[ticks] = True
+
+    def rows(self) -> NDArray[np.void]:
+        """A record for each tick."""
+        assert self._rows is not None
+        if np.all(self._has_run):
+            return self._rows
+        last = np.maximum.accumulate(np.where(self._has_run, np.arange(len(self._has_run)), 0))
+        repeated: NDArray[np.void] = self._rows[last]
+        for name in set(EVENTS) & set(repeated.dtype.names or ()):
+            repeated[name][~self._has_run] = False
+        return repeated
+
+
 def run(scenario: Scenario, seed: int, more: Sequence[str] = (), firmware: Build = "compiled") -> Run:
     """Run a scenario from power-up on; `more` names signals to keep in addition to `SIGNALS`."""
-    is_steady = all(fault.is_steady for fault in scenario.faults)
-    is_compiled = firmware in NATIVE and not IS_INTERPRETED
-    kept = run_in_stretches if is_compiled and is_steady else run_in_a_folder
-    plant, known, impacts = kept(scenario, seed, columns_of([*SIGNALS, *more]), firmware)
+    kept = {"plant": PlantRecord._fields, "impacts": Impact._fields, "firmware": (*SIGNALS, *more)}
+    plant, known = TickedRows(scenario.ticks), TickedRows(scenario.ticks)
+    impacts: list[NDArray[np.void]] = []
+    for segment in segments(Job(scenario, seed, firmware, kept=kept)):
+        plant.add(segment.rows["plant"])
+        known.add(segment.rows["firmware"])
+        impacts.append(segment.rows["impacts"].copy())
+    found = np.concatenate(impacts)
     return Run(
         scenario.scene.parts(seed),
         scenario.period_s,
-        plant,
-        known,
-        impacts[np.argsort(impacts["t_s"], kind="stable")],
+        plant.rows(),
+        known.rows(),
+        found[np.argsort(found["t_s"], kind="stable")],
     )
-
-
-def run_in_stretches(scenario: Scenario, seed: int, columns: Any, firmware: Build) -> Kept:
-    """Run the scenario in the compiled closed loop, without a run folder."""
-    plant = np.empty((scenario.ticks, len(PlantRecord._fields)))
-    known = np.empty(scenario.ticks, columns)
-    impacts: list[NDArray[np.void]] = []
-    tick = 0
-    for records in records_of(scenario, seed, columns, firmware):
-        ticks = slice(tick, tick + len(records.plant))
-        plant[ticks], known[ticks] = records.plant, records.firmware
-        impacts.append(records.impacts.copy())
-        tick = ticks.stop
-    return plant, known, np.concatenate(impacts)
-
-
-def run_in_a_folder(scenario: Scenario, seed: int, columns: Any, firmware: Build) -> Kept:
-    """Run the scenario in lockstep and read its traces."""
-    with tempfile.TemporaryDirectory() as folder:
-        run_lockstep(scenario, Path(folder), seed, lambda *_: None, firmware)
-        plant, traced, impacts = (
-            read(Path(folder) / f"{name}.trace") for name in ("plant", "firmware", "impacts")
-        )
-    known = np.zeros(len(traced), columns)
-    for name in columns.names:
-        if name in (traced.dtype.names or ()):  # a run without a walker records no gait
-            known[name] = traced[name]
-    truth = structured_to_unstructured(plant[list(PlantRecord._fields)], np.float64)
-    return truth, known, impacts

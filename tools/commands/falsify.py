@@ -129,8 +129,8 @@ def result_of(
 ) -> dict[str, Any]:
     """The JSON object of a search, after its counterexample or its picture of margins has been written."""
     from hil.bench.bench import run_scenario
-    from hil.bench.lockstep import silent
     from hil.bench.options import RunOptions
+    from hil.runs.job import silent
     from hil.scenario.scenario import load_scenario
     from tools.falsify.counterexample import shrink, write
     from tools.falsify.pictures import plot_instant, plot_margins

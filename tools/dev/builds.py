@@ -40,11 +40,12 @@ from firmware_py.interface.frame import Frame
 from firmware_py.node.memory import FirmwareState
 from firmware_py.shell.builds import HERE, Build
 from firmware_py.shell.native import NativeNode, emitted_functions
-from firmware_py.shell.node import FirmwareNode
+from firmware_py.shell.node import FirmwareNode, MakeNode
 from hil.bench import workers
-from hil.bench.lockstep import run_lockstep, silent
 from hil.nodes.warm import warm_firmware, warm_plant
 from hil.record.traces.trace import read
+from hil.runs.job import Job
+from hil.runs.recording import record
 from hil.scenario.files import scenario_names
 from hil.scenario.scenario import Scenario, load_scenario
 from hil.suite.suite import PROCESSES
@@ -144,10 +145,10 @@ class Beside(FirmwareNode):
         return super().tick(frames_in, elapsed_ticks)
 
 
-def decide(scenario: Scenario, seed: int, **node: Any) -> Decisions:
+def decide(scenario: Scenario, seed: int, firmware: str | MakeNode) -> Decisions:
     """Decisions of a run on a node; DifferentBytesError if it is `Beside` and the other two nodes differ."""
     with tempfile.TemporaryDirectory() as folder:
-        run_lockstep(scenario, Path(folder), seed, silent, **node)
+        record(Job(scenario, seed, firmware, Path(folder)))
         return decisions_of(read(Path(folder) / "firmware.trace"))
 
 
@@ -156,8 +157,8 @@ def difference(name: str, seed: int) -> str:
     scenario = load_scenario(name)
     warm_plant(scenario.scene)
     try:
-        of_python = decide(scenario, seed, make=Beside)
-        found = differences(of_python, decide(scenario, seed, build="compiled"))
+        of_python = decide(scenario, seed, Beside)
+        found = differences(of_python, decide(scenario, seed, "compiled"))
     except DifferentBytesError as error:
         return str(error)
     return f"{len(found)} decisions differ, first {found[0]}" if found else ""
@@ -168,7 +169,7 @@ def different_log(name: str, seed: int, board: Build) -> str:
     logs = []
     for build in (board, HERE[board]):
         with tempfile.TemporaryDirectory() as folder:
-            run_lockstep(load_scenario(name), Path(folder), seed, silent, build)
+            record(Job(load_scenario(name), seed, build, Path(folder)))
             logs.append((Path(folder) / "can.log").read_text().splitlines())
     pairs = enumerate(zip_longest(*logs, fillvalue="nothing"))
     return next((f"line {k}: {ours} here {here}" for k, (ours, here) in pairs if ours != here), "")

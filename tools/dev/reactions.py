@@ -28,11 +28,12 @@ from firmware_py.interface.generated.records import (
     SetInputTorque,
 )
 from hil.bench import workers
-from hil.bench.lockstep import run_lockstep, silent
 from hil.faults.kinds.flood import Flood
 from hil.record.bus_reconstruction import frames_of
 from hil.record.candump import BusLog
 from hil.record.run_traces import read_bus
+from hil.runs.job import Job
+from hil.runs.recording import record
 from hil.scenario.scenario import Scenario
 from hil.suite.suite import PROCESSES, Case, cases_of, scenarios_for
 from plant_sim.arrays import FloatArray
@@ -77,7 +78,7 @@ def find_latched(bus: BusLog) -> Fault | None:
 def run_case(case: Case) -> tuple[Fault | None, Reaction]:
     """Run a case; return the latched fault, None without one, and the reaction times."""
     case.run_dir.mkdir(parents=True)
-    run_lockstep(case.scenario, case.run_dir, case.seed, silent, "compiled")
+    record(Job(case.scenario, case.seed, folder=case.run_dir))
     bus = read_bus(case.run_dir / "can.log")
     shutil.rmtree(case.run_dir)
     return find_latched(bus), reaction(bus, min(fault.at_s for fault in case.scenario.faults))

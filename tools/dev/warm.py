@@ -2,7 +2,6 @@
 
 import argparse
 import compileall
-import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -15,7 +14,8 @@ import numpy as np
 from compilation import PACKAGES
 from compilation.kernel_cache import root
 from firmware_py.builds.compiled import kernels
-from hil.bench.lockstep import warm_lockstep
+from hil.runs.job import Job
+from hil.runs.recording import warm_lockstep
 from hil.scenario.scenario import load_scenario
 from hil.timing.realtime import collect_rarely
 from plant_sim.scene import load_scene, read_scene
@@ -58,8 +58,7 @@ def warm_firmware() -> None:
 
 def warm_loop() -> None:
     """Compile what couples firmware and plant."""
-    with tempfile.TemporaryDirectory() as folder:
-        warm_lockstep(load_scenario(DEFAULT_SCENARIO), "compiled", Path(folder))
+    warm_lockstep(Job(load_scenario(DEFAULT_SCENARIO), 1))
 
 
 def main() -> None:

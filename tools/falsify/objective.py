@@ -7,8 +7,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hil.bench.lockstep import faults_by_node, run_lockstep, silent
-from hil.faults.fault import effects_of
 from hil.judge.checks import Check
 from hil.judge.figures.records import CATALOGUE, Origin
 from hil.judge.judge import judge
@@ -16,6 +14,8 @@ from hil.judge.verdict import CheckResult, RunVerdict, Verdict
 from hil.record.candump import NO_BUS, StoredBus
 from hil.record.run_faults import with_effects
 from hil.record.run_traces import CAN_LOG, TRACES, RunTraces, read_trace
+from hil.runs.job import Job
+from hil.runs.recording import record
 from hil.scenario.scenario import Scenario
 from text_input import TextInputError
 from tools.falsify.space import Space
@@ -93,15 +93,15 @@ def judged(scenario: Scenario, run_dir: Path, checks: Sequence[Check]) -> tuple[
 
     The log of the bus is read only if one of `checks` needs it.
     """
-    faults = faults_by_node(scenario)
-    run_lockstep(scenario, run_dir, scenario.seed, silent, "compiled", faults=faults)
+    job = Job(scenario, scenario.seed, folder=run_dir)
+    record(job)
     note: dict[str, Any] = {
         "scenario": scenario.name,
         "clock": "lockstep",
         "period_s": scenario.period_s,
         "faults": [fault.as_record()._asdict() for fault in scenario.faults],
     }
-    note["faults"] = with_effects(note, effects_of(faults.values()))
+    note["faults"] = with_effects(note, job.outcome.faults_acted)
     needs_bus = any(one.expression is None and CATALOGUE[one.name].origin is Origin.LOG for one in checks)
     found: dict[str, Any] = {name: read_trace(run_dir / f"{name}.trace") for name in TRACES}
     traces = RunTraces(

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.bench.stretches import records_of
 from hil.nodes.warm import warm_firmware, warm_plant
-from hil.record.traces.firmware_trace import columns_of
+from hil.record.traces.plant_trace import PlantRecord
+from hil.runs.job import Job
+from hil.runs.segments import segments
 from hil.scenario.scenario import Scenario
 from plant_sim.kernels import jit
 from plant_sim.module import move
@@ -27,6 +28,7 @@ TICKS = 20_000
 SETTLE_TICKS = 10_000
 GAIN_N_M_S, START_N_M = 0.05, 0.04
 """Proportional gain of the speed, and the torque at speed."""
+KEPT = {"plant": PlantRecord._fields, "firmware": ("outputs.mode", "outputs.impact")}
 UNIT = "µs of processor per tick, called from compiled code"
 
 
@@ -78,8 +80,5 @@ def _plant_us(scenario: Scenario) -> float:
 
 def _loop_us(scenario: Scenario) -> float:
     begun = time.thread_time_ns()
-    ticks = sum(
-        len(records.plant)
-        for records in records_of(scenario, 1, columns_of(["outputs.mode", "outputs.impact"]), "compiled")
-    )
+    ticks = sum(len(segment.rows["plant"]) for segment in segments(Job(scenario, 1, kept=KEPT)))
     return (time.thread_time_ns() - begun) * 1e-3 / ticks

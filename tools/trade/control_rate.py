@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.shell.builds import Build
-from hil.bench.lockstep import in_lockstep, silent
 from hil.judge.checks import evaluate
 from hil.judge.figures.figures import figures_of
+from hil.runs.job import Job
+from hil.runs.recording import in_lockstep
 from hil.scenario.files import read_scenario
 from hil.scenario.scenario import Scenario, check_scenario
 from tools.trade.costs import Progress
@@ -60,7 +61,7 @@ def row(rate_hz: int, build: Build) -> dict[str, Any]:
     for _ in range(REPEATS):
         with tempfile.TemporaryDirectory() as folder:
             begun = time.thread_time_ns()
-            run_dir, _ = in_lockstep(scenario, Path(folder) / "run", 1, silent, build)
+            run_dir = in_lockstep(Job(scenario, 1, build, Path(folder) / "run"))
             times_us.append((time.thread_time_ns() - begun) * 1e-3)
             figures = figures_of(run_dir)
     error_m, v_error_m_s = figures.estimate.x_rmse_m, figures.estimate.v_rmse_m_s

@@ -15,11 +15,12 @@ from typing import Any
 import tomli_w
 
 from firmware_py.shell.parameters import ParameterError, with_overrides
-from hil.bench.lockstep import Progress, in_lockstep
 from hil.judge.judge import judge
 from hil.record.formats import PARAMETERS
 from hil.record.new_file import write_anew
 from hil.record.run_traces import read_run
+from hil.runs.job import Job, Progress
+from hil.runs.recording import in_lockstep
 from hil.scenario.differences import apply_differences
 from hil.scenario.files import read_scenario
 from hil.scenario.parameter_file import nest
@@ -79,7 +80,7 @@ def judge_scenario(
     except ParameterError as error:
         return SafetyResult(name, seed, False, str(error))
     with tempfile.TemporaryDirectory(prefix="vibrohil-tune-") as folder:
-        run_dir, _ = in_lockstep(scenario, Path(folder), seed, progress, "compiled")
+        run_dir = in_lockstep(Job(scenario, seed, folder=Path(folder), progress=progress))
         verdict = judge(read_run(run_dir), run_dir)
     return SafetyResult(name, seed, bool(verdict.passed), "; ".join(verdict.why_not_passed))
 

@@ -4,7 +4,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from hil.faults.on_process import FIRMWARE, ClockFault
+from hil.faults.on_process import ClockFault
+from hil.roster import FIRMWARE
 from plant_sim.tables.quantities import Duration
 
 

@@ -7,7 +7,8 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from hil.faults.fault import Fault
-from hil.faults.on_process import FIRMWARE, MemoryFault, ProcessFault
+from hil.faults.on_process import MemoryFault, ProcessFault
+from hil.roster import FIRMWARE
 from plant_sim.scene import Scene
 
 VALUE = re.compile(r"= (-?[0-9.e+-]+)$", re.MULTILINE)

@@ -3,7 +3,6 @@
 import struct
 from collections.abc import Sequence
 from operator import attrgetter
-from pathlib import Path
 from typing import Any, get_type_hints
 
 import numpy as np
@@ -15,7 +14,7 @@ from firmware_py.core.state import Outputs, State
 from firmware_py.interface.arrivals import Counters
 from firmware_py.node.tick import NodeState
 from firmware_py.shell.node import Node
-from hil.record.traces.trace import FieldType, TraceWriter
+from hil.record.traces.trace import FieldType, RecordWriter
 from hil.timing.loop import LoopTiming
 
 OF_A_WALK = ("gait", "gait_lock")
@@ -95,18 +94,12 @@ def fields_of(walks: bool) -> list[tuple[str, FieldType]]:
 class FirmwareTrace:
     """The firmware's trace; in a run without a gait it omits the signals that concern one."""
 
-    def __init__(
-        self,
-        path: Path,
-        walks: bool,
-        expected_records: int = 0,
-        resume: bool = False,
-        in_memory: bool = True,
-    ) -> None:
-        """The arguments after `walks` are those of `TraceWriter`."""
+    def __init__(self, writer: RecordWriter, walks: bool) -> None:
+        """`writer`: of records of `fields_of(walks)`, or of some of their columns."""
         self._blocks_of = attrgetter(*blocks_of(walks))
-        self.writer = TraceWriter(path, fields_of(walks), expected_records, resume, in_memory)
-        self._moves = moves_to(self.writer.dtype).tolist()
+        self.writer = writer
+        self._moves = moves_to(writer.dtype).tolist()
+        self._is_timed = "work_us" in (writer.dtype.names or ())
         self._node: Node | None = None
         self._parts: list[memoryview] = []
 
@@ -119,5 +112,5 @@ class FirmwareTrace:
         if node is not self._node:
             self._node, memory = node, memoryview(node.memory.view("u1"))  # type: ignore[arg-type]  # no buffer in numpy's stubs
             self._parts = [memory[start : start + length] for start, _, length in self._moves]
-        record = b"".join((HEAD.pack(tick, t_s), *self._parts, TAIL.pack(*timing)))
-        self.writer.append_bytes(memoryview(record))
+        tail = TAIL.pack(*timing) if self._is_timed else b""
+        self.writer.append_bytes(memoryview(b"".join((HEAD.pack(tick, t_s), *self._parts, tail))))

@@ -5,11 +5,10 @@ of the firmware's trace as far as frames on the bus give them; the others are Na
 and report are then those of any run. A controller that sends no heartbeat has no mode, and no tick counts.
 """
 
-from pathlib import Path
 from typing import Any, get_args
 
 from firmware_py.shell.builds import Build
-from hil.record.traces.trace import FieldType, TraceError, TraceWriter, flatten
+from hil.record.traces.trace import Fields, FieldType, RecordWriter, TraceError, flatten
 from hil.timing.loop import LoopTiming
 from text_input import TextInputError
 
@@ -17,7 +16,7 @@ NONE = "none"
 """In place of a build: no controller of the bench; another program on the bus is the controller."""
 OWN = "own"
 """Prefix of the signals of a user's controller."""
-OWN_TRACE = "own.trace"
+OWN_TRACE = f"{OWN}.trace"
 
 
 def is_build(firmware: str) -> bool:
@@ -37,12 +36,17 @@ def refuse_state(state: Any, firmware: str) -> None:
         raise TextInputError(f"--firmware {firmware}: INITIAL is no NamedTuple with at least one number")
 
 
+def own_fields(state: FieldType) -> Fields:
+    """The columns of a record of a user's controller with this state."""
+    return [("tick", int), ("t_s", float), (OWN, state), ("", LoopTiming)]
+
+
 class OwnTrace:
     """The state of a user's controller in each tick, with the interface of `FirmwareTrace`."""
 
-    def __init__(self, out_dir: Path, state: FieldType, expected_records: int, resume: bool) -> None:
-        fields = [("tick", int), ("t_s", float), (OWN, state), ("", LoopTiming)]
-        self.writer = TraceWriter(out_dir / OWN_TRACE, fields, expected_records, resume)
+    def __init__(self, writer: RecordWriter) -> None:
+        """`writer`: of records of `own_fields`."""
+        self.writer = writer
 
     def append(self, node: Any, tick: int, t_s: float, timing: LoopTiming) -> None:
         """Record a tick of a node with a `state`."""

@@ -18,10 +18,11 @@ import os
 import shutil
 import struct
 import sys
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from enum import IntEnum
+from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple, get_type_hints
+from typing import Any, NamedTuple, Protocol, TypeAlias, cast, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,8 @@ MEMORY = Path("/dev/shm")
 
 FieldType = type[Any]
 """float, int, bool, an IntEnum, or a NamedTuple of these to any depth."""
+Fields: TypeAlias = Sequence[tuple[str, FieldType]]
+"""Pairs of a name and a type; a NamedTuple becomes dotted names, without a prefix if its name is empty."""
 
 
 class TraceError(ValueError):
@@ -64,6 +67,8 @@ class Column(NamedTuple):
 
 
 NUMPY_CODES = {"d": "<f8", "q": "<i8", "?": "?"}
+TYPES = {"f": float, "i": int, "b": bool}
+"""The type of a field for each kind of numpy's types."""
 
 
 def scalar_code(name: str, kind: FieldType) -> str:
@@ -84,6 +89,9 @@ def is_record(kind: FieldType) -> bool:
     return isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields")
 
 
+hints_of = cache(get_type_hints)
+
+
 def flatten(name: str, kind: FieldType) -> list[Column]:
     """The columns of one field; with an empty `name` its members have no prefix.
 
@@ -95,9 +103,24 @@ def flatten(name: str, kind: FieldType) -> list[Column]:
     """
     if not is_record(kind):
         return [Column(name, scalar_code(name, kind))]
-    hints = get_type_hints(kind)
+    hints = hints_of(cast(Hashable, kind))
     prefix = f"{name}." if name else ""
     return [column for member in kind._fields for column in flatten(prefix + member, hints[member])]
+
+
+def columns_of_fields(fields: Fields) -> list[Column]:
+    """The columns of a record with these fields. Raises TraceError if two have one name."""
+    columns = [column for name, kind in fields for column in flatten(name, kind)]
+    names = [column.name for column in columns]
+    if len(set(names)) != len(names):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        raise TraceError(f"a trace names columns twice: {', '.join(twice)}")
+    return columns
+
+
+def fields_in(dtype: "np.dtype[np.void]") -> Fields:
+    """The fields of records of a packed type."""
+    return [(name, TYPES[dtype[name].kind]) for name in dtype.names or ()]
 
 
 def numbers_of(record: Sequence[Any], into: list[Any]) -> list[Any]:
@@ -110,11 +133,40 @@ def numbers_of(record: Sequence[Any], into: list[Any]) -> list[Any]:
     return into
 
 
+class RecordWriter(Protocol):
+    """The end of a trace to which a node appends its records."""
+
+    lost: int
+
+    @property
+    def dtype(self) -> "np.dtype[np.void]":
+        """The packed numpy type of a record."""
+
+    def append(self, *values: Any) -> None:
+        """Write one record with one value per field."""
+
+    def append_bytes(self, packed: memoryview) -> None:
+        """Write records that are already packed."""
+
+    def close(self) -> None:
+        """End the trace."""
+
+
+class OpenTrace(Protocol):
+    """Opens a node's trace."""
+
+    def __call__(self, name: str, fields: Fields, is_ticked: bool = False) -> RecordWriter | None:
+        """`is_ticked`: whether it has a record a tick. None if the run does not keep this trace."""
+
+
+def no_trace(name: str, fields: Fields, is_ticked: bool = False) -> None:
+    """Keep no trace."""
+
+
 class TraceWriter:
     """Appends records of fixed `fields` to `path`.
 
-    `fields` are pairs of a name and a type; a NamedTuple is flattened to dotted names, without a prefix if
-    its name is empty. With `expected_records` the file has its full size from the start and is in memory, so
+    With `expected_records` the file has its full size from the start and is in memory, so
     that a loop meets neither growth nor page faults; for a long run this holds only at its beginning. `lost`
     counts the records for which the disk had no room.
     """
@@ -122,7 +174,7 @@ class TraceWriter:
     def __init__(
         self,
         path: Path,
-        fields: Sequence[tuple[str, FieldType]],
+        fields: Fields,
         expected_records: int = 0,
         resume: bool = False,
         in_memory: bool = True,
@@ -134,11 +186,7 @@ class TraceWriter:
         Raises TraceError if the disk has no room for `expected_records`.
         """
         self._name = path.name
-        self.columns = [column for name, kind in fields for column in flatten(name, kind)]
-        names = [column.name for column in self.columns]
-        if len(set(names)) != len(names):
-            twice = sorted({name for name in names if names.count(name) > 1})
-            raise TraceError(f"trace {path.name} names columns twice: {', '.join(twice)}")
+        self.columns = columns_of_fields(fields)
         self._layout = struct.Struct("<" + "".join(column.code for column in self.columns))
         self.record_bytes = self._layout.size
         self.count = self.lost = 0

@@ -24,8 +24,8 @@ from firmware_py.interface.generated.records import GaitSensors
 from firmware_py.node.tick import INITIAL, NodeState
 from firmware_py.shell.builds import node_of
 from firmware_py.shell.parameters import config_from
-from hil.record.traces.firmware_trace import FirmwareTrace
-from hil.record.traces.trace import read
+from hil.record.traces.firmware_trace import FirmwareTrace, fields_of
+from hil.record.traces.trace import TraceWriter, read
 from hil.timing.loop import LoopTiming
 
 
@@ -181,7 +181,7 @@ def test_a_trace_gets_the_same_numbers(tmp_path: Path) -> None:
     bench.run(0.3, keep=False)
     timing = LoopTiming(1_000, 2.5, 3.5, 4)
     for name, node in (("python", bench.node), ("compiled", bench.other)):
-        trace = FirmwareTrace(tmp_path / name, walks=True)
+        trace = FirmwareTrace(TraceWriter(tmp_path / name, fields_of(walks=True)), walks=True)
         trace.append(node, 7, 0.0075, timing)
         trace.writer.close()
     rows = [read(tmp_path / name)[0] for name in ("python", "compiled")]

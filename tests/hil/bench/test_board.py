@@ -31,8 +31,9 @@ from firmware_py.shell.board_node import (
 from firmware_py.shell.builds import Build
 from firmware_py.shell.native import NativeNode
 from firmware_py.shell.parameters import config_from
-from hil.bench.lockstep import run_lockstep, silent
 from hil.record.traces.trace import read
+from hil.runs.job import Job
+from hil.runs.recording import record
 from hil.scenario.scenario import load_scenario
 from tools import cli, doctor
 from tools.dev.builds import decisions_of, differences
@@ -63,7 +64,7 @@ def test_boards_send_the_bytes_of_their_precision_here_and_decide_alike(name: st
     scenario = load_scenario(name)
     for build in BUILDS:
         (tmp_path / build).mkdir()
-        run_lockstep(scenario, tmp_path / build, 1, silent, build)
+        record(Job(scenario, 1, build, tmp_path / build))
     double, on_m7, single, on_m4f = ((tmp_path / build / "can.log").read_bytes() for build in BUILDS)
     assert double.count(b"\n") > 3 * scenario.ticks
     assert double == on_m7

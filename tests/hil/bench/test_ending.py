@@ -19,14 +19,15 @@ from firmware_py.interface import codec
 from firmware_py.interface.enums import ActingLimit, Mode, Regime
 from firmware_py.interface.generated.records import FirmwareHeartbeat
 from hil.bench.bench import run_scenario
-from hil.bench.ending import Outcome, close
-from hil.bench.lockstep import silent
+from hil.bench.ending import close
 from hil.bench.options import RunOptions
 from hil.bench.verdict import failed_for
 from hil.judge import junit
 from hil.judge.judge import judge
 from hil.record import run_folder
 from hil.record.run_traces import RunTraces
+from hil.runs.job import silent
+from hil.runs.outcome import Outcome
 from hil.scenario.scenario import load_scenario
 from hil.suite.suite import Chosen, run_suite
 from tools import cli
@@ -127,8 +128,7 @@ def test_a_full_disk_in_lockstep_is_a_failed_verdict_that_says_so(
     def full(*_: Any) -> None:
         raise OSError(number, os.strerror(number))
 
-    for method in ("write", "append"):  # tick by tick, and in compiled stretches
-        monkeypatch.setattr(f"hil.bus.can_log.CanLog.{method}", full)
+    monkeypatch.setattr("hil.runs.recording.lines_of", full)
     scenario = load_scenario(rests(tmp_path, "rests", 0.3))
     verdict = run_scenario(scenario, LOCKSTEP, tmp_path / "out", 1, silent).as_json()
     assert verdict["passed"] is False

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.bench.stretches import records_of
-from hil.record.traces.firmware_trace import columns_of
+from hil.runs.job import Job
+from hil.runs.segments import segments
 from hil.scenario.scenario import load_scenario
 from plant_sim.result import Impact
 
@@ -29,8 +29,9 @@ def test_the_impacts_after_an_e_stop_are_those_of_the_page(ratio: float) -> None
         run = f'{{at_s=0.5,request="run",target_ratio={ratio}}}'
         script = f'script.commands=[{run},{{at_s={at_s:.3f},request="e-stop"}}]'
         scenario = load_scenario("e-stop-in-the-hold", [script, f"script.duration_s={at_s + 3.0:.3f}"])
-        stretches = records_of(scenario, 1, columns_of(["outputs.mode"]))
-        impacts = [Impact._make(row) for one in stretches for row in one.impacts.tolist()]
+        kept = {"impacts": Impact._fields}
+        done = segments(Job(scenario, 1, kept=kept))
+        impacts = [Impact._make(row) for segment in done for row in segment.rows["impacts"].tolist()]
         steady_m_s = max(abs(one.v_m_s) for one in impacts if at_s - 2.0 < one.t_s <= at_s)
         after = [one for one in impacts if one.t_s > at_s]
         assert len(after) <= int(count), at_s

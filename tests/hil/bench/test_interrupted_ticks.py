@@ -13,24 +13,24 @@ from tools.output import EXIT_INTERRUPTED
 
 SIGNAL_AMONG_THE_RESULTS = """
 import os, sys
-from hil.bench import stretches
+from hil.runs import compiled
 from hil.nodes.plant_steps import PlantState
 Reports = PlantState.__annotations__["reports"]
 make = Reports.__new__
 
 def interrupting(kind, *values):
-    if sys._getframe(1).f_code is stretches.Stretches.run.__code__:
+    if sys._getframe(1).f_code is compiled.Stretches._call.__code__:
         os.kill(os.getpid(), int(sys.argv[1]))
     return make(kind, *values)
 
-compiled = stretches.entry_point
+compile_it = compiled.entry_point
 
 def entry_point(kernel, *arguments):
-    machine_code = compiled(kernel, *arguments)
+    machine_code = compile_it(kernel, *arguments)
     Reports.__new__ = interrupting
     return machine_code
 
-stretches.entry_point = entry_point
+compiled.entry_point = entry_point
 from tools.cli import run
 options = ["--clock", "lockstep", "--firmware", "compiled", "--json", "--out", sys.argv[2]]
 sys.exit(run(["run", "e-stop-in-the-hold", *options]))
@@ -40,20 +40,20 @@ sys.exit(run(["run", "e-stop-in-the-hold", *options]))
 
 SIGNAL_WHERE_EXCEPTIONS_ARE_LOST = """
 import os, sys, weakref
-from hil.nodes.runners import PlantRunner
-step = PlantRunner.step
+from hil.nodes.runners import FirmwareRunner
+step = FirmwareRunner.step
 
 class Held:
     pass
 
-def interrupting(plant, tick):
-    step(plant, tick)
+def interrupting(firmware, tick):
+    step(firmware, tick)
     if tick == 100:
         held = Held()
         weakref.finalize(held, os.kill, os.getpid(), int(sys.argv[1]))
         del held
 
-PlantRunner.step = interrupting
+FirmwareRunner.step = interrupting
 from tools.cli import run
 options = ["--clock", "lockstep", "--firmware", "python", "--json", "--out", sys.argv[2]]
 sys.exit(run(["run", "e-stop-in-the-hold", *options]))

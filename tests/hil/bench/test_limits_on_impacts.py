@@ -5,9 +5,10 @@ from pathlib import Path
 import pytest
 
 from firmware_py.shell.parameters import ParameterError
-from hil.bench.lockstep import in_lockstep, silent
 from hil.judge.figures.figures import figures_of
 from hil.judge.figures.records import Figures
+from hil.runs.job import Job
+from hil.runs.recording import in_lockstep
 from hil.scenario.scenario import load_scenario
 from hil.scenario.settings import Settings
 
@@ -18,7 +19,7 @@ OFF_WITHIN_S = 0.05
 
 def figures(scenario: str | Path, settings: Settings, out: Path) -> Figures:
     """The figures of a run."""
-    run_dir, _ = in_lockstep(load_scenario(scenario, settings), out, 1, silent, "compiled")
+    run_dir = in_lockstep(Job(load_scenario(scenario, settings), 1, folder=out))
     return figures_of(run_dir)
 
 

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from firmware_py.shell.builds import Build
-from hil.bench import lockstep
-from hil.bench.lockstep import in_lockstep, silent
 from hil.judge.figures.figures import figures_of
 from hil.record.traces import trace
+from hil.runs import recording
+from hil.runs.job import Job
+from hil.runs.recording import in_lockstep
+from hil.runs.segments import Segment
 from hil.scenario.files import read_scenario
 from hil.scenario.scenario import Scenario, check_scenario, load_scenario
 from hil.scenario.settings import apply_settings
@@ -25,7 +27,7 @@ QUICK = [
 
 
 def run(scenario: Scenario, run_dir: Path, seed: int = 1, build: Build = "compiled") -> Path:
-    return in_lockstep(scenario, run_dir, seed, silent, build)[0]
+    return in_lockstep(Job(scenario, seed, build, run_dir))
 
 
 @pytest.fixture(scope="module")
@@ -63,21 +65,21 @@ def test_what_the_firmware_makes_of_a_gait_is_recorded_where_a_scene_has_one(
 
 
 def test_a_process_is_warmed_up_once_for_each_scene_and_build(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    runs: list[tuple[str, str]] = []
+    runs: list[tuple[str, object]] = []
 
-    def noted(scenario: Scenario, _: Path, __: int, ___: object, build: str) -> None:
-        runs.append((scenario.name, build))
+    def noted(job: Job) -> list[Segment]:
+        runs.append((job.scenario.name, job.firmware))
+        return []
 
-    monkeypatch.setattr(lockstep, "run_lockstep", noted)
-    monkeypatch.setattr(lockstep, "WARM", [])
+    monkeypatch.setattr(recording, "segments", noted)
+    monkeypatch.setattr(recording, "WARM", [])
     soft, gait = "soft-start-multistable", "a-steady-walk-has-a-pulse-in-every-push-off"
     for name in (soft, soft, gait):
-        lockstep.warm_lockstep(load_scenario(name, QUICK), "python", tmp_path)
-    lockstep.warm_lockstep(load_scenario(soft), "compiled", tmp_path)
+        recording.warm_lockstep(Job(load_scenario(name, QUICK), 1, "python"))
+    recording.warm_lockstep(Job(load_scenario(soft), 1))
     assert runs == [(soft, "python"), (gait, "python"), (soft, "compiled")]
-    assert not list(tmp_path.iterdir())
 
 
 def test_another_seed_gives_other_noise(quick_run: Path, tmp_path: Path) -> None:

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from firmware_py.interface.frame import Frame
-from hil.bench import stretches
-from hil.bench.lockstep import LockstepNodes, run_lockstep, silent
 from hil.bus.can_log import CanLog
-from hil.nodes.closed_loop import LINE_BYTES, log_line
 from hil.nodes.frame_rows import word_frame
 from hil.record.run_traces import read_bus
 from hil.record.traces import trace
+from hil.runs import candump_lines, compiled
+from hil.runs.job import Job
+from hil.runs.recording import record
 from hil.scenario.files import read_scenario
 from hil.scenario.scenario import check_scenario
 from hil.scenario.settings import apply_settings
@@ -114,18 +114,18 @@ def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
 ) -> None:
     scenario = scenario_with(*faults, base=base)
     lengths: list[int] = []
-    run = stretches.Stretches.run
+    run = compiled.Stretches.run
 
-    def counted(self: stretches.Stretches, tick: int, ticks: int) -> Any:
+    def counted(self: compiled.Stretches, tick: int, ticks: int) -> Any:
         lengths.append(ticks)
         return run(self, tick, ticks)
 
-    monkeypatch.setattr(stretches.Stretches, "run", counted)
+    monkeypatch.setattr(compiled.Stretches, "run", counted)
     folders = tmp_path / "in-stretches", tmp_path / "tick-by-tick"
     for folder in folders:
         folder.mkdir()
-        run_lockstep(scenario, folder, 1, silent, "compiled")
-        monkeypatch.setattr(LockstepNodes, "stretches", lambda _: None)
+        record(Job(scenario, 1, folder=folder))
+        monkeypatch.setattr(compiled.Stretches, "advance", lambda *_: 0)
     assert sum(lengths) > (0.5 if faults else 0.99) * scenario.ticks
     ours, wanted = ((folder / "can.log").read_bytes() for folder in folders)
     assert ours == wanted
@@ -138,19 +138,19 @@ def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
 
 
 def test_what_was_recorded_before_a_failure_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    compiled = stretches.entry_point
+    entry_point = compiled.entry_point
 
     def failing(*arguments: Any) -> Any:
-        run = compiled(*arguments)
+        run = entry_point(*arguments)
 
         def failing_run(bench: Any, state: Any, _: int) -> tuple[Any, int]:
             return run(bench, state, 100)[0], STEP_TOO_SMALL
 
         return failing_run
 
-    monkeypatch.setattr(stretches, "entry_point", failing)
+    monkeypatch.setattr(compiled, "entry_point", failing)
     with pytest.raises(SolverError, match="no step is small enough"):
-        run_lockstep(scenario_with(), tmp_path, 1, silent, "compiled")
+        record(Job(scenario_with(), 1, folder=tmp_path))
     for name in ("plant", "firmware"):
         assert trace.read(tmp_path / f"{name}.trace")["tick"].tolist() == list(range(100))
     assert read_bus(tmp_path / "can.log").t_s[-1] == pytest.approx(0.0995)
@@ -165,7 +165,5 @@ def test_lines_of_the_log_are_those_of_can_log(tmp_path: Path) -> None:
     with CanLog(tmp_path / "can.log") as log:
         for t_us, frame in frames:
             log.write(t_us, [frame])
-    buffer, end = np.zeros(len(frames) * LINE_BYTES, np.uint8), 0
-    for t_us, frame in frames:
-        end = log_line(buffer, end, t_us, word_frame(frame))
-    assert buffer[:end].tobytes() == (tmp_path / "can.log").read_bytes()
+    rows = np.array([(t_us, *word_frame(frame)) for t_us, frame in frames])
+    assert candump_lines.lines_of(rows) == (tmp_path / "can.log").read_bytes()

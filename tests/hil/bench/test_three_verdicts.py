@@ -9,13 +9,13 @@ import tomli_w
 from resting import resting
 from run_folder import make_run, write_run
 
-from hil.bench.lockstep import silent
 from hil.bench.options import RunOptions
 from hil.bench.verdict import finish
 from hil.judge import junit, requirements
 from hil.judge.checks import checks_of
 from hil.judge.seeds import merge
 from hil.judge.verdict import Verdict, worst
+from hil.runs.job import silent
 from hil.show.report.pages import write_suite_report
 from hil.suite.suite import Chosen, run_suite
 from tools.cli import run

@@ -20,10 +20,11 @@ from waiting import waited_for
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, Mode
 from hil.bench.bench import program, run_scenario
-from hil.bench.lockstep import in_lockstep, silent
 from hil.bench.options import RunOptions
 from hil.bus import provide
 from hil.record.traces import trace
+from hil.runs.job import Job
+from hil.runs.recording import in_lockstep
 from hil.scenario.scenario import Scenario, load_scenario
 
 SHORT = [
@@ -167,7 +168,7 @@ def test_cantools_monitor_shows_it(live: Live) -> None:
 @pytest.mark.realtime
 @pytest.mark.quiet
 def test_a_log_played_back_gives_the_firmware_the_same_decisions(tmp_path: Path) -> None:
-    run_dir, _ = in_lockstep(scenario(*CREEPING, E_STOP), tmp_path / "run", 1, silent, "compiled")
+    run_dir = in_lockstep(Job(scenario(*CREEPING, E_STOP), 1, folder=tmp_path / "run"))
     expected = decisions(run_dir / "firmware.trace")
     assert expected[-2:] == [STARTING, Decision("E_STOP", "NONE")]
     with provide("local") as provided:

@@ -25,7 +25,6 @@ from firmware_py.interface.generated.records import (
     SetInputTorque,
 )
 from firmware_py.shell.parameters import DEFAULTS, ParameterError, format_file, parse_file
-from hil.bench.lockstep import in_lockstep, silent
 from hil.drive.axis import is_armed
 from hil.faults.clocks import in_turns
 from hil.faults.every import AnyFault
@@ -42,6 +41,8 @@ from hil.judge.figures.figures import figures_of
 from hil.nodes.plant import PlantNode
 from hil.record.run_faults import RunFault
 from hil.record.traces import trace
+from hil.runs.job import Job
+from hil.runs.recording import in_lockstep
 from hil.scenario.files import ScenarioError, read_scenario
 from hil.scenario.scenario import check_scenario, refuse_modelled_bus
 from hil.scenario.settings import apply_settings
@@ -588,7 +589,7 @@ def test_a_modelled_bus_is_for_lockstep() -> None:
 
 
 def run(run_dir: Path, scenario: Any) -> Path:
-    return in_lockstep(scenario, run_dir, 1, silent, "compiled")[0]
+    return in_lockstep(Job(scenario, 1, folder=run_dir))
 
 
 def test_the_reason_for_refused_parameters_stands_in_the_run_not_on_the_terminal(

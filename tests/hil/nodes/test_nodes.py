@@ -46,7 +46,7 @@ class Paused:
     def __init__(self) -> None:
         self.plant = plant_node()
         self.bus = Wire()
-        self.firmware = FirmwareRunner(ParameterMemory({}), Pace(1e-3, 1.0), self.bus, None)
+        self.firmware = FirmwareRunner(ParameterMemory({}), Pace(1e-3, 1.0), self.bus)
         self.tick = -1
         for _ in range(20):
             self.step(self.publish())
@@ -143,7 +143,7 @@ def test_a_sample_that_was_a_tick_late_before_the_pause_does_not_make_later_ones
 def test_the_plant_obeys_what_came_in_its_pause_before_it_moves_on() -> None:
     bus = InProcessBus()
     plant_end, firmware_end = bus.join(), bus.join()
-    firmware = FirmwareRunner(ParameterMemory({}), Pace(1e-3, 1.0), firmware_end, None)
+    firmware = FirmwareRunner(ParameterMemory({}), Pace(1e-3, 1.0), firmware_end)
     plant = plant_node()
     plant_end.send_all(plant.publish())
     plant.advance([])

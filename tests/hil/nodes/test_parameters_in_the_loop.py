@@ -22,8 +22,8 @@ from firmware_py.interface.enums import ParameterTier, Refusal
 from firmware_py.interface.parameter_table import TABLE
 from firmware_py.node import transmitter
 from firmware_py.shell.parameters import config_from
-from hil.bench.stretches import records_of
-from hil.record.traces.firmware_trace import columns_of
+from hil.runs.job import Job
+from hil.runs.segments import segments
 from hil.scenario.scenario import load_scenario
 
 DWELLING = start.INITIAL._replace(stage=start.DWELL, hits=3)
@@ -151,8 +151,9 @@ CASES = [
 @cache
 def outputs_of(name: str, settings: tuple[str, ...]) -> bytes:
     """What the firmware commands and reports in a run."""
-    scenario, columns = load_scenario(name, settings), columns_of([f"outputs.{one}" for one in OUTPUTS])
-    return b"".join(records.firmware.tobytes() for records in records_of(scenario, 1, columns))
+    kept = {"firmware": [f"outputs.{one}" for one in OUTPUTS]}
+    done = segments(Job(load_scenario(name, settings), 1, kept=kept))
+    return b"".join(segment.rows["firmware"].tobytes() for segment in done)
 
 
 @pytest.mark.parametrize(("parameter", "value", "decide"), RARE, ids=[case[0] for case in RARE])

@@ -315,7 +315,7 @@ def test_the_drive_keeps_its_node_number_when_its_process_starts_anew() -> None:
     bus = InProcessBus()
     plant_end, client = bus.join(), bus.join()
     line = FaultyBus(plant_end, "plant", [], 1, 1e-3)
-    runner = PlantRunner(load_scene("table1-motor-soft"), 1, Pace(1e-3, 1.0), line, None, node_id=5)
+    runner = PlantRunner(load_scene("table1-motor-soft"), 1, Pace(1e-3, 1.0), line, node_id=5)
     runner.restart(0)
     client.send_all([Frame(0x7E6, b"")])
     runner.step(0)

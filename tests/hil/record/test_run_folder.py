@@ -13,19 +13,17 @@ import pytest
 from resting import resting
 
 from hil.bench.bench import run_scenario
-from hil.bench.lockstep import silent
 from hil.bench.options import RunOptions
 from hil.bus.base import BusError
 from hil.record.folder_lock import is_in_use, locked
 from hil.record.run_folder import (
-    WARM_UP,
     RunFolderError,
     claimed,
-    clear,
     is_written_by_oneself,
     write_note,
 )
 from hil.record.run_traces import read_bus
+from hil.runs.job import silent
 from hil.scenario.scenario import Scenario, load_scenario
 from hil.suite.suite import Case, Chosen, judge_case, run_suite
 from tools.cli import run
@@ -136,7 +134,7 @@ def test_a_run_that_breaks_off_is_not_judged_by_the_figures_of_the_one_before(
     def breaks(*_: object) -> None:
         raise RuntimeError("no compiler")
 
-    monkeypatch.setattr("hil.bench.lockstep.warm_lockstep", breaks)
+    monkeypatch.setattr("hil.runs.recording.warm_lockstep", breaks)
     verdict = judge_case(case, LOCKSTEP)
     assert verdict.passed is False
     assert verdict.figures.ticks == 0
@@ -225,17 +223,6 @@ def test_a_wrong_bus_leaves_no_folder_of_a_failed_run(tmp_path: Path) -> None:
     with pytest.raises(BusError, match="nosuch:1 did not open"):
         run_scenario(scenario, RunOptions(bus="nosuch:1"), tmp_path / "out", 1, silent)
     assert not (tmp_path / "out").exists()
-
-
-def test_a_warm_up_that_is_a_link_is_removed_and_its_target_kept(tmp_path: Path) -> None:
-    precious, folder = tmp_path / "precious", tmp_path / "run"
-    precious.mkdir()
-    folder.mkdir()
-    (precious / "can.log").write_text("precious\n")
-    (folder / WARM_UP).symlink_to(precious)
-    clear(folder)
-    assert (precious / "can.log").read_text() == "precious\n"
-    assert not (folder / WARM_UP).is_symlink()
 
 
 @pytest.mark.parametrize(("note", "name"), [("run.json", "run.rrd.new"), ("suite.json", "index.html")])

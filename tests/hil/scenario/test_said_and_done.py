@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from firmware_py.shell.parameters import ParameterError
-from hil.bench.lockstep_bus import BusAsModelled
 from hil.faults.kinds.disturbed import Disturbed
+from hil.record.traces.trace import no_trace
+from hil.runs.lockstep_bus import BusAsModelled
 from hil.scenario.files import ScenarioError, read_scenario
 from hil.scenario.scenario import check_scenario, load_scenario
 from hil.scenario.seeds import delay_faults
@@ -114,7 +115,7 @@ def test_each_of_two_overlapping_disturbances_ends_itself(tmp_path):
         Disturbed(kind="disturbed", frames=["OperatorCommand"], at_s=1.0, duration_s=1.0),
         Disturbed(kind="disturbed", frames=["OperatorCommand", "Accelerometer"], at_s=1.5, duration_s=2.0),
     ]
-    bus = BusAsModelled(1_000_000, tmp_path, both)
+    bus = BusAsModelled(1_000_000, no_trace, both)
     hit = {}
     for t_s in (0.5, 1.2, 1.7, 2.5, 3.6):
         bus.pass_time(round(t_s * 1e9), round(t_s * 1e9) + 1)

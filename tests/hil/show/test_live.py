@@ -13,11 +13,11 @@ from log_hashes import column_hashes, differing_entities
 from run_folder import make_run, write_run
 
 from hil.bench.bench import ProcessesRun
-from hil.bench.ending import Outcome
-from hil.bench.lockstep import silent
 from hil.bench.options import RunOptions
 from hil.record.rrd.log_file import repair
 from hil.record.rrd.rerun_program import rerun_environment, rerun_program
+from hil.runs.job import silent
+from hil.runs.outcome import Outcome
 from hil.show.follower import Follower
 from hil.show.rerun_log import rebuild
 from hil.timing.processes import Child, Start

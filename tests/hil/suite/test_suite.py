@@ -12,7 +12,6 @@ from xml.etree import ElementTree
 import pytest
 from resting import resting
 
-from hil.bench.lockstep import silent
 from hil.bench.options import RunOptions
 from hil.bench.workers import Died
 from hil.faults.every import KINDS
@@ -22,6 +21,7 @@ from hil.judge.seeds import merge
 from hil.judge.verdict import CheckResult, RunVerdict, Verdict
 from hil.record.run_folder import RunFolderError
 from hil.record.run_traces import RunTraces
+from hil.runs.job import silent
 from hil.scenario.files import scenario_names
 from hil.scenario.scenario import load_scenario
 from hil.scenario.seeds import delay_faults

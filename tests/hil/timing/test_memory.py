@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from firmware_py.shell.builds import Build
-from hil.bench.lockstep import run_lockstep
+from hil.runs.job import Job
+from hil.runs.recording import record
 from hil.scenario.files import read_scenario
 from hil.scenario.scenario import check_scenario
 from hil.timing.memory import (
@@ -46,7 +47,11 @@ def test_lockstep_lets_memory_be_sampled_often_enough(build: Build, tmp_path: Pa
     document = dict(read_scenario("soft-start-multistable"))
     scenario = check_scenario({**document, "script": {"duration_s": 5.0, "commands": []}}, "rests")
     looks_s: list[float] = []
-    run_lockstep(scenario, tmp_path, 1, lambda done, _: looks_s.append(5.0 * done), build)
+
+    def look(done: float, _: str) -> None:
+        looks_s.append(5.0 * done)
+
+    record(Job(scenario, 1, build, tmp_path, progress=look))
     edges_s = [0.0, *looks_s, 5.0]
     assert max(later - before for before, later in pairwise(edges_s)) <= SAMPLE_S
 

@@ -11,9 +11,10 @@ import pytest
 from firmware_py.interface.enums import Mode
 from hil.bench.bench import run_scenario
 from hil.bench.options import RunOptions
-from hil.record.traces.firmware_trace import columns_of
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import read
+from hil.runs.job import Job
+from hil.runs.recording import record
 from hil.scenario.scenario import load_scenario
 from plant_sim.result import Impact
 from plant_sim.scene import load_scene
@@ -33,7 +34,6 @@ from tools.campaign.reference import (
 )
 from tools.campaign.reference import instant_start_captures as captures
 from tools.campaign.results import result_of
-from tools.campaign.run import SIGNALS, run_in_a_folder, run_in_stretches
 from tools.campaign.run import run as run_loop
 from tools.cli import run
 from tools.commands.campaign import keep_trial
@@ -72,14 +72,28 @@ def test_a_kept_trial_of_limits_has_its_kick_and_its_lost_samples(tmp_path: Path
     assert (kept.parameters, kept.seed) == (trial.scenario.parameters, trial.scenario.seed)
 
 
-def test_a_trial_in_a_folder_is_the_one_in_stretches() -> None:
-    trial = trial_of(CAMPAIGNS["walk"].plan(["campaign.walk_s=8.0"], SEED), 0)
-    kept = [
-        how(trial.scenario, trial.scenario.seed, columns_of(SIGNALS), "compiled")
-        for how in (run_in_stretches, run_in_a_folder)
-    ]
-    for ours, other in zip(*kept, strict=True):
-        np.testing.assert_array_equal(ours, other)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "a-bus-off-of-ten-ticks-is-ridden-through",
+        "a-controller-that-pauses-for-thirty-ticks-goes-on",
+        "a-restarted-controller-moves-nothing-by-itself",
+    ],
+)
+def test_a_trial_with_faults_from_tick_to_tick_or_a_modelled_bus_is_its_run(
+    name: str, tmp_path: Path
+) -> None:
+    scenario = load_scenario(name)
+    done = run_loop(scenario, 1)
+    record(Job(scenario, 1, folder=tmp_path))
+    plant, firmware, impacts = (read(tmp_path / f"{one}.trace") for one in ("plant", "firmware", "impacts"))
+    assert len(done.plant) == len(done.firmware) == scenario.ticks
+    np.testing.assert_array_equal(done.impacts["t_s"], np.sort(impacts["t_s"]))
+    for ours, traced in ((done.plant, plant), (done.firmware, firmware)):
+        for column in ours.dtype.names or ():
+            np.testing.assert_array_equal(ours[column][traced["tick"]], traced[column], err_msg=column)
+    absent = np.setdiff1d(np.arange(scenario.ticks), firmware["tick"])
+    assert not np.any(done.firmware["outputs.impact"][absent])
 
 
 def test_a_quick_module_follows_a_walk_near_the_limit_of_its_speed() -> None:

@@ -9,9 +9,8 @@ from compilers import require_compiler
 from firmware_py.interface.enums import Fault, Mode
 from firmware_py.shell.builds import Build
 from firmware_py.shell.parameters import config_from
-from hil.bench.stretches import records_of
-from hil.record.traces.firmware_trace import columns_of
-from hil.record.traces.plant_trace import PlantRecord
+from hil.runs.job import Job
+from hil.runs.segments import segments
 from tools.campaign.campaign import scenario_of, script_of
 from tools.campaign.modules import module_cell
 
@@ -26,7 +25,7 @@ SIGNALS = (
     "outputs.mode",
     "outputs.fault",
 )
-TRUE_X = PlantRecord._fields.index("x_m")
+KEPT = {"plant": ("x_m",), "firmware": SIGNALS}
 
 
 @pytest.mark.parametrize("build", ["compiled", "host-single"])
@@ -39,13 +38,13 @@ def test_the_covariance_stays_positive_definite(build: Build, pytestconfig: pyte
     script = script_of(cell, 0.5, ticks * config_from(cell.firmware).tick_s)
     scenario = scenario_of("endurance", cell.scene, cell.firmware, script, 1)
     smallest, squares, judged, mode = math.inf, 0.0, 0, Mode.INIT.value
-    for records in records_of(scenario, 1, columns_of(SIGNALS), build):
-        known = records.firmware
+    for segment in segments(Job(scenario, 1, build, kept=KEPT)):
+        known = segment.rows["firmware"]
         p = np.stack([known[name] for name in COVARIANCE], axis=-1).reshape(-1, 3, 3)
         eigenvalues = np.where(known["state.estimator.started"], np.linalg.eigvalsh(p)[:, 0], math.inf)
         smallest = min(smallest, float(np.min(eigenvalues)))
         runs = known["outputs.mode"] == Mode.RUN
-        squares += float(np.sum((known["state.estimator.x_m"] - records.plant[:, TRUE_X])[runs] ** 2))
+        squares += float(np.sum((known["state.estimator.x_m"] - segment.rows["plant"]["x_m"])[runs] ** 2))
         judged += int(np.count_nonzero(runs))
         mode = int(known["outputs.mode"][-1])
         assert not np.any(known["outputs.fault"] != Fault.NONE)

@@ -11,11 +11,12 @@ RUN = f"""
 import json
 from dataclasses import replace
 from pathlib import Path
-from hil.bench.lockstep import in_lockstep, silent
+from hil.runs.job import Job
+from hil.runs.recording import in_lockstep
 from hil.scenario.scenario import load_scenario
 from tools.campaign.run import run
 moment = replace(load_scenario("at-r-0.6-it-never-reaches-the-stop"), duration_s={TICKS * 1e-3}, checks=())
-folder, _ = in_lockstep(moment, Path("run"), 1, silent, "compiled")
+folder = in_lockstep(Job(moment, 1, folder=Path("run")))
 print(json.dumps([(folder / "can.log").read_text(), run(moment, 1).true("x_m").tolist()]))
 """
 

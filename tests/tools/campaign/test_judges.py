@@ -30,7 +30,7 @@ def run_of(trial: Trial, modes: dict[float, Mode], refusal: Refusal = Refusal.NO
     for at_s, mode in modes.items():
         firmware["outputs.mode"][round(at_s / TICK_S) :] = mode
     parts = trial.scenario.scene.parts(trial.scenario.seed)
-    plant = np.zeros((ticks, len(PlantRecord._fields)))
+    plant = np.zeros(ticks, record_type(PlantRecord))
     return Run(parts, TICK_S, plant, firmware, np.zeros(0, record_type(Impact)))
 
 

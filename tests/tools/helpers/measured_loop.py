@@ -19,10 +19,11 @@ from firmware_py.interface.codec import CODECS
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import SetInputTorque
 from firmware_py.shell.builds import node_of
-from hil.bench.lockstep_bus import FIRMWARE, OPERATOR, PLANT, IdealBus
 from hil.bus.base import NodeBus
 from hil.faults.memory import ParameterMemory
 from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
+from hil.roster import FIRMWARE, OPERATOR, PLANT
+from hil.runs.lockstep_bus import IdealBus
 from hil.scenario.operator import Command, OperatorNode, Request
 from plant_sim.arrays import FloatArray, IntArray
 from plant_sim.scene import load_scene, read_scene
@@ -98,10 +99,8 @@ def measure_loop(parameters: dict[str, object], window_s: float = WINDOW_S) -> M
     push[: first // 2] = 0.0
     bus = IdealBus()
     pushed = PushedBus(bus.join(PLANT), push)
-    plant = PlantRunner(scene, 1, pace, pushed, None)
-    firmware = FirmwareRunner(
-        ParameterMemory(parameters), pace, bus.join(FIRMWARE), None, make=node_of("compiled")
-    )
+    plant = PlantRunner(scene, 1, pace, pushed)
+    firmware = FirmwareRunner(ParameterMemory(parameters), pace, bus.join(FIRMWARE), make=node_of("compiled"))
     operator = OperatorNode((Command(0.2, Request.RUN, RATIO),), pace.period_s)
     operator_bus = bus.join(OPERATOR)
     for tick in range(pace.ticks):

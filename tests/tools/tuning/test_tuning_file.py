@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.shell.parameters import ParameterError
-from hil.bench.lockstep import silent
+from hil.runs.job import silent
 from hil.scenario.parameter_file import merge_files, read_document, read_parameters
 from hil.scenario.scenario import load_scenario
 from text_input import TextInputError

@@ -13,9 +13,10 @@ import pytest
 from firmware_py.interface.codec import CODECS
 from firmware_py.interface.dbc import layouts
 from firmware_py.interface.generated.records import Accelerometer, EncoderEstimates
-from hil.bench.lockstep import in_lockstep
 from hil.record import candump
 from hil.record.candump import BusLog, bus_log
+from hil.runs.job import Job
+from hil.runs.recording import in_lockstep
 from hil.scenario.scenario import check_scenario
 from plant_sim.scene import read_scene
 from tools import cli
@@ -66,7 +67,7 @@ def record(
         "firmware": firmware,
         "script": {"duration_s": duration_s, "commands": commands},
     }
-    in_lockstep(check_scenario(document, "to-identify"), run_dir, 7, lambda *_: None, "compiled")
+    in_lockstep(Job(check_scenario(document, "to-identify"), 7, folder=run_dir))
     for trace in run_dir.glob("*.trace"):
         trace.unlink()  # the truth among them: nothing but the CAN log is left
     return run_dir

@@ -1,7 +1,6 @@
 """The bus of lockstep: ideal, or the bus model if a scenario requests it."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from firmware_py.interface.frame import Frame
 from hil.bus.in_process import InProcessBus, InProcessNode
@@ -10,11 +9,13 @@ from hil.can_model.modelled_bus import Delivery, ModelledBus, ModelledNode
 from hil.faults.fault import Fault
 from hil.faults.kinds.babbling import Babbling
 from hil.faults.on_bus import ModelledFault
-from hil.record.traces.trace import TraceWriter
+from hil.record.traces.trace import OpenTrace
+from hil.roster import names
 from hil.timing.clock import NS_PER_S
 
-PLANT, FIRMWARE, OPERATOR = NODES = ("plant", "firmware", "operator")
 STRANGER = "stranger"
+RECORDED = BusErrorRecord._fields[3:]
+"""The nodes whose error counters are recorded."""
 
 Logged = tuple[int, list[Frame]]
 """Frames and their common time in ns."""
@@ -51,16 +52,16 @@ class IdealBus:
 class BusAsModelled:
     """The bus model: frames take time, the lowest identifier first; bus faults act in the model.
 
-    The error counters and the discarded frames are recorded in `bus_errors.trace` in `out_dir`.
+    The error counters and the discarded frames are recorded in the trace bus_errors.
     """
 
-    def __init__(self, bitrate: int, out_dir: Path, faults: Sequence[Fault]) -> None:
+    def __init__(self, bitrate: int, traces: OpenTrace, faults: Sequence[Fault]) -> None:
         """`faults`: the script's, of which bus-off, destroyed transmissions and babbling act here."""
-        self._bus = ModelledBus((*NODES, STRANGER), bitrate)
+        self._bus = ModelledBus((*names(), STRANGER), bitrate)
         self._faults = [fault for fault in faults if isinstance(fault, ModelledFault)]
         self._babbling = [fault for fault in faults if isinstance(fault, Babbling)]
-        self._errors = TraceWriter(out_dir / "bus_errors.trace", [("", BusErrorRecord)])
-        self._last_errors = 0, 0, [UNTOUCHED] * len(NODES)
+        self._errors = traces("bus_errors", [("", BusErrorRecord)])
+        self._last_errors = 0, 0, [UNTOUCHED] * len(RECORDED)
 
     def join(self, name: str) -> ModelledNode:
         """The connection of one of the nodes."""
@@ -86,7 +87,8 @@ class BusAsModelled:
 
     def close(self) -> None:
         """Close the trace."""
-        self._errors.close()
+        if self._errors is not None:
+            self._errors.close()
 
     def _foreign_frames(self, from_ns: int, to_ns: int) -> list[tuple[int, Frame]]:
         """The frames that a foreign node queues from `from_ns` to before `to_ns`, in order of time."""
@@ -101,9 +103,9 @@ class BusAsModelled:
 
     def _note_errors(self, t_s: float) -> None:
         model = self._bus
-        unsent = sum(model.join(name).lost for name in NODES)
-        errors = model.destroyed, unsent, [model.counters(name) for name in NODES]
-        if errors != self._last_errors:
+        unsent = sum(model.join(name).lost for name in names())
+        errors = model.destroyed, unsent, [model.counters(name) for name in RECORDED]
+        if errors != self._last_errors and self._errors is not None:
             self._last_errors = destroyed, unsent, counters = errors
             self._errors.append(BusErrorRecord(t_s, destroyed, unsent, *map(errors_of, counters)))
 
