@@ -50,6 +50,8 @@ class Limit(Bounds):
     """the figure's dotted name"""
     of: str | None = None
     """a quantity of the scenario, of which `low` and `high` are multiples"""
+    ticks: int = 0
+    """control periods added to `high`: from frame to tick, and from tick to torque"""
     when: Mapping[str, Value] = {}
     """what holds in a scenario to which this limit applies, by key"""
 

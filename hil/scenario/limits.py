@@ -107,7 +107,7 @@ def required_bounds(check: Check, judged: Judged) -> Bounds | None:
     scale = 1.0 if limit.of is None else quantity(limit.of, check, judged)
     low, high = (None if one is None else scale * one for one in (limit.low, limit.high))
     if high is not None:
-        high += check.shows_after_s
+        high += check.shows_after_s + limit.ticks * judged.config.tick_s
     return Bounds(low=low, high=high, equals=limit.equals)
 
 

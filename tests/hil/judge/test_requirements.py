@@ -119,6 +119,12 @@ KICK = "a-violent-kick-stops-the-motor"
         ("corrupted-torque-commands-stay-within-the-motor", TORQUE, [], "≤ 0.8008"),
         (KICK, DEADLINE, [], "≤ 0.5"),  # of the fault that another check demands
         (KICK, DEADLINE | {"shows_after_s": 0.25}, [], "≤ 0.75"),
+        (
+            "lost-operator-commands-stop-the-motor",
+            DEADLINE | {"requirement": "S-08"},
+            ["firmware.watchdog.operator_s=0.25"],
+            "≤ 0.252",
+        ),
         (KICK, {"name": "regime", "requirement": "P-01"}, [], "= impact"),
     ],
 )
