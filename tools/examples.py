@@ -37,6 +37,7 @@ EXAMPLES = {
     "firmware c": "vibrohil firmware c --out firmware-c",
     "firmware build": "vibrohil firmware build --target cortex-m7 --out board",
     "plant": "vibrohil plant soft-start-multistable --bus socketcan:can0",
+    "bring-up": "vibrohil bring-up --bus socketcan:can0 --out first-day --until at-rest",
     "measure": "vibrohil measure state.estimator.x_m outputs.torque_n_m --bus socketcan:can0 --rate 100",
     "calibrate": "vibrohil calibrate speed.gain_p_n_m_s=0.06 --bus socketcan:can0 --save gains.toml",
     "operator": "vibrohil operator soft-start-multistable --bus socketcan:can0",

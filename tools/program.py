@@ -32,7 +32,7 @@ COMMANDS = {
     "Look at runs": ("runs", "view", "why", "inspect", "compare", "replay", "import_log", "export"),
     "Design": ("tune", "trade", "schedule"),
     "The module alone": ("simulate", "study", "export_fmu"),
-    "One node on a bus": ("firmware", "plant", "operator", "measure", "calibrate"),
+    "One node on a bus": ("bring_up", "firmware", "plant", "operator", "measure", "calibrate"),
     "This machine": ("doctor", "kernel", "list_names"),
 }
 """The modules of the commands, in the groups of the help page."""

@@ -34,6 +34,7 @@ from firmware_py.node import inbox as waiting_frames
 from firmware_py.node import transmitter
 from firmware_py.node.readings import inputs_of, reading_of
 from firmware_py.node.transmitter import Transmitter
+from firmware_py.node.wiring import wired_sample, wired_torque_n_m
 
 
 class Tx(NamedTuple):
@@ -105,7 +106,7 @@ def transmit(
         lost += 1 if other.can_id == 0 else 0
     tx = NO_TX
     if not now.withholds and behind_ticks == 0:
-        torque, _ = packing.pack_set_input_torque(SetInputTorque(now.torque_n_m), 0)
+        torque, _ = packing.pack_set_input_torque(SetInputTorque(wired_torque_n_m(config, now.torque_n_m)), 0)
         tx = add_frame(tx, torque)
     return waiting, lost, add_frame(tx, other)
 
@@ -125,6 +126,7 @@ def tick(config: Config, state: NodeState, inbox: list[int]) -> tuple[NodeState,
             received, counters, usable = receive(now, received, counters, frame)
             accepted += 1 if usable else 0
             if usable and frame.can_id == kinds.ACCELEROMETER.can_id:
+                received = received._replace(accelerometer=wired_sample(config, received.accelerometer))
                 gate_now = gate.take_reading(config.d.gate, gate_now, reading_of(received))
     inputs = inputs_of(received, now.tick)
     core, outputs = step(config, state.core._replace(gate=gate_now), inputs, behind_ticks == 0)

@@ -60,6 +60,7 @@ class Command(NamedTuple):
 
 
 EMERGENCY_STOP = Command(0.0, Request.E_STOP, 0.0)
+STOP = Command(0.0, Request.IDLE, 0.0)
 
 
 class OperatorRecord(NamedTuple):
@@ -125,9 +126,13 @@ class OperatorNode:
 
     def emergency_stop(self, tick: int) -> None:
         """End the script with an E-stop in `tick`."""
+        self.finish(tick, EMERGENCY_STOP)
+
+    def finish(self, tick: int, line: Command = STOP) -> None:
+        """End the script with a last line in `tick`, by default a controlled stop."""
         self._lines = []
         self._next_line = 0
-        self._begin(EMERGENCY_STOP, tick)
+        self._begin(line, tick)
         self.due_tick = tick
 
     def publish(self, tick: int, received: Sequence[Frame] = ()) -> list[Frame]:

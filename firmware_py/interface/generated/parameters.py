@@ -232,6 +232,16 @@ class Bus(NamedTuple):
     own_node: int
 
 
+class Wiring(NamedTuple):
+    """The table `wiring`."""
+
+    torque_reversed: int
+    low_reversed: int
+    high_reversed: int
+    housing_reversed: int
+    low_exchanged: int
+
+
 class Parameters(NamedTuple):
     """All parameters, by table and key."""
 
@@ -254,3 +264,4 @@ class Parameters(NamedTuple):
     gait: Gait
     spin_down: SpinDown
     bus: Bus
+    wiring: Wiring

@@ -23,6 +23,7 @@ FOLDERS = {
     "suite",
     "falsify",
     "import",
+    "bring-up",
     "firmware node",
     "firmware build",
     "firmware c",

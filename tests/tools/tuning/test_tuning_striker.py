@@ -31,7 +31,8 @@ def flights(
     t = np.arange(500) * T
     still = np.zeros(500, bool)
     empty = [
-        Flight(0, 500, t, np.zeros(500), crank_of(number, count), still, None) for number in range(count)
+        Flight(0, 500, t, np.zeros(500), crank_of(number, count), np.zeros(500), still, None)
+        for number in range(count)
     ]
     states = np.column_stack([np.linspace(0.02, 0.06, count), np.linspace(-0.7, -0.3, count)])
     _, left, _ = Samples(empty, [~still] * count, states).fly(truth, states, ())
@@ -42,7 +43,7 @@ def flights(
 
 
 def with_reading(one: Flight, z: np.ndarray) -> Flight:
-    return Flight(one.begin, one.end, one.t_s, z, one.crank, one.still, one.contact)
+    return Flight(one.begin, one.end, one.t_s, z, one.crank, one.cosine, one.still, one.contact)
 
 
 def first_of(known: list[Flight]) -> Linear:
@@ -68,7 +69,7 @@ def test_the_motion_is_that_of_a_hundred_times_smaller_ticks() -> None:
     striker = STRIKERS[Law.BOTH]
     state = np.array([[0.05, 0.4]])
     t = np.arange(40) * T
-    one = Flight(0, 40, t, np.zeros(40), np.sin(9.0 * t), np.zeros(40, bool), None)
+    one = Flight(0, 40, t, np.zeros(40), np.sin(9.0 * t), np.cos(9.0 * t), np.zeros(40, bool), None)
     motion, _, _ = Samples([one], [~one.still], state).fly(striker, state, ())
     x, v = state[0]
     step = free_flight(striker.stiffness_1_s2, striker.damping_1_s, T / 100)

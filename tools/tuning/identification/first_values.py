@@ -9,7 +9,8 @@ and the integrals of the reading are the striker's motion from the beginning of 
     x = x0 + v0 t + X − β t²/2,  v = v0 + V − β t,   V = ∫ z dt, X = ∫∫ z dt²
 
 so that z is linear in (X, sin θ, V, sign v, t²) with coefficients (−κ, κ A, −d, −f, κ β/2), which all flights
-share, and in (1, t) with coefficients that differ between flights.
+share, as that of cos θ is if the encoder's zero is unknown, and in (1, t) with coefficients that differ
+between flights.
 """
 
 from collections.abc import Sequence
@@ -47,11 +48,16 @@ LINEAR: dict[Law, tuple[int, ...]] = {
     Law.BOTH: (0, 1, 2, 3, 4),
     Law.STRIBECK: (0, 1, 3, 4),
 }
-"""Columns of each law among X, sin θ, V, sign v, t²."""
+"""Columns of each law among X, sin θ, V, sign v, t²; then cos θ."""
+COSINE = 5
 
 
-def linear(flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray], law: Law) -> Linear:
+def linear(
+    flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray], law: Law, finds_zero: bool = False
+) -> Linear:
     """Ordinary least squares on the linear equations, without flights that no law fits.
+
+    `finds_zero`: the coefficient of cos θ is fitted too.
 
     Raises BadInputError if the striker does not move in any flight.
     """
@@ -61,19 +67,21 @@ def linear(flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray], law: Law
         mask = ~flight.still & (np.abs(v) > SLOW_M_S)
         velocity, way = integrals(flight.z_m_s2, period_s)
         t = flight.t_s
-        tables.append(np.column_stack([way, flight.crank, velocity, np.sign(v), t * t, flight.z_m_s2]))
+        tables.append(
+            np.column_stack([way, flight.crank, velocity, np.sign(v), t * t, flight.cosine, flight.z_m_s2])
+        )
         lines.append(np.column_stack([np.ones(len(t)), t]))
         used.append(mask & (mask.sum() >= FEWEST_SAMPLES))
     projected = []
     for table, line, mask in zip(tables, lines, used, strict=True):
         across = np.linalg.qr(line[mask])[0]
         projected.append(table[mask] - across @ (across.T @ table[mask]))
-    chosen = np.array(LINEAR[law])
+    chosen = np.array([*LINEAR[law], COSINE] if finds_zero else LINEAR[law])
 
     def solved(some: Sequence[FloatArray]) -> FloatArray:
         rows = np.concatenate(some)
-        found = np.zeros(5)
-        found[chosen] = np.linalg.lstsq(rows[:, chosen], rows[:, 5])[0]
+        found = np.zeros(6)
+        found[chosen] = np.linalg.lstsq(rows[:, chosen], rows[:, -1])[0]
         return found
 
     says = np.array([len(rows) > 0 for rows in projected])
@@ -84,28 +92,31 @@ def linear(flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray], law: Law
         )
     found = solved(projected)
     squares = np.array(
-        [np.mean((rows[:, 5] - rows[:, :5] @ found) ** 2) if len(rows) else 0.0 for rows in projected]
+        [np.mean((rows[:, -1] - rows[:, :-1] @ found) ** 2) if len(rows) else 0.0 for rows in projected]
     )
     kept = says & (squares <= OUTLYING * np.median(squares[says]))
     found = solved([rows for rows, one in zip(projected, kept, strict=True) if one])
     k = float(-found[0])
     striker = Striker(k, float(found[1] / k), float(2.0 * found[4] / k), float(-found[2]), float(-found[3]))
+    striker = striker._replace(quadrature_m=float(found[COSINE] / k))
     states = np.zeros((len(flights), 2))
     speeds = []
     for number, (table, line, mask) in enumerate(zip(tables, lines, used, strict=True)):
         if not says[number]:
             speeds.append(np.zeros(len(table)))
             continue
-        p0, p1 = np.linalg.lstsq(line[mask], table[mask, 5] - table[mask, :5] @ found)[0]
+        p0, p1 = np.linalg.lstsq(line[mask], table[mask, -1] - table[mask, :-1] @ found)[0]
         v0 = (striker.damping_1_s * striker.offset_m_s2 - p1) / k
         states[number] = (striker.offset_m_s2 - striker.damping_1_s * v0 - p0) / k, v0
         speeds.append(v0 + table[:, 2] - striker.offset_m_s2 * line[:, 1])
     return Linear(striker, states, speeds, [mask & bool(one) for mask, one in zip(used, kept, strict=True)])
 
 
-def fit_signed(flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray]) -> Linear:
+def fit_signed(
+    flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray], finds_zero: bool = False
+) -> Linear:
     """The linear fit of both friction laws, after the signs of v have settled."""
-    found = linear(flights, speeds_m_s, Law.BOTH)
+    found = linear(flights, speeds_m_s, Law.BOTH, finds_zero)
     for _ in range(SIGN_PASSES - 1):
-        found = linear(flights, found.speeds_m_s, Law.BOTH)
+        found = linear(flights, found.speeds_m_s, Law.BOTH, finds_zero)
     return found

@@ -33,6 +33,13 @@ sign, the reading is as constant, but far from this value; if such samples were 
 alone, noise would select them, and b would be 1 % too small."""
 
 
+class Rest(NamedTuple):
+    """The reading of a striker at rest, and the largest range of its noise."""
+
+    reading_m_s2: float
+    range_m_s2: float
+
+
 class Contact(NamedTuple):
     """The last row before the touch-down, and the first row after the separation."""
 
@@ -50,6 +57,8 @@ class Flight:
     z_m_s2: FloatArray
     crank: FloatArray
     """Sine of the crank's angle."""
+    cosine: FloatArray
+    """Cosine of the crank's angle."""
     still: BoolArray
     """Samples in which the striker stands still."""
     contact: Contact | None
@@ -78,8 +87,13 @@ def contacts_of(readings: Readings) -> list[Contact]:
     return found
 
 
-def flights_of(readings: Readings, contacts: list[Contact], delay_s: float) -> list[Flight]:
-    """The free flights between contacts, none longer than LONGEST_FLIGHT_S."""
+def flights_of(
+    readings: Readings, contacts: list[Contact], delay_s: float, still_m_s2: float = STILL_M_S2
+) -> list[Flight]:
+    """The free flights between contacts, none longer than LONGEST_FLIGHT_S.
+
+    `still_m_s2`: largest range of the readings of a striker at rest; in a slow motion it must be small.
+    """
     T = readings.period_s
     ringing, before = round(RINGING_S / T), round(BEFORE_S / T)
     # The mean acceleration of an oscillation is 0, so the mean reading is the reading at rest.
@@ -91,12 +105,13 @@ def flights_of(readings: Readings, contacts: list[Contact], delay_s: float) -> l
         ends: list[tuple[int, Contact | None]] = [(contact.before - before, contact) for contact in inside]
         ends.append((end, None))
         for start, (stop, contact) in zip(starts, ends, strict=True):
-            found += _cut(readings, start, stop, contact, delay_s, at_rest_m_s2)
+            rest = Rest(at_rest_m_s2, still_m_s2)
+            found += _cut(readings, start, stop, contact, delay_s, rest)
     return found
 
 
 def _cut(
-    readings: Readings, start: int, stop: int, contact: Contact | None, delay_s: float, at_rest_m_s2: float
+    readings: Readings, start: int, stop: int, contact: Contact | None, delay_s: float, rest: Rest
 ) -> list[Flight]:
     """Divide rows between contacts into flights; the last flight ends at the contact."""
     T = readings.period_s
@@ -105,20 +120,29 @@ def _cut(
     parts = int(np.ceil((stop - start) * T / LONGEST_FLIGHT_S))
     edges = np.round(np.linspace(start, stop, parts + 1)).astype(int).tolist()
     return [
-        _flight(readings, one, two, contact if two == edges[-1] else None, delay_s, at_rest_m_s2)
+        _flight(readings, one, two, contact if two == edges[-1] else None, delay_s, rest)
         for one, two in pairwise(edges)
     ]
 
 
 def _flight(
-    readings: Readings, begin: int, end: int, contact: Contact | None, delay_s: float, at_rest_m_s2: float
+    readings: Readings, begin: int, end: int, contact: Contact | None, delay_s: float, rest: Rest
 ) -> Flight:
     T = readings.period_s
     z = readings.acceleration_m_s2[begin:end]
     t = np.asarray(np.arange(len(z)) * T, np.float64)
     angle = readings.angle_rad[begin:end]
-    crank = np.sin(angle - delay_s * np.gradient(angle, T))
-    return Flight(begin, end, t, z, crank, is_at_rest(z - at_rest_m_s2, T), contact)
+    delayed = angle - delay_s * np.gradient(angle, T)
+    return Flight(
+        begin,
+        end,
+        t,
+        z,
+        np.sin(delayed),
+        np.cos(delayed),
+        is_at_rest(z - rest.reading_m_s2, T, rest.range_m_s2),
+        contact,
+    )
 
 
 def integrals(z: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:
@@ -130,14 +154,14 @@ def integrals(z: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:
     return velocity, np.concatenate([[0.0], np.cumsum(way)])
 
 
-def is_at_rest(moving_m_s2: FloatArray, period_s: float) -> BoolArray:
+def is_at_rest(moving_m_s2: FloatArray, period_s: float, range_m_s2: float = STILL_M_S2) -> BoolArray:
     """Samples at rest: the reading, less its value at rest, is small and nearly constant for `STILL_S`."""
     width = round(STILL_S / period_s)
     near = np.abs(moving_m_s2) < RESTING_M_S2
     if len(moving_m_s2) <= width:
-        return near & bool(np.ptp(moving_m_s2) < STILL_M_S2)
+        return near & bool(np.ptp(moving_m_s2) < range_m_s2)
     windows = np.lib.stride_tricks.sliding_window_view(moving_m_s2, width)
-    quiet = np.ptp(windows, axis=1) < STILL_M_S2
+    quiet = np.ptp(windows, axis=1) < range_m_s2
     still = np.zeros(len(moving_m_s2), bool)
     for shift in range(width):
         still[shift : shift + len(quiet)] |= quiet

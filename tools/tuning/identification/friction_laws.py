@@ -23,6 +23,8 @@ class Law(StrEnum):
 class Striker(NamedTuple):
     """Per unit of mass: κ = c/m, d = b/m, f = μ g, h = (μ_s − μ) g; A, the accelerometer's offset β, v_s, δ.
 
+    The piston is at A sin θ + B cos θ; B is 0 unless the encoder's zero is unknown.
+
     Dry friction is (f + h exp(−(|v|/v_s)^δ)) sign v.
     """
 
@@ -34,6 +36,7 @@ class Striker(NamedTuple):
     rise_m_s2: float = 0.0
     v_s_m_s: float = FIRST_V_S_M_S
     delta: float = 1.0
+    quadrature_m: float = 0.0
 
 
 COMMON = ("stiffness_1_s2", "amplitude_m", "offset_m_s2")
@@ -43,8 +46,10 @@ FITTED: dict[Law, tuple[str, ...]] = {
     Law.BOTH: (*COMMON, "damping_1_s", "dry_m_s2"),
     Law.STRIBECK: (*COMMON, "dry_m_s2", "rise_m_s2", "v_s_m_s"),
 }
-KAPPA, RADIUS, OFFSET, DAMPING, DRY, RISE, V_S, X0, V0 = range(9)
-"""Derivatives of the reading by the striker's first seven values, then by the initial state."""
+QUADRATURE = "quadrature_m"
+"""The parameter that is fitted too if the encoder's zero is unknown."""
+KAPPA, RADIUS, OFFSET, DAMPING, DRY, RISE, V_S, DELTA, B, X0, V0 = range(11)
+"""Derivatives of the reading by the striker's values in their order, then by the initial state; none by δ."""
 
 
 RANGES = {

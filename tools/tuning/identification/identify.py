@@ -31,8 +31,15 @@ from plant_sim.scene import read_scene
 from text_input import read_toml
 from tools.output import BadInputError, figure
 from tools.tuning.identification.first_values import fit_signed
-from tools.tuning.identification.flights import Contact, Flight, contacts_of, flights_of, integrals
-from tools.tuning.identification.friction_laws import FITTED, Law, friction_m_s2
+from tools.tuning.identification.flights import (
+    STILL_M_S2,
+    Contact,
+    Flight,
+    contacts_of,
+    flights_of,
+    integrals,
+)
+from tools.tuning.identification.friction_laws import QUADRATURE, Law, friction_m_s2
 from tools.tuning.identification.impacts import FreeForces, contact_time_s, fit_impact
 from tools.tuning.identification.striker import Fit, Samples, end_errors_m, fits, simplest
 from tools.tuning.recordings.readings import Readings, can_log_of, read
@@ -55,7 +62,7 @@ UNEXPLAINED = 3.0
 """Largest residual that noise explains, in multiples of the sensor's noise."""
 SHARED = {"stop_m": 2e-6, "restitution": 4e-4, "contact_s": 7.5e-6}
 """Standard error that all impacts of a log share, beside the striker's: from 108 modules (seed 40000)."""
-OF_FLIGHTS = ("stiffness_1_s2", "amplitude_m", "damping_1_s", "dry_m_s2")
+OF_FLIGHTS = ("stiffness_1_s2", "amplitude_m", "damping_1_s", "dry_m_s2", QUADRATURE)
 """The striker's parameters that have a value and bounds; a parameter that the law lacks is 0."""
 GRAZING_M_S = 0.1
 """Impacts with a lower approach speed determine the stop's position poorly and are not used."""
@@ -101,18 +108,24 @@ class Identified:
         }
 
 
-def identify(readings: Readings, bandwidth_hz: float) -> Identified:
-    """Fit a log's readings; `bandwidth_hz` is that of the accelerometers' low-pass."""
+def identify(
+    readings: Readings, bandwidth_hz: float, finds_zero: bool = False, still_m_s2: float = STILL_M_S2
+) -> Identified:
+    """Fit a log's readings; `bandwidth_hz` is that of the accelerometers' low-pass.
+
+    `finds_zero`: the encoder's angle may have an offset, and the piston's position a part by its cosine.
+    `still_m_s2`: as of `flights_of`.
+    """
     contacts = contacts_of(readings)
-    flights = flights_of(readings, contacts, low_pass_delay_s(bandwidth_hz))
+    flights = flights_of(readings, contacts, low_pass_delay_s(bandwidth_hz), still_m_s2)
     if len(flights) < FEWEST_FLIGHTS:
         raise BadInputError(
             f"the log has {len(flights)} free flights of the striker, wanted {FEWEST_FLIGHTS} or more; "
             "record some seconds with the crank turning"
         )
     swing = swing_m_s(readings)
-    first = fit_signed(flights, [swing[one.begin : one.end] for one in flights])
-    samples, found = fits(flights, first)
+    first = fit_signed(flights, [swing[one.begin : one.end] for one in flights], finds_zero)
+    samples, found = fits(flights, first, finds_zero)
     law = simplest(found)
     fit = found[law]
     impacts, numbers = [], []
@@ -133,7 +146,7 @@ def identify(readings: Readings, bandwidth_hz: float) -> Identified:
     return Identified(
         fits=found,
         law=law,
-        values={name: striker[name] if name in FITTED[law] else 0.0 for name in OF_FLIGHTS} | of_impacts,
+        values={name: striker[name] if name in fit.spread else 0.0 for name in OF_FLIGHTS} | of_impacts,
         spread={name: fit.spread.get(name, 0.0) for name in OF_FLIGHTS} | their_spread,
         impacts=tuple(impacts),
         flights=len(flights),
@@ -186,7 +199,8 @@ def fit_contact(
     if v < GRAZING_M_S or not np.all(np.isfinite(z)):
         return None
     rows = np.asarray(np.arange(end - contact.before) * T, np.float64)
-    crank = np.sin(readings.angle_rad[contact.before : end])
+    angle_rad = readings.angle_rad[contact.before : end]
+    crank = np.sin(angle_rad) + fit.striker.quadrature_m / amplitude * np.cos(angle_rad)
     forces = FreeForces(d, f, k)
     delay_s = low_pass_delay_s(bandwidth_hz)
     coming = float(z[last]) - offset

@@ -29,12 +29,14 @@ from tools.tuning.identification.friction_laws import (
     FITTED,
     KAPPA,
     OFFSET,
+    QUADRATURE,
     RADIUS,
     RANGES,
     RISE,
     V0,
     V_S,
     X0,
+    B,
     Law,
     Striker,
 )
@@ -81,11 +83,21 @@ class Fit:
 class Samples:
     """The flights one after another, with the mask of the samples that are compared."""
 
-    def __init__(self, flights: Sequence[Flight], used: Sequence[BoolArray], states: FloatArray) -> None:
-        """`states`: a first value of each flight's initial state; `states` of the object may have several."""
+    def __init__(
+        self,
+        flights: Sequence[Flight],
+        used: Sequence[BoolArray],
+        states: FloatArray,
+        finds_zero: bool = False,
+    ) -> None:
+        """`states`: a first value of each flight's initial state; `states` of the object may have several.
+        `finds_zero`: B is fitted too.
+        """
+        self.more = (QUADRATURE,) if finds_zero else ()
         self.period_s = float(flights[0].t_s[1])
         self.z_m_s2 = np.concatenate([one.z_m_s2 for one in flights])
         self.crank = np.concatenate([one.crank for one in flights])
+        self.cosine = np.concatenate([one.cosine for one in flights])
         self.used = np.concatenate(list(used))
         self.lengths = np.array([len(one.z_m_s2) for one in flights])
         self.states = [states]
@@ -109,17 +121,22 @@ class Samples:
         count = len(self.z_m_s2)
         flown = Flown(np.empty((count, 2)), np.empty(count), np.empty((count, len(wanted))))
         step = free_flight(striker.stiffness_1_s2, striker.damping_1_s, self.period_s)
-        readings = FlightReadings(self.starts, self.z_m_s2, self.crank)
+        piston_m = striker.amplitude_m * self.crank + striker.quadrature_m * self.cosine
+        readings = FlightReadings(self.starts, self.z_m_s2, self.crank, self.cosine, piston_m)
         fly(readings, step, striker, states, np.array(wanted, np.int64), flown)
         return flown.motion, flown.left * self.used, flown.rows * self.used[:, None]
 
 
 class FlightReadings(NamedTuple):
-    """Flights one after another: first rows and number of rows, accelerometer in m/s², sine of the crank."""
+    """Flights one after another: first rows and number of rows, accelerometer in m/s², sine and cosine of the
+    crank, and the piston's position in m.
+    """
 
     starts: IntArray
     z: FloatArray
     crank: FloatArray
+    cosine: FloatArray
+    piston_m: FloatArray
 
 
 class Flown(NamedTuple):
@@ -146,10 +163,9 @@ def fly(
     derivative of the acceleration by a parameter, the derivative ξ of the motion follows from
     ξ'' + d ξ' + κ ξ = u, from rest; ξ' jumps by a₊/a₋ where v changes its sign (saltation).
     """
-    k, amplitude, offset, d, f, h, v_s, delta = striker
-    xx, xv, vx, vv = step.x_x, step.x_v, step.v_x, step.v_v
-    columns = len(wanted)
-    now, over = np.zeros(9), np.zeros(9)
+    k, _, offset, d, f, h, v_s, delta, _ = striker
+    xx, xv, vx, vv, columns = step.x_x, step.x_v, step.v_x, step.v_v, len(wanted)
+    now, over = np.zeros(V0 + 1), np.zeros(V0 + 1)
     for flight in range(len(readings.starts) - 1):
         begin, end = readings.starts[flight], readings.starts[flight + 1]
         x, v = states[flight, 0], states[flight, 1]
@@ -163,10 +179,11 @@ def fly(
                 power = (abs(v) / v_s) ** delta
                 rise = sign * np.exp(-power)
                 by_speed = -h * delta * power / v * rise if v != 0.0 else 0.0
-            spring = x - amplitude * readings.crank[row]
+            spring = x - readings.piston_m[row]
             flown.motion[row, 0], flown.motion[row, 1] = x, v
             flown.left[row] = readings.z[row] - (offset - k * spring - d * v - f * sign - h * rise)
-            now[KAPPA], now[RADIUS], now[DAMPING] = -spring, k * readings.crank[row], -v
+            now[RADIUS], now[B] = k * readings.crank[row], k * readings.cosine[row]
+            now[KAPPA], now[DAMPING] = -spring, -v
             now[DRY], now[RISE], now[V_S] = -sign, -rise, -h * rise * delta * power / v_s
             over[:] = now
             over[DRY], over[RISE] = -mean_sign, -mean_rise
@@ -184,7 +201,7 @@ def fly(
                     flown.rows[row, c] = 1.0
             if row + 1 == end:
                 break
-            about = 0.5 * amplitude * (readings.crank[row] + readings.crank[row + 1])
+            about = 0.5 * (readings.piston_m[row] + readings.piston_m[row + 1])
             rest = about - (f * sign + h * rise) / k
             guess = vx * (x - rest) + vv * v
             share = v / (v - guess) if guess * v < 0.0 else 1.0
@@ -209,7 +226,7 @@ class Residual:
 
     def __init__(self, samples: Samples, law: Law, first: Striker) -> None:
         self._samples, self._first = samples, first
-        self.fitted = FITTED[law]
+        self.fitted = (*FITTED[law], *samples.more)
         self.columns = [Striker._fields.index(name) for name in self.fitted]
         self.states = samples.states[0]
         self._at: bytes = b""
@@ -320,15 +337,20 @@ def end_errors_m(samples: Samples, found: Fit) -> FloatArray:
     return np.array(errors)
 
 
-def fits(flights: Sequence[Flight], first: Linear) -> tuple[Samples, dict[Law, Fit]]:
-    """Fit every law to the same samples, without the flights that the chosen law does not fit."""
-    plain = {law: linear(flights, first.speeds_m_s, law).striker for law in Law}
+def fits(
+    flights: Sequence[Flight], first: Linear, finds_zero: bool = False
+) -> tuple[Samples, dict[Law, Fit]]:
+    """Fit every law to the same samples, without the flights that the chosen law does not fit.
+
+    `finds_zero`: the piston's part by the cosine of the crank is fitted too.
+    """
+    plain = {law: linear(flights, first.speeds_m_s, law, finds_zero).striker for law in Law}
     rise = max(FIRST_RISE * abs(plain[Law.STRIBECK].dry_m_s2), LEAST_RISE_M_S2)
     starts: list[tuple[Law, Striker]] = [(law, plain[law]) for law in Law if law != Law.STRIBECK]
     starts += [
         (Law.STRIBECK, plain[Law.STRIBECK]._replace(rise_m_s2=rise, delta=delta)) for delta in EXPONENTS
     ]
-    samples = Samples(flights, first.used, first.states)
+    samples = Samples(flights, first.used, first.states, finds_zero)
 
     found = best_fits(samples, starts)
     counts = samples.sums(samples.used.astype(float))

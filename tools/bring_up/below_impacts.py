@@ -1,0 +1,116 @@
+"""Step 4, below the impacts: spring, crank radius and zero, and friction, from a slow sweep of the speed.
+
+The firmware drives from here on, with lowered limits and without the load that it would expect of a module
+that is not known yet. The speeds stay below 0.6 of the lowest natural frequency of a module that is within
+`SPRING_SPREAD` of its data sheet, where the striker does not reach the stop.
+"""
+
+import math
+
+import numpy as np
+
+from hil.scenario.operator import Command, Request
+from tools.bring_up.module_fit import fit_module, natural_rad_s, reachable_ratio
+from tools.bring_up.operated import Operated
+from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
+from tools.tuning.identification.identify import Identified
+from tools.tuning.recordings.readings import Readings
+
+SPRING_SPREAD = 0.4
+"""Largest deviation of the spring from the data sheet's, as a share."""
+HIGHEST_RATIO = 0.6
+SHARES = (0.6, 0.8, 1.0)
+"""The speeds of the sweep, as shares of the highest."""
+HOLD_S, RAMP_S = 5.0, 6.0
+FORCE_SHARE = 0.25
+"""Share of the module's force limit that the steps with unknown parameters may use."""
+TORQUE_N_M = 0.25
+MARGIN_RAD_S = 4.0
+"""Speed above the target by which a crank may run ahead of a control without a known load."""
+UNKNOWN_MODULE = {
+    "speed.load_share": 0.0,
+    "limit.position_std_m": 0.2,
+    "limit.estimate_s": 3.0,
+    "limit.stretch_m": 0.5,
+    "start.capture_ratio": 10.0,
+}
+"""Parameters of the firmware for a module that is not known: no load fed forward, no impacts required."""
+SHOWN_S = 2.0
+
+
+def highest_ratio() -> float:
+    """The highest ratio to the data sheet's natural frequency."""
+    return HIGHEST_RATIO * math.sqrt(1.0 - SPRING_SPREAD)
+
+
+def bound(context: Context) -> Largest:
+    """The bounds: no impact, and a speed not far above the sweep's."""
+    speed_rad_s = highest_ratio() * natural_rad_s(context.values)
+    return Largest(torque_n_m=TORQUE_N_M, speed_rad_s=speed_rad_s + MARGIN_RAD_S)
+
+
+def cautious(context: Context, largest: Largest, force_n: float) -> dict[str, float]:
+    """All parameters for a motion within `largest`, with this limit of the force."""
+    values, speed_rad_s = context.values | UNKNOWN_MODULE, largest.speed_rad_s
+    lowered = values | {
+        "speed.torque_limit_n_m": min(largest.torque_n_m, values["speed.torque_limit_n_m"]),
+        "limit.speed_rad_s": 0.9 * speed_rad_s,
+        "limit.overspeed_rad_s": speed_rad_s,
+        "limit.drive_speed_rad_s": speed_rad_s,
+        "limit.force_n": force_n,
+    }
+    ratio = min(lowered["start.highest_ratio"], reachable_ratio(lowered))
+    return lowered | {"start.highest_ratio": ratio}
+
+
+def sweep(context: Context, found: Findings) -> None:
+    """Sweep the speed, and fit the striker's motion."""
+    highest = highest_ratio()
+    commands = [
+        Command(number * (HOLD_S + RAMP_S), Request.RUN, round(share * highest, 4))
+        for number, share in enumerate(SHARES)
+    ]
+    played = Operated(commands, len(SHARES) * (HOLD_S + RAMP_S))
+    largest = bound(context)
+    log = context.log("below-impacts")
+    force_n = FORCE_SHARE * context.values["limit.force_n"]
+    context.bench.play(played, played.longest_s, log, cautious(context, largest, force_n))
+    values, identified, readings = fit_module([log], context.values, is_slow=True)
+    note_motion(identified, readings, found)
+    if float(np.max(np.abs(identified.fit.motion[:, 1]))) < 0.02:
+        raise StepFailedError(
+            "the striker hardly moves although the crank turns: it is stuck, or dry friction exceeds what "
+            "the spring gives at this crank radius; free the striker, then repeat the step"
+        )
+    found.parameters |= values
+    found.notes.append(
+        "mass and rest length are the data sheet's: no sensor shows them. Spring, viscous friction, impulses "
+        "and forces are proportional to the mass, and the stop's position is counted from the rest length"
+    )
+    ratio = math.sqrt(values["striker.spring_n_m"].value / context.values["striker.mass_kg"])
+    found.add("natural frequency", ratio / (2.0 * math.pi), "Hz")
+
+
+def note_motion(identified: Identified, readings: Readings, found: Findings) -> None:
+    """The picture, the residual, and the largest speed."""
+    begin, end = readings.pieces[-1]
+    shown = slice(max(begin, end - round(SHOWN_S / readings.period_s)), end)
+    t_s = np.arange(len(readings.angle_rad))[shown] * readings.period_s
+    found.curves = [Curve("acceleration measured", t_s, readings.acceleration_m_s2[shown])]
+    found.axes = ("time in s", "acceleration in m/s²")
+    found.add("residual of the fit", identified.fit.residual_m_s2, "m/s^2")
+    found.add("largest speed of the striker", float(np.max(np.abs(identified.fit.motion[:, 1]))), "m/s")
+    found.notes.append(f"friction law: {identified.law.value}")
+    speeds = [np.gradient(readings.angle_rad[begin:end], readings.period_s) for begin, end in readings.pieces]
+    smooth = [np.convolve(one, np.ones(10) / 10.0, "valid") for one in speeds if len(one) > 10]
+    found.largest = found.largest._replace(speed_rad_s=max(float(np.max(np.abs(one))) for one in smooth))
+
+
+BELOW_IMPACTS = Step(
+    "below-impacts",
+    "It finds spring, crank radius, the encoder's zero and friction from a slow sweep of the crank's speed.",
+    "The firmware turns the crank at three speeds for half a minute; the striker swings and does not reach "
+    "the stop.",
+    bound,
+    sweep,
+)

@@ -1,0 +1,81 @@
+"""A simulated module that is stepped in this process, in the order of real time (`hil.bench.lockstep`)."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from firmware_py.interface import codec
+from firmware_py.interface.generated.records import SetInputTorque
+from firmware_py.shell.builds import node_of
+from hil.bus.can_log import CanLog
+from hil.bus.in_process import InProcessBus
+from hil.faults.fault import Fault
+from hil.faults.line import FaultyBus
+from hil.faults.memory import ParameterMemory
+from hil.faults.on_process import PLANT
+from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
+from hil.record.new_file import make_anew
+from plant_sim.result import Impact
+from plant_sim.scene import Scene
+from tools.bring_up.bench import EMERGENCY, PERIOD_S, Player
+
+US_A_TICK = round(PERIOD_S * 1e6)
+
+
+class LockstepBench:
+    """The module of a scene, which keeps its state from step to step; faults act from its power-up on."""
+
+    def __init__(self, scene: Scene, seed: int, faults: Sequence[Fault] = ()) -> None:
+        self._bus = InProcessBus()
+        self._pace = Pace(PERIOD_S, None, is_timed=False)
+        self._line = FaultyBus(self._bus.join(), PLANT, faults, seed, PERIOD_S)
+        self.plant = PlantRunner(scene, seed, self._pace, self._line, None, faults)
+        self._own, self._log = self._bus.join(), self._bus.join()
+        self.tick = 0
+        self.impacts: list[Impact] = []
+        """The true impacts since power-up."""
+        self.largest = {"force_n": 0.0, "torque_n_m": 0.0, "speed_rad_s": 0.0}
+        """The largest true values since they were last cleared."""
+
+    def play(
+        self, player: Player, longest_s: float, log: Path, parameters: Mapping[str, float] | None = None
+    ) -> None:
+        """See `Bench.play`."""
+        firmware = self._power_up(parameters) if parameters is not None else None
+        for waiting in (self._own, self._log):
+            waiting.receive()
+        begin = self.tick
+        with CanLog(make_anew(log)) as file:
+            try:
+                while (tick := self.tick - begin) < round(longest_s / PERIOD_S):
+                    self._step_plant()
+                    frames = player.play(tick, self._own.receive())
+                    if frames is None:
+                        break
+                    self._own.send_all(frames)
+                    if firmware is not None:
+                        firmware.step(self.tick)
+                    file.write(tick * US_A_TICK, self._log.receive())
+                    self.tick += 1
+            except BaseException:
+                if player.moves:
+                    self._own.send_all(EMERGENCY)
+                raise
+        if firmware is not None:  # as the process that ends
+            self._own.send_all([codec.SET_INPUT_TORQUE.encode(SetInputTorque(0.0))])
+
+    def _power_up(self, parameters: Mapping[str, float]) -> FirmwareRunner:
+        memory = ParameterMemory(parameters, (), 0)
+        pace = self._pace._replace(first_tick=self.tick)
+        line = FaultyBus(self._bus.join(), "firmware", (), 0, PERIOD_S)
+        return FirmwareRunner(memory, pace, line, None, False, node_of("compiled"))
+
+    def _step_plant(self) -> None:
+        self._line.move_to(self.tick * PERIOD_S)
+        self.plant.step(self.tick)
+        impacts = self.plant.node.take_impacts()
+        self.impacts += impacts
+        now, record = self.plant.node.plant.now, self.largest
+        forces_n = [impact.peak_force_n for impact in impacts if impact.peak_force_n is not None]
+        record["force_n"] = max(record["force_n"], *forces_n, 0.0)
+        record["torque_n_m"] = max(record["torque_n_m"], abs(now.motor_torque_n_m))
+        record["speed_rad_s"] = max(record["speed_rad_s"], abs(now.omega_rad_s))

@@ -1,0 +1,160 @@
+"""The module's parameters from the frames of steps: `tune identify`'s fit, with an unknown zero."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
+from plant_sim.arrays import FloatArray
+from tools.bring_up.step import StepFailedError
+from tools.output import BadInputError
+from tools.tuning.identification.first_values import fit_signed
+from tools.tuning.identification.flights import STILL_M_S2, contacts_of, flights_of
+from tools.tuning.identification.friction_laws import QUADRATURE
+from tools.tuning.identification.identify import (
+    FEWEST_IMPACTS,
+    NORMAL_95,
+    Identified,
+    identify,
+    low_pass_delay_s,
+    swing_m_s,
+)
+from tools.tuning.recordings.readings import Readings, Ticks, merge_ticks, read_ticks
+from tools.tuning.result import Value, make_value
+
+TURNING_RAD_S = 0.8
+"""Slower parts of a recording are left out."""
+SMOOTHED = 100
+"""Periods over which the speed is averaged for it."""
+SLOW_PERIODS, SLOW_STILL_M_S2 = 5, 0.03
+"""Below the impacts: periods of which the mean is taken, and the range of its noise at rest."""
+
+
+def wire(ticks: Ticks, values: Mapping[str, float]) -> Ticks:
+    """The readings with their channels in order and positive towards the stop, as the firmware takes them."""
+    low, housing = ticks.low_m_s2, ticks.housing_m_s2
+    if values["wiring.low_exchanged"]:
+        low, housing = housing, low
+    signs = {name: 1.0 - 2.0 * values[f"wiring.{name}_reversed"] for name in ("low", "high", "housing")}
+    return ticks._replace(
+        low_m_s2=signs["low"] * low,
+        high_m_s2=signs["high"] * ticks.high_m_s2,
+        housing_m_s2=signs["housing"] * housing,
+    )
+
+
+def read_turning(logs: Sequence[Path], values: Mapping[str, float]) -> Readings:
+    """The readings of logs one after another, without the parts in which the crank hardly turns."""
+    parts, ends, begins, rows = [], [], [], 0
+    for log in logs:
+        one = merge_ticks(wire(read_ticks(log), values), values["sensor.low_full_scale_m_s2"])
+        for begin, end in one.pieces:
+            speed = np.gradient(one.angle_rad[begin:end], one.period_s)
+            kernel = np.ones(SMOOTHED) / SMOOTHED
+            turns = np.convolve(speed, kernel, "same") > TURNING_RAD_S
+            edges = np.flatnonzero(np.diff(np.concatenate([[False], turns, [False]]).astype(np.int8)))
+            begins += [rows + first + begin for first in edges[::2].tolist()]
+            ends += [rows + last + begin for last in edges[1::2].tolist()]
+        parts.append(one)
+        rows += len(one.angle_rad)
+    if not begins:
+        raise StepFailedError("the crank has not turned: see the torque and speed in the report")
+
+    def joined(name: str) -> FloatArray:
+        return np.concatenate([getattr(one, name) for one in parts])
+
+    return Readings(
+        parts[0].period_s,
+        joined("acceleration_m_s2"),
+        joined("housing_m_s2"),
+        joined("angle_rad"),
+        tuple(zip(begins, ends, strict=True)),
+    )
+
+
+def decimate(readings: Readings, by: int) -> Readings:
+    """The means over `by` periods: slow motion needs no more, and a fit of it takes a share of the time."""
+    counts = [(end - begin) // by for begin, end in readings.pieces]
+    ends = np.cumsum(counts).tolist()
+
+    def means(one: FloatArray) -> FloatArray:
+        return np.concatenate(
+            [
+                one[begin : begin + count * by].reshape(count, by).mean(axis=1)
+                for (begin, _), count in zip(readings.pieces, counts, strict=True)
+            ]
+        )
+
+    return Readings(
+        readings.period_s * by,
+        means(readings.acceleration_m_s2),
+        means(readings.housing_m_s2),
+        means(readings.angle_rad),
+        tuple(zip([0, *ends[:-1]], ends, strict=True)),
+    )
+
+
+def find_zero(readings: Readings, bandwidth_hz: float, still_m_s2: float) -> float:
+    """A first value of the encoder's angle at which the piston passes its middle forward, in rad.
+
+    The sign of the accelerometer is not seen below the impacts: with the other sign it is half a turn on.
+    """
+    flights = flights_of(readings, contacts_of(readings), low_pass_delay_s(bandwidth_hz), still_m_s2)
+    swing = swing_m_s(readings)
+    striker = fit_signed(flights, [swing[one.begin : one.end] for one in flights], True).striker
+    return math.atan2(-striker.quadrature_m, striker.amplitude_m)
+
+
+def fit_module(
+    logs: Sequence[Path], values: Mapping[str, float], is_slow: bool = False
+) -> tuple[dict[str, Value], Identified, Readings]:
+    """Spring, crank radius and zero, friction and, with impacts, the stop, from the frames of steps.
+
+    `values`: all parameters, with the wiring found so far. `is_slow`: there are no impacts. Raises
+    StepFailedError.
+    """
+    bandwidth_hz = values["sensor.bandwidth_hz"]
+    by, still_m_s2 = (SLOW_PERIODS, SLOW_STILL_M_S2) if is_slow else (1, STILL_M_S2)
+    try:
+        readings = decimate(read_turning(logs, values), by)
+        zero_rad = find_zero(readings, bandwidth_hz, still_m_s2)
+        readings = readings._replace(angle_rad=readings.angle_rad - zero_rad)
+        found = identify(readings, bandwidth_hz, True, still_m_s2)
+    except BadInputError as error:
+        raise StepFailedError(str(error)) from error
+    mass, rest = values["striker.mass_kg"], values["striker.rest_length_m"]
+    places = {
+        "striker.spring_n_m": ("stiffness_1_s2", mass, 0.0),
+        "drive.amplitude_m": ("amplitude_m", 1.0, 0.0),
+        "friction.b_n_s_m": ("damping_1_s", mass, 0.0),
+        "friction.mu": ("dry_m_s2", 1.0 / STANDARD_GRAVITY_M_S2, 0.0),
+        "crank.zero_rad": (QUADRATURE, -1.0 / found.values["amplitude_m"], zero_rad),
+    }
+    if len(found.impacts) >= FEWEST_IMPACTS:
+        places |= {
+            "stop.position_m": ("stop_m", 1.0, rest),
+            "stop.restitution": ("restitution", 1.0, 0.0),
+            "stop.contact_s": ("contact_s", 1.0, 0.0),
+        }
+    parameters = {}
+    for name, (key, factor, base) in places.items():
+        value, wide = found.values[key] * factor + base, NORMAL_95 * abs(found.spread[key] * factor)
+        least = 0.0 if name.startswith("friction.") else -math.inf
+        bounds = (max(one, least) for one in (value, value - wide, value + wide))
+        parameters[name] = make_value(name, *bounds)
+    reachable = reachable_ratio({**values} | {name: one.value for name, one in parameters.items()})
+    if reachable < values["start.highest_ratio"]:
+        parameters["start.highest_ratio"] = make_value("start.highest_ratio", reachable, reachable, reachable)
+    return parameters, found, readings
+
+
+def natural_rad_s(values: Mapping[str, float]) -> float:
+    """The natural frequency by the parameters."""
+    return math.sqrt(values["striker.spring_n_m"] / values["striker.mass_kg"])
+
+
+def reachable_ratio(values: Mapping[str, float]) -> float:
+    """The highest ratio within the limit of the speed."""
+    return 0.99 * values["limit.speed_rad_s"] / natural_rad_s(values)

@@ -1,0 +1,87 @@
+"""The operator's part while the firmware drives: a script, and an eye on what the firmware reports."""
+
+from collections.abc import Callable, Sequence
+
+from firmware_py.interface import codec
+from firmware_py.interface.codec import FrameError
+from firmware_py.interface.enums import Fault, Mode, Refusal
+from firmware_py.interface.frame import Frame
+from firmware_py.interface.generated.records import FaultEvent, FirmwareHeartbeat, ImpactEvent
+from hil.scenario.operator import Command, OperatorNode, Request
+from tools.bring_up.bench import PERIOD_S
+from tools.bring_up.step import StepFailedError
+
+BEGINNING = (
+    Command(0.0, Request.IDLE, 0.0),
+    Command(0.6, Request.PROVE_WATCHDOG, 0.0),
+    Command(1.6, Request.IDLE, 0.0),
+)
+"""Before each start the firmware tests the drive's watchdog."""
+BEGUN_S = 2.2
+SILENT_S = 3.0
+LONGEST_STOP_S = 4.0
+
+
+class Operated:
+    """Plays a script behind `BEGINNING` with times from `BEGUN_S` on, and ends once the module stands still.
+
+    `done`: called with the player in each period; True ends the script. Raises StepFailedError for a fault or
+    a refusal of the firmware.
+    """
+
+    moves = True
+
+    def __init__(
+        self, commands: Sequence[Command], end_s: float, done: Callable[["Operated"], bool] = lambda _: False
+    ) -> None:
+        later = [one._replace(at_s=one.at_s + BEGUN_S) for one in commands]
+        self._node = OperatorNode([*BEGINNING, *later], PERIOD_S, is_recorded=False)
+        self._done, self._end_tick, self._waiting = done, round((BEGUN_S + end_s) / PERIOD_S), list[Frame]()
+        self._is_ending = False
+        self.tick, self._beat_tick = 0, 0
+        self.beat: FirmwareHeartbeat | None = None
+        self.impacts: list[tuple[int, ImpactEvent]] = []
+        """The tick in which each impact was reported."""
+
+    @property
+    def longest_s(self) -> float:
+        """The longest duration of the whole script with its stop."""
+        return self._end_tick * PERIOD_S + LONGEST_STOP_S + 1.0
+
+    def play(self, tick: int, received: Sequence[Frame]) -> Sequence[Frame] | None:
+        """Follow the firmware's reports, and send the script's frames."""
+        self.tick = tick
+        self._waiting += received
+        for frame in received:
+            self._follow(frame)
+        if tick - self._beat_tick > SILENT_S / PERIOD_S:
+            raise StepFailedError("the firmware's heartbeat is missing; see its output")
+        if not self._is_ending and (tick >= self._end_tick or self._done(self)):
+            self._is_ending, self._end_tick = True, tick
+            self._node.finish(tick)
+        if self._is_ending and self.beat is not None and tick > self._end_tick + 1.0 / PERIOD_S:
+            if self.beat.mode == Mode.READY:
+                return None
+            if tick > self._end_tick + LONGEST_STOP_S / PERIOD_S:
+                raise StepFailedError(f"the module is still in {Mode(self.beat.mode).name} after its stop")
+        if tick < self._node.due_tick:
+            return ()
+        waiting, self._waiting = self._waiting, []
+        return self._node.publish(tick, waiting)
+
+    def _follow(self, frame: Frame) -> None:
+        try:
+            if frame.can_id == codec.FIRMWARE_HEARTBEAT.can_id:
+                self.beat, self._beat_tick = codec.FIRMWARE_HEARTBEAT.decode(frame.data), self.tick
+            elif frame.can_id == codec.IMPACT_EVENT.can_id:
+                self.impacts.append((self.tick, codec.IMPACT_EVENT.decode(frame.data)))
+            elif frame.can_id == codec.FAULT_EVENT.can_id:
+                self._stop_for(codec.FAULT_EVENT.decode(frame.data))
+        except FrameError:
+            return
+
+    def _stop_for(self, event: FaultEvent) -> None:
+        if event.fault == Fault.REQUEST_REFUSED:
+            raise StepFailedError(f"the firmware refused the request: {Refusal(event.refusal).name}")
+        drive = f", the drive's reason {event.disarm_reason:#x}" if event.disarm_reason else ""
+        raise StepFailedError(f"the firmware stopped the module: {Fault(event.fault).name}{drive}")

@@ -1,0 +1,169 @@
+"""A bring-up in its folder: the steps in their order, each begun, resumed or repeated, and their findings."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from firmware_py.shell.parameters import DEFAULTS, with_overrides
+from hil.record.formats import PARAMETERS
+from hil.record.new_file import MOST_NOTE_BYTES, is_regular, write_anew
+from tools.bring_up.at_rest import AT_REST
+from tools.bring_up.below_impacts import BELOW_IMPACTS
+from tools.bring_up.bench import Bench
+from tools.bring_up.drive import DRIVE
+from tools.bring_up.listen import LISTEN
+from tools.bring_up.report import write_report
+from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
+from tools.output import BadInputError
+from tools.tuning.result import Value
+
+STEPS: tuple[Step, ...] = (LISTEN, AT_REST, DRIVE, BELOW_IMPACTS)
+STATE, REPORT, PARAMETER_FILE, SCENE = "bring-up.json", "bring-up.html", "parameters.toml", "module.toml"
+MOST_POINTS = 400
+"""Points of a curve that the state and the report keep."""
+
+
+@dataclass(frozen=True)
+class User:
+    """How the session speaks: `says` prints a sentence, `agrees` asks one and returns whether it is a yes."""
+
+    says: Callable[[str], None]
+    agrees: Callable[[str], bool]
+
+
+def read_state(folder: Path) -> list[dict[str, Any]]:
+    """The records of the steps of a begun bring-up; empty for a new folder. Raises BadInputError."""
+    path = folder / STATE
+    if path.exists() and (not is_regular(path) or path.stat().st_size > MOST_NOTE_BYTES):
+        raise BadInputError(f"{path} is no state of a bring-up; name another folder")
+    if not path.exists():
+        if folder.exists() and any(folder.iterdir()):
+            raise BadInputError(f"{folder} holds other files; name a new folder, or one that bring-up made")
+        return []
+    return list(json.loads(path.read_bytes())["steps"])
+
+
+def thin(curve: Curve) -> dict[str, Any]:
+    """A curve with at most `MOST_POINTS` points, as a table."""
+    x, y = np.asarray(curve.x, float), np.asarray(curve.y, float)
+    every = max(1, -(-len(x) // MOST_POINTS))
+    kept = np.isfinite(x[::every]) & np.isfinite(y[::every])
+    return {"name": curve.name, "x": x[::every][kept].tolist(), "y": y[::every][kept].tolist()}
+
+
+def record_of(step: Step, found: Findings, bound: Largest, reason: str) -> dict[str, Any]:
+    """The record of a step that has ended; an empty reason means that it has passed."""
+    return {
+        "name": step.name,
+        "passed": not reason,
+        "reason": reason,
+        "largest": found.largest._asdict(),
+        "bound": bound._asdict(),
+        "does": step.moves or step.does,
+        "parameters": {name: value._asdict() for name, value in found.parameters.items()},
+        "figures": [one._asdict() for one in found.figures],
+        "notes": found.notes,
+        "axes": list(found.axes),
+        "curves": [thin(one) for one in found.curves],
+    }
+
+
+def parameters_in(records: Sequence[Mapping[str, Any]]) -> dict[str, Value]:
+    """The parameters that the steps have found; a later step's value replaces an earlier one's."""
+    return {name: Value(**value) for one in records for name, value in one["parameters"].items()}
+
+
+class Session:
+    """A bring-up of one module: `settings` are the data sheet's values of the firmware's parameters."""
+
+    def __init__(
+        self, bench: Bench, folder: Path, settings: Mapping[str, float], ratio: float, user: User
+    ) -> None:
+        self._bench, self._folder, self._user = bench, folder, user
+        self._settings, self._ratio = dict(settings), ratio
+        self.records = read_state(folder)
+
+    def run(self, first: str | None, last: str | None) -> dict[str, Any]:
+        """Run the steps from `first` (by default the first that has not passed) to `last`; the result."""
+        names = [step.name for step in STEPS]
+        passed = [one["name"] for one in self.records if one["passed"]]
+        begin = names.index(first) if first else len(passed)
+        if begin > len(passed):
+            raise BadInputError(
+                f"--from {first}: the step {names[len(passed)]} has not passed yet; begin there"
+            )
+        end = names.index(last) + 1 if last else len(names)
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self.records = self.records[:begin]
+        for step in STEPS[begin:end]:
+            self._run(step)
+            if not self.records[-1]["passed"]:
+                break
+        return self.result()
+
+    def _run(self, step: Step) -> None:
+        """Run one step, and keep its record whatever happens."""
+        bounds = parameters_in(self.records)
+        values = with_overrides(self._settings | {name: value.value for name, value in bounds.items()})
+        context = Context(self._bench, self._folder, values, bounds, self._user.agrees, self._ratio)
+        bound, found = step.bound(context), Findings()
+        self._user.says(f"{step.name}: {step.does}")
+        reason = "interrupted: the module was stopped; the same command repeats the step"
+        try:
+            if step.moves:
+                self._user.says(f"{step.moves} Bounds: {describe(bound)}. Ctrl-C is an E-stop at any time.")
+                if not self._user.agrees(f"Begin the step {step.name}?"):
+                    raise StepFailedError("not agreed to; nothing has moved")
+            step.run(context, found)
+            reason = ""
+        except StepFailedError as error:
+            reason = str(error)
+        except ConnectionError as error:
+            reason = (
+                f"the bus has failed: {error}; an E-stop was sent if it could be, and the drive's watchdog "
+            )
+            reason += "ends the torque without it; mend the bus, and the same command repeats the step"
+            raise
+        finally:
+            self.records.append(record_of(step, found, bound, reason))
+            self._write()
+        self._user.says(f"{step.name}: {reason or 'passed'}")
+
+    def _write(self) -> None:
+        """Write state, parameter file and report."""
+        write_anew(self._folder / STATE, json.dumps({"format": 1, "steps": self.records}, allow_nan=False))
+        if found := parameters_in(self.records):
+            table = {"format": PARAMETERS, "tuning": {"command": "bring-up"}}
+            table["parameters"] = {name: value._asdict() for name, value in found.items()}
+            write_anew(self._folder / PARAMETER_FILE, tomli_w.dumps(table))
+        write_report(self._folder / REPORT, self.result())
+
+    def result(self) -> dict[str, Any]:
+        """The command's JSON object, with what the report needs besides."""
+        found = parameters_in(self.records)
+        there = {
+            name: str(path) for name in (SCENE, PARAMETER_FILE) if (path := self._folder / name).exists()
+        }
+        return {
+            "steps": self.records,
+            "parameters": {
+                name: value._asdict() | {"default": DEFAULTS[name]} for name, value in found.items()
+            },
+            "scene": there.get(SCENE),
+            "parameter_file": there.get(PARAMETER_FILE),
+            "report": str(self._folder / REPORT),
+            "passed": bool(self.records) and all(one["passed"] for one in self.records),
+        }
+
+
+def describe(bound: Largest) -> str:
+    """The bounds of a step in words."""
+    parts = [f"{bound.torque_n_m:.3g} N m", f"{bound.speed_rad_s:.3g} rad/s"]
+    parts += [f"{bound.force_n:.0f} N at the stop" if bound.force_n else "no impact"]
+    parts += [f"{bound.angle_rad:.3g} rad of crank a pulse"] if bound.angle_rad else []
+    return ", ".join(parts)

@@ -1,0 +1,56 @@
+"""`vibrohil bring-up`: from an unknown module on a bus to a controller that is proven on its twin."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from tools.commands.options import Change, Json, NodeBus, number
+from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, answer, progress_console
+from tools.outputs import folder_option
+
+StepName = Literal["listen", "at-rest", "drive", "below-impacts"]
+
+
+def bring_up(
+    *,
+    bus: NodeBus = "auto",
+    out: Annotated[Path, folder_option("The folder of the bring-up; one that was begun is continued.")],
+    until: Annotated[StepName | None, typer.Option(help="The last step; by default all.")] = None,
+    first: Annotated[
+        StepName | None,
+        typer.Option("--from", help="Repeat from this step; by default the first that has not passed."),
+    ] = None,
+    ratio: Annotated[float, number("The wanted speed over the natural frequency.", 0.9, 1.4)] = 1.25,
+    change: Change = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Agree to every motion and change without a question.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Lead through the first day with hardware, one step after the other, each with its bounds.
+
+    Before anything moves the command says what will move and asks; Ctrl-C is an E-stop at any time. --set
+    firmware.KEY=VALUE gives values of the data sheet, such as striker.mass_kg and striker.rest_length_m,
+    which no sensor shows. The folder keeps every frame, the parameters found and the report bring-up.html.
+    """
+    from firmware_py.shell.parameters import addresses_from, with_overrides
+    from hil.scenario.settings import apply_settings
+    from tools.bring_up.real import RealBench
+    from tools.bring_up.session import Session, User
+
+    tables = apply_settings({"firmware": {}}, change or [])["firmware"]
+    settings = {f"{block}.{name}": value for block, table in tables.items() for name, value in table.items()}
+    bench = RealBench(bus, addresses_from(with_overrides(settings)))
+    user = User(
+        lambda sentence: progress_console.print(sentence, markup=False),
+        lambda question: yes or typer.prompt(f"{question} Type yes", default="no", err=True) == "yes",
+    )
+    result = Session(bench, out, settings, ratio, user).run(first, until)
+
+    def show() -> None:
+        from tools.output import show_tables
+
+        show_tables({key: value for key, value in result.items() if key not in ("steps",)})
+
+    answer(result, as_json, show, EXIT_PASSED if result["passed"] else EXIT_CHECK_FAILED)
