@@ -1,5 +1,6 @@
 """A simulated module that is stepped in this process, in the order of real time (`hil.bench.lockstep`)."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from hil.record.new_file import make_anew
 from plant_sim.result import Impact
 from plant_sim.scene import Scene
 from tools.bring_up.bench import EMERGENCY, PERIOD_S, Player
+from tools.bring_up.step import NOTHING, Largest
 
 US_A_TICK = round(PERIOD_S * 1e6)
 
@@ -33,8 +35,8 @@ class LockstepBench:
         self.tick = 0
         self.impacts: list[Impact] = []
         """The true impacts since power-up."""
-        self.largest = {"force_n": 0.0, "torque_n_m": 0.0, "speed_rad_s": 0.0}
-        """The largest true values since they were last cleared."""
+        self.largest: dict[str, Largest] = {}
+        """The largest true values while each log was written."""
 
     def play(
         self, player: Player, longest_s: float, log: Path, parameters: Mapping[str, float] | None = None
@@ -47,7 +49,7 @@ class LockstepBench:
         with CanLog(make_anew(log)) as file:
             try:
                 while (tick := self.tick - begin) < round(longest_s / PERIOD_S):
-                    self._step_plant()
+                    self._step_plant(log.stem)
                     frames = player.play(tick, self._own.receive())
                     if frames is None:
                         break
@@ -69,13 +71,21 @@ class LockstepBench:
         line = FaultyBus(self._bus.join(), "firmware", (), 0, PERIOD_S)
         return FirmwareRunner(memory, pace, line, None, False, node_of("compiled"))
 
-    def _step_plant(self) -> None:
+    def rest(self, duration_s: float) -> None:
+        """Let time pass without a player."""
+        for _ in range(round(duration_s / PERIOD_S)):
+            self._step_plant("rest")
+            self.tick += 1
+
+    def _step_plant(self, name: str) -> None:
         self._line.move_to(self.tick * PERIOD_S)
         self.plant.step(self.tick)
         impacts = self.plant.node.take_impacts()
         self.impacts += impacts
-        now, record = self.plant.node.plant.now, self.largest
-        forces_n = [impact.peak_force_n for impact in impacts if impact.peak_force_n is not None]
-        record["force_n"] = max(record["force_n"], *forces_n, 0.0)
-        record["torque_n_m"] = max(record["torque_n_m"], abs(now.motor_torque_n_m))
-        record["speed_rad_s"] = max(record["speed_rad_s"], abs(now.omega_rad_s))
+        now, before = self.plant.node.plant.now, self.largest.get(name, NOTHING)
+        forces_n = [one.peak_force_n for one in impacts if math.isfinite(one.peak_force_n)]
+        self.largest[name] = before._replace(
+            force_n=max(before.force_n, *forces_n, 0.0),
+            torque_n_m=max(before.torque_n_m, abs(now.motor_torque_n_m)),
+            speed_rad_s=max(before.speed_rad_s, abs(now.omega_rad_s)),
+        )

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
-from firmware_py.interface.enums import Fault, Mode, Refusal
+from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import FaultEvent, FirmwareHeartbeat, ImpactEvent
 from hil.scenario.operator import Command, OperatorNode, Request
@@ -42,11 +42,18 @@ class Operated:
         self.beat: FirmwareHeartbeat | None = None
         self.impacts: list[tuple[int, ImpactEvent]] = []
         """The tick in which each impact was reported."""
+        self.held_regime = Regime.UNCERTAIN
+        """The regime reported as the script ended."""
 
     @property
     def longest_s(self) -> float:
         """The longest duration of the whole script with its stop."""
         return self._end_tick * PERIOD_S + LONGEST_STOP_S + 1.0
+
+    @property
+    def ended_tick(self) -> int:
+        """The tick in which the script ended."""
+        return self._end_tick
 
     def play(self, tick: int, received: Sequence[Frame]) -> Sequence[Frame] | None:
         """Follow the firmware's reports, and send the script's frames."""
@@ -58,6 +65,7 @@ class Operated:
             raise StepFailedError("the firmware's heartbeat is missing; see its output")
         if not self._is_ending and (tick >= self._end_tick or self._done(self)):
             self._is_ending, self._end_tick = True, tick
+            self.held_regime = Regime(self.beat.regime) if self.beat is not None else Regime.UNCERTAIN
             self._node.finish(tick)
         if self._is_ending and self.beat is not None and tick > self._end_tick + 1.0 / PERIOD_S:
             if self.beat.mode == Mode.READY:

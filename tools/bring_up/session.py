@@ -16,14 +16,16 @@ from tools.bring_up.at_rest import AT_REST
 from tools.bring_up.below_impacts import BELOW_IMPACTS
 from tools.bring_up.bench import Bench
 from tools.bring_up.drive import DRIVE
+from tools.bring_up.first_impacts import FIRST_IMPACTS
 from tools.bring_up.listen import LISTEN
 from tools.bring_up.report import write_report
 from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
+from tools.bring_up.twin import SCENE, TWIN
 from tools.output import BadInputError
 from tools.tuning.result import Value
 
-STEPS: tuple[Step, ...] = (LISTEN, AT_REST, DRIVE, BELOW_IMPACTS)
-STATE, REPORT, PARAMETER_FILE, SCENE = "bring-up.json", "bring-up.html", "parameters.toml", "module.toml"
+STEPS: tuple[Step, ...] = (LISTEN, AT_REST, DRIVE, BELOW_IMPACTS, FIRST_IMPACTS, TWIN)
+STATE, REPORT, PARAMETER_FILE = "bring-up.json", "bring-up.html", "parameters.toml"
 MOST_POINTS = 400
 """Points of a curve that the state and the report keep."""
 

@@ -9,7 +9,7 @@ from tools.commands.options import Change, Json, NodeBus, number
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, answer, progress_console
 from tools.outputs import folder_option
 
-StepName = Literal["listen", "at-rest", "drive", "below-impacts"]
+StepName = Literal["listen", "at-rest", "drive", "below-impacts", "first-impacts", "twin"]
 
 
 def bring_up(

@@ -1,0 +1,202 @@
+"""Step 5, first impacts: the stop, from the lowest speed with impacts; then the hold at the wanted speed.
+
+The first part raises the speed slowly, with a quarter of the module's force limit, until `ENOUGH` impacts
+have been seen in the raw readings, which need no model. Their direction shows the accelerometers' signs: at
+the stop the striker is pushed back. A striker that swings further than the stop can be has no stop.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from firmware_py.interface import codec
+from firmware_py.interface.codec import FrameError
+from firmware_py.interface.enums import Regime
+from firmware_py.interface.frame import Frame
+from hil.scenario.operator import Command, Request
+from tools.bring_up.below_impacts import FORCE_SHARE, cautious
+from tools.bring_up.module_fit import fit_module, natural_rad_s, read_turning
+from tools.bring_up.operated import Operated
+from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
+from tools.tuning.identification.identify import GRAZING_M_S
+from tools.tuning.result import Value, make_value
+
+ENOUGH = 14
+FIRST_RATIO, LAST_RATIO, STEP_RATIO, STEP_S = 0.65, 1.0, 0.005, 0.3
+STEEP_M_S2, AGAIN_TICKS = 4.0, 80
+"""An impact changes the reading by this within two periods; the next one is at least this far away."""
+GAP_MARGIN_M = 0.02
+"""A striker that swings this far beyond the data sheet's gap has no stop there."""
+HARD_M_S = 1.2
+"""Approach speed that the hold's force limit allows for, with a factor of 1.5."""
+HOLD_S, JUDGED_S = 16.0, 8.0
+TORQUE_N_M = 0.5
+PER_TURN = 0.9
+"""Impacts a turn in the hold, at least."""
+FROM_THE_SWEEP = ("friction.b_n_s_m", "friction.mu")
+"""Parameters that several speeds show better than one."""
+
+
+class Watched(Operated):
+    """An operator that counts impacts in the raw readings of the low range, and the swing between them."""
+
+    def __init__(
+        self, commands: Sequence[Command], end_s: float, values: dict[str, float], enough: int
+    ) -> None:
+        super().__init__(commands, end_s, lambda _: len(self.seen) >= enough)
+        self._exchanged, self._omega_rad_s = values["wiring.low_exchanged"] == 1.0, natural_rad_s(values)
+        gap_m = values["stop.position_m"] - values["striker.rest_length_m"]
+        self._farthest_m = gap_m + GAP_MARGIN_M
+        self._last: list[tuple[float, float]] = []
+        self._offset, self._seen_tick = 0.0, 0
+        self._before = self._extreme = np.zeros(2)
+        self.seen: list[tuple[float, float]] = []
+        """The change of the low and of the high range at each impact."""
+
+    def _follow(self, frame: Frame) -> None:
+        super()._follow(frame)
+        if frame.can_id != codec.ACCELEROMETER.can_id:
+            return
+        try:
+            sample = codec.ACCELEROMETER.decode(frame.data)
+        except FrameError:
+            return
+        low = sample.housing_m_s2 if self._exchanged else sample.striker_low_m_s2
+        self._last = [*self._last[-AGAIN_TICKS:], (low, sample.striker_high_m_s2)]
+        if len(self._last) < AGAIN_TICKS:
+            return
+        change = low - self._last[-3][0]
+        is_new = not self.seen or self.tick - self._seen_tick > AGAIN_TICKS
+        if abs(change) > STEEP_M_S2 and is_new:
+            self._seen_tick = self.tick
+            self._before, self._extreme = np.mean(self._last[:-10], axis=0), np.zeros(2)
+            self.seen.append((0.0, 0.0))
+        if self.seen and self.tick - self._seen_tick < AGAIN_TICKS // 2:
+            moved = np.array(self._last[-1]) - self._before
+            if abs(moved[0]) > abs(self._extreme[0]):
+                self._extreme = moved
+                self.seen[-1] = (float(moved[0]), float(moved[1]))
+        elif not self.seen and self.beat is not None and self.beat.target_omega_rad_s > 1.0:
+            self._offset += (low - self._offset) * 1e-4
+            reach_m = abs(low - self._offset) / self.beat.target_omega_rad_s**2
+            if reach_m > self._farthest_m and self.beat.target_omega_rad_s > 0.7 * self._omega_rad_s:
+                raise StepFailedError(
+                    f"the striker swings {reach_m * 1e3:.0f} mm to either side without an impact, further "
+                    "than the data sheet's stop: it is missing or displaced. Mend it, or give its position "
+                    "by --set firmware.stop.position_m"
+                )
+
+
+def first_bound(context: Context) -> Largest:
+    """A quarter of the module's force for the first impacts, the module's own for the hold."""
+    speed_rad_s = context.ratio * natural_rad_s(context.values)
+    limit_n = context.values["limit.force_n"]
+    return Largest(force_n=limit_n, torque_n_m=TORQUE_N_M, speed_rad_s=1.5 * speed_rad_s)
+
+
+def approach(context: Context, found: Findings) -> dict[str, float]:
+    """Raise the speed until enough impacts were seen; the parameters with signs and stop."""
+    log = context.log("first-impacts")
+    count = round((LAST_RATIO - FIRST_RATIO) / STEP_RATIO)
+    commands = [
+        Command(0.0 if number == 0 else 5.0 + number * STEP_S, Request.RUN, FIRST_RATIO + number * STEP_RATIO)
+        for number in range(count + 1)
+    ]
+    player = Watched(commands, 5.0 + (count + 8) * STEP_S, context.values, ENOUGH)
+    limit_n = FORCE_SHARE * context.values["limit.force_n"]
+    context.bench.play(player, player.longest_s, log, cautious(context, first_bound(context), limit_n))
+    if len(player.seen) < ENOUGH:
+        raise StepFailedError(
+            f"{len(player.seen)} impacts up to a ratio of {LAST_RATIO:g}: friction keeps the striker from "
+            "the stop, or the stop is further than the data sheet's; this module has no impacts there"
+        )
+    changes = np.median(np.array(player.seen), axis=0)
+    values = dict(context.values)
+    for channel, change in zip(("low", "high"), changes, strict=True):
+        name = f"wiring.{channel}_reversed"
+        is_wrong = (change > 0.0) != (values[name] == 1.0)
+        if not is_wrong:
+            continue
+        if not context.asks(
+            f"At the impacts the striker's {channel} range reads {change:+.0f} m/s^2, and the stop pushes "
+            f"the striker back: it is mounted the wrong way round. Set {name} = 1?"
+        ):
+            raise StepFailedError(f"the striker's {channel} range is the wrong way round; turn it")
+        values[name] = 1.0
+        found.parameters[name] = make_value(name, 1.0, 1.0, 1.0)
+    found.add("impacts of the approach", len(player.seen), "1")
+    return values
+
+
+def keep_narrower(found: Findings, context: Context, new: dict[str, Value], names: Sequence[str]) -> None:
+    """Take the new values whose intervals are narrower than those before."""
+    for name in names:
+        before = found.parameters.get(name) or context.bounds.get(name)
+        if name not in new:
+            continue
+        if before is None or new[name].high - new[name].low < before.high - before.low:
+            found.parameters[name] = new[name]
+
+
+def first_impacts(context: Context, found: Findings) -> None:
+    """The approach, its fit, the hold at the wanted ratio, and the fit of the hold."""
+    values = approach(context, found)
+    new, identified, readings = fit_module([context.log("first-impacts")], values, last_s=JUDGED_S)
+    if "stop.position_m" not in new:
+        raise StepFailedError(
+            f"{len(identified.impacts)} impacts faster than {GRAZING_M_S} m/s are too few for the stop; "
+            "repeat the step"
+        )
+    begin, end = readings.pieces[-1]
+    t_s = np.arange(len(readings.angle_rad))[begin:end] * readings.period_s
+    found.curves = [Curve("acceleration, first impacts", t_s, readings.acceleration_m_s2[begin:end])]
+    found.axes = ("time in s", "acceleration in m/s²")
+    is_turned = values["wiring.low_reversed"] != context.values["wiring.low_reversed"]
+    if is_turned:  # the other sign puts the piston's zero half a turn on
+        zero = new["crank.zero_rad"]
+        found.parameters["crank.zero_rad"] = zero
+    keep_narrower(found, context, new, [name for name in new if name not in FROM_THE_SWEEP])
+    values |= {name: one.value for name, one in found.parameters.items()}
+    hold(context, found, values)
+
+
+def hold(context: Context, found: Findings, values: dict[str, float]) -> None:
+    """Hold the wanted ratio with the parameters found, and fit them again."""
+    limit_n = min(
+        values["limit.force_n"],
+        1.5 * HARD_M_S * math.pi * values["striker.mass_kg"] / values["stop.contact_s"],
+    )
+    found.add("force limit of the hold", limit_n, "N")
+    held = values | {"limit.force_n": max(limit_n, 100.0)}
+    player = Operated([Command(0.0, Request.RUN, context.ratio)], HOLD_S)
+    log = context.log("hold")
+    context.bench.play(player, player.longest_s, log, held)
+    end = player.ended_tick
+    hits = [one for tick, one in player.impacts if end - JUDGED_S * 1000 < tick <= end]
+    turns = JUDGED_S * context.ratio * natural_rad_s(values) / (2.0 * math.pi)
+    found.add("impacts a turn in the hold", len(hits) / turns, "1")
+    if player.held_regime != Regime.IMPACT or not PER_TURN <= len(hits) / turns <= 2.0 - PER_TURN:
+        raise StepFailedError(
+            f"{len(hits)} impacts in {turns:.1f} turns at a ratio of {context.ratio:g}, regime "
+            f"{player.held_regime.name}: this module does not hold one impact a turn there; ask for a lower "
+            "--ratio"
+        )
+    speed_m_s, impulse_n_s = np.median([(one.approach_speed_m_s, one.impulse_n_s) for one in hits], axis=0)
+    found.add("approach speed in the hold", speed_m_s, "m/s")
+    found.add("impulse in the hold", impulse_n_s, "N s")
+    new, _, _ = fit_module([log], values, last_s=JUDGED_S)
+    keep_narrower(found, context, new, [name for name in new if name not in FROM_THE_SWEEP])
+    peaks = read_turning([log], values, JUDGED_S).acceleration_m_s2
+    force_n = values["striker.mass_kg"] * float(np.nanmax(np.abs(peaks)))
+    found.largest = found.largest._replace(force_n=force_n)
+
+
+FIRST_IMPACTS = Step(
+    "first-impacts",
+    "It raises the speed to the first impacts, fits the stop, and then holds the wanted speed.",
+    "The firmware turns the crank faster until the striker meets the stop, at a quarter of the module's "
+    "force limit; then it starts to the wanted speed and holds it.",
+    first_bound,
+    first_impacts,
+)

@@ -1,0 +1,110 @@
+"""Step 6, twin: the module as a scene, the recorded hold repeated on it, and the safety scenarios with it.
+
+The twin gets the parameters that were found, and the same commands. Its approach speed, impulse and impacts a
+turn in the hold are compared with the module's.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from firmware_py.interface.generated.records import ImpactEvent
+from hil.record.bus_reconstruction import frames_of
+from hil.record.candump import StoredBus
+from hil.record.new_file import write_anew
+from hil.scenario.operator import Command, Request
+from plant_sim.scene import load_scene
+from tools.bring_up.first_impacts import HOLD_S, JUDGED_S
+from tools.bring_up.lockstep import LockstepBench
+from tools.bring_up.operated import BEGUN_S, Operated
+from tools.bring_up.step import NOTHING, Context, Curve, Findings, Step, StepFailedError
+from tools.tuning.safety import Bench as SafetyBench
+from tools.tuning.safety import judge_safety
+
+SCENE = "module.toml"
+LARGEST_DEVIATION = 0.05
+"""Largest deviation of the twin's approach speed and impulse from the module's."""
+SEED = 1
+
+
+def scene_of(values: Mapping[str, float]) -> dict[str, Any]:
+    """The scene of a module with these parameters; what they do not have is the default motor's."""
+    friction: dict[str, Any] = {"law": "viscous", "b_n_s_m": values["friction.b_n_s_m"]}
+    if values["friction.mu"] > 0.0:
+        friction = {"law": "coulomb", "mu": values["friction.mu"], "b_n_s_m": values["friction.b_n_s_m"]}
+    return {
+        "striker": {name: values[f"striker.{name}"] for name in ("mass_kg", "spring_n_m", "rest_length_m")},
+        "drive": {"model": "motor", "amplitude_m": values["drive.amplitude_m"]},
+        "friction": friction,
+        "stop": {
+            "law": "hunt-crossley",
+            **{name: values[f"stop.{name}"] for name in ("position_m", "restitution", "contact_s")},
+        },
+        "motor": {
+            "inertia_kg_m2": values["motor.inertia_kg_m2"],
+            "viscous_n_m_s": values["motor.viscous_n_m_s"],
+            "dry_n_m": values["motor.dry_n_m"],
+        },
+        "initial": {"x_m": values["striker.rest_length_m"], "v_m_s": 0.0},
+        "sensors": {},
+    }
+
+
+def for_the_twin(values: Mapping[str, float]) -> dict[str, float]:
+    """The parameters without the wiring and the encoder's zero of the real module, which the twin has not."""
+    own = {name: 0.0 for name in values if name.startswith("wiring.")}
+    return {**values, **own, "crank.zero_rad": 0.0}
+
+
+def impacts_in(log: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Time, approach speed and impulse of the impacts that a log of a hold reports, shape (n, 3)."""
+    events = frames_of(StoredBus(log), ImpactEvent)
+    rows = np.column_stack([events.t_s, events.signals[:, 1], events.signals[:, 2]])
+    end_s = BEGUN_S + HOLD_S
+    return rows[(rows[:, 0] > end_s - JUDGED_S) & (rows[:, 0] <= end_s)]
+
+
+def prove(context: Context, found: Findings) -> None:
+    """Write the scene, repeat the hold on the twin, and run the safety scenarios on it."""
+    scene, values = scene_of(context.values), for_the_twin(context.values)
+    write_anew(context.folder / SCENE, tomli_w.dumps(scene))
+    bench = LockstepBench(load_scene(scene), SEED)
+    player = Operated([Command(0.0, Request.RUN, context.ratio)], HOLD_S)
+    bench.play(player, player.longest_s, context.log("twin"), values)
+    measured, simulated = impacts_in(context.log("hold")), impacts_in(context.log("twin"))
+    found.curves = [
+        Curve("module", measured[:, 0], measured[:, 1]),
+        Curve("twin", simulated[:, 0], simulated[:, 1]),
+    ]
+    found.axes = ("time in s", "approach speed in m/s")
+    if not len(simulated):
+        raise StepFailedError("the twin has no impacts in the hold: its friction or its stop is another one")
+    found.add("impacts of module and twin in the hold", len(measured) / len(simulated), "1")
+    for column, name in ((1, "approach speed"), (2, "impulse")):
+        ratio = float(np.median(simulated[:, column]) / np.median(measured[:, column]))
+        found.add(f"{name}, twin over module", ratio, "1")
+        if abs(ratio - 1.0) > LARGEST_DEVIATION:
+            raise StepFailedError(
+                f"the twin's {name} is {ratio:.3f} of the module's, wanted within {LARGEST_DEVIATION:.0%}: "
+                "repeat first-impacts, or look for another friction in the report"
+            )
+    forces_n = [one.peak_force_n for one in bench.impacts]
+    found.add("peak force, twin", max(forces_n), "N")
+    changed = {name: value for name, value in values.items() if name in context.bounds}
+    results = judge_safety(changed, lambda _, __: None, SafetyBench(scene, ratio=context.ratio))
+    for one in results:
+        found.notes.append(f"{one.scenario}: {'passed' if one.passed else one.why}")
+    if not all(one.passed for one in results):
+        raise StepFailedError("a safety scenario fails on the twin with these parameters; see the notes")
+    found.notes.append("run next: vibrohil suite --parameters parameters.toml")
+
+
+TWIN = Step(
+    "twin",
+    "It writes the module as a scene, repeats the hold on this twin, and runs the safety scenarios on it.",
+    "",
+    lambda _: NOTHING,
+    prove,
+)

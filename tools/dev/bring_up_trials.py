@@ -1,0 +1,218 @@
+"""A blind test of `vibrohil bring-up`: hidden modules behind a seed, each in lockstep.
+
+    python -m tools.dev.bring_up_trials --trials 20 --seed 50000
+
+Each module has another mass, spring, crank radius, stop, friction and encoder offset; one in six is wired
+wrongly, one in ten is broken. The command gets the mass and the nominal data sheet only. The table says how
+each ended, how often the true values were within the intervals, and whether any step exceeded its bounds.
+"""
+
+import argparse
+import tempfile
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hil.scenario.scenario import check_scenario
+from plant_sim.scene import read_scene
+from tools.bring_up.lockstep import LockstepBench
+from tools.bring_up.session import Session, User
+
+SCENE = "table1-motor-soft"
+WRONG_SHARE, BROKEN_SHARE = 1 / 6, 1 / 10
+RATIO = 1.25
+STEP_OF_LOG = {"hold": "first-impacts"}
+"""Steps whose logs have another name."""
+
+
+def fault(kind: str, **keys: Any) -> dict[str, Any]:
+    """A fault that acts from the power-up on."""
+    return {"kind": kind, "at_s": 0.0, **keys}
+
+
+WRONG = (
+    [fault("sensor-wrong-sign", sensor="encoder")],
+    [fault("sensor-wrong-sign", sensor="striker")],
+    [fault("sensor-wrong-sign", sensor="striker-high")],
+    [fault("sensor-swapped", sensors=["striker-low", "housing"])],
+)
+BROKEN: dict[str, tuple[dict[str, Any], list[dict[str, Any]], str]] = {
+    "no watchdog": ({"axis": {"watchdog_feed": "off"}}, [], "no watchdog"),
+    "silent drive": ({}, [fault("dropped", frames=["DriveHeartbeat"])], "no frame DriveHeartbeat"),
+    "striker stuck": (
+        {"friction": {"law": "coulomb", "mu": 2.0}},
+        [],
+        "hardly moves|free flights|faster than",
+    ),
+    "stop missing": ({"stop": {"position_m": 0.35}}, [], "missing"),
+}
+
+
+class Hidden(NamedTuple):
+    """A hidden module: changes of the scene, faults, the reason with which it must end (empty: none)."""
+
+    scene: dict[str, dict[str, Any]]
+    faults: list[dict[str, Any]]
+    reason: str
+    kind: str
+
+
+def bench_of(
+    scene: Mapping[str, Mapping[str, Any]], faults: Sequence[Mapping[str, Any]], seed: int
+) -> LockstepBench:
+    """A module with these changes of its scene, with faults from its power-up on."""
+    tables = read_scene(SCENE)
+    for table, keys in scene.items():
+        tables[table] = dict(keys) if table == "friction" else {**tables.get(table, {}), **keys}
+    script = {"duration_s": 1.0, "commands": [], "faults": list(faults)}
+    document = {"title": "hidden", "scene": tables, "firmware": {}, "script": script, "checks": []}
+    scenario = check_scenario(document, "hidden")
+    return LockstepBench(scenario.scene, seed, scenario.faults)
+
+
+def brought_up(
+    bench: LockstepBench, folder: Path, last: str | None, agree: bool = True, mass_kg: float = 0.8
+) -> dict[str, Any]:
+    """The result of a bring-up on this bench, with the same answer to every question."""
+    user = User(lambda _: None, lambda _: agree)
+    return Session(bench, folder, {"striker.mass_kg": mass_kg}, RATIO, user).run(None, last)
+
+
+def sampled(seed: int) -> Hidden:
+    """The module of a seed."""
+    rng = np.random.default_rng(seed)
+    friction = (
+        {"law": "viscous", "b_n_s_m": rng.uniform(0.05, 0.4)},
+        {"law": "coulomb", "mu": rng.uniform(0.01, 0.15)},
+        {
+            "law": "stribeck",
+            "mu": (mu := rng.uniform(0.01, 0.12)),
+            "mu_s": 1.3 * mu,
+            "v_s_m_s": 0.1,
+            "delta": 1.0,
+        },
+    )[rng.integers(3)]
+    scene: dict[str, dict[str, Any]] = {
+        "striker": {"mass_kg": rng.uniform(0.5, 1.3), "spring_n_m": 70.0 * rng.uniform(0.6, 1.4)},
+        "drive": {"amplitude_m": 0.02 * rng.uniform(0.75, 1.25)},
+        "stop": {
+            "position_m": 0.18 + rng.uniform(-0.006, 0.006),
+            "restitution": rng.uniform(0.2, 0.8),
+            "contact_s": rng.uniform(0.003, 0.025),
+        },
+        "friction": friction,
+    }
+    faults = [fault("sensor-biased", sensor="encoder", bias=rng.uniform(0.1, 6.2))]
+    kind = rng.uniform()
+    if kind < BROKEN_SHARE:
+        name = list(BROKEN)[rng.integers(len(BROKEN))]
+        changes, more, reason = BROKEN[name]
+        for table, keys in changes.items():
+            scene[table] = {**scene.get(table, {}), **keys} if table != "friction" else keys
+        return Hidden(scene, faults + more, reason, name)
+    if kind < BROKEN_SHARE + WRONG_SHARE:
+        return Hidden(scene, faults + WRONG[rng.integers(len(WRONG))], "", "wired wrongly")
+    return Hidden(scene, faults, "", "sound")
+
+
+def true_values(scene: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
+    """The true values of the parameters that have intervals."""
+    return {
+        "striker.spring_n_m": scene["striker"]["spring_n_m"],
+        "drive.amplitude_m": scene["drive"]["amplitude_m"],
+        **{f"stop.{name}": scene["stop"][name] for name in ("position_m", "restitution", "contact_s")},
+        **{f"friction.{name}": scene["friction"].get(name, 0.0) for name in ("b_n_s_m", "mu")},
+        "motor.inertia_kg_m2": 5e-4,
+        "motor.dry_n_m": 5e-3,
+    }
+
+
+class Trial(NamedTuple):
+    """How a trial ended: seed, kind, last step and its reason, bench time, beyond bounds, inside intervals."""
+
+    seed: int
+    kind: str
+    passed: bool
+    as_wanted: bool
+    step: str
+    reason: str
+    bench_s: float
+    beyond: list[str]
+    inside: dict[str, bool]
+
+
+def beyond_bounds(bench: LockstepBench, steps: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The quantities by which a step has exceeded its stated bounds, in the module itself."""
+    bounds = {step["name"]: step["bound"] for step in steps}
+    return [
+        f"{log}: {quantity} {value:.3g} of {bounds[STEP_OF_LOG.get(log, log)][quantity]:.3g}"
+        for log, largest in bench.largest.items()
+        for quantity, value in largest._asdict().items()
+        if quantity != "angle_rad"
+        and value > bounds.get(STEP_OF_LOG.get(log, log), {quantity: np.inf})[quantity] + 0.02
+    ]
+
+
+def run_trial(seed: int) -> Trial:
+    """Bring up the module of a seed."""
+    hidden = sampled(seed)
+    bench = bench_of(hidden.scene, hidden.faults, seed)
+    with tempfile.TemporaryDirectory(prefix="vibrohil-bring-up-") as folder:
+        result = brought_up(bench, Path(folder) / "out", None, mass_kg=hidden.scene["striker"]["mass_kg"])
+    last = result["steps"][-1]
+    as_wanted = (
+        result["passed"]
+        if not hidden.reason
+        else any(one in last["reason"] for one in hidden.reason.split("|"))
+    )
+    truth, found = true_values(hidden.scene), result["parameters"]
+    inside = {
+        name: found[name]["low"] <= value <= found[name]["high"]
+        for name, value in truth.items()
+        if name in found and not hidden.reason
+    }
+    beyond = beyond_bounds(bench, result["steps"])
+    return Trial(
+        seed,
+        hidden.kind,
+        result["passed"],
+        as_wanted,
+        last["name"],
+        last["reason"],
+        bench.tick * 1e-3,
+        beyond,
+        inside,
+    )
+
+
+def main() -> None:
+    """Run the trials and print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--trials", type=int, default=120)
+    parser.add_argument("--seed", type=int, default=50_000)
+    parser.add_argument("--workers", type=int, default=1)
+    given = parser.parse_args()
+    trials: list[Trial] = []
+    with ProcessPoolExecutor(given.workers) as pool:
+        for one in pool.map(run_trial, range(given.seed, given.seed + given.trials)):
+            trials.append(one)
+            word = "as wanted" if one.as_wanted else "NOT AS WANTED"
+            print(
+                f"{one.seed} {one.kind}: {word}, {one.step}, {one.bench_s:.0f} s. {one.reason} {one.beyond}",
+                flush=True,
+            )
+    print(f"{sum(one.as_wanted for one in trials)} of {len(trials)} ended as wanted")
+    print(f"{sum(bool(one.beyond) for one in trials)} trials exceeded a step's bounds")
+    print(f"longest bench time {max(one.bench_s for one in trials):.0f} s")
+    for name in dict.fromkeys(name for one in trials for name in one.inside):
+        hits = [one.inside[name] for one in trials if name in one.inside]
+        print(f"{name}: the truth is inside {sum(hits)} of {len(hits)} intervals")
+
+
+if __name__ == "__main__":
+    main()
