@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from hil.scenario.operator import Command, Request
-from tools.bring_up.module_fit import fit_module, natural_rad_s, reachable_ratio
+from tools.bring_up.module_fit import fit_module, largest_in, natural_rad_s, reachable_ratio
 from tools.bring_up.operated import Operated
 from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.tuning.identification.identify import Identified
@@ -75,6 +75,7 @@ def sweep(context: Context, found: Findings) -> None:
     log = context.log("below-impacts")
     force_n = FORCE_SHARE * context.values["limit.force_n"]
     context.bench.play(played, played.longest_s, log, cautious(context, largest, force_n))
+    found.largest = largest_in(log, 0.0)
     values, identified, readings = fit_module([log], context.values, is_slow=True)
     note_motion(identified, readings, found)
     if float(np.max(np.abs(identified.fit.motion[:, 1]))) < 0.02:
@@ -92,7 +93,7 @@ def sweep(context: Context, found: Findings) -> None:
 
 
 def note_motion(identified: Identified, readings: Readings, found: Findings) -> None:
-    """The picture, the residual, and the largest speed."""
+    """The picture, and the residual."""
     begin, end = readings.pieces[-1]
     shown = slice(max(begin, end - round(SHOWN_S / readings.period_s)), end)
     t_s = np.arange(len(readings.angle_rad))[shown] * readings.period_s
@@ -101,9 +102,6 @@ def note_motion(identified: Identified, readings: Readings, found: Findings) -> 
     found.add("residual of the fit", identified.fit.residual_m_s2, "m/s^2")
     found.add("largest speed of the striker", float(np.max(np.abs(identified.fit.motion[:, 1]))), "m/s")
     found.notes.append(f"friction law: {identified.law.value}")
-    speeds = [np.gradient(readings.angle_rad[begin:end], readings.period_s) for begin, end in readings.pieces]
-    smooth = [np.convolve(one, np.ones(10) / 10.0, "valid") for one in speeds if len(one) > 10]
-    found.largest = found.largest._replace(speed_rad_s=max(float(np.max(np.abs(one))) for one in smooth))
 
 
 BELOW_IMPACTS = Step(

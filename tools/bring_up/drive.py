@@ -75,6 +75,7 @@ class Commander:
 
     def __init__(self, current_limit_a: float) -> None:
         self.beat: DriveHeartbeat | None = None
+        self.is_armed = False
         self.current_limit_a = current_limit_a
         self.angle_rad, self.speed_rad_s = math.nan, 0.0
         self.samples: list[Sample] = []
@@ -126,6 +127,11 @@ class Commander:
         clamped = max(-BOUND.torque_n_m, min(BOUND.torque_n_m, torque_n_m))
         if abs(self.speed_rad_s) > BOUND.speed_rad_s:
             raise StepFailedError(f"the crank turns at {self.speed_rad_s:.1f} rad/s; the step was stopped")
+        if self.is_armed and self.beat and self.beat.axis_state != AxisState.CLOSED_LOOP_CONTROL:
+            raise StepFailedError(
+                f"the drive has disarmed by itself (errors {self.beat.axis_error:#x}). If that is its "
+                "watchdog, commands came late: end other work on this machine, then repeat the step"
+            )
         self.steady = self.steady + 1 if self.samples and self.samples[-1].torque_n_m == clamped else 0
         self.samples.append(Sample(clamped, self.angle_rad, self.speed_rad_s))
         return [codec.SET_INPUT_TORQUE.encode(SetInputTorque(clamped))]
@@ -151,6 +157,7 @@ class Commander:
         for _ in range(round(ARMING_S / PERIOD_S)):
             yield self.torque(0.0)
             if self.beat is not None and self.beat.axis_state == AxisState.CLOSED_LOOP_CONTROL:
+                self.is_armed = True
                 return
         if self.beat is None:
             raise StepFailedError("the drive has fallen silent; check its supply and plug")
@@ -161,6 +168,7 @@ class Commander:
 
     def prove_watchdog(self) -> Script:
         """Fall silent with a closed loop and no torque; the drive must disarm by itself."""
+        self.is_armed = False
         for _ in range(round(SILENCE_S / PERIOD_S)):
             yield []
         if self.beat is None or self.beat.axis_state != AxisState.IDLE:
@@ -203,6 +211,10 @@ class Commander:
 
     def script(self) -> Script:
         """Watchdog, growing pulses until the crank moves in both directions, then pulses for the inertia."""
+        for _ in range(round(ARMING_S / PERIOD_S)):
+            if not math.isnan(self.angle_rad):
+                break
+            yield []
         yield from self.arm()
         yield from self.wait(0.1)
         yield from self.prove_watchdog()

@@ -16,7 +16,7 @@ from firmware_py.interface.enums import Regime
 from firmware_py.interface.frame import Frame
 from hil.scenario.operator import Command, Request
 from tools.bring_up.below_impacts import FORCE_SHARE, cautious
-from tools.bring_up.module_fit import fit_module, natural_rad_s, read_turning
+from tools.bring_up.module_fit import fit_module, largest_in, natural_rad_s
 from tools.bring_up.operated import Operated
 from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.tuning.identification.identify import GRAZING_M_S
@@ -30,7 +30,7 @@ GAP_MARGIN_M = 0.02
 """A striker that swings this far beyond the data sheet's gap has no stop there."""
 HARD_M_S = 1.2
 """Approach speed that the hold's force limit allows for, with a factor of 1.5."""
-HOLD_S, JUDGED_S = 16.0, 8.0
+HOLD_S, JUDGED_S, SHOWN = 16.0, 8.0, 400
 TORQUE_N_M = 0.5
 PER_TURN = 0.9
 """Impacts a turn in the hold, at least."""
@@ -148,7 +148,8 @@ def first_impacts(context: Context, found: Findings) -> None:
             f"{len(identified.impacts)} impacts faster than {GRAZING_M_S} m/s are too few for the stop; "
             "repeat the step"
         )
-    begin, end = readings.pieces[-1]
+    begin, end = max(readings.pieces, key=lambda one: one[1] - one[0])
+    begin = max(begin, end - SHOWN)
     t_s = np.arange(len(readings.angle_rad))[begin:end] * readings.period_s
     found.curves = [Curve("acceleration, first impacts", t_s, readings.acceleration_m_s2[begin:end])]
     found.axes = ("time in s", "acceleration in m/s²")
@@ -187,9 +188,9 @@ def hold(context: Context, found: Findings, values: dict[str, float]) -> None:
     found.add("impulse in the hold", impulse_n_s, "N s")
     new, _, _ = fit_module([log], values, last_s=JUDGED_S)
     keep_narrower(found, context, new, [name for name in new if name not in FROM_THE_SWEEP])
-    peaks = read_turning([log], values, JUDGED_S).acceleration_m_s2
-    force_n = values["striker.mass_kg"] * float(np.nanmax(np.abs(peaks)))
-    found.largest = found.largest._replace(force_n=force_n)
+    mass_kg = values["striker.mass_kg"]
+    parts = [largest_in(one, mass_kg) for one in (context.log("first-impacts"), log)]
+    found.largest = Largest(*np.max(np.array(parts), axis=0).tolist())
 
 
 FIRST_IMPACTS = Step(

@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
+from firmware_py.interface.generated.records import SetInputTorque
+from hil.record.bus_reconstruction import frames_of
+from hil.record.candump import StoredBus
 from plant_sim.arrays import FloatArray
-from tools.bring_up.step import StepFailedError
+from tools.bring_up.step import Largest, StepFailedError
 from tools.output import BadInputError
 from tools.tuning.identification.first_values import fit_signed
 from tools.tuning.identification.flights import STILL_M_S2, contacts_of, flights_of
@@ -73,6 +76,20 @@ def read_turning(logs: Sequence[Path], values: Mapping[str, float], last_s: floa
         joined("housing_m_s2"),
         joined("angle_rad"),
         tuple(zip(begins, ends, strict=True)),
+    )
+
+
+def largest_in(log: Path, mass_kg: float) -> Largest:
+    """The largest torque commanded, speed and, by the striker's acceleration, force in a log."""
+    bus, ticks = StoredBus(log), read_ticks(log)
+    torques_n_m = frames_of(bus, SetInputTorque).signals
+    low, high = (
+        float(np.nanmax(np.abs(one - np.nanmedian(one)))) for one in (ticks.low_m_s2, ticks.high_m_s2)
+    )
+    return Largest(
+        force_n=mass_kg * max(low, high),
+        torque_n_m=float(np.max(np.abs(torques_n_m), initial=0.0)),
+        speed_rad_s=2.0 * math.pi * float(np.nanmax(np.abs(ticks.velocity_rev_s))),
     )
 
 

@@ -8,7 +8,9 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
+from firmware_py.interface import codec
 from firmware_py.interface.addresses import Addresses
+from firmware_py.interface.frame import Frame
 from hil.bus import BusFailedError, open_bus
 from hil.bus.addressed import addressed
 from hil.bus.base import Bus
@@ -17,10 +19,13 @@ from hil.record.new_file import make_anew
 from hil.timing.clock import NS_PER_S, MonotonicClock
 from hil.timing.loop import FixedRateLoop
 from hil.timing.processes import Child
+from hil.timing.realtime import NODE, become_realtime, leave_realtime
 from tools.bring_up.bench import EMERGENCY, PERIOD_S, Player
 
 STARTING_S = 120.0
 """Longest start of the firmware's process: it may have to compile."""
+COUNTERS = 256
+"""Values of the accelerometers' rolling counter."""
 RUNNING = "running at"
 """What the firmware's process says once it ticks."""
 
@@ -48,23 +53,58 @@ class RealBench:
         begin_ns = clock.now_ns()
         loop = FixedRateLoop(clock, begin_ns, round(PERIOD_S * NS_PER_S))
 
+        dating = Dating()
+
         def step(tick: int) -> None:
             received = bus.receive()
             frames = player.play(tick, received)
-            file.write((clock.now_ns() - begin_ns) // 1000, [*received, *(frames or ())])
+            now_s = (clock.now_ns() - begin_ns) / NS_PER_S
+            for frame in received:
+                file.write(dating.time_us(frame, now_s), [frame])
+            file.write(dating.newest_us, frames or ())
             if frames is None:
                 loop.stop()
                 return
             bus.send_all(frames)
 
+        become_realtime(NODE)
         try:
             loop.run(round(longest_s / PERIOD_S), step, None)
         except BaseException:
             if player.moves:
                 bus.send_all(EMERGENCY)
             raise
+        finally:
+            leave_realtime()
         if bus.failure:
             raise BusFailedError(bus.failure)
+
+
+class Dating:
+    """The times of frames by the accelerometers' rolling counter, which advances once in a period.
+
+    Neither a late process nor an adapter that bundles its frames changes these times. Other frames have the
+    time of the sample before them.
+    """
+
+    def __init__(self) -> None:
+        self.newest_us = 0
+        self._counter: int | None = None
+
+    def time_us(self, frame: Frame, now_s: float) -> int:
+        """The frame's time, for one received at `now_s` after the beginning."""
+        if frame.can_id != codec.ACCELEROMETER.can_id or len(frame.data) != codec.ACCELEROMETER.length:
+            return self.newest_us
+        counter = codec.ACCELEROMETER.counter(frame.data)
+        if self._counter is None:
+            self.newest_us = round(now_s * 1e6)
+        else:
+            lost_s = now_s - self.newest_us * 1e-6
+            rounds = max(0, round((lost_s / PERIOD_S - COUNTERS / 2) / COUNTERS))
+            periods = (counter - self._counter) % COUNTERS + COUNTERS * rounds
+            self.newest_us += round(periods * PERIOD_S * 1e6)
+        self._counter = counter
+        return self.newest_us
 
 
 class FirmwareProcess:

@@ -123,7 +123,7 @@ class Session:
                     raise StepFailedError("not agreed to; nothing has moved")
             step.run(context, found)
             reason = ""
-        except StepFailedError as error:
+        except (StepFailedError, BadInputError) as error:
             reason = str(error)
         except ConnectionError as error:
             reason = (

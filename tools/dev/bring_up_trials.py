@@ -131,7 +131,7 @@ def true_values(scene: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
 
 
 class Trial(NamedTuple):
-    """How a trial ended: seed, kind, last step and its reason, bench time, beyond bounds, inside intervals."""
+    """How a trial ended: kind, last step and its reason, bench time, beyond bounds, inside intervals."""
 
     seed: int
     kind: str
