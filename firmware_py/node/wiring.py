@@ -11,15 +11,16 @@ from firmware_py.interface.generated.records import Accelerometer
 
 
 def wired_sample(config: Config, sample: Accelerometer) -> Accelerometer:
-    """The accelerometers' sample with its channels in order and positive towards the stop."""
+    """The accelerometers' sample with its channels in order, the striker's positive towards the stop."""
     wiring = config.p.wiring
     is_exchanged = wiring.low_exchanged == 1
     low = sample.housing_m_s2 if is_exchanged else sample.striker_low_m_s2
+    high = sample.striker_high_m_s2
     housing = sample.striker_low_m_s2 if is_exchanged else sample.housing_m_s2
-    return Accelerometer(
-        -low if wiring.low_reversed == 1 else low,
-        -sample.striker_high_m_s2 if wiring.high_reversed == 1 else sample.striker_high_m_s2,
-        -housing if wiring.housing_reversed == 1 else housing,
+    return (
+        Accelerometer(-low, -high, housing)
+        if wiring.striker_reversed == 1
+        else Accelerometer(low, high, housing)
     )
 
 

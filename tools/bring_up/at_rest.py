@@ -12,7 +12,6 @@ from tools.bring_up.bench import PERIOD_S
 from tools.bring_up.listen import Listener
 from tools.bring_up.step import NOTHING, Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.tuning.recordings.readings import Ticks, read_ticks
-from tools.tuning.result import make_value
 
 REST_S = 3.0
 STILL_REV = 0.01
@@ -50,19 +49,17 @@ def find_channels(ticks: Ticks, found: Findings) -> None:
         raise StepFailedError("the striker or the housing moves: wait until the module is at rest")
 
 
-def find_tilt(context: Context, ticks: Ticks, found: Findings) -> None:
+def find_tilt(ticks: Ticks, found: Findings) -> None:
     """The direction of gravity; a housing whose reading contradicts the striker's is the wrong way round."""
     low, housing = float(np.nanmean(ticks.low_m_s2)), float(np.nanmean(ticks.housing_m_s2))
     if min(abs(low), abs(housing)) < TILT_M_S2:
         found.notes.append("the striker's axis is level; the sign of the housing's reading is not visible")
         return
     if low * housing < 0.0:
-        if not context.asks(
-            "The housing's accelerometer is the wrong way round: at rest it reads "
-            f"{housing:+.2f} m/s^2 and the striker's {low:+.2f}. Set wiring.housing_reversed = 1?"
-        ):
-            raise StepFailedError("the housing's accelerometer is the wrong way round; turn it")
-        found.parameters["wiring.housing_reversed"] = make_value("wiring.housing_reversed", 1.0, 1.0, 1.0)
+        raise StepFailedError(
+            f"at rest the housing's accelerometer reads {housing:+.2f} m/s^2 and the striker's {low:+.2f}: "
+            "one of them is the wrong way round. Turn the housing's; the first impacts show the striker's sign"
+        )
     tilt_deg = math.degrees(math.asin(np.clip(low / STANDARD_GRAVITY_M_S2, -1.0, 1.0)))
     found.add("tilt of the striker's axis", tilt_deg, "deg")
 
@@ -80,7 +77,7 @@ def rest(context: Context, found: Findings) -> None:
     if np.ptp(angle_rev) > STILL_REV:
         raise StepFailedError("the crank turns: wait until the module is at rest")
     find_channels(ticks, found)
-    find_tilt(context, ticks, found)
+    find_tilt(ticks, found)
     found.add("noise of the speed", 2.0 * math.pi * float(np.nanstd(ticks.velocity_rev_s)), "rad/s")
     if not 0.0 <= float(np.nanmin(ticks.position_rev)) <= float(np.nanmax(ticks.position_rev)) < 1.0:
         found.notes.append(

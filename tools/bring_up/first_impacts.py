@@ -32,6 +32,7 @@ HARD_M_S = 1.2
 """Approach speed that the hold's force limit allows for, with a factor of 1.5."""
 HOLD_S, JUDGED_S, SHOWN = 16.0, 8.0, 400
 TORQUE_N_M = 0.5
+REVERSED = "wiring.striker_reversed"
 PER_TURN = 0.9
 """Impacts a turn in the hold, at least."""
 FROM_THE_SWEEP = ("friction.b_n_s_m", "friction.mu")
@@ -111,20 +112,21 @@ def approach(context: Context, found: Findings) -> dict[str, float]:
             f"{len(player.seen)} impacts up to a ratio of {LAST_RATIO:g}: friction keeps the striker from "
             "the stop, or the stop is further than the data sheet's; this module has no impacts there"
         )
-    changes = np.median(np.array(player.seen), axis=0)
     values = dict(context.values)
-    for channel, change in zip(("low", "high"), changes, strict=True):
-        name = f"wiring.{channel}_reversed"
-        is_wrong = (change > 0.0) != (values[name] == 1.0)
-        if not is_wrong:
-            continue
+    low, high = np.median(np.array(player.seen), axis=0).tolist()
+    if low * high < 0.0:
+        raise StepFailedError(
+            f"at the impacts the striker's low range reads {low:+.0f} m/s^2 and its high range {high:+.0f}: one "
+            "of the two is the wrong way round; turn the one that reads a positive value"
+        )
+    if (low > 0.0) != (values[REVERSED] == 1.0):
         if not context.asks(
-            f"At the impacts the striker's {channel} range reads {change:+.0f} m/s^2, and the stop pushes "
-            f"the striker back: it is mounted the wrong way round. Set {name} = 1?"
+            f"At the impacts the striker's accelerometers read {low:+.0f} m/s^2, and the stop pushes the "
+            f"striker back: they are mounted the wrong way round. Set {REVERSED} = 1?"
         ):
-            raise StepFailedError(f"the striker's {channel} range is the wrong way round; turn it")
-        values[name] = 1.0
-        found.parameters[name] = make_value(name, 1.0, 1.0, 1.0)
+            raise StepFailedError("the striker's accelerometers are the wrong way round; turn them")
+        values[REVERSED] = 1.0
+        found.parameters[REVERSED] = make_value(REVERSED, 1.0, 1.0, 1.0)
     found.add("impacts of the approach", len(player.seen), "1")
     return values
 
@@ -153,7 +155,7 @@ def first_impacts(context: Context, found: Findings) -> None:
     t_s = np.arange(len(readings.angle_rad))[begin:end] * readings.period_s
     found.curves = [Curve("acceleration, first impacts", t_s, readings.acceleration_m_s2[begin:end])]
     found.axes = ("time in s", "acceleration in m/s²")
-    is_turned = values["wiring.low_reversed"] != context.values["wiring.low_reversed"]
+    is_turned = values[REVERSED] != context.values[REVERSED]
     if is_turned:  # the other sign puts the piston's zero half a turn on
         zero = new["crank.zero_rad"]
         found.parameters["crank.zero_rad"] = zero

@@ -40,12 +40,8 @@ def wire(ticks: Ticks, values: Mapping[str, float]) -> Ticks:
     low, housing = ticks.low_m_s2, ticks.housing_m_s2
     if values["wiring.low_exchanged"]:
         low, housing = housing, low
-    signs = {name: 1.0 - 2.0 * values[f"wiring.{name}_reversed"] for name in ("low", "high", "housing")}
-    return ticks._replace(
-        low_m_s2=signs["low"] * low,
-        high_m_s2=signs["high"] * ticks.high_m_s2,
-        housing_m_s2=signs["housing"] * housing,
-    )
+    sign = 1.0 - 2.0 * values["wiring.striker_reversed"]
+    return ticks._replace(low_m_s2=sign * low, high_m_s2=sign * ticks.high_m_s2, housing_m_s2=housing)
 
 
 def read_turning(logs: Sequence[Path], values: Mapping[str, float], last_s: float = math.inf) -> Readings:

@@ -36,7 +36,6 @@ def fault(kind: str, **keys: Any) -> dict[str, Any]:
 WRONG = (
     [fault("sensor-wrong-sign", sensor="encoder")],
     [fault("sensor-wrong-sign", sensor="striker")],
-    [fault("sensor-wrong-sign", sensor="striker-high")],
     [fault("sensor-swapped", sensors=["striker-low", "housing"])],
 )
 BROKEN: dict[str, tuple[dict[str, Any], list[dict[str, Any]], str]] = {

@@ -236,9 +236,7 @@ class Wiring(NamedTuple):
     """The table `wiring`."""
 
     torque_reversed: int
-    low_reversed: int
-    high_reversed: int
-    housing_reversed: int
+    striker_reversed: int
     low_exchanged: int
 
 

@@ -14,7 +14,7 @@ MODULES = {
             fault("sensor-wrong-sign", sensor="encoder"),
             fault("sensor-biased", sensor="encoder", bias=1.2),
         ],
-        {"wiring.torque_reversed", "wiring.low_reversed", "wiring.high_reversed"},
+        {"wiring.torque_reversed", "wiring.striker_reversed"},
     ),
 }
 
