@@ -58,7 +58,7 @@ def find_tilt(ticks: Ticks, found: Findings) -> None:
     if low * housing < 0.0:
         raise StepFailedError(
             f"at rest the housing's accelerometer reads {housing:+.2f} m/s^2 and the striker's {low:+.2f}: "
-            "one of them is the wrong way round. Turn the housing's; the first impacts show the striker's sign"
+            "one of them is the wrong way round. Turn the housing's; the impacts show the striker's sign"
         )
     tilt_deg = math.degrees(math.asin(np.clip(low / STANDARD_GRAVITY_M_S2, -1.0, 1.0)))
     found.add("tilt of the striker's axis", tilt_deg, "deg")

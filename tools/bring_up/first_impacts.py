@@ -116,7 +116,7 @@ def approach(context: Context, found: Findings) -> dict[str, float]:
     low, high = np.median(np.array(player.seen), axis=0).tolist()
     if low * high < 0.0:
         raise StepFailedError(
-            f"at the impacts the striker's low range reads {low:+.0f} m/s^2 and its high range {high:+.0f}: one "
+            f"at the impacts the low range reads {low:+.0f} m/s^2 and its high range {high:+.0f}: one "
             "of the two is the wrong way round; turn the one that reads a positive value"
         )
     if (low > 0.0) != (values[REVERSED] == 1.0):
