@@ -8,9 +8,8 @@ from firmware_py.interface.generated.records import DriveSupply, DriveTemperatur
 from hil.record.bus_reconstruction import frames_of
 from hil.record.candump import StoredBus
 from plant_sim.tables.table import STANDARD_GRAVITY_M_S2
-from tools.bring_up.bench import PERIOD_S
 from tools.bring_up.listen import Listener
-from tools.bring_up.step import NOTHING, Context, Curve, Findings, Largest, Step, StepFailedError
+from tools.bring_up.step import NOTHING, PERIOD_S, Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.tuning.recordings.readings import Ticks, read_ticks
 
 REST_S = 3.0

@@ -31,8 +31,7 @@ from firmware_py.interface.generated.records import (
     SetLimits,
 )
 from plant_sim.arrays import FloatArray
-from tools.bring_up.bench import PERIOD_S
-from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
+from tools.bring_up.step import PERIOD_S, Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.tuning.recordings.readings import read_ticks
 from tools.tuning.result import Value, make_value
 

@@ -12,8 +12,7 @@ from firmware_py.interface.codec import FrameCodec, FrameError
 from firmware_py.interface.enums import AxisState
 from firmware_py.interface.frame import Frame, worst_case_bits
 from hil.record.bus_load import BITRATE_BIT_S
-from tools.bring_up.bench import PERIOD_S
-from tools.bring_up.step import NOTHING, Context, Curve, Findings, Step, StepFailedError
+from tools.bring_up.step import NOTHING, PERIOD_S, Context, Curve, Findings, Step, StepFailedError
 
 LISTEN_S = 3.0
 WANTED = (

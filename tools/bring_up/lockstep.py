@@ -17,8 +17,7 @@ from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
 from hil.record.new_file import make_anew
 from plant_sim.result import Impact
 from plant_sim.scene import Scene
-from tools.bring_up.bench import EMERGENCY, PERIOD_S, Player
-from tools.bring_up.step import NOTHING, Largest
+from tools.bring_up.step import EMERGENCY, NOTHING, PERIOD_S, Largest, Player
 
 US_A_TICK = round(PERIOD_S * 1e6)
 

@@ -8,8 +8,7 @@ from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import FaultEvent, FirmwareHeartbeat, ImpactEvent
 from hil.scenario.operator import Command, OperatorNode, Request
-from tools.bring_up.bench import PERIOD_S
-from tools.bring_up.step import StepFailedError
+from tools.bring_up.step import PERIOD_S, StepFailedError
 
 BEGINNING = (
     Command(0.0, Request.IDLE, 0.0),

@@ -20,7 +20,7 @@ from hil.timing.clock import NS_PER_S, MonotonicClock
 from hil.timing.loop import FixedRateLoop
 from hil.timing.processes import Child
 from hil.timing.realtime import NODE, become_realtime, leave_realtime
-from tools.bring_up.bench import EMERGENCY, PERIOD_S, Player
+from tools.bring_up.step import EMERGENCY, PERIOD_S, Player
 
 STARTING_S = 120.0
 """Longest start of the firmware's process: it may have to compile."""

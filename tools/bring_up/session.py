@@ -14,12 +14,11 @@ from hil.record.formats import PARAMETERS
 from hil.record.new_file import MOST_NOTE_BYTES, is_regular, write_anew
 from tools.bring_up.at_rest import AT_REST
 from tools.bring_up.below_impacts import BELOW_IMPACTS
-from tools.bring_up.bench import Bench
 from tools.bring_up.drive import DRIVE
 from tools.bring_up.first_impacts import FIRST_IMPACTS
 from tools.bring_up.listen import LISTEN
 from tools.bring_up.report import write_report
-from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
+from tools.bring_up.step import Bench, Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.bring_up.twin import SCENE, TWIN
 from tools.output import BadInputError
 from tools.tuning.result import Value

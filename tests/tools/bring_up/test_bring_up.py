@@ -7,8 +7,8 @@ import pytest
 
 from firmware_py.interface.enums import AxisState
 from tools.bring_up.step import NOTHING
-from tools.dev.bring_up_trials import BROKEN as BROKEN_MODULES
-from tools.dev.bring_up_trials import bench_of, beyond_bounds, brought_up, fault
+from tools.bring_up.trials import BROKEN as BROKEN_MODULES
+from tools.bring_up.trials import bench_of, beyond_bounds, brought_up, fault
 
 WIRED = {
     "as it should be": ([], set()),

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tools.dev.bring_up_trials import bench_of, beyond_bounds, brought_up, fault
+from tools.bring_up.trials import bench_of, beyond_bounds, brought_up, fault
 
 MODULES = {
     "soft spring, striker's accelerometers the wrong way round": (

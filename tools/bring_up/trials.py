@@ -1,6 +1,6 @@
 """A blind test of `vibrohil bring-up`: hidden modules behind a seed, each in lockstep.
 
-    python -m tools.dev.bring_up_trials --trials 20 --seed 50000
+    python -m tools.bring_up.trials --trials 20 --seed 50000
 
 Each module has another mass, spring, crank radius, stop, friction and encoder offset; one in six is wired
 wrongly, one in ten is broken. The command gets the mass and the nominal data sheet only. The table says how
