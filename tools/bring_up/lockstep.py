@@ -12,9 +12,10 @@ from hil.bus.in_process import InProcessBus
 from hil.faults.fault import Fault
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
-from hil.faults.on_process import PLANT
 from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
 from hil.record.new_file import make_anew
+from hil.record.traces.trace import no_trace
+from hil.roster import PLANT
 from plant_sim.result import Impact
 from plant_sim.scene import Scene
 from tools.bring_up.step import EMERGENCY, NOTHING, PERIOD_S, Largest, Player
@@ -29,7 +30,7 @@ class LockstepBench:
         self._bus = InProcessBus()
         self._pace = Pace(PERIOD_S, None, is_timed=False)
         self._line = FaultyBus(self._bus.join(), PLANT, faults, seed, PERIOD_S)
-        self.plant = PlantRunner(scene, seed, self._pace, self._line, None, faults)
+        self.plant = PlantRunner(scene, seed, self._pace, self._line, no_trace, faults)
         self._own, self._log = self._bus.join(), self._bus.join()
         self.tick = 0
         self.impacts: list[Impact] = []
@@ -68,7 +69,7 @@ class LockstepBench:
         memory = ParameterMemory(parameters, (), 0)
         pace = self._pace._replace(first_tick=self.tick)
         line = FaultyBus(self._bus.join(), "firmware", (), 0, PERIOD_S)
-        return FirmwareRunner(memory, pace, line, None, False, node_of("compiled"))
+        return FirmwareRunner(memory, pace, line, no_trace, False, node_of("compiled"))
 
     def rest(self, duration_s: float) -> None:
         """Let time pass without a player."""
