@@ -70,6 +70,7 @@ class Ticks(NamedTuple):
     proof_longest: int
     gait: int
     catch_up: int
+    consent: int
 
 
 class Derived(NamedTuple):

@@ -9,7 +9,7 @@ from firmware_py.core.config import Config, Derived, MonitorTicks, Row, Ticks, T
 from firmware_py.core.estimation import crank, detector, stop_model, striker_model
 from firmware_py.core.gate_limits import GateLimits
 from firmware_py.core.numbers import TAU
-from firmware_py.core.safety import drive_link, gate, liveness, monitors, own_crank, watchdog_proof
+from firmware_py.core.safety import consent, drive_link, gate, liveness, monitors, own_crank, watchdog_proof
 from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.zeroed import zeroed
 
@@ -86,6 +86,7 @@ def ticks_of(p: Parameters) -> Ticks:
         proof_longest=in_ticks(watchdog_proof.LONGEST_S, tick_s),
         gait=in_ticks(p.watchdog.gait_s, tick_s),
         catch_up=in_ticks(LONGEST_CATCH_UP_S, tick_s),
+        consent=in_ticks(p.watchdog.operator_s - consent.ARMING_S, tick_s, 1),
     )
 
 

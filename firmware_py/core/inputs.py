@@ -55,13 +55,15 @@ class PowerInput(NamedTuple):
 class OperatorInput(NamedTuple):
     """The operator's command. `target_ratio` is Ω over the nominal natural frequency.
 
-    `target_impulse_n_s` is the requested impulse of an impact; 0: no impulse is requested.
+    `target_impulse_n_s` is the requested impulse of an impact; 0: no impulse is requested. `stray_ticks` is
+    the age of the newest command out of sequence.
     """
 
     request: OperatorRequest
     target_ratio: float
     target_impulse_n_s: float
     age_ticks: int
+    stray_ticks: int
 
 
 class GaitInput(NamedTuple):

@@ -5,7 +5,15 @@ from typing import NamedTuple
 from firmware_py.core.control import hold, speed, spin_down, start
 from firmware_py.core.estimation import crank, detector, estimator_state, regime
 from firmware_py.core.gait import gait, gait_lock, stride_harmonic
-from firmware_py.core.safety import drive_link, gate, monitors, own_crank, supervisor, watchdog_proof
+from firmware_py.core.safety import (
+    consent,
+    drive_link,
+    gate,
+    monitors,
+    own_crank,
+    supervisor,
+    watchdog_proof,
+)
 from firmware_py.interface.enums import ActingLimit, Fault, Mode, Refusal, Regime
 from firmware_py.interface.zeroed import zeroed
 
@@ -23,6 +31,7 @@ class State(NamedTuple):
     speed: speed.SpeedState
     gate: gate.GateState
     monitors: monitors.MonitorState
+    consent: consent.ConsentState
     supervisor: supervisor.SupervisorState
     drive_link: drive_link.DriveLinkState
     proof: watchdog_proof.ProofState
@@ -73,6 +82,7 @@ INITIAL = State(
     speed=speed.INITIAL,
     gate=gate.INITIAL,
     monitors=monitors.INITIAL,
+    consent=consent.INITIAL,
     supervisor=supervisor.INITIAL,
     drive_link=drive_link.INITIAL,
     proof=watchdog_proof.INITIAL,

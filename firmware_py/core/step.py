@@ -20,13 +20,30 @@ from firmware_py.core.gait.follow import WalkState
 from firmware_py.core.gait.gait_lock import Moment
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.request import Request
-from firmware_py.core.safety import drive_link, gate, monitors, own_crank, supervisor, watchdog_proof
+from firmware_py.core.safety import (
+    consent,
+    drive_link,
+    gate,
+    monitors,
+    own_crank,
+    supervisor,
+    watchdog_proof,
+)
 from firmware_py.core.safety.drive_link import DriveFrame
 from firmware_py.core.safety.gate import GateFindings
 from firmware_py.core.safety.monitors import Findings, Watched
 from firmware_py.core.safety.supervisor import Observed
 from firmware_py.core.state import Outputs, State
-from firmware_py.interface.enums import MOVING, ActingLimit, AxisState, Fault, Mode, OperatorRequest, Refusal
+from firmware_py.interface.enums import (
+    LATCHED,
+    MOVING,
+    ActingLimit,
+    AxisState,
+    Fault,
+    Mode,
+    OperatorRequest,
+    Refusal,
+)
 
 
 class Supervised(NamedTuple):
@@ -99,7 +116,10 @@ def supervise(
         proven=proven,
     )
     supervisor_now = supervisor.step(state.supervisor, findings, observed)
-    state = state._replace(monitors=monitors_now, supervisor=supervisor_now)
+    now = supervisor_now.mode
+    begins = now != mode and (now == Mode.READY or now in LATCHED)
+    consent_now = consent.end(state.consent) if begins else state.consent
+    state = state._replace(monitors=monitors_now, supervisor=supervisor_now, consent=consent_now)
     return state, Supervised(findings, valid_ratio, proven)
 
 
@@ -157,7 +177,7 @@ def command(
     return state, target_rad_s
 
 
-def link(config: Config, state: State, inputs: Inputs, operator_lost: bool) -> tuple[State, DriveFrame]:
+def link(config: Config, state: State, inputs: Inputs) -> tuple[State, DriveFrame]:
     """Update the test of the drive's watchdog and the requested state of its axis; also the frame for it."""
     mode, before = state.supervisor.mode, state.drive_link
     proof_now = watchdog_proof.step(
@@ -176,16 +196,16 @@ def link(config: Config, state: State, inputs: Inputs, operator_lost: bool) -> t
         proof_now.stage,
         drive=inputs.drive,
         encoder=inputs.encoder,
-        asks_clear=inputs.operator.request == OperatorRequest.CLEAR_FAULTS and not operator_lost,
+        asks_clear=inputs.operator.request == OperatorRequest.CLEAR_FAULTS,
     )
     return state._replace(proof=proof_now, drive_link=drive_link_now), frame
 
 
 def find_refusal(
-    mode: Mode, inputs: Inputs, supervised: Supervised, request: Request, by_control: Refusal
+    mode: Mode, asked: OperatorRequest, supervised: Supervised, request: Request, by_control: Refusal
 ) -> Refusal:
-    """The first reason why a RUN request is not followed; NONE if it is, or if there is none."""
-    if inputs.operator.request != OperatorRequest.RUN or supervised.findings.operator_lost:
+    """The first reason why RUN is asked for and not followed; NONE if it is followed, or not asked for."""
+    if asked != OperatorRequest.RUN:
         return Refusal.NONE
     if not supervised.valid_ratio:
         return Refusal.RATIO_OUT_OF_RANGE
@@ -207,7 +227,7 @@ def decide(
     state, request = choose_request(config, state, contact, inputs)
     is_closed = inputs.drive.axis_state == AxisState.CLOSED_LOOP_CONTROL
     state, target_rad_s = command(config, state, request, is_closed=is_closed, is_current=is_current)
-    state, frame = link(config, state, inputs, supervised.findings.operator_lost)
+    state, frame = link(config, state, inputs)
     retreated = (
         mode in MOVING
         and not request.sets_hold_ratio
@@ -221,7 +241,9 @@ def decide(
     # After a retreat, or if there is no impact in the dip, the ratio is too high.
     is_lost_again = retreated and state.start.attempts > 1
     by_control = Refusal.RATIO_TOO_HIGH if is_lost_again else state.hold.refusal
-    refusal = find_refusal(mode, inputs, supervised, request, by_control)
+    refusal = find_refusal(mode, state.consent.asked, supervised, request, by_control)
+    if inputs.operator.stray_ticks <= config.d.gate.operator_ticks:
+        refusal = Refusal.OUT_OF_SEQUENCE
     return state, Decided(target_rad_s, frame, acting_limit, refusal)
 
 
@@ -240,6 +262,9 @@ def guard(
 
 def step(config: Config, state: State, inputs: Inputs, is_current: bool) -> tuple[State, Outputs]:
     """One period, after the gate has taken the readings of this tick."""
+    consent_now = consent.step(config, state.consent, inputs.operator)
+    state = state._replace(consent=consent_now)
+    inputs = inputs._replace(operator=inputs.operator._replace(request=consent_now.request))
     state, contact = sense(config, state, inputs)
     gate_now, found = gate.judge(config.d.gate, state.gate, inputs)
     state = state._replace(gate=gate_now)

@@ -103,6 +103,7 @@ class Refusal(IntEnum):
     RATIO_TOO_HIGH = 7
     CRANK_TOO_FAST = 8
     WATCHDOG_UNPROVEN = 9
+    OUT_OF_SEQUENCE = 10
 
 
 class ActingLimit(IntEnum):

@@ -11,7 +11,7 @@ from firmware_py.core.inputs import (
 )
 from firmware_py.core.measurements import measurements_of
 from firmware_py.core.safety.gate import GateReading
-from firmware_py.interface.arrivals import age
+from firmware_py.interface.arrivals import age, stray_age
 from firmware_py.interface.enums import axis_state_of, operator_request_of
 from firmware_py.interface.generated.received import Received
 
@@ -65,6 +65,7 @@ def inputs_of(received: Received, tick: int) -> Inputs:
             command.target_ratio,
             command.target_impulse_n_s,
             age(tick, received.operator_command_arrival),
+            stray_age(tick, received.operator_command_arrival),
         ),
         gait=GaitInput(
             leg.shank_rate_rad_s,

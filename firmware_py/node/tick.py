@@ -24,7 +24,7 @@ from firmware_py.core.safety.drive_link import NO_DRIVE_FRAME
 from firmware_py.core.state import INITIAL as INITIAL_CORE
 from firmware_py.core.state import INITIAL_OUTPUTS, Outputs, State
 from firmware_py.core.step import step
-from firmware_py.interface.arrivals import NOTHING_YET, Arrival, Counters, Now
+from firmware_py.interface.arrivals import NOTHING_YET, Counters, Now
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import kinds, packing
 from firmware_py.interface.generated.received import INITIAL as NOTHING_RECEIVED
@@ -118,7 +118,8 @@ def tick(config: Config, state: NodeState, inbox: list[int]) -> tuple[NodeState,
     gate_now = state.core.gate
     accepted, behind_ticks = inbox[waiting_frames.ESTOP], waiting_frames.behind_ticks(inbox)
     if inbox[waiting_frames.ESTOP] != 0:
-        received = received._replace(drive_estop_arrival=Arrival(now.tick, now.tick, -1))
+        estop_arrival = received.drive_estop_arrival._replace(tick=now.tick)
+        received = received._replace(drive_estop_arrival=estop_arrival)
     for number in range(inbox[waiting_frames.TAKEN], inbox[waiting_frames.RECEIVED]):
         index = waiting_frames.index_of(number)
         if inbox[index] >> waiting_frames.BEHIND_BIT == behind_ticks:

@@ -19,6 +19,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from firmware_py.interface import codec, enums
+from firmware_py.interface.arrivals import LONGEST_DELAY_S, NEW_SEQUENCE
 from firmware_py.interface.dbc import Signal, SignalKind, database
 from firmware_py.interface.parameter_table import TABLE, Parameter
 from hil.drive.axis_table import BenchScene
@@ -55,10 +56,18 @@ def values_of(signal: Signal) -> str:
 
 def frames() -> str:
     """Every frame of the bus, from vibro.dbc."""
+    late = f"{1e3 * LONGEST_DELAY_S:g} ms"
     parts = [
         "Classic CAN, 1 Mbit/s, 11-bit identifiers, little-endian. The only source is "
         "`firmware_py/interface/vibro.dbc`. A protected frame ends in a rolling counter and a CRC-8 "
         "(SAE J1850 over the identifier's low byte and the data).",
+        "The firmware uses a protected frame if it continues the sequence of its source: its counter "
+        "has advanced, and by no more than the frames that its source can have sent in the time since "
+        f"the newest one and {late}. So a lost frame costs only itself. After a restart of the source, or "
+        f"a silence of half a turn of the counter less {late}, the first {NEW_SEQUENCE - 1} frames are "
+        "lost too. A frame that repeats the newest one, or is out of sequence, is dropped, counted "
+        "(`counters.rejected_repeated`, `counters.rejected_sequence`; `counters.new_sequences` begun) and "
+        "no sign of life.",
         "## Nodes",
         table(["node", "meaning"], (row(node.name, node.comment) for node in database().nodes)),
     ]

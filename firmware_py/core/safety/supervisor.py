@@ -1,12 +1,12 @@
 """The firmware's mode and its reason: one pure transition function.
 
 Nothing moves at power-up. INIT waits until every input is fresh and the drive has no error. READY waits until
-the operator has requested IDLE, the drive has confirmed that its axis is idle, and the crank is slow enough
-to be taken over; only then does a RUN request start the motor. The test of the drive's watchdog (PROOF)
-begins likewise, by a request of its own and with the crank at rest; where it is required, no start comes
-before it. A fault is latched with its first reason, and so is an E-stop. Both are cleared only by a
-CLEAR_FAULTS that the operator sends afterwards, once the cause has gone, and lead to INIT, so that all
-conditions of a start are checked again. Clearing never arms.
+the drive has confirmed that its axis is idle, and the crank is slow enough to be taken over; only then does a
+RUN request start the motor, to which the operator has changed from IDLE in READY (see `consent`). The test of
+the drive's watchdog (PROOF) begins likewise, by a request of its own and with the crank at rest; where it is
+required, no start comes before it. A fault is latched with its first reason, and so is an E-stop. Both are
+cleared only by a CLEAR_FAULTS to which the operator changes afterwards, once the cause has gone, and lead to
+INIT, so that all conditions of a start are checked again. Clearing never arms.
 """
 
 from typing import NamedTuple
@@ -19,8 +19,9 @@ from firmware_py.interface.zeroed import zeroed
 class Observed(NamedTuple):
     """What the supervisor observes in a tick beside the findings.
 
-    `disarm_reason` belongs to an error of the drive that is still active, else it is 0. `proof_…`: result of
-    the test of the drive's watchdog; `proven`: it has passed or is not required.
+    `request`: the one that counts, see `consent`. `disarm_reason` belongs to an error of the drive that is
+    still active, else it is 0. `proof_…`: result of the test of the drive's watchdog; `proven`: it has passed
+    or is not required.
     """
 
     estop: bool
@@ -36,16 +37,11 @@ class Observed(NamedTuple):
 
 
 class SupervisorState(NamedTuple):
-    """Mode and latched reason. `idle_seen`: IDLE was requested in READY.
-
-    `clear_armed`: since the latch, the operator has sent a request other than CLEAR_FAULTS.
-    """
+    """Mode and latched reason."""
 
     mode: Mode
     fault: Fault
     disarm_reason: int
-    idle_seen: bool
-    clear_armed: bool
 
 
 INITIAL = zeroed(SupervisorState, mode=Mode.INIT, fault=Fault.NONE)
@@ -55,15 +51,15 @@ def transition(  # noqa: PLR0911 - a table
     state: SupervisorState, fault: Fault, findings: Findings, now: Observed
 ) -> Mode:
     """The mode after this tick. `fault`: the finding that is a fault in the present mode, or NONE."""
-    mode, operator_fresh = state.mode, not findings.operator_lost
-    all_fresh = operator_fresh and findings.watchdog == Fault.NONE
-    asks_run = operator_fresh and now.request == OperatorRequest.RUN
-    asks_clear = operator_fresh and now.request == OperatorRequest.CLEAR_FAULTS
-    asks_proof = operator_fresh and now.request == OperatorRequest.PROVE_WATCHDOG
+    mode = state.mode
+    all_fresh = not findings.operator_lost and findings.watchdog == Fault.NONE
+    asks_run = now.request == OperatorRequest.RUN
+    asks_clear = now.request == OperatorRequest.CLEAR_FAULTS
+    asks_proof = now.request == OperatorRequest.PROVE_WATCHDOG
     if now.estop:
         return Mode.E_STOP
     if mode in LATCHED:
-        return Mode.INIT if asks_clear and state.clear_armed and fault == Fault.NONE else mode
+        return Mode.INIT if asks_clear and fault == Fault.NONE else mode
     if fault != Fault.NONE:
         return Mode.FAULT
     if mode == Mode.INIT:
@@ -71,7 +67,7 @@ def transition(  # noqa: PLR0911 - a table
     if mode == Mode.READY:
         if not all_fresh:
             return Mode.INIT
-        may_close = now.axis_idle and state.idle_seen and not findings.freewheel_overspeed
+        may_close = now.axis_idle and not findings.freewheel_overspeed
         if asks_run and may_close and now.target_valid and now.proven:
             return Mode.SOFT_START
         return Mode.PROOF if asks_proof and may_close and findings.standstill else Mode.READY
@@ -137,17 +133,8 @@ def latch_reason(
 
 
 def step(state: SupervisorState, findings: Findings, now: Observed) -> SupervisorState:
-    """One tick: the new mode, the latched reason, and the requests seen since the mode began."""
+    """One tick: the new mode and the latched reason."""
     fault = find_fault(state.mode, findings, now.start_failed, now.proof_failed)
     new_mode = transition(state, fault, findings, now)
     reason, reason_of_drive = latch_reason(state, new_mode, fault, now.disarm_reason)
-    stays, operator_fresh = new_mode == state.mode, not findings.operator_lost
-    idle = operator_fresh and now.request == OperatorRequest.IDLE
-    let_go = operator_fresh and now.request != OperatorRequest.CLEAR_FAULTS
-    return SupervisorState(
-        mode=new_mode,
-        fault=reason,
-        disarm_reason=reason_of_drive,
-        idle_seen=new_mode == Mode.READY and stays and (state.idle_seen or idle),
-        clear_armed=new_mode in LATCHED and stays and (state.clear_armed or let_go),
-    )
+    return SupervisorState(mode=new_mode, fault=reason, disarm_reason=reason_of_drive)

@@ -229,7 +229,7 @@ def pack_impact_event(record: records.ImpactEvent, counter: int) -> tuple[WordFr
 def pack_fault_event(record: records.FaultEvent, counter: int) -> tuple[WordFrame, bool]:
     disarm_reason, fault, refusal = record
     word = disarm_reason | fault << 32 | refusal << 40
-    sendable = 0 <= disarm_reason <= 4294967295 and 0 <= fault <= 24 and 0 <= refusal <= 9
+    sendable = 0 <= disarm_reason <= 4294967295 and 0 <= fault <= 24 and 0 <= refusal <= 10
     return seal(kinds.FAULT_EVENT, word, counter, sendable)
 
 

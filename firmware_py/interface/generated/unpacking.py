@@ -200,7 +200,7 @@ def unpack_fault_event(length: int, word: int) -> tuple[records.FaultEvent, Fram
     record = records.FaultEvent(
         disarm_reason=word & 0xFFFFFFFF, fault=word >> 32 & 0xFF, refusal=word >> 40 & 0xF
     )
-    listed = record.fault <= 24 and record.refusal <= 9
+    listed = record.fault <= 24 and record.refusal <= 10
     return record, check_frame(kinds.FAULT_EVENT, length, word, listed)
 
 

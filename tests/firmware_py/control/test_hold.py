@@ -15,6 +15,7 @@ from firmware_py.core.estimation.regime import Period
 from firmware_py.core.gait import follow
 from firmware_py.core.inputs import OperatorInput
 from firmware_py.core.request import Request
+from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import ActingLimit, Mode, OperatorRequest, Refusal, Regime
 from firmware_py.shell.parameters import config_from
 from plant_sim.parts.drive import IdealDrive
@@ -104,7 +105,7 @@ def test_the_impulse_loop_is_stable_and_its_sign_is_right(ratio: float, late: bo
 
 
 def request(ratio: float, impulse_n_s: float) -> Request:
-    operator = OperatorInput(OperatorRequest.RUN, ratio, impulse_n_s, 0)
+    operator = OperatorInput(OperatorRequest.RUN, ratio, impulse_n_s, 0, NEVER_TICKS)
     return follow.operator_request(operator)
 
 

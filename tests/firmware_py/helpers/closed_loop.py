@@ -39,6 +39,8 @@ Change = Callable[[int, list[Frame]], list[Frame]]
 """What happens to the frames of a tick on their way to the firmware."""
 KT_N_M_A = 0.08
 TICK_S = 0.001
+CONSENT_S = 0.3
+"""Time until a request counts that is repeated every 0.1 s."""
 
 SCENE: dict[str, dict[str, Any]] = {
     "striker": {"mass_kg": 0.8, "spring_n_m": 70.0, "rest_length_m": 0.12},
@@ -234,15 +236,16 @@ class Bench:
 
     def asked_again(self) -> Mode:
         """The mode after a request IDLE and then RUN, as READY needs it after a stop."""
-        for request in (OperatorRequest.IDLE, OperatorRequest.RUN):
+        for request, duration_s in ((OperatorRequest.IDLE, 0.3), (OperatorRequest.RUN, 0.3 + CONSENT_S)):
             self.request = request
-            self.run(0.3, keep=False)
+            self.run(duration_s, keep=False)
         return self.node.outputs.mode
 
     def started(self, rest_s: float = 0.4) -> "Bench":
-        """Through INIT and READY, then ask for RUN."""
-        self.run(rest_s)
+        """Through INIT and READY, and ask for RUN until it counts in the next tick."""
+        self.run(rest_s - CONSENT_S)
         self.request = OperatorRequest.RUN
+        self.run(CONSENT_S)
         return self
 
     def column(self, value: Callable[[State, Outputs, MotionState], float]) -> NDArray[np.float64]:

@@ -25,7 +25,7 @@ HEALTHY = Inputs(
     encoder=EncoderInput(0.0, 0.0, 0),
     drive=DriveInput(AxisState.IDLE, 0, 0, 0),
     power=PowerInput(0.0, 24.0, 30.0, 30.0, 0),
-    operator=OperatorInput(OperatorRequest.IDLE, 1.3, 0.0, 0),
+    operator=OperatorInput(OperatorRequest.IDLE, 1.3, 0.0, 0, NEVER_TICKS),
     gait=GaitInput(0.0, True, True, NEVER_TICKS),
     estop=False,
 )

@@ -69,8 +69,8 @@ def test_an_e_stop_before_a_flood_is_obeyed_in_the_next_tick(
 
 def test_a_full_inbox_keeps_the_newest_frames(node: Node) -> None:
     node.tick([sample(255), command(0)], 1)
-    node.tick([*(sample(number) for number in range(1, 600)), command(9)], 1)
-    assert node.counters.frames == 2 + CAPACITY
+    node.tick([*(sample(number) for number in range(1, 600)), command(1)], 1)
+    assert node.counters.frames + node.counters.rejected_sequence == 2 + CAPACITY
     assert node.inputs.operator.age_ticks == 0
 
 
@@ -97,7 +97,7 @@ def encoder(number: int) -> Frame:
 
 SAMPLES = [frame for number in (11, 12, 13) for frame in (encoder(number), sample(number))]
 SWAPPED = [SAMPLES[index] for index in (1, 0, 3, 2, 5, 4)]
-NEWEST = Arrival(100, 100, 10)
+NEWEST = Arrival(100, 10)
 DAMAGED = Frame(sample(11).can_id, bytes(8))
 
 
@@ -126,7 +126,7 @@ def test_each_sample_belongs_to_the_period_of_its_counter(
 
 
 def test_if_the_last_sample_is_too_old_the_newest_one_is_of_the_present_period() -> None:
-    newest = Arrival(100 - LONGEST_DATED_TICKS, 0, 200)
+    newest = Arrival(100 - LONGEST_DATED_TICKS, 200)
     assert divided(SAMPLES, newest, 100, 3) == [[0, 1], [2, 3], [4, 5]]
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 from closed_loop import Bench
@@ -25,6 +26,8 @@ from firmware_py.interface.generated.records import (
     EncoderEstimates,
     FaultEvent,
     FirmwareHeartbeat,
+    GaitSensors,
+    OperatorCommand,
     SetAbsolutePosition,
     SetAxisState,
     SetControllerMode,
@@ -99,12 +102,43 @@ def test_a_gap_in_the_counter_is_counted_and_the_frame_used() -> None:
     assert one.counters.counter_gaps == 1
 
 
-def test_the_same_counter_after_a_whole_turn_of_silence_is_no_repetition() -> None:
+def test_a_source_that_comes_back_after_a_silence_counts_from_the_third_frame_in_order() -> None:
     one = node()
-    one.tick([sample(5)], 1)
-    one.tick([sample(5)], 256)
-    assert one.counters.rejected_repeated == 0
+    for count, elapsed in ((5, 1), (6, 256), (8, 1), (9, 1)):
+        one.tick([sample(count)], elapsed)
+    assert (one.counters.rejected_sequence, one.counters.new_sequences) == (2, 1)
     assert one.inputs.accelerometer.age_ticks == 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "record", "period"),
+    [
+        (codec.ACCELEROMETER, Accelerometer(0.0, 0.0, 0.0), 1),
+        (codec.GAIT_SENSORS, GaitSensors(0.0, 0.0, 1, 1), 5),
+        (codec.OPERATOR_COMMAND, OperatorCommand(0, 1.3, 0.0), 100),
+    ],
+    ids=lambda value: getattr(value, "name", ""),
+)
+def test_every_counter_continues_its_sequence(kind: Any, record: Any, period: int) -> None:
+    """Counter, ticks since the frame before, and whether it is used: gaps by the time that has passed."""
+    late, silence = 20 // period, (1 << kind.kind.counter_bits - 1) * period - 20
+    last = 2 + late
+    one = node()
+    for count, ticks, used in (
+        (0, 1, True),
+        (1, 1, True),
+        (last, period, True),  # as many as can have been sent
+        (last + 3 + late, period, False),  # too many
+        (last - 1, period, False),  # an old one
+        (last + 1, 1, True),
+        (last + 2, silence - 1, True),
+        (last + 3, silence + 1, False),
+    ):
+        accepted = one.counters.frames
+        for _ in range(ticks - 1):
+            one.tick([], 1)
+        one.tick([kind.encode(record, count)], 1)
+        assert one.counters.frames - accepted == used, count
 
 
 def test_a_stuck_sender_never_counts_as_received_again() -> None:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import pytest
-from closed_loop import Bench, Change, bundled, instead, scene_with, without
+from closed_loop import CONSENT_S, Bench, Change, bundled, instead, scene_with, without
 from records import replaced
 
 from firmware_py.interface import codec
@@ -111,9 +111,12 @@ def damaged_parameters(bench: Bench) -> None:
 
 def request_of_the_test(bench: Bench) -> None:
     """The drive of this bench has no watchdog."""
-    for request in (OperatorRequest.IDLE, OperatorRequest.PROVE_WATCHDOG):
+    for request, duration_s in (
+        (OperatorRequest.IDLE, 0.2),
+        (OperatorRequest.PROVE_WATCHDOG, 0.2 + CONSENT_S),
+    ):
         bench.request = request
-        bench.run(0.2, keep=False)
+        bench.run(duration_s, keep=False)
     assert bench.node.outputs.mode == Mode.PROOF
 
 

@@ -12,13 +12,17 @@ from firmware_py.core.config import Config
 from firmware_py.core.estimation import detector
 from firmware_py.core.estimation.estimator_state import Contact
 from firmware_py.core.inputs import Inputs
+from firmware_py.core.safety.consent import ConsentState
 from firmware_py.core.state import INITIAL, State
 from firmware_py.interface.enums import AxisState, Fault, Mode, OperatorRequest
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({})
 OBSERVERS = ("crank", "estimator", "detector", "regime")
-RUNNING = INITIAL._replace(supervisor=INITIAL.supervisor._replace(mode=Mode.RUN))
+RUNNING = INITIAL._replace(
+    supervisor=INITIAL.supervisor._replace(mode=Mode.RUN),
+    consent=ConsentState(OperatorRequest.RUN, OperatorRequest.RUN, 0),
+)
 CLOSED = replaced(
     replaced(HEALTHY, "drive.axis_state", AxisState.CLOSED_LOOP_CONTROL),
     "operator.request",

@@ -147,8 +147,10 @@ def test_the_safe_state_has_the_torque_and_the_impacts_after_its_beginning():
     )
     assert (found.cause, found.at_s, found.impacts_after) == ("fault", 0.5, 2)
     assert (found.torque_zero_after_s, found.command_zero_after_s) == pytest.approx((0.05, 0.02))
-    late = torque_after(plant(100, torque_n_m=np.where(on_s < 0.5 + SETTLE_S, -0.3, -0.2)), end)
-    assert late == pytest.approx(0.2)
+    settled_n_m = np.where(on_s < 0.5 + SETTLE_S, -0.3, -0.2)
+    assert torque_after(plant(100, torque_n_m=settled_n_m), end) == pytest.approx(0.2)
+    settled_n_m[on_s == 0.5 + SETTLE_S] = -0.25
+    assert torque_after(plant(100, torque_n_m=settled_n_m), end) == pytest.approx(0.25)
     assert torque_after(plant(100), None) is None
     assert safe_state_figures(plant(9), firmware([RUN] * 9), impacts(), None).at_s is None
 
@@ -201,6 +203,7 @@ REGULAR = np.arange(0.25, 10.0, 0.5)
         (HOLD, REGULAR, 0.0, 0.25),
         (Window(0.0, 5.0), REGULAR, OMEGA_RAD_S, None),
         (Window(0.0, 4.5), REGULAR, OMEGA_RAD_S, None),
+        (Window(0.0, 5.0), [*REGULAR, 5.0], OMEGA_RAD_S, None),
         (None, REGULAR, OMEGA_RAD_S, None),
         # The impacts at the very ends of the interval count.
         (HOLD, [5.0, *REGULAR[REGULAR > 5.0]], OMEGA_RAD_S, 0.0),
@@ -278,3 +281,14 @@ def test_the_longest_stall_before_a_fault_is_looked_for_in_its_last_fifth_of_a_s
     found = held_ms(records(t_s=T_S * ticks, tick=ticks), 0.705, T_S)
     assert BEFORE_FAULT_S == 0.2
     assert found == (None if held is None else pytest.approx(held))
+
+
+@pytest.mark.parametrize(
+    ("first", "end", "held"), [(31, 34, 0.0), (30, 34, 0.0), (48, 51, 30.0), (49, 52, 0.0)]
+)
+def test_a_tick_at_the_very_edge_of_that_time(first, end, held):
+    """The tick 30 is just too early, 51 the last that counts."""
+    ticks = np.array([tick for tick in range(100) if not first <= tick < end])
+    times_s = T_S * ticks
+    assert {0.5 - BEFORE_FAULT_S, 0.5 + T_S} & set(times_s)
+    assert held_ms(records(t_s=times_s, tick=ticks), 0.5, T_S) == pytest.approx(held)

@@ -48,7 +48,7 @@ SHOWN_BY: dict[str, dict[str, float]] = {
         "estimator.touch_down_jitter_s": 0.000275,
         "estimator.restitution_std": 0.11,
         "estimator.initial_model_std_m_s2": 0.132,
-        "estimator.gate_sigmas": 6.6,
+        "estimator.gate_sigmas": 5.4,
         "detector.floor_m_s2": 1.65,
         "start.rise_s": 1.1,
         "start.stop_s": 1.1,

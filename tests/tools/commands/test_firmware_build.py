@@ -61,4 +61,4 @@ def test_the_firmware_keeps_its_budget(
     assert 0.5 * most_stack < found["stack"] < most_stack
     assert found["instructions"]["ordinary"]["p99"] <= 9_500
     for ticks in found["instructions"].values():  # after a pause a tick looks through the frames that waited
-        assert 5_000 < ticks["p50"] <= ticks["p99"] <= ticks["worst"] <= 15_000
+        assert 5_000 < ticks["p50"] <= ticks["p99"] <= ticks["worst"] <= 15_500

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.core.control.start import LONGEST_SEARCH_S
-from firmware_py.core.safety import drive_link, gate, liveness, own_crank, watchdog_proof
+from firmware_py.core.safety import consent, drive_link, gate, liveness, own_crank, watchdog_proof
 from firmware_py.shell.parameters import DEFAULTS
 from hil.drive.axis import DriveConfig
 from tools.campaign import limits
@@ -40,6 +40,7 @@ BY_CODE = [
     f"takes more than {watchdog_proof.LONGEST_S:g} s, or if the crank turns faster than "
     f"{watchdog_proof.STILL_RAD_S:g} rad/s",
     f"repeated every {1e3 * drive_link.REPEAT_S:g} ms until a later heartbeat",
+    f"less the {1e3 * consent.ARMING_S:g} ms in which no drive can be armed",
     f"command watchdog ends all torque {DRIVE_MS:g} ms after the firmware's last frame",
     f"watchdog has ended the torque {DRIVE_MS:g} ms after the last torque command",
     f"end it {WINDOW} ms after the last accelerometer or encoder frame",
@@ -70,6 +71,7 @@ BY_TEST = {
     "the torque is 0 within 100 ms": "test_each_row",
     "any of 42 phases of the turn (11 at the slowest)": "test_the_impacts_after_an_e_stop_are_those",
     "at most 4 more impacts, the last within 2 s, none more than 3 % harder": "test_a_stop_ends_with_few",
+    "every start waits 0.3 s": "test_which_request_counts",
     "noise of 2 counts or more": "test_a_channel_that_repeats_itself_is_dead",
     "only afterwards (1,001 ms)": "test_the_table_of_reactions_is_that_of_the_data",
 }

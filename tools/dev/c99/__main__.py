@@ -30,7 +30,7 @@ from hil.scenario.scenario import load_scenario
 from tools.dev.builds import numbers_in
 from tools.logs.replay import divide_on_grid, frames_of_run
 
-DRIVER = Path(__file__).with_name("c99_driver.c")
+DRIVER = Path(__file__).with_name("driver.c")
 STRICT = ("-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror")
 SANITIZED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 PRECISIONS: tuple[Precision, ...] = ("double", "single")

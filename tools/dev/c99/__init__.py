@@ -1,0 +1,1 @@
+"""Checks of the emitted C by compilers, checkers and sanitizers."""
