@@ -22,10 +22,10 @@ from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFai
 from tools.tuning.identification.identify import GRAZING_M_S
 from tools.tuning.result import Value, make_value
 
-ENOUGH = 14
+ENOUGH, FEWEST = 14, 7
 FIRST_RATIO, LAST_RATIO, STEP_RATIO, STEP_S = 0.65, 1.0, 0.005, 0.3
-STEEP_M_S2, AGAIN_TICKS = 4.0, 80
-"""An impact changes the reading by this within two periods; the next one is at least this far away."""
+STEEP_M_S2, STEEP_TICKS, AGAIN_TICKS = 4.0, 6, 80
+"""An impact changes the reading by this within these periods; the next one is at least 80 periods away."""
 GAP_MARGIN_M = 0.02
 """A striker that swings this far beyond the data sheet's gap has no stop there."""
 HARD_M_S = 1.2
@@ -67,7 +67,7 @@ class Watched(Operated):
         self._last = [*self._last[-AGAIN_TICKS:], (low, sample.striker_high_m_s2)]
         if len(self._last) < AGAIN_TICKS:
             return
-        change = low - self._last[-3][0]
+        change = low - self._last[-1 - STEEP_TICKS][0]
         is_new = not self.seen or self.tick - self._seen_tick > AGAIN_TICKS
         if abs(change) > STEEP_M_S2 and is_new:
             self._seen_tick = self.tick
@@ -80,7 +80,8 @@ class Watched(Operated):
                 self.seen[-1] = (float(moved[0]), float(moved[1]))
         elif not self.seen and self.beat is not None and self.beat.target_omega_rad_s > 1.0:
             self._offset += (low - self._offset) * 1e-4
-            reach_m = abs(low - self._offset) / self.beat.target_omega_rad_s**2
+            # A sample from before any contact that may have begun: a soft one shows late.
+            reach_m = abs(self._last[0][0] - self._offset) / self.beat.target_omega_rad_s**2
             if reach_m > self._farthest_m and self.beat.target_omega_rad_s > 0.7 * self._omega_rad_s:
                 raise StepFailedError(
                     f"the striker swings {reach_m * 1e3:.0f} mm to either side without an impact, further "
@@ -107,7 +108,7 @@ def approach(context: Context, found: Findings) -> dict[str, float]:
     player = Watched(commands, 5.0 + (count + 8) * STEP_S, context.values, ENOUGH)
     limit_n = FORCE_SHARE * context.values["limit.force_n"]
     context.bench.play(player, player.longest_s, log, cautious(context, first_bound(context), limit_n))
-    if len(player.seen) < ENOUGH:
+    if len(player.seen) < FEWEST:
         raise StepFailedError(
             f"{len(player.seen)} impacts up to a ratio of {LAST_RATIO:g}: friction keeps the striker from "
             "the stop, or the stop is further than the data sheet's; this module has no impacts there"
