@@ -96,8 +96,8 @@ def prove(context: Context, found: Findings) -> None:
     results = judge_safety(changed, lambda _, __: None, SafetyBench(scene, ratio=context.ratio))
     for one in results:
         found.notes.append(f"{one.scenario}: {'passed' if one.passed else one.why}")
-    if not all(one.passed for one in results):
-        raise StepFailedError("a safety scenario fails on the twin with these parameters; see the notes")
+    if failed := [f"{one.scenario} ({one.why})" for one in results if not one.passed]:
+        raise StepFailedError(f"on the twin these safety scenarios fail: {'; '.join(failed)}")
     found.notes.append("run next: vibrohil suite --parameters parameters.toml")
 
 
