@@ -212,6 +212,7 @@ def limits_in_words(limits: Iterable[Limit]) -> Iterator[str]:
         alternatives = []
         for limit in group:
             unit = f"× `{limit.of}`" if limit.of else CATALOGUE[figure].unit
+            unit += f" + {limit.ticks} ticks" if limit.ticks else ""
             conditions = " and ".join(f"`{key}` = {value}" for key, value in limit.when.items())
             alternatives.append(f"{limit.text} {unit}".rstrip() + (f" if {conditions}" if conditions else ""))
         yield f"`{figure}` {'; '.join(alternatives)}"
