@@ -56,7 +56,11 @@ def foreign_link_on(path: Path) -> Path | None:
     """A link on the way to a place that belongs neither to this user nor to the system; None without one."""
     trusted = SYSTEM | own_users()
     for place in (path.absolute(), *path.absolute().parents):
-        if place.is_symlink() and place.lstat().st_uid not in trusted:
+        try:
+            found = place.lstat()
+        except OSError:  # nothing is there yet, or can be, which its opening says
+            continue
+        if stat.S_ISLNK(found.st_mode) and found.st_uid not in trusted:
             return place
     return None
 
