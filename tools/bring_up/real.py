@@ -112,7 +112,7 @@ class FirmwareProcess:
 
     def __init__(self, address: str, parameters: Mapping[str, float]) -> None:
         settings = [f"--set=firmware.{name}={value!r}" for name, value in parameters.items()]
-        self._command = [sys.executable, "-m", "tools.cli", "firmware", "--bus", address, *settings]
+        self._command = [sys.executable, "-P", "-m", "tools.cli", "firmware", "--bus", address, *settings]
         self._stack = ExitStack()
 
     def __enter__(self) -> "FirmwareProcess":

@@ -35,7 +35,7 @@ SHORT = [
 CREEPING = [*PATIENT, "firmware.start.approach_s=10.0", "firmware.start.rise_s=12.0"]
 """A crank so slow that positions which the host holds back, and delivers at once, are no overspeed."""
 SILENCE = 'script.faults=[{kind="dropped",at_s=2.2,frames=["Accelerometer"]}]'
-E_STOP = 'script.commands=[{at_s=0.2,request="run",target_ratio=1.1},{at_s=1.2,request="e-stop"}]'
+E_STOP = 'script.commands=[{at_s=0.2,request="run",target_ratio=1.1},{at_s=2.2,request="e-stop"}]'
 DBC_PATH = Path(codec.__file__).with_name("vibro.dbc")
 SUFFIXES = ("log", "asc", "blf")
 PATIENCE_S = 60.0

@@ -57,9 +57,9 @@ SHORT = [
 
 def test_the_builds_decide_alike() -> None:
     scenario = load_scenario("soft-start-multistable", SHORT)
-    of_python = builds.decide(scenario, 1, make=builds.Beside)
+    of_python = builds.decide(scenario, 1, builds.Beside)
     assert len(of_python.impacts) > 5
-    assert differences(of_python, builds.decide(scenario, 1, build="compiled")) == []
+    assert differences(of_python, builds.decide(scenario, 1, "compiled")) == []
 
 
 def test_a_byte_that_differs_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -70,4 +70,4 @@ def test_a_byte_that_differs_is_reported(monkeypatch: pytest.MonkeyPatch) -> Non
     predict = kalman.predict_written_out
     monkeypatch.setattr(kalman, "predict_written_out", off)
     with pytest.raises(builds.DifferentBytesError, match="python sends"):
-        builds.decide(load_scenario("soft-start-multistable", SHORT), 1, make=builds.Beside)
+        builds.decide(load_scenario("soft-start-multistable", SHORT), 1, builds.Beside)

@@ -9,17 +9,17 @@ from tools.falsify.evaluations import Evaluations, runner
 from tools.falsify.search import EndedError, Hunt, adapt, start_of, targets_of
 from tools.falsify.space import space_of
 
-RATIO, LARGEST_M_S, LIMIT_M_S, FROM_S = 1.1, 0.5, 5.0, 5.0
+RATIO, LARGEST_M_S, LIMIT_M_S, FROM_S = 1.1, 0.5, 5.0, 5.3
 SCENARIO = f"""
 title = "No kick makes the first impact harder than this"
 like = "quick-start-below-the-band"
 scene = {{ stop = {{ law = "rigid", position_m = 0.18, restitution = 0.5 }} }}
 checks = [{{ name = "largest_v_m_s", high = {LIMIT_M_S} }}]
-script.duration_s = 6.3
+script.duration_s = 6.6
 script.commands = [{{ at_s = 0.05, request = "run", target_ratio = {RATIO} }}]
 script.faults = [{{ kind = "kick", at_s = {FROM_S}, change_m_s = 0.1 }}]
 search = [
-    {{ key = "script.faults.0.at_s", low = {FROM_S}, high = 5.62 }},
+    {{ key = "script.faults.0.at_s", low = {FROM_S}, high = 5.92 }},
     {{ key = "script.faults.0.change_m_s", low = -{LARGEST_M_S}, high = {LARGEST_M_S} }},
 ]
 """
