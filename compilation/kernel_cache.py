@@ -185,14 +185,16 @@ def key(layer: str, *also: Path) -> str:
 def _package_key(package: str) -> str:
     """A digest of a package's sources without comments and docstrings.
 
-    To parse them takes some tenths of a second, so the digest is kept under that of the sources as written.
+    To parse them takes some tenths of a second, so the digest is kept under that of the sources as written
+    and of this module, which parses them.
     """
     contents = [(path.name, path.read_bytes()) for path in sources(package)]
+    as_written = [*contents, (__name__, Path(__file__).read_bytes())]
 
     def parsed() -> bytes:
         return _digest((name, without_comments(content)) for name, content in contents).encode()
 
-    return kept_file(_folder(f"key.{package}", _digest(contents)), "key.txt", parsed).read_text()
+    return kept_file(_folder(f"key.{package}", _digest(as_written)), "key.txt", parsed).read_text()
 
 
 def _digest(contents: Iterable[tuple[str, bytes]]) -> str:

@@ -103,13 +103,13 @@ def text_of(found: Mapping[str, Best | None], runs: int, judged: int) -> str:
         "<!-- made by `python -m tools.dev.worst_cases` -->",
         f"The smallest margin that {judged} judged runs of a search have shown for each requirement, as a "
         "share of its limit: 0 % is at the limit, below it the requirement is broken. A text shows 100 %, or "
-        f"−100 % once it is broken. {runs - judged} runs were not judged. "
+        f"−100 % once it is broken. Runs that were not judged: {runs - judged}. "
         "`python -m tools.dev.worst_cases --runs N` makes this page; "
         "[campaigns](campaigns.md#search-for-the-worst-run) says what varies. Of a broken requirement the "
         "table has the values that break it; below −1000 % is −1000 %.",
         table(["requirement", "smallest margin", "figure", "scenario", "values"], rows_of(found)),
-        "P-04 and P-05 are limits of a module that is as nominal: a bias of the housing's accelerometer "
-        "shifts the estimate, most where no impact corrects it.",
+        "The limits of P-04 and P-05 hold for a module with the nominal parameters: a bias of the housing's "
+        "accelerometer shifts the estimate, most where no impact corrects it.",
         "![The worst run of each requirement around its instant](pictures/worst-cases.png)",
     )
     return "\n\n".join(parts) + "\n"

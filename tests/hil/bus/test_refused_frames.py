@@ -6,8 +6,9 @@ A node sends one frame each millisecond; which of them are refused is counted, n
 import ctypes
 import errno
 import json
+import select
 import socket
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,6 +21,7 @@ from test_adapters import address, vibrohil
 
 from firmware_py.interface.frame import Frame
 from hil.bus import Bus, ProvidedBus, join, open_bus, provide
+from hil.bus.base import WrappedBus
 from hil.bus.can_socket import CanSocket
 from hil.can_model.modelled_bus import ModelledBus
 from hil.timing.processes import READY_TIMEOUT_S
@@ -85,11 +87,19 @@ def on_kernel_can(_: str, __: ProvidedBus, device: Device) -> Iterator[Bus]:
         yield node
 
 
+class WithRoom(WrappedBus):
+    """A bus that sends once its stream has room, however late the process is that reads it."""
+
+    def send_all(self, frames: Iterable[Frame]) -> None:
+        assert select.select([], [self.inner], [], READY_TIMEOUT_S)[1], "the hub reads nothing"
+        self.inner.send_all(frames)
+
+
 @contextmanager
 def on_adapter(kind: str, wire: ProvidedBus, _: Device) -> Iterator[Bus]:
-    """A node on a made adapter, which itself counts and refuses."""
+    """A node on a made adapter, which itself counts and refuses; its own stream refuses nothing."""
     with open_bus(address(kind, wire)) as (_, node):
-        yield node
+        yield WithRoom(node)
 
 
 @pytest.mark.parametrize("kind", MANNERS)
