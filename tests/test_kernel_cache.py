@@ -287,7 +287,7 @@ def test_kernels_take_records_of_their_own_layer_or_below(tmp_path: Path) -> Non
 
 
 def edited(folder: Path, package: str, monkeypatch: pytest.MonkeyPatch, source: str = "x = 2\n") -> set[str]:
-    """The layers whose kernels are compiled anew after an edit of a module in a package, with an empty cache."""
+    """The layers whose kernels are compiled anew after an edit of a module, with an empty cache."""
     monkeypatch.setenv("VIBROHIL_CACHE_DIR", str(folder / "cache"))
     layers = {*kernel_cache.LAYERS, "tests"}
     for name in PACKAGES:
