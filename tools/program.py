@@ -1,7 +1,10 @@
 """The program `vibrohil`: its commands, in the groups of the help page."""
 
 import functools
+import inspect
 import os
+import re
+from collections.abc import Callable
 from contextlib import chdir
 from importlib import import_module
 from pathlib import Path
@@ -48,13 +51,19 @@ def add(app: typer.Typer, module: str, group: str) -> None:
     command = getattr(loaded, module)
     if not isinstance(command, typer.Typer):
         settings = getattr(loaded, "SETTINGS", None)
-        app.command(name, context_settings=settings, rich_help_panel=group, epilog=example(name))(command)
+        text, epilog = flowing(command), example(name)
+        app.command(name, help=text, context_settings=settings, rich_help_panel=group, epilog=epilog)(command)
         return
-    epilog = example(name) if name in EXAMPLES else None
-    app.add_typer(command, rich_help_panel=group, epilog=epilog)
+    app.add_typer(command, rich_help_panel=group, epilog=example(name) if name in EXAMPLES else None)
     for sub_command in command.registered_commands:
         sub_name = sub_command.name or getattr(sub_command.callback, "__name__", "")
         sub_command.epilog = example(f"{name} {sub_name}")
+        sub_command.help = flowing(sub_command.callback)
+
+
+def flowing(command: Callable[..., Any] | None) -> str:
+    """A command's docstring, each paragraph and each item of a list in one line, which the page breaks."""
+    return re.sub(r"(?<!\n)\n(?!\n|- )", " ", inspect.cleandoc((command and command.__doc__) or ""))
 
 
 def example(name: str) -> str:

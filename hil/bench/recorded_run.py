@@ -155,7 +155,11 @@ def cause(note: Callable[[], Mapping[str, Any]]) -> str:
 
 
 def copied(log: Path) -> Path:
-    """A copy of a log, which is removed at the end of this process."""
+    """A copy of a log, which is removed at the end of this process. Raises RunError for a pipe or device."""
+    if not log.is_file():
+        raise RunError(
+            f"{log} is no file but a folder, pipe or device, of which no copy would end; name a log"
+        )
     return Path(shutil.copy(log, temporary_folder()))
 
 

@@ -46,7 +46,7 @@ def campaign(
         str | None,
         typer.Option(
             help="Run the same trials with other parameters too, and print the paired differences: a "
-            "parameter file, or default for the firmware's own parameters."
+            "parameter file, or default for the firmware's own; --set firmware.KEY leaves these as they are."
         ),
     ] = None,
     workers: Workers = None,
@@ -60,13 +60,16 @@ def campaign(
 ) -> None:
     """Run the closed loop on many sampled modules and starts, and judge the results by goals.
 
-    Keys of --set campaign.KEY, lists of conditions first. start-up, estimate, detect, hold, recover: laws
-    (viscous, coulomb, coulomb-0.2, coulomb-0.3, stribeck), ratios, impulses; duration_s (hold: hold_s).
-    start-up: swing_m_s2. recover: kick_low_m_s, kick_high_m_s. walk: presets (walking, table1), courses
-    (steady, change, stop, stumble); walk_s, variability. limits: contacts_ms (1.5 to 3, 3 to 5, 5 to 10,
-    10 to 30); mismatch_mass, high_offset_m_s2. All but limits: mismatch_spring, mismatch_damping,
-    mismatch_restitution, mismatch_rest_length_m, mismatch_stop_m, mismatch_dry_friction, mismatch_bias_g,
-    mismatch_amplitude.
+    Keys of --set campaign.KEY, lists of conditions first:
+
+    - start-up, estimate, detect, hold, recover: laws (viscous, coulomb, coulomb-0.2, coulomb-0.3, stribeck),
+    ratios, impulses; duration_s (hold: hold_s)
+    - start-up also: swing_m_s2
+    - recover also: kick_low_m_s, kick_high_m_s
+    - walk: presets (walking, table1), courses (steady, change, stop, stumble); walk_s, variability
+    - limits: contacts_ms (1.5 to 3, 3 to 5, 5 to 10, 10 to 30); mismatch_mass, high_offset_m_s2
+    - all but limits: mismatch_spring, mismatch_damping, mismatch_restitution, mismatch_rest_length_m,
+    mismatch_stop_m, mismatch_dry_friction, mismatch_bias_g, mismatch_amplitude
     """
     from hil.bench.options import RunOptions, prepare
     from hil.bench.workers import WorkerDiedError
@@ -83,7 +86,13 @@ def campaign(
     settings = [*settings_of(parameters or []), *(change or [])]
     plan = chosen.plan(settings, seed, firmware)
     others = [] if baseline in (None, "default") else [Path(str(baseline))]
-    plan_before = chosen.plan([*settings_of(others), *(change or [])], seed, firmware)
+    common = [one for one in change or [] if not one.startswith("firmware.")]
+    plan_before = chosen.plan([*settings_of(others), *common], seed, firmware)
+    if baseline is not None and plan_before == plan:
+        raise BadInputError(
+            f"--baseline {baseline} has the same parameters as this campaign, so nothing would differ; "
+            "change one of them by --set firmware.KEY=VALUE or --parameters FILE"
+        )
     for cell in plan.cells:
         refuse_other_drives(load_scene(cell.scene))
     if keep not in (None, "failures", "all") and not (keep.isdecimal() and int(keep) < count):

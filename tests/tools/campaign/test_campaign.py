@@ -332,11 +332,15 @@ def test_a_campaign_compares_a_parameter_file_with_the_defaults(
     for sets, change in (
         (["--parameters", "tuned.toml", "--baseline", "default"], 0.05),
         (["--baseline", "tuned.toml"], -0.05),
+        (["--set", "firmware.speed.gain_p_n_m_s=0.02", "--baseline", "default"], 0.05),
+        (["--set", "firmware.speed.gain_i_n_m=1", "--baseline", "tuned.toml"], -0.05),
     ):
         run(["campaign", "start-up", "--trials", "20", "--json", *sets])
         _, metric = json.loads(capsys.readouterr().out)["differences"]
         assert (metric["figure"], metric["differs"]) == ("steady_v", True)
         assert [metric["low"], metric["high"]] == pytest.approx([change, change])
+    assert run(["campaign", "start-up", "--baseline", "default"]) == EXIT_BAD_INPUT
+    assert "the same parameters as this campaign" in capsys.readouterr().err
 
 
 def test_the_help_names_every_key_of_every_campaign() -> None:

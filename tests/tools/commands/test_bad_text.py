@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from options import options_of
 
+from hil.bench import recorded_run
 from tools import cli
 from tools.output import EXIT_BAD_INPUT
 
@@ -77,6 +78,19 @@ def test_what_is_no_regular_file_is_refused(
     SPECIAL[kind](tmp_path / name)
     said = refused(command.replace("{}", str(tmp_path / name)).split(), capsys)
     assert name in said
+
+
+@pytest.mark.parametrize("kind", SPECIAL)
+def test_no_pipe_or_device_of_another_user_is_copied(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Another user's damaged log is repaired in a copy, and a copy of /dev/zero would fill the disk."""
+    SPECIAL[kind](tmp_path / "odd.rrd")
+    monkeypatch.setattr(recorded_run, "is_foreign", lambda _: True)
+    copies: list[Path] = []
+    monkeypatch.setattr(recorded_run.shutil, "copy", lambda log, to: copies.append(log) or log)
+    assert "odd.rrd" in refused(["inspect", str(tmp_path / "odd.rrd")], capsys)
+    assert all(log.is_file() for log in copies)
 
 
 WRONG_TEXTS = {

@@ -239,6 +239,17 @@ def test_the_sizes_of_the_blocks_states_are_those_of_the_code():
     assert set(states) - set(said) == {"drive_link", "proof"}  # docs/safety.md describes them
 
 
+def test_the_help_shows_every_word_that_stands_in_the_code(monkeypatch, capsys):
+    """As [[search]] would be taken for markup, and a line of a docstring for one of the page."""
+    monkeypatch.setenv("COLUMNS", "1000")
+    for name, command in every_command(program()):
+        cli.run([*name.split(), "--help"])
+        shown = re.sub(r"[\s│]+", " ", capsys.readouterr().out)
+        options = [one for one in command.params if not getattr(one, "hidden", False)]
+        for text in (command.help, *(getattr(one, "help", None) for one in options)):
+            assert " ".join((text or "").split()) in shown, f"vibrohil {name} --help"
+
+
 def test_every_option_is_in_the_section_of_its_command():
     page = (DOCS / "reference" / "command-line.md").read_text("utf-8")
     sections = dict(re.findall(r"^## vibrohil (.*?)\n(.*?)(?=^## |\Z)", page, re.DOTALL | re.MULTILINE))
