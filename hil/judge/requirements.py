@@ -32,11 +32,15 @@ class Bounds(BaseModel):
         >>> Bounds(low=0.9).text, Bounds(low=1.0, high=2.5).text, Bounds(equals=True).text
         ('≥ 0.9', '1 … 2.5', '= true')
         """
+        return self.written("g")
+
+    def written(self, form: str) -> str:
+        """The bounds as text, with numbers in a format as `.12g`, which tells more apart."""
         if self.equals is not None:
             return f"= {str(self.equals).lower() if isinstance(self.equals, bool) else self.equals}"
         if self.low is None:
-            return "no limit" if self.high is None else f"≤ {self.high:g}"
-        return f"≥ {self.low:g}" if self.high is None else f"{self.low:g} … {self.high:g}"
+            return "no limit" if self.high is None else f"≤ {self.high:{form}}"
+        return f"≥ {self.low:{form}}" if self.high is None else f"{self.low:{form}} … {self.high:{form}}"
 
 
 class Limit(Bounds):

@@ -141,9 +141,10 @@ def take_limit(check: Check, judged: Judged) -> Check:
             "scenario; give low, high or both, or equals"
         )
     if required is not None and permits_more(check.own, required):
+        form = "g" if check.own.text != required.text else ".12g"
         raise TextInputError(
-            f"check {check.name!r} permits {check.own.text}, and its requirement {check.requirement} only "
-            f"{required.text}; leave the limit out, or give a stricter one"
+            f"check {check.name!r} permits {check.own.written(form)}, and its requirement "
+            f"{check.requirement} only {required.written(form)}; leave the limit out, or give a stricter one"
         )
     taken = check.model_copy(update={"required": required})
     if cannot_fail(taken):

@@ -139,6 +139,10 @@ def test_a_check_has_the_limit_of_its_requirement_or_a_stricter_one(source, chec
     [
         (RIPPLE | {"high": 0.1}, "permits ≤ 0.1, and its requirement P-04 only ≤ 0.002"),
         (RIPPLE | {"low": 0.003}, "permits ≥ 0.003, and its requirement P-04 only ≤ 0.002"),
+        (
+            RIPPLE | {"high": 0.00200000001},
+            "permits ≤ 0.00200000001, and its requirement P-04 only ≤ 0.002",
+        ),
         (RIPPLE | {"equals": 0.003}, "permits = 0.003"),
         ({"name": "speed.error", "requirement": "P-04", "low": -0.01}, "only -0.002 … 0.002"),
         ({"name": "regime", "requirement": "P-01", "equals": "lost"}, "permits = lost"),
