@@ -144,25 +144,27 @@ class Panel(NamedTuple):
 def draw_panels(figure: "Figure", panels: Sequence[Panel]) -> None:
     """Draw panels side by side; shaded: the values without a significant difference from the chosen one."""
     grid = figure.subplots(1, len(panels))
+    marks: dict[str, Any] = {}
     for axes, panel in zip(grid, panels, strict=True):
-        for label, (x, y) in panel.lines.items():
-            axes.plot(x, y, "o-", ms=4, label=label)
+        lines = [axes.plot(x, y, "o-", ms=4, label=label)[0] for label, (x, y) in panel.lines.items()]
         if panel.value is not None:
             low, high = panel.value.low, panel.value.high
-            axes.axvspan(low, high, color="tab:green", alpha=0.15, label="no significant difference")
-            axes.axvline(panel.value.value, color="tab:green", label="chosen")
-        axes.axvline(panel.default, color="black", lw=0.8, label="default")
+            marks["no significant difference"] = axes.axvspan(low, high, color="tab:green", alpha=0.15)
+            marks["chosen"] = axes.axvline(panel.value.value, color="tab:green")
+        marks["default"] = axes.axvline(panel.default, color="black", lw=0.8)
         axes.set(xscale=panel.scale, xlabel=panel.parameter, ylabel=panel.figure)
-        axes.legend(fontsize=8)
+        if len(lines) > 1:
+            axes.legend(handles=lines, fontsize=8)
+    figure.legend(marks.values(), marks.keys(), loc="outside lower center", ncols=len(marks), fontsize=8)
 
 
 def draw_detector(figure: "Figure", tuning: Tuning, points: Sequence[detector.Operating]) -> None:
     """Draw misses, false alarms, latencies and cost against the floor."""
     floors = [one.floor_m_s2 for one in points]
     of_figures: dict[str, dict[str, list[float]]] = {
-        "impacts missed [%], 95 % bounds": {
+        "impacts missed [%]": {
             "share": [100.0 * (1.0 - one.recall) for one in points],
-            "bounds": [100.0 * (1.0 - one.recall_low) for one in points],
+            "upper bound of 95 %": [100.0 * (1.0 - one.recall_low) for one in points],
         },
         "false alarms [1/h]": {"rate": [one.false_alarms_1_h for one in points]},
         "latency [ms]": {
