@@ -97,8 +97,8 @@ def test_the_picture_has_each_floor_and_the_choice(tmp_path: Path) -> None:
         draw_detector(figure, tuning, points)
         misses = figure.axes[0]
         assert misses.get_lines()[0].get_xdata().tolist() == [1.0, 2.0, 4.0]
-        legend = [text.get_text() for text in misses.get_legend().get_texts()]
-        assert legend[-3:] == ["no significant difference", "chosen", "default"]
+        legend = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert legend == ["no significant difference", "chosen", "default"]
 
 
 def test_the_command(tmp_path: Path, monkeypatch, capsys) -> None:
