@@ -35,7 +35,11 @@ _DEEP_KEY = re.compile(rf"(?<![\w-])[\w-]++(?:\s*+\.\s*+[\w-]++){{{DEEPEST}}}")
 _BRACKET = re.compile(r"[][{}]")
 
 
-class TextInputError(ValueError):
+class RefusalError(Exception):
+    """The base of all errors by the input or the machine: the message is for the user; others are defects."""
+
+
+class TextInputError(RefusalError, ValueError):
     """A file or text that cannot be used; the message states the error, the accepted input and the remedy."""
 
 

@@ -37,6 +37,7 @@ from numba.core import caching, runtime, serialize
 
 from compilation import PACKAGES
 from compilation.users import own_users
+from text_input import RefusalError
 
 LAYERS = {
     "compilation": PACKAGES[:1],
@@ -57,7 +58,7 @@ MOST_LINKS = 40
 """Number of links on the way to the cache, as Linux follows in a path."""
 
 
-class KernelCacheError(OSError):
+class KernelCacheError(RefusalError, OSError):
     """The folder for compiled kernels cannot be written, or others may write it."""
 
 

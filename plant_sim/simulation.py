@@ -15,9 +15,10 @@ from plant_sim.solvers.adaptive.adaptive import Torque
 from plant_sim.solvers.exact import exact
 from plant_sim.tilt import levelled, tilted
 from plant_sim.validation_messages import real
+from text_input import RefusalError
 
 
-class SimulationError(ValueError):
+class SimulationError(RefusalError, ValueError):
     """Invalid arguments of a simulation."""
 
 

@@ -11,6 +11,7 @@ import traceback
 import typer
 from typer.exceptions import TyperException
 
+from text_input import RefusalError
 from tools import output
 
 LONGEST_MESSAGE = 4000
@@ -21,37 +22,6 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 """Errors of a file that the machine does not let the program write."""
 UNUSABLE = (errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP)
 """Errors of a file that may not be read or written; an error without a file's name is a defect."""
-BAD_INPUT = frozenset(
-    {
-        "firmware_py.builds.board.BoardError",
-        "firmware_py.builds.c_compiler.CompilerError",
-        "firmware_py.shell.parameters.ParameterError",
-        "hil.bench.bench.BenchError",
-        "hil.bench.recorded_run.RunError",
-        "hil.bench.workers.WorkerDiedError",
-        "hil.bus.base.BusError",
-        "hil.bus.base.BusFailedError",
-        "tools.xcp_master.XcpMasterError",
-        "hil.can_model.bits.BitRateError",
-        "hil.faults.line.TrafficError",
-        "hil.kernel.user_mode_linux.UmlDeathError",
-        "hil.kernel.user_mode_linux.UmlError",
-        "hil.record.damage.DamagedFileError",
-        "hil.record.rrd.rerun_program.RerunError",
-        "hil.record.run_folder.RunFolderError",
-        "hil.record.traces.trace.TraceError",
-        "hil.suite.compare_suites.SuiteError",
-        "hil.timing.processes.ChildRefusalError",
-        "compilation.kernel_cache.KernelCacheError",
-        "plant_sim.simulation.SimulationError",
-        "plant_sim.solvers.cost.SolverError",
-        "plant_sim.solvers.exact.exact.UnsupportedSceneError",
-        "text_input.TextInputError",
-        "tools.fmu.variables.FmuError",
-        "tools.output.BadInputError",
-    }
-)
-"""Errors caused by the input or the machine, by name: importing their modules would take time, or fail."""
 GIB = 2**30
 ADDRESS_SPACE_GIB = 3
 """Address space that the largest process of a run maps; most of it is never used."""
@@ -147,6 +117,5 @@ def report(error: Exception, as_json: bool) -> int:
         remedy = small_address_space() or "free some, or run less at once"
         say_error("error:", f"out of memory; {remedy}", as_json)
         return output.EXIT_INTERNAL_ERROR
-    kinds = {f"{kind.__module__}.{kind.__qualname__}" for kind in type(error).__mro__}
-    sentence = str(error) if kinds & BAD_INPUT else describe_refusal(error)
+    sentence = str(error) if isinstance(error, RefusalError) else describe_refusal(error)
     return refuse(sentence, as_json) if sentence else report_internal_error(error, as_json)

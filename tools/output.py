@@ -15,6 +15,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from hil.judge.figures import text as figure_texts
+from text_input import RefusalError
 
 EXIT_PASSED = 0
 EXIT_CHECK_FAILED = 1
@@ -64,7 +65,7 @@ console = console_on(sys.stdout)
 progress_console = console_on(sys.stderr)
 
 
-class BadInputError(ValueError):
+class BadInputError(RefusalError, ValueError):
     """An unusable input of the user; the message states the input, the wanted input and the remedy."""
 
 

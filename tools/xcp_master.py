@@ -17,6 +17,7 @@ from firmware_py.interface.parameter_table import INDEX as PARAMETERS
 from firmware_py.node import places, xcp
 from firmware_py.node.memory import file_name
 from hil.bus.base import Bus
+from text_input import RefusalError
 
 ACCEPTED_IDS = (kinds.XCP_RESPONSE.can_id,)
 """The identifiers that a master receives."""
@@ -36,7 +37,7 @@ STAMP_TICKS = 1 << 16
 """Period of a sample's time stamp."""
 
 
-class XcpMasterError(ConnectionError):
+class XcpMasterError(RefusalError, ConnectionError):
     """The slave does not answer, refuses a command, or is not the firmware of these sources."""
 
 

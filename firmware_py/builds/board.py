@@ -12,6 +12,7 @@ from typing import Literal
 from firmware_py.builds.board_tools import COMPILER, EMULATOR, REMEDY, find_missing_tools
 from firmware_py.builds.c99.header import header
 from firmware_py.builds.c_compiler import TARGETS, cache_file, object_code
+from text_input import RefusalError
 
 SOURCES = Path(__file__).parent / "board_image"
 BoardName = Literal["cortex-m7", "cortex-m4f"]
@@ -31,7 +32,7 @@ TIMER_TICKS_AN_INSTRUCTION = 64.0 / 40.0
 """The board's timer runs at 25 MHz."""
 
 
-class BoardError(ValueError):
+class BoardError(RefusalError, ValueError):
     """The image cannot be built or run here; the message names the remedy."""
 
 

@@ -17,6 +17,7 @@ from firmware_py.builds.flat import Precision, layout
 from firmware_py.core.config import Config
 from firmware_py.node.memory import FirmwareState
 from firmware_py.node.tick import Tx
+from text_input import RefusalError
 
 HostName = Literal["host", "host-single"]
 TargetName = Literal["cortex-m7", "cortex-m4f"] | HostName
@@ -29,7 +30,7 @@ def cache_file(name: str, make: Callable[[], bytes]) -> Path:
     return kept_file(folder_of("firmware_py.builds.c99", *sorted(TEMPLATES.iterdir())), name, make)
 
 
-class CompilerError(ValueError):
+class CompilerError(RefusalError, ValueError):
     """The emitted C cannot be compiled here; the message names the remedy."""
 
 

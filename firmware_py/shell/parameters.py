@@ -31,7 +31,7 @@ from firmware_py.interface.float32 import FLOAT32_OVERFLOW, float32_bits, float3
 from firmware_py.interface.generated import parameters as parameter_records
 from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.parameter_table import TABLE, Parameter, record_name
-from text_input import parse_toml
+from text_input import RefusalError, parse_toml
 
 BY_NAME: dict[str, Parameter] = {parameter.name: parameter for parameter in TABLE}
 DEFAULTS: dict[str, float] = {parameter.name: parameter.default for parameter in TABLE}
@@ -41,7 +41,7 @@ DIMENSIONLESS = "1"
 """The unit of a number without one."""
 
 
-class ParameterError(ValueError):
+class ParameterError(RefusalError, ValueError):
     """A parameter that does not exist, is not a number or is out of bounds; or an invalid file."""
 
 

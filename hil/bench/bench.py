@@ -53,6 +53,7 @@ from hil.timing.loop import FixedRateLoop, LoopTiming, run_turns
 from hil.timing.pacemaker import LONGEST_HOLD_NS, PACEMAKER, Member, shared_turn_times
 from hil.timing.processes import Child, ChildError, Start, has_stopped, is_busy
 from hil.timing.realtime import OPERATOR_PRIORITY, fixed_priority, settle_garbage
+from text_input import RefusalError
 
 START_DELAY_S = 0.3
 RECORDER = "recorder"
@@ -76,7 +77,7 @@ LATE = ("hub", PACEMAKER, *NODES)
 """The processes that can hold up a run, without this one."""
 
 
-class BenchError(RuntimeError):
+class BenchError(RefusalError, RuntimeError):
     """A run could not be started."""
 
 

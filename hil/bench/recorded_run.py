@@ -37,6 +37,7 @@ from hil.record.rrd.rerun_program import RerunError
 from hil.record.run_folder import RUN_NOTE, RUNS, VERDICT, is_own, refuse_irregular
 from hil.record.run_traces import CAN_LOG, SCENARIO, RunTraces, part, read_json
 from hil.show.rerun_log import LOG_NAME, rebuild
+from text_input import RefusalError
 
 if TYPE_CHECKING:
     import pandas
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
 TABLES_ARE_LEFT = "its tables may still be read: vibrohil inspect RUN --table NAME"
 
 
-class RunError(ValueError):
+class RunError(RefusalError, ValueError):
     """A run, table or signal does not exist; the message names those that do."""
 
 

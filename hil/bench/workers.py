@@ -26,6 +26,7 @@ from typing import Any, Generic, NamedTuple, Self, TypeVar
 from hil.timing.processes import has_stopped
 from hil.timing.realtime import collect_rarely, end_with_parent
 from hil.timing.signals import Interrupted
+from text_input import RefusalError
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -40,7 +41,7 @@ REMOVAL = """trap "" INT HUP TERM; read -r _; exec rm -rf -- "$1" """
 """Shell program that removes a folder once every writer of its standard input has ended."""
 
 
-class WorkerDiedError(RuntimeError):
+class WorkerDiedError(RefusalError, RuntimeError):
     """A worker ended during a task whose result is required."""
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from firmware_py.interface.frame import Frame
+from text_input import RefusalError
 
 MAX_BURST = 4096
 """Largest number of frames that one `receive` returns, so that a flood of frames cannot block a node."""
@@ -30,11 +31,11 @@ Before its first frame it may refuse for longer: a real bus carries none while n
 LOGGER = logging.getLogger(__name__)
 
 
-class BusError(ValueError):
+class BusError(RefusalError, ValueError):
     """A bus cannot be opened as requested; the message states what was expected and the remedy."""
 
 
-class BusFailedError(ConnectionError):
+class BusFailedError(RefusalError, ConnectionError):
     """An open bus carries no more frames: its adapter has failed, its interface is gone, or its hub ended."""
 
 

@@ -14,6 +14,7 @@ from functools import cache
 
 from firmware_py.interface.frame import Frame
 from hil.timing.clock import NS_PER_S
+from text_input import RefusalError
 
 CRC_POLYNOMIAL = 0x4599
 """x¹⁵ + x¹⁴ + x¹⁰ + x⁸ + x⁷ + x⁴ + x³ + 1 without its leading term."""
@@ -41,7 +42,7 @@ SUSPEND_BITS = 8
 """Bits for which an error-passive node suspends transmission after a frame of its own."""
 
 
-class BitRateError(ValueError):
+class BitRateError(RefusalError, ValueError):
     """A bit rate outside CAN's range, or with a bit time that is not a whole number of nanoseconds."""
 
 

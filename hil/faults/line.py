@@ -13,6 +13,7 @@ from hil.bus.base import MAX_BURST, NodeBus
 from hil.faults.fault import Fault
 from hil.faults.on_bus import LineFault, Step
 from hil.roster import PLANT
+from text_input import RefusalError
 
 MOST_HELD_FRAMES = 100_000
 """Largest number of frames that a fault may hold back: a minute of one frame, and its copies."""
@@ -20,7 +21,7 @@ MOST_READS = 100
 """Most reads of a bus that empty it before a node begins; on a busy bus new frames arrive meanwhile."""
 
 
-class TrafficError(ValueError):
+class TrafficError(RefusalError, ValueError):
     """Faults send or hold back too many frames; each of several may multiply the frames of the others."""
 
 

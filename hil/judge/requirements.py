@@ -35,7 +35,7 @@ class Bounds(BaseModel):
         return self.written("g")
 
     def written(self, form: str) -> str:
-        """The bounds as text, with numbers in a format as `.12g`, which tells more apart."""
+        """The bounds as text, with numbers in a format as `.12g`, which distinguishes more."""
         if self.equals is not None:
             return f"= {str(self.equals).lower() if isinstance(self.equals, bool) else self.equals}"
         if self.low is None:

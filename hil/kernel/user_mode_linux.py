@@ -34,6 +34,7 @@ from typing import BinaryIO, Final
 
 from hil.kernel.registers import COMPILER, RegistersError, has_amx, make_library
 from hil.timing.realtime import NODE_PRIORITY
+from text_input import RefusalError
 
 KERNEL: Final = "linux.uml"
 GUEST_MEMORY: Final = "4G"  # half of it may hold traces: enough for a quarter of an hour in real time
@@ -88,11 +89,11 @@ halt
 """
 
 
-class UmlError(ValueError):
+class UmlError(RefusalError, ValueError):
     """The command cannot start: a bad argument, or no user-mode Linux; the message names the remedy."""
 
 
-class UmlDeathError(RuntimeError):
+class UmlDeathError(RefusalError, RuntimeError):
     """User-mode Linux did not boot, or died under the command; the message has its last output and remedy."""
 
 

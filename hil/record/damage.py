@@ -4,11 +4,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from text_input import RefusalError
+
 LONGEST_REASON = 300
 """Longest part of an error's text, in characters."""
 
 
-class DamagedFileError(ValueError):
+class DamagedFileError(RefusalError, ValueError):
     """A file of a run, log or suite is unreadable or has invalid content."""
 
 

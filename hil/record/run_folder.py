@@ -16,6 +16,7 @@ from hil.record.folder_lock import FolderInUseError, is_in_use, locked
 from hil.record.new_file import MOST_NOTE_BYTES, foreign_link_on, is_foreign, is_regular, write_anew
 from hil.record.run_traces import CAN_LOG, SCENARIO, TRACES
 from hil.record.traces import trace
+from text_input import RefusalError
 
 RUNS = Path("runs")
 RUN_NOTE, SUITE_NOTE = "run.json", "suite.json"
@@ -57,7 +58,7 @@ LARGEST_SHARE_OF_HOLES = 100
 """Largest size of a file over its size on the disk; a file system that compresses stays below."""
 
 
-class RunFolderError(ValueError):
+class RunFolderError(RefusalError, ValueError):
     """A folder cannot be used for a run; the message names the remedy."""
 
 

@@ -12,9 +12,10 @@ from hil.record.new_file import is_regular
 from hil.record.run_folder import refuse_large_note
 from hil.suite.changes import changes, find_only_in, index_by_name
 from hil.suite.suite import RESULT
+from text_input import RefusalError
 
 
-class SuiteError(ValueError):
+class SuiteError(RefusalError, ValueError):
     """A folder has no suite's result."""
 
 

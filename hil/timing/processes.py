@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hil.timing.realtime import end_with_parent
+from text_input import RefusalError
 
 READY = "ready"
 """First word that a child prints once it is warmed up and on the bus; more words may follow in the line."""
@@ -110,7 +111,7 @@ class ChildError(RuntimeError):
     """A child ended, or stayed silent, when it should have been running."""
 
 
-class ChildRefusalError(ChildError):
+class ChildRefusalError(RefusalError, ChildError):
     """A process ended because its input is invalid; its last line says why."""
 
 

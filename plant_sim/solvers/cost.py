@@ -5,6 +5,7 @@ the debt. A burst is accepted; a persistent excess is refused, independent of th
 """
 
 from plant_sim.kernels import subroutine
+from text_input import RefusalError
 
 ALLOWANCE = 1_000_000.0
 """Largest debt of a run, about a second of computing. The named scenes stay below a thousandth of it."""
@@ -13,7 +14,7 @@ COST_A_RADIAN = 10_000.0
 """Cost paid off by each radian of the fastest of striker, crank, ankle, housing and current."""
 
 
-class SolverError(RuntimeError):
+class SolverError(RefusalError, RuntimeError):
     """A run that cannot continue; the message states the time, the motion and the remedy."""
 
 

@@ -11,6 +11,7 @@ from pydantic.fields import FieldInfo
 
 from plant_sim.tables.quantities import Quantity, quantity_of
 from plant_sim.tables.table import Table
+from text_input import RefusalError
 
 Role = Literal["input", "output", "fixed", "tunable"]
 """`fixed` and `tunable` are parameters; the master may change tunable ones between two steps."""
@@ -54,7 +55,7 @@ LOW, HIGH = -(2.0**31), 2.0**31 - 1.0
 FIXED = ("initial.", "solver.", "sensors.", "drive.phase_rad")
 
 
-class FmuError(ValueError):
+class FmuError(RefusalError, ValueError):
     """An FMU that cannot be built; the message names the remedy."""
 
 

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
+from text_input import RefusalError
 
-class RerunError(RuntimeError):
+
+class RerunError(RefusalError, RuntimeError):
     """Rerun's program is missing or has failed."""
 
 

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from hil.record import formats
 from hil.record.new_file import make_anew
 from hil.timing.realtime import is_user_mode_linux
+from text_input import RefusalError
 
 MAGIC = b"VHTRACE%d" % formats.TRACE
 PREAMBLE = struct.Struct("<8sIIQ")
@@ -55,7 +56,7 @@ Fields: TypeAlias = Sequence[tuple[str, FieldType]]
 """Pairs of a name and a type; a NamedTuple becomes dotted names, without a prefix if its name is empty."""
 
 
-class TraceError(ValueError):
+class TraceError(RefusalError, ValueError):
     """A file is not a trace, or a record cannot be stored in a trace."""
 
 

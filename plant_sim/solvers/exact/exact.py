@@ -26,13 +26,14 @@ from plant_sim.solvers.double_double import TURN_RAD, turned
 from plant_sim.solvers.exact.automaton import Event, Motion, after, begin, next_event
 from plant_sim.solvers.exact.ledger import booked, empty_ledger, stored_j
 from plant_sim.solvers.exact.oscillator import Oscillator, flow, launch, oscillator, point
+from text_input import RefusalError
 
 REST_SPEED_M_S = 1e-9
 """Chatter that is certain to end at rest ends below this speed; the later motion does not depend on the
 value."""
 
 
-class UnsupportedSceneError(ValueError):
+class UnsupportedSceneError(RefusalError, ValueError):
     """The scene has no closed form, or its start is invalid."""
 
 

@@ -1,5 +1,6 @@
 """What commands write is checked before they work; an unexpected exception is one line and a file."""
 
+import ast
 import json
 import os
 import re
@@ -13,11 +14,13 @@ from typing import Any
 import pytest
 from options import options_of
 
+from compilation import PACKAGES
 from hil.scenario.files import scenario_names
 from tools import cli
-from tools.error_report import BAD_INPUT, report
+from tools.error_report import report
 from tools.output import EXIT_BAD_INPUT, EXIT_INTERNAL_ERROR, BadInputError
 
+ROOT = Path(cli.__file__).parents[1]
 FOLDERS = {
     "run",
     "suite",
@@ -165,7 +168,18 @@ def test_a_table_in_a_pipe_keeps_a_row_to_a_line() -> None:
     assert not [line for line in listed.splitlines() if line.startswith(" ")], "nothing is folded"
 
 
-@pytest.mark.parametrize("name", sorted(BAD_INPUT))
+def named_errors() -> list[str]:
+    """The project's own kinds of errors that end a command."""
+    return [
+        f"{'.'.join(path.relative_to(ROOT).with_suffix('').parts)}.{node.name}"
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.ClassDef) and "RefusalError" in {ast.unparse(base) for base in node.bases}
+    ]
+
+
+@pytest.mark.parametrize("name", sorted(named_errors()))
 def test_an_error_by_the_input_is_no_defect(name: str, capsys) -> None:
     module, _, kind = name.rpartition(".")
     error = getattr(import_module(module), kind)("the input is wrong")
