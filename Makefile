@@ -69,7 +69,7 @@ clean: ## remove the virtual environment and all caches; runs stay
 	find $(PACKAGES) tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(BIN)/python:
-	@python=$$(sh tools/dev/find-python.sh $(PYTHON)) && \
+	@python=$$(sh tools/dev/find-python.sh $(if $(PYTHON),"$(PYTHON)")) && \
 	echo "setup: a virtual environment in $(VENV), so that nothing else on this machine changes" && \
 	"$$python" -m venv --clear $(VENV)
 

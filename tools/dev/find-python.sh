@@ -4,7 +4,8 @@
 set -eu
 
 seen=
-for python in ${1:-python3 python3.14 python3.13 python3.12 python3.11 python}; do
+[ $# -gt 0 ] || set -- python3 python3.14 python3.13 python3.12 python3.11 python
+for python in "$@"; do
     command -v "$python" > /dev/null 2>&1 || continue
     version=$("$python" -c 'import sys; print("%d.%d.%d" % sys.version_info[:3])' 2> /dev/null) || continue
     if ! "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then

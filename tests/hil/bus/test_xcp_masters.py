@@ -45,6 +45,7 @@ from firmware_py.shell.node import FirmwareNode
 from firmware_py.shell.parameters import parameters_of, round_to_float32, values_of
 from hil.bus import join, provide
 from hil.scenario.parameter_file import read_parameters
+from hil.timing.processes import READY_TIMEOUT_S
 from tools import cli
 from tools.output import EXIT_BAD_INPUT
 from tools.xcp_master import ACCEPTED_IDS, RefusedError, Sampled, SessionError, XcpMaster, XcpMasterError
@@ -156,6 +157,16 @@ def resting(request: pytest.FixtureRequest) -> Iterator[Running]:
         one = Running(provided.address, request.param, is_moving=False)
         yield one
         one.close()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def known_time_zone() -> Iterator[None]:
+    """pyXCP looks up the zone's abbreviation, and its library knows UTC, but not IST."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TZ", "UTC")
+        time.tzset()
+        yield
+    time.tzset()
 
 
 @pytest.fixture(scope="module")
@@ -456,11 +467,13 @@ def test_a_master_notices_that_another_has_taken_or_ended_its_session(compiled: 
     first.connect()
     first.write("speed.gain_i_n_m", 0.5)
     other.request(XcpCommandCode.CONNECT)
+    bus.wait(READY_TIMEOUT_S)  # until the answer to the other is here, too
     with pytest.raises(SessionError, match="has ended this one"):
         first.commit()
     other.request(XcpCommandCode.DISCONNECT)
     first.connect()
     other.request(XcpCommandCode.DISCONNECT)
+    bus.wait(READY_TIMEOUT_S)
     with pytest.raises(SessionError, match="another master has ended this session"):
         first.disconnect()
     for one in (bus, other_bus):
