@@ -22,11 +22,15 @@ class AccelerometerInput(NamedTuple):
 
 
 class EncoderInput(NamedTuple):
-    """The drive's crank position, circular or counting on, and the drive's estimate of the speed."""
+    """The drive's crank position, circular or counting on, and the drive's estimate of the speed.
+
+    `frames`: the number of different frames in the tick of this reading, which is the last of them.
+    """
 
     position_rev: float
     velocity_rev_s: float
     age_ticks: int
+    frames: int = 1
 
 
 class DriveInput(NamedTuple):

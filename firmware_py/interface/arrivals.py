@@ -33,6 +33,7 @@ class Now(NamedTuple):
 class Arrival(NamedTuple):
     """The tick of a source's newest frame in sequence, its rolling counter (−1: none yet) and its word.
 
+    `counter` of frames without a rolling counter: how many different ones this tick has brought.
     `stray_tick`, `stray_counter`: those of the newest frame out of sequence. `strays`: the number of the
     newest such frames that follow each other.
     """
@@ -106,7 +107,9 @@ def accept(
     if reason != ACCEPTED:
         return before, count_refusal(counters, reason), False
     if kind.counter_bits == 0:
-        return before._replace(tick=now.tick), counters, True
+        earlier = before.counter if before.tick == now.tick else 0
+        number = earlier if earlier > 0 and word == before.word else earlier + 1
+        return before._replace(tick=now.tick, counter=number, word=word), counters, True
     counter, modulus = counter_of(kind, word), 1 << kind.counter_bits
     if counter == before.counter and word == before.word:
         return before, counters._replace(rejected_repeated=counters.rejected_repeated + 1), False

@@ -41,7 +41,10 @@ def inputs_of(received: Received, tick: int) -> Inputs:
         ),
         measurements=measurements_of(received, tick),
         encoder=EncoderInput(
-            encoder.position_rev, encoder.velocity_rev_s, age(tick, received.encoder_estimates_arrival)
+            encoder.position_rev,
+            encoder.velocity_rev_s,
+            age(tick, received.encoder_estimates_arrival),
+            received.encoder_estimates_arrival.counter,
         ),
         drive=DriveInput(
             axis_state_of(received.drive_heartbeat.axis_state),

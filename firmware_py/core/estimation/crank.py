@@ -20,12 +20,17 @@ FASTEST_RAD_S = 1000.0
 
 LATEST_TICKS = 10
 """Largest age of a late reading; a reading that lags by more is wrong, and a longer gap is a fault."""
+EARLIEST_TICKS = -1
+"""Least age: the tick itself was late, and the reading of the next one has arrived in it, too."""
+LASTING_TICKS = 2500
+"""Ticks after which an age that lasts is one less: not the reading is late, but the clocks have drifted apart.
+Clocks that differ by 0.02 % drift by a tick in twice this time."""
 
 
 class CrankState(NamedTuple):
     """The crank at the time of the newest sensor sample. θ in [0, 2π): the piston's position is A sin θ.
 
-    `late_ticks`: estimated age of the newest reading when it arrived.
+    `late_ticks`: estimated age of the newest reading when it arrived; `lasting_ticks`: readings of this age.
     """
 
     angle_rad: float
@@ -34,6 +39,7 @@ class CrankState(NamedTuple):
     innovation_rad: float
     missed_ticks: int
     late_ticks: int
+    lasting_ticks: int
 
 
 INITIAL = zeroed(CrankState, missed_ticks=NEVER_TICKS)
@@ -68,17 +74,21 @@ def known_acceleration(config: Config, acting_n_m: float, crank: CrankState, loa
     return clamp(known, 2.0 * config.p.speed.torque_limit_n_m / motor.inertia_kg_m2)
 
 
-def estimate_lateness(state: CrankState, way_rad: float, innovation_rad: float) -> int:
+def estimate_age(state: CrankState, frames: int, way_rad: float, innovation_rad: float) -> int:
     """Estimated age of a reading, in ticks; the encoder's frame carries no time.
 
-    It is the age that best explains how far the reading lags, if the crank turns by `way_rad` per tick. It
-    is bounded by the age of the previous reading plus the ticks without one since then.
+    It is the age that best explains how far the reading lags, if the crank turns by `way_rad` per tick. The
+    number of frames that are still to come bounds it: those that were to come after the previous reading, and
+    one for each tick since, less the tick's `frames`. If too many have come, the tick itself was late.
     """
-    oldest = min(state.late_ticks + state.missed_ticks, LATEST_TICKS)
-    behind_rad = -innovation_rad if way_rad >= 0.0 else innovation_rad
-    if behind_rad <= 0.0 or oldest == 0:
+    to_come = state.late_ticks + state.missed_ticks + 1 - frames
+    if to_come == 0:
         return 0
-    return int(min(behind_rad / max(abs(way_rad), 1e-9), float(oldest)) + 0.5)
+    behind_rad = -innovation_rad if way_rad >= 0.0 else innovation_rad
+    behind_ticks = behind_rad / max(abs(way_rad), 1e-9)
+    if to_come < 0:
+        return EARLIEST_TICKS if behind_ticks < 0.5 * EARLIEST_TICKS else 0
+    return int(max(min(behind_ticks, float(min(to_come, LATEST_TICKS))), 0.0) + 0.5)
 
 
 def step(
@@ -114,16 +124,22 @@ def step(
             missed_ticks=min(state.missed_ticks + 1, NEVER_TICKS - 1),
         )
     innovation_rad = wrap_pi(measured_rad - angle_rad)
-    late_ticks = estimate_lateness(state, omega_rad_s * T, innovation_rad)
-    if late_ticks > 0:
+    late_ticks = estimate_age(state, encoder.frames, omega_rad_s * T, innovation_rad)
+    if late_ticks != 0:
         measured_rad += late_ticks * omega_rad_s * T
         innovation_rad = wrap_pi(measured_rad - angle_rad)
+    lasting_ticks = state.lasting_ticks + 1 if late_ticks == state.late_ticks else 0
+    if lasting_ticks >= LASTING_TICKS and late_ticks != 0:
+        drift_ticks = 1 if late_ticks > 0 else -1
+        angle_rad -= drift_ticks * omega_rad_s * T
+        late_ticks -= drift_ticks
+        lasting_ticks = 0
     g, h, k = tracker.gains
     if state.missed_ticks > 0 or late_ticks > 0:
         # A reading after missed ones covers the whole time since then: the same bandwidth with a longer T.
         # Late readings are extrapolated by the estimated speed, which feeds the error of that speed back: the
         # bandwidth must be lower.
-        late_s = late_ticks * T
+        late_s = max(late_ticks, 0) * T
         T = (state.missed_ticks + 1) * T
         bandwidth_rad_s = tracker.bandwidth_rad_s
         g, h, k = critically_damped_gains(bandwidth_rad_s / (1.0 + bandwidth_rad_s * late_s), T)
@@ -135,4 +151,5 @@ def step(
         innovation_rad,
         0,
         late_ticks,
+        min(lasting_ticks, LASTING_TICKS),
     )

@@ -1,4 +1,5 @@
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -6,10 +7,14 @@ import pytest
 from firmware_py.core.estimation import crank
 from firmware_py.core.inputs import EncoderInput
 from firmware_py.core.numbers import TAU, wrap_pi
-from firmware_py.interface.arrivals import NEVER_TICKS
+from firmware_py.interface.arrivals import NEVER_TICKS, NOTHING_YET, Arrival, Now, accept, age
+from firmware_py.interface.frame import ACCEPTED
+from firmware_py.interface.generated.kinds import ENCODER_ESTIMATES
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({})
+OMEGA_RAD_S = 12.0
+TICKS = 1200
 
 
 def follow(
@@ -60,9 +65,74 @@ def test_few_readings_are_followed_as_fast_as_many(every: int) -> None:
     assert state.omega_rad_s == pytest.approx(40.0 * t[-1], rel=1e-3)
 
 
+def jittering(dice: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A firmware that wakes up to a tick late for 0.1 s."""
+    late = np.zeros(TICKS)
+    late[800:900] = dice.uniform(0.0, 1.0, 100)
+    return np.arange(TICKS) + 0.5 + late, np.arange(TICKS) + 0.0
+
+
+def bundled(_: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """An adapter that hands over two readings in every second tick."""
+    return np.arange(TICKS) + 0.5, np.arange(TICKS) // 2 * 2 + 1.0
+
+
+def late(_: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Readings that come three ticks late for 0.1 s; those that are overtaken come after the timely ones."""
+    numbers = np.arange(TICKS)
+    return numbers + 0.5, numbers + np.where((numbers >= 800) & (numbers < 900), 3.0, 0.0)
+
+
+def lost(dice: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Half of the readings are lost for 0.1 s."""
+    numbers = np.arange(TICKS)
+    is_lost = (numbers >= 800) & (numbers < 900) & (dice.uniform(size=TICKS) < 0.5)
+    return numbers + 0.5, np.where(is_lost, np.inf, numbers)
+
+
+def twice(_: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Half of the readings come twice."""
+    return np.arange(TICKS) + 0.5, np.concatenate((np.arange(TICKS) + 0.0, np.arange(TICKS // 2) + 0.1))
+
+
+def follow_frames(dice: np.random.Generator, ticks: np.ndarray, arrivals: np.ndarray) -> np.ndarray:
+    """Errors of the angle in ticks; readings are one a tick, and those after the last tick are repetitions."""
+    turned_rad = OMEGA_RAD_S * 1e-3 * (np.arange(len(arrivals)) % len(ticks))
+    position_rev = turned_rad / TAU + dice.normal(0.0, 2e-5, len(arrivals))
+    order = [int(number) for number in np.argsort(arrivals, kind="stable")]
+    arrival, state, errors, place = Arrival(), crank.INITIAL, [], 0
+    for tick, at in enumerate(ticks):
+        while place < len(order) and arrivals[order[place]] < at:
+            word, now = order[place] % len(ticks), Now(tick, 1e-3)
+            arrival, _, _ = accept(arrival, NOTHING_YET, ENCODER_ESTIMATES, ACCEPTED, word, now)
+            place += 1
+        encoder = EncoderInput(float(position_rev[arrival.word]), 0.0, age(tick, arrival), arrival.counter)
+        state = crank.step(CONFIG, CONFIG.d.tracker, state, encoder, 0.0)
+        errors.append(wrap_pi(state.angle_rad - OMEGA_RAD_S * 1e-3 * (at - 0.5)) / (OMEGA_RAD_S * 1e-3))
+    return np.array(errors)
+
+
+@pytest.mark.parametrize("arriving", [jittering, bundled, late, lost, twice])
+def test_the_age_of_a_reading_is_known_from_the_number_of_frames(arriving: Callable) -> None:
+    """A tracker that loses a tick beside the readings does not come back."""
+    for seed in range(20):
+        dice = np.random.default_rng(seed)
+        ticks, arrivals = arriving(dice)
+        errors = follow_frames(dice, ticks, arrivals) + ticks - np.arange(TICKS) - 0.5
+        assert np.abs(errors[500:]).max() < 0.25
+        assert abs(errors[-1]) < 0.05
+
+
+@pytest.mark.parametrize("drift", [2e-4, -2e-4])
+def test_clocks_that_drift_apart_do_not_carry_the_angle_away(drift: float) -> None:
+    numbers = np.arange(30_000)
+    errors = follow_frames(np.random.default_rng(1), numbers * (1.0 + drift) + 0.5, numbers)
+    assert np.abs(errors[500:]).max() < 1.2
+
+
 def test_gains_after_missed_readings_are_those_of_the_longer_interval() -> None:
     g, h, k = crank.critically_damped_gains(CONFIG.p.crank.bandwidth_rad_s, 3e-3)
-    state = crank.CrankState(0.1, 0.0, 0.0, 0.0, 2, 0)
+    state = crank.INITIAL._replace(angle_rad=0.1, missed_ticks=2)
     after = crank.step(CONFIG, CONFIG.d.tracker, state, EncoderInput(0.2 / TAU, 0.0, 0), 0.0)
     e = after.innovation_rad
     assert e == pytest.approx(0.1)

@@ -106,7 +106,7 @@ def test_conversions_of_any_argument_stay_within_32_bits(reached: set[Site]) -> 
             assert low <= framing.saturate(value, low, high) <= high
         for way_rad in filter(math.isfinite, values if math.isfinite(value) else []):
             late = crank.INITIAL._replace(late_ticks=3, missed_ticks=10)
-            assert 0 <= crank.estimate_lateness(late, way_rad, value) <= crank.LATEST_TICKS
+            assert 0 <= crank.estimate_age(late, 1, way_rad, value) <= crank.LATEST_TICKS
     assert {name for name, _ in reached} == {one.__name__ for one in (crank, elementary, framing)}
 
 
