@@ -1,7 +1,8 @@
 """Parameters that are within their own bounds but do not fit together.
 
 A module without any fault would not reach its goal with them: its start or its recovery ends at
-`LONGEST_SEARCH_S`, or its speed limit lies below the highest ratio.
+`LONGEST_SEARCH_S`, or its speed limit lies below the highest ratio. Or a monitor could not act: the crank may
+be slower than `SLOWEST_RAD_S`.
 """
 
 import math
@@ -9,6 +10,7 @@ from enum import IntEnum
 
 from firmware_py.core.control.start import DIP_S, LONGEST_SEARCH_S
 from firmware_py.core.numbers import TAU
+from firmware_py.core.safety.monitors import SLOWEST_RAD_S
 from firmware_py.interface.generated.parameters import Parameters
 
 TOLERANCE = 1e-6
@@ -23,6 +25,7 @@ class Conflict(IntEnum):
     LONG_RECOVERY = 2
     FAST_RATIO = 3
     RATIO_BELOW_FREE = 4
+    SLOW_RATIO = 5
 
 
 def start_s(p: Parameters, turn_s: float) -> float:
@@ -50,6 +53,12 @@ def highest_ratio(p: Parameters) -> float:
     return p.gait.highest_ratio + p.gait.margin if p.gait.follow > 0 else p.start.highest_ratio
 
 
+def lowest_ratio(p: Parameters) -> float:
+    """The lowest ratio at which the crank is kept: the lowest that can be asked for, or that of the dip."""
+    asked = p.gait.lowest_ratio - p.gait.margin if p.gait.follow > 0 else p.start.lowest_ratio
+    return min(asked, p.start.dip_ratio)
+
+
 def conflict_of(p: Parameters) -> Conflict:
     """The first conflict of these parameters, or NONE."""
     natural_rad_s = nominal_rad_s(p)
@@ -62,4 +71,6 @@ def conflict_of(p: Parameters) -> Conflict:
         return Conflict.FAST_RATIO
     if p.gait.follow > 0 and highest > p.start.free_ratio * (1.0 + TOLERANCE):
         return Conflict.RATIO_BELOW_FREE
+    if lowest_ratio(p) * natural_rad_s <= SLOWEST_RAD_S * (1.0 + TOLERANCE):
+        return Conflict.SLOW_RATIO
     return Conflict.NONE

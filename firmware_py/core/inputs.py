@@ -30,7 +30,7 @@ class EncoderInput(NamedTuple):
     position_rev: float
     velocity_rev_s: float
     age_ticks: int
-    frames: int = 1
+    frames: int
 
 
 class DriveInput(NamedTuple):

@@ -18,6 +18,7 @@ from firmware_py.core.conflicts import (
     Conflict,
     conflict_of,
     highest_ratio,
+    lowest_ratio,
     nominal_rad_s,
     recovery_s,
     start_s,
@@ -25,6 +26,7 @@ from firmware_py.core.conflicts import (
 from firmware_py.core.control.start import LONGEST_SEARCH_S
 from firmware_py.core.numbers import TAU
 from firmware_py.core.safety.gate import CLIPPED_SHARE
+from firmware_py.core.safety.monitors import SLOWEST_RAD_S
 from firmware_py.interface.addresses import Addresses, addresses
 from firmware_py.interface.enums import ParameterTier
 from firmware_py.interface.float32 import FLOAT32_OVERFLOW, float32_bits, float32_of
@@ -169,6 +171,13 @@ def conflict_text(p: Parameters, conflict: Conflict) -> str:
         return (
             f"{name} = {highest:g} is a speed of {highest * nominal_rad_s(p):.1f} rad/s for this striker, "
             f"above limit.speed_rad_s = {p.limit.speed_rad_s:g}; lower the ratio or raise the limit"
+        )
+    if conflict == Conflict.SLOW_RATIO:
+        asked = "gait.lowest_ratio - gait.margin" if p.gait.follow > 0 else "start.lowest_ratio"
+        name = "start.dip_ratio" if lowest_ratio(p) == p.start.dip_ratio else asked
+        return (
+            f"{name} = {lowest_ratio(p):g} is a speed of {lowest_ratio(p) * nominal_rad_s(p):.2f} rad/s for "
+            f"this striker, and STALL judges only above {SLOWEST_RAD_S:g} rad/s; raise the ratio"
         )
     return (
         f"gait.highest_ratio = {p.gait.highest_ratio:g} with gait.margin = {p.gait.margin:g} exceeds "

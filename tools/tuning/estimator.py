@@ -47,7 +47,7 @@ NOISE, MEMORY, STOP = "estimator.velocity_noise_m_s", "estimator.model_memory_s"
 FLOOR = "estimator.model_std_m_s2"
 GRID: dict[str, tuple[float, ...]] = {
     NOISE: (1e-5, 3e-5, 1e-4, 3e-4, 1e-3),
-    MEMORY: (0.03, 0.1, 0.3, 1.0, 3.0),
+    MEMORY: (0.1, 0.3, 1.0, 3.0, 10.0),
     STOP: (1e-4, 3e-4, 1e-3, 3e-3),
 }
 """Half a decade apart: likelihood and errors change little within one step."""
@@ -61,8 +61,8 @@ LARGEST_NIS = 1.5
 NEAR = 1.92
 """Half of χ²₁'s 95 % quantile: a log-likelihood this near the best does not differ significantly from it."""
 FRESH_TRIALS = 60
-NAIVE = {MEMORY: 0.0, "estimator.initial_model_std_m_s2": 0.016, "estimator.largest_model_std_m_s2": 0.016}
-"""The textbook's choice: R is the sensor's noise, and all readings count as independent."""
+NAIVE = {MEMORY: 0.1, "estimator.initial_model_std_m_s2": 0.016, "estimator.largest_model_std_m_s2": 0.016}
+"""The textbook's choice: R is the sensor's noise, and as many readings as is permitted are independent."""
 
 HIGHEST_NIS = 25.0
 """Limit of a normalised square, (5 σ)², so that one unrecognised impact does not dominate the likelihood."""

@@ -25,6 +25,9 @@ IMPLAUSIBLE_SHARE = 0.25
 seems to cause for 8 ms."""
 IMPLAUSIBLE_S = 0.02
 
+SLOWEST_RAD_S = 1.0
+"""STALL judges only faster targets: the ripple of a slower crank may exceed its speed."""
+
 MOVES_AGAIN = 1.5
 """Factor on the limit above which a standstill ends: noise, a tenth of it for an encoder count, does not."""
 
@@ -113,7 +116,7 @@ def count_conditions(config: Config, held: MonitorTicks, now: Watched) -> Monito
     driven = moving and now.axis_state == AxisState.CLOSED_LOOP_CONTROL
     target_rad_s, omega_rad_s = now.target_omega_rad_s, now.crank.omega_rad_s
     disturbed = not abs(now.crank.disturbance_rad_s2) <= config.d.implausible_rad_s2
-    stalled = target_rad_s > 1.0 and not omega_rad_s > config.p.limit.stall_share * target_rad_s
+    stalled = target_rad_s > SLOWEST_RAD_S and not omega_rad_s > config.p.limit.stall_share * target_rad_s
     return MonitorTicks(
         impulse_limit=count(held.impulse_limit, not now.impulse_n_s <= config.p.limit.impulse_n_s),
         estimate_invalid=count(held.estimate_invalid, moving and is_invalid(config, now.estimate)),

@@ -6,8 +6,10 @@ reads the forces of spring and friction alone, m z = c (A sin θ + l0 − x) −
 
     T_crank = m z A cos θ
 
-without the small friction. During a contact the last reading before it counts. The load explains no more than
-a share of the largest torque: a jam under the largest torque is found whatever the accelerometer reads.
+without the small friction. During a contact the last reading before it counts. A soft contact is seen some
+readings after it has begun, so the flight follows a reading no faster than the spring can change it. The load
+explains no more than a share of the largest torque: a jam under the largest torque is found whatever the
+accelerometer reads.
 """
 
 from typing import NamedTuple
@@ -29,7 +31,7 @@ this one together are less than the whole."""
 
 
 class OwnCrank(NamedTuple):
-    """`pull_m_s2`: the striker's newest reading outside a contact, low range."""
+    """`pull_m_s2`: the striker's acceleration in flight by the low range."""
 
     tracked: CrankState
     pull_m_s2: float
@@ -42,7 +44,8 @@ def step(config: Config, state: OwnCrank, inputs: Inputs, acting_n_m: float, tou
     """One tick. `acting_n_m`: the torque that acted in it; `touching`: the gate sees a contact."""
     pull_m_s2 = state.pull_m_s2
     if inputs.accelerometer.age_ticks == 0 and not touching:
-        pull_m_s2 = inputs.accelerometer.low_m_s2
+        change_m_s2 = inputs.accelerometer.low_m_s2 - pull_m_s2
+        pull_m_s2 += clamp(change_m_s2, config.d.gate.flight_m_s3 * config.tick_s)
     tracked = state.tracked
     _, cosine = sine_cosine(tracked.angle_rad + 0.5 * config.tick_s * tracked.omega_rad_s)
     load_n_m = config.p.striker.mass_kg * pull_m_s2 * config.p.drive.amplitude_m * cosine

@@ -22,7 +22,7 @@ from firmware_py.interface.enums import AxisState, OperatorRequest
 HEALTHY = Inputs(
     accelerometer=AccelerometerInput(0.0, 0.0, 0.0, 0),
     measurements=NOTHING_MEASURED,
-    encoder=EncoderInput(0.0, 0.0, 0),
+    encoder=EncoderInput(0.0, 0.0, 0, 1),
     drive=DriveInput(AxisState.IDLE, 0, 0, 0),
     power=PowerInput(0.0, 24.0, 30.0, 30.0, 0),
     operator=OperatorInput(OperatorRequest.IDLE, 1.3, 0.0, 0, NEVER_TICKS),

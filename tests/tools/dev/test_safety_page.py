@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.core.control.start import LONGEST_SEARCH_S
-from firmware_py.core.safety import consent, drive_link, gate, liveness, own_crank, watchdog_proof
+from firmware_py.core.safety import consent, drive_link, gate, liveness, monitors, own_crank, watchdog_proof
 from firmware_py.shell.parameters import DEFAULTS
 from hil.drive.axis import DriveConfig
 from tools.campaign import limits
@@ -57,6 +57,7 @@ BY_CODE = [
     f"From {limits.CLEAN_MS:g} ms up no contact",
     f"below {BELOW_PERCENT['above']:.2f} % and {BELOW_PERCENT['below']:.2f} % (95 %)",
     f"The {LONGEST_SEARCH_S:g} s of START_FAILED",
+    f"STALL judges targets above {monitors.SLOWEST_RAD_S:g} rad/s",
     f"at r = {walkthrough.RATIOS[0]:g}, {walkthrough.RATIOS[1]:g}, {walkthrough.RATIOS[2]:g} and "
     f"{walkthrough.RATIOS[3]:g}",
 ]

@@ -29,7 +29,7 @@ from tools.tuning.recordings.recorded import read_received, record
 from tools.tuning.result import Tuning
 
 ALONE = Sampling(workers=1)
-SMALL = {NOISE: (1e-5, 1e-4, 1e-3), MEMORY: (0.03, 0.3, 3.0), STOP: (1e-4, 3e-4)}
+SMALL = {NOISE: (1e-5, 1e-4, 1e-3), MEMORY: (0.1, 0.3, 3.0), STOP: (1e-4, 3e-4)}
 
 
 # --- innovations --------------------------------------------------------------------------------------
