@@ -23,7 +23,7 @@ LATEST_TICKS = 10
 EARLIEST_TICKS = -1
 """Least age: the tick itself was late, and the reading of the next one has arrived in it, too."""
 LASTING_TICKS = 2500
-"""Ticks after which an age that lasts is one less: not the reading is late, but the clocks have drifted apart.
+"""Readings after which an age that lasts is one less: no reading is late, but the clocks have drifted apart.
 Clocks that differ by 0.02 % drift by a tick in twice this time."""
 
 

@@ -96,7 +96,7 @@ def twice(_: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 
 def follow_frames(dice: np.random.Generator, ticks: np.ndarray, arrivals: np.ndarray) -> np.ndarray:
-    """Errors of the angle in ticks; readings are one a tick, and those after the last tick are repetitions."""
+    """Errors of the angle in ticks; each tick has a reading, and those after the last one are repetitions."""
     turned_rad = OMEGA_RAD_S * 1e-3 * (np.arange(len(arrivals)) % len(ticks))
     position_rev = turned_rad / TAU + dice.normal(0.0, 2e-5, len(arrivals))
     order = [int(number) for number in np.argsort(arrivals, kind="stable")]

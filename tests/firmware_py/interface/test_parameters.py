@@ -239,7 +239,10 @@ def test_a_refusal_names_the_unit_of_what_has_one() -> None:
             "start.highest_ratio = 1.45 is a speed of 28.1 rad/s.*limit.speed_rad_s = 20",
         ),
         ({"limit.speed_rad_s": 13.0}, "start.highest_ratio = 1.45 is a speed of 13.6 rad/s"),
-        ({"start.lowest_ratio": 0.1}, r"start.lowest_ratio = 0.1 is a speed of 0.94 rad/s .*above 1 rad/s; raise"),
+        (
+            {"start.lowest_ratio": 0.1},
+            "start.lowest_ratio = 0.1 is a speed of 0.94 rad/s .*above 1 rad/s; raise",
+        ),
         ({"start.dip_ratio": 0.1}, "start.dip_ratio = 0.1 is a speed of 0.94 rad/s"),
         (
             {"gait.follow": 1, "gait.lowest_ratio": 0.1, "gait.margin": 0.01},
