@@ -65,13 +65,16 @@ class Decided(NamedTuple):
 
 def sense(config: Config, state: State, inputs: Inputs) -> tuple[State, Contact]:
     """Update crank, estimate, impacts and regime by this tick's sample; also the detector's result."""
+    turned = crank.read(config, inputs.encoder)
     acting_n_m = state.speed.acting_n_m
     load_n_m = config.p.speed.load_share * speed.crank_load(
         config, state.crank, state.estimator, 0.5 * config.tick_s
     )
     known_rad_s2 = crank.known_acceleration(config, acting_n_m, state.crank, load_n_m)
-    crank_now = crank.step(config, config.d.tracker, state.crank, inputs.encoder, known_rad_s2)
-    own = own_crank.step(config, state.own_crank, inputs, acting_n_m, state.gate.contact.touching)
+    crank_now = crank.step(config, config.d.tracker, state.crank, turned, known_rad_s2)
+    own = own_crank.step(
+        config, state.own_crank, inputs.accelerometer, turned, acting_n_m, state.gate.contact.touching
+    )
     predicted = estimator.propagate(
         config, state.estimator, inputs.accelerometer, state.detector.phase, crank_now
     )

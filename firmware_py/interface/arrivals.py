@@ -107,8 +107,7 @@ def accept(
     if reason != ACCEPTED:
         return before, count_refusal(counters, reason), False
     if kind.counter_bits == 0:
-        earlier = before.counter if before.tick == now.tick else 0
-        number = earlier if earlier > 0 and word == before.word else earlier + 1
+        number = before.counter + (0 if word == before.word else 1) if before.tick == now.tick else 1
         return before._replace(tick=now.tick, counter=number, word=word), counters, True
     counter, modulus = counter_of(kind, word), 1 << kind.counter_bits
     if counter == before.counter and word == before.word:

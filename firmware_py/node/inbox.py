@@ -140,10 +140,11 @@ def date_frames(inbox: list[int], periods: int, due: int) -> None:
 def end_period(inbox: list[int]) -> None:
     """Remove what the tick has taken: the E-stop, and the frames of its period."""
     behind = behind_ticks(inbox)
-    for number in range(inbox[TAKEN], inbox[RECEIVED]):
-        index = index_of(number)
-        if behind > 0 and inbox[index] >> BEHIND_BIT == behind:
-            inbox[index] = 0
-    if behind == 0:
+    if behind > 0:
+        for number in range(inbox[TAKEN], inbox[RECEIVED]):
+            index = index_of(number)
+            if inbox[index] >> BEHIND_BIT == behind:
+                inbox[index] = 0
+    else:
         inbox[TAKEN] = inbox[RECEIVED]
     inbox[PERIODS], inbox[ESTOP] = behind, 0

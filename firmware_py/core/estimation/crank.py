@@ -18,6 +18,8 @@ from firmware_py.interface.zeroed import zeroed
 FASTEST_RAD_S = 1000.0
 """Largest plausible speed: 25 times the motor's limit."""
 
+LARGEST_RAD_S2 = 1e5
+"""Largest plausible acceleration."""
 LATEST_TICKS = 10
 """Largest age of a late reading; a reading that lags by more is wrong, and a longer gap is a fault."""
 EARLIEST_TICKS = -1
@@ -36,10 +38,17 @@ class CrankState(NamedTuple):
     angle_rad: float
     omega_rad_s: float
     disturbance_rad_s2: float
-    innovation_rad: float
     missed_ticks: int
     late_ticks: int
     lasting_ticks: int
+
+
+class Turned(NamedTuple):
+    """A reading of the encoder for the trackers; `frames`: those of its tick, 0 without a usable reading."""
+
+    angle_rad: float
+    omega_rad_s: float
+    frames: int
 
 
 INITIAL = zeroed(CrankState, missed_ticks=NEVER_TICKS)
@@ -71,7 +80,7 @@ def known_acceleration(config: Config, acting_n_m: float, crank: CrankState, loa
     elif abs(acting_n_m) < 2.0 * motor.dry_n_m:
         return 0.0
     known = (acting_n_m - losses_n_m - load_n_m) / motor.inertia_kg_m2
-    return clamp(known, 2.0 * config.p.speed.torque_limit_n_m / motor.inertia_kg_m2)
+    return clamp(known, min(2.0 * config.p.speed.torque_limit_n_m / motor.inertia_kg_m2, LARGEST_RAD_S2))
 
 
 def estimate_age(state: CrankState, frames: int, way_rad: float, innovation_rad: float) -> int:
@@ -91,49 +100,51 @@ def estimate_age(state: CrankState, frames: int, way_rad: float, innovation_rad:
     return int(max(min(behind_ticks, float(min(to_come, LATEST_TICKS))), 0.0) + 0.5)
 
 
+def read(config: Config, encoder: EncoderInput) -> Turned:
+    """The encoder's reading as angle and speed of the crank."""
+    if encoder.age_ticks == 0 and abs(encoder.position_rev) < 1e6 and abs(encoder.velocity_rev_s) < 1e4:
+        angle_rad = TAU * fraction(encoder.position_rev) - config.p.crank.zero_rad
+        return Turned(angle_rad, TAU * encoder.velocity_rev_s, encoder.frames)
+    return Turned(0.0, 0.0, 0)
+
+
 def step(
     config: Config,
     tracker: Tracker,
     state: CrankState,
-    encoder: EncoderInput,
+    turned: Turned,
     known_acceleration_rad_s2: float,
 ) -> CrankState:
     """One tick: predict, then correct by a fresh reading of the encoder, if any."""
-    usable = encoder.age_ticks == 0 and abs(encoder.position_rev) < 1e6 and abs(encoder.velocity_rev_s) < 1e4
-    measured_rad = 0.0
-    if usable:
-        measured_rad = TAU * fraction(encoder.position_rev) - config.p.crank.zero_rad
-        if state.missed_ticks >= NEVER_TICKS:
-            return INITIAL._replace(
-                angle_rad=wrap_two_pi(measured_rad),
-                omega_rad_s=clamp(TAU * encoder.velocity_rev_s, FASTEST_RAD_S),
-                missed_ticks=0,
-            )
-    elif state.missed_ticks >= NEVER_TICKS:
-        return state
+    if state.missed_ticks >= NEVER_TICKS:
+        if turned.frames == 0:
+            return state
+        omega_rad_s = clamp(turned.omega_rad_s, FASTEST_RAD_S)
+        return INITIAL._replace(
+            angle_rad=wrap_two_pi(turned.angle_rad), omega_rad_s=omega_rad_s, missed_ticks=0
+        )
 
     T = config.tick_s
-    a = clamp(known_acceleration_rad_s2, 1e5) + state.disturbance_rad_s2
+    a = known_acceleration_rad_s2 + state.disturbance_rad_s2
     angle_rad = state.angle_rad + state.omega_rad_s * T + 0.5 * a * T * T
     omega_rad_s = state.omega_rad_s + a * T
-    if not usable:
+    if turned.frames == 0:
         return state._replace(
             angle_rad=wrap_two_pi(angle_rad),
             omega_rad_s=clamp(omega_rad_s, FASTEST_RAD_S),
-            innovation_rad=0.0,
             missed_ticks=min(state.missed_ticks + 1, NEVER_TICKS - 1),
         )
-    innovation_rad = wrap_pi(measured_rad - angle_rad)
-    late_ticks = estimate_age(state, encoder.frames, omega_rad_s * T, innovation_rad)
+    innovation_rad = wrap_pi(turned.angle_rad - angle_rad)
+    late_ticks = estimate_age(state, turned.frames, omega_rad_s * T, innovation_rad)
+    lasting_ticks = 0
     if late_ticks != 0:
-        measured_rad += late_ticks * omega_rad_s * T
-        innovation_rad = wrap_pi(measured_rad - angle_rad)
-    lasting_ticks = state.lasting_ticks + 1 if late_ticks == state.late_ticks else 0
-    if lasting_ticks >= LASTING_TICKS and late_ticks != 0:
-        drift_ticks = 1 if late_ticks > 0 else -1
-        angle_rad -= drift_ticks * omega_rad_s * T
-        late_ticks -= drift_ticks
-        lasting_ticks = 0
+        innovation_rad = wrap_pi(turned.angle_rad + late_ticks * omega_rad_s * T - angle_rad)
+        lasting_ticks = state.lasting_ticks + 1 if late_ticks == state.late_ticks else 0
+        if lasting_ticks >= LASTING_TICKS:
+            drift_ticks = 1 if late_ticks > 0 else -1
+            angle_rad -= drift_ticks * omega_rad_s * T
+            late_ticks -= drift_ticks
+            lasting_ticks = 0
     g, h, k = tracker.gains
     if state.missed_ticks > 0 or late_ticks > 0:
         # A reading after missed ones covers the whole time since then: the same bandwidth with a longer T.
@@ -148,8 +159,7 @@ def step(
         wrap_two_pi(angle_rad + g * innovation_rad),
         clamp(omega_rad_s + h * innovation_rad / T, FASTEST_RAD_S),
         clamp(state.disturbance_rad_s2 + 2.0 * k * innovation_rad / (T * T), tracker.largest_rad_s2),
-        innovation_rad,
         0,
         late_ticks,
-        min(lasting_ticks, LASTING_TICKS),
+        lasting_ticks,
     )

@@ -17,8 +17,8 @@ from typing import NamedTuple
 from firmware_py.core.config import Config
 from firmware_py.core.elementary import sine_cosine
 from firmware_py.core.estimation import crank
-from firmware_py.core.estimation.crank import CrankState
-from firmware_py.core.inputs import Inputs
+from firmware_py.core.estimation.crank import CrankState, Turned
+from firmware_py.core.inputs import AccelerometerInput
 from firmware_py.core.numbers import clamp
 
 BANDWIDTH_RAD_S = 200.0
@@ -40,11 +40,18 @@ class OwnCrank(NamedTuple):
 INITIAL = OwnCrank(crank.INITIAL, 0.0)
 
 
-def step(config: Config, state: OwnCrank, inputs: Inputs, acting_n_m: float, touching: bool) -> OwnCrank:
+def step(
+    config: Config,
+    state: OwnCrank,
+    felt: AccelerometerInput,
+    turned: Turned,
+    acting_n_m: float,
+    touching: bool,
+) -> OwnCrank:
     """One tick. `acting_n_m`: the torque that acted in it; `touching`: the gate sees a contact."""
     pull_m_s2 = state.pull_m_s2
-    if inputs.accelerometer.age_ticks == 0 and not touching:
-        change_m_s2 = inputs.accelerometer.low_m_s2 - pull_m_s2
+    if felt.age_ticks == 0 and not touching:
+        change_m_s2 = felt.low_m_s2 - pull_m_s2
         pull_m_s2 += clamp(change_m_s2, config.d.gate.flight_m_s3 * config.tick_s)
     tracked = state.tracked
     _, cosine = sine_cosine(tracked.angle_rad + 0.5 * config.tick_s * tracked.omega_rad_s)
@@ -52,6 +59,4 @@ def step(config: Config, state: OwnCrank, inputs: Inputs, acting_n_m: float, tou
     known_rad_s2 = crank.known_acceleration(
         config, acting_n_m, tracked, clamp(load_n_m, config.d.largest_load_n_m)
     )
-    return OwnCrank(
-        crank.step(config, config.d.own_tracker, tracked, inputs.encoder, known_rad_s2), pull_m_s2
-    )
+    return OwnCrank(crank.step(config, config.d.own_tracker, tracked, turned, known_rad_s2), pull_m_s2)

@@ -23,7 +23,6 @@ FAULT = "outputs.fault"
 SLOW_BLOCKS = (
     "firmware.counters",
     "firmware.state.crank.disturbance_rad_s2",
-    "firmware.state.crank.innovation_rad",
     "firmware.state.drive_link",
     "firmware.state.estimator.bias_m_s2",
     "firmware.state.estimator.model_variance",

@@ -8,7 +8,7 @@ import firmware_py
 
 FIRMWARE = Path(firmware_py.__file__).parent
 
-PLOTTED = {"error_rad", "error_rad_s", "feedforward_n_m", "innovation_rad", "swing_m"}
+PLOTTED = {"error_rad", "error_rad_s", "feedforward_n_m", "swing_m"}
 """Errors and intermediate results of loops and filters, for the log alone."""
 
 MOST_BY_POSITION = 6

@@ -7,6 +7,8 @@ import pytest
 from closed_loop import Bench, scene_with
 from records import HEALTHY, replaced
 
+from firmware_py.core.estimation import crank
+from firmware_py.core.inputs import Inputs
 from firmware_py.core.safety import monitors, own_crank
 from firmware_py.core.safety.own_crank import OwnCrank
 from firmware_py.interface.enums import Fault, Mode
@@ -17,6 +19,11 @@ from tools.campaign.run import run
 
 CONFIG = config_from({})
 QUICK_MODULE = {"striker.spring_n_m": 720.0, "drive.amplitude_m": 0.0065, "start.highest_ratio": 0.66}
+
+
+def step(state: OwnCrank, inputs: Inputs, acting_n_m: float, touching: bool) -> OwnCrank:
+    turned = crank.read(CONFIG, inputs.encoder)
+    return own_crank.step(CONFIG, state, inputs.accelerometer, turned, acting_n_m, touching)
 
 
 def jam(bench: Bench) -> None:
@@ -63,17 +70,17 @@ def test_the_load_is_read_in_flight_and_explains_a_share_of_the_torque() -> None
     """0.8 kg · 5 m/s² · 0.02 m · cos θ, at most 0.28 N m by the longest stretch."""
     turning = OwnCrank(own_crank.INITIAL.tracked._replace(omega_rad_s=12.0, missed_ticks=0), 5.0)
     read = replaced(HEALTHY, "accelerometer.low_m_s2", 4.9)
-    assert own_crank.step(CONFIG, turning, read, 0.0, False).pull_m_s2 == pytest.approx(4.9)
+    assert step(turning, read, 0.0, False).pull_m_s2 == pytest.approx(4.9)
     for kept, touching in ((read, True), (replaced(read, "accelerometer.age_ticks", 1), False)):
-        assert own_crank.step(CONFIG, turning, kept, 0.0, touching).pull_m_s2 == 5.0
+        assert step(turning, kept, 0.0, touching).pull_m_s2 == 5.0
     for pull_m_s2, load_n_m in ((5.0, 0.08), (-5.0, -0.08), (100.0, 0.28), (math.nan, 0.0)):
         inputs = replaced(HEALTHY, "encoder.age_ticks", 5)  # the prediction alone
-        moved = own_crank.step(CONFIG, turning._replace(pull_m_s2=pull_m_s2), inputs, 0.1, True)
+        moved = step(turning._replace(pull_m_s2=pull_m_s2), inputs, 0.1, True)
         torque_n_m = 0.1 - 12.0 * 1e-4 - 0.005 - load_n_m
         assert moved.tracked.omega_rad_s == pytest.approx(12.0 + 1e-3 * torque_n_m / 5e-4, abs=1e-4)
     # The middle of the tick decides which way the load acts.
     late = turning.tracked._replace(angle_rad=0.5 * math.pi - 0.5e-3 * 12.0)
-    moved = own_crank.step(CONFIG, OwnCrank(late, 5.0), replaced(HEALTHY, "encoder.age_ticks", 5), 0.1, True)
+    moved = step(OwnCrank(late, 5.0), replaced(HEALTHY, "encoder.age_ticks", 5), 0.1, True)
     assert moved.tracked.omega_rad_s == pytest.approx(12.0 + 1e-3 * (0.1 - 0.0062) / 5e-4, abs=1e-6)
 
 
@@ -82,7 +89,7 @@ def test_readings_of_a_contact_that_is_not_seen_yet_hardly_count(low_m_s2: float
     pulled = OwnCrank(own_crank.INITIAL.tracked._replace(omega_rad_s=12.0, missed_ticks=0), 5.0)
     for _ in range(3):
         inputs = replaced(HEALTHY, "accelerometer.low_m_s2", low_m_s2)
-        pulled = own_crank.step(CONFIG, pulled, inputs, 0.0, False)
+        pulled = step(pulled, inputs, 0.0, False)
     assert abs(pulled.pull_m_s2 - 5.0) <= 0.001 + 3.0 * 1e-3 * CONFIG.d.gate.flight_m_s3 < 1.0
 
 

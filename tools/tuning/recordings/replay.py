@@ -39,7 +39,7 @@ def _replay(config: Config, ticks: FloatArray, out: FloatArray) -> None:
         low, high, housing = ticks[k, 0], ticks[k, 1], ticks[k, 2]
         position, velocity = ticks[k, 3], ticks[k, 4]
         felt = AccelerometerInput(low, high, housing, 0 if np.isfinite(low) else 1)
-        turned = EncoderInput(position, velocity, 0 if np.isfinite(position) else 1, 1)
+        turned = crank.read(config, EncoderInput(position, velocity, 0 if np.isfinite(position) else 1, 1))
         crank_now = crank.step(config, config.d.tracker, crank_now, turned, 0.0)
         before = estimate
         predicted = estimator.propagate(config, estimate, felt, touched.phase, crank_now)
