@@ -12,15 +12,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from hil.bench.sent_decisions import write_firmware_trace
 from hil.bench.verdict import KILLED, failed_for, finish, prejudge, write
 from hil.bus.base import BusError
 from hil.judge.figures.figures import OWN_BUSES
 from hil.judge.verdict import RunVerdict, read_verdict
 from hil.nodes.own_controller import OwnControllerError
 from hil.record import run_folder
-from hil.record.bus_reconstruction import doubt_two_firmwares
-from hil.record.candump import StoredBus
 from hil.record.run_faults import with_effects
 from hil.record.run_traces import CAN_LOG, read_scenario
 from hil.record.traces import trace
@@ -139,8 +136,13 @@ def close(run_dir: Path, outcome: Outcome, only_if_failed: bool = False) -> RunV
     run_folder.note(run_dir, faults=with_effects(note, outcome.faults_acted))
     can_log, bus = run_dir / CAN_LOG, note.get("bus")
     if "firmware" in note and not is_build(note["firmware"]):
+        from hil.bench.sent_decisions import write_firmware_trace  # what decodes frames is loaded if needed
+
         write_firmware_trace(run_dir, note["period_s"], "gait" in read_scenario(run_dir).get("scene", {}))
     if can_log.exists() and bus not in NOT_SHARED:
+        from hil.record.bus_reconstruction import doubt_two_firmwares
+        from hil.record.candump import StoredBus
+
         outcome.not_judged += doubt_two_firmwares(StoredBus(can_log))
     stored = {key: value for key, value in vars(outcome).items() if key != "faults_acted"}
     run_folder.write_json(run_dir / "outcome.json", stored)

@@ -18,8 +18,6 @@ from hil.judge.verdict import RunVerdict
 from hil.record.new_file import write_anew
 from hil.record.run_folder import RUN_NOTE, VERDICT, clear, write_json
 from hil.record.run_traces import SCENARIO, RunTraces, read_json, read_run, read_scenario
-from hil.show.report.pages import write_report
-from hil.show.rerun_log import LOG_NAME, write_log
 
 KILLED = "the run is not finished, or its process was killed before the verdict"
 
@@ -44,6 +42,9 @@ def publish(run_dir: Path, traces: RunTraces, verdict: RunVerdict) -> None:
 
     Until log and report are complete, the verdict names a kill as the reason.
     """
+    from hil.show.report.pages import write_report  # loaded after the last tick
+    from hil.show.rerun_log import LOG_NAME, write_log
+
     write(failed_for(verdict, [*verdict.reasons, KILLED]))
     write_log(run_dir / LOG_NAME, traces, verdict)
     write_report(run_dir / "report.html", traces, verdict)
