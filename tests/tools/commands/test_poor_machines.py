@@ -63,6 +63,8 @@ def ended(command: str, **environment: str) -> subprocess.CompletedProcess[str]:
 
 
 FULL = "^error: standard output cannot be written \\(No space left on device\\)\n$"
+PROGRESS = "\\A( *\\d+%  .*\n)*\\Z"
+"""Nothing, or what is said every ten seconds on a slow machine."""
 RUN = "vibrohil run soft-start-multistable --clock lockstep --out {}/out"
 SUITE = "vibrohil suite soft-start-multistable --out {}/out"
 POOR: dict[str, tuple[str, set[int], str, str]] = {
@@ -86,7 +88,12 @@ POOR: dict[str, tuple[str, set[int], str, str]] = {
     "no columns for errors": ("COLUMNS=0 vibrohil run no-such-scenario", {4}, "^$", "no-such-scenario"),
     "too few open files": (f"ulimit -n 12; {RUN}", {4}, "", "open files"),
     "a limit on the size of files": (f"exec 2>&1; ulimit -f 8; {RUN}", {1, 4}, "File too large", "^$"),
-    "a limit on the size of a suite's files": (f"ulimit -f 1024; {SUITE}", {1}, "no room on the disk", "^$"),
+    "a limit on the size of a suite's files": (
+        f"ulimit -f 1024; {SUITE}",
+        {1},
+        "no room on the disk",
+        PROGRESS,
+    ),
 }
 """Command lines, each with its statuses and patterns of its output and of its errors."""
 
