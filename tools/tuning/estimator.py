@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.signal import correlate
 
-from firmware_py.shell.parameters import DEFAULTS
+from firmware_py.shell.parameters import BY_NAME, DEFAULTS
 from hil.scenario.differences import apply_differences
 from hil.scenario.parameter_file import nest
 from plant_sim.arrays import FloatArray
@@ -266,8 +266,7 @@ def tune_estimator(
     for name in grid or GRID:
         near = [value for value, one in profile(sound, name).items() if one > best.likelihood - NEAR]
         parameters[name] = make_value(name, best.parameters[name], min(near), max(near))
-    noises = [one.noise_m_s2 for one in by_log]
-    parameters[FLOOR] = make_value(FLOOR, float(np.median(noises)), min(noises), max(noises))
+    parameters[FLOOR] = value_of_floor([one.noise_m_s2 for one in by_log])
     values = {name: value.value for name, value in parameters.items()}
     merits = {
         "log_likelihood": Merit(best.likelihood, "1"),
@@ -309,6 +308,12 @@ def tune_estimator(
         warnings=tuple(warnings),
     )
     return tuning, points
+
+
+def value_of_floor(noises_m_s2: Sequence[float]) -> Value:
+    """The median noise of the logs; that of a quiet sensor is not below the parameter's bound."""
+    permitted = [max(one, BY_NAME[FLOOR].low) for one in noises_m_s2]
+    return make_value(FLOOR, float(np.median(permitted)), min(permitted), max(permitted))
 
 
 def _warnings(

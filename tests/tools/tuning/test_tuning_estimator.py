@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from short_run import make_run
 
+from firmware_py.shell.parameters import BY_NAME
 from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
 from tools.tuning import estimator, safety
@@ -22,6 +23,7 @@ from tools.tuning.estimator import (
     mean_likelihood,
     sample_module,
     tune_estimator,
+    value_of_floor,
     worth,
 )
 from tools.tuning.recordings import replay
@@ -43,6 +45,12 @@ def test_innovations_as_large_as_said_are_the_most_likely() -> None:
     assert likelihood == max(by_std.values())[0]
     # E ln p = −½ (ln 2πσ² + 1)
     assert likelihood == pytest.approx(-0.5 * (np.log(2.0 * np.pi * 0.09) + 1.0), abs=0.03)
+
+
+def test_a_quiet_sensor_gives_a_permitted_floor() -> None:
+    least_m_s2 = BY_NAME[FLOOR].low
+    floor = value_of_floor([0.2 * least_m_s2, 0.4 * least_m_s2, 2.0 * least_m_s2])
+    assert (floor.value, floor.low, floor.high) == (least_m_s2, least_m_s2, 2.0 * least_m_s2)
 
 
 def test_witnesses_are_counted_by_how_they_hang_together() -> None:
