@@ -82,15 +82,22 @@ class FrameRows:
     def __init__(self, is_kept: bool) -> None:
         self._is_kept, self.count = is_kept, 0
         self._array = np.zeros((0, FRAME_COLUMNS), np.int64)
+        self._appended: list[tuple[int, ...]] = []
 
     def append(self, t_us: int, frames: Iterable[Frame]) -> None:
         """Add frames that were on the bus at `t_us`."""
-        if self._is_kept and (rows := [(t_us, *word_frame(frame)) for frame in frames]):
+        if self._is_kept:
+            self._appended += [(t_us, *word_frame(frame)) for frame in frames]
+
+    def _take_appended(self) -> None:
+        rows, self._appended = self._appended, []
+        if rows:
             self.room(len(rows))[: len(rows)] = rows
             self.count += len(rows)
 
     def room(self, frames: int) -> NDArray[np.int64]:
         """The memory of at least `frames` more; empty if frames are not kept."""
+        self._take_appended()
         if self._is_kept and self.count + frames > len(self._array):
             more = np.zeros((2 * (self.count + frames), FRAME_COLUMNS), np.int64)
             more[: self.count] = self._array[: self.count]
@@ -99,6 +106,7 @@ class FrameRows:
 
     def taken(self) -> NDArray[np.int64]:
         """The frames since the last `clear`."""
+        self._take_appended()
         return self._array[: self.count]
 
 
