@@ -13,7 +13,7 @@ from typing import Any, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from hil.judge.figures.records import CATALOGUE, Figures, Origin, incomplete, value_of
-from hil.judge.gaps import describes_the_bench, doubt_of
+from hil.judge.gaps import doubt_of
 from hil.judge.hold import Window, commanded_end_s
 from hil.judge.requirements import Bounds, requirements
 from hil.judge.verdict import CheckResult, Value, Verdict
@@ -243,7 +243,7 @@ def doubt(check: Check, figures: Figures) -> str | None:
     """The reason why a check cannot be judged; None if it can."""
     if check.name in incomplete(figures):
         return f"can.log lacks {figures.log.frames_lost} frames, from which this figure is computed"
-    if check.expression is None and describes_the_bench(check.name):
+    if check.expression is None and CATALOGUE[check.name].describes_the_bench:
         return None
     return doubt_of(window_s(check, figures), figures.gaps)
 

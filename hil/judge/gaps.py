@@ -24,11 +24,6 @@ SHORTEST_GAP_S = 3e-3
 SETTLING_S = 2.0
 """Time for which a gap's effect lasts: four drive periods at 2 Hz, in which the impact regime settles again.
 The estimate has recovered after 0.2 s."""
-OF_THE_BENCH = (
-    *("memory", "log", "loops", "tick_us", "wake_us", "realtime_factor", "bus_load"),
-    *("overruns", "baseline_overruns", "late_wakeups", "long_work", "real_time", "held_s", "own_late_s"),
-)
-"""The figures, and groups of figures, that describe the bench itself; they are judged in spite of a gap."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,15 +90,6 @@ def gaps_of(traces: RunTraces, period_s: float) -> list[Gap]:
         for gap in gaps_in(name, records, period, find_announced(name, run))
     ]
     return sorted(found, key=lambda gap: gap.from_s)
-
-
-def describes_the_bench(figure: str) -> bool:
-    """Whether a figure of a run describes the bench itself.
-
-    >>> describes_the_bench("tick_us.p99"), describes_the_bench("regime")
-    (True, False)
-    """
-    return figure.partition(".")[0] in OF_THE_BENCH
 
 
 def doubt_of(window_s: tuple[float, float], gaps: Sequence[Gap]) -> str | None:

@@ -92,6 +92,41 @@ def acts_in_plant(fault: Fault) -> bool:
     return not isinstance(fault, ModelledFault) and not (isinstance(fault, HostFault) and fault.acts_in != PLANT)
 
 
+class Exchange:
+    """What compiled code calls between the plant's sending and its receiving, in a stretch of the plant alone.
+
+    The other nodes' turns in a tick follow before the plant sends in the next one.
+    """
+
+    def __init__(self, nodes: Lockstep, tick: int, used: NDArray[np.int64]) -> None:
+        self.published = np.zeros((MOST_RECEIVED, 3), np.int64)
+        self.arrived = np.zeros((MOST_ARRIVED, 3), np.int64)
+        self.error: BaseException | None = None
+        self._nodes, self._used = nodes, used
+        self._first = self._next = tick
+        self._waiting: list[Frame] = []
+
+    def __call__(self, published: int) -> int:
+        """Send so many frames, or none if negative; return how many have arrived, -1 after an error."""
+        try:
+            if published >= 0:
+                if self._next > self._first:
+                    self._nodes.tick_after_first(self._next - 1)
+                node, line = self._nodes.plant.node, self._nodes.lines[PLANT]
+                line.move_to(self._next * node.period_s)
+                line.send_all(frames_in(self.published[:published]))
+                self._waiting = line.receive()
+                self._used[STOP] = node.note_requests(self._waiting)
+                self._next += 1
+            now, self._waiting = self._waiting[:MOST_ARRIVED], self._waiting[MOST_ARRIVED:]
+            for place, frame in enumerate(now):
+                self.arrived[place] = word_frame(frame)
+            return len(now)
+        except BaseException as error:  # an exception cannot pass through compiled code
+            self.error = error
+            return -1
+
+
 class Stretches:
     """Runs stretches of a job on the nodes of lockstep."""
 
@@ -111,8 +146,6 @@ class Stretches:
             self._columns = columns_in(nodes.rows["firmware"].dtype, precision)
             """The firmware's records in the precision of its build."""
             self._moves = moves_to(self._columns, precision)
-        self._exchanged = EXCHANGE(self._exchange)
-        self._error: BaseException | None = None
 
     def advance(self, tick: int, most: int) -> int:
         """Run a stretch from `tick` on, of at most `most` ticks; return its length, 0 if none may be."""
@@ -213,46 +246,23 @@ class Stretches:
 
         A request of a user's controller ends it early; the sensors' noise of the other ticks is then skipped.
         """
-        self._published = np.zeros((MOST_RECEIVED, 3), np.int64)
-        self._arrived = np.zeros((MOST_ARRIVED, 3), np.int64)
-        self._waiting: list[Frame] = []
-        self._first = self._next = tick
         nothing = np.zeros((0, FRAME_COLUMNS), np.int64)
         buffers = self._buffers(ticks, np.zeros(0, self._columns), nothing)
-        self._used = buffers.used
-        firmware = NO_FIRMWARE._replace(frames=self._published)
+        exchange = Exchange(self._nodes, tick, buffers.used)
+        firmware = NO_FIRMWARE._replace(frames=exchange.published)
         self._plant.node.act(ticks)
-        bench = self._bench(ticks, np.zeros((0, 4), np.int64), self._arrived, firmware, buffers)
-        address = ctypes.cast(self._exchanged, ctypes.c_void_p).value or 0
+        bench = self._bench(ticks, np.zeros((0, 4), np.int64), exchange.arrived, firmware, buffers)
+        called = EXCHANGE(exchange)  # compiled code calls it as long as it has a name here
+        address = ctypes.cast(called, ctypes.c_void_p).value or 0
         state, status = self._call(bench._replace(exchange=address), ticks)
         self._keep_plant(tick, buffers)
-        if status == EXCHANGE_FAILED and self._error is not None:
-            raise self._error
+        if status == EXCHANGE_FAILED and exchange.error is not None:
+            raise exchange.error
         self._plant.node.resume(state, status)
         if PLANT in self._turns:
             self._turns[PLANT].resume(state.tick)
         self._nodes.tick_after_first(state.tick - 1)
         return state.tick - tick
-
-    def _exchange(self, published: int) -> int:
-        """Called by compiled code between the plant's sending and its receiving."""
-        try:
-            if published >= 0:
-                if self._next > self._first:
-                    self._nodes.tick_after_first(self._next - 1)
-                line = self._nodes.lines[PLANT]
-                line.move_to(self._next * self._scenario.period_s)
-                line.send_all(frames_in(self._published[:published]))
-                self._waiting = line.receive()
-                self._used[STOP] = self._plant.node.note_requests(self._waiting)
-                self._next += 1
-            now, self._waiting = self._waiting[:MOST_ARRIVED], self._waiting[MOST_ARRIVED:]
-            for place, frame in enumerate(now):
-                self._arrived[place] = word_frame(frame)
-            return len(now)
-        except BaseException as error:  # an exception cannot pass through compiled code
-            self._error = error
-            return -1
 
     def _buffers(self, ticks: int, firmware: NDArray[np.void], frames: NDArray[np.int64]) -> Buffers:
         numbers = self._plant_memory(ticks)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from hil.bench.recorded_run import Run
-from hil.judge.figures.records import CATALOGUE, value_of
+from hil.judge.figures.records import CATALOGUE, Origin, value_of
 from hil.judge.requirements import size_of
 from hil.judge.tolerance import Tolerance, tolerance_of
 from hil.record.damage import reading
@@ -37,11 +37,6 @@ ENDS = frozenset(f"{name}.t_s" for name in TICKED)
 """Signals of a first difference which say that one run ends earlier; its values are the ends."""
 NOT_COMPARED = ("t_s", "wall_time")
 SIDES = ("a", "b")
-TIMING = frozenset(
-    {"tick_us", "wake_us", "loops", "overruns", "baseline_overruns", "late_wakeups", "long_work", "memory"}
-    | {"realtime_factor", "real_time", "latched", "held_s", "own_late_s"}
-)
-"""Groups of figures that depend on the machine, not on the module."""
 
 
 class Difference(NamedTuple):
@@ -182,7 +177,7 @@ def figures_side_by_side(a: Run, b: Run) -> dict[str, dict[str, Any]]:
 
 def is_timing(name: str) -> bool:
     """Whether a figure depends on the machine, so that it differs from run to run."""
-    return name.split(".", maxsplit=1)[0] in TIMING
+    return CATALOGUE[name].origin is Origin.TIMING
 
 
 def flips_of(a: Run, b: Run) -> list[dict[str, Any]]:

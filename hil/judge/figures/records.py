@@ -21,12 +21,16 @@ Number: TypeAlias = float | None
 
 
 class Origin(Enum):
-    """What a figure needs beyond the traces of plant and firmware."""
+    """What a figure needs beyond the traces of plant and firmware; that of a group is that of its figures."""
 
     LOG = auto()
     """Computed from can.log: incomplete if frames are missing there."""
     HOLD = auto()
     """Computed over the hold: a run that never reaches mode RUN does not have it."""
+    BENCH = auto()
+    """Describes the bench, not the module."""
+    TIMING = auto()
+    """Describes the bench, and depends on the machine: it differs from run to run."""
 
 
 def no_figures(kind: type[Group]) -> Group:
@@ -129,9 +133,11 @@ class LatchedFigures:
 
     at_s: Annotated[Number, "s", "time at which the first fault was latched"]
     firmware_held_ms: Annotated[
-        Number, "ms", "longest stall of the firmware's loop in the 0.2 s before the fault"
+        Number, "ms", "longest stall of the firmware's loop in the 0.2 s before the fault", Origin.TIMING
     ]
-    plant_held_ms: Annotated[Number, "ms", "longest stall of the plant's loop in the same time"]
+    plant_held_ms: Annotated[
+        Number, "ms", "longest stall of the plant's loop in the same time", Origin.TIMING
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,31 +251,43 @@ class Figures:
     clock: Annotated[str, "", "real or lockstep"]
     bus: Annotated[str, "", "the bus of the run"]
     kernel_can: Annotated[bool, "", "whether frames went through the kernel's CAN stack"]
-    real_time: Annotated[bool | None, "", "whether a real-time run met its timing; none with other clocks"]
+    real_time: Annotated[
+        bool | None, "", "whether a real-time run met its timing; none with other clocks", Origin.TIMING
+    ]
     duration_s: Annotated[
         float, "s", "simulated duration; of an imported log the time from its first frame to its last"
     ]
     ticks: Annotated[int, "", "ticks that the firmware ran"]
     time: Annotated[str | None, "", "held or strict real time; none in lockstep"]
     held_s: Annotated[
-        Number, "s", "total time for which the host held the run up; none where time is not held"
+        Number,
+        "s",
+        "total time for which the host held the run up; none where time is not held",
+        Origin.TIMING,
     ]
-    own_late_s: Annotated[Number, "s", "total time for which processes held the run up by their own work"]
+    own_late_s: Annotated[
+        Number, "s", "total time for which processes held the run up by their own work", Origin.TIMING
+    ]
     time_held: Annotated[tuple[Hold, ...], "", "the holds of a millisecond or longer"]
     gaps: Annotated[tuple[Gap, ...], "", "in strict time: intervals in which the host held a process up"]
-    overruns: Annotated[int, "", "ticks skipped, both loops"]
-    baseline_overruns: Annotated[int | None, "", "ticks that a bare sleep loop beside the run skipped"]
-    late_wakeups: Annotated[int, "", "wake-ups more than half a tick late, both loops"]
-    long_work: Annotated[
-        int, "", "ticks in which a node's own work, its CPU time, exceeded half a tick, both loops"
+    overruns: Annotated[int, "", "ticks skipped, both loops", Origin.TIMING]
+    baseline_overruns: Annotated[
+        int | None, "", "ticks that a bare sleep loop beside the run skipped", Origin.TIMING
     ]
-    tick_us: Annotated[Spread, "", "work in a firmware tick"]
-    wake_us: Annotated[Spread, "", "wake-up latency of the firmware's loop"]
-    loops: Annotated[Loops, "", "timing of each loop"]
+    late_wakeups: Annotated[int, "", "wake-ups more than half a tick late, both loops", Origin.TIMING]
+    long_work: Annotated[
+        int,
+        "",
+        "ticks in which a node's own work, its CPU time, exceeded half a tick, both loops",
+        Origin.TIMING,
+    ]
+    tick_us: Annotated[Spread, "", "work in a firmware tick", Origin.TIMING]
+    wake_us: Annotated[Spread, "", "wake-up latency of the firmware's loop", Origin.TIMING]
+    loops: Annotated[Loops, "", "timing of each loop", Origin.TIMING]
     bus_load: Annotated[Number, "", "mean load of the bus at 1 Mbit/s, worst-case bit stuffing", Origin.LOG]
-    realtime_factor: Annotated[Number, "", "simulated time divided by elapsed time"]
-    memory: Annotated[MemoryFigures, "", "growth of the processes' own memory"]
-    log: Annotated[LogFigures, "", "frames missing in can.log, and on the bus"]
+    realtime_factor: Annotated[Number, "", "simulated time divided by elapsed time", Origin.TIMING]
+    memory: Annotated[MemoryFigures, "", "growth of the processes' own memory", Origin.TIMING]
+    log: Annotated[LogFigures, "", "frames missing in can.log, and on the bus", Origin.BENCH]
     impacts: Annotated[tuple[TrueImpact, ...], "", "the true touch-downs"]
     impact_count: Annotated[int | None, "", "true touch-downs of the run"]
     impacts_reported: Annotated[int, "", "impacts that the firmware reported"]
@@ -336,16 +354,21 @@ class FigureSpec(NamedTuple):
         """The lowest and the highest value that any run can have."""
         return -math.inf if self.name in SIGNED else 0.0, 1.0 if self.name in SHARES else math.inf
 
+    @property
+    def describes_the_bench(self) -> bool:
+        """Whether it describes the bench itself, so that it is judged in spite of a gap."""
+        return self.origin in (Origin.LOG, Origin.BENCH, Origin.TIMING)
 
-def walk(record: type, prefix: str = "") -> Iterator[FigureSpec]:
-    """The leaf figures below a record, by dotted name."""
+
+def walk(record: type, prefix: str = "", origin: Origin | None = None) -> Iterator[FigureSpec]:
+    """The leaf figures below a record of this origin, by dotted name."""
     for name, hint in get_type_hints(record, include_extras=True).items():
         kind, *quantity = get_args(hint)
+        unit, meaning, own = (*quantity, origin)[:3]
         if isinstance(kind, type) and is_dataclass(kind):
-            yield from walk(kind, f"{prefix}{name}.")
+            yield from walk(kind, f"{prefix}{name}.", own)
         elif get_origin(kind) is not tuple:
-            is_text = str in (kind, *get_args(kind))
-            yield FigureSpec(f"{prefix}{name}", *quantity)._replace(is_text=is_text)
+            yield FigureSpec(f"{prefix}{name}", unit, meaning, own, is_text=str in (kind, *get_args(kind)))
 
 
 CATALOGUE: Mapping[str, FigureSpec] = {spec.name: spec for spec in walk(Figures)}
