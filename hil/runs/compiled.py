@@ -89,11 +89,13 @@ def acts_in_plant(fault: Fault) -> bool:
     """Whether a fault acts in the plant's node, or sends it frames, which may be requests that it answers."""
     if isinstance(fault, LineFault):
         return type(fault).foreign_frames is not LineFault.foreign_frames
-    return not isinstance(fault, ModelledFault) and not (isinstance(fault, HostFault) and fault.acts_in != PLANT)
+    return not isinstance(fault, ModelledFault) and not (
+        isinstance(fault, HostFault) and fault.acts_in != PLANT
+    )
 
 
 class Exchange:
-    """What compiled code calls between the plant's sending and its receiving, in a stretch of the plant alone.
+    """What compiled code calls between sending and receiving of the plant, in its stretches alone.
 
     The other nodes' turns in a tick follow before the plant sends in the next one.
     """
@@ -107,7 +109,7 @@ class Exchange:
         self._waiting: list[Frame] = []
 
     def __call__(self, published: int) -> int:
-        """Send so many frames, or none if negative; return how many have arrived, -1 after an error."""
+        """Send the first `published` frames, none if < 0; return the number that arrived, -1 on error."""
         try:
             if published >= 0:
                 if self._next > self._first:
