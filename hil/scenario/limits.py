@@ -122,6 +122,14 @@ def quantity(name: str, check: Check, judged: Judged) -> float:
     return float(value)
 
 
+def without_own_limit(check: Check) -> dict[str, Any]:
+    """A check's table with the limit of its requirement, if that has one: its own suits its module alone."""
+    table = check.model_dump(exclude_defaults=True, exclude_none=True, exclude={"required"})
+    if check.required is None:
+        return table
+    return {key: value for key, value in table.items() if key not in ("low", "high", "equals")}
+
+
 def permits_more(own: Bounds, required: Bounds) -> bool:
     """Whether a scenario's own limit permits a value that the requirement does not."""
     if required.equals is not None or isinstance(own.equals, str):

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from hil.scenario.operator import Command, Request
-from tools.bring_up.module_fit import fit_module, largest_in, natural_rad_s, reachable_ratio
+from tools.bring_up.module_fit import STUCK, fit_module, largest_in, natural_rad_s, reachable_ratio
 from tools.bring_up.operated import Operated
 from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.tuning.identification.identify import Identified
@@ -79,10 +79,7 @@ def sweep(context: Context, found: Findings) -> None:
     values, identified, readings = fit_module([log], context.values, is_slow=True)
     note_motion(identified, readings, found)
     if float(np.max(np.abs(identified.fit.motion[:, 1]))) < 0.02:
-        raise StepFailedError(
-            "the striker hardly moves although the crank turns: it is stuck, or dry friction exceeds what "
-            "the spring gives at this crank radius; free the striker, then repeat the step"
-        )
+        raise StepFailedError(STUCK)
     found.parameters |= values
     found.notes.append(
         "mass and rest length are the data sheet's: no sensor shows them. Spring, viscous friction, impulses "

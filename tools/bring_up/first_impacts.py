@@ -16,9 +16,10 @@ from firmware_py.interface.enums import Regime
 from firmware_py.interface.frame import Frame
 from hil.scenario.operator import Command, Request
 from tools.bring_up.below_impacts import FORCE_SHARE, cautious
+from tools.bring_up.model import PER_TURN, explain_no_hold
 from tools.bring_up.module_fit import fit_module, largest_in, natural_rad_s
 from tools.bring_up.operated import Operated
-from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
+from tools.bring_up.step import PERIOD_S, Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.tuning.identification.identify import GRAZING_M_S
 from tools.tuning.result import Value, make_value
 
@@ -33,8 +34,6 @@ HARD_M_S = 1.2
 HOLD_S, JUDGED_S, SHOWN = 16.0, 8.0, 400
 TORQUE_N_M = 0.5
 REVERSED = "wiring.striker_reversed"
-PER_TURN = 0.9
-"""Impacts a turn in the hold, at least."""
 FROM_THE_SWEEP = ("friction.b_n_s_m", "friction.mu")
 """Parameters that several speeds show better than one."""
 
@@ -52,6 +51,8 @@ class Watched(Operated):
         self._last: list[tuple[float, float]] = []
         self._offset, self._seen_tick = 0.0, 0
         self._before = self._extreme = np.zeros(2)
+        self._beyond = [-math.inf, -math.inf]
+        """The last ticks with a swing beyond the stop, backward and forward."""
         self.seen: list[tuple[float, float]] = []
         """The change of the low and of the high range at each impact."""
 
@@ -81,12 +82,16 @@ class Watched(Operated):
         elif not self.seen and self.beat is not None and self.beat.target_omega_rad_s > 1.0:
             self._offset += (low - self._offset) * 1e-4
             # A sample from before any contact that may have begun: a soft one shows late.
-            reach_m = abs(self._last[0][0] - self._offset) / self.beat.target_omega_rad_s**2
-            if reach_m > self._farthest_m and self.beat.target_omega_rad_s > 0.7 * self._omega_rad_s:
+            reach_m = (self._last[0][0] - self._offset) / self.beat.target_omega_rad_s**2
+            if abs(reach_m) > self._farthest_m and self.beat.target_omega_rad_s > 0.7 * self._omega_rad_s:
+                self._beyond[reach_m > 0.0] = self.tick
+            # A soft contact that begins looks like a long way, on its side alone.
+            turn = 2.0 * math.pi / self.beat.target_omega_rad_s / PERIOD_S
+            if all(self.tick - one < turn for one in self._beyond):
                 raise StepFailedError(
-                    f"the striker swings {reach_m * 1e3:.0f} mm to either side without an impact, further "
-                    "than the data sheet's stop: it is missing or displaced. Mend it, or give its position "
-                    "by --set firmware.stop.position_m"
+                    f"the striker swings {abs(reach_m) * 1e3:.0f} mm to either side without an impact, "
+                    "further than the data sheet's stop: it is missing or displaced. Mend it, or give its "
+                    "position by --set firmware.stop.position_m"
                 )
 
 
@@ -175,7 +180,10 @@ def hold(context: Context, found: Findings, values: dict[str, float]) -> None:
     held = values | {"limit.force_n": max(limit_n, 100.0)}
     player = Operated([Command(0.0, Request.RUN, context.ratio)], HOLD_S)
     log = context.log("hold")
-    context.bench.play(player, player.longest_s, log, held)
+    try:
+        context.bench.play(player, player.longest_s, log, held)
+    except StepFailedError as error:
+        raise StepFailedError("; ".join([str(error), explain_no_hold(values, context.ratio)])) from error
     end = player.ended_tick
     hits = [one for tick, one in player.impacts if end - JUDGED_S * 1000 < tick <= end]
     turns = JUDGED_S * context.ratio * natural_rad_s(values) / (2.0 * math.pi)
@@ -183,8 +191,7 @@ def hold(context: Context, found: Findings, values: dict[str, float]) -> None:
     if player.held_regime != Regime.IMPACT or not PER_TURN <= len(hits) / turns <= 2.0 - PER_TURN:
         raise StepFailedError(
             f"{len(hits)} impacts in {turns:.1f} turns at a ratio of {context.ratio:g}, regime "
-            f"{player.held_regime.name}: this module does not hold one impact a turn there; ask for a lower "
-            "--ratio"
+            f"{player.held_regime.name}; {explain_no_hold(values, context.ratio)}"
         )
     speed_m_s, impulse_n_s = np.median([(one.approach_speed_m_s, one.impulse_n_s) for one in hits], axis=0)
     found.add("approach speed in the hold", speed_m_s, "m/s")

@@ -27,6 +27,7 @@ class LockstepBench:
     """The module of a scene, which keeps its state from step to step; faults act from its power-up on."""
 
     def __init__(self, scene: Scene, seed: int, faults: Sequence[Fault] = ()) -> None:
+        self.scene = scene
         self._bus = InProcessBus()
         self._pace = Pace(PERIOD_S, None, is_timed=False)
         self._line = FaultyBus(self._bus.join(), PLANT, faults, seed, PERIOD_S)

@@ -13,7 +13,7 @@ from hil.record.candump import StoredBus
 from plant_sim.arrays import FloatArray
 from tools.bring_up.step import Largest, StepFailedError
 from tools.output import BadInputError
-from tools.tuning.identification.first_values import fit_signed
+from tools.tuning.identification.first_values import StillStrikerError, fit_signed
 from tools.tuning.identification.flights import STILL_M_S2, contacts_of, flights_of
 from tools.tuning.identification.friction_laws import QUADRATURE
 from tools.tuning.identification.identify import (
@@ -31,6 +31,10 @@ TURNING_RAD_S = 0.8
 """Slower parts of a recording are left out."""
 SMOOTHED = 100
 """Periods over which the speed is averaged for it."""
+STUCK = (
+    "the striker hardly moves although the crank turns: it is stuck, or dry friction exceeds what the spring "
+    "gives at this crank radius; free the striker, then repeat the step"
+)
 SLOW_PERIODS, SLOW_STILL_M_S2 = 5, 0.03
 """Below the impacts: periods of which the mean is taken, and the range of its noise at rest."""
 
@@ -137,6 +141,8 @@ def fit_module(
         zero_rad = find_zero(readings, bandwidth_hz, still_m_s2)
         readings = readings._replace(angle_rad=readings.angle_rad - zero_rad)
         found = identify(readings, bandwidth_hz, True, still_m_s2)
+    except StillStrikerError as error:
+        raise StepFailedError(STUCK) from error
     except BadInputError as error:
         raise StepFailedError(str(error)) from error
     mass, rest = values["striker.mass_kg"], values["striker.rest_length_m"]

@@ -18,11 +18,16 @@ BEGINNING = (
 """Before each start the firmware tests the drive's watchdog."""
 BEGUN_S = 2.2
 SILENT_S = 3.0
-LONGEST_STOP_S = 4.0
+LONGEST_STOP_S, LONGEST_REST_S = 4.0, 40.0
+STILL_REV_S, STILL_S = 0.02, 1.0
+"""A crank that is slower for this time rests."""
 
 
 class Operated:
     """Plays a script behind `BEGINNING` with times from `BEGUN_S` on, and ends once the module stands still.
+
+    A striker without much friction may turn the crank for longer than a stop may last; STOP_FAILED then ends
+    the torque, and the module comes to rest by itself.
 
     `done`: called with the player in each period; True ends the script. Raises StepFailedError for a fault or
     a refusal of the firmware.
@@ -36,7 +41,8 @@ class Operated:
         later = [one._replace(at_s=one.at_s + BEGUN_S) for one in commands]
         self._node = OperatorNode([*BEGINNING, *later], PERIOD_S, is_recorded=False)
         self._done, self._end_tick, self._waiting = done, round((BEGUN_S + end_s) / PERIOD_S), list[Frame]()
-        self._is_ending = False
+        self._is_ending = self._is_free = False
+        self._turning_tick = 0
         self.tick, self._beat_tick = 0, 0
         self.beat: FirmwareHeartbeat | None = None
         self.impacts: list[tuple[int, ImpactEvent]] = []
@@ -47,7 +53,7 @@ class Operated:
     @property
     def longest_s(self) -> float:
         """The longest duration of the whole script with its stop."""
-        return self._end_tick * PERIOD_S + LONGEST_STOP_S + 1.0
+        return self._end_tick * PERIOD_S + LONGEST_STOP_S + LONGEST_REST_S
 
     @property
     def ended_tick(self) -> int:
@@ -66,6 +72,8 @@ class Operated:
             self._is_ending, self._end_tick = True, tick
             self.held_regime = Regime(self.beat.regime) if self.beat is not None else Regime.UNCERTAIN
             self._node.finish(tick)
+        if self._is_free:
+            return None if tick > self._turning_tick + STILL_S / PERIOD_S else ()
         if self._is_ending and self.beat is not None and tick > self._end_tick + 1.0 / PERIOD_S:
             if self.beat.mode == Mode.READY:
                 return None
@@ -84,11 +92,17 @@ class Operated:
                 self.impacts.append((self.tick, codec.IMPACT_EVENT.decode(frame.data)))
             elif frame.can_id == codec.FAULT_EVENT.can_id:
                 self._stop_for(codec.FAULT_EVENT.decode(frame.data))
+            elif frame.can_id == codec.ENCODER_ESTIMATES.can_id:
+                speed_rev_s = abs(codec.ENCODER_ESTIMATES.decode(frame.data).velocity_rev_s)
+                self._turning_tick = self.tick if speed_rev_s > STILL_REV_S else self._turning_tick
         except FrameError:
             return
 
     def _stop_for(self, event: FaultEvent) -> None:
         if event.fault == Fault.REQUEST_REFUSED:
             raise StepFailedError(f"the firmware refused the request: {Refusal(event.refusal).name}")
+        if event.fault == Fault.STOP_FAILED and self._is_ending:
+            self._is_free = True
+            return
         drive = f", the drive's reason {event.disarm_reason:#x}" if event.disarm_reason else ""
         raise StepFailedError(f"the firmware stopped the module: {Fault(event.fault).name}{drive}")

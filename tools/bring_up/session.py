@@ -21,7 +21,7 @@ from tools.bring_up.report import write_report
 from tools.bring_up.step import Bench, Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.bring_up.twin import SCENE, TWIN
 from tools.output import BadInputError
-from tools.tuning.result import Value
+from tools.tuning.result import Value, make_value
 
 STEPS: tuple[Step, ...] = (LISTEN, AT_REST, DRIVE, BELOW_IMPACTS, FIRST_IMPACTS, TWIN)
 STATE, REPORT, PARAMETER_FILE = "bring-up.json", "bring-up.html", "parameters.toml"
@@ -111,7 +111,8 @@ class Session:
         """Run one step, and keep its record whatever happens."""
         bounds = parameters_in(self.records)
         values = with_overrides(self._settings | {name: value.value for name, value in bounds.items()})
-        context = Context(self._bench, self._folder, values, bounds, self._user.agrees, self._ratio)
+        user = self._user
+        context = Context(self._bench, self._folder, values, bounds, user.agrees, user.says, self._ratio)
         bound, found = step.bound(context), Findings()
         self._user.says(f"{step.name}: {step.does}")
         reason = "interrupted: the module was stopped; the same command repeats the step"
@@ -135,12 +136,17 @@ class Session:
             self._write()
         self._user.says(f"{step.name}: {reason or 'passed'}")
 
+    def _parameters(self) -> dict[str, Value]:
+        """The data sheet's parameters and those that the steps have found."""
+        given = {name: make_value(name, value, value, value) for name, value in self._settings.items()}
+        return given | parameters_in(self.records)
+
     def _write(self) -> None:
         """Write state, parameter file and report."""
         write_anew(self._folder / STATE, json.dumps({"format": 1, "steps": self.records}, allow_nan=False))
-        if found := parameters_in(self.records):
+        if parameters_in(self.records):
             table = {"format": PARAMETERS, "tuning": {"command": "bring-up"}}
-            table["parameters"] = {name: value._asdict() for name, value in found.items()}
+            table["parameters"] = {name: value._asdict() for name, value in self._parameters().items()}
             write_anew(self._folder / PARAMETER_FILE, tomli_w.dumps(table))
         write_report(self._folder / REPORT, self.result())
 

@@ -106,7 +106,8 @@ class Findings:
 class Context:
     """What a step may use: the bench, its folder, all parameters found so far, and the user's consent.
 
-    `asks(sentence)`: whether the user agrees to a change of a parameter. `speed_ratio`: the wanted ratio.
+    `asks(sentence)`: whether the user agrees to a change of a parameter. `says(sentence)`: progress. `ratio`:
+    the wanted one.
     """
 
     bench: Bench
@@ -114,6 +115,7 @@ class Context:
     values: dict[str, float]
     bounds: Mapping[str, Value]
     asks: Callable[[str], bool]
+    says: Callable[[str], None]
     ratio: float
 
     def log(self, name: str) -> Path:

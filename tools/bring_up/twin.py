@@ -1,7 +1,7 @@
 """Step 6, twin: the module as a scene, the recorded hold repeated on it, and the safety scenarios with it.
 
 The twin gets the parameters that were found, and the same commands. Its approach speed, impulse and impacts a
-turn in the hold are compared with the module's.
+turn in the hold are compared with the module's. Starts of modules within the intervals follow.
 """
 
 from collections.abc import Mapping
@@ -11,6 +11,7 @@ import numpy as np
 import tomli_w
 
 from firmware_py.interface.generated.records import ImpactEvent
+from firmware_py.shell.parameters import DEFAULTS, with_overrides
 from hil.record.bus_reconstruction import frames_of
 from hil.record.candump import StoredBus
 from hil.record.new_file import write_anew
@@ -18,8 +19,11 @@ from hil.scenario.operator import Command, Request
 from plant_sim.scene import load_scene
 from tools.bring_up.first_impacts import HOLD_S, JUDGED_S
 from tools.bring_up.lockstep import LockstepBench
+from tools.bring_up.model import scene_of
 from tools.bring_up.operated import BEGUN_S, Operated
+from tools.bring_up.spread import start_up_on_twin, without_wiring
 from tools.bring_up.step import NOTHING, Context, Curve, Findings, Step, StepFailedError
+from tools.tuning.result import make_value
 from tools.tuning.safety import Bench as SafetyBench
 from tools.tuning.safety import judge_safety
 
@@ -27,35 +31,13 @@ SCENE = "module.toml"
 LARGEST_DEVIATION = 0.05
 """Largest deviation of the twin's approach speed and impulse from the module's."""
 SEED = 1
+STARTS = 16
+"""Starts of sampled modules in the proof; `vibrohil campaign start-up --spread` runs more."""
 
 
-def scene_of(values: Mapping[str, float]) -> dict[str, Any]:
-    """The scene of a module with these parameters; what they do not have is the default motor's."""
-    friction: dict[str, Any] = {"law": "viscous", "b_n_s_m": values["friction.b_n_s_m"]}
-    if values["friction.mu"] > 0.0:
-        friction = {"law": "coulomb", "mu": values["friction.mu"], "b_n_s_m": values["friction.b_n_s_m"]}
-    return {
-        "striker": {name: values[f"striker.{name}"] for name in ("mass_kg", "spring_n_m", "rest_length_m")},
-        "drive": {"model": "motor", "amplitude_m": values["drive.amplitude_m"]},
-        "friction": friction,
-        "stop": {
-            "law": "hunt-crossley",
-            **{name: values[f"stop.{name}"] for name in ("position_m", "restitution", "contact_s")},
-        },
-        "motor": {
-            "inertia_kg_m2": values["motor.inertia_kg_m2"],
-            "viscous_n_m_s": values["motor.viscous_n_m_s"],
-            "dry_n_m": values["motor.dry_n_m"],
-        },
-        "initial": {"x_m": values["striker.rest_length_m"], "v_m_s": 0.0},
-        "sensors": {},
-    }
-
-
-def for_the_twin(values: Mapping[str, float]) -> dict[str, float]:
-    """The parameters without the wiring and the encoder's zero of the real module, which the twin has not."""
-    own = {name: 0.0 for name in values if name.startswith("wiring.")}
-    return {**values, **own, "crank.zero_rad": 0.0}
+def changed(values: Mapping[str, float]) -> dict[str, float]:
+    """The parameters that differ from the firmware's defaults."""
+    return {name: value for name, value in values.items() if value != DEFAULTS[name]}
 
 
 def impacts_in(log: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -68,7 +50,8 @@ def impacts_in(log: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
 
 def prove(context: Context, found: Findings) -> None:
     """Write the scene, repeat the hold on the twin, and run the safety scenarios on it."""
-    scene, values = scene_of(context.values), for_the_twin(context.values)
+    scene = scene_of(context.values)
+    values = with_overrides(without_wiring(context.values))
     write_anew(context.folder / SCENE, tomli_w.dumps(scene))
     bench = LockstepBench(load_scene(scene), SEED)
     player = Operated([Command(0.0, Request.RUN, context.ratio)], HOLD_S)
@@ -92,18 +75,36 @@ def prove(context: Context, found: Findings) -> None:
             )
     forces_n = [one.peak_force_n for one in bench.impacts]
     found.add("peak force, twin", max(forces_n), "N")
-    changed = {name: value for name, value in values.items() if name in context.bounds}
-    results = judge_safety(changed, lambda _, __: None, SafetyBench(scene, ratio=context.ratio))
+    context.says("twin: the hold is repeated; the safety scenarios follow")
+    results = judge_safety(changed(values), lambda _, __: None, SafetyBench(scene, ratio=context.ratio))
     for one in results:
         found.notes.append(f"{one.scenario}: {'passed' if one.passed else one.why}")
     if failed := [f"{one.scenario} ({one.why})" for one in results if not one.passed]:
         raise StepFailedError(f"on the twin these safety scenarios fail: {'; '.join(failed)}")
-    found.notes.append("run next: vibrohil suite --parameters parameters.toml")
+    start_within_intervals(context, found)
+
+
+def start_within_intervals(context: Context, found: Findings) -> None:
+    """Start modules within the intervals of the parameters, from random states."""
+    context.says(f"twin: {STARTS} starts of modules within the intervals")
+    given = {name: make_value(name, *[value] * 3) for name, value in changed(context.values).items()}
+    starts = start_up_on_twin(given | dict(context.bounds), context.ratio, STARTS, SEED)
+    eligible = [one for one in starts if one.eligible]
+    lost = [f"trial {one.trial}: {one.why}" for one in eligible if one.why]
+    found.add("starts within the intervals that end in impacts", len(eligible) - len(lost), "1")
+    found.add("starts within the intervals, of modules with such impacts", len(eligible), "1")
+    if lost or not eligible:
+        raise StepFailedError(
+            f"{len(lost)} of {len(eligible)} starts of modules within the intervals fail: {'; '.join(lost)}; "
+            "ask for a lower --ratio, or repeat first-impacts"
+        )
+    found.notes.append("run next: vibrohil campaign start-up --spread parameters.toml")
 
 
 TWIN = Step(
     "twin",
-    "It writes the module as a scene, repeats the hold on this twin, and runs the safety scenarios on it.",
+    "It writes the module as a scene, repeats the hold on this twin, runs the safety scenarios on it, and "
+    "starts modules within the intervals.",
     "",
     lambda _: NOTHING,
     prove,

@@ -41,6 +41,13 @@ def campaign(
         int, typer.Option(help="Seed of all trials; seeds below 10000 belong to tuning and tests.", min=0)
     ] = 20_260,
     parameters: ParameterFiles = None,
+    spread: Annotated[
+        Path | None,
+        typer.Option(
+            help="A parameter file of bring-up: truth and firmware have its parameters, and the truth is "
+            "sampled within their intervals."
+        ),
+    ] = None,
     change: Change = None,
     baseline: Annotated[
         str | None,
@@ -75,6 +82,7 @@ def campaign(
     from hil.bench.workers import WorkerDiedError
     from hil.record.run_folder import RUNS
     from plant_sim.scene import load_scene
+    from tools.bring_up.spread import read_spread
     from tools.campaign.campaigns import CAMPAIGNS, trial_of
     from tools.campaign.paired import compare
     from tools.campaign.processes import read_finished, run_all
@@ -83,11 +91,12 @@ def campaign(
 
     chosen = CAMPAIGNS[name]
     count = trials or chosen.trials
-    settings = [*settings_of(parameters or []), *(change or [])]
+    module = [] if spread is None else read_spread(spread)
+    settings = [*module, *settings_of(parameters or []), *(change or [])]
     plan = chosen.plan(settings, seed, firmware)
     others = [] if baseline in (None, "default") else [Path(str(baseline))]
     common = [one for one in change or [] if not one.startswith("firmware.")]
-    plan_before = chosen.plan([*settings_of(others), *common], seed, firmware)
+    plan_before = chosen.plan([*module, *settings_of(others), *common], seed, firmware)
     if baseline is not None and plan_before == plan:
         raise BadInputError(
             f"--baseline {baseline} has the same parameters as this campaign, so nothing would differ; "

@@ -15,6 +15,7 @@ from typing import Any
 from hil.judge.checks import Check
 from hil.judge.requirements import requirements
 from hil.scenario.files import search_tables
+from hil.scenario.limits import without_own_limit
 from hil.scenario.scenario import Scenario, check_scenario, load_scenario
 from hil.scenario.search import SearchTable
 from hil.scenario.seeds import shift_times
@@ -216,14 +217,6 @@ def is_chosen(check: Check, wanted: Sequence[str], kinds: tuple[str, ...]) -> bo
     if check.requirement is None:
         return True
     return check.requirement.startswith(kinds) and check.required is not None
-
-
-def without_own_limit(check: Check) -> dict[str, Any]:
-    """A check's table with the limit of its requirement, if that has one."""
-    table = check.model_dump(exclude_defaults=True, exclude_none=True, exclude={"required"})
-    if check.required is None:
-        return table
-    return {key: value for key, value in table.items() if key not in ("low", "high", "equals")}
 
 
 def own_space(

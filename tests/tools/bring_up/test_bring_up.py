@@ -4,11 +4,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import tomli_w
 
 from firmware_py.interface.enums import AxisState
+from firmware_py.shell.parameters import with_overrides
+from hil.record.formats import PARAMETERS
+from tools.bring_up.model import explain_no_hold
+from tools.bring_up.spread import read_spread
 from tools.bring_up.step import NOTHING
 from tools.bring_up.trials import BROKEN as BROKEN_MODULES
 from tools.bring_up.trials import bench_of, beyond_bounds, brought_up, fault
+from tools.campaign.campaigns import CAMPAIGNS, trial_of
+from tools.tuning.result import make_value
 
 WIRED = {
     "as it should be": ([], set()),
@@ -47,6 +54,7 @@ BROKEN = {
     ),
     "low voltage": ({}, [fault("supply-sag", supply_v=14.0)], "at-rest", "14.0 V"),
     "jammed crank": ({}, [fault("motor-stall")], "drive", "does not move"),
+    "stuck striker": (*BROKEN_MODULES["striker stuck"][:2], "below-impacts", "hardly moves"),
 }
 
 
@@ -54,12 +62,52 @@ BROKEN = {
 def test_a_broken_module_ends_the_step_that_sees_it_and_rests(name: str, tmp_path: Path) -> None:
     scene, faults, step, reason = BROKEN[name]
     bench = bench_of(scene, faults, 1)
-    result = brought_up(bench, tmp_path / "out", "drive")
+    result = brought_up(bench, tmp_path / "out", "below-impacts")
     assert not result["passed"]
     assert result["steps"][-1]["name"] == step
     assert reason in result["steps"][-1]["reason"]
     assert beyond_bounds(bench, result["steps"]) == []
     assert abs(bench.plant.node.plant.now.omega_rad_s) < 0.5
+
+
+NO_HOLD = {
+    "friction": ({"friction.mu": 0.12, "friction.b_n_s_m": 0.0}, "no impacts last"),
+    "the fold": ({"friction.mu": 0.047, "friction.b_n_s_m": 0.0, "striker.mass_kg": 1.27}, "dead centre"),
+    "nothing": ({}, ""),
+}
+
+
+@pytest.mark.parametrize("name", NO_HOLD)
+def test_a_module_without_steady_impacts_is_told_apart(name: str) -> None:
+    changes, reason = NO_HOLD[name]
+    found = explain_no_hold(with_overrides({**changes, "limit.force_n": 1000.0}), 1.25)
+    assert reason in found
+    assert bool(found) == bool(reason)
+
+
+def test_a_campaign_samples_a_module_within_the_intervals_of_its_file(tmp_path: Path) -> None:
+    found = {
+        "striker.mass_kg": make_value("striker.mass_kg", 0.6, 0.6, 0.6),
+        "limit.force_n": make_value("limit.force_n", 1000.0, 1000.0, 1000.0),
+        "striker.spring_n_m": make_value("striker.spring_n_m", 90.0, 88.2, 91.8),
+        "friction.mu": make_value("friction.mu", 0.02, 0.018, 0.022),
+        "stop.position_m": make_value("stop.position_m", 0.178, 0.1779, 0.1782),
+        "crank.zero_rad": make_value("crank.zero_rad", 2.0, 1.9, 2.1),
+    }
+    table = {"format": PARAMETERS, "parameters": {name: one._asdict() for name, one in found.items()}}
+    path = tmp_path / "parameters.toml"
+    path.write_text(tomli_w.dumps(table))
+    plan = CAMPAIGNS["start-up"].plan(read_spread(path), 7)
+    (cell, *others), numbers = plan.cells, plan.numbers
+    assert {one.scene["friction"]["law"] for one in others} == {"coulomb"}
+    assert (cell.scene["striker"]["mass_kg"], cell.firmware["striker"]["mass_kg"]) == (0.6, 0.6)
+    assert "crank" not in cell.firmware
+    assert numbers["mismatch_spring"] == pytest.approx(0.02)
+    assert numbers["mismatch_dry_friction"] == pytest.approx(0.1)
+    assert numbers["mismatch_stop_m"] == pytest.approx(0.0002)
+    springs = [trial_of(plan, number).scenario.scene.striker.spring_n_m for number in range(40)]
+    assert 88.2 <= min(springs) < 89.0
+    assert 91.0 < max(springs) <= 91.8
 
 
 def test_nothing_moves_without_a_yes_and_the_folder_is_resumed(tmp_path: Path) -> None:

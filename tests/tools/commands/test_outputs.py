@@ -41,6 +41,7 @@ READ = {
     ("suite", "--parameters"),
     ("suite", "--baseline"),
     ("campaign", "--parameters"),
+    ("campaign", "--spread"),
     ("plant", "--turns"),
     ("firmware node", "--turns"),
 }

@@ -33,6 +33,10 @@ OUTLYING = 4.0
 """Flights whose mean squared residual is above this multiple of the median are left out."""
 
 
+class StillStrikerError(BadInputError):
+    """The striker does not move."""
+
+
 class Linear(NamedTuple):
     """The parameters, and each flight's x0 − l0 and v0 (shape (n, 2)), speeds, samples with motion."""
 
@@ -59,7 +63,7 @@ def linear(
 
     `finds_zero`: the coefficient of cos θ is fitted too.
 
-    Raises BadInputError if the striker does not move in any flight.
+    Raises StillStrikerError if the striker does not move in any flight.
     """
     period_s = float(flights[0].t_s[1])
     tables, lines, used = [], [], []
@@ -86,7 +90,7 @@ def linear(
 
     says = np.array([len(rows) > 0 for rows in projected])
     if not says.any():
-        raise BadInputError(
+        raise StillStrikerError(
             f"the striker never moves faster than {SLOW_M_S:g} m/s in its free flights; "
             "record some seconds with the crank turning"
         )

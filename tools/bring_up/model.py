@@ -1,0 +1,73 @@
+"""The module as a scene, and its steady impacts at a speed by the plant alone, whose crank is led."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from plant_sim.scene import Scene, load_scene
+from tools.campaign.reference import HELD_S, JUDGED_S, RAMP_S, SLOWEST, goes_on, simulate_alone, state_at
+
+PER_TURN = 0.9
+"""Impacts a turn in a hold, at least."""
+
+
+def scene_of(values: Mapping[str, float]) -> dict[str, Any]:
+    """The scene of a module with these parameters; what they do not have is the default motor's."""
+    friction: dict[str, Any] = {"law": "viscous", "b_n_s_m": values["friction.b_n_s_m"]}
+    if values["friction.mu"] > 0.0:
+        friction = {"law": "coulomb", "mu": values["friction.mu"], "b_n_s_m": values["friction.b_n_s_m"]}
+    return {
+        "striker": {name: values[f"striker.{name}"] for name in ("mass_kg", "spring_n_m", "rest_length_m")},
+        "drive": {"model": "motor", "amplitude_m": values["drive.amplitude_m"]},
+        "friction": friction,
+        "stop": {
+            "law": "hunt-crossley",
+            **{name: values[f"stop.{name}"] for name in ("position_m", "restitution", "contact_s")},
+        },
+        "motor": {
+            "inertia_kg_m2": values["motor.inertia_kg_m2"],
+            "viscous_n_m_s": values["motor.viscous_n_m_s"],
+            "dry_n_m": values["motor.dry_n_m"],
+        },
+        "initial": {"x_m": values["striker.rest_length_m"], "v_m_s": 0.0},
+        "sensors": {},
+    }
+
+
+class Orbit(NamedTuple):
+    """Steady impacts, one a turn: their approach speed, peak force, and the crank's angle past its forward
+    dead centre."""
+
+    approach_speed_m_s: float
+    peak_force_n: float
+    phase_deg: float
+
+
+def steady_orbit(scene: Scene, ratio: float) -> Orbit | None:
+    """The impacts at a ratio to the natural frequency after a slow rise of the speed; None if they end."""
+    omega_rad_s, until_s = ratio * scene.natural_rad_s, RAMP_S + HELD_S
+    start = state_at(scene.striker.rest_length_m, 0.0, 0.0)
+    found = simulate_alone(scene, start, SLOWEST * omega_rad_s, omega_rad_s, RAMP_S, until_s)
+    late = found[found["t_s"] > until_s - JUDGED_S]
+    per_turn = len(late) / (JUDGED_S * omega_rad_s / (2.0 * math.pi))
+    if not goes_on(found["t_s"], until_s, omega_rad_s) or not PER_TURN <= per_turn <= 2.0 - PER_TURN:
+        return None
+    speed_m_s, force_n = (float(np.median(late[name])) for name in ("v_m_s", "peak_force_n"))
+    angles = np.exp(1j * (late["crank_rad"] - 0.5 * math.pi))
+    return Orbit(speed_m_s, force_n, math.degrees(float(np.angle(np.mean(angles)))))
+
+
+def explain_no_hold(values: Mapping[str, float], ratio: float) -> str:
+    """Why a module with these parameters cannot be held at a ratio; empty if it can."""
+    orbit = steady_orbit(load_scene(scene_of(values)), ratio)
+    if orbit is None:
+        return f"with the parameters found no impacts last at a ratio of {ratio:g}: ask for a lower --ratio"
+    if orbit.phase_deg > values["hold.highest_phase_deg"]:
+        return (
+            f"with the parameters found the impacts at a ratio of {ratio:g} come {orbit.phase_deg:.0f}° past "
+            f"the dead centre, too near to their end: hold.highest_phase_deg is "
+            f"{values['hold.highest_phase_deg']:g}°; ask for a lower --ratio"
+        )
+    return ""
