@@ -170,8 +170,21 @@ def first_impacts(context: Context, found: Findings) -> None:
     hold(context, found, values)
 
 
+def allow_impulse(context: Context, found: Findings, values: dict[str, float]) -> None:
+    """Raise the limit of the impulse to that of an impact at `HARD_M_S`, if it is lower and the user agrees."""
+    name = "limit.impulse_n_s"
+    needed = values["striker.mass_kg"] * (1.0 + values["stop.restitution"]) * HARD_M_S
+    if needed > values[name] and context.asks(
+        f"An impact at {HARD_M_S:g} m/s has {needed:.2f} N s, above {name} = {values[name]:g}, which would "
+        f"end the hold. Set {name} = {needed:.2f}?"
+    ):
+        values[name] = needed
+        found.parameters[name] = make_value(name, needed, needed, needed)
+
+
 def hold(context: Context, found: Findings, values: dict[str, float]) -> None:
     """Hold the wanted ratio with the parameters found, and fit them again."""
+    allow_impulse(context, found, values)
     limit_n = min(
         values["limit.force_n"],
         1.5 * HARD_M_S * math.pi * values["striker.mass_kg"] / values["stop.contact_s"],
