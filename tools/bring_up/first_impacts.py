@@ -16,10 +16,10 @@ from firmware_py.interface.enums import Regime
 from firmware_py.interface.frame import Frame
 from hil.scenario.operator import Command, Request
 from tools.bring_up.below_impacts import FORCE_SHARE, cautious
-from tools.bring_up.model import PER_TURN, explain_no_hold
 from tools.bring_up.module_fit import fit_module, largest_in, natural_rad_s
 from tools.bring_up.operated import Operated
 from tools.bring_up.step import PERIOD_S, Context, Curve, Findings, Largest, Step, StepFailedError
+from tools.campaign.identified import PER_TURN, explain_no_hold
 from tools.tuning.identification.identify import GRAZING_M_S
 from tools.tuning.result import Value, make_value
 
@@ -171,7 +171,7 @@ def first_impacts(context: Context, found: Findings) -> None:
 
 
 def allow_impulse(context: Context, found: Findings, values: dict[str, float]) -> None:
-    """Raise the limit of the impulse to that of an impact at `HARD_M_S`, if it is lower and the user agrees."""
+    """Raise the limit of the impulse to that of an impact at `HARD_M_S`, if the user agrees."""
     name = "limit.impulse_n_s"
     needed = values["striker.mass_kg"] * (1.0 + values["stop.restitution"]) * HARD_M_S
     if needed > values[name] and context.asks(

@@ -24,8 +24,8 @@ from firmware_py.shell.parameters import DEFAULTS
 from hil.scenario.scenario import check_scenario
 from plant_sim.scene import read_scene
 from tools.bring_up.lockstep import LockstepBench
-from tools.bring_up.model import Orbit, steady_orbit
 from tools.bring_up.session import Session, User
+from tools.campaign.identified import Orbit, steady_orbit
 
 SCENE = "table1-motor-soft"
 WRONG_SHARE, BROKEN_SHARE = 1 / 6, 1 / 10

@@ -19,10 +19,10 @@ from hil.scenario.operator import Command, Request
 from plant_sim.scene import load_scene
 from tools.bring_up.first_impacts import HOLD_S, JUDGED_S
 from tools.bring_up.lockstep import LockstepBench
-from tools.bring_up.model import scene_of
 from tools.bring_up.operated import BEGUN_S, Operated
-from tools.bring_up.spread import start_up_on_twin, without_wiring
 from tools.bring_up.step import NOTHING, Context, Curve, Findings, Step, StepFailedError
+from tools.campaign.campaigns import CAMPAIGNS, run_trial
+from tools.campaign.identified import scene_of, settings_on_twin, without_wiring
 from tools.tuning.result import make_value
 from tools.tuning.safety import Bench as SafetyBench
 from tools.tuning.safety import judge_safety
@@ -88,7 +88,9 @@ def start_within_intervals(context: Context, found: Findings) -> None:
     """Start modules within the intervals of the parameters, from random states."""
     context.says(f"twin: {STARTS} starts of modules within the intervals")
     given = {name: make_value(name, *[value] * 3) for name, value in changed(context.values).items()}
-    starts = start_up_on_twin(given | dict(context.bounds), context.ratio, STARTS, SEED)
+    settings = settings_on_twin(given | dict(context.bounds))
+    plan = CAMPAIGNS["start-up"].plan([*settings, f"campaign.ratios=[{context.ratio!r}]"], SEED)
+    starts = [run_trial(plan, number) for number in range(STARTS)]
     eligible = [one for one in starts if one.eligible]
     lost = [f"trial {one.trial}: {one.why}" for one in eligible if one.why]
     found.add("starts within the intervals that end in impacts", len(eligible) - len(lost), "1")

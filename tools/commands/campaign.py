@@ -82,8 +82,8 @@ def campaign(
     from hil.bench.workers import WorkerDiedError
     from hil.record.run_folder import RUNS
     from plant_sim.scene import load_scene
-    from tools.bring_up.spread import read_spread
     from tools.campaign.campaigns import CAMPAIGNS, trial_of
+    from tools.campaign.identified import read_spread
     from tools.campaign.paired import compare
     from tools.campaign.processes import read_finished, run_all
     from tools.campaign.reference import refuse_other_drives

@@ -9,12 +9,11 @@ import tomli_w
 from firmware_py.interface.enums import AxisState
 from firmware_py.shell.parameters import with_overrides
 from hil.record.formats import PARAMETERS
-from tools.bring_up.model import explain_no_hold
-from tools.bring_up.spread import read_spread
 from tools.bring_up.step import NOTHING
 from tools.bring_up.trials import BROKEN as BROKEN_MODULES
 from tools.bring_up.trials import bench_of, beyond_bounds, brought_up, fault
 from tools.campaign.campaigns import CAMPAIGNS, trial_of
+from tools.campaign.identified import explain_no_hold, read_spread
 from tools.tuning.result import make_value
 
 WIRED = {
@@ -78,7 +77,7 @@ NO_HOLD = {
 
 
 @pytest.mark.parametrize("name", NO_HOLD)
-def test_a_module_without_steady_impacts_is_told_apart(name: str) -> None:
+def test_a_module_without_steady_impacts_there_is_refused_with_the_reason(name: str) -> None:
     changes, reason = NO_HOLD[name]
     found = explain_no_hold(with_overrides({**changes, "limit.force_n": 1000.0}), 1.25)
     assert reason in found
