@@ -1,13 +1,15 @@
 """The nodes of the bench, each once, in the order in which they act in a tick.
 
 A node's module has `make_NAME`, which makes its runner from a `hil.nodes.runners.Making`. All that lists the
-nodes iterates over `ROSTER`: the loop, the pacemaker's plan and the addressees of faults.
+nodes iterates over `ROSTER`: the loop, the pacemaker's plan, the processes and the addressees of faults.
 """
 
 from importlib import import_module
 from typing import Any, NamedTuple
 
 PLANT, OPERATOR, FIRMWARE = "plant", "operator", "firmware"
+AGAIN = "-again"
+"""What the name of a process that replaces a restarted one ends with."""
 
 
 class Node(NamedTuple):
@@ -42,6 +44,16 @@ def names() -> tuple[str, ...]:
 def processes() -> tuple[str, ...]:
     """The names of the nodes with a process of their own."""
     return tuple(node.name for node in ROSTER if node.is_process)
+
+
+def again_name(process: str) -> str:
+    """Name of the process that replaces a restarted one."""
+    return f"{process}{AGAIN}"
+
+
+def processes_of_a_run() -> tuple[str, ...]:
+    """The names of all processes that a run's nodes may have."""
+    return (*processes(), *map(again_name, processes()))
 
 
 def as_choice(choices: tuple[str, ...]) -> str:

@@ -28,7 +28,7 @@ from firmware_py.interface.addresses import bus_id
 from firmware_py.shell.parameters import addresses_from
 from hil.bench.ending import ending_with_a_verdict
 from hil.bench.options import RunOptions, prepare
-from hil.bench.supervision import BASELINE, Supervision, again_name, plan_of
+from hil.bench.supervision import BASELINE, Supervision, plan_of
 from hil.bus import Bus, BusCounters, ProvidedBus, join, join_in_turns, provide, shared
 from hil.bus.addressed import addressed
 from hil.bus.hub_socket import TurnSocket
@@ -40,7 +40,7 @@ from hil.judge.verdict import RunVerdict
 from hil.nodes.runners import OperatorRunner, Pace, traces_in
 from hil.record import run_folder
 from hil.record.traces.own_trace import NONE
-from hil.roster import FIRMWARE
+from hil.roster import FIRMWARE, OPERATOR, again_name, processes, processes_of_a_run
 from hil.runs import beginning
 from hil.runs.job import Job, Progress
 from hil.runs.outcome import Outcome
@@ -71,9 +71,7 @@ GRACE_S = 1.0
 """Time after the longest hold in which the pacemaker itself ends the run; it may have been stopped."""
 
 
-NODES = ("plant", "firmware", again_name("plant"), again_name("firmware"))
-"""The processes of nodes, without this one."""
-LATE = ("hub", PACEMAKER, *NODES)
+LATE = ("hub", PACEMAKER, *processes_of_a_run())
 """The processes that can hold up a run, without this one."""
 
 
@@ -275,15 +273,15 @@ class ProcessesRun:
         live = [*python, "hil.show.live", str(self.run_dir), "--to", str(self.options.viewer)]
         live = in_own_network(live) if self.options.viewer == WINDOW else live
         build = {FIRMWARE: ["--firmware", self.options.firmware]}
-        again = {
-            name: [program(), process, scenario, *common, *build.get(process, []), "--again"]
-            for name, process in self.restarted.items()
+        nodes = {
+            name: [program(), process, scenario, *common, *build.get(process, [])]
+            for name, process in [*((name, name) for name in reversed(processes())), *self.restarted.items()]
+            if name != FIRMWARE or self.options.firmware != NONE
         }
-        firmware = [program(), "firmware", scenario, *common, *build[FIRMWARE]]
+        for name in self.restarted:
+            nodes[name].append("--again")
         return {
-            **({} if self.options.firmware == NONE else {FIRMWARE: firmware}),
-            "plant": [program(), "plant", scenario, *common],
-            **again,
+            **nodes,
             BASELINE: baseline,
             RECORDER: recorder,
             **({} if self.options.viewer is None else {LIVE: live}),
@@ -373,7 +371,7 @@ class ProcessesRun:
     def await_ends(self) -> None:
         """Wait for the loops, which end by themselves within a tick or two after the script."""
         for name, child in self.children.items():
-            if name not in ("firmware", "plant", BASELINE, *self.restarted) or self.scripted.kills(name):
+            if name not in (*processes_of_a_run(), BASELINE) or self.scripted.kills(name):
                 continue
             if not child.wait(END_TIMEOUT_S):
                 self.outcome.reasons.append(f"{name} did not end within {END_TIMEOUT_S:g} s of the script")
@@ -404,7 +402,7 @@ class ProcessesRun:
         counted: this process makes them act by signals and turns.
         """
         counts = {name: one.pop(FAULTS_ACTED) for name, one in nodes.items() if FAULTS_ACTED in one}
-        if set(counts) != {"operator", *NODES} & {"operator", *self.children}:
+        if set(counts) != {OPERATOR, *processes_of_a_run()} & {OPERATOR, *self.children}:
             return
         self.outcome.faults_acted = [
             None if isinstance(fault, ProcessFault) else sum(its_counts)
@@ -419,7 +417,7 @@ class ProcessesRun:
         }
         nodes = {name: json.loads(line) for name, line in said.items() if line.startswith("{")}
         if self.operator_counters:
-            nodes["operator"] = self.operator_counters
+            nodes[OPERATOR] = self.operator_counters
         self.note_fault_effects(nodes)
         run_folder.note(self.run_dir, nodes=nodes)
         for name, one in nodes.items():

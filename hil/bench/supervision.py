@@ -9,14 +9,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from hil.faults.processes import ProcessFaults
-from hil.roster import ROSTER
+from hil.roster import ROSTER, again_name
 from hil.runs.job import Progress
 from hil.runs.outcome import Outcome
 from hil.scenario.operator import OPERATOR_PERIOD_S
 from hil.scenario.scenario import Scenario
 from hil.timing.clock import NS_PER_S
 from hil.timing.memory import SAMPLE_S, SETTLING_SHARE, MemoryWatch
-from hil.timing.pacemaker import AGAIN, Member, Plan, Takes
+from hil.timing.pacemaker import Member, Plan, Takes
 from hil.timing.processes import Child, Start
 
 BASELINE = "baseline"
@@ -29,11 +29,6 @@ REACTION_S = 0.5
 """Time for which the surviving nodes are recorded after a node has died."""
 END_SLACK_S = 0.1
 """A loop may complete its ticks and end by this time before the operator's last period."""
-
-
-def again_name(process: str) -> str:
-    """Name of the process that replaces a restarted one."""
-    return f"{process}{AGAIN}"
 
 
 def plan_of(scenario: Scenario, t0_ns: int) -> Plan:

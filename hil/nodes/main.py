@@ -29,13 +29,13 @@ from hil.nodes.warm import warm_firmware, warm_plant
 from hil.record.run_folder import VERDICT, RunFolderError
 from hil.record.traces.own_trace import is_build
 from hil.record.traces.trace import bring_home
-from hil.roster import FIRMWARE, PLANT
+from hil.roster import AGAIN, FIRMWARE, PLANT
 from hil.scenario.operator import RECEIVED_IDS, OperatorNode
 from hil.scenario.scenario import load_scenario, refuse_other_periods
 from hil.scenario.settings import apply_settings
 from hil.timing.clock import NS_PER_S, MonotonicClock
 from hil.timing.loop import FixedRateLoop, run_turns
-from hil.timing.pacemaker import AGAIN, Member
+from hil.timing.pacemaker import Member
 from hil.timing.processes import READY, Start, read_start, report_to_parent
 from hil.timing.realtime import NODE, become_realtime, die_with_parent, leave_realtime
 

@@ -16,6 +16,7 @@ from hil.record.folder_lock import FolderInUseError, is_in_use, locked
 from hil.record.new_file import MOST_NOTE_BYTES, foreign_link_on, is_foreign, is_regular, write_anew
 from hil.record.run_traces import CAN_LOG, SCENARIO, TRACES
 from hil.record.traces import trace
+from hil.roster import processes_of_a_run
 from text_input import RefusalError
 
 RUNS = Path("runs")
@@ -29,7 +30,6 @@ MADE_BY = "made_by"
 """Key in a folder's note that marks the folder as made by this program."""
 MAKER = "vibrohil"
 
-PROCESSES = ("firmware", "plant", "firmware-again", "plant-again", "baseline", "recorder", "live")
 WRITTEN_WHOLE = (
     *(f"{name}.trace" for name in TRACES),
     *("run.rrd", RUN_NOTE, "outcome.json", "processes.json", VERDICT),
@@ -37,7 +37,7 @@ WRITTEN_WHOLE = (
 MADE_BY_A_RUN = (
     *WRITTEN_WHOLE,
     *(f"{name}.new" for name in WRITTEN_WHOLE),
-    *(f"{name}.log" for name in PROCESSES),
+    *(f"{name}.log" for name in (*processes_of_a_run(), "baseline", "recorder", "live")),
     *(SCENARIO, CAN_LOG, "junit.xml", "report.html", RESERVE),
 )
 """Every file that a run may write; the suffix `.new` marks unfinished files."""

@@ -37,8 +37,6 @@ KEPT_TURNS = 1 << 17
 """Turns whose times are kept: one minute, five times what the recorder's queue can hold."""
 
 
-AGAIN = "-again"
-"""What the name of a process that replaces a restarted one ends with."""
 PACEMAKER = "pacemaker"
 """Name of the process that gives the turns: the hub of `local`, or one like it."""
 

@@ -37,7 +37,8 @@ from hil.record.rrd.rates import slow_rows
 from hil.record.run_traces import RunTraces, column, read_run
 from hil.record.state_timeline import lower_name
 from hil.record.traces.stored_trace import Records
-from hil.timing.pacemaker import AGAIN, Hold
+from hil.roster import AGAIN, names
+from hil.timing.pacemaker import Hold
 from plant_sim.arrays import FloatArray
 
 DEFAULT_PERIOD_S = 1e-3
@@ -49,8 +50,6 @@ LONGEST_HOLD_MS = 3.0
 detection takes a few ticks."""
 OWN_BUSES = ("local", "vcan")
 """Names of the buses that are made for a run alone."""
-SENDERS = ("plant", "firmware", "operator")
-"""The run's own nodes."""
 OVERRUN_FRACTION = 1e-3
 """Allowed overruns in addition to twice those of a bare sleep loop, as a share of the ticks due."""
 OVERRUN_FRACTION_UML = 1e-2
@@ -247,7 +246,7 @@ def memory_figures(outcome: Mapping[str, Any]) -> MemoryFigures:
 
 def senders_of(run: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The counts of the nodes that send, from the content of run.json."""
-    return [one for name, one in run.get("nodes", {}).items() if name.removesuffix(AGAIN) in SENDERS]
+    return [one for name, one in run.get("nodes", {}).items() if name.removesuffix(AGAIN) in names()]
 
 
 def refusals_of(run: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -273,7 +272,7 @@ def log_figures(traces: RunTraces, clock: str) -> LogFigures:
         return no_figures(LogFigures)
     recorded, lost = nodes["recorder"]["frames"], nodes["recorder"]["lost"]
     counts_losses = traces.run.get("counts_losses", False)
-    if any("sent" not in nodes.get(name, {}) for name in SENDERS):
+    if any("sent" not in nodes.get(name, {}) for name in names()):
         return LogFigures(lost if counts_losses else None, None, None)
     unsent = sum(one["unsent"] for one in refusals_of(traces.run))
     if not counts_losses:
