@@ -9,6 +9,7 @@ from typing import Annotated, Literal, NamedTuple, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
+from plant_sim.jets import ROW, Jet, at_least, constant, exponential, product, square
 from plant_sim.kernels import by_part, one_of, subroutine
 from plant_sim.tables.quantities import Damping, Number, Speed
 from plant_sim.tables.table import Table
@@ -81,35 +82,70 @@ def set_off(pull: float, limit: float, near: float, growth: float, is_on_stop: b
 
 
 @by_part
-def friction_force_n(friction: Friction, normal_n: float, v_m_s: float, direction: float) -> float:
+def friction_force_n(friction: Friction, jet: Jet, normal_n: float, v_m_s: float, direction: float) -> float:
     """F_f, N, of a striker sliding in `direction`, ±1; within a solver's stage v may overshoot zero."""
     return 0.0
 
 
 @friction_force_n.register(Viscous)
-def _viscous_friction_force_n(friction: Viscous, normal_n: float, v_m_s: float, direction: float) -> float:
+def _viscous_friction_force_n(
+    friction: Viscous, jet: Jet, normal_n: float, v_m_s: float, direction: float
+) -> float:
     return -friction.b_n_s_m * v_m_s
 
 
 @friction_force_n.register(Coulomb)
-def _coulomb_friction_force_n(friction: Coulomb, normal_n: float, v_m_s: float, direction: float) -> float:
-    return -friction.mu * normal_n * direction - friction.b_n_s_m * v_m_s
+def _coulomb_friction_force_n(
+    friction: Coulomb, jet: Jet, normal_n: float, v_m_s: float, direction: float
+) -> float:
+    return -constant(jet, friction.mu * normal_n * direction) - friction.b_n_s_m * v_m_s
 
 
 @friction_force_n.register(Stribeck)
-def _stribeck_friction_force_n(friction: Stribeck, normal_n: float, v_m_s: float, direction: float) -> float:
-    speed = v_m_s * (direction / friction.v_s_m_s)
+def _stribeck_friction_force_n(
+    friction: Stribeck, jet: Jet, normal_n: float, v_m_s: float, direction: float
+) -> float:
+    per_speed = direction / friction.v_s_m_s
     # Where a stage slides backwards the law is continued smoothly, as far as a solver may look ahead.
     if friction.delta == 1.0:
-        power = max(speed, -2.0)
+        power = at_least(jet, per_speed * v_m_s, -2.0)
     elif friction.delta == 2.0:
-        power = speed * speed
-    else:
-        power = abs(speed) ** friction.delta
+        power = per_speed * per_speed * square(jet, ROW.v_m_s, v_m_s)
+    else:  # has no series
+        power = abs(per_speed * v_m_s) ** friction.delta
     # What does not wait for the exponential comes first: a solver's stages hang on one another by it.
     weight_n = normal_n * direction
-    sliding_n = -(friction.mu * weight_n) - friction.b_n_s_m * v_m_s
-    return sliding_n - (friction.mu_s - friction.mu) * weight_n * math.exp(-power)
+    sliding_n = -constant(jet, friction.mu * weight_n) - friction.b_n_s_m * v_m_s
+    return sliding_n - (friction.mu_s - friction.mu) * weight_n * exponential(jet, -power)
+
+
+@by_part
+def friction_loss_w(
+    friction: Friction, jet: Jet, force_n: float, normal_n: float, v_m_s: float, direction: float
+) -> float:
+    """−F_f x', W, of the friction force; a law by the square of x' has half as many terms in a series."""
+    return -product(jet, ROW.drag_n, force_n, ROW.v_m_s, v_m_s)
+
+
+@friction_loss_w.register(NoFriction)
+def _no_friction_loss_w(
+    friction: NoFriction, jet: Jet, force_n: float, normal_n: float, v_m_s: float, direction: float
+) -> float:
+    return 0.0
+
+
+@friction_loss_w.register(Viscous)
+def _viscous_friction_loss_w(
+    friction: Viscous, jet: Jet, force_n: float, normal_n: float, v_m_s: float, direction: float
+) -> float:
+    return friction.b_n_s_m * square(jet, ROW.v_m_s, v_m_s)
+
+
+@friction_loss_w.register(Coulomb)
+def _coulomb_friction_loss_w(
+    friction: Coulomb, jet: Jet, force_n: float, normal_n: float, v_m_s: float, direction: float
+) -> float:
+    return friction.mu * normal_n * direction * v_m_s + friction.b_n_s_m * square(jet, ROW.v_m_s, v_m_s)
 
 
 is_stribeck = one_of(Stribeck)

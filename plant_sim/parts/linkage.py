@@ -32,24 +32,29 @@ is_endless = one_of(Sine)
 
 
 @subroutine(inline=True)
-def piston_m(linkage: Linkage, amplitude_m: float, theta_rad: float) -> float:
-    """x_A, m."""
+def piston_and_lever_m(
+    linkage: Linkage, amplitude_m: float, sine: float, cosine: float
+) -> tuple[float, float]:
+    """x_A and dx_A/dθ, m, from sin θ and cos θ. The endless rod, linear in them, has a series."""
     if is_endless(linkage):
-        return amplitude_m * math.sin(theta_rad)
-    across = amplitude_m * math.cos(theta_rad)
+        return amplitude_m * sine, amplitude_m * cosine
+    across = amplitude_m * cosine
     along = math.sqrt(linkage.rod_m * linkage.rod_m - across * across)
     # √(L² − a²) − L = −a² / (L + √(L² − a²)), without the difference of two near numbers
-    return amplitude_m * math.sin(theta_rad) - across * across / (linkage.rod_m + along)
+    piston_m = amplitude_m * sine - across * across / (linkage.rod_m + along)
+    return piston_m, across * (1.0 + amplitude_m * sine / along)
+
+
+@subroutine(inline=True)
+def piston_m(linkage: Linkage, amplitude_m: float, theta_rad: float) -> float:
+    """x_A, m."""
+    return piston_and_lever_m(linkage, amplitude_m, math.sin(theta_rad), math.cos(theta_rad))[0]
 
 
 @subroutine(inline=True)
 def crank_torque_n_m(linkage: Linkage, force_n: float, amplitude_m: float, theta_rad: float) -> float:
     """F dx_A/dθ, N m: the crank's torque for a force F on the piston along +x."""
-    if is_endless(linkage):
-        return force_n * amplitude_m * math.cos(theta_rad)
-    across = amplitude_m * math.cos(theta_rad)
-    along = math.sqrt(linkage.rod_m * linkage.rod_m - across * across)
-    return force_n * across * (1.0 + amplitude_m * math.sin(theta_rad) / along)
+    return force_n * piston_and_lever_m(linkage, amplitude_m, math.sin(theta_rad), math.cos(theta_rad))[1]
 
 
 @subroutine

@@ -17,11 +17,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.jets import ROW
 from plant_sim.kernels import subroutine
 from plant_sim.parts.drive import constant_speed_rad_s, is_motor
 from plant_sim.parts.housing import Housing, housing_m_s2, is_level, steady_m_s2
 from plant_sim.parts.parts import Parts
-from plant_sim.solvers.adaptive.state_layout import SeriesRows, Vector, Y
+from plant_sim.solvers.adaptive.state_layout import SeriesRows, Vector
 from plant_sim.solvers.bernstein import DEGREE, NODES, ORDER, interpolate
 from plant_sim.tables.sensor_tables import AccelerometerTable, SensorsTable
 
@@ -162,8 +163,8 @@ def sense_step(
     """Drive the filters over the first `used_s` of a step of `h_s` of Bernstein coefficients `dense`."""
     inputs, share = probe.inputs, used_s / h_s
     if is_motor(parts.drive):
-        to_power(dense[Y.crank_rad_s], share, inputs[CRANK_SPEED])
-    to_power(dense[Y.v_m_s], share, inputs[STRIKER_VELOCITY])
+        to_power(dense[ROW.crank_rad_s], share, inputs[CRANK_SPEED])
+    to_power(dense[ROW.v_m_s], share, inputs[STRIKER_VELOCITY])
     if not is_level(parts.housing):
         _interpolate_housing(parts.housing, probe, used_s, begin_s)
     _drive_filters(probe, parts, used_s)

@@ -6,6 +6,7 @@ FLIGHT, CONTACT ── halt ──▶ STICK, or sliding the other way
 STICK, REST_ON_STOP ── release ──▶ FLIGHT or CONTACT
 """
 
+from plant_sim.jets import ROW
 from plant_sim.kernels import subroutine
 from plant_sim.parts.stop import elastic_force_n, has_no_stop, is_soft, stop_force_n
 from plant_sim.parts.wearer import is_worn
@@ -18,7 +19,7 @@ from plant_sim.solvers.adaptive.crank import (
     settle_crank,
 )
 from plant_sim.solvers.adaptive.event_location import Course, Event, Found, Step, earlier, steepest
-from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, LET_GO, NO_IMPACT, Flow, Run, Y, enter
+from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, LET_GO, NO_IMPACT, Flow, Run, enter
 from plant_sim.solvers.adaptive.stiction import dry_limit_n, from_rest, release, release_event
 from plant_sim.solvers.adaptive.stop import (
     come_to_rest,
@@ -94,7 +95,7 @@ def may_end(run: Run, flow: Flow, course: Course) -> bool:
         or mode.zero_depth + mode.zero_velocity + mode.zero_crank > 0
     ):
         return True
-    change = course.h_s * steepest(course, Y.v_m_s)
+    change = course.h_s * steepest(course, ROW.v_m_s)
     if dry_limit_n(parts) > 0.0 and (y.v_m_s + new.v_m_s) * flow.direction <= change:
         return True
     if not has_no_stop(parts.stop) and max(y.depth_m, new.depth_m) + 0.125 * course.h_s * change >= 0.0:
@@ -111,7 +112,7 @@ def first_event(run: Run, step: Step) -> Found:
     if flow.phase in (Phase.STICK, Phase.REST_ON_STOP):
         return earlier(found, Event.RELEASE, release_event(run, step))
     if dry_limit_n(parts) > 0.0:
-        s = root(step.dense[Y.v_m_s], -flow.direction, 0.0, memory.mode.zero_velocity, memory.scratch)
+        s = root(step.dense[ROW.v_m_s], -flow.direction, 0.0, memory.mode.zero_velocity, memory.scratch)
         found = earlier(found, Event.HALT, s)
     return stop_events(run, step, found)
 

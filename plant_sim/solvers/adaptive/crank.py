@@ -6,8 +6,10 @@ independent of the striker's.
 """
 
 import math
+from typing import NamedTuple
 
-from plant_sim.kernels import subroutine
+from plant_sim.jets import ROW, Coefficient, Jet, State, constant, square
+from plant_sim.kernels import by_part, subroutine
 from plant_sim.parts.drive import Drive, is_motor, motor_torque_n_m
 from plant_sim.parts.friction import ROUNDING, set_off
 from plant_sim.parts.linkage import crank_torque_n_m, piston_m
@@ -24,7 +26,7 @@ from plant_sim.solvers.adaptive.event_location import (
     look_within,
     steepest,
 )
-from plant_sim.solvers.adaptive.state_layout import Crank, Flow, Memory, Run, State, Y, enter_crank
+from plant_sim.solvers.adaptive.state_layout import Crank, Flow, Memory, Run, enter_crank
 from plant_sim.solvers.adaptive.wearer import from_stop_m
 from plant_sim.solvers.adaptive.winding import turning_torque_n_m
 from plant_sim.solvers.bernstein import DEGREE, NO_ROOT, NODES, at, first_beyond, interpolate, root
@@ -46,7 +48,7 @@ def crank_in_stage(drive: Drive, flow: Flow, tau_s: float, y: State) -> Crank:
 def angle_at(drive: Drive, step: Step, s: float) -> float:
     """Crank angle, rad, within a step."""
     if is_motor(drive):
-        return at(step.dense[Y.crank_rad], s)
+        return at(step.dense[ROW.crank_rad], s)
     return step.flow.angle_rad + drive.omega_rad_s * s * step.h_s
 
 
@@ -89,24 +91,39 @@ def crank_load_n_m(parts: Parts, angle_rad: float, place_m: float) -> float:
     return crank_torque_n_m(parts.linkage, spring, parts.drive.amplitude_m, angle_rad)
 
 
+@by_part
+def held_torque_n_m(jet: Jet, parts: Parts, flow: Flow, y: State) -> float:
+    """The motor's torque on the crank, N m."""
+    return turning_torque_n_m(parts, flow.torque_n_m, Crank(y.crank_rad, y.crank_rad_s), y)
+
+
+@held_torque_n_m.register(Coefficient)
+def _held_torque_n_m(jet: Coefficient, parts: Parts, flow: Flow, y: State) -> float:
+    return jet.torque_n_m
+
+
+class CrankRates(NamedTuple):
+    """Rates of the crank's angle and speed, rad/s and rad/s²; the drive's power and the crank's loss, W."""
+
+    angle: float
+    speed: float
+    drive_w: float
+    loss_w: float
+
+
 @subroutine(inline=True)
-def crank_derivative(
-    drive: Drive, flow: Flow, torque_n_m: float, load_n_m: float, crank: Crank, out: State
-) -> float:
-    """Fill in the crank's part of the derivative and the drive's power, W; returns the crank's loss, W."""
+def crank_rates(parts: Parts, jet: Jet, flow: Flow, load_n_m: float, y: State) -> CrankRates:
+    """The crank's rates."""
+    drive = parts.drive
     if not is_motor(drive):
-        out.drive_j = load_n_m * crank.speed_rad_s
-        return 0.0
+        return CrankRates(0.0, 0.0, load_n_m * drive.omega_rad_s, 0.0)
     if flow.crank_stuck:
-        out.crank_rad = 0.0
-        out.crank_rad_s = 0.0
-        out.drive_j = 0.0
-        return 0.0
-    loss_n_m = drive.viscous_n_m_s * crank.speed_rad_s + drive.dry_n_m * flow.crank_direction
-    out.crank_rad = crank.speed_rad_s
-    out.crank_rad_s = (torque_n_m - loss_n_m - load_n_m) / drive.inertia_kg_m2
-    out.drive_j = torque_n_m * crank.speed_rad_s
-    return loss_n_m * crank.speed_rad_s
+        return CrankRates(0.0, 0.0, 0.0, 0.0)
+    speed, torque_n_m = y.crank_rad_s, held_torque_n_m(jet, parts, flow, y)
+    dry_n_m = drive.dry_n_m * flow.crank_direction
+    net_n_m = constant(jet, torque_n_m - dry_n_m) - (drive.viscous_n_m_s * speed + load_n_m)
+    loss_w = drive.viscous_n_m_s * square(jet, ROW.crank_rad_s, speed) + dry_n_m * speed
+    return CrankRates(speed, net_n_m * (1.0 / drive.inertia_kg_m2), torque_n_m * speed, loss_w)
 
 
 @subroutine
@@ -182,7 +199,7 @@ def crank_may_halt(drive: Drive, flow: Flow, y: State, new: State, course: Cours
     if flow.crank_stuck:
         return True
     twice_mean: float = (y.crank_rad_s + new.crank_rad_s) * flow.crank_direction
-    return twice_mean <= course.h_s * steepest(course, Y.crank_rad_s)
+    return twice_mean <= course.h_s * steepest(course, ROW.crank_rad_s)
 
 
 @subroutine
@@ -193,7 +210,7 @@ def crank_events(run: Run, step: Step, found: Found) -> Found:
         return found
     if not flow.crank_stuck:
         s = root(
-            step.dense[Y.crank_rad_s], -flow.crank_direction, 0.0, memory.mode.zero_crank, memory.scratch
+            step.dense[ROW.crank_rad_s], -flow.crank_direction, 0.0, memory.mode.zero_crank, memory.scratch
         )
         return earlier(found, Event.CRANK_HALT, s)
     return earlier(found, Event.CRANK_BREAK, _break_event(run, dry_loss_n_m(drive), step))
@@ -219,7 +236,7 @@ def _break_event(run: Run, dry_n_m: float, step: Step) -> float:
         return first_beyond(net, 1.0, 0.0, limit, scratch)
     place = scratch.press[: step.dense.shape[1]]
     for i in range(place.size):
-        place[i] = step.dense[Y.depth_m, i] + step.dense[Y.plate_m, i]
+        place[i] = step.dense[ROW.depth_m, i] + step.dense[ROW.plate_m, i]
     slope = crank_load_n_m(parts, angle_rad, 0.0) - crank_load_n_m(parts, angle_rad, 1.0)
     at_stop = motor_torque_n_m(parts.drive, flow.torque_n_m, 0.0) - crank_load_n_m(parts, angle_rad, 0.0)
     return first_beyond(place, slope, at_stop, limit, scratch)
@@ -230,7 +247,7 @@ def angle_event(run: Run, up_rad: float, down_rad: float, step: Step) -> float:
     """First s at which the crank reaches `up_rad`, above its angle at the start, or `down_rad`, below it."""
     drive = run.parts.drive
     if is_motor(drive):
-        angle, scratch = step.dense[Y.crank_rad], run.memory[0].scratch
+        angle, scratch = step.dense[ROW.crank_rad], run.memory[0].scratch
         return min(root(angle, 1.0, -up_rad, 0, scratch), root(angle, -1.0, down_rad, 0, scratch))
     turn, begin_rad = drive.omega_rad_s * step.h_s, step.flow.angle_rad
     bound = up_rad - begin_rad if turn > 0.0 else down_rad - begin_rad

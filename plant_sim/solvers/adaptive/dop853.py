@@ -66,13 +66,13 @@ def attempt(run: Run, flow: Flow, h_s: float, scale: Vector) -> float:
     derivative at `y`.
     """
     parts, memory = run.parts, run.memory[0]
-    held, places, k, slopes = memory.held, memory.places, memory.all_slopes, memory.slopes
+    held, places, k = memory.held, memory.places, memory.slopes
     y, trial, new = memory.all_y, memory.all_trial, memory.all_new
     for stage in range(1, 12):
         for place in range(held.motion):  # the integrals feed back into nothing
             i = places[place]
             trial[i] = y[i] + h_s * _slope(k, stage, 1 if stage < 5 else 3, i)
-        derivative(parts, flow, C[stage] * h_s, memory.trial, slopes[stage])
+        derivative(parts, flow, C[stage] * h_s, memory.trial, k[stage])
     fifth, third = 0.0, 0.0
     for place in range(held.used):
         i = places[place]
@@ -102,14 +102,14 @@ def _slope(k: Vector, stage: int, first: int, i: int) -> float:
 def extend(run: Run, flow: Flow, h_s: float) -> None:
     """Bernstein coefficients of the motion over the step, into `memory.dense`."""
     parts, memory = run.parts, run.memory[0]
-    k, slopes, dense, places = memory.all_slopes, memory.slopes, memory.dense, memory.places
+    k, dense, places = memory.slopes, memory.dense, memory.places
     y, trial, new, motion = memory.all_y, memory.all_trial, memory.all_new, memory.held.motion
-    derivative(parts, flow, h_s, memory.new, slopes[12])
+    derivative(parts, flow, h_s, memory.new, k[12])
     for stage in range(13, STAGES):
         for place in range(motion):
             i = places[place]
             trial[i] = y[i] + h_s * _slope(k, stage, 5, i)
-        derivative(parts, flow, C[stage] * h_s, memory.trial, slopes[stage])
+        derivative(parts, flow, C[stage] * h_s, memory.trial, k[stage])
     for place in range(motion):
         i = places[place]
         b = dense[i]

@@ -3,6 +3,7 @@
 import math
 from typing import Any, NamedTuple
 
+from plant_sim.jets import ROW, State
 from plant_sim.kernels import subroutine
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_force_n, is_soft, origin_m, stop_force_n
@@ -12,7 +13,7 @@ from plant_sim.result import ElectricalLedger, EnergyLedger, MotionState, Observ
 from plant_sim.solvers.adaptive.crank import crank_in_stage
 from plant_sim.solvers.adaptive.event_location import look_within
 from plant_sim.solvers.adaptive.motion import derivative, flow_now, stored_energy_j
-from plant_sim.solvers.adaptive.state_layout import OBSERVED, Flow, Memory, Run, State, Vector, Y, now_s
+from plant_sim.solvers.adaptive.state_layout import OBSERVED, Flow, Memory, Run, Vector, now_s
 from plant_sim.solvers.adaptive.stiction import dry_limit_n, held_force_n
 from plant_sim.solvers.adaptive.stop import in_touch
 from plant_sim.solvers.adaptive.wearer import ankle_force_n, closing_m_s, felt_force_n, from_stop_m
@@ -42,11 +43,11 @@ def force_at(force: Force, dense: Vector, s: float) -> float:
     parts = force.parts
     place = velocity = 0.0
     if is_worn(parts.wearer):
-        place, velocity = at(dense[Y.plate_m], s), at(dense[Y.plate_m_s], s)
+        place, velocity = at(dense[ROW.plate_m], s), at(dense[ROW.plate_m_s], s)
     if force.is_felt and is_worn(parts.wearer):
         return abs(ankle_force_n(parts.wearer, place, velocity))
-    elastic_n = elastic_force_n(parts.stop, max(at(dense[Y.depth_m], s), 0.0))
-    return stop_force_n(parts.stop, elastic_n, at(dense[Y.v_m_s], s) - velocity, force.damping_s_m)
+    elastic_n = elastic_force_n(parts.stop, max(at(dense[ROW.depth_m], s), 0.0))
+    return stop_force_n(parts.stop, elastic_n, at(dense[ROW.v_m_s], s) - velocity, force.damping_s_m)
 
 
 @subroutine
@@ -57,12 +58,12 @@ def follow_contact(run: Run, dense: Vector, damping_s_m: float, share: float) ->
 
 
 @subroutine
-def follow_felt(run: Run, share: float) -> None:
+def follow_felt(run: Run, dense: Vector, share: float) -> None:
     """Update the largest force on a wearer by the used share of a step."""
     if is_worn(run.parts.wearer):
         memory = run.memory[0]
         contact = memory.contact
-        contact.peak_felt_n = _largest(Force(run.parts, True, 0.0), memory.dense, share, contact.peak_felt_n)
+        contact.peak_felt_n = _largest(Force(run.parts, True, 0.0), dense, share, contact.peak_felt_n)
 
 
 @subroutine
@@ -130,14 +131,14 @@ def sample_step(run: Run, flow: Flow, dense: Vector, h_s: float, used_s: float) 
 
 
 @subroutine
-def note(parts: Parts, flow: Flow, tau_s: float, y: State, slopes: State, row: Vector) -> None:
+def note(parts: Parts, flow: Flow, tau_s: float, y: State, slopes: Vector, row: Vector) -> None:
     """Write the module `tau_s` after a step's start, where its motion is `y`, as a row of `Grid`.
 
     `slopes` is scratch.
     """
     row[OBSERVED.x_m], row[OBSERVED.v_m_s] = from_stop_m(y), y.v_m_s
     derivative(parts, flow, tau_s, y, slopes)
-    row[OBSERVED.accel_m_s2] = slopes.v_m_s
+    row[OBSERVED.accel_m_s2] = slopes[ROW.v_m_s]
     row[OBSERVED.stop_force_n] = 0.0
     if is_soft(parts.stop) and in_touch(flow.phase, y.depth_m):
         elastic_n, closing = elastic_force_n(parts.stop, y.depth_m), closing_m_s(y)

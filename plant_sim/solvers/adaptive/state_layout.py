@@ -5,13 +5,13 @@ parts that are used both by name and by place have two names: `y` by name, `all_
 """
 
 import math
-from collections import namedtuple
 from typing import Annotated, Any, NamedTuple, TypeAlias, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.arrays import IntArray, One, record_type, zeros_of
+from plant_sim.jets import ROW, Rates, State
 from plant_sim.kernels import entry_point, jit, subroutine
 from plant_sim.kinds import any_parts
 from plant_sim.parts.drive import is_motor
@@ -32,48 +32,7 @@ STAGES = 16
 """Evaluations of the derivative in a step: 12 stages, 1 at its end, 3 for the continuous extension."""
 
 
-class State:
-    """The integrated quantities; those of missing parts are 0. Depth is x − x_stop − p, so that it keeps its
-    digits at the stop. The crank's angle and speed are integrated with a motor only.
-    """
-
-    depth_m: float
-    v_m_s: float
-    crank_rad: float
-    crank_rad_s: float
-    plate_m: float
-    plate_m_s: float
-    i_d_a: float
-    i_q_a: float
-    u_d_v: float
-    u_q_v: float
-    # The accounts, which feed back into nothing.
-    drive_j: float
-    friction_j: float
-    stop_j: float
-    impulse_n_s: float
-    housing_j: float
-    ankle_j: float
-    terminal_j: float
-    copper_j: float
-
-
-class Beside:
-    """Rows of a Taylor series behind those of the state; `power` and `fall` are of Stribeck's law."""
-
-    sine: float
-    cosine: float
-    spring_n: float
-    drag_n: float
-    power: float
-    fall: float
-    housing_m_s2: float
-
-
-Y: Any = namedtuple("Y", State.__annotations__)(*range(len(State.__annotations__)))
-"""Places of the state's quantities in arrays of them."""
-
-SIZE, ACCOUNTS = len(Y), Y.drive_j
+SIZE, ACCOUNTS = len(Rates._fields), ROW.drive_j
 """Number of quantities, and the place of the first account."""
 
 UNSETTLED = -1
@@ -156,17 +115,12 @@ def _array(*shape: int, of: Any = np.float64) -> np.dtype[Any]:
     return np.dtype((of, shape))
 
 
-_SERIES = np.dtype(
-    (
-        np.record,
-        [(name, np.float64, (ORDER + 1,)) for kind in (State, Beside) for name in kind.__annotations__],
-    )
-)
+_SERIES = np.dtype((np.record, [(name, np.float64, (ORDER + 1,)) for name in ROW._fields]))
 _SCRATCH = np.dtype(
     (np.record, [(name, one.dtype, one.shape) for name, one in scratch_arrays()._asdict().items()])
 )
 SeriesRows: TypeAlias = Any
-"""A record with a row of Taylor coefficients for each quantity of `State` and `Beside`."""
+"""A record with a row of Taylor coefficients for each quantity of `ROW`."""
 
 
 class Memory:
@@ -193,11 +147,10 @@ class Memory:
     """Tolerances of a step, and below those of a step in contact."""
     contact_scale: State
     all_contact_scale: Annotated[Vector, _array(SIZE)]
-    slopes: Annotated[Any, _array(STAGES, of=record_type(State))]
-    all_slopes: Annotated[Vector, _array(STAGES, SIZE)]
+    slopes: Annotated[Vector, _array(STAGES, SIZE)]
     """Derivatives of the state in the stages of DOP853."""
     series: Annotated[SeriesRows, _SERIES]
-    all_series: Annotated[Vector, _array(SIZE + len(Beside.__annotations__), ORDER + 1)]
+    all_series: Annotated[Vector, _array(len(ROW), ORDER + 1)]
     """Taylor coefficients of a step."""
     dense: Annotated[Vector, _array(ACCOUNTS, DEGREE + 1)]
     """Bernstein coefficients of the motion within a step of DOP853, or within a series of its degree."""
@@ -278,6 +231,8 @@ class Flow(NamedTuple):
     crank_direction: float
     """Direction of a turning crank with dry loss, ±1; otherwise 0."""
     crank_stuck: bool
+    is_pressed: bool
+    """Whether a soft stop presses on the striker."""
     time_s: float
     """Time at the step's start."""
     voltage_limited: bool
@@ -367,17 +322,17 @@ def _note_places(parts: Parts, memory: Memory) -> None:
     """Note which quantities the parts have: those of the motion, then the accounts."""
     memory.held.motion = memory.held.used = 0
     motor, soft = is_motor(parts.drive), is_soft(parts.stop)
-    _use(memory, Y.depth_m, 2, True)
-    _use(memory, Y.crank_rad, 2, motor)
-    _use(memory, Y.plate_m, 2, is_worn(parts.wearer))
-    _use(memory, Y.i_d_a, 4, is_wound(parts.winding))
+    _use(memory, ROW.depth_m, 2, True)
+    _use(memory, ROW.crank_rad, 2, motor)
+    _use(memory, ROW.plate_m, 2, is_worn(parts.wearer))
+    _use(memory, ROW.i_d_a, 4, is_wound(parts.winding))
     memory.held.motion = memory.held.used
-    _use(memory, Y.drive_j, 2, True)
-    _use(memory, Y.stop_j, 1, soft or is_rigid(parts.stop))
-    _use(memory, Y.impulse_n_s, 1, soft)
-    _use(memory, Y.housing_j, 1, not is_level(parts.housing))
-    _use(memory, Y.ankle_j, 1, is_worn(parts.wearer))
-    _use(memory, Y.terminal_j, 2, is_wound(parts.winding))
+    _use(memory, ROW.drive_j, 2, True)
+    _use(memory, ROW.stop_j, 1, soft or is_rigid(parts.stop))
+    _use(memory, ROW.impulse_n_s, 1, soft)
+    _use(memory, ROW.housing_j, 1, not is_level(parts.housing))
+    _use(memory, ROW.ankle_j, 1, is_worn(parts.wearer))
+    _use(memory, ROW.terminal_j, 2, is_wound(parts.winding))
 
 
 @subroutine

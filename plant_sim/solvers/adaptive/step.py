@@ -7,10 +7,12 @@ the state there has the accuracy of a step.
 
 import math
 
+from plant_sim.jets import ROW
 from plant_sim.kernels import subroutine
 from plant_sim.parts.friction import bend_m_s
 from plant_sim.parts.housing import smooth_for_s
 from plant_sim.parts.parts import Parts
+from plant_sim.parts.wearer import is_worn
 from plant_sim.result import Phase
 from plant_sim.sensors.sensing import is_sensing, sense_series, sense_step, series_order
 from plant_sim.solvers.adaptive.automaton import apply, first_event, may_end
@@ -20,7 +22,7 @@ from plant_sim.solvers.adaptive.event_location import Course, Event, Found, Step
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.observation import follow_contact, follow_felt, sample_step
 from plant_sim.solvers.adaptive.series import LEAST, motion_within, series_step_s, state_after
-from plant_sim.solvers.adaptive.state_layout import Flow, Held, Memory, Run, Vector, Y, now_s
+from plant_sim.solvers.adaptive.state_layout import Flow, Held, Memory, Run, Vector, now_s
 from plant_sim.solvers.adaptive.stop import follow_shock
 from plant_sim.solvers.adaptive.wearer import ankle_s, closing_m_s
 from plant_sim.solvers.adaptive.winding import current_s
@@ -51,6 +53,7 @@ def take_step(run: Run) -> float:
     remaining = (held.duration_s - held.elapsed_s) - held.elapsed_low_s
     longest = _longest_s(parts, memory, begin_s)
     longest_series = min(LONGEST_SERIES * longest, smooth_for_s(parts.housing, begin_s), remaining)
+    longest_series = min(longest_series, ankle_s(parts))  # beyond, an orbit amplifies what is cut off
     h = series_step_s(run, flow, scale, longest_series)
     is_series, order, attempts = h > 0.0, series_order(run.probe), 1.0
     if is_series:
@@ -63,7 +66,7 @@ def take_step(run: Run) -> float:
     used: float = h
     event = Event.NONE
     has_sample = mode.samples < grid.t_s.size and grid.t_s[mode.samples] < begin_s + h
-    is_checked = may_end(run, flow, Course(is_series, memory.all_series, memory.all_slopes, h, order))
+    is_checked = may_end(run, flow, Course(is_series, memory.all_series, memory.slopes, h, order))
     dense = memory.long_dense[:] if is_series and order == ORDER else memory.dense[:]
     if has_sample or is_checked or (is_sensing(run.probe) and not is_series):
         _look_within(run, flow, h, is_series, order, has_sample)
@@ -74,7 +77,7 @@ def take_step(run: Run) -> float:
             used = _repeat(run, flow, found, h, is_series, order)
     if flow.phase == Phase.CONTACT:
         follow_contact(run, dense, flow.damping_s_m, used / h)
-    follow_felt(run, used / h)
+    follow_felt(run, dense, used / h)
     _sense(run, h, used, begin_s, is_series)
     if has_sample:
         sample_step(run, flow, dense, h, used)
@@ -117,7 +120,7 @@ def _stages_step_s(
     held, slopes = memory.held, memory.slopes
     derivative(parts, flow, 0.0, memory.y, slopes[0])
     most_m_s = max(0.5 * abs(memory.y.v_m_s), bend_m_s(parts.friction))
-    longest_s = min(longest_s, most_m_s / max(abs(slopes[0].v_m_s), LEAST))
+    longest_s = min(longest_s, most_m_s / max(abs(slopes[0, ROW.v_m_s]), LEAST))
     attempts, next_s = 0.0, held.contact_step_s if flow.phase == Phase.CONTACT else held.free_step_s
     while True:
         h = min(next_s, longest_s, remaining_s)
@@ -125,7 +128,7 @@ def _stages_step_s(
         error = attempt(run, flow, h, scale)
         if not error <= 1.0:  # also nan
             next_s = h * (max(0.2, 0.9 * _eighth_root(1.0 / error)) if error < 1e300 else 0.2)
-        elif math.isinf(most_m_s) or h * steepest_stage(memory.all_slopes, Y.v_m_s) <= 2.0 * most_m_s:
+        elif math.isinf(most_m_s) or h * steepest_stage(memory.slopes, ROW.v_m_s) <= 2.0 * most_m_s:
             break
         else:
             next_s = 0.5 * h
@@ -181,8 +184,9 @@ def _look_within(run: Run, flow: Flow, h_s: float, is_series: bool, order: int, 
     """
     if is_series:
         slides = flow.phase in (Phase.FLIGHT, Phase.CONTACT)
-        is_crank_needed = has_sample or not slides or dry_loss_n_m(run.parts.drive) > 0.0
-        motion_within(run.memory[0], h_s, order, is_crank_needed)
+        parts = run.parts
+        is_all_needed = has_sample or not slides or dry_loss_n_m(parts.drive) > 0.0 or is_worn(parts.wearer)
+        motion_within(run.memory[0], h_s, order, is_all_needed)
     else:
         extend(run, flow, h_s)
 

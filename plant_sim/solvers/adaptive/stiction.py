@@ -6,6 +6,7 @@ The striker sticks by dry friction, or rests on a rigid stop. The law of frictio
 
 import math
 
+from plant_sim.jets import State
 from plant_sim.kernels import one_of, subroutine
 from plant_sim.parts.friction import ROUNDING, set_off, static_limit_n
 from plant_sim.parts.housing import Level, Tilted, housing_m_s2, housing_m_s3
@@ -17,7 +18,7 @@ from plant_sim.parts.wearer import is_worn
 from plant_sim.result import Phase
 from plant_sim.solvers.adaptive.crank import angle_at, angle_event, coupling_n
 from plant_sim.solvers.adaptive.event_location import Step
-from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, Run, State, Vector, enter, now_s
+from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, Run, Vector, enter, now_s
 from plant_sim.solvers.adaptive.stop import leaving_zeros, open_contact
 from plant_sim.solvers.adaptive.wearer import closing_m_s, from_stop_m
 from plant_sim.solvers.bernstein import DEGREE, NODES, Scratch, interpolate, root

@@ -6,6 +6,7 @@ An impact at a rigid stop takes no time; one at a soft stop is a contact. The la
 
 import math
 
+from plant_sim.jets import ROW
 from plant_sim.kernels import one_of, subroutine
 from plant_sim.parts.housing import shock_m_s
 from plant_sim.parts.stop import (
@@ -22,7 +23,7 @@ from plant_sim.parts.wearer import contact_mass_kg, is_worn
 from plant_sim.result import Phase
 from plant_sim.sensors.sensing import sense_jump
 from plant_sim.solvers.adaptive.event_location import Event, Found, Step, earlier
-from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, LET_GO, NO_IMPACT, Run, Y, enter, now_s
+from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, LET_GO, NO_IMPACT, Run, enter, now_s
 from plant_sim.solvers.adaptive.wearer import closing_m_s
 from plant_sim.solvers.bernstein import root
 
@@ -50,13 +51,13 @@ def stop_events(run: Run, step: Step, found: Found) -> Found:
     if has_no_stop(parts.stop) or phase not in (Phase.FLIGHT, Phase.CONTACT):
         return found
     dense = step.dense
-    depth = dense[Y.depth_m]
+    depth = dense[ROW.depth_m]
     beyond = phase == Phase.FLIGHT and is_soft(parts.stop) and depth[0] > 0.0
     if phase == Phase.FLIGHT and not beyond:
         return earlier(found, Event.TOUCH, root(depth, 1.0, 0.0, zeros, scratch))
     press, release_s = scratch.press[: depth.size], _release_s(parts.stop)
     for i in range(depth.size):
-        press[i] = depth[i] + release_s * (dense[Y.v_m_s, i] - dense[Y.plate_m_s, i])  # F/K
+        press[i] = depth[i] + release_s * (dense[ROW.v_m_s, i] - dense[ROW.plate_m_s, i])  # F/K
     if not beyond:
         return earlier(found, Event.LEAVE, root(press, -1.0, 0.0, zeros, scratch))
     found = earlier(found, Event.CLEAR, root(depth, -1.0, 0.0, 0, scratch))

@@ -5,10 +5,10 @@ Without a wearer the stop is fixed to the housing, and p = 0.
 
 import math
 
+from plant_sim.jets import ROW, Jet, State, square
 from plant_sim.kernels import subroutine
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.wearer import Ankle, is_worn
-from plant_sim.solvers.adaptive.state_layout import State
 
 
 @subroutine(inline=True)
@@ -54,15 +54,14 @@ def plate_energy_j(parts: Parts, y: State) -> float:
 
 
 @subroutine(inline=True)
-def plate_derivative(parts: Parts, push_n: float, a_b: float, y: State, out: State) -> None:
-    """Fill in the plate's part of the derivative and the ankle's loss."""
+def plate_rates(parts: Parts, jet: Jet, push_n: float, a_b: float, y: State) -> tuple[float, float, float]:
+    """The rates of the plate's displacement and velocity, and the ankle's loss, W."""
     wearer = parts.wearer
     if not is_worn(wearer):
-        return
+        return 0.0, 0.0, 0.0
     v = y.plate_m_s
-    out.plate_m = v
-    out.plate_m_s = (push_n - felt_force_n(parts, y)) / wearer.plate_kg - a_b
-    out.ankle_j = wearer.damping_n_s_m * v * v
+    acceleration = (push_n - felt_force_n(parts, y)) * (1.0 / wearer.plate_kg) - a_b
+    return v, acceleration, wearer.damping_n_s_m * square(jet, ROW.plate_m_s, v)
 
 
 @subroutine

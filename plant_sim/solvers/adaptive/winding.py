@@ -7,7 +7,8 @@ the state; at `terminal_place` the work at their terminals and the copper loss.
 import math
 from typing import NamedTuple
 
-from plant_sim.kernels import subroutine
+from plant_sim.jets import ROW, Jet, State, Value
+from plant_sim.kernels import by_part, subroutine
 from plant_sim.parts.drive import (
     MotorDrive,
     commanded_current_a,
@@ -27,7 +28,7 @@ from plant_sim.solvers.adaptive.event_location import (
     look_within,
     steepest,
 )
-from plant_sim.solvers.adaptive.state_layout import Crank, Flow, Memory, Run, State, Y
+from plant_sim.solvers.adaptive.state_layout import Crank, Flow, Memory, Run
 from plant_sim.solvers.bernstein import DEGREE, NODES, interpolate, root
 
 STABLE = 4.5
@@ -89,13 +90,32 @@ def voltage_excess(
     return commanded.d * commanded.d + commanded.q * commanded.q - limit * limit
 
 
-@subroutine(inline=True)
-def winding_derivative(parts: Parts, flow: Flow, crank: Crank, y: State, out: State) -> None:
-    """Fill in the windings' part of the derivative."""
+class WindingRates(NamedTuple):
+    """Rates of the currents, A/s, and of the loop's integrals, V/s; terminal power and copper loss, W."""
+
+    i_d: float
+    i_q: float
+    u_d: float
+    u_q: float
+    terminal_w: float
+    copper_w: float
+
+
+NO_WINDING = WindingRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@by_part
+def winding_rates(jet: Jet, parts: Parts, flow: Flow, y: State) -> WindingRates:
+    """The windings' rates; they have no series."""
+    return NO_WINDING
+
+
+@winding_rates.register(Value)
+def _winding_rates(jet: Value, parts: Parts, flow: Flow, y: State) -> WindingRates:
     winding, drive = parts.winding, parts.drive
     if not (is_wound(winding) and is_motor(drive)):
-        return
-    torque_n_m, omega_rad_s = flow.torque_n_m, crank.speed_rad_s
+        return NO_WINDING
+    torque_n_m, omega_rad_s = flow.torque_n_m, y.crank_rad_s
     i_d, i_q = y.i_d_a, y.i_q_a
     L_d, L_q, R = winding.d_inductance_h, winding.q_inductance_h, drive.resistance_ohm
     commanded = commanded_voltages(winding, drive, torque_n_m, omega_rad_s, y)
@@ -104,14 +124,17 @@ def winding_derivative(parts: Parts, flow: Flow, crank: Crank, y: State, out: St
         share = voltage_limit_v(drive) / math.sqrt(commanded.d * commanded.d + commanded.q * commanded.q)
     v_d, v_q = share * commanded.d, share * commanded.q
     electrical = drive.pole_pairs * omega_rad_s
-    out.i_d_a = (v_d - R * i_d + electrical * L_q * i_q) / L_d
-    out.i_q_a = (v_q - R * i_q - electrical * (L_d * i_d + flux_wb(drive))) / L_q
     # u' = α R (i* − i) + (R/L)(v − v*): nothing is added up that the bus cannot give
     alpha_R = winding.bandwidth_rad_s * R
-    out.u_d_v = -alpha_R * i_d + R / L_d * (v_d - commanded.d)
-    out.u_q_v = alpha_R * (commanded_current_a(drive, torque_n_m) - i_q) + R / L_q * (v_q - commanded.q)
-    out.terminal_j = 1.5 * (v_d * i_d + v_q * i_q)
-    out.copper_j = 1.5 * R * (i_d * i_d + i_q * i_q)
+    commanded_a = commanded_current_a(drive, torque_n_m)
+    return WindingRates(
+        i_d=(v_d - R * i_d + electrical * L_q * i_q) / L_d,
+        i_q=(v_q - R * i_q - electrical * (L_d * i_d + flux_wb(drive))) / L_q,
+        u_d=-alpha_R * i_d + R / L_d * (v_d - commanded.d),
+        u_q=alpha_R * (commanded_a - i_q) + R / L_q * (v_q - commanded.q),
+        terminal_w=1.5 * (v_d * i_d + v_q * i_q),
+        copper_w=1.5 * R * (i_d * i_d + i_q * i_q),
+    )
 
 
 @subroutine
@@ -126,9 +149,9 @@ def voltage_may_end(parts: Parts, flow: Flow, y: State, new: State, course: Cour
     if flow.voltage_limited:
         return True
     torque_n_m = flow.torque_n_m
-    h_s, steep_speed = course.h_s, steepest(course, Y.crank_rad_s)
-    steep_d, steep_q = steepest(course, Y.i_d_a), steepest(course, Y.i_q_a)
-    steep_u_d, steep_u_q = steepest(course, Y.u_d_v), steepest(course, Y.u_q_v)
+    h_s, steep_speed = course.h_s, steepest(course, ROW.crank_rad_s)
+    steep_d, steep_q = steepest(course, ROW.i_d_a), steepest(course, ROW.i_q_a)
+    steep_u_d, steep_u_q = steepest(course, ROW.u_d_v), steepest(course, ROW.u_q_v)
     L_d, L_q, alpha = winding.d_inductance_h, winding.q_inductance_h, winding.bandwidth_rad_s
     fastest = drive.pole_pairs * (max(abs(y.crank_rad_s), abs(new.crank_rad_s)) + h_s * steep_speed)
     most_d = max(abs(y.i_d_a), abs(new.i_d_a)) + h_s * steep_d

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.jets import NOW
 from plant_sim.kernels import jit
 from plant_sim.kinds import kernel_parts
 from plant_sim.parts.drive import constant_speed_rad_s
@@ -48,7 +49,7 @@ def _step(parts: Parts, y: float, v: float, x_A0: float, x_A1: float, h: float) 
     ahead = y + (1.0 - THETA) * h * v
     right = m * v - h * ((1.0 - THETA) * (c * (y - x_A0) + b * v) + THETA * c * (ahead - x_A1))
     # Friction of the speed before the step, without its viscous part, which is in M̂.
-    dry = -h * (friction_force_n(friction, m * striker.gravity_m_s2, abs(v), 1.0) + b * abs(v))
+    dry = -h * (friction_force_n(friction, NOW, m * striker.gravity_m_s2, abs(v), 1.0) + b * abs(v))
     # What dry friction leaves of the momentum.
     sliding = abs(right) - dry if abs(right) > dry * (1.0 + ROUNDING) else 0.0
     v1 = math.copysign(sliding, right) / effective
