@@ -62,22 +62,16 @@ class Factors:
     momentum_n_s: float
 
 
-def _tuple_of(name: str, *lists: type) -> Any:
-    """A NamedTuple with the fields of these lists."""
-    return namedtuple(name, [field for one in lists for field in one.__annotations__])
-
-
-Rates = _tuple_of("Rates", State)
-"""The quantities of `State` as a value: their time derivatives, or their k-th Taylor coefficients."""
-
-ROW = _tuple_of("ROW", State, Factors)(*range(len(State.__annotations__) + len(Factors.__annotations__)))
+_NAMES = [*State.__annotations__, *Factors.__annotations__]
+ROW: Any = namedtuple("ROW", _NAMES)(*range(len(_NAMES)))
 """Places of the quantities of `State` and of `Factors` in arrays of them."""
 
 
 class Value(NamedTuple):
-    """Values, `tau_s` after a step's start."""
+    """Values, `tau_s` after a step's start; rates go into `rates`, shape (state,)."""
 
     tau_s: float
+    rates: FloatArray
 
 
 class Coefficient(NamedTuple):
@@ -93,8 +87,8 @@ class Coefficient(NamedTuple):
 
 Jet: TypeAlias = Value | Coefficient
 
-NOW = Value(0.0)
-"""Values at a step's start."""
+NOW = Value(0.0, np.empty(0))
+"""Values alone."""
 
 
 @by_part
@@ -106,6 +100,18 @@ def constant(jet: Jet, value: float) -> float:
 @constant.register(Coefficient)
 def _constant(jet: Coefficient, value: float) -> float:
     return value if jet.k == 0 else 0.0
+
+
+@by_part
+def set_rate(jet: Any, place: int, rate: float) -> None:
+    """Note the time derivative of a quantity of `State`."""
+    jet.rates[place] = rate
+
+
+@set_rate.register(Coefficient)
+def _set_rate(jet: Coefficient, place: int, rate: float) -> None:
+    """The quantity's next coefficient: y_(k+1) = f_k / (k + 1)."""
+    jet.rows[place, jet.k + 1] = 1.0 / (jet.k + 1) * rate
 
 
 @by_part
@@ -182,7 +188,7 @@ def sine_and_cosine(jet: Jet, angle: float, rate_row: int) -> tuple[float, float
 def _sine_and_cosine(jet: Coefficient, angle: float, rate_row: int) -> tuple[float, float]:
     k, rate, sine, cosine = jet.k, jet.rows[rate_row], jet.rows[ROW.sine], jet.rows[ROW.cosine]
     if k == 0:
-        sine[0], cosine[0] = math.sin(angle), math.cos(angle)
+        s, c = math.sin(angle), math.cos(angle)
     else:
         rise = fall = 0.0
         for j in range(k):
@@ -190,8 +196,9 @@ def _sine_and_cosine(jet: Coefficient, angle: float, rate_row: int) -> tuple[flo
             rise += rate[j] * cosine[back]
             fall += rate[j] * sine[back]
         per = 1.0 / k
-        sine[k], cosine[k] = per * rise, -per * fall
-    return float(sine[k]), float(cosine[k])
+        s, c = per * rise, -per * fall
+    sine[k], cosine[k] = s, c
+    return s, c
 
 
 @by_part
@@ -205,11 +212,12 @@ def steady_sine_and_cosine(jet: Any, start_rad: float, rate_rad_s: float) -> tup
 def _steady_sine_and_cosine(jet: Coefficient, start_rad: float, rate_rad_s: float) -> tuple[float, float]:
     k, sine, cosine = jet.k, jet.rows[ROW.sine], jet.rows[ROW.cosine]
     if k == 0:
-        sine[0], cosine[0] = math.sin(start_rad), math.cos(start_rad)
+        s, c = math.sin(start_rad), math.cos(start_rad)
     else:
         before, turn = np.uint64(k - 1), 1.0 / k * rate_rad_s
-        sine[k], cosine[k] = turn * cosine[before], -turn * sine[before]
-    return float(sine[k]), float(cosine[k])
+        s, c = float(turn * cosine[before]), float(-turn * sine[before])
+    sine[k], cosine[k] = s, c
+    return s, c
 
 
 @by_part

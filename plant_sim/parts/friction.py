@@ -127,25 +127,12 @@ def friction_loss_w(
     return -product(jet, ROW.drag_n, force_n, ROW.v_m_s, v_m_s)
 
 
-@friction_loss_w.register(NoFriction)
-def _no_friction_loss_w(
-    friction: NoFriction, jet: Jet, force_n: float, normal_n: float, v_m_s: float, direction: float
+@friction_loss_w.register(NoFriction, Viscous, Coulomb)
+def _linear_friction_loss_w(
+    friction: ClosedForm, jet: Jet, force_n: float, normal_n: float, v_m_s: float, direction: float
 ) -> float:
-    return 0.0
-
-
-@friction_loss_w.register(Viscous)
-def _viscous_friction_loss_w(
-    friction: Viscous, jet: Jet, force_n: float, normal_n: float, v_m_s: float, direction: float
-) -> float:
-    return friction.b_n_s_m * square(jet, ROW.v_m_s, v_m_s)
-
-
-@friction_loss_w.register(Coulomb)
-def _coulomb_friction_loss_w(
-    friction: Coulomb, jet: Jet, force_n: float, normal_n: float, v_m_s: float, direction: float
-) -> float:
-    return friction.mu * normal_n * direction * v_m_s + friction.b_n_s_m * square(jet, ROW.v_m_s, v_m_s)
+    dry_w = static_limit_n(friction, normal_n) * direction * v_m_s
+    return dry_w + damping_n_s_m(friction) * square(jet, ROW.v_m_s, v_m_s)
 
 
 is_stribeck = one_of(Stribeck)

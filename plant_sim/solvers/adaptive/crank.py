@@ -6,9 +6,8 @@ independent of the striker's.
 """
 
 import math
-from typing import NamedTuple
 
-from plant_sim.jets import ROW, Coefficient, Jet, State, constant, square
+from plant_sim.jets import ROW, Coefficient, Jet, State, constant, set_rate, square
 from plant_sim.kernels import by_part, subroutine
 from plant_sim.parts.drive import Drive, is_motor, motor_torque_n_m
 from plant_sim.parts.friction import ROUNDING, set_off
@@ -102,28 +101,26 @@ def _held_torque_n_m(jet: Coefficient, parts: Parts, flow: Flow, y: State) -> fl
     return jet.torque_n_m
 
 
-class CrankRates(NamedTuple):
-    """Rates of the crank's angle and speed, rad/s and rad/s²; the drive's power and the crank's loss, W."""
-
-    angle: float
-    speed: float
-    drive_w: float
-    loss_w: float
-
-
 @subroutine(inline=True)
-def crank_rates(parts: Parts, jet: Jet, flow: Flow, load_n_m: float, y: State) -> CrankRates:
-    """The crank's rates."""
+def set_crank_rates(parts: Parts, jet: Jet, flow: Flow, load_n_m: float, y: State) -> float:
+    """Note the crank's rates and the drive's power, W; return the crank's loss, W."""
     drive = parts.drive
     if not is_motor(drive):
-        return CrankRates(0.0, 0.0, load_n_m * drive.omega_rad_s, 0.0)
+        set_rate(jet, ROW.drive_j, load_n_m * drive.omega_rad_s)
+        return 0.0
     if flow.crank_stuck:
-        return CrankRates(0.0, 0.0, 0.0, 0.0)
+        set_rate(jet, ROW.crank_rad, 0.0)
+        set_rate(jet, ROW.crank_rad_s, 0.0)
+        set_rate(jet, ROW.drive_j, 0.0)
+        return 0.0
     speed, torque_n_m = y.crank_rad_s, held_torque_n_m(jet, parts, flow, y)
     dry_n_m = drive.dry_n_m * flow.crank_direction
     net_n_m = constant(jet, torque_n_m - dry_n_m) - (drive.viscous_n_m_s * speed + load_n_m)
-    loss_w = drive.viscous_n_m_s * square(jet, ROW.crank_rad_s, speed) + dry_n_m * speed
-    return CrankRates(speed, net_n_m * (1.0 / drive.inertia_kg_m2), torque_n_m * speed, loss_w)
+    set_rate(jet, ROW.crank_rad, speed)
+    set_rate(jet, ROW.crank_rad_s, net_n_m * (1.0 / drive.inertia_kg_m2))
+    set_rate(jet, ROW.drive_j, torque_n_m * speed)
+    loss_w: float = drive.viscous_n_m_s * square(jet, ROW.crank_rad_s, speed) + dry_n_m * speed
+    return loss_w
 
 
 @subroutine

@@ -9,11 +9,11 @@ from plant_sim.jets import (
     ROW,
     Coefficient,
     Jet,
-    Rates,
     State,
     Value,
     constant,
     product,
+    set_rate,
     sine_and_cosine,
     steady_sine_and_cosine,
 )
@@ -26,7 +26,7 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_energy_j, elastic_force_n, is_soft, origin_m, stop_force_n
 from plant_sim.parts.striker import spring_energy_j, spring_force_n
 from plant_sim.result import Phase
-from plant_sim.solvers.adaptive.crank import crank_rates, rotor_energy_j
+from plant_sim.solvers.adaptive.crank import rotor_energy_j, set_crank_rates
 from plant_sim.solvers.adaptive.state_layout import Flow, Run, Vector, now_s
 from plant_sim.solvers.adaptive.stop import in_touch
 from plant_sim.solvers.adaptive.wearer import (
@@ -34,9 +34,9 @@ from plant_sim.solvers.adaptive.wearer import (
     from_stop_m,
     plate_energy_j,
     plate_momentum_n_s,
-    plate_rates,
+    set_plate_rates,
 )
-from plant_sim.solvers.adaptive.winding import winding_rates
+from plant_sim.solvers.adaptive.winding import set_winding_rates
 
 
 @subroutine
@@ -61,30 +61,12 @@ def flow_now(run: Run) -> Flow:
 @subroutine(inline=True)
 def derivative(parts: Parts, flow: Flow, tau_s: float, y: State, out: Vector) -> None:
     """Time derivative of the state `tau_s` after the step's start, into `out`, shape (state,)."""
-    f = rates(parts, flow, Value(tau_s), y)
-    out[ROW.depth_m] = f.depth_m
-    out[ROW.v_m_s] = f.v_m_s
-    out[ROW.crank_rad] = f.crank_rad
-    out[ROW.crank_rad_s] = f.crank_rad_s
-    out[ROW.plate_m] = f.plate_m
-    out[ROW.plate_m_s] = f.plate_m_s
-    out[ROW.i_d_a] = f.i_d_a
-    out[ROW.i_q_a] = f.i_q_a
-    out[ROW.u_d_v] = f.u_d_v
-    out[ROW.u_q_v] = f.u_q_v
-    out[ROW.drive_j] = f.drive_j
-    out[ROW.friction_j] = f.friction_j
-    out[ROW.stop_j] = f.stop_j
-    out[ROW.impulse_n_s] = f.impulse_n_s
-    out[ROW.housing_j] = f.housing_j
-    out[ROW.ankle_j] = f.ankle_j
-    out[ROW.terminal_j] = f.terminal_j
-    out[ROW.copper_j] = f.copper_j
+    set_rates(parts, flow, Value(tau_s, out), y)
 
 
 @subroutine(inline=True)
-def rates(parts: Parts, flow: Flow, jet: Jet, y: Any) -> State:
-    """Time derivative of the state, or its k-th Taylor coefficients from those of the state."""
+def set_rates(parts: Parts, flow: Flow, jet: Jet, y: Any) -> None:
+    """Note the time derivatives of the parts' quantities, which are or have as coefficients `y`."""
     striker, drive, stop = parts.striker, parts.drive, parts.stop
     v, closing = y.v_m_s, closing_m_s(y)
     if is_motor(drive):
@@ -94,50 +76,29 @@ def rates(parts: Parts, flow: Flow, jet: Jet, y: Any) -> State:
     piston, lever = piston_and_lever_m(parts.linkage, drive.amplitude_m, sine, cosine)
     reach = constant(jet, striker.rest_length_m - origin_m(stop, striker))
     spring = spring_force_n(striker, piston + reach - from_stop_m(y))
-    load = product(jet, ROW.spring_n, spring, ROW.lever_m, lever)
-    crank = crank_rates(parts, jet, flow, load, y)
-    a_b = housing_power = 0.0
+    loss = set_crank_rates(parts, jet, flow, product(jet, ROW.spring_n, spring, ROW.lever_m, lever), y)
+    a_b = push = stop_loss = depth_rate = acceleration = 0.0
     if not is_level(parts.housing):
         a_b = housing_rate_m_s2(jet, parts.housing, flow.time_s)
         momentum = striker.mass_kg * v + plate_momentum_n_s(parts, y)
-        housing_power = -product(jet, ROW.housing_m_s2, a_b, ROW.momentum_n_s, momentum)
-    push = stop_loss = 0.0
+        set_rate(jet, ROW.housing_j, -product(jet, ROW.housing_m_s2, a_b, ROW.momentum_n_s, momentum))
     if flow.is_pressed:
         elastic = elastic_force_n(stop, y.depth_m)
         push = stop_force_n(stop, elastic, closing, flow.damping_s_m)
         stop_loss = product(jet, ROW.damping_n, push - elastic, ROW.closing_m_s, closing)
-    depth_rate = acceleration = friction_loss = 0.0
     if flow.phase in (Phase.FLIGHT, Phase.CONTACT):
         normal_n = striker.mass_kg * striker.gravity_m_s2
         drag = friction_force_n(parts.friction, jet, normal_n, v, flow.direction)
-        friction_loss = friction_loss_w(parts.friction, jet, drag, normal_n, v, flow.direction)
-        depth_rate = closing
-        acceleration = (spring - push + drag) * (
-            1.0 / striker.mass_kg
-        ) - a_b  # a division would be waited for
-    plate_rate, plate_acceleration, ankle_loss = plate_rates(parts, jet, push, a_b, y)
-    winding = winding_rates(jet, parts, flow, y)
-    result: State = Rates(
-        depth_m=depth_rate,
-        v_m_s=acceleration,
-        crank_rad=crank.angle,
-        crank_rad_s=crank.speed,
-        plate_m=plate_rate,
-        plate_m_s=plate_acceleration,
-        i_d_a=winding.i_d,
-        i_q_a=winding.i_q,
-        u_d_v=winding.u_d,
-        u_q_v=winding.u_q,
-        drive_j=crank.drive_w,
-        friction_j=crank.loss_w + friction_loss,
-        stop_j=stop_loss,
-        impulse_n_s=push,
-        housing_j=housing_power,
-        ankle_j=ankle_loss,
-        terminal_j=winding.terminal_w,
-        copper_j=winding.copper_w,
-    )
-    return result
+        loss += friction_loss_w(parts.friction, jet, drag, normal_n, v, flow.direction)
+        per_kg = 1.0 / striker.mass_kg  # a division would be waited for
+        depth_rate, acceleration = closing, (spring - push + drag) * per_kg - a_b
+    set_rate(jet, ROW.depth_m, depth_rate)
+    set_rate(jet, ROW.v_m_s, acceleration)
+    set_rate(jet, ROW.friction_j, loss)
+    set_rate(jet, ROW.stop_j, stop_loss)
+    set_rate(jet, ROW.impulse_n_s, push)
+    set_plate_rates(parts, jet, push, a_b, y)
+    set_winding_rates(jet, parts, flow, y)
 
 
 @by_part

@@ -10,20 +10,18 @@ fewer terms, and a step that needs more of them is one of DOP853.
 import math
 from typing import NamedTuple
 
-from plant_sim.jets import ROW, Coefficient, State
+from plant_sim.jets import ROW, Coefficient
 from plant_sim.kernels import one_of, subroutine
 from plant_sim.parts.drive import Drive, is_motor, motor_torque_n_m
 from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Viscous, is_stribeck, static_limit_n
 from plant_sim.parts.housing import Level, Moving, Tilted, expand_housing, is_level
 from plant_sim.parts.linkage import is_endless
-from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import KelvinVoigt, NoStop, RigidStop, has_no_stop
+from plant_sim.parts.stop import KelvinVoigt, NoStop, RigidStop
 from plant_sim.parts.striker import has_linear_spring
-from plant_sim.parts.wearer import is_worn
 from plant_sim.parts.winding import is_wound
 from plant_sim.result import Phase
 from plant_sim.sensors.sensing import is_sensing
-from plant_sim.solvers.adaptive.motion import rates
+from plant_sim.solvers.adaptive.motion import set_rates
 from plant_sim.solvers.adaptive.state_layout import Flow, Memory, Run, SeriesRows, Vector
 from plant_sim.solvers.bernstein import DEGREE, ORDER, from_powers
 
@@ -109,30 +107,16 @@ def expand(run: Run, flow: Flow, order: int) -> None:
     for place in range(memory.held.used):
         i = memory.places[place]
         rows[i, 0] = memory.all_y[i]
-    motion = Motion(y.depth_m, y.v_m_s, y.crank_rad, y.crank_rad_s, y.plate_m, y.plate_m_s)
     for k in range(order):
-        f = rates(parts, flow, Coefficient(rows, k, torque_n_m), motion)
-        motion = _keep(parts, rows, k + 1, f)
-
-
-@subroutine(inline=True)
-def _keep(parts: Parts, rows: Vector, k: int, f: State) -> Motion:
-    """The next coefficients of the motion, f / k; they and those of the accounts are kept in their rows."""
-    per, turned, speed, plate, plate_v = 1.0 / k, 0.0, 0.0, 0.0, 0.0
-    depth, v = per * f.depth_m, per * f.v_m_s
-    rows[ROW.depth_m, k], rows[ROW.v_m_s, k] = depth, v
-    rows[ROW.drive_j, k], rows[ROW.friction_j, k] = per * f.drive_j, per * f.friction_j
-    if is_motor(parts.drive):
-        turned, speed = per * f.crank_rad, per * f.crank_rad_s
-        rows[ROW.crank_rad, k], rows[ROW.crank_rad_s, k] = turned, speed
-    if not has_no_stop(parts.stop):
-        rows[ROW.stop_j, k], rows[ROW.impulse_n_s, k] = per * f.stop_j, per * f.impulse_n_s
-    if not is_level(parts.housing):
-        rows[ROW.housing_j, k] = per * f.housing_j
-    if is_worn(parts.wearer):
-        plate, plate_v = per * f.plate_m, per * f.plate_m_s
-        rows[ROW.plate_m, k], rows[ROW.plate_m_s, k], rows[ROW.ankle_j, k] = plate, plate_v, per * f.ankle_j
-    return Motion(depth, v, turned, speed, plate, plate_v)
+        motion = Motion(
+            rows[ROW.depth_m, k],
+            rows[ROW.v_m_s, k],
+            rows[ROW.crank_rad, k],
+            rows[ROW.crank_rad_s, k],
+            rows[ROW.plate_m, k],
+            rows[ROW.plate_m_s, k],
+        )
+        set_rates(parts, flow, Coefficient(rows, k, torque_n_m), motion)
 
 
 @subroutine

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.arrays import IntArray, One, record_type, zeros_of
-from plant_sim.jets import ROW, Rates, State
+from plant_sim.jets import ROW, State
 from plant_sim.kernels import entry_point, jit, subroutine
 from plant_sim.kinds import any_parts
 from plant_sim.parts.drive import is_motor
@@ -32,7 +32,7 @@ STAGES = 16
 """Evaluations of the derivative in a step: 12 stages, 1 at its end, 3 for the continuous extension."""
 
 
-SIZE, ACCOUNTS = len(Rates._fields), ROW.drive_j
+SIZE, ACCOUNTS = len(State.__annotations__), ROW.drive_j
 """Number of quantities, and the place of the first account."""
 
 UNSETTLED = -1

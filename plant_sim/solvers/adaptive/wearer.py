@@ -5,7 +5,7 @@ Without a wearer the stop is fixed to the housing, and p = 0.
 
 import math
 
-from plant_sim.jets import ROW, Jet, State, square
+from plant_sim.jets import ROW, Jet, State, set_rate, square
 from plant_sim.kernels import subroutine
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.wearer import Ankle, is_worn
@@ -54,14 +54,15 @@ def plate_energy_j(parts: Parts, y: State) -> float:
 
 
 @subroutine(inline=True)
-def plate_rates(parts: Parts, jet: Jet, push_n: float, a_b: float, y: State) -> tuple[float, float, float]:
-    """The rates of the plate's displacement and velocity, and the ankle's loss, W."""
+def set_plate_rates(parts: Parts, jet: Jet, push_n: float, a_b: float, y: State) -> None:
+    """Note the rates of the plate and the ankle's loss."""
     wearer = parts.wearer
     if not is_worn(wearer):
-        return 0.0, 0.0, 0.0
+        return
     v = y.plate_m_s
-    acceleration = (push_n - felt_force_n(parts, y)) * (1.0 / wearer.plate_kg) - a_b
-    return v, acceleration, wearer.damping_n_s_m * square(jet, ROW.plate_m_s, v)
+    set_rate(jet, ROW.plate_m, v)
+    set_rate(jet, ROW.plate_m_s, (push_n - felt_force_n(parts, y)) * (1.0 / wearer.plate_kg) - a_b)
+    set_rate(jet, ROW.ankle_j, wearer.damping_n_s_m * square(jet, ROW.plate_m_s, v))
 
 
 @subroutine

@@ -7,7 +7,7 @@ the state; at `terminal_place` the work at their terminals and the copper loss.
 import math
 from typing import NamedTuple
 
-from plant_sim.jets import ROW, Jet, State, Value
+from plant_sim.jets import ROW, Jet, State, Value, set_rate
 from plant_sim.kernels import by_part, subroutine
 from plant_sim.parts.drive import (
     MotorDrive,
@@ -90,31 +90,16 @@ def voltage_excess(
     return commanded.d * commanded.d + commanded.q * commanded.q - limit * limit
 
 
-class WindingRates(NamedTuple):
-    """Rates of the currents, A/s, and of the loop's integrals, V/s; terminal power and copper loss, W."""
-
-    i_d: float
-    i_q: float
-    u_d: float
-    u_q: float
-    terminal_w: float
-    copper_w: float
-
-
-NO_WINDING = WindingRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
 @by_part
-def winding_rates(jet: Jet, parts: Parts, flow: Flow, y: State) -> WindingRates:
-    """The windings' rates; they have no series."""
-    return NO_WINDING
+def set_winding_rates(jet: Jet, parts: Parts, flow: Flow, y: State) -> None:
+    """Note the windings' rates; they have no series."""
 
 
-@winding_rates.register(Value)
-def _winding_rates(jet: Value, parts: Parts, flow: Flow, y: State) -> WindingRates:
+@set_winding_rates.register(Value)
+def _set_winding_rates(jet: Value, parts: Parts, flow: Flow, y: State) -> None:
     winding, drive = parts.winding, parts.drive
     if not (is_wound(winding) and is_motor(drive)):
-        return NO_WINDING
+        return
     torque_n_m, omega_rad_s = flow.torque_n_m, y.crank_rad_s
     i_d, i_q = y.i_d_a, y.i_q_a
     L_d, L_q, R = winding.d_inductance_h, winding.q_inductance_h, drive.resistance_ohm
@@ -124,17 +109,15 @@ def _winding_rates(jet: Value, parts: Parts, flow: Flow, y: State) -> WindingRat
         share = voltage_limit_v(drive) / math.sqrt(commanded.d * commanded.d + commanded.q * commanded.q)
     v_d, v_q = share * commanded.d, share * commanded.q
     electrical = drive.pole_pairs * omega_rad_s
+    set_rate(jet, ROW.i_d_a, (v_d - R * i_d + electrical * L_q * i_q) / L_d)
+    set_rate(jet, ROW.i_q_a, (v_q - R * i_q - electrical * (L_d * i_d + flux_wb(drive))) / L_q)
     # u' = α R (i* − i) + (R/L)(v − v*): nothing is added up that the bus cannot give
     alpha_R = winding.bandwidth_rad_s * R
     commanded_a = commanded_current_a(drive, torque_n_m)
-    return WindingRates(
-        i_d=(v_d - R * i_d + electrical * L_q * i_q) / L_d,
-        i_q=(v_q - R * i_q - electrical * (L_d * i_d + flux_wb(drive))) / L_q,
-        u_d=-alpha_R * i_d + R / L_d * (v_d - commanded.d),
-        u_q=alpha_R * (commanded_a - i_q) + R / L_q * (v_q - commanded.q),
-        terminal_w=1.5 * (v_d * i_d + v_q * i_q),
-        copper_w=1.5 * R * (i_d * i_d + i_q * i_q),
-    )
+    set_rate(jet, ROW.u_d_v, -alpha_R * i_d + R / L_d * (v_d - commanded.d))
+    set_rate(jet, ROW.u_q_v, alpha_R * (commanded_a - i_q) + R / L_q * (v_q - commanded.q))
+    set_rate(jet, ROW.terminal_j, 1.5 * (v_d * i_d + v_q * i_q))
+    set_rate(jet, ROW.copper_j, 1.5 * R * (i_d * i_d + i_q * i_q))
 
 
 @subroutine
