@@ -65,8 +65,8 @@ def derivative(parts: Parts, flow: Flow, tau_s: float, y: State, out: Vector) ->
 
 
 @subroutine(inline=True)
-def set_rates(parts: Parts, flow: Flow, jet: Jet, y: Any) -> None:
-    """Note the time derivatives of the parts' quantities, which are or have as coefficients `y`."""
+def set_rates(parts: Parts, flow: Flow, jet: Jet, y: Any) -> tuple[float, float]:
+    """Note the rates of all quantities, or their coefficients; return those of depth and velocity."""
     striker, drive, stop = parts.striker, parts.drive, parts.stop
     v, closing = y.v_m_s, closing_m_s(y)
     if is_motor(drive):
@@ -99,6 +99,7 @@ def set_rates(parts: Parts, flow: Flow, jet: Jet, y: Any) -> None:
     set_rate(jet, ROW.impulse_n_s, push)
     set_plate_rates(parts, jet, push, a_b, y)
     set_winding_rates(jet, parts, flow, y)
+    return depth_rate, acceleration
 
 
 @by_part

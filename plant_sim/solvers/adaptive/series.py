@@ -107,16 +107,19 @@ def expand(run: Run, flow: Flow, order: int) -> None:
     for place in range(memory.held.used):
         i = memory.places[place]
         rows[i, 0] = memory.all_y[i]
+    depth, v = y.depth_m, y.v_m_s  # a processor would wait for them to be stored and read
     for k in range(order):
         motion = Motion(
-            rows[ROW.depth_m, k],
-            rows[ROW.v_m_s, k],
+            depth,
+            v,
             rows[ROW.crank_rad, k],
             rows[ROW.crank_rad_s, k],
             rows[ROW.plate_m, k],
             rows[ROW.plate_m_s, k],
         )
-        set_rates(parts, flow, Coefficient(rows, k, torque_n_m), motion)
+        depth_rate, acceleration = set_rates(parts, flow, Coefficient(rows, k, torque_n_m), motion)
+        per = 1.0 / (k + 1)
+        depth, v = per * depth_rate, per * acceleration
 
 
 @subroutine

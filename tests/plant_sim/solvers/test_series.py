@@ -90,9 +90,7 @@ def test_a_series_obeys_the_equations_of_motion(name: str) -> None:
     one = module(*SCENES[name])
     memory = one.memory[0]
     used = memory.places[: memory.held.used]
-    memory.all_series[[*used, *range(ROW.sine, len(ROW))]] = (
-        np.nan
-    )  # shows what is read unset
+    memory.all_series[[*used, *range(ROW.sine, len(ROW))]] = np.nan  # shows what is read unset
     assert _step_s(one) > 0.0
     for h_s in (0.0, 0.3 * H_S, H_S):
         _expanded(one, h_s)
