@@ -8,16 +8,15 @@ from tools.program import program
 
 MADE = "<!-- made by `python -m tools.dev.reference`; change the code it is made from -->"
 
-FEWEST_SECTIONS = 3
+FEWEST_SECTIONS = 2
 """What has the same name and meaning in this number of sections or more is described once for all of them."""
 
 
 def find_repeated(sections: Iterable[Mapping[str, str]]) -> dict[str, str]:
-    """The meanings, by their names, that are described once for several sections: one for a name."""
+    """The meanings, by their names, that are described once: of a name the most frequent one."""
     counts = Counter(meaning for section in sections for meaning in section.items())
-    found = [meaning for meaning, count in counts.items() if count >= FEWEST_SECTIONS]
-    meanings = Counter(name for name, _ in found)
-    return {name: meaning for name, meaning in found if meanings[name] == 1}
+    rising = reversed(counts.most_common())
+    return {name: meaning for (name, meaning), count in rising if count >= FEWEST_SECTIONS}
 
 
 def row(*cells: Any) -> str:

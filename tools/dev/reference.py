@@ -125,14 +125,11 @@ def parameters() -> str:
     )
     return page(
         "Firmware parameters",
-        "The nominal parameters of the module and the tuning of the controller. A scenario sets them under "
-        "`[firmware]`, the command line with `--set firmware.NAME=VALUE`, XCP by its name in the "
-        "A2L file.",
-        "The **tier** of a parameter determines who may change it. **build**: the control period and the "
-        "hard ceilings; a parameter file that "
-        "contains one is rejected. A scenario may set them, because it also describes the bench's build. "
-        "**module**: the nominal parameters of the module and its motor. **tuning**: the controller's "
-        "behaviour; *at rest* or *in motion* says when "
+        "A scenario sets these under `[firmware]`, the command line with `--set firmware.NAME=VALUE`, XCP by "
+        "the name in the A2L file.",
+        "The **tier** says who may change a parameter. **build**: a parameter file that contains one is "
+        "rejected; a scenario, which also describes the bench's build, may set it. **module**: the nominal "
+        "parameters of the module. **tuning**: the behaviour; *at rest* or *in motion* says when "
         "[a master of XCP](../how-to/measure-and-calibrate.md) may change it, within its bounds. "
         "A bound given as a name is the value of that parameter.",
         table(["name", "tier", "unit", "default", "bounds", "meaning"], rows),
@@ -229,10 +226,8 @@ def requirement_page() -> str:
     return page(
         "Requirements",
         "The requirements on the module, and the checks and tests that prove them. A scenario's check names "
-        "its requirement with the key `requirement`. `vibrohil suite` lists for each requirement the checks "
-        "that prove it and their results: on its page, in `suite.json` and in JUnit. The tests fail if a "
-        "requirement has no proof, or if a scenario's check proves no requirement. A test names its "
-        'requirement with `@pytest.mark.requirement("S-01")`; `pytest -k NAME` runs it.',
+        "its requirement with the key `requirement`; `vibrohil suite` lists the results by requirement. "
+        'A test names its requirement with `@pytest.mark.requirement("S-01")`; `pytest -k NAME` runs it.',
         "A check takes the limits of its requirement: of several limits of a figure the last one whose "
         "conditions hold. A scenario may only demand more. A condition names a `kind` of fault in the "
         "script, a figure of which a check demands this value, or a key of the scene or the firmware. "
@@ -350,17 +345,15 @@ def scenes() -> str:
         parts += [f"## {heading}", *table_sections(found)]
     parts += ["## Sets of checks", table(["name", "title", "checks"], check_set_rows())]
     parts.append(
-        "## Sizes\n\nEvery number has a largest size, and a number above 0 has a smallest one, by its "
-        "quantity. A number that may be 0 is 0 or at least 1e-15."
+        "## Sizes\n\nThe smallest size of a number above 0, and the largest size. "
+        "A number that may be 0 is 0 or at least 1e-15."
     )
     fields = (field for one in [*of_scenario, *tables_in(BenchScene)] for field in one.model_fields.values())
     rows = (
-        row(
-            " in ".join(filter(None, (one.name, one.unit))), f"{one.smallest:g} … {one.largest:g}", one.reason
-        )
+        row(" in ".join(filter(None, (one.name, one.unit))), f"{one.smallest:g} … {one.largest:g}")
         for one in sorted(set(map(quantity_of, fields)), key=lambda one: one.name)
     )
-    parts.append(table(["quantity", "size", "why no more"], rows))
+    parts.append(table(["quantity", "size"], rows))
     return page("Scenarios and scenes", *parts)
 
 
@@ -398,11 +391,10 @@ def faults() -> str:
         "A fault is a table `[[script.faults]]` of a scenario. It acts on the bus, at a sensor, in the drive "
         "or the module, on a process or on its clock, but never inside the firmware. Each fault has `at_s`, "
         "its beginning in s from the start, and `duration_s`, by default to the end of the run.",
-        "The tables name what a scenario requires, measured on the truth. *Torque 0 within*: from the "
-        "fault's beginning until the motor's torque is finally 0. *Command 0 within*: from the time at which "
-        "the drive must be off until the commanded torque is finally 0. *Impacts within*: from the fault's "
-        "end until each drive period has an impact again. *Bounds*: torque, speed and force stay within the "
-        "scenario's bounds.",
+        "Below each fault stands what its scenarios require of the truth. *Torque 0 within*: from the "
+        "fault's beginning. *Command 0 within*: from the time at which the drive must be off until the "
+        "commanded torque is 0. *Impacts within*: from the fault's end until each drive period has an impact"
+        ". *Bounds*: torque, speed and force stay within the scenario's bounds.",
         "Keys of several faults, each of which names those that it has:",
         table(KEYS, iter(shared.values())),
     ]
@@ -416,12 +408,11 @@ def faults() -> str:
                 parts.append(table(KEYS, iter(own)))
             if also := [f"`{key}`" for key, text in keys.items() if shared.get(key) == text]:
                 parts.append(f"[Keys](#faults){' also' if own else ''}: {', '.join(also)}.")
-            rows = [
-                row(f"`{one.name}`", reaction_of(one))
-                for one in scenarios
-                if any(isinstance(fault, kind) for fault in one.faults)
-            ]
-            parts.append(table(["scenario", "required"], iter(rows)))
+            required: dict[str, list[str]] = {}
+            for one in scenarios:
+                if any(isinstance(fault, kind) for fault in one.faults):
+                    required.setdefault(reaction_of(one), []).append(f"`{one.name}`")
+            parts.append("\n".join(f"- {what}: {', '.join(names)}" for what, names in required.items()))
     return page("Faults", *parts)
 
 
