@@ -31,8 +31,7 @@ def bring_up(
     """Lead through the first day with hardware, one step after the other, each with its bounds.
 
     Before anything moves the command says what will move and asks; Ctrl-C is an E-stop at any time. --set
-    firmware.KEY=VALUE gives values of the data sheet, such as striker.mass_kg and striker.rest_length_m,
-    which no sensor shows. The folder keeps every frame, the parameters found and the report bring-up.html.
+    firmware.KEY=VALUE gives values of the data sheet, such as striker.mass_kg and striker.rest_length_m.
     """
     from firmware_py.shell.parameters import addresses_from, with_overrides
     from hil.scenario.settings import apply_settings

@@ -45,10 +45,9 @@ def falsify(
 ) -> None:
     """Search for the run with the smallest margin, by Sobol points, differential evolution and CMA-ES.
 
-    Each varies the values of the scenario's tables `search`; without one, of the default space: instant and
-    size of its fault, the module as campaigns sample it, the sensors' errors, and small disturbances. A
-    counterexample is made small, written as a scenario and run for `vibrohil view`; the exit status is then
-    1. The same command continues an interrupted search; with a larger budget it takes over the runs.
+    Each varies the values of the scenario's tables `search`; without one, its fault, the module, the sensors'
+    errors, and small disturbances. A counterexample is written as a small scenario; the exit status is then
+    1. The same command continues an interrupted search, also with a larger budget.
     """
     from hil.bench.options import RunOptions, prepare
     from hil.bench.workers import WorkerDiedError

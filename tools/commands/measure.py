@@ -28,8 +28,7 @@ def measure(
 ) -> None:
     """Measure signals of a running firmware, simulated or on a board, on any bus.
 
-    All signals of a sample belong to one tick. Floats arrive as float32. The bus carries one frame of samples
-    per tick: one signal at 1 kHz or forty at 25 Hz. The log has the signals in the places of a run's log.
+    The bus carries one frame of samples per tick: one signal at 1 kHz or forty at 25 Hz, as float32.
     """
     from firmware_py.node.places import ALL
     from tools.logs.measured import measure_signals

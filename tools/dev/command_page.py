@@ -49,7 +49,7 @@ def options_of(command: Any) -> dict[str, str]:
         if option.name == "help" or "--json" in option.opts:
             continue
         every = (*option.opts, *option.secondary_opts)
-        names = ", ".join(f"`{one}`" for one in every) or f"`{option.name}`"
+        names = "/".join(f"`{one}`" for one in every) or f"`{option.name}`"
         shown = names if names.startswith("`--") else f"`{(option.metavar or option.name).upper()}`"
         found[shown] = getattr(option, "help", None) or ""
     return found

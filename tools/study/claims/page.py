@@ -104,7 +104,7 @@ def _numbers(values: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
 
 
 def _section(claim: JudgedClaim) -> Iterator[str]:
-    yield f"\n## {claim.id}\n\n{claim.statement} **{claim.verdict.capitalize()}.**\n\n{claim.reason}\n"
+    yield f"\n## {claim.id}\n\n**{claim.verdict.capitalize()}.**\n\n{claim.reason}\n"
     if claim.judgement:
         yield f"Judgement: {claim.judgement}\n"
     yield "| measured | |"
