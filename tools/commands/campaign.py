@@ -95,8 +95,8 @@ def campaign(
     settings = [*module, *settings_of(parameters or []), *(change or [])]
     plan = chosen.plan(settings, seed, firmware)
     others = [] if baseline in (None, "default") else [Path(str(baseline))]
-    common = [one for one in change or [] if not one.startswith("firmware.")]
-    plan_before = chosen.plan([*module, *settings_of(others), *common], seed, firmware)
+    common = [one for one in [*module, *(change or [])] if not one.startswith("firmware.")]
+    plan_before = chosen.plan([*settings_of(others), *common], seed, firmware)
     if baseline is not None and plan_before == plan:
         raise BadInputError(
             f"--baseline {baseline} has the same parameters as this campaign, so nothing would differ; "

@@ -25,14 +25,15 @@ LATEST_TICKS = 10
 EARLIEST_TICKS = -1
 """Least age: the tick itself was late, and the reading of the next one has arrived in it, too."""
 LASTING_TICKS = 2500
-"""Readings after which an age that lasts is one less: no reading is late, but the clocks have drifted apart.
+"""Late readings in surplus after which the age is one less: none is late, but the clocks have drifted apart.
 Clocks that differ by 0.02 % drift by a tick in twice this time."""
 
 
 class CrankState(NamedTuple):
     """The crank at the time of the newest sensor sample. θ in [0, 2π): the piston's position is A sin θ.
 
-    `late_ticks`: estimated age of the newest reading when it arrived; `lasting_ticks`: readings of this age.
+    `late_ticks`: estimated age of the newest reading when it arrived; `lasting_ticks`: the number of late
+    readings less that of timely ones, since it was 0 or the age was last taken for drift.
     """
 
     angle_rad: float
@@ -136,10 +137,10 @@ def step(
         )
     innovation_rad = wrap_pi(turned.angle_rad - angle_rad)
     late_ticks = estimate_age(state, turned.frames, omega_rad_s * T, innovation_rad)
-    lasting_ticks = 0
+    lasting_ticks = max(state.lasting_ticks - 1, 0)
     if late_ticks != 0:
         innovation_rad = wrap_pi(turned.angle_rad + late_ticks * omega_rad_s * T - angle_rad)
-        lasting_ticks = state.lasting_ticks + 1 if late_ticks == state.late_ticks else 0
+        lasting_ticks = state.lasting_ticks + 1
         if lasting_ticks >= LASTING_TICKS:
             drift_ticks = 1 if late_ticks > 0 else -1
             angle_rad -= drift_ticks * omega_rad_s * T
