@@ -63,7 +63,7 @@ def frames() -> str:
         "(SAE J1850 over the identifier's low byte and the data).",
         "The firmware uses a protected frame if it continues the sequence of its source: its counter "
         "has advanced, and by no more than the frames that its source can have sent in the time since "
-        f"the newest one and {late}. So a lost frame costs only itself. After a restart of the source, or "
+        f"the newest one and {late}. After a restart of the source, or "
         f"a silence of half a turn of the counter less {late}, the first {NEW_SEQUENCE - 1} frames are "
         "lost too. A frame that repeats the newest one, or is out of sequence, is dropped, counted "
         "(`counters.rejected_repeated`, `counters.rejected_sequence`; `counters.new_sequences` begun) and "
@@ -232,9 +232,7 @@ def requirement_page() -> str:
         "conditions hold. A scenario may only demand more. A condition names a `kind` of fault in the "
         "script, a figure of which a check demands this value, or a key of the scene or the firmware. "
         "Where a fault takes time to show on the bus, the check states it as `shows_after_s`, which "
-        "extends the limit. Limits hold in lockstep and in real time: held time changes no figure of the "
-        "motion, and in strict time a check whose interval a host stall of 3 ms or more has touched is "
-        "not judged.",
+        "extends the limit.",
         table(["id", "requirement", "limits", "stated in", "checks", "tests"], requirement_rows()),
         table(["quantity", "meaning"], quantity_rows()),
         "## Scenarios",

@@ -297,18 +297,15 @@ def measure(extreme: Extreme) -> dict[str, Cell]:
 INTRODUCTION = """\
 # Extreme cases, by every solver
 
-This page gives the error of each solver in extreme cases, or the reason why the solver rejects the case. It
-is written by `vibrohil trade extremes --page docs/extremes.md`, and tests measure each row again.
+Written by `vibrohil trade extremes --page docs/extremes.md`. A cell is the error of the state at the end of a
+run, in m: of the position or of the velocity divided by ω, whichever is larger. *refused* gives the number of
+the error message below. `Plant` advances in ticks of 1 ms unless stated otherwise. A kick or a moved stop
+disturbs the running plant; `exact` and `adaptive` begin a second run at the disturbed state. The requested
+accuracy is 1e-9 m per period. Other parameters: scenes `table1-viscous`, `-coulomb`, `-stribeck` and
+`-motor-soft`.
 
-A cell is the error of the state at the end of a run, in m: the error of the position or of the velocity
-divided by ω, whichever is larger. *refused* gives the number of the error message in the list below.
-`Plant` advances the module tick by tick, with ticks of 1 ms unless stated otherwise. A kick or a moved stop
-is a disturbance of the running plant; `exact` and `adaptive` begin a second run at the disturbed state. The
-requested accuracy is 1e-9 m per period. All other parameters are those of the scenes `table1-viscous`,
-`-coulomb`, `-stribeck` and `-motor-soft`.
-
-The reference is the closed form. For the closed form itself, and if there is none, the reference is the
-adaptive solver at {fine:g}. The first column therefore contains the errors of both methods.
+The reference is the closed form; for the closed form itself, and if there is none, the adaptive solver at
+{fine:g}.
 
 | extreme | value | exact | adaptive | Plant |
 |---|---|---|---|---|

@@ -19,12 +19,12 @@ MEANING = {
 INTRODUCTION = """\
 # The paper's claims, measured
 
-This page tests the claims of Jelačić & Jelačić (2026), doi 10.47001/IRJIET/2026.103016. It is written by
-`vibrohil study claims --page docs/claims.md`; every figure below comes from that run.
+The claims of Jelačić & Jelačić (2026), doi 10.47001/IRJIET/2026.103016, tested by
+`vibrohil study claims --page docs/claims.md`.
 
 Two modules are tested. `table1` is Table 1 as printed: c = 70 N/m. The paper gives no amplitude; `table1`
-has A = 20 mm with viscous friction and 30 mm with dry friction, because at 20 mm dry friction can hold the
-striker. `gait` has c = 505 N/m and A = 12 mm, so that text and table agree on the frequency.
+has A = 20 mm with viscous friction and 30 mm with dry friction, which at 20 mm can hold the striker. `gait`
+has c = 505 N/m and A = 12 mm, so that text and table agree on the frequency.
 
 Both modules have m_B = 0.8 kg, l0 = 0.12 m, x_stop = 0.18 m, k = 0.5, and b = 0.2 N s/m or μ = 0.15.
 Coulomb–Stribeck friction has μ_s = 4/3 μ, v_s = 0.05 m/s and δ = 1; the paper does not give these values
