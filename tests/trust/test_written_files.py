@@ -78,7 +78,7 @@ def options(command: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, Any
             yield f"{' '.join(path)} {option.opts[0]}", command, option
 
 
-READ = ("--parameters", "--turns")
+READ = ("--parameters", "--spread", "--turns")
 """Options for files that a command reads, and a socket."""
 
 

@@ -61,6 +61,7 @@ def on_hub(_: str, wire: ProvidedBus, device: Device) -> Iterator[Bus]:
         def send(packed: bytes) -> int:
             if device.is_full:
                 raise BlockingIOError
+            wait_for_room(stream)
             return int(stream.send(packed))
 
         node._socket = SimpleNamespace(send=send, close=stream.close)  # type: ignore[attr-defined]
@@ -87,11 +88,16 @@ def on_kernel_can(_: str, __: ProvidedBus, device: Device) -> Iterator[Bus]:
         yield node
 
 
+def wait_for_room(stream: Any) -> None:
+    """Wait until a stream to the hub has room, however late the process is that reads it."""
+    assert select.select([], [stream], [], READY_TIMEOUT_S)[1], "the hub reads nothing"
+
+
 class WithRoom(WrappedBus):
-    """A bus that sends once its stream has room, however late the process is that reads it."""
+    """A bus that sends once its stream has room."""
 
     def send_all(self, frames: Iterable[Frame]) -> None:
-        assert select.select([], [self.inner], [], READY_TIMEOUT_S)[1], "the hub reads nothing"
+        wait_for_room(self.inner)
         self.inner.send_all(frames)
 
 
