@@ -75,6 +75,7 @@ def sweep(context: Context, found: Findings) -> None:
     log = context.log("below-impacts")
     force_n = FORCE_SHARE * context.values["limit.force_n"]
     context.bench.play(played, played.longest_s, log, cautious(context, largest, force_n))
+    found.notes += played.notes
     found.largest = largest_in(log, 0.0)
     values, identified, readings = fit_module([log], context.values, is_slow=True)
     note_motion(identified, readings, found)

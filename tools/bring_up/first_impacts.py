@@ -6,7 +6,7 @@ the stop the striker is pushed back. A striker that swings further than the stop
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from firmware_py.interface.frame import Frame
 from hil.scenario.operator import Command, Request
 from tools.bring_up.below_impacts import FORCE_SHARE, cautious
 from tools.bring_up.module_fit import fit_module, largest_in, natural_rad_s
-from tools.bring_up.operated import Operated
+from tools.bring_up.operated import LatchedFaultError, Operated
 from tools.bring_up.step import PERIOD_S, Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.campaign.identified import PER_TURN, explain_no_hold
 from tools.tuning.identification.identify import GRAZING_M_S
@@ -113,6 +113,7 @@ def approach(context: Context, found: Findings) -> dict[str, float]:
     player = Watched(commands, 5.0 + (count + 8) * STEP_S, context.values, ENOUGH)
     limit_n = FORCE_SHARE * context.values["limit.force_n"]
     context.bench.play(player, player.longest_s, log, cautious(context, first_bound(context), limit_n))
+    found.notes += player.notes
     if len(player.seen) < FEWEST:
         raise StepFailedError(
             f"{len(player.seen)} impacts up to a ratio of {LAST_RATIO:g}: friction keeps the striker from "
@@ -170,21 +171,34 @@ def first_impacts(context: Context, found: Findings) -> None:
     hold(context, found, values)
 
 
-def allow_impulse(context: Context, found: Findings, values: dict[str, float]) -> None:
-    """Raise the limit of the impulse to that of an impact at `HARD_M_S`, if the user agrees."""
-    name = "limit.impulse_n_s"
+def allow_impulse(context: Context, values: Mapping[str, float]) -> dict[str, float]:
+    """The limit of the impulse, raised to that of an impact at `HARD_M_S`; empty if that is not needed.
+
+    Raises StepFailedError above the firmware's ceiling.
+    """
+    name, ceiling_n_s = "limit.impulse_n_s", values["ceiling.impulse_n_s"]
     needed = values["striker.mass_kg"] * (1.0 + values["stop.restitution"]) * HARD_M_S
-    if needed > values[name] and context.asks(
-        f"An impact at {HARD_M_S:g} m/s has {needed:.2f} N s, above {name} = {values[name]:g}, which would "
-        f"end the hold. Set {name} = {needed:.2f}?"
-    ):
-        values[name] = needed
-        found.parameters[name] = make_value(name, needed, needed, needed)
+    if needed <= values[name]:
+        return {}
+    about = f"An impact at {HARD_M_S:g} m/s has {needed:.2f} N s"
+    if needed > ceiling_n_s:
+        raise StepFailedError(
+            f"{about}, and this firmware permits at most ceiling.impulse_n_s = {ceiling_n_s:g}: if the "
+            "module bears it, build the firmware with a higher ceiling"
+        )
+    asked = f"{about}, above {name} = {values[name]:g}, which would end the hold. Set {name} = {needed:.2f}?"
+    return {name: needed} if context.asks(asked) else {}
+
+
+def with_reason(sentence: str, values: Mapping[str, float], ratio: float) -> str:
+    """A sentence, with why the module cannot be held at the ratio if that is so."""
+    return "; ".join(filter(None, (sentence, explain_no_hold(values, ratio))))
 
 
 def hold(context: Context, found: Findings, values: dict[str, float]) -> None:
     """Hold the wanted ratio with the parameters found, and fit them again."""
-    allow_impulse(context, found, values)
+    raised = allow_impulse(context, values)
+    values = values | raised
     limit_n = min(
         values["limit.force_n"],
         1.5 * HARD_M_S * math.pi * values["striker.mass_kg"] / values["stop.contact_s"],
@@ -195,17 +209,18 @@ def hold(context: Context, found: Findings, values: dict[str, float]) -> None:
     log = context.log("hold")
     try:
         context.bench.play(player, player.longest_s, log, held)
-    except StepFailedError as error:
-        raise StepFailedError("; ".join([str(error), explain_no_hold(values, context.ratio)])) from error
+    except LatchedFaultError as error:
+        raise StepFailedError(with_reason(str(error), values, context.ratio)) from error
+    found.notes += player.notes
     end = player.ended_tick
     hits = [one for tick, one in player.impacts if end - JUDGED_S * 1000 < tick <= end]
     turns = JUDGED_S * context.ratio * natural_rad_s(values) / (2.0 * math.pi)
     found.add("impacts a turn in the hold", len(hits) / turns, "1")
     if player.held_regime != Regime.IMPACT or not PER_TURN <= len(hits) / turns <= 2.0 - PER_TURN:
-        raise StepFailedError(
-            f"{len(hits)} impacts in {turns:.1f} turns at a ratio of {context.ratio:g}, regime "
-            f"{player.held_regime.name}; {explain_no_hold(values, context.ratio)}"
-        )
+        seen = f"{len(hits)} impacts in {turns:.1f} turns at a ratio of {context.ratio:g}"
+        seen += f", regime {player.held_regime.name}"
+        raise StepFailedError(with_reason(seen, values, context.ratio))
+    found.parameters |= {name: make_value(name, value, value, value) for name, value in raised.items()}
     speed_m_s, impulse_n_s = np.median([(one.approach_speed_m_s, one.impulse_n_s) for one in hits], axis=0)
     found.add("approach speed in the hold", speed_m_s, "m/s")
     found.add("impulse in the hold", impulse_n_s, "N s")

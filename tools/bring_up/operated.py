@@ -21,16 +21,22 @@ SILENT_S = 3.0
 LONGEST_STOP_S, LONGEST_REST_S = 4.0, 40.0
 STILL_REV_S, STILL_S = 0.02, 1.0
 """A crank that is slower for this time rests."""
+OLDEST_ENCODER_S = 0.1
+"""An older frame of the encoder does not show that the crank rests."""
+
+
+class LatchedFaultError(StepFailedError):
+    """The firmware has stopped the module with a fault."""
 
 
 class Operated:
     """Plays a script behind `BEGINNING` with times from `BEGUN_S` on, and ends once the module stands still.
 
     A striker without much friction may turn the crank for longer than a stop may last; STOP_FAILED then ends
-    the torque, and the module comes to rest by itself.
+    the torque, and the module comes to rest by itself, which the encoder must show; `notes` says so.
 
-    `done`: called with the player in each period; True ends the script. Raises StepFailedError for a fault or
-    a refusal of the firmware.
+    `done`: called with the player in each period; True ends the script. Raises LatchedFaultError for a fault
+    of the firmware, StepFailedError for a refusal or a crank that does not come to rest.
     """
 
     moves = True
@@ -41,8 +47,11 @@ class Operated:
         later = [one._replace(at_s=one.at_s + BEGUN_S) for one in commands]
         self._node = OperatorNode([*BEGINNING, *later], PERIOD_S, is_recorded=False)
         self._done, self._end_tick, self._waiting = done, round((BEGUN_S + end_s) / PERIOD_S), list[Frame]()
-        self._is_ending = self._is_free = False
-        self._turning_tick = 0
+        self._is_ending = False
+        self._free_tick: int | None = None
+        """The tick in which a stop ended by STOP_FAILED."""
+        self._turning_tick = self._encoder_tick = 0
+        self.notes: list[str] = []
         self.tick, self._beat_tick = 0, 0
         self.beat: FirmwareHeartbeat | None = None
         self.impacts: list[tuple[int, ImpactEvent]] = []
@@ -53,7 +62,7 @@ class Operated:
     @property
     def longest_s(self) -> float:
         """The longest duration of the whole script with its stop."""
-        return self._end_tick * PERIOD_S + LONGEST_STOP_S + LONGEST_REST_S
+        return self._end_tick * PERIOD_S + LONGEST_STOP_S + LONGEST_REST_S + STILL_S
 
     @property
     def ended_tick(self) -> int:
@@ -72,8 +81,8 @@ class Operated:
             self._is_ending, self._end_tick = True, tick
             self.held_regime = Regime(self.beat.regime) if self.beat is not None else Regime.UNCERTAIN
             self._node.finish(tick)
-        if self._is_free:
-            return None if tick > self._turning_tick + STILL_S / PERIOD_S else ()
+        if self._free_tick is not None:
+            return () if self._is_turning(self._free_tick) else None
         if self._is_ending and self.beat is not None and tick > self._end_tick + 1.0 / PERIOD_S:
             if self.beat.mode == Mode.READY:
                 return None
@@ -83,6 +92,27 @@ class Operated:
             return ()
         waiting, self._waiting = self._waiting, []
         return self._node.publish(tick, waiting)
+
+    def _is_turning(self, free_tick: int) -> bool:
+        """Whether the crank may still turn after a stop that has ended by STOP_FAILED."""
+        if self.tick > self._encoder_tick + OLDEST_ENCODER_S / PERIOD_S:
+            raise StepFailedError(
+                "the stop ended by STOP_FAILED, and without frames of the encoder nothing shows that the "
+                "crank rests: look at it, then mend the encoder's plug"
+            )
+        if self.tick >= free_tick + LONGEST_REST_S / PERIOD_S:
+            raise StepFailedError(
+                f"the stop ended by STOP_FAILED, and the crank still turns {LONGEST_REST_S:g} s later: "
+                "switch off the drive's supply, and look for what drives the crank"
+            )
+        if self.tick <= self._turning_tick + STILL_S / PERIOD_S:
+            return True
+        rests_s = (self._turning_tick - free_tick) * PERIOD_S
+        self.notes.append(
+            "the stop ended by STOP_FAILED, which took the torque off; the crank came to rest "
+            f"{rests_s:.1f} s later"
+        )
+        return False
 
     def _follow(self, frame: Frame) -> None:
         try:
@@ -94,7 +124,8 @@ class Operated:
                 self._stop_for(codec.FAULT_EVENT.decode(frame.data))
             elif frame.can_id == codec.ENCODER_ESTIMATES.can_id:
                 speed_rev_s = abs(codec.ENCODER_ESTIMATES.decode(frame.data).velocity_rev_s)
-                self._turning_tick = self.tick if speed_rev_s > STILL_REV_S else self._turning_tick
+                self._encoder_tick = self.tick
+                self._turning_tick = self._turning_tick if speed_rev_s <= STILL_REV_S else self.tick
         except FrameError:
             return
 
@@ -102,7 +133,7 @@ class Operated:
         if event.fault == Fault.REQUEST_REFUSED:
             raise StepFailedError(f"the firmware refused the request: {Refusal(event.refusal).name}")
         if event.fault == Fault.STOP_FAILED and self._is_ending:
-            self._is_free = True
+            self._free_tick = self._turning_tick = self.tick
             return
         drive = f", the drive's reason {event.disarm_reason:#x}" if event.disarm_reason else ""
-        raise StepFailedError(f"the firmware stopped the module: {Fault(event.fault).name}{drive}")
+        raise LatchedFaultError(f"the firmware stopped the module: {Fault(event.fault).name}{drive}")

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import tomli_w
@@ -19,12 +19,12 @@ from tools.bring_up.first_impacts import FIRST_IMPACTS
 from tools.bring_up.listen import LISTEN
 from tools.bring_up.report import write_report
 from tools.bring_up.step import Bench, Context, Curve, Findings, Largest, Step, StepFailedError
-from tools.bring_up.twin import SCENE, TWIN
+from tools.bring_up.twin import PARAMETER_FILE, SCENE, TWIN
 from tools.output import BadInputError
 from tools.tuning.result import Value, make_value
 
 STEPS: tuple[Step, ...] = (LISTEN, AT_REST, DRIVE, BELOW_IMPACTS, FIRST_IMPACTS, TWIN)
-STATE, REPORT, PARAMETER_FILE = "bring-up.json", "bring-up.html", "parameters.toml"
+STATE, REPORT = "bring-up.json", "bring-up.html"
 MOST_POINTS = 400
 """Points of a curve that the state and the report keep."""
 
@@ -37,16 +37,24 @@ class User:
     agrees: Callable[[str], bool]
 
 
-def read_state(folder: Path) -> list[dict[str, Any]]:
-    """The records of the steps of a begun bring-up; empty for a new folder. Raises BadInputError."""
+class State(NamedTuple):
+    """A begun bring-up: the data sheet's values that were given, and the records of the steps."""
+
+    settings: Mapping[str, float]
+    records: list[dict[str, Any]]
+
+
+def read_state(folder: Path) -> State:
+    """The state of a begun bring-up; empty for a new folder. Raises BadInputError."""
     path = folder / STATE
     if path.exists() and (not is_regular(path) or path.stat().st_size > MOST_NOTE_BYTES):
         raise BadInputError(f"{path} is no state of a bring-up; name another folder")
     if not path.exists():
         if folder.exists() and any(folder.iterdir()):
             raise BadInputError(f"{folder} holds other files; name a new folder, or one that bring-up made")
-        return []
-    return list(json.loads(path.read_bytes())["steps"])
+        return State({}, [])
+    tables = json.loads(path.read_bytes())
+    return State(tables.get("settings", {}), tables["steps"])
 
 
 def thin(curve: Curve) -> dict[str, Any]:
@@ -80,14 +88,18 @@ def parameters_in(records: Sequence[Mapping[str, Any]]) -> dict[str, Value]:
 
 
 class Session:
-    """A bring-up of one module: `settings` are the data sheet's values of the firmware's parameters."""
+    """A bring-up of one module.
+
+    `settings`: the data sheet's values of the firmware's parameters. The folder keeps them for the next time;
+    one that is given again replaces the former value.
+    """
 
     def __init__(
         self, bench: Bench, folder: Path, settings: Mapping[str, float], ratio: float, user: User
     ) -> None:
         self._bench, self._folder, self._user = bench, folder, user
-        self._settings, self._ratio = dict(settings), ratio
-        self.records = read_state(folder)
+        state = read_state(folder)
+        self._settings, self._ratio, self.records = {**state.settings, **settings}, ratio, state.records
 
     def run(self, first: str | None, last: str | None) -> dict[str, Any]:
         """Run the steps from `first` (by default the first that has not passed) to `last`; the result."""
@@ -134,7 +146,8 @@ class Session:
         finally:
             self.records.append(record_of(step, found, bound, reason))
             self._write()
-        self._user.says(f"{step.name}: {reason or 'passed'}")
+        for sentence in [*found.notes, reason or "passed"]:
+            self._user.says(f"{step.name}: {sentence}")
 
     def _parameters(self) -> dict[str, Value]:
         """The data sheet's parameters and those that the steps have found."""
@@ -143,7 +156,8 @@ class Session:
 
     def _write(self) -> None:
         """Write state, parameter file and report."""
-        write_anew(self._folder / STATE, json.dumps({"format": 1, "steps": self.records}, allow_nan=False))
+        state = {"format": 1, "settings": self._settings, "steps": self.records}
+        write_anew(self._folder / STATE, json.dumps(state, allow_nan=False))
         if parameters_in(self.records):
             table = {"format": PARAMETERS, "tuning": {"command": "bring-up"}}
             table["parameters"] = {name: value._asdict() for name, value in self._parameters().items()}

@@ -4,6 +4,7 @@ The twin gets the parameters that were found, and the same commands. Its approac
 turn in the hold are compared with the module's. Starts of modules within the intervals follow.
 """
 
+import shlex
 from collections.abc import Mapping
 from typing import Any
 
@@ -27,7 +28,7 @@ from tools.tuning.result import make_value
 from tools.tuning.safety import Bench as SafetyBench
 from tools.tuning.safety import judge_safety
 
-SCENE = "module.toml"
+SCENE, PARAMETER_FILE = "module.toml", "parameters.toml"
 LARGEST_DEVIATION = 0.05
 """Largest deviation of the twin's approach speed and impulse from the module's."""
 SEED = 1
@@ -56,6 +57,7 @@ def prove(context: Context, found: Findings) -> None:
     bench = LockstepBench(load_scene(scene), SEED)
     player = Operated([Command(0.0, Request.RUN, context.ratio)], HOLD_S)
     bench.play(player, player.longest_s, context.log("twin"), values)
+    found.notes += player.notes
     measured, simulated = impacts_in(context.log("hold")), impacts_in(context.log("twin"))
     found.curves = [
         Curve("module", measured[:, 0], measured[:, 1]),
@@ -100,7 +102,14 @@ def start_within_intervals(context: Context, found: Findings) -> None:
             f"{len(lost)} of {len(eligible)} starts of modules within the intervals fail: {'; '.join(lost)}; "
             "ask for a lower --ratio, or repeat first-impacts"
         )
-    found.notes.append("run next: vibrohil campaign start-up --spread parameters.toml")
+    found.notes.append(run_next(context))
+
+
+def run_next(context: Context) -> str:
+    """The command that starts more modules within the intervals at this ratio."""
+    path, ratio = context.folder / PARAMETER_FILE, f"campaign.ratios=[{context.ratio!r}]"
+    words = ["vibrohil", "campaign", "start-up", "--spread", str(path), "--set", ratio]
+    return f"run next: {shlex.join(words)}"
 
 
 TWIN = Step(

@@ -5,16 +5,17 @@ intervals of its parameter file.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from firmware_py.shell.parameters import with_overrides
+from firmware_py.shell.parameters import BY_NAME, ParameterError, with_overrides
 from hil.scenario.parameter_file import read_document, values_of
 from plant_sim.scene import Scene, load_scene
 from tools.campaign.reference import HELD_S, JUDGED_S, RAMP_S, SLOWEST, goes_on, simulate_alone, state_at
+from tools.output import BadInputError
 from tools.tuning.result import Value
 
 PER_TURN = 0.9
@@ -100,24 +101,38 @@ def without_wiring(values: Mapping[str, float]) -> dict[str, float]:
 def settings_on_twin(parameters: Mapping[str, Value]) -> list[str]:
     """The settings KEY=VALUE of a campaign: the twin's scene, the firmware's parameters, the half-widths.
 
-    The rest length is the scale from which the stop is measured, so it has no width of its own.
+    The scene has the middles of the intervals, as far as the parameters permit these, so that the truth is
+    anywhere within them. What has no interval has no width; neither has the rest length, the scale from which
+    the stop is measured.
     """
     values = without_wiring({name: float(one.value) for name, one in parameters.items()})
     settings = [f"firmware.{name}={value!r}" for name, value in values.items()]
-    for table, keys in scene_of(with_overrides(values)).items():
-        settings += [f"scene.{table}.{key}={as_toml(value)}" for key, value in keys.items()]
-    settings += ['campaign.laws=["viscous"]', "campaign.mismatch_rest_length_m=0.0"]
+    middles, widths = {}, {"mismatch_rest_length_m": 0.0}
     for name, (key, is_share) in WIDTHS.items():
+        widths[key] = 0.0
         if one := parameters.get(name):
-            half = max(one.high - one.value, one.value - one.low)
-            wide = half / one.value if is_share and one.value else half if not is_share else 0.0
-            settings.append(f"campaign.{key}={float(wide)!r}")
-    return settings
+            low, high = max(one.low, BY_NAME[name].low), min(one.high, BY_NAME[name].high)
+            middle, half = 0.5 * (low + high), 0.5 * (high - low)
+            middles[name] = float(middle)
+            widths[key] = float(half / middle if is_share and middle else half)
+    for table, keys in scene_of(with_overrides(values) | middles).items():
+        settings += [f"scene.{table}.{key}={as_toml(value)}" for key, value in keys.items()]
+    settings.append('campaign.laws=["viscous"]')
+    return settings + [f"campaign.{key}={wide!r}" for key, wide in widths.items()]
 
 
 def as_toml(value: Any) -> str:
     """A number or a word as TOML has it."""
     return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
+def refuse_other_axes(campaign: str, axes: Collection[str]) -> None:
+    """Raise BadInputError for a campaign without friction laws, whose modules are its own."""
+    if "laws" not in axes:
+        raise BadInputError(
+            f"--spread: the campaign {campaign} samples modules of its own; wanted start-up, estimate, "
+            "detect, hold or recover"
+        )
 
 
 def read_spread(path: Path) -> list[str]:
@@ -126,9 +141,20 @@ def read_spread(path: Path) -> list[str]:
     tables = document["parameters"]
     return settings_on_twin(
         {
-            name: Value(
-                value, "", float(tables[name].get("low", value)), float(tables[name].get("high", value))
-            )
+            name: interval_of(tables[name], value, f"{path}: {name}")
             for name, value in values_of(document, path).items()
         }
     )
+
+
+def interval_of(entry: Mapping[str, Any], value: float, about: str) -> Value:
+    """A value with its bounds, by default the value itself; the ParameterError begins with `about`."""
+    low, high = (entry.get(key, value) for key in ("low", "high"))
+    for key, bound in (("low", low), ("high", high)):
+        if isinstance(bound, bool) or not isinstance(bound, int | float) or not math.isfinite(bound):
+            raise ParameterError(f"{about} has {key} = {bound!r}; wanted a finite number")
+    if not low <= value <= high:
+        raise ParameterError(
+            f"{about} = {value:g} has the interval {low:g} … {high:g}; wanted one around the value"
+        )
+    return Value(value, "", float(low), float(high))

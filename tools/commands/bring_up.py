@@ -36,10 +36,11 @@ def bring_up(
     from firmware_py.shell.parameters import addresses_from, with_overrides
     from hil.scenario.settings import apply_settings
     from tools.bring_up.real import RealBench
-    from tools.bring_up.session import Session, User
+    from tools.bring_up.session import Session, User, read_state
 
     tables = apply_settings({"firmware": {}}, change or [])["firmware"]
     settings = {f"{block}.{name}": value for block, table in tables.items() for name, value in table.items()}
+    settings = {**read_state(out).settings, **settings}
     bench = RealBench(bus, addresses_from(with_overrides(settings)))
     user = User(
         lambda sentence: progress_console.print(sentence, markup=False),

@@ -45,7 +45,8 @@ def campaign(
         Path | None,
         typer.Option(
             help="A parameter file of bring-up: truth and firmware have its parameters, and the truth is "
-            "sampled within their intervals."
+            "sampled within their intervals; starts and accelerometers' offsets as without it. Not for walk "
+            "and limits."
         ),
     ] = None,
     change: Change = None,
@@ -83,7 +84,7 @@ def campaign(
     from hil.record.run_folder import RUNS
     from plant_sim.scene import load_scene
     from tools.campaign.campaigns import CAMPAIGNS, trial_of
-    from tools.campaign.identified import read_spread
+    from tools.campaign.identified import read_spread, refuse_other_axes
     from tools.campaign.paired import compare
     from tools.campaign.processes import read_finished, run_all
     from tools.campaign.reference import refuse_other_drives
@@ -91,6 +92,8 @@ def campaign(
 
     chosen = CAMPAIGNS[name]
     count = trials or chosen.trials
+    if spread is not None:
+        refuse_other_axes(name, chosen.sampler.axes)
     module = [] if spread is None else read_spread(spread)
     settings = [*module, *settings_of(parameters or []), *(change or [])]
     plan = chosen.plan(settings, seed, firmware)

@@ -58,12 +58,18 @@ class Bench:
     """The plant of the safety scenarios for parameters of another module.
 
     `scene`: the tables of another module, which is judged by the limits of the requirements alone, since a
-    scenario's own suit its own module; `changes`: differences to a scene; `ratio`: the highest.
+    scenario's own suit its own module, and at `ratio`; `changes`: differences to a scene; `ratio`: otherwise
+    the highest.
     """
 
     scene: Mapping[str, Any] | None = None
     changes: Mapping[str, Any] = field(default_factory=dict)
     ratio: float = math.inf
+
+    def target_ratio(self, of_scenario: float) -> float:
+        """The ratio of a command: another module's own, or the scenario's up to the highest."""
+        is_own = self.scene is not None and math.isfinite(self.ratio)
+        return self.ratio if is_own else min(self.ratio, of_scenario)
 
 
 def judge_scenario(
@@ -80,7 +86,7 @@ def judge_scenario(
             document["checks"] = [without_own_limit(one) for one in required]
         for command in document["script"]["commands"]:
             if "target_ratio" in command:
-                command["target_ratio"] = min(bench.ratio, command["target_ratio"])
+                command["target_ratio"] = bench.target_ratio(command["target_ratio"])
     document["firmware"] = apply_differences(document["firmware"], nest(values))
     try:
         scenario = check_scenario(document, name)

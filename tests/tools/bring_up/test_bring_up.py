@@ -1,19 +1,28 @@
 """The bring-up on simulated modules that are wired wrongly, or broken, in lockstep."""
 
+import shlex
 from pathlib import Path
 from typing import Any
 
 import pytest
 import tomli_w
 
-from firmware_py.interface.enums import AxisState
-from firmware_py.shell.parameters import with_overrides
+from firmware_py.interface import codec
+from firmware_py.interface.enums import AxisState, Fault
+from firmware_py.interface.generated.records import EncoderEstimates, FaultEvent, FirmwareHeartbeat
+from firmware_py.shell.parameters import ParameterError, with_overrides
 from hil.record.formats import PARAMETERS
-from tools.bring_up.step import NOTHING
+from tools import cli
+from tools.bring_up.first_impacts import hold
+from tools.bring_up.operated import BEGUN_S, LatchedFaultError, Operated
+from tools.bring_up.session import Session, User, read_state
+from tools.bring_up.step import NOTHING, PERIOD_S, Context, Findings, StepFailedError
 from tools.bring_up.trials import BROKEN as BROKEN_MODULES
 from tools.bring_up.trials import bench_of, beyond_bounds, brought_up, fault
+from tools.bring_up.twin import PARAMETER_FILE, run_next
 from tools.campaign.campaigns import CAMPAIGNS, trial_of
-from tools.campaign.identified import explain_no_hold, read_spread
+from tools.campaign.identified import explain_no_hold, read_spread, refuse_other_axes, settings_on_twin
+from tools.output import EXIT_BAD_INPUT
 from tools.tuning.result import make_value
 
 WIRED = {
@@ -103,10 +112,149 @@ def test_a_campaign_samples_a_module_within_the_intervals_of_its_file(tmp_path: 
     assert "crank" not in cell.firmware
     assert numbers["mismatch_spring"] == pytest.approx(0.02)
     assert numbers["mismatch_dry_friction"] == pytest.approx(0.1)
-    assert numbers["mismatch_stop_m"] == pytest.approx(0.0002)
-    springs = [trial_of(plan, number).scenario.scene.striker.spring_n_m for number in range(40)]
+    assert numbers["mismatch_stop_m"] == pytest.approx(0.00015)
+    for unknown in (
+        "mismatch_damping",
+        "mismatch_restitution",
+        "mismatch_amplitude",
+        "mismatch_rest_length_m",
+    ):
+        assert numbers[unknown] == 0.0
+    scenes = [trial_of(plan, number).scenario.scene for number in range(40)]
+    springs, stops = [one.striker.spring_n_m for one in scenes], [one.stop.position_m for one in scenes]
     assert 88.2 <= min(springs) < 89.0
     assert 91.0 < max(springs) <= 91.8
+    assert 0.1779 <= min(stops) < max(stops) <= 0.1782
+
+
+@pytest.mark.parametrize(("value", "low", "high"), [(0.01, 0.0, 0.05), (0.0, 0.0, 0.05), (0.01, -0.02, 0.05)])
+def test_a_sampled_friction_stays_within_its_interval_and_is_never_negative(
+    value: float, low: float, high: float
+) -> None:
+    settings = settings_on_twin({"friction.mu": make_value("friction.mu", value, low, high)})
+    plan = CAMPAIGNS["start-up"].plan(settings, 7)
+    found = [trial_of(plan, number).scenario.scene.friction.mu for number in range(0, 160, 4)]
+    assert 0.0 <= min(found) < 0.01
+    assert 0.04 < max(found) <= 0.05
+
+
+@pytest.mark.parametrize(
+    "bounds", ['low = "a"', "low = [1.0]", "high = nan", "low = true", "low = 0.4\nhigh = 0.3"]
+)
+def test_bad_bounds_of_a_file_are_named(bounds: str, tmp_path: Path) -> None:
+    path = tmp_path / "parameters.toml"
+    path.write_text(
+        f'format = {PARAMETERS}\n[parameters."friction.mu"]\nvalue = 0.01\nunit = "1"\n{bounds}\n'
+    )
+    with pytest.raises(ParameterError, match=r"parameters\.toml: friction\.mu"):
+        read_spread(path)
+
+
+@pytest.mark.parametrize("campaign", CAMPAIGNS)
+def test_a_spread_is_for_campaigns_with_friction_laws(campaign: str, tmp_path: Path, capsys: Any) -> None:
+    if campaign in ("walk", "limits"):
+        assert cli.run(["campaign", campaign, "--spread", str(tmp_path / "none.toml")]) == EXIT_BAD_INPUT
+        assert "samples modules of its own" in " ".join(capsys.readouterr().err.split())
+    else:
+        refuse_other_axes(campaign, CAMPAIGNS[campaign].sampler.axes)
+
+
+STOPS = {"silent": (0, "nothing shows"), "turning": (10**6, "still turns"), "at rest after 2 s": (2000, "")}
+
+
+@pytest.mark.parametrize("name", STOPS)
+def test_a_stop_that_fails_passes_only_if_the_encoder_shows_rest(name: str) -> None:
+    turning, reason = STOPS[name]
+    player = Operated([], 0.0)
+    heartbeat = codec.FIRMWARE_HEARTBEAT.encode(FirmwareHeartbeat(*[0] * len(FirmwareHeartbeat._fields)))
+    failed = codec.FAULT_EVENT.encode(
+        FaultEvent(*[0] * len(FaultEvent._fields))._replace(fault=Fault.STOP_FAILED)
+    )
+    stop = round(BEGUN_S / PERIOD_S) + 500
+
+    def to_its_end() -> None:
+        for tick in range(round(player.longest_s / PERIOD_S)):
+            speed = 1.0 if tick < stop + turning else 0.0
+            encoder = [codec.ENCODER_ESTIMATES.encode(EncoderEstimates(0.0, speed))] if turning else []
+            if player.play(tick, [heartbeat, *encoder, *([failed] if tick == stop else [])]) is None:
+                return
+        pytest.fail("the stop did not end")
+
+    if reason:
+        with pytest.raises(StepFailedError, match=reason):
+            to_its_end()
+        assert player.notes == []
+    else:
+        to_its_end()
+        assert "STOP_FAILED" in player.notes[0]
+        assert "2.0 s later" in player.notes[0]
+
+
+class Ends:
+    """A bench whose hold ends with an error at once."""
+
+    def __init__(self, error: StepFailedError) -> None:
+        self.error, self.played = error, 0
+
+    def play(self, *_: Any) -> None:
+        self.played += 1
+        raise self.error
+
+
+HOLDS = {
+    "a fault": (LatchedFaultError("it stopped"), {}, "it stopped"),
+    "a fault of a module without impacts": (
+        LatchedFaultError("it stopped"),
+        {"friction.mu": 0.12},
+        "lower --ratio",
+    ),
+    "a silent firmware": (StepFailedError("silent"), {"friction.mu": 0.12}, "silent"),
+    "too hard an impact": (StepFailedError(""), {"striker.mass_kg": 4.0}, "ceiling.impulse_n_s = 5"),
+}
+
+
+@pytest.mark.parametrize("name", HOLDS)
+def test_a_hold_that_fails_says_why_and_keeps_no_raised_limit(name: str, tmp_path: Path) -> None:
+    error, changes, reason = HOLDS[name]
+    values = with_overrides({"striker.mass_kg": 1.0, "limit.force_n": 1000.0})
+    values |= {"stop.restitution": 0.6, "friction.b_n_s_m": 0.2} | changes
+    bench, found = Ends(error), Findings()
+    context = Context(bench, tmp_path, values, {}, lambda _: True, lambda _: None, 1.25)
+    with pytest.raises(StepFailedError) as raised:
+        hold(context, found, values)
+    said = str(raised.value)
+    assert said == reason or (reason in said and not said.endswith("; "))
+    assert found.parameters == {}
+    assert bench.played == (name != "too hard an impact")
+
+
+def test_the_command_to_run_next_names_file_and_ratio(tmp_path: Path) -> None:
+    bench = Ends(StepFailedError(""))
+    context = Context(bench, tmp_path / "a b", {}, {}, lambda _: True, lambda _: None, 1.1)
+    words = shlex.split(run_next(context).removeprefix("run next: vibrohil "))
+    assert words[1:] == [
+        "start-up",
+        "--spread",
+        str(tmp_path / "a b" / PARAMETER_FILE),
+        "--set",
+        "campaign.ratios=[1.1]",
+    ]
+
+
+def test_values_of_the_data_sheet_are_kept_and_replaced_one_by_one(tmp_path: Path) -> None:
+    user = User(lambda _: None, lambda _: False)
+
+    def resumed(**given: float) -> dict[str, float]:
+        settings = {name.replace("__", "."): value for name, value in given.items()}
+        Session(bench_of({}, [], 1), tmp_path / "out", settings, 1.25, user).run("listen", "listen")
+        return dict(read_state(tmp_path / "out").settings)
+
+    assert resumed(striker__mass_kg=0.7, limit__force_n=900.0) == {
+        "striker.mass_kg": 0.7,
+        "limit.force_n": 900.0,
+    }
+    assert resumed() == {"striker.mass_kg": 0.7, "limit.force_n": 900.0}
+    assert resumed(striker__mass_kg=0.6) == {"striker.mass_kg": 0.6, "limit.force_n": 900.0}
 
 
 def test_nothing_moves_without_a_yes_and_the_folder_is_resumed(tmp_path: Path) -> None:

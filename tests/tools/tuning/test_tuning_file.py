@@ -1,6 +1,7 @@
 """Parameter files: what is written is what a scenario loads; what is unsafe is not written by mistake."""
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -140,6 +141,12 @@ def test_the_safety_scenarios_distinguish_good_from_bad() -> None:
     bad = safety.judge_scenario("quick-start-below-the-band", {"limit.impulse_n_s": 0.2}, silent)
     assert not bad.passed
     assert "fault is impulse-limit" in bad.why
+
+
+def test_the_twin_of_another_module_runs_at_its_own_ratio() -> None:
+    for ratio, wanted in ((1.35, 1.35), (1.1, 1.1), (math.inf, 1.3)):
+        assert safety.Bench({}, ratio=ratio).target_ratio(1.3) == wanted
+    assert safety.Bench(ratio=1.35).target_ratio(1.3) == 1.3
 
 
 def test_speed_is_written(tmp_path: Path, monkeypatch, capsys) -> None:

@@ -25,7 +25,6 @@ from firmware_py.interface.generated.records import OperatorCommand
 from firmware_py.shell.parameters import with_overrides
 from hil.record.bus_reconstruction import frames_of
 from hil.record.candump import StoredBus
-from hil.scenario.scenario import LARGEST_RATIO
 from plant_sim.arrays import FloatArray
 from plant_sim.scene import read_scene
 from text_input import read_toml
@@ -267,7 +266,7 @@ def bench_of(source: Path, scene: str | None) -> Bench | None:
         return None
     commands = frames_of(StoredBus(can_log_of(source)), OperatorCommand).signals
     ratios = commands[:, OperatorCommand._fields.index("target_ratio")] if len(commands) else np.zeros(0)
-    return Bench(tables, ratio=float(np.max(ratios)) if ratios.any() else LARGEST_RATIO)
+    return Bench(tables, ratio=float(np.max(ratios)) if ratios.any() else math.inf)
 
 
 def tune_identify(source: Path) -> tuple[Tuning, Identified, Readings]:
