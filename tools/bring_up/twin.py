@@ -81,7 +81,6 @@ def prove(context: Context, found: Findings) -> None:
     results = judge_safety(changed(values), lambda _, __: None, SafetyBench(scene, ratio=context.ratio))
     for one in results:
         found.notes.append(f"{one.scenario}: {'passed' if one.passed else one.why}")
-        found.notes += [f"{one.scenario}, not decisive: {one.note}"] if one.note else []
     if failed := [f"{one.scenario} ({one.why})" for one in results if not one.passed]:
         raise StepFailedError(f"on the twin these safety scenarios fail: {'; '.join(failed)}")
     start_within_intervals(context, found)

@@ -7,7 +7,7 @@ import math
 import tempfile
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,6 @@ import tomli_w
 
 from firmware_py.shell.parameters import ParameterError, with_overrides
 from hil.judge.judge import judge
-from hil.judge.verdict import RunVerdict
 from hil.record.formats import PARAMETERS
 from hil.record.new_file import write_anew
 from hil.record.run_traces import read_run
@@ -32,28 +31,17 @@ from tools.tuning.result import Tuning
 SCENARIOS = ("quick-start-below-the-band", "e-stop-in-the-hold")
 OF_A_MODULE = ("soft-start-multistable", "e-stop-in-the-hold")
 """The scenarios for another module, at its ratio: it need not reach impacts at 1.1 in a second."""
-ONLY_REPORTED = "speed.ripple"
-"""The figure that does not decide on another module: how evenly its own stop lets it turn."""
 SEED = 1
 
 
 @dataclass(frozen=True)
 class SafetyResult:
-    """The result of one safety test; `why` names the failed checks, `note` what missed its limit besides."""
+    """The result of one safety test; `why` names the failed checks."""
 
     scenario: str
     seed: int
     passed: bool
     why: str
-    note: str = ""
-
-
-def result_of(verdict: RunVerdict, name: str, seed: int, of_module: bool) -> SafetyResult:
-    """The result by a run's verdict; that on another module does not rest on `ONLY_REPORTED`."""
-    reported = [one for one in verdict.checks if of_module and one.name == ONLY_REPORTED]
-    rest = replace(verdict, checks=tuple(one for one in verdict.checks if one not in reported))
-    note = "; ".join(f"{one.sentence} ({one.requirement})" for one in reported if not one.passed)
-    return SafetyResult(name, seed, bool(rest.passed), "; ".join(rest.why_not_passed), note)
 
 
 def check_bounds(values: Mapping[str, float]) -> SafetyResult:
@@ -107,7 +95,7 @@ def judge_scenario(
     with tempfile.TemporaryDirectory(prefix="vibrohil-tune-") as folder:
         run_dir = in_lockstep(Job(scenario, seed, folder=Path(folder), progress=progress))
         verdict = judge(read_run(run_dir), run_dir)
-    return result_of(verdict, name, seed, bench is not None and bench.scene is not None)
+    return SafetyResult(name, seed, bool(verdict.passed), "; ".join(verdict.why_not_passed))
 
 
 def judge_safety(

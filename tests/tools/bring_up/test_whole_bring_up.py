@@ -8,7 +8,7 @@ from tools.bring_up.trials import bench_of, beyond_bounds, brought_up, fault
 
 MODULES = {
     "soft spring, striker's accelerometers the wrong way round": (
-        {"striker": {"spring_n_m": 55.0}, "stop": {"position_m": 0.177, "restitution": 0.4}},
+        {"striker": {"spring_n_m": 55.0}, "stop": {"position_m": 0.177, "restitution": 0.5}},
         [
             fault("sensor-wrong-sign", sensor="striker"),
             fault("sensor-wrong-sign", sensor="encoder"),

@@ -2,14 +2,11 @@
 
 import json
 import math
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from firmware_py.shell.parameters import ParameterError
-from hil.judge.verdict import CheckResult, RunVerdict, Verdict
 from hil.runs.job import silent
 from hil.scenario.parameter_file import merge_files, read_document, read_parameters
 from hil.scenario.scenario import load_scenario
@@ -144,23 +141,6 @@ def test_the_safety_scenarios_distinguish_good_from_bad() -> None:
     bad = safety.judge_scenario("quick-start-below-the-band", {"limit.impulse_n_s": 0.2}, silent)
     assert not bad.passed
     assert "fault is impulse-limit" in bad.why
-
-
-@pytest.mark.parametrize("of_module", [True, False])
-def test_a_ripple_beyond_its_limit_is_reported_of_another_module_and_decides_on_the_own(
-    of_module: bool,
-) -> None:
-    figures: Any = None
-    ripple = CheckResult("speed.ripple", Verdict.FAILED, 0.00209, "", "≤ 0.002", "P-04")
-    error = replace(ripple, name="speed.error", verdict=Verdict.PASSED, value=0.001)
-    found = safety.result_of(RunVerdict(figures, (ripple, error)), "a-start", 1, of_module)
-    assert found.passed == of_module
-    assert "0.00209, wanted ≤ 0.002" in (found.note if of_module else found.why)
-    also = safety.result_of(
-        RunVerdict(figures, (ripple, replace(error, verdict=Verdict.FAILED))), "a-start", 1, of_module
-    )
-    assert not also.passed
-    assert "speed.error" in also.why
 
 
 def test_the_twin_of_another_module_runs_at_its_own_ratio() -> None:
