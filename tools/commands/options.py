@@ -87,6 +87,15 @@ Controller = Annotated[
         "none: another program joins the bus (real time).",
     ),
 ]
+ReplayedController = Annotated[
+    str | None,
+    typer.Option(
+        "--firmware",
+        callback=controller,
+        metavar="BUILD|FILE.py:FUNCTION",
+        help="The firmware's build, or your own controller; by default the recorded one.",
+    ),
+]
 ParameterFiles = Annotated[
     list[Path] | None,
     typer.Option(help="A parameter file of `vibrohil tune`; repeatable; --set overrides it."),

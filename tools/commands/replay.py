@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from tools.commands.options import Controller, Json, ParameterFiles
+from tools.commands.options import Json, ParameterFiles, ReplayedController
 from tools.output import (
     EXIT_CHECK_FAILED,
     EXIT_NOTHING_RAN,
@@ -24,7 +24,7 @@ def replay(
             help="Run folders, CAN logs of another bench, or folders of such recordings.", metavar="LOG|RUN…"
         ),
     ],
-    firmware: Controller | None = None,
+    firmware: ReplayedController = None,
     parameters: ParameterFiles = None,
     as_json: Json = False,
 ) -> None:
@@ -36,9 +36,12 @@ def replay(
     regimes, impacts, faults) within stated times. The exit status is 1 if a replay differs, and 5 if the log
     does not show all that the firmware received.
     """
+    from hil.record.traces.own_trace import NONE
     from tools.logs.replay import recordings
     from tools.logs.replay import replay as replay_one
 
+    if firmware == NONE:
+        raise BadInputError("--firmware none: a replay has no bus to join; name a build or FILE.py:FUNCTION")
     found = [one for source in sources for one in recordings(source)]
     if not found:
         raise BadInputError(f"{sources[0]} holds no run folder and no CAN log; name one")

@@ -246,8 +246,9 @@ def test_the_help_shows_every_word_that_stands_in_the_code(monkeypatch, capsys):
         cli.run([*name.split(), "--help"])
         shown = re.sub(r"[\s│]+", " ", capsys.readouterr().out)
         options = [one for one in command.params if not getattr(one, "hidden", False)]
-        for text in (command.help, *(getattr(one, "help", None) for one in options)):
-            assert " ".join((text or "").split()) in shown, f"vibrohil {name} --help"
+        for text in (command.help, *(one.help for one in options)):
+            assert text, f"vibrohil {name} has an option without a help"
+            assert " ".join(text.split()) in shown, f"vibrohil {name} --help"
 
 
 def test_every_option_is_in_the_section_of_its_command():

@@ -229,6 +229,8 @@ def test_the_command_replays_a_folder_of_recordings(
     assert "fault — — " in shown, "recorded: nothing more"
     assert "FORCE_LIMIT" in shown
     assert cli.run(["replay", str(tmp_path / "nowhere")]) == EXIT_BAD_INPUT
+    for no_build in ("none", "nonsense"):
+        assert cli.run(["replay", str(run_dir), "--firmware", no_build]) == EXIT_BAD_INPUT
 
 
 def test_modes_in_the_recording_are_those_of_the_scenario(run_dir: Path) -> None:
