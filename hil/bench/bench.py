@@ -273,6 +273,7 @@ class ProcessesRun:
         live = [*python, "hil.show.live", str(self.run_dir), "--to", str(self.options.viewer)]
         live = in_own_network(live) if self.options.viewer == WINDOW else live
         build = {FIRMWARE: ["--firmware", self.options.firmware]}
+        # What the operator talks to is stopped first: the nodes in the reversed order of a tick.
         nodes = {
             name: [program(), process, scenario, *common, *build.get(process, [])]
             for name, process in [*((name, name) for name in reversed(processes())), *self.restarted.items()]

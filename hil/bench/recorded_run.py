@@ -8,8 +8,10 @@ hil.bench.recorded_run.RunError: runs/nowhere.rrd is not there; name a run folde
 
 import atexit
 import difflib
+import os
 import shlex
 import shutil
+import stat
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, suppress
@@ -30,7 +32,7 @@ from hil.record.damage import CAUSE_UNKNOWN, DamagedFileError, reading
 from hil.record.folder_lock import is_in_use
 from hil.record.frame_tables import RAW, names_of, raw_table, table_of
 from hil.record.log_reader import TIMELINES, contiguous, read_traces
-from hil.record.new_file import is_foreign
+from hil.record.new_file import is_foreign, open_anew
 from hil.record.provenance import build_of, this_build
 from hil.record.rrd.log_file import is_whole, repair
 from hil.record.rrd.rerun_program import RerunError
@@ -156,12 +158,24 @@ def cause(note: Callable[[], Mapping[str, Any]]) -> str:
 
 
 def copied(log: Path) -> Path:
-    """A copy of a log, which is removed at the end of this process. Raises RunError for a pipe or device."""
-    if not log.is_file():
-        raise RunError(
-            f"{log} is no file but a folder, pipe or device, of which no copy would end; name a log"
-        )
-    return Path(shutil.copy(log, temporary_folder()))
+    """A copy of a log, which is removed at the end of this process. Raises RunError for a pipe or device.
+
+    What is opened is looked at, because its owner may exchange the file at any time.
+    """
+    with open(log, "rb", opener=without_waiting) as source:
+        if not stat.S_ISREG(os.fstat(source.fileno()).st_mode):
+            raise RunError(
+                f"{log} is no file but a folder, pipe or device, of which no copy would end; name a log"
+            )
+        copy = temporary_folder() / log.name
+        with open_anew(copy) as target:
+            shutil.copyfileobj(source, target)
+    return copy
+
+
+def without_waiting(path: str, flags: int) -> int:
+    """Open a file; a pipe to which nobody writes is opened at once."""
+    return os.open(path, flags | os.O_NONBLOCK)
 
 
 def temporary_folder() -> Path:

@@ -295,7 +295,7 @@ def find_channels(context: Context, found: Findings) -> None:
         "exchanged. Set wiring.low_exchanged = 1?"
     ):
         raise StepFailedError("the striker's low range and the housing are exchanged; exchange their plugs")
-    found.parameters["wiring.low_exchanged"] = make_value("wiring.low_exchanged", 1.0, 1.0, 1.0)
+    found.parameters["wiring.low_exchanged"] = make_value("wiring.low_exchanged", 1.0)
 
 
 def note_currents(played: Commander, found: Findings) -> None:
@@ -331,7 +331,7 @@ def drive(context: Context, found: Findings) -> None:
             "drive instead, calibrate its encoder's direction, and repeat the step.)"
         ):
             raise StepFailedError("torque and encoder have opposite directions; change one of them")
-        found.parameters["wiring.torque_reversed"] = make_value("wiring.torque_reversed", 1.0, 1.0, 1.0)
+        found.parameters["wiring.torque_reversed"] = make_value("wiring.torque_reversed", 1.0)
     find_channels(context, found)
 
 

@@ -133,7 +133,7 @@ def approach(context: Context, found: Findings) -> dict[str, float]:
         ):
             raise StepFailedError("the striker's accelerometers are the wrong way round; turn them")
         values[REVERSED] = 1.0
-        found.parameters[REVERSED] = make_value(REVERSED, 1.0, 1.0, 1.0)
+        found.parameters[REVERSED] = make_value(REVERSED, 1.0)
     found.add("impacts of the approach", len(player.seen), "1")
     return values
 
@@ -220,7 +220,7 @@ def hold(context: Context, found: Findings, values: dict[str, float]) -> None:
         seen = f"{len(hits)} impacts in {turns:.1f} turns at a ratio of {context.ratio:g}"
         seen += f", regime {player.held_regime.name}"
         raise StepFailedError(with_reason(seen, values, context.ratio))
-    found.parameters |= {name: make_value(name, value, value, value) for name, value in raised.items()}
+    found.parameters |= {name: make_value(name, value) for name, value in raised.items()}
     speed_m_s, impulse_n_s = np.median([(one.approach_speed_m_s, one.impulse_n_s) for one in hits], axis=0)
     found.add("approach speed in the hold", speed_m_s, "m/s")
     found.add("impulse in the hold", impulse_n_s, "N s")

@@ -167,7 +167,7 @@ def fit_module(
         parameters[name] = make_value(name, *bounds)
     reachable = reachable_ratio({**values} | {name: one.value for name, one in parameters.items()})
     if reachable < values["start.highest_ratio"]:
-        parameters["start.highest_ratio"] = make_value("start.highest_ratio", reachable, reachable, reachable)
+        parameters["start.highest_ratio"] = make_value("start.highest_ratio", reachable)
     return parameters, found, readings
 
 

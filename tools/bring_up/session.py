@@ -151,7 +151,7 @@ class Session:
 
     def _parameters(self) -> dict[str, Value]:
         """The data sheet's parameters and those that the steps have found."""
-        given = {name: make_value(name, value, value, value) for name, value in self._settings.items()}
+        given = {name: make_value(name, value) for name, value in self._settings.items()}
         return given | parameters_in(self.records)
 
     def _write(self) -> None:

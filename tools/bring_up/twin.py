@@ -89,7 +89,7 @@ def prove(context: Context, found: Findings) -> None:
 def start_within_intervals(context: Context, found: Findings) -> None:
     """Start modules within the intervals of the parameters, from random states."""
     context.says(f"twin: {STARTS} starts of modules within the intervals")
-    given = {name: make_value(name, *[value] * 3) for name, value in changed(context.values).items()}
+    given = {name: make_value(name, value) for name, value in changed(context.values).items()}
     settings = settings_on_twin(given | dict(context.bounds))
     plan = CAMPAIGNS["start-up"].plan([*settings, f"campaign.ratios=[{context.ratio!r}]"], SEED)
     starts = [run_trial(plan, number) for number in range(STARTS)]

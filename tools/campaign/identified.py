@@ -117,7 +117,7 @@ def settings_on_twin(parameters: Mapping[str, Value]) -> list[str]:
             widths[key] = float(half / middle if is_share and middle else half)
     for table, keys in scene_of(with_overrides(values) | middles).items():
         settings += [f"scene.{table}.{key}={as_toml(value)}" for key, value in keys.items()]
-    settings.append('campaign.laws=["viscous"]')
+    settings.append('campaign.laws=["viscous"]')  # one condition, whose friction the scene replaces
     return settings + [f"campaign.{key}={wide!r}" for key, wide in widths.items()]
 
 

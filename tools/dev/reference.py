@@ -63,7 +63,7 @@ def frames() -> str:
         "(SAE J1850 over the identifier's low byte and the data).",
         "The firmware uses a protected frame if it continues the sequence of its source: its counter "
         "has advanced, and by no more than the frames that its source can have sent in the time since "
-        f"the newest one and {late}. After a restart of the source, or "
+        f"the newest one and {late}: a lost frame costs only itself. After a restart of the source, or "
         f"a silence of half a turn of the counter less {late}, the first {NEW_SEQUENCE - 1} frames are "
         "lost too. A frame that repeats the newest one, or is out of sequence, is dropped, counted "
         "(`counters.rejected_repeated`, `counters.rejected_sequence`; `counters.new_sequences` begun) and "

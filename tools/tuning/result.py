@@ -64,6 +64,6 @@ class Tuning:
         }
 
 
-def make_value(name: str, value: float, low: float, high: float) -> Value:
-    """A value with its parameter's unit."""
-    return Value(value, BY_NAME[name].unit, low, high)
+def make_value(name: str, value: float, low: float | None = None, high: float | None = None) -> Value:
+    """A value with its parameter's unit; without bounds it is known exactly."""
+    return Value(value, BY_NAME[name].unit, value if low is None else low, value if high is None else high)

@@ -228,7 +228,7 @@ def tune_speed(
             "speed.gain_p_n_m_s": make_value("speed.gain_p_n_m_s", gain_p, p_low * gain_p, p_high * gain_p),
             "speed.gain_i_n_m": make_value("speed.gain_i_n_m", gain_i, 0.0, i_high * gain_i),
             **{
-                name: make_value(name, value, value, value)
+                name: make_value(name, value)
                 for name, value in (
                     ("crank.bandwidth_rad_s", nominal.tracker_rad_s),
                     ("motor.inertia_kg_m2", nominal.inertia_kg_m2),

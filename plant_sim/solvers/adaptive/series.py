@@ -82,7 +82,7 @@ def _has_recurrence(friction: Friction, normal_n: float) -> bool:
     return _is_linear_but_for_a_constant(friction)
 
 
-class Motion(NamedTuple):
+class MotionCoefficients(NamedTuple):
     """k-th coefficients of the quantities of `State` that have a series and on which rates depend."""
 
     depth_m: float
@@ -109,7 +109,7 @@ def expand(run: Run, flow: Flow, order: int) -> None:
         rows[i, 0] = memory.all_y[i]
     depth, v = y.depth_m, y.v_m_s  # a processor would wait for them to be stored and read
     for k in range(order):
-        motion = Motion(
+        motion = MotionCoefficients(
             depth,
             v,
             rows[ROW.crank_rad, k],
