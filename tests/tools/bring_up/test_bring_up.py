@@ -12,6 +12,7 @@ from firmware_py.interface.enums import AxisState, Fault
 from firmware_py.interface.generated.records import EncoderEstimates, FaultEvent, FirmwareHeartbeat
 from firmware_py.shell.parameters import ParameterError, with_overrides
 from hil.record.formats import PARAMETERS
+from hil.scenario.parameter_file import read_document, values_of
 from tools import cli
 from tools.bring_up.first_impacts import hold
 from tools.bring_up.operated import BEGUN_S, LatchedFaultError, Operated
@@ -265,6 +266,8 @@ def test_nothing_moves_without_a_yes_and_the_folder_is_resumed(tmp_path: Path) -
     listened = (tmp_path / "out" / "listen.log").stat().st_mtime_ns
     assert brought_up(bench, tmp_path / "out", "drive")["passed"]
     assert (tmp_path / "out" / "listen.log").stat().st_mtime_ns == listened
+    found = values_of(read_document(tmp_path / "out" / PARAMETER_FILE), tmp_path)
+    assert {"striker.mass_kg", "motor.inertia_kg_m2"} <= set(found), "the data sheet's and the found ones"
     assert "<svg" in (tmp_path / "out" / "bring-up.html").read_text()
 
 

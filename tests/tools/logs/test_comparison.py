@@ -9,6 +9,7 @@ import pytest
 from short_run import make_run
 
 from hil.bench.recorded_run import open_run
+from hil.judge.figures.records import CATALOGUE
 from hil.judge.tolerance import Tolerance
 from hil.record.log_reader import tables
 from tools import cli
@@ -156,7 +157,14 @@ def table(t_s, **columns):
 
 def test_the_time_for_which_a_run_was_held_is_no_difference_of_the_module():
     assert all(map(is_timing, ("held_s", "own_late_s", "loops.plant.overruns")))
-    assert not is_timing("impact_count")
+    assert not any(map(is_timing, ("impact_count", "latched.at_s")))
+
+
+def test_how_long_a_node_was_held_before_a_fault_is_judged_in_spite_of_the_gap():
+    spec = CATALOGUE["latched.firmware_held_ms"]
+    assert is_timing(spec.name)
+    assert spec.describes_the_bench
+    assert not CATALOGUE["latched.at_s"].describes_the_bench
 
 
 def test_the_earliest_difference_of_all_columns_is_named():
