@@ -19,8 +19,11 @@ content = $(shell cat $(1) | cksum | cut -d ' ' -f 1)
 # A lock names all packages, so pip resolves nothing: an old pip takes the newest release of a package with extras,
 # which has no hash here, and refuses it. `pip check` then says whether a lock lacks something.
 FROM_LOCK := --no-deps --require-hashes -r
-COMPLETE = missing=$$($(BIN)/python -m pip check) || { echo "$$missing" >&2; exit 1; }
-LOCKED := --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-emit-index-url
+COMPLETE = missing=$$($(BIN)/python -m pip check) || \
+    { echo "$$missing" >&2; echo "setup: these packages do not fit each other: make clean, then again" >&2; exit 1; }
+# fewest: one version of a package for every Python, so that what one machine tests is what another runs
+LOCKED := --quiet --universal --fork-strategy fewest --python-version 3.11 --generate-hashes --no-annotate \
+    --no-emit-index-url
 INSTALLED := $(VENV)/.installed-$(call content,requirements.lock pyproject.toml)
 INSTALLED_DEV := $(VENV)/.installed-dev-$(call content,requirements-dev.lock pyproject.toml)
 WARM := $(VENV)/.warm-$(call content,requirements.lock tools/dev/warm.py $$(find compilation plant_sim firmware_py hil -name '*.py' | sort))
@@ -73,12 +76,13 @@ $(BIN)/python:
 	echo "setup: a virtual environment in $(VENV), so that nothing else on this machine changes" && \
 	"$$python" -m venv --clear $(VENV)
 
+# An environment that has the tests' packages gets their lock: it holds the other one, and old ones would not fit it.
 # editable_mode=compat: setuptools' other way leaves a relative folder on Python's path, which the working folder could
 # hold with modules of somebody else (tests/trust). LC_ALL: setuptools writes the checkout's path in the locale's
 # encoding, and in the locale C a path with an umlaut has none.
 $(INSTALLED): | $(BIN)/python
 	@echo "setup: the packages of requirements.lock, checked against its hashes (1.3 GB on disk; some minutes)"
-	@$(PIP) $(FROM_LOCK) requirements.lock
+	@$(PIP) $(FROM_LOCK) $$(ls $(VENV)/.installed-dev-* > /dev/null 2>&1 && echo requirements-dev.lock || echo requirements.lock)
 	@LC_ALL=C.UTF-8 $(PIP) --no-deps --no-build-isolation --config-settings editable_mode=compat -e .
 	@$(COMPLETE)
 	@rm -f $(VENV)/.installed-[0-9]* && touch $@

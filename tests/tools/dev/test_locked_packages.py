@@ -2,12 +2,15 @@
 
 import hashlib
 import os
+import re
 import shlex
 import subprocess
 import sys
 import venv
 import zipfile
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[3]
 
@@ -59,6 +62,23 @@ def test_a_newer_release_of_a_package_with_extras_does_not_break_the_set_up(tmp_
         "measured-1.0.dist-info",
         "wants-1.0.dist-info",
     }
+
+
+@pytest.mark.parametrize("lock", ["requirements.lock", "requirements-dev.lock"])
+def test_every_python_gets_the_same_version_of_a_package(lock: str) -> None:
+    """With a version of its own for newer Pythons, what the tests here hold says nothing about a machine with one."""
+    names = re.findall(r"(?m)^([\w.-]+)(?:\[[^\]]*\])?==", (ROOT / lock).read_text())
+    assert len(names) > 50
+    assert [name for name in names if names.count(name) > 1] == []
+
+
+def test_the_lock_of_the_tests_holds_what_the_other_installs() -> None:
+    """Make installs that one alone where both are wanted."""
+    held = [
+        set(re.findall(r"(?m)^([^\s#]+==\S+)", (ROOT / name).read_text()))
+        for name in ("requirements.lock", "requirements-dev.lock")
+    ]
+    assert held[0] - held[1] == set()
 
 
 def test_a_target_in_a_persons_pip_settings_does_not_send_packages_elsewhere(tmp_path: Path) -> None:
