@@ -66,7 +66,7 @@ def test_a_newer_release_of_a_package_with_extras_does_not_break_the_set_up(tmp_
 
 @pytest.mark.parametrize("lock", ["requirements.lock", "requirements-dev.lock"])
 def test_every_python_gets_the_same_version_of_a_package(lock: str) -> None:
-    """With a version of its own for newer Pythons, what the tests here hold says nothing about a machine with one."""
+    """With another version for newer Pythons, the tests here would say nothing about them."""
     names = re.findall(r"(?m)^([\w.-]+)(?:\[[^\]]*\])?==", (ROOT / lock).read_text())
     assert len(names) > 50
     assert [name for name in names if names.count(name) > 1] == []
