@@ -121,8 +121,8 @@ class Exchange:
                 self._used[STOP] = node.note_requests(self._waiting)
                 self._next += 1
             now, self._waiting = self._waiting[:MOST_ARRIVED], self._waiting[MOST_ARRIVED:]
-            for place, frame in enumerate(now):
-                self.arrived[place] = word_frame(frame)
+            if now:
+                self.arrived[: len(now)] = [word_frame(frame) for frame in now]
             return len(now)
         except BaseException as error:  # an exception cannot pass through compiled code
             self.error = error

@@ -7,6 +7,7 @@ and when the encoder or the operator falls silent. It knows nothing of the strik
 from math import tau
 from typing import NamedTuple
 
+from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError, decode, encode
 from firmware_py.interface.enums import MOVING, AxisState, ControlMode, InputMode, Mode, OperatorRequest
 from firmware_py.interface.generated.records import (
@@ -22,6 +23,7 @@ from firmware_py.interface.generated.records import (
 
 RAMP_RAD_S2, GAIN_N_M_S, INTEGRAL_N_M, LARGEST_N_M = 2.0, 0.05, 0.2, 0.3
 ENCODER_TICKS, OPERATOR_TICKS = 30, 350
+READ_IDS = {one.can_id for one in (codec.ENCODER_ESTIMATES, codec.DRIVE_ESTOP, codec.OPERATOR_COMMAND)}
 
 
 class State(NamedTuple):
@@ -46,6 +48,8 @@ def read(config, state, rx):
     """The state after the received frames. A start needs an IDLE before the RUN; an E-stop stays."""
     state = state._replace(encoder_age=state.encoder_age + 1, operator_age=state.operator_age + 1)
     for frame in rx:
+        if frame.can_id not in READ_IDS:
+            continue
         try:
             received = decode(frame)
         except FrameError:
