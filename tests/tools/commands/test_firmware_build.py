@@ -28,6 +28,7 @@ def test_blocks_fill_a_record() -> None:
     assert blocks(state)["ticks"] == 8
 
 
+@pytest.mark.usefixtures("board_programs")
 def test_every_byte_of_config_and_state_is_of_one_block(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
