@@ -143,6 +143,23 @@ is_dry = one_of(Coulomb, Stribeck)
 
 
 @by_part
+def friction_has_series(friction: Friction, normal_n: float) -> bool:
+    """Whether the force of a sliding striker has a Taylor series."""
+    return False
+
+
+@friction_has_series.register(NoFriction, Viscous, Coulomb)
+def _linear_friction_has_series(friction: ClosedForm, normal_n: float) -> bool:
+    return True
+
+
+@friction_has_series.register(Stribeck)
+def _stribeck_friction_has_series(friction: Stribeck, normal_n: float) -> bool:
+    """e^−p has a recurrence where the striker halts before it slides the other way, with p < 0."""
+    return friction.delta in (1.0, 2.0) and static_limit_n(friction, normal_n) > 0.0
+
+
+@by_part
 def damping_n_s_m(friction: Friction) -> float:
     """b, N s/m, of the viscous part b v."""
     return 0.0

@@ -178,6 +178,12 @@ def _walking_smooth_for_s(housing: Walking, t_s: float) -> float:
 is_level = one_of(Level)
 """Whether a_b = 0."""
 
+is_still = one_of(Level, Tilted)
+"""Whether a_b is constant."""
+
+housing_has_series = one_of(Level, Tilted, Moving)
+"""Whether a_b has a Taylor series (`expand_housing`)."""
+
 
 class HarmonicTable(Table):
     """The housing swings along the axis; a slow tilt of ±20° corresponds to 3.4 m/s²."""

@@ -147,6 +147,20 @@ is_rigid = one_of(RigidStop)
 is_soft = one_of(KelvinVoigt, HuntCrossley)
 """Whether an impact is a contact of finite duration."""
 
+stop_has_series = one_of(NoStop, RigidStop, KelvinVoigt)
+"""Whether the stop's force has a Taylor series."""
+
+
+@by_part
+def release_s(stop: Stop) -> float:
+    """D/K, s, of a stop with a linear damper, which releases the striker before its surface; otherwise 0."""
+    return 0.0
+
+
+@release_s.register(KelvinVoigt)
+def _kelvin_voigt_release_s(stop: KelvinVoigt) -> float:
+    return stop.damping_n_s_m / stop.stiffness_n_per_m
+
 
 @by_part
 def restitution(stop: Stop) -> float:

@@ -44,8 +44,8 @@ AGE, JUMP = range(2)
 class Sensing(NamedTuple):
     """Poles λ and states z of the filters, shape (3,), and `active[0]` half-sines, shape (PULSES, 2).
 
-    `moments`: each filter's decay and moments of 1, s, s² … over a step of `step_s`, shape (3, DEGREE + 2).
-    `inputs`: power coefficients over a step of crank speed, striker velocity and a_b, shape (3, DEGREE + 1).
+    `moments`: each filter's decay and moments of 1, s, s² … over a step of `step_s`, shape (3, ORDER + 2).
+    `inputs`: power coefficients over a step of crank speed, striker velocity and a_b, shape (3, ORDER + 1).
     A tilted or moving housing has a fourth filter, and `shaken` of shape (2, DEGREE + 1), otherwise (0, …).
     `readings` are the outputs of the filters: accelerations, m/s², and the speed, rad/s; 0 without a filter.
     A module without sensors has no filters.
@@ -68,9 +68,9 @@ def allocate_filters(filters: int, pulse_s: float) -> Sensing:
     return Sensing(
         poles=np.zeros(filters, np.complex128),
         states=np.zeros(filters, np.complex128),
-        moments=np.zeros((filters, DEGREE + 2), dtype=np.complex128),
+        moments=np.zeros((filters, ORDER + 2), dtype=np.complex128),
         step_s=np.zeros(1),
-        inputs=np.zeros((3, DEGREE + 1)),
+        inputs=np.zeros((3, ORDER + 1)),
         pulses=np.zeros((PULSES, 2)),
         active=np.zeros(1, np.int64),
         pulse_s=float(pulse_s),
@@ -130,12 +130,6 @@ def note_readings(probe: Sensing) -> None:
     readings[SPEED_ESTIMATE] = states[SPEED_ESTIMATE].real
 
 
-@subroutine(inline=True)
-def series_order(probe: Sensing) -> int:
-    """Order of a step's Taylor series; the sensors' filters are driven by polynomials of degree DEGREE."""
-    return DEGREE if is_sensing(probe) else ORDER
-
-
 @subroutine
 def sense_jump(probe: Sensing, jump_m_s: float) -> None:
     """Start a half-sine for a loss of velocity by `jump_m_s` at a rigid stop, or add it to the last one.
@@ -167,44 +161,44 @@ def sense_step(
     to_power(dense[ROW.v_m_s], share, inputs[STRIKER_VELOCITY])
     if not is_level(parts.housing):
         _interpolate_housing(parts.housing, probe, used_s, begin_s)
-    _drive_filters(probe, parts, used_s)
+    _drive_filters(probe, parts, used_s, DEGREE)
 
 
 @subroutine(inline=True)
-def sense_series(probe: Sensing, parts: Parts, series: SeriesRows, used_s: float) -> None:
-    """Drive the filters over the first `used_s` of a step by a Taylor series."""
+def sense_series(probe: Sensing, parts: Parts, series: SeriesRows, used_s: float, order: int) -> None:
+    """Drive the filters over the first `used_s` of a step by a Taylor series of this order."""
     inputs = probe.inputs
     if is_motor(parts.drive):
-        _scaled(series.crank_rad_s, used_s, inputs[CRANK_SPEED])
-    _scaled(series.v_m_s, used_s, inputs[STRIKER_VELOCITY])
+        _scaled(series.crank_rad_s, used_s, inputs[CRANK_SPEED], order)
+    _scaled(series.v_m_s, used_s, inputs[STRIKER_VELOCITY], order)
     if not is_level(parts.housing):
-        _scaled(series.housing_m_s2, used_s, inputs[SHAKEN])
-    _drive_filters(probe, parts, used_s)
+        _scaled(series.housing_m_s2, used_s, inputs[SHAKEN], order)
+    _drive_filters(probe, parts, used_s, order)
 
 
 @subroutine
-def _drive_filters(probe: Sensing, parts: Parts, used_s: float) -> None:
-    """Drive the filters over `used_s` by the polynomials in `probe.inputs`."""
+def _drive_filters(probe: Sensing, parts: Parts, used_s: float, degree: int) -> None:
+    """Drive the filters over `used_s` by the polynomials of this degree in `probe.inputs`."""
     inputs, moments, states = probe.inputs, probe.moments, probe.states
     _note_moments(probe, used_s)
     speed, velocity = inputs[CRANK_SPEED], inputs[STRIKER_VELOCITY]
     if not is_motor(parts.drive):
         speed[:] = 0.0
         speed[0] = constant_speed_rad_s(parts.drive)
-    for j in range(DEGREE + 1):
+    for j in range(degree + 1):
         speed[j] *= -probe.poles[SPEED_ESTIMATE].real
-    states[SPEED_ESTIMATE] = _driven(moments[SPEED_ESTIMATE], states[SPEED_ESTIMATE], speed, DEGREE)
-    for j in range(DEGREE):  # a = v'
+    states[SPEED_ESTIMATE] = _driven(moments[SPEED_ESTIMATE], states[SPEED_ESTIMATE], speed, degree)
+    for j in range(degree):  # a = v'
         velocity[j] = (j + 1) * velocity[j + 1] / used_s
     for which in (LOW, HIGH):
-        states[which] = _driven(moments[which], states[which], velocity, DEGREE - 1)
+        states[which] = _driven(moments[which], states[which], velocity, degree - 1)
     for i in range(PULSES if probe.active[0] > 0 else 0):
         if probe.pulses[i, JUMP] != 0.0:
             _sense_pulse(probe, probe.pulses[i], used_s)
     if not is_level(parts.housing):
         for which in (LOW, HIGH):
-            states[which] += _driven(moments[which], 0.0j, inputs[SHAKEN], DEGREE)
-        states[HOUSING] = _driven(moments[HOUSING], states[HOUSING], inputs[SHAKEN], DEGREE)
+            states[which] += _driven(moments[which], 0.0j, inputs[SHAKEN], degree)
+        states[HOUSING] = _driven(moments[HOUSING], states[HOUSING], inputs[SHAKEN], degree)
 
 
 @subroutine
@@ -218,10 +212,10 @@ def _interpolate_housing(housing: Housing, probe: Sensing, used_s: float, begin_
 
 
 @subroutine
-def _scaled(series: Vector, used_s: float, power: Vector) -> None:
+def _scaled(series: Vector, used_s: float, power: Vector, order: int) -> None:
     """Power coefficients in t/used of Taylor coefficients in t."""
     scale = 1.0
-    for k in range(DEGREE + 1):
+    for k in range(order + 1):
         power[k] = series[k] * scale
         scale *= used_s
 

@@ -1,26 +1,25 @@
 """A step by a Taylor series, whose coefficients follow from the equations of motion (`plant_sim.jets`).
 
 The length of a step follows from the last two or three coefficients, after Jorba & Zou, Experimental
-Mathematics 14, 2005. There is a series for an endless rod, a housing that no leg carries, a stop that is
-rigid, a linear spring or not in touch, and a motor's ideal current below the limit of its supply. All
-other steps are steps of DOP853. With sensors, whose readings leave no time for a longer step, the series has
-fewer terms, and a step that needs more of them is one of DOP853.
+Mathematics 14, 2005. There is a series if each part has one (`has_series`) and the supply does not limit a
+motor's current within the step. All other steps are steps of DOP853. A step that a call makes short, as
+from tick to tick, takes a series of fewer terms if they suffice.
 """
 
 import math
 from typing import NamedTuple
 
 from plant_sim.jets import ROW, Coefficient
-from plant_sim.kernels import one_of, subroutine
+from plant_sim.kernels import subroutine
 from plant_sim.parts.drive import Drive, is_motor, motor_torque_n_m
-from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Viscous, is_stribeck, static_limit_n
-from plant_sim.parts.housing import Level, Moving, Tilted, expand_housing, is_level
+from plant_sim.parts.friction import Friction, friction_has_series, is_stribeck
+from plant_sim.parts.housing import expand_housing, housing_has_series, is_level
 from plant_sim.parts.linkage import is_endless
-from plant_sim.parts.stop import KelvinVoigt, NoStop, RigidStop
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import stop_has_series
 from plant_sim.parts.striker import has_linear_spring
 from plant_sim.parts.winding import is_wound
 from plant_sim.result import Phase
-from plant_sim.sensors.sensing import is_sensing
 from plant_sim.solvers.adaptive.motion import set_rates
 from plant_sim.solvers.adaptive.state_layout import Flow, Memory, Run, SeriesRows, Vector
 from plant_sim.solvers.bernstein import DEGREE, ORDER, from_powers
@@ -31,55 +30,56 @@ UNSEEN = 40.0
 LEAST = 1e-300
 """Keeps the length of a step finite if nothing moves."""
 
+SHORT_RAD = 0.1
+"""Longest step for which the terms up to DEGREE are tried first, in radians of the fastest motion: a tenth of
+a radian leaves 3e-13 of the motion."""
+
 CLEARLY_WITHIN = 0.5
 """A longest step whose last terms are below this share of the tolerances is taken whole."""
 
-_is_regular = one_of(Level, Tilted, Moving)
-_is_linear = one_of(NoStop, RigidStop, KelvinVoigt)
-_is_linear_but_for_a_constant = one_of(NoFriction, Viscous, Coulomb)
-
 
 @subroutine(inline=True)
-def series_step_s(run: Run, flow: Flow, scale: Vector, longest_s: float) -> float:
-    """Expand the motion into `memory.series`; return the length of a step, s, or 0 if there is no series.
+def series_step_s(
+    run: Run, flow: Flow, scale: Vector, longest_s: float, radian_s: float
+) -> tuple[float, int]:
+    """Expand the motion into `memory.series`; return the length of a step, s, or 0 if there is no series, and
+    the series' order.
 
-    A series as short as the sensors need is worth its time only if it covers the whole step.
+    A step that has to be short in comparison with a radian of the fastest motion, `radian_s`, is tried with
+    the order DEGREE, which is worth its time only if it covers the whole step.
     """
-    if not is_sensing(run.probe):
-        return _step_s(run, flow, scale, longest_s, ORDER)
-    h_s = _step_s(run, flow, scale, longest_s, DEGREE)
-    return h_s if h_s == longest_s else 0.0
+    if not _has_series(run.parts, flow):
+        return 0.0, ORDER
+    if longest_s <= SHORT_RAD * radian_s:
+        h_s = _step_s(run, flow, scale, longest_s, DEGREE)
+        if h_s in (0.0, longest_s):  # with more terms the supply limits the current, too
+            return h_s, DEGREE
+    return _step_s(run, flow, scale, longest_s, ORDER), ORDER
+
+
+@subroutine
+def _has_series(parts: Parts, flow: Flow) -> bool:
+    """Whether each part has a series in this phase; a motor's depends on the step, too."""
+    return (
+        is_endless(parts.linkage)
+        and housing_has_series(parts.housing)
+        and not is_wound(parts.winding)
+        and friction_has_series(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2)
+        and has_linear_spring(parts.striker)
+        and (stop_has_series(parts.stop) or not flow.is_pressed)
+    )
 
 
 @subroutine(inline=True)
 def _step_s(run: Run, flow: Flow, scale: Vector, longest_s: float, order: int) -> float:
+    """`series_step_s` with this order."""
     parts, memory = run.parts, run.memory[0]
-    if not (
-        is_endless(parts.linkage)
-        and _is_regular(parts.housing)
-        and not is_wound(parts.winding)
-        and _has_recurrence(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2)
-        and has_linear_spring(parts.striker)
-    ):
-        return 0.0
-    if flow.is_pressed and not _is_linear(parts.stop):
-        return 0.0
     series = memory.series
     expand(run, flow, order)
     h_s = _accurate_s(memory, scale, order, _judged_terms(parts.friction), longest_s)
     if flow.phase in (Phase.FLIGHT, Phase.CONTACT):
         h_s = _seen_s(parts.friction, series.exponent, h_s, order)
-    if not _is_torque_constant(parts.drive, flow, series, h_s, order):
-        return 0.0
-    return h_s
-
-
-@subroutine
-def _has_recurrence(friction: Friction, normal_n: float) -> bool:
-    """Stribeck's e^−p has one where the striker halts before it slides the other way, with p < 0."""
-    if is_stribeck(friction):
-        return friction.delta in (1.0, 2.0) and static_limit_n(friction, normal_n) > 0.0
-    return _is_linear_but_for_a_constant(friction)
+    return h_s if _is_torque_constant(parts.drive, flow, series, h_s, order) else 0.0
 
 
 class MotionCoefficients(NamedTuple):

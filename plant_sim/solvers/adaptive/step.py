@@ -14,7 +14,7 @@ from plant_sim.parts.housing import smooth_for_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.wearer import is_worn
 from plant_sim.result import Phase
-from plant_sim.sensors.sensing import is_sensing, sense_series, sense_step, series_order
+from plant_sim.sensors.sensing import is_sensing, sense_series, sense_step
 from plant_sim.solvers.adaptive.automaton import apply, first_event, may_end
 from plant_sim.solvers.adaptive.crank import dry_loss_n_m, turn_crank
 from plant_sim.solvers.adaptive.dop853 import attempt, extend
@@ -54,8 +54,8 @@ def take_step(run: Run) -> float:
     longest = _longest_s(parts, memory, begin_s)
     longest_series = min(LONGEST_SERIES * longest, smooth_for_s(parts.housing, begin_s), remaining)
     longest_series = min(longest_series, ankle_s(parts))  # beyond, an orbit amplifies what is cut off
-    h = series_step_s(run, flow, scale, longest_series)
-    is_series, order, attempts = h > 0.0, series_order(run.probe), 1.0
+    h, order = series_step_s(run, flow, scale, longest_series, longest)
+    is_series, attempts = h > 0.0, 1.0
     if is_series:
         state_after(memory, h, order)
     else:
@@ -78,7 +78,7 @@ def take_step(run: Run) -> float:
     if flow.phase == Phase.CONTACT:
         follow_contact(run, dense, flow.damping_s_m, used / h)
     follow_felt(run, dense, used / h)
-    _sense(run, h, used, begin_s, is_series)
+    _sense(run, h, used, begin_s, is_series, order)
     if has_sample:
         sample_step(run, flow, dense, h, used)
 
@@ -192,13 +192,13 @@ def _look_within(run: Run, flow: Flow, h_s: float, is_series: bool, order: int, 
 
 
 @subroutine(inline=True)
-def _sense(run: Run, h_s: float, used_s: float, begin_s: float, is_series: bool) -> None:
+def _sense(run: Run, h_s: float, used_s: float, begin_s: float, is_series: bool, order: int) -> None:
     """Drive the sensors' filters over the first `used_s` of the step."""
     probe, parts, memory = run.probe, run.parts, run.memory[0]
     if not is_sensing(probe) or used_s == 0.0:
         return
     if is_series:
-        sense_series(probe, parts, memory.series, used_s)
+        sense_series(probe, parts, memory.series, used_s, order)
     else:
         sense_step(probe, parts, memory.dense, h_s, used_s, begin_s)
 

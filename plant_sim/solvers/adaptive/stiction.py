@@ -7,9 +7,9 @@ The striker sticks by dry friction, or rests on a rigid stop. The law of frictio
 import math
 
 from plant_sim.jets import State
-from plant_sim.kernels import one_of, subroutine
+from plant_sim.kernels import subroutine
 from plant_sim.parts.friction import ROUNDING, set_off, static_limit_n
-from plant_sim.parts.housing import Level, Tilted, housing_m_s2, housing_m_s3
+from plant_sim.parts.housing import housing_m_s2, housing_m_s3, is_still
 from plant_sim.parts.linkage import crank_torque_n_m, sine_at
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m
@@ -26,8 +26,6 @@ from plant_sim.solvers.double_double import TURN_RAD
 
 NEAR_RAD = 1e-9
 """A crank within this angle of a breakaway counts as having reached it."""
-
-_is_still = one_of(Level, Tilted)
 
 
 @subroutine
@@ -109,7 +107,7 @@ def release_event(run: Run, step: Step) -> float:
     """
     parts, memory, flow, h_s = run.parts, run.memory[0], step.flow, step.h_s
     y, scratch = memory.y, memory.scratch
-    if _is_still(parts.housing):
+    if is_still(parts.housing):
         up, down = _release_angles(parts, flow.phase, flow.angle_rad, y.depth_m)
         return angle_event(run, up, down, step)
     values, pull = scratch.poly, scratch.press[: DEGREE + 1]
@@ -167,11 +165,11 @@ def _pull_growth(run: Run) -> tuple[float, float]:
     """
     parts, memory = run.parts, run.memory[0]
     y, striker = memory.y, parts.striker
-    is_still = _is_still(parts.housing)
-    if is_still and abs(math.cos(y.crank_rad)) < 1e-4:
+    stands = is_still(parts.housing)
+    if stands and abs(math.cos(y.crank_rad)) < 1e-4:
         return 0.0, 0.0
     per_rad = crank_torque_n_m(parts.linkage, striker.spring_n_per_m, parts.drive.amplitude_m, y.crank_rad)
-    if is_still:
+    if stands:
         return per_rad * y.crank_rad_s, abs(per_rad) * 2.0 * NEAR_RAD
     shaken = striker.mass_kg * housing_m_s3(parts.housing, now_s(memory))
     natural = math.sqrt(striker.spring_n_per_m / striker.mass_kg)

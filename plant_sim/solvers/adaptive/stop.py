@@ -7,16 +7,16 @@ An impact at a rigid stop takes no time; one at a soft stop is a contact. The la
 import math
 
 from plant_sim.jets import ROW
-from plant_sim.kernels import one_of, subroutine
+from plant_sim.kernels import subroutine
 from plant_sim.parts.housing import shock_m_s
 from plant_sim.parts.stop import (
-    KelvinVoigt,
     Stop,
     contact_rate_rad_s,
     damping_s_m,
     elastic_energy_j,
     has_no_stop,
     is_soft,
+    release_s,
     restitution,
 )
 from plant_sim.parts.wearer import contact_mass_kg, is_worn
@@ -29,8 +29,6 @@ from plant_sim.solvers.bernstein import root
 
 SURFACE_SHARE = 1e-3
 """Distance from the surface, as a share of a step's tolerance, of a striker that leaves it from rest."""
-
-_is_kelvin_voigt = one_of(KelvinVoigt)
 
 
 @subroutine
@@ -55,9 +53,9 @@ def stop_events(run: Run, step: Step, found: Found) -> Found:
     beyond = phase == Phase.FLIGHT and is_soft(parts.stop) and depth[0] > 0.0
     if phase == Phase.FLIGHT and not beyond:
         return earlier(found, Event.TOUCH, root(depth, 1.0, 0.0, zeros, scratch))
-    press, release_s = scratch.press[: depth.size], _release_s(parts.stop)
+    press, early_s = scratch.press[: depth.size], release_s(parts.stop)
     for i in range(depth.size):
-        press[i] = depth[i] + release_s * (dense[ROW.v_m_s, i] - dense[ROW.plate_m_s, i])  # F/K
+        press[i] = depth[i] + early_s * (dense[ROW.v_m_s, i] - dense[ROW.plate_m_s, i])  # F/K
     if not beyond:
         return earlier(found, Event.LEAVE, root(press, -1.0, 0.0, zeros, scratch))
     found = earlier(found, Event.CLEAR, root(depth, -1.0, 0.0, 0, scratch))
@@ -65,15 +63,9 @@ def stop_events(run: Run, step: Step, found: Found) -> Found:
 
 
 @subroutine
-def _release_s(stop: Stop) -> float:
-    """D/K, s, of a stop with a linear damper; 0 for all others."""
-    return stop.damping_n_s_m / stop.stiffness_n_per_m if _is_kelvin_voigt(stop) else 0.0
-
-
-@subroutine
 def leaving_zeros(stop: Stop) -> int:
     """Number of leading zero derivatives, at the begin of a contact, of the quantity whose root ends it."""
-    return 0 if _release_s(stop) > 0.0 else 1
+    return 0 if release_s(stop) > 0.0 else 1
 
 
 @subroutine

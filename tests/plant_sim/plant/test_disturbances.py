@@ -90,6 +90,7 @@ def test_a_kick_at_the_instant_of_setting_off_is_as_one_a_moment_later() -> None
 
 
 DRIVEN = {"amplitude_m": 0.02, "model": "ideal"}
+SAME_INSTANT_S = 1e-12
 
 
 def random_scene(rng: np.random.Generator, kind: int):
@@ -195,6 +196,9 @@ def test_disturbances_at_random_instants_keep_the_ledger_and_do_not_depend_on_th
                 next_impacts(plant, torque_n_m, longest_s, np.random.default_rng((seed, 2 + division)))
             )
             assert plant.energy.residual < 1e-6, (trial, instant_s)
+        at_once = [bool(impacts) and impacts[0].t_s < instant_s + SAME_INSTANT_S for impacts in runs]
+        if at_once[0] != at_once[1]:  # by rounding, this impact was before the instant in one of the runs
+            del runs[at_once.index(True)][0]
         for first, second in zip(*runs, strict=False):
             if min(first.v_m_s, second.v_m_s) < 0.05:  # beyond a grazing small differences grow
                 break

@@ -67,7 +67,7 @@ def _expanded(run, h_s):
 @jit
 def _step_s(run):
     memory = run.memory[0]
-    return series_step_s(run, flow_now(run), memory.all_scale, 1e-3)
+    return series_step_s(run, flow_now(run), memory.all_scale, 1e-3, 1.0)[0]
 
 
 @jit
@@ -156,3 +156,33 @@ def test_a_series_shows_the_fall_of_friction_in_every_third_term(changes: dict[s
         plant.advance(0.0, 1e-3)
     stages = simulate(parts, initial_state(scene), 0.6, accuracy=1e-14)
     assert plant.state.x_m == pytest.approx(stages.final.x_m, abs=1e-9)
+
+
+@pytest.mark.parametrize("period_s", [1e-3, 0.05])
+@pytest.mark.parametrize(
+    ("base", "changes"),
+    [
+        ("table1-motor-soft", {"stop": KELVIN_VOIGT, "housing": SHAKEN}),
+        ("table1-stribeck", {"friction.v_s_m_s": 0.01, "stop": KELVIN_VOIGT}),
+    ],
+)
+def test_sensors_change_nothing_in_the_motion(base: str, changes: dict[str, Any], period_s: float) -> None:
+    with_sensors, without = (
+        Plant(load_scene(changed(base, {**changes, "sensors": sensors})), seed=0) for sensors in ({}, None)
+    )
+    for _ in range(round(2.0 / period_s)):
+        for plant in (with_sensors, without):
+            plant.advance(0.02, period_s)
+        assert with_sensors.now == without.now
+
+
+def test_sensors_read_the_same_at_the_end_of_long_steps_as_of_short_ones() -> None:
+    scene = load_scene(
+        changed("table1-motor-soft", {"stop": KELVIN_VOIGT, "housing": SHAKEN, "solver.accuracy": 1e-11})
+    )
+    often, rarely = Plant(scene, seed=0), Plant(scene, seed=0)
+    for _ in range(40):
+        rarely.advance(0.02, 0.05)
+        for _ in range(50):
+            often.advance(0.02, 1e-3)
+        assert rarely.module.probe.readings == pytest.approx(often.module.probe.readings, abs=1e-5, rel=1e-8)
