@@ -22,7 +22,8 @@ from plant_sim.kernels import subroutine
 from plant_sim.parts.drive import constant_speed_rad_s, is_motor
 from plant_sim.parts.housing import Housing, housing_m_s2, is_level, steady_m_s2
 from plant_sim.parts.parts import Parts
-from plant_sim.solvers.adaptive.state_layout import SeriesRows, Vector
+from plant_sim.solvers.adaptive.event_location import Segment
+from plant_sim.solvers.adaptive.state_layout import Run, Vector
 from plant_sim.solvers.bernstein import DEGREE, NODES, ORDER, interpolate
 from plant_sim.tables.sensor_tables import AccelerometerTable, SensorsTable
 
@@ -151,29 +152,24 @@ def sense_jump(probe: Sensing, jump_m_s: float) -> None:
 
 
 @subroutine(inline=True)
-def sense_step(
-    probe: Sensing, parts: Parts, dense: Vector, h_s: float, used_s: float, begin_s: float
-) -> None:
-    """Drive the filters over the first `used_s` of a step of `h_s` of Bernstein coefficients `dense`."""
-    inputs, share = probe.inputs, used_s / h_s
-    if is_motor(parts.drive):
+def sense(run: Run, segment: Segment, used_s: float) -> None:
+    """Drive the filters over the first `used_s` of a step."""
+    probe, parts, series, dense = run.probe, run.parts, run.memory[0].series, segment.dense
+    if not is_sensing(probe) or used_s == 0.0:
+        return
+    inputs, share, degree = probe.inputs, used_s / segment.h_s, DEGREE
+    if segment.is_series:
+        degree = segment.order
+        _scaled(series.crank_rad_s, used_s, inputs[CRANK_SPEED], degree)
+        _scaled(series.v_m_s, used_s, inputs[STRIKER_VELOCITY], degree)
+        if not is_level(parts.housing):
+            _scaled(series.housing_m_s2, used_s, inputs[SHAKEN], degree)
+    else:
         to_power(dense[ROW.crank_rad_s], share, inputs[CRANK_SPEED])
-    to_power(dense[ROW.v_m_s], share, inputs[STRIKER_VELOCITY])
-    if not is_level(parts.housing):
-        _interpolate_housing(parts.housing, probe, used_s, begin_s)
-    _drive_filters(probe, parts, used_s, DEGREE)
-
-
-@subroutine(inline=True)
-def sense_series(probe: Sensing, parts: Parts, series: SeriesRows, used_s: float, order: int) -> None:
-    """Drive the filters over the first `used_s` of a step by a Taylor series of this order."""
-    inputs = probe.inputs
-    if is_motor(parts.drive):
-        _scaled(series.crank_rad_s, used_s, inputs[CRANK_SPEED], order)
-    _scaled(series.v_m_s, used_s, inputs[STRIKER_VELOCITY], order)
-    if not is_level(parts.housing):
-        _scaled(series.housing_m_s2, used_s, inputs[SHAKEN], order)
-    _drive_filters(probe, parts, used_s, order)
+        to_power(dense[ROW.v_m_s], share, inputs[STRIKER_VELOCITY])
+        if not is_level(parts.housing):
+            _interpolate_housing(parts.housing, probe, used_s, segment.flow.time_s)
+    _drive_filters(probe, parts, used_s, degree)
 
 
 @subroutine

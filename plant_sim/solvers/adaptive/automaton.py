@@ -18,8 +18,8 @@ from plant_sim.solvers.adaptive.crank import (
     halt_crank,
     settle_crank,
 )
-from plant_sim.solvers.adaptive.event_location import Course, Event, Found, Step, earlier, steepest
-from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, LET_GO, NO_IMPACT, Flow, Run, enter
+from plant_sim.solvers.adaptive.event_location import Event, Found, Segment, earlier, steepest
+from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, LET_GO, NO_IMPACT, Run, enter
 from plant_sim.solvers.adaptive.stiction import dry_limit_n, from_rest, release, release_event
 from plant_sim.solvers.adaptive.stop import (
     come_to_rest,
@@ -82,12 +82,12 @@ def _determine_contact(run: Run, closing: float) -> None:
 
 
 @subroutine
-def may_end(run: Run, flow: Flow, course: Course) -> bool:
+def may_end(run: Run, segment: Segment) -> bool:
     """Whether an event may occur in the step, by bounds from its ends and its largest slopes.
 
     A function with slopes within ± S and values g0 and g1 at the ends is at least (g0 + g1 − S h) / 2.
     """
-    parts, memory = run.parts, run.memory[0]
+    parts, memory, flow = run.parts, run.memory[0], segment.flow
     y, new, mode = memory.y, memory.new, memory.mode
     if (
         is_worn(parts.wearer)
@@ -95,26 +95,26 @@ def may_end(run: Run, flow: Flow, course: Course) -> bool:
         or mode.zero_depth + mode.zero_velocity + mode.zero_crank > 0
     ):
         return True
-    change = course.h_s * steepest(course, ROW.v_m_s)
+    change = segment.h_s * steepest(memory, segment, ROW.v_m_s)
     if dry_limit_n(parts) > 0.0 and (y.v_m_s + new.v_m_s) * flow.direction <= change:
         return True
-    if not has_no_stop(parts.stop) and max(y.depth_m, new.depth_m) + 0.125 * course.h_s * change >= 0.0:
+    if not has_no_stop(parts.stop) and max(y.depth_m, new.depth_m) + 0.125 * segment.h_s * change >= 0.0:
         return True
-    return crank_may_halt(parts.drive, flow, y, new, course) or voltage_may_end(parts, flow, y, new, course)
+    return crank_may_halt(run, segment) or voltage_may_end(run, segment)
 
 
 @subroutine
-def first_event(run: Run, step: Step) -> Found:
+def first_event(run: Run, segment: Segment) -> Found:
     """The first event of a step."""
-    parts, memory, flow = run.parts, run.memory[0], step.flow
-    found = crank_events(run, step, Found(Event.NONE, NO_ROOT))
-    found = voltage_events(run, step, found)
+    parts, memory, flow = run.parts, run.memory[0], segment.flow
+    found = crank_events(run, segment, Found(Event.NONE, NO_ROOT))
+    found = voltage_events(run, segment, found)
     if flow.phase in (Phase.STICK, Phase.REST_ON_STOP):
-        return earlier(found, Event.RELEASE, release_event(run, step))
+        return earlier(found, Event.RELEASE, release_event(run, segment))
     if dry_limit_n(parts) > 0.0:
-        s = root(step.dense[ROW.v_m_s], -flow.direction, 0.0, memory.mode.zero_velocity, memory.scratch)
+        s = root(segment.dense[ROW.v_m_s], -flow.direction, 0.0, memory.mode.zero_velocity, memory.scratch)
         found = earlier(found, Event.HALT, s)
-    return stop_events(run, step, found)
+    return stop_events(run, segment, found)
 
 
 @subroutine

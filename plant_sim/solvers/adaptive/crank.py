@@ -17,10 +17,9 @@ from plant_sim.parts.stop import origin_m
 from plant_sim.parts.striker import spring_force_n
 from plant_sim.parts.winding import is_wound
 from plant_sim.solvers.adaptive.event_location import (
-    Course,
     Event,
     Found,
-    Step,
+    Segment,
     earlier,
     look_within,
     steepest,
@@ -44,11 +43,11 @@ def crank_in_stage(drive: Drive, flow: Flow, tau_s: float, y: State) -> Crank:
 
 
 @subroutine
-def angle_at(drive: Drive, step: Step, s: float) -> float:
+def angle_at(drive: Drive, segment: Segment, s: float) -> float:
     """Crank angle, rad, within a step."""
     if is_motor(drive):
-        return at(step.dense[ROW.crank_rad], s)
-    return step.flow.angle_rad + drive.omega_rad_s * s * step.h_s
+        return at(segment.dense[ROW.crank_rad], s)
+    return segment.flow.angle_rad + drive.omega_rad_s * s * segment.h_s
 
 
 @subroutine(inline=True)
@@ -189,64 +188,65 @@ def dry_loss_n_m(drive: Drive) -> float:
 
 
 @subroutine
-def crank_may_halt(drive: Drive, flow: Flow, y: State, new: State, course: Course) -> bool:
+def crank_may_halt(run: Run, segment: Segment) -> bool:
     """Whether the crank may halt or break away in a step; bounds as in `automaton.may_end`."""
-    if dry_loss_n_m(drive) == 0.0:
+    memory, flow = run.memory[0], segment.flow
+    if dry_loss_n_m(run.parts.drive) == 0.0:
         return False
     if flow.crank_stuck:
         return True
-    twice_mean: float = (y.crank_rad_s + new.crank_rad_s) * flow.crank_direction
-    return twice_mean <= course.h_s * steepest(course, ROW.crank_rad_s)
+    twice_mean: float = (memory.y.crank_rad_s + memory.new.crank_rad_s) * flow.crank_direction
+    return twice_mean <= segment.h_s * steepest(memory, segment, ROW.crank_rad_s)
 
 
 @subroutine
-def crank_events(run: Run, step: Step, found: Found) -> Found:
+def crank_events(run: Run, segment: Segment, found: Found) -> Found:
     """The earlier of `found` and the crank's halt or breakaway."""
-    drive, flow, memory = run.parts.drive, step.flow, run.memory[0]
+    drive, flow, memory = run.parts.drive, segment.flow, run.memory[0]
     if dry_loss_n_m(drive) == 0.0:
         return found
     if not flow.crank_stuck:
         s = root(
-            step.dense[ROW.crank_rad_s], -flow.crank_direction, 0.0, memory.mode.zero_crank, memory.scratch
+            segment.dense[ROW.crank_rad_s], -flow.crank_direction, 0.0, memory.mode.zero_crank, memory.scratch
         )
         return earlier(found, Event.CRANK_HALT, s)
-    return earlier(found, Event.CRANK_BREAK, _break_event(run, dry_loss_n_m(drive), step))
+    return earlier(found, Event.CRANK_BREAK, _break_event(run, dry_loss_n_m(drive), segment))
 
 
 @subroutine
-def _break_event(run: Run, dry_n_m: float, step: Step) -> float:
+def _break_event(run: Run, dry_n_m: float, segment: Segment) -> float:
     """First s at which the torque on a crank at rest exceeds `crank_limit_n_m`; at the limit the loss holds.
 
     With an ideal current the net torque at rest is linear in the striker's position: net(0) + slope (place −
     place(0)).
     """
-    parts, memory, flow = run.parts, run.memory[0], step.flow
+    parts, memory, flow = run.parts, run.memory[0], segment.flow
     y, scratch = memory.y, memory.scratch
     angle_rad = y.crank_rad
     limit = crank_limit_n_m(parts, dry_n_m, flow.torque_n_m, angle_rad, y)
     if is_wound(parts.winding):
         values, net = scratch.poly, scratch.press[: DEGREE + 1]
         for i in range(DEGREE + 1):
-            look_within(memory, step.dense, NODES[i], memory.all_inner)
+            look_within(memory, segment.dense, NODES[i], memory.all_inner)
             values[i] = crank_net_n_m(parts, flow.torque_n_m, angle_rad, memory.inner)
         interpolate(values, net)
         return first_beyond(net, 1.0, 0.0, limit, scratch)
-    place = scratch.press[: step.dense.shape[1]]
+    place = scratch.press[: segment.dense.shape[1]]
     for i in range(place.size):
-        place[i] = step.dense[ROW.depth_m, i] + step.dense[ROW.plate_m, i]
+        place[i] = segment.dense[ROW.depth_m, i] + segment.dense[ROW.plate_m, i]
     slope = crank_load_n_m(parts, angle_rad, 0.0) - crank_load_n_m(parts, angle_rad, 1.0)
     at_stop = motor_torque_n_m(parts.drive, flow.torque_n_m, 0.0) - crank_load_n_m(parts, angle_rad, 0.0)
     return first_beyond(place, slope, at_stop, limit, scratch)
 
 
 @subroutine
-def angle_event(run: Run, up_rad: float, down_rad: float, step: Step) -> float:
+def angle_event(run: Run, up_rad: float, down_rad: float, segment: Segment) -> float:
     """First s at which the crank reaches `up_rad`, above its angle at the start, or `down_rad`, below it."""
     drive = run.parts.drive
     if is_motor(drive):
-        angle, scratch = step.dense[ROW.crank_rad], run.memory[0].scratch
+        angle, scratch = segment.dense[ROW.crank_rad], run.memory[0].scratch
         return min(root(angle, 1.0, -up_rad, 0, scratch), root(angle, -1.0, down_rad, 0, scratch))
-    turn, begin_rad = drive.omega_rad_s * step.h_s, step.flow.angle_rad
+    turn, begin_rad = drive.omega_rad_s * segment.h_s, segment.flow.angle_rad
     bound = up_rad - begin_rad if turn > 0.0 else down_rad - begin_rad
     if abs(bound) > abs(turn):
         return NO_ROOT

@@ -31,11 +31,17 @@ class Event(IntEnum):
     UNLIMIT = 10
 
 
-class Step(NamedTuple):
-    """A computed step: its constants, its length, and the motion within it."""
+class Segment(NamedTuple):
+    """A step as it was computed: its constants, its length, and the motion within it.
+
+    The motion is a Taylor series of this order in `memory.series`, or has slopes in the stages of DOP853,
+    `memory.slopes`. `dense` is the place of its Bernstein coefficients.
+    """
 
     flow: Flow
     h_s: float
+    is_series: bool
+    order: int
     dense: Vector
 
 
@@ -62,27 +68,16 @@ def look_within(memory: Memory, dense: Vector, s: float, out: Vector) -> None:
         out[i] = at(dense[i], s)
 
 
-class Course(NamedTuple):
-    """A step of `h_s` as it was computed: Taylor coefficients, shape (at least motion, order + 1), or slopes
-    in the stages of DOP853, shape (STAGES, state)."""
-
-    is_series: bool
-    coefficients: Vector
-    k: Vector
-    h_s: float
-    order: int
-
-
 @subroutine
-def steepest(course: Course, place: int) -> float:
+def steepest(memory: Memory, segment: Segment, place: int) -> float:
     """A bound of a quantity's slope within a step, of either sign: Σ j |c_j| hʲ⁻¹, or twice the largest slope
     of a stage."""
+    if not segment.is_series:
+        return 2.0 * steepest_stage(memory.slopes, place)
     total = 0.0
-    if course.is_series:
-        for j in range(course.order, 0, -1):
-            total = total * course.h_s + j * abs(course.coefficients[place, j])
-        return total
-    return 2.0 * steepest_stage(course.k, place)
+    for j in range(segment.order, 0, -1):
+        total = total * segment.h_s + j * abs(memory.all_series[place, j])
+    return total
 
 
 @subroutine

@@ -11,7 +11,7 @@ from plant_sim.parts.wearer import is_worn
 from plant_sim.parts.winding import DqWinding
 from plant_sim.result import ElectricalLedger, EnergyLedger, MotionState, Observation, Phase
 from plant_sim.solvers.adaptive.crank import crank_in_stage
-from plant_sim.solvers.adaptive.event_location import look_within
+from plant_sim.solvers.adaptive.event_location import Segment, look_within
 from plant_sim.solvers.adaptive.motion import derivative, flow_now, stored_energy_j
 from plant_sim.solvers.adaptive.state_layout import OBSERVED, Flow, Memory, Run, Vector, now_s
 from plant_sim.solvers.adaptive.stiction import dry_limit_n, held_force_n
@@ -119,13 +119,13 @@ def sample_now(run: Run) -> None:
 
 
 @subroutine
-def sample_step(run: Run, flow: Flow, dense: Vector, h_s: float, used_s: float) -> None:
+def sample_step(run: Run, segment: Segment, used_s: float) -> None:
     """Fill samples at times within the used part of a step."""
-    memory, grid = run.memory[0], run.grid
+    memory, grid, flow = run.memory[0], run.grid, segment.flow
     mode = memory.mode
     while mode.samples < grid.t_s.size and grid.t_s[mode.samples] < flow.time_s + used_s:
         tau_s = grid.t_s[mode.samples] - flow.time_s
-        look_within(memory, dense, tau_s / h_s, memory.all_trial)
+        look_within(memory, segment.dense, tau_s / segment.h_s, memory.all_trial)
         note(run.parts, flow, tau_s, memory.trial, memory.slopes[1], grid.rows[mode.samples])
         mode.samples += 1
 

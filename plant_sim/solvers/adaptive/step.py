@@ -14,11 +14,11 @@ from plant_sim.parts.housing import smooth_for_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.wearer import is_worn
 from plant_sim.result import Phase
-from plant_sim.sensors.sensing import is_sensing, sense_series, sense_step
+from plant_sim.sensors.sensing import is_sensing, sense
 from plant_sim.solvers.adaptive.automaton import apply, first_event, may_end
 from plant_sim.solvers.adaptive.crank import dry_loss_n_m, turn_crank
 from plant_sim.solvers.adaptive.dop853 import attempt, extend
-from plant_sim.solvers.adaptive.event_location import Course, Event, Found, Step, steepest_stage
+from plant_sim.solvers.adaptive.event_location import Event, Found, Segment, steepest_stage
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.observation import follow_contact, follow_felt, sample_step
 from plant_sim.solvers.adaptive.series import LEAST, motion_within, series_step_s, state_after
@@ -63,24 +63,25 @@ def take_step(run: Run) -> float:
         if h < 0.0:
             return h
 
+    dense = memory.long_dense[:] if is_series and order == ORDER else memory.dense[:]
+    segment = Segment(flow, h, is_series, order, dense)
     used: float = h
     event = Event.NONE
     has_sample = mode.samples < grid.t_s.size and grid.t_s[mode.samples] < begin_s + h
-    is_checked = may_end(run, flow, Course(is_series, memory.all_series, memory.slopes, h, order))
-    dense = memory.long_dense[:] if is_series and order == ORDER else memory.dense[:]
+    is_checked = may_end(run, segment)
     if has_sample or is_checked or (is_sensing(run.probe) and not is_series):
-        _look_within(run, flow, h, is_series, order, has_sample)
+        _look_within(run, segment, has_sample)
     if is_checked:
-        found = first_event(run, Step(flow, h, dense))
+        found = first_event(run, segment)
         event = found.event
         if event != Event.NONE:
-            used = _repeat(run, flow, found, h, is_series, order)
+            used = _repeat(run, segment, found)
     if flow.phase == Phase.CONTACT:
         follow_contact(run, dense, flow.damping_s_m, used / h)
     follow_felt(run, dense, used / h)
-    _sense(run, h, used, begin_s, is_series, order)
+    sense(run, segment, used)
     if has_sample:
-        sample_step(run, flow, dense, h, used)
+        sample_step(run, segment, used)
 
     for place in range(held.used):
         i = memory.places[place]
@@ -177,51 +178,39 @@ def _eighth_root(value: float) -> float:
 
 
 @subroutine
-def _look_within(run: Run, flow: Flow, h_s: float, is_series: bool, order: int, has_sample: bool) -> None:
-    """The motion within the step, into `memory.long_dense` or `memory.dense`.
+def _look_within(run: Run, segment: Segment, has_sample: bool) -> None:
+    """The motion within the step, into `segment.dense`.
 
     Of a series only what events, forces and samples need: the crank's motion takes as long as the striker's.
     """
-    if is_series:
-        slides = flow.phase in (Phase.FLIGHT, Phase.CONTACT)
-        parts = run.parts
-        is_all_needed = has_sample or not slides or dry_loss_n_m(parts.drive) > 0.0 or is_worn(parts.wearer)
-        motion_within(run.memory[0], h_s, order, is_all_needed)
-    else:
-        extend(run, flow, h_s)
-
-
-@subroutine(inline=True)
-def _sense(run: Run, h_s: float, used_s: float, begin_s: float, is_series: bool, order: int) -> None:
-    """Drive the sensors' filters over the first `used_s` of the step."""
-    probe, parts, memory = run.probe, run.parts, run.memory[0]
-    if not is_sensing(probe) or used_s == 0.0:
+    parts, flow = run.parts, segment.flow
+    if not segment.is_series:
+        extend(run, flow, segment.h_s)
         return
-    if is_series:
-        sense_series(probe, parts, memory.series, used_s, order)
-    else:
-        sense_step(probe, parts, memory.dense, h_s, used_s, begin_s)
+    slides = flow.phase in (Phase.FLIGHT, Phase.CONTACT)
+    is_all_needed = has_sample or not slides or dry_loss_n_m(parts.drive) > 0.0 or is_worn(parts.wearer)
+    motion_within(run.memory[0], segment.h_s, segment.order, is_all_needed)
 
 
 @subroutine
-def _repeat(run: Run, flow: Flow, found: Found, h_s: float, is_series: bool, order: int) -> float:
+def _repeat(run: Run, segment: Segment, found: Found) -> float:
     """Repeat the step up to the event; the time of a touch-down is then corrected by Newton's method."""
     new = run.memory[0].new
-    used = found.s * h_s
-    _end_at(run, flow, used, is_series, order)
+    used = found.s * segment.h_s
+    _end_at(run, segment, used)
     closing = closing_m_s(new)
     if found.event == Event.TOUCH and closing != 0.0:
         correction = -new.depth_m / closing
         if abs(correction) < 1e-3 * used:
-            used = min(used + correction, h_s)
-            _end_at(run, flow, used, is_series, order)
+            used = min(used + correction, segment.h_s)
+            _end_at(run, segment, used)
     return used
 
 
 @subroutine
-def _end_at(run: Run, flow: Flow, used_s: float, is_series: bool, order: int) -> None:
+def _end_at(run: Run, segment: Segment, used_s: float) -> None:
     """The state `used_s` after the step's start, into `memory.new`."""
-    if is_series:
-        state_after(run.memory[0], used_s, order)
+    if segment.is_series:
+        state_after(run.memory[0], used_s, segment.order)
     else:
-        attempt(run, flow, used_s, run.memory[0].all_scale)
+        attempt(run, segment.flow, used_s, run.memory[0].all_scale)

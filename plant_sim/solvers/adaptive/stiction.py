@@ -17,7 +17,7 @@ from plant_sim.parts.striker import spring_force_n, spring_stretch_m
 from plant_sim.parts.wearer import is_worn
 from plant_sim.result import Phase
 from plant_sim.solvers.adaptive.crank import angle_at, angle_event, coupling_n
-from plant_sim.solvers.adaptive.event_location import Step
+from plant_sim.solvers.adaptive.event_location import Segment
 from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, Run, Vector, enter, now_s
 from plant_sim.solvers.adaptive.stop import leaving_zeros, open_contact
 from plant_sim.solvers.adaptive.wearer import closing_m_s, from_stop_m
@@ -99,21 +99,21 @@ def _next(angle_rad: float, after_rad: float) -> float:
 
 
 @subroutine
-def release_event(run: Run, step: Step) -> float:
+def release_event(run: Run, segment: Segment) -> float:
     """First s at which a resting striker breaks away.
 
     In a housing that moves, the sum of spring and housing force is approximated by a polynomial, to 1e-9 over
     a radian.
     """
-    parts, memory, flow, h_s = run.parts, run.memory[0], step.flow, step.h_s
+    parts, memory, flow, h_s = run.parts, run.memory[0], segment.flow, segment.h_s
     y, scratch = memory.y, memory.scratch
     if is_still(parts.housing):
         up, down = _release_angles(parts, flow.phase, flow.angle_rad, y.depth_m)
-        return angle_event(run, up, down, step)
+        return angle_event(run, up, down, segment)
     values, pull = scratch.poly, scratch.press[: DEGREE + 1]
     largest = 0.0
     for i in range(DEGREE + 1):
-        angle = angle_at(parts.drive, step, NODES[i])
+        angle = angle_at(parts.drive, segment, NODES[i])
         values[i] = held_force_at_n(parts, angle, y, flow.time_s + NODES[i] * h_s)
         largest = max(largest, abs(values[i]))
     interpolate(values, pull)

@@ -22,7 +22,7 @@ from plant_sim.parts.stop import (
 from plant_sim.parts.wearer import contact_mass_kg, is_worn
 from plant_sim.result import Phase
 from plant_sim.sensors.sensing import sense_jump
-from plant_sim.solvers.adaptive.event_location import Event, Found, Step, earlier
+from plant_sim.solvers.adaptive.event_location import Event, Found, Segment, earlier
 from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, LET_GO, NO_IMPACT, Run, enter, now_s
 from plant_sim.solvers.adaptive.wearer import closing_m_s
 from plant_sim.solvers.bernstein import root
@@ -38,17 +38,17 @@ def in_touch(phase: int, depth_m: float) -> bool:
 
 
 @subroutine
-def stop_events(run: Run, step: Step, found: Found) -> Found:
+def stop_events(run: Run, segment: Segment, found: Found) -> Found:
     """The earlier of `found` and the stop's own event.
 
     A soft stop's force ends where δ + (D/K) δ' reaches 0: with a linear damper before its surface, otherwise
     there. A striker that was released before the surface clears it, or presses the stop again.
     """
     parts, memory = run.parts, run.memory[0]
-    phase, zeros, scratch = step.flow.phase, memory.mode.zero_depth, memory.scratch
+    phase, zeros, scratch = segment.flow.phase, memory.mode.zero_depth, memory.scratch
     if has_no_stop(parts.stop) or phase not in (Phase.FLIGHT, Phase.CONTACT):
         return found
-    dense = step.dense
+    dense = segment.dense
     depth = dense[ROW.depth_m]
     beyond = phase == Phase.FLIGHT and is_soft(parts.stop) and depth[0] > 0.0
     if phase == Phase.FLIGHT and not beyond:

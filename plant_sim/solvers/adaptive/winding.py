@@ -20,10 +20,9 @@ from plant_sim.parts.drive import (
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.winding import DqWinding, flux_wb, is_wound
 from plant_sim.solvers.adaptive.event_location import (
-    Course,
     Event,
     Found,
-    Step,
+    Segment,
     earlier,
     look_within,
     steepest,
@@ -121,20 +120,20 @@ def _set_winding_rates(jet: Value, parts: Parts, flow: Flow, y: State) -> None:
 
 
 @subroutine
-def voltage_may_end(parts: Parts, flow: Flow, y: State, new: State, course: Course) -> bool:
+def voltage_may_end(run: Run, segment: Segment) -> bool:
     """Whether the voltage command may exceed the bus within a step, by bounds as for other events.
 
     A function with slopes within ± S and values g0 and g1 at the ends has |g| ≤ (|g0| + |g1| + S h) / 2.
     """
-    winding, drive = parts.winding, parts.drive
+    memory, winding, drive = run.memory[0], run.parts.winding, run.parts.drive
     if not (is_wound(winding) and is_motor(drive)):
         return False
-    if flow.voltage_limited:
+    if segment.flow.voltage_limited:
         return True
-    torque_n_m = flow.torque_n_m
-    h_s, steep_speed = course.h_s, steepest(course, ROW.crank_rad_s)
-    steep_d, steep_q = steepest(course, ROW.i_d_a), steepest(course, ROW.i_q_a)
-    steep_u_d, steep_u_q = steepest(course, ROW.u_d_v), steepest(course, ROW.u_q_v)
+    y, new, torque_n_m, h_s = memory.y, memory.new, segment.flow.torque_n_m, segment.h_s
+    steep_speed = steepest(memory, segment, ROW.crank_rad_s)
+    steep_d, steep_q = steepest(memory, segment, ROW.i_d_a), steepest(memory, segment, ROW.i_q_a)
+    steep_u_d, steep_u_q = steepest(memory, segment, ROW.u_d_v), steepest(memory, segment, ROW.u_q_v)
     L_d, L_q, alpha = winding.d_inductance_h, winding.q_inductance_h, winding.bandwidth_rad_s
     fastest = drive.pole_pairs * (max(abs(y.crank_rad_s), abs(new.crank_rad_s)) + h_s * steep_speed)
     most_d = max(abs(y.i_d_a), abs(new.i_d_a)) + h_s * steep_d
@@ -193,13 +192,13 @@ def limit_voltage(memory: Memory, is_limited: bool) -> None:
 
 
 @subroutine
-def voltage_events(run: Run, step: Step, found: Found) -> Found:
+def voltage_events(run: Run, segment: Segment, found: Found) -> Found:
     """The earlier of `found` and the begin or end of the current loop's voltage limit."""
     parts, memory = run.parts, run.memory[0]
     winding, drive = parts.winding, parts.drive
     if not (is_wound(winding) and is_motor(drive)):
         return found
-    flow, dense, scratch, inner = step.flow, step.dense, memory.scratch, memory.inner
+    flow, dense, scratch, inner = segment.flow, segment.dense, memory.scratch, memory.inner
     values, excess = scratch.poly, scratch.press[: DEGREE + 1]
     for i in range(DEGREE + 1):
         look_within(memory, dense, NODES[i], memory.all_inner)
