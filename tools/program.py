@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from tools.commands.node import node
 from tools.examples import EXAMPLES
 from tools.output import BadInputError
 
@@ -90,6 +91,7 @@ def program() -> TyperGroup:
     for group, modules in COMMANDS.items():
         for module in modules:
             add(app, module, group)
+    app.command(hidden=True)(node)
     command: Any = typer.main.get_command(app)  # its type lacks the sub-commands
     return command  # type: ignore[no-any-return]
 

@@ -37,7 +37,7 @@ from hil.faults.line import FaultyBus
 from hil.faults.on_process import ProcessFault
 from hil.faults.processes import ProcessFaults
 from hil.judge.verdict import RunVerdict
-from hil.nodes.runners import OperatorRunner, Pace, traces_in
+from hil.nodes.runners import Making, OperatorRunner, Pace, traces_in
 from hil.record import run_folder
 from hil.record.traces.own_trace import NONE
 from hil.roster import FIRMWARE, OPERATOR, again_name, processes, processes_of_a_run
@@ -45,12 +45,12 @@ from hil.runs import beginning
 from hil.runs.job import Job, Progress
 from hil.runs.outcome import Outcome
 from hil.runs.recording import simulate
-from hil.scenario.operator import OPERATOR_PERIOD_S, RECEIVED_IDS
+from hil.scenario.operator import OPERATOR_PERIOD_S
 from hil.scenario.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
 from hil.show.window import WINDOW, in_own_network
 from hil.timing.clock import NS_PER_S, MonotonicClock, TimeName
 from hil.timing.loop import FixedRateLoop, LoopTiming, run_turns
-from hil.timing.pacemaker import LONGEST_HOLD_NS, PACEMAKER, Member, shared_turn_times
+from hil.timing.pacemaker import LONGEST_HOLD_NS, PACEMAKER, shared_turn_times
 from hil.timing.processes import Child, ChildError, Start, has_stopped, is_busy
 from hil.timing.realtime import OPERATOR_PRIORITY, fixed_priority, settle_garbage
 from text_input import RefusalError
@@ -177,9 +177,9 @@ class ProcessesRun:
                 self.await_controller(operator_bus)
             pace = Pace(self.scenario.period_s, self.scenario.duration_s)
             faults = of_a_node(self.scenario.faults)
-            line = FaultyBus(operator_bus, "operator", faults, self.seed, self.scenario.period_s)
+            line = FaultyBus(operator_bus, OPERATOR, faults, self.seed, self.scenario.period_s)
             traces = traces_in(self.run_dir, pace)
-            operator = OperatorRunner(self.scenario.commands, pace, line, traces)
+            operator = OperatorRunner.make(Making(self.scenario, self.seed, pace, line, faults, traces))
             stack.callback(operator.close)
             settle_garbage()
             stack.callback(gc.unfreeze)
@@ -204,11 +204,11 @@ class ProcessesRun:
         """Join the bus, and the pacemaker if there is one."""
         address, turns = self.provided.address, self.provided.turns
         places = addresses_from(self.scenario.parameters)
-        accept = [bus_id(places, can_id) for can_id in RECEIVED_IDS]
+        accept = [bus_id(places, can_id) for can_id in OperatorRunner.accepted_ids]
         if turns is None:
             bus = join(address, accept)
         else:
-            bus, self.giver = join_in_turns(address, turns, Member.OPERATOR, accept)
+            bus, self.giver = join_in_turns(address, turns, OPERATOR, accept)
             self.giver.patience_s = LONGEST_HOLD_NS / NS_PER_S + GRACE_S
             stack.callback(self.giver.close)
         stack.callback(bus.close)
@@ -261,8 +261,8 @@ class ProcessesRun:
         address = self.provided.address
         scenario = str(self.run_dir / "scenario.toml")
         duration = str(self.scenario.duration_s)
-        common = ["--bus", address, "--out", str(self.run_dir), "--sync", "--until", duration]
-        common += ["--seed", str(self.seed)]
+        common = ["--bus", address, "--out", str(self.run_dir), "--until", duration]
+        common += ["--seed", str(self.seed), "--firmware", self.options.firmware]
         if self.provided.turns is not None:
             common += ["--turns", str(self.provided.turns)]
         recorder = [sys.executable, "-P", "-m", "hil.show.recorder", str(self.run_dir), "--bus", address]
@@ -272,10 +272,9 @@ class ProcessesRun:
         baseline = [*python, "hil.timing.baseline", "--ticks", str(self.scenario.ticks)]
         live = [*python, "hil.show.live", str(self.run_dir), "--to", str(self.options.viewer)]
         live = in_own_network(live) if self.options.viewer == WINDOW else live
-        build = {FIRMWARE: ["--firmware", self.options.firmware]}
         # What the operator talks to is stopped first: the nodes in the reversed order of a tick.
         nodes = {
-            name: [program(), process, scenario, *common, *build.get(process, [])]
+            name: [program(), "node", process, scenario, *common]
             for name, process in [*((name, name) for name in reversed(processes())), *self.restarted.items()]
             if name != FIRMWARE or self.options.firmware != NONE
         }

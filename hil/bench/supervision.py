@@ -9,19 +9,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from hil.faults.processes import ProcessFaults
-from hil.roster import ROSTER, again_name
+from hil.roster import again_name, instants, members
 from hil.runs.job import Progress
 from hil.runs.outcome import Outcome
 from hil.scenario.operator import OPERATOR_PERIOD_S
 from hil.scenario.scenario import Scenario
 from hil.timing.clock import NS_PER_S
 from hil.timing.memory import SAMPLE_S, SETTLING_SHARE, MemoryWatch
-from hil.timing.pacemaker import Member, Plan, Takes
+from hil.timing.pacemaker import Plan, Takes
 from hil.timing.processes import Child, Start
 
 BASELINE = "baseline"
 """Name of the bare loop, which ends before a run whose time is held."""
-TURN_TAKERS = tuple(member.process for member in Member)
+TURN_TAKERS = members()
 """The processes that end when no more turns are given; the one that gives them ends only when asked to."""
 PERIODS_A_LOOK = 10
 """Operator's periods between two checks of the processes."""
@@ -32,7 +32,10 @@ END_SLACK_S = 0.1
 
 
 def plan_of(scenario: Scenario, t0_ns: int) -> Plan:
-    """The turns of the scenario's nodes, without the intervals in which it pauses, kills or restarts them."""
+    """The turns of the scenario's nodes, without the intervals in which it pauses, kills or restarts them.
+
+    The turns of one instant are due one after another, in equal parts of the time until the next instant.
+    """
     faults = ProcessFaults(scenario.faults)
     period_s, ticks = scenario.period_s, scenario.ticks
     period_ns = round(period_s * NS_PER_S)
@@ -40,15 +43,17 @@ def plan_of(scenario: Scenario, t0_ns: int) -> Plan:
         process: (round(at_s / period_s), round(start_s / period_s))
         for at_s, process, start_s in faults.restarts()
     }
-    takes = [Takes(Member.OPERATOR, due_ns=period_ns // 4)]
-    for process, phase in ((node.name, node.phase) for node in ROSTER if node.is_process):
-        member, offset_ns = Member[process.upper()], round(phase * period_ns)
-        absent = faults.absences(process, period_s, ticks)
-        if process in restarted:
-            again = [(0, restarted[process][1]), *absent]
-            takes.append(Takes(Member(member + 1), offset_ns, offset_ns, absent=again))
-            absent = [*absent, (restarted[process][0], ticks)]
-        takes.append(Takes(member, offset_ns, offset_ns, absent=absent))
+    takes = []
+    for begin_ns, end_ns, nodes in instants(period_ns):
+        for place, node in enumerate(nodes):
+            due_ns = begin_ns + place * (end_ns - begin_ns) // len(nodes)
+            absent = faults.absences(node.name, period_s, ticks)
+            if node.name in restarted:
+                ends_at, starts_at = restarted[node.name]
+                again = [(0, starts_at), *absent]
+                takes.append(Takes(again_name(node.name), begin_ns, due_ns, again))
+                absent = [*absent, (ends_at, ticks)]
+            takes.append(Takes(node.name, begin_ns, due_ns, absent))
     return Plan(t0_ns, period_ns, ticks, takes)
 
 

@@ -32,7 +32,8 @@ from hil.bus.wire import (
     control,
     whole_frames,
 )
-from hil.timing.pacemaker import LONGEST_HOLD_NS, Member, Pacemaker, Plan, TurnTimes
+from hil.roster import members, processes_of_a_run
+from hil.timing.pacemaker import LONGEST_HOLD_NS, Pacemaker, Plan, TurnTimes
 from hil.timing.processes import READY, report_to_parent, stop_requests
 from hil.timing.realtime import HUB, become_realtime
 
@@ -44,7 +45,7 @@ MAX_QUEUED_STAMPED_BYTES = 1 << 20
 MAX_QUEUED_MEMBER_BYTES = 1 << 22
 """Queue for a node that takes turns: forty seconds, for a pause of the scenario."""
 END_MARK = CONTROL_MARK + bytes((END_KIND,))
-GREETINGS = {member_greeting(member): member for member in Member}
+GREETINGS = {member_greeting(member): member for member in members()}
 
 
 @dataclass
@@ -55,8 +56,8 @@ class Client:
     joined: bool = False
     listening: bool = False
     stamped: bool = False
-    member: int | None = None
-    """Its number, if it takes turns."""
+    member: str | None = None
+    """Its name, if it takes turns."""
     received: bytes = b""
     queued: bytearray = field(default_factory=bytearray)
     is_full: bool = False
@@ -97,7 +98,7 @@ class Hub:
         self.forwarded = 0
         self.dropped = 0
         self._clients: dict[int, Client] = {}
-        self._members: dict[int, Client] = {}
+        self._members: dict[str, Client] = {}
         # select(2) takes its timeout in µs, epoll in ms.
         self._selector = selectors.SelectSelector()
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -189,13 +190,13 @@ class Hub:
             self._members.pop(client.member)
             self._miss(client.member)
 
-    def _miss(self, member: int) -> None:
-        """Go on without a member that has ended; without the operator the run is over."""
+    def _miss(self, member: str) -> None:
+        """Go on without a member that has ended; without the process of the bench the run is over."""
         pacemaker = self.pacemaker
         if pacemaker is None or pacemaker.is_over:
             return
         pacemaker.leave(member, time.monotonic_ns())
-        if member == Member.OPERATOR:
+        if member not in processes_of_a_run():
             pacemaker.stop()
         if pacemaker.is_over:
             self._end_run()

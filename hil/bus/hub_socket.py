@@ -13,6 +13,7 @@ from pathlib import Path
 from firmware_py.interface.frame import Frame
 from hil.bus import wire
 from hil.bus.base import MAX_BURST, NO_END_NS, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Connection
+from hil.roster import members
 from hil.timing.pacemaker import Turn
 
 HELLO = wire.CAN_FRAME.pack(wire.CONTROL_ID, 0, b"vibro-1\0")
@@ -22,7 +23,7 @@ HELLO_SEND_ONLY = wire.CAN_FRAME.pack(wire.CONTROL_ID, 2, b"vibro-1\0")
 """The greeting of a node that only sends."""
 
 FIRST_MEMBER = 16
-"""The greeting of a node that takes turns: its number as `Member`, plus this."""
+"""The greeting of a node that takes turns: its number among `hil.roster.members`, plus this."""
 
 TURN_MARK = wire.CONTROL_MARK + bytes((wire.TURN_KIND,))
 MARKS_BYTES = 2 * wire.FRAME_BYTES
@@ -32,9 +33,10 @@ LARGEST_WORD = (1 << 32) - 1
 JOIN_TIMEOUT_S = 5.0
 
 
-def member_greeting(member: int) -> bytes:
+def member_greeting(member: str) -> bytes:
     """The greeting of a node that takes turns."""
-    return wire.CAN_FRAME.pack(wire.CONTROL_ID, FIRST_MEMBER + member, b"vibro-1\0")
+    number = FIRST_MEMBER + members().index(member)
+    return wire.CAN_FRAME.pack(wire.CONTROL_ID, number, b"vibro-1\0")
 
 
 class HubSocket(Connection):
@@ -173,7 +175,7 @@ class TurnSocket(HubSocket):
     It may wait without limit for its turn. A turn's frames are sent at its end.
     """
 
-    def __init__(self, path: Path, member: int, requests: frozenset[int] = frozenset()) -> None:
+    def __init__(self, path: Path, member: str, requests: frozenset[int] = frozenset()) -> None:
         super().__init__(path, member_greeting(member), requests)
         self._socket.settimeout(None)
         self._arrived = b""

@@ -234,7 +234,7 @@ def join(address: str, accept: Collection[int] | None = None, stamped: bool = Fa
 
 
 def join_in_turns(
-    address: str, turns: Path, member: int, accept: Collection[int] = ()
+    address: str, turns: Path, member: str, accept: Collection[int] = ()
 ) -> tuple[Bus, TurnSocket]:
     """Join a run's own bus at `address` as a node that takes turns from the pacemaker at `turns`.
 

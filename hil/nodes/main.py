@@ -1,4 +1,4 @@
-"""Firmware and plant as processes: join a bus, warm up, start together, run to the end."""
+"""Nodes as processes: join a bus, warm up, start together, run to the end."""
 
 import json
 import signal
@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from firmware_py.interface.addresses import Addresses, bus_id
-from firmware_py.interface.generated import received
 from firmware_py.shell.builds import Build
 from firmware_py.shell.parameters import addresses_from, config_from, require_proof
 from hil.bus import Bus, BusFailedError, is_own_bus, join_in_turns, open_bus
@@ -22,20 +21,18 @@ from hil.faults.clocks import ClockFaults, Runner, Turns, in_turns
 from hil.faults.fault import FAULTS_ACTED, Fault, effects_of, of_a_node
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
-from hil.nodes.own_controller import runner_of
-from hil.nodes.plant import ACCEPTED_IDS
-from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner, traces_in
-from hil.nodes.warm import warm_firmware, warm_plant
+from hil.nodes.own_controller import controller_of
+from hil.nodes.runners import FirmwareRunner, Making, Pace, traces_in
+from hil.nodes.warm import warm_firmware
 from hil.record.run_folder import VERDICT, RunFolderError
 from hil.record.traces.own_trace import is_build
 from hil.record.traces.trace import bring_home
-from hil.roster import AGAIN, FIRMWARE, PLANT
+from hil.roster import FIRMWARE, Node, again_name, node_named
 from hil.scenario.operator import RECEIVED_IDS, OperatorNode
 from hil.scenario.scenario import load_scenario, refuse_other_periods
 from hil.scenario.settings import apply_settings
 from hil.timing.clock import NS_PER_S, MonotonicClock
 from hil.timing.loop import FixedRateLoop, run_turns
-from hil.timing.pacemaker import Member
 from hil.timing.processes import READY, Start, read_start, report_to_parent
 from hil.timing.realtime import NODE, become_realtime, die_with_parent, leave_realtime
 
@@ -43,6 +40,7 @@ START_DELAY_S = 0.2
 """Time from readiness to the start of a node that runs alone."""
 ESTOP_PATIENCE_S = 2.0
 """Longest wait for the confirmation of an E-stop after the operator's script: twenty heartbeats."""
+SAY = partial(print, file=sys.stderr)
 UNCONFIRMED = (
     "error: no firmware has confirmed the E-stop; cut the drive's supply, then check the bus, the firmware "
     "and the node numbers bus.drive_node and bus.own_node"
@@ -60,26 +58,24 @@ class NodeProcess(NamedTuple):
     bus: str
     out_dir: Path | None
     seed: int
-    sync: bool
-    again: bool
     until_s: float | None
+    sync: bool = False
+    again: bool = False
     turns: Path | None = None
 
     def run(
         self,
-        name: str,
-        make: Callable[[Pace, FaultyBus], FirmwareRunner | PlantRunner],
+        node: Node,
+        make: Callable[[Pace, FaultyBus], Any],
         period_s: float,
-        offset: float,
-        accept: Collection[int],
         places: Addresses,
         faults: Sequence[Fault],
     ) -> None:
-        """Join the bus, start and run the node that `make` returns for pace and bus.
+        """Join the bus, start and run the node whose runner `make` returns for pace and bus.
 
-        `offset`: delay of its ticks in periods. `accept`: the identifiers that it receives. `faults`: those
-        of this node.
+        `faults`: those of this node.
         """
+        name, accept = node.name, node.makes.accepted_ids
         start = await_start(self.sync, again=True) if self.again else Start(0)
         if self.out_dir is not None:
             if not self.sync and (self.out_dir / VERDICT).exists():
@@ -91,7 +87,7 @@ class NodeProcess(NamedTuple):
         if self.turns is None:
             joining = joined(self.bus, accept, places)
         else:
-            member = Member[(name + AGAIN * self.again).upper().replace("-", "_")]
+            member = again_name(name) if self.again else name
             joining = joined_in_turns(self.bus, self.turns, member, accept, places)
         summary: dict[str, Any] = {}
         try:
@@ -101,7 +97,7 @@ class NodeProcess(NamedTuple):
                 line.restart()
                 begin = start if self.again else await_start(self.sync)
                 stepped = in_turns(runner, name, faults, period_s, self.seed, start.first_tick)
-                loop = loop_of(begin, pace, offset)
+                loop = loop_of(begin, pace, node.phase)
                 try:
                     run_node(giver, stepped, line, loop, begin.first_tick, pace, self.sync)
                 finally:
@@ -131,8 +127,6 @@ def firmware_main(scenario: str | None, settings: Sequence[str], process: NodePr
     On a bus that the bench has not made, no start comes before the test of the drive's watchdog, unless the
     parameters say otherwise.
     """
-    if process.sync:
-        belong_to_parent()
     faults: list[Fault] = []
     walks = True
     if scenario is None:
@@ -141,37 +135,39 @@ def firmware_main(scenario: str | None, settings: Sequence[str], process: NodePr
         loaded = load_scenario(scenario, settings)
         parameters, faults = loaded.parameters, of_a_node(loaded.faults)
         walks = loaded.scene.gait is not None
-    if not (process.sync or is_own_bus(process.bus)):
+    if not is_own_bus(process.bus):
         parameters = require_proof(parameters)
     period_s = config_from(parameters).tick_s
     refuse_other_periods(period_s)
     if is_build(build):
         warm_firmware(parameters, cast(Build, build))
-    make_runner = runner_of(build)
+    controller = controller_of(build)
 
     def make(pace: Pace, bus: FaultyBus) -> FirmwareRunner:
         memory = ParameterMemory(parameters, faults, process.seed)
-        traces, say = traces_in(process.out_dir, pace), partial(print, file=sys.stderr)
-        return make_runner(memory, pace, bus, traces, walks, say=say)
+        return FirmwareRunner(
+            memory, pace, bus, traces_in(process.out_dir, pace), walks, *controller, say=SAY
+        )
 
-    process.run(FIRMWARE, make, period_s, 0.5, received.RECEIVED_IDS, addresses_from(parameters), faults)
+    process.run(node_named(FIRMWARE), make, period_s, addresses_from(parameters), faults)
 
 
-def plant_main(scenario: str, settings: Sequence[str], process: NodeProcess) -> None:
-    """`vibrohil plant`: the module of a scenario's scene on a bus, with its drive and its sensors."""
+def node_main(
+    name: str, scenario: str, settings: Sequence[str], process: NodeProcess, firmware: str = "compiled"
+) -> None:
+    """A node of the roster in a scenario, as a process of the bench or by itself (`vibrohil plant`)."""
     if process.sync:
         belong_to_parent()
-    loaded = load_scenario(scenario, settings)
-    places = addresses_from(loaded.parameters)
+    node, loaded = node_named(name), load_scenario(scenario, settings)
     refuse_other_periods(loaded.period_s)
-    warm_plant(loaded.scene)
+    node.makes.warm(loaded, firmware)
     faults = of_a_node(loaded.faults)
 
-    def make(pace: Pace, bus: FaultyBus) -> PlantRunner:
+    def make(pace: Pace, bus: FaultyBus) -> Any:
         traces = traces_in(process.out_dir, pace)
-        return PlantRunner(loaded.scene, process.seed, pace, bus, traces, faults, places.drive_node)
+        return node.makes.make(Making(loaded, process.seed, pace, bus, faults, traces, firmware, SAY))
 
-    process.run(PLANT, make, loaded.period_s, 0.0, ACCEPTED_IDS, places, faults)
+    process.run(node, make, loaded.period_s, addresses_from(loaded.parameters), faults)
 
 
 def operator_main(scenario: str, settings: Sequence[str], bus: str) -> bool:
@@ -232,7 +228,7 @@ def on_bus(accept: Collection[int], places: Addresses) -> list[int]:
 
 @contextmanager
 def joined_in_turns(
-    address: str, turns: Path, member: int, accept: Collection[int], places: Addresses
+    address: str, turns: Path, member: str, accept: Collection[int], places: Addresses
 ) -> Iterator[tuple[Bus, TurnSocket | None]]:
     """Join a run's own bus and its pacemaker."""
     bus, giver = join_in_turns(address, turns, member, on_bus(accept, places))

@@ -16,16 +16,14 @@ import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, cast
+from typing import Any, NamedTuple, cast
 
 from firmware_py.core.config import Config
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.builds import Build, node_of
-from firmware_py.shell.node import MakeNode, power_up
-from hil.faults.line import FaultyBus
-from hil.faults.memory import ParameterMemory
-from hil.nodes.runners import FirmwareRunner, Making, Pace
-from hil.record.traces.own_trace import OWN, OwnTrace, is_build, own_fields, refuse_state
+from firmware_py.shell.node import MakeNode
+from hil.record.traces.firmware_trace import open_firmware_trace
+from hil.record.traces.own_trace import is_build, open_own_trace, refuse_state
 from hil.record.traces.trace import OpenTrace
 from text_input import TextInputError
 
@@ -104,70 +102,21 @@ class OwnController:
         return sent
 
 
-class OwnRunner(FirmwareRunner):
-    """The node of a user's controller at t_k + T/2."""
+class Controller(NamedTuple):
+    """What makes a controller's node, and opens its trace for a run that may walk."""
 
-    def __init__(
-        self,
-        file: OwnFile,
-        memory: ParameterMemory,
-        pace: Pace,
-        bus: FaultyBus,
-        traces: OpenTrace,
-        walks: bool = True,
-        say: Callable[[str], object] = lambda _: None,
-    ) -> None:
-        """The arguments after `file` are those of `FirmwareRunner`."""
-        self._file = file
-        super().__init__(memory, pace, bus, traces, walks, say=say)
-
-    def make_node(self, parameter_file: str) -> OwnController:
-        """The controller after power-up."""
-        return power_up(parameter_file, self.memory.of_the_build, partial(OwnController, self._file))
-
-    def open_trace(self, traces: OpenTrace, walks: bool) -> OwnTrace | None:
-        """The trace of the controller's state; None if it is not kept."""
-        writer = traces(OWN, own_fields(type(self._file.initial)), is_ticked=True)
-        return None if writer is None else OwnTrace(writer)
+    make_node: Callable[[Config], Any]
+    open_trace: Callable[[OpenTrace, bool], Any] = open_firmware_trace
 
 
-class MakeRunner(Protocol):
-    """A function or class that makes the runner of a run's controller."""
-
-    def __call__(
-        self,
-        memory: ParameterMemory,
-        pace: Pace,
-        bus: Any,
-        traces: OpenTrace,
-        walks: bool = True,
-        say: Callable[[str], object] = lambda _: None,
-    ) -> FirmwareRunner:
-        """The arguments are those of `FirmwareRunner`."""
-
-
-def node_maker(firmware: str) -> Callable[[Config], Any]:
-    """What makes the node of a build of the firmware, or of `FILE.py:FUNCTION`. Raises TextInputError."""
-    if is_build(firmware):
-        return node_of(cast(Build, firmware))
-    return partial(OwnController, load_own(firmware))
-
-
-def runner_of(firmware: str | MakeNode) -> MakeRunner:
-    """What makes the runner of a build of the firmware, of `FILE.py:FUNCTION`, or of a function's nodes.
+def controller_of(firmware: str | MakeNode) -> Controller:
+    """The controller of a build of the firmware, of `FILE.py:FUNCTION`, or of a function that makes its node.
 
     Raises TextInputError.
     """
     if callable(firmware):
-        return partial(FirmwareRunner, make=firmware)
+        return Controller(firmware)
     if is_build(firmware):
-        return partial(FirmwareRunner, make=node_of(cast(Build, firmware)))
-    return partial(OwnRunner, load_own(firmware))
-
-
-def make_firmware(making: Making) -> FirmwareRunner:
-    """The firmware's runner, of the bench's own or of a user's. Raises TextInputError."""
-    scenario, seed, pace, bus, faults, traces, firmware, say = making
-    memory = ParameterMemory(scenario.parameters, faults, seed)
-    walks = scenario.scene.gait is not None
-    return runner_of(firmware)(memory, pace, bus, traces, walks, say=say)
+        return Controller(node_of(cast(Build, firmware)))
+    file = load_own(firmware)
+    return Controller(partial(OwnController, file), partial(open_own_trace, type(file.initial)))

@@ -1,22 +1,29 @@
 """Runners connect the bench's nodes to bus and trace; a loop calls them in each tick, on every clock."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self, cast
 
+from firmware_py.core.config import Config
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
+from firmware_py.interface.generated.received import RECEIVED_IDS
 from firmware_py.interface.generated.records import SetInputTorque
+from firmware_py.shell.builds import Build
 from firmware_py.shell.node import FirmwareNode, MakeNode, power_up
 from firmware_py.shell.parameters import addresses_from
 from hil.faults.fault import Fault
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
-from hil.nodes.plant import PlantNode
-from hil.record.traces.firmware_trace import FirmwareTrace, fields_of
+from hil.nodes.own_controller import controller_of
+from hil.nodes.plant import ACCEPTED_IDS, PlantNode
+from hil.nodes.warm import warm_firmware, warm_plant
+from hil.record.traces.firmware_trace import open_firmware_trace
+from hil.record.traces.own_trace import is_build
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import Fields, OpenTrace, TraceWriter, no_trace
+from hil.scenario import operator
 from hil.scenario.operator import Command, OperatorNode, OperatorRecord
 from hil.scenario.scenario import Scenario
 from hil.timing.loop import LoopTiming
@@ -75,8 +82,47 @@ def traces_in(folder: Path | None, pace: Pace) -> OpenTrace:
     return opened
 
 
-class PlantRunner:
+class NodeRunner:
+    """What the runner of a node that has a process of its own does in addition to a `Runner`."""
+
+    accepted_ids: ClassVar[Collection[int]] = ()
+    """The identifiers that it receives where the bus can filter."""
+
+    @classmethod
+    def make(cls, making: Making) -> Self:
+        """The runner of a run."""
+        raise NotImplementedError
+
+    @staticmethod
+    def warm(scenario: Scenario, firmware: str) -> None:
+        """Run all code of the node once, before its process joins the bus."""
+
+    def last_frames(self) -> list[Frame]:
+        """The frames that the node sends last, when it ends."""
+        return []
+
+    @property
+    def lost_records(self) -> int:
+        """Records for which the disk had no room."""
+        return 0
+
+
+class PlantRunner(NodeRunner):
     """The plant's node at t_k: publish, obey the frames that have arrived, advance."""
+
+    accepted_ids = ACCEPTED_IDS
+
+    @classmethod
+    def make(cls, making: Making) -> "PlantRunner":
+        """The runner of a run."""
+        scenario, seed, pace, bus, faults, traces, *_ = making
+        node_id = addresses_from(scenario.parameters).drive_node
+        return cls(scenario.scene, seed, pace, bus, traces, faults, node_id)
+
+    @staticmethod
+    def warm(scenario: Scenario, firmware: str) -> None:
+        """Compile and run the scene's kernels."""
+        warm_plant(scenario.scene)
 
     def __init__(
         self,
@@ -121,10 +167,6 @@ class PlantRunner:
             for impact in impacts:
                 self._impacts.append(impact)
 
-    def last_frames(self) -> list[Frame]:
-        """The frames that the plant sends last, when it ends: none."""
-        return []
-
     @property
     def lost_records(self) -> int:
         """Records for which the disk had no room."""
@@ -137,15 +179,23 @@ class PlantRunner:
                 trace.close()
 
 
-def make_plant(making: Making) -> PlantRunner:
-    """The plant's runner."""
-    scenario, seed, pace, bus, faults, traces, *_ = making
-    node_id = addresses_from(scenario.parameters).drive_node
-    return PlantRunner(scenario.scene, seed, pace, bus, traces, faults, node_id)
+class FirmwareRunner(NodeRunner):
+    """The node of the firmware, or of a user's controller, at t_k + T/2: receive, tick, send."""
 
+    accepted_ids = RECEIVED_IDS
 
-class FirmwareRunner:
-    """The firmware's node at t_k + T/2: receive, tick, send."""
+    @classmethod
+    def make(cls, making: Making) -> "FirmwareRunner":
+        """The runner of a run. Raises TextInputError for a user's controller that cannot be loaded."""
+        scenario, seed, pace, bus, faults, traces, firmware, say = making
+        memory, walks = ParameterMemory(scenario.parameters, faults, seed), scenario.scene.gait is not None
+        return cls(memory, pace, bus, traces, walks, *controller_of(firmware), say=say)
+
+    @staticmethod
+    def warm(scenario: Scenario, firmware: str) -> None:
+        """Run the build's code."""
+        if is_build(firmware):
+            warm_firmware(scenario.parameters, cast(Build, firmware))
 
     def __init__(
         self,
@@ -154,30 +204,23 @@ class FirmwareRunner:
         bus: FaultyBus,
         traces: OpenTrace = no_trace,
         walks: bool = True,
-        make: MakeNode = FirmwareNode,
+        make_node: Callable[[Config], Any] = FirmwareNode,
+        open_trace: Callable[[OpenTrace, bool], Any] = open_firmware_trace,
         say: Callable[[str], object] = lambda _: None,
     ) -> None:
-        """`say` receives the reason for which a parameter file is refused."""
+        """`make_node`, `open_trace`: as of `Controller`. `say` receives why a parameter file is refused."""
         self.bus = bus
         self.memory = memory
-        self._make = make
+        self._make_node = make_node
         self._say = say
         self._period_s = pace.period_s
         self._power_up(pace.first_tick)
-        self.trace = self.open_trace(traces, walks)
-
-    def make_node(self, parameter_file: str) -> Any:
-        """The node after power-up with the content of a parameter file."""
-        return power_up(parameter_file, self.memory.of_the_build, self._make)
-
-    def open_trace(self, traces: OpenTrace, walks: bool) -> Any:
-        """The trace of the node's signals; None if it is not kept."""
-        writer = traces("firmware", fields_of(walks), is_ticked=True)
-        return None if writer is None else FirmwareTrace(writer, walks)
+        self.trace = open_trace(traces, walks)
 
     def _power_up(self, tick: int) -> None:
         self.last_tick = tick - 1
-        self.node = self.make_node(self.memory.read(tick * self._period_s))
+        parameter_file = self.memory.read(tick * self._period_s)
+        self.node = power_up(parameter_file, self.memory.of_the_build, self._make_node)
         if self.node.damage:
             self._say(self.node.damage)
 
@@ -214,6 +257,13 @@ class FirmwareRunner:
 class OperatorRunner:
     """The operator's node; call `step` in tick `due_tick`."""
 
+    accepted_ids = operator.RECEIVED_IDS
+
+    @classmethod
+    def make(cls, making: Making) -> "OperatorRunner":
+        """The runner of a run."""
+        return cls(making.scenario.commands, making.pace, making.bus, making.traces)
+
     def __init__(
         self, commands: Sequence[Command], pace: Pace, bus: FaultyBus, traces: OpenTrace = no_trace
     ) -> None:
@@ -241,8 +291,3 @@ class OperatorRunner:
         """Close the trace."""
         if self._trace is not None:
             self._trace.close()
-
-
-def make_operator(making: Making) -> OperatorRunner:
-    """The operator's runner."""
-    return OperatorRunner(making.scenario.commands, making.pace, making.bus, making.traces)

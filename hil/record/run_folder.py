@@ -14,8 +14,9 @@ from typing import Any
 
 from hil.record.folder_lock import FolderInUseError, is_in_use, locked
 from hil.record.new_file import MOST_NOTE_BYTES, foreign_link_on, is_foreign, is_regular, write_anew
-from hil.record.run_traces import CAN_LOG, SCENARIO, TRACES
+from hil.record.run_traces import CAN_LOG, OTHER_TRACES, SCENARIO, TRACES
 from hil.record.traces import trace
+from hil.record.traces.own_trace import OWN_TRACE
 from hil.roster import processes_of_a_run
 from text_input import RefusalError
 
@@ -30,8 +31,9 @@ MADE_BY = "made_by"
 """Key in a folder's note that marks the folder as made by this program."""
 MAKER = "vibrohil"
 
+TRACE_FILES = (*(f"{name}.trace" for name in (*TRACES, *OTHER_TRACES)), OWN_TRACE)
 WRITTEN_WHOLE = (
-    *(f"{name}.trace" for name in TRACES),
+    *TRACE_FILES,
     *("run.rrd", RUN_NOTE, "outcome.json", "processes.json", VERDICT),
 )
 MADE_BY_A_RUN = (
@@ -236,8 +238,8 @@ def clear(run_dir: Path, keep: tuple[str, ...] = ()) -> None:
 
 def keep_the_log(run_dir: Path) -> None:
     """Remove the traces of a successful run, whose log replaces them."""
-    for name in TRACES:
-        (run_dir / f"{name}.trace").unlink(missing_ok=True)
+    for name in TRACE_FILES:
+        (run_dir / name).unlink(missing_ok=True)
 
 
 def discard(run_dir: Path) -> None:

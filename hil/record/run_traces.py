@@ -13,11 +13,14 @@ from hil.record.candump import NO_BUS, Bus, BusLog, StoredBus
 from hil.record.damage import DamagedFileError, reading
 from hil.record.traces.precision import TICKED
 from hil.record.traces.stored_trace import PIECE_RECORDS, Records, StoredTrace
+from hil.roster import trace_names
 from plant_sim.arrays import FloatArray
 from text_input import parse_toml
 
 TRACES = ("plant", "firmware", "impacts", "operator", "bus_errors")
 """The traces of a run, by the names of their files and of the fields of `RunTraces`."""
+OTHER_TRACES = tuple(name for name in trace_names() if name not in TRACES)
+"""The traces of nodes whose records are logged, and neither judged nor drawn."""
 CAN_LOG = "can.log"
 """File with the frames of a run in candump's format."""
 SCENARIO = "scenario.toml"
@@ -39,6 +42,8 @@ class RunTraces:
     scenario: Mapping[str, Any] = field(default_factory=dict)
     bus_errors: Records = field(default_factory=lambda: NO_RECORDS)
     """Error counters of a modelled bus, one record per change."""
+    others: Mapping[str, Records] = field(default_factory=dict)
+    """The records of `OTHER_TRACES`."""
     damage: Sequence[str] = ()
     """A sentence for each damaged file."""
 
@@ -174,6 +179,7 @@ def read_run(run_dir: Path) -> RunTraces:
     found: dict[str, Any] = {name: records(name) for name in TRACES}
     return RunTraces(
         **found,
+        others={name: records(name) for name in OTHER_TRACES},
         bus=bus,
         run=note("run.json"),
         outcome=note("outcome.json"),

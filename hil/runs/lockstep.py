@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
-from itertools import groupby
 from typing import Any
 
 from hil.faults.clocks import in_turns
@@ -18,7 +17,7 @@ from hil.faults.line import FaultyBus
 from hil.faults.processes import ProcessFaults
 from hil.nodes.runners import Making, Pace
 from hil.record.new_file import append_line
-from hil.roster import FIRMWARE, OPERATOR, PLANT, ROSTER, Node, names
+from hil.roster import FIRMWARE, OPERATOR, PLANT, ROSTER, Node, instants, names
 from hil.runs.job import Job
 from hil.runs.lockstep_bus import BusAsModelled, IdealBus, LockstepBus
 from hil.runs.rows import Collected, FrameRows
@@ -55,7 +54,7 @@ class Lockstep:
             on_line = [fault for fault in faults if not self.bus.breaks_by(fault)]
             line = FaultyBus(self.joined[name], name, on_line, seed, pace.period_s)
             made = Making(scenario, seed, pace, line, faults, self.rows, job.firmware, say)
-            self.lines[name], runners[name] = line, node.make(made)
+            self.lines[name], runners[name] = line, node.makes.make(made)
             self.turns[name] = runners[name]
             if node.is_process:
                 self.turns[name] = in_turns(runners[name], name, faults, pace.period_s, seed)
@@ -64,10 +63,7 @@ class Lockstep:
         stack.callback(self.bus.close)
         self._processes = ProcessFaults(self.faults[BENCH])
         self._period_s, self._period_ns = scenario.period_s, round(scenario.period_s * NS_PER_S)
-        at_ns = {node.name: round(node.phase * self._period_ns) for node in ROSTER}
-        instants = [(begin, list(nodes)) for begin, nodes in groupby(ROSTER, lambda node: at_ns[node.name])]
-        ends_ns = [begin for begin, _ in instants[1:]] + [self._period_ns]
-        self._instants = [(begin, nodes, end) for (begin, nodes), end in zip(instants, ends_ns, strict=True)]
+        self._instants = instants(self._period_ns)
 
     def tick(self, tick: int) -> None:
         """Run one tick: each node at its instant, and the bus in between."""
@@ -77,7 +73,7 @@ class Lockstep:
     def tick_after_first(self, tick: int) -> None:
         """Run a tick of all nodes but the first, and let the bus reach the next tick."""
         t_ns = tick * self._period_ns
-        for begin_ns, nodes, end_ns in self._instants:
+        for begin_ns, end_ns, nodes in self._instants:
             for node in nodes:
                 if node is not ROSTER[0]:
                     self._step(node, tick)

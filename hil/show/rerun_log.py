@@ -161,6 +161,9 @@ class RunLog:
         self.out.log_document("about/outcome", json.dumps(dict(traces.outcome), indent=2), "json")
         text = verdict_text(self._scenario.get("title", "run"), traces.run, verdict)
         self.out.log_markdown("about/verdict", text)
+        for name, records in traces.others.items():
+            if len(records):
+                self.out.log_records(name, records[:])
         failed = sorted(marks(verdict.checks, traces, figures))
         for mark in failed:
             self.out.add_event(mark.t_s, mark.text, "ERROR")

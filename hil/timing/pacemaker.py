@@ -15,7 +15,6 @@ import os
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from enum import IntEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,21 +40,6 @@ PACEMAKER = "pacemaker"
 """Name of the process that gives the turns: the hub of `local`, or one like it."""
 
 
-class Member(IntEnum):
-    """The processes that take turns, in the order of their turns within a tick."""
-
-    PLANT = 0
-    PLANT_AGAIN = 1
-    OPERATOR = 2
-    FIRMWARE = 3
-    FIRMWARE_AGAIN = 4
-
-    @property
-    def process(self) -> str:
-        """The name of the process, such as `plant-again`."""
-        return self.name.lower().replace("_", "-")
-
-
 class Turn(NamedTuple):
     """A node's turn: its tick, and the time at which it was due on the monotonic clock."""
 
@@ -64,9 +48,9 @@ class Turn(NamedTuple):
 
 
 class Takes(NamedTuple):
-    """One member's turns."""
+    """The turns of one member: a process, by its name as of `hil.roster.members`."""
 
-    member: int
+    member: str
     offset_ns: int = 0
     """Simulated time of the turn within its tick."""
     due_ns: int = 0
@@ -80,7 +64,10 @@ class Takes(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """All turns of a run: start on the monotonic clock and period in ns, number of ticks, the members'."""
+    """All turns of a run: start on the monotonic clock and period in ns, number of ticks, the members'.
+
+    The members act in the order of `takes` within a tick.
+    """
 
     t0_ns: int
     period_ns: int
@@ -99,9 +86,8 @@ class Plan(NamedTuple):
 
     def turns(self) -> Iterator[tuple[int, Takes]]:
         """Yield the turns in order: tick and member; a member may have declined its turn in the meantime."""
-        takes = sorted(self.takes)
         for tick in range(self.ticks):
-            for one in takes:
+            for one in self.takes:
                 if one.has_turn(tick):
                     yield tick, one
 
@@ -135,19 +121,19 @@ class Pacemaker:
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
         self._turns = plan.turns()
-        self._from_tick: dict[int, float] = {}
+        self._from_tick: dict[str, float] = {}
         """The tick from which on each member takes its turns again, infinite after its end."""
         self._t0_ns = plan.t0_ns
-        self.running: int | None = None
+        self.running: str | None = None
         """The member whose turn has not ended."""
-        self.next: int | None = None
+        self.next: str | None = None
         """The member whose turn is next; None after the last turn."""
         self.turn = Turn(-1, plan.t0_ns)
         """The present turn, or the next one while none is running."""
         self.t_ns = 0
         """Simulated time of `turn`."""
         self._begun_ns = self._ended_ns = plan.t0_ns
-        self._last: int | None = None
+        self._last: str | None = None
         self._cpu_ns = 0
         self.held_ns = self.own_ns = 0
         self.holds: list[Hold] = []
@@ -195,7 +181,7 @@ class Pacemaker:
         self.held_ns += late_ns - own_ns
         self.own_ns += own_ns
         if late_ns >= SHORTEST_REPORTED_NS or own_ns:
-            process = Member(self._last).process if was_late and self._last is not None else PACEMAKER
+            process = self._last if was_late and self._last is not None else PACEMAKER
             parts_s = (late_ns - own_ns) / NS_PER_S, own_ns / NS_PER_S
             self.holds.append(Hold(self.t_ns / NS_PER_S, process, *parts_s))
 
@@ -210,7 +196,7 @@ class Pacemaker:
         self.running = None
         self._advance()
 
-    def leave(self, member: int, now_ns: int) -> None:
+    def leave(self, member: str, now_ns: int) -> None:
         """Give no more turns to a member, whose process has ended."""
         self._from_tick[member] = math.inf
         if all(self._from_tick.get(takes.member) == math.inf for takes in self._plan.takes):
@@ -226,7 +212,7 @@ class Pacemaker:
 
     def abandon(self) -> None:
         """Give up waiting for the running member, or the run if the pacemaker itself was stopped."""
-        self.abandoned = PACEMAKER if self.running is None else Member(self.running).process
+        self.abandoned = PACEMAKER if self.running is None else self.running
         self.stop()
 
     def report(self) -> dict[str, Any]:

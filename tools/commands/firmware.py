@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 import typer
 from typer.core import TyperGroup
 
-from tools.commands.options import Again, Change, Controller, Json, NodeBus, Sync, Turns, Until
+from tools.commands.options import Change, Controller, Json, NodeBus, Until
 from tools.output import BadInputError, answer, console, table_of
 from tools.outputs import folder_option
 from tools.progress import shown_progress
@@ -169,10 +169,7 @@ def node(
     out: Annotated[Path | None, folder_option("A run folder for the trace; by default none.")] = None,
     change: Change = None,
     seed: Annotated[int, typer.Option(help="Seed of the faults' random numbers.", min=0)] = 1,
-    sync: Sync = False,
-    again: Again = False,
     until: Until = None,
-    turns: Turns = None,
 ) -> None:
     """Run the controller as one CAN node at 1 kHz; the default of `vibrohil firmware`.
 
@@ -181,5 +178,4 @@ def node(
     """
     from hil.nodes.main import NodeProcess, firmware_main
 
-    process = NodeProcess(bus, out, seed, sync, again, until, turns)
-    firmware_main(scenario, change or [], process, build)
+    firmware_main(scenario, change or [], NodeProcess(bus, out, seed, until), build)

@@ -122,16 +122,6 @@ Scheduler = Annotated[
     typer.Option(help="Address of a Dask scheduler whose workers compute instead, e.g. tcp://host:8786."),
 ]
 NodeBus = Annotated[str, typer.Option(help="The bus to join, e.g. socketcan:can0 or local:PATH.")]
-Sync = Annotated[
-    bool, typer.Option(help="Print 'ready', then wait for the common start time on standard input.")
-]
-Again = Annotated[
-    bool, typer.Option("--again", help="With --sync: join when requested, and continue the trace.")
-]
-Turns = Annotated[
-    Path | None,
-    typer.Option(help="The socket of a run's pacemaker, which gives this node its turns.", hidden=True),
-]
 Until = Annotated[float | None, number("Stop after this time in s; by default on Ctrl-C.", low=1e-3)]
 
 

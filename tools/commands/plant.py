@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Again, Change, NodeBus, Sync, Turns, Until
+from tools.commands.options import Change, NodeBus, Until
 from tools.outputs import folder_option
 
 
@@ -15,12 +15,9 @@ def plant(
     out: Annotated[Path | None, folder_option("A run folder for the traces; by default none.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the sensors' noise.", min=0)] = 1,
     change: Change = None,
-    sync: Sync = False,
-    again: Again = False,
     until: Until = None,
-    turns: Turns = None,
 ) -> None:
     """Run the simulated module, its drive and its sensors as one CAN node at 1 kHz."""
-    from hil.nodes.main import NodeProcess, plant_main
+    from hil.nodes.main import NodeProcess, node_main
 
-    plant_main(scenario, change or [], NodeProcess(bus, out, seed, sync, again, until, turns))
+    node_main("plant", scenario, change or [], NodeProcess(bus, out, seed, until))

@@ -35,8 +35,10 @@ def page(title: str, *parts: str) -> str:
 
 
 def every_command(group: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """All commands by their names; the commands of a group come after the group."""
+    """All commands that the help lists, by their names; the commands of a group come after the group."""
     for name, command in group.commands.items():
+        if command.hidden:
+            continue
         yield f"{prefix}{name}", command
         if hasattr(command, "commands"):
             yield from every_command(command, f"{prefix}{name} ")

@@ -25,7 +25,7 @@ from firmware_py.shell.parameters import config_from, select_build
 from hil.bus.wire import MAX_STANDARD_ID
 from hil.faults.memory import ParameterMemory
 from hil.faults.on_bus import NamedFrames
-from hil.nodes.own_controller import node_maker
+from hil.nodes.own_controller import controller_of
 from hil.record.bus_reconstruction import latest_sent
 from hil.record.candump import StoredBus
 from hil.record.run_folder import RUN_NOTE, read_note, refuse_irregular
@@ -164,7 +164,7 @@ def replay(source: Path, build: str | None = None, parameters: Sequence[Path] = 
     node = power_up(
         ParameterMemory(overrides, faults, seed).read(0.0),
         select_build(overrides),
-        node_maker(build or recorded_build(note)),
+        controller_of(build or recorded_build(note)).make_node,
     )
     replayed = [StampedFrame(tick.t_s, frame) for tick in ticks for frame in node.tick(tick.received, 1)]
     changed_frames = compare_frames(sent, replayed, ticks[-min(LAST_TICKS, len(ticks))].t_s)

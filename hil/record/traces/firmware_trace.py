@@ -14,7 +14,7 @@ from firmware_py.core.state import Outputs, State
 from firmware_py.interface.arrivals import Counters
 from firmware_py.node.tick import NodeState
 from firmware_py.shell.node import Node
-from hil.record.traces.trace import FieldType, RecordWriter
+from hil.record.traces.trace import FieldType, OpenTrace, RecordWriter
 from hil.timing.loop import LoopTiming
 
 OF_A_WALK = ("gait", "gait_lock")
@@ -114,3 +114,9 @@ class FirmwareTrace:
             self._parts = [memory[start : start + length] for start, _, length in self._moves]
         tail = TAIL.pack(*timing) if self._is_timed else b""
         self.writer.append_bytes(memoryview(b"".join((HEAD.pack(tick, t_s), *self._parts, tail))))
+
+
+def open_firmware_trace(traces: OpenTrace, walks: bool) -> FirmwareTrace | None:
+    """The trace of the firmware's signals; None if it is not kept."""
+    writer = traces("firmware", fields_of(walks), is_ticked=True)
+    return None if writer is None else FirmwareTrace(writer, walks)

@@ -8,7 +8,7 @@ and report are then those of any run. A controller that sends no heartbeat has n
 from typing import Any, get_args
 
 from firmware_py.shell.builds import Build
-from hil.record.traces.trace import Fields, FieldType, RecordWriter, TraceError, flatten
+from hil.record.traces.trace import Fields, FieldType, OpenTrace, RecordWriter, TraceError, flatten
 from hil.timing.loop import LoopTiming
 from text_input import TextInputError
 
@@ -51,3 +51,9 @@ class OwnTrace:
     def append(self, node: Any, tick: int, t_s: float, timing: LoopTiming) -> None:
         """Record a tick of a node with a `state`."""
         self.writer.append(tick, t_s, node.state, timing)
+
+
+def open_own_trace(state: FieldType, traces: OpenTrace, _: bool) -> OwnTrace | None:
+    """The trace of a controller with this state; None if it is not kept."""
+    writer = traces(OWN, own_fields(state), is_ticked=True)
+    return None if writer is None else OwnTrace(writer)

@@ -13,7 +13,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import DriveErrors, DriveEstop
 from hil.bus.in_process import InProcessBus, InProcessNode
 from hil.faults.memory import ParameterMemory
-from hil.nodes.main import NodeProcess, plant_main
+from hil.nodes.main import NodeProcess, node_main
 from hil.nodes.plant import PlantNode
 from hil.nodes.runners import FirmwareRunner, Pace
 from hil.nodes.warm import warm_plant
@@ -173,16 +173,17 @@ def test_a_firmware_alone_says_why_it_refuses_its_parameters():
 def test_a_node_alone_writes_no_traces_into_the_folder_of_a_run_that_has_ended(tmp_path: Path):
     """Its verdict and its log would be of one run, and its traces of another."""
     (tmp_path / "verdict.json").write_text("{}")
-    process = NodeProcess("local", tmp_path, 1, sync=False, again=False, until_s=0.001)
+    process = NodeProcess("local", tmp_path, 1, until_s=0.001)
     with pytest.raises(RunFolderError, match="holds a run that has ended; name another folder"):
-        plant_main("soft-start-multistable", (), process)
+        node_main("plant", "soft-start-multistable", (), process)
     assert [one.name for one in tmp_path.iterdir()] == ["verdict.json"]
 
 
 def test_a_nodes_process_loads_no_reader_of_databases_no_tables_and_no_linear_algebra():
     """They take longer to load than everything else, in each process of each run."""
     heavy = ("cantools", "can", "pandas", "pyarrow", "rerun", "scipy.linalg", "numba.np.linalg")
-    load = "from hil.nodes import main; main.warm_plant(main.load_scenario('soft-start-multistable').scene)"
+    load = "from hil.nodes import main, warm; "
+    load += "warm.warm_plant(main.load_scenario('soft-start-multistable').scene)"
     warm_plant(load_scenario("soft-start-multistable").scene)  # a process that compiles loads more
     assert loaded_by(load, heavy) == "[]\n"
 

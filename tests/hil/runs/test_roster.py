@@ -1,12 +1,20 @@
-"""The roster: a fourth node is one entry, and runs in lockstep with its trace, its frames and its faults."""
+"""The roster: a fourth node is one entry, and runs on both clocks with its trace, its frames and its faults."""
 
+import json
+import os
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import second_imu as its_module
+import tomli_w
 from second_imu import CAN_ID
+
+from hil.bench.bench import program
+from hil.bench.recorded_run import open_run
 
 from hil.faults.on_process import is_process
 from hil.record.traces.trace import read
@@ -34,7 +42,7 @@ def killed(process: str) -> dict[str, Any]:
 
 @pytest.fixture
 def second_imu() -> Iterator[None]:
-    node = Node("imu", 0.5, "second_imu")
+    node = Node("imu", 0.5, "second_imu:SecondImu", traces=("imu",))
     ROSTER.append(node)
     yield
     ROSTER.remove(node)
@@ -66,6 +74,36 @@ def test_a_fourth_node_runs_is_logged_and_can_be_killed(
             before, after = (read(one / f"{name}.trace") for one in (folders[0], folder))
             for column in set(before.dtype.names or ()) - {"work_us"}:
                 np.testing.assert_array_equal(after[column], before[column], err_msg=column)
+
+
+ENTRY = """from hil.roster import ROSTER, Node
+ROSTER.append(Node("imu", 0.5, "second_imu:SecondImu", traces=("imu",)))
+"""
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(("faults", "ticks"), [((), TICKS), ((killed("imu"),), TICKS // 2)], ids=["", "killed"])
+def test_a_fourth_node_runs_in_real_time(tmp_path: Path, faults: tuple[Any, ...], ticks: int) -> None:
+    """Each of the run's processes has the entry, as if it stood in the roster's file."""
+    (tmp_path / "sitecustomize.py").write_text(ENTRY)
+    paths = [str(tmp_path), str(Path(its_module.__file__).parent), os.environ.get("PYTHONPATH", "")]
+    document = {**short().document}
+    document["script"] = {**document["script"], "faults": list(faults)}
+    document["checks"] = [{"name": "impact_count", "low": 0, "high": 1000}]
+    scenario, folder = tmp_path / "scenario.toml", tmp_path / "run"
+    scenario.write_text(tomli_w.dumps(document))
+    command = [program(), "run", str(scenario), "--clock", "real", "--bus", "local", "--out", str(folder)]
+    ran = subprocess.run(
+        command, env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)}, capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    run = json.loads((folder / "run.json").read_text())
+    assert {"plant", "operator", "firmware"} <= set(run["nodes"])
+    assert ("imu" in run["nodes"]) == (not faults)
+    own = f"can0 {CAN_ID:03X}#"
+    sent = [line.strip()[-2:] for line in log_of(folder) if own in line]
+    assert sent == [f"{tick & 255:02X}" for tick in range(ticks)]
+    np.testing.assert_array_equal(open_run(folder).table("imu")["tick"], np.arange(ticks))
 
 
 def test_a_fault_of_a_node_that_there_is_not_names_those_that_there_are() -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from hil.bus.hub_socket import TurnSocket
 from hil.bus.opening import ProvidedBus, provide
+from hil.roster import FIRMWARE, OPERATOR, PLANT
 from hil.timing.loop import LoopTiming, run_turns
 from hil.timing.pacemaker import (
     KEPT_TURNS,
@@ -18,7 +19,6 @@ from hil.timing.pacemaker import (
     PACEMAKER,
     TOLERANCE_NS,
     Hold,
-    Member,
     Pacemaker,
     Plan,
     Takes,
@@ -28,8 +28,7 @@ from hil.timing.pacemaker import (
 
 MS = 1_000_000
 T0 = 1_000 * MS
-PLANT, OPERATOR, FIRMWARE = Member.PLANT, Member.OPERATOR, Member.FIRMWARE
-TAKES = (Takes(FIRMWARE, MS // 2, MS // 2), Takes(PLANT), Takes(OPERATOR, 0, MS // 4))
+TAKES = (Takes(PLANT), Takes(OPERATOR, 0, MS // 4), Takes(FIRMWARE, MS // 2, MS // 2))
 
 
 def plan(ticks: int = 4, takes: tuple[Takes, ...] = TAKES) -> Plan:
@@ -37,8 +36,8 @@ def plan(ticks: int = 4, takes: tuple[Takes, ...] = TAKES) -> Plan:
 
 
 def play(
-    pacemaker: Pacemaker, work: Callable[[int, int], tuple[int, int]] = lambda *_: (20_000, 20_000)
-) -> list[tuple[int, int, int]]:
+    pacemaker: Pacemaker, work: Callable[[str, int], tuple[int, int]] = lambda *_: (20_000, 20_000)
+) -> list[tuple[str, int, int]]:
     """All turns as member, tick and time of beginning; `work` gives a turn's duration and CPU time in ns."""
     now_ns, turns = T0 - MS, []
     while pacemaker.next is not None:
@@ -174,12 +173,12 @@ def burn(cpu_s: float) -> None:
 
 
 def test_the_hub_gives_the_turns_and_reports_work_planted_in_a_tick(local: ProvidedBus) -> None:
-    order: list[tuple[int, int]] = []
+    order: list[tuple[int, str]] = []
     timings: list[LoopTiming] = []
     assert local.turns is not None
     assert local.pacemaker is not None
 
-    def node(member: Member, socket: TurnSocket) -> None:
+    def node(member: str, socket: TurnSocket) -> None:
         def step(tick: int) -> int:
             order.append((tick, member))
             if (member, tick) == (FIRMWARE, 50):

@@ -42,10 +42,8 @@ READ = {
     ("suite", "--baseline"),
     ("campaign", "--parameters"),
     ("campaign", "--spread"),
-    ("plant", "--turns"),
-    ("firmware node", "--turns"),
 }
-"""Options that name a file to read, or the socket of a run's pacemaker, which a node joins."""
+"""Options that name a file to read."""
 
 
 def outputs() -> list[tuple[str, str]]:

@@ -100,7 +100,9 @@ def measure_loop(parameters: dict[str, object], window_s: float = WINDOW_S) -> M
     bus = IdealBus()
     pushed = PushedBus(bus.join(PLANT), push)
     plant = PlantRunner(scene, 1, pace, pushed)
-    firmware = FirmwareRunner(ParameterMemory(parameters), pace, bus.join(FIRMWARE), make=node_of("compiled"))
+    firmware = FirmwareRunner(
+        ParameterMemory(parameters), pace, bus.join(FIRMWARE), make_node=node_of("compiled")
+    )
     operator = OperatorNode((Command(0.2, Request.RUN, RATIO),), pace.period_s)
     operator_bus = bus.join(OPERATOR)
     for tick in range(pace.ticks):
