@@ -12,9 +12,11 @@ not judged proves nothing: it fails the test, with the reasons.
 
 from collections.abc import Generator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import pytest
+
+from firmware_py.shell.builds import Build
 
 if TYPE_CHECKING:
     from firmware_py.shell.builds import Build
@@ -100,7 +102,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
     group.addoption(
         "--vibrohil-firmware",
-        choices=("python", "compiled", "host-single", "cortex-m7", "cortex-m4f"),
+        choices=get_args(Build),
         default="compiled",
         help="build of the firmware: compiled (default), python, host-single in single precision, or in "
         "lockstep cortex-m7 or cortex-m4f on an emulator",

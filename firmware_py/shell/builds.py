@@ -1,8 +1,9 @@
 """The builds of the firmware's one source, by name."""
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from firmware_py.shell.node import FirmwareNode, MakeNode
+if TYPE_CHECKING:
+    from firmware_py.shell.node import MakeNode
 
 HostBuild = Literal["python", "compiled", "host-single"]
 """The builds that run on this machine, and so in real time."""
@@ -16,9 +17,11 @@ NATIVE: tuple[Build, ...] = ("compiled", "host-single")
 """Builds whose nodes are instances of `native.NativeNode`, which compiled code can call."""
 
 
-def node_of(build: Build) -> MakeNode:
+def node_of(build: Build) -> "MakeNode":
     """The class of this build's nodes; its first use in a process compiles it or loads it from the cache."""
     if build == "python":
+        from firmware_py.shell.node import FirmwareNode  # noqa: PLC0415 - the names of the builds need less
+
         return FirmwareNode
     if build in ("cortex-m7", "cortex-m4f"):
         from firmware_py.shell import board_node  # noqa: PLC0415 - imports the emitter

@@ -39,16 +39,16 @@ from hil.faults.processes import ProcessFaults
 from hil.judge.verdict import RunVerdict
 from hil.nodes.runners import Making, OperatorRunner, Pace, traces_in
 from hil.record import run_folder
+from hil.record.run_files import RunFile
 from hil.record.traces.own_trace import NONE
 from hil.roster import FIRMWARE, OPERATOR, again_name, processes, processes_of_a_run
 from hil.runs import beginning
 from hil.runs.job import Job, Progress
 from hil.runs.outcome import Outcome
 from hil.runs.recording import simulate
-from hil.scenario.operator import OPERATOR_PERIOD_S
 from hil.scenario.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
 from hil.show.window import WINDOW, in_own_network
-from hil.timing.clock import NS_PER_S, MonotonicClock, TimeName
+from hil.timing.clock import NS_PER_S, OPERATOR_PERIOD_S, MonotonicClock, TimeName
 from hil.timing.loop import FixedRateLoop, LoopTiming, run_turns
 from hil.timing.pacemaker import LONGEST_HOLD_NS, PACEMAKER, shared_turn_times
 from hil.timing.processes import Child, ChildError, Start, has_stopped, is_busy
@@ -259,7 +259,7 @@ class ProcessesRun:
     def commands(self) -> dict[str, list[str]]:
         """The command line of each child, in the order in which they are stopped."""
         address = self.provided.address
-        scenario = str(self.run_dir / "scenario.toml")
+        scenario = str(self.run_dir / RunFile.SCENARIO)
         duration = str(self.scenario.duration_s)
         common = ["--bus", address, "--out", str(self.run_dir), "--until", duration]
         common += ["--seed", str(self.seed), "--firmware", self.options.firmware]
@@ -294,7 +294,7 @@ class ProcessesRun:
             inherited = [self.turn_times] if name == RECORDER and self.turn_times is not None else []
             self.children[name] = Child(name, command, self.run_dir / f"{name}.log", inherited)
         pids = {name: child.pid for name, child in self.watched.items()}
-        run_folder.write_json(self.run_dir / "processes.json", {"operator": os.getpid(), **pids})
+        run_folder.write_json(self.run_dir / RunFile.PROCESSES, {"operator": os.getpid(), **pids})
         allowed = {}
         for name, child in self.children.items():
             if said := child.wait_ready():

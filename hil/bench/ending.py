@@ -19,7 +19,8 @@ from hil.judge.verdict import RunVerdict, read_verdict
 from hil.nodes.own_controller import OwnControllerError
 from hil.record import run_folder
 from hil.record.run_faults import with_effects
-from hil.record.run_traces import CAN_LOG, read_scenario
+from hil.record.run_files import RunFile
+from hil.record.run_traces import read_scenario
 from hil.record.traces import trace
 from hil.record.traces.own_trace import is_build
 from hil.runs.outcome import Outcome
@@ -69,7 +70,7 @@ class Ending:
 
     def amend(self) -> None:
         """Write the verdict again, with the figures in the folder, failed for the outcome's reasons."""
-        found = read_verdict(self.verdict.folder / run_folder.VERDICT)
+        found = read_verdict(self.verdict.folder / RunFile.VERDICT)
         self.verdict = failed_for(found, self.outcome.reasons)
         write(self.verdict)
 
@@ -132,9 +133,9 @@ def close(run_dir: Path, outcome: Outcome, only_if_failed: bool = False) -> RunV
     """Collect the files of a run that has ended, and judge it."""
     run_folder.free_reserve(run_dir)
     trace.bring_home(run_dir)
-    note = run_folder.read_note(run_dir / run_folder.RUN_NOTE)
+    note = run_folder.read_note(run_dir / RunFile.NOTE)
     run_folder.note(run_dir, faults=with_effects(note, outcome.faults_acted))
-    can_log, bus = run_dir / CAN_LOG, note.get("bus")
+    can_log, bus = run_dir / RunFile.CAN_LOG, note.get("bus")
     if "firmware" in note and not is_build(note["firmware"]):
         from hil.bench.sent_decisions import write_firmware_trace  # what decodes frames is loaded if needed
 
@@ -145,5 +146,5 @@ def close(run_dir: Path, outcome: Outcome, only_if_failed: bool = False) -> RunV
 
         outcome.not_judged += doubt_two_firmwares(StoredBus(can_log))
     stored = {key: value for key, value in vars(outcome).items() if key != "faults_acted"}
-    run_folder.write_json(run_dir / "outcome.json", stored)
+    run_folder.write_json(run_dir / RunFile.OUTCOME, stored)
     return finish(run_dir, only_if_failed)

@@ -36,9 +36,10 @@ from hil.record.new_file import is_foreign, open_anew
 from hil.record.provenance import build_of, this_build
 from hil.record.rrd.log_file import is_whole, repair
 from hil.record.rrd.rerun_program import RerunError
-from hil.record.run_folder import RUN_NOTE, RUNS, VERDICT, is_own, refuse_irregular
-from hil.record.run_traces import CAN_LOG, SCENARIO, RunTraces, part, read_json
-from hil.show.rerun_log import LOG_NAME, rebuild
+from hil.record.run_files import RunFile, trace_file
+from hil.record.run_folder import RUNS, begun_s, is_own, refuse_irregular
+from hil.record.run_traces import RunTraces, part, read_json
+from hil.show.rerun_log import rebuild
 from text_input import RefusalError
 
 if TYPE_CHECKING:
@@ -54,10 +55,10 @@ class RunError(RefusalError, ValueError):
 
 def newest_run() -> Path:
     """The run folder of the run that began last."""
-    begun = sorted(RUNS.glob("*/run.json"), key=lambda path: path.lstat().st_mtime)
-    if not begun:
+    runs = [note.parent for note in RUNS.glob(f"*/{RunFile.NOTE}")]
+    if not runs:
         raise RunError(f"no run in {RUNS}/; make one with `vibrohil run soft-start-multistable`, or name one")
-    return begun[-1].parent
+    return max(runs, key=begun_s)
 
 
 def log_of(run: Path | None) -> Path:
@@ -74,17 +75,17 @@ def log_of(run: Path | None) -> Path:
         repair(log)
         return log
     refuse_irregular(place)
-    if not (place / "plant.trace").exists() and not (place / LOG_NAME).exists():
+    if not (place / trace_file("plant")).exists() and not (place / RunFile.LOG).exists():
         if is_own(place):
             raise RunError(why_without_log(place))
         raise RunError(
-            f"{place} is no run folder: it holds neither {LOG_NAME} nor plant.trace{runs_in(place)}"
+            f"{place} is no run folder: it holds neither {RunFile.LOG} nor plant.trace{runs_in(place)}"
         )
-    log = place / LOG_NAME
+    log = place / RunFile.LOG
     if not log.exists():
         return rebuilt(place)
-    is_running = not (place / "outcome.json").exists() and is_in_use(place)
-    if not is_running and (place / "plant.trace").exists() and not is_whole(log):
+    is_running = not (place / RunFile.OUTCOME).exists() and is_in_use(place)
+    if not is_running and (place / trace_file("plant")).exists() and not is_whole(log):
         with suppress(DamagedFileError):  # the log itself may hold more than damaged traces
             return rebuilt(place)
     if is_running or (is_foreign(place) and not is_whole(log)):
@@ -94,7 +95,7 @@ def log_of(run: Path | None) -> Path:
     except RerunError:
         if is_running:
             raise RunError(f"{place} has only begun: its log holds nothing yet; look again") from None
-        if not (place / "plant.trace").exists():
+        if not (place / trace_file("plant")).exists():
             raise RunError(f"{log} is damaged, and no traces are beside it; {how_to_repeat(place)}") from None
         return rebuilt(place)
     return log
@@ -102,18 +103,18 @@ def log_of(run: Path | None) -> Path:
 
 def why_without_log(run_dir: Path) -> str:
     """Why a run folder has neither log nor traces, and what to do."""
-    with reading(run_dir, f"its {VERDICT} is damaged; run it again"):
-        verdict = read_json(run_dir / VERDICT)
+    with reading(run_dir, f"its {RunFile.VERDICT} is damaged; run it again"):
+        verdict = read_json(run_dir / RunFile.VERDICT)
     if verdict.get("passed") is True:
         return f"{run_dir} passed as one of several seeds and keeps no log; {how_to_repeat(run_dir)}"
-    return f"{run_dir} has no log: its run has not begun, or was ended before; see {VERDICT}"
+    return f"{run_dir} has no log: its run has not begun, or was ended before; see {RunFile.VERDICT}"
 
 
 def how_to_repeat(run_dir: Path) -> str:
     """The command that repeats a run."""
-    with reading(run_dir, f"its {RUN_NOTE} is damaged; run it again"):
-        note = read_json(run_dir / RUN_NOTE)
-    scenario = shlex.quote(str(run_dir / SCENARIO))
+    with reading(run_dir, f"its {RunFile.NOTE} is damaged; run it again"):
+        note = read_json(run_dir / RunFile.NOTE)
+    scenario = shlex.quote(str(run_dir / RunFile.SCENARIO))
     return (
         f"repeat it with `vibrohil run {scenario} --seed {note.get('seed')} --clock {note.get('clock')} "
         "--out FOLDER`"
@@ -122,27 +123,29 @@ def how_to_repeat(run_dir: Path) -> str:
 
 def runs_in(place: Path) -> str:
     """What to name instead of a folder of runs, as a suite leaves it; empty if there are none."""
-    runs = [str(note.parent) for note in sorted(place.glob("*/run.json"))]
+    runs = [str(note.parent) for note in sorted(place.glob(f"*/{RunFile.NOTE}"))]
     return f"; name one of the runs in it, e.g. {', '.join(runs[:2])}" if runs else ""
 
 
 def with_losses(found: RunTraces, log: Path, run_dir: Path) -> RunTraces:
     """A log's traces, with a sentence if it has lost ticks or its end since the verdict beside it."""
-    if log.name != LOG_NAME:
+    if log.name != RunFile.LOG:
         return found
     nothing: dict[str, Any] = {}
-    verdict, outcome = (part([], run_dir / name, read_json, nothing) for name in (VERDICT, "outcome.json"))
+    verdict, outcome = (
+        part([], run_dir / name, read_json, nothing) for name in (RunFile.VERDICT, RunFile.OUTCOME)
+    )
     count, judged_count = len(found.firmware), verdict.get("ticks", 0)
     if count >= judged_count and bool(found.outcome) >= bool(outcome):
         return found
-    sentence = f"{log} is damaged, with {count} of the {judged_count} ticks that {VERDICT} judges"
+    sentence = f"{log} is damaged, with {count} of the {judged_count} ticks that {RunFile.VERDICT} judges"
     return replace(found, outcome=found.outcome or outcome, damage=[sentence])
 
 
 def rebuilt(run_dir: Path) -> Path:
     """Rebuild a run's log from its traces, elsewhere if the folder is another user's, and return its path."""
     remedy = "its traces make no run; import its can.log to see the frames"
-    with reading(run_dir, remedy, lambda: cause(lambda: read_json(run_dir / RUN_NOTE))):
+    with reading(run_dir, remedy, lambda: cause(lambda: read_json(run_dir / RunFile.NOTE))):
         return rebuild(run_dir, temporary_folder() if is_foreign(run_dir) else None)
 
 
@@ -233,7 +236,7 @@ class Run:
     @cached_property
     def frames(self) -> Bus:
         """The frames of can.log; none if there is no such file beside the log."""
-        path = self.folder / CAN_LOG
+        path = self.folder / RunFile.CAN_LOG
         if not path.exists():
             return NO_BUS
         refuse_irregular(self.folder)
@@ -260,7 +263,9 @@ class Run:
         """One table with a row per tick (impact, frame, event) and a column per signal."""
         if name not in self._logged:
             if name.startswith("can/") and self.frames is NO_BUS:
-                raise RunError(f"no table {name!r}: frames are in {CAN_LOG}; put it beside {self.log}")
+                raise RunError(
+                    f"no table {name!r}: frames are in {RunFile.CAN_LOG}; put it beside {self.log}"
+                )
             return table_of(self.frames.whole(), named(name, self.names, "table"), self.wall_start_s)
         entity = f"/{name}"
         with self._reading(f"other tables may still be read; {name} may not"):

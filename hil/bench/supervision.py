@@ -12,9 +12,8 @@ from hil.faults.processes import ProcessFaults
 from hil.roster import again_name, instants, members
 from hil.runs.job import Progress
 from hil.runs.outcome import Outcome
-from hil.scenario.operator import OPERATOR_PERIOD_S
 from hil.scenario.scenario import Scenario
-from hil.timing.clock import NS_PER_S
+from hil.timing.clock import NS_PER_S, OPERATOR_PERIOD_S
 from hil.timing.memory import SAMPLE_S, SETTLING_SHARE, MemoryWatch
 from hil.timing.pacemaker import Plan, Takes
 from hil.timing.processes import Child, Start

@@ -16,8 +16,9 @@ from hil.judge import junit
 from hil.judge.judge import judge
 from hil.judge.verdict import RunVerdict
 from hil.record.new_file import write_anew
-from hil.record.run_folder import RUN_NOTE, VERDICT, clear, write_json
-from hil.record.run_traces import SCENARIO, RunTraces, read_json, read_run, read_scenario
+from hil.record.run_files import RunFile
+from hil.record.run_folder import clear, write_json
+from hil.record.run_traces import RunTraces, read_json, read_run, read_scenario
 
 KILLED = "the run is not finished, or its process was killed before the verdict"
 
@@ -30,8 +31,8 @@ def finish(run_dir: Path, only_if_failed: bool = False) -> RunVerdict:
     traces = read_run(run_dir)
     verdict = judge(traces, run_dir)
     if only_if_failed and verdict.passed:
-        clear(run_dir, keep=(RUN_NOTE, SCENARIO))
-        write_json(run_dir / VERDICT, document_of(verdict))
+        clear(run_dir, keep=(RunFile.NOTE, RunFile.SCENARIO))
+        write_json(run_dir / RunFile.VERDICT, document_of(verdict))
     else:
         publish(run_dir, traces, verdict)
     return verdict
@@ -43,11 +44,11 @@ def publish(run_dir: Path, traces: RunTraces, verdict: RunVerdict) -> None:
     Until log and report are complete, the verdict names a kill as the reason.
     """
     from hil.show.report.pages import write_report  # loaded after the last tick
-    from hil.show.rerun_log import LOG_NAME, write_log
+    from hil.show.rerun_log import write_log
 
     write(failed_for(verdict, [*verdict.reasons, KILLED]))
-    write_log(run_dir / LOG_NAME, traces, verdict)
-    write_report(run_dir / "report.html", traces, verdict)
+    write_log(run_dir / RunFile.LOG, traces, verdict)
+    write_report(run_dir / RunFile.REPORT, traces, verdict)
     write(verdict)
 
 
@@ -63,8 +64,8 @@ def document_of(verdict: RunVerdict) -> dict[str, Any]:
 
 def write(verdict: RunVerdict) -> None:
     """Write verdict.json and junit.xml into the run's folder."""
-    write_json(verdict.folder / VERDICT, document_of(verdict))
-    write_anew(verdict.folder / "junit.xml", junit.document([verdict]))
+    write_json(verdict.folder / RunFile.VERDICT, document_of(verdict))
+    write_anew(verdict.folder / RunFile.JUNIT, junit.document([verdict]))
 
 
 def without_records(
@@ -76,7 +77,7 @@ def without_records(
 
 def prejudge(run_dir: Path, reason: str) -> RunVerdict:
     """Write a failed verdict for a run that has not begun; it remains if no other can be written."""
-    run = read_json(run_dir / RUN_NOTE)
+    run = read_json(run_dir / RunFile.NOTE)
     verdict = without_records(run, read_scenario(run_dir), reason, run_dir)
     write(verdict)
     return verdict

@@ -15,9 +15,9 @@ import numpy as np
 from hil.record.run_faults import faults_of
 from hil.record.run_traces import RunTraces, column
 from hil.record.traces.stored_trace import Records
+from hil.timing.clock import OPERATOR_PERIOD_S
 from hil.timing.pacemaker import Hold
 
-OPERATOR_PERIOD_S = 0.01
 MOST_SHOWN = 5
 """Number of holds and of gaps that are shown to a person; the log has all."""
 SHORTEST_GAP_S = 3e-3

@@ -24,7 +24,8 @@ from hil.faults.memory import ParameterMemory
 from hil.nodes.own_controller import controller_of
 from hil.nodes.runners import FirmwareRunner, Making, Pace, traces_in
 from hil.nodes.warm import warm_firmware
-from hil.record.run_folder import VERDICT, RunFolderError
+from hil.record.run_files import RunFile
+from hil.record.run_folder import RunFolderError
 from hil.record.traces.own_trace import is_build
 from hil.record.traces.trace import bring_home
 from hil.roster import FIRMWARE, Node, again_name, node_named
@@ -78,7 +79,7 @@ class NodeProcess(NamedTuple):
         name, accept = node.name, node.makes.accepted_ids
         start = await_start(self.sync, again=True) if self.again else Start(0)
         if self.out_dir is not None:
-            if not self.sync and (self.out_dir / VERDICT).exists():
+            if not self.sync and (self.out_dir / RunFile.VERDICT).exists():
                 raise RunFolderError(f"--out: {self.out_dir} holds a run that has ended; name another folder")
             self.out_dir.mkdir(parents=True, exist_ok=True)
         clock_faults = ClockFaults(faults, name, self.seed)

@@ -53,6 +53,7 @@ from hil.nodes.plant_steps import (
 )
 from hil.nodes.sampled import SampledFrames
 from hil.record.traces.plant_trace import PlantRecord
+from hil.timing.clock import TICK_S
 from plant_sim.kernels import entry_point
 from plant_sim.parts.drive import MotorDrive, MotorTable
 from plant_sim.plant import Plant
@@ -73,8 +74,6 @@ ACCEPTED_IDS = (
 MOST_ANSWERS = 8
 """Largest number of requests answered per tick; further requests in the tick are ignored."""
 CONTROL_MODES = {"torque": axis.TORQUE_CONTROL, "velocity": axis.VELOCITY_CONTROL}
-CAN_PERIOD_S = 1e-3
-"""Period of the fastest frame on the real bus; lockstep may use another tick."""
 
 
 def drive_config(scene: Scene) -> DriveConfig:
@@ -115,7 +114,7 @@ class PlantNode:
         self,
         scene: Scene,
         seed: int,
-        period_s: float = CAN_PERIOD_S,
+        period_s: float = TICK_S,
         faults: Sequence[Fault] = (),
         first_tick: int = 0,
         node_id: int = 0,

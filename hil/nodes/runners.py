@@ -19,6 +19,7 @@ from hil.faults.memory import ParameterMemory
 from hil.nodes.own_controller import controller_of
 from hil.nodes.plant import ACCEPTED_IDS, PlantNode
 from hil.nodes.warm import warm_firmware, warm_plant
+from hil.record.run_files import trace_file
 from hil.record.traces.firmware_trace import open_firmware_trace
 from hil.record.traces.own_trace import is_build
 from hil.record.traces.plant_trace import PlantRecord
@@ -76,7 +77,7 @@ def traces_in(folder: Path | None, pace: Pace) -> OpenTrace:
 
     def opened(name: str, fields: Fields, is_ticked: bool = False) -> TraceWriter:
         expected = pace.expected_records if is_ticked else 0
-        path = folder / f"{name}.trace"
+        path = folder / trace_file(name)
         return TraceWriter(path, fields, expected, pace.first_tick > 0, pace.is_timed)
 
     return opened

@@ -14,38 +14,20 @@ from typing import Any
 
 from hil.record.folder_lock import FolderInUseError, is_in_use, locked
 from hil.record.new_file import MOST_NOTE_BYTES, foreign_link_on, is_foreign, is_regular, write_anew
-from hil.record.run_traces import CAN_LOG, OTHER_TRACES, SCENARIO, TRACES
+from hil.record.run_files import MADE_BY_A_RUN, TRACE_FILES, RunFile
 from hil.record.traces import trace
-from hil.record.traces.own_trace import OWN_TRACE
-from hil.roster import processes_of_a_run
 from text_input import RefusalError
 
 RUNS = Path("runs")
-RUN_NOTE, SUITE_NOTE = "run.json", "suite.json"
-VERDICT = "verdict.json"
-RESULTS = (VERDICT, SUITE_NOTE)
-RESERVE = "reserve"
+SUITE_NOTE = "suite.json"
+RESULTS = (RunFile.VERDICT, SUITE_NOTE)
 RESERVE_BYTES = 2 << 20
 """Disk space reserved for verdict, JUnit and outcome in case a run fills the disk."""
 MADE_BY = "made_by"
 """Key in a folder's note that marks the folder as made by this program."""
 MAKER = "vibrohil"
 
-TRACE_FILES = (*(f"{name}.trace" for name in (*TRACES, *OTHER_TRACES)), OWN_TRACE)
-WRITTEN_WHOLE = (
-    *TRACE_FILES,
-    *("run.rrd", RUN_NOTE, "outcome.json", "processes.json", VERDICT),
-)
-MADE_BY_A_RUN = (
-    *WRITTEN_WHOLE,
-    *(f"{name}.new" for name in WRITTEN_WHOLE),
-    *(f"{name}.log" for name in (*processes_of_a_run(), "baseline", "recorder", "live")),
-    *(SCENARIO, CAN_LOG, "junit.xml", "report.html", RESERVE),
-)
-"""Every file that a run may write; the suffix `.new` marks unfinished files."""
-
-
-MADE_BY_A_SUITE = (SUITE_NOTE, f"{SUITE_NOTE}.new", "junit.xml", "index.html")
+MADE_BY_A_SUITE = (SUITE_NOTE, f"{SUITE_NOTE}.new", RunFile.JUNIT, "index.html")
 """Every file that a suite itself may write."""
 MOST_RESULT_BYTES = 32 << 20
 """Size of the largest result of a run, which lists every impact, or of a suite."""
@@ -54,6 +36,8 @@ MOST_HOLES_BYTES = 64 << 20
 OTHERS_WRITE = 0o022
 """The bits of a mode that let group and others write."""
 FOLDER_MODE = 0o777 & ~OTHERS_WRITE
+LATEST_S = 9e9
+"""Latest time at which a run may say that it began: the year 2255."""
 BLOCK_BYTES = 512
 """Unit of `st_blocks`."""
 LARGEST_SHARE_OF_HOLES = 100
@@ -83,7 +67,16 @@ def read_note(path: Path) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
-def is_own(folder: Path, note_name: str = RUN_NOTE) -> bool:
+def begun_s(run_dir: Path) -> float:
+    """The time at which a run began by its run.json; without it, when that was last written."""
+    place = run_dir / RunFile.NOTE
+    stated = read_note(place).get("begun_s")
+    if isinstance(stated, int | float) and 0.0 <= stated < LATEST_S:
+        return float(stated)
+    return place.lstat().st_mtime
+
+
+def is_own(folder: Path, note_name: str = RunFile.NOTE) -> bool:
     """Whether the folder was made by this program, according to its note."""
     return read_note(folder / note_name).get(MADE_BY) == MAKER
 
@@ -117,7 +110,7 @@ def refuse_irregular(run_dir: Path) -> None:
             )
 
 
-def refuse_foreign(folder: Path, note_name: str = RUN_NOTE) -> None:
+def refuse_foreign(folder: Path, note_name: str = RunFile.NOTE) -> None:
     """Raise RunFolderError if `folder` is no folder, or is not empty and was not made by this program."""
     if folder.is_symlink() and not folder.exists():
         raise RunFolderError(
@@ -184,7 +177,7 @@ def written_by_oneself() -> Iterator[None]:
 
 
 @contextmanager
-def claimed(name: str, out_dir: Path | None, note_name: str = RUN_NOTE) -> Iterator[Path]:
+def claimed(name: str, out_dir: Path | None, note_name: str = RunFile.NOTE) -> Iterator[Path]:
     """Lock a folder for this process until the end of the block: `out_dir`, or a new one under `runs`.
 
     Yields its absolute path, so that it remains the same folder if the working directory changes.
@@ -251,12 +244,12 @@ def discard(run_dir: Path) -> None:
 
 def reserve(run_dir: Path) -> None:
     """Reserve the disk space for the run's verdict."""
-    write_anew(run_dir / RESERVE, bytes(RESERVE_BYTES))
+    write_anew(run_dir / RunFile.RESERVE, bytes(RESERVE_BYTES))
 
 
 def free_reserve(run_dir: Path) -> None:
     """Free the reserved disk space for the verdict."""
-    (run_dir / RESERVE).unlink(missing_ok=True)
+    (run_dir / RunFile.RESERVE).unlink(missing_ok=True)
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
@@ -268,7 +261,7 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 def note(run_dir: Path, **values: Any) -> None:
     """Add `values` to `run.json`."""
-    path = run_dir / RUN_NOTE
+    path = run_dir / RunFile.NOTE
     known = json.loads(path.read_text()) if path.exists() else {}
     write_note(path, {**known, **values})
 

@@ -11,20 +11,12 @@ import numpy as np
 
 from hil.record.candump import NO_BUS, Bus, BusLog, StoredBus
 from hil.record.damage import DamagedFileError, reading
+from hil.record.run_files import OTHER_TRACES, TRACES, RunFile, trace_file
 from hil.record.traces.precision import TICKED
 from hil.record.traces.stored_trace import PIECE_RECORDS, Records, StoredTrace
-from hil.roster import trace_names
 from plant_sim.arrays import FloatArray
 from text_input import parse_toml
 
-TRACES = ("plant", "firmware", "impacts", "operator", "bus_errors")
-"""The traces of a run, by the names of their files and of the fields of `RunTraces`."""
-OTHER_TRACES = tuple(name for name in trace_names() if name not in TRACES)
-"""The traces of nodes whose records are logged, and neither judged nor drawn."""
-CAN_LOG = "can.log"
-"""File with the frames of a run in candump's format."""
-SCENARIO = "scenario.toml"
-"""File with the scenario as run."""
 NO_RECORDS: Records = np.zeros(0, dtype=[])
 
 
@@ -127,7 +119,7 @@ def read_bus(path: Path) -> BusLog:
 
 def read_scenario(run_dir: Path) -> dict[str, Any]:
     """The scenario as run, in raw tables."""
-    path = run_dir / SCENARIO
+    path = run_dir / RunFile.SCENARIO
     if not path.exists():
         return {}
     document = parse_toml(path.read_text(encoding="utf-8"))
@@ -164,13 +156,13 @@ def read_run(run_dir: Path) -> RunTraces:
     damage: list[str] = []
 
     def records(name: str) -> Records:
-        return part(damage, run_dir / f"{name}.trace", read_trace, NO_RECORDS)
+        return part(damage, run_dir / trace_file(name), read_trace, NO_RECORDS)
 
     def note(name: str) -> dict[str, Any]:
         nothing: dict[str, Any] = {}
         return part(damage, run_dir / name, read_json, nothing)
 
-    can_log = run_dir / CAN_LOG
+    can_log = run_dir / RunFile.CAN_LOG
     bus: Bus = NO_BUS
     if can_log.exists():
         bus = stored = StoredBus(can_log)
@@ -181,8 +173,8 @@ def read_run(run_dir: Path) -> RunTraces:
         **found,
         others={name: records(name) for name in OTHER_TRACES},
         bus=bus,
-        run=note("run.json"),
-        outcome=note("outcome.json"),
-        scenario=part(damage, run_dir / SCENARIO, lambda path: read_scenario(path.parent), nothing),
+        run=note(RunFile.NOTE),
+        outcome=note(RunFile.OUTCOME),
+        scenario=part(damage, run_dir / RunFile.SCENARIO, lambda path: read_scenario(path.parent), nothing),
         damage=damage,
     )

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import tomli_w
 
+from hil.record.run_files import RunFile
 from hil.record import provenance, run_folder
 from hil.record.new_file import write_anew
 from hil.scenario.scenario import Scenario
@@ -35,4 +36,4 @@ def begin(run_dir: Path, scenario: Scenario, clock: str, seed: int) -> None:
         **provenance.commit(),
         versions=provenance.versions(),
     )
-    write_anew(run_dir / "scenario.toml", tomli_w.dumps(scenario.document))
+    write_anew(run_dir / RunFile.SCENARIO, tomli_w.dumps(scenario.document))

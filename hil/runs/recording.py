@@ -6,9 +6,9 @@ from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 
+from hil.record.run_files import RunFile, trace_file
 from hil.bus.can_log import CanLog
 from hil.record import run_folder
-from hil.record.run_traces import CAN_LOG
 from hil.record.traces.trace import TraceWriter, fields_in
 from hil.runs import beginning
 from hil.runs.candump_lines import lines_of
@@ -32,14 +32,14 @@ def record(job: Job) -> int:
     ticks_in_all = job.scenario.ticks
     writers: dict[str, TraceWriter] = {}
     with ExitStack() as stack:
-        can_log = stack.enter_context(CanLog(job.folder / CAN_LOG))
+        can_log = stack.enter_context(CanLog(job.folder / RunFile.CAN_LOG))
         job.progress(0.0, "running in lockstep")
         for segment in stack.enter_context(closing(segments(job))):
             with delayed_signals():
                 for name, rows in segment.rows.items():
                     if name not in writers:
                         expected = ticks_in_all if "work_us" in (rows.dtype.names or ()) else 0
-                        path = job.folder / f"{name}.trace"
+                        path = job.folder / trace_file(name)
                         writer = TraceWriter(path, fields_in(rows.dtype), expected, in_memory=False)
                         writers[name] = stack.enter_context(writer)
                     writers[name].append_all(rows)
@@ -53,7 +53,7 @@ def simulate(job: Job) -> None:
     assert job.folder is not None
     bus = {"bus": "in-process", "bus_reason": "lockstep", "kernel_can": False}
     run_folder.note(job.folder, **bus, t0_ns=0, wall_start_s=0.0)
-    run_folder.write_json(job.folder / "processes.json", {"lockstep": os.getpid()})
+    run_folder.write_json(job.folder / RunFile.PROCESSES, {"lockstep": os.getpid()})
     job.progress(0.0, "compiling kernels")
     warm_lockstep(job)
     started = time.perf_counter()
@@ -79,7 +79,7 @@ def in_lockstep(job: Job) -> Path:
     with run_folder.claimed(job.scenario.name, job.folder) as run_dir:
         beginning.begin(run_dir, job.scenario, "lockstep", job.seed)
         simulate(replace(job, folder=run_dir))
-        run_folder.write_json(run_dir / "outcome.json", vars(job.outcome))
+        run_folder.write_json(run_dir / RunFile.OUTCOME, vars(job.outcome))
     return run_dir
 
 

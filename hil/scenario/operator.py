@@ -17,9 +17,8 @@ from firmware_py.interface.codec import FrameError
 from firmware_py.interface.enums import Mode, OperatorRequest
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import DriveEstop, OperatorCommand
+from hil.timing.clock import OPERATOR_PERIOD_S
 
-OPERATOR_PERIOD_S = 0.01
-"""Longest time between two steps of an operator that is recorded, or that waits for an answer."""
 COMMAND_PERIOD_S = codec.OPERATOR_COMMAND.period_s or 0.1
 """Period at which the operator repeats its command; the firmware monitors it."""
 ESTOP_PERIOD_S = 0.02

@@ -26,6 +26,7 @@ from hil.scenario.limits import Judged, take_limits
 from hil.scenario.operator import Command, Request
 from hil.scenario.parameter_file import merge_files
 from hil.scenario.settings import Settings, apply_settings, as_texts
+from hil.timing.clock import TICK_S
 from plant_sim.scene import Scene
 from plant_sim.tables.quantities import Duration, Impulse, Number
 from plant_sim.tables.table import Table
@@ -40,9 +41,6 @@ LARGEST_IMPULSE_N_S = 6.5
 
 MOST_FAULTS, MOST_COMMANDS = 100, 1000
 """Largest numbers of a script's faults and commands."""
-
-REALTIME_PERIOD_S = 1e-3
-"""Tick at the highest rate that classic CAN at 1 Mbit/s can carry."""
 
 
 class CommandTable(Table):
@@ -323,10 +321,10 @@ def _refuse_small_jumps(faults: Sequence[Fault], tick_s: float) -> None:
 
 def refuse_other_periods(period_s: float) -> None:
     """Raise `ScenarioError` if the period is not the real bus's; only lockstep may vary it."""
-    if period_s != REALTIME_PERIOD_S:
+    if period_s != TICK_S:
         raise ScenarioError(
             f"firmware.control.tick_s = {period_s}: in real time the bus carries one tick a "
-            f"{REALTIME_PERIOD_S} s; leave it out, or run with --clock lockstep"
+            f"{TICK_S} s; leave it out, or run with --clock lockstep"
         )
 
 

@@ -4,7 +4,8 @@ from pathlib import Path
 from typing import Any
 
 from hil.record.candump import BusLog, parse_candump
-from hil.record.run_traces import CAN_LOG, TRACES, RunTraces, read_trace
+from hil.record.run_files import TRACES, RunFile, trace_file
+from hil.record.run_traces import RunTraces, read_trace
 from hil.record.traces.stored_trace import Records
 
 
@@ -23,13 +24,13 @@ class Follower:
 
     def _new_records(self, name: str) -> Records:
         """The new records of one trace; none while the trace does not exist."""
-        records: Records = read_trace(self.run_dir / f"{name}.trace")[self._read[name] :]
+        records: Records = read_trace(self.run_dir / trace_file(name))[self._read[name] :]
         self._read[name] += len(records)
         return records
 
     def new_frames(self) -> BusLog:
         """The whole lines of can.log since the last call."""
-        path = self.run_dir / CAN_LOG
+        path = self.run_dir / RunFile.CAN_LOG
         text = b""
         if path.exists():
             with path.open("rb") as file:

@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
+from hil.record.run_files import RunFile
 from hil.record.run_traces import read_json, read_scenario
 from hil.show.follower import Follower
 from hil.show.log_stream import VIEWER_TIMEOUT_S
@@ -34,7 +35,7 @@ def follow(run_dir: Path, url: str, wakers: list[int]) -> None:
     """Show the run until one of the descriptors `wakers` becomes readable."""
     follower = Follower(run_dir)
     with bounded(f"connecting to {url}"):
-        log = RunLog(url, read_json(run_dir / "run.json"), read_scenario(run_dir))
+        log = RunLog(url, read_json(run_dir / RunFile.NOTE), read_scenario(run_dir))
     ending = False
     while not ending:
         ending = bool(select.select(wakers, [], [], APPEND_PERIOD_S)[0])

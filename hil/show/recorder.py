@@ -21,9 +21,10 @@ from hil.bus import Bus, join
 from hil.bus.addressed import addressed
 from hil.bus.can_log import CanLog
 from hil.record.candump import bus_log
+from hil.record.run_files import RunFile
 from hil.record.run_traces import read_json, read_scenario
 from hil.show.follower import Follower
-from hil.show.rerun_log import LOG_NAME, RunLog
+from hil.show.rerun_log import RunLog
 from hil.timing.clock import NS_PER_S
 from hil.timing.pacemaker import TurnTimes
 from hil.timing.processes import READY, read_start, report_to_parent, stop_requests
@@ -51,10 +52,10 @@ class Recorder:
         self.run_dir = run_dir
         self.bus = bus
         self.follower = Follower(run_dir)
-        run = read_json(run_dir / "run.json")
+        run = read_json(run_dir / RunFile.NOTE)
         self.wall_start_ns = round(float(run["wall_start_s"]) * 1e9)
-        self.log = RunLog(run_dir / LOG_NAME, run, read_scenario(run_dir))
-        self.can_log = CanLog(run_dir / "can.log")
+        self.log = RunLog(run_dir / RunFile.LOG, run, read_scenario(run_dir))
+        self.can_log = CanLog(run_dir / RunFile.CAN_LOG)
         self.frames = 0
         self._arrived_s: list[float] = []
         self._can_ids: list[int] = []

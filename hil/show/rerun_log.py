@@ -33,6 +33,7 @@ from hil.record.candump import BusLog
 from hil.record.frame_tables import find_refused
 from hil.record.rrd.log_file import written_whole
 from hil.record.rrd.rates import SLOW_TICKS, Held, is_slow, signals_of_checks
+from hil.record.run_files import RunFile
 from hil.record.run_traces import RunTraces, column, pieces, read_run
 from hil.record.state_timeline import (
     ALARM,
@@ -70,7 +71,6 @@ BUS_TIMELINES = tuple(
 )
 """State timelines of a modelled bus."""
 
-LOG_NAME = "run.rrd"
 LATEST_MARK = 0.97
 """Latest mark of a failed check, as a share of the run."""
 ERROR_TICKS = 10
@@ -398,4 +398,4 @@ def rebuild(run_dir: Path, into: Path | None = None) -> Path:
     if traces.damage and traces.outcome:  # the log has no other place for it
         reasons = [*traces.outcome.get("reasons", []), *traces.damage]
         traces = replace(traces, outcome={**traces.outcome, "reasons": reasons}, damage=())
-    return write_log((into or run_dir) / LOG_NAME, traces, judge(traces, run_dir))
+    return write_log((into or run_dir) / RunFile.LOG, traces, judge(traces, run_dir))

@@ -19,6 +19,7 @@ from hil.judge.seeds import ScenarioVerdict, merge
 from hil.judge.verdict import RunVerdict, Verdict, read_verdict, worst
 from hil.record import formats, run_folder
 from hil.record.new_file import write_anew
+from hil.record.run_files import RunFile
 from hil.record.run_traces import read_json
 from hil.runs import beginning
 from hil.runs.job import Progress, silent
@@ -37,7 +38,7 @@ PROCESSES = 2
 
 RESULT = run_folder.SUITE_NOTE
 """File with a suite's result in its folder, for comparison with another suite."""
-JUNIT, PAGE = "junit.xml", "index.html"
+PAGE = "index.html"
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +96,7 @@ def judge_case(case: Case, options: RunOptions) -> RunVerdict:
     except run_folder.RunFolderError:
         raise
     except Exception as error:
-        verdict = case.run_dir / run_folder.VERDICT
+        verdict = case.run_dir / RunFile.VERDICT
         if not verdict.exists():
             raise
         if not is_verdict(error):  # a defect of this program
@@ -133,10 +134,10 @@ def take_over(case: Case, clock: ClockName) -> RunVerdict | None:
 
     None if it is not judged, its inputs have changed, or another user may have written it.
     """
-    described = read_json(case.run_dir / run_folder.RUN_NOTE)
+    described = read_json(case.run_dir / RunFile.NOTE)
     if described.get("key") != beginning.key_of(case.scenario, clock, case.seed):
         return None
-    place = case.run_dir / run_folder.VERDICT
+    place = case.run_dir / RunFile.VERDICT
     is_trusted = place.exists() and run_folder.is_written_by_oneself(case.run_dir, place)
     verdict = read_verdict(place) if is_trusted else None
     return None if verdict is None or was_cut_short(verdict) else verdict
@@ -194,7 +195,7 @@ class Suite:
         for case in self.due:
             run_folder.discard(case.run_dir)
         self.note(result, complete=False)
-        write_junit_of_kill(self.folder / JUNIT, self.cases, self.options.clock)
+        write_junit_of_kill(self.folder / RunFile.JUNIT, self.cases, self.options.clock)
 
     @property
     def due(self) -> list[Case]:
@@ -242,7 +243,7 @@ class Suite:
 
     def publish(self, ordered: Sequence[ScenarioVerdict], result: Mapping[str, Any]) -> None:
         """Write the JUnit file and the page."""
-        write_anew(self.folder / JUNIT, junit.document(ordered))
+        write_anew(self.folder / RunFile.JUNIT, junit.document(ordered))
         write_suite_report(self.folder / PAGE, ordered, result["requirements"], result["changes"])
 
     def note(self, result: Mapping[str, Any], complete: bool) -> None:
@@ -305,7 +306,7 @@ def run_suite(
             "verdict": of_suite.value,
             "bus": ordered[0].figures.bus,
             "wall_s": perf_counter() - started,
-            "junit": str(folder / JUNIT),
+            "junit": str(folder / RunFile.JUNIT),
             "report": str(folder / PAGE),
             "requirements": requirements.trace(ordered),
         }

@@ -4,6 +4,10 @@ import time
 from typing import Literal, Protocol
 
 NS_PER_S = 1_000_000_000
+TICK_S = 1e-3
+"""Length of a tick: the highest rate that classic CAN at 1 Mbit/s can carry. Lockstep may use another."""
+OPERATOR_PERIOD_S = 0.01
+"""Longest time between two steps of an operator that is recorded, or that waits for an answer."""
 
 ClockName = Literal["real", "lockstep"]
 """Processes on the wall clock; all nodes in one process, as fast as possible."""

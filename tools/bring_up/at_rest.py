@@ -7,9 +7,10 @@ import numpy as np
 from firmware_py.interface.generated.records import DriveSupply, DriveTemperature
 from hil.record.bus_reconstruction import frames_of
 from hil.record.candump import StoredBus
+from hil.timing.clock import TICK_S
 from plant_sim.tables.table import STANDARD_GRAVITY_M_S2
 from tools.bring_up.listen import Listener
-from tools.bring_up.step import NOTHING, PERIOD_S, Context, Curve, Findings, Largest, Step, StepFailedError
+from tools.bring_up.step import NOTHING, Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.tuning.recordings.readings import Ticks, read_ticks
 
 REST_S = 3.0
@@ -95,8 +96,8 @@ def rest(context: Context, found: Findings) -> None:
             f"the supply has {voltage_v:.1f} V, wanted {low_v:g} to {high_v:g} V: check it, or set "
             "limit.lowest_v and limit.highest_v"
         )
-    shown = slice(0, round(0.3 / PERIOD_S))
-    t_s = np.arange(len(ticks.low_m_s2))[shown] * PERIOD_S
+    shown = slice(0, round(0.3 / TICK_S))
+    t_s = np.arange(len(ticks.low_m_s2))[shown] * TICK_S
     found.curves = [
         Curve(name, t_s, getattr(ticks, one)[shown]) for one, name in zip(CHANNELS, NAMES, strict=True)
     ]

@@ -30,8 +30,9 @@ from firmware_py.interface.generated.records import (
     SetInputTorque,
     SetLimits,
 )
+from hil.timing.clock import TICK_S
 from plant_sim.arrays import FloatArray
-from tools.bring_up.step import PERIOD_S, Context, Curve, Findings, Largest, Step, StepFailedError
+from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.tuning.recordings.readings import read_ticks
 from tools.tuning.result import Value, make_value
 
@@ -137,7 +138,7 @@ class Commander:
 
     def wait(self, duration_s: float) -> Script:
         """Send a torque of 0 for some time."""
-        for _ in range(round(duration_s / PERIOD_S)):
+        for _ in range(round(duration_s / TICK_S)):
             yield self.torque(0.0)
 
     def arm(self) -> Script:
@@ -153,7 +154,7 @@ class Commander:
         for frame in settings:
             yield [*self.torque(0.0), frame]
         self.beat = None
-        for _ in range(round(ARMING_S / PERIOD_S)):
+        for _ in range(round(ARMING_S / TICK_S)):
             yield self.torque(0.0)
             if self.beat is not None and self.beat.axis_state == AxisState.CLOSED_LOOP_CONTROL:
                 self.is_armed = True
@@ -168,7 +169,7 @@ class Commander:
     def prove_watchdog(self) -> Script:
         """Fall silent with a closed loop and no torque; the drive must disarm by itself."""
         self.is_armed = False
-        for _ in range(round(SILENCE_S / PERIOD_S)):
+        for _ in range(round(SILENCE_S / TICK_S)):
             yield []
         if self.beat is None or self.beat.axis_state != AxisState.IDLE:
             yield [codec.SET_AXIS_STATE.encode(SetAxisState(AxisState.IDLE))]
@@ -185,21 +186,21 @@ class Commander:
     def pulse(self, torque_n_m: float, longest_s: float) -> Script:
         """A pulse that ends at its bounds, then coasting until the crank rests."""
         begin_rad, still = self.angle_rad, 0
-        for _ in range(round(longest_s / PERIOD_S)):
+        for _ in range(round(longest_s / TICK_S)):
             yield self.torque(torque_n_m)
             turned_rad = abs(self.angle_rad - begin_rad)
             if turned_rad > PULSE_END_RAD or abs(self.speed_rad_s) > PULSE_END_RAD_S:
                 break
-        for _ in range(round(LONGEST_COAST_S / PERIOD_S)):
+        for _ in range(round(LONGEST_COAST_S / TICK_S)):
             yield self.torque(0.0)
             still = still + 1 if abs(self.speed_rad_s) < STILL_RAD_S else 0
-            if still > RESTING_S / PERIOD_S:
+            if still > RESTING_S / TICK_S:
                 break
 
     def swing(self, torque_n_m: float) -> Script:
         """A torque until the speed that it causes, of either direction, reaches `SWING_RAD_S`."""
         first, before_rad_s, begin_rad = len(self.samples), self.speed_rad_s, self.angle_rad
-        for _ in range(round(LONGEST_SWING_S / PERIOD_S)):
+        for _ in range(round(LONGEST_SWING_S / TICK_S)):
             yield self.torque(torque_n_m)
             if abs(self.angle_rad - begin_rad) > BOUND.angle_rad / 2.0:
                 raise StepFailedError("a swing has turned the crank beyond its bound; repeat the step")
@@ -210,7 +211,7 @@ class Commander:
 
     def script(self) -> Script:
         """Watchdog, growing pulses until the crank moves in both directions, then pulses for the inertia."""
-        for _ in range(round(ARMING_S / PERIOD_S)):
+        for _ in range(round(ARMING_S / TICK_S)):
             if not math.isnan(self.angle_rad):
                 break
             yield []
@@ -237,7 +238,7 @@ class Commander:
         for number in range(SWINGS):
             yield from self.swing(swing_n_m if number % 2 == 0 else -swing_n_m)
         yield [*self.torque(0.0), codec.SET_AXIS_STATE.encode(SetAxisState(AxisState.IDLE))]
-        for _ in range(round(RESTING_S / PERIOD_S)):
+        for _ in range(round(RESTING_S / TICK_S)):
             yield []
 
 
@@ -252,7 +253,7 @@ def accelerations(played: Commander) -> FloatArray:
         for start in range(first + SETTLING, last - WINDOW, WINDOW):
             part = samples[start : start + WINDOW]
             if np.min(np.abs(part[:, 2])) > TURNING_RAD_S:
-                slope = np.polyfit(np.arange(WINDOW) * PERIOD_S, part[:, 2], 1)[0]
+                slope = np.polyfit(np.arange(WINDOW) * TICK_S, part[:, 2], 1)[0]
                 rows.append((*part.mean(axis=0), slope))
     return np.array(rows).reshape(-1, 4)
 
@@ -345,7 +346,7 @@ def note_largest(played: Commander, found: Findings) -> None:
         angle_rad=float(np.ptp(samples[:, 1])),
         speed_rad_s=float(np.max(np.abs(samples[:, 2]))),
     )
-    t_s = np.arange(len(samples)) * PERIOD_S
+    t_s = np.arange(len(samples)) * TICK_S
     found.curves = [
         Curve("speed in rad/s", t_s, samples[:, 2]),
         Curve("torque in 0.1 N m", t_s, 10.0 * samples[:, 0]),

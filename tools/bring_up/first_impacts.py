@@ -15,10 +15,11 @@ from firmware_py.interface.codec import FrameError
 from firmware_py.interface.enums import Regime
 from firmware_py.interface.frame import Frame
 from hil.scenario.operator import Command, Request
+from hil.timing.clock import TICK_S
 from tools.bring_up.below_impacts import FORCE_SHARE, cautious
 from tools.bring_up.module_fit import fit_module, largest_in, natural_rad_s
 from tools.bring_up.operated import LatchedFaultError, Operated
-from tools.bring_up.step import PERIOD_S, Context, Curve, Findings, Largest, Step, StepFailedError
+from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.campaign.identified import PER_TURN, explain_no_hold
 from tools.tuning.identification.identify import GRAZING_M_S
 from tools.tuning.result import Value, make_value
@@ -86,7 +87,7 @@ class Watched(Operated):
             if abs(reach_m) > self._farthest_m and self.beat.target_omega_rad_s > 0.7 * self._omega_rad_s:
                 self._beyond[reach_m > 0.0] = self.tick
             # A soft contact that begins looks like a long way, on its side alone.
-            turn = 2.0 * math.pi / self.beat.target_omega_rad_s / PERIOD_S
+            turn = 2.0 * math.pi / self.beat.target_omega_rad_s / TICK_S
             if all(self.tick - one < turn for one in self._beyond):
                 raise StepFailedError(
                     f"the striker swings {abs(reach_m) * 1e3:.0f} mm to either side without an impact, "

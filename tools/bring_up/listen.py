@@ -12,7 +12,8 @@ from firmware_py.interface.codec import FrameCodec, FrameError
 from firmware_py.interface.enums import AxisState
 from firmware_py.interface.frame import Frame, worst_case_bits
 from hil.record.bus_load import BITRATE_BIT_S
-from tools.bring_up.step import NOTHING, PERIOD_S, Context, Curve, Findings, Step, StepFailedError
+from hil.timing.clock import TICK_S
+from tools.bring_up.step import NOTHING, Context, Curve, Findings, Step, StepFailedError
 
 LISTEN_S = 3.0
 WANTED = (
@@ -65,7 +66,7 @@ def count_damaged(one: FrameCodec[Any], frames: Sequence[Frame]) -> int:
 
 def judge_frame(one: FrameCodec[Any], frames: Sequence[Frame], duration_s: float, found: Findings) -> None:
     """Hold the frames of one kind against `vibro.dbc`; raises StepFailedError."""
-    name, due = one.record.__name__, duration_s / (one.period_s or PERIOD_S)
+    name, due = one.record.__name__, duration_s / (one.period_s or TICK_S)
     found.add(f"{name}, of those due", len(frames) / due, "1")
     remedy = REMEDY.get(one.can_id, ALL_REPORTS)
     if not frames:
@@ -135,14 +136,14 @@ def listen(context: Context, found: Findings) -> None:
     ]
     steps = np.diff(counters) % 256
     found.add("lost samples", float(np.sum(np.maximum(steps - 1, 0)) / len(counters)), "1")
-    gap_s = float(np.max(np.diff(ticks))) * PERIOD_S
+    gap_s = float(np.max(np.diff(ticks))) * TICK_S
     found.add("longest time between two samples", gap_s, "s")
     if gap_s > LONGEST_GAP_S:
         found.notes.append(
             f"samples arrive up to {gap_s * 1e3:.0f} ms apart: an adapter that bundles them wants its "
             "latency timer at 1 ms"
         )
-    found.curves = [Curve("samples a period", np.arange(np.max(ticks) + 1) * PERIOD_S, np.bincount(ticks))]
+    found.curves = [Curve("samples a period", np.arange(np.max(ticks) + 1) * TICK_S, np.bincount(ticks))]
     found.axes = ("time in s", "samples of the accelerometers a period")
 
 

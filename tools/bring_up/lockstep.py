@@ -16,11 +16,12 @@ from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
 from hil.record.new_file import make_anew
 from hil.record.traces.trace import no_trace
 from hil.roster import PLANT
+from hil.timing.clock import TICK_S
 from plant_sim.result import Impact
 from plant_sim.scene import Scene
-from tools.bring_up.step import EMERGENCY, NOTHING, PERIOD_S, Largest, Player
+from tools.bring_up.step import EMERGENCY, NOTHING, Largest, Player
 
-US_A_TICK = round(PERIOD_S * 1e6)
+US_A_TICK = round(TICK_S * 1e6)
 
 
 class LockstepBench:
@@ -29,8 +30,8 @@ class LockstepBench:
     def __init__(self, scene: Scene, seed: int, faults: Sequence[Fault] = ()) -> None:
         self.scene = scene
         self._bus = InProcessBus()
-        self._pace = Pace(PERIOD_S, None, is_timed=False)
-        self._line = FaultyBus(self._bus.join(), PLANT, faults, seed, PERIOD_S)
+        self._pace = Pace(TICK_S, None, is_timed=False)
+        self._line = FaultyBus(self._bus.join(), PLANT, faults, seed, TICK_S)
         self.plant = PlantRunner(scene, seed, self._pace, self._line, no_trace, faults)
         self._own, self._log = self._bus.join(), self._bus.join()
         self.tick = 0
@@ -49,7 +50,7 @@ class LockstepBench:
         begin = self.tick
         with CanLog(make_anew(log)) as file:
             try:
-                while (tick := self.tick - begin) < round(longest_s / PERIOD_S):
+                while (tick := self.tick - begin) < round(longest_s / TICK_S):
                     self._step_plant(log.stem)
                     frames = player.play(tick, self._own.receive())
                     if frames is None:
@@ -69,17 +70,17 @@ class LockstepBench:
     def _power_up(self, parameters: Mapping[str, float]) -> FirmwareRunner:
         memory = ParameterMemory(parameters, (), 0)
         pace = self._pace._replace(first_tick=self.tick)
-        line = FaultyBus(self._bus.join(), "firmware", (), 0, PERIOD_S)
+        line = FaultyBus(self._bus.join(), "firmware", (), 0, TICK_S)
         return FirmwareRunner(memory, pace, line, no_trace, False, node_of("compiled"))
 
     def rest(self, duration_s: float) -> None:
         """Let time pass without a player."""
-        for _ in range(round(duration_s / PERIOD_S)):
+        for _ in range(round(duration_s / TICK_S)):
             self._step_plant("rest")
             self.tick += 1
 
     def _step_plant(self, name: str) -> None:
-        self._line.move_to(self.tick * PERIOD_S)
+        self._line.move_to(self.tick * TICK_S)
         self.plant.step(self.tick)
         impacts = self.plant.node.take_impacts()
         self.impacts += impacts

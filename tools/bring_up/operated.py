@@ -8,7 +8,8 @@ from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import FaultEvent, FirmwareHeartbeat, ImpactEvent
 from hil.scenario.operator import Command, OperatorNode, Request
-from tools.bring_up.step import PERIOD_S, StepFailedError
+from hil.timing.clock import TICK_S
+from tools.bring_up.step import StepFailedError
 
 BEGINNING = (
     Command(0.0, Request.IDLE, 0.0),
@@ -45,8 +46,8 @@ class Operated:
         self, commands: Sequence[Command], end_s: float, done: Callable[["Operated"], bool] = lambda _: False
     ) -> None:
         later = [one._replace(at_s=one.at_s + BEGUN_S) for one in commands]
-        self._node = OperatorNode([*BEGINNING, *later], PERIOD_S, is_recorded=False)
-        self._done, self._end_tick, self._waiting = done, round((BEGUN_S + end_s) / PERIOD_S), list[Frame]()
+        self._node = OperatorNode([*BEGINNING, *later], TICK_S, is_recorded=False)
+        self._done, self._end_tick, self._waiting = done, round((BEGUN_S + end_s) / TICK_S), list[Frame]()
         self._is_ending = False
         self._free_tick: int | None = None
         """The tick in which a stop ended by STOP_FAILED."""
@@ -62,7 +63,7 @@ class Operated:
     @property
     def longest_s(self) -> float:
         """The longest duration of the whole script with its stop."""
-        return self._end_tick * PERIOD_S + LONGEST_STOP_S + LONGEST_REST_S + STILL_S
+        return self._end_tick * TICK_S + LONGEST_STOP_S + LONGEST_REST_S + STILL_S
 
     @property
     def ended_tick(self) -> int:
@@ -75,7 +76,7 @@ class Operated:
         self._waiting += received
         for frame in received:
             self._follow(frame)
-        if tick - self._beat_tick > SILENT_S / PERIOD_S:
+        if tick - self._beat_tick > SILENT_S / TICK_S:
             raise StepFailedError("the firmware's heartbeat is missing; see its output")
         if not self._is_ending and (tick >= self._end_tick or self._done(self)):
             self._is_ending, self._end_tick = True, tick
@@ -83,10 +84,10 @@ class Operated:
             self._node.finish(tick)
         if self._free_tick is not None:
             return () if self._is_turning(self._free_tick) else None
-        if self._is_ending and self.beat is not None and tick > self._end_tick + 1.0 / PERIOD_S:
+        if self._is_ending and self.beat is not None and tick > self._end_tick + 1.0 / TICK_S:
             if self.beat.mode == Mode.READY:
                 return None
-            if tick > self._end_tick + LONGEST_STOP_S / PERIOD_S:
+            if tick > self._end_tick + LONGEST_STOP_S / TICK_S:
                 raise StepFailedError(f"the module is still in {Mode(self.beat.mode).name} after its stop")
         if tick < self._node.due_tick:
             return ()
@@ -95,19 +96,19 @@ class Operated:
 
     def _is_turning(self, free_tick: int) -> bool:
         """Whether the crank may still turn after a stop that has ended by STOP_FAILED."""
-        if self.tick > self._encoder_tick + OLDEST_ENCODER_S / PERIOD_S:
+        if self.tick > self._encoder_tick + OLDEST_ENCODER_S / TICK_S:
             raise StepFailedError(
                 "the stop ended by STOP_FAILED, and without frames of the encoder nothing shows that the "
                 "crank rests: look at it, then mend the encoder's plug"
             )
-        if self.tick >= free_tick + LONGEST_REST_S / PERIOD_S:
+        if self.tick >= free_tick + LONGEST_REST_S / TICK_S:
             raise StepFailedError(
                 f"the stop ended by STOP_FAILED, and the crank still turns {LONGEST_REST_S:g} s later: "
                 "switch off the drive's supply, and look for what drives the crank"
             )
-        if self.tick <= self._turning_tick + STILL_S / PERIOD_S:
+        if self.tick <= self._turning_tick + STILL_S / TICK_S:
             return True
-        rests_s = (self._turning_tick - free_tick) * PERIOD_S
+        rests_s = (self._turning_tick - free_tick) * TICK_S
         self.notes.append(
             "the stop ended by STOP_FAILED, which took the torque off; the crank came to rest "
             f"{rests_s:.1f} s later"

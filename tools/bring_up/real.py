@@ -16,11 +16,11 @@ from hil.bus.addressed import addressed
 from hil.bus.base import Bus
 from hil.bus.can_log import CanLog
 from hil.record.new_file import make_anew
-from hil.timing.clock import NS_PER_S, MonotonicClock
+from hil.timing.clock import NS_PER_S, TICK_S, MonotonicClock
 from hil.timing.loop import FixedRateLoop
 from hil.timing.processes import Child
 from hil.timing.realtime import NODE, become_realtime, leave_realtime
-from tools.bring_up.step import EMERGENCY, PERIOD_S, Player
+from tools.bring_up.step import EMERGENCY, Player
 
 STARTING_S = 120.0
 """Longest start of the firmware's process: it may have to compile."""
@@ -51,7 +51,7 @@ class RealBench:
     def _play(self, bus: Bus, player: Player, longest_s: float, file: CanLog) -> None:
         clock = MonotonicClock()
         begin_ns = clock.now_ns()
-        loop = FixedRateLoop(clock, begin_ns, round(PERIOD_S * NS_PER_S))
+        loop = FixedRateLoop(clock, begin_ns, round(TICK_S * NS_PER_S))
 
         dating = Dating()
 
@@ -69,7 +69,7 @@ class RealBench:
 
         become_realtime(NODE)
         try:
-            loop.run(round(longest_s / PERIOD_S), step, None)
+            loop.run(round(longest_s / TICK_S), step, None)
         except BaseException:
             if player.moves:
                 bus.send_all(EMERGENCY)
@@ -100,9 +100,9 @@ class Dating:
             self.newest_us = round(now_s * 1e6)
         else:
             lost_s = now_s - self.newest_us * 1e-6
-            rounds = max(0, round((lost_s / PERIOD_S - COUNTERS / 2) / COUNTERS))
+            rounds = max(0, round((lost_s / TICK_S - COUNTERS / 2) / COUNTERS))
             periods = (counter - self._counter) % COUNTERS + COUNTERS * rounds
-            self.newest_us += round(periods * PERIOD_S * 1e6)
+            self.newest_us += round(periods * TICK_S * 1e6)
         self._counter = counter
         return self.newest_us
 

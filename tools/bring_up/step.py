@@ -15,8 +15,6 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import DriveEstop, SetAxisState, SetInputTorque
 from tools.tuning.result import Value
 
-PERIOD_S = 1e-3
-"""The period of the fastest frame on the bus."""
 EMERGENCY = (
     codec.SET_INPUT_TORQUE.encode(SetInputTorque(0.0)),
     codec.DRIVE_ESTOP.encode(DriveEstop()),

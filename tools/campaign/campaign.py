@@ -14,12 +14,11 @@ from typing import Any, Literal, NamedTuple
 from firmware_py.shell.builds import Build
 from hil.scenario.scenario import Scenario, check_scenario
 from hil.scenario.settings import apply_settings
+from hil.timing.clock import TICK_S
 from plant_sim.validation_messages import real
 from tools.campaign.run import Run
 from tools.output import BadInputError
 
-TICK_S = 1e-3
-"""The firmware's period in every trial."""
 BASE_SCENE = "table1-motor-soft"
 
 Axes = Mapping[str, Collection[Any] | None]

@@ -9,6 +9,7 @@ import typer
 from rich.markup import escape
 from rich.table import Column
 
+from hil.record.run_files import RunFile
 from tools.commands.options import Change, Controller, Json, ParameterFiles, RealTime, note_unused_bus
 from tools.output import (
     BadInputError,
@@ -109,13 +110,12 @@ def show_figures(figures: "Figures") -> None:
 
 def show_next(out: Path) -> None:
     """Print the commands and the page with which a person goes on from a run, as far as it has a log."""
-    from hil.show.rerun_log import LOG_NAME
 
     place = shlex.quote(str(out))
     steps = {
-        "look at every signal": (LOG_NAME, f"vibrohil view {place}"),
-        "verdict on one page": ("report.html", f"{out}/report.html"),
-        "all figures": (LOG_NAME, f"vibrohil inspect {place} --all"),
+        "look at every signal": (RunFile.LOG, f"vibrohil view {place}"),
+        "verdict on one page": (RunFile.REPORT, f"{out}/report.html"),
+        "all figures": (RunFile.LOG, f"vibrohil inspect {place} --all"),
     }
     for name, (file, what) in steps.items():
         if not (out / file).exists():

@@ -43,6 +43,7 @@ from firmware_py.shell.native import NativeNode, emitted_functions
 from firmware_py.shell.node import FirmwareNode, MakeNode
 from hil.bench import workers
 from hil.nodes.warm import warm_firmware, warm_plant
+from hil.record.run_files import RunFile, trace_file
 from hil.record.traces.trace import read
 from hil.runs.job import Job
 from hil.runs.recording import record
@@ -149,7 +150,7 @@ def decide(scenario: Scenario, seed: int, firmware: str | MakeNode) -> Decisions
     """Decisions of a run on a node; DifferentBytesError if it is `Beside` and the other two nodes differ."""
     with tempfile.TemporaryDirectory() as folder:
         record(Job(scenario, seed, firmware, Path(folder)))
-        return decisions_of(read(Path(folder) / "firmware.trace"))
+        return decisions_of(read(Path(folder) / trace_file("firmware")))
 
 
 def difference(name: str, seed: int) -> str:
@@ -170,7 +171,7 @@ def different_log(name: str, seed: int, board: Build) -> str:
     for build in (board, HERE[board]):
         with tempfile.TemporaryDirectory() as folder:
             record(Job(load_scenario(name), seed, build, Path(folder)))
-            logs.append((Path(folder) / "can.log").read_text().splitlines())
+            logs.append((Path(folder) / RunFile.CAN_LOG).read_text().splitlines())
     pairs = enumerate(zip_longest(*logs, fillvalue="nothing"))
     return next((f"line {k}: {ours} here {here}" for k, (ours, here) in pairs if ours != here), "")
 

@@ -31,6 +31,7 @@ from hil.bench import workers
 from hil.faults.kinds.flood import Flood
 from hil.record.bus_reconstruction import frames_of
 from hil.record.candump import BusLog
+from hil.record.run_files import RunFile
 from hil.record.run_traces import read_bus
 from hil.runs.job import Job
 from hil.runs.recording import record
@@ -79,7 +80,7 @@ def run_case(case: Case) -> tuple[Fault | None, Reaction]:
     """Run a case; return the latched fault, None without one, and the reaction times."""
     case.run_dir.mkdir(parents=True)
     record(Job(case.scenario, case.seed, folder=case.run_dir))
-    bus = read_bus(case.run_dir / "can.log")
+    bus = read_bus(case.run_dir / RunFile.CAN_LOG)
     shutil.rmtree(case.run_dir)
     return find_latched(bus), reaction(bus, min(fault.at_s for fault in case.scenario.faults))
 

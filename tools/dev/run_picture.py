@@ -22,11 +22,11 @@ from rerun.experimental import ViewerClient
 from hil.bench.bench import run_scenario
 from hil.bench.options import RunOptions
 from hil.record.rrd.rerun_program import rerun_environment
+from hil.record.run_files import RunFile
 from hil.runs.job import silent
 from hil.scenario.scenario import load_scenario
 from hil.show.layout import Contents, Highlights, layout
 from hil.show.legible.limits import FIGURES, limits_of
-from hil.show.rerun_log import LOG_NAME
 from hil.show.window import LOOPBACK, free_port, put_cursor, viewer_command
 
 PICTURE = Path(__file__).parents[2] / "docs/pictures/default-run.png"
@@ -81,7 +81,7 @@ def main() -> None:
         run_dir = given or Path(folder) / "run"
         if given is None:
             run_scenario(load_scenario(SCENARIO), RunOptions(clock="real"), run_dir, 1, silent)
-        whole = draw_log(run_dir / LOG_NAME)
+        whole = draw_log(run_dir / RunFile.LOG)
     cut = whole.crop((0, MENU, whole.width, whole.height))
     about = PngImagePlugin.PngInfo()
     about.add_text(ENTITIES, json.dumps(overview_entities(), sort_keys=True))

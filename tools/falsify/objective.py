@@ -13,7 +13,8 @@ from hil.judge.judge import judge
 from hil.judge.verdict import CheckResult, RunVerdict, Verdict
 from hil.record.candump import NO_BUS, StoredBus
 from hil.record.run_faults import with_effects
-from hil.record.run_traces import CAN_LOG, TRACES, RunTraces, read_trace
+from hil.record.run_files import TRACES, RunFile, trace_file
+from hil.record.run_traces import RunTraces, read_trace
 from hil.runs.job import Job
 from hil.runs.recording import record
 from hil.scenario.scenario import Scenario
@@ -103,10 +104,10 @@ def judged(scenario: Scenario, run_dir: Path, checks: Sequence[Check]) -> tuple[
     }
     note["faults"] = with_effects(note, job.outcome.faults_acted)
     needs_bus = any(one.expression is None and CATALOGUE[one.name].origin is Origin.LOG for one in checks)
-    found: dict[str, Any] = {name: read_trace(run_dir / f"{name}.trace") for name in TRACES}
+    found: dict[str, Any] = {name: read_trace(run_dir / trace_file(name)) for name in TRACES}
     traces = RunTraces(
         **found,
-        bus=StoredBus(run_dir / CAN_LOG) if needs_bus else NO_BUS,
+        bus=StoredBus(run_dir / RunFile.CAN_LOG) if needs_bus else NO_BUS,
         run=note,
         outcome={"wall_s": None},
         scenario=scenario.document,

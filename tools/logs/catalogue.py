@@ -13,7 +13,8 @@ from hil.judge.figures.records import CATALOGUE
 from hil.judge.figures.text import plain
 from hil.judge.verdict import Verdict
 from hil.record import formats
-from hil.record.run_folder import RUNS, VERDICT, discard_unused, is_own, read_note
+from hil.record.run_files import RunFile
+from hil.record.run_folder import RUNS, begun_s, discard_unused, is_own, read_note
 from tools.output import BadInputError
 
 COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
@@ -28,8 +29,6 @@ CONDITION = re.compile(r"\s*([a-z_][a-z0-9_.]*)\s*(<=|>=|!=|=|<|>)\s*(.+?)\s*")
 UNITS_S = {"h": 3600.0, "d": 86_400.0, "w": 604_800.0}
 VERDICT_NAMES = ("passed", "verdict")
 """What conditions and tables may name beside the figures."""
-LATEST_S = 9e9
-"""Latest time at which a run may say that it began: the year 2255."""
 AGE = re.compile(r"(\d+(?:\.\d+)?)([hdw])")
 
 
@@ -107,20 +106,12 @@ def list_runs(runs: Path) -> list[ListedRun]:
     if not runs.is_dir() and runs != RUNS:
         raise BadInputError(f"{runs} is no folder; name one that holds runs")
     found = []
-    for document in runs.glob("**/run.json"):
+    for document in runs.glob(f"**/{RunFile.NOTE}"):
         folder = document.parent
-        verdict = read_note(folder / VERDICT)
+        verdict = read_note(folder / RunFile.VERDICT)
         is_known = verdict.get(formats.KEY, formats.VERDICT) == formats.VERDICT
-        found.append(ListedRun(folder, begun_s(document), known_of(verdict if is_known else {})))
+        found.append(ListedRun(folder, begun_s(folder), known_of(verdict if is_known else {})))
     return sorted(found, key=lambda run: run.begun_s, reverse=True)
-
-
-def begun_s(document: Path) -> float:
-    """The time at which a run began by its run.json; without it, when that was last written."""
-    stated = read_note(document).get("begun_s")
-    if isinstance(stated, int | float) and 0.0 <= stated < LATEST_S:
-        return float(stated)
-    return document.lstat().st_mtime
 
 
 def refuse_other_figures(option: str, text: str, name: str) -> None:

@@ -15,8 +15,8 @@ import can
 
 from hil.bus.wire import MAX_STANDARD_ID
 from hil.record.candump import MOST_BYTES
+from hil.record.run_files import RunFile
 from hil.record.run_folder import is_own
-from hil.record.run_traces import CAN_LOG
 from tools.output import BadInputError
 
 FORMATS = "candump -L's .log, or .asc, .blf or .trc, the text formats also with .gz"
@@ -112,7 +112,7 @@ def too_many(path: Path) -> BadInputError:
 
 def remedy_for_large(path: Path) -> str:
     """What to do with a log that is too large to be imported."""
-    if path.name == CAN_LOG and is_own(path.parent):
+    if path.name == RunFile.CAN_LOG and is_own(path.parent):
         return f"it is the log of a run: view, inspect or replay {path.parent}, which has no such limit"
     return "cut it and import its parts"
 

@@ -16,9 +16,11 @@ from hil.record import run_folder
 from hil.record.bus_reconstruction import doubt_two_firmwares, reconstruct_ticks
 from hil.record.candump import BusLog
 from hil.record.frame_tables import find_refused
+from hil.record.run_files import RunFile, trace_file
 from hil.record.run_traces import read_bus
 from hil.record.traces.trace import TraceWriter
 from hil.show.rerun_log import rebuild
+from hil.timing.clock import TICK_S
 from tools.logs.foreign_logs import (
     SHOWN_LINES,
     ClockJump,
@@ -29,8 +31,6 @@ from tools.logs.foreign_logs import (
 )
 from tools.output import BadInputError
 
-PERIOD_S = 1e-3
-"""The bus's tick."""
 LONGEST_S = 86400.0
 """Longest time that a log may span; more is a clock that was set."""
 MOST_IGNORED_SHARE = 0.01
@@ -127,21 +127,21 @@ def import_log(
             clock=IMPORTED,
             bus=path.name,
             kernel_can=False,
-            period_s=PERIOD_S,
+            period_s=TICK_S,
             duration_s=duration_s,
             wall_start_s=first_s if first_s > EARLIEST_WALL_S else 0.0,
         )
-        with CanLog(run_dir / "can.log") as can_log:
+        with CanLog(run_dir / RunFile.CAN_LOG) as can_log:
             for t_s, frame in frames:
                 can_log.write(round((t_s - first_s) * 1e6), (frame,))
-        bus = read_bus(run_dir / "can.log")
+        bus = read_bus(run_dir / RunFile.CAN_LOG)
         doubts = doubt_ignored(log) + doubt_mixed(jumps) + doubt_two_firmwares(bus)
-        run_folder.write_json(run_dir / "outcome.json", {"reasons": [], "not_judged": doubts})
+        run_folder.write_json(run_dir / RunFile.OUTCOME, {"reasons": [], "not_judged": doubts})
         unknown, damaged = count_undecoded(bus)
-        ticks = reconstruct_ticks(bus, PERIOD_S)
+        ticks = reconstruct_ticks(bus, TICK_S)
         if ticks:
             fields = [(name, type(values[0].item())) for name, values in ticks.items()]
-            with TraceWriter(run_dir / "firmware.trace", fields) as writer:
+            with TraceWriter(run_dir / trace_file("firmware"), fields) as writer:
                 records = np.zeros(len(ticks["tick"]), writer.dtype)
                 for name, values in ticks.items():
                     records[name] = values

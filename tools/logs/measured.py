@@ -22,14 +22,13 @@ from hil.record.formats import PARAMETERS
 from hil.record.new_file import make_anew, write_anew
 from hil.scenario.settings import apply_settings
 from hil.show.log_stream import LogStream
+from hil.timing.clock import TICK_S
 from hil.timing.signals import Interrupted, is_ctrl_c
 from tools.logs.view import live_viewer
 from tools.output import BadInputError
 from tools.progress import shown_progress
 from tools.xcp_master import RefusedError, Sampled, XcpMaster
 
-TICK_S = 0.001
-"""The control period on a real bus."""
 LOG_NAME = "measured.rrd"
 SHOWN_S = 0.25
 """Interval at which samples go to log and viewer."""

@@ -28,8 +28,8 @@ from hil.faults.on_bus import NamedFrames
 from hil.nodes.own_controller import controller_of
 from hil.record.bus_reconstruction import latest_sent
 from hil.record.candump import StoredBus
-from hil.record.run_folder import RUN_NOTE, read_note, refuse_irregular
-from hil.record.run_traces import CAN_LOG, SCENARIO
+from hil.record.run_files import RunFile
+from hil.record.run_folder import read_note, refuse_irregular
 from hil.record.traces.own_trace import is_build
 from hil.scenario.parameter_file import merge_files
 from hil.scenario.scenario import Scenario, load_scenario
@@ -127,9 +127,9 @@ def recordings(place: Path) -> list[Path]:
     """Return a recording itself, or the recordings in a folder: run folders and CAN logs, sorted by name."""
     if not place.exists():
         raise BadInputError(f"{place} is not there; wanted a run folder, a CAN log, or a folder of these")
-    if not place.is_dir() or (place / RUN_NOTE).exists() or (place / CAN_LOG).exists():
+    if not place.is_dir() or (place / RunFile.NOTE).exists() or (place / RunFile.CAN_LOG).exists():
         return [place]
-    return sorted(one for one in place.iterdir() if (one / CAN_LOG).exists() or one.suffix in LOGS)
+    return sorted(one for one in place.iterdir() if (one / RunFile.CAN_LOG).exists() or one.suffix in LOGS)
 
 
 def replay(source: Path, build: str | None = None, parameters: Sequence[Path] = ()) -> Replay:
@@ -143,8 +143,8 @@ def replay(source: Path, build: str | None = None, parameters: Sequence[Path] = 
     if is_own:
         refuse_irregular(source)
     scenario = scenario_of(source, parameters) if is_own else None
-    log = source / CAN_LOG if is_own else source
-    note = read_note(source / RUN_NOTE) if is_own else {}
+    log = source / RunFile.CAN_LOG if is_own else source
+    note = read_note(source / RunFile.NOTE) if is_own else {}
     frames = frames_of_run(log) if is_own else frames_of_log(log)
     overrides = merge_files({}, parameters) if scenario is None else scenario.parameters
     period_s = config_from(overrides).tick_s
@@ -225,12 +225,14 @@ def frames_of_log(log: Path) -> list[StampedFrame]:
 
 def scenario_of(folder: Path, parameters: Sequence[Path]) -> Scenario:
     """Return the scenario of a run folder."""
-    missing = [name for name in (CAN_LOG, SCENARIO, RUN_NOTE) if not (folder / name).exists()]
+    missing = [
+        name for name in (RunFile.CAN_LOG, RunFile.SCENARIO, RunFile.NOTE) if not (folder / name).exists()
+    ]
     if missing:
-        log = folder / CAN_LOG
+        log = folder / RunFile.CAN_LOG
         remedy = f"replay {log} instead" if log.exists() else "wanted the folder of a run, or a CAN log"
         raise BadInputError(f"{folder} has no {missing[0]}; {remedy}")
-    return load_scenario(folder / SCENARIO, (), parameters)
+    return load_scenario(folder / RunFile.SCENARIO, (), parameters)
 
 
 def hidden_cause(scenario: Scenario) -> str:

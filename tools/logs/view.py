@@ -9,7 +9,8 @@ from pathlib import Path
 
 from hil.bench.recorded_run import log_of
 from hil.record.rrd.rerun_program import RerunError, rerun_environment
-from hil.record.run_folder import VERDICT, read_note
+from hil.record.run_files import RunFile
+from hil.record.run_folder import read_note
 from hil.show.window import LOOPBACK, WINDOW, in_own_network, viewer_command
 from hil.timing.signals import Interrupted, is_ctrl_c
 from tools.logs.quiet_viewer import served
@@ -54,7 +55,7 @@ def view(run: Path | None, web: bool, live: bool) -> None:
 
 def open_in_window(log: Path) -> None:
     """Open a log with the cursor on the first failed check, if any; return when the window is closed."""
-    at_s = read_note(log.parent / VERDICT).get("first_failure_s")
+    at_s = read_note(log.parent / RunFile.VERDICT).get("first_failure_s")
     cursor = ["--at", str(at_s)] if isinstance(at_s, float | int) else []
     command = [sys.executable, "-P", "-m", "hil.show.window", str(log), *cursor]
     ended = subprocess.run(in_own_network(command), stderr=subprocess.PIPE, text=True, check=False)

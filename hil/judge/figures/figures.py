@@ -38,11 +38,10 @@ from hil.record.run_traces import RunTraces, column, read_run
 from hil.record.state_timeline import lower_name
 from hil.record.traces.stored_trace import Records
 from hil.roster import AGAIN, names
+from hil.timing.clock import TICK_S
 from hil.timing.pacemaker import Hold
 from plant_sim.arrays import FloatArray
 
-DEFAULT_PERIOD_S = 1e-3
-"""Tick of a run whose record states none: that of the bus."""
 LONGEST_WORK_P99_US = 500.0
 """Longest work of a loop: half a tick, which leaves the other half to the other loop."""
 LONGEST_HOLD_MS = 3.0
@@ -293,7 +292,7 @@ def figures_from(traces: RunTraces) -> Figures:
     """All figures of one run."""
     plant, firmware, impacts = traces.plant, traces.firmware, traces.impacts
     run, outcome = traces.run, traces.outcome
-    period_s = float(run.get("period_s", DEFAULT_PERIOD_S))
+    period_s = float(run.get("period_s", TICK_S))
     clock = str(run.get("clock", "lockstep"))
     loops = Loops(*(loop_figures(records, period_s, clock == IMPORTED) for records in (plant, firmware)))
     baseline = outcome.get("baseline_overruns")

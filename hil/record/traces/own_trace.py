@@ -8,15 +8,13 @@ and report are then those of any run. A controller that sends no heartbeat has n
 from typing import Any, get_args
 
 from firmware_py.shell.builds import Build
+from hil.record.run_files import OWN
 from hil.record.traces.trace import Fields, FieldType, OpenTrace, RecordWriter, TraceError, flatten
 from hil.timing.loop import LoopTiming
 from text_input import TextInputError
 
 NONE = "none"
 """In place of a build: no controller of the bench; another program on the bus is the controller."""
-OWN = "own"
-"""Prefix of the signals of a user's controller."""
-OWN_TRACE = f"{OWN}.trace"
 
 
 def is_build(firmware: str) -> bool:

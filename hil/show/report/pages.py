@@ -20,12 +20,13 @@ from hil.judge.verdict import BY_GRAVITY, RunVerdict, worst
 from hil.judge.why.cause import Cause, find_cause
 from hil.record.new_file import write_anew
 from hil.record.run_faults import EARLIER_VERSION, lacks_faults
+from hil.record.run_files import RunFile
 from hil.record.run_traces import RunTraces
 from hil.show.injected import injected_in, since
 from hil.show.report.picture import shapes
 from hil.show.report.run_picture import close_up, whole_run
 
-LINKED = ("run.rrd", "can.log", "scenario.toml", "verdict.json")
+LINKED = (RunFile.LOG, RunFile.CAN_LOG, RunFile.SCENARIO, RunFile.VERDICT)
 """Files of the run to which the page links."""
 
 
@@ -121,7 +122,7 @@ class Row(NamedTuple):
 
 def row_of(verdict: ScenarioVerdict, beside: Path) -> Row:
     """One scenario's row on the page of a suite in the folder `beside`."""
-    page = verdict.folder / "report.html"
+    page = verdict.folder / RunFile.REPORT
     link = quote(os.path.relpath(page, beside)) if page.exists() else None
     return Row(verdict, link, *nearest_limit(verdict))
 

@@ -25,6 +25,7 @@ from hil.bench.verdict import failed_for
 from hil.judge import junit
 from hil.judge.judge import judge
 from hil.record import run_folder
+from hil.record.run_files import RunFile
 from hil.record.run_traces import RunTraces
 from hil.runs.job import silent
 from hil.runs.outcome import Outcome
@@ -141,7 +142,7 @@ def test_a_disk_that_is_full_at_the_start_leaves_a_verdict_that_says_so(
     write_anew = run_folder.write_anew
 
     def full(path: Path, content: bytes | str) -> None:
-        if path.name == run_folder.RESERVE:
+        if path.name == RunFile.RESERVE:
             path.touch()
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         write_anew(path, content)

@@ -21,10 +21,11 @@ from hil.record.rrd import log_file
 from hil.record.rrd.log_file import ROOM_BYTES, is_whole, repair, written_whole
 from hil.record.rrd.rates import SLOW_TICKS, is_slow, slow_rows
 from hil.record.rrd.rerun_program import RerunError, rerun
+from hil.record.run_files import RunFile
 from hil.record.run_traces import read_run
 from hil.show.highlights import highlights
 from hil.show.log_stream import LogStream, recording_id
-from hil.show.rerun_log import LOG_NAME, RunLog, rebuild, write_log
+from hil.show.rerun_log import RunLog, rebuild, write_log
 from hil.show.verdict_text import verdict_text
 
 
@@ -176,7 +177,7 @@ def test_the_same_traces_give_the_same_columns(run_dir, log_path, tmp_path):
 
 def test_a_log_written_in_pieces_holds_the_same_as_one_written_at_once(run_dir, log_path, tmp_path):
     traces = read_run(run_dir)
-    path = tmp_path / LOG_NAME
+    path = tmp_path / RunFile.LOG
     with closing(RunLog(path, traces.run, traces.scenario)) as log:
         for start_s in np.arange(0.0, END_S + 1.0, 0.73):
             log.append(part(traces, start_s, start_s + 0.73))
@@ -188,7 +189,7 @@ def test_a_log_written_in_pieces_holds_the_same_as_one_written_at_once(run_dir, 
 
 @pytest.mark.parametrize("lost", [1, 100, 1000, 100_000])
 def test_a_log_that_was_cut_is_mended(log_path, tmp_path, lost):
-    cut = tmp_path / LOG_NAME
+    cut = tmp_path / RunFile.LOG
     cut.write_bytes(log_path.read_bytes()[:-lost])
 
     assert repair(cut)
@@ -199,7 +200,7 @@ def test_a_log_that_was_cut_is_mended(log_path, tmp_path, lost):
 
 @pytest.mark.parametrize("kept", [5, 12, 100, 1000])
 def test_a_log_that_ends_before_its_recording_begins_is_refused_as_it_stands(log_path, tmp_path, kept):
-    cut = tmp_path / LOG_NAME
+    cut = tmp_path / RunFile.LOG
     beginning = log_path.read_bytes()[:kept]
     cut.write_bytes(beginning)
 
@@ -213,10 +214,10 @@ def test_a_log_that_ends_before_its_recording_begins_is_refused_as_it_stands(log
 def test_what_was_appended_outlives_a_kill(run_dir, tmp_path):
     """A copy of the file taken without closing it holds everything that was appended."""
     traces = read_run(run_dir)
-    log = RunLog(tmp_path / LOG_NAME, traces.run, traces.scenario)
+    log = RunLog(tmp_path / RunFile.LOG, traces.run, traces.scenario)
     log.append(part(traces, 0.0, 3.0))
     cut = tmp_path / "cut.rrd"
-    cut.write_bytes((tmp_path / LOG_NAME).read_bytes())
+    cut.write_bytes((tmp_path / RunFile.LOG).read_bytes())
     log.close()
 
     assert repair(cut)
@@ -282,15 +283,15 @@ def test_the_same_run_keeps_its_identity():
 def test_write_log_leaves_no_half_written_file(run_dir, tmp_path):
     traces = read_run(run_dir)
     result = CheckResult("regime", Verdict.PASSED, value="impact", unit="", limit="= impact")
-    write_log(tmp_path / LOG_NAME, traces, replace(judge(traces, run_dir), checks=(result,)))
-    assert [path.name for path in tmp_path.iterdir()] == [LOG_NAME]
+    write_log(tmp_path / RunFile.LOG, traces, replace(judge(traces, run_dir), checks=(result,)))
+    assert [path.name for path in tmp_path.iterdir()] == [RunFile.LOG]
 
 
 @pytest.mark.parametrize("pieces_before", [0, 1])
 def test_a_log_for_which_the_disk_has_no_room_leaves_the_one_that_was_there(
     log_path, run_dir, tmp_path, monkeypatch, pieces_before
 ):
-    path = tmp_path / LOG_NAME
+    path = tmp_path / RunFile.LOG
     path.write_bytes(log_path.read_bytes())
     free_bytes = iter([ROOM_BYTES] * pieces_before)
     monkeypatch.setattr(log_file.shutil, "disk_usage", lambda _: SimpleNamespace(free=next(free_bytes, 0)))
@@ -302,7 +303,7 @@ def test_a_log_for_which_the_disk_has_no_room_leaves_the_one_that_was_there(
 
 
 def test_a_log_of_which_only_a_part_was_written_is_refused(log_path, tmp_path):
-    path = tmp_path / LOG_NAME
+    path = tmp_path / RunFile.LOG
     with pytest.raises(RerunError, match="is not written"), written_whole(path) as unfinished:
         unfinished.write_bytes(log_path.read_bytes()[:-1])
     assert list(tmp_path.iterdir()) == []

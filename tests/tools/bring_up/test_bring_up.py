@@ -13,11 +13,12 @@ from firmware_py.interface.generated.records import EncoderEstimates, FaultEvent
 from firmware_py.shell.parameters import ParameterError, with_overrides
 from hil.record.formats import PARAMETERS
 from hil.scenario.parameter_file import read_document, values_of
+from hil.timing.clock import TICK_S
 from tools import cli
 from tools.bring_up.first_impacts import hold
 from tools.bring_up.operated import BEGUN_S, LatchedFaultError, Operated
 from tools.bring_up.session import Session, User, read_state
-from tools.bring_up.step import NOTHING, PERIOD_S, Context, Findings, StepFailedError
+from tools.bring_up.step import NOTHING, Context, Findings, StepFailedError
 from tools.bring_up.trials import BROKEN as BROKEN_MODULES
 from tools.bring_up.trials import bench_of, beyond_bounds, brought_up, fault
 from tools.bring_up.twin import PARAMETER_FILE, run_next
@@ -171,10 +172,10 @@ def test_a_stop_that_fails_passes_only_if_the_encoder_shows_rest(name: str) -> N
     failed = codec.FAULT_EVENT.encode(
         FaultEvent(*[0] * len(FaultEvent._fields))._replace(fault=Fault.STOP_FAILED)
     )
-    stop = round(BEGUN_S / PERIOD_S) + 500
+    stop = round(BEGUN_S / TICK_S) + 500
 
     def to_its_end() -> None:
-        for tick in range(round(player.longest_s / PERIOD_S)):
+        for tick in range(round(player.longest_s / TICK_S)):
             speed = 1.0 if tick < stop + turning else 0.0
             encoder = [codec.ENCODER_ESTIMATES.encode(EncoderEstimates(0.0, speed))] if turning else []
             if player.play(tick, [heartbeat, *encoder, *([failed] if tick == stop else [])]) is None:

@@ -1,6 +1,7 @@
 """Opening a run: whatever was killed it opens, and nobody else can see it."""
 
 import fcntl
+import json
 import os
 import signal
 import socket
@@ -16,9 +17,10 @@ from hil.bench import recorded_run
 from hil.bench.recorded_run import RunError
 from hil.record import run_folder
 from hil.record.rrd.rerun_program import rerun, rerun_environment
+from hil.record.run_files import RunFile
 from hil.record.run_traces import RunTraces
 from hil.show import window
-from hil.show.rerun_log import LOG_NAME, RunLog
+from hil.show.rerun_log import RunLog
 from tools import cli
 from tools.logs import view
 from tools.output import BadInputError
@@ -26,7 +28,7 @@ from tools.output import BadInputError
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
-    path = tmp_path / LOG_NAME
+    path = tmp_path / RunFile.LOG
     with closing(RunLog(path, {"scenario": "empty"}, {"title": "An empty run"})) as writer:
         writer.append(RunTraces())
     return path
@@ -123,9 +125,12 @@ def test_the_newest_run_is_the_one_without_a_name(log, tmp_path, monkeypatch):
         run_dir.mkdir(parents=True)
         (run_dir / "run.json").write_text("{}")
         (run_dir / "outcome.json").write_text("{}")
-        (run_dir / LOG_NAME).write_bytes(log.read_bytes())
+        (run_dir / RunFile.LOG).write_bytes(log.read_bytes())
         os.utime(run_dir / "run.json", (time.time() - age_s,) * 2)
-    assert recorded_run.log_of(None) == tmp_path / "runs" / "newer" / LOG_NAME
+    assert recorded_run.log_of(None) == tmp_path / "runs" / "newer" / RunFile.LOG
+    note = tmp_path / "runs" / "older" / RunFile.NOTE
+    note.write_text(json.dumps({"begun_s": time.time() - 50}))  # written again since, as by `touch`
+    assert recorded_run.log_of(None) == tmp_path / "runs" / "newer" / RunFile.LOG
 
 
 @pytest.mark.parametrize("name", ["nothing.rrd", "nothing"])

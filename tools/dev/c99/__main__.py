@@ -25,7 +25,7 @@ from firmware_py.builds.flat import Precision
 from firmware_py.interface.frame import word_of
 from firmware_py.shell.native import NativeNode, SinglePrecisionNode
 from firmware_py.shell.parameters import config_from
-from hil.record.run_traces import SCENARIO
+from hil.record.run_files import RunFile
 from hil.scenario.scenario import load_scenario
 from tools.dev.builds import numbers_in
 from tools.logs.replay import divide_on_grid, frames_of_run
@@ -112,15 +112,15 @@ def programs(folder: Path, precision: Precision) -> dict[str, Path]:
 
 def received_words(run_folder: Path, node: NativeNode) -> list[NDArray[np.int64]]:
     """The received frames of each tick of a run as words: identifier, length and data of each."""
-    scenario = load_scenario(str(run_folder / SCENARIO))
-    _, ticks = divide_on_grid(frames_of_run(run_folder / "can.log"), node.config.tick_s, scenario.ticks)
+    scenario = load_scenario(str(run_folder / RunFile.SCENARIO))
+    _, ticks = divide_on_grid(frames_of_run(run_folder / RunFile.CAN_LOG), node.config.tick_s, scenario.ticks)
     frames = ([(can_id, len(data), word_of(data)) for can_id, data in tick.received] for tick in ticks)
     return [np.array(one, np.int64).ravel() for one in frames]
 
 
 def compare(run_folder: Path, drivers: dict[str, Path], precision: Precision) -> int:
     """Send the received frames of a run through each program; the number of ticks."""
-    parameters = load_scenario(str(run_folder / SCENARIO)).parameters
+    parameters = load_scenario(str(run_folder / RunFile.SCENARIO)).parameters
     node = (NativeNode if precision == "double" else SinglePrecisionNode)(config_from(parameters))
     ticks = received_words(run_folder, node)
     words = b"".join(np.int64(len(one) // 3).tobytes() + one.tobytes() for one in ticks)
@@ -194,7 +194,7 @@ def main() -> None:
             drivers = {
                 precision: programs(Path(temporary) / precision, precision) for precision in PRECISIONS
             }
-            for folder in (one for one in given.runs if (one / "can.log").exists()):
+            for folder in (one for one in given.runs if (one / RunFile.CAN_LOG).exists()):
                 ticks = [compare(folder, drivers[precision], precision) for precision in PRECISIONS]
                 print(
                     f"{folder.name}: {ticks[0]} ticks, the same frames and state from {', '.join(COMPILERS)}",

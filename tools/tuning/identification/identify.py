@@ -25,6 +25,7 @@ from firmware_py.interface.generated.records import OperatorCommand
 from firmware_py.shell.parameters import with_overrides
 from hil.record.bus_reconstruction import frames_of
 from hil.record.candump import StoredBus
+from hil.record.run_files import RunFile
 from plant_sim.arrays import FloatArray
 from plant_sim.scene import read_scene
 from text_input import read_toml
@@ -247,7 +248,7 @@ OF_A_RUN = ("scenario of a run", "give the run's can.log alone, which goes by th
 
 def nominal_of(source: Path) -> dict[str, float]:
     """The firmware's parameters in the run of a run folder; the defaults for a candump log."""
-    scenario = source / "scenario.toml"
+    scenario = source / RunFile.SCENARIO
     document = read_toml(scenario, *OF_A_RUN) if scenario.is_file() else {}
     return with_overrides(document.get("firmware", {}))
 
@@ -257,7 +258,7 @@ def bench_of(source: Path, scene: str | None) -> Bench | None:
 
     None if there is neither. The fit does not use this plant.
     """
-    scenario = source / "scenario.toml"
+    scenario = source / RunFile.SCENARIO
     if scene is not None:
         tables = read_scene(scene)
     elif scenario.is_file():

@@ -8,14 +8,14 @@ import numpy as np
 from firmware_py.interface.generated.records import Accelerometer, EncoderEstimates
 from hil.record.bus_reconstruction import frames_of, tick_numbers
 from hil.record.candump import Bus, StoredBus
-from hil.record.run_traces import CAN_LOG
+from hil.record.run_files import RunFile
+from hil.timing.clock import TICK_S
 from plant_sim.arrays import FloatArray
 from tools.output import BadInputError
 
 CLIPPED_SHARE = 0.95
 QUIET_SHARE = 0.2
 """Share of the low range within which both ranges are compared for the offset of the high one."""
-BUS_PERIOD_S = 1e-3
 MOST_BYTES = 600_000_000
 """Size of the largest log, an hour of the bench's bus; its sensors' readings take as much memory."""
 LONGEST_S = 7200.0
@@ -51,7 +51,7 @@ class Ticks(NamedTuple):
 
 def can_log_of(source: Path) -> Path:
     """The CAN log of a run folder, or the log itself."""
-    path = source / CAN_LOG if source.is_dir() else source
+    path = source / RunFile.CAN_LOG if source.is_dir() else source
     if not path.exists():
         raise BadInputError(f"{path} is not there; give a run folder or a candump log")
     if not path.is_file():  # a FIFO may block for ever, and a device may have no end
@@ -64,12 +64,12 @@ def can_log_of(source: Path) -> Path:
     return path
 
 
-def read(source: Path, low_full_scale_m_s2: float, period_s: float = BUS_PERIOD_S) -> Readings:
+def read(source: Path, low_full_scale_m_s2: float, period_s: float = TICK_S) -> Readings:
     """The readings of a run folder or of a candump log."""
     return merge_ticks(read_ticks(source, period_s), low_full_scale_m_s2)
 
 
-def read_ticks(source: Path, period_s: float = BUS_PERIOD_S) -> Ticks:
+def read_ticks(source: Path, period_s: float = TICK_S) -> Ticks:
     """The sensors' frames of a run folder or of a candump log."""
     path = can_log_of(source)
     return ticks_of(StoredBus(path), period_s, str(path))
