@@ -39,9 +39,9 @@ from hil.faults.processes import ProcessFaults
 from hil.judge.verdict import RunVerdict
 from hil.nodes.runners import Making, OperatorRunner, Pace, traces_in
 from hil.record import run_folder
-from hil.record.run_files import RunFile
 from hil.record.traces.own_trace import NONE
 from hil.roster import FIRMWARE, OPERATOR, again_name, processes, processes_of_a_run
+from hil.run_files import RunFile
 from hil.runs import beginning
 from hil.runs.job import Job, Progress
 from hil.runs.outcome import Outcome

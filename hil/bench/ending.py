@@ -19,10 +19,10 @@ from hil.judge.verdict import RunVerdict, read_verdict
 from hil.nodes.own_controller import OwnControllerError
 from hil.record import run_folder
 from hil.record.run_faults import with_effects
-from hil.record.run_files import RunFile
 from hil.record.run_traces import read_scenario
 from hil.record.traces import trace
 from hil.record.traces.own_trace import is_build
+from hil.run_files import RunFile
 from hil.runs.outcome import Outcome
 from hil.timing.processes import ChildError, ChildRefusalError
 from hil.timing.signals import Interrupted, ending_signals, interruption

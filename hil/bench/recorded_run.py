@@ -36,9 +36,9 @@ from hil.record.new_file import is_foreign, open_anew
 from hil.record.provenance import build_of, this_build
 from hil.record.rrd.log_file import is_whole, repair
 from hil.record.rrd.rerun_program import RerunError
-from hil.record.run_files import RunFile, trace_file
 from hil.record.run_folder import RUNS, begun_s, is_own, refuse_irregular
 from hil.record.run_traces import RunTraces, part, read_json
+from hil.run_files import RunFile, trace_file
 from hil.show.rerun_log import rebuild
 from text_input import RefusalError
 

@@ -6,10 +6,10 @@ import numpy as np
 
 from hil.record.bus_reconstruction import reconstruct_ticks
 from hil.record.candump import StoredBus
-from hil.record.run_files import OWN, RunFile, trace_file
 from hil.record.run_traces import read_trace
 from hil.record.traces.firmware_trace import fields_of
 from hil.record.traces.trace import TraceWriter
+from hil.run_files import OWN, RunFile, trace_file
 from hil.timing.loop import LoopTiming
 
 

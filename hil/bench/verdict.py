@@ -16,9 +16,9 @@ from hil.judge import junit
 from hil.judge.judge import judge
 from hil.judge.verdict import RunVerdict
 from hil.record.new_file import write_anew
-from hil.record.run_files import RunFile
 from hil.record.run_folder import clear, write_json
 from hil.record.run_traces import RunTraces, read_json, read_run, read_scenario
+from hil.run_files import RunFile
 
 KILLED = "the run is not finished, or its process was killed before the verdict"
 

@@ -24,11 +24,11 @@ from hil.faults.memory import ParameterMemory
 from hil.nodes.own_controller import controller_of
 from hil.nodes.runners import FirmwareRunner, Making, Pace, traces_in
 from hil.nodes.warm import warm_firmware
-from hil.record.run_files import RunFile
 from hil.record.run_folder import RunFolderError
 from hil.record.traces.own_trace import is_build
 from hil.record.traces.trace import bring_home
 from hil.roster import FIRMWARE, Node, again_name, node_named
+from hil.run_files import RunFile
 from hil.scenario.operator import RECEIVED_IDS, OperatorNode
 from hil.scenario.scenario import load_scenario, refuse_other_periods
 from hil.scenario.settings import apply_settings

@@ -19,11 +19,11 @@ from hil.faults.memory import ParameterMemory
 from hil.nodes.own_controller import controller_of
 from hil.nodes.plant import ACCEPTED_IDS, PlantNode
 from hil.nodes.warm import warm_firmware, warm_plant
-from hil.record.run_files import trace_file
 from hil.record.traces.firmware_trace import open_firmware_trace
 from hil.record.traces.own_trace import is_build
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import Fields, OpenTrace, TraceWriter, no_trace
+from hil.run_files import trace_file
 from hil.scenario import operator
 from hil.scenario.operator import Command, OperatorNode, OperatorRecord
 from hil.scenario.scenario import Scenario

@@ -14,8 +14,8 @@ from typing import Any
 
 from hil.record.folder_lock import FolderInUseError, is_in_use, locked
 from hil.record.new_file import MOST_NOTE_BYTES, foreign_link_on, is_foreign, is_regular, write_anew
-from hil.record.run_files import MADE_BY_A_RUN, TRACE_FILES, RunFile
 from hil.record.traces import trace
+from hil.run_files import MADE_BY_A_RUN, TRACE_FILES, RunFile
 from text_input import RefusalError
 
 RUNS = Path("runs")

@@ -11,9 +11,9 @@ import numpy as np
 
 from hil.record.candump import NO_BUS, Bus, BusLog, StoredBus
 from hil.record.damage import DamagedFileError, reading
-from hil.record.run_files import OTHER_TRACES, TRACES, RunFile, trace_file
 from hil.record.traces.precision import TICKED
 from hil.record.traces.stored_trace import PIECE_RECORDS, Records, StoredTrace
+from hil.run_files import OTHER_TRACES, TRACES, RunFile, trace_file
 from plant_sim.arrays import FloatArray
 from text_input import parse_toml
 

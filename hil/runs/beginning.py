@@ -5,7 +5,7 @@ from pathlib import Path
 
 import tomli_w
 
-from hil.record.run_files import RunFile
+from hil.run_files import RunFile
 from hil.record import provenance, run_folder
 from hil.record.new_file import write_anew
 from hil.scenario.scenario import Scenario

@@ -6,7 +6,7 @@ from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 
-from hil.record.run_files import RunFile, trace_file
+from hil.run_files import RunFile, trace_file
 from hil.bus.can_log import CanLog
 from hil.record import run_folder
 from hil.record.traces.trace import TraceWriter, fields_in

@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Any
 
 from hil.record.candump import BusLog, parse_candump
-from hil.record.run_files import TRACES, RunFile, trace_file
 from hil.record.run_traces import RunTraces, read_trace
 from hil.record.traces.stored_trace import Records
+from hil.run_files import TRACES, RunFile, trace_file
 
 
 class Follower:

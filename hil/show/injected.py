@@ -1,30 +1,22 @@
 """The faults of a run, as log and report show them."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
-from hil.record.run_faults import faults_of
+from hil.record.run_faults import RunFault, faults_of
 
 NONE = "none"
 
 
-class Injected(NamedTuple):
-    """One fault: its interval in simulated seconds, and its description."""
-
-    from_s: float
-    to_s: float
-    text: str
-
-
-def injected_in(run: Mapping[str, Any]) -> list[Injected]:
+def injected_in(run: Mapping[str, Any]) -> list[RunFault]:
     """The faults of a run in the order of time, from the content of its run.json."""
-    return sorted(Injected(fault.from_s, fault.end_s, fault.text) for fault in faults_of(run))
+    return sorted(faults_of(run), key=lambda fault: (fault.from_s, fault.end_s, fault.text))
 
 
-def since(faults: Sequence[Injected], at_s: float) -> str:
+def since(faults: Sequence[RunFault], at_s: float) -> str:
     """The time since the latest injected fault, as the end of a sentence; empty without one.
 
-    >>> since([Injected(4.0, 4.5, "sensor-stuck")], 4.03)
+    >>> since([RunFault("sensor-stuck", None, False, 4.0, 4.5, "sensor-stuck")], 4.03)
     ', 30 ms after the injected fault sensor-stuck'
     """
     before = [fault for fault in faults if fault.from_s <= at_s]
@@ -35,12 +27,14 @@ def since(faults: Sequence[Injected], at_s: float) -> str:
     return f", {delay} after the injected fault {before[-1].text}"
 
 
-def timeline(faults: list[Injected], end_s: float) -> list[tuple[float, str]]:
+def timeline(faults: list[RunFault], end_s: float) -> list[tuple[float, str]]:
     """The times in s at which the set of acting faults changes, with its description, to the run's end.
 
-    >>> timeline([Injected(1.0, 3.0, "a"), Injected(2.0, float("inf"), "b")], 9.0)
+    >>> timeline([RunFault("", "", False, 1.0, 3.0, "a"), RunFault("", "", False, 2.0, None, "b")], 9.0)
     [(0.0, 'none'), (1.0, 'a'), (2.0, 'a + b'), (3.0, 'b')]
     """
-    edges = sorted({0.0, *(edge for fault in faults for edge in fault[:2] if edge <= end_s)})
-    acting = [[one.text for one in faults if one.from_s <= edge < one.to_s] for edge in edges]
+    edges = sorted(
+        {0.0, *(edge for fault in faults for edge in (fault.from_s, fault.end_s) if edge <= end_s)}
+    )
+    acting = [[one.text for one in faults if one.from_s <= edge < one.end_s] for edge in edges]
     return [(edge, " + ".join(texts) or NONE) for edge, texts in zip(edges, acting, strict=True)]

@@ -18,8 +18,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
-from hil.record.run_files import RunFile
 from hil.record.run_traces import read_json, read_scenario
+from hil.run_files import RunFile
 from hil.show.follower import Follower
 from hil.show.log_stream import VIEWER_TIMEOUT_S
 from hil.show.rerun_log import RunLog

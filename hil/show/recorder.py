@@ -21,8 +21,8 @@ from hil.bus import Bus, join
 from hil.bus.addressed import addressed
 from hil.bus.can_log import CanLog
 from hil.record.candump import bus_log
-from hil.record.run_files import RunFile
 from hil.record.run_traces import read_json, read_scenario
+from hil.run_files import RunFile
 from hil.show.follower import Follower
 from hil.show.rerun_log import RunLog
 from hil.timing.clock import NS_PER_S

@@ -33,7 +33,7 @@ from hil.record.candump import BusLog
 from hil.record.frame_tables import find_refused
 from hil.record.rrd.log_file import written_whole
 from hil.record.rrd.rates import SLOW_TICKS, Held, is_slow, signals_of_checks
-from hil.record.run_files import RunFile
+from hil.record.run_faults import RunFault
 from hil.record.run_traces import RunTraces, column, pieces, read_run
 from hil.record.state_timeline import (
     ALARM,
@@ -49,9 +49,10 @@ from hil.record.state_timeline import (
     state_name,
 )
 from hil.record.traces.stored_trace import Records
+from hil.run_files import RunFile
 from hil.show.drawing import Drawing
 from hil.show.highlights import highlights, marks
-from hil.show.injected import NONE, Injected, injected_in, timeline
+from hil.show.injected import NONE, injected_in, timeline
 from hil.show.layout import Contents, Mark, layout
 from hil.show.legible.extents import Extents
 from hil.show.legible.limits import FIGURES, limits_of
@@ -215,7 +216,7 @@ class RunLog:
             texts[t_s] = f"{texts[t_s]}; {mark.text}" if t_s in texts else mark.text
         self._log_states("states/checks", list(texts.items()))
 
-    def _log_injected(self, faults: list[Injected]) -> None:
+    def _log_injected(self, faults: list[RunFault]) -> None:
         """Log the scenario's injected faults as a state timeline and as events."""
         if not faults:
             return
@@ -223,8 +224,8 @@ class RunLog:
         for fault in faults:
             if fault.from_s <= self._end_s:
                 self.out.add_event(fault.from_s, f"injected fault: {fault.text}", "WARN")
-            if fault.from_s < fault.to_s <= self._end_s:
-                self.out.add_event(fault.to_s, f"injected fault over: {fault.text}", "INFO")
+            if fault.from_s < fault.end_s <= self._end_s:
+                self.out.add_event(fault.end_s, f"injected fault over: {fault.text}", "INFO")
 
     def _log_states(self, entity: str, changes: Sequence[tuple[float, str]]) -> None:
         """Log a state timeline with texts of this run as states; all except `none` are alarms."""

@@ -19,8 +19,8 @@ from hil.judge.seeds import ScenarioVerdict, merge
 from hil.judge.verdict import RunVerdict, Verdict, read_verdict, worst
 from hil.record import formats, run_folder
 from hil.record.new_file import write_anew
-from hil.record.run_files import RunFile
 from hil.record.run_traces import read_json
+from hil.run_files import RunFile
 from hil.runs import beginning
 from hil.runs.job import Progress, silent
 from hil.runs.outcome import Outcome

@@ -9,7 +9,7 @@ import typer
 from rich.markup import escape
 from rich.table import Column
 
-from hil.record.run_files import RunFile
+from hil.run_files import RunFile
 from tools.commands.options import Change, Controller, Json, ParameterFiles, RealTime, note_unused_bus
 from tools.output import (
     BadInputError,

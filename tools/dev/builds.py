@@ -43,8 +43,8 @@ from firmware_py.shell.native import NativeNode, emitted_functions
 from firmware_py.shell.node import FirmwareNode, MakeNode
 from hil.bench import workers
 from hil.nodes.warm import warm_firmware, warm_plant
-from hil.record.run_files import RunFile, trace_file
 from hil.record.traces.trace import read
+from hil.run_files import RunFile, trace_file
 from hil.runs.job import Job
 from hil.runs.recording import record
 from hil.scenario.files import scenario_names

@@ -31,8 +31,8 @@ from hil.bench import workers
 from hil.faults.kinds.flood import Flood
 from hil.record.bus_reconstruction import frames_of
 from hil.record.candump import BusLog
-from hil.record.run_files import RunFile
 from hil.record.run_traces import read_bus
+from hil.run_files import RunFile
 from hil.runs.job import Job
 from hil.runs.recording import record
 from hil.scenario.scenario import Scenario

@@ -22,7 +22,7 @@ from rerun.experimental import ViewerClient
 from hil.bench.bench import run_scenario
 from hil.bench.options import RunOptions
 from hil.record.rrd.rerun_program import rerun_environment
-from hil.record.run_files import RunFile
+from hil.run_files import RunFile
 from hil.runs.job import silent
 from hil.scenario.scenario import load_scenario
 from hil.show.layout import Contents, Highlights, layout

@@ -13,8 +13,8 @@ from hil.judge.judge import judge
 from hil.judge.verdict import CheckResult, RunVerdict, Verdict
 from hil.record.candump import NO_BUS, StoredBus
 from hil.record.run_faults import with_effects
-from hil.record.run_files import TRACES, RunFile, trace_file
 from hil.record.run_traces import RunTraces, read_trace
+from hil.run_files import TRACES, RunFile, trace_file
 from hil.runs.job import Job
 from hil.runs.recording import record
 from hil.scenario.scenario import Scenario

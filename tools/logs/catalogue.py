@@ -13,8 +13,8 @@ from hil.judge.figures.records import CATALOGUE
 from hil.judge.figures.text import plain
 from hil.judge.verdict import Verdict
 from hil.record import formats
-from hil.record.run_files import RunFile
 from hil.record.run_folder import RUNS, begun_s, discard_unused, is_own, read_note
+from hil.run_files import RunFile
 from tools.output import BadInputError
 
 COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {

@@ -15,8 +15,8 @@ import can
 
 from hil.bus.wire import MAX_STANDARD_ID
 from hil.record.candump import MOST_BYTES
-from hil.record.run_files import RunFile
 from hil.record.run_folder import is_own
+from hil.run_files import RunFile
 from tools.output import BadInputError
 
 FORMATS = "candump -L's .log, or .asc, .blf or .trc, the text formats also with .gz"

@@ -16,9 +16,9 @@ from hil.record import run_folder
 from hil.record.bus_reconstruction import doubt_two_firmwares, reconstruct_ticks
 from hil.record.candump import BusLog
 from hil.record.frame_tables import find_refused
-from hil.record.run_files import RunFile, trace_file
 from hil.record.run_traces import read_bus
 from hil.record.traces.trace import TraceWriter
+from hil.run_files import RunFile, trace_file
 from hil.show.rerun_log import rebuild
 from hil.timing.clock import TICK_S
 from tools.logs.foreign_logs import (

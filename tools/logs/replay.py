@@ -28,9 +28,9 @@ from hil.faults.on_bus import NamedFrames
 from hil.nodes.own_controller import controller_of
 from hil.record.bus_reconstruction import latest_sent
 from hil.record.candump import StoredBus
-from hil.record.run_files import RunFile
 from hil.record.run_folder import read_note, refuse_irregular
 from hil.record.traces.own_trace import is_build
+from hil.run_files import RunFile
 from hil.scenario.parameter_file import merge_files
 from hil.scenario.scenario import Scenario, load_scenario
 from plant_sim.arrays import FloatArray

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from hil.bench.recorded_run import log_of
 from hil.record.rrd.rerun_program import RerunError, rerun_environment
-from hil.record.run_files import RunFile
 from hil.record.run_folder import read_note
+from hil.run_files import RunFile
 from hil.show.window import LOOPBACK, WINDOW, in_own_network, viewer_command
 from hil.timing.signals import Interrupted, is_ctrl_c
 from tools.logs.quiet_viewer import served

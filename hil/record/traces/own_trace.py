@@ -8,8 +8,8 @@ and report are then those of any run. A controller that sends no heartbeat has n
 from typing import Any, get_args
 
 from firmware_py.shell.builds import Build
-from hil.record.run_files import OWN
 from hil.record.traces.trace import Fields, FieldType, OpenTrace, RecordWriter, TraceError, flatten
+from hil.run_files import OWN
 from hil.timing.loop import LoopTiming
 from text_input import TextInputError
 

@@ -20,8 +20,8 @@ from hil.judge.verdict import BY_GRAVITY, RunVerdict, worst
 from hil.judge.why.cause import Cause, find_cause
 from hil.record.new_file import write_anew
 from hil.record.run_faults import EARLIER_VERSION, lacks_faults
-from hil.record.run_files import RunFile
 from hil.record.run_traces import RunTraces
+from hil.run_files import RunFile
 from hil.show.injected import injected_in, since
 from hil.show.report.picture import shapes
 from hil.show.report.run_picture import close_up, whole_run

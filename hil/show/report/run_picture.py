@@ -61,7 +61,7 @@ def strips_of(traces: RunTraces, end_s: float) -> list[Strip]:
     shown = [one for one in FIRMWARE_TIMELINES if one.entity in STRIPS and len(traces.firmware)]
     strips = [state_strip(one, STRIPS[one.entity], traces.firmware) for one in shown]
     faults = [
-        Span(fault.from_s, min(fault.to_s, end_s), fault.text, ALARM) for fault in injected_in(traces.run)
+        Span(fault.from_s, min(fault.end_s, end_s), fault.text, ALARM) for fault in injected_in(traces.run)
     ]
     return [*strips, Strip("injected fault", faults)] if faults else strips
 

@@ -25,8 +25,8 @@ from hil.bench.verdict import failed_for
 from hil.judge import junit
 from hil.judge.judge import judge
 from hil.record import run_folder
-from hil.record.run_files import RunFile
 from hil.record.run_traces import RunTraces
+from hil.run_files import RunFile
 from hil.runs.job import silent
 from hil.runs.outcome import Outcome
 from hil.scenario.scenario import load_scenario

@@ -21,8 +21,8 @@ from hil.record.rrd import log_file
 from hil.record.rrd.log_file import ROOM_BYTES, is_whole, repair, written_whole
 from hil.record.rrd.rates import SLOW_TICKS, is_slow, slow_rows
 from hil.record.rrd.rerun_program import RerunError, rerun
-from hil.record.run_files import RunFile
 from hil.record.run_traces import read_run
+from hil.run_files import RunFile
 from hil.show.highlights import highlights
 from hil.show.log_stream import LogStream, recording_id
 from hil.show.rerun_log import RunLog, rebuild, write_log

@@ -17,8 +17,8 @@ from hil.bench import recorded_run
 from hil.bench.recorded_run import RunError
 from hil.record import run_folder
 from hil.record.rrd.rerun_program import rerun, rerun_environment
-from hil.record.run_files import RunFile
 from hil.record.run_traces import RunTraces
+from hil.run_files import RunFile
 from hil.show import window
 from hil.show.rerun_log import RunLog
 from tools import cli

@@ -25,7 +25,7 @@ from firmware_py.builds.flat import Precision
 from firmware_py.interface.frame import word_of
 from firmware_py.shell.native import NativeNode, SinglePrecisionNode
 from firmware_py.shell.parameters import config_from
-from hil.record.run_files import RunFile
+from hil.run_files import RunFile
 from hil.scenario.scenario import load_scenario
 from tools.dev.builds import numbers_in
 from tools.logs.replay import divide_on_grid, frames_of_run

@@ -25,7 +25,7 @@ from firmware_py.interface.generated.records import OperatorCommand
 from firmware_py.shell.parameters import with_overrides
 from hil.record.bus_reconstruction import frames_of
 from hil.record.candump import StoredBus
-from hil.record.run_files import RunFile
+from hil.run_files import RunFile
 from plant_sim.arrays import FloatArray
 from plant_sim.scene import read_scene
 from text_input import read_toml

@@ -8,7 +8,7 @@ import numpy as np
 from firmware_py.interface.generated.records import Accelerometer, EncoderEstimates
 from hil.record.bus_reconstruction import frames_of, tick_numbers
 from hil.record.candump import Bus, StoredBus
-from hil.record.run_files import RunFile
+from hil.run_files import RunFile
 from hil.timing.clock import TICK_S
 from plant_sim.arrays import FloatArray
 from tools.output import BadInputError

@@ -25,7 +25,7 @@ from watched import Watch, run_limited
 from compilation.kernel_cache import root
 from fuzzing import file_cases, scene_cases
 from fuzzing.damage import Random
-from hil.record.run_files import MADE_BY_A_RUN
+from hil.run_files import MADE_BY_A_RUN
 
 Kind = Literal["scenes", "files"]
 Case = Callable[[Random, Path, Path], list[str]]
