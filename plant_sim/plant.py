@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.kernels import entry_point, jit, subroutine
-from plant_sim.module import MOST_IMPACTS, move
 from plant_sim.parts.housing import housing_m_s2
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_rigid, origin_m, stop_position_m
@@ -30,6 +29,7 @@ from plant_sim.solvers.adaptive.observation import (
 )
 from plant_sim.solvers.adaptive.state_layout import UNSETTLED, Run, allocate, run_of
 from plant_sim.tables.quantities import SPEED
+from plant_sim.tick import MOST_IMPACTS, move
 from plant_sim.validation_messages import real
 
 GAIT_PERIOD_S = 5e-3
@@ -75,7 +75,7 @@ class Plant:
             self._readers = readers(scene.sensors)
             probe = allocate_sensing(scene.sensors, initial.omega_rad_s, self.parts.housing)
         run = allocate(self.parts, initial, scene.solver.accuracy, MOST_IMPACTS, probe)
-        start: Any = run.memory[0].held
+        start: Any = run.memory[0].progress
         start.t_s = initial.t_s
         self.sampled = () if scene.sensors is None else scene.sensors.sampled()
         """The sensors that are sampled on periods of their own."""
@@ -140,10 +140,10 @@ class Plant:
 
     def _disturb(self) -> None:
         """Enter the phase that follows from the changed state, and exclude its energy from the ledger."""
-        held = self._memory.held
-        held.stored_before_j = math.nan
+        progress = self._memory.progress
+        progress.stored_before_j = math.nan
         self._memory.mode.phase = UNSETTLED
-        self._call(held.torque_n_m, 0.0)
+        self._call(progress.torque_n_m, 0.0)
 
     def _call(self, torque_n_m: float, dt_s: float) -> None:
         while (status := self._move(self.module, torque_n_m, dt_s)) == BUFFER_FULL:
@@ -228,8 +228,8 @@ class Plant:
     def t_s(self) -> float:
         """Time since the start, s."""
         memory: Any = self.module.memory
-        held = memory["held"]
-        return float(held["t_s"][0] + held["t_rest_s"][0])
+        progress = memory["progress"]
+        return float(progress["t_s"][0] + progress["t_rest_s"][0])
 
     @property
     def state(self) -> MotionState:

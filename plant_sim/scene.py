@@ -19,11 +19,11 @@ from plant_sim.parts.housing import Housing, Level, MotionTable
 from plant_sim.parts.linkage import Sine, SliderCrank
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import NoStopTable, RigidStopTable, SoftStopTable, StopTable
+from plant_sim.parts.strides import sample_strides
 from plant_sim.parts.striker import StrikerTable
 from plant_sim.parts.walking import TOE_OFF, Walking
 from plant_sim.parts.wearer import NoWearer, WearerTable
 from plant_sim.parts.winding import IdealCurrent, Winding, WindingTable
-from plant_sim.strides import sample_strides
 from plant_sim.tables.gait_tables import GaitTable
 from plant_sim.tables.quantities import LARGEST_SPEED_RAD_S
 from plant_sim.tables.scene_tables import InitialTable, SolverTable

@@ -13,7 +13,6 @@ from plant_sim.scene import Scene, require_scene
 from plant_sim.solvers.adaptive import adaptive
 from plant_sim.solvers.adaptive.adaptive import Torque
 from plant_sim.solvers.exact import exact
-from plant_sim.tilt import levelled, tilted
 from plant_sim.validation_messages import real
 from text_input import RefusalError
 
@@ -44,7 +43,7 @@ def simulate(
         )
     method, notes = _method(scene)
     if method == "exact":
-        result = tilted(exact.simulate(levelled(parts), initial, until_s, grid), parts, initial)
+        result = exact.simulate(parts, initial, until_s, grid)
     else:
         result = adaptive.simulate(
             parts, initial, until_s, grid, torque_n_m=torque, accuracy=scene.solver.accuracy

@@ -18,11 +18,11 @@ from hil.drive.node import obey, report_frame
 from hil.drive.reports import NOTHING, Reports, Ticks, look, take
 from hil.nodes.sampled import COUNTER, MOST_SIGNALS, NOISE, TICK, WHICH, sampled_frame
 from plant_sim.kernels import subroutine
-from plant_sim.module import move
 from plant_sim.sensors.readings import SensorReading
 from plant_sim.sensors.sampled import SAMPLED, SampledSensor
 from plant_sim.solvers.adaptive.adaptive import DONE
 from plant_sim.solvers.adaptive.state_layout import OBSERVED, Run
+from plant_sim.tick import move
 
 Vector = NDArray[np.float64]
 Integers = NDArray[np.int64]

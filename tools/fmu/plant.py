@@ -87,16 +87,16 @@ def change(run: Any, after: Any, kick_m_s: float) -> int:
     memory.y.depth_m = depth_m
     memory.y.v_m_s += kick_m_s
     sense_jump(run.probe, -kick_m_s)
-    memory.held.stored_before_j = math.nan
+    memory.progress.stored_before_j = math.nan
     memory.mode.phase = UNSETTLED
     return 0
 
 
 def step(run: Any, torque_n_m: float, t_s: float, h_s: float, out: Any) -> int:
     """Advance by `h_s` and write the outputs; returns the solver's status."""
-    held = run.memory[0].held
-    held.torque_n_m, held.start_s, held.duration_s = torque_n_m, t_s, h_s
-    held.elapsed_s = held.elapsed_low_s = 0.0
+    progress = run.memory[0].progress
+    progress.torque_n_m, progress.start_s, progress.duration_s = torque_n_m, t_s, h_s
+    progress.elapsed_s = progress.elapsed_low_s = 0.0
     status = BUFFER_FULL
     while status == BUFFER_FULL:
         status = call_advance(run)
@@ -121,7 +121,7 @@ def write_impacts(run: Any, out: Any) -> None:
 @subroutine
 def write_motion(run: Any, out: Any) -> None:
     """Write the present observation and the energy residual."""
-    held, observed = run.memory[0].held, run.memory[0].observed
+    progress, observed = run.memory[0].progress, run.memory[0].observed
     for place in range(observed.size):
         out[place] = observed[place]
     ledger = _Ledger(
@@ -131,7 +131,7 @@ def write_motion(run: Any, out: Any) -> None:
         observed[OBSERVED.impact_loss_j],
         observed[OBSERVED.housing_work_j],
         observed[OBSERVED.ankle_j],
-        observed[OBSERVED.stored_j] + held.stored_before_j,
+        observed[OBSERVED.stored_j] + progress.stored_before_j,
         0.0,
     )
     exchanged_j = _exchanged_j(ledger)
@@ -227,6 +227,7 @@ class PlantModel:
         tables = {"uint64_t K": ki_double, "double W": wi_double, "double F": fi_double}
         acts = f" || (i) == {self._place[ACCELERATION]}" if self._is_carried else ""
         run = self.records["run"]
+        advance_at = offset(MEMORY, "progress") + offset(MEMORY["progress"], "advance_at")
         return "\n".join(
             [
                 f"#define OUT {self._place[OUTPUTS[0].name]}",
@@ -235,7 +236,7 @@ class PlantModel:
                 f"#define TORQUE_IN {self._place.get(TORQUE, 0)}",
                 f"#define PARTS_WORDS {word_count(run.fields.parts)}",
                 f"#define MEMORY_AT {run.words.index(run.memory.ctypes.data)}",
-                f"#define ADVANCE_AT {(offset(MEMORY, 'held') + offset(MEMORY['held'], 'advance_at')) // 8}",
+                f"#define ADVANCE_AT {advance_at // 8}",
                 f"#define ACTS_ON_PARTS(i) (TABLE[i].role == 't'{acts})",
                 f"static const char *const RULES[] = {{NULL, {rules}}};",
                 *(

@@ -23,7 +23,7 @@ from plant_sim.solvers.double_double import TURN_RAD
 from plant_sim.solvers.exact import exact
 from plant_sim.solvers.exact.automaton import Event, after, begin, next_event
 from plant_sim.solvers.exact.oscillator import Oscillator, oscillator
-from plant_sim.tilt import levelled, tilted
+from plant_sim.solvers.exact.tilt import levelled
 from tools.output import BadInputError
 
 Vector = NDArray[np.float64]
@@ -144,7 +144,7 @@ def motion(
     initial = MotionState(0.0, x_m, start.v_m_s, start.crank_rad, omega_rad_s, Phase.FLIGHT)
     if scene.beyond_closed_form:
         return adaptive.simulate(parts, initial, until_s, t_s, accuracy=accuracy_m)
-    return tilted(exact.simulate(levelled(parts), initial, until_s, t_s), parts, initial)
+    return exact.simulate(parts, initial, until_s, t_s)
 
 
 def end_of(scene: Scene, found: SimulationResult) -> State:

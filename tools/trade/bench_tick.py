@@ -16,11 +16,11 @@ from hil.runs.job import Job
 from hil.runs.segments import segments
 from hil.scenario.scenario import Scenario
 from plant_sim.kernels import jit
-from plant_sim.module import move
 from plant_sim.plant import Plant
 from plant_sim.sensors.readings import Readers, read_sensors
 from plant_sim.solvers.adaptive.adaptive import DONE
 from plant_sim.solvers.adaptive.state_layout import OBSERVED, Run
+from plant_sim.tick import move
 from tools.trade.control_rate import short_start
 from tools.trade.costs import Progress
 

@@ -56,13 +56,13 @@ Torque: TypeAlias = float | Callable[[float], float]
 
 @jit
 def advance(run: Run) -> int:
-    """Advance a run to `held.duration_s` after `held.start_s` under a constant torque; return the status.
+    """Advance a run by `progress.duration_s` from `progress.start_s` on, under a constant torque.
 
-    Another call continues the run. `held.elapsed_s` is the time reached. Samples at the times of the grid are
-    written into it; its times are absolute.
+    Returns the status; another call continues the run. `progress.elapsed_s` is the time reached. Samples at
+    the times of the grid are written into it; its times are absolute.
     """
     memory, room = run.memory[0], run.impacts.shape[0]
-    mode, held = memory.mode, memory.held
+    mode, progress = memory.mode, memory.progress
     if mode.impacts >= room:  # a disturbance may end an impact, as each step may
         return BUFFER_FULL
     if mode.phase == UNSETTLED:
@@ -74,7 +74,7 @@ def advance(run: Run) -> int:
     status = DONE
     while True:
         sample_now(run)
-        if held.elapsed_s >= held.duration_s:
+        if progress.elapsed_s >= progress.duration_s:
             break
         if mode.impacts >= room:
             status = BUFFER_FULL
@@ -83,7 +83,7 @@ def advance(run: Run) -> int:
         if used < 0.0:
             status = STEP_TOO_SMALL
             break
-        if held.debt > ALLOWANCE:
+        if progress.debt > ALLOWANCE:
             status = TOO_COSTLY
             break
     observe(run)
@@ -93,11 +93,11 @@ def advance(run: Run) -> int:
 
 def with_address(run: Run) -> Run:
     """The run for other kernels: its memory has the address of `advance`."""
-    run.memory[0].held.advance_at = address_of(advance, run)
+    run.memory[0].progress.advance_at = address_of(advance, run)
     return run
 
 
-call_advance = by_address(advance, lambda run: call_at(run.memory[0].held.advance_at, (run,)))
+call_advance = by_address(advance, lambda run: call_at(run.memory[0].progress.advance_at, (run,)))
 """`advance`, for other kernels; the run is one of `with_address`."""
 
 
@@ -121,7 +121,7 @@ def simulate(
     one = allocate(parts, initial, accuracy, IMPACTS_AT_ONCE, NO_SENSING, grid)
     memory: Any = one.memory[0]
     for held_n_m, held_until_s in _held(torque_n_m, initial.t_s, duration_s):
-        while not rows or memory.held.elapsed_s < held_until_s:  # again if the buffer of impacts was full
+        while not rows or memory.progress.elapsed_s < held_until_s:  # again if the buffer of impacts was full
             rows.append(run(one, held_n_m, initial.t_s, held_until_s))
     impacts = np.concatenate(rows)
     origin = origin_m(parts.stop, parts.striker)
@@ -157,12 +157,9 @@ def _held(torque_n_m: Torque, start_s: float, duration_s: float) -> Iterator[tup
 
 def run(one: Run, torque_n_m: float, start_s: float, duration_s: float) -> NDArray[np.void]:
     """Advance a run and raise failures; return and clear the impacts so far, records as `Impact`."""
-    memory: Any = one.memory
-    held, mode = (
-        memory["held"],
-        memory["mode"],
-    )  # a field of the array takes a fiftieth of the time of a record's
-    held["torque_n_m"], held["start_s"], held["duration_s"] = torque_n_m, start_s, duration_s
+    memory: Any = one.memory  # a field of the array takes a fiftieth of the time of a record's
+    progress, mode = memory["progress"], memory["mode"]
+    progress["torque_n_m"], progress["start_s"], progress["duration_s"] = torque_n_m, start_s, duration_s
     status = entry_point(advance, one)(one)
     if status in (STEP_TOO_SMALL, TOO_COSTLY):
         raise refusal(status, one)

@@ -46,7 +46,7 @@ def determine_phase(run: Run) -> None:
     """
     memory = run.memory[0]
     y, mode = memory.y, memory.mode
-    memory.held.last_step_s = 0.0
+    memory.progress.last_step_s = 0.0
     settle_crank(run)
     closing = closing_m_s(y)
     enter(mode, Phase.FLIGHT, 1 if y.v_m_s > 0.0 else -1, 1 if y.depth_m == 0.0 and closing < 0.0 else 0, 0)
@@ -165,6 +165,6 @@ def _touch(run: Run) -> None:
         open_contact(run, leaving_zeros(parts.stop))
     else:
         rebound(run)
-        if y.v_m_s > -memory.held.rest_m_s:
+        if y.v_m_s > -memory.progress.rest_m_s:
             come_to_rest(run)
             from_rest(run)

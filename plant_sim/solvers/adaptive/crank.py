@@ -151,7 +151,7 @@ def crank_limit_n_m(parts: Parts, dry_n_m: float, torque_n_m: float, angle_rad: 
 def settle_crank(run: Run) -> None:
     """Determine whether a motor's crank at rest stays there under this torque, otherwise its direction."""
     parts, memory = run.parts, run.memory[0]
-    drive, y, mode, torque_n_m = parts.drive, memory.y, memory.mode, memory.held.torque_n_m
+    drive, y, mode, torque_n_m = parts.drive, memory.y, memory.mode, memory.progress.torque_n_m
     if not is_motor(drive):
         return
     if drive.dry_n_m == 0.0:
@@ -177,7 +177,7 @@ def halt_crank(run: Run) -> None:
 def break_crank_away(run: Run) -> None:
     """Let the crank break away from rest."""
     memory = run.memory[0]
-    net = crank_net_n_m(run.parts, memory.held.torque_n_m, memory.y.crank_rad, memory.y)
+    net = crank_net_n_m(run.parts, memory.progress.torque_n_m, memory.y.crank_rad, memory.y)
     enter_crank(memory.mode, 0, 1 if net > 0.0 else -1, 2)
 
 

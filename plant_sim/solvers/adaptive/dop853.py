@@ -66,15 +66,15 @@ def attempt(run: Run, flow: Flow, h_s: float, scale: Vector) -> float:
     derivative at `y`.
     """
     parts, memory = run.parts, run.memory[0]
-    held, places, k = memory.held, memory.places, memory.slopes
+    progress, places, k = memory.progress, memory.places, memory.slopes
     y, trial, new = memory.all_y, memory.all_trial, memory.all_new
     for stage in range(1, 12):
-        for place in range(held.motion):  # the integrals feed back into nothing
+        for place in range(progress.motion):  # the integrals feed back into nothing
             i = places[place]
             trial[i] = y[i] + h_s * _slope(k, stage, 1 if stage < 5 else 3, i)
         derivative(parts, flow, C[stage] * h_s, memory.trial, k[stage])
     fifth, third = 0.0, 0.0
-    for place in range(held.used):
+    for place in range(progress.used):
         i = places[place]
         new[i] = y[i] + h_s * _slope(k, 12, 5, i)
         e5 = E5[0] * k[0, i]
@@ -86,7 +86,7 @@ def attempt(run: Run, flow: Flow, h_s: float, scale: Vector) -> float:
         third += (e3 / scale[i]) ** 2
     if fifth == 0.0:
         return 0.0
-    return abs(h_s) * fifth / math.sqrt((fifth + 0.01 * third) * held.used)
+    return abs(h_s) * fifth / math.sqrt((fifth + 0.01 * third) * progress.used)
 
 
 @subroutine(inline=True)
@@ -103,7 +103,7 @@ def extend(run: Run, flow: Flow, h_s: float) -> None:
     """Bernstein coefficients of the motion over the step, into `memory.dense`."""
     parts, memory = run.parts, run.memory[0]
     k, dense, places = memory.slopes, memory.dense, memory.places
-    y, trial, new, motion = memory.all_y, memory.all_trial, memory.all_new, memory.held.motion
+    y, trial, new, motion = memory.all_y, memory.all_trial, memory.all_new, memory.progress.motion
     derivative(parts, flow, h_s, memory.new, k[12])
     for stage in range(13, STAGES):
         for place in range(motion):

@@ -63,7 +63,7 @@ def earlier(found: Found, event: Event, s: float) -> Found:
 @subroutine
 def look_within(memory: Memory, dense: Vector, s: float, out: Vector) -> None:
     """The motion within a step, into `out`."""
-    for place in range(memory.held.motion):
+    for place in range(memory.progress.motion):
         i = memory.places[place]
         out[i] = at(dense[i], s)
 

@@ -49,7 +49,7 @@ def flow_now(run: Run) -> Flow:
         direction=float(mode.direction),
         damping_s_m=memory.contact.damping_s_m if is_soft(parts.stop) else 0.0,
         angle_rad=memory.y.crank_rad,
-        torque_n_m=memory.held.torque_n_m,
+        torque_n_m=memory.progress.torque_n_m,
         crank_direction=float(mode.crank_direction),
         crank_stuck=mode.crank_stuck == 1,
         is_pressed=is_soft(parts.stop) and in_touch(mode.phase, memory.y.depth_m),

@@ -154,10 +154,10 @@ def note(parts: Parts, flow: Flow, tau_s: float, y: State, slopes: Vector, row: 
 def begin_ledger(run: Run) -> None:
     """Begin the ledger at a start; after a change from outside, continue it without that change."""
     memory = run.memory[0]
-    held = memory.held
-    if math.isnan(held.stored_before_j):
+    progress = memory.progress
+    if math.isnan(progress.stored_before_j):
         stored_j = stored_energy_j(run.parts, memory.mode.phase, memory.y)
-        held.stored_before_j = stored_j - memory.observed[OBSERVED.stored_j]
+        progress.stored_before_j = stored_j - memory.observed[OBSERVED.stored_j]
 
 
 @subroutine
@@ -169,7 +169,7 @@ def observe(run: Run) -> None:
     observed[OBSERVED.x_m] += origin_m(parts.stop, parts.striker)
     observed[OBSERVED.drive_work_j] = y.drive_j
     stored_j = stored_energy_j(parts, flow.phase, y)
-    observed[OBSERVED.stored_j] = stored_j - memory.held.stored_before_j
+    observed[OBSERVED.stored_j] = stored_j - memory.progress.stored_before_j
     observed[OBSERVED.friction_j] = y.friction_j
     observed[OBSERVED.impact_loss_j] = y.stop_j
     observed[OBSERVED.housing_work_j] = y.housing_j
@@ -204,7 +204,7 @@ def ledger(now: Observation, memory: Memory) -> EnergyLedger:
         impact_loss_j=now.impact_loss_j,
         housing_work_j=now.housing_work_j,
         ankle_j=now.ankle_j,
-        stored_j=now.stored_j + float(memory.held.stored_before_j),
+        stored_j=now.stored_j + float(memory.progress.stored_before_j),
     )
 
 

@@ -104,7 +104,7 @@ def expand(run: Run, flow: Flow, order: int) -> None:
     torque_n_m = motor_torque_n_m(parts.drive, flow.torque_n_m, y.crank_rad_s)
     if not is_level(parts.housing):
         expand_housing(parts.housing, flow.time_s, rows[ROW.housing_m_s2, : order + 1])
-    for place in range(memory.held.used):
+    for place in range(memory.progress.used):
         i = memory.places[place]
         rows[i, 0] = memory.all_y[i]
     depth, v = y.depth_m, y.v_m_s  # a processor would wait for them to be stored and read
@@ -135,17 +135,17 @@ def _judged_terms(friction: Friction) -> int:
 def _accurate_s(memory: Memory, scale: Vector, order: int, terms: int, longest_s: float) -> float:
     """The length of a step, s, at most `longest_s`, over which the last `terms` are within the tolerances in
     the mean."""
-    series, held = memory.all_series, memory.held
+    series, progress = memory.all_series, memory.progress
     per_s, mean, longest_power = LEAST, 0.0, 1.0
     for _ in range(order - terms):
         longest_power *= longest_s
     for k in range(order - terms + 1, order + 1):
         longest_power *= longest_s
         square = 0.0
-        for place in range(held.used):
+        for place in range(progress.used):
             i = memory.places[place]
             square += (series[i, k] / scale[i]) ** 2
-        before, mean = mean, math.sqrt(square / held.used)
+        before, mean = mean, math.sqrt(square / progress.used)
         # A root takes longest of all here: it is left out where the term before it allows no longer step.
         if not (mean * longest_power <= CLEARLY_WITHIN or mean <= before * per_s):
             per_s = max(per_s, mean ** (1.0 / k))
@@ -192,7 +192,7 @@ def largest_change(c: Vector, h_s: float, order: int) -> float:
 def state_after(memory: Memory, h_s: float, order: int) -> None:
     """The state after `h_s` of the series, into `memory.new`."""
     series, out = memory.all_series, memory.all_new
-    for place in range(memory.held.used):
+    for place in range(memory.progress.used):
         i = memory.places[place]
         total = series[i, order]
         for k in range(order - 1, -1, -1):
@@ -206,7 +206,7 @@ def motion_within(memory: Memory, h_s: float, order: int, is_all_needed: bool) -
 
     Into `memory.long_dense`, or for an order of DEGREE into `memory.dense`.
     """
-    for place in range(memory.held.motion if is_all_needed else ROW.v_m_s + 1):
+    for place in range(memory.progress.motion if is_all_needed else ROW.v_m_s + 1):
         i = memory.places[place]
         if order == ORDER:
             from_powers(memory.all_series[i], h_s, memory.long_dense[i], order)

@@ -63,8 +63,8 @@ class Mode:
     voltage_limited: int
 
 
-class Held:
-    """Values that a step passes on to the next, or a tick (`plant_sim.module`) to the next."""
+class Progress:
+    """What a step passes on to the next, or a tick (`plant_sim.tick`) to the next: time, call, next steps."""
 
     t_s: float
     """Time of a module that is advanced tick by tick."""
@@ -128,8 +128,8 @@ class Memory:
 
     mode: Mode
     all_mode: Annotated[IntArray, _array(len(Mode.__annotations__), of=np.int64)]
-    held: Held
-    all_held: Annotated[Vector, _array(len(Held.__annotations__))]
+    progress: Progress
+    all_progress: Annotated[Vector, _array(len(Progress.__annotations__))]
     contact: Contact
     all_contact: Annotated[Vector, _array(len(Contact.__annotations__))]
     y: State
@@ -157,7 +157,7 @@ class Memory:
     long_dense: Annotated[Vector, _array(ACCOUNTS, ORDER + 1)]
     """Bernstein coefficients of the motion within a series of full order."""
     places: Annotated[IntArray, _array(SIZE, of=np.int64)]
-    """Places of the quantities of the parts: `held.motion` of the motion, `held.used` with accounts."""
+    """Places of the quantities that the parts have: `progress.motion` of the motion, `used` with accounts."""
     observed: Annotated[Vector, _array(len(OBSERVED))]
     scratch: Annotated[Scratch, _SCRATCH]
 
@@ -302,31 +302,31 @@ def restart(run: Run, depth_m: float, v_m_s: float, crank_rad: float, omega_rad_
     follows.
     """
     parts, striker = run.parts, run.parts.striker
-    advance_at = run.memory[0].held.advance_at
+    advance_at = run.memory[0].progress.advance_at
     memory = run.memory[0]
     memory.all_mode[:] = 0
-    memory.all_held[:] = memory.all_contact[:] = memory.all_y[:] = memory.observed[:] = 0.0
-    y, held, memory.mode.phase = memory.y, memory.held, UNSETTLED
-    held.advance_at, held.stored_before_j = advance_at, math.nan
+    memory.all_progress[:] = memory.all_contact[:] = memory.all_y[:] = memory.observed[:] = 0.0
+    y, progress, memory.mode.phase = memory.y, memory.progress, UNSETTLED
+    progress.advance_at, progress.stored_before_j = advance_at, math.nan
     y.depth_m, y.v_m_s, y.crank_rad = depth_m, v_m_s, crank_rad % TURN_RAD
     y.crank_rad_s = omega_rad_s if is_motor(parts.drive) else parts.drive.omega_rad_s
     if is_worn(parts.wearer):
         y.plate_m = equilibrium_m(parts.wearer, steady_m_s2(parts.housing))
         y.depth_m -= y.plate_m
-    held.free_step_s = held.contact_step_s = 0.1 / math.sqrt(striker.spring_n_per_m / striker.mass_kg)
+    progress.free_step_s = progress.contact_step_s = 0.1 / math.sqrt(striker.spring_n_per_m / striker.mass_kg)
     _note_places(parts, memory)
 
 
 @subroutine
 def _note_places(parts: Parts, memory: Memory) -> None:
     """Note which quantities the parts have: those of the motion, then the accounts."""
-    memory.held.motion = memory.held.used = 0
+    memory.progress.motion = memory.progress.used = 0
     motor, soft = is_motor(parts.drive), is_soft(parts.stop)
     _use(memory, ROW.depth_m, 2, True)
     _use(memory, ROW.crank_rad, 2, motor)
     _use(memory, ROW.plate_m, 2, is_worn(parts.wearer))
     _use(memory, ROW.i_d_a, 4, is_wound(parts.winding))
-    memory.held.motion = memory.held.used
+    memory.progress.motion = memory.progress.used
     _use(memory, ROW.drive_j, 2, True)
     _use(memory, ROW.stop_j, 1, soft or is_rigid(parts.stop))
     _use(memory, ROW.impulse_n_s, 1, soft)
@@ -338,8 +338,8 @@ def _note_places(parts: Parts, memory: Memory) -> None:
 @subroutine
 def _use(memory: Memory, first: int, count: int, has: bool) -> None:
     for place in range(first, first + count if has else first):
-        memory.places[memory.held.used] = place
-        memory.held.used += 1
+        memory.places[memory.progress.used] = place
+        memory.progress.used += 1
 
 
 @subroutine
@@ -363,7 +363,7 @@ def set_accuracy(run: Run, accuracy: float) -> None:
     scale.v_m_s = min(scale.v_m_s, SHARE_OF_BEND * bend_m_s(parts.friction))
     for i in range(SIZE):
         memory.all_contact_scale[i] = SHARE_OF_A_CONTACT * memory.all_scale[i]
-    memory.held.rest_m_s = 0.01 * accuracy * natural  # such a rebound's height is far below the accuracy
+    memory.progress.rest_m_s = 0.01 * accuracy * natural  # such a rebound's height is far below the accuracy
 
 
 @subroutine
@@ -383,4 +383,4 @@ def _set_current_scale(parts: Parts, length_m: float, natural_rad_s: float, scal
 @subroutine
 def now_s(memory: Memory) -> float:
     """The time reached."""
-    return memory.held.start_s + memory.held.elapsed_s
+    return memory.progress.start_s + memory.progress.elapsed_s

@@ -22,7 +22,7 @@ from plant_sim.solvers.adaptive.event_location import Event, Found, Segment, ste
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.observation import follow_contact, follow_felt, sample_step
 from plant_sim.solvers.adaptive.series import LEAST, motion_within, series_step_s, state_after
-from plant_sim.solvers.adaptive.state_layout import Flow, Held, Memory, Run, Vector, now_s
+from plant_sim.solvers.adaptive.state_layout import Flow, Memory, Progress, Run, Vector, now_s
 from plant_sim.solvers.adaptive.stop import follow_shock
 from plant_sim.solvers.adaptive.wearer import ankle_s, closing_m_s
 from plant_sim.solvers.adaptive.winding import current_s
@@ -45,12 +45,12 @@ rest; the error per forcing period then exceeds the accuracy.
 def take_step(run: Run) -> float:
     """Take one step, at most up to an event; return its length, s, or −1 if no step is small enough."""
     parts, memory, grid = run.parts, run.memory[0], run.grid
-    mode, held = memory.mode, memory.held
+    mode, progress = memory.mode, memory.progress
     begin_s = now_s(memory)
     follow_shock(run)
     flow = flow_now(run)
     scale = memory.all_contact_scale if flow.phase == Phase.CONTACT else memory.all_scale
-    remaining = (held.duration_s - held.elapsed_s) - held.elapsed_low_s
+    remaining = (progress.duration_s - progress.elapsed_s) - progress.elapsed_low_s
     longest = _longest_s(parts, memory, begin_s)
     longest_series = min(LONGEST_SERIES * longest, smooth_for_s(parts.housing, begin_s), remaining)
     longest_series = min(longest_series, ankle_s(parts))  # beyond, an orbit amplifies what is cut off
@@ -83,7 +83,7 @@ def take_step(run: Run) -> float:
     if has_sample:
         sample_step(run, segment, used)
 
-    for place in range(held.used):
+    for place in range(progress.used):
         i = memory.places[place]
         memory.all_y[i] = memory.all_new[i]
     turn_crank(parts.drive, memory, used)
@@ -91,9 +91,9 @@ def take_step(run: Run) -> float:
         mode.zero_depth = mode.zero_velocity = mode.zero_crank = mode.zero_voltage = 0
     _pass_time(memory, flow.phase, used, remaining)
     if used < remaining:  # the last step of a call is as short as the call demands
-        held.debt = debt(held.debt, attempts, used / longest)
+        progress.debt = debt(progress.debt, attempts, used / longest)
     if event != Event.NONE:
-        held.last_step_s = 0.0
+        progress.last_step_s = 0.0
         apply(run, event)
     return used
 
@@ -118,11 +118,11 @@ def _stages_step_s(
     Over a longer change of speed the fall of Stribeck's friction near rest could lie between two stages.
     """
     parts, memory = run.parts, run.memory[0]
-    held, slopes = memory.held, memory.slopes
+    progress, slopes = memory.progress, memory.slopes
     derivative(parts, flow, 0.0, memory.y, slopes[0])
     most_m_s = max(0.5 * abs(memory.y.v_m_s), bend_m_s(parts.friction))
     longest_s = min(longest_s, most_m_s / max(abs(slopes[0, ROW.v_m_s]), LEAST))
-    attempts, next_s = 0.0, held.contact_step_s if flow.phase == Phase.CONTACT else held.free_step_s
+    attempts, next_s = 0.0, progress.contact_step_s if flow.phase == Phase.CONTACT else progress.free_step_s
     while True:
         h = min(next_s, longest_s, remaining_s)
         attempts += 1.0
@@ -135,24 +135,24 @@ def _stages_step_s(
             next_s = 0.5 * h
         if next_s < 1e-12 * longest_s:
             return -1.0, attempts
-    _choose_next(held, flow.phase, next_s, h, error)
+    _choose_next(progress, flow.phase, next_s, h, error)
     return h, attempts
 
 
 @subroutine
 def _pass_time(memory: Memory, phase: int, used_s: float, remaining_s: float) -> None:
     """Advance the time by `used_s` in a phase, of the `remaining_s` up to the call's end."""
-    held = memory.held
+    progress = memory.progress
     if used_s > 0.0:
         memory.mode.seen |= 1 << phase
-    elapsed_s, rest_s = two_sum(held.elapsed_s, held.elapsed_low_s + used_s)
+    elapsed_s, rest_s = two_sum(progress.elapsed_s, progress.elapsed_low_s + used_s)
     is_end = used_s == remaining_s
-    held.elapsed_s = held.duration_s if is_end else elapsed_s
-    held.elapsed_low_s = 0.0 if is_end else rest_s
+    progress.elapsed_s = progress.duration_s if is_end else elapsed_s
+    progress.elapsed_low_s = 0.0 if is_end else rest_s
 
 
 @subroutine
-def _choose_next(held: Held, phase: int, tried_s: float, h_s: float, error: float) -> None:
+def _choose_next(progress: Progress, phase: int, tried_s: float, h_s: float, error: float) -> None:
     """Set the length of the next step from the error of this one and the trend of the last two.
 
     Predictive control (Gustafsson, ACM Trans. Math. Softw. 20, 1994): without it every second step would be
@@ -160,15 +160,15 @@ def _choose_next(held: Held, phase: int, tried_s: float, h_s: float, error: floa
     """
     margin = _eighth_root(1.0 / max(error, LEAST_ERROR))
     growth = 0.9 * margin
-    if held.last_step_s > 0.0:
-        growth *= min(h_s / held.last_step_s * margin / held.last_margin, 1.0)
+    if progress.last_step_s > 0.0:
+        growth *= min(h_s / progress.last_step_s * margin / progress.last_margin, 1.0)
     growth = min(growth, 5.0)
-    held.last_step_s, held.last_margin = h_s, margin
+    progress.last_step_s, progress.last_margin = h_s, margin
     next_s = max(tried_s, h_s * growth) if growth > 1.0 else h_s * growth
     if phase == Phase.CONTACT:
-        held.contact_step_s = next_s
+        progress.contact_step_s = next_s
     else:
-        held.free_step_s = next_s
+        progress.free_step_s = next_s
 
 
 @subroutine

@@ -179,7 +179,7 @@ def settle_voltage(run: Run) -> None:
     parts, memory = run.parts, run.memory[0]
     winding, drive, y = parts.winding, parts.drive, memory.y
     if is_wound(winding) and is_motor(drive):
-        excess = voltage_excess(winding, drive, memory.held.torque_n_m, y.crank_rad_s, y)
+        excess = voltage_excess(winding, drive, memory.progress.torque_n_m, y.crank_rad_s, y)
         memory.mode.voltage_limited = 1 if excess > 0.0 else 0
         memory.mode.zero_voltage = 0
 

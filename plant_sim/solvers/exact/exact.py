@@ -26,6 +26,7 @@ from plant_sim.solvers.double_double import TURN_RAD, turned
 from plant_sim.solvers.exact.automaton import Event, Motion, after, begin, next_event
 from plant_sim.solvers.exact.ledger import booked, empty_ledger, stored_j
 from plant_sim.solvers.exact.oscillator import Oscillator, flow, launch, oscillator, point
+from plant_sim.solvers.exact.tilt import levelled, tilted
 from text_input import RefusalError
 
 REST_SPEED_M_S = 1e-9
@@ -130,21 +131,22 @@ def simulate(
     the instant of an event shows the state after it. The bounces of chatter below `rest_speed_m_s` that are
     certain to end at rest count as one plastic impact.
     """
-    require_closed_form(parts)
+    level = levelled(parts)
+    require_closed_form(level)
     grid = sample_times(initial, until_s, samples_t_s)
     samples = np.empty((len(grid), 4))
-    start = start_of(parts, initial)
-    arguments = (kernel_parts(parts), start, float(until_s), float(rest_speed_m_s), grid, samples)
+    start = start_of(level, initial)
+    arguments = (kernel_parts(level), start, float(until_s), float(rest_speed_m_s), grid, samples)
     impacts, end, energies_j, too_many = entry_point(_run, *arguments)(*arguments)
     if too_many:
-        x_m = parts.striker.rest_length_m + end.y_m
+        x_m = level.striker.rest_length_m + end.y_m
         place = f"at t = {end.t_s:.9g} s, x = {x_m:.9g} m, v = {end.v_m_s:.6g} m/s"
         raise too_costly(place, "the bounces do not die out: lower stop.restitution, or end the run earlier")
-    return SimulationResult(
+    result = SimulationResult(
         impacts=Impacts(*impacts.T.copy()),
         final=MotionState(
             end.t_s,
-            float(_positions_m(parts, end.y_m)),
+            float(_positions_m(level, end.y_m)),
             end.v_m_s,
             end.crank_rad % TURN_RAD,
             constant_speed_rad_s(parts.drive),
@@ -152,8 +154,9 @@ def simulate(
         ),
         energy=EnergyLedger(*energies_j[:4], stored_j=energies_j[4]),
         method="exact",
-        samples=None if samples_t_s is None else _samples(parts, grid, samples),
+        samples=None if samples_t_s is None else _samples(level, grid, samples),
     )
+    return tilted(result, parts, initial)
 
 
 CLOSED_FORM: dict[str, Any] = {
@@ -164,7 +167,7 @@ CLOSED_FORM: dict[str, Any] = {
     "housing": Level,
     "wearer": NoWearer,
 }
-"""The parts that this solver supports, by slot; a tilt has been removed before (`plant_sim.tilt`)."""
+"""The parts that this solver supports, by slot; a constant tilt has been removed before."""
 
 
 def require_closed_form(parts: Parts) -> None:
@@ -174,7 +177,7 @@ def require_closed_form(parts: Parts) -> None:
     if others:
         raise UnsupportedSceneError(
             "the exact solver has closed forms for an ideal drive on a sine, no, viscous or Coulomb "
-            "friction, no or a rigid stop, a level housing and no wearer; this scene has "
+            "friction, no or a rigid stop, a housing at rest and no wearer; this scene has "
             f"{' and '.join(map(repr, others))}: use the adaptive solver"
         )
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from plant_sim.kernels import subroutine
 from plant_sim.result import Phase
-from plant_sim.solvers.double_double import two_sum
+from plant_sim.solvers.double_double import add
 from plant_sim.solvers.exact.automaton import Motion
 from plant_sim.solvers.exact.oscillator import Flight, Oscillator, flow, launch
 
@@ -56,17 +56,10 @@ def booked(o: Oscillator, ledger: Ledger, motion: Motion, arrival: Motion, depar
     """The ledger after the flow from `motion` to `arrival` and the event that changed it to `departure`."""
     drive, friction = _flow_energies(o, motion, arrival)
     lost = 0.5 * o.mass_kg * (arrival.v_m_s - departure.v_m_s) * (arrival.v_m_s + departure.v_m_s)
-    drive_sum, drive_rest = two_sum(ledger.drive_j, drive)
-    friction_sum, friction_rest = two_sum(ledger.friction_j, friction)
-    impact_sum, impact_rest = two_sum(ledger.impact_j, lost)
-    return Ledger(
-        drive_sum,
-        ledger.drive_low_j + drive_rest,
-        friction_sum,
-        ledger.friction_low_j + friction_rest,
-        impact_sum,
-        ledger.impact_low_j + impact_rest,
-    )
+    drive_j, drive_low_j = add(ledger.drive_j, ledger.drive_low_j, drive)
+    friction_j, friction_low_j = add(ledger.friction_j, ledger.friction_low_j, friction)
+    impact_j, impact_low_j = add(ledger.impact_j, ledger.impact_low_j, lost)
+    return Ledger(drive_j, drive_low_j, friction_j, friction_low_j, impact_j, impact_low_j)
 
 
 @subroutine
@@ -120,11 +113,8 @@ def _undamped_resonance(o: Oscillator, flight: Flight, motion: Motion, arrival: 
     N = half * (-2.0 * half.imag / beta if beta != 0.0 else h)
     z = beta * h
     if abs(z) < 0.02:
-        lag = (
-            h
-            * h
-            * complex(1 / 2 - z * z * (1 / 24 - z * z / 720), -z * (1 / 6 - z * z * (1 / 120 - z * z / 5040)))
-        )
+        z2 = z * z
+        lag = h * h * complex(1 / 2 - z2 * (1 / 24 - z2 / 720), -z * (1 / 6 - z2 * (1 / 120 - z2 / 5040)))
     else:
         lag = (h - N) * complex(0.0, -1.0 / beta)
     far = R2 * half * half  # e^(iTh)

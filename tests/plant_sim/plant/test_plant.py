@@ -9,7 +9,6 @@ import pytest
 from changed_scenes import HERTZ, KNOCK, SWING, TILT, changed
 from reference import Reference, simulated_again
 
-from plant_sim.module import MOST_IMPACTS
 from plant_sim.plant import Plant, PlantError, compiled_move
 from plant_sim.result import Phase
 from plant_sim.scene import load_scene, read_scene
@@ -17,6 +16,7 @@ from plant_sim.sensors.sensing import NO_SENSING
 from plant_sim.simulation import initial_state, simulate
 from plant_sim.solvers.adaptive.state_layout import allocate
 from plant_sim.solvers.cost import SolverError
+from plant_sim.tick import MOST_IMPACTS
 
 MOTOR = load_scene("gait-motor-soft")
 WEARER = {"plate_kg": 1.0, "ankle_n_m": 1e4, "ankle_n_s_m": 100.0}
@@ -205,7 +205,7 @@ def test_the_places_are_those_of_the_parts_alone(name: str, changes: dict[str, A
     """Quantities of absent parts are neither integrated nor judged, and stay 0."""
     scene = load_scene(changed(name, changes))
     memory = allocate(scene.parts(), initial_state(scene), 1e-9, 1, NO_SENSING).memory[0]
-    used = memory.places[: memory.held.used]
+    used = memory.places[: memory.progress.used]
     assert len(used) == state
     assert not np.any(np.delete(memory.all_y, used)[2:])  # an ideal drive's crank is not integrated
 

@@ -110,7 +110,7 @@ def test_short_ticks_of_a_slow_module_cost_nothing() -> None:
     plant = Plant(load_scene(changed("table1-viscous", {"striker.mass_kg": 1e5})), seed=0)
     for _ in range(2000):
         plant.advance(0.0, 1e-7)
-    assert plant._memory.held.debt == 0.0
+    assert plant._memory.progress.debt == 0.0
 
 
 def test_a_burst_of_work_is_paid_for_by_later_time() -> None:
@@ -124,5 +124,5 @@ def test_no_scene_of_the_repository_comes_near_the_bound() -> None:
         most = 0.0
         for _ in range(3000):
             plant.advance(0.05, 1e-3)
-            most = max(most, float(plant._memory.held.debt))
+            most = max(most, float(plant._memory.progress.debt))
         assert most < 1e-3 * ALLOWANCE, name

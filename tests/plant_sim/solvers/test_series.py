@@ -89,7 +89,7 @@ def test_a_series_obeys_the_equations_of_motion(name: str) -> None:
     """Its slope is the derivative of all quantities all along a step."""
     one = module(*SCENES[name])
     memory = one.memory[0]
-    used = memory.places[: memory.held.used]
+    used = memory.places[: memory.progress.used]
     memory.all_series[[*used, *range(ROW.sine, len(ROW))]] = np.nan  # shows what is read unset
     assert _step_s(one) > 0.0
     for h_s in (0.0, 0.3 * H_S, H_S):

@@ -14,12 +14,13 @@ def move(run: Run, torque_n_m: float, dt_s: float) -> int:
 
     BUFFER_FULL: there is no room for more impacts; after they are taken, the same call continues.
     """
-    held = run.memory[0].held
-    held.torque_n_m, held.start_s, held.duration_s = torque_n_m, held.t_s + held.t_rest_s, dt_s
+    progress = run.memory[0].progress
+    progress.torque_n_m, progress.duration_s = torque_n_m, dt_s
+    progress.start_s = progress.t_s + progress.t_rest_s
     status = call_advance(run)
     if status == DONE:
-        held.elapsed_s = held.elapsed_low_s = 0.0
-        t_s = held.t_s
-        held.t_s = t_s + dt_s
-        held.t_rest_s += (t_s - held.t_s) + dt_s  # Neumaier's sum: a day of ticks adds up to a day
+        progress.elapsed_s = progress.elapsed_low_s = 0.0
+        t_s = progress.t_s
+        progress.t_s = t_s + dt_s
+        progress.t_rest_s += (t_s - progress.t_s) + dt_s  # Neumaier's sum: a day of ticks adds up to a day
     return status
