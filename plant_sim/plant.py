@@ -89,6 +89,8 @@ class Plant:
         """The module for compiled code, which calls `take_back` after it has advanced it."""
         self._module_record: Any = getattr(self.module, "record", self.module)
         self._memory: Any = self.module.memory[0]
+        self.observed: NDArray[np.float64] = self._memory.observed
+        """The present observation for sampled sensors, with places as in `state_layout.OBSERVED`."""
         self._move = compiled_move(self)
         self.now: Observation
         """The present observation of the module."""
@@ -157,7 +159,7 @@ class Plant:
         """
         if status != DONE:
             raise refusal(status, self.module)
-        self.now = observation(self._memory)
+        self.now = observation(self.observed)
 
     def sense(self) -> SensorReading:
         """Sample every sensor now, with new noise in each call."""
@@ -175,12 +177,6 @@ class Plant:
     def has_gait_sensors(self) -> bool:
         """Whether the scene has a walking wearer and gait sensors."""
         return self._gait_sensors is not None
-
-    @property
-    def observed(self) -> NDArray[np.float64]:
-        """The present observation for sampled sensors, with places as in `state_layout.OBSERVED`."""
-        observed: NDArray[np.float64] = self._memory.observed
-        return observed
 
     def sample_noise(self, which: int, signals: int) -> NDArray[np.float64]:
         """Standard normals for the next sample of one of `sampled`, one for each of its signals."""

@@ -125,7 +125,7 @@ def simulate(
             rows.append(run(one, held_n_m, initial.t_s, held_until_s))
     impacts = np.concatenate(rows)
     origin = origin_m(parts.stop, parts.striker)
-    end = observation(memory)
+    end = observation(memory.observed)
     return SimulationResult(
         impacts=Impacts(**{name: impacts[name] for name in Impact._fields}),
         final=motion_state(end, until_s),

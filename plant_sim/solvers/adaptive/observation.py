@@ -184,9 +184,9 @@ def observe(run: Run) -> None:
 _PHASES = tuple(Phase)
 
 
-def observation(memory: Memory) -> Observation:
-    """The present observation."""
-    *values, phase = memory.observed.tolist()
+def observation(observed: Vector) -> Observation:
+    """The observation from an array of its fields."""
+    *values, phase = observed.tolist()
     return Observation._make((*values, _PHASES[int(phase)]))
 
 
