@@ -5,6 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import files_of_a_run
 import pytest
 
 from firmware_py.interface import codec
@@ -21,6 +22,8 @@ from hil.record.run_folder import RunFolderError
 from hil.scenario.scenario import load_scenario
 from plant_sim.scene import load_scene
 
+MOST_FILES = 74
+"""Files of hil and tools with a call before the first tick of lockstep; to be lowered, never raised."""
 ESTOP = codec.DRIVE_ESTOP.encode(DriveEstop())
 ERRORS = codec.DRIVE_ERRORS.encode(DriveErrors(0x200, 0x200))
 
@@ -195,6 +198,15 @@ def test_a_run_loads_neither_log_nor_report_before_its_first_tick():
     load += "from hil.runs.job import Job; from hil.runs.segments import segments; "
     load += "next(segments(Job(load_scenario('soft-start-multistable'), 1)))"
     assert loaded_by(load, heavy) == "[]\n"
+
+
+def test_a_run_passes_through_few_files_before_its_first_tick(tmp_path: Path):
+    """Whoever reads the way from the command to the first tick opens them all; the aim is 25."""
+    watched = [sys.executable, files_of_a_run.__file__, str(tmp_path / "run")]
+    files = subprocess.run(watched, check=True, capture_output=True, text=True).stderr.split()
+    ours = [name for name in files if name.startswith(("hil/", "tools/")) and name.endswith(".py")]
+    assert {"hil/runs/segments.py", "hil/runs/lockstep.py", "tools/commands/run.py"} <= set(ours)
+    assert len(ours) <= MOST_FILES, ours
 
 
 def test_a_recorders_process_loads_no_kernels_and_no_scenes():
