@@ -102,6 +102,10 @@ class BusErrorRecord(NamedTuple):
     operator: NodeErrors
 
 
+RECORDED = BusErrorRecord._fields[3:]
+"""The nodes whose errors are recorded."""
+
+
 def errors_of(counters: ErrorCounters) -> NodeErrors:
     """The record of one node."""
     return NodeErrors(counters.transmit, counters.receive, counters.error_state)

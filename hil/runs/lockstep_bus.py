@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from firmware_py.interface.frame import Frame
 from hil.bus.in_process import InProcessBus, InProcessNode
-from hil.can_model.fault_confinement import UNTOUCHED, BusErrorRecord, errors_of
+from hil.can_model.fault_confinement import RECORDED, UNTOUCHED, BusErrorRecord, errors_of
 from hil.can_model.modelled_bus import Delivery, ModelledBus, ModelledNode
 from hil.faults.fault import Fault
 from hil.faults.kinds.babbling import Babbling
@@ -14,8 +14,6 @@ from hil.roster import names
 from hil.timing.clock import NS_PER_S
 
 STRANGER = "stranger"
-RECORDED = BusErrorRecord._fields[3:]
-"""The nodes whose error counters are recorded."""
 
 Logged = tuple[int, list[Frame]]
 """Frames and their common time in ns."""

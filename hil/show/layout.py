@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import rerun.blueprint as rrb
 
+from hil.can_model.fault_confinement import RECORDED
 from hil.record.state_timeline import ALARM, ESTIMATE, GOOD, OTHER, TARGET, TRUTH
 from hil.show.legible.extents import Extents
 from hil.show.legible.limits import APPROACH_LIMITS, FORCE_LIMITS
@@ -323,7 +324,7 @@ def bus_and_timing(draw: Drawing, contents: Contents) -> Any:
 
 def bus_errors(draw: Drawing) -> Any:
     """Destroyed transmissions, and the error counters and error states of the nodes' controllers."""
-    nodes = (("plant", TRUTH), ("firmware", ESTIMATE), ("operator", OTHER))
+    nodes = tuple(zip(RECORDED, (TRUTH, ESTIMATE, OTHER), strict=True))
     return rrb.Horizontal(
         draw.plot(
             "Transmissions destroyed and frames not sent so far",

@@ -21,7 +21,7 @@ import rerun as rr
 import tomli_w
 
 from firmware_py.interface.enums import LATCHED, ActingLimit, AxisError, Fault, Mode, OperatorRequest, Regime
-from hil.can_model.fault_confinement import ErrorState
+from hil.can_model.fault_confinement import RECORDED, ErrorState
 from hil.judge import detection
 from hil.judge.checks import Check, checks_of
 from hil.judge.estimate_error import EstimateErrors, estimate_errors
@@ -68,7 +68,7 @@ BUS_TIMELINES = tuple(
         ErrorState,
         {ErrorState.ERROR_ACTIVE: NEUTRAL, ErrorState.ERROR_PASSIVE: WARN},
     )
-    for node in ("plant", "firmware", "operator")
+    for node in RECORDED
 )
 """State timelines of a modelled bus."""
 
