@@ -22,8 +22,7 @@ from hil.faults.fault import FAULTS_ACTED, Fault, effects_of, of_a_node
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
 from hil.nodes.own_controller import controller_of
-from hil.nodes.runners import FirmwareRunner, Making, Pace, traces_in
-from hil.nodes.warm import warm_firmware
+from hil.nodes.runners import FirmwareRunner, Making, Pace, traces_in, warm_firmware
 from hil.record.run_folder import RunFolderError
 from hil.record.traces.own_trace import is_build
 from hil.record.traces.trace import bring_home

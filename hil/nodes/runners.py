@@ -1,24 +1,24 @@
 """Runners connect the bench's nodes to bus and trace; a loop calls them in each tick, on every clock."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Self, cast
 
 from firmware_py.core.config import Config
 from firmware_py.interface import codec
+from firmware_py.interface.enums import AxisState, OperatorRequest
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.received import RECEIVED_IDS
-from firmware_py.interface.generated.records import SetInputTorque
-from firmware_py.shell.builds import Build
+from firmware_py.interface.generated.records import OperatorCommand, SetAxisState, SetInputTorque
+from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.node import FirmwareNode, MakeNode, power_up
-from firmware_py.shell.parameters import addresses_from
+from firmware_py.shell.parameters import addresses_from, config_from
 from hil.faults.fault import Fault
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
 from hil.nodes.own_controller import controller_of
 from hil.nodes.plant import ACCEPTED_IDS, PlantNode
-from hil.nodes.warm import warm_firmware, warm_plant
 from hil.record.traces.firmware_trace import open_firmware_trace
 from hil.record.traces.own_trace import is_build
 from hil.record.traces.plant_trace import PlantRecord
@@ -31,6 +31,9 @@ from hil.timing.loop import LoopTiming
 from plant_sim.result import Impact
 from plant_sim.scene import Scene
 from plant_sim.sensors.gait import GaitTruth
+
+WARM_TICKS = 300
+"""Ticks in which a node runs all its code before its clock starts: compiled kernels, imports, caches."""
 
 
 class Pace(NamedTuple):
@@ -121,9 +124,15 @@ class PlantRunner(NodeRunner):
         return cls(scenario.scene, seed, pace, bus, traces, faults, node_id)
 
     @staticmethod
-    def warm(scenario: Scenario, firmware: str) -> None:
-        """Compile and run the scene's kernels."""
-        warm_plant(scenario.scene)
+    def warm(scenario: Scenario, firmware: str = "") -> None:
+        """Compile and run the scene's kernels on a temporary plant."""
+        node = PlantNode(scenario.scene, seed=0)
+        arm = codec.SET_AXIS_STATE.encode(SetAxisState(AxisState.CLOSED_LOOP_CONTROL))
+        push = codec.SET_INPUT_TORQUE.encode(SetInputTorque(0.1))
+        for _ in range(WARM_TICKS):
+            node.publish()
+            node.advance([arm, push])
+            node.take_impacts()
 
     def __init__(
         self,
@@ -253,6 +262,14 @@ class FirmwareRunner(NodeRunner):
         """Close the trace."""
         if self.trace is not None:
             self.trace.writer.close()
+
+
+def warm_firmware(parameters: Mapping[str, Any], build: Build = "python") -> None:
+    """Run a temporary firmware on the frames of a drive at rest."""
+    node = node_of(build)(config_from(parameters))
+    for tick in range(WARM_TICKS):
+        command = OperatorCommand(OperatorRequest.IDLE, 0.0, 0.0)
+        node.tick([codec.OPERATOR_COMMAND.encode(command, tick)], 1)
 
 
 class OperatorRunner:

@@ -42,7 +42,7 @@ from firmware_py.shell.builds import HERE, Build
 from firmware_py.shell.native import NativeNode, emitted_functions
 from firmware_py.shell.node import FirmwareNode, MakeNode
 from hil.bench import workers
-from hil.nodes.warm import warm_firmware, warm_plant
+from hil.nodes.runners import PlantRunner, warm_firmware
 from hil.record.traces.trace import read
 from hil.run_files import RunFile, trace_file
 from hil.runs.job import Job
@@ -156,7 +156,7 @@ def decide(scenario: Scenario, seed: int, firmware: str | MakeNode) -> Decisions
 def difference(name: str, seed: int) -> str:
     """The first difference between the builds in a scenario; empty if there is none."""
     scenario = load_scenario(name)
-    warm_plant(scenario.scene)
+    PlantRunner.warm(scenario)
     try:
         of_python = decide(scenario, seed, Beside)
         found = differences(of_python, decide(scenario, seed, "compiled"))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.nodes.warm import warm_firmware, warm_plant
+from hil.nodes.runners import PlantRunner, warm_firmware
 from hil.record.traces.plant_trace import PlantRecord
 from hil.runs.job import Job
 from hil.runs.segments import segments
@@ -53,7 +53,7 @@ def measure(repeats: int, progress: Progress) -> list[dict[str, Any]]:
     """Measure both ticks and return a row for each."""
     scenario = short_start()
     progress("tick of the bench")
-    warm_plant(scenario.scene)
+    PlantRunner.warm(scenario)
     warm_firmware(scenario.parameters, "compiled")
     ticks = (("plant: motor, soft stop, sensors", _plant_us), ("closed loop with the firmware", _loop_us))
     return [

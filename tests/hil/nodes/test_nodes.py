@@ -16,8 +16,7 @@ from hil.bus.in_process import InProcessBus, InProcessNode
 from hil.faults.memory import ParameterMemory
 from hil.nodes.main import NodeProcess, node_main
 from hil.nodes.plant import PlantNode
-from hil.nodes.runners import FirmwareRunner, Pace
-from hil.nodes.warm import warm_plant
+from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
 from hil.record.run_folder import RunFolderError
 from hil.scenario.scenario import load_scenario
 from plant_sim.scene import load_scene
@@ -185,9 +184,9 @@ def test_a_node_alone_writes_no_traces_into_the_folder_of_a_run_that_has_ended(t
 def test_a_nodes_process_loads_no_reader_of_databases_no_tables_and_no_linear_algebra():
     """They take longer to load than everything else, in each process of each run."""
     heavy = ("cantools", "can", "pandas", "pyarrow", "rerun", "scipy.linalg", "numba.np.linalg")
-    load = "from hil.nodes import main, warm; "
-    load += "warm.warm_plant(main.load_scenario('soft-start-multistable').scene)"
-    warm_plant(load_scenario("soft-start-multistable").scene)  # a process that compiles loads more
+    load = "from hil.nodes import main, runners; "
+    load += "runners.PlantRunner.warm(main.load_scenario('soft-start-multistable'))"
+    PlantRunner.warm(load_scenario("soft-start-multistable"))  # a process that compiles loads more
     assert loaded_by(load, heavy) == "[]\n"
 
 
