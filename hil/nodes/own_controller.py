@@ -12,6 +12,7 @@ log of a real bench (`hil.record.traces.own_trace`).
 """
 
 import importlib.util
+import os
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -45,7 +46,7 @@ class OwnControllerError(RuntimeError):
 def load_own(firmware: str) -> OwnFile:
     """The controller that `FILE.py:FUNCTION` names. Raises TextInputError with the remedy."""
     path, _, name = firmware.rpartition(":")
-    file = Path(path).resolve()
+    file = Path(os.path.realpath(path))
     if not file.is_file():
         raise TextInputError(f"--firmware {firmware}: there is no file {path}; wanted FILE.py:FUNCTION")
     spec = importlib.util.spec_from_file_location(f"own_controller_{file.stem}", file)

@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from hil.record.folder_lock import FolderInUseError, is_in_use, locked
 from hil.record.new_file import MOST_NOTE_BYTES, foreign_link_on, is_foreign, is_regular, write_anew
@@ -85,6 +85,28 @@ def is_written_by_oneself(*places: Path) -> bool:
     """Whether these files and folders belong to this user, and no other may write them."""
     found = [place.lstat() for place in places]
     return all(one.st_uid == os.geteuid() and not one.st_mode & OTHERS_WRITE for one in found)
+
+
+def open_taken_over(path: Path, remedy: str) -> BinaryIO:
+    """A file with results that are continued, opened to read; FileNotFoundError if there is none.
+
+    Raises RunFolderError for a link, or if another user may have written the file or its folder.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise RunFolderError(f"{path} is no file of a result ({error.strerror}); remove it") from error
+    file = os.fdopen(descriptor, "rb")
+    for place, found in ((path.parent, path.parent.stat()), (path, os.fstat(descriptor))):
+        if found.st_uid != os.geteuid() or found.st_mode & OTHERS_WRITE:
+            file.close()
+            raise RunFolderError(
+                f"{place} has results that another user may have written (owner {found.st_uid}, mode "
+                f"{found.st_mode & 0o777:o}); {remedy}"
+            )
+    return file
 
 
 def refuse_irregular(run_dir: Path) -> None:

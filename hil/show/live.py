@@ -17,13 +17,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
+from urllib.parse import urlsplit
 
 from hil.record.run_traces import read_json, read_scenario
 from hil.run_files import RunFile
 from hil.show.follower import Follower
 from hil.show.log_stream import VIEWER_TIMEOUT_S
 from hil.show.rerun_log import RunLog
-from hil.show.window import WINDOW, open_window
+from hil.show.window import WINDOW, listening_users, open_window
 from hil.timing.processes import READY, read_start, stop_requests
 
 APPEND_PERIOD_S = 0.25
@@ -32,8 +33,13 @@ NICENESS = 12
 
 
 def follow(run_dir: Path, url: str, wakers: list[int]) -> None:
-    """Show the run until one of the descriptors `wakers` becomes readable."""
+    """Show the run until one of the descriptors `wakers` becomes readable.
+
+    Raises RuntimeError if another user listens at `url` by now: a viewer may have ended since it was found.
+    """
     follower = Follower(run_dir)
+    if set(listening_users(urlsplit(url).port or 0)) - {os.geteuid()}:
+        raise RuntimeError(f"another user listens at {url}; nothing is sent")
     with bounded(f"connecting to {url}"):
         log = RunLog(url, read_json(run_dir / RunFile.NOTE), read_scenario(run_dir))
     ending = False

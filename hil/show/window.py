@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from hil.record.rrd.rerun_program import RerunError, rerun_environment, rerun_program
@@ -21,6 +21,8 @@ WINDOW = "window"
 """In the place of a viewer's address: a window that the live view opens by itself."""
 OPENING_S = 20.0
 LOOK_S = 0.1
+LISTENS = "0A"
+"""State of a listening socket in the kernel's tables."""
 
 
 def in_own_network(command: Sequence[str]) -> list[str]:
@@ -68,6 +70,16 @@ def is_listening(port: int) -> bool:
     with socket.socket() as caller:
         caller.settimeout(1.0)
         return caller.connect_ex((LOOPBACK, port)) == 0
+
+
+def listening_users(port: int) -> Iterator[int]:
+    """The users who listen on a port of this machine, as far as it says (Linux)."""
+    for table in ("tcp", "tcp6"):
+        path = Path("/proc/net") / table
+        for line in path.read_text().splitlines()[1:] if path.exists() else ():
+            _, local, _, state, _, _, _, user, *_ = line.split()
+            if state == LISTENS and int(local.rpartition(":")[2], 16) == port:
+                yield int(user)
 
 
 def put_cursor(url: str, at_s: float, viewer: "subprocess.Popen[bytes]") -> None:

@@ -36,7 +36,16 @@ def read_suite(folder: Path) -> dict[str, Any]:
         result: dict[str, Any] = json.loads((folder / RESULT).read_text(encoding="utf-8"))
         formats.refuse_other_format(str(folder / RESULT), result, formats.SUITE, "run the suite again")
         compare(result, result)
+        refuse_other_types(result)
         return result
+
+
+def refuse_other_types(suite: Mapping[str, Any]) -> None:
+    """Raise ValueError if the name or the verdict of a scenario or a check is of another type."""
+    for scenario in suite["scenarios"]:
+        for one in (scenario, *scenario["checks"]):
+            if not isinstance(one["name"], str) or one["passed"] not in (True, False, None):
+                raise ValueError(f"{one['name']!r} is no name, or {one['passed']!r} no verdict")
 
 
 def compare(

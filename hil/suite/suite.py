@@ -18,6 +18,7 @@ from hil.judge import junit, requirements
 from hil.judge.seeds import ScenarioVerdict, merge
 from hil.judge.verdict import RunVerdict, Verdict, read_verdict, worst
 from hil.record import formats, run_folder
+from hil.record.damage import DamagedFileError, reading
 from hil.record.new_file import write_anew
 from hil.record.run_traces import read_json
 from hil.run_files import RunFile
@@ -132,15 +133,17 @@ def close_broken_off(case: Case, clock: ClockName, death: workers.Died) -> RunVe
 def take_over(case: Case, clock: ClockName) -> RunVerdict | None:
     """The verdict of a case in an earlier, interrupted suite.
 
-    None if it is not judged, its inputs have changed, or another user may have written it.
+    None if it is not judged or damaged, its inputs have changed, or another user may have written it.
     """
     described = read_json(case.run_dir / RunFile.NOTE)
     if described.get("key") != beginning.key_of(case.scenario, clock, case.seed):
         return None
     place = case.run_dir / RunFile.VERDICT
     is_trusted = place.exists() and run_folder.is_written_by_oneself(case.run_dir, place)
-    verdict = read_verdict(place) if is_trusted else None
-    return None if verdict is None or was_cut_short(verdict) else verdict
+    with suppress(DamagedFileError), reading(place, "the run is judged again"):
+        verdict = read_verdict(place) if is_trusted else None
+        return None if verdict is None or was_cut_short(verdict) else verdict
+    return None
 
 
 def discard_not_run(case: Case, clock: ClockName, why: str) -> RunVerdict:

@@ -128,6 +128,18 @@ def test_a_verdict_of_another_format_is_not_listed(run_dir: Path, tmp_path: Path
     assert list_runs(tmp_path)[0].verdict is None
 
 
+@pytest.mark.parametrize(
+    "command", ["import a.log --out run", "replay a.log", "run small --clock lockstep --firmware a.log:tick"]
+)
+def test_a_link_to_itself_is_a_file_that_cannot_be_read(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a.log").symlink_to("a.log")
+    assert cli.run(command.replace("small", "soft-start-multistable").split()) == EXIT_BAD_INPUT
+    assert "a.log" in capsys.readouterr().err
+
+
 def test_an_empty_path_is_no_place_for_outputs(capsys: pytest.CaptureFixture[str]) -> None:
     for command in ("import x.log --out", "simulate table1-viscous --plot", "export --out"):
         assert cli.run([*command.split(), ""]) == EXIT_BAD_INPUT

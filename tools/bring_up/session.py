@@ -1,6 +1,7 @@
 """A bring-up in its folder: the steps in their order, each begun, resumed or repeated, and their findings."""
 
 import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,14 +11,16 @@ import numpy as np
 import tomli_w
 
 from firmware_py.shell.parameters import DEFAULTS, with_overrides
-from hil.record.formats import PARAMETERS
+from hil.record.damage import reading
+from hil.record.formats import KEY, PARAMETERS, refuse_other_format
 from hil.record.new_file import MOST_NOTE_BYTES, is_regular, write_anew
+from hil.record.run_folder import open_taken_over
 from tools.bring_up.at_rest import AT_REST
 from tools.bring_up.below_impacts import BELOW_IMPACTS
 from tools.bring_up.drive import DRIVE
 from tools.bring_up.first_impacts import FIRST_IMPACTS
 from tools.bring_up.listen import LISTEN
-from tools.bring_up.report import write_report
+from tools.bring_up.report import section, write_report
 from tools.bring_up.step import Bench, Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.bring_up.twin import PARAMETER_FILE, SCENE, TWIN
 from tools.output import BadInputError
@@ -25,6 +28,7 @@ from tools.tuning.result import Value, make_value
 
 STEPS: tuple[Step, ...] = (LISTEN, AT_REST, DRIVE, BELOW_IMPACTS, FIRST_IMPACTS, TWIN)
 STATE, REPORT = "bring-up.json", "bring-up.html"
+STATE_FORMAT = 1
 MOST_POINTS = 400
 """Points of a curve that the state and the report keep."""
 
@@ -45,16 +49,39 @@ class State(NamedTuple):
 
 
 def read_state(folder: Path) -> State:
-    """The state of a begun bring-up; empty for a new folder. Raises BadInputError."""
-    path = folder / STATE
-    if path.exists() and (not is_regular(path) or path.stat().st_size > MOST_NOTE_BYTES):
-        raise BadInputError(f"{path} is no state of a bring-up; name another folder")
-    if not path.exists():
+    """The state of a begun bring-up; empty for a new folder.
+
+    Raises BadInputError for a folder of others' files, RunFolderError for a state that another user may have
+    written, and DamagedFileError.
+    """
+    path, remedy = folder / STATE, "name another folder with --out"
+    try:
+        opened = open_taken_over(path, remedy)
+    except FileNotFoundError:
         if folder.exists() and any(folder.iterdir()):
-            raise BadInputError(f"{folder} holds other files; name a new folder, or one that bring-up made")
+            raise BadInputError(
+                f"{folder} holds other files; name a new folder, or one that bring-up made"
+            ) from None
         return State({}, [])
-    tables = json.loads(path.read_bytes())
-    return State(tables.get("settings", {}), tables["steps"])
+    with opened as file:
+        if not is_regular(path) or os.fstat(file.fileno()).st_size > MOST_NOTE_BYTES:
+            raise BadInputError(f"{path} is no state of a bring-up; {remedy}")
+        with reading(path, remedy):
+            return checked(json.loads(file.read()))
+
+
+def checked(tables: dict[str, Any]) -> State:
+    """The state in the tables of its file; raises any error for a file that no bring-up has written."""
+    refuse_other_format(STATE, tables, STATE_FORMAT, "begin anew")
+    settings, records = tables.get("settings", {}), tables["steps"]
+    with_overrides(settings)
+    for step, record in zip(STEPS, records, strict=False):
+        section(record)  # it can be shown
+        if record["name"] != step.name or (record["passed"] is not True and record is not records[-1]):
+            raise ValueError(f"the step {step.name} is missing or has not passed, and others follow")
+    if not parameters_in(records).keys() <= DEFAULTS.keys() or len(records) > len(STEPS):
+        raise ValueError("it has unknown steps or parameters")
+    return State(settings, records)
 
 
 def thin(curve: Curve) -> dict[str, Any]:
@@ -156,7 +183,7 @@ class Session:
 
     def _write(self) -> None:
         """Write state, parameter file and report."""
-        state = {"format": 1, "settings": self._settings, "steps": self.records}
+        state = {KEY: STATE_FORMAT, "settings": self._settings, "steps": self.records}
         write_anew(self._folder / STATE, json.dumps(state, allow_nan=False))
         if parameters_in(self.records):
             table = {"format": PARAMETERS, "tuning": {"command": "bring-up"}}

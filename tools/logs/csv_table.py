@@ -1,7 +1,8 @@
 """A table as a CSV file that other programs read with their defaults, and that does nothing in a spreadsheet.
 
-A column of floats has a point or an exponent in every cell, since readers guess a column's type from its
-first rows. No text is a formula, for which spreadsheets take a cell that begins with =, +, - or @.
+A column of floats has a point, an exponent or NaN in every cell, since readers guess a column's type from its
+first rows; whole numbers with gaps are written as floats. No text is a formula, for which spreadsheets take a
+cell that begins with =, +, - or @.
 """
 
 import re
@@ -13,7 +14,8 @@ import pyarrow.compute as pc
 from hil.record.new_file import open_anew
 from tools.output import BadInputError
 
-FORMULA = re.compile(r"\s*[=+\-@]")
+FORMULA = re.compile(r"\s*[=+\-@\uff1d\uff0b\uff0d\uff20]")
+"""Beginning of a formula; Japanese spreadsheets take wide characters too."""
 CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]+")
 WITHOUT_POINT = r"^-?\d+$"
 
@@ -28,7 +30,9 @@ def write_csv(table: pa.Table, path: Path) -> None:
 
 
 def cells_of(name: str, values: pa.ChunkedArray) -> pa.ChunkedArray:
-    """The texts of a column's cells; nothing for a missing value."""
+    """The texts of a column's cells; nothing for a missing text or truth value."""
+    if pa.types.is_integer(values.type) and values.null_count:
+        values = values.cast(pa.float64(), safe=False)
     kind = values.type
     if pa.types.is_nested(kind):
         raise BadInputError(f"column {name!r} holds several numbers a row; write .parquet or .arrow")
@@ -40,7 +44,7 @@ def cells_of(name: str, values: pa.ChunkedArray) -> pa.ChunkedArray:
     if pa.types.is_floating(kind):
         is_whole = pc.match_substring_regex(cells, WITHOUT_POINT)
         cells = pc.if_else(is_whole, pc.binary_join_element_wise(cells, "0", "."), cells)
-        cells = pc.if_else(pc.equal(cells, "nan"), "NaN", cells)
+        cells = pc.fill_null(pc.if_else(pc.equal(cells, "nan"), "NaN", cells), "NaN")
     return pc.fill_null(cells, "")
 
 

@@ -1,5 +1,6 @@
 """A CAN log of a real bench in the layout of a run: the bus traffic, without truth."""
 
+import os
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -103,7 +104,7 @@ def import_log(
     path: Path, out_dir: Path | None, channel: str | None = None, tolerant: bool = False
 ) -> dict[str, Any]:
     """Make a run folder from a log; return the folder's path and the contents of the log."""
-    if out_dir is not None and path.resolve().is_relative_to(out_dir.resolve()):
+    if out_dir is not None and Path(os.path.realpath(path)).is_relative_to(os.path.realpath(out_dir)):
         raise BadInputError(
             f"{path} lies in the folder that it would replace; name another --out than {out_dir}"
         )

@@ -4,14 +4,13 @@ import os
 import subprocess
 import sys
 import webbrowser
-from collections.abc import Iterator
 from pathlib import Path
 
 from hil.bench.recorded_run import log_of
 from hil.record.rrd.rerun_program import RerunError, rerun_environment
 from hil.record.run_folder import read_note
 from hil.run_files import RunFile
-from hil.show.window import LOOPBACK, WINDOW, in_own_network, viewer_command
+from hil.show.window import LOOPBACK, WINDOW, in_own_network, listening_users, viewer_command
 from hil.timing.signals import Interrupted, is_ctrl_c
 from tools.logs.quiet_viewer import served
 from tools.output import EXIT_BAD_INPUT, BadInputError, progress_console
@@ -19,8 +18,6 @@ from tools.output import EXIT_BAD_INPUT, BadInputError, progress_console
 LIVE_PORT = 9876
 """Port on which Rerun's viewers listen for live runs; Rerun's own default."""
 LIVE_URL = f"rerun+http://{LOOPBACK}:{LIVE_PORT}/proxy"
-LISTENS = "0A"
-"""State of a listening socket in the kernel's tables."""
 
 
 def has_display() -> bool:
@@ -82,16 +79,6 @@ def is_viewer_waiting() -> bool:
             f"--live: port {LIVE_PORT}, where a viewer would wait, belongs to another user; nothing is sent"
         )
     return bool(users)
-
-
-def listening_users(port: int) -> Iterator[int]:
-    """The users who listen on a port of this machine, as far as it says (Linux)."""
-    for table in ("tcp", "tcp6"):
-        path = Path("/proc/net") / table
-        for line in path.read_text().splitlines()[1:] if path.exists() else ():
-            _, local, _, state, _, _, _, user, *_ = line.split()
-            if state == LISTENS and int(local.rpartition(":")[2], 16) == port:
-                yield int(user)
 
 
 def live_viewer(*, may_open: bool) -> str:

@@ -24,9 +24,9 @@ import pyarrow.parquet as pq
 
 from hil.record import provenance
 from hil.record.new_file import MOST_NOTE_BYTES, open_anew, write_anew
-from hil.record.run_folder import OTHERS_WRITE, written_by_oneself
+from hil.record.run_folder import open_taken_over, written_by_oneself
 from tools.jobs import results
-from tools.output import BadInputError, progress_console
+from tools.output import progress_console
 from tools.progress import shown_progress
 
 Task = TypeVar("Task")
@@ -83,22 +83,14 @@ def store(path: Path, task: object, result: Any) -> None:
 def read_stored(path: Path, task: object) -> Any:
     """Return the result of a task in a file; None if there is none, or if the file is damaged.
 
-    Raises BadInputError for a file that another user may have written.
+    Raises RunFolderError for a file that another user may have written.
     """
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        opened = open_taken_over(path, "remove it, or name another folder with --out")
     except FileNotFoundError:
         return None
-    except OSError as error:
-        raise BadInputError(f"{path} is no file of a result ({error.strerror}); remove it") from error
-    with os.fdopen(descriptor, "rb") as file:
-        for place, found in ((path.parent, path.parent.stat()), (path, os.fstat(descriptor))):
-            if found.st_uid != os.geteuid() or found.st_mode & OTHERS_WRITE:
-                raise BadInputError(
-                    f"{place} has results that another user may have written (owner {found.st_uid}, mode "
-                    f"{found.st_mode & 0o777:o}); remove it, or name another folder with --out"
-                )
-        found = os.fstat(descriptor)
+    with opened as file:
+        found = os.fstat(file.fileno())
         if stat.S_ISREG(found.st_mode) and found.st_size <= MOST_NOTE_BYTES:
             with suppress(ValueError, KeyError, TypeError, RecursionError):
                 content = json.loads(file.read())

@@ -1,6 +1,7 @@
 """The live view: an open viewer gets all that is recorded, and its end is nobody's loss."""
 
 import itertools
+import os
 import signal
 import socket
 import subprocess
@@ -19,6 +20,7 @@ from hil.record.rrd.rerun_program import rerun_environment, rerun_program
 from hil.runs.job import silent
 from hil.runs.outcome import Outcome
 from hil.show.follower import Follower
+from hil.show.live import follow
 from hil.show.rerun_log import rebuild
 from hil.timing.processes import Child, Start
 from tools import cli
@@ -132,6 +134,20 @@ def test_a_viewer_that_is_gone_ends_only_the_view(open_viewer, tmp_path):
         viewer.process.send_signal(signal.SIGCONT)
         assert live.how_it_ended() == "live ended with status 1", "of its own accord"
         assert "the live view ended" in live.last_errors()
+
+
+def test_nothing_is_sent_to_a_listener_of_another_user(tmp_path, monkeypatch):
+    """The viewer that was found before the run may have ended, and its port be another user's."""
+    folder = write_run(make_run(), tmp_path / "run")
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        monkeypatch.setattr(os, "geteuid", lambda: 12345)
+        with pytest.raises(RuntimeError, match=r"another user listens at .*; nothing is sent"):
+            follow(folder, f"rerun+http://127.0.0.1:{listener.getsockname()[1]}/proxy", [])
+        listener.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            listener.accept()
 
 
 def test_a_run_in_lockstep_has_no_live_view(capsys):

@@ -361,6 +361,9 @@ ILL_TYPED = {
     "a limit that is a table": scenario_with(limit={"a": 1}),
     "a clock that is a table": scenario_with() | {"clock": {"a": 1}},
     "seeds that are lists": scenario_with() | {"seeds": [[1]]},
+    "a name that is a number": scenario_with() | {"scenarios": [{"name": 5, "passed": True, "checks": []}]},
+    "a verdict that is a text": scenario_with()
+    | {"scenarios": [{"name": "one", "passed": "x", "checks": []}]},
     "no seeds": {"format": 1, "clock": "lockstep", "scenarios": []},
     "scenarios that are a text": scenario_with() | {"scenarios": "x"},
     "a list": [],
@@ -401,3 +404,17 @@ def test_a_foreign_suite_folder_with_pipes_is_refused(tmp_path: Path) -> None:
     os.mkfifo(verdict)
     with pytest.raises(RunFolderError, match="no file but a link, folder, pipe or device"):
         run_suite(Chosen([str(scenario)]), LOCKSTEP, tmp_path / "out", [1], silent)
+
+
+@pytest.mark.usefixtures("in_process")
+@pytest.mark.parametrize("damage", [b'{"reasons": [', b"[" * 100_000, b'{"reasons": [1], "checks": {}}'])
+def test_a_damaged_verdict_is_judged_again(damage: bytes, tmp_path: Path) -> None:
+    scenario, folder = resting(tmp_path, "resting"), tmp_path / "out"
+    run_suite(Chosen([str(scenario)]), LOCKSTEP, folder, [1], silent)
+    note = json.loads((folder / "suite.json").read_text())
+    (folder / "suite.json").write_text(json.dumps(note | {"complete": False}))
+    verdict = folder / "resting" / "verdict.json"
+    before = json.loads(verdict.read_text())
+    verdict.write_bytes(damage)
+    run_suite(Chosen([str(scenario)]), LOCKSTEP, folder, [1], silent)
+    assert json.loads(verdict.read_text())["checks"] == before["checks"]

@@ -1,5 +1,6 @@
 """The bring-up on simulated modules that are wired wrongly, or broken, in lockstep."""
 
+import json
 import shlex
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,13 @@ from firmware_py.interface.enums import AxisState, Fault
 from firmware_py.interface.generated.records import EncoderEstimates, FaultEvent, FirmwareHeartbeat
 from firmware_py.shell.parameters import ParameterError, with_overrides
 from hil.record.formats import PARAMETERS
+from hil.record.run_folder import RunFolderError
 from hil.scenario.parameter_file import read_document, values_of
 from hil.timing.clock import TICK_S
 from tools import cli
 from tools.bring_up.first_impacts import hold
 from tools.bring_up.operated import BEGUN_S, LatchedFaultError, Operated
-from tools.bring_up.session import Session, User, read_state
+from tools.bring_up.session import STATE, Session, User, read_state
 from tools.bring_up.step import NOTHING, Context, Findings, StepFailedError
 from tools.bring_up.trials import BROKEN as BROKEN_MODULES
 from tools.bring_up.trials import bench_of, beyond_bounds, brought_up, fault
@@ -257,6 +259,47 @@ def test_values_of_the_data_sheet_are_kept_and_replaced_one_by_one(tmp_path: Pat
     }
     assert resumed() == {"striker.mass_kg": 0.7, "limit.force_n": 900.0}
     assert resumed(striker__mass_kg=0.6) == {"striker.mass_kg": 0.6, "limit.force_n": 900.0}
+
+
+STEP = {"name": "listen", "passed": True, "parameters": {}}
+DAMAGED = {
+    "cut": b'{"steps": [',
+    "a list": b"[1]",
+    "no steps": b'{"settings": {}}',
+    "nested": b"[" * 100_000,
+    "not UTF-8": b"\xff\xfe{",
+    "another format": b'{"format": 9, "steps": []}',
+    "an unknown value": b'{"settings": {"evil": 1}, "steps": []}',
+    "a value that is no number": b'{"settings": {"striker.mass_kg": NaN}, "steps": []}',
+    "a step without a record": json.dumps({"steps": [STEP]}).encode(),
+    "all steps passed": json.dumps({"steps": [STEP] * 6}).encode(),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGED)
+def test_a_damaged_state_is_refused(damage: str, tmp_path: Path, capsys) -> None:
+    (tmp_path / STATE).write_bytes(DAMAGED[damage])
+    command = ["bring-up", "--bus", "local:nowhere", "--out", str(tmp_path), "--yes"]
+    assert cli.run(command) == EXIT_BAD_INPUT
+    assert f"{STATE} is damaged, or of another version (" in " ".join(capsys.readouterr().err.split())
+
+
+def test_steps_that_another_user_may_have_written_are_not_continued(tmp_path: Path, monkeypatch) -> None:
+    """A forged state would say that each step has passed, and move the module with its own values."""
+    session = Session(bench_of({}, [], 1), tmp_path / "out", {}, 1.25, User(lambda _: None, lambda _: False))
+    session.run("listen", "listen")
+    state = tmp_path / "out" / STATE
+    for place in (state, state.parent):
+        before = place.stat().st_mode
+        place.chmod(before | 0o020)
+        with pytest.raises(RunFolderError, match="another user may have written"):
+            read_state(state.parent)
+        place.chmod(before)
+    assert [one["name"] for one in read_state(state.parent).records] == ["listen"]
+    state.rename(tmp_path / "forged")
+    state.symlink_to(tmp_path / "forged")
+    with pytest.raises(RunFolderError, match="is no file of a result"):
+        read_state(state.parent)
 
 
 def test_nothing_moves_without_a_yes_and_the_folder_is_resumed(tmp_path: Path) -> None:

@@ -113,17 +113,21 @@ def test_csv(run_dir, truth, tmp_path):
 def test_csv_columns_are_floats_throughout_and_texts_are_no_formulas(tmp_path):
     """Other readers guess a column's type from its first rows; polars takes these texts for floats."""
     floats = pa.array([0.0, -3.0, 0.1, 1e20, 1e-9, float("nan"), float("inf"), None], pa.float32())
-    texts = ["ready", "=1+1", "+1", "-1", "@SUM(A1)", "\t=1", 'a\n"b",c', None]
-    table = pa.table({"x [m]": floats, "=n": range(8), "text": texts})
+    texts = ["ready", "=1+1", "+1", "-1", "@SUM(A1)", "\t\uff1d1", 'a\n"b",c', None]
+    gaps = [None, *range(7)]
+    table = pa.table(
+        {"x [m]": floats, "late": [*[None] * 7, 0.5], "gaps": gaps, "=n": range(8), "text": texts}
+    )
     write_csv(table, tmp_path / "table.csv")
     lines = (tmp_path / "table.csv").read_text().splitlines()
-    assert lines[0] == '"x [m]","\'=n","text"'
-    polars_float = r"[-+]?((\d*\.\d+)([eE][-+]?\d+)?|inf|NaN|(\d+)[eE][-+]?\d+|\d+\.)|"
-    assert all(re.fullmatch(polars_float, line.partition(",")[0]) for line in lines[1:])
+    assert lines[0] == '"x [m]","late","gaps","\'=n","text"'
+    polars_float = r"[-+]?((\d*\.\d+)([eE][-+]?\d+)?|inf|NaN|(\d+)[eE][-+]?\d+|\d+\.)"
+    for line in lines[1:]:
+        assert all(re.fullmatch(polars_float, cell) for cell in line.split(",")[:3])
     found = csv.read_csv(tmp_path / "table.csv")
     assert found["'=n"].to_pylist() == list(range(8))
     assert found["text"].to_pylist() == [
-        *("ready", "'=1+1", "'+1", "'-1", "'@SUM(A1)", "' =1", 'a "b",c', "")
+        *("ready", "'=1+1", "'+1", "'-1", "'@SUM(A1)", "' \uff1d1", 'a "b",c', "")
     ]
 
 

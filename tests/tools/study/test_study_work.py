@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import cloudpickle
 import pytest
 
+from hil.record.run_folder import RunFolderError
 from tools import cli, jobs
 from tools.output import EXIT_BAD_INPUT, BadInputError
 from tools.study import basin, work
@@ -141,16 +142,16 @@ def test_results_that_another_user_may_have_written_are_refused(
     for place in (stored, stored.parent):
         before = place.stat().st_mode
         place.chmod(before | mode)
-        with pytest.raises(BadInputError, match=r"another user may have written .*mode .*remove it"):
+        with pytest.raises(RunFolderError, match=r"another user may have written .*mode .*remove it"):
             work.run("double", double, [0.1], work.Where(tmp_path, 1))
         place.chmod(before)
     monkeypatch.setattr(os, "geteuid", lambda: user + 1)
-    with pytest.raises(BadInputError, match=rf"another user may have written .owner {user}, "):
+    with pytest.raises(RunFolderError, match=rf"another user may have written .owner {user}, "):
         work.run("double", double, [0.1], work.Where(tmp_path, 1))
     monkeypatch.undo()
     stored.rename(tmp_path / "forged")
     stored.symlink_to(tmp_path / "forged")
-    with pytest.raises(BadInputError, match="is no file of a result"):
+    with pytest.raises(RunFolderError, match="is no file of a result"):
         work.run("double", double, [0.1], work.Where(tmp_path, 1))
 
 
