@@ -15,6 +15,8 @@ from tools.output import BadInputError
 PICTURES = (".svg", ".png", ".pdf")
 RECORDINGS = (".rrd",)
 TABLES = (".parquet", ".csv", ".arrow")
+MOST_NEW_FOLDERS = 100
+"""Largest number of folders, one in the other, that an option makes."""
 
 
 def digest(texts: Sequence[str]) -> str:
@@ -107,6 +109,12 @@ def refuse_folder(option: str, path: Path) -> None:
         nearest = next(place for place in (path, *path.absolute().parents) if place.exists())
         if not nearest.is_dir():
             raise BadInputError(f"{option} is {path}: {nearest} is a file; name a folder")
+        made = path.absolute().parts[len(nearest.absolute().parts) :]
+        if ".." in made or len(made) > MOST_NEW_FOLDERS:
+            raise BadInputError(
+                f"{option} is {path}: {len(made)} folders below {nearest} are missing, with `..` or more "
+                f"than {MOST_NEW_FOLDERS}; name a place without"
+            )
     except OSError as error:
         raise BadInputError(f"{option} is {path}: {error.strerror}; name another folder") from error
     refuse_unwritable(option, path, nearest)

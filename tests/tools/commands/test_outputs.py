@@ -99,11 +99,15 @@ FOLDER_PLACES = {
     "below a file": ("precious/{}", "file"),
     "where nobody may make a file": ("/proc/1/{}", "cannot be written"),
     "of a long name": ("x" * 300 + "{}", "File name too long"),
+    "back out of a missing folder": ("missing/../{}", r"with `\.\.`"),
+    "in a thousand folders": ("x/" * 1000 + "{}", "or more than 100"),
 }
 """Places where nothing can be written, and what is said of each."""
 FILE_PLACES = FOLDER_PLACES | {
     "below a file": ("precious/{}", "is a file"),
     "in a missing folder": ("missing/{}", "mkdir -p"),
+    "back out of a missing folder": ("missing/../{}", "mkdir -p"),
+    "in a thousand folders": ("x/" * 1000 + "{}", "mkdir -p"),
     "where a folder is": ("folder/{}", "a folder|there already"),
     "where a link is": ("link/{}", "is a link|there already"),
 }

@@ -20,9 +20,13 @@ from tools import cli
 def test_damaged_input_ends_in_a_verdict_or_a_sentence(
     kind: inputs.Kind, count: int, pytestconfig: pytest.Config
 ) -> None:
-    """No traceback, at most 20 s and 1.5 GB, no file changed but its own, no temporary file left."""
+    """No traceback, at most 20 s and 1.5 GB, no file changed but its own, no temporary file left.
+
+    With `-s` the largest time and memory of each format are printed.
+    """
     count = pytestconfig.getoption("fuzz_count") or count
     attempts = inputs.fuzz(kind, count, pytestconfig.getoption("fuzz_seed"))
+    print("", *inputs.worst_by_format(attempts), sep="\n")
     assert [one for one in attempts if one.wrong] == []
     assert len(attempts) == count
     assert sum(one.status == 4 for one in attempts) > 3

@@ -79,6 +79,7 @@ def can_log(random: Random, mine: Path, good: Path) -> list[str]:
         ["import", str(log), "--out", "imported", "--json"],
         ["import", str(log), "--out", "imported", "--channel", "can0"],
         ["tune", "identify", str(log)],
+        ["replay", str(log)],
     )
     return chosen(random, commands)
 
@@ -93,9 +94,11 @@ def reading(random: Random, run: Path, good: Path) -> list[str]:
         ["compare", str(run), str(good / "run")],
         ["compare", str(good / "run"), str(run), "--must-be-equal"],
         ["compare", str(run), str(run), "--out", "both.rrd"],
-        ["export", str(run), "--to", chosen(random, ("csv", "parquet")), "--out", "exported"],
+        ["export", str(run), "--to", chosen(random, ("csv", "parquet", "mcap")), "--out", "exported"],
         ["tune", "identify", str(run)],
         ["view", str(run)],
+        ["why", str(run)],
+        ["replay", str(run)],
     )
     return chosen(random, commands)
 

@@ -9,6 +9,7 @@ The seed repeats a failure.
 
 import contextlib
 import importlib
+import math
 import os
 import stat
 import sys
@@ -62,13 +63,18 @@ CASES: Mapping[Kind, Mapping[str, tuple[float, Case]]] = {
 
 
 class Attempt(NamedTuple):
-    """Result of a case: its seed, name and command line, the exit status, and the failure (empty if none)."""
+    """Result of a case: its seed, name and command line, the exit status, and the failure (empty if none).
+
+    `took_s` and `most_bytes` are its computing time and its peak of memory.
+    """
 
     seed: int
     case: str
     arguments: tuple[str, ...]
     status: int
     wrong: str
+    took_s: float = math.inf
+    most_bytes: int = 0
 
 
 def case_of(kind: Kind, random: Random) -> tuple[str, Case]:
@@ -117,7 +123,20 @@ def attempt(
     elif left:
         wrong = f"left behind: {left}"
     wrong = wrong or touched(arguments, before, after) or "; ".join(watch.harm)
-    return Attempt(seed, name, arguments, ran["status"], wrong)
+    return Attempt(seed, name, arguments, ran["status"], wrong, ran["took_s"], ran["most_bytes"])
+
+
+def worst_by_format(attempts: Iterable[Attempt]) -> list[str]:
+    """For each kind of file, and each ending of a log: inputs, longest time and largest memory, as a line."""
+    found: dict[str, list[Attempt]] = {}
+    for one in attempts:
+        log = next((Path(word).name for word in one.arguments if "/bench." in word), "")
+        found.setdefault(f"{one.case} {log}".strip(), []).append(one)
+    return [
+        f"{name}: {len(all_)} inputs, at most {max(one.took_s for one in all_):.1f} s of computing time and "
+        f"{max(one.most_bytes for one in all_) / 1e9:.2f} GB"
+        for name, all_ in sorted(found.items())
+    ]
 
 
 State = Mapping[str, tuple[int, int, int]]
