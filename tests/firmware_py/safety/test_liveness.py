@@ -68,3 +68,10 @@ def test_the_largest_difference_is_that_of_the_sensors_data_sheet() -> None:
     assert config_from({"sensor.high_offset_m_s2": 4.0}).d.gate.differ_m_s2 == 7.0
     assert config_from({"sensor.housing_weight": 0.0}).d.gate.reads_housing is False
     assert config_from({"sensor.low_full_scale_m_s2": 100.0}).d.gate.low_clipped_m_s2 == pytest.approx(98.0)
+
+
+def test_a_difference_at_its_limit_is_allowed_and_a_low_range_at_its_end_may_repeat_itself() -> None:
+    assert READINGS == 30
+    assert liveness.take(LIMITS, liveness.INITIAL, 0.0, LIMITS.differ_m_s2, 0.0).differing == 0
+    end_m_s2 = LIMITS.low_clipped_m_s2
+    assert after(5, (end_m_s2, end_m_s2, 0.0), (0.0, 0.0, 0.0)).same_low == 0

@@ -130,6 +130,8 @@ def test_a_node_that_ends_just_so_long_before_the_other_is_not_silent():
     late, early = np.array([0.5, 1.0]), np.array([0.5, 1.0 - SILENT_S])
     still = records(t_s=early, motor_torque_n_m=[0, 0], omega_rad_s=[0, 0])
     assert drive_end(still, firmware([RUN] * 2, t_s=late)) is None
+    still["t_s"] = [0.5, 0.7]
+    assert drive_end(still, firmware([RUN] * 2, t_s=late)) == ("plant-silent", 0.7)
     still["t_s"] = late
     assert drive_end(still, firmware([RUN] * 2, t_s=early)) is None
     assert drive_end(still[:0], firmware([RUN] * 2, t_s=np.array([0.1, 0.5]))) is None
@@ -142,10 +144,10 @@ def test_the_safe_state_has_the_torque_and_the_impacts_after_its_beginning():
     found = safe_state_figures(
         plant(100, torque_n_m=motor_n_m),
         firmware([RUN] * 100, torque_n_m=np.where(on_s < 0.52, 0.1, 0.0)),
-        impacts(0.4, 0.5, 0.6, 0.7),
+        impacts(0.4, 0.5, 0.6, 0.7, 0.8),
         end,
     )
-    assert (found.cause, found.at_s, found.impacts_after) == ("fault", 0.5, 2)
+    assert (found.cause, found.at_s, found.impacts_after) == ("fault", 0.5, 3)
     assert (found.torque_zero_after_s, found.command_zero_after_s) == pytest.approx((0.05, 0.02))
     settled_n_m = np.where(on_s < 0.5 + SETTLE_S, -0.3, -0.2)
     assert torque_after(plant(100, torque_n_m=settled_n_m), end) == pytest.approx(0.2)
@@ -198,6 +200,7 @@ REGULAR = np.arange(0.25, 10.0, 0.5)
         (HOLD, REGULAR[REGULAR < 9.0], OMEGA_RAD_S, None),
         (Window(0.0, 8.9), REGULAR[REGULAR < 9.0], OMEGA_RAD_S, 0.25),
         (HOLD, REGULAR[REGULAR < 5.0], OMEGA_RAD_S, None),
+        (HOLD, REGULAR[(REGULAR < 6.0) | (REGULAR > 6.5)], OMEGA_RAD_S, 1.75),
         # At half the speed a gap may have 1.5 s: this one has 1 s.
         (HOLD, REGULAR[(REGULAR < 6.0) | (REGULAR > 6.5)], 0.5 * OMEGA_RAD_S, 0.25),
         (HOLD, REGULAR, 0.0, 0.25),
@@ -215,6 +218,12 @@ def test_impacts_are_back_from_where_every_drive_period_of_the_hold_has_one(
 ):
     found = faulty(hold=hold, impacts_t_s=impacts_t_s, omega_rad_s=omega_rad_s).impacts_again_after_s
     assert found == (None if again_s is None else pytest.approx(again_s))
+
+
+def test_a_slow_crank_has_long_periods():
+    """At 0.9 rad/s a gap may have 10.5 s: the first has 14.8 s."""
+    found = faulty(n=3000, hold=Window(0.0, 29.99), impacts_t_s=[5.25, 20.0], omega_rad_s=0.9)
+    assert found.impacts_again_after_s == pytest.approx(15.0)
 
 
 def test_figures_after_a_fault_begin_with_it():
@@ -272,6 +281,7 @@ def test_the_first_fault_stays_the_first():
         (52, 55, 30.0),
         (70, 71, 10.0),
         (71, 80, 0.0),
+        (52, 71, 190.0),
         (52, 72, None),
         (40, 100, None),
     ],
