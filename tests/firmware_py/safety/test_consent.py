@@ -104,3 +104,13 @@ def test_a_request_that_is_held_through_a_fault_counts_no_more(held: OperatorReq
         bench.request = request
         bench.run(seconds, keep=False)
         assert (bench.mode, bench.node.outputs.fault) == (mode, Fault.NONE), request.name
+
+
+def test_a_request_counts_in_the_first_tick_that_is_late_enough() -> None:
+    asked = HEALTHY.operator._replace(age_ticks=0, stray_ticks=NEVER_TICKS)
+    state = consent.step(CONFIG, consent.INITIAL, asked._replace(request=OperatorRequest.IDLE))
+    counted = 0
+    for tick in range(LEAST + 1):
+        state = consent.step(CONFIG, state, asked._replace(request=OperatorRequest.RUN))
+        counted += state.request == OperatorRequest.RUN
+        assert counted == (tick == LEAST)
