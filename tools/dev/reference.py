@@ -388,7 +388,8 @@ def faults() -> str:
     parts = [
         "A fault is a table `[[script.faults]]` of a scenario. It acts on the bus, at a sensor, in the drive "
         "or the module, on a process or on its clock, but never inside the firmware. Each fault has `at_s`, "
-        "its beginning in s from the start, and `duration_s`, by default to the end of the run.",
+        "its beginning in s from the start, and `duration_s`, by default to the end of the run. For example:",
+        '    [[script.faults]]\n    kind = "sensor-stuck"\n    at_s = 15.0\n    sensor = "encoder"',
         "Below each fault stands what its scenarios require of the truth. *Torque 0 within*: from the "
         "fault's beginning. *Command 0 within*: from the time at which the drive must be off until the "
         "commanded torque is 0. *Impacts within*: from the fault's end until each drive period has an impact"

@@ -10,7 +10,10 @@ from hil.faults.on_bus import FramesFault, Step
 
 
 class Frozen(FramesFault):
-    """A sender that repeats the first frame of each name that it sends within the fault, counter included."""
+    """A sender that repeats the first frame of each name that it sends within the fault, counter included.
+
+    A sensor that repeats its reading in new frames is `sensor-stuck`.
+    """
 
     kind: Literal["frozen"]
 
