@@ -4,6 +4,7 @@ All foreign TOML is parsed here, by every package, so this module imports none o
 before parsing: a parser would use gigabytes and its whole stack for a text that is nested 100,000 deep.
 """
 
+import os
 import re
 import stat
 import tomllib
@@ -46,19 +47,21 @@ class TextInputError(RefusalError, ValueError):
 def read_text(path: Path, what: str, remedy: str) -> str:
     """The UTF-8 text of a regular file of at most LARGEST_BYTES; `what` names it in messages.
 
-    Raises TextInputError. Only regular files are opened: reading a FIFO might wait for ever, and a device has
-    no end.
+    Raises TextInputError. Only regular files are read: a FIFO might wait for ever, and a device has no end.
+    What is opened is looked at, because its owner may exchange the file at any time.
     """
     try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise TextInputError(f"{what} {str(path)!r} is no regular file; {remedy}")
-        with path.open("rb") as file:
+        with open(path, "rb", opener=without_waiting) as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise TextInputError(f"{what} {str(path)!r} is no regular file; {remedy}")
             content = file.read(LARGEST_BYTES + 1)
         if len(content) > LARGEST_BYTES:
             raise TextInputError(f"{what} {str(path)!r} is larger than {LARGEST_BYTES} bytes; {remedy}")
         return content.decode("utf-8")
     except UnicodeDecodeError as error:
         raise TextInputError(f"{what} {str(path)!r} is no UTF-8 text ({error}); {remedy}") from error
+    except IsADirectoryError as error:
+        raise TextInputError(f"{what} {str(path)!r} is no regular file; {remedy}") from error
     except OSError as error:
         reason = error.strerror or str(error)
         raise TextInputError(f"{what} {str(path)!r} cannot be read ({reason}); {remedy}") from error
@@ -66,6 +69,11 @@ def read_text(path: Path, what: str, remedy: str) -> str:
         if isinstance(error, TextInputError):
             raise
         raise TextInputError(f"{what} {str(path)!r} is no path ({error}); {remedy}") from error
+
+
+def without_waiting(path: str, flags: int) -> int:
+    """The opener of a file that may be a pipe: one to which nobody writes is opened at once."""
+    return os.open(path, flags | os.O_NONBLOCK)
 
 
 def read_toml(path: Path, what: str, remedy: str) -> dict[str, Any]:

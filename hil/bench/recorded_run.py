@@ -40,7 +40,7 @@ from hil.record.run_folder import RUNS, begun_s, is_own, refuse_irregular
 from hil.record.run_traces import RunTraces, part, read_json
 from hil.run_files import RunFile, trace_file
 from hil.show.rerun_log import rebuild
-from text_input import RefusalError
+from text_input import RefusalError, without_waiting
 
 if TYPE_CHECKING:
     import pandas
@@ -174,11 +174,6 @@ def copied(log: Path) -> Path:
         with open_anew(copy) as target:
             shutil.copyfileobj(source, target)
     return copy
-
-
-def without_waiting(path: str, flags: int) -> int:
-    """Open a file; a pipe to which nobody writes is opened at once."""
-    return os.open(path, flags | os.O_NONBLOCK)
 
 
 def temporary_folder() -> Path:

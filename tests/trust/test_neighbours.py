@@ -12,6 +12,7 @@ from short_run import make_run
 from hil.bench.recorded_run import open_run
 from hil.record import new_file, run_folder
 from hil.record.formats import KEY
+from text_input import TextInputError, read_text
 from tools import cli
 from tools.logs.catalogue import list_runs
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
@@ -160,3 +161,15 @@ def test_a_shown_scenario_is_checked(tmp_path: Path, capsys: pytest.CaptureFixtu
     )
     assert cli.run(["list", "--show", str(tmp_path / "s.toml")]) == EXIT_BAD_INPUT
     assert "cannot be worked out" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_pipe_in_the_place_of_a_text_that_was_looked_at_is_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its owner exchanges the file between a look at the path and its opening."""
+    text, pipe = tmp_path / "text.toml", tmp_path / "pipe.toml"
+    text.write_text("")
+    os.mkfifo(pipe)
+    monkeypatch.setattr(Path, "stat", lambda _, **__: os.stat(text))
+    with pytest.raises(TextInputError, match="is no regular file; name a file"):
+        read_text(pipe, "scenario", "name a file")
