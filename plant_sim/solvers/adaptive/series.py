@@ -12,7 +12,7 @@ from typing import NamedTuple
 from plant_sim.jets import ROW, Coefficient
 from plant_sim.kernels import subroutine
 from plant_sim.parts.drive import Drive, is_motor, motor_torque_n_m
-from plant_sim.parts.friction import Friction, friction_has_series, is_stribeck
+from plant_sim.parts.friction import Friction, damping_n_s_m, friction_has_series, is_stribeck
 from plant_sim.parts.housing import expand_housing, housing_has_series, is_level
 from plant_sim.parts.linkage import is_endless
 from plant_sim.parts.parts import Parts
@@ -45,12 +45,14 @@ def series_step_s(
     """Expand the motion into `memory.series`; return the length of a step, s, or 0 if there is no series, and
     the series' order.
 
-    A step that has to be short in comparison with a radian of the fastest motion, `radian_s`, is tried with
-    the order DEGREE, which is worth its time only if it covers the whole step.
+    A step that has to be short in comparison with a radian of the fastest motion, `radian_s`, and with the
+    decay by viscous friction, is tried with the order DEGREE, which is worth its time only if it covers the
+    whole step.
     """
     if not _has_series(run.parts, flow):
         return 0.0, ORDER
-    if longest_s <= SHORT_RAD * radian_s:
+    decay_per_s = damping_n_s_m(run.parts.friction) / run.parts.striker.mass_kg
+    if longest_s * max(1.0 / radian_s, decay_per_s) <= SHORT_RAD:
         h_s = _step_s(run, flow, scale, longest_s, DEGREE)
         if h_s in (0.0, longest_s):  # with more terms the supply limits the current, too
             return h_s, DEGREE
