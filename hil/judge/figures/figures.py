@@ -36,6 +36,7 @@ from hil.judge.verdict import IMPORTED
 from hil.record.rrd.rates import slow_rows
 from hil.record.run_traces import RunTraces, column, read_run
 from hil.record.state_timeline import lower_name
+from hil.record.traces.own_trace import is_build
 from hil.record.traces.stored_trace import Records
 from hil.roster import AGAIN, names
 from hil.timing.clock import TICK_S
@@ -72,14 +73,14 @@ def rms(errors: FloatArray) -> float | None:
     return float(np.sqrt(np.mean(errors**2))) if len(errors) else None
 
 
-def loop_figures(records: Records, period_s: float, is_imported: bool) -> LoopFigures:
+def loop_figures(records: Records, period_s: float, is_from_bus: bool) -> LoopFigures:
     """A loop's timing from its own trace; skipped ticks are the numbers missing in its ticks from 0 on.
 
-    Of an imported log, which has no ticks before the firmware's first heartbeat, they are those missing from
-    its first tick on. A duration of 0 was not measured, as in lockstep.
+    Of a trace that is made from frames on the bus, which has no ticks before the firmware's first heartbeat,
+    they are those missing from its first tick on. A duration of 0 was not measured, as in lockstep.
     """
     tick = column(records, "tick")
-    first = int(tick[0]) if is_imported and len(tick) else 0
+    first = int(tick[0]) if is_from_bus and len(tick) else 0
     work_us, wake_us = column(records, "work_us"), column(records, "wake_latency_us")
     half_tick_us = 0.5e6 * period_s
     has_cpu = "cpu_us" in (records.dtype.names or ())
@@ -294,7 +295,10 @@ def figures_from(traces: RunTraces) -> Figures:
     run, outcome = traces.run, traces.outcome
     period_s = float(run.get("period_s", TICK_S))
     clock = str(run.get("clock", "lockstep"))
-    loops = Loops(*(loop_figures(records, period_s, clock == IMPORTED) for records in (plant, firmware)))
+    is_imported, is_own = clock == IMPORTED, not is_build(run.get("firmware", "compiled"))
+    loops = Loops(
+        loop_figures(plant, period_s, is_imported), loop_figures(firmware, period_s, is_imported or is_own)
+    )
     baseline = outcome.get("baseline_overruns")
     under_uml = bool(run.get("user_mode_linux", False))
     time_held = tuple(Hold(**one) for one in outcome.get("holds", []))

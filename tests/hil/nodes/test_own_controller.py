@@ -20,6 +20,7 @@ STATE = "from typing import NamedTuple\nclass State(NamedTuple):\n    ticks: int
 def test_the_example_is_judged_recorded_and_replayed(tmp_path: Path) -> None:
     run = hil.run(EXAMPLE / "speed.toml", firmware=CONTROLLER, out=tmp_path / "run")
     assert run.passed, run.verdict
+    assert run.verdict["overruns"] == 0  # the ticks before its first heartbeat are not skipped
     t_s, target_rad_s = run.signal("firmware.own.target_rad_s")
     assert max(target_rad_s) == pytest.approx(5.6, abs=0.1)
     assert len(t_s) > 19_000
