@@ -145,9 +145,7 @@ def firmware_main(scenario: str | None, settings: Sequence[str], process: NodePr
 
     def make(pace: Pace, bus: FaultyBus) -> FirmwareRunner:
         memory = ParameterMemory(parameters, faults, process.seed)
-        return FirmwareRunner(
-            memory, pace, bus, traces_in(process.out_dir, pace), walks, *controller, say=SAY
-        )
+        return FirmwareRunner(memory, pace, bus, traces_in(process.out_dir, pace), walks, controller, SAY)
 
     process.run(node_named(FIRMWARE), make, period_s, addresses_from(parameters), faults)
 

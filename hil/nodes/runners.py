@@ -5,7 +5,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Self, cast
 
-from firmware_py.core.config import Config
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisState, OperatorRequest
 from firmware_py.interface.frame import Frame
@@ -17,9 +16,8 @@ from firmware_py.shell.parameters import addresses_from, config_from
 from hil.faults.fault import Fault
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
-from hil.nodes.own_controller import controller_of
+from hil.nodes.own_controller import Controller, controller_of
 from hil.nodes.plant import ACCEPTED_IDS, PlantNode
-from hil.record.traces.firmware_trace import open_firmware_trace
 from hil.record.traces.own_trace import is_build
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import Fields, OpenTrace, TraceWriter, no_trace
@@ -189,6 +187,10 @@ class PlantRunner(NodeRunner):
                 trace.close()
 
 
+INTERPRETED = Controller(FirmwareNode)
+"""The firmware as Python runs it."""
+
+
 class FirmwareRunner(NodeRunner):
     """The node of the firmware, or of a user's controller, at t_k + T/2: receive, tick, send."""
 
@@ -199,7 +201,7 @@ class FirmwareRunner(NodeRunner):
         """The runner of a run. Raises TextInputError for a user's controller that cannot be loaded."""
         scenario, seed, pace, bus, faults, traces, firmware, say = making
         memory, walks = ParameterMemory(scenario.parameters, faults, seed), scenario.scene.gait is not None
-        return cls(memory, pace, bus, traces, walks, *controller_of(firmware), say=say)
+        return cls(memory, pace, bus, traces, walks, controller_of(firmware), say)
 
     @staticmethod
     def warm(scenario: Scenario, firmware: str) -> None:
@@ -214,18 +216,17 @@ class FirmwareRunner(NodeRunner):
         bus: FaultyBus,
         traces: OpenTrace = no_trace,
         walks: bool = True,
-        make_node: Callable[[Config], Any] = FirmwareNode,
-        open_trace: Callable[[OpenTrace, bool], Any] = open_firmware_trace,
+        controller: Controller = INTERPRETED,
         say: Callable[[str], object] = lambda _: None,
     ) -> None:
-        """`make_node`, `open_trace`: as of `Controller`. `say` receives why a parameter file is refused."""
+        """`say` receives why a parameter file is refused."""
         self.bus = bus
         self.memory = memory
-        self._make_node = make_node
+        self._make_node = controller.make_node
         self._say = say
         self._period_s = pace.period_s
         self._power_up(pace.first_tick)
-        self.trace = open_trace(traces, walks)
+        self.trace = controller.open_trace(traces, walks)
 
     def _power_up(self, tick: int) -> None:
         self.last_tick = tick - 1

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from firmware_py.interface import codec
 from firmware_py.interface.generated.records import SetInputTorque
-from firmware_py.shell.builds import node_of
 from hil.bus.can_log import CanLog
 from hil.bus.in_process import InProcessBus
 from hil.faults.fault import Fault
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
+from hil.nodes.own_controller import controller_of
 from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
 from hil.record.new_file import make_anew
 from hil.record.traces.trace import no_trace
@@ -71,7 +71,7 @@ class LockstepBench:
         memory = ParameterMemory(parameters, (), 0)
         pace = self._pace._replace(first_tick=self.tick)
         line = FaultyBus(self._bus.join(), "firmware", (), 0, TICK_S)
-        return FirmwareRunner(memory, pace, line, no_trace, False, node_of("compiled"))
+        return FirmwareRunner(memory, pace, line, no_trace, False, controller_of("compiled"))
 
     def rest(self, duration_s: float) -> None:
         """Let time pass without a player."""

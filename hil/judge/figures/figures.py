@@ -99,6 +99,15 @@ def loop_figures(records: Records, period_s: float, is_from_bus: bool) -> LoopFi
     )
 
 
+def both_loops(traces: RunTraces, period_s: float, is_imported: bool) -> Loops:
+    """The timing of both loops; what an own controller has done is known from the bus."""
+    is_own = not is_build(traces.run.get("firmware", "compiled"))
+    return Loops(
+        loop_figures(traces.plant, period_s, is_imported),
+        loop_figures(traces.firmware, period_s, is_imported or is_own),
+    )
+
+
 def has_met_timing(
     loops: Loops, baseline_overruns: int | None, under_uml: bool, held_ms: Sequence[float] = ()
 ) -> bool:
@@ -295,10 +304,7 @@ def figures_from(traces: RunTraces) -> Figures:
     run, outcome = traces.run, traces.outcome
     period_s = float(run.get("period_s", TICK_S))
     clock = str(run.get("clock", "lockstep"))
-    is_imported, is_own = clock == IMPORTED, not is_build(run.get("firmware", "compiled"))
-    loops = Loops(
-        loop_figures(plant, period_s, is_imported), loop_figures(firmware, period_s, is_imported or is_own)
-    )
+    loops = both_loops(traces, period_s, clock == IMPORTED)
     baseline = outcome.get("baseline_overruns")
     under_uml = bool(run.get("user_mode_linux", False))
     time_held = tuple(Hold(**one) for one in outcome.get("holds", []))

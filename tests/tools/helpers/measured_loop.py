@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from firmware_py.interface.codec import CODECS
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import SetInputTorque
-from firmware_py.shell.builds import node_of
 from hil.bus.base import NodeBus
 from hil.faults.memory import ParameterMemory
+from hil.nodes.own_controller import controller_of
 from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
 from hil.roster import FIRMWARE, OPERATOR, PLANT
 from hil.runs.lockstep_bus import IdealBus
@@ -101,7 +101,7 @@ def measure_loop(parameters: dict[str, object], window_s: float = WINDOW_S) -> M
     pushed = PushedBus(bus.join(PLANT), push)
     plant = PlantRunner(scene, 1, pace, pushed)
     firmware = FirmwareRunner(
-        ParameterMemory(parameters), pace, bus.join(FIRMWARE), make_node=node_of("compiled")
+        ParameterMemory(parameters), pace, bus.join(FIRMWARE), controller=controller_of("compiled")
     )
     operator = OperatorNode((Command(0.2, Request.RUN, RATIO),), pace.period_s)
     operator_bus = bus.join(OPERATOR)
