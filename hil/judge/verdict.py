@@ -169,6 +169,15 @@ class RunVerdict:
         return sorted(self.checks, key=lambda check: BY_GRAVITY.index(check.verdict))
 
     @property
+    def reasons_of_checks(self) -> list[str]:
+        """Why checks have no figure or are not judged: one sentence for all checks with the same reason."""
+        reasons = dict.fromkeys(check.reason for check in self.checks if check.reason is not None)
+        return [
+            f"{', '.join(check.name for check in self.checks if check.reason == reason)}: {reason}"
+            for reason in reasons
+        ]
+
+    @property
     def incomplete(self) -> list[str]:
         """Names of the figures that are computed from a log which lacks frames."""
         return incomplete(self.figures)

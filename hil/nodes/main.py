@@ -6,11 +6,13 @@ import sys
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict
+from enum import IntEnum
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from firmware_py.interface.addresses import Addresses, bus_id
+from firmware_py.interface.frame import Frame
 from firmware_py.shell.builds import Build
 from firmware_py.shell.parameters import addresses_from, config_from, require_proof
 from hil.bus import Bus, BusFailedError, is_own_bus, join_in_turns, open_bus
@@ -24,11 +26,12 @@ from hil.faults.memory import ParameterMemory
 from hil.nodes.own_controller import controller_of
 from hil.nodes.runners import FirmwareRunner, Making, Pace, traces_in, warm_firmware
 from hil.record.run_folder import RunFolderError
+from hil.record.state_timeline import lower_name
 from hil.record.traces.own_trace import is_build
 from hil.record.traces.trace import bring_home
 from hil.roster import FIRMWARE, Node, again_name, node_named
 from hil.run_files import RunFile
-from hil.scenario.operator import RECEIVED_IDS, OperatorNode
+from hil.scenario.operator import RECEIVED_IDS, OperatorNode, reported_state
 from hil.scenario.scenario import load_scenario, refuse_other_periods
 from hil.scenario.settings import apply_settings
 from hil.timing.clock import NS_PER_S, MonotonicClock
@@ -178,6 +181,7 @@ def operator_main(scenario: str, settings: Sequence[str], bus: str) -> bool:
     node = OperatorNode(loaded.commands, loaded.period_s)
     clock = MonotonicClock()
     is_stopped = False
+    firmware: tuple[IntEnum, IntEnum] | None = None
     last_tick = loaded.ticks - 1
     patience_ticks = round(ESTOP_PATIENCE_S / loaded.period_s)
     with joined(bus, RECEIVED_IDS, addresses_from(loaded.parameters)) as (node_bus, _):
@@ -188,13 +192,23 @@ def operator_main(scenario: str, settings: Sequence[str], bus: str) -> bool:
             nonlocal is_stopped
             is_stopped = True
 
+        def say_changes(received: Sequence[Frame]) -> None:
+            nonlocal firmware
+            for mode, fault in filter(None, map(reported_state, received)):
+                if (mode, fault) != firmware:
+                    latched = f", latched fault {lower_name(fault)}" if fault else ""
+                    SAY(f"the firmware's mode: {lower_name(mode)}{latched}")
+                firmware = mode, fault
+
         def step(tick: int) -> None:
             nonlocal last_tick
             if is_stopped and last_tick > tick:
                 node.emergency_stop(tick)
                 last_tick = tick
             if tick >= node.due_tick:
-                node_bus.send_all(node.publish(tick, node_bus.receive()))
+                received = node_bus.receive()
+                node_bus.send_all(node.publish(tick, received))
+                say_changes(received)
             if tick >= last_tick + (patience_ticks if node.estop_is_unconfirmed else 0):
                 loop.stop()
 

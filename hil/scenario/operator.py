@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
-from firmware_py.interface.enums import Mode, OperatorRequest
+from firmware_py.interface.enums import Fault, Mode, OperatorRequest
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import DriveEstop, OperatorCommand
 from hil.timing.clock import OPERATOR_PERIOD_S
@@ -76,14 +76,21 @@ class OperatorRecord(NamedTuple):
     estop: bool
 
 
+def reported_state(frame: Frame) -> tuple[Mode, Fault] | None:
+    """The mode and latched fault that a valid heartbeat of the firmware reports; None for other frames."""
+    if frame.can_id != codec.FIRMWARE_HEARTBEAT.can_id:
+        return None
+    try:
+        heartbeat = codec.FIRMWARE_HEARTBEAT.decode(frame.data)
+        return Mode(heartbeat.mode), Fault(heartbeat.fault)
+    except (FrameError, ValueError):
+        return None
+
+
 def reports_estop(frame: Frame) -> bool:
     """Whether `frame` is a valid heartbeat of a firmware that is in E_STOP."""
-    if frame.can_id != codec.FIRMWARE_HEARTBEAT.can_id:
-        return False
-    try:
-        return bool(codec.FIRMWARE_HEARTBEAT.decode(frame.data).mode == Mode.E_STOP)
-    except FrameError:
-        return False
+    state = reported_state(frame)
+    return state is not None and state[0] == Mode.E_STOP
 
 
 class OperatorNode:

@@ -28,7 +28,7 @@ def verdict_text(title: str, run: Mapping[str, Any], verdict: RunVerdict) -> str
             for row in rows
         ]
         lines.append("\n".join(table))
-        lines += [f"{plain(row.name)}: {plain(row.reason)}" for row in rows if row.reason is not None]
+        lines += map(plain, verdict.reasons_of_checks)
     return "\n\n".join(lines)
 
 

@@ -135,9 +135,8 @@ def show_checks(verdict: "RunVerdict") -> None:
         checks.add_row(*map(escape, plain), mark_verdict(check.verdict))
     if verdict.checks:
         console.print(checks)
-    for reason in dict.fromkeys(check.reason for check in verdict.checks if check.reason is not None):
-        names = ", ".join(check.name for check in verdict.checks if check.reason == reason)
-        console.print(f"[red]{escape(names)}: {escape(reason)}[/]")
+    for reason in verdict.reasons_of_checks:
+        console.print(f"[red]{escape(reason)}[/]")
     latched = figures.latched
     if not verdict.passed and latched.at_s is not None:
         held_up = (

@@ -1,6 +1,7 @@
 """`vibrohil why RUN`: the cause of a latched fault or of a failed check."""
 
 import shlex
+from collections.abc import Set
 from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
@@ -18,7 +19,8 @@ SHOWN_EVENTS = 10
 def why(run: Logged = None, as_json: Json = False) -> None:
     """Explain a latched fault or a failed check: what was injected, what the firmware saw, and which limit.
 
-    The cause is the first of latched fault and failed checks; a limit has its row in docs/safety.md.
+    The cause is the first of latched fault and failed checks, or what broke the run off. A limit has its row
+    in docs/safety.md.
     """
     from hil.bench.recorded_run import open_run
 
@@ -39,6 +41,8 @@ def explain(logged: "Run") -> dict[str, Any]:
     sentences = [*verdict.reasons, *verdict.not_judged]
     if cause is not None:
         sentences.insert(0, f"{cause.sentence}{since(faults, at_s)}")
+    failed = [check for check in verdict.checks if check.passed is False]
+    without_figure = {check.sentence for check in failed if check.value is None}
     return {
         "scenario": verdict.scenario,
         "verdict": verdict.verdict.value,
@@ -49,14 +53,15 @@ def explain(logged: "Run") -> dict[str, Any]:
             {"at_s": fault.from_s, "to_s": fault.to_s, "fault": fault.text, "acted_on": fault.acted}
             for fault in sorted(faults_of(logged.traces.run), key=lambda fault: fault.from_s)
         ],
-        "failed": [check.sentence for check in verdict.checks if check.passed is False],
-        "events": events_around(logged, at_s),
+        "failed": [check.sentence for check in failed if check.value is not None],
+        "without_figure": verdict.reasons_of_checks,
+        "events": events_around(logged, at_s, without_figure),
         "out": str(logged.folder),
     }
 
 
-def events_around(logged: "Run", at_s: float) -> list[dict[str, Any]]:
-    """The events of the log nearest to a time, in order of time, without the checks that passed."""
+def events_around(logged: "Run", at_s: float, left_out: Set[str]) -> list[dict[str, Any]]:
+    """The events of the log nearest to a time, in order of time, but for passed checks and `left_out`."""
     if "events" not in logged.names:
         return []
     from hil.show.highlights import PASSED
@@ -66,7 +71,7 @@ def events_around(logged: "Run", at_s: float) -> list[dict[str, Any]]:
     events = [
         {"t_s": t_s, "text": text.partition("  ")[2], "level": level}
         for t_s, text, level in rows
-        if PASSED not in text
+        if PASSED not in text and text.partition(": ")[2] not in left_out
     ]
     nearest = sorted(events, key=lambda event: abs(event["t_s"] - at_s))[:SHOWN_EVENTS]
     return sorted(nearest, key=lambda event: event["t_s"])
@@ -76,7 +81,7 @@ def show(found: dict[str, Any]) -> None:
     """Print the cause with what belongs to it, then the events."""
     console.print(f"{mark_verdict(found['verdict'], loud=True)}  {escape(found['scenario'])}\n")
     console.print(escape(found["cause"] or "no fault was latched, and no check failed"), soft_wrap=True)
-    for sentence in found["failed"]:
+    for sentence in (*found["failed"], *found["without_figure"]):
         console.print(f"[red]{escape(sentence)}[/]", soft_wrap=True)
     rows = [
         ("injected fault", f"{one['fault']} at {figure(one['at_s'], 's')}{acted_on(one['acted_on'])}", "")

@@ -1,4 +1,4 @@
-"""Why a run ended as it did: the limit behind the latched fault, or the first failed check.
+"""Why a run ended as it did: the limit of the latched fault, what broke it off, or its first failed check.
 
 `conditions.toml` has the conditions of each row of docs/safety.md as expressions on the firmware's trace. The
 one that exceeds its bound most in the tick of the latch is the cause.
@@ -50,6 +50,10 @@ class Condition(NamedTuple):
     def limit(self, config: Config) -> float:
         """The bound in `unit`."""
         return expression(self.bound or f"p.{self.parameter}", None, config).evaluate()
+
+    def row_for(self, fault: Fault) -> str:
+        """First cell of the condition's row in docs/safety.md."""
+        return fault.name if self.row == "" else self.row or self.quantity
 
     def measure(self, firmware: Records, config: Config) -> FloatArray:
         """The quantity at each record; raises ExpressionError for a trace without its signals."""
@@ -125,15 +129,21 @@ class Cause(NamedTuple):
 
 
 def find_cause(traces: RunTraces, verdict: RunVerdict) -> Cause | None:
-    """The first of latched fault and failed checks, else the operator's emergency stop; None without any."""
+    """The first of latched fault and failed checks, else the operator's emergency stop; None without any.
+
+    What has failed the run itself, such as the error of an own controller, comes before its checks. A figure
+    that the run does not have is a consequence, and the cause only where there is no other.
+    """
     firmware = traces.firmware
     latched = np.flatnonzero(column(firmware, "outputs.fault") != Fault.NONE)
+    failed = [check for check in verdict.checks if check.verdict is Verdict.FAILED]
     causes = [latched_cause(traces, int(row)) for row in latched[:1]]
-    causes += [
-        failed_cause(check, moment_of(check.name, traces, verdict.figures))
-        for check in verdict.checks
-        if check.verdict is Verdict.FAILED
-    ]
+    if not verdict.reasons:
+        causes += [failed_cause(check, traces, verdict) for check in failed if check.value is not None]
+    elif not causes:
+        t_s = column(firmware, "t_s")
+        return Cause(float(t_s[-1]) if len(t_s) else 0.0, verdict.reasons[0], None)
+    causes = causes or [failed_cause(check, traces, verdict) for check in failed]
     if causes:
         return min(causes, key=lambda cause: cause.at_s)
     stopped = np.flatnonzero(column(firmware, "outputs.mode") == Mode.E_STOP)
@@ -143,10 +153,10 @@ def find_cause(traces: RunTraces, verdict: RunVerdict) -> Cause | None:
     return Cause(at_s, f"the operator's emergency stop was latched at {at_s:.4f} s", None)
 
 
-def failed_cause(check: CheckResult, at_s: float) -> Cause:
+def failed_cause(check: CheckResult, traces: RunTraces, verdict: RunVerdict) -> Cause:
     """A failed check as a cause."""
     limit = Limit(check.name, check.value, check.unit, check.limit, None, None)
-    return Cause(at_s, f"the check {check.sentence}", limit)
+    return Cause(moment_of(check.name, traces, verdict.figures), f"the check {check.sentence}", limit)
 
 
 def latched_cause(traces: RunTraces, row: int) -> Cause:
@@ -161,10 +171,15 @@ def latched_cause(traces: RunTraces, row: int) -> Cause:
     found = {one: value_in(one, record, config) for one in conditions().get(fault, ())}
     shown = {one: value for one, value in found.items() if value is not None}
     if not shown:
-        return Cause(at_s, sentence, None)
+        rows = " or ".join(dict.fromkeys(one.row_for(fault) for one in found))
+        in_rows = (
+            f"; the log does not show the quantities of its limits (docs/safety.md: {rows})" if rows else ""
+        )
+        return Cause(at_s, f"{sentence}{in_rows}", None)
     best = max(shown, key=lambda one: excess(one, shown[one], config))
-    where = fault.name if best.row == "" else best.row or best.quantity
-    limit = Limit(best.quantity, shown[best], best.unit, best.limit(config), best.parameter, where)
+    limit = Limit(
+        best.quantity, shown[best], best.unit, best.limit(config), best.parameter, best.row_for(fault)
+    )
     lasting = ""
     if best.lasting is not None:
         lasting = f" for {figure_text(attrgetter(best.lasting)(config.p), 's')} ({best.lasting})"

@@ -206,7 +206,7 @@ def test_plant_firmware_and_operator_meet_from_three_processes(tmp_path: Path) -
             assert shown(playing).startswith(b"playing")
             waited_for(lambda: STARTING in decisions(out / "firmware.trace"))
             stop([(process.pid, STALL_S) for process in (*nodes.values(), playing)])
-            playing.communicate()
+            assert b"mode: soft-start" in playing.communicate()[1]
             assert playing.returncode == 0
         waited_for(lambda: decisions(out / "firmware.trace")[-1].mode == "FAULT")
         left = [STARTING, Decision("FAULT", "OPERATOR_TIMEOUT")]
@@ -216,7 +216,9 @@ def test_plant_firmware_and_operator_meet_from_three_processes(tmp_path: Path) -
             assert shown(early).startswith(b"playing")
             time.sleep(0.5)
             early.send_signal(signal.SIGINT)
-            early.communicate()
+            said = early.communicate()[1]
+            assert b"mode: fault, latched fault operator-timeout\n" in said
+            assert b"mode: e-stop" in said
             assert early.returncode == 0
         waited_for(lambda: decisions(out / "firmware.trace")[-1].mode == "E_STOP")
     plant = trace.read(out / "plant.trace")

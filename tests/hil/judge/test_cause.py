@@ -124,6 +124,21 @@ def test_the_cause_is_the_first_of_fault_failed_checks_and_emergency_stop(tmp_pa
     assert cause.sentence.startswith("the check capture_s is ")
     assert (cause.limit.name, cause.limit.bound, cause.limit.parameter) == ("capture_s", "≤ 1", None)
 
+    made_up.scenario["checks"] = [{"name": "gait.last_pulse_after_s", "high": 1.0}]
+    verdict = finish(write_run(made_up, tmp_path / "consequence"))
+    assert verdict.checks[0].value is None
+    cause = find_cause(read_run(tmp_path / "consequence"), verdict)
+    assert cause.sentence.startswith("the firmware latched the fault overcurrent")
+
+    broken_off = make_run()
+    broken_off.outcome["reasons"] = ["the controller failed: no such name"]
+    broken_off.scenario["checks"] = [earlier]
+    verdict = finish(write_run(broken_off, tmp_path / "broken-off"))
+    assert (
+        find_cause(read_run(tmp_path / "broken-off"), verdict).sentence
+        == "the controller failed: no such name"
+    )
+
     stopped = make_run()
     stopped.firmware["outputs.mode"][3000:] = Mode.E_STOP
     stopped.scenario["checks"] = []

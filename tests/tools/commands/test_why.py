@@ -57,6 +57,10 @@ def test_a_failed_check_is_explained_by_its_limit_without_the_checks_that_passed
         {"name": "peak_force_n", "high": 100.0},
         {"name": "regime", "equals": "impact"},
     ]
+    made_up.scenario["checks"] += [
+        {"name": "gait.last_pulse_after_s", "high": 1.0},
+        {"name": "gait.in_window", "low": 0.5},
+    ]
     finish(write_run(made_up, tmp_path))
     said = answer(tmp_path, capsys)
     assert said["cause"] == "the check peak_force_n is 250 N, wanted ≤ 100 N"
@@ -64,7 +68,11 @@ def test_a_failed_check_is_explained_by_its_limit_without_the_checks_that_passed
     assert said["failed"] == ["peak_force_n is 250 N, wanted ≤ 100 N"]
     texts = [event["text"] for event in said["events"]]
     assert any(text.startswith("check failed: peak_force_n") for text in texts)
-    assert not any("check passed" in text for text in texts)
+    assert not any("check passed" in text or "is not there" in text for text in texts)
+    assert [one.partition(":")[0] for one in said["without_figure"]] == [
+        "gait.last_pulse_after_s",
+        "gait.in_window",
+    ]
 
 
 def test_a_run_without_fault_and_failed_check_has_no_cause_and_one_that_broke_off_its_reason(
