@@ -11,8 +11,10 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 from in_process import without_workers
+from lacking import require
 
 import tools  # noqa: F401 - keeps linear algebra to one thread
+from hil.kernel import user_mode_linux
 from hil.timing.realtime import collect_rarely
 
 SLOW_TESTS = Path(__file__).with_name("slow.txt")
@@ -71,6 +73,12 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
     with (Path(tempfile.gettempdir()) / f"vibrohil-tests-{os.geteuid()}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         return (yield)
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip what boots a guest kernel where there is none; in CI no real bus would have been tested."""
+    if item.get_closest_marker("uml") is not None:
+        require(user_mode_linux.missing_programs(), user_mode_linux.REMEDY)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:

@@ -219,7 +219,8 @@ class ProcessesRun:
 
         Raises ChildError if none comes.
         """
-        how = f"--bus {self.provided.address}"
+        address = self.provided.address
+        how = f"--bus {address} (python-can: {address.replace('local:', 'vibrohil:', 1)})"
         print(f"waiting for a controller: it joins with {how} and sends its heartbeat", file=sys.stderr)
         until_s = time.monotonic() + LONGEST_WAIT_S
         while not bus.receive():

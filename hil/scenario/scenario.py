@@ -147,7 +147,7 @@ class ScenarioTable(Table):
     """A scenario's file; its scene and its firmware's parameters are checked separately."""
 
     title: str = Field(min_length=1, description="the statement that the run must confirm, as a sentence")
-    scene: dict[str, Any] = Field(description="the scene's tables, or the name of a scene")
+    scene: dict[str, Any] = Field(description="the scene's tables, or the name or the file of a scene")
     firmware: dict[str, Any] = Field(
         default={}, description="parameters that differ from their defaults, or a file of `vibrohil tune`"
     )

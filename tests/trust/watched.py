@@ -39,7 +39,9 @@ CHANGES = (
     "os.truncate",
     "os.chmod",
 )
-STARTS = ("os.system", "os.exec", "os.posix_spawn", "os.fork", "pty.spawn")
+STARTS = ("os.system", "os.exec", "os.fork", "pty.spawn")
+NAMED_STARTS = ("subprocess.Popen", "os.posix_spawn")
+"""From Python 3.13 on, subprocess.Popen may start a program by os.posix_spawn."""
 
 
 class Watch:
@@ -61,7 +63,7 @@ class Watch:
             self.refuse_elsewhere(os.path.join(os.path.realpath(folder), name), event)
         elif event in STARTS:
             self.harm.append(f"{event} {arguments}")
-        elif event == "subprocess.Popen" and os.path.basename(str(arguments[0])) not in PROGRAMS:
+        elif event in NAMED_STARTS and os.path.basename(str(arguments[0])) not in PROGRAMS:
             self.harm.append(f"{event} {arguments[:2]}")
         elif event == "socket.connect" and arguments[1][0] not in ("127.0.0.1", "::1"):
             self.harm.append(f"{event} {arguments[1]}")

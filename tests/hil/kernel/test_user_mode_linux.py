@@ -39,16 +39,6 @@ print("woken", flush=True)
 """
 
 
-@pytest.fixture(scope="module")
-def installed() -> None:
-    """Skip where user-mode Linux is missing; on a CI machine that is a failure: no real bus was tested."""
-    missing = uml.missing_programs()
-    if missing and os.environ.get("CI"):
-        pytest.fail(f"{' and '.join(missing)} missing on a CI machine; {uml.REMEDY}")
-    if missing:
-        pytest.skip(f"{' and '.join(missing)} missing; {uml.REMEDY}")
-
-
 def start(*command: str, **environment: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-c", RUN, *command],
@@ -90,7 +80,7 @@ def gone(kernel: int, within_s: float) -> bool:
 
 
 @pytest.fixture
-def sleeping(installed: None) -> Iterator[subprocess.Popen[str]]:
+def sleeping() -> Iterator[subprocess.Popen[str]]:
     """A kernel whose command has said that it runs and then waits for a minute."""
     process = start("sh", "-c", "echo running; sleep 60")
     assert process.stdout is not None
@@ -101,7 +91,6 @@ def sleeping(installed: None) -> Iterator[subprocess.Popen[str]]:
 
 
 @pytest.mark.uml
-@pytest.mark.usefixtures("installed")
 def test_output_status_folder_and_environment_are_the_commands_own() -> None:
     """The bus vcan0 is there and up."""
     quoted = 'it\'s "$HOME"\nand more'
@@ -114,7 +103,6 @@ def test_output_status_folder_and_environment_are_the_commands_own() -> None:
 
 
 @pytest.mark.uml
-@pytest.mark.usefixtures("installed")
 def test_the_status_of_a_killed_command_is_carried_out() -> None:
     process = start("sh", "-c", "kill -9 $$")
     assert process.communicate(timeout=60) == ("", "")
@@ -122,7 +110,6 @@ def test_the_status_of_a_killed_command_is_carried_out() -> None:
 
 
 @pytest.mark.uml
-@pytest.mark.usefixtures("installed")
 def test_the_guests_processes_share_its_cpu_and_the_machines_files(tmp_path: Path) -> None:
     """The thread that delivers frames comes before the nodes; a process that only computes, and so makes no
     system call at which it could be interrupted, keeps nobody from waking up; mapped files reach the machine.
@@ -167,7 +154,6 @@ def test_the_kernel_keeps_to_one_cpu_and_does_not_outlive_a_killed_starter(
 
 
 @pytest.mark.uml
-@pytest.mark.usefixtures("installed")
 def test_a_command_that_ignores_signals_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     process = start("sh", "-c", "trap '' INT TERM; echo running; sleep 60; sleep 60")
     assert process.stdout is not None
@@ -182,7 +168,6 @@ def test_a_command_that_ignores_signals_is_ended(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.uml
-@pytest.mark.usefixtures("installed")
 def test_a_panic_is_an_error_with_the_kernels_last_words(capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(uml.UmlDeathError, match=r"(?s)died while the command ran.*sysrq triggered crash"):
         uml.run_in_kernel(["sh", "-c", "echo before; echo c > /proc/sysrq-trigger"])

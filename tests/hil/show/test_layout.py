@@ -1,12 +1,12 @@
 """The layout: every field it plots is one that the bench's processes write, and it is legible when opened."""
 
-import shutil
 import subprocess
 
 import numpy as np
 import pytest
 from PIL import Image
 from run_folder import make_run, write_run
+from screen import require_screen
 
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.state import Outputs, State
@@ -93,9 +93,9 @@ def near(picture, rgba, tolerance=40):
     return int(np.count_nonzero((np.abs(picture - color) < tolerance).all(axis=-1)))
 
 
-@pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="no virtual display; install xvfb")
 def test_the_overview_shows_truth_estimate_stop_and_modes(tmp_path):
     """Rendered as a user sees it, without a display: plots, state timelines and the picture are there."""
+    require_screen()
     made_up = make_run()
     made_up.scenario["checks"] = [{"name": "peak_force_n", "high": 1.0}]
     log = rebuild(write_run(made_up, tmp_path))
@@ -107,8 +107,6 @@ def test_the_overview_shows_truth_estimate_stop_and_modes(tmp_path):
     outcome = subprocess.run(
         [*display, *viewer, *loopback], env=quiet, capture_output=True, text=True, timeout=120.0, check=False
     )
-    if "adapter" in outcome.stderr.lower() and not picture_path.exists():
-        pytest.skip("no graphics driver; install mesa-vulkan-drivers")
     assert picture_path.exists(), outcome.stderr
 
     picture = np.asarray(Image.open(picture_path).convert("RGB"), dtype=int)

@@ -1,7 +1,6 @@
 """The log explains its verdict: words, injected faults, errors, and no empty panel."""
 
 import os
-import shutil
 import subprocess
 from contextlib import contextmanager
 
@@ -10,6 +9,7 @@ import pytest
 import rerun.blueprint as rrb
 from rerun.experimental import ViewerClient
 from run_folder import make_run, write_run
+from screen import require_screen
 
 from hil.bench.verdict import finish
 from hil.can_model.fault_confinement import BusErrorRecord, ErrorState, NodeErrors
@@ -164,8 +164,7 @@ def virtual_screen(monkeypatch):
 
 def test_the_cursor_stands_on_the_first_failed_check(tmp_path, monkeypatch):
     """In a real viewer on a virtual screen."""
-    if shutil.which("Xvfb") is None:
-        pytest.skip("no Xvfb: a viewer needs a screen; apt-get install xvfb")
+    require_screen()
     made_up = make_run()
     made_up.scenario["checks"] = [{"name": "detector.recall", "low": 1.5}]
     run_dir = write_run(made_up, tmp_path)

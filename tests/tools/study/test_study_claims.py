@@ -156,7 +156,7 @@ def test_a_damping_that_lowers_no_peak_contradicts(claims: list[JudgedClaim]) ->
     found = claim.decide(value)
     assert found.verdict == CONTRADICTED
     fails = found.reason.partition("Does not hold: ")[2]
-    assert fails.startswith("the peak acceleration falls at every ratio (by")
+    assert fails.startswith("the peak acceleration falls at every ratio (measured: by")
 
 
 def test_figures_that_others_found_too(claims: list[JudgedClaim]) -> None:
