@@ -151,7 +151,11 @@ def margin(check: Check, value: Any) -> float:
     >>> margin(Check(name="regime", equals="impact"), "lost")
     -inf
     """
-    bounds = check.bounds
+    return margin_in(check.bounds, value)
+
+
+def margin_in(bounds: Bounds, value: Any) -> float:
+    """Distance of a value inside bounds, as `margin` gives it."""
     if bounds.equals is not None:
         alike = isinstance(value, bool) == isinstance(bounds.equals, bool)
         return 0.0 if alike and value == bounds.equals else -math.inf
@@ -165,6 +169,11 @@ def margin(check: Check, value: Any) -> float:
 def is_within(check: Check, value: Any) -> bool:
     """Whether `value` meets the check; a missing value or one that is not finite does not."""
     return margin(check, value) >= 0.0
+
+
+def meets_requirement(check: Check, value: Any) -> bool | None:
+    """Whether `value` meets the limit that the check's requirement has of this figure; None without one."""
+    return None if check.required is None else margin_in(check.required, value) >= 0.0
 
 
 def margin_share(check: Check, value: Any) -> float | None:
@@ -281,6 +290,7 @@ def evaluate(
                 reason=reason,
                 margin_share=share,
                 required=check.required.text if check.required not in (None, check.bounds) else None,
+                meets_requirement=None if doubted else meets_requirement(check, value),
             )
         )
     return results

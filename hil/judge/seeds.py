@@ -68,8 +68,11 @@ def worst_of(check: Check, results: Mapping[int, CheckResult]) -> ScenarioCheck:
     values = tuple(results[one].value for one in sorted(results))
     margins = (margin(check, value) for value in values)
     numbers = [one for one in values if isinstance(one, int | float) and not isinstance(one, bool)]
+    worst_result = {one.name: getattr(results[seed], one.name) for one in fields(CheckResult)}
+    if any(one.meets_requirement is False for one in results.values()):
+        worst_result["meets_requirement"] = False
     return ScenarioCheck(
-        **{one.name: getattr(results[seed], one.name) for one in fields(CheckResult)},
+        **worst_result,
         seed=seed,
         passed_seeds=sum(one.verdict is Verdict.PASSED for one in results.values()),
         lowest=min(numbers, default=None),

@@ -78,6 +78,8 @@ class CheckResult:
     margin_share: float | None = None
     required: str | None = None
     """The requirement's limit where the scenario's own is stricter."""
+    meets_requirement: bool | None = None
+    """Whether the value meets the requirement's limit; None without such a limit, or if not judged."""
 
     @property
     def passed(self) -> bool | None:

@@ -15,6 +15,7 @@ from hil.bench.ending import close, is_verdict, reason_of, was_cut_short
 from hil.bench.options import RunOptions, prepare
 from hil.bench.verdict import KILLED, without_records
 from hil.judge import junit, requirements
+from hil.judge.failures import failures_of
 from hil.judge.seeds import ScenarioVerdict, merge
 from hil.judge.verdict import RunVerdict, Verdict, read_verdict, worst
 from hil.record import formats, run_folder
@@ -247,7 +248,8 @@ class Suite:
     def publish(self, ordered: Sequence[ScenarioVerdict], result: Mapping[str, Any]) -> None:
         """Write the JUnit file and the page."""
         write_anew(self.folder / RunFile.JUNIT, junit.document(ordered))
-        write_suite_report(self.folder / PAGE, ordered, result["requirements"], result["changes"])
+        traced, changed = result["requirements"], result["changed"]
+        write_suite_report(self.folder / PAGE, ordered, traced, result["changes"], changed)
 
     def note(self, result: Mapping[str, Any], complete: bool) -> None:
         """Write suite.json, which names folders and pages relative to the suite's folder."""
@@ -289,6 +291,7 @@ def run_suite(
         "wall_s": 0.0,
         "junit": None,
         "report": None,
+        "failures": failures_of([]).as_json(),
         "requirements": requirements.trace([]),
         "changed": [] if not scenarios else list(scenarios[0].changes),
         "changes": None,
@@ -311,6 +314,7 @@ def run_suite(
             "wall_s": perf_counter() - started,
             "junit": str(folder / RunFile.JUNIT),
             "report": str(folder / PAGE),
+            "failures": failures_of(ordered).as_json(),
             "requirements": requirements.trace(ordered),
         }
         if baseline is not None:

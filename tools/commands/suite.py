@@ -110,6 +110,10 @@ def show(result: dict[str, Any]) -> None:
         soft_wrap=True,
         markup=False,
     )
+    if failures := result["failures"]["sentence"]:
+        console.print(failures, soft_wrap=True, markup=False)
+    if result["changed"]:
+        console.print(f"each scenario with {', '.join(result['changed'])}", soft_wrap=True, markup=False)
     if result["changes"] is not None:
         show_changes(result["changes"])
     if lacking := result["only_in_baseline"]:
@@ -123,7 +127,10 @@ def line_of(check: dict[str, Any], many: bool) -> str:
     if many and check["lowest"] is not None and check["lowest"] < check["highest"]:
         value = f"{figure(check['lowest'], '')} … {figure(check['highest'], check['unit'])}"
     reason = f": {check['reason']}" if check["reason"] else ""
-    text = escape(f"{check['name']} = {value}, wanted {check['limit']}{reason}")
+    own = (
+        f" (its own limit; {check['requirement']} requires {check['required']})" if check["required"] else ""
+    )
+    text = escape(f"{check['name']} = {value}, wanted {check['limit']}{own}{reason}")
     if check["verdict"] == "not-judged":
         return f"[yellow]{text} (not judged)[/]"
     if not many:

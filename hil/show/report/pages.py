@@ -11,6 +11,7 @@ import tomli_w
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
+from hil.judge.failures import failures_of
 from hil.judge.figures.main_figures import main_figures
 from hil.judge.figures.records import CATALOGUE, Figures, value_of
 from hil.judge.figures.text import figure_text
@@ -140,15 +141,19 @@ def write_suite_report(
     verdicts: Sequence[ScenarioVerdict],
     requirements: Mapping[str, Any],
     changes: Sequence[Mapping[str, Any]] | None = None,
+    settings: Sequence[str] = (),
 ) -> None:
     """Write the page of a suite: changes, an overview, a row for each run, the worst first, the requirements.
 
-    `changes`: differences from another suite, from `hil.suite.changes`.
+    `changes`: differences from another suite, from `hil.suite.changes`; `settings`: what was set in each
+    scenario.
     """
     ordered = sorted(verdicts, key=lambda one: BY_GRAVITY.index(one.verdict))
     page = template("suite.html.j2").render(
         rows=[row_of(one, path.parent) for one in ordered],
         verdict=worst(one.verdict for one in verdicts),
+        settings=settings,
+        failures=failures_of(verdicts).sentence,
         requirements=requirements,
         changed=None if changes is None else [one for one in changes if not one["equal"]],
         by_scenario=by_scenario,

@@ -90,6 +90,7 @@ def test_the_verdict_has_every_key_and_is_what_is_written(finished):
         "reason": None,
         "margin_share": None,
         "required": None,
+        "meets_requirement": None,
     }
     assert {"t_s", "v_m_s"} == set(verdict["impacts"][0])
 

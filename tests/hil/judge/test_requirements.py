@@ -8,7 +8,8 @@ from xml.etree import ElementTree
 import pytest
 
 from hil.judge import junit
-from hil.judge.checks import Check, checks_of
+from hil.judge.checks import Check, checks_of, meets_requirement
+from hil.judge.failures import failures_of
 from hil.judge.figures.records import CATALOGUE
 from hil.judge.judge import judge
 from hil.judge.requirements import requirements, trace
@@ -76,6 +77,32 @@ def test_a_run_that_is_no_proper_run_proves_nothing():
     found = trace([replace(VERDICT, reasons=("firmware was killed by SIGKILL at 4.00 s",))])
     assert found["P-01"]["passed"] is False
     assert [proof["passed"] for proof in found["P-01"]["checks"]] == [False]
+
+
+def proving(name, requirement, met=None, verdict=Verdict.FAILED):
+    """A run with one check, which meets its requirement's limit or not."""
+    check = CheckResult("speed.error", verdict, 2.0, "", "≤ 1", requirement, meets_requirement=met)
+    return replace(VERDICT, figures=replace(VERDICT.figures, scenario=name), checks=(check,))
+
+
+def test_failures_of_own_limits_are_distinguished_from_broken_requirements():
+    runs = [
+        proving("passes", "P-04", True, Verdict.PASSED),
+        proving("stricter", "P-04", True),
+        proving("none", None),
+        proving("worded", "S-11"),
+        proving("broken", "P-07", False),
+        replace(proving("killed", "S-01", True), reasons=("firmware was killed by SIGKILL at 4.00 s",)),
+    ]
+    found = failures_of(runs)
+    assert found.own_limits == ["stricter", "none"]
+    assert found.without_limit == {"S-11": ["worded"]}
+    assert found.broken == {"P-07": ["broken"]}
+    assert found.other == ["killed"]
+    traced = trace(runs)
+    assert [traced[name]["verdict"] for name in ("P-04", "P-07", "S-01", "S-11")] == ["passed"] + 3 * [
+        "failed"
+    ]
 
 
 def test_junit_names_the_requirement_and_where_it_is_stated():
@@ -185,6 +212,22 @@ def test_a_stricter_limit_is_said_to_be_the_scenarios_own():
     result = replace(CHECKS[1], name=taken.name, unit="N m", limit=taken.limit, requirement="S-05")
     own = replace(result, required=taken.required.text)
     assert own.sentence.endswith("(the scenario's own limit, for its module; S-05 requires ≤ 0.6006 N m)")
+
+
+@pytest.mark.parametrize(
+    ("check", "value", "met"),
+    [
+        (TORQUE | {"high": 0.2}, 0.3, True),
+        (TORQUE | {"high": 0.2}, 0.7, False),
+        (TORQUE | {"high": 0.2}, None, False),
+        (TORQUE, 0.7, False),
+        ({"name": "after_fault.largest_torque_n_m", "requirement": "S-11", "high": 0.2}, 0.3, None),
+        ({"name": "after_fault.largest_torque_n_m", "high": 0.2}, 0.3, None),
+    ],
+)
+def test_a_value_beyond_a_stricter_limit_meets_its_requirement(check, value, met):
+    taken, _ = with_check(KICK, check)
+    assert meets_requirement(taken, value) is met
 
 
 def test_every_limit_names_a_figure_a_quantity_and_conditions_that_exist():

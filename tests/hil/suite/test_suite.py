@@ -78,6 +78,26 @@ def test_a_suite_leaves_one_page_one_xml_and_a_folder_a_run(tmp_path: Path) -> N
     assert (tmp_path / "out" / "rests" / "run.rrd").exists()
 
 
+@pytest.mark.usefixtures("in_process")
+def test_a_suite_says_what_was_changed_in_it_and_what_its_failures_mean(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    heavy = tmp_path / "heavy.toml"
+    heavy.write_text('format = 1\n[parameters."speed.gain_p_n_m_s"]\nvalue = 0.05\nunit = "N m s"\n')
+    inertia = "scene.motor.inertia_kg_m2=0.001"
+    command = ["suite", str(resting(tmp_path, "impacts", fewest=1.0)), "--out", str(tmp_path / "out")]
+    status = run([*command, "--set", inertia, "--parameters", str(heavy)])
+    printed = capsys.readouterr().out
+    assert status == EXIT_CHECK_FAILED
+    page = (tmp_path / "out" / "index.html").read_text()
+    for text in (printed, page):
+        assert inertia in text
+        assert str(heavy) in text
+        assert "failed: 1 missed only own limits; none broke a requirement" in text
+    note = json.loads((tmp_path / "out" / "suite.json").read_text())
+    assert note["failures"]["own_limits"] == ["impacts"]
+
+
 def test_a_killed_worker_costs_only_its_scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def results(judge: Any, cases: Sequence[Case], _: int) -> Iterator[tuple[Case, Any]]:
         for case in cases:

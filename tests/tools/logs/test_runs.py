@@ -128,7 +128,7 @@ def test_names_and_paths_in_brackets_are_printed_as_they_are(tmp_path, monkeypat
     run.mkdir(parents=True)
     (run / "run.json").write_text('{"made_by": "vibrohil"}')
     check = {"name": odd, "value": odd, "unit": odd, "limit": odd, "passed": False, "verdict": "failed"}
-    check |= {"reason": None}
+    check |= {"reason": None, "requirement": None, "required": None}
     (run / "verdict.json").write_text(json.dumps({"scenario": odd, "passed": False, "checks": [check]}))
     assert cli.run(["runs", str(tmp_path)]) == EXIT_PASSED
     assert capsys.readouterr().out.count(odd) == 2
