@@ -241,9 +241,12 @@ def read_scene(source: str | Path | Mapping[str, Any]) -> dict[str, Any]:
         path = Path(source)
     remedy = f"give a scene's file, or one of the named scenes: {', '.join(scene_names())}"
     try:
-        return read_toml(path, "scene file", remedy)
+        tables = read_toml(path, "scene file", remedy)
     except TextInputError as error:
         raise SceneError(str(error)) from error
+    if "striker" not in tables and {"scene", "script", "like"} & set(tables):
+        raise SceneError(f"{str(path)!r} is a scenario; use `vibrohil run`, or {remedy}")
+    return tables
 
 
 def with_values(tables: Mapping[str, Any], changes: Mapping[str, object]) -> dict[str, Any]:

@@ -9,6 +9,8 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from plant_sim.synonyms import synonymous
+
 _WANTED = {
     "greater_than": "a number greater than {gt:g}",
     "greater_than_equal": "a number of at least {ge:g}",
@@ -44,11 +46,11 @@ def messages_of(error: ValidationError, model: type[BaseModel]) -> list[str]:
 
 
 def nearest(word: str, known: Iterable[str], listing: str = "") -> str:
-    """`did you mean …?` if one of the known words is close, otherwise `listing` or the known words."""
+    """`did you mean …?` if known words are synonyms or close, else `listing` or the known words."""
     words = sorted(known)
-    close = difflib.get_close_matches(word, words, n=1, cutoff=0.6)
+    close = synonymous(word, words) or difflib.get_close_matches(word, words, n=1, cutoff=0.6)
     if close:
-        return f"did you mean {close[0]}?"
+        return f"did you mean {' or '.join(close)}?"
     return listing or f"known: {', '.join(words)}"
 
 
@@ -95,7 +97,8 @@ def _message_of(detail: ErrorDetails, model: type[BaseModel]) -> str:
     if kind == "value_error":
         return str(context["error"])
     wanted = f" is not {_WANTED[kind].format(**context)}" if kind in _WANTED else f": {detail['msg']}"
-    return f"{key} = {_show(got)}{wanted}; give {_meaning(keys, tables)}"
+    remedy = "" if kind == "literal_error" else f"; give {_meaning(keys, tables)}"
+    return f"{key} = {_show(got)}{wanted}{remedy}"
 
 
 def _walk(location: Sequence[int | str], model: type[BaseModel]) -> tuple[list[str], list[type[BaseModel]]]:

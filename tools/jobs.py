@@ -23,42 +23,42 @@ Run = Callable[[Sequence[Task]], Iterator[tuple[int, Result]]]
 def results(
     function: Callable[[Task], Result],
     tasks: Sequence[Task],
-    cores: int | None = None,
+    workers: int | None = None,
     scheduler: str | None = None,
     threads: bool = False,
 ) -> Iterator[tuple[int, Result]]:
     """Yield the index and the result of each task, in the order in which they finish."""
-    with pool(function, cores, scheduler, threads) as run:
+    with pool(function, workers, scheduler, threads) as run:
         yield from run(tasks)
 
 
 @contextmanager
 def pool(
     function: Callable[[Task], Result],
-    cores: int | None = None,
+    workers: int | None = None,
     scheduler: str | None = None,
     threads: bool = False,
 ) -> "Iterator[Run[Task, Result]]":
     """Give a function that runs lists of tasks, one list after another, on the same workers.
 
-    `cores`: the number of processes or threads; by default one for each core that this process may use.
+    `workers`: the number of processes or threads; by default one for each core that this process may use.
     With processes, the first task runs alone: it compiles the kernels that the other processes load.
     `threads` is for kernels that release the interpreter's lock: they are compiled once, and results are not
     copied. A scheduler repeats a dead worker's unfinished tasks on other workers.
     """
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    cores = cores or available or 1
+    workers = workers or available or 1
     if scheduler is not None:
         with _client(scheduler) as client, client.get_executor(pure=False) as executor:
             yield partial(_run_in_pool, executor, function)
-    elif threads and cores == 1:
+    elif threads and workers == 1:
         yield lambda tasks: enumerate(map(function, tasks))
     elif threads:
-        with ThreadPoolExecutor(cores) as executor:
+        with ThreadPoolExecutor(workers) as executor:
             yield partial(_run_in_pool, executor, function)
     else:
-        with Workers(partial(_call_numbered, function), cores) as workers:
-            yield _Processes(workers).run
+        with Workers(partial(_call_numbered, function), workers) as processes:
+            yield _Processes(processes).run
 
 
 class _Processes(Generic[Task, Result]):

@@ -98,6 +98,11 @@ def read_file(path: Path) -> dict[str, Any]:
         refuse_other_format(f"scenario file {str(path)!r}", document, SCENARIO, "see docs/formats.md")
     except FormatError as error:
         raise ScenarioError(str(error)) from error
+    if "striker" in document and "script" not in document:
+        raise ScenarioError(
+            f"{str(path)!r} is a scene; use `vibrohil simulate`, or name it in a scenario, "
+            f"scene = {path.name!r}"
+        )
     return document
 
 

@@ -8,6 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Column
 
+from plant_sim.synonyms import with_synonyms
 from tools.commands.options import Json
 from tools.output import BadInputError, answer, console, figure, table_of
 
@@ -57,36 +58,6 @@ def list_names(
         raise BadInputError(f"--group {group}: these are a kind of names: vibrohil list {group}")
     found = choose(every, group, find)
     answer({what: [one._asdict() for one in found]}, as_json, lambda: show(found, len(every)))
-
-
-SYNONYMS = (
-    ("stuck", "freeze", "frozen", "repeats"),
-    ("silent", "dead", "mute", "unplugged", "lost"),
-    ("late", "delay", "latency", "bundle", "pause"),
-    ("kick", "shock", "knock", "bump"),
-    ("killed", "crash", "restart", "reboot", "reset"),
-    ("jam", "block", "stall"),
-    ("hot", "temperature", "overheat"),
-    ("supply", "voltage", "battery", "brown-out"),
-    ("bias", "offset", "drift"),
-    ("noisy", "noise"),
-    ("babbling", "flood", "overload"),
-    ("corrupt", "checksum", "crc"),
-    ("e-stop", "emergency"),
-    ("walk", "gait", "stride"),
-)
-"""Words of one meaning: those of the names, and those with which people look for them."""
-
-
-def with_synonyms(text: str) -> list[str]:
-    """A text in lower case, and all words that mean the same as a word that begins with it.
-
-    >>> "stuck" in with_synonyms("Freeze"), with_synonyms("encoder")
-    (True, ['encoder'])
-    """
-    text = text.lower()
-    same = [group for group in SYNONYMS if len(text) > 2 and any(word.startswith(text) for word in group)]
-    return list(dict.fromkeys([text, *(word for group in same for word in group)]))
 
 
 def choose(every: Sequence[Named], group: str | None, text: str | None) -> list[Named]:

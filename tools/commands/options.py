@@ -82,9 +82,9 @@ Controller = Annotated[
     typer.Option(
         "--firmware",
         callback=controller,
-        metavar="BUILD|FILE.py:FUNCTION|none",
-        help="The firmware's build, as of `campaign`; your own controller, a function in a Python file; or "
-        "none: another program joins the bus (real time).",
+        metavar="CONTROLLER",
+        help="The firmware's build, as of `campaign`; your own controller, FILE.py:FUNCTION; or none: "
+        "another program joins the bus (real time).",
     ),
 ]
 ReplayedController = Annotated[
@@ -92,8 +92,8 @@ ReplayedController = Annotated[
     typer.Option(
         "--firmware",
         callback=controller,
-        metavar="BUILD|FILE.py:FUNCTION",
-        help="The firmware's build, or your own controller; by default the recorded one.",
+        metavar="CONTROLLER",
+        help="The firmware's build, or your own controller, FILE.py:FUNCTION; by default the recorded one.",
     ),
 ]
 ParameterFiles = Annotated[

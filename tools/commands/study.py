@@ -50,7 +50,7 @@ class StudyOptions:
     out: Annotated[Path, folder_option("Folder of figures and results; a killed study continues there.")] = (
         Path("studies")
     )
-    cores: Workers = None
+    workers: Workers = None
     scheduler: Scheduler = None
     as_json: Json = False
 
@@ -58,7 +58,7 @@ class StudyOptions:
         """Compute a study, and measure its wall time."""
         from tools.study import work
 
-        where, begun_s = work.Where(self.out, self.cores, self.scheduler), time.perf_counter()
+        where, begun_s = work.Where(self.out, self.workers, self.scheduler), time.perf_counter()
         found = computed(where)
         return found, time.perf_counter() - begun_s
 

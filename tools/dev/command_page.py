@@ -67,6 +67,16 @@ def option_table(options: Mapping[str, str]) -> str:
     return table(["option", "meaning"], (row(*option) for option in options.items()))
 
 
+def name_users(options: Mapping[str, str], users: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
+    """Shared options with their meanings, of those that few commands have with these commands."""
+    found = {}
+    for option, meaning in options.items():
+        names = [name for name, own in users.items() if own.get(option) == meaning]
+        of = f" Of {' and '.join(f'`{name}`' for name in names)}." if len(names) <= FEWEST_SECTIONS else ""
+        found[option] = f"{meaning}{of}"
+    return found
+
+
 def command_page() -> str:
     """Every command and its options."""
     whole = program()
@@ -95,7 +105,7 @@ def command_page() -> str:
         f"output ({names} do not have this option). All have the same "
         "[exit statuses](../how-to/run-in-ci.md#exit-statuses). Options of several commands are described "
         "once, here or at their group; each command names those that it has.",
-        option_table(of_all),
+        option_table(name_users(of_all, left)),
     ]
     for name, command in every_name:
         own = {option: meaning for option, meaning in left[name].items() if of_all.get(option) != meaning}

@@ -37,7 +37,7 @@ class Where:
     """Folder of the results, and the workers: threads on this machine, or the workers of a Dask scheduler."""
 
     out: Path
-    cores: int | None = None
+    workers: int | None = None
     scheduler: str | None = None
 
 
@@ -57,7 +57,9 @@ def run(
         progress_console.print(f"{kind}: {len(found)} of {len(tasks)} results taken over from {where.out}")
     missing = [index for index in range(len(tasks)) if index not in found]
     if missing:
-        computed = results(piece, [tasks[index] for index in missing], where.cores, where.scheduler, threads)
+        computed = results(
+            piece, [tasks[index] for index in missing], where.workers, where.scheduler, threads
+        )
         with shown_progress() as progress:
             for number, result in computed:
                 index = missing[number]

@@ -45,7 +45,7 @@ def test_every_latched_fault_has_its_conditions_and_every_condition_its_row_with
 CASES = {
     Fault.SENSOR_TIMEOUT: (
         {"state.gate.life.same_low": 31, "inputs.accelerometer.age_ticks": 0, "state.gate.reading_ticks": 0},
-        "equal readings of the low range was 31, limit 30",
+        "number of equal readings of the low range was 31, limit 30",
     ),
     Fault.DRIVE_TIMEOUT: (
         {"inputs.drive.age_ticks": 20, "inputs.power.age_ticks": 351},

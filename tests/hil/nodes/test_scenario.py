@@ -114,8 +114,9 @@ RUN_COMMAND = '[[script.commands]]\nat_s = 1.0\nrequest = "run"\n'
         (
             RUN_COMMAND.replace("run", "walk"),
             [],
-            r"script.commands.0.request = 'walk' is not 'idle', 'run'.*; give the request",
+            r"script.commands.0.request = 'walk' is not 'idle', 'run', [^;]* or 'silent'$",
         ),
+        ('[[script.faults]]\nkind = "sensor-frozen"\n', [], r"did you mean frozen or sensor-stuck\?"),
         ('[[checks]]\nname = "regmie"\nequals = "impact"\n', [], r"did you mean regime"),
         ('[[checks]]\nname = "peak_force_n"\nhigh = 1.0\nunit = "kN"\n', [], r"the figure is in 'N'"),
         ("", ["duration=3"], r"is not KEY=VALUE with a dotted key"),

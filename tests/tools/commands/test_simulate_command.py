@@ -1,10 +1,14 @@
 """`vibrohil simulate`: what it prints, and how it refuses."""
 
 import json
+from pathlib import Path
 
 import pytest
 
 from tools import cli
+from tools.output import EXIT_BAD_INPUT
+
+ROOT = Path(__file__).parents[3]
 
 
 def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, object]:
@@ -50,3 +54,21 @@ def test_what_makes_no_sense_is_bad_input(
 ) -> None:
     assert cli.run(["simulate", *arguments]) == 4
     assert said in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(
+    ("command", "table", "message"),
+    [
+        (["run"], "scenes/table1-motor-soft", "is a scene; use `vibrohil simulate`"),
+        (["suite"], "scenes/table1-motor-soft", "is a scene; use `vibrohil simulate`"),
+        (["simulate"], "scenarios/ordinary/soft-start-multistable", "is a scenario; use `vibrohil run`"),
+    ],
+)
+def test_a_scene_in_a_scenarios_place_is_refused_by_what_it_is(
+    command: list[str], table: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    room = "plant_sim" if table.startswith("scenes") else "hil"
+    mine = tmp_path / "light.toml"
+    mine.write_text((ROOT / room / f"{table}.toml").read_text("utf-8"))
+    assert cli.run([*command, str(mine)]) == EXIT_BAD_INPUT
+    assert message in " ".join(capsys.readouterr().err.split())

@@ -31,7 +31,7 @@ def test_a_latched_fault_is_explained_by_what_was_injected_seen_and_exceeded(tmp
     said = answer(tmp_path, capsys)
     assert said["cause"].endswith(", 32 ms after the injected fault sensor-stuck (sensor striker)")
     assert said["limit"] == {
-        "name": "equal readings of the low range",
+        "name": "number of equal readings of the low range",
         "value": 31.0,
         "unit": "",
         "bound": 30.0,

@@ -272,7 +272,7 @@ def test_the_cost_of_a_basin_includes_the_saddle_s_portrait(
         (["basin", "--ratio", "-1"], "'--ratio': Input should be greater than or equal to 0.000001"),
         (["basin", "--value", "nan"], "'--value': Input should be greater than or equal to 0"),
         (["sweep", "--amplitude", "inf"], "'--amplitude': inf is not a finite number"),
-        (["sweep", "--cores", "0"], "'--cores': Input should be greater than or equal to 1"),
+        (["sweep", "--workers", "0"], "'--workers': Input should be greater than or equal to 1"),
         (["feasibility", "--preset", "table2"], "'table2' is not one of 'table1', 'gait', 'walking'"),
     ],
 )
