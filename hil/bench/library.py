@@ -6,10 +6,9 @@ from typing import get_args
 
 from firmware_py.shell.builds import Build
 from hil.bench.bench import run_scenario
-from hil.bench.options import RunOptions
 from hil.bench.recorded_run import Run, open_run
 from hil.record.traces.own_trace import NONE
-from hil.runs.job import silent
+from hil.runs.job import RunOptions, silent
 from hil.scenario.files import ScenarioError
 from hil.scenario.scenario import load_scenario
 from hil.scenario.settings import Settings

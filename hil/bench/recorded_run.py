@@ -29,14 +29,13 @@ from hil.judge.verdict import RunVerdict, Verdict
 from hil.record import log_reader
 from hil.record.candump import NO_BUS, Bus, StoredBus
 from hil.record.damage import CAUSE_UNKNOWN, DamagedFileError, reading
-from hil.record.folder_lock import is_in_use
 from hil.record.frame_tables import RAW, names_of, raw_table, table_of
 from hil.record.log_reader import TIMELINES, contiguous, read_traces
 from hil.record.new_file import is_foreign, open_anew
 from hil.record.provenance import build_of, this_build
 from hil.record.rrd.log_file import is_whole, repair
 from hil.record.rrd.rerun_program import RerunError
-from hil.record.run_folder import RUNS, begun_s, is_own, refuse_irregular
+from hil.record.run_folder import RUNS, begun_s, is_in_use, is_own, refuse_irregular
 from hil.record.run_traces import RunTraces, part, read_json
 from hil.run_files import RunFile, trace_file
 from hil.show.rerun_log import rebuild

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 
 from hil.faults.processes import ProcessFaults
 from hil.roster import again_name, instants, members
-from hil.runs.job import Progress
-from hil.runs.outcome import Outcome
+from hil.runs.job import Outcome, Progress
 from hil.scenario.scenario import Scenario
 from hil.timing.clock import NS_PER_S, OPERATOR_PERIOD_S
 from hil.timing.memory import SAMPLE_S, SETTLING_SHARE, MemoryWatch

@@ -1,4 +1,4 @@
-"""Makes the verdict from a run folder.
+"""The verdict on a run that has ended, from its folder.
 
 run.json       scenario, clock, bus, seed, versions and start of the run
 scenario.toml  the scenario as run
@@ -7,20 +7,45 @@ outcome.json   end of the run: elapsed time, a bare loop's overruns, and reasons
 run.rrd, verdict.json, junit.xml, report.html   made from the above by `finish`, repeatedly if required
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from hil.judge import junit
+from hil.bus.base import OWN_BUSES
 from hil.judge.judge import judge
-from hil.judge.verdict import RunVerdict
-from hil.record.new_file import write_anew
-from hil.record.run_folder import clear, write_json
-from hil.record.run_traces import RunTraces, read_json, read_run, read_scenario
+from hil.judge.verdict import KILLED, RunVerdict, failed_for
+from hil.judge.verdict_files import document_of, write_verdict
+from hil.record import run_folder
+from hil.record.run_faults import with_effects
+from hil.record.run_traces import RunTraces, read_run, read_scenario
+from hil.record.traces import trace
+from hil.record.traces.own_trace import is_build
 from hil.run_files import RunFile
+from hil.runs.job import Outcome
+from hil.show.report.pages import write_report
+from hil.show.rerun_log import write_log
 
-KILLED = "the run is not finished, or its process was killed before the verdict"
+NOT_SHARED = (*OWN_BUSES, "in-process")
+"""Buses, by their names in run.json, that are made for one run alone."""
+
+
+def close(run_dir: Path, outcome: Outcome, only_if_failed: bool = False) -> RunVerdict:
+    """Collect the files of a run that has ended, and judge it."""
+    run_folder.free_reserve(run_dir)
+    trace.bring_home(run_dir)
+    note = run_folder.read_note(run_dir / RunFile.NOTE)
+    run_folder.note(run_dir, faults=with_effects(note, outcome.faults_acted))
+    can_log, bus = run_dir / RunFile.CAN_LOG, note.get("bus")
+    if "firmware" in note and not is_build(note["firmware"]):
+        from hil.bench.sent_decisions import write_firmware_trace  # what decodes frames is loaded if needed
+
+        write_firmware_trace(run_dir, note["period_s"], "gait" in read_scenario(run_dir).get("scene", {}))
+    if can_log.exists() and bus not in NOT_SHARED:
+        from hil.record.bus_reconstruction import doubt_two_firmwares
+        from hil.record.candump import StoredBus
+
+        outcome.not_judged += doubt_two_firmwares(StoredBus(can_log))
+    stored = {key: value for key, value in vars(outcome).items() if key != "faults_acted"}
+    run_folder.write_json(run_dir / RunFile.OUTCOME, stored)
+    return finish(run_dir, only_if_failed)
 
 
 def finish(run_dir: Path, only_if_failed: bool = False) -> RunVerdict:
@@ -31,8 +56,8 @@ def finish(run_dir: Path, only_if_failed: bool = False) -> RunVerdict:
     traces = read_run(run_dir)
     verdict = judge(traces, run_dir)
     if only_if_failed and verdict.passed:
-        clear(run_dir, keep=(RunFile.NOTE, RunFile.SCENARIO))
-        write_json(run_dir / RunFile.VERDICT, document_of(verdict))
+        run_folder.clear(run_dir, keep=(RunFile.NOTE, RunFile.SCENARIO))
+        run_folder.write_json(run_dir / RunFile.VERDICT, document_of(verdict))
     else:
         publish(run_dir, traces, verdict)
     return verdict
@@ -43,41 +68,7 @@ def publish(run_dir: Path, traces: RunTraces, verdict: RunVerdict) -> None:
 
     Until log and report are complete, the verdict names a kill as the reason.
     """
-    from hil.show.report.pages import write_report  # loaded after the last tick
-    from hil.show.rerun_log import write_log
-
-    write(failed_for(verdict, [*verdict.reasons, KILLED]))
+    write_verdict(failed_for(verdict, [*verdict.reasons, KILLED]))
     write_log(run_dir / RunFile.LOG, traces, verdict)
     write_report(run_dir / RunFile.REPORT, traces, verdict)
-    write(verdict)
-
-
-def failed_for(verdict: RunVerdict, reasons: Sequence[str]) -> RunVerdict:
-    """The verdict with the same figures that fails for these reasons."""
-    return replace(verdict, reasons=tuple(reasons), doubts=())
-
-
-def document_of(verdict: RunVerdict) -> dict[str, Any]:
-    """The content of verdict.json, which names the run's folder without its place on this machine."""
-    return {**verdict.as_json(), "out": verdict.folder.name}
-
-
-def write(verdict: RunVerdict) -> None:
-    """Write verdict.json and junit.xml into the run's folder."""
-    write_json(verdict.folder / RunFile.VERDICT, document_of(verdict))
-    write_anew(verdict.folder / RunFile.JUNIT, junit.document([verdict]))
-
-
-def without_records(
-    run: Mapping[str, Any], scenario: Mapping[str, Any], reason: str, folder: Path
-) -> RunVerdict:
-    """The failed verdict on a run without records; `run` is the content of its `run.json`."""
-    return failed_for(judge(RunTraces(run=run, scenario=scenario), folder), [reason])
-
-
-def prejudge(run_dir: Path, reason: str) -> RunVerdict:
-    """Write a failed verdict for a run that has not begun; it remains if no other can be written."""
-    run = read_json(run_dir / RunFile.NOTE)
-    verdict = without_records(run, read_scenario(run_dir), reason, run_dir)
-    write(verdict)
-    return verdict
+    write_verdict(verdict)

@@ -17,6 +17,8 @@ MAX_BURST = 4096
 NO_END_NS = sys.maxsize
 """A time on the wall clock after all others."""
 
+OWN_BUSES = ("local", "vcan")
+"""Names of the buses that are made for a run alone."""
 SEND_RETRIES = 4
 SEND_RETRY_S = 100e-6
 """A node retries a full transmit queue for 4 × 0.1 ms, less than half a tick; then it drops frames."""

@@ -23,10 +23,6 @@ class CanLog:
         lines = [f"{stamp}{FRAME_NAMES[can_id]}{data.hex().upper()}\n" for can_id, data in frames]
         self._file.write("".join(lines))
 
-    def append(self, lines: bytes) -> None:
-        """Write lines that are already in candump's format."""
-        self._file.write(lines.decode("ascii"))
-
     def flush(self) -> None:
         """Pass the buffered lines to the operating system."""
         self._file.flush()

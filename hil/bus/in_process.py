@@ -1,8 +1,11 @@
-"""The bus of lockstep: passes frames between the nodes of one process without delay."""
+"""Passes frames between the nodes of one process without delay."""
 
 from collections.abc import Iterable
 
 from firmware_py.interface.frame import Frame
+
+Logged = tuple[int, list[Frame]]
+"""Frames and their common time in ns."""
 
 
 class InProcessBus:
@@ -44,3 +47,25 @@ class InProcessNode(Inbox):
         """Hand frames to all others."""
         for other in self.others:
             other.pending.extend(frames)
+
+
+class IdealBus:
+    """The bus of lockstep without a bus model: frames arrive without delay, and are logged."""
+
+    breaks: tuple[type, ...] = ()
+    """The kinds of faults that act in the bus itself, and not on a node's line to it."""
+
+    def __init__(self) -> None:
+        self._bus = InProcessBus()
+        self._log = self._bus.join()
+
+    def join(self, name: str) -> InProcessNode:
+        """The connection of one of the nodes."""
+        return self._bus.join()
+
+    def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
+        """Return the frames sent since the last call, logged at `from_ns`."""
+        return [(from_ns, self._log.receive())]
+
+    def close(self) -> None:
+        """Do nothing: the ideal bus has no files."""

@@ -1,7 +1,6 @@
 """Faults at the sensors: the published reading as a function of the true one."""
 
 import math
-from collections.abc import Sequence
 from typing import ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -77,22 +76,3 @@ def shifted(reading: SensorReading, sensor: str, by: float) -> SensorReading:
     if sensor == "encoder":
         return reading._replace(encoder_position_rev=(reading.encoder_position_rev + by / TURN_RAD) % 1.0)
     return reading._replace(**{name: getattr(reading, name) + by for name in FIELDS[sensor]})
-
-
-class SensorFaults:
-    """All sensor faults of a scenario; call `published` once per reading."""
-
-    def __init__(self, faults: Sequence[Fault], seed: int) -> None:
-        self._faults = [fault for fault in faults if isinstance(fault, ReadingFault)]
-        for number, fault in enumerate(self._faults):
-            fault.begin(np.random.default_rng([seed, 1000 + number]))
-        self._last: SensorReading | None = None
-        self._last_s = 0.0
-
-    def published(self, t_s: float, reading: SensorReading) -> SensorReading:
-        """The published reading at `t_s`, from the true reading."""
-        for fault in self._faults:
-            if fault.acts(t_s):
-                reading = fault.published(reading, self._last or reading, t_s - self._last_s)
-        self._last, self._last_s = reading, t_s
-        return reading

@@ -1,7 +1,9 @@
-"""The faults of drive and module in the plant's node: the acting faults change parts and drive."""
+"""The faults of drive, module and sensors in the plant's node: they change parts, drive and readings."""
 
 import math
 from collections.abc import Sequence
+
+import numpy as np
 
 from firmware_py.interface.addresses import NODE_IDS
 from firmware_py.interface.frame import Frame
@@ -10,8 +12,10 @@ from hil.drive import axis
 from hil.drive.axis import DriveConfig, DriveState
 from hil.faults.fault import TIME_RESOLUTION_S, Fault
 from hil.faults.on_plant import PhysicalFault
+from hil.faults.on_sensor import ReadingFault
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.plant import Plant
+from plant_sim.sensors.readings import SensorReading
 
 DRIVE_IDS = range(NODE_IDS)
 """Identifiers of the drive's electronics: those of node 0."""
@@ -117,3 +121,22 @@ class PlantFaults:
             fault.count(given_n_m != torque_n_m)
             torque_n_m = given_n_m
         return torque_n_m
+
+
+class SensorFaults:
+    """All sensor faults of a scenario; call `published` once per reading."""
+
+    def __init__(self, faults: Sequence[Fault], seed: int) -> None:
+        self._faults = [fault for fault in faults if isinstance(fault, ReadingFault)]
+        for number, fault in enumerate(self._faults):
+            fault.begin(np.random.default_rng([seed, 1000 + number]))
+        self._last: SensorReading | None = None
+        self._last_s = 0.0
+
+    def published(self, t_s: float, reading: SensorReading) -> SensorReading:
+        """The published reading at `t_s`, from the true reading."""
+        for fault in self._faults:
+            if fault.acts(t_s):
+                reading = fault.published(reading, self._last or reading, t_s - self._last_s)
+        self._last, self._last_s = reading, t_s
+        return reading

@@ -1,6 +1,6 @@
 """What the failures of a suite mean: requirements broken, or only limits that scenarios have of their own."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from hil.judge.verdict import RunVerdict, Verdict
@@ -9,9 +9,9 @@ from hil.judge.verdict import RunVerdict, Verdict
 class Failures(NamedTuple):
     """The failed scenarios by the gravest meaning of a check that they fail."""
 
-    broken: Mapping[str, list[str]]
+    broken: dict[str, list[str]]
     """By the requirement whose limit they break."""
-    without_limit: Mapping[str, list[str]]
+    without_limit: dict[str, list[str]]
     """By the requirement without a limit of the figure, for which they fail one of their own."""
     own_limits: list[str]
     """They fail only limits of their own, stricter than a requirement's or without one."""
@@ -53,9 +53,11 @@ def failures_of(verdicts: Iterable[RunVerdict]) -> Failures:
     """The failures among these verdicts."""
     found = Failures({}, {}, [], [])
     for run in (one for one in verdicts if one.verdict is Verdict.FAILED):
-        failed = [one for one in run.checks if one.requirement and one.verdict is Verdict.FAILED]
-        broken = {one.requirement for one in failed if one.meets_requirement is False}
-        without_limit = {one.requirement for one in failed if one.meets_requirement is None}
+        failed = [one for one in run.checks if one.verdict is Verdict.FAILED]
+        broken, without_limit = (
+            {one.requirement for one in failed if one.requirement and one.meets_requirement is met}
+            for met in (False, None)
+        )
         if run.reasons:
             found.other.append(run.scenario)
         elif broken or without_limit:

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hil.judge.checks import checks_of, evaluate
+from hil.judge.checks import checks_of
+from hil.judge.evaluation import evaluate
 from hil.judge.figures.figures import figures_from, refusals_of
 from hil.judge.figures.moments import moment_of
 from hil.judge.verdict import IMPORTED, FaultEffect, RunVerdict, Verdict

@@ -6,22 +6,22 @@ Not judged means that a run proves nothing: the bench itself disturbed it or los
 acted on nothing, or it has no check. A figure that a judged run does not have fails its check.
 """
 
-import json
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hil.judge.figures.records import Figures, Number, incomplete
+from hil.judge.checks import Check, Value, requirements
+from hil.judge.figures.records import CATALOGUE, Figures, Number, incomplete, no_figures
 from hil.judge.figures.text import figure_text
-from hil.record import formats
+from hil.record import formats, provenance
 
 IMPORTED = "imported"
 """Clock name of a log imported from a real bench, which has no truth and no scenario."""
+KILLED = "the run is not finished, or its process was killed before the verdict"
 NO_CHECKS = "nothing was checked; give the scenario a table [[checks]]"
 NO_SCENARIO = "an imported log has no scenario, and so no checks"
-Value = bool | int | float | str
 
 
 class Verdict(StrEnum):
@@ -80,6 +80,28 @@ class CheckResult:
     """The requirement's limit where the scenario's own is stricter."""
     meets_requirement: bool | None = None
     """Whether the value meets the requirement's limit; None without such a limit, or if not judged."""
+
+    @classmethod
+    def of(
+        cls,
+        check: Check,
+        verdict: Verdict,
+        value: Value | None,
+        reason: str | None,
+        margin_share: float | None = None,
+    ) -> "CheckResult":
+        """The result of a check of a scenario."""
+        return cls(
+            name=check.name,
+            verdict=verdict,
+            value=value,
+            unit=check.unit or "" if check.expression is not None else CATALOGUE[check.name].unit,
+            limit=check.limit,
+            requirement=check.requirement,
+            reason=reason,
+            margin_share=margin_share,
+            required=check.required.text if check.required not in (None, check.bounds) else None,
+        )
 
     @property
     def passed(self) -> bool | None:
@@ -211,23 +233,43 @@ class RunVerdict:
         }
 
 
-def read_verdict(path: Path) -> RunVerdict:
-    """The verdict in a verdict.json that `RunVerdict.as_json` of the same version has made."""
-    from pydantic import TypeAdapter  # noqa: PLC0415 - only an interrupted suite reads verdicts
-
-    content = json.loads(path.read_text(encoding="utf-8"))
-    formats.refuse_other_format(str(path), content, formats.VERDICT, "judge the run again")
-
-    def part(kind: type[Any], values: Mapping[str, Any]) -> Any:
-        return TypeAdapter(kind).validate_python({one.name: values[one.name] for one in fields(kind)})
-
+def without_records(run: Mapping[str, Any], checks: Iterable[Check], reason: str, folder: Path) -> RunVerdict:
+    """The failed verdict on a run of which nothing is recorded; `run` is the content of its `run.json`."""
     return RunVerdict(
-        figures=part(Figures, content),
-        checks=tuple(part(CheckResult, check) for check in content["checks"]),
-        reasons=tuple(content["reasons"]),
-        doubts=tuple(reason for reason in content["not_judged"] if reason != NO_CHECKS),
-        faults=tuple(FaultEffect(**effect) for effect in content["faults"]),
-        first_failure_s=content["first_failure_s"],
-        provenance=content["provenance"],
-        folder=path.parent,
+        figures=replace(no_figures(Figures), scenario=str(run["scenario"]), clock=str(run["clock"])),
+        checks=tuple(CheckResult.of(check, Verdict.FAILED, None, "nothing is recorded") for check in checks),
+        reasons=(reason,),
+        provenance={key: run.get(key) for key in provenance.KEYS},
+        folder=folder,
     )
+
+
+def failed_for(verdict: RunVerdict, reasons: Sequence[str]) -> RunVerdict:
+    """The verdict with the same figures that fails for these reasons."""
+    return replace(verdict, reasons=tuple(reasons), doubts=())
+
+
+def trace(verdicts: Iterable[RunVerdict]) -> dict[str, Any]:
+    """For each requirement the checks that prove it, and the verdict on it (None if none has run).
+
+    A run that fails or is not judged regardless of its checks proves no requirement. A value beyond the
+    scenario's own limit alone meets the requirement.
+    """
+    proofs: dict[str, list[tuple[Verdict, dict[str, Any]]]] = {name: [] for name in requirements()}
+    for run in verdicts:
+        of_run = Verdict.FAILED if run.reasons else Verdict.NOT_JUDGED if run.not_judged else None
+        for check in run.checks:
+            if check.requirement is not None:
+                verdict = of_run or (Verdict.PASSED if check.meets_requirement else check.verdict)
+                proof: dict[str, Any] = {"scenario": run.scenario, "name": check.name, "limit": check.limit}
+                proof |= {"passed": verdict.passed, "verdict": verdict.value}
+                proofs[check.requirement].append((verdict, proof))
+    return {
+        name: {
+            "text": requirements()[name].text,
+            "passed": worst(verdict for verdict, _ in found).passed,
+            "verdict": worst(verdict for verdict, _ in found).value if found else None,
+            "checks": [proof for _, proof in found],
+        }
+        for name, found in proofs.items()
+    }

@@ -19,12 +19,18 @@ from hil.bus import Bus, BusFailedError, is_own_bus, join_in_turns, open_bus
 from hil.bus.addressed import addressed
 from hil.bus.hub_socket import TurnSocket
 from hil.bus.wire import MAX_STANDARD_ID, REMOTE_FLAG
-from hil.faults.clocks import ClockFaults, Runner, Turns, in_turns
 from hil.faults.fault import FAULTS_ACTED, Fault, effects_of, of_a_node
 from hil.faults.line import FaultyBus
-from hil.faults.memory import ParameterMemory
-from hil.nodes.own_controller import controller_of
-from hil.nodes.runners import FirmwareRunner, Making, Pace, traces_in, warm_firmware
+from hil.faults.processes import ClockFaults, Runner, Turns, in_turns
+from hil.nodes.runners import (
+    FirmwareRunner,
+    Making,
+    Pace,
+    ParameterMemory,
+    controller_of,
+    traces_in,
+    warm_firmware,
+)
 from hil.record.run_folder import RunFolderError
 from hil.record.state_timeline import lower_name
 from hil.record.traces.own_trace import is_build

@@ -15,17 +15,12 @@ import importlib.util
 import os
 import sys
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 from firmware_py.core.config import Config
 from firmware_py.interface.frame import Frame
-from firmware_py.shell.builds import Build, node_of
-from firmware_py.shell.node import MakeNode
-from hil.record.traces.firmware_trace import open_firmware_trace
-from hil.record.traces.own_trace import is_build, open_own_trace, refuse_state
-from hil.record.traces.trace import OpenTrace
+from hil.record.traces.own_trace import refuse_state
 from text_input import TextInputError
 
 Tick = Callable[[Config, Any, Sequence[Frame]], tuple[Any, Sequence[Frame]]]
@@ -101,23 +96,3 @@ class OwnController:
             except Exception as error:
                 raise OwnControllerError(f"the controller failed: {describe(error)}") from error
         return sent
-
-
-class Controller(NamedTuple):
-    """What makes a controller's node, and opens its trace for a run that may walk."""
-
-    make_node: Callable[[Config], Any]
-    open_trace: Callable[[OpenTrace, bool], Any] = open_firmware_trace
-
-
-def controller_of(firmware: str | MakeNode) -> Controller:
-    """The controller of a build of the firmware, of `FILE.py:FUNCTION`, or of a function that makes its node.
-
-    Raises TextInputError.
-    """
-    if callable(firmware):
-        return Controller(firmware)
-    if is_build(firmware):
-        return Controller(node_of(cast(Build, firmware)))
-    file = load_own(firmware)
-    return Controller(partial(OwnController, file), partial(open_own_trace, type(file.initial)))

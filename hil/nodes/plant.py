@@ -35,8 +35,7 @@ from hil.drive.node import (
 )
 from hil.drive.reports import Ticks, first_reports, report_ticks, ticks_of
 from hil.faults.fault import Fault
-from hil.faults.on_sensor import SensorFaults
-from hil.faults.plant import PlantFaults
+from hil.faults.plant import PlantFaults, SensorFaults
 from hil.nodes.compiled import kernel
 from hil.nodes.frame_rows import byte_frame, frames_in, word_frame
 from hil.nodes.plant_steps import (

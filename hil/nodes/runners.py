@@ -5,6 +5,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Self, cast
 
+import numpy as np
+
+from firmware_py.core.config import Config
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisState, OperatorRequest
 from firmware_py.interface.frame import Frame
@@ -12,13 +15,20 @@ from firmware_py.interface.generated.received import RECEIVED_IDS
 from firmware_py.interface.generated.records import OperatorCommand, SetAxisState, SetInputTorque
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.node import FirmwareNode, MakeNode, power_up
-from firmware_py.shell.parameters import addresses_from, config_from
+from firmware_py.shell.parameters import (
+    addresses_from,
+    config_from,
+    format_file,
+    select_build,
+    with_overrides,
+)
 from hil.faults.fault import Fault
 from hil.faults.line import FaultyBus
-from hil.faults.memory import ParameterMemory
-from hil.nodes.own_controller import Controller, controller_of
+from hil.faults.on_process import MemoryFault
+from hil.nodes.own_controller import OwnController, load_own
 from hil.nodes.plant import ACCEPTED_IDS, PlantNode
-from hil.record.traces.own_trace import is_build
+from hil.record.traces.firmware_trace import open_firmware_trace
+from hil.record.traces.own_trace import is_build, open_own_trace
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import Fields, OpenTrace, TraceWriter, no_trace
 from hil.run_files import trace_file
@@ -30,6 +40,8 @@ from plant_sim.result import Impact
 from plant_sim.scene import Scene
 from plant_sim.sensors.gait import GaitTruth
 
+SEED_OF_MEMORY = 3000
+"""Independent of the seeds of all other faults."""
 WARM_TICKS = 300
 """Ticks in which a node runs all its code before its clock starts: compiled kernels, imports, caches."""
 
@@ -185,6 +197,48 @@ class PlantRunner(NodeRunner):
         for trace in (self._trace, self._impacts):
             if trace is not None:
                 trace.close()
+
+
+class ParameterMemory:
+    """The parameter file that the firmware reads when it starts.
+
+    `of_the_build`: the parameters that are no part of the file, because they are settled in the build.
+    """
+
+    def __init__(self, parameters: Mapping[str, Any], faults: Sequence[Fault] = (), seed: int = 1) -> None:
+        self.of_the_build = select_build(parameters)
+        self._text = format_file(with_overrides(parameters))
+        self._damages = [fault for fault in faults if isinstance(fault, MemoryFault)]
+        self._noise = np.random.default_rng([seed, SEED_OF_MEMORY])
+
+    def read(self, t_s: float) -> str:
+        """The file's content for a firmware that starts at `t_s`."""
+        text = self._text
+        for damage in self._damages:
+            if damage.acts(t_s):
+                damage.count()
+                text = damage.damaged(text, self._noise)
+        return text
+
+
+class Controller(NamedTuple):
+    """What makes a controller's node, and opens its trace for a run that may walk."""
+
+    make_node: Callable[[Config], Any]
+    open_trace: Callable[[OpenTrace, bool], Any] = open_firmware_trace
+
+
+def controller_of(firmware: str | MakeNode) -> Controller:
+    """The controller of a build of the firmware, of `FILE.py:FUNCTION`, or of a function that makes its node.
+
+    Raises TextInputError.
+    """
+    if callable(firmware):
+        return Controller(firmware)
+    if is_build(firmware):
+        return Controller(node_of(cast(Build, firmware)))
+    file = load_own(firmware)
+    return Controller(partial(OwnController, file), partial(open_own_trace, type(file.initial)))
 
 
 INTERPRETED = Controller(FirmwareNode)

@@ -4,6 +4,7 @@ A run owns its folder: `claimed` makes a new folder, or takes one that is empty 
 to its `run.json`, and locks it. Only files that a run writes are ever removed.
 """
 
+import fcntl
 import json
 import os
 import time
@@ -12,11 +13,49 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from hil.record.folder_lock import FolderInUseError, is_in_use, locked
 from hil.record.new_file import MOST_NOTE_BYTES, foreign_link_on, is_foreign, is_regular, write_anew
 from hil.record.traces import trace
 from hil.run_files import MADE_BY_A_RUN, TRACE_FILES, RunFile
 from text_input import RefusalError
+
+
+class FolderInUseError(Exception):
+    """Another process holds the folder's lock."""
+
+
+@contextmanager
+def locked(folder: Path, shared: bool = False) -> Iterator[None]:
+    """Hold the lock of a folder; `shared`: with others who only look at it.
+
+    Raises FolderInUseError if another process holds it for itself; those who look are waited for.
+    """
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        while not take(lock, fcntl.LOCK_SH if shared else fcntl.LOCK_EX):
+            if shared or not take(lock, fcntl.LOCK_SH):
+                raise FolderInUseError(f"{folder} is in use by another process")
+        yield
+    finally:
+        os.close(lock)
+
+
+def take(lock: int, kind: int) -> bool:
+    """Lock an open folder, without waiting; False if another process's lock forbids it."""
+    try:
+        fcntl.flock(lock, kind | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def is_in_use(folder: Path) -> bool:
+    """Whether a process holds the folder's lock."""
+    try:
+        with locked(folder, shared=True):
+            return False
+    except FolderInUseError:
+        return True
+
 
 RUNS = Path("runs")
 SUITE_NOTE = "suite.json"
@@ -281,11 +320,12 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     unfinished.rename(path)
 
 
-def note(run_dir: Path, **values: Any) -> None:
-    """Add `values` to `run.json`."""
+def note(run_dir: Path, **values: Any) -> dict[str, Any]:
+    """Add `values` to `run.json`; return its content."""
     path = run_dir / RunFile.NOTE
     known = json.loads(path.read_text()) if path.exists() else {}
-    write_note(path, {**known, **values})
+    write_note(path, known | values)
+    return known | values
 
 
 def write_note(path: Path, values: Mapping[str, Any]) -> None:

@@ -19,7 +19,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.node.xcp import IS_CONNECTED
 from firmware_py.shell.builds import NATIVE
 from firmware_py.shell.native import NativeNode
-from hil.faults.clocks import Turns
+from hil.faults.processes import Turns
 from hil.faults.fault import TIME_RESOLUTION_S, Fault
 from hil.faults.on_bus import LineFault, ModelledFault
 from hil.faults.on_process import HostFault
@@ -43,7 +43,7 @@ from hil.record.traces.plant_trace import PlantRecord
 from hil.roster import OPERATOR, PLANT, ROSTER
 from hil.runs.job import Job
 from hil.runs.lockstep import Lockstep
-from hil.runs.lockstep_bus import IdealBus
+from hil.bus.in_process import IdealBus
 from hil.runs.rows import FRAME_COLUMNS
 from hil.timing.clock import NS_PER_S
 from hil.timing.loop import UNTIMED, LoopTiming

@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
-from hil.faults.clocks import in_turns
+from hil.faults.processes import in_turns
 from hil.faults.fault import Fault, of_a_node
 from hil.faults.line import FaultyBus
 from hil.faults.processes import ProcessFaults
@@ -19,7 +19,8 @@ from hil.nodes.runners import Making, Pace
 from hil.record.new_file import append_line
 from hil.roster import FIRMWARE, OPERATOR, PLANT, ROSTER, Node, instants, names
 from hil.runs.job import Job
-from hil.runs.lockstep_bus import BusAsModelled, IdealBus, LockstepBus
+from hil.runs.modelled_bus import BusAsModelled
+from hil.bus.in_process import IdealBus
 from hil.runs.rows import Collected, FrameRows
 from hil.timing.clock import NS_PER_S
 from hil.timing.loop import UNTIMED, LoopTiming
@@ -37,7 +38,7 @@ class Lockstep:
         scenario, seed = job.scenario, job.seed
         self.faults: dict[str, list[Fault]] = {name: of_a_node(scenario.faults) for name in (*names(), BENCH)}
         self.rows, self.frames = Collected(job.kept), FrameRows(job.kept is None)
-        self.bus: LockstepBus = IdealBus()
+        self.bus: IdealBus | BusAsModelled = IdealBus()
         if scenario.bitrate is not None:
             self.bus = BusAsModelled(scenario.bitrate, self.rows, self.faults[BENCH])
         say: Callable[[str], object] = str
@@ -51,7 +52,7 @@ class Lockstep:
         """The nodes by name, in turns if clock or process have a fault."""
         for node in ROSTER:
             name, faults = node.name, self.faults[node.name]
-            on_line = [fault for fault in faults if not self.bus.breaks_by(fault)]
+            on_line = [fault for fault in faults if not isinstance(fault, self.bus.breaks)]
             line = FaultyBus(self.joined[name], name, on_line, seed, pace.period_s)
             made = Making(scenario, seed, pace, line, faults, self.rows, job.firmware, say)
             self.lines[name], runners[name] = line, node.makes.make(made)

@@ -10,22 +10,19 @@ from time import perf_counter
 from typing import Any
 
 from hil.bench import workers
-from hil.bench.bench import run_scenario
-from hil.bench.ending import close, is_verdict, reason_of, was_cut_short
-from hil.bench.options import RunOptions, prepare
-from hil.bench.verdict import KILLED, without_records
-from hil.judge import junit, requirements
+from hil.bench.bench import is_verdict, prepare, reason_of, run_scenario, was_cut_short
+from hil.bench.verdict import close
 from hil.judge.failures import failures_of
 from hil.judge.seeds import ScenarioVerdict, merge
-from hil.judge.verdict import RunVerdict, Verdict, read_verdict, worst
+from hil.judge.verdict import KILLED, RunVerdict, Verdict, trace, without_records, worst
+from hil.judge.verdict_files import junit_document, read_verdict
 from hil.record import formats, run_folder
 from hil.record.damage import DamagedFileError, reading
 from hil.record.new_file import write_anew
 from hil.record.run_traces import read_json
 from hil.run_files import RunFile
-from hil.runs import beginning
-from hil.runs.job import Progress, silent
-from hil.runs.outcome import Outcome
+from hil.runs.job import Outcome, Progress, RunOptions, silent
+from hil.runs.recording import begin, key_of
 from hil.scenario.files import ScenarioError, scenario_names, sources_in
 from hil.scenario.scenario import Scenario, load_scenario
 from hil.scenario.seeds import delay_faults
@@ -124,7 +121,7 @@ def close_broken_off(case: Case, clock: ClockName, death: workers.Died) -> RunVe
     """The verdict on a run whose process was killed, from the files that it left."""
     with run_folder.claimed(case.scenario.name, case.run_dir) as run_dir:
         if not run_folder.is_own(run_dir):
-            beginning.begin(run_dir, case.scenario, clock, case.seed)
+            begin(run_dir, case.scenario, clock, case.seed)
         reason = (
             f"its process {death.how}; if the machine ran out of memory, run fewer at the same time: --jobs 1"
         )
@@ -137,7 +134,7 @@ def take_over(case: Case, clock: ClockName) -> RunVerdict | None:
     None if it is not judged or damaged, its inputs have changed, or another user may have written it.
     """
     described = read_json(case.run_dir / RunFile.NOTE)
-    if described.get("key") != beginning.key_of(case.scenario, clock, case.seed):
+    if described.get("key") != key_of(case.scenario, clock, case.seed):
         return None
     place = case.run_dir / RunFile.VERDICT
     is_trusted = place.exists() and run_folder.is_written_by_oneself(case.run_dir, place)
@@ -156,7 +153,7 @@ def discard_not_run(case: Case, clock: ClockName, why: str) -> RunVerdict:
 def fail_unjudged(case: Case, clock: ClockName, reason: str) -> RunVerdict:
     """The failed verdict on a run that was not judged."""
     run = {"scenario": case.scenario.name, "clock": clock, "seed": case.seed}
-    return without_records(run, case.scenario.document, reason, case.run_dir)
+    return without_records(run, case.scenario.checks, reason, case.run_dir)
 
 
 def write_junit_of_kill(path: Path, cases: Sequence[Case], clock: ClockName) -> None:
@@ -165,7 +162,7 @@ def write_junit_of_kill(path: Path, cases: Sequence[Case], clock: ClockName) -> 
     for case in cases:
         first.setdefault(case.scenario.name, case)
     killed = [fail_unjudged(case, clock, KILLED) for case in first.values()]
-    write_anew(path, junit.document(killed))
+    write_anew(path, junit_document(killed))
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,7 +244,7 @@ class Suite:
 
     def publish(self, ordered: Sequence[ScenarioVerdict], result: Mapping[str, Any]) -> None:
         """Write the JUnit file and the page."""
-        write_anew(self.folder / RunFile.JUNIT, junit.document(ordered))
+        write_anew(self.folder / RunFile.JUNIT, junit_document(ordered))
         traced, changed = result["requirements"], result["changed"]
         write_suite_report(self.folder / PAGE, ordered, traced, result["changes"], changed)
 
@@ -292,7 +289,7 @@ def run_suite(
         "junit": None,
         "report": None,
         "failures": failures_of([]).as_json(),
-        "requirements": requirements.trace([]),
+        "requirements": trace([]),
         "changed": [] if not scenarios else list(scenarios[0].changes),
         "changes": None,
         "only_in_baseline": None,
@@ -315,7 +312,7 @@ def run_suite(
             "junit": str(folder / RunFile.JUNIT),
             "report": str(folder / PAGE),
             "failures": failures_of(ordered).as_json(),
-            "requirements": requirements.trace(ordered),
+            "requirements": trace(ordered),
         }
         if baseline is not None:
             result["changes"] = changes(baseline.suite, result, baseline.tolerances)

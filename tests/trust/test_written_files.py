@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 
 from compilation import kernel_cache
 from hil.record import run_folder
-from tools import cli, outputs, plots
+from tools import cli, plots
 from tools.commands.campaign import keep_trial
+from tools.commands.options import PICTURES, RECORDINGS, TABLES
 from tools.logs import inspection
 from tools.output import BadInputError
 from tools.program import program
@@ -35,7 +36,7 @@ OWN_PLACES = {
     "firmware_py/interface/generate.py": "a developer's command, as all in tools/dev",
     "tools/error_report.py": "by a descriptor of mkstemp",
     "tools/commands/new.py": "a new file, which no link is",
-    "tools/outputs.py": "a trial that writes nothing, of a file that is no link",
+    "tools/commands/options.py": "a trial that writes nothing, of a file that is no link",
 }
 WRITERS = ("write_text", "write_bytes", "touch", "savefig", "write_feather")
 OPENED = ("open", "fdopen", "ZipFile")
@@ -87,7 +88,7 @@ def test_every_option_for_a_file_to_write_refuses_a_link(tmp_path: Path) -> None
     victim.write_text("precious\n")
     refused, accepted = set(), set()
     for name, command, option in options(program()):
-        for ending in (*outputs.PICTURES, *outputs.RECORDINGS, *outputs.TABLES, ".toml", ".fmu", ".md", ""):
+        for ending in (*PICTURES, *RECORDINGS, *TABLES, ".toml", ".fmu", ".md", ""):
             link = tmp_path / f"link{ending}"
             if not link.is_symlink():
                 link.symlink_to(victim)

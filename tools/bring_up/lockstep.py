@@ -10,9 +10,7 @@ from hil.bus.can_log import CanLog
 from hil.bus.in_process import InProcessBus
 from hil.faults.fault import Fault
 from hil.faults.line import FaultyBus
-from hil.faults.memory import ParameterMemory
-from hil.nodes.own_controller import controller_of
-from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
+from hil.nodes.runners import FirmwareRunner, Pace, ParameterMemory, PlantRunner, controller_of
 from hil.record.new_file import make_anew
 from hil.record.traces.trace import no_trace
 from hil.roster import PLANT

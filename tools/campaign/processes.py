@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hil.record import provenance
-from hil.record.folder_lock import FolderInUseError, locked
-from hil.record.run_folder import RUNS
+from hil.record.run_folder import RUNS, FolderInUseError, locked
 from tools.campaign.campaign import Outcome, Plan
 from tools.campaign.campaigns import run_trial
 from tools.output import BadInputError

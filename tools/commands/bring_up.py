@@ -5,9 +5,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from tools.commands.options import Change, Json, NodeBus, number
+from tools.commands.options import Change, Json, NodeBus, folder_option, number
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, answer, progress_console
-from tools.outputs import folder_option
 
 StepName = Literal["listen", "at-rest", "drive", "below-impacts", "first-impacts", "twin"]
 

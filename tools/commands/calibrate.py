@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Json, NodeBus, setting
+from tools.commands.options import Json, NodeBus, file_option, setting
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, answer, console, table_of
-from tools.outputs import file_option
 
 
 def calibrate(

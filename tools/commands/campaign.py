@@ -18,9 +18,9 @@ from tools.commands.options import (
     ParameterFiles,
     Scheduler,
     Workers,
+    digest,
 )
 from tools.output import BadInputError, answer, exit_of, progress_console
-from tools.outputs import digest
 
 if TYPE_CHECKING:
     from tools.campaign.campaign import Outcome, Trial
@@ -79,9 +79,10 @@ def campaign(
     - all but limits: mismatch_spring, mismatch_damping, mismatch_restitution, mismatch_rest_length_m,
     mismatch_stop_m, mismatch_dry_friction, mismatch_bias_g, mismatch_amplitude
     """
-    from hil.bench.options import RunOptions, prepare
+    from hil.bench.bench import prepare
     from hil.bench.workers import WorkerDiedError
     from hil.record.run_folder import RUNS
+    from hil.runs.job import RunOptions
     from plant_sim.scene import load_scene
     from tools.campaign.campaigns import CAMPAIGNS, trial_of
     from tools.campaign.identified import read_spread, refuse_other_axes

@@ -7,7 +7,7 @@ import typer
 from rich.markup import escape
 from rich.table import Column
 
-from tools.commands.options import Json
+from tools.commands.options import RECORDINGS, Json, new_option
 from tools.logs.changes import Tolerances, flip, show_changes, tolerances_of
 from tools.output import (
     EXIT_CHECK_FAILED,
@@ -19,7 +19,6 @@ from tools.output import (
     mark_verdict,
     table_of,
 )
-from tools.outputs import RECORDINGS, new_option
 
 MOST_CHANGES = 10
 """Largest number of figures shown, so that they fit one screen; --json has all."""

@@ -5,9 +5,8 @@ from typing import Annotated, Literal, get_args
 
 import typer
 
-from tools.commands.options import Json, Logged
+from tools.commands.options import Json, Logged, new_option, refuse_existing
 from tools.output import BadInputError, answer
-from tools.outputs import new_option, refuse_existing
 
 Kind = Literal["mf4", "mcap", "parquet", "csv"]
 

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from tools.commands.options import Change, Json, ParameterFiles, load_changed_scene
+from tools.commands.options import Change, Json, ParameterFiles, file_option, load_changed_scene
 from tools.output import BadInputError, answer, console
-from tools.outputs import file_option
 
 if TYPE_CHECKING:
     from tools.fmu.build import Model

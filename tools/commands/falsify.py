@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hil.timing.signals import Interrupted
-from tools.commands.options import MOST_TRIALS, Change, Json, Scheduler, Workers
+from tools.commands.options import MOST_TRIALS, Change, Json, Scheduler, Workers, digest, folder_option
 from tools.output import (
     EXIT_CHECK_FAILED,
     EXIT_NOTHING_RAN,
@@ -16,7 +16,6 @@ from tools.output import (
     progress_console,
     table_of,
 )
-from tools.outputs import digest, folder_option
 from tools.progress import shown_progress
 
 if TYPE_CHECKING:
@@ -49,9 +48,10 @@ def falsify(
     errors, and small disturbances. A counterexample is written as a small scenario; the exit status is then
     1. The same command continues an interrupted search, also with a larger budget.
     """
-    from hil.bench.options import RunOptions, prepare
+    from hil.bench.bench import prepare
     from hil.bench.workers import WorkerDiedError
     from hil.record.run_folder import RUNS
+    from hil.runs.job import RunOptions
     from hil.scenario.files import sources_in
     from tools import jobs
     from tools.campaign.processes import claimed
@@ -128,8 +128,7 @@ def result_of(
 ) -> dict[str, Any]:
     """The JSON object of a search, after its counterexample or its picture of margins has been written."""
     from hil.bench.bench import run_scenario
-    from hil.bench.options import RunOptions
-    from hil.runs.job import silent
+    from hil.runs.job import RunOptions, silent
     from hil.scenario.scenario import load_scenario
     from tools.falsify.counterexample import shrink, write
     from tools.falsify.pictures import plot_instant, plot_margins

@@ -7,9 +7,8 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from tools.commands.options import Json
+from tools.commands.options import Json, folder_option
 from tools.output import EXIT_NOTHING_RAN, EXIT_PASSED, answer, console, show_tables
-from tools.outputs import folder_option
 
 
 def import_log(

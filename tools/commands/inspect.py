@@ -8,7 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Column
 
-from tools.commands.options import Json, Logged
+from tools.commands.options import PICTURES, TABLES, Json, Logged, file_option
 from tools.output import (
     BadInputError,
     answer,
@@ -22,7 +22,6 @@ from tools.output import (
     progress_console,
     table_of,
 )
-from tools.outputs import PICTURES, TABLES, file_option
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -116,7 +116,7 @@ def tables_of(what: str, name: str) -> Mapping[str, Any]:
 
         return read_scene(name)
     if what == "check-sets":
-        from hil.scenario.differences import check_set
+        from hil.scenario.files import check_set
 
         return {"checks": check_set(name)}
     from hil.scenario.files import read_scenario
@@ -139,7 +139,7 @@ def scenarios() -> Iterator[Named]:
 
 def sets() -> Iterator[Named]:
     """The sets of checks that scenarios may name; their value is the number of checks."""
-    from hil.scenario.differences import check_sets
+    from hil.scenario.files import check_sets
 
     for name, one in check_sets().items():
         yield Named(name, "checks", str(len(one["checks"])), one["title"])

@@ -6,9 +6,8 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Json
+from tools.commands.options import Json, refuse_existing
 from tools.output import BadInputError, answer, console
-from tools.outputs import refuse_existing
 
 TEMPLATE = Path(__file__).with_name("scenario_to_write.toml")
 

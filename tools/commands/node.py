@@ -5,8 +5,7 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Controller, NodeBus, Until
-from tools.outputs import folder_option
+from tools.commands.options import Controller, NodeBus, Until, folder_option
 
 
 def node(

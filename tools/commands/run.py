@@ -10,7 +10,15 @@ from rich.markup import escape
 from rich.table import Column
 
 from hil.run_files import RunFile
-from tools.commands.options import Change, Controller, Json, ParameterFiles, RealTime, note_unused_bus
+from tools.commands.options import (
+    Change,
+    Controller,
+    Json,
+    ParameterFiles,
+    RealTime,
+    folder_option,
+    note_unused_bus,
+)
 from tools.output import (
     BadInputError,
     answer,
@@ -21,7 +29,6 @@ from tools.output import (
     mark_verdict,
     table_of,
 )
-from tools.outputs import folder_option
 from tools.progress import shown_progress
 
 if TYPE_CHECKING:
@@ -56,7 +63,7 @@ def run(
 ) -> None:
     """Run one scenario, record every signal, and judge it."""
     from hil.bench.bench import run_scenario
-    from hil.bench.options import RunOptions
+    from hil.runs.job import RunOptions
     from hil.scenario.scenario import load_scenario
 
     loaded = load_scenario(scenario, change or [], parameters or [])

@@ -7,9 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from tools.commands.options import Change, Json, load_changed_scene, number
+from tools.commands.options import PICTURES, Change, Json, file_option, load_changed_scene, number
 from tools.output import BadInputError, answer, show_tables
-from tools.outputs import PICTURES, file_option
 
 LONGEST_S = 86_400.0
 LONGEST_PLOT_S = 3600.0

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
-from tools.commands.options import Json, Scheduler, Workers, number, unfold
+from tools.commands.options import Json, Scheduler, Workers, file_option, folder_option, number, unfold
 from tools.commands.study_branches import boundaries, branches
 from tools.output import answer, console, table_of
-from tools.outputs import file_option, folder_option
 
 if TYPE_CHECKING:
     from tools.study.basin import Basin

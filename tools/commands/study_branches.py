@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from tools.commands.options import Change, Json, load_changed_scene
+from tools.commands.options import Change, Json, digest, folder_option, load_changed_scene
 from tools.output import BadInputError, answer, console, figure, figure_table, table_of
-from tools.outputs import digest, folder_option
 
 if TYPE_CHECKING:
     from plant_sim.scene import Scene

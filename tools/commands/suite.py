@@ -14,11 +14,11 @@ from tools.commands.options import (
     Json,
     ParameterFiles,
     RealTime,
+    folder_option,
     note_unused_bus,
 )
 from tools.logs.changes import Tolerances, baseline_result, show_changes, tolerances_of
 from tools.output import BadInputError, answer, console, exit_of, figure, mark_verdict, table_of
-from tools.outputs import folder_option
 from tools.progress import shown_progress
 
 MOST_LACKING = 5
@@ -61,7 +61,7 @@ def suite(
 
     The exit status is 1 if a check failed, else 5 if nothing ran or a run was not judged.
     """
-    from hil.bench.options import RunOptions
+    from hil.runs.job import RunOptions
     from hil.suite.changes import Baseline
     from hil.suite.suite import Chosen, run_suite
 

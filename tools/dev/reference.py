@@ -24,11 +24,9 @@ from firmware_py.interface.dbc import Signal, SignalKind, database
 from firmware_py.interface.parameter_table import TABLE, Parameter
 from hil.drive.axis_table import BenchScene
 from hil.faults.every import KINDS, PLACES
-from hil.judge.checks import Check
+from hil.judge.checks import Bounds, Check, Limit, requirements
 from hil.judge.figures.records import CATALOGUE
-from hil.judge.requirements import Bounds, Limit, requirements
-from hil.scenario.differences import FileTable, check_sets
-from hil.scenario.files import scenario_names
+from hil.scenario.files import FileTable, check_sets, scenario_names
 from hil.scenario.limits import SCALES
 from hil.scenario.scenario import CommandTable, Scenario, ScenarioTable, ScriptTable, load_scenario
 from hil.scenario.search import SearchTable

@@ -20,10 +20,9 @@ from PIL import Image, PngImagePlugin
 from rerun.experimental import ViewerClient
 
 from hil.bench.bench import run_scenario
-from hil.bench.options import RunOptions
 from hil.record.rrd.rerun_program import rerun_environment
 from hil.run_files import RunFile
-from hil.runs.job import silent
+from hil.runs.job import RunOptions, silent
 from hil.scenario.scenario import load_scenario
 from hil.show.layout import Contents, Highlights, layout
 from hil.show.legible.limits import FIGURES, limits_of

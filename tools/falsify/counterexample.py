@@ -12,8 +12,7 @@ from typing import Any
 import tomli_w
 
 from hil.record.new_file import write_anew
-from hil.scenario.differences import KINDS
-from hil.scenario.files import beside, locate, read_file, read_scenario
+from hil.scenario.files import KINDS, beside, locate, read_file, read_scenario
 from hil.scenario.scenario import check_scenario
 from tools.falsify.evaluations import Evaluations
 from tools.falsify.search import Best

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from hil.bench.recorded_run import Run
+from hil.judge.checks import size_of
 from hil.judge.figures.records import CATALOGUE, Origin, value_of
-from hil.judge.requirements import size_of
 from hil.judge.tolerance import Tolerance, tolerance_of
 from hil.record.damage import reading
 from hil.record.frame_tables import RAW

@@ -21,7 +21,7 @@ DEFAULT_SIGNALS = (
 
 
 def write_table(table: pa.Table, path: Path) -> None:
-    """Write a table to a file ending in one of `tools.outputs.TABLES`."""
+    """Write a table to a file ending in one of `tools.commands.options.TABLES`."""
     if path.suffix == ".csv":
         write_csv(table, path)
         return

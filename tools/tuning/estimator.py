@@ -30,7 +30,7 @@ import numpy as np
 from scipy.signal import correlate
 
 from firmware_py.shell.parameters import BY_NAME, DEFAULTS
-from hil.scenario.differences import apply_differences
+from hil.scenario.files import apply_differences
 from hil.scenario.parameter_file import nest
 from plant_sim.arrays import FloatArray
 from tools.campaign.campaign import Cell

@@ -21,8 +21,7 @@ from hil.record.new_file import write_anew
 from hil.record.run_traces import read_run
 from hil.runs.job import Job, Progress
 from hil.runs.recording import in_lockstep
-from hil.scenario.differences import apply_differences
-from hil.scenario.files import read_scenario
+from hil.scenario.files import apply_differences, read_scenario
 from hil.scenario.limits import without_own_limit
 from hil.scenario.parameter_file import nest
 from hil.scenario.scenario import check_scenario, load_scenario

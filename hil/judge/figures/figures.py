@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from firmware_py.interface.enums import Mode, Regime
+from hil.bus.base import OWN_BUSES
 from hil.judge import detection
 from hil.judge.estimate_error import estimate_errors
 from hil.judge.figures import faults
@@ -48,8 +49,6 @@ LONGEST_WORK_P99_US = 500.0
 LONGEST_HOLD_MS = 3.0
 """Shortest stall that disturbs the controlled motion even if it is rare: an impact lasts 10 ms, and its
 detection takes a few ticks."""
-OWN_BUSES = ("local", "vcan")
-"""Names of the buses that are made for a run alone."""
 OVERRUN_FRACTION = 1e-3
 """Allowed overruns in addition to twice those of a bare sleep loop, as a share of the ticks due."""
 OVERRUN_FRACTION_UML = 1e-2
@@ -197,9 +196,8 @@ def estimate_figures(plant: Records, firmware: Records, hold: Window | None) -> 
 
 def detector_figures(plant: Records, impacts: Records, firmware: Records) -> DetectorFigures:
     """Compare detections, timed by the reporting tick, with the touch-downs while the firmware ran."""
-    nothing = DetectorFigures(None, None, no_figures(Latency), None, 0)
     if len(plant) == 0 or len(firmware) == 0:
-        return nothing
+        return no_figures(DetectorFigures)
     alive_until_s = float(column(firmware, "t_s")[-1]) - detection.LONGEST_LATENCY_S
     touch_down_s = column(impacts, "t_s")
     seen = detection.select_reported(firmware)

@@ -34,8 +34,17 @@ class Origin(Enum):
 
 
 def no_figures(kind: type[Group]) -> Group:
-    """A group of figures that a run does not have."""
-    return kind(*[None] * len(get_type_hints(kind)))
+    """A group of figures that a run does not have: None; a count is 0 and a name `none`, which cannot be."""
+    return kind(*map(no_figure, get_type_hints(kind).values()))
+
+
+def no_figure(kind: Any) -> Any:
+    """A figure of this type that a run does not have."""
+    if is_dataclass(kind):
+        return no_figures(kind)  # type: ignore[arg-type]
+    if get_origin(kind) is tuple:
+        return ()
+    return {int: 0, float: 0.0, bool: False, str: "none"}.get(kind)
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,9 +18,8 @@ from compilers import require_compiler
 from resting import resting
 
 from hil.bench.bench import run_scenario
-from hil.bench.options import RunOptions
 from hil.record.traces import trace
-from hil.runs.job import silent
+from hil.runs.job import RunOptions, silent
 from hil.scenario.scenario import Scenario, load_scenario
 from hil.timing.processes import BAD_INPUT_STATUS, Child, ChildError, ChildRefusalError
 from tools.output import EXIT_BAD_INPUT

@@ -19,16 +19,14 @@ from firmware_py.interface import codec
 from firmware_py.interface.enums import ActingLimit, Mode, Regime
 from firmware_py.interface.generated.records import FirmwareHeartbeat
 from hil.bench.bench import run_scenario
-from hil.bench.ending import close
-from hil.bench.options import RunOptions
-from hil.bench.verdict import failed_for
-from hil.judge import junit
+from hil.bench.verdict import close
 from hil.judge.judge import judge
+from hil.judge.verdict import failed_for
+from hil.judge.verdict_files import junit_document
 from hil.record import run_folder
 from hil.record.run_traces import RunTraces
 from hil.run_files import RunFile
-from hil.runs.job import silent
-from hil.runs.outcome import Outcome
+from hil.runs.job import Outcome, RunOptions, silent
 from hil.scenario.scenario import load_scenario
 from hil.suite.suite import Chosen, run_suite
 from tools import cli
@@ -114,7 +112,7 @@ def test_a_second_firmware_on_a_shared_bus_leaves_the_run_not_judged(firmwares: 
 def test_junit_stays_xml_whatever_a_process_has_written() -> None:
     reason = "firmware ended: \x1b[31mred\x1b[0m \ud800 \x0b\ufffe ok"
     verdict = failed_for(judge(RunTraces(run={"scenario": "s\x00"}), Path()), [reason])
-    text = junit.document([verdict])
+    text = junit_document([verdict])
     error = ElementTree.fromstring(text.split("\n", 1)[1].encode()).find("testsuite/testcase/error")
     assert error is not None
     message = error.get("message") or ""

@@ -9,13 +9,12 @@ import tomli_w
 from resting import resting
 from run_folder import make_run, write_run
 
-from hil.bench.options import RunOptions
 from hil.bench.verdict import finish
-from hil.judge import junit, requirements
 from hil.judge.checks import checks_of
 from hil.judge.seeds import merge
-from hil.judge.verdict import Verdict, worst
-from hil.runs.job import silent
+from hil.judge.verdict import Verdict, trace, worst
+from hil.judge.verdict_files import junit_document
+from hil.runs.job import RunOptions, silent
 from hil.show.report.pages import write_suite_report
 from hil.suite.suite import Chosen, run_suite
 from tools.cli import run
@@ -92,7 +91,7 @@ def test_a_run_that_the_bench_could_not_judge_says_why_everywhere(tmp_path):
     error = ElementTree.parse(tmp_path / "run" / "junit.xml").getroot().find("testsuite/testcase/error")
     assert error.get("message") == "not judged: the plant was held up for 40 ms at 2.00 s"
     assert "the plant was held up for 40 ms" in (tmp_path / "run" / "report.html").read_text()
-    of_requirements = requirements.trace([verdict])
+    of_requirements = trace([verdict])
     assert {one["verdict"] for one in of_requirements.values()} <= {"not-judged", None}
     both = merge(checks_of(made_up.scenario), {1: verdict})
     write_suite_report(tmp_path / "index.html", [both], of_requirements)
@@ -120,7 +119,7 @@ def test_one_seed_that_is_not_judged_leaves_the_scenario_not_judged(tmp_path):
     both = merge(checks_of({"checks": checks}), {1: fine, 2: doubted})
     assert (both.verdict, both.passed_seeds, both.not_judged_seeds) == (Verdict.NOT_JUDGED, 1, (2,))
     assert both.not_judged == ("seed 2: a hold of 11 s",)
-    assert "not judged: seed 2: a hold of 11 s" in junit.document([both])
+    assert "not judged: seed 2: a hold of 11 s" in junit_document([both])
 
 
 OWN = {"name": "mean_torque", "expression": "mean(firmware.outputs.torque_n_m)", "low": 0.0, "unit": "N m"}

@@ -14,13 +14,14 @@ from run_folder import make_run, write_run
 
 from firmware_py.interface.enums import Fault
 from hil.bench.recorded_run import open_run
-from hil.bench.verdict import failed_for, finish
-from hil.judge import junit, requirements
-from hil.judge.checks import Check, checks_of, margin_share
+from hil.bench.verdict import finish
+from hil.judge.checks import Check, checks_of, requirements
+from hil.judge.evaluation import margin_share
 from hil.judge.figures.figures import figures_of
 from hil.judge.figures.records import LogFigures
 from hil.judge.seeds import merge
-from hil.judge.verdict import read_verdict
+from hil.judge.verdict import failed_for, trace
+from hil.judge.verdict_files import junit_document, read_verdict
 from hil.record.rrd.rerun_program import rerun
 from hil.record.run_faults import RunFault
 from hil.record.traces.trace import TraceWriter
@@ -286,7 +287,7 @@ def test_a_suite_has_one_page_and_one_junit_file(finished, tmp_path):
     _, verdict = finished
     other = replace(verdict, figures=replace(verdict.figures, scenario="other"))
     both = [in_a_suite(verdict), in_a_suite(failed_for(other, ["plant left no trace"]))]
-    write_suite_report(tmp_path / "index.html", both, requirements.trace(both))
+    write_suite_report(tmp_path / "index.html", both, trace(both))
     text = (tmp_path / "index.html").read_text()
     page = Page(text)
     assert page.open == []
@@ -296,7 +297,7 @@ def test_a_suite_has_one_page_and_one_junit_file(finished, tmp_path):
     first, second = re.findall(r'<a class="(\S+)"[^>]* title="(\w+)', text)
     assert first == ("failed", "other")
     assert second[0] == "passed"
-    suites = ElementTree.fromstring(junit.document(both).split("\n", 1)[1])
+    suites = ElementTree.fromstring(junit_document(both).split("\n", 1)[1])
     assert [suite.get("errors") for suite in suites] == ["0", "1"]
 
 
@@ -337,9 +338,7 @@ def test_a_suites_page_begins_with_the_checks_that_flipped(finished, tmp_path):
     change |= {"before": 1.0, "after": 10.0, "margin_before": 8.0, "margin_after": -1.0}
     flipped = {**change, "figure": "turned", "flipped": True, "passed_before": True, "passed_after": False}
     other = {**change, "figure": "unflipped", "flipped": False, "passed_before": True, "passed_after": True}
-    write_suite_report(
-        tmp_path / "index.html", [in_a_suite(verdict)], requirements.trace([verdict]), [other, flipped]
-    )
+    write_suite_report(tmp_path / "index.html", [in_a_suite(verdict)], trace([verdict]), [other, flipped])
     words = " ".join(Page((tmp_path / "index.html").read_text()).words)
     order = ["1 check has another verdict", "turned", "Scenarios", verdict.scenario]
     order += ["Beside the baseline", "unflipped"]
@@ -353,9 +352,9 @@ def test_a_suites_page_lists_the_requirements_that_its_runs_prove(finished, tmp_
     proving = replace(verdict, checks=(replace(first, requirement="P-01"), *others))
     said = []
     for given in (verdict, proving):
-        write_suite_report(tmp_path / "index.html", [in_a_suite(given)], requirements.trace([given]))
+        write_suite_report(tmp_path / "index.html", [in_a_suite(given)], trace([given]))
         said.append(" ".join(Page((tmp_path / "index.html").read_text()).words))
-    text = requirements.requirements()["P-01"].text
+    text = requirements()["P-01"].text
     assert "Requirements" not in said[0]
     assert text in said[1]
     assert ", S-16, P-02, " in said[1].partition("No check of these runs proves")[2]

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import pytest
 from pydantic import ValidationError
 
-from hil.judge.checks import Check, evaluate
+from hil.judge.checks import Check
+from hil.judge.evaluation import evaluate
 from hil.record.run_traces import RunTraces
 
 

@@ -4,7 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from hil.judge.checks import Check, doubt
+from hil.judge.checks import Check
+from hil.judge.evaluation import doubt
 from hil.judge.gaps import MOST_SHOWN, Gap, longest_gaps
 
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from hil.judge.checks import Check, evaluate
+from hil.judge.checks import Check
+from hil.judge.evaluation import evaluate
 from hil.judge.figures.own import ExpressionError, own_figure
 from hil.judge.hold import Window
 from hil.record.run_traces import RunTraces

@@ -7,13 +7,13 @@ from xml.etree import ElementTree
 
 import pytest
 
-from hil.judge import junit
-from hil.judge.checks import Check, checks_of, meets_requirement
+from hil.judge.checks import Check, checks_of, requirements
+from hil.judge.evaluation import meets_requirement
 from hil.judge.failures import failures_of
 from hil.judge.figures.records import CATALOGUE
 from hil.judge.judge import judge
-from hil.judge.requirements import requirements, trace
-from hil.judge.verdict import CheckResult, Verdict
+from hil.judge.verdict import CheckResult, Verdict, trace
+from hil.judge.verdict_files import junit_document
 from hil.record.run_traces import RunTraces
 from hil.scenario.files import ScenarioError, read_scenario, scenario_names
 from hil.scenario.limits import SCALES, look_up
@@ -106,7 +106,7 @@ def test_failures_of_own_limits_are_distinguished_from_broken_requirements():
 
 
 def test_junit_names_the_requirement_and_where_it_is_stated():
-    root = ElementTree.fromstring(junit.document([VERDICT]).encode())
+    root = ElementTree.fromstring(junit_document([VERDICT]).encode())
     properties = {
         (case.get("name"), one.get("name")): one.get("value")
         for case in root.iter("testcase")

@@ -26,19 +26,18 @@ from firmware_py.interface.generated.records import (
 )
 from firmware_py.shell.parameters import DEFAULTS, ParameterError, format_file, parse_file
 from hil.drive.axis import is_armed
-from hil.faults.clocks import in_turns
 from hil.faults.every import AnyFault
 from hil.faults.fault import Fault
 from hil.faults.kinds.delayed import Delayed
 from hil.faults.kinds.encoder_wrap import EncoderWrap
 from hil.faults.kinds.phase_loss import PhaseLoss
 from hil.faults.line import FaultyBus, TrafficError
-from hil.faults.memory import ParameterMemory
 from hil.faults.on_bus import Step
-from hil.faults.on_sensor import SensorFaults
-from hil.faults.processes import ProcessFaults
+from hil.faults.plant import SensorFaults
+from hil.faults.processes import ProcessFaults, in_turns
 from hil.judge.figures.figures import figures_of
 from hil.nodes.plant import PlantNode
+from hil.nodes.runners import ParameterMemory
 from hil.record.run_faults import RunFault
 from hil.record.traces import trace
 from hil.runs.job import Job

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from hil.judge.verdict import read_verdict
+from hil.judge.verdict_files import read_verdict
 from hil.record.traces import trace
 from hil.scenario.files import ScenarioError, read_scenario
 from hil.suite.compare_suites import read_suite

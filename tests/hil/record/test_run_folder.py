@@ -13,17 +13,17 @@ import pytest
 from resting import resting
 
 from hil.bench.bench import run_scenario
-from hil.bench.options import RunOptions
 from hil.bus.base import BusError
-from hil.record.folder_lock import is_in_use, locked
 from hil.record.run_folder import (
     RunFolderError,
     claimed,
+    is_in_use,
     is_written_by_oneself,
+    locked,
     write_note,
 )
 from hil.record.run_traces import read_bus
-from hil.runs.job import silent
+from hil.runs.job import RunOptions, silent
 from hil.scenario.scenario import Scenario, load_scenario
 from hil.suite.suite import Case, Chosen, judge_case, run_suite
 from tools.cli import run
@@ -119,7 +119,7 @@ def test_a_folder_that_somebody_looks_at_can_be_claimed(
         flock(lock, kind)
         looking.close()
 
-    monkeypatch.setattr("hil.record.folder_lock.fcntl.flock", lock_and_end_the_look)
+    monkeypatch.setattr("hil.record.run_folder.fcntl.flock", lock_and_end_the_look)
     with claimed("rests", tmp_path):
         assert is_in_use(tmp_path)
     assert not is_in_use(tmp_path)

@@ -13,7 +13,7 @@ import second_imu as its_module
 import tomli_w
 from second_imu import CAN_ID
 
-from hil.bench.bench import program
+from hil.bench.realtime import program
 from hil.bench.recorded_run import open_run
 
 from hil.faults.on_process import is_process

@@ -5,10 +5,16 @@ from pathlib import Path
 
 import pytest
 
+from hil.judge.checks import requirements
 from hil.judge.figures.records import CATALOGUE
-from hil.judge.requirements import requirements
-from hil.scenario.differences import check_sets
-from hil.scenario.files import ScenarioError, read_file, read_scenario, scenario_names, shipped_scenarios
+from hil.scenario.files import (
+    ScenarioError,
+    check_sets,
+    read_file,
+    read_scenario,
+    scenario_names,
+    shipped_scenarios,
+)
 from hil.scenario.scenario import load_scenario
 from hil.suite.suite import scenarios_for
 from text_input import parse_toml

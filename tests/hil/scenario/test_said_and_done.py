@@ -8,7 +8,7 @@ import pytest
 from firmware_py.shell.parameters import ParameterError
 from hil.faults.kinds.disturbed import Disturbed
 from hil.record.traces.trace import no_trace
-from hil.runs.lockstep_bus import BusAsModelled
+from hil.runs.modelled_bus import BusAsModelled
 from hil.scenario.files import ScenarioError, read_scenario
 from hil.scenario.scenario import check_scenario, load_scenario
 from hil.scenario.seeds import delay_faults

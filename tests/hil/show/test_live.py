@@ -13,12 +13,10 @@ import pytest
 from log_hashes import column_hashes, differing_entities
 from run_folder import make_run, write_run
 
-from hil.bench.bench import ProcessesRun
-from hil.bench.options import RunOptions
+from hil.bench.realtime import ProcessesRun
 from hil.record.rrd.log_file import repair
 from hil.record.rrd.rerun_program import rerun_environment, rerun_program
-from hil.runs.job import silent
-from hil.runs.outcome import Outcome
+from hil.runs.job import Outcome, RunOptions, silent
 from hil.show.follower import Follower
 from hil.show.live import follow
 from hil.show.rerun_log import rebuild

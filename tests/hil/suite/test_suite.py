@@ -12,16 +12,16 @@ from xml.etree import ElementTree
 import pytest
 from resting import resting
 
-from hil.bench.options import RunOptions
 from hil.bench.workers import Died
 from hil.faults.every import KINDS
-from hil.judge.checks import Check, is_within
+from hil.judge.checks import Check
+from hil.judge.evaluation import is_within
 from hil.judge.judge import judge
 from hil.judge.seeds import merge
 from hil.judge.verdict import CheckResult, RunVerdict, Verdict
 from hil.record.run_folder import RunFolderError
 from hil.record.run_traces import RunTraces
-from hil.runs.job import silent
+from hil.runs.job import RunOptions, silent
 from hil.scenario.files import scenario_names
 from hil.scenario.scenario import load_scenario
 from hil.scenario.seeds import delay_faults

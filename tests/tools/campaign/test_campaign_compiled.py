@@ -11,10 +11,9 @@ import pytest
 
 from firmware_py.interface.enums import Mode
 from hil.bench.bench import run_scenario
-from hil.bench.options import RunOptions
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import read
-from hil.runs.job import Job
+from hil.runs.job import Job, RunOptions
 from hil.runs.recording import record
 from hil.scenario.scenario import check_scenario, load_scenario
 from plant_sim.result import Impact

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from hil.bench.bench import BenchError
+from hil.bench.realtime import BenchError
 from hil.bus import BusFailedError
 from hil.kernel.user_mode_linux import UmlDeathError
 from tools import error_report

@@ -19,11 +19,9 @@ from firmware_py.interface.codec import CODECS
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import SetInputTorque
 from hil.bus.base import NodeBus
-from hil.faults.memory import ParameterMemory
-from hil.nodes.own_controller import controller_of
-from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
+from hil.bus.in_process import IdealBus
+from hil.nodes.runners import FirmwareRunner, Pace, ParameterMemory, PlantRunner, controller_of
 from hil.roster import FIRMWARE, OPERATOR, PLANT
-from hil.runs.lockstep_bus import IdealBus
 from hil.scenario.operator import Command, OperatorNode, Request
 from plant_sim.arrays import FloatArray, IntArray
 from plant_sim.scene import load_scene, read_scene

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.bench.bench import run_scenario
-from hil.bench.options import RunOptions
+from hil.runs.job import RunOptions
 from hil.scenario.scenario import load_scenario
 
 SCENARIO = """

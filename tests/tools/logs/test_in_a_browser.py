@@ -10,9 +10,9 @@ from browser import Browser, Picture, drawn_in, near
 from short_run import make_run
 
 from hil.judge.checks import checks_of
-from hil.judge.requirements import trace
 from hil.judge.seeds import merge
-from hil.judge.verdict import read_verdict
+from hil.judge.verdict import trace
+from hil.judge.verdict_files import read_verdict
 from hil.record import state_timeline
 from hil.record.rrd.rerun_program import rerun_environment
 from hil.record.run_traces import read_scenario

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hil.bench.verdict import KILLED
+from hil.judge.verdict import KILLED
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL, signal.SIGSTOP)
 FINAL = (signal.SIGKILL, signal.SIGSTOP)

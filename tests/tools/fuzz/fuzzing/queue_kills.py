@@ -13,9 +13,9 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from fuzzing import kill as killing
-from hil.bench.ending import was_cut_short
+from hil.bench.bench import was_cut_short
 from hil.bench.workers import PROGRAM
-from hil.judge.verdict import read_verdict
+from hil.judge.verdict_files import read_verdict
 from hil.record.run_traces import read_json
 
 WORKER = "a worker"

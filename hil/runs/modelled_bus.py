@@ -1,9 +1,9 @@
-"""The bus of lockstep: ideal, or the bus model if a scenario requests it."""
+"""The bus model as the bus of lockstep, if a scenario requests it."""
 
 from collections.abc import Sequence
 
 from firmware_py.interface.frame import Frame
-from hil.bus.in_process import InProcessBus, InProcessNode
+from hil.bus.in_process import Logged
 from hil.can_model.fault_confinement import RECORDED, UNTOUCHED, BusErrorRecord, errors_of
 from hil.can_model.modelled_bus import Delivery, ModelledBus, ModelledNode
 from hil.faults.fault import Fault
@@ -15,36 +15,9 @@ from hil.timing.clock import NS_PER_S
 
 STRANGER = "stranger"
 
-Logged = tuple[int, list[Frame]]
-"""Frames and their common time in ns."""
-
-
 def in_ns(time_s: float) -> int:
     """A time in whole nanoseconds."""
     return round(time_s * NS_PER_S)
-
-
-class IdealBus:
-    """An ideal bus: frames arrive without delay."""
-
-    def __init__(self) -> None:
-        self._bus = InProcessBus()
-        self._log = self._bus.join()
-
-    def join(self, name: str) -> InProcessNode:
-        """The connection of one of the nodes."""
-        return self._bus.join()
-
-    def breaks_by(self, fault: Fault) -> bool:
-        """No fault acts on an ideal bus."""
-        return False
-
-    def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
-        """Return the frames sent since the last call, logged at `from_ns`."""
-        return [(from_ns, self._log.receive())]
-
-    def close(self) -> None:
-        """Do nothing: the ideal bus has no files."""
 
 
 class BusAsModelled:
@@ -52,6 +25,8 @@ class BusAsModelled:
 
     The error counters and the discarded frames are recorded in the trace bus_errors.
     """
+
+    breaks = (ModelledFault, Babbling)
 
     def __init__(self, bitrate: int, traces: OpenTrace, faults: Sequence[Fault]) -> None:
         """`faults`: the script's, of which bus-off, destroyed transmissions and babbling act here."""
@@ -64,10 +39,6 @@ class BusAsModelled:
     def join(self, name: str) -> ModelledNode:
         """The connection of one of the nodes."""
         return self._bus.join(name)
-
-    def breaks_by(self, fault: Fault) -> bool:
-        """Bus-off, destroyed transmissions and babbling."""
-        return isinstance(fault, ModelledFault | Babbling)
 
     def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
         """Advance the model; return the frames that have arrived, logged at their arrival."""
@@ -122,7 +93,3 @@ class BusAsModelled:
             if fault.node_off is not None:
                 self._bus.switch_off(fault.node_off)
         self._bus.destroy(frozenset().union(*(fault.destroyed_ids for fault in acting)))
-
-
-LockstepBus = IdealBus | BusAsModelled
-"""The bus between the nodes of lockstep, which join by name; time advances between their steps."""
