@@ -189,7 +189,8 @@ def show_records(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
     same = [key for key in keys if len(rows) > 1 and all(row.get(key) == rows[0].get(key) for row in rows)]
     shared = [f"{key} = {text_of(rows[0][key])}" for key in same if rows[0].get(key) not in (None, "")]
     more = [] if len(rows) <= MOST_RECORDS else [f"the first {MOST_RECORDS} of {len(rows)}, --json has all"]
-    console.print(f"\n[bold]{escape(title)}[/]  {escape(', '.join([*shared, *more]))}", soft_wrap=True)
+    said = [f"each with {', '.join(shared)}"] if shared else []
+    console.print(f"\n[bold]{escape(title)}[/]  {escape('; '.join([*said, *more]))}", soft_wrap=True)
     shown = rows[:MOST_RECORDS]
     columns = {key: [escape(text_of(row.get(key))) for row in shown] for key in keys if key not in same}
     numbers = {key for key in columns if all(isinstance(row.get(key), int | float | None) for row in shown)}

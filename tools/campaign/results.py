@@ -11,6 +11,9 @@ from tools.campaign.campaign import Campaign, Cell, Goal, Outcome
 from tools.campaign.sampling import FIRST_CAMPAIGN_SEED
 from tools.campaign.statistics import distribution, wilson
 
+LEAST_PROVEN_PERCENT = 90.0
+"""A cell whose successes prove less than this share has too few trials."""
+
 
 def totals_of(outcomes: Sequence[Outcome]) -> dict[str, tuple[int, int]]:
     """Return the part and the whole of each share, summed over the outcomes."""
@@ -88,6 +91,25 @@ def why_not_judged(campaign: Campaign, goals: Sequence[Mapping[str, Any]], trial
     ]
 
 
+def note_few_trials(cells: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What the cell with the fewest trials leaves open, in a sentence; none if that is little.
+
+    >>> note_few_trials([{"cell": "r=1.3", "eligible": 2}])
+    ['too few trials: if all 2 of r=1.3 succeed, the true share of successes may still be 34 %']
+    >>> note_few_trials([{"cell": "r=1.3", "eligible": 40}])
+    []
+    """
+    fewest = min(cells, key=lambda cell: int(cell["eligible"]))
+    trials = int(fewest["eligible"])
+    percent = 100.0 * wilson(trials, trials).low
+    if percent >= LEAST_PROVEN_PERCENT:
+        return []
+    return [
+        f"too few trials: if all {trials} of {fewest['cell']} succeed, the true share of successes may still "
+        f"be {percent:.0f} %"
+    ]
+
+
 def summary(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Return the numbers of trials, the shares and the metrics of the outcomes."""
     eligible = [one for one in outcomes if one.eligible]
@@ -108,9 +130,14 @@ def summary(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def result_of(
-    campaign: Campaign, cells: Sequence[Cell], outcomes: Sequence[Outcome], seed: int, wall_s: float
+    campaign: Campaign,
+    cells: Sequence[Cell],
+    outcomes: Sequence[Outcome],
+    seed: int,
+    wall_s: float,
+    changed: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return the JSON object of a campaign."""
+    """Return the JSON object of a campaign; `changed`: its parameter files and settings."""
     by_cell = [[outcome for outcome in outcomes if outcome.cell == number] for number in range(len(cells))]
     goals: list[dict[str, Any]] = []
     for goal in campaign.goals:
@@ -136,12 +163,16 @@ def result_of(
                 "reason": goal.reason,
             }
         )
+    summaries = [
+        {"cell": cell.name, **summary(campaign, part)} for cell, part in zip(cells, by_cell, strict=True)
+    ]
     simulated_s = sum(outcome.simulated_s for outcome in outcomes)
     # The median is not affected by the few trials that compiled or loaded kernels.
     speeds = [outcome.simulated_s / outcome.compute_s for outcome in outcomes if outcome.compute_s > 0.0]
     return {
         "campaign": campaign.name,
         "title": campaign.title,
+        "changed": list(changed),
         "seed": seed,
         "tuning_seed": seed < FIRST_CAMPAIGN_SEED,
         **summary(campaign, outcomes),
@@ -151,9 +182,8 @@ def result_of(
             if outcome.eligible and outcome.why
         ],
         "ineligible": dict(Counter(outcome.why for outcome in outcomes if not outcome.eligible)),
-        "cells": [
-            {"cell": cell.name, **summary(campaign, part)} for cell, part in zip(cells, by_cell, strict=True)
-        ],
+        "cells": summaries,
+        "notes": note_few_trials(summaries),
         "goals": goals,
         "passed": verdict_of([goal["passed"] for goal in goals]),
         "not_judged": why_not_judged(campaign, goals, len(outcomes)),

@@ -255,7 +255,7 @@ WALK = Campaign(
         "phase_rmse": "%",
         "pulses_per_stride": "1",
         "last_pulse": "s",
-        "hardest_after": "x steady",
+        "hardest_after": "× steady",
         "undriven": "pulses",
         "decision": "s",
     },

@@ -1,9 +1,9 @@
 """`vibrohil campaign NAME`: Monte Carlo of the closed loop over truth and starts, compiled."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tomli_w
 import typer
@@ -20,7 +20,7 @@ from tools.commands.options import (
     Workers,
     digest,
 )
-from tools.output import BadInputError, answer, exit_of, progress_console
+from tools.output import BadInputError, answer, exit_of, progress_console, show_tables
 
 if TYPE_CHECKING:
     from tools.campaign.campaign import Outcome, Trial
@@ -67,6 +67,8 @@ def campaign(
     as_json: Json = False,
 ) -> None:
     """Run the closed loop on many sampled modules and starts, and judge the results by goals.
+
+    A campaign writes no result by itself; `--json > FILE` keeps it.
 
     Keys of --set campaign.KEY, lists of conditions first:
 
@@ -124,12 +126,55 @@ def campaign(
         ended = read_finished(plan, count)
         say_what_is_kept(len(ended), count, keep_some(ended))
         raise
-    result = result_of(chosen, plan.cells, outcomes, seed, time.perf_counter() - started_s)
+    files = [*map(str, parameters or []), *([] if spread is None else [f"spread {spread}"])]
+    changed = [*files, *(change or [])]
+    result = result_of(chosen, plan.cells, outcomes, seed, time.perf_counter() - started_s, changed)
     result["kept"] = keep_some(outcomes)
     if before is not None:
         result["baseline"] = baseline
         result["differences"] = compare(before, outcomes, chosen.units)
-    answer(result, as_json, status=exit_of(result))
+    answer(result, as_json, lambda: show_tables(printed(result)), exit_of(result))
+
+
+def printed(result: Mapping[str, Any]) -> dict[str, Any]:
+    """A campaign's result as it is printed: a goal with its limit in words, differences by their title."""
+    from hil.judge.requirements import Bounds
+
+    goals = [
+        {
+            **{key: goal[key] for key in ("figure", "value", "unit")},
+            "limit": Bounds(low=goal["low"], high=goal["high"]).text,
+            "passed": goal["passed"],
+            "": "" if goal["wanted"] is None else describe_bound(goal),
+        }
+        for goal in result["goals"]
+    ]
+    tables = {**result, "goals": goals}
+    rows = tables.pop("differences", [])
+    if rows:
+        tables["differences (value − baseline: 95 % interval from … to)"] = [
+            {
+                **{
+                    key: value for key, value in row.items() if key not in ("low", "high", "differs", "pairs")
+                },
+                "from": row["low"],
+                "to": row["high"],
+                "differs": row["differs"],
+                "pairs": row["pairs"],
+            }
+            for row in rows
+        ]
+    return tables
+
+
+def describe_bound(goal: Mapping[str, Any]) -> str:
+    """Says that a limit is a regression bound, and whether the wanted value behind it is met."""
+    value, wanted = goal["value"], goal["wanted"]
+    if value is None:
+        return f"a regression bound; wanted {wanted:g}"
+    is_met = value <= wanted if goal["high"] is not None else value >= wanted
+    met = "met" if is_met else f"missed: {goal['reason']}"
+    return f"a regression bound; wanted {wanted:g}, {met}"
 
 
 def settings_of(files: Sequence[Path]) -> list[str]:

@@ -57,7 +57,7 @@ def starts_of(outcomes: Sequence[Outcome]) -> FloatArray:
         [
             [
                 float(one.why != ""),
-                one.metrics.get("overshoot", one.metrics.get("overshoot_low", np.nan)),
+                one.metrics.get("overshoot", one.metrics.get("overshoot_low_r", np.nan)),
                 one.metrics.get("capture", np.nan),
                 one.metrics.get("energy", np.nan),
             ]

@@ -27,7 +27,7 @@ from tools.campaign.statistics import distribution, wilson
 from tools.campaign.walk import course_of, find_end_s, find_missing, sample_walk
 from tools.cli import run
 from tools.commands.campaign import campaign as campaign_command
-from tools.commands.campaign import kept_of
+from tools.commands.campaign import kept_of, printed
 from tools.output import (
     EXIT_BAD_INPUT,
     EXIT_CHECK_FAILED,
@@ -321,7 +321,10 @@ def test_a_campaign_compares_a_parameter_file_with_the_defaults(
 ) -> None:
     def run_all(plan: Plan, count: int, *_: Any) -> list[Outcome]:
         tuned = "gain_p_n_m_s" in plan.cells[0].firmware.get("speed", {})
-        return [Outcome(n, 0, metrics={"steady_v": 0.9 + 0.01 * n + 0.05 * tuned}) for n in range(count)]
+        return [
+            Outcome(n, n % len(plan.cells), metrics={"steady_v": 0.9 + 0.01 * n + 0.05 * tuned})
+            for n in range(count)
+        ]
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(processes, "run_all", run_all)
@@ -336,9 +339,19 @@ def test_a_campaign_compares_a_parameter_file_with_the_defaults(
         (["--set", "firmware.speed.gain_i_n_m=1", "--baseline", "tuned.toml"], -0.05),
     ):
         run(["campaign", "start-up", "--trials", "20", "--json", *sets])
-        _, metric = json.loads(capsys.readouterr().out)["differences"]
+        result = json.loads(capsys.readouterr().out)
+        assert result["changed"] == [one for one in sets[1::2] if one not in ("default", result["baseline"])]
+        _, metric = result["differences"]
         assert (metric["figure"], metric["differs"]) == ("steady_v", True)
         assert [metric["low"], metric["high"]] == pytest.approx([change, change])
+    run(["campaign", "start-up", "--trials", "20", *sets])
+    shown = " ".join(capsys.readouterr().out.split())
+    for text in (
+        "changed firmware.speed.gain_i_n_m=1",
+        "too few trials: if all 1 of stribeck r=1.1 succeed",
+        "differences (value − baseline: 95 % interval from … to)",
+    ):
+        assert text in shown
     assert run(["campaign", "start-up", "--baseline", "default"]) == EXIT_BAD_INPUT
     assert "the same parameters as this campaign" in capsys.readouterr().err
 
@@ -360,10 +373,10 @@ def test_the_regression_bound_decides_and_what_is_wanted_is_shown(
     met = result_of(campaign, cells, [outcome(0, 1.9)], 20_000, wall_s=1.0)
     worse = result_of(campaign, cells, [outcome(0, 2.1)], 20_000, wall_s=1.0)
     assert (met["passed"], worse["passed"]) == (True, False)
-    show_tables(met)
-    printed = capsys.readouterr().out
-    assert "it is wet" in printed
-    assert "PASSED" in printed
+    show_tables(printed(met))
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "≤ 2 yes a regression bound; wanted 1, missed: it is wet" in shown
+    assert "PASSED" in shown
 
 
 def test_every_goal_that_is_known_to_be_missed_has_its_bound_and_its_reason() -> None:

@@ -31,8 +31,8 @@ def test_values_and_records_have_their_names(capsys) -> None:
     }
     lines = printed(payload, capsys)
     assert lines[:4] == ["out here", "final.x_m 0.18", "notes one", "two"]
-    assert lines[4:9] == ["", "rows kind = solver", "what cost", "[a] 1.25", "b inf"]
-    assert lines[9:] == ["", "metrics n = 3", "name worst inner.x", "energy 2 1", "capture — —"]
+    assert lines[4:9] == ["", "rows each with kind = solver", "what cost", "[a] 1.25", "b inf"]
+    assert lines[9:] == ["", "metrics each with n = 3", "name worst inner.x", "energy 2 1", "capture — —"]
 
 
 def test_of_many_the_first_records_and_the_last_number_are_shown(capsys) -> None:

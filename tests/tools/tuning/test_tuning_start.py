@@ -20,7 +20,7 @@ from tools.tuning.start import APPROACH, DEFAULT, GRID, RISE, ramp, tune_start
 def test_a_ramp_has_the_figures_of_its_starts() -> None:
     outcomes = [
         Outcome(0, 0, metrics={"capture": 4.0, "energy": 1.0, "overshoot": 1.02}),
-        Outcome(1, 0, metrics={"capture": 6.0, "energy": 3.0, "overshoot_low": 1.04}),
+        Outcome(1, 0, metrics={"capture": 6.0, "energy": 3.0, "overshoot_low_r": 1.04}),
         Outcome(2, 0, why="ends in fault"),
         Outcome(3, 0, eligible=False, why="no impact attractor at this speed"),
     ]
