@@ -53,22 +53,41 @@ def save(figure: "Figure", path: Path, dpi: int) -> None:
 
 
 def plot_motion(result: SimulationResult, scene: Scene, path: Path) -> None:
-    """Draw the last seconds of position over time, approach speeds, and the phase portrait into `path`."""
+    """Draw position and approach speeds of the last seconds, below each other, and the phase portrait.
+
+    The approach speeds of the whole run are added if it is longer.
+    """
     samples = result.samples
     if samples is None:
         raise ValueError("plot_motion needs a result with samples; simulate with samples_s")
-    shown = samples.t_s >= samples.t_s[-1] - PLOT_WINDOW_S
+    end_s = float(samples.t_s[-1])
+    begin_s = max(end_s - PLOT_WINDOW_S, float(samples.t_s[0]))
+    is_part = begin_s > float(samples.t_s[0])
+    shown = samples.t_s >= begin_s
+    t_s, v_m_s = result.impacts.t_s, result.impacts.v_m_s
+    late = t_s >= begin_s
     stop_m = getattr(scene.parts().stop, "position_m", np.nan)
-
-    with drawn(path, 14.0, 4.2) as figure:
-        history, speeds, portrait = figure.subplots(1, 3)
+    with drawn(path, 12.0, 6.0) as figure:
+        corner = "whole" if is_part else "portrait"
+        panels = figure.subplot_mosaic([["history", "portrait"], ["impacts", corner]], width_ratios=(3, 2))
+        history, impacts, portrait = panels["history"], panels["impacts"], panels["portrait"]
+        history.sharex(impacts)
         history.plot(samples.t_s[shown], 1e3 * samples.x_m[shown], lw=1.2)
         portrait.plot(1e3 * samples.x_m[shown], samples.v_m_s[shown], lw=0.8)
         if np.isfinite(stop_m):
             history.axhline(1e3 * stop_m, color="tab:red", lw=1, ls="--", label="stop")
             portrait.axvline(1e3 * stop_m, color="tab:red", lw=1, ls="--")
             history.legend(loc="lower right")
-        speeds.plot(result.impacts.t_s, result.impacts.v_m_s, ".", ms=4)
-        history.set(xlabel="time [s]", ylabel="position [mm]", title="last seconds")
-        speeds.set(xlabel="time [s]", ylabel="approach speed v⁻ [m/s]", title="impacts")
-        portrait.set(xlabel="position [mm]", ylabel="velocity [m/s]", title="phase portrait")
+        impacts.plot(t_s[late], v_m_s[late], ".", ms=5)
+        impacts.set(xlim=(begin_s, end_s), xlabel="time [s]", ylabel="approach speed v⁻ [m/s]")
+        window = f"last {PLOT_WINDOW_S:g} s" if is_part else "whole run"
+        history.set(ylabel="position [mm]", title=f"position and impacts, {window}")
+        portrait.set(xlabel="position [mm]", ylabel="velocity [m/s]", title=f"phase portrait, {window}")
+        if is_part:
+            panels["whole"].plot(t_s, v_m_s, ".", ms=3)
+            panels["whole"].set(
+                xlabel="time [s]", ylabel="approach speed v⁻ [m/s]", title="impacts, whole run"
+            )
+        for one in {panels.get("whole", impacts), impacts}:
+            one.set_ylim(0.0, 1.1 * max(v_m_s, default=1.0))
+        figure.align_ylabels()

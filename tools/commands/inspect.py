@@ -54,7 +54,7 @@ def inspect(
 ) -> None:
     """Recompute a run's figures and verdict from its log, or extract tables and plots."""
     from hil.bench.recorded_run import open_run
-    from tools.logs.inspection import DEFAULT_SIGNALS, plot_signals, write_table
+    from tools.logs.inspection import default_signals, plot_signals, write_table
 
     if to is not None and table is None:
         raise BadInputError(
@@ -70,7 +70,7 @@ def inspect(
     logged = open_run(run)
     drawn: dict[str, Any] = {}
     if plot is not None:
-        drawn = {"plot": str(plot), "signals": signal or list(DEFAULT_SIGNALS)}
+        drawn = {"plot": str(plot), "signals": signal or default_signals(logged)}
         plot_signals(logged, drawn["signals"], plot)
         progress_console.print(f"drawn: {plot}", markup=False)
     if table is not None:

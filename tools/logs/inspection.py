@@ -5,6 +5,7 @@ from pathlib import Path
 import pyarrow as pa
 from pyarrow import feather, parquet
 
+from firmware_py.builds.a2l import unit_of
 from hil.bench.recorded_run import Run
 from hil.record.new_file import open_anew
 from tools.logs.csv_table import write_csv
@@ -17,7 +18,12 @@ DEFAULT_SIGNALS = (
     "plant.omega_rad_s",
     "firmware.outputs.torque_n_m",
 )
-"""The default signals of a plot."""
+"""The default signals of a plot, as far as a log has them: an imported log has no truth."""
+
+
+def default_signals(run: Run) -> list[str]:
+    """The default signals of a plot of this log."""
+    return [one for one in DEFAULT_SIGNALS if one.partition(".")[0] in run.names]
 
 
 def write_table(table: pa.Table, path: Path) -> None:
@@ -33,7 +39,7 @@ def write_table(table: pa.Table, path: Path) -> None:
 
 
 def plot_signals(run: Run, signals: list[str], path: Path) -> None:
-    """Draw signals one below the other over simulated time; the file's ending gives the format."""
+    """Draw signals one below the other over time, with their units; the file's ending gives the format."""
     found = {name: run.signal(name) for name in signals}
     for name, (_, values) in found.items():
         if values.dtype.kind not in "bifu":
@@ -43,4 +49,6 @@ def plot_signals(run: Run, signals: list[str], path: Path) -> None:
         for axes, (name, (t_s, values)) in zip(panels, found.items(), strict=True):
             axes.plot(t_s, values, lw=0.8)
             axes.set_title(name, loc="left", fontsize=9)
-        panels[-1].set_xlabel("simulated time [s]")
+            axes.set_ylabel(unit_of(name).replace("^2", "²"))
+        panels[-1].set_xlabel("time [s]")
+        figure.align_ylabels()

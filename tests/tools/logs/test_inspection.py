@@ -1,7 +1,9 @@
 """Reading a run: from its log alone come every figure of its verdict, its tables and its plots."""
 
 import json
+import re
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -16,6 +18,8 @@ from hil.record.run_traces import read_bus
 from hil.record.traces import trace
 from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
+
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +115,44 @@ def test_signals_are_drawn(run_dir, tmp_path, capsys):
     picture = np.asarray(Image.open(path).convert("RGB"), int)
     blue = (picture[..., 2] - picture[..., 0]) > 60
     assert np.count_nonzero(blue) > 1000
+
+
+def texts_of(path):
+    """The texts of an SVG picture, which matplotlib leaves as comments beside their outlines."""
+    return re.findall(r"<!-- (.*?) -->", path.read_text("utf-8"))
+
+
+def test_a_plot_has_the_units_of_its_signals(run_dir, tmp_path):
+    path = tmp_path / "plot.svg"
+    signals = [
+        "--signal",
+        "plant.v_m_s",
+        "--signal",
+        "plant.drive_work_j",
+        "--signal",
+        "firmware.outputs.mode",
+    ]
+    assert cli.run(["inspect", str(run_dir), "--plot", str(path), *signals]) == EXIT_PASSED
+    assert {"m/s", "J", "time [s]"} <= set(texts_of(path))
+
+
+def test_a_log_without_truth_is_drawn_by_its_own_signals(tmp_path, capsys):
+    log = ROOT / "docs" / "data" / "bench.log.gz"
+    folder = tmp_path / "bench"
+    assert cli.run(["import", str(log), "--out", str(folder)]) == EXIT_PASSED
+    capsys.readouterr()
+    assert cli.run(["inspect", str(folder), "--plot", str(tmp_path / "bench.svg"), "--json"]) == EXIT_PASSED
+    assert said(capsys)["signals"] == ["firmware.state.estimator.x_m", "firmware.outputs.torque_n_m"]
+
+
+@pytest.mark.parametrize(("until_s", "window"), [(2.0, "whole run"), (8.0, "last 5 s")])
+def test_the_plot_of_a_scene_names_its_window(until_s, window, tmp_path):
+    path = tmp_path / "scene.svg"
+    command = ["simulate", "table1-viscous", "--until", str(until_s), "--plot", str(path)]
+    assert cli.run([*command, "--set", "scene.drive.ratio=1.1"]) == EXIT_PASSED
+    texts = texts_of(path)
+    assert {f"position and impacts, {window}", f"phase portrait, {window}"} <= set(texts)
+    assert ("impacts, whole run" in texts) is (window != "whole run")
 
 
 @pytest.mark.parametrize(
