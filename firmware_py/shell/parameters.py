@@ -6,6 +6,7 @@ float32, the precision of the bus, so that a bound itself can be written.
 """
 
 import difflib
+import math
 import zlib
 from collections.abc import Mapping
 from typing import Any
@@ -127,27 +128,30 @@ def with_overrides(overrides: Mapping[str, Any]) -> dict[str, float]:
 
 
 def refuse_conflicts(values: Mapping[str, float]) -> None:
-    """Raise ParameterError if values that are within their own bounds do not fit together.
+    """Raise ParameterError if values that are within their own bounds do not fit together, a line for each.
 
-    See `core.conflicts`; or a value is above its ceiling, or a limit is above what can be measured.
+    See `core.conflicts`, of which the first counts; or values are above their ceilings, or a limit is above
+    what can be measured.
     """
-    for one in TABLE:
-        if one.at_most and round_to_float32(values[one.name]) > round_to_float32(values[one.at_most]):
-            raise ParameterError(
-                f"{one.name} = {values[one.name]:g} exceeds {one.at_most} = {values[one.at_most]:g}; "
-                "change one of them"
-            )
+    found = [
+        f"{one.name} = {values[one.name]:g} exceeds {one.at_most} = {values[one.at_most]:g}; "
+        "change one of them"
+        for one in TABLE
+        if one.at_most and round_to_float32(values[one.name]) > round_to_float32(values[one.at_most])
+    ]
     p = parameters_of(values)
     conflict = conflict_of(p)
     if conflict != Conflict.NONE:
-        raise ParameterError(conflict_text(p, conflict))
+        found.append(conflict_text(p, conflict))
     seen_m_s2 = CLIPPED_SHARE * p.sensor.high_full_scale_m_s2 - p.sensor.high_offset_m_s2
     most_n = p.striker.mass_kg * seen_m_s2
     if round_to_float32(p.limit.force_n) > round_to_float32(most_n):
-        raise ParameterError(
+        found.append(
             f"limit.force_n = {p.limit.force_n:g} N exceeds the {most_n:g} N that the high range "
-            f"shows on striker.mass_kg = {p.striker.mass_kg:g}; lower the limit"
+            f"shows on striker.mass_kg = {p.striker.mass_kg:g}; lower the limit to {math.floor(most_n)} N"
         )
+    if found:
+        raise ParameterError("\n".join(found))
 
 
 def conflict_text(p: Parameters, conflict: Conflict) -> str:
@@ -170,7 +174,8 @@ def conflict_text(p: Parameters, conflict: Conflict) -> str:
         name = "gait.highest_ratio + gait.margin" if p.gait.follow > 0 else "start.highest_ratio"
         return (
             f"{name} = {highest:g} is a speed of {highest * nominal_rad_s(p):.1f} rad/s for this striker, "
-            f"above limit.speed_rad_s = {p.limit.speed_rad_s:g}; lower the ratio or raise the limit"
+            f"above limit.speed_rad_s = {p.limit.speed_rad_s:g}; lower the ratio to "
+            f"{math.floor(1e3 * p.limit.speed_rad_s / nominal_rad_s(p)) / 1e3:g}, or raise the limit"
         )
     if conflict == Conflict.SLOW_RATIO:
         asked = "gait.lowest_ratio - gait.margin" if p.gait.follow > 0 else "start.lowest_ratio"

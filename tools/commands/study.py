@@ -24,9 +24,7 @@ study = typer.Typer(
     help=(
         "The paper's diagrams, basins and claims, and feasibility for a walk.\n\n"
         "The work runs on this machine's cores, or with --scheduler on a Dask cluster. The results are "
-        "the same. "
-        "Kernels run in threads, because they release the interpreter's lock and are compiled once for all "
-        "cores."
+        "the same."
     ),
     no_args_is_help=True,
 )

@@ -72,7 +72,7 @@ def name_users(options: Mapping[str, str], users: Mapping[str, Mapping[str, str]
     found = {}
     for option, meaning in options.items():
         names = [name for name, own in users.items() if own.get(option) == meaning]
-        of = f" Of {' and '.join(f'`{name}`' for name in names)}." if len(names) <= FEWEST_SECTIONS else ""
+        of = f" ({', '.join(f'`{name}`' for name in names)})" if len(names) <= FEWEST_SECTIONS else ""
         found[option] = f"{meaning}{of}"
     return found
 

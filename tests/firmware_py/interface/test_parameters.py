@@ -259,6 +259,17 @@ def test_bounds_that_fit_together_are_checked_together(values: dict[str, float],
         assert parameters.check_value(name, value) == value
 
 
+def test_all_that_does_not_fit_together_is_named_at_once_with_values_that_do() -> None:
+    light = {"striker.mass_kg": 0.3, "watchdog.sensor_s": 0.06}
+    with pytest.raises(ParameterError) as refused:
+        config_from(light)
+    ceiling, ratio, force = str(refused.value).splitlines()
+    assert ceiling.startswith("watchdog.sensor_s = 0.06 exceeds ceiling.sensor_watchdog_s")
+    assert ratio.endswith("lower the ratio to 1.309, or raise the limit")
+    assert force.endswith("lower the limit to 573 N")
+    config_from({"striker.mass_kg": 0.3, "start.highest_ratio": 1.309, "limit.force_n": 573})
+
+
 def test_a_start_of_29_s_may_still_be_asked_for() -> None:
     config_from({"start.rise_s": 24.0})
 
