@@ -127,10 +127,10 @@ def line_of(check: dict[str, Any], many: bool) -> str:
     if many and check["lowest"] is not None and check["lowest"] < check["highest"]:
         value = f"{figure(check['lowest'], '')} … {figure(check['highest'], check['unit'])}"
     reason = f": {check['reason']}" if check["reason"] else ""
-    own = (
-        f" (its own limit; {check['requirement']} requires {check['required']})" if check["required"] else ""
-    )
-    text = escape(f"{check['name']} = {value}, wanted {check['limit']}{own}{reason}")
+    proves = f" ({check['requirement']})" if check["requirement"] else ""
+    if check["required"]:
+        proves = f" (own limit; {check['requirement']} requires {check['required']})"
+    text = escape(f"{check['name']} = {value}, wanted {check['limit']}{proves}{reason}")
     if check["verdict"] == "not-judged":
         return f"[yellow]{text} (not judged)[/]"
     if not many:

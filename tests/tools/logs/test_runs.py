@@ -137,6 +137,16 @@ def test_names_and_paths_in_brackets_are_printed_as_they_are(tmp_path, monkeypat
     assert line_of(check, many=False).count(r"\[/bold]") == 4
 
 
+@pytest.mark.parametrize(
+    ("requirement", "required", "named"),
+    [(None, None, ""), ("S-15", None, " (S-15)"), ("S-03", "≤ 3", " (own limit; S-03 requires ≤ 3)")],
+)
+def test_a_failed_check_of_a_suite_names_its_requirement(requirement, required, named):
+    check = {"name": "impact_count", "value": 2, "unit": "", "limit": "≤ 1", "reason": None}
+    check |= {"verdict": "failed", "passed": False, "requirement": requirement, "required": required}
+    assert line_of(check, many=False) == f"[red]impact_count = 2, wanted ≤ 1{named}[/]"
+
+
 def test_verdicts_of_checks_are_whole_in_a_narrow_terminal(monkeypatch, capsys):
     monkeypatch.setattr(console, "_width", 40)
     name = "safe_state.impacts_after_the_stop"
