@@ -14,6 +14,9 @@ import scipy
 from tools.campaign.campaign import Outcome
 from tools.campaign.statistics import CONFIDENCE, quantile
 
+FEWEST_PAIRS = 6
+"""Fewest pairs with bounds of a median at `CONFIDENCE`: all of n lie on one side of it with 2 · 0.5^n."""
+
 
 def difference_of_shares(gained: int, lost: int, pairs: int) -> tuple[float, float]:
     """Bounds of (gained − lost) / pairs: Clopper and Pearson's for each count, together at `CONFIDENCE`.
@@ -57,7 +60,8 @@ def compare(
     """The paired differences, outcomes − baseline, of the successes and of each metric's median.
 
     A pair are the two eligible outcomes of one trial. `low` and `high` are 95 % bounds of the difference: of
-    the shares of successes, and of the median of a metric's differences (order statistics). Pooled samples,
+    the shares of successes, and of the median of a metric's differences (order statistics), infinite for
+    fewer than `FEWEST_PAIRS`. Pooled samples,
     such as the latencies of all impacts, have no pairs and are left out.
     """
     before = {one.trial: one for one in baseline if one.eligible}
@@ -71,5 +75,7 @@ def compare(
         if len(values):
             medians = float(np.median(values[:, 0])), float(np.median(values[:, 1]))
             _, low, high = quantile(np.sort(values[:, 1] - values[:, 0]), 0.5)
+            if len(values) < FEWEST_PAIRS:
+                low, high = -math.inf, math.inf
             rows.append(row(name, units.get(name, "1"), medians, (low, high), len(values)))
     return rows

@@ -96,14 +96,16 @@ def note_few_trials(cells: Sequence[Mapping[str, Any]]) -> list[str]:
 
     >>> note_few_trials([{"cell": "r=1.3", "eligible": 2}])
     ['too few trials: if all 2 of r=1.3 succeed, the true share of successes may still be 34 %']
-    >>> note_few_trials([{"cell": "r=1.3", "eligible": 40}])
-    []
+    >>> note_few_trials([{"cell": "r=1.3", "eligible": 40}]), note_few_trials([{"cell": "a", "eligible": 0}])
+    ([], ['too few trials: none of a'])
     """
     fewest = min(cells, key=lambda cell: int(cell["eligible"]))
     trials = int(fewest["eligible"])
     percent = 100.0 * wilson(trials, trials).low
     if percent >= LEAST_PROVEN_PERCENT:
         return []
+    if trials == 0:
+        return [f"too few trials: none of {fewest['cell']}"]
     return [
         f"too few trials: if all {trials} of {fewest['cell']} succeed, the true share of successes may still "
         f"be {percent:.0f} %"

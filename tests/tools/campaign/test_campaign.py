@@ -314,6 +314,10 @@ def test_trials_of_two_parameter_sets_are_compared_in_pairs() -> None:
     alike = compare(before, before, {})
     assert [one["differs"] for one in alike] == [False, False]
     assert compare(before, [], {}) == []
+    few = [Outcome(n, 0, metrics={"x": 2.0}) for n in range(6)]
+    more = [Outcome(n, 0, metrics={"x": 3.0}) for n in range(6)]
+    assert [one["differs"] for one in compare(few, more, {})] == [False, True]
+    assert [one["differs"] for one in compare(few[:5], more, {})] == [False, False], "no 95 % bounds of 5"
 
 
 def test_a_campaign_compares_a_parameter_file_with_the_defaults(
