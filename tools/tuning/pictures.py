@@ -130,6 +130,10 @@ def _impacts(axes: Any, found: Identified) -> None:
     other.set_ylabel("restitution (×)", color="tab:purple")
 
 
+LINES = ("tab:blue", "tab:orange", "tab:purple", "tab:red")
+"""Colours of a panel's lines, at most four; green marks the chosen value."""
+
+
 class Panel(NamedTuple):
     """Lines over a parameter by their labels, with the parameter's chosen value, if any, and its default."""
 
@@ -145,16 +149,24 @@ def draw_panels(figure: "Figure", panels: Sequence[Panel]) -> None:
     """Draw panels side by side; shaded: the values without a significant difference from the chosen one."""
     grid = figure.subplots(1, len(panels))
     marks: dict[str, Any] = {}
+    alike = all(panel.lines.keys() == panels[0].lines.keys() for panel in panels)
     for axes, panel in zip(grid, panels, strict=True):
-        lines = [axes.plot(x, y, "o-", ms=4, label=label)[0] for label, (x, y) in panel.lines.items()]
+        lines = {
+            label: axes.plot(x, y, "o-", ms=4, color=color)[0]
+            for color, (label, (x, y)) in zip(LINES, panel.lines.items(), strict=False)
+        }
+        if not any(np.any(line.get_ydata()) for line in lines.values()):
+            axes.set_ylim(-0.05, 1.0)  # all are 0
         if panel.value is not None:
             low, high = panel.value.low, panel.value.high
             marks["no significant difference"] = axes.axvspan(low, high, color="tab:green", alpha=0.15)
             marks["chosen"] = axes.axvline(panel.value.value, color="tab:green")
         marks["default"] = axes.axvline(panel.default, color="black", lw=0.8)
         axes.set(xscale=panel.scale, xlabel=panel.parameter, ylabel=panel.figure)
-        if len(lines) > 1:
-            axes.legend(handles=lines, fontsize=8)
+        if len(lines) > 1 and alike:
+            marks = {**lines, **marks}
+        elif len(lines) > 1:
+            axes.legend(lines.values(), lines.keys(), fontsize=8)
     figure.legend(marks.values(), marks.keys(), loc="outside lower center", ncols=len(marks), fontsize=8)
 
 
