@@ -114,8 +114,8 @@ RealTime = Annotated[
 Change = Annotated[
     list[str] | None,
     setting(
-        "Change a value: scene.KEY, firmware.KEY, script.KEY or campaign.KEY=VALUE, as far as used; "
-        "module.KEY sets scene and firmware's nominal parameter together"
+        "Change scene.KEY, firmware.KEY, script.KEY or campaign.KEY=VALUE, as far as used; module.KEY sets "
+        "scene and firmware together"
     ),
 ]
 Workers = Annotated[
