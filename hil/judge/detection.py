@@ -3,7 +3,7 @@
 A detection can belong to a touch-down that it follows by at most `LONGEST_LATENCY_S`.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,8 +24,7 @@ LARGEST_LEAD_S = 0.001
 """A detection may precede the located touch-down by a tick: the sensors are sampled, the event is not."""
 
 
-@dataclass(frozen=True)
-class Matching:
+class Matching(NamedTuple):
     """Pairs of indices into touch-downs and detections, shape (pairs,), in order of time.
 
     `found`: mask of the touch-downs that were detected. `false`: mask of the detections that belong to none.

@@ -38,12 +38,12 @@ def period_edges(crank_rad: FloatArray, t_s: FloatArray, cut_rad: float) -> Floa
     turns = (np.unwrap(crank_rad) - cut_rad) / (2.0 * np.pi)
     forward = np.maximum.accumulate(turns)
     wanted = np.arange(np.ceil(forward[0]), np.floor(forward[-1]) + 1.0)
-    return np.asarray(t_s[np.minimum(np.searchsorted(forward, wanted), len(t_s) - 1)], np.float64)
+    return np.asarray(t_s[np.searchsorted(forward, wanted)], np.float64)
 
 
 def impacts_by_period(t_s: FloatArray, edges_s: FloatArray) -> IntArray:
     """Number of impacts in each period between neighbouring `edges_s`, shape (periods,)."""
-    return np.histogram(t_s, bins=edges_s)[0].astype(np.int64) if len(edges_s) > 1 else np.zeros(0, np.int64)
+    return np.histogram(t_s, bins=edges_s)[0].astype(np.int64) if len(edges_s) else np.zeros(0, np.int64)
 
 
 def repeats_after(counts: IntArray, speeds: FloatArray, n: int) -> bool:
@@ -74,7 +74,7 @@ class Periods(NamedTuple):
 
 def cut_periods(t_s: FloatArray, crank_rad: FloatArray, impacts_t_s: FloatArray) -> Periods:
     """The whole drive periods of a window of crank angles, shape (n,), with the impacts in it."""
-    if len(t_s) < 2:
+    if len(t_s) == 0:
         return Periods(np.zeros(0), np.zeros(0, np.int64))
     at_impact = np.interp(impacts_t_s, t_s, np.unwrap(crank_rad))
     cut = circular_mean(at_impact) + np.pi if len(at_impact) else 0.0

@@ -156,12 +156,15 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
     def __init__(self, name: str, code: Callable[[], CodeType]) -> None:
         self.name, self.code = name, code
+        self.origin = getattr(importlib.util.find_spec(name), "origin", None)
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
-        """The specification of the changed module; None for other modules."""
-        return importlib.machinery.ModuleSpec(fullname, self) if fullname == self.name else None
+        """The specification of the changed module, with its file; None for other modules."""
+        if fullname != self.name:
+            return None
+        return importlib.util.spec_from_file_location(fullname, self.origin, loader=self)
 
     def exec_module(self, module: ModuleType) -> None:
         """Run the changed code."""

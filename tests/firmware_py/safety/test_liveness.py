@@ -1,6 +1,7 @@
 """Each accelerometer channel has signs of life of its own, at every speed."""
 
 import math
+import random
 
 import pytest
 
@@ -75,3 +76,15 @@ def test_a_difference_at_its_limit_is_allowed_and_a_low_range_at_its_end_may_rep
     assert liveness.take(LIMITS, liveness.INITIAL, 0.0, LIMITS.differ_m_s2, 0.0).differing == 0
     end_m_s2 = LIMITS.low_clipped_m_s2
     assert after(5, (end_m_s2, end_m_s2, 0.0), (0.0, 0.0, 0.0)).same_low == 0
+
+
+@pytest.mark.parametrize(("noise_counts", "seconds", "alive"), [(2.0, 100, True), (0.33, 10, False)])
+def test_noise_of_2_counts_is_a_sign_of_life(noise_counts: float, seconds: int, alive: bool) -> None:
+    """At rest, in the middle of a count: a sensor with less than a third of a count of noise is refused."""
+    dice, state = random.Random(1), liveness.INITIAL
+    found = True
+    for _ in range(1000 * seconds):
+        shown = (0.01 * round(dice.gauss(0.0, noise_counts)) for _ in range(3))
+        state = liveness.take(LIMITS, state, *shown)
+        found = found and liveness.is_alive(LIMITS, state)
+    assert found is alive

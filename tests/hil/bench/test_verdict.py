@@ -3,7 +3,6 @@
 import html
 import html.parser
 import json
-import math
 import re
 from dataclasses import replace
 from xml.etree import ElementTree
@@ -15,8 +14,7 @@ from run_folder import make_run, write_run
 from firmware_py.interface.enums import Fault
 from hil.bench.recorded_run import open_run
 from hil.bench.verdict import finish
-from hil.judge.checks import Check, checks_of, requirements
-from hil.judge.evaluation import margin_share
+from hil.judge.checks import checks_of, requirements
 from hil.judge.figures.figures import figures_of
 from hil.judge.figures.records import LogFigures
 from hil.judge.seeds import merge
@@ -312,24 +310,6 @@ def test_the_report_lists_how_the_run_was_made_in_plain_words(tmp_path):
     assert made_with[made_with.index("kernel_can") + 1] == "no"
     assert made_with[made_with.index("wall_start_s") + 1] == "1000.0"
     assert not {"True", "False", "realtime"} & set(made_with)
-
-
-@pytest.mark.parametrize(
-    ("limits", "value", "share"),
-    [
-        ({"low": 2.0, "high": 6.0}, 3.0, 0.5),
-        ({"low": 2.0, "high": 6.0}, 1.0, -0.5),
-        ({"low": 0.0, "high": 4.0}, 1.0, 0.75),
-        ({"low": 0.99}, 0.995, 0.5),
-        ({"low": 50.0}, 75.0, 0.5),
-        ({"high": 0.0}, 0.0, None),
-        ({"low": 2.0}, math.nan, None),
-        ({"low": 2.0}, None, None),
-    ],
-)
-def test_a_margin_is_a_share_of_the_room_within_the_limits(limits, value, share):
-    found = margin_share(Check(name="peak_force_n", **limits), value)
-    assert found == (None if share is None else pytest.approx(share))
 
 
 def test_a_suites_page_begins_with_the_checks_that_flipped(finished, tmp_path):

@@ -16,6 +16,7 @@ import tomli_w
 from firmware_py.interface import codec
 from firmware_py.interface.enums import ActingLimit, AxisState, Fault, Mode, Regime
 from firmware_py.interface.generated.records import Accelerometer, SetInputTorque
+from hil.record.run_traces import RunTraces
 from hil.record.traces.trace import TraceWriter
 
 STOP_M = 0.18
@@ -30,6 +31,16 @@ ACCELEROMETER = codec.encode(Accelerometer(1.5, 1.5, 0.0), 3).data.hex().upper()
 TORQUE = codec.encode(SetInputTorque(0.1)).data.hex().upper()
 
 Columns = dict[str, np.ndarray[Any, Any]]
+
+
+def records(**columns: Any) -> np.ndarray[Any, Any]:
+    """A structured array of the columns; dots in names are written as two underscores."""
+    names = {name: name.replace("__", ".") for name in columns}
+    arrays = {names[name]: np.asarray(values, dtype=float) for name, values in columns.items()}
+    found = np.zeros(len(next(iter(arrays.values()))), [(name, float) for name in arrays])
+    for name, values in arrays.items():
+        found[name] = values
+    return found
 
 
 @dataclass
@@ -208,6 +219,14 @@ def write_trace(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     with TraceWriter(path, fields) as writer:
         for row in zip(*(column.tolist() for column in values.values()), strict=True):
             writer.append(*row)
+
+
+def traces_of(made_up: MadeUpRun) -> RunTraces:
+    """`made_up` as the judge reads it, without frames."""
+    tables = {
+        name: records(**getattr(made_up, name)) for name in ("plant", "firmware", "impacts", "operator")
+    }
+    return RunTraces(**tables, run=made_up.run, outcome=made_up.outcome, scenario=made_up.scenario)
 
 
 def write_run(made_up: MadeUpRun, run_dir: Path) -> Path:

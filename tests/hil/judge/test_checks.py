@@ -1,12 +1,14 @@
 """Checks: two-sided, deaf to NaN, and strict about names."""
 
+import math
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from hil.judge.checks import Check
-from hil.judge.evaluation import evaluate
+from hil.judge.checks import Check, checks_of
+from hil.judge.evaluation import evaluate, margin, margin_share
 from hil.record.run_traces import RunTraces
 
 
@@ -36,6 +38,7 @@ def figures(**values):
         ({"high": 0.0}, float("nan"), False),
         ({"low": 0.0}, float("inf"), False),
         ({"low": 0.0}, None, False),
+        ({"low": 250.0, "high": 250.0}, 250.0, True),
         ({"equals": 250}, 250.0, True),
         ({"equals": 250.0}, float("nan"), False),
         ({"equals": 250.0}, None, False),
@@ -104,7 +107,7 @@ SCRIPT = {"commands": [{"at_s": 0.5, "request": "run"}, {"at_s": 9.0, "request":
     ("hold_end_s", "script", "may_end", "passed"),
     [
         (9.0, SCRIPT, False, True),
-        (8.995, SCRIPT, False, True),
+        (9.0 - 0.01, SCRIPT, False, True),
         (8.98, SCRIPT, False, False),
         (6.0, SCRIPT, True, True),
         (12.0, SCRIPT | {"commands": SCRIPT["commands"][:1]}, False, True),
@@ -115,7 +118,7 @@ SCRIPT = {"commands": [{"at_s": 0.5, "request": "run"}, {"at_s": 9.0, "request":
 def test_a_check_of_the_hold_covers_it_to_the_end_that_the_script_gives(hold_end_s, script, may_end, passed):
     """A module that stops by itself has held nothing from then on, whatever it held until then."""
     traces = RunTraces(run={}, scenario={"script": script})
-    of_hold = Check(name="regime", equals="impact", hold_may_end=may_end)
+    of_hold = Check(name="regime", equals="impact", **({"hold_may_end": True} if may_end else {}))
     of_run = Check(name="impact_count", equals=8)
     held, counted = evaluate([of_hold, of_run], figures(hold_end_s=hold_end_s), traces)
     assert (held.passed, counted.passed) == (passed, True)
@@ -123,3 +126,70 @@ def test_a_check_of_the_hold_covers_it_to_the_end_that_the_script_gives(hold_end
         assert held.reason == f"the hold ended at {hold_end_s:.2f} s, before the script ends it at " + (
             "9 s" if hold_end_s < 9.0 else "12 s"
         )
+
+
+@pytest.mark.parametrize(
+    ("limits", "value", "share"),
+    [
+        ({"low": 2.0, "high": 6.0}, 3.0, 0.5),
+        ({"low": 2.0, "high": 6.0}, 1.0, -0.5),
+        ({"low": -4.0, "high": 4.0}, -1.0, 0.75),
+        ({"low": 4.0, "high": 4.0}, 4.0, None),
+        # A lower limit of 0 is none.
+        ({"low": 0.0, "high": 4.0}, 1.0, 0.75),
+        ({"low": 0.0, "high": 0.0}, 0.0, None),
+        ({"low": 0.0}, 1.0, None),
+        # The other end of a share is 1; a value above 1 is no share.
+        ({"low": 0.99}, 0.995, 0.5),
+        ({"low": 0.5}, 1.0, 1.0),
+        ({"low": 0.5}, 1.5, 2.0),
+        ({"low": 1.0}, 1.0, 0.0),
+        ({"low": 50.0}, 75.0, 0.5),
+        ({"low": -0.5}, 0.0, 1.0),
+        ({"high": 4.0}, 1.0, 0.75),
+        ({"high": -2.0}, -3.0, 0.5),
+        ({"high": 0.0}, 0.0, None),
+        ({"low": 2.0}, math.nan, None),
+        ({"low": 2.0}, None, None),
+        ({"equals": 8}, 8, None),
+    ],
+)
+def test_a_margin_is_a_share_of_the_room_within_the_limits(limits, value, share):
+    found = margin_share(Check(name="peak_force_n", **limits), value)
+    assert found == (None if share is None else pytest.approx(share))
+
+
+def test_an_unequal_value_has_no_margin_and_an_equal_one_is_at_its_limit():
+    check = Check(name="impact_count", equals=8)
+    assert (margin(check, 8), margin(check, 9)) == (0.0, -math.inf)
+
+
+def test_a_check_stays_as_it_was_read_and_a_scenario_has_500_of_them_at_most():
+    table = {"name": "peak_force_n", "high": 1.0}
+    checks = checks_of({"checks": [table] * 500})
+    assert len(checks) == 500
+    with pytest.raises(ValidationError, match="frozen"):
+        checks[0].high = 2.0
+    with pytest.raises(ValueError, match="it has 501 checks; wanted 500 at most"):
+        checks_of({"checks": [table] * 501})
+
+
+@pytest.mark.parametrize(
+    ("window", "duration_s", "value"),
+    [
+        ({}, 10.0, 9.0),  # the whole run
+        ({"from_s": 0.0, "to_s": 5.0}, 10.0, 9.0),
+        ({"from_s": 2.0}, 10.0, 7.0),
+        ({"to_s": 10.0}, 9.995, 9.0),  # some ticks early
+        ({"to_s": 10.0}, 9.98, None),
+        ({"from_s": 20.0, "to_s": 30.0}, 10.0, None),
+    ],
+)
+def test_a_run_that_ends_within_an_own_figures_window_does_not_have_the_figure(window, duration_s, value):
+    t_s = np.arange(0.0, duration_s, 0.5)
+    records = np.zeros(len(t_s), [("t_s", float), ("x_m", float)])
+    records["t_s"], records["x_m"] = t_s, np.maximum(9.0 - t_s, 0.0)
+    ticks = np.zeros(1, [("t_s", float)])
+    check = Check(name="mine", expression="max(plant.x_m)", high=99.0, **window)
+    (result,) = evaluate([check], figures(duration_s=duration_s), RunTraces(records, ticks))
+    assert (result.value, result.passed) == (value, value is not None)

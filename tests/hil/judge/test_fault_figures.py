@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from run_folder import records
 
 from firmware_py.interface.enums import Fault, Mode
 from hil.judge.figures.faults import (
@@ -26,16 +27,6 @@ from hil.record.run_traces import RunTraces
 
 T_S = 0.01
 OMEGA_RAD_S = 4.0 * np.pi  # two turns a second
-
-
-def records(**columns):
-    """A structured array of the columns; dots in names are written as two underscores."""
-    names = {name: name.replace("__", ".") for name in columns}
-    arrays = {names[name]: np.asarray(values, dtype=float) for name, values in columns.items()}
-    found = np.zeros(len(next(iter(arrays.values()))), [(name, float) for name in arrays])
-    for name, values in arrays.items():
-        found[name] = values
-    return found
 
 
 def firmware(modes, end_s=None, t_s=None, faults=None, torque_n_m=0.0):

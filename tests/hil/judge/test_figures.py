@@ -15,12 +15,12 @@ from run_folder import (
     V_M_S,
     MadeUpRun,
     make_run,
+    traces_of,
     write_run,
 )
 
-from firmware_py.interface.enums import Fault, Mode, Regime
-from hil.judge import detection, true_regime
-from hil.judge.figures.figures import figures_of
+from firmware_py.interface.enums import Fault, Mode
+from hil.judge.figures.figures import figures_from, figures_of
 from hil.judge.figures.records import Spread
 from hil.record.candump import parse_candump
 from hil.record.run_traces import column
@@ -91,10 +91,10 @@ def test_lockstep_gives_the_same_figures_of_physics(made_up, tmp_path):
     assert {key for key in real if real[key] != lockstep[key]} == {"clock", "real_time", "time", "log"}
 
 
-def test_skipped_ticks_are_overruns_of_their_loop(made_up, tmp_path):
+def test_skipped_ticks_are_overruns_of_their_loop(made_up):
     made_up.firmware = drop_ticks(made_up.firmware, [2500, 2501, 4000])
     made_up.plant = drop_ticks(made_up.plant, [100])
-    figures = figures_of(write_run(made_up, tmp_path))
+    figures = figures_from(traces_of(made_up))
 
     assert figures.overruns == 4
     assert (figures.loops.plant.overruns, figures.loops.firmware.overruns) == (1, 3)
@@ -111,35 +111,35 @@ def test_skipped_ticks_are_overruns_of_their_loop(made_up, tmp_path):
         (71, 0, True, False),
     ],
 )
-def test_real_time_is_judged_beside_a_bare_loop(made_up, tmp_path, skipped, baseline, uml, met):
+def test_real_time_is_judged_beside_a_bare_loop(made_up, skipped, baseline, uml, met):
     # 7000 ticks due: 0.1 % are 7, 1 % are 70.
     made_up.firmware = drop_ticks(made_up.firmware, 1000 + 2 * np.arange(skipped))
     made_up.outcome["baseline_overruns"] = baseline
     made_up.run["user_mode_linux"] = uml
-    figures = figures_of(write_run(made_up, tmp_path))
+    figures = figures_from(traces_of(made_up))
 
     assert (figures.overruns, figures.real_time) == (skipped, met)
 
 
-def test_durations_that_were_not_measured_have_no_quantiles(made_up, tmp_path):
+def test_durations_that_were_not_measured_have_no_quantiles(made_up):
     made_up.firmware["wake_latency_us"][:] = 0.0
     made_up.firmware["work_us"][:] = 0.0
     made_up.firmware["work_us"][7] = 90.0
-    figures = figures_of(write_run(made_up, tmp_path))
+    figures = figures_from(traces_of(made_up))
     assert figures.tick_us == Spread(90.0, 90.0, 90.0)
     assert figures.wake_us == Spread(None, None, None)
 
 
-def test_late_wake_ups_and_long_work_are_counted_apart(made_up, tmp_path):
+def test_late_wake_ups_and_long_work_are_counted_apart(made_up):
     made_up.firmware["wake_latency_us"][:3] = 501.0
     made_up.plant["work_us"][:5] = 700.0
-    figures = figures_of(write_run(made_up, tmp_path))
+    figures = figures_from(traces_of(made_up))
 
     assert (figures.late_wakeups, figures.long_work) == (3, 5)
     assert figures.overruns == 0
 
 
-def test_what_a_wearer_feels_is_the_peak_of_the_run_and_of_each_settled_turn(made_up, tmp_path):
+def test_what_a_wearer_feels_is_the_peak_of_the_run_and_of_each_settled_turn(made_up):
     """A pull of 90 N on the way up, then a peak in each turn that is 40 N first and 60 N from 3/4 on."""
     t_s, crank_rad = made_up.plant["t_s"], made_up.plant["crank_rad"]
     late = t_s > HOLD_S + 0.75 * (STOP_S - HOLD_S)
@@ -147,41 +147,41 @@ def test_what_a_wearer_feels_is_the_peak_of_the_run_and_of_each_settled_turn(mad
     force_n[np.searchsorted(t_s, HOLD_S - 0.1)] = -90.0
     force_n[t_s > STOP_S] = 0.0
     made_up.plant["felt_force_n"] = force_n
-    bare = figures_of(write_run(made_up, tmp_path / "bare")).felt
+    bare = figures_from(traces_of(made_up)).felt
     assert (bare.peak_n, bare.settled_low_n, bare.settled_high_n) == (None, None, None)
 
     made_up.scenario["scene"]["wearer"] = {"plate_kg": 1.0, "ankle_n_m": 1e4, "ankle_n_s_m": 100.0}
-    felt = figures_of(write_run(made_up, tmp_path / "worn")).felt
+    felt = figures_from(traces_of(made_up)).felt
     assert felt.peak_n == 90.0
     assert felt.settled_low_n == pytest.approx(40.0, rel=1e-3)
     assert felt.settled_high_n == pytest.approx(60.0, rel=1e-3)
 
 
-def test_a_rigid_stop_has_no_peak_force(made_up, tmp_path):
+def test_a_rigid_stop_has_no_peak_force(made_up):
     made_up.impacts["peak_force_n"][:] = np.nan
-    assert figures_of(write_run(made_up, tmp_path)).peak_force_n is None
+    assert figures_from(traces_of(made_up)).peak_force_n is None
 
 
-def test_an_estimate_that_is_not_finite_is_a_figure_not_given(made_up, tmp_path):
+def test_an_estimate_that_is_not_finite_is_a_figure_not_given(made_up):
     made_up.firmware["state.estimator.x_m"][5000:] = np.nan
-    figures = figures_of(write_run(made_up, tmp_path)).as_json()
+    figures = figures_from(traces_of(made_up)).as_json()
     assert figures["estimate"]["x_rmse_m"] is None
     assert figures["estimate"]["v_rmse_m_s"] == pytest.approx(1e-2)
     json.dumps(figures, allow_nan=False)
 
 
-def test_missed_and_false_detections(made_up, tmp_path):
+def test_missed_and_false_detections(made_up):
     ticks = np.flatnonzero(made_up.firmware["outputs.impact"])
     made_up.firmware["outputs.impact"][ticks[:2]] = False
     made_up.firmware["outputs.impact"][ticks[4] + 150] = True
-    figures = figures_of(write_run(made_up, tmp_path))
+    figures = figures_from(traces_of(made_up))
 
     n = len(ticks)
     assert figures.detector.recall == pytest.approx((n - 2) / n)
     assert figures.detector.precision == pytest.approx((n - 2) / (n - 1))
 
 
-def test_impacts_while_the_firmware_did_not_run_are_counted_apart(made_up, tmp_path):
+def test_impacts_while_the_firmware_did_not_run_are_counted_apart(made_up):
     """The second one is missed as well, but the firmware ran 4 ms after it: that one is its own fault."""
     ticks = np.flatnonzero(made_up.firmware["outputs.impact"])
     touch_ticks = np.ceil(made_up.impacts["t_s"] / 1e-3).astype(int)
@@ -191,28 +191,28 @@ def test_impacts_while_the_firmware_did_not_run_are_counted_apart(made_up, tmp_p
         *range(touch_ticks[1] - 20, touch_ticks[1] + 3),
     ]
     made_up.firmware = drop_ticks(made_up.firmware, asleep)
-    figures = figures_of(write_run(made_up, tmp_path))
+    figures = figures_from(traces_of(made_up))
 
     n = len(ticks)
     assert figures.detector.slept_through == 1
     assert figures.detector.recall == pytest.approx((n - 2) / (n - 1))
 
 
-def test_weak_impacts_need_not_be_seen_and_are_no_false_alarm(made_up, tmp_path):
+def test_weak_impacts_need_not_be_seen_and_are_no_false_alarm(made_up):
     made_up.impacts["v_m_s"][:3] = 0.04
     ticks = np.flatnonzero(made_up.firmware["outputs.impact"])
     made_up.firmware["outputs.impact"][ticks[0]] = False
-    figures = figures_of(write_run(made_up, tmp_path))
+    figures = figures_from(traces_of(made_up))
 
     assert figures.detector.recall == 1.0
     assert figures.detector.precision == 1.0
 
 
-def test_firmware_death_is_found_and_the_torque_after_it_measured(made_up, tmp_path):
+def test_firmware_death_is_found_and_the_torque_after_it_measured(made_up):
     made_up.firmware = drop_after(made_up.firmware, 4.0)
     t_s = made_up.plant["t_s"]
     made_up.plant["motor_torque_n_m"] = np.where(t_s < 4.05, 0.2, 0.0)
-    figures = figures_of(write_run(made_up, tmp_path))
+    figures = figures_from(traces_of(made_up))
 
     assert figures.safe_state.cause == "firmware-silent"
     assert figures.safe_state.torque_zero_after_s == pytest.approx(0.05, abs=2 * T_S)
@@ -220,22 +220,22 @@ def test_firmware_death_is_found_and_the_torque_after_it_measured(made_up, tmp_p
     assert figures.safe_state.impacts_after == np.count_nonzero(made_up.impacts["t_s"] > 4.0)
 
 
-def test_torque_that_stays_on_is_reported(made_up, tmp_path):
+def test_torque_that_stays_on_is_reported(made_up):
     made_up.firmware = drop_after(made_up.firmware, 4.0)
     made_up.plant["motor_torque_n_m"][:] = -0.2
-    figures = figures_of(write_run(made_up, tmp_path))
+    figures = figures_from(traces_of(made_up))
 
     assert figures.safe_state.torque_zero_after_s is None
     assert figures.motor_torque_after_stop_n_m == pytest.approx(0.2)
 
 
-def test_plant_death_is_judged_by_the_command(made_up, tmp_path):
+def test_plant_death_is_judged_by_the_command(made_up):
     made_up.plant = drop_after(made_up.plant, 4.0)
     t_s = made_up.firmware["t_s"]
     made_up.firmware["outputs.mode"][t_s > 4.03] = Mode.FAULT
     made_up.firmware["outputs.fault"][t_s > 4.03] = Fault.SENSOR_TIMEOUT
     made_up.firmware["outputs.torque_n_m"] = np.where(t_s < 4.03, 0.1, 0.0)
-    figures = figures_of(write_run(made_up, tmp_path))
+    figures = figures_from(traces_of(made_up))
 
     assert figures.safe_state.cause == "plant-silent"
     assert figures.safe_state.command_zero_after_s == pytest.approx(0.03, abs=2 * T_S)
@@ -244,7 +244,7 @@ def test_plant_death_is_judged_by_the_command(made_up, tmp_path):
 
 def test_a_run_that_never_held_has_no_figures_of_a_hold(made_up, tmp_path):
     made_up.firmware["outputs.mode"][:] = Mode.READY
-    figures = figures_of(write_run(made_up, tmp_path))
+    figures = figures_from(traces_of(made_up))
 
     assert figures.regime == "uncertain"
     assert figures.estimate.x_rmse_m is None
@@ -269,105 +269,19 @@ def test_a_cut_last_line_of_the_bus_log_is_left_out():
     assert log.payloads == (b"\x00\xff",)
 
 
-# --- regime, by truth --------------------------------------------------------------------------------
-
-OMEGA = 10.0
-PERIOD_S = 2 * np.pi / OMEGA
-
-
-def decide(impacts, *, periods=20, speed=1.0):
-    """The regime of impacts given as (period number, phase in periods, v⁻)."""
-    t_s = np.arange(0.0, periods * PERIOD_S, 1e-3)
-    crank_rad = np.mod(OMEGA * t_s, 2 * np.pi)
-    v_m_s = speed * np.cos(OMEGA * t_s)
-    table = np.array(impacts, float).reshape(-1, 3)
-    hits_s = (table[:, 0] + table[:, 1]) * PERIOD_S
-    cut = true_regime.cut_periods(t_s, crank_rad, hits_s)
-    return true_regime.decide(t_s, v_m_s, cut, hits_s, table[:, 2])
-
-
-@pytest.mark.parametrize(
-    ("impacts", "wanted"),
-    [
-        ([], Regime.NON_IMPACT),
-        ([(k, 0.3, 0.9) for k in range(20)], Regime.IMPACT),
-        # Jitter around the crank's own zero must not move impacts into the neighbouring period.
-        ([(k, 0.02 * (-1) ** k, 0.9) for k in range(1, 20)], Regime.IMPACT),
-        ([(k, 0.3, 0.9) for k in range(0, 20, 2)], Regime.PERIOD_N),
-        ([(k, 0.3, 0.9 if k % 2 else 0.5) for k in range(20)], Regime.PERIOD_N),
-        ([(k, 0.3, 0.9 if k % 3 else 0.5) for k in range(20)], Regime.PERIOD_N),
-        ([(k, 0.3, 0.9) for k in range(8)], Regime.LOST),
-        ([(k, 0.1 * j, 0.5 / 2**j) for k in range(20) for j in range(6)], Regime.CHATTERING),
-        ([(k, 0.3, 0.9) for k in (10, 11, 14, 15, 17, 18)], Regime.UNCERTAIN),
-    ],
-)
-def test_regime_by_truth(impacts, wanted):
-    assert decide(impacts) is wanted
-
-
-def test_a_striker_at_rest_is_stuck():
-    assert decide([], speed=1e-6) is Regime.STUCK
-
-
-def test_too_few_periods_decide_nothing():
-    assert decide([(0, 0.3, 0.9), (1, 0.3, 0.9)], periods=3) is Regime.UNCERTAIN
-
-
-# --- matching ----------------------------------------------------------------------------------------
-
-
-def test_each_detection_has_the_latest_touch_down_in_its_window_that_is_free():
-    random = np.random.default_rng(3)
-    for _ in range(60):
-        truth = np.sort(random.uniform(0.0, 0.15, random.integers(0, 6)))
-        found = np.sort(random.uniform(0.0, 0.18, random.integers(0, 6)))
-        pairs = detection.match(truth, found)
-        of_detection = dict(zip(pairs.detection.tolist(), pairs.truth.tolist(), strict=True))
-        taken: set[int] = set()
-        for number, at_s in enumerate(found):
-            latency_s = at_s - truth
-            within = (latency_s >= -detection.LARGEST_LEAD_S) & (latency_s <= detection.LONGEST_LATENCY_S)
-            free = [one for one in np.flatnonzero(within).tolist() if one not in taken]
-            assert of_detection.get(number) == (free[-1] if free else None)
-            taken |= {*free[-1:]}
-        assert np.flatnonzero(pairs.found).tolist() == sorted(taken) == pairs.truth.tolist()
-        assert np.flatnonzero(~pairs.false).tolist() == sorted(of_detection)
-        assert pairs.latency_s.tolist() == (found[pairs.detection] - truth[pairs.truth]).tolist()
-
-
-@pytest.mark.parametrize(
-    ("truth", "found", "matched"),
-    [
-        ([1.0, 1.002], [1.006], [1]),
-        ([1.0, 1.002], [1.006, 1.007], [0, 1]),
-        ([1.0], [0.999, 1.006], [0]),
-        ([1.0], [0.998, 1.041], []),
-        ([], [1.0], []),
-    ],
-)
-def test_a_detection_belongs_to_one_touch_down_only(truth, found, matched):
-    assert detection.match(np.array(truth), np.array(found)).truth.tolist() == matched
-
-
-def test_a_touch_that_no_wearer_feels_need_not_be_seen():
-    v_m_s = np.array([0.04, 0.06, 0.09, 0.09, 0.06])
-    peak_force_n = np.array([6.0, 6.0, 1.3, 5.0, np.nan])  # nan: a rigid stop
-    assert detection.is_due(v_m_s, peak_force_n).tolist() == [False, True, False, True, True]
-
-
-def test_what_held_the_loops_up_before_a_fault_is_said(made_up, tmp_path):
+def test_what_held_the_loops_up_before_a_fault_is_said(made_up):
     made_up.firmware["outputs.fault"][made_up.firmware["t_s"] > 4.0] = Fault.SENSOR_TIMEOUT
     # The first pause lies too long before it to be its cause.
     made_up.firmware = drop_ticks(made_up.firmware, [*range(3500, 3590), *range(3900, 3920)])
     made_up.plant = drop_ticks(made_up.plant, range(3950, 3990))
-    latched = figures_of(write_run(made_up, tmp_path)).latched
+    latched = figures_from(traces_of(made_up)).latched
 
     assert latched.at_s == pytest.approx(4.0, abs=2 * T_S)
     assert latched.firmware_held_ms == pytest.approx(20.0, abs=1.5)
     assert latched.plant_held_ms == pytest.approx(40.0, abs=1.5)
 
 
-def test_a_run_without_a_fault_was_held_up_before_none(made_up, tmp_path):
-    latched = figures_of(write_run(made_up, tmp_path)).latched
+def test_a_run_without_a_fault_was_held_up_before_none(made_up):
+    latched = figures_from(traces_of(made_up)).latched
 
     assert (latched.at_s, latched.firmware_held_ms, latched.plant_held_ms) == (None, None, None)

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from run_folder import HOLD_S, STOP_S, T_S, MadeUpRun, make_run, write_run
+from run_folder import HOLD_S, STOP_S, T_S, MadeUpRun, make_run, traces_of, write_run
 
 from firmware_py.interface.enums import GaitState, Mode
 from hil.bench.verdict import finish
-from hil.judge.figures.figures import figures_of
+from hil.judge.figures.figures import figures_from
 from hil.judge.figures.gait import push_off
 from hil.judge.figures.records import GaitFigures
 from hil.record.log_reader import tables
@@ -63,75 +63,75 @@ def place_impacts(
     run.firmware["outputs.impact"] = np.zeros(len(run.firmware["t_s"]), bool)
 
 
-def figures(run: MadeUpRun, folder) -> GaitFigures:
-    return figures_of(write_run(run, folder / "run")).gait
+def figures(run: MadeUpRun) -> GaitFigures:
+    return figures_from(traces_of(run)).gait
 
 
-def test_a_run_without_a_walk_has_no_figures_of_one(tmp_path) -> None:
-    found = figures(make_run(), tmp_path)
+def test_a_run_without_a_walk_has_no_figures_of_one() -> None:
+    found = figures(make_run())
     assert found == GaitFigures(*[None] * 11)
 
 
-def test_the_phase_error_is_taken_on_the_circle(tmp_path) -> None:
-    found = figures(walk(), tmp_path)
+def test_the_phase_error_is_taken_on_the_circle() -> None:
+    found = figures(walk())
     assert found.phase_rmse_percent == pytest.approx(100.0 * ERROR, rel=1e-6)
     assert found.phase_worst_percent == pytest.approx(100.0 * ERROR, abs=1e-5)  # single precision of a turn
 
 
-def test_pulses_are_counted_by_the_true_phase_of_their_touch_down(tmp_path) -> None:
+def test_pulses_are_counted_by_the_true_phase_of_their_touch_down() -> None:
     """One at 50 % and one at 5 % of each stride; the first four strides of the hold are the start's."""
     run = walk()
     place_impacts(run, [0.05, 0.5])
-    found = figures(run, tmp_path)
+    found = figures(run)
     assert found.strides == 4
     assert (found.in_window, found.pulses_per_stride, found.outside_per_stride) == (1.0, 2.0, 1.0)
     assert found.end is None
     assert found.last_pulse_after_s is None
 
 
-def test_a_stride_without_a_pulse_in_the_window_counts_against_it(tmp_path) -> None:
+def test_a_stride_without_a_pulse_in_the_window_counts_against_it() -> None:
     run = walk()
     place_impacts(run, [0.5])
     first = np.flatnonzero(run.impacts["t_s"] > 4.0)[0]
     run.impacts["t_s"][first] += 0.15 * STRIDE_S
-    found = figures(run, tmp_path)
+    found = figures(run)
     assert found.in_window == pytest.approx(3.0 / 4.0)
     assert found.outside_per_stride == pytest.approx(1.0 / 4.0)
 
 
-def test_the_window_is_the_firmwares_own(tmp_path) -> None:
+def test_the_window_is_the_firmwares_own() -> None:
     run = walk()
     run.scenario["firmware"] = {"gait": {"window_start": 0.0, "window_end": 0.1}}
     place_impacts(run, [0.05, 0.5])
     assert push_off(run.scenario) == (0.0, 0.1)
-    assert figures(run, tmp_path).in_window == 1.0
+    assert figures(run).in_window == 1.0
 
 
-def test_a_stop_is_when_the_leg_stands_still(tmp_path) -> None:
+def test_a_stop_is_when_the_leg_stands_still() -> None:
     """Strides of 0.4 s count from the fifth of the hold, at 4.0 s, to 5.0 s; the last pulse is at 5.4 s."""
     run = walk(until_s=5.0)
     place_impacts(run, [0.5], (HOLD_S, 5.5))
     late = run.impacts["t_s"] > 5.0
     run.impacts["v_m_s"][late] = 0.8
-    found = figures(run, tmp_path)
+    found = figures(run)
     assert (found.end, found.end_s) == ("stop", pytest.approx(5.0))
     assert found.strides == 2
     assert found.last_pulse_after_s == pytest.approx(0.4, abs=2e-3)
     assert found.hardest_after == pytest.approx(0.8)
 
 
-def test_a_new_start_after_a_stumble_is_not_its_last_pulse(tmp_path) -> None:
+def test_a_new_start_after_a_stumble_is_not_its_last_pulse() -> None:
     run = walk(tripping_s=4.5)
     place_impacts(run, [0.5], (HOLD_S, 6.0))
     mode, t_s = run.firmware["outputs.mode"], run.firmware["t_s"]
     mode[(t_s > 4.9) & (t_s < 5.3)] = Mode.READY
     mode[t_s >= 5.3] = Mode.SOFT_START
-    found = figures(run, tmp_path)
+    found = figures(run)
     assert (found.end, found.end_s) == ("stumble", pytest.approx(4.461))
     assert found.last_pulse_after_s == pytest.approx(5.0 - 4.461, abs=2e-3)
 
 
-def test_pulses_of_the_leg_alone_are_counted_apart(tmp_path) -> None:
+def test_pulses_of_the_leg_alone_are_counted_apart() -> None:
     """Ready from 4.0 s on: the last pulse that follows is at 4.2 s, those from 6.0 s on are the leg's."""
     run = walk(tripping_s=3.9)
     place_impacts(run, [0.5], (HOLD_S, 7.0))
@@ -140,7 +140,7 @@ def test_pulses_of_the_leg_alone_are_counted_apart(tmp_path) -> None:
         for name, values in run.impacts.items()
     }
     run.firmware["outputs.mode"][run.firmware["t_s"] > 4.0] = Mode.READY
-    found = figures(run, tmp_path)
+    found = figures(run)
     assert found.last_pulse_after_s == pytest.approx(4.2 - 3.861, abs=2e-3)
     assert found.undriven == 1
 

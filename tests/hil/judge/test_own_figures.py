@@ -56,6 +56,12 @@ def test_a_first_order_rise_takes_ln_9_time_constants():
     assert rise_s == pytest.approx(0.5 * math.log(9.0), abs=2e-3)
 
 
+def test_the_final_value_of_a_step_is_that_of_the_last_tenth_of_the_window():
+    t_s = np.arange(100) * 1e-2
+    records = plant(t_s, x_m=np.select([t_s < 0.595, t_s < 0.895], [0.0, 1.2], 1.0))
+    assert own_figure("overshoot(plant.x_m)", WHOLE, records, firmware(t_s, 0.0)) == pytest.approx(20.0)
+
+
 def test_signals_of_the_firmware_are_those_of_its_newest_tick():
     t_s = np.arange(6) * 1.0
     held = firmware([0.5, 1.5, 3.5], [10.0, 20.0, 30.0])  # two ticks were skipped

@@ -14,6 +14,8 @@ from tools.dev import mutation
 SOURCE = '''
 from enum import IntEnum
 
+HERE = __file__
+
 class Mode(IntEnum):
     """Two of them."""
 

@@ -11,16 +11,36 @@ from firmware_py.core.control.start import LONGEST_SEARCH_S
 from firmware_py.core.safety import consent, drive_link, gate, liveness, monitors, own_crank, watchdog_proof
 from firmware_py.shell.parameters import DEFAULTS
 from hil.drive.axis import DriveConfig
+from hil.judge.checks import requirements
+from hil.scenario.operator import COMMAND_PERIOD_S
 from tools.campaign import limits
-from tools.dev import reactions, walkthrough
+from tools.dev import parameter_sweep, reactions, walkthrough
 
 PAGE = Path("docs/safety.md").read_text(encoding="utf-8")
-PROSE = [
-    " ".join(part.split()) for part in re.split(r"\n\s*\n", PAGE) if not part.startswith(("|", "    ", "\n"))
+CAUSES = re.findall(r"^\| \d+ \| [A-Z_]+ \| (.*) \| [\d.]+ s \|$", PAGE, re.MULTILINE)
+LIMITS = [
+    " | ".join(cells[:4] + cells[5:])  # `test_limit_table` checks the ceilings
+    for cells in (line.split(" | ") for line in PAGE.splitlines())
+    if len(cells) == 8 and cells[1] in ("gate", "monitor")
 ]
+PROSE = [
+    " ".join(re.sub(r"^\d\. ", "", part, flags=re.MULTILINE).split())
+    for part in re.split(r"\n\s*\n", PAGE)
+    if not part.startswith(("|", "    ", "\n"))
+]
+STATED = [*PROSE, *CAUSES, *LIMITS]
+"""All sentences, the causes in the table of faults, and the table of limits."""
+WORDS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
+IS_FIGURE = re.compile(rf"\d|\b(?:{'|'.join(WORDS[2:])}|twice|half|halfway|third|quarter)\b", re.IGNORECASE)
+NO_FIGURES = ("between two heartbeats", "two ranges", "between two samples", "the two forces")
 DRIVE_MS, WINDOW = (
     1e3 * DriveConfig._field_defaults["watchdog_s"],
     round(1e3 * DEFAULTS["watchdog.sensor_s"]) + 1,
+)
+MOST_AFTER_A_KICK = next(
+    int(limit.high or 0)
+    for limit in requirements()["S-03"].limits_of("after_fault.impacts_after_zero")
+    if limit.when == {"kind": "kick"}
 )
 REACTIONS = list(csv.DictReader(Path("docs/data/reactions.csv").read_text("utf-8").splitlines()))
 CONTACTS = list(csv.DictReader(Path("docs/data/limits.csv").read_text("utf-8").splitlines()))
@@ -34,7 +54,7 @@ BELOW_PERCENT = {
     for count in ("above", "below")
 }
 """The rule of three on the contacts from 5 ms up without a lost sample, none of which was judged wrong."""
-PARAMETER = re.compile(r"`([a-z_]+\.[a-z_0-9]+)` (?:\(([\d.]+) [^)]*\)|= ([\d.]+))")
+PARAMETER = re.compile(r"`([a-z_]+\.[a-z_0-9]+)` (?:\(([\d.]+) [^)]*\)|= (-?[\d.]+))")
 
 BY_CODE = [
     f"due {1e3 * watchdog_proof.WATCHDOG_S:g} ms and two ticks after the last frame",
@@ -59,6 +79,25 @@ BY_CODE = [
     f"below {BELOW_PERCENT['above']:.2f} % and {BELOW_PERCENT['below']:.2f} % (95 %)",
     f"The {LONGEST_SEARCH_S:g} s of START_FAILED",
     f"STALL judges targets above {monitors.SLOWEST_RAD_S:g} rad/s",
+    f"{WORDS[int(DEFAULTS['watchdog.operator_s'] / COMMAND_PERIOD_S) - 1]} of whose commands in a row may be",
+    f"its own energy: up to {WORDS[MOST_AFTER_A_KICK]}",
+    f"before {WORDS[gate.SETTLING_READINGS]} steady readings",
+    f"Up to {WORDS[gate.LONGEST_BRIDGE_TICKS - 1]} lost readings",
+    f"has {({2.0: 'twice'})[gate.AWAY_FACTOR]} the limits",
+    f"−{gate.AWAY_FACTOR:g} × the limit",
+    f"over {1e3 * gate.SPEED_WINDOW_S:g} ms",
+    f"−{gate.DRIVES_OWN:g} × the limit | {gate.DRIVES_OWN:g} ×",
+    f"{WORDS[gate.GAPS]} gaps of more than {1e3 * gate.LONGEST_GAP_S:g} ms, without "
+    f"{1e3 * gate.LONGEST_GAP_S:g} ms of samples",
+    f"without a [sign of life](#the-gate) in {liveness.READINGS} readings",
+    f"{liveness.READINGS} equal, or with ranges apart",
+    f"and {liveness.DIFFER_M_S2:g} m/s² |",
+    f"dips or within {LONGEST_SEARCH_S:g} s",
+    f"by {monitors.RUNAWAY_RAD_S:g} rad/s for {monitors.RUNAWAY_S:g} s",
+    f"see STALL | {monitors.RUNAWAY_RAD_S:g} rad/s | {monitors.RUNAWAY_S:g} s",
+    f"acceleration for {1e3 * monitors.IMPLAUSIBLE_S:g} ms",
+    f"{({0.25: 'a quarter'})[monitors.IMPLAUSIBLE_SHARE]} of N m | {monitors.IMPLAUSIBLE_S:g} s",
+    f"no standstill {monitors.STOP_MARGIN_S:g} s after the nominal duration",
     f"at r = {walkthrough.RATIOS[0]:g}, {walkthrough.RATIOS[1]:g}, {walkthrough.RATIOS[2]:g} and "
     f"{walkthrough.RATIOS[3]:g}",
 ]
@@ -74,11 +113,15 @@ BY_TEST = {
     "any of 42 phases of the turn (11 at the slowest)": "test_the_impacts_after_an_e_stop_are_those",
     "at most 4 more impacts, the last within 2 s, none more than 3 % harder": "test_a_stop_ends_with_few",
     "every start waits 0.3 s": "test_which_request_counts",
-    "noise of 2 counts or more": "test_a_channel_that_repeats_itself_is_dead",
+    "noise of 2 counts or more": "test_noise_of_2_counts_is_a_sign_of_life",
+    "noise is below a third of a count": "test_noise_of_2_counts_is_a_sign_of_life",
+    "beyond 10 m": "test_an_estimate_that_is_none",
+    "halfway from": "test_beyond_the_speed_limit_nothing_pushes_on",
     "only afterwards (1,001 ms)": "test_the_table_of_reactions_is_that_of_the_data",
 }
 """Fragments whose figures a test asserts, or a campaign has measured: the beginning of the test's name."""
 BY_CAMPAIGN = [
+    "every mutant (a small change of the code) but two equivalent ones",
     "On the judged seed 20260 23,731 of 24,000 trials were eligible",
     "; 3,320 contacts lay between",
     "Of these contacts 347 of 8,694 were missed and 8 of 389 tripped",
@@ -88,29 +131,40 @@ BY_CAMPAIGN = [
 """Counts of `vibrohil campaign limits` beside those of docs/data/limits.csv, and of the parameter sweep."""
 
 
-def strip_figures_that_are_tied(text: str) -> str:
-    """The prose without links, code, tied fragments and the figures of parameters, which are checked here."""
+def without_parameters(text: str) -> str:
+    """A text without the figures of parameters, which are checked here, and of the limits' longest times."""
     text = text.replace("`gait.follow` = 1", "")  # a condition
     for name, bracketed, equal in PARAMETER.findall(text):
         assert float(bracketed or equal) == DEFAULTS[name], f"{name} on the page of safety"
-    text = PARAMETER.sub("", text)
-    for fragment in (*BY_CODE, *BY_TEST, *BY_CAMPAIGN):
-        text = text.replace(fragment, "")
-    return re.sub(r"`[^`]*`|\]\([^)]*\)|\*\*[^*]*\*\*|^\d\. | \d\. ", " ", text)
+    return " ".join(re.sub(r", at most [\d.]+ s \|", " |", PARAMETER.sub("", text)).split())
 
 
-@pytest.mark.parametrize("text", PROSE, ids=range(len(PROSE)))
-def test_every_figure_in_a_sentence_is_tied(text: str) -> None:
-    left = strip_figures_that_are_tied(text)
-    untied = re.findall(
-        r"[^.]*\d[^.]*", re.sub(r"torque (is |to )?0\b|0 is proposed|(than|above|stays) 0|status 1", "", left)
+@pytest.mark.parametrize("text", STATED, ids=range(len(STATED)))
+def test_every_figure_is_tied(text: str) -> None:
+    left = without_parameters(text)
+    for fragment in (*BY_CODE, *BY_TEST, *BY_CAMPAIGN, *NO_FIGURES):
+        left = left.replace(fragment, "")
+    left = re.sub(r"`[^`]*`|\]\([^)]*\)", " ", left)
+    left = re.sub(
+        r"torque (is |to )?0\b|0 is proposed|(than|above|stays) 0|status 1|\| 0\b|NaN, 0 or", "", left
     )
+    untied = [sentence for sentence in left.split(". ") if IS_FIGURE.search(sentence)]
     assert not untied, "tie each figure to the code (BY_CODE) or to its test (BY_TEST)"
 
 
-@pytest.mark.parametrize("fragment", [*BY_CODE, *BY_TEST, *BY_CAMPAIGN])
+@pytest.mark.parametrize("fragment", [*BY_CODE, *BY_TEST, *BY_CAMPAIGN, *NO_FIGURES])
 def test_every_tied_fragment_is_on_the_page(fragment: str) -> None:
-    assert fragment in " ".join(PROSE)
+    assert fragment in without_parameters(" ".join(STATED))
+
+
+def test_the_runs_of_the_sweep_are_both_bounds_of_each_parameter_in_each_scenario() -> None:
+    found = re.search(
+        r"in (\d+) scenarios .* Of ([\d,]+) runs ([\d,]+) are .* (\d+) stay at rest, ([\d,]+) end in time",
+        " ".join(PROSE),
+    )
+    assert found is not None
+    scenarios, runs, *verdicts = (int(one.replace(",", "")) for one in found.groups())
+    assert sum(verdicts) == runs == scenarios * len(parameter_sweep.singles())
 
 
 def test_every_named_test_exists() -> None:
