@@ -42,7 +42,7 @@ def receive(memory: Any, count: int, frames: Any) -> None:
 
 def advance(config: Any, memory: Any, elapsed_ticks: int) -> int:
     """Let time pass; the number of ticks to run."""
-    state, most_ticks = _load_state(memory), _load_config(config).d.ticks.catch_up
+    state, most_ticks = _load_state(memory), _load_config(config).catch_up_ticks
     newest = state.received.accelerometer_arrival
     return inbox.advance(_inbox_place(memory), newest, state.ticks, elapsed_ticks, most_ticks)
 

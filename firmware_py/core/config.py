@@ -1,121 +1,82 @@
-"""What the blocks read: the parameters, and the constants derived from them before the first tick.
+"""What the blocks read: each has `Constants` of its own, and `derive`, which makes them of the parameters.
 
-A block reads `start.rise_s` of `parameters.toml` as `config.p.start.rise_s`, and a derived constant as
-`config.d.natural_rad_s`. `configure.config_of` makes the whole.
+`config_of` makes the configuration before the first tick, `commit` after a commit over the bus. A commit
+changes tuning parameters only: the nominal module and the constants of safety keep their bits.
 """
 
 from typing import NamedTuple
 
-from firmware_py.core.gate_limits import GateLimits
+from firmware_py.core.control import hold, speed, spin_down, start
+from firmware_py.core.estimation import crank, detector, estimator, striker_model
+from firmware_py.core.gait import follow, gait
+from firmware_py.core.numbers import in_ticks
+from firmware_py.core.safety import consent, drive_link, gate_limits, monitors, own_crank, watchdog_proof
 from firmware_py.interface.generated.parameters import Parameters
+from firmware_py.interface.zeroed import zeroed
 
-
-class Transition(NamedTuple):
-    """The rows of F for position and velocity; the bias keeps its value."""
-
-    x_x: float
-    x_v: float
-    x_b: float
-    v_x: float
-    v_v: float
-    v_b: float
-
-
-class Row(NamedTuple):
-    """One row of H."""
-
-    x: float
-    v: float
-    b: float
-
-
-class Tracker(NamedTuple):
-    """A tracker of the crank: its triple pole, g, h and k of a tick, and the largest disturbance."""
-
-    bandwidth_rad_s: float
-    gains: tuple[float, float, float]
-    largest_rad_s2: float
-
-
-class MonitorTicks(NamedTuple):
-    """A duration of each monitor's condition, named as its fault, in the order of their reports."""
-
-    impulse_limit: int
-    estimate_invalid: int
-    load_implausible: int
-    runaway: int
-    stall: int
-    stop_failed: int
-
-
-class Ticks(NamedTuple):
-    """Durations in ticks: parameters, and constants of the blocks that use them."""
-
-    still: int
-    gated: int
-    refractory: int
-    longest_contact: int
-    newton_contact: int
-    sensor: int
-    encoder: int
-    drive: int
-    enable: int
-    monitors: MonitorTicks
-    standstill: int
-    takeover: int
-    repeat: int
-    arm: int
-    re_zero: int
-    proof_due: int
-    proof_longest: int
-    gait: int
-    catch_up: int
-    consent: int
-
-
-class Derived(NamedTuple):
-    """Constants derived from the parameters. Forces are per unit of the striker's mass.
-
-    `tracker`: that of the control, by tuning parameters; `own_tracker`: that of the monitors, by none.
-    `sensor_delay_s`: the accelerometers' low-pass.
-    `flight`: F of a tick of the model, `strapdown`: of a tick that integrates the accelerometer; `row`: H of
-    the model. `…_rate`: share of a difference that a reading adds to an average. `readings_as_one`: N.
-    `contact_growth`: factor of the Hertz contact, a = growth · (x'⁻ t)^1.5, m/s² per m^1.5.
-    `implausible_rad_s2`: limit on the crank's unexplained acceleration; `largest_load_n_m`: the largest load
-    of the striker that explains one. `spin_down_s`: longest braking, 0: the S-curve alone.
-    """
-
-    natural_rad_s: float
-    stiffness_1_s2: float
-    damping_1_s: float
-    dry_m_s2: float
-    sensor_delay_s: float
-    tracker: Tracker
-    own_tracker: Tracker
-    flight: Transition
-    strapdown: Transition
-    row: Row
-    high_offset_rate: float
-    housing_rate: float
-    learning_rate: float
-    readings_as_one: float
-    contact_growth: float
-    highest_phase_rad: float
-    implausible_rad_s2: float
-    largest_load_n_m: float
-    spin_down_s: float
-    spin_down_highest_rad_s: float
-    ticks: Ticks
-    gate: GateLimits
+LONGEST_CATCH_UP_S = 0.5
+"""Longest time whose missed periods are run later (`node.inbox`). It is longer than the watchdogs of links
+and sensors (`ceiling.link_watchdog_s`): raise both together."""
 
 
 class Config(NamedTuple):
-    """`tick_s`: the control period, `p`: the parameters, `d`: the derived constants.
+    """`tick_s`: the control period, `p`: the parameters; then the constants of each block.
 
     `parameters_damaged`: the parameters replace values that could not be read, and the firmware must not arm.
     """
 
     tick_s: float
+    catch_up_ticks: int
     p: Parameters
-    d: Derived
     parameters_damaged: bool
+    nominal: striker_model.Nominal
+    gate: gate_limits.GateLimits
+    own_crank: own_crank.Constants
+    monitors: monitors.Constants
+    consent: consent.Constants
+    drive_link: drive_link.Constants
+    proof: watchdog_proof.Constants
+    crank: crank.Constants
+    estimator: estimator.Constants
+    detector: detector.Constants
+    start: start.Constants
+    hold: hold.Constants
+    spin_down: spin_down.Constants
+    speed: speed.Constants
+    gait: gait.Constants
+
+
+def config_of(parameters: Parameters, damaged: bool) -> Config:
+    """The configuration for parameters within their bounds; `damaged`: see `Config`."""
+    p, limits = parameters, gate_limits.derive(parameters)
+    untuned = zeroed(
+        Config,
+        tick_s=p.control.tick_s,
+        catch_up_ticks=in_ticks(LONGEST_CATCH_UP_S, p.control.tick_s),
+        parameters_damaged=damaged,
+        nominal=striker_model.derive(p),
+        gate=limits,
+        own_crank=own_crank.derive(p, limits),
+        monitors=monitors.derive(p, limits),
+        consent=consent.derive(p, limits),
+        drive_link=drive_link.derive(limits),
+        proof=watchdog_proof.derive(p, limits),
+    )
+    return commit(untuned, p)
+
+
+def commit(config: Config, p: Parameters) -> Config:
+    """The configuration with other tuning parameters; damaged ones remain marked as damaged."""
+    nominal, spin_down_now = config.nominal, spin_down.derive(p, config.nominal)
+    return config._replace(
+        p=p,
+        monitors=monitors.retune(config.monitors, p, spin_down_now.longest_s),
+        crank=crank.derive(p),
+        estimator=estimator.derive(p, nominal),
+        detector=detector.derive(p, nominal),
+        start=start.derive(p, nominal),
+        hold=hold.derive(p),
+        spin_down=spin_down_now,
+        speed=speed.derive(p),
+        gait=gait.derive(p, nominal, config.gate) if follow.is_built_in() else config.gait,
+    )

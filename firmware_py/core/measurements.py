@@ -9,7 +9,7 @@ The accelerometer is no such sensor, because its reading also depends on the cra
 from typing import NamedTuple
 
 from firmware_py.interface.arrivals import age
-from firmware_py.interface.generated.parameters import Parameters
+from firmware_py.interface.generated.parameters import Estimator
 from firmware_py.interface.generated.received import INITIAL, Received
 
 
@@ -47,7 +47,7 @@ NOTHING_MEASURED = measurements_of(INITIAL, 0)
 """The readings before the first frame is received."""
 
 
-def model_sensors(parameters: Parameters) -> tuple[SensorModel, ...]:
+def model_sensors(estimator: Estimator) -> tuple[SensorModel, ...]:
     """The model of each sensor, in the order of `Measurements`."""
-    coarse_m = parameters.estimator.coarse_std_m
+    coarse_m = estimator.coarse_std_m
     return (SensorModel(1.0, 0.0, 0.0, coarse_m * coarse_m),)

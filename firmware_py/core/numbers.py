@@ -32,6 +32,11 @@ def at_least(value: float, floor: float) -> float:
     return value if value >= floor else floor
 
 
+def in_ticks(duration_s: float, tick_s: float, least: int = 0) -> int:
+    """The whole number of ticks nearest to a duration, at least `least`."""
+    return max(round(duration_s / tick_s), least)
+
+
 def round_down(value: float) -> float:
     """The largest whole number not above `value`, which is within ±`LARGEST_TO_WRAP`.
 

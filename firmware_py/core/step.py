@@ -14,7 +14,7 @@ from typing import NamedTuple
 from firmware_py.core.config import Config
 from firmware_py.core.control import hold, speed, spin_down, start
 from firmware_py.core.estimation import crank, detector, estimator, regime
-from firmware_py.core.estimation.estimator_state import Contact
+from firmware_py.core.estimation.estimator_state import Contact, striker_of
 from firmware_py.core.gait import follow
 from firmware_py.core.gait.follow import WalkState
 from firmware_py.core.gait.gait_lock import Moment
@@ -35,8 +35,6 @@ from firmware_py.core.safety.monitors import Findings, Watched
 from firmware_py.core.safety.supervisor import Observed
 from firmware_py.core.state import Outputs, State
 from firmware_py.interface.enums import (
-    LATCHED,
-    MOVING,
     ActingLimit,
     AxisState,
     Fault,
@@ -44,6 +42,7 @@ from firmware_py.interface.enums import (
     OperatorRequest,
     Refusal,
 )
+from firmware_py.interface.modes import MODES, Target
 
 
 class Supervised(NamedTuple):
@@ -65,21 +64,28 @@ class Decided(NamedTuple):
 
 def sense(config: Config, state: State, inputs: Inputs) -> tuple[State, Contact]:
     """Update crank, estimate, impacts and regime by this tick's sample; also the detector's result."""
-    turned = crank.read(config, inputs.encoder)
+    turned = crank.read(config.crank, inputs.encoder)
     acting_n_m = state.speed.acting_n_m
     load_n_m = config.p.speed.load_share * speed.crank_load(
-        config, state.crank, state.estimator, 0.5 * config.tick_s
+        config.speed, state.crank, striker_of(state.estimator), 0.5 * config.tick_s
     )
-    known_rad_s2 = crank.known_acceleration(config, acting_n_m, state.crank, load_n_m)
-    crank_now = crank.step(config, config.d.tracker, state.crank, turned, known_rad_s2)
+    known_rad_s2 = crank.known_acceleration(config.crank, acting_n_m, state.crank, load_n_m)
+    crank_now = crank.step(config.crank, state.crank, turned, known_rad_s2)
     own = own_crank.step(
-        config, state.own_crank, inputs.accelerometer, turned, acting_n_m, state.gate.contact.touching
+        config.own_crank,
+        state.own_crank,
+        inputs.accelerometer,
+        turned,
+        acting_n_m,
+        state.gate.contact.touching,
     )
     predicted = estimator.propagate(
-        config, state.estimator, inputs.accelerometer, state.detector.phase, crank_now
+        config.estimator, state.estimator, inputs.accelerometer, state.detector.phase, crank_now
     )
-    detector_now, contact = detector.step(config, state.detector, predicted)
-    estimate = estimator.correct(config, state.estimator, predicted, contact, inputs.measurements, crank_now)
+    detector_now, contact = detector.step(config.detector, state.detector, predicted)
+    estimate = estimator.correct(
+        config.estimator, state.estimator, predicted, contact, inputs.measurements, crank_now
+    )
     regime_now = regime.step(state.regime, crank_now, contact, predicted.sensor.acceleration_m_s2)
     return state._replace(
         crank=crank_now, own_crank=own, estimator=estimate, detector=detector_now, regime=regime_now
@@ -91,26 +97,27 @@ def supervise(
 ) -> tuple[State, Supervised]:
     """Update monitors and mode; `found`: the gate's findings."""
     mode = state.supervisor.mode
-    spins_down = mode == Mode.STOPPING and config.d.spin_down_s > 0.0
+    spins_down = MODES[mode.value].target == Target.STOP and config.spin_down.longest_s > 0.0
     target_rad_s = state.spin_down.target_omega_rad_s if spins_down else state.start.target_omega_rad_s
     watched = Watched(
         mode=mode,
         axis_state=inputs.drive.axis_state,
         crank=state.own_crank.tracked,
-        estimate=state.estimator,
+        striker=striker_of(state.estimator),
         impulse_n_s=state.detector.impulse_n_s if contact.separation else 0.0,
         target_omega_rad_s=target_rad_s,
+        parameters_damaged=config.parameters_damaged,
     )
-    monitors_now, findings = monitors.step(config, state.monitors, found, watched)
+    monitors_now, findings = monitors.step(config.monitors, state.monitors, found, watched)
     if watchdog_proof.tolerates(state.proof, inputs.drive):
         findings = findings._replace(drive=Fault.NONE)
-    proven = watchdog_proof.may_start(config, state.proof)
-    valid_ratio = start.is_valid_ratio(config, inputs.operator.target_ratio)
+    proven = watchdog_proof.may_start(config.proof, state.proof)
+    valid_ratio = start.is_valid_ratio(config.start, inputs.operator.target_ratio)
     observed = Observed(
         estop=inputs.estop,
         request=inputs.operator.request,
         disarm_reason=inputs.drive.disarm_reason,
-        target_valid=valid_ratio and follow.accepts(config, state.gait_lock),
+        target_valid=valid_ratio and follow.accepts(config.gait, state.gait_lock),
         axis_idle=drive_link.is_idle(state.drive_link),
         captured=state.start.captured,
         start_failed=state.start.failed,
@@ -120,8 +127,8 @@ def supervise(
     )
     supervisor_now = supervisor.step(state.supervisor, findings, observed)
     now = supervisor_now.mode
-    begins = now != mode and (now == Mode.READY or now in LATCHED)
-    consent_now = consent.end(state.consent) if begins else state.consent
+    ends_consent = now != mode and MODES[now.value].ends_consent
+    consent_now = consent.end(state.consent) if ends_consent else state.consent
     state = state._replace(monitors=monitors_now, supervisor=supervisor_now, consent=consent_now)
     return state, Supervised(findings, valid_ratio, proven)
 
@@ -130,7 +137,7 @@ def choose_request(config: Config, state: State, contact: Contact, inputs: Input
     """The request to start and hold: the operator's, or the gait's, whose blocks it updates."""
     mode = state.supervisor.mode
     now = Moment(
-        moving=mode in MOVING,
+        moving=MODES[mode.value].moving,
         holding=mode == Mode.RUN and state.start.stage == start.HOLD,
         angle_rad=state.crank.angle_rad,
         regime=state.regime,
@@ -139,7 +146,7 @@ def choose_request(config: Config, state: State, contact: Contact, inputs: Input
         impact_n_s=state.detector.impulse_n_s,
     )
     walk = WalkState(state.gait, state.gait_lock, state.stride_harmonic)
-    walk, request = follow.ask(config, walk, inputs.gait, inputs.operator, now)
+    walk, request = follow.ask(config.gait, walk, inputs.gait, inputs.operator, now)
     state = state._replace(gait=walk.gait, gait_lock=walk.gait_lock, stride_harmonic=walk.stride_harmonic)
     return state, request
 
@@ -151,10 +158,10 @@ def command(
     mode, crank_now, impact_n_s = state.supervisor.mode, state.crank, state.detector.impulse_n_s
     hold_acts = mode == Mode.RUN and state.start.stage == start.HOLD and not request.sets_hold_ratio
     if hold_acts and request.ratio >= config.p.start.capture_ratio:
-        base_ratio = state.start.to_rad_s / config.d.natural_rad_s
-        hold_now = hold.step(config, state.hold, request, base_ratio, state.regime, impact_n_s)
+        base_ratio = state.start.to_rad_s / config.nominal.natural_rad_s
+        hold_now = hold.step(config.hold, state.hold, request, base_ratio, state.regime, impact_n_s)
     else:
-        hold_now = hold.rest(config, request)
+        hold_now = hold.rest(config.hold, request)
     goal = start.Goal(
         ratio=request.ratio,
         trim=request.trim if request.sets_hold_ratio else hold_now.trim,
@@ -163,17 +170,23 @@ def command(
     )
     omega_rad_s = crank_now.omega_rad_s
     start_now = start.step(
-        config, state.start, mode, goal, drive_ready=is_closed, omega_rad_s=omega_rad_s, regime=state.regime
+        config.start,
+        state.start,
+        mode,
+        goal,
+        drive_ready=is_closed,
+        omega_rad_s=omega_rad_s,
+        regime=state.regime,
     )
-    spin_down_now = spin_down.INITIAL
+    spin_down_now, striker = spin_down.INITIAL, striker_of(state.estimator)
     target_rad_s, target_rad_s2 = start_now.target_omega_rad_s, start_now.target_acceleration_rad_s2
-    if mode == Mode.STOPPING and config.d.spin_down_s > 0.0:
-        spin_down_now = spin_down.step(config, state.spin_down, crank_now, state.estimator)
+    if MODES[mode.value].target == Target.STOP and config.spin_down.longest_s > 0.0:
+        spin_down_now = spin_down.step(config.spin_down, state.spin_down, crank_now, striker)
         target_rad_s, target_rad_s2 = spin_down_now.target_omega_rad_s, 0.0
     if not is_current:
         speed_now = speed.keep(state.speed)
-    elif mode in MOVING and is_closed:
-        speed_now = speed.step(config, state.speed, crank_now, state.estimator, target_rad_s, target_rad_s2)
+    elif MODES[mode.value].moving and is_closed:
+        speed_now = speed.step(config.speed, state.speed, crank_now, striker, target_rad_s, target_rad_s2)
     else:
         speed_now = speed.rest(state.speed)
     state = state._replace(start=start_now, hold=hold_now, spin_down=spin_down_now, speed=speed_now)
@@ -184,7 +197,7 @@ def link(config: Config, state: State, inputs: Inputs) -> tuple[State, DriveFram
     """Update the test of the drive's watchdog and the requested state of its axis; also the frame for it."""
     mode, before = state.supervisor.mode, state.drive_link
     proof_now = watchdog_proof.step(
-        config,
+        config.proof,
         state.proof,
         mode,
         inputs.drive,
@@ -193,9 +206,9 @@ def link(config: Config, state: State, inputs: Inputs) -> tuple[State, DriveFram
         omega_rad_s=state.crank.omega_rad_s,
     )
     drive_link_now, frame = drive_link.step(
-        config,
+        config.drive_link,
         before,
-        mode,
+        state.supervisor,
         proof_now.stage,
         drive=inputs.drive,
         encoder=inputs.encoder,
@@ -232,9 +245,9 @@ def decide(
     state, target_rad_s = command(config, state, request, is_closed=is_closed, is_current=is_current)
     state, frame = link(config, state, inputs)
     retreated = (
-        mode in MOVING
+        MODES[mode.value].moving
         and not request.sets_hold_ratio
-        and start.has_retreated(config, state.start, request.ratio)
+        and start.has_retreated(config.start, state.start, request.ratio)
     )
     acting_limit = state.speed.acting_limit
     if acting_limit == ActingLimit.NONE and state.hold.guarded:
@@ -245,7 +258,7 @@ def decide(
     is_lost_again = retreated and state.start.attempts > 1
     by_control = Refusal.RATIO_TOO_HIGH if is_lost_again else state.hold.refusal
     refusal = find_refusal(mode, state.consent.asked, supervised, request, by_control)
-    if inputs.operator.stray_ticks <= config.d.gate.operator_ticks:
+    if inputs.operator.stray_ticks <= config.gate.operator_ticks:
         refusal = Refusal.OUT_OF_SEQUENCE
     return state, Decided(target_rad_s, frame, acting_limit, refusal)
 
@@ -254,9 +267,7 @@ def guard(
     config: Config, state: State, found: GateFindings, inputs: Inputs, is_current: bool
 ) -> tuple[State, ActingLimit]:
     """The gate's last word on the torque; a tick that catches up keeps the torque that was sent."""
-    gate_now, torque_n_m, limit = gate.permit(
-        config.d.gate, state.gate, found, inputs, state.speed.torque_n_m
-    )
+    gate_now, torque_n_m, limit = gate.permit(config.gate, state.gate, found, inputs, state.speed.torque_n_m)
     state = state._replace(gate=gate_now)
     if limit != ActingLimit.NONE and is_current:
         state = state._replace(speed=state.speed._replace(torque_n_m=torque_n_m))
@@ -265,11 +276,11 @@ def guard(
 
 def step(config: Config, state: State, inputs: Inputs, is_current: bool) -> tuple[State, Outputs]:
     """One period, after the gate has taken the readings of this tick."""
-    consent_now = consent.step(config, state.consent, inputs.operator)
+    consent_now = consent.step(config.consent, state.consent, inputs.operator)
     state = state._replace(consent=consent_now)
     inputs = inputs._replace(operator=inputs.operator._replace(request=consent_now.request))
     state, contact = sense(config, state, inputs)
-    gate_now, found = gate.judge(config.d.gate, state.gate, inputs)
+    gate_now, found = gate.judge(config.gate, state.gate, inputs)
     state = state._replace(gate=gate_now)
     state, decided = decide(config, state, contact, inputs, found, is_current)
     state, gate_limit = guard(config, state, found, inputs, is_current)

@@ -168,6 +168,13 @@ def signal_of(message: Message, dbc: DbcSignal) -> Signal:
     )
 
 
+def value_table(signal: str) -> dict[int, str]:
+    """The values that the first signal of this name lists, and their names."""
+    found = (one for message in database().messages for one in message.signals if one.name == signal)
+    choices = next(one.choices for one in found if one.choices)
+    return {value: str(name) for value, name in sorted(choices.items())}
+
+
 def range_of(where: str, dbc: DbcSignal) -> tuple[int, int]:
     """Smallest and largest counts of the DBC's range."""
     if dbc.minimum is None or dbc.maximum is None:

@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 from textwrap import wrap
 
-from firmware_py.interface.dbc import Layout, Signal, SignalKind, layouts, span
+from firmware_py.interface.dbc import Layout, Signal, SignalKind, layouts, span, value_table
 from firmware_py.interface.framing import CRC_INITIAL, CRC_TABLE
 from firmware_py.interface.parameter_table import TABLE as PARAMETER_TABLE
 from firmware_py.interface.parameter_table import record_name
@@ -31,6 +31,53 @@ them.
 from typing import NamedTuple
 
 '''
+
+ENUMS = '''"""The value tables of `vibro.dbc`: written by `generate.py`; do not edit."""
+
+from enum import IntEnum
+
+'''
+ENUM_OF_SIGNAL = {
+    "mode": ("Mode", "Mode of the supervisor."),
+    "request": (
+        "OperatorRequest",
+        "The operator's request. RUN and PROVE_WATCHDOG act only in READY, and only after a request "
+        "for IDLE.",
+    ),
+    "regime": ("Regime", "Regime of the striker's motion, decided per drive period."),
+    "gait_state": (
+        "GaitState",
+        "State of the wearer's leg. STANDING: the leg is at rest; UNCERTAIN: the gait phase is unreliable.",
+    ),
+    "fault": (
+        "Fault",
+        "Reason of disarming, latched until the operator clears it; REQUEST_REFUSED does not disarm.",
+    ),
+    "refusal": (
+        "Refusal",
+        "Reason why a request is not met; the firmware uses the nearest possible setting, or waits.",
+    ),
+    "acting_limit": (
+        "ActingLimit",
+        "The limit that acts on the torque at present. IMPACT_PHASE keeps the speed away from the "
+        "fold, RETREAT from the speed at which the impacts were lost.",
+    ),
+    "axis_state": (
+        "AxisState",
+        "ODrive 0.6 axis states; the bench itself uses IDLE and CLOSED_LOOP_CONTROL.",
+    ),
+    "axis_error": ("AxisError", "ODrive 0.6 error bits; an error field is any combination of them."),
+    "procedure_result": ("ProcedureResult", "ODrive 0.6: result of the axis's last procedure."),
+    "control_mode": (
+        "ControlMode",
+        "ODrive 0.6: quantity that the drive's controller regulates. The bench uses TORQUE_CONTROL.",
+    ),
+    "input_mode": (
+        "InputMode",
+        "ODrive 0.6: treatment of the controller's set-points. The bench uses PASSTHROUGH.",
+    ),
+}
+"""Name and meaning of the enum of each value table, by a signal that has this table."""
 
 KINDS = '''"""Identity and timing of every frame: written by `generate.py` out of `vibro.dbc`; do not edit."""
 
@@ -119,6 +166,7 @@ def sources() -> dict[str, str]:
     frames = list(layouts().values())
     return {
         "kinds.py": KINDS + "".join(map(constant, frames)),
+        "enums.py": "\n\n".join([ENUMS, *map(enum_source, ENUM_OF_SIGNAL)]),
         "records.py": "\n\n".join([RECORDS, *map(record_source, frames)]),
         "packing.py": "\n\n".join([PACKING, *map(pack_source, frames)]),
         "unpacking.py": "\n\n".join([UNPACKING, *map(unpack_source, frames)]),
@@ -133,6 +181,15 @@ def constant(layout: Layout) -> str:
     period_s = layout.period_s or 0.0
     numbers = f"0x{layout.can_id:03X}, {layout.length}, {period_s!r}, {layout.counter_bits}, {register}"
     return f"{to_snake(layout.name).upper()} = FrameKind({numbers})\n"
+
+
+def enum_source(signal: str) -> str:
+    """The text of the enum of a signal's value table; flags in hexadecimal digits."""
+    name, comment = ENUM_OF_SIGNAL[signal]
+    table = value_table(signal)
+    numbers = (f"0x{one:08X}" if one and max(table) > 0xFFFF else str(one) for one in table)
+    members = "".join(f"    {key} = {number}\n" for key, number in zip(table.values(), numbers, strict=True))
+    return f"class {name}(IntEnum):\n{docstring(comment)}\n{members}"
 
 
 def record_source(layout: Layout) -> str:

@@ -1,6 +1,6 @@
 """Values of the state records at power-up."""
 
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args, get_origin
 
 Record = TypeVar("Record", bound=tuple[Any, ...])
 
@@ -22,9 +22,12 @@ def zeroed(record: type[Record], **others: object) -> Record:
     Level(ticks=3, height_m=0.0)
     """
     given = record._field_defaults | others  # type: ignore[attr-defined]  # of every NamedTuple
-    zeros = {
-        name: zeroed(kind) if hasattr(kind, "_fields") else ZEROS[kind]
-        for name, kind in record.__annotations__.items()
-        if name not in given
-    }
-    return record(**zeros, **given)
+    kinds = record.__annotations__.items()
+    return record(**{name: zero(kind) for name, kind in kinds if name not in given}, **given)
+
+
+def zero(kind: Any) -> Any:
+    """The zero of a field's type."""
+    if get_origin(kind) is tuple:
+        return tuple(map(zero, get_args(kind)))
+    return zeroed(kind) if hasattr(kind, "_fields") else ZEROS[kind]

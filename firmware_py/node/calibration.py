@@ -10,12 +10,12 @@ import math
 import struct
 from typing import Any
 
-from firmware_py.core.config import Config
-from firmware_py.core.configure import commit
+from firmware_py.core.config import Config, commit
 from firmware_py.core.conflicts import Conflict, conflict_of
 from firmware_py.interface.enums import Mode, XcpError
 from firmware_py.interface.float32 import float32_bits, float32_of
 from firmware_py.interface.generated.parameters import Parameters
+from firmware_py.interface.modes import MODES
 from firmware_py.interface.parameter_table import INDEX, TABLE
 from firmware_py.node.xcp import (
     ADDRESS,
@@ -71,10 +71,8 @@ def with_page(config: Config, pool: list[int]) -> Parameters:
 
 
 def is_writable(place: int, mode: Mode) -> bool:
-    """Whether a parameter may be written in this mode; no torque acts in the four below."""
-    if mode in (Mode.INIT, Mode.READY, Mode.FAULT, Mode.E_STOP):
-        return RIGHTS[place] != NEVER
-    return RIGHTS[place] == ALWAYS
+    """Whether a parameter may be written in this mode."""
+    return RIGHTS[place] == ALWAYS or (RIGHTS[place] == AT_REST and MODES[mode.value].calibrates)
 
 
 def stage(pool: list[int], place: int, bits: int, mode: Mode) -> XcpError:

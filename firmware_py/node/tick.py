@@ -128,7 +128,7 @@ def tick(config: Config, state: NodeState, inbox: list[int]) -> tuple[NodeState,
             accepted += 1 if usable else 0
             if usable and frame.can_id == kinds.ACCELEROMETER.can_id:
                 received = received._replace(accelerometer=wired_sample(config, received.accelerometer))
-                gate_now = gate.take_reading(config.d.gate, gate_now, reading_of(received))
+                gate_now = gate.take_reading(config.gate, gate_now, reading_of(received))
     inputs = inputs_of(received, now.tick)
     core, outputs = step(config, state.core._replace(gate=gate_now), inputs, behind_ticks == 0)
     waiting, lost, tx = transmit(

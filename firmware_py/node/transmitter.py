@@ -10,6 +10,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from firmware_py.core.config import Config
+from firmware_py.core.estimation.estimator_state import striker_of
 from firmware_py.core.numbers import TAU, fraction
 from firmware_py.core.safety.drive_link import DriveFrame
 from firmware_py.core.state import Outputs, State
@@ -209,8 +210,8 @@ def pack(  # noqa: PLR0911 - a line a frame
     if frame == REGIME.value:
         return packing.pack_regime_report(now.report, count)
     if frame == ESTIMATE.value:
-        x_m, v_m_s = state.estimator.x_m, state.estimator.v_m_s
-        estimate = records.StrikerEstimate(x_m, v_m_s, state.crank.omega_rad_s)
+        striker = striker_of(state.estimator)
+        estimate = records.StrikerEstimate(striker.x_m, striker.v_m_s, state.crank.omega_rad_s)
         return packing.pack_striker_estimate(estimate, count)
     if frame == HEARTBEAT.value:
         return packing.pack_firmware_heartbeat(heartbeat_of(outputs), count)

@@ -7,8 +7,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.core.config import Config
-from firmware_py.core.configure import config_of
+from firmware_py.core.config import Config, config_of
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.state import Outputs, State
 from firmware_py.interface.arrivals import Counters
@@ -146,7 +145,7 @@ class FirmwareNode(Node):
 
     def advance(self, elapsed_ticks: int) -> int:
         """Let time pass; the number of periods to run."""
-        newest, most_ticks = self._state.received.accelerometer_arrival, self.config.d.ticks.catch_up
+        newest, most_ticks = self._state.received.accelerometer_arrival, self.config.catch_up_ticks
         return inbox.advance(self._inbox, newest, self._state.ticks, elapsed_ticks, most_ticks)
 
     def run_period(self) -> list[Frame]:

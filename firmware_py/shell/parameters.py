@@ -13,8 +13,7 @@ from typing import Any
 
 import tomli_w
 
-from firmware_py.core.config import Config
-from firmware_py.core.configure import config_of
+from firmware_py.core.config import Config, config_of
 from firmware_py.core.conflicts import (
     Conflict,
     conflict_of,
@@ -26,7 +25,7 @@ from firmware_py.core.conflicts import (
 )
 from firmware_py.core.control.start import LONGEST_SEARCH_S
 from firmware_py.core.numbers import TAU
-from firmware_py.core.safety.gate import CLIPPED_SHARE
+from firmware_py.core.safety.gate_limits import CLIPPED_SHARE
 from firmware_py.core.safety.monitors import SLOWEST_RAD_S
 from firmware_py.interface.addresses import Addresses, addresses
 from firmware_py.interface.enums import ParameterTier

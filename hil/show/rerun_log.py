@@ -20,7 +20,8 @@ import pyarrow as pa
 import rerun as rr
 import tomli_w
 
-from firmware_py.interface.enums import LATCHED, ActingLimit, AxisError, Fault, Mode, OperatorRequest, Regime
+from firmware_py.interface.enums import ActingLimit, AxisError, Fault, Mode, OperatorRequest, Regime
+from firmware_py.interface.modes import LATCHED
 from hil.can_model.fault_confinement import RECORDED, ErrorState
 from hil.judge import detection
 from hil.judge.checks import Check, checks_of

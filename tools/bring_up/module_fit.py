@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
+from firmware_py.core.estimation.striker_model import STANDARD_GRAVITY_M_S2
 from firmware_py.interface.generated.records import SetInputTorque
 from hil.record.bus_reconstruction import frames_of
 from hil.record.candump import StoredBus

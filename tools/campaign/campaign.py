@@ -127,7 +127,7 @@ class Trial(NamedTuple):
     @property
     def omega_rad_s(self) -> float:
         """Crank speed that the operator requests."""
-        return self.scenario.commands[-1].target_ratio * self.scenario.config.d.natural_rad_s
+        return self.scenario.commands[-1].target_ratio * self.scenario.config.nominal.natural_rad_s
 
 
 def script_of(

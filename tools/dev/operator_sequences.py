@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.interface import codec
-from firmware_py.interface.enums import MOVING, Mode, OperatorRequest
+from firmware_py.interface.enums import Mode, OperatorRequest
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import OperatorCommand
+from firmware_py.interface.modes import MOVING
 from hil.runs.compiled import Stretches
 from hil.runs.job import Job
 from hil.runs.lockstep import Lockstep

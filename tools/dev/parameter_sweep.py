@@ -23,7 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from firmware_py.interface.enums import LATCHED, MOVING, Fault
+from firmware_py.interface.enums import Fault
+from firmware_py.interface.modes import LATCHED, MOVING
 from firmware_py.interface.parameter_table import TABLE
 from firmware_py.shell.parameters import BY_NAME, ParameterError, values_of
 from hil.scenario.files import scenario_names

@@ -20,13 +20,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from firmware_py.interface.enums import LATCHED, AxisState, Fault
+from firmware_py.interface.enums import AxisState, Fault
 from firmware_py.interface.generated.records import (
     DriveHeartbeat,
     FirmwareHeartbeat,
     SetAxisState,
     SetInputTorque,
 )
+from firmware_py.interface.modes import LATCHED
 from hil.bench import workers
 from hil.faults.kinds.flood import Flood
 from hil.record.bus_reconstruction import frames_of

@@ -19,7 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from firmware_py.interface.enums import LATCHED, Fault
+from firmware_py.interface.enums import Fault
+from firmware_py.interface.modes import LATCHED
 from hil.scenario.scenario import Scenario, check_scenario
 from plant_sim.scene import read_scene
 from tools.campaign.run import Run, run

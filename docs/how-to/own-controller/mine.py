@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError, decode, encode
-from firmware_py.interface.enums import MOVING, AxisState, ControlMode, InputMode, Mode, OperatorRequest
+from firmware_py.interface.enums import AxisState, ControlMode, InputMode, Mode, OperatorRequest
 from firmware_py.interface.generated.records import (
     DriveEstop,
     EncoderEstimates,
@@ -20,6 +20,7 @@ from firmware_py.interface.generated.records import (
     SetInputTorque,
     StrikerEstimate,
 )
+from firmware_py.interface.modes import MOVING
 
 RAMP_RAD_S2, GAIN_N_M_S, INTEGRAL_N_M, LARGEST_N_M = 2.0, 0.05, 0.2, 0.3
 ENCODER_TICKS, OPERATOR_TICKS = 30, 350
@@ -60,7 +61,9 @@ def read(config, state, rx):
             state = state._replace(mode=Mode.E_STOP)
         elif isinstance(received, OperatorCommand):
             runs = received.request == OperatorRequest.RUN
-            wanted_rad_s = received.target_ratio * config.d.natural_rad_s if runs and state.may_start else 0.0
+            wanted_rad_s = (
+                received.target_ratio * config.nominal.natural_rad_s if runs and state.may_start else 0.0
+            )
             state = state._replace(
                 operator_age=0, wanted_rad_s=wanted_rad_s, may_start=state.may_start or not runs
             )

@@ -4,6 +4,7 @@ import functools
 import inspect
 import sys
 import textwrap
+from collections import Counter
 from collections.abc import Iterator
 from enum import IntEnum
 from types import FunctionType, ModuleType
@@ -14,7 +15,7 @@ from firmware_py.builds.c99.body import Body
 from firmware_py.builds.c99.expressions import C, Place, Variable
 from firmware_py.builds.c99.lines import WIDTH, wrap
 from firmware_py.builds.c99.names import c_identifier, first_paragraph, is_record
-from firmware_py.builds.c99.shape import documents, function_name, origin, shape, short
+from firmware_py.builds.c99.shape import UntranslatableError, documents, function_name, origin, shape, short
 from firmware_py.builds.c99.single_precision import in_single_precision
 from firmware_py.builds.flat import Precision, members
 from firmware_py.interface.generated.parameters import Parameters
@@ -53,6 +54,9 @@ class Emitter:
         self.declared = {kind for record in header.RECORDS for kind in header.list_needed(record)}
         for root in ROOTS:
             self.call(root)
+        names = Counter(map(header.c_name, (*self.declared, *self.kinds)))
+        if twice := [name for name, count in names.items() if count > 1]:
+            raise UntranslatableError(f"two types would be {', '.join(twice)} in C: rename one")
 
     # -- Types and constants ---------------------------------------------------------------------------------
 

@@ -94,12 +94,13 @@ def list_needed(kind: Any) -> Iterator[Any]:
 
 
 def c_name(kind: type) -> str:
-    """The name of a Python class in C.
+    """The name of a Python class in C; that of a block's constants begins with the block.
 
-    >>> c_name(FirmwareState)
-    'vibro_firmware_state'
+    >>> c_name(FirmwareState), c_name(hold.Constants)
+    ('vibro_firmware_state', 'vibro_hold_constants')
     """
-    return f"vibro_{snake(kind.__name__)}"
+    block = f"{kind.__module__.rpartition('.')[2]}_" if kind.__name__ == "Constants" else ""
+    return f"vibro_{block}{snake(kind.__name__)}"
 
 
 def enum_text(kind: type[IntEnum]) -> str:

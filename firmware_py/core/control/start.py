@@ -15,10 +15,12 @@ again. After a bounded number of attempts the start has failed.
 from enum import IntEnum
 from typing import NamedTuple
 
-from firmware_py.core.config import Config
 from firmware_py.core.estimation.regime import RegimeState
+from firmware_py.core.estimation.striker_model import Nominal
 from firmware_py.core.numbers import at_least
 from firmware_py.interface.enums import Mode
+from firmware_py.interface.generated.parameters import Parameters, Start
+from firmware_py.interface.modes import MODES, Target
 from firmware_py.interface.zeroed import zeroed
 
 DIP_S = 1.0
@@ -41,6 +43,19 @@ class Stage(IntEnum):
 
 
 REST, RISE, CONFIRM, HOLD, DIP, DWELL, STOP, APPROACH = Stage
+
+
+class Constants(NamedTuple):
+    """Parameters of the start, and the striker's natural frequency, to which ratios refer."""
+
+    tick_s: float
+    start: Start
+    natural_rad_s: float
+
+
+def derive(p: Parameters, nominal: Nominal) -> Constants:
+    """The constants of these parameters."""
+    return Constants(p.control.tick_s, p.start, nominal.natural_rad_s)
 
 
 class StartState(NamedTuple):
@@ -100,9 +115,9 @@ def s_curve(s: float) -> tuple[float, float]:
     return s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s)
 
 
-def is_valid_ratio(config: Config, ratio: float) -> bool:
+def is_valid_ratio(own: Constants, ratio: float) -> bool:
     """Whether the operator's ratio is within the valid range; NaN is not."""
-    return config.p.start.lowest_ratio <= ratio <= config.p.start.highest_ratio
+    return own.start.lowest_ratio <= ratio <= own.start.highest_ratio
 
 
 def begin_curve(
@@ -123,11 +138,11 @@ def begin_curve(
     )
 
 
-def advance(config: Config, state: StartState) -> StartState:
+def advance(own: Constants, state: StartState) -> StartState:
     """The state advanced along the curve; in the hold, which sets its own target, unchanged."""
     if state.stage == HOLD:
         return state
-    s = state.s + config.tick_s / state.duration_s
+    s = state.s + own.tick_s / state.duration_s
     height, slope = s_curve(s)
     span = state.to_rad_s - state.from_rad_s
     return state._replace(
@@ -153,42 +168,40 @@ def enter_stage(state: StartState, stage: Stage, hits: int, captured: bool, fail
     return state._replace(stage=stage, hits=hits, misses=0, captured=captured, failed=failed)
 
 
-def dip_again(config: Config, state: StartState, held_periods: int) -> StartState:
+def dip_again(own: Constants, state: StartState, held_periods: int) -> StartState:
     """Dip for another attempt, which ends a step below the ratio at which the impacts were lost; or fail.
 
     Each step is longer than the previous one, so that three steps reach a fold that lies far below.
     """
-    if state.attempts >= config.p.start.attempts:
+    if state.attempts >= own.start.attempts:
         return enter_stage(state, state.stage, 0, captured=False, failed=True)
-    lost_ratio = min(
-        state.target_omega_rad_s / at_least(config.d.natural_rad_s, 1e-3), config.p.start.free_ratio
-    )
+    lost_ratio = min(state.target_omega_rad_s / at_least(own.natural_rad_s, 1e-3), own.start.free_ratio)
     if state.attempts > 0:
         lost_ratio = min(lost_ratio, state.ceiling_ratio)
     # The first time, if the impacts had lasted long, the speed was not the cause of the loss.
-    has_held = held_periods >= 2 * config.p.start.confirm_periods and state.attempts == 0
-    step_ratio = 0.0 if has_held else config.p.start.retreat_ratio * (1 + state.attempts)
-    dip_rad_s = config.p.start.dip_ratio * config.d.natural_rad_s
+    has_held = held_periods >= 2 * own.start.confirm_periods and state.attempts == 0
+    step_ratio = 0.0 if has_held else own.start.retreat_ratio * (1 + state.attempts)
+    dip_rad_s = own.start.dip_ratio * own.natural_rad_s
     dip = begin_curve(state, DIP, state.target_omega_rad_s, dip_rad_s, DIP_S, state.attempts + 1)
-    ceiling_ratio = at_least(lost_ratio - step_ratio, config.p.start.dip_ratio)
+    ceiling_ratio = at_least(lost_ratio - step_ratio, own.start.dip_ratio)
     return dip._replace(captured=False, failed=False, ceiling_ratio=ceiling_ratio)
 
 
-def has_retreated(config: Config, state: StartState, target_ratio: float) -> bool:
+def has_retreated(own: Constants, state: StartState, target_ratio: float) -> bool:
     """Whether the speed is below the requested one because the impacts were lost at higher speed."""
-    highest_ratio = min(target_ratio, config.p.start.free_ratio)
+    highest_ratio = min(target_ratio, own.start.free_ratio)
     return (
         state.ceiling_ratio < highest_ratio
-        and state.target_omega_rad_s < highest_ratio * config.d.natural_rad_s * (1.0 - 1e-6)
+        and state.target_omega_rad_s < highest_ratio * own.natural_rad_s * (1.0 - 1e-6)
     )
 
 
-def begin_start(config: Config, omega_rad_s: float, goal_rad_s: float) -> StartState:
+def begin_start(own: Constants, omega_rad_s: float, goal_rad_s: float) -> StartState:
     """The first S-curve, from the present speed; without the approach if the rise is shorter than that."""
-    approach_rad_s = config.p.start.approach_ratio * config.d.natural_rad_s
-    if approach_rad_s < goal_rad_s and config.p.start.approach_s < config.p.start.rise_s:
-        return begin_curve(INITIAL, APPROACH, omega_rad_s, approach_rad_s, config.p.start.approach_s, 0)
-    return begin_curve(INITIAL, RISE, omega_rad_s, goal_rad_s, config.p.start.rise_s, 0)
+    approach_rad_s = own.start.approach_ratio * own.natural_rad_s
+    if approach_rad_s < goal_rad_s and own.start.approach_s < own.start.rise_s:
+        return begin_curve(INITIAL, APPROACH, omega_rad_s, approach_rad_s, own.start.approach_s, 0)
+    return begin_curve(INITIAL, RISE, omega_rad_s, goal_rad_s, own.start.rise_s, 0)
 
 
 def begin_rise(state: StartState, goal_rad_s: float, duration_s: float, attempts: int) -> StartState:
@@ -196,59 +209,59 @@ def begin_rise(state: StartState, goal_rad_s: float, duration_s: float, attempts
     return begin_curve(state, RISE, state.target_omega_rad_s, goal_rad_s, duration_s, attempts)
 
 
-def lead_to_rise(config: Config, state: StartState, goal_rad_s: float) -> StartState:
+def lead_to_rise(own: Constants, state: StartState, goal_rad_s: float) -> StartState:
     """One tick of approach, dip or dwell, each of which a rise to the goal follows."""
     arrived = state.s >= 1.0
     if state.stage == APPROACH:
-        return begin_rise(state, goal_rad_s, config.p.start.rise_s, 0) if arrived else state
+        return begin_rise(state, goal_rad_s, own.start.rise_s, 0) if arrived else state
     if state.stage == DIP:
         return enter_stage(state, DWELL, 0, captured=False, failed=False) if arrived else state
-    has_impacts = state.hits >= config.p.start.dwell_periods
-    if not (has_impacts or state.misses >= config.p.start.missing_periods):
+    has_impacts = state.hits >= own.start.dwell_periods
+    if not (has_impacts or state.misses >= own.start.missing_periods):
         return state
     # If the dip has no impacts either, there may be none at any speed: the attempt counts twice.
     attempts = state.attempts + (0 if has_impacts else 1)
-    return begin_rise(state, goal_rad_s, config.p.start.again_s, attempts)
+    return begin_rise(state, goal_rad_s, own.start.again_s, attempts)
 
 
-def follow_goal(config: Config, state: StartState, goal_rad_s: float) -> StartState:
+def follow_goal(own: Constants, state: StartState, goal_rad_s: float) -> StartState:
     """The beginning of an S-curve to a goal that has changed; the counts of impacts and misses continue."""
-    share = abs(goal_rad_s - state.target_omega_rad_s) / at_least(config.d.natural_rad_s, 1e-3)
-    duration_s = at_least(config.p.start.rise_s * share, SHORTEST_CHANGE_S)
+    share = abs(goal_rad_s - state.target_omega_rad_s) / at_least(own.natural_rad_s, 1e-3)
+    duration_s = at_least(own.start.rise_s * share, SHORTEST_CHANGE_S)
     curve = begin_rise(state, goal_rad_s, duration_s, state.attempts)
     return curve._replace(hits=state.hits, misses=state.misses)
 
 
-def end_rise(config: Config, state: StartState) -> StartState:
+def end_rise(own: Constants, state: StartState) -> StartState:
     """One tick of a rise; at its end the impacts are to be confirmed."""
     if state.s < 1.0:
         return state
     # Impacts during the rise count, but the last two of the required ones must occur at the target.
-    hits = min(state.hits, max(config.p.start.confirm_periods - 2, 0))
+    hits = min(state.hits, max(own.start.confirm_periods - 2, 0))
     return enter_stage(state, CONFIRM, hits, captured=state.captured, failed=False)
 
 
-def confirm(config: Config, state: StartState, needs_impacts: bool) -> StartState:
+def confirm(own: Constants, state: StartState, needs_impacts: bool) -> StartState:
     """One tick at the goal until the required number of periods with impacts, or too many without."""
-    if not needs_impacts or state.hits >= config.p.start.confirm_periods:
+    if not needs_impacts or state.hits >= own.start.confirm_periods:
         return enter_stage(state, HOLD, 0, captured=True, failed=False)
-    return dip_again(config, state, 0) if state.misses >= config.p.start.missing_periods else state
+    return dip_again(own, state, 0) if state.misses >= own.start.missing_periods else state
 
 
-def keep_ratio(config: Config, state: StartState, goal_rad_s: float, goal: Goal) -> StartState:
+def keep_ratio(own: Constants, state: StartState, goal_rad_s: float, goal: Goal) -> StartState:
     """One tick of the hold: the target with its trim."""
-    lasted = state.attempts > 0 and state.hits >= 10 * config.p.start.confirm_periods
+    lasted = state.attempts > 0 and state.hits >= 10 * own.start.confirm_periods
     return state._replace(
         stage=HOLD,
         to_rad_s=goal_rad_s,
-        target_omega_rad_s=goal_rad_s + goal.trim * config.d.natural_rad_s,
-        target_acceleration_rad_s2=goal.trim_rate_1_s * config.d.natural_rad_s,
+        target_omega_rad_s=goal_rad_s + goal.trim * own.natural_rad_s,
+        target_acceleration_rad_s2=goal.trim_rate_1_s * own.natural_rad_s,
         attempts=0 if lasted else state.attempts,
     )
 
 
 def move_target(
-    config: Config,
+    own: Constants,
     state: StartState,
     goal_rad_s: float,
     needs_impacts: bool,
@@ -257,24 +270,24 @@ def move_target(
 ) -> StartState:
     """One tick of a start or of the hold after it. Approach, dip and dwell end before a new goal counts."""
     held_periods = state.hits  # before a miss resets the count
-    state = advance(config, count_periods(state, regime))
+    state = advance(own, count_periods(state, regime))
     if state.stage in (APPROACH, DIP, DWELL):
-        return lead_to_rise(config, state, goal_rad_s)
-    if abs(goal_rad_s - state.to_rad_s) > SMALL_CHANGE * config.d.natural_rad_s:
-        return follow_goal(config, state, goal_rad_s)
+        return lead_to_rise(own, state, goal_rad_s)
+    if abs(goal_rad_s - state.to_rad_s) > SMALL_CHANGE * own.natural_rad_s:
+        return follow_goal(own, state, goal_rad_s)
     if state.stage == RISE:
-        return end_rise(config, state)
+        return end_rise(own, state)
     if state.stage == CONFIRM:
-        return confirm(config, state, needs_impacts)
-    if needs_impacts and state.misses >= config.p.start.lost_periods:
-        return dip_again(config, state, held_periods)
-    return keep_ratio(config, state, goal_rad_s, goal)
+        return confirm(own, state, needs_impacts)
+    if needs_impacts and state.misses >= own.start.lost_periods:
+        return dip_again(own, state, held_periods)
+    return keep_ratio(own, state, goal_rad_s, goal)
 
 
-def bound_search(config: Config, state: StartState, mode: Mode, needs_impacts: bool) -> StartState:
+def bound_search(own: Constants, state: StartState, mode: Mode, needs_impacts: bool) -> StartState:
     """The state, failed if the impacts have been missing for longer than `LONGEST_SEARCH_S`."""
-    found = state.stage == HOLD or state.hits >= config.p.start.confirm_periods or not needs_impacts
-    searching_s = state.searching_s + config.tick_s
+    found = state.stage == HOLD or state.hits >= own.start.confirm_periods or not needs_impacts
+    searching_s = state.searching_s + own.tick_s
     if mode == Mode.RUN and found:
         searching_s = 0.0
     overdue = searching_s > LONGEST_SEARCH_S
@@ -284,7 +297,7 @@ def bound_search(config: Config, state: StartState, mode: Mode, needs_impacts: b
 
 
 def step(
-    config: Config,
+    own: Constants,
     state: StartState,
     mode: Mode,
     goal: Goal,
@@ -297,22 +310,22 @@ def step(
     The S-curve ends at the requested ratio, but not above `free_ratio`, the highest ratio that needs no guard
     on the impact phase, nor, if the goal may retreat, above `ceiling_ratio`.
     """
-    if mode == Mode.STOPPING:
+    if MODES[mode.value].target == Target.STOP:
         if state.stage != STOP:
             # If the crank is slower than its target, begin at its speed: a stop must not accelerate it.
             from_rad_s = min(at_least(omega_rad_s, 0.0), state.target_omega_rad_s)
-            state = begin_curve(state, STOP, from_rad_s, 0.0, config.p.start.stop_s, 0)
-        return advance(config, state)
-    if mode not in (Mode.SOFT_START, Mode.RUN):
+            state = begin_curve(state, STOP, from_rad_s, 0.0, own.start.stop_s, 0)
+        return advance(own, state)
+    if MODES[mode.value].target != Target.START:
         return INITIAL
     if not drive_ready or state.failed:
         return state
-    goal_ratio = min(goal.ratio, config.p.start.free_ratio)
+    goal_ratio = min(goal.ratio, own.start.free_ratio)
     if goal.may_retreat:
         goal_ratio = min(goal_ratio, state.ceiling_ratio)
-    goal_rad_s = goal_ratio * config.d.natural_rad_s
-    needs_impacts = goal.ratio >= config.p.start.capture_ratio
+    goal_rad_s = goal_ratio * own.natural_rad_s
+    needs_impacts = goal.ratio >= own.start.capture_ratio
     if state.stage in (REST, STOP):
-        return begin_start(config, omega_rad_s, goal_rad_s)
-    now = move_target(config, state, goal_rad_s, needs_impacts, regime, goal)
-    return bound_search(config, now, mode, needs_impacts)
+        return begin_start(own, omega_rad_s, goal_rad_s)
+    now = move_target(own, state, goal_rad_s, needs_impacts, regime, goal)
+    return bound_search(own, now, mode, needs_impacts)

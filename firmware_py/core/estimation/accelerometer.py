@@ -3,15 +3,33 @@
 import math
 from typing import NamedTuple
 
-from firmware_py.core.config import Config
 from firmware_py.core.inputs import AccelerometerInput
 from firmware_py.core.numbers import at_least
 from firmware_py.interface.arrivals import NEVER_TICKS
+from firmware_py.interface.generated.parameters import Parameters, Sensor
 
 CLIPPED_SHARE = 0.98
 """Share of the full scale above which a reading may be clipped."""
 FEWEST_HOUSING = 1000
 """Weight of the housing's initial offset 0, in readings, because the housing may move from the start."""
+
+
+class Constants(NamedTuple):
+    """`…_rate`: share of a difference that a reading adds to an average."""
+
+    sensor: Sensor
+    high_offset_rate: float
+    housing_rate: float
+
+
+def derive(p: Parameters) -> Constants:
+    """The constants of these parameters."""
+    tick_s = p.control.tick_s
+    return Constants(
+        sensor=p.sensor,
+        high_offset_rate=min(tick_s / p.sensor.high_offset_s, 1.0),
+        housing_rate=min(tick_s / p.sensor.housing_offset_s, 1.0),
+    )
 
 
 class SensorState(NamedTuple):
@@ -31,32 +49,32 @@ class SensorState(NamedTuple):
     missed_ticks: int
 
 
-def sense(config: Config, state: SensorState, new: AccelerometerInput) -> SensorState:
+def sense(own: Constants, state: SensorState, new: AccelerometerInput) -> SensorState:
     """Choose the range, and learn the high range's offset from the low range at small readings.
 
     If the housing's reading is clipped or not finite, the striker's reading is not used either.
     """
-    housing_used = config.p.sensor.housing_weight > 0.0
+    housing_used = own.sensor.housing_weight > 0.0
     if not (
         new.age_ticks == 0
         and math.isfinite(new.low_m_s2)
         and math.isfinite(new.high_m_s2)
         and math.isfinite(new.housing_m_s2)
-        and not (housing_used and abs(new.housing_m_s2) > CLIPPED_SHARE * config.p.sensor.low_full_scale_m_s2)
+        and not (housing_used and abs(new.housing_m_s2) > CLIPPED_SHARE * own.sensor.low_full_scale_m_s2)
     ):
         return state._replace(missed_ticks=min(state.missed_ticks + 1, NEVER_TICKS))
     offset_m_s2 = state.high_offset_m_s2
-    if abs(new.low_m_s2) < 0.95 * config.p.sensor.low_full_scale_m_s2:
+    if abs(new.low_m_s2) < 0.95 * own.sensor.low_full_scale_m_s2:
         acceleration_m_s2 = new.low_m_s2
         clipped = False
         # Only at small readings: the ranges differ on the flanks of an impact.
-        if abs(new.low_m_s2) < 0.2 * config.p.sensor.low_full_scale_m_s2:
-            offset_m_s2 += config.d.high_offset_rate * (new.high_m_s2 - new.low_m_s2 - offset_m_s2)
+        if abs(new.low_m_s2) < 0.2 * own.sensor.low_full_scale_m_s2:
+            offset_m_s2 += own.high_offset_rate * (new.high_m_s2 - new.low_m_s2 - offset_m_s2)
     else:
         acceleration_m_s2 = new.high_m_s2 - offset_m_s2
-        clipped = abs(new.high_m_s2) > CLIPPED_SHARE * config.p.sensor.high_full_scale_m_s2
+        clipped = abs(new.high_m_s2) > CLIPPED_SHARE * own.sensor.high_full_scale_m_s2
     # At first the mean of all readings, later an exponential average.
-    rate = at_least(1.0 / (state.housing_readings + FEWEST_HOUSING), config.d.housing_rate)
+    rate = at_least(1.0 / (state.housing_readings + FEWEST_HOUSING), own.housing_rate)
     housing_offset_m_s2 = state.housing_offset_m_s2 + rate * (new.housing_m_s2 - state.housing_offset_m_s2)
     return SensorState(
         acceleration_m_s2=acceleration_m_s2,

@@ -8,11 +8,11 @@ so the encoder may count on or start again after each turn.
 
 from typing import NamedTuple
 
-from firmware_py.core.config import Config, Tracker
 from firmware_py.core.elementary import exp
 from firmware_py.core.inputs import EncoderInput
 from firmware_py.core.numbers import TAU, clamp, fraction, wrap_pi, wrap_two_pi
 from firmware_py.interface.arrivals import NEVER_TICKS
+from firmware_py.interface.generated.parameters import Motor, Parameters
 from firmware_py.interface.zeroed import zeroed
 
 FASTEST_RAD_S = 1000.0
@@ -27,6 +27,24 @@ EARLIEST_TICKS = -1
 LASTING_TICKS = 2500
 """Late readings in surplus after which the age is one less: none is late, but the clocks have drifted apart.
 Clocks that differ by 0.02 % drift by a tick in twice this time."""
+
+
+class Tracker(NamedTuple):
+    """A tracker's triple pole, its g, h and k of a tick, and the largest disturbance."""
+
+    bandwidth_rad_s: float
+    gains: tuple[float, float, float]
+    largest_rad_s2: float
+
+
+class Constants(NamedTuple):
+    """`tracker`: that of the control, by tuning parameters; the monitors have another one (`own_crank`)."""
+
+    tick_s: float
+    zero_rad: float
+    motor: Motor
+    torque_limit_n_m: float
+    tracker: Tracker
 
 
 class CrankState(NamedTuple):
@@ -67,12 +85,18 @@ def tracker_of(bandwidth_rad_s: float, largest_rad_s2: float, tick_s: float) -> 
     return Tracker(bandwidth_rad_s, critically_damped_gains(bandwidth_rad_s, tick_s), largest_rad_s2)
 
 
-def known_acceleration(config: Config, acting_n_m: float, crank: CrankState, load_n_m: float) -> float:
+def derive(p: Parameters) -> Constants:
+    """The constants of these parameters."""
+    tracker = tracker_of(p.crank.bandwidth_rad_s, p.crank.largest_disturbance_rad_s2, p.control.tick_s)
+    return Constants(p.control.tick_s, p.crank.zero_rad, p.motor, p.speed.torque_limit_n_m, tracker)
+
+
+def known_acceleration(own: Constants, acting_n_m: float, crank: CrankState, load_n_m: float) -> float:
     """The known part of the crank's acceleration over the tick that ended with the newest sample, rad/s².
 
     `acting_n_m` is the torque that acted during that tick, `load_n_m` the striker's load that opposed it.
     """
-    motor = config.p.motor
+    motor = own.motor
     losses_n_m = motor.viscous_n_m_s * crank.omega_rad_s
     if crank.omega_rad_s > 0.2:
         losses_n_m += motor.dry_n_m
@@ -81,7 +105,7 @@ def known_acceleration(config: Config, acting_n_m: float, crank: CrankState, loa
     elif abs(acting_n_m) < 2.0 * motor.dry_n_m:
         return 0.0
     known = (acting_n_m - losses_n_m - load_n_m) / motor.inertia_kg_m2
-    return clamp(known, min(2.0 * config.p.speed.torque_limit_n_m / motor.inertia_kg_m2, LARGEST_RAD_S2))
+    return clamp(known, min(2.0 * own.torque_limit_n_m / motor.inertia_kg_m2, LARGEST_RAD_S2))
 
 
 def estimate_age(state: CrankState, frames: int, way_rad: float, innovation_rad: float) -> int:
@@ -101,21 +125,15 @@ def estimate_age(state: CrankState, frames: int, way_rad: float, innovation_rad:
     return int(max(min(behind_ticks, float(min(to_come, LATEST_TICKS))), 0.0) + 0.5)
 
 
-def read(config: Config, encoder: EncoderInput) -> Turned:
+def read(own: Constants, encoder: EncoderInput) -> Turned:
     """The encoder's reading as angle and speed of the crank."""
     if encoder.age_ticks == 0 and abs(encoder.position_rev) < 1e6 and abs(encoder.velocity_rev_s) < 1e4:
-        angle_rad = TAU * fraction(encoder.position_rev) - config.p.crank.zero_rad
+        angle_rad = TAU * fraction(encoder.position_rev) - own.zero_rad
         return Turned(angle_rad, TAU * encoder.velocity_rev_s, encoder.frames)
     return Turned(0.0, 0.0, 0)
 
 
-def step(
-    config: Config,
-    tracker: Tracker,
-    state: CrankState,
-    turned: Turned,
-    known_acceleration_rad_s2: float,
-) -> CrankState:
+def step(own: Constants, state: CrankState, turned: Turned, known_acceleration_rad_s2: float) -> CrankState:
     """One tick: predict, then correct by a fresh reading of the encoder, if any."""
     if state.missed_ticks >= NEVER_TICKS:
         if turned.frames == 0:
@@ -125,7 +143,7 @@ def step(
             angle_rad=wrap_two_pi(turned.angle_rad), omega_rad_s=omega_rad_s, missed_ticks=0
         )
 
-    T = config.tick_s
+    T = own.tick_s
     a = known_acceleration_rad_s2 + state.disturbance_rad_s2
     angle_rad = state.angle_rad + state.omega_rad_s * T + 0.5 * a * T * T
     omega_rad_s = state.omega_rad_s + a * T
@@ -146,6 +164,7 @@ def step(
             angle_rad -= drift_ticks * omega_rad_s * T
             late_ticks -= drift_ticks
             lasting_ticks = 0
+    tracker = own.tracker
     g, h, k = tracker.gains
     if state.missed_ticks > 0 or late_ticks > 0:
         # A reading after missed ones covers the whole time since then: the same bandwidth with a longer T.

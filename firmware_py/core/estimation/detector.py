@@ -12,11 +12,12 @@ low-pass adds its delay.
 import math
 from typing import NamedTuple
 
-from firmware_py.core.config import Config
 from firmware_py.core.estimation import stop_model
 from firmware_py.core.estimation.estimator_state import Contact, Prediction
-from firmware_py.core.numbers import at_least
+from firmware_py.core.estimation.striker_model import Nominal
+from firmware_py.core.numbers import at_least, in_ticks
 from firmware_py.interface.enums import ContactPhase
+from firmware_py.interface.generated.parameters import Detector, Parameters
 from firmware_py.interface.zeroed import zeroed
 
 SIGMAS = 4.0
@@ -27,8 +28,8 @@ SURE_FACTOR = 3.0
 """Factor of the threshold for two successive readings at any position."""
 ROUGH_FACTOR = 2.0
 """Factor of the roughness, which is added to this threshold: 5 σ of white noise."""
-ROUGH_TICKS = 64
-"""Ticks over which the roughness is averaged: noise is known after a tenth of a drive period."""
+ROUGH_S = 0.064
+"""Time over which the roughness is averaged: noise is known after a tenth of a drive period."""
 END_M_S2 = 1.5
 """Excess below which a contact has ended."""
 END_FRACTION = 0.02
@@ -37,6 +38,30 @@ SEPARATION_AGE_S = 0.0005
 """Time from separation to the tick that detects it."""
 LONGEST_CONTACT_S = 0.08
 """Longest contact: eight times the nominal one."""
+
+
+class Constants(NamedTuple):
+    """Parameters of the detector and of the module, and durations in ticks."""
+
+    tick_s: float
+    detector: Detector
+    nominal: Nominal
+    refractory_ticks: int
+    longest_contact_ticks: int
+    rough_ticks: float
+
+
+def derive(p: Parameters, nominal: Nominal) -> Constants:
+    """The constants of these parameters."""
+    tick_s = p.control.tick_s
+    return Constants(
+        tick_s=tick_s,
+        detector=p.detector,
+        nominal=nominal,
+        refractory_ticks=in_ticks(p.detector.refractory_s, tick_s),
+        longest_contact_ticks=in_ticks(LONGEST_CONTACT_S, tick_s),
+        rough_ticks=max(ROUGH_S / tick_s, 1.0),
+    )
 
 
 class DetectorState(NamedTuple):
@@ -68,17 +93,17 @@ SWINGING_OUT = FLYING._replace(settled=False)
 """Result during the refractory time after a contact."""
 
 
-def step(config: Config, state: DetectorState, predicted: Prediction) -> tuple[DetectorState, Contact]:
+def step(own: Constants, state: DetectorState, predicted: Prediction) -> tuple[DetectorState, Contact]:
     """One tick, on the prediction before any correction."""
     fresh = predicted.sensor.missed_ticks == 0 and predicted.started
     excess_m_s2 = -predicted.innovation_m_s2 if fresh else 0.0
     if state.phase == ContactPhase.FREE:
-        return step_in_flight(config, state, predicted, excess_m_s2, fresh)
-    return step_in_contact(config, state, predicted, excess_m_s2, fresh)
+        return step_in_flight(own, state, predicted, excess_m_s2, fresh)
+    return step_in_contact(own, state, predicted, excess_m_s2, fresh)
 
 
 def may_touch(
-    config: Config,
+    own: Constants,
     state: DetectorState,
     predicted: Prediction,
     excess_m_s2: float,
@@ -92,20 +117,20 @@ def may_touch(
     estimate = predicted.estimate
     reach_m = NEAR_M + 3.0 * math.sqrt(at_least(estimate.p.xx, 0.0))
     slack_m_s = 3.0 * math.sqrt(at_least(estimate.p.vv, 0.0))
-    return estimate.x_m > config.p.stop.position_m - reach_m and coming_m_s > -slack_m_s
+    return estimate.x_m > own.nominal.stop.position_m - reach_m and coming_m_s > -slack_m_s
 
 
-def follow_roughness(state: DetectorState, predicted: Prediction) -> float:
+def follow_roughness(own: Constants, state: DetectorState, predicted: Prediction) -> float:
     """The mean second difference of the readings after this tick."""
     sensor = predicted.sensor
     if sensor.missed_ticks > 0:
         return state.roughness_m_s2
     bend_m_s2 = sensor.acceleration_m_s2 - 2.0 * sensor.before_m_s2 + sensor.second_m_s2
-    return state.roughness_m_s2 + (abs(bend_m_s2) - state.roughness_m_s2) / ROUGH_TICKS
+    return state.roughness_m_s2 + (abs(bend_m_s2) - state.roughness_m_s2) / own.rough_ticks
 
 
 def step_in_flight(
-    config: Config,
+    own: Constants,
     state: DetectorState,
     predicted: Prediction,
     excess_m_s2: float,
@@ -117,20 +142,22 @@ def step_in_flight(
     # addition.
     coming_m_s = predicted.estimate.v_m_s
     if predicted.carried:
-        dt_s = config.tick_s
-        coming_m_s += excess_m_s2 * (0.5 * dt_s + config.d.sensor_delay_s)
-        coming_m_s += state.excess_m_s2 * (0.5 * dt_s - config.d.sensor_delay_s)
+        dt_s = own.tick_s
+        coming_m_s += excess_m_s2 * (0.5 * dt_s + own.nominal.sensor_delay_s)
+        coming_m_s += state.excess_m_s2 * (0.5 * dt_s - own.nominal.sensor_delay_s)
     # If the velocity reverses on a dry guide, the error of the model is up to twice the friction.
-    dry_m_s2 = (0.3 if coming_m_s > 0.04 else 2.0) * config.d.dry_m_s2
-    limit_m_s2 = config.p.detector.floor_m_s2 + dry_m_s2 + SIGMAS * predicted.spread_m_s2
+    dry_m_s2 = (0.3 if coming_m_s > 0.04 else 2.0) * own.nominal.dry_m_s2
+    limit_m_s2 = own.detector.floor_m_s2 + dry_m_s2 + SIGMAS * predicted.spread_m_s2
     blind_ticks = max(state.blind_ticks - 1, 0)
     suspected = fresh and blind_ticks == 0 and excess_m_s2 > limit_m_s2
-    if not (suspected and may_touch(config, state, predicted, excess_m_s2, limit_m_s2, coming_m_s)):
+    if not (suspected and may_touch(own, state, predicted, excess_m_s2, limit_m_s2, coming_m_s)):
         quiet = state._replace(
             contact_ticks=0,
             blind_ticks=blind_ticks,
             excess_m_s2=excess_m_s2,
-            roughness_m_s2=follow_roughness(state, predicted) if blind_ticks == 0 else state.roughness_m_s2,
+            roughness_m_s2=follow_roughness(own, state, predicted)
+            if blind_ticks == 0
+            else state.roughness_m_s2,
             peak_m_s2=0.0,
             area_m_s=0.0,
             measurable=True,
@@ -138,8 +165,8 @@ def step_in_flight(
         return quiet, FLYING if blind_ticks == 0 else SWINGING_OUT
 
     speed_m_s = at_least(coming_m_s, 0.03)
-    age_s = stop_model.contact_age_s(config, excess_m_s2, speed_m_s)
-    age_s = min(age_s, 3.0 * config.tick_s) + config.d.sensor_delay_s
+    age_s = stop_model.contact_age_s(own.nominal.contact_growth, excess_m_s2, speed_m_s)
+    age_s = min(age_s, 3.0 * own.tick_s) + own.nominal.sensor_delay_s
     touched = DetectorState(
         phase=ContactPhase.CONTACT,
         contact_ticks=0,
@@ -148,10 +175,10 @@ def step_in_flight(
         roughness_m_s2=state.roughness_m_s2,
         peak_m_s2=excess_m_s2,
         approach_speed_m_s=speed_m_s,
-        impulse_n_s=(1.0 + config.p.stop.restitution)
-        * config.p.striker.mass_kg
+        impulse_n_s=(1.0 + own.nominal.stop.restitution)
+        * own.nominal.striker.mass_kg
         * speed_m_s,  # expected, until the separation
-        area_m_s=excess_m_s2 * config.tick_s,
+        area_m_s=excess_m_s2 * own.tick_s,
         since_touch_down_s=age_s,
         measurable=predicted.carried and not predicted.sensor.clipped,
         impacts=state.impacts + 1,
@@ -160,7 +187,7 @@ def step_in_flight(
 
 
 def step_in_contact(
-    config: Config,
+    own: Constants,
     state: DetectorState,
     predicted: Prediction,
     excess_m_s2: float,
@@ -173,14 +200,14 @@ def step_in_contact(
         contact_ticks=state.contact_ticks + 1,
         excess_m_s2=excess_m_s2,
         peak_m_s2=at_least(excess_m_s2, state.peak_m_s2),
-        area_m_s=state.area_m_s + excess_m_s2 * config.tick_s,
-        since_touch_down_s=state.since_touch_down_s + config.tick_s,
+        area_m_s=state.area_m_s + excess_m_s2 * own.tick_s,
+        since_touch_down_s=state.since_touch_down_s + own.tick_s,
         measurable=state.measurable and fresh and not predicted.sensor.clipped,
     )
     before_m_s = now.approach_speed_m_s
     ended = fresh and excess_m_s2 < at_least(END_FRACTION * now.peak_m_s2, END_M_S2)
-    unseen = not fresh and now.contact_ticks >= config.d.ticks.newton_contact
-    if not (ended or unseen or now.contact_ticks >= config.d.ticks.longest_contact):
+    unseen = not fresh and now.contact_ticks >= own.nominal.contact_ticks
+    if not (ended or unseen or now.contact_ticks >= own.longest_contact_ticks):
         return now, Contact(False, False, 0.0, before_m_s, measured=now.measurable, settled=False)
 
     # A stop returns at most the kinetic energy of the touch-down.
@@ -188,13 +215,13 @@ def step_in_contact(
     measured = now.measurable and plausible
     # If readings are missing or contradict the estimate, the larger impulse counts: a lost reading may
     # hide a part of the integral, and the estimate misses a kick.
-    expected_m_s = (1.0 + config.p.stop.restitution) * before_m_s
+    expected_m_s = (1.0 + own.nominal.stop.restitution) * before_m_s
     change_m_s = now.area_m_s if measured else at_least(now.area_m_s, expected_m_s)
     freed = now._replace(
         phase=ContactPhase.FREE,
         contact_ticks=0,
-        blind_ticks=config.d.ticks.refractory,
-        impulse_n_s=config.p.striker.mass_kg * change_m_s,
+        blind_ticks=own.refractory_ticks,
+        impulse_n_s=own.nominal.striker.mass_kg * change_m_s,
         measurable=True,
     )
     return freed, Contact(False, True, SEPARATION_AGE_S, before_m_s, measured=measured, settled=False)

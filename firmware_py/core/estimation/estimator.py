@@ -28,9 +28,10 @@ trapezoid of z plus τ times its change.
 """
 
 import math
+from typing import NamedTuple
 
-from firmware_py.core.config import Config, Row
 from firmware_py.core.elementary import sin, sine_cosine
+from firmware_py.core.estimation import accelerometer as sensing
 from firmware_py.core.estimation import kalman
 from firmware_py.core.estimation.accelerometer import SensorState, sense
 from firmware_py.core.estimation.crank import CrankState
@@ -41,18 +42,20 @@ from firmware_py.core.estimation.estimator_state import (
     Prediction,
     estimate_of,
 )
-from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, Push, StateEstimate
+from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, Push, Row, StateEstimate
 from firmware_py.core.estimation.newton import (
     SEPARATION_JITTER_S,
     apply_newton,
     restitution_variance,
     stop_variance,
 )
+from firmware_py.core.estimation.striker_model import Nominal
 from firmware_py.core.inputs import AccelerometerInput
 from firmware_py.core.measurements import Measurements, model_sensors
-from firmware_py.core.numbers import at_least
+from firmware_py.core.numbers import at_least, in_ticks
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import ContactPhase
+from firmware_py.interface.generated.parameters import Estimator, Parameters
 from firmware_py.interface.zeroed import zeroed
 
 POSITION_FLOOR_M = 5e-05
@@ -61,12 +64,14 @@ VELOCITY_FLOOR_M_S = 0.0005
 """One count of the high range, integrated over a tick."""
 BIAS_FLOOR_M_S2 = 0.001
 """Floor that lets the estimate follow a drifting bias."""
-BIAS_NOISE = 0.0001 * 0.0001
-"""Variance per tick: allows a drift of 0.2 g per hour and more."""
-CONTACT_NOISE = ProcessNoise(0.0, 0.001 * 0.001, BIAS_NOISE)
-"""Q of a tick in contact, for 1 mm/s: counts of 49 mg, aliasing."""
-GAP_NOISE = ProcessNoise(0.0, 0.003 * 0.003, BIAS_NOISE)
-"""Q of a tick without a reading, for 3 mm/s: an impact may be missed."""
+NOISE_S = 0.001
+"""Time in which noise has its deviation; its variance is proportional to the time, whatever the period."""
+BIAS_NOISE_M_S2 = 0.0001
+"""It allows a drift of 0.2 g per hour and more."""
+CONTACT_NOISE_M_S = 0.001
+"""Noise of the velocity in contact: counts of 49 mg, aliasing."""
+GAP_NOISE_M_S = 0.003
+"""Noise of the velocity without a reading: an impact may be missed."""
 BEND_SHARE = 0.05
 """The trapezoid's error, as a share of the second difference of the readings."""
 STILL_M_S2 = 0.25
@@ -92,49 +97,93 @@ LARGEST = 1e3
 """Largest magnitude of a state, in SI units; an estimate beyond it has diverged and starts anew."""
 
 
-def strapdown_noise(config: Config, sensor: SensorState, phase: ContactPhase, dt_s: float) -> ProcessNoise:
+class Constants(NamedTuple):
+    """`learning_rate`: share of a difference that a reading adds to σ². `readings_as_one`: N.
+
+    `…_noise`: Q of a tick in flight, in contact and without a reading.
+    """
+
+    tick_s: float
+    estimator: Estimator
+    nominal: Nominal
+    sensing: sensing.Constants
+    learning_rate: float
+    readings_as_one: float
+    flight_noise: ProcessNoise
+    contact_noise: ProcessNoise
+    gap_noise: ProcessNoise
+    still_ticks: int
+    gated_ticks: int
+
+
+def noise_of(velocity_m_s: float, tick_s: float) -> ProcessNoise:
+    """Q of a tick with this noise of the velocity in `NOISE_S`."""
+    share = tick_s / NOISE_S
+    return ProcessNoise(
+        0.0, share * (velocity_m_s * velocity_m_s), share * (BIAS_NOISE_M_S2 * BIAS_NOISE_M_S2)
+    )
+
+
+def derive(p: Parameters, nominal: Nominal) -> Constants:
+    """The constants of these parameters."""
+    tick_s = p.control.tick_s
+    return Constants(
+        tick_s=tick_s,
+        estimator=p.estimator,
+        nominal=nominal,
+        sensing=sensing.derive(p),
+        learning_rate=min(tick_s / p.estimator.model_learning_s, 1.0),
+        readings_as_one=max(p.estimator.model_memory_s / tick_s, 1.0),
+        flight_noise=noise_of(p.estimator.velocity_noise_m_s, tick_s),
+        contact_noise=noise_of(CONTACT_NOISE_M_S, tick_s),
+        gap_noise=noise_of(GAP_NOISE_M_S, tick_s),
+        still_ticks=in_ticks(p.estimator.still_s, tick_s),
+        gated_ticks=in_ticks(p.estimator.gate_s, tick_s),
+    )
+
+
+def strapdown_noise(own: Constants, sensor: SensorState, phase: ContactPhase, dt_s: float) -> ProcessNoise:
     """Q of a tick; in contact with the trapezoid's error, estimated from the second difference of z."""
     if phase == ContactPhase.FREE:
-        noise_m_s = config.p.estimator.velocity_noise_m_s
-        return ProcessNoise(0.0, noise_m_s * noise_m_s, BIAS_NOISE)
+        return own.flight_noise
     bend_m_s2 = sensor.acceleration_m_s2 - 2.0 * sensor.before_m_s2 + sensor.second_m_s2
     error_m_s = BEND_SHARE * bend_m_s2 * dt_s
-    return CONTACT_NOISE._replace(vv=CONTACT_NOISE.vv + error_m_s * error_m_s)
+    return own.contact_noise._replace(vv=own.contact_noise.vv + error_m_s * error_m_s)
 
 
 def predict_by_model(
-    config: Config, estimate: StateEstimate, angle_rad: float, omega_rad_s: float
+    own: Constants, estimate: StateEstimate, angle_rad: float, omega_rad_s: float
 ) -> StateEstimate:
     """Predict the estimate over a tick without a reading, up to the crank angle `angle_rad`, by the model."""
-    middle_rad = angle_rad - 0.5 * omega_rad_s * config.tick_s
+    middle_rad = angle_rad - 0.5 * omega_rad_s * own.tick_s
     # The spring's rest position x0 + x_A moves the fixed point of the damped oscillator.
-    fixed_m = config.p.striker.rest_length_m + config.p.drive.amplitude_m * sin(middle_rad)
-    flight = config.d.flight
+    fixed_m = own.nominal.striker.rest_length_m + own.nominal.drive.amplitude_m * sin(middle_rad)
+    flight = own.nominal.flight
     push = Push(x_m=(1.0 - flight.x_x) * fixed_m, v_m_s=-flight.v_x * fixed_m)
-    return kalman.predict(estimate, flight, push, GAP_NOISE)
+    return kalman.predict(estimate, flight, push, own.gap_noise)
 
 
 def integrate_reading(
-    config: Config, state: EstimatorState, sensor: SensorState, phase: ContactPhase
+    own: Constants, state: EstimatorState, sensor: SensorState, phase: ContactPhase
 ) -> StateEstimate:
     """Predict the estimate over a tick with a reading at both ends."""
-    dt_s, before = config.tick_s, state.sensor
+    dt_s, before = own.tick_s, state.sensor
     # ∫a dt = (z₀ + z₁) dt/2 + τ (z₁ − z₀)
     mean_m_s2 = (
         0.5 * (sensor.acceleration_m_s2 + before.acceleration_m_s2)
-        + (sensor.acceleration_m_s2 - before.acceleration_m_s2) * config.d.sensor_delay_s / dt_s
-        - 0.5 * config.p.sensor.housing_weight * (sensor.housing_m_s2 + before.housing_m_s2)
+        + (sensor.acceleration_m_s2 - before.acceleration_m_s2) * own.nominal.sensor_delay_s / dt_s
+        - 0.5 * own.sensing.sensor.housing_weight * (sensor.housing_m_s2 + before.housing_m_s2)
     )
     return kalman.predict(
         estimate_of(state),
-        config.d.strapdown,
+        own.nominal.strapdown,
         Push(0.5 * mean_m_s2 * dt_s * dt_s, mean_m_s2 * dt_s),
-        strapdown_noise(config, sensor, phase, dt_s),
+        strapdown_noise(own, sensor, phase, dt_s),
     )
 
 
 def propagate(
-    config: Config,
+    own: Constants,
     state: EstimatorState,
     accelerometer: AccelerometerInput,
     phase: ContactPhase,
@@ -145,31 +194,31 @@ def propagate(
     `crank` describes the crank at the same time.
     """
     angle_rad, omega_rad_s = crank.angle_rad, crank.omega_rad_s
-    sensor = sense(config, state.sensor, accelerometer)
+    sensor = sense(own.sensing, state.sensor, accelerometer)
     fresh = sensor.missed_ticks == 0
     carried = state.started and fresh and state.sensor.missed_ticks == 0
     if carried:
-        estimate = integrate_reading(config, state, sensor, phase)
+        estimate = integrate_reading(own, state, sensor, phase)
     elif state.started:
-        estimate = predict_by_model(config, estimate_of(state), angle_rad, omega_rad_s)
+        estimate = predict_by_model(own, estimate_of(state), angle_rad, omega_rad_s)
     else:
         estimate = StateEstimate(
-            x_m=config.p.striker.rest_length_m + config.p.drive.amplitude_m * sin(angle_rad),
+            x_m=own.nominal.striker.rest_length_m + own.nominal.drive.amplitude_m * sin(angle_rad),
             v_m_s=0.0,
             bias_m_s2=0.0,
             p=INITIAL_COVARIANCE,
         )
 
     innovation = linear_part_m_s2 = 0.0
-    start_m_s2 = config.p.estimator.initial_model_std_m_s2
+    start_m_s2 = own.estimator.initial_model_std_m_s2
     model_variance = state.model_variance if state.started else start_m_s2 * start_m_s2
     variance = model_variance
     own_variance = 0.0
     if fresh:
-        linear_part_m_s2 = sensor.acceleration_m_s2 - known_part(config, estimate, angle_rad, omega_rad_s)
-        innovation = kalman.innovation(estimate, linear_part_m_s2, config.d.row)
-        own_variance = at_least(kalman.innovation_variance(estimate.p, config.d.row, 0.0), 0.0)
-        variance = own_variance + model_variance + dry_variance(config, estimate)
+        linear_part_m_s2 = sensor.acceleration_m_s2 - known_part(own, estimate, angle_rad, omega_rad_s)
+        innovation = kalman.innovation(estimate, linear_part_m_s2, own.nominal.row)
+        own_variance = at_least(kalman.innovation_variance(estimate.p, own.nominal.row, 0.0), 0.0)
+        variance = own_variance + model_variance + dry_variance(own, estimate)
     return Prediction(
         estimate=estimate,
         sensor=sensor,
@@ -184,9 +233,9 @@ def propagate(
     )
 
 
-def correct_by_sensors(config: Config, estimate: StateEstimate, measurements: Measurements) -> StateEstimate:
+def correct_by_sensors(own: Constants, estimate: StateEstimate, measurements: Measurements) -> StateEstimate:
     """The estimate, corrected by the measurements that have come in this tick."""
-    models = model_sensors(config.p)
+    models = model_sensors(own.estimator)
     for index in range(len(measurements)):
         z, age_ticks = measurements[index]
         if age_ticks == 0 and math.isfinite(z):
@@ -196,43 +245,41 @@ def correct_by_sensors(config: Config, estimate: StateEstimate, measurements: Me
 
 
 def correct_at_stop(
-    config: Config, estimate: StateEstimate, contact: Contact, velocity_m_s: float, jitter_s: float
+    own: Constants, estimate: StateEstimate, contact: Contact, velocity_m_s: float, jitter_s: float
 ) -> StateEstimate:
     """x = x_stop: the estimate after a touch-down or separation, since which the striker moved v · age."""
-    z = config.p.stop.position_m + velocity_m_s * contact.age_s
+    z = own.nominal.stop.position_m + velocity_m_s * contact.age_s
     jitter_m = velocity_m_s * jitter_s
     doubt = doubt_variance(z - estimate.x_m, estimate.p.xx) if contact.touch_down else 0.0
-    variance = stop_variance(config) + jitter_m * jitter_m + doubt
+    variance = stop_variance(own.estimator) + jitter_m * jitter_m + doubt
     return kalman.update(add_doubt(estimate, doubt), z, Row(1.0, 0.0, 0.0), variance)
 
 
-def correct_by_law(config: Config, estimate: StateEstimate, before_m_s: float) -> StateEstimate:
+def correct_by_law(own: Constants, estimate: StateEstimate, before_m_s: float) -> StateEstimate:
     """Newton's law in addition to the measured change of speed, for impacts too short to sample."""
     return kalman.update(
         estimate,
-        -config.p.stop.restitution * before_m_s,
+        -own.nominal.stop.restitution * before_m_s,
         Row(0.0, 1.0, 0.0),
-        before_m_s * before_m_s * restitution_variance(config),
+        before_m_s * before_m_s * restitution_variance(own.estimator),
     )
 
 
 def correct_by_model(
-    config: Config, predicted: Prediction, still_ticks: int, crank: CrankState
+    own: Constants, predicted: Prediction, still_ticks: int, crank: CrankState
 ) -> StateEstimate:
     """The estimate in free flight after the reading; `still_ticks`: see `EstimatorState`."""
     estimate, linear_part_m_s2 = predicted.estimate, predicted.linear_part_m_s2
     waits = 1 if two_sigma_m_s(estimate) < STILL_M_S else LONGEST_SLIDE
-    stuck = still_ticks > waits * config.d.ticks.still
+    stuck = still_ticks > waits * own.still_ticks
     if stuck:
         estimate = kalman.update(estimate, 0.0, Row(0.0, 1.0, 0.0), STILL_VARIANCE)
-        known = known_part(config, estimate, crank.angle_rad, crank.omega_rad_s)
+        known = known_part(own, estimate, crank.angle_rad, crank.omega_rad_s)
         linear_part_m_s2 = predicted.sensor.acceleration_m_s2 - known
-    hold_m = config.d.dry_m_s2 / config.d.stiffness_1_s2
+    hold_m = own.nominal.dry_m_s2 / own.nominal.stiffness_1_s2
     if not stuck or estimate.p.xx > hold_m * hold_m:
-        variance = predicted.model_variance + dry_variance(config, estimate)
-        estimate = kalman.update(
-            estimate, linear_part_m_s2, config.d.row, config.d.readings_as_one * variance
-        )
+        variance = predicted.model_variance + dry_variance(own, estimate)
+        estimate = kalman.update(estimate, linear_part_m_s2, own.nominal.row, own.readings_as_one * variance)
     return estimate
 
 
@@ -248,7 +295,7 @@ def is_finite(estimate: StateEstimate) -> bool:
 
 
 def correct_by_contact(
-    config: Config, state: EstimatorState, predicted: Prediction, contact: Contact, crank: CrankState
+    own: Constants, state: EstimatorState, predicted: Prediction, contact: Contact, crank: CrankState
 ) -> tuple[StateEstimate, StateEstimate]:
     """`(estimate, touch_down)`: the estimate corrected at touch-down and separation, and that at touch-down.
 
@@ -256,22 +303,24 @@ def correct_by_contact(
     """
     estimate, approach_m_s = predicted.estimate, contact.approach_speed_m_s
     if contact.touch_down:
-        jitter_s = config.p.estimator.touch_down_jitter_s
-        estimate = correct_at_stop(config, estimate, contact, approach_m_s, jitter_s)
-        position_m = config.p.stop.position_m
+        jitter_s = own.estimator.touch_down_jitter_s
+        estimate = correct_at_stop(own, estimate, contact, approach_m_s, jitter_s)
+        position_m = own.nominal.stop.position_m
         return estimate, StateEstimate(position_m, approach_m_s, estimate.bias_m_s2, estimate.p)
     if contact.separation and estimate.p.xx < DOUBT_VARIANCE:
         if contact.measured:
-            estimate = correct_at_stop(config, estimate, contact, estimate.v_m_s, SEPARATION_JITTER_S)
-            estimate = correct_by_law(config, estimate, approach_m_s)
+            estimate = correct_at_stop(own, estimate, contact, estimate.v_m_s, SEPARATION_JITTER_S)
+            estimate = correct_by_law(own, estimate, approach_m_s)
         else:
             before = state.touch_down
-            estimate = apply_newton(config, estimate.bias_m_s2, before, crank.angle_rad, contact.age_s)
+            estimate = apply_newton(
+                own.nominal, own.estimator, estimate.bias_m_s2, before, crank.angle_rad, contact.age_s
+            )
     return estimate, state.touch_down
 
 
 def correct(
-    config: Config,
+    own: Constants,
     state: EstimatorState,
     predicted: Prediction,
     contact: Contact,
@@ -282,16 +331,16 @@ def correct(
 
     `measurements` correct it in the tick in which they are received.
     """
-    estimate, touch_down = correct_by_contact(config, state, predicted, contact, crank)
+    estimate, touch_down = correct_by_contact(own, state, predicted, contact, crank)
     by_model = contact.settled and predicted.started and predicted.sensor.missed_ticks == 0
     model_variance = predicted.model_variance
-    still_ticks = count_still_ticks(config, state.still_ticks, predicted) if by_model else 0
-    gated_ticks = count_gated_ticks(config, state.gated_ticks, predicted)
-    if by_model and not 0 < gated_ticks <= config.d.ticks.gated:
-        estimate = correct_by_model(config, predicted, still_ticks, crank)
-        own = predicted.spread_m_s2 * predicted.spread_m_s2
-        model_variance = learn_variance(config, model_variance, predicted.innovation_m_s2, own)
-    estimate = correct_by_sensors(config, estimate, measurements)
+    still_ticks = count_still_ticks(own, state.still_ticks, predicted) if by_model else 0
+    gated_ticks = count_gated_ticks(own, state.gated_ticks, predicted)
+    if by_model and not 0 < gated_ticks <= own.gated_ticks:
+        estimate = correct_by_model(own, predicted, still_ticks, crank)
+        own_variance = predicted.spread_m_s2 * predicted.spread_m_s2
+        model_variance = learn_variance(own, model_variance, predicted.innovation_m_s2, own_variance)
+    estimate = correct_by_sensors(own, estimate, measurements)
     if not is_finite(estimate):
         return INITIAL._replace(sensor=predicted.sensor)
     p, nis = estimate.p, predicted.nis if by_model else 0.0
@@ -335,16 +384,17 @@ def add_doubt(estimate: StateEstimate, doubt: float) -> StateEstimate:
     return estimate._replace(p=p._replace(xx=p.xx + doubt, vv=p.vv + faster))
 
 
-def known_part(config: Config, estimate: StateEstimate, angle_rad: float, omega_rad_s: float) -> float:
+def known_part(own: Constants, estimate: StateEstimate, angle_rad: float, omega_rad_s: float) -> float:
     """The part of the model's delayed acceleration that does not depend linearly on the state, m/s².
 
     a_d = a − τ a' with a' = −(c/m) (x' − x_A') − (b/m) a
     """
-    d, delay_s, amplitude_m = config.d, config.d.sensor_delay_s, config.p.drive.amplitude_m
+    d = own.nominal
+    delay_s, amplitude_m = d.sensor_delay_s, d.drive.amplitude_m
     sine, cosine = sine_cosine(angle_rad)
     crank_m = amplitude_m * sine
     crank_m_s = amplitude_m * cosine * omega_rad_s
-    rest_m = config.p.striker.rest_length_m + crank_m
+    rest_m = d.striker.rest_length_m + crank_m
     known = d.stiffness_1_s2 * ((1.0 + delay_s * d.damping_1_s) * rest_m - delay_s * crank_m_s)
     if estimate.v_m_s > 0.0:
         known -= d.dry_m_s2
@@ -358,26 +408,26 @@ def two_sigma_m_s(estimate: StateEstimate) -> float:
     return 2.0 * math.sqrt(at_least(estimate.p.vv, 0.0))
 
 
-def dry_variance(config: Config, estimate: StateEstimate) -> float:
+def dry_variance(own: Constants, estimate: StateEstimate) -> float:
     """Variance of the model's acceleration where dry friction may hold or reverse, (m/s²)²; else 0."""
-    dry = config.d.dry_m_s2
+    dry = own.nominal.dry_m_s2
     if dry <= 0.0 or abs(estimate.v_m_s) >= 0.02 + two_sigma_m_s(estimate):
         return 0.0
     return dry * dry
 
 
-def learn_variance(config: Config, variance: float, innovation_m_s2: float, own_variance: float) -> float:
+def learn_variance(own: Constants, variance: float, innovation_m_s2: float, own_variance: float) -> float:
     """σ² += rate (y² − H P Hᵀ − σ²), within its bounds; y² counts up to 9 σ²: more is due to an impact."""
     seen = min(innovation_m_s2 * innovation_m_s2 - own_variance, 9.0 * variance)
-    floor_m_s2 = config.p.estimator.model_std_m_s2
-    ceiling_m_s2 = config.p.estimator.largest_model_std_m_s2
-    learnt = at_least(variance + config.d.learning_rate * (seen - variance), floor_m_s2 * floor_m_s2)
+    floor_m_s2 = own.estimator.model_std_m_s2
+    ceiling_m_s2 = own.estimator.largest_model_std_m_s2
+    learnt = at_least(variance + own.learning_rate * (seen - variance), floor_m_s2 * floor_m_s2)
     return min(learnt, ceiling_m_s2 * ceiling_m_s2)
 
 
-def count_still_ticks(config: Config, still_ticks: int, predicted: Prediction) -> int:
+def count_still_ticks(own: Constants, still_ticks: int, predicted: Prediction) -> int:
     """Ticks for which a striker on a dry guide has been at rest, with an acceleration near 0."""
-    if config.d.dry_m_s2 <= 0.0:
+    if own.nominal.dry_m_s2 <= 0.0:
         return 0
     estimate, sensor = predicted.estimate, predicted.sensor
     pulled = abs(sensor.acceleration_m_s2 - estimate.bias_m_s2 - sensor.housing_m_s2)
@@ -386,7 +436,7 @@ def count_still_ticks(config: Config, still_ticks: int, predicted: Prediction) -
     return min(still_ticks + 1, NEVER_TICKS) if still else 0
 
 
-def count_gated_ticks(config: Config, gated_ticks: int, predicted: Prediction) -> int:
+def count_gated_ticks(own: Constants, gated_ticks: int, predicted: Prediction) -> int:
     """Ticks for which the innovation has been beyond the gate.
 
     An unmodelled force acts on the striker, so the accelerometer alone moves the estimate. If the innovation
@@ -395,6 +445,6 @@ def count_gated_ticks(config: Config, gated_ticks: int, predicted: Prediction) -
     """
     if predicted.sensor.missed_ticks > 0:
         return min(gated_ticks + 1, NEVER_TICKS) if gated_ticks > 0 else 0
-    if abs(predicted.innovation_m_s2) <= config.p.estimator.gate_sigmas * predicted.innovation_std_m_s2:
+    if abs(predicted.innovation_m_s2) <= own.estimator.gate_sigmas * predicted.innovation_std_m_s2:
         return 0
     return min(gated_ticks + 1, NEVER_TICKS)

@@ -38,6 +38,19 @@ class EstimatorState(NamedTuple):
     started: bool
 
 
+class StrikerMotion(NamedTuple):
+    """What the other blocks know of the striker, whatever estimates it.
+
+    `variance_m2`: the position's. `silent_ticks`: time without a usable reading; `started`: there was one.
+    """
+
+    x_m: float
+    v_m_s: float
+    variance_m2: float
+    silent_ticks: int
+    started: bool
+
+
 class Prediction(NamedTuple):
     """The estimate predicted to the time of the newest reading, and its innovation, before any correction.
 
@@ -70,6 +83,11 @@ class Contact(NamedTuple):
 
 
 INITIAL = zeroed(EstimatorState, sensor=zeroed(SensorState, missed_ticks=NEVER_TICKS))
+
+
+def striker_of(state: EstimatorState) -> StrikerMotion:
+    """The estimated striker."""
+    return StrikerMotion(state.x_m, state.v_m_s, state.p_xx, state.sensor.missed_ticks, state.started)
 
 
 def estimate_of(state: EstimatorState) -> StateEstimate:

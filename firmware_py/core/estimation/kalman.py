@@ -9,7 +9,24 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.core.config import Row, Transition
+
+class Transition(NamedTuple):
+    """The rows of F for position and velocity; the bias keeps its value."""
+
+    x_x: float
+    x_v: float
+    x_b: float
+    v_x: float
+    v_v: float
+    v_b: float
+
+
+class Row(NamedTuple):
+    """One row of H."""
+
+    x: float
+    v: float
+    b: float
 
 
 class Covariance(NamedTuple):

@@ -1,45 +1,50 @@
 """Newton's law of impact, x'⁺ = −k x'⁻, applied to the mean and covariance of an estimate."""
 
-from firmware_py.core.config import Config, Transition
 from firmware_py.core.estimation import kalman
-from firmware_py.core.estimation.kalman import ProcessNoise, Push, StateEstimate
-from firmware_py.core.estimation.striker_model import model_acceleration
+from firmware_py.core.estimation.kalman import ProcessNoise, Push, StateEstimate, Transition
+from firmware_py.core.estimation.striker_model import Nominal, model_acceleration
 from firmware_py.core.numbers import at_least
+from firmware_py.interface.generated.parameters import Estimator
 
 SEPARATION_JITTER_S = 0.001
 """Larger than at touch-down: a contact ends more softly than it starts."""
 
 
-def stop_variance(config: Config) -> float:
+def stop_variance(estimator: Estimator) -> float:
     """The variance of the stop's position, m²."""
-    return config.p.estimator.stop_std_m * config.p.estimator.stop_std_m
+    return estimator.stop_std_m * estimator.stop_std_m
 
 
-def restitution_variance(config: Config) -> float:
+def restitution_variance(estimator: Estimator) -> float:
     """The variance of the restitution."""
-    return config.p.estimator.restitution_std * config.p.estimator.restitution_std
+    return estimator.restitution_std * estimator.restitution_std
 
 
 def apply_newton(
-    config: Config, bias_m_s2: float, touch_down: StateEstimate, angle_rad: float, age_s: float
+    nominal: Nominal,
+    estimator: Estimator,
+    bias_m_s2: float,
+    touch_down: StateEstimate,
+    angle_rad: float,
+    age_s: float,
 ) -> StateEstimate:
     """The estimate `age_s` after the separation of a detected impact, by x'⁺ = −k x'⁻.
 
     Ξ = [[−k, 0], [(a⁺ + k a⁻)/x'⁻, −k]]   (saltation matrix at x = x_stop)
     """
-    k, stop_m = config.p.stop.restitution, config.p.stop.position_m
+    k, stop_m = nominal.stop.restitution, nominal.stop.position_m
     before_m_s = at_least(touch_down.v_m_s, 0.05)
     after_m_s = -k * before_m_s
-    a_before = model_acceleration(config, angle_rad, stop_m, before_m_s)
-    a_after = model_acceleration(config, angle_rad, stop_m, after_m_s)
+    a_before = model_acceleration(nominal, angle_rad, stop_m, before_m_s)
+    a_after = model_acceleration(nominal, angle_rad, stop_m, after_m_s)
     slope = (a_after + k * a_before) / before_m_s
-    spread = before_m_s * before_m_s * restitution_variance(config)
+    spread = before_m_s * before_m_s * restitution_variance(estimator)
     jitter_m = after_m_s * SEPARATION_JITTER_S
     jumped = kalman.predict(
         touch_down,
         Transition(-k, 0.0, 0.0, slope, -k, 0.0),
         Push(x_m=(1.0 + k) * stop_m, v_m_s=-slope * stop_m),
-        ProcessNoise(xx=stop_variance(config) + jitter_m * jitter_m, vv=spread, bb=0.0),
+        ProcessNoise(xx=stop_variance(estimator) + jitter_m * jitter_m, vv=spread, bb=0.0),
     )
     return StateEstimate(
         x_m=stop_m + after_m_s * age_s,

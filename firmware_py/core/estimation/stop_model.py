@@ -7,7 +7,6 @@ For another stop, replace `contact_growth` and its inverse `contact_age_s`.
 
 import math
 
-from firmware_py.core.config import Config
 from firmware_py.core.elementary import cube_root
 from firmware_py.core.numbers import at_least
 
@@ -45,7 +44,7 @@ def contact_growth(mass_kg: float, contact_s: float, restitution: float) -> floa
     return stiffness / mass_kg * (1.0 + hertz_dissipation(restitution))
 
 
-def contact_age_s(config: Config, excess_m_s2: float, approach_speed_m_s: float) -> float:
+def contact_age_s(growth: float, excess_m_s2: float, approach_speed_m_s: float) -> float:
     """The time since the touch-down after which the stop accelerates the striker by `excess_m_s2`."""
-    root = cube_root(excess_m_s2 / config.d.contact_growth)
+    root = cube_root(excess_m_s2 / growth)
     return root * root / approach_speed_m_s

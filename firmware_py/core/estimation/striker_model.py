@@ -1,21 +1,53 @@
-"""The nominal striker in free flight: m x'' + c (x − l0 − A sin θ) + b x' + μ m g sign x' = 0."""
+"""The nominal striker in free flight: m x'' + c (x − l0 − A sin θ) + b x' + μ m g sign x' = 0.
+
+`Nominal` also describes its stop and its sensors. Its parameters never change over the bus, so a commit keeps
+every bit of it.
+"""
 
 import math
+from typing import NamedTuple
 
-from firmware_py.core.config import Config, Transition
 from firmware_py.core.elementary import sin
+from firmware_py.core.estimation import stop_model
+from firmware_py.core.estimation.kalman import Row, Transition
+from firmware_py.core.numbers import TAU, in_ticks
+from firmware_py.interface.generated.parameters import Drive, Parameters, Stop, Striker
+
+STANDARD_GRAVITY_M_S2 = 9.80665
 
 
-def model_acceleration(config: Config, angle_rad: float, x_m: float, v_m_s: float) -> float:
+class Nominal(NamedTuple):
+    """Parameters, and constants derived from them. Forces are per unit of the striker's mass.
+
+    `sensor_delay_s`: the accelerometers' low-pass. `flight`: F of a tick of the model, `strapdown`: of a tick
+    that integrates the accelerometer; `row`: H of the model. `contact_growth`: factor of the Hertz contact,
+    a = growth · (x'⁻ t)^1.5, m/s² per m^1.5. `contact_ticks`: the nominal duration of a contact.
+    """
+
+    striker: Striker
+    drive: Drive
+    stop: Stop
+    natural_rad_s: float
+    stiffness_1_s2: float
+    damping_1_s: float
+    dry_m_s2: float
+    sensor_delay_s: float
+    flight: Transition
+    strapdown: Transition
+    row: Row
+    contact_growth: float
+    contact_ticks: int
+
+
+def model_acceleration(nominal: Nominal, angle_rad: float, x_m: float, v_m_s: float) -> float:
     """x'' in free flight, m/s²."""
-    p, d = config.p, config.d
-    friction = d.damping_1_s * v_m_s
+    friction = nominal.damping_1_s * v_m_s
     if v_m_s > 0.0:
-        friction += d.dry_m_s2
+        friction += nominal.dry_m_s2
     elif v_m_s < 0.0:
-        friction -= d.dry_m_s2
-    pull = d.stiffness_1_s2 * (x_m - p.striker.rest_length_m - p.drive.amplitude_m * sin(angle_rad))
-    return -pull - friction
+        friction -= nominal.dry_m_s2
+    stretch_m = x_m - nominal.striker.rest_length_m - nominal.drive.amplitude_m * sin(angle_rad)
+    return -(nominal.stiffness_1_s2 * stretch_m) - friction
 
 
 def free_flight(stiffness_1_s2: float, damping_1_s: float, dt_s: float) -> Transition:
@@ -43,3 +75,31 @@ def free_flight(stiffness_1_s2: float, damping_1_s: float, dt_s: float) -> Trans
 def strapdown(dt_s: float) -> Transition:
     """F of a tick that integrates the accelerometer; the bias is subtracted from the reading."""
     return Transition(1.0, dt_s, -0.5 * dt_s * dt_s, 0.0, 1.0, -dt_s)
+
+
+def derive(p: Parameters) -> Nominal:
+    """The nominal module of these parameters."""
+    tick_s, mass_kg = p.control.tick_s, p.striker.mass_kg
+    stiffness_1_s2 = p.striker.spring_n_m / mass_kg
+    damping_1_s = p.friction.b_n_s_m / mass_kg
+    delay_s = math.sqrt(2.0) / (TAU * p.sensor.bandwidth_hz)  # Butterworth, second order, at rest
+    return Nominal(
+        striker=p.striker,
+        drive=p.drive,
+        stop=p.stop,
+        natural_rad_s=math.sqrt(stiffness_1_s2),
+        stiffness_1_s2=stiffness_1_s2,
+        damping_1_s=damping_1_s,
+        dry_m_s2=p.friction.mu * STANDARD_GRAVITY_M_S2,
+        sensor_delay_s=delay_s,
+        flight=free_flight(stiffness_1_s2, damping_1_s, tick_s),
+        strapdown=strapdown(tick_s),
+        # a_d = a − τ a',  a = −(c/m) (x − …) − (b/m) x',  a' = −(c/m) (x' − x_A') − (b/m) a
+        row=Row(
+            x=-stiffness_1_s2 * (1.0 + delay_s * damping_1_s),
+            v=-damping_1_s * (1.0 + delay_s * damping_1_s) + delay_s * stiffness_1_s2,
+            b=1.0,
+        ),
+        contact_growth=stop_model.contact_growth(mass_kg, p.stop.contact_s, p.stop.restitution),
+        contact_ticks=in_ticks(p.stop.contact_s, tick_s, 1),
+    )

@@ -1,7 +1,7 @@
 """Entry to the gait blocks: passes on the operator's request, or replaces it by one derived from the stride.
 
-    accepts(config, lock) -> bool                        whether the crank can follow, as of the last tick
-    ask(config, state, leg, operator, now) -> (state, request)
+    accepts(own, lock) -> bool                        whether the crank can follow, as of the last tick
+    ask(own, state, leg, operator, now) -> (state, request)
 
 Without `gait.follow` the operator's request passes unchanged. An image for a drive that never follows a gait
 contains none of the gait blocks.
@@ -9,9 +9,9 @@ contains none of the gait blocks.
 
 from typing import NamedTuple
 
-from firmware_py.core.config import Config
 from firmware_py.core.control import hold
 from firmware_py.core.gait import gait, gait_lock, stride_harmonic
+from firmware_py.core.gait.gait import Constants
 from firmware_py.core.gait.gait_lock import Moment
 from firmware_py.core.inputs import GaitInput, OperatorInput
 from firmware_py.core.request import Request
@@ -32,26 +32,26 @@ def is_built_in() -> bool:
     return True
 
 
-def accepts(config: Config, lock: gait_lock.LockState) -> bool:
+def accepts(own: Constants, lock: gait_lock.LockState) -> bool:
     """Whether a request to run can be followed, as of the last tick."""
-    return not is_built_in() or config.p.gait.follow == 0 or lock.refusal == Refusal.NONE
+    return not is_built_in() or own.gait.follow == 0 or lock.refusal == Refusal.NONE
 
 
 def ask(
-    config: Config, state: WalkState, leg: GaitInput, operator: OperatorInput, now: Moment
+    own: Constants, state: WalkState, leg: GaitInput, operator: OperatorInput, now: Moment
 ) -> tuple[WalkState, Request]:
     """One tick: the request to start and hold."""
     if not is_built_in():
         return state, operator_request(operator)
     cycle = state.gait
     if leg.age_ticks < NEVER_TICKS:
-        cycle = gait.step(config, state.gait, leg)
-    if config.p.gait.follow == 0:
+        cycle = gait.step(own, state.gait, leg)
+    if own.gait.follow == 0:
         return state._replace(gait=cycle), operator_request(operator)
-    lock = gait_lock.step(config, state.gait_lock, cycle, now, state.stride_harmonic.aim_ratio)
+    lock = gait_lock.step(own, state.gait_lock, cycle, now, state.stride_harmonic.aim_ratio)
     impulse_n_s = operator.target_impulse_n_s
-    target_n_s = impulse_n_s if hold.is_possible(config, impulse_n_s) else 0.0
-    harmonic = stride_harmonic.step(config, state.stride_harmonic, lock, now, target_n_s)
+    target_n_s = impulse_n_s if hold.is_possible(own.hold, impulse_n_s) else 0.0
+    harmonic = stride_harmonic.step(own, state.stride_harmonic, lock, now, target_n_s)
     request = Request(
         ratio=lock.base_ratio,
         impulse_n_s=impulse_n_s,

@@ -18,10 +18,12 @@ The alternative was an adaptive oscillator on the shank's rate (Ronsse et al., M
 import math
 from typing import NamedTuple
 
-from firmware_py.core.config import Config
+from firmware_py.core.estimation.striker_model import Nominal
 from firmware_py.core.inputs import GaitInput
+from firmware_py.core.safety.gate_limits import GateLimits
 from firmware_py.interface.enums import GaitState
 from firmware_py.interface.generated.kinds import GAIT_SENSORS
+from firmware_py.interface.generated.parameters import Gait, Hold, Parameters
 
 NEARLY_ONE = 0.9999
 """Largest phase of a stride that lasts longer than expected."""
@@ -53,6 +55,24 @@ STRIDES_TO_TRUST = 3
 """Strides before the confidence rises above 0."""
 STRIKE_PHASE = 0.012
 """Phase at which the heel's switch closes: at a tenth of the load."""
+
+
+class Constants(NamedTuple):
+    """What all gait blocks read. `silent_ticks`: the longest silence of the sensors.
+
+    `natural_rad_s`: the striker's, to which ratios refer. `hold`: it says what impulse is possible.
+    """
+
+    tick_s: float
+    gait: Gait
+    hold: Hold
+    natural_rad_s: float
+    silent_ticks: int
+
+
+def derive(p: Parameters, nominal: Nominal, limits: GateLimits) -> Constants:
+    """The constants of these parameters."""
+    return Constants(p.control.tick_s, p.gait, p.hold, nominal.natural_rad_s, limits.gait_ticks)
 
 
 class Event(NamedTuple):
@@ -141,14 +161,14 @@ INITIAL = CycleState(
 )
 
 
-def learn_event(config: Config, event: Event, stride_s: float, known: int) -> Event:
+def learn_event(own: Constants, event: Event, stride_s: float, known: int) -> Event:
     """The event, its phase and variance updated by a complete stride (Welford's mean and variance)."""
     if event.at_s <= 0.0:
         return event
     if known == 1:
         return Event(event.at_s / stride_s, event.variance, 0.0)
     off = event.at_s / stride_s - event.phase
-    share = max(config.p.gait.gain_learning, 1.0 / (known + 1))
+    share = max(own.gait.gain_learning, 1.0 / (known + 1))
     variance = event.variance + share * ((1.0 - share) * off * off - event.variance)
     return Event(event.phase + share * off, variance, 0.0)
 
@@ -169,21 +189,21 @@ def count_strides(stride: Stride, took_s: float) -> int:
     return max(int(took_s / stride.mean_s + 0.5), 1)
 
 
-def is_surprising(config: Config, off: float, spread: float, early: float) -> bool:
+def is_surprising(own: Constants, off: float, spread: float, early: float) -> bool:
     """Whether an event's deviation `off` exceeds the limit for its `spread`; both are shares of the cycle.
 
     A stumbling wearer puts the foot down early. `early` is the earliness of the heel strike, in standard
     deviations; the squares add up because innovations are independent. A late event is surprising only beyond
     the latest possible heel strike.
     """
-    far = off < -config.p.gait.surprise or off > config.p.gait.overdue
+    far = off < -own.gait.surprise or off > own.gait.overdue
     if off > 0.0:
         early = 0.0
-    highest = config.p.gait.surprise_spread * spread
+    highest = own.gait.surprise_spread * spread
     return far and off * off + early * early * spread * spread > highest * highest
 
 
-def strike_heel(config: Config, stride: Stride) -> Stride:
+def strike_heel(own: Constants, stride: Stride) -> Stride:
     """The stride after a detected heel strike, which may end several strides if some were missed."""
     took_s = stride.since_seen_s - EDGE_AGE_S
     whole = count_strides(stride, took_s)
@@ -194,7 +214,7 @@ def strike_heel(config: Config, stride: Stride) -> Stride:
     off_share = late_s / stride.expected_s
     off_spread = math.sqrt(stride.variance + EVENT_STD * EVENT_STD)
     plain = stride.missed == 0 and known > STRIDES_TO_TRUST
-    stumbled = plain and is_surprising(config, off_share, PACE * off_spread, 0.0)
+    stumbled = plain and is_surprising(own, off_share, PACE * off_spread, 0.0)
     early = -off_share / off_spread if plain and off_share < 0.0 else 0.0
     if stumbled or not SHORTEST_STRIDE_S < one_s < LONGEST_STRIDE_S or whole > MOST_MISSED:
         known = 0
@@ -221,7 +241,7 @@ def strike_heel(config: Config, stride: Stride) -> Stride:
     )
 
 
-def correct_stride(config: Config, stride: Stride, event: Event) -> Stride:
+def correct_stride(own: Constants, stride: Stride, event: Event) -> Stride:
     """The expected stride, corrected by an event that has just occurred."""
     if stride.known <= STRIDES_TO_TRUST:
         return stride
@@ -229,7 +249,7 @@ def correct_stride(config: Config, stride: Stride, event: Event) -> Stride:
     noise = (event.variance + EVENT_STD * EVENT_STD) / (event.phase * event.phase)
     gain = stride.variance / (stride.variance + noise)
     surprising = stride.missed == 0 and is_surprising(
-        config,
+        own,
         event.phase * off_s / stride.expected_s,
         event.phase * math.sqrt(stride.variance + noise),
         stride.early,
@@ -249,7 +269,7 @@ def is_due(stride: Stride, event: Event, at_s: float) -> bool:
 
 
 def update_events(
-    config: Config, stride: Stride, events: Events, leg: Leg, sensors: GaitInput
+    own: Constants, stride: Stride, events: Events, leg: Leg, sensors: GaitInput
 ) -> tuple[Stride, Events, Leg]:
     """The stride, events and leg after a fresh frame."""
     rate_rad_s, heel, toe = sensors.shank_rate_rad_s, sensors.heel, sensors.toe
@@ -261,23 +281,23 @@ def update_events(
         swung = False
         took_s = stride.since_seen_s - EDGE_AGE_S
         plain = stride.missed == 0 and count_strides(stride, took_s) == 1
-        stride = strike_heel(config, stride)
+        stride = strike_heel(own, stride)
         if plain and stride.known > 0:
             events = Events(
-                learn_event(config, toe_down, took_s, stride.known),
-                learn_event(config, heel_off, took_s, stride.known),
-                learn_event(config, toe_off, took_s, stride.known),
+                learn_event(own, toe_down, took_s, stride.known),
+                learn_event(own, heel_off, took_s, stride.known),
+                learn_event(own, toe_off, took_s, stride.known),
             )
         return stride, clear_times(events), Leg(heel, toe, swung, still_s)
     if toe and not leg.toe and is_due(stride, toe_down, at_s):
         toe_down = toe_down._replace(at_s=at_s)
-        stride = correct_stride(config, stride, toe_down)
+        stride = correct_stride(own, stride, toe_down)
     if leg.heel and not heel and is_due(stride, heel_off, at_s):
         heel_off = heel_off._replace(at_s=at_s)
-        stride = correct_stride(config, stride, heel_off)
+        stride = correct_stride(own, stride, heel_off)
     if leg.toe and not toe and is_due(stride, toe_off, at_s):
         toe_off = toe_off._replace(at_s=at_s)
-        stride = correct_stride(config, stride, toe_off)
+        stride = correct_stride(own, stride, toe_off)
     return stride, Events(toe_down, heel_off, toe_off), Leg(heel, toe, swung, still_s)
 
 
@@ -310,22 +330,22 @@ def decide_state(confidence: float, leg: Leg, forgotten: bool) -> GaitState:
     return GaitState.STANCE if leg.heel or leg.toe else GaitState.SWING
 
 
-def step(config: Config, state: CycleState, sensors: GaitInput) -> CycleState:
+def step(own: Constants, state: CycleState, sensors: GaitInput) -> CycleState:
     """One tick: advances the time, and processes a fresh frame."""
     walking = (
         state.stride.since_seen_s < (MOST_MISSED + 1) * state.stride.mean_s
-        and state.leg.still_s < config.p.gait.still_s
-        and sensors.age_ticks <= config.d.ticks.gait
+        and state.leg.still_s < own.gait.still_s
+        and sensors.age_ticks <= own.silent_ticks
     )
-    stride = advance_stride(state.stride, config.tick_s, walking)
+    stride = advance_stride(state.stride, own.tick_s, walking)
     events, leg = state.events, state.leg
     if sensors.age_ticks == 0:
-        stride, events, leg = update_events(config, stride, events, leg, sensors)
+        stride, events, leg = update_events(own, stride, events, leg, sensors)
     trusted = stride.known >= STRIDES_TO_TRUST
     if (
         trusted
         and stride.missed < MOST_MISSED
-        and stride.since_s > (1.0 + config.p.gait.overdue) * stride.expected_s
+        and stride.since_s > (1.0 + own.gait.overdue) * stride.expected_s
     ):
         stride, events = pass_strike(stride), clear_times(events)
     confidence = 0.0

@@ -17,9 +17,8 @@ stays in the impact regime.
 import math
 from typing import NamedTuple
 
-from firmware_py.core.config import Config
 from firmware_py.core.estimation.regime import RegimeState
-from firmware_py.core.gait.gait import CycleState
+from firmware_py.core.gait.gait import Constants, CycleState
 from firmware_py.core.numbers import TAU, clamp, fraction, wrap_pi
 from firmware_py.interface.enums import Refusal
 from firmware_py.interface.zeroed import zeroed
@@ -73,102 +72,97 @@ class Moment(NamedTuple):
 INITIAL = zeroed(LockState, base_ratio=1.0, impact_rad=0.5 * math.pi, refusal=Refusal.NOT_WALKING)
 
 
-def choose_turns(config: Config, stride_s: float, before: int, aim_ratio: float) -> int:
+def choose_turns(own: Constants, stride_s: float, before: int, aim_ratio: float) -> int:
     """The number of turns per stride nearest to `aim_ratio`, or to the centre if that is 0.
 
     0 if no number gives a ratio within the region.
     """
-    one = TAU / (stride_s * config.d.natural_rad_s)
-    aim = aim_ratio if aim_ratio > 0.0 else config.p.gait.centre_ratio
-    hysteresis = AIM_HYSTERESIS if aim_ratio > 0.0 else config.p.gait.hysteresis
+    one = TAU / (stride_s * own.natural_rad_s)
+    aim = aim_ratio if aim_ratio > 0.0 else own.gait.centre_ratio
+    hysteresis = AIM_HYSTERESIS if aim_ratio > 0.0 else own.gait.hysteresis
     below = int(aim / one)
     best = 0
     for turns in (below, below + 1):
-        fits = (
-            1 <= turns <= MOST_TURNS
-            and config.p.gait.lowest_ratio <= turns * one <= config.p.gait.highest_ratio
-        )
+        fits = 1 <= turns <= MOST_TURNS and own.gait.lowest_ratio <= turns * one <= own.gait.highest_ratio
         if fits and (best == 0 or abs(turns * one - aim) < abs(best * one - aim)):
             best = turns
-    most = 2.0 * config.p.gait.margin
-    stays = config.p.gait.lowest_ratio - most <= before * one <= config.p.gait.highest_ratio + most
+    most = 2.0 * own.gait.margin
+    stays = own.gait.lowest_ratio - most <= before * one <= own.gait.highest_ratio + most
     if stays and (best == 0 or abs(before * one - aim) <= abs(best * one - aim) + hysteresis):
         return before
     return best
 
 
-def find_refusal(config: Config, gait: CycleState, harmonic: int) -> Refusal:
+def find_refusal(own: Constants, gait: CycleState, harmonic: int) -> Refusal:
     """The reason why the crank cannot follow, or NONE."""
-    if gait.confidence < config.p.gait.lowest_confidence:
+    if gait.confidence < own.gait.lowest_confidence:
         return Refusal.NOT_WALKING
     return Refusal.NONE if harmonic > 0 else Refusal.NO_HARMONIC
 
 
-def turning_share(config: Config, stride_s: float) -> float:
+def turning_share(own: Constants, stride_s: float) -> float:
     """The share of the cycle before p_c at which n changes.
 
     One turn more or less per stride changes the ratio by Δr, at its rate ρ. Meanwhile the crank's angle
     changes by ω Δr²/2ρ relative to the new θ*. The jump of θ* cancels this angle if n changes ω Δr²/4πρ of a
     cycle before p_c.
     """
-    turn = TAU / (stride_s * config.d.natural_rad_s)
-    share = config.d.natural_rad_s * turn * turn / (2.0 * TAU * config.p.gait.rate_1_s)
+    turn = TAU / (stride_s * own.natural_rad_s)
+    share = own.natural_rad_s * turn * turn / (2.0 * TAU * own.gait.rate_1_s)
     return min(share, LARGEST_SHARE)
 
 
-def is_in_window(config: Config, phase: float) -> bool:
+def is_in_window(own: Constants, phase: float) -> bool:
     """Whether a phase of the cycle is in the window."""
-    return config.p.gait.window_start <= phase <= config.p.gait.window_end
+    return own.gait.window_start <= phase <= own.gait.window_end
 
 
 def follow_phase(
-    config: Config, state: LockState, gait: CycleState, harmonic: int, now: Moment, impact_rad: float
+    own: Constants, state: LockState, gait: CycleState, harmonic: int, now: Moment, impact_rad: float
 ) -> tuple[float, float]:
     """`(wanted, error_rad)`: the ratio that leads the crank to θ*, within its limits, and θ* − θ."""
     if harmonic == 0:
         return state.base_ratio + state.trim, 0.0
-    middle = 0.5 * (config.p.gait.window_start + config.p.gait.window_end)
+    middle = 0.5 * (own.gait.window_start + own.gait.window_end)
     error_rad = wrap_pi(TAU * harmonic * (gait.phase - middle) + impact_rad - now.angle_rad)
-    one = TAU / (gait.stride.expected_s * config.d.natural_rad_s)
-    wanted = harmonic * one + clamp(
-        config.p.gait.gain_1_s * error_rad / config.d.natural_rad_s, config.p.gait.largest_trim
-    )
-    lowest = config.p.gait.lowest_ratio - config.p.gait.margin
-    return min(max(wanted, lowest), config.p.gait.highest_ratio + config.p.gait.margin), error_rad
+    one = TAU / (gait.stride.expected_s * own.natural_rad_s)
+    wanted = harmonic * one + clamp(own.gait.gain_1_s * error_rad / own.natural_rad_s, own.gait.largest_trim)
+    lowest = own.gait.lowest_ratio - own.gait.margin
+    return min(max(wanted, lowest), own.gait.highest_ratio + own.gait.margin), error_rad
 
 
-def keep_turns(config: Config, state: LockState, gait: CycleState, now: Moment, aim_ratio: float) -> int:
+def keep_turns(own: Constants, state: LockState, gait: CycleState, now: Moment, aim_ratio: float) -> int:
     """The number of turns per stride in this tick; in the hold it changes at one phase only. 0: none."""
-    if gait.confidence < config.p.gait.lowest_confidence:
+    if gait.confidence < own.gait.lowest_confidence:
         return 0
-    harmonic = choose_turns(config, gait.stride.mean_s, state.harmonic, aim_ratio)
-    middle = 0.5 * (config.p.gait.window_start + config.p.gait.window_end)
-    change_at = middle - turning_share(config, gait.stride.mean_s)
+    harmonic = choose_turns(own, gait.stride.mean_s, state.harmonic, aim_ratio)
+    middle = 0.5 * (own.gait.window_start + own.gait.window_end)
+    change_at = middle - turning_share(own, gait.stride.mean_s)
     if now.holding and harmonic > 0 and state.harmonic > 0 and not state.phase < change_at <= gait.phase:
         return state.harmonic
     return harmonic
 
 
-def step(config: Config, state: LockState, gait: CycleState, now: Moment, aim_ratio: float) -> LockState:
+def step(own: Constants, state: LockState, gait: CycleState, now: Moment, aim_ratio: float) -> LockState:
     """One tick. `aim_ratio`: the ratio of a requested impulse, or 0."""
-    harmonic = keep_turns(config, state, gait, now, aim_ratio)
+    harmonic = keep_turns(own, state, gait, now, aim_ratio)
     base_ratio = state.base_ratio
     if not now.moving and harmonic > 0:
-        base_ratio = harmonic * TAU / (gait.stride.mean_s * config.d.natural_rad_s)
+        base_ratio = harmonic * TAU / (gait.stride.mean_s * own.natural_rad_s)
     impact_rad = state.impact_rad
     if now.regime.ended and now.regime.last.impacts == 1:
         impact_rad += 0.3 * wrap_pi(now.regime.last.phase_rad + 0.5 * math.pi - impact_rad)
     trim, rate_1_s, error_rad = 0.0, 0.0, 0.0
     if now.holding:
         state = state._replace(base_ratio=base_ratio)
-        wanted, error_rad = follow_phase(config, state, gait, harmonic, now, impact_rad)
-        change = clamp(wanted - base_ratio - state.trim, config.p.gait.rate_1_s * config.tick_s)
+        wanted, error_rad = follow_phase(own, state, gait, harmonic, now, impact_rad)
+        change = clamp(wanted - base_ratio - state.trim, own.gait.rate_1_s * own.tick_s)
         trim = state.trim + change
-        rate_1_s = change / config.tick_s
+        rate_1_s = change / own.tick_s
     in_window, outside = state.in_window, state.outside
     if now.holding and now.touch_down and harmonic > 0:
         phase = gait.phase - now.since_touch_down_s / gait.stride.expected_s
-        if is_in_window(config, fraction(phase)):
+        if is_in_window(own, fraction(phase)):
             in_window = (in_window + 1) % COUNTS
         else:
             outside = (outside + 1) % COUNTS
@@ -182,5 +176,5 @@ def step(config: Config, state: LockState, gait: CycleState, now: Moment, aim_ra
         impact_rad=impact_rad,
         in_window=in_window,
         outside=outside,
-        refusal=find_refusal(config, gait, harmonic),
+        refusal=find_refusal(own, gait, harmonic),
     )

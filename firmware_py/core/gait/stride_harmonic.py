@@ -13,7 +13,7 @@ request; the remainder is reported.
 
 from typing import NamedTuple
 
-from firmware_py.core.config import Config
+from firmware_py.core.gait.gait import Constants
 from firmware_py.core.gait.gait_lock import LockState, Moment
 from firmware_py.interface.enums import Refusal
 from firmware_py.interface.zeroed import zeroed
@@ -47,9 +47,9 @@ def has_means(state: StrideHarmonicState) -> bool:
     return state.harmonic > 0 and state.turns >= (SETTLING + MEAN) * state.harmonic
 
 
-def slope_n_s(config: Config, state: StrideHarmonicState) -> float:
+def slope_n_s(own: Constants, state: StrideHarmonicState) -> float:
     """J': the secant through two values of n, within `LARGEST_ERROR` of the parameter, N s per unit of r."""
-    nominal_n_s = config.p.hold.impulse_slope_n_s
+    nominal_n_s = own.hold.impulse_slope_n_s
     change = state.ratio - state.left_ratio
     if state.left_ratio == 0.0 or change == 0.0:
         return nominal_n_s
@@ -57,27 +57,27 @@ def slope_n_s(config: Config, state: StrideHarmonicState) -> float:
     return min(max(secant_n_s, nominal_n_s / LARGEST_ERROR), nominal_n_s * LARGEST_ERROR)
 
 
-def find_unmet(config: Config, state: StrideHarmonicState, target_impulse_n_s: float) -> Refusal:
+def find_unmet(own: Constants, state: StrideHarmonicState, target_impulse_n_s: float) -> Refusal:
     """The refusal if the impacts miss the request after enough strides."""
     if state.turns < REPORTING * state.harmonic:
         return Refusal.NONE
     miss_n_s = state.impulse_n_s - target_impulse_n_s
-    if abs(miss_n_s) <= config.p.gait.impulse_tolerance * target_impulse_n_s:
+    if abs(miss_n_s) <= own.gait.impulse_tolerance * target_impulse_n_s:
         return Refusal.NONE
     return Refusal.IMPULSE_TOO_HIGH if miss_n_s < 0.0 else Refusal.IMPULSE_TOO_LOW
 
 
-def aim(config: Config, state: StrideHarmonicState, target_impulse_n_s: float) -> StrideHarmonicState:
+def aim(own: Constants, state: StrideHarmonicState, target_impulse_n_s: float) -> StrideHarmonicState:
     """The state with r* and the refusal."""
-    aim_ratio = state.ratio + (target_impulse_n_s - state.impulse_n_s) / slope_n_s(config, state)
+    aim_ratio = state.ratio + (target_impulse_n_s - state.impulse_n_s) / slope_n_s(own, state)
     return state._replace(
-        aim_ratio=min(max(aim_ratio, config.p.gait.lowest_ratio), config.p.gait.highest_ratio),
-        refusal=find_unmet(config, state, target_impulse_n_s),
+        aim_ratio=min(max(aim_ratio, own.gait.lowest_ratio), own.gait.highest_ratio),
+        refusal=find_unmet(own, state, target_impulse_n_s),
     )
 
 
 def step(
-    config: Config, state: StrideHarmonicState, lock: LockState, now: Moment, target_impulse_n_s: float
+    own: Constants, state: StrideHarmonicState, lock: LockState, now: Moment, target_impulse_n_s: float
 ) -> StrideHarmonicState:
     """One tick. `lock`: of this tick; a target of 0: no impulse is requested."""
     harmonic, ratio, regime = lock.harmonic, lock.base_ratio + lock.trim, now.regime
@@ -106,4 +106,4 @@ def step(
         aim_ratio=state.aim_ratio if asks else 0.0,
         refusal=state.refusal if asks else Refusal.NONE,
     )
-    return aim(config, state, target_impulse_n_s) if asks and has_means(state) else state
+    return aim(own, state, target_impulse_n_s) if asks and has_means(state) else state

@@ -1,13 +1,12 @@
 """The drive's axis: the state requested, the frames sent, and the confirmation by a fresh heartbeat.
 
-    step(config, state, mode, stage, drive, encoder, asks_clear) -> (state, frame)
+    step(own, state, supervised, stage, drive, encoder, asks_clear) -> (state, frame)
 
-The mode alone decides the request: only SOFT_START closes the axis, E_STOP stops the drive, RUN and STOPPING
-leave the axis as it is, every other mode opens it. In PROOF the stage of the watchdog's test decides. A new
-request drops the frames of the previous request, so no arming frame is sent after SOFT_START. The frames of a
-request are repeated until a heartbeat that was received at least `REPEAT_S` after the request agrees with
-it, and again as soon as that heartbeat is stale. An earlier heartbeat may have been sent before the drive
-received the request.
+The row of the mode, in FAULT that of the fault, gives the request (`interface.modes`); in PROOF the stage of
+the watchdog's test decides. A new request drops the frames of the previous request, so no arming frame is
+sent after SOFT_START. The frames of a request are repeated until a heartbeat that was received at least
+`REPEAT_S` after the request agrees with it, and again as soon as that heartbeat is stale. An earlier
+heartbeat may have been sent before the drive received the request.
 
 No frame of a drive reports its controller mode and its limits. They are therefore sent in `SETTING_ROUNDS`
 rounds up to the first request for closed loop, and before each further one; once a heartbeat has reported the
@@ -19,12 +18,15 @@ A tick sends the torque and at most one other frame; the frame chosen here prece
 from enum import IntEnum
 from typing import NamedTuple
 
-from firmware_py.core.config import Config
 from firmware_py.core.inputs import DriveInput, EncoderInput
+from firmware_py.core.numbers import in_ticks
 from firmware_py.core.safety import watchdog_proof
+from firmware_py.core.safety.gate_limits import GateLimits
+from firmware_py.core.safety.supervisor import SupervisorState
 from firmware_py.core.safety.watchdog_proof import ProofStage
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import AxisState, Mode
+from firmware_py.interface.modes import CLOSE, DISARM, FAULTS, KEEP, MODES, OPEN, STOP, AxisRequest
 from firmware_py.interface.zeroed import zeroed
 
 REPEAT_S = 0.020
@@ -59,21 +61,24 @@ class DriveFrame(IntEnum):
     RE_ZERO = 7
 
 
-class AxisRequest(IntEnum):
-    """The state requested of the axis. KEEP: no frame, the axis stays as it is.
-
-    OPEN at rest and DISARM on a fault both send IDLE; each needs its own confirmation.
-    """
-
-    OPEN = 0
-    DISARM = 1
-    STOP = 2
-    CLOSE = 3
-    KEEP = 4
-
-
 NO_DRIVE_FRAME = DriveFrame.NOTHING
-OPEN, DISARM, STOP, CLOSE, KEEP = AxisRequest
+
+
+class Constants(NamedTuple):
+    """Periods of the frames, and how long the drive may be silent."""
+
+    repeat_ticks: int
+    arm_ticks: int
+    re_zero_ticks: int
+    silent_ticks: int
+
+
+def derive(limits: GateLimits) -> Constants:
+    """The constants of a build with these limits."""
+    repeat_ticks, arm_ticks, re_zero_ticks = (
+        in_ticks(period_s, limits.tick_s, 1) for period_s in (REPEAT_S, ARM_S, RE_ZERO_S)
+    )
+    return Constants(repeat_ticks, arm_ticks, re_zero_ticks, limits.drive_ticks)
 
 
 class DriveLinkState(NamedTuple):
@@ -97,21 +102,13 @@ class DriveLinkState(NamedTuple):
 INITIAL = zeroed(DriveLinkState, request=OPEN, service_ticks=NEVER_TICKS)
 
 
-def find_request(mode: Mode, stage: ProofStage) -> AxisRequest:  # noqa: PLR0911 - a table
-    """The axis request of `mode`, and in PROOF of the stage of the test."""
-    if mode == Mode.PROOF and stage == watchdog_proof.CLOSE:
+def find_request(now: SupervisorState, stage: ProofStage) -> AxisRequest:
+    """The axis request of the mode, in FAULT of the fault, and in PROOF of the stage of the test."""
+    if now.mode == Mode.PROOF and stage == watchdog_proof.CLOSE:
         return CLOSE
-    if mode == Mode.PROOF and stage == watchdog_proof.WITHHOLD:
+    if now.mode == Mode.PROOF and stage == watchdog_proof.WITHHOLD:
         return KEEP
-    if mode == Mode.E_STOP:
-        return STOP
-    if mode == Mode.SOFT_START:
-        return CLOSE
-    if mode in (Mode.RUN, Mode.STOPPING):
-        return KEEP
-    if mode == Mode.FAULT:
-        return DISARM
-    return OPEN
+    return FAULTS[now.fault.value].axis if now.mode == Mode.FAULT else MODES[now.mode.value].axis
 
 
 def choose_frame(request: AxisRequest, place: int, is_set: bool) -> DriveFrame:
@@ -141,16 +138,16 @@ def is_closed(state: DriveLinkState) -> bool:
 
 
 def step(
-    config: Config,
+    own: Constants,
     state: DriveLinkState,
-    mode: Mode,
+    supervised: SupervisorState,
     stage: ProofStage,
     drive: DriveInput,
     encoder: EncoderInput,
     asks_clear: bool,
 ) -> tuple[DriveLinkState, DriveFrame]:
-    """One tick. `mode`, `stage`: after this tick's transition. `asks_clear`: CLEAR_FAULTS is requested."""
-    request = find_request(mode, stage)
+    """One tick. `supervised`, `stage`: of this tick. `asks_clear`: CLEAR_FAULTS is requested."""
+    mode, request = supervised.mode, find_request(supervised, stage)
     begins = request != state.request
     request_ticks = 0 if begins else min(state.request_ticks + 1, NEVER_TICKS)
     round_ticks = min(state.round_ticks + 1, NEVER_TICKS)
@@ -158,12 +155,12 @@ def step(
 
     rounds = 0 if begins else state.rounds
     is_set = rounds >= SETTING_ROUNDS
-    confirmed = state.confirmed and not begins and drive.age_ticks <= config.d.ticks.drive
-    if drive.age_ticks == 0 and request_ticks >= config.d.ticks.repeat and (is_set or request != CLOSE):
+    confirmed = state.confirmed and not begins and drive.age_ticks <= own.silent_ticks
+    if drive.age_ticks == 0 and request_ticks >= own.repeat_ticks and (is_set or request != CLOSE):
         closes = request in (CLOSE, KEEP)
         confirmed = drive.axis_state == (AxisState.CLOSED_LOOP_CONTROL if closes else AxisState.IDLE)
 
-    period_ticks = config.d.ticks.arm if request == CLOSE and is_set else config.d.ticks.repeat
+    period_ticks = own.arm_ticks if request == CLOSE and is_set else own.repeat_ticks
     place = state.place
     is_sent = choose_frame(request, place, is_set) == NO_DRIVE_FRAME
     if begins or confirmed or (is_sent and round_ticks >= period_ticks):
@@ -178,10 +175,10 @@ def step(
         ends_proof = mode == Mode.PROOF and stage == watchdog_proof.CLEAR
         clears = (ends_proof or (mode == Mode.INIT and asks_clear)) and drive.axis_error != 0
         rests = mode == Mode.READY and confirmed and abs(encoder.velocity_rev_s) < STILL_REV_S
-        if clears and service_ticks >= config.d.ticks.arm:
+        if clears and service_ticks >= own.arm_ticks:
             frame = DriveFrame.CLEAR_ERRORS
             service_ticks = 0
-        elif rests and abs(encoder.position_rev) >= RE_ZERO_REV and service_ticks >= config.d.ticks.re_zero:
+        elif rests and abs(encoder.position_rev) >= RE_ZERO_REV and service_ticks >= own.re_zero_ticks:
             frame = DriveFrame.RE_ZERO
             service_ticks = 0
     return (

@@ -16,27 +16,20 @@ permitted torque stays 0 until 0 is proposed and a heartbeat of that tick report
 import math
 from typing import NamedTuple
 
-from firmware_py.core.gate_limits import GateLimits
 from firmware_py.core.inputs import EncoderInput, Inputs, PowerInput
 from firmware_py.core.numbers import TAU, at_least, clamp, wrap_pi
 from firmware_py.core.safety import liveness
+from firmware_py.core.safety.gate_limits import GateLimits
 from firmware_py.core.safety.liveness import LifeState
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import ActingLimit, AxisState, Fault
 from firmware_py.interface.zeroed import zeroed
-
-CLIPPED_SHARE = 0.98
-"""Share of the full scale above which a reading may be clipped; such a reading violates the force limit."""
 
 TOUCH_M_S2 = 12.0
 """Deviation from the reading in flight that begins a contact: twelve times the noise of 1 m/s²."""
 END_M_S2 = 6.0
 END_SHARE = 0.02
 """A contact ends where the deviation is below `END_M_S2` or this share of the contact's peak."""
-FLIGHT_M_S3 = 300.0
-SPRING_M_S = 2.0
-"""Rate at which the reading in flight is followed; the spring may change it faster by this speed: a spring
-of 70 N/m on 0.8 kg changes it by up to 170 m/s³, a soft stop by 10⁴."""
 SETTLING_READINGS = 8
 """Steady readings after which the flight is known. Before, no contact begins: an accelerometer that starts
 with the firmware does not show yet how the striker swings, and the striker may be at the stop. The force
@@ -47,8 +40,6 @@ and the peak lies between two samples."""
 AWAY_FACTOR = 2.0
 """Factor on both limits for a pull away from the stop: the stop only pushes, so this is a kick or a sensor
 that is the wrong way round."""
-LONGEST_CONTACT_S = 0.1
-"""A longer deviation is no impact: offset or scale of the sensor have changed, which violates the limit."""
 LONGEST_BRIDGE_TICKS = 4
 """Up to 3 lost readings are bridged by a straight line; over a longer gap the line would invent an area."""
 COUNTER_MODULUS = 256
@@ -63,13 +54,9 @@ FROZEN_RAD_S = 0.5
 
 LARGEST_REV = 1e6
 """A position beyond this is no position: a float32 does not resolve a turn there."""
-SPEED_WINDOW_S = 0.02
-"""Time over which the crank's speed is measured from its positions; a frame may be 10 ms late."""
 DRIVES_OWN = 1.5
 """Factor on the speed limit for the drive's own estimate of the speed, which counts at once."""
 
-LONGEST_GAP_S = 0.010
-"""Longest gap in the samples that is tolerated any number of times; longer ones make the speed loop swing."""
 GAPS = 3
 """Number of longer gaps, with less than `LONGEST_GAP_S` of samples between them, that is a fault."""
 
@@ -286,7 +273,7 @@ def find_watchdog_fault(limits: GateLimits, state: GateState, inputs: Inputs) ->
         or not liveness.is_alive(limits, state.life)
     ):
         return Fault.SENSOR_TIMEOUT
-    if limits.gait_ticks > 0 and inputs.gait.age_ticks > limits.gait_ticks:
+    if limits.reads_gait and inputs.gait.age_ticks > limits.gait_ticks:
         return Fault.SENSOR_TIMEOUT
     if state.encoder_ticks > limits.encoder_ticks or inputs.encoder.age_ticks > limits.encoder_ticks:
         return Fault.ENCODER_TIMEOUT

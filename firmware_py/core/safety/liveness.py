@@ -11,15 +11,13 @@ smaller than the offset allowed to the high range.
 
 from typing import NamedTuple
 
-from firmware_py.core.gate_limits import GateLimits
 from firmware_py.core.numbers import clamp
+from firmware_py.core.safety.gate_limits import GateLimits
 from firmware_py.interface.zeroed import zeroed
 
 READINGS = 30
 """Readings in a row without a sign of life that are a dead channel. Of 2 counts of noise 1 reading in 7
 repeats the one before; 30 in a row never do. An impact's flanks, where the ranges differ, are shorter."""
-DIFFER_M_S2 = 3.0
-"""Allowed beyond the largest offset of the high range: the low range's offset, and the scales of both."""
 
 
 class LifeState(NamedTuple):

@@ -14,12 +14,13 @@ accelerometer reads.
 
 from typing import NamedTuple
 
-from firmware_py.core.config import Config
 from firmware_py.core.elementary import sine_cosine
 from firmware_py.core.estimation import crank
 from firmware_py.core.estimation.crank import CrankState, Turned
 from firmware_py.core.inputs import AccelerometerInput
 from firmware_py.core.numbers import clamp
+from firmware_py.core.safety.gate_limits import GateLimits
+from firmware_py.interface.generated.parameters import Parameters
 
 BANDWIDTH_RAD_S = 200.0
 """Triple pole of the tracker: a lost torque is found within 20 ms, and the speed has 0.1 % noise."""
@@ -28,6 +29,19 @@ LARGEST_SHARE = 4.0 / 3.0
 LOAD_SHARE = 0.7
 """Largest load that explains an acceleration, as a share of the largest torque; the monitor's own share and
 this one together are less than the whole."""
+
+
+class Constants(NamedTuple):
+    """`crank`: with the monitors' own tracker. `change_m_s2`: the most by which the flight follows a reading.
+
+    `largest_load_n_m`: the largest load of the striker that explains an acceleration.
+    """
+
+    crank: crank.Constants
+    mass_kg: float
+    amplitude_m: float
+    change_m_s2: float
+    largest_load_n_m: float
 
 
 class OwnCrank(NamedTuple):
@@ -40,8 +54,24 @@ class OwnCrank(NamedTuple):
 INITIAL = OwnCrank(crank.INITIAL, 0.0)
 
 
+def derive(p: Parameters, limits: GateLimits) -> Constants:
+    """The constants of these parameters."""
+    torque_n_m = p.speed.torque_limit_n_m
+    tracker = crank.tracker_of(
+        BANDWIDTH_RAD_S, LARGEST_SHARE * torque_n_m / p.motor.inertia_kg_m2, limits.tick_s
+    )
+    spring_load_n_m = p.striker.spring_n_m * p.limit.stretch_m * p.drive.amplitude_m
+    return Constants(
+        crank=crank.derive(p)._replace(tracker=tracker),
+        mass_kg=p.striker.mass_kg,
+        amplitude_m=p.drive.amplitude_m,
+        change_m_s2=limits.flight_m_s3 * limits.tick_s,
+        largest_load_n_m=min(spring_load_n_m, LOAD_SHARE * torque_n_m),
+    )
+
+
 def step(
-    config: Config,
+    own: Constants,
     state: OwnCrank,
     felt: AccelerometerInput,
     turned: Turned,
@@ -52,11 +82,11 @@ def step(
     pull_m_s2 = state.pull_m_s2
     if felt.age_ticks == 0 and not touching:
         change_m_s2 = felt.low_m_s2 - pull_m_s2
-        pull_m_s2 += clamp(change_m_s2, config.d.gate.flight_m_s3 * config.tick_s)
+        pull_m_s2 += clamp(change_m_s2, own.change_m_s2)
     tracked = state.tracked
-    _, cosine = sine_cosine(tracked.angle_rad + 0.5 * config.tick_s * tracked.omega_rad_s)
-    load_n_m = config.p.striker.mass_kg * pull_m_s2 * config.p.drive.amplitude_m * cosine
+    _, cosine = sine_cosine(tracked.angle_rad + 0.5 * own.crank.tick_s * tracked.omega_rad_s)
+    load_n_m = own.mass_kg * pull_m_s2 * own.amplitude_m * cosine
     known_rad_s2 = crank.known_acceleration(
-        config, acting_n_m, tracked, clamp(load_n_m, config.d.largest_load_n_m)
+        own.crank, acting_n_m, tracked, clamp(load_n_m, own.largest_load_n_m)
     )
-    return OwnCrank(crank.step(config, config.d.own_tracker, tracked, turned, known_rad_s2), pull_m_s2)
+    return OwnCrank(crank.step(own.crank, tracked, turned, known_rad_s2), pull_m_s2)

@@ -12,7 +12,8 @@ INIT, so that all conditions of a start are checked again. Clearing never arms.
 from typing import NamedTuple
 
 from firmware_py.core.safety.monitors import Findings
-from firmware_py.interface.enums import LATCHED, MOVING, Fault, Mode, OperatorRequest
+from firmware_py.interface.enums import Fault, Mode, OperatorRequest
+from firmware_py.interface.modes import FAULTS, MODES
 from firmware_py.interface.zeroed import zeroed
 
 
@@ -58,7 +59,7 @@ def transition(  # noqa: PLR0911 - a table
     asks_proof = now.request == OperatorRequest.PROVE_WATCHDOG
     if now.estop:
         return Mode.E_STOP
-    if mode in LATCHED:
+    if MODES[mode.value].latched:
         return Mode.INIT if asks_clear and fault == Fault.NONE else mode
     if fault != Fault.NONE:
         return Mode.FAULT
@@ -81,38 +82,35 @@ def transition(  # noqa: PLR0911 - a table
     return Mode.SOFT_START if mode == Mode.SOFT_START and not now.captured else Mode.RUN
 
 
-def find_fault(  # noqa: PLR0911 - a table
+def counts(fault: Fault, mode: Mode) -> bool:
+    """Whether a finding is a fault in `mode`."""
+    return FAULTS[fault.value].modes >> mode.value & 1 == 1
+
+
+def find_fault(  # noqa: PLR0911 - a list in the order of priority
     mode: Mode, findings: Findings, start_failed: bool, proof_failed: bool
 ) -> Fault:
-    """The finding that is a fault in `mode`, or NONE.
+    """The first finding that is a fault in `mode`, or NONE; in FAULT and E_STOP the reason against clearing.
 
-    Damaged parameters are a fault from power-up on; only a power-up with valid parameters ends it. A stale
-    input is a fault only in motion; before, it keeps the firmware out of READY. Overspeed is a fault only in
-    motion, too: the swinging striker may drive a free crank faster. The test of the drive's watchdog counts
-    as motion. In FAULT and E_STOP the result is the reason against clearing; a drive's error is none, because
-    clearing resets it.
+    A limit counts only where no input is stale.
     """
-    moving = mode in MOVING or mode == Mode.PROOF
-    latched = mode in LATCHED
-    if findings.parameters_damaged:
+    if findings.parameters_damaged and counts(Fault.PARAMETERS_DAMAGED, mode):
         return Fault.PARAMETERS_DAMAGED
-    if mode == Mode.INIT:
-        return Fault.NONE
-    if (moving or latched) and findings.watchdog != Fault.NONE:
+    if counts(findings.watchdog, mode):
         return findings.watchdog
-    if moving and findings.operator_lost:
+    if findings.operator_lost and counts(Fault.OPERATOR_TIMEOUT, mode):
         return Fault.OPERATOR_TIMEOUT
-    if not latched and findings.drive != Fault.NONE:
+    if counts(findings.drive, mode):
         return findings.drive
-    if (moving or latched) and findings.overspeed:
+    if findings.overspeed and counts(Fault.OVERSPEED, mode):
         return Fault.OVERSPEED
-    if findings.watchdog == Fault.NONE and findings.limit != Fault.NONE:
+    if findings.watchdog == Fault.NONE and counts(findings.limit, mode):
         return findings.limit
-    if proof_failed and mode == Mode.PROOF:
+    if proof_failed and counts(Fault.DRIVE_WATCHDOG, mode):
         return Fault.DRIVE_WATCHDOG
-    if start_failed and mode == Mode.SOFT_START:
+    if start_failed and counts(Fault.START_FAILED, mode):
         return Fault.START_FAILED
-    if start_failed and mode == Mode.RUN:
+    if start_failed and counts(Fault.ATTRACTOR_LOST, mode):
         return Fault.ATTRACTOR_LOST
     return Fault.NONE
 
@@ -121,7 +119,7 @@ def latch_reason(
     state: SupervisorState, new_mode: Mode, fault: Fault, disarm_reason: int
 ) -> tuple[Fault, int]:
     """The latched fault and the drive's reason after this tick; NONE and 0 in other modes."""
-    if new_mode not in LATCHED:
+    if not MODES[new_mode.value].latched:
         return Fault.NONE, 0
     reason, reason_of_drive = state.fault, state.disarm_reason
     if new_mode == Mode.FAULT and state.mode != Mode.FAULT:

@@ -1,6 +1,6 @@
 """The test of the drive's command watchdog: the drive must disarm soon after its last frame.
 
-    step(config, state, mode, drive, axis_is_closed, axis_is_idle, omega_rad_s) -> state
+    step(own, state, mode, drive, axis_is_closed, axis_is_idle, omega_rad_s) -> state
 
 docs/safety.md rests on a watchdog that an ODrive ships disabled. The operator requests the test in READY,
 with the crank at rest. It has three stages in the mode PROOF, all at zero torque:
@@ -19,9 +19,11 @@ turns. A passed test counts until heartbeats are missing: a drive that restarts 
 from enum import IntEnum
 from typing import NamedTuple
 
-from firmware_py.core.config import Config
 from firmware_py.core.inputs import DriveInput
+from firmware_py.core.numbers import in_ticks
+from firmware_py.core.safety.gate_limits import GateLimits
 from firmware_py.interface.enums import AxisError, AxisState, Mode
+from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.zeroed import zeroed
 
 WATCHDOG_S = 0.050
@@ -34,6 +36,28 @@ STILL_RAD_S = 1.0
 """A faster crank ends the test: the drive gives torque, or the crank is turned from outside."""
 
 WATCHDOG_TIMER_EXPIRED = AxisError.WATCHDOG_TIMER_EXPIRED.value
+
+
+class Constants(NamedTuple):
+    """`is_required`: no start before the test has passed. `due_ticks`: the watchdog and two ticks.
+
+    `longest_ticks`: of the test. `silent_ticks`: how long the drive may be silent.
+    """
+
+    is_required: bool
+    due_ticks: int
+    longest_ticks: int
+    silent_ticks: int
+
+
+def derive(p: Parameters, limits: GateLimits) -> Constants:
+    """The constants of these parameters."""
+    return Constants(
+        is_required=p.watchdog.proof_required > 0,
+        due_ticks=in_ticks(WATCHDOG_S, limits.tick_s) + 2,
+        longest_ticks=in_ticks(LONGEST_S, limits.tick_s),
+        silent_ticks=limits.drive_ticks,
+    )
 
 
 class ProofStage(IntEnum):
@@ -66,9 +90,9 @@ class ProofState(NamedTuple):
 INITIAL = zeroed(ProofState, stage=REST, beat_ticks=-1)
 
 
-def may_start(config: Config, state: ProofState) -> bool:
+def may_start(own: Constants, state: ProofState) -> bool:
     """Whether the test has passed, or is not required."""
-    return state.passed or config.p.watchdog.proof_required == 0
+    return state.passed or not own.is_required
 
 
 def tolerates(state: ProofState, drive: DriveInput) -> bool:
@@ -76,9 +100,9 @@ def tolerates(state: ProofState, drive: DriveInput) -> bool:
     return state.stage in (WITHHOLD, CLEAR) and drive.axis_error == WATCHDOG_TIMER_EXPIRED
 
 
-def judge_heartbeat(config: Config, state: ProofState, drive: DriveInput) -> ProofState:
+def judge_heartbeat(own: Constants, state: ProofState, drive: DriveInput) -> ProofState:
     """The state after a tick of WITHHOLD, by the heartbeat of this tick."""
-    due_ticks = config.d.ticks.proof_due
+    due_ticks = own.due_ticks
     is_late = state.withheld_ticks > due_ticks + longest_delay_ticks(due_ticks - 1, state.interval_ticks)
     if drive.age_ticks == 0:
         is_disarmed = drive.axis_state == AxisState.IDLE and drive.axis_error == WATCHDOG_TIMER_EXPIRED
@@ -117,7 +141,7 @@ def wait_ticks(due_ticks: int, interval_ticks: int) -> int:
 
 
 def step(  # noqa: PLR0911 - stages, read top to bottom
-    config: Config,
+    own: Constants,
     state: ProofState,
     mode: Mode,
     drive: DriveInput,
@@ -130,7 +154,7 @@ def step(  # noqa: PLR0911 - stages, read top to bottom
     In PROOF, an axis in CLEAR that is idle and without an error has passed the test.
     """
     if mode != Mode.PROOF:
-        passed = state.passed and drive.age_ticks <= config.d.ticks.drive
+        passed = state.passed and drive.age_ticks <= own.silent_ticks
         return INITIAL._replace(passed=passed)
     if state.stage == REST:
         return INITIAL._replace(stage=CLOSE)
@@ -147,14 +171,14 @@ def step(  # noqa: PLR0911 - stages, read top to bottom
         passed=False,
     )
     turns = not abs(omega_rad_s) <= STILL_RAD_S
-    if turns or now.ticks > config.d.ticks.proof_longest:
+    if turns or now.ticks > own.longest_ticks:
         return now._replace(failed=True)
     if now.stage == CLOSE:
         # The first withheld tick is one tick after the last frame.
         if interval_ticks == 0 or not axis_is_closed:
             return now
-        begins = beat_ticks == wait_ticks(config.d.ticks.proof_due - 1, interval_ticks)
+        begins = beat_ticks == wait_ticks(own.due_ticks - 1, interval_ticks)
         return now._replace(stage=WITHHOLD, withheld_ticks=1) if begins else now
     if now.stage == WITHHOLD:
-        return judge_heartbeat(config, now, drive)
+        return judge_heartbeat(own, now, drive)
     return now._replace(passed=axis_is_idle and drive.axis_error == 0)

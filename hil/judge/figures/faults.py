@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from firmware_py.interface.enums import MOVING, Fault, Mode
+from firmware_py.interface.enums import Fault, Mode
+from firmware_py.interface.modes import MOVING
 from hil.judge import detection
 from hil.judge.figures.records import FaultFigures, LatchedFigures, SafeStateFigures, no_figures
 from hil.judge.hold import Window, capture

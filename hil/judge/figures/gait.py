@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from firmware_py.interface.enums import MOVING, Mode
+from firmware_py.interface.enums import Mode
+from firmware_py.interface.modes import MOVING
 from firmware_py.shell.parameters import config_from
 from hil.judge import detection
 from hil.judge.figures.records import GaitFigures, no_figures

@@ -15,7 +15,8 @@ import numpy as np
 
 from firmware_py.core.config import Config
 from firmware_py.core.control.start import LONGEST_SEARCH_S
-from firmware_py.core.safety.gate import AWAY_FACTOR, CLIPPED_SHARE, DRIVES_OWN, GAPS
+from firmware_py.core.safety.gate import AWAY_FACTOR, DRIVES_OWN, GAPS
+from firmware_py.core.safety.gate_limits import CLIPPED_SHARE
 from firmware_py.core.safety.liveness import READINGS
 from firmware_py.core.safety.monitors import RUNAWAY_RAD_S
 from firmware_py.interface.enums import AxisState, Fault, Mode
@@ -79,11 +80,11 @@ def expression(text: str, firmware: Records | None, config: Config) -> Expressio
         "clipped": CLIPPED_SHARE,
         "gaps": float(GAPS),
         "readings": float(READINGS),
-        "reads_housing": float(config.d.gate.reads_housing),
+        "reads_housing": float(config.gate.reads_housing),
         "search_s": LONGEST_SEARCH_S,
         "runaway_rad_s": RUNAWAY_RAD_S,
-        "implausible_rad_s2": config.d.implausible_rad_s2,
-        "stop_s": config.d.ticks.monitors.stop_failed * config.tick_s,
+        "implausible_rad_s2": config.monitors.implausible_rad_s2,
+        "stop_s": config.monitors.longest.stop_failed * config.tick_s,
     }
 
     def read(source: str, name: str) -> Any:

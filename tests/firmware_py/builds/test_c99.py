@@ -185,6 +185,12 @@ class Emitted(NativeNode):
         return False
 
 
+def test_two_types_of_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(header, "c_name", lambda kind: f"vibro_{kind.__name__.lower()[:3]}")
+    with pytest.raises(UntranslatableError, match=r"two types would be .* in C"):
+        Emitter("double", has_gait=True)
+
+
 def test_the_c_sends_the_bytes_of_the_python_source(monkeypatch: pytest.MonkeyPatch) -> None:
     """Among lost frames, missed periods and commands of XCP, with the algebra written out in both."""
     require_compiler("gcc")

@@ -10,9 +10,11 @@ from firmware_py.core.estimation import crank, estimator_state
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({"gait": {"follow": 1.0}})
+AT_REST = estimator_state.striker_of(estimator_state.INITIAL)
+NATURAL_RAD_S = CONFIG.nominal.natural_rad_s
 MASS_KG, DAMPING_N_S_M = 0.8, 0.2
 REST_M = CONFIG.p.striker.rest_length_m
-TURNING = crank.INITIAL._replace(omega_rad_s=1.2 * CONFIG.d.natural_rad_s)
+TURNING = crank.INITIAL._replace(omega_rad_s=1.2 * NATURAL_RAD_S)
 """As fast as in the impact regime: no target of a stop is faster."""
 
 
@@ -21,14 +23,14 @@ def stopped(x_m: float, v_m_s: float, angle_rad: float, most_s: float = 3.0) -> 
     state, rows = spin_down.INITIAL, []
     for _ in range(round(most_s / CONFIG.tick_s)):
         state = spin_down.step(
-            CONFIG,
+            CONFIG.spin_down,
             state,
             TURNING._replace(angle_rad=angle_rad),
-            estimator_state.INITIAL._replace(x_m=x_m, v_m_s=v_m_s),
+            AT_REST._replace(x_m=x_m, v_m_s=v_m_s),
         )
         angle_rad = (angle_rad + state.target_omega_rad_s * CONFIG.tick_s) % (2.0 * math.pi)
         pull = REST_M + CONFIG.p.drive.amplitude_m * math.sin(angle_rad) - x_m
-        v_m_s += (CONFIG.d.natural_rad_s**2 * pull - DAMPING_N_S_M / MASS_KG * v_m_s) * CONFIG.tick_s
+        v_m_s += (NATURAL_RAD_S**2 * pull - DAMPING_N_S_M / MASS_KG * v_m_s) * CONFIG.tick_s
         x_m += v_m_s * CONFIG.tick_s
         rows.append((x_m, state.swing_m, angle_rad, state.target_omega_rad_s, float(state.stage)))
     return rows
@@ -49,7 +51,7 @@ def test_braking_takes_as_much_as_the_piston_s_pull_can() -> None:
     reach_m = CONFIG.p.stop.position_m - REST_M + CONFIG.p.drive.amplitude_m
     braked = [row for row in rows if row[4] == SpinDownStage.BRAKE]
     assert braked[-1][1] == pytest.approx(CONFIG.p.spin_down.share * reach_m, abs=1e-3)
-    swings = len(braked) * CONFIG.tick_s * CONFIG.d.natural_rad_s / (2.0 * math.pi)
+    swings = len(braked) * CONFIG.tick_s * NATURAL_RAD_S / (2.0 * math.pi)
     assert swings < 1.0
 
 
@@ -62,21 +64,23 @@ def test_the_crank_comes_to_rest_at_its_backward_dead_centre() -> None:
 
 def test_braking_ends_whatever_the_striker_does() -> None:
     state = spin_down.INITIAL
-    far = estimator_state.INITIAL._replace(x_m=CONFIG.p.stop.position_m, v_m_s=2.0)
+    far = AT_REST._replace(x_m=CONFIG.p.stop.position_m, v_m_s=2.0)
     stages = []
-    for _ in range(round(1.1 * CONFIG.d.spin_down_s / CONFIG.tick_s)):
-        state = spin_down.step(CONFIG, state, crank.INITIAL, far)
+    for _ in range(round(1.1 * CONFIG.spin_down.longest_s / CONFIG.tick_s)):
+        state = spin_down.step(CONFIG.spin_down, state, crank.INITIAL, far)
         stages.append(state.stage)
     assert stages[0] == SpinDownStage.BRAKE
-    assert stages.index(SpinDownStage.PARK) * CONFIG.tick_s == pytest.approx(CONFIG.d.spin_down_s, abs=0.01)
+    assert stages.index(SpinDownStage.PARK) * CONFIG.tick_s == pytest.approx(
+        CONFIG.spin_down.longest_s, abs=0.01
+    )
     assert SpinDownStage.BRAKE not in stages[stages.index(SpinDownStage.PARK) :]
 
 
 def test_an_estimate_that_is_no_number_parks_the_crank() -> None:
-    lost = estimator_state.INITIAL._replace(x_m=math.nan, v_m_s=math.nan)
-    state = spin_down.step(CONFIG, spin_down.INITIAL, crank.INITIAL, lost)
+    lost = AT_REST._replace(x_m=math.nan, v_m_s=math.nan)
+    state = spin_down.step(CONFIG.spin_down, spin_down.INITIAL, crank.INITIAL, lost)
     assert state.stage == SpinDownStage.PARK
-    assert abs(state.target_omega_rad_s) <= CONFIG.d.natural_rad_s
+    assert abs(state.target_omega_rad_s) <= NATURAL_RAD_S
 
 
 def test_speeds_stay_below_the_limit() -> None:
@@ -84,14 +88,14 @@ def test_speeds_stay_below_the_limit() -> None:
         for v_m_s in (-1.0, 0.0, 1.0):
             for degree in range(0, 360, 10):
                 state = spin_down.step(
-                    CONFIG,
+                    CONFIG.spin_down,
                     spin_down.INITIAL,
                     TURNING._replace(angle_rad=math.radians(degree)),
-                    estimator_state.INITIAL._replace(x_m=x_m, v_m_s=v_m_s),
+                    AT_REST._replace(x_m=x_m, v_m_s=v_m_s),
                 )
-                assert -CONFIG.d.natural_rad_s <= state.target_omega_rad_s <= 1.2 * CONFIG.d.natural_rad_s
+                assert -NATURAL_RAD_S <= state.target_omega_rad_s <= 1.2 * NATURAL_RAD_S
 
 
 def test_only_where_a_gait_is_followed() -> None:
-    assert config_from({}).d.spin_down_s == 0.0
-    assert CONFIG.d.spin_down_s == 2.0
+    assert config_from({}).spin_down.longest_s == 0.0
+    assert CONFIG.spin_down.longest_s == 2.0

@@ -23,10 +23,9 @@ def follow(
     state, states = crank.INITIAL, []
     for position in position_rev:
         state = crank.step(
-            CONFIG,
-            CONFIG.d.tracker,
+            CONFIG.crank,
             state,
-            crank.read(CONFIG, EncoderInput(float(position), velocity_rev_s, 0, 1)),
+            crank.read(CONFIG.crank, EncoderInput(float(position), velocity_rev_s, 0, 1)),
             acceleration,
         )
         states.append(state)
@@ -65,10 +64,9 @@ def test_few_readings_are_followed_as_fast_as_many(every: int) -> None:
     for tick, position in enumerate(0.5 * 40.0 * t * t / TAU):
         age = tick % every
         state = crank.step(
-            CONFIG,
-            CONFIG.d.tracker,
+            CONFIG.crank,
             state,
-            crank.read(CONFIG, EncoderInput(float(position), 0.0, age, 1)),
+            crank.read(CONFIG.crank, EncoderInput(float(position), 0.0, age, 1)),
             0.0,
         )
     assert state.disturbance_rad_s2 == pytest.approx(40.0, rel=1e-3)
@@ -117,7 +115,7 @@ def follow_frames(dice: np.random.Generator, ticks: np.ndarray, arrivals: np.nda
             arrival, _, _ = accept(arrival, NOTHING_YET, ENCODER_ESTIMATES, ACCEPTED, word, now)
             place += 1
         encoder = EncoderInput(float(position_rev[arrival.word]), 0.0, age(tick, arrival), arrival.counter)
-        state = crank.step(CONFIG, CONFIG.d.tracker, state, crank.read(CONFIG, encoder), 0.0)
+        state = crank.step(CONFIG.crank, state, crank.read(CONFIG.crank, encoder), 0.0)
         errors.append(wrap_pi(state.angle_rad - OMEGA_RAD_S * 1e-3 * (at - 0.5)) / (OMEGA_RAD_S * 1e-3))
     return np.array(errors)
 
@@ -147,9 +145,7 @@ def test_clocks_that_drift_apart_do_not_carry_the_angle_away(drift: float, late_
 def test_gains_after_missed_readings_are_those_of_the_longer_interval() -> None:
     g, h, k = crank.critically_damped_gains(CONFIG.p.crank.bandwidth_rad_s, 3e-3)
     state = crank.INITIAL._replace(angle_rad=0.1, missed_ticks=2)
-    after = crank.step(
-        CONFIG, CONFIG.d.tracker, state, crank.read(CONFIG, EncoderInput(0.2 / TAU, 0.0, 0, 1)), 0.0
-    )
+    after = crank.step(CONFIG.crank, state, crank.read(CONFIG.crank, EncoderInput(0.2 / TAU, 0.0, 0, 1)), 0.0)
     e = 0.1
     assert after.angle_rad == pytest.approx(0.1 + g * e)
     assert after.omega_rad_s == pytest.approx(h * e / 3e-3)
@@ -168,9 +164,7 @@ def test_the_tracker_has_a_triple_pole() -> None:
 def test_what_is_no_position_is_a_missing_one(bad: float) -> None:
     turns = 12.0 * np.arange(500) * 1e-3 / TAU
     state = follow(turns)[-1]
-    missed = crank.step(
-        CONFIG, CONFIG.d.tracker, state, crank.read(CONFIG, EncoderInput(bad, 0.0, 0, 1)), 0.0
-    )
+    missed = crank.step(CONFIG.crank, state, crank.read(CONFIG.crank, EncoderInput(bad, 0.0, 0, 1)), 0.0)
     assert missed.missed_ticks == 1
     assert missed.omega_rad_s == pytest.approx(12.0, rel=1e-3)
     assert wrap_pi(missed.angle_rad - state.angle_rad) == pytest.approx(0.012, rel=1e-2)
@@ -179,24 +173,19 @@ def test_what_is_no_position_is_a_missing_one(bad: float) -> None:
 def test_gaps_are_bridged_and_counted() -> None:
     state = follow(12.0 * np.arange(500) * 1e-3 / TAU)[-1]
     for _ in range(10):
-        state = crank.step(
-            CONFIG, CONFIG.d.tracker, state, crank.read(CONFIG, EncoderInput(0.0, 0.0, 5, 1)), 0.0
-        )
+        state = crank.step(CONFIG.crank, state, crank.read(CONFIG.crank, EncoderInput(0.0, 0.0, 5, 1)), 0.0)
     assert state.missed_ticks == 10
 
 
 def test_nothing_is_known_before_the_first_reading() -> None:
     state = crank.step(
-        CONFIG,
-        CONFIG.d.tracker,
+        CONFIG.crank,
         crank.INITIAL,
-        crank.read(CONFIG, EncoderInput(0.3, 0.0, NEVER_TICKS, 1)),
+        crank.read(CONFIG.crank, EncoderInput(0.3, 0.0, NEVER_TICKS, 1)),
         0.0,
     )
     assert state == crank.INITIAL
-    first = crank.step(
-        CONFIG, CONFIG.d.tracker, state, crank.read(CONFIG, EncoderInput(0.25, 2.0, 0, 1)), 0.0
-    )
+    first = crank.step(CONFIG.crank, state, crank.read(CONFIG.crank, EncoderInput(0.25, 2.0, 0, 1)), 0.0)
     assert first.angle_rad == pytest.approx(math.pi / 2)
     assert first.omega_rad_s == pytest.approx(2.0 * TAU)
 
@@ -206,14 +195,14 @@ def test_losses_and_load_are_against_the_motion_and_the_acceleration_has_a_bound
     for omega_rad_s in (12.0, -12.0, 0.3, -0.3):
         lost_n_m = motor.viscous_n_m_s * omega_rad_s + math.copysign(motor.dry_n_m, omega_rad_s)
         turning = crank.INITIAL._replace(omega_rad_s=omega_rad_s)
-        found = crank.known_acceleration(CONFIG, 0.1, turning, -0.02)
+        found = crank.known_acceleration(CONFIG.crank, 0.1, turning, -0.02)
         assert found == pytest.approx((0.1 - lost_n_m + 0.02) / motor.inertia_kg_m2, rel=1e-9)
     most_rad_s2 = 2.0 * CONFIG.p.speed.torque_limit_n_m / motor.inertia_kg_m2
-    assert crank.known_acceleration(CONFIG, 9.0, turning, 0.0) == most_rad_s2
+    assert crank.known_acceleration(CONFIG.crank, 9.0, turning, 0.0) == most_rad_s2
 
 
 def test_a_standing_crank_is_not_estimated_to_move_by_less_than_its_dry_friction() -> None:
-    assert crank.known_acceleration(CONFIG, 0.004, crank.INITIAL, 0.1) == 0.0
+    assert crank.known_acceleration(CONFIG.crank, 0.004, crank.INITIAL, 0.1) == 0.0
     breaking_away_n_m = 2.1 * CONFIG.p.motor.dry_n_m
-    found = crank.known_acceleration(CONFIG, breaking_away_n_m, crank.INITIAL, 0.0)
+    found = crank.known_acceleration(CONFIG.crank, breaking_away_n_m, crank.INITIAL, 0.0)
     assert found == pytest.approx(breaking_away_n_m / CONFIG.p.motor.inertia_kg_m2)

@@ -25,7 +25,7 @@ def coming(excess_m_s2: float, base: Prediction = COMING, **place: float) -> Pre
 def run(excesses: list[float], base: Prediction = COMING, **place: float) -> list[Contact]:
     state, found = detector.INITIAL, []
     for excess in excesses:
-        state, contact = detector.step(CONFIG, state, coming(excess, base, **place))
+        state, contact = detector.step(CONFIG.detector, state, coming(excess, base, **place))
         found.append(contact)
     return found
 
@@ -33,7 +33,7 @@ def run(excesses: list[float], base: Prediction = COMING, **place: float) -> lis
 def phase_after(excesses: list[float]) -> ContactPhase:
     state = detector.INITIAL
     for excess in excesses:
-        state, _ = detector.step(CONFIG, state, coming(excess))
+        state, _ = detector.step(CONFIG.detector, state, coming(excess))
     return state.phase
 
 
@@ -67,12 +67,12 @@ def test_noise_far_from_the_stop_is_no_impact_once_it_is_known() -> None:
         z, before, second = readings_m_s2[[k, k - 1, k - 2]]
         sensor = COMING.sensor._replace(acceleration_m_s2=z, before_m_s2=before, second_m_s2=second)
         noisy = coming(float(-z), COMING._replace(sensor=sensor), x_m=0.10)
-        state, contact = detector.step(CONFIG, state, noisy)
+        state, contact = detector.step(CONFIG.detector, state, noisy)
         found.append(contact.touch_down)
     assert sum(found[200:]) == 0
     assert state.roughness_m_s2 == pytest.approx(np.sqrt(12.0 / np.pi) * 3.0, rel=0.2)
     missing = COMING._replace(sensor=sensor._replace(missed_ticks=1))
-    assert detector.follow_roughness(state, missing) == state.roughness_m_s2
+    assert detector.follow_roughness(CONFIG.detector, state, missing) == state.roughness_m_s2
 
 
 def test_a_lost_estimate_does_not_hide_a_impact() -> None:
@@ -83,11 +83,11 @@ def test_a_lost_estimate_does_not_hide_a_impact() -> None:
 def test_the_age_of_a_hertz_contact_is_found_between_ticks(speed: float) -> None:
     errors = []
     for age in np.linspace(0.3e-3, 1.2e-3, 10):
-        excess = CONFIG.d.contact_growth * (speed * age) ** 1.5
+        excess = CONFIG.nominal.contact_growth * (speed * age) ** 1.5
         if excess > CONFIG.p.detector.floor_m_s2:
-            slowed = speed - excess * (0.5 * CONFIG.tick_s + CONFIG.d.sensor_delay_s)
+            slowed = speed - excess * (0.5 * CONFIG.tick_s + CONFIG.nominal.sensor_delay_s)
             contact = run([excess], v_m_s=slowed)[0]
-            errors.append(contact.age_s - CONFIG.d.sensor_delay_s - age)
+            errors.append(contact.age_s - CONFIG.nominal.sensor_delay_s - age)
             assert contact.approach_speed_m_s == pytest.approx(speed, abs=0.03)
     assert errors
     assert np.abs(errors).max() < 1e-4
@@ -100,7 +100,7 @@ def contact_run(
     for excess, speed in zip(excesses, speeds, strict=True):
         sensor = COMING.sensor._replace(clipped=clipped and excess > 100.0)
         predicted = coming(excess, COMING._replace(sensor=sensor), v_m_s=speed)
-        state, contact = detector.step(CONFIG, state, predicted)
+        state, contact = detector.step(CONFIG.detector, state, predicted)
         found.append(contact)
     return found, state
 
@@ -146,25 +146,27 @@ def test_after_a_separation_the_detector_is_blind_for_its_refractory_time() -> N
     excesses = [10.0, 300.0, 0.0] + [50.0] * 10
     found, state = contact_run(excesses, [0.9, 0.2, -0.45] + [0.3] * 10)
     again = [k for k, c in enumerate(found) if c.touch_down]
-    assert again == [0, 3 + CONFIG.d.ticks.refractory - 1]
+    assert again == [0, 3 + CONFIG.detector.refractory_ticks - 1]
     assert state.impacts == 2
 
 
 def test_a_contact_without_readings_ends_after_its_nominal_time() -> None:
-    state, contact = detector.step(CONFIG, detector.INITIAL, coming(50.0))
+    state, contact = detector.step(CONFIG.detector, detector.INITIAL, coming(50.0))
     silent = COMING._replace(sensor=COMING.sensor._replace(missed_ticks=1))
     ticks = 0
     while not contact.separation:
-        state, contact = detector.step(CONFIG, state, silent)
+        state, contact = detector.step(CONFIG.detector, state, silent)
         ticks += 1
         assert ticks < 100
-    assert ticks == CONFIG.d.ticks.newton_contact
+    assert ticks == CONFIG.nominal.contact_ticks
     assert not contact.measured
 
 
 def test_no_contact_lasts_for_ever() -> None:
+    longest_ticks = CONFIG.detector.longest_contact_ticks
     found, state = contact_run(
-        [50.0] * (CONFIG.d.ticks.longest_contact + 1), [0.5] * (CONFIG.d.ticks.longest_contact + 1)
+        [50.0] * (longest_ticks + 1),
+        [0.5] * (longest_ticks + 1),
     )
     assert found[-1].separation
     assert state.phase == ContactPhase.FREE
@@ -183,7 +185,7 @@ def test_a_lost_reading_does_not_hide_an_impact_that_the_estimate_missed(lost: i
     for place, (excess, speed) in enumerate(zip([*excesses, 0.0], [*speeds, -0.45], strict=True)):
         sensor = COMING.sensor._replace(missed_ticks=1 if place == lost else 0)
         state, contact = detector.step(
-            CONFIG, state, coming(float(excess), COMING._replace(sensor=sensor), v_m_s=float(speed))
+            CONFIG.detector, state, coming(float(excess), COMING._replace(sensor=sensor), v_m_s=float(speed))
         )
     assert (contact.separation, contact.measured) == (True, False)
     integral_n_s = CONFIG.p.striker.mass_kg * CONFIG.tick_s * (sum(excesses) - excesses[lost])

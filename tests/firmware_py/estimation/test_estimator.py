@@ -40,8 +40,8 @@ def tick(
 ) -> EstimatorState:
     sample = AccelerometerInput(reading, reading if high is None else high, housing, age)
     crank_now = crank.INITIAL._replace(angle_rad=angle_rad)
-    predicted = estimator.propagate(config, state, sample, phase, crank_now)
-    return estimator.correct(config, state, predicted, contact, measured, crank_now)
+    predicted = estimator.propagate(config.estimator, state, sample, phase, crank_now)
+    return estimator.correct(config.estimator, state, predicted, contact, measured, crank_now)
 
 
 def rested(config: Config, ticks: int, reading: float = 0.0) -> EstimatorState:
@@ -120,13 +120,17 @@ def test_a_housing_at_its_rail_is_no_reading(rail_m_s2: float) -> None:
     """Where the housing's acceleration is not known, neither is the striker's against it."""
     config = config_from({})
     state = rested(config, 5)
-    clipped = accelerometer.sense(config, state.sensor, AccelerometerInput(0.0, 0.0, rail_m_s2, 0))
+    clipped = accelerometer.sense(
+        config.estimator.sensing, state.sensor, AccelerometerInput(0.0, 0.0, rail_m_s2, 0)
+    )
     assert clipped.missed_ticks == 1
     assert clipped.housing_m_s2 == state.sensor.housing_m_s2
     assert clipped.housing_offset_m_s2 == state.sensor.housing_offset_m_s2
-    near = accelerometer.sense(config, state.sensor, AccelerometerInput(0.0, 0.0, 0.9 * rail_m_s2, 0))
+    near = accelerometer.sense(
+        config.estimator.sensing, state.sensor, AccelerometerInput(0.0, 0.0, 0.9 * rail_m_s2, 0)
+    )
     assert near.missed_ticks == 0
-    ignored = config_from({"sensor.housing_weight": 0.0})
+    ignored = config_from({"sensor.housing_weight": 0.0}).estimator.sensing
     unused = accelerometer.sense(ignored, state.sensor, AccelerometerInput(0.0, 0.0, rail_m_s2, 0))
     assert unused.missed_ticks == 0
 
@@ -162,9 +166,9 @@ def test_a_touch_down_that_the_estimate_excludes_leaves_open_which_of_the_two_is
     left = tick(config, torn, -50.0, contact=separation)
     x_m, v_m_s = true_m, -0.45
     for _ in range(10):
-        a_m_s2 = striker_model.model_acceleration(config, 0.0, x_m, v_m_s)
+        a_m_s2 = striker_model.model_acceleration(config.nominal, 0.0, x_m, v_m_s)
         x_m, v_m_s = x_m + 1e-3 * v_m_s, v_m_s + 1e-3 * a_m_s2
-        left = tick(config, left, striker_model.model_acceleration(config, 0.0, x_m, v_m_s))
+        left = tick(config, left, striker_model.model_acceleration(config.nominal, 0.0, x_m, v_m_s))
     assert left.x_m == pytest.approx(x_m, abs=3e-3)
 
 
@@ -175,15 +179,15 @@ def test_newtons_law_stands_in_for_a_clipped_contact_and_its_covariance_is_the_s
     monkeypatch.setattr(newton, "SEPARATION_JITTER_S", 0.0)
     p = Covariance(1e-8, 2e-9, 0.0, 1e-6, 0.0, 1e-4)
     before = StateEstimate(0.18, 0.9, 0.2, p)
-    after = newton.apply_newton(config, 0.25, before, 0.4, 0.0)
+    after = newton.apply_newton(config.nominal, config.p.estimator, 0.25, before, 0.4, 0.0)
     assert after.x_m == pytest.approx(0.18)
     assert after.v_m_s == pytest.approx(-0.45)
     assert after.bias_m_s2 == 0.25
 
     def through(x: float, v: float) -> tuple[float, float]:
         """Where a neighbour that starts at t = 0 is at t = 0: it meets the stop earlier or later."""
-        a0 = striker_model.model_acceleration(config, 0.4, 0.18, 0.9)
-        a1 = striker_model.model_acceleration(config, 0.4, 0.18, -0.45)
+        a0 = striker_model.model_acceleration(config.nominal, 0.4, 0.18, 0.9)
+        a1 = striker_model.model_acceleration(config.nominal, 0.4, 0.18, -0.45)
         t = (0.18 - x) / v
         v_hit = v + a0 * t
         v_out = -0.5 * v_hit - a1 * t
@@ -318,15 +322,15 @@ def test_how_far_the_model_is_off_is_learnt_within_its_bounds() -> None:
     p = config.p.estimator
     learnt = p.initial_model_std_m_s2**2
     for _ in range(10_000):
-        learnt = estimator.learn_variance(config, learnt, 0.0, 0.0)
+        learnt = estimator.learn_variance(config.estimator, learnt, 0.0, 0.0)
     assert learnt == p.model_std_m_s2**2
     for k in range(20_000):
-        learnt = estimator.learn_variance(config, learnt, 0.2 if k % 2 else -0.2, 0.0)
+        learnt = estimator.learn_variance(config.estimator, learnt, 0.2 if k % 2 else -0.2, 0.0)
     assert learnt == pytest.approx(0.04, rel=1e-3)
     for _ in range(20_000):
-        learnt = estimator.learn_variance(config, learnt, 1e6, 0.0)
+        learnt = estimator.learn_variance(config.estimator, learnt, 1e6, 0.0)
     assert learnt == p.largest_model_std_m_s2**2
-    assert estimator.learn_variance(config, 0.01, math.nan, 0.0) <= p.largest_model_std_m_s2**2
+    assert estimator.learn_variance(config.estimator, 0.01, math.nan, 0.0) <= p.largest_model_std_m_s2**2
 
 
 def test_a_push_is_none_of_the_models_business_unless_it_lasts() -> None:
@@ -340,10 +344,21 @@ def test_a_push_is_none_of_the_models_business_unless_it_lasts() -> None:
         carried=True,
     )
     pushed = usual._replace(innovation_m_s2=-50.0)
-    assert estimator.count_gated_ticks(config, 7, usual) == 0
-    assert estimator.count_gated_ticks(config, 7, pushed) == 8
-    assert estimator.count_gated_ticks(config, NEVER_TICKS, pushed) == NEVER_TICKS
+    assert estimator.count_gated_ticks(config.estimator, 7, usual) == 0
+    assert estimator.count_gated_ticks(config.estimator, 7, pushed) == 8
+    assert estimator.count_gated_ticks(config.estimator, NEVER_TICKS, pushed) == NEVER_TICKS
     missing = usual._replace(sensor=usual.sensor._replace(missed_ticks=1))  # without a reading no innovation
-    assert estimator.count_gated_ticks(config, 7, missing) == 8
-    assert estimator.count_gated_ticks(config, 0, missing) == 0
-    assert estimator.count_gated_ticks(config, NEVER_TICKS, missing) == NEVER_TICKS
+    assert estimator.count_gated_ticks(config.estimator, 7, missing) == 8
+    assert estimator.count_gated_ticks(config.estimator, 0, missing) == 0
+    assert estimator.count_gated_ticks(config.estimator, NEVER_TICKS, missing) == NEVER_TICKS
+
+
+@pytest.mark.parametrize("tick_s", [0.00025, 0.0005, 0.004])
+def test_noise_is_one_of_time_not_of_ticks(tick_s: float) -> None:
+    """At another control period the same variance accumulates in a second."""
+    usual, other = (config_from({"control.tick_s": one}).estimator for one in (0.001, tick_s))
+    for name in ("flight_noise", "contact_noise", "gap_noise"):
+        one, another = getattr(usual, name), getattr(other, name)
+        assert another.vv / tick_s == pytest.approx(one.vv / 0.001)
+        assert another.bb / tick_s == pytest.approx(one.bb / 0.001)
+    assert usual.flight_noise.vv == 3e-05 * 3e-05

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from firmware_py.core.config import Row, Transition
 from firmware_py.core.estimation import kalman
-from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, Push, StateEstimate
+from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, Push, Row, StateEstimate, Transition
 
 SHIPPED = (kalman.predict, kalman.update)
 WRITTEN_OUT = (kalman.predict_written_out, kalman.update_written_out)

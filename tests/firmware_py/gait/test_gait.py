@@ -21,7 +21,7 @@ STANDING = (0.0, True, True)
 def fed(state: CycleState, rate_rad_s: float, heel: bool, toe: bool) -> CycleState:
     """One frame's five ticks."""
     for age in range(TICKS):
-        state = gait.step(CONFIG, state, GaitInput(rate_rad_s, heel, toe, age))
+        state = gait.step(CONFIG.gait, state, GaitInput(rate_rad_s, heel, toe, age))
     return state
 
 
@@ -31,10 +31,10 @@ def followed(walked: Walk, state: CycleState = gait.INITIAL) -> list[CycleState]
     for rate, heel, toe in zip(
         walked.rate_rad_s.tolist(), walked.heel.tolist(), walked.toe.tolist(), strict=True
     ):
-        state = gait.step(CONFIG, state, GaitInput(rate, heel, toe, 0))
+        state = gait.step(CONFIG.gait, state, GaitInput(rate, heel, toe, 0))
         seen.append(state)
         for age in range(1, TICKS):
-            state = gait.step(CONFIG, state, GaitInput(rate, heel, toe, age))
+            state = gait.step(CONFIG.gait, state, GaitInput(rate, heel, toe, age))
     return seen
 
 
@@ -110,11 +110,11 @@ def test_who_stops_is_not_trusted_within_a_third_of_a_second_and_stands_after_a_
 
 def test_frames_that_stop_coming_end_all_trust() -> None:
     state = followed(walk(np.random.default_rng(1), count=12))[-1]
-    for age in range(5, CONFIG.d.ticks.gait + 1):
-        state = gait.step(CONFIG, state, GaitInput(0.5, True, True, age))
+    for age in range(5, CONFIG.gait.silent_ticks + 1):
+        state = gait.step(CONFIG.gait, state, GaitInput(0.5, True, True, age))
     assert state.confidence > 0.25
-    for age in range(CONFIG.d.ticks.gait + 1, CONFIG.d.ticks.gait + 3):
-        state = gait.step(CONFIG, state, GaitInput(0.5, True, True, age))
+    for age in range(CONFIG.gait.silent_ticks + 1, CONFIG.gait.silent_ticks + 3):
+        state = gait.step(CONFIG.gait, state, GaitInput(0.5, True, True, age))
     assert state.confidence == 0.0
 
 
@@ -178,6 +178,6 @@ def test_a_stride_unlike_all_others_begins_anew() -> None:
 def test_time_that_is_never_fed_stays_bounded() -> None:
     state = gait.INITIAL
     for _ in range(100):  # it begins at the bound
-        state = gait.step(CONFIG, state, GaitInput(0.0, True, True, NEVER_TICKS))
+        state = gait.step(CONFIG.gait, state, GaitInput(0.0, True, True, NEVER_TICKS))
     assert state.stride.since_s == state.stride.since_seen_s == gait.LONGEST_S
     assert state.doing == GaitState.STANDING

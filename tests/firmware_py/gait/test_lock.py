@@ -18,7 +18,8 @@ from firmware_py.shell.parameters import config_from
 
 FOLLOW = {"gait.follow": 1}
 CONFIG = config_from(FOLLOW)
-NATURAL_HZ = CONFIG.d.natural_rad_s / (2.0 * math.pi)
+NATURAL_RAD_S = CONFIG.nominal.natural_rad_s
+NATURAL_HZ = NATURAL_RAD_S / (2.0 * math.pi)
 HOLDING = Moment(
     moving=True,
     holding=True,
@@ -42,14 +43,14 @@ def cycle(stride_s: float, phase: float = 0.5, confidence: float = 0.9) -> gait.
 
 def stepped(state: LockState, seen: gait.CycleState, angle_rad: float = 0.0, ticks: int = 1) -> LockState:
     for _ in range(ticks):
-        state = gait_lock.step(CONFIG, state, seen, HOLDING._replace(angle_rad=angle_rad), 0.0)
+        state = gait_lock.step(CONFIG.gait, state, seen, HOLDING._replace(angle_rad=angle_rad), 0.0)
     return state
 
 
 def test_the_turns_that_are_nearest_to_the_centre_are_taken() -> None:
     few = [stride_for(ratio, harmonic) for ratio in (0.99, 1.12, 1.29) for harmonic in (1, 2)]
     for stride_s in [*few, *np.linspace(3.0, 9.0, 50)]:
-        harmonic = gait_lock.choose_turns(CONFIG, float(stride_s), 0, 0.0)
+        harmonic = gait_lock.choose_turns(CONFIG.gait, float(stride_s), 0, 0.0)
         ratio = harmonic / (stride_s * NATURAL_HZ)
         others = [other / (stride_s * NATURAL_HZ) for other in range(1, 20)]
         assert abs(ratio - CONFIG.p.gait.centre_ratio) == pytest.approx(
@@ -58,21 +59,21 @@ def test_the_turns_that_are_nearest_to_the_centre_are_taken() -> None:
 
 
 def test_where_no_whole_number_of_turns_lies_in_the_region_there_is_none() -> None:
-    assert gait_lock.choose_turns(CONFIG, stride_for(0.90, 1), 0, 0.0) == 0
-    assert gait_lock.choose_turns(CONFIG, stride_for(0.90, 2), 0, 0.0) == 0
-    assert gait_lock.choose_turns(CONFIG, 100.0, 0, 0.0) == 0
-    assert gait_lock.find_refusal(CONFIG, cycle(1.0), 0) == Refusal.NO_HARMONIC
+    assert gait_lock.choose_turns(CONFIG.gait, stride_for(0.90, 1), 0, 0.0) == 0
+    assert gait_lock.choose_turns(CONFIG.gait, stride_for(0.90, 2), 0, 0.0) == 0
+    assert gait_lock.choose_turns(CONFIG.gait, 100.0, 0, 0.0) == 0
+    assert gait_lock.find_refusal(CONFIG.gait, cycle(1.0), 0) == Refusal.NO_HARMONIC
 
 
 def test_turns_once_taken_are_kept_until_others_are_clearly_better() -> None:
     """Five and six are equally near where r changes from a sixth to a fifth about the centre."""
     even = 2.0 * CONFIG.p.gait.centre_ratio / (5.0 + 6.0)
     up = [
-        gait_lock.choose_turns(CONFIG, 1.0 / (one * NATURAL_HZ), 6, 0.0)
+        gait_lock.choose_turns(CONFIG.gait, 1.0 / (one * NATURAL_HZ), 6, 0.0)
         for one in (even, even * 1.02, even * 1.04)
     ]
     down = [
-        gait_lock.choose_turns(CONFIG, 1.0 / (one * NATURAL_HZ), 5, 0.0)
+        gait_lock.choose_turns(CONFIG.gait, 1.0 / (one * NATURAL_HZ), 5, 0.0)
         for one in (even, even * 0.98, even * 0.96)
     ]
     assert up == [6, 6, 5]
@@ -80,9 +81,9 @@ def test_turns_once_taken_are_kept_until_others_are_clearly_better() -> None:
 
 
 def test_turns_once_taken_may_leave_the_region_a_little() -> None:
-    assert gait_lock.choose_turns(CONFIG, stride_for(0.97, 2), 0, 0.0) == 0
-    assert gait_lock.choose_turns(CONFIG, stride_for(0.95, 2), 2, 0.0) == 2
-    assert gait_lock.choose_turns(CONFIG, stride_for(0.93, 2), 2, 0.0) == 0
+    assert gait_lock.choose_turns(CONFIG.gait, stride_for(0.97, 2), 0, 0.0) == 0
+    assert gait_lock.choose_turns(CONFIG.gait, stride_for(0.95, 2), 2, 0.0) == 2
+    assert gait_lock.choose_turns(CONFIG.gait, stride_for(0.93, 2), 2, 0.0) == 0
 
 
 def test_nothing_is_followed_that_is_not_trusted() -> None:
@@ -103,17 +104,17 @@ def test_a_crank_that_lags_is_led_forward_and_one_ahead_back() -> None:
     start = gait_lock.INITIAL._replace(base_ratio=1.1)
     behind, ahead = (stepped(start, seen, angle, 1000) for angle in (1.4, 1.74))
     assert behind.error_rad == pytest.approx(0.5 * math.pi - 1.4)
-    assert behind.trim == pytest.approx(CONFIG.p.gait.gain_1_s * behind.error_rad / CONFIG.d.natural_rad_s)
-    assert ahead.trim == pytest.approx(CONFIG.p.gait.gain_1_s * ahead.error_rad / CONFIG.d.natural_rad_s)
+    assert behind.trim == pytest.approx(CONFIG.p.gait.gain_1_s * behind.error_rad / NATURAL_RAD_S)
+    assert ahead.trim == pytest.approx(CONFIG.p.gait.gain_1_s * ahead.error_rad / NATURAL_RAD_S)
     assert behind.trim > 0.0 > ahead.trim
 
 
 def test_other_turns_are_taken_so_far_before_the_window_as_the_change_of_speed_costs() -> None:
     before, after = stride_for(1.12, 2), stride_for(1.12, 3)
-    share = gait_lock.turning_share(CONFIG, after)
+    share = gait_lock.turning_share(CONFIG.gait, after)
     # From two turns to three: the crank is late by ω Δr²/2ρ, which a leap of 2π in θ* by cycle stands for.
     step = 1.12 / 3.0
-    lost_rad = CONFIG.d.natural_rad_s * step**2 / (2.0 * CONFIG.p.gait.rate_1_s)
+    lost_rad = NATURAL_RAD_S * step**2 / (2.0 * CONFIG.p.gait.rate_1_s)
     assert 2.0 * math.pi * share == pytest.approx(lost_rad)
     change_at = 0.525 - share
     state = stepped(gait_lock.INITIAL, cycle(before, phase=change_at + 0.1))
@@ -128,7 +129,7 @@ def test_pulses_are_counted_in_and_out_of_the_window() -> None:
     def counted(phase: float, age_s: float) -> tuple[int, int]:
         touched = HOLDING._replace(touch_down=True, since_touch_down_s=age_s)
         walking = cycle(stride_for(1.1, 2), phase)
-        state = gait_lock.step(CONFIG, gait_lock.INITIAL, walking, touched, 0.0)
+        state = gait_lock.step(CONFIG.gait, gait_lock.INITIAL, walking, touched, 0.0)
         return state.in_window, state.outside
 
     assert counted(0.5, 0.0) == (1, 0)

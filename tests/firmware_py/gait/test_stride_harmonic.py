@@ -16,7 +16,7 @@ CONFIG = config_from(
     {"gait.follow": 1, "gait.lowest_ratio": 0.98, "gait.centre_ratio": 1.14, "hold.impulse_slope_n_s": 2.0}
 )
 TURN_ENDED = NO_REGIME._replace(ended=True, last=Period(1, 0.6, 0.5, 30.0))
-STRIDE_S = 20.0 * math.pi / CONFIG.d.natural_rad_s
+STRIDE_S = 20.0 * math.pi / CONFIG.nominal.natural_rad_s
 """A tenth of r for each turn a stride: ten of them are r = 1."""
 
 Impact = Callable[[float], float]
@@ -46,14 +46,14 @@ def turn(
         since_touch_down_s=0.0,
         impact_n_s=impact_n_s,
     )
-    return stride_harmonic.step(CONFIG, state, lock, now, target_n_s)
+    return stride_harmonic.step(CONFIG.gait, state, lock, now, target_n_s)
 
 
 def followed(impact: Impact, target_n_s: float, turns: int) -> tuple[StrideHarmonicState, list[int]]:
     """What comes of `turns` of the crank, each with one impact; and all turns a stride that were taken."""
     state, taken = stride_harmonic.INITIAL, [11]
     for _ in range(turns):
-        harmonic = gait_lock.choose_turns(CONFIG, STRIDE_S, taken[-1], state.aim_ratio)
+        harmonic = gait_lock.choose_turns(CONFIG.gait, STRIDE_S, taken[-1], state.aim_ratio)
         if harmonic != taken[-1]:
             taken.append(harmonic)
         state = turn(state, harmonic, target_n_s, impact(0.1 * harmonic))
@@ -62,7 +62,7 @@ def followed(impact: Impact, target_n_s: float, turns: int) -> tuple[StrideHarmo
 
 def test_a_stride_is_a_tenth_of_the_ratio_for_each_turn() -> None:
     for aim_ratio, harmonic in ((1.04, 10), (1.06, 11), (1.16, 12), (1.3, 13)):
-        assert gait_lock.choose_turns(CONFIG, STRIDE_S, 0, aim_ratio) == harmonic
+        assert gait_lock.choose_turns(CONFIG.gait, STRIDE_S, 0, aim_ratio) == harmonic
 
 
 def test_without_a_request_the_centre_counts() -> None:

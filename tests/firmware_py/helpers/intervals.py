@@ -7,19 +7,18 @@ import ast
 import functools
 import inspect
 import math
+import sys
 from collections.abc import Iterator, Sequence
 from types import FunctionType
 from typing import Any, NamedTuple, get_type_hints
 
 from firmware_py.builds.c99.scopes import count_assignments
 from firmware_py.builds.c99.shape import source
-from firmware_py.core import configure
 from firmware_py.core.config import Config
 from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.parameter_table import INDEX, TABLE
 
 TABLES = {kind: table for table, kind in get_type_hints(Parameters).items()}
-DERIVED = (configure.derive_gate_limits, configure.derive_module_constants, configure.derive_tuning_constants)
 
 
 class Interval(NamedTuple):
@@ -230,14 +229,9 @@ class Prover:
         if kind in TABLES:
             entry = TABLE[INDEX[f"{TABLES[kind]}.{node.attr}"]]
             return Interval(entry.low, entry.high)
-        if kind is Config and node.attr == "tick_s":
-            entry = TABLE[INDEX["control.tick_s"]]
-            return Interval(entry.low, entry.high)
-        if kind is not None and kind.__name__ in ("Derived", "GateLimits"):
-            for derive in DERIVED:
-                for one in ast.walk(source(derive)):
-                    if isinstance(one, ast.keyword) and one.arg == node.attr:
-                        return self.interval(derive, one.value)
+        if kind is not None and kind.__name__ in ("Config", "Constants", "Nominal", "GateLimits"):
+            derive, value = derived(kind, node.attr)
+            return self.interval(derive, value) if value else ANY
         base = vars(inspect.getmodule(function)).get(ast.unparse(node.value))
         value = getattr(base, node.attr, None) if inspect.ismodule(base) else None
         return Interval(value, value) if isinstance(value, (int, float)) else ANY
@@ -254,6 +248,18 @@ class Prover:
                 else get_type_hints(function).get(node.id)
             )
         return None
+
+
+def derived(kind: Any, name: str) -> tuple[FunctionType, ast.expr | None]:
+    """The function that derives a block's constants, and the expression of one of them."""
+    module = sys.modules[kind.__module__]
+    derive: FunctionType = module.config_of if kind is Config else module.derive  # type: ignore[attr-defined]
+    for one in (one for one in ast.walk(source(derive)) if isinstance(one, ast.Call)):
+        if ast.unparse(one.func) in (kind.__name__, "zeroed"):
+            given = dict(zip(kind._fields, one.args, strict=False))
+            given |= {keyword.arg: keyword.value for keyword in one.keywords}
+            return derive, given.get(name)
+    return derive, None
 
 
 MIRRORED: dict[Any, Any] = {

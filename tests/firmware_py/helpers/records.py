@@ -41,7 +41,7 @@ def run_step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outpu
             accelerometer.housing_m_s2,
             (gate_now.counter + 1) % gate.COUNTER_MODULUS,
         )
-        gate_now = gate.take_reading(config.d.gate, gate_now, reading)
+        gate_now = gate.take_reading(config.gate, gate_now, reading)
     return step(config, state._replace(gate=gate_now), inputs, True)
 
 

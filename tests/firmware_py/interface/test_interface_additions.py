@@ -1,6 +1,6 @@
-"""A parameter, a fault and an event frame take at most three files each, shown by diffs on a copy.
+"""A parameter, a fault with its own reaction, an event frame and a mode take at most three files each.
 
-The diffs are those of the folder `additions`, by name; `generate.py` makes the rest.
+Diffs on a copy show it: those of the folder `additions`, by name; `generate.py` makes the rest.
 """
 
 from pathlib import Path
@@ -15,23 +15,25 @@ from firmware_py.core.estimation import crank, estimator_state
 from firmware_py.shell.parameters import config_from
 
 def feedforward(parameters):
-    rest = speed.INITIAL, crank.INITIAL, estimator_state.INITIAL
-    return speed.step(config_from(parameters), *rest, 1.0, 0.0).feedforward_n_m
+    rest = speed.INITIAL, crank.INITIAL, estimator_state.striker_of(estimator_state.INITIAL)
+    return speed.step(config_from(parameters).speed, *rest, 1.0, 0.0).feedforward_n_m
 
 assert abs(feedforward({"belt.torque_n_m": 0.1}) - feedforward({}) - 0.1) < 1e-12
 """,
     "fault": """
 from firmware_py.core.estimation import crank, estimator_state
-from firmware_py.core.safety import monitors
-from firmware_py.interface import codec
-from firmware_py.interface.enums import Fault
+from firmware_py.core.safety import drive_link, monitors, supervisor, watchdog_proof
+from firmware_py.interface import codec, modes
+from firmware_py.interface.enums import Fault, Mode
 from firmware_py.interface.generated.records import FaultEvent
 from firmware_py.shell.parameters import config_from
 
-biased = estimator_state.INITIAL._replace(bias_m_s2=6.0)
-fault = monitors.find_watchdog_fault(config_from({}), crank.INITIAL, biased)
-assert fault == Fault.BIASED
+hurled = estimator_state.striker_of(estimator_state.INITIAL)._replace(v_m_s=6.0)
+fault = monitors.find_watchdog_fault(config_from({}).monitors, crank.INITIAL, hurled)
+assert fault == Fault.HURLED
 assert codec.decode(codec.encode(FaultEvent(0, fault.value, 0))).fault == 25
+latched = supervisor.INITIAL._replace(mode=Mode.FAULT, fault=fault)
+assert drive_link.find_request(latched, watchdog_proof.REST) == modes.STOP
 """,
     "event": """
 from firmware_py.core.state import INITIAL, INITIAL_OUTPUTS
@@ -48,6 +50,23 @@ while waiting.waiting:
     waiting, frame = transmitter.next_frame(config_from({}), waiting, 1, INITIAL, parted)
     records.append(codec.decode(Frame(frame.can_id, bytes_of(frame.word, frame.length))))
 assert SeparationEvent(0.5) in records, records
+""",
+    "mode": """
+from firmware_py.core.safety import drive_link, monitors, supervisor, watchdog_proof
+from firmware_py.core.safety.supervisor import Observed
+from firmware_py.interface import codec, modes
+from firmware_py.interface.enums import Fault, Mode, OperatorRequest
+from firmware_py.interface.generated.records import FirmwareHeartbeat
+from firmware_py.interface.zeroed import zeroed
+
+stopping = supervisor.INITIAL._replace(mode=Mode.STOPPING)
+NONE = Fault.NONE
+still = zeroed(monitors.Findings, watchdog=NONE, limit=NONE, drive=NONE, standstill=True)
+coasting = supervisor.step(stopping, still, zeroed(Observed, request=OperatorRequest.RUN))
+assert coasting.mode == Mode.COAST in modes.MOVING
+assert drive_link.find_request(coasting, watchdog_proof.REST) == modes.KEEP
+beat = zeroed(FirmwareHeartbeat, mode=Mode.COAST.value)
+assert codec.decode(codec.encode(beat)).mode == 8
 """,
 }
 """Programs that use what was added."""

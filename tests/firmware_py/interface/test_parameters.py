@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from firmware_py.core.configure import commit, config_of
+from firmware_py.core.config import commit, config_of
 from firmware_py.core.estimation import stop_model
 from firmware_py.interface import parameter_table
 from firmware_py.interface.enums import Mode, XcpError
@@ -41,7 +41,7 @@ def test_the_table_is_in_itself_consistent() -> None:
 
 def test_the_defaults_are_table_1_at_20_mm() -> None:
     config = config_from({})
-    assert config.d.natural_rad_s == pytest.approx(9.354, abs=1e-3)
+    assert config.nominal.natural_rad_s == pytest.approx(9.354, abs=1e-3)
     assert config.p.stop.position_m - config.p.striker.rest_length_m == pytest.approx(0.06)
     assert config.p.drive.amplitude_m == 0.02
     assert config.tick_s == 0.001
@@ -284,7 +284,7 @@ def test_a_force_limit_that_the_sensor_cannot_show_is_refused() -> None:
         config_from({name: good})
         with pytest.raises(ParameterError, match=r"limit.force_n = 1500 N exceeds the 1[45]\d+"):
             config_from({name: bad})
-    assert config_from({"striker.mass_kg": 0.5, "limit.force_n": 900.0}).d.gate.peak_m_s2 == 1800.0
+    assert config_from({"striker.mass_kg": 0.5, "limit.force_n": 900.0}).gate.peak_m_s2 == 1800.0
 
 
 def test_a_parameter_may_equal_its_ceiling_as_a_float32() -> None:

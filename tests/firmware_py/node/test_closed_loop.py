@@ -7,7 +7,6 @@ import pytest
 from closed_loop import Bench, scene_with
 
 from firmware_py.interface.enums import (
-    MOVING,
     ActingLimit,
     Fault,
     Mode,
@@ -16,6 +15,7 @@ from firmware_py.interface.enums import (
     Regime,
 )
 from firmware_py.interface.frame import Frame
+from firmware_py.interface.modes import MOVING
 
 HIT_M_S = 0.05
 

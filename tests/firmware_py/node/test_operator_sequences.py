@@ -4,9 +4,10 @@ import pytest
 from closed_loop import Bench
 
 from firmware_py.interface import codec
-from firmware_py.interface.enums import MOVING, AxisState, Fault, Mode, OperatorRequest, Refusal
+from firmware_py.interface.enums import AxisState, Fault, Mode, OperatorRequest, Refusal
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import OperatorCommand
+from firmware_py.interface.modes import MOVING
 from tools.dev import operator_sequences
 
 COUNT = 400

@@ -30,7 +30,7 @@ from xcp_session import commands_of
 
 from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
-from firmware_py.interface.enums import LATCHED, MOVING, AxisState, Mode, OperatorRequest
+from firmware_py.interface.enums import AxisState, Mode, OperatorRequest
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import (
     DriveEstop,
@@ -44,6 +44,7 @@ from firmware_py.interface.generated.records import (
     SetLimits,
     XcpResponse,
 )
+from firmware_py.interface.modes import LATCHED, MOVING
 from firmware_py.node.inbox import behind_ticks
 
 TICKS = int(os.environ.get("VIBROHIL_LONG_TICKS", "10000"))

@@ -33,7 +33,7 @@ def started(
     for tick in range(0, round(1000 * seconds)):
         period = tick // PERIOD_TICKS
         what = ended(pattern(period)) if tick % PERIOD_TICKS == 0 else regime.INITIAL
-        state = start.step(CONFIG, state, mode, Goal(ratio(tick), 0.0, 0.0, True), True, 0.0, what)
+        state = start.step(CONFIG.start, state, mode, Goal(ratio(tick), 0.0, 0.0, True), True, 0.0, what)
         states.append(state)
     return states
 
@@ -72,7 +72,7 @@ def test_a_start_ends_within_30_s() -> None:
 
 
 def test_impacts_that_are_lost_in_the_hold_are_back_within_30_s_or_it_has_failed() -> None:
-    lost = start.dip_again(CONFIG, held(), 0)
+    lost = start.dip_again(CONFIG.start, held(), 0)
     endless = []
     for pattern, dither in EVERY:
         since_s, run, longest_s = 0.0, 0, 0.0
@@ -104,7 +104,7 @@ def test_a_stop_begins_at_the_crank_s_speed_where_that_lags_behind_its_target() 
         stops, omega = state, min(max(omega_rad_s, 0.0), 12.0)
         for _ in range(1100):
             goal = Goal(1.3, 0.0, 0.0, True)
-            stops = start.step(CONFIG, stops, Mode.STOPPING, goal, True, omega_rad_s, regime.INITIAL)
+            stops = start.step(CONFIG.start, stops, Mode.STOPPING, goal, True, omega_rad_s, regime.INITIAL)
             assert stops.target_omega_rad_s <= omega
             omega = stops.target_omega_rad_s
         assert omega == 0.0
@@ -116,10 +116,10 @@ def test_no_target_of_a_walk_s_stop_is_above_the_speed_it_began_with(omega_rad_s
     state = spin_down.INITIAL
     for tick in range(4000):
         # A striker that swings far ahead of the crank asks for the highest speed.
-        swing = estimator_state.INITIAL._replace(
+        swing = estimator_state.striker_of(estimator_state.INITIAL)._replace(
             x_m=0.12 + 0.05 * math.cos(0.0094 * tick), v_m_s=-0.47 * math.sin(0.0094 * tick)
         )
         speed_rad_s = omega_rad_s if tick == 0 else state.target_omega_rad_s
         turning_crank = crank.INITIAL._replace(angle_rad=0.005 * tick % math.tau, omega_rad_s=speed_rad_s)
-        state = spin_down.step(config, state, turning_crank, swing)
+        state = spin_down.step(config.spin_down, state, turning_crank, swing)
         assert abs(state.target_omega_rad_s) <= max(omega_rad_s, 0.0)

@@ -13,7 +13,7 @@ from firmware_py.interface.generated.records import DriveEstop
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({})
-LEAST = CONFIG.d.ticks.consent
+LEAST = CONFIG.consent.repeated_ticks
 LETTERS = dict(zip("IRCP", OperatorRequest, strict=True))
 
 
@@ -27,14 +27,14 @@ def after(steps: str) -> list[str]:
         if letter == "|":
             state = consent.end(state)
         elif letter == "!":
-            state = consent.step(CONFIG, state, asked._replace(age_ticks=1, stray_ticks=0))
+            state = consent.step(CONFIG.consent, state, asked._replace(age_ticks=1, stray_ticks=0))
         elif letter == "~":
-            state = consent.step(CONFIG, state, asked._replace(age_ticks=351))
+            state = consent.step(CONFIG.consent, state, asked._replace(age_ticks=351))
         else:
             for age_ticks in (*range(1, 100), 0):
                 request = LETTERS[letter] if age_ticks == 0 else asked.request
                 asked = asked._replace(request=request, age_ticks=age_ticks, stray_ticks=NEVER_TICKS)
-                state = consent.step(CONFIG, state, asked)
+                state = consent.step(CONFIG.consent, state, asked)
         counted.append(state.request.name[0])
     return counted
 
@@ -67,7 +67,7 @@ def test_a_request_counts_after_the_longest_silence_less_the_time_to_arm() -> No
     state = ConsentState(OperatorRequest.IDLE, OperatorRequest.RUN, -1)
     for asked_ticks, age_ticks, counts in ((-2, 0, False), (-1, 0, True), (-1, 1, False), (9, 0, True)):
         found = consent.step(
-            CONFIG,
+            CONFIG.consent,
             state._replace(asked_ticks=LEAST + asked_ticks),
             HEALTHY.operator._replace(request=OperatorRequest.RUN, age_ticks=age_ticks),
         )
@@ -75,7 +75,7 @@ def test_a_request_counts_after_the_longest_silence_less_the_time_to_arm() -> No
     operator = HEALTHY.operator._replace(request=OperatorRequest.RUN)
     for age_ticks, last in ((350, OperatorRequest.RUN), (351, OperatorRequest.IDLE)):
         running = ConsentState(OperatorRequest.RUN, OperatorRequest.RUN, LEAST)
-        assert consent.step(CONFIG, running, operator._replace(age_ticks=age_ticks)).request == last
+        assert consent.step(CONFIG.consent, running, operator._replace(age_ticks=age_ticks)).request == last
 
 
 @pytest.mark.requirement("S-13")
@@ -108,9 +108,9 @@ def test_a_request_that_is_held_through_a_fault_counts_no_more(held: OperatorReq
 
 def test_a_request_counts_in_the_first_tick_that_is_late_enough() -> None:
     asked = HEALTHY.operator._replace(age_ticks=0, stray_ticks=NEVER_TICKS)
-    state = consent.step(CONFIG, consent.INITIAL, asked._replace(request=OperatorRequest.IDLE))
+    state = consent.step(CONFIG.consent, consent.INITIAL, asked._replace(request=OperatorRequest.IDLE))
     counted = 0
     for tick in range(LEAST + 1):
-        state = consent.step(CONFIG, state, asked._replace(request=OperatorRequest.RUN))
+        state = consent.step(CONFIG.consent, state, asked._replace(request=OperatorRequest.RUN))
         counted += state.request == OperatorRequest.RUN
         assert counted == (tick == LEAST)

@@ -7,11 +7,13 @@ import pytest
 from records import HEALTHY
 
 from firmware_py.core.inputs import DriveInput
-from firmware_py.core.safety import drive_link, watchdog_proof
-from firmware_py.core.safety.drive_link import AxisRequest, DriveFrame, DriveLinkState
+from firmware_py.core.safety import drive_link, supervisor, watchdog_proof
+from firmware_py.core.safety.drive_link import DriveFrame, DriveLinkState
+from firmware_py.core.safety.supervisor import SupervisorState
 from firmware_py.core.safety.watchdog_proof import ProofStage
 from firmware_py.interface.arrivals import NEVER_TICKS
-from firmware_py.interface.enums import AxisState, Mode
+from firmware_py.interface.enums import AxisState, Fault, Mode
+from firmware_py.interface.modes import FAULTS, AxisRequest
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({})
@@ -20,7 +22,7 @@ STALE = DriveInput(AxisState.IDLE, 0, 0, 50)
 """A heartbeat that was received long ago, but is no reason for alarm yet."""
 OPENED = DriveInput(AxisState.IDLE, 0, 0, 0)
 CLOSED = DriveInput(AxisState.CLOSED_LOOP_CONTROL, 0, 0, 0)
-SILENT = DriveInput(AxisState.IDLE, 0, 0, CONFIG.d.ticks.drive + 1)
+SILENT = DriveInput(AxisState.IDLE, 0, 0, CONFIG.gate.drive_ticks + 1)
 ARMING = (DriveFrame.CONTROLLER_MODE, DriveFrame.LIMITS, DriveFrame.CLOSED_LOOP)
 DISARMING = (DriveFrame.IDLE, DriveFrame.ESTOP)
 ROUNDS = {
@@ -43,6 +45,11 @@ REQUESTS = {
 """The stage of the watchdog's test decides in PROOF; at rest, the axis stays open."""
 
 
+def supervised(mode: Mode) -> SupervisorState:
+    """The supervisor's state in a mode."""
+    return supervisor.INITIAL._replace(mode=mode, fault=Fault.OVERSPEED if mode == Mode.FAULT else Fault.NONE)
+
+
 def step(
     state: DriveLinkState,
     mode: Mode,
@@ -53,7 +60,7 @@ def step(
     stage: ProofStage = watchdog_proof.REST,
 ) -> tuple[DriveLinkState, DriveFrame]:
     encoder = ENCODER._replace(position_rev=position_rev, velocity_rev_s=velocity_rev_s)
-    return drive_link.step(CONFIG, state, mode, stage, drive, encoder, asks_clear)
+    return drive_link.step(CONFIG.drive_link, state, supervised(mode), stage, drive, encoder, asks_clear)
 
 
 def frames(
@@ -84,7 +91,7 @@ def states() -> list[DriveLinkState]:
 HEARTBEATS = [
     DriveInput(axis_state, 0, 0, age_ticks)
     for axis_state in (AxisState.IDLE, AxisState.CLOSED_LOOP_CONTROL, AxisState.UNDEFINED)
-    for age_ticks in (0, 1, CONFIG.d.ticks.drive, CONFIG.d.ticks.drive + 1)
+    for age_ticks in (0, 1, CONFIG.gate.drive_ticks, CONFIG.gate.drive_ticks + 1)
 ]
 SERVICES = [
     (service_ticks, error, position_rev, velocity_rev_s, asks_clear)
@@ -178,6 +185,16 @@ def test_settings_come_before_every_request_for_closed_loop_until_the_axis_is_cl
     assert not drive_link.is_idle(state)
 
 
+def test_the_row_of_the_latched_fault_decides_on_the_axis(monkeypatch: pytest.MonkeyPatch) -> None:
+    stops = FAULTS[Fault.STALL]._replace(axis=AxisRequest.STOP)
+    monkeypatch.setattr(drive_link, "FAULTS", (*FAULTS[: Fault.STALL], stops, *FAULTS[Fault.STALL + 1 :]))
+    for fault in Fault:
+        wanted = AxisRequest.STOP if fault == Fault.STALL else AxisRequest.DISARM
+        for mode in (Mode.FAULT, Mode.E_STOP):
+            found = drive_link.find_request(SupervisorState(mode, fault, 0), ProofStage.REST)
+            assert found == (wanted if mode == Mode.FAULT else AxisRequest.STOP)
+
+
 def test_in_the_test_of_the_watchdog_its_stage_decides() -> None:
     """In any other mode the stage decides nothing."""
     wanted = dict(
@@ -187,7 +204,7 @@ def test_in_the_test_of_the_watchdog_its_stage_decides() -> None:
     )
     for mode, stage in itertools.product(Mode, ProofStage):
         expected = wanted[stage] if mode == Mode.PROOF else REQUESTS[mode]
-        assert drive_link.find_request(mode, stage) == expected
+        assert drive_link.find_request(supervised(mode), stage) == expected
     state, frame = drive_link.INITIAL, DriveFrame.NOTHING
     wrong = DriveInput(AxisState.IDLE, 0x01000000, 0, 50)
     sent = []

@@ -36,8 +36,8 @@ def guard(
                 housing_m_s2 + noise_m_s2,
                 (state.counter + 1) % 256,
             )
-            state = gate.take_reading(config.d.gate, state, reading)
-        state, findings = gate.judge(config.d.gate, state, inputs)
+            state = gate.take_reading(config.gate, state, reading)
+        state, findings = gate.judge(config.gate, state, inputs)
     return state, findings
 
 
@@ -46,7 +46,7 @@ def settled(flight_m_s2: float) -> GateState:
     state = gate.INITIAL
     for place in range(-gate.SETTLING_READINGS, 0):
         reading = GateReading(0.01 * place, flight_m_s2, 0.0, place % 256)
-        state = gate.take_reading(CONFIG.d.gate, state, reading)
+        state = gate.take_reading(CONFIG.gate, state, reading)
     return state
 
 
@@ -58,9 +58,9 @@ def felt(
     for place, high_m_s2 in enumerate(readings):
         if counters is None or place in counters:
             state = gate.take_reading(
-                config.d.gate, state, GateReading(0.01 * place, high_m_s2, 0.0, place % 256)
+                config.gate, state, GateReading(0.01 * place, high_m_s2, 0.0, place % 256)
             )
-        state, findings = gate.judge(config.d.gate, state, CLOSED)
+        state, findings = gate.judge(config.gate, state, CLOSED)
         faults.append(findings.limit)
     return state, faults
 
@@ -77,16 +77,16 @@ def impulse_n_s(readings: list[float], flight_m_s2: float = 0.0) -> float:
 
 
 def test_the_block_of_limits_is_that_of_the_parameters() -> None:
-    assert pytest.approx(1500.0) == CONFIG.d.gate.peak_m_s2 * MASS_KG
-    assert pytest.approx(1.6) == CONFIG.d.gate.change_m_s * MASS_KG
-    assert pytest.approx(0.98 * 1961.33) == CONFIG.d.gate.clipped_m_s2
-    own = CONFIG.d.gate
+    assert pytest.approx(1500.0) == CONFIG.gate.peak_m_s2 * MASS_KG
+    assert pytest.approx(1.6) == CONFIG.gate.change_m_s * MASS_KG
+    assert pytest.approx(0.98 * 1961.33) == CONFIG.gate.clipped_m_s2
+    own = CONFIG.gate
     assert (own.longest_contact_ticks, own.window_ticks, own.gap_ticks) == (100, 20, 10)
-    assert (CONFIG.d.ticks.sensor, CONFIG.d.ticks.encoder, CONFIG.d.gate.frozen_ticks) == (30, 30, 20)
-    assert (CONFIG.d.ticks.drive, CONFIG.d.gate.operator_ticks) == (350, 350)
-    assert (CONFIG.d.gate.overcurrent_ticks, CONFIG.d.gate.voltage_ticks) == (20, 150)
-    assert CONFIG.d.gate.gait_ticks == 0
-    assert CONFIG.d.gate.flight_m_s3 == 300.0
+    assert (CONFIG.gate.sensor_ticks, CONFIG.gate.encoder_ticks, CONFIG.gate.frozen_ticks) == (30, 30, 20)
+    assert (CONFIG.gate.drive_ticks, CONFIG.gate.operator_ticks) == (350, 350)
+    assert (CONFIG.gate.overcurrent_ticks, CONFIG.gate.voltage_ticks) == (20, 150)
+    assert (CONFIG.gate.gait_ticks, CONFIG.gate.reads_gait) == (200, False)
+    assert CONFIG.gate.flight_m_s3 == 300.0
     stiff = config_from(
         {
             "striker.spring_n_m": 720.0,
@@ -95,8 +95,8 @@ def test_the_block_of_limits_is_that_of_the_parameters() -> None:
             "limit.overspeed_rad_s": 39.0,
         }
     )
-    assert stiff.d.gate.flight_m_s3 == pytest.approx(1800.0)
-    slow = config_from({"control.tick_s": 0.004, "gait.follow": 1}).d.gate
+    assert stiff.gate.flight_m_s3 == pytest.approx(1800.0)
+    slow = config_from({"control.tick_s": 0.004, "gait.follow": 1}).gate
     assert (slow.gait_ticks, slow.gap_ticks, slow.window_ticks, slow.longest_contact_ticks) == (50, 2, 5, 25)
 
 
@@ -115,7 +115,7 @@ def test_nothing_is_found_on_a_healthy_module() -> None:
         life=liveness.INITIAL._replace(low_m_s2=0.01, high_m_s2=0.01, housing_m_s2=0.01),
         window_ticks=state.window_ticks,
     )
-    assert 0 <= state.window_ticks < CONFIG.d.gate.window_ticks
+    assert 0 <= state.window_ticks < CONFIG.gate.window_ticks
 
 
 # Force
@@ -127,14 +127,14 @@ def test_the_force_trips_at_the_first_reading_beyond_its_limit(side: float) -> N
     flight = 5.0
     for beyond, fault in ((-0.001, Fault.NONE), (0.001, Fault.FORCE_LIMIT)):
         readings = [flight, flight, flight + side * (900.0 + beyond) / 1.4]
-        wide = replaced(replaced(CONFIG, "d.gate.change_m_s", 1e9), "d.gate.peak_m_s2", 900.0)
+        wide = replaced(replaced(CONFIG, "gate.change_m_s", 1e9), "gate.peak_m_s2", 900.0)
         assert felt(readings, config=wide)[1] == [Fault.NONE, Fault.NONE, fault]
 
 
 @pytest.mark.parametrize("side", [-1.0, 2.0])
 def test_a_rising_force_is_extrapolated(side: float) -> None:
     """By 0.4 ms: the low-pass lowers a short peak, and the peak lies between two samples."""
-    config = replaced(replaced(CONFIG, "d.gate.peak_m_s2", 200.0), "d.gate.change_m_s", 1e9)
+    config = replaced(replaced(CONFIG, "gate.peak_m_s2", 200.0), "gate.change_m_s", 1e9)
     for rise, fault in ((0.999, Fault.NONE), (1.001, Fault.FORCE_LIMIT)):
         first = 60.0
         second = first + rise * (200.0 - first) / 1.4
@@ -146,18 +146,16 @@ def test_a_rising_force_is_extrapolated(side: float) -> None:
     # A falling one is taken as it is.
     assert felt([0.0, side * 140.0, side * 20.0, side * 199.0], config=config)[1][1] == Fault.NONE
     assert felt([0.0, side * 140.0, side * 139.0], config=config)[1][-1] == Fault.NONE
-    late = gate.integrate_reading(config.d.gate, felt([0.0, side * 60.0])[0].contact, side * 199.0, 0)
+    late = gate.integrate_reading(config.gate, felt([0.0, side * 60.0])[0].contact, side * 199.0, 0)
     assert late.fault == Fault.NONE
 
 
-@pytest.mark.parametrize(
-    "reading", [CONFIG.d.gate.clipped_m_s2 * 1.0001, -CONFIG.d.gate.clipped_m_s2 * 1.0001]
-)
+@pytest.mark.parametrize("reading", [CONFIG.gate.clipped_m_s2 * 1.0001, -CONFIG.gate.clipped_m_s2 * 1.0001])
 def test_a_clipped_reading_violates_the_force_limit(reading: float) -> None:
     """Whatever the limit: what it hides is not known."""
-    config = replaced(replaced(CONFIG, "d.gate.peak_m_s2", 1e9), "d.gate.change_m_s", 1e9)
+    config = replaced(replaced(CONFIG, "gate.peak_m_s2", 1e9), "gate.change_m_s", 1e9)
     assert felt([0.0, reading], config=config)[1] == [Fault.NONE, Fault.FORCE_LIMIT]
-    edge = math.copysign(config.d.gate.clipped_m_s2, reading)
+    edge = math.copysign(config.gate.clipped_m_s2, reading)
     assert felt([0.0, edge], config=config)[1] == [Fault.NONE, Fault.NONE]
 
 
@@ -172,7 +170,7 @@ def test_a_reading_that_is_no_number_violates_the_force_limit(bad: float, before
 
 def test_there_is_no_blind_time_after_an_impact() -> None:
     first = pulse(300.0, 10)[:-10]
-    config = replaced(CONFIG, "d.gate.peak_m_s2", 500.0)
+    config = replaced(CONFIG, "gate.peak_m_s2", 500.0)
     for rest in range(4):
         readings = [*first, *[0.0] * rest, -501.0]
         assert felt(readings, config=config)[1] == [Fault.NONE] * (len(readings) - 1) + [Fault.FORCE_LIMIT]
@@ -188,19 +186,19 @@ def test_the_impulse_is_the_integral_of_the_stops_force(ticks: int, flight_m_s2:
     readings = pulse(side * 1000.0 / ticks * 1.5, ticks, flight_m_s2)
     true_n_s = impulse_n_s(readings, flight_m_s2) / side
     for share, fault in ((0.96, Fault.IMPULSE_LIMIT), (1.04, Fault.NONE)):
-        config = replaced(CONFIG, "d.gate.change_m_s", share * true_n_s / MASS_KG)
+        config = replaced(CONFIG, "gate.change_m_s", share * true_n_s / MASS_KG)
         assert set(felt(readings, config=config)[1]) == {Fault.NONE, fault}
 
 
 def test_a_limit_that_is_no_number_trips() -> None:
     readings = pulse(300.0, 10)
-    assert Fault.IMPULSE_LIMIT in felt(readings, config=replaced(CONFIG, "d.gate.change_m_s", math.nan))[1]
-    assert Fault.FORCE_LIMIT in felt(readings, config=replaced(CONFIG, "d.gate.peak_m_s2", math.nan))[1]
+    assert Fault.IMPULSE_LIMIT in felt(readings, config=replaced(CONFIG, "gate.change_m_s", math.nan))[1]
+    assert Fault.FORCE_LIMIT in felt(readings, config=replaced(CONFIG, "gate.peak_m_s2", math.nan))[1]
 
 
 def test_each_contact_has_its_own_impulse() -> None:
     one = pulse(300.0, 10)
-    config = replaced(CONFIG, "d.gate.change_m_s", 1.5 * impulse_n_s(one) / MASS_KG)
+    config = replaced(CONFIG, "gate.change_m_s", 1.5 * impulse_n_s(one) / MASS_KG)
     assert set(felt(one * 5, config=config)[1]) == {Fault.NONE}
 
 
@@ -250,8 +248,8 @@ def test_each_limit_is_still_allowed() -> None:
     assert not felt([0.0, -gate.TOUCH_M_S2])[0].contact.touching
     assert felt([0.0, math.nextafter(-gate.TOUCH_M_S2, -99.0)])[0].contact.touching
     limit_rad_s = CONFIG.p.limit.overspeed_rad_s
-    assert not gate.is_overspeed(CONFIG.d.gate, limit_rad_s, 0.0)
-    assert gate.is_overspeed(CONFIG.d.gate, math.nextafter(limit_rad_s, 99.0), 0.0)
+    assert not gate.is_overspeed(CONFIG.gate, limit_rad_s, 0.0)
+    assert gate.is_overspeed(CONFIG.gate, math.nextafter(limit_rad_s, 99.0), 0.0)
 
 
 def test_a_push_that_turns_begins_a_new_contact_and_one_that_cancels_does_not() -> None:
@@ -271,7 +269,7 @@ def test_lost_readings_are_bridged(lost: int) -> None:
     readings = pulse(300.0, 20)
     counters = [place for place in range(len(readings)) if not 18 <= place < 18 + lost]
     for share, fault in ((0.9, Fault.IMPULSE_LIMIT), (1.05, Fault.NONE)):
-        config = replaced(CONFIG, "d.gate.change_m_s", share * impulse_n_s(readings) / MASS_KG)
+        config = replaced(CONFIG, "gate.change_m_s", share * impulse_n_s(readings) / MASS_KG)
         assert set(felt(readings, counters, config)[1]) == {Fault.NONE, fault}
 
 
@@ -322,31 +320,31 @@ def test_no_stuck_bit_of_the_counter_hides_an_impulse(bit: int) -> None:
         found = []
         for place, high_m_s2 in enumerate([0.0] * begin + contact):
             reading = GateReading(0.01 * place, high_m_s2, 0.0, place % 256 & ~(1 << bit))
-            state = gate.take_reading(CONFIG.d.gate, state, reading)
-            state, findings = gate.judge(CONFIG.d.gate, state, CLOSED)
+            state = gate.take_reading(CONFIG.gate, state, reading)
+            state, findings = gate.judge(CONFIG.gate, state, CLOSED)
             found.append(findings.limit)
         assert Fault.IMPULSE_LIMIT in found
 
 
 def test_a_late_reading_counts_for_the_force_and_ends_no_silence_of_another() -> None:
     state, _ = felt([0.0, 0.0, 0.0], [0, 2])
-    late = gate.take_reading(CONFIG.d.gate, state, GateReading(9.0, -1900.0, 0.0, 1))
+    late = gate.take_reading(CONFIG.gate, state, GateReading(9.0, -1900.0, 0.0, 1))
     contact = state.contact._replace(fault=Fault.FORCE_LIMIT)
     assert late == state._replace(contact=contact, missing=0, reading_ticks=0)
-    silent = state._replace(reading_ticks=CONFIG.d.ticks.sensor + 2)
-    anew = gate.take_reading(CONFIG.d.gate, silent, GateReading(9.0, -19.0, 0.0, 1))
+    silent = state._replace(reading_ticks=CONFIG.gate.sensor_ticks + 2)
+    anew = gate.take_reading(CONFIG.gate, silent, GateReading(9.0, -19.0, 0.0, 1))
     assert (anew.counter, anew.contact.flight_m_s2) == (1, -19.0)
 
 
 def test_all_readings_of_a_bundle_count_and_of_several_faults_one_is_named() -> None:
     """Readings that come in one tick are judged in that tick."""
-    config = replaced(CONFIG, "d.gate.change_m_s", 0.01)
+    config = replaced(CONFIG, "gate.change_m_s", 0.01)
     state = gate.INITIAL
     for place, high_m_s2 in enumerate([0.0, -1900.0, -100.0, -100.0]):
-        state = gate.take_reading(config.d.gate, state, GateReading(0.0, high_m_s2, 0.0, place))
-    state, findings = gate.judge(config.d.gate, state, CLOSED)
+        state = gate.take_reading(config.gate, state, GateReading(0.0, high_m_s2, 0.0, place))
+    state, findings = gate.judge(config.gate, state, CLOSED)
     assert findings.limit == Fault.FORCE_LIMIT
-    assert gate.judge(config.d.gate, state, CLOSED)[1].limit == Fault.NONE
+    assert gate.judge(config.gate, state, CLOSED)[1].limit == Fault.NONE
 
 
 def test_a_deviation_that_stays_is_no_impact_and_trips() -> None:
@@ -358,7 +356,7 @@ def test_a_deviation_that_stays_is_no_impact_and_trips() -> None:
     assert state.contact == gate.IN_FLIGHT._replace(readings=gate.SETTLING_READINGS, flight_m_s2=-14.0)
     state, _ = felt([0.0] * 5 + [-14.0] * 101 + [-314.0])
     assert state.contact.change_m_s == pytest.approx(0.5 * 300.0 * 1e-3)
-    force = replaced(CONFIG, "d.gate.peak_m_s2", 13.0)
+    force = replaced(CONFIG, "gate.peak_m_s2", 13.0)
     assert felt([0.0] * 5 + [-14.0] * 101, config=force)[1][-1] == Fault.FORCE_LIMIT
 
 
@@ -367,15 +365,13 @@ def test_a_sensor_that_starts_while_the_striker_swings_trips_nothing() -> None:
     swing = [18.0 * math.cos(0.009 * k) * (1.0 - math.exp(-k / 2.0)) for k in range(400)]
     state, faults = gate.INITIAL, []
     for place, high_m_s2 in enumerate(swing):
-        state = gate.take_reading(
-            CONFIG.d.gate, state, GateReading(0.01 * place, high_m_s2, 0.0, place % 256)
-        )
-        state, findings = gate.judge(CONFIG.d.gate, state, CLOSED)
+        state = gate.take_reading(CONFIG.gate, state, GateReading(0.01 * place, high_m_s2, 0.0, place % 256))
+        state, findings = gate.judge(CONFIG.gate, state, CLOSED)
         faults.append(findings.limit)
         assert not state.contact.touching
     assert set(faults) == {Fault.NONE}
-    hard = gate.take_reading(CONFIG.d.gate, gate.INITIAL, GateReading(0.0, -1.8e3, 0.0, 0))
-    assert gate.judge(CONFIG.d.gate, hard, CLOSED)[1].limit == Fault.FORCE_LIMIT
+    hard = gate.take_reading(CONFIG.gate, gate.INITIAL, GateReading(0.0, -1.8e3, 0.0, 0))
+    assert gate.judge(CONFIG.gate, hard, CLOSED)[1].limit == Fault.FORCE_LIMIT
 
 
 @pytest.mark.parametrize("begun_ticks", range(0, 10, 3))
@@ -383,10 +379,8 @@ def test_a_sensor_that_starts_within_a_contact_trips_nothing(begun_ticks: int) -
     contact = [-200.0 * math.sin(math.pi * (k + 0.5) / 10) for k in range(begun_ticks, 10)]
     state, faults = gate.INITIAL, []
     for place, high_m_s2 in enumerate([*contact, *[0.0] * 150]):
-        state = gate.take_reading(
-            CONFIG.d.gate, state, GateReading(0.01 * place, high_m_s2, 0.0, place % 256)
-        )
-        state, findings = gate.judge(CONFIG.d.gate, state, CLOSED)
+        state = gate.take_reading(CONFIG.gate, state, GateReading(0.01 * place, high_m_s2, 0.0, place % 256))
+        state, findings = gate.judge(CONFIG.gate, state, CLOSED)
         faults.append(findings.limit)
     assert set(faults) == {Fault.NONE}
     assert state.contact == gate.IN_FLIGHT._replace(readings=gate.SETTLING_READINGS)
@@ -396,7 +390,7 @@ def test_a_sensor_that_never_is_steady_is_watched_all_the_same() -> None:
     state, steady = gate.INITIAL, []
     for place in range(300):
         reading = GateReading(0.01 * place, 20.0 * (-1.0) ** place, 0.0, place % 256)
-        state = gate.take_reading(CONFIG.d.gate, state, reading)
+        state = gate.take_reading(CONFIG.gate, state, reading)
         steady.append(state.contact.readings)
     assert steady[98] < gate.SETTLING_READINGS == steady[102]
 
@@ -408,14 +402,14 @@ def test_after_a_silence_that_is_a_fault_nothing_is_known_of_the_flight() -> Non
     for ticks, fault, touching in ((30, Fault.NONE, True), (31, Fault.SENSOR_TIMEOUT, False)):
         later, findings = guard(silent, ticks, state)
         assert findings.watchdog == fault
-        later = gate.take_reading(CONFIG.d.gate, later, GateReading(0.0, -40.0, 0.0, 200))
+        later = gate.take_reading(CONFIG.gate, later, GateReading(0.0, -40.0, 0.0, 200))
         assert later.contact.touching == touching
     assert later.contact.flight_m_s2 == -40.0
     clipped = state._replace(contact=state.contact._replace(fault=Fault.FORCE_LIMIT), reading_ticks=100)
-    later = gate.take_reading(CONFIG.d.gate, clipped, GateReading(0.0, -40.0, 0.0, 200))
+    later = gate.take_reading(CONFIG.gate, clipped, GateReading(0.0, -40.0, 0.0, 200))
     assert later.contact.fault == Fault.FORCE_LIMIT
     again = gate.take_reading(
-        CONFIG.d.gate, later._replace(reading_ticks=100), GateReading(0.0, -40.0, 0.0, 90)
+        CONFIG.gate, later._replace(reading_ticks=100), GateReading(0.0, -40.0, 0.0, 90)
     )
     assert again.life.same_high == later.life.same_high + 1
 
@@ -473,7 +467,8 @@ def test_the_gaits_sensors_are_watched_where_they_are_followed(
 
 def test_a_tick_is_the_shortest_watch_over_the_gaits_sensors() -> None:
     silent = replaced(CLOSED, "gait.age_ticks", 2)
-    assert guard(silent, config=replaced(CONFIG, "d.gate.gait_ticks", 1))[1].watchdog == Fault.SENSOR_TIMEOUT
+    short = replaced(config_from({"gait.follow": 1}), "gate.gait_ticks", 1)
+    assert guard(silent, config=short)[1].watchdog == Fault.SENSOR_TIMEOUT
 
 
 @pytest.mark.requirement("S-08")
@@ -615,7 +610,7 @@ def permitted(
     state: GateState = gate.INITIAL,
     config: Config = CONFIG,
 ) -> tuple[float, ActingLimit, bool]:
-    state, torque, limit = gate.permit(config.d.gate, state, findings, inputs, torque_n_m)
+    state, torque, limit = gate.permit(config.gate, state, findings, inputs, torque_n_m)
     return torque, limit, state.shut
 
 

@@ -9,7 +9,7 @@ from firmware_py.core.safety import liveness
 from firmware_py.core.safety.liveness import READINGS, LifeState
 from firmware_py.shell.parameters import config_from
 
-LIMITS = config_from({}).d.gate
+LIMITS = config_from({}).gate
 Readings = tuple[float, float, float]
 
 
@@ -66,9 +66,9 @@ def test_the_two_ranges_agree_as_far_as_the_low_one_reaches(
 
 
 def test_the_largest_difference_is_that_of_the_sensors_data_sheet() -> None:
-    assert config_from({"sensor.high_offset_m_s2": 4.0}).d.gate.differ_m_s2 == 7.0
-    assert config_from({"sensor.housing_weight": 0.0}).d.gate.reads_housing is False
-    assert config_from({"sensor.low_full_scale_m_s2": 100.0}).d.gate.low_clipped_m_s2 == pytest.approx(98.0)
+    assert config_from({"sensor.high_offset_m_s2": 4.0}).gate.differ_m_s2 == 7.0
+    assert config_from({"sensor.housing_weight": 0.0}).gate.reads_housing is False
+    assert config_from({"sensor.low_full_scale_m_s2": 100.0}).gate.low_clipped_m_s2 == pytest.approx(98.0)
 
 
 def test_a_difference_at_its_limit_is_allowed_and_a_low_range_at_its_end_may_repeat_itself() -> None:

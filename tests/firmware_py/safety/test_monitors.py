@@ -9,15 +9,14 @@ from firmware_py.core.inputs import Inputs
 from firmware_py.core.safety import monitors
 from firmware_py.core.safety.gate import GateFindings
 from firmware_py.core.safety.monitors import Findings, MonitorState, Watched
-from firmware_py.interface.enums import MOVING, AxisState, Fault, Mode
+from firmware_py.interface.enums import AxisState, Fault, Mode
+from firmware_py.interface.modes import MOVING
 from firmware_py.interface.zeroed import zeroed
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({})
 CRANK = crank.INITIAL._replace(omega_rad_s=12.0, missed_ticks=0)
-ESTIMATE = estimator_state.INITIAL._replace(
-    x_m=0.12, p_xx=1e-6, started=True, sensor=estimator_state.INITIAL.sensor._replace(missed_ticks=0)
-)
+ESTIMATE = estimator_state.StrikerMotion(0.12, 0.0, 1e-6, 0, started=True)
 NOTHING = GateFindings(Fault.NONE, Fault.NONE, Fault.NONE, operator_lost=False, overspeed=False)
 CLOSED = replaced(HEALTHY, "drive.axis_state", AxisState.CLOSED_LOOP_CONTROL)
 
@@ -27,7 +26,7 @@ def watch(
     ticks: int = 1,
     mode: Mode = Mode.RUN,
     crank_state: crank.CrankState = CRANK,
-    estimate: estimator_state.EstimatorState = ESTIMATE,
+    estimate: estimator_state.StrikerMotion = ESTIMATE,
     impulse: float = 0.0,
     target: float = 12.0,
     state: MonitorState = monitors.INITIAL,
@@ -36,8 +35,9 @@ def watch(
 ) -> tuple[MonitorState, Findings]:
     findings = None
     for _ in range(ticks):
-        now = Watched(mode, inputs.drive.axis_state, crank_state, estimate, impulse, target)
-        state, findings = monitors.step(config, state, found, now)
+        damaged = config.parameters_damaged
+        now = Watched(mode, inputs.drive.axis_state, crank_state, estimate, impulse, target, damaged)
+        state, findings = monitors.step(config.monitors, state, found, now)
     assert findings is not None
     return state, findings
 
@@ -57,7 +57,7 @@ def test_frames_without_numbers_count_as_silence() -> None:
     assert watch(crank_state=CRANK._replace(missed_ticks=31))[1].watchdog == Fault.ENCODER_TIMEOUT
     assert watch(crank_state=CRANK._replace(missed_ticks=30))[1].watchdog == Fault.NONE
     for ticks, fault in ((30, Fault.NONE), (31, Fault.SENSOR_TIMEOUT)):
-        silent = ESTIMATE._replace(sensor=ESTIMATE.sensor._replace(missed_ticks=ticks))
+        silent = ESTIMATE._replace(silent_ticks=ticks)
         assert watch(estimate=silent)[1].watchdog == fault
 
 
@@ -91,11 +91,11 @@ def test_the_impulse_trips_when_it_has_been_measured(impulse: float, fault: Faul
 @pytest.mark.parametrize(
     "changes",
     [
-        {"p_xx": 0.06**2},
-        {"p_xx": 0.0},
+        {"variance_m2": 0.06**2},
+        {"variance_m2": 0.0},
         {"x_m": 10.0},
         {"x_m": -10.5},
-        {"p_xx": math.nan},
+        {"variance_m2": math.nan},
         {"x_m": math.nan},
         {"started": False},
     ],
@@ -107,7 +107,7 @@ def test_an_estimate_that_is_none(changes: dict[str, float]) -> None:
     assert watch(ticks=2000, estimate=bad, mode=Mode.READY)[1].limit == Fault.NONE
 
 
-@pytest.mark.parametrize("changes", [{"p_xx": 0.05 * 0.05}, {"x_m": 9.9}])
+@pytest.mark.parametrize("changes", [{"variance_m2": 0.05 * 0.05}, {"x_m": 9.9}])
 def test_an_estimate_that_is_just_good_enough(changes: dict[str, float]) -> None:
     assert watch(ticks=2000, estimate=ESTIMATE._replace(**changes))[1].limit == Fault.NONE
 
@@ -143,8 +143,8 @@ def test_a_crank_that_runs_away_from_its_target() -> None:
 
 def test_an_acceleration_that_no_torque_explains() -> None:
     for disturbance_rad_s2, ticks, fault in (
-        (CONFIG.d.implausible_rad_s2, 1000, Fault.NONE),
-        (-CONFIG.d.implausible_rad_s2, 1000, Fault.NONE),
+        (CONFIG.monitors.implausible_rad_s2, 1000, Fault.NONE),
+        (-CONFIG.monitors.implausible_rad_s2, 1000, Fault.NONE),
         (300.1, 20, Fault.NONE),
         (300.1, 21, Fault.LOAD_IMPLAUSIBLE),
         (-300.1, 21, Fault.LOAD_IMPLAUSIBLE),
@@ -168,7 +168,7 @@ def test_an_acceleration_that_no_torque_explains() -> None:
 )
 def test_a_stop_has_its_time(parameters: dict[str, float], longest_ticks: int) -> None:
     config = config_from(parameters)
-    assert config.d.ticks.monitors.stop_failed == longest_ticks
+    assert config.monitors.longest.stop_failed == longest_ticks
     slow = CRANK._replace(omega_rad_s=1.0)
     late = replaced(monitors.INITIAL, "held.stop_failed", longest_ticks - 1)
     state, findings = watch(crank_state=slow, mode=Mode.STOPPING, target=0.0, state=late, config=config)

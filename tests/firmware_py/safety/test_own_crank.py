@@ -22,8 +22,8 @@ QUICK_MODULE = {"striker.spring_n_m": 720.0, "drive.amplitude_m": 0.0065, "start
 
 
 def step(state: OwnCrank, inputs: Inputs, acting_n_m: float, touching: bool) -> OwnCrank:
-    turned = crank.read(CONFIG, inputs.encoder)
-    return own_crank.step(CONFIG, state, inputs.accelerometer, turned, acting_n_m, touching)
+    turned = crank.read(CONFIG.crank, inputs.encoder)
+    return own_crank.step(CONFIG.own_crank, state, inputs.accelerometer, turned, acting_n_m, touching)
 
 
 def jam(bench: Bench) -> None:
@@ -90,7 +90,7 @@ def test_readings_of_a_contact_that_is_not_seen_yet_hardly_count(low_m_s2: float
     for _ in range(3):
         inputs = replaced(HEALTHY, "accelerometer.low_m_s2", low_m_s2)
         pulled = step(pulled, inputs, 0.0, False)
-    assert abs(pulled.pull_m_s2 - 5.0) <= 0.001 + 3.0 * 1e-3 * CONFIG.d.gate.flight_m_s3 < 1.0
+    assert abs(pulled.pull_m_s2 - 5.0) <= 0.001 + 3.0 * 1e-3 * CONFIG.gate.flight_m_s3 < 1.0
 
 
 def test_a_soft_contact_late_in_the_turn_is_no_implausible_load() -> None:
@@ -107,8 +107,8 @@ def test_the_monitor_can_act_with_every_module(parameters: dict[str, float]) -> 
     """Beyond its limit the tracker is not clamped, and the largest load leaves more than the limit."""
     config = config_from(parameters)
     torque_n_m, inertia_kg_m2 = config.p.speed.torque_limit_n_m, config.p.motor.inertia_kg_m2
-    assert config.d.own_tracker.largest_rad_s2 > 1.3 * config.d.implausible_rad_s2
-    left_n_m = torque_n_m - config.d.largest_load_n_m
-    assert left_n_m / inertia_kg_m2 > 1.1 * config.d.implausible_rad_s2
+    assert config.own_crank.crank.tracker.largest_rad_s2 > 1.3 * config.monitors.implausible_rad_s2
+    left_n_m = torque_n_m - config.own_crank.largest_load_n_m
+    assert left_n_m / inertia_kg_m2 > 1.1 * config.monitors.implausible_rad_s2
     assert own_crank.LOAD_SHARE + monitors.IMPLAUSIBLE_SHARE < 1.0
-    assert config.d.own_tracker.bandwidth_rad_s == 200.0
+    assert config.own_crank.crank.tracker.bandwidth_rad_s == 200.0

@@ -10,7 +10,8 @@ from firmware_py.core.safety import supervisor, watchdog_proof
 from firmware_py.core.safety.monitors import Findings
 from firmware_py.core.safety.supervisor import Observed, SupervisorState, find_fault, transition
 from firmware_py.core.safety.watchdog_proof import ProofState
-from firmware_py.interface.enums import LATCHED, MOVING, Fault, Mode, OperatorRequest
+from firmware_py.interface.enums import Fault, Mode, OperatorRequest
+from firmware_py.interface.modes import LATCHED, MOVING
 from firmware_py.interface.zeroed import zeroed
 
 NO_FINDINGS = zeroed(Findings, watchdog=Fault.NONE, limit=Fault.NONE, drive=Fault.NONE, standstill=True)

@@ -4,7 +4,6 @@ import itertools
 from pathlib import Path
 
 import pytest
-from records import replaced
 
 from firmware_py.core.inputs import DriveInput
 from firmware_py.core.safety import watchdog_proof
@@ -55,7 +54,7 @@ def run(drive: Drive, omega_rad_s: float = 0.0, longest_ms: int = 2100) -> tuple
         closed, idle = (
             seen.axis_state == wanted for wanted in (AxisState.CLOSED_LOOP_CONTROL, AxisState.IDLE)
         )
-        state = watchdog_proof.step(CONFIG, state, Mode.PROOF, seen, closed, idle, omega_rad_s)
+        state = watchdog_proof.step(CONFIG.proof, state, Mode.PROOF, seen, closed, idle, omega_rad_s)
         stages.append(state.stage)
         if state.passed or state.failed:
             break
@@ -155,7 +154,7 @@ def test_a_crank_at_the_limit_of_its_speed_ends_nothing() -> None:
 
 
 def test_the_heartbeat_decides_by_the_time_since_the_last_frame() -> None:
-    due = CONFIG.d.ticks.proof_due
+    due = CONFIG.proof.due_ticks
     for ticks in (due - 1, due, due + 1, due + 2):
         state = watchdog_proof.INITIAL._replace(stage=WITHHOLD, withheld_ticks=ticks)
         disarmed, closed = (
@@ -164,9 +163,12 @@ def test_the_heartbeat_decides_by_the_time_since_the_last_frame() -> None:
         )
         is_late = ticks > due + 1
         cleared = state._replace(failed=True) if is_late else state._replace(stage=CLEAR)
-        assert watchdog_proof.judge_heartbeat(CONFIG, state, disarmed) == cleared
-        assert watchdog_proof.judge_heartbeat(CONFIG, state, closed).failed == (ticks >= due)
-        assert watchdog_proof.judge_heartbeat(CONFIG, state, closed._replace(age_ticks=1)).failed == is_late
+        assert watchdog_proof.judge_heartbeat(CONFIG.proof, state, disarmed) == cleared
+        assert watchdog_proof.judge_heartbeat(CONFIG.proof, state, closed).failed == (ticks >= due)
+        assert (
+            watchdog_proof.judge_heartbeat(CONFIG.proof, state, closed._replace(age_ticks=1)).failed
+            == is_late
+        )
 
 
 def test_heartbeats_are_counted_from_the_beginning_of_the_test() -> None:
@@ -176,7 +178,7 @@ def test_heartbeats_are_counted_from_the_beginning_of_the_test() -> None:
     state = watchdog_proof.INITIAL
     seen = []
     for drive in (silent, silent, beat, silent, beat):
-        state = watchdog_proof.step(CONFIG, state, Mode.PROOF, drive, True, False, 0.0)
+        state = watchdog_proof.step(CONFIG.proof, state, Mode.PROOF, drive, True, False, 0.0)
         seen.append((state.stage, state.beat_ticks, state.interval_ticks))
     assert seen == [(CLOSE, -1, 0), (CLOSE, -1, 0), (CLOSE, 0, 0), (CLOSE, 1, 0), (CLOSE, 0, 2)]
 
@@ -194,23 +196,25 @@ def test_an_axis_that_cannot_be_cleared_fails() -> None:
 def test_a_passed_test_counts_until_a_heartbeat_is_missing_or_the_next_test() -> None:
     passed = run(Drive(50, 100, 37))[0]
     for mode in set(Mode) - {Mode.PROOF}:
-        fresh = DriveInput(AxisState.IDLE, 0, 0, CONFIG.d.ticks.drive)
-        after = watchdog_proof.step(CONFIG, passed, mode, fresh, False, True, 30.0)
+        fresh = DriveInput(AxisState.IDLE, 0, 0, CONFIG.gate.drive_ticks)
+        after = watchdog_proof.step(CONFIG.proof, passed, mode, fresh, False, True, 30.0)
         assert after == watchdog_proof.INITIAL._replace(passed=True)
-        stale = fresh._replace(age_ticks=CONFIG.d.ticks.drive + 1)
-        assert watchdog_proof.step(CONFIG, after, mode, stale, False, True, 0.0) == watchdog_proof.INITIAL
-    again = watchdog_proof.step(CONFIG, after, Mode.PROOF, fresh, False, True, 0.0)
+        stale = fresh._replace(age_ticks=CONFIG.gate.drive_ticks + 1)
+        assert (
+            watchdog_proof.step(CONFIG.proof, after, mode, stale, False, True, 0.0) == watchdog_proof.INITIAL
+        )
+    again = watchdog_proof.step(CONFIG.proof, after, Mode.PROOF, fresh, False, True, 0.0)
     assert (again.passed, again.stage) == (False, CLOSE)
 
 
 @pytest.mark.requirement("S-16")
 def test_only_a_passed_test_allows_a_start_where_it_is_required() -> None:
-    required = replaced(CONFIG, "p.watchdog.proof_required", True)
+    required = CONFIG.proof._replace(is_required=True)
     for state in (watchdog_proof.INITIAL, watchdog_proof.INITIAL._replace(failed=True)):
-        assert watchdog_proof.may_start(CONFIG, state)
+        assert watchdog_proof.may_start(CONFIG.proof, state)
         assert not watchdog_proof.may_start(required, state)
     assert watchdog_proof.may_start(required, watchdog_proof.INITIAL._replace(passed=True))
-    assert config_from({"watchdog.proof_required": 1}) == required
+    assert config_from({"watchdog.proof_required": 1}).proof == required
 
 
 def test_only_the_error_that_the_test_provokes_is_tolerated() -> None:

@@ -30,7 +30,7 @@ from pyxcp.types import XcpResponseError
 from firmware_py.builds import board_tools
 from firmware_py.builds.a2l import a2l, a2l_name, unit_text
 from firmware_py.builds.flat import from_flat
-from firmware_py.core.configure import commit
+from firmware_py.core.config import commit
 from firmware_py.interface.addresses import DEFAULT, Addresses
 from firmware_py.interface.enums import Mode, XcpCommandCode
 from firmware_py.interface.float32 import float32_bits
@@ -389,8 +389,8 @@ def test_pyxcp_writes_every_tuning_parameter_at_rest_and_no_other(resting: Runni
         assert list(map(round_to_float32, node.values.values())) == list(
             map(round_to_float32, values.values())
         )
-        assert node.config.d.tracker.gains == pytest.approx(expected.d.tracker.gains, rel=1e-5)
-        assert tuple(node.config.d.gate) == tuple(map(round_to_float32, before.d.gate))
+        assert node.config.crank.tracker.gains == pytest.approx(expected.crank.tracker.gains, rel=1e-5)
+        assert tuple(node.config.gate) == tuple(map(round_to_float32, before.gate))
     else:
         assert node.values == values
         assert node.config == expected

@@ -28,7 +28,7 @@ from hil.scenario.scenario import load_scenario
 
 DWELLING = start.INITIAL._replace(stage=start.DWELL, hits=3)
 LONG_MET = stride_harmonic.INITIAL._replace(turns=1000, harmonic=1, impulse_n_s=0.9)
-STRIDE_S = 20.0 * math.pi / config_from({}).d.natural_rad_s
+STRIDE_S = 20.0 * math.pi / config_from({}).nominal.natural_rad_s
 WEAKER = Request(1.1, 0.5, False, 0.0, 0.0, Refusal.NONE, Refusal.NONE)
 OUTPUTS = ("torque_n_m", "mode", "fault", "refusal", "impact_speed_m_s")
 HELD, JAMMED, QUICK = (
@@ -134,11 +134,11 @@ SHOWN_WITH: list[tuple[str, tuple[str, ...], str, float]] = [
 ]
 """The same in changed scenarios."""
 RARE: list[tuple[str, float, Callable[[Config], Any]]] = [
-    ("estimator.coarse_std_m", 0.004, lambda config: model_sensors(config.p)),
-    ("start.dwell_periods", 5.0, lambda config: start.lead_to_rise(config, DWELLING, 12.0)),
-    ("hold.lowest_ratio", 1.2, lambda config: hold.find_bound(config, 1.1, False, WEAKER, 0.6)),
-    ("gait.hysteresis", 0.5, lambda config: gait_lock.choose_turns(config, STRIDE_S, 13, 0.0)),
-    ("gait.impulse_tolerance", 0.05, lambda config: stride_harmonic.find_unmet(config, LONG_MET, 1.0)),
+    ("estimator.coarse_std_m", 0.004, lambda config: model_sensors(config.p.estimator)),
+    ("start.dwell_periods", 5.0, lambda config: start.lead_to_rise(config.start, DWELLING, 12.0)),
+    ("hold.lowest_ratio", 1.2, lambda config: hold.find_bound(config.hold, 1.1, False, WEAKER, 0.6)),
+    ("gait.hysteresis", 0.5, lambda config: gait_lock.choose_turns(config.gait, STRIDE_S, 13, 0.0)),
+    ("gait.impulse_tolerance", 0.05, lambda config: stride_harmonic.find_unmet(config.gait, LONG_MET, 1.0)),
     (
         "speed.current_limit_a",
         9.0,

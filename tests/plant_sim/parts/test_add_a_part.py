@@ -190,8 +190,8 @@ for which in range(len(sensors)):
     readings = numba.njit(lambda *arguments: measurements_of(*arguments))(taken[0], 7)
     assert readings == measurements_of(taken[0], 7)
     print(frame.can_id)
-defaults = parameters_of(DEFAULTS)
-assert numba.njit(lambda parameters: model_sensors(parameters))(defaults) == model_sensors(defaults)
+defaults = parameters_of(DEFAULTS).estimator
+assert numba.njit(lambda estimator: model_sensors(estimator))(defaults) == model_sensors(defaults)
 """
 
 

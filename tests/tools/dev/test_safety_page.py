@@ -8,7 +8,16 @@ from pathlib import Path
 import pytest
 
 from firmware_py.core.control.start import LONGEST_SEARCH_S
-from firmware_py.core.safety import consent, drive_link, gate, liveness, monitors, own_crank, watchdog_proof
+from firmware_py.core.safety import (
+    consent,
+    drive_link,
+    gate,
+    gate_limits,
+    liveness,
+    monitors,
+    own_crank,
+    watchdog_proof,
+)
 from firmware_py.shell.parameters import DEFAULTS
 from hil.drive.axis import DriveConfig
 from hil.judge.checks import requirements
@@ -67,7 +76,7 @@ BY_CODE = [
     f"end it {WINDOW} ms after the last accelerometer or encoder frame",
     f"extrapolates a rising drop by {1e3 * gate.LEAD_S:g} ms",
     f"low-pass of {DEFAULTS['sensor.bandwidth_hz']:g} Hz",
-    f"at most {gate.LONGEST_CONTACT_S:g} s, because its low-pass",
+    f"at most {gate_limits.LONGEST_CONTACT_S:g} s, because its low-pass",
     f"repeats a reading {liveness.READINGS} times",
     f"ranges differ for {liveness.READINGS} readings in a row",
     f"at most {100.0 * own_crank.LOAD_SHARE:g} % of the largest torque",
@@ -85,13 +94,13 @@ BY_CODE = [
     f"Up to {WORDS[gate.LONGEST_BRIDGE_TICKS - 1]} lost readings",
     f"has {({2.0: 'twice'})[gate.AWAY_FACTOR]} the limits",
     f"−{gate.AWAY_FACTOR:g} × the limit",
-    f"over {1e3 * gate.SPEED_WINDOW_S:g} ms",
+    f"over {1e3 * gate_limits.SPEED_WINDOW_S:g} ms",
     f"−{gate.DRIVES_OWN:g} × the limit | {gate.DRIVES_OWN:g} ×",
-    f"{WORDS[gate.GAPS]} gaps of more than {1e3 * gate.LONGEST_GAP_S:g} ms, without "
-    f"{1e3 * gate.LONGEST_GAP_S:g} ms of samples",
+    f"{WORDS[gate.GAPS]} gaps of more than {1e3 * gate_limits.LONGEST_GAP_S:g} ms, without "
+    f"{1e3 * gate_limits.LONGEST_GAP_S:g} ms of samples",
     f"without a [sign of life](#the-gate) in {liveness.READINGS} readings",
     f"{liveness.READINGS} equal, or with ranges apart",
-    f"and {liveness.DIFFER_M_S2:g} m/s² |",
+    f"and {gate_limits.DIFFER_M_S2:g} m/s² |",
     f"dips or within {LONGEST_SEARCH_S:g} s",
     f"by {monitors.RUNAWAY_RAD_S:g} rad/s for {monitors.RUNAWAY_S:g} s",
     f"see STALL | {monitors.RUNAWAY_RAD_S:g} rad/s | {monitors.RUNAWAY_S:g} s",

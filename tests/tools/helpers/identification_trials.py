@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
+from firmware_py.core.estimation.striker_model import STANDARD_GRAVITY_M_S2
 from firmware_py.shell.parameters import with_overrides
 from plant_sim.scene import Scene, load_scene
 from tools.campaign.modules import LAWS, Law

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
+from firmware_py.core.estimation.striker_model import STANDARD_GRAVITY_M_S2
 from firmware_py.interface.generated.records import OperatorCommand
 from firmware_py.shell.parameters import with_overrides
 from hil.record.bus_reconstruction import frames_of

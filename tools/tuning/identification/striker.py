@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from firmware_py.core.config import Transition
+from firmware_py.core.estimation.kalman import Transition
 from firmware_py.core.estimation.striker_model import free_flight
 from plant_sim.arrays import BoolArray, FloatArray, IntArray
 from plant_sim.kernels import jit

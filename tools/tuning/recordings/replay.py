@@ -39,12 +39,16 @@ def _replay(config: Config, ticks: FloatArray, out: FloatArray) -> None:
         low, high, housing = ticks[k, 0], ticks[k, 1], ticks[k, 2]
         position, velocity = ticks[k, 3], ticks[k, 4]
         felt = AccelerometerInput(low, high, housing, 0 if np.isfinite(low) else 1)
-        turned = crank.read(config, EncoderInput(position, velocity, 0 if np.isfinite(position) else 1, 1))
-        crank_now = crank.step(config, config.d.tracker, crank_now, turned, 0.0)
+        turned = crank.read(
+            config.crank, EncoderInput(position, velocity, 0 if np.isfinite(position) else 1, 1)
+        )
+        crank_now = crank.step(config.crank, crank_now, turned, 0.0)
         before = estimate
-        predicted = estimator.propagate(config, estimate, felt, touched.phase, crank_now)
-        touched, contact = detector.step(config, touched, predicted)
-        estimate = estimator.correct(config, before, predicted, contact, NOTHING_MEASURED, crank_now)
+        predicted = estimator.propagate(config.estimator, estimate, felt, touched.phase, crank_now)
+        touched, contact = detector.step(config.detector, touched, predicted)
+        estimate = estimator.correct(
+            config.estimator, before, predicted, contact, NOTHING_MEASURED, crank_now
+        )
         row = out[k]
         row[X] = estimate.x_m
         row[INNOVATION], row[INNOVATION_STD] = predicted.innovation_m_s2, predicted.innovation_std_m_s2
@@ -53,7 +57,9 @@ def _replay(config: Config, ticks: FloatArray, out: FloatArray) -> None:
         at_stop_m = config.p.stop.position_m + contact.approach_speed_m_s * contact.age_s
         row[STOP_INNOVATION] = at_stop_m - predicted.estimate.x_m
         jitter_m = contact.approach_speed_m_s * config.p.estimator.touch_down_jitter_s
-        row[STOP_VARIANCE] = predicted.estimate.p.xx + newton.stop_variance(config) + jitter_m * jitter_m
+        row[STOP_VARIANCE] = (
+            predicted.estimate.p.xx + newton.stop_variance(config.p.estimator) + jitter_m * jitter_m
+        )
 
 
 def replay(config: Config, ticks: Ticks) -> FloatArray:
