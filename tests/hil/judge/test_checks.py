@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from hil.judge.checks import Check, checks_of
-from hil.judge.evaluation import evaluate, margin, margin_share
+from hil.judge.checks import Bounds, Check, checks_of
+from hil.judge.evaluation import evaluate, margin, margin_in, margin_share
 from hil.record.run_traces import RunTraces
 
 
@@ -137,12 +137,13 @@ def test_a_check_of_the_hold_covers_it_to_the_end_that_the_script_gives(hold_end
         ({"low": 4.0, "high": 4.0}, 4.0, None),
         # A lower limit of 0 is none.
         ({"low": 0.0, "high": 4.0}, 1.0, 0.75),
+        ({"low": 0.0, "high": 0.5}, 0.125, 0.75),
         ({"low": 0.0, "high": 0.0}, 0.0, None),
         ({"low": 0.0}, 1.0, None),
         # The other end of a share is 1; a value above 1 is no share.
         ({"low": 0.99}, 0.995, 0.5),
-        ({"low": 0.5}, 1.0, 1.0),
-        ({"low": 0.5}, 1.5, 2.0),
+        ({"low": 0.75}, 1.0, 1.0),
+        ({"low": 0.75}, 1.5, 1.0),
         ({"low": 1.0}, 1.0, 0.0),
         ({"low": 50.0}, 75.0, 0.5),
         ({"low": -0.5}, 0.0, 1.0),
@@ -162,6 +163,7 @@ def test_a_margin_is_a_share_of_the_room_within_the_limits(limits, value, share)
 def test_an_unequal_value_has_no_margin_and_an_equal_one_is_at_its_limit():
     check = Check(name="impact_count", equals=8)
     assert (margin(check, 8), margin(check, 9)) == (0.0, -math.inf)
+    assert margin_in(Bounds(), 1.0) == -math.inf  # without a limit nothing passes
 
 
 def test_a_check_stays_as_it_was_read_and_a_scenario_has_500_of_them_at_most():
@@ -180,7 +182,7 @@ def test_a_check_stays_as_it_was_read_and_a_scenario_has_500_of_them_at_most():
         ({}, 10.0, 9.0),  # the whole run
         ({"from_s": 0.0, "to_s": 5.0}, 10.0, 9.0),
         ({"from_s": 2.0}, 10.0, 7.0),
-        ({"to_s": 10.0}, 9.995, 9.0),  # some ticks early
+        ({"to_s": 10.0}, 10.0 - 0.01, 9.0),  # some ticks early
         ({"to_s": 10.0}, 9.98, None),
         ({"from_s": 20.0, "to_s": 30.0}, 10.0, None),
     ],
