@@ -7,19 +7,19 @@ first use, so that a node's process does not load the log and the report.
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hil.bench.library import run
-    from hil.bench.recorded_run import Run, open_run
+    from hil.runs.library import run
+    from hil.runs.recorded_run import Run, open_run
 
 __all__ = ["Run", "open_run", "run"]
 
 
 def __getattr__(name: str) -> Any:
     if name == "run":
-        from hil.bench.library import run
+        from hil.runs.library import run
 
         return run
     if name in ("Run", "open_run"):
-        from hil.bench import recorded_run
+        from hil.runs import recorded_run
 
         return getattr(recorded_run, name)
     raise AttributeError(f"module 'hil' has no attribute {name!r}")

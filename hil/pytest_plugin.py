@@ -20,7 +20,7 @@ from firmware_py.shell.builds import Build
 
 if TYPE_CHECKING:
     from firmware_py.shell.builds import Build
-    from hil.bench.recorded_run import Run
+    from hil.runs.recorded_run import Run
     from hil.scenario.settings import Settings
     from hil.timing.clock import ClockName, TimeName
 

@@ -8,7 +8,7 @@ before the other imports of the program, which take a third of a second.
 import os
 import sys
 
-from hil.timing.signals import Interrupted, delayed_signals, ending_signals
+from hil.processes.signals import Interrupted, delayed_signals, ending_signals
 from tools.standard_streams import open_streams
 
 

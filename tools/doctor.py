@@ -20,8 +20,8 @@ from firmware_py.builds import board_tools
 from hil.bus import BusError, provide
 from hil.bus.can_socket import has_kernel_can
 from hil.kernel import user_mode_linux
+from hil.processes.own_network import NetworkError, enter_own_network
 from hil.timing.clock import MonotonicClock
-from hil.timing.own_network import NetworkError, enter_own_network
 from hil.timing.realtime import BASELINE, RealtimeReport, become_realtime
 from tools.fmu import linker
 

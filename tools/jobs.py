@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any, Generic, TypeVar
 
-from hil.bench.workers import Workers, alive
+from hil.processes.workers import Workers, alive
 from tools.output import BadInputError
 
 Task = TypeVar("Task")

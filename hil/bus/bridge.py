@@ -23,7 +23,7 @@ import can
 
 from hil.bus.base import LOGGER, BusCounters, BusError
 from hil.bus.local import LocalBus
-from hil.timing.processes import READY, report_to_parent, stop_requests
+from hil.processes.child import READY, report_to_parent, stop_requests
 from hil.timing.realtime import BRIDGE_PRIORITY, take_fifo
 
 BITRATE = 1_000_000

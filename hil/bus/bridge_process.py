@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from hil.bus.base import BusCounters, BusError
-from hil.timing.processes import READY, Child
+from hil.processes.child import READY, Child
 
 
 class BridgeProcess(Child):

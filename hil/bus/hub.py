@@ -32,9 +32,9 @@ from hil.bus.wire import (
     control,
     whole_frames,
 )
+from hil.processes.child import READY, report_to_parent, stop_requests
 from hil.roster import members, processes_of_a_run
 from hil.timing.pacemaker import LONGEST_HOLD_NS, Pacemaker, Plan, TurnTimes
-from hil.timing.processes import READY, report_to_parent, stop_requests
 from hil.timing.realtime import HUB, become_realtime
 
 READ_BYTES = 1 << 16

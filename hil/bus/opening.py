@@ -22,8 +22,8 @@ from hil.bus.can_socket import (
 from hil.bus.hub_socket import HELLO, HELLO_SEND_ONLY, HELLO_STAMPED, HubSocket, TurnSocket
 from hil.bus.watched import WatchedBus
 from hil.bus.wire import requests_in
+from hil.processes.child import READY, Child, ChildError
 from hil.timing.pacemaker import PACEMAKER
-from hil.timing.processes import READY, Child, ChildError
 
 COUNT_LOSSES = ("local", "vcan", "socketcan")
 """Kinds of address where frames lost on the way to a node are counted."""

@@ -20,8 +20,8 @@ from pyroute2 import IPRoute
 from pyroute2.netlink.exceptions import NetlinkError
 
 from hil.bus.can_socket import PRIVATE_INTERFACE, new_can_socket
-from hil.timing.own_network import NetworkError, enter_own_network
-from hil.timing.processes import READY, report_to_parent, stop_requests
+from hil.processes.child import READY, report_to_parent, stop_requests
+from hil.processes.own_network import NetworkError, enter_own_network
 
 
 class VcanError(RuntimeError):

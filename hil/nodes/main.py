@@ -31,6 +31,7 @@ from hil.nodes.runners import (
     traces_in,
     warm_firmware,
 )
+from hil.processes.child import READY, Start, read_start, report_to_parent
 from hil.record.run_folder import RunFolderError
 from hil.record.state_timeline import lower_name
 from hil.record.traces.own_trace import is_build
@@ -42,7 +43,6 @@ from hil.scenario.scenario import load_scenario, refuse_other_periods
 from hil.scenario.settings import apply_settings
 from hil.timing.clock import NS_PER_S, MonotonicClock
 from hil.timing.loop import FixedRateLoop, run_turns
-from hil.timing.processes import READY, Start, read_start, report_to_parent
 from hil.timing.realtime import NODE, become_realtime, die_with_parent, leave_realtime
 
 START_DELAY_S = 0.2

@@ -1,4 +1,4 @@
-"""The run folder before and during a run; hil.bench.verdict judges its content afterwards.
+"""The run folder before and during a run; hil.runs.verdict judges its content afterwards.
 
 A run owns its folder: `claimed` makes a new folder, or takes one that is empty or was made by a run according
 to its `run.json`, and locks it. Only files that a run writes are ever removed.

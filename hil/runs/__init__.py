@@ -1,1 +1,1 @@
-"""Runs: the job, its nodes in the order of a tick, and the segments that it yields."""
+"""Runs: options, job, nodes in the order of a tick, segments; real time; the verdict; a run that is opened."""

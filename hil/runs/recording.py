@@ -19,7 +19,7 @@ from hil.runs.segments import segments
 from hil.scenario.scenario import Scenario
 from hil.timing.realtime import is_user_mode_linux
 from hil.timing.memory import SETTLING_SHARE, MemoryWatch
-from hil.timing.signals import delayed_signals
+from hil.processes.signals import delayed_signals
 from plant_sim.scene import Scene
 
 WARM_TICKS = 50

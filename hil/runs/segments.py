@@ -11,7 +11,7 @@ from hil.faults.fault import effects_of
 from hil.runs.compiled import Stretches
 from hil.runs.job import Job
 from hil.runs.lockstep import Lockstep
-from hil.timing.signals import delayed_signals
+from hil.processes.signals import delayed_signals
 from plant_sim.kernels import IS_INTERPRETED
 
 RECORDED_S = 0.5

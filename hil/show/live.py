@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import NoReturn
 from urllib.parse import urlsplit
 
+from hil.processes.child import READY, read_start, stop_requests
 from hil.record.run_traces import read_json, read_scenario
 from hil.run_files import RunFile
 from hil.show.follower import Follower
 from hil.show.log_stream import VIEWER_TIMEOUT_S
 from hil.show.rerun_log import RunLog
 from hil.show.window import WINDOW, listening_users, open_window
-from hil.timing.processes import READY, read_start, stop_requests
 
 APPEND_PERIOD_S = 0.25
 NICENESS = 12

@@ -20,6 +20,7 @@ from firmware_py.shell.parameters import addresses_from
 from hil.bus import Bus, join
 from hil.bus.addressed import addressed
 from hil.bus.can_log import CanLog
+from hil.processes.child import READY, read_start, report_to_parent, stop_requests
 from hil.record.candump import bus_log
 from hil.record.run_traces import read_json, read_scenario
 from hil.run_files import RunFile
@@ -27,7 +28,6 @@ from hil.show.follower import Follower
 from hil.show.rerun_log import RunLog
 from hil.timing.clock import NS_PER_S
 from hil.timing.pacemaker import TurnTimes
-from hil.timing.processes import READY, read_start, report_to_parent, stop_requests
 from hil.timing.realtime import settle_garbage
 
 APPEND_PERIOD_S = 1.0

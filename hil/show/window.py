@@ -1,7 +1,7 @@
 """Rerun's viewer in a window, on a port that no other user of the machine reaches.
 
 The window takes commands on its port without a password, among them to save, delete and read files. So it
-runs in a network namespace of its own (`hil.timing.own_network`), together with who sends it a run.
+runs in a network namespace of its own (`hil.processes.own_network`), together with who sends it a run.
 `python -m hil.show.window LOG [--at S]` shows a log with the cursor at a time.
 """
 
@@ -13,8 +13,8 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from hil.processes.child import asked_to_end_with_parent
 from hil.record.rrd.rerun_program import RerunError, rerun_environment, rerun_program
-from hil.timing.processes import asked_to_end_with_parent
 
 LOOPBACK = "127.0.0.1"
 WINDOW = "window"
@@ -27,7 +27,7 @@ LISTENS = "0A"
 
 def in_own_network(command: Sequence[str]) -> list[str]:
     """The command line that runs a command in a network of its own, or refuses."""
-    return [sys.executable, "-P", "-m", "hil.timing.own_network", *command]
+    return [sys.executable, "-P", "-m", "hil.processes.own_network", *command]
 
 
 def viewer_command(*logs: Path, web: bool = False, port: int | None = None) -> list[str]:

@@ -9,20 +9,21 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from hil.bench import workers
-from hil.bench.bench import is_verdict, prepare, reason_of, run_scenario, was_cut_short
-from hil.bench.verdict import close
 from hil.judge.failures import failures_of
 from hil.judge.seeds import ScenarioVerdict, merge
 from hil.judge.verdict import KILLED, RunVerdict, Verdict, trace, without_records, worst
 from hil.judge.verdict_files import junit_document, read_verdict
+from hil.processes import workers
+from hil.processes.signals import EndingSignals, Interrupted, ending_signals
 from hil.record import formats, run_folder
 from hil.record.damage import DamagedFileError, reading
 from hil.record.new_file import write_anew
 from hil.record.run_traces import read_json
 from hil.run_files import RunFile
+from hil.runs.bench import is_verdict, prepare, reason_of, run_scenario, was_cut_short
 from hil.runs.job import Outcome, Progress, RunOptions, silent
 from hil.runs.recording import begin, key_of
+from hil.runs.verdict import close
 from hil.scenario.files import ScenarioError, scenario_names, sources_in
 from hil.scenario.scenario import Scenario, load_scenario
 from hil.scenario.seeds import delay_faults
@@ -30,7 +31,6 @@ from hil.scenario.settings import Settings
 from hil.show.report.pages import write_suite_report
 from hil.suite.changes import Baseline, changes, find_only_in
 from hil.timing.clock import ClockName
-from hil.timing.signals import EndingSignals, Interrupted, ending_signals
 
 PROCESSES = 2
 """Parallel runs in lockstep; more gain little on two cores."""

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from short_run import make_run
 
-from hil.bench.recorded_run import open_run
 from hil.record import new_file, run_folder
 from hil.record.formats import KEY
+from hil.runs.recorded_run import open_run
 from text_input import TextInputError, read_text
 from tools import cli
 from tools.logs.catalogue import list_runs

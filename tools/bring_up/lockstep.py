@@ -1,4 +1,4 @@
-"""A simulated module that is stepped in this process, in the order of real time (`hil.bench.lockstep`)."""
+"""A simulated module that is stepped in this process, in the order of real time (`hil.runs.lockstep`)."""
 
 import math
 from collections.abc import Mapping, Sequence

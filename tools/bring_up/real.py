@@ -15,10 +15,10 @@ from hil.bus import BusFailedError, open_bus
 from hil.bus.addressed import addressed
 from hil.bus.base import Bus
 from hil.bus.can_log import CanLog
+from hil.processes.child import Child
 from hil.record.new_file import make_anew
 from hil.timing.clock import NS_PER_S, TICK_S, MonotonicClock
 from hil.timing.loop import FixedRateLoop
-from hil.timing.processes import Child
 from hil.timing.realtime import NODE, become_realtime, leave_realtime
 from tools.bring_up.step import EMERGENCY, Player
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tomli_w
 import typer
 
+from hil.processes.signals import Interrupted
 from hil.record.new_file import write_anew
-from hil.timing.signals import Interrupted
 from tools.commands.options import (
     MOST_TRIALS,
     Change,
@@ -81,9 +81,9 @@ def campaign(
     - all but limits: mismatch_spring, mismatch_damping, mismatch_restitution, mismatch_rest_length_m,
     mismatch_stop_m, mismatch_dry_friction, mismatch_bias_g, mismatch_amplitude
     """
-    from hil.bench.bench import prepare
-    from hil.bench.workers import WorkerDiedError
+    from hil.processes.workers import WorkerDiedError
     from hil.record.run_folder import RUNS
+    from hil.runs.bench import prepare
     from hil.runs.job import RunOptions
     from plant_sim.scene import load_scene
     from tools.campaign.campaigns import CAMPAIGNS, trial_of

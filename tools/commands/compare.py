@@ -51,7 +51,7 @@ def compare(
     if is_suite(a) or is_suite(b):
         compare_suites(a, b, must_be_equal, tolerance, as_json)
         return
-    from hil.bench.recorded_run import open_run
+    from hil.runs.recorded_run import open_run
     from tools.logs import comparison
 
     runs = open_run(a), open_run(b)

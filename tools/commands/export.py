@@ -26,8 +26,8 @@ def export(
     as_json: Json = False,
 ) -> None:
     """Write every frame of a run, decoded with units by vibro.dbc, for MDF, MCAP or table programs."""
-    from hil.bench.recorded_run import open_run
     from hil.record.new_file import is_foreign
+    from hil.runs.recorded_run import open_run
     from tools.logs.exporting import export as write
 
     ending = "" if out is None else out.suffix.removeprefix(".").lower()

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hil.timing.signals import Interrupted
+from hil.processes.signals import Interrupted
 from tools.commands.options import MOST_TRIALS, Change, Json, Scheduler, Workers, digest, folder_option
 from tools.output import (
     EXIT_CHECK_FAILED,
@@ -48,9 +48,9 @@ def falsify(
     errors, and small disturbances. A counterexample is written as a small scenario; the exit status is then
     1. The same command continues an interrupted search, also with a larger budget.
     """
-    from hil.bench.bench import prepare
-    from hil.bench.workers import WorkerDiedError
+    from hil.processes.workers import WorkerDiedError
     from hil.record.run_folder import RUNS
+    from hil.runs.bench import prepare
     from hil.runs.job import RunOptions
     from hil.scenario.files import sources_in
     from tools import jobs
@@ -127,7 +127,7 @@ def result_of(
     hunts: "list[Hunt]", evaluations: "Evaluations", by_name: dict[str, str], out: Path
 ) -> dict[str, Any]:
     """The JSON object of a search, after its counterexample or its picture of margins has been written."""
-    from hil.bench.bench import run_scenario
+    from hil.runs.bench import run_scenario
     from hil.runs.job import RunOptions, silent
     from hil.scenario.scenario import load_scenario
     from tools.falsify.counterexample import shrink, write

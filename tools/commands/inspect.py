@@ -26,7 +26,7 @@ from tools.output import (
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from hil.bench.recorded_run import Run
+    from hil.runs.recorded_run import Run
 
 
 def inspect(
@@ -53,7 +53,7 @@ def inspect(
     as_json: Json = False,
 ) -> None:
     """Recompute a run's figures and verdict from its log, or extract tables and plots."""
-    from hil.bench.recorded_run import open_run
+    from hil.runs.recorded_run import open_run
     from tools.logs.inspection import default_signals, plot_signals, write_table
 
     if to is not None and table is None:

@@ -62,7 +62,7 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Run one scenario, record every signal, and judge it."""
-    from hil.bench.bench import run_scenario
+    from hil.runs.bench import run_scenario
     from hil.runs.job import RunOptions
     from hil.scenario.scenario import load_scenario
 

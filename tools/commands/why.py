@@ -10,7 +10,7 @@ from tools.commands.options import Json, Logged
 from tools.output import answer, console, figure, figure_table, mark_verdict, table_of
 
 if TYPE_CHECKING:
-    from hil.bench.recorded_run import Run
+    from hil.runs.recorded_run import Run
 
 SHOWN_EVENTS = 10
 """Number of events around the cause that are shown."""
@@ -22,7 +22,7 @@ def why(run: Logged = None, as_json: Json = False) -> None:
     The cause is the first of latched fault and failed checks, or what broke the run off. A limit has its row
     in docs/safety.md.
     """
-    from hil.bench.recorded_run import open_run
+    from hil.runs.recorded_run import open_run
 
     logged = open_run(run)
     payload = explain(logged)

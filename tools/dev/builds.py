@@ -41,8 +41,8 @@ from firmware_py.node.memory import FirmwareState
 from firmware_py.shell.builds import HERE, Build
 from firmware_py.shell.native import NativeNode, emitted_functions
 from firmware_py.shell.node import FirmwareNode, MakeNode
-from hil.bench import workers
 from hil.nodes.runners import PlantRunner, warm_firmware
+from hil.processes import workers
 from hil.record.traces.trace import read
 from hil.run_files import RunFile, trace_file
 from hil.runs.job import Job

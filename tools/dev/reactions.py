@@ -28,8 +28,8 @@ from firmware_py.interface.generated.records import (
     SetInputTorque,
 )
 from firmware_py.interface.modes import LATCHED
-from hil.bench import workers
 from hil.faults.kinds.flood import Flood
+from hil.processes import workers
 from hil.record.bus_reconstruction import frames_of
 from hil.record.candump import BusLog
 from hil.record.run_traces import read_bus

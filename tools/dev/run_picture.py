@@ -19,9 +19,9 @@ import rerun.blueprint as rrb
 from PIL import Image, PngImagePlugin
 from rerun.experimental import ViewerClient
 
-from hil.bench.bench import run_scenario
 from hil.record.rrd.rerun_program import rerun_environment
 from hil.run_files import RunFile
+from hil.runs.bench import run_scenario
 from hil.runs.job import RunOptions, silent
 from hil.scenario.scenario import load_scenario
 from hil.show.layout import Contents, Highlights, layout

@@ -16,7 +16,6 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
-from hil.bench.recorded_run import Run
 from hil.judge.checks import size_of
 from hil.judge.figures.records import CATALOGUE, Origin, value_of
 from hil.judge.tolerance import Tolerance, tolerance_of
@@ -25,6 +24,7 @@ from hil.record.frame_tables import RAW
 from hil.record.log_reader import MEASURED
 from hil.record.run_traces import column, pair_by_tick
 from hil.record.state_timeline import ALARM, OTHER
+from hil.runs.recorded_run import Run
 from hil.show.layout import overlay
 from hil.show.log_stream import colors, recorded
 from plant_sim.arrays import FloatArray

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from pyarrow import parquet
 
 from firmware_py.interface.dbc import database
-from hil.bench.recorded_run import Run
 from hil.record.frame_tables import table_of
 from hil.record.new_file import open_anew
+from hil.runs.recorded_run import Run
 from tools.logs.csv_table import write_csv
 from tools.output import BadInputError
 

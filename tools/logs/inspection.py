@@ -6,8 +6,8 @@ import pyarrow as pa
 from pyarrow import feather, parquet
 
 from firmware_py.builds.a2l import unit_of
-from hil.bench.recorded_run import Run
 from hil.record.new_file import open_anew
+from hil.runs.recorded_run import Run
 from tools.logs.csv_table import write_csv
 from tools.output import BadInputError
 from tools.plots import drawn

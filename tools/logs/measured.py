@@ -18,12 +18,12 @@ from firmware_py.interface.parameter_table import INDEX, TABLE
 from firmware_py.shell.parameters import addresses_from, check_value
 from hil.bus import open_bus
 from hil.bus.addressed import addressed
+from hil.processes.signals import Interrupted, is_ctrl_c
 from hil.record.formats import PARAMETERS
 from hil.record.new_file import make_anew, write_anew
 from hil.scenario.settings import apply_settings
 from hil.show.log_stream import LogStream
 from hil.timing.clock import TICK_S
-from hil.timing.signals import Interrupted, is_ctrl_c
 from tools.logs.view import live_viewer
 from tools.output import BadInputError
 from tools.progress import shown_progress

@@ -6,12 +6,12 @@ import sys
 import webbrowser
 from pathlib import Path
 
-from hil.bench.recorded_run import log_of
+from hil.processes.signals import Interrupted, is_ctrl_c
 from hil.record.rrd.rerun_program import RerunError, rerun_environment
 from hil.record.run_folder import read_note
 from hil.run_files import RunFile
+from hil.runs.recorded_run import log_of
 from hil.show.window import LOOPBACK, WINDOW, in_own_network, listening_users, viewer_command
-from hil.timing.signals import Interrupted, is_ctrl_c
 from tools.logs.quiet_viewer import served
 from tools.output import EXIT_BAD_INPUT, BadInputError, progress_console
 

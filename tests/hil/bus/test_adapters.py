@@ -22,9 +22,9 @@ from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import Accelerometer, DriveEstop, SetInputTorque
 from hil.bus import Bus, BusFailedError, ProvidedBus, join, open_bus, provide, shared
+from hil.processes.child import READY_TIMEOUT_S
 from hil.record.run_traces import read_bus
 from hil.show.recorder import Recorder
-from hil.timing.processes import READY_TIMEOUT_S
 from hil.timing.realtime import BRIDGE_PRIORITY, fixed_priority
 from tools import cli
 from tools.output import EXIT_BAD_INPUT

@@ -26,8 +26,8 @@ from hil.bus.hub_socket import HELLO
 from hil.bus.in_process import InProcessBus
 from hil.bus.vcan import hand_out
 from hil.bus.wire import CAN_FRAME
-from hil.timing.processes import Child
-from hil.timing.signals import Interrupted
+from hil.processes.child import Child
+from hil.processes.signals import Interrupted
 
 
 def frame(number: int) -> Frame:

@@ -23,7 +23,7 @@ from kernel_interface import made_interface, needs_kernel_can
 from waiting import message_data
 
 from firmware_py.interface.enums import AxisState
-from hil.bench.realtime import program
+from hil.runs.realtime import program
 
 CHANNEL = "can0"
 """The interface that ODrive's examples join, and no other."""

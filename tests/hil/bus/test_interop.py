@@ -19,10 +19,11 @@ from waiting import waited_for
 
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, Mode
-from hil.bench.realtime import program, run_scenario
 from hil.bus import provide
 from hil.record.traces import trace
+from hil.runs.bench import run_scenario
 from hil.runs.job import Job, RunOptions
+from hil.runs.realtime import program
 from hil.runs.recording import in_lockstep
 from hil.scenario.scenario import Scenario, load_scenario
 

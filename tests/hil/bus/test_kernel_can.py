@@ -138,7 +138,7 @@ def test_ordinary_user_gets_a_private_vcan_too() -> None:
 WITHOUT_IMPORTS = """
 import sys
 from hil.bus import vcan
-from hil.timing.own_network import enter_own_network
+from hil.processes.own_network import enter_own_network
 enter_own_network()
 sys.meta_path.clear()
 vcan.make_interface("vcan0")

@@ -44,8 +44,8 @@ from firmware_py.shell.flat_node import FlatNode
 from firmware_py.shell.node import FirmwareNode
 from firmware_py.shell.parameters import parameters_of, round_to_float32, values_of
 from hil.bus import join, provide
+from hil.processes.child import READY_TIMEOUT_S
 from hil.scenario.parameter_file import read_parameters
-from hil.timing.processes import READY_TIMEOUT_S
 from tools import cli
 from tools.output import EXIT_BAD_INPUT
 from tools.xcp_master import ACCEPTED_IDS, RefusedError, Sampled, SessionError, XcpMaster, XcpMasterError

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from hil.bench.workers import Workers
+from hil.processes.workers import Workers
 
 
 @contextmanager

@@ -9,10 +9,10 @@ from run_folder import make_run, write_run
 from firmware_py.core.numbers import TAU
 from firmware_py.interface.enums import AxisState, Fault, Mode
 from firmware_py.shell.parameters import BY_NAME, config_from
-from hil.bench.recorded_run import open_run
-from hil.bench.verdict import finish
 from hil.judge.why.cause import conditions, find_cause
 from hil.record.run_traces import read_run
+from hil.runs.recorded_run import open_run
+from hil.runs.verdict import finish
 
 SAFETY = Path(__file__).parents[3] / "docs/safety.md"
 LATCHED = 6007

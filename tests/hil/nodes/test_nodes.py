@@ -193,7 +193,7 @@ def test_a_nodes_process_loads_no_reader_of_databases_no_tables_and_no_linear_al
 def test_a_run_loads_neither_log_nor_report_before_its_first_tick():
     """The figures, the log and the readers of databases take longer to load than all that simulates."""
     heavy = ("cantools", "can", "pandas", "pyarrow", "rerun", "matplotlib", "hil.show.rerun_log")
-    load = "import hil.bench.bench, tools.commands.run; from hil.scenario.scenario import load_scenario; "
+    load = "import hil.runs.bench, tools.commands.run; from hil.scenario.scenario import load_scenario; "
     load += "from hil.runs.job import Job; from hil.runs.segments import segments; "
     load += "next(segments(Job(load_scenario('soft-start-multistable'), 1)))"
     assert loaded_by(load, heavy) == "[]\n"

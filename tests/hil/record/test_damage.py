@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from run_folder import make_run, write_run
 
-from hil.bench.recorded_run import cause, rebuilt
 from hil.judge.judge import judge
 from hil.record.candump import StoredBus, parse_candump
 from hil.record.damage import DamagedFileError, reading
@@ -18,6 +17,7 @@ from hil.record.provenance import commit, packages, this_build
 from hil.record.rrd.log_file import repair
 from hil.record.rrd.rerun_program import RerunError
 from hil.record.run_traces import read_run
+from hil.runs.recorded_run import cause, rebuilt
 
 FILES = (
     *("run.json", "outcome.json", "scenario.toml"),

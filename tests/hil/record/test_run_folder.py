@@ -12,7 +12,6 @@ import can
 import pytest
 from resting import resting
 
-from hil.bench.bench import run_scenario
 from hil.bus.base import BusError
 from hil.record.run_folder import (
     RunFolderError,
@@ -23,6 +22,7 @@ from hil.record.run_folder import (
     write_note,
 )
 from hil.record.run_traces import read_bus
+from hil.runs.bench import run_scenario
 from hil.runs.job import RunOptions, silent
 from hil.scenario.scenario import Scenario, load_scenario
 from hil.suite.suite import Case, Chosen, judge_case, run_suite

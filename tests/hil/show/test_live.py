@@ -13,14 +13,14 @@ import pytest
 from log_hashes import column_hashes, differing_entities
 from run_folder import make_run, write_run
 
-from hil.bench.realtime import ProcessesRun
+from hil.processes.child import Child, Start
 from hil.record.rrd.log_file import repair
 from hil.record.rrd.rerun_program import rerun_environment, rerun_program
 from hil.runs.job import Outcome, RunOptions, silent
+from hil.runs.realtime import ProcessesRun
 from hil.show.follower import Follower
 from hil.show.live import follow
 from hil.show.rerun_log import rebuild
-from hil.timing.processes import Child, Start
 from tools import cli
 from tools.output import EXIT_BAD_INPUT
 

@@ -11,12 +11,12 @@ from rerun.experimental import ViewerClient
 from run_folder import make_run, write_run
 from screen import require_screen
 
-from hil.bench.verdict import finish
 from hil.can_model.fault_confinement import BusErrorRecord, ErrorState, NodeErrors
 from hil.record.log_reader import documents, read_traces, tables
 from hil.record.run_faults import RunFault
 from hil.record.run_traces import read_run
 from hil.record.traces.trace import TraceWriter
+from hil.runs.verdict import finish
 from hil.show import layout, rerun_log, window
 from hil.show.legible.limits import APPROACH_LIMITS
 from hil.show.rerun_log import ERROR_TICKS, rebuild

@@ -22,6 +22,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import SetInputTorque
 from hil.bus import join, provide
 from hil.bus.addressed import addressed
+from hil.processes.child import Child, Start
 from hil.record.log_reader import read_traces
 from hil.record.rrd.log_file import repair
 from hil.record.rrd.rerun_program import RerunError
@@ -29,7 +30,6 @@ from hil.record.run_traces import read_bus, read_run
 from hil.record.traces.trace import TraceWriter
 from hil.show.recorder import Recorder
 from hil.show.rerun_log import rebuild
-from hil.timing.processes import Child, Start
 
 SPEED_UP = 4
 """The made-up run of 7 s is played to the recorder in less."""

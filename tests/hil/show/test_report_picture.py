@@ -7,8 +7,8 @@ import pytest
 from run_folder import V_M_S, make_run, write_run
 
 from firmware_py.interface.enums import Fault
-from hil.bench.verdict import finish
 from hil.record.run_faults import RunFault
+from hil.runs.verdict import finish
 from hil.show.report.picture import BINS, Curve, Level, Picture, Plot, Span, Strip, extrema, path_of, shapes
 
 

@@ -12,13 +12,13 @@ from xml.etree import ElementTree
 import pytest
 from resting import resting
 
-from hil.bench.workers import Died
 from hil.faults.every import KINDS
 from hil.judge.checks import Check
 from hil.judge.evaluation import is_within
 from hil.judge.judge import judge
 from hil.judge.seeds import merge
 from hil.judge.verdict import CheckResult, RunVerdict, Verdict
+from hil.processes.workers import Died
 from hil.record.run_folder import RunFolderError
 from hil.record.run_traces import RunTraces
 from hil.runs.job import RunOptions, silent
@@ -103,7 +103,7 @@ def test_a_killed_worker_costs_only_its_scenario(tmp_path: Path, monkeypatch: py
         for case in cases:
             yield case, Died("was killed by SIGKILL") if case.scenario.name == "long" else judge(case)
 
-    monkeypatch.setattr("hil.bench.workers.results", results)
+    monkeypatch.setattr("hil.processes.workers.results", results)
     names = [str(resting(tmp_path, name)) for name in ("long", "quick")]
     long, quick = run_suite(Chosen(names), LOCKSTEP, tmp_path / "out", [1], silent)["scenarios"]
     assert (long["passed"], quick["passed"]) == (False, True)

@@ -13,10 +13,10 @@ import pytest
 from fuzzing.kill import signalled
 from host import stop
 
-from hil.bench.bench import run_scenario
 from hil.faults.kinds.restarted import Restarted
 from hil.record.run_traces import read_json
 from hil.record.traces import trace
+from hil.runs.bench import run_scenario
 from hil.runs.job import RunOptions, silent
 from hil.scenario.scenario import Scenario, load_scenario
 from hil.scenario.settings import Settings

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from hil.bench import bench
-from hil.timing.signals import Interrupted
+from hil.processes.signals import Interrupted
+from hil.runs import bench
 from plant_sim.scene import Scene, load_scene
 from tools.campaign import processes
 from tools.campaign.campaign import Cell, Goal, Outcome, Plan

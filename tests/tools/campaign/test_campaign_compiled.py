@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from firmware_py.interface.enums import Mode
-from hil.bench.bench import run_scenario
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import read
+from hil.runs.bench import run_scenario
 from hil.runs.job import Job, RunOptions
 from hil.runs.recording import record
 from hil.scenario.scenario import check_scenario, load_scenario

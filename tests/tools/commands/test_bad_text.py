@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from options import options_of
 
-from hil.bench import recorded_run
+from hil.runs import recorded_run
 from tools import cli
 from tools.output import EXIT_BAD_INPUT
 

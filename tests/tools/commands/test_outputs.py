@@ -215,7 +215,7 @@ def test_a_bus_that_is_not_used_is_named(command: list[str], monkeypatch, capsys
     def ended(*_: Any, **__: Any) -> None:
         raise BadInputError("enough")
 
-    monkeypatch.setattr("hil.bench.bench.run_scenario", ended)
+    monkeypatch.setattr("hil.runs.bench.run_scenario", ended)
     monkeypatch.setattr("hil.suite.suite.run_suite", ended)
     for bus, notes in (("auto", 0), ("vcan", 1)):
         assert cli.run([*command, "--bus", bus]) == EXIT_BAD_INPUT

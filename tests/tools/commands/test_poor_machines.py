@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from hil.bench.realtime import BenchError
 from hil.bus import BusFailedError
 from hil.kernel.user_mode_linux import UmlDeathError
+from hil.runs.realtime import BenchError
 from tools import error_report
 from tools.output import EXIT_BAD_INPUT, EXIT_INTERNAL_ERROR
 

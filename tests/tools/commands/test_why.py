@@ -6,8 +6,8 @@ import numpy as np
 from run_folder import make_run, write_run
 
 from firmware_py.interface.enums import Fault
-from hil.bench.verdict import finish
 from hil.record.run_faults import RunFault
+from hil.runs.verdict import finish
 from tools.cli import run
 
 INJECTED = RunFault("sensor-stuck", "plant", False, 4.0, None, "sensor-stuck (sensor striker)", 3000)

@@ -8,9 +8,9 @@ import numpy as np
 import planted
 import pytest
 
+from hil.processes.signals import Interrupted
 from hil.scenario.files import ScenarioError, read_file, search_tables
 from hil.scenario.scenario import load_scenario
-from hil.timing.signals import Interrupted
 from tools import cli
 from tools.falsify import evaluations as stored
 from tools.falsify.objective import BROKEN, Result, result_at

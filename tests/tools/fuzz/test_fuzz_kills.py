@@ -22,7 +22,7 @@ from fuzzing import kill as killing
 from fuzzing import queue_kills, run_kills
 from fuzzing.kill import PARENT, REPORT, SIGNALS, Kill
 
-from hil.bench.workers import Workers
+from hil.processes.workers import Workers
 from tools.study import work
 
 QUEUES = ("suite", "campaign")

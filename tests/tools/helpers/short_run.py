@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from hil.bench.bench import run_scenario
+from hil.runs.bench import run_scenario
 from hil.runs.job import RunOptions
 from hil.scenario.scenario import load_scenario
 

@@ -8,10 +8,10 @@ import pyarrow as pa
 import pytest
 from short_run import make_run
 
-from hil.bench.recorded_run import open_run
 from hil.judge.figures.records import CATALOGUE
 from hil.judge.tolerance import Tolerance
 from hil.record.log_reader import tables
+from hil.runs.recorded_run import open_run
 from tools import cli
 from tools.commands.compare import show
 from tools.logs.changes import flip

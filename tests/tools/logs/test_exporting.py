@@ -13,7 +13,7 @@ from short_run import make_run
 
 from firmware_py.interface import codec
 from firmware_py.interface.dbc import database
-from hil.bench.recorded_run import open_run
+from hil.runs.recorded_run import open_run
 from tools import cli
 from tools.logs.csv_table import write_csv
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED

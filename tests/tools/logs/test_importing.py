@@ -18,11 +18,11 @@ from firmware_py.interface.generated.records import (
     SetInputTorque,
     StrikerEstimate,
 )
-from hil.bench import recorded_run
-from hil.bench.recorded_run import open_run
 from hil.record.bus_reconstruction import reconstruct_ticks, tick_numbers
 from hil.record.candump import bus_log
 from hil.record.log_reader import tables
+from hil.runs import recorded_run
+from hil.runs.recorded_run import open_run
 from tools import cli
 from tools.logs import foreign_logs
 from tools.output import EXIT_BAD_INPUT, EXIT_NOTHING_RAN, EXIT_PASSED

@@ -12,10 +12,10 @@ from PIL import Image
 from pyarrow import csv, feather, parquet
 from short_run import make_run
 
-from hil.bench.recorded_run import open_run
 from hil.record.rrd.rates import SLOW_TICKS, is_slow
 from hil.record.run_traces import read_bus
 from hil.record.traces import trace
+from hil.runs.recorded_run import open_run
 from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
 

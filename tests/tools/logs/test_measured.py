@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hil.bus import BusError
-from hil.timing.signals import Interrupted, interruption
+from hil.processes.signals import Interrupted, interruption
 from tools import cli
 from tools.logs.measured import LOG_NAME, log_streams, lost_samples, measure_signals, summary
 from tools.output import EXIT_BAD_INPUT, BadInputError

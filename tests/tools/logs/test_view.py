@@ -13,12 +13,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from hil.bench import recorded_run
-from hil.bench.recorded_run import RunError
 from hil.record import run_folder
 from hil.record.rrd.rerun_program import rerun, rerun_environment
 from hil.record.run_traces import RunTraces
 from hil.run_files import RunFile
+from hil.runs import recorded_run
+from hil.runs.recorded_run import RunError
 from hil.show import window
 from hil.show.rerun_log import RunLog
 from tools import cli
@@ -190,7 +190,7 @@ def test_a_window_opens_in_a_network_of_its_own(log, monkeypatch):
     monkeypatch.setattr(view.subprocess, "run", lambda command, **_: started.append(command) or ended)
     with pytest.raises(BadInputError, match="shared"):
         view.view(log, web=False, live=False)
-    assert started[0][1:4] == ["-P", "-m", "hil.timing.own_network"]
+    assert started[0][1:4] == ["-P", "-m", "hil.processes.own_network"]
 
 
 def test_a_viewer_for_live_runs_takes_no_other():

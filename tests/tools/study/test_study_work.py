@@ -69,7 +69,7 @@ def test_a_scheduler_that_is_none_is_refused_at_once(
     command: str, scheduler: str, tmp_path: Path, monkeypatch, capsys
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("hil.bench.bench.prepare", lambda *_: None)
+    monkeypatch.setattr("hil.runs.bench.prepare", lambda *_: None)
     assert cli.run([*command.split(), "--scheduler", scheduler]) == EXIT_BAD_INPUT
     said = " ".join(capsys.readouterr().err.split())
     assert f"--scheduler {scheduler}: no Dask scheduler answers there" in said

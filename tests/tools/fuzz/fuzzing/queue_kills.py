@@ -13,10 +13,10 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from fuzzing import kill as killing
-from hil.bench.bench import was_cut_short
-from hil.bench.workers import PROGRAM
 from hil.judge.verdict_files import read_verdict
+from hil.processes.workers import PROGRAM
 from hil.record.run_traces import read_json
+from hil.runs.bench import was_cut_short
 
 WORKER = "a worker"
 RUNS = 3

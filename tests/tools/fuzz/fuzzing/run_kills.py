@@ -18,9 +18,9 @@ from fuzzing.kill import (
     left_over,
     wait_for,
 )
-from hil.bench.recorded_run import open_run
 from hil.record.rrd.log_file import is_whole
 from hil.record.run_traces import read_json
+from hil.runs.recorded_run import open_run
 
 CHILDREN = ("firmware", "plant", "recorder", "hub", "baseline")
 STAGES = {"early": (0.1, 0.5), "middle": (1.0, 2.0), "end": (2.4, 2.8), REPORT: (0.0, 0.3)}

@@ -12,8 +12,8 @@ import pytest
 from run_folder import make_run, write_run
 
 from firmware_py.interface.enums import Fault
-from hil.bench.recorded_run import open_run
-from hil.bench.verdict import finish
+from hil.runs.recorded_run import open_run
+from hil.runs.verdict import finish
 from hil.judge.checks import checks_of, requirements
 from hil.judge.figures.figures import figures_of
 from hil.judge.figures.records import LogFigures

@@ -17,11 +17,11 @@ import pytest
 from compilers import require_compiler
 from resting import resting
 
-from hil.bench.bench import run_scenario
+from hil.runs.bench import run_scenario
 from hil.record.traces import trace
 from hil.runs.job import RunOptions, silent
 from hil.scenario.scenario import Scenario, load_scenario
-from hil.timing.processes import BAD_INPUT_STATUS, Child, ChildError, ChildRefusalError
+from hil.processes.child import BAD_INPUT_STATUS, Child, ChildError, ChildRefusalError
 from tools.output import EXIT_BAD_INPUT
 
 LOCAL = RunOptions(bus="local")
@@ -185,7 +185,7 @@ def test_child_that_says_nothing_is_not_waited_for_forever(tmp_path: Path) -> No
 
 ENDS_AS_IT_IS_STOPPED = """
 import os, signal, time
-from hil.timing.processes import stop_requests
+from hil.processes.child import stop_requests
 stop_requests().close()
 os.kill(os.getpid(), signal.SIGTERM)
 time.sleep(0.01)
@@ -202,7 +202,7 @@ def test_child_that_is_stopped_while_it_ends_writes_no_error() -> None:
 def test_child_that_is_stopped_before_it_is_ready_is_not_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hil.timing.processes.LOOK_S", 0.1)
+    monkeypatch.setattr("hil.processes.child.LOOK_S", 0.1)
     held = child("import time; time.sleep(60)", tmp_path)
     held.signal(signal.SIGSTOP)
     began_s = time.monotonic()
@@ -222,7 +222,7 @@ def test_child_that_is_continued_in_time_becomes_ready(tmp_path: Path) -> None:
 
 
 def test_child_that_will_not_stop_is_made_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hil.timing.processes.STOP_TIMEOUT_S", 0.3)
+    monkeypatch.setattr("hil.processes.child.STOP_TIMEOUT_S", 0.3)
     stubborn = child(
         "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN);"
         "print('ready', flush=True); time.sleep(60)",
@@ -236,7 +236,7 @@ def test_child_that_will_not_stop_is_made_to(tmp_path: Path, monkeypatch: pytest
 def test_child_that_is_at_work_has_longer_to_stop_but_a_stopped_one_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hil.timing.processes.STOP_TIMEOUT_S", 0.3)
+    monkeypatch.setattr("hil.processes.child.STOP_TIMEOUT_S", 0.3)
     code = (
         "import signal, sys, time; signal.signal(signal.SIGTERM, lambda *_: (time.sleep(1.0), sys.exit()));"
         "print('ready', flush=True); time.sleep(60)"

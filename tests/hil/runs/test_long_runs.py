@@ -26,8 +26,8 @@ the reader's threads decode one block more or less ahead of their reader."""
 EACH_IN_A_FORK = """
 import os, sys
 from pathlib import Path
-from hil.bench.recorded_run import Run
-from hil.bench.verdict import finish
+from hil.runs.recorded_run import Run
+from hil.runs.verdict import finish
 from tools.logs.comparison import first_difference
 from tools.logs.exporting import export
 run_dir, ticks = Path(sys.argv[1]), int(sys.argv[2])

@@ -1,4 +1,4 @@
-"""The roster: a fourth node is one entry, and runs on both clocks with its trace, its frames and its faults."""
+"""The roster: a fourth node is one entry, and runs on both clocks, is logged, and has faults."""
 
 import json
 import os
@@ -13,14 +13,13 @@ import second_imu as its_module
 import tomli_w
 from second_imu import CAN_ID
 
-from hil.bench.realtime import program
-from hil.bench.recorded_run import open_run
-
 from hil.faults.on_process import is_process
 from hil.record.traces.trace import read
 from hil.roster import ROSTER, Node
 from hil.runs.compiled import Stretches
 from hil.runs.job import Job
+from hil.runs.realtime import program
+from hil.runs.recorded_run import open_run
 from hil.runs.recording import record
 from hil.scenario.files import ScenarioError, read_scenario
 from hil.scenario.scenario import Scenario, check_scenario
@@ -82,7 +81,9 @@ ROSTER.append(Node("imu", 0.5, "second_imu:SecondImu", traces=("imu",)))
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize(("faults", "ticks"), [((), TICKS), ((killed("imu"),), TICKS // 2)], ids=["", "killed"])
+@pytest.mark.parametrize(
+    ("faults", "ticks"), [((), TICKS), ((killed("imu"),), TICKS // 2)], ids=["", "killed"]
+)
 def test_a_fourth_node_runs_in_real_time(tmp_path: Path, faults: tuple[Any, ...], ticks: int) -> None:
     """Each of the run's processes has the entry, as if it stood in the roster's file."""
     (tmp_path / "sitecustomize.py").write_text(ENTRY)
@@ -94,7 +95,11 @@ def test_a_fourth_node_runs_in_real_time(tmp_path: Path, faults: tuple[Any, ...]
     scenario.write_text(tomli_w.dumps(document))
     command = [program(), "run", str(scenario), "--clock", "real", "--bus", "local", "--out", str(folder)]
     ran = subprocess.run(
-        command, env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)}, capture_output=True, text=True, check=False
+        command,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert ran.returncode == 0, ran.stdout + ran.stderr
     run = json.loads((folder / "run.json").read_text())

@@ -23,8 +23,8 @@ from hil.runs.job import Job, Outcome, Progress, RunOptions
 from hil.runs.recording import begin, simulate
 from hil.scenario.files import ScenarioError
 from hil.scenario.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
-from hil.timing.processes import ChildError, ChildRefusalError
-from hil.timing.signals import Interrupted, ending_signals, interruption
+from hil.processes.child import ChildError, ChildRefusalError
+from hil.processes.signals import Interrupted, ending_signals, interruption
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
@@ -46,7 +46,7 @@ def run_scenario(
             if in_lockstep:
                 simulate(Job(scenario, seed, options.firmware, run_dir, ending.outcome, progress))
             else:
-                from hil.bench.realtime import ProcessesRun  # noqa: PLC0415 - lockstep needs no bus
+                from hil.runs.realtime import ProcessesRun  # noqa: PLC0415 - lockstep needs no bus
 
                 ProcessesRun(scenario, options, run_dir, seed, ending.outcome, progress).run()
             progress(1.0, "writing log and verdict")
@@ -157,7 +157,7 @@ def ending_with_a_verdict(
             run_folder.discard(run_dir)
             raise raised
         try:
-            from hil.bench.verdict import close  # noqa: PLC0415 - loaded after the last tick
+            from hil.runs.verdict import close  # noqa: PLC0415 - loaded after the last tick
 
             ending.verdict = close(run_dir, ending.outcome, only_if_failed)
         except Exception as error:

@@ -23,7 +23,7 @@ from typing import Any
 
 from firmware_py.interface.addresses import bus_id
 from firmware_py.shell.parameters import addresses_from
-from hil.bench.supervision import BASELINE, Supervision, plan_of
+from hil.runs.supervision import BASELINE, Supervision, plan_of
 from hil.bus import Bus, BusCounters, ProvidedBus, join, join_in_turns, provide, shared
 from hil.bus.addressed import addressed
 from hil.bus.hub_socket import TurnSocket
@@ -42,7 +42,7 @@ from hil.show.window import WINDOW, in_own_network
 from hil.timing.clock import NS_PER_S, OPERATOR_PERIOD_S, MonotonicClock, TimeName
 from hil.timing.loop import FixedRateLoop, LoopTiming, run_turns
 from hil.timing.pacemaker import LONGEST_HOLD_NS, PACEMAKER, shared_turn_times
-from hil.timing.processes import Child, ChildError, Start, has_stopped, is_busy
+from hil.processes.child import Child, ChildError, Start, has_stopped, is_busy
 from hil.timing.realtime import OPERATOR_PRIORITY, fixed_priority, settle_garbage
 from text_input import RefusalError
 
@@ -238,7 +238,7 @@ class ProcessesRun:
         if self.provided.turns is not None:
             recorder += ["--turn-times", str(self.turn_times)]
         python = [sys.executable, "-P", "-m"]
-        baseline = [*python, "hil.timing.baseline", "--ticks", str(self.scenario.ticks)]
+        baseline = [*python, "hil.processes.baseline", "--ticks", str(self.scenario.ticks)]
         live = [*python, "hil.show.live", str(self.run_dir), "--to", str(self.options.viewer)]
         live = in_own_network(live) if self.options.viewer == WINDOW else live
         # What the operator talks to is stopped first: the nodes in the reversed order of a tick.

@@ -23,9 +23,9 @@ from multiprocessing import spawn
 from multiprocessing.connection import Connection, Pipe, wait
 from typing import Any, Generic, NamedTuple, Self, TypeVar
 
-from hil.timing.processes import has_stopped
+from hil.processes.child import has_stopped
+from hil.processes.signals import Interrupted
 from hil.timing.realtime import collect_rarely, end_with_parent
-from hil.timing.signals import Interrupted
 from text_input import RefusalError
 
 Task = TypeVar("Task")
@@ -36,7 +36,7 @@ LOOK_S = 1.0
 """Period at which the workers are checked."""
 MOST_LOOKS_STOPPED = 10
 """Successive checks after which a stopped worker is killed; none takes place while the program is stopped."""
-PROGRAM = "from hil.bench.workers import main; main()"
+PROGRAM = "from hil.processes.workers import main; main()"
 REMOVAL = """trap "" INT HUP TERM; read -r _; exec rm -rf -- "$1" """
 """Shell program that removes a folder once every writer of its standard input has ended."""
 

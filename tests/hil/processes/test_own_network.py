@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from hil.processes import own_network
+from hil.processes.own_network import NetworkError
 from hil.show.window import in_own_network
-from hil.timing import own_network
-from hil.timing.own_network import NetworkError
 
 LISTENER = """
 import socket, sys

@@ -15,7 +15,7 @@ from hil.scenario.scenario import Scenario
 from hil.timing.clock import NS_PER_S, OPERATOR_PERIOD_S
 from hil.timing.memory import SAMPLE_S, SETTLING_SHARE, MemoryWatch
 from hil.timing.pacemaker import Plan, Takes
-from hil.timing.processes import Child, Start
+from hil.processes.child import Child, Start
 
 BASELINE = "baseline"
 """Name of the bare loop, which ends before a run whose time is held."""

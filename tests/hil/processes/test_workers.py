@@ -11,15 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from hil.bench import workers
-from hil.bench.workers import Died, WorkerDiedError, Workers, alive, results
-from hil.timing.processes import has_stopped
-from hil.timing.signals import ending_signals
+from hil.processes import workers
+from hil.processes.child import has_stopped
+from hil.processes.signals import ending_signals
+from hil.processes.workers import Died, WorkerDiedError, Workers, alive, results
 
 KILLED_AT_A_START = """
 import os, sys
 sys.path.insert(0, sys.argv[1])
-from hil.bench import workers
+from hil.processes import workers
 from test_workers import pid_after
 some = workers.Workers(pid_after, 1)
 print(some._started().process.pid, flush=True)
@@ -53,7 +53,7 @@ def test_a_worker_that_dies_costs_its_task_alone() -> None:
 
 
 OF_A_PROGRAM = """
-from hil.bench.workers import results
+from hil.processes.workers import results
 
 def doubled(task: int) -> int:
     return 2 * task
@@ -86,7 +86,7 @@ def stopped(task: int) -> int:
 
 
 def test_a_worker_that_is_stopped_for_long_costs_its_task_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hil.bench.workers.LOOK_S", 0.1)
+    monkeypatch.setattr("hil.processes.workers.LOOK_S", 0.1)
     found = dict(results(stopped, [0, 1], 2))
     assert found == {0: Died("was stopped by a signal, and after 1 s killed"), 1: 1}
 
@@ -128,7 +128,7 @@ def test_a_worker_does_not_outlive_a_program_that_is_killed_while_it_begins() ->
 TEMPORARY = """
 import os, sys, tempfile
 sys.path.insert(0, sys.argv[1])
-from hil.bench.workers import Workers
+from hil.processes.workers import Workers
 from test_workers import temporary_folder
 with Workers(temporary_folder, 2) as some:
     for task, folder in some.results(["kept", sys.argv[2]]):

@@ -3,7 +3,7 @@
 >>> from pathlib import Path
 >>> open_run(Path("runs/nowhere.rrd"))
 Traceback (most recent call last):
-hil.bench.recorded_run.RunError: runs/nowhere.rrd is not there; name a run folder or an .rrd file
+hil.runs.recorded_run.RunError: runs/nowhere.rrd is not there; name a run folder or an .rrd file
 """
 
 import atexit

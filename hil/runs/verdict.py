@@ -35,7 +35,7 @@ def close(run_dir: Path, outcome: Outcome, only_if_failed: bool = False) -> RunV
     run_folder.note(run_dir, faults=with_effects(note, outcome.faults_acted))
     can_log, bus = run_dir / RunFile.CAN_LOG, note.get("bus")
     if "firmware" in note and not is_build(note["firmware"]):
-        from hil.bench.sent_decisions import write_firmware_trace  # what decodes frames is loaded if needed
+        from hil.record.sent_decisions import write_firmware_trace  # what decodes frames is loaded if needed
 
         write_firmware_trace(run_dir, note["period_s"], "gait" in read_scenario(run_dir).get("scene", {}))
     if can_log.exists() and bus not in NOT_SHARED:

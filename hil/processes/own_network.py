@@ -1,6 +1,6 @@
 """A network namespace of its own for a process: what listens in it is reached by no other user.
 
-`python -m hil.timing.own_network COMMAND…` runs a command there, with a loopback interface. Where this
+`python -m hil.processes.own_network COMMAND…` runs a command there, with a loopback interface. Where this
 machine makes no namespace, the command runs in the machine's network if no other person uses it, and else is
 refused.
 This module needs no library, as a process with several threads cannot enter a user namespace.
@@ -15,7 +15,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from hil.timing.processes import BAD_INPUT_STATUS
+from hil.processes.child import BAD_INPUT_STATUS
 from hil.timing.realtime import libc
 
 CLONE_NEWUSER = 0x10000000

@@ -1,6 +1,6 @@
 """A bare sleep loop beside a run: the timing of an idle loop on this machine.
 
-`python -m hil.timing.baseline --ticks N` waits for the start time on standard input like the nodes, sleeps
+`python -m hil.processes.baseline --ticks N` waits for the start time on standard input like the nodes, sleeps
 until each tick with the nodes' scheduling settings, and prints its overruns. Its deadlines lie a quarter of a
 tick before the plant's, where no node wakes up.
 """
@@ -9,9 +9,9 @@ import argparse
 import json
 import signal
 
+from hil.processes.child import READY, read_start, report_to_parent
 from hil.timing.clock import NS_PER_S, MonotonicClock
 from hil.timing.loop import FixedRateLoop
-from hil.timing.processes import READY, read_start, report_to_parent
 from hil.timing.realtime import BASELINE, become_realtime, die_with_parent
 
 PERIOD_NS = NS_PER_S // 1000

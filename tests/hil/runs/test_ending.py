@@ -18,8 +18,8 @@ from waiting import waited_for
 from firmware_py.interface import codec
 from firmware_py.interface.enums import ActingLimit, Mode, Regime
 from firmware_py.interface.generated.records import FirmwareHeartbeat
-from hil.bench.bench import run_scenario
-from hil.bench.verdict import close
+from hil.runs.bench import run_scenario
+from hil.runs.verdict import close
 from hil.judge.judge import judge
 from hil.judge.verdict import failed_for
 from hil.judge.verdict_files import junit_document

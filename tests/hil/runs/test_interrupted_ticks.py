@@ -63,8 +63,8 @@ sys.exit(run(["run", "e-stop-in-the-hold", *options]))
 
 ANOTHER_ERROR = """
 import os, sys
-from hil.timing.signals import Interrupted
-from hil.bench import bench
+from hil.processes.signals import Interrupted
+from hil.runs import bench
 
 def simulate(*_):
     try:

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import get_args
 
 from firmware_py.shell.builds import Build
-from hil.bench.bench import run_scenario
-from hil.bench.recorded_run import Run, open_run
+from hil.runs.bench import run_scenario
+from hil.runs.recorded_run import Run, open_run
 from hil.record.traces.own_trace import NONE
 from hil.runs.job import RunOptions, silent
 from hil.scenario.files import ScenarioError

@@ -9,7 +9,7 @@ import tomli_w
 from resting import resting
 from run_folder import make_run, write_run
 
-from hil.bench.verdict import finish
+from hil.runs.verdict import finish
 from hil.judge.checks import checks_of
 from hil.judge.seeds import merge
 from hil.judge.verdict import Verdict, trace, worst
