@@ -49,6 +49,7 @@ def explain(logged: "Run") -> dict[str, Any]:
         "cause": sentences[0] if sentences else None,
         "at_s": None if cause is None else at_s,
         "limit": None if cause is None or cause.limit is None else cause.limit._asdict(),
+        "possible_rows": [] if cause is None else list(cause.rows),
         "injected": [
             {"at_s": fault.from_s, "to_s": fault.to_s, "fault": fault.text, "acted_on": fault.acted}
             for fault in sorted(faults_of(logged.traces.run), key=lambda fault: fault.from_s)
@@ -91,6 +92,8 @@ def show(found: dict[str, Any]) -> None:
         rows += [("value", limit["value"], limit["unit"]), ("limit", limit["bound"], limit["unit"])]
         rows += [("parameter", limit["parameter"], "")] if limit["parameter"] else []
         rows += [("row of docs/safety.md", limit["row"], "")] if limit["row"] else []
+    if found["possible_rows"]:
+        rows.append(("row of docs/safety.md", f"one of: {'; '.join(found['possible_rows'])}", ""))
     if rows:
         console.print(figure_table(None, rows))
     console.print()

@@ -120,13 +120,17 @@ class Limit(NamedTuple):
 
 
 class Cause(NamedTuple):
-    """Why a run ended as it did, in a sentence; `condition` and `config` belong to a latched fault."""
+    """Why a run ended as it did, in a sentence; `condition` and `config` belong to a latched fault.
+
+    `rows` of docs/safety.md, by their first cells: of a latched fault whose quantities the log lacks.
+    """
 
     at_s: float
     sentence: str
     limit: Limit | None
     condition: Condition | None = None
     config: Config | None = None
+    rows: tuple[str, ...] = ()
 
 
 def find_cause(traces: RunTraces, verdict: RunVerdict) -> Cause | None:
@@ -172,11 +176,8 @@ def latched_cause(traces: RunTraces, row: int) -> Cause:
     found = {one: value_in(one, record, config) for one in conditions().get(fault, ())}
     shown = {one: value for one, value in found.items() if value is not None}
     if not shown:
-        rows = " or ".join(dict.fromkeys(one.row_for(fault) for one in found))
-        in_rows = (
-            f"; the log does not show the quantities of its limits (docs/safety.md: {rows})" if rows else ""
-        )
-        return Cause(at_s, f"{sentence}{in_rows}", None)
+        rows = dict.fromkeys(one.row_for(fault) for one in found)
+        return Cause(at_s, sentence, None, rows=tuple(rows))
     best = max(shown, key=lambda one: excess(one, shown[one], config))
     limit = Limit(
         best.quantity, shown[best], best.unit, best.limit(config), best.parameter, best.row_for(fault)

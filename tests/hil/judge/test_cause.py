@@ -129,6 +129,7 @@ def test_the_cause_is_the_first_of_fault_failed_checks_and_emergency_stop(tmp_pa
     assert verdict.checks[0].value is None
     cause = find_cause(read_run(tmp_path / "consequence"), verdict)
     assert cause.sentence.startswith("the firmware latched the fault overcurrent")
+    assert (cause.limit, cause.rows) == (None, ("motor current",))
 
     broken_off = make_run()
     broken_off.outcome["reasons"] = ["the controller failed: no such name"]
