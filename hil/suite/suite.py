@@ -23,7 +23,6 @@ from hil.run_files import RunFile
 from hil.runs.bench import is_verdict, prepare, reason_of, run_scenario, was_cut_short
 from hil.runs.job import Outcome, Progress, RunOptions, silent
 from hil.runs.recording import begin, key_of
-from hil.runs.verdict import close
 from hil.scenario.files import ScenarioError, scenario_names, sources_in
 from hil.scenario.scenario import Scenario, load_scenario
 from hil.scenario.seeds import delay_faults
@@ -119,6 +118,8 @@ def run_cases(
 
 def close_broken_off(case: Case, clock: ClockName, death: workers.Died) -> RunVerdict:
     """The verdict on a run whose process was killed, from the files that it left."""
+    from hil.runs.verdict import close  # noqa: PLC0415 - it loads the writers of log and report
+
     with run_folder.claimed(case.scenario.name, case.run_dir) as run_dir:
         if not run_folder.is_own(run_dir):
             begin(run_dir, case.scenario, clock, case.seed)
