@@ -14,8 +14,8 @@ from hil.record.formats import KEY
 from hil.runs.recorded_run import open_run
 from text_input import TextInputError, read_text
 from tools import cli
-from tools.logs.catalogue import list_runs
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
+from tools.runs.catalogue import list_runs
 
 
 @pytest.fixture(scope="module")

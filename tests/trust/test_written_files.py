@@ -16,9 +16,9 @@ from hil.record import run_folder
 from tools import cli, plots
 from tools.commands.campaign import keep_trial
 from tools.commands.options import PICTURES, RECORDINGS, TABLES
-from tools.logs import inspection
 from tools.output import BadInputError
 from tools.program import program
+from tools.runs import inspection
 
 ROOT = Path(kernel_cache.__file__).parents[1]
 PACKAGES = ("firmware_py", "plant_sim", "hil", "tools")

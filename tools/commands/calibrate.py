@@ -24,7 +24,7 @@ def calibrate(
     At rest every tuning parameter may change, in motion those marked in the parameters' reference; limits,
     ceilings and watchdogs never. A power cycle restores the parameter file. Exit status 1 if one is refused.
     """
-    from tools.logs.measured import change_parameters, pairs_of
+    from tools.runs.measured import change_parameters, pairs_of
 
     wanted = pairs_of(values)
     refused = change_parameters(wanted, bus, change or [], save)

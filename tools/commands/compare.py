@@ -8,7 +8,6 @@ from rich.markup import escape
 from rich.table import Column
 
 from tools.commands.options import RECORDINGS, Json, new_option
-from tools.logs.changes import Tolerances, flip, show_changes, tolerances_of
 from tools.output import (
     EXIT_CHECK_FAILED,
     EXIT_NOTHING_RAN,
@@ -19,6 +18,7 @@ from tools.output import (
     mark_verdict,
     table_of,
 )
+from tools.runs.changes import Tolerances, flip, show_changes, tolerances_of
 
 MOST_CHANGES = 10
 """Largest number of figures shown, so that they fit one screen; --json has all."""
@@ -52,7 +52,7 @@ def compare(
         compare_suites(a, b, must_be_equal, tolerance, as_json)
         return
     from hil.runs.recorded_run import open_run
-    from tools.logs import comparison
+    from tools.runs import comparison
 
     runs = open_run(a), open_run(b)
     result = comparison.compare(*runs, tolerances_of(tolerance))
@@ -94,7 +94,7 @@ def show_suites(result: dict[str, Any]) -> None:
 
 def show(result: dict[str, Any]) -> None:
     """Print both verdicts, the largest changes, the machine's timing and the signals' first difference."""
-    from tools.logs import comparison
+    from tools.runs import comparison
 
     figures, changes = result["figures"], result["largest_changes"]
     table = table_of(Column(title, no_wrap=True) for title in ("figure", "a", "b", "b − a"))

@@ -28,7 +28,7 @@ def export(
     """Write every frame of a run, decoded with units by vibro.dbc, for MDF, MCAP or table programs."""
     from hil.record.new_file import is_foreign
     from hil.runs.recorded_run import open_run
-    from tools.logs.exporting import export as write
+    from tools.exchange.exporting import export as write
 
     ending = "" if out is None else out.suffix.removeprefix(".").lower()
     kind = to or (ending if ending in get_args(Kind) else "mf4")

@@ -31,7 +31,7 @@ def import_log(
     Its times count from the first frame. Exit status 5 if it must not be judged: more than a hundredth of its
     lines are no messages, its clock falls back, or two firmwares have sent with the same numbers.
     """
-    from tools.logs.importing import import_log as make_run
+    from tools.exchange.importing import import_log as make_run
 
     result = make_run(log, out, channel, tolerant)
     status = EXIT_NOTHING_RAN if result["not_judged"] else EXIT_PASSED

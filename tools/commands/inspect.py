@@ -54,7 +54,7 @@ def inspect(
 ) -> None:
     """Recompute a run's figures and verdict from its log, or extract tables and plots."""
     from hil.runs.recorded_run import open_run
-    from tools.logs.inspection import default_signals, plot_signals, write_table
+    from tools.runs.inspection import default_signals, plot_signals, write_table
 
     if to is not None and table is None:
         raise BadInputError(

@@ -37,8 +37,8 @@ def replay(
     does not show all that the firmware received.
     """
     from hil.record.traces.own_trace import NONE
-    from tools.logs.replay import recordings
-    from tools.logs.replay import replay as replay_one
+    from tools.runs.replay import recordings
+    from tools.runs.replay import replay as replay_one
 
     if firmware == NONE:
         raise BadInputError("--firmware none: a replay has no bus to join; name a build or FILE.py:FUNCTION")

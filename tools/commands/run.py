@@ -70,7 +70,7 @@ def run(
     note_unused_bus(bus, clock)
     viewer = None
     if live:
-        from tools.logs.view import live_viewer
+        from tools.runs.view import live_viewer
 
         if clock == "lockstep":
             raise BadInputError("--live shows a run in real time; after one in lockstep: `vibrohil view`")

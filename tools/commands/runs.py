@@ -11,7 +11,7 @@ from tools.commands.options import Json
 from tools.output import EXIT_NOTHING_RAN, EXIT_PASSED, answer, console, figure, mark_verdict, print_columns
 
 if TYPE_CHECKING:
-    from tools.logs.catalogue import ListedRun
+    from tools.runs.catalogue import ListedRun
 
 COLUMNS = ("regime", "fault", "impact_v_m_s", "estimate.x_rmse_m")
 """Figures that the table shows by default."""
@@ -40,7 +40,7 @@ def runs(
     as_json: Json = False,
 ) -> None:
     """List the runs with their verdicts and key figures."""
-    from tools.logs.catalogue import age_s, choose, list_runs, prune, refuse_other_figures
+    from tools.runs.catalogue import age_s, choose, list_runs, prune, refuse_other_figures
 
     for name in show or []:
         refuse_other_figures("--show", name, name)

@@ -17,9 +17,9 @@ from tools.commands.options import (
     folder_option,
     note_unused_bus,
 )
-from tools.logs.changes import Tolerances, baseline_result, show_changes, tolerances_of
 from tools.output import BadInputError, answer, console, exit_of, figure, mark_verdict, table_of
 from tools.progress import shown_progress
+from tools.runs.changes import Tolerances, baseline_result, show_changes, tolerances_of
 
 MOST_LACKING = 5
 """Most names of scenarios and checks that are printed of those that only the baseline has."""

@@ -15,6 +15,6 @@ def view(
     ] = False,
 ) -> None:
     """Open a run in the Rerun viewer, or a viewer that waits for live runs."""
-    from tools.logs.view import view as open_viewer
+    from tools.runs.view import view as open_viewer
 
     open_viewer(run, web=web, live=live)

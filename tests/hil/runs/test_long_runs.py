@@ -28,8 +28,8 @@ import os, sys
 from pathlib import Path
 from hil.runs.recorded_run import Run
 from hil.runs.verdict import finish
-from tools.logs.comparison import first_difference
-from tools.logs.exporting import export
+from tools.runs.comparison import first_difference
+from tools.exchange.exporting import export
 run_dir, ticks = Path(sys.argv[1]), int(sys.argv[2])
 log = run_dir / "run.rrd"
 for program in sys.argv[3:]:

@@ -20,7 +20,7 @@ from hil.runs.verdict import finish
 from hil.show import layout, rerun_log, window
 from hil.show.legible.limits import APPROACH_LIMITS
 from hil.show.rerun_log import ERROR_TICKS, rebuild
-from tools.logs import view
+from tools.runs import view
 
 FAULT = RunFault("sensor-stuck", "plant", False, 4.0, 4.5, "sensor-stuck (sensor striker)")
 FAILING = {"name": "detector.recall", "low": 1.5}

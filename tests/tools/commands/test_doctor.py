@@ -10,7 +10,7 @@ import pytest
 from compilation.kernel_cache import KernelCacheError
 from hil.kernel import user_mode_linux
 from tools import doctor
-from tools.logs import view
+from tools.runs import view
 
 
 def test_every_check_has_a_name_a_finding_and_a_remedy() -> None:

@@ -28,7 +28,7 @@ from firmware_py.shell.parameters import config_from
 from hil.run_files import RunFile
 from hil.scenario.scenario import load_scenario
 from tools.dev.builds import numbers_in
-from tools.logs.replay import divide_on_grid, frames_of_run
+from tools.runs.replay import divide_on_grid, frames_of_run
 
 DRIVER = Path(__file__).with_name("driver.c")
 STRICT = ("-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror")

@@ -11,7 +11,8 @@ import pytest
 from hostile_logs import ASC, ASC_FRAME, GOOD, blf, blf_container, blf_object
 
 from tools import cli
-from tools.logs.foreign_logs import clock_jumps, kind_of, read_log
+from tools.exchange.foreign_logs import clock_jumps, kind_of
+from tools.exchange.reading import read_log
 from tools.output import EXIT_NOTHING_RAN, EXIT_PASSED, BadInputError
 
 

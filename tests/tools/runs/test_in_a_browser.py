@@ -18,7 +18,7 @@ from hil.record.rrd.rerun_program import rerun_environment
 from hil.record.run_traces import read_scenario
 from hil.show import window
 from hil.show.report.pages import write_suite_report
-from tools.logs.quiet_viewer import served
+from tools.runs.quiet_viewer import served
 
 GREEN, RED = {False: (31, 138, 76), True: (63, 184, 114)}, {False: (207, 52, 56), True: (240, 102, 106)}
 PAPER = {False: (255, 255, 255), True: (18, 20, 23)}

@@ -11,7 +11,7 @@ import pytest
 from hil.bus import BusError
 from hil.processes.signals import Interrupted, interruption
 from tools import cli
-from tools.logs.measured import LOG_NAME, log_streams, lost_samples, measure_signals, summary
+from tools.runs.measured import LOG_NAME, log_streams, lost_samples, measure_signals, summary
 from tools.output import EXIT_BAD_INPUT, BadInputError
 from tools.xcp_master import Sample, Sampled
 
@@ -68,7 +68,7 @@ def test_ctrl_c_ends_a_measurement_with_the_figures_of_what_has_arrived(
     name = "state.estimator.x_m"
 
     def measured_until(number: signal.Signals) -> dict[str, dict[str, Any]]:
-        monkeypatch.setattr("tools.logs.measured.session", lambda *_: nullcontext(EndedBy(number)))
+        monkeypatch.setattr("tools.runs.measured.session", lambda *_: nullcontext(EndedBy(number)))
         return measure_signals(Sampled([name], 1), "local", [], 60.0, False, None)
 
     assert measured_until(signal.SIGINT)[name]["last"] == 0.125

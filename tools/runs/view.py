@@ -12,7 +12,7 @@ from hil.record.run_folder import read_note
 from hil.run_files import RunFile
 from hil.runs.recorded_run import log_of
 from hil.show.window import LOOPBACK, WINDOW, in_own_network, listening_users, viewer_command
-from tools.logs.quiet_viewer import served
+from tools.runs.quiet_viewer import served
 from tools.output import EXIT_BAD_INPUT, BadInputError, progress_console
 
 LIVE_PORT = 9876

@@ -33,7 +33,8 @@ from hil.run_files import RunFile
 from hil.scenario.parameter_file import merge_files
 from hil.scenario.scenario import Scenario, load_scenario
 from plant_sim.arrays import FloatArray
-from tools.logs.foreign_logs import LoggedMessage, clock_jumps, read_log
+from tools.exchange.foreign_logs import LoggedMessage, clock_jumps
+from tools.exchange.reading import read_log
 from tools.output import BadInputError
 
 IDS = {message.name: message.frame_id for message in database().messages}

@@ -8,7 +8,7 @@ from pyarrow import feather, parquet
 from firmware_py.builds.a2l import unit_of
 from hil.record.new_file import open_anew
 from hil.runs.recorded_run import Run
-from tools.logs.csv_table import write_csv
+from tools.exchange.csv_table import write_csv
 from tools.output import BadInputError
 from tools.plots import drawn
 

@@ -24,7 +24,7 @@ from hil.record.new_file import make_anew, write_anew
 from hil.scenario.settings import apply_settings
 from hil.show.log_stream import LogStream
 from hil.timing.clock import TICK_S
-from tools.logs.view import live_viewer
+from tools.runs.view import live_viewer
 from tools.output import BadInputError
 from tools.progress import shown_progress
 from tools.xcp_master import RefusedError, Sampled, XcpMaster

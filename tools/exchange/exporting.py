@@ -23,7 +23,7 @@ from firmware_py.interface.dbc import database
 from hil.record.frame_tables import table_of
 from hil.record.new_file import open_anew
 from hil.runs.recorded_run import Run
-from tools.logs.csv_table import write_csv
+from tools.exchange.csv_table import write_csv
 from tools.output import BadInputError
 
 CAN = "can/"

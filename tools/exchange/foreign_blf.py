@@ -12,8 +12,8 @@ from typing import BinaryIO, NamedTuple
 
 import can
 
-from tools.logs import foreign_logs
-from tools.logs.foreign_logs import FORMATS, LARGEST_BYTES, ForeignLog, refuse_large, too_many
+from tools.exchange import foreign_logs
+from tools.exchange.foreign_logs import FORMATS, LARGEST_BYTES, ForeignLog, refuse_large, too_many
 from tools.output import BadInputError
 
 BLF_FILE = struct.Struct("<4sL8BQ")

@@ -15,7 +15,7 @@ from hil.record.run_traces import RunTraces
 from tools import cli
 from tools.commands.run import show_checks
 from tools.commands.suite import line_of
-from tools.logs import catalogue as runs
+from tools.runs import catalogue as runs
 from tools.output import EXIT_BAD_INPUT, EXIT_NOTHING_RAN, EXIT_PASSED, console
 
 VERDICTS = {

@@ -22,14 +22,14 @@ from hil.record.traces.trace import TraceWriter
 from hil.run_files import RunFile, trace_file
 from hil.show.rerun_log import rebuild
 from hil.timing.clock import TICK_S
-from tools.logs.foreign_logs import (
+from tools.exchange.foreign_logs import (
     SHOWN_LINES,
     ClockJump,
     ForeignLog,
     LoggedMessage,
     clock_jumps,
-    read_log,
 )
+from tools.exchange.reading import read_log
 from tools.output import BadInputError
 
 LONGEST_S = 86400.0

@@ -24,7 +24,7 @@ from hil.record.log_reader import tables
 from hil.runs import recorded_run
 from hil.runs.recorded_run import open_run
 from tools import cli
-from tools.logs import foreign_logs
+from tools.exchange import foreign_logs
 from tools.output import EXIT_BAD_INPUT, EXIT_NOTHING_RAN, EXIT_PASSED
 
 START_S = 1_700_000_000.0

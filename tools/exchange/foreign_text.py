@@ -16,8 +16,8 @@ from typing import NamedTuple
 import can
 
 from hil.record.candump import MOST_BYTES
-from tools.logs import foreign_logs
-from tools.logs.foreign_logs import (
+from tools.exchange import foreign_logs
+from tools.exchange.foreign_logs import (
     FORMATS,
     MOST_BAD_LINES,
     SHOWN_CHARACTERS,

@@ -15,7 +15,7 @@ from firmware_py.interface import codec
 from firmware_py.interface.dbc import database
 from hil.runs.recorded_run import open_run
 from tools import cli
-from tools.logs.csv_table import write_csv
+from tools.exchange.csv_table import write_csv
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
 
 FRAME = "Accelerometer"

@@ -14,8 +14,8 @@ from hil.record.log_reader import tables
 from hil.runs.recorded_run import open_run
 from tools import cli
 from tools.commands.compare import show
-from tools.logs.changes import flip
-from tools.logs.comparison import (
+from tools.runs.changes import flip
+from tools.runs.comparison import (
     Difference,
     compare,
     first_in_blocks,

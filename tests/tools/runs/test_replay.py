@@ -14,7 +14,7 @@ from firmware_py.interface.codec import CODEC_BY_ID
 from firmware_py.interface.enums import Mode
 from firmware_py.shell.builds import Build
 from tools import cli
-from tools.logs.replay import IDS, divide_at_torques, divide_on_grid, frames_of_run, replay
+from tools.runs.replay import IDS, divide_at_torques, divide_on_grid, frames_of_run, replay
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PASSED, BadInputError
 
 E_STOP = "e-stop-in-the-hold"
@@ -101,7 +101,7 @@ def test_a_long_run_is_replayed_though_as_a_log_it_would_be_too_large(
     run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for limit in ("foreign_logs.MOST_MESSAGES", "foreign_text.MOST_LINES"):
-        monkeypatch.setattr(f"tools.logs.{limit}", 1000)
+        monkeypatch.setattr(f"tools.exchange.{limit}", 1000)
     assert replay(run_dir).equal
     command = ["import", str(run_dir / "can.log"), "--out", str(tmp_path / "imported")]
     assert cli.run(command) == EXIT_BAD_INPUT

@@ -1,0 +1,1 @@
+"""Logs for and of other programs: export and import."""

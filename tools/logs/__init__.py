@@ -1,1 +1,0 @@
-"""Runs and logs: catalogue, comparison, import, export, the viewer."""

@@ -1,0 +1,1 @@
+"""Recorded runs: catalogue, comparison, replay, extracts, the viewer."""
