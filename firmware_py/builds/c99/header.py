@@ -96,6 +96,7 @@ def list_needed(kind: Any) -> Iterator[Any]:
 def c_name(kind: type) -> str:
     """The name of a Python class in C; that of a block's constants begins with the block.
 
+    >>> from firmware_py.core.control import hold
     >>> c_name(FirmwareState), c_name(hold.Constants)
     ('vibro_firmware_state', 'vibro_hold_constants')
     """

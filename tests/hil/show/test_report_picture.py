@@ -70,7 +70,7 @@ def test_a_latched_fault_has_a_close_up_with_its_quantity_and_limit(tmp_path):
     made_up.firmware["state.gate.life.same_low"] = np.maximum(ticks - 4000, 0)
     text = page_of(made_up, tmp_path)
     assert text.count("<svg") == 2
-    assert "Equal readings of the low range" in text
+    assert "Number of equal readings of the low range" in text
     assert "limit (bound of the build)" in text
     assert "32 ms after the injected fault sensor-stuck (sensor striker)." in text
 
