@@ -12,6 +12,7 @@ from hil.judge.verdict import IMPORTED, FaultEffect, RunVerdict, Verdict
 from hil.record import provenance
 from hil.record.run_faults import faults_of
 from hil.record.run_traces import RunTraces
+from hil.record.traces.own_trace import is_build
 
 
 def judge(traces: RunTraces, folder: Path) -> RunVerdict:
@@ -41,8 +42,12 @@ def reasons_of(traces: RunTraces) -> list[str]:
     if traces.run.get("clock") == IMPORTED or was_cut_by_host:
         return reasons
     nodes = {"plant": traces.plant, "firmware": traces.firmware}
+    is_own = not is_build(traces.run.get("firmware", "compiled"))
+    remark = ": an own controller's is made from the FirmwareHeartbeat that it sends" if is_own else ""
     return reasons + [
-        f"{name} left no readable trace" for name, records in nodes.items() if len(records) == 0
+        f"{name} left no readable trace{remark if name == 'firmware' else ''}"
+        for name, records in nodes.items()
+        if len(records) == 0
     ]
 
 

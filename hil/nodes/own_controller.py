@@ -13,15 +13,21 @@ log of a real bench (`hil.record.traces.own_trace`).
 
 import importlib.util
 import os
+import struct
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
+from operator import index
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from firmware_py.core.config import Config
 from firmware_py.interface.frame import Frame
+from hil.bus.wire import MAX_STANDARD_ID
 from hil.record.traces.own_trace import refuse_state
-from text_input import TextInputError
+from hil.record.traces.trace import flatten, numbers_of
+from hil.run_files import OWN
+from text_input import RefusalError, TextInputError
 
 Tick = Callable[[Config, Any, Sequence[Frame]], tuple[Any, Sequence[Frame]]]
 """One control period: the next state, and the frames to be sent."""
@@ -34,7 +40,7 @@ class OwnFile(NamedTuple):
     initial: Any
 
 
-class OwnControllerError(RuntimeError):
+class OwnControllerError(RefusalError, RuntimeError):
     """A user's controller has failed in a tick; the message names the tick, the error and the line."""
 
 
@@ -50,8 +56,9 @@ def load_own(firmware: str) -> OwnFile:
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     try:
-        spec.loader.exec_module(module)
-    except Exception as error:
+        with redirect_stdout(sys.stderr):  # standard output has the result alone
+            spec.loader.exec_module(module)
+    except (Exception, SystemExit) as error:
         raise TextInputError(
             f"--firmware {firmware}: {path} fails when imported: {describe(error)}"
         ) from error
@@ -73,6 +80,13 @@ def describe(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}{where}"
 
 
+def classic_frame(can_id: int, data: bytes) -> Frame:
+    """The frame; raises ValueError if it is none of classic CAN."""
+    if not 0 <= can_id <= MAX_STANDARD_ID or len(data) > 8:
+        raise ValueError(f"a frame with the identifier 0x{can_id:X} and {len(data)} bytes")
+    return Frame(can_id, data)
+
+
 class OwnController:
     """A user's controller, called once for each control period."""
 
@@ -81,6 +95,8 @@ class OwnController:
     def __init__(self, file: OwnFile, config: Config) -> None:
         self.config = config
         self._tick, self.state = file
+        codes = "".join(column.code for column in flatten(OWN, type(file.initial)))
+        self._record = struct.Struct(f"<{codes}")
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
         """Run every period since the last call, the missed ones without frames; return what is to be sent.
@@ -91,8 +107,18 @@ class OwnController:
         for behind_ticks in range(elapsed_ticks - 1, -1, -1):
             received = [] if behind_ticks else list(frames_in)
             try:
-                self.state, tx = self._tick(self.config, self.state, received)
-                sent = [Frame(can_id, bytes(data)) for can_id, data in tx]
-            except Exception as error:
+                with redirect_stdout(sys.stderr):
+                    returned = self._tick(self.config, self.state, received)
+            except (Exception, SystemExit) as error:
                 raise OwnControllerError(f"the controller failed: {describe(error)}") from error
+            try:
+                state, tx = returned
+                self._record.pack(*numbers_of(state, []))
+                sent = [classic_frame(index(can_id), bytes(data)) for can_id, data in tx]
+                self.state = state
+            except Exception as error:
+                raise OwnControllerError(
+                    f"the controller returned {returned!r}: {error}; wanted (state, frames), the numbers of "
+                    "INITIAL, and identifiers of 11 bits with at most 8 bytes"
+                ) from error
         return sent

@@ -22,17 +22,24 @@ DEFAULT_SIGNALS = (
 
 
 def default_signals(run: Run) -> list[str]:
-    """The default signals of a plot of this log."""
-    return [one for one in DEFAULT_SIGNALS if one.partition(".")[0] in run.names]
+    """The default signals of a plot of this log. Raises BadInputError if it has none of them."""
+    found = [one for one in DEFAULT_SIGNALS if one.partition(".")[0] in run.names]
+    if not found:
+        raise BadInputError(
+            f"the log has no signals of plant or firmware to plot; name others with --signal TABLE.COLUMN, of "
+            f"{', '.join(run.names) or 'no table'}"
+        )
+    return found
 
 
 def write_table(table: pa.Table, path: Path) -> None:
     """Write a table to a file ending in one of `tools.commands.options.TABLES`."""
-    if path.suffix == ".csv":
+    kind = path.suffix.lower()
+    if kind == ".csv":
         write_csv(table, path)
         return
     with open_anew(path) as file:
-        if path.suffix == ".parquet":
+        if kind == ".parquet":
             parquet.write_table(table, file)
         else:
             feather.write_feather(table, file, compression="uncompressed")

@@ -1,5 +1,6 @@
 """A user's own controller: called in lockstep, and as a program of its own on the bus."""
 
+import json
 import re
 import subprocess
 import sys
@@ -48,8 +49,53 @@ def test_a_controller_that_fails_in_a_tick_fails_its_run_and_names_the_line(tmp_
 
 
 @pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("raise SystemExit(0)", r"the controller failed: SystemExit: 0 \(mine.py, line 6\)"),
+        ("return State(float('nan')), []", "returned .*State.ticks=nan.*required argument is not an integer"),
+        ("return (1, 2), []", "pack expected 1 items"),
+        ("pass", "returned None"),
+        ("return state, [(0x800, b'')]", "a frame with the identifier 0x800 and 0 bytes"),
+        ("return state, [(1, bytes(9))]", "a frame with the identifier 0x1 and 9 bytes"),
+        ("return state, []", "an own controller's is made from the FirmwareHeartbeat that it sends"),
+    ],
+)  # fmt: skip
+def test_a_tick_without_a_usable_result_fails_its_run_and_says_why(
+    tmp_path: Path, line: str, reason: str, capsys
+) -> None:
+    (tmp_path / "mine.py").write_text(f"{STATE}def tick(config, state, rx):\n    {line}\n")
+    firmware = ["--firmware", f"{tmp_path / 'mine.py'}:tick", "--out", str(tmp_path / "run"), "--json"]
+    brief = ["--set", "script.duration_s=0.1", "--set", "script.commands=[]"]
+    command = ["run", str(EXAMPLE / "speed.toml"), "--clock", "lockstep", *brief, *firmware]
+    assert cli.run(command) == EXIT_CHECK_FAILED
+    reasons = json.loads(capsys.readouterr().out)["reasons"]
+    assert any(re.search(reason, one) for one in reasons), reasons
+
+
+def test_what_a_controller_prints_is_no_part_of_the_result(tmp_path: Path, capsys) -> None:
+    (tmp_path / "mine.py").write_text(
+        f"{STATE}print('imported')\ndef tick(config, state, rx):\n    print('called')\n    1 / 0\n"
+    )
+    command = [
+        "run",
+        str(EXAMPLE / "speed.toml"),
+        "--clock",
+        "lockstep",
+        "--json",
+        "--out",
+        str(tmp_path / "run"),
+    ]
+    assert cli.run([*command, "--firmware", f"{tmp_path / 'mine.py'}:tick"]) == EXIT_CHECK_FAILED
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["verdict"] == "failed"
+    assert "imported" in printed.err
+    assert "called" in printed.err
+
+
+@pytest.mark.parametrize(
     ("text", "firmware", "reason"),
     [
+        ("raise SystemExit(0)", "mine.py:tick", r"fails when imported: SystemExit: 0 \(mine.py, line 1\)"),
         ("", "other.py:tick", "there is no file .*other.py; wanted FILE.py:FUNCTION"),
         (STATE, "mine.py:tick", "has no function tick"),
         ("def tick(): 1", "mine.py:tick", "has no INITIAL, the state before the first tick"),

@@ -77,7 +77,7 @@ def test_asked_for_frames_a_log_alone_says_where_they_are(run_dir, tmp_path, cap
 
 @pytest.mark.parametrize(
     ("ending", "read"),
-    [("parquet", parquet.read_table), ("arrow", feather.read_table), ("csv", csv.read_csv)],
+    [("parquet", parquet.read_table), ("arrow", feather.read_table), ("csv", csv.read_csv), ("CSV", csv.read_csv)],
 )
 def test_a_table_is_written_as_its_ending_says(run_dir, tmp_path, capsys, ending, read):
     path = tmp_path / f"impacts.{ending}"
@@ -143,6 +143,15 @@ def test_a_log_without_truth_is_drawn_by_its_own_signals(tmp_path, capsys):
     capsys.readouterr()
     assert cli.run(["inspect", str(folder), "--plot", str(tmp_path / "bench.svg"), "--json"]) == EXIT_PASSED
     assert said(capsys)["signals"] == ["firmware.state.estimator.x_m", "firmware.outputs.torque_n_m"]
+
+
+def test_a_log_without_signals_to_plot_is_refused(tmp_path, capsys):
+    log = tmp_path / "other.log"
+    log.write_text("(0.0) can0 7FF#00\n(0.1) can0 7FF#00\n")
+    assert cli.run(["import", str(log), "--out", str(tmp_path / "run")]) == EXIT_PASSED
+    command = ["inspect", str(tmp_path / "run"), "--plot", str(tmp_path / "x.svg")]
+    assert cli.run(command) == EXIT_BAD_INPUT
+    assert "no signals of plant or firmware" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("until_s", "window"), [(2.0, "whole run"), (8.0, "last 5 s")])
