@@ -171,6 +171,21 @@ def test_the_heartbeat_decides_by_the_time_since_the_last_frame() -> None:
         )
 
 
+@pytest.mark.parametrize("interval_ticks", [50, 51])
+def test_a_heartbeat_is_late_after_its_longest_delay(interval_ticks: int) -> None:
+    """After a wait of 51 ticks: three ticks with heartbeats every 50 ticks, two with those every 51."""
+    due, delay_ticks = CONFIG.proof.due_ticks, {50: 3, 51: 2}[interval_ticks]
+    assert due == 52
+    silent = DriveInput(AxisState.IDLE, EXPIRED, 0, 1)
+    for ticks in (due + delay_ticks, due + delay_ticks + 1):
+        state = watchdog_proof.INITIAL._replace(
+            stage=WITHHOLD, withheld_ticks=ticks, interval_ticks=interval_ticks
+        )
+        assert watchdog_proof.judge_heartbeat(CONFIG.proof, state, silent).failed == (
+            ticks > due + delay_ticks
+        )
+
+
 def test_heartbeats_are_counted_from_the_beginning_of_the_test() -> None:
     """No axis that is closed without two heartbeats begins to be tested."""
     assert [*watchdog_proof.ProofStage] == [0, 1, 2, 3]
@@ -180,6 +195,7 @@ def test_heartbeats_are_counted_from_the_beginning_of_the_test() -> None:
     for drive in (silent, silent, beat, silent, beat):
         state = watchdog_proof.step(CONFIG.proof, state, Mode.PROOF, drive, True, False, 0.0)
         seen.append((state.stage, state.beat_ticks, state.interval_ticks))
+        assert state.withheld_ticks == 0
     assert seen == [(CLOSE, -1, 0), (CLOSE, -1, 0), (CLOSE, 0, 0), (CLOSE, 1, 0), (CLOSE, 0, 2)]
 
 
