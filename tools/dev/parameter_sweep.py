@@ -1,14 +1,15 @@
 """Each tuning parameter at both bounds in every scenario with a fault: no deadline is missed.
 
-    python -m tools.dev.parameter_sweep --out sweep.csv [--pairs 20000] [--seed 1] [--runs 500] [SCENARIO…]
+    python -m tools.dev.parameter_sweep --out FILE [--pairs N | --monitors] [--seed S] [--runs N] [SCENARIO…]
 
 The runs are in lockstep on the compiled firmware, one by one, in an order that the seed shuffles; a second
 call continues the first. `--pairs` samples pairs of parameters, each at one of its bounds, instead of single
-ones. A scenario counts if the firmware with its own parameters latches a fault in it. The deadline is that of
-this fault in docs/safety.md, extended by as much as the parameters extend the fault's own duration, and for a
-physical fault that develops by a quarter more than with the scenario's own parameters. It is missed if the
-motor has a torque later. Parameters that do not fit together are refused, and a module that they keep at rest
-has no torque that could end late.
+ones; `--monitors` takes all pairs of those that the blocks of safety read, each in a scenario that the seed
+draws. A scenario counts if the firmware with its own parameters latches a fault in it. The deadline is that
+of this fault in docs/safety.md, extended by as much as the parameters extend the fault's own duration, and
+for a physical fault that develops by a quarter more than with the scenario's own parameters. It is missed if
+the motor has a torque later. Parameters that do not fit together are refused, and a module that they keep at
+rest has no torque that could end late.
 """
 
 import argparse
@@ -17,7 +18,7 @@ import random
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from itertools import product
+from itertools import combinations, product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,7 +27,7 @@ import numpy as np
 from firmware_py.interface.enums import Fault
 from firmware_py.interface.modes import LATCHED, MOVING
 from firmware_py.interface.parameter_table import TABLE
-from firmware_py.shell.parameters import BY_NAME, ParameterError, values_of
+from firmware_py.shell.parameters import BY_NAME, ParameterError, config_from, values_of
 from hil.scenario.files import scenario_names
 from hil.scenario.scenario import Scenario, load_scenario
 from tools.campaign.run import Run, run
@@ -51,6 +52,8 @@ DURATIONS = {
 """The parameter that delays each fault."""
 BY_STALL = (Fault.LOAD_IMPLAUSIBLE, Fault.STALL, Fault.RUNAWAY)
 """Faults of a crank that does not follow: a loop that asks for little torque betrays itself as a stall."""
+SAFETY = ("gate", "own_crank", "monitors", "consent", "drive_link", "proof")
+"""The blocks of `core.config` that limit, watch and stop."""
 DRIVEN_N_M, SETTLING_S = 1e-3, 0.01
 """Torque above which the motor is driven, and time in which its current ends after the torque on the bus."""
 
@@ -165,6 +168,24 @@ def pairs(number: int, dice: random.Random) -> list[str]:
     return found
 
 
+def is_read_by_safety(setting: str) -> bool:
+    """Whether a parameter with this value changes what the blocks of safety read, or is refused."""
+    name, value = setting.split("=")
+    try:
+        config = config_from({name: float(value)})
+    except ParameterError:
+        return True
+    return any(getattr(config, block) != getattr(config_from({}), block) for block in SAFETY)
+
+
+def pairs_of_safety() -> list[str]:
+    """All pairs of the parameters that the blocks of safety read, at their bounds."""
+    names = {one.split("=")[0] for one in singles() if is_read_by_safety(one)}
+    values = [one for one in singles() if one.split("=")[0] in names]
+    found = combinations(values, 2)
+    return [f"{one} {two}" for one, two in found if one.split("=")[0] != two.split("=")[0]]
+
+
 def read_rows(path: Path) -> list[Row]:
     """The rows of a data file; none if it does not exist."""
     if not path.exists():
@@ -176,8 +197,9 @@ def read_rows(path: Path) -> list[Row]:
 def plan(asked: argparse.Namespace, expected: Sequence[str]) -> list[Setting]:
     """All settings, in the order of the seed."""
     dice = random.Random(asked.seed)
-    if asked.pairs:
-        return [Setting(values, dice.choice(expected)) for values in pairs(asked.pairs, dice)]
+    if asked.pairs or asked.monitors:
+        chosen = pairs_of_safety() if asked.monitors else pairs(asked.pairs, dice)
+        return [Setting(values, dice.choice(expected)) for values in chosen]
     every = [Setting(*one) for one in product(singles(), expected)]
     dice.shuffle(every)
     return every
@@ -193,6 +215,7 @@ def main() -> None:
     parser.add_argument("names", nargs="*", metavar="SCENARIO", help="all with a fault without")
     parser.add_argument("--out", type=Path, required=True, help="the data file, which is read first")
     parser.add_argument("--pairs", type=int, default=0, help="number of pairs to sample instead of singles")
+    parser.add_argument("--monitors", action="store_true", help="all pairs that the blocks of safety read")
     parser.add_argument("--seed", type=int, default=1, help="seed of the pairs and of the order")
     parser.add_argument("--runs", type=int, default=1_000_000, help="most runs of this call")
     asked = parser.parse_args()
