@@ -78,3 +78,10 @@ def test_the_monitors_tracker_follows_four_thirds_of_the_largest_torque(
 
 def test_the_monitors_know_no_pull_before_the_first_reading() -> None:
     assert own_crank.INITIAL.pull_m_s2 == 0.0
+
+
+def test_the_first_reading_after_a_silence_is_a_tick_of_settling() -> None:
+    silent = gate.INITIAL._replace(counter=7, reading_ticks=LIMITS.sensor_ticks + 2)
+    for counter in (8, 60):
+        state = gate.take_reading(LIMITS, silent, gate.GateReading(0.0, 5.0, 0.0, counter))
+        assert (state.contact.readings, state.contact.ticks) == (1, 1)
