@@ -130,12 +130,14 @@ BY_TEST = {
 }
 """Fragments whose figures a test asserts, or a campaign has measured: the beginning of the test's name."""
 BY_CAMPAIGN = [
-    "every mutant (a small change of the code) but two equivalent ones",
+    "every mutant (a small change of the code) but four equivalent ones",
     "On the judged seed 20260 23,731 of 24,000 trials were eligible",
     "; 3,320 contacts lay between",
     "Of these contacts 347 of 8,694 were missed and 8 of 389 tripped",
     "in 47 scenarios with a latched fault. Of 6,392 runs 1,081 are",
     "refused at power-up, 4 stay at rest, 5,307 end in time, none late",
+    "Of the 760 pairs of parameters that the safety code reads (`--monitors`)",
+    "616 are refused and 144 end in time, none late",
 ]
 """Counts of `vibrohil campaign limits` beside those of docs/data/limits.csv, and of the parameter sweep."""
 
@@ -174,6 +176,13 @@ def test_the_runs_of_the_sweep_are_both_bounds_of_each_parameter_in_each_scenari
     assert found is not None
     scenarios, runs, *verdicts = (int(one.replace(",", "")) for one in found.groups())
     assert sum(verdicts) == runs == scenarios * len(parameter_sweep.singles())
+
+
+def test_the_pairs_are_all_of_the_parameters_that_the_safety_code_reads() -> None:
+    found = re.search(r"Of the (\d+) pairs .* (\d+) are refused and (\d+) end in time", " ".join(PROSE))
+    assert found is not None
+    pairs, *verdicts = map(int, found.groups())
+    assert sum(verdicts) == pairs == len(parameter_sweep.pairs_of_safety())
 
 
 def test_every_named_test_exists() -> None:
