@@ -96,7 +96,8 @@ class Fault(Table):
 
     def count(self, effects: int = 1) -> None:
         """Count effects."""
-        self._effects += effects
+        if effects:
+            self._effects += effects
 
     def without_object(self, scene: Scene, faults: Sequence["Fault"]) -> str | None:
         """The reason why it cannot act in this scene, among these faults, with the remedy; None if it can."""

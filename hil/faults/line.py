@@ -53,11 +53,12 @@ class FaultyBus:
             fault.begin(np.random.default_rng([self._seed, number]))
         self._step = Step(self._step.t_s, 0.0)
         self._foreign: list[Frame] = []
-
-    @property
-    def held_frames(self) -> int:
+        self.held_frames = 0
         """The number of frames that the faults hold back."""
-        return sum(fault.held_frames for fault in self._faults)
+
+    def resume(self, t_s: float, since_s: float) -> None:
+        """Continue with the node's step at `t_s`, after steps up to `since_s` without any fault's effect."""
+        self._step = Step(t_s, since_s)
 
     def move_to(self, t_s: float) -> None:
         """Begin the node's step at `t_s`; frames of foreign nodes are sent first."""
@@ -77,16 +78,25 @@ class FaultyBus:
 
     def send_all(self, frames: Iterable[Frame]) -> None:
         """Send the frames that the faults let through. Raises TrafficError."""
+        passed = self.let_through(frames)
+        if self._passes(passed):
+            self._bus.send_all(passed)
+
+    def let_through(self, frames: Iterable[Frame]) -> list[Frame]:
+        """The frames that leave the node now, if it is connected. Raises TrafficError."""
         passed = list(frames)
+        all_held = 0
         for fault in self._faults:
             if fault.acts(self._step.t_s):
                 passed = fault.outgoing(passed, self._step)
-                self._refuse_beyond(MOST_HELD_FRAMES, fault.held_frames, "hold back")
-            else:
+                held_frames = fault.held_frames
+                all_held += held_frames
+                self._refuse_beyond(MOST_HELD_FRAMES, held_frames, "hold back")
+            elif self.held_frames:
                 passed = [*fault.released(), *passed]
             self._refuse_beyond(MOST_HELD_FRAMES, len(passed), "send")
-        if self._passes(passed):
-            self._bus.send_all(passed)
+        self.held_frames = all_held
+        return passed
 
     def receive(self) -> list[Frame]:
         """The frames of foreign nodes, then the received frames."""

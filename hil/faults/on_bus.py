@@ -143,7 +143,12 @@ class NamedFrames(Fault):
 
 
 class FramesFault(NamedFrames, LineFault):
-    """A fault of named frames where they leave their sender."""
+    """A fault of named frames where they leave their sender alone."""
+
+    @property
+    def most_copies(self) -> int:
+        """The largest number of frames that leave for one."""
+        return 1
 
     def named(self, frames: Sequence[Frame]) -> list[Frame]:
         """Those of the frames that the fault names."""

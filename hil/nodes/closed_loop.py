@@ -1,8 +1,8 @@
 """The closed loop of plant, drive, sensors, operator and firmware in one compiled call, tick by tick.
 
-`run` executes the same steps as `hil.runs.lockstep`, in the same order and with bit-identical results, while
-no work in Python is required: no fault begins or ends, the bus is ideal, and the frames of operator and gait
-sensors are known in advance. Where only the plant needs none, Python runs the others (`exchange`).
+`run` executes the same steps as `hil.runs.lockstep`, in the same order and with bit-identical results. It
+calls Python (`Bench.call_python`) for the operator's steps, and where frames that a fault names leave their
+node. Without a firmware, Python runs all nodes but the plant, whose frames are then all named.
 It consists of the nodes' own pure steps (`hil.drive.node`, `hil.drive.reports`,
 `plant_sim.sensors.readings`, `firmware_py.node.tick`) and the plant's solver. Records and frames are written
 into the caller's buffers.
@@ -17,7 +17,6 @@ from firmware_py.builds.numba_subset import register
 from firmware_py.interface.frame import WordFrame
 from hil.nodes.compiled import kernel
 from hil.nodes.plant_steps import (
-    MOST_FRAMES,
     Due,
     PlantState,
     Setup,
@@ -39,10 +38,8 @@ Vector = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 
-EXCHANGE_FAILED = -1
-"""Status of `run` in addition to the solver's: Python raised an exception."""
-MOST_RECEIVED = MOST_FRAMES + 1
-"""Most frames to the firmware per tick: those of the plant's node, and a command."""
+PLANT, OPERATOR, FIRMWARE = range(3)
+"""The nodes for which Python is called."""
 NUMBER_BYTES = 8
 """Length of a number in the firmware's memory."""
 
@@ -50,15 +47,14 @@ NUMBER_BYTES = 8
 class Firmware(NamedTuple):
     """The firmware (`firmware_py.shell.native`): addresses of its functions and its memory.
 
-    `frames`: received frames, shape (MOST_RECEIVED, 3).
-    `sent`: the number of sent frames, and three frames. `record_bytes`: length of a recorded row.
+    All are 0 where Python runs it. `sent`: the number of sent frames, and three frames. `record_bytes`:
+    length of a recorded row.
     """
 
     receive: int
     tick: int
     config: int
     state: int
-    frames: Integers
     sent: Integers
     state_bytes: Bytes
     record_bytes: int
@@ -80,20 +76,24 @@ class Buffers(NamedTuple):
     used: Integers
 
 
-TICKS, FRAMES, TO_PLANT, COMMAND, STOP = range(5)
-"""Indices in `Buffers.used`: completed ticks, frames on the bus, frames in transit to the plant, the next row
-of the operator's frames, and whether to stop after this tick."""
+TICKS, FRAMES, TO_PLANT, OPERATOR_TICK, STOP, HELD = range(6)
+"""Indices in `Buffers.used`: completed ticks, frames on the bus, frames in transit to the plant, the tick of
+the operator's next step, whether to stop (1: after this tick, `AT_ONCE`), and from `HELD` on the number of
+frames that faults hold back at each node."""
+USED = HELD + 3
+"""Length of `Buffers.used`."""
+AT_ONCE = 2
+"""Value of `Buffers.used[STOP]` after an exception in Python."""
 
 
 class Bench(NamedTuple):
     """All that ticks work on; it changes through its arrays alone.
 
-    `period_ns`: duration of a tick. `to_plant`: frames in transit to the plant, rows of identifier, length
-    and word. `commands`: the operator's frames, rows of tick, identifier, length and word, in order of time.
-    `noise`: four standard normals for each tick. `exchange`: 0, or the address of a function that runs all
-    nodes but the plant up to its next step: it receives the number of the plant's frames, rows of
-    `firmware.frames`, and returns the number of those in `to_plant`; if they are full it is called again,
-    with -1, for the others. A negative number ends the run.
+    `period_ns`: duration of a tick. `to_firmware`, `to_plant`: frames in transit, rows of identifier, length
+    and word. `noise`: four standard normals for each tick. `named`: for each identifier, whether faults act
+    on its frames. `call_python`: address of a function of a node and of the first row and the end of the
+    frames that leave it, in `to_firmware` or, from the firmware, in `to_plant`; it may change them, and
+    returns their new end.
     """
 
     period_s: float
@@ -103,11 +103,12 @@ class Bench(NamedTuple):
     setup: Setup
     due: Due
     noise: Vector
-    commands: Integers
+    to_firmware: Integers
     to_plant: Integers
+    named: Bytes
     firmware: Firmware
     buffers: Buffers
-    exchange: int
+    call_python: int
 
 
 @subroutine
@@ -125,24 +126,34 @@ def record_firmware(rows: Bytes, start: int, state: Bytes, moves: Integers) -> N
 
 @subroutine
 def log_frame(buffers: Buffers, t_us: int, frame: WordFrame) -> None:
-    """Write a frame's row, if frames are kept."""
+    """Count a frame, and write its row if there is memory for it."""
     frames, row = buffers.frames, buffers.used[FRAMES]
-    if frames.shape[0] == 0:
-        return
-    frames[row, 0], frames[row, 1], frames[row, 2], frames[row, 3] = (
-        t_us,
-        frame.can_id,
-        frame.length,
-        frame.word,
-    )
+    if row < frames.shape[0]:
+        frames[row, 0], frames[row, 1], frames[row, 2], frames[row, 3] = (
+            t_us,
+            frame.can_id,
+            frame.length,
+            frame.word,
+        )
     buffers.used[FRAMES] = row + 1
 
 
 @subroutine
-def log_rows(buffers: Buffers, t_us: int, rows: Integers, count: int) -> None:
-    """Write the rows of the first `count` frames in `rows`."""
-    for row in range(count):
+def log_rows(buffers: Buffers, t_us: int, rows: Integers, first: int, end: int) -> None:
+    """Write the frames in `rows` from `first` to `end`."""
+    for row in range(first, end):
         log_frame(buffers, t_us, WordFrame(rows[row, 0], rows[row, 1], rows[row, 2]))
+
+
+@subroutine
+def leave(bench: Bench, node: int, rows: Integers, first: int, end: int) -> int:
+    """Let the frames from `first` to `end` leave a node; the new end, after the faults that act on them."""
+    is_faulty = bench.buffers.used[HELD + node] != 0
+    for row in range(first, end):
+        is_faulty = is_faulty or bench.named[rows[row, 0]] != 0
+    if is_faulty:
+        end = call_at(bench.call_python, (node, first, end))
+    return end
 
 
 @subroutine(inline=True)
@@ -156,17 +167,9 @@ def plant_turn(bench: Bench, state: PlantState) -> tuple[PlantState, int, int]:
     omega_rad_s, readings = observed[OBSERVED.omega_rad_s], bench.module.probe.readings
     reading = read_sensors(bench.readers, readings, observed[OBSERVED.crank_rad], bench.noise[row])
     sample = encoder_sample(state.drive, reading)
-    state, count = publish(setup, bench.due, observed, state, reading, sample, bench.firmware.frames)
-    log_rows(buffers, tick * bench.period_ns // 1000, bench.firmware.frames, count)
-    if bench.exchange != 0:
-        most = bench.to_plant.shape[0]
-        arrived = call_at(bench.exchange, (count,))
-        while arrived == most:
-            state = obey_frames(setup.drive, state, reading, omega_rad_s, bench.to_plant, most)
-            arrived = call_at(bench.exchange, (-1,))
-        if arrived < 0:
-            return state, count, EXCHANGE_FAILED
-        buffers.used[TO_PLANT] = arrived
+    state, count = publish(setup, bench.due, observed, state, reading, sample, bench.to_firmware)
+    count = leave(bench, PLANT, bench.to_firmware, 0, count)
+    log_rows(buffers, tick * bench.period_ns // 1000, bench.to_firmware, 0, count)
     state = obey_frames(setup.drive, state, reading, omega_rad_s, bench.to_plant, buffers.used[TO_PLANT])
     buffers.used[TO_PLANT] = 0
     whole = buffers.plant_whole[row]
@@ -177,48 +180,50 @@ def plant_turn(bench: Bench, state: PlantState) -> tuple[PlantState, int, int]:
 
 @subroutine
 def operator_turn(bench: Bench, tick: int, count: int) -> int:
-    """The operator at t_k sends to firmware and plant; returns the number of frames in the inbox."""
-    buffers, row = bench.buffers, bench.buffers.used[COMMAND]
-    if row < bench.commands.shape[0] and bench.commands[row, 0] == tick:
-        command = WordFrame(bench.commands[row, 1], bench.commands[row, 2], bench.commands[row, 3])
-        buffers.used[COMMAND] = row + 1
-        buffers.used[TO_PLANT] = put(bench.to_plant, buffers.used[TO_PLANT], command)
-        log_frame(buffers, tick * bench.period_ns // 1000, command)
-        count = put(bench.firmware.frames, count, command)
-    return count
+    """The operator at t_k sends to firmware and plant; returns the number of frames for the firmware."""
+    buffers, rows = bench.buffers, bench.to_firmware
+    if tick < buffers.used[OPERATOR_TICK]:
+        return count
+    end: int = call_at(bench.call_python, (OPERATOR, count, count))
+    for row in range(count, end):
+        frame = WordFrame(rows[row, 0], rows[row, 1], rows[row, 2])
+        buffers.used[TO_PLANT] = put(bench.to_plant, buffers.used[TO_PLANT], frame)
+    log_rows(buffers, tick * bench.period_ns // 1000, rows, count, end)
+    return end
 
 
 @subroutine(inline=True)
 def firmware_turn(bench: Bench, tick: int, count: int) -> None:
     """The firmware at t_k + T/2 ticks on the first `count` frames of its inbox."""
-    firmware, buffers = bench.firmware, bench.buffers
-    frames, sent = firmware.frames.ctypes.data, firmware.sent.ctypes.data
-    call_at(firmware.receive, (firmware.state, count, frames))
-    call_at(firmware.tick, (firmware.config, firmware.state, sent))
-    for place in range(firmware.sent[0]):
-        begin = 1 + 3 * place
-        frame = WordFrame(firmware.sent[begin], firmware.sent[begin + 1], firmware.sent[begin + 2])
-        log_frame(buffers, (tick * bench.period_ns + bench.period_ns // 2) // 1000, frame)
-        buffers.used[TO_PLANT] = put(bench.to_plant, buffers.used[TO_PLANT], frame)
+    firmware, buffers, rows = bench.firmware, bench.buffers, bench.to_plant
+    sent = firmware.sent
+    call_at(firmware.receive, (firmware.state, count, bench.to_firmware.ctypes.data))
+    call_at(firmware.tick, (firmware.config, firmware.state, sent.ctypes.data))
+    first = end = buffers.used[TO_PLANT]
+    for begin in range(1, 1 + 3 * sent[0], 3):
+        end = put(rows, end, WordFrame(sent[begin], sent[begin + 1], sent[begin + 2]))
+    buffers.used[TO_PLANT] = end = leave(bench, FIRMWARE, rows, first, end)
+    log_rows(buffers, (tick * bench.period_ns + bench.period_ns // 2) // 1000, rows, first, end)
     row = buffers.used[TICKS]
     record_firmware(buffers.firmware, row * firmware.record_bytes, firmware.state_bytes, buffers.moves)
 
 
 @kernel
 def run(bench: Bench, state: PlantState, ticks: int) -> tuple[PlantState, int]:
-    """Run `ticks`; return the plant's state and the status: the solver's, or EXCHANGE_FAILED.
+    """Run `ticks`; return the plant's state and the solver's status.
 
-    After a failure the state is that of the failed tick.
+    After a failure, of the solver or in Python, the state is that of the failed tick.
     """
+    used = bench.buffers.used
     for _ in range(ticks):
         state, count, status = plant_turn(bench, state)
-        if status != DONE:
-            return state, status
-        if bench.exchange == 0:
+        if status == DONE and bench.firmware.tick != 0:
             count = operator_turn(bench, state.tick, count)
             firmware_turn(bench, state.tick, count)
-        bench.buffers.used[TICKS] += 1
+        if status != DONE or used[STOP] == AT_ONCE:
+            return state, status
+        used[TICKS] += 1
         state = state._replace(tick=state.tick + 1)
-        if bench.buffers.used[STOP] != 0:
+        if used[STOP] != 0:
             break
     return state, DONE

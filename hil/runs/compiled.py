@@ -1,16 +1,18 @@
 """Stretches: sequences of lockstep ticks in one compiled call, with single ticks of lockstep in between.
 
 A stretch of all nodes ends a tick before a fault begins, because a fault may repeat what was before it, and
-the next one starts when the fault has ended, holds no frame back and has left no node behind. Faults that
-only change the module's parts or the drive's configuration begin and end between two stretches. There is no
-such stretch while a node's clock differs from the bench's, with a modelled bus, or with a firmware that is
-not compiled. There the plant alone may be compiled: Python runs the other nodes and the bus in each tick.
-Frames and records equal those of tick-by-tick lockstep, and are kept in the same memory.
+the next one starts when the fault has ended and has left no node behind. Faults that only change the module's
+parts or the drive's configuration, or act on frames that they name, begin and end between two stretches;
+where such frames leave their node, the stretch calls the node's `FaultyBus`. There is no such stretch while a
+node's clock differs from the bench's, with a modelled bus, or with a firmware that is not compiled. There the
+plant alone may be compiled: Python runs the other nodes and the bus in each tick. Frames and records equal
+those of tick-by-tick lockstep, and are kept in the same memory.
 """
 
 import ctypes
 import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +23,19 @@ from firmware_py.shell.builds import NATIVE
 from firmware_py.shell.native import NativeNode
 from hil.faults.processes import Turns
 from hil.faults.fault import TIME_RESOLUTION_S, Fault
-from hil.faults.on_bus import LineFault, ModelledFault
+from hil.faults.line import MOST_HELD_FRAMES, FaultyBus, TrafficError
+from hil.faults.on_bus import FramesFault, LineFault, ModelledFault
 from hil.faults.on_process import HostFault
+from hil.nodes import closed_loop
 from hil.nodes.closed_loop import (
-    EXCHANGE_FAILED,
+    AT_ONCE,
     FRAMES,
-    MOST_RECEIVED,
+    HELD,
+    OPERATOR_TICK,
     STOP,
     TICKS,
     TO_PLANT,
+    USED,
     Bench,
     Buffers,
     Firmware,
@@ -40,7 +46,7 @@ from hil.nodes.plant_steps import PlantState
 from hil.record.traces.firmware_trace import columns_in, moves_to
 from hil.record.traces.own_trace import is_build
 from hil.record.traces.plant_trace import PlantRecord
-from hil.roster import OPERATOR, PLANT, ROSTER
+from hil.roster import FIRMWARE, OPERATOR, PLANT, ROSTER
 from hil.runs.job import Job
 from hil.runs.lockstep import Lockstep
 from hil.bus.in_process import IdealBus
@@ -51,31 +57,39 @@ from plant_sim.kernels import entry_point
 from plant_sim.sensors.gait import GaitTruth
 
 FRAMES_A_TICK = 8
-"""Most frames on the bus in a tick of a stretch of all nodes."""
+"""Most frames on the bus in a tick of a stretch of all nodes, without faults that hold frames back or copy them."""
 MOST_SENT = 3
 """Most frames that the firmware sends in a tick."""
-MOST_ARRIVED = 32
-"""Most frames that the plant obeys at a time."""
+MOST_IN_TRANSIT = 3 * MOST_HELD_FRAMES
+"""Most frames on the way to a node, after faults; memory that is not used costs nothing."""
+IDENTIFIERS = 0x800
 UNTIL_IN_STEP_TICKS = 20
-"""Length of a stretch of the plant while frames are held back, or a node is behind, after a fault."""
-EXCHANGE = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
+"""Length of a stretch of the plant while a node is behind, after a fault."""
+Call = Callable[[int, int, int], int]
+"""As of `Bench.call_python`."""
+FROM_COMPILED = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 3)
+NODES = {closed_loop.PLANT: PLANT, closed_loop.OPERATOR: OPERATOR, closed_loop.FIRMWARE: FIRMWARE}
 NO_FIRMWARE = Firmware(
     receive=0,
     tick=0,
     config=0,
     state=0,
-    frames=np.zeros((0, 3), np.int64),
     sent=np.zeros(1, np.int64),
     state_bytes=np.zeros(0, np.uint8),
     record_bytes=0,
 )
 
 
+def is_in_stretches(fault: Fault) -> bool:
+    """Whether stretches of all nodes may contain a fault, between its beginning and its end."""
+    return fault.is_steady or isinstance(fault, FramesFault)
+
+
 def quiet_until_s(faults: Sequence[Fault], t_s: float, period_s: float) -> float:
     """The end of the interval from `t_s` on in which no fault changes or acts; `t_s` if there is none."""
     until_s = math.inf
     for fault in faults:
-        if fault.is_steady:
+        if is_in_stretches(fault):
             edges_s = [edge_s for edge_s in (fault.at_s, fault.end_s) if edge_s > t_s + TIME_RESOLUTION_S]
             until_s = min([until_s, *edges_s])
         elif t_s < fault.at_s - period_s:
@@ -94,39 +108,28 @@ def acts_in_plant(fault: Fault) -> bool:
     )
 
 
-class Exchange:
-    """What compiled code calls between sending and receiving of the plant, in its stretches alone.
+class PythonCall:
+    """A function as compiled code calls it; an exception cannot pass through, but stops it."""
 
-    The other nodes' turns in a tick follow before the plant sends in the next one.
-    """
-
-    def __init__(self, nodes: Lockstep, tick: int, used: NDArray[np.int64]) -> None:
-        self.published = np.zeros((MOST_RECEIVED, 3), np.int64)
-        self.arrived = np.zeros((MOST_ARRIVED, 3), np.int64)
+    def __init__(self, function: Call, used: NDArray[np.int64]) -> None:
         self.error: BaseException | None = None
-        self._nodes, self._used = nodes, used
-        self._first = self._next = tick
-        self._waiting: list[Frame] = []
+        self._function, self._used = function, used
 
-    def __call__(self, published: int) -> int:
-        """Send the first `published` frames, none if < 0; return the number that arrived, -1 on error."""
+    def __call__(self, node: int, first: int, end: int) -> int:
+        """Call the function, unless it has failed before."""
         try:
-            if published >= 0:
-                if self._next > self._first:
-                    self._nodes.tick_after_first(self._next - 1)
-                node, line = self._nodes.plant.node, self._nodes.lines[PLANT]
-                line.move_to(self._next * node.period_s)
-                line.send_all(frames_in(self.published[:published]))
-                self._waiting = line.receive()
-                self._used[STOP] = node.note_requests(self._waiting)
-                self._next += 1
-            now, self._waiting = self._waiting[:MOST_ARRIVED], self._waiting[MOST_ARRIVED:]
-            if now:
-                self.arrived[: len(now)] = [word_frame(frame) for frame in now]
-            return len(now)
-        except BaseException as error:  # an exception cannot pass through compiled code
-            self.error = error
-            return -1
+            return first if self.error else self._function(node, first, end)
+        except BaseException as error:
+            self.error, self._used[STOP] = error, AT_ONCE
+            return first
+
+
+class Ended(NamedTuple):
+    """Where compiled code has ended: the plant's state, the solver's status, and what Python has raised."""
+
+    state: PlantState
+    status: int
+    error: BaseException | None
 
 
 class Stretches:
@@ -142,6 +145,8 @@ class Stretches:
         all_compiled = all(node.has_compiled_turn for node in ROSTER) and job.firmware in NATIVE
         self._is_closed = all_compiled and isinstance(nodes.bus, IdealBus)
         """Whether all nodes have compiled turns, on a bus that needs no work."""
+        self._to_firmware, self._to_plant = np.zeros((2, MOST_IN_TRANSIT, 3), np.int64)
+        self._named = np.zeros(IDENTIFIERS, np.uint8)
         self._columns, self._moves = np.dtype([]), np.zeros((0, 3), np.int64)
         if self._is_closed and "firmware" in nodes.rows:
             precision = self._native_node().native.precision
@@ -167,9 +172,7 @@ class Stretches:
             until = min(until, max(listening_tick, tick + 1))
         is_asked = self._native_node().whole["pool"][0, IS_CONNECTED] or self._plant.node.has_waiting_fault
         is_behind = self._plant.node.tick != tick or self._firmware.last_tick != tick - 1
-        if is_asked or is_behind or any(line.held_frames for line in self._nodes.lines.values()):
-            return 0
-        return until - tick
+        return 0 if is_asked or is_behind else until - tick
 
     def plant_ticks_from(self, tick: int) -> int:
         """Number of ticks of the plant from `tick` on, until all nodes may be compiled."""
@@ -184,7 +187,8 @@ class Stretches:
         until = self._quiet_until(self._in_plant, tick)
         if self._is_closed:
             t_s = tick * self._scenario.period_s
-            ends_s = [fault.end_s for fault in self._scenario.faults if fault.acts(t_s)]
+            acting = [fault for fault in self._scenario.faults if fault.acts(t_s)]
+            ends_s = [fault.end_s for fault in acting if not is_in_stretches(fault)]
             in_step = tick + UNTIL_IN_STEP_TICKS
             if ends_s and not all(math.isinf(end_s) for end_s in ends_s):
                 in_step = max(tick + 1, math.ceil(min(ends_s) / self._scenario.period_s))
@@ -208,63 +212,108 @@ class Stretches:
     def run(self, tick: int, ticks: int) -> int:
         """Run `ticks` of all nodes, and keep their records and frames, or those before a failure."""
         node, nodes = self._native_node(), self._nodes
-        received, sent = np.zeros((MOST_RECEIVED, 3), np.int64), np.zeros(1 + 3 * MOST_SENT, np.int64)
         receive_address, tick_address, config, memory, _ = node.native
         firmware = Firmware(
             receive=receive_address,
             tick=tick_address,
             config=config.ctypes.data,
             state=memory.ctypes.data,
-            frames=received,
-            sent=sent,
+            sent=np.zeros(1 + 3 * MOST_SENT, np.int64),
             state_bytes=memory.view(np.uint8),
             record_bytes=self._columns.itemsize,
         )
-        held = nodes.joined[PLANT].receive()
-        in_transit = np.zeros((max(len(held), 1 + MOST_SENT), 3), np.int64)  # a command, and the firmware's
-        for place, frame in enumerate(held):
-            in_transit[place] = word_frame(frame)
         own = self._firmware_memory(ticks)
-        frames = nodes.frames.room(ticks * FRAMES_A_TICK)
+        held = {which: nodes.lines[name].held_frames for which, name in NODES.items()}
+        frames = nodes.frames.room((ticks * FRAMES_A_TICK + sum(held.values())) * self._name_frames(tick))
         buffers = self._buffers(ticks, own, frames)
-        buffers.used[TO_PLANT] = len(held)
+        used = buffers.used
+        used[TO_PLANT] = put_frames(self._to_plant, 0, nodes.joined[PLANT].receive())
+        used[OPERATOR_TICK] = self._operator.due_tick
+        for which, count in held.items():
+            used[HELD + which] = count
+
+        def leave(which: int, first: int, end: int) -> int:
+            now, rows = tick + int(used[TICKS]), self._to_firmware
+            line = nodes.lines[NODES[which]]
+            if which == closed_loop.OPERATOR:
+                line.move_to(now * self._scenario.period_s)
+                frames = self._operator.frames(now)
+                used[OPERATOR_TICK] = self._operator.due_tick
+                end = put_frames(rows, first, line.let_through(frames))
+            else:
+                self._move_line(line, now)
+                rows = self._to_plant if which == closed_loop.FIRMWARE else rows
+                frames = frames_in(rows[first:end])
+                if (passed := line.let_through(frames)) != frames:
+                    end = put_frames(rows, first, passed)
+            used[HELD + which] = line.held_frames
+            return end
+
         self._plant.node.act(ticks)
-        bench = self._bench(ticks, self._commands(tick + ticks), in_transit, firmware, buffers)
-        state, status = self._call(bench, ticks)
+        ended = self._call(self._bench(ticks, firmware, buffers), ticks, leave)
         self._keep_plant(tick, buffers)
-        self._keep_firmware(tick, int(buffers.used[TICKS]), own)
-        nodes.frames.count += int(buffers.used[FRAMES])
+        self._keep_firmware(tick, int(used[TICKS]), own)
+        nodes.frames.count += min(int(used[FRAMES]), len(frames))
+        if used[FRAMES] > len(frames) > 0:
+            raise TrafficError("a fault makes more copies of a frame than its `most_copies`; raise it")
         node.pull_state()
-        self._firmware.last_tick = state.tick - 1
-        self._plant.node.resume(state, status)
-        nodes.joined[PLANT].pending += frames_in(in_transit[: buffers.used[TO_PLANT]])
-        nodes.joined[OPERATOR].pending += frames_in(sent[1:].reshape(-1, 3)[: sent[0]])
+        self._resume(ended)
+        tick += ticks
+        self._firmware.last_tick = tick - 1
+        in_transit = frames_in(self._to_plant[: used[TO_PLANT]])
+        nodes.joined[PLANT].pending += in_transit
+        nodes.joined[OPERATOR].pending += in_transit
+        for name in (PLANT, FIRMWARE):
+            self._move_line(nodes.lines[name], tick - 1)
         for turns in self._turns.values():
-            turns.resume(tick + ticks)
+            turns.resume(tick)
         return ticks
+
+    def _name_frames(self, tick: int) -> int:
+        """Name the frames on which faults act in `tick`; return the most that then leave for one."""
+        t_s = tick * self._scenario.period_s
+        self._named[:] = 0
+        most_copies = 1
+        for fault in self._scenario.faults:
+            if isinstance(fault, FramesFault) and fault.acts(t_s):
+                self._named[list(fault.can_ids)] = 1
+                most_copies *= fault.most_copies
+        return most_copies
+
+    def _move_line(self, line: FaultyBus, tick: int) -> None:
+        """Move a line to a tick, from the tick before."""
+        line.resume(tick * self._scenario.period_s, (tick - 1) * self._scenario.period_s)
 
     def run_plant(self, tick: int, ticks: int) -> int:
         """Run at most `ticks` of the plant, and of the other nodes in Python; return their number.
 
         A request of a user's controller ends it early; the sensors' noise of the other ticks is then skipped.
         """
-        nothing = np.zeros((0, FRAME_COLUMNS), np.int64)
-        buffers = self._buffers(ticks, np.zeros(0, self._columns), nothing)
-        exchange = Exchange(self._nodes, tick, buffers.used)
-        firmware = NO_FIRMWARE._replace(frames=exchange.published)
+        buffers = self._buffers(ticks, np.zeros(0, self._columns), np.zeros((0, FRAME_COLUMNS), np.int64))
+        nodes, used = self._nodes, buffers.used
+        self._named[:] = 1
+
+        def exchange(_which: int, _first: int, end: int) -> int:
+            """Run the other nodes since the plant's last step; then the plant sends and receives."""
+            now = tick + int(used[TICKS])
+            if now > tick:
+                nodes.tick_after_first(now - 1)
+            node, line = self._plant.node, nodes.lines[PLANT]
+            line.move_to(now * node.period_s)
+            line.send_all(frames_in(self._to_firmware[:end]))
+            arrived = line.receive()
+            used[STOP] = node.note_requests(arrived)
+            used[TO_PLANT] = put_frames(self._to_plant, 0, arrived)
+            return 0
+
         self._plant.node.act(ticks)
-        bench = self._bench(ticks, np.zeros((0, 4), np.int64), exchange.arrived, firmware, buffers)
-        called = EXCHANGE(exchange)  # compiled code calls it as long as it has a name here
-        address = ctypes.cast(called, ctypes.c_void_p).value or 0
-        state, status = self._call(bench._replace(exchange=address), ticks)
+        ended = self._call(self._bench(ticks, NO_FIRMWARE, buffers), ticks, exchange)
         self._keep_plant(tick, buffers)
-        if status == EXCHANGE_FAILED and exchange.error is not None:
-            raise exchange.error
-        self._plant.node.resume(state, status)
+        self._resume(ended)
         if PLANT in self._turns:
-            self._turns[PLANT].resume(state.tick)
-        self._nodes.tick_after_first(state.tick - 1)
-        return state.tick - tick
+            self._turns[PLANT].resume(ended.state.tick)
+        nodes.tick_after_first(ended.state.tick - 1)
+        return ended.state.tick - tick
 
     def _buffers(self, ticks: int, firmware: NDArray[np.void], frames: NDArray[np.int64]) -> Buffers:
         numbers = self._plant_memory(ticks)
@@ -274,17 +323,10 @@ class Stretches:
             firmware=firmware.view(np.uint8) if firmware.dtype.itemsize else np.zeros(0, np.uint8),
             moves=self._moves,
             frames=frames,
-            used=np.zeros(5, np.int64),
+            used=np.zeros(USED, np.int64),
         )
 
-    def _bench(
-        self,
-        ticks: int,
-        commands: NDArray[np.int64],
-        to_plant: NDArray[np.int64],
-        firmware: Firmware,
-        buffers: Buffers,
-    ) -> Bench:
+    def _bench(self, ticks: int, firmware: Firmware, buffers: Buffers) -> Bench:
         node = self._plant.node
         return Bench(
             period_s=self._scenario.period_s,
@@ -294,17 +336,28 @@ class Stretches:
             setup=node.setup,
             due=node.due(ticks),
             noise=node.plant.noise.take(ticks),
-            commands=commands,
-            to_plant=to_plant,
+            to_firmware=self._to_firmware,
+            to_plant=self._to_plant,
+            named=self._named,
             firmware=firmware,
             buffers=buffers,
-            exchange=0,
+            call_python=0,
         )
 
-    def _call(self, bench: Bench, ticks: int) -> tuple[PlantState, int]:
+    def _call(self, bench: Bench, ticks: int, function: Call) -> Ended:
         state = self._plant.node.state
         self._run = self._run or entry_point(run, bench, state, ticks)
-        return self._run(bench, state, ticks)
+        call = PythonCall(function, bench.buffers.used)
+        called = FROM_COMPILED(call)  # compiled code calls it as long as it has a name here
+        address = ctypes.cast(called, ctypes.c_void_p).value or 0
+        state, status = self._run(bench._replace(call_python=address), state, ticks)
+        return Ended(state, status, call.error)
+
+    def _resume(self, ended: Ended) -> None:
+        """Let the plant continue from where compiled code has ended, or raise why it has failed."""
+        if ended.error is not None:
+            raise ended.error
+        self._plant.node.resume(ended.state, ended.status)
 
     def _plant_memory(self, ticks: int) -> NDArray[np.float64]:
         """Memory for the plant's records, beside its rows if these have columns of other lengths."""
@@ -357,15 +410,6 @@ class Stretches:
         leave_untimed(own)
         rows.count += ticks
 
-    def _commands(self, until_tick: int) -> NDArray[np.int64]:
-        """The operator's frames before `until_tick`, rows as of the gait sensors."""
-        rows: list[tuple[int, int, int, int]] = []
-        while (tick := self._operator.due_tick) < until_tick:
-            self._operator.bus.move_to(tick * self._scenario.period_s)
-            rows += [(tick, *word_frame(frame)) for frame in self._operator.frames(tick)]
-        return np.array(rows, dtype=np.int64).reshape(-1, 4)
-
-
 def is_whole(columns: "np.dtype[np.void]") -> bool:
     """Whether records of the plant begin with all columns of `PlantRecord`, and all have eight bytes."""
     names = columns.names or ()
@@ -376,3 +420,11 @@ def leave_untimed(records: NDArray[np.void]) -> None:
     """Ticks in compiled code are not timed."""
     for name in set(LoopTiming._fields) & set(records.dtype.names or ()):
         records[name] = getattr(UNTIMED, name)
+
+
+def put_frames(rows: NDArray[np.int64], first: int, frames: Sequence[Frame]) -> int:
+    """Put frames into rows of identifier, length and word from `first` on; return the end."""
+    end = first + len(frames)
+    if frames:
+        rows[first:end] = [word_frame(frame) for frame in frames]
+    return end

@@ -14,6 +14,11 @@ class Duplicated(FramesFault):
     kind: Literal["duplicated"]
     copies: int = Field(default=2, ge=2, le=100, description="how many times each frame is sent")
 
+    @property
+    def most_copies(self) -> int:
+        """The copies of a frame."""
+        return self.copies
+
     def outgoing(self, frames: list[Frame], step: Step) -> list[Frame]:
         """Each frame leaves several times."""
         self.count(len(self.named(frames)))

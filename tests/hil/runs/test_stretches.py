@@ -9,6 +9,8 @@ import pytest
 
 from firmware_py.interface.frame import Frame
 from hil.bus.can_log import CanLog
+from hil.faults.every import KINDS
+from hil.faults.on_bus import FramesFault
 from hil.nodes.frame_rows import word_frame
 from hil.record.run_traces import read_bus
 from hil.record.traces import trace
@@ -73,6 +75,30 @@ ANY: list[dict[str, Any]] = [
 ]
 
 
+SENT = ["Accelerometer", "EncoderEstimates", "SetInputTorque", "DriveHeartbeat", "OperatorCommand"]
+NAMED: dict[str, dict[str, Any]] = {
+    "bundled": {"period_s": 0.0043},
+    "corrupted": {"share": 0.02},
+    "delayed": {"delay_s": 0.0031},
+    "dropped": {"share": 0.1},
+    "duplicated": {"copies": 40},
+    "frozen": {},
+    "reordered": {},
+    "thinned": {"period_s": 0.0027},
+}
+"""Kinds of faults that act on frames that they name, with their keys."""
+
+
+def frames_fault(kind: str, ends: bool) -> dict[str, Any]:
+    frames = ["DriveHeartbeat", "FirmwareHeartbeat", "SetInputTorque"] if kind == "frozen" else SENT
+    until = {"duration_s": 0.9313} if ends else {}
+    return {"kind": kind, "frames": frames, "at_s": 0.8004, **NAMED[kind], **until}
+
+
+def test_every_kind_of_fault_of_named_frames_is_compared() -> None:
+    assert {one.model_fields["kind"].annotation.__args__[0] for one in KINDS if issubclass(one, FramesFault)} == set(NAMED)
+
+
 def random_faults(seed: int) -> tuple[dict[str, Any], ...]:
     """Three faults of any kinds, at ticks or within them, for some ticks or some tenths of a second."""
     dice = random.Random(seed)
@@ -97,6 +123,9 @@ def random_faults(seed: int) -> tuple[dict[str, Any], ...]:
         (WALK, ()),
         (WALK, (PLANT_AWAY,)),
         *((BASE, random_faults(seed)) for seed in range(12)),
+        *((BASE, (frames_fault(kind, ends),)) for kind in NAMED for ends in (False, True)),
+        (BASE, (frames_fault("delayed", False), frames_fault("duplicated", True), STIFFER, PAUSED)),
+        (WALK, ({"kind": "dropped", "frames": ["GaitSensors"], "share": 0.3, "at_s": 1.0},)),
     ],
     ids=[
         "undisturbed",
@@ -107,6 +136,9 @@ def random_faults(seed: int) -> tuple[dict[str, Any], ...]:
         "walking",
         "walking-restarted",
         *(f"random {seed}" for seed in range(12)),
+        *(f"{kind} {end}" for kind in NAMED for end in ("to the end", "for a while")),
+        "late-and-copied",
+        "walking-without-steps",
     ],
 )
 def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
