@@ -54,10 +54,12 @@ def failures_of(verdicts: Iterable[RunVerdict]) -> Failures:
     found = Failures({}, {}, [], [])
     for run in (one for one in verdicts if one.verdict is Verdict.FAILED):
         failed = [one for one in run.checks if one.verdict is Verdict.FAILED]
-        broken, without_limit = (
-            {one.requirement for one in failed if one.requirement and one.meets_requirement is met}
-            for met in (False, None)
-        )
+        broken = {one.requirement for one in failed if one.requirement and one.meets_requirement is False}
+        without_limit = {
+            one.requirement
+            for one in failed
+            if one.requirement and one.meets_requirement is None and one.required is None
+        }
         if run.reasons:
             found.other.append(run.scenario)
         elif broken or without_limit:

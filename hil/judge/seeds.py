@@ -70,8 +70,8 @@ def worst_of(check: Check, results: Mapping[int, CheckResult]) -> ScenarioCheck:
     margins = (margin(check, value) for value in values)
     numbers = [one for one in values if isinstance(one, int | float) and not isinstance(one, bool)]
     worst_result = {one.name: getattr(results[seed], one.name) for one in fields(CheckResult)}
-    if any(one.meets_requirement is False for one in results.values()):
-        worst_result["meets_requirement"] = False
+    met = {one.meets_requirement for one in results.values()}
+    worst_result["meets_requirement"] = False if False in met else None if None in met else True
     return ScenarioCheck(
         **worst_result,
         seed=seed,

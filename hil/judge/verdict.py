@@ -123,6 +123,16 @@ class CheckResult:
         return f" (the scenario's own limit, for its module; {self.requirement} requires {required})"
 
     @property
+    def on_its_requirement(self) -> Verdict:
+        """The verdict on the requirement: a value beyond the scenario's own limit alone may meet it.
+
+        If another seed was not judged, it is not known whether the requirement is met.
+        """
+        if self.meets_requirement is None and self.required is not None:
+            return Verdict.NOT_JUDGED
+        return Verdict.PASSED if self.meets_requirement else self.verdict
+
+    @property
     def margin_percent(self) -> int | None:
         """The margin in percent: 0 at the limit, 100 in the middle of two limits, down to −100 beyond one."""
         return None if self.margin_share is None else round(100.0 * min(max(self.margin_share, -1.0), 1.0))
@@ -260,7 +270,7 @@ def trace(verdicts: Iterable[RunVerdict]) -> dict[str, Any]:
         of_run = Verdict.FAILED if run.reasons else Verdict.NOT_JUDGED if run.not_judged else None
         for check in run.checks:
             if check.requirement is not None:
-                verdict = of_run or (Verdict.PASSED if check.meets_requirement else check.verdict)
+                verdict = of_run or check.on_its_requirement
                 proof: dict[str, Any] = {"scenario": run.scenario, "name": check.name, "limit": check.limit}
                 proof |= {"passed": verdict.passed, "verdict": verdict.value}
                 proofs[check.requirement].append((verdict, proof))

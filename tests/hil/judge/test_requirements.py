@@ -12,6 +12,7 @@ from hil.judge.evaluation import meets_requirement
 from hil.judge.failures import failures_of
 from hil.judge.figures.records import CATALOGUE
 from hil.judge.judge import judge
+from hil.judge.seeds import worst_of
 from hil.judge.verdict import CheckResult, Verdict, trace
 from hil.judge.verdict_files import junit_document
 from hil.record.run_traces import RunTraces
@@ -103,6 +104,21 @@ def test_failures_of_own_limits_are_distinguished_from_broken_requirements():
     assert [traced[name]["verdict"] for name in ("P-04", "P-07", "S-01", "S-11")] == ["passed"] + 3 * [
         "failed"
     ]
+
+
+def test_a_seed_that_is_not_judged_proves_no_requirement_beside_one_that_misses_the_scenarios_own_limit():
+    """Seed 1 meets the requirement, but not the scenario's limit; seed 2 was not judged."""
+    check = Check(name="speed.ripple", requirement="P-04", high=0.001)
+    missed, doubted = (
+        replace(CheckResult.of(check, verdict, 0.0015, None), required="≤ 0.002")
+        for verdict in (Verdict.FAILED, Verdict.NOT_JUDGED)
+    )
+    seeds = {1: replace(missed, meets_requirement=True), 2: doubted}
+    both = worst_of(check, seeds)
+    assert (both.verdict, both.meets_requirement) == (Verdict.FAILED, None)
+    merged = replace(VERDICT, checks=(both,))
+    assert trace([merged])["P-04"]["verdict"] == "not-judged"
+    assert failures_of([merged]).own_limits == ["mine"]
 
 
 def test_junit_names_the_requirement_and_where_it_is_stated():
