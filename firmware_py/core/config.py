@@ -1,4 +1,4 @@
-"""What the blocks read: each has `Constants` of its own, and `derive`, which makes them of the parameters.
+"""What the blocks read: the parameters, the nominal module, and each block's `Constants` derived from them.
 
 `config_of` makes the configuration before the first tick, `commit` after a commit over the bus. A commit
 changes tuning parameters only: the nominal module and the constants of safety keep their bits.
@@ -6,7 +6,7 @@ changes tuning parameters only: the nominal module and the constants of safety k
 
 from typing import NamedTuple
 
-from firmware_py.core.control import hold, speed, spin_down, start
+from firmware_py.core.control import spin_down
 from firmware_py.core.estimation import crank, detector, estimator, striker_model
 from firmware_py.core.gait import follow, gait
 from firmware_py.core.numbers import in_ticks
@@ -20,7 +20,7 @@ and sensors (`ceiling.link_watchdog_s`): raise both together."""
 
 
 class Config(NamedTuple):
-    """`tick_s`: the control period, `p`: the parameters; then the constants of each block.
+    """`tick_s`: the control period, `p`: the parameters; `nominal`: the module; then each block's constants.
 
     `parameters_damaged`: the parameters replace values that could not be read, and the firmware must not arm.
     """
@@ -39,10 +39,6 @@ class Config(NamedTuple):
     crank: crank.Constants
     estimator: estimator.Constants
     detector: detector.Constants
-    start: start.Constants
-    hold: hold.Constants
-    spin_down: spin_down.Constants
-    speed: speed.Constants
     gait: gait.Constants
 
 
@@ -67,16 +63,11 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
 
 def commit(config: Config, p: Parameters) -> Config:
     """The configuration with other tuning parameters; damaged ones remain marked as damaged."""
-    nominal, spin_down_now = config.nominal, spin_down.derive(p, config.nominal)
     return config._replace(
         p=p,
-        monitors=monitors.retune(config.monitors, p, spin_down_now.longest_s),
+        monitors=monitors.retune(config.monitors, p, spin_down.longest_s(p)),
         crank=crank.derive(p),
-        estimator=estimator.derive(p, nominal),
-        detector=detector.derive(p, nominal),
-        start=start.derive(p, nominal),
-        hold=hold.derive(p),
-        spin_down=spin_down_now,
-        speed=speed.derive(p),
-        gait=gait.derive(p, nominal, config.gate) if follow.is_built_in() else config.gait,
+        estimator=estimator.derive(p),
+        detector=detector.derive(p),
+        gait=gait.derive(p, config.nominal, config.gate) if follow.is_built_in() else config.gait,
     )

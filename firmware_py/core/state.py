@@ -19,7 +19,7 @@ from firmware_py.interface.zeroed import zeroed
 
 
 class State(NamedTuple):
-    """The core's state, from one tick to the next."""
+    """The core's state, from one tick to the next; `gate` is the part of the tick around it."""
 
     crank: crank.CrankState
     own_crank: own_crank.OwnCrank

@@ -1,4 +1,4 @@
-"""What the firmware does in each mode, and on each fault: a row each.
+"""What the firmware does in each mode, and in which modes each finding is a fault.
 
 `core.safety.supervisor` decides the mode; the other blocks read its row.
 """
@@ -48,16 +48,6 @@ class ModeRow(NamedTuple):
     calibrates: bool
 
 
-class FaultRow(NamedTuple):
-    """A finding. `modes`: bit n is set if it is a fault in mode n, or in FAULT and E_STOP against clearing.
-
-    `axis`: the state requested of the axis while the fault is latched.
-    """
-
-    modes: int
-    axis: AxisRequest
-
-
 ROW_OF_MODE = {
     #                        moving latched axis    target      ends_consent calibrates
     Mode.INIT: ModeRow(False, False, OPEN, Target.NONE, False, True),
@@ -78,42 +68,29 @@ IN_USE = (*MOVING, Mode.PROOF)
 """Modes in which the drive's axis may be closed."""
 AFTER_INIT = tuple(mode for mode in Mode if mode != Mode.INIT)
 
-
-def fault_row(*modes: Mode, axis: AxisRequest = DISARM) -> FaultRow:
-    """The row of a finding that is a fault in these modes."""
-    return FaultRow(sum(1 << mode for mode in modes), axis)
-
-
-ROW_OF_FAULT = {
-    Fault.NONE: fault_row(),
+MODES_OF_FAULT: dict[Fault, tuple[Mode, ...]] = {
+    Fault.NONE: (),
     # Before motion, a stale input keeps the firmware out of READY.
-    Fault.SENSOR_TIMEOUT: fault_row(*IN_USE, *LATCHED),
-    Fault.ENCODER_TIMEOUT: fault_row(*IN_USE, *LATCHED),
-    Fault.DRIVE_TIMEOUT: fault_row(*IN_USE, *LATCHED),
-    Fault.STALE_SAMPLES: fault_row(*IN_USE, *LATCHED),
-    Fault.OPERATOR_TIMEOUT: fault_row(*IN_USE),
+    Fault.SENSOR_TIMEOUT: (*IN_USE, *LATCHED),
+    Fault.ENCODER_TIMEOUT: (*IN_USE, *LATCHED),
+    Fault.DRIVE_TIMEOUT: (*IN_USE, *LATCHED),
+    Fault.STALE_SAMPLES: (*IN_USE, *LATCHED),
+    Fault.OPERATOR_TIMEOUT: IN_USE,
     # Clearing resets the drive's error.
-    Fault.DRIVE_ERROR: fault_row(Mode.READY, *IN_USE),
+    Fault.DRIVE_ERROR: (Mode.READY, *IN_USE),
     # The swinging striker may drive a free crank faster.
-    Fault.OVERSPEED: fault_row(*IN_USE, *LATCHED),
-    Fault.DRIVE_FROZEN: fault_row(*AFTER_INIT),
-    Fault.OVERCURRENT: fault_row(*AFTER_INIT),
-    Fault.OVERTEMPERATURE: fault_row(*AFTER_INIT),
-    Fault.UNDERVOLTAGE: fault_row(*AFTER_INIT),
-    Fault.OVERVOLTAGE: fault_row(*AFTER_INIT),
-    Fault.IMPULSE_LIMIT: fault_row(*AFTER_INIT),
-    Fault.FORCE_LIMIT: fault_row(*AFTER_INIT),
-    Fault.ESTIMATE_INVALID: fault_row(*AFTER_INIT),
-    Fault.LOAD_IMPLAUSIBLE: fault_row(*AFTER_INIT),
-    Fault.RUNAWAY: fault_row(*AFTER_INIT),
-    Fault.STALL: fault_row(*AFTER_INIT),
-    Fault.STOP_FAILED: fault_row(*AFTER_INIT),
-    Fault.START_FAILED: fault_row(Mode.SOFT_START),
-    Fault.ATTRACTOR_LOST: fault_row(Mode.RUN),
-    Fault.DRIVE_WATCHDOG: fault_row(Mode.PROOF),
-    Fault.REQUEST_REFUSED: fault_row(),
+    Fault.OVERSPEED: (*IN_USE, *LATCHED),
+    **dict.fromkeys((Fault.DRIVE_FROZEN, Fault.OVERCURRENT, Fault.OVERTEMPERATURE), AFTER_INIT),
+    **dict.fromkeys((Fault.UNDERVOLTAGE, Fault.OVERVOLTAGE), AFTER_INIT),
+    **dict.fromkeys((Fault.IMPULSE_LIMIT, Fault.FORCE_LIMIT, Fault.ESTIMATE_INVALID), AFTER_INIT),
+    **dict.fromkeys((Fault.LOAD_IMPLAUSIBLE, Fault.RUNAWAY, Fault.STALL, Fault.STOP_FAILED), AFTER_INIT),
+    Fault.START_FAILED: (Mode.SOFT_START,),
+    Fault.ATTRACTOR_LOST: (Mode.RUN,),
+    Fault.DRIVE_WATCHDOG: (Mode.PROOF,),
+    Fault.REQUEST_REFUSED: (),
     # Only a power-up with valid parameters ends it.
-    Fault.PARAMETERS_DAMAGED: fault_row(*Mode),
+    Fault.PARAMETERS_DAMAGED: tuple(Mode),
 }
-FAULTS = tuple(ROW_OF_FAULT[fault] for fault in Fault)
-"""The row of each fault by its number."""
+"""The modes in which a finding is a fault, and FAULT and E_STOP where it stands against clearing."""
+FAULT_BITS = tuple(sum(1 << mode for mode in MODES_OF_FAULT[fault]) for fault in Fault)
+"""For each fault by its number: bit n is set for the mode n."""

@@ -10,21 +10,9 @@ from firmware_py.core.inputs import (
     PowerInput,
 )
 from firmware_py.core.measurements import measurements_of
-from firmware_py.core.safety.gate import GateReading
 from firmware_py.interface.arrivals import age, stray_age
 from firmware_py.interface.enums import axis_state_of, operator_request_of
 from firmware_py.interface.generated.received import Received
-
-
-def reading_of(received: Received) -> GateReading:
-    """The newest accelerometer frame for the gate."""
-    acceleration = received.accelerometer
-    return GateReading(
-        acceleration.striker_low_m_s2,
-        acceleration.striker_high_m_s2,
-        acceleration.housing_m_s2,
-        received.accelerometer_arrival.counter,
-    )
 
 
 def inputs_of(received: Received, tick: int) -> Inputs:

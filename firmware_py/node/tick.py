@@ -2,8 +2,10 @@
 
     tick(config, state, inbox) -> (state, tx)
 
-It always advances one control period, on those frames in the inbox that belong to this period: see
-`node.inbox`, which also says how many ticks are run when periods were missed.
+The gate takes each accelerometer frame and judges the tick's readings; the core steps; the gate permits the
+torque that the core proposes; what is due is sent. A tick always advances one control period, on those frames
+in the inbox that belong to this period: see `node.inbox`, which also says how many ticks are run when periods
+were missed.
 
 `config` is made from the parameters; `state` starts as `INITIAL`. `tx.frame_count` frames are sent; the first
 is the torque, unless the drive's watchdog is tested or the tick runs a period that was missed.
@@ -21,10 +23,12 @@ from firmware_py.core.config import Config
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.safety import gate
 from firmware_py.core.safety.drive_link import NO_DRIVE_FRAME
+from firmware_py.core.safety.gate import Findings, GateState
 from firmware_py.core.state import INITIAL as INITIAL_CORE
 from firmware_py.core.state import INITIAL_OUTPUTS, Outputs, State
 from firmware_py.core.step import step
 from firmware_py.interface.arrivals import NOTHING_YET, Counters, Now
+from firmware_py.interface.enums import ActingLimit
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import kinds, packing
 from firmware_py.interface.generated.received import INITIAL as NOTHING_RECEIVED
@@ -32,7 +36,7 @@ from firmware_py.interface.generated.received import Received, receive
 from firmware_py.interface.generated.records import SetInputTorque
 from firmware_py.node import inbox as waiting_frames
 from firmware_py.node import transmitter
-from firmware_py.node.readings import inputs_of, reading_of
+from firmware_py.node.readings import inputs_of
 from firmware_py.node.transmitter import Transmitter
 from firmware_py.node.wiring import wired_sample, wired_torque_n_m
 
@@ -83,6 +87,26 @@ def add_frame(tx: Tx, frame: WordFrame) -> Tx:
     return Tx(3, tx.first, tx.second, frame)
 
 
+def permit(
+    config: Config,
+    core: State,
+    outputs: Outputs,
+    gate_now: GateState,
+    found: Findings,
+    inputs: Inputs,
+    is_current: bool,
+) -> tuple[State, Outputs]:
+    """The gate's last word on the torque; a tick that catches up keeps the torque that was sent."""
+    gate_now, torque_n_m, limit = gate.permit(config.gate, gate_now, found, inputs, outputs.torque_n_m)
+    core = core._replace(gate=gate_now)
+    if limit != ActingLimit.NONE:
+        outputs = outputs._replace(acting_limit=limit)
+    if limit != ActingLimit.NONE and is_current:
+        core = core._replace(speed=core.speed._replace(torque_n_m=torque_n_m))
+        outputs = outputs._replace(torque_n_m=torque_n_m)
+    return core, outputs
+
+
 def transmit(
     config: Config,
     waiting: Transmitter,
@@ -128,9 +152,12 @@ def tick(config: Config, state: NodeState, inbox: list[int]) -> tuple[NodeState,
             accepted += 1 if usable else 0
             if usable and frame.can_id == kinds.ACCELEROMETER.can_id:
                 received = received._replace(accelerometer=wired_sample(config, received.accelerometer))
-                gate_now = gate.take_reading(config.gate, gate_now, reading_of(received))
+                counter = received.accelerometer_arrival.counter
+                gate_now = gate.take(config.gate, gate_now, received.accelerometer, counter)
     inputs = inputs_of(received, now.tick)
-    core, outputs = step(config, state.core._replace(gate=gate_now), inputs, behind_ticks == 0)
+    gate_now, found = gate.judge(config.gate, gate_now, inputs)
+    core, outputs = step(config, state.core, inputs, found, behind_ticks == 0)
+    core, outputs = permit(config, core, outputs, gate_now, found, inputs, behind_ticks == 0)
     waiting, lost, tx = transmit(
         config,
         state.waiting,

@@ -20,8 +20,10 @@ from firmware_py.core.estimation.regime import RegimeState
 from firmware_py.core.numbers import clamp
 from firmware_py.core.request import Request
 from firmware_py.interface.enums import Refusal
-from firmware_py.interface.generated.parameters import Hold, Parameters
+from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.zeroed import zeroed
+
+RAD_PER_DEG = math.pi / 180.0
 
 PHASE_SLOPE_RAD = 1.4
 """φ' at 0°, per unit of r: 0.8° per 0.01."""
@@ -34,21 +36,6 @@ GAIN_IMPULSE = 0.2
 """Share of the error corrected in a period; an impact settles in two periods."""
 IMPULSE_TOLERANCE = 0.03
 """Relative error above which the requested impulse is not met."""
-
-
-class Constants(NamedTuple):
-    """`highest_ratio`: that of a start. `highest_phase_rad`: φ*."""
-
-    tick_s: float
-    hold: Hold
-    highest_ratio: float
-    highest_phase_rad: float
-
-
-def derive(p: Parameters) -> Constants:
-    """The constants of these parameters."""
-    highest_phase_rad = math.radians(p.hold.highest_phase_deg)
-    return Constants(p.control.tick_s, p.hold, p.start.highest_ratio, highest_phase_rad)
 
 
 class HoldState(NamedTuple):
@@ -66,58 +53,58 @@ class HoldState(NamedTuple):
 INITIAL = zeroed(HoldState, refusal=Refusal.NONE)
 
 
-def phase_step(own: Constants, phase_rad: float) -> float:
+def phase_step(p: Parameters, phase_rad: float) -> float:
     """Δ_guard: the largest increase of the ratio at this phase; if negative, the ratio must fall."""
     within_rad = clamp(phase_rad, 1.5)
     slope_rad = PHASE_SLOPE_RAD * (1.0 + PHASE_SLOPE_GROWTH * (within_rad if within_rad > 0.0 else 0.0))
-    error_rad = own.highest_phase_rad - within_rad
-    gain = own.hold.gain_phase if error_rad >= 0.0 else max(own.hold.gain_phase, GAIN_RETREAT)
+    error_rad = RAD_PER_DEG * p.hold.highest_phase_deg - within_rad
+    gain = p.hold.gain_phase if error_rad >= 0.0 else max(p.hold.gain_phase, GAIN_RETREAT)
     return gain * error_rad / slope_rad
 
 
-def wanted_step(own: Constants, ratio: float, request: Request, impulse_n_s: float) -> float:
+def wanted_step(p: Parameters, ratio: float, request: Request, impulse_n_s: float) -> float:
     """Δ_want, bounded by the largest step."""
     if request.impulse_n_s > 0.0:
-        step = GAIN_IMPULSE * (request.impulse_n_s - impulse_n_s) / own.hold.impulse_slope_n_s
+        step = GAIN_IMPULSE * (request.impulse_n_s - impulse_n_s) / p.hold.impulse_slope_n_s
     else:
         step = request.ratio - ratio
-    return clamp(step, own.hold.largest_step)
+    return clamp(step, p.hold.largest_step)
 
 
-def is_possible(hold: Hold, target_impulse_n_s: float) -> bool:
+def is_possible(p: Parameters, target_impulse_n_s: float) -> bool:
     """Whether a requested impulse is possible; 0 means no request, and NaN is impossible."""
     return target_impulse_n_s == 0.0 or (
-        hold.lowest_impulse_n_s <= target_impulse_n_s <= hold.highest_impulse_n_s
+        p.hold.lowest_impulse_n_s <= target_impulse_n_s <= p.hold.highest_impulse_n_s
     )
 
 
-def find_unmet(own: Constants, target_impulse_n_s: float) -> Refusal:
+def find_unmet(p: Parameters, target_impulse_n_s: float) -> Refusal:
     """The refusal of an impossible impulse, or NONE."""
-    return Refusal.NONE if is_possible(own.hold, target_impulse_n_s) else Refusal.IMPULSE_OUT_OF_RANGE
+    return Refusal.NONE if is_possible(p, target_impulse_n_s) else Refusal.IMPULSE_OUT_OF_RANGE
 
 
-def rest(own: Constants, request: Request) -> HoldState:
+def rest(p: Parameters, request: Request) -> HoldState:
     """The state of a tick in which nothing is held."""
-    return INITIAL._replace(refusal=find_unmet(own, request.impulse_n_s))
+    return INITIAL._replace(refusal=find_unmet(p, request.impulse_n_s))
 
 
-def find_bound(own: Constants, ratio: float, guarded: bool, request: Request, impulse_n_s: float) -> Refusal:
+def find_bound(p: Parameters, ratio: float, guarded: bool, request: Request, impulse_n_s: float) -> Refusal:
     """The refusal if an end of the impact region limits the requested impulse or ratio, or NONE."""
     target_impulse_n_s = request.impulse_n_s
     if target_impulse_n_s <= 0.0:
-        short = guarded and request.ratio - ratio > own.hold.largest_step
+        short = guarded and request.ratio - ratio > p.hold.largest_step
         return Refusal.RATIO_TOO_HIGH if short else Refusal.NONE
-    if (guarded or ratio >= own.highest_ratio) and impulse_n_s < target_impulse_n_s * (
+    if (guarded or ratio >= p.start.highest_ratio) and impulse_n_s < target_impulse_n_s * (
         1.0 - IMPULSE_TOLERANCE
     ):
         return Refusal.IMPULSE_TOO_HIGH
-    if ratio <= own.hold.lowest_ratio and impulse_n_s > target_impulse_n_s * (1.0 + IMPULSE_TOLERANCE):
+    if ratio <= p.hold.lowest_ratio and impulse_n_s > target_impulse_n_s * (1.0 + IMPULSE_TOLERANCE):
         return Refusal.IMPULSE_TOO_LOW
     return Refusal.NONE
 
 
 def step(
-    own: Constants,
+    p: Parameters,
     state: HoldState,
     request: Request,
     base_ratio: float,
@@ -125,7 +112,7 @@ def step(
     impact_n_s: float,
 ) -> HoldState:
     """One tick of a captured motion. `base_ratio`: the S-curve's end; `impact_n_s`: the last impact's."""
-    unmet = find_unmet(own, request.impulse_n_s)
+    unmet = find_unmet(p, request.impulse_n_s)
     if unmet != Refusal.NONE:
         request = request._replace(impulse_n_s=0.0)
     wanted_trim, guarded = state.wanted_trim, state.guarded
@@ -140,20 +127,20 @@ def step(
     if regime.ended and regime.last.impacts == 1 and regime.second.impacts == 1:
         impulse_n_s = impact_n_s if impulse_n_s <= 0.0 else impulse_n_s + 0.5 * (impact_n_s - impulse_n_s)
         ratio = base_ratio + wanted_trim
-        wanted = wanted_step(own, ratio, request, impulse_n_s)
-        guard = phase_step(own, regime.last.phase_rad)
+        wanted = wanted_step(p, ratio, request, impulse_n_s)
+        guard = phase_step(p, regime.last.phase_rad)
         guarded = guard < wanted
-        moved = ratio + clamp(guard if guarded else wanted, own.hold.largest_step)
-        moved = min(moved, own.highest_ratio)
-        moved = max(moved, min(own.hold.lowest_ratio, base_ratio))
+        moved = ratio + clamp(guard if guarded else wanted, p.hold.largest_step)
+        moved = min(moved, p.start.highest_ratio)
+        moved = max(moved, min(p.hold.lowest_ratio, base_ratio))
         wanted_trim = moved - base_ratio
-        bound = find_bound(own, moved, guarded, request, impulse_n_s)
+        bound = find_bound(p, moved, guarded, request, impulse_n_s)
         bound_periods = bound_periods + 1 if bound != Refusal.NONE else 0
-        is_settled = bound == Refusal.NONE or bound_periods >= own.hold.refusing_periods
+        is_settled = bound == Refusal.NONE or bound_periods >= p.hold.refusing_periods
         if unmet == Refusal.NONE and is_settled:
             refusal = bound
-    dt_s = own.tick_s
-    change = clamp(wanted_trim - state.trim, own.hold.rate_1_s * dt_s)
+    dt_s = p.control.tick_s
+    change = clamp(wanted_trim - state.trim, p.hold.rate_1_s * dt_s)
     return HoldState(
         trim=state.trim + change,
         trim_rate_1_s=change / dt_s,

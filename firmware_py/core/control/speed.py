@@ -15,38 +15,11 @@ from firmware_py.core.estimation.crank import CrankState
 from firmware_py.core.estimation.estimator_state import StrikerMotion
 from firmware_py.core.numbers import clamp
 from firmware_py.interface.enums import ActingLimit
-from firmware_py.interface.generated.parameters import Motor, Parameters, Speed
+from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.zeroed import zeroed
 
 LEAD_TICKS = 1.5
 """From the sensors' time t_k to the middle of the torque, which acts from t_{k+1} to t_{k+2}."""
-
-
-class Constants(NamedTuple):
-    """Parameters of the loop, the motor, and the spring that loads the crank."""
-
-    tick_s: float
-    speed: Speed
-    motor: Motor
-    spring_n_m: float
-    rest_length_m: float
-    amplitude_m: float
-    stretch_m: float
-    limit_rad_s: float
-
-
-def derive(p: Parameters) -> Constants:
-    """The constants of these parameters."""
-    return Constants(
-        tick_s=p.control.tick_s,
-        speed=p.speed,
-        motor=p.motor,
-        spring_n_m=p.striker.spring_n_m,
-        rest_length_m=p.striker.rest_length_m,
-        amplitude_m=p.drive.amplitude_m,
-        stretch_m=p.limit.stretch_m,
-        limit_rad_s=p.limit.speed_rad_s,
-    )
 
 
 class SpeedState(NamedTuple):
@@ -63,14 +36,14 @@ class SpeedState(NamedTuple):
 INITIAL = zeroed(SpeedState, acting_limit=ActingLimit.SAFE_STATE)
 
 
-def crank_load(own: Constants, crank: CrankState, striker: StrikerMotion, ahead_s: float) -> float:
+def crank_load(p: Parameters, crank: CrankState, striker: StrikerMotion, ahead_s: float) -> float:
     """The torque by which the spring opposes the crank `ahead_s` after the estimate, N m."""
     sine, cosine = sine_cosine(crank.angle_rad + crank.omega_rad_s * ahead_s)
     x_m = striker.x_m + striker.v_m_s * ahead_s
-    stretch_m = own.amplitude_m * sine + own.rest_length_m - x_m
-    if not abs(stretch_m) <= own.stretch_m:
+    stretch_m = p.drive.amplitude_m * sine + p.striker.rest_length_m - x_m
+    if not abs(stretch_m) <= p.limit.stretch_m:
         return 0.0  # the estimate is lost
-    return own.spring_n_m * stretch_m * own.amplitude_m * cosine
+    return p.striker.spring_n_m * stretch_m * p.drive.amplitude_m * cosine
 
 
 def rest(state: SpeedState) -> SpeedState:
@@ -84,7 +57,7 @@ def keep(state: SpeedState) -> SpeedState:
 
 
 def step(
-    own: Constants,
+    p: Parameters,
     state: SpeedState,
     crank: CrankState,
     striker: StrikerMotion,
@@ -92,29 +65,29 @@ def step(
     target_acceleration_rad_s2: float,
 ) -> SpeedState:
     """One tick of the loop; the torque is finite and within all limits for any input."""
-    motor = own.motor
+    motor, limit_rad_s = p.motor, p.limit.speed_rad_s
     dry_n_m = motor.dry_n_m * clamp(target_omega_rad_s, 0.5) / 0.5
     feedforward_n_m = clamp(
         motor.inertia_kg_m2 * target_acceleration_rad_s2
         + motor.viscous_n_m_s * target_omega_rad_s
         + dry_n_m
-        + own.speed.load_share * crank_load(own, crank, striker, LEAD_TICKS * own.tick_s),
-        own.speed.torque_limit_n_m,
+        + p.speed.load_share * crank_load(p, crank, striker, LEAD_TICKS * p.control.tick_s),
+        p.speed.torque_limit_n_m,
     )
     error_rad_s = target_omega_rad_s - crank.omega_rad_s
-    wanted_n_m = feedforward_n_m + own.speed.gain_p_n_m_s * error_rad_s + state.integral_n_m
+    wanted_n_m = feedforward_n_m + p.speed.gain_p_n_m_s * error_rad_s + state.integral_n_m
 
     acting_limit = ActingLimit.NONE
-    torque_n_m = clamp(wanted_n_m, own.speed.torque_limit_n_m)
+    torque_n_m = clamp(wanted_n_m, p.speed.torque_limit_n_m)
     if torque_n_m != wanted_n_m:
         acting_limit = ActingLimit.TORQUE
-    change_n_m = clamp(torque_n_m - state.torque_n_m, own.speed.torque_rate_n_m_s * own.tick_s)
+    change_n_m = clamp(torque_n_m - state.torque_n_m, p.speed.torque_rate_n_m_s * p.control.tick_s)
     if state.torque_n_m + change_n_m != torque_n_m and abs(torque_n_m - state.torque_n_m) > abs(change_n_m):
         acting_limit = ActingLimit.TORQUE_RATE
         torque_n_m = state.torque_n_m + change_n_m
     # The limit of the speed and NaN come last: they cut the torque at once, whatever its rate.
-    forward = torque_n_m > 0.0 and not crank.omega_rad_s <= own.limit_rad_s
-    backward = torque_n_m < 0.0 and not crank.omega_rad_s >= -own.limit_rad_s
+    forward = torque_n_m > 0.0 and not crank.omega_rad_s <= limit_rad_s
+    backward = torque_n_m < 0.0 and not crank.omega_rad_s >= -limit_rad_s
     if forward or backward:
         torque_n_m = 0.0
         acting_limit = ActingLimit.SPEED
@@ -126,14 +99,13 @@ def step(
     pushes_on = error_rad_s * (wanted_n_m - torque_n_m) > 0.0
     if acting_limit == ActingLimit.NONE or not pushes_on:
         integral_n_m = clamp(
-            integral_n_m + own.speed.gain_i_n_m * error_rad_s * own.tick_s,
-            own.speed.torque_limit_n_m,
+            integral_n_m + p.speed.gain_i_n_m * error_rad_s * p.control.tick_s, p.speed.torque_limit_n_m
         )
     return SpeedState(
         integral_n_m,
         error_rad_s,
         feedforward_n_m,
-        clamp(torque_n_m, own.speed.torque_limit_n_m),
+        clamp(torque_n_m, p.speed.torque_limit_n_m),
         state.torque_n_m,
         acting_limit,
     )

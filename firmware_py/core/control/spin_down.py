@@ -24,7 +24,7 @@ from firmware_py.core.estimation.crank import CrankState
 from firmware_py.core.estimation.estimator_state import StrikerMotion
 from firmware_py.core.estimation.striker_model import Nominal
 from firmware_py.core.numbers import at_least, clamp, wrap_pi
-from firmware_py.interface.generated.parameters import Parameters, SpinDown
+from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.zeroed import zeroed
 
 WAITS_RAD = 0.75 * math.pi
@@ -42,25 +42,9 @@ class SpinDownStage(IntEnum):
     PARK = 2
 
 
-class Constants(NamedTuple):
-    """`longest_s`: longest braking, 0: the S-curve alone. `highest_rad_s`: highest speed of the crank."""
-
-    tick_s: float
-    spin_down: SpinDown
-    nominal: Nominal
-    longest_s: float
-    highest_rad_s: float
-
-
-def derive(p: Parameters, nominal: Nominal) -> Constants:
-    """The constants of these parameters."""
-    return Constants(
-        tick_s=p.control.tick_s,
-        spin_down=p.spin_down,
-        nominal=nominal,
-        longest_s=p.spin_down.longest_s if p.gait.follow > 0 else 0.0,
-        highest_rad_s=min(1.5 * nominal.natural_rad_s, 0.97 * p.limit.speed_rad_s),
-    )
+def longest_s(p: Parameters) -> float:
+    """The longest braking; 0: a stop is the S-curve alone."""
+    return p.spin_down.longest_s if p.gait.follow > 0 else 0.0
 
 
 class SpinDownState(NamedTuple):
@@ -80,26 +64,23 @@ INITIAL = zeroed(SpinDownState, stage=SpinDownStage.OFF)
 
 
 def step(
-    own: Constants,
-    state: SpinDownState,
-    crank: CrankState,
-    striker: StrikerMotion,
+    p: Parameters, nominal: Nominal, state: SpinDownState, crank: CrankState, striker: StrikerMotion
 ) -> SpinDownState:
     """One tick of a stop: the crank's target speed."""
-    nominal = own.nominal
     natural_rad_s, amplitude_m = nominal.natural_rad_s, nominal.drive.amplitude_m
     highest_rad_s = state.highest_rad_s
     if state.stage == SpinDownStage.OFF:
-        highest_rad_s = clamp(at_least(crank.omega_rad_s, 0.0), own.highest_rad_s)
+        fastest_rad_s = min(1.5 * natural_rad_s, 0.97 * p.limit.speed_rad_s)
+        highest_rad_s = clamp(at_least(crank.omega_rad_s, 0.0), fastest_rad_s)
     away_m, lag_m = striker.x_m - nominal.striker.rest_length_m, striker.v_m_s / natural_rad_s
     swing_m = math.sqrt((away_m + amplitude_m) * (away_m + amplitude_m) + lag_m * lag_m)
-    since_s = state.since_s + own.tick_s
+    since_s = state.since_s + p.control.tick_s
     reach_m = nominal.stop.position_m - nominal.striker.rest_length_m + amplitude_m
-    swings = swing_m > own.spin_down.share * reach_m and since_s < own.longest_s  # NaN: False
+    swings = swing_m > p.spin_down.share * reach_m and since_s < longest_s(p)  # NaN: False
     stage = SpinDownStage.BRAKE if swings and state.stage != SpinDownStage.PARK else SpinDownStage.PARK
     if stage == SpinDownStage.BRAKE:
         error_rad = wrap_pi(atan2(-lag_m, away_m) - crank.angle_rad + WAITS_RAD) - WAITS_RAD
-        wanted_rad_s = at_least(natural_rad_s * (1.0 + own.spin_down.gain * error_rad), 0.0)
+        wanted_rad_s = at_least(natural_rad_s * (1.0 + p.spin_down.gain * error_rad), 0.0)
     else:
         error_rad = wrap_pi(-0.5 * math.pi - crank.angle_rad)
         wanted_rad_s = clamp(natural_rad_s * PARK_GAIN * error_rad, natural_rad_s)

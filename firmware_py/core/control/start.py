@@ -18,8 +18,9 @@ from typing import NamedTuple
 from firmware_py.core.estimation.regime import RegimeState
 from firmware_py.core.estimation.striker_model import Nominal
 from firmware_py.core.numbers import at_least
+from firmware_py.core.request import Request
 from firmware_py.interface.enums import Mode
-from firmware_py.interface.generated.parameters import Parameters, Start
+from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.modes import MODES, Target
 from firmware_py.interface.zeroed import zeroed
 
@@ -45,19 +46,6 @@ class Stage(IntEnum):
 REST, RISE, CONFIRM, HOLD, DIP, DWELL, STOP, APPROACH = Stage
 
 
-class Constants(NamedTuple):
-    """Parameters of the start, and the striker's natural frequency, to which ratios refer."""
-
-    tick_s: float
-    start: Start
-    natural_rad_s: float
-
-
-def derive(p: Parameters, nominal: Nominal) -> Constants:
-    """The constants of these parameters."""
-    return Constants(p.control.tick_s, p.start, nominal.natural_rad_s)
-
-
 class StartState(NamedTuple):
     """The S-curve runs from `from_rad_s` to `to_rad_s`; `s` is its progress.
 
@@ -79,18 +67,6 @@ class StartState(NamedTuple):
     failed: bool
     ceiling_ratio: float
     searching_s: float
-
-
-class Goal(NamedTuple):
-    """The ratio to start to, and in the hold the `trim` that is added to it.
-
-    `may_retreat`: after a loss of impacts the curve ends below the ratio, at `ceiling_ratio`.
-    """
-
-    ratio: float
-    trim: float
-    trim_rate_1_s: float
-    may_retreat: bool
 
 
 LONGEST_SEARCH_S = 29.0
@@ -115,9 +91,9 @@ def s_curve(s: float) -> tuple[float, float]:
     return s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s)
 
 
-def is_valid_ratio(own: Constants, ratio: float) -> bool:
+def is_valid_ratio(p: Parameters, ratio: float) -> bool:
     """Whether the operator's ratio is within the valid range; NaN is not."""
-    return own.start.lowest_ratio <= ratio <= own.start.highest_ratio
+    return p.start.lowest_ratio <= ratio <= p.start.highest_ratio
 
 
 def begin_curve(
@@ -138,11 +114,11 @@ def begin_curve(
     )
 
 
-def advance(own: Constants, state: StartState) -> StartState:
+def advance(p: Parameters, state: StartState) -> StartState:
     """The state advanced along the curve; in the hold, which sets its own target, unchanged."""
     if state.stage == HOLD:
         return state
-    s = state.s + own.tick_s / state.duration_s
+    s = state.s + p.control.tick_s / state.duration_s
     height, slope = s_curve(s)
     span = state.to_rad_s - state.from_rad_s
     return state._replace(
@@ -168,126 +144,129 @@ def enter_stage(state: StartState, stage: Stage, hits: int, captured: bool, fail
     return state._replace(stage=stage, hits=hits, misses=0, captured=captured, failed=failed)
 
 
-def dip_again(own: Constants, state: StartState, held_periods: int) -> StartState:
+def dip_again(p: Parameters, nominal: Nominal, state: StartState, held_periods: int) -> StartState:
     """Dip for another attempt, which ends a step below the ratio at which the impacts were lost; or fail.
 
     Each step is longer than the previous one, so that three steps reach a fold that lies far below.
     """
-    if state.attempts >= own.start.attempts:
+    if state.attempts >= p.start.attempts:
         return enter_stage(state, state.stage, 0, captured=False, failed=True)
-    lost_ratio = min(state.target_omega_rad_s / at_least(own.natural_rad_s, 1e-3), own.start.free_ratio)
+    lost_ratio = min(state.target_omega_rad_s / at_least(nominal.natural_rad_s, 1e-3), p.start.free_ratio)
     if state.attempts > 0:
         lost_ratio = min(lost_ratio, state.ceiling_ratio)
     # The first time, if the impacts had lasted long, the speed was not the cause of the loss.
-    has_held = held_periods >= 2 * own.start.confirm_periods and state.attempts == 0
-    step_ratio = 0.0 if has_held else own.start.retreat_ratio * (1 + state.attempts)
-    dip_rad_s = own.start.dip_ratio * own.natural_rad_s
+    has_held = held_periods >= 2 * p.start.confirm_periods and state.attempts == 0
+    step_ratio = 0.0 if has_held else p.start.retreat_ratio * (1 + state.attempts)
+    dip_rad_s = p.start.dip_ratio * nominal.natural_rad_s
     dip = begin_curve(state, DIP, state.target_omega_rad_s, dip_rad_s, DIP_S, state.attempts + 1)
-    ceiling_ratio = at_least(lost_ratio - step_ratio, own.start.dip_ratio)
+    ceiling_ratio = at_least(lost_ratio - step_ratio, p.start.dip_ratio)
     return dip._replace(captured=False, failed=False, ceiling_ratio=ceiling_ratio)
 
 
-def has_retreated(own: Constants, state: StartState, target_ratio: float) -> bool:
+def has_retreated(p: Parameters, nominal: Nominal, state: StartState, target_ratio: float) -> bool:
     """Whether the speed is below the requested one because the impacts were lost at higher speed."""
-    highest_ratio = min(target_ratio, own.start.free_ratio)
+    highest_ratio = min(target_ratio, p.start.free_ratio)
     return (
         state.ceiling_ratio < highest_ratio
-        and state.target_omega_rad_s < highest_ratio * own.natural_rad_s * (1.0 - 1e-6)
+        and state.target_omega_rad_s < highest_ratio * nominal.natural_rad_s * (1.0 - 1e-6)
     )
 
 
-def begin_start(own: Constants, omega_rad_s: float, goal_rad_s: float) -> StartState:
+def begin_start(p: Parameters, nominal: Nominal, omega_rad_s: float, goal_rad_s: float) -> StartState:
     """The first S-curve, from the present speed; without the approach if the rise is shorter than that."""
-    approach_rad_s = own.start.approach_ratio * own.natural_rad_s
-    if approach_rad_s < goal_rad_s and own.start.approach_s < own.start.rise_s:
-        return begin_curve(INITIAL, APPROACH, omega_rad_s, approach_rad_s, own.start.approach_s, 0)
-    return begin_curve(INITIAL, RISE, omega_rad_s, goal_rad_s, own.start.rise_s, 0)
+    approach_rad_s = p.start.approach_ratio * nominal.natural_rad_s
+    if approach_rad_s < goal_rad_s and p.start.approach_s < p.start.rise_s:
+        return begin_curve(INITIAL, APPROACH, omega_rad_s, approach_rad_s, p.start.approach_s, 0)
+    return begin_curve(INITIAL, RISE, omega_rad_s, goal_rad_s, p.start.rise_s, 0)
 
 
 def begin_rise(state: StartState, goal_rad_s: float, duration_s: float, attempts: int) -> StartState:
-    """The state at the beginning of an S-curve from the present target to the goal."""
+    """The state at the beginning of an S-curve from the present target to the request."""
     return begin_curve(state, RISE, state.target_omega_rad_s, goal_rad_s, duration_s, attempts)
 
 
-def lead_to_rise(own: Constants, state: StartState, goal_rad_s: float) -> StartState:
+def lead_to_rise(p: Parameters, state: StartState, goal_rad_s: float) -> StartState:
     """One tick of approach, dip or dwell, each of which a rise to the goal follows."""
     arrived = state.s >= 1.0
     if state.stage == APPROACH:
-        return begin_rise(state, goal_rad_s, own.start.rise_s, 0) if arrived else state
+        return begin_rise(state, goal_rad_s, p.start.rise_s, 0) if arrived else state
     if state.stage == DIP:
         return enter_stage(state, DWELL, 0, captured=False, failed=False) if arrived else state
-    has_impacts = state.hits >= own.start.dwell_periods
-    if not (has_impacts or state.misses >= own.start.missing_periods):
+    has_impacts = state.hits >= p.start.dwell_periods
+    if not (has_impacts or state.misses >= p.start.missing_periods):
         return state
     # If the dip has no impacts either, there may be none at any speed: the attempt counts twice.
     attempts = state.attempts + (0 if has_impacts else 1)
-    return begin_rise(state, goal_rad_s, own.start.again_s, attempts)
+    return begin_rise(state, goal_rad_s, p.start.again_s, attempts)
 
 
-def follow_goal(own: Constants, state: StartState, goal_rad_s: float) -> StartState:
+def follow_goal(p: Parameters, nominal: Nominal, state: StartState, goal_rad_s: float) -> StartState:
     """The beginning of an S-curve to a goal that has changed; the counts of impacts and misses continue."""
-    share = abs(goal_rad_s - state.target_omega_rad_s) / at_least(own.natural_rad_s, 1e-3)
-    duration_s = at_least(own.start.rise_s * share, SHORTEST_CHANGE_S)
+    share = abs(goal_rad_s - state.target_omega_rad_s) / at_least(nominal.natural_rad_s, 1e-3)
+    duration_s = at_least(p.start.rise_s * share, SHORTEST_CHANGE_S)
     curve = begin_rise(state, goal_rad_s, duration_s, state.attempts)
     return curve._replace(hits=state.hits, misses=state.misses)
 
 
-def end_rise(own: Constants, state: StartState) -> StartState:
+def end_rise(p: Parameters, state: StartState) -> StartState:
     """One tick of a rise; at its end the impacts are to be confirmed."""
     if state.s < 1.0:
         return state
     # Impacts during the rise count, but the last two of the required ones must occur at the target.
-    hits = min(state.hits, max(own.start.confirm_periods - 2, 0))
+    hits = min(state.hits, max(p.start.confirm_periods - 2, 0))
     return enter_stage(state, CONFIRM, hits, captured=state.captured, failed=False)
 
 
-def confirm(own: Constants, state: StartState, needs_impacts: bool) -> StartState:
+def confirm(p: Parameters, nominal: Nominal, state: StartState, needs_impacts: bool) -> StartState:
     """One tick at the goal until the required number of periods with impacts, or too many without."""
-    if not needs_impacts or state.hits >= own.start.confirm_periods:
+    if not needs_impacts or state.hits >= p.start.confirm_periods:
         return enter_stage(state, HOLD, 0, captured=True, failed=False)
-    return dip_again(own, state, 0) if state.misses >= own.start.missing_periods else state
+    return dip_again(p, nominal, state, 0) if state.misses >= p.start.missing_periods else state
 
 
-def keep_ratio(own: Constants, state: StartState, goal_rad_s: float, goal: Goal) -> StartState:
+def keep_ratio(
+    p: Parameters, nominal: Nominal, state: StartState, goal_rad_s: float, request: Request
+) -> StartState:
     """One tick of the hold: the target with its trim."""
-    lasted = state.attempts > 0 and state.hits >= 10 * own.start.confirm_periods
+    lasted = state.attempts > 0 and state.hits >= 10 * p.start.confirm_periods
     return state._replace(
         stage=HOLD,
         to_rad_s=goal_rad_s,
-        target_omega_rad_s=goal_rad_s + goal.trim * own.natural_rad_s,
-        target_acceleration_rad_s2=goal.trim_rate_1_s * own.natural_rad_s,
+        target_omega_rad_s=goal_rad_s + request.trim * nominal.natural_rad_s,
+        target_acceleration_rad_s2=request.trim_rate_1_s * nominal.natural_rad_s,
         attempts=0 if lasted else state.attempts,
     )
 
 
 def move_target(
-    own: Constants,
+    p: Parameters,
+    nominal: Nominal,
     state: StartState,
     goal_rad_s: float,
     needs_impacts: bool,
     regime: RegimeState,
-    goal: Goal,
+    request: Request,
 ) -> StartState:
     """One tick of a start or of the hold after it. Approach, dip and dwell end before a new goal counts."""
     held_periods = state.hits  # before a miss resets the count
-    state = advance(own, count_periods(state, regime))
+    state = advance(p, count_periods(state, regime))
     if state.stage in (APPROACH, DIP, DWELL):
-        return lead_to_rise(own, state, goal_rad_s)
-    if abs(goal_rad_s - state.to_rad_s) > SMALL_CHANGE * own.natural_rad_s:
-        return follow_goal(own, state, goal_rad_s)
+        return lead_to_rise(p, state, goal_rad_s)
+    if abs(goal_rad_s - state.to_rad_s) > SMALL_CHANGE * nominal.natural_rad_s:
+        return follow_goal(p, nominal, state, goal_rad_s)
     if state.stage == RISE:
-        return end_rise(own, state)
+        return end_rise(p, state)
     if state.stage == CONFIRM:
-        return confirm(own, state, needs_impacts)
-    if needs_impacts and state.misses >= own.start.lost_periods:
-        return dip_again(own, state, held_periods)
-    return keep_ratio(own, state, goal_rad_s, goal)
+        return confirm(p, nominal, state, needs_impacts)
+    if needs_impacts and state.misses >= p.start.lost_periods:
+        return dip_again(p, nominal, state, held_periods)
+    return keep_ratio(p, nominal, state, goal_rad_s, request)
 
 
-def bound_search(own: Constants, state: StartState, mode: Mode, needs_impacts: bool) -> StartState:
+def bound_search(p: Parameters, state: StartState, mode: Mode, needs_impacts: bool) -> StartState:
     """The state, failed if the impacts have been missing for longer than `LONGEST_SEARCH_S`."""
-    found = state.stage == HOLD or state.hits >= own.start.confirm_periods or not needs_impacts
-    searching_s = state.searching_s + own.tick_s
+    found = state.stage == HOLD or state.hits >= p.start.confirm_periods or not needs_impacts
+    searching_s = state.searching_s + p.control.tick_s
     if mode == Mode.RUN and found:
         searching_s = 0.0
     overdue = searching_s > LONGEST_SEARCH_S
@@ -297,10 +276,11 @@ def bound_search(own: Constants, state: StartState, mode: Mode, needs_impacts: b
 
 
 def step(
-    own: Constants,
+    p: Parameters,
+    nominal: Nominal,
     state: StartState,
     mode: Mode,
-    goal: Goal,
+    request: Request,
     drive_ready: bool,
     omega_rad_s: float,
     regime: RegimeState,
@@ -308,24 +288,24 @@ def step(
     """One tick: the target speed, and whether the requested regime is captured or the start has failed.
 
     The S-curve ends at the requested ratio, but not above `free_ratio`, the highest ratio that needs no guard
-    on the impact phase, nor, if the goal may retreat, above `ceiling_ratio`.
+    on the impact phase, nor, where the request does not set the ratio of the hold, above `ceiling_ratio`.
     """
     if MODES[mode.value].target == Target.STOP:
         if state.stage != STOP:
             # If the crank is slower than its target, begin at its speed: a stop must not accelerate it.
             from_rad_s = min(at_least(omega_rad_s, 0.0), state.target_omega_rad_s)
-            state = begin_curve(state, STOP, from_rad_s, 0.0, own.start.stop_s, 0)
-        return advance(own, state)
+            state = begin_curve(state, STOP, from_rad_s, 0.0, p.start.stop_s, 0)
+        return advance(p, state)
     if MODES[mode.value].target != Target.START:
         return INITIAL
     if not drive_ready or state.failed:
         return state
-    goal_ratio = min(goal.ratio, own.start.free_ratio)
-    if goal.may_retreat:
+    goal_ratio = min(request.ratio, p.start.free_ratio)
+    if not request.sets_hold_ratio:
         goal_ratio = min(goal_ratio, state.ceiling_ratio)
-    goal_rad_s = goal_ratio * own.natural_rad_s
-    needs_impacts = goal.ratio >= own.start.capture_ratio
+    goal_rad_s = goal_ratio * nominal.natural_rad_s
+    needs_impacts = request.ratio >= p.start.capture_ratio
     if state.stage in (REST, STOP):
-        return begin_start(own, omega_rad_s, goal_rad_s)
-    now = move_target(own, state, goal_rad_s, needs_impacts, regime, goal)
-    return bound_search(own, now, mode, needs_impacts)
+        return begin_start(p, nominal, omega_rad_s, goal_rad_s)
+    now = move_target(p, nominal, state, goal_rad_s, needs_impacts, regime, request)
+    return bound_search(p, now, mode, needs_impacts)

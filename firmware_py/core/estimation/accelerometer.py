@@ -6,7 +6,7 @@ from typing import NamedTuple
 from firmware_py.core.inputs import AccelerometerInput
 from firmware_py.core.numbers import at_least
 from firmware_py.interface.arrivals import NEVER_TICKS
-from firmware_py.interface.generated.parameters import Parameters, Sensor
+from firmware_py.interface.generated.parameters import Parameters
 
 CLIPPED_SHARE = 0.98
 """Share of the full scale above which a reading may be clipped."""
@@ -17,7 +17,9 @@ FEWEST_HOUSING = 1000
 class Constants(NamedTuple):
     """`…_rate`: share of a difference that a reading adds to an average."""
 
-    sensor: Sensor
+    housing_weight: float
+    low_full_scale_m_s2: float
+    high_full_scale_m_s2: float
     high_offset_rate: float
     housing_rate: float
 
@@ -26,7 +28,9 @@ def derive(p: Parameters) -> Constants:
     """The constants of these parameters."""
     tick_s = p.control.tick_s
     return Constants(
-        sensor=p.sensor,
+        housing_weight=p.sensor.housing_weight,
+        low_full_scale_m_s2=p.sensor.low_full_scale_m_s2,
+        high_full_scale_m_s2=p.sensor.high_full_scale_m_s2,
         high_offset_rate=min(tick_s / p.sensor.high_offset_s, 1.0),
         housing_rate=min(tick_s / p.sensor.housing_offset_s, 1.0),
     )
@@ -54,25 +58,25 @@ def sense(own: Constants, state: SensorState, new: AccelerometerInput) -> Sensor
 
     If the housing's reading is clipped or not finite, the striker's reading is not used either.
     """
-    housing_used = own.sensor.housing_weight > 0.0
+    housing_used = own.housing_weight > 0.0
     if not (
         new.age_ticks == 0
         and math.isfinite(new.low_m_s2)
         and math.isfinite(new.high_m_s2)
         and math.isfinite(new.housing_m_s2)
-        and not (housing_used and abs(new.housing_m_s2) > CLIPPED_SHARE * own.sensor.low_full_scale_m_s2)
+        and not (housing_used and abs(new.housing_m_s2) > CLIPPED_SHARE * own.low_full_scale_m_s2)
     ):
         return state._replace(missed_ticks=min(state.missed_ticks + 1, NEVER_TICKS))
     offset_m_s2 = state.high_offset_m_s2
-    if abs(new.low_m_s2) < 0.95 * own.sensor.low_full_scale_m_s2:
+    if abs(new.low_m_s2) < 0.95 * own.low_full_scale_m_s2:
         acceleration_m_s2 = new.low_m_s2
         clipped = False
         # Only at small readings: the ranges differ on the flanks of an impact.
-        if abs(new.low_m_s2) < 0.2 * own.sensor.low_full_scale_m_s2:
+        if abs(new.low_m_s2) < 0.2 * own.low_full_scale_m_s2:
             offset_m_s2 += own.high_offset_rate * (new.high_m_s2 - new.low_m_s2 - offset_m_s2)
     else:
         acceleration_m_s2 = new.high_m_s2 - offset_m_s2
-        clipped = abs(new.high_m_s2) > CLIPPED_SHARE * own.sensor.high_full_scale_m_s2
+        clipped = abs(new.high_m_s2) > CLIPPED_SHARE * own.high_full_scale_m_s2
     # At first the mean of all readings, later an exponential average.
     rate = at_least(1.0 / (state.housing_readings + FEWEST_HOUSING), own.housing_rate)
     housing_offset_m_s2 = state.housing_offset_m_s2 + rate * (new.housing_m_s2 - state.housing_offset_m_s2)

@@ -17,7 +17,7 @@ from firmware_py.core.estimation.estimator_state import Contact, Prediction
 from firmware_py.core.estimation.striker_model import Nominal
 from firmware_py.core.numbers import at_least, in_ticks
 from firmware_py.interface.enums import ContactPhase
-from firmware_py.interface.generated.parameters import Detector, Parameters
+from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.zeroed import zeroed
 
 SIGMAS = 4.0
@@ -41,23 +41,21 @@ LONGEST_CONTACT_S = 0.08
 
 
 class Constants(NamedTuple):
-    """Parameters of the detector and of the module, and durations in ticks."""
+    """The floor of the excess, and durations in ticks."""
 
     tick_s: float
-    detector: Detector
-    nominal: Nominal
+    floor_m_s2: float
     refractory_ticks: int
     longest_contact_ticks: int
     rough_ticks: float
 
 
-def derive(p: Parameters, nominal: Nominal) -> Constants:
+def derive(p: Parameters) -> Constants:
     """The constants of these parameters."""
     tick_s = p.control.tick_s
     return Constants(
         tick_s=tick_s,
-        detector=p.detector,
-        nominal=nominal,
+        floor_m_s2=p.detector.floor_m_s2,
         refractory_ticks=in_ticks(p.detector.refractory_s, tick_s),
         longest_contact_ticks=in_ticks(LONGEST_CONTACT_S, tick_s),
         rough_ticks=max(ROUGH_S / tick_s, 1.0),
@@ -93,17 +91,20 @@ SWINGING_OUT = FLYING._replace(settled=False)
 """Result during the refractory time after a contact."""
 
 
-def step(own: Constants, state: DetectorState, predicted: Prediction) -> tuple[DetectorState, Contact]:
+def step(
+    own: Constants, nominal: Nominal, state: DetectorState, predicted: Prediction
+) -> tuple[DetectorState, Contact]:
     """One tick, on the prediction before any correction."""
     fresh = predicted.sensor.missed_ticks == 0 and predicted.started
     excess_m_s2 = -predicted.innovation_m_s2 if fresh else 0.0
     if state.phase == ContactPhase.FREE:
-        return step_in_flight(own, state, predicted, excess_m_s2, fresh)
-    return step_in_contact(own, state, predicted, excess_m_s2, fresh)
+        return step_in_flight(own, nominal, state, predicted, excess_m_s2, fresh)
+    return step_in_contact(own, nominal, state, predicted, excess_m_s2, fresh)
 
 
 def may_touch(
     own: Constants,
+    nominal: Nominal,
     state: DetectorState,
     predicted: Prediction,
     excess_m_s2: float,
@@ -117,7 +118,7 @@ def may_touch(
     estimate = predicted.estimate
     reach_m = NEAR_M + 3.0 * math.sqrt(at_least(estimate.p.xx, 0.0))
     slack_m_s = 3.0 * math.sqrt(at_least(estimate.p.vv, 0.0))
-    return estimate.x_m > own.nominal.stop.position_m - reach_m and coming_m_s > -slack_m_s
+    return estimate.x_m > nominal.stop.position_m - reach_m and coming_m_s > -slack_m_s
 
 
 def follow_roughness(own: Constants, state: DetectorState, predicted: Prediction) -> float:
@@ -131,6 +132,7 @@ def follow_roughness(own: Constants, state: DetectorState, predicted: Prediction
 
 def step_in_flight(
     own: Constants,
+    nominal: Nominal,
     state: DetectorState,
     predicted: Prediction,
     excess_m_s2: float,
@@ -143,14 +145,14 @@ def step_in_flight(
     coming_m_s = predicted.estimate.v_m_s
     if predicted.carried:
         dt_s = own.tick_s
-        coming_m_s += excess_m_s2 * (0.5 * dt_s + own.nominal.sensor_delay_s)
-        coming_m_s += state.excess_m_s2 * (0.5 * dt_s - own.nominal.sensor_delay_s)
+        coming_m_s += excess_m_s2 * (0.5 * dt_s + nominal.sensor_delay_s)
+        coming_m_s += state.excess_m_s2 * (0.5 * dt_s - nominal.sensor_delay_s)
     # If the velocity reverses on a dry guide, the error of the model is up to twice the friction.
-    dry_m_s2 = (0.3 if coming_m_s > 0.04 else 2.0) * own.nominal.dry_m_s2
-    limit_m_s2 = own.detector.floor_m_s2 + dry_m_s2 + SIGMAS * predicted.spread_m_s2
+    dry_m_s2 = (0.3 if coming_m_s > 0.04 else 2.0) * nominal.dry_m_s2
+    limit_m_s2 = own.floor_m_s2 + dry_m_s2 + SIGMAS * predicted.spread_m_s2
     blind_ticks = max(state.blind_ticks - 1, 0)
     suspected = fresh and blind_ticks == 0 and excess_m_s2 > limit_m_s2
-    if not (suspected and may_touch(own, state, predicted, excess_m_s2, limit_m_s2, coming_m_s)):
+    if not (suspected and may_touch(own, nominal, state, predicted, excess_m_s2, limit_m_s2, coming_m_s)):
         quiet = state._replace(
             contact_ticks=0,
             blind_ticks=blind_ticks,
@@ -165,8 +167,8 @@ def step_in_flight(
         return quiet, FLYING if blind_ticks == 0 else SWINGING_OUT
 
     speed_m_s = at_least(coming_m_s, 0.03)
-    age_s = stop_model.contact_age_s(own.nominal.contact_growth, excess_m_s2, speed_m_s)
-    age_s = min(age_s, 3.0 * own.tick_s) + own.nominal.sensor_delay_s
+    age_s = stop_model.contact_age_s(nominal.contact_growth, excess_m_s2, speed_m_s)
+    age_s = min(age_s, 3.0 * own.tick_s) + nominal.sensor_delay_s
     touched = DetectorState(
         phase=ContactPhase.CONTACT,
         contact_ticks=0,
@@ -175,8 +177,8 @@ def step_in_flight(
         roughness_m_s2=state.roughness_m_s2,
         peak_m_s2=excess_m_s2,
         approach_speed_m_s=speed_m_s,
-        impulse_n_s=(1.0 + own.nominal.stop.restitution)
-        * own.nominal.striker.mass_kg
+        impulse_n_s=(1.0 + nominal.stop.restitution)
+        * nominal.striker.mass_kg
         * speed_m_s,  # expected, until the separation
         area_m_s=excess_m_s2 * own.tick_s,
         since_touch_down_s=age_s,
@@ -188,6 +190,7 @@ def step_in_flight(
 
 def step_in_contact(
     own: Constants,
+    nominal: Nominal,
     state: DetectorState,
     predicted: Prediction,
     excess_m_s2: float,
@@ -206,7 +209,7 @@ def step_in_contact(
     )
     before_m_s = now.approach_speed_m_s
     ended = fresh and excess_m_s2 < at_least(END_FRACTION * now.peak_m_s2, END_M_S2)
-    unseen = not fresh and now.contact_ticks >= own.nominal.contact_ticks
+    unseen = not fresh and now.contact_ticks >= nominal.contact_ticks
     if not (ended or unseen or now.contact_ticks >= own.longest_contact_ticks):
         return now, Contact(False, False, 0.0, before_m_s, measured=now.measurable, settled=False)
 
@@ -215,13 +218,13 @@ def step_in_contact(
     measured = now.measurable and plausible
     # If readings are missing or contradict the estimate, the larger impulse counts: a lost reading may
     # hide a part of the integral, and the estimate misses a kick.
-    expected_m_s = (1.0 + own.nominal.stop.restitution) * before_m_s
+    expected_m_s = (1.0 + nominal.stop.restitution) * before_m_s
     change_m_s = now.area_m_s if measured else at_least(now.area_m_s, expected_m_s)
     freed = now._replace(
         phase=ContactPhase.FREE,
         contact_ticks=0,
         blind_ticks=own.refractory_ticks,
-        impulse_n_s=own.nominal.striker.mass_kg * change_m_s,
+        impulse_n_s=nominal.striker.mass_kg * change_m_s,
         measurable=True,
     )
     return freed, Contact(False, True, SEPARATION_AGE_S, before_m_s, measured=measured, settled=False)

@@ -105,7 +105,6 @@ class Constants(NamedTuple):
 
     tick_s: float
     estimator: Estimator
-    nominal: Nominal
     sensing: sensing.Constants
     learning_rate: float
     readings_as_one: float
@@ -124,13 +123,12 @@ def noise_of(velocity_m_s: float, tick_s: float) -> ProcessNoise:
     )
 
 
-def derive(p: Parameters, nominal: Nominal) -> Constants:
+def derive(p: Parameters) -> Constants:
     """The constants of these parameters."""
     tick_s = p.control.tick_s
     return Constants(
         tick_s=tick_s,
         estimator=p.estimator,
-        nominal=nominal,
         sensing=sensing.derive(p),
         learning_rate=min(tick_s / p.estimator.model_learning_s, 1.0),
         readings_as_one=max(p.estimator.model_memory_s / tick_s, 1.0),
@@ -152,31 +150,31 @@ def strapdown_noise(own: Constants, sensor: SensorState, phase: ContactPhase, dt
 
 
 def predict_by_model(
-    own: Constants, estimate: StateEstimate, angle_rad: float, omega_rad_s: float
+    own: Constants, nominal: Nominal, estimate: StateEstimate, angle_rad: float, omega_rad_s: float
 ) -> StateEstimate:
     """Predict the estimate over a tick without a reading, up to the crank angle `angle_rad`, by the model."""
     middle_rad = angle_rad - 0.5 * omega_rad_s * own.tick_s
     # The spring's rest position x0 + x_A moves the fixed point of the damped oscillator.
-    fixed_m = own.nominal.striker.rest_length_m + own.nominal.drive.amplitude_m * sin(middle_rad)
-    flight = own.nominal.flight
+    fixed_m = nominal.striker.rest_length_m + nominal.drive.amplitude_m * sin(middle_rad)
+    flight = nominal.flight
     push = Push(x_m=(1.0 - flight.x_x) * fixed_m, v_m_s=-flight.v_x * fixed_m)
     return kalman.predict(estimate, flight, push, own.gap_noise)
 
 
 def integrate_reading(
-    own: Constants, state: EstimatorState, sensor: SensorState, phase: ContactPhase
+    own: Constants, nominal: Nominal, state: EstimatorState, sensor: SensorState, phase: ContactPhase
 ) -> StateEstimate:
     """Predict the estimate over a tick with a reading at both ends."""
     dt_s, before = own.tick_s, state.sensor
     # ∫a dt = (z₀ + z₁) dt/2 + τ (z₁ − z₀)
     mean_m_s2 = (
         0.5 * (sensor.acceleration_m_s2 + before.acceleration_m_s2)
-        + (sensor.acceleration_m_s2 - before.acceleration_m_s2) * own.nominal.sensor_delay_s / dt_s
-        - 0.5 * own.sensing.sensor.housing_weight * (sensor.housing_m_s2 + before.housing_m_s2)
+        + (sensor.acceleration_m_s2 - before.acceleration_m_s2) * nominal.sensor_delay_s / dt_s
+        - 0.5 * own.sensing.housing_weight * (sensor.housing_m_s2 + before.housing_m_s2)
     )
     return kalman.predict(
         estimate_of(state),
-        own.nominal.strapdown,
+        nominal.strapdown,
         Push(0.5 * mean_m_s2 * dt_s * dt_s, mean_m_s2 * dt_s),
         strapdown_noise(own, sensor, phase, dt_s),
     )
@@ -184,6 +182,7 @@ def integrate_reading(
 
 def propagate(
     own: Constants,
+    nominal: Nominal,
     state: EstimatorState,
     accelerometer: AccelerometerInput,
     phase: ContactPhase,
@@ -198,12 +197,12 @@ def propagate(
     fresh = sensor.missed_ticks == 0
     carried = state.started and fresh and state.sensor.missed_ticks == 0
     if carried:
-        estimate = integrate_reading(own, state, sensor, phase)
+        estimate = integrate_reading(own, nominal, state, sensor, phase)
     elif state.started:
-        estimate = predict_by_model(own, estimate_of(state), angle_rad, omega_rad_s)
+        estimate = predict_by_model(own, nominal, estimate_of(state), angle_rad, omega_rad_s)
     else:
         estimate = StateEstimate(
-            x_m=own.nominal.striker.rest_length_m + own.nominal.drive.amplitude_m * sin(angle_rad),
+            x_m=nominal.striker.rest_length_m + nominal.drive.amplitude_m * sin(angle_rad),
             v_m_s=0.0,
             bias_m_s2=0.0,
             p=INITIAL_COVARIANCE,
@@ -215,10 +214,10 @@ def propagate(
     variance = model_variance
     own_variance = 0.0
     if fresh:
-        linear_part_m_s2 = sensor.acceleration_m_s2 - known_part(own, estimate, angle_rad, omega_rad_s)
-        innovation = kalman.innovation(estimate, linear_part_m_s2, own.nominal.row)
-        own_variance = at_least(kalman.innovation_variance(estimate.p, own.nominal.row, 0.0), 0.0)
-        variance = own_variance + model_variance + dry_variance(own, estimate)
+        linear_part_m_s2 = sensor.acceleration_m_s2 - known_part(nominal, estimate, angle_rad, omega_rad_s)
+        innovation = kalman.innovation(estimate, linear_part_m_s2, nominal.row)
+        own_variance = at_least(kalman.innovation_variance(estimate.p, nominal.row, 0.0), 0.0)
+        variance = own_variance + model_variance + dry_variance(nominal, estimate)
     return Prediction(
         estimate=estimate,
         sensor=sensor,
@@ -245,28 +244,35 @@ def correct_by_sensors(own: Constants, estimate: StateEstimate, measurements: Me
 
 
 def correct_at_stop(
-    own: Constants, estimate: StateEstimate, contact: Contact, velocity_m_s: float, jitter_s: float
+    own: Constants,
+    nominal: Nominal,
+    estimate: StateEstimate,
+    contact: Contact,
+    velocity_m_s: float,
+    jitter_s: float,
 ) -> StateEstimate:
     """x = x_stop: the estimate after a touch-down or separation, since which the striker moved v · age."""
-    z = own.nominal.stop.position_m + velocity_m_s * contact.age_s
+    z = nominal.stop.position_m + velocity_m_s * contact.age_s
     jitter_m = velocity_m_s * jitter_s
     doubt = doubt_variance(z - estimate.x_m, estimate.p.xx) if contact.touch_down else 0.0
     variance = stop_variance(own.estimator) + jitter_m * jitter_m + doubt
     return kalman.update(add_doubt(estimate, doubt), z, Row(1.0, 0.0, 0.0), variance)
 
 
-def correct_by_law(own: Constants, estimate: StateEstimate, before_m_s: float) -> StateEstimate:
+def correct_by_law(
+    own: Constants, nominal: Nominal, estimate: StateEstimate, before_m_s: float
+) -> StateEstimate:
     """Newton's law in addition to the measured change of speed, for impacts too short to sample."""
     return kalman.update(
         estimate,
-        -own.nominal.stop.restitution * before_m_s,
+        -nominal.stop.restitution * before_m_s,
         Row(0.0, 1.0, 0.0),
         before_m_s * before_m_s * restitution_variance(own.estimator),
     )
 
 
 def correct_by_model(
-    own: Constants, predicted: Prediction, still_ticks: int, crank: CrankState
+    own: Constants, nominal: Nominal, predicted: Prediction, still_ticks: int, crank: CrankState
 ) -> StateEstimate:
     """The estimate in free flight after the reading; `still_ticks`: see `EstimatorState`."""
     estimate, linear_part_m_s2 = predicted.estimate, predicted.linear_part_m_s2
@@ -274,12 +280,12 @@ def correct_by_model(
     stuck = still_ticks > waits * own.still_ticks
     if stuck:
         estimate = kalman.update(estimate, 0.0, Row(0.0, 1.0, 0.0), STILL_VARIANCE)
-        known = known_part(own, estimate, crank.angle_rad, crank.omega_rad_s)
+        known = known_part(nominal, estimate, crank.angle_rad, crank.omega_rad_s)
         linear_part_m_s2 = predicted.sensor.acceleration_m_s2 - known
-    hold_m = own.nominal.dry_m_s2 / own.nominal.stiffness_1_s2
+    hold_m = nominal.dry_m_s2 / nominal.stiffness_1_s2
     if not stuck or estimate.p.xx > hold_m * hold_m:
-        variance = predicted.model_variance + dry_variance(own, estimate)
-        estimate = kalman.update(estimate, linear_part_m_s2, own.nominal.row, own.readings_as_one * variance)
+        variance = predicted.model_variance + dry_variance(nominal, estimate)
+        estimate = kalman.update(estimate, linear_part_m_s2, nominal.row, own.readings_as_one * variance)
     return estimate
 
 
@@ -295,7 +301,12 @@ def is_finite(estimate: StateEstimate) -> bool:
 
 
 def correct_by_contact(
-    own: Constants, state: EstimatorState, predicted: Prediction, contact: Contact, crank: CrankState
+    own: Constants,
+    nominal: Nominal,
+    state: EstimatorState,
+    predicted: Prediction,
+    contact: Contact,
+    crank: CrankState,
 ) -> tuple[StateEstimate, StateEstimate]:
     """`(estimate, touch_down)`: the estimate corrected at touch-down and separation, and that at touch-down.
 
@@ -304,23 +315,24 @@ def correct_by_contact(
     estimate, approach_m_s = predicted.estimate, contact.approach_speed_m_s
     if contact.touch_down:
         jitter_s = own.estimator.touch_down_jitter_s
-        estimate = correct_at_stop(own, estimate, contact, approach_m_s, jitter_s)
-        position_m = own.nominal.stop.position_m
+        estimate = correct_at_stop(own, nominal, estimate, contact, approach_m_s, jitter_s)
+        position_m = nominal.stop.position_m
         return estimate, StateEstimate(position_m, approach_m_s, estimate.bias_m_s2, estimate.p)
     if contact.separation and estimate.p.xx < DOUBT_VARIANCE:
         if contact.measured:
-            estimate = correct_at_stop(own, estimate, contact, estimate.v_m_s, SEPARATION_JITTER_S)
-            estimate = correct_by_law(own, estimate, approach_m_s)
+            estimate = correct_at_stop(own, nominal, estimate, contact, estimate.v_m_s, SEPARATION_JITTER_S)
+            estimate = correct_by_law(own, nominal, estimate, approach_m_s)
         else:
             before = state.touch_down
             estimate = apply_newton(
-                own.nominal, own.estimator, estimate.bias_m_s2, before, crank.angle_rad, contact.age_s
+                nominal, own.estimator, estimate.bias_m_s2, before, crank.angle_rad, contact.age_s
             )
     return estimate, state.touch_down
 
 
 def correct(
     own: Constants,
+    nominal: Nominal,
     state: EstimatorState,
     predicted: Prediction,
     contact: Contact,
@@ -331,13 +343,13 @@ def correct(
 
     `measurements` correct it in the tick in which they are received.
     """
-    estimate, touch_down = correct_by_contact(own, state, predicted, contact, crank)
+    estimate, touch_down = correct_by_contact(own, nominal, state, predicted, contact, crank)
     by_model = contact.settled and predicted.started and predicted.sensor.missed_ticks == 0
     model_variance = predicted.model_variance
-    still_ticks = count_still_ticks(own, state.still_ticks, predicted) if by_model else 0
+    still_ticks = count_still_ticks(nominal, state.still_ticks, predicted) if by_model else 0
     gated_ticks = count_gated_ticks(own, state.gated_ticks, predicted)
     if by_model and not 0 < gated_ticks <= own.gated_ticks:
-        estimate = correct_by_model(own, predicted, still_ticks, crank)
+        estimate = correct_by_model(own, nominal, predicted, still_ticks, crank)
         own_variance = predicted.spread_m_s2 * predicted.spread_m_s2
         model_variance = learn_variance(own, model_variance, predicted.innovation_m_s2, own_variance)
     estimate = correct_by_sensors(own, estimate, measurements)
@@ -384,22 +396,21 @@ def add_doubt(estimate: StateEstimate, doubt: float) -> StateEstimate:
     return estimate._replace(p=p._replace(xx=p.xx + doubt, vv=p.vv + faster))
 
 
-def known_part(own: Constants, estimate: StateEstimate, angle_rad: float, omega_rad_s: float) -> float:
+def known_part(nominal: Nominal, estimate: StateEstimate, angle_rad: float, omega_rad_s: float) -> float:
     """The part of the model's delayed acceleration that does not depend linearly on the state, m/s².
 
     a_d = a − τ a' with a' = −(c/m) (x' − x_A') − (b/m) a
     """
-    d = own.nominal
-    delay_s, amplitude_m = d.sensor_delay_s, d.drive.amplitude_m
+    delay_s, amplitude_m = nominal.sensor_delay_s, nominal.drive.amplitude_m
     sine, cosine = sine_cosine(angle_rad)
     crank_m = amplitude_m * sine
     crank_m_s = amplitude_m * cosine * omega_rad_s
-    rest_m = d.striker.rest_length_m + crank_m
-    known = d.stiffness_1_s2 * ((1.0 + delay_s * d.damping_1_s) * rest_m - delay_s * crank_m_s)
+    rest_m = nominal.striker.rest_length_m + crank_m
+    known = nominal.stiffness_1_s2 * ((1.0 + delay_s * nominal.damping_1_s) * rest_m - delay_s * crank_m_s)
     if estimate.v_m_s > 0.0:
-        known -= d.dry_m_s2
+        known -= nominal.dry_m_s2
     elif estimate.v_m_s < 0.0:
-        known += d.dry_m_s2
+        known += nominal.dry_m_s2
     return known
 
 
@@ -408,9 +419,9 @@ def two_sigma_m_s(estimate: StateEstimate) -> float:
     return 2.0 * math.sqrt(at_least(estimate.p.vv, 0.0))
 
 
-def dry_variance(own: Constants, estimate: StateEstimate) -> float:
+def dry_variance(nominal: Nominal, estimate: StateEstimate) -> float:
     """Variance of the model's acceleration where dry friction may hold or reverse, (m/s²)²; else 0."""
-    dry = own.nominal.dry_m_s2
+    dry = nominal.dry_m_s2
     if dry <= 0.0 or abs(estimate.v_m_s) >= 0.02 + two_sigma_m_s(estimate):
         return 0.0
     return dry * dry
@@ -425,9 +436,9 @@ def learn_variance(own: Constants, variance: float, innovation_m_s2: float, own_
     return min(learnt, ceiling_m_s2 * ceiling_m_s2)
 
 
-def count_still_ticks(own: Constants, still_ticks: int, predicted: Prediction) -> int:
+def count_still_ticks(nominal: Nominal, still_ticks: int, predicted: Prediction) -> int:
     """Ticks for which a striker on a dry guide has been at rest, with an acceleration near 0."""
-    if own.nominal.dry_m_s2 <= 0.0:
+    if nominal.dry_m_s2 <= 0.0:
         return 0
     estimate, sensor = predicted.estimate, predicted.sensor
     pulled = abs(sensor.acceleration_m_s2 - estimate.bias_m_s2 - sensor.housing_m_s2)

@@ -47,8 +47,5 @@ def apply_newton(
         ProcessNoise(xx=stop_variance(estimator) + jitter_m * jitter_m, vv=spread, bb=0.0),
     )
     return StateEstimate(
-        x_m=stop_m + after_m_s * age_s,
-        v_m_s=after_m_s + a_after * age_s,
-        bias_m_s2=bias_m_s2,
-        p=jumped.p,
+        x_m=stop_m + after_m_s * age_s, v_m_s=after_m_s + a_after * age_s, bias_m_s2=bias_m_s2, p=jumped.p
     )

@@ -23,7 +23,7 @@ from firmware_py.core.inputs import GaitInput
 from firmware_py.core.safety.gate_limits import GateLimits
 from firmware_py.interface.enums import GaitState
 from firmware_py.interface.generated.kinds import GAIT_SENSORS
-from firmware_py.interface.generated.parameters import Gait, Hold, Parameters
+from firmware_py.interface.generated.parameters import Gait, Parameters
 
 NEARLY_ONE = 0.9999
 """Largest phase of a stride that lasts longer than expected."""
@@ -60,19 +60,20 @@ STRIKE_PHASE = 0.012
 class Constants(NamedTuple):
     """What all gait blocks read. `silent_ticks`: the longest silence of the sensors.
 
-    `natural_rad_s`: the striker's, to which ratios refer. `hold`: it says what impulse is possible.
+    `natural_rad_s`: the striker's, to which ratios refer. `impulse_slope_n_s`: J' of `stride_harmonic`.
     """
 
     tick_s: float
     gait: Gait
-    hold: Hold
+    impulse_slope_n_s: float
     natural_rad_s: float
     silent_ticks: int
 
 
 def derive(p: Parameters, nominal: Nominal, limits: GateLimits) -> Constants:
     """The constants of these parameters."""
-    return Constants(p.control.tick_s, p.gait, p.hold, nominal.natural_rad_s, limits.gait_ticks)
+    slope_n_s = p.hold.impulse_slope_n_s
+    return Constants(p.control.tick_s, p.gait, slope_n_s, nominal.natural_rad_s, limits.gait_ticks)
 
 
 class Event(NamedTuple):

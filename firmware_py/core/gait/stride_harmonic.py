@@ -49,7 +49,7 @@ def has_means(state: StrideHarmonicState) -> bool:
 
 def slope_n_s(own: Constants, state: StrideHarmonicState) -> float:
     """J': the secant through two values of n, within `LARGEST_ERROR` of the parameter, N s per unit of r."""
-    nominal_n_s = own.hold.impulse_slope_n_s
+    nominal_n_s = own.impulse_slope_n_s
     change = state.ratio - state.left_ratio
     if state.left_ratio == 0.0 or change == 0.0:
         return nominal_n_s

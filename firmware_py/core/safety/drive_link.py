@@ -1,12 +1,12 @@
 """The drive's axis: the state requested, the frames sent, and the confirmation by a fresh heartbeat.
 
-    step(own, state, supervised, stage, drive, encoder, asks_clear) -> (state, frame)
+    step(own, state, mode, stage, drive, encoder, asks_clear) -> (state, frame)
 
-The row of the mode, in FAULT that of the fault, gives the request (`interface.modes`); in PROOF the stage of
-the watchdog's test decides. A new request drops the frames of the previous request, so no arming frame is
-sent after SOFT_START. The frames of a request are repeated until a heartbeat that was received at least
-`REPEAT_S` after the request agrees with it, and again as soon as that heartbeat is stale. An earlier
-heartbeat may have been sent before the drive received the request.
+The row of the mode gives the request (`interface.modes`); in PROOF the stage of the watchdog's test decides.
+A new request drops the frames of the previous request, so no arming frame is sent after SOFT_START. The
+frames of a request are repeated until a heartbeat that was received at least `REPEAT_S` after the request
+agrees with it, and again as soon as that heartbeat is stale. An earlier heartbeat may have been sent before
+the drive received the request.
 
 No frame of a drive reports its controller mode and its limits. They are therefore sent in `SETTING_ROUNDS`
 rounds up to the first request for closed loop, and before each further one; once a heartbeat has reported the
@@ -22,11 +22,10 @@ from firmware_py.core.inputs import DriveInput, EncoderInput
 from firmware_py.core.numbers import in_ticks
 from firmware_py.core.safety import watchdog_proof
 from firmware_py.core.safety.gate_limits import GateLimits
-from firmware_py.core.safety.supervisor import SupervisorState
 from firmware_py.core.safety.watchdog_proof import ProofStage
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import AxisState, Mode
-from firmware_py.interface.modes import CLOSE, DISARM, FAULTS, KEEP, MODES, OPEN, STOP, AxisRequest
+from firmware_py.interface.modes import CLOSE, DISARM, KEEP, MODES, OPEN, STOP, AxisRequest
 from firmware_py.interface.zeroed import zeroed
 
 REPEAT_S = 0.020
@@ -84,7 +83,7 @@ def derive(limits: GateLimits) -> Constants:
 class DriveLinkState(NamedTuple):
     """The axis request and its progress.
 
-    `place` counts the frames of this round that have been sent, `rounds` the rounds with settings, up to
+    `sent` counts the frames of this round that have been sent, `rounds` the rounds with settings, up to
     `SETTING_ROUNDS`.
     `request_ticks`, `round_ticks`, `service_ticks`: time since the request began, since its first frame was
     last sent, and since the last Clear_Errors or Set_Absolute_Position.
@@ -93,7 +92,7 @@ class DriveLinkState(NamedTuple):
     request: AxisRequest
     request_ticks: int
     round_ticks: int
-    place: int
+    sent: int
     rounds: int
     confirmed: bool
     service_ticks: int
@@ -102,27 +101,27 @@ class DriveLinkState(NamedTuple):
 INITIAL = zeroed(DriveLinkState, request=OPEN, service_ticks=NEVER_TICKS)
 
 
-def find_request(now: SupervisorState, stage: ProofStage) -> AxisRequest:
-    """The axis request of the mode, in FAULT of the fault, and in PROOF of the stage of the test."""
-    if now.mode == Mode.PROOF and stage == watchdog_proof.CLOSE:
+def find_request(mode: Mode, stage: ProofStage) -> AxisRequest:
+    """The axis request of the mode, in PROOF of the stage of the test."""
+    if mode == Mode.PROOF and stage == watchdog_proof.CLOSE:
         return CLOSE
-    if now.mode == Mode.PROOF and stage == watchdog_proof.WITHHOLD:
+    if mode == Mode.PROOF and stage == watchdog_proof.WITHHOLD:
         return KEEP
-    return FAULTS[now.fault.value].axis if now.mode == Mode.FAULT else MODES[now.mode.value].axis
+    return MODES[mode.value].axis
 
 
-def choose_frame(request: AxisRequest, place: int, is_set: bool) -> DriveFrame:
-    """The frame at position `place` in a round of `request`; NOTHING after the last frame.
+def choose_frame(request: AxisRequest, sent: int, is_set: bool) -> DriveFrame:
+    """The next frame of a round of `request` after `sent` frames; NOTHING after the last frame.
 
     `is_set`: controller mode and limits have been sent often enough to request closed loop.
     """
-    if request in (OPEN, DISARM) and place == 0:
+    if request in (OPEN, DISARM) and sent == 0:
         return DriveFrame.IDLE
-    if request == STOP and place <= 1:
-        return DriveFrame.ESTOP if place == 0 else DriveFrame.IDLE
-    if request == CLOSE and place <= 1:
-        return DriveFrame.CONTROLLER_MODE if place == 0 else DriveFrame.LIMITS
-    if request == CLOSE and place == 2 and is_set:
+    if request == STOP and sent <= 1:
+        return DriveFrame.ESTOP if sent == 0 else DriveFrame.IDLE
+    if request == CLOSE and sent <= 1:
+        return DriveFrame.CONTROLLER_MODE if sent == 0 else DriveFrame.LIMITS
+    if request == CLOSE and sent == 2 and is_set:
         return DriveFrame.CLOSED_LOOP
     return NO_DRIVE_FRAME
 
@@ -140,14 +139,14 @@ def is_closed(state: DriveLinkState) -> bool:
 def step(
     own: Constants,
     state: DriveLinkState,
-    supervised: SupervisorState,
+    mode: Mode,
     stage: ProofStage,
     drive: DriveInput,
     encoder: EncoderInput,
     asks_clear: bool,
 ) -> tuple[DriveLinkState, DriveFrame]:
-    """One tick. `supervised`, `stage`: of this tick. `asks_clear`: CLEAR_FAULTS is requested."""
-    mode, request = supervised.mode, find_request(supervised, stage)
+    """One tick. `mode`, `stage`: of this tick. `asks_clear`: CLEAR_FAULTS is requested."""
+    request = find_request(mode, stage)
     begins = request != state.request
     request_ticks = 0 if begins else min(state.request_ticks + 1, NEVER_TICKS)
     round_ticks = min(state.round_ticks + 1, NEVER_TICKS)
@@ -161,15 +160,15 @@ def step(
         confirmed = drive.axis_state == (AxisState.CLOSED_LOOP_CONTROL if closes else AxisState.IDLE)
 
     period_ticks = own.arm_ticks if request == CLOSE and is_set else own.repeat_ticks
-    place = state.place
-    is_sent = choose_frame(request, place, is_set) == NO_DRIVE_FRAME
+    sent = state.sent
+    is_sent = choose_frame(request, sent, is_set) == NO_DRIVE_FRAME
     if begins or confirmed or (is_sent and round_ticks >= period_ticks):
-        place = 0
-    frame = NO_DRIVE_FRAME if confirmed else choose_frame(request, place, is_set)
+        sent = 0
+    frame = NO_DRIVE_FRAME if confirmed else choose_frame(request, sent, is_set)
     if frame != NO_DRIVE_FRAME:
-        round_ticks = 0 if place == 0 else round_ticks
+        round_ticks = 0 if sent == 0 else round_ticks
         rounds = min(rounds + 1, SETTING_ROUNDS) if frame == DriveFrame.LIMITS else rounds
-        place += 1
+        sent += 1
 
     if frame == NO_DRIVE_FRAME:
         ends_proof = mode == Mode.PROOF and stage == watchdog_proof.CLEAR
@@ -186,7 +185,7 @@ def step(
             request=request,
             request_ticks=request_ticks,
             round_ticks=round_ticks,
-            place=place,
+            sent=sent,
             rounds=rounds,
             confirmed=confirmed,
             service_ticks=service_ticks,

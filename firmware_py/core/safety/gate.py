@@ -1,6 +1,6 @@
 """The gate: the last word on the torque, from raw inputs and a block of limits of its own.
 
-    take_reading(limits, state, reading) -> state            once for each accelerometer frame that arrived
+    take(limits, state, sample, counter) -> state            once for each accelerometer frame that arrived
     judge(limits, state, inputs) -> (state, findings)        once a tick, before the supervisor
     permit(limits, state, findings, inputs, torque) -> (state, torque, limit)    last in the tick
 
@@ -23,6 +23,7 @@ from firmware_py.core.safety.gate_limits import GateLimits
 from firmware_py.core.safety.liveness import LifeState
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import ActingLimit, AxisState, Fault
+from firmware_py.interface.generated.records import Accelerometer
 from firmware_py.interface.zeroed import zeroed
 
 TOUCH_M_S2 = 12.0
@@ -59,15 +60,6 @@ DRIVES_OWN = 1.5
 
 GAPS = 3
 """Number of longer gaps, with less than `LONGEST_GAP_S` of samples between them, that is a fault."""
-
-
-class GateReading(NamedTuple):
-    """One accelerometer frame as it arrived."""
-
-    low_m_s2: float
-    high_m_s2: float
-    housing_m_s2: float
-    counter: int
 
 
 class ContactState(NamedTuple):
@@ -115,14 +107,18 @@ class GateState(NamedTuple):
     shut: bool
 
 
-class GateFindings(NamedTuple):
-    """`watchdog`, `limit` and `drive`: the first fault of each kind, or NONE."""
+class Findings(NamedTuple):
+    """`watchdog`, `limit` and `drive`: the first fault of each kind, or NONE; the monitors add to them.
+
+    `touching`: the striker is at the stop.
+    """
 
     watchdog: Fault
     limit: Fault
     drive: Fault
     operator_lost: bool
     overspeed: bool
+    touching: bool
 
 
 IN_FLIGHT = zeroed(ContactState, fault=Fault.NONE)
@@ -237,24 +233,19 @@ def integrate_reading(limits: GateLimits, state: ContactState, high_m_s2: float,
     return contact._replace(fault=fault)
 
 
-def take_reading(limits: GateLimits, state: GateState, reading: GateReading) -> GateState:
+def take(limits: GateLimits, state: GateState, sample: Accelerometer, counter: int) -> GateState:
     """The state after one accelerometer frame; the frames of a bundle one after the other."""
-    ticks = count_ticks(state.counter, state.missing, reading.counter)
-    missing = find_missing(state.counter, state.missing, reading.counter, ticks)
+    ticks = count_ticks(state.counter, state.missing, counter)
+    missing = find_missing(state.counter, state.missing, counter, ticks)
     contact = state.contact
     # After a silence that `judge` has found, nothing is known of the flight; before, the motor has a torque.
     if state.reading_ticks > limits.sensor_ticks + 1:
         ticks, missing, contact = 1, 0, IN_FLIGHT._replace(fault=contact.fault)
-    contact = integrate_reading(limits, contact, reading.high_m_s2, ticks)
+    contact = integrate_reading(limits, contact, sample.striker_high_m_s2, ticks)
+    state = state._replace(contact=contact, missing=missing, reading_ticks=0)
     if ticks == 0:
-        return state._replace(contact=contact, missing=missing, reading_ticks=0)
-    return state._replace(
-        contact=contact,
-        counter=reading.counter,
-        missing=missing,
-        reading_ticks=0,
-        life=liveness.take(limits, state.life, reading.low_m_s2, reading.high_m_s2, reading.housing_m_s2),
-    )
+        return state
+    return state._replace(counter=counter, life=liveness.take(limits, state.life, sample))
 
 
 def is_overspeed(limits: GateLimits, own_rad_s: float, velocity_rev_s: float) -> bool:
@@ -345,7 +336,7 @@ def count_gaps(limits: GateLimits, state: GateState, silent_ticks: int) -> GateS
     return state._replace(silent_ticks=silent_ticks, unsteady_ticks=unsteady_ticks, gaps=gaps)
 
 
-def judge(limits: GateLimits, state: GateState, inputs: Inputs) -> tuple[GateState, GateFindings]:
+def judge(limits: GateLimits, state: GateState, inputs: Inputs) -> tuple[GateState, Findings]:
     """One tick, after its readings have been taken."""
     power, encoder = inputs.power, inputs.encoder
     state = watch_encoder(limits, state, encoder)
@@ -356,12 +347,13 @@ def judge(limits: GateLimits, state: GateState, inputs: Inputs) -> tuple[GateSta
         overcurrent_ticks=state.overcurrent_ticks + 1 if strong else 0,
         voltage_ticks=state.voltage_ticks + 1 if odd_voltage else 0,
     )
-    findings = GateFindings(
+    findings = Findings(
         find_watchdog_fault(limits, new, inputs),
         find_limit_fault(limits, new, power),
         Fault.DRIVE_ERROR if inputs.drive.axis_error != 0 else Fault.NONE,
         inputs.operator.age_ticks > limits.operator_ticks,
         is_overspeed(limits, new.own_rad_s, encoder.velocity_rev_s),
+        new.contact.touching,
     )
     return new._replace(
         contact=state.contact._replace(fault=Fault.NONE),
@@ -370,7 +362,7 @@ def judge(limits: GateLimits, state: GateState, inputs: Inputs) -> tuple[GateSta
 
 
 def permit(
-    limits: GateLimits, state: GateState, findings: GateFindings, inputs: Inputs, torque_n_m: float
+    limits: GateLimits, state: GateState, findings: Findings, inputs: Inputs, torque_n_m: float
 ) -> tuple[GateState, float, ActingLimit]:
     """The permitted part of the proposed torque, and the gate's limit that acts on it, or NONE."""
     found = (

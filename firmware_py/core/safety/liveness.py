@@ -1,6 +1,6 @@
 """Signs of life of each accelerometer channel, at every speed, at rest too.
 
-    take(limits, state, low_m_s2, high_m_s2, housing_m_s2) -> state      once for each frame that counts
+    take(limits, state, sample) -> state      once for each frame that counts
     is_alive(limits, state) -> bool
 
 The noise of a working accelerometer exceeds its counts (2 counts rms in the high range, 3 in the others), so
@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from firmware_py.core.numbers import clamp
 from firmware_py.core.safety.gate_limits import GateLimits
+from firmware_py.interface.generated.records import Accelerometer
 from firmware_py.interface.zeroed import zeroed
 
 READINGS = 30
@@ -40,10 +41,9 @@ def count(readings: int, condition: bool) -> int:
     return min(readings + 1, READINGS + 1) if condition else 0
 
 
-def take(
-    limits: GateLimits, state: LifeState, low_m_s2: float, high_m_s2: float, housing_m_s2: float
-) -> LifeState:
+def take(limits: GateLimits, state: LifeState, sample: Accelerometer) -> LifeState:
     """The state after one frame. A low range at full scale repeats itself in a long impact and may do so."""
+    low_m_s2, high_m_s2, housing_m_s2 = sample
     clipped = not abs(low_m_s2) < limits.low_clipped_m_s2
     shown_m_s2 = clamp(high_m_s2, limits.low_clipped_m_s2)
     differ = not abs(shown_m_s2 - clamp(low_m_s2, limits.low_clipped_m_s2)) <= limits.differ_m_s2

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from firmware_py.core.estimation.crank import CrankState
 from firmware_py.core.estimation.estimator_state import StrikerMotion
 from firmware_py.core.numbers import in_ticks
-from firmware_py.core.safety.gate import GateFindings
+from firmware_py.core.safety.gate import Findings
 from firmware_py.core.safety.gate_limits import GateLimits
 from firmware_py.interface.enums import AxisState, Fault, Mode
 from firmware_py.interface.generated.parameters import Limit, Parameters
@@ -55,7 +55,6 @@ class Constants(NamedTuple):
     `implausible_rad_s2`: limit on the crank's unexplained acceleration.
     """
 
-    limit: Limit
     longest: MonitorTicks
     implausible_rad_s2: float
     sensor_ticks: int
@@ -69,7 +68,6 @@ def derive(p: Parameters, limits: GateLimits) -> Constants:
     """The constants of these parameters, without `longest.stop_failed`, which `retune` computes."""
     tick_s = limits.tick_s
     return Constants(
-        limit=p.limit,
         longest=MonitorTicks(
             impulse_limit=0,
             estimate_invalid=in_ticks(p.limit.estimate_s, tick_s),
@@ -83,7 +81,7 @@ def derive(p: Parameters, limits: GateLimits) -> Constants:
         encoder_ticks=limits.encoder_ticks,
         enable_ticks=in_ticks(p.watchdog.enable_s, tick_s),
         standstill_ticks=in_ticks(p.limit.standstill_s, tick_s),
-        takeover_ticks=in_ticks(p.limit.takeover_s, tick_s),
+        takeover_ticks=in_ticks(p.limit.takeover_s, tick_s, 1),
     )
 
 
@@ -111,14 +109,13 @@ class Watched(NamedTuple):
     striker: StrikerMotion
     impulse_n_s: float
     target_omega_rad_s: float
-    parameters_damaged: bool
 
 
 class MonitorState(NamedTuple):
     """`held`: the duration of each monitor's condition; `…_ticks`: of the other conditions.
 
     `enabled`: the drive has closed its axis for this motion. `freewheel_ticks`: time until a start may take
-    over the crank.
+    over the crank, which is, or was a moment ago, too fast for it.
     """
 
     held: MonitorTicks
@@ -126,22 +123,6 @@ class MonitorState(NamedTuple):
     enable_ticks: int
     enabled: bool
     freewheel_ticks: int
-
-
-class Findings(NamedTuple):
-    """The supervisor's inputs. `watchdog`, `limit` and `drive`: the first fault of each kind, or NONE.
-
-    `freewheel_overspeed`: the crank is, or was a moment ago, too fast for a start to take it over.
-    """
-
-    watchdog: Fault
-    limit: Fault
-    drive: Fault
-    operator_lost: bool
-    standstill: bool
-    parameters_damaged: bool
-    overspeed: bool
-    freewheel_overspeed: bool
 
 
 INITIAL = zeroed(MonitorState)
@@ -159,9 +140,9 @@ def count(ticks: int, condition: bool) -> int:
     return ticks + 1 if condition else 0
 
 
-def is_invalid(own: Constants, striker: StrikerMotion) -> bool:
+def is_invalid(limit: Limit, striker: StrikerMotion) -> bool:
     """Whether the estimate is missing, far outside the module, or too uncertain."""
-    largest_std_m = own.limit.position_std_m
+    largest_std_m = limit.position_std_m
     return not (
         striker.started
         and abs(striker.x_m) < 10.0
@@ -170,16 +151,16 @@ def is_invalid(own: Constants, striker: StrikerMotion) -> bool:
     )
 
 
-def count_conditions(own: Constants, held: MonitorTicks, now: Watched) -> MonitorTicks:
+def count_conditions(own: Constants, limit: Limit, held: MonitorTicks, now: Watched) -> MonitorTicks:
     """The condition of each monitor: the duration of each after this tick."""
     moving, stops = MODES[now.mode.value].moving, MODES[now.mode.value].target == Target.STOP
     driven = moving and now.axis_state == AxisState.CLOSED_LOOP_CONTROL
     target_rad_s, omega_rad_s = now.target_omega_rad_s, now.crank.omega_rad_s
     disturbed = not abs(now.crank.disturbance_rad_s2) <= own.implausible_rad_s2
-    stalled = target_rad_s > SLOWEST_RAD_S and not omega_rad_s > own.limit.stall_share * target_rad_s
+    stalled = target_rad_s > SLOWEST_RAD_S and not omega_rad_s > limit.stall_share * target_rad_s
     return MonitorTicks(
-        impulse_limit=count(held.impulse_limit, not now.impulse_n_s <= own.limit.impulse_n_s),
-        estimate_invalid=count(held.estimate_invalid, moving and is_invalid(own, now.striker)),
+        impulse_limit=count(held.impulse_limit, not now.impulse_n_s <= limit.impulse_n_s),
+        estimate_invalid=count(held.estimate_invalid, moving and is_invalid(limit, now.striker)),
         load_implausible=count(held.load_implausible, driven and disturbed),
         runaway=count(held.runaway, driven and not omega_rad_s <= target_rad_s + RUNAWAY_RAD_S),
         stall=count(held.stall, driven and stalled),
@@ -201,17 +182,22 @@ def is_disobeyed(own: Constants, state: MonitorState, axis_state: AxisState) -> 
     return has_left or state.enable_ticks > own.enable_ticks
 
 
+def stands_still(own: Constants, state: MonitorState) -> bool:
+    """Whether the crank has been at rest for long enough to end a stop."""
+    return state.standstill_ticks > own.standstill_ticks
+
+
 def step(
-    own: Constants, state: MonitorState, found: GateFindings, now: Watched
+    own: Constants, limits: Limit, state: MonitorState, found: Findings, now: Watched
 ) -> tuple[MonitorState, Findings]:
     """One tick; `found`: the gate's findings, which precede those of the monitors."""
-    limits, omega_rad_s = own.limit, now.crank.omega_rad_s
+    omega_rad_s = now.crank.omega_rad_s
     moving, closed = MODES[now.mode.value].moving, now.axis_state == AxisState.CLOSED_LOOP_CONTROL
     still_rad_s = limits.standstill_rad_s * (MOVES_AGAIN if state.standstill_ticks > 0 else 1.0)
     disagrees = (moving and not closed and not state.enabled) or (closed and not moving)
     too_fast = not abs(omega_rad_s) <= limits.speed_rad_s
     state = MonitorState(
-        held=count_conditions(own, state.held, now),
+        held=count_conditions(own, limits, state.held, now),
         standstill_ticks=count(state.standstill_ticks, abs(omega_rad_s) < still_rad_s),
         enable_ticks=count(state.enable_ticks, disagrees),
         enabled=moving and (state.enabled or closed),
@@ -224,13 +210,5 @@ def step(
         limit = find_first_fault(own, state.held)
     if drive == Fault.NONE and is_disobeyed(own, state, now.axis_state):
         drive = Fault.DRIVE_ERROR
-    return state, Findings(
-        watchdog=watchdog,
-        limit=limit,
-        drive=drive,
-        operator_lost=found.operator_lost,
-        standstill=state.standstill_ticks > own.standstill_ticks,
-        parameters_damaged=now.parameters_damaged,
-        overspeed=found.overspeed or not abs(omega_rad_s) <= limits.overspeed_rad_s,
-        freewheel_overspeed=too_fast or state.freewheel_ticks > 0,
-    )
+    overspeed = found.overspeed or not abs(omega_rad_s) <= limits.overspeed_rad_s
+    return state, found._replace(watchdog=watchdog, limit=limit, drive=drive, overspeed=overspeed)

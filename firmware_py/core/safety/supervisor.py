@@ -11,20 +11,24 @@ INIT, so that all conditions of a start are checked again. Clearing never arms.
 
 from typing import NamedTuple
 
-from firmware_py.core.safety.monitors import Findings
+from firmware_py.core.safety.gate import Findings
 from firmware_py.interface.enums import Fault, Mode, OperatorRequest
-from firmware_py.interface.modes import FAULTS, MODES
+from firmware_py.interface.modes import FAULT_BITS, MODES
 from firmware_py.interface.zeroed import zeroed
 
 
 class Observed(NamedTuple):
     """What the supervisor observes in a tick beside the findings.
 
-    `request`: the one that counts, see `consent`. `disarm_reason` belongs to an error of the drive that is
+    `request`: the one that counts, see `consent`. `too_fast`: for a start to take the crank over.
+    `disarm_reason` belongs to an error of the drive that is
     still active, else it is 0. `proof_…`: result of the test of the drive's watchdog; `proven`: it has passed
     or is not required.
     """
 
+    parameters_damaged: bool
+    standstill: bool
+    too_fast: bool
     estop: bool
     request: OperatorRequest
     disarm_reason: int
@@ -68,15 +72,15 @@ def transition(  # noqa: PLR0911 - a table
     if mode == Mode.READY:
         if not all_fresh:
             return Mode.INIT
-        may_close = now.axis_idle and not findings.freewheel_overspeed
+        may_close = now.axis_idle and not now.too_fast
         if asks_run and may_close and now.target_valid and now.proven:
             return Mode.SOFT_START
-        return Mode.PROOF if asks_proof and may_close and findings.standstill else Mode.READY
+        return Mode.PROOF if asks_proof and may_close and now.standstill else Mode.READY
     if mode == Mode.PROOF:
         unfinished = Mode.PROOF if asks_proof else Mode.INIT
         return Mode.READY if now.proof_passed else unfinished
     if mode == Mode.STOPPING:
-        return Mode.READY if findings.standstill else Mode.STOPPING
+        return Mode.READY if now.standstill else Mode.STOPPING
     if not (asks_run and now.target_valid):
         return Mode.STOPPING
     return Mode.SOFT_START if mode == Mode.SOFT_START and not now.captured else Mode.RUN
@@ -84,17 +88,17 @@ def transition(  # noqa: PLR0911 - a table
 
 def counts(fault: Fault, mode: Mode) -> bool:
     """Whether a finding is a fault in `mode`."""
-    return FAULTS[fault.value].modes >> mode.value & 1 == 1
+    return FAULT_BITS[fault.value] >> mode.value & 1 == 1
 
 
 def find_fault(  # noqa: PLR0911 - a list in the order of priority
-    mode: Mode, findings: Findings, start_failed: bool, proof_failed: bool
+    mode: Mode, findings: Findings, now: Observed
 ) -> Fault:
     """The first finding that is a fault in `mode`, or NONE; in FAULT and E_STOP the reason against clearing.
 
     A limit counts only where no input is stale.
     """
-    if findings.parameters_damaged and counts(Fault.PARAMETERS_DAMAGED, mode):
+    if now.parameters_damaged and counts(Fault.PARAMETERS_DAMAGED, mode):
         return Fault.PARAMETERS_DAMAGED
     if counts(findings.watchdog, mode):
         return findings.watchdog
@@ -106,11 +110,11 @@ def find_fault(  # noqa: PLR0911 - a list in the order of priority
         return Fault.OVERSPEED
     if findings.watchdog == Fault.NONE and counts(findings.limit, mode):
         return findings.limit
-    if proof_failed and counts(Fault.DRIVE_WATCHDOG, mode):
+    if now.proof_failed and counts(Fault.DRIVE_WATCHDOG, mode):
         return Fault.DRIVE_WATCHDOG
-    if start_failed and counts(Fault.START_FAILED, mode):
+    if now.start_failed and counts(Fault.START_FAILED, mode):
         return Fault.START_FAILED
-    if start_failed and counts(Fault.ATTRACTOR_LOST, mode):
+    if now.start_failed and counts(Fault.ATTRACTOR_LOST, mode):
         return Fault.ATTRACTOR_LOST
     return Fault.NONE
 
@@ -132,7 +136,7 @@ def latch_reason(
 
 def step(state: SupervisorState, findings: Findings, now: Observed) -> SupervisorState:
     """One tick: the new mode and the latched reason."""
-    fault = find_fault(state.mode, findings, now.start_failed, now.proof_failed)
+    fault = find_fault(state.mode, findings, now)
     new_mode = transition(state, fault, findings, now)
     reason, reason_of_drive = latch_reason(state, new_mode, fault, now.disarm_reason)
     return SupervisorState(mode=new_mode, fault=reason, disarm_reason=reason_of_drive)

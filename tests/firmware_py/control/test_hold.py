@@ -77,17 +77,19 @@ def test_the_phase_rises_with_the_speed_at_about_the_scheduled_slope() -> None:
     for ratio in RATIOS[1:]:
         slope = (steady_impact(ratio + 0.005)[1] - steady_impact(ratio - 0.005)[1]) / 0.01
         phase = steady_impact(ratio)[1]
-        own = CONFIG.hold
-        scheduled = own.hold.gain_phase * (own.highest_phase_rad - phase) / hold.phase_step(own, phase)
+        p = CONFIG.p
+        scheduled = (
+            p.hold.gain_phase * (math.radians(p.hold.highest_phase_deg) - phase) / hold.phase_step(p, phase)
+        )
         assert 0.4 < slope / scheduled < 2.5, (ratio, slope, scheduled)
 
 
 @pytest.mark.parametrize("late", [False, True])
 @pytest.mark.parametrize("ratio", RATIOS)
 def test_the_phase_loop_is_stable_and_its_sign_is_right(ratio: float, late: bool) -> None:
-    right = largest_eigenvalue(ratio, lambda _v, phase, _r: hold.phase_step(CONFIG.hold, phase), late)
+    right = largest_eigenvalue(ratio, lambda _v, phase, _r: hold.phase_step(CONFIG.p, phase), late)
     assert right < 0.98
-    wrong = largest_eigenvalue(ratio, lambda _v, phase, _r: -hold.phase_step(CONFIG.hold, phase), late)
+    wrong = largest_eigenvalue(ratio, lambda _v, phase, _r: -hold.phase_step(CONFIG.p, phase), late)
     assert wrong > 1.0
 
 
@@ -97,7 +99,7 @@ def test_the_impulse_loop_is_stable_and_its_sign_is_right(ratio: float, late: bo
     held = (1.0 + K) * M_KG * steady_impact(ratio)[0]
 
     def law(v: float, _phase: float, r: float) -> float:
-        return hold.wanted_step(CONFIG.hold, r, request(0.0, held), (1.0 + K) * M_KG * v)
+        return hold.wanted_step(CONFIG.p, r, request(0.0, held), (1.0 + K) * M_KG * v)
 
     assert largest_eigenvalue(ratio, law, late) < 0.98
     assert largest_eigenvalue(ratio, lambda *impact: -law(*impact), late) > 1.0
@@ -127,9 +129,9 @@ def held(
     for tick in range(500 * periods):
         seen = period(phase_deg, impacts) if tick % 500 == 0 else regime.INITIAL
         if holding:
-            state = hold.step(CONFIG.hold, state, request(target, impulse), 1.3, seen, impact)
+            state = hold.step(CONFIG.p, state, request(target, impulse), 1.3, seen, impact)
         else:
-            state = hold.rest(CONFIG.hold, request(target, impulse))
+            state = hold.rest(CONFIG.p, request(target, impulse))
     return state
 
 
@@ -164,16 +166,16 @@ def test_a_ratio_that_the_guard_keeps_from_is_refused() -> None:
     assert held(5, target=1.4, phase_deg=64.6).refusal == Refusal.NONE
     assert held(30, target=1.4).refusal == Refusal.NONE
     state = held(30, target=1.4, phase_deg=64.6)
-    asked = hold.step(CONFIG.hold, state, request(1.4, 0.8), 1.3, regime.INITIAL, 0.8)
+    asked = hold.step(CONFIG.p, state, request(1.4, 0.8), 1.3, regime.INITIAL, 0.8)
     assert asked.refusal == Refusal.NONE
-    lowered = hold.step(CONFIG.hold, state, request(1.3, 0.0), 1.3, period(64.6), 0.8)
+    lowered = hold.step(CONFIG.p, state, request(1.3, 0.0), 1.3, period(64.6), 0.8)
     assert lowered.refusal == Refusal.NONE
     assert held(80, impulse=5.0, target=1.4, phase_deg=64.6).refusal == Refusal.IMPULSE_OUT_OF_RANGE
 
 
 def test_a_refusal_ends_with_its_request() -> None:
     state = held(2, impulse=5.0)
-    assert hold.step(CONFIG.hold, state, request(1.3, 0.0), 1.3, regime.INITIAL, 0.8).refusal == Refusal.NONE
+    assert hold.step(CONFIG.p, state, request(1.3, 0.0), 1.3, regime.INITIAL, 0.8).refusal == Refusal.NONE
     assert held(1, impulse=5.0, holding=False).refusal == Refusal.IMPULSE_OUT_OF_RANGE
 
 

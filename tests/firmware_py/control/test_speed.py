@@ -17,15 +17,15 @@ ESTIMATE = estimator_state.striker_of(estimator_state.INITIAL)._replace(x_m=0.12
 def step(
     state: speed.SpeedState = speed.INITIAL, target: float = 12.0, omega: float = 12.0
 ) -> speed.SpeedState:
-    return speed.step(CONFIG.speed, state, CRANK._replace(omega_rad_s=omega), ESTIMATE, target, 0.0)
+    return speed.step(CONFIG.p, state, CRANK._replace(omega_rad_s=omega), ESTIMATE, target, 0.0)
 
 
 @pytest.mark.parametrize("x_m", [-6.0, 5.0, math.nan, math.inf])
 def test_nothing_is_fed_forward_from_an_estimate_that_is_lost(x_m: float) -> None:
     lost = ESTIMATE._replace(x_m=x_m)
-    assert speed.crank_load(CONFIG.speed, CRANK, lost, 0.0) == 0.0
+    assert speed.crank_load(CONFIG.p, CRANK, lost, 0.0) == 0.0
     near = ESTIMATE._replace(x_m=0.12 - 0.99 * CONFIG.p.limit.stretch_m)
-    assert speed.crank_load(CONFIG.speed, CRANK, near, 0.0) > 0.2
+    assert speed.crank_load(CONFIG.p, CRANK, near, 0.0) > 0.2
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -46,7 +46,7 @@ def test_within_its_limits_the_torque_is_that_of_the_law(side: float) -> None:
         torque_n_m = fed_forward_n_m + p.speed.gain_p_n_m_s * error_rad_s + integral_n_m
         before = speed.INITIAL._replace(integral_n_m=integral_n_m, torque_n_m=torque_n_m)
         after = speed.step(
-            CONFIG.speed,
+            CONFIG.p,
             before,
             CRANK._replace(angle_rad=angle_rad, omega_rad_s=omega_rad_s),
             ESTIMATE._replace(x_m=x_m, v_m_s=v_m_s),
@@ -80,7 +80,7 @@ def test_torque_never_leaves_its_limits_and_is_always_a_number() -> None:
         state = speed.INITIAL
         for _ in range(3):
             state = speed.step(
-                CONFIG.speed,
+                CONFIG.p,
                 state,
                 CRANK._replace(omega_rad_s=omega),
                 ESTIMATE._replace(x_m=x),

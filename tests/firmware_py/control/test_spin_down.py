@@ -23,7 +23,8 @@ def stopped(x_m: float, v_m_s: float, angle_rad: float, most_s: float = 3.0) -> 
     state, rows = spin_down.INITIAL, []
     for _ in range(round(most_s / CONFIG.tick_s)):
         state = spin_down.step(
-            CONFIG.spin_down,
+            CONFIG.p,
+            CONFIG.nominal,
             state,
             TURNING._replace(angle_rad=angle_rad),
             AT_REST._replace(x_m=x_m, v_m_s=v_m_s),
@@ -66,19 +67,19 @@ def test_braking_ends_whatever_the_striker_does() -> None:
     state = spin_down.INITIAL
     far = AT_REST._replace(x_m=CONFIG.p.stop.position_m, v_m_s=2.0)
     stages = []
-    for _ in range(round(1.1 * CONFIG.spin_down.longest_s / CONFIG.tick_s)):
-        state = spin_down.step(CONFIG.spin_down, state, crank.INITIAL, far)
+    for _ in range(round(1.1 * spin_down.longest_s(CONFIG.p) / CONFIG.tick_s)):
+        state = spin_down.step(CONFIG.p, CONFIG.nominal, state, crank.INITIAL, far)
         stages.append(state.stage)
     assert stages[0] == SpinDownStage.BRAKE
     assert stages.index(SpinDownStage.PARK) * CONFIG.tick_s == pytest.approx(
-        CONFIG.spin_down.longest_s, abs=0.01
+        spin_down.longest_s(CONFIG.p), abs=0.01
     )
     assert SpinDownStage.BRAKE not in stages[stages.index(SpinDownStage.PARK) :]
 
 
 def test_an_estimate_that_is_no_number_parks_the_crank() -> None:
     lost = AT_REST._replace(x_m=math.nan, v_m_s=math.nan)
-    state = spin_down.step(CONFIG.spin_down, spin_down.INITIAL, crank.INITIAL, lost)
+    state = spin_down.step(CONFIG.p, CONFIG.nominal, spin_down.INITIAL, crank.INITIAL, lost)
     assert state.stage == SpinDownStage.PARK
     assert abs(state.target_omega_rad_s) <= NATURAL_RAD_S
 
@@ -88,7 +89,8 @@ def test_speeds_stay_below_the_limit() -> None:
         for v_m_s in (-1.0, 0.0, 1.0):
             for degree in range(0, 360, 10):
                 state = spin_down.step(
-                    CONFIG.spin_down,
+                    CONFIG.p,
+                    CONFIG.nominal,
                     spin_down.INITIAL,
                     TURNING._replace(angle_rad=math.radians(degree)),
                     AT_REST._replace(x_m=x_m, v_m_s=v_m_s),
@@ -98,4 +100,4 @@ def test_speeds_stay_below_the_limit() -> None:
 
 def test_only_where_a_gait_is_followed() -> None:
     assert config_from({}).spin_down.longest_s == 0.0
-    assert CONFIG.spin_down.longest_s == 2.0
+    assert spin_down.longest_s(CONFIG.p) == 2.0

@@ -2,15 +2,17 @@ import numpy as np
 import pytest
 
 from firmware_py.core.control import start
-from firmware_py.core.control.start import Goal, Stage
+from firmware_py.core.control.start import Stage
 from firmware_py.core.estimation import regime
 from firmware_py.core.estimation.regime import Period
-from firmware_py.interface.enums import Mode
+from firmware_py.core.request import Request
+from firmware_py.interface.enums import Mode, Refusal
+from firmware_py.interface.zeroed import zeroed
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({})
 NATURAL_RAD_S = CONFIG.nominal.natural_rad_s
-GOAL = Goal(1.3, 0.0, 0.0, True)
+GOAL = zeroed(Request, ratio=1.3, refusal=Refusal.NONE, unmet=Refusal.NONE)
 QUIET = regime.INITIAL
 
 
@@ -31,8 +33,8 @@ def until(
     targets = []
     for tick in range(round(seconds * 1000)):
         seen = periods(hits) if tick % 500 == 499 else QUIET
-        goal = Goal(ratio, trim, 0.0, may_retreat)
-        state = start.step(CONFIG.start, state, mode, goal, True, state.target_omega_rad_s, seen)
+        goal = GOAL._replace(ratio=ratio, trim=trim, sets_hold_ratio=not may_retreat)
+        state = start.step(CONFIG.p, CONFIG.nominal, state, mode, goal, True, state.target_omega_rad_s, seen)
         targets.append(state.target_omega_rad_s)
     return state, np.array(targets)
 
@@ -69,7 +71,9 @@ def test_the_rise_reaches_the_target_in_its_time_without_overshoot() -> None:
 
 def test_a_fast_crank_is_first_brought_below_resonance() -> None:
     freewheel_overspeed = 1.2 * NATURAL_RAD_S
-    state = start.step(CONFIG.start, start.INITIAL, Mode.SOFT_START, GOAL, True, freewheel_overspeed, QUIET)
+    state = start.step(
+        CONFIG.p, CONFIG.nominal, start.INITIAL, Mode.SOFT_START, GOAL, True, freewheel_overspeed, QUIET
+    )
     assert state.stage == Stage.APPROACH
     assert state.target_omega_rad_s == freewheel_overspeed
     _, targets = until(state, CONFIG.p.start.approach_s, hits=False)
@@ -138,13 +142,13 @@ def test_a_loss_in_the_hold_counts_from_where_the_hold_had_gone() -> None:
     state, targets = until(state, 1.1, Mode.RUN, ratio=1.2, hits=False, trim=-0.05)
     assert state.stage == Stage.DIP
     assert targets.max() == pytest.approx(1.15 * NATURAL_RAD_S)
-    assert start.has_retreated(CONFIG.start, state, 1.2)
+    assert start.has_retreated(CONFIG.p, CONFIG.nominal, state, 1.2)
     state, targets = until(state, 6.0, Mode.RUN, ratio=1.2)
     assert targets[-1] == pytest.approx(1.12 * NATURAL_RAD_S)
-    assert start.has_retreated(CONFIG.start, state, 1.2)
+    assert start.has_retreated(CONFIG.p, CONFIG.nominal, state, 1.2)
     # The hold leads back to what was asked for; then nothing holds it off.
     state, _ = until(state, 0.1, Mode.RUN, ratio=1.2, trim=0.08)
-    assert not start.has_retreated(CONFIG.start, state, 1.2)
+    assert not start.has_retreated(CONFIG.p, CONFIG.nominal, state, 1.2)
 
 
 def test_no_curve_ends_below_the_dip_and_a_ratio_below_it_is_kept() -> None:
@@ -156,7 +160,7 @@ def test_no_curve_ends_below_the_dip_and_a_ratio_below_it_is_kept() -> None:
     state, _ = until(state, 2.0, Mode.RUN, ratio=0.95, hits=False)
     state, targets = until(state, 9.0, Mode.RUN, ratio=0.95)
     assert targets[-1] == pytest.approx(0.95 * NATURAL_RAD_S)
-    assert not start.has_retreated(CONFIG.start, state, 0.95)
+    assert not start.has_retreated(CONFIG.p, CONFIG.nominal, state, 0.95)
 
 
 def test_a_speed_that_the_gait_sets_is_not_retreated_from() -> None:
@@ -196,21 +200,21 @@ def test_stopping_goes_to_zero_in_its_time() -> None:
 
 
 def test_nothing_is_asked_for_until_the_drive_is_ready() -> None:
-    state = start.step(CONFIG.start, start.INITIAL, Mode.SOFT_START, GOAL, False, 0.0, QUIET)
+    state = start.step(CONFIG.p, CONFIG.nominal, start.INITIAL, Mode.SOFT_START, GOAL, False, 0.0, QUIET)
     assert state == start.INITIAL
 
 
 @pytest.mark.parametrize("mode", [Mode.INIT, Mode.READY, Mode.FAULT, Mode.E_STOP])
 def test_modes_without_motion_forget_everything(mode: Mode) -> None:
     state, _ = until(start.INITIAL, 6.0)
-    assert start.step(CONFIG.start, state, mode, GOAL, True, 12.0, QUIET) == start.INITIAL
+    assert start.step(CONFIG.p, CONFIG.nominal, state, mode, GOAL, True, 12.0, QUIET) == start.INITIAL
 
 
 @pytest.mark.parametrize(("ratio", "valid"), [(1.3, True), (0.0, False), (3.0, False), (float("nan"), False)])
 def test_ratios_that_can_be_run(ratio: float, valid: bool) -> None:
-    assert start.is_valid_ratio(CONFIG.start, ratio) is valid
+    assert start.is_valid_ratio(CONFIG.p, ratio) is valid
 
 
 def test_a_start_onto_a_turning_crank_begins_at_its_speed() -> None:
-    state = start.step(CONFIG.start, start.INITIAL, Mode.SOFT_START, GOAL, True, 3.0, QUIET)
+    state = start.step(CONFIG.p, CONFIG.nominal, start.INITIAL, Mode.SOFT_START, GOAL, True, 3.0, QUIET)
     assert state.target_omega_rad_s == 3.0

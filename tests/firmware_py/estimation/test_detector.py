@@ -25,7 +25,7 @@ def coming(excess_m_s2: float, base: Prediction = COMING, **place: float) -> Pre
 def run(excesses: list[float], base: Prediction = COMING, **place: float) -> list[Contact]:
     state, found = detector.INITIAL, []
     for excess in excesses:
-        state, contact = detector.step(CONFIG.detector, state, coming(excess, base, **place))
+        state, contact = detector.step(CONFIG.detector, CONFIG.nominal, state, coming(excess, base, **place))
         found.append(contact)
     return found
 
@@ -33,7 +33,7 @@ def run(excesses: list[float], base: Prediction = COMING, **place: float) -> lis
 def phase_after(excesses: list[float]) -> ContactPhase:
     state = detector.INITIAL
     for excess in excesses:
-        state, _ = detector.step(CONFIG.detector, state, coming(excess))
+        state, _ = detector.step(CONFIG.detector, CONFIG.nominal, state, coming(excess))
     return state.phase
 
 
@@ -67,7 +67,7 @@ def test_noise_far_from_the_stop_is_no_impact_once_it_is_known() -> None:
         z, before, second = readings_m_s2[[k, k - 1, k - 2]]
         sensor = COMING.sensor._replace(acceleration_m_s2=z, before_m_s2=before, second_m_s2=second)
         noisy = coming(float(-z), COMING._replace(sensor=sensor), x_m=0.10)
-        state, contact = detector.step(CONFIG.detector, state, noisy)
+        state, contact = detector.step(CONFIG.detector, CONFIG.nominal, state, noisy)
         found.append(contact.touch_down)
     assert sum(found[200:]) == 0
     assert state.roughness_m_s2 == pytest.approx(np.sqrt(12.0 / np.pi) * 3.0, rel=0.2)
@@ -100,7 +100,7 @@ def contact_run(
     for excess, speed in zip(excesses, speeds, strict=True):
         sensor = COMING.sensor._replace(clipped=clipped and excess > 100.0)
         predicted = coming(excess, COMING._replace(sensor=sensor), v_m_s=speed)
-        state, contact = detector.step(CONFIG.detector, state, predicted)
+        state, contact = detector.step(CONFIG.detector, CONFIG.nominal, state, predicted)
         found.append(contact)
     return found, state
 
@@ -151,11 +151,11 @@ def test_after_a_separation_the_detector_is_blind_for_its_refractory_time() -> N
 
 
 def test_a_contact_without_readings_ends_after_its_nominal_time() -> None:
-    state, contact = detector.step(CONFIG.detector, detector.INITIAL, coming(50.0))
+    state, contact = detector.step(CONFIG.detector, CONFIG.nominal, detector.INITIAL, coming(50.0))
     silent = COMING._replace(sensor=COMING.sensor._replace(missed_ticks=1))
     ticks = 0
     while not contact.separation:
-        state, contact = detector.step(CONFIG.detector, state, silent)
+        state, contact = detector.step(CONFIG.detector, CONFIG.nominal, state, silent)
         ticks += 1
         assert ticks < 100
     assert ticks == CONFIG.nominal.contact_ticks
@@ -185,7 +185,10 @@ def test_a_lost_reading_does_not_hide_an_impact_that_the_estimate_missed(lost: i
     for place, (excess, speed) in enumerate(zip([*excesses, 0.0], [*speeds, -0.45], strict=True)):
         sensor = COMING.sensor._replace(missed_ticks=1 if place == lost else 0)
         state, contact = detector.step(
-            CONFIG.detector, state, coming(float(excess), COMING._replace(sensor=sensor), v_m_s=float(speed))
+            CONFIG.detector,
+            CONFIG.nominal,
+            state,
+            coming(float(excess), COMING._replace(sensor=sensor), v_m_s=float(speed)),
         )
     assert (contact.separation, contact.measured) == (True, False)
     integral_n_s = CONFIG.p.striker.mass_kg * CONFIG.tick_s * (sum(excesses) - excesses[lost])

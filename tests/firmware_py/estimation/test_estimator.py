@@ -40,8 +40,8 @@ def tick(
 ) -> EstimatorState:
     sample = AccelerometerInput(reading, reading if high is None else high, housing, age)
     crank_now = crank.INITIAL._replace(angle_rad=angle_rad)
-    predicted = estimator.propagate(config.estimator, state, sample, phase, crank_now)
-    return estimator.correct(config.estimator, state, predicted, contact, measured, crank_now)
+    predicted = estimator.propagate(config.estimator, config.nominal, state, sample, phase, crank_now)
+    return estimator.correct(config.estimator, config.nominal, state, predicted, contact, measured, crank_now)
 
 
 def rested(config: Config, ticks: int, reading: float = 0.0) -> EstimatorState:

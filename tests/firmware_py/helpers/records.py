@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from firmware_py.core.config import Config
 from firmware_py.core.inputs import (
     AccelerometerInput,
     DriveInput,
@@ -13,9 +12,6 @@ from firmware_py.core.inputs import (
     PowerInput,
 )
 from firmware_py.core.measurements import NOTHING_MEASURED
-from firmware_py.core.safety import gate
-from firmware_py.core.state import Outputs, State
-from firmware_py.core.step import step
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import AxisState, OperatorRequest
 
@@ -29,20 +25,6 @@ HEALTHY = Inputs(
     gait=GaitInput(0.0, True, True, NEVER_TICKS),
     estop=False,
 )
-
-
-def run_step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
-    """One tick of the control blocks, whose gate takes the reading of `inputs`."""
-    accelerometer, gate_now = inputs.accelerometer, state.gate
-    if accelerometer.age_ticks == 0:
-        reading = gate.GateReading(
-            accelerometer.low_m_s2,
-            accelerometer.high_m_s2,
-            accelerometer.housing_m_s2,
-            (gate_now.counter + 1) % gate.COUNTER_MODULUS,
-        )
-        gate_now = gate.take_reading(config.gate, gate_now, reading)
-    return step(config, state._replace(gate=gate_now), inputs, True)
 
 
 def replaced(record: Any, path: str, value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""A parameter, a fault with its own reaction, an event frame and a mode take at most three files each.
+"""A parameter, a fault, an event frame and a mode take at most three files each.
 
 Diffs on a copy show it: those of the folder `additions`, by name; `generate.py` makes the rest.
 """
@@ -16,14 +16,14 @@ from firmware_py.shell.parameters import config_from
 
 def feedforward(parameters):
     rest = speed.INITIAL, crank.INITIAL, estimator_state.striker_of(estimator_state.INITIAL)
-    return speed.step(config_from(parameters).speed, *rest, 1.0, 0.0).feedforward_n_m
+    return speed.step(config_from(parameters).p, *rest, 1.0, 0.0).feedforward_n_m
 
 assert abs(feedforward({"belt.torque_n_m": 0.1}) - feedforward({}) - 0.1) < 1e-12
 """,
     "fault": """
 from firmware_py.core.estimation import crank, estimator_state
-from firmware_py.core.safety import drive_link, monitors, supervisor, watchdog_proof
-from firmware_py.interface import codec, modes
+from firmware_py.core.safety import monitors, supervisor
+from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, Mode
 from firmware_py.interface.generated.records import FaultEvent
 from firmware_py.shell.parameters import config_from
@@ -32,8 +32,7 @@ hurled = estimator_state.striker_of(estimator_state.INITIAL)._replace(v_m_s=6.0)
 fault = monitors.find_watchdog_fault(config_from({}).monitors, crank.INITIAL, hurled)
 assert fault == Fault.HURLED
 assert codec.decode(codec.encode(FaultEvent(0, fault.value, 0))).fault == 25
-latched = supervisor.INITIAL._replace(mode=Mode.FAULT, fault=fault)
-assert drive_link.find_request(latched, watchdog_proof.REST) == modes.STOP
+assert supervisor.counts(fault, Mode.RUN)
 """,
     "event": """
 from firmware_py.core.state import INITIAL, INITIAL_OUTPUTS
@@ -52,7 +51,8 @@ while waiting.waiting:
 assert SeparationEvent(0.5) in records, records
 """,
     "mode": """
-from firmware_py.core.safety import drive_link, monitors, supervisor, watchdog_proof
+from firmware_py.core.safety import drive_link, supervisor, watchdog_proof
+from firmware_py.core.safety.gate import Findings
 from firmware_py.core.safety.supervisor import Observed
 from firmware_py.interface import codec, modes
 from firmware_py.interface.enums import Fault, Mode, OperatorRequest
@@ -61,10 +61,11 @@ from firmware_py.interface.zeroed import zeroed
 
 stopping = supervisor.INITIAL._replace(mode=Mode.STOPPING)
 NONE = Fault.NONE
-still = zeroed(monitors.Findings, watchdog=NONE, limit=NONE, drive=NONE, standstill=True)
-coasting = supervisor.step(stopping, still, zeroed(Observed, request=OperatorRequest.RUN))
+nothing = zeroed(Findings, watchdog=NONE, limit=NONE, drive=NONE)
+still = zeroed(Observed, request=OperatorRequest.RUN, standstill=True)
+coasting = supervisor.step(stopping, nothing, still)
 assert coasting.mode == Mode.COAST in modes.MOVING
-assert drive_link.find_request(coasting, watchdog_proof.REST) == modes.KEEP
+assert drive_link.find_request(coasting.mode, watchdog_proof.REST) == modes.KEEP
 beat = zeroed(FirmwareHeartbeat, mode=Mode.COAST.value)
 assert codec.decode(codec.encode(beat)).mode == 8
 """,

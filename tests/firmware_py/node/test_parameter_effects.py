@@ -64,10 +64,10 @@ def changed(parameter: Parameter) -> float:
 
 
 def derived(record: Any, prefix: str = "") -> dict[str, Any]:
-    """The blocks' constants by dotted name, without tables of parameters and copies of the nominal module."""
+    """The blocks' constants by dotted name, without tables of parameters."""
     found: dict[str, Any] = {}
     for name, value in zip(record._fields, record, strict=True):
-        is_copy = type(value).__module__ == tables.__name__ or (prefix != "" and name == "nominal")
+        is_copy = type(value).__module__ == tables.__name__
         if hasattr(value, "_fields") and not is_copy:
             found |= derived(value, f"{prefix}{name}.")
         elif not is_copy:
@@ -87,16 +87,14 @@ EFFECTS = {
     "striker.mass_kg": (
         "gait.natural_rad_s gate.change_m_s gate.peak_m_s2 nominal.damping_1_s nominal.flight.v_v "
         "nominal.flight.v_x nominal.flight.x_v nominal.flight.x_x nominal.natural_rad_s nominal.row.v "
-        "nominal.row.x nominal.stiffness_1_s2 own_crank.mass_kg spin_down.highest_rad_s "
-        "start.natural_rad_s"
+        "nominal.row.x nominal.stiffness_1_s2 own_crank.mass_kg"
     ),
     "striker.spring_n_m": (
         "gait.natural_rad_s nominal.flight.v_v nominal.flight.v_x nominal.flight.x_v "
         "nominal.flight.x_x nominal.natural_rad_s nominal.row.v nominal.row.x nominal.stiffness_1_s2 "
-        "own_crank.largest_load_n_m speed.spring_n_m spin_down.highest_rad_s start.natural_rad_s"
+        "own_crank.largest_load_n_m"
     ),
-    "striker.rest_length_m": "speed.rest_length_m",
-    "drive.amplitude_m": "own_crank.amplitude_m own_crank.largest_load_n_m speed.amplitude_m",
+    "drive.amplitude_m": "own_crank.amplitude_m own_crank.largest_load_n_m",
     "friction.b_n_s_m": (
         "nominal.damping_1_s nominal.flight.v_v nominal.flight.v_x nominal.flight.x_v "
         "nominal.flight.x_x nominal.row.v nominal.row.x"
@@ -107,8 +105,9 @@ EFFECTS = {
     "crank.zero_rad": "crank.zero_rad own_crank.crank.zero_rad",
     "crank.bandwidth_rad_s": "crank.tracker.bandwidth_rad_s crank.tracker.gains",
     "crank.largest_disturbance_rad_s2": "crank.tracker.largest_rad_s2",
-    "sensor.low_full_scale_m_s2": "gate.low_clipped_m_s2",
-    "sensor.high_full_scale_m_s2": "gate.clipped_m_s2",
+    "sensor.low_full_scale_m_s2": "estimator.sensing.low_full_scale_m_s2 gate.low_clipped_m_s2",
+    "sensor.high_full_scale_m_s2": "estimator.sensing.high_full_scale_m_s2 gate.clipped_m_s2",
+    "sensor.housing_weight": "estimator.sensing.housing_weight",
     "sensor.high_offset_m_s2": "gate.differ_m_s2",
     "sensor.bandwidth_hz": "nominal.row.v nominal.row.x nominal.sensor_delay_s",
     "sensor.high_offset_s": "estimator.sensing.high_offset_rate",
@@ -118,14 +117,14 @@ EFFECTS = {
     "estimator.model_memory_s": "estimator.readings_as_one",
     "estimator.still_s": "estimator.still_ticks",
     "estimator.gate_s": "estimator.gated_ticks",
+    "detector.floor_m_s2": "detector.floor_m_s2",
     "detector.refractory_s": "detector.refractory_ticks",
-    "start.highest_ratio": "hold.highest_ratio",
     "motor.inertia_kg_m2": "monitors.implausible_rad_s2 own_crank.crank.tracker.largest_rad_s2",
     "speed.torque_limit_n_m": (
         "crank.torque_limit_n_m gate.torque_n_m monitors.implausible_rad_s2 "
         "own_crank.crank.torque_limit_n_m own_crank.crank.tracker.largest_rad_s2"
     ),
-    "limit.speed_rad_s": "gate.speed_rad_s speed.limit_rad_s",
+    "limit.speed_rad_s": "gate.speed_rad_s",
     "limit.overspeed_rad_s": "gate.overspeed_rad_s",
     "limit.current_a": "gate.current_a",
     "limit.inverter_degc": "gate.inverter_degc",
@@ -140,7 +139,7 @@ EFFECTS = {
     "limit.stall_s": "monitors.longest.stall",
     "limit.standstill_s": "monitors.standstill_ticks",
     "limit.force_n": "gate.peak_m_s2",
-    "limit.stretch_m": "own_crank.largest_load_n_m speed.stretch_m",
+    "limit.stretch_m": "own_crank.largest_load_n_m",
     "limit.takeover_s": "monitors.takeover_ticks",
     "watchdog.sensor_s": "gate.sensor_ticks monitors.sensor_ticks",
     "watchdog.encoder_s": "gate.encoder_ticks monitors.encoder_ticks",
@@ -150,9 +149,9 @@ EFFECTS = {
     "watchdog.enable_s": "monitors.enable_ticks",
     "watchdog.gait_s": "gait.silent_ticks gate.gait_ticks",
     "watchdog.proof_required": "proof.is_required",
-    "hold.highest_phase_deg": "hold.highest_phase_rad",
-    "gait.follow": "gate.reads_gait monitors.longest.stop_failed spin_down.longest_s",
-    "spin_down.longest_s": "monitors.longest.stop_failed spin_down.longest_s",
+    "hold.impulse_slope_n_s": "gait.impulse_slope_n_s",
+    "gait.follow": "gate.reads_gait monitors.longest.stop_failed",
+    "spin_down.longest_s": "monitors.longest.stop_failed",
 }
 """The derived constants of each parameter that has some; the control period alone has too many to list."""
 DURATIONS = {

@@ -6,12 +6,15 @@ from collections.abc import Callable
 import pytest
 
 from firmware_py.core.control import spin_down, start
-from firmware_py.core.control.start import Goal, StartState
+from firmware_py.core.control.start import StartState
 from firmware_py.core.estimation import crank, estimator_state, regime
-from firmware_py.interface.enums import Mode
+from firmware_py.core.request import Request
+from firmware_py.interface.enums import Mode, Refusal
+from firmware_py.interface.zeroed import zeroed
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({})
+GOAL = zeroed(Request, ratio=1.3, refusal=Refusal.NONE, unmet=Refusal.NONE)
 PERIOD_TICKS = 500
 LONGEST_S = 30.0
 HIT, MISS = 1, 0
@@ -33,7 +36,9 @@ def started(
     for tick in range(0, round(1000 * seconds)):
         period = tick // PERIOD_TICKS
         what = ended(pattern(period)) if tick % PERIOD_TICKS == 0 else regime.INITIAL
-        state = start.step(CONFIG.start, state, mode, Goal(ratio(tick), 0.0, 0.0, True), True, 0.0, what)
+        state = start.step(
+            CONFIG.p, CONFIG.nominal, state, mode, GOAL._replace(ratio=ratio(tick)), True, 0.0, what
+        )
         states.append(state)
     return states
 
@@ -72,7 +77,7 @@ def test_a_start_ends_within_30_s() -> None:
 
 
 def test_impacts_that_are_lost_in_the_hold_are_back_within_30_s_or_it_has_failed() -> None:
-    lost = start.dip_again(CONFIG.start, held(), 0)
+    lost = start.dip_again(CONFIG.p, CONFIG.nominal, held(), 0)
     endless = []
     for pattern, dither in EVERY:
         since_s, run, longest_s = 0.0, 0, 0.0
@@ -103,8 +108,10 @@ def test_a_stop_begins_at_the_crank_s_speed_where_that_lags_behind_its_target() 
     for omega_rad_s in (-1.0, 0.0, 5.0, 12.0, 15.0):
         stops, omega = state, min(max(omega_rad_s, 0.0), 12.0)
         for _ in range(1100):
-            goal = Goal(1.3, 0.0, 0.0, True)
-            stops = start.step(CONFIG.start, stops, Mode.STOPPING, goal, True, omega_rad_s, regime.INITIAL)
+            goal = GOAL
+            stops = start.step(
+                CONFIG.p, CONFIG.nominal, stops, Mode.STOPPING, goal, True, omega_rad_s, regime.INITIAL
+            )
             assert stops.target_omega_rad_s <= omega
             omega = stops.target_omega_rad_s
         assert omega == 0.0
@@ -121,5 +128,5 @@ def test_no_target_of_a_walk_s_stop_is_above_the_speed_it_began_with(omega_rad_s
         )
         speed_rad_s = omega_rad_s if tick == 0 else state.target_omega_rad_s
         turning_crank = crank.INITIAL._replace(angle_rad=0.005 * tick % math.tau, omega_rad_s=speed_rad_s)
-        state = spin_down.step(config.spin_down, state, turning_crank, swing)
+        state = spin_down.step(config.p, config.nominal, state, turning_crank, swing)
         assert abs(state.target_omega_rad_s) <= max(omega_rad_s, 0.0)

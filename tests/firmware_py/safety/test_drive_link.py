@@ -7,13 +7,12 @@ import pytest
 from records import HEALTHY
 
 from firmware_py.core.inputs import DriveInput
-from firmware_py.core.safety import drive_link, supervisor, watchdog_proof
+from firmware_py.core.safety import drive_link, watchdog_proof
 from firmware_py.core.safety.drive_link import DriveFrame, DriveLinkState
-from firmware_py.core.safety.supervisor import SupervisorState
 from firmware_py.core.safety.watchdog_proof import ProofStage
 from firmware_py.interface.arrivals import NEVER_TICKS
-from firmware_py.interface.enums import AxisState, Fault, Mode
-from firmware_py.interface.modes import FAULTS, AxisRequest
+from firmware_py.interface.enums import AxisState, Mode
+from firmware_py.interface.modes import AxisRequest
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({})
@@ -45,11 +44,6 @@ REQUESTS = {
 """The stage of the watchdog's test decides in PROOF; at rest, the axis stays open."""
 
 
-def supervised(mode: Mode) -> SupervisorState:
-    """The supervisor's state in a mode."""
-    return supervisor.INITIAL._replace(mode=mode, fault=Fault.OVERSPEED if mode == Mode.FAULT else Fault.NONE)
-
-
 def step(
     state: DriveLinkState,
     mode: Mode,
@@ -60,7 +54,7 @@ def step(
     stage: ProofStage = watchdog_proof.REST,
 ) -> tuple[DriveLinkState, DriveFrame]:
     encoder = ENCODER._replace(position_rev=position_rev, velocity_rev_s=velocity_rev_s)
-    return drive_link.step(CONFIG.drive_link, state, supervised(mode), stage, drive, encoder, asks_clear)
+    return drive_link.step(CONFIG.drive_link, state, mode, stage, drive, encoder, asks_clear)
 
 
 def frames(
@@ -151,8 +145,8 @@ def test_every_state_under_every_event(mode: Mode) -> None:
             assert after.confirmed == (not begins and state.confirmed and drive.age_ticks <= 350)
         # Unconfirmed, a round goes on tick by tick; once it and its period are over, it begins again.
         if not after.confirmed and not begins:
-            if state.place < len(round_of):
-                assert frame == round_of[state.place]
+            if state.sent < len(round_of):
+                assert frame == round_of[state.sent]
             elif (
                 state.round_ticks + 1 >= (50 if request == AxisRequest.CLOSE and is_set else 20) and round_of
             ):
@@ -185,16 +179,6 @@ def test_settings_come_before_every_request_for_closed_loop_until_the_axis_is_cl
     assert not drive_link.is_idle(state)
 
 
-def test_the_row_of_the_latched_fault_decides_on_the_axis(monkeypatch: pytest.MonkeyPatch) -> None:
-    stops = FAULTS[Fault.STALL]._replace(axis=AxisRequest.STOP)
-    monkeypatch.setattr(drive_link, "FAULTS", (*FAULTS[: Fault.STALL], stops, *FAULTS[Fault.STALL + 1 :]))
-    for fault in Fault:
-        wanted = AxisRequest.STOP if fault == Fault.STALL else AxisRequest.DISARM
-        for mode in (Mode.FAULT, Mode.E_STOP):
-            found = drive_link.find_request(SupervisorState(mode, fault, 0), ProofStage.REST)
-            assert found == (wanted if mode == Mode.FAULT else AxisRequest.STOP)
-
-
 def test_in_the_test_of_the_watchdog_its_stage_decides() -> None:
     """In any other mode the stage decides nothing."""
     wanted = dict(
@@ -204,7 +188,7 @@ def test_in_the_test_of_the_watchdog_its_stage_decides() -> None:
     )
     for mode, stage in itertools.product(Mode, ProofStage):
         expected = wanted[stage] if mode == Mode.PROOF else REQUESTS[mode]
-        assert drive_link.find_request(supervised(mode), stage) == expected
+        assert drive_link.find_request(mode, stage) == expected
     state, frame = drive_link.INITIAL, DriveFrame.NOTHING
     wrong = DriveInput(AxisState.IDLE, 0x01000000, 0, 50)
     sent = []

@@ -39,7 +39,7 @@ DEADLINE_S = {
 
 def doubtful_estimate(bench: Bench) -> None:
     """From now on the estimate's deviation is above its limit."""
-    bench.configure(replaced(bench.node.config, "monitors.limit.position_std_m", 1e-6))
+    bench.configure(replaced(bench.node.config, "p.limit.position_std_m", 1e-6))
 
 
 def show_position(bench: Bench, velocity_rev_s: float) -> None:

@@ -8,13 +8,15 @@ from records import HEALTHY, replaced
 from firmware_py.core.config import Config
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.safety import gate, liveness
-from firmware_py.core.safety.gate import GateFindings, GateReading, GateState
+from firmware_py.core.safety.gate import Findings, GateState
 from firmware_py.interface.enums import ActingLimit, AxisState, Fault
+from firmware_py.interface.generated.records import Accelerometer
+from firmware_py.interface.zeroed import zeroed
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({})
 CLOSED = replaced(HEALTHY, "drive.axis_state", AxisState.CLOSED_LOOP_CONTROL)
-NOTHING = GateFindings(Fault.NONE, Fault.NONE, Fault.NONE, operator_lost=False, overspeed=False)
+NOTHING = zeroed(Findings, watchdog=Fault.NONE, limit=Fault.NONE, drive=Fault.NONE)
 MASS_KG = 0.8
 
 
@@ -23,20 +25,15 @@ def guard(
     ticks: int = 1,
     state: GateState = gate.INITIAL,
     config: Config = CONFIG,
-) -> tuple[GateState, GateFindings]:
+) -> tuple[GateState, Findings]:
     """Some ticks with a reading in each in which the accelerometer's frame is fresh."""
     findings = NOTHING
     for tick in range(ticks):
         if inputs.accelerometer.age_ticks == 0:
             noise_m_s2 = 0.01 * (tick % 2)
             low_m_s2, high_m_s2, housing_m_s2, _ = inputs.accelerometer
-            reading = GateReading(
-                low_m_s2 + noise_m_s2,
-                high_m_s2 + noise_m_s2,
-                housing_m_s2 + noise_m_s2,
-                (state.counter + 1) % 256,
-            )
-            state = gate.take_reading(config.gate, state, reading)
+            sample = Accelerometer(low_m_s2 + noise_m_s2, high_m_s2 + noise_m_s2, housing_m_s2 + noise_m_s2)
+            state = gate.take(config.gate, state, sample, (state.counter + 1) % 256)
         state, findings = gate.judge(config.gate, state, inputs)
     return state, findings
 
@@ -45,8 +42,7 @@ def settled(flight_m_s2: float) -> GateState:
     """A gate that knows the flight, before the reading with counter 0."""
     state = gate.INITIAL
     for place in range(-gate.SETTLING_READINGS, 0):
-        reading = GateReading(0.01 * place, flight_m_s2, 0.0, place % 256)
-        state = gate.take_reading(CONFIG.gate, state, reading)
+        state = gate.take(CONFIG.gate, state, Accelerometer(0.01 * place, flight_m_s2, 0.0), place % 256)
     return state
 
 
@@ -57,9 +53,7 @@ def felt(
     state, faults = settled(readings[0]), []
     for place, high_m_s2 in enumerate(readings):
         if counters is None or place in counters:
-            state = gate.take_reading(
-                config.gate, state, GateReading(0.01 * place, high_m_s2, 0.0, place % 256)
-            )
+            state = gate.take(config.gate, state, Accelerometer(0.01 * place, high_m_s2, 0.0), place % 256)
         state, findings = gate.judge(config.gate, state, CLOSED)
         faults.append(findings.limit)
     return state, faults
@@ -319,8 +313,9 @@ def test_no_stuck_bit_of_the_counter_hides_an_impulse(bit: int) -> None:
         state = gate.INITIAL
         found = []
         for place, high_m_s2 in enumerate([0.0] * begin + contact):
-            reading = GateReading(0.01 * place, high_m_s2, 0.0, place % 256 & ~(1 << bit))
-            state = gate.take_reading(CONFIG.gate, state, reading)
+            state = gate.take(
+                CONFIG.gate, state, Accelerometer(0.01 * place, high_m_s2, 0.0), place % 256 & ~(1 << bit)
+            )
             state, findings = gate.judge(CONFIG.gate, state, CLOSED)
             found.append(findings.limit)
         assert Fault.IMPULSE_LIMIT in found
@@ -328,11 +323,11 @@ def test_no_stuck_bit_of_the_counter_hides_an_impulse(bit: int) -> None:
 
 def test_a_late_reading_counts_for_the_force_and_ends_no_silence_of_another() -> None:
     state, _ = felt([0.0, 0.0, 0.0], [0, 2])
-    late = gate.take_reading(CONFIG.gate, state, GateReading(9.0, -1900.0, 0.0, 1))
+    late = gate.take(CONFIG.gate, state, Accelerometer(9.0, -1900.0, 0.0), 1)
     contact = state.contact._replace(fault=Fault.FORCE_LIMIT)
     assert late == state._replace(contact=contact, missing=0, reading_ticks=0)
     silent = state._replace(reading_ticks=CONFIG.gate.sensor_ticks + 2)
-    anew = gate.take_reading(CONFIG.gate, silent, GateReading(9.0, -19.0, 0.0, 1))
+    anew = gate.take(CONFIG.gate, silent, Accelerometer(9.0, -19.0, 0.0), 1)
     assert (anew.counter, anew.contact.flight_m_s2) == (1, -19.0)
 
 
@@ -341,7 +336,7 @@ def test_all_readings_of_a_bundle_count_and_of_several_faults_one_is_named() -> 
     config = replaced(CONFIG, "gate.change_m_s", 0.01)
     state = gate.INITIAL
     for place, high_m_s2 in enumerate([0.0, -1900.0, -100.0, -100.0]):
-        state = gate.take_reading(config.gate, state, GateReading(0.0, high_m_s2, 0.0, place))
+        state = gate.take(config.gate, state, Accelerometer(0.0, high_m_s2, 0.0), place)
     state, findings = gate.judge(config.gate, state, CLOSED)
     assert findings.limit == Fault.FORCE_LIMIT
     assert gate.judge(config.gate, state, CLOSED)[1].limit == Fault.NONE
@@ -365,12 +360,12 @@ def test_a_sensor_that_starts_while_the_striker_swings_trips_nothing() -> None:
     swing = [18.0 * math.cos(0.009 * k) * (1.0 - math.exp(-k / 2.0)) for k in range(400)]
     state, faults = gate.INITIAL, []
     for place, high_m_s2 in enumerate(swing):
-        state = gate.take_reading(CONFIG.gate, state, GateReading(0.01 * place, high_m_s2, 0.0, place % 256))
+        state = gate.take(CONFIG.gate, state, Accelerometer(0.01 * place, high_m_s2, 0.0), place % 256)
         state, findings = gate.judge(CONFIG.gate, state, CLOSED)
         faults.append(findings.limit)
         assert not state.contact.touching
     assert set(faults) == {Fault.NONE}
-    hard = gate.take_reading(CONFIG.gate, gate.INITIAL, GateReading(0.0, -1.8e3, 0.0, 0))
+    hard = gate.take(CONFIG.gate, gate.INITIAL, Accelerometer(0.0, -1.8e3, 0.0), 0)
     assert gate.judge(CONFIG.gate, hard, CLOSED)[1].limit == Fault.FORCE_LIMIT
 
 
@@ -379,7 +374,7 @@ def test_a_sensor_that_starts_within_a_contact_trips_nothing(begun_ticks: int) -
     contact = [-200.0 * math.sin(math.pi * (k + 0.5) / 10) for k in range(begun_ticks, 10)]
     state, faults = gate.INITIAL, []
     for place, high_m_s2 in enumerate([*contact, *[0.0] * 150]):
-        state = gate.take_reading(CONFIG.gate, state, GateReading(0.01 * place, high_m_s2, 0.0, place % 256))
+        state = gate.take(CONFIG.gate, state, Accelerometer(0.01 * place, high_m_s2, 0.0), place % 256)
         state, findings = gate.judge(CONFIG.gate, state, CLOSED)
         faults.append(findings.limit)
     assert set(faults) == {Fault.NONE}
@@ -389,8 +384,9 @@ def test_a_sensor_that_starts_within_a_contact_trips_nothing(begun_ticks: int) -
 def test_a_sensor_that_never_is_steady_is_watched_all_the_same() -> None:
     state, steady = gate.INITIAL, []
     for place in range(300):
-        reading = GateReading(0.01 * place, 20.0 * (-1.0) ** place, 0.0, place % 256)
-        state = gate.take_reading(CONFIG.gate, state, reading)
+        state = gate.take(
+            CONFIG.gate, state, Accelerometer(0.01 * place, 20.0 * (-1.0) ** place, 0.0), place % 256
+        )
         steady.append(state.contact.readings)
     assert steady[98] < gate.SETTLING_READINGS == steady[102]
 
@@ -402,15 +398,13 @@ def test_after_a_silence_that_is_a_fault_nothing_is_known_of_the_flight() -> Non
     for ticks, fault, touching in ((30, Fault.NONE, True), (31, Fault.SENSOR_TIMEOUT, False)):
         later, findings = guard(silent, ticks, state)
         assert findings.watchdog == fault
-        later = gate.take_reading(CONFIG.gate, later, GateReading(0.0, -40.0, 0.0, 200))
+        later = gate.take(CONFIG.gate, later, Accelerometer(0.0, -40.0, 0.0), 200)
         assert later.contact.touching == touching
     assert later.contact.flight_m_s2 == -40.0
     clipped = state._replace(contact=state.contact._replace(fault=Fault.FORCE_LIMIT), reading_ticks=100)
-    later = gate.take_reading(CONFIG.gate, clipped, GateReading(0.0, -40.0, 0.0, 200))
+    later = gate.take(CONFIG.gate, clipped, Accelerometer(0.0, -40.0, 0.0), 200)
     assert later.contact.fault == Fault.FORCE_LIMIT
-    again = gate.take_reading(
-        CONFIG.gate, later._replace(reading_ticks=100), GateReading(0.0, -40.0, 0.0, 90)
-    )
+    again = gate.take(CONFIG.gate, later._replace(reading_ticks=100), Accelerometer(0.0, -40.0, 0.0), 90)
     assert again.life.same_high == later.life.same_high + 1
 
 
@@ -564,9 +558,7 @@ def test_overspeed_by_the_drives_own_estimate() -> None:
         assert guard(replaced(CLOSED, "encoder.velocity_rev_s", velocity_rev_s))[1].overspeed == overspeed
 
 
-def turned(
-    rad_s: float, ticks: int, late: dict[int, int] | None = None
-) -> tuple[GateState, list[GateFindings]]:
+def turned(rad_s: float, ticks: int, late: dict[int, int] | None = None) -> tuple[GateState, list[Findings]]:
     """Positions of a crank that turns, with a speed estimate that reads 0."""
     state, found = gate.INITIAL, []
     for tick in range(ticks):
@@ -606,7 +598,7 @@ def test_positions_on_both_sides_of_a_silence_give_no_speed() -> None:
 def permitted(
     torque_n_m: float,
     inputs: Inputs = CLOSED,
-    findings: GateFindings = NOTHING,
+    findings: Findings = NOTHING,
     state: GateState = gate.INITIAL,
     config: Config = CONFIG,
 ) -> tuple[float, ActingLimit, bool]:
@@ -663,7 +655,7 @@ FOUND = [
 
 
 @pytest.mark.parametrize("findings", FOUND)
-def test_every_finding_shuts_the_gate(findings: GateFindings) -> None:
+def test_every_finding_shuts_the_gate(findings: Findings) -> None:
     assert permitted(0.3, findings=findings) == (0.0, ActingLimit.SAFE_STATE, True)
     assert permitted(math.nan, findings=findings) == (0.0, ActingLimit.SAFE_STATE, True)
     assert permitted(0.0, findings=findings) == (0.0, ActingLimit.NONE, False)

@@ -7,6 +7,7 @@ import pytest
 
 from firmware_py.core.safety import liveness
 from firmware_py.core.safety.liveness import READINGS, LifeState
+from firmware_py.interface.generated.records import Accelerometer
 from firmware_py.shell.parameters import config_from
 
 LIMITS = config_from({}).gate
@@ -18,7 +19,7 @@ def after(readings: int, of_life: Readings, step: Readings, limits: object = LIM
     state = liveness.INITIAL
     for place in range(readings + 1):
         shown = [start + by * (place % 2) for start, by in zip(of_life, step, strict=True)]
-        state = liveness.take(limits, state, *shown)
+        state = liveness.take(limits, state, Accelerometer(*shown))
     return state
 
 
@@ -34,7 +35,9 @@ def test_a_channel_that_repeats_itself_is_dead(channel: int, level: float) -> No
     assert liveness.is_alive(LIMITS, after(READINGS - first, start, step))
     dead = after(READINGS + 1 - first, start, step)
     assert not liveness.is_alive(LIMITS, dead)
-    assert liveness.is_alive(LIMITS, liveness.take(LIMITS, dead, level + 0.02, level + 0.02, level + 0.02))
+    assert liveness.is_alive(
+        LIMITS, liveness.take(LIMITS, dead, Accelerometer(level + 0.02, level + 0.02, level + 0.02))
+    )
     unread = LIMITS._replace(reads_housing=False)
     assert liveness.is_alive(unread, dead) == (channel == 2)
 
@@ -62,7 +65,9 @@ def test_the_two_ranges_agree_as_far_as_the_low_one_reaches(
     assert LIMITS.differ_m_s2 == 13.0
     assert liveness.is_alive(LIMITS, after(READINGS - 1, shown, NOISE))
     assert liveness.is_alive(LIMITS, after(200, shown, (0.01 if low < 150.0 else 0.0, 0.3, 0.01))) == alive
-    assert liveness.is_alive(LIMITS, liveness.take(LIMITS, after(200, shown, NOISE), 0.01, 0.5, 0.01))
+    assert liveness.is_alive(
+        LIMITS, liveness.take(LIMITS, after(200, shown, NOISE), Accelerometer(0.01, 0.5, 0.01))
+    )
 
 
 def test_the_largest_difference_is_that_of_the_sensors_data_sheet() -> None:
@@ -73,7 +78,7 @@ def test_the_largest_difference_is_that_of_the_sensors_data_sheet() -> None:
 
 def test_a_difference_at_its_limit_is_allowed_and_a_low_range_at_its_end_may_repeat_itself() -> None:
     assert READINGS == 30
-    assert liveness.take(LIMITS, liveness.INITIAL, 0.0, LIMITS.differ_m_s2, 0.0).differing == 0
+    assert liveness.take(LIMITS, liveness.INITIAL, Accelerometer(0.0, LIMITS.differ_m_s2, 0.0)).differing == 0
     end_m_s2 = LIMITS.low_clipped_m_s2
     assert after(5, (end_m_s2, end_m_s2, 0.0), (0.0, 0.0, 0.0)).same_low == 0
 
@@ -85,6 +90,6 @@ def test_noise_of_2_counts_is_a_sign_of_life(noise_counts: float, seconds: int, 
     found = True
     for _ in range(1000 * seconds):
         shown = (0.01 * round(dice.gauss(0.0, noise_counts)) for _ in range(3))
-        state = liveness.take(LIMITS, state, *shown)
+        state = liveness.take(LIMITS, state, Accelerometer(*shown))
         found = found and liveness.is_alive(LIMITS, state)
     assert found is alive

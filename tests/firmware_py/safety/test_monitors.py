@@ -7,8 +7,8 @@ from firmware_py.core.config import Config
 from firmware_py.core.estimation import crank, estimator_state
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.safety import monitors
-from firmware_py.core.safety.gate import GateFindings
-from firmware_py.core.safety.monitors import Findings, MonitorState, Watched
+from firmware_py.core.safety.gate import Findings
+from firmware_py.core.safety.monitors import MonitorState, Watched
 from firmware_py.interface.enums import AxisState, Fault, Mode
 from firmware_py.interface.modes import MOVING
 from firmware_py.interface.zeroed import zeroed
@@ -17,7 +17,7 @@ from firmware_py.shell.parameters import config_from
 CONFIG = config_from({})
 CRANK = crank.INITIAL._replace(omega_rad_s=12.0, missed_ticks=0)
 ESTIMATE = estimator_state.StrikerMotion(0.12, 0.0, 1e-6, 0, started=True)
-NOTHING = GateFindings(Fault.NONE, Fault.NONE, Fault.NONE, operator_lost=False, overspeed=False)
+NOTHING = zeroed(Findings, watchdog=Fault.NONE, limit=Fault.NONE, drive=Fault.NONE)
 CLOSED = replaced(HEALTHY, "drive.axis_state", AxisState.CLOSED_LOOP_CONTROL)
 
 
@@ -30,16 +30,19 @@ def watch(
     impulse: float = 0.0,
     target: float = 12.0,
     state: MonitorState = monitors.INITIAL,
-    found: GateFindings = NOTHING,
+    found: Findings = NOTHING,
     config: Config = CONFIG,
 ) -> tuple[MonitorState, Findings]:
     findings = None
     for _ in range(ticks):
-        damaged = config.parameters_damaged
-        now = Watched(mode, inputs.drive.axis_state, crank_state, estimate, impulse, target, damaged)
-        state, findings = monitors.step(config.monitors, state, found, now)
+        now = Watched(mode, inputs.drive.axis_state, crank_state, estimate, impulse, target)
+        state, findings = monitors.step(config.monitors, config.p.limit, state, found, now)
     assert findings is not None
     return state, findings
+
+
+def stands_still(watched: tuple[MonitorState, Findings]) -> bool:
+    return monitors.stands_still(CONFIG.monitors, watched[0])
 
 
 def test_nothing_counts_where_nothing_is_wrong() -> None:
@@ -50,7 +53,7 @@ def test_nothing_counts_where_nothing_is_wrong() -> None:
 
 def test_a_healthy_module_has_no_faults() -> None:
     _, findings = watch(ticks=5000)
-    assert findings == zeroed(Findings, watchdog=Fault.NONE, limit=Fault.NONE, drive=Fault.NONE)
+    assert findings == NOTHING
 
 
 def test_frames_without_numbers_count_as_silence() -> None:
@@ -72,13 +75,13 @@ def test_overspeed(omega: float, overspeed: bool) -> None:
 @pytest.mark.parametrize("fast", [20.1, -20.1, math.nan])
 def test_a_crank_is_too_fast_until_it_has_been_slow_for_its_time(fast: float) -> None:
     edge = CRANK._replace(omega_rad_s=20.0)
-    assert not watch(crank_state=edge)[1].freewheel_overspeed
-    state, findings = watch(crank_state=CRANK._replace(omega_rad_s=fast))
-    assert (findings.freewheel_overspeed, state.freewheel_ticks) == (True, 500)
-    state, findings = watch(ticks=499, crank_state=edge, state=state)
-    assert (findings.freewheel_overspeed, state.freewheel_ticks) == (True, 1)
-    state, findings = watch(crank_state=edge, state=state)
-    assert (findings.freewheel_overspeed, state.freewheel_ticks) == (False, 0)
+    assert watch(crank_state=edge)[0].freewheel_ticks == 0
+    state, _ = watch(crank_state=CRANK._replace(omega_rad_s=fast))
+    assert state.freewheel_ticks == 500
+    state, _ = watch(ticks=499, crank_state=edge, state=state)
+    assert state.freewheel_ticks == 1
+    state, _ = watch(crank_state=edge, state=state)
+    assert state.freewheel_ticks == 0
 
 
 @pytest.mark.parametrize(
@@ -117,7 +120,7 @@ def test_what_is_slow_is_not_stalled() -> None:
     assert watch(ticks=2000, crank_state=standing, target=1.0)[1].limit == Fault.NONE
     assert watch(ticks=2000, crank_state=standing, target=1.5)[1].limit == Fault.STALL
     assert watch(ticks=2000, crank_state=CRANK._replace(omega_rad_s=0.3 * 12.0))[1].limit == Fault.STALL
-    assert not watch(ticks=301, crank_state=CRANK._replace(omega_rad_s=0.3))[1].standstill
+    assert not stands_still(watch(ticks=301, crank_state=CRANK._replace(omega_rad_s=0.3)))
 
 
 def test_stall() -> None:
@@ -198,31 +201,27 @@ def test_a_drive_that_does_not_let_go() -> None:
 
 def test_standstill_takes_its_time() -> None:
     still = CRANK._replace(omega_rad_s=0.1)
-    assert not watch(ticks=300, crank_state=still)[1].standstill
-    assert watch(ticks=301, crank_state=still)[1].standstill
-    assert not watch(ticks=1000)[1].standstill
+    assert not stands_still(watch(ticks=300, crank_state=still))
+    assert stands_still(watch(ticks=301, crank_state=still))
+    assert not stands_still(watch(ticks=1000))
 
 
 def test_noise_at_the_limit_does_not_restart_the_standstill() -> None:
     state = monitors.INITIAL
-    findings = None
     for tick in range(301):
         omega_rad_s = 0.305 if tick in (1, 2, 5) else 0.295
-        state, findings = watch(state=state, crank_state=CRANK._replace(omega_rad_s=omega_rad_s))
-    assert findings is not None
-    assert findings.standstill
+        state, _ = watch(state=state, crank_state=CRANK._replace(omega_rad_s=omega_rad_s))
+    assert monitors.stands_still(CONFIG.monitors, state)
     turning = CRANK._replace(omega_rad_s=0.46)
-    assert not watch(state=state, crank_state=turning)[1].standstill
+    assert not stands_still(watch(state=state, crank_state=turning))
 
 
 def test_the_gates_findings_come_first() -> None:
-    found = GateFindings(
-        Fault.STALE_SAMPLES, Fault.FORCE_LIMIT, Fault.DRIVE_ERROR, operator_lost=True, overspeed=True
+    found = Findings(
+        Fault.STALE_SAMPLES, Fault.FORCE_LIMIT, Fault.DRIVE_ERROR, True, overspeed=True, touching=False
     )
     lost = CRANK._replace(missed_ticks=31)
     _, findings = watch(HEALTHY, crank_state=lost, impulse=9.0, found=found)
     assert (findings.watchdog, findings.limit, findings.drive) == found[:3]
     assert (findings.operator_lost, findings.overspeed) == (True, True)
-    assert watch(found=NOTHING)[1] == zeroed(
-        Findings, watchdog=Fault.NONE, limit=Fault.NONE, drive=Fault.NONE
-    )
+    assert watch(found=NOTHING)[1] == NOTHING

@@ -7,18 +7,19 @@ from typing import Any
 import pytest
 
 from firmware_py.core.safety import supervisor, watchdog_proof
-from firmware_py.core.safety.monitors import Findings
+from firmware_py.core.safety.gate import Findings
 from firmware_py.core.safety.supervisor import Observed, SupervisorState, find_fault, transition
 from firmware_py.core.safety.watchdog_proof import ProofState
 from firmware_py.interface.enums import Fault, Mode, OperatorRequest
 from firmware_py.interface.modes import LATCHED, MOVING
 from firmware_py.interface.zeroed import zeroed
 
-NO_FINDINGS = zeroed(Findings, watchdog=Fault.NONE, limit=Fault.NONE, drive=Fault.NONE, standstill=True)
+NO_FINDINGS = zeroed(Findings, watchdog=Fault.NONE, limit=Fault.NONE, drive=Fault.NONE)
 
 
 OBSERVED = zeroed(
     Observed,
+    standstill=True,
     request=OperatorRequest.IDLE,
     disarm_reason=0x200,
     target_valid=True,
@@ -42,15 +43,15 @@ CONDITIONS = [
             watchdog=(Fault.NONE, Fault.SENSOR_TIMEOUT),
             drive=(Fault.NONE, Fault.DRIVE_ERROR),
             operator_lost=BOTH,
-            standstill=BOTH,
-            freewheel_overspeed=BOTH,
         ),
         combinations(
             OBSERVED,
             request=OperatorRequest,
             **dict.fromkeys(
-                ("estop", "target_valid", "axis_idle", "captured", "proof_passed", "proven"), BOTH
+                ("standstill", "too_fast", "estop", "target_valid", "axis_idle", "captured", "proof_passed"),
+                BOTH,
             ),
+            proven=BOTH,
         ),
     )
 ]
@@ -74,7 +75,7 @@ def test_every_mode_under_every_condition(mode: Mode) -> None:  # noqa: PLR0912 
             assert all_fresh
             assert now.target_valid
             assert now.proven
-            assert not findings.freewheel_overspeed
+            assert not now.too_fast
             assert fault == Fault.NONE
         # A fault ends all motion in the same tick, and keeps it from beginning.
         if fault != Fault.NONE and mode in (*MOVING, Mode.READY, Mode.INIT, Mode.PROOF):
@@ -93,14 +94,14 @@ def test_every_mode_under_every_condition(mode: Mode) -> None:  # noqa: PLR0912 
         if mode == Mode.RUN and fault == Fault.NONE and runs_on:
             assert after == Mode.RUN
         if mode == Mode.STOPPING and fault == Fault.NONE:
-            assert after == (Mode.READY if findings.standstill else Mode.STOPPING)
+            assert after == (Mode.READY if now.standstill else Mode.STOPPING)
         asked = now.request == OperatorRequest.PROVE_WATCHDOG
         if mode == Mode.READY and fault == Fault.NONE:
-            may_close = now.axis_idle and not findings.freewheel_overspeed
+            may_close = now.axis_idle and not now.too_fast
             wanted = Mode.READY
             if runs_on and may_close and now.proven:
                 wanted = Mode.SOFT_START
-            if asked and may_close and findings.standstill:
+            if asked and may_close and now.standstill:
                 wanted = Mode.PROOF
             assert after == (wanted if all_fresh else Mode.INIT)
         # The test of the drive's watchdog lasts while it is asked for; afterwards all conditions count again.
@@ -117,38 +118,39 @@ TESTED = (*MOVING, Mode.PROOF)
 """Modes in which the axis may be closed."""
 WATCHDOG = NO_FINDINGS._replace(watchdog=Fault.SENSOR_TIMEOUT)
 LIMIT = NO_FINDINGS._replace(limit=Fault.OVERCURRENT)
-FAST = NO_FINDINGS._replace(overspeed=True, freewheel_overspeed=True)
+FAST = NO_FINDINGS._replace(overspeed=True)
 DRIVE = NO_FINDINGS._replace(drive=Fault.DRIVE_ERROR)
 ALONE = NO_FINDINGS._replace(operator_lost=True)
-DAMAGED = NO_FINDINGS._replace(parameters_damaged=True)
+DAMAGED = OBSERVED._replace(parameters_damaged=True)
+FAILED = OBSERVED._replace(start_failed=True)
 
 
 @pytest.mark.parametrize(
-    ("findings", "failed", "expected"),
+    ("findings", "now", "expected"),
     [
-        (NO_FINDINGS, False, {}),
-        (WATCHDOG, False, dict.fromkeys((*TESTED, *LATCHED), Fault.SENSOR_TIMEOUT)),
-        (LIMIT, False, dict.fromkeys((*TESTED, *LATCHED, Mode.READY), Fault.OVERCURRENT)),
-        (FAST, False, dict.fromkeys((*TESTED, *LATCHED), Fault.OVERSPEED)),
-        (NO_FINDINGS._replace(freewheel_overspeed=True), False, {}),
-        (DRIVE, False, dict.fromkeys((*TESTED, Mode.READY), Fault.DRIVE_ERROR)),
-        (ALONE, False, dict.fromkeys(TESTED, Fault.OPERATOR_TIMEOUT)),
-        (DAMAGED, False, dict.fromkeys(Mode, Fault.PARAMETERS_DAMAGED)),
-        (WATCHDOG._replace(parameters_damaged=True), True, dict.fromkeys(Mode, Fault.PARAMETERS_DAMAGED)),
-        (NO_FINDINGS, True, {Mode.SOFT_START: Fault.START_FAILED, Mode.RUN: Fault.ATTRACTOR_LOST}),
+        (NO_FINDINGS, OBSERVED, {}),
+        (WATCHDOG, OBSERVED, dict.fromkeys((*TESTED, *LATCHED), Fault.SENSOR_TIMEOUT)),
+        (LIMIT, OBSERVED, dict.fromkeys((*TESTED, *LATCHED, Mode.READY), Fault.OVERCURRENT)),
+        (FAST, OBSERVED, dict.fromkeys((*TESTED, *LATCHED), Fault.OVERSPEED)),
+        (NO_FINDINGS, OBSERVED._replace(too_fast=True), {}),
+        (DRIVE, OBSERVED, dict.fromkeys((*TESTED, Mode.READY), Fault.DRIVE_ERROR)),
+        (ALONE, OBSERVED, dict.fromkeys(TESTED, Fault.OPERATOR_TIMEOUT)),
+        (NO_FINDINGS, DAMAGED, dict.fromkeys(Mode, Fault.PARAMETERS_DAMAGED)),
+        (WATCHDOG, DAMAGED._replace(start_failed=True), dict.fromkeys(Mode, Fault.PARAMETERS_DAMAGED)),
+        (NO_FINDINGS, FAILED, {Mode.SOFT_START: Fault.START_FAILED, Mode.RUN: Fault.ATTRACTOR_LOST}),
     ],
 )
 def test_which_finding_is_a_fault_in_which_mode(
-    findings: Findings, failed: bool, expected: dict[Mode, Fault]
+    findings: Findings, now: Observed, expected: dict[Mode, Fault]
 ) -> None:
     for mode in Mode:
-        assert find_fault(mode, findings, failed, False) == expected.get(mode, Fault.NONE), mode
+        assert find_fault(mode, findings, now) == expected.get(mode, Fault.NONE), mode
 
 
 def test_a_failed_test_of_the_watchdog_is_a_fault_in_proof_alone() -> None:
     for mode in Mode:
         wanted = Fault.DRIVE_WATCHDOG if mode == Mode.PROOF else Fault.NONE
-        assert find_fault(mode, NO_FINDINGS, False, True) == wanted
+        assert find_fault(mode, NO_FINDINGS, OBSERVED._replace(proof_failed=True)) == wanted
     state = supervisor.INITIAL._replace(mode=Mode.PROOF)
     asked = OperatorRequest.PROVE_WATCHDOG
     failed = step(state, request=asked, proof=watchdog_proof.INITIAL._replace(failed=True))
@@ -193,7 +195,7 @@ def test_the_way_to_motion_and_back() -> None:
         (OperatorRequest.IDLE, NO_FINDINGS, False),
         (OperatorRequest.RUN, NO_FINDINGS, False),
         (OperatorRequest.RUN, NO_FINDINGS, True),
-        (OperatorRequest.IDLE, NO_FINDINGS._replace(standstill=False), True),
+        (OperatorRequest.IDLE, NO_FINDINGS, True),
         (OperatorRequest.IDLE, NO_FINDINGS, False),
     ]:
         state = step(state, findings, request, captured=captured)

@@ -135,8 +135,8 @@ SHOWN_WITH: list[tuple[str, tuple[str, ...], str, float]] = [
 """The same in changed scenarios."""
 RARE: list[tuple[str, float, Callable[[Config], Any]]] = [
     ("estimator.coarse_std_m", 0.004, lambda config: model_sensors(config.p.estimator)),
-    ("start.dwell_periods", 5.0, lambda config: start.lead_to_rise(config.start, DWELLING, 12.0)),
-    ("hold.lowest_ratio", 1.2, lambda config: hold.find_bound(config.hold, 1.1, False, WEAKER, 0.6)),
+    ("start.dwell_periods", 5.0, lambda config: start.lead_to_rise(config.p, DWELLING, 12.0)),
+    ("hold.lowest_ratio", 1.2, lambda config: hold.find_bound(config.p, 1.1, False, WEAKER, 0.6)),
     ("gait.hysteresis", 0.5, lambda config: gait_lock.choose_turns(config.gait, STRIDE_S, 13, 0.0)),
     ("gait.impulse_tolerance", 0.05, lambda config: stride_harmonic.find_unmet(config.gait, LONG_MET, 1.0)),
     (

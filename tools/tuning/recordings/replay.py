@@ -44,10 +44,12 @@ def _replay(config: Config, ticks: FloatArray, out: FloatArray) -> None:
         )
         crank_now = crank.step(config.crank, crank_now, turned, 0.0)
         before = estimate
-        predicted = estimator.propagate(config.estimator, estimate, felt, touched.phase, crank_now)
-        touched, contact = detector.step(config.detector, touched, predicted)
+        predicted = estimator.propagate(
+            config.estimator, config.nominal, estimate, felt, touched.phase, crank_now
+        )
+        touched, contact = detector.step(config.detector, config.nominal, touched, predicted)
         estimate = estimator.correct(
-            config.estimator, before, predicted, contact, NOTHING_MEASURED, crank_now
+            config.estimator, config.nominal, before, predicted, contact, NOTHING_MEASURED, crank_now
         )
         row = out[k]
         row[X] = estimate.x_m
