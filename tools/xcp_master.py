@@ -14,7 +14,7 @@ from firmware_py.interface.float32 import float32_bits, float32_of
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated import kinds
 from firmware_py.interface.parameter_table import INDEX as PARAMETERS
-from firmware_py.node import places, xcp
+from firmware_py.node import elements, xcp
 from firmware_py.node.memory import file_name
 from hil.bus.base import Bus
 from text_input import RefusalError
@@ -179,7 +179,7 @@ class XcpMaster:
             extension, index, is_float = xcp.CHARACTERISTICS, PARAMETERS[name], True
         else:
             index = place_of(name)
-            extension, is_float = xcp.MEASUREMENTS, places.ALL[index].kind is float
+            extension, is_float = xcp.MEASUREMENTS, elements.ALL[index].kind is float
         low, high = self.request(
             Code.SHORT_UPLOAD, xcp.ELEMENT_BYTES | extension << 16, xcp.ELEMENT_BYTES * index
         )
@@ -241,7 +241,9 @@ class XcpMaster:
                 if words is not None and len(words) == odt:
                     words.append(int.from_bytes(packet[start : start + 4], "little"))
                     if len(words) == len(lists[number].names):
-                        kinds_of = (places.ALL[place_of(name)].kind is float for name in lists[number].names)
+                        kinds_of = (
+                            elements.ALL[place_of(name)].kind is float for name in lists[number].names
+                        )
                         values = tuple(map(value_of, words, kinds_of))
                         yield Sample(number, ticks[number], values)
             if not packets:
@@ -266,9 +268,9 @@ def value_of(word: int, is_float: bool) -> float:
 
 def place_of(name: str) -> int:
     """The index of a measurement; raise XcpMasterError if there is none of this name."""
-    index = places.INDEX.get(name)
+    index = elements.INDEX.get(name)
     if index is None:
-        near = [one for one in places.INDEX if name.rpartition(".")[2] in one][:3]
+        near = [one for one in elements.INDEX if name.rpartition(".")[2] in one][:3]
         hint = f"; did you mean {' or '.join(near)}?" if near else "; `vibrohil measure --list` lists them"
         raise XcpMasterError(f"there is no signal {name!r}{hint}")
     return index

@@ -1,6 +1,6 @@
 """The A2L file (ASAM MCD-2 MC, ASAP2 1.71) of the firmware, for any master of XCP.
 
-It is made of the tables that the firmware itself uses: the state's members (`node.places`), the parameters
+It is made of the tables that the firmware itself uses: the state's members (`node.elements`), the parameters
 (`parameters.toml`) and the frames (`vibro.dbc`). The addresses are those of `node.xcp`, equal in all builds.
 """
 
@@ -12,8 +12,8 @@ from firmware_py.interface.enums import XcpCommandCode
 from firmware_py.interface.generated import kinds
 from firmware_py.interface.parameter_table import TABLE, Parameter
 from firmware_py.node import xcp
+from firmware_py.node.elements import ALL, Element
 from firmware_py.node.memory import file_name
-from firmware_py.node.places import ALL, Place
 
 FLOAT32_MAX, INT32_MIN, INT32_MAX = 3.4028235e38, -(2**31), 2**31 - 1
 TICK_S = 0.001
@@ -160,10 +160,10 @@ def conversion_of(unit: str) -> str:
 
 def conversions() -> Iterator[str]:
     """Conversions: one for each unit and one for each enum."""
-    for unit in sorted({unit_of(place.name) for place in ALL} | {unit_text(one) for one in TABLE}):
+    for unit in sorted({unit_of(one.name) for one in ALL} | {unit_text(one) for one in TABLE}):
         method = f'{conversion_of(unit)} "" IDENTICAL "%9.6" {quote(unit)}'
         yield f"    /begin COMPU_METHOD {method} /end COMPU_METHOD"
-    enums = {place.kind.__name__: place.kind for place in ALL if issubclass(place.kind, IntEnum)}
+    enums = {one.kind.__name__: one.kind for one in ALL if issubclass(one.kind, IntEnum)}
     for name, kind in sorted(enums.items()):
         values = "\n".join(f"        {member.value} {quote(member.name)}" for member in kind)
         method = f'{name} "" TAB_VERB "%4.0" "" COMPU_TAB_REF {name}_names'
@@ -178,15 +178,15 @@ def unit_text(parameter: Parameter) -> str:
     return "" if parameter.unit == "1" else parameter.unit
 
 
-def measurement(index: int, place: Place) -> str:
+def measurement(index: int, element: Element) -> str:
     """One measurement."""
     kind, bounds, conversion = "FLOAT32_IEEE", f"{-FLOAT32_MAX:.7e} {FLOAT32_MAX:.7e}", ""
-    if place.kind is not float:
+    if element.kind is not float:
         kind, bounds = "SLONG", f"{INT32_MIN} {INT32_MAX}"
-        conversion = place.kind.__name__ if issubclass(place.kind, IntEnum) else ""
-    conversion = conversion or conversion_of(unit_of(place.name))
+        conversion = element.kind.__name__ if issubclass(element.kind, IntEnum) else ""
+    conversion = conversion or conversion_of(unit_of(element.name))
     return (
-        f'    /begin MEASUREMENT {a2l_name(place.name)} "" {kind} {conversion} 0 0 {bounds}\n'
+        f'    /begin MEASUREMENT {a2l_name(element.name)} "" {kind} {conversion} 0 0 {bounds}\n'
         f"      ECU_ADDRESS 0x{xcp.ELEMENT_BYTES * index:X}"
         f" ECU_ADDRESS_EXTENSION {xcp.MEASUREMENTS}\n"
         "    /end MEASUREMENT"
@@ -228,7 +228,7 @@ def a2l(module: Addresses = DEFAULT) -> str:
         *conversions(),
         "    /begin RECORD_LAYOUT layout_float32 FNC_VALUES 1 FLOAT32_IEEE ROW_DIR DIRECT /end RECORD_LAYOUT",
         "    /begin RECORD_LAYOUT layout_ulong FNC_VALUES 1 ULONG ROW_DIR DIRECT /end RECORD_LAYOUT",
-        *(measurement(index, place) for index, place in enumerate(ALL)),
+        *(measurement(index, element) for index, element in enumerate(ALL)),
         *(characteristic(index, parameter) for index, parameter in enumerate(TABLE)),
         COMMIT,
     )

@@ -18,7 +18,7 @@ from numba.core import types
 from numba.core.ccallback import CFunc
 
 from compilation.kernel_cache import keep
-from firmware_py.builds.numba_subset import loader, member_place, numba_type, register, store
+from firmware_py.builds.numba_subset import loader, member_at, numba_type, register, store
 from firmware_py.core.config import Config
 from firmware_py.interface.frame import WordFrame
 from firmware_py.node import inbox, xcp
@@ -29,31 +29,31 @@ from firmware_py.node.tick import tick as node_tick
 _load_config, _load_state = loader(Config), loader(NodeState)
 _store = cast(Any, store)
 _pointer: Any = types.CPointer
-_pool_place = member_place(FirmwareState, "pool", _pointer(types.int64))
-_inbox_place = member_place(FirmwareState, "inbox", _pointer(types.int64))
+_pool_at = member_at(FirmwareState, "pool", _pointer(types.int64))
+_inbox_at = member_at(FirmwareState, "inbox", _pointer(types.int64))
 
 
 def receive(memory: Any, count: int, frames: Any) -> None:
     """Put frames into the inbox in the order of their arrival."""
-    waiting = _inbox_place(memory)
-    for place in range(count):
-        inbox.receive(waiting, frames[place])
+    waiting = _inbox_at(memory)
+    for index in range(count):
+        inbox.receive(waiting, frames[index])
 
 
 def advance(config: Any, memory: Any, elapsed_ticks: int) -> int:
     """Let time pass; the number of ticks to run."""
     state, most_ticks = _load_state(memory), _load_config(config).catch_up_ticks
     newest = state.received.accelerometer_arrival
-    return inbox.advance(_inbox_place(memory), newest, state.ticks, elapsed_ticks, most_ticks)
+    return inbox.advance(_inbox_at(memory), newest, state.ticks, elapsed_ticks, most_ticks)
 
 
 def tick(config: Any, memory: Any, tx: Any) -> None:
     """Run one control period."""
-    constants, waiting = _load_config(config), _inbox_place(memory)
+    constants, waiting = _load_config(config), _inbox_at(memory)
     now, sent = node_tick(constants, _load_state(memory), waiting)
     inbox.end_period(waiting)
     _store(now, memory)
-    _store(xcp.exchange(_pool_place(memory), memory, constants.tick_s, now, sent), tx)
+    _store(xcp.exchange(_pool_at(memory), memory, constants.tick_s, now, sent), tx)
 
 
 _WORD, _ADDRESS = types.int64, types.voidptr

@@ -69,12 +69,12 @@ def copier(source: Memory, destination: Memory) -> Callable[[], None]:
         return lambda: None
     if source.dtype == destination.dtype:
         return functools.partial(destination.__setitem__, slice(None), source)
-    places: dict[str, list[tuple[int, int]]] = {}
+    offsets: dict[str, list[tuple[int, int]]] = {}
     views: dict[str, tuple[Any, Any]] = {}
-    for (kind, place), (other, target) in zip(_leaves(source.dtype), _leaves(destination.dtype), strict=True):
-        places.setdefault(kind.kind, []).append((place // kind.itemsize, target // other.itemsize))
+    for (kind, start), (other, target) in zip(_leaves(source.dtype), _leaves(destination.dtype), strict=True):
+        offsets.setdefault(kind.kind, []).append((start // kind.itemsize, target // other.itemsize))
         views[kind.kind] = source.view(kind), destination.view(other)
-    moves = [(*views[kind], *np.array(found).T) for kind, found in places.items()]
+    moves = [(*views[kind], *np.array(found).T) for kind, found in offsets.items()]
 
     def copy() -> None:
         for taken, given, sources, targets in moves:
@@ -90,8 +90,8 @@ def _leaves(kind: Any, start: int = 0) -> Iterator[tuple[Any, int]]:
         for index in range(count):
             yield from _leaves(item, start + index * item.itemsize)
     elif kind.names is not None:
-        for member, place in kind.fields.values():
-            yield from _leaves(member, start + place)
+        for member, offset in kind.fields.values():
+            yield from _leaves(member, start + offset)
     else:
         yield kind, start
 

@@ -27,7 +27,7 @@ from firmware_py.core.estimation import kalman
 from firmware_py.interface import arrivals, enums, float32, framing
 from firmware_py.interface.enums import AxisState, OperatorRequest
 from firmware_py.interface.generated import packing, received, unpacking
-from firmware_py.node import places
+from firmware_py.node import elements
 from firmware_py.node.tick import NodeState
 
 _tuple: Any = types.BaseTuple.from_types
@@ -64,16 +64,16 @@ def subset() -> Iterator[ModuleType]:
 
 def replacements() -> dict[Any, Any]:
     """The functions that compiled code replaces: filterpy's algebra, by the same algebra written out; and the
-    reading of a measurement, by its place in memory.
+    reading of a measurement, by its offset in memory.
     """
     state = layout(NodeState)
-    offsets = np.array([offset_of(state, one.path) for one in places.ALL])
+    offsets = np.array([offset_of(state, one.path) for one in elements.ALL])
     numbers: dict[Any, int] = {float: 0, bool: 2}
-    kinds = np.array([numbers.get(one.kind, 1) for one in places.ALL])
+    kinds = np.array([numbers.get(one.kind, 1) for one in elements.ALL])
     bits_of: Any = float32_bits
 
-    def word_at(memory: Any, place: int) -> int:
-        at, kind = offsets[place], kinds[place]
+    def word_at(memory: Any, index: int) -> int:
+        at, kind = offsets[index], kinds[index]
         if kind == 0:
             bits: int = bits_of(load_float(memory, at))
             return bits
@@ -83,7 +83,7 @@ def replacements() -> dict[Any, Any]:
     return {
         kalman.predict: kalman.predict_written_out,
         kalman.update: kalman.update_written_out,
-        places.word_at: word_at,
+        elements.word_at: word_at,
     }
 
 
@@ -107,8 +107,8 @@ def _number_at(kind: Any) -> Any:
 
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             begin = builder.bitcast(arguments[0], ir.IntType(8).as_pointer())
-            place = builder.gep(begin, [arguments[1]])
-            return builder.load(builder.bitcast(place, context.get_value_type(kind).as_pointer()), align=1)
+            pointer = builder.gep(begin, [arguments[1]])
+            return builder.load(builder.bitcast(pointer, context.get_value_type(kind).as_pointer()), align=1)
 
         return kind(address, offset), generate
 
@@ -168,12 +168,12 @@ def store(_: Any, record: types.Type, address: types.Type) -> Any:
     return types.none(record, address), generate
 
 
-def member_place(record: Any, name: str, kind: Any = types.voidptr) -> Any:
-    """`place(address)` for compiled code: the address, of type `kind`, of a member of a record in memory."""
+def member_at(record: Any, name: str, kind: Any = types.voidptr) -> Any:
+    """`at(address)` for compiled code: the address, of type `kind`, of a member of a record in memory."""
     whole, index = numba_type(record), members(record).index((name, dict(members(record))[name]))
 
     @intrinsic
-    def place(_: Any, address: types.Type) -> Any:
+    def at(_: Any, address: types.Type) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             pointer = pointer_to(builder, context.data_model_manager[whole], arguments[0])
             inner = builder.gep(pointer, [ir.IntType(32)(0), ir.IntType(32)(index)])
@@ -181,7 +181,7 @@ def member_place(record: Any, name: str, kind: Any = types.voidptr) -> Any:
 
         return kind(address), generate
 
-    return place
+    return at
 
 
 def pointer_to(builder: Any, model: Any, address: Any) -> Any:

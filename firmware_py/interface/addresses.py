@@ -57,7 +57,7 @@ give the drive another number
     return Addresses(drive_node, own_node)
 
 
-def bus_id(places: Addresses, can_id: int) -> int:
+def bus_id(module: Addresses, can_id: int) -> int:
     """The identifier on the bus of the frame that `vibro.dbc` calls `can_id`.
 
     >>> hex(bus_id(Addresses(4, 5), 0x00E)), hex(bus_id(Addresses(4, 5), 0x028))
@@ -66,11 +66,11 @@ def bus_id(places: Addresses, can_id: int) -> int:
     if can_id >> NODE_SHIFT == BROADCAST_NODE:
         return can_id
     if can_id < NODE_IDS:
-        return can_id + places.drive_node * NODE_IDS
-    return can_id + (places.own_node - DEFAULT_OWN_NODE) * NODE_IDS
+        return can_id + module.drive_node * NODE_IDS
+    return can_id + (module.own_node - DEFAULT_OWN_NODE) * NODE_IDS
 
 
-def module_id(places: Addresses, can_id: int) -> int:
+def module_id(module: Addresses, can_id: int) -> int:
     """The identifier in `vibro.dbc` of a frame on the bus; `NOT_OURS` for frames of other nodes.
 
     >>> hex(module_id(Addresses(4, 5), 0x08E)), module_id(Addresses(4, 5), 0x028)
@@ -79,8 +79,8 @@ def module_id(places: Addresses, can_id: int) -> int:
     node = can_id >> NODE_SHIFT
     if node == BROADCAST_NODE:
         return can_id
-    if node == places.drive_node:
-        return can_id - places.drive_node * NODE_IDS
-    if places.own_node <= node < places.own_node + OWN_NODES:
-        return can_id - (places.own_node - DEFAULT_OWN_NODE) * NODE_IDS
+    if node == module.drive_node:
+        return can_id - module.drive_node * NODE_IDS
+    if module.own_node <= node < module.own_node + OWN_NODES:
+        return can_id - (module.own_node - DEFAULT_OWN_NODE) * NODE_IDS
     return NOT_OURS

@@ -189,10 +189,10 @@ def range_of(where: str, dbc: DbcSignal) -> tuple[int, int]:
 def counter_bits_of(message: Message, protection: dict[SignalKind, Signal]) -> int:
     """Width of the counter, which must end directly below the CRC, the last byte."""
     last_byte = 8 * (message.length - 1)
-    places = {kind: (one.start, one.start + one.bits) for kind, one in protection.items()}
-    if places.get(SignalKind.CRC) != (last_byte, last_byte + 8):
-        raise LayoutError(f"{message.name}: Crc at bits {places.get(SignalKind.CRC)}; wanted the last byte")
-    start, end = places.get(SignalKind.COUNTER, (0, 0))
+    bits = {kind: (one.start, one.start + one.bits) for kind, one in protection.items()}
+    if bits.get(SignalKind.CRC) != (last_byte, last_byte + 8):
+        raise LayoutError(f"{message.name}: Crc at bits {bits.get(SignalKind.CRC)}; wanted the last byte")
+    start, end = bits.get(SignalKind.COUNTER, (0, 0))
     if end != last_byte:
         raise LayoutError(
             f"{message.name}: Counter at bits {start} to {end}; wanted it to end at {last_byte}"

@@ -245,7 +245,7 @@ def pack_source(layout: Layout) -> str:
     ]
     if fields:
         lines += [f"    {', '.join(fields) if len(fields) > 1 else f'({fields[0]},)'} = record"]
-    word = " | ".join(map(_placed, layout.signals.values())) or "0"
+    word = " | ".join(map(_shifted, layout.signals.values())) or "0"
     sendable = " and ".join(map(_sendable, layout.signals.values())) or "True"
     lines += [f"    word = {word}", f"    sendable = {sendable}"]
     return "\n".join([*lines, f"    return seal(kinds.{name.upper()}, word, counter, sendable)\n"])
@@ -298,8 +298,8 @@ def _valid(signal: Signal, counts: str, lowest: float, highest: float) -> str:
     return f"{counts} <= {high}" if high < highest else ""
 
 
-def _placed(signal: Signal) -> str:
-    """Expression of the field's counts in their place within the word."""
+def _shifted(signal: Signal) -> str:
+    """Expression of the field's counts at their bits of the word."""
     counts, is_signed = signal.name, signal.is_signed
     if signal.is_float:
         counts, is_signed = f"float32_counts({signal.name})", False

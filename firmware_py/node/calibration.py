@@ -47,53 +47,53 @@ PATHS = tuple(
 """Indices of each parameter's table and of its member."""
 
 
-def float32_in(table: bytes, place: int) -> float:
+def float32_in(table: bytes, index: int) -> float:
     """The float32 at this index of a table."""
-    at = ELEMENT_BYTES * place
+    at = ELEMENT_BYTES * index
     return float32_of(table[at] | table[at + 1] << 8 | table[at + 2] << 16 | table[at + 3] << 24)
 
 
-def bits_in_use(config: Config, place: int) -> int:
+def bits_in_use(config: Config, index: int) -> int:
     """The bits of a parameter as float32; in C it is read at its address."""
-    table, member = PATHS[place]
+    table, member = PATHS[index]
     return float32_bits(config.p[table][member])
 
 
 def with_page(config: Config, pool: list[int]) -> Parameters:
     """The parameters in use with those staged values that differ."""
     rows = [list(table) for table in config.p]
-    for place, (table, member) in enumerate(PATHS):
-        if pool[PAGE_AT + place] != bits_in_use(config, place):
-            value = float32_of(pool[PAGE_AT + place])
-            rows[table][member] = int(value) if WHOLES[place] else value
+    for index, (table, member) in enumerate(PATHS):
+        if pool[PAGE_AT + index] != bits_in_use(config, index):
+            value = float32_of(pool[PAGE_AT + index])
+            rows[table][member] = int(value) if WHOLES[index] else value
     kinds: Any = Parameters.__annotations__.values()
     return Parameters._make(kind._make(row) for kind, row in zip(kinds, rows, strict=True))
 
 
-def is_writable(place: int, mode: Mode) -> bool:
+def is_writable(index: int, mode: Mode) -> bool:
     """Whether a parameter may be written in this mode."""
-    return RIGHTS[place] == ALWAYS or (RIGHTS[place] == AT_REST and MODES[mode.value].calibrates)
+    return RIGHTS[index] == ALWAYS or (RIGHTS[index] == AT_REST and MODES[mode.value].calibrates)
 
 
-def stage(pool: list[int], place: int, bits: int, mode: Mode) -> XcpError:
+def stage(pool: list[int], index: int, bits: int, mode: Mode) -> XcpError:
     """Stage one value; NONE, or the reason for which it is refused."""
-    if not is_writable(place, mode):
+    if not is_writable(index, mode):
         return XcpError.WRITE_PROTECTED
     value = float32_of(bits)
-    is_within = float32_in(LOWS, place) <= value <= float32_in(HIGHS, place)
-    if not is_within or (WHOLES[place] and value != math.floor(value)):
+    is_within = float32_in(LOWS, index) <= value <= float32_in(HIGHS, index)
+    if not is_within or (WHOLES[index] and value != math.floor(value)):
         return XcpError.OUT_OF_RANGE
-    pool[PAGE_AT + place] = bits
+    pool[PAGE_AT + index] = bits
     return XcpError.NONE
 
 
 def find_commit_error(pool: list[int], config: Config, mode: Mode) -> XcpError:
     """Why the staged values cannot be applied together now."""
-    for place in range(COUNT):
-        bits = pool[PAGE_AT + place]
-        if bits != bits_in_use(config, place) and not is_writable(place, mode):
+    for index in range(COUNT):
+        bits = pool[PAGE_AT + index]
+        if bits != bits_in_use(config, index) and not is_writable(index, mode):
             return XcpError.WRITE_PROTECTED
-        if float32_of(bits) > float32_of(pool[PAGE_AT + CEILINGS[place]]):
+        if float32_of(bits) > float32_of(pool[PAGE_AT + CEILINGS[index]]):
             return XcpError.OUT_OF_RANGE
     has_conflict = pool[VALUE] != 1 or conflict_of(with_page(config, pool)) != Conflict.NONE
     return XcpError.OUT_OF_RANGE if has_conflict else XcpError.NONE
@@ -101,16 +101,16 @@ def find_commit_error(pool: list[int], config: Config, mode: Mode) -> XcpError:
 
 def calibrate(pool: list[int], config: Config, mode: Mode) -> Config:
     """Process the request that waits in `pool`, and complete its response; returns the config in use."""
-    request, place = pool[REQUEST], pool[ADDRESS] // ELEMENT_BYTES
+    request, index = pool[REQUEST], pool[ADDRESS] // ELEMENT_BYTES
     pool[REQUEST] = NO_REQUEST
     if request == NO_REQUEST:
         return config
     if request == REVERT:
-        for index in range(COUNT):
-            pool[PAGE_AT + index] = bits_in_use(config, index)
+        for one in range(COUNT):
+            pool[PAGE_AT + one] = bits_in_use(config, one)
         return config
-    is_commit = place == COMMIT
-    error = find_commit_error(pool, config, mode) if is_commit else stage(pool, place, pool[VALUE], mode)
+    is_commit = index == COMMIT
+    error = find_commit_error(pool, config, mode) if is_commit else stage(pool, index, pool[VALUE], mode)
     if error != XcpError.NONE:
         refuse(pool, error)
         return config

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from firmware_py.interface.float32 import float32_bits
 from firmware_py.interface.parameter_table import TABLE
 from firmware_py.node import inbox, xcp
-from firmware_py.node.places import ALL
+from firmware_py.node.elements import ALL
 from firmware_py.node.tick import INITIAL as INITIAL_NODE
 from firmware_py.node.tick import NodeState
 
@@ -29,7 +29,7 @@ class FirmwareState(NamedTuple):
 
 def file_name() -> str:
     """The name of the A2L file that fits this firmware: a checksum of the names of all elements."""
-    measurements = (f"{place.name} {place.kind.__name__}" for place in ALL)
+    measurements = (f"{one.name} {one.kind.__name__}" for one in ALL)
     content = "\n".join((*measurements, *(parameter.name for parameter in TABLE)))
     return f"vibro_{zlib.crc32(content.encode()):08x}"
 

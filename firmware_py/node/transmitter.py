@@ -226,9 +226,9 @@ def next_frame(
     """Remove the first waiting frame, which is sent in `tick`; `NO_FRAME` if it cannot be encoded."""
     frame = first_waiting(now.waiting)
     # Faults and refusals share an identifier, and so a counter.
-    place = 4 * (FAULT.value if frame == REFUSAL.value else frame)
-    count = now.counts >> place & 15
+    lowest_bit = 4 * (FAULT.value if frame == REFUSAL.value else frame)
+    count = now.counts >> lowest_bit & 15
     packed, sendable = pack(config, now, frame, tick, state, outputs, count=count)
-    counts = now.counts & ~(15 << place) | (count + 1 & 15) << place
+    counts = now.counts & ~(15 << lowest_bit) | (count + 1 & 15) << lowest_bit
     now = now._replace(counts=counts, waiting=now.waiting & ~(1 << frame))
     return now, packed if sendable else NO_FRAME

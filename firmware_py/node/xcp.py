@@ -28,7 +28,7 @@ from firmware_py.interface.enums import XcpError
 from firmware_py.interface.generated import packing
 from firmware_py.interface.generated.parameters import Parameters
 from firmware_py.interface.generated.records import XcpCommand, XcpResponse
-from firmware_py.node.places import ALL, latch, word_at
+from firmware_py.node.elements import ALL, latch, word_at
 from firmware_py.node.tick import NodeState, Tx, add_frame
 
 RESPONSE, ERROR = 0xFF, 0xFE
@@ -71,7 +71,7 @@ ENTRIES_AT = LISTS_AT + MOST_LISTS * LIST_SIZE
 LATCHED_AT = ENTRIES_AT + MOST_ODTS
 PAGE_AT = LATCHED_AT + MOST_ODTS
 POOL = PAGE_AT + COUNT
-"""Size of the pool: session, text, lists, each ODT's place and latched value, and the staged characteristics
+"""Size of the pool: session, text, lists, each ODT's element and value, and the staged characteristics
 as bits of a float32."""
 
 SELECTED, TIME_STAMPED, RUNNING = 0x01, 0x10, 0x40
@@ -108,13 +108,13 @@ def set_address(pool: list[int], extension: int, address: int, is_fresh: bool) -
     return XcpError.NONE
 
 
-def read_element(pool: list[int], state: object, extension: int, place: int) -> int:
+def read_element(pool: list[int], state: object, extension: int, index: int) -> int:
     """The 32 bits of an element, or NO_ELEMENT."""
-    if extension == MEASUREMENTS and place < MEASURED:
-        return word_at(state, place)
-    if extension == CHARACTERISTICS and place < COUNT:
-        return NO_ELEMENT if pool[REQUEST] == REVERT else pool[PAGE_AT + place]
-    return pool[TEXT_AT + place] if extension == TEXT and place < TEXT_WORDS else NO_ELEMENT
+    if extension == MEASUREMENTS and index < MEASURED:
+        return word_at(state, index)
+    if extension == CHARACTERISTICS and index < COUNT:
+        return NO_ELEMENT if pool[REQUEST] == REVERT else pool[PAGE_AT + index]
+    return pool[TEXT_AT + index] if extension == TEXT and index < TEXT_WORDS else NO_ELEMENT
 
 
 def upload(pool: list[int], state: object, extension: int, address: int, size: int) -> XcpError:
@@ -226,11 +226,11 @@ def write_entry(pool: list[int], low: int, address: int) -> XcpError:
     """WRITE_DAQ: the measurement of an entry. Each ODT has one entry, so the pointer becomes invalid."""
     if pool[POINTER] == NO_POINTER:
         return XcpError.SEQUENCE
-    place = address // ELEMENT_BYTES
+    index = address // ELEMENT_BYTES
     is_element = low == 0xFF | ELEMENT_BYTES << 8 | MEASUREMENTS << 16 and address % ELEMENT_BYTES == 0
-    if not is_element or place >= MEASURED:
+    if not is_element or index >= MEASURED:
         return XcpError.OUT_OF_RANGE
-    pool[ENTRIES_AT + pool[POINTER]], pool[POINTER] = place, NO_POINTER
+    pool[ENTRIES_AT + pool[POINTER]], pool[POINTER] = index, NO_POINTER
     return XcpError.NONE
 
 
@@ -299,7 +299,7 @@ def next_packet(pool: list[int], at: int) -> XcpResponse:
 
 
 def next_list(pool: list[int], state: object) -> int:
-    """Run the DAQ lists for one tick; the place in the pool of the list that sends, or NO_POINTER.
+    """Run the DAQ lists for one tick; the index in the pool of the list that sends, or NO_POINTER.
 
     The list whose next sample is due first sends. Since the running lists need at most one packet per tick,
     this order (earliest deadline first) completes each sample before the next one.

@@ -83,8 +83,8 @@ class FlatNode(Node):
         self.run()
         frame_count, *words = _TX.unpack_from(self._sent)
         return [
-            Frame(words[place], bytes_of(words[place + 2], words[place + 1]))
-            for place in range(0, 3 * frame_count, 3)
+            Frame(words[index], bytes_of(words[index + 2], words[index + 1]))
+            for index in range(0, 3 * frame_count, 3)
         ]
 
     def calibrate(self) -> bool:

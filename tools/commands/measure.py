@@ -29,7 +29,7 @@ def measure(
 
     The bus carries one frame of samples per tick: one signal at 1 kHz or forty at 25 Hz, as float32.
     """
-    from firmware_py.node.places import ALL
+    from firmware_py.node.elements import ALL
     from tools.runs.measured import measure_signals
     from tools.xcp_master import Sampled
 

@@ -46,20 +46,20 @@ static int open_file(const char *name, uint32_t mode) {
 }
 
 /* Read `size` bytes; at the end of the input, end the emulator. */
-static void take(void *place, uint32_t size) {
+static void take(void *memory, uint32_t size) {
     while (size > 0) {
-        const uint32_t arguments[3] = {(uint32_t)input, (uint32_t)place, size};
+        const uint32_t arguments[3] = {(uint32_t)input, (uint32_t)memory, size};
         const uint32_t left = (uint32_t)semihosting(SYS_READ, arguments);
         if (left >= size) {
             end(0);
         }
-        place = (uint8_t *)place + (size - left);
+        memory = (uint8_t *)memory + (size - left);
         size = left;
     }
 }
 
-static void give(const void *place, uint32_t size) {
-    const uint32_t arguments[3] = {(uint32_t)output, (uint32_t)place, size};
+static void give(const void *memory, uint32_t size) {
+    const uint32_t arguments[3] = {(uint32_t)output, (uint32_t)memory, size};
     if (semihosting(SYS_WRITE, arguments) != 0) {
         end(1);
     }

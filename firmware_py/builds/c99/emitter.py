@@ -174,9 +174,9 @@ class Emitter:
     def prototypes(self) -> str:
         """The declarations of the functions that are called above their definition."""
         order = [one for functions in self.ordered().values() for one in functions]
-        place = {one: index for index, one in enumerate(order)}
+        number = {one: index for index, one in enumerate(order)}
         early = {
-            called for one in order for called in self.functions[one].calls if place[called] >= place[one]
+            called for one in order for called in self.functions[one].calls if number[called] >= number[one]
         }
         heads = (self.functions[one].head for one in order if one in early)
         return "\n".join(line for head in heads for line in wrap(f"{head};"))
@@ -198,8 +198,8 @@ class Emitter:
         begin, page = INITIAL.pool[: self.page_at], INITIAL.pool[self.page_at :]
         lines += [f"    state->pool[{index}] = {value};" for index, value in enumerate(begin) if value]
         lines += wrap(f"static const uint32_t PAGE[{len(page)}] = {{{', '.join(map(str, page))}}};", "    ")
-        lines.append(f"    for (int place = 0; place < {len(page)}; place++) {{")
-        return "\n".join([*lines, f"        state->pool[{self.page_at} + place] = PAGE[place];", "    }"])
+        lines.append(f"    for (int index = 0; index < {len(page)}; index++) {{")
+        return "\n".join([*lines, f"        state->pool[{self.page_at} + index] = PAGE[index];", "    }"])
 
     # -- The whole -------------------------------------------------------------------------------------------
 

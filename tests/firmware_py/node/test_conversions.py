@@ -33,7 +33,7 @@ from firmware_py.shell.parameters import ParameterError, config_from
 ROOT = Path(firmware_py.__file__).parent
 IN_A_TICK = [*ROOT.glob("core/**/*.py"), *ROOT.glob("node/*.py"), ROOT / "interface/framing.py"]
 CONVERSIONS = {"int": int, "round": round, "floor": math.floor, "ceil": math.ceil}
-REPLACED = {("firmware_py.node.places", "word_at")}
+REPLACED = {("firmware_py.node.elements", "word_at")}
 """Functions that compiled builds replace by others, which convert no float."""
 FOLLOWS = {"gait.follow": 1, "gait.lowest_ratio": 0.5}
 

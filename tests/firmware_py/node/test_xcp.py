@@ -15,7 +15,7 @@ from firmware_py.interface.enums import XcpCommandCode as Code
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated import kinds
 from firmware_py.interface.parameter_table import INDEX, TABLE
-from firmware_py.node import places, xcp
+from firmware_py.node import elements, xcp
 from firmware_py.node.memory import file_name
 from firmware_py.node.tick import NodeState
 from firmware_py.shell.builds import Build
@@ -195,7 +195,7 @@ def test_lists_that_fill_the_bus_lose_no_sample(seed: int) -> None:
         if most == 0:
             break
         count = dice.randrange(1, most + 1)
-        lists.append(([dice.randrange(len(places.ALL)) for _ in range(count)], prescaler))
+        lists.append(([dice.randrange(len(elements.ALL)) for _ in range(count)], prescaler))
         free -= count / prescaler
     one = connected()
     configure(one, lists)
@@ -217,13 +217,13 @@ def test_lists_that_fill_the_bus_lose_no_sample(seed: int) -> None:
         for k, packet in enumerate(own):
             tick, start = stamps[k // len(found)], 3 if packet[0] == first else 1
             word = int.from_bytes(packet[start : start + 4], "little")
-            assert word == places.word_at(states[tick], found[packet[0] - first])
+            assert word == elements.word_at(states[tick], found[packet[0] - first])
 
 
 def test_latching_reads_nothing_beyond_the_state() -> None:
     """A compiled build copies eight bytes from each member's address on; the last member has as many."""
-    assert places.ALL[-1].name == "counters.unsent"
-    assert places.ALL[-1].kind is int
+    assert elements.ALL[-1].name == "counters.unsent"
+    assert elements.ALL[-1].kind is int
     assert NodeState._fields[-1] == "counters"
 
 

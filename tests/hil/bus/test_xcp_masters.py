@@ -37,7 +37,7 @@ from firmware_py.interface.float32 import float32_bits
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated import kinds
 from firmware_py.interface.parameter_table import INDEX, TABLE, Parameter
-from firmware_py.node import places, xcp
+from firmware_py.node import elements, xcp
 from firmware_py.node.tick import NodeState
 from firmware_py.shell.builds import Build
 from firmware_py.shell.flat_node import FlatNode
@@ -50,7 +50,7 @@ from tools import cli
 from tools.output import EXIT_BAD_INPUT
 from tools.xcp_master import ACCEPTED_IDS, RefusedError, Sampled, SessionError, XcpMaster, XcpMasterError
 
-FLOATS = [place.name for place in places.ALL if place.kind is float and place.name.startswith("state.")]
+FLOATS = [place.name for place in elements.ALL if place.kind is float and place.name.startswith("state.")]
 SAMPLES, LONGEST_S = 12, 60.0
 """Samples of each list, and the longest time that they may take on a busy machine."""
 MOVING = ("state.crank.omega_rad_s", "state.estimator.x_m", "state.estimator.v_m_s", "outputs.torque_n_m")
@@ -100,7 +100,7 @@ class Running:
         state = self.states[tick]
         if isinstance(state, np.ndarray):
             state = from_flat(NodeState, state[0].item())
-        return places.word_at(state, places.INDEX[name])
+        return elements.word_at(state, elements.INDEX[name])
 
     def tick_of(self, names: Sequence[str], values: Sequence[float]) -> int:
         """The tick after which the measurements had these values; pyXCP's times begin at the first sample."""
@@ -239,7 +239,7 @@ def test_the_a2l_file_of_another_module_has_its_identifiers() -> None:
 
 
 def test_the_a2l_file_lists_every_measurement_and_parameter(description: Any) -> None:
-    assert addresses_of(description) == {a2l_name(one.name): 4 * k for k, one in enumerate(places.ALL)}
+    assert addresses_of(description) == {a2l_name(one.name): 4 * k for k, one in enumerate(elements.ALL)}
     found = {one.Name.Value: one for one in description.CHARACTERISTIC}
     assert set(found) == {one.name for one in TABLE} | {"calibration.commit"}
     for index, parameter in enumerate(TABLE):

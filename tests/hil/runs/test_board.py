@@ -20,7 +20,7 @@ from xcp_session import answered, ask, calibrate, command, commands_of, configur
 from firmware_py.builds import board
 from firmware_py.builds.flat import from_flat
 from firmware_py.interface.enums import XcpCommandCode, XcpError
-from firmware_py.node import places
+from firmware_py.node import elements
 from firmware_py.node.tick import NodeState
 from firmware_py.shell.board_node import (
     MEASURED_TICK,
@@ -107,10 +107,10 @@ def test_in_single_precision_the_measurements_are_the_members_of_its_own_state()
     """The offsets follow the state's layout: each measurement is read where the board has stored it."""
     node = SinglePrecisionBoardNode(config_from({}))
     ask(node, XcpCommandCode.CONNECT)
-    for index, place in enumerate(places.ALL):
+    for index, place in enumerate(elements.ALL):
         upload = command(XcpCommandCode.SHORT_UPLOAD, 4, 0, 0, *(4 * index).to_bytes(4, "little"))
         sent = node.tick([upload], 1)
-        word = places.word_at(from_flat(NodeState, node.memory[0].item()), index)
+        word = elements.word_at(from_flat(NodeState, node.memory[0].item()), index)
         assert int.from_bytes(answered(node, sent)[1:5], "little") == word, place.name
 
 
@@ -154,7 +154,7 @@ def test_measurement_costs_few_instructions() -> None:
     All forty are converted in one tick of forty, which costs more than the others.
     """
     quiet, asked = MeasuredNode(), MeasuredNode()
-    places_of_floats = [index for index, place in enumerate(places.ALL) if place.kind is float][:40]
+    places_of_floats = [index for index, place in enumerate(elements.ALL) if place.kind is float][:40]
 
     def cost(ticks: int) -> list[float]:
         while len(quiet.instructions) < len(asked.instructions):

@@ -8,7 +8,7 @@ from firmware_py.node.tick import NodeState
 FLOAT32_INFINITY = 0x7F800000
 
 
-class Place(NamedTuple):
+class Element(NamedTuple):
     """One measurement: its name with dots and indices, its type, and the path of indices to it."""
 
     name: str
@@ -23,31 +23,34 @@ def members_of(kind: Any) -> dict[str, Any]:
     return get_type_hints(kind) if hasattr(kind, "_fields") else {}
 
 
-def places_of(kind: Any, name: str, path: tuple[int, ...]) -> list[Place]:
+def elements_of(kind: Any, name: str, path: tuple[int, ...]) -> list[Element]:
     """The numbers, enums and truth values within a record or one of its members, in the order of memory."""
-    found: list[Place] = []
+    found: list[Element] = []
     for index, (member, item) in enumerate(members_of(kind).items()):
-        found += places_of(item, f"{name}.{member}" if name else member, (*path, index))
-    return found or [Place(name, kind, path)]
+        found += elements_of(item, f"{name}.{member}" if name else member, (*path, index))
+    return found or [Element(name, kind, path)]
 
 
 ALL = tuple(
-    place._replace(name=place.name.replace("core.", "state.", 1)) if place.name.startswith("core.") else place
-    for place in places_of(NodeState, "", ())
+    element._replace(name=element.name.replace("core.", "state.", 1))
+    if element.name.startswith("core.")
+    else element
+    for element in elements_of(NodeState, "", ())
 )
 """All measurements, named as in a run's log; a measurement's address is four times its index."""
 
-INDEX = {place.name: index for index, place in enumerate(ALL)}
+INDEX = {element.name: index for index, element in enumerate(ALL)}
 
 
-def word_at(memory: Any, place: int) -> int:
+def word_at(memory: Any, index: int) -> int:
     """The 32 bits of a measurement: float32, rounded once, or the lowest bits of an integer.
 
     `memory` is a `NodeState`; a compiled build reads the same member at the state's address.
     """
-    for index in ALL[place].path:
-        memory = memory[index]
-    if ALL[place].kind is not float:
+    element = ALL[index]
+    for member in element.path:
+        memory = memory[member]
+    if element.kind is not float:
         return int(memory) & 0xFFFFFFFF
     if not abs(memory) >= FLOAT32_OVERFLOW:  # NaN is no overflow
         return float32_bits(memory)
@@ -55,6 +58,6 @@ def word_at(memory: Any, place: int) -> int:
 
 
 def latch(memory: Any, pool: list[int], source: int, target: int, count: int) -> None:
-    """Copy measurements: `pool[target + k]` becomes that of the place `pool[source + k]`, for k < `count`."""
+    """Copy measurements: `pool[target + k]` becomes number `pool[source + k]`, for k < `count`."""
     for index in range(count):
         pool[target + index] = word_at(memory, pool[source + index])
