@@ -5,15 +5,7 @@ from typing import NamedTuple
 from firmware_py.core.control import hold, speed, spin_down, start
 from firmware_py.core.estimation import crank, detector, estimator_state, regime
 from firmware_py.core.gait import gait, gait_lock, stride_harmonic
-from firmware_py.core.safety import (
-    consent,
-    drive_link,
-    gate,
-    monitors,
-    own_crank,
-    supervisor,
-    watchdog_proof,
-)
+from firmware_py.core.safety import consent, drive_link, gate, monitors, own_crank, supervisor, watchdog_proof
 from firmware_py.interface.enums import ActingLimit, Fault, Mode, Refusal, Regime
 from firmware_py.interface.zeroed import zeroed
 

@@ -96,12 +96,7 @@ def continues(kind: FrameKind, step: int, age_ticks: int, tick_s: float) -> bool
 
 
 def accept(
-    before: Arrival,
-    counters: Counters,
-    kind: FrameKind,
-    reason: FrameErrorReason,
-    word: int,
-    now: Now,
+    before: Arrival, counters: Counters, kind: FrameKind, reason: FrameErrorReason, word: int, now: Now
 ) -> tuple[Arrival, Counters, bool]:
     """Decide whether a frame may be used: `(arrival, counters, usable)`; it counts no usable frames."""
     if reason != ACCEPTED:
