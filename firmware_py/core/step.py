@@ -51,7 +51,7 @@ def sense(config: Config, state: State, inputs: Inputs, touching: bool) -> tuple
     )
     detector_now, contact = detector.step(config.detector, nominal, state.detector, predicted)
     estimate = estimator.correct(
-        config.estimator, nominal, state.estimator, predicted, contact, inputs.measurements, crank_now
+        config.estimator, nominal, state.estimator, predicted, contact, inputs.measurements, crank=crank_now
     )
     regime_now = regime.step(state.regime, crank_now, contact, predicted.sensor.acceleration_m_s2)
     return state._replace(
@@ -117,7 +117,7 @@ def choose_request(config: Config, state: State, contact: Contact, inputs: Input
         impact_n_s=state.detector.impulse_n_s,
     )
     cycle, lock, harmonic, request = follow.ask(
-        config.p, config.gait, state.gait, state.gait_lock, state.stride_harmonic, inputs, now
+        config.p, config.gait, state.gait, state.gait_lock, state.stride_harmonic, inputs, now=now
     )
     return state._replace(gait=cycle, gait_lock=lock, stride_harmonic=harmonic), request
 

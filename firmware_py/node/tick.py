@@ -157,7 +157,7 @@ def tick(config: Config, state: NodeState, inbox: list[int]) -> tuple[NodeState,
     inputs = inputs_of(received, now.tick)
     gate_now, found = gate.judge(config.gate, gate_now, inputs)
     core, outputs = step(config, state.core, inputs, found, behind_ticks == 0)
-    core, outputs = permit(config, core, outputs, gate_now, found, inputs, behind_ticks == 0)
+    core, outputs = permit(config, core, outputs, gate_now, found, inputs, is_current=behind_ticks == 0)
     waiting, lost, tx = transmit(
         config,
         state.waiting,

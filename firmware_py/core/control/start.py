@@ -307,5 +307,5 @@ def step(
     needs_impacts = request.ratio >= p.start.capture_ratio
     if state.stage in (REST, STOP):
         return begin_start(p, nominal, omega_rad_s, goal_rad_s)
-    now = move_target(p, nominal, state, goal_rad_s, needs_impacts, regime, request)
+    now = move_target(p, nominal, state, goal_rad_s, needs_impacts, regime, request=request)
     return bound_search(p, now, mode, needs_impacts)

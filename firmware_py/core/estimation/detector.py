@@ -152,7 +152,10 @@ def step_in_flight(
     limit_m_s2 = own.floor_m_s2 + dry_m_s2 + SIGMAS * predicted.spread_m_s2
     blind_ticks = max(state.blind_ticks - 1, 0)
     suspected = fresh and blind_ticks == 0 and excess_m_s2 > limit_m_s2
-    if not (suspected and may_touch(own, nominal, state, predicted, excess_m_s2, limit_m_s2, coming_m_s)):
+    if not (
+        suspected
+        and may_touch(own, nominal, state, predicted, excess_m_s2, limit_m_s2, coming_m_s=coming_m_s)
+    ):
         quiet = state._replace(
             contact_ticks=0,
             blind_ticks=blind_ticks,

@@ -30,7 +30,7 @@ trapezoid of z plus τ times its change.
 import math
 from typing import NamedTuple
 
-from firmware_py.core.elementary import sin, sine_cosine
+from firmware_py.core.elementary import sin
 from firmware_py.core.estimation import accelerometer as sensing
 from firmware_py.core.estimation import kalman
 from firmware_py.core.estimation.accelerometer import SensorState, sense
@@ -49,7 +49,7 @@ from firmware_py.core.estimation.newton import (
     restitution_variance,
     stop_variance,
 )
-from firmware_py.core.estimation.striker_model import Nominal
+from firmware_py.core.estimation.striker_model import Nominal, known_part
 from firmware_py.core.inputs import AccelerometerInput
 from firmware_py.core.measurements import Measurements, model_sensors
 from firmware_py.core.numbers import at_least, in_ticks
@@ -394,24 +394,6 @@ def add_doubt(estimate: StateEstimate, doubt: float) -> StateEstimate:
     p = estimate.p
     faster = INITIAL_COVARIANCE.vv if doubt > 0.0 else 0.0
     return estimate._replace(p=p._replace(xx=p.xx + doubt, vv=p.vv + faster))
-
-
-def known_part(nominal: Nominal, estimate: StateEstimate, angle_rad: float, omega_rad_s: float) -> float:
-    """The part of the model's delayed acceleration that does not depend linearly on the state, m/s².
-
-    a_d = a − τ a' with a' = −(c/m) (x' − x_A') − (b/m) a
-    """
-    delay_s, amplitude_m = nominal.sensor_delay_s, nominal.drive.amplitude_m
-    sine, cosine = sine_cosine(angle_rad)
-    crank_m = amplitude_m * sine
-    crank_m_s = amplitude_m * cosine * omega_rad_s
-    rest_m = nominal.striker.rest_length_m + crank_m
-    known = nominal.stiffness_1_s2 * ((1.0 + delay_s * nominal.damping_1_s) * rest_m - delay_s * crank_m_s)
-    if estimate.v_m_s > 0.0:
-        known -= nominal.dry_m_s2
-    elif estimate.v_m_s < 0.0:
-        known += nominal.dry_m_s2
-    return known
 
 
 def two_sigma_m_s(estimate: StateEstimate) -> float:

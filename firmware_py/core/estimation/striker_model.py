@@ -7,9 +7,9 @@ every bit of it.
 import math
 from typing import NamedTuple
 
-from firmware_py.core.elementary import sin
+from firmware_py.core.elementary import sin, sine_cosine
 from firmware_py.core.estimation import stop_model
-from firmware_py.core.estimation.kalman import Row, Transition
+from firmware_py.core.estimation.kalman import Row, StateEstimate, Transition
 from firmware_py.core.numbers import TAU, in_ticks
 from firmware_py.interface.generated.parameters import Drive, Parameters, Stop, Striker
 
@@ -48,6 +48,24 @@ def model_acceleration(nominal: Nominal, angle_rad: float, x_m: float, v_m_s: fl
         friction -= nominal.dry_m_s2
     stretch_m = x_m - nominal.striker.rest_length_m - nominal.drive.amplitude_m * sin(angle_rad)
     return -(nominal.stiffness_1_s2 * stretch_m) - friction
+
+
+def known_part(nominal: Nominal, estimate: StateEstimate, angle_rad: float, omega_rad_s: float) -> float:
+    """The part of the model's delayed acceleration that does not depend linearly on the state, m/s².
+
+    a_d = a − τ a' with a' = −(c/m) (x' − x_A') − (b/m) a
+    """
+    delay_s, amplitude_m = nominal.sensor_delay_s, nominal.drive.amplitude_m
+    sine, cosine = sine_cosine(angle_rad)
+    crank_m = amplitude_m * sine
+    crank_m_s = amplitude_m * cosine * omega_rad_s
+    rest_m = nominal.striker.rest_length_m + crank_m
+    known = nominal.stiffness_1_s2 * ((1.0 + delay_s * nominal.damping_1_s) * rest_m - delay_s * crank_m_s)
+    if estimate.v_m_s > 0.0:
+        known -= nominal.dry_m_s2
+    elif estimate.v_m_s < 0.0:
+        known += nominal.dry_m_s2
+    return known
 
 
 def free_flight(stiffness_1_s2: float, damping_1_s: float, dt_s: float) -> Transition:

@@ -99,5 +99,5 @@ def test_speeds_stay_below_the_limit() -> None:
 
 
 def test_only_where_a_gait_is_followed() -> None:
-    assert config_from({}).spin_down.longest_s == 0.0
+    assert spin_down.longest_s(config_from({}).p) == 0.0
     assert spin_down.longest_s(CONFIG.p) == 2.0

@@ -81,8 +81,8 @@ def test_a_fast_crank_is_first_brought_below_resonance() -> None:
 
 
 def test_a_rise_that_is_quicker_than_the_approach_goes_straight_to_its_target() -> None:
-    quick = config_from({"start.rise_s": 0.1}).start
-    assert start.begin_start(quick, 0.0, 12.0).stage == Stage.RISE
+    quick = config_from({"start.rise_s": 0.1})
+    assert start.begin_start(quick.p, quick.nominal, 0.0, 12.0).stage == Stage.RISE
 
 
 def test_impacts_in_consecutive_periods_capture() -> None:
