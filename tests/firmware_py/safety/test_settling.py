@@ -5,6 +5,7 @@ import pytest
 from firmware_py.core.safety import gate, own_crank
 from firmware_py.core.safety.gate import ContactState
 from firmware_py.interface.enums import Fault
+from firmware_py.interface.generated.records import Accelerometer
 from firmware_py.shell.parameters import config_from
 
 LIMITS = config_from({}).gate
@@ -83,5 +84,5 @@ def test_the_monitors_know_no_pull_before_the_first_reading() -> None:
 def test_the_first_reading_after_a_silence_is_a_tick_of_settling() -> None:
     silent = gate.INITIAL._replace(counter=7, reading_ticks=LIMITS.sensor_ticks + 2)
     for counter in (8, 60):
-        state = gate.take_reading(LIMITS, silent, gate.GateReading(0.0, 5.0, 0.0, counter))
+        state = gate.take(LIMITS, silent, Accelerometer(0.0, 5.0, 0.0), counter)
         assert (state.contact.readings, state.contact.ticks) == (1, 1)
