@@ -104,4 +104,4 @@ def rest(context: Context, found: Findings) -> None:
     found.axes = ("time in s", "acceleration in m/s²")
 
 
-AT_REST = Step("at-rest", "It sends nothing and reads the sensors at rest.", "", lambda _: NOTHING, rest)
+AT_REST = Step("at-rest", "It sends nothing and reads the sensors at rest.", "", 3.0, lambda _: NOTHING, rest)

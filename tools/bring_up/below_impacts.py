@@ -107,6 +107,7 @@ BELOW_IMPACTS = Step(
     "It finds spring, crank radius, the encoder's zero and friction from a slow sweep of the crank's speed.",
     "The firmware turns the crank at three speeds for half a minute; the striker swings and does not reach "
     "the stop.",
+    40.0,
     bound,
     sweep,
 )

@@ -12,17 +12,18 @@ import numpy as np
 
 from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
-from firmware_py.interface.enums import Regime
+from firmware_py.interface.enums import Fault, Regime
 from firmware_py.interface.frame import Frame
 from hil.scenario.operator import Command, Request
 from hil.timing.clock import TICK_S
 from tools.bring_up.below_impacts import FORCE_SHARE, cautious
+from tools.bring_up.listen import Listener
 from tools.bring_up.module_fit import fit_module, largest_in, natural_rad_s
-from tools.bring_up.operated import LatchedFaultError, Operated
+from tools.bring_up.operated import LatchedFaultError, Operated, RatioTooHighError
 from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.campaign.identified import PER_TURN, explain_no_hold
 from tools.tuning.identification.identify import GRAZING_M_S
-from tools.tuning.result import Value, make_value
+from tools.tuning.result import make_value
 
 ENOUGH, FEWEST = 14, 7
 FIRST_RATIO, LAST_RATIO, STEP_RATIO, STEP_S = 0.65, 1.0, 0.005, 0.3
@@ -30,13 +31,15 @@ STEEP_M_S2, STEEP_TICKS, AGAIN_TICKS = 4.0, 6, 80
 """An impact changes the reading by this within these periods; the next one is at least 80 periods away."""
 GAP_MARGIN_M = 0.02
 """A striker that swings this far beyond the data sheet's gap has no stop there."""
+HARD_SHARE = 0.5
+"""Share of the module's force limit for the approach to a hard stop, which the user has to agree to."""
+RESTING_S = 10.0
+"""Time in which the module comes to rest after a fault."""
 HARD_M_S = 1.2
 """Approach speed that the hold's force limit allows for, with a factor of 1.5."""
 HOLD_S, JUDGED_S, SHOWN = 16.0, 8.0, 400
 TORQUE_N_M = 0.5
 REVERSED = "wiring.striker_reversed"
-FROM_THE_SWEEP = ("friction.b_n_s_m", "friction.mu")
-"""Parameters that several speeds show better than one."""
 
 
 class Watched(Operated):
@@ -111,9 +114,23 @@ def approach(context: Context, found: Findings) -> dict[str, float]:
         Command(0.0 if number == 0 else 5.0 + number * STEP_S, Request.RUN, FIRST_RATIO + number * STEP_RATIO)
         for number in range(count + 1)
     ]
-    player = Watched(commands, 5.0 + (count + 8) * STEP_S, context.values, ENOUGH)
-    limit_n = FORCE_SHARE * context.values["limit.force_n"]
-    context.bench.play(player, player.longest_s, log, cautious(context, first_bound(context), limit_n))
+
+    def play(share: float) -> Watched:
+        player = Watched(commands, 5.0 + (count + 8) * STEP_S, context.values, ENOUGH)
+        limit_n = share * context.values["limit.force_n"]
+        context.bench.play(player, player.longest_s, log, cautious(context, first_bound(context), limit_n))
+        return player
+
+    try:
+        player = play(FORCE_SHARE)
+    except LatchedFaultError as error:
+        if error.fault != Fault.FORCE_LIMIT or not context.asks(
+            f"{error}: the stop is hard, and its first impacts exceed {FORCE_SHARE:.0%} of the module's "
+            f"force limit. Repeat the approach at {HARD_SHARE:.0%}?"
+        ):
+            raise
+        context.bench.play(Listener(), RESTING_S, log)
+        player = play(HARD_SHARE)
     found.notes += player.notes
     if len(player.seen) < FEWEST:
         raise StepFailedError(
@@ -139,20 +156,10 @@ def approach(context: Context, found: Findings) -> dict[str, float]:
     return values
 
 
-def keep_narrower(found: Findings, context: Context, new: dict[str, Value], names: Sequence[str]) -> None:
-    """Take the new values whose intervals are narrower than those before."""
-    for name in names:
-        before = found.parameters.get(name) or context.bounds.get(name)
-        if name not in new:
-            continue
-        if before is None or new[name].high - new[name].low < before.high - before.low:
-            found.parameters[name] = new[name]
-
-
 def first_impacts(context: Context, found: Findings) -> None:
     """The approach, its fit, the hold at the wanted ratio, and the fit of the hold."""
     values = approach(context, found)
-    new, identified, readings = fit_module([context.log("first-impacts")], values, last_s=JUDGED_S)
+    new, identified, readings = fit_module([context.log("first-impacts")], values)
     if "stop.position_m" not in new:
         raise StepFailedError(
             f"{len(identified.impacts)} impacts faster than {GRAZING_M_S} m/s are too few for the stop; "
@@ -163,11 +170,7 @@ def first_impacts(context: Context, found: Findings) -> None:
     t_s = np.arange(len(readings.angle_rad))[begin:end] * readings.period_s
     found.curves = [Curve("acceleration, first impacts", t_s, readings.acceleration_m_s2[begin:end])]
     found.axes = ("time in s", "acceleration in m/s²")
-    is_turned = values[REVERSED] != context.values[REVERSED]
-    if is_turned:  # the other sign puts the piston's zero half a turn on
-        zero = new["crank.zero_rad"]
-        found.parameters["crank.zero_rad"] = zero
-    keep_narrower(found, context, new, [name for name in new if name not in FROM_THE_SWEEP])
+    found.parameters |= new
     values |= {name: one.value for name, one in found.parameters.items()}
     hold(context, found, values)
 
@@ -210,7 +213,7 @@ def hold(context: Context, found: Findings, values: dict[str, float]) -> None:
     log = context.log("hold")
     try:
         context.bench.play(player, player.longest_s, log, held)
-    except LatchedFaultError as error:
+    except (LatchedFaultError, RatioTooHighError) as error:
         raise StepFailedError(with_reason(str(error), values, context.ratio)) from error
     found.notes += player.notes
     end = player.ended_tick
@@ -225,8 +228,7 @@ def hold(context: Context, found: Findings, values: dict[str, float]) -> None:
     speed_m_s, impulse_n_s = np.median([(one.approach_speed_m_s, one.impulse_n_s) for one in hits], axis=0)
     found.add("approach speed in the hold", speed_m_s, "m/s")
     found.add("impulse in the hold", impulse_n_s, "N s")
-    new, _, _ = fit_module([log], values, last_s=JUDGED_S)
-    keep_narrower(found, context, new, [name for name in new if name not in FROM_THE_SWEEP])
+    found.parameters |= fit_module([context.log("first-impacts"), log], values)[0]
     mass_kg = values["striker.mass_kg"]
     parts = [largest_in(one, mass_kg) for one in (context.log("first-impacts"), log)]
     found.largest = Largest(*np.max(np.array(parts), axis=0).tolist())
@@ -237,6 +239,7 @@ FIRST_IMPACTS = Step(
     "It raises the speed to the first impacts, fits the stop, and then holds the wanted speed.",
     "The firmware turns the crank faster until the striker meets the stop, at a quarter of the module's "
     "force limit; then it starts to the wanted speed and holds it.",
+    50.0,
     first_bound,
     first_impacts,
 )

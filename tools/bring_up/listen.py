@@ -42,7 +42,7 @@ ALL_REPORTS = "set the rates of the drive's cyclic messages as the page on frame
 class Listener:
     """Keeps every frame with the period in which it arrived."""
 
-    moves = False
+    moves, doing = False, "nothing moves"
 
     def __init__(self) -> None:
         self.frames: list[tuple[int, Frame]] = []
@@ -147,4 +147,6 @@ def listen(context: Context, found: Findings) -> None:
     found.axes = ("time in s", "samples of the accelerometers a period")
 
 
-LISTEN = Step("listen", "It sends nothing and counts the frames on the bus.", "", lambda _: NOTHING, listen)
+LISTEN = Step(
+    "listen", "It sends nothing and counts the frames on the bus.", "", 3.0, lambda _: NOTHING, listen
+)

@@ -15,7 +15,7 @@ from tools.bring_up.step import Largest, StepFailedError
 from tools.output import BadInputError
 from tools.tuning.identification.first_values import StillStrikerError, fit_signed
 from tools.tuning.identification.flights import STILL_M_S2, contacts_of, flights_of
-from tools.tuning.identification.friction_laws import QUADRATURE
+from tools.tuning.identification.friction_laws import QUADRATURE, Law
 from tools.tuning.identification.identify import (
     FEWEST_IMPACTS,
     NORMAL_95,
@@ -161,14 +161,27 @@ def fit_module(
         }
     parameters = {}
     for name, (key, factor, base) in places.items():
-        value, wide = found.values[key] * factor + base, NORMAL_95 * abs(found.spread[key] * factor)
         least = 0.0 if name.startswith("friction.") else -math.inf
-        bounds = (max(one, least) for one in (value, value - wide, value + wide))
-        parameters[name] = make_value(name, *bounds)
+        bounds = (max(one * factor + base, least) for one in value_with_bounds(found, key))
+        value, one, other = bounds
+        parameters[name] = make_value(name, value, min(one, other), max(one, other))
     reachable = reachable_ratio({**values} | {name: one.value for name, one in parameters.items()})
     if reachable < values["start.highest_ratio"]:
         parameters["start.highest_ratio"] = make_value("start.highest_ratio", reachable)
     return parameters, found, readings
+
+
+def value_with_bounds(found: Identified, key: str) -> tuple[float, float, float]:
+    """A value of the fit with 95 % bounds.
+
+    A part of the friction that the chosen law lacks is 0; the law with both parts says how large it may be.
+    """
+    value, wide = found.values[key], NORMAL_95 * found.spread[key]
+    both = found.fits[Law.BOTH]
+    if key in both.spread and key not in found.fit.spread:
+        middle, wide = getattr(both.striker, key), NORMAL_95 * both.spread[key]
+        return value, min(value, middle - wide), max(value, middle + wide)
+    return value, value - wide, value + wide
 
 
 def natural_rad_s(values: Mapping[str, float]) -> float:

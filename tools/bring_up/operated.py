@@ -6,7 +6,7 @@ from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
 from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.generated.records import FaultEvent, FirmwareHeartbeat, ImpactEvent
+from firmware_py.interface.generated.records import ClearErrors, FaultEvent, FirmwareHeartbeat, ImpactEvent
 from hil.scenario.operator import Command, OperatorNode, Request
 from hil.timing.clock import TICK_S
 from tools.bring_up.step import StepFailedError
@@ -28,6 +28,21 @@ OLDEST_ENCODER_S = 0.1
 
 class LatchedFaultError(StepFailedError):
     """The firmware has stopped the module with a fault."""
+
+    def __init__(self, about: str, fault: Fault) -> None:
+        super().__init__(about)
+        self.fault = fault
+
+
+class RatioTooHighError(StepFailedError):
+    """The module's impacts do not last at the requested ratio, or come later than the firmware holds them."""
+
+
+HINTS = {
+    Fault.SENSOR_TIMEOUT: ": samples came late or not at all. End other work on this machine, look at the "
+    "sensors' plugs and the adapter, then repeat the step",
+}
+"""What to do about a fault that other causes than the module's have too."""
 
 
 class Operated:
@@ -61,6 +76,14 @@ class Operated:
         """The regime reported as the script ended."""
 
     @property
+    def doing(self) -> str:
+        """See `Player`."""
+        if self.beat is None:
+            return "the firmware starts"
+        speed_rad_s, mode = self.beat.target_omega_rad_s, Mode(self.beat.mode).name
+        return f"{mode}, the crank at up to {speed_rad_s:.1f} rad/s, {len(self.impacts)} impacts"
+
+    @property
     def longest_s(self) -> float:
         """The longest duration of the whole script with its stop."""
         return self._end_tick * TICK_S + LONGEST_STOP_S + LONGEST_REST_S + STILL_S
@@ -92,7 +115,9 @@ class Operated:
         if tick < self._node.due_tick:
             return ()
         waiting, self._waiting = self._waiting, []
-        return self._node.publish(tick, waiting)
+        # The E-stop of a step before has latched an error in the drive, with which no firmware becomes ready.
+        cleared = [codec.CLEAR_ERRORS.encode(ClearErrors(0))] if tick == 0 else []
+        return [*cleared, *self._node.publish(tick, waiting)]
 
     def _is_turning(self, free_tick: int) -> bool:
         """Whether the crank may still turn after a stop that has ended by STOP_FAILED."""
@@ -131,10 +156,17 @@ class Operated:
             return
 
     def _stop_for(self, event: FaultEvent) -> None:
+        if event.fault == Fault.REQUEST_REFUSED and event.refusal == Refusal.RATIO_TOO_HIGH:
+            raise RatioTooHighError(
+                "the firmware cannot hold this ratio (RATIO_TOO_HIGH): no impacts last there, or they come "
+                "too late past the dead centre; ask for a lower --ratio"
+            )
         if event.fault == Fault.REQUEST_REFUSED:
             raise StepFailedError(f"the firmware refused the request: {Refusal(event.refusal).name}")
         if event.fault == Fault.STOP_FAILED and self._is_ending:
             self._free_tick = self._turning_tick = self.tick
             return
         drive = f", the drive's reason {event.disarm_reason:#x}" if event.disarm_reason else ""
-        raise LatchedFaultError(f"the firmware stopped the module: {Fault(event.fault).name}{drive}")
+        hint = HINTS.get(Fault(event.fault), "")
+        about = f"the firmware stopped the module: {Fault(event.fault).name}{drive}{hint}"
+        raise LatchedFaultError(about, Fault(event.fault))

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import tomli_w
 
-from firmware_py.shell.parameters import DEFAULTS, with_overrides
+from firmware_py.shell.parameters import DEFAULTS, ParameterError, with_overrides
 from hil.record.damage import reading
 from hil.record.formats import KEY, PARAMETERS, refuse_other_format
 from hil.record.new_file import MOST_NOTE_BYTES, is_regular, write_anew
@@ -153,7 +153,7 @@ class Session:
         user = self._user
         context = Context(self._bench, self._folder, values, bounds, user.agrees, user.says, self._ratio)
         bound, found = step.bound(context), Findings()
-        self._user.says(f"{step.name}: {step.does}")
+        self._user.says(f"{step.name}: {step.does} It takes about {step.lasts_s:.0f} s.")
         reason = "interrupted: the module was stopped; the same command repeats the step"
         try:
             if step.moves:
@@ -161,7 +161,11 @@ class Session:
                 if not self._user.agrees(f"Begin the step {step.name}?"):
                     raise StepFailedError("not agreed to; nothing has moved")
             step.run(context, found)
+            with_overrides(values | {name: one.value for name, one in found.parameters.items()})
             reason = ""
+        except ParameterError as error:
+            found.parameters.clear()
+            reason = f"what was found cannot be: {error}; look at the report, then repeat the step"
         except (StepFailedError, BadInputError) as error:
             reason = str(error)
         except ConnectionError as error:

@@ -29,6 +29,10 @@ class Player(Protocol):
     moves: bool
     """Whether the step may move the module; then an E-stop follows its interruption."""
 
+    @property
+    def doing(self) -> str:
+        """What moves at present, for the terminal."""
+
     def play(self, tick: int, received: Sequence[Frame]) -> Sequence[Frame] | None:
         """The frames to send in this period, after those received since the last; None: the step has ended.
 
@@ -122,10 +126,14 @@ class Context:
 
 
 class Step(NamedTuple):
-    """One step: `moves` says in a sentence what it will move, empty if nothing; `bound` holds it within."""
+    """One step: `moves` says in a sentence what it will move, empty if nothing; `bound` holds it within.
+
+    `lasts_s`: about how long, for the terminal.
+    """
 
     name: str
     does: str
     moves: str
+    lasts_s: float
     bound: Callable[[Context], Largest]
     run: Callable[[Context, Findings], None]

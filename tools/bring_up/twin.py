@@ -18,9 +18,9 @@ from hil.record.candump import StoredBus
 from hil.record.new_file import write_anew
 from hil.scenario.operator import Command, Request
 from plant_sim.scene import load_scene
-from tools.bring_up.first_impacts import HOLD_S, JUDGED_S
+from tools.bring_up.first_impacts import HOLD_S, JUDGED_S, with_reason
 from tools.bring_up.lockstep import LockstepBench
-from tools.bring_up.operated import BEGUN_S, Operated
+from tools.bring_up.operated import BEGUN_S, LatchedFaultError, Operated, RatioTooHighError
 from tools.bring_up.step import NOTHING, Context, Curve, Findings, Step, StepFailedError
 from tools.campaign.campaigns import CAMPAIGNS, run_trial
 from tools.campaign.identified import scene_of, settings_on_twin, without_wiring
@@ -50,7 +50,17 @@ def impacts_in(log: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
 
 
 def prove(context: Context, found: Findings) -> None:
-    """Write the scene, repeat the hold on the twin, and run the safety scenarios on it."""
+    """Write the twin's scene and prove it; a failure says whether the twin has steady impacts at all."""
+    try:
+        prove_twin(context, found)
+    except (LatchedFaultError, RatioTooHighError) as error:
+        raise StepFailedError(with_reason(f"on the twin {error}", context.values, context.ratio)) from error
+    except StepFailedError as error:
+        raise StepFailedError(with_reason(str(error), context.values, context.ratio)) from error
+
+
+def prove_twin(context: Context, found: Findings) -> None:
+    """Repeat the hold on the twin, run the safety scenarios on it, and start modules within the intervals."""
     scene = scene_of(context.values)
     values = with_overrides(without_wiring(context.values))
     write_anew(context.folder / SCENE, tomli_w.dumps(scene))
@@ -117,6 +127,7 @@ TWIN = Step(
     "It writes the module as a scene, repeats the hold on this twin, runs the safety scenarios on it, and "
     "starts modules within the intervals.",
     "",
+    60.0,
     lambda _: NOTHING,
     prove,
 )

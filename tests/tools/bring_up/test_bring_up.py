@@ -9,7 +9,7 @@ import pytest
 import tomli_w
 
 from firmware_py.interface import codec
-from firmware_py.interface.enums import AxisState, Fault
+from firmware_py.interface.enums import AxisState, Fault, Mode, Refusal
 from firmware_py.interface.generated.records import EncoderEstimates, FaultEvent, FirmwareHeartbeat
 from firmware_py.shell.parameters import ParameterError, with_overrides
 from hil.record.formats import PARAMETERS
@@ -17,8 +17,10 @@ from hil.record.run_folder import RunFolderError
 from hil.scenario.parameter_file import read_document, values_of
 from hil.timing.clock import TICK_S
 from tools import cli
-from tools.bring_up.first_impacts import hold
-from tools.bring_up.operated import BEGUN_S, LatchedFaultError, Operated
+from tools.bring_up import session
+from tools.bring_up.first_impacts import approach, hold
+from tools.bring_up.listen import LISTEN
+from tools.bring_up.operated import BEGUN_S, LatchedFaultError, Operated, RatioTooHighError
 from tools.bring_up.session import STATE, Session, User, read_state
 from tools.bring_up.step import NOTHING, Context, Findings, StepFailedError
 from tools.bring_up.trials import BROKEN as BROKEN_MODULES
@@ -206,9 +208,9 @@ class Ends:
 
 
 HOLDS = {
-    "a fault": (LatchedFaultError("it stopped"), {}, "it stopped"),
+    "a fault": (LatchedFaultError("it stopped", Fault.OVERSPEED), {}, "it stopped"),
     "a fault of a module without impacts": (
-        LatchedFaultError("it stopped"),
+        RatioTooHighError("it stopped"),
         {"friction.mu": 0.12},
         "lower --ratio",
     ),
@@ -339,3 +341,61 @@ def test_an_interruption_in_motion_is_an_e_stop_and_the_step_is_repeated(tmp_pat
     assert bench.plant.node.drive.axis.state == AxisState.IDLE
     assert abs(bench.plant.node.plant.now.omega_rad_s) < 0.5
     assert brought_up(bench, tmp_path / "out", "drive")["passed"]
+
+
+@pytest.mark.parametrize("is_asked", [True, False])
+def test_a_ratio_that_is_too_high_says_that_the_impacts_end(is_asked: bool) -> None:
+    refusal = Refusal.RATIO_TOO_HIGH if is_asked else Refusal.CRANK_TOO_FAST
+    event = FaultEvent(*[0] * len(FaultEvent._fields))
+    refused = codec.FAULT_EVENT.encode(event._replace(fault=Fault.REQUEST_REFUSED, refusal=refusal))
+    with pytest.raises(StepFailedError, match="no impacts last" if is_asked else "CRANK_TOO_FAST"):
+        Operated([], 0.0).play(0, [refused])
+
+
+def test_a_silent_sensor_names_the_remedy() -> None:
+    event = FaultEvent(*[0] * len(FaultEvent._fields))._replace(fault=Fault.SENSOR_TIMEOUT)
+    with pytest.raises(LatchedFaultError, match="End other work on this machine"):
+        Operated([], 0.0).play(0, [codec.FAULT_EVENT.encode(event)])
+
+
+@pytest.mark.parametrize("agrees", [True, False])
+def test_a_hard_stop_is_approached_again_after_a_yes(agrees: bool, tmp_path: Path) -> None:
+    values = with_overrides({"limit.force_n": 1000.0})
+    bench = Ends(LatchedFaultError("it stopped: FORCE_LIMIT", Fault.FORCE_LIMIT))
+    context = Context(bench, tmp_path, values, {}, lambda _: agrees, lambda _: None, 1.25)
+    with pytest.raises(LatchedFaultError, match="FORCE_LIMIT"):
+        approach(context, Findings())
+    assert bench.played == (2 if agrees else 1)
+
+
+def test_found_values_that_no_module_has_end_the_step_and_are_not_kept(
+    tmp_path: Path, monkeypatch: Any
+) -> None:
+    def find_a_large_crank(_: Context, found: Findings) -> None:
+        found.parameters["drive.amplitude_m"] = make_value("drive.amplitude_m", 3.6)
+
+    monkeypatch.setattr(session, "STEPS", (LISTEN._replace(run=find_a_large_crank), *session.STEPS[1:]))
+    result = brought_up(bench_of({}, [], 1), tmp_path / "out", "listen")
+    assert not result["passed"]
+    assert "drive.amplitude_m = 3.6" in result["steps"][0]["reason"]
+    assert result["parameters"] == {}
+
+
+class Fails:
+    """A player that ends in motion, as its bus fails, so that an E-stop follows."""
+
+    moves, doing = True, ""
+
+    def play(self, *_: Any) -> None:
+        """The bus fails at once."""
+        raise ConnectionError
+
+
+def test_a_step_of_the_firmware_begins_after_the_e_stop_of_the_step_before(tmp_path: Path) -> None:
+    bench = bench_of({}, [], 1)
+    with pytest.raises(ConnectionError):
+        bench.play(Fails(), 1.0, tmp_path / "failed.log")
+    player = Operated([], 0.0)
+    bench.play(player, player.longest_s, tmp_path / "again.log", with_overrides({}))
+    assert player.beat is not None
+    assert Mode(player.beat.mode) == Mode.READY
