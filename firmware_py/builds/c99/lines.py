@@ -115,7 +115,11 @@ def wrap(text: str, margin: str = "") -> list[str]:
     if len(margin + text) <= WIDTH:
         return [margin + text]
     if text.startswith("/*"):
-        return textwrap.wrap(text, WIDTH, initial_indent=margin, subsequent_indent=f"{margin} * ")
+        words = text.removesuffix(" */")
+        *above, last = textwrap.wrap(
+            words, WIDTH - 3, initial_indent=margin, subsequent_indent=f"{margin} * "
+        )
+        return [*above, f"{last} */"]
     begin, inside = text.find("{."), depths(text)
     if begin >= 0:
         depth = inside[begin]

@@ -7,6 +7,7 @@ import inspect
 import io
 import sys
 import tokenize
+from enum import IntEnum
 from itertools import pairwise
 from types import FunctionType, ModuleType
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
@@ -74,11 +75,19 @@ def source(function: FunctionType) -> ast.FunctionDef:
 
 @functools.cache
 def comments(module: str) -> dict[int, str]:
-    """A module's comments by their lines."""
+    """A module's comments by their first lines."""
     lines = io.StringIO(inspect.getsource(sys.modules[module])).readline
     found = (one for one in tokenize.generate_tokens(lines) if one.type == tokenize.COMMENT)
-    texts = {one.start[0]: one.string[1:].strip() for one in found}
-    return {line: text for line, text in texts.items() if not text.startswith(NOT_FOR_READERS)}
+    texts: dict[int, str] = {}
+    first = last = -1
+    for one in found:
+        line, text = one.start[0], one.string[1:].strip()
+        if text.startswith(NOT_FOR_READERS):
+            continue
+        first = first if line == last + 1 and not one.line[: one.start[1]].strip() else line
+        texts[first] = f"{texts[first]} {text}" if first in texts else text
+        last = line
+    return texts
 
 
 @functools.cache
@@ -134,6 +143,6 @@ def result_name(function: FunctionType, index: int, kind: Any) -> str:
             element = one.value.elts[index]
             if isinstance(element, ast.Name):
                 return element.id
-            if isinstance(element, ast.Attribute):
+            if isinstance(element, ast.Attribute) and not element.attr.isupper():
                 return element.attr
-    return snake(kind.__name__) if is_record(kind) else "result"
+    return snake(kind.__name__) if is_record(kind) or issubclass(kind, IntEnum) else "result"
