@@ -143,7 +143,7 @@ class NamedFrames(Fault):
 
 
 class FramesFault(NamedFrames, LineFault):
-    """A fault of named frames where they leave their sender alone."""
+    """A fault only of named frames, where they leave their sender."""
 
     @property
     def most_copies(self) -> int:

@@ -23,7 +23,7 @@ from firmware_py.shell.builds import NATIVE
 from firmware_py.shell.native import NativeNode
 from hil.faults.processes import Turns
 from hil.faults.fault import TIME_RESOLUTION_S, Fault
-from hil.faults.line import MOST_HELD_FRAMES, FaultyBus, TrafficError
+from hil.faults.line import MOST_HELD_FRAMES, FaultyBus
 from hil.faults.on_bus import FramesFault, LineFault, ModelledFault
 from hil.faults.on_process import HostFault
 from hil.nodes import closed_loop
@@ -62,6 +62,8 @@ MOST_SENT = 3
 """Most frames that the firmware sends in a tick."""
 MOST_IN_TRANSIT = 3 * MOST_HELD_FRAMES
 """Most frames on the way to a node, after faults; memory that is not used costs nothing."""
+MOST_COPIES = 100
+"""Most frames for one in a stretch; memory is kept for as many. With more the run goes on tick by tick."""
 IDENTIFIERS = 0x800
 UNTIL_IN_STEP_TICKS = 20
 """Length of a stretch of the plant while a node is behind, after a fault."""
@@ -172,7 +174,8 @@ class Stretches:
             until = min(until, max(listening_tick, tick + 1))
         is_asked = self._native_node().whole["pool"][0, IS_CONNECTED] or self._plant.node.has_waiting_fault
         is_behind = self._plant.node.tick != tick or self._firmware.last_tick != tick - 1
-        return 0 if is_asked or is_behind else until - tick
+        is_flooded = most_copies(self._acting_on_frames(tick)) > MOST_COPIES
+        return 0 if is_asked or is_behind or is_flooded else until - tick
 
     def plant_ticks_from(self, tick: int) -> int:
         """Number of ticks of the plant from `tick` on, until all nodes may be compiled."""
@@ -254,10 +257,9 @@ class Stretches:
         self._keep_plant(tick, buffers)
         self._keep_firmware(tick, int(used[TICKS]), own)
         nodes.frames.count += min(int(used[FRAMES]), len(frames))
-        if used[FRAMES] > len(frames) > 0:
-            raise TrafficError("a fault makes more copies of a frame than its `most_copies`; raise it")
         node.pull_state()
         self._resume(ended)
+        assert used[FRAMES] <= len(frames) or not len(frames), "a fault made more than its `most_copies`"
         tick += ticks
         self._firmware.last_tick = tick - 1
         in_transit = frames_in(self._to_plant[: used[TO_PLANT]])
@@ -271,18 +273,20 @@ class Stretches:
 
     def _name_frames(self, tick: int) -> int:
         """Name the frames on which faults act in `tick`; return the most that then leave for one."""
-        t_s = tick * self._scenario.period_s
+        acting = self._acting_on_frames(tick)
         self._named[:] = 0
-        most_copies = 1
-        for fault in self._scenario.faults:
-            if isinstance(fault, FramesFault) and fault.acts(t_s):
-                self._named[list(fault.can_ids)] = 1
-                most_copies *= fault.most_copies
-        return most_copies
+        for fault in acting:
+            self._named[list(fault.can_ids)] = 1
+        return most_copies(acting)
+
+    def _acting_on_frames(self, tick: int) -> list[FramesFault]:
+        """The faults of named frames that act in a tick."""
+        t_s = tick * self._scenario.period_s
+        return [one for one in self._scenario.faults if isinstance(one, FramesFault) and one.acts(t_s)]
 
     def _move_line(self, line: FaultyBus, tick: int) -> None:
-        """Move a line to a tick, from the tick before."""
-        line.resume(tick * self._scenario.period_s, (tick - 1) * self._scenario.period_s)
+        """Move a line to a tick, from the tick before; the first tick has none."""
+        line.resume(tick * self._scenario.period_s, max(tick - 1, 0) * self._scenario.period_s)
 
     def run_plant(self, tick: int, ticks: int) -> int:
         """Run at most `ticks` of the plant, and of the other nodes in Python; return their number.
@@ -409,6 +413,16 @@ class Stretches:
         own["tick"], own["t_s"] = numbers, (numbers + 0.5) * self._scenario.period_s
         leave_untimed(own)
         rows.count += ticks
+
+
+def most_copies(faults: Sequence[FramesFault]) -> int:
+    """The most frames that leave for one, on which several of the faults may act."""
+    by_id: dict[int, int] = {}
+    for fault in faults:
+        for can_id in fault.can_ids:
+            by_id[can_id] = by_id.get(can_id, 1) * fault.most_copies
+    return max(by_id.values(), default=1)
+
 
 def is_whole(columns: "np.dtype[np.void]") -> bool:
     """Whether records of the plant begin with all columns of `PlantRecord`, and all have eight bytes."""

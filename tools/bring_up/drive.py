@@ -74,7 +74,7 @@ class Sample(NamedTuple):
 class Commander:
     """The drive's only commander: plays `script`, and follows the drive's reports."""
 
-    moves, doing = True, "the drive is armed"
+    moves = True
 
     def __init__(self, current_limit_a: float) -> None:
         self.beat: DriveHeartbeat | None = None
@@ -171,7 +171,7 @@ class Commander:
 
     def prove_watchdog(self) -> Script:
         """Fall silent with a closed loop and no torque; the drive must disarm by itself."""
-        self.is_armed, self.doing = False, "the drive's watchdog is tested, without torque"
+        self.is_armed = False
         for _ in range(round(SILENCE_S / TICK_S)):
             yield []
         if self.beat is None or self.beat.axis_state != AxisState.IDLE:
@@ -224,7 +224,6 @@ class Commander:
         yield from self.arm()
         torque_n_m = SMALLEST_N_M
         while len(self.breakaway_n_m) < 2 and torque_n_m <= BOUND.torque_n_m:
-            self.doing = f"pulses of {torque_n_m:.3f} N m to either side"
             for sign in (1, -1):
                 begin_rad, first = self.angle_rad, len(self.samples)
                 yield from self.pulse(sign * torque_n_m, LONGEST_PULSE_S)
@@ -239,7 +238,6 @@ class Commander:
             )
         breakaway_n_m = max(self.breakaway_n_m.values())
         swing_n_m = min(max(SWING_FACTOR * breakaway_n_m, LEAST_SWING_N_M), BOUND.torque_n_m)
-        self.doing = f"the crank swings to and fro at {swing_n_m:.3f} N m"
         for number in range(SWINGS):
             yield from self.swing(swing_n_m if number % 2 == 0 else -swing_n_m)
         yield [*self.torque(0.0), codec.SET_AXIS_STATE.encode(SetAxisState(AxisState.IDLE))]

@@ -14,6 +14,7 @@ from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
 from firmware_py.interface.enums import Fault, Regime
 from firmware_py.interface.frame import Frame
+from firmware_py.shell.parameters import with_overrides
 from hil.scenario.operator import Command, Request
 from hil.timing.clock import TICK_S
 from tools.bring_up.below_impacts import FORCE_SHARE, cautious
@@ -100,7 +101,7 @@ class Watched(Operated):
 
 
 def first_bound(context: Context) -> Largest:
-    """A quarter of the module's force for the first impacts, the module's own for the hold."""
+    """A share of the module's force for the first impacts, the module's own for the hold."""
     speed_rad_s = context.ratio * natural_rad_s(context.values)
     limit_n = context.values["limit.force_n"]
     return Largest(force_n=limit_n, torque_n_m=TORQUE_N_M, speed_rad_s=1.5 * speed_rad_s)
@@ -129,7 +130,7 @@ def approach(context: Context, found: Findings) -> dict[str, float]:
             f"force limit. Repeat the approach at {HARD_SHARE:.0%}?"
         ):
             raise
-        context.bench.play(Listener(), RESTING_S, log)
+        context.bench.play(Listener(), RESTING_S, context.log("rest"))
         player = play(HARD_SHARE)
     found.notes += player.notes
     if len(player.seen) < FEWEST:
@@ -172,7 +173,7 @@ def first_impacts(context: Context, found: Findings) -> None:
     found.axes = ("time in s", "acceleration in m/s²")
     found.parameters |= new
     values |= {name: one.value for name, one in found.parameters.items()}
-    hold(context, found, values)
+    hold(context, found, with_overrides(values))
 
 
 def allow_impulse(context: Context, values: Mapping[str, float]) -> dict[str, float]:
@@ -194,9 +195,10 @@ def allow_impulse(context: Context, values: Mapping[str, float]) -> dict[str, fl
     return {name: needed} if context.asks(asked) else {}
 
 
-def with_reason(sentence: str, values: Mapping[str, float], ratio: float) -> str:
-    """A sentence, with why the module cannot be held at the ratio if that is so."""
-    return "; ".join(filter(None, (sentence, explain_no_hold(values, ratio))))
+def with_reason(error: StepFailedError, values: Mapping[str, float], ratio: float) -> str:
+    """How a hold ended, with why the module cannot be held at the ratio if that is so."""
+    remedy = "ask for a lower --ratio" if isinstance(error, RatioTooHighError) else ""
+    return "; ".join(filter(None, (str(error), explain_no_hold(values, ratio) or remedy)))
 
 
 def hold(context: Context, found: Findings, values: dict[str, float]) -> None:
@@ -214,7 +216,7 @@ def hold(context: Context, found: Findings, values: dict[str, float]) -> None:
     try:
         context.bench.play(player, player.longest_s, log, held)
     except (LatchedFaultError, RatioTooHighError) as error:
-        raise StepFailedError(with_reason(str(error), values, context.ratio)) from error
+        raise StepFailedError(with_reason(error, values, context.ratio)) from error
     found.notes += player.notes
     end = player.ended_tick
     hits = [one for tick, one in player.impacts if end - JUDGED_S * 1000 < tick <= end]
@@ -223,7 +225,7 @@ def hold(context: Context, found: Findings, values: dict[str, float]) -> None:
     if player.held_regime != Regime.IMPACT or not PER_TURN <= len(hits) / turns <= 2.0 - PER_TURN:
         seen = f"{len(hits)} impacts in {turns:.1f} turns at a ratio of {context.ratio:g}"
         seen += f", regime {player.held_regime.name}"
-        raise StepFailedError(with_reason(seen, values, context.ratio))
+        raise StepFailedError(with_reason(StepFailedError(seen), values, context.ratio))
     found.parameters |= {name: make_value(name, value) for name, value in raised.items()}
     speed_m_s, impulse_n_s = np.median([(one.approach_speed_m_s, one.impulse_n_s) for one in hits], axis=0)
     found.add("approach speed in the hold", speed_m_s, "m/s")
@@ -238,7 +240,8 @@ FIRST_IMPACTS = Step(
     "first-impacts",
     "It raises the speed to the first impacts, fits the stop, and then holds the wanted speed.",
     "The firmware turns the crank faster until the striker meets the stop, at a quarter of the module's "
-    "force limit; then it starts to the wanted speed and holds it.",
+    "force limit, or of a hard stop at a half after another yes; then it starts to the wanted speed and "
+    "holds it.",
     50.0,
     first_bound,
     first_impacts,

@@ -42,7 +42,7 @@ ALL_REPORTS = "set the rates of the drive's cyclic messages as the page on frame
 class Listener:
     """Keeps every frame with the period in which it arrived."""
 
-    moves, doing = False, "nothing moves"
+    moves = False
 
     def __init__(self) -> None:
         self.frames: list[tuple[int, Frame]] = []

@@ -48,8 +48,8 @@ def wire(ticks: Ticks, values: Mapping[str, float]) -> Ticks:
     return ticks._replace(low_m_s2=sign * low, high_m_s2=sign * ticks.high_m_s2, housing_m_s2=housing)
 
 
-def read_turning(logs: Sequence[Path], values: Mapping[str, float], last_s: float = math.inf) -> Readings:
-    """The last seconds of motion of logs one after another, without parts in which the crank hardly turns."""
+def read_turning(logs: Sequence[Path], values: Mapping[str, float]) -> Readings:
+    """The motion of logs one after another, without parts in which the crank hardly turns."""
     parts, ends, begins, rows = [], [], [], 0
     for log in logs:
         one = merge_ticks(wire(read_ticks(log), values), values["sensor.low_full_scale_m_s2"])
@@ -57,8 +57,6 @@ def read_turning(logs: Sequence[Path], values: Mapping[str, float], last_s: floa
             speed = np.gradient(one.angle_rad[begin:end], one.period_s)
             kernel = np.ones(SMOOTHED) / SMOOTHED
             turns = np.convolve(speed, kernel, "same") > TURNING_RAD_S
-            if math.isfinite(last_s) and turns.any():
-                turns[: max(0, int(np.flatnonzero(turns)[-1]) - round(last_s / one.period_s))] = False
             edges = np.flatnonzero(np.diff(np.concatenate([[False], turns, [False]]).astype(np.int8)))
             begins += [rows + first + begin for first in edges[::2].tolist()]
             ends += [rows + last + begin for last in edges[1::2].tolist()]
@@ -127,17 +125,17 @@ def find_zero(readings: Readings, bandwidth_hz: float, still_m_s2: float) -> flo
 
 
 def fit_module(
-    logs: Sequence[Path], values: Mapping[str, float], is_slow: bool = False, last_s: float = math.inf
+    logs: Sequence[Path], values: Mapping[str, float], is_slow: bool = False
 ) -> tuple[dict[str, Value], Identified, Readings]:
     """Spring, crank radius and zero, friction and, with impacts, the stop, from the frames of steps.
 
-    `values`: all parameters, with the wiring found so far. `is_slow`: there are no impacts. `last_s`: the
-    time before the end of the motion that is fitted. Raises StepFailedError.
+    `values`: all parameters, with the wiring found so far. `is_slow`: there are no impacts.
+    Raises StepFailedError.
     """
     bandwidth_hz = values["sensor.bandwidth_hz"]
     by, still_m_s2 = (SLOW_PERIODS, SLOW_STILL_M_S2) if is_slow else (1, STILL_M_S2)
     try:
-        readings = decimate(read_turning(logs, values, last_s), by)
+        readings = decimate(read_turning(logs, values), by)
         zero_rad = find_zero(readings, bandwidth_hz, still_m_s2)
         readings = readings._replace(angle_rad=readings.angle_rad - zero_rad)
         found = identify(readings, bandwidth_hz, True, still_m_s2)

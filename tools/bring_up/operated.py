@@ -76,14 +76,6 @@ class Operated:
         """The regime reported as the script ended."""
 
     @property
-    def doing(self) -> str:
-        """See `Player`."""
-        if self.beat is None:
-            return "the firmware starts"
-        speed_rad_s, mode = self.beat.target_omega_rad_s, Mode(self.beat.mode).name
-        return f"{mode}, the crank at up to {speed_rad_s:.1f} rad/s, {len(self.impacts)} impacts"
-
-    @property
     def longest_s(self) -> float:
         """The longest duration of the whole script with its stop."""
         return self._end_tick * TICK_S + LONGEST_STOP_S + LONGEST_REST_S + STILL_S
@@ -159,7 +151,7 @@ class Operated:
         if event.fault == Fault.REQUEST_REFUSED and event.refusal == Refusal.RATIO_TOO_HIGH:
             raise RatioTooHighError(
                 "the firmware cannot hold this ratio (RATIO_TOO_HIGH): no impacts last there, or they come "
-                "too late past the dead centre; ask for a lower --ratio"
+                "too late past the dead centre"
             )
         if event.fault == Fault.REQUEST_REFUSED:
             raise StepFailedError(f"the firmware refused the request: {Refusal(event.refusal).name}")

@@ -21,12 +21,9 @@ from hil.timing.clock import NS_PER_S, TICK_S, MonotonicClock
 from hil.timing.loop import FixedRateLoop
 from hil.timing.realtime import NODE, become_realtime, leave_realtime
 from tools.bring_up.step import EMERGENCY, Player
-from tools.progress import Progress
 
 STARTING_S = 120.0
 """Longest start of the firmware's process: it may have to compile."""
-SHOWN_TICKS = 200
-"""Periods between two reports of what moves."""
 COUNTERS = 256
 """Values of the accelerometers' rolling counter."""
 RUNNING = "running at"
@@ -34,10 +31,10 @@ RUNNING = "running at"
 
 
 class RealBench:
-    """The bus at `spec`; `places` are the module's node numbers; `progress` shows what moves."""
+    """The bus at `spec`; `places` are the module's node numbers."""
 
-    def __init__(self, spec: str, places: Addresses, progress: Progress) -> None:
-        self._spec, self.places, self._progress = spec, places, progress
+    def __init__(self, spec: str, places: Addresses) -> None:
+        self._spec, self.places = spec, places
 
     def play(
         self, player: Player, longest_s: float, log: Path, parameters: Mapping[str, float] | None = None
@@ -47,7 +44,7 @@ class RealBench:
             provided, bus = stack.enter_context(open_bus(self._spec))
             bus = addressed(bus, self.places)
             if parameters is not None:
-                stack.enter_context(FirmwareProcess(provided.address, parameters, self._progress))
+                stack.enter_context(FirmwareProcess(provided.address, parameters))
             bus.receive()
             self._play(bus, player, longest_s, stack.enter_context(CanLog(make_anew(log))))
 
@@ -65,8 +62,6 @@ class RealBench:
             for frame in received:
                 file.write(dating.time_us(frame, now_s), [frame])
             file.write(dating.newest_us, frames or ())
-            if tick % SHOWN_TICKS == 0:
-                self._progress(None, f"{tick * TICK_S:.0f} s: {player.doing}")
             if frames is None:
                 loop.stop()
                 return
@@ -115,8 +110,7 @@ class Dating:
 class FirmwareProcess:
     """`vibrohil firmware` with these parameters on a bus, while the block runs."""
 
-    def __init__(self, address: str, parameters: Mapping[str, float], progress: Progress) -> None:
-        self._progress = progress
+    def __init__(self, address: str, parameters: Mapping[str, float]) -> None:
         settings = [f"--set=firmware.{name}={value!r}" for name, value in parameters.items()]
         self._command = [sys.executable, "-P", "-m", "tools.cli", "firmware", "--bus", address, *settings]
         self._stack = ExitStack()
@@ -129,7 +123,6 @@ class FirmwareProcess:
         while RUNNING not in self.child.last_errors():
             if self.child.ended or time.monotonic() > deadline_s:
                 raise BusFailedError(f"{self.child.how_it_ended()}: {self.child.last_errors()}")
-            self._progress(None, "the firmware starts; the first time it compiles for up to two minutes")
             select.select([], [], [], 0.05)
         return self
 

@@ -29,10 +29,6 @@ class Player(Protocol):
     moves: bool
     """Whether the step may move the module; then an E-stop follows its interruption."""
 
-    @property
-    def doing(self) -> str:
-        """What moves at present, for the terminal."""
-
     def play(self, tick: int, received: Sequence[Frame]) -> Sequence[Frame] | None:
         """The frames to send in this period, after those received since the last; None: the step has ended.
 

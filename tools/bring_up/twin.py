@@ -53,10 +53,9 @@ def prove(context: Context, found: Findings) -> None:
     """Write the twin's scene and prove it; a failure says whether the twin has steady impacts at all."""
     try:
         prove_twin(context, found)
-    except (LatchedFaultError, RatioTooHighError) as error:
-        raise StepFailedError(with_reason(f"on the twin {error}", context.values, context.ratio)) from error
     except StepFailedError as error:
-        raise StepFailedError(with_reason(str(error), context.values, context.ratio)) from error
+        where = "on the twin " if isinstance(error, LatchedFaultError | RatioTooHighError) else ""
+        raise StepFailedError(f"{where}{with_reason(error, context.values, context.ratio)}") from error
 
 
 def prove_twin(context: Context, found: Findings) -> None:

@@ -36,18 +36,16 @@ def bring_up(
     from hil.scenario.settings import apply_settings
     from tools.bring_up.real import RealBench
     from tools.bring_up.session import Session, User, read_state
-    from tools.progress import shown_progress
 
     tables = apply_settings({"firmware": {}}, change or [])["firmware"]
     settings = {f"{block}.{name}": value for block, table in tables.items() for name, value in table.items()}
     settings = {**read_state(out).settings, **settings}
+    bench = RealBench(bus, addresses_from(with_overrides(settings)))
     user = User(
         lambda sentence: progress_console.print(sentence, markup=False),
         lambda question: yes or typer.prompt(f"{question} Type yes", default="no", err=True) == "yes",
     )
-    with shown_progress() as progress:
-        bench = RealBench(bus, addresses_from(with_overrides(settings)), progress)
-        result = Session(bench, out, settings, ratio, user).run(first, until)
+    result = Session(bench, out, settings, ratio, user).run(first, until)
 
     def show() -> None:
         from tools.output import show_tables

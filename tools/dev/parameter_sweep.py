@@ -2,14 +2,14 @@
 
     python -m tools.dev.parameter_sweep --out FILE [--pairs N | --monitors] [--seed S] [--runs N] [SCENARIO…]
 
-The runs are in lockstep on the compiled firmware, one by one, in an order that the seed shuffles; a second
-call continues the first. `--pairs` samples pairs of parameters, each at one of its bounds, instead of single
-ones; `--monitors` takes all pairs of those that the blocks of safety read, each in a scenario that the seed
-draws. A scenario counts if the firmware with its own parameters latches a fault in it. The deadline is that
-of this fault in docs/safety.md, extended by as much as the parameters extend the fault's own duration, and
-for a physical fault that develops by a quarter more than with the scenario's own parameters. It is missed if
-the motor has a torque later. Parameters that do not fit together are refused, and a module that they keep at
-rest has no torque that could end late.
+The runs are in lockstep on the compiled firmware, one by one, singles in an order that the seed shuffles; a
+second call continues the first. `--pairs` samples pairs of parameters, each at one of its bounds, instead of
+single ones; `--monitors` takes all pairs of those that a conflict or the blocks of safety read, each in a
+scenario that the seed draws. A scenario counts if the firmware with its own parameters latches a fault in it.
+The deadline is that of this fault in docs/safety.md, extended by as much as the parameters extend the fault's
+own duration, and for a physical fault that develops by a quarter more than with the scenario's own
+parameters. It is missed if the motor has a torque later. Parameters that do not fit together are refused, and
+a module that they keep at rest has no torque that could end late.
 """
 
 import argparse
@@ -179,7 +179,7 @@ def is_read_by_safety(setting: str) -> bool:
 
 
 def pairs_of_safety() -> list[str]:
-    """All pairs of the parameters that the blocks of safety read, at their bounds."""
+    """All pairs of the parameters that a conflict or the blocks of safety read, at their bounds."""
     names = {one.split("=")[0] for one in singles() if is_read_by_safety(one)}
     values = [one for one in singles() if one.split("=")[0] in names]
     found = combinations(values, 2)
@@ -214,8 +214,9 @@ def main() -> None:
     )
     parser.add_argument("names", nargs="*", metavar="SCENARIO", help="all with a fault without")
     parser.add_argument("--out", type=Path, required=True, help="the data file, which is read first")
-    parser.add_argument("--pairs", type=int, default=0, help="number of pairs to sample instead of singles")
-    parser.add_argument("--monitors", action="store_true", help="all pairs that the blocks of safety read")
+    kind = parser.add_mutually_exclusive_group()
+    kind.add_argument("--pairs", type=int, default=0, help="number of pairs to sample instead of singles")
+    kind.add_argument("--monitors", action="store_true", help="all pairs that a conflict or safety reads")
     parser.add_argument("--seed", type=int, default=1, help="seed of the pairs and of the order")
     parser.add_argument("--runs", type=int, default=1_000_000, help="most runs of this call")
     asked = parser.parse_args()

@@ -89,6 +89,10 @@ NAMED: dict[str, dict[str, Any]] = {
 """Kinds of faults that act on frames that they name, with their keys."""
 
 
+FROM_THE_FIRST_TICK = ("thinned", "bundled")
+"""Kinds that count the sender's periods."""
+
+
 def frames_fault(kind: str, ends: bool) -> dict[str, Any]:
     frames = ["DriveHeartbeat", "FirmwareHeartbeat", "SetInputTorque"] if kind == "frozen" else SENT
     until = {"duration_s": 0.9313} if ends else {}
@@ -124,6 +128,7 @@ def random_faults(seed: int) -> tuple[dict[str, Any], ...]:
         (WALK, (PLANT_AWAY,)),
         *((BASE, random_faults(seed)) for seed in range(12)),
         *((BASE, (frames_fault(kind, ends),)) for kind in NAMED for ends in (False, True)),
+        *((BASE, ({**frames_fault(kind, False), "at_s": 0.0},)) for kind in FROM_THE_FIRST_TICK),
         (BASE, (frames_fault("delayed", False), frames_fault("duplicated", True), STIFFER, PAUSED)),
         (WALK, ({"kind": "dropped", "frames": ["GaitSensors"], "share": 0.3, "at_s": 1.0},)),
     ],
@@ -137,6 +142,7 @@ def random_faults(seed: int) -> tuple[dict[str, Any], ...]:
         "walking-restarted",
         *(f"random {seed}" for seed in range(12)),
         *(f"{kind} {end}" for kind in NAMED for end in ("to the end", "for a while")),
+        *(f"{kind} from the first tick" for kind in FROM_THE_FIRST_TICK),
         "late-and-copied",
         "walking-without-steps",
     ],
@@ -167,6 +173,16 @@ def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
         for column in one.dtype.names or ():
             if column != "work_us":
                 np.testing.assert_array_equal(one[column], other[column], err_msg=f"{name}: {column}")
+
+
+def test_memory_is_kept_for_the_copies_of_one_frame() -> None:
+    """Faults of other frames do not multiply; those of one frame do, and beyond the limit nothing is compiled."""
+    frames = ("Accelerometer", "EncoderEstimates", "SetInputTorque")
+    faults = [{"kind": "duplicated", "frames": [one], "at_s": 0.0, "copies": 100} for one in frames]
+    scenario = scenario_with(*faults)
+    assert compiled.most_copies(scenario.faults) == 100
+    twice = scenario_with(*faults, {**faults[0], "copies": 2})
+    assert compiled.most_copies(twice.faults) == 200 > compiled.MOST_COPIES
 
 
 def test_what_was_recorded_before_a_failure_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

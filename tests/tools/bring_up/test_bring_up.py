@@ -210,9 +210,14 @@ class Ends:
 HOLDS = {
     "a fault": (LatchedFaultError("it stopped", Fault.OVERSPEED), {}, "it stopped"),
     "a fault of a module without impacts": (
-        RatioTooHighError("it stopped"),
+        LatchedFaultError("it stopped", Fault.OVERSPEED),
         {"friction.mu": 0.12},
         "lower --ratio",
+    ),
+    "a ratio that the firmware refuses": (
+        RatioTooHighError("refused"),
+        {},
+        "refused; ask for a lower --ratio",
     ),
     "a silent firmware": (StepFailedError("silent"), {"friction.mu": 0.12}, "silent"),
     "too hard an impact": (StepFailedError(""), {"striker.mass_kg": 4.0}, "ceiling.impulse_n_s = 5"),
@@ -358,14 +363,27 @@ def test_a_silent_sensor_names_the_remedy() -> None:
         Operated([], 0.0).play(0, [codec.FAULT_EVENT.encode(event)])
 
 
+class HardStop:
+    """A bench on which each approach ends at its force limit; `limits_n` has that of each step on the bus."""
+
+    def __init__(self) -> None:
+        self.limits_n: list[float | None] = []
+
+    def play(self, _: Any, _longest_s: float, _log: Path, parameters: Any = None) -> None:
+        """End an approach, which has parameters; the wait between two has none."""
+        self.limits_n.append(parameters and parameters["limit.force_n"])
+        if parameters:
+            raise LatchedFaultError("it stopped: FORCE_LIMIT", Fault.FORCE_LIMIT)
+
+
 @pytest.mark.parametrize("agrees", [True, False])
 def test_a_hard_stop_is_approached_again_after_a_yes(agrees: bool, tmp_path: Path) -> None:
     values = with_overrides({"limit.force_n": 1000.0})
-    bench = Ends(LatchedFaultError("it stopped: FORCE_LIMIT", Fault.FORCE_LIMIT))
+    bench = HardStop()
     context = Context(bench, tmp_path, values, {}, lambda _: agrees, lambda _: None, 1.25)
     with pytest.raises(LatchedFaultError, match="FORCE_LIMIT"):
         approach(context, Findings())
-    assert bench.played == (2 if agrees else 1)
+    assert bench.limits_n == ([250.0, None, 500.0] if agrees else [250.0])
 
 
 def test_found_values_that_no_module_has_end_the_step_and_are_not_kept(
@@ -384,7 +402,7 @@ def test_found_values_that_no_module_has_end_the_step_and_are_not_kept(
 class Fails:
     """A player that ends in motion, as its bus fails, so that an E-stop follows."""
 
-    moves, doing = True, ""
+    moves = True
 
     def play(self, *_: Any) -> None:
         """The bus fails at once."""

@@ -136,7 +136,7 @@ BY_CAMPAIGN = [
     "Of these contacts 347 of 8,694 were missed and 8 of 389 tripped",
     "in 47 scenarios with a latched fault. Of 6,392 runs 1,081 are",
     "refused at power-up, 4 stay at rest, 5,307 end in time, none late",
-    "Of the 760 pairs of parameters that the safety code reads (`--monitors`)",
+    "Of the 760 pairs of parameters that conflicts or the safety code read (`--monitors`)",
     "616 are refused and 144 end in time, none late",
 ]
 """Counts of `vibrohil campaign limits` beside those of docs/data/limits.csv, and of the parameter sweep."""
