@@ -38,7 +38,9 @@ class SensorModel(NamedTuple):
 def measurements_of(received: Received, tick: int) -> Measurements:
     """The newest readings, with their ages at tick number `tick`."""
     coarse = received.coarse_position
-    return Measurements(Measurement(coarse.striker_position_m, age(tick, received.coarse_position_arrival)))
+    return Measurements(
+        Measurement(coarse.striker_position_m, age(tick, received.coarse_position_arrival)),
+    )
 
 
 NOTHING_MEASURED = measurements_of(INITIAL, 0)

@@ -5,9 +5,9 @@
 The runs are in lockstep on the compiled firmware, one by one, singles in an order that the seed shuffles; a
 second call continues the first. `--pairs` samples pairs of parameters, each at one of its bounds, instead of
 single ones; `--monitors` takes all pairs of those that a conflict or the blocks of safety read, each in a
-scenario that the seed draws. A scenario counts if the firmware with its own parameters latches a fault in it.
-The deadline is that of this fault in docs/safety.md, extended by as much as the parameters extend the fault's
-own duration, and for a physical fault that develops by a quarter more than with the scenario's own
+scenario that the seed chooses. A scenario counts if the firmware with its own parameters latches a fault in
+it. The deadline is that of this fault in docs/safety.md, extended by as much as the parameters extend the
+fault's own duration, and for a physical fault that develops by a quarter more than with the scenario's own
 parameters. It is missed if the motor has a torque later. Parameters that do not fit together are refused, and
 a module that they keep at rest has no torque that could end late.
 """

@@ -96,9 +96,9 @@ def list_needed(kind: Any) -> Iterator[Any]:
 def c_name(kind: type) -> str:
     """The name of a Python class in C; that of a block's constants begins with the block.
 
-    >>> from firmware_py.core.control import hold
-    >>> c_name(FirmwareState), c_name(hold.Constants)
-    ('vibro_firmware_state', 'vibro_hold_constants')
+    >>> from firmware_py.core.safety import consent
+    >>> c_name(FirmwareState), c_name(consent.Constants)
+    ('vibro_firmware_state', 'vibro_consent_constants')
     """
     block = f"{kind.__module__.rpartition('.')[2]}_" if kind.__name__ == "Constants" else ""
     return f"vibro_{block}{snake(kind.__name__)}"

@@ -124,6 +124,7 @@ SHOWN_BY: dict[str, dict[str, float]] = {
 SHOWN_WITH: list[tuple[str, tuple[str, ...], str, float]] = [
     (HELD, ("script.commands.0.target_impulse_n_s=1.45",), "hold.refusing_periods", 3.0),
     ("soft-start-multistable", ("script.commands.0.target_ratio=1.42",), "hold.gain_phase", 0.4),
+    ("soft-start-multistable", ("script.commands.0.target_ratio=1.42",), "hold.highest_phase_deg", 50.0),
     (
         JAMMED,
         ("firmware.speed.gain_p_n_m_s=0.002", "firmware.speed.gain_i_n_m=0.0"),
