@@ -11,7 +11,7 @@ import numpy as np
 
 from hil.scenario.operator import Command, Request
 from tools.bring_up.module_fit import STUCK, fit_module, largest_in, natural_rad_s, reachable_ratio
-from tools.bring_up.operated import Operated
+from tools.bring_up.operated import Operated, operate
 from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.tuning.identification.identify import Identified
 from tools.tuning.recordings.readings import Readings
@@ -74,7 +74,7 @@ def sweep(context: Context, found: Findings) -> None:
     largest = bound(context)
     log = context.log("below-impacts")
     force_n = FORCE_SHARE * context.values["limit.force_n"]
-    context.bench.play(played, played.longest_s, log, cautious(context, largest, force_n))
+    operate(context, played, log, cautious(context, largest, force_n))
     found.notes += played.notes
     found.largest = largest_in(log, 0.0)
     values, identified, readings = fit_module([log], context.values, is_slow=True)

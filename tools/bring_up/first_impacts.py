@@ -20,7 +20,7 @@ from hil.timing.clock import TICK_S
 from tools.bring_up.below_impacts import FORCE_SHARE, cautious
 from tools.bring_up.listen import Listener
 from tools.bring_up.module_fit import fit_module, largest_in, natural_rad_s
-from tools.bring_up.operated import LatchedFaultError, Operated, RatioTooHighError
+from tools.bring_up.operated import LatchedFaultError, Operated, RatioTooHighError, operate
 from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.campaign.identified import PER_TURN, explain_no_hold
 from tools.tuning.identification.identify import GRAZING_M_S
@@ -119,7 +119,7 @@ def approach(context: Context, found: Findings) -> dict[str, float]:
     def play(share: float) -> Watched:
         player = Watched(commands, 5.0 + (count + 8) * STEP_S, context.values, ENOUGH)
         limit_n = share * context.values["limit.force_n"]
-        context.bench.play(player, player.longest_s, log, cautious(context, first_bound(context), limit_n))
+        operate(context, player, log, cautious(context, first_bound(context), limit_n))
         return player
 
     try:
@@ -214,7 +214,7 @@ def hold(context: Context, found: Findings, values: dict[str, float]) -> None:
     player = Operated([Command(0.0, Request.RUN, context.ratio)], HOLD_S)
     log = context.log("hold")
     try:
-        context.bench.play(player, player.longest_s, log, held)
+        operate(context, player, log, held)
     except (LatchedFaultError, RatioTooHighError) as error:
         raise StepFailedError(with_reason(error, values, context.ratio)) from error
     found.notes += player.notes

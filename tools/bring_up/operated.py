@@ -1,15 +1,16 @@
 """The operator's part while the firmware drives: a script, and an eye on what the firmware reports."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
-from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
+from firmware_py.interface.enums import AxisError, Fault, Mode, Refusal, Regime
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import ClearErrors, FaultEvent, FirmwareHeartbeat, ImpactEvent
 from hil.scenario.operator import Command, OperatorNode, Request
 from hil.timing.clock import TICK_S
-from tools.bring_up.step import StepFailedError
+from tools.bring_up.step import Context, StepFailedError
 
 BEGINNING = (
     Command(0.0, Request.IDLE, 0.0),
@@ -19,6 +20,8 @@ BEGINNING = (
 """Before each start the firmware tests the drive's watchdog."""
 BEGUN_S = 2.2
 SILENT_S = 3.0
+CLEARED_S = 1.0
+"""Longest time in which the drive clears its errors."""
 LONGEST_STOP_S, LONGEST_REST_S = 4.0, 40.0
 STILL_REV_S, STILL_S = 0.02, 1.0
 """A crank that is slower for this time rests."""
@@ -43,6 +46,24 @@ HINTS = {
     "sensors' plugs and the adapter, then repeat the step",
 }
 """What to do about a fault that other causes than the module's have too."""
+
+
+class EStopCleared:
+    """Clears the drive's error of an E-stop in an earlier step, and no other error; ends once it has gone."""
+
+    moves = False
+
+    def __init__(self) -> None:
+        self._beats = 0
+
+    def play(self, _: int, received: Sequence[Frame]) -> Sequence[Frame] | None:
+        """Wait for the drive's heartbeats; the first one may be older than the E-stop."""
+        beats = [frame for frame in received if frame.can_id == codec.DRIVE_HEARTBEAT.can_id]
+        self._beats += len(beats)
+        if not beats or self._beats < 2:
+            return ()
+        is_left = codec.DRIVE_HEARTBEAT.decode(beats[-1].data).axis_error == AxisError.ESTOP_REQUESTED
+        return [codec.CLEAR_ERRORS.encode(ClearErrors(0))] if is_left else None
 
 
 class Operated:
@@ -107,9 +128,7 @@ class Operated:
         if tick < self._node.due_tick:
             return ()
         waiting, self._waiting = self._waiting, []
-        # The E-stop of a step before has latched an error in the drive, with which no firmware becomes ready.
-        cleared = [codec.CLEAR_ERRORS.encode(ClearErrors(0))] if tick == 0 else []
-        return [*cleared, *self._node.publish(tick, waiting)]
+        return self._node.publish(tick, waiting)
 
     def _is_turning(self, free_tick: int) -> bool:
         """Whether the crank may still turn after a stop that has ended by STOP_FAILED."""
@@ -162,3 +181,9 @@ class Operated:
         hint = HINTS.get(Fault(event.fault), "")
         about = f"the firmware stopped the module: {Fault(event.fault).name}{drive}{hint}"
         raise LatchedFaultError(about, Fault(event.fault))
+
+
+def operate(context: Context, player: Operated, log: Path, parameters: Mapping[str, float]) -> None:
+    """Play a script with the firmware, which does not become ready with the E-stop of an earlier step."""
+    context.bench.play(EStopCleared(), CLEARED_S, context.log("before"))
+    context.bench.play(player, player.longest_s, log, parameters)

@@ -9,8 +9,13 @@ import pytest
 import tomli_w
 
 from firmware_py.interface import codec
-from firmware_py.interface.enums import AxisState, Fault, Mode, Refusal
-from firmware_py.interface.generated.records import EncoderEstimates, FaultEvent, FirmwareHeartbeat
+from firmware_py.interface.enums import AxisError, AxisState, Fault, Mode, Refusal
+from firmware_py.interface.generated.records import (
+    DriveHeartbeat,
+    EncoderEstimates,
+    FaultEvent,
+    FirmwareHeartbeat,
+)
 from firmware_py.shell.parameters import ParameterError, with_overrides
 from hil.record.formats import PARAMETERS
 from hil.record.run_folder import RunFolderError
@@ -20,7 +25,14 @@ from tools import cli
 from tools.bring_up import session
 from tools.bring_up.first_impacts import approach, hold
 from tools.bring_up.listen import LISTEN
-from tools.bring_up.operated import BEGUN_S, LatchedFaultError, Operated, RatioTooHighError
+from tools.bring_up.operated import (
+    BEGUN_S,
+    EStopCleared,
+    LatchedFaultError,
+    Operated,
+    RatioTooHighError,
+    operate,
+)
 from tools.bring_up.session import STATE, Session, User, read_state
 from tools.bring_up.step import NOTHING, Context, Findings, StepFailedError
 from tools.bring_up.trials import BROKEN as BROKEN_MODULES
@@ -363,6 +375,20 @@ def test_a_silent_sensor_names_the_remedy() -> None:
         Operated([], 0.0).play(0, [codec.FAULT_EVENT.encode(event)])
 
 
+@pytest.mark.parametrize(
+    ("error", "is_cleared"),
+    [(AxisError.ESTOP_REQUESTED, True), (AxisError.WATCHDOG_TIMER_EXPIRED, False), (0, False)],
+)
+def test_no_other_error_of_the_drive_is_cleared(error: int, is_cleared: bool) -> None:
+    beat = DriveHeartbeat(*[0] * len(DriveHeartbeat._fields))._replace(axis_error=error)
+    player = EStopCleared()
+    assert player.play(0, []) == ()
+    assert player.play(1, [codec.DRIVE_HEARTBEAT.encode(beat)]) == ()
+    sent = player.play(2, [codec.DRIVE_HEARTBEAT.encode(beat)])
+    assert [one.can_id for one in sent or ()] == [codec.CLEAR_ERRORS.can_id] * is_cleared
+    assert (sent is None) != is_cleared
+
+
 class HardStop:
     """A bench on which each approach ends at its force limit; `limits_n` has that of each step on the bus."""
 
@@ -383,7 +409,7 @@ def test_a_hard_stop_is_approached_again_after_a_yes(agrees: bool, tmp_path: Pat
     context = Context(bench, tmp_path, values, {}, lambda _: agrees, lambda _: None, 1.25)
     with pytest.raises(LatchedFaultError, match="FORCE_LIMIT"):
         approach(context, Findings())
-    assert bench.limits_n == ([250.0, None, 500.0] if agrees else [250.0])
+    assert bench.limits_n == ([None, 250.0, None, None, 500.0] if agrees else [None, 250.0])
 
 
 def test_found_values_that_no_module_has_end_the_step_and_are_not_kept(
@@ -414,6 +440,7 @@ def test_a_step_of_the_firmware_begins_after_the_e_stop_of_the_step_before(tmp_p
     with pytest.raises(ConnectionError):
         bench.play(Fails(), 1.0, tmp_path / "failed.log")
     player = Operated([], 0.0)
-    bench.play(player, player.longest_s, tmp_path / "again.log", with_overrides({}))
+    context = Context(bench, tmp_path, with_overrides({}), {}, lambda _: True, lambda _: None, 1.25)
+    operate(context, player, tmp_path / "again.log", context.values)
     assert player.beat is not None
     assert Mode(player.beat.mode) == Mode.READY
