@@ -57,7 +57,7 @@ class FaultyBus:
         """The number of frames that the faults hold back."""
 
     def resume(self, t_s: float, since_s: float) -> None:
-        """Continue with the node's step at `t_s`, after steps up to `since_s` without any fault's effect."""
+        """Continue with the node's step at `t_s`; no fault had an effect between `since_s` and this step."""
         self._step = Step(t_s, since_s)
 
     def move_to(self, t_s: float) -> None:

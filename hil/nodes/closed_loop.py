@@ -47,8 +47,8 @@ NUMBER_BYTES = 8
 class Firmware(NamedTuple):
     """The firmware (`firmware_py.shell.native`): addresses of its functions and its memory.
 
-    All are 0 where Python runs it. `sent`: the number of sent frames, and three frames. `record_bytes`:
-    length of a recorded row.
+    The addresses are 0 where Python runs it. `sent`: the number of sent frames, and three frames.
+    `record_bytes`: length of a recorded row.
     """
 
     receive: int

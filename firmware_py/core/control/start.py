@@ -181,7 +181,7 @@ def begin_start(p: Parameters, nominal: Nominal, omega_rad_s: float, goal_rad_s:
 
 
 def begin_rise(state: StartState, goal_rad_s: float, duration_s: float, attempts: int) -> StartState:
-    """The state at the beginning of an S-curve from the present target to the request."""
+    """The state at the beginning of an S-curve from the present target to the goal."""
     return begin_curve(state, RISE, state.target_omega_rad_s, goal_rad_s, duration_s, attempts)
 
 

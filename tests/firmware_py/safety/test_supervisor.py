@@ -132,7 +132,6 @@ FAILED = OBSERVED._replace(start_failed=True)
         (WATCHDOG, OBSERVED, dict.fromkeys((*TESTED, *LATCHED), Fault.SENSOR_TIMEOUT)),
         (LIMIT, OBSERVED, dict.fromkeys((*TESTED, *LATCHED, Mode.READY), Fault.OVERCURRENT)),
         (FAST, OBSERVED, dict.fromkeys((*TESTED, *LATCHED), Fault.OVERSPEED)),
-        (NO_FINDINGS, OBSERVED._replace(too_fast=True), {}),
         (DRIVE, OBSERVED, dict.fromkeys((*TESTED, Mode.READY), Fault.DRIVE_ERROR)),
         (ALONE, OBSERVED, dict.fromkeys(TESTED, Fault.OPERATOR_TIMEOUT)),
         (NO_FINDINGS, DAMAGED, dict.fromkeys(Mode, Fault.PARAMETERS_DAMAGED)),
@@ -167,6 +166,7 @@ def step(
     captured: bool = False,
     failed: bool = False,
     axis_idle: bool = True,
+    standstill: bool = True,
     proof: ProofState = watchdog_proof.INITIAL,
 ) -> SupervisorState:
     now = OBSERVED._replace(
@@ -175,6 +175,7 @@ def step(
         captured=captured,
         start_failed=failed,
         axis_idle=axis_idle,
+        standstill=standstill,
         proof_passed=proof.passed,
         proof_failed=proof.failed,
     )
@@ -189,16 +190,17 @@ def test_nothing_is_remembered_at_power_up() -> None:
 def test_the_way_to_motion_and_back() -> None:
     state = supervisor.INITIAL
     modes = []
-    for request, findings, captured in [
-        (OperatorRequest.RUN, WATCHDOG, False),
-        (OperatorRequest.IDLE, NO_FINDINGS, False),
-        (OperatorRequest.IDLE, NO_FINDINGS, False),
-        (OperatorRequest.RUN, NO_FINDINGS, False),
-        (OperatorRequest.RUN, NO_FINDINGS, True),
-        (OperatorRequest.IDLE, NO_FINDINGS, True),
-        (OperatorRequest.IDLE, NO_FINDINGS, False),
+    for request, findings, captured, standstill in [
+        (OperatorRequest.RUN, WATCHDOG, False, True),
+        (OperatorRequest.IDLE, NO_FINDINGS, False, True),
+        (OperatorRequest.IDLE, NO_FINDINGS, False, True),
+        (OperatorRequest.RUN, NO_FINDINGS, False, True),
+        (OperatorRequest.RUN, NO_FINDINGS, True, False),
+        (OperatorRequest.IDLE, NO_FINDINGS, True, False),
+        (OperatorRequest.IDLE, NO_FINDINGS, False, False),
+        (OperatorRequest.IDLE, NO_FINDINGS, False, True),
     ]:
-        state = step(state, findings, request, captured=captured)
+        state = step(state, findings, request, captured=captured, standstill=standstill)
         modes.append(state.mode)
     assert modes == [
         Mode.INIT,
@@ -206,6 +208,7 @@ def test_the_way_to_motion_and_back() -> None:
         Mode.READY,
         Mode.SOFT_START,
         Mode.RUN,
+        Mode.STOPPING,
         Mode.STOPPING,
         Mode.READY,
     ]

@@ -238,8 +238,8 @@ def medians(impacts: Sequence[Impact]) -> tuple[dict[str, float], dict[str, floa
     low, middle, high = np.percentile(np.array(impacts), (25.0, 50.0, 75.0), axis=0)
     scatter = MEDIAN * (high - low) / QUARTILES / np.sqrt(len(impacts))
     values, errors = Impact(*middle.tolist())._asdict(), Impact(*scatter.tolist())._asdict()
-    growth = max(1.0, values["contact_s"] / SHORT_S) ** 2
-    shared = SHARED | {name: growth * SHARED[name] for name in ("restitution", "contact_s")}
+    factor = max(1.0, values["contact_s"] / SHORT_S) ** 2
+    shared = SHARED | {name: factor * SHARED[name] for name in ("restitution", "contact_s")}
     return {name: values[name] for name in SHARED}, {
         name: float(np.hypot(errors[name], one)) for name, one in shared.items()
     }
