@@ -1,1 +1,1 @@
-"""Runs: options, job, nodes in the order of a tick, segments; real time; the verdict; a run that is opened."""
+"""Runs: options, job, nodes in the order of a tick, segments; real time; the verdict; a recorded run."""

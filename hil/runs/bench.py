@@ -16,6 +16,8 @@ from hil.bus.base import BusError
 from hil.judge.verdict import KILLED, RunVerdict, failed_for, without_records
 from hil.judge.verdict_files import read_verdict, write_verdict
 from hil.nodes.own_controller import OwnControllerError, load_own
+from hil.processes.child import ChildError, ChildRefusalError
+from hil.processes.signals import Interrupted, ending_signals, interruption
 from hil.record import run_folder
 from hil.record.traces.own_trace import NONE, is_build
 from hil.run_files import RunFile
@@ -23,8 +25,6 @@ from hil.runs.job import Job, Outcome, Progress, RunOptions
 from hil.runs.recording import begin, simulate
 from hil.scenario.files import ScenarioError
 from hil.scenario.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
-from hil.processes.child import ChildError, ChildRefusalError
-from hil.processes.signals import Interrupted, ending_signals, interruption
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 

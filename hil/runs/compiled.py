@@ -21,11 +21,12 @@ from firmware_py.interface.frame import Frame
 from firmware_py.node.xcp import IS_CONNECTED
 from firmware_py.shell.builds import NATIVE
 from firmware_py.shell.native import NativeNode
-from hil.faults.processes import Turns
+from hil.bus.in_process import IdealBus
 from hil.faults.fault import TIME_RESOLUTION_S, Fault
 from hil.faults.line import MOST_HELD_FRAMES, FaultyBus
 from hil.faults.on_bus import FramesFault, LineFault, ModelledFault
 from hil.faults.on_process import HostFault
+from hil.faults.processes import Turns
 from hil.nodes import closed_loop
 from hil.nodes.closed_loop import (
     AT_ONCE,
@@ -49,7 +50,6 @@ from hil.record.traces.plant_trace import PlantRecord
 from hil.roster import FIRMWARE, OPERATOR, PLANT, ROSTER
 from hil.runs.job import Job
 from hil.runs.lockstep import Lockstep
-from hil.bus.in_process import IdealBus
 from hil.runs.rows import FRAME_COLUMNS
 from hil.timing.clock import NS_PER_S
 from hil.timing.loop import UNTIMED, LoopTiming
@@ -57,7 +57,7 @@ from plant_sim.kernels import entry_point
 from plant_sim.sensors.gait import GaitTruth
 
 FRAMES_A_TICK = 8
-"""Most frames on the bus in a tick of a stretch of all nodes, without faults that hold frames back or copy them."""
+"""Most frames on the bus in a tick of a stretch of all nodes, without those that faults hold back or copy."""
 MOST_SENT = 3
 """Most frames that the firmware sends in a tick."""
 MOST_IN_TRANSIT = 3 * MOST_HELD_FRAMES
@@ -126,7 +126,7 @@ class PythonCall:
             return first
 
 
-class Ended(NamedTuple):
+class RunEnd(NamedTuple):
     """Where compiled code has ended: the plant's state, the solver's status, and what Python has raised."""
 
     state: PlantState
@@ -348,16 +348,16 @@ class Stretches:
             call_python=0,
         )
 
-    def _call(self, bench: Bench, ticks: int, function: Call) -> Ended:
+    def _call(self, bench: Bench, ticks: int, function: Call) -> RunEnd:
         state = self._plant.node.state
         self._run = self._run or entry_point(run, bench, state, ticks)
         call = PythonCall(function, bench.buffers.used)
         called = FROM_COMPILED(call)  # compiled code calls it as long as it has a name here
         address = ctypes.cast(called, ctypes.c_void_p).value or 0
         state, status = self._run(bench._replace(call_python=address), state, ticks)
-        return Ended(state, status, call.error)
+        return RunEnd(state, status, call.error)
 
-    def _resume(self, ended: Ended) -> None:
+    def _resume(self, ended: RunEnd) -> None:
         """Let the plant continue from where compiled code has ended, or raise why it has failed."""
         if ended.error is not None:
             raise ended.error

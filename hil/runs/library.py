@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import get_args
 
 from firmware_py.shell.builds import Build
-from hil.runs.bench import run_scenario
-from hil.runs.recorded_run import Run, open_run
 from hil.record.traces.own_trace import NONE
+from hil.runs.bench import run_scenario
 from hil.runs.job import RunOptions, silent
+from hil.runs.recorded_run import Run, open_run
 from hil.scenario.files import ScenarioError
 from hil.scenario.scenario import load_scenario
 from hil.scenario.settings import Settings

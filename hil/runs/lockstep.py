@@ -11,16 +11,15 @@ from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
-from hil.faults.processes import in_turns
+from hil.bus.in_process import IdealBus
 from hil.faults.fault import Fault, of_a_node
 from hil.faults.line import FaultyBus
-from hil.faults.processes import ProcessFaults
+from hil.faults.processes import ProcessFaults, in_turns
 from hil.nodes.runners import Making, Pace
 from hil.record.new_file import append_line
 from hil.roster import FIRMWARE, OPERATOR, PLANT, ROSTER, Node, instants, names
 from hil.runs.job import Job
 from hil.runs.modelled_bus import BusAsModelled
-from hil.bus.in_process import IdealBus
 from hil.runs.rows import Collected, FrameRows
 from hil.timing.clock import NS_PER_S
 from hil.timing.loop import UNTIMED, LoopTiming

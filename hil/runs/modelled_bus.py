@@ -15,6 +15,7 @@ from hil.timing.clock import NS_PER_S
 
 STRANGER = "stranger"
 
+
 def in_ns(time_s: float) -> int:
     """A time in whole nanoseconds."""
     return round(time_s * NS_PER_S)

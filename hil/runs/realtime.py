@@ -23,7 +23,6 @@ from typing import Any
 
 from firmware_py.interface.addresses import bus_id
 from firmware_py.shell.parameters import addresses_from
-from hil.runs.supervision import BASELINE, Supervision, plan_of
 from hil.bus import Bus, BusCounters, ProvidedBus, join, join_in_turns, provide, shared
 from hil.bus.addressed import addressed
 from hil.bus.hub_socket import TurnSocket
@@ -32,17 +31,18 @@ from hil.faults.line import FaultyBus
 from hil.faults.on_process import ProcessFault
 from hil.faults.processes import ProcessFaults
 from hil.nodes.runners import Making, OperatorRunner, Pace, traces_in
+from hil.processes.child import Child, ChildError, Start, has_stopped, is_busy
 from hil.record import run_folder
 from hil.record.traces.own_trace import NONE
 from hil.roster import FIRMWARE, OPERATOR, again_name, processes, processes_of_a_run
 from hil.run_files import RunFile
 from hil.runs.job import Outcome, Progress, RunOptions
+from hil.runs.supervision import BASELINE, Supervision, plan_of
 from hil.scenario.scenario import Scenario
 from hil.show.window import WINDOW, in_own_network
 from hil.timing.clock import NS_PER_S, OPERATOR_PERIOD_S, MonotonicClock, TimeName
 from hil.timing.loop import FixedRateLoop, LoopTiming, run_turns
 from hil.timing.pacemaker import LONGEST_HOLD_NS, PACEMAKER, shared_turn_times
-from hil.processes.child import Child, ChildError, Start, has_stopped, is_busy
 from hil.timing.realtime import OPERATOR_PRIORITY, fixed_priority, settle_garbage
 from text_input import RefusalError
 

@@ -5,21 +5,20 @@ import time
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import tomli_w
 
-from hil.run_files import RunFile, trace_file
+from hil.processes.signals import delayed_signals
 from hil.record import provenance, run_folder
 from hil.record.new_file import open_anew, write_anew
 from hil.record.traces.trace import TraceWriter, fields_in
+from hil.run_files import RunFile, trace_file
 from hil.runs.candump_lines import lines_of
 from hil.runs.job import Job
 from hil.runs.segments import segments
 from hil.scenario.scenario import Scenario
-from hil.timing.realtime import is_user_mode_linux
 from hil.timing.memory import SETTLING_SHARE, MemoryWatch
-from hil.processes.signals import delayed_signals
+from hil.timing.realtime import is_user_mode_linux
 from plant_sim.scene import Scene
 
 WARM_TICKS = 50

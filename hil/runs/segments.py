@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.faults.fault import effects_of
+from hil.processes.signals import delayed_signals
 from hil.runs.compiled import Stretches
 from hil.runs.job import Job
 from hil.runs.lockstep import Lockstep
-from hil.processes.signals import delayed_signals
 from plant_sim.kernels import IS_INTERPRETED
 
 RECORDED_S = 0.5

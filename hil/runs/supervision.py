@@ -9,13 +9,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from hil.faults.processes import ProcessFaults
+from hil.processes.child import Child, Start
 from hil.roster import again_name, instants, members
 from hil.runs.job import Outcome, Progress
 from hil.scenario.scenario import Scenario
 from hil.timing.clock import NS_PER_S, OPERATOR_PERIOD_S
 from hil.timing.memory import SAMPLE_S, SETTLING_SHARE, MemoryWatch
 from hil.timing.pacemaker import Plan, Takes
-from hil.processes.child import Child, Start
 
 BASELINE = "baseline"
 """Name of the bare loop, which ends before a run whose time is held."""

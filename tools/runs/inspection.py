@@ -26,7 +26,7 @@ def default_signals(run: Run) -> list[str]:
     found = [one for one in DEFAULT_SIGNALS if one.partition(".")[0] in run.names]
     if not found:
         raise BadInputError(
-            f"the log has no signals of plant or firmware to plot; name others with --signal TABLE.COLUMN, of "
+            f"the log has no signals of plant or firmware to plot; name others by --signal TABLE.COLUMN, of "
             f"{', '.join(run.names) or 'no table'}"
         )
     return found

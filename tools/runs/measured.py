@@ -24,9 +24,9 @@ from hil.record.new_file import make_anew, write_anew
 from hil.scenario.settings import apply_settings
 from hil.show.log_stream import LogStream
 from hil.timing.clock import TICK_S
-from tools.runs.view import live_viewer
 from tools.output import BadInputError
 from tools.progress import shown_progress
+from tools.runs.view import live_viewer
 from tools.xcp_master import RefusedError, Sampled, XcpMaster
 
 LOG_NAME = "measured.rrd"

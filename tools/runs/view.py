@@ -12,8 +12,8 @@ from hil.record.run_folder import read_note
 from hil.run_files import RunFile
 from hil.runs.recorded_run import log_of
 from hil.show.window import LOOPBACK, WINDOW, in_own_network, listening_users, viewer_command
-from tools.runs.quiet_viewer import served
 from tools.output import EXIT_BAD_INPUT, BadInputError, progress_console
+from tools.runs.quiet_viewer import served
 
 LIVE_PORT = 9876
 """Port on which Rerun's viewers listen for live runs; Rerun's own default."""

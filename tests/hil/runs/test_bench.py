@@ -17,11 +17,11 @@ import pytest
 from compilers import require_compiler
 from resting import resting
 
-from hil.runs.bench import run_scenario
+from hil.processes.child import BAD_INPUT_STATUS, Child, ChildError, ChildRefusalError
 from hil.record.traces import trace
+from hil.runs.bench import run_scenario
 from hil.runs.job import RunOptions, silent
 from hil.scenario.scenario import Scenario, load_scenario
-from hil.processes.child import BAD_INPUT_STATUS, Child, ChildError, ChildRefusalError
 from tools.output import EXIT_BAD_INPUT
 
 LOCAL = RunOptions(bus="local")

@@ -18,15 +18,15 @@ from waiting import waited_for
 from firmware_py.interface import codec
 from firmware_py.interface.enums import ActingLimit, Mode, Regime
 from firmware_py.interface.generated.records import FirmwareHeartbeat
-from hil.runs.bench import run_scenario
-from hil.runs.verdict import close
 from hil.judge.judge import judge
 from hil.judge.verdict import failed_for
 from hil.judge.verdict_files import junit_document
 from hil.record import run_folder
 from hil.record.run_traces import RunTraces
 from hil.run_files import RunFile
+from hil.runs.bench import run_scenario
 from hil.runs.job import Outcome, RunOptions, silent
+from hil.runs.verdict import close
 from hil.scenario.scenario import load_scenario
 from hil.suite.suite import Chosen, run_suite
 from tools import cli

@@ -9,8 +9,8 @@ import pytest
 
 import hil
 from compilation.kernel_cache import root
-from hil.runs.recorded_run import RunError, open_run
 from hil.record.run_traces import read_json
+from hil.runs.recorded_run import RunError, open_run
 from hil.scenario.files import ScenarioError
 from hil.scenario.settings import SettingError
 

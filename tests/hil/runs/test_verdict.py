@@ -12,8 +12,6 @@ import pytest
 from run_folder import make_run, write_run
 
 from firmware_py.interface.enums import Fault
-from hil.runs.recorded_run import open_run
-from hil.runs.verdict import finish
 from hil.judge.checks import checks_of, requirements
 from hil.judge.figures.figures import figures_of
 from hil.judge.figures.records import LogFigures
@@ -23,6 +21,8 @@ from hil.judge.verdict_files import junit_document, read_verdict
 from hil.record.rrd.rerun_program import rerun
 from hil.record.run_faults import RunFault
 from hil.record.traces.trace import TraceWriter
+from hil.runs.recorded_run import open_run
+from hil.runs.verdict import finish
 from hil.show.report.pages import write_suite_report
 from tools import cli
 from tools.commands.run import show_checks, show_figures

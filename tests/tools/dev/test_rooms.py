@@ -1,7 +1,10 @@
 """A folder has few enough files to be seen at once, and a file of the product's code few enough lines."""
 
+import subprocess
 from collections import Counter
 from pathlib import Path
+
+import pytest
 
 REPOSITORY = Path(__file__).parents[3]
 TESTS = REPOSITORY / "tests"
@@ -32,3 +35,11 @@ def test_a_file_of_code_is_no_longer_than_one_reads() -> None:
     }
     assert lines
     assert {path: count for path, count in lines.items() if count > MOST_LINES} == {}
+
+
+def test_no_file_of_the_project_is_ignored() -> None:
+    """The linter and `git add` pass over what .gitignore names: `runs/` once hid three folders of code."""
+    if not (REPOSITORY / ".git").exists():
+        pytest.skip("this copy is not a checkout of git")
+    command = ["git", "-C", str(REPOSITORY), "ls-files", "--cached", "--ignored", "--exclude-standard"]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == ""

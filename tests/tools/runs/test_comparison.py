@@ -14,6 +14,7 @@ from hil.record.log_reader import tables
 from hil.runs.recorded_run import open_run
 from tools import cli
 from tools.commands.compare import show
+from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PASSED
 from tools.runs.changes import flip
 from tools.runs.comparison import (
     Difference,
@@ -25,7 +26,6 @@ from tools.runs.comparison import (
     largest_changes,
     position_and_speed_apart,
 )
-from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PASSED
 
 
 @pytest.fixture(scope="module")

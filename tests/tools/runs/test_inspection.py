@@ -77,7 +77,12 @@ def test_asked_for_frames_a_log_alone_says_where_they_are(run_dir, tmp_path, cap
 
 @pytest.mark.parametrize(
     ("ending", "read"),
-    [("parquet", parquet.read_table), ("arrow", feather.read_table), ("csv", csv.read_csv), ("CSV", csv.read_csv)],
+    [
+        ("parquet", parquet.read_table),
+        ("arrow", feather.read_table),
+        ("csv", csv.read_csv),
+        ("CSV", csv.read_csv),
+    ],
 )
 def test_a_table_is_written_as_its_ending_says(run_dir, tmp_path, capsys, ending, read):
     path = tmp_path / f"impacts.{ending}"

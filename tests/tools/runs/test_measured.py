@@ -11,8 +11,8 @@ import pytest
 from hil.bus import BusError
 from hil.processes.signals import Interrupted, interruption
 from tools import cli
-from tools.runs.measured import LOG_NAME, log_streams, lost_samples, measure_signals, summary
 from tools.output import EXIT_BAD_INPUT, BadInputError
+from tools.runs.measured import LOG_NAME, log_streams, lost_samples, measure_signals, summary
 from tools.xcp_master import Sample, Sampled
 
 

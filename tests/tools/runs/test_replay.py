@@ -14,8 +14,8 @@ from firmware_py.interface.codec import CODEC_BY_ID
 from firmware_py.interface.enums import Mode
 from firmware_py.shell.builds import Build
 from tools import cli
-from tools.runs.replay import IDS, divide_at_torques, divide_on_grid, frames_of_run, replay
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PASSED, BadInputError
+from tools.runs.replay import IDS, divide_at_torques, divide_on_grid, frames_of_run, replay
 
 E_STOP = "e-stop-in-the-hold"
 DURATION_S = 14.0

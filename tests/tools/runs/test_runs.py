@@ -15,8 +15,8 @@ from hil.record.run_traces import RunTraces
 from tools import cli
 from tools.commands.run import show_checks
 from tools.commands.suite import line_of
-from tools.runs import catalogue as runs
 from tools.output import EXIT_BAD_INPUT, EXIT_NOTHING_RAN, EXIT_PASSED, console
+from tools.runs import catalogue as runs
 
 VERDICTS = {
     "good": {"scenario": "one", "passed": True, "impact_v_m_s": 0.91, "fault": "none"},

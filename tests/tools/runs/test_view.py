@@ -22,8 +22,8 @@ from hil.runs.recorded_run import RunError
 from hil.show import window
 from hil.show.rerun_log import RunLog
 from tools import cli
-from tools.runs import view
 from tools.output import BadInputError
+from tools.runs import view
 
 
 @pytest.fixture
