@@ -202,6 +202,7 @@ def test_the_way_to_motion_and_back() -> None:
     ]:
         state = step(state, findings, request, captured=captured, standstill=standstill)
         modes.append(state.mode)
+        assert (state.fault, state.disarm_reason) == (Fault.NONE, 0)
     assert modes == [
         Mode.INIT,
         Mode.READY,
