@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 from firmware_py.interface.frame import Frame
 from hil.bus.in_process import Logged
-from hil.can_model.fault_confinement import RECORDED, UNTOUCHED, BusErrorRecord, errors_of
-from hil.can_model.modelled_bus import Delivery, ModelledBus, ModelledNode
+from hil.bus.model.fault_confinement import RECORDED, UNTOUCHED, BusErrorRecord, errors_of
+from hil.bus.model.modelled_bus import Delivery, ModelledBus, ModelledNode
 from hil.faults.fault import Fault
 from hil.faults.kinds.babbling import Babbling
 from hil.faults.on_bus import ModelledFault

@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from firmware_py.core.config import Config
 from firmware_py.shell.parameters import config_from
-from hil.can_model.bits import bit_ns_of
+from hil.bus.model.bits import bit_ns_of
 from hil.drive.axis_table import BenchScene
 from hil.faults.every import AnyFault
 from hil.faults.fault import Fault

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import rerun.blueprint as rrb
 
-from hil.can_model.fault_confinement import RECORDED
+from hil.bus.model.fault_confinement import RECORDED
 from hil.record.state_timeline import ALARM, ESTIMATE, GOOD, OTHER, TARGET, TRUTH
 from hil.show.legible.extents import Extents
 from hil.show.legible.limits import APPROACH_LIMITS, FORCE_LIMITS

@@ -22,7 +22,7 @@ import tomli_w
 
 from firmware_py.interface.enums import ActingLimit, AxisError, Fault, Mode, OperatorRequest, Regime
 from firmware_py.interface.modes import LATCHED
-from hil.can_model.fault_confinement import RECORDED, ErrorState
+from hil.bus.model.fault_confinement import RECORDED, ErrorState
 from hil.judge import detection
 from hil.judge.checks import Check, checks_of
 from hil.judge.estimate_error import EstimateErrors, estimate_errors

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from firmware_py.interface.addresses import Addresses
-    from hil.can_model.message_set import Schedule
+    from hil.bus.model.message_set import Schedule
 
 DEFAULT_BITRATE = 1_000_000
 REPORTED_BITRATES = (1_000_000, 500_000, 250_000)
@@ -35,7 +35,7 @@ def schedule(
     period of an event is its smallest gap. `response_disturbed_s`: with a transmission destroyed at any time,
     then one every 10 ms.
     """
-    from hil.can_model.message_set import ONE_ERROR, bus_schedule
+    from hil.bus.model.message_set import ONE_ERROR, bus_schedule
 
     modules = [places_of(text) for text in module or ["0,1"]]
     refuse_shared_nodes(modules)
@@ -94,7 +94,7 @@ def refuse_shared_nodes(modules: "Sequence[Addresses]") -> None:
 
 def rows(analysed: "Schedule", disturbed: "Schedule") -> list[dict[str, Any]]:
     """One row per frame, times in seconds; an unbounded response time is infinite."""
-    from hil.can_model.schedulability import seconds
+    from hil.bus.model.schedulability import seconds
 
     table = []
     for response, with_errors in zip(analysed.responses, disturbed.responses, strict=True):

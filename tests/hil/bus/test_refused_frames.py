@@ -23,7 +23,7 @@ from firmware_py.interface.frame import Frame
 from hil.bus import Bus, ProvidedBus, join, open_bus, provide
 from hil.bus.base import WrappedBus
 from hil.bus.can_socket import CanSocket
-from hil.can_model.modelled_bus import ModelledBus
+from hil.bus.model.modelled_bus import ModelledBus
 from hil.processes.child import READY_TIMEOUT_S
 from tools.output import EXIT_BAD_INPUT, EXIT_NOTHING_RAN
 

@@ -20,8 +20,8 @@ from firmware_py.shell.builds import node_of
 from firmware_py.shell.parameters import addresses_from, config_from
 from hil.bus.addressed import AddressedBus, addressed
 from hil.bus.in_process import InProcessBus
-from hil.can_model.message_set import bus_schedule
-from hil.can_model.modelled_bus import ModelledBus
+from hil.bus.model.message_set import bus_schedule
+from hil.bus.model.modelled_bus import ModelledBus
 from hil.nodes.plant import PlantNode
 from hil.scenario.operator import OperatorNode
 from hil.scenario.scenario import load_scenario

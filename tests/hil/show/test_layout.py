@@ -11,7 +11,7 @@ from screen import require_screen
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.state import Outputs, State
 from firmware_py.shell.node import Counters
-from hil.can_model.fault_confinement import BusErrorRecord
+from hil.bus.model.fault_confinement import BusErrorRecord
 from hil.record import state_timeline
 from hil.record.rrd.rates import SLOW_BLOCKS
 from hil.record.rrd.rerun_program import rerun_environment, rerun_program

@@ -11,7 +11,7 @@ from rerun.experimental import ViewerClient
 from run_folder import make_run, write_run
 from screen import require_screen
 
-from hil.can_model.fault_confinement import BusErrorRecord, ErrorState, NodeErrors
+from hil.bus.model.fault_confinement import BusErrorRecord, ErrorState, NodeErrors
 from hil.record.log_reader import documents, read_traces, tables
 from hil.record.run_faults import RunFault
 from hil.record.run_traces import read_run

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.interface.frame import Frame
-from hil.can_model import fault_confinement as rules
-from hil.can_model.bits import frame_bits
-from hil.can_model.fault_confinement import ErrorCounters, ErrorState
-from hil.can_model.modelled_bus import Delivery, ModelledBus
+from hil.bus.model import fault_confinement as rules
+from hil.bus.model.bits import frame_bits
+from hil.bus.model.fault_confinement import ErrorCounters, ErrorState
+from hil.bus.model.modelled_bus import Delivery, ModelledBus
 
 US = 1000
 NODES = ("a", "b", "c")

@@ -20,7 +20,7 @@ from functools import partial
 from itertools import groupby
 from typing import NamedTuple
 
-from hil.can_model.bits import ERROR_FRAME_BITS, INTERMISSION_BITS, SUSPEND_BITS
+from hil.bus.model.bits import ERROR_FRAME_BITS, INTERMISSION_BITS, SUSPEND_BITS
 
 ERROR_BITS = ERROR_FRAME_BITS + INTERMISSION_BITS + SUSPEND_BITS
 """Largest cost of an error in bits, without the frame's repetition: the error frame, the intermission, and

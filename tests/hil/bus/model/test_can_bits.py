@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.interface.frame import Frame, worst_case_bits
-from hil.can_model.bits import CRC_BITS, frame_bits, unstuffed_bits
+from hil.bus.model.bits import CRC_BITS, frame_bits, unstuffed_bits
 
 frames = st.builds(
     Frame,

@@ -15,15 +15,15 @@ from hypothesis import strategies as st
 from firmware_py.interface.dbc import database
 from firmware_py.interface.frame import Frame, worst_case_bits
 from firmware_py.interface.generated.kinds import XCP_COMMAND
-from hil.can_model.bits import BitRateError, bit_ns_of, frame_bits
-from hil.can_model.message_set import (
+from hil.bus.model.bits import BitRateError, bit_ns_of, frame_bits
+from hil.bus.model.message_set import (
     ONE_ERROR,
     TICK_NS,
     bus_schedule,
     bus_streams,
 )
-from hil.can_model.modelled_bus import ModelledBus
-from hil.can_model.schedulability import (
+from hil.bus.model.modelled_bus import ModelledBus
+from hil.bus.model.schedulability import (
     ERROR_BITS,
     ErrorModel,
     Pacing,
@@ -406,7 +406,7 @@ def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_the_page_states_the_load_of_two_modules(capsys: pytest.CaptureFixture[str]) -> None:
-    page = (Path(__file__).parents[3] / "docs/how-to/own-adapter.md").read_text("utf-8")
+    page = (Path(__file__).parents[4] / "docs/how-to/own-adapter.md").read_text("utf-8")
     assert "vibrohil schedule --module 0,2 --module 1,5" in page
     assert run("--module", "0,2", "--module", "1,5", "--json") == 1
     printed = json.loads(capsys.readouterr().out)

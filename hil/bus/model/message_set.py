@@ -14,8 +14,8 @@ from cantools.database.can import Message
 from firmware_py.interface.addresses import DEFAULT, Addresses, bus_id
 from firmware_py.interface.dbc import database
 from firmware_py.interface.frame import worst_case_bits
-from hil.can_model.bits import bit_ns_of
-from hil.can_model.schedulability import ErrorModel, Pacing, Response, Stream, load, response_times
+from hil.bus.model.bits import bit_ns_of
+from hil.bus.model.schedulability import ErrorModel, Pacing, Response, Stream, load, response_times
 
 NS_PER_MS = 1_000_000
 

@@ -8,7 +8,7 @@ Equal frames merge (ISO 11898-1).
 Simplifications: all nodes share one bit grid; there are no overload and no remote frames; a node that is
 switched off while its frame is on the wire completes the frame. A destroyed transmission takes the time of
 the whole frame and of the longest error frame, whatever bit was wrong: the cost of an error in the
-response-time analysis (`hil.can_model.schedulability`).
+response-time analysis (`hil.bus.model.schedulability`).
 """
 
 from bisect import insort
@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from firmware_py.interface.frame import Frame
 from hil.bus.in_process import Inbox
-from hil.can_model.bits import (
+from hil.bus.model.bits import (
     ERROR_FRAME_BITS,
     INTERMISSION_BITS,
     RECESSIVE_TAIL_BITS,
@@ -25,7 +25,7 @@ from hil.can_model.bits import (
     bit_ns_of,
     frame_bits,
 )
-from hil.can_model.fault_confinement import (
+from hil.bus.model.fault_confinement import (
     OFF_FROM,
     RECOVERY_RUN_BITS,
     RECOVERY_SEQUENCES,
