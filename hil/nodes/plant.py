@@ -14,6 +14,7 @@ from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated import packing
 from firmware_py.interface.generated.records import EncoderEstimates, GaitSensors
+from hil.bus.frame_rows import byte_frame, frames_in, word_frame
 from hil.bus.wire import REMOTE_FLAG
 from hil.drive import axis
 from hil.drive.axis import TIME_RESOLUTION_S, DriveConfig, DriveState
@@ -37,7 +38,6 @@ from hil.drive.reports import Ticks, first_reports, report_ticks, ticks_of
 from hil.faults.fault import Fault
 from hil.faults.plant import PlantFaults, SensorFaults
 from hil.nodes.compiled import kernel
-from hil.nodes.frame_rows import byte_frame, frames_in, word_frame
 from hil.nodes.plant_steps import (
     MOST_FRAMES,
     NOTHING_DUE,

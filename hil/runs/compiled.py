@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.interface.frame import Frame
 from firmware_py.node.xcp import IS_CONNECTED
 from firmware_py.shell.builds import NATIVE
 from firmware_py.shell.native import NativeNode
+from hil.bus.frame_rows import frames_in, put_frames
 from hil.bus.in_process import IdealBus
 from hil.faults.fault import TIME_RESOLUTION_S, Fault
 from hil.faults.line import MOST_HELD_FRAMES, FaultyBus
@@ -42,7 +42,6 @@ from hil.nodes.closed_loop import (
     Firmware,
     run,
 )
-from hil.nodes.frame_rows import frames_in, word_frame
 from hil.nodes.plant_steps import PlantState
 from hil.record.traces.firmware_trace import columns_in, moves_to
 from hil.record.traces.own_trace import is_build
@@ -434,11 +433,3 @@ def leave_untimed(records: NDArray[np.void]) -> None:
     """Ticks in compiled code are not timed."""
     for name in set(LoopTiming._fields) & set(records.dtype.names or ()):
         records[name] = getattr(UNTIMED, name)
-
-
-def put_frames(rows: NDArray[np.int64], first: int, frames: Sequence[Frame]) -> int:
-    """Put frames into rows of identifier, length and word from `first` on; return the end."""
-    end = first + len(frames)
-    if frames:
-        rows[first:end] = [word_frame(frame) for frame in frames]
-    return end

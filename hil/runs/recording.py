@@ -8,12 +8,12 @@ from pathlib import Path
 
 import tomli_w
 
+from hil.bus.log.candump_lines import lines_of
 from hil.processes.signals import delayed_signals
 from hil.record import provenance, run_folder
 from hil.record.new_file import open_anew, write_anew
 from hil.record.traces.trace import TraceWriter, fields_in
 from hil.run_files import RunFile, trace_file
-from hil.runs.candump_lines import lines_of
 from hil.runs.job import Job
 from hil.runs.segments import segments
 from hil.scenario.scenario import Scenario

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.interface.frame import Frame
-from hil.nodes.frame_rows import word_frame
+from hil.bus.frame_rows import word_frame
 from hil.record.traces.trace import NUMPY_CODES, Fields, columns_of_fields, numbers_of
 from hil.runs.job import Kept
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from firmware_py.shell.parameters import addresses_from
 from hil.bus import Bus, join
 from hil.bus.addressed import addressed
-from hil.bus.can_log import CanLog
+from hil.bus.log.can_log import CanLog
 from hil.processes.child import READY, read_start, report_to_parent, stop_requests
 from hil.record.candump import bus_log
 from hil.record.run_traces import read_json, read_scenario

@@ -24,7 +24,7 @@ ROOT = Path(kernel_cache.__file__).parents[1]
 PACKAGES = ("firmware_py", "plant_sim", "hil", "tools")
 OWN_PLACES = {
     "hil/record/new_file.py": "the one place",
-    "hil/bus/can_log.py": "in a claimed run folder, as the next two",
+    "hil/bus/log/can_log.py": "in a claimed run folder, as the next two",
     "hil/processes/child.py": "",
     "hil/record/traces/trace.py": "",
     "hil/kernel/user_mode_linux.py": "in a new temporary folder, as the next four",

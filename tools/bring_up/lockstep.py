@@ -6,8 +6,8 @@ from pathlib import Path
 
 from firmware_py.interface import codec
 from firmware_py.interface.generated.records import SetInputTorque
-from hil.bus.can_log import CanLog
 from hil.bus.in_process import InProcessBus
+from hil.bus.log.can_log import CanLog
 from hil.faults.fault import Fault
 from hil.faults.line import FaultyBus
 from hil.nodes.runners import FirmwareRunner, Pace, ParameterMemory, PlantRunner, controller_of

@@ -14,7 +14,7 @@ from firmware_py.interface.frame import Frame
 from hil.bus import BusFailedError, open_bus
 from hil.bus.addressed import addressed
 from hil.bus.base import Bus
-from hil.bus.can_log import CanLog
+from hil.bus.log.can_log import CanLog
 from hil.processes.child import Child
 from hil.record.new_file import make_anew
 from hil.timing.clock import NS_PER_S, TICK_S, MonotonicClock

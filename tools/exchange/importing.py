@@ -11,7 +11,7 @@ import numpy as np
 
 from firmware_py.interface.codec import CODEC_BY_ID
 from firmware_py.interface.frame import Frame
-from hil.bus.can_log import CanLog
+from hil.bus.log.can_log import CanLog
 from hil.judge.verdict import IMPORTED
 from hil.record import run_folder
 from hil.record.bus_reconstruction import doubt_two_firmwares, reconstruct_ticks

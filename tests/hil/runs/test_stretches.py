@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from firmware_py.interface.frame import Frame
-from hil.bus.can_log import CanLog
+from hil.bus.frame_rows import word_frame
+from hil.bus.log import candump_lines
+from hil.bus.log.can_log import CanLog
 from hil.faults.every import KINDS
 from hil.faults.on_bus import FramesFault
-from hil.nodes.frame_rows import word_frame
 from hil.record.run_traces import read_bus
 from hil.record.traces import trace
-from hil.runs import candump_lines, compiled
+from hil.runs import compiled
 from hil.runs.job import Job
 from hil.runs.recording import record
 from hil.scenario.files import read_scenario

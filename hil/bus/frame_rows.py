@@ -1,5 +1,7 @@
 """Frames of the bus as numbers of compiled code, and back."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,3 +21,11 @@ def byte_frame(can_id: int, length: int, word: int) -> Frame:
 def frames_in(rows: NDArray[np.int64]) -> list[Frame]:
     """The frames in rows of identifier, length and word, without empty rows."""
     return [byte_frame(*row) for row in rows.tolist() if row[0] != 0]
+
+
+def put_frames(rows: NDArray[np.int64], first: int, frames: Sequence[Frame]) -> int:
+    """Put frames into rows of identifier, length and word from `first` on; return the end."""
+    end = first + len(frames)
+    if frames:
+        rows[first:end] = [word_frame(frame) for frame in frames]
+    return end
