@@ -14,7 +14,7 @@ from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
-from hil.judge.figures import text as figure_texts
+from hil.figures import text as figure_texts
 from text_input import RefusalError
 
 EXIT_PASSED = 0

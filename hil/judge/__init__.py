@@ -1,1 +1,1 @@
-"""The judgement of a run: figures, checks, requirements, JUnit."""
+"""The judgement of a run: its checks evaluated on its figures, verdict, JUnit."""

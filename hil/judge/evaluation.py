@@ -10,12 +10,12 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
-from hil.judge.checks import LONGEST_S, Bounds, Check, Value
-from hil.judge.figures.records import CATALOGUE, Figures, Origin, incomplete, value_of
-from hil.judge.gaps import doubt_of
-from hil.judge.hold import Window, commanded_end_s
+from hil.figures.gaps import doubt_of
+from hil.figures.hold import Window, commanded_end_s
+from hil.figures.records import CATALOGUE, Figures, Origin, incomplete, value_of
 from hil.judge.verdict import CheckResult, Verdict
 from hil.record.run_traces import NOTHING_LEFT, RunTraces
+from hil.scenario.checks import LONGEST_S, Bounds, Check, Value
 
 END_TOLERANCE_S = 0.01
 """Time by which a run may end before the window of a check does: some ticks."""
@@ -114,8 +114,8 @@ def measure_own(
     check: Check, expression: str, figures: Figures, traces: RunTraces
 ) -> tuple[Value | None, str | None]:
     """The value of an own figure over the check's window, or None and the reason."""
-    from hil.judge.figures.expression import ExpressionError  # noqa: PLC0415 - most have none
-    from hil.judge.figures.own import own_figure  # noqa: PLC0415
+    from hil.figures.expression import ExpressionError  # noqa: PLC0415 - most have none
+    from hil.figures.own import own_figure  # noqa: PLC0415
 
     try:
         value = own_figure(expression, Window(check.from_s, check.to_s), traces.plant, traces.firmware)

@@ -4,15 +4,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hil.judge.checks import checks_of
+from hil.figures.figures import figures_from, refusals_of
+from hil.figures.moments import moment_of
 from hil.judge.evaluation import evaluate
-from hil.judge.figures.figures import figures_from, refusals_of
-from hil.judge.figures.moments import moment_of
-from hil.judge.verdict import IMPORTED, FaultEffect, RunVerdict, Verdict
+from hil.judge.verdict import FaultEffect, RunVerdict, Verdict
 from hil.record import provenance
 from hil.record.run_faults import faults_of
 from hil.record.run_traces import RunTraces
 from hil.record.traces.own_trace import is_build
+from hil.scenario.checks import checks_of
+from hil.timing.clock import IMPORTED
 
 
 def judge(traces: RunTraces, folder: Path) -> RunVerdict:

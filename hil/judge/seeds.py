@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from hil.judge.checks import Check, Value
 from hil.judge.evaluation import margin
 from hil.judge.verdict import BY_GRAVITY, CheckResult, RunVerdict, Verdict
+from hil.scenario.checks import Check, Value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-from hil.judge.checks import size_of
+from hil.scenario.checks import size_of
 
 
 class Tolerance(NamedTuple):

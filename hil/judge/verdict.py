@@ -12,13 +12,12 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hil.judge.checks import Check, Value, requirements
-from hil.judge.figures.records import CATALOGUE, Figures, Number, incomplete, no_figures
-from hil.judge.figures.text import figure_text
+from hil.figures.records import CATALOGUE, Figures, Number, incomplete, no_figures
+from hil.figures.text import figure_text
 from hil.record import formats, provenance
+from hil.scenario.checks import Check, Value, requirements
+from hil.timing.clock import IMPORTED
 
-IMPORTED = "imported"
-"""Clock name of a log imported from a real bench, which has no truth and no scenario."""
 KILLED = "the run is not finished, or its process was killed before the verdict"
 NO_CHECKS = "nothing was checked; give the scenario a table [[checks]]"
 NO_SCENARIO = "an imported log has no scenario, and so no checks"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from hil.judge.figures.records import Figures
+from hil.figures.records import Figures
 from hil.judge.verdict import NO_CHECKS, CheckResult, FaultEffect, RunVerdict, Verdict
 from hil.record import formats
 from hil.record.new_file import write_anew

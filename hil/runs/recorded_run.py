@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from hil.judge.figures.records import Figures, TrueImpact
+from hil.figures.records import Figures, TrueImpact
 from hil.judge.judge import judge
 from hil.judge.verdict import RunVerdict, Verdict
 from hil.record import log_reader

@@ -12,8 +12,8 @@ from firmware_py.core.config import Config
 from firmware_py.core.conflicts import nominal_rad_s
 from hil.faults.fault import Fault
 from hil.faults.kinds.kick import Kick
-from hil.judge.checks import Bounds, Check, requirements
-from hil.judge.figures.records import CATALOGUE
+from hil.figures.records import CATALOGUE
+from hil.scenario.checks import Bounds, Check, requirements
 from hil.scenario.operator import Command
 from plant_sim.scene import Scene
 from text_input import TextInputError

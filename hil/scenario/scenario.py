@@ -20,7 +20,7 @@ from hil.faults.every import AnyFault
 from hil.faults.fault import Fault
 from hil.faults.on_bus import ModelledFault
 from hil.faults.on_process import ClockFault, ProcessFault
-from hil.judge.checks import LONGEST_S, MOST_CHECKS, Check
+from hil.scenario.checks import LONGEST_S, MOST_CHECKS, Check
 from hil.scenario.files import ScenarioError, read_scenario, scenario_name
 from hil.scenario.limits import Judged, take_limits
 from hil.scenario.operator import Command, Request

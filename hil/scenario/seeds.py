@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.judge.checks import LONGEST_S
+from hil.scenario.checks import LONGEST_S
 from hil.scenario.scenario import Scenario, check_scenario
 
 AS_WRITTEN = 1

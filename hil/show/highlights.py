@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Sequence
 
-from hil.judge.figures.moments import first, moment_of
-from hil.judge.figures.records import Figures
+from hil.figures.moments import first, moment_of
+from hil.figures.records import Figures
 from hil.judge.verdict import CheckResult, Verdict
 from hil.record.run_traces import RunTraces
 from hil.show.layout import Highlights, Mark

@@ -23,12 +23,11 @@ import tomli_w
 from firmware_py.interface.enums import ActingLimit, AxisError, Fault, Mode, OperatorRequest, Regime
 from firmware_py.interface.modes import LATCHED
 from hil.bus.model.fault_confinement import RECORDED, ErrorState
-from hil.judge import detection
-from hil.judge.checks import Check, checks_of
-from hil.judge.estimate_error import EstimateErrors, estimate_errors
-from hil.judge.figures.gait import phase_at, push_off
+from hil.figures import detection
+from hil.figures.estimate_error import EstimateErrors, estimate_errors
+from hil.figures.gait import phase_at, push_off
 from hil.judge.judge import judge
-from hil.judge.verdict import IMPORTED, RunVerdict, Verdict
+from hil.judge.verdict import RunVerdict, Verdict
 from hil.record.bus_load import BusLoad, sum_loads
 from hil.record.candump import BusLog
 from hil.record.frame_tables import find_refused
@@ -51,6 +50,7 @@ from hil.record.state_timeline import (
 )
 from hil.record.traces.stored_trace import Records
 from hil.run_files import RunFile
+from hil.scenario.checks import Check, checks_of
 from hil.show.drawing import Drawing
 from hil.show.highlights import highlights, marks
 from hil.show.injected import NONE, injected_in, timeline
@@ -59,6 +59,7 @@ from hil.show.legible.extents import Extents
 from hil.show.legible.limits import FIGURES, limits_of
 from hil.show.log_stream import LogStream, dynamic
 from hil.show.verdict_text import verdict_text
+from hil.timing.clock import IMPORTED
 from hil.timing.pacemaker import Hold
 from plant_sim.arrays import FloatArray
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from hil.judge.figures.text import figure_text
+from hil.figures.text import figure_text
 from hil.judge.verdict import CheckResult, RunVerdict, Verdict
 
 MARKUP = re.compile(r"[\\`*\[\]<>!|&~#]")

@@ -12,6 +12,9 @@ OPERATOR_PERIOD_S = 0.01
 ClockName = Literal["real", "lockstep"]
 """Processes on the wall clock; all nodes in one process, as fast as possible."""
 
+IMPORTED = "imported"
+"""Clock name of a log imported from a real bench, which has no truth and no scenario."""
+
 TimeName = Literal["held", "strict"]
 """Real time that is held while a process is late (`hil.timing.pacemaker`), or that goes on without it."""
 

@@ -18,9 +18,9 @@ from pydantic import ValidationError
 
 import hil
 from compilation import kernel_cache
-from hil.judge.checks import Check
 from hil.record.rrd.log_file import written_whole
 from hil.record.run_folder import write_json
+from hil.scenario.checks import Check
 from tools import cli, output
 
 ROOT = Path(kernel_cache.__file__).parents[1]

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
-from hil.judge import detection, true_regime
+from hil.figures import detection, true_regime
 from plant_sim.arrays import FloatArray
 from tools.campaign import reference
 from tools.campaign.campaign import Campaign, Goal, Outcome, Trial

@@ -1,7 +1,7 @@
 """The campaign `walk`: suitable modules of the feasibility table, on courses of walking.
 
 Felt force, pulses and phase are judged from `SETTLED_S` after the capture on, turn by turn and stride by
-stride. Pulses after a stop or a stumble count until a pause (`hil.judge.figures.gait.is_following`); pulses
+stride. Pulses after a stop or a stumble count until a pause (`hil.figures.gait.is_following`); pulses
 that the leg's own motion causes after the pause are counted separately.
 """
 
@@ -14,9 +14,9 @@ import numpy as np
 
 from firmware_py.interface.enums import Mode, Refusal
 from firmware_py.interface.generated.parameters import Gait
-from hil.judge.detection import WEAKEST_V_M_S
-from hil.judge.figures.figures import peaks_by_turn
-from hil.judge.figures.gait import PushOff, is_following
+from hil.figures.detection import WEAKEST_V_M_S
+from hil.figures.figures import peaks_by_turn
+from hil.figures.gait import PushOff, is_following
 from hil.scenario.files import read_scenario
 from hil.scenario.scenario import Scenario
 from plant_sim.parts.walking import BEGIN_S, FROM_SIZE, KNOCK_M_S2, TO_SIZE, Walking

@@ -138,7 +138,7 @@ def campaign(
 
 def printed(result: Mapping[str, Any]) -> dict[str, Any]:
     """A campaign's result as it is printed: a goal with its limit in words, differences by their title."""
-    from hil.judge.checks import Bounds
+    from hil.scenario.checks import Bounds
 
     goals = [
         {

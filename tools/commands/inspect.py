@@ -137,7 +137,7 @@ def print_rows(name: str, rows: "pa.Table", places: range) -> None:
 
 def show(logged: "Run", every: bool) -> None:
     """Print the verdict, the checks and the most important figures, or every figure and the tables' names."""
-    from hil.judge.figures.records import CATALOGUE, value_of
+    from hil.figures.records import CATALOGUE, value_of
     from hil.record.run_faults import EARLIER_VERSION, lacks_faults
     from tools.commands.run import show_checks, show_figures, title_of
 

@@ -32,7 +32,7 @@ from tools.output import (
 from tools.progress import shown_progress
 
 if TYPE_CHECKING:
-    from hil.judge.figures.records import Figures
+    from hil.figures.records import Figures
     from hil.judge.verdict import RunVerdict
 
 
@@ -110,7 +110,7 @@ def show(verdict: "RunVerdict", title: str) -> None:
 
 def show_figures(figures: "Figures") -> None:
     """Print the main figures of a run."""
-    from hil.judge.figures.main_figures import main_figures
+    from hil.figures.main_figures import main_figures
 
     console.print(figure_table(None, main_figures(figures)))
 
@@ -132,7 +132,7 @@ def show_next(out: Path) -> None:
 
 def show_checks(verdict: "RunVerdict") -> None:
     """Print a run's checks, those that have not passed first, and what the verdict says about them."""
-    from hil.judge.gaps import longest_gaps, longest_holds
+    from hil.figures.gaps import longest_gaps, longest_holds
 
     figures = verdict.figures
     columns = (Column(title, no_wrap=True) for title in ("value", "limit", ""))

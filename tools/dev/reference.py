@@ -24,8 +24,8 @@ from firmware_py.interface.dbc import Signal, SignalKind, database
 from firmware_py.interface.parameter_table import TABLE, Parameter
 from hil.drive.axis_table import BenchScene
 from hil.faults.every import KINDS, PLACES
-from hil.judge.checks import Bounds, Check, Limit, requirements
-from hil.judge.figures.records import CATALOGUE
+from hil.figures.records import CATALOGUE
+from hil.scenario.checks import Bounds, Check, Limit, requirements
 from hil.scenario.files import FileTable, check_sets, scenario_names
 from hil.scenario.limits import SCALES
 from hil.scenario.scenario import CommandTable, Scenario, ScenarioTable, ScriptTable, load_scenario

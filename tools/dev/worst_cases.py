@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 
-from hil.judge.checks import requirements
+from hil.scenario.checks import requirements
 from tools import jobs
 from tools.dev.command_page import row, table
 from tools.falsify.counterexample import shrink

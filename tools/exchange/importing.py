@@ -12,7 +12,6 @@ import numpy as np
 from firmware_py.interface.codec import CODEC_BY_ID
 from firmware_py.interface.frame import Frame
 from hil.bus.log.can_log import CanLog
-from hil.judge.verdict import IMPORTED
 from hil.record import run_folder
 from hil.record.bus_reconstruction import doubt_two_firmwares, reconstruct_ticks
 from hil.record.candump import BusLog
@@ -21,7 +20,7 @@ from hil.record.run_traces import read_bus
 from hil.record.traces.trace import TraceWriter
 from hil.run_files import RunFile, trace_file
 from hil.show.rerun_log import rebuild
-from hil.timing.clock import TICK_S
+from hil.timing.clock import IMPORTED, TICK_S
 from tools.exchange.foreign_logs import (
     SHOWN_LINES,
     ClockJump,

@@ -7,8 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hil.judge.checks import Check
-from hil.judge.figures.records import CATALOGUE, Origin
+from hil.figures.records import CATALOGUE, Origin
 from hil.judge.judge import judge
 from hil.judge.verdict import CheckResult, RunVerdict, Verdict
 from hil.record.candump import NO_BUS, StoredBus
@@ -17,6 +16,7 @@ from hil.record.run_traces import RunTraces, read_trace
 from hil.run_files import TRACES, RunFile, trace_file
 from hil.runs.job import Job
 from hil.runs.recording import record
+from hil.scenario.checks import Check
 from hil.scenario.scenario import Scenario
 from text_input import TextInputError
 from tools.falsify.space import Space

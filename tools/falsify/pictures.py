@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hil.judge.figures.moments import moment_of
+from hil.figures.moments import moment_of
 from hil.record.run_faults import faults_of
 from hil.record.run_traces import RunTraces, column, pair_by_tick
 from plant_sim.arrays import FloatArray

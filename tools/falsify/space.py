@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-from hil.judge.checks import Check, requirements
+from hil.scenario.checks import Check, requirements
 from hil.scenario.files import search_tables
 from hil.scenario.limits import without_own_limit
 from hil.scenario.scenario import Scenario, check_scenario, load_scenario

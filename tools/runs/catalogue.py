@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hil.judge.figures.records import CATALOGUE
-from hil.judge.figures.text import plain
+from hil.figures.records import CATALOGUE
+from hil.figures.text import plain
 from hil.judge.verdict import Verdict
 from hil.record import formats
 from hil.record.run_folder import RUNS, begun_s, discard_unused, is_own, read_note

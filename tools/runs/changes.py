@@ -29,7 +29,7 @@ COLORS = {"better": "green", "worse": "bold red"}
 
 def tolerances_of(settings: Sequence[str] | None) -> "dict[str, Tolerance]":
     """The tolerances of `--tolerance`; raises BadInputError."""
-    from hil.judge.figures.records import CATALOGUE
+    from hil.figures.records import CATALOGUE
     from hil.judge.tolerance import tolerances_from
 
     try:

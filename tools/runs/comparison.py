@@ -16,8 +16,7 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
-from hil.judge.checks import size_of
-from hil.judge.figures.records import CATALOGUE, Origin, value_of
+from hil.figures.records import CATALOGUE, Origin, value_of
 from hil.judge.tolerance import Tolerance, tolerance_of
 from hil.record.damage import reading
 from hil.record.frame_tables import RAW
@@ -25,6 +24,7 @@ from hil.record.log_reader import MEASURED
 from hil.record.run_traces import column, pair_by_tick
 from hil.record.state_timeline import ALARM, OTHER
 from hil.runs.recorded_run import Run
+from hil.scenario.checks import size_of
 from hil.show.layout import overlay
 from hil.show.log_stream import colors, recorded
 from plant_sim.arrays import FloatArray

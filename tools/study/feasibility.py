@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.judge.true_regime import Periods, impacts_by_period, period_edges
+from hil.figures.true_regime import Periods, impacts_by_period, period_edges
 from hil.record.new_file import open_anew
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.plant import Plant

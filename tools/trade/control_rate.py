@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.shell.builds import Build
+from hil.figures.figures import figures_of
 from hil.judge.evaluation import evaluate
-from hil.judge.figures.figures import figures_of
 from hil.runs.job import Job
 from hil.runs.recording import in_lockstep
 from hil.scenario.files import read_scenario

@@ -21,10 +21,10 @@ from firmware_py.core.safety.liveness import READINGS
 from firmware_py.core.safety.monitors import RUNAWAY_RAD_S
 from firmware_py.interface.enums import AxisState, Fault, Mode
 from firmware_py.shell.parameters import DEFAULTS, config_from
-from hil.judge.figures.expression import Expression, ExpressionError
-from hil.judge.figures.moments import moment_of
-from hil.judge.figures.own import ELEMENTWISE
-from hil.judge.figures.text import figure_text
+from hil.figures.expression import Expression, ExpressionError
+from hil.figures.moments import moment_of
+from hil.figures.own import ELEMENTWISE
+from hil.figures.text import figure_text
 from hil.judge.verdict import CheckResult, RunVerdict, Verdict
 from hil.record.run_traces import RunTraces, column
 from hil.record.state_timeline import lower_name

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from hil.judge.checks import Check
+from hil.scenario.checks import Check
 
 APPROACH_LIMITS, FORCE_LIMITS = "/limits/approach_speed", "/limits/peak_force"
 FIGURES = {APPROACH_LIMITS: ("impact_v_m_s", "largest_v_m_s"), FORCE_LIMITS: ("peak_force_n",)}

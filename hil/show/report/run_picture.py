@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hil.judge.checks import Check, checks_of
 from hil.judge.why.cause import AFTER_S, BEFORE_S, Cause
 from hil.record.rrd.rates import SIGNAL
 from hil.record.run_traces import RunTraces, column
 from hil.record.state_timeline import ALARM, FIRMWARE_TIMELINES, StateTimeline, state_name
 from hil.record.traces.stored_trace import Records
+from hil.scenario.checks import Check, checks_of
 from hil.show.injected import injected_in
 from hil.show.report.picture import Curve, Level, Picture, Plot, Span, Strip
 from plant_sim.arrays import FloatArray

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from hil.judge.checks import Bounds, Check, checks_of
 from hil.judge.evaluation import evaluate, margin, margin_in, margin_share
 from hil.record.run_traces import RunTraces
+from hil.scenario.checks import Bounds, Check, checks_of
 
 
 def figures(**values):

@@ -7,15 +7,15 @@ from xml.etree import ElementTree
 
 import pytest
 
-from hil.judge.checks import Check, checks_of, requirements
+from hil.figures.records import CATALOGUE
 from hil.judge.evaluation import meets_requirement
 from hil.judge.failures import failures_of
-from hil.judge.figures.records import CATALOGUE
 from hil.judge.judge import judge
 from hil.judge.seeds import worst_of
 from hil.judge.verdict import CheckResult, Verdict, trace
 from hil.judge.verdict_files import junit_document
 from hil.record.run_traces import RunTraces
+from hil.scenario.checks import Check, checks_of, requirements
 from hil.scenario.files import ScenarioError, read_scenario, scenario_names
 from hil.scenario.limits import SCALES, look_up
 from hil.scenario.scenario import check_scenario, load_scenario

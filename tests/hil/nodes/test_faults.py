@@ -35,7 +35,7 @@ from hil.faults.line import FaultyBus, TrafficError
 from hil.faults.on_bus import Step
 from hil.faults.plant import SensorFaults
 from hil.faults.processes import ProcessFaults, in_turns
-from hil.judge.figures.figures import figures_of
+from hil.figures.figures import figures_of
 from hil.nodes.plant import PlantNode
 from hil.nodes.runners import ParameterMemory
 from hil.record.run_faults import RunFault

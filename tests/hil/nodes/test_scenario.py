@@ -9,7 +9,7 @@ import pytest
 from pydantic import BaseModel
 
 from firmware_py.shell.parameters import ParameterError
-from hil.judge.checks import Check, Requirement
+from hil.scenario.checks import Check, Requirement
 from hil.scenario.files import ScenarioError, read_scenario
 from hil.scenario.operator import Command, Request
 from hil.scenario.scenario import check_scenario, load_scenario

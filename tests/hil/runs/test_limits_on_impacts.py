@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from firmware_py.shell.parameters import ParameterError
-from hil.judge.figures.figures import figures_of
-from hil.judge.figures.records import Figures
+from hil.figures.figures import figures_of
+from hil.figures.records import Figures
 from hil.runs.job import Job
 from hil.runs.recording import in_lockstep
 from hil.scenario.scenario import load_scenario

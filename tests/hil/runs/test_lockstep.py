@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from firmware_py.shell.builds import Build
-from hil.judge.figures.figures import figures_of
+from hil.figures.figures import figures_of
 from hil.record.traces import trace
 from hil.runs import recording
 from hil.runs.job import Job

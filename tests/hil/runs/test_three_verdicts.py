@@ -9,12 +9,12 @@ import tomli_w
 from resting import resting
 from run_folder import make_run, write_run
 
-from hil.judge.checks import checks_of
 from hil.judge.seeds import merge
 from hil.judge.verdict import Verdict, trace, worst
 from hil.judge.verdict_files import junit_document
 from hil.runs.job import RunOptions, silent
 from hil.runs.verdict import finish
+from hil.scenario.checks import checks_of
 from hil.show.report.pages import write_suite_report
 from hil.suite.suite import Chosen, run_suite
 from tools.cli import run

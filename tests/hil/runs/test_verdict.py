@@ -12,9 +12,8 @@ import pytest
 from run_folder import make_run, write_run
 
 from firmware_py.interface.enums import Fault
-from hil.judge.checks import checks_of, requirements
-from hil.judge.figures.figures import figures_of
-from hil.judge.figures.records import LogFigures
+from hil.figures.figures import figures_of
+from hil.figures.records import LogFigures
 from hil.judge.seeds import merge
 from hil.judge.verdict import failed_for, trace
 from hil.judge.verdict_files import junit_document, read_verdict
@@ -23,6 +22,7 @@ from hil.record.run_faults import RunFault
 from hil.record.traces.trace import TraceWriter
 from hil.runs.recorded_run import open_run
 from hil.runs.verdict import finish
+from hil.scenario.checks import checks_of, requirements
 from hil.show.report.pages import write_suite_report
 from tools import cli
 from tools.commands.run import show_checks, show_figures

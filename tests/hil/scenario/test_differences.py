@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from hil.judge.checks import requirements
-from hil.judge.figures.records import CATALOGUE
+from hil.figures.records import CATALOGUE
+from hil.scenario.checks import requirements
 from hil.scenario.files import (
     ScenarioError,
     check_sets,

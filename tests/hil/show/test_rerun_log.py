@@ -13,7 +13,7 @@ from part_of_a_run import part
 from run_folder import END_S, STOP_M, T_S, make_run, write_run
 
 from firmware_py.interface.enums import Fault, Mode
-from hil.judge.figures.figures import figures_from, figures_of
+from hil.figures.figures import figures_from, figures_of
 from hil.judge.judge import judge
 from hil.judge.verdict import CheckResult, Verdict
 from hil.record.log_reader import documents, read_traces, tables

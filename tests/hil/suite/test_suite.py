@@ -13,7 +13,6 @@ import pytest
 from resting import resting
 
 from hil.faults.every import KINDS
-from hil.judge.checks import Check
 from hil.judge.evaluation import is_within
 from hil.judge.judge import judge
 from hil.judge.seeds import merge
@@ -22,6 +21,7 @@ from hil.processes.workers import Died
 from hil.record.run_folder import RunFolderError
 from hil.record.run_traces import RunTraces
 from hil.runs.job import RunOptions, silent
+from hil.scenario.checks import Check
 from hil.scenario.files import scenario_names
 from hil.scenario.scenario import load_scenario
 from hil.scenario.seeds import delay_faults

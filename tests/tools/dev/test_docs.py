@@ -12,7 +12,7 @@ import pytest
 
 from firmware_py.core.state import State
 from firmware_py.interface.parameter_table import TABLE
-from hil.judge.figures.records import CATALOGUE
+from hil.figures.records import CATALOGUE
 from hil.scenario.files import scenario_names
 from hil.scenario.scenario import load_scenario
 from plant_sim.scene import scene_names

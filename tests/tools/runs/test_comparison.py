@@ -8,7 +8,7 @@ import pyarrow as pa
 import pytest
 from short_run import make_run
 
-from hil.judge.figures.records import CATALOGUE
+from hil.figures.records import CATALOGUE
 from hil.judge.tolerance import Tolerance
 from hil.record.log_reader import tables
 from hil.runs.recorded_run import open_run

@@ -9,13 +9,13 @@ import pytest
 from browser import Browser, Picture, drawn_in, near
 from short_run import make_run
 
-from hil.judge.checks import checks_of
 from hil.judge.seeds import merge
 from hil.judge.verdict import trace
 from hil.judge.verdict_files import read_verdict
 from hil.record import state_timeline
 from hil.record.rrd.rerun_program import rerun_environment
 from hil.record.run_traces import read_scenario
+from hil.scenario.checks import checks_of
 from hil.show import window
 from hil.show.report.pages import write_suite_report
 from tools.runs.quiet_viewer import served

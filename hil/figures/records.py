@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass, is_dataclass
 from enum import Enum, auto
 from typing import Annotated, Any, NamedTuple, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
-from hil.judge.figures.text import plain
-from hil.judge.gaps import Gap
+from hil.figures.gaps import Gap
+from hil.figures.text import plain
 from hil.timing.pacemaker import Hold
 
 Group = TypeVar("Group")

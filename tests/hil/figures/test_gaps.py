@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil.judge.checks import Check
+from hil.figures.gaps import Gap, doubt_of, find_announced, gaps_in, gaps_of, longest_gaps, longest_holds
 from hil.judge.evaluation import doubt
-from hil.judge.gaps import Gap, doubt_of, find_announced, gaps_in, gaps_of, longest_gaps, longest_holds
 from hil.record.run_faults import RunFault
 from hil.record.run_traces import RunTraces
+from hil.scenario.checks import Check
 from hil.timing.pacemaker import Hold
 
 

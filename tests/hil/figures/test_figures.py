@@ -20,8 +20,8 @@ from run_folder import (
 )
 
 from firmware_py.interface.enums import Fault, Mode
-from hil.judge.figures.figures import figures_from, figures_of
-from hil.judge.figures.records import Spread
+from hil.figures.figures import figures_from, figures_of
+from hil.figures.records import Spread
 from hil.record.candump import parse_candump
 from hil.record.run_traces import column
 

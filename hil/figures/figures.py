@@ -12,11 +12,12 @@ import numpy as np
 
 from firmware_py.interface.enums import Mode, Regime
 from hil.bus.base import OWN_BUSES
-from hil.judge import detection
-from hil.judge.estimate_error import estimate_errors
-from hil.judge.figures import faults
-from hil.judge.figures.gait import gait_figures
-from hil.judge.figures.records import (
+from hil.figures import detection, faults
+from hil.figures.estimate_error import estimate_errors
+from hil.figures.gait import gait_figures
+from hil.figures.gaps import gaps_of
+from hil.figures.hold import Window, hold_motion, hold_window
+from hil.figures.records import (
     DetectorFigures,
     EstimateFigures,
     FeltFigures,
@@ -31,16 +32,13 @@ from hil.judge.figures.records import (
     TrueImpact,
     no_figures,
 )
-from hil.judge.gaps import gaps_of
-from hil.judge.hold import Window, hold_motion, hold_window
-from hil.judge.verdict import IMPORTED
 from hil.record.rrd.rates import slow_rows
 from hil.record.run_traces import RunTraces, column, read_run
 from hil.record.state_timeline import lower_name
 from hil.record.traces.own_trace import is_build
 from hil.record.traces.stored_trace import Records
 from hil.roster import AGAIN, names
-from hil.timing.clock import TICK_S
+from hil.timing.clock import IMPORTED, TICK_S
 from hil.timing.pacemaker import Hold
 from plant_sim.arrays import FloatArray
 

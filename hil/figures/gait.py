@@ -15,9 +15,9 @@ import numpy as np
 from firmware_py.interface.enums import Mode
 from firmware_py.interface.modes import MOVING
 from firmware_py.shell.parameters import config_from
-from hil.judge import detection
-from hil.judge.figures.records import GaitFigures, no_figures
-from hil.judge.hold import Window
+from hil.figures import detection
+from hil.figures.hold import Window
+from hil.figures.records import GaitFigures, no_figures
 from hil.record.run_traces import RunTraces, column, pair_by_tick
 from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import BoolArray, FloatArray

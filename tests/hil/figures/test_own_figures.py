@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from hil.judge.checks import Check
+from hil.figures.hold import Window
+from hil.figures.own import ExpressionError, own_figure
 from hil.judge.evaluation import evaluate
-from hil.judge.figures.own import ExpressionError, own_figure
-from hil.judge.hold import Window
 from hil.record.run_traces import RunTraces
+from hil.scenario.checks import Check
 
 WHOLE = Window(0.0, 100.0)
 TICKED = SimpleNamespace(ticks=1)

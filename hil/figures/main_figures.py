@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from hil.judge.figures.records import Figures
-from hil.judge.figures.text import NO_VALUE, figure_text
+from hil.figures.records import Figures
+from hil.figures.text import NO_VALUE, figure_text
 
 Row = tuple[str, Any, str]
 """A figure for people: its label, its value, and the unit of the value."""

@@ -5,8 +5,8 @@ import pytest
 from run_folder import records
 
 from firmware_py.interface.enums import Mode, Regime
-from hil.judge import detection, true_regime
-from hil.judge.hold import Window, capture, commanded_end_s, hold_motion, hold_window
+from hil.figures import detection, true_regime
+from hil.figures.hold import Window, capture, commanded_end_s, hold_motion, hold_window
 
 RUN, READY = Mode.RUN, Mode.READY
 

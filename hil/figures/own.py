@@ -12,8 +12,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from hil.judge.figures.expression import Expression, ExpressionError, Names, Read, Signal
-from hil.judge.hold import Window
+from hil.figures.expression import Expression, ExpressionError, Names, Read, Signal
+from hil.figures.hold import Window
 from hil.record.run_traces import column
 from hil.record.traces.firmware_trace import fields_of
 from hil.record.traces.plant_trace import PlantRecord

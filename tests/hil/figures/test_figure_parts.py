@@ -7,10 +7,10 @@ import pytest
 from run_folder import HOLD_S, OMEGA_RAD_S, STOP_S, make_run, records, traces_of
 
 from firmware_py.interface.enums import Regime
-from hil.judge.figures import figures as parts
-from hil.judge.figures import records as figure_records
-from hil.judge.figures.figures import figures_from
-from hil.judge.figures.records import LoopFigures, Loops, MemoryFigures, Spread
+from hil.figures import figures as parts
+from hil.figures import records as figure_records
+from hil.figures.figures import figures_from
+from hil.figures.records import LoopFigures, Loops, MemoryFigures, Spread
 from hil.record.rrd.rates import SLOW_TICKS
 from hil.record.run_traces import RunTraces
 

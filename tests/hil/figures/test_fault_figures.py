@@ -5,7 +5,7 @@ import pytest
 from run_folder import records
 
 from firmware_py.interface.enums import Fault, Mode
-from hil.judge.figures.faults import (
+from hil.figures.faults import (
     BEFORE_FAULT_S,
     NO_TORQUE_N_M,
     SETTLE_S,
@@ -21,7 +21,7 @@ from hil.judge.figures.faults import (
     torque_after,
     zero_after,
 )
-from hil.judge.hold import Window
+from hil.figures.hold import Window
 from hil.record.run_faults import RunFault
 from hil.record.run_traces import RunTraces
 

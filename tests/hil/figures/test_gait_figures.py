@@ -5,9 +5,9 @@ import pytest
 from run_folder import HOLD_S, STOP_S, T_S, MadeUpRun, make_run, traces_of, write_run
 
 from firmware_py.interface.enums import GaitState, Mode
-from hil.judge.figures.figures import figures_from
-from hil.judge.figures.gait import push_off
-from hil.judge.figures.records import GaitFigures
+from hil.figures.figures import figures_from
+from hil.figures.gait import push_off
+from hil.figures.records import GaitFigures
 from hil.record.log_reader import tables
 from hil.runs.verdict import finish
 from hil.show.rerun_log import rebuild

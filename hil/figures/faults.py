@@ -7,9 +7,9 @@ import numpy as np
 
 from firmware_py.interface.enums import Fault, Mode
 from firmware_py.interface.modes import MOVING
-from hil.judge import detection
-from hil.judge.figures.records import FaultFigures, LatchedFigures, SafeStateFigures, no_figures
-from hil.judge.hold import Window, capture
+from hil.figures import detection
+from hil.figures.hold import Window, capture
+from hil.figures.records import FaultFigures, LatchedFigures, SafeStateFigures, no_figures
 from hil.record.run_faults import faults_of
 from hil.record.run_traces import RunTraces, column
 from hil.record.traces.stored_trace import Records

@@ -12,7 +12,7 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from hil.judge.figures.records import CATALOGUE
+from hil.figures.records import CATALOGUE
 from plant_sim.validation_messages import nearest
 
 Value = bool | int | float | str
@@ -105,7 +105,7 @@ class Check(BaseModel):
     """A figure by its dotted name, and either inclusive bounds (`low`, `high`, both) or the required value.
 
     A check that names a requirement with limits of this figure takes these; its own may only be stricter.
-    With an `expression` the figure is the user's own (`hil.judge.figures.own`), with any name and unit,
+    With an `expression` the figure is the user's own (`hil.figures.own`), with any name and unit,
     evaluated from `from_s` to `to_s`.
 
     `unit`, if given, must be the figure's unit: a bound in millimetres on a figure in metres is refused.
@@ -161,7 +161,7 @@ class Check(BaseModel):
             raise ValueError(f"check {self.name!r}: a run has such a figure already; give yours another name")
         if not self.from_s < self.to_s:
             raise ValueError(f"check {self.name!r}: from_s = {self.from_s} is not before to_s = {self.to_s}")
-        from hil.judge.figures.own import refuse_unknown  # noqa: PLC0415 - most scenarios have none
+        from hil.figures.own import refuse_unknown  # noqa: PLC0415 - most scenarios have none
 
         refuse_unknown(self.expression)
         return self

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hil.judge import detection
-from hil.judge.figures.records import Figures
+from hil.figures import detection
+from hil.figures.records import Figures
 from hil.record.run_traces import RunTraces, column
 from hil.record.traces.stored_trace import Records
 

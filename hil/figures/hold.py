@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from firmware_py.interface.enums import Mode, Regime
-from hil.judge import detection, true_regime
+from hil.figures import detection, true_regime
 from hil.record.run_traces import column
 from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import BoolArray, FloatArray
