@@ -1,6 +1,6 @@
 """The nodes of the bench, each once, in the order in which they act in a tick.
 
-A node's runner is a class as of `hil.nodes.runners.NodeRunner`. All that lists the nodes iterates over
+A node's runner is a class as of `hil.nodes.runner.NodeRunner`. All that lists the nodes iterates over
 `ROSTER`: the loop, the pacemaker's plan, the processes and the addressees of faults.
 """
 
@@ -36,11 +36,17 @@ class Node(NamedTuple):
         return getattr(import_module(module), name)
 
 
-RUNNERS = "hil.nodes.runners"
 ROSTER = [
-    Node(PLANT, 0.0, f"{RUNNERS}:PlantRunner", ("plant", "impacts"), has_compiled_turn=True),
-    Node(OPERATOR, 0.0, f"{RUNNERS}:OperatorRunner", ("operator",), is_process=False, has_compiled_turn=True),
-    Node(FIRMWARE, 0.5, f"{RUNNERS}:FirmwareRunner", ("firmware",), has_compiled_turn=True),
+    Node(PLANT, 0.0, "hil.nodes.plant.runner:PlantRunner", ("plant", "impacts"), has_compiled_turn=True),
+    Node(
+        OPERATOR,
+        0.0,
+        "hil.nodes.operator.runner:OperatorRunner",
+        ("operator",),
+        is_process=False,
+        has_compiled_turn=True,
+    ),
+    Node(FIRMWARE, 0.5, "hil.nodes.firmware.runner:FirmwareRunner", ("firmware",), has_compiled_turn=True),
 ]
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from firmware_py.builds.numba_subset import register
 from firmware_py.interface.frame import WordFrame
 from hil.nodes.compiled import kernel
-from hil.nodes.plant_steps import (
+from hil.nodes.plant.steps import (
     Due,
     PlantState,
     Setup,

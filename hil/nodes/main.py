@@ -22,15 +22,9 @@ from hil.bus.wire import MAX_STANDARD_ID, REMOTE_FLAG
 from hil.faults.fault import FAULTS_ACTED, Fault, effects_of, of_a_node
 from hil.faults.line import FaultyBus
 from hil.faults.processes import ClockFaults, Runner, Turns, in_turns
-from hil.nodes.runners import (
-    FirmwareRunner,
-    Making,
-    Pace,
-    ParameterMemory,
-    controller_of,
-    traces_in,
-    warm_firmware,
-)
+from hil.nodes.firmware.runner import FirmwareRunner, ParameterMemory, controller_of, warm_firmware
+from hil.nodes.operator.node import RECEIVED_IDS, OperatorNode, reported_state
+from hil.nodes.runner import Making, Pace, traces_in
 from hil.processes.child import READY, Start, read_start, report_to_parent
 from hil.record.run_folder import RunFolderError
 from hil.record.state_timeline import lower_name
@@ -38,7 +32,6 @@ from hil.record.traces.own_trace import is_build
 from hil.record.traces.trace import bring_home
 from hil.roster import FIRMWARE, Node, again_name, node_named
 from hil.run_files import RunFile
-from hil.scenario.operator import RECEIVED_IDS, OperatorNode, reported_state
 from hil.scenario.scenario import load_scenario, refuse_other_periods
 from hil.scenario.settings import apply_settings
 from hil.timing.clock import NS_PER_S, MonotonicClock

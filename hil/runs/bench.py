@@ -15,7 +15,7 @@ from pathlib import Path
 from hil.bus.base import BusError
 from hil.judge.verdict import KILLED, RunVerdict, failed_for, without_records
 from hil.judge.verdict_files import read_verdict, write_verdict
-from hil.nodes.own_controller import OwnControllerError, load_own
+from hil.nodes.firmware.own_controller import OwnControllerError, load_own
 from hil.processes.child import ChildError, ChildRefusalError
 from hil.processes.signals import Interrupted, ending_signals, interruption
 from hil.record import run_folder

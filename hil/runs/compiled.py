@@ -42,7 +42,7 @@ from hil.nodes.closed_loop import (
     Firmware,
     run,
 )
-from hil.nodes.plant_steps import PlantState
+from hil.nodes.plant.steps import PlantState
 from hil.record.traces.firmware_trace import columns_in, moves_to
 from hil.record.traces.own_trace import is_build
 from hil.record.traces.plant_trace import PlantRecord

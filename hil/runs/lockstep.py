@@ -15,7 +15,7 @@ from hil.bus.in_process import IdealBus
 from hil.faults.fault import Fault, of_a_node
 from hil.faults.line import FaultyBus
 from hil.faults.processes import ProcessFaults, in_turns
-from hil.nodes.runners import Making, Pace
+from hil.nodes.runner import Making, Pace
 from hil.record.new_file import append_line
 from hil.roster import FIRMWARE, OPERATOR, PLANT, ROSTER, Node, instants, names
 from hil.runs.job import Job

@@ -30,7 +30,8 @@ from hil.faults.fault import FAULTS_ACTED, effects_of, of_a_node
 from hil.faults.line import FaultyBus
 from hil.faults.on_process import ProcessFault
 from hil.faults.processes import ProcessFaults
-from hil.nodes.runners import Making, OperatorRunner, Pace, traces_in
+from hil.nodes.operator.runner import OperatorRunner
+from hil.nodes.runner import Making, Pace, traces_in
 from hil.processes.child import Child, ChildError, Start, has_stopped, is_busy
 from hil.record import run_folder
 from hil.record.traces.own_trace import NONE

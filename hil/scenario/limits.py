@@ -14,7 +14,7 @@ from hil.faults.fault import Fault
 from hil.faults.kinds.kick import Kick
 from hil.figures.records import CATALOGUE
 from hil.scenario.checks import Bounds, Check, requirements
-from hil.scenario.operator import Command
+from hil.scenario.commands import Command
 from plant_sim.scene import Scene
 from text_input import TextInputError
 

@@ -8,7 +8,7 @@ them.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
@@ -21,60 +21,20 @@ from hil.faults.fault import Fault
 from hil.faults.on_bus import ModelledFault
 from hil.faults.on_process import ClockFault, ProcessFault
 from hil.scenario.checks import LONGEST_S, MOST_CHECKS, Check
+from hil.scenario.commands import Command, CommandTable, Request
 from hil.scenario.files import ScenarioError, read_scenario, scenario_name
 from hil.scenario.limits import Judged, take_limits
-from hil.scenario.operator import Command, Request
 from hil.scenario.parameter_file import merge_files
 from hil.scenario.settings import Settings, apply_settings, as_texts
 from hil.timing.clock import TICK_S
 from plant_sim.scene import Scene
-from plant_sim.tables.quantities import Duration, Impulse, Number
+from plant_sim.tables.quantities import Duration
 from plant_sim.tables.table import Table
 from plant_sim.validation_messages import messages_of
 from text_input import TextInputError
 
-LARGEST_RATIO = 4.0
-"""Largest ratio that the command frame can carry."""
-LARGEST_IMPULSE_N_S = 6.5
-"""Largest impulse that the command frame can carry."""
-
-
 MOST_FAULTS, MOST_COMMANDS = 100, 1000
 """Largest numbers of a script's faults and commands."""
-
-
-class CommandTable(Table):
-    """One line of the script."""
-
-    at_s: Duration = Field(ge=0.0, description="the command's time, in s from the start")
-    request: Literal["idle", "run", "clear-faults", "e-stop", "prove-watchdog", "silent"] = Field(
-        description="the request: idle, run, clear-faults, e-stop (repeated until the firmware confirms it), "
-        "prove-watchdog (of the drive, before a start) or silent"
-    )
-    target_ratio: Number | None = Field(
-        default=None, gt=0.0, le=LARGEST_RATIO, description="the drive's speed as a ratio of the nominal ω"
-    )
-    target_impulse_n_s: Impulse | None = Field(
-        default=None,
-        gt=0.0,
-        le=LARGEST_IMPULSE_N_S,
-        description="the impulse of an impact to be held, in N s, once the drive has reached its ratio",
-    )
-
-    @model_validator(mode="after")
-    def _run_has_a_target(self) -> Self:
-        if (self.request == "run") == (self.target_ratio is None):
-            given = "no target_ratio" if self.target_ratio is None else f"target_ratio = {self.target_ratio}"
-            raise ValueError(
-                f"the command at {self.at_s} s asks for {self.request!r} with {given}; "
-                "'run' takes a target_ratio, e.g. 1.3, the others none"
-            )
-        if self.request != "run" and self.target_impulse_n_s is not None:
-            raise ValueError(
-                f"the command at {self.at_s} s asks for {self.request!r} with target_impulse_n_s = "
-                f"{self.target_impulse_n_s}; only 'run' takes one, leave it out"
-            )
-        return self
 
 
 class ScriptTable(Table):

@@ -14,7 +14,7 @@ from firmware_py.interface.enums import AxisState, Mode
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import SetAxisState, SetInputTorque
 from hil.drive.axis_table import BenchScene
-from hil.nodes.plant import PlantNode
+from hil.nodes.plant.node import PlantNode
 from hil.runs.recorded_run import Run
 from hil.scenario.scenario import load_scenario
 from plant_sim.scene import load_scene

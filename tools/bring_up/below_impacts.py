@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from hil.scenario.operator import Command, Request
+from hil.scenario.commands import Command, Request
 from tools.bring_up.module_fit import STUCK, fit_module, largest_in, natural_rad_s, reachable_ratio
 from tools.bring_up.operated import Operated, operate
 from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError

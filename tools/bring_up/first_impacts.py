@@ -15,7 +15,7 @@ from firmware_py.interface.codec import FrameError
 from firmware_py.interface.enums import Fault, Regime
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.parameters import with_overrides
-from hil.scenario.operator import Command, Request
+from hil.scenario.commands import Command, Request
 from hil.timing.clock import TICK_S
 from tools.bring_up.below_impacts import FORCE_SHARE, cautious
 from tools.bring_up.listen import Listener

@@ -10,7 +10,9 @@ from hil.bus.in_process import InProcessBus
 from hil.bus.log.can_log import CanLog
 from hil.faults.fault import Fault
 from hil.faults.line import FaultyBus
-from hil.nodes.runners import FirmwareRunner, Pace, ParameterMemory, PlantRunner, controller_of
+from hil.nodes.firmware.runner import FirmwareRunner, ParameterMemory, controller_of
+from hil.nodes.plant.runner import PlantRunner
+from hil.nodes.runner import Pace
 from hil.record.new_file import make_anew
 from hil.record.traces.trace import no_trace
 from hil.roster import PLANT

@@ -8,7 +8,8 @@ from firmware_py.interface.codec import FrameError
 from firmware_py.interface.enums import AxisError, Fault, Mode, Refusal, Regime
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import ClearErrors, FaultEvent, FirmwareHeartbeat, ImpactEvent
-from hil.scenario.operator import Command, OperatorNode, Request
+from hil.nodes.operator.node import OperatorNode
+from hil.scenario.commands import Command, Request
 from hil.timing.clock import TICK_S
 from tools.bring_up.step import Context, StepFailedError
 

@@ -16,7 +16,7 @@ from firmware_py.shell.parameters import DEFAULTS, with_overrides
 from hil.record.bus_reconstruction import frames_of
 from hil.record.candump import StoredBus
 from hil.record.new_file import write_anew
-from hil.scenario.operator import Command, Request
+from hil.scenario.commands import Command, Request
 from plant_sim.scene import load_scene
 from tools.bring_up.first_impacts import HOLD_S, JUDGED_S, with_reason
 from tools.bring_up.lockstep import LockstepBench

@@ -41,7 +41,8 @@ from firmware_py.node.memory import FirmwareState
 from firmware_py.shell.builds import HERE, Build
 from firmware_py.shell.native import NativeNode, emitted_functions
 from firmware_py.shell.node import FirmwareNode, MakeNode
-from hil.nodes.runners import PlantRunner, warm_firmware
+from hil.nodes.firmware.runner import warm_firmware
+from hil.nodes.plant.runner import PlantRunner
 from hil.processes import workers
 from hil.record.traces.trace import read
 from hil.run_files import RunFile, trace_file

@@ -11,8 +11,8 @@ from firmware_py.builds.numba_subset import loader, register, store
 from hil.drive import axis
 from hil.drive.axis import DriveConfig
 from hil.drive.reports import Ticks, first_reports
-from hil.nodes.plant import drive_config, frame_ticks
-from hil.nodes.plant_steps import (
+from hil.nodes.plant.node import drive_config, frame_ticks
+from hil.nodes.plant.steps import (
     MOST_FRAMES,
     NOTHING_DUE,
     Due,

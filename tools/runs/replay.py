@@ -24,7 +24,7 @@ from firmware_py.shell.node import power_up
 from firmware_py.shell.parameters import config_from, select_build
 from hil.bus.wire import MAX_STANDARD_ID
 from hil.faults.on_bus import NamedFrames
-from hil.nodes.runners import ParameterMemory, controller_of
+from hil.nodes.firmware.runner import ParameterMemory, controller_of
 from hil.record.bus_reconstruction import latest_sent
 from hil.record.candump import StoredBus
 from hil.record.run_folder import read_note, refuse_irregular

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.nodes.runners import PlantRunner, warm_firmware
+from hil.nodes.firmware.runner import warm_firmware
+from hil.nodes.plant.runner import PlantRunner
 from hil.record.traces.plant_trace import PlantRecord
 from hil.runs.job import Job
 from hil.runs.segments import segments

@@ -9,7 +9,7 @@ from cantools.database.can import Message
 from firmware_py.interface.enums import AxisError, AxisState, ProcedureResult
 from firmware_py.interface.frame import Frame
 from hil.drive.axis import clear_errors
-from hil.nodes.plant import ACCEPTED_IDS, PlantNode
+from hil.nodes.plant.node import ACCEPTED_IDS, PlantNode
 from plant_sim import load_scene
 
 MESSAGES = [

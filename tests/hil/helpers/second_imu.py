@@ -1,7 +1,7 @@
 """A second IMU board, as somebody adds it to the bench: one frame in each tick."""
 
 from firmware_py.interface.frame import Frame
-from hil.nodes.runners import Making, NodeRunner
+from hil.nodes.runner import Making, NodeRunner
 from hil.timing.loop import LoopTiming
 
 CAN_ID = 0x5F0

@@ -36,8 +36,8 @@ from hil.faults.on_bus import Step
 from hil.faults.plant import SensorFaults
 from hil.faults.processes import ProcessFaults, in_turns
 from hil.figures.figures import figures_of
-from hil.nodes.plant import PlantNode
-from hil.nodes.runners import ParameterMemory
+from hil.nodes.firmware.runner import ParameterMemory
+from hil.nodes.plant.node import PlantNode
 from hil.record.run_faults import RunFault
 from hil.record.traces import trace
 from hil.runs.job import Job

@@ -13,9 +13,11 @@ from firmware_py.interface.enums import Mode
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import DriveErrors, DriveEstop
 from hil.bus.in_process import InProcessBus, InProcessNode
+from hil.nodes.firmware.runner import FirmwareRunner, ParameterMemory
 from hil.nodes.main import NodeProcess, node_main
-from hil.nodes.plant import PlantNode
-from hil.nodes.runners import FirmwareRunner, Pace, ParameterMemory, PlantRunner
+from hil.nodes.plant.node import PlantNode
+from hil.nodes.plant.runner import PlantRunner
+from hil.nodes.runner import Pace
 from hil.record.run_folder import RunFolderError
 from hil.scenario.scenario import load_scenario
 from plant_sim.scene import load_scene
@@ -184,8 +186,8 @@ def test_a_node_alone_writes_no_traces_into_the_folder_of_a_run_that_has_ended(t
 def test_a_nodes_process_loads_no_reader_of_databases_no_tables_and_no_linear_algebra():
     """They take longer to load than everything else, in each process of each run."""
     heavy = ("cantools", "can", "pandas", "pyarrow", "rerun", "scipy.linalg", "numba.np.linalg")
-    load = "from hil.nodes import main, runners; "
-    load += "runners.PlantRunner.warm(main.load_scenario('soft-start-multistable'))"
+    load = "from hil.nodes import main; from hil.nodes.plant.runner import PlantRunner; "
+    load += "PlantRunner.warm(main.load_scenario('soft-start-multistable'))"
     PlantRunner.warm(load_scenario("soft-start-multistable"))  # a process that compiles loads more
     assert loaded_by(load, heavy) == "[]\n"
 

@@ -8,7 +8,8 @@ from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, Mode, OperatorRequest, Regime
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import FirmwareHeartbeat, OperatorCommand
-from hil.scenario.operator import Command, OperatorNode, Request
+from hil.nodes.operator.node import OperatorNode
+from hil.scenario.commands import Command, Request
 
 ESTOP_ID = codec.DRIVE_ESTOP.can_id
 REPEAT_MS = 20

@@ -17,8 +17,9 @@ from hil.drive.axis import is_armed
 from hil.drive.axis_table import BenchScene
 from hil.faults.kinds.stop_moved import StopMoved
 from hil.faults.line import FaultyBus
-from hil.nodes.plant import PlantNode
-from hil.nodes.runners import Pace, PlantRunner
+from hil.nodes.plant.node import PlantNode
+from hil.nodes.plant.runner import PlantRunner
+from hil.nodes.runner import Pace
 from hil.record.traces.plant_trace import PlantRecord
 from plant_sim.parts.stop import RigidStop
 from plant_sim.plant import Plant

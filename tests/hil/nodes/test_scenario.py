@@ -10,8 +10,8 @@ from pydantic import BaseModel
 
 from firmware_py.shell.parameters import ParameterError
 from hil.scenario.checks import Check, Requirement
+from hil.scenario.commands import Command, Request
 from hil.scenario.files import ScenarioError, read_scenario
-from hil.scenario.operator import Command, Request
 from hil.scenario.scenario import check_scenario, load_scenario
 from plant_sim.scene import SceneError
 from text_input import TextInputError

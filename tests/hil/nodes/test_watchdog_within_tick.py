@@ -3,7 +3,7 @@
 import pytest
 
 from hil.drive import axis
-from hil.nodes.plant import PlantNode
+from hil.nodes.plant.node import PlantNode
 from plant_sim.plant import Plant
 from plant_sim.scene import load_scene
 

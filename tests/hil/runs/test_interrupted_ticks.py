@@ -14,7 +14,7 @@ from tools.output import EXIT_INTERRUPTED
 SIGNAL_AMONG_THE_RESULTS = """
 import os, sys
 from hil.runs import compiled
-from hil.nodes.plant_steps import PlantState
+from hil.nodes.plant.steps import PlantState
 Reports = PlantState.__annotations__["reports"]
 make = Reports.__new__
 
@@ -40,7 +40,7 @@ sys.exit(run(["run", "e-stop-in-the-hold", *options]))
 
 SIGNAL_WHERE_EXCEPTIONS_ARE_LOST = """
 import os, sys, weakref
-from hil.nodes.runners import FirmwareRunner
+from hil.nodes.firmware.runner import FirmwareRunner
 step = FirmwareRunner.step
 
 class Held:

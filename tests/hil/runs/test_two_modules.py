@@ -22,8 +22,8 @@ from hil.bus.addressed import AddressedBus, addressed
 from hil.bus.in_process import InProcessBus
 from hil.bus.model.message_set import bus_schedule
 from hil.bus.model.modelled_bus import ModelledBus
-from hil.nodes.plant import PlantNode
-from hil.scenario.operator import OperatorNode
+from hil.nodes.operator.node import OperatorNode
+from hil.nodes.plant.node import PlantNode
 from hil.scenario.scenario import load_scenario
 
 TICK_NS = 1_000_000

@@ -12,12 +12,12 @@ from firmware_py.core.inputs import Inputs
 from firmware_py.core.state import Outputs, State
 from firmware_py.shell.node import Counters
 from hil.bus.model.fault_confinement import BusErrorRecord
+from hil.nodes.operator.node import OperatorRecord
 from hil.record import state_timeline
 from hil.record.rrd.rates import SLOW_BLOCKS
 from hil.record.rrd.rerun_program import rerun_environment, rerun_program
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import flatten
-from hil.scenario.operator import OperatorRecord
 from hil.show import layout
 from hil.show.rerun_log import rebuild
 from hil.timing.loop import LoopTiming

@@ -175,7 +175,7 @@ from firmware_py.core.measurements import measurements_of, model_sensors
 from firmware_py.interface.arrivals import NOTHING_YET, Now
 from firmware_py.interface.generated.received import INITIAL, receive
 from firmware_py.shell.parameters import DEFAULTS, parameters_of
-from hil.nodes.sampled import sampled_frame
+from hil.nodes.plant.sampled import sampled_frame
 from plant_sim.sensors.sampled import SAMPLED
 register()
 compiled = numba.njit(lambda *arguments: sampled_frame(*arguments))

@@ -20,8 +20,8 @@ from firmware_py.core.safety import (
 )
 from firmware_py.shell.parameters import DEFAULTS
 from hil.drive.axis import DriveConfig
+from hil.nodes.operator.node import COMMAND_PERIOD_S
 from hil.scenario.checks import requirements
-from hil.scenario.operator import COMMAND_PERIOD_S
 from tools.campaign import limits
 from tools.dev import parameter_sweep, reactions, walkthrough
 

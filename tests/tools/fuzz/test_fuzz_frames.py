@@ -22,8 +22,8 @@ from firmware_py.node import tick
 from firmware_py.shell.node import FirmwareNode
 from firmware_py.shell.parameters import config_from
 from hil.drive import axis as drive
-from hil.nodes.plant import PlantNode
-from hil.scenario.operator import OperatorNode
+from hil.nodes.operator.node import OperatorNode
+from hil.nodes.plant.node import PlantNode
 from hil.scenario.scenario import load_scenario
 
 SCENARIO = "soft-start-multistable"

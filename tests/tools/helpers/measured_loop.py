@@ -20,9 +20,12 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import SetInputTorque
 from hil.bus.base import NodeBus
 from hil.bus.in_process import IdealBus
-from hil.nodes.runners import FirmwareRunner, Pace, ParameterMemory, PlantRunner, controller_of
+from hil.nodes.firmware.runner import FirmwareRunner, ParameterMemory, controller_of
+from hil.nodes.operator.node import OperatorNode
+from hil.nodes.plant.runner import PlantRunner
+from hil.nodes.runner import Pace
 from hil.roster import FIRMWARE, OPERATOR, PLANT
-from hil.scenario.operator import Command, OperatorNode, Request
+from hil.scenario.commands import Command, Request
 from plant_sim.arrays import FloatArray, IntArray
 from plant_sim.scene import load_scene, read_scene
 

@@ -9,7 +9,6 @@ the node sends at most one frame per tick.
 import math
 from collections import deque
 from collections.abc import Sequence
-from enum import StrEnum
 from typing import NamedTuple
 
 from firmware_py.interface import codec
@@ -17,6 +16,7 @@ from firmware_py.interface.codec import FrameError
 from firmware_py.interface.enums import Fault, Mode, OperatorRequest
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import DriveEstop, OperatorCommand
+from hil.scenario.commands import Command, Request
 from hil.timing.clock import OPERATOR_PERIOD_S
 
 COMMAND_PERIOD_S = codec.OPERATOR_COMMAND.period_s or 0.1
@@ -27,18 +27,6 @@ RECEIVED_IDS = (codec.FIRMWARE_HEARTBEAT.can_id,)
 """Identifiers that the operator receives."""
 
 
-class Request(StrEnum):
-    """The request of a line of the script, valid until the next line."""
-
-    IDLE = "idle"
-    RUN = "run"
-    CLEAR_FAULTS = "clear-faults"
-    E_STOP = "e-stop"
-    PROVE_WATCHDOG = "prove-watchdog"
-    SILENT = "silent"
-    """The operator's node is absent: it sends no frames."""
-
-
 ON_THE_BUS = {
     Request.IDLE: OperatorRequest.IDLE,
     Request.RUN: OperatorRequest.RUN,
@@ -47,15 +35,6 @@ ON_THE_BUS = {
     Request.PROVE_WATCHDOG: OperatorRequest.PROVE_WATCHDOG,
     Request.SILENT: OperatorRequest.IDLE,
 }
-
-
-class Command(NamedTuple):
-    """The request from `at_s` on; the ratio is Ω over the nominal ω, and an impulse of 0 means none."""
-
-    at_s: float
-    request: Request
-    target_ratio: float
-    target_impulse_n_s: float = 0.0
 
 
 EMERGENCY_STOP = Command(0.0, Request.E_STOP, 0.0)

@@ -38,7 +38,8 @@ from hil.drive.reports import Ticks, first_reports, report_ticks, ticks_of
 from hil.faults.fault import Fault
 from hil.faults.plant import PlantFaults, SensorFaults
 from hil.nodes.compiled import kernel
-from hil.nodes.plant_steps import (
+from hil.nodes.plant.sampled import SampledFrames
+from hil.nodes.plant.steps import (
     MOST_FRAMES,
     NOTHING_DUE,
     Due,
@@ -50,7 +51,6 @@ from hil.nodes.plant_steps import (
     publish,
     telemetry,
 )
-from hil.nodes.sampled import SampledFrames
 from hil.record.traces.plant_trace import PlantRecord
 from hil.timing.clock import TICK_S
 from plant_sim.kernels import entry_point

@@ -16,7 +16,7 @@ from hil.drive import axis, messages
 from hil.drive.axis import TIME_RESOLUTION_S, DriveConfig, DriveState, Telemetry
 from hil.drive.node import obey, report_frame
 from hil.drive.reports import NOTHING, Reports, Ticks, look, take
-from hil.nodes.sampled import COUNTER, MOST_SIGNALS, NOISE, TICK, WHICH, sampled_frame
+from hil.nodes.plant.sampled import COUNTER, MOST_SIGNALS, NOISE, TICK, WHICH, sampled_frame
 from plant_sim.kernels import subroutine
 from plant_sim.sensors.readings import SensorReading
 from plant_sim.sensors.sampled import SAMPLED, SampledSensor

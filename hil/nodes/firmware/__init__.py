@@ -1,0 +1,1 @@
+"""The firmware or an own controller on the bus."""

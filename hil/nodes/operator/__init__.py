@@ -1,0 +1,1 @@
+"""The operator on the bus: a script's commands as frames."""
