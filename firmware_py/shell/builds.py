@@ -1,6 +1,6 @@
 """The builds of the firmware's one source, by name."""
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 if TYPE_CHECKING:
     from firmware_py.shell.node import MakeNode
@@ -15,6 +15,11 @@ HERE: dict[Build, Build] = {"cortex-m7": "compiled", "cortex-m4f": "host-single"
 """For each board, the build on this machine that computes the same numbers."""
 NATIVE: tuple[Build, ...] = ("compiled", "host-single")
 """Builds whose nodes are instances of `native.NativeNode`, which compiled code can call."""
+
+
+def is_build(name: str) -> bool:
+    """Whether a build has this name."""
+    return name in get_args(Build)
 
 
 def node_of(build: Build) -> "MakeNode":

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from firmware_py.interface.enums import Mode, Regime
+from firmware_py.shell.builds import is_build
 from hil.bus.base import OWN_BUSES
 from hil.figures import detection, faults
 from hil.figures.estimate_error import estimate_errors
@@ -35,7 +36,6 @@ from hil.figures.records import (
 from hil.record.rrd.rates import slow_rows
 from hil.record.run_traces import RunTraces, column, read_run
 from hil.record.state_timeline import lower_name
-from hil.record.traces.own_trace import is_build
 from hil.record.traces.stored_trace import Records
 from hil.roster import AGAIN, names
 from hil.timing.clock import IMPORTED, TICK_S

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from firmware_py.shell.builds import is_build
 from hil.figures.figures import figures_from, refusals_of
 from hil.figures.moments import moment_of
 from hil.judge.evaluation import evaluate
@@ -11,7 +12,6 @@ from hil.judge.verdict import FaultEffect, RunVerdict, Verdict
 from hil.record import provenance
 from hil.record.run_faults import faults_of
 from hil.record.run_traces import RunTraces
-from hil.record.traces.own_trace import is_build
 from hil.scenario.checks import checks_of
 from hil.timing.clock import IMPORTED
 

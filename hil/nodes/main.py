@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, cast
 
 from firmware_py.interface.addresses import Addresses, bus_id
 from firmware_py.interface.frame import Frame
-from firmware_py.shell.builds import Build
+from firmware_py.shell.builds import Build, is_build
 from firmware_py.shell.parameters import addresses_from, config_from, require_proof
 from hil.bus import Bus, BusFailedError, is_own_bus, join_in_turns, open_bus
 from hil.bus.addressed import addressed
@@ -28,7 +28,6 @@ from hil.nodes.runner import Making, Pace, traces_in
 from hil.processes.child import READY, Start, read_start, report_to_parent
 from hil.record.run_folder import RunFolderError
 from hil.record.state_timeline import lower_name
-from hil.record.traces.own_trace import is_build
 from hil.record.traces.trace import bring_home
 from hil.roster import FIRMWARE, Node, again_name, node_named
 from hil.run_files import RunFile

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from firmware_py.shell.builds import is_build
 from hil.bus.base import BusError
 from hil.judge.verdict import KILLED, RunVerdict, failed_for, without_records
 from hil.judge.verdict_files import read_verdict, write_verdict
@@ -19,7 +20,7 @@ from hil.nodes.firmware.own_controller import OwnControllerError, load_own
 from hil.processes.child import ChildError, ChildRefusalError
 from hil.processes.signals import Interrupted, ending_signals, interruption
 from hil.record import run_folder
-from hil.record.traces.own_trace import NONE, is_build
+from hil.record.traces.own_trace import NONE
 from hil.run_files import RunFile
 from hil.runs.job import Job, Outcome, Progress, RunOptions
 from hil.runs.recording import begin, simulate

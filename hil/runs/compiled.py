@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.node.xcp import IS_CONNECTED
-from firmware_py.shell.builds import NATIVE
+from firmware_py.shell.builds import NATIVE, is_build
 from firmware_py.shell.native import NativeNode
 from hil.bus.frame_rows import frames_in, put_frames
 from hil.bus.in_process import IdealBus
@@ -44,7 +44,6 @@ from hil.nodes.closed_loop import (
 )
 from hil.nodes.plant.steps import PlantState
 from hil.record.traces.firmware_trace import columns_in, moves_to
-from hil.record.traces.own_trace import is_build
 from hil.record.traces.plant_trace import PlantRecord
 from hil.roster import FIRMWARE, OPERATOR, PLANT, ROSTER
 from hil.runs.job import Job

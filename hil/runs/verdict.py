@@ -9,6 +9,7 @@ run.rrd, verdict.json, junit.xml, report.html   made from the above by `finish`,
 
 from pathlib import Path
 
+from firmware_py.shell.builds import is_build
 from hil.bus.base import OWN_BUSES
 from hil.judge.judge import judge
 from hil.judge.verdict import KILLED, RunVerdict, failed_for
@@ -17,7 +18,6 @@ from hil.record import run_folder
 from hil.record.run_faults import with_effects
 from hil.record.run_traces import RunTraces, read_run, read_scenario
 from hil.record.traces import trace
-from hil.record.traces.own_trace import is_build
 from hil.run_files import RunFile
 from hil.runs.job import Outcome
 from hil.show.report.pages import write_report

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import typer
 
-from firmware_py.shell.builds import Build
+from firmware_py.shell.builds import Build, is_build
 from hil.record.new_file import foreign_link_on
 from tools.output import BadInputError, progress_console
 
@@ -70,8 +70,7 @@ FirmwareBuild = Annotated[
 
 def controller(text: str | None) -> str | None:
     """The value of `--firmware` of a run. Raises BadParameter for what is no build, file or `none`."""
-    from firmware_py.shell.builds import Build
-    from hil.record.traces.own_trace import NONE, is_build
+    from hil.record.traces.own_trace import NONE
 
     if text is None or is_build(text) or text == NONE or ":" in text:
         return text

@@ -19,7 +19,7 @@ from firmware_py.interface.codec import CODEC_BY_ID
 from firmware_py.interface.dbc import database
 from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
 from firmware_py.interface.frame import Frame
-from firmware_py.shell.builds import HERE, Build
+from firmware_py.shell.builds import HERE, Build, is_build
 from firmware_py.shell.node import power_up
 from firmware_py.shell.parameters import config_from, select_build
 from hil.bus.wire import MAX_STANDARD_ID
@@ -28,7 +28,6 @@ from hil.nodes.firmware.runner import ParameterMemory, controller_of
 from hil.record.bus_reconstruction import latest_sent
 from hil.record.candump import StoredBus
 from hil.record.run_folder import read_note, refuse_irregular
-from hil.record.traces.own_trace import is_build
 from hil.run_files import RunFile
 from hil.scenario.parameter_file import merge_files
 from hil.scenario.scenario import Scenario, load_scenario

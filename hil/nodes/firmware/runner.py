@@ -12,7 +12,7 @@ from firmware_py.interface.enums import OperatorRequest
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.received import RECEIVED_IDS
 from firmware_py.interface.generated.records import OperatorCommand, SetInputTorque
-from firmware_py.shell.builds import Build, node_of
+from firmware_py.shell.builds import Build, is_build, node_of
 from firmware_py.shell.node import FirmwareNode, MakeNode, power_up
 from firmware_py.shell.parameters import config_from, format_file, select_build, with_overrides
 from hil.faults.fault import Fault
@@ -21,7 +21,7 @@ from hil.faults.on_process import MemoryFault
 from hil.nodes.firmware.own_controller import OwnController, load_own
 from hil.nodes.runner import WARM_TICKS, Making, NodeRunner, Pace
 from hil.record.traces.firmware_trace import open_firmware_trace
-from hil.record.traces.own_trace import is_build, open_own_trace
+from hil.record.traces.own_trace import open_own_trace
 from hil.record.traces.trace import OpenTrace, no_trace
 from hil.scenario.scenario import Scenario
 from hil.timing.loop import LoopTiming

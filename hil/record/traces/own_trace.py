@@ -5,9 +5,8 @@ of the firmware's trace as far as frames on the bus give them; the others are Na
 and report are then those of any run. A controller that sends no heartbeat has no mode, and no tick counts.
 """
 
-from typing import Any, get_args
+from typing import Any
 
-from firmware_py.shell.builds import Build
 from hil.record.traces.trace import Fields, FieldType, OpenTrace, RecordWriter, TraceError, flatten
 from hil.run_files import OWN
 from hil.timing.loop import LoopTiming
@@ -15,11 +14,6 @@ from text_input import TextInputError
 
 NONE = "none"
 """In place of a build: no controller of the bench; another program on the bus is the controller."""
-
-
-def is_build(firmware: str) -> bool:
-    """Whether `firmware` names a build of the bench's own firmware."""
-    return firmware in get_args(Build)
 
 
 def refuse_state(state: Any, firmware: str) -> None:
