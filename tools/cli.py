@@ -27,7 +27,7 @@ def run(arguments: list[str]) -> int:
 
                 error_report.note_small_address_space()
                 program.check_surroundings(arguments)
-                command = program.program()
+                command = program.program(*arguments[:1])
             return command(arguments, standalone_mode=False) or EXIT_PASSED
         except (Interrupted, KeyboardInterrupt) as error:
             signals.raises = False  # a second signal does not interrupt the report

@@ -45,9 +45,14 @@ OTHER_NAMES = {"import_log": "import", "list_names": "list"}
 NUMBA_SETTINGS, MATPLOTLIB_SETTINGS = ".numba_config.yaml", "matplotlibrc"
 
 
+def name_of(module: str) -> str:
+    """The name of a module's command."""
+    return OTHER_NAMES.get(module, module.replace("_", "-"))
+
+
 def add(app: typer.Typer, module: str, group: str) -> None:
     """Add one module's command, or its group of sub-commands, to the program."""
-    name = OTHER_NAMES.get(module, module.replace("_", "-"))
+    name = name_of(module)
     loaded = import_module(f"tools.commands.{module}")
     command = getattr(loaded, module)
     if not isinstance(command, typer.Typer):
@@ -84,13 +89,17 @@ def vibrohil(
 
 
 @functools.cache
-def program() -> TyperGroup:
-    """The program with all its commands; KernelCacheError if the kernels' folder cannot be written."""
+def program(wanted: str = "") -> TyperGroup:
+    """The program with the wanted command alone, so that it starts at once; with all if none has this name.
+
+    Raises KernelCacheError if the kernels' folder cannot be written.
+    """
     app = typer.Typer(name="vibrohil", no_args_is_help=True, pretty_exceptions_enable=False)
     app.callback()(vibrohil)
-    for group, modules in COMMANDS.items():
-        for module in modules:
-            add(app, module, group)
+    grouped = [(module, group) for group, modules in COMMANDS.items() for module in modules]
+    alone = [(module, group) for module, group in grouped if name_of(module) == wanted]
+    for module, group in alone or grouped:
+        add(app, module, group)
     app.command(hidden=True)(node)
     command: Any = typer.main.get_command(app)  # its type lacks the sub-commands
     return command  # type: ignore[no-any-return]

@@ -192,7 +192,7 @@ def test_an_error_by_the_input_is_no_defect(name: str, capsys) -> None:
 
 @pytest.mark.parametrize("missing", ["nothing", "plant_sim.kernels"])
 def test_a_defect_that_breaks_imports_is_one_line_too(missing: str, monkeypatch, capsys) -> None:
-    def defective() -> None:
+    def defective(*_: str) -> None:
         raise RuntimeError("broken")
 
     monkeypatch.setattr("tools.program.program", defective)
