@@ -26,9 +26,10 @@ from hil.drive.axis_table import BenchScene
 from hil.faults.every import KINDS, PLACES
 from hil.figures.records import CATALOGUE
 from hil.scenario.checks import Bounds, Check, Limit, requirements
+from hil.scenario.commands import CommandTable
 from hil.scenario.files import FileTable, check_sets, scenario_names
 from hil.scenario.limits import SCALES
-from hil.scenario.scenario import CommandTable, Scenario, ScenarioTable, ScriptTable, load_scenario
+from hil.scenario.scenario import Scenario, ScenarioTable, ScriptTable, load_scenario
 from hil.scenario.search import SearchTable
 from plant_sim.tables.quantities import quantity_of
 from plant_sim.tables.table import tables_in
