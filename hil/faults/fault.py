@@ -9,12 +9,15 @@ effects.
 """
 
 import math
+from collections import deque
 from collections.abc import Iterable, Sequence
-from typing import ClassVar
+from functools import cached_property
+from typing import ClassVar, NamedTuple
 
 import numpy as np
-from pydantic import Field, PrivateAttr
+from pydantic import Field
 
+from firmware_py.interface.frame import Frame
 from hil.record.run_faults import RunFault
 from plant_sim.scene import Scene
 from plant_sim.tables.quantities import Duration
@@ -24,6 +27,24 @@ TIME_RESOLUTION_S = 1e-9
 """Times that differ by less are the same instant: a tick's time is rounded."""
 FAULTS_ACTED = "faults_acted"
 """Key of a node's final report: the number of effects of each fault of the script."""
+
+
+class Late(NamedTuple):
+    """A frame that is held back until `due_s`."""
+
+    due_s: float
+    frame: Frame
+
+
+class Memory:
+    """What a fault keeps while it acts."""
+
+    noise: np.random.Generator
+    effects: int = 0
+
+    def __init__(self) -> None:
+        self.held: deque[Late] = deque()
+        """The frames that a fault of a connection holds back, oldest first."""
 
 
 class Fault(Table):
@@ -42,8 +63,10 @@ class Fault(Table):
         default=None, gt=0.0, description="the fault's duration, in s; by default to the end of the run"
     )
 
-    _noise: np.random.Generator = PrivateAttr()
-    _effects: int = PrivateAttr(default=0)
+    @cached_property
+    def memory(self) -> Memory:
+        """What it keeps while it acts, as a plain object: private attributes of pydantic are slow."""
+        return Memory()
 
     @property
     def end_s(self) -> float:
@@ -87,17 +110,17 @@ class Fault(Table):
 
     def begin(self, noise: np.random.Generator) -> None:
         """Begin anew, as in a process that starts."""
-        self._noise = noise
+        self.memory.noise = noise
 
     @property
     def effects(self) -> int:
         """The number of its effects so far: frames, readings, ticks or starts that it has acted on."""
-        return self._effects
+        return self.memory.effects
 
     def count(self, effects: int = 1) -> None:
         """Count effects."""
         if effects:
-            self._effects += effects
+            self.memory.effects += effects
 
     def without_object(self, scene: Scene, faults: Sequence["Fault"]) -> str | None:
         """The reason why it cannot act in this scene, among these faults, with the remedy; None if it can."""
@@ -106,7 +129,10 @@ class Fault(Table):
 
 def of_a_node(script: Iterable[Fault]) -> list[Fault]:
     """The faults of a script for one node, without effects so far."""
-    return [fault.model_copy() for fault in script]
+    copies = [fault.model_copy() for fault in script]
+    for copy in copies:
+        vars(copy).pop("memory", None)
+    return copies
 
 
 def effects_of(nodes: Iterable[Iterable[Fault]]) -> list[int]:

@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Annotated, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
-from pydantic import AfterValidator, Field, PrivateAttr, field_validator
+from pydantic import AfterValidator, Field, field_validator
 
 from firmware_py.interface.codec import CODECS
 from firmware_py.interface.frame import Frame
@@ -41,13 +41,6 @@ class Step(NamedTuple):
     since_s: float
 
 
-class Late(NamedTuple):
-    """A frame that is held back until `due_s`."""
-
-    due_s: float
-    frame: Frame
-
-
 def periods_begun(at_s: float, period_s: float, step: Step) -> int:
     """Number of periods, counted from `at_s`, that begin after the previous step and not after this one."""
     begun = int((step.t_s - at_s) / period_s + TIME_RESOLUTION_S) + 1
@@ -60,13 +53,10 @@ class LineFault(Fault):
 
     place: ClassVar[str] = "On the bus"
 
-    _held: deque[Late] = PrivateAttr()
-    """The frames held back, oldest first."""
-
     def begin(self, noise: np.random.Generator) -> None:
         """Begin anew, as in a process that starts: no frame is held back."""
         super().begin(noise)
-        self._held = deque()
+        self.memory.held = deque()
 
     def outgoing(self, frames: list[Frame], step: Step) -> list[Frame]:
         """The frames that leave a node, of those that it sends in a step; counts those acted on."""
@@ -74,13 +64,14 @@ class LineFault(Fault):
 
     def released(self) -> list[Frame]:
         """Remove and return the frames that are held back."""
-        held, self._held = self._held, deque()
+        memory = self.memory
+        held, memory.held = memory.held, deque()
         return [late.frame for late in held]
 
     @property
     def held_frames(self) -> int:
         """The number of frames that are held back."""
-        return len(self._held)
+        return len(self.memory.held)
 
     def foreign_frames(self, step: Step) -> list[Frame]:
         """The frames that a foreign node sends in this step."""

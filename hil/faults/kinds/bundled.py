@@ -5,7 +5,8 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from firmware_py.interface.frame import Frame
-from hil.faults.on_bus import FramesFault, Late, Step, periods_begun
+from hil.faults.fault import Late
+from hil.faults.on_bus import FramesFault, Step, periods_begun
 from plant_sim.tables.quantities import Duration
 
 
@@ -19,7 +20,7 @@ class Bundled(FramesFault):
     def outgoing(self, frames: list[Frame], step: Step) -> list[Frame]:
         """Frames are held until the next bundle leaves; those of the step in which it leaves are not late."""
         named, others = self.named(frames), self.others(frames)
-        self._held.extend(Late(step.t_s, one) for one in named)
+        self.memory.held.extend(Late(step.t_s, one) for one in named)
         if periods_begun(self.at_s, self.period_s, step) > 0:
             return [*self.released(), *others]
         self.count(len(named))

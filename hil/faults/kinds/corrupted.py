@@ -16,8 +16,9 @@ class Corrupted(FramesFault):
 
     def outgoing(self, frames: list[Frame], step: Step) -> list[Frame]:
         """Frames of the given share have a wrong byte."""
-        hit = [one.can_id in self.can_ids and self._noise.random() < self.share for one in frames]
-        sent = [broken(one, self._noise) if is_hit else one for one, is_hit in zip(frames, hit, strict=True)]
+        noise = self.memory.noise
+        hit = [one.can_id in self.can_ids and noise.random() < self.share for one in frames]
+        sent = [broken(one, noise) if is_hit else one for one, is_hit in zip(frames, hit, strict=True)]
         self.count(sum(one != other for one, other in zip(frames, sent, strict=True)))
         return sent
 

@@ -5,8 +5,8 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from firmware_py.interface.frame import Frame
-from hil.faults.fault import TIME_RESOLUTION_S
-from hil.faults.on_bus import FramesFault, Late, Step
+from hil.faults.fault import TIME_RESOLUTION_S, Late
+from hil.faults.on_bus import FramesFault, Step
 from plant_sim.tables.quantities import Duration
 
 
@@ -19,7 +19,7 @@ class Delayed(FramesFault):
 
     def outgoing(self, frames: list[Frame], step: Step) -> list[Frame]:
         """Frames are held until they are due; a frame that leaves in its own step is not delayed."""
-        named, held = self.named(frames), self._held
+        named, held = self.named(frames), self.memory.held
         held.extend(Late(step.t_s + self.delay_s, one) for one in named)
         if self.delay_s > TIME_RESOLUTION_S:
             self.count(len(named))

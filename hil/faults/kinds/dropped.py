@@ -14,6 +14,7 @@ class Dropped(FramesFault):
 
     def outgoing(self, frames: list[Frame], step: Step) -> list[Frame]:
         """Frames of the given share are gone."""
-        left = [one for one in frames if one.can_id not in self.can_ids or self._noise.random() >= self.share]
+        noise = self.memory.noise
+        left = [one for one in frames if one.can_id not in self.can_ids or noise.random() >= self.share]
         self.count(len(frames) - len(left))
         return left

@@ -19,7 +19,7 @@ class Flood(LineFault):
 
     def foreign_frames(self, step: Step) -> list[Frame]:
         """The random frames of a step."""
-        noise = self._noise
+        noise = self.memory.noise
         return [
             Frame(int(noise.integers(IDENTIFIERS)), noise.bytes(int(noise.integers(9))))
             for _ in range(self.frames_a_tick)

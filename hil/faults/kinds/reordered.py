@@ -3,7 +3,8 @@
 from typing import ClassVar, Literal
 
 from firmware_py.interface.frame import Frame
-from hil.faults.on_bus import FramesFault, Late, Step
+from hil.faults.fault import Late
+from hil.faults.on_bus import FramesFault, Step
 
 
 class Reordered(FramesFault):
@@ -23,6 +24,6 @@ class Reordered(FramesFault):
                 passed += [frame, waiting.pop(frame.can_id)]
             else:
                 waiting[frame.can_id] = frame
-        self._held.extend(Late(0.0, frame) for frame in waiting.values())
+        self.memory.held.extend(Late(0.0, frame) for frame in waiting.values())
         self.count(len(self.named(frames)))
         return passed

@@ -15,6 +15,6 @@ class SensorIntermittent(SensorFault):
 
     def disturbed(self, reading: SensorReading, past: Past) -> SensorReading:
         """The reading, or 0 for the given share of readings."""
-        if self._noise.random() >= self.share:
+        if self.memory.noise.random() >= self.share:
             return reading
         return reading._replace(**dict.fromkeys(self.fields, 0.0))

@@ -17,4 +17,4 @@ class SensorNoisy(SensorFault):
 
     def disturbed(self, reading: SensorReading, past: Past) -> SensorReading:
         """The reading with noise."""
-        return shifted(reading, self.sensor, self.std * float(self._noise.standard_normal()))
+        return shifted(reading, self.sensor, self.std * float(self.memory.noise.standard_normal()))

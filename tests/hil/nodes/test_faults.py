@@ -556,10 +556,10 @@ def test_a_delay_without_end_copies_no_held_frames() -> None:
     delayed = fault(**DELAYED)
     assert isinstance(delayed, Delayed)
     delayed.begin(np.random.default_rng(1))
-    held = delayed._held
+    held = delayed.memory.held
     for tick in range(101):
         assert delayed.outgoing([sample(tick)], Step(2.0 + 1e-3 * tick, 1.999)) == []
-    assert delayed._held is held
+    assert delayed.memory.held is held
     assert len(held) == 101
 
 
