@@ -20,8 +20,9 @@ from plant_sim.scene import Scene
 from plant_sim.solvers.adaptive import adaptive
 from plant_sim.solvers.bernstein import new_scratch
 from plant_sim.solvers.double_double import TURN_RAD
+from plant_sim.solvers.event import Event
 from plant_sim.solvers.exact import exact
-from plant_sim.solvers.exact.automaton import Event, after, begin, next_event
+from plant_sim.solvers.exact.automaton import after, begin, next_event
 from plant_sim.solvers.exact.oscillator import Oscillator, oscillator
 from plant_sim.solvers.exact.tilt import levelled
 from tools.output import BadInputError
@@ -202,11 +203,11 @@ def classify_in_closed_form(
         recorded_s = until_s - LAST_TURNS * turn_s
         counts[:] = 0
         found = 0
-        motion, event = begin(o, 0.0, min(y_m, o.gap_m), start_m_s, crank_rad), Event.IMPACT
-        while event != Event.HORIZON:
+        motion, event = begin(o, 0.0, min(y_m, o.gap_m), start_m_s, crank_rad), Event.TOUCH
+        while event != Event.NONE:
             arrival, event = next_event(o, motion, until_s, scratch)
             motion = after(o, arrival, event, exact.REST_SPEED_M_S)
-            if event == Event.IMPACT and arrival.t_s >= recorded_s:
+            if event == Event.TOUCH and arrival.t_s >= recorded_s:
                 counts[min(int((arrival.t_s - recorded_s) / turn_s), LAST_TURNS - 1)] += 1
                 if found == len(v_m_s):
                     v_m_s = np.concatenate((v_m_s, np.empty_like(v_m_s)))

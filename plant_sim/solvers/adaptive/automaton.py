@@ -18,7 +18,7 @@ from plant_sim.solvers.adaptive.crank import (
     halt_crank,
     settle_crank,
 )
-from plant_sim.solvers.adaptive.event_location import Event, Found, Segment, earlier, steepest
+from plant_sim.solvers.adaptive.event_location import Found, Segment, earlier, steepest
 from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, LET_GO, NO_IMPACT, Run, enter
 from plant_sim.solvers.adaptive.stiction import dry_limit_n, from_rest, release, release_event
 from plant_sim.solvers.adaptive.stop import (
@@ -36,6 +36,7 @@ from plant_sim.solvers.adaptive.stop import (
 from plant_sim.solvers.adaptive.wearer import closing_m_s
 from plant_sim.solvers.adaptive.winding import limit_voltage, voltage_events, voltage_may_end
 from plant_sim.solvers.bernstein import NO_ROOT, root
+from plant_sim.solvers.event import Event
 
 
 @subroutine

@@ -16,30 +16,24 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
 from plant_sim.parts.striker import spring_force_n
 from plant_sim.parts.winding import is_wound
-from plant_sim.solvers.adaptive.event_location import (
-    Event,
-    Found,
-    Segment,
-    earlier,
-    look_within,
-    steepest,
-)
-from plant_sim.solvers.adaptive.state_layout import Crank, Flow, Memory, Run, enter_crank
+from plant_sim.solvers.adaptive.event_location import Found, Segment, earlier, look_within, steepest
+from plant_sim.solvers.adaptive.state_layout import Flow, Memory, Run, enter_crank
 from plant_sim.solvers.adaptive.wearer import from_stop_m
 from plant_sim.solvers.adaptive.winding import turning_torque_n_m
 from plant_sim.solvers.bernstein import DEGREE, NO_ROOT, NODES, at, first_beyond, interpolate, root
 from plant_sim.solvers.double_double import TURN_LOW_RAD, TURN_RAD
+from plant_sim.solvers.event import Event
 
 LOOP_ROUNDING = 1e-9
 """`ROUNDING` of a torque by a current that is integrated."""
 
 
 @subroutine(inline=True)
-def crank_in_stage(drive: Drive, flow: Flow, tau_s: float, y: State) -> Crank:
-    """The crank `tau_s` after the step's start, where the state is `y`."""
+def crank_in_stage(drive: Drive, flow: Flow, tau_s: float, y: State) -> tuple[float, float]:
+    """The crank's angle and speed `tau_s` after the step's start, where the state is `y`."""
     if is_motor(drive):
-        return Crank(y.crank_rad, y.crank_rad_s)
-    return Crank(flow.angle_rad + drive.omega_rad_s * tau_s, drive.omega_rad_s)
+        return y.crank_rad, y.crank_rad_s
+    return flow.angle_rad + drive.omega_rad_s * tau_s, drive.omega_rad_s
 
 
 @subroutine
@@ -92,7 +86,7 @@ def crank_load_n_m(parts: Parts, angle_rad: float, place_m: float) -> float:
 @by_part
 def held_torque_n_m(jet: Jet, parts: Parts, flow: Flow, y: State) -> float:
     """The motor's torque on the crank, N m."""
-    return turning_torque_n_m(parts, flow.torque_n_m, Crank(y.crank_rad, y.crank_rad_s), y)
+    return turning_torque_n_m(parts, flow.torque_n_m, y.crank_rad_s, y)
 
 
 @held_torque_n_m.register(Coefficient)
@@ -131,9 +125,7 @@ def rotor_energy_j(drive: Drive, omega_rad_s: float) -> float:
 @subroutine
 def crank_net_n_m(parts: Parts, torque_n_m: float, angle_rad: float, y: State) -> float:
     """Torque, N m, on a crank at rest at `angle_rad`, without its dry loss."""
-    torque = turning_torque_n_m(parts, torque_n_m, Crank(angle_rad, 0.0), y)
-    load = crank_load_n_m(parts, angle_rad, from_stop_m(y))
-    return torque - load
+    return turning_torque_n_m(parts, torque_n_m, 0.0, y) - crank_load_n_m(parts, angle_rad, from_stop_m(y))
 
 
 @subroutine

@@ -4,31 +4,12 @@ Every condition is a polynomial over the step: depth, velocity, crank speed, or 
 rest from its limit. A quantity that starts at zero is first divided by s, because that zero is not an event.
 """
 
-from enum import IntEnum
 from typing import NamedTuple
 
 from plant_sim.kernels import subroutine
 from plant_sim.solvers.adaptive.state_layout import Flow, Memory, Vector
 from plant_sim.solvers.bernstein import at
-
-
-class Event(IntEnum):
-    """The event that ends a step; those of the crank, and the begin and end of a current loop's voltage
-    limit, are independent of the striker's."""
-
-    NONE = 0
-    TOUCH = 1
-    LEAVE = 2
-    CLEAR = 3
-    """The striker clears a stop that released early."""
-    PRESS = 4
-    """It presses such a stop again."""
-    HALT = 5
-    RELEASE = 6
-    CRANK_HALT = 7
-    CRANK_BREAK = 8
-    LIMIT = 9
-    UNLIMIT = 10
+from plant_sim.solvers.event import Event
 
 
 class Segment(NamedTuple):

@@ -143,10 +143,10 @@ def note(parts: Parts, flow: Flow, tau_s: float, y: State, slopes: Vector, row: 
     if is_soft(parts.stop) and in_touch(flow.phase, y.depth_m):
         elastic_n, closing = elastic_force_n(parts.stop, y.depth_m), closing_m_s(y)
         row[OBSERVED.stop_force_n] = stop_force_n(parts.stop, elastic_n, closing, flow.damping_s_m)
-    crank = crank_in_stage(parts.drive, flow, tau_s, y)
-    row[OBSERVED.crank_rad], row[OBSERVED.omega_rad_s] = crank.angle_rad, crank.speed_rad_s
-    row[OBSERVED.current_a] = turning_current_a(parts, flow.torque_n_m, crank, y)
-    row[OBSERVED.motor_torque_n_m] = turning_torque_n_m(parts, flow.torque_n_m, crank, y)
+    angle_rad, omega_rad_s = crank_in_stage(parts.drive, flow, tau_s, y)
+    row[OBSERVED.crank_rad], row[OBSERVED.omega_rad_s] = angle_rad, omega_rad_s
+    row[OBSERVED.current_a] = turning_current_a(parts, flow.torque_n_m, omega_rad_s, y)
+    row[OBSERVED.motor_torque_n_m] = turning_torque_n_m(parts, flow.torque_n_m, omega_rad_s, y)
     row[OBSERVED.felt_force_n] = felt_force_n(parts, y)
 
 

@@ -209,13 +209,6 @@ def enter_crank(mode: Mode, stuck: int, direction: int, zero_crank: int) -> None
     mode.crank_stuck, mode.crank_direction, mode.zero_crank = stuck, direction, zero_crank
 
 
-class Crank(NamedTuple):
-    """The crank at one instant."""
-
-    angle_rad: float
-    speed_rad_s: float
-
-
 class Flow(NamedTuple):
     """Constants of one step."""
 

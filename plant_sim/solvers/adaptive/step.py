@@ -18,7 +18,7 @@ from plant_sim.sensors.sensing import is_sensing, sense
 from plant_sim.solvers.adaptive.automaton import apply, first_event, may_end
 from plant_sim.solvers.adaptive.crank import dry_loss_n_m, turn_crank
 from plant_sim.solvers.adaptive.dop853 import attempt, extend
-from plant_sim.solvers.adaptive.event_location import Event, Found, Segment, steepest_stage
+from plant_sim.solvers.adaptive.event_location import Found, Segment, steepest_stage
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.observation import follow_contact, follow_felt, sample_step
 from plant_sim.solvers.adaptive.series import LEAST, motion_within, series_step_s, state_after
@@ -29,6 +29,7 @@ from plant_sim.solvers.adaptive.winding import current_s
 from plant_sim.solvers.bernstein import ORDER
 from plant_sim.solvers.cost import debt
 from plant_sim.solvers.double_double import two_sum
+from plant_sim.solvers.event import Event
 
 LEAST_ERROR = 1e-6
 """Smallest error of a step, in tolerances, that influences the next step; at rest the error may be 0."""

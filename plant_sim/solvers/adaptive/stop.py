@@ -22,10 +22,11 @@ from plant_sim.parts.stop import (
 from plant_sim.parts.wearer import contact_mass_kg, is_worn
 from plant_sim.result import Phase
 from plant_sim.sensors.sensing import sense_jump
-from plant_sim.solvers.adaptive.event_location import Event, Found, Segment, earlier
+from plant_sim.solvers.adaptive.event_location import Found, Segment, earlier
 from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, LET_GO, NO_IMPACT, Run, enter, now_s
 from plant_sim.solvers.adaptive.wearer import closing_m_s
 from plant_sim.solvers.bernstein import root
+from plant_sim.solvers.event import Event
 
 SURFACE_SHARE = 1e-3
 """Distance from the surface, as a share of a step's tolerance, of a striker that leaves it from rest."""

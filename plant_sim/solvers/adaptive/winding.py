@@ -19,16 +19,10 @@ from plant_sim.parts.drive import (
 )
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.winding import DqWinding, flux_wb, is_wound
-from plant_sim.solvers.adaptive.event_location import (
-    Event,
-    Found,
-    Segment,
-    earlier,
-    look_within,
-    steepest,
-)
-from plant_sim.solvers.adaptive.state_layout import Crank, Flow, Memory, Run
+from plant_sim.solvers.adaptive.event_location import Found, Segment, earlier, look_within, steepest
+from plant_sim.solvers.adaptive.state_layout import Flow, Memory, Run
 from plant_sim.solvers.bernstein import DEGREE, NODES, interpolate, root
+from plant_sim.solvers.event import Event
 
 STABLE = 4.5
 """h |λ| for which DOP853 damps a real pole well; its limit of stability is about 6."""
@@ -42,20 +36,20 @@ class Voltages(NamedTuple):
 
 
 @subroutine
-def turning_current_a(parts: Parts, torque_n_m: float, crank: Crank, y: State) -> float:
+def turning_current_a(parts: Parts, torque_n_m: float, omega_rad_s: float, y: State) -> float:
     """The torque-producing current i_q, A; it settles at once if the windings are not modelled."""
     if not is_wound(parts.winding):
-        return motor_current_a(parts.drive, torque_n_m, crank.speed_rad_s)
+        return motor_current_a(parts.drive, torque_n_m, omega_rad_s)
     current_a: float = y.i_q_a
     return current_a
 
 
 @subroutine(inline=True)
-def turning_torque_n_m(parts: Parts, torque_n_m: float, crank: Crank, y: State) -> float:
+def turning_torque_n_m(parts: Parts, torque_n_m: float, omega_rad_s: float, y: State) -> float:
     """The torque of the motor's current on the crank, N m, for the command `torque_n_m`."""
     winding, drive = parts.winding, parts.drive
     if not (is_wound(winding) and is_motor(drive)):
-        return motor_torque_n_m(drive, torque_n_m, crank.speed_rad_s)
+        return motor_torque_n_m(drive, torque_n_m, omega_rad_s)
     i_d, i_q = y.i_d_a, y.i_q_a
     saliency_h = winding.d_inductance_h - winding.q_inductance_h
     # T = 3/2 p (ψ i_q + (L_d − L_q) i_d i_q)

@@ -1,14 +1,14 @@
 """The striker as a hybrid automaton: flow until the next event, apply its transition, repeat.
 
-    FLIGHT        closed-form motion; leaves by IMPACT, or with dry friction by TURN (the speed reaches zero)
-    STICK         dry friction holds; leaves by RELEASE_UP or RELEASE_DOWN when the spring overcomes it
-    REST_ON_STOP  pressed on the stop; leaves by RELEASE_DOWN when the spring pulls it off
+    FLIGHT        closed-form motion; leaves by TOUCH, or with dry friction by HALT (the speed reaches zero)
+    STICK         dry friction holds; leaves by RELEASE, up or down, when the spring overcomes it
+    REST_ON_STOP  pressed on the stop; leaves by RELEASE, down, when the spring pulls it off
 
-            IMPACT: rebound            TURN: |push| ≤ μ m g            RELEASE_UP on the stop
+            TOUCH: rebound             HALT: |push| ≤ μ m g            RELEASE up, on the stop
     FLIGHT ───────────────▶ FLIGHT   FLIGHT ─────────────▶ STICK   STICK ───────────────▶ REST_ON_STOP
            ───────────────▶ REST_ON_STOP    ◀───────────── STICK         ◀─────────────── REST_ON_STOP
-            plastic or end of chatter       RELEASE_UP, RELEASE_DOWN          RELEASE_DOWN with dry friction
-    FLIGHT ◀─────────────── REST_ON_STOP: RELEASE_DOWN without dry friction
+            plastic or end of chatter          RELEASE                         RELEASE with dry friction
+    FLIGHT ◀─────────────── REST_ON_STOP: RELEASE without dry friction
 
 A striker that sticks has no speed and therefore cannot meet the stop. Every function here is pure and
 compiled, so that studies can run this loop inside kernels of their own:
@@ -17,12 +17,11 @@ compiled, so that studies can run this loop inside kernels of their own:
     while True:
         arrival, event = next_event(o, motion, until_s, scratch)
         …a study's evaluation of `motion`, `arrival` and `event`…
-        if event == Event.HORIZON: break
+        if event == Event.NONE: break
         motion = after(o, arrival, event, rest_speed_m_s)
 """
 
 import math
-from enum import IntEnum
 from typing import NamedTuple
 
 from plant_sim.kernels import subroutine
@@ -31,6 +30,7 @@ from plant_sim.parts.friction import set_off
 from plant_sim.result import Phase
 from plant_sim.solvers.bernstein import Scratch
 from plant_sim.solvers.double_double import TURN_RAD, add, turned
+from plant_sim.solvers.event import Event
 from plant_sim.solvers.exact.crossing import (
     LEAST_SPAN,
     backing,
@@ -49,16 +49,6 @@ LEAST_SPEED_M_S = 1e-100
 HALF_PI = 0.5 * math.pi
 
 
-class Event(IntEnum):
-    """The event that ends a flow."""
-
-    HORIZON = 0
-    IMPACT = 1
-    TURN = 2
-    RELEASE_UP = 3
-    RELEASE_DOWN = 4
-
-
 class Motion(NamedTuple):
     """The module at one instant; time and crank angle in two floats each, the angle in [−π, π]."""
 
@@ -71,7 +61,7 @@ class Motion(NamedTuple):
     y_m: float
     v_m_s: float
     phase: Phase
-    direction: float  # of sliding with dry friction: ±1; 0 otherwise
+    direction: float  # of sliding with dry friction, or of a release: ±1; 0 otherwise
     poised: bool  # just released: the net force is exactly zero
 
 
@@ -179,8 +169,8 @@ def _wait(o: Oscillator, motion: Motion, until_s: float) -> tuple[Motion, Event]
     if turn < math.inf and o.drive_rad_s > 0.0:
         arrival = _arrive(o, motion, turn / o.drive_rad_s, y, 0.0)
         if arrival.t_s <= until_s:
-            return arrival, Event.RELEASE_UP if turn_up < turn_down else Event.RELEASE_DOWN
-    return _at_horizon(o, motion, until_s, y, 0.0), Event.HORIZON
+            return arrival._replace(direction=1.0 if turn_up < turn_down else -1.0), Event.RELEASE
+    return _at_horizon(o, motion, until_s, y, 0.0), Event.NONE
 
 
 @subroutine
@@ -209,7 +199,7 @@ def _fly(o: Oscillator, motion: Motion, until_s: float, scratch: Scratch) -> tup
     """
     direction = motion.direction
     if o.has_stop and motion.y_m >= o.gap_m and motion.v_m_s > 0.0:
-        return _arrive(o, motion, 0.0, o.gap_m, motion.v_m_s), Event.IMPACT
+        return _arrive(o, motion, 0.0, o.gap_m, motion.v_m_s), Event.TOUCH
     end = (until_s - motion.t_s) - motion.t_low_s
     flight = launch(o, motion.y_m, motion.v_m_s, motion.sin_crank, motion.cos_crank, direction)
     here = point(o, flight, 0.0, motion.y_m, motion.v_m_s, 0.0, 1.0)
@@ -237,13 +227,13 @@ def _fly(o: Oscillator, motion: Motion, until_s: float, scratch: Scratch) -> tup
             y, v = (o.gap_m, there.v_m_s) if crossing.at_stop else (min(there.y_m, o.gap_m), 0.0)
             arrival = _arrive(o, motion, there.h_s, y, v)
             if arrival.t_s <= until_s:
-                return arrival, Event.IMPACT if crossing.at_stop else Event.TURN
+                return arrival, Event.TOUCH if crossing.at_stop else Event.HALT
             break
         if not o.is_dry and here.h_s < first_period <= there.h_s:
             scan_end = min(last, quiet_from_s(o, flight))
         here = there
     y, v, _, _ = flow(o, flight, end)
-    return _at_horizon(o, motion, until_s, min(y, o.gap_m), v), Event.HORIZON
+    return _at_horizon(o, motion, until_s, min(y, o.gap_m), v), Event.NONE
 
 
 @subroutine
@@ -261,16 +251,16 @@ def _first_span_s(o: Oscillator, here: Point, direction: float) -> float:
 def after(o: Oscillator, arrival: Motion, event: Event, rest_speed_m_s: float) -> Motion:
     """The motion just after an event."""
     m = arrival
-    if event == Event.HORIZON:
+    if event == Event.NONE:
         return m
-    if event == Event.IMPACT:
+    if event == Event.TOUCH:
         return _rebound(o, m, rest_speed_m_s)
-    if event == Event.TURN:
+    if event == Event.HALT:
         return _moving(o, m, m.y_m, 0.0)
     phase, direction = Phase.FLIGHT, 0.0
     if o.is_dry:
-        direction = 1.0 if event == Event.RELEASE_UP else -1.0
-        if event == Event.RELEASE_UP and o.has_stop and m.y_m >= o.gap_m:
+        direction = m.direction
+        if direction > 0.0 and o.has_stop and m.y_m >= o.gap_m:
             phase = Phase.REST_ON_STOP
         elif m.phase == Phase.REST_ON_STOP and o.dry_offset_m > 0.0:
             phase = Phase.STICK

@@ -23,7 +23,8 @@ from plant_sim.result import EnergyLedger, Impacts, MotionState, Phase, Samples,
 from plant_sim.solvers.bernstein import new_scratch
 from plant_sim.solvers.cost import ALLOWANCE, debt, too_costly
 from plant_sim.solvers.double_double import TURN_RAD, turned
-from plant_sim.solvers.exact.automaton import Event, Motion, after, begin, next_event
+from plant_sim.solvers.event import Event
+from plant_sim.solvers.exact.automaton import Motion, after, begin, next_event
 from plant_sim.solvers.exact.ledger import booked, empty_ledger, stored_j
 from plant_sim.solvers.exact.oscillator import Oscillator, flow, launch, oscillator, point
 from plant_sim.solvers.exact.tilt import levelled, tilted
@@ -59,13 +60,13 @@ def _run(
     ledger, scratch = empty_ledger(), new_scratch()
     fastest_rad_s, behind = max(o.drive_rad_s, o.natural_rad_s), 0.0
     impacts, found, next_sample = np.empty((64, 6)), 0, 0
-    event = Event.IMPACT
-    while event != Event.HORIZON and behind <= ALLOWANCE:
+    event = Event.TOUCH
+    while event != Event.NONE and behind <= ALLOWANCE:
         arrival, event = next_event(o, motion, until_s, scratch)
         departure = after(o, arrival, event, rest_speed_m_s)
         ledger = booked(o, ledger, motion, arrival, departure)
         next_sample = _sample(o, motion, arrival, event, samples_t_s, samples, next_sample)
-        if event == Event.IMPACT:
+        if event == Event.TOUCH:
             if found == len(impacts):
                 impacts = np.concatenate((impacts, np.empty_like(impacts)))
             row, v, v_after = impacts[found], arrival.v_m_s, departure.v_m_s
@@ -82,7 +83,7 @@ def _run(
         ledger.impact_j + ledger.impact_low_j,
         after_j,
     )
-    return impacts[:found], motion, energies_j, event != Event.HORIZON
+    return impacts[:found], motion, energies_j, event != Event.NONE
 
 
 @subroutine
@@ -101,7 +102,7 @@ def _sample(
     flight = launch(o, motion.y_m, motion.v_m_s, motion.sin_crank, motion.cos_crank, motion.direction)
     end = (arrival.t_s - motion.t_s) + (arrival.t_low_s - motion.t_low_s)
     while index < len(samples_t_s):
-        if samples_t_s[index] >= arrival.t_s and event != Event.HORIZON:
+        if samples_t_s[index] >= arrival.t_s and event != Event.NONE:
             break
         h = min(max((samples_t_s[index] - motion.t_s) - motion.t_low_s, 0.0), end)
         y, v, a = motion.y_m, 0.0, 0.0

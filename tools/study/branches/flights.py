@@ -28,7 +28,8 @@ from plant_sim.result import MotionState, Phase, SimulationResult
 from plant_sim.solvers.adaptive import adaptive
 from plant_sim.solvers.bernstein import new_scratch
 from plant_sim.solvers.cost import SolverError
-from plant_sim.solvers.exact.automaton import Event, after, begin, next_event
+from plant_sim.solvers.event import Event
+from plant_sim.solvers.exact.automaton import after, begin, next_event
 from plant_sim.solvers.exact.oscillator import flow, free_flow, launch, oscillator_of, point
 
 Vector: TypeAlias = NDArray[np.float64]
@@ -96,8 +97,8 @@ def fly(
     motion, scratch = begin(o, 0.0, y_m, v_m_s, crank_rad), new_scratch()
     yy, yv, vy, vv = 1.0, 0.0, 0.0, 1.0
     highest, margin, start, end = -math.inf, math.inf, math.nan, 0.0
-    event = Event.TURN
-    while event != Event.HORIZON:
+    event = Event.HALT
+    while event != Event.NONE:
         arrival, event = next_event(o, motion, duration_s, scratch)
         end = 0.0
         if motion.phase == Phase.FLIGHT:
@@ -111,9 +112,9 @@ def fly(
             yy, vy = C * yy + S * vy, D * vy - o.stiffness_1_s2 * S * yy
             yv, vv = C * yv + S * vv, D * vv - o.stiffness_1_s2 * S * yv
         departure = after(o, arrival, event, 0.0)
-        if event == Event.TURN:
+        if event == Event.HALT:
             highest = max(highest, arrival.y_m)
-        if event == Event.TURN and law.is_dry:
+        if event == Event.HALT and law.is_dry:
             push = o.amplitude_m * arrival.sin_crank - arrival.y_m
             margin = min(margin, abs(push) - o.dry_offset_m)
             share = 0.0
