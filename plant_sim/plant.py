@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.arrays import FloatArray
 from plant_sim.kernels import entry_point, jit, subroutine
 from plant_sim.parts.housing import housing_m_s2
 from plant_sim.parts.parts import Parts
@@ -89,7 +90,7 @@ class Plant:
         """The module for compiled code, which calls `take_back` after it has advanced it."""
         self._module_record: Any = getattr(self.module, "record", self.module)
         self._memory: Any = self.module.memory[0]
-        self.observed: NDArray[np.float64] = self._memory.observed
+        self.observed: FloatArray = self._memory.observed
         """The present observation for sampled sensors, with places as in `state_layout.OBSERVED`."""
         self._move = compiled_move(self)
         self.now: Observation
@@ -178,11 +179,11 @@ class Plant:
         """Whether the scene has a walking wearer and gait sensors."""
         return self._gait_sensors is not None
 
-    def sample_noise(self, which: int, signals: int) -> NDArray[np.float64]:
+    def sample_noise(self, which: int, signals: int) -> FloatArray:
         """Standard normals for the next sample of one of `sampled`, one for each of its signals."""
         return self._sampled_noise[which].standard_normal(signals)
 
-    def sense_gaits(self, times_s: NDArray[np.float64]) -> list[GaitReading | None]:
+    def sense_gaits(self, times_s: FloatArray) -> list[GaitReading | None]:
         """Sample the gait sensors at these times, every `GAIT_PERIOD_S`; None where a sample drops out.
 
         The module does not influence the gait, so that future times may be sampled.
@@ -196,7 +197,7 @@ class Plant:
         walking = self.parts.housing
         return gait_at(walking, t_s) if isinstance(walking, Walking) else None
 
-    def gaits_at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    def gaits_at(self, times_s: FloatArray) -> FloatArray | None:
         """The gait at these times, shape (n,), as rows of `GaitTruth`; None without a walking wearer."""
         walking = self.parts.housing
         return gaits_at(walking, times_s) if isinstance(walking, Walking) else None

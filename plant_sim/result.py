@@ -4,8 +4,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
+from plant_sim.arrays import FloatArray
 
 
 class Phase(IntEnum):
@@ -138,28 +137,28 @@ class Impacts:
     plate of a wearer. All arrays have the shape (n,).
     """
 
-    t_s: NDArray[np.float64]
-    v_m_s: NDArray[np.float64]
-    v_after_m_s: NDArray[np.float64]
-    impulse_n_s: NDArray[np.float64]
-    peak_force_n: NDArray[np.float64]
-    crank_rad: NDArray[np.float64]
+    t_s: FloatArray
+    v_m_s: FloatArray
+    v_after_m_s: FloatArray
+    impulse_n_s: FloatArray
+    peak_force_n: FloatArray
+    crank_rad: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class Samples:
     """The module at requested times, as in `Observation`; arrays of shape (n,)."""
 
-    t_s: NDArray[np.float64]
-    x_m: NDArray[np.float64]
-    v_m_s: NDArray[np.float64]
-    accel_m_s2: NDArray[np.float64]
-    crank_rad: NDArray[np.float64]
-    omega_rad_s: NDArray[np.float64]
-    motor_torque_n_m: NDArray[np.float64]
-    current_a: NDArray[np.float64]
-    stop_force_n: NDArray[np.float64]
-    felt_force_n: NDArray[np.float64]
+    t_s: FloatArray
+    x_m: FloatArray
+    v_m_s: FloatArray
+    accel_m_s2: FloatArray
+    crank_rad: FloatArray
+    omega_rad_s: FloatArray
+    motor_torque_n_m: FloatArray
+    current_a: FloatArray
+    stop_force_n: FloatArray
+    felt_force_n: FloatArray
 
 
 @dataclass(frozen=True, slots=True)

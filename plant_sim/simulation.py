@@ -4,8 +4,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from plant_sim.arrays import FloatArray
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.parts import Parts
 from plant_sim.result import MotionState, Phase, SimulationResult
@@ -65,7 +65,7 @@ MOST_SAMPLES = 10_000_000
 """Most samples of one run: 400 MB."""
 
 
-def _grid(until_s: float, samples_s: float) -> NDArray[np.float64]:
+def _grid(until_s: float, samples_s: float) -> FloatArray:
     """Times from 0 to `until_s`, each once; a time that rounds to the end is left out."""
     spacing_s = _real(samples_s, "samples_s", "spacing of samples, in s", above_zero=True)
     count = until_s / spacing_s

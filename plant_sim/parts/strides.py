@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from plant_sim.parts.walking import COLUMNS, Rows
+from plant_sim.arrays import FloatArray
+from plant_sim.parts.walking import COLUMNS
 from plant_sim.tables.gait_tables import GaitTable, PaceTable
 
 NATURAL_HZ = 0.9
@@ -61,7 +62,7 @@ def wanted_hz(paces: Sequence[PaceTable], t_s: float) -> float:
     return here.stride_hz + share * (there.stride_hz - here.stride_hz)
 
 
-def sample_strides(walk: GaitTable, dice: np.random.Generator) -> Rows:
+def sample_strides(walk: GaitTable, dice: np.random.Generator) -> FloatArray:
     """Rows from t = 0 on; the last one has no end."""
     sampling = _Sampling(walk, dice)
     script_s = [pace.at_s for pace in walk.pace] + [trip.at_s for trip in walk.stumble]
@@ -158,7 +159,7 @@ class _Sampling:
             self._go(1.0, here, goal, strike)
         self._now, self._now_factor = goal, factor
 
-    def rows(self, endless: bool = False) -> Rows:
+    def rows(self, endless: bool = False) -> FloatArray:
         """All rows; `endless` adds one that continues as the last one ended."""
         if endless:
             self._row(math.inf, self._now, self._now, self._strike_m_s2, 0.0)

@@ -25,13 +25,10 @@ and end.
 import math
 from typing import NamedTuple, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
+from plant_sim.arrays import FloatArray
 from plant_sim.kernels import subroutine
 
-Rows: TypeAlias = NDArray[np.float64]
-Jet: TypeAlias = tuple[float, float, float, float]
+Derivatives: TypeAlias = tuple[float, float, float, float]
 """A quantity and its first three derivatives."""
 
 (
@@ -107,7 +104,7 @@ class Walking(NamedTuple):
     mount_m: float
     gravity_m_s2: float
     warp: float
-    rows: Rows
+    rows: FloatArray
 
 
 class Leg(NamedTuple):
@@ -124,7 +121,7 @@ class Leg(NamedTuple):
 
 
 @subroutine
-def row_at(rows: Rows, t_s: float) -> int:
+def row_at(rows: FloatArray, t_s: float) -> int:
     """The last row that has begun."""
     low, high = 0, rows.shape[0]
     while high - low > 1:
@@ -137,7 +134,7 @@ def row_at(rows: Rows, t_s: float) -> int:
 
 
 @subroutine
-def since_strike_s(row: Rows, into_s: float, same_s: float) -> float:
+def since_strike_s(row: FloatArray, into_s: float, same_s: float) -> float:
     """Time since the last heel strike, s; the last row of a walk has no end and one heel strike a
     stride.
 
@@ -150,7 +147,7 @@ def since_strike_s(row: Rows, into_s: float, same_s: float) -> float:
 
 
 @subroutine
-def _transition(first: float, last: float, into_s: float, length_s: float) -> Jet:
+def _transition(first: float, last: float, into_s: float, length_s: float) -> Derivatives:
     """Transition from `first` to `last` by S = 10 s³ − 15 s⁴ + 6 s⁵, with S' = S'' = 0 at both ends."""
     if first == last or into_s >= length_s:
         return last, 0.0, 0.0, 0.0
@@ -166,7 +163,7 @@ def _transition(first: float, last: float, into_s: float, length_s: float) -> Je
 
 
 @subroutine
-def cycles_at(row: Rows, t_s: float) -> float:
+def cycles_at(row: FloatArray, t_s: float) -> float:
     """φ, in cycles since the first heel strike: the integral of the frequency."""
     into_s, length_s, first_hz = t_s - row[BEGIN_S], row[LENGTH_S], row[FROM_HZ]
     change_hz = row[TO_HZ] - first_hz
@@ -178,7 +175,7 @@ def cycles_at(row: Rows, t_s: float) -> float:
 
 
 @subroutine
-def _warped(cycles: float, hertz: Jet, warp: float) -> Jet:
+def _warped(cycles: float, hertz: Derivatives, warp: float) -> Derivatives:
     """χ = φ + warp · sin² π φ and its derivatives in time."""
     turn = 2.0 * math.pi
     phase = cycles - math.floor(cycles)
@@ -197,9 +194,7 @@ def _warped(cycles: float, hertz: Jet, warp: float) -> Jet:
 
 
 @subroutine
-def _curve(
-    coefficients: tuple[tuple[float, ...], tuple[float, ...]], phase: Jet
-) -> tuple[float, float, float, float]:
+def _curve(coefficients: tuple[tuple[float, ...], tuple[float, ...]], phase: Derivatives) -> Derivatives:
     """A series at χ(t) and its derivatives in time (Faà di Bruno)."""
     turn = 2.0 * math.pi
     cosines, sines = coefficients
@@ -219,8 +214,8 @@ def _curve(
 
 
 @subroutine
-def _times(p: Jet, q: Jet) -> Jet:
-    """Product of two jets, by Leibniz' rule."""
+def _times(p: Derivatives, q: Derivatives) -> Derivatives:
+    """Product of two quantities, by Leibniz' rule."""
     return (
         p[0] * q[0],
         p[1] * q[0] + p[0] * q[1],

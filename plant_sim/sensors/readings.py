@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from plant_sim.arrays import FloatArray
 from plant_sim.kernels import subroutine
 from plant_sim.sensors.sensing import HIGH, HOUSING, LOW, SPEED_ESTIMATE
+from plant_sim.solvers.double_double import TURN_RAD
 from plant_sim.tables.sensor_tables import AccelerometerTable, SensorsTable
 
-TURN_RAD = 2.0 * math.pi
-Numbers: TypeAlias = Sequence[float] | NDArray[np.float64]
+Numbers: TypeAlias = Sequence[float] | FloatArray
 
 NOISE_AT_ONCE = 256
 """Number of samples whose noise is generated together; the sequence is the same as sample by sample."""
@@ -121,7 +121,7 @@ class Noise:
             self._waiting = self._noise.standard_normal((NOISE_AT_ONCE, 4)).tolist()[::-1]
         return self._waiting.pop()
 
-    def take(self, samples: int) -> NDArray[np.float64]:
+    def take(self, samples: int) -> FloatArray:
         """The standard normals of the next samples, shape (samples, 4)."""
         first = [self._waiting.pop() for _ in range(min(samples, len(self._waiting)))]
         rest = self._noise.standard_normal((samples - len(first), 4))

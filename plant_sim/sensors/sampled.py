@@ -6,16 +6,13 @@ samples it knows the frame, its period and its counter; no other code names a se
 
 from typing import NamedTuple, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from plant_sim.arrays import FloatArray
 from plant_sim.kernels import by_part
 from plant_sim.solvers.adaptive.state_layout import OBSERVED
 from plant_sim.tables.quantities import Length
 from plant_sim.tables.table import Table
-
-Vector = NDArray[np.float64]
 
 
 class CoarsePosition(NamedTuple):
@@ -30,7 +27,7 @@ SAMPLED: tuple[type[SampledSensor], ...] = (CoarsePosition,)
 
 
 @by_part
-def signals(sensor: SampledSensor, observed: Vector, noise: Vector) -> tuple[float, ...]:
+def signals(sensor: SampledSensor, observed: FloatArray, noise: FloatArray) -> tuple[float, ...]:
     """A sample: the frame's signals from the present observation (places as in `state_layout.OBSERVED`).
 
     `noise`: a standard normal for each signal.
@@ -39,7 +36,9 @@ def signals(sensor: SampledSensor, observed: Vector, noise: Vector) -> tuple[flo
 
 
 @signals.register(CoarsePosition)
-def _coarse_position_signals(sensor: CoarsePosition, observed: Vector, noise: Vector) -> tuple[float, ...]:
+def _coarse_position_signals(
+    sensor: CoarsePosition, observed: FloatArray, noise: FloatArray
+) -> tuple[float, ...]:
     return (observed[OBSERVED.x_m] + sensor.noise_m * noise[0],)
 
 

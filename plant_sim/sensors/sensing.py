@@ -17,13 +17,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.arrays import FloatArray, IntArray
 from plant_sim.jets import ROW
 from plant_sim.kernels import subroutine
 from plant_sim.parts.drive import constant_speed_rad_s, is_motor
 from plant_sim.parts.housing import Housing, housing_m_s2, is_level, steady_m_s2
 from plant_sim.parts.parts import Parts
 from plant_sim.solvers.adaptive.event_location import Segment
-from plant_sim.solvers.adaptive.state_layout import Run, Vector
+from plant_sim.solvers.adaptive.state_layout import Run
 from plant_sim.solvers.bernstein import DEGREE, NODES, ORDER, interpolate
 from plant_sim.tables.sensor_tables import AccelerometerTable, SensorsTable
 
@@ -55,13 +56,13 @@ class Sensing(NamedTuple):
     poles: Complex
     states: Complex
     moments: Complex
-    step_s: Vector
-    inputs: Vector
-    pulses: Vector
-    active: NDArray[np.int64]
+    step_s: FloatArray
+    inputs: FloatArray
+    pulses: FloatArray
+    active: IntArray
     pulse_s: float
-    shaken: Vector
-    readings: Vector
+    shaken: FloatArray
+    readings: FloatArray
 
 
 def allocate_filters(filters: int, pulse_s: float) -> Sensing:
@@ -208,7 +209,7 @@ def _interpolate_housing(housing: Housing, probe: Sensing, used_s: float, begin_
 
 
 @subroutine
-def _scaled(series: Vector, used_s: float, power: Vector, order: int) -> None:
+def _scaled(series: FloatArray, used_s: float, power: FloatArray, order: int) -> None:
     """Power coefficients in t/used of Taylor coefficients in t."""
     scale = 1.0
     for k in range(order + 1):
@@ -217,7 +218,7 @@ def _scaled(series: Vector, used_s: float, power: Vector, order: int) -> None:
 
 
 @subroutine
-def to_power(b: Vector, share: float, power: Vector) -> None:
+def to_power(b: FloatArray, share: float, power: FloatArray) -> None:
     """Coefficients in s/share of p: c_j = shareʲ C(n, j) Δʲb_0, with Δ the forward difference."""
     for i in range(DEGREE + 1):
         power[i] = b[i]
@@ -262,7 +263,7 @@ def _moments(pole: complex, h_s: float, row: Complex) -> None:
 
 
 @subroutine
-def _driven(moments: Complex, state: complex, power: Vector, degree: int) -> complex:
+def _driven(moments: Complex, state: complex, power: FloatArray, degree: int) -> complex:
     """State after h of z' = λ z + u with u = Σ c_j (t/h)ʲ: e^(λh) z + Σ c_j I_j."""
     total: complex = moments[0] * state
     for j in range(degree, -1, -1):
@@ -271,7 +272,7 @@ def _driven(moments: Complex, state: complex, power: Vector, degree: int) -> com
 
 
 @subroutine
-def _sense_pulse(probe: Sensing, pulse: Vector, used_s: float) -> None:
+def _sense_pulse(probe: Sensing, pulse: FloatArray, used_s: float) -> None:
     """Drive the accelerometers' filters by one half-sine and advance its age."""
     age, jump, whole = pulse[AGE], pulse[JUMP], probe.pulse_s
     rate = math.pi / whole

@@ -11,11 +11,9 @@ from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from plant_sim.arrays import FloatArray
 from plant_sim.kernels import jit, subroutine
-
-Coefficients = NDArray[np.float64]
 
 DEGREE = 7
 """Degree of the continuous extension of a step of DOP853."""
@@ -36,7 +34,7 @@ DEEPEST_HALVING = 40
 MOST_CHORDS = 60
 """Most trials of regula falsi; a root of a step takes about ten."""
 
-NODES: Coefficients = np.array([0.5 - 0.5 * math.cos(math.pi * i / DEGREE) for i in range(DEGREE + 1)])
+NODES: FloatArray = np.array([0.5 - 0.5 * math.cos(math.pi * i / DEGREE) for i in range(DEGREE + 1)])
 """Interpolation nodes: Chebyshev points of the second kind, with both ends."""
 
 
@@ -45,7 +43,7 @@ def _basis(s: Fraction) -> list[Fraction]:
     return [math.comb(DEGREE, i) * s**i * (1 - s) ** (DEGREE - i) for i in range(DEGREE + 1)]
 
 
-def _inverse(matrix: list[list[Fraction]]) -> Coefficients:
+def _inverse(matrix: list[list[Fraction]]) -> FloatArray:
     """The inverse, each number rounded once: the last bits of LAPACK's depend on processor and memory."""
     size = len(matrix)
     rows = [[*row, *(Fraction(i == j) for j in range(size))] for i, row in enumerate(matrix)]
@@ -59,24 +57,24 @@ def _inverse(matrix: list[list[Fraction]]) -> Coefficients:
     return np.array([[float(one) for one in row[size:]] for row in rows])
 
 
-_BINOMIALS: Coefficients = np.array(
+_BINOMIALS: FloatArray = np.array(
     [[float(math.comb(n, i)) for i in range(ORDER + 1)] for n in range(ORDER + 1)]
 )
 
-_PER_BINOMIAL: Coefficients = 1.0 / np.maximum(_BINOMIALS, 1.0)
+_PER_BINOMIAL: FloatArray = 1.0 / np.maximum(_BINOMIALS, 1.0)
 
 _START, _WIDTH = ORDER + 1, ORDER + 2
 """Columns of the stack of `first_rise` behind the coefficients."""
 
-_FROM_VALUES: Coefficients = _inverse([_basis(Fraction(float(s))) for s in NODES])
+_FROM_VALUES: FloatArray = _inverse([_basis(Fraction(float(s))) for s in NODES])
 
 
 class Scratch(NamedTuple):
     """Scratch arrays of event location: shapes (ORDER + 1,) twice, (DEEPEST_HALVING + 2, ORDER + 3)."""
 
-    poly: Coefficients
-    press: Coefficients
-    stack: Coefficients
+    poly: FloatArray
+    press: FloatArray
+    stack: FloatArray
 
 
 def scratch_arrays() -> Scratch:
@@ -89,7 +87,7 @@ new_scratch = jit(scratch_arrays)
 
 
 @subroutine
-def interpolate(values: Coefficients, b: Coefficients) -> None:
+def interpolate(values: FloatArray, b: FloatArray) -> None:
     """Coefficients of the polynomial through `values` at NODES, into `b`."""
     for i in range(DEGREE + 1):
         b[i] = 0.0
@@ -98,7 +96,7 @@ def interpolate(values: Coefficients, b: Coefficients) -> None:
 
 
 @subroutine
-def evaluate(b: Coefficients, degree: int, s: float) -> float:
+def evaluate(b: FloatArray, degree: int, s: float) -> float:
     """p(s)."""
     r = 1.0 - s
     # Σ b_i C(n, i) sⁱ rⁿ⁻ⁱ, by Horner in s with the powers of r folded in.
@@ -112,13 +110,13 @@ def evaluate(b: Coefficients, degree: int, s: float) -> float:
 
 
 @subroutine
-def at(b: Coefficients, s: float) -> float:
+def at(b: FloatArray, s: float) -> float:
     """p(s) of all coefficients."""
     return evaluate(b, b.size - 1, s)
 
 
 @subroutine
-def from_powers(powers: Coefficients, h: float, b: Coefficients, degree: int) -> None:
+def from_powers(powers: FloatArray, h: float, b: FloatArray, degree: int) -> None:
     """Coefficients of Σ c_k (h s)ᵏ, of degree n = `degree`, into `b`: b_i = Σ C(i, k) / C(n, k) c_k hᵏ."""
     scale = 1.0
     for k in range(degree + 1):
@@ -131,14 +129,14 @@ def from_powers(powers: Coefficients, h: float, b: Coefficients, degree: int) ->
 
 
 @subroutine
-def without_root_at_start(b: Coefficients, degree: int) -> None:
+def without_root_at_start(b: FloatArray, degree: int) -> None:
     """Replace p by p(s)/s, of one degree less, in place; p(0) is taken as 0."""
     for i in range(degree):
         b[i] = b[i + 1] * degree / (i + 1)
 
 
 @subroutine
-def first_rise(b: Coefficients, degree: int, stack: Coefficients, accuracy: float = ROOT_ROUNDING) -> float:
+def first_rise(b: FloatArray, degree: int, stack: FloatArray, accuracy: float = ROOT_ROUNDING) -> float:
     """Smallest s in [0, 1] at which p, negative before, reaches 0; NO_ROOT if it never does, or p = 0.
 
     It is too late by `accuracy` at most, as a share of itself.
@@ -174,7 +172,7 @@ def first_rise(b: Coefficients, degree: int, stack: Coefficients, accuracy: floa
 
 
 @subroutine
-def _reaches_zero(b: Coefficients, degree: int) -> bool:
+def _reaches_zero(b: FloatArray, degree: int) -> bool:
     highest: float = b[0]
     for i in range(1, degree + 1):
         highest = max(highest, b[i])
@@ -182,7 +180,7 @@ def _reaches_zero(b: Coefficients, degree: int) -> bool:
 
 
 @subroutine
-def _is_zero(b: Coefficients, degree: int) -> bool:
+def _is_zero(b: FloatArray, degree: int) -> bool:
     """Whether p = 0 throughout: a quantity that stays on a surface does not cross it."""
     largest = 0.0
     for i in range(degree + 1):
@@ -191,7 +189,7 @@ def _is_zero(b: Coefficients, degree: int) -> bool:
 
 
 @subroutine
-def _sign_changes(b: Coefficients, degree: int) -> int:
+def _sign_changes(b: FloatArray, degree: int) -> int:
     changes = 0
     for i in range(degree):
         if (b[i] >= 0.0) != (b[i + 1] >= 0.0):
@@ -200,7 +198,7 @@ def _sign_changes(b: Coefficients, degree: int) -> int:
 
 
 @subroutine
-def _halve(stack: Coefficients, top: int, degree: int) -> None:
+def _halve(stack: FloatArray, top: int, degree: int) -> None:
     """Put the left half of the polynomial on the top of the stack above its right half."""
     right, left = stack[top], stack[top + 1]
     for i in range(degree + 1):
@@ -215,7 +213,7 @@ def _halve(stack: Coefficients, top: int, degree: int) -> None:
 
 
 @subroutine
-def _only_root(b: Coefficients, degree: int, accuracy: float) -> float:
+def _only_root(b: FloatArray, degree: int, accuracy: float) -> float:
     """The one root of p in (0, 1], p(0) < 0 ≤ p(1), by regula falsi with Illinois weights.
 
     No trial point is closer to an end than the accuracy, so that the bracket of a root near an end shrinks
@@ -250,7 +248,7 @@ def _only_root(b: Coefficients, degree: int, accuracy: float) -> float:
 
 @subroutine
 def root(
-    b: Coefficients,
+    b: FloatArray,
     sign: float,
     offset: float,
     zeros: int,
@@ -273,7 +271,7 @@ def root(
 
 
 @subroutine
-def first_beyond(b: Coefficients, slope: float, offset: float, limit: float, scratch: Scratch) -> float:
+def first_beyond(b: FloatArray, slope: float, offset: float, limit: float, scratch: Scratch) -> float:
     """First s at which |slope · p(s) + offset|, below the limit at first, passes it."""
     upward = root(b, slope, offset - limit, 0, scratch)
     return min(upward, root(b, -slope, -offset - limit, 0, scratch))

@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.arrays import FloatArray
 from plant_sim.kernels import address_of, by_address, call_at, entry_point, jit
 from plant_sim.parts.friction import bend_m_s
 from plant_sim.parts.parts import Parts
@@ -31,7 +32,6 @@ from plant_sim.solvers.adaptive.state_layout import (
     Grid,
     Memory,
     Run,
-    Vector,
     allocate,
     now_s,
 )
@@ -105,7 +105,7 @@ def simulate(
     parts: Parts,
     initial: MotionState,
     until_s: float,
-    samples_t_s: Vector | None = None,
+    samples_t_s: FloatArray | None = None,
     *,
     torque_n_m: Torque = 0.0,
     accuracy: float = 1e-9,

@@ -12,7 +12,7 @@ import numpy as np
 from plant_sim.arrays import FloatArray
 from plant_sim.kernels import subroutine
 from plant_sim.solvers.adaptive.motion import derivative
-from plant_sim.solvers.adaptive.state_layout import STAGES, Flow, Run, Vector
+from plant_sim.solvers.adaptive.state_layout import STAGES, Flow, Run
 from plant_sim.solvers.bernstein import DEGREE
 
 
@@ -61,7 +61,7 @@ D = _table("""
 
 
 @subroutine(inline=True)
-def attempt(run: Run, flow: Flow, h_s: float, scale: Vector) -> float:
+def attempt(run: Run, flow: Flow, h_s: float, scale: FloatArray) -> float:
     """Step from `memory.y` to `memory.new`; return the error, relative to the tolerance `scale`. `k[0]` is the
     derivative at `y`.
     """
@@ -90,7 +90,7 @@ def attempt(run: Run, flow: Flow, h_s: float, scale: Vector) -> float:
 
 
 @subroutine(inline=True)
-def _slope(k: Vector, stage: int, first: int, i: int) -> float:
+def _slope(k: FloatArray, stage: int, first: int, i: int) -> float:
     """Σ a_j k_j of one quantity; the row of A holds zeros in columns 1 to `first` − 1."""
     total: float = A[stage, 0] * k[0, i]
     for j in range(first, stage):
@@ -133,7 +133,7 @@ def extend(run: Run, flow: Flow, h_s: float) -> None:
 
 
 @subroutine
-def _extension_term(h_s: float, k: Vector, row: int, i: int) -> float:
+def _extension_term(h_s: float, k: FloatArray, row: int, i: int) -> float:
     total: float = D[row, 0] * k[0, i]
     for j in range(5, STAGES):
         total += D[row, j] * k[j, i]
@@ -141,13 +141,13 @@ def _extension_term(h_s: float, k: Vector, row: int, i: int) -> float:
 
 
 @subroutine
-def _add(b: Vector, degree: int, constant: float) -> None:
+def _add(b: FloatArray, degree: int, constant: float) -> None:
     for j in range(degree + 1):
         b[j] += constant
 
 
 @subroutine
-def _times_s(b: Vector, degree: int) -> None:
+def _times_s(b: FloatArray, degree: int) -> None:
     """s p(s), one degree higher: c_j = j b_(j−1) / (n + 1)."""
     for j in range(degree + 1, 0, -1):
         b[j] = j * b[j - 1] / (degree + 1)
@@ -155,7 +155,7 @@ def _times_s(b: Vector, degree: int) -> None:
 
 
 @subroutine
-def _times_one_minus_s(b: Vector, degree: int) -> None:
+def _times_one_minus_s(b: FloatArray, degree: int) -> None:
     """(1 − s) p(s), one degree higher: c_j = (n + 1 − j) b_j / (n + 1)."""
     b[degree + 1] = 0.0
     for j in range(degree + 1):

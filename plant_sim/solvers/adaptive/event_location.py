@@ -6,8 +6,9 @@ rest from its limit. A quantity that starts at zero is first divided by s, becau
 
 from typing import NamedTuple
 
+from plant_sim.arrays import FloatArray
 from plant_sim.kernels import subroutine
-from plant_sim.solvers.adaptive.state_layout import Flow, Memory, Vector
+from plant_sim.solvers.adaptive.state_layout import Flow, Memory
 from plant_sim.solvers.bernstein import at
 from plant_sim.solvers.event import Event
 
@@ -23,7 +24,7 @@ class Segment(NamedTuple):
     h_s: float
     is_series: bool
     order: int
-    dense: Vector
+    dense: FloatArray
 
 
 class Found(NamedTuple):
@@ -42,7 +43,7 @@ def earlier(found: Found, event: Event, s: float) -> Found:
 
 
 @subroutine
-def look_within(memory: Memory, dense: Vector, s: float, out: Vector) -> None:
+def look_within(memory: Memory, dense: FloatArray, s: float, out: FloatArray) -> None:
     """The motion within a step, into `out`."""
     for place in range(memory.progress.motion):
         i = memory.places[place]
@@ -62,7 +63,7 @@ def steepest(memory: Memory, segment: Segment, place: int) -> float:
 
 
 @subroutine
-def steepest_stage(k: Vector, place: int) -> float:
+def steepest_stage(k: FloatArray, place: int) -> float:
     """A quantity's largest slope, of either sign, in the stages of a step."""
     largest = 0.0
     for stage in range(12):

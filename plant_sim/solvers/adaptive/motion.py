@@ -5,6 +5,7 @@ m_B (x'' + a_b) = c (x_A + l0 − x) + F_f − F_stop, and those of crank, windi
 
 from typing import Any
 
+from plant_sim.arrays import FloatArray
 from plant_sim.jets import (
     ROW,
     Coefficient,
@@ -27,7 +28,7 @@ from plant_sim.parts.stop import elastic_energy_j, elastic_force_n, is_soft, ori
 from plant_sim.parts.striker import spring_energy_j, spring_force_n
 from plant_sim.result import Phase
 from plant_sim.solvers.adaptive.crank import rotor_energy_j, set_crank_rates
-from plant_sim.solvers.adaptive.state_layout import Flow, Run, Vector, now_s
+from plant_sim.solvers.adaptive.state_layout import Flow, Run, now_s
 from plant_sim.solvers.adaptive.stop import in_touch
 from plant_sim.solvers.adaptive.wearer import (
     closing_m_s,
@@ -59,7 +60,7 @@ def flow_now(run: Run) -> Flow:
 
 
 @subroutine(inline=True)
-def derivative(parts: Parts, flow: Flow, tau_s: float, y: State, out: Vector) -> None:
+def derivative(parts: Parts, flow: Flow, tau_s: float, y: State, out: FloatArray) -> None:
     """Time derivative of the state `tau_s` after the step's start, into `out`, shape (state,)."""
     set_rates(parts, flow, Value(tau_s, out), y)
 

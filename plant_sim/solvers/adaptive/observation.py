@@ -3,6 +3,7 @@
 import math
 from typing import Any, NamedTuple
 
+from plant_sim.arrays import FloatArray
 from plant_sim.jets import ROW, State
 from plant_sim.kernels import subroutine
 from plant_sim.parts.parts import Parts
@@ -13,7 +14,7 @@ from plant_sim.result import ElectricalLedger, EnergyLedger, MotionState, Observ
 from plant_sim.solvers.adaptive.crank import crank_in_stage
 from plant_sim.solvers.adaptive.event_location import Segment, look_within
 from plant_sim.solvers.adaptive.motion import derivative, flow_now, stored_energy_j
-from plant_sim.solvers.adaptive.state_layout import OBSERVED, Flow, Memory, Run, Vector, now_s
+from plant_sim.solvers.adaptive.state_layout import OBSERVED, Flow, Memory, Run, now_s
 from plant_sim.solvers.adaptive.stiction import dry_limit_n, held_force_n
 from plant_sim.solvers.adaptive.stop import in_touch
 from plant_sim.solvers.adaptive.wearer import ankle_force_n, closing_m_s, felt_force_n, from_stop_m
@@ -38,7 +39,7 @@ class Force(NamedTuple):
 
 
 @subroutine(inline=True)
-def force_at(force: Force, dense: Vector, s: float) -> float:
+def force_at(force: Force, dense: FloatArray, s: float) -> float:
     """The force within a step, N."""
     parts = force.parts
     place = velocity = 0.0
@@ -51,14 +52,14 @@ def force_at(force: Force, dense: Vector, s: float) -> float:
 
 
 @subroutine
-def follow_contact(run: Run, dense: Vector, damping_s_m: float, share: float) -> None:
+def follow_contact(run: Run, dense: FloatArray, damping_s_m: float, share: float) -> None:
     """Update the largest force of the contact by the used share of a step."""
     contact = run.memory[0].contact
     contact.peak_n = _largest(Force(run.parts, False, damping_s_m), dense, share, contact.peak_n)
 
 
 @subroutine
-def follow_felt(run: Run, dense: Vector, share: float) -> None:
+def follow_felt(run: Run, dense: FloatArray, share: float) -> None:
     """Update the largest force on a wearer by the used share of a step."""
     if is_worn(run.parts.wearer):
         memory = run.memory[0]
@@ -67,7 +68,7 @@ def follow_felt(run: Run, dense: Vector, share: float) -> None:
 
 
 @subroutine
-def _largest(force: Force, dense: Vector, share: float, before_n: float) -> float:
+def _largest(force: Force, dense: FloatArray, share: float, before_n: float) -> float:
     """The largest force so far: the largest of five samples on the step, refined by golden section.
 
     Between two samples the force may be larger than both; it is taken to be larger by less than neighbouring
@@ -100,7 +101,7 @@ def _largest(force: Force, dense: Vector, share: float, before_n: float) -> floa
 
 
 @subroutine
-def _peaks_at_an_end(force: Force, dense: Vector, share: float, best_n: float, best_s: float) -> bool:
+def _peaks_at_an_end(force: Force, dense: FloatArray, share: float, best_n: float, best_s: float) -> bool:
     """Whether the force falls from `best_s` inwards, if that is an end of the step."""
     if 0.0 < best_s < share:
         return False
@@ -131,7 +132,7 @@ def sample_step(run: Run, segment: Segment, used_s: float) -> None:
 
 
 @subroutine
-def note(parts: Parts, flow: Flow, tau_s: float, y: State, slopes: Vector, row: Vector) -> None:
+def note(parts: Parts, flow: Flow, tau_s: float, y: State, slopes: FloatArray, row: FloatArray) -> None:
     """Write the module `tau_s` after a step's start, where its motion is `y`, as a row of `Grid`.
 
     `slopes` is scratch.
@@ -184,7 +185,7 @@ def observe(run: Run) -> None:
 _PHASES = tuple(Phase)
 
 
-def observation(observed: Vector) -> Observation:
+def observation(observed: FloatArray) -> Observation:
     """The observation from an array of its fields."""
     *values, phase = observed.tolist()
     return Observation._make((*values, _PHASES[int(phase)]))

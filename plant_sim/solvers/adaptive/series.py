@@ -9,6 +9,7 @@ from tick to tick, takes a series of fewer terms if they suffice.
 import math
 from typing import NamedTuple
 
+from plant_sim.arrays import FloatArray
 from plant_sim.jets import ROW, Coefficient
 from plant_sim.kernels import subroutine
 from plant_sim.parts.drive import Drive, is_motor, motor_torque_n_m
@@ -21,7 +22,7 @@ from plant_sim.parts.striker import has_linear_spring
 from plant_sim.parts.winding import is_wound
 from plant_sim.result import Phase
 from plant_sim.solvers.adaptive.motion import set_rates
-from plant_sim.solvers.adaptive.state_layout import Flow, Memory, Run, SeriesRows, Vector
+from plant_sim.solvers.adaptive.state_layout import Flow, Memory, Run, SeriesRows
 from plant_sim.solvers.bernstein import DEGREE, ORDER, from_powers
 
 UNSEEN = 40.0
@@ -40,7 +41,7 @@ CLEARLY_WITHIN = 0.5
 
 @subroutine(inline=True)
 def series_step_s(
-    run: Run, flow: Flow, scale: Vector, longest_s: float, radian_s: float
+    run: Run, flow: Flow, scale: FloatArray, longest_s: float, radian_s: float
 ) -> tuple[float, int]:
     """Expand the motion into `memory.series`; return the length of a step, s, or 0 if there is no series, and
     the series' order.
@@ -73,7 +74,7 @@ def _has_series(parts: Parts, flow: Flow) -> bool:
 
 
 @subroutine(inline=True)
-def _step_s(run: Run, flow: Flow, scale: Vector, longest_s: float, order: int) -> float:
+def _step_s(run: Run, flow: Flow, scale: FloatArray, longest_s: float, order: int) -> float:
     """`series_step_s` with this order."""
     parts, memory = run.parts, run.memory[0]
     series = memory.series
@@ -134,7 +135,7 @@ def _judged_terms(friction: Friction) -> int:
 
 
 @subroutine(inline=True)
-def _accurate_s(memory: Memory, scale: Vector, order: int, terms: int, longest_s: float) -> float:
+def _accurate_s(memory: Memory, scale: FloatArray, order: int, terms: int, longest_s: float) -> float:
     """The length of a step, s, at most `longest_s`, over which the last `terms` are within the tolerances in
     the mean."""
     series, progress = memory.all_series, memory.progress
@@ -155,7 +156,7 @@ def _accurate_s(memory: Memory, scale: Vector, order: int, terms: int, longest_s
 
 
 @subroutine
-def _seen_s(friction: Friction, exponent: Vector, h_s: float, order: int) -> float:
+def _seen_s(friction: Friction, exponent: FloatArray, h_s: float, order: int) -> float:
     """The length of a step, at most `h_s`, over which the last terms show how friction changes.
 
     While p is large, all terms of e^−p are small; they show a change of p by as much as their order.
@@ -181,7 +182,7 @@ def _is_torque_constant(drive: Drive, flow: Flow, series: SeriesRows, h_s: float
 
 
 @subroutine
-def largest_change(c: Vector, h_s: float, order: int) -> float:
+def largest_change(c: FloatArray, h_s: float, order: int) -> float:
     """A bound of a series' change within a step: Σ |c_k| hᵏ from k = 1 on."""
     total, power = 0.0, 1.0
     for k in range(1, order + 1):

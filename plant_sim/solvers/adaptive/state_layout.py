@@ -8,9 +8,8 @@ import math
 from typing import Annotated, Any, NamedTuple, TypeAlias, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
-from plant_sim.arrays import IntArray, One, record_type, zeros_of
+from plant_sim.arrays import FloatArray, IntArray, One, record_type, zeros_of
 from plant_sim.jets import ROW, State
 from plant_sim.kernels import entry_point, jit, subroutine
 from plant_sim.kinds import any_parts
@@ -25,8 +24,6 @@ from plant_sim.references import by_reference
 from plant_sim.result import Impact, MotionState, Observation
 from plant_sim.solvers.bernstein import DEGREE, ORDER, Scratch, scratch_arrays
 from plant_sim.solvers.double_double import TURN_RAD
-
-Vector = NDArray[np.float64]
 
 STAGES = 16
 """Evaluations of the derivative in a step: 12 stages, 1 at its end, 3 for the continuous extension."""
@@ -129,36 +126,36 @@ class Memory:
     mode: Mode
     all_mode: Annotated[IntArray, _array(len(Mode.__annotations__), of=np.int64)]
     progress: Progress
-    all_progress: Annotated[Vector, _array(len(Progress.__annotations__))]
+    all_progress: Annotated[FloatArray, _array(len(Progress.__annotations__))]
     contact: Contact
-    all_contact: Annotated[Vector, _array(len(Contact.__annotations__))]
+    all_contact: Annotated[FloatArray, _array(len(Contact.__annotations__))]
     y: State
-    all_y: Annotated[Vector, _array(SIZE)]
+    all_y: Annotated[FloatArray, _array(SIZE)]
     """The state now."""
     new: State
-    all_new: Annotated[Vector, _array(SIZE)]
+    all_new: Annotated[FloatArray, _array(SIZE)]
     """The state at the end of the present step."""
     trial: State
-    all_trial: Annotated[Vector, _array(SIZE)]
+    all_trial: Annotated[FloatArray, _array(SIZE)]
     inner: State
-    all_inner: Annotated[Vector, _array(SIZE)]
+    all_inner: Annotated[FloatArray, _array(SIZE)]
     scale: State
-    all_scale: Annotated[Vector, _array(SIZE)]
+    all_scale: Annotated[FloatArray, _array(SIZE)]
     """Tolerances of a step, and below those of a step in contact."""
     contact_scale: State
-    all_contact_scale: Annotated[Vector, _array(SIZE)]
-    slopes: Annotated[Vector, _array(STAGES, SIZE)]
+    all_contact_scale: Annotated[FloatArray, _array(SIZE)]
+    slopes: Annotated[FloatArray, _array(STAGES, SIZE)]
     """Derivatives of the state in the stages of DOP853."""
     series: Annotated[SeriesRows, _SERIES]
-    all_series: Annotated[Vector, _array(len(ROW), ORDER + 1)]
+    all_series: Annotated[FloatArray, _array(len(ROW), ORDER + 1)]
     """Taylor coefficients of a step."""
-    dense: Annotated[Vector, _array(ACCOUNTS, DEGREE + 1)]
+    dense: Annotated[FloatArray, _array(ACCOUNTS, DEGREE + 1)]
     """Bernstein coefficients of the motion within a step of DOP853, or within a series of its degree."""
-    long_dense: Annotated[Vector, _array(ACCOUNTS, ORDER + 1)]
+    long_dense: Annotated[FloatArray, _array(ACCOUNTS, ORDER + 1)]
     """Bernstein coefficients of the motion within a series of full order."""
     places: Annotated[IntArray, _array(SIZE, of=np.int64)]
     """Places of the quantities that the parts have: `progress.motion` of the motion, `used` with accounts."""
-    observed: Annotated[Vector, _array(len(OBSERVED))]
+    observed: Annotated[FloatArray, _array(len(OBSERVED))]
     scratch: Annotated[Scratch, _SCRATCH]
 
 
@@ -242,8 +239,8 @@ class Grid(NamedTuple):
     A row begins as an `Observation` does, with the position counted from the scene's stop.
     """
 
-    t_s: Vector
-    rows: Vector
+    t_s: FloatArray
+    rows: FloatArray
 
 
 NO_GRID = Grid(np.empty(0), np.empty((0, READINGS)))

@@ -7,6 +7,7 @@ the state there has the accuracy of a step.
 
 import math
 
+from plant_sim.arrays import FloatArray
 from plant_sim.jets import ROW
 from plant_sim.kernels import subroutine
 from plant_sim.parts.friction import bend_m_s
@@ -22,7 +23,7 @@ from plant_sim.solvers.adaptive.event_location import Found, Segment, steepest_s
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.observation import follow_contact, follow_felt, sample_step
 from plant_sim.solvers.adaptive.series import LEAST, motion_within, series_step_s, state_after
-from plant_sim.solvers.adaptive.state_layout import Flow, Memory, Progress, Run, Vector, now_s
+from plant_sim.solvers.adaptive.state_layout import Flow, Memory, Progress, Run, now_s
 from plant_sim.solvers.adaptive.stop import follow_shock
 from plant_sim.solvers.adaptive.wearer import ankle_s, closing_m_s
 from plant_sim.solvers.adaptive.winding import current_s
@@ -111,7 +112,7 @@ def _longest_s(parts: Parts, memory: Memory, begin_s: float) -> float:
 
 @subroutine
 def _stages_step_s(
-    run: Run, flow: Flow, scale: Vector, longest_s: float, remaining_s: float
+    run: Run, flow: Flow, scale: FloatArray, longest_s: float, remaining_s: float
 ) -> tuple[float, float]:
     """Step of DOP853 from `memory.y` to `memory.new`: its length, s, or −1 if none is small enough, and the
     number of attempts.

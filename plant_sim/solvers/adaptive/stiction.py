@@ -6,6 +6,7 @@ The striker sticks by dry friction, or rests on a rigid stop. The law of frictio
 
 import math
 
+from plant_sim.arrays import FloatArray
 from plant_sim.jets import State
 from plant_sim.kernels import subroutine
 from plant_sim.parts.friction import ROUNDING, set_off, static_limit_n
@@ -18,7 +19,7 @@ from plant_sim.parts.wearer import is_worn
 from plant_sim.result import Phase
 from plant_sim.solvers.adaptive.crank import angle_at, angle_event, coupling_n
 from plant_sim.solvers.adaptive.event_location import Segment
-from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, Run, Vector, enter, now_s
+from plant_sim.solvers.adaptive.state_layout import IN_CONTACT, Run, enter, now_s
 from plant_sim.solvers.adaptive.stop import leaving_zeros, open_contact
 from plant_sim.solvers.adaptive.wearer import closing_m_s, from_stop_m
 from plant_sim.solvers.bernstein import DEGREE, NODES, Scratch, interpolate, root
@@ -123,7 +124,7 @@ def release_event(run: Run, segment: Segment) -> float:
 
 
 @subroutine
-def _break(pull: Vector, sign: float, limit_n: float, scratch: Scratch) -> float:
+def _break(pull: FloatArray, sign: float, limit_n: float, scratch: Scratch) -> float:
     """First s at which sign · pull exceeds the limit; a pull that is held above the limit must grow
     further."""
     beyond_n = max(sign * pull[0] - limit_n, 0.0)
