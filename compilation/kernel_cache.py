@@ -269,12 +269,7 @@ class _Locator:
         return hashlib.sha256(distinguished_by).hexdigest()[:8]
 
 
-_numba_caching: Any = caching  # numba's own types are incomplete
-_numba_serialize: Any = serialize
-_numba_runtime: Any = runtime
-
-
-class _Format(_numba_caching.CompileResultCacheImpl):  # type: ignore[misc]  # a base without types
+class _Format(caching.CompileResultCacheImpl):  # type: ignore[misc]  # a base without types
     """How a compiled kernel is written: with a digest, as damaged machine code would crash the process."""
 
     _locator_classes = (SimpleNamespace(from_function=_Locator),)
@@ -287,7 +282,7 @@ class _Format(_numba_caching.CompileResultCacheImpl):  # type: ignore[misc]  # a
             )
 
     def reduce(self, data: Any) -> tuple[bytes, bytes]:
-        content: bytes = _numba_serialize.dumps(super().reduce(data))
+        content: bytes = serialize.dumps(super().reduce(data))
         return hashlib.sha256(content).digest(), content
 
     def rebuild(self, target_context: Any, reduced_data: tuple[bytes, bytes]) -> Any:
@@ -297,7 +292,7 @@ class _Format(_numba_caching.CompileResultCacheImpl):  # type: ignore[misc]  # a
         return super().rebuild(target_context, pickle.loads(content))
 
 
-class KernelCache(_numba_caching.FunctionCache):  # type: ignore[misc]  # a base without types
+class KernelCache(caching.FunctionCache):  # type: ignore[misc]  # a base without types
     """numba's cache of one function. Damaged files are reported in one line and compiled anew."""
 
     _impl_class = _Format
@@ -308,7 +303,7 @@ class KernelCache(_numba_caching.FunctionCache):  # type: ignore[misc]  # a base
         numba's own method first imports all that a compilation needs, which takes half a second. A
         compilation does so itself; loaded code needs numba's memory management alone.
         """
-        _numba_runtime.rtsys.initialize(target_context)
+        runtime.rtsys.initialize(target_context)
         try:
             with self._guard_against_spurious_io_errors():
                 return self._load_overload(signature, target_context)

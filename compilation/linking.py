@@ -10,7 +10,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
 
-class _Linked(JITCodeLibrary):
+class _Linked(JITCodeLibrary):  # type: ignore[misc]  # numba carries no types
     """LLVM code of a function and of its callees."""
 
     def _optimize_final_module(self) -> None:
@@ -28,15 +28,13 @@ class _Linked(JITCodeLibrary):
         """Do nothing: the Python objects in `env` belong to machine code."""
 
 
-class SubroutineCompiler(Compiler):
+class SubroutineCompiler(Compiler):  # type: ignore[misc]  # numba carries no types
     """numba's compiler for functions that only kernels call."""
 
     def compile_extra(self, func: Any) -> Any:
         """Compile a function; TypeError if it returns an array without counting references to arrays."""
-        library: Any = _Linked
-        compiled_by_numba: Any = super().compile_extra
-        self.state.library = library(self.state.targetctx.codegen(), func.__qualname__)
-        compiled = compiled_by_numba(func)
+        self.state.library = _Linked(self.state.targetctx.codegen(), func.__qualname__)
+        compiled = super().compile_extra(func)
         returned = compiled.signature.return_type
         holds_arrays = self.state.targetctx.data_model_manager[returned].contains_nrt_meminfo()
         if holds_arrays and not self.state.flags.nrt:

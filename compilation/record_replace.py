@@ -6,20 +6,15 @@ The method is typed with one parameter per field; parameters that a call leaves 
 from inspect import Parameter, Signature
 from typing import Any
 
-import numba.core.imputils
-import numba.core.types
+from numba.core import imputils, types
 from numba.core.errors import TypingError
 from numba.core.typing import templates
 from numba.extending import lower_builtin
 
 _KEY = "record._replace"
-_templates: Any = templates
-_types: Any = numba.core.types
-_imputils: Any = numba.core.imputils
-_lowered: Any = lower_builtin
 
 
-class _Replace(_templates.AbstractTemplate):  # type: ignore[misc]  # numba carries no types
+class _Replace(templates.AbstractTemplate):  # type: ignore[misc]  # numba carries no types
     key = _KEY
     this: Any
 
@@ -29,25 +24,25 @@ class _Replace(_templates.AbstractTemplate):  # type: ignore[misc]  # numba carr
         if args or not kws.keys() <= set(fields):
             raise TypingError(f"_replace: got {', '.join(kws)}, wanted some of {', '.join(fields)}")
         kinds = zip(fields, self.this.types, strict=True)
-        given = [kind if name in kws else _types.none for name, kind in kinds]
+        given = [kind if name in kws else types.none for name, kind in kinds]
         parameters = [Parameter(name, Parameter.POSITIONAL_OR_KEYWORD, default=None) for name in fields]
-        found = _templates.signature(self.this, *given, recvr=self.this)
+        found = templates.signature(self.this, *given, recvr=self.this)
         return found.replace(pysig=Signature(parameters))
 
 
-@_templates.infer_getattr
-class _Record(_templates.AttributeTemplate):  # type: ignore[misc]  # numba carries no types
-    key = _types.BaseNamedTuple
+@templates.infer_getattr
+class _Record(templates.AttributeTemplate):  # type: ignore[misc]  # numba carries no types
+    key = types.BaseNamedTuple
 
     def resolve__replace(self, record: Any) -> Any:
         """The method itself."""
-        return _types.BoundFunction(_Replace, record)
+        return types.BoundFunction(_Replace, record)
 
 
-@_lowered(_KEY, _types.BaseNamedTuple, _types.VarArg(_types.Any))
+@lower_builtin(_KEY, types.BaseNamedTuple, types.VarArg(types.Any))
 def _replaced(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     record, *values = args
     for place, (kind, value) in enumerate(zip(sig.args[1:], values, strict=True)):
-        if kind is not _types.none:
+        if kind is not types.none:
             record = builder.insert_value(record, value, place)
-    return _imputils.impl_ret_borrowed(context, builder, sig.return_type, record)
+    return imputils.impl_ret_borrowed(context, builder, sig.return_type, record)

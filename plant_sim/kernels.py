@@ -35,8 +35,7 @@ _KERNELS_ONLY: dict[str, Any] = LINKED | {
     "error_model": "numpy",
     "forceinline": False,  # numba would hand on the caller's
 }
-_settings: Any = numba_config
-IS_INTERPRETED: bool = bool(_settings.DISABLE_JIT)
+IS_INTERPRETED: bool = bool(numba_config.DISABLE_JIT)
 """Whether Python runs the kernels (NUMBA_DISABLE_JIT=1), so that a law can be stepped through."""
 
 MOST_INT64 = 2**63 - 1
@@ -48,8 +47,7 @@ def jit(function: Callable[_P, _R], **options: bool) -> Callable[_P, _R]:
 
     `options` are additional ones of numba.
     """
-    njit: Any = numba.njit
-    kernel: Callable[_P, _R] = njit(nogil=True, error_model="numpy", **options)(function)
+    kernel: Callable[_P, _R] = numba.njit(nogil=True, error_model="numpy", **options)(function)
     if is_jitted(kernel):  # NUMBA_DISABLE_JIT leaves the function as it is
         kernel_cache.keep(kernel)
     return kernel
@@ -72,8 +70,7 @@ def subroutine(function: Any = None, *, inline: bool = False) -> Any:
     """
     if function is None:
         return functools.partial(subroutine, inline=inline)
-    decorate: Any = register_jitable(**_KERNELS_ONLY | {"forceinline": inline})
-    return decorate(function)
+    return register_jitable(**_KERNELS_ONLY | {"forceinline": inline})(function)
 
 
 def by_address(kernel: Callable[_P, int], call: Callable[..., int]) -> Callable[_P, int]:
@@ -86,8 +83,7 @@ def by_address(kernel: Callable[_P, int], call: Callable[..., int]) -> Callable[
     def interpreted(*arguments: _P.args, **keywords: _P.kwargs) -> int:
         return kernel(*arguments, **keywords)
 
-    options: Any = {"_nrt": False}
-    overload(interpreted, strict=False, jit_options=options)(lambda *_: call)
+    overload(interpreted, strict=False, jit_options={"_nrt": False})(lambda *_: call)
     return interpreted
 
 
@@ -106,7 +102,7 @@ def _call_machine_code(_: Any, address: Any, arguments: Any) -> Any:
     """Call the machine code at an address with a tuple of arguments; it returns an integer."""
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        unpacked = _cgutils.unpack_tuple(builder, values[1])
+        unpacked = cgutils.unpack_tuple(builder, values[1])
         kinds = [context.get_value_type(kind) for kind in signature.args[1].types]
         function = builder.inttoptr(values[0], ir.FunctionType(ir.IntType(64), kinds).as_pointer())
         return builder.call(function, unpacked)
@@ -114,8 +110,7 @@ def _call_machine_code(_: Any, address: Any, arguments: Any) -> Any:
     return types.int64(address, arguments), generate
 
 
-_cgutils: Any = cgutils
-call_at: Any = intrinsic(_call_machine_code)
+call_at = intrinsic(_call_machine_code)
 
 _ENTRY_POINTS: dict[Any, Callable[..., Any]] = {}
 """Machine code by kernel and kinds of its arguments; numba takes a millisecond to find the types again."""
@@ -139,8 +134,7 @@ def entry_point(kernel: Callable[..., _R], *arguments: object) -> Callable[..., 
 
 
 def _signature(arguments: tuple[object, ...]) -> tuple[types.Type, ...]:
-    typeof: Callable[[object], types.Type] = numba.typeof
-    return tuple(typeof(_as_declared(argument)) for argument in arguments)
+    return tuple(numba.typeof(_as_declared(argument)) for argument in arguments)
 
 
 def kind_of(value: object) -> Any:
@@ -254,8 +248,7 @@ def by_part(generic: Callable[_P, _R]) -> ByPart[_P, _R]:
 
         return add
 
-    options: Any = _KERNELS_ONLY | {"forceinline": True}
-    overload(interpreted, strict=False, jit_options=options)(compiled)
+    overload(interpreted, strict=False, jit_options=_KERNELS_ONLY | {"forceinline": True})(compiled)
     dispatching: Any = interpreted
     dispatching.register = register
     return cast("ByPart[_P, _R]", dispatching)

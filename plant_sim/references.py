@@ -21,22 +21,11 @@ from plant_sim.kernels import IS_INTERPRETED, entry_point, jit, kind_of
 
 _Record = TypeVar("_Record", bound=tuple[Any, ...])
 
-# numba carries no types
-_cgutils: Any = cgutils
-_impl_ret_borrowed: Any = impl_ret_borrowed
-_native_value: Any = NativeValue
-_typeof: Any = numba.typeof
-_lower_getattr_generic: Any = lower_getattr_generic
-_unbox: Any = unbox
-_intrinsic: Any = intrinsic
-_AttributeTemplate: Any = AttributeTemplate
-_PrimitiveModel: Any = models.PrimitiveModel
-
 PARENT = 1
 """Place of the address of Python's array among the words of an array (numba's ArrayModel)."""
 
 
-class ReferenceType(types.Type):
+class ReferenceType(types.Type):  # type: ignore[misc]  # numba carries no types
     """A pointer to a record (NamedTuple) that does not change while kernels run."""
 
     def __init__(self, record: Any) -> None:
@@ -46,7 +35,7 @@ class ReferenceType(types.Type):
 
 
 @register_default(ReferenceType)
-class _PointerModel(_PrimitiveModel):  # type: ignore[misc]  # numba carries no types
+class _PointerModel(models.PrimitiveModel):  # type: ignore[misc]  # numba carries no types
     def __init__(self, manager: Any, its_type: ReferenceType) -> None:
         super().__init__(manager, its_type, manager.lookup(its_type.record).get_value_type().as_pointer())
 
@@ -57,7 +46,7 @@ def _field_type(record: Any, place: int) -> Any:
 
 
 @infer_getattr
-class _Fields(_AttributeTemplate):  # type: ignore[misc]  # numba carries no types
+class _Fields(AttributeTemplate):  # type: ignore[misc]  # numba carries no types
     key = ReferenceType
 
     def generic_resolve(self, reference: ReferenceType, name: str) -> Any:
@@ -65,17 +54,17 @@ class _Fields(_AttributeTemplate):  # type: ignore[misc]  # numba carries no typ
         return _field_type(reference.record, fields.index(name)) if name in fields else None
 
 
-@_lower_getattr_generic(ReferenceType)
+@lower_getattr_generic(ReferenceType)
 def _read_field(context: Any, builder: Any, reference: ReferenceType, pointer: Any, name: str) -> Any:
     """A field: nested records by reference, all others by value."""
     place = reference.record.fields.index(name)
-    field = _cgutils.gep_inbounds(builder, pointer, 0, place)
+    field = cgutils.gep_inbounds(builder, pointer, 0, place)
     its_type = _field_type(reference.record, place)
     if isinstance(its_type, ReferenceType):
         return field
     value = builder.load(field)
     value.set_metadata("invariant.load", builder.module.add_metadata([]))
-    return _impl_ret_borrowed(context, builder, its_type, value)
+    return impl_ret_borrowed(context, builder, its_type, value)
 
 
 class Reference:
@@ -90,7 +79,7 @@ class Reference:
         self.fields = fields  # keeps the arrays alive
         if kind not in _LAYOUTS:
             store = entry_point(_store, fields, 0)
-            _LAYOUTS[kind] = ReferenceType(_typeof(fields)), ctypes.c_int64 * word_count(fields), store
+            _LAYOUTS[kind] = ReferenceType(numba.typeof(fields)), ctypes.c_int64 * word_count(fields), store
         self.numba_type, words, store = _LAYOUTS[kind]
         self._words = words()
         self.address = ctypes.addressof(self._words)
@@ -119,7 +108,7 @@ def _store_record(_: Any, record: Any, address: Any) -> Any:
     return types.void(record, address), generate
 
 
-_store_at: Any = _intrinsic(_store_record)
+_store_at = intrinsic(_store_record)
 
 
 def _store_words(record: tuple[Any, ...], address: int) -> None:
@@ -174,9 +163,9 @@ def _type_of(reference: Reference, _: Any) -> ReferenceType:
     return reference.numba_type
 
 
-@_unbox(ReferenceType)
+@unbox(ReferenceType)
 def _pointer_of(its_type: ReferenceType, reference: Any, c: Any) -> Any:
     address = c.pyapi.object_getattr_string(reference, "address")
     number = c.pyapi.long_as_longlong(address)
     c.pyapi.decref(address)
-    return _native_value(c.builder.inttoptr(number, c.context.get_value_type(its_type)))
+    return NativeValue(c.builder.inttoptr(number, c.context.get_value_type(its_type)))

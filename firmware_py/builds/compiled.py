@@ -70,12 +70,11 @@ OPTIONS = {"error_model": "numpy", "_nrt": False}
 @contextmanager
 def compiling() -> Iterator[None]:
     """Compile even where kernels are interpreted (NUMBA_DISABLE_JIT), to step through the plant."""
-    settings: Any = numba.config
-    kept, settings.DISABLE_JIT = settings.DISABLE_JIT, 0
+    kept, numba.config.DISABLE_JIT = numba.config.DISABLE_JIT, 0
     try:
         yield
     finally:
-        settings.DISABLE_JIT = kept
+        numba.config.DISABLE_JIT = kept
 
 
 @functools.cache

@@ -69,8 +69,7 @@ def assembly(functions: Functions) -> str:
     """The raw LLVM assembly of these functions and of all that they call."""
     linked, wrappers = llvm.parse_assembly(""), []
     for name, (function, kinds) in functions.items():
-        njit: Any = numba.njit
-        result = next(iter(njit(types.int64(*kinds), **OPTIONS)(function).overloads.values()))
+        result = next(iter(numba.njit(types.int64(*kinds), **OPTIONS)(function).overloads.values()))
         linked.link_in(llvm.parse_assembly(NAMES_EXCEPTION.sub("", result.library.get_llvm_str())))
         passed = [f"{'double' if kind == types.float64 else 'ptr'} %a{i}" for i, kind in enumerate(kinds)]
         wrappers.append(

@@ -42,8 +42,7 @@ from plant_sim.tables.table import Table
 from tools.fmu.machine_code import Flat, Functions, object_code
 from tools.fmu.variables import NO_KEYS, Variable, parameters
 
-_pointer: Any = types.CPointer
-NUMBERS = _pointer(types.float64)
+NUMBERS = types.CPointer(types.float64)
 TORQUE, KICKS, ACCELERATION = "motor.torque_n_m", "kicks.v_m_s", "housing.acceleration_m_s2"
 INPUTS = (
     Variable(TORQUE, "input", "torque command of the motor; an ideal drive ignores it"),
@@ -61,7 +60,6 @@ OUTPUTS = (
 READINGS = tuple(Variable(f"reading.{name}", "output") for name in SensorReading._fields)
 RESIDUAL, COUNT = len(Observation._fields), len(Observation._fields) + 1
 
-_typeof: Any = numba.typeof  # it has no types
 _make_record: Any = namedtuple  # a class cannot list fields that are found at run time
 Gravity = _make_record("Gravity", ("gravity_m_s2",))
 """The only number of a walking leg that is no stride's."""
@@ -260,7 +258,7 @@ class PlantModel:
 
     def shared_functions(self) -> Functions:
         """The functions of every scene: the kernel is the same for all."""
-        run, parts, number = self.run_type(), _typeof(kernel_parts(self._parts)), types.float64
+        run, parts, number = self.run_type(), numba.typeof(kernel_parts(self._parts)), types.float64
         return {
             "plant_advance": (_advance, (run,)),
             "plant_change": (change, (run, parts, number)),
@@ -269,7 +267,7 @@ class PlantModel:
 
     def run_type(self) -> Any:
         """numba's type of the run that kernels take."""
-        return _typeof(self.records["run"])
+        return numba.typeof(self.records["run"])
 
     def _function(self, name: str, lines: list[str]) -> Any:
         """A function of `v`, the values of the variables, from generated lines: calls of the plant's own."""

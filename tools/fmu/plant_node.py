@@ -150,7 +150,6 @@ def mailbox() -> Mail:
 
 def shared_functions(run_type: Any) -> Functions:
     """The function of every node; `run_type`: numba's type of the run."""
-    typeof: Any = numba.typeof
-    mail = typeof(by_reference(mailbox()))
+    mail = numba.typeof(by_reference(mailbox()))
     arguments = (types.voidptr, types.voidptr, mail, run_type, NUMBERS)
     return {"node_tick": (tick, arguments)}
