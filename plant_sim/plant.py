@@ -279,15 +279,6 @@ def _require_start(initial: MotionState, parts: Parts) -> None:
         )
 
 
-def warm(scene: Scene) -> None:
-    """Compile all kernels of a plant of this scene, or load them from the cache, before any clock starts."""
-    plant = Plant(scene, seed=0)
-    plant.advance(0.0, 1e-3)
-    plant.gait_at(0.0)
-    if scene.sensors is not None:
-        plant.sense()
-
-
 def compiled_move(plant: Plant) -> Callable[[Run, float, float], int]:
     """The kernel `move` for the types of this plant, compiled or loaded now."""
     return entry_point(_MOVE, plant.module, 0.0, 0.0)

@@ -55,8 +55,6 @@ class Mode:
     in_impact: int
     impacts: int
     samples: int
-    seen: int
-    """Bit p is set if phase p has taken time since it was cleared."""
     voltage_limited: int
 
 

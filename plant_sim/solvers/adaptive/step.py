@@ -91,7 +91,7 @@ def take_step(run: Run) -> float:
     turn_crank(parts.drive, memory, used)
     if used > 0.0:  # at an event at the step's start, the other quantities are still zero
         mode.zero_depth = mode.zero_velocity = mode.zero_crank = mode.zero_voltage = 0
-    _pass_time(memory, flow.phase, used, remaining)
+    _pass_time(progress, used, remaining)
     if used < remaining:  # the last step of a call is as short as the call demands
         progress.debt = debt(progress.debt, attempts, used / longest)
     if event != Event.NONE:
@@ -142,11 +142,8 @@ def _stages_step_s(
 
 
 @subroutine
-def _pass_time(memory: Memory, phase: int, used_s: float, remaining_s: float) -> None:
-    """Advance the time by `used_s` in a phase, of the `remaining_s` up to the call's end."""
-    progress = memory.progress
-    if used_s > 0.0:
-        memory.mode.seen |= 1 << phase
+def _pass_time(progress: Progress, used_s: float, remaining_s: float) -> None:
+    """Advance the time by `used_s` of the `remaining_s` up to the call's end."""
     elapsed_s, rest_s = two_sum(progress.elapsed_s, progress.elapsed_low_s + used_s)
     is_end = used_s == remaining_s
     progress.elapsed_s = progress.duration_s if is_end else elapsed_s
