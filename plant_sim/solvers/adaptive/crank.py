@@ -48,20 +48,17 @@ def angle_at(drive: Drive, segment: Segment, s: float) -> float:
 def turn_crank(drive: Drive, memory: Memory, h_s: float) -> None:
     """Update the crank's angle after a step, within [0, 2π)."""
     turned_rad = memory.y.crank_rad if is_motor(drive) else memory.y.crank_rad + drive.omega_rad_s * h_s
-    memory.y.crank_rad, turns = within_a_turn(turned_rad)
-    memory.mode.turns += turns
+    memory.y.crank_rad = within_a_turn(turned_rad)
 
 
 @subroutine
-def within_a_turn(angle_rad: float) -> tuple[float, int]:
-    """The angle in [0, 2π) and the number of whole turns removed; many turns cause no drift."""
+def within_a_turn(angle_rad: float) -> float:
+    """The angle in [0, 2π); many turns cause no drift."""
     turns = math.floor(angle_rad / TURN_RAD)
     if turns == 0:
-        return angle_rad, 0
+        return angle_rad
     rest = (angle_rad - turns * TURN_RAD) - turns * TURN_LOW_RAD
-    if rest < 0.0:  # by rounding
-        return rest + TURN_RAD, turns - 1
-    return rest, turns
+    return rest + TURN_RAD if rest < 0.0 else rest  # below 0 by rounding
 
 
 @subroutine

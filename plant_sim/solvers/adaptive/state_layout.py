@@ -40,7 +40,7 @@ NO_IMPACT, IN_CONTACT, LET_GO = range(3)
 
 
 class Mode:
-    """State of the automaton, and counters."""
+    """State of the automaton, and the numbers of impacts and of samples so far."""
 
     phase: int
     direction: int
@@ -51,7 +51,6 @@ class Mode:
     zero_velocity: int
     zero_crank: int
     zero_voltage: int
-    turns: int
     in_impact: int
     impacts: int
     samples: int
