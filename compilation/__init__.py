@@ -1,4 +1,4 @@
-"""What plant and firmware need of numba: a cache of kernels on disk, linking, and `_replace` of records."""
+"""Additions to numba that plant and firmware share: a cache on disk, linking, and `_replace` of records."""
 
 PACKAGES = ("compilation", "plant_sim", "firmware_py", "hil", "tools")
 """The project's packages: kernels and results depend on their sources."""

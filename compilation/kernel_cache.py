@@ -160,7 +160,7 @@ def _folder(name: str, digest: str) -> Path:
 
 
 def _remove_unused(cache: Path) -> None:
-    """Remove what is not among the folders of a module that were used last, or was not used for a month."""
+    """Remove folders that were not used for a month, and all but the last used ones of each module."""
     used: dict[str, list[tuple[float, Path]]] = {}
     for folder in cache.iterdir():
         if match := KEYED_FOLDER.fullmatch(folder.name):
@@ -173,7 +173,7 @@ def _remove_unused(cache: Path) -> None:
                     shutil.rmtree(folder)
 
 
-# -- What a kernel is compiled from -----------------------------------------------------------------------
+# -- The sources of a kernel -------------------------------------------------------------------------------
 
 
 @functools.cache
@@ -217,10 +217,10 @@ class _WithoutTexts(ast.NodeTransformer):
 
 
 def without_comments(source: bytes) -> bytes:
-    """What a module's source means: its syntax tree without comments, docstrings, layout and places."""
+    """The meaning of a module's source: its syntax tree without comments, docstrings, layout and lines."""
     try:
         return ast.dump(_WithoutTexts().visit(ast.parse(source))).encode()
-    except (SyntaxError, ValueError):  # no Python
+    except (SyntaxError, ValueError):  # not Python
         return source
 
 
@@ -254,7 +254,7 @@ class _Locator:
         self._folder.mkdir(mode=0o700, exist_ok=True)
 
     def get_source_stamp(self) -> str:
-        """What a cached kernel must have been compiled from."""
+        """The stamp of the sources of a cached kernel."""
         return self._folder.name
 
     def get_disambiguator(self) -> str:

@@ -104,7 +104,7 @@ def _constant(jet: Coefficient, value: float) -> float:
 
 @by_part
 def set_rate(jet: Any, place: int, rate: float) -> None:
-    """Note the time derivative of a quantity of `State`."""
+    """Store the time derivative of a quantity of `State`."""
     jet.rates[place] = rate
 
 

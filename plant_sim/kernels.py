@@ -138,7 +138,7 @@ def _signature(arguments: tuple[object, ...]) -> tuple[types.Type, ...]:
 
 
 def kind_of(value: object) -> Any:
-    """What determines the compiled type of a value."""
+    """A key of the compiled type of a value."""
     if hasattr(value, "numba_type"):
         return value.numba_type
     if isinstance(value, np.ndarray):

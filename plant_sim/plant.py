@@ -1,7 +1,6 @@
 """The module advanced tick by tick: a torque as input, sensor readings as output."""
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -86,13 +85,13 @@ class Plant:
         if scene.sensors is not None and isinstance(self.parts.housing, Walking):
             self._gait_sensors = GaitSensors(scene.sensors.gait, self.parts.housing, seed, GAIT_PERIOD_S)
         self._impacts: list[Impact] = []
-        self.module = with_address(run)
-        """The module for compiled code, which calls `take_back` after it has advanced it."""
-        self._module_record: Any = getattr(self.module, "record", self.module)
-        self._memory: Any = self.module.memory[0]
+        self.run = with_address(run)
+        """The run for compiled code, which calls `take_back` after it has advanced it."""
+        self._run_record: Any = getattr(self.run, "record", self.run)
+        self._memory: Any = self.run.memory[0]
         self.observed: FloatArray = self._memory.observed
         """The present observation for sampled sensors, with places as in `state_layout.OBSERVED`."""
-        self._move = compiled_move(self)
+        self._move = entry_point(_MOVE, self.run, 0.0, 0.0)
         self.now: Observation
         """The present observation of the module."""
         self._call(0.0, 0.0)
@@ -120,7 +119,7 @@ class Plant:
                 f"{stop_position_m(parts.stop)} m; wait until the striker is clear of it (`is_clear_of`)"
             )
         depth_m = depth_after_m(self.parts, parts, float(self._memory.y.depth_m))
-        self.parts, self.module = parts, run_of(parts, *self._module_record[1:])
+        self.parts, self.run = parts, run_of(parts, *self._run_record[1:])
         self._memory.y.depth_m = depth_m
         self._disturb()
 
@@ -138,7 +137,7 @@ class Plant:
         if not abs(change_m_s) <= largest_m_s:
             raise PlantError(f"change_m_s = {change_m_s}; wanted at most {largest_m_s:g} m/s, up or down")
         self._memory.y.v_m_s += change_m_s
-        sense_jump(self.module.probe, -change_m_s)
+        sense_jump(self.run.probe, -change_m_s)
         self._disturb()
 
     def _disturb(self) -> None:
@@ -149,7 +148,7 @@ class Plant:
         self._call(progress.torque_n_m, 0.0)
 
     def _call(self, torque_n_m: float, dt_s: float) -> None:
-        while (status := self._move(self.module, torque_n_m, dt_s)) == BUFFER_FULL:
+        while (status := self._move(self.run, torque_n_m, dt_s)) == BUFFER_FULL:
             self._impacts = self.take_impacts()
         self.take_back(status)
 
@@ -159,12 +158,12 @@ class Plant:
         Raises SolverError if it failed.
         """
         if status != DONE:
-            raise refusal(status, self.module)
+            raise refusal(status, self.run)
         self.now = observation(self.observed)
 
     def sense(self) -> SensorReading:
         """Sample every sensor now, with new noise in each call."""
-        filtered, noise = self.module.probe.readings.tolist(), self.noise.next()
+        filtered, noise = self.run.probe.readings.tolist(), self.noise.next()
         return read_sensors(self.readers, filtered, self.now.crank_rad, noise)
 
     @property
@@ -204,13 +203,13 @@ class Plant:
 
     @property
     def _impact_count(self) -> Any:
-        memory: Any = self.module.memory  # a field of the array takes a fiftieth of the time of a record's
+        memory: Any = self.run.memory  # a field of the array takes a fiftieth of the time of a record's
         return memory["mode"]["impacts"]
 
     def take_impact_rows(self) -> NDArray[np.void]:
         """Impacts as `take_impacts`, as records that are valid until the plant advances."""
         count = self._impact_count
-        rows: NDArray[np.void] = self.module.impacts[: count[0]]
+        rows: NDArray[np.void] = self.run.impacts[: count[0]]
         count[0] = 0
         return rows
 
@@ -224,7 +223,7 @@ class Plant:
     @property
     def t_s(self) -> float:
         """Time since the start, s."""
-        memory: Any = self.module.memory
+        memory: Any = self.run.memory
         progress = memory["progress"]
         return float(progress["t_s"][0] + progress["t_rest_s"][0])
 
@@ -277,8 +276,3 @@ def _require_start(initial: MotionState, parts: Parts) -> None:
             f"initial: x_m = {initial.x_m} is beyond the rigid stop at {stop_position_m(parts.stop)} m; "
             "start at or before it, or make the stop soft"
         )
-
-
-def compiled_move(plant: Plant) -> Callable[[Run, float, float], int]:
-    """The kernel `move` for the types of this plant, compiled or loaded now."""
-    return entry_point(_MOVE, plant.module, 0.0, 0.0)

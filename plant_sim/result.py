@@ -101,7 +101,7 @@ class EnergyLedger:
 
     @property
     def residual(self) -> float:
-        """What does not balance, as a fraction of the energy exchanged or stored; 0 where there is none."""
+        """The imbalance as a fraction of the energy exchanged or stored; 0 where there is none."""
         given_j = self.drive_work_j + self.housing_work_j
         error = given_j - self.stored_change_j - self.friction_j - self.impact_loss_j - self.ankle_j
         return abs(error) / self.exchanged_j if self.exchanged_j > 0.0 else 0.0
@@ -122,7 +122,7 @@ class ElectricalLedger:
 
     @property
     def residual(self) -> float:
-        """What does not balance, as a fraction of the energy exchanged; 0 where none was."""
+        """The imbalance as a fraction of the energy exchanged; 0 where none was."""
         error = self.work_j - self.shaft_j - self.copper_j - self.magnetic_j
         exchanged_j = abs(self.work_j) + abs(self.shaft_j) + self.copper_j + self.magnetic_j
         return abs(error) / exchanged_j if exchanged_j > 0.0 else 0.0

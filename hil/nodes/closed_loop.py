@@ -98,7 +98,7 @@ class Bench(NamedTuple):
 
     period_s: float
     period_ns: int
-    module: Run
+    run: Run
     readers: Readers
     setup: Setup
     due: Due
@@ -162,9 +162,9 @@ def plant_turn(bench: Bench, state: PlantState) -> tuple[PlantState, int, int]:
 
     Returns its state, the number of frames in the firmware's inbox, and the solver's status.
     """
-    setup, buffers, observed = bench.setup, bench.buffers, bench.module.memory[0].observed
+    setup, buffers, observed = bench.setup, bench.buffers, bench.run.memory[0].observed
     row, tick = buffers.used[TICKS], state.tick
-    omega_rad_s, readings = observed[OBSERVED.omega_rad_s], bench.module.probe.readings
+    omega_rad_s, readings = observed[OBSERVED.omega_rad_s], bench.run.probe.readings
     reading = read_sensors(bench.readers, readings, observed[OBSERVED.crank_rad], bench.noise[row])
     sample = encoder_sample(state.drive, reading)
     state, count = publish(setup, bench.due, observed, state, reading, sample, bench.to_firmware)
@@ -174,7 +174,7 @@ def plant_turn(bench: Bench, state: PlantState) -> tuple[PlantState, int, int]:
     buffers.used[TO_PLANT] = 0
     whole = buffers.plant_whole[row]
     record_plant(buffers.plant[row], whole, tick * bench.period_s, observed, state, reading)
-    drive, status = move_on(bench.module, setup.drive, state.drive, state.torque_n_m, bench.period_s)
+    drive, status = move_on(bench.run, setup.drive, state.drive, state.torque_n_m, bench.period_s)
     return state._replace(drive=drive), count, status
 
 

@@ -333,7 +333,7 @@ class Stretches:
         return Bench(
             period_s=self._scenario.period_s,
             period_ns=self._period_ns,
-            module=node.plant.module,
+            run=node.plant.run,
             readers=node.plant.readers,
             setup=node.setup,
             due=node.due(ticks),

@@ -44,7 +44,6 @@ class MotorDrive(NamedTuple):
     inertia_kg_m2: float
     torque_constant_n_m_a: float
     resistance_ohm: float
-    inductance_h: float
     pole_pairs: int
     supply_v: float
     current_limit_a: float
@@ -212,7 +211,6 @@ class TorqueDriveTable(CrankTable):
             inertia_kg_m2=motor.inertia_kg_m2,
             torque_constant_n_m_a=motor.torque_constant_n_m_a,
             resistance_ohm=motor.resistance_ohm,
-            inductance_h=motor.inductance_h,
             pole_pairs=motor.pole_pairs,
             supply_v=motor.supply_v,
             current_limit_a=motor.current_limit_a,

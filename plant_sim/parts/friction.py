@@ -67,16 +67,16 @@ def _stribeck_static_limit_n(friction: Stribeck, normal_n: float) -> float:
 
 
 @subroutine
-def set_off(pull: float, limit: float, near: float, growth: float, is_on_stop: bool) -> int:
+def set_off(pull: float, limit: float, margin: float, rate: float, is_on_stop: bool) -> int:
     """Direction, ±1, in which a body at rest sets off under a pull; 0 if it stays at rest.
 
-    A pull that exceeds the limit by more than `near` moves it. Within `near` of the limit only a pull that
-    grows outwards does; `growth` is its rate. A body on a stop does not set off forwards. Pull, limit and
-    `near` share a unit: of a force, a torque, or a spring's stretch.
+    A pull that exceeds the limit by more than `margin` moves it. Within `margin` of the limit only a pull
+    that grows outwards does; `rate` is its time derivative. A body on a stop does not set off forwards. Pull,
+    limit and `margin` share a unit: of a force, a torque, or a spring's stretch.
     """
-    if not is_on_stop and (pull > limit + near or (pull > limit - near and growth > 0.0)):
+    if not is_on_stop and (pull > limit + margin or (pull > limit - margin and rate > 0.0)):
         return 1
-    if pull < -limit - near or (pull < near - limit and growth < 0.0):
+    if pull < -limit - margin or (pull < margin - limit and rate < 0.0):
         return -1
     return 0
 
@@ -113,7 +113,7 @@ def _stribeck_friction_force_n(
         power = per_speed * per_speed * square(jet, ROW.v_m_s, v_m_s)
     else:  # has no series
         power = abs(per_speed * v_m_s) ** friction.delta
-    # What does not wait for the exponential comes first: a solver's stages hang on one another by it.
+    # Terms without the exponential come first, since the next stage of a solver waits for the exponential.
     weight_n = normal_n * direction
     sliding_n = -constant(jet, friction.mu * weight_n) - friction.b_n_s_m * v_m_s
     return sliding_n - (friction.mu_s - friction.mu) * weight_n * exponential(jet, -power)

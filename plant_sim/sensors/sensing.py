@@ -106,7 +106,7 @@ def settle_filters(
         along_m_s2 = steady_m_s2(housing)
         for which in (LOW, HIGH, HOUSING):
             states[which] = -along_m_s2 / poles[which]  # where z' = λ z + a stays
-    note_readings(sensing)
+    update_readings(sensing)
 
 
 @subroutine
@@ -122,7 +122,7 @@ def is_sensing(probe: Sensing) -> bool:
 
 
 @subroutine(inline=True)
-def note_readings(probe: Sensing) -> None:
+def update_readings(probe: Sensing) -> None:
     """Read the filters: an accelerometer's output is 2 Re(r z) with r = −j ω/√2 = −j Im λ."""
     if not is_sensing(probe):
         return
@@ -177,7 +177,7 @@ def sense(run: Run, segment: Segment, used_s: float) -> None:
 def _drive_filters(probe: Sensing, parts: Parts, used_s: float, degree: int) -> None:
     """Drive the filters over `used_s` by the polynomials of this degree in `probe.inputs`."""
     inputs, moments, states = probe.inputs, probe.moments, probe.states
-    _note_moments(probe, used_s)
+    _update_moments(probe, used_s)
     speed, velocity = inputs[CRANK_SPEED], inputs[STRIKER_VELOCITY]
     if not is_motor(parts.drive):
         speed[:] = 0.0
@@ -232,7 +232,7 @@ def to_power(b: FloatArray, share: float, power: FloatArray) -> None:
 
 
 @subroutine
-def _note_moments(probe: Sensing, h_s: float) -> None:
+def _update_moments(probe: Sensing, h_s: float) -> None:
     """Update the filters' moments if the step's length h has changed; most steps have equal length."""
     if probe.step_s[0] == h_s:
         return

@@ -60,7 +60,7 @@ def square_root(high: float, low: float) -> tuple[float, float]:
 
 
 @jit
-def turned(
+def turn_by(
     angle_rad: float, angle_low_rad: float, rate_rad_s: float, rate_low_rad_s: float, duration_s: float
 ) -> tuple[float, float]:
     """The angle after turning at a constant rate for a duration, modulo 2π in [−π, π]."""

@@ -66,7 +66,7 @@ def limit_cell(contact_ms: str) -> Cell:
     return Cell(f"{contact_ms} ms", (contact_ms,), read_scene(BASE_SCENE), {})
 
 
-class Module(NamedTuple):
+class SampledModule(NamedTuple):
     """A sampled module: its scene's tables, the firmware's parameters, and the kick."""
 
     scene: dict[str, Any]
@@ -74,7 +74,7 @@ class Module(NamedTuple):
     kick: dict[str, Any]
 
 
-def sample_module(cell: Cell, numbers: Mapping[str, Any], dice: np.random.Generator) -> Module:
+def sample_module(cell: Cell, numbers: Mapping[str, Any], dice: np.random.Generator) -> SampledModule:
     """Sample the truth, the nominal mass, the limits and the kick."""
 
     def between(low: float, high: float) -> float:
@@ -113,7 +113,7 @@ def sample_module(cell: Cell, numbers: Mapping[str, Any], dice: np.random.Genera
         "start": {"rise_s": 0.5, "approach_s": 0.3},
         "limit": limits,
     }
-    return Module(scene, firmware, kick)
+    return SampledModule(scene, firmware, kick)
 
 
 def limit_scenario(plan: Plan, cell: Cell, number: int) -> Scenario:

@@ -24,7 +24,7 @@ from plant_sim.solvers.event import Event
 from plant_sim.solvers.exact import exact
 from plant_sim.solvers.exact.automaton import after, begin, next_event
 from plant_sim.solvers.exact.oscillator import Oscillator, oscillator
-from plant_sim.solvers.exact.tilt import levelled
+from plant_sim.solvers.exact.tilt import remove_tilt
 from tools.output import BadInputError
 
 Vector = NDArray[np.float64]
@@ -173,7 +173,7 @@ def classify(scene: Scene, starts: Vector) -> tuple[NDArray[np.int64], Vector]:
     turning_rad_s(scene)
     tolerance_m_s = CLASSIFY.tolerance * scale_m_s(scene)
     if not scene.beyond_closed_form:
-        parts, level = scene.parts(), levelled(scene.parts())
+        parts, level = scene.parts(), remove_tilt(scene.parts())
         sag_m = parts.striker.rest_length_m - level.striker.rest_length_m
         o, shifted = oscillator(kernel_parts(level)), starts + np.array([sag_m, 0.0, 0.0])
         classify_in_closed_form(o, shifted, CLASSIFY.settle_s, tolerance_m_s, cycles, rates)

@@ -74,7 +74,7 @@ def _plant_us(scenario: Scenario) -> float:
     noise = np.random.default_rng(1).standard_normal((TICKS, 4))
     for rows in (noise[:SETTLE_TICKS], noise):
         begun = time.thread_time_ns()
-        total = run_ticks(plant.module, plant.readers, rows, speed_rad_s, scenario.period_s)
+        total = run_ticks(plant.run, plant.readers, rows, speed_rad_s, scenario.period_s)
         assert not np.isnan(total)
     return (time.thread_time_ns() - begun) * 1e-3 / TICKS
 

@@ -147,7 +147,7 @@ class PlantNode:
         self._last_gait_frame = -1
         self._sampled = SampledFrames(self.plant, period_s)
         self._outbox = np.zeros((MOST_FRAMES, 3), np.int64)
-        self._move_on = entry_point(_MOVE_ON, self.plant.module, self.drive_config, self.drive, 0.0, period_s)
+        self._move_on = entry_point(_MOVE_ON, self.plant.run, self.drive_config, self.drive, 0.0, period_s)
 
     @property
     def tick(self) -> int:
@@ -262,7 +262,7 @@ class PlantNode:
     def _drive_on(self, dt_s: float) -> None:
         """Advance by `dt_s` under the drive's torque, until its watchdog expires."""
         given_n_m = self._given_n_m(self.state.torque_n_m)
-        drive, status = self._move_on(self.plant.module, self.drive_config, self.drive, given_n_m, dt_s)
+        drive, status = self._move_on(self.plant.run, self.drive_config, self.drive, given_n_m, dt_s)
         self.resume(self.state._replace(drive=drive), status)
 
     def _obey(self, frames: Sequence[Frame]) -> None:

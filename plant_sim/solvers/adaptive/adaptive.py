@@ -13,7 +13,7 @@ from plant_sim.parts.friction import bend_m_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_rigid, origin_m
 from plant_sim.result import Impact, Impacts, MotionState, Observation, Phase, Samples, SimulationResult
-from plant_sim.sensors.sensing import NO_SENSING, note_readings
+from plant_sim.sensors.sensing import NO_SENSING, update_readings
 from plant_sim.solvers.adaptive.automaton import determine_phase
 from plant_sim.solvers.adaptive.crank import settle_crank
 from plant_sim.solvers.adaptive.observation import (
@@ -87,7 +87,7 @@ def advance(run: Run) -> int:
             status = TOO_COSTLY
             break
     observe(run)
-    note_readings(run.probe)
+    update_readings(run.probe)
     return status
 
 
@@ -118,11 +118,11 @@ def simulate(
     grid = Grid(times_s, np.zeros((times_s.size, READINGS)))
     duration_s = until_s - initial.t_s
     rows: list[NDArray[np.void]] = []
-    one = allocate(parts, initial, accuracy, IMPACTS_AT_ONCE, NO_SENSING, grid)
-    memory: Any = one.memory[0]
-    for held_n_m, held_until_s in _held(torque_n_m, initial.t_s, duration_s):
-        while not rows or memory.progress.elapsed_s < held_until_s:  # again if the buffer of impacts was full
-            rows.append(run(one, held_n_m, initial.t_s, held_until_s))
+    run = allocate(parts, initial, accuracy, IMPACTS_AT_ONCE, NO_SENSING, grid)
+    memory: Any = run.memory[0]
+    for step_n_m, step_until_s in _torque_steps(torque_n_m, initial.t_s, duration_s):
+        while not rows or memory.progress.elapsed_s < step_until_s:  # again if the buffer of impacts was full
+            rows.append(advance_by(run, step_n_m, initial.t_s, step_until_s))
     impacts = np.concatenate(rows)
     origin = origin_m(parts.stop, parts.striker)
     end = observation(memory.observed)
@@ -145,8 +145,8 @@ def _samples(grid: Grid, origin_m: float) -> Samples:
     return Samples(t_s=grid.t_s, **columns)
 
 
-def _held(torque_n_m: Torque, start_s: float, duration_s: float) -> Iterator[tuple[float, float]]:
-    """The torques that are held one after the other, N m, each up to a time after the start, s."""
+def _torque_steps(torque_n_m: Torque, start_s: float, duration_s: float) -> Iterator[tuple[float, float]]:
+    """Torques in their order, N m, each with the time after the start up to which it is held, s."""
     if not callable(torque_n_m):
         yield torque_n_m, duration_s
         return
@@ -155,29 +155,29 @@ def _held(torque_n_m: Torque, start_s: float, duration_s: float) -> Iterator[tup
         yield torque_n_m(start_s + tick * TORQUE_PERIOD_S), until_s
 
 
-def run(one: Run, torque_n_m: float, start_s: float, duration_s: float) -> NDArray[np.void]:
+def advance_by(run: Run, torque_n_m: float, start_s: float, duration_s: float) -> NDArray[np.void]:
     """Advance a run and raise failures; return and clear the impacts so far, records as `Impact`."""
-    memory: Any = one.memory  # a field of the array takes a fiftieth of the time of a record's
+    memory: Any = run.memory  # a field of the array takes a fiftieth of the time of a record's
     progress, mode = memory["progress"], memory["mode"]
     progress["torque_n_m"], progress["start_s"], progress["duration_s"] = torque_n_m, start_s, duration_s
-    status = entry_point(advance, one)(one)
+    status = entry_point(advance, run)(run)
     if status in (STEP_TOO_SMALL, TOO_COSTLY):
-        raise refusal(status, one)
-    impacts: NDArray[np.void] = one.impacts[: mode["impacts"][0]].copy()
+        raise refusal(status, run)
+    impacts: NDArray[np.void] = run.impacts[: mode["impacts"][0]].copy()
     mode["impacts"] = 0
     return impacts
 
 
-def refusal(status: int, one: Run) -> SolverError:
+def refusal(status: int, run: Run) -> SolverError:
     """The error for a failed run: cause, time and motion, remedy."""
-    parts: Any = one.parts
-    memory: Any = one.memory[0]
+    parts: Any = run.parts
+    memory: Any = run.memory[0]
     x_m = from_stop_m(memory.y) + origin_m(parts.stop, parts.striker)
     place = f"at t = {now_s(memory):.9g} s, x = {x_m:.9g} m, v = {memory.y.v_m_s:.6g} m/s"
     if status == TOO_COSTLY:
         return too_costly(place, _remedy(parts, memory))
     if status == BUFFER_FULL:
-        most = one.impacts.shape[0]
+        most = run.impacts.shape[0]
         return SolverError(f"more than {most:,} impacts at once {place}; lower stop.restitution")
     return SolverError(
         f"no step is small enough {place}; raise solver.accuracy, or make the parts less extreme"

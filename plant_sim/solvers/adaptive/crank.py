@@ -81,19 +81,19 @@ def crank_load_n_m(parts: Parts, angle_rad: float, place_m: float) -> float:
 
 
 @by_part
-def held_torque_n_m(jet: Jet, parts: Parts, flow: Flow, y: State) -> float:
+def drive_torque_n_m(jet: Jet, parts: Parts, flow: Flow, y: State) -> float:
     """The motor's torque on the crank, N m."""
     return turning_torque_n_m(parts, flow.torque_n_m, y.crank_rad_s, y)
 
 
-@held_torque_n_m.register(Coefficient)
-def _held_torque_n_m(jet: Coefficient, parts: Parts, flow: Flow, y: State) -> float:
+@drive_torque_n_m.register(Coefficient)
+def _drive_torque_n_m(jet: Coefficient, parts: Parts, flow: Flow, y: State) -> float:
     return jet.torque_n_m
 
 
 @subroutine(inline=True)
 def set_crank_rates(parts: Parts, jet: Jet, flow: Flow, load_n_m: float, y: State) -> float:
-    """Note the crank's rates and the drive's power, W; return the crank's loss, W."""
+    """Store the crank's rates and the drive's power, W; return the crank's loss, W."""
     drive = parts.drive
     if not is_motor(drive):
         set_rate(jet, ROW.drive_j, load_n_m * drive.omega_rad_s)
@@ -103,7 +103,7 @@ def set_crank_rates(parts: Parts, jet: Jet, flow: Flow, load_n_m: float, y: Stat
         set_rate(jet, ROW.crank_rad_s, 0.0)
         set_rate(jet, ROW.drive_j, 0.0)
         return 0.0
-    speed, torque_n_m = y.crank_rad_s, held_torque_n_m(jet, parts, flow, y)
+    speed, torque_n_m = y.crank_rad_s, drive_torque_n_m(jet, parts, flow, y)
     dry_n_m = drive.dry_n_m * flow.crank_direction
     net_n_m = constant(jet, torque_n_m - dry_n_m) - (drive.viscous_n_m_s * speed + load_n_m)
     set_rate(jet, ROW.crank_rad, speed)

@@ -67,7 +67,7 @@ def derivative(parts: Parts, flow: Flow, tau_s: float, y: State, out: FloatArray
 
 @subroutine(inline=True)
 def set_rates(parts: Parts, flow: Flow, jet: Jet, y: Any) -> tuple[float, float]:
-    """Note the rates of all quantities, or their coefficients; return those of depth and velocity."""
+    """Store the rates of all quantities, or their coefficients; return those of depth and velocity."""
     striker, drive, stop = parts.striker, parts.drive, parts.stop
     v, closing = y.v_m_s, closing_m_s(y)
     if is_motor(drive):
@@ -91,7 +91,7 @@ def set_rates(parts: Parts, flow: Flow, jet: Jet, y: Any) -> tuple[float, float]
         normal_n = striker.mass_kg * striker.gravity_m_s2
         drag = friction_force_n(parts.friction, jet, normal_n, v, flow.direction)
         loss += friction_loss_w(parts.friction, jet, drag, normal_n, v, flow.direction)
-        per_kg = 1.0 / striker.mass_kg  # a division would be waited for
+        per_kg = 1.0 / striker.mass_kg  # a division takes longer than a product
         depth_rate, acceleration = closing, (spring - push + drag) * per_kg - a_b
     set_rate(jet, ROW.depth_m, depth_rate)
     set_rate(jet, ROW.v_m_s, acceleration)

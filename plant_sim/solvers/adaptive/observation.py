@@ -15,7 +15,7 @@ from plant_sim.solvers.adaptive.crank import crank_in_stage
 from plant_sim.solvers.adaptive.event_location import Segment, look_within
 from plant_sim.solvers.adaptive.motion import derivative, flow_now, stored_energy_j
 from plant_sim.solvers.adaptive.state_layout import OBSERVED, Flow, Memory, Run, now_s
-from plant_sim.solvers.adaptive.stiction import dry_limit_n, held_force_n
+from plant_sim.solvers.adaptive.stiction import dry_limit_n, force_at_rest_n
 from plant_sim.solvers.adaptive.stop import in_touch
 from plant_sim.solvers.adaptive.wearer import ankle_force_n, closing_m_s, felt_force_n, from_stop_m
 from plant_sim.solvers.adaptive.winding import magnetic_energy_j, turning_current_a, turning_torque_n_m
@@ -115,7 +115,7 @@ def sample_now(run: Run) -> None:
     memory, grid = run.memory[0], run.grid
     mode = memory.mode
     while mode.samples < grid.t_s.size and grid.t_s[mode.samples] <= now_s(memory):
-        note(run.parts, flow_now(run), 0.0, memory.y, memory.slopes[0], grid.rows[mode.samples])
+        write_row(run.parts, flow_now(run), 0.0, memory.y, memory.slopes[0], grid.rows[mode.samples])
         mode.samples += 1
 
 
@@ -127,12 +127,12 @@ def sample_step(run: Run, segment: Segment, used_s: float) -> None:
     while mode.samples < grid.t_s.size and grid.t_s[mode.samples] < flow.time_s + used_s:
         tau_s = grid.t_s[mode.samples] - flow.time_s
         look_within(memory, segment.dense, tau_s / segment.h_s, memory.all_trial)
-        note(run.parts, flow, tau_s, memory.trial, memory.slopes[1], grid.rows[mode.samples])
+        write_row(run.parts, flow, tau_s, memory.trial, memory.slopes[1], grid.rows[mode.samples])
         mode.samples += 1
 
 
 @subroutine
-def note(parts: Parts, flow: Flow, tau_s: float, y: State, slopes: FloatArray, row: FloatArray) -> None:
+def write_row(parts: Parts, flow: Flow, tau_s: float, y: State, slopes: FloatArray, row: FloatArray) -> None:
     """Write the module `tau_s` after a step's start, where its motion is `y`, as a row of `Grid`.
 
     `slopes` is scratch.
@@ -166,7 +166,7 @@ def observe(run: Run) -> None:
     """Write the present observation of the module."""
     parts, memory = run.parts, run.memory[0]
     y, observed, flow = memory.y, memory.observed, flow_now(run)
-    note(parts, flow, 0.0, y, memory.slopes[0], observed)
+    write_row(parts, flow, 0.0, y, memory.slopes[0], observed)
     observed[OBSERVED.x_m] += origin_m(parts.stop, parts.striker)
     observed[OBSERVED.drive_work_j] = y.drive_j
     stored_j = stored_energy_j(parts, flow.phase, y)
@@ -177,8 +177,8 @@ def observe(run: Run) -> None:
     observed[OBSERVED.ankle_j] = y.ankle_j
     observed[OBSERVED.phase] = flow.phase
     if flow.phase == Phase.REST_ON_STOP:
-        held_n = held_force_n(parts, y, flow.time_s)
-        if held_n < dry_limit_n(parts):  # friction holds it there, the stop does not have to
+        force_n = force_at_rest_n(parts, y.crank_rad, y, flow.time_s)
+        if force_n < dry_limit_n(parts):  # friction holds it there, the stop does not have to
             observed[OBSERVED.phase] = Phase.STICK.value
 
 

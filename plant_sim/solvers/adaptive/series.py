@@ -25,7 +25,7 @@ from plant_sim.solvers.adaptive.motion import set_rates
 from plant_sim.solvers.adaptive.state_layout import Flow, Memory, Run, SeriesRows
 from plant_sim.solvers.bernstein import DEGREE, ORDER, from_powers
 
-UNSEEN = 40.0
+NEGLIGIBLE_EXPONENT = 40.0
 """e^−40 is below rounding."""
 
 LEAST = 1e-300
@@ -79,9 +79,9 @@ def _step_s(run: Run, flow: Flow, scale: FloatArray, longest_s: float, order: in
     parts, memory = run.parts, run.memory[0]
     series = memory.series
     expand(run, flow, order)
-    h_s = _accurate_s(memory, scale, order, _judged_terms(parts.friction), longest_s)
+    h_s = _accurate_s(memory, scale, order, _decisive_terms(parts.friction), longest_s)
     if flow.phase in (Phase.FLIGHT, Phase.CONTACT):
-        h_s = _seen_s(parts.friction, series.exponent, h_s, order)
+        h_s = _resolved_s(parts.friction, series.exponent, h_s, order)
     return h_s if _is_torque_constant(parts.drive, flow, series, h_s, order) else 0.0
 
 
@@ -126,7 +126,7 @@ def expand(run: Run, flow: Flow, order: int) -> None:
 
 
 @subroutine
-def _judged_terms(friction: Friction) -> int:
+def _decisive_terms(friction: Friction) -> int:
     """Number of last terms that determine the length of a step.
 
     With δ = 2 a striker that sets off under a growing force has every third term only: t², t⁵, t⁸ …
@@ -156,14 +156,14 @@ def _accurate_s(memory: Memory, scale: FloatArray, order: int, terms: int, longe
 
 
 @subroutine
-def _seen_s(friction: Friction, exponent: FloatArray, h_s: float, order: int) -> float:
+def _resolved_s(friction: Friction, exponent: FloatArray, h_s: float, order: int) -> float:
     """The length of a step, at most `h_s`, over which the last terms show how friction changes.
 
     While p is large, all terms of e^−p are small; they show a change of p by as much as their order.
     """
     if not is_stribeck(friction):
         return h_s
-    most = max(-exponent[0] - UNSEEN, float(order))
+    most = max(-exponent[0] - NEGLIGIBLE_EXPONENT, float(order))
     while largest_change(exponent, h_s, order) > most:
         h_s *= 0.5
     return h_s

@@ -1,4 +1,4 @@
-"""The records of a module that kernels advance: its state, what a step passes on, and scratch.
+"""The records of a module that kernels advance: its state, the values passed from step to step, and scratch.
 
 `Memory` is one record, a block of numbers without pointers: a copy of its bytes is a copy of the module. Its
 parts that are used both by name and by place have two names: `y` by name, `all_y` as an array.
@@ -58,7 +58,7 @@ class Mode:
 
 
 class Progress:
-    """What a step passes on to the next, or a tick (`plant_sim.tick`) to the next: time, call, next steps."""
+    """Values that a step, or a tick (`plant_sim.tick`), passes on to the next: time, call, next steps."""
 
     t_s: float
     """Time of a module that is advanced tick by tick."""
@@ -244,7 +244,7 @@ NO_GRID = Grid(np.empty(0), np.empty((0, READINGS)))
 
 
 class Run(NamedTuple):
-    """What kernels advance: parts, the sensors' filters, memory, room for impacts, and the grid of samples.
+    """The argument of kernels: parts, the sensors' filters, memory, room for impacts, and the samples' grid.
 
     Impacts are records as `Impact`; the first `mode.impacts` are in use.
     """
@@ -301,12 +301,12 @@ def restart(run: Run, depth_m: float, v_m_s: float, crank_rad: float, omega_rad_
         y.plate_m = equilibrium_m(parts.wearer, steady_m_s2(parts.housing))
         y.depth_m -= y.plate_m
     progress.free_step_s = progress.contact_step_s = 0.1 / math.sqrt(striker.spring_n_per_m / striker.mass_kg)
-    _note_places(parts, memory)
+    _list_places(parts, memory)
 
 
 @subroutine
-def _note_places(parts: Parts, memory: Memory) -> None:
-    """Note which quantities the parts have: those of the motion, then the accounts."""
+def _list_places(parts: Parts, memory: Memory) -> None:
+    """List the quantities that the parts have: those of the motion, then the accounts."""
     memory.progress.motion = memory.progress.used = 0
     motor, soft = is_motor(parts.drive), is_soft(parts.stop)
     _use(memory, ROW.depth_m, 2, True)

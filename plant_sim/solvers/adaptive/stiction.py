@@ -36,22 +36,16 @@ def dry_limit_n(parts: Parts) -> float:
 
 
 @subroutine
-def held_force_n(parts: Parts, y: State, time_s: float) -> float:
-    """Force, N, on a striker at rest, without dry friction and the force of a rigid stop."""
-    return held_force_at_n(parts, y.crank_rad, y, time_s)
-
-
-@subroutine
-def held_force_at_n(parts: Parts, angle_rad: float, y: State, time_s: float) -> float:
-    """`held_force_n` with the crank at another angle."""
+def force_at_rest_n(parts: Parts, angle_rad: float, y: State, time_s: float) -> float:
+    """Force, N, on a striker at rest, with the crank at this angle; without dry friction and a rigid stop."""
     spring = coupling_n(parts, angle_rad, from_stop_m(y))
     inertia = parts.striker.mass_kg * housing_m_s2(parts.housing, time_s)
     return spring - elastic_force_n(parts.stop, max(y.depth_m, 0.0)) - inertia
 
 
 @subroutine
-def held_limit_n(parts: Parts, y: State, time_s: float) -> float:
-    """Largest `held_force_n` on a striker that stays at rest: friction's limit and the force's rounding."""
+def limit_at_rest_n(parts: Parts, y: State, time_s: float) -> float:
+    """Largest `force_at_rest_n` on a striker that stays at rest: friction's limit and a rounding."""
     striker, stop = parts.striker, parts.stop
     limit = dry_limit_n(parts)
     reach = abs(striker.rest_length_m - origin_m(stop, striker))
@@ -66,19 +60,18 @@ def _release_angles(parts: Parts, phase: int, angle_rad: float, depth_m: float) 
     """Next crank angles above and below the present one, rad, at which a resting striker breaks away.
 
     The spring's pull c (x_A + l0 − x) must pass the friction limit outwards (and, on a rigid stop, only
-    away from it), by more than its rounding where the piston turns round. Angles within NEAR_RAD are passed
-    over: their breakaway has already been treated. For a housing that does not move, whatever its
-    tilt.
+    away from it), by more than its rounding where the piston turns round. Angles within NEAR_RAD are left
+    out: their breakaway has already been treated. The housing may be tilted but does not move.
     """
     striker, stop, amplitude = parts.striker, parts.stop, parts.drive.amplitude_m
     if amplitude == 0.0:
         return math.inf, -math.inf
     limit = dry_limit_n(parts)
     reach = striker.rest_length_m - origin_m(stop, striker) - depth_m
-    held_n = elastic_force_n(stop, max(depth_m, 0.0)) + striker.mass_kg * housing_m_s2(parts.housing, 0.0)
-    high = sine_at(parts.linkage, amplitude, spring_stretch_m(striker, held_n + limit) - reach)
-    low = sine_at(parts.linkage, amplitude, spring_stretch_m(striker, held_n - limit) - reach)
-    summed_m = abs(reach) + abs(spring_stretch_m(striker, held_n)) + spring_stretch_m(striker, limit)
+    load_n = elastic_force_n(stop, max(depth_m, 0.0)) + striker.mass_kg * housing_m_s2(parts.housing, 0.0)
+    high = sine_at(parts.linkage, amplitude, spring_stretch_m(striker, load_n + limit) - reach)
+    low = sine_at(parts.linkage, amplitude, spring_stretch_m(striker, load_n - limit) - reach)
+    summed_m = abs(reach) + abs(spring_stretch_m(striker, load_n)) + spring_stretch_m(striker, limit)
     turning = 1.0 - ROUNDING * (1.0 + summed_m / amplitude)
     up, down = math.inf, -math.inf
     if phase == Phase.STICK and abs(high) < turning:
@@ -115,7 +108,7 @@ def release_event(run: Run, segment: Segment) -> float:
     largest = 0.0
     for i in range(DEGREE + 1):
         angle = angle_at(parts.drive, segment, NODES[i])
-        values[i] = held_force_at_n(parts, angle, y, flow.time_s + NODES[i] * h_s)
+        values[i] = force_at_rest_n(parts, angle, y, flow.time_s + NODES[i] * h_s)
         largest = max(largest, abs(values[i]))
     interpolate(values, pull)
     limit = dry_limit_n(parts) + ROUNDING * largest
@@ -125,7 +118,7 @@ def release_event(run: Run, segment: Segment) -> float:
 
 @subroutine
 def _break(pull: FloatArray, sign: float, limit_n: float, scratch: Scratch) -> float:
-    """First s at which sign · pull exceeds the limit; a pull that is held above the limit must grow
+    """First s at which sign · pull exceeds the limit; a pull that starts beyond the limit must grow
     further."""
     beyond_n = max(sign * pull[0] - limit_n, 0.0)
     return root(pull, sign, -limit_n - beyond_n, 1 if beyond_n > 0.0 else 0, scratch)
@@ -137,27 +130,27 @@ def from_rest(run: Run) -> None:
     force."""
     parts, memory = run.parts, run.memory[0]
     y, mode, time_s = memory.y, memory.mode, now_s(memory)
-    net = held_force_n(parts, y, time_s)
+    net = force_at_rest_n(parts, y.crank_rad, y, time_s)
     is_beside = is_worn(parts.wearer) and y.depth_m == 0.0 and closing_m_s(y) == 0.0
     if is_beside:  # at a plate at rest, which the housing moves along as it does the striker
         net += parts.striker.mass_kg * housing_m_s2(parts.housing, time_s)
     dry = dry_limit_n(parts)
-    rounding = held_limit_n(parts, y, time_s) - dry
-    growth, near = (0.0, 0.0) if is_beside else _pull_growth(run)
-    near = max(near, rounding) if growth != 0.0 else rounding
+    rounding = limit_at_rest_n(parts, y, time_s) - dry
+    rate, margin = (0.0, 0.0) if is_beside else _pull_rate(run)
+    margin = max(margin, rounding) if rate != 0.0 else rounding
     is_on_stop = is_rigid(parts.stop) and y.depth_m == 0.0
-    direction = set_off(net, dry, near, growth, is_on_stop)
+    direction = set_off(net, dry, margin, rate, is_on_stop)
     if direction == 0 and (is_on_stop or dry > 0.0):
         enter(mode, Phase.REST_ON_STOP if is_on_stop else Phase.STICK, 0, 0, 0)
         return
     forward = direction > 0
     if direction == 0:  # free, and without a pull
-        forward = growth > 0.0 or (growth == 0.0 and net >= 0.0)
-    _slide(run, forward, 1 if abs(net) > dry + near else 2)
+        forward = rate > 0.0 or (rate == 0.0 and net >= 0.0)
+    _slide(run, forward, 1 if abs(net) > dry + margin else 2)
 
 
 @subroutine
-def _pull_growth(run: Run) -> tuple[float, float]:
+def _pull_rate(run: Run) -> tuple[float, float]:
     """Time derivative of the pull on a striker at rest, N/s, and the change of the pull within twice
     NEAR_RAD, N.
 
@@ -174,15 +167,15 @@ def _pull_growth(run: Run) -> tuple[float, float]:
         return per_rad * y.crank_rad_s, abs(per_rad) * 2.0 * NEAR_RAD
     shaken = striker.mass_kg * housing_m_s3(parts.housing, now_s(memory))
     natural = math.sqrt(striker.spring_n_per_m / striker.mass_kg)
-    growth = per_rad * y.crank_rad_s - shaken
-    return growth, (abs(per_rad) + abs(shaken) / natural) * 2.0 * NEAR_RAD
+    rate = per_rad * y.crank_rad_s - shaken
+    return rate, (abs(per_rad) + abs(shaken) / natural) * 2.0 * NEAR_RAD
 
 
 @subroutine
 def release(run: Run) -> None:
     """Release a striker whose pull has just reached its limit: it sets off with zero acceleration."""
     memory = run.memory[0]
-    net = held_force_n(run.parts, memory.y, now_s(memory))
+    net = force_at_rest_n(run.parts, memory.y.crank_rad, memory.y, now_s(memory))
     forward = net > 0.0 and memory.mode.phase == Phase.STICK
     _slide(run, forward, 2)
 

@@ -55,7 +55,7 @@ def plate_energy_j(parts: Parts, y: State) -> float:
 
 @subroutine(inline=True)
 def set_plate_rates(parts: Parts, jet: Jet, push_n: float, a_b: float, y: State) -> None:
-    """Note the rates of the plate and the ankle's loss."""
+    """Store the rates of the plate and the ankle's loss."""
     wearer = parts.wearer
     if not is_worn(wearer):
         return

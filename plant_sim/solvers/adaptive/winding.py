@@ -85,7 +85,7 @@ def voltage_excess(
 
 @by_part
 def set_winding_rates(jet: Jet, parts: Parts, flow: Flow, y: State) -> None:
-    """Note the windings' rates; they have no series."""
+    """Store the windings' rates; they have no series."""
 
 
 @set_winding_rates.register(Value)

@@ -25,11 +25,10 @@ import math
 from typing import NamedTuple
 
 from plant_sim.kernels import subroutine
-from plant_sim.parts.friction import ROUNDING as HELD_ROUNDING
-from plant_sim.parts.friction import set_off
+from plant_sim.parts.friction import ROUNDING, set_off
 from plant_sim.result import Phase
 from plant_sim.solvers.bernstein import Scratch
-from plant_sim.solvers.double_double import TURN_RAD, add, turned
+from plant_sim.solvers.double_double import TURN_RAD, add, turn_by
 from plant_sim.solvers.event import Event
 from plant_sim.solvers.exact.crossing import (
     LEAST_SPAN,
@@ -44,7 +43,7 @@ from plant_sim.solvers.exact.oscillator import Flight, Oscillator, Point, flow, 
 
 CERTAIN = 1e-3  # share of the pressing acceleration that may change until chatter is over
 RESOLVED = 4e-15  # least height of a bounce over the position's scale: some roundings
-ROUNDING = 2.3e-16
+UNIT_ROUNDOFF = 2.3e-16
 LEAST_SPEED_M_S = 1e-100
 HALF_PI = 0.5 * math.pi
 
@@ -68,7 +67,7 @@ class Motion(NamedTuple):
 @subroutine
 def begin(o: Oscillator, t_s: float, y_m: float, v_m_s: float, crank_rad: float) -> Motion:
     """The motion from a state at or before the stop."""
-    crank, crank_low = turned(crank_rad, 0.0, 0.0, 0.0, 0.0)
+    crank, crank_low = turn_by(crank_rad, 0.0, 0.0, 0.0, 0.0)
     motion = Motion(
         t_s=t_s,
         t_low_s=0.0,
@@ -91,12 +90,12 @@ def _moving(o: Oscillator, m: Motion, y: float, v: float) -> Motion:
     if abs(v) < LEAST_SPEED_M_S:
         v = 0.0  # its square would vanish
     push = o.amplitude_m * m.sin_crank - y  # spring force over c
-    held, doubt = o.dry_offset_m, _doubt_m(o, y)
+    dry, rounding = o.dry_offset_m, _rounding_m(o, y)
     phase, direction = Phase.FLIGHT, 0.0
     if v == 0.0:
         is_on_stop = o.has_stop and y >= o.gap_m
-        stays = set_off(push, held, doubt, 0.0, is_on_stop) == 0  # `_wait` finds the release
-        if stays and held > 0.0 and push <= held + doubt:
+        stays = set_off(push, dry, rounding, 0.0, is_on_stop) == 0  # `_wait` finds the release
+        if stays and dry > 0.0 and push <= dry + rounding:
             phase = Phase.STICK
         elif stays and is_on_stop:
             phase = Phase.REST_ON_STOP
@@ -106,9 +105,9 @@ def _moving(o: Oscillator, m: Motion, y: float, v: float) -> Motion:
 
 
 @subroutine
-def _doubt_m(o: Oscillator, y: float) -> float:
+def _rounding_m(o: Oscillator, y: float) -> float:
     """The rounding error of a force on a striker at rest, which does not set it in motion."""
-    return HELD_ROUNDING * (o.amplitude_m + abs(y) + o.dry_offset_m)
+    return ROUNDING * (o.amplitude_m + abs(y) + o.dry_offset_m)
 
 
 @subroutine
@@ -122,7 +121,7 @@ def next_event(o: Oscillator, motion: Motion, until_s: float, scratch: Scratch) 
 @subroutine
 def _arrive(o: Oscillator, motion: Motion, duration: float, y: float, v: float) -> Motion:
     t, t_low = add(motion.t_s, motion.t_low_s, duration)
-    crank, crank_low = turned(motion.crank_rad, motion.crank_low_rad, o.drive_rad_s, 0.0, duration)
+    crank, crank_low = turn_by(motion.crank_rad, motion.crank_low_rad, o.drive_rad_s, 0.0, duration)
     return motion._replace(
         t_s=t,
         t_low_s=t_low,
@@ -145,26 +144,26 @@ def _at_horizon(o: Oscillator, motion: Motion, until_s: float, y: float, v: floa
 
 @subroutine
 def _wait(o: Oscillator, motion: Motion, until_s: float) -> tuple[Motion, Event]:
-    """Stick or rest until the spring's force crosses what holds the striker: A sin θ = y ± μ m g / c."""
-    A, y, held = o.amplitude_m, motion.y_m, o.dry_offset_m
-    turning = A - _doubt_m(
+    """Stick or rest until the spring's force exceeds friction's limit: A sin θ = y ± μ m g / c."""
+    A, y, dry = o.amplitude_m, motion.y_m, o.dry_offset_m
+    turning = A - _rounding_m(
         o, y
-    )  # a push that passes the limit by less, where the piston turns round, is held
+    )  # where the piston turns round, the push may exceed the limit by a rounding
     rising = motion.crank_rad >= -HALF_PI and motion.cos_crank >= 0.0
     crank = motion.crank_rad if motion.crank_rad >= -HALF_PI else motion.crank_rad + TURN_RAD
     turn_up, turn_down = math.inf, math.inf
     if motion.phase == Phase.REST_ON_STOP:
-        level = y + held
+        level = y + dry
         if level > -turning:
             turn_down = max(0.0, ((math.pi - _level_angle(level, A)) - crank) - motion.crank_low_rad)
     else:
-        if y + held < turning:
-            angle = _level_angle(y + held, A)
+        if y + dry < turning:
+            angle = _level_angle(y + dry, A)
             if not rising:
                 angle += TURN_RAD
             turn_up = max(0.0, (angle - crank) - motion.crank_low_rad)
-        if y - held > -turning:
-            turn_down = max(0.0, ((math.pi - _level_angle(y - held, A)) - crank) - motion.crank_low_rad)
+        if y - dry > -turning:
+            turn_down = max(0.0, ((math.pi - _level_angle(y - dry, A)) - crank) - motion.crank_low_rad)
     turn = min(turn_up, turn_down)
     if turn < math.inf and o.drive_rad_s > 0.0:
         arrival = _arrive(o, motion, turn / o.drive_rad_s, y, 0.0)
@@ -206,7 +205,7 @@ def _fly(o: Oscillator, motion: Motion, until_s: float, scratch: Scratch) -> tup
     if motion.poised or (motion.v_m_s == 0.0 and direction * here.a_m_s2 < 0.0):
         here = here._replace(a_m_s2=0.0)  # just released: rounding must not push it back
     first_period, least = TURN_RAD / o.natural_rad_s, LEAST_SPAN / o.fastest_1_s
-    last = end + ROUNDING * abs(until_s)  # an event whose time rounds to the end belongs to the run
+    last = end + UNIT_ROUNDOFF * abs(until_s)  # an event whose time rounds to the end belongs to the run
     scan_end = last if o.has_stop or o.is_dry else -1.0
     # At the least speeds the guess rounds to 0, and a span of 0 would never end.
     span = max(_first_span_s(o, here, direction), 2.0 * least)

@@ -155,15 +155,15 @@ def first_crossing(o: Oscillator, here: Point, there: Point, direction: float, s
 
 
 @subroutine(inline=True)
-def _first_root(start: Guard, end: Guard, span: float, doubt: float, scratch: Scratch) -> float:
-    """First s at which the polynomial above a guard reaches zero after its start; `doubt` is E."""
+def _first_root(start: Guard, end: Guard, span: float, error: float, scratch: Scratch) -> float:
+    """First s at which the polynomial above a guard reaches zero after its start; `error` is E."""
     step, bend, third = span / 7.0, span * span / 42.0, span * span * span / 210.0
     b1 = start.value + step * start.slope
     b2 = b1 + (step * start.slope + bend * start.bend)
-    b3 = b2 + (step * start.slope + 2.0 * bend * start.bend) + third * start.third + doubt
+    b3 = b2 + (step * start.slope + 2.0 * bend * start.bend) + third * start.third + error
     b6 = end.value - step * end.slope
     b5 = b6 - (step * end.slope - bend * end.bend)
-    b4 = b5 - (step * end.slope - 2.0 * bend * end.bend) - third * end.third + doubt
+    b4 = b5 - (step * end.slope - 2.0 * bend * end.bend) - third * end.third + error
     if max(b1, b2, b3) < 0.0 and max(b4, b5, b6, end.value) < 0.0:
         return NO_ROOT
     b = scratch.press[: DEGREE + 1]

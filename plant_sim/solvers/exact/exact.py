@@ -22,12 +22,12 @@ from plant_sim.parts.wearer import NoWearer
 from plant_sim.result import EnergyLedger, Impacts, MotionState, Phase, Samples, SimulationResult
 from plant_sim.solvers.bernstein import new_scratch
 from plant_sim.solvers.cost import ALLOWANCE, debt, too_costly
-from plant_sim.solvers.double_double import TURN_RAD, turned
+from plant_sim.solvers.double_double import TURN_RAD, turn_by
 from plant_sim.solvers.event import Event
 from plant_sim.solvers.exact.automaton import Motion, after, begin, next_event
-from plant_sim.solvers.exact.ledger import booked, empty_ledger, stored_j
+from plant_sim.solvers.exact.ledger import book, empty_ledger, stored_j
 from plant_sim.solvers.exact.oscillator import Oscillator, flow, launch, oscillator, point
-from plant_sim.solvers.exact.tilt import levelled, tilted
+from plant_sim.solvers.exact.tilt import remove_tilt, restore_tilt
 from text_input import RefusalError
 
 REST_SPEED_M_S = 1e-9
@@ -64,7 +64,7 @@ def _run(
     while event != Event.NONE and behind <= ALLOWANCE:
         arrival, event = next_event(o, motion, until_s, scratch)
         departure = after(o, arrival, event, rest_speed_m_s)
-        ledger = booked(o, ledger, motion, arrival, departure)
+        ledger = book(o, ledger, motion, arrival, departure)
         next_sample = _sample(o, motion, arrival, event, samples_t_s, samples, next_sample)
         if event == Event.TOUCH:
             if found == len(impacts):
@@ -109,7 +109,7 @@ def _sample(
         if motion.phase == Phase.FLIGHT:
             y, v, sin_drive, cos_drive = flow(o, flight, h)
             a = point(o, flight, h, y, v, sin_drive, cos_drive).a_m_s2
-        crank, _ = turned(motion.crank_rad, motion.crank_low_rad, o.drive_rad_s, 0.0, h)
+        crank, _ = turn_by(motion.crank_rad, motion.crank_low_rad, o.drive_rad_s, 0.0, h)
         samples[index, 0] = min(y, o.gap_m)
         samples[index, 1] = v
         samples[index, 2] = a
@@ -132,7 +132,7 @@ def simulate(
     the instant of an event shows the state after it. The bounces of chatter below `rest_speed_m_s` that are
     certain to end at rest count as one plastic impact.
     """
-    level = levelled(parts)
+    level = remove_tilt(parts)
     require_closed_form(level)
     grid = sample_times(initial, until_s, samples_t_s)
     samples = np.empty((len(grid), 4))
@@ -157,7 +157,7 @@ def simulate(
         method="exact",
         samples=None if samples_t_s is None else _samples(level, grid, samples),
     )
-    return tilted(result, parts, initial)
+    return restore_tilt(result, parts, initial)
 
 
 CLOSED_FORM: dict[str, Any] = {

@@ -52,7 +52,7 @@ def empty_ledger() -> Ledger:
 
 
 @subroutine
-def booked(o: Oscillator, ledger: Ledger, motion: Motion, arrival: Motion, departure: Motion) -> Ledger:
+def book(o: Oscillator, ledger: Ledger, motion: Motion, arrival: Motion, departure: Motion) -> Ledger:
     """The ledger after the flow from `motion` to `arrival` and the event that changed it to `departure`."""
     drive, friction = _flow_energies(o, motion, arrival)
     lost = 0.5 * o.mass_kg * (arrival.v_m_s - departure.v_m_s) * (arrival.v_m_s + departure.v_m_s)

@@ -24,18 +24,18 @@ from plant_sim.parts.friction import Friction, damping_n_s_m, is_dry, static_lim
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import Stop, has_no_stop, restitution, stop_position_m
 from plant_sim.parts.striker import Striker
-from plant_sim.solvers.double_double import quotient, square_root, turned, two_product
+from plant_sim.solvers.double_double import quotient, square_root, turn_by, two_product
 
 RESONANT_GAIN = 40.0
 """Ratio of steady amplitude to A above which the steady motion is not used, because cancellation loses
 digits."""
 
 REMAINDER = 1.0 / (2.0 * 35.0 * 40320.0)
-"""Doubt about a motion within a span h between Hermite's interpolants, over its 8th derivative times h⁸."""
+"""Largest error of Hermite's interpolant over a span h, divided by the 8th derivative times h⁸."""
 
 LONGEST_RAD, SHARE = 3.2, 1e-2
-"""Longest span in which an event is looked for: the angle over ω, and the doubt about the position there as a
-share of gap and piston stroke."""
+"""Longest span in which an event is looked for: the angle over ω, and the interpolant's error of position, as
+a share of gap and piston stroke."""
 
 LEAST_LENGTH_M = 1e-100
 """A stroke or a length of dry friction below this is taken as none, since its square would vanish."""
@@ -99,12 +99,12 @@ def oscillator_of(striker: Striker, drive: Drive, friction: Friction, stop: Stop
     """Constants of these parts at the drive's speed Ω, rad/s."""
     w2, w2_low = quotient(striker.spring_n_per_m, striker.mass_kg)
     amplitude_m = _length_m(drive.amplitude_m)
-    held_m = _length_m(static_limit_n(friction, striker.gravity_m_s2) / w2)
+    dry_m = _length_m(static_limit_n(friction, striker.gravity_m_s2) / w2)
     w, _w_low = square_root(w2, w2_low)
     sigma, sigma_low = quotient(damping_n_s_m(friction), 2.0 * striker.mass_kg)
     square, square_low = two_product(sigma, sigma)
     spread, spread_low = w2 - square, (w2_low - square_low) - 2.0 * sigma * sigma_low
-    spread_low += (w2 - spread) - square  # what rounding left of the difference
+    spread_low += (w2 - spread) - square  # rounding error of the difference
     nu, nu_low, split = 0.0, 0.0, 0.0
     if spread + spread_low > 0.0:
         nu, nu_low = square_root(spread, spread_low)
@@ -135,7 +135,7 @@ def oscillator_of(striker: Striker, drive: Drive, friction: Friction, stop: Stop
         ringing_rad_s=nu,
         ringing_low_rad_s=nu_low,
         split_1_s=split,
-        dry_offset_m=held_m,
+        dry_offset_m=dry_m,
         gap_m=stop_position_m(stop) - striker.rest_length_m,
         restitution=restitution(stop),
         steady_sin_m=amplitude_m * in_phase,
@@ -160,7 +160,7 @@ def _length_m(length_m: float) -> float:
 
 @subroutine
 def _longest_span_s(w: float, w2: float, Omega: float, amplitude_m: float, gap_m: float) -> float:
-    """The span of LONGEST_RAD, or a shorter one where the drive's speed makes the motion doubtful."""
+    """The span of LONGEST_RAD, or a shorter one with which a fast drive keeps to SHARE."""
     length = amplitude_m + (abs(gap_m) if math.isfinite(gap_m) else 0.0)
     driven = amplitude_m / length if length > 0.0 else 0.0
     eighth = w2 * (w2 * w2 * w2 + Omega**6 * driven)  # per length, which may be the least there is
@@ -252,7 +252,7 @@ def _sin_cos(rate: float, rate_low: float, h: float) -> tuple[float, float]:
     """Sine and cosine of an angle that grows at a rate; a long one is reduced in two floats."""
     angle = rate * h
     if abs(angle) > LONG_ANGLE_RAD:
-        angle, _ = turned(0.0, 0.0, rate, rate_low, h)
+        angle, _ = turn_by(0.0, 0.0, rate, rate_low, h)
     return math.sin(angle), math.cos(angle)
 
 

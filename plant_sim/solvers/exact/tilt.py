@@ -14,7 +14,7 @@ from plant_sim.parts.parts import Parts
 from plant_sim.result import MotionState, SimulationResult
 
 
-def levelled(parts: Parts) -> Parts:
+def remove_tilt(parts: Parts) -> Parts:
     """The level module with the same motion; parts without a tilt are returned unchanged."""
     if not isinstance(parts.housing, Tilted):
         return parts
@@ -25,8 +25,8 @@ def levelled(parts: Parts) -> Parts:
     )
 
 
-def tilted(result: SimulationResult, parts: Parts, start: MotionState) -> SimulationResult:
-    """The result of `levelled(parts)` with the energies of `parts`."""
+def restore_tilt(result: SimulationResult, parts: Parts, start: MotionState) -> SimulationResult:
+    """The result of `remove_tilt(parts)` with the energies of `parts`."""
     if not isinstance(parts.housing, Tilted):
         return result
     striker, energy, final = parts.striker, result.energy, result.final

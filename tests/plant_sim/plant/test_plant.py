@@ -9,7 +9,7 @@ import pytest
 from changed_scenes import HERTZ, KNOCK, SWING, TILT, changed
 from reference import Reference, simulated_again
 
-from plant_sim.plant import Plant, PlantError, compiled_move
+from plant_sim.plant import Plant, PlantError
 from plant_sim.result import Phase
 from plant_sim.scene import load_scene, read_scene
 from plant_sim.sensors.sensing import NO_SENSING
@@ -235,7 +235,7 @@ def test_a_long_chatter_loses_no_impact() -> None:
 
 def test_compiled_code_without_room_for_impacts_says_so() -> None:
     plant = Plant(load_scene({**read_scene("table1-viscous"), **CHATTER}), seed=1)
-    status = compiled_move(plant)(plant.module, 0.0, CHATTER_S)
+    status = plant._move(plant.run, 0.0, CHATTER_S)
     with pytest.raises(SolverError, match=rf"{MOST_IMPACTS:,} impacts at once at t = .*restitution"):
         plant.take_back(status)
 
@@ -244,7 +244,7 @@ def test_one_kernel_serves_every_scene() -> None:
     """Another combination of parts is advanced by the code that is already there."""
     stribeck = {"law": "stribeck", "mu": 0.15, "mu_s": 0.2, "v_s_m_s": 0.05, "delta": 1.0}
     kernels = {
-        compiled_move(Plant(load_scene(changed("table1-viscous", changes)), seed=1))
+        Plant(load_scene(changed("table1-viscous", changes)), seed=1)._move
         for changes in (
             {},
             {"friction": stribeck, "sensors": {}},

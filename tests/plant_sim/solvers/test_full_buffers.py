@@ -29,10 +29,10 @@ def test_impacts_wait_in_any_room(
         plant = Plant(load_scene(changed("table1-viscous", changes | {"solver.method": "adaptive"})), seed=0)
         for tick in range(3000):
             plant.advance(0.0, 2e-3)
-            assert plant.module.memory[0].mode.impacts <= most
+            assert plant.run.memory[0].mode.impacts <= most
             if plant.now.stop_force_n > 0.0 or tick % 100 == 99:
                 plant.kick(kick_m_s)
-            assert plant.module.memory[0].mode.impacts <= most
+            assert plant.run.memory[0].mode.impacts <= most
         found.append(plant.take_impacts())
     assert len(found[0]) > 8
     assert np.array(found[0]) == pytest.approx(np.array(found[1]), nan_ok=True)

@@ -185,4 +185,4 @@ def test_sensors_read_the_same_at_the_end_of_long_steps_as_of_short_ones() -> No
         rarely.advance(0.02, 0.05)
         for _ in range(50):
             often.advance(0.02, 1e-3)
-        assert rarely.module.probe.readings == pytest.approx(often.module.probe.readings, abs=1e-5, rel=1e-8)
+        assert rarely.run.probe.readings == pytest.approx(often.run.probe.readings, abs=1e-5, rel=1e-8)

@@ -43,7 +43,7 @@ NAMES_ALLOWED = {
     "_heel_struck": "heel strike is the term of gait",
     "moments": "of a filter's weight function, 1, s, s² …",
     "_moments": "the same",
-    "_note_moments": "the same",
+    "_update_moments": "the same",
     "tell": "a method of files",
 }
 """Names with the reason why they stand."""

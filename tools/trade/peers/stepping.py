@@ -25,7 +25,7 @@ from plant_sim.parts.friction import ROUNDING, damping_n_s_m, friction_force_n
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import has_no_stop, restitution, stop_position_m
 from plant_sim.result import MotionState
-from plant_sim.solvers.double_double import turned
+from plant_sim.solvers.double_double import turn_by
 
 THETA = 0.5
 
@@ -68,14 +68,14 @@ def _run(
     """`simulate` in y = x − l0; `start` is t, y, v and crank angle."""
     A, Omega = parts.drive.amplitude_m, constant_speed_rad_s(parts.drive)
     t0, y, v = start[0], start[1], start[2]
-    crank, crank_low = turned(start[3], 0.0, 0.0, 0.0, 0.0)
+    crank, crank_low = turn_by(start[3], 0.0, 0.0, 0.0, 0.0)
     x_A = A * math.sin(crank)
     gap = stop_position_m(parts.stop) - parts.striker.rest_length_m
     impacts, found = np.empty((3, 64)), 0
     for index in range(max(math.ceil((until_s - t0) / step_s - 1e-9), 0)):
         t = t0 + index * step_s
         h = min(step_s, until_s - t)
-        crank, crank_low = turned(crank, crank_low, Omega, 0.0, h)
+        crank, crank_low = turn_by(crank, crank_low, Omega, 0.0, h)
         x_A1 = A * math.sin(crank)
         y1, v1, meets = _step(parts, y, v, x_A, x_A1, h)
         # A resting striker is caught at the speeds that one step's acceleration gives: those are no impacts.
