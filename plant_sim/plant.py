@@ -27,7 +27,7 @@ from plant_sim.solvers.adaptive.observation import (
     observation,
     peak_felt_force_n,
 )
-from plant_sim.solvers.adaptive.state_layout import UNSETTLED, Run, allocate, run_of
+from plant_sim.solvers.adaptive.state_layout import UNSETTLED, allocate, run_of
 from plant_sim.tables.quantities import SPEED
 from plant_sim.tick import MOST_IMPACTS, move
 from plant_sim.validation_messages import real
