@@ -124,7 +124,7 @@ def test_the_ledgers_accounts_are_those_of_quadrature():
     [
         {"friction": Stribeck(0.1, 0.2, 0.01, 1.0, 0.0)},
         {"stop": HuntCrossley(0.18, 1e6, 1.5, 0.5)},
-        {"drive": MotorDrive(0.02, 0.0, 5e-4, 0.08, 0.4, 3e-4, 7, 24.0, 10.0, 1e-4, 5e-3, 40.0)},
+        {"drive": MotorDrive(0.02, 0.0, 5e-4, 0.08, 0.4, 7, 24.0, 10.0, 1e-4, 5e-3, 40.0)},
     ],
 )
 def test_parts_without_closed_form_are_refused(change):
