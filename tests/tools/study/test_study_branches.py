@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from plant_sim.scene import Scene, load_scene, read_scene
 from plant_sim.simulation import simulate
 from tools import cli
-from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
+from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
 from tools.study.branches.boundaries import boundaries, margins
 from tools.study.branches.branches import Branch, branches
 from tools.study.branches.continuation import CurvePoint, correct, follow, locate, point_at
@@ -361,6 +361,19 @@ def test_a_branch_that_leaves_the_range_of_its_parameter_ends_there_by_no_grazin
     (branch,) = branches(load_scene("table1-coulomb"), "restitution")
     assert branch.special == []
     assert min(one.values["restitution"] for one in branch.orbits) < 0.05
+
+
+def test_branches_of_a_crank_that_stands_are_refused() -> None:
+    with pytest.raises(BadInputError, match="the drive's speed is 0"):
+        branches(Viscous().scene(0.0), "gap")
+
+
+@pytest.mark.parametrize(("mu", "mu_s", "changed_mu_s"), [(0.0, 0.1, 0.15), (0.1, 0.2, 0.1)])
+def test_static_friction_changes_with_sliding_friction(mu: float, mu_s: float, changed_mu_s: float) -> None:
+    """As its multiple, or by the same difference where there is no sliding friction."""
+    law = {"law": "stribeck", "mu": mu, "mu_s": mu_s, "v_s_m_s": 0.05, "delta": 1.0}
+    scene = with_values(load_scene(read_scene("table1-stribeck") | {"friction": law}), {"mu": 0.05})
+    assert scene.friction.mu_s == pytest.approx(changed_mu_s)
 
 
 @pytest.mark.parametrize(("over", "limit"), [("b", 0.0), ("restitution", 1.0), ("gap", 0.0)])
