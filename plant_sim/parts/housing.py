@@ -12,7 +12,7 @@ from pydantic import Field
 
 from plant_sim.arrays import FloatArray
 from plant_sim.kernels import by_part, one_of, subroutine
-from plant_sim.parts.walking import Walking, bump_m_s, felt_m_s2, felt_m_s3, unbroken_s
+from plant_sim.parts.walking import Walking, along_axis, bump_m_s, leg_at, unbroken_s
 from plant_sim.tables.quantities import Acceleration, Angle, Duration, Frequency
 from plant_sim.tables.table import Table
 
@@ -75,7 +75,8 @@ def _moving_housing_m_s2(housing: Moving, t_s: float) -> float:
 
 @housing_m_s2.register(Walking)
 def _walking_housing_m_s2(housing: Walking, t_s: float) -> float:
-    return felt_m_s2(housing, t_s)
+    leg = leg_at(housing, t_s)
+    return along_axis(housing, leg.up_m_s2, leg.forward_m_s2, leg.outward_m_s2)
 
 
 _is_moving = one_of(Moving)
@@ -106,7 +107,8 @@ def _moving_housing_m_s3(housing: Moving, t_s: float) -> float:
 
 @housing_m_s3.register(Walking)
 def _walking_housing_m_s3(housing: Walking, t_s: float) -> float:
-    return felt_m_s3(housing, t_s)
+    leg = leg_at(housing, t_s)
+    return along_axis(housing, leg.up_m_s3, leg.forward_m_s3, leg.outward_m_s3)
 
 
 @subroutine

@@ -9,6 +9,7 @@ puts the foot down early, waits, and returns to the desired gait within three st
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -43,17 +44,12 @@ class _Stride(NamedTuple):
 STILL = _Stride(0.0, 0.0, 0.0)
 
 
-def begin_s(pace: PaceTable) -> float:
-    """The time from which a pace is desired."""
-    return pace.at_s
-
-
 def wanted_hz(paces: Sequence[PaceTable], t_s: float) -> float:
     """Desired stride frequency at `t_s`: linear between two paces that walk, otherwise constant.
 
     The paces are in the order of time.
     """
-    now = max(bisect_right(paces, t_s, key=begin_s) - 1, 0)
+    now = max(bisect_right(paces, t_s, key=attrgetter("at_s")) - 1, 0)
     here = paces[now]
     if now + 1 == len(paces) or here.stride_hz == 0.0 or paces[now + 1].stride_hz == 0.0 or t_s < here.at_s:
         return here.stride_hz

@@ -287,20 +287,6 @@ def along_axis(walking: Walking, up: float, forward: float, outward: float) -> f
 
 
 @subroutine
-def felt_m_s2(walking: Walking, t_s: float) -> float:
-    """a_b along the striker's axis, m/s²."""
-    leg = leg_at(walking, t_s)
-    return along_axis(walking, leg.up_m_s2, leg.forward_m_s2, leg.outward_m_s2)
-
-
-@subroutine
-def felt_m_s3(walking: Walking, t_s: float) -> float:
-    """Time derivative of a_b, m/s³."""
-    leg = leg_at(walking, t_s)
-    return along_axis(walking, leg.up_m_s3, leg.forward_m_s3, leg.outward_m_s3)
-
-
-@subroutine
 def bump_m_s(walking: Walking, t_s: float, same_s: float) -> float:
     """The velocity along the axis, m/s, that a heel strike and a knock which begin at `t_s` give the
     housing."""

@@ -48,7 +48,7 @@ class Sensing(NamedTuple):
 
     `moments`: each filter's decay and moments of 1, s, s² … over a step of `step_s`, shape (3, ORDER + 2).
     `inputs`: power coefficients over a step of crank speed, striker velocity and a_b, shape (3, ORDER + 1).
-    A tilted or moving housing has a fourth filter, and `shaken` of shape (2, DEGREE + 1), otherwise (0, …).
+    A tilted or moving housing has a fourth filter.
     `readings` are the outputs of the filters: accelerations, m/s², and the speed, rad/s; 0 without a filter.
     A module without sensors has no filters.
     """
@@ -61,7 +61,6 @@ class Sensing(NamedTuple):
     pulses: FloatArray
     active: IntArray
     pulse_s: float
-    shaken: FloatArray
     readings: FloatArray
 
 
@@ -76,7 +75,6 @@ def allocate_filters(filters: int, pulse_s: float) -> Sensing:
         pulses=np.zeros((PULSES, 2)),
         active=np.zeros(1, np.int64),
         pulse_s=float(pulse_s),
-        shaken=np.zeros((2 if filters > HOUSING else 0, DEGREE + 1)),
         readings=np.zeros(HOUSING + 1),
     )
 
@@ -169,7 +167,7 @@ def sense(run: Run, segment: Segment, used_s: float) -> None:
         to_power(dense[ROW.crank_rad_s], share, inputs[CRANK_SPEED])
         to_power(dense[ROW.v_m_s], share, inputs[STRIKER_VELOCITY])
         if not is_level(parts.housing):
-            _interpolate_housing(parts.housing, probe, used_s, segment.flow.time_s)
+            _interpolate_housing(run, used_s, segment.flow.time_s)
     _drive_filters(probe, parts, used_s, degree)
 
 
@@ -199,13 +197,14 @@ def _drive_filters(probe: Sensing, parts: Parts, used_s: float, degree: int) -> 
 
 
 @subroutine
-def _interpolate_housing(housing: Housing, probe: Sensing, used_s: float, begin_s: float) -> None:
+def _interpolate_housing(run: Run, used_s: float, begin_s: float) -> None:
     """Power coefficients of a_b over a step."""
-    values, through = probe.shaken[0], probe.shaken[1]
+    scratch = run.memory[0].scratch
+    values, through = scratch.poly, scratch.press[: DEGREE + 1]
     for i in range(DEGREE + 1):
-        values[i] = housing_m_s2(housing, begin_s + NODES[i] * used_s)
+        values[i] = housing_m_s2(run.parts.housing, begin_s + NODES[i] * used_s)
     interpolate(values, through)
-    to_power(through, 1.0, probe.inputs[SHAKEN])
+    to_power(through, 1.0, run.probe.inputs[SHAKEN])
 
 
 @subroutine

@@ -7,7 +7,8 @@ from tick to tick, takes a series of fewer terms if they suffice.
 """
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
+from typing import Any
 
 from plant_sim.arrays import FloatArray
 from plant_sim.jets import ROW, Coefficient
@@ -85,15 +86,8 @@ def _step_s(run: Run, flow: Flow, scale: FloatArray, longest_s: float, order: in
     return h_s if _is_torque_constant(parts.drive, flow, series, h_s, order) else 0.0
 
 
-class MotionCoefficients(NamedTuple):
-    """k-th coefficients of the quantities of `State` that have a series and on which rates depend."""
-
-    depth_m: float
-    v_m_s: float
-    crank_rad: float
-    crank_rad_s: float
-    plate_m: float
-    plate_m_s: float
+MotionCoefficients: Any = namedtuple("MotionCoefficients", ROW._fields[: ROW.plate_m_s + 1])
+"""k-th coefficients of the quantities of `State` that have a series and on which rates depend."""
 
 
 @subroutine(inline=True)

@@ -9,11 +9,11 @@ from scipy.optimize import brentq
 
 from plant_sim.parts.drive import IdealDrive, MotorDrive
 from plant_sim.parts.friction import Coulomb, Stribeck, Viscous
-from plant_sim.parts.housing import Moving, Tilted
+from plant_sim.parts.housing import Moving, Tilted, housing_m_s2
 from plant_sim.parts.linkage import Sine
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, NoStop, RigidStop
-from plant_sim.parts.walking import Walking, felt_m_s2
+from plant_sim.parts.walking import Walking
 from plant_sim.parts.wearer import Ankle
 from plant_sim.scene import Scene
 from plant_sim.simulation import initial_state
@@ -126,7 +126,7 @@ class Reference:
                 )
                 return along + swing * math.sin(rate * t + phase) + knock
             case Walking() as walking:
-                return felt_m_s2(walking, t)
+                return housing_m_s2(walking, t)
         return 0.0
 
     def _felt(self, plate, plate_v):
