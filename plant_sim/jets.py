@@ -124,8 +124,8 @@ def product(jet: Jet, a_row: int, a: float, b_row: int, b: float) -> float:
 def _product(jet: Coefficient, a_row: int, a: float, b_row: int, b: float) -> float:
     """Cauchy's product.
 
-    The newest coefficients come last: a processor adds up the others while it still computes those. An
-    unsigned index spares it the look for negative ones.
+    The newest coefficients come last, so that a processor adds up the others before it has computed them.
+    With an unsigned index it does not test for negative ones.
     """
     k, first, second = jet.k, jet.rows[a_row], jet.rows[b_row]
     first[k], second[k] = a, b

@@ -33,7 +33,7 @@ _Part = TypeVar("_Part")
 
 _KERNELS_ONLY: dict[str, Any] = LINKED | {
     "error_model": "numpy",
-    "forceinline": False,  # numba would hand on the caller's
+    "forceinline": False,  # by default it is the caller's
 }
 IS_INTERPRETED: bool = bool(numba_config.DISABLE_JIT)
 """Whether Python runs the kernels (NUMBA_DISABLE_JIT=1), so that a law can be stepped through."""

@@ -74,7 +74,7 @@ class Reference:
     __slots__ = ("_words", "address", "fields", "numba_type", "record")
 
     def __init__(self, record: tuple[Any, ...], fields: tuple[Any, ...], kind: Any) -> None:
-        """`fields`: what kernels read; `kind` determines its compiled type: its class, or `kind_of` it."""
+        """`fields` for kernels; `kind` determines the compiled type: the record's class, or `kind_of` it."""
         self.record = record
         self.fields = fields  # keeps the arrays alive
         if kind not in _LAYOUTS:

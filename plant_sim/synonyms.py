@@ -1,4 +1,4 @@
-"""Words with which people look for a name, beside the names' own words."""
+"""Synonyms of the words of names, for searches."""
 
 from collections.abc import Iterable
 
@@ -18,7 +18,7 @@ SYNONYMS = (
     ("e-stop", "emergency"),
     ("walk", "gait", "stride"),
 )
-"""Words of one meaning: those of the names, and those with which people look for them."""
+"""Words of one meaning: those of the names, and their synonyms in searches."""
 
 
 def with_synonyms(text: str) -> list[str]:

@@ -4,13 +4,13 @@ from enum import IntEnum
 
 
 class Event(IntEnum):
-    """What ends a flow of the closed form or a step of the adaptive solver.
+    """The end of a flow of the closed form, or of a step of the adaptive solver.
 
     The events of the crank and of the current loop are independent of the striker's.
     """
 
     NONE = 0
-    """The end of the run or of the step."""
+    """Its duration is over."""
     TOUCH = 1
     """The striker reaches the stop's surface."""
     LEAVE = 2

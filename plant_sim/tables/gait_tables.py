@@ -73,7 +73,7 @@ class GaitTable(Table):
         le=0.2,
         description="the deviation of each stride's frequency, size and length, as a share of itself",
     )
-    # 0.62 is what the curves have; a paretic leg stands shorter, the other one longer.
+    # The curves have 0.62; a paretic leg stands shorter, the other one longer.
     stance_share: Number = Field(
         default=TOE_OFF, ge=0.5, le=0.75, description="the phase at which the foot leaves the ground"
     )

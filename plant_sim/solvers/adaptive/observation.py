@@ -71,8 +71,7 @@ def follow_felt(run: Run, dense: FloatArray, share: float) -> None:
 def _largest(force: Force, dense: FloatArray, share: float, before_n: float) -> float:
     """The largest force so far: the largest of five samples on the step, refined by golden section.
 
-    Between two samples the force may be larger than both; it is taken to be larger by less than neighbouring
-    samples differ.
+    Between two samples the force may exceed both, by less than the largest difference of neighbours.
     """
     best, best_s, last_n, jump_n = -1.0, 0.0, 0.0, 0.0
     for i in range(5):

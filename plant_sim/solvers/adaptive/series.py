@@ -104,7 +104,7 @@ def expand(run: Run, flow: Flow, order: int) -> None:
     for place in range(memory.progress.used):
         i = memory.places[place]
         rows[i, 0] = memory.all_y[i]
-    depth, v = y.depth_m, y.v_m_s  # a processor would wait for them to be stored and read
+    depth, v = y.depth_m, y.v_m_s  # read from the rows, they would have to be stored first
     for k in range(order):
         motion = MotionCoefficients(
             depth,

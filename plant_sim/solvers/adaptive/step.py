@@ -55,7 +55,7 @@ def take_step(run: Run) -> float:
     remaining = (progress.duration_s - progress.elapsed_s) - progress.elapsed_low_s
     longest = _longest_s(parts, memory, begin_s)
     longest_series = min(LONGEST_SERIES * longest, smooth_for_s(parts.housing, begin_s), remaining)
-    longest_series = min(longest_series, ankle_s(parts))  # beyond, an orbit amplifies what is cut off
+    longest_series = min(longest_series, ankle_s(parts))  # beyond, an orbit amplifies the truncation
     h, order = series_step_s(run, flow, scale, longest_series, longest)
     is_series, attempts = h > 0.0, 1.0
     if is_series:
@@ -180,7 +180,8 @@ def _eighth_root(value: float) -> float:
 def _look_within(run: Run, segment: Segment, has_sample: bool) -> None:
     """The motion within the step, into `segment.dense`.
 
-    Of a series only what events, forces and samples need: the crank's motion takes as long as the striker's.
+    Of a series it is the crank's only if events, forces or samples need it, for it takes as long as the
+    striker's.
     """
     parts, flow = run.parts, segment.flow
     if not segment.is_series:

@@ -104,7 +104,7 @@ def _set_winding_rates(jet: Value, parts: Parts, flow: Flow, y: State) -> None:
     electrical = drive.pole_pairs * omega_rad_s
     set_rate(jet, ROW.i_d_a, (v_d - R * i_d + electrical * L_q * i_q) / L_d)
     set_rate(jet, ROW.i_q_a, (v_q - R * i_q - electrical * (L_d * i_d + flux_wb(drive))) / L_q)
-    # u' = α R (i* − i) + (R/L)(v − v*): nothing is added up that the bus cannot give
+    # u' = α R (i* − i) + (R/L)(v − v*): the integral has no voltage beyond the bus
     alpha_R = winding.bandwidth_rad_s * R
     commanded_a = commanded_current_a(drive, torque_n_m)
     set_rate(jet, ROW.u_d_v, -alpha_R * i_d + R / L_d * (v_d - commanded.d))

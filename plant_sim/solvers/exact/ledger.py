@@ -159,7 +159,7 @@ def _closed_form(
     free = -(0.5 * (u1 - u0) * (u1 + u0) + 0.5 * w2 * (z1 - z0) * (z1 + z0))
     zz = free / (2.0 * sigma) if sigma > 0.0 else 0.0  # ∫ z'² dt, used times σ only
     if Omega == 0.0:
-        return 0.0, zz  # the drive stands: ∫ y cos θ has no use
+        return 0.0, zz  # the drive stands: ∫ y cos θ is multiplied by 0
 
     # ∫ z cos θ = Zc and ∫ z sin θ = Zs from z'' + 2σ z' + ω² z = 0 by parts:
     #   (ω² − Ω²) Zc + 2σΩ Zs = −[z' cos θ + Ω z sin θ + 2σ z cos θ]

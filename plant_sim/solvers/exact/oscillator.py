@@ -38,7 +38,7 @@ LONGEST_RAD, SHARE = 3.2, 1e-2
 a share of gap and piston stroke."""
 
 LEAST_LENGTH_M = 1e-100
-"""A stroke or a length of dry friction below this is taken as none, since its square would vanish."""
+"""A stroke or a length of dry friction below this counts as 0, since its square would vanish."""
 
 LONG_ANGLE_RAD = 32.0  # beyond this an angle is reduced in two floats
 
