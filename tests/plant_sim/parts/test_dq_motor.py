@@ -16,7 +16,7 @@ from plant_sim.plant import Plant
 from plant_sim.scene import Scene, load_scene
 from plant_sim.sensors.sensing import NO_SENSING
 from plant_sim.simulation import initial_state, simulate
-from plant_sim.solvers.adaptive.adaptive import run
+from plant_sim.solvers.adaptive.adaptive import advance_by
 from plant_sim.solvers.adaptive.state_layout import Run, allocate
 
 SALIENT = {"d_inductance_h": 0.25e-3, "q_inductance_h": 0.35e-3}
@@ -66,7 +66,7 @@ def test_agrees_with_motulator(changes: dict[str, Any], torque_n_m: float, spun_
     memory: Any = one.memory[0]
     ours, limited = [], False
     for t_s in times_s:
-        run(one, torque_n_m, 0.0, float(t_s))
+        advance_by(one, torque_n_m, 0.0, float(t_s))
         limited = limited or memory.mode.voltage_limited == 1
         i_d, i_q = memory.y.i_d_a, memory.y.i_q_a
         torque = 1.5 * parts.drive.pole_pairs * (0.08 / 10.5 + (0.25e-3 - 0.35e-3) * i_d) * i_q

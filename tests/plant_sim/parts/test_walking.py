@@ -131,7 +131,7 @@ def test_what_is_felt_is_the_second_difference_of_where_the_module_is(axis: str)
         )
 
 
-def _place(walking: Walking, row: w.Rows, t_s: float) -> np.ndarray:
+def _place(walking: Walking, row: np.ndarray, t_s: float) -> np.ndarray:
     """Ankle forward, up and outward, lean and tilt, by numpy's polynomials and the series as they stand."""
     s = (t_s - row[w.BEGIN_S]) / row[w.LENGTH_S]
     blend = np.polynomial.Polynomial([0, 0, 0, 10.0, -15.0, 6.0])

@@ -15,7 +15,7 @@ from plant_sim.plant import Plant
 from plant_sim.scene import load_scene
 from plant_sim.sensors.sensing import NO_SENSING
 from plant_sim.simulation import initial_state
-from plant_sim.solvers.adaptive.adaptive import run, simulate
+from plant_sim.solvers.adaptive.adaptive import advance_by, simulate
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.series import expand, series_step_s, state_after
 from plant_sim.solvers.adaptive.state_layout import allocate
@@ -80,7 +80,7 @@ def module(base: str, changes: dict[str, Any], torque_n_m: float = 0.02) -> Any:
     """A module after a third of a second."""
     scene = load_scene(changed(base, {"sensors": None, **changes}))
     one = allocate(scene.parts(), initial_state(scene), 1e-10, 100, NO_SENSING)
-    run(one, torque_n_m, 0.0, T_S)
+    advance_by(one, torque_n_m, 0.0, T_S)
     return one
 
 
