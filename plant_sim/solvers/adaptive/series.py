@@ -7,8 +7,7 @@ from tick to tick, takes a series of fewer terms if they suffice.
 """
 
 import math
-from collections import namedtuple
-from typing import Any
+from typing import NamedTuple
 
 from plant_sim.arrays import FloatArray
 from plant_sim.jets import ROW, Coefficient
@@ -86,8 +85,15 @@ def _step_s(run: Run, flow: Flow, scale: FloatArray, longest_s: float, order: in
     return h_s if _is_torque_constant(parts.drive, flow, series, h_s, order) else 0.0
 
 
-MotionCoefficients: Any = namedtuple("MotionCoefficients", ROW._fields[: ROW.plate_m_s + 1])
-"""k-th coefficients of the quantities of `State` that have a series and on which rates depend."""
+class MotionCoefficients(NamedTuple):
+    """k-th coefficients of the quantities of `State` that have a series and on which rates depend."""
+
+    depth_m: float
+    v_m_s: float
+    crank_rad: float
+    crank_rad_s: float
+    plate_m: float
+    plate_m_s: float
 
 
 @subroutine(inline=True)
