@@ -23,8 +23,8 @@ class Tolerance(NamedTuple):
             return True
         if not all(isinstance(one, int | float) and not isinstance(one, bool) for one in (before, after)):
             return False
-        if math.isnan(before) or math.isnan(after):
-            return math.isnan(before) and math.isnan(after)
+        if math.isnan(before) and math.isnan(after):
+            return True
         return math.isclose(before, after, rel_tol=self.relative, abs_tol=self.absolute)
 
 

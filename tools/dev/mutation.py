@@ -19,7 +19,7 @@ import importlib.util
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from enum import Enum
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -83,7 +83,7 @@ def changes(node: ast.AST, members: dict[str, list[str]]) -> Iterator[ast.AST]:
         case ast.Attribute(value=ast.Name(id=name)) if name in members:
             others = members[name]
             following = others[(others.index(node.attr) + 1) % len(others)]
-            yield ast.Attribute(ast.Name(name), following)
+            yield ast.Attribute(ast.Name(name, ast.Load()), following, ast.Load())
 
 
 def mutants(source: str, members: dict[str, list[str]]) -> Iterator[Mutant]:
@@ -128,20 +128,21 @@ def members_of(module: ModuleType) -> dict[str, list[str]]:
 
 def passes(name: str, code: ast.Module, tests: Sequence[str]) -> bool:
     """Whether the tests pass with `code` as the module; they run in a forked process."""
+    compiled = compile(code, name, "exec")  # here, because an error in the child would count as a kill
     faulthandler.cancel_dump_traceback_later()  # it waits for a thread, which a fork does not copy
     child = os.fork()
     if child == 0:
-        os._exit(_run_in_child(name, code, tests))
+        os._exit(_run_in_child(name, compiled, tests))
     _, status = os.waitpid(child, 0)
     return os.waitstatus_to_exitcode(status) == pytest.ExitCode.OK
 
 
-def _run_in_child(name: str, code: ast.Module, tests: Sequence[str]) -> int:
+def _run_in_child(name: str, code: CodeType, tests: Sequence[str]) -> int:
     signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
     silent = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silent, 1)
     os.dup2(silent, 2)
-    sys.meta_path.insert(0, _Finder(name, lambda: compile(code, name, "exec")))
+    sys.meta_path.insert(0, _Finder(name, code))
     # Import the whole package again: loaded modules refer to the unchanged module.
     for loaded in list(sys.modules):
         if loaded.split(".")[0] == name.split(".", maxsplit=1)[0]:
@@ -154,7 +155,7 @@ def _run_in_child(name: str, code: ast.Module, tests: Sequence[str]) -> int:
 class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     """Imports one module with code that differs from its file."""
 
-    def __init__(self, name: str, code: Callable[[], CodeType]) -> None:
+    def __init__(self, name: str, code: CodeType) -> None:
         self.name, self.code = name, code
         self.origin = getattr(importlib.util.find_spec(name), "origin", None)
 
@@ -168,7 +169,7 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
     def exec_module(self, module: ModuleType) -> None:
         """Run the changed code."""
-        exec(self.code(), module.__dict__)
+        exec(self.code, module.__dict__)
 
 
 def main(name: str, tests: Sequence[str]) -> int:

@@ -91,6 +91,29 @@ def test_a_signal_of_the_firmware_before_its_first_tick_is_named_as_the_reason()
 
 
 @pytest.mark.parametrize(
+    ("expression", "first_tick_s"),
+    [("max((plant.x_m + 1) / 0)", 1.5), ("max(firmware.outputs.torque_n_m / 0)", 0.0)],
+)
+def test_a_figure_that_is_not_finite_has_no_such_reason_without_such_a_signal(expression, first_tick_s):
+    t_s = np.arange(6) * 1.0
+    with pytest.raises(ExpressionError, match=r"gives inf$"):
+        own_figure(expression, WHOLE, plant(t_s, x_m=t_s), firmware([first_tick_s, 2.5], [10.0, 20.0]))
+
+
+@pytest.mark.parametrize(("instants", "ticks"), [(0, 1), (1, 0), (0, 0)])
+def test_without_a_tick_of_both_nodes_there_is_no_figure(instants, ticks):
+    records, idle = plant([0.0], x_m=[3.0]), firmware([0.0], 0.0)
+    with pytest.raises(ExpressionError, match="recorded no tick"):
+        own_figure("max(plant.x_m)", WHOLE, records[:instants], idle[:ticks])
+    assert own_figure("max(plant.x_m)", WHOLE, records, idle) == 3.0
+
+
+@pytest.mark.parametrize("name", ["rise_s", "settling_s", "overshoot"])
+def test_a_figure_of_a_step_response_is_accepted_before_a_run(name):
+    assert Check(name="mine", expression=f"{name}(plant.omega_rad_s)", high=1.0).expression
+
+
+@pytest.mark.parametrize(
     ("expression", "said"),
     [
         ("max(plant.omega)", r"no signal plant.omega; did you mean omega_rad_s"),
@@ -131,11 +154,23 @@ def test_what_no_run_could_work_out_is_refused_before_it(expression, said):
         ("mean(plant.x_m > 1.5)", 0.6),
         ("sqrt(16) + abs(-1) + pi", 5.0 + math.pi),
         ("rms(plant.x_m - 1)", math.sqrt(15 / 5)),
+        ("max(plant.x_m)".rjust(1000), 4.0),
     ],
 )
 def test_an_expression_gives_what_python_would(expression, value):
     t_s = np.arange(5) * 1.0
     assert own_figure(expression, WHOLE, plant(t_s, x_m=t_s), firmware(t_s, 0.0)) == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    ("opening", "closing"), [("-", ""), ("abs(", ")"), ("1+(", ")"), ("(", "+1)"), ("1<(", ")")]
+)
+def test_a_hundred_operations_within_one_another_are_worked_out_and_one_more_is_refused(opening, closing):
+    t_s = np.arange(2) * 1.0
+    records, idle = plant(t_s, x_m=t_s), firmware(t_s, 0.0)
+    assert math.isfinite(own_figure(f"{opening * 100}1{closing * 100}", WHOLE, records, idle))
+    with pytest.raises(ExpressionError, match="more than 100 operations"):
+        own_figure(f"{opening * 101}1{closing * 101}", WHOLE, records, idle)
 
 
 @pytest.mark.parametrize("expression", ["(((9**9999)**9999)**9999)", "9" * 999, "-1e308 * 10", "(-8) ** 0.5"])

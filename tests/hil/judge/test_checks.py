@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from hil.figures.gaps import Gap
 from hil.judge.evaluation import evaluate, margin, margin_in, margin_share
+from hil.judge.verdict import Verdict
 from hil.record.run_traces import RunTraces
 from hil.scenario.checks import Bounds, Check, checks_of
 
@@ -164,6 +166,16 @@ def test_an_unequal_value_has_no_margin_and_an_equal_one_is_at_its_limit():
     check = Check(name="impact_count", equals=8)
     assert (margin(check, 8), margin(check, 9)) == (0.0, -math.inf)
     assert margin_in(Bounds(), 1.0) == -math.inf  # without a limit nothing passes
+
+
+def test_a_value_meets_a_requirement_up_to_its_limit_unless_the_check_is_not_judged():
+    check = Check(name="peak_force_n", high=200.0, required=Bounds(high=250.0))
+    of_run = figures(peak_force_n=250.0)
+    (judged,) = evaluate([check], of_run)
+    assert (judged.verdict, judged.meets_requirement) == (Verdict.FAILED, True)
+    of_run.gaps = [Gap(1.0, 1.1, "plant")]
+    (doubted,) = evaluate([check], of_run)
+    assert (doubted.verdict, doubted.meets_requirement) == (Verdict.NOT_JUDGED, None)
 
 
 def test_a_check_stays_as_it_was_read_and_a_scenario_has_500_of_them_at_most():

@@ -30,6 +30,13 @@ NO_TRACES = ["plant left no readable trace", "firmware left no readable trace"]
         (WHOLE, NO_TRACES),
         (replace(WHOLE, damage=("can.log is damaged",)), ["can.log is damaged", *NO_TRACES]),
         (RunTraces(outcome={"reasons": ["plant died"]}), ["plant died", *NO_TRACES]),
+        (
+            replace(WHOLE, run={"firmware": "mine.py:tick"}),
+            [
+                NO_TRACES[0],
+                f"{NO_TRACES[1]}: an own controller's is made from the FirmwareHeartbeat that it sends",
+            ],
+        ),
         # A log of a real bench has no traces of ours, and a run that the host cut need not have them.
         (replace(WHOLE, run={"clock": "imported"}), []),
         (RunTraces(outcome={"cut_s": 2.0}), []),

@@ -73,6 +73,21 @@ def test_the_projects_own_tests_pass_with_its_own_options() -> None:
     )
 
 
+def test_every_mutant_is_code_and_a_change_that_is_none_is_an_error_and_no_kill(
+    tests_of: Callable[[float], str],
+) -> None:
+    tests = tests_of(2.0)
+    for made in mutation.mutants(SOURCE, {"Mode": ["OFF", "ON"]}):
+        compile(made.code, "module", "exec")
+    (member,) = (m for m in mutation.mutants(SOURCE, {"Mode": ["OFF", "ON"]}) if m.after == "Mode.ON")
+    assert mutation.passes("small_package.module", member.code, [tests])
+    no_code = ast.Module(
+        [ast.Expr(ast.Name("x", ast.Store(), lineno=1, col_offset=0), lineno=1, col_offset=0)], []
+    )
+    with pytest.raises(ValueError, match="Load"):
+        mutation.passes("small_package.module", no_code, [tests])
+
+
 @pytest.mark.parametrize(("x", "survives"), [(2.0, False), (5.0, True)])
 def test_a_mutant_survives_tests_that_do_not_look_at_it(
     x: float, survives: bool, tests_of: Callable[[float], str]
