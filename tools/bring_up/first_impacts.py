@@ -7,6 +7,7 @@ the stop the striker is pushed back. A striker that swings further than the stop
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -107,9 +108,12 @@ def first_bound(context: Context) -> Largest:
     return Largest(force_n=limit_n, torque_n_m=TORQUE_N_M, speed_rad_s=1.5 * speed_rad_s)
 
 
-def approach(context: Context, found: Findings) -> dict[str, float]:
-    """Raise the speed until enough impacts were seen; the parameters with signs and stop."""
-    log = context.log("first-impacts")
+def approach(context: Context, found: Findings) -> tuple[dict[str, float], list[Path]]:
+    """Raise the speed until enough impacts were seen.
+
+    The parameters with the striker's sign, and the logs: of a hard stop, that of each approach.
+    """
+    logs = [context.log("first-impacts")]
     count = round((LAST_RATIO - FIRST_RATIO) / STEP_RATIO)
     commands = [
         Command(0.0 if number == 0 else 5.0 + number * STEP_S, Request.RUN, FIRST_RATIO + number * STEP_RATIO)
@@ -119,7 +123,7 @@ def approach(context: Context, found: Findings) -> dict[str, float]:
     def play(share: float) -> Watched:
         player = Watched(commands, 5.0 + (count + 8) * STEP_S, context.values, ENOUGH)
         limit_n = share * context.values["limit.force_n"]
-        operate(context, player, log, cautious(context, first_bound(context), limit_n))
+        operate(context, player, logs[-1], cautious(context, first_bound(context), limit_n))
         return player
 
     try:
@@ -131,6 +135,7 @@ def approach(context: Context, found: Findings) -> dict[str, float]:
         ):
             raise
         context.bench.play(Listener(), RESTING_S, context.log("rest"))
+        logs.append(context.log("first-impacts-again"))
         player = play(HARD_SHARE)
     found.notes += player.notes
     if len(player.seen) < FEWEST:
@@ -154,13 +159,13 @@ def approach(context: Context, found: Findings) -> dict[str, float]:
         values[REVERSED] = 1.0
         found.parameters[REVERSED] = make_value(REVERSED, 1.0)
     found.add("impacts of the approach", len(player.seen), "1")
-    return values
+    return values, logs
 
 
 def first_impacts(context: Context, found: Findings) -> None:
     """The approach, its fit, the hold at the wanted ratio, and the fit of the hold."""
-    values = approach(context, found)
-    new, identified, readings = fit_module([context.log("first-impacts")], values)
+    values, logs = approach(context, found)
+    new, identified, readings = fit_module(logs[-1:], values)
     if "stop.position_m" not in new:
         raise StepFailedError(
             f"{len(identified.impacts)} impacts faster than {GRAZING_M_S} m/s are too few for the stop; "
@@ -173,7 +178,7 @@ def first_impacts(context: Context, found: Findings) -> None:
     found.axes = ("time in s", "acceleration in m/s²")
     found.parameters |= new
     values |= {name: one.value for name, one in found.parameters.items()}
-    hold(context, found, with_overrides(values))
+    hold(context, found, with_overrides(values), logs)
 
 
 def allow_impulse(context: Context, values: Mapping[str, float]) -> dict[str, float]:
@@ -201,8 +206,8 @@ def with_reason(error: StepFailedError, values: Mapping[str, float], ratio: floa
     return "; ".join(filter(None, (str(error), explain_no_hold(values, ratio) or remedy)))
 
 
-def hold(context: Context, found: Findings, values: dict[str, float]) -> None:
-    """Hold the wanted ratio with the parameters found, and fit them again."""
+def hold(context: Context, found: Findings, values: dict[str, float], logs: Sequence[Path]) -> None:
+    """Hold the wanted ratio with the parameters found, and fit them again, with the approach's last log."""
     raised = allow_impulse(context, values)
     values = values | raised
     limit_n = min(
@@ -230,9 +235,8 @@ def hold(context: Context, found: Findings, values: dict[str, float]) -> None:
     speed_m_s, impulse_n_s = np.median([(one.approach_speed_m_s, one.impulse_n_s) for one in hits], axis=0)
     found.add("approach speed in the hold", speed_m_s, "m/s")
     found.add("impulse in the hold", impulse_n_s, "N s")
-    found.parameters |= fit_module([context.log("first-impacts"), log], values)[0]
-    mass_kg = values["striker.mass_kg"]
-    parts = [largest_in(one, mass_kg) for one in (context.log("first-impacts"), log)]
+    found.parameters |= fit_module([logs[-1], log], values)[0]
+    parts = [largest_in(one, values["striker.mass_kg"]) for one in (*logs, log)]
     found.largest = Largest(*np.max(np.array(parts), axis=0).tolist())
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from firmware_py.interface import codec
 from firmware_py.interface.generated.records import SetInputTorque
+from hil.bus.base import NodeBus
 from hil.bus.in_process import InProcessBus
 from hil.bus.log.can_log import CanLog
 from hil.faults.fault import Fault
@@ -33,7 +34,9 @@ class LockstepBench:
         self._pace = Pace(TICK_S, None, is_timed=False)
         self._line = FaultyBus(self._bus.join(), PLANT, faults, seed, TICK_S)
         self.plant = PlantRunner(scene, seed, self._pace, self._line, no_trace, faults)
-        self._own, self._log = self._bus.join(), self._bus.join()
+        self.own: NodeBus = self._bus.join()
+        """The line of the steps to the bus."""
+        self._log = self._bus.join()
         self.tick = 0
         self.impacts: list[Impact] = []
         """The true impacts since power-up."""
@@ -45,27 +48,27 @@ class LockstepBench:
     ) -> None:
         """See `Bench.play`."""
         firmware = self._power_up(parameters) if parameters is not None else None
-        for waiting in (self._own, self._log):
+        for waiting in (self.own, self._log):
             waiting.receive()
         begin = self.tick
         with CanLog(make_anew(log)) as file:
             try:
                 while (tick := self.tick - begin) < round(longest_s / TICK_S):
                     self._step_plant(log.stem)
-                    frames = player.play(tick, self._own.receive())
+                    frames = player.play(tick, self.own.receive())
                     if frames is None:
                         break
-                    self._own.send_all(frames)
+                    self.own.send_all(frames)
                     if firmware is not None:
                         firmware.step(self.tick)
                     file.write(tick * US_A_TICK, self._log.receive())
                     self.tick += 1
             except BaseException:
                 if player.moves:
-                    self._own.send_all(EMERGENCY)
+                    self.own.send_all(EMERGENCY)
                 raise
         if firmware is not None:  # as the process that ends
-            self._own.send_all([codec.SET_INPUT_TORQUE.encode(SetInputTorque(0.0))])
+            self.own.send_all([codec.SET_INPUT_TORQUE.encode(SetInputTorque(0.0))])
 
     def _power_up(self, parameters: Mapping[str, float]) -> FirmwareRunner:
         memory = ParameterMemory(parameters, (), 0)

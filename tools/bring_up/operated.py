@@ -23,6 +23,8 @@ BEGUN_S = 2.2
 SILENT_S = 3.0
 CLEARED_S = 1.0
 """Longest time in which the drive clears its errors."""
+LINE_TICKS = round(10.0 / TICK_S)
+"""Periods between two lines about the motion."""
 LONGEST_STOP_S, LONGEST_REST_S = 4.0, 40.0
 STILL_REV_S, STILL_S = 0.02, 1.0
 """A crank that is slower for this time rests."""
@@ -49,13 +51,15 @@ HINTS = {
 """What to do about a fault that other causes than the module's have too."""
 
 
-class EStopCleared:
-    """Clears the drive's error of an E-stop in an earlier step, and no other error; ends once it has gone."""
+class ErrorCleared:
+    """Clears the drive's errors if they are all among `cleared`; ends once they have gone, or are others."""
 
     moves = False
 
-    def __init__(self) -> None:
-        self._beats = 0
+    def __init__(self, cleared: int) -> None:
+        self._cleared, self._beats = cleared, 0
+        self.error = 0
+        """The errors that the drive has last reported."""
 
     def play(self, _: int, received: Sequence[Frame]) -> Sequence[Frame] | None:
         """Wait for the drive's heartbeats; the first one may be older than the E-stop."""
@@ -63,8 +67,9 @@ class EStopCleared:
         self._beats += len(beats)
         if not beats or self._beats < 2:
             return ()
-        is_left = codec.DRIVE_HEARTBEAT.decode(beats[-1].data).axis_error == AxisError.ESTOP_REQUESTED
-        return [codec.CLEAR_ERRORS.encode(ClearErrors(0))] if is_left else None
+        self.error = codec.DRIVE_HEARTBEAT.decode(beats[-1].data).axis_error
+        is_cleared = self.error and not self.error & ~self._cleared
+        return [codec.CLEAR_ERRORS.encode(ClearErrors(0))] if is_cleared else None
 
 
 class Operated:
@@ -90,6 +95,9 @@ class Operated:
         """The tick in which a stop ended by STOP_FAILED."""
         self._turning_tick = self._encoder_tick = 0
         self.notes: list[str] = []
+        self.says: Callable[[str], None] = lambda _: None
+        """Takes a line about the motion now and then."""
+        self._line_tick = LINE_TICKS
         self.tick, self._beat_tick = 0, 0
         self.beat: FirmwareHeartbeat | None = None
         self.impacts: list[tuple[int, ImpactEvent]] = []
@@ -126,6 +134,10 @@ class Operated:
                 return None
             if tick > self._end_tick + LONGEST_STOP_S / TICK_S:
                 raise StepFailedError(f"the module is still in {Mode(self.beat.mode).name} after its stop")
+        if tick >= self._line_tick and self.beat is not None:
+            self._line_tick += LINE_TICKS
+            target_rad_s = self.beat.target_omega_rad_s
+            self.says(f"{tick * TICK_S:.0f} s: {Mode(self.beat.mode).name}, target {target_rad_s:.1f} rad/s")
         if tick < self._node.due_tick:
             return ()
         waiting, self._waiting = self._waiting, []
@@ -185,6 +197,28 @@ class Operated:
 
 
 def operate(context: Context, player: Operated, log: Path, parameters: Mapping[str, float]) -> None:
-    """Play a script with the firmware, which does not become ready with the E-stop of an earlier step."""
-    context.bench.play(EStopCleared(), CLEARED_S, context.log("before"))
+    """Play a script with the firmware, which does not become ready while the drive has errors.
+
+    The error of an earlier step's E-stop is cleared; that of the watchdog, as after an adapter that has died,
+    after a yes. Raises StepFailedError for any other.
+    """
+    cleared = AxisError.ESTOP_REQUESTED.value
+    context.bench.play(before := ErrorCleared(cleared), CLEARED_S, context.log("before"))
+    cleared |= AxisError.WATCHDOG_TIMER_EXPIRED
+    if (
+        before.error
+        and not before.error & ~cleared
+        and context.asks(
+            "The drive's watchdog has ended its torque, as it must when the adapter or this command ends in "
+            "motion. Clear its error?"
+        )
+    ):
+        context.bench.play(before := ErrorCleared(cleared), CLEARED_S, context.log("before"))
+    if before.error:
+        names = ", ".join(one.name for one in AxisError if before.error & one)
+        raise StepFailedError(
+            f"the drive reports {names}: mend its cause, clear the error with the maker's tool, then repeat "
+            "the step"
+        )
+    player.says = context.says
     context.bench.play(player, player.longest_s, log, parameters)

@@ -6,8 +6,9 @@ Each module has another mass, spring, crank radius, stop, friction and encoder o
 wrongly, one in ten is broken. The command gets the mass and the nominal data sheet only. A module whose own
 steady impacts end below the wanted ratio, or come later in the turn than the firmware holds them, must end
 with this reason and is counted apart. The others must end in a hold whose approach speed and peak force are
-those of the module's steady impacts. The table says how each ended, how often the true values were within the
-intervals, with the binomial bounds of 95 %, and whether any step exceeded its bounds.
+those of the module's steady impacts. The lines say how each ended; those after them how many ended as wanted,
+how often the true values were within the intervals, both with Wilson's bounds of 95 %, and whether any step
+exceeded its bounds.
 """
 
 import argparse
@@ -18,7 +19,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import binom
 
 from firmware_py.shell.parameters import DEFAULTS
 from hil.scenario.scenario import check_scenario
@@ -26,6 +26,7 @@ from plant_sim.scene import read_scene
 from tools.bring_up.lockstep import LockstepBench
 from tools.bring_up.session import Session, User
 from tools.campaign.identified import Orbit, steady_orbit
+from tools.campaign.statistics import wilson
 
 SCENE = "table1-motor-soft"
 WRONG_SHARE, BROKEN_SHARE = 1 / 6, 1 / 10
@@ -39,7 +40,7 @@ NO_HOLD = "no impacts|hardly moves|dead centre"
 """What the reason says where the module's impacts end below the wanted ratio."""
 STOPPING, JUDGED = 4, 10
 """Last impacts, which the stop may have changed, and those before them that are judged."""
-STEP_OF_LOG = {"hold": "first-impacts"}
+STEP_OF_LOG = dict.fromkeys(("first-impacts-again", "hold"), "first-impacts")
 """Steps whose logs have another name."""
 
 
@@ -203,7 +204,7 @@ def run_trial(seed: int) -> Trial:
     inside = {
         name: found[name]["low"] <= value <= found[name]["high"]
         for name, value in truth.items()
-        if name in found and not hidden.reason
+        if name in found and hidden.kind not in BROKEN
     }
     beyond = beyond_bounds(bench, result["steps"])
     return Trial(
@@ -217,6 +218,12 @@ def run_trial(seed: int) -> Trial:
         beyond,
         inside,
     )
+
+
+def share_of(hits: Sequence[bool]) -> str:
+    """How many are true, with the bounds of the share."""
+    share = wilson(sum(hits), len(hits))
+    return f"{sum(hits)} of {len(hits)} ({share.low:.0%} to {share.high:.0%})"
 
 
 def main() -> None:
@@ -238,14 +245,12 @@ def main() -> None:
                 flush=True,
             )
     for kind in dict.fromkeys(one.kind for one in trials):
-        ended = [one.as_wanted for one in trials if one.kind == kind]
-        print(f"{kind}: {sum(ended)} of {len(ended)} ended as wanted")
+        print(f"{kind}: {share_of([one.as_wanted for one in trials if one.kind == kind])} ended as wanted")
     print(f"{sum(bool(one.beyond) for one in trials)} trials exceeded a step's bounds")
     print(f"longest bench time {max(one.bench_s for one in trials):.0f} s")
     for name in dict.fromkeys(name for one in trials for name in one.inside):
-        hits = [one.inside[name] for one in trials if name in one.inside]
-        least = int(binom.ppf(0.025, len(hits), 0.95))
-        print(f"{name}: the truth is inside {sum(hits)} of {len(hits)} intervals, wanted at least {least}")
+        inside = share_of([one.inside[name] for one in trials if name in one.inside])
+        print(f"{name}: the truth is inside {inside} intervals")
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ from tools.bring_up.first_impacts import approach, hold
 from tools.bring_up.listen import LISTEN
 from tools.bring_up.operated import (
     BEGUN_S,
-    EStopCleared,
+    ErrorCleared,
     LatchedFaultError,
     Operated,
     RatioTooHighError,
@@ -244,7 +244,7 @@ def test_a_hold_that_fails_says_why_and_keeps_no_raised_limit(name: str, tmp_pat
     bench, found = Ends(error), Findings()
     context = Context(bench, tmp_path, values, {}, lambda _: True, lambda _: None, 1.25)
     with pytest.raises(StepFailedError) as raised:
-        hold(context, found, values)
+        hold(context, found, values, [])
     said = str(raised.value)
     assert said == reason or (reason in said and not said.endswith("; "))
     assert found.parameters == {}
@@ -377,11 +377,16 @@ def test_a_silent_sensor_names_the_remedy() -> None:
 
 @pytest.mark.parametrize(
     ("error", "is_cleared"),
-    [(AxisError.ESTOP_REQUESTED, True), (AxisError.WATCHDOG_TIMER_EXPIRED, False), (0, False)],
+    [
+        (AxisError.ESTOP_REQUESTED, True),
+        (AxisError.ESTOP_REQUESTED | AxisError.DRV_FAULT, False),
+        (AxisError.WATCHDOG_TIMER_EXPIRED, False),
+        (0, False),
+    ],
 )
 def test_no_other_error_of_the_drive_is_cleared(error: int, is_cleared: bool) -> None:
     beat = DriveHeartbeat(*[0] * len(DriveHeartbeat._fields))._replace(axis_error=error)
-    player = EStopCleared()
+    player = ErrorCleared(AxisError.ESTOP_REQUESTED)
     assert player.play(0, []) == ()
     assert player.play(1, [codec.DRIVE_HEARTBEAT.encode(beat)]) == ()
     sent = player.play(2, [codec.DRIVE_HEARTBEAT.encode(beat)])
@@ -390,15 +395,16 @@ def test_no_other_error_of_the_drive_is_cleared(error: int, is_cleared: bool) ->
 
 
 class HardStop:
-    """A bench on which each approach ends at its force limit; `limits_n` has that of each step on the bus."""
+    """A bench on which each approach ends at its force limit; `limits_n` has that of each approach's log."""
 
     def __init__(self) -> None:
-        self.limits_n: list[float | None] = []
+        self.limits_n: dict[str, float] = {}
 
-    def play(self, _: Any, _longest_s: float, _log: Path, parameters: Any = None) -> None:
-        """End an approach, which has parameters; the wait between two has none."""
-        self.limits_n.append(parameters and parameters["limit.force_n"])
+    def play(self, _: Any, _longest_s: float, log: Path, parameters: Any = None) -> None:
+        """End an approach, which has parameters; what comes before and between has none."""
         if parameters:
+            assert log.stem not in self.limits_n, "the first approach's log is overwritten"
+            self.limits_n[log.stem] = parameters["limit.force_n"]
             raise LatchedFaultError("it stopped: FORCE_LIMIT", Fault.FORCE_LIMIT)
 
 
@@ -409,7 +415,8 @@ def test_a_hard_stop_is_approached_again_after_a_yes(agrees: bool, tmp_path: Pat
     context = Context(bench, tmp_path, values, {}, lambda _: agrees, lambda _: None, 1.25)
     with pytest.raises(LatchedFaultError, match="FORCE_LIMIT"):
         approach(context, Findings())
-    assert bench.limits_n == ([None, 250.0, None, None, 500.0] if agrees else [None, 250.0])
+    again = {"first-impacts-again": 500.0} if agrees else {}
+    assert bench.limits_n == {"first-impacts": 250.0} | again
 
 
 def test_found_values_that_no_module_has_end_the_step_and_are_not_kept(
