@@ -49,11 +49,16 @@ def wire(ticks: Ticks, values: Mapping[str, float]) -> Ticks:
 
 
 def read_turning(logs: Sequence[Path], values: Mapping[str, float]) -> Readings:
-    """The motion of logs one after another, without parts in which the crank hardly turns."""
+    """The motion of logs one after another, without parts in which the crank hardly turns.
+
+    A piece between lost samples that is too short for the speed's average is left out too.
+    """
     parts, ends, begins, rows = [], [], [], 0
     for log in logs:
         one = merge_ticks(wire(read_ticks(log), values), values["sensor.low_full_scale_m_s2"])
         for begin, end in one.pieces:
+            if end - begin < SMOOTHED:
+                continue
             speed = np.gradient(one.angle_rad[begin:end], one.period_s)
             kernel = np.ones(SMOOTHED) / SMOOTHED
             turns = np.convolve(speed, kernel, "same") > TURNING_RAD_S

@@ -1,4 +1,7 @@
-"""An adapter that dies in each step of a bring-up: the module rests, a status says why, the step is repeated."""
+"""A bus that fails in a bring-up: an adapter that dies in each step, and samples that are lost.
+
+After a death the module rests, a status says why, and the step is repeated.
+"""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -6,11 +9,16 @@ from typing import Any
 
 import pytest
 
+from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisState
 from firmware_py.interface.frame import Frame
+from firmware_py.interface.generated.records import Accelerometer, EncoderEstimates
+from firmware_py.shell.parameters import with_overrides
 from hil.bus import BusFailedError
 from hil.bus.base import NodeBus
+from hil.bus.can_log import CanLog
 from tools.bring_up.lockstep import LockstepBench
+from tools.bring_up.module_fit import read_turning
 from tools.bring_up.session import read_state
 from tools.bring_up.trials import bench_of, beyond_bounds, brought_up
 
@@ -72,3 +80,19 @@ def test_an_adapter_that_dies_in_a_step_leaves_the_module_at_rest(tmp_path: Path
     result = brought_up(bench, folder, "first-impacts")
     assert result["passed"], result["steps"][-1]["reason"]
     assert beyond_bounds(bench, result["steps"]) == []
+
+
+def test_pieces_between_lost_samples_are_read_where_the_crank_turns(tmp_path: Path) -> None:
+    """A piece that is shorter than the average of the speed shows no speed."""
+    log, lost = tmp_path / "steps.log", {400, 402, 450}
+    with CanLog(log) as file:
+        for tick in set(range(1000)) - lost:
+            angle_rev = 0.5e-3 * tick
+            frames = [
+                codec.ACCELEROMETER.encode(Accelerometer(0.01 * (tick % 7), 0.0, 0.0), tick % 256),
+                codec.ENCODER_ESTIMATES.encode(EncoderEstimates(angle_rev, 0.5)),
+            ]
+            file.write(1000 * tick, frames)
+    pieces = read_turning([log], with_overrides({})).pieces
+    assert [begin for begin, _ in pieces] == [0, 451]
+    assert [end for _, end in pieces] == [400, 1000]
