@@ -226,6 +226,17 @@ def share_of(hits: Sequence[bool]) -> str:
     return f"{sum(hits)} of {len(hits)} ({share.low:.0%} to {share.high:.0%})"
 
 
+def print_shares(trials: Sequence[Trial]) -> None:
+    """Print how many have ended as wanted, and how many intervals contain the truth."""
+    for kind in dict.fromkeys(one.kind for one in trials):
+        print(f"{kind}: {share_of([one.as_wanted for one in trials if one.kind == kind])} ended as wanted")
+    print(f"{sum(bool(one.beyond) for one in trials)} trials exceeded a step's bounds")
+    print(f"longest bench time {max(one.bench_s for one in trials):.0f} s")
+    for name in dict.fromkeys(name for one in trials for name in one.inside):
+        inside = share_of([one.inside[name] for one in trials if name in one.inside])
+        print(f"{name}: the truth is inside {inside} intervals")
+
+
 def main() -> None:
     """Run the trials and print the table."""
     parser = argparse.ArgumentParser(
@@ -244,13 +255,7 @@ def main() -> None:
                 f"{one.seed} {one.kind}: {word}, {one.step}, {one.bench_s:.0f} s. {one.reason} {one.beyond}",
                 flush=True,
             )
-    for kind in dict.fromkeys(one.kind for one in trials):
-        print(f"{kind}: {share_of([one.as_wanted for one in trials if one.kind == kind])} ended as wanted")
-    print(f"{sum(bool(one.beyond) for one in trials)} trials exceeded a step's bounds")
-    print(f"longest bench time {max(one.bench_s for one in trials):.0f} s")
-    for name in dict.fromkeys(name for one in trials for name in one.inside):
-        inside = share_of([one.inside[name] for one in trials if name in one.inside])
-        print(f"{name}: the truth is inside {inside} intervals")
+    print_shares(trials)
 
 
 if __name__ == "__main__":
