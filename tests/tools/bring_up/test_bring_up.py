@@ -9,9 +9,8 @@ import pytest
 import tomli_w
 
 from firmware_py.interface import codec
-from firmware_py.interface.enums import AxisError, AxisState, Fault, Mode, Refusal
+from firmware_py.interface.enums import AxisState, Fault, Mode, Refusal
 from firmware_py.interface.generated.records import (
-    DriveHeartbeat,
     EncoderEstimates,
     FaultEvent,
     FirmwareHeartbeat,
@@ -27,7 +26,6 @@ from tools.bring_up.first_impacts import approach, hold
 from tools.bring_up.listen import LISTEN
 from tools.bring_up.operated import (
     BEGUN_S,
-    ErrorCleared,
     LatchedFaultError,
     Operated,
     RatioTooHighError,
@@ -373,25 +371,6 @@ def test_a_silent_sensor_names_the_remedy() -> None:
     event = FaultEvent(*[0] * len(FaultEvent._fields))._replace(fault=Fault.SENSOR_TIMEOUT)
     with pytest.raises(LatchedFaultError, match="End other work on this machine"):
         Operated([], 0.0).play(0, [codec.FAULT_EVENT.encode(event)])
-
-
-@pytest.mark.parametrize(
-    ("error", "is_cleared"),
-    [
-        (AxisError.ESTOP_REQUESTED, True),
-        (AxisError.ESTOP_REQUESTED | AxisError.DRV_FAULT, False),
-        (AxisError.WATCHDOG_TIMER_EXPIRED, False),
-        (0, False),
-    ],
-)
-def test_no_other_error_of_the_drive_is_cleared(error: int, is_cleared: bool) -> None:
-    beat = DriveHeartbeat(*[0] * len(DriveHeartbeat._fields))._replace(axis_error=error)
-    player = ErrorCleared(AxisError.ESTOP_REQUESTED)
-    assert player.play(0, []) == ()
-    assert player.play(1, [codec.DRIVE_HEARTBEAT.encode(beat)]) == ()
-    sent = player.play(2, [codec.DRIVE_HEARTBEAT.encode(beat)])
-    assert [one.can_id for one in sent or ()] == [codec.CLEAR_ERRORS.can_id] * is_cleared
-    assert (sent is None) != is_cleared
 
 
 class HardStop:

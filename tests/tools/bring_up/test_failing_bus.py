@@ -3,38 +3,33 @@
 After a death the module rests, a status says why, and the step is repeated.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from firmware_py.interface import codec
-from firmware_py.interface.enums import AxisState
+from firmware_py.interface.enums import AxisError, AxisState
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.generated.records import Accelerometer, EncoderEstimates
+from firmware_py.interface.generated.records import Accelerometer, DriveHeartbeat, EncoderEstimates
 from firmware_py.shell.parameters import with_overrides
 from hil.bus import BusFailedError
 from hil.bus.base import NodeBus
 from hil.bus.can_log import CanLog
 from tools.bring_up.lockstep import LockstepBench
 from tools.bring_up.module_fit import read_turning
+from tools.bring_up.operated import ErrorCleared, Operated, operate
 from tools.bring_up.session import read_state
+from tools.bring_up.step import Context, Player, StepFailedError
 from tools.bring_up.trials import bench_of, beyond_bounds, brought_up
 
-LOGS = {
-    "listen": ("listen", 0.0),
-    "at-rest": ("at-rest", 0.0),
-    "drive": ("drive", 1.0),
-    "below-impacts": ("below-impacts", 3.0),
-    "first-impacts": ("first-impacts", 7.0),
-    "hold": ("first-impacts", 11.0),
-}
-"""Logs of the steps that use the bus: the step of each, and the speed in rad/s at which the adapter dies."""
+DIES_RAD_S = {"listen": 0.0, "at-rest": 0.0, "drive": 1.0, "below-impacts": 2.0, "first-impacts": 5.0}
+"""The steps that use the bus, and the crank's speed at which the adapter dies."""
 
 
 class DyingAdapter:
-    """A line to the bus that carries nothing once the crank is faster than `speed_rad_s` after some periods."""
+    """A line to the bus that carries nothing once the crank is faster than `speed_rad_s`."""
 
     def __init__(self, line: NodeBus, bench: LockstepBench, speed_rad_s: float) -> None:
         self._line, self._bench, self._speed_rad_s = line, bench, speed_rad_s
@@ -56,30 +51,96 @@ class DyingAdapter:
         return self._line.receive()
 
 
+def dying_play(bench: LockstepBench, name: str, speed_rad_s: float) -> Callable[..., None]:
+    """The bench's `play`, with an adapter that dies while the log of this name is written."""
+    line, play = bench.own, bench.play
+
+    def play_on(player: Any, longest_s: float, log: Path, parameters: Any = None) -> None:
+        if log.stem == name:
+            bench.own = DyingAdapter(line, bench, speed_rad_s)
+        play(player, longest_s, log, parameters)
+
+    return play_on
+
+
 def test_an_adapter_that_dies_in_a_step_leaves_the_module_at_rest(tmp_path: Path) -> None:
     """The firmware falls silent with the adapter, no E-stop passes it, and the drive's watchdog remains."""
     bench, folder = bench_of({}, [], 1), tmp_path / "out"
     line, play = bench.own, bench.play
-    for name, (step, speed_rad_s) in LOGS.items():
-
-        def dying(player: Any, longest_s: float, log: Path, *others: Any, name: str = name) -> None:
-            if log.stem == name:
-                bench.own = DyingAdapter(line, bench, LOGS[name][1])
-            play(player, longest_s, log, *others)
-
-        bench.play = dying  # type: ignore[method-assign]
+    for name, speed_rad_s in DIES_RAD_S.items():
+        bench.play = dying_play(bench, name, speed_rad_s)  # type: ignore[method-assign]
         with pytest.raises(BusFailedError, match="the device is gone"):
             brought_up(bench, folder, "first-impacts")
         bench.own, bench.play = line, play  # type: ignore[method-assign]
         bench.rest(15.0)
         last = read_state(folder).records[-1]
-        assert (last["name"], last["passed"]) == (step, False)
+        assert (last["name"], last["passed"]) == (name, False)
         assert "the bus has failed" in last["reason"]
         assert bench.plant.node.drive.axis.state == AxisState.IDLE
-        assert abs(bench.plant.node.plant.now.omega_rad_s) < 0.1, name
+        assert abs(bench.plant.node.plant.now.omega_rad_s) < 0.1
     result = brought_up(bench, folder, "first-impacts")
     assert result["passed"], result["steps"][-1]["reason"]
     assert beyond_bounds(bench, result["steps"]) == []
+
+
+@pytest.mark.parametrize(
+    ("error", "is_cleared"),
+    [
+        (AxisError.ESTOP_REQUESTED, True),
+        (AxisError.ESTOP_REQUESTED | AxisError.DRV_FAULT, False),
+        (AxisError.WATCHDOG_TIMER_EXPIRED, False),
+        (0, False),
+    ],
+)
+def test_no_other_error_of_the_drive_is_cleared(error: int, is_cleared: bool) -> None:
+    beat = DriveHeartbeat(*[0] * len(DriveHeartbeat._fields))._replace(axis_error=error)
+    player = ErrorCleared(AxisError.ESTOP_REQUESTED)
+    assert player.play(0, []) == ()
+    assert player.play(1, [codec.DRIVE_HEARTBEAT.encode(beat)]) == ()
+    sent = player.play(2, [codec.DRIVE_HEARTBEAT.encode(beat)])
+    assert [one.can_id for one in sent or ()] == [codec.CLEAR_ERRORS.can_id] * is_cleared
+    assert (sent is None) != is_cleared
+
+
+class Reports:
+    """A bench whose drive reports `error` until it is cleared; `played` has the players with a firmware."""
+
+    def __init__(self, error: int) -> None:
+        self.error = error
+        self.played: list[Player] = []
+
+    def play(self, player: Player, _longest_s: float, _log: Path, parameters: Any = None) -> None:
+        """Report the error in each period."""
+        if parameters:
+            self.played.append(player)
+            return
+        for tick in range(100):
+            beat = DriveHeartbeat(*[0] * len(DriveHeartbeat._fields))._replace(axis_error=self.error)
+            frames = player.play(tick, [codec.DRIVE_HEARTBEAT.encode(beat)])
+            if frames is None:
+                return
+            self.error = 0 if frames else self.error
+
+
+@pytest.mark.parametrize(
+    ("error", "agrees", "reason"),
+    [
+        (AxisError.WATCHDOG_TIMER_EXPIRED, True, ""),
+        (AxisError.WATCHDOG_TIMER_EXPIRED, False, "WATCHDOG_TIMER_EXPIRED"),
+        (AxisError.DRV_FAULT | AxisError.ESTOP_REQUESTED, True, "DRV_FAULT, ESTOP_REQUESTED"),
+    ],
+)
+def test_an_error_of_the_drive_is_cleared_after_a_yes_or_named(
+    error: int, agrees: bool, reason: str, tmp_path: Path
+) -> None:
+    bench, player = Reports(error), Operated([], 0.0)
+    context = Context(bench, tmp_path, {"any": 0.0}, {}, lambda _: agrees, lambda _: None, 1.25)
+    if reason:
+        with pytest.raises(StepFailedError, match=f"the drive reports {reason}: "):
+            operate(context, player, tmp_path / "motion.log", context.values)
+    else:
+        operate(context, player, tmp_path / "motion.log", context.values)
+    assert bench.played == ([] if reason else [player])
 
 
 def test_pieces_between_lost_samples_are_read_where_the_crank_turns(tmp_path: Path) -> None:
