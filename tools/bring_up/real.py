@@ -45,15 +45,15 @@ class RealBench:
             bus = addressed(bus, self.places)
             if parameters is not None:
                 stack.enter_context(FirmwareProcess(provided.address, parameters))
+            become_realtime(NODE)  # this may take most of a second, so the step begins after it
+            stack.callback(leave_realtime)
             bus.receive()
             self._play(bus, player, longest_s, stack.enter_context(CanLog(make_anew(log))))
 
     def _play(self, bus: Bus, player: Player, longest_s: float, file: CanLog) -> None:
-        clock = MonotonicClock()
+        clock, dating = MonotonicClock(), Dating()
         begin_ns = clock.now_ns()
         loop = FixedRateLoop(clock, begin_ns, round(TICK_S * NS_PER_S))
-
-        dating = Dating()
 
         def step(tick: int) -> None:
             received = bus.receive()
@@ -67,15 +67,12 @@ class RealBench:
                 return
             bus.send_all(frames)
 
-        become_realtime(NODE)
         try:
             loop.run(round(longest_s / TICK_S), step, None)
         except BaseException:
             if player.moves:
                 bus.send_all(EMERGENCY)
             raise
-        finally:
-            leave_realtime()
         if bus.failure:
             raise BusFailedError(bus.failure)
 

@@ -19,12 +19,8 @@ STYLES, HEIGHT = ("truth", "estimate", "target", "bad"), 160.0
 def write_report(path: Path, result: Mapping[str, Any]) -> None:
     """Write the page of a result."""
     parts = [section(step) for step in result["steps"]]
-    parameters = [
-        (name, value["value"], value["low"], value["high"], value["unit"])
-        for name, value in result["parameters"].items()
-    ]
-    if parameters:
-        parts.append("<h2>Parameters</h2>" + interval_table(parameters))
+    if result["parameters"]:
+        parts.append("<h2>Parameters</h2>" + interval_table(result["parameters"]))
     verdict = "passed" if result["passed"] else "not passed"
     write_anew(
         path,
@@ -38,10 +34,6 @@ def section(step: Mapping[str, Any]) -> str:
     """One step."""
     mark, word = ("good", "passed") if step["passed"] else ("bad", "failed")
     rows = [(one["name"], figure(one["value"], one["unit"])) for one in step["figures"]]
-    found = [
-        (name, *(one[key] for key in ("value", "low", "high", "unit")))
-        for name, one in step["parameters"].items()
-    ]
     lines = [
         f'<h2>{escape(step["name"])} <span class="{mark}">{word}</span></h2><p>{escape(step["does"])}</p>',
         f'<p class="reason">{escape(step["reason"])}</p>' if step["reason"] else "",
@@ -49,7 +41,7 @@ def section(step: Mapping[str, Any]) -> str:
         table(seen_rows(step["largest"], step["bound"])),
         "".join(f"<p>{escape(note)}</p>" for note in step["notes"]),
         table(rows),
-        interval_table(found) if found else "",
+        interval_table(step["parameters"]),
     ]
     return "".join(lines)
 
@@ -74,12 +66,13 @@ def seen_rows(largest: Mapping[str, float], bound: Mapping[str, float]) -> list[
     ]
 
 
-def interval_table(rows: Sequence[tuple[str, float, float, float, str]]) -> str:
+def interval_table(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     """Parameters with their 95 % intervals."""
-    return table(
-        [(name, figure(value, unit), f"{low:.4g} … {high:.4g}") for name, value, low, high, unit in rows],
-        "<tr><th>parameter</th><th>value</th><th>95 % interval</th></tr>",
-    )
+    rows = [
+        (name, figure(one["value"], one["unit"]), f"{one['low']:.4g} … {one['high']:.4g}")
+        for name, one in parameters.items()
+    ]
+    return table(rows, "<tr><th>parameter</th><th>value</th><th>95 % interval</th></tr>")
 
 
 def picture(curves: Sequence[Mapping[str, Any]], quantity: str) -> str:
