@@ -129,7 +129,10 @@ class Commander:
         """The frame of a torque, within the bound; notes the period."""
         clamped = max(-BOUND.torque_n_m, min(BOUND.torque_n_m, torque_n_m))
         if abs(self.speed_rad_s) > BOUND.speed_rad_s:
-            raise StepFailedError(f"the crank turns at {self.speed_rad_s:.1f} rad/s; the step was stopped")
+            raise StepFailedError(
+                f"the crank turns at {self.speed_rad_s:.1f} rad/s; the step was stopped. End other work on this "
+                "machine, which may have delayed a command, then repeat the step"
+            )
         if self.is_armed and self.beat and self.beat.axis_state != AxisState.CLOSED_LOOP_CONTROL:
             raise StepFailedError(
                 f"the drive has disarmed by itself (errors {self.beat.axis_error:#x}). If that is its "

@@ -44,9 +44,10 @@ class RatioTooHighError(StepFailedError):
     """The module's impacts do not last at the requested ratio, or come later than the firmware holds them."""
 
 
+LATE = "End other work on this machine, look at the sensors' plugs and the adapter, then repeat the step"
 HINTS = {
-    Fault.SENSOR_TIMEOUT: ": samples came late or not at all. End other work on this machine, look at the "
-    "sensors' plugs and the adapter, then repeat the step",
+    Fault.SENSOR_TIMEOUT: f": samples came late or not at all. {LATE}",
+    Fault.DRIVE_WATCHDOG: f": commands came late or not at all. {LATE}",
 }
 """What to do about a fault that other causes than the module's have too."""
 

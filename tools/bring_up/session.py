@@ -15,6 +15,7 @@ from hil.record.damage import reading
 from hil.record.formats import KEY, PARAMETERS, refuse_other_format
 from hil.record.new_file import MOST_NOTE_BYTES, is_regular, write_anew
 from hil.record.run_folder import open_taken_over
+from hil.show.report.picture import extrema
 from tools.bring_up.at_rest import AT_REST
 from tools.bring_up.below_impacts import BELOW_IMPACTS
 from tools.bring_up.drive import DRIVE
@@ -29,8 +30,6 @@ from tools.tuning.result import Value, make_value
 STEPS: tuple[Step, ...] = (LISTEN, AT_REST, DRIVE, BELOW_IMPACTS, FIRST_IMPACTS, TWIN)
 STATE, REPORT = "bring-up.json", "bring-up.html"
 STATE_FORMAT = 1
-MOST_POINTS = 400
-"""Points of a curve that the state and the report keep."""
 
 
 @dataclass(frozen=True)
@@ -85,11 +84,9 @@ def checked(tables: dict[str, Any]) -> State:
 
 
 def thin(curve: Curve) -> dict[str, Any]:
-    """A curve with at most `MOST_POINTS` points, as a table."""
-    x, y = np.asarray(curve.x, float), np.asarray(curve.y, float)
-    every = max(1, -(-len(x) // MOST_POINTS))
-    kept = np.isfinite(x[::every]) & np.isfinite(y[::every])
-    return {"name": curve.name, "x": x[::every][kept].tolist(), "y": y[::every][kept].tolist()}
+    """A curve with the extrema that its picture shows, as a table."""
+    x, y = extrema(np.asarray(curve.x, float), np.asarray(curve.y, float))
+    return {"name": curve.name, "x": x.tolist(), "y": y.tolist()}
 
 
 def record_of(step: Step, found: Findings, bound: Largest, reason: str) -> dict[str, Any]:

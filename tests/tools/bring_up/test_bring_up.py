@@ -367,8 +367,9 @@ def test_a_ratio_that_is_too_high_says_that_the_impacts_end(is_asked: bool) -> N
         Operated([], 0.0).play(0, [refused])
 
 
-def test_a_silent_sensor_names_the_remedy() -> None:
-    event = FaultEvent(*[0] * len(FaultEvent._fields))._replace(fault=Fault.SENSOR_TIMEOUT)
+@pytest.mark.parametrize("fault", [Fault.SENSOR_TIMEOUT, Fault.DRIVE_WATCHDOG])
+def test_frames_that_come_late_name_the_remedy(fault: Fault) -> None:
+    event = FaultEvent(*[0] * len(FaultEvent._fields))._replace(fault=fault)
     with pytest.raises(LatchedFaultError, match="End other work on this machine"):
         Operated([], 0.0).play(0, [codec.FAULT_EVENT.encode(event)])
 
