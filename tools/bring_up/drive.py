@@ -130,8 +130,8 @@ class Commander:
         clamped = max(-BOUND.torque_n_m, min(BOUND.torque_n_m, torque_n_m))
         if abs(self.speed_rad_s) > BOUND.speed_rad_s:
             raise StepFailedError(
-                f"the crank turns at {self.speed_rad_s:.1f} rad/s; the step was stopped. End other work on this "
-                "machine, which may have delayed a command, then repeat the step"
+                f"the crank turns at {self.speed_rad_s:.1f} rad/s; the step was stopped. End other work on "
+                "this machine, which may have delayed a command, then repeat the step"
             )
         if self.is_armed and self.beat and self.beat.axis_state != AxisState.CLOSED_LOOP_CONTROL:
             raise StepFailedError(
