@@ -16,7 +16,7 @@ from firmware_py.interface.generated.records import Accelerometer, DriveHeartbea
 from firmware_py.shell.parameters import with_overrides
 from hil.bus import BusFailedError
 from hil.bus.base import NodeBus
-from hil.bus.can_log import CanLog
+from hil.bus.log.can_log import CanLog
 from tools.bring_up.lockstep import LockstepBench
 from tools.bring_up.module_fit import read_turning
 from tools.bring_up.operated import ErrorCleared, Operated, operate
