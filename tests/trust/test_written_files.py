@@ -15,7 +15,7 @@ from compilation import kernel_cache
 from hil.record import run_folder
 from tools import cli, plots
 from tools.commands.campaign import keep_trial
-from tools.commands.options import PICTURES, RECORDINGS, TABLES
+from tools.commands.places import PICTURES, RECORDINGS, TABLES
 from tools.output import BadInputError
 from tools.program import program
 from tools.runs import inspection
@@ -36,7 +36,7 @@ OWN_PLACES = {
     "firmware_py/interface/generate.py": "a developer's command, as all in tools/dev",
     "tools/error_report.py": "by a descriptor of mkstemp",
     "tools/commands/new.py": "a new file, which no link is",
-    "tools/commands/options.py": "a trial that writes nothing, of a file that is no link",
+    "tools/commands/places.py": "a trial that writes nothing, of a file that is no link",
 }
 WRITERS = ("write_text", "write_bytes", "touch", "savefig", "write_feather")
 OPENED = ("open", "fdopen", "ZipFile")

@@ -5,7 +5,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from tools.commands.options import Change, Json, NodeBus, folder_option, number
+from tools.commands.options import Change, Json, NodeBus, number
+from tools.commands.places import folder_option
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, answer, progress_console
 
 StepName = Literal["listen", "at-rest", "drive", "below-impacts", "first-impacts", "twin"]

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Json, NodeBus, file_option, setting
+from tools.commands.options import Json, NodeBus, setting
+from tools.commands.places import file_option
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, answer, console, table_of
 
 

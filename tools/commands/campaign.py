@@ -18,8 +18,8 @@ from tools.commands.options import (
     ParameterFiles,
     Scheduler,
     Workers,
-    digest,
 )
+from tools.commands.places import digest
 from tools.output import BadInputError, answer, exit_of, progress_console, show_tables
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def printed(result: Mapping[str, Any]) -> dict[str, Any]:
             **{key: goal[key] for key in ("figure", "value", "unit")},
             "limit": Bounds(low=goal["low"], high=goal["high"]).text,
             "passed": goal["passed"],
-            "": "" if goal["wanted"] is None else describe_bound(goal),
+            "note": "" if goal["wanted"] is None else describe_bound(goal),
         }
         for goal in result["goals"]
     ]

@@ -7,7 +7,8 @@ import typer
 from rich.markup import escape
 from rich.table import Column
 
-from tools.commands.options import RECORDINGS, Json, new_option
+from tools.commands.options import Json
+from tools.commands.places import RECORDINGS, new_option
 from tools.output import (
     EXIT_CHECK_FAILED,
     EXIT_NOTHING_RAN,

@@ -5,7 +5,8 @@ from typing import Annotated, Literal, get_args
 
 import typer
 
-from tools.commands.options import Json, Logged, new_option, refuse_existing
+from tools.commands.options import Json, Logged
+from tools.commands.places import new_option, refuse_existing
 from tools.output import BadInputError, answer
 
 Kind = Literal["mf4", "mcap", "parquet", "csv"]

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from tools.commands.options import Change, Json, ParameterFiles, file_option, load_changed_scene
+from tools.commands.options import Change, Json, ParameterFiles, load_changed_scene
+from tools.commands.places import file_option
 from tools.output import BadInputError, answer, console
 
 if TYPE_CHECKING:

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hil.processes.signals import Interrupted
-from tools.commands.options import MOST_TRIALS, Change, Json, Scheduler, Workers, digest, folder_option
+from tools.commands.options import MOST_TRIALS, Change, Json, Scheduler, Workers
+from tools.commands.places import digest, folder_option
 from tools.output import (
     EXIT_CHECK_FAILED,
     EXIT_NOTHING_RAN,

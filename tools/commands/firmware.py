@@ -6,7 +6,8 @@ from typing import Annotated, Any, Literal
 import typer
 from typer.core import TyperGroup
 
-from tools.commands.options import Change, Controller, Json, NodeBus, Until, folder_option
+from tools.commands.options import Change, Controller, Json, NodeBus, Until
+from tools.commands.places import folder_option
 from tools.output import BadInputError, answer, console, table_of
 from tools.progress import shown_progress
 

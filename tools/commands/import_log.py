@@ -7,7 +7,8 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from tools.commands.options import Json, folder_option
+from tools.commands.options import Json
+from tools.commands.places import folder_option
 from tools.output import EXIT_NOTHING_RAN, EXIT_PASSED, answer, console, show_tables
 
 

@@ -8,7 +8,8 @@ import typer
 from rich.markup import escape
 from rich.table import Column
 
-from tools.commands.options import PICTURES, TABLES, Json, Logged, file_option
+from tools.commands.options import Json, Logged
+from tools.commands.places import PICTURES, TABLES, file_option
 from tools.output import (
     BadInputError,
     answer,

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Json, NodeBus, folder_option, number, setting
+from tools.commands.options import Json, NodeBus, number, setting
+from tools.commands.places import folder_option
 from tools.output import answer, console
 
 

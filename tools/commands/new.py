@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Json, refuse_existing
+from tools.commands.options import Json
+from tools.commands.places import refuse_existing
 from tools.output import BadInputError, answer, console
 
 TEMPLATE = Path(__file__).with_name("scenario_to_write.toml")

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Controller, NodeBus, Until, folder_option
+from tools.commands.options import Controller, NodeBus, Until
+from tools.commands.places import folder_option
 
 
 def node(

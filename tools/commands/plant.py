@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Change, NodeBus, Until, folder_option
+from tools.commands.options import Change, NodeBus, Until
+from tools.commands.places import folder_option
 
 
 def plant(

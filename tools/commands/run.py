@@ -10,15 +10,8 @@ from rich.markup import escape
 from rich.table import Column
 
 from hil.run_files import RunFile
-from tools.commands.options import (
-    Change,
-    Controller,
-    Json,
-    ParameterFiles,
-    RealTime,
-    folder_option,
-    note_unused_bus,
-)
+from tools.commands.options import Change, Controller, Json, ParameterFiles, RealTime, note_unused_bus
+from tools.commands.places import folder_option
 from tools.output import (
     BadInputError,
     answer,

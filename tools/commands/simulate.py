@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from tools.commands.options import PICTURES, Change, Json, file_option, load_changed_scene, number
+from tools.commands.options import Change, Json, load_changed_scene, number
+from tools.commands.places import PICTURES, file_option
 from tools.output import BadInputError, answer, show_tables
 
 LONGEST_S = 86_400.0

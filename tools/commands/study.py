@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
-from tools.commands.options import Json, Scheduler, Workers, file_option, folder_option, number, unfold
+from tools.commands.options import Json, Scheduler, Workers, number, unfold
+from tools.commands.places import file_option, folder_option
 from tools.commands.study_branches import boundaries, branches
 from tools.output import answer, console, table_of
 

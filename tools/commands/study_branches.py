@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from tools.commands.options import Change, Json, digest, folder_option, load_changed_scene
+from tools.commands.options import Change, Json, load_changed_scene
+from tools.commands.places import digest, folder_option
 from tools.output import BadInputError, answer, console, figure, figure_table, table_of
 
 if TYPE_CHECKING:

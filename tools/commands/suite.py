@@ -14,9 +14,9 @@ from tools.commands.options import (
     Json,
     ParameterFiles,
     RealTime,
-    folder_option,
     note_unused_bus,
 )
+from tools.commands.places import folder_option
 from tools.output import BadInputError, answer, console, exit_of, figure, mark_verdict, table_of
 from tools.progress import shown_progress
 from tools.runs.changes import Tolerances, baseline_result, show_changes, tolerances_of

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tools.commands.options import PICTURES, Json, file_option
+from tools.commands.options import Json
+from tools.commands.places import PICTURES, file_option
 from tools.output import answer, console, plain, show_records, show_tables
 from tools.progress import shown_progress
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from tools.commands.options import MOST_TRIALS, PICTURES, Json, Workers, file_option, number, unfold
+from tools.commands.options import MOST_TRIALS, Json, Workers, number, unfold
+from tools.commands.places import PICTURES, file_option
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, answer, console, show_tables
 from tools.progress import Progress, shown_progress
 

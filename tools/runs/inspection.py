@@ -33,7 +33,7 @@ def default_signals(run: Run) -> list[str]:
 
 
 def write_table(table: pa.Table, path: Path) -> None:
-    """Write a table to a file ending in one of `tools.commands.options.TABLES`."""
+    """Write a table to a file ending in one of `tools.commands.places.TABLES`."""
     kind = path.suffix.lower()
     if kind == ".csv":
         write_csv(table, path)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import control
 import numpy as np
+from cycler import cycler
 
 from firmware_py.shell.parameters import DEFAULTS
 from tools.tuning import detector, start
@@ -130,8 +131,8 @@ def _impacts(axes: Any, found: Identified) -> None:
     other.set_ylabel("restitution (×)", color="tab:purple")
 
 
-LINES = ("tab:blue", "tab:orange", "tab:purple", "tab:red")
-"""Colours of a panel's lines, at most four; green marks the chosen value."""
+LINES = cycler(linestyle=("-", "--", ":")) * cycler(color=("tab:blue", "tab:orange", "tab:purple", "tab:red"))
+"""Colours of a panel's lines, dashed from the fifth on; green marks the chosen value."""
 
 
 class Panel(NamedTuple):
@@ -151,10 +152,8 @@ def draw_panels(figure: "Figure", panels: Sequence[Panel]) -> None:
     marks: dict[str, Any] = {}
     alike = all(panel.lines.keys() == panels[0].lines.keys() for panel in panels)
     for axes, panel in zip(grid, panels, strict=True):
-        lines = {
-            label: axes.plot(x, y, "o-", ms=4, color=color)[0]
-            for color, (label, (x, y)) in zip(LINES, panel.lines.items(), strict=False)
-        }
+        axes.set_prop_cycle(LINES)
+        lines = {label: axes.plot(x, y, marker="o", ms=4)[0] for label, (x, y) in panel.lines.items()}
         if not any(np.any(line.get_ydata()) for line in lines.values()):
             axes.set_ylim(-0.05, 1.0)  # all are 0
         if panel.value is not None:
