@@ -15,6 +15,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from hil.figures import text as figure_texts
+from hil.record import formats
 from text_input import RefusalError
 
 EXIT_PASSED = 0
@@ -27,7 +28,7 @@ EXIT_NOTHING_RAN = 5
 
 NO_VALUE = figure_texts.NO_VALUE
 figure = figure_texts.figure_text
-plain = figure_texts.plain
+plain = formats.plain
 
 PIPED_WIDTH = 240
 """Width in characters where the output is no terminal: each row of a table stays on one line, for grep."""

@@ -37,8 +37,3 @@ class BenchScene(Scene):
     """A scene as the bench runs it: the module, and the configuration of its drive."""
 
     axis: AxisTable | None = Field(default=None, description="the table [axis]")
-
-
-def axis_of(scene: Scene) -> AxisTable | None:
-    """The configuration of a scene's drive; None for the defaults."""
-    return scene.axis if isinstance(scene, BenchScene) else None

@@ -12,7 +12,7 @@ from enum import Enum, auto
 from typing import Annotated, Any, NamedTuple, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
 from hil.figures.gaps import Gap
-from hil.figures.text import plain
+from hil.record.formats import plain
 from hil.timing.pacemaker import Hold
 
 Group = TypeVar("Group")

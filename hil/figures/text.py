@@ -1,11 +1,7 @@
-"""Figures as text, the same in terminal, report, JUnit and log, and in JSON's types."""
+"""Figures as text, the same in terminal, report, JUnit and log."""
 
 import math
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 NO_VALUE = "—"
 """Text of a figure that a run does not have."""
@@ -23,18 +19,3 @@ def figure_text(value: Any, unit: str = "") -> str:
         return "yes" if value else "no"
     text = f"{value:.4g}" if isinstance(value, float) else str(value)
     return text if unit in ("", "1") else f"{text} {unit}"
-
-
-def plain(value: Any, finite: bool = True) -> Any:
-    """`value` in JSON's own types: arrays become lists, paths texts, if `finite` NaN and infinities null."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item, finite) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist(), finite)
-    if isinstance(value, list | tuple):
-        return [plain(item, finite) for item in value]
-    if isinstance(value, Path):
-        return str(value)
-    if finite and isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

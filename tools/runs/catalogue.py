@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hil.figures.records import CATALOGUE
-from hil.figures.text import plain
 from hil.judge.verdict import Verdict
 from hil.record import formats
+from hil.record.formats import plain
 from hil.record.run_folder import RUNS, begun_s, discard_unused, is_own, read_note
 from hil.run_files import RunFile
 from tools.output import BadInputError

@@ -18,7 +18,7 @@ from hil.bus.frame_rows import byte_frame, frames_in, word_frame
 from hil.bus.wire import REMOTE_FLAG
 from hil.drive import axis
 from hil.drive.axis import TIME_RESOLUTION_S, DriveConfig, DriveState
-from hil.drive.axis_table import AxisTable, axis_of
+from hil.drive.axis_table import AxisTable, BenchScene
 from hil.drive.node import (
     COMMAND_IDS,
     NOT_MODELLED_IDS,
@@ -73,6 +73,11 @@ ACCEPTED_IDS = (
 MOST_ANSWERS = 8
 """Largest number of requests answered per tick; further requests in the tick are ignored."""
 CONTROL_MODES = {"torque": axis.TORQUE_CONTROL, "velocity": axis.VELOCITY_CONTROL}
+
+
+def axis_of(scene: Scene) -> AxisTable | None:
+    """The configuration of a scene's drive; None for the defaults."""
+    return scene.axis if isinstance(scene, BenchScene) else None
 
 
 def drive_config(scene: Scene) -> DriveConfig:

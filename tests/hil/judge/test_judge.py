@@ -11,9 +11,9 @@ from run_folder import records
 
 from hil.figures.main_figures import main_figures
 from hil.figures.moments import moment_of
-from hil.figures.text import plain
 from hil.judge.judge import judge
 from hil.judge.verdict import CheckResult, FaultEffect, Verdict
+from hil.record.formats import plain
 from hil.record.run_faults import RunFault
 from hil.record.run_traces import RunTraces
 

@@ -24,7 +24,7 @@ from plant_sim.scene import load_scene
 
 MOST_FILES = 47
 """Files of hil and tools with a call before the first tick of lockstep; to be lowered, never raised. They are
-46, and one more where a slow machine prints progress."""
+46, and one more, tools/output.py, where a slow machine prints progress."""
 ESTOP = codec.DRIVE_ESTOP.encode(DriveEstop())
 ERRORS = codec.DRIVE_ERRORS.encode(DriveErrors(0x200, 0x200))
 

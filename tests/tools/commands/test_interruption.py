@@ -36,7 +36,7 @@ def interrupted_import(module: str, number: signal.Signals) -> subprocess.Comple
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("module", ["typer", "numpy", "rich.console", "tools.commands.run"])
+@pytest.mark.parametrize("module", ["typer", "numpy", "rich.console", "tools.commands.list_names"])
 def test_a_signal_during_an_import_is_an_interruption(module: str, number: signal.Signals) -> None:
     ended = interrupted_import(module, number)
     name = "Ctrl-C" if number == signal.SIGINT else "SIGTERM"
