@@ -97,6 +97,17 @@ class NodeBus(Protocol):
         """All frames that have arrived, oldest first, without waiting."""
 
 
+MOST_READS = 100
+"""Most reads of a bus that empty it before a node begins; on a busy bus new frames arrive meanwhile."""
+
+
+def discard_waiting(bus: NodeBus) -> None:
+    """Receive and drop what was sent before a node begins; one `receive` may not take all of it."""
+    for _ in range(MOST_READS):
+        if not bus.receive():
+            break
+
+
 class Bus(NodeBus, Protocol):
     """One node's connection. It never receives its own frames; only `wait` may block longer than a send."""
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import MAX_BURST, NodeBus
+from hil.bus.base import MAX_BURST, NodeBus, discard_waiting
 from hil.faults.fault import Fault
 from hil.faults.on_bus import LineFault, Step
 from hil.roster import PLANT
@@ -17,8 +17,6 @@ from text_input import RefusalError
 
 MOST_HELD_FRAMES = 100_000
 """Largest number of frames that a fault may hold back: a minute of one frame, and its copies."""
-MOST_READS = 100
-"""Most reads of a bus that empty it before a node begins; on a busy bus new frames arrive meanwhile."""
 
 
 class TrafficError(RefusalError, ValueError):
@@ -43,9 +41,7 @@ class FaultyBus:
 
     def restart(self) -> None:
         """Begin anew, as in a process that starts: without the frames that were sent before."""
-        for _ in range(MOST_READS):
-            if not self._bus.receive():  # sent before this node began
-                break
+        discard_waiting(self._bus)
         self._begin()
 
     def _begin(self) -> None:

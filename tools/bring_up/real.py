@@ -13,7 +13,7 @@ from firmware_py.interface.addresses import Addresses
 from firmware_py.interface.frame import Frame
 from hil.bus import BusFailedError, open_bus
 from hil.bus.addressed import addressed
-from hil.bus.base import Bus
+from hil.bus.base import Bus, discard_waiting
 from hil.bus.log.can_log import CanLog
 from hil.processes.child import Child
 from hil.record.new_file import make_anew
@@ -47,7 +47,7 @@ class RealBench:
                 stack.enter_context(FirmwareProcess(provided.address, parameters))
             become_realtime(NODE)  # this may take most of a second, so the step begins after it
             stack.callback(leave_realtime)
-            bus.receive()
+            discard_waiting(bus)
             self._play(bus, player, longest_s, stack.enter_context(CanLog(make_anew(log))))
 
     def _play(self, bus: Bus, player: Player, longest_s: float, file: CanLog) -> None:

@@ -78,8 +78,8 @@ def interval_table(parameters: Mapping[str, Mapping[str, Any]]) -> str:
 def picture(curves: Sequence[Mapping[str, Any]], quantity: str) -> str:
     """Curves over time as an inline SVG; nothing without points."""
     shown = [
-        Curve(np.array(one["x"]), np.array(one["y"]), style, one["name"])
-        for one, style in zip(curves, STYLES, strict=False)
+        Curve(np.array(one["x"]), np.array(one["y"]), STYLES[number], one["name"])
+        for number, one in enumerate(curves)
         if one["x"]
     ]
     if not shown:

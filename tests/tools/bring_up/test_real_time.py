@@ -1,0 +1,53 @@
+"""A step of the bring-up in real time begins with the frames that are sent from then on."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from firmware_py.interface import codec
+from firmware_py.interface.addresses import DEFAULT
+from firmware_py.interface.frame import Frame
+from tools.bring_up import real
+
+
+class Waiting:
+    """A bus on which frames have waited since it was opened, more than one read takes."""
+
+    failure = ""
+
+    def __init__(self) -> None:
+        self.reads = [[Frame(codec.ACCELEROMETER.can_id, bytes(codec.ACCELEROMETER.length))] * 50] * 7
+
+    def receive(self) -> list[Frame]:
+        return self.reads.pop() if self.reads else []
+
+    def send_all(self, frames: Sequence[Frame]) -> None:
+        assert not frames
+
+
+class First:
+    """Keeps what it receives in its first period, and ends."""
+
+    moves = False
+    received: Sequence[Frame] | None = None
+
+    def play(self, _: int, received: Sequence[Frame]) -> None:
+        self.received = received
+
+
+def test_a_step_receives_nothing_that_was_sent_before_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @contextmanager
+    def opened(_: str) -> Iterator[tuple[SimpleNamespace, Waiting]]:
+        yield SimpleNamespace(address=""), Waiting()
+
+    monkeypatch.setattr(real, "open_bus", opened)
+    monkeypatch.setattr(real, "become_realtime", lambda _: None)
+    monkeypatch.setattr(real, "leave_realtime", lambda: None)
+    player = First()
+    real.RealBench("local", DEFAULT).play(player, 1.0, tmp_path / "log")
+    assert player.received == []
