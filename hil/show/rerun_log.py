@@ -132,7 +132,7 @@ class RunLog:
 
     def close(self) -> None:
         """Write the pending bus load and the file's footer."""
-        self._log_bus_load(self._pending_load)
+        self._log_pending_load()
         self.out.recording.disconnect()
 
     def append(self, traces: RunTraces) -> None:
@@ -154,14 +154,16 @@ class RunLog:
         self.out.flush()
 
     def conclude(self, traces: RunTraces, verdict: RunVerdict) -> None:
-        """Log the results of the ended run: outcome, verdict, checks, errors, faults."""
+        """Log the results of the ended run: verdict, checks, errors, faults; last its outcome.
+
+        A log that is cut behind its outcome has lost nothing.
+        """
         figures = verdict.figures
         self._log_held(figures.time_held)
         for gap in figures.gaps:
             self.out.add_event(gap.from_s, f"the host {gap.in_words}", "WARN")
         if verdict.lost_frames is not None:
             self.out.add_event(figures.duration_s, verdict.lost_frames, "WARN")
-        self.out.log_document("about/outcome", json.dumps(dict(traces.outcome), indent=2), "json")
         text = verdict_text(self._scenario.get("title", "run"), traces.run, verdict)
         self.out.log_markdown("about/verdict", text)
         for name, records in traces.others.items():
@@ -191,6 +193,9 @@ class RunLog:
         )
         blueprint = layout(highlights(traces, figures, failed), contents, self._extents)
         self.out.recording.send_blueprint(blueprint, make_active=True, make_default=True)
+        self._log_pending_load()
+        self.out.flush()
+        self.out.log_document("about/outcome", json.dumps(dict(traces.outcome), indent=2), "json")
 
     def _log_held(self, holds: Sequence[Hold]) -> None:
         """Log the intervals in which time was held as a list of their own."""
@@ -377,6 +382,10 @@ class RunLog:
             for t_s, value in self.out.find_changes(f"events of {node}", records, states.column):
                 if value != ErrorState.ERROR_ACTIVE:
                     self.out.add_event(t_s, f"bus: {node} is {state_name(ErrorState, value)}", "WARN")
+
+    def _log_pending_load(self) -> None:
+        self._log_bus_load(self._pending_load)
+        self._pending_load = sum_loads(())
 
     def _log_bus_load(self, load: BusLoad) -> None:
         if len(load.tenth):

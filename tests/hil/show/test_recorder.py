@@ -169,7 +169,7 @@ def test_it_ends_when_the_bus_has_ended(run_dir):
         recorder = start(run_dir, "--bus", provided.address)
         provided.holder.signal(signal.SIGKILL)
         assert provided.holder.wait(5.0)
-        assert json.loads(recorder.stop()) == {"frames": 0, "lost": 0}
+        assert json.loads(recorder.stop(at_work_s=60.0)) == {"frames": 0, "lost": 0}
     assert not recorder.killed_at_stop
 
 
