@@ -114,7 +114,7 @@ def next_start_s(firmware: Records, after_s: float) -> float:
 def is_following(pulses_s: FloatArray, at_s: float, until_s: float) -> BoolArray:
     """Mask of the pulses that follow `at_s` without a pause, up to `until_s`."""
     later = np.flatnonzero((pulses_s > at_s) & (pulses_s < until_s))
-    gaps = np.diff(np.concatenate([[at_s], pulses_s[later]])) > PAUSE_S
+    gaps = np.diff(np.concatenate([[at_s], pulses_s[later]])) >= PAUSE_S
     end = int(np.argmax(gaps)) if gaps.any() else len(later)
     found = np.zeros(len(pulses_s), bool)
     found[later[:end]] = True

@@ -1,14 +1,17 @@
 """A walk with known answers: figures of the phase, of pulses in and out of the window, and of its end."""
 
+from typing import Any
+
 import numpy as np
 import pytest
-from run_folder import HOLD_S, STOP_S, T_S, MadeUpRun, make_run, traces_of, write_run
+from run_folder import HOLD_S, STOP_S, T_S, MadeUpRun, make_run, records, traces_of, write_run
 
-from firmware_py.interface.enums import GaitState, Mode
+from firmware_py.interface.enums import Fault, GaitState, Mode
 from hil.figures.figures import figures_from
-from hil.figures.gait import push_off
-from hil.figures.records import GaitFigures
+from hil.figures.gait import count_undriven, gait_end, is_following, next_start_s, phase_at, push_off
+from hil.figures.records import CATALOGUE, GaitFigures, Origin, value_of
 from hil.record.log_reader import tables
+from hil.record.run_faults import RunFault
 from hil.runs.verdict import finish
 from hil.show.rerun_log import rebuild
 from plant_sim.result import LegState
@@ -143,6 +146,79 @@ def test_pulses_of_the_leg_alone_are_counted_apart() -> None:
     found = figures(run)
     assert found.last_pulse_after_s == pytest.approx(4.2 - 3.861, abs=2e-3)
     assert found.undriven == 1
+
+
+TICKS_S = [1.0, 2.0, 3.0, 4.0]
+
+
+def test_the_phase_of_a_pulse_is_that_of_the_last_tick_before_it() -> None:
+    plant = records(t_s=TICKS_S, gait__phase=[0.1, 0.2, 0.3, 0.4])
+    assert phase_at(plant, np.array([0.5, 1.9, 2.0, 9.0])).tolist() == [0.1, 0.1, 0.2, 0.4]
+    assert phase_at(plant[:1], np.array([9.0])).tolist() == [0.1]
+
+
+def test_a_walk_may_end_in_the_tick_in_which_its_hold_begins() -> None:
+    plant = records(t_s=TICKS_S, gait__tripping=[0, 1, 0, 0], gait__state=[LegState.STANCE] * 4)
+    assert gait_end(plant, 2.0) == ("stumble", 2.0)
+    assert gait_end(plant, 2.1) is None
+
+
+@pytest.mark.parametrize(("after_s", "start_s"), [(1.0, 2.0), (2.0, 4.0), (4.0, np.inf)])
+def test_the_next_start_of_the_crank_is_its_first_tick(after_s: float, start_s: float) -> None:
+    modes = [Mode.READY, Mode.SOFT_START, Mode.RUN, Mode.SOFT_START]
+    assert next_start_s(records(t_s=TICKS_S, outputs__mode=modes), after_s) == start_s
+
+
+def test_a_pause_of_two_seconds_ends_the_pulses_that_follow() -> None:
+    pulses_s = np.array([0.9, 1.5, 3.0, 5.0, 5.5])
+    assert is_following(pulses_s, 1.0, 9.0).tolist() == [False, True, True, False, False]
+
+
+def test_a_pulse_is_undriven_two_seconds_after_the_crank_or_after_the_beginning_of_the_run() -> None:
+    firmware = records(t_s=TICKS_S, outputs__mode=[Mode.READY, Mode.READY, Mode.RUN, Mode.READY])
+    assert count_undriven(firmware, np.array([1.9, 2.0, 4.9, 5.0])) == 2
+
+
+def whole_walk() -> MadeUpRun:
+    """A walk with an injected fault and a latched one: it has every figure of the hold and of the timing."""
+    run = walk(until_s=5.0)
+    run.scenario["scene"]["wearer"] = {}
+    run.run["faults"] = [RunFault("kick", "plant", False, 3.0, 3.2, "kick", 1)._asdict()]
+    run.firmware["outputs.fault"][6800:] = Fault.STALL
+    return run
+
+
+def all_figures(run: MadeUpRun) -> dict[str, Any]:
+    found = figures_from(traces_of(run))
+    return {name: value_of(found, name) for name in CATALOGUE}
+
+
+def names_of(origin: Origin) -> set[str]:
+    return {spec.name for spec in CATALOGUE.values() if spec.origin is origin}
+
+
+def test_a_run_without_a_hold_lacks_the_figures_of_the_hold_and_those_of_its_end() -> None:
+    run = whole_walk()
+    before = all_figures(run)
+    run.firmware["outputs.mode"][:] = Mode.READY
+    missing = {name for name, value in all_figures(run).items() if value in (None, "uncertain")}
+    missing -= {name for name, value in before.items() if value in (None, "uncertain")}
+    of_its_end = ("gait.end", "gait.last_", "gait.hardest_", "gait.undriven", "safe_state.", "motor_torque_")
+    assert {name for name in missing if not name.startswith(of_its_end)} == names_of(Origin.HOLD)
+
+
+def test_a_loaded_machine_changes_the_figures_of_the_timing_alone_beside_the_ticks() -> None:
+    run = whole_walk()
+    before = all_figures(run)
+    for node, skipped in ((run.plant, [6700, 6701]), (run.firmware, [6710, 6711, 6712])):
+        node |= {"work_us": 9.0 * node["work_us"], "wake_latency_us": 90.0 * node["wake_latency_us"]}
+        node |= {name: np.delete(values, skipped) for name, values in node.items()}
+    run.outcome = {
+        **{"baseline_overruns": 7, "wall_s": 8.0, "held_s": 0.1, "own_late_s": 0.2},
+        **{"memory_growth_mb": {"plant": 1.0, "recorder": 2.0}, "memory_watched_s": 60.0},
+    }
+    changed = {name for name, value in all_figures(run).items() if value != before[name]}
+    assert changed == names_of(Origin.TIMING) | {"ticks"}
 
 
 def test_the_report_has_the_figures_of_a_walk_and_its_log_is_written(tmp_path) -> None:

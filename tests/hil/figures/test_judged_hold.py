@@ -202,6 +202,14 @@ def test_the_regime_by_the_impacts_of_each_period(counts, speeds, v_m_s, wanted)
     assert decide_periods(counts, speeds, v_m_s) is wanted
 
 
+@pytest.mark.parametrize(("first", "hits", "periods"), [(-0.1, [], 4), (0.05, [], 3), (0.05, [0.6, 1.6], 4)])
+def test_a_window_has_all_the_whole_turns_between_its_first_and_its_last_tick(first, hits, periods):
+    """18 ticks, 4.25 turns. Without impacts a period begins at angle 0, else half a turn before they come."""
+    turns = first + 0.25 * np.arange(18)
+    found = true_regime.cut_periods(turns, 2.0 * np.pi * np.mod(turns, 1.0), np.array(hits))
+    assert len(found.counts) == periods
+
+
 def test_an_empty_window_has_no_periods():
     assert len(true_regime.cut_periods(np.zeros(0), np.zeros(0), np.zeros(0)).counts) == 0
 
