@@ -41,7 +41,7 @@ def first_false_alarm(traces: RunTraces) -> float | None:
 
 def moment_of(name: str, traces: RunTraces, figures: Figures) -> float:
     """The time that explains a failed check on the figure `name` best; by default the end of the run."""
-    group = name.split(".", maxsplit=1)[0]
+    group = name.partition(".")[0]
     looked_up: dict[str, Callable[[], float | None]] = {
         "detector.recall": lambda: first_missed(traces),
         "detector.precision": lambda: first_false_alarm(traces),

@@ -4,15 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from run_folder import make_run, write_run
+from run_folder import make_run, traces_of, write_run
 
 from firmware_py.core.numbers import TAU
 from firmware_py.interface.enums import AxisState, Fault, Mode
 from firmware_py.shell.parameters import BY_NAME, config_from
-from hil.judge.why.cause import conditions, find_cause
-from hil.record.run_traces import read_run
+from hil.judge.judge import judge
+from hil.judge.why.cause import Cause, conditions, find_cause
+from hil.record.run_traces import RunTraces, read_run
 from hil.runs.recorded_run import open_run
 from hil.runs.verdict import finish
+from hil.show.report.run_picture import close_up
 
 SAFETY = Path(__file__).parents[3] / "docs/safety.md"
 LATCHED = 6007
@@ -34,7 +36,7 @@ def test_every_latched_fault_has_its_conditions_and_every_condition_its_row_with
     for fault, of_fault in conditions().items():
         for one in of_fault:
             assert np.isfinite(one.limit(config_from({})))
-            row = page[fault.name if one.row == "" else one.row or one.quantity]
+            row = page[one.row_for(fault)]
             assert fault.name in row, one
             for name in filter(None, (one.parameter, one.lasting)):
                 assert name in BY_NAME
@@ -86,8 +88,42 @@ CASES = {
         {"state.own_crank.tracked.disturbance_rad_s2": -302.0},
         "unexplained torque on the crank was 0.151 N m, limit 0.15 N m",
     ),
+    Fault.STOP_FAILED: (
+        {"state.monitors.held.stop_failed": 2001},
+        "duration of the stop was 2.001 s, limit 2 s",
+    ),
     Fault.DRIVE_WATCHDOG: ({}, ""),
 }
+# Of several limits that are exceeded the one is named that is exceeded by the largest share of its bound.
+FURTHEST = [
+    (
+        Fault.DRIVE_ERROR,
+        {
+            **{
+                "inputs.drive.axis_error": 0,
+                "state.monitors.enabled": 1,
+                "state.monitors.enable_ticks": 1001,
+            },
+            "inputs.drive.axis_state": AxisState.CLOSED_LOOP_CONTROL,
+        },
+        "time to close or open the axis was 1.001 s, limit 1 s (watchdog.enable_s)",
+    ),
+    (
+        Fault.OVERTEMPERATURE,
+        {"inputs.power.inverter_degc": 82.0, "inputs.power.motor_degc": -31.0},
+        "temperature of the motor was -31 °C, limit -30 °C (limit.lowest_degc)",
+    ),
+    (
+        Fault.OVERTEMPERATURE,
+        {"inputs.power.inverter_degc": 84.0, "inputs.power.motor_degc": -31.0},
+        "temperature of the inverter was 84 °C, limit 80 °C (limit.inverter_degc)",
+    ),
+    (
+        Fault.FORCE_LIMIT,
+        {"state.gate.contact.deviation_m_s2": 1515.0 / 0.8, "inputs.accelerometer.high_m_s2": 1937.0},
+        "force of the stop was 1515 N, limit 1500 N (limit.force_n)",
+    ),
+]
 
 
 def latched(fault, signals):
@@ -100,51 +136,62 @@ def latched(fault, signals):
     return made_up
 
 
-@pytest.mark.parametrize("fault", CASES, ids=lambda fault: fault.name)
-def test_the_limit_of_a_latched_fault_is_the_same_from_the_traces_and_from_the_log(tmp_path, fault):
-    signals, sentence = CASES[fault]
-    verdict = finish(write_run(latched(fault, signals), tmp_path))
-    traces, logged = read_run(tmp_path), open_run(tmp_path)
-    cause = find_cause(traces, verdict)
-    at_s = traces.firmware["t_s"][LATCHED]
+def judged(made_up):
+    """The cause of the end of a made-up run, and its verdict."""
+    traces = traces_of(made_up)
+    verdict = judge(traces, Path())
+    return find_cause(traces, verdict), verdict
+
+
+@pytest.mark.parametrize(("fault", "signals", "sentence"), [(one, *CASES[one]) for one in CASES] + FURTHEST)
+def test_a_latched_fault_names_the_limit_that_was_exceeded(fault, signals, sentence):
+    cause, _ = judged(latched(fault, signals))
     name = fault.name.lower().replace("_", "-")
-    assert cause.sentence.partition(": ")[0] == f"the firmware latched the fault {name} at {at_s:.4f} s"
-    assert cause.sentence.partition(": ")[2] == sentence
-    assert find_cause(logged.traces, logged.judged).sentence == cause.sentence
+    head = f"the firmware latched the fault {name} at 6.0075 s"
+    assert cause.sentence == (f"{head}: {sentence}" if sentence else head)
     assert (cause.limit is None) is (not sentence)
 
 
-def test_the_cause_is_the_first_of_fault_failed_checks_and_emergency_stop(tmp_path):
+@pytest.mark.parametrize("fault", CASES, ids=lambda fault: fault.name)
+def test_the_limit_of_a_latched_fault_is_the_same_from_the_traces_and_from_the_log(tmp_path, fault):
+    verdict = finish(write_run(latched(fault, CASES[fault][0]), tmp_path))
+    logged = open_run(tmp_path)
+    assert (
+        find_cause(logged.traces, logged.judged).sentence == find_cause(read_run(tmp_path), verdict).sentence
+    )
+
+
+def test_the_cause_is_the_first_of_fault_failed_checks_and_emergency_stop():
     made_up = latched(Fault.OVERCURRENT, {})
     later = {"name": "fault", "equals": "none"}
     earlier = {"name": "capture_s", "high": 1.0}
     made_up.scenario["checks"] = [later, earlier]
-    verdict = finish(write_run(made_up, tmp_path / "both"))
-    cause = find_cause(read_run(tmp_path / "both"), verdict)
+    cause, _ = judged(made_up)
     assert cause.sentence.startswith("the check capture_s is ")
     assert (cause.limit.name, cause.limit.bound, cause.limit.parameter) == ("capture_s", "≤ 1", None)
 
     made_up.scenario["checks"] = [{"name": "gait.last_pulse_after_s", "high": 1.0}]
-    verdict = finish(write_run(made_up, tmp_path / "consequence"))
+    cause, verdict = judged(made_up)
     assert verdict.checks[0].value is None
-    cause = find_cause(read_run(tmp_path / "consequence"), verdict)
     assert cause.sentence.startswith("the firmware latched the fault overcurrent")
     assert (cause.limit, cause.rows) == (None, ("motor current",))
 
     broken_off = make_run()
     broken_off.outcome["reasons"] = ["the controller failed: no such name"]
     broken_off.scenario["checks"] = [earlier]
-    verdict = finish(write_run(broken_off, tmp_path / "broken-off"))
-    assert (
-        find_cause(read_run(tmp_path / "broken-off"), verdict).sentence
-        == "the controller failed: no such name"
-    )
+    cause, _ = judged(broken_off)
+    assert (cause.at_s, cause.sentence) == (6.9995, "the controller failed: no such name")
+    nothing = RunTraces()
+    assert find_cause(nothing, judge(nothing, Path())).at_s == 0.0
 
     stopped = make_run()
     stopped.firmware["outputs.mode"][3000:] = Mode.E_STOP
     stopped.scenario["checks"] = []
-    verdict = finish(write_run(stopped, tmp_path / "stopped"))
-    cause = find_cause(read_run(tmp_path / "stopped"), verdict)
-    assert cause.sentence == "the operator's emergency stop was latched at 3.0005 s"
-    verdict = finish(write_run(make_run(), tmp_path / "passed"))
-    assert find_cause(read_run(tmp_path / "passed"), verdict) is None
+    assert judged(stopped)[0].sentence == "the operator's emergency stop was latched at 3.0005 s"
+    assert judged(make_run())[0] is None
+
+
+@pytest.mark.parametrize(("at_s", "from_s", "to_s"), [(0.2, 0.0, 1.5), (5.0, 4.0, 5.5), (6.9, 5.5, 7.0)])
+def test_a_close_up_shows_a_second_before_the_cause_and_half_a_second_after_it(at_s, from_s, to_s):
+    picture = close_up(traces_of(make_run()), 7.0, Cause(at_s, "", None))
+    assert picture.window_s == (from_s, to_s)
