@@ -6,6 +6,7 @@ that is not known yet. The speeds stay below 0.6 of the lowest natural frequency
 """
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -49,18 +50,22 @@ def bound(context: Context) -> Largest:
     return Largest(torque_n_m=TORQUE_N_M, speed_rad_s=speed_rad_s + MARGIN_RAD_S)
 
 
-def cautious(context: Context, largest: Largest, force_n: float) -> dict[str, float]:
-    """All parameters for a motion within `largest`, with this limit of the force."""
-    values, speed_rad_s = context.values | UNKNOWN_MODULE, largest.speed_rad_s
-    lowered = values | {
-        "speed.torque_limit_n_m": min(largest.torque_n_m, values["speed.torque_limit_n_m"]),
-        "limit.speed_rad_s": 0.9 * speed_rad_s,
-        "limit.overspeed_rad_s": speed_rad_s,
-        "limit.drive_speed_rad_s": speed_rad_s,
-        "limit.force_n": force_n,
+def within(values: Mapping[str, float], largest: Largest, force_n: float) -> dict[str, float]:
+    """The parameters with limits that keep a motion within `largest`, and this limit of the force."""
+    speeds_rad_s = {
+        "limit.speed_rad_s": 0.9 * largest.speed_rad_s,
+        "limit.overspeed_rad_s": largest.speed_rad_s,
+        "limit.drive_speed_rad_s": largest.speed_rad_s,
     }
+    limits = {"speed.torque_limit_n_m": largest.torque_n_m, "limit.force_n": force_n, **speeds_rad_s}
+    lowered = {**values, **{name: min(limit, values[name]) for name, limit in limits.items()}}
     ratio = min(lowered["start.highest_ratio"], reachable_ratio(lowered))
     return lowered | {"start.highest_ratio": ratio}
+
+
+def cautious(context: Context, largest: Largest, force_n: float) -> dict[str, float]:
+    """All parameters for a motion of a module that is not known, within `largest`."""
+    return within(context.values | UNKNOWN_MODULE, largest, force_n)
 
 
 def sweep(context: Context, found: Findings) -> None:

@@ -32,6 +32,7 @@ from firmware_py.interface.generated.records import (
 )
 from hil.timing.clock import TICK_S
 from plant_sim.arrays import FloatArray
+from tools.bring_up.drive_errors import clear_errors, names_of
 from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.tuning.recordings.readings import read_ticks
 from tools.tuning.result import Value, make_value
@@ -50,6 +51,8 @@ WINDOW = 6
 """Periods over which an acceleration is measured."""
 SETTLING = 7
 """Periods after a change of the torque until the encoder's speed follows it."""
+FEWEST_ROWS = 15
+"""Windows for the five unknowns of the fit."""
 PLAUSIBLE_N_M_A = (0.005, 1.0)
 NORMAL_95 = 1.96
 SHARED = np.array([0.013, 6e-4, 4e-4, 0.0, 0.0])
@@ -81,6 +84,8 @@ class Commander:
         self.is_armed = False
         self.current_limit_a = current_limit_a
         self.angle_rad, self.speed_rad_s = math.nan, 0.0
+        self.begin_rad, self.farthest_rad = math.nan, 0.0
+        """The angle at which the present pulse or swing began, and the largest angle of one so far."""
         self.samples: list[Sample] = []
         self.currents: list[tuple[float, float]] = []
         """Torque in N m and measured current in A."""
@@ -93,9 +98,14 @@ class Commander:
         self._begun = False
 
     def play(self, tick: int, received: Sequence[Frame]) -> Sequence[Frame] | None:
-        """Follow the reports, and send the script's next frames."""
+        """Follow the reports, and send the script's next frames; StepFailedError after `LONGEST_S`."""
         for frame in received:
             self._follow(frame)
+        if tick >= round(LONGEST_S / TICK_S) - 1:
+            raise StepFailedError(
+                f"the pulses have not ended within {LONGEST_S:g} s: the crank does not come to rest between "
+                "them, or the encoder's speed is noisy; mend it, then repeat the step"
+            )
         try:
             if not self._begun:
                 self._begun = True
@@ -133,9 +143,16 @@ class Commander:
                 f"the crank turns at {self.speed_rad_s:.1f} rad/s; the step was stopped. End other work on "
                 "this machine, which may have delayed a command, then repeat the step"
             )
+        turned_rad = abs(self.angle_rad - self.begin_rad)
+        self.farthest_rad = max(self.farthest_rad, turned_rad)  # not a number before the first pulse
+        if turned_rad > BOUND.angle_rad:
+            raise StepFailedError(
+                f"a pulse has turned the crank by {turned_rad:.2f} rad; the step was stopped. Look for what "
+                "else drives it, then repeat the step"
+            )
         if self.is_armed and self.beat and self.beat.axis_state != AxisState.CLOSED_LOOP_CONTROL:
             raise StepFailedError(
-                f"the drive has disarmed by itself (errors {self.beat.axis_error:#x}). If that is its "
+                f"the drive has disarmed by itself (errors {names_of(self.beat.axis_error)}). If that is its "
                 "watchdog, commands came late: end other work on this machine, then repeat the step"
             )
         self.steady = self.steady + 1 if self.samples and self.samples[-1].torque_n_m == clamped else 0
@@ -148,13 +165,12 @@ class Commander:
             yield self.torque(0.0)
 
     def arm(self) -> Script:
-        """Set mode and limits, clear errors and close the loop; raises StepFailedError if it stays open."""
+        """Set mode and limits, and close the loop; raises StepFailedError if it stays open."""
         mode = SetControllerMode(ControlMode.TORQUE_CONTROL, InputMode.PASSTHROUGH)
         limits = SetLimits(BOUND.speed_rad_s / TURN_RAD, self.current_limit_a)
         settings = (
             codec.SET_CONTROLLER_MODE.encode(mode),
             codec.SET_LIMITS.encode(limits),
-            codec.CLEAR_ERRORS.encode(ClearErrors(0)),
             codec.SET_AXIS_STATE.encode(SetAxisState(AxisState.CLOSED_LOOP_CONTROL)),
         )
         for frame in settings:
@@ -168,12 +184,15 @@ class Commander:
         if self.beat is None:
             raise StepFailedError("the drive has fallen silent; check its supply and plug")
         raise StepFailedError(
-            f"the drive does not close its loop (errors {self.beat.axis_error:#x}, result "
+            f"the drive does not close its loop (errors {names_of(self.beat.axis_error) or 'none'}, result "
             f"{self.beat.procedure_result}): calibrate it with the maker's tool, then repeat the step"
         )
 
     def prove_watchdog(self) -> Script:
-        """Fall silent with a closed loop and no torque; the drive must disarm by itself."""
+        """Fall silent with a closed loop and no torque; the drive must disarm by itself.
+
+        The error of this test, and no other one, is then cleared.
+        """
         self.is_armed = False
         for _ in range(round(SILENCE_S / TICK_S)):
             yield []
@@ -183,18 +202,19 @@ class Commander:
                 "the drive stays armed without commands: it has no watchdog, and nothing would end the "
                 "torque if the controller died. Set enable_watchdog = True and watchdog_timeout = 0.05"
             )
-        if not self.beat.axis_error & AxisError.WATCHDOG_TIMER_EXPIRED:
+        if self.beat.axis_error != AxisError.WATCHDOG_TIMER_EXPIRED:
             raise StepFailedError(
-                f"the drive disarmed in the watchdog's test with errors {self.beat.axis_error:#x} instead of "
-                "the watchdog's; clear the cause, then repeat the step"
+                f"the drive disarmed in the watchdog's test with errors {names_of(self.beat.axis_error)} "
+                "instead of the watchdog's alone; mend the cause, then repeat the step"
             )
+        yield [codec.CLEAR_ERRORS.encode(ClearErrors(0))]
 
     def pulse(self, torque_n_m: float, longest_s: float) -> Script:
         """A pulse that ends at its bounds, then coasting until the crank rests."""
-        begin_rad, still = self.angle_rad, 0
+        self.begin_rad, still = self.angle_rad, 0
         for _ in range(round(longest_s / TICK_S)):
             yield self.torque(torque_n_m)
-            turned_rad = abs(self.angle_rad - begin_rad)
+            turned_rad = abs(self.angle_rad - self.begin_rad)
             if turned_rad > PULSE_END_RAD or abs(self.speed_rad_s) > PULSE_END_RAD_S:
                 break
         for _ in range(round(LONGEST_COAST_S / TICK_S)):
@@ -205,11 +225,11 @@ class Commander:
 
     def swing(self, torque_n_m: float) -> Script:
         """A torque until the speed that it causes, of either direction, reaches `SWING_RAD_S`."""
-        first, before_rad_s, begin_rad = len(self.samples), self.speed_rad_s, self.angle_rad
+        first, before_rad_s, self.begin_rad = len(self.samples), self.speed_rad_s, self.angle_rad
         for _ in range(round(LONGEST_SWING_S / TICK_S)):
             yield self.torque(torque_n_m)
-            if abs(self.angle_rad - begin_rad) > BOUND.angle_rad / 2.0:
-                raise StepFailedError("a swing has turned the crank beyond its bound; repeat the step")
+            if abs(self.angle_rad - self.begin_rad) > BOUND.angle_rad / 2.0:
+                raise StepFailedError("a swing has turned the crank by half its bound; repeat the step")
             gained_rad_s = abs(self.speed_rad_s - before_rad_s)
             if abs(self.speed_rad_s) > SWING_RAD_S and gained_rad_s > SWING_RAD_S / 2.0:
                 break
@@ -266,14 +286,15 @@ def accelerations(played: Commander) -> FloatArray:
 
 def fit_crank(rows: FloatArray) -> tuple[dict[str, Value], float]:
     """Inertia, dry and viscous friction with 95 % intervals, and the direction of torque against angle."""
+    too_few = f"{len(rows)} accelerations were measured, too few for the inertia; repeat the step"
+    if len(rows) < FEWEST_ROWS:
+        raise StepFailedError(too_few)
     torque_n_m, angle_rad, speed_rad_s, slope = rows.T
     load = np.column_stack([np.ones(len(rows)), angle_rad - angle_rad.mean()])
     table = np.column_stack([torque_n_m, -np.sign(speed_rad_s), -speed_rad_s, load])
     found, _, rank, _ = np.linalg.lstsq(table, slope)
-    if len(rows) < 3 * table.shape[1] or rank < table.shape[1]:
-        raise StepFailedError(
-            f"{len(rows)} accelerations were measured, too few for the inertia; repeat the step"
-        )
+    if rank < table.shape[1]:
+        raise StepFailedError(too_few)
     left = slope - table @ found
     covariance = np.linalg.inv(table.T @ table) * float(left @ left) / (len(rows) - table.shape[1])
     error = NORMAL_95 * np.sqrt(np.diag(covariance) + (found[0] * SHARED) ** 2)
@@ -321,6 +342,7 @@ def note_currents(played: Commander, found: Findings) -> None:
 
 def drive(context: Context, found: Findings) -> None:
     """Play the pulses, and find direction, inertia and friction."""
+    clear_errors(context)
     played = Commander(context.values["speed.current_limit_a"])
     try:
         context.bench.play(played, LONGEST_S, context.log("drive"))
@@ -349,7 +371,7 @@ def note_largest(played: Commander, found: Findings) -> None:
     samples = np.array(played.samples)
     found.largest = Largest(
         torque_n_m=float(np.max(np.abs(samples[:, 0]))),
-        angle_rad=float(np.ptp(samples[:, 1])),
+        angle_rad=played.farthest_rad,
         speed_rad_s=float(np.max(np.abs(samples[:, 2]))),
     )
     t_s = np.arange(len(samples)) * TICK_S
@@ -363,8 +385,9 @@ def note_largest(played: Commander, found: Findings) -> None:
 DRIVE = Step(
     "drive",
     "It proves the drive's watchdog, and finds its direction, inertia and friction by short torque pulses.",
-    "The drive is armed, and the crank is turned to and fro by pulses of torque of up to 60 ms; the striker "
-    "follows a little. Keep hands off.",
+    "The drive is armed, and the crank is turned to and fro: by pulses of torque of up to "
+    f"{LONGEST_PULSE_S * 1e3:g} ms, and by {SWINGS} swings of up to {LONGEST_SWING_S:g} s; the striker follows "
+    "a little. Keep hands off.",
     7.0,
     lambda _: BOUND,
     drive,

@@ -18,7 +18,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.shell.parameters import with_overrides
 from hil.scenario.commands import Command, Request
 from hil.timing.clock import TICK_S
-from tools.bring_up.below_impacts import FORCE_SHARE, cautious
+from tools.bring_up.below_impacts import FORCE_SHARE, cautious, within
 from tools.bring_up.listen import Listener
 from tools.bring_up.module_fit import fit_module, largest_in, natural_rad_s
 from tools.bring_up.operated import LatchedFaultError, Operated, RatioTooHighError, operate
@@ -39,6 +39,8 @@ RESTING_S = 10.0
 """Time in which the module comes to rest after a fault."""
 HARD_M_S = 1.2
 """Approach speed that the hold's force limit allows for, with a factor of 1.5."""
+LOWEST_LIMIT_N = 100.0
+"""The hold's force limit is not lowered further."""
 HOLD_S, JUDGED_S, SHOWN = 16.0, 8.0, 400
 TORQUE_N_M = 0.5
 REVERSED = "wiring.striker_reversed"
@@ -210,12 +212,9 @@ def hold(context: Context, found: Findings, values: dict[str, float], logs: Sequ
     """Hold the wanted ratio with the parameters found, and fit them again, with the approach's last log."""
     raised = allow_impulse(context, values)
     values = values | raised
-    limit_n = min(
-        values["limit.force_n"],
-        1.5 * HARD_M_S * math.pi * values["striker.mass_kg"] / values["stop.contact_s"],
-    )
-    found.add("force limit of the hold", limit_n, "N")
-    held = values | {"limit.force_n": max(limit_n, 100.0)}
+    hard_n = 1.5 * HARD_M_S * math.pi * values["striker.mass_kg"] / values["stop.contact_s"]
+    held = within(values, first_bound(context), max(hard_n, LOWEST_LIMIT_N))
+    found.add("force limit of the hold", held["limit.force_n"], "N")
     player = Operated([Command(0.0, Request.RUN, context.ratio)], HOLD_S)
     log = context.log("hold")
     try:

@@ -5,12 +5,13 @@ from pathlib import Path
 
 from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
-from firmware_py.interface.enums import AxisError, Fault, Mode, Refusal, Regime
+from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.generated.records import ClearErrors, FaultEvent, FirmwareHeartbeat, ImpactEvent
+from firmware_py.interface.generated.records import FaultEvent, FirmwareHeartbeat, ImpactEvent
 from hil.nodes.operator.node import OperatorNode
 from hil.scenario.commands import Command, Request
 from hil.timing.clock import TICK_S
+from tools.bring_up.drive_errors import clear_errors
 from tools.bring_up.step import Context, StepFailedError
 
 BEGINNING = (
@@ -21,8 +22,6 @@ BEGINNING = (
 """Before each start the firmware tests the drive's watchdog."""
 BEGUN_S = 2.2
 SILENT_S = 3.0
-CLEARED_S = 1.0
-"""Longest time in which the drive clears its errors."""
 LINE_TICKS = round(10.0 / TICK_S)
 """Periods between two lines about the motion."""
 LONGEST_STOP_S, LONGEST_REST_S = 4.0, 40.0
@@ -50,27 +49,6 @@ HINTS = {
     Fault.DRIVE_WATCHDOG: f": commands came late or not at all. {LATE}",
 }
 """What to do about a fault that other causes than the module's have too."""
-
-
-class ErrorCleared:
-    """Clears the drive's errors if they are all among `cleared`; ends once they have gone, or are others."""
-
-    moves = False
-
-    def __init__(self, cleared: int) -> None:
-        self._cleared, self._beats = cleared, 0
-        self.error = 0
-        """The errors that the drive has last reported."""
-
-    def play(self, _: int, received: Sequence[Frame]) -> Sequence[Frame] | None:
-        """Wait for the drive's heartbeats; the first one may be older than the E-stop."""
-        beats = [frame for frame in received if frame.can_id == codec.DRIVE_HEARTBEAT.can_id]
-        self._beats += len(beats)
-        if not beats or self._beats < 2:
-            return ()
-        self.error = codec.DRIVE_HEARTBEAT.decode(beats[-1].data).axis_error
-        is_cleared = self.error and not self.error & ~self._cleared
-        return [codec.CLEAR_ERRORS.encode(ClearErrors(0))] if is_cleared else None
 
 
 class Operated:
@@ -198,28 +176,7 @@ class Operated:
 
 
 def operate(context: Context, player: Operated, log: Path, parameters: Mapping[str, float]) -> None:
-    """Play a script with the firmware, which does not become ready while the drive has errors.
-
-    The error of an earlier step's E-stop is cleared; that of the watchdog, as after an adapter that has died,
-    after a yes. Raises StepFailedError for any other.
-    """
-    cleared = AxisError.ESTOP_REQUESTED.value
-    context.bench.play(before := ErrorCleared(cleared), CLEARED_S, context.log("before"))
-    cleared |= AxisError.WATCHDOG_TIMER_EXPIRED
-    if (
-        before.error
-        and not before.error & ~cleared
-        and context.asks(
-            "The drive's watchdog has ended its torque, as it must when the adapter or this command ends in "
-            "motion. Clear its error?"
-        )
-    ):
-        context.bench.play(before := ErrorCleared(cleared), CLEARED_S, context.log("before"))
-    if before.error:
-        names = ", ".join(one.name for one in AxisError if before.error & one)
-        raise StepFailedError(
-            f"the drive reports {names}: mend its cause, clear the error with the maker's tool, then repeat "
-            "the step"
-        )
+    """Play a script with the firmware, which does not become ready while the drive has errors."""
+    clear_errors(context)
     player.says = context.says
     context.bench.play(player, player.longest_s, log, parameters)

@@ -17,10 +17,12 @@ from firmware_py.shell.parameters import with_overrides
 from hil.bus import BusFailedError
 from hil.bus.base import NodeBus
 from hil.bus.log.can_log import CanLog
+from hil.drive.axis import disarm
+from tools.bring_up.drive_errors import ErrorCleared
 from tools.bring_up.lockstep import LockstepBench
 from tools.bring_up.module_fit import read_turning
-from tools.bring_up.operated import ErrorCleared, Operated, operate
-from tools.bring_up.session import read_state
+from tools.bring_up.operated import Operated, operate
+from tools.bring_up.session import Session, User, read_state
 from tools.bring_up.step import Context, Player, StepFailedError
 from tools.bring_up.trials import bench_of, beyond_bounds, brought_up
 
@@ -127,6 +129,9 @@ class Reports:
     [
         (AxisError.WATCHDOG_TIMER_EXPIRED, True, ""),
         (AxisError.WATCHDOG_TIMER_EXPIRED, False, "WATCHDOG_TIMER_EXPIRED"),
+        (AxisError.ESTOP_REQUESTED, True, ""),
+        (AxisError.ESTOP_REQUESTED, False, "ESTOP_REQUESTED"),
+        (0x80, True, "0x80"),
         (AxisError.DRV_FAULT | AxisError.ESTOP_REQUESTED, True, "DRV_FAULT, ESTOP_REQUESTED"),
     ],
 )
@@ -141,6 +146,44 @@ def test_an_error_of_the_drive_is_cleared_after_a_yes_or_named(
     else:
         operate(context, player, tmp_path / "motion.log", context.values)
     assert bench.played == ([] if reason else [player])
+
+
+@pytest.mark.parametrize(
+    ("error", "is_yes"),
+    [
+        (AxisError.DRV_FAULT, True),
+        (AxisError.WATCHDOG_TIMER_EXPIRED, False),
+        (AxisError.ESTOP_REQUESTED, False),
+        (AxisError.ESTOP_REQUESTED, True),
+    ],
+)
+def test_the_drives_step_neither_arms_nor_clears_an_error_without_a_yes(
+    error: AxisError, is_yes: bool, tmp_path: Path
+) -> None:
+    bench, asked = bench_of({}, [], 1), list[str]()
+    node = bench.plant.node
+    node.state = node.state._replace(drive=disarm(node.drive, error))
+
+    def answer(question: str) -> bool:
+        asked.append(question)
+        return is_yes or question.startswith("Begin the step")
+
+    user = User(lambda _: None, answer)
+    result = Session(bench, tmp_path / "out", {}, 1.25, user).run(None, "drive")
+    may_be_cleared = error != AxisError.DRV_FAULT
+    assert [error.name in one for one in asked] == [False] + [True] * may_be_cleared
+    if may_be_cleared and is_yes:
+        assert result["passed"], result["steps"][-1]["reason"]
+        return
+    assert result["steps"][-1]["name"] == "drive"
+    assert f"the drive reports {error.name}: " in result["steps"][-1]["reason"]
+    assert (bench.plant.node.drive.axis.errors, bench.largest["before"].torque_n_m) == (error, 0.0)
+    assert "drive" not in bench.largest
+
+
+def test_a_damaged_heartbeat_is_passed_over() -> None:
+    player, damaged = ErrorCleared(0), Frame(codec.DRIVE_HEARTBEAT.can_id, b"\x01")
+    assert [player.play(tick, [damaged]) for tick in range(3)] == [()] * 3
 
 
 def test_pieces_between_lost_samples_are_read_where_the_crank_turns(tmp_path: Path) -> None:
