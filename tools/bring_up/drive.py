@@ -386,8 +386,8 @@ DRIVE = Step(
     "drive",
     "It proves the drive's watchdog, and finds its direction, inertia and friction by short torque pulses.",
     "The drive is armed, and the crank is turned to and fro: by pulses of torque of up to "
-    f"{LONGEST_PULSE_S * 1e3:g} ms, and by {SWINGS} swings of up to {LONGEST_SWING_S:g} s; the striker follows "
-    "a little. Keep hands off.",
+    f"{LONGEST_PULSE_S * 1e3:g} ms, and by {SWINGS} swings of up to {LONGEST_SWING_S:g} s; the striker "
+    "follows a little. Keep hands off.",
     7.0,
     lambda _: BOUND,
     drive,

@@ -51,7 +51,7 @@ def wire(ticks: Ticks, values: Mapping[str, float]) -> Ticks:
 def read_turning(logs: Sequence[Path], values: Mapping[str, float]) -> Readings:
     """The motion of logs one after another, without parts in which the crank hardly turns.
 
-    A piece between lost samples that is too short for the speed's average is left out too.
+    A part that is shorter than the speed's average, as between lost samples, is left out too.
     """
     parts, ends, begins, rows = [], [], [], 0
     for log in logs:
@@ -63,8 +63,10 @@ def read_turning(logs: Sequence[Path], values: Mapping[str, float]) -> Readings:
             kernel = np.ones(SMOOTHED) / SMOOTHED
             turns = np.convolve(speed, kernel, "same") > TURNING_RAD_S
             edges = np.flatnonzero(np.diff(np.concatenate([[False], turns, [False]]).astype(np.int8)))
-            begins += [rows + first + begin for first in edges[::2].tolist()]
-            ends += [rows + last + begin for last in edges[1::2].tolist()]
+            for first, last in edges.reshape(-1, 2).tolist():
+                if last - first >= SMOOTHED:
+                    begins.append(rows + first + begin)
+                    ends.append(rows + last + begin)
         parts.append(one)
         rows += len(one.angle_rad)
     if not begins:

@@ -3,10 +3,12 @@
 After a death the module rests, a status says why, and the step is repeated.
 """
 
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from firmware_py.interface import codec
@@ -18,9 +20,10 @@ from hil.bus import BusFailedError
 from hil.bus.base import NodeBus
 from hil.bus.log.can_log import CanLog
 from hil.drive.axis import disarm
+from hil.timing.clock import TICK_S
 from tools.bring_up.drive_errors import ErrorCleared
 from tools.bring_up.lockstep import LockstepBench
-from tools.bring_up.module_fit import read_turning
+from tools.bring_up.module_fit import SMOOTHED, TURNING_RAD_S, read_turning
 from tools.bring_up.operated import Operated, operate
 from tools.bring_up.session import Session, User, read_state
 from tools.bring_up.step import Context, Player, StepFailedError
@@ -189,14 +192,30 @@ def test_a_damaged_heartbeat_is_passed_over() -> None:
 def test_pieces_between_lost_samples_are_read_where_the_crank_turns(tmp_path: Path) -> None:
     """A piece that is shorter than the average of the speed shows no speed."""
     log, lost = tmp_path / "steps.log", {400, 402, 450}
+    write_motion(log, [0.5e-3 * tick for tick in range(1000)], lost)
+    pieces = read_turning([log], with_overrides({})).pieces
+    assert [begin for begin, _ in pieces] == [0, 451]
+    assert [end for _, end in pieces] == [400, 1000]
+
+
+def test_a_crank_that_only_twitches_does_not_turn(tmp_path: Path) -> None:
+    """The part in which its averaged speed exceeds the limit is shorter than the average itself."""
+    turned_rev, log = 1.1 * TURNING_RAD_S * SMOOTHED * TICK_S / (2.0 * math.pi), tmp_path / "twitch.log"
+    angles_rev = np.interp(
+        np.arange(2000), [0, 1000, 1400, 1400 + SMOOTHED], [0.0, 0.5, 0.5, 0.5 + turned_rev]
+    )
+    write_motion(log, angles_rev.tolist(), set())
+    ((_, end),) = read_turning([log], with_overrides({})).pieces
+    assert end == pytest.approx(1000, abs=SMOOTHED)
+
+
+def write_motion(log: Path, angles_rev: Sequence[float], lost: set[int]) -> None:
+    """Write the frames of a crank with these angles, without those of the `lost` ticks."""
     with CanLog(log) as file:
-        for tick in set(range(1000)) - lost:
-            angle_rev = 0.5e-3 * tick
+        for tick in sorted(set(range(len(angles_rev))) - lost):
+            angle_rev = angles_rev[tick]
             frames = [
                 codec.ACCELEROMETER.encode(Accelerometer(0.01 * (tick % 7), 0.0, 0.0), tick % 256),
                 codec.ENCODER_ESTIMATES.encode(EncoderEstimates(angle_rev, 0.5)),
             ]
             file.write(1000 * tick, frames)
-    pieces = read_turning([log], with_overrides({})).pieces
-    assert [begin for begin, _ in pieces] == [0, 451]
-    assert [end for _, end in pieces] == [400, 1000]
