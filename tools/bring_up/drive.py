@@ -32,7 +32,7 @@ from firmware_py.interface.generated.records import (
 )
 from hil.timing.clock import TICK_S
 from plant_sim.arrays import FloatArray
-from tools.bring_up.drive_errors import clear_errors, names_of
+from tools.bring_up.operated import clear_errors, names_of
 from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.tuning.recordings.readings import read_ticks
 from tools.tuning.result import Value, make_value

@@ -5,13 +5,12 @@ from pathlib import Path
 
 from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
-from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
+from firmware_py.interface.enums import AxisError, Fault, Mode, Refusal, Regime
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.generated.records import FaultEvent, FirmwareHeartbeat, ImpactEvent
+from firmware_py.interface.generated.records import ClearErrors, FaultEvent, FirmwareHeartbeat, ImpactEvent
 from hil.nodes.operator.node import OperatorNode
 from hil.scenario.commands import Command, Request
 from hil.timing.clock import TICK_S
-from tools.bring_up.drive_errors import clear_errors
 from tools.bring_up.step import Context, StepFailedError
 
 BEGINNING = (
@@ -29,6 +28,14 @@ STILL_REV_S, STILL_S = 0.02, 1.0
 """A crank that is slower for this time rests."""
 OLDEST_ENCODER_S = 0.1
 """An older frame of the encoder does not show that the crank rests."""
+CLEARED_S = 1.0
+"""Longest time in which the drive clears its errors."""
+ENDED_BY = {
+    AxisError.ESTOP_REQUESTED: "an E-stop, which this command sends when a step ends early in motion",
+    AxisError.WATCHDOG_TIMER_EXPIRED: "the drive's watchdog, as it must when the adapter or this command "
+    "ends in motion",
+}
+"""What has ended the torque, by the errors that may be cleared."""
 
 
 class LatchedFaultError(StepFailedError):
@@ -49,6 +56,36 @@ HINTS = {
     Fault.DRIVE_WATCHDOG: f": commands came late or not at all. {LATE}",
 }
 """What to do about a fault that other causes than the module's have too."""
+
+
+class ErrorCleared:
+    """Clears the drive's errors if they are all among `cleared`; ends once they have gone, or are others."""
+
+    moves = False
+
+    def __init__(self, cleared: int) -> None:
+        self._cleared, self._beats = cleared, 0
+        self.error = 0
+        """The errors that the drive has last reported."""
+
+    def play(self, _: int, received: Sequence[Frame]) -> Sequence[Frame] | None:
+        """Wait for the drive's heartbeats; the first one may be older than the E-stop."""
+        before = self._beats
+        for frame in received:
+            self._follow(frame)
+        if self._beats in (before, 1):
+            return ()
+        is_cleared = self.error and not self.error & ~self._cleared
+        return [codec.CLEAR_ERRORS.encode(ClearErrors(0))] if is_cleared else None
+
+    def _follow(self, frame: Frame) -> None:
+        if frame.can_id != codec.DRIVE_HEARTBEAT.can_id:
+            return
+        try:
+            self.error = codec.DRIVE_HEARTBEAT.decode(frame.data).axis_error
+        except FrameError:
+            return
+        self._beats += 1
 
 
 class Operated:
@@ -173,6 +210,39 @@ class Operated:
         hint = HINTS.get(Fault(event.fault), "")
         about = f"the firmware stopped the module: {Fault(event.fault).name}{drive}{hint}"
         raise LatchedFaultError(about, Fault(event.fault))
+
+
+def names_of(error: int) -> str:
+    """The names of errors, and the number of those without one.
+
+    >>> names_of(AxisError.DRV_FAULT | AxisError.ESTOP_REQUESTED | 0x80)
+    'DRV_FAULT, ESTOP_REQUESTED, 0x80'
+    """
+    names = [one.name for one in AxisError if error & one]
+    unnamed = error & ~sum(AxisError)
+    return ", ".join([*names, hex(unnamed)] if unnamed else names)
+
+
+def clear_errors(context: Context) -> None:
+    """Clear the errors that the drive has kept from before a step, after a yes.
+
+    After its watchdog or an E-stop it does not arm. Both may be this command's own, and neither shows what
+    has ended the torque, so the user decides. Raises StepFailedError without a yes, for any other error,
+    whose cause has to be mended, and for errors that stay.
+    """
+    context.bench.play(found := ErrorCleared(0), CLEARED_S, context.log("before"))
+    causes = [cause for one, cause in ENDED_BY.items() if found.error & one]
+    if causes and not found.error & ~sum(ENDED_BY):
+        asked = (
+            f"The drive reports {names_of(found.error)}: its torque was ended by {' and by '.join(causes)}"
+        )
+        if context.asks(f"{asked}. Clear the error, so that the step may begin?"):
+            context.bench.play(found := ErrorCleared(found.error), CLEARED_S, context.log("before"))
+    if found.error:
+        raise StepFailedError(
+            f"the drive reports {names_of(found.error)}: mend its cause, clear the error with the maker's "
+            "tool, then repeat the step"
+        )
 
 
 def operate(context: Context, player: Operated, log: Path, parameters: Mapping[str, float]) -> None:

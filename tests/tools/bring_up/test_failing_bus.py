@@ -21,10 +21,9 @@ from hil.bus.base import NodeBus
 from hil.bus.log.can_log import CanLog
 from hil.drive.axis import disarm
 from hil.timing.clock import TICK_S
-from tools.bring_up.drive_errors import ErrorCleared
 from tools.bring_up.lockstep import LockstepBench
 from tools.bring_up.module_fit import SMOOTHED, TURNING_RAD_S, read_turning
-from tools.bring_up.operated import Operated, operate
+from tools.bring_up.operated import ErrorCleared, Operated, operate
 from tools.bring_up.session import Session, User, read_state
 from tools.bring_up.step import Context, Player, StepFailedError
 from tools.bring_up.trials import bench_of, beyond_bounds, brought_up
