@@ -10,8 +10,11 @@ from plant_sim.scene import read_scene
 from tools.campaign.campaign import BASE_SCENE, Cell, Plan, Sampler, first_tick_s, scenario_of, script_of
 from tools.campaign.sampling import sample
 
-CLEAR_S, IDLE_S, RUN_S = 1.0, 1.3, 1.6
-"""Times of the commands, s: CLEAR_FAULTS, as a moving striker may cause faults at power-up; IDLE; RUN."""
+CLEAR_S, IDLE_S, RUN_S = 1.0, 1.5, 1.6
+"""Times of the commands, s: CLEAR_FAULTS, as a moving striker may cause faults at power-up; IDLE; RUN.
+
+The firmware takes a request that was repeated for 0.3 s.
+"""
 SETTLED_S = RUN_S + 15.0
 """Time from which a hold is judged and a kick may occur, s."""
 

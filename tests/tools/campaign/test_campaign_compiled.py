@@ -42,6 +42,12 @@ from tools.output import exit_of
 SEED = 20_001
 
 
+def test_a_module_powered_up_during_a_contact_has_a_latched_fault_that_the_script_clears() -> None:
+    trial = trial_of(CAMPAIGNS["hold"].plan(["campaign.hold_s=2.0"], 47_029), 91)
+    modes = [change.mode for change in run_loop(trial.scenario, trial.scenario.seed).modes]
+    assert modes.index(Mode.FAULT) < modes.index(Mode.RUN)
+
+
 def test_a_kept_trial_is_a_scenario_that_a_run_repeats_bit_for_bit(tmp_path: Path) -> None:
     settings = ["campaign.duration_s=19.0", "scene.sensors.coarse.noise_m=2e-3"]
     trial = trial_of(CAMPAIGNS["recover"].plan(settings, SEED), 3)
