@@ -1,11 +1,13 @@
 """The firmware on the simulated module, by frames: the default run, and what it does when things break."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from closed_loop import Bench, scene_with
 
+import hil
 from firmware_py.interface.enums import (
     ActingLimit,
     Fault,
@@ -120,6 +122,14 @@ def test_the_speed_is_held_and_the_torque_within_its_limit(default_run: Bench) -
     assert omega.mean() == pytest.approx(1.3 * 9.354143, rel=1e-3)
     torque = default_run.column(lambda _s, o, _m: o.torque_n_m)
     assert np.abs(torque).max() < 0.2
+
+
+@pytest.mark.requirement("P-04")
+def test_at_whole_counts_of_the_encoder_in_a_period_the_ripple_is_the_stated_one(tmp_path: Path) -> None:
+    ratio = 24 * math.tau / 16384 / 1e-3 / math.sqrt(70.0 / 0.8)
+    changed = {"script.commands.0.target_ratio": ratio}
+    run = hil.run("soft-start-multistable", set=changed, out=tmp_path / "run")
+    assert 0.002 < run.figures.speed.ripple <= 0.0026
 
 
 @pytest.mark.requirement("P-03")
