@@ -18,6 +18,7 @@ from firmware_py.shell.parameters import config_from
 from hil.figures import detection
 from hil.figures.hold import Window
 from hil.figures.records import GaitFigures, no_figures
+from hil.figures.true_regime import impacts_by_period
 from hil.record.run_traces import RunTraces, column, pair_by_tick
 from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import BoolArray, FloatArray
@@ -133,7 +134,7 @@ def count_undriven(firmware: Records, pulses_s: FloatArray) -> int:
 def gait_figures(traces: RunTraces, hold: Window | None) -> GaitFigures:
     """All figures of a walk over the hold; all None without a walk or a hold."""
     plant, firmware = traces.plant, traces.firmware
-    if not traces.is_walked or len(plant) == 0 or len(firmware) == 0 or hold is None:
+    if not traces.is_walked or len(plant) == 0 or hold is None:
         return no_figures(GaitFigures)
     t_s, error = phase_error(plant, firmware)
     error = error[hold.holds(t_s)]
@@ -143,8 +144,7 @@ def gait_figures(traces: RunTraces, hold: Window | None) -> GaitFigures:
     strikes = strikes[steady.holds(strikes)][SETTLING_STRIDES:]
     pulses = pulses_of(plant, traces.impacts)
     inside = push_off(traces.scenario).holds(pulses.phase)
-    hits = np.histogram(pulses.t_s[inside], strikes)[0] if len(strikes) > 1 else np.zeros(0)
-    misses = np.histogram(pulses.t_s[~inside], strikes)[0] if len(strikes) > 1 else np.zeros(0)
+    hits, misses = (impacts_by_period(pulses.t_s[among], strikes) for among in (inside, ~inside))
     after = hardest = None
     if end is not None:
         follows = is_following(pulses.t_s, end.at_s, next_start_s(firmware, end.at_s))

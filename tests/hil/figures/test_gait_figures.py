@@ -71,8 +71,10 @@ def figures(run: MadeUpRun) -> GaitFigures:
 
 
 def test_a_run_without_a_walk_has_no_figures_of_one() -> None:
-    found = figures(make_run())
-    assert found == GaitFigures(*[None] * 11)
+    without_a_plant = walk()
+    without_a_plant.plant = {name: values[:0] for name, values in without_a_plant.plant.items()}
+    for run in (make_run(), without_a_plant):
+        assert figures(run) == GaitFigures(*[None] * 11)
 
 
 def test_the_phase_error_is_taken_on_the_circle() -> None:
@@ -111,16 +113,27 @@ def test_the_window_is_the_firmwares_own() -> None:
 
 
 def test_a_stop_is_when_the_leg_stands_still() -> None:
-    """Strides of 0.4 s count from the fifth of the hold, at 4.0 s, to 5.0 s; the last pulse is at 5.4 s."""
+    """Strides of 0.4 s count from the fifth of the hold, at 4.0 s, to 5.0 s; the last pulse is at 5.4 s.
+
+    It is compared with those from the middle of the steady walk on.
+    """
     run = walk(until_s=5.0)
     place_impacts(run, [0.5], (HOLD_S, 5.5))
-    late = run.impacts["t_s"] > 5.0
-    run.impacts["v_m_s"][late] = 0.8
+    t_s, v_m_s = run.impacts["t_s"], run.impacts["v_m_s"]
+    middle_s = 0.5 * (HOLD_S + T_S / 2 + 5.0)
+    t_s[np.searchsorted(t_s, middle_s)] = middle_s
+    v_m_s[:] = np.select([t_s < middle_s, t_s == middle_s, t_s > 5.0], [9.0, 1.0, 0.8], 0.9)
     found = figures(run)
     assert (found.end, found.end_s) == ("stop", pytest.approx(5.0))
     assert found.strides == 2
     assert found.last_pulse_after_s == pytest.approx(0.4, abs=2e-3)
     assert found.hardest_after == pytest.approx(0.8)
+    t_s[np.searchsorted(t_s, 5.0)] = 5.0
+    v_m_s[t_s == 5.0] = 1.6
+    assert figures(run).hardest_after == pytest.approx(0.5)
+    run.impacts = {name: values[t_s <= 5.0] for name, values in run.impacts.items()}
+    quiet = figures(run)
+    assert (quiet.last_pulse_after_s, quiet.hardest_after) == (0.0, 0.0)
 
 
 def test_a_new_start_after_a_stumble_is_not_its_last_pulse() -> None:
@@ -170,8 +183,9 @@ def test_the_next_start_of_the_crank_is_its_first_tick(after_s: float, start_s: 
 
 
 def test_a_pause_of_two_seconds_ends_the_pulses_that_follow() -> None:
-    pulses_s = np.array([0.9, 1.5, 3.0, 5.0, 5.5])
-    assert is_following(pulses_s, 1.0, 9.0).tolist() == [False, True, True, False, False]
+    pulses_s = np.array([0.9, 1.0, 1.5, 3.0, 5.0, 5.5])
+    assert np.flatnonzero(is_following(pulses_s, 1.0, 9.0)).tolist() == [2, 3]
+    assert np.flatnonzero(is_following(pulses_s, 1.0, 3.0)).tolist() == [2]
 
 
 def test_a_pulse_is_undriven_two_seconds_after_the_crank_or_after_the_beginning_of_the_run() -> None:

@@ -11,7 +11,7 @@ from hil.figures.gaps import Gap
 from hil.judge.evaluation import evaluate, margin, margin_in, margin_share
 from hil.judge.verdict import Verdict
 from hil.record.run_traces import RunTraces
-from hil.scenario.checks import Bounds, Check, checks_of
+from hil.scenario.checks import Bounds, Check, checks_of, requirements
 
 
 def figures(**values):
@@ -182,8 +182,9 @@ def test_a_check_stays_as_it_was_read_and_a_scenario_has_500_of_them_at_most():
     table = {"name": "peak_force_n", "high": 1.0}
     checks = checks_of({"checks": [table] * 500})
     assert len(checks) == 500
-    with pytest.raises(ValidationError, match="frozen"):
-        checks[0].high = 2.0
+    for one, name in ((checks[0], "high"), (requirements()["P-01"], "text")):
+        with pytest.raises(ValidationError, match="frozen"):
+            setattr(one, name, 2.0)
     with pytest.raises(ValueError, match="it has 501 checks; wanted 500 at most"):
         checks_of({"checks": [table] * 501})
 
