@@ -8,7 +8,15 @@ from run_folder import HOLD_S, STOP_S, T_S, MadeUpRun, make_run, records, traces
 
 from firmware_py.interface.enums import Fault, GaitState, Mode
 from hil.figures.figures import figures_from
-from hil.figures.gait import count_undriven, gait_end, is_following, next_start_s, phase_at, push_off
+from hil.figures.gait import (
+    count_undriven,
+    gait_end,
+    heel_strikes,
+    is_following,
+    next_start_s,
+    phase_at,
+    push_off,
+)
 from hil.figures.records import CATALOGUE, GaitFigures, Origin, value_of
 from hil.record.log_reader import tables
 from hil.record.run_faults import RunFault
@@ -176,10 +184,15 @@ def test_a_walk_may_end_in_the_tick_in_which_its_hold_begins() -> None:
     assert gait_end(plant, 2.1) is None
 
 
-@pytest.mark.parametrize(("after_s", "start_s"), [(1.0, 2.0), (2.0, 4.0), (4.0, np.inf)])
+@pytest.mark.parametrize(("after_s", "start_s"), [(1.0, 2.0), (2.0, 5.0), (5.0, np.inf)])
 def test_the_next_start_of_the_crank_is_its_first_tick(after_s: float, start_s: float) -> None:
-    modes = [Mode.READY, Mode.SOFT_START, Mode.RUN, Mode.SOFT_START]
-    assert next_start_s(records(t_s=TICKS_S, outputs__mode=modes), after_s) == start_s
+    modes = [Mode.READY, Mode.SOFT_START, Mode.SOFT_START, Mode.RUN, Mode.SOFT_START]
+    assert next_start_s(records(t_s=[*TICKS_S, 5.0], outputs__mode=modes), after_s) == start_s
+
+
+def test_a_walk_that_begins_within_a_stride_has_its_first_heel_strike_at_the_next() -> None:
+    plant = records(t_s=range(7), gait__phase=[np.nan, 0.7, 0.9, 0.1, np.nan, np.nan, 0.0])
+    assert heel_strikes(plant).tolist() == [3.0, 6.0]
 
 
 def test_a_pause_of_two_seconds_ends_the_pulses_that_follow() -> None:
