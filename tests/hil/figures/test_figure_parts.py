@@ -10,9 +10,9 @@ from firmware_py.interface.enums import Regime
 from hil.figures import figures as parts
 from hil.figures import records as figure_records
 from hil.figures.figures import figures_from
-from hil.figures.records import LoopFigures, Loops, MemoryFigures, Spread
+from hil.figures.records import LogFigures, LoopFigures, Loops, MemoryFigures, Spread
 from hil.record.rrd.rates import SLOW_TICKS
-from hil.record.run_traces import RunTraces
+from hil.record.run_traces import NO_RECORDS, RunTraces
 
 
 def test_quantiles_and_rms_are_those_of_the_values_that_there_are():
@@ -139,6 +139,58 @@ def test_the_growth_of_memory_is_the_largest_of_the_nodes_and_the_recorders_in_a
     }
     assert parts.memory_figures(outcome) == MemoryFigures(2.0, 3.0)
     assert parts.memory_figures({}) == MemoryFigures(None, None)
+
+
+SENT = {
+    "plant": {"sent": 30, "unsent": 0},
+    "firmware": {"sent": 20, "unsent": 4},
+    "firmware-again": {"sent": 5, "unsent": 1},  # restarted
+    "operator": {"sent": 2, "unsent": 0},
+}
+
+
+@pytest.mark.parametrize(
+    ("bus", "recorded", "lost", "foreign"),
+    [
+        # 57 frames were sent, of which 5 were refused and 3 counted as lost.
+        ("local", 49, 3, 0),
+        ("local", 47, 5, 0),
+        ("vcan", 37, 15, 0),
+        ("local", 52, 3, 3),
+        ("socketcan:can0", 47, 3, 0),
+    ],
+)
+def test_frames_of_the_runs_own_bus_that_nobody_has_recorded_or_counted_are_lost(
+    bus, recorded, lost, foreign
+):
+    """A recorder that ends too early knows of no loss; on another bus, frames may never have left a node."""
+    nodes = {**SENT, "recorder": {"frames": recorded, "lost": 3}}
+    run = {"bus": bus, "nodes": nodes, "counts_losses": True}
+    assert parts.log_figures(RunTraces(run=run), "real") == LogFigures(lost, foreign, 5)
+    bridged = RunTraces(run=run | {"bridge": {"unsent": 2}, "counts_losses": False})
+    assert parts.log_figures(bridged, "real") == LogFigures(None, None, 7)
+
+
+@pytest.mark.parametrize(
+    ("clock", "run", "errors", "found"),
+    [
+        ("real", {}, {}, (None, None, None)),
+        ("real", {"nodes": {"recorder": {"frames": 9, "lost": 2}}}, {}, (None, None, None)),
+        (
+            "real",
+            {"nodes": {"recorder": {"frames": 9, "lost": 2}}, "counts_losses": True},
+            {},
+            (2, None, None),
+        ),
+        ("lockstep", {}, {}, (0, None, 0)),
+        ("lockstep", {}, {"unsent": [1, 2, 4]}, (0, None, 4)),
+    ],
+)
+def test_what_is_not_counted_of_the_frames_is_unknown_in_real_time_and_none_in_lockstep(
+    clock, run, errors, found
+):
+    bus_errors = records(**errors) if errors else NO_RECORDS
+    assert parts.log_figures(RunTraces(run=run, bus_errors=bus_errors), clock) == LogFigures(*found)
 
 
 def test_figures_of_the_hold_are_those_of_its_ticks():

@@ -153,31 +153,6 @@ def test_losses_of_the_recorder_are_reported_and_no_check_is_judged_on_them(tmp_
     assert open_run(tmp_path).judged.lost_frames == finished.lost_frames
 
 
-@pytest.mark.parametrize(
-    ("bus", "recorded", "lost", "foreign"),
-    [
-        ("local", 52, 0, 0),
-        ("local", 50, 2, 0),
-        ("vcan", 40, 12, 0),
-        ("local", 55, 0, 3),
-        ("socketcan:can0", 50, 0, 0),
-    ],
-)
-def test_frames_of_the_runs_own_bus_that_nobody_has_recorded_or_counted_are_lost(
-    tmp_path, bus, recorded, lost, foreign
-):
-    """A recorder that ends too early knows of no loss; on another bus, frames may never have left a node."""
-    made_up = make_run()
-    made_up.run["bus"] = bus
-    made_up.run["nodes"] = {
-        "plant": {"sent": 30, "unsent": 0},
-        "firmware": {"sent": 25, "unsent": 5},
-        "operator": {"sent": 2, "unsent": 0},
-        "recorder": {"frames": recorded, "lost": 0},
-    }
-    assert figures_of(write_run(made_up, tmp_path)).log == LogFigures(lost, foreign, 5)
-
-
 def test_a_log_from_before_unsent_frames_were_counted_is_read(tmp_path):
     made_up = make_run()
     made_up.run["clock"] = "lockstep"
@@ -186,13 +161,6 @@ def test_a_log_from_before_unsent_frames_were_counted_is_read(tmp_path):
     writer.append(1.0, 17)
     writer.close()
     assert figures_of(tmp_path).log == LogFigures(0, None, None)
-
-
-def test_losses_that_a_bus_does_not_count_are_unknown_not_none(tmp_path):
-    made_up = make_run()
-    made_up.run["counts_losses"] = False
-    made_up.run["nodes"] = {"recorder": {"frames": 5000, "lost": 0}}
-    assert figures_of(write_run(made_up, tmp_path)).log.frames_lost is None
 
 
 def test_a_figure_that_the_run_cannot_give_fails_its_check(tmp_path):
