@@ -1,18 +1,19 @@
 """The parts of a run's figures: timing, forces, energy, detections, each on a few records."""
 
-from dataclasses import is_dataclass, replace
+from dataclasses import asdict, is_dataclass, replace
 
 import numpy as np
 import pytest
-from run_folder import HOLD_S, OMEGA_RAD_S, STOP_S, make_run, records, traces_of
+from run_folder import HOLD_S, OMEGA_RAD_S, STOP_S, T_S, make_run, records, traces_of
 
 from firmware_py.interface.enums import Regime
 from hil.figures import figures as parts
 from hil.figures import records as figure_records
 from hil.figures.figures import figures_from
-from hil.figures.records import LogFigures, LoopFigures, Loops, MemoryFigures, Spread
+from hil.figures.records import LogFigures, LoopFigures, Loops, MemoryFigures, SpeedFigures, Spread
 from hil.record.rrd.rates import SLOW_TICKS
 from hil.record.run_traces import NO_RECORDS, RunTraces
+from hil.timing.pacemaker import Hold
 
 
 def test_quantiles_and_rms_are_those_of_the_values_that_there_are():
@@ -106,6 +107,7 @@ def test_the_peak_force_is_the_largest_in_an_impact_or_between_them(located_n, s
     ("turns", "peaks"),
     [
         ([0.3, 0.7, 1.1, 1.5, 1.9, 2.3, 2.7, 3.1], [5.0, 7.0]),
+        ([0.3, 0.7, 1.1, 1.5, 1.9, 2.3], [5.0]),
         ([0.3, 0.7, 1.1, 1.5], []),
         ([0.2, 0.6], []),
     ],
@@ -202,18 +204,29 @@ def test_figures_of_the_hold_are_those_of_its_ticks():
     late = made_up.plant["t_s"] >= 0.5 * (HOLD_S + STOP_S) - 1e-9
     made_up.plant["omega_rad_s"] = np.where(late, made_up.plant["omega_rad_s"], 3.0)
     made_up.plant["omega_rad_s"][5000] *= 1.02
-    made_up.impacts["v_m_s"][0] = 7.0
-    made_up.impacts["t_s"][0] = HOLD_S - 0.01
+    made_up.impacts["v_m_s"][:2] = 7.0, 8.0  # just before the hold, and in its first tick
+    made_up.impacts["t_s"][:2] = HOLD_S - 0.01, HOLD_S + T_S / 2
     del made_up.outcome["wall_s"]
     found = figures_from(traces_of(made_up))
     assert found.estimate.nis_mean == pytest.approx(1.5)
     assert found.regime_estimated == "impact"
     assert found.speed.error == pytest.approx(1.0, abs=1e-4)
     assert found.speed.ripple == pytest.approx(0.01, rel=1e-3)
-    assert (found.largest_v_m_s, found.largest_v_on_the_way_m_s) == (7.0, 7.0)
+    assert (found.largest_v_m_s, found.largest_v_on_the_way_m_s) == (8.0, 7.0)
     assert found.realtime_factor is None
-    made_up.firmware["outputs.target_omega_rad_s"][:] = 0.0
-    assert figures_from(traces_of(made_up)).speed.error is None
+    assert not found.kernel_can
+    for still in (made_up.firmware["outputs.target_omega_rad_s"], made_up.plant["omega_rad_s"]):
+        before = still.copy()
+        still[:] = 0.0
+        assert figures_from(traces_of(made_up)).speed == SpeedFigures(None, None, None)
+        still[:] = before
+
+
+@pytest.mark.parametrize(("whole_s", "met"), [(0.002998, True), (0.003, False)])
+def test_a_run_that_was_held_for_3_ms_has_not_met_its_timing(whole_s, met):
+    made_up = make_run()
+    made_up.outcome["holds"] = [asdict(Hold(1.0, "plant", whole_s, 0.0))]
+    assert figures_from(traces_of(made_up)).real_time is met
 
 
 def test_detections_that_the_end_of_the_run_leaves_undecided_are_not_judged():
@@ -230,6 +243,8 @@ def test_detections_that_the_end_of_the_run_leaves_undecided_are_not_judged():
     assert (found.recall, found.precision, found.slept_through) == (0.5, 0.5, 0)
     assert (found.latency_ms.p50, found.latency_ms.p95) == pytest.approx((14.5, 18.5), abs=5.0)
     assert found.speed_rmse_m_s is not None
+    ticks["outputs.impact"][[150, 192]] = 0.0, 1.0
+    assert parts.detector_figures(records(t_s=[0.0]), touches[:1], ticks).precision == 0.5
     assert parts.detector_figures(records(t_s=[0.0])[:0], touches, ticks).recall is None
     assert parts.detector_figures(records(t_s=[0.0]), touches, ticks[:0]).recall is None
 

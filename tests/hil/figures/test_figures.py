@@ -253,7 +253,8 @@ def test_a_run_that_never_held_has_no_figures_of_a_hold(made_up, tmp_path):
 
 def test_an_empty_run_folder_still_gives_figures(tmp_path):
     figures = figures_of(tmp_path)
-    assert (figures.ticks, figures.duration_s, figures.regime) == (0, 0.0, "uncertain")
+    assert (figures.ticks, figures.duration_s, figures.final_mode) == (0, 0.0, "none")
+    assert figures.regime == figures.regime_estimated == "uncertain"
     assert not figures.real_time
 
 
