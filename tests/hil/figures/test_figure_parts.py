@@ -10,7 +10,16 @@ from firmware_py.interface.enums import Regime
 from hil.figures import figures as parts
 from hil.figures import records as figure_records
 from hil.figures.figures import figures_from
-from hil.figures.records import LogFigures, LoopFigures, Loops, MemoryFigures, SpeedFigures, Spread
+from hil.figures.hold import Window
+from hil.figures.records import (
+    FeltFigures,
+    LogFigures,
+    LoopFigures,
+    Loops,
+    MemoryFigures,
+    SpeedFigures,
+    Spread,
+)
 from hil.record.rrd.rates import SLOW_TICKS
 from hil.record.run_traces import NO_RECORDS, RunTraces
 from hil.timing.pacemaker import Hold
@@ -26,7 +35,7 @@ def test_quantiles_and_rms_are_those_of_the_values_that_there_are():
 LOOP = records(
     tick=[2, 3, 4, 7, 8],
     work_us=[0.0, 100.0, 501.0, 300.0, 200.0],
-    wake_latency_us=[0.0, 500.0, 501.0, 10.0, 20.0],
+    wake_latency_us=[0.0, 500.0, 500.0005, 10.0, 20.0],
 )
 
 
@@ -36,7 +45,7 @@ def test_a_loops_timing_is_that_of_its_ticks(is_from_bus, overruns):
     found = parts.loop_figures(LOOP, 1e-3, is_from_bus)
     assert (found.ticks, found.overruns, found.late_wakeups, found.long_work) == (5, overruns, 1, 1)
     assert (found.longest_hold_ms, found.longest_hold_at_s) == pytest.approx((2.0, 5e-3))
-    assert (found.work_us.p50, found.work_us.max, found.wake_us.max) == (250.0, 501.0, 501.0)
+    assert (found.work_us.p50, found.work_us.max, found.wake_us.max) == (250.0, 501.0, 500.0005)
     measured = records(**{name: LOOP[name] for name in LOOP.dtype.names}, cpu_us=[0, 500, 501, 502, 9])
     assert parts.loop_figures(measured, 1e-3, is_from_bus).long_work == 2
     empty = parts.loop_figures(LOOP[:0], 1e-3, is_from_bus)
@@ -117,6 +126,14 @@ def test_the_peaks_of_the_whole_turns_leave_out_the_parts_of_turns(turns, peaks)
     assert parts.peaks_by_turn(2.0 * np.pi * (np.array(turns) % 1.0), values).tolist() == peaks
 
 
+def test_a_single_whole_turn_in_the_second_half_of_the_hold_has_its_felt_peak():
+    turns, force_n = [0.3, 0.7, 1.1, 1.5, 1.9, 2.3], [9.0, 1.0, 2.0, -4.0, 3.0, 7.0]
+    plant = records(t_s=range(6), crank_rad=2.0 * np.pi * np.mod(turns, 1.0), felt_force_n=force_n)
+    worn = RunTraces(plant=plant, scenario={"scene": {"wearer": {}}})
+    assert parts.felt_figures(worn, Window(-5.0, 5.0)) == FeltFigures(9.0, 4.0, 4.0)
+    assert parts.felt_figures(replace(worn, plant=plant[:0]), None) == FeltFigures(None, None, None)
+
+
 def test_what_is_left_of_the_energy_is_a_share_of_what_was_exchanged():
     names = ("drive_work_j", "stored_j", "friction_j", "impact_loss_j", "housing_work_j", "ankle_j")
     of_the_end = dict(zip(names, (20.0, 2.0, 5.0, 4.0, 6.0, 3.0), strict=True))
@@ -130,6 +147,8 @@ def test_what_is_left_of_the_energy_is_a_share_of_what_was_exchanged():
     slow = plant(of_the_end)[plant(of_the_end)["tick"] % SLOW_TICKS == 0]
     share = (slow["drive_work_j"][-1] - 1.0) / 20.0
     assert parts.energy_residual(plant(of_the_end)) == pytest.approx(share * 12.0 / (share * 40.0))
+    millijoules = {name: 1e-3 * value for name, value in of_the_end.items()}
+    assert parts.energy_residual(plant(millijoules)) == pytest.approx(0.3)
     assert parts.energy_residual(plant(dict.fromkeys(names, 0.0))) == 0.0
     assert parts.energy_residual(plant(of_the_end)[:0]) is None
 

@@ -99,6 +99,10 @@ def test_skipped_ticks_are_overruns_of_their_loop(made_up):
     assert figures.overruns == 4
     assert (figures.loops.plant.overruns, figures.loops.firmware.overruns) == (1, 3)
     assert figures.estimate.x_rmse_m == pytest.approx(1e-3), "ticks are joined by number, not by row"
+    # A log of a real bench has no ticks before its first frames.
+    made_up.plant, made_up.firmware = drop_ticks(made_up.plant, range(101)), drop_after(made_up.firmware, 2.0)
+    made_up.run["clock"] = "imported"
+    assert figures_from(traces_of(made_up)).overruns == 0
 
 
 @pytest.mark.parametrize(
