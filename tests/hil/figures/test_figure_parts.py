@@ -12,6 +12,7 @@ from hil.figures import records as figure_records
 from hil.figures.figures import figures_from
 from hil.figures.hold import Window
 from hil.figures.records import (
+    EstimateFigures,
     FeltFigures,
     LogFigures,
     LoopFigures,
@@ -239,6 +240,16 @@ def test_figures_of_the_hold_are_those_of_its_ticks():
         still[:] = 0.0
         assert figures_from(traces_of(made_up)).speed == SpeedFigures(None, None, None)
         still[:] = before
+
+
+def test_a_hold_of_one_tick_has_a_speed_and_one_without_truth_neither_speed_nor_estimate():
+    plant = records(tick=[5], t_s=[5.0], omega_rad_s=[10.0], x_m=[0.1], v_m_s=[0.0])
+    signals = ("outputs.target_omega_rad_s", "state.estimator.x_m", "state.estimator.nis")
+    firmware = records(tick=[5], t_s=[5.0], **{name: [8.0] for name in signals})
+    hold = Window(5.0, 5.0)
+    assert parts.speed_figures(plant, firmware, hold) == SpeedFigures(10.0, 0.25, 0.0)
+    assert parts.speed_figures(plant[:0], firmware, hold) == SpeedFigures(None, None, None)
+    assert parts.estimate_figures(plant[:0], firmware, hold) == EstimateFigures(None, None, None, None)
 
 
 @pytest.mark.parametrize(("whole_s", "met"), [(0.002998, True), (0.003, False)])

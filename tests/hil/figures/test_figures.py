@@ -15,15 +15,16 @@ from run_folder import (
     V_M_S,
     MadeUpRun,
     make_run,
+    records,
     traces_of,
     write_run,
 )
 
 from firmware_py.interface.enums import Fault, Mode
-from hil.figures.figures import figures_from, figures_of
+from hil.figures.figures import figures_from, figures_of, impact_count
 from hil.figures.records import Spread
 from hil.record.candump import parse_candump
-from hil.record.run_traces import column
+from hil.record.run_traces import RunTraces, column
 
 
 def drop_after(columns, t_s):
@@ -48,6 +49,8 @@ def test_impacts_that_a_log_has_lost_are_not_counted_as_none(made_up, tmp_path):
     cut = write_run(made_up, tmp_path / "cut")
     (cut / "outcome.json").unlink()
     assert figures_of(cut).impact_count is None
+    one = RunTraces(plant=records(t_s=[1.0]), impacts=records(t_s=[0.5]))
+    assert impact_count(one) == 1
 
 
 def test_the_made_up_run_gives_its_known_figures(made_up, tmp_path):
@@ -89,6 +92,7 @@ def test_lockstep_gives_the_same_figures_of_physics(made_up, tmp_path):
     lockstep = figures_of(write_run(made_up, tmp_path / "lockstep")).as_json()
 
     assert {key for key in real if real[key] != lockstep[key]} == {"clock", "real_time", "time", "log"}
+    assert [(one["real_time"], one["time"]) for one in (real, lockstep)] == [(True, "strict"), (None, None)]
 
 
 def test_skipped_ticks_are_overruns_of_their_loop(made_up):
@@ -119,7 +123,7 @@ def test_real_time_is_judged_beside_a_bare_loop(made_up, skipped, baseline, uml,
     # 7000 ticks due: 0.1 % are 7, 1 % are 70.
     made_up.firmware = drop_ticks(made_up.firmware, 1000 + 2 * np.arange(skipped))
     made_up.outcome["baseline_overruns"] = baseline
-    made_up.run["user_mode_linux"] = uml
+    made_up.run |= {"user_mode_linux": True} if uml else {}
     figures = figures_from(traces_of(made_up))
 
     assert (figures.overruns, figures.real_time) == (skipped, met)
