@@ -271,12 +271,23 @@ def test_detections_that_the_end_of_the_run_leaves_undecided_are_not_judged():
         ticks["outputs.impact"][tick] = 1.0
     found = parts.detector_figures(records(t_s=[0.0]), touches, ticks)
     assert (found.recall, found.precision, found.slept_through) == (0.5, 0.5, 0)
-    assert (found.latency_ms.p50, found.latency_ms.p95) == pytest.approx((14.5, 18.5), abs=5.0)
     assert found.speed_rmse_m_s is not None
     ticks["outputs.impact"][[150, 192]] = 0.0, 1.0
     assert parts.detector_figures(records(t_s=[0.0]), touches[:1], ticks).precision == 0.5
     assert parts.detector_figures(records(t_s=[0.0])[:0], touches, ticks).recall is None
     assert parts.detector_figures(records(t_s=[0.0]), touches, ticks[:0]).recall is None
+
+
+def test_the_latency_has_its_median_and_95th_percentile_in_ms():
+    touches_s, latency_s = 0.5 * np.arange(1, 22), 1e-3 * np.arange(21)
+    touches = records(t_s=touches_s, v_m_s=np.ones(21), peak_force_n=np.full(21, 9.0))
+    ticks = records(
+        t_s=[*(touches_s + latency_s), 99.0],
+        outputs__impact=[1] * 21 + [0],
+        outputs__impact_speed_m_s=np.ones(22),
+    )
+    found = parts.detector_figures(records(t_s=[0.0]), touches, ticks)
+    assert (found.latency_ms.p50, found.latency_ms.p95) == pytest.approx((10.0, 19.0))
 
 
 def test_figures_cannot_be_changed_after_the_judgement():

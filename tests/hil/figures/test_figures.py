@@ -140,10 +140,10 @@ def test_durations_that_were_not_measured_have_no_quantiles(made_up):
 
 def test_late_wake_ups_and_long_work_are_counted_apart(made_up):
     made_up.firmware["wake_latency_us"][:3] = 501.0
-    made_up.plant["work_us"][:5] = 700.0
+    made_up.plant["work_us"][:5] = made_up.firmware["work_us"][:2] = 700.0
     figures = figures_from(traces_of(made_up))
 
-    assert (figures.late_wakeups, figures.long_work) == (3, 5)
+    assert (figures.late_wakeups, figures.long_work) == (3, 7)
     assert figures.overruns == 0
 
 
