@@ -355,8 +355,8 @@ class FigureSpec(NamedTuple):
     name: str
     unit: str
     meaning: str
-    origin: Origin | None = None
-    is_text: bool = False
+    origin: Origin | None
+    is_text: bool
 
     @property
     def range(self) -> tuple[float, float]:
