@@ -296,6 +296,14 @@ def test_the_latency_has_its_median_and_95th_percentile_in_ms():
     assert (found.latency_ms.p50, found.latency_ms.p95) == pytest.approx((10.0, 19.0))
 
 
+@pytest.mark.parametrize(
+    ("name", "low", "high"),
+    [("speed.error", -np.inf, np.inf), ("detector.recall", 0.0, 1.0), ("peak_force_n", 0.0, np.inf)],
+)
+def test_a_figure_has_a_range_in_which_every_run_has_it(name, low, high):
+    assert figure_records.CATALOGUE[name].range == (low, high)
+
+
 def test_figures_cannot_be_changed_after_the_judgement():
     kinds = [kind for kind in vars(figure_records).values() if is_dataclass(kind)]
     assert len(kinds) > 10

@@ -94,6 +94,8 @@ def test_a_run_with_a_doubt_is_not_judged_and_proves_no_requirement_whatever_its
 def test_of_a_run_without_records_every_check_has_failed():
     found = without_records({"scenario": "mine", "clock": "real"}, [FORCE], "killed", Path("here"))
     assert (found.verdict, found.reasons, found.folder) == (FAILED, ("killed",), Path("here"))
+    none = found.figures
+    assert (none.ticks, none.duration_s, none.kernel_can, none.fault) == (0, 0.0, False, "none")
     assert [(one.verdict, one.value, one.reason) for one in found.checks] == [
         (FAILED, None, "nothing is recorded")
     ]
