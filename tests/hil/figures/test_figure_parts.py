@@ -210,6 +210,7 @@ def test_frames_of_the_runs_own_bus_that_nobody_has_recorded_or_counted_are_lost
         ),
         ("lockstep", {}, {}, (0, None, 0)),
         ("lockstep", {}, {"unsent": [1, 2, 4]}, (0, None, 4)),
+        ("lockstep", {}, {"destroyed": [17]}, (0, None, None)),  # of an earlier version
     ],
 )
 def test_what_is_not_counted_of_the_frames_is_unknown_in_real_time_and_none_in_lockstep(

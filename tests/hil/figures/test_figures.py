@@ -165,11 +165,6 @@ def test_what_a_wearer_feels_is_the_peak_of_the_run_and_of_each_settled_turn(mad
     assert felt.settled_high_n == pytest.approx(60.0, rel=1e-3)
 
 
-def test_a_rigid_stop_has_no_peak_force(made_up):
-    made_up.impacts["peak_force_n"][:] = np.nan
-    assert figures_from(traces_of(made_up)).peak_force_n is None
-
-
 def test_an_estimate_that_is_not_finite_is_a_figure_not_given(made_up):
     made_up.firmware["state.estimator.x_m"][5000:] = np.nan
     figures = figures_from(traces_of(made_up)).as_json()
@@ -250,15 +245,6 @@ def test_plant_death_is_judged_by_the_command(made_up):
     assert figures.fault == "sensor-timeout"
 
 
-def test_a_run_that_never_held_has_no_figures_of_a_hold(made_up, tmp_path):
-    made_up.firmware["outputs.mode"][:] = Mode.READY
-    figures = figures_from(traces_of(made_up))
-
-    assert figures.regime == "uncertain"
-    assert figures.estimate.x_rmse_m is None
-    assert figures.safe_state.cause is None
-
-
 def test_an_empty_run_folder_still_gives_figures(tmp_path):
     figures = figures_of(tmp_path)
     assert (figures.ticks, figures.duration_s, figures.final_mode) == (0, 0.0, "none")
@@ -288,9 +274,3 @@ def test_what_held_the_loops_up_before_a_fault_is_said(made_up):
     assert latched.at_s == pytest.approx(4.0, abs=2 * T_S)
     assert latched.firmware_held_ms == pytest.approx(20.0, abs=1.5)
     assert latched.plant_held_ms == pytest.approx(40.0, abs=1.5)
-
-
-def test_a_run_without_a_fault_was_held_up_before_none(made_up):
-    latched = figures_from(traces_of(made_up)).latched
-
-    assert (latched.at_s, latched.firmware_held_ms, latched.plant_held_ms) == (None, None, None)

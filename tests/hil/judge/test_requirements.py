@@ -74,12 +74,6 @@ def test_the_trace_says_what_proves_a_requirement_and_whether_it_is_met():
     assert found["S-01"]["passed"] is None
 
 
-def test_a_run_that_is_no_proper_run_proves_nothing():
-    found = trace([replace(VERDICT, reasons=("firmware was killed by SIGKILL at 4.00 s",))])
-    assert found["P-01"]["passed"] is False
-    assert [proof["passed"] for proof in found["P-01"]["checks"]] == [False]
-
-
 def proving(name, requirement, met=None, verdict=Verdict.FAILED):
     """A run with one check, which meets its requirement's limit or not."""
     check = CheckResult("speed.error", verdict, 2.0, "", "≤ 1", requirement, meets_requirement=met)

@@ -12,14 +12,11 @@ import pytest
 from run_folder import make_run, write_run
 
 from firmware_py.interface.enums import Fault
-from hil.figures.figures import figures_of
-from hil.figures.records import LogFigures
 from hil.judge.seeds import merge
 from hil.judge.verdict import failed_for, trace
 from hil.judge.verdict_files import junit_document, read_verdict
 from hil.record.rrd.rerun_program import rerun
 from hil.record.run_faults import RunFault
-from hil.record.traces.trace import TraceWriter
 from hil.runs.recorded_run import open_run
 from hil.runs.verdict import finish
 from hil.scenario.checks import checks_of, requirements
@@ -151,16 +148,6 @@ def test_losses_of_the_recorder_are_reported_and_no_check_is_judged_on_them(tmp_
     assert ("LOG INCOMPLETE" in page) is bool(frames)
     assert ("can.log lacks 800 frames; incomplete: bus_load" in page) is bool(frames)
     assert open_run(tmp_path).judged.lost_frames == finished.lost_frames
-
-
-def test_a_log_from_before_unsent_frames_were_counted_is_read(tmp_path):
-    made_up = make_run()
-    made_up.run["clock"] = "lockstep"
-    fields = [("t_s", float), ("destroyed", int)]
-    writer = TraceWriter(write_run(made_up, tmp_path) / "bus_errors.trace", fields)
-    writer.append(1.0, 17)
-    writer.close()
-    assert figures_of(tmp_path).log == LogFigures(0, None, None)
 
 
 def test_a_figure_that_the_run_cannot_give_fails_its_check(tmp_path):
