@@ -2,13 +2,15 @@
 
 A piece is a function of one task and returns what JSON can hold. Each result is a file with its task and the
 versions of everything on which it depends; its name is a digest of them. A killed study therefore continues
-where it stopped, and a study whose sources have changed starts again.
+where it stopped, and a study whose sources have changed starts again. A digest of the result shows a file
+that was changed since: its readers rely on the types that the piece has returned.
 
 On this machine pieces run in threads: kernels release the interpreter's lock, so that threads use all cores
 as processes would, but kernels are compiled or loaded only once. Trials of campaigns run in processes,
 because their judges are Python code.
 """
 
+import hashlib
 import json
 import os
 import stat
@@ -79,7 +81,13 @@ def store(path: Path, task: object, result: Any) -> None:
     """Write a result with its task and versions."""
     with written_by_oneself():
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_anew(path, json.dumps({"task": repr(task), "versions": versions(), "result": result}))
+        content = {"task": repr(task), "versions": versions(), "digest": digest_of(result), "result": result}
+        write_anew(path, json.dumps(content))
+
+
+def digest_of(result: Any) -> str:
+    """The digest of a result, the same before it is written and after it is read."""
+    return hashlib.sha256(json.dumps(result).encode()).hexdigest()
 
 
 def read_stored(path: Path, task: object) -> Any:
@@ -96,7 +104,8 @@ def read_stored(path: Path, task: object) -> Any:
         if stat.S_ISREG(found.st_mode) and found.st_size <= MOST_NOTE_BYTES:
             with suppress(ValueError, KeyError, TypeError, RecursionError):
                 content = json.loads(file.read())
-                if (content["task"], content["versions"]) == (repr(task), versions()):
+                stated = content["task"], content["versions"], content["digest"]
+                if stated == (repr(task), versions(), digest_of(content["result"])):
                     return content["result"]
     progress_console.print(f"{path} is damaged, or of another task; it is computed anew", markup=False)
     return None

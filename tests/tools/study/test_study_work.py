@@ -99,6 +99,14 @@ def other_task(path: Path) -> None:
     path.write_text(json.dumps(json.loads(path.read_text()) | {"task": "9", "result": "forged"}))
 
 
+def other_type(path: Path) -> None:
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"result": {"of another type": 1}}))
+
+
+def other_number(path: Path) -> None:
+    path.write_text(path.read_text().replace("[0.2]", "[0.3]"))
+
+
 def sparse(path: Path) -> None:
     with path.open("wb") as file:
         file.truncate(3 << 30)
@@ -124,7 +132,7 @@ def stored(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("damage", [cut, sparse, nest, other_task])
+@pytest.mark.parametrize("damage", [cut, sparse, nest, other_task, other_type, other_number])
 def test_a_damaged_piece_is_reported_and_computed_again(damage, stored: Path, tmp_path: Path, capsys) -> None:
     damage(stored)
     assert work.run("double", double, [0.1], work.Where(tmp_path, 1)) == [[0.2]]
