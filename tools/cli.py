@@ -6,6 +6,7 @@ before the other imports of the program, which take a third of a second.
 """
 
 import os
+import signal
 import sys
 
 from hil.processes.signals import Interrupted, delayed_signals, ending_signals
@@ -42,6 +43,9 @@ def run(arguments: list[str]) -> int:
 def main() -> None:
     """Entry point of the installed program."""
     output = open_streams()
+    # A script's shell starts programs in the background with SIGINT ignored, and no other signal is Ctrl-C's.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     os.umask(os.umask(0) | 0o022)  # nothing that the program writes may be changed by others
     status = run(sys.argv[1:])
     sys.stdout.flush()

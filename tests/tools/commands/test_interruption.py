@@ -14,7 +14,7 @@ from tools.output import EXIT_INTERRUPTED
 INTERRUPTED_IMPORT = """
 import os, signal, sys
 
-module, number = sys.argv[1], int(sys.argv[2])
+module, number, before = sys.argv[1], int(sys.argv[2]), getattr(signal, sys.argv[3])
 
 class Interrupting:
     def find_spec(self, name, path=None, target=None):
@@ -22,7 +22,7 @@ class Interrupting:
             os.kill(os.getpid(), number)
 
 sys.meta_path.insert(0, Interrupting())
-signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGINT, before)
 from tools.cli import main
 sys.argv[1:] = ["list", "--json"]
 main()
@@ -30,8 +30,10 @@ main()
 """Starts the program as its script does; sends itself a signal when a module's import begins."""
 
 
-def interrupted_import(module: str, number: signal.Signals) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", INTERRUPTED_IMPORT, module, str(int(number))]
+def interrupted_import(
+    module: str, number: signal.Signals, before: str = "default_int_handler"
+) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", INTERRUPTED_IMPORT, module, str(int(number)), before]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
@@ -43,6 +45,12 @@ def test_a_signal_during_an_import_is_an_interruption(module: str, number: signa
     assert ended.returncode == EXIT_INTERRUPTED, ended.stderr
     assert json.loads(ended.stdout) == {"error": f"interrupted by {name}"}
     assert ended.stderr == f"interrupted by {name}\n"
+
+
+def test_a_program_in_the_background_of_a_script_hears_sigint() -> None:
+    """A shell without job control starts such a program with SIGINT ignored."""
+    ended = interrupted_import("typer", signal.SIGINT, "SIG_IGN")
+    assert (ended.returncode, ended.stderr) == (EXIT_INTERRUPTED, "interrupted by Ctrl-C\n")
 
 
 INTERRUPTED_COMPILATION = """
