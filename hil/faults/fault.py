@@ -129,10 +129,7 @@ class Fault(Table):
 
 def of_a_node(script: Iterable[Fault]) -> list[Fault]:
     """The faults of a script for one node, without effects so far."""
-    copies = [fault.model_copy() for fault in script]
-    for copy in copies:
-        vars(copy).pop("memory", None)
-    return copies
+    return [fault.model_copy(update={"memory": Memory()}) for fault in script]
 
 
 def effects_of(nodes: Iterable[Iterable[Fault]]) -> list[int]:

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -53,15 +54,15 @@ class Listener:
         return ()
 
 
-def count_damaged(one: FrameCodec[Any], frames: Sequence[Frame]) -> int:
-    """The number of frames that the codec refuses: a wrong length, CRC or value."""
-    damaged = 0
+def intact(one: FrameCodec[Any], frames: Sequence[Frame]) -> list[Frame]:
+    """The codec's frames, without those that it refuses: a wrong length, CRC or value."""
+    found = []
     for frame in frames:
-        try:
-            one.decode(frame.data)
-        except FrameError:
-            damaged += 1
-    return damaged
+        if frame.can_id == one.can_id:
+            with suppress(FrameError):
+                one.decode(frame.data)
+                found.append(frame)
+    return found
 
 
 def judge_frame(one: FrameCodec[Any], frames: Sequence[Frame], duration_s: float, found: Findings) -> None:
@@ -80,7 +81,7 @@ def judge_frame(one: FrameCodec[Any], frames: Sequence[Frame], duration_s: float
         )
     if len(frames) < FEWEST_SHARE * due:
         raise StepFailedError(f"{len(frames)} frames {name} in {duration_s:g} s, wanted {due:.0f}: {remedy}")
-    if (damaged := count_damaged(one, frames)) > MOST_DAMAGED_SHARE * len(frames):
+    if (damaged := len(frames) - len(intact(one, frames))) > MOST_DAMAGED_SHARE * len(frames):
         raise StepFailedError(
             f"{damaged} of {len(frames)} frames {name} are damaged (length, CRC or value): check the "
             "sender's format, the termination of the bus with 120 ohm at both ends, and its bit rate"
@@ -124,16 +125,13 @@ def listen(context: Context, found: Findings) -> None:
         judge_frame(one, [frame for frame in frames if frame.can_id == one.can_id], LISTEN_S, found)
     if ids[codec.FIRMWARE_HEARTBEAT.can_id]:
         raise StepFailedError("another controller sends heartbeats on this bus; end it first")
-    beats = [frame.data for frame in frames if frame.can_id == codec.DRIVE_HEARTBEAT.can_id]
-    last = codec.DRIVE_HEARTBEAT.decode(beats[-1])
+    last = codec.DRIVE_HEARTBEAT.decode(intact(codec.DRIVE_HEARTBEAT, frames)[-1].data)
     if last.axis_state != AxisState.IDLE:
         raise StepFailedError(
             f"the drive is armed (axis state {last.axis_state}); end what has armed it, then begin again"
         )
     ticks = np.array([tick for tick, frame in player.frames if frame.can_id == codec.ACCELEROMETER.can_id])
-    counters = [
-        codec.ACCELEROMETER.counter(one.data) for one in frames if one.can_id == codec.ACCELEROMETER.can_id
-    ]
+    counters = [codec.ACCELEROMETER.counter(one.data) for one in intact(codec.ACCELEROMETER, frames)]
     steps = np.diff(counters) % 256
     found.add("lost samples", float(np.sum(np.maximum(steps - 1, 0)) / len(counters)), "1")
     gap_s = float(np.max(np.diff(ticks))) * TICK_S

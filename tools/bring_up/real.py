@@ -10,6 +10,7 @@ from pathlib import Path
 
 from firmware_py.interface import codec
 from firmware_py.interface.addresses import Addresses
+from firmware_py.interface.codec import FrameError
 from firmware_py.interface.frame import Frame
 from hil.bus import BusFailedError, open_bus
 from hil.bus.addressed import addressed
@@ -80,8 +81,8 @@ class RealBench:
 class Dating:
     """The times of frames by the accelerometers' rolling counter, which advances once in a period.
 
-    Neither a late process nor an adapter that bundles its frames changes these times. Other frames have the
-    time of the sample before them.
+    Neither a late process nor an adapter that bundles its frames changes these times. Other frames, and
+    damaged samples, have the time of the sample before them.
     """
 
     def __init__(self) -> None:
@@ -90,7 +91,11 @@ class Dating:
 
     def time_us(self, frame: Frame, now_s: float) -> int:
         """The frame's time, for one received at `now_s` after the beginning."""
-        if frame.can_id != codec.ACCELEROMETER.can_id or len(frame.data) != codec.ACCELEROMETER.length:
+        if frame.can_id != codec.ACCELEROMETER.can_id:
+            return self.newest_us
+        try:
+            codec.ACCELEROMETER.decode(frame.data)
+        except FrameError:
             return self.newest_us
         counter = codec.ACCELEROMETER.counter(frame.data)
         if self._counter is None:

@@ -135,6 +135,8 @@ class Session:
                 f"--from {first}: the step {names[len(passed)]} has not passed yet; begin there"
             )
         end = names.index(last) + 1 if last else len(names)
+        if first and end <= begin:
+            raise BadInputError(f"--until {last} ends before --from {first}; name that step or a later one")
         self._folder.mkdir(parents=True, exist_ok=True)
         self.records = self.records[:begin]
         for step in STEPS[begin:end]:

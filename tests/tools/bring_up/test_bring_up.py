@@ -38,7 +38,7 @@ from tools.bring_up.trials import bench_of, beyond_bounds, brought_up, fault
 from tools.bring_up.twin import PARAMETER_FILE, run_next
 from tools.campaign.campaigns import CAMPAIGNS, trial_of
 from tools.campaign.identified import explain_no_hold, read_spread, refuse_other_axes, settings_on_twin
-from tools.output import EXIT_BAD_INPUT
+from tools.output import EXIT_BAD_INPUT, BadInputError
 from tools.tuning.result import make_value
 
 WIRED = {
@@ -330,6 +330,14 @@ def test_nothing_moves_without_a_yes_and_the_folder_is_resumed(tmp_path: Path) -
     found = values_of(read_document(tmp_path / "out" / PARAMETER_FILE), tmp_path)
     assert {"striker.mass_kg", "motor.inertia_kg_m2"} <= set(found), "the data sheet's and the found ones"
     assert "<svg" in (tmp_path / "out" / "bring-up.html").read_text()
+
+
+def test_steps_that_end_before_they_begin_are_refused(tmp_path: Path) -> None:
+    """They would run nothing, and say that all has passed."""
+    bench, user = bench_of({}, [], 1), User(lambda _: None, lambda _: False)
+    assert Session(bench, tmp_path / "out", {}, 1.25, user).run(None, "at-rest")["passed"]
+    with pytest.raises(BadInputError, match="--until listen ends before --from at-rest"):
+        Session(bench, tmp_path / "out", {}, 1.25, user).run("at-rest", "listen")
 
 
 def test_an_interruption_in_motion_is_an_e_stop_and_the_step_is_repeated(tmp_path: Path) -> None:

@@ -188,6 +188,35 @@ def test_a_damaged_heartbeat_is_passed_over() -> None:
     assert [player.play(tick, [damaged]) for tick in range(3)] == [()] * 3
 
 
+class Shortened:
+    """A line on which one frame of the accelerometers has lost its end."""
+
+    def __init__(self, line: NodeBus) -> None:
+        self._line, self._periods = line, 0
+        self.send_all = line.send_all
+
+    def receive(self) -> list[Frame]:
+        """The frames that have arrived."""
+        self._periods += 1
+        frames = self._line.receive()
+        if self._periods != 1000:
+            return frames
+        is_sample = [one.can_id == codec.ACCELEROMETER.can_id for one in frames]
+        assert any(is_sample)
+        return [
+            one._replace(data=one.data[:3]) if it else one for one, it in zip(frames, is_sample, strict=True)
+        ]
+
+
+def test_a_damaged_sample_is_one_lost_sample(tmp_path: Path) -> None:
+    bench = bench_of({}, [], 1)
+    bench.own = Shortened(bench.own)
+    step = brought_up(bench, tmp_path / "out", "listen")["steps"][0]
+    assert step["passed"], step["reason"]
+    figures = {one["name"]: one["value"] for one in step["figures"]}
+    assert figures["lost samples"] == pytest.approx(1 / 3000, rel=0.01)
+
+
 def test_pieces_between_lost_samples_are_read_where_the_crank_turns(tmp_path: Path) -> None:
     """A piece that is shorter than the average of the speed shows no speed."""
     log, lost = tmp_path / "steps.log", {400, 402, 450}

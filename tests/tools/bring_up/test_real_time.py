@@ -10,6 +10,7 @@ import pytest
 from firmware_py.interface import codec
 from firmware_py.interface.addresses import DEFAULT
 from firmware_py.interface.frame import Frame
+from firmware_py.interface.generated.records import Accelerometer
 from tools.bring_up import real
 
 
@@ -51,3 +52,16 @@ def test_a_step_receives_nothing_that_was_sent_before_it(
     player = First()
     real.RealBench("local", DEFAULT).play(player, 1.0, tmp_path / "log")
     assert player.received == []
+
+
+@pytest.mark.parametrize(
+    "data", [b"\x01", bytes(codec.ACCELEROMETER.length), b"\xff" * codec.ACCELEROMETER.length]
+)
+def test_a_damaged_sample_does_not_date_those_after_it(data: bytes) -> None:
+    """A counter that its CRC does not confirm would shift all later times by a quarter of a second."""
+    dating, times_us = real.Dating(), []
+    for tick in range(20):
+        sample = codec.ACCELEROMETER.encode(Accelerometer(0.0, 0.0, 0.0), tick + 100)
+        damaged = sample._replace(data=data) if tick == 10 else sample
+        times_us.append(dating.time_us(damaged, tick * 1e-3))
+    assert times_us == [*range(0, 10_000, 1000), 9000, *range(11_000, 20_000, 1000)]
