@@ -42,7 +42,7 @@ class _Record(templates.AttributeTemplate):  # type: ignore[misc]  # numba carri
 @lower_builtin(_KEY, types.BaseNamedTuple, types.VarArg(types.Any))
 def _replaced(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     record, *values = args
-    for place, (kind, value) in enumerate(zip(sig.args[1:], values, strict=True)):
+    for index, (kind, value) in enumerate(zip(sig.args[1:], values, strict=True)):
         if kind is not types.none:
-            record = builder.insert_value(record, value, place)
+            record = builder.insert_value(record, value, index)
     return imputils.impl_ret_borrowed(context, builder, sig.return_type, record)

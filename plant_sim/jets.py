@@ -103,15 +103,15 @@ def _constant(jet: Coefficient, value: float) -> float:
 
 
 @by_part
-def set_rate(jet: Any, place: int, rate: float) -> None:
+def set_rate(jet: Any, row: int, rate: float) -> None:
     """Store the time derivative of a quantity of `State`."""
-    jet.rates[place] = rate
+    jet.rates[row] = rate
 
 
 @set_rate.register(Coefficient)
-def _set_rate(jet: Coefficient, place: int, rate: float) -> None:
+def _set_rate(jet: Coefficient, row: int, rate: float) -> None:
     """The quantity's next coefficient: y_(k+1) = f_k / (k + 1)."""
-    jet.rows[place, jet.k + 1] = 1.0 / (jet.k + 1) * rate
+    jet.rows[row, jet.k + 1] = 1.0 / (jet.k + 1) * rate
 
 
 @by_part

@@ -259,7 +259,7 @@ def _choose_by_kind(name: str, laws: list[Callable[..., Any] | None], count: int
 
     `laws` by kind; None where the part has no law.
     """
-    arguments = ", ".join(["part", *(f"argument_{place}" for place in range(count))])
+    arguments = ", ".join(["part", *(f"argument_{number}" for number in range(count))])
     kinds: dict[Any, list[int]] = {}
     for kind, one in enumerate(laws):
         kinds.setdefault(one, []).append(kind)
@@ -269,10 +269,10 @@ def _choose_by_kind(name: str, laws: list[Callable[..., Any] | None], count: int
     ordered = sorted(kinds.items(), key=lambda item: len(item[1]))
     scope: dict[str, Any] = {}
     lines = [f"def {name}_by_kind({arguments}):"]
-    for place, (one, its_kinds) in enumerate(ordered):
-        scope[f"law_{place}"] = _compiled_law(one)
-        result = f"return {_constant(one) or f'law_{place}({arguments})'}"
-        if place == len(ordered) - 1:
+    for number, (one, its_kinds) in enumerate(ordered):
+        scope[f"law_{number}"] = _compiled_law(one)
+        result = f"return {_constant(one) or f'law_{number}({arguments})'}"
+        if number == len(ordered) - 1:
             lines.append(f"    {result}")
         else:
             condition = " or ".join(f"part.kind == {kind}" for kind in its_kinds)

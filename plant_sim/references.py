@@ -40,8 +40,8 @@ class _PointerModel(models.PrimitiveModel):  # type: ignore[misc]  # numba carri
         super().__init__(manager, its_type, manager.lookup(its_type.record).get_value_type().as_pointer())
 
 
-def _field_type(record: Any, place: int) -> Any:
-    field = record[place]
+def _field_type(record: Any, index: int) -> Any:
+    field = record[index]
     return ReferenceType(field) if isinstance(field, types.BaseNamedTuple) else field
 
 
@@ -57,9 +57,9 @@ class _Fields(AttributeTemplate):  # type: ignore[misc]  # numba carries no type
 @lower_getattr_generic(ReferenceType)
 def _read_field(context: Any, builder: Any, reference: ReferenceType, pointer: Any, name: str) -> Any:
     """A field: nested records by reference, all others by value."""
-    place = reference.record.fields.index(name)
-    field = cgutils.gep_inbounds(builder, pointer, 0, place)
-    its_type = _field_type(reference.record, place)
+    index = reference.record.fields.index(name)
+    field = cgutils.gep_inbounds(builder, pointer, 0, index)
+    its_type = _field_type(reference.record, index)
     if isinstance(its_type, ReferenceType):
         return field
     value = builder.load(field)
@@ -89,8 +89,8 @@ class Reference:
     def words(self) -> list[int]:
         """The words of the copy, with zeros for the addresses of Python's arrays, which no kernel reads."""
         words = list(self._words)
-        for place in _array_objects(self.fields):
-            words[place] = 0
+        for index in _array_objects(self.fields):
+            words[index] = 0
         return words
 
     def __getattr__(self, name: str) -> Any:

@@ -258,10 +258,10 @@ def with_values(tables: Mapping[str, Any], changes: Mapping[str, object]) -> dic
     for dotted, value in changes.items():
         *path, key = dotted.split(".")
         table = changed
-        for place, step in enumerate(path):
+        for index, step in enumerate(path):
             inside = table.setdefault(step, {})
             if not isinstance(inside, dict):
-                whole = ".".join(path[: place + 1])
+                whole = ".".join(path[: index + 1])
                 raise SceneError(
                     f"{whole} = {inside!r} is no table and has no key {dotted!r}; give {whole} itself"
                 )

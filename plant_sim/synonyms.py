@@ -43,8 +43,8 @@ def synonymous(name: str, known: Iterable[str]) -> list[str]:
     words = name.lower().split("-")
     same = {word: with_synonyms(word) for word in words}
     whole = {
-        "-".join([*words[:place], other, *words[place + 1 :]])
-        for place, word in enumerate(words)
+        "-".join([*words[:index], other, *words[index + 1 :]])
+        for index, word in enumerate(words)
         for other in same[word]
     }
     alone = tuple(one for others in same.values() if len(others) > 1 for one in others)

@@ -66,10 +66,10 @@ class GaitReading(NamedTuple):
 
 @jit
 def _truths(walking: Walking, times_s: FloatArray, out: FloatArray) -> None:
-    for place in range(times_s.size):
-        truth = _truth(walking, times_s[place])
+    for index in range(times_s.size):
+        truth = _truth(walking, times_s[index])
         for column in range(len(truth)):
-            out[place, column] = truth[column]
+            out[index, column] = truth[column]
 
 
 def gaits_at(walking: Walking, times_s: FloatArray) -> FloatArray:
@@ -116,9 +116,9 @@ def _truth(walking: Walking, t_s: float) -> tuple[float, ...]:
 
 @jit
 def _cycles(walking: Walking, times_s: FloatArray, out: FloatArray) -> None:
-    for place in range(times_s.size):
-        row = walking.rows[row_at(walking.rows, times_s[place])]
-        out[place] = cycles_at(row, times_s[place])
+    for index in range(times_s.size):
+        row = walking.rows[row_at(walking.rows, times_s[index])]
+        out[index] = cycles_at(row, times_s[index])
 
 
 def phases_at(walking: Walking, times_s: FloatArray) -> FloatArray:

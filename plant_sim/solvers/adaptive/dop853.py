@@ -69,13 +69,13 @@ def attempt(run: Run, flow: Flow, h_s: float, scale: FloatArray) -> float:
     progress, places, k = memory.progress, memory.places, memory.slopes
     y, trial, new = memory.all_y, memory.all_trial, memory.all_new
     for stage in range(1, 12):
-        for place in range(progress.motion):  # the integrals feed back into nothing
-            i = places[place]
+        for index in range(progress.motion):  # the integrals feed back into nothing
+            i = places[index]
             trial[i] = y[i] + h_s * _slope(k, stage, 1 if stage < 5 else 3, i)
         derivative(parts, flow, C[stage] * h_s, memory.trial, k[stage])
     fifth, third = 0.0, 0.0
-    for place in range(progress.used):
-        i = places[place]
+    for index in range(progress.used):
+        i = places[index]
         new[i] = y[i] + h_s * _slope(k, 12, 5, i)
         e5 = E5[0] * k[0, i]
         e3 = E3[0] * k[0, i]
@@ -106,12 +106,12 @@ def extend(run: Run, flow: Flow, h_s: float) -> None:
     y, trial, new, motion = memory.all_y, memory.all_trial, memory.all_new, memory.progress.motion
     derivative(parts, flow, h_s, memory.new, k[12])
     for stage in range(13, STAGES):
-        for place in range(motion):
-            i = places[place]
+        for index in range(motion):
+            i = places[index]
             trial[i] = y[i] + h_s * _slope(k, stage, 5, i)
         derivative(parts, flow, C[stage] * h_s, memory.trial, k[stage])
-    for place in range(motion):
-        i = places[place]
+    for index in range(motion):
+        i = places[index]
         b = dense[i]
         rise = new[i] - y[i]
         # y0 + s (F0 + (1 − s)(F1 + s (F2 + (1 − s)(F3 + s (F4 + (1 − s)(F5 + s F6))))))

@@ -45,27 +45,27 @@ def earlier(found: Found, event: Event, s: float) -> Found:
 @subroutine
 def look_within(memory: Memory, dense: FloatArray, s: float, out: FloatArray) -> None:
     """The motion within a step, into `out`."""
-    for place in range(memory.progress.motion):
-        i = memory.places[place]
+    for index in range(memory.progress.motion):
+        i = memory.places[index]
         out[i] = at(dense[i], s)
 
 
 @subroutine
-def steepest(memory: Memory, segment: Segment, place: int) -> float:
+def steepest(memory: Memory, segment: Segment, row: int) -> float:
     """A bound of a quantity's slope within a step, of either sign: Σ j |c_j| hʲ⁻¹, or twice the largest slope
     of a stage."""
     if not segment.is_series:
-        return 2.0 * steepest_stage(memory.slopes, place)
+        return 2.0 * steepest_stage(memory.slopes, row)
     total = 0.0
     for j in range(segment.order, 0, -1):
-        total = total * segment.h_s + j * abs(memory.all_series[place, j])
+        total = total * segment.h_s + j * abs(memory.all_series[row, j])
     return total
 
 
 @subroutine
-def steepest_stage(k: FloatArray, place: int) -> float:
+def steepest_stage(k: FloatArray, row: int) -> float:
     """A quantity's largest slope, of either sign, in the stages of a step."""
     largest = 0.0
     for stage in range(12):
-        largest = max(largest, abs(k[stage, place]))
+        largest = max(largest, abs(k[stage, row]))
     return largest

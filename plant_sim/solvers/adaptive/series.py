@@ -107,8 +107,8 @@ def expand(run: Run, flow: Flow, order: int) -> None:
     torque_n_m = motor_torque_n_m(parts.drive, flow.torque_n_m, y.crank_rad_s)
     if not is_level(parts.housing):
         expand_housing(parts.housing, flow.time_s, rows[ROW.housing_m_s2, : order + 1])
-    for place in range(memory.progress.used):
-        i = memory.places[place]
+    for index in range(memory.progress.used):
+        i = memory.places[index]
         rows[i, 0] = memory.all_y[i]
     depth, v = y.depth_m, y.v_m_s  # read from the rows, they would have to be stored first
     for k in range(order):
@@ -145,8 +145,8 @@ def _accurate_s(memory: Memory, scale: FloatArray, order: int, terms: int, longe
     for k in range(order - terms + 1, order + 1):
         longest_power *= longest_s
         square = 0.0
-        for place in range(progress.used):
-            i = memory.places[place]
+        for index in range(progress.used):
+            i = memory.places[index]
             square += (series[i, k] / scale[i]) ** 2
         before, mean = mean, math.sqrt(square / progress.used)
         # A root takes longest of all here: it is left out where the term before it allows no longer step.
@@ -195,8 +195,8 @@ def largest_change(c: FloatArray, h_s: float, order: int) -> float:
 def state_after(memory: Memory, h_s: float, order: int) -> None:
     """The state after `h_s` of the series, into `memory.new`."""
     series, out = memory.all_series, memory.all_new
-    for place in range(memory.progress.used):
-        i = memory.places[place]
+    for index in range(memory.progress.used):
+        i = memory.places[index]
         total = series[i, order]
         for k in range(order - 1, -1, -1):
             total = total * h_s + series[i, k]
@@ -209,8 +209,8 @@ def motion_within(memory: Memory, h_s: float, order: int, is_all_needed: bool) -
 
     Into `memory.long_dense`, or for an order of DEGREE into `memory.dense`.
     """
-    for place in range(memory.progress.motion if is_all_needed else ROW.v_m_s + 1):
-        i = memory.places[place]
+    for index in range(memory.progress.motion if is_all_needed else ROW.v_m_s + 1):
+        i = memory.places[index]
         if order == ORDER:
             from_powers(memory.all_series[i], h_s, memory.long_dense[i], order)
         else:

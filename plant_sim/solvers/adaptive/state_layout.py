@@ -324,8 +324,8 @@ def _list_places(parts: Parts, memory: Memory) -> None:
 
 @subroutine
 def _use(memory: Memory, first: int, count: int, has: bool) -> None:
-    for place in range(first, first + count if has else first):
-        memory.places[memory.progress.used] = place
+    for index in range(first, first + count if has else first):
+        memory.places[memory.progress.used] = index
         memory.progress.used += 1
 
 

@@ -85,8 +85,8 @@ def take_step(run: Run) -> float:
     if has_sample:
         sample_step(run, segment, used)
 
-    for place in range(progress.used):
-        i = memory.places[place]
+    for index in range(progress.used):
+        i = memory.places[index]
         memory.all_y[i] = memory.all_new[i]
     turn_crank(parts.drive, memory, used)
     if used > 0.0:  # at an event at the step's start, the other quantities are still zero

@@ -3,7 +3,7 @@
 Two parameters with one default can be swapped unseen. Here no two values are equal, each parameter in turn
 changes alone, and the constants that change are those of the table `EFFECTS`; the durations among them are
 its own, in ticks. The effect of a parameter that the blocks read themselves is in
-`tests/hil/nodes/test_parameter_effects.py`.
+`tests/hil/nodes/test_parameters_in_the_loop.py`.
 """
 
 from typing import Any
