@@ -47,7 +47,7 @@ def test_a_signal_during_an_import_is_an_interruption(module: str, number: signa
     assert ended.stderr == f"interrupted by {name}\n"
 
 
-def test_a_program_in_the_background_of_a_script_hears_sigint() -> None:
+def test_a_program_in_the_background_of_a_script_ends_by_sigint() -> None:
     """A shell without job control starts such a program with SIGINT ignored."""
     ended = interrupted_import("typer", signal.SIGINT, "SIG_IGN")
     assert (ended.returncode, ended.stderr) == (EXIT_INTERRUPTED, "interrupted by Ctrl-C\n")
