@@ -117,6 +117,7 @@ def test_the_window_is_the_firmwares_own() -> None:
     run.scenario["firmware"] = {"gait": {"window_start": 0.0, "window_end": 0.1}}
     place_impacts(run, [0.05, 0.5])
     assert push_off(run.scenario) == (0.0, 0.1)
+    assert push_off(run.scenario).holds(np.array([0.0, 0.1, 0.11])).tolist() == [True, True, False]
     assert figures(run).in_window == 1.0
 
 
