@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.scenario.commands import Command, Request
+from tools.bring_up.channels import find_channels
 from tools.bring_up.module_fit import STUCK, fit_module, largest_in, natural_rad_s, reachable_ratio
 from tools.bring_up.operated import Operated, operate
 from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
@@ -82,7 +83,9 @@ def sweep(context: Context, found: Findings) -> None:
     operate(context, played, log, cautious(context, largest, force_n))
     found.notes += played.notes
     found.largest = largest_in(log, 0.0)
-    values, identified, readings = fit_module([log], context.values, is_slow=True)
+    find_channels(context, found, log)
+    wired = context.values | {name: one.value for name, one in found.parameters.items()}
+    values, identified, readings = fit_module([log], wired, is_slow=True)
     note_motion(identified, readings, found)
     if float(np.max(np.abs(identified.fit.motion[:, 1]))) < 0.02:
         raise StepFailedError(STUCK)

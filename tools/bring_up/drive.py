@@ -32,9 +32,9 @@ from firmware_py.interface.generated.records import (
 )
 from hil.timing.clock import TICK_S
 from plant_sim.arrays import FloatArray
+from tools.bring_up.channels import find_channels
 from tools.bring_up.operated import clear_errors, names_of
 from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
-from tools.tuning.recordings.readings import read_ticks
 from tools.tuning.result import Value, make_value
 
 TURN_RAD = 2.0 * math.pi
@@ -60,8 +60,6 @@ SHARED = np.array([0.013, 6e-4, 4e-4, 0.0, 0.0])
 N m s; from 15 modules (seed 72000)."""
 TURNING_RAD_S = 0.4
 """Below this speed its sign is uncertain: the encoder's speed lags by a millisecond."""
-SHAKEN = 1.5
-"""A channel that varies this many times more than at rest has felt the striker."""
 LONGEST_S = 60.0
 Script = Generator[Sequence[Frame], Sequence[Frame], None]
 
@@ -307,25 +305,6 @@ def fit_crank(rows: FloatArray) -> tuple[dict[str, Value], float]:
     return values, math.copysign(1.0, found[0])
 
 
-def find_channels(context: Context, found: Findings) -> None:
-    """Which of the two channels alike has felt the striker; raises StepFailedError if it is not agreed to."""
-    moving, rest = read_ticks(context.log("drive")), read_ticks(context.log("at-rest"))
-    low, housing = (
-        float(np.nanstd(getattr(moving, one)) / np.nanstd(getattr(rest, one)))
-        for one in ("low_m_s2", "housing_m_s2")
-    )
-    found.add("striker's low range, motion over noise", low, "1")
-    found.add("housing, motion over noise", housing, "1")
-    if housing < SHAKEN or low > SHAKEN:
-        return
-    if not context.asks(
-        "The housing's channel feels the striker, and the striker's low range does not: the two are "
-        "exchanged. Set wiring.low_exchanged = 1?"
-    ):
-        raise StepFailedError("the striker's low range and the housing are exchanged; exchange their plugs")
-    found.parameters["wiring.low_exchanged"] = make_value("wiring.low_exchanged", 1.0)
-
-
 def note_currents(played: Commander, found: Findings) -> None:
     """The torque constant that the measured current suggests; raises StepFailedError if it is implausible."""
     pairs = np.array([one for one in played.currents if abs(one[0]) > 0.5 * LEAST_SWING_N_M])
@@ -361,7 +340,7 @@ def drive(context: Context, found: Findings) -> None:
         ):
             raise StepFailedError("torque and encoder have opposite directions; change one of them")
         found.parameters["wiring.torque_reversed"] = make_value("wiring.torque_reversed", 1.0)
-    find_channels(context, found)
+    find_channels(context, found, context.log("drive"))
 
 
 def note_largest(played: Commander, found: Findings) -> None:

@@ -66,6 +66,17 @@ def test_the_drives_step_finds_wiring_and_inertia(name: str, tmp_path: Path) -> 
     assert bench.largest["drive"].force_n == 0.0
 
 
+def test_a_striker_that_friction_holds_in_the_drives_step_shows_its_channel_in_the_sweep(
+    tmp_path: Path,
+) -> None:
+    friction = {"law": "stribeck", "mu": 0.0257, "mu_s": 0.0334, "v_s_m_s": 0.1, "delta": 1.0}
+    bench = bench_of({"friction": friction}, [fault("sensor-swapped", sensors=["striker-low", "housing"])], 1)
+    result = brought_up(bench, tmp_path / "out", "below-impacts")
+    assert result["passed"], result["steps"][-1]["reason"]
+    assert "wiring.low_exchanged" in result["parameters"]
+    assert result["parameters"]["striker.spring_n_m"]["value"] == pytest.approx(70.0, rel=0.02)
+
+
 BROKEN = {
     "no watchdog": (*BROKEN_MODULES["no watchdog"][:2], "drive", "no watchdog"),
     "silent drive": (*BROKEN_MODULES["silent drive"][:2], "listen", "no frame DriveHeartbeat"),
