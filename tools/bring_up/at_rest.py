@@ -1,6 +1,7 @@
 """Step 2, at rest: noise, offset and resolution of the sensors, supply and temperatures. It sends nothing."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from plant_sim.tables.table import STANDARD_GRAVITY_M_S2
 from tools.bring_up.listen import Listener
 from tools.bring_up.step import NOTHING, Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.tuning.recordings.readings import Ticks, read_ticks
+from tools.tuning.result import make_value
 
 REST_S = 3.0
 STILL_REV = 0.01
@@ -25,6 +27,9 @@ TILT_M_S2 = 0.5
 """Twice the offset of a low range: a larger reading at rest is gravity."""
 CHANNELS = ("low_m_s2", "high_m_s2", "housing_m_s2")
 NAMES = ("striker's low range", "striker's high range", "housing")
+EXCHANGED = "wiring.low_exchanged"
+SHAKEN = 1.5
+"""A channel that varies this many times more than at rest has felt the striker."""
 
 
 def find_channels(ticks: Ticks, found: Findings) -> None:
@@ -102,6 +107,28 @@ def rest(context: Context, found: Findings) -> None:
         Curve(name, t_s, getattr(ticks, one)[shown]) for one, name in zip(CHANNELS, NAMES, strict=True)
     ]
     found.axes = ("time in s", "acceleration in m/s²")
+
+
+def find_exchanged(context: Context, found: Findings, log: Path) -> None:
+    """Find exchanged low ranges in the log of a step with motion; raises StepFailedError without a yes.
+
+    Dry friction may hold the striker in the drive's step, so the sweep below the impacts looks again.
+    """
+    moving, rest = read_ticks(log), read_ticks(context.log("at-rest"))
+    low, housing = (
+        float(np.nanstd(getattr(moving, one)) / np.nanstd(getattr(rest, one)))
+        for one in ("low_m_s2", "housing_m_s2")
+    )
+    found.add("striker's low range, motion over noise", low, "1")
+    found.add("housing, motion over noise", housing, "1")
+    if context.values[EXCHANGED] == 1.0 or housing < SHAKEN or low > SHAKEN:
+        return
+    if not context.asks(
+        "The housing's channel feels the striker, and the striker's low range does not: the two are "
+        f"exchanged. Set {EXCHANGED} = 1?"
+    ):
+        raise StepFailedError("the striker's low range and the housing are exchanged; exchange their plugs")
+    found.parameters[EXCHANGED] = make_value(EXCHANGED, 1.0)
 
 
 AT_REST = Step("at-rest", "It sends nothing and reads the sensors at rest.", "", 3.0, lambda _: NOTHING, rest)

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.scenario.commands import Command, Request
-from tools.bring_up.channels import find_channels
+from tools.bring_up.at_rest import find_exchanged
 from tools.bring_up.module_fit import STUCK, fit_module, largest_in, natural_rad_s, reachable_ratio
 from tools.bring_up.operated import Operated, operate
 from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
@@ -83,7 +83,7 @@ def sweep(context: Context, found: Findings) -> None:
     operate(context, played, log, cautious(context, largest, force_n))
     found.notes += played.notes
     found.largest = largest_in(log, 0.0)
-    find_channels(context, found, log)
+    find_exchanged(context, found, log)
     wired = context.values | {name: one.value for name, one in found.parameters.items()}
     values, identified, readings = fit_module([log], wired, is_slow=True)
     note_motion(identified, readings, found)

@@ -32,7 +32,7 @@ from firmware_py.interface.generated.records import (
 )
 from hil.timing.clock import TICK_S
 from plant_sim.arrays import FloatArray
-from tools.bring_up.channels import find_channels
+from tools.bring_up.at_rest import find_exchanged
 from tools.bring_up.operated import clear_errors, names_of
 from tools.bring_up.step import Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.tuning.result import Value, make_value
@@ -340,7 +340,7 @@ def drive(context: Context, found: Findings) -> None:
         ):
             raise StepFailedError("torque and encoder have opposite directions; change one of them")
         found.parameters["wiring.torque_reversed"] = make_value("wiring.torque_reversed", 1.0)
-    find_channels(context, found, context.log("drive"))
+    find_exchanged(context, found, context.log("drive"))
 
 
 def note_largest(played: Commander, found: Findings) -> None:

@@ -42,7 +42,6 @@ HARD_M_S = 1.2
 LOWEST_LIMIT_N = 100.0
 """The hold's force limit is not lowered further."""
 HOLD_S, JUDGED_S, SHOWN = 16.0, 8.0, 400
-TORQUE_N_M = 0.5
 REVERSED = "wiring.striker_reversed"
 
 
@@ -107,7 +106,9 @@ def first_bound(context: Context) -> Largest:
     """A share of the module's force for the first impacts, the module's own for the hold."""
     speed_rad_s = context.ratio * natural_rad_s(context.values)
     limit_n = context.values["limit.force_n"]
-    return Largest(force_n=limit_n, torque_n_m=TORQUE_N_M, speed_rad_s=1.5 * speed_rad_s)
+    # With less torque the monitors would take a soft contact of a heavy striker for an implausible load.
+    torque_n_m = context.values["speed.torque_limit_n_m"]
+    return Largest(force_n=limit_n, torque_n_m=torque_n_m, speed_rad_s=1.5 * speed_rad_s)
 
 
 def approach(context: Context, found: Findings) -> tuple[dict[str, float], list[Path]]:

@@ -88,6 +88,39 @@ class ErrorCleared:
         self._beats += 1
 
 
+class Resting:
+    """Waits until the crank rests: the striker may turn it after a stop, which delays the drive's proof."""
+
+    moves = False
+
+    def __init__(self) -> None:
+        self._turning_tick = self._encoder_tick = 0
+
+    def play(self, tick: int, received: Sequence[Frame]) -> Sequence[Frame] | None:
+        """Wait; raises StepFailedError for a crank that does not come to rest."""
+        for frame in received:
+            if (speed_rev_s := speed_in(frame)) is not None:
+                self._encoder_tick = tick
+                self._turning_tick = self._turning_tick if speed_rev_s <= STILL_REV_S else tick
+        if tick >= LONGEST_REST_S / TICK_S:
+            raise StepFailedError(
+                f"the crank does not rest within {LONGEST_REST_S:g} s: look for what turns it, or at the "
+                "encoder's plug, then repeat the step"
+            )
+        is_seen = tick <= self._encoder_tick + OLDEST_ENCODER_S / TICK_S
+        return None if is_seen and tick > self._turning_tick + STILL_S / TICK_S else ()
+
+
+def speed_in(frame: Frame) -> float | None:
+    """The absolute speed in a frame of the encoder, rev/s; None for others and for damaged ones."""
+    if frame.can_id != codec.ENCODER_ESTIMATES.can_id:
+        return None
+    try:
+        return float(abs(codec.ENCODER_ESTIMATES.decode(frame.data).velocity_rev_s))
+    except FrameError:
+        return None
+
+
 class Operated:
     """Plays a script behind `BEGINNING` with times from `BEGUN_S` on, and ends once the module stands still.
 
@@ -181,6 +214,9 @@ class Operated:
         return False
 
     def _follow(self, frame: Frame) -> None:
+        if (speed_rev_s := speed_in(frame)) is not None:
+            self._encoder_tick = self.tick
+            self._turning_tick = self._turning_tick if speed_rev_s <= STILL_REV_S else self.tick
         try:
             if frame.can_id == codec.FIRMWARE_HEARTBEAT.can_id:
                 self.beat, self._beat_tick = codec.FIRMWARE_HEARTBEAT.decode(frame.data), self.tick
@@ -188,10 +224,6 @@ class Operated:
                 self.impacts.append((self.tick, codec.IMPACT_EVENT.decode(frame.data)))
             elif frame.can_id == codec.FAULT_EVENT.can_id:
                 self._stop_for(codec.FAULT_EVENT.decode(frame.data))
-            elif frame.can_id == codec.ENCODER_ESTIMATES.can_id:
-                speed_rev_s = abs(codec.ENCODER_ESTIMATES.decode(frame.data).velocity_rev_s)
-                self._encoder_tick = self.tick
-                self._turning_tick = self._turning_tick if speed_rev_s <= STILL_REV_S else self.tick
         except FrameError:
             return
 
@@ -246,7 +278,8 @@ def clear_errors(context: Context) -> None:
 
 
 def operate(context: Context, player: Operated, log: Path, parameters: Mapping[str, float]) -> None:
-    """Play a script with the firmware, which does not become ready while the drive has errors."""
+    """Play a script with the firmware, once the drive has no errors and the crank rests."""
     clear_errors(context)
+    context.bench.play(Resting(), LONGEST_REST_S + STILL_S, context.log("before"))
     player.says = context.says
     context.bench.play(player, player.longest_s, log, parameters)

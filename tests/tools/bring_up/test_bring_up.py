@@ -29,6 +29,7 @@ from tools.bring_up.operated import (
     LatchedFaultError,
     Operated,
     RatioTooHighError,
+    Resting,
     operate,
 )
 from tools.bring_up.session import STATE, Session, User, read_state
@@ -64,6 +65,30 @@ def test_the_drives_step_finds_wiring_and_inertia(name: str, tmp_path: Path) -> 
     assert 0.9 < found["motor.inertia_kg_m2"]["value"] / 4e-4 < 1.1
     assert beyond_bounds(bench, result["steps"]) == []
     assert bench.largest["drive"].force_n == 0.0
+
+
+def test_a_script_begins_once_the_crank_rests() -> None:
+    """The striker may turn the crank after a stop, and the drive's proof waits for that."""
+    player, tick = Resting(), 0
+    for speed_rev_s, ticks in ((0.5, 700), (0.0, 900), (0.5, 1), (0.0, 1000)):
+        for _ in range(ticks):
+            assert (
+                player.play(tick, [codec.ENCODER_ESTIMATES.encode(EncoderEstimates(0.1, speed_rev_s))]) == ()
+            )
+            tick += 1
+    assert player.play(tick, [codec.ENCODER_ESTIMATES.encode(EncoderEstimates(0.1, 0.0))]) is None
+
+
+@pytest.mark.parametrize("speed_rev_s", [None, 0.5])
+def test_a_crank_that_turns_or_is_not_seen_begins_no_script(speed_rev_s: float | None) -> None:
+    player = Resting()
+    frames = (
+        [] if speed_rev_s is None else [codec.ENCODER_ESTIMATES.encode(EncoderEstimates(0.1, speed_rev_s))]
+    )
+    for tick in range(40_000):
+        assert player.play(tick, frames) == ()
+    with pytest.raises(StepFailedError, match="does not rest within 40 s"):
+        player.play(40_000, frames)
 
 
 def test_a_striker_that_friction_holds_in_the_drives_step_shows_its_channel_in_the_sweep(

@@ -42,7 +42,7 @@ def test_a_hold_keeps_the_stated_limits_and_those_of_the_data_sheet(
         hold(context, Findings(), values, [])
     (held,), stated = bench.parameters, first_bound(context)
     assert held["limit.force_n"] <= force_n
-    assert held["speed.torque_limit_n_m"] <= stated.torque_n_m
+    assert held["speed.torque_limit_n_m"] == stated.torque_n_m == values["speed.torque_limit_n_m"]
     assert held["limit.speed_rad_s"] <= 12.0
     for name in ("limit.overspeed_rad_s", "limit.drive_speed_rad_s"):
         assert held[name] <= stated.speed_rad_s
