@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from firmware_py.core.estimation.striker_model import STANDARD_GRAVITY_M_S2
 from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
 from firmware_py.interface.enums import Fault, Regime
@@ -55,6 +56,7 @@ class Watched(Operated):
         self._exchanged, self._omega_rad_s = values["wiring.low_exchanged"] == 1.0, natural_rad_s(values)
         gap_m = values["stop.position_m"] - values["striker.rest_length_m"]
         self._farthest_m = gap_m + GAP_MARGIN_M
+        self._dry_m_s2 = values["friction.mu"] * STANDARD_GRAVITY_M_S2
         self._last: list[tuple[float, float]] = []
         self._offset, self._seen_tick = 0.0, 0
         self._before = self._extreme = np.zeros(2)
@@ -89,14 +91,16 @@ class Watched(Operated):
         elif not self.seen and self.beat is not None and self.beat.target_omega_rad_s > 1.0:
             self._offset += (low - self._offset) * 1e-4
             # A sample from before any contact that may have begun: a soft one shows late.
-            reach_m = (self._last[0][0] - self._offset) / self.beat.target_omega_rad_s**2
-            if abs(reach_m) > self._farthest_m and self.beat.target_omega_rad_s > 0.7 * self._omega_rad_s:
-                self._beyond[reach_m > 0.0] = self.tick
+            # Dry friction adds to the acceleration as the striker turns round, and not to its way.
+            felt_m_s2 = self._last[0][0] - self._offset
+            reach_m = (abs(felt_m_s2) - self._dry_m_s2) / self.beat.target_omega_rad_s**2
+            if reach_m > self._farthest_m and self.beat.target_omega_rad_s > 0.7 * self._omega_rad_s:
+                self._beyond[felt_m_s2 > 0.0] = self.tick
             # A soft contact that begins looks like a long way, on its side alone.
             turn = 2.0 * math.pi / self.beat.target_omega_rad_s / TICK_S
             if all(self.tick - one < turn for one in self._beyond):
                 raise StepFailedError(
-                    f"the striker swings {abs(reach_m) * 1e3:.0f} mm to either side without an impact, "
+                    f"the striker swings {reach_m * 1e3:.0f} mm to either side without an impact, "
                     "further than the data sheet's stop: it is missing or displaced. Mend it, or give its "
                     "position by --set firmware.stop.position_m"
                 )

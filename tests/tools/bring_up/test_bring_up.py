@@ -1,6 +1,7 @@
 """The bring-up on simulated modules that are wired wrongly, or broken, in lockstep."""
 
 import json
+import math
 import shlex
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import tomli_w
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisState, Fault, Mode, Refusal
 from firmware_py.interface.generated.records import (
+    Accelerometer,
     EncoderEstimates,
     FaultEvent,
     FirmwareHeartbeat,
@@ -22,7 +24,7 @@ from hil.scenario.parameter_file import read_document, values_of
 from hil.timing.clock import TICK_S
 from tools import cli
 from tools.bring_up import session
-from tools.bring_up.first_impacts import approach, hold
+from tools.bring_up.first_impacts import Watched, approach, hold
 from tools.bring_up.listen import LISTEN
 from tools.bring_up.operated import (
     BEGUN_S,
@@ -89,6 +91,33 @@ def test_a_crank_that_turns_or_is_not_seen_begins_no_script(speed_rev_s: float |
         assert player.play(tick, frames) == ()
     with pytest.raises(StepFailedError, match="does not rest within 40 s"):
         player.play(40_000, frames)
+
+
+@pytest.mark.parametrize(("way_m", "mu", "is_missing"), [(0.07, 0.086, False), (0.09, 0.086, True)])
+def test_dry_friction_is_not_taken_for_a_swing_beyond_the_stop(
+    way_m: float, mu: float, is_missing: bool
+) -> None:
+    """The acceleration of a striker that turns round has the friction besides the way's."""
+    omega_rad_s = 7.0
+    beat = FirmwareHeartbeat(*[0] * len(FirmwareHeartbeat._fields))._replace(
+        mode=Mode.RUN, target_omega_rad_s=omega_rad_s
+    )
+    player = Watched([], 10.0, with_overrides({"friction.mu": mu}), 14)
+    reason = ""
+    for tick in range(3000):
+        angle_rad = omega_rad_s * TICK_S * tick
+        felt_m_s2 = way_m * omega_rad_s**2 * math.sin(angle_rad) + 9.81 * mu * math.tanh(
+            3.0 * math.sin(angle_rad)
+        )
+        frames = [codec.ACCELEROMETER.encode(Accelerometer(felt_m_s2, felt_m_s2, 0.0), tick % 256)]
+        if tick % 100 == 0:
+            frames.append(codec.FIRMWARE_HEARTBEAT.encode(beat))
+        try:
+            player.play(tick, frames)
+        except StepFailedError as error:
+            reason = str(error)
+            break
+    assert ("missing or displaced" in reason) == is_missing
 
 
 def test_a_striker_that_friction_holds_in_the_drives_step_shows_its_channel_in_the_sweep(
