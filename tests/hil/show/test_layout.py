@@ -93,8 +93,12 @@ def near(picture, rgba, tolerance=40):
     return int(np.count_nonzero((np.abs(picture - color) < tolerance).all(axis=-1)))
 
 
+@pytest.mark.quiet
 def test_the_overview_shows_truth_estimate_stop_and_modes(tmp_path):
-    """Rendered as a user sees it, without a display: plots, state timelines and the picture are there."""
+    """Rendered as a user sees it, without a display: plots, state timelines and the picture are there.
+
+    The viewer takes its picture after a number of images, on a busy machine before it has read the log.
+    """
     require_screen()
     made_up = make_run()
     made_up.scenario["checks"] = [{"name": "peak_force_n", "high": 1.0}]
