@@ -88,37 +88,51 @@ class ErrorCleared:
         self._beats += 1
 
 
+class Stillness:
+    """Since when the crank has been slower than `STILL_REV_S`, by the encoder's frames."""
+
+    def __init__(self) -> None:
+        self.turning_tick = self._seen_tick = 0
+
+    def follow(self, tick: int, frame: Frame) -> None:
+        """Take a frame; others than the encoder's, and damaged ones, show nothing."""
+        if frame.can_id != codec.ENCODER_ESTIMATES.can_id:
+            return
+        try:
+            speed_rev_s = abs(codec.ENCODER_ESTIMATES.decode(frame.data).velocity_rev_s)
+        except FrameError:
+            return
+        self._seen_tick = tick
+        if not speed_rev_s <= STILL_REV_S:
+            self.turning_tick = tick
+
+    def is_seen(self, tick: int) -> bool:
+        """Whether the newest frame is young enough to show that the crank rests."""
+        return tick <= self._seen_tick + OLDEST_ENCODER_S / TICK_S
+
+    def lasts(self, tick: int) -> bool:
+        """Whether the crank has been still for `STILL_S`."""
+        return tick > self.turning_tick + STILL_S / TICK_S
+
+
 class Resting:
     """Waits until the crank rests: the striker may turn it after a stop, which delays the drive's proof."""
 
     moves = False
 
     def __init__(self) -> None:
-        self._turning_tick = self._encoder_tick = 0
+        self._crank = Stillness()
 
     def play(self, tick: int, received: Sequence[Frame]) -> Sequence[Frame] | None:
         """Wait; raises StepFailedError for a crank that does not come to rest."""
         for frame in received:
-            if (speed_rev_s := speed_in(frame)) is not None:
-                self._encoder_tick = tick
-                self._turning_tick = self._turning_tick if speed_rev_s <= STILL_REV_S else tick
+            self._crank.follow(tick, frame)
         if tick >= LONGEST_REST_S / TICK_S:
             raise StepFailedError(
                 f"the crank does not rest within {LONGEST_REST_S:g} s: look for what turns it, or at the "
                 "encoder's plug, then repeat the step"
             )
-        is_seen = tick <= self._encoder_tick + OLDEST_ENCODER_S / TICK_S
-        return None if is_seen and tick > self._turning_tick + STILL_S / TICK_S else ()
-
-
-def speed_in(frame: Frame) -> float | None:
-    """The absolute speed in a frame of the encoder, rev/s; None for others and for damaged ones."""
-    if frame.can_id != codec.ENCODER_ESTIMATES.can_id:
-        return None
-    try:
-        return float(abs(codec.ENCODER_ESTIMATES.decode(frame.data).velocity_rev_s))
-    except FrameError:
-        return None
+        return None if self._crank.is_seen(tick) and self._crank.lasts(tick) else ()
 
 
 class Operated:
@@ -142,7 +156,7 @@ class Operated:
         self._is_ending = False
         self._free_tick: int | None = None
         """The tick in which a stop ended by STOP_FAILED."""
-        self._turning_tick = self._encoder_tick = 0
+        self._crank = Stillness()
         self.notes: list[str] = []
         self.says: Callable[[str], None] = lambda _: None
         """Takes a line about the motion now and then."""
@@ -194,7 +208,7 @@ class Operated:
 
     def _is_turning(self, free_tick: int) -> bool:
         """Whether the crank may still turn after a stop that has ended by STOP_FAILED."""
-        if self.tick > self._encoder_tick + OLDEST_ENCODER_S / TICK_S:
+        if not self._crank.is_seen(self.tick):
             raise StepFailedError(
                 "the stop ended by STOP_FAILED, and without frames of the encoder nothing shows that the "
                 "crank rests: look at it, then mend the encoder's plug"
@@ -204,9 +218,9 @@ class Operated:
                 f"the stop ended by STOP_FAILED, and the crank still turns {LONGEST_REST_S:g} s later: "
                 "switch off the drive's supply, and look for what drives the crank"
             )
-        if self.tick <= self._turning_tick + STILL_S / TICK_S:
+        if not self._crank.lasts(self.tick):
             return True
-        rests_s = (self._turning_tick - free_tick) * TICK_S
+        rests_s = (self._crank.turning_tick - free_tick) * TICK_S
         self.notes.append(
             "the stop ended by STOP_FAILED, which took the torque off; the crank came to rest "
             f"{rests_s:.1f} s later"
@@ -214,9 +228,7 @@ class Operated:
         return False
 
     def _follow(self, frame: Frame) -> None:
-        if (speed_rev_s := speed_in(frame)) is not None:
-            self._encoder_tick = self.tick
-            self._turning_tick = self._turning_tick if speed_rev_s <= STILL_REV_S else self.tick
+        self._crank.follow(self.tick, frame)
         try:
             if frame.can_id == codec.FIRMWARE_HEARTBEAT.can_id:
                 self.beat, self._beat_tick = codec.FIRMWARE_HEARTBEAT.decode(frame.data), self.tick
@@ -236,7 +248,7 @@ class Operated:
         if event.fault == Fault.REQUEST_REFUSED:
             raise StepFailedError(f"the firmware refused the request: {Refusal(event.refusal).name}")
         if event.fault == Fault.STOP_FAILED and self._is_ending:
-            self._free_tick = self._turning_tick = self.tick
+            self._free_tick = self._crank.turning_tick = self.tick
             return
         drive = f", the drive's reason {event.disarm_reason:#x}" if event.disarm_reason else ""
         hint = HINTS.get(Fault(event.fault), "")

@@ -81,6 +81,22 @@ def test_a_script_begins_once_the_crank_rests() -> None:
     assert player.play(tick, [codec.ENCODER_ESTIMATES.encode(EncoderEstimates(0.1, 0.0))]) is None
 
 
+def test_a_motion_waits_for_a_crank_that_still_turns(tmp_path: Path) -> None:
+    bench = bench_of({"initial": {"v_m_s": 0.8}}, [], 1)  # the striker shakes the crank
+    context = Context(bench, tmp_path, with_overrides({}), {}, lambda _: True, lambda _: None, 1.25)
+    begun_s: list[float] = []
+    play = bench.play
+
+    def noted(*given: Any) -> None:
+        begun_s.append(bench.tick * TICK_S)
+        play(*given)
+
+    bench.play = noted  # type: ignore[method-assign]
+    operate(context, Operated([], 0.1), tmp_path / "motion.log", context.values)
+    assert begun_s[-1] > 1.5
+    assert abs(bench.plant.node.plant.now.omega_rad_s) < 0.2
+
+
 @pytest.mark.parametrize("speed_rev_s", [None, 0.5])
 def test_a_crank_that_turns_or_is_not_seen_begins_no_script(speed_rev_s: float | None) -> None:
     player = Resting()
