@@ -32,7 +32,10 @@ SILENT_S = 0.2
 
 
 def zero_after(t_s: FloatArray, torque_n_m: FloatArray, since_s: float) -> float | None:
-    """Time in s after `since_s` until |torque| stays below `NO_TORQUE_N_M`; None if it never does."""
+    """Time in s after `since_s` until |torque| stays below `NO_TORQUE_N_M`; None if it never does.
+
+    In whole nanoseconds, so that a time that ends at its limit is not beyond it by the rounding of a sum.
+    """
     later = t_s >= since_s
     if not later.any():
         return None
@@ -41,7 +44,7 @@ def zero_after(t_s: FloatArray, torque_n_m: FloatArray, since_s: float) -> float
         return 0.0
     if pushing[-1] == np.count_nonzero(later) - 1:
         return None
-    return float(t_s[later][pushing[-1] + 1] - since_s)
+    return round(float(t_s[later][pushing[-1] + 1] - since_s), 9)
 
 
 class DriveEnd(NamedTuple):

@@ -105,8 +105,9 @@ def required_bounds(check: Check, judged: Judged) -> Bounds | None:
     limit = applying[-1]
     scale = 1.0 if limit.of is None else quantity(limit.of, check, judged)
     low, high = (None if one is None else scale * one for one in (limit.low, limit.high))
-    if high is not None:
-        high += check.shows_after_s + limit.ticks * judged.config.tick_s
+    later_s = check.shows_after_s + limit.ticks * judged.config.tick_s
+    if high is not None and later_s > 0.0:
+        high = round(high + later_s, 9)  # whole nanoseconds, as the figure
     return Bounds(low=low, high=high, equals=limit.equals)
 
 

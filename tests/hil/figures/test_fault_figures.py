@@ -78,6 +78,13 @@ def test_the_torque_is_zero_from_its_last_tick_on(torque_n_m, since_s, zero_s):
     assert found == (None if zero_s is None else pytest.approx(zero_s))
 
 
+def test_a_torque_that_ends_at_its_limit_is_within_it():
+    """Of sums of milliseconds in binary, some differences are longer than what they stand for."""
+    t_s = 0.001 * np.arange(8000)
+    late = [at for at in range(6000, 7000) if zero_after(t_s, 1.0 * (t_s < t_s[at + 352]), t_s[at]) > 0.352]
+    assert late == []
+
+
 RUN, READY, FAULT, E_STOP = Mode.RUN, Mode.READY, Mode.FAULT, Mode.E_STOP
 
 

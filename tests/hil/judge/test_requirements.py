@@ -160,7 +160,7 @@ KICK = "a-violent-kick-stops-the-motor"
             "lost-operator-commands-stop-the-motor",
             DEADLINE | {"requirement": "S-08"},
             ["firmware.watchdog.operator_s=0.25"],
-            "≤ 0.252",
+            "≤ 0.253",
         ),
         (KICK, {"name": "regime", "requirement": "P-01"}, [], "= impact"),
     ],
