@@ -13,7 +13,7 @@ whose last terms are the load by the coupling spring, with a striker too slow to
 """
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -51,6 +51,10 @@ WINDOW = 6
 """Periods over which an acceleration is measured."""
 SETTLING = 7
 """Periods after a change of the torque until the encoder's speed follows it."""
+PROBE_FACTOR, FASTEST_RAD_S2 = 1.5, 600.0
+"""A last pulse of this factor over breakaway shows how light the crank is; no swing accelerates it more."""
+SHORTEST_SWING, SWING_FALL = 28, 0.8
+"""After a swing of fewer periods, in which too little can be measured, the torque falls to this share."""
 FEWEST_ROWS = 15
 """Windows for the five unknowns of the fit."""
 PLAUSIBLE_N_M_A = (0.005, 1.0)
@@ -61,6 +65,8 @@ N m s; from 15 modules (seed 72000)."""
 TURNING_RAD_S = 0.4
 """Below this speed its sign is uncertain: the encoder's speed lags by a millisecond."""
 LONGEST_S = 60.0
+OLDEST_ENCODER, OLDEST_BEAT = 20, 350
+"""Periods after which a report is too old to command a torque by it."""
 Script = Generator[Sequence[Frame], Sequence[Frame], None]
 
 
@@ -70,6 +76,7 @@ class Sample(NamedTuple):
     torque_n_m: float
     angle_rad: float
     speed_rad_s: float
+    tick: int
 
 
 class Commander:
@@ -79,6 +86,8 @@ class Commander:
 
     def __init__(self, current_limit_a: float) -> None:
         self.beat: DriveHeartbeat | None = None
+        self.tick = self._encoder_tick = self._beat_tick = 0
+        """The present period, and those of the newest frames."""
         self.is_armed = False
         self.current_limit_a = current_limit_a
         self.angle_rad, self.speed_rad_s = math.nan, 0.0
@@ -97,6 +106,7 @@ class Commander:
 
     def play(self, tick: int, received: Sequence[Frame]) -> Sequence[Frame] | None:
         """Follow the reports, and send the script's next frames; StepFailedError after `LONGEST_S`."""
+        self.tick = tick
         for frame in received:
             self._follow(frame)
         if tick >= round(LONGEST_S / TICK_S) - 1:
@@ -121,12 +131,12 @@ class Commander:
         except FrameError:
             return
         if one is codec.DRIVE_HEARTBEAT:
-            self.beat = record
+            self.beat, self._beat_tick = record, self.tick
         elif one is codec.DRIVE_CURRENT:
             if self.steady > SETTLING:
                 self.currents.append((self.samples[-1].torque_n_m, record.measured_a))
         else:
-            angle_rad = record.position_rev * TURN_RAD
+            self._encoder_tick, angle_rad = self.tick, record.position_rev * TURN_RAD
             before_rad = angle_rad if math.isnan(self.angle_rad) else self.angle_rad
             self.angle_rad = before_rad + math.remainder(angle_rad - before_rad, TURN_RAD)
             self.speed_rad_s = record.velocity_rev_s * TURN_RAD
@@ -134,8 +144,15 @@ class Commander:
     # --- the script: each `yield` is a period ---------------------------------------------------------
 
     def torque(self, torque_n_m: float) -> list[Frame]:
-        """The frame of a torque, within the bound; notes the period."""
+        """The frame of a torque, within the bound; notes the period. Raises StepFailedError."""
         clamped = max(-BOUND.torque_n_m, min(BOUND.torque_n_m, torque_n_m))
+        if self.tick - self._encoder_tick > OLDEST_ENCODER:
+            raise StepFailedError(
+                "the encoder's frames have stopped, and nothing shows how far the crank turns; the step was "
+                "stopped. Look at the encoder's plug and encoder_msg_rate_ms, then repeat the step"
+            )
+        if self.is_armed:
+            self.refuse_silence()
         if abs(self.speed_rad_s) > BOUND.speed_rad_s:
             raise StepFailedError(
                 f"the crank turns at {self.speed_rad_s:.1f} rad/s; the step was stopped. End other work on "
@@ -154,12 +171,23 @@ class Commander:
                 "watchdog, commands came late: end other work on this machine, then repeat the step"
             )
         self.steady = self.steady + 1 if self.samples and self.samples[-1].torque_n_m == clamped else 0
-        self.samples.append(Sample(clamped, self.angle_rad, self.speed_rad_s))
+        self.samples.append(Sample(clamped, self.angle_rad, self.speed_rad_s, self.tick))
         return [codec.SET_INPUT_TORQUE.encode(SetInputTorque(clamped))]
+
+    def refuse_silence(self) -> None:
+        """Raise StepFailedError if the drive has not reported its state for `OLDEST_BEAT`."""
+        if self.beat is None or self.tick - self._beat_tick > OLDEST_BEAT:
+            raise StepFailedError("the drive has fallen silent; check its supply and plug")
+
+    def periods(self, duration_s: float) -> Iterator[None]:
+        """The periods of this time; those that this process has missed are among them."""
+        end = self.tick + round(duration_s / TICK_S)
+        while self.tick < end:
+            yield
 
     def wait(self, duration_s: float) -> Script:
         """Send a torque of 0 for some time."""
-        for _ in range(round(duration_s / TICK_S)):
+        for _ in self.periods(duration_s):
             yield self.torque(0.0)
 
     def arm(self) -> Script:
@@ -174,13 +202,13 @@ class Commander:
         for frame in settings:
             yield [*self.torque(0.0), frame]
         self.beat = None
-        for _ in range(round(ARMING_S / TICK_S)):
+        for _ in self.periods(ARMING_S):
             yield self.torque(0.0)
             if self.beat is not None and self.beat.axis_state == AxisState.CLOSED_LOOP_CONTROL:
                 self.is_armed = True
                 return
-        if self.beat is None:
-            raise StepFailedError("the drive has fallen silent; check its supply and plug")
+        self.refuse_silence()
+        assert self.beat is not None
         raise StepFailedError(
             f"the drive does not close its loop (errors {names_of(self.beat.axis_error) or 'none'}, result "
             f"{self.beat.procedure_result}): calibrate it with the maker's tool, then repeat the step"
@@ -192,9 +220,11 @@ class Commander:
         The error of this test, and no other one, is then cleared.
         """
         self.is_armed = False
-        for _ in range(round(SILENCE_S / TICK_S)):
+        for _ in self.periods(SILENCE_S):
             yield []
-        if self.beat is None or self.beat.axis_state != AxisState.IDLE:
+        self.refuse_silence()
+        assert self.beat is not None
+        if self.beat.axis_state != AxisState.IDLE:
             yield [codec.SET_AXIS_STATE.encode(SetAxisState(AxisState.IDLE))]
             raise StepFailedError(
                 "the drive stays armed without commands: it has no watchdog, and nothing would end the "
@@ -210,12 +240,12 @@ class Commander:
     def pulse(self, torque_n_m: float, longest_s: float) -> Script:
         """A pulse that ends at its bounds, then coasting until the crank rests."""
         self.begin_rad, still = self.angle_rad, 0
-        for _ in range(round(longest_s / TICK_S)):
+        for _ in self.periods(longest_s):
             yield self.torque(torque_n_m)
             turned_rad = abs(self.angle_rad - self.begin_rad)
             if turned_rad > PULSE_END_RAD or abs(self.speed_rad_s) > PULSE_END_RAD_S:
                 break
-        for _ in range(round(LONGEST_COAST_S / TICK_S)):
+        for _ in self.periods(LONGEST_COAST_S):
             yield self.torque(0.0)
             still = still + 1 if abs(self.speed_rad_s) < STILL_RAD_S else 0
             if still > RESTING_S / TICK_S:
@@ -224,7 +254,7 @@ class Commander:
     def swing(self, torque_n_m: float) -> Script:
         """A torque until the speed that it causes, of either direction, reaches `SWING_RAD_S`."""
         first, before_rad_s, self.begin_rad = len(self.samples), self.speed_rad_s, self.angle_rad
-        for _ in range(round(LONGEST_SWING_S / TICK_S)):
+        for _ in self.periods(LONGEST_SWING_S):
             yield self.torque(torque_n_m)
             if abs(self.angle_rad - self.begin_rad) > BOUND.angle_rad / 2.0:
                 raise StepFailedError("a swing has turned the crank by half its bound; repeat the step")
@@ -235,7 +265,7 @@ class Commander:
 
     def script(self) -> Script:
         """Watchdog, growing pulses until the crank moves in both directions, then pulses for the inertia."""
-        for _ in range(round(ARMING_S / TICK_S)):
+        for _ in self.periods(ARMING_S):
             if not math.isnan(self.angle_rad):
                 break
             yield []
@@ -259,10 +289,20 @@ class Commander:
             )
         breakaway_n_m = max(self.breakaway_n_m.values())
         swing_n_m = min(max(SWING_FACTOR * breakaway_n_m, LEAST_SWING_N_M), BOUND.torque_n_m)
+        probe_n_m, first = PROBE_FACTOR * breakaway_n_m, len(self.samples)
+        yield from self.pulse(probe_n_m, LONGEST_PULSE_S)
+        fastest = max(self.samples[first:], key=lambda one: abs(one.speed_rad_s))
+        lasted_s = (fastest.tick - self.samples[first].tick) * TICK_S
+        # Friction is below breakaway, so J > (probe − breakaway) t / ω.
+        inertia_kg_m2 = (probe_n_m - breakaway_n_m) * lasted_s / max(abs(fastest.speed_rad_s), STILL_RAD_S)
+        swing_n_m = min(swing_n_m, max(probe_n_m, FASTEST_RAD_S2 * inertia_kg_m2))
         for number in range(SWINGS):
             yield from self.swing(swing_n_m if number % 2 == 0 else -swing_n_m)
+            first, end = self.swings[-1]
+            if end - first < SHORTEST_SWING:
+                swing_n_m = min(swing_n_m, max(SWING_FALL * swing_n_m, probe_n_m))
         yield [*self.torque(0.0), codec.SET_AXIS_STATE.encode(SetAxisState(AxisState.IDLE))]
-        for _ in range(round(RESTING_S / TICK_S)):
+        for _ in self.periods(RESTING_S):
             yield []
 
 
@@ -277,14 +317,17 @@ def accelerations(played: Commander) -> FloatArray:
         for start in range(first + SETTLING, last - WINDOW, WINDOW):
             part = samples[start : start + WINDOW]
             if np.min(np.abs(part[:, 2])) > TURNING_RAD_S:
-                slope = np.polyfit(np.arange(WINDOW) * TICK_S, part[:, 2], 1)[0]
-                rows.append((*part.mean(axis=0), slope))
+                slope = np.polyfit(part[:, 3] * TICK_S, part[:, 2], 1)[0]
+                rows.append((*part[:, :3].mean(axis=0), slope))
     return np.array(rows).reshape(-1, 4)
 
 
 def fit_crank(rows: FloatArray) -> tuple[dict[str, Value], float]:
     """Inertia, dry and viscous friction with 95 % intervals, and the direction of torque against angle."""
-    too_few = f"{len(rows)} accelerations were measured, too few for the inertia; repeat the step"
+    too_few = (
+        f"{len(rows)} accelerations were measured, too few for the inertia: the crank is too light for its "
+        "friction, as a motor without its crank is, or frames were lost; look for both, then repeat the step"
+    )
     if len(rows) < FEWEST_ROWS:
         raise StepFailedError(too_few)
     torque_n_m, angle_rad, speed_rad_s, slope = rows.T
@@ -353,7 +396,7 @@ def note_largest(played: Commander, found: Findings) -> None:
         angle_rad=played.farthest_rad,
         speed_rad_s=float(np.max(np.abs(samples[:, 2]))),
     )
-    t_s = np.arange(len(samples)) * TICK_S
+    t_s = samples[:, 3] * TICK_S
     found.curves = [
         Curve("speed in rad/s", t_s, samples[:, 2]),
         Curve("torque in 0.1 N m", t_s, 10.0 * samples[:, 0]),

@@ -6,12 +6,16 @@ from typing import Any
 
 import pytest
 
+from firmware_py.interface import codec
+from firmware_py.interface.codec import FrameCodec
+from firmware_py.interface.frame import Frame
 from firmware_py.shell.parameters import config_from, with_overrides
+from hil.bus.base import NodeBus
 from hil.timing.clock import TICK_S
 from tools.bring_up.drive import BOUND, LONGEST_S, Commander
 from tools.bring_up.first_impacts import first_bound, hold
 from tools.bring_up.step import Context, Findings, StepFailedError
-from tools.bring_up.trials import bench_of, brought_up
+from tools.bring_up.trials import bench_of, beyond_bounds, brought_up
 
 
 class Firmwares:
@@ -73,3 +77,45 @@ def test_pulses_without_an_end_are_an_e_stop() -> None:
     commander.play(last - 1, [])
     with pytest.raises(StepFailedError, match="have not ended"):
         commander.play(last, [])
+
+
+def test_a_light_crank_is_measured_within_the_bounds(tmp_path: Path) -> None:
+    """With the torque for a heavier one its swings were too short to be measured."""
+    bench = bench_of({"motor": {"inertia_kg_m2": 1e-4}}, [], 1)
+    result = brought_up(bench, tmp_path / "out", "drive")
+    assert result["passed"], result["steps"][-1]["reason"]
+    found = result["parameters"]["motor.inertia_kg_m2"]
+    assert found["low"] < 1e-4 < found["high"]
+    assert beyond_bounds(bench, result["steps"]) == []
+
+
+@pytest.mark.parametrize(
+    ("lost", "reason"), [(codec.ENCODER_ESTIMATES, "encoder's frames"), (codec.DRIVE_HEARTBEAT, "silent")]
+)
+def test_a_drive_without_reports_gets_no_torque(lost: FrameCodec[Any], reason: str, tmp_path: Path) -> None:
+    """Without the encoder neither speed nor angle would end a swing."""
+    bench = bench_of({}, [], 1)
+    line, inner = bench.own, bench.play
+
+    def play(player: Any, *others: Any) -> None:
+        if isinstance(player, Commander):
+            bench.own = Without(line, player, lost.can_id)
+        inner(player, *others)
+
+    bench.play = play  # type: ignore[method-assign]
+    result = brought_up(bench, tmp_path / "out", "drive")
+    assert reason in result["steps"][-1]["reason"]
+    assert beyond_bounds(bench, result["steps"]) == []
+
+
+class Without:
+    """A line that loses the frames of an identifier once the crank swings."""
+
+    def __init__(self, line: NodeBus, player: Commander, can_id: int) -> None:
+        self._line, self._player, self._can_id = line, player, can_id
+        self.send_all = line.send_all
+
+    def receive(self) -> list[Frame]:
+        """The frames that have arrived."""
+        frames = self._line.receive()
+        return [one for one in frames if not self._player.swings or one.can_id != self._can_id]
