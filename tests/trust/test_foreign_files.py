@@ -9,9 +9,11 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import rerun as rr
 from hostile import FOLDERS, SCENARIO, SCENARIOS, expressions
 from hostile_logs import HOSTILE
 from pydantic import ValidationError
@@ -48,35 +50,45 @@ def test_no_hostile_expression_is_evaluated_or_writes_anything(tmp_path: Path) -
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.fixture(scope="module")
-def handed_over(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """The folder of all spoiled run folders, and the file that their links point at."""
-    folder = tmp_path_factory.mktemp("run")
-    (folder / "still.toml").write_text(SCENARIO)
-    run_dir = folder / "run"
-    hil.run(folder / "still.toml", out=run_dir)
-    victim, cases = folder / "victim", folder / "cases"
-    victim.write_text("precious\n")
+def make_run_folders(cases: Path, victim: Path) -> None:
+    """A run's folder, spoiled in each way."""
+    (cases.parent / "still.toml").write_text(SCENARIO)
+    run_dir = cases.parent / "run"
+    hil.run(cases.parent / "still.toml", out=run_dir)
     for name, spoil in FOLDERS.items():
-        case = cases / re.sub(r"[^\w.]+", "-", name)
-        shutil.copytree(run_dir, case)
+        case = shutil.copytree(run_dir, cases / re.sub(r"[^\w.]+", "-", name))
         spoil(case, victim)
-    for kind, writers in (("log", HOSTILE), ("scenario", SCENARIOS)):
-        for name, write in writers.items():
-            case = cases / re.sub(r"\W+", "-", f"{kind} {name}")
-            case.mkdir()
-            written = write(case) if kind == "log" else write(case, victim)
-            if written is not None:
-                written.rename(case / f"log{''.join(written.suffixes)}")
-    return cases, victim
 
 
+def make_logs(cases: Path, _victim: Path) -> None:
+    for name, write in HOSTILE.items():
+        case = cases / re.sub(r"\W+", "-", name)
+        case.mkdir()
+        written = write(case)
+        written.rename(case / f"log{''.join(written.suffixes)}")
+
+
+def make_scenarios(cases: Path, victim: Path) -> None:
+    for name, write in SCENARIOS.items():
+        case = cases / re.sub(r"\W+", "-", name)
+        case.mkdir()
+        write(case, victim)
+
+
+@pytest.mark.parametrize(
+    ("make", "count"),
+    [(make_run_folders, len(FOLDERS)), (make_logs, len(HOSTILE)), (make_scenarios, len(SCENARIOS))],
+)
 def test_hostile_run_folders_and_logs_change_nothing_elsewhere_and_end_with_a_sentence(
-    handed_over: tuple[Path, Path], tmp_path: Path
+    make: Callable[[Path, Path], None], count: int, tmp_path: Path
 ) -> None:
-    cases, victim = handed_over
+    victim, cases = tmp_path / "victim", tmp_path / "cases"
+    victim.write_text("precious\n")
+    cases.mkdir()
+    make(cases, victim)
+    (tmp_path / "cache").mkdir()
     environment = os.environ | {
-        "XDG_CACHE_HOME": str(tmp_path),
+        "XDG_CACHE_HOME": str(tmp_path / "cache"),
         "VIBROHIL_CACHE_DIR": str(kernel_cache.root()),
         "PYTHONDONTWRITEBYTECODE": "1",  # Python's own files beside the modules of the tests are no harm
     }
@@ -89,9 +101,10 @@ def test_hostile_run_folders_and_logs_change_nothing_elsewhere_and_end_with_a_se
     )
     assert done.returncode == 0, done.stdout[-500:] + done.stderr
     lines = [line.split("\t", 2) for line in done.stdout.splitlines()]
-    reported = {(case, command): json.loads(line) for case, command, line in lines}
-    assert len({case for case, _ in reported}) == len(FOLDERS) + len(HOSTILE) + len(SCENARIOS) >= 150
-    for (case, command), one in reported.items():
+    # A run folder is read by several forms of a command, so their numbers distinguish their reports.
+    reported = {(case, nth, command): json.loads(line) for nth, (case, command, line) in enumerate(lines)}
+    assert len({case for case, _, _ in reported}) == count >= 30
+    for (case, _, command), one in reported.items():
         if command == "import":
             assert one["status"] in (0, 4, 5), (case, one)
             is_read = one["status"] != 4  # 5: it is read and not judged
@@ -107,15 +120,15 @@ def test_hostile_run_folders_and_logs_change_nothing_elsewhere_and_end_with_a_se
     assert victim.read_text() == "precious\n"
 
 
-def test_files_are_made_anew_and_never_written_through_a_link(
-    handed_over: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_files_are_made_anew_and_never_written_through_a_link(tmp_path: Path) -> None:
     victim = tmp_path / "victim"
     victim.write_text("precious\n")
     (tmp_path / "run.rrd.new").symlink_to(victim)
     with written_whole(tmp_path / "run.rrd") as unfinished:
         assert not unfinished.is_symlink()
-        shutil.copy(handed_over[0] / "as-it-was" / "run.rrd", unfinished)
+        recording = rr.RecordingStream("vibrohil")
+        recording.save(unfinished)
+        recording.disconnect()
     (tmp_path / "run.json.new").symlink_to(victim)
     write_json(tmp_path / "run.json", {"a": 1})
     assert victim.read_text() == "precious\n"

@@ -117,6 +117,7 @@ def run_limited(command: Sequence[str]) -> dict[str, Any]:
     Beyond a limit of time a signal ends this process.
     """
     gc.collect()  # what earlier commands left to the collector, more on Python 3.13, is not of this one
+    gc.freeze()  # and the collector need not look again at what is left, most of it modules
     Path("/proc/self/clear_refs").write_text("5")  # the peak is of this command
     signal.setitimer(signal.ITIMER_PROF, LIMIT_S)
     signal.alarm(LIMIT_OF_WAITING_S)
