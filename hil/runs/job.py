@@ -11,8 +11,8 @@ from hil.timing.clock import ClockName, TimeName
 
 Progress: TypeAlias = Callable[[float, str], None]
 """Called with the completed share of the run, 0…1, and the present activity."""
-Kept: TypeAlias = Mapping[str, Sequence[str]]
-"""The columns that are kept of each trace; other traces are not kept, nor are the frames."""
+Kept: TypeAlias = Mapping[str, Sequence[str] | None]
+"""The columns that are kept of each trace, None for all; other traces are not kept, nor are the frames."""
 
 
 def silent(_: float, __: str) -> None:

@@ -29,6 +29,8 @@ class SearchTable(Table):
         split_key(self.key)
         bounds = [one for one in (self.low, self.high) if one is not None]
         if self.choices is not None and not bounds:
+            if any(isinstance(one, list | dict) for one in self.choices):
+                raise ValueError(f"search {self.key!r}: choices must be numbers, texts, true or false")
             return self
         if self.choices is not None or len(bounds) != 2:
             raise ValueError(f"search {self.key!r}: give low and high, or choices")

@@ -54,7 +54,8 @@ def claimed(folder: Path) -> Iterator[None]:
             stack.enter_context(locked(folder))
         except FolderInUseError as error:
             raise BadInputError(
-                f"{folder} is in use by the same campaign; wait until it has ended, or name another --seed"
+                f"{folder} is in use by the same campaign or search; wait until it has ended, or work in "
+                "another folder"
             ) from error
         try:
             yield

@@ -1,5 +1,7 @@
 """`vibrohil falsify SCENARIO…`: searches for the run with the smallest margin."""
 
+import shlex
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +16,9 @@ from tools.output import (
     EXIT_PASSED,
     BadInputError,
     answer,
+    console,
     progress_console,
+    show_tables,
     table_of,
 )
 from tools.progress import shown_progress
@@ -88,7 +92,18 @@ def falsify(
                 soft_wrap=True,
             )
             raise
-    answer(result, as_json, status=status_of(result))
+    answer(result, as_json, partial(show_result, result), status_of(result))
+
+
+def show_result(result: dict[str, Any]) -> None:
+    """Print a result, and how a counterexample is repeated and looked at."""
+    show_tables(result)
+    if result["found"]:
+        if not result["worst"]["values"]:
+            console.print("the scenario breaks its own check, without any change", soft_wrap=True)
+        path = shlex.quote(result["counterexample"])
+        console.print(f"repeat it bit for bit:    vibrohil run {path} --clock lockstep", soft_wrap=True)
+        console.print(f"look at every signal:     vibrohil view {shlex.quote(result['run'])}", soft_wrap=True)
 
 
 def status_of(result: dict[str, Any]) -> int:
@@ -115,9 +130,9 @@ def show_space(space: "Space") -> None:
     """Print on standard error what is varied, and the checks that give no direction."""
     from tools.falsify.space import without_direction
 
-    rows = ([one.key, str(one.default), one.text] for one in space.dimensions)
+    rows = ([one.key, space.kind_of(one.key), str(one.default), one.text] for one in space.dimensions)
     progress_console.print(f"{space.name}: {', '.join(one.name for one in space.checks)}", markup=False)
-    progress_console.print(table_of(["key", "scenario", "searched"], rows))
+    progress_console.print(table_of(["key", "of", "scenario", "searched"], rows))
     if names := without_direction(space):
         progress_console.print(
             f"no direction, counted as broken or not: {', '.join(names)}", markup=False, soft_wrap=True
@@ -136,12 +151,12 @@ def result_of(
 
     options = RunOptions(clock="lockstep", firmware="compiled")
     worst = min((one.best for one in hunts if one.best is not None), key=lambda one: one.margin, default=None)
-    unjudged = sum((one.unjudged for one in hunts[1:]), hunts[0].unjudged)
+    unjudged = evaluations.unjudged
     result: dict[str, Any] = {
         "runs": len(evaluations.known),
         "taken_over": evaluations.taken_over,
         "not_judged": sum(unjudged.values()),
-        "why_not_judged": dict(unjudged),
+        "why_not_judged": [{"reason": reason, "runs": runs} for reason, runs in unjudged.items()],
         "methods": [row_of(one) for one in hunts],
         "worst": None,
         "counterexample": None,

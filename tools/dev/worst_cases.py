@@ -66,7 +66,7 @@ def search_all(runs: int, evaluations: Evaluations) -> dict[str, Best | None]:
         space = space_of(name, [])
         places = sobol(space, runs, SEED)
         values = [space.values(place.tolist()) for place in places]
-        results = evaluations.results(space, values, f"{name}: {len(evaluations.known)} runs")
+        results = evaluations.results(space, values, name)
         starts[name] = Start(space, places, results)
     found: dict[str, Best | None] = {}
     for requirement, one in requirements().items():

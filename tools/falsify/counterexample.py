@@ -17,8 +17,8 @@ from hil.scenario.scenario import check_scenario
 from tools.falsify.evaluations import Evaluations
 from tools.falsify.search import Best
 
-DIGITS = 3
-"""Significant digits of a value that is rounded."""
+DIGITS = range(3, 7)
+"""Significant digits to which a value is rounded, the fewest with which the check stays broken."""
 
 
 def shrink(best: Best, evaluations: Evaluations) -> Best:
@@ -35,12 +35,14 @@ def shrink(best: Best, evaluations: Evaluations) -> Best:
     while before != values:
         before = list(values)
         for place, default in enumerate(space.defaults):
-            if values[place] != default and stays_broken(place, default):
+            is_used = space.dimensions[place].key in space.changed(values)
+            if values[place] != default and (not is_used or stays_broken(place, default)):
                 values[place] = default
     for place, (value, default) in enumerate(zip(values, space.defaults, strict=True)):
-        rounded = float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
-        if value not in (default, rounded) and stays_broken(place, rounded):
-            values[place] = rounded
+        if value == default or not isinstance(value, float):
+            continue
+        rounded = (float(f"{value:.{digits}g}") for digits in DIGITS)
+        values[place] = next((one for one in rounded if one == value or stays_broken(place, one)), value)
     [result] = evaluations.results(space, [tuple(values)])
     margin = result.margins[best.check]
     assert margin is not None

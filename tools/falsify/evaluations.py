@@ -1,5 +1,7 @@
 """The runs of a search on workers, stored as they end, so that the same command continues after any end."""
 
+import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -31,6 +33,8 @@ class Evaluations:
         self._folder, self._run, self._progress = folder, run, progress
         self.taken_over = 0
         """Number of results that were stored before."""
+        self.smallest: float | None = None
+        """The smallest margin so far."""
 
     def results(
         self, space: Space, values: Sequence[tuple[Any, ...]], in_words: str = "repeating runs"
@@ -53,12 +57,22 @@ class Evaluations:
             task, path = left[number]
             work.store(path, task, found)
             self._keep(task, found)
-            self._progress(None, in_words)
+            best = "" if self.smallest is None else f", smallest margin {self.smallest:.3f}"
+            self._progress(None, f"{in_words}: {len(self.known)} runs{best}")
         return [self.known[space.name, one] for one in values]
 
     def _keep(self, task: Task, found: Sequence[dict[str, Any]]) -> None:
         for values, one in zip(task.values, found, strict=True):
-            self.known[task.space, values] = Result(tuple(one["margins"]), one["why"])
+            self.known[task.space, values] = result = Result(tuple(one["margins"]), one["why"])
+            if result.margin is not None:
+                self.smallest = min(result.margin, math.inf if self.smallest is None else self.smallest)
+
+    @property
+    def unjudged(self) -> dict[str, int]:
+        """The numbers of runs that are not judged, by the first reason of each kind."""
+        reasons = [one.why for one in self.known.values() if one.why]
+        kinds = Counter(one.partition(":")[0] for one in reasons)
+        return {next(one for one in reasons if one.startswith(kind)): n for kind, n in kinds.items()}
 
 
 def runner(spaces: Sequence[Space]) -> Callable[[Task], list[dict[str, Any]]]:

@@ -1,21 +1,28 @@
 """One run of a search: the margins of the chosen checks, judged as `vibrohil run` judges them."""
 
 import math
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.bus.log.candump_lines import lines_of
 from hil.figures.records import CATALOGUE, Origin
 from hil.judge.judge import judge
 from hil.judge.verdict import CheckResult, RunVerdict, Verdict
-from hil.record.candump import NO_BUS, StoredBus
+from hil.record.candump import parse_candump
 from hil.record.run_faults import with_effects
-from hil.record.run_traces import RunTraces, read_trace
-from hil.run_files import TRACES, RunFile, trace_file
+from hil.record.run_traces import RunTraces
+from hil.record.traces.firmware_trace import fields_of
+from hil.record.traces.precision import TICKED, columns_of
+from hil.record.traces.stored_trace import Columns, is_read_often
+from hil.record.traces.trace import columns_of_fields
+from hil.run_files import TRACES
 from hil.runs.job import Job
-from hil.runs.recording import record
+from hil.runs.segments import segments
 from hil.scenario.checks import Check
 from hil.scenario.scenario import Scenario
 from text_input import TextInputError
@@ -69,8 +76,7 @@ def result_at(space: Space, values: Sequence[Any]) -> Result:
         scenario = space.scenario(values)
     except TextInputError as error:
         return Result((), f"refused: {error}")
-    with tempfile.TemporaryDirectory() as folder:
-        verdict, _ = judged(scenario, Path(folder), [scenario.checks[place] for place in space.chosen])
+    verdict, _ = judged(scenario, [scenario.checks[place] for place in space.chosen])
     if verdict.reasons:
         return Result(tuple(BROKEN for _ in space.chosen))
     results = [verdict.checks[place] for place in space.chosen]
@@ -89,13 +95,32 @@ def margin_of(result: CheckResult) -> float | None:
     return result.margin_share
 
 
-def judged(scenario: Scenario, run_dir: Path, checks: Sequence[Check]) -> tuple[RunVerdict, RunTraces]:
-    """Run in compiled lockstep and judge; the traces are in `run_dir`.
+def kept_for(checks: Sequence[Check]) -> dict[str, Sequence[str] | None]:
+    """The columns that figures and the checks' expressions use, of each trace."""
+    expressions = " ".join(one.expression or "" for one in checks)
+    names = [one.name for one in columns_of_fields(fields_of(walks=True))]
+    used = [one for one in names if is_read_often(one) or f"firmware.{one}" in expressions]
+    return {**dict.fromkeys(TRACES), "firmware": used}
 
-    The log of the bus is read only if one of `checks` needs it.
+
+def judged(scenario: Scenario, checks: Sequence[Check]) -> tuple[RunVerdict, RunTraces]:
+    """Run in compiled lockstep and judge, with the records in memory.
+
+    The frames are kept only if one of `checks` needs them.
     """
-    job = Job(scenario, scenario.seed, folder=run_dir)
-    record(job)
+    needs_bus = any(one.expression is None and CATALOGUE[one.name].origin is Origin.LOG for one in checks)
+    job = Job(scenario, scenario.seed, kept=None if needs_bus else kept_for(scenario.checks))
+    rows: dict[str, list[NDArray[np.void]]] = {}
+    lines: list[bytes] = []
+    for segment in segments(job):
+        lines.append(lines_of(segment.frames))
+        for name, records in segment.rows.items():
+            rows.setdefault(name, []).append(records.copy())
+    found: dict[str, Any] = {}
+    for name in TRACES:
+        if name in rows:
+            records = np.concatenate(rows[name])
+            found[name] = Columns(columns_of(records, exact=name not in TICKED), len(records))
     note: dict[str, Any] = {
         "scenario": scenario.name,
         "clock": "lockstep",
@@ -103,13 +128,11 @@ def judged(scenario: Scenario, run_dir: Path, checks: Sequence[Check]) -> tuple[
         "faults": [fault.as_record()._asdict() for fault in scenario.faults],
     }
     note["faults"] = with_effects(note, job.outcome.faults_acted)
-    needs_bus = any(one.expression is None and CATALOGUE[one.name].origin is Origin.LOG for one in checks)
-    found: dict[str, Any] = {name: read_trace(run_dir / trace_file(name)) for name in TRACES}
     traces = RunTraces(
         **found,
-        bus=StoredBus(run_dir / RunFile.CAN_LOG) if needs_bus else NO_BUS,
+        bus=parse_candump(b"".join(lines)),
         run=note,
         outcome={"wall_s": None},
         scenario=scenario.document,
     )
-    return judge(traces, run_dir), traces
+    return judge(traces, Path()), traces

@@ -1,19 +1,19 @@
 """Pictures of a search: a run around its instant, and margins over the two keys that matter most."""
 
-import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hil.figures.moments import moment_of
+from hil.figures.records import CATALOGUE, Origin
 from hil.record.run_faults import faults_of
 from hil.record.run_traces import RunTraces, column, pair_by_tick
 from plant_sim.arrays import FloatArray
 from tools.falsify.evaluations import Evaluations
 from tools.falsify.objective import judged
 from tools.falsify.search import Best, most_important
-from tools.falsify.space import Space
+from tools.falsify.space import Dimension, Space
 from tools.plots import drawn
 
 if TYPE_CHECKING:
@@ -47,21 +47,21 @@ def draw_instant(best: Best, axes: "Axes") -> None:
     """Draw the signal behind the worst check around its instant, with the script's faults."""
     scenario = best.space.scenario(best.values)
     check = scenario.checks[best.space.chosen[best.check]]
-    with tempfile.TemporaryDirectory() as folder:
-        verdict, traces = judged(scenario, Path(folder), [check])
-        faults = faults_of(traces.run)
-        moment_s = moment_of(check.name, traces, verdict.figures)
-        at_s = min((one.from_s for one in faults), default=moment_s)
-        t_s, values, label = signal_of(check.name, traces)
-        shown = np.abs(t_s - at_s) <= AROUND_S
-        axes.plot(t_s[shown], values[shown], lw=1.0)
-        for fault in faults:
-            if abs(fault.from_s - at_s) <= AROUND_S:
-                axes.axvline(fault.from_s, color="tab:red", lw=0.8, ls="--")
-                across = axes.get_xaxis_transform()
-                axes.text(
-                    fault.from_s, 1.0, fault.kind, transform=across, rotation=90, size=6, va="top", ha="right"
-                )
+    verdict, traces = judged(scenario, [check])
+    faults = faults_of(traces.run)
+    moment_s = moment_of(check.name, traces, verdict.figures)
+    of_hold = check.name in CATALOGUE and CATALOGUE[check.name].origin is Origin.HOLD
+    at_s = min((one.from_s for one in faults), default=moment_s - AROUND_S if of_hold else moment_s)
+    t_s, values, label = signal_of(check.name, traces)
+    shown = np.abs(t_s - at_s) <= AROUND_S
+    axes.plot(t_s[shown], values[shown], lw=1.0)
+    for fault in faults:
+        if abs(fault.from_s - at_s) <= AROUND_S:
+            axes.axvline(fault.from_s, color="tab:red", lw=0.8, ls="--")
+            across = axes.get_xaxis_transform()
+            axes.text(
+                fault.from_s, 1.0, fault.kind, transform=across, rotation=90, size=6, va="top", ha="right"
+            )
     axes.set(xlabel="time [s]", ylabel=label)
     axes.set_title(f"{check.name}, margin {best.margin:.0%}\n{best.space.name}", fontsize=8)
 
@@ -72,6 +72,11 @@ def plot_instant(best: Best, path: Path) -> None:
         draw_instant(best, figure.subplots())
 
 
+def number_of(dimension: Dimension, value: Any) -> float:
+    """A value as a number; of texts the place among the choices."""
+    return float(value if isinstance(value, int | float) else dimension.choices.index(value))
+
+
 def plot_margins(best: Best, evaluations: Evaluations, path: Path) -> None:
     """Draw the worst check's margins in all judged runs of its scenario over the two most important keys."""
     space: Space = best.space
@@ -80,17 +85,19 @@ def plot_margins(best: Best, evaluations: Evaluations, path: Path) -> None:
         for (name, values), result in evaluations.known.items()
         if name == space.name and not result.why and result.margins[best.check] is not None
     ]
-    numbers = [
-        [float(one) if isinstance(one, int | float) else np.nan for one in values] for values, _ in rows
-    ]
+    numbers = [list(map(number_of, space.dimensions, values)) for values, _ in rows]
     places, margins = np.array(numbers), np.array([margin for _, margin in rows])
-    keys = most_important(space, places, margins)
+    keys = most_important(places, margins)
     with drawn(path, 7.0, 4.6) as figure:
         axes = figure.subplots()
         if len(keys) == 2:
             shown = axes.scatter(places[:, keys[0]], places[:, keys[1]], c=margins, s=14, cmap="viridis")
             figure.colorbar(shown, label=f"margin of {best.name}")
-            axes.plot(*(float(best.values[k]) for k in keys), "r+", ms=14, mew=2, label="smallest margin")
+            least = places[int(np.argmin(margins))]
+            axes.plot(*least[keys], "r+", ms=14, mew=2, label="smallest margin")
             axes.legend(loc="upper right")
             axes.set(xlabel=space.dimensions[keys[0]].key, ylabel=space.dimensions[keys[1]].key)
+        elif keys:
+            axes.plot(places[:, keys[0]], margins, ".")
+            axes.set(xlabel=space.dimensions[keys[0]].key, ylabel=f"margin of {best.name}")
         axes.set_title(f"{space.name}: {len(margins)} runs, smallest margin {best.margin:.0%}", fontsize=8)

@@ -6,7 +6,6 @@ that is broken ends the method.
 """
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
@@ -60,7 +59,6 @@ class Hunt:
         self.method, self.budget, self.limit = method, budget, budget
         self.best: Best | None = None
         self.found_after: int | None = None
-        self.unjudged: Counter[str] = Counter()
         self._evaluations = evaluations
         self._seen: set[tuple[str, tuple[Any, ...]]] = set()
 
@@ -75,7 +73,7 @@ class Hunt:
         new = [one for one in dict.fromkeys(values) if (space.name, one) not in self._seen]
         allowed = {*new[: max(self.limit - self.runs, 0)]}
         kept = [one for one in values if one in allowed or (space.name, one) in self._seen]
-        found = self._evaluations.results(space, kept, self.in_words)
+        found = self._evaluations.results(space, kept, self.method)
         for one, result in zip(kept, found, strict=True):
             self._note(space, one, result)
         if self.found_after is not None or len(kept) < len(values):
@@ -86,18 +84,10 @@ class Hunt:
         if (space.name, values) in self._seen:
             return
         self._seen.add((space.name, values))
-        if result.margin is None:
-            self.unjudged[result.why.partition(":")[0]] += 1
-        elif self.best is None or result.margin < self.best.margin:
+        if result.margin is not None and (self.best is None or result.margin < self.best.margin):
             self.best = Best(result.margin, space, values, result.worst)
             if result.margin < 0.0 and self.found_after is None:
                 self.found_after = self.runs
-
-    @property
-    def in_words(self) -> str:
-        """The progress: runs, and the smallest margin so far."""
-        best = "" if self.best is None else f", smallest margin {self.best.margin:.3f} ({self.best.name})"
-        return f"{self.method} {self.runs}/{self.budget}{best}"
 
 
 class Start(NamedTuple):
@@ -239,10 +229,13 @@ def search(spaces: Sequence[Space], budget: int, seed: int, evaluations: Evaluat
     return hunts
 
 
-def most_important(space: Space, values: FloatArray, margins: FloatArray) -> list[int]:
-    """The two dimensions that correlate most with the margin, by rank; values of shape (runs, keys)."""
-    from scipy.stats import spearmanr
+def most_important(values: FloatArray, margins: FloatArray) -> list[int]:
+    """The two dimensions of which the margin is most a function, by Chatterjee's rank correlation.
+
+    `values`: shape (runs, keys).
+    """
+    from scipy.stats import chatterjeexi
 
     varied = [k for k in range(values.shape[1]) if np.ptp(values[:, k]) > 0.0]
-    ranks = {k: abs(float(spearmanr(values[:, k], margins).statistic)) for k in varied}
+    ranks = {k: float(chatterjeexi(values[:, k], margins).statistic) for k in varied}
     return sorted(ranks, key=lambda k: -ranks[k])[:2]

@@ -155,9 +155,19 @@ class Space:
         return tuple(one.value(share) for one, share in zip(self.dimensions, place, strict=True))
 
     def changed(self, values: Sequence[Any]) -> dict[str, Any]:
-        """The values that differ from the scenario's own, by their keys."""
+        """The values that differ from the scenario's own, by their keys; none of lines that are left out."""
         pairs = zip(self.dimensions, values, strict=True)
-        return {one.key: value for one, value in pairs if value != one.default}
+        found = {one.key: value for one, value in pairs if value != one.default}
+        out = tuple(f"script.{lines}.{n}." for key, (n, lines) in self.optional.items() if key not in found)
+        return {key: value for key, value in found.items() if not key.startswith(out)}
+
+    def kind_of(self, key: str) -> str:
+        """The kind of the fault, or the request, to which a key of the script belongs; empty for others."""
+        parts = key.split(".")
+        if len(parts) < 4 or parts[0] != "script":
+            return ""
+        line = self.document["script"][parts[1]][int(parts[2])]
+        return str(line.get("kind") or line["request"])
 
     def tables(self, values: Sequence[Any]) -> dict[str, Any]:
         """The scenario's tables with these values; lines of the script that change nothing are left out."""
@@ -222,13 +232,17 @@ def own_space(
     scenario: Scenario, document: dict[str, Any], tables: Sequence[SearchTable], chosen: tuple[int, ...]
 ) -> Space:
     """The space of the tables [[search]]."""
-    dimensions = []
+    dimensions: list[Dimension] = []
     for one in tables:
         default = 0.0 if one.key == DELAY else value_at(scenario, document, one.key)
         if default is None:
             raise BadInputError(
                 f"search {one.key!r}: the scenario has no such value; give it, or check the key"
             )
+        if one.key in (other.key for other in dimensions):
+            raise BadInputError(f"search {one.key!r} is there twice; leave one of them out")
+        if "." not in one.key and one.key != DELAY:
+            raise BadInputError(f"search {one.key!r}: it cannot be searched; give a dotted key as in --set")
         dimensions.append(Dimension(one.key, default, one.low, one.high, tuple(one.choices or ())))
     return Space(scenario.name, document, tuple(dimensions), chosen, since_s(scenario))
 

@@ -16,7 +16,6 @@ import shutil
 import subprocess
 import sys
 import tarfile
-import tempfile
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -44,8 +43,7 @@ SCENARIOS = (
 def failures(name: str) -> list[str]:
     """The failed checks of a scenario as it stands."""
     scenario = load_scenario(name)
-    with tempfile.TemporaryDirectory() as folder:
-        verdict, _ = judged(scenario, Path(folder), scenario.checks)
+    verdict, _ = judged(scenario, scenario.checks)
     memory = [
         one.name for one in verdict.checks if one.passed is False and not one.name.startswith("memory.")
     ]

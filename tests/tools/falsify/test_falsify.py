@@ -2,19 +2,23 @@
 
 import json
 import tomllib
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import planted
 import pytest
+from matplotlib.figure import Figure
 
 from hil.processes.signals import Interrupted
 from hil.scenario.files import ScenarioError, read_file, search_tables
 from hil.scenario.scenario import load_scenario
 from tools import cli
 from tools.falsify import evaluations as stored
+from tools.falsify import pictures
 from tools.falsify.objective import BROKEN, Result, result_at
-from tools.falsify.search import OPTIMISERS, search
+from tools.falsify.search import OPTIMISERS, Best, most_important, search
 from tools.falsify.space import DELAY, Dimension, Space, space_of
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, EXIT_PASSED, BadInputError
 
@@ -48,6 +52,7 @@ def written(folder: Path, text: str, name: str = "own") -> str:
         ({"key": "script.duration_s", "low": 2.0, "high": 1.0}, "is not below"),
         ({"key": "script.duration_s", "low": "a", "high": "b"}, "must be numbers"),
         ({"key": "script.duration_s", "choices": [1]}, "search"),
+        ({"key": "script.duration_s", "choices": [[1], [2]]}, "must be numbers, texts"),
         ({"key": "script..duration_s", "low": 1.0, "high": 2.0}, "no dotted key"),
         ({"key": "script.duration_s", "low": 1.0, "high": 2.0, "step": 1}, "step"),
     ],
@@ -57,6 +62,21 @@ def test_a_table_that_cannot_be_searched_is_refused(tmp_path, table, said):
     source = written(tmp_path, f'title = "x"\nlike = "{KICK}"\nsearch = [{{ {line} }}]\n')
     with pytest.raises(ScenarioError, match=said):
         search_tables(source)
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        (["scene.friction.c"], "no such value"),
+        (["seed"], "cannot be searched"),
+        (["scene.friction.b_n_s_m"] * 2, "is there twice"),
+    ],
+)
+def test_a_key_that_cannot_be_searched_is_refused(tmp_path, keys, said):
+    lines = ", ".join(f'{{ key = "{key}", low = 1, high = 2 }}' for key in keys)
+    source = written(tmp_path, f'title = "x"\nlike = "quick-start-below-the-band"\nsearch = [{lines}]\n')
+    with pytest.raises(BadInputError, match=said):
+        space_of(source, [])
 
 
 @pytest.mark.parametrize(
@@ -89,6 +109,10 @@ def test_the_default_space_of_a_kick_varies_kick_module_sensors_and_disturbances
     [taken] = [one for one in space.checks if one.name == own.name]
     assert own.bounds.low is not None
     assert taken.bounds == own.required
+    # The instant of a fault of size 0 is no change.
+    instant = [0.3 if one.key == "script.faults.2.at_s" else one.default for one in space.dimensions]
+    assert space.changed(instant) == {}
+    assert space.kind_of("script.faults.2.at_s") == "dropped"
     # A fault comes with its size, and the delay moves all that follows.
     values = [0.5 if one.key == DELAY else one.default for one in space.dimensions]
     values[[one.key for one in space.dimensions].index("script.faults.2.duration_s")] = 0.002
@@ -129,6 +153,11 @@ class Valley:
         return [self.known[one] for one in values]
 
 
+def test_a_key_matters_if_the_margin_is_a_function_of_it_in_whatever_form():
+    values = np.random.default_rng(1).random((200, 4))
+    assert set(most_important(values, (values[:, 1] - 0.5) ** 2 + 0.1 * values[:, 3])) == {1, 3}
+
+
 def valley() -> Space:
     space = Space("valley", {}, tuple(Dimension(f"k{n}", 0.0, 0.0, 1.0) for n in range(6)), (0, 1))
     checks = load_scenario("soft-start-multistable").checks
@@ -142,7 +171,7 @@ def test_the_optimisers_find_more_than_sobol_with_the_same_budget():
     for one in others:
         assert one.runs <= 400
         assert one.best.margin < 0.5 * baseline.best.margin
-    assert sum(baseline.unjudged.values()) > 0
+    assert baseline.runs == 400  # with those that are not judged
 
 
 @pytest.mark.usefixtures("in_process")
@@ -214,9 +243,54 @@ def test_what_proves_nothing_is_no_success(arguments, status, said, tmp_path, mo
     assert said in printed.err + printed.out
 
 
+@pytest.mark.usefixtures("in_process")
+def test_each_run_that_is_not_judged_is_counted_once_with_its_reason(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    own = OWN.format(limit=14.0, high=6.0).replace("low = 0.8", "low = 5.0")
+    assert cli.run(["falsify", written(tmp_path, own), "--budget", "4", "--json"]) == EXIT_NOTHING_RAN
+    result = json.loads(capsys.readouterr().out)
+    [why] = result["why_not_judged"]
+    assert why["runs"] == result["not_judged"] == result["runs"]
+    assert "target_ratio" in why["reason"]
+
+
+@pytest.mark.parametrize("first", [Dimension("k0", "a", choices=("a", "b")), Dimension("k0", 0.0, 0.0, 1.0)])
+def test_the_picture_of_margins_shows_a_single_key_and_choices_of_texts(first, monkeypatch):
+    space, figure = valley(), Figure()
+    vars(space)["dimensions"] = (first, Dimension("k1", 0.0, 0.0, 1.0))
+    values = [(first.value(share if first.choices else 0.0), share) for share in (0.1, 0.4, 0.8)]
+    known = {(space.name, one): Result((one[1], 1.0), "") for one in values}
+    monkeypatch.setattr(pictures, "drawn", lambda *_: nullcontext(figure))
+    pictures.plot_margins(Best(0.1, space, values[0], 0), SimpleNamespace(known=known), Path())
+    labels = {figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()}
+    assert labels == ({"k0", "k1"} if first.choices else {"k1", f"margin of {space.checks[0].name}"})
+
+
 def test_a_failed_check_without_a_margin_counts_as_broken(tmp_path):
     space = space_of(written(tmp_path, OWN.format(limit=14.0, high=1.2)), [])
     stopped = OWN.format(limit=14.0, high=1.2).replace('equals = "none"', 'equals = "stall"')
     assert result_at(space, space.defaults).margin > 0.0
     broken = space_of(written(tmp_path, stopped, "stopped"), [])
     assert result_at(broken, broken.defaults).margin == BROKEN
+
+
+@pytest.mark.usefixtures("in_process")
+@pytest.mark.parametrize(
+    "check",
+    [
+        '"bus_load", low = 0.0, high = 1.0',
+        '"x", expression = "max(firmware.state.estimator.gated_ticks)", high = 9.0, from_s = 0.1, unit = ""',
+    ],
+)
+def test_records_in_memory_have_the_margins_of_a_run_folder(check, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    own = OWN.format(limit=14.0, high=1.2).replace('"fault", equals = "none"', check)
+    source = written(tmp_path, own)
+    cli.run(["run", source, "--clock", "lockstep", "--out", "run"])
+    capsys.readouterr()
+    cli.run(["inspect", "run", "--json"])
+    checks = json.loads(capsys.readouterr().out)["checks"]
+    space = space_of(source, [])
+    found = result_at(space, space.defaults)
+    assert list(found.margins) == [one["margin_share"] for one in checks]
+    assert None not in found.margins
