@@ -118,6 +118,8 @@ DISTURBANCES = (
     ({"kind": "dropped", **SAMPLES}, Dimension("duration_s", 0.0, choices=TICKS)),
     ({"kind": "corrupted", **SAMPLES}, Dimension("duration_s", 0.0, choices=TICKS)),
     ({"kind": "frozen", **SAMPLES}, Dimension("duration_s", 0.0, choices=(0.0, *TICKS[2:]))),
+    ({"kind": "delayed", "duration_s": 0.1, **SAMPLES}, Dimension("delay_s", 0.0, choices=TICKS[:3])),
+    ({"kind": "paused", "process": "firmware"}, Dimension("duration_s", 0.0, choices=TICKS)),
     (
         {"kind": "clock-jitter", "process": "firmware", "duration_s": 0.1},
         Dimension("largest_s", 0.0, 0.0, 0.001),

@@ -113,6 +113,9 @@ def test_the_default_space_of_a_kick_varies_kick_module_sensors_and_disturbances
     instant = [0.3 if one.key == "script.faults.2.at_s" else one.default for one in space.dimensions]
     assert space.changed(instant) == {}
     assert space.kind_of("script.faults.2.at_s") == "dropped"
+    kinds = {space.kind_of(key) for key in ranges} - {""}
+    samples = {"dropped", "corrupted", "frozen", "delayed"}
+    assert kinds == {"kick", *samples, "paused", "clock-jitter", "run"}
     # A fault comes with its size, and the delay moves all that follows.
     values = [0.5 if one.key == DELAY else one.default for one in space.dimensions]
     values[[one.key for one in space.dimensions].index("script.faults.2.duration_s")] = 0.002
