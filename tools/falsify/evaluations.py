@@ -15,7 +15,7 @@ from tools.falsify.space import Space
 from tools.progress import Progress
 from tools.study import work
 
-RUNS_A_TASK = 4
+RUNS_A_TASK = 1
 KIND = "runs"
 """Beginning of the names of stored results."""
 

@@ -269,6 +269,18 @@ def test_the_picture_of_margins_shows_a_single_key_and_choices_of_texts(first, m
     assert labels == ({"k0", "k1"} if first.choices else {"k1", f"margin of {space.checks[0].name}"})
 
 
+def test_each_stored_run_is_taken_over_whatever_the_budget(tmp_path):
+    def run(tasks):
+        return enumerate([[{"margins": [0.5], "why": ""} for _ in one.values] for one in tasks])
+
+    values, taken_over = [(float(k),) for k in range(12)], []
+    for asked in (values[:7], values[2:12]):
+        found = stored.Evaluations(tmp_path, run, lambda *_: None)
+        found.results(valley(), asked)
+        taken_over.append(found.taken_over)
+    assert taken_over == [0, 5]
+
+
 def test_a_failed_check_without_a_margin_counts_as_broken(tmp_path):
     space = space_of(written(tmp_path, OWN.format(limit=14.0, high=1.2)), [])
     stopped = OWN.format(limit=14.0, high=1.2).replace('equals = "none"', 'equals = "stall"')
