@@ -10,7 +10,7 @@ from hil.record.bus_reconstruction import frames_of
 from hil.record.candump import StoredBus
 from hil.timing.clock import TICK_S
 from plant_sim.tables.table import STANDARD_GRAVITY_M_S2
-from tools.bring_up.listen import Listener
+from tools.bring_up.listen import Listener, judge_frames
 from tools.bring_up.step import NOTHING, Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.tuning.recordings.readings import Ticks, read_ticks
 from tools.tuning.result import make_value
@@ -72,7 +72,8 @@ def find_tilt(ticks: Ticks, found: Findings) -> None:
 def rest(context: Context, found: Findings) -> None:
     """Record the module at rest, and judge its sensors."""
     log = context.log("at-rest")
-    context.bench.play(Listener(), REST_S, log)
+    context.bench.play(player := Listener(), REST_S, log)
+    judge_frames([frame for _, frame in player.frames], REST_S, Findings())
     ticks = read_ticks(log)
     angle_rev = np.unwrap(ticks.position_rev[np.isfinite(ticks.position_rev)], period=1.0)
     found.largest = Largest(
@@ -114,7 +115,7 @@ def find_exchanged(context: Context, found: Findings, log: Path) -> None:
 
     Dry friction may hold the striker in the drive's step, so the sweep below the impacts looks again.
     """
-    moving, rest = read_ticks(log), read_ticks(context.log("at-rest"))
+    moving, rest = read_ticks(log), read_ticks(context.last_log("at-rest"))
     low, housing = (
         float(np.nanstd(getattr(moving, one)) / np.nanstd(getattr(rest, one)))
         for one in ("low_m_s2", "housing_m_s2")

@@ -13,7 +13,7 @@ whose last terms are the load by the coupling spring, with a striker too slow to
 """
 
 import math
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -67,7 +67,7 @@ TURNING_RAD_S = 0.4
 LONGEST_S = 60.0
 OLDEST_ENCODER, OLDEST_BEAT = 20, 350
 """Periods after which a report is too old to command a torque by it."""
-Script = Generator[Sequence[Frame], Sequence[Frame], None]
+Script = Iterator[Sequence[Frame]]
 
 
 class Sample(NamedTuple):
@@ -102,7 +102,6 @@ class Commander:
         """Periods since the torque changed."""
         self.breakaway_n_m: dict[int, float] = {}
         self._script = self.script()
-        self._begun = False
 
     def play(self, tick: int, received: Sequence[Frame]) -> Sequence[Frame] | None:
         """Follow the reports, and send the script's next frames; StepFailedError after `LONGEST_S`."""
@@ -114,13 +113,7 @@ class Commander:
                 f"the pulses have not ended within {LONGEST_S:g} s: the crank does not come to rest between "
                 "them, or the encoder's speed is noisy; mend it, then repeat the step"
             )
-        try:
-            if not self._begun:
-                self._begun = True
-                return next(self._script)
-            return self._script.send(received)
-        except StopIteration:
-            return None
+        return next(self._script, None)
 
     def _follow(self, frame: Frame) -> None:
         one = codec.CODEC_BY_ID.get(frame.can_id)
@@ -365,9 +358,9 @@ def note_currents(played: Commander, found: Findings) -> None:
 def drive(context: Context, found: Findings) -> None:
     """Play the pulses, and find direction, inertia and friction."""
     clear_errors(context)
-    played = Commander(context.values["speed.current_limit_a"])
+    played, log = Commander(context.values["speed.current_limit_a"]), context.log("drive")
     try:
-        context.bench.play(played, LONGEST_S, context.log("drive"))
+        context.bench.play(played, LONGEST_S, log)
     finally:
         note_largest(played, found)
     rows = accelerations(played)
@@ -383,7 +376,7 @@ def drive(context: Context, found: Findings) -> None:
         ):
             raise StepFailedError("torque and encoder have opposite directions; change one of them")
         found.parameters["wiring.torque_reversed"] = make_value("wiring.torque_reversed", 1.0)
-    find_exchanged(context, found, context.log("drive"))
+    find_exchanged(context, found, log)
 
 
 def note_largest(played: Commander, found: Findings) -> None:

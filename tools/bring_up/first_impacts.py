@@ -142,7 +142,7 @@ def approach(context: Context, found: Findings) -> tuple[dict[str, float], list[
         ):
             raise
         context.bench.play(Listener(), RESTING_S, context.log("rest"))
-        logs.append(context.log("first-impacts-again"))
+        logs.append(context.log("first-impacts"))
         player = play(HARD_SHARE)
     found.notes += player.notes
     if len(player.seen) < FEWEST:

@@ -88,6 +88,12 @@ def judge_frame(one: FrameCodec[Any], frames: Sequence[Frame], duration_s: float
         )
 
 
+def judge_frames(frames: Sequence[Frame], duration_s: float, found: Findings) -> None:
+    """Hold the frames of the module's drive and sensors against `vibro.dbc`; raises StepFailedError."""
+    for one in WANTED:
+        judge_frame(one, [frame for frame in frames if frame.can_id == one.can_id], duration_s, found)
+
+
 def name_other_drives(ids: Counter[int], found: Findings) -> None:
     """Say which other nodes send heartbeats of a drive; raises StepFailedError if the module's does not."""
     beat = codec.DRIVE_HEARTBEAT.can_id
@@ -121,8 +127,7 @@ def listen(context: Context, found: Findings) -> None:
     foreign = sorted(set(ids) - set(codec.CODEC_BY_ID))
     found.notes += [f"identifier {one:#05x} is not in vibro.dbc: {ids[one]} frames" for one in foreign[:5]]
     name_other_drives(ids, found)
-    for one in WANTED:
-        judge_frame(one, [frame for frame in frames if frame.can_id == one.can_id], LISTEN_S, found)
+    judge_frames(frames, LISTEN_S, found)
     if ids[codec.FIRMWARE_HEARTBEAT.can_id]:
         raise StepFailedError("another controller sends heartbeats on this bus; end it first")
     last = codec.DRIVE_HEARTBEAT.decode(intact(codec.DRIVE_HEARTBEAT, frames)[-1].data)

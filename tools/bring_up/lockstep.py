@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from firmware_py.interface import codec
+from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import SetInputTorque
 from hil.bus.base import NodeBus
 from hil.bus.in_process import InProcessBus
@@ -22,6 +23,7 @@ from plant_sim.result import Impact
 from plant_sim.scene import Scene
 from tools.bring_up.step import EMERGENCY, NOTHING, Largest, Player
 
+NO_TORQUE = codec.SET_INPUT_TORQUE.encode(SetInputTorque(0.0))
 US_A_TICK = round(TICK_S * 1e6)
 
 
@@ -41,7 +43,9 @@ class LockstepBench:
         self.impacts: list[Impact] = []
         """The true impacts since power-up."""
         self.largest: dict[str, Largest] = {}
-        """The largest true values while each log was written."""
+        """The largest true values while each log was written; the angle is one without a new torque."""
+        self._torque, self._begin_rad = b"", 0.0
+        """The last torque other than 0 of the steps, and the crank's angle at its begin."""
 
     def play(
         self, player: Player, longest_s: float, log: Path, parameters: Mapping[str, float] | None = None
@@ -50,7 +54,7 @@ class LockstepBench:
         firmware = self._power_up(parameters) if parameters is not None else None
         for waiting in (self.own, self._log):
             waiting.receive()
-        begin = self.tick
+        begin, self._begin_rad = self.tick, self.plant.node.plant.now.crank_rad
         with CanLog(make_anew(log)) as file:
             try:
                 while (tick := self.tick - begin) < round(longest_s / TICK_S):
@@ -59,6 +63,7 @@ class LockstepBench:
                     if frames is None:
                         break
                     self.own.send_all(frames)
+                    self._note_torque(frames)
                     if firmware is not None:
                         firmware.step(self.tick)
                     file.write(tick * US_A_TICK, self._log.receive())
@@ -68,7 +73,7 @@ class LockstepBench:
                     self.own.send_all(EMERGENCY)
                 raise
         if firmware is not None:  # as the process that ends
-            self.own.send_all([codec.SET_INPUT_TORQUE.encode(SetInputTorque(0.0))])
+            self.own.send_all([NO_TORQUE])
 
     def _power_up(self, parameters: Mapping[str, float]) -> FirmwareRunner:
         memory = ParameterMemory(parameters, (), 0)
@@ -82,6 +87,11 @@ class LockstepBench:
             self._step_plant("rest")
             self.tick += 1
 
+    def _note_torque(self, frames: Sequence[Frame]) -> None:
+        for can_id, torque in frames:
+            if can_id == codec.SET_INPUT_TORQUE.can_id and torque not in (self._torque, NO_TORQUE.data):
+                self._torque, self._begin_rad = torque, self.plant.node.plant.now.crank_rad
+
     def _step_plant(self, name: str) -> None:
         self._line.move_to(self.tick * TICK_S)
         self.plant.step(self.tick)
@@ -91,6 +101,9 @@ class LockstepBench:
         forces_n = [one.peak_force_n for one in impacts if math.isfinite(one.peak_force_n)]
         self.largest[name] = before._replace(
             force_n=max(before.force_n, *forces_n, 0.0),
+            angle_rad=max(
+                before.angle_rad, abs(math.remainder(now.crank_rad - self._begin_rad, 2.0 * math.pi))
+            ),
             torque_n_m=max(before.torque_n_m, abs(now.motor_torque_n_m)),
             speed_rad_s=max(before.speed_rad_s, abs(now.omega_rad_s)),
         )

@@ -74,12 +74,16 @@ def checked(tables: dict[str, Any]) -> State:
     refuse_other_format(STATE, tables, STATE_FORMAT, "begin anew")
     settings, records = tables.get("settings", {}), tables["steps"]
     with_overrides(settings)
-    for step, record in zip(STEPS, records, strict=False):
+    for record in records:
         section(record)  # it can be shown
-        if record["name"] != step.name or (record["passed"] is not True and record is not records[-1]):
-            raise ValueError(f"the step {step.name} is missing or has not passed, and others follow")
-    if not parameters_in(records).keys() <= DEFAULTS.keys() or len(records) > len(STEPS):
-        raise ValueError("it has unknown steps or parameters")
+        dict(record.get("logs", {}))  # and the files of its frames be found
+    passed, names = passed_in(records), [step.name for step in STEPS]
+    if [one["name"] for one in passed] != names[: len(passed)]:
+        raise ValueError("a step is missing or has not passed, and others follow")
+    if records[len(passed) :] and (records[:-1] != passed or records[-1]["name"] not in names):
+        raise ValueError("a step that has failed is not the last one")
+    if not parameters_in(records).keys() <= DEFAULTS.keys():
+        raise ValueError("it has unknown parameters")
     return State(settings, records)
 
 
@@ -89,7 +93,9 @@ def thin(curve: Curve) -> dict[str, Any]:
     return {"name": curve.name, "x": x.tolist(), "y": y.tolist()}
 
 
-def record_of(step: Step, found: Findings, bound: Largest, reason: str) -> dict[str, Any]:
+def record_of(
+    step: Step, found: Findings, bound: Largest, reason: str, logs: Mapping[str, str]
+) -> dict[str, Any]:
     """The record of a step that has ended; an empty reason means that it has passed."""
     return {
         "name": step.name,
@@ -103,12 +109,24 @@ def record_of(step: Step, found: Findings, bound: Largest, reason: str) -> dict[
         "notes": found.notes,
         "axes": list(found.axes),
         "curves": [thin(one) for one in found.curves],
+        "logs": logs,
     }
 
 
-def parameters_in(records: Sequence[Mapping[str, Any]]) -> dict[str, Value]:
-    """The parameters that the steps have found; a later step's value replaces an earlier one's."""
-    return {name: Value(**value) for one in records for name, value in one["parameters"].items()}
+def passed_in(records: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The steps that have passed, without the last attempt if it has failed."""
+    return [one for one in records if one["passed"] is True]
+
+
+def parameters_in(records: Sequence[dict[str, Any]]) -> dict[str, Value]:
+    """The parameters that the steps have found; a later step's value replaces an earlier one's.
+
+    Those of a step that fails as it is repeated replace none.
+    """
+    passed = passed_in(records)
+    names = {one["name"] for one in passed}
+    counted = [*passed, *(one for one in records if one["name"] not in names)]
+    return {name: Value(**value) for one in counted for name, value in one["parameters"].items()}
 
 
 class Session:
@@ -128,8 +146,9 @@ class Session:
     def run(self, first: str | None, last: str | None) -> dict[str, Any]:
         """Run the steps from `first` (by default the first that has not passed) to `last`; the result."""
         names = [step.name for step in STEPS]
-        passed = [one["name"] for one in self.records if one["passed"]]
-        begin = names.index(first) if first else len(passed)
+        passed = passed_in(self.records)
+        failed = [names.index(one["name"]) for one in self.records[len(passed) :]]
+        begin = names.index(first) if first else [*failed, len(passed)][0]
         if begin > len(passed):
             raise BadInputError(
                 f"--from {first}: the step {names[len(passed)]} has not passed yet; begin there"
@@ -138,27 +157,37 @@ class Session:
         if first and end <= begin:
             raise BadInputError(f"--until {last} ends before --from {first}; name that step or a later one")
         self._folder.mkdir(parents=True, exist_ok=True)
-        self.records = self.records[:begin]
-        for step in STEPS[begin:end]:
-            self._run(step)
+        for number in range(begin, end):
+            self._run(number)
             if not self.records[-1]["passed"]:
                 break
         return self.result()
 
-    def _run(self, step: Step) -> None:
-        """Run one step, and keep its record whatever happens."""
-        bounds = parameters_in(self.records)
+    def _run(self, number: int) -> None:
+        """Run one step, and keep its record whatever happens.
+
+        The former record goes once the step has passed anew, with those of later steps, which rest on it.
+        """
+        step, passed = STEPS[number], passed_in(self.records)
+        before = passed[:number]
+        bounds = parameters_in(before)
         values = with_overrides(self._settings | {name: value.value for name, value in bounds.items()})
         user = self._user
-        context = Context(self._bench, self._folder, values, bounds, user.agrees, user.says, self._ratio)
+        logs = {name: file for one in before for name, file in one.get("logs", {}).items()}
+        context = Context(
+            self._bench, self._folder, values, bounds, user.agrees, user.says, self._ratio, logs
+        )
         bound, found = step.bound(context), Findings()
-        self._user.says(f"{step.name}: {step.does} It takes about {step.lasts_s:.0f} s.")
+        user.says(f"{step.name}: {step.does} It takes about {step.lasts_s:.0f} s.")
+        if step.moves:
+            user.says(f"{step.moves} Bounds: {describe(bound)}. Ctrl-C is an E-stop at any time.")
+            if not user.agrees(f"Begin the step {step.name}?"):
+                reason = "not agreed to; nothing has moved"
+                self.records = [*passed, record_of(step, found, bound, reason, {})]
+                user.says(f"{step.name}: {reason}")
+                return
         reason = "interrupted: the module was stopped; the same command repeats the step"
         try:
-            if step.moves:
-                self._user.says(f"{step.moves} Bounds: {describe(bound)}. Ctrl-C is an E-stop at any time.")
-                if not self._user.agrees(f"Begin the step {step.name}?"):
-                    raise StepFailedError("not agreed to; nothing has moved")
             step.run(context, found)
             with_overrides(values | {name: one.value for name, one in found.parameters.items()})
             reason = ""
@@ -174,23 +203,20 @@ class Session:
             reason += "ends the torque without it; mend the bus, and the same command repeats the step"
             raise
         finally:
-            self.records.append(record_of(step, found, bound, reason))
+            self.records = [*(passed if reason else before), record_of(step, found, bound, reason, logs)]
             self._write()
         for sentence in [*found.notes, reason or "passed"]:
-            self._user.says(f"{step.name}: {sentence}")
-
-    def _parameters(self) -> dict[str, Value]:
-        """The data sheet's parameters and those that the steps have found."""
-        given = {name: make_value(name, value) for name, value in self._settings.items()}
-        return given | parameters_in(self.records)
+            user.says(f"{step.name}: {sentence}")
 
     def _write(self) -> None:
         """Write state, parameter file and report."""
         state = {KEY: STATE_FORMAT, "settings": self._settings, "steps": self.records}
-        write_anew(self._folder / STATE, json.dumps(state, allow_nan=False))
-        if parameters_in(self.records):
+        write_anew(unfinished := self._folder / f"{STATE}.new", json.dumps(state, allow_nan=False))
+        unfinished.replace(self._folder / STATE)  # a full disk leaves the former state
+        if found := parameters_in(self.records):
+            given = {name: make_value(name, value) for name, value in self._settings.items()}
             table = {"format": PARAMETERS, "tuning": {"command": "bring-up"}}
-            table["parameters"] = {name: value._asdict() for name, value in self._parameters().items()}
+            table["parameters"] = {name: value._asdict() for name, value in (given | found).items()}
             write_anew(self._folder / PARAMETER_FILE, tomli_w.dumps(table))
         write_report(self._folder / REPORT, self.result())
 

@@ -105,7 +105,7 @@ class Context:
     """What a step may use: the bench, its folder, all parameters found so far, and the user's consent.
 
     `asks(sentence)`: whether the user agrees to a change of a parameter. `says(sentence)`: progress. `ratio`:
-    the wanted one.
+    the wanted one. `logs`: the files of the frames by name, those of this step before those of earlier ones.
     """
 
     bench: Bench
@@ -115,10 +115,20 @@ class Context:
     asks: Callable[[str], bool]
     says: Callable[[str], None]
     ratio: float
+    logs: dict[str, str] = field(default_factory=dict)
 
     def log(self, name: str) -> Path:
-        """The file of a step's frames."""
-        return self.folder / f"{name}.log"
+        """A file for frames, which is new: a repeated step keeps those of its former attempt."""
+        file, number = f"{name}.log", 1
+        while file == self.logs.get(name) or (self.folder / file).exists():
+            number += 1
+            file = f"{name}-{number}.log"
+        self.logs[name] = file
+        return self.folder / file
+
+    def last_log(self, name: str) -> Path:
+        """The frames of this name that count."""
+        return self.folder / self.logs.get(name, f"{name}.log")
 
 
 class Step(NamedTuple):

@@ -12,6 +12,7 @@ exceeded its bounds.
 """
 
 import argparse
+import re
 import tempfile
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -40,8 +41,6 @@ NO_HOLD = "no impacts|hardly moves|dead centre"
 """What the reason says where the module's impacts end below the wanted ratio."""
 STOPPING, JUDGED = 4, 10
 """Last impacts, which the stop may have changed, and those before them that are judged."""
-STEP_OF_LOG = dict.fromkeys(("first-impacts-again", "hold"), "first-impacts")
-"""Steps whose logs have another name."""
 
 
 def fault(kind: str, **keys: Any) -> dict[str, Any]:
@@ -173,12 +172,13 @@ class Trial(NamedTuple):
 def beyond_bounds(bench: LockstepBench, steps: Sequence[Mapping[str, Any]]) -> list[str]:
     """The quantities by which a step has exceeded its stated bounds, in the module itself."""
     bounds = {step["name"]: step["bound"] for step in steps}
+    bounds |= {"hold": bounds.get("first-impacts")}
     return [
-        f"{log}: {quantity} {value:.3g} of {bounds[STEP_OF_LOG.get(log, log)][quantity]:.3g}"
+        f"{log}: {quantity} {value:.3g} of {bound[quantity]:.3g}"
         for log, largest in bench.largest.items()
+        if (bound := bounds.get(re.sub(r"-\d+$", "", log)))
         for quantity, value in largest._asdict().items()
-        if quantity != "angle_rad"
-        and value > bounds.get(STEP_OF_LOG.get(log, log), {quantity: np.inf})[quantity] + 0.02
+        if value > bound[quantity] + 0.02 and (quantity != "angle_rad" or bound[quantity])
     ]
 
 

@@ -65,9 +65,10 @@ def prove_twin(context: Context, found: Findings) -> None:
     write_anew(context.folder / SCENE, tomli_w.dumps(scene))
     bench = LockstepBench(load_scene(scene), SEED)
     player = Operated([Command(0.0, Request.RUN, context.ratio)], HOLD_S)
-    bench.play(player, player.longest_s, context.log("twin"), values)
+    log = context.log("twin")
+    bench.play(player, player.longest_s, log, values)
     found.notes += player.notes
-    measured, simulated = impacts_in(context.log("hold")), impacts_in(context.log("twin"))
+    measured, simulated = impacts_in(context.last_log("hold")), impacts_in(log)
     found.curves = [
         Curve("module", measured[:, 0], measured[:, 1]),
         Curve("twin", simulated[:, 0], simulated[:, 1]),

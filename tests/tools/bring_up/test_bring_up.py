@@ -4,6 +4,7 @@ import json
 import math
 import shlex
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -67,6 +68,8 @@ def test_the_drives_step_finds_wiring_and_inertia(name: str, tmp_path: Path) -> 
     assert 0.9 < found["motor.inertia_kg_m2"]["value"] / 4e-4 < 1.1
     assert beyond_bounds(bench, result["steps"]) == []
     assert bench.largest["drive"].force_n == 0.0
+    narrow = {"name": "drive", "bound": {**result["steps"][-1]["bound"], "angle_rad": 0.01}}
+    assert len(beyond_bounds(bench, [narrow])) == 1
 
 
 def test_a_script_begins_once_the_crank_rests() -> None:
@@ -413,6 +416,46 @@ def test_nothing_moves_without_a_yes_and_the_folder_is_resumed(tmp_path: Path) -
     assert "<svg" in (tmp_path / "out" / "bring-up.html").read_text()
 
 
+def test_a_repeated_step_that_is_declined_or_fails_at_once_discards_nothing(tmp_path: Path) -> None:
+    bench, out = bench_of({}, [], 1), tmp_path / "out"
+    found = brought_up(bench, out, "drive")["parameters"]
+    before = (out / STATE).read_bytes()
+    user = User(lambda _: None, lambda _: False)
+    assert not Session(bench, out, {}, 1.25, user).run("drive", "drive")["passed"]
+    assert (out / STATE).read_bytes() == before
+    bench.play = Ends(StepFailedError("at once")).play  # type: ignore[method-assign]
+    result = Session(bench, out, {}, 1.25, user).run("at-rest", None)
+    assert [one["name"] for one in result["steps"] if one["passed"]] == ["listen", "at-rest", "drive"]
+    assert result["steps"][-1]["reason"] == "at once"
+    assert result["parameters"] == found
+    del bench.play
+    bench.rest(8.0)
+    assert [one["name"] for one in read_state(out).records] == ["listen", "at-rest", "drive", "at-rest"]
+    repeated = Session(bench, out, {}, 1.25, user).run(None, "at-rest")["steps"]
+    assert [(one["name"], one["passed"]) for one in repeated] == [("listen", True), ("at-rest", True)]
+    assert {one["logs"]["at-rest"] for one in repeated[1:]} == {"at-rest-2.log"}
+
+
+def test_every_frame_of_a_repeated_step_is_kept(tmp_path: Path) -> None:
+    bench, out = bench_of({}, [], 1), tmp_path / "out"
+    for _ in range(3):
+        Session(bench, out, {}, 1.25, User(lambda _: None, lambda _: False)).run("listen", "listen")
+    logs = sorted(out.glob("*.log"))
+    assert [one.name for one in logs] == ["listen-2.log", "listen-3.log", "listen.log"]
+    assert min(one.stat().st_size for one in logs) > 100_000
+
+
+def test_a_report_that_is_missing_at_rest_is_named(tmp_path: Path) -> None:
+    bench = bench_of({}, [], 1)
+    brought_up(bench, tmp_path / "out", "listen")
+    line = bench.own
+    lost = {codec.DRIVE_SUPPLY.can_id, codec.DRIVE_TEMPERATURE.can_id}
+    bench.own = SimpleNamespace(
+        send_all=line.send_all, receive=lambda: [one for one in line.receive() if one.can_id not in lost]
+    )
+    assert "no frame Drive" in brought_up(bench, tmp_path / "out", "at-rest")["steps"][-1]["reason"]
+
+
 def test_steps_that_end_before_they_begin_are_refused(tmp_path: Path) -> None:
     """They would run nothing, and say that all has passed."""
     bench, user = bench_of({}, [], 1), User(lambda _: None, lambda _: False)
@@ -484,7 +527,7 @@ def test_a_hard_stop_is_approached_again_after_a_yes(agrees: bool, tmp_path: Pat
     context = Context(bench, tmp_path, values, {}, lambda _: agrees, lambda _: None, 1.25)
     with pytest.raises(LatchedFaultError, match="FORCE_LIMIT"):
         approach(context, Findings())
-    again = {"first-impacts-again": 500.0} if agrees else {}
+    again = {"first-impacts-2": 500.0} if agrees else {}
     assert bench.limits_n == {"first-impacts": 250.0} | again
 
 
