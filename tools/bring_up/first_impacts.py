@@ -178,10 +178,10 @@ def first_impacts(context: Context, found: Findings) -> None:
             f"{len(identified.impacts)} impacts faster than {GRAZING_M_S} m/s are too few for the stop; "
             "repeat the step"
         )
-    begin, end = max(readings.pieces, key=lambda one: one[1] - one[0])
-    begin = max(begin, end - SHOWN)
-    t_s = np.arange(len(readings.angle_rad))[begin:end] * readings.period_s
-    found.curves = [Curve("acceleration, first impacts", t_s, readings.acceleration_m_s2[begin:end])]
+    last = round(identified.impacts[-1].at_s / readings.period_s)
+    shown = slice(max(last - SHOWN, 0), last + SHOWN)
+    t_s = np.arange(len(readings.angle_rad))[shown] * readings.period_s
+    found.curves = [Curve("acceleration, first impacts", t_s, readings.acceleration_m_s2[shown])]
     found.axes = ("time in s", "acceleration in m/s²")
     found.parameters |= new
     values |= {name: one.value for name, one in found.parameters.items()}

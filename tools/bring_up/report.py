@@ -69,7 +69,7 @@ def seen_rows(largest: Mapping[str, float], bound: Mapping[str, float]) -> list[
 def interval_table(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     """Parameters with their 95 % intervals."""
     rows = [
-        (name, figure(one["value"], one["unit"]), f"{one['low']:.4g} … {one['high']:.4g}")
+        (name, figure(one["value"], one["unit"]), f"{one['low']:.6g} … {one['high']:.6g}")
         for name, one in parameters.items()
     ]
     return table(rows, "<tr><th>parameter</th><th>value</th><th>95 % interval</th></tr>")
