@@ -10,8 +10,9 @@ from firmware_py.interface.generated.parameters import Parameters
 
 CLIPPED_SHARE = 0.98
 """Share of the full scale above which a reading may be clipped."""
-FEWEST_HOUSING = 1000
-"""Weight of the housing's initial offset 0, in readings, because the housing may move from the start."""
+FEWEST_HOUSING = 10
+"""Weight of the housing's initial offset 0, in readings: at rest the true one is known at once; while the
+housing moves, the mean of more readings comes near it."""
 
 
 class Constants(NamedTuple):

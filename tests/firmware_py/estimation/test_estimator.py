@@ -135,6 +135,18 @@ def test_a_housing_at_its_rail_is_no_reading(rail_m_s2: float) -> None:
     assert unused.missed_ticks == 0
 
 
+def test_the_offset_of_a_housing_at_rest_is_known_before_a_start() -> None:
+    """Within 0.3 s, for which a start waits, to a fiftieth of 50 mg, with noise of 10 mg."""
+    config = config_from({})
+    noise_m_s2 = np.random.default_rng(5).normal(0.0, 0.1, 300)
+    sensor = estimator_state.INITIAL.sensor
+    for one in noise_m_s2.tolist():
+        sensor = accelerometer.sense(
+            config.estimator.sensing, sensor, AccelerometerInput(0.0, 0.0, 0.5 + one, 0)
+        )
+    assert sensor.housing_offset_m_s2 == pytest.approx(0.5, abs=0.02)
+
+
 def test_touch_down_and_separation_put_the_striker_at_the_stop() -> None:
     config = config_from({})
     state = rested(config, 5)
