@@ -14,7 +14,7 @@ from firmware_py.shell.parameters import DEFAULTS, ParameterError, with_override
 from hil.record.damage import reading
 from hil.record.formats import KEY, PARAMETERS, refuse_other_format
 from hil.record.new_file import MOST_NOTE_BYTES, is_regular, write_anew
-from hil.record.run_folder import open_taken_over
+from hil.record.run_folder import FolderInUseError, locked, open_taken_over
 from hil.show.report.picture import extrema
 from tools.bring_up.at_rest import AT_REST
 from tools.bring_up.below_impacts import BELOW_IMPACTS
@@ -30,6 +30,8 @@ from tools.tuning.result import Value, make_value
 STEPS: tuple[Step, ...] = (LISTEN, AT_REST, DRIVE, BELOW_IMPACTS, FIRST_IMPACTS, TWIN)
 STATE, REPORT = "bring-up.json", "bring-up.html"
 STATE_FORMAT = 1
+RESTS_ON = {"limit": FIRST_IMPACTS.name, "stop": FIRST_IMPACTS.name}
+"""The first step that rests on the data sheet's values of a block; on the others the drive's step does."""
 
 
 @dataclass(frozen=True)
@@ -142,6 +144,8 @@ class Session:
         self._bench, self._folder, self._user = bench, folder, user
         state = read_state(folder)
         self._settings, self._ratio, self.records = {**state.settings, **settings}, ratio, state.records
+        given = DEFAULTS | state.settings
+        self._changed = [name for name, value in self._settings.items() if value != given[name]]
 
     def run(self, first: str | None, last: str | None) -> dict[str, Any]:
         """Run the steps from `first` (by default the first that has not passed) to `last`; the result."""
@@ -156,11 +160,22 @@ class Session:
         end = names.index(last) + 1 if last else len(names)
         if first and end <= begin:
             raise BadInputError(f"--until {last} ends before --from {first}; name that step or a later one")
+        for name in self._changed:
+            rests = RESTS_ON.get(name.partition(".")[0], DRIVE.name)
+            if begin > names.index(rests):
+                raise BadInputError(
+                    f"{name} has another value than the steps from {rests} on have used; repeat them by "
+                    f"--from {rests}, or leave the value out"
+                )
         self._folder.mkdir(parents=True, exist_ok=True)
-        for number in range(begin, end):
-            self._run(number)
-            if not self.records[-1]["passed"]:
-                break
+        try:
+            with locked(self._folder):
+                for number in range(begin, end):
+                    self._run(number)
+                    if not self.records[-1]["passed"]:
+                        break
+        except FolderInUseError as error:
+            raise BadInputError(f"{error}; two bring-ups must not move one module") from error
         return self.result()
 
     def _run(self, number: int) -> None:

@@ -20,7 +20,7 @@ from firmware_py.interface.generated.records import (
 )
 from firmware_py.shell.parameters import ParameterError, with_overrides
 from hil.record.formats import PARAMETERS
-from hil.record.run_folder import RunFolderError
+from hil.record.run_folder import RunFolderError, locked
 from hil.scenario.parameter_file import read_document, values_of
 from hil.timing.clock import TICK_S
 from tools import cli
@@ -434,6 +434,26 @@ def test_a_repeated_step_that_is_declined_or_fails_at_once_discards_nothing(tmp_
     repeated = Session(bench, out, {}, 1.25, user).run(None, "at-rest")["steps"]
     assert [(one["name"], one["passed"]) for one in repeated] == [("listen", True), ("at-rest", True)]
     assert {one["logs"]["at-rest"] for one in repeated[1:]} == {"at-rest-2.log"}
+
+
+def test_a_value_that_passed_steps_have_used_does_not_change_under_them(tmp_path: Path) -> None:
+    bench, out, user = bench_of({}, [], 1), tmp_path / "out", User(lambda _: None, lambda _: False)
+    brought_up(bench, out, "drive")
+    before = read_state(out)
+    with pytest.raises(BadInputError, match=r"striker.mass_kg.*--from drive"):
+        Session(bench, out, {"striker.mass_kg": 0.85}, 1.25, user).run(None, None)
+    assert read_state(out) == before
+    # No step that has passed rests on the limit, and the repeated ones not on the mass.
+    assert not Session(bench, out, {"limit.force_n": 900.0}, 1.25, user).run(None, None)["passed"]
+    Session(bench, out, {"striker.mass_kg": 0.85}, 1.25, user).run("at-rest", "at-rest")
+    assert read_state(out).settings["striker.mass_kg"] == 0.85
+
+
+def test_a_folder_in_use_by_another_bring_up_is_refused(tmp_path: Path) -> None:
+    with locked(tmp_path), pytest.raises(BadInputError, match="must not move one module"):
+        Session(bench_of({}, [], 1), tmp_path, {}, 1.25, User(lambda _: None, lambda _: False)).run(
+            None, None
+        )
 
 
 def test_every_frame_of_a_repeated_step_is_kept(tmp_path: Path) -> None:
