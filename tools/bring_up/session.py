@@ -144,7 +144,7 @@ class Session:
         self._bench, self._folder, self._user = bench, folder, user
         state = read_state(folder)
         self._settings, self._ratio, self.records = {**state.settings, **settings}, ratio, state.records
-        given = DEFAULTS | state.settings
+        given = {**DEFAULTS, **state.settings}
         self._changed = [name for name, value in self._settings.items() if value != given[name]]
 
     def run(self, first: str | None, last: str | None) -> dict[str, Any]:
