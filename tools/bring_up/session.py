@@ -217,6 +217,11 @@ class Session:
             )
             reason += "ends the torque without it; mend the bus, and the same command repeats the step"
             raise
+        except Exception as error:
+            reason = (
+                f"ended by an error of this program, {type(error).__name__}: {error}; the module was stopped"
+            )
+            raise
         finally:
             self.records = [*(passed if reason else before), record_of(step, found, bound, reason, logs)]
             self._write()

@@ -293,7 +293,7 @@ def test_a_stop_that_fails_passes_only_if_the_encoder_shows_rest(name: str) -> N
 class Ends:
     """A bench whose hold ends with an error at once."""
 
-    def __init__(self, error: StepFailedError) -> None:
+    def __init__(self, error: Exception) -> None:
         self.error, self.played = error, 0
 
     def play(self, *_: Any) -> None:
@@ -447,6 +447,14 @@ def test_a_value_that_passed_steps_have_used_does_not_change_under_them(tmp_path
     assert not Session(bench, out, {"limit.force_n": 900.0}, 1.25, user).run(None, None)["passed"]
     Session(bench, out, {"striker.mass_kg": 0.85}, 1.25, user).run("at-rest", "at-rest")
     assert read_state(out).settings["striker.mass_kg"] == 0.85
+
+
+def test_an_error_of_the_program_is_recorded_as_such(tmp_path: Path) -> None:
+    bench, user = bench_of({}, [], 1), User(lambda _: None, lambda _: False)
+    bench.play = Ends(ZeroDivisionError("a defect")).play  # type: ignore[method-assign]
+    with pytest.raises(ZeroDivisionError):
+        Session(bench, tmp_path / "out", {}, 1.25, user).run(None, None)
+    assert "ZeroDivisionError: a defect" in read_state(tmp_path / "out").records[-1]["reason"]
 
 
 def test_a_folder_in_use_by_another_bring_up_is_refused(tmp_path: Path) -> None:
