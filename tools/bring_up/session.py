@@ -144,6 +144,8 @@ class Session:
         self._bench, self._folder, self._user = bench, folder, user
         state = read_state(folder)
         self._settings, self._ratio, self.records = {**state.settings, **settings}, ratio, state.records
+        self._kept: Mapping[str, float] = state.settings
+        """The data sheet's values with which the kept records were made."""
         given = {**DEFAULTS, **state.settings}
         self._changed = [name for name, value in self._settings.items() if value != given[name]]
 
@@ -224,17 +226,19 @@ class Session:
             raise
         finally:
             self.records = [*(passed if reason else before), record_of(step, found, bound, reason, logs)]
+            if not (reason and passed[number:]):
+                self._kept = self._settings
             self._write()
         for sentence in [*found.notes, reason or "passed"]:
             user.says(f"{step.name}: {sentence}")
 
     def _write(self) -> None:
         """Write state, parameter file and report."""
-        state = {KEY: STATE_FORMAT, "settings": self._settings, "steps": self.records}
+        state = {KEY: STATE_FORMAT, "settings": self._kept, "steps": self.records}
         write_anew(unfinished := self._folder / f"{STATE}.new", json.dumps(state, allow_nan=False))
         unfinished.replace(self._folder / STATE)  # a full disk leaves the former state
         if found := parameters_in(self.records):
-            given = {name: make_value(name, value) for name, value in self._settings.items()}
+            given = {name: make_value(name, value) for name, value in self._kept.items()}
             table = {"format": PARAMETERS, "tuning": {"command": "bring-up"}}
             table["parameters"] = {name: value._asdict() for name, value in (given | found).items()}
             write_anew(self._folder / PARAMETER_FILE, tomli_w.dumps(table))

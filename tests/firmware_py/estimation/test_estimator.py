@@ -136,7 +136,7 @@ def test_a_housing_at_its_rail_is_no_reading(rail_m_s2: float) -> None:
 
 
 def test_the_offset_of_a_housing_at_rest_is_known_before_a_start() -> None:
-    """Within 0.3 s, for which a start waits, to a fiftieth of 50 mg, with noise of 10 mg."""
+    """Within 0.3 s, for which a start waits, to 2 of its 50 mg, with noise of 10 mg."""
     config = config_from({})
     noise_m_s2 = np.random.default_rng(5).normal(0.0, 0.1, 300)
     sensor = estimator_state.INITIAL.sensor

@@ -443,6 +443,10 @@ def test_a_value_that_passed_steps_have_used_does_not_change_under_them(tmp_path
     with pytest.raises(BadInputError, match=r"striker.mass_kg.*--from drive"):
         Session(bench, out, {"striker.mass_kg": 0.85}, 1.25, user).run(None, None)
     assert read_state(out) == before
+    play, bench.play = bench.play, Ends(StepFailedError("at once")).play  # type: ignore[method-assign]
+    Session(bench, out, {"striker.mass_kg": 0.85}, 1.25, user).run("at-rest", None)
+    assert read_state(out).settings == before.settings  # with which the steps that are kept were run
+    bench.play = play  # type: ignore[method-assign]
     # No step that has passed rests on the limit, and the repeated ones not on the mass.
     assert not Session(bench, out, {"limit.force_n": 900.0}, 1.25, user).run(None, None)["passed"]
     Session(bench, out, {"striker.mass_kg": 0.85}, 1.25, user).run("at-rest", "at-rest")

@@ -141,8 +141,8 @@ BY_CAMPAIGN = [
     "Of the 760 pairs of parameters that conflicts or the safety code read (`--monitors`)",
     "616 are refused and 144 end in time, none late",
 ]
-"""Counts of `vibrohil campaign limits` beside those of docs/data/limits.csv, of a search for the worst run, and of
-the parameter sweep."""
+"""Counts of `vibrohil campaign limits` beside those of docs/data/limits.csv, of a search for the worst run,
+and of the parameter sweep."""
 
 
 def without_parameters(text: str) -> str:
