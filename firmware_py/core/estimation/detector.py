@@ -32,8 +32,6 @@ ROUGH_S = 0.064
 """Time over which the roughness is averaged: noise is known after a tenth of a drive period."""
 END_M_S2 = 1.5
 """Excess below which a contact has ended."""
-END_FRACTION = 0.02
-"""Share of the peak below which a contact has ended."""
 SEPARATION_AGE_S = 0.0005
 """Time from separation to the tick that detects it."""
 LONGEST_CONTACT_S = 0.08
@@ -211,7 +209,7 @@ def step_in_contact(
         measurable=state.measurable and fresh and not predicted.sensor.clipped,
     )
     before_m_s = now.approach_speed_m_s
-    ended = fresh and excess_m_s2 < at_least(END_FRACTION * now.peak_m_s2, END_M_S2)
+    ended = fresh and excess_m_s2 < at_least(stop_model.END_FRACTION * now.peak_m_s2, END_M_S2)
     unseen = not fresh and now.contact_ticks >= nominal.contact_ticks
     if not (ended or unseen or now.contact_ticks >= own.longest_contact_ticks):
         return now, Contact(False, False, 0.0, before_m_s, measured=now.measurable, settled=False)

@@ -44,9 +44,9 @@ from firmware_py.core.estimation.estimator_state import (
 )
 from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, Push, Row, StateEstimate
 from firmware_py.core.estimation.newton import (
-    SEPARATION_JITTER_S,
     apply_newton,
     restitution_variance,
+    separation_variance,
     stop_variance,
 )
 from firmware_py.core.estimation.striker_model import Nominal, known_part
@@ -249,13 +249,15 @@ def correct_at_stop(
     estimate: StateEstimate,
     contact: Contact,
     velocity_m_s: float,
-    jitter_s: float,
+    moved_variance: float,
 ) -> StateEstimate:
-    """x = x_stop: the estimate after a touch-down or separation, since which the striker moved v · age."""
+    """x = x_stop: the estimate after a touch-down or separation, since which the striker moved v · age.
+
+    `moved_variance`: of this motion, m².
+    """
     z = nominal.stop.position_m + velocity_m_s * contact.age_s
-    jitter_m = velocity_m_s * jitter_s
     doubt = doubt_variance(z - estimate.x_m, estimate.p.xx) if contact.touch_down else 0.0
-    variance = stop_variance(own.estimator) + jitter_m * jitter_m + doubt
+    variance = stop_variance(own.estimator) + moved_variance + doubt
     return kalman.update(add_doubt(estimate, doubt), z, Row(1.0, 0.0, 0.0), variance)
 
 
@@ -314,13 +316,14 @@ def correct_by_contact(
     """
     estimate, approach_m_s = predicted.estimate, contact.approach_speed_m_s
     if contact.touch_down:
-        jitter_s = own.estimator.touch_down_jitter_s
-        estimate = correct_at_stop(own, nominal, estimate, contact, approach_m_s, jitter_s)
+        jitter_m = approach_m_s * own.estimator.touch_down_jitter_s
+        estimate = correct_at_stop(own, nominal, estimate, contact, approach_m_s, jitter_m * jitter_m)
         position_m = nominal.stop.position_m
         return estimate, StateEstimate(position_m, approach_m_s, estimate.bias_m_s2, estimate.p)
     if contact.separation and estimate.p.xx < DOUBT_VARIANCE:
         if contact.measured:
-            estimate = correct_at_stop(own, nominal, estimate, contact, estimate.v_m_s, SEPARATION_JITTER_S)
+            variance = separation_variance(nominal, estimate.v_m_s)
+            estimate = correct_at_stop(own, nominal, estimate, contact, estimate.v_m_s, variance)
             estimate = correct_by_law(own, nominal, estimate, approach_m_s)
         else:
             before = state.touch_down

@@ -21,7 +21,8 @@ class Nominal(NamedTuple):
 
     `sensor_delay_s`: the accelerometers' low-pass. `flight`: F of a tick of the model, `strapdown`: of a tick
     that integrates the accelerometer; `row`: H of the model. `contact_growth`: factor of the Hertz contact,
-    a = growth · (x'⁻ t)^1.5, m/s² per m^1.5. `contact_ticks`: the nominal duration of a contact.
+    a = growth · (x'⁻ t)^1.5, m/s² per m^1.5. `contact_ticks`: the nominal duration of a contact;
+    `end_depth_m`: the largest depth at which the detector finds its end.
     """
 
     striker: Striker
@@ -37,6 +38,7 @@ class Nominal(NamedTuple):
     row: Row
     contact_growth: float
     contact_ticks: int
+    end_depth_m: float
 
 
 def model_acceleration(nominal: Nominal, angle_rad: float, x_m: float, v_m_s: float) -> float:
@@ -120,4 +122,5 @@ def derive(p: Parameters) -> Nominal:
         ),
         contact_growth=stop_model.contact_growth(mass_kg, p.stop.contact_s, p.stop.restitution),
         contact_ticks=in_ticks(p.stop.contact_s, tick_s, 1),
+        end_depth_m=stop_model.depth_at_end_m(p.stop.contact_s, p.stop.restitution, stop_model.END_FRACTION),
     )

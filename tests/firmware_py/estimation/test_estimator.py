@@ -166,6 +166,14 @@ def test_touch_down_and_separation_put_the_striker_at_the_stop() -> None:
     assert left.x_m > 0.1790
 
 
+def test_a_separation_from_a_soft_stop_that_returns_little_leaves_the_position_as_it_is() -> None:
+    """Its force is too small to be seen before the striker is out, by up to 5.3 mm."""
+    config = config_from({"stop.restitution": 0.24, "stop.contact_s": 0.025})
+    inside = rested(config, 5)._replace(x_m=0.1825, v_m_s=-0.2, p_xx=1e-8, p_vv=1e-3, p_xv=0.0)
+    left = tick(config, inside, 0.0, contact=Contact(False, True, 1e-3, 0.9, True, False))
+    assert left.x_m == pytest.approx(0.1825 - 0.2 * 1e-3, abs=1e-4)
+
+
 @pytest.mark.parametrize("true_m", [0.045, 0.179])
 def test_a_touch_down_that_the_estimate_excludes_leaves_open_which_of_the_two_is_wrong(true_m: float) -> None:
     config = config_from(EXACT_SENSOR)
@@ -191,7 +199,8 @@ def test_newtons_law_stands_in_for_a_clipped_contact_and_its_covariance_is_the_s
     monkeypatch.setattr(newton, "SEPARATION_JITTER_S", 0.0)
     p = Covariance(1e-8, 2e-9, 0.0, 1e-6, 0.0, 1e-4)
     before = StateEstimate(0.18, 0.9, 0.2, p)
-    after = newton.apply_newton(config.nominal, config.p.estimator, 0.25, before, 0.4, 0.0)
+    nominal = config.nominal._replace(end_depth_m=0.0)
+    after = newton.apply_newton(nominal, config.p.estimator, 0.25, before, 0.4, 0.0)
     assert after.x_m == pytest.approx(0.18)
     assert after.v_m_s == pytest.approx(-0.45)
     assert after.bias_m_s2 == 0.25

@@ -100,8 +100,8 @@ EFFECTS = {
         "nominal.flight.x_x nominal.row.v nominal.row.x"
     ),
     "friction.mu": "nominal.dry_m_s2",
-    "stop.restitution": "nominal.contact_growth",
-    "stop.contact_s": "nominal.contact_growth nominal.contact_ticks",
+    "stop.restitution": "nominal.contact_growth nominal.end_depth_m",
+    "stop.contact_s": "nominal.contact_growth nominal.contact_ticks nominal.end_depth_m",
     "crank.zero_rad": "crank.zero_rad own_crank.crank.zero_rad",
     "crank.bandwidth_rad_s": "crank.tracker.bandwidth_rad_s crank.tracker.gains",
     "crank.largest_disturbance_rad_s2": "crank.tracker.largest_rad_s2",

@@ -47,9 +47,7 @@ DRIVE_MS, WINDOW = (
     round(1e3 * DEFAULTS["watchdog.sensor_s"]) + 1,
 )
 MOST_AFTER_A_KICK = next(
-    int(limit.high or 0)
-    for limit in requirements()["S-03"].limits_of("after_fault.impacts_after_zero")
-    if limit.when == {"kind": "kick"}
+    int(limit.high or 0) for limit in requirements()["S-03"].limits_of("after_fault.impacts_after_zero")
 )
 REACTIONS = list(csv.DictReader(Path("docs/data/reactions.csv").read_text("utf-8").splitlines()))
 CONTACTS = list(csv.DictReader(Path("docs/data/limits.csv").read_text("utf-8").splitlines()))
