@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from firmware_py.core.config import Config
 from firmware_py.core.conflicts import nominal_rad_s
+from firmware_py.interface.generated.parameters import Drive, Friction, Stop, Striker
 from hil.faults.fault import Fault
 from hil.faults.kinds.kick import Kick
 from hil.figures.records import CATALOGUE
@@ -78,14 +79,32 @@ def look_up(judged: Judged, key: str) -> Any:
     return place
 
 
+DESCRIBED = tuple(
+    f"{table.__name__.lower()}.{name}" for table in (Striker, Drive, Stop, Friction) for name in table._fields
+)
+"""The parameters that describe the module's mechanics, with the same keys in `firmware.` and `scene.`."""
+
+
+def is_described(judged: Judged) -> bool:
+    """Whether the firmware's parameters are those of the scene's module; those of a rigid stop never are."""
+    pairs = [
+        (float(look_up(judged, f"firmware.{key}")), float(look_up(judged, f"scene.{key}") or 0.0))
+        for key in DESCRIBED
+    ]
+    return all(math.isclose(of_firmware, of_scene, rel_tol=1e-6) for of_firmware, of_scene in pairs)
+
+
 def holds(key: str, wanted: Any, judged: Judged) -> bool:
     """Whether a condition of a limit holds.
 
-    `kind`: the script has a fault of this kind. A figure's name: a check of the scenario demands this value.
+    `kind`: the script has a fault of this kind. `described`: whether the firmware's parameters are those of
+    the scene's module. A figure's name: a check of the scenario demands this value.
     Otherwise a dotted key of `scene.` or `firmware.` has this value.
     """
     if key == "kind":
         return any(fault.kind == wanted for fault in judged.faults)
+    if key == "described":
+        return is_described(judged) is wanted
     if key in CATALOGUE:
         return any(check.name == key and check.equals == wanted for check in judged.checks)
     return bool(look_up(judged, key) == wanted)

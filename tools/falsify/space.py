@@ -119,6 +119,10 @@ DISTURBANCES = (
     ({"kind": "corrupted", **SAMPLES}, Dimension("duration_s", 0.0, choices=TICKS)),
     ({"kind": "frozen", **SAMPLES}, Dimension("duration_s", 0.0, choices=(0.0, *TICKS[2:]))),
     ({"kind": "delayed", "duration_s": 0.1, **SAMPLES}, Dimension("delay_s", 0.0, choices=TICKS[:3])),
+    ({"kind": "dropped", "frames": ["EncoderEstimates"]}, Dimension("duration_s", 0.0, choices=TICKS[:4])),
+    ({"kind": "dropped", "frames": ["SetInputTorque"]}, Dimension("duration_s", 0.0, choices=TICKS)),
+    ({"kind": "dropped", "frames": ["DriveHeartbeat"]}, Dimension("duration_s", 0.0, 0.0, 0.1)),
+    ({"kind": "dropped", "frames": ["OperatorCommand"]}, Dimension("duration_s", 0.0, 0.0, 0.1)),
     ({"kind": "paused", "process": "firmware"}, Dimension("duration_s", 0.0, choices=TICKS)),
     (
         {"kind": "clock-jitter", "process": "firmware", "duration_s": 0.1},
