@@ -85,6 +85,9 @@ DESCRIBED = tuple(
 """The parameters that describe the module's mechanics, with the same keys in `firmware.` and `scene.`."""
 
 
+WHOLE_COUNTS_RAD_S = 0.02
+
+
 def is_described(judged: Judged) -> bool:
     """Whether the firmware's parameters are those of the scene's module; those of a rigid stop never are."""
     pairs = [
@@ -94,17 +97,31 @@ def is_described(judged: Judged) -> bool:
     return all(math.isclose(of_firmware, of_scene, rel_tol=1e-6) for of_firmware, of_scene in pairs)
 
 
+def turns_by_whole_counts(judged: Judged) -> bool:
+    """Whether the crank's target is a whole number of the encoder's counts in a control period.
+
+    Within 0.02 rad/s: each reading then has almost the same fraction of a count as the one before.
+    """
+    encoder = judged.scene.sensors and judged.scene.sensors.encoder
+    if not encoder:
+        return False
+    count_rad_s = 2.0 * math.pi / encoder.counts / judged.config.tick_s
+    return abs(math.remainder(target_rad_s(judged), count_rad_s)) <= WHOLE_COUNTS_RAD_S
+
+
 def holds(key: str, wanted: Any, judged: Judged) -> bool:
     """Whether a condition of a limit holds.
 
     `kind`: the script has a fault of this kind. `described`: whether the firmware's parameters are those of
-    the scene's module. A figure's name: a check of the scenario demands this value.
-    Otherwise a dotted key of `scene.` or `firmware.` has this value.
+    the scene's module. `whole_counts`: see `turns_by_whole_counts`. A figure's name: a check of the
+    scenario demands this value. Otherwise a dotted key of `scene.` or `firmware.` has this value.
     """
     if key == "kind":
         return any(fault.kind == wanted for fault in judged.faults)
     if key == "described":
         return is_described(judged) is wanted
+    if key == "whole_counts":
+        return turns_by_whole_counts(judged) is wanted
     if key in CATALOGUE:
         return any(check.name == key and check.equals == wanted for check in judged.checks)
     return bool(look_up(judged, key) == wanted)
