@@ -185,7 +185,7 @@ class Operated:
         for frame in received:
             self._follow(frame)
         if tick - self._beat_tick > SILENT_S / TICK_S:
-            raise StepFailedError("the firmware's heartbeat is missing; see its output")
+            raise StepFailedError("the firmware's heartbeat is missing")
         if not self._is_ending and (tick >= self._end_tick or self._done(self)):
             self._is_ending, self._end_tick = True, tick
             self.held_regime = Regime(self.beat.regime) if self.beat is not None else Regime.UNCERTAIN

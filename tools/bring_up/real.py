@@ -21,7 +21,7 @@ from hil.record.new_file import make_anew
 from hil.timing.clock import NS_PER_S, TICK_S, MonotonicClock
 from hil.timing.loop import FixedRateLoop
 from hil.timing.realtime import NODE, become_realtime, leave_realtime
-from tools.bring_up.step import EMERGENCY, Player
+from tools.bring_up.step import EMERGENCY, Player, StepFailedError
 
 STARTING_S = 120.0
 """Longest start of the firmware's process: it may have to compile."""
@@ -128,5 +128,9 @@ class FirmwareProcess:
             select.select([], [], [], 0.05)
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
+        """Raises StepFailedError with the firmware's last words if a step failed because it has ended."""
+        ended = self.child.ended and f"{self.child.how_it_ended()}: {self.child.last_errors()}"
         self._stack.close()
+        if ended and isinstance(error, StepFailedError):
+            raise StepFailedError(f"{error}; {ended}") from error

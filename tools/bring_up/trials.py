@@ -39,6 +39,8 @@ LARGEST_DEVIATION = 0.05
 BEYOND = "no orbit"
 NO_HOLD = "no impacts|hardly moves|dead centre"
 """What the reason says where the module's impacts end below the wanted ratio."""
+RESOLVED, TINY = 1.001, 1e-6
+"""A thousandth beyond a bound is the resolution of the bus; a crank at rest moves by rounding."""
 STOPPING, JUDGED = 4, 10
 """Last impacts, which the stop may have changed, and those before them that are judged."""
 
@@ -178,7 +180,7 @@ def beyond_bounds(bench: LockstepBench, steps: Sequence[Mapping[str, Any]]) -> l
         for log, largest in bench.largest.items()
         if (bound := bounds.get(re.sub(r"-\d+$", "", log)))
         for quantity, value in largest._asdict().items()
-        if value > bound[quantity] + 0.02 and (quantity != "angle_rad" or bound[quantity])
+        if value > RESOLVED * bound[quantity] + TINY and (quantity != "angle_rad" or bound[quantity])
     ]
 
 

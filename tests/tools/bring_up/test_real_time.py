@@ -1,5 +1,7 @@
 """A step of the bring-up in real time begins with the frames that are sent from then on."""
 
+import sys
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +14,7 @@ from firmware_py.interface.addresses import DEFAULT
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import Accelerometer
 from tools.bring_up import real
+from tools.bring_up.step import StepFailedError
 
 
 class Waiting:
@@ -52,6 +55,25 @@ def test_a_step_receives_nothing_that_was_sent_before_it(
     player = First()
     real.RealBench("local", DEFAULT).play(player, 1.0, tmp_path / "log")
     assert player.received == []
+
+
+def lose(firmware: real.FirmwareProcess) -> None:
+    """Miss the heartbeat of a firmware that ends."""
+    with firmware:
+        while not firmware.child.ended:
+            time.sleep(0.01)
+        raise StepFailedError("the heartbeat is missing")
+
+
+def test_a_firmware_that_has_ended_is_named_with_its_last_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    says = "import sys; print('running at', file=sys.stderr); sys.exit('out of memory')"
+    firmware = real.FirmwareProcess("", {})
+    monkeypatch.setattr(firmware, "_command", [sys.executable, "-c", says])
+    with pytest.raises(StepFailedError) as raised:
+        lose(firmware)
+    said = str(raised.value)
+    assert said.startswith("the heartbeat is missing; firmware ended with status 1: ")
+    assert said.endswith("out of memory")
 
 
 @pytest.mark.parametrize(
