@@ -120,9 +120,8 @@ DISTURBANCES = (
     ({"kind": "frozen", **SAMPLES}, Dimension("duration_s", 0.0, choices=(0.0, *TICKS[2:]))),
     ({"kind": "delayed", "duration_s": 0.1, **SAMPLES}, Dimension("delay_s", 0.0, choices=TICKS[:3])),
     ({"kind": "dropped", "frames": ["EncoderEstimates"]}, Dimension("duration_s", 0.0, choices=TICKS[:4])),
-    ({"kind": "dropped", "frames": ["SetInputTorque"]}, Dimension("duration_s", 0.0, choices=TICKS)),
-    ({"kind": "dropped", "frames": ["DriveHeartbeat"]}, Dimension("duration_s", 0.0, 0.0, 0.1)),
-    ({"kind": "dropped", "frames": ["OperatorCommand"]}, Dimension("duration_s", 0.0, 0.0, 0.1)),
+    ({"kind": "dropped", "frames": ["DriveHeartbeat"]}, Dimension("duration_s", 0.0, choices=(0.0, 0.1))),
+    ({"kind": "dropped", "frames": ["OperatorCommand"]}, Dimension("duration_s", 0.0, choices=(0.0, 0.1))),
     ({"kind": "paused", "process": "firmware"}, Dimension("duration_s", 0.0, choices=TICKS)),
     (
         {"kind": "clock-jitter", "process": "firmware", "duration_s": 0.1},
@@ -325,7 +324,10 @@ def window_s(scenario: Scenario, run_s: float) -> tuple[float, float]:
 def disturbances(
     scenario: Scenario, document: dict[str, Any]
 ) -> Iterator[tuple[Dimension, Dimension, int, str]]:
-    """Add disturbances to the script: size and instant of each, its place, and the list that it is in."""
+    """Add disturbances to the script: size and instant of each, its place, and the list that it is in.
+
+    None loses frames that the scenario loses for good: it would act on nothing.
+    """
     runs = [one for one in document["script"].get("commands", []) if one["request"] == "run"]
     if not runs:
         return
@@ -333,7 +335,9 @@ def disturbances(
     script = document["script"] = {"faults": [], **deepcopy(dict(document["script"]))}
     ratio = runs[-1]["target_ratio"]
     step = Dimension("target_ratio", ratio, (1.0 - RATIO_STEP) * ratio, (1.0 + RATIO_STEP) * ratio)
-    for name, table, size in (*(("faults", *one) for one in DISTURBANCES), ("commands", runs[-1], step)):
+    lost = [one["frames"] for one in script["faults"] if "frames" in one and "duration_s" not in one]
+    added = [("faults", *one) for one in DISTURBANCES if one[0].get("frames") not in lost]
+    for name, table, size in (*added, ("commands", runs[-1], step)):
         place = len(script[name])
         script[name].append({**table, "at_s": window[0], size.key: size.default})
         key = f"script.{name}.{place}"

@@ -18,7 +18,7 @@ from tools import cli
 from tools.falsify import evaluations as stored
 from tools.falsify import pictures
 from tools.falsify.objective import BROKEN, Result, result_at
-from tools.falsify.search import OPTIMISERS, Best, most_important, search
+from tools.falsify.search import OPTIMISERS, Best, most_important, search, sobol
 from tools.falsify.space import DELAY, Dimension, Space, space_of
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, EXIT_PASSED, BadInputError
 
@@ -309,3 +309,13 @@ def test_records_in_memory_have_the_margins_of_a_run_folder(check, tmp_path, mon
     found = result_at(space, space.defaults)
     assert list(found.margins) == [one["margin_share"] for one in checks]
     assert None not in found.margins
+
+
+@pytest.mark.parametrize(
+    "name", ["lost-operator-commands-stop-the-motor", "a-silent-encoder-stops-the-motor"]
+)
+def test_no_disturbance_of_the_default_space_acts_on_nothing(name: str) -> None:
+    """Frames that the scenario loses, or of which none is due, would leave the run without a verdict."""
+    space = space_of(name, [])
+    for place in sobol(space, 8, 3):
+        assert result_at(space, space.values(place.tolist())).why == ""
