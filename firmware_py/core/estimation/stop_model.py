@@ -14,6 +14,8 @@ REFERENCE_M_S = 0.9
 """Touch-down speed to which the contact time refers."""
 END_FRACTION = 0.02
 """Share of the peak below which a contact has ended."""
+LEAST_RESTITUTION = 1e-3
+"""A smaller restitution counts as this one, because d of 0 would be infinite."""
 
 
 def excess_of_dissipation(d: float, k: float) -> float:
@@ -25,7 +27,7 @@ def hertz_dissipation(restitution: float) -> float:
     """d = λ x'⁻ of a Hunt–Crossley stop with this restitution k: d − ln(1 + d) = −k d − ln(1 − k d)."""
     if restitution >= 1.0:
         return 0.0
-    k = at_least(restitution, 1e-3)
+    k = at_least(restitution, LEAST_RESTITUTION)
     low, high = 1e-9, (1.0 - 1e-12) / k
     for _ in range(200):
         middle = 0.5 * (low + high)
@@ -46,7 +48,7 @@ def depth_at_end_m(contact_s: float, restitution: float, share: float) -> float:
 
     Near the separation F = K δ^1.5 (1 − k d), which for a small k is almost zero before the striker is out.
     """
-    left = 1.0 - restitution * hertz_dissipation(restitution)
+    left = 1.0 - at_least(restitution, LEAST_RESTITUTION) * hertz_dissipation(restitution)
     root = cube_root(min(share / at_least(left, share), 1.0))
     return elastic_depth_m(contact_s) * root * root
 

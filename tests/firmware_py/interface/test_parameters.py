@@ -98,6 +98,14 @@ def test_the_nominal_contact_is_that_of_the_plants_stop(restitution: float) -> N
     assert growth == pytest.approx(stiffness / 0.8 * (1.0 + dissipation), rel=1e-4)
 
 
+def test_a_stop_that_returns_less_is_left_deeper() -> None:
+    """Down to one that returns nothing: its force is over before the striker turns round."""
+    restitutions = [0.0, 1e-4, 5e-4, 1e-3, 0.05, 0.3, 0.5, 0.9, 1.0]
+    depths_m = [stop_model.depth_at_end_m(0.010, one, stop_model.END_FRACTION) for one in restitutions]
+    assert depths_m == sorted(depths_m, reverse=True)
+    assert depths_m[0] == pytest.approx(stop_model.elastic_depth_m(0.010))
+
+
 def test_a_parameter_file_comes_back() -> None:
     values = parameters.with_overrides({"stop.restitution": 0.43})
     assert parameters.parse_file(parameters.format_file(values)) == values
