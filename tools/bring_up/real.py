@@ -115,17 +115,18 @@ class FirmwareProcess:
     def __init__(self, address: str, parameters: Mapping[str, float]) -> None:
         settings = [f"--set=firmware.{name}={value!r}" for name, value in parameters.items()]
         self._command = [sys.executable, "-P", "-m", "tools.cli", "firmware", "--bus", address, *settings]
-        self._stack = ExitStack()
 
     def __enter__(self) -> "FirmwareProcess":
-        folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="vibrohil-bring-up-")))
-        self.child = Child("firmware", self._command, folder / "firmware.log")
-        self._stack.callback(self.child.stop)
-        deadline_s = time.monotonic() + STARTING_S
-        while RUNNING not in self.child.last_errors():
-            if self.child.ended or time.monotonic() > deadline_s:
-                raise BusFailedError(f"{self.child.how_it_ended()}: {self.child.last_errors()}")
-            select.select([], [], [], 0.05)
+        with ExitStack() as stack:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="vibrohil-bring-up-")))
+            self.child = Child("firmware", self._command, folder / "firmware.log")
+            stack.callback(self.child.stop)
+            deadline_s = time.monotonic() + STARTING_S
+            while RUNNING not in self.child.last_errors():
+                if self.child.ended or time.monotonic() > deadline_s:
+                    raise BusFailedError(f"{self.child.how_it_ended()}: {self.child.last_errors()}")
+                select.select([], [], [], 0.05)
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(self, _: object, error: BaseException | None, __: object) -> None:

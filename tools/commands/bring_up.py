@@ -43,10 +43,14 @@ def bring_up(
     settings = {f"{block}.{name}": value for block, table in tables.items() for name, value in table.items()}
     settings = {**read_state(out).settings, **settings}
     bench = RealBench(bus, addresses_from(with_overrides(settings)))
-    user = User(
-        lambda sentence: progress_console.print(sentence, markup=False),
-        lambda question: yes or typer.prompt(f"{question} Type yes", default="no", err=True) == "yes",
-    )
+
+    def agrees(question: str) -> bool:
+        try:
+            return yes or typer.prompt(f"{question} Type yes", default="no", err=True) == "yes"
+        except typer.Abort:  # the end of the input
+            return False
+
+    user = User(lambda sentence: progress_console.print(sentence, markup=False), agrees)
     result = Session(bench, out, settings, ratio, user).run(first, until)
 
     def show() -> None:

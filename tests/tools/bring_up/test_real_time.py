@@ -1,5 +1,6 @@
-"""A step of the bring-up in real time begins with the frames that are sent from then on."""
+"""A bring-up in real time: its steps begin with the frames sent from then on, and its firmware ends."""
 
+import io
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -13,8 +14,11 @@ from firmware_py.interface import codec
 from firmware_py.interface.addresses import DEFAULT
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import Accelerometer
-from tools.bring_up import real
-from tools.bring_up.step import StepFailedError
+from hil.bus import BusFailedError
+from tools import cli
+from tools.bring_up import real, session
+from tools.bring_up.listen import LISTEN
+from tools.bring_up.step import Context, Findings, StepFailedError
 
 
 class Waiting:
@@ -87,3 +91,27 @@ def test_a_damaged_sample_does_not_date_those_after_it(data: bytes) -> None:
         damaged = sample._replace(data=data) if tick == 10 else sample
         times_us.append(dating.time_us(damaged, tick * 1e-3))
     assert times_us == [*range(0, 10_000, 1000), 9000, *range(11_000, 20_000, 1000)]
+
+
+def test_a_firmware_that_does_not_start_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would drive the module once it has compiled, without an operator."""
+    monkeypatch.setattr(real, "STARTING_S", 0.2)
+    process = real.FirmwareProcess("local", {})
+    monkeypatch.setattr(process, "_command", [sys.executable, "-c", "import time; time.sleep(60)"])
+    with pytest.raises(BusFailedError, match="firmware is running"):
+        process.__enter__()
+    assert process.child.ended
+
+
+def test_the_end_of_the_input_is_no_yes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And no error of the program, as which the step would be recorded."""
+    answers: list[bool] = []
+
+    def ask(context: Context, _: Findings) -> None:
+        answers.append(context.asks("Clear the error?"))
+
+    monkeypatch.setattr(session, "STEPS", (LISTEN._replace(run=ask), *session.STEPS[1:]))
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    cli.run(["bring-up", "--bus", "local", "--out", str(tmp_path / "out"), "--until", "listen"])
+    assert answers == [False]
+    assert session.read_state(tmp_path / "out").records[-1]["reason"] == ""
