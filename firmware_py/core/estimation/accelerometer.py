@@ -11,8 +11,10 @@ from firmware_py.interface.generated.parameters import Parameters
 CLIPPED_SHARE = 0.98
 """Share of the full scale above which a reading may be clipped."""
 FEWEST_HOUSING = 10
-"""Weight of the housing's initial offset 0, in readings: at rest the true one is known at once; while the
-housing moves, the mean of more readings comes near it."""
+"""Weight of the housing's initial offset 0, in readings: at rest the true one is known at once."""
+LARGEST_HOUSING_M_S2 = 0.5
+"""Largest offset of the housing's accelerometer, 50 mg; a larger mean is of a tilt or a motion, which are no
+offset: the striker's reading has them too."""
 
 
 class Constants(NamedTuple):
@@ -81,6 +83,7 @@ def sense(own: Constants, state: SensorState, new: AccelerometerInput) -> Sensor
     # At first the mean of all readings, later an exponential average.
     rate = at_least(1.0 / (state.housing_readings + FEWEST_HOUSING), own.housing_rate)
     housing_offset_m_s2 = state.housing_offset_m_s2 + rate * (new.housing_m_s2 - state.housing_offset_m_s2)
+    housing_offset_m_s2 = min(at_least(housing_offset_m_s2, -LARGEST_HOUSING_M_S2), LARGEST_HOUSING_M_S2)
     return SensorState(
         acceleration_m_s2=acceleration_m_s2,
         before_m_s2=state.acceleration_m_s2,

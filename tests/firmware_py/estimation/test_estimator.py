@@ -147,6 +147,16 @@ def test_the_offset_of_a_housing_at_rest_is_known_before_a_start() -> None:
     assert sensor.housing_offset_m_s2 == pytest.approx(0.5, abs=0.02)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_housing_that_is_moved_or_tilted_after_power_up_is_no_offset(sign: float) -> None:
+    """A jolt of 20 m/s² for 0.1 s once shifted the estimate by 0.1 m, and the impulse's limit tripped."""
+    own, sensor = config_from({}).estimator.sensing, estimator_state.INITIAL.sensor
+    for k in range(300):
+        jolt_m_s2 = sign * 20.0 * math.sin(math.pi * (k - 200) / 100.0) if k > 200 else sign * 1.0
+        sensor = accelerometer.sense(own, sensor, AccelerometerInput(0.0, 0.0, jolt_m_s2, 0))
+    assert abs(sensor.housing_offset_m_s2) <= 0.5
+
+
 def test_touch_down_and_separation_put_the_striker_at_the_stop() -> None:
     config = config_from({})
     state = rested(config, 5)
