@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from firmware_py.core.inputs import AccelerometerInput
-from firmware_py.core.numbers import at_least
+from firmware_py.core.numbers import at_least, clamp
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.generated.parameters import Parameters
 
@@ -15,6 +15,8 @@ FEWEST_HOUSING = 10
 LARGEST_HOUSING_M_S2 = 0.5
 """Largest offset of the housing's accelerometer, 50 mg; a larger mean is of a tilt or a motion, which are no
 offset: the striker's reading has them too."""
+JOLTED_M_S2 = 2.0
+"""Reading from which on the housing is jolted; it counts by the average's rate alone."""
 
 
 class Constants(NamedTuple):
@@ -80,17 +82,20 @@ def sense(own: Constants, state: SensorState, new: AccelerometerInput) -> Sensor
     else:
         acceleration_m_s2 = new.high_m_s2 - offset_m_s2
         clipped = abs(new.high_m_s2) > CLIPPED_SHARE * own.high_full_scale_m_s2
-    # At first the mean of all readings, later an exponential average.
-    rate = at_least(1.0 / (state.housing_readings + FEWEST_HOUSING), own.housing_rate)
+    rate, readings = own.housing_rate, state.housing_readings
+    if abs(new.housing_m_s2) < JOLTED_M_S2:
+        # At first the mean of all readings, later an exponential average.
+        rate = at_least(1.0 / (readings + FEWEST_HOUSING), rate)
+        readings = min(readings + 1, NEVER_TICKS)
     housing_offset_m_s2 = state.housing_offset_m_s2 + rate * (new.housing_m_s2 - state.housing_offset_m_s2)
-    housing_offset_m_s2 = min(at_least(housing_offset_m_s2, -LARGEST_HOUSING_M_S2), LARGEST_HOUSING_M_S2)
+    housing_offset_m_s2 = clamp(housing_offset_m_s2, LARGEST_HOUSING_M_S2)
     return SensorState(
         acceleration_m_s2=acceleration_m_s2,
         before_m_s2=state.acceleration_m_s2,
         second_m_s2=state.before_m_s2,
         housing_m_s2=new.housing_m_s2 - housing_offset_m_s2,
         housing_offset_m_s2=housing_offset_m_s2,
-        housing_readings=min(state.housing_readings + 1, NEVER_TICKS),
+        housing_readings=readings,
         high_offset_m_s2=offset_m_s2,
         clipped=clipped,
         missed_ticks=0,
