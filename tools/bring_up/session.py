@@ -247,16 +247,15 @@ class Session:
     def result(self) -> dict[str, Any]:
         """The command's JSON object, with what the report needs besides."""
         found = parameters_in(self.records)
-        there = {
-            name: str(path) for name in (SCENE, PARAMETER_FILE) if (path := self._folder / name).exists()
-        }
+        has_twin = any(one["name"] == TWIN.name for one in self.records)
+        scene, parameter_file = self._folder / SCENE, self._folder / PARAMETER_FILE
         return {
             "steps": self.records,
             "parameters": {
                 name: value._asdict() | {"default": DEFAULTS[name]} for name, value in found.items()
             },
-            "scene": there.get(SCENE),
-            "parameter_file": there.get(PARAMETER_FILE),
+            "scene": str(scene) if has_twin and scene.exists() else None,
+            "parameter_file": str(parameter_file) if found else None,
             "report": str(self._folder / REPORT),
             "passed": bool(self.records) and all(one["passed"] for one in self.records),
         }

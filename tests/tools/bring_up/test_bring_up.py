@@ -39,7 +39,7 @@ from tools.bring_up.session import STATE, Session, User, read_state
 from tools.bring_up.step import NOTHING, Context, Findings, StepFailedError
 from tools.bring_up.trials import BROKEN as BROKEN_MODULES
 from tools.bring_up.trials import bench_of, beyond_bounds, brought_up, fault
-from tools.bring_up.twin import PARAMETER_FILE, run_next
+from tools.bring_up.twin import PARAMETER_FILE, SCENE, run_next
 from tools.campaign.campaigns import CAMPAIGNS, trial_of
 from tools.campaign.identified import explain_no_hold, read_spread, refuse_other_axes, settings_on_twin
 from tools.output import EXIT_BAD_INPUT, BadInputError
@@ -466,6 +466,16 @@ def test_a_folder_in_use_by_another_bring_up_is_refused(tmp_path: Path) -> None:
         Session(bench_of({}, [], 1), tmp_path, {}, 1.25, User(lambda _: None, lambda _: False)).run(
             None, None
         )
+
+
+def test_files_of_steps_that_were_repeated_anew_are_no_result(tmp_path: Path) -> None:
+    bench, out = bench_of({}, [], 1), tmp_path / "out"
+    assert brought_up(bench, out, "at-rest")["passed"]
+    for name in (SCENE, PARAMETER_FILE):
+        (out / name).write_text("left by a step that is to be repeated")
+    result = Session(bench, out, {}, 1.25, User(lambda _: None, lambda _: True)).run("at-rest", "at-rest")
+    assert result["passed"]
+    assert (result["scene"], result["parameter_file"]) == (None, None)
 
 
 def test_every_frame_of_a_repeated_step_is_kept(tmp_path: Path) -> None:
