@@ -85,8 +85,8 @@ def sense(own: Constants, state: SensorState, new: AccelerometerInput) -> Sensor
     rate, readings = own.housing_rate, state.housing_readings
     if abs(new.housing_m_s2) < JOLTED_M_S2:
         # At first the mean of all readings, later an exponential average.
-        rate = at_least(1.0 / (readings + FEWEST_HOUSING), rate)
-        readings = min(readings + 1, NEVER_TICKS)
+        rate = at_least(1.0 / (state.housing_readings + FEWEST_HOUSING), rate)
+        readings = min(state.housing_readings + 1, NEVER_TICKS)
     housing_offset_m_s2 = state.housing_offset_m_s2 + rate * (new.housing_m_s2 - state.housing_offset_m_s2)
     housing_offset_m_s2 = clamp(housing_offset_m_s2, LARGEST_HOUSING_M_S2)
     return SensorState(

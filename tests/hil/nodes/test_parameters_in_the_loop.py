@@ -48,7 +48,6 @@ SHOWN_BY: dict[str, dict[str, float]] = {
         "estimator.touch_down_jitter_s": 0.000275,
         "estimator.restitution_std": 0.11,
         "estimator.initial_model_std_m_s2": 0.132,
-        "estimator.gate_sigmas": 5.4,
         "wiring.torque_reversed": 1.0,
         "wiring.striker_reversed": 1.0,
         "wiring.low_exchanged": 1.0,
@@ -85,6 +84,7 @@ SHOWN_BY: dict[str, dict[str, float]] = {
         "start.attempts": 0.0,
     },
     "a-stumble-ends-the-pulses": {
+        "estimator.gate_sigmas": 5.4,
         "speed.torque_rate_n_m_s": 66.0,
         "gait.lowest_ratio": 1.078,
         "gait.highest_ratio": 1.17,
