@@ -83,9 +83,8 @@ DESCRIBED = tuple(
     f"{table.__name__.lower()}.{name}" for table in (Striker, Drive, Stop, Friction) for name in table._fields
 )
 """The parameters that describe the module's mechanics, with the same keys in `firmware.` and `scene.`."""
-
-
 WHOLE_COUNTS_RAD_S = 0.02
+"""Distance from a speed of whole counts within which the ripple is larger: measured, 0.13 % at its end."""
 
 
 def is_described(judged: Judged) -> bool:
@@ -100,7 +99,7 @@ def is_described(judged: Judged) -> bool:
 def turns_by_whole_counts(judged: Judged) -> bool:
     """Whether the crank's target is a whole number of the encoder's counts in a control period.
 
-    Within 0.02 rad/s: each reading then has almost the same fraction of a count as the one before.
+    Each reading then has almost the same fraction of a count as the one before.
     """
     encoder = judged.scene.sensors and judged.scene.sensors.encoder
     if not encoder:
