@@ -34,7 +34,7 @@ from hil.run_files import RunFile
 from hil.scenario.scenario import load_scenario, refuse_other_periods
 from hil.scenario.settings import apply_settings
 from hil.timing.clock import NS_PER_S, MonotonicClock
-from hil.timing.loop import FixedRateLoop, run_turns
+from hil.timing.loop import UNTIMED, FixedRateLoop, run_turns
 from hil.timing.realtime import NODE, become_realtime, die_with_parent, leave_realtime
 
 START_DELAY_S = 0.2
@@ -100,7 +100,7 @@ class NodeProcess(NamedTuple):
                 stepped = in_turns(runner, name, faults, period_s, self.seed, start.first_tick)
                 loop = loop_of(begin, pace, node.phase)
                 try:
-                    run_node(giver, stepped, line, loop, begin.first_tick, pace, self.sync)
+                    run_node(giver, stepped, line, loop, begin.first_tick, pace, self)
                 finally:
                     if not self.sync:
                         node_bus.send_all(runner.last_frames())
@@ -198,7 +198,7 @@ def operator_main(scenario: str, settings: Sequence[str], bus: str) -> bool:
                     SAY(f"the firmware's mode: {lower_name(mode)}{latched}")
                 firmware = mode, fault
 
-        def step(tick: int) -> None:
+        def step(tick: int) -> int:
             nonlocal last_tick
             if is_stopped and last_tick > tick:
                 node.emergency_stop(tick)
@@ -209,6 +209,7 @@ def operator_main(scenario: str, settings: Sequence[str], bus: str) -> bool:
                 say_changes(received)
             if tick >= last_tick + (patience_ticks if node.estop_is_unconfirmed else 0):
                 loop.stop()
+            return tick + 1
 
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, stop)
@@ -288,7 +289,7 @@ def run_node(
     loop: FixedRateLoop,
     first_tick: int,
     pace: Pace,
-    sync: bool,
+    process: NodeProcess,
 ) -> None:
     """Run in the turns of the pacemaker, or in strict time by `loop`, which does not wait for a late node.
 
@@ -298,20 +299,24 @@ def run_node(
     if first_tick > 0:
         become_realtime(NODE)
     stop = loop.stop if giver is None else giver.leave
-    for number in (signal.SIGTERM,) if sync else (signal.SIGTERM, signal.SIGINT):
+    for number in (signal.SIGTERM,) if process.sync else (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop())
+
+    is_timed = giver is not None or process.out_dir is not None  # without a trace nothing reads the times
 
     def step(tick: int) -> int:
         if tick == first_tick > 0:
             line.restart()
         line.move_to(tick * pace.period_s)
         runner.step(tick)
+        if not is_timed:
+            runner.record(tick, UNTIMED)
         return tick + 1
 
     if giver is not None:
         run_turns(giver, step, runner.record)
         return
-    if not sync:
+    if not process.sync:
         print(f"running at {1.0 / pace.period_s:g} Hz; Ctrl-C ends it", file=sys.stderr)
     line.restart()
-    loop.run(pace.ticks, step, runner.record, first_tick)
+    loop.run(pace.ticks, step, runner.record if is_timed else None, first_tick)

@@ -28,7 +28,7 @@ def main() -> None:
     report_to_parent(READY)
     loop = FixedRateLoop(MonotonicClock(), read_start().t0_ns, PERIOD_NS, offset_ns=3 * PERIOD_NS // 4)
     signal.signal(signal.SIGTERM, lambda *_: loop.stop())
-    loop.run(ticks, lambda *_: None, None)
+    loop.run(ticks, lambda tick: tick + 1, None)
     report_to_parent(json.dumps({"overruns": loop.overruns}))
 
 

@@ -317,7 +317,7 @@ class ProcessesRun:
             if tick >= operator.due_tick:
                 operator.bus.move_to(tick * period_s)
                 operator.step(tick)
-            return operator.due_tick
+            return operator.due_tick if giver is not None else tick + 1  # signals have times of their own
 
         def supervise(tick: int, _: LoopTiming) -> None:
             nonlocal reached

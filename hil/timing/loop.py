@@ -34,8 +34,8 @@ UNTIMED = LoopTiming(0, 0.0, 0.0, 0)
 class FixedRateLoop:
     """Calls a step at t0 + offset + k · period.
 
-    A step receives its tick k. After it, `record` receives the tick and its timing. Three clock readings and
-    one sleep a tick.
+    A step receives its tick k, and returns the tick of the next one. After it, `record` receives the tick and
+    its timing. Three clock readings and one sleep a tick, without `record` one reading.
     """
 
     def __init__(self, clock: Clock, t0_ns: int, period_ns: int, offset_ns: int = 0) -> None:
@@ -52,7 +52,7 @@ class FixedRateLoop:
     def run(
         self,
         ticks: int | None,
-        step: Callable[[int], object],
+        step: Callable[[int], int],
         record: Callable[[int, LoopTiming], None] | None,
         first_tick: int = 0,
     ) -> None:
@@ -73,13 +73,13 @@ class FixedRateLoop:
                 self.overruns += skipped
                 tick += skipped
                 deadline_ns += skipped * period_ns
-            step(tick)
+            next_tick = step(tick)
             if record is not None:
                 done_ns, cpu_ns = clock.now_ns(), thread_time_ns()
                 late_us, work_us = (woken_ns - deadline_ns) * 1e-3, (done_ns - woken_ns) * 1e-3
                 cpu_us, last_cpu_ns = (cpu_ns - last_cpu_ns) * 1e-3, cpu_ns
                 record(tick, LoopTiming(deadline_ns, late_us, work_us, self.overruns, cpu_us))
-            tick += 1
+            tick = next_tick
 
 
 class TurnGiver(Protocol):

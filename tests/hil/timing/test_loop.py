@@ -1,7 +1,11 @@
-"""The fixed-rate loop on a clock that a test drives."""
+"""The fixed-rate loop on a clock that a test drives, and the machine's clock."""
+
+import signal
+import time
 
 import pytest
 
+from hil.timing.clock import MonotonicClock
 from hil.timing.loop import FixedRateLoop, LoopTiming
 
 MS = 1_000_000
@@ -31,10 +35,11 @@ class Probe:
         self.started_ns: list[int] = []
         self.timings: list[tuple[int, LoopTiming]] = []
 
-    def step(self, tick: int) -> None:
+    def step(self, tick: int) -> int:
         self.steps.append(tick)
         self.started_ns.append(self.clock.time_ns)
         self.clock.time_ns += self.work_ns.get(tick, 100_000)
+        return tick + 1
 
     def record(self, tick: int, timing: LoopTiming) -> None:
         self.timings.append((tick, timing._replace(cpu_us=0.0)))  # CPU time is the real one
@@ -64,6 +69,20 @@ def test_clock_is_read_twice_a_tick() -> None:
     probe = Probe(clock, {})
     FixedRateLoop(clock, 0, MS).run(50, probe.step, probe.record)
     assert clock.readings == 100
+
+
+def test_a_step_names_the_next_one_and_without_a_record_the_clock_is_read_once() -> None:
+    """Under user-mode Linux a wake-up and each reading take a fiftieth of a period."""
+    clock, steps = FakeClock(), list[tuple[int, int]]()
+
+    def step(tick: int) -> int:
+        steps.append((tick, clock.time_ns))
+        return tick + 10
+
+    loop = FixedRateLoop(clock, 0, MS)
+    loop.run(45, step, None)
+    assert steps == [(tick, tick * MS) for tick in (0, 10, 20, 30, 40)]
+    assert (loop.overruns, clock.readings) == (0, 5)
 
 
 @pytest.mark.parametrize(
@@ -105,10 +124,11 @@ def test_stop_ends_after_the_current_tick() -> None:
     loop = FixedRateLoop(clock, 0, MS)
     seen: list[int] = []
 
-    def step(tick: int) -> None:
+    def step(tick: int) -> int:
         seen.append(tick)
         if tick == 3:
             loop.stop()
+        return tick + 1
 
     loop.run(None, step, lambda *_: None)
     assert seen == [0, 1, 2, 3]
@@ -130,3 +150,17 @@ def test_a_later_first_tick_has_its_own_deadline_and_skips_nothing() -> None:
     assert probe.steps == [5, 6, 7]
     assert probe.started_ns == [5 * MS, 6 * MS, 7 * MS]
     assert loop.overruns == 0
+
+
+def test_a_signal_acts_in_a_sleep_which_then_continues() -> None:
+    clock, acted_ns = MonotonicClock(), list[int]()
+    before = signal.signal(signal.SIGALRM, lambda *_: acted_ns.append(clock.now_ns()))
+    try:
+        begin_ns = clock.now_ns()
+        signal.setitimer(signal.ITIMER_REAL, 0.02)
+        clock.sleep_until(begin_ns + 200 * MS)
+        clock.sleep_until(begin_ns)  # has passed
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert len(acted_ns) == 1
+    assert begin_ns + 20 * MS <= acted_ns[0] < begin_ns + 200 * MS <= time.monotonic_ns()
