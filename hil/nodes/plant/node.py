@@ -300,9 +300,14 @@ class PlantNode:
         """Whether a fault is due that cannot act yet (`PlantFaults.waits`)."""
         return self._faults.waits
 
-    def resume(self, state: PlantState, status: int) -> None:
-        """Continue from the state that compiled steps have reached, with the solver's status."""
+    def resume(self, state: PlantState, status: int, reading: SensorReading | None = None) -> None:
+        """Continue from the state that compiled steps have reached, with the solver's status.
+
+        `reading`: the sensors' last one, if a step that the node makes itself may follow a missed tick.
+        """
         self.state = state
+        if reading is not None:
+            self._reading = reading
         self.plant.take_back(status)
 
     def sleep_through(self, ticks: int, frames: Sequence[Frame]) -> None:

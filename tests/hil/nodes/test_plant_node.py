@@ -325,6 +325,26 @@ def test_the_drive_keeps_its_node_number_when_its_process_starts_anew() -> None:
     assert [frame.data[0] for frame in client.receive() if frame.can_id == 0x006] == [5]
 
 
+@pytest.mark.parametrize("scene", ["table1-motor-soft", "gait-motor-soft"])
+def test_a_plant_alone_sends_the_same_frames_in_compiled_ticks(scene: str) -> None:
+    """With requests, which it answers, and a pause, in which its motion goes on."""
+    sent = []
+    for is_timed in (True, False):
+        bus = InProcessBus()
+        plant_end, client = bus.join(), bus.join()
+        line = FaultyBus(plant_end, "plant", [], 1, 1e-3)
+        runner = PlantRunner(load_scene(scene), 1, Pace(1e-3, None, is_timed), line)
+        frames = []
+        for tick in [*range(400), *range(450, 900)]:
+            runner.step(tick)
+            frames.append(client.receive())
+            client.send_all([ARM if tick == 3 else torque(-0.2)])
+            if tick % 97 == 5:
+                client.send_all([Frame(0x01C, b""), Frame(0x7E6, b"")])
+        sent.append((frames, runner.node.plant.now, runner.node.take_impacts()))
+    assert sent[0] == sent[1]
+
+
 def test_watchdog_and_periods_are_keys_of_the_scene() -> None:
     """A client that waits for state 8 in a heartbeat before its first command needs the longer watchdog."""
     table = {"watchdog_s": 0.5, "heartbeat_s": 0.02, "encoder_s": 0.01}
