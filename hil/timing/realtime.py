@@ -46,6 +46,8 @@ class Reservation(NamedTuple):
 
 NODE = Reservation(runtime_ns=600_000, period_ns=1_000_000, priority=NODE_PRIORITY)
 """A loop at 1 kHz: twice the firmware's run time on a busy machine."""
+RECORDING_OPERATOR = Reservation(runtime_ns=3_000_000, period_ns=10_000_000, priority=NODE_PRIORITY - 1)
+"""An operator that records all frames of ten periods at once, which would delay nodes of its priority."""
 BASELINE = Reservation(runtime_ns=100_000, period_ns=1_000_000, priority=NODE_PRIORITY)
 """The bare loop, scheduled like the two nodes so that the three can be compared."""
 HUB = Reservation(runtime_ns=100_000, period_ns=250_000, priority=NODE_PRIORITY + 10)

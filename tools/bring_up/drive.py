@@ -83,6 +83,7 @@ class Commander:
     """The drive's only commander: plays `script`, and follows the drive's reports."""
 
     moves = True
+    step_ticks = 1
 
     def __init__(self, current_limit_a: float) -> None:
         self.beat: DriveHeartbeat | None = None

@@ -44,6 +44,7 @@ class Listener:
     """Keeps every frame with the period in which it arrived."""
 
     moves = False
+    step_ticks = 1
 
     def __init__(self) -> None:
         self.frames: list[tuple[int, Frame]] = []

@@ -10,7 +10,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import ClearErrors, FaultEvent, FirmwareHeartbeat, ImpactEvent
 from hil.nodes.operator.node import OperatorNode
 from hil.scenario.commands import Command, Request
-from hil.timing.clock import TICK_S
+from hil.timing.clock import OPERATOR_PERIOD_S, TICK_S
 from tools.bring_up.step import Context, StepFailedError
 
 BEGINNING = (
@@ -21,6 +21,7 @@ BEGINNING = (
 """Before each start the firmware tests the drive's watchdog."""
 BEGUN_S = 2.2
 SILENT_S = 3.0
+OPERATOR_TICKS = round(OPERATOR_PERIOD_S / TICK_S)
 LINE_TICKS = round(10.0 / TICK_S)
 """Periods between two lines about the motion."""
 LONGEST_STOP_S, LONGEST_REST_S = 4.0, 40.0
@@ -62,6 +63,7 @@ class ErrorCleared:
     """Clears the drive's errors if they are all among `cleared`; ends once they have gone, or are others."""
 
     moves = False
+    step_ticks = OPERATOR_TICKS
 
     def __init__(self, cleared: int) -> None:
         self._cleared, self._beats = cleared, 0
@@ -119,6 +121,7 @@ class Resting:
     """Waits until the crank rests: the striker may turn it after a stop, which delays the drive's proof."""
 
     moves = False
+    step_ticks = OPERATOR_TICKS
 
     def __init__(self) -> None:
         self._crank = Stillness()
@@ -146,6 +149,7 @@ class Operated:
     """
 
     moves = True
+    step_ticks = OPERATOR_TICKS
 
     def __init__(
         self, commands: Sequence[Command], end_s: float, done: Callable[["Operated"], bool] = lambda _: False

@@ -6,6 +6,7 @@ import tempfile
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
+from itertools import groupby
 from pathlib import Path
 
 from firmware_py.interface import codec
@@ -15,12 +16,12 @@ from firmware_py.interface.frame import Frame
 from hil.bus import BusFailedError, open_bus
 from hil.bus.addressed import addressed
 from hil.bus.base import Bus, discard_waiting
-from hil.bus.log.can_log import CanLog
+from hil.bus.log.can_log import IN_MEMORY_BYTES, CanLog
 from hil.processes.child import Child
 from hil.record.new_file import make_anew
 from hil.timing.clock import NS_PER_S, TICK_S, MonotonicClock
 from hil.timing.loop import FixedRateLoop
-from hil.timing.realtime import NODE, become_realtime, leave_realtime
+from hil.timing.realtime import NODE, RECORDING_OPERATOR, become_realtime, leave_realtime
 from tools.bring_up.step import EMERGENCY, Player, StepFailedError
 
 STARTING_S = 120.0
@@ -44,29 +45,33 @@ class RealBench:
         with ExitStack() as stack:
             provided, bus = stack.enter_context(open_bus(self._spec))
             bus = addressed(bus, self.places)
+            # It is written once the firmware has ended: under user-mode Linux a write holds up all processes.
+            file = stack.enter_context(CanLog(make_anew(log), IN_MEMORY_BYTES))
             if parameters is not None:
                 stack.enter_context(FirmwareProcess(provided.address, parameters))
-            become_realtime(NODE)  # this may take most of a second, so the step begins after it
+            # This may take most of a second, so the step begins after it.
+            become_realtime(NODE if player.step_ticks == 1 else RECORDING_OPERATOR)
             stack.callback(leave_realtime)
             discard_waiting(bus)
-            self._play(bus, player, longest_s, stack.enter_context(CanLog(make_anew(log))))
+            self._play(bus, player, longest_s, file)
 
     def _play(self, bus: Bus, player: Player, longest_s: float, file: CanLog) -> None:
         clock, dating = MonotonicClock(), Dating()
         begin_ns = clock.now_ns()
         loop = FixedRateLoop(clock, begin_ns, round(TICK_S * NS_PER_S))
 
-        def step(tick: int) -> None:
+        def step(tick: int) -> int:
             received = bus.receive()
-            frames = player.play(tick, received)
             now_s = (clock.now_ns() - begin_ns) / NS_PER_S
-            for frame in received:
-                file.write(dating.time_us(frame, now_s), [frame])
+            for time_us, its_frames in groupby(received, lambda frame: dating.time_us(frame, now_s)):
+                file.write(time_us, its_frames)
+            frames = player.play(tick, received)  # it may raise, for what the log then shows
             file.write(dating.newest_us, frames or ())
             if frames is None:
                 loop.stop()
-                return
-            bus.send_all(frames)
+            else:
+                bus.send_all(frames)
+            return tick + player.step_ticks
 
         try:
             loop.run(round(longest_s / TICK_S), step, None)

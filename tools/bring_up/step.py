@@ -28,11 +28,13 @@ class Player(Protocol):
 
     moves: bool
     """Whether the step may move the module; then an E-stop follows its interruption."""
+    step_ticks: int
+    """The periods between two calls in real time: 1 for a step that commands the drive itself."""
 
     def play(self, tick: int, received: Sequence[Frame]) -> Sequence[Frame] | None:
         """The frames to send in this period, after those received since the last; None: the step has ended.
 
-        `tick` counts the periods since the step began.
+        `tick` counts the periods since the step began; in real time some may be left out.
         """
 
 

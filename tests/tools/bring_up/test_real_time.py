@@ -40,25 +40,100 @@ class First:
     """Keeps what it receives in its first period, and ends."""
 
     moves = False
+    step_ticks = 1
     received: Sequence[Frame] | None = None
 
     def play(self, _: int, received: Sequence[Frame]) -> None:
         self.received = received
 
 
-def test_a_step_receives_nothing_that_was_sent_before_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+class Counting:
+    """Notes the periods in which it acts, while many frames arrive; and what stands in the log."""
+
+    FRAMES = 10_000
+    moves = False
+
+    def __init__(self, step_ticks: int, bus: Waiting, log: Path) -> None:
+        self.step_ticks, self._bus, self._log = step_ticks, bus, log
+        self.ticks: list[int] = []
+        self.written_bytes = 0
+
+    def play(self, tick: int, _: Sequence[Frame]) -> Sequence[Frame]:
+        self.ticks.append(tick)
+        self.written_bytes = max(self.written_bytes, self._log.stat().st_size)
+        self._bus.reads = [[Frame(codec.ENCODER_ESTIMATES.can_id, bytes(8))] * self.FRAMES]
+        return ()
+
+
+class Punctual:
+    """A clock on which every sleep ends on time, at once."""
+
+    def __init__(self) -> None:
+        self.time_ns = 0
+
+    def now_ns(self) -> int:
+        return self.time_ns
+
+    def sleep_until(self, deadline_ns: int) -> None:
+        self.time_ns = max(self.time_ns, deadline_ns)
+
+
+class Raising:
+    """Fails in the period in which the first frame arrives."""
+
+    moves = False
+    step_ticks = 1
+
+    def play(self, _: int, received: Sequence[Frame]) -> Sequence[Frame]:
+        if received:
+            raise StepFailedError("stopped")
+        return ()
+
+
+@pytest.fixture
+def bus(monkeypatch: pytest.MonkeyPatch) -> Waiting:
+    """The bus of a `RealBench` on a clock that never waits, without real-time priority."""
+    bus = Waiting()
+
     @contextmanager
     def opened(_: str) -> Iterator[tuple[SimpleNamespace, Waiting]]:
-        yield SimpleNamespace(address=""), Waiting()
+        yield SimpleNamespace(address=""), bus
 
     monkeypatch.setattr(real, "open_bus", opened)
     monkeypatch.setattr(real, "become_realtime", lambda _: None)
     monkeypatch.setattr(real, "leave_realtime", lambda: None)
+    monkeypatch.setattr(real, "MonotonicClock", Punctual)
+    return bus
+
+
+def test_a_step_receives_nothing_that_was_sent_before_it(tmp_path: Path, bus: Waiting) -> None:
     player = First()
     real.RealBench("local", DEFAULT).play(player, 1.0, tmp_path / "log")
     assert player.received == []
+
+
+@pytest.mark.parametrize(("step_ticks", "ticks"), [(1, [*range(30)]), (10, [0, 10, 20])])
+def test_an_operator_wakes_every_ten_periods_and_the_log_waits_for_the_end(
+    tmp_path: Path, bus: Waiting, step_ticks: int, ticks: list[int]
+) -> None:
+    """A wake-up of each period costs a machine a tenth of its time, and a disk may delay the module's only
+    commander.
+    """
+    log = tmp_path / "log"
+    player = Counting(step_ticks, bus, log)
+    real.RealBench("local", DEFAULT).play(player, 0.03, log)
+    assert player.ticks == ticks
+    assert player.written_bytes == 0
+    assert len(log.read_text().splitlines()) == (len(ticks) - 1) * Counting.FRAMES
+
+
+def test_the_log_has_the_frames_that_end_a_step(
+    tmp_path: Path, bus: Waiting, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(real, "discard_waiting", lambda _: None)
+    with pytest.raises(StepFailedError):
+        real.RealBench("local", DEFAULT).play(Raising(), 0.03, tmp_path / "log")
+    assert len((tmp_path / "log").read_text().splitlines()) == 50
 
 
 def lose(firmware: real.FirmwareProcess) -> None:
