@@ -52,11 +52,14 @@ def bound(context: Context) -> Largest:
 
 
 def within(values: Mapping[str, float], largest: Largest, force_n: float) -> dict[str, float]:
-    """The parameters with limits that keep a motion within `largest`, and this limit of the force."""
+    """The parameters with limits that keep a motion within `largest`, and this limit of the force.
+
+    The drive's own limit of the speed stays: far below it the drive already takes torque away, which the load
+    of impacts needs.
+    """
     speeds_rad_s = {
         "limit.speed_rad_s": 0.9 * largest.speed_rad_s,
         "limit.overspeed_rad_s": largest.speed_rad_s,
-        "limit.drive_speed_rad_s": largest.speed_rad_s,
     }
     limits = {"speed.torque_limit_n_m": largest.torque_n_m, "limit.force_n": force_n, **speeds_rad_s}
     lowered = {**values, **{name: min(limit, values[name]) for name, limit in limits.items()}}
@@ -80,21 +83,23 @@ def sweep(context: Context, found: Findings) -> None:
     largest = bound(context)
     log = context.log("below-impacts")
     force_n = FORCE_SHARE * context.values["limit.force_n"]
-    operate(context, played, log, cautious(context, largest, force_n))
+    drive_rad_s = min(largest.speed_rad_s, context.values["limit.drive_speed_rad_s"])
+    values = cautious(context, largest, force_n) | {"limit.drive_speed_rad_s": drive_rad_s}
+    operate(context, played, log, values)
     found.notes += played.notes
     found.largest = largest_in(log, 0.0)
     find_exchanged(context, found, log)
     wired = context.values | {name: one.value for name, one in found.parameters.items()}
-    values, identified, readings = fit_module([log], wired, is_slow=True)
+    new, identified, readings = fit_module([log], wired, is_slow=True)
     note_motion(identified, readings, found)
     if float(np.max(np.abs(identified.fit.motion[:, 1]))) < 0.02:
         raise StepFailedError(STUCK)
-    found.parameters |= values
+    found.parameters |= new
     found.notes.append(
         "mass and rest length are the data sheet's: no sensor shows them. Spring, viscous friction, impulses "
         "and forces are proportional to the mass, and the stop's position is counted from the rest length"
     )
-    ratio = math.sqrt(values["striker.spring_n_m"].value / context.values["striker.mass_kg"])
+    ratio = math.sqrt(new["striker.spring_n_m"].value / context.values["striker.mass_kg"])
     found.add("natural frequency", ratio / (2.0 * math.pi), "Hz")
 
 

@@ -34,8 +34,8 @@ STEEP_M_S2, STEEP_TICKS, AGAIN_TICKS = 4.0, 6, 80
 """An impact changes the reading by this within these periods; the next one is at least 80 periods away."""
 GAP_MARGIN_M = 0.02
 """A striker that swings this far beyond the data sheet's gap has no stop there."""
-HARD_SHARE = 0.5
-"""Share of the module's force limit for the approach to a hard stop, which the user has to agree to."""
+FORCE_SHARES = (FORCE_SHARE, 0.5, 1.0)
+"""Shares of the module's force limit of an approach; beyond the first only for a hard stop, after a yes."""
 RESTING_S = 10.0
 """Time in which the module comes to rest after a fault."""
 HARD_M_S = 1.2
@@ -120,30 +120,28 @@ def approach(context: Context, found: Findings) -> tuple[dict[str, float], list[
 
     The parameters with the striker's sign, and the logs: of a hard stop, that of each approach.
     """
-    logs = [context.log("first-impacts")]
+    logs: list[Path] = []
     count = round((LAST_RATIO - FIRST_RATIO) / STEP_RATIO)
     commands = [
         Command(0.0 if number == 0 else 5.0 + number * STEP_S, Request.RUN, FIRST_RATIO + number * STEP_RATIO)
         for number in range(count + 1)
     ]
-
-    def play(share: float) -> Watched:
+    for share, harder in zip(FORCE_SHARES, (*FORCE_SHARES[1:], None), strict=True):
         player = Watched(commands, 5.0 + (count + 8) * STEP_S, context.values, ENOUGH)
-        limit_n = share * context.values["limit.force_n"]
-        operate(context, player, logs[-1], cautious(context, first_bound(context), limit_n))
-        return player
-
-    try:
-        player = play(FORCE_SHARE)
-    except LatchedFaultError as error:
-        if error.fault != Fault.FORCE_LIMIT or not context.asks(
-            f"{error}: the stop is hard, and its first impacts exceed {FORCE_SHARE:.0%} of the module's "
-            f"force limit. Repeat the approach at {HARD_SHARE:.0%}?"
-        ):
-            raise
-        context.bench.play(Listener(), RESTING_S, context.log("rest"))
         logs.append(context.log("first-impacts"))
-        player = play(HARD_SHARE)
+        limit_n = share * context.values["limit.force_n"]
+        try:
+            operate(context, player, logs[-1], cautious(context, first_bound(context), limit_n))
+            break
+        except LatchedFaultError as error:
+            if error.fault != Fault.FORCE_LIMIT or harder is None:
+                raise
+            if not context.asks(
+                f"{error}: the stop is hard, and its first impacts exceed {share:.0%} of the module's force "
+                f"limit. Repeat the approach at {harder:.0%}?"
+            ):
+                raise
+        context.bench.play(Listener(), RESTING_S, context.log("rest"))
     found.notes += player.notes
     if len(player.seen) < FEWEST:
         raise StepFailedError(
@@ -248,8 +246,8 @@ FIRST_IMPACTS = Step(
     "first-impacts",
     "It raises the speed to the first impacts, fits the stop, and then holds the wanted speed.",
     "The firmware turns the crank faster until the striker meets the stop, at a quarter of the module's "
-    "force limit, or of a hard stop at a half after another yes; then it starts to the wanted speed and "
-    "holds it.",
+    "force limit, or of a hard stop at a half and at the whole, after another yes each; then it starts to "
+    "the wanted speed and holds it.",
     50.0,
     first_bound,
     first_impacts,

@@ -559,18 +559,19 @@ class HardStop:
         if parameters:
             assert log.stem not in self.limits_n, "the first approach's log is overwritten"
             self.limits_n[log.stem] = parameters["limit.force_n"]
+            log.touch()
             raise LatchedFaultError("it stopped: FORCE_LIMIT", Fault.FORCE_LIMIT)
 
 
-@pytest.mark.parametrize("agrees", [True, False])
-def test_a_hard_stop_is_approached_again_after_a_yes(agrees: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize("agreed", [0, 1, 2])
+def test_a_hard_stop_is_approached_again_after_each_yes(agreed: int, tmp_path: Path) -> None:
     values = with_overrides({"limit.force_n": 1000.0})
-    bench = HardStop()
-    context = Context(bench, tmp_path, values, {}, lambda _: agrees, lambda _: None, 1.25)
+    bench, answers = HardStop(), [True] * agreed + [False]
+    context = Context(bench, tmp_path, values, {}, lambda _: answers.pop(0), lambda _: None, 1.25)
     with pytest.raises(LatchedFaultError, match="FORCE_LIMIT"):
         approach(context, Findings())
-    again = {"first-impacts-2": 500.0} if agrees else {}
-    assert bench.limits_n == {"first-impacts": 250.0} | again
+    limits_n = {"first-impacts": 250.0, "first-impacts-2": 500.0, "first-impacts-3": 1000.0}
+    assert bench.limits_n == dict(list(limits_n.items())[: agreed + 1])
 
 
 def test_found_values_that_no_module_has_end_the_step_and_are_not_kept(
