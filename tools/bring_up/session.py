@@ -1,8 +1,10 @@
 """A bring-up in its folder: the steps in their order, each begun, resumed or repeated, and their findings."""
 
 import json
+import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,8 +23,9 @@ from tools.bring_up.below_impacts import BELOW_IMPACTS
 from tools.bring_up.drive import DRIVE
 from tools.bring_up.first_impacts import FIRST_IMPACTS
 from tools.bring_up.listen import LISTEN
+from tools.bring_up.module_fit import largest_in
 from tools.bring_up.report import section, write_report
-from tools.bring_up.step import Bench, Context, Curve, Findings, Largest, Step, StepFailedError
+from tools.bring_up.step import NOTHING, Bench, Context, Curve, Findings, Largest, Step, StepFailedError
 from tools.bring_up.twin import PARAMETER_FILE, SCENE, TWIN
 from tools.output import BadInputError
 from tools.tuning.result import Value, make_value
@@ -32,6 +35,8 @@ STATE, REPORT = "bring-up.json", "bring-up.html"
 STATE_FORMAT = 1
 RESTS_ON = {"limit": FIRST_IMPACTS.name, "stop": FIRST_IMPACTS.name}
 """The first step that rests on the data sheet's values of a block; on the others the drive's step does."""
+USUAL_RATIO = 1.25
+"""The wanted ratio of a new folder."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +84,8 @@ def checked(tables: dict[str, Any]) -> State:
     for record in records:
         section(record)  # it can be shown
         dict(record.get("logs", {}))  # and the files of its frames be found
+        if not math.isfinite(record.get("ratio", USUAL_RATIO)):
+            raise ValueError("a step's ratio is no number")
     passed, names = passed_in(records), [step.name for step in STEPS]
     if [one["name"] for one in passed] != names[: len(passed)]:
         raise ValueError("a step is missing or has not passed, and others follow")
@@ -95,12 +102,11 @@ def thin(curve: Curve) -> dict[str, Any]:
     return {"name": curve.name, "x": x.tolist(), "y": y.tolist()}
 
 
-def record_of(
-    step: Step, found: Findings, bound: Largest, reason: str, logs: Mapping[str, str]
-) -> dict[str, Any]:
+def record_of(step: Step, found: Findings, bound: Largest, reason: str, context: Context) -> dict[str, Any]:
     """The record of a step that has ended; an empty reason means that it has passed."""
     return {
         "name": step.name,
+        "ratio": context.ratio,
         "passed": not reason,
         "reason": reason,
         "largest": found.largest._asdict(),
@@ -111,8 +117,17 @@ def record_of(
         "notes": found.notes,
         "axes": list(found.axes),
         "curves": [thin(one) for one in found.curves],
-        "logs": logs,
+        "logs": context.logs,
     }
+
+
+def seen_in(logs: Iterable[Path], mass_kg: float) -> Largest:
+    """The largest values in the frames of a step that has failed; NOTHING if its logs do not show them."""
+    parts = [NOTHING]
+    for log in logs:
+        with suppress(ValueError):  # such as one without a frame of a sensor
+            parts.append(largest_in(log, mass_kg))
+    return Largest(*np.max(np.array(parts), axis=0).tolist())
 
 
 def passed_in(records: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -134,20 +149,20 @@ def parameters_in(records: Sequence[dict[str, Any]]) -> dict[str, Value]:
 class Session:
     """A bring-up of one module.
 
-    `settings`: the data sheet's values of the firmware's parameters. The folder keeps them for the next time;
-    one that is given again replaces the former value.
+    `settings`: the data sheet's values of the firmware's parameters; `ratio`: the wanted one. The folder
+    keeps them for the next time; one that is given again replaces the former value.
     """
 
     def __init__(
-        self, bench: Bench, folder: Path, settings: Mapping[str, float], ratio: float, user: User
+        self, bench: Bench, folder: Path, settings: Mapping[str, float], ratio: float | None, user: User
     ) -> None:
         self._bench, self._folder, self._user = bench, folder, user
         state = read_state(folder)
-        self._settings, self._ratio, self.records = {**state.settings, **settings}, ratio, state.records
+        self._settings, self.records = {**state.settings, **settings}, state.records
+        last_ratio = self.records[-1].get("ratio", USUAL_RATIO) if self.records else USUAL_RATIO
+        self._ratio = last_ratio if ratio is None else ratio
         self._kept: Mapping[str, float] = state.settings
         """The data sheet's values with which the kept records were made."""
-        given = {**DEFAULTS, **state.settings}
-        self._changed = [name for name, value in self._settings.items() if value != given[name]]
 
     def run(self, first: str | None, last: str | None) -> dict[str, Any]:
         """Run the steps from `first` (by default the first that has not passed) to `last`; the result."""
@@ -162,13 +177,7 @@ class Session:
         end = names.index(last) + 1 if last else len(names)
         if first and end <= begin:
             raise BadInputError(f"--until {last} ends before --from {first}; name that step or a later one")
-        for name in self._changed:
-            rests = RESTS_ON.get(name.partition(".")[0], DRIVE.name)
-            if begin > names.index(rests):
-                raise BadInputError(
-                    f"{name} has another value than the steps from {rests} on have used; repeat them by "
-                    f"--from {rests}, or leave the value out"
-                )
+        self._refuse_changes(names[:begin])
         self._folder.mkdir(parents=True, exist_ok=True)
         try:
             with locked(self._folder):
@@ -179,6 +188,24 @@ class Session:
         except FolderInUseError as error:
             raise BadInputError(f"{error}; two bring-ups must not move one module") from error
         return self.result()
+
+    def _refuse_changes(self, kept: Sequence[str]) -> None:
+        """Raise BadInputError if a value differs from that with which the steps that are kept were run."""
+        used = {**DEFAULTS, **self._kept}
+        changed = [
+            (name, value, used[name], RESTS_ON.get(name.partition(".")[0], DRIVE.name))
+            for name, value in self._settings.items()
+            if value != used[name]
+        ]
+        ratios = [one.get("ratio") for one in passed_in(self.records) if one["name"] == FIRST_IMPACTS.name]
+        if ratios and ratios[0] not in (None, self._ratio):  # None: of a folder older than this check
+            changed.append(("the ratio", self._ratio, ratios[0], FIRST_IMPACTS.name))
+        for name, value, before, rests in changed:
+            if rests in kept:
+                raise BadInputError(
+                    f"{name} is {value:g}, and the steps from {rests} on have used {before:g}; repeat them "
+                    f"by --from {rests}, leave the value out, or name another folder for another module"
+                )
 
     def _run(self, number: int) -> None:
         """Run one step, and keep its record whatever happens.
@@ -200,9 +227,10 @@ class Session:
             user.says(f"{step.moves} Bounds: {describe(bound)}. Ctrl-C is an E-stop at any time.")
             if not user.agrees(f"Begin the step {step.name}?"):
                 reason = "not agreed to; nothing has moved"
-                self.records = [*passed, record_of(step, found, bound, reason, {})]
+                self.records = [*passed, record_of(step, found, bound, reason, context)]
                 user.says(f"{step.name}: {reason}")
                 return
+        old_logs = set(self._folder.glob("*.log"))
         reason = "interrupted: the module was stopped; the same command repeats the step"
         try:
             step.run(context, found)
@@ -225,7 +253,10 @@ class Session:
             )
             raise
         finally:
-            self.records = [*(passed if reason else before), record_of(step, found, bound, reason, logs)]
+            if reason and step.moves and found.largest == NOTHING:
+                mass_kg = values["striker.mass_kg"] if bound.force_n else 0.0
+                found.largest = seen_in(set(self._folder.glob("*.log")) - old_logs, mass_kg)
+            self.records = [*(passed if reason else before), record_of(step, found, bound, reason, context)]
             if not (reason and passed[number:]):
                 self._kept = self._settings
             self._write()

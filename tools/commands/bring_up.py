@@ -21,7 +21,10 @@ def bring_up(
         StepName | None,
         typer.Option("--from", help="Repeat from this step; by default the first that has not passed."),
     ] = None,
-    ratio: Annotated[float, number("The wanted speed over the natural frequency.", 0.9, 1.4)] = 1.25,
+    ratio: Annotated[
+        float | None,
+        number("The wanted speed over the natural frequency; by default that of before, or 1.25.", 0.9, 1.4),
+    ] = None,
     change: Change = None,
     yes: Annotated[
         bool, typer.Option("--yes", help="Agree to every motion and change without a question.")

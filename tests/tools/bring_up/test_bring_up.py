@@ -24,7 +24,7 @@ from hil.record.run_folder import RunFolderError, locked
 from hil.scenario.parameter_file import read_document, values_of
 from hil.timing.clock import TICK_S
 from tools import cli
-from tools.bring_up import session
+from tools.bring_up import below_impacts, session
 from tools.bring_up.first_impacts import Watched, approach, hold
 from tools.bring_up.listen import LISTEN
 from tools.bring_up.operated import (
@@ -373,6 +373,7 @@ DAMAGED = {
     "an unknown value": b'{"settings": {"evil": 1}, "steps": []}',
     "a value that is no number": b'{"settings": {"striker.mass_kg": NaN}, "steps": []}',
     "a step without a record": json.dumps({"steps": [STEP]}).encode(),
+    "a ratio that is no number": json.dumps({"steps": [STEP | {"ratio": "1.25"}]}).encode(),
     "all steps passed": json.dumps({"steps": [STEP] * 6}).encode(),
 }
 
@@ -440,7 +441,10 @@ def test_a_value_that_passed_steps_have_used_does_not_change_under_them(tmp_path
     bench, out, user = bench_of({}, [], 1), tmp_path / "out", User(lambda _: None, lambda _: False)
     brought_up(bench, out, "drive")
     before = read_state(out)
-    with pytest.raises(BadInputError, match=r"striker.mass_kg.*--from drive"):
+    differs = (
+        r"striker.mass_kg is 0.85, .* from drive on have used 0.8; repeat them by --from drive, .* folder"
+    )
+    with pytest.raises(BadInputError, match=differs):
         Session(bench, out, {"striker.mass_kg": 0.85}, 1.25, user).run(None, None)
     assert read_state(out) == before
     play, bench.play = bench.play, Ends(StepFailedError("at once")).play  # type: ignore[method-assign]
@@ -451,6 +455,38 @@ def test_a_value_that_passed_steps_have_used_does_not_change_under_them(tmp_path
     assert not Session(bench, out, {"limit.force_n": 900.0}, 1.25, user).run(None, None)["passed"]
     Session(bench, out, {"striker.mass_kg": 0.85}, 1.25, user).run("at-rest", "at-rest")
     assert read_state(out).settings["striker.mass_kg"] == 0.85
+
+
+def test_the_ratio_is_kept_and_is_that_of_the_hold_that_the_twin_repeats(tmp_path: Path) -> None:
+    bench, user = bench_of({}, [], 1), User(lambda _: None, lambda _: False)
+    Session(bench, tmp_path, {}, 1.1, user).run("listen", "listen")
+    tables = json.loads((tmp_path / STATE).read_text())
+    [listened] = tables["steps"]
+    tables["steps"] = [listened | {"name": step.name} for step in session.STEPS[:5]]
+    (tmp_path / STATE).write_text(json.dumps(tables))
+    before = read_state(tmp_path)
+    with pytest.raises(
+        BadInputError, match=r"the ratio is 1.25, .* used 1.1; repeat them by --from first-impacts"
+    ):
+        Session(bench, tmp_path, {}, 1.25, user).run(None, None)
+    assert read_state(tmp_path) == before
+    Session(bench, tmp_path, {}, None, user).run("listen", "listen")
+    assert read_state(tmp_path).records[-1]["ratio"] == 1.1
+
+
+def test_a_motion_that_fails_states_the_largest_values_that_its_frames_show(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any) -> None:
+        raise StepFailedError("after the motion")
+
+    monkeypatch.setattr(below_impacts, "largest_in", fail)
+    failed = brought_up(bench_of({}, [], 1), tmp_path, "below-impacts")["steps"][-1]
+    assert failed["reason"] == "after the motion"
+    assert 1.0 < failed["largest"]["speed_rad_s"] <= failed["bound"]["speed_rad_s"]
+    assert 0.01 < failed["largest"]["torque_n_m"] <= failed["bound"]["torque_n_m"]
+    (tmp_path / "empty.log").touch()
+    assert session.seen_in([tmp_path / "empty.log"], 0.8) == NOTHING
 
 
 def test_an_error_of_the_program_is_recorded_as_such(tmp_path: Path) -> None:
