@@ -16,7 +16,7 @@ from firmware_py.interface.frame import Frame
 from hil.bus import BusFailedError, open_bus
 from hil.bus.addressed import addressed
 from hil.bus.base import Bus, discard_waiting
-from hil.bus.log.can_log import IN_MEMORY_BYTES, CanLog
+from hil.bus.log.can_log import CanLog
 from hil.processes.child import Child
 from hil.record.new_file import make_anew
 from hil.timing.clock import NS_PER_S, TICK_S, MonotonicClock
@@ -45,8 +45,7 @@ class RealBench:
         with ExitStack() as stack:
             provided, bus = stack.enter_context(open_bus(self._spec))
             bus = addressed(bus, self.places)
-            # It is written once the firmware has ended: under user-mode Linux a write holds up all processes.
-            file = stack.enter_context(CanLog(make_anew(log), IN_MEMORY_BYTES))
+            file = stack.enter_context(CanLog(make_anew(log)))
             if parameters is not None:
                 stack.enter_context(FirmwareProcess(provided.address, parameters))
             # This may take most of a second, so the step begins after it.

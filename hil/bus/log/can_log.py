@@ -8,16 +8,13 @@ from firmware_py.interface.frame import Frame
 CHANNEL = "can0"
 FRAME_NAMES = [f" {CHANNEL} {can_id:03X}#" for can_id in range(0x800)]
 FLUSHED_BYTES = 1 << 18
-IN_MEMORY_BYTES = 1 << 26
-"""More than the frames of five minutes: a disk may keep a writer that a drive waits for."""
 
 
 class CanLog:
     """Appends `(seconds.micros) channel ID#DATA` lines."""
 
-    def __init__(self, path: Path, flushed_bytes: int = FLUSHED_BYTES) -> None:
-        """`flushed_bytes`: what may wait in memory."""
-        self._file = path.open("w", buffering=flushed_bytes, encoding="ascii")
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("w", buffering=FLUSHED_BYTES, encoding="ascii")
 
     def write(self, t_us: int, frames: Iterable[Frame]) -> None:
         """Write frames that were on the bus at `t_us`."""

@@ -113,17 +113,15 @@ def test_a_step_receives_nothing_that_was_sent_before_it(tmp_path: Path, bus: Wa
 
 
 @pytest.mark.parametrize(("step_ticks", "ticks"), [(1, [*range(30)]), (10, [0, 10, 20])])
-def test_an_operator_wakes_every_ten_periods_and_the_log_waits_for_the_end(
+def test_an_operator_wakes_every_ten_periods_and_a_killed_one_leaves_its_log(
     tmp_path: Path, bus: Waiting, step_ticks: int, ticks: list[int]
 ) -> None:
-    """A wake-up of each period costs a machine a tenth of its time, and a disk may delay the module's only
-    commander.
-    """
+    """A wake-up of each period costs a machine a tenth of its time."""
     log = tmp_path / "log"
     player = Counting(step_ticks, bus, log)
     real.RealBench("local", DEFAULT).play(player, 0.03, log)
     assert player.ticks == ticks
-    assert player.written_bytes == 0
+    assert player.written_bytes > 0
     assert len(log.read_text().splitlines()) == (len(ticks) - 1) * Counting.FRAMES
 
 
