@@ -234,9 +234,11 @@ def print_shares(trials: Sequence[Trial]) -> None:
         print(f"{kind}: {share_of([one.as_wanted for one in trials if one.kind == kind])} ended as wanted")
     print(f"{sum(bool(one.beyond) for one in trials)} trials exceeded a step's bounds")
     print(f"longest bench time {max(one.bench_s for one in trials):.0f} s")
+    groups = {"": trials, ", with no orbit": [one for one in trials if one.kind == BEYOND]}
     for name in dict.fromkeys(name for one in trials for name in one.inside):
-        inside = share_of([one.inside[name] for one in trials if name in one.inside])
-        print(f"{name}: the truth is inside {inside} intervals")
+        for among, some in groups.items():
+            inside = share_of([one.inside[name] for one in some if name in one.inside])
+            print(f"{name}{among}: the truth is inside {inside} intervals")
 
 
 def main() -> None:
