@@ -14,8 +14,8 @@ from plant_sim.arrays import FloatArray
 from tools.bring_up.step import Largest, StepFailedError
 from tools.output import BadInputError
 from tools.tuning.identification.first_values import StillStrikerError, fit_signed
-from tools.tuning.identification.flights import STILL_M_S2, contacts_of, flights_of
-from tools.tuning.identification.friction_laws import QUADRATURE, Law
+from tools.tuning.identification.flights import USUAL, Division, contacts_of, flights_of
+from tools.tuning.identification.friction_laws import Law
 from tools.tuning.identification.identify import (
     FEWEST_IMPACTS,
     NORMAL_95,
@@ -35,8 +35,8 @@ STUCK = (
     "the striker hardly moves although the crank turns: it is stuck, or dry friction exceeds what the spring "
     "gives at this crank radius; free the striker, then repeat the step"
 )
-SLOW_PERIODS, SLOW_STILL_M_S2 = 5, 0.03
-"""Below the impacts: periods of which the mean is taken, and the range of its noise at rest."""
+SLOW_PERIODS, SLOW = 5, Division(longest_s=2.0, still_m_s2=0.03)
+"""Below the impacts: periods of which the mean is taken, and how the motion is divided."""
 
 
 def wire(ticks: Ticks, values: Mapping[str, float]) -> Ticks:
@@ -120,12 +120,12 @@ def decimate(readings: Readings, by: int) -> Readings:
     )
 
 
-def find_zero(readings: Readings, bandwidth_hz: float, still_m_s2: float) -> float:
+def find_zero(readings: Readings, bandwidth_hz: float, division: Division) -> float:
     """A first value of the encoder's angle at which the piston passes its middle forward, in rad.
 
     The sign of the accelerometer is not seen below the impacts: with the other sign it is half a turn on.
     """
-    flights = flights_of(readings, contacts_of(readings), low_pass_delay_s(bandwidth_hz), still_m_s2)
+    flights = flights_of(readings, contacts_of(readings), low_pass_delay_s(bandwidth_hz), division)
     swing = swing_m_s(readings)
     striker = fit_signed(flights, [swing[one.begin : one.end] for one in flights], True).striker
     return math.atan2(-striker.quadrature_m, striker.amplitude_m)
@@ -140,12 +140,12 @@ def fit_module(
     Raises StepFailedError.
     """
     bandwidth_hz = values["sensor.bandwidth_hz"]
-    by, still_m_s2 = (SLOW_PERIODS, SLOW_STILL_M_S2) if is_slow else (1, STILL_M_S2)
+    by, division = (SLOW_PERIODS, SLOW) if is_slow else (1, USUAL)
     try:
         readings = decimate(read_turning(logs, values), by)
-        zero_rad = find_zero(readings, bandwidth_hz, still_m_s2)
+        zero_rad = find_zero(readings, bandwidth_hz, division)
         readings = readings._replace(angle_rad=readings.angle_rad - zero_rad)
-        found = identify(readings, bandwidth_hz, True, still_m_s2)
+        found = identify(readings, bandwidth_hz, True, division)
     except StillStrikerError as error:
         raise StepFailedError(STUCK) from error
     except BadInputError as error:
@@ -156,7 +156,7 @@ def fit_module(
         "drive.amplitude_m": ("amplitude_m", 1.0, 0.0),
         "friction.b_n_s_m": ("damping_1_s", mass, 0.0),
         "friction.mu": ("dry_m_s2", 1.0 / STANDARD_GRAVITY_M_S2, 0.0),
-        "crank.zero_rad": (QUADRATURE, -1.0 / found.values["amplitude_m"], zero_rad),
+        "crank.zero_rad": ("zero_rad", 1.0, zero_rad),
     }
     if len(found.impacts) >= FEWEST_IMPACTS:
         places |= {

@@ -150,6 +150,27 @@ def test_a_striker_that_friction_holds_in_the_drives_step_shows_its_channel_in_t
     assert result["parameters"]["striker.spring_n_m"]["value"] == pytest.approx(70.0, rel=0.02)
 
 
+@pytest.mark.parametrize("mu_s", [0.08, 0.0708])
+def test_a_striker_that_sticks_twice_in_each_turn_is_measured(mu_s: float, tmp_path: Path) -> None:
+    """Its spring exceeds dry friction by little: of the crank's turn it moves for a part only."""
+    law = {"law": "coulomb", "mu": 0.08} if mu_s == 0.08 else {"law": "stribeck", "mu": 0.0545, "mu_s": mu_s}
+    scene = {
+        "striker": {"mass_kg": 1.27, "spring_n_m": 66.1},
+        "drive": {"amplitude_m": 0.0168},
+        "friction": law if mu_s == 0.08 else law | {"v_s_m_s": 0.1, "delta": 1.0},
+    }
+    found = brought_up(bench_of(scene, [], 1), tmp_path / "out", "below-impacts", mass_kg=1.27)["parameters"]
+    for name, truth in (
+        ("striker.spring_n_m", 66.1),
+        ("drive.amplitude_m", 0.0168),
+        ("friction.mu", law["mu"]),
+    ):
+        one = found[name]
+        width = one["high"] - one["low"]
+        assert one["low"] - 0.25 * width < truth < one["high"] + 0.25 * width
+        assert width < 0.15 * truth
+
+
 BROKEN = {
     "no watchdog": (*BROKEN_MODULES["no watchdog"][:2], "drive", "no watchdog"),
     "silent drive": (*BROKEN_MODULES["silent drive"][:2], "listen", "no frame DriveHeartbeat"),

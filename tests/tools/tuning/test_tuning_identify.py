@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from firmware_py.interface.codec import CODECS
 from firmware_py.interface.dbc import layouts
@@ -23,10 +24,12 @@ from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
 from tools.tuning import safety
 from tools.tuning.identification.flights import contacts_of, flights_of, integrals
-from tools.tuning.identification.friction_laws import Law
+from tools.tuning.identification.friction_laws import Law, Striker
 from tools.tuning.identification.identify import Identified, bench_of, identify, tune_identify
 from tools.tuning.identification.impacts import (
+    FREE,
     STEP,
+    Pull,
     contact_time_s,
     dissipation,
     filter_forces,
@@ -203,18 +206,41 @@ def test_integrals_are_those_of_a_polynomial() -> None:
     assert way == pytest.approx(t**2 - 0.5 * t**3, abs=1e-12)
 
 
+def test_an_unknown_zero_of_the_encoder_leaves_the_radius_as_it_is(recorded: Readings, tuned: Tuning) -> None:
+    """A tenth of a radian: the part by the cosine has a tenth of the radius, which counts in the square."""
+    found = identify(recorded._replace(angle_rad=recorded.angle_rad - 0.1), BANDWIDTH_HZ, finds_zero=True)
+    assert found.values["zero_rad"] == pytest.approx(-0.1, abs=2e-3)
+    assert found.values["amplitude_m"] == pytest.approx(tuned.values["drive.amplitude_m"], rel=5e-4)
+
+
+def test_friction_and_pull_act_during_a_contact_as_an_independent_integration_says() -> None:
+    d, pull, rates = dissipation(0.5), Pull(0.03, 0.01), Striker(0.02, 0.0, 0.0, 0.01, 0.02, 0.05, 0.1, 1.0)
+
+    def change(time: float, state: np.ndarray) -> list[float]:
+        depth, speed = state
+        push = max(depth, 0.0) ** 1.5 * (1.0 + d * speed)
+        dry = 0.02 + 0.05 * np.exp(-abs(speed) / 0.1)
+        spring = 0.02 * depth + pull.at_first_m_s2 + pull.rate_m_s3 * time
+        return [speed, -push - spring - 0.01 * speed - np.sign(speed) * dry]
+
+    _, speeds = integrate(d, pull, rates)
+    times = STEP * np.arange(len(speeds))
+    known = solve_ivp(change, (0.0, times[-1]), [0.0, 1.0], t_eval=times, max_step=1e-3)
+    assert speeds == pytest.approx(known.y[1], abs=1e-3)
+
+
 @pytest.mark.parametrize("restitution", [0.2, 0.5, 0.8, 0.99])
 def test_a_contact_without_pull_gives_back_its_restitution(restitution: float) -> None:
     """∫ push dt = (1 + k) v⁻ in a Hunt–Crossley contact whose damping is that of k."""
-    pushes, _ = integrate(dissipation(restitution), 0.0, 0.0, 0.0, 0.0)
+    pushes, _ = integrate(dissipation(restitution), Pull(0.0), FREE)
     times = STEP * np.arange(len(pushes))
     assert np.trapezoid(pushes, times) == pytest.approx(1.0 + restitution, abs=2e-3)
 
 
 def test_a_impact_is_fitted_back() -> None:
     rows = np.arange(16) * 1e-3
-    readings = filter_forces(rows, 0.9, 4.0, BANDWIDTH_HZ, 0.00123, 0.0031, 0.45)
-    fitted = fit_impact(rows, readings, 0.9, 4.0, BANDWIDTH_HZ)
+    readings = filter_forces(rows, 0.9, Pull(4.0), BANDWIDTH_HZ, 0.00123, 0.0031, 0.45)
+    fitted = fit_impact(rows, readings, 0.9, Pull(4.0), BANDWIDTH_HZ)
     assert fitted.touch_down_s == pytest.approx(0.00123, abs=2e-6)
     assert fitted.scale_s == pytest.approx(0.0031, rel=2e-3)
     assert fitted.restitution == pytest.approx(0.45, abs=2e-3)

@@ -80,6 +80,41 @@ def test_the_motion_is_that_of_a_hundred_times_smaller_ticks() -> None:
     assert motion[-1] == pytest.approx([x, v], abs=1e-6)
 
 
+SLOW = Flight(
+    0,
+    3000,
+    np.arange(3000) * T,
+    np.zeros(3000),
+    *(f(3.0 * np.arange(3000) * T) for f in (np.sin, np.cos)),
+    np.zeros(3000, bool),
+    None,
+)
+"""A turn and a half of a crank whose spring exceeds dry friction for a part of the turn."""
+
+
+@pytest.mark.parametrize("law", [Law.COULOMB, Law.STRIBECK])
+def test_a_striker_that_sticks_and_slips_moves_as_with_a_hundred_times_smaller_ticks(law: Law) -> None:
+    striker = STRIKERS[law]._replace(dry_m_s2=1.6)
+    motion, left, _ = Samples([SLOW], [~SLOW.still], np.zeros((1, 2))).fly(striker, np.zeros((1, 2)), ())
+    k, f, h, small = striker.stiffness_1_s2, striker.dry_m_s2, striker.rise_m_s2, T / 100
+    x, v, moved = 0.0, 0.0, []
+    for number in range(299_900):
+        if number % 100 == 0:
+            moved.append((x, v))
+        pull = -k * (x - striker.amplitude_m * np.sin(3.0 * number * small))
+        if v == 0.0 and abs(pull) <= f + h:
+            continue
+        sign = np.sign(v if v != 0.0 else pull)
+        rise = h * np.exp(-((abs(v) / striker.v_s_m_s) ** striker.delta))
+        faster = v + small * (pull - sign * (f + rise))
+        x, v = x + small * faster, faster if faster * sign > 0.0 else 0.0
+    known = np.array(moved)
+    rests = known[:, 1] == 0.0
+    assert 0.2 < np.mean(rests) < 0.8
+    assert motion[: len(known)] == pytest.approx(known, abs=0.01 * np.max(np.abs(known[:, 1])))
+    assert np.all(left[: len(known)][rests & (motion[: len(known), 1] == 0.0)] == -striker.offset_m_s2)
+
+
 def test_the_errors_are_as_large_as_the_bound_says() -> None:
     """Forty times the same flights with other noise: errors over spread have mean 0 and spread 1."""
     noise = np.random.default_rng(5)
@@ -118,11 +153,14 @@ def test_a_flight_that_begins_stuck_is_no_error() -> None:
 
 
 @pytest.mark.parametrize(
-    ("law", "name"), [(law, name) for law in (Law.BOTH, Law.STRIBECK) for name in FITTED[law]]
+    ("law", "name", "sticks"),
+    [(law, name, sticks) for law in (Law.BOTH, Law.STRIBECK) for name in FITTED[law] for sticks in (0, 1)],
 )
-def test_derivatives_are_differences(law: Law, name: str) -> None:
+def test_derivatives_are_differences(law: Law, name: str, sticks: int) -> None:
     known, truth = flights(count=3), STRIKERS[law]
     states = np.array([[0.02, -0.6], [0.03, -0.5], [0.05, -0.4]])
+    if sticks:
+        known, truth, states = [SLOW], truth._replace(dry_m_s2=1.6), np.zeros((1, 2))
     samples = Samples(known, [~one.still for one in known], states)
     step = 1e-5 * abs(getattr(truth, name))
 

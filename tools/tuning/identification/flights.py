@@ -21,23 +21,28 @@ LONGEST_CONTACT_S = 0.08
 RINGING_S = 0.008
 """Time left out after a contact, until the low-pass has settled; before one, a tick or two suffice."""
 BEFORE_S = 0.002
-LONGEST_FLIGHT_S = 0.7
-"""Longer flights are divided: noise that is integrated twice grows with t^1.5."""
 SHORTEST_FLIGHT_S = 0.1
-STILL_M_S2 = 0.15
 STILL_S = 0.04
-"""If the reading varies by less for this time, the striker stands still: only the offset is observable."""
+"""If the reading varies by less than `Division.still_m_s2` for this time, the striker stands still: only the
+offset is observable."""
 RESTING_M_S2 = 0.5
 """Second condition of standing still: the reading is this near to its value at rest. Where v changes its
 sign, the reading is as constant, but far from this value; if such samples were left out by their variation
 alone, noise would select them, and b would be 1 % too small."""
 
 
-class Rest(NamedTuple):
-    """The reading of a striker at rest, and the largest range of its noise."""
+class Division(NamedTuple):
+    """How a motion is divided: the longest flight, and the largest range of the noise at rest.
 
-    reading_m_s2: float
-    range_m_s2: float
+    Noise that is integrated twice grows with t^1.5. In a slow motion a flight must contain both ways: in one
+    way dry friction looks like another place of the striker.
+    """
+
+    longest_s: float = 0.7
+    still_m_s2: float = 0.15
+
+
+USUAL = Division()
 
 
 class Contact(NamedTuple):
@@ -88,12 +93,9 @@ def contacts_of(readings: Readings) -> list[Contact]:
 
 
 def flights_of(
-    readings: Readings, contacts: list[Contact], delay_s: float, still_m_s2: float = STILL_M_S2
+    readings: Readings, contacts: list[Contact], delay_s: float, division: Division = USUAL
 ) -> list[Flight]:
-    """The free flights between contacts, none longer than LONGEST_FLIGHT_S.
-
-    `still_m_s2`: largest range of the readings of a striker at rest; in a slow motion it must be small.
-    """
+    """The free flights between contacts."""
     T = readings.period_s
     ringing, before = round(RINGING_S / T), round(BEFORE_S / T)
     # The mean acceleration of an oscillation is 0, so the mean reading is the reading at rest.
@@ -105,28 +107,34 @@ def flights_of(
         ends: list[tuple[int, Contact | None]] = [(contact.before - before, contact) for contact in inside]
         ends.append((end, None))
         for start, (stop, contact) in zip(starts, ends, strict=True):
-            rest = Rest(at_rest_m_s2, still_m_s2)
-            found += _cut(readings, start, stop, contact, delay_s, rest)
+            found += _cut(readings, start, stop, contact, delay_s, at_rest_m_s2, division)
     return found
 
 
 def _cut(
-    readings: Readings, start: int, stop: int, contact: Contact | None, delay_s: float, rest: Rest
+    readings: Readings,
+    start: int,
+    stop: int,
+    contact: Contact | None,
+    delay_s: float,
+    at_rest_m_s2: float,
+    division: Division,
 ) -> list[Flight]:
     """Divide rows between contacts into flights; the last flight ends at the contact."""
     T = readings.period_s
     if stop - start < SHORTEST_FLIGHT_S / T:
         return []
-    parts = int(np.ceil((stop - start) * T / LONGEST_FLIGHT_S))
+    parts = int(np.ceil((stop - start) * T / division.longest_s))
     edges = np.round(np.linspace(start, stop, parts + 1)).astype(int).tolist()
-    return [
-        _flight(readings, one, two, contact if two == edges[-1] else None, delay_s, rest)
-        for one, two in pairwise(edges)
-    ]
+    flights = []
+    for one, two in pairwise(edges):
+        still = is_at_rest(readings.acceleration_m_s2[one:two] - at_rest_m_s2, T, division.still_m_s2)
+        flights.append(_flight(readings, one, two, contact if two == edges[-1] else None, delay_s, still))
+    return flights
 
 
 def _flight(
-    readings: Readings, begin: int, end: int, contact: Contact | None, delay_s: float, rest: Rest
+    readings: Readings, begin: int, end: int, contact: Contact | None, delay_s: float, still: BoolArray
 ) -> Flight:
     T = readings.period_s
     z = readings.acceleration_m_s2[begin:end]
@@ -140,7 +148,7 @@ def _flight(
         z,
         np.sin(delayed),
         np.cos(delayed),
-        is_at_rest(z - rest.reading_m_s2, T, rest.range_m_s2),
+        still,
         contact,
     )
 
@@ -154,7 +162,7 @@ def integrals(z: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:
     return velocity, np.concatenate([[0.0], np.cumsum(way)])
 
 
-def is_at_rest(moving_m_s2: FloatArray, period_s: float, range_m_s2: float = STILL_M_S2) -> BoolArray:
+def is_at_rest(moving_m_s2: FloatArray, period_s: float, range_m_s2: float) -> BoolArray:
     """Samples at rest: the reading, less its value at rest, is small and nearly constant for `STILL_S`."""
     width = round(STILL_S / period_s)
     near = np.abs(moving_m_s2) < RESTING_M_S2

@@ -27,6 +27,7 @@ from scipy.signal import butter, lfilter
 from firmware_py.core.estimation.stop_model import hertz_dissipation
 from plant_sim.arrays import FloatArray
 from plant_sim.kernels import jit
+from tools.tuning.identification.friction_laws import Striker, friction_m_s2
 
 STEP = 0.02
 """Time step of the curve, in S; a contact lasts some 4 S."""
@@ -48,47 +49,49 @@ class FittedImpact(NamedTuple):
     misfit: float
 
 
-class FreeForces(NamedTuple):
-    """Friction b/m and μ g, and stiffness c/m of the spring; they act during the contact as in flight."""
+class Pull(NamedTuple):
+    """The spring's pull away from the stop per unit of mass, and its rate, as the crank turns on."""
 
-    damping_1_s: float
-    dry_m_s2: float
-    stiffness_1_s2: float
+    at_first_m_s2: float
+    rate_m_s3: float = 0.0
 
 
-NO_FORCES = FreeForces(0.0, 0.0, 0.0)
+FREE = Striker(0.0, 0.0, 0.0)
+"""A striker without spring and friction."""
 
 dissipation = functools.lru_cache(hertz_dissipation)
 """A fit changes one unknown at a time, so that half of its curves have a restitution already used."""
 
 
 @jit
-def integrate(
-    d: float, pull: float, damping: float, dry: float, stiffness: float
-) -> tuple[FloatArray, FloatArray]:
+def integrate(d: float, pull: Pull, striker: Striker) -> tuple[FloatArray, FloatArray]:
     """Forces of contact and spring, and speeds of the striker until it leaves the stop, a row each STEP.
 
-    All are dimensionless; by Runge–Kutta 4.
+    All are dimensionless, pull, spring and friction too; by Runge–Kutta 4.
     """
+    stiffness, _, _, damping, dry, rise, v_s, delta, _ = striker
 
     def push(depth: float, speed: float) -> float:
         return depth**1.5 * (1.0 + d * speed) if depth > 0.0 else 0.0
 
-    def change(depth: float, speed: float) -> float:
-        return -push(depth, speed) - stiffness * depth - pull - damping * speed - math.copysign(dry, speed)
+    def change(time: float, depth: float, speed: float) -> float:
+        more = rise * math.exp(-((abs(speed) / v_s) ** delta)) if rise != 0.0 else 0.0
+        friction = damping * speed + math.copysign(dry + more, speed)
+        return -push(depth, speed) - stiffness * depth - pull[0] - pull[1] * time - friction
 
     steps = round(LONGEST / STEP)
     forces, speeds = np.empty(steps + 1), np.empty(steps + 1)
     depth, speed = 0.0, 1.0
     forces[0], speeds[0] = depth, speed
     for k in range(1, steps + 1):
-        a1 = change(depth, speed)
+        time = (k - 1) * STEP
+        a1 = change(time, depth, speed)
         v2 = speed + 0.5 * STEP * a1
-        a2 = change(depth + 0.5 * STEP * speed, v2)
+        a2 = change(time + 0.5 * STEP, depth + 0.5 * STEP * speed, v2)
         v3 = speed + 0.5 * STEP * a2
-        a3 = change(depth + 0.5 * STEP * v2, v3)
+        a3 = change(time + 0.5 * STEP, depth + 0.5 * STEP * v2, v3)
         v4 = speed + STEP * a3
-        a4 = change(depth + STEP * v3, v4)
+        a4 = change(time + STEP, depth + STEP * v3, v4)
         depth += STEP / 6.0 * (speed + 2.0 * v2 + 2.0 * v3 + v4)
         speed += STEP / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
         force = push(depth, speed)
@@ -109,26 +112,33 @@ def low_pass(bandwidth_hz: float) -> tuple[FloatArray, FloatArray]:
 def filter_forces(
     rows_s: FloatArray,
     speed_m_s: float,
-    pull_m_s2: float,
+    pull: Pull,
     bandwidth_hz: float,
     touch_down_s: float,
     scale_s: float,
     restitution: float,
-    forces: FreeForces = NO_FORCES,
+    striker: Striker = FREE,
 ) -> FloatArray:
     """The low-pass's output for contact, spring and friction at `rows_s`, in m/s², positive."""
     share = scale_s / speed_m_s
-    damping, dry = forces.damping_1_s * scale_s, forces.dry_m_s2 * share
-    stiffness = forces.stiffness_1_s2 * scale_s**2
-    pushes, speeds = integrate(dissipation(restitution), pull_m_s2 * share, damping, dry, stiffness)
+    scaled = striker._replace(
+        stiffness_1_s2=striker.stiffness_1_s2 * scale_s**2,
+        damping_1_s=striker.damping_1_s * scale_s,
+        dry_m_s2=striker.dry_m_s2 * share,
+        rise_m_s2=striker.rise_m_s2 * share,
+        v_s_m_s=striker.v_s_m_s / speed_m_s,
+    )
+    at_touch_down_m_s2 = pull.at_first_m_s2 + pull.rate_m_s3 * touch_down_s
+    pulls = Pull(at_touch_down_m_s2 * share, pull.rate_m_s3 * scale_s * share)
+    pushes, speeds = integrate(dissipation(restitution), pulls, scaled)
     # Before the touch-down, the low-pass has settled on the friction in flight.
-    before = forces.damping_1_s * speed_m_s + forces.dry_m_s2
+    before = float(friction_m_s2(striker, np.array(speed_m_s)))
     count = math.ceil(rows_s[-1] / GRID_S) + 1
     first, step = touch_down_s / GRID_S, scale_s * STEP / GRID_S
     grid, places = np.arange(count), first + step * np.arange(len(pushes))
     v = np.interp(grid, places, speeds) * speed_m_s
     raw = np.interp(grid, places, pushes / share, left=0.0, right=0.0)
-    raw += forces.damping_1_s * v + forces.dry_m_s2 * np.sign(v) - before
+    raw += friction_m_s2(striker, v) - before
     filtered = lfilter(*low_pass(bandwidth_hz), raw)
     return np.asarray(np.interp(rows_s, grid * GRID_S, filtered) + before)
 
@@ -137,9 +147,9 @@ def fit_impact(
     rows_s: FloatArray,
     excess_m_s2: FloatArray,
     speed_m_s: float,
-    pull_m_s2: float,
+    pull: Pull,
     bandwidth_hz: float,
-    forces: FreeForces = NO_FORCES,
+    striker: Striker = FREE,
     near: "FittedImpact | None" = None,
 ) -> FittedImpact:
     """Fit the readings `excess_m_s2` at `rows_s`, both from the last row before the touch-down on.
@@ -155,12 +165,12 @@ def fit_impact(
         model = filter_forces(
             rows_s,
             speed_m_s,
-            pull_m_s2,
+            pull,
             bandwidth_hz,
             touch_down_s * 1e-3,
             scale_ms * 1e-3,
             restitution,
-            forces,
+            striker,
         )
         return (model - excess_m_s2) * weight
 

@@ -12,34 +12,24 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from firmware_py.core.estimation.kalman import Transition
 from firmware_py.core.estimation.striker_model import free_flight
 from plant_sim.arrays import BoolArray, FloatArray, IntArray
-from plant_sim.kernels import jit
 from tools.tuning.identification.first_values import OUTLYING, SLOW_M_S, Linear, linear
 from tools.tuning.identification.flights import Flight
 from tools.tuning.identification.friction_laws import (
-    DAMPING,
-    DRY,
     FITTED,
-    KAPPA,
-    OFFSET,
     QUADRATURE,
-    RADIUS,
     RANGES,
-    RISE,
     V0,
-    V_S,
     X0,
-    B,
     Law,
     Striker,
 )
+from tools.tuning.identification.simulated import FlightReadings, Flown, fly
 
 HARDLY = 10.0
 """Difference of criteria above which the evidence is very strong (Kass & Raftery 1995)."""
@@ -122,100 +112,9 @@ class Samples:
         flown = Flown(np.empty((count, 2)), np.empty(count), np.empty((count, len(wanted))))
         step = free_flight(striker.stiffness_1_s2, striker.damping_1_s, self.period_s)
         piston_m = striker.amplitude_m * self.crank + striker.quadrature_m * self.cosine
-        readings = FlightReadings(self.starts, self.z_m_s2, self.crank, self.cosine, piston_m)
+        readings = FlightReadings(self.starts, self.period_s, self.z_m_s2, self.crank, self.cosine, piston_m)
         fly(readings, step, striker, states, np.array(wanted, np.int64), flown)
         return flown.motion, flown.left * self.used, flown.rows * self.used[:, None]
-
-
-class FlightReadings(NamedTuple):
-    """Flights one after another: first rows and number of rows, accelerometer in m/s², sine and cosine of the
-    crank, and the piston's position in m.
-    """
-
-    starts: IntArray
-    z: FloatArray
-    crank: FloatArray
-    cosine: FloatArray
-    piston_m: FloatArray
-
-
-class Flown(NamedTuple):
-    """Simulated flights, a row a sample: x − l0 and v, the residual, its negative derivatives."""
-
-    motion: FloatArray
-    left: FloatArray
-    rows: FloatArray
-
-
-@jit
-def fly(
-    readings: FlightReadings,
-    step: Transition,
-    striker: Striker,
-    states: FloatArray,
-    wanted: IntArray,
-    flown: Flown,
-) -> None:
-    """Simulate flights tick by tick, with the crank's mean over each tick; fills `flown`.
-
-    `step` is the transition of the free oscillator over a tick about the equilibrium of spring, crank and dry
-    friction. If v changes its sign within a tick, dry friction acts with its mean over the tick. If u is the
-    derivative of the acceleration by a parameter, the derivative ξ of the motion follows from
-    ξ'' + d ξ' + κ ξ = u, from rest; ξ' jumps by a₊/a₋ where v changes its sign (saltation).
-    """
-    k, _, offset, d, f, h, v_s, delta, _ = striker
-    xx, xv, vx, vv, columns = step.x_x, step.x_v, step.v_x, step.v_v, len(wanted)
-    now, over = np.zeros(V0 + 1), np.zeros(V0 + 1)
-    for flight in range(len(readings.starts) - 1):
-        begin, end = readings.starts[flight], readings.starts[flight + 1]
-        x, v = states[flight, 0], states[flight, 1]
-        way, speed, before = np.zeros(columns), np.zeros(columns), np.zeros(columns)
-        for c in range(columns):
-            way[c], speed[c] = 1.0 if wanted[c] == X0 else 0.0, 1.0 if wanted[c] == V0 else 0.0
-        mean_sign, mean_rise, jump = 0.0, 0.0, 1.0
-        for row in range(begin, end):
-            sign, power, rise, by_speed = np.sign(v), 0.0, 0.0, 0.0
-            if h != 0.0:
-                power = (abs(v) / v_s) ** delta
-                rise = sign * np.exp(-power)
-                by_speed = -h * delta * power / v * rise if v != 0.0 else 0.0
-            spring = x - readings.piston_m[row]
-            flown.motion[row, 0], flown.motion[row, 1] = x, v
-            flown.left[row] = readings.z[row] - (offset - k * spring - d * v - f * sign - h * rise)
-            now[RADIUS], now[B] = k * readings.crank[row], k * readings.cosine[row]
-            now[KAPPA], now[DAMPING] = -spring, -v
-            now[DRY], now[RISE], now[V_S] = -sign, -rise, -h * rise * delta * power / v_s
-            over[:] = now
-            over[DRY], over[RISE] = -mean_sign, -mean_rise
-            for c in range(columns):
-                name = wanted[c]
-                if row > begin:  # from the row before to this one
-                    middle = over[name] if name in (DRY, RISE) else 0.5 * (before[c] + now[name])
-                    middle -= by_speed * speed[c]
-                    at, rate = way[c] - middle / k, speed[c]
-                    way[c] = xx * at + xv * rate + middle / k
-                    speed[c] = (vx * at + vv * rate) * jump
-                before[c] = now[name]
-                flown.rows[row, c] = now[name] - k * way[c] - (d + by_speed) * speed[c]
-                if name == OFFSET:
-                    flown.rows[row, c] = 1.0
-            if row + 1 == end:
-                break
-            about = 0.5 * (readings.piston_m[row] + readings.piston_m[row + 1])
-            rest = about - (f * sign + h * rise) / k
-            guess = vx * (x - rest) + vv * v
-            share = v / (v - guess) if guess * v < 0.0 else 1.0
-            mean_sign = sign * (2.0 * share - 1.0)
-            if h != 0.0:  # by the trapezoidal rule; at v = 0 the rise is 1
-                after = np.exp(-((abs(guess) / v_s) ** delta))
-                turned = share * (sign + rise) - (1.0 - share) * (sign + sign * after)
-                mean_rise = 0.5 * (turned if share < 1.0 else rise + sign * after)
-            rest = about - (f * mean_sign + h * mean_rise) / k
-            x, v = xx * (x - rest) + xv * v + rest, vx * (x - rest) + vv * v
-            jump = 1.0
-            if np.sign(v) * sign < 0.0:
-                slowing = -k * spring - (f + h) * sign
-                jump = max((-k * spring + (f + h) * sign) / slowing, 0.0) if slowing != 0.0 else 0.0
 
 
 # --- output error -------------------------------------------------------------------------------------
