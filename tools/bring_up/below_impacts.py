@@ -26,7 +26,8 @@ SHARES = (0.6, 0.8, 1.0)
 HOLD_S, RAMP_S = 5.0, 6.0
 FORCE_SHARE = 0.25
 """Share of the module's force limit that the steps with unknown parameters may use."""
-TORQUE_N_M = 0.25
+TORQUE_N_M = 0.4
+"""A quarter of it is what the firmware lets a load be: a heavy striker on a dry guide needs 0.07 N m."""
 MARGIN_RAD_S = 4.0
 """Speed above the target by which a crank may run ahead of a control without a known load."""
 UNKNOWN_MODULE = {

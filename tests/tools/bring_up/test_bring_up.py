@@ -171,6 +171,16 @@ def test_a_striker_that_sticks_twice_in_each_turn_is_measured(mu_s: float, tmp_p
         assert width < 0.15 * truth
 
 
+def test_a_heavy_striker_on_a_dry_guide_is_no_implausible_load(tmp_path: Path) -> None:
+    scene = {
+        "striker": {"mass_kg": 1.29, "spring_n_m": 98.0},
+        "drive": {"amplitude_m": 0.0241},
+        "friction": {"law": "stribeck", "mu": 0.1154, "mu_s": 0.15, "v_s_m_s": 0.1, "delta": 1.0},
+    }
+    result = brought_up(bench_of(scene, [], 1), tmp_path / "out", "below-impacts", mass_kg=1.29)
+    assert result["passed"], result["steps"][-1]["reason"]
+
+
 BROKEN = {
     "no watchdog": (*BROKEN_MODULES["no watchdog"][:2], "drive", "no watchdog"),
     "silent drive": (*BROKEN_MODULES["silent drive"][:2], "listen", "no frame DriveHeartbeat"),
