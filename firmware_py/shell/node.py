@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -178,9 +179,15 @@ def power_up(
     does not arm; its `damage` says what is wrong with the file.
     """
     try:
-        values = parse_file(parameter_file, build)
+        config = config_in(parameter_file, tuple((build or {}).items()))
     except ParameterError as error:
         node = make(config_of(parameters_of(with_overrides(build or {})), True))
         node.damage = str(error)
         return node
-    return make(config_of(parameters_of(values), False))
+    return make(config)
+
+
+@lru_cache(maxsize=64)
+def config_in(parameter_file: str, build: tuple[tuple[str, float], ...]) -> Config:
+    """The configuration of a parameter file and the parameters of the build, kept for many runs of one."""
+    return config_of(parameters_of(parse_file(parameter_file, dict(build))), False)

@@ -11,6 +11,7 @@ those of tick-by-tick lockstep, and are kept in the same memory.
 
 import ctypes
 import math
+import weakref
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -60,6 +61,8 @@ MOST_SENT = 3
 """Most frames that the firmware sends in a tick."""
 MOST_IN_TRANSIT = 3 * MOST_HELD_FRAMES
 """Most frames on the way to a node, after faults; memory that is not used costs nothing."""
+FREE_MEMORY: list[NDArray[np.int64]] = []
+"""Memory of frames on the way, of runs that have ended: new one costs as much as a tenth of a short run."""
 MOST_COPIES = 100
 """Most frames for one in a stretch; memory is kept for as many. With more the run goes on tick by tick."""
 IDENTIFIERS = 0x800
@@ -145,7 +148,9 @@ class Stretches:
         all_compiled = all(node.has_compiled_turn for node in ROSTER) and job.firmware in NATIVE
         self._is_closed = all_compiled and isinstance(nodes.bus, IdealBus)
         """Whether all nodes have compiled turns, on a bus that needs no work."""
-        self._to_firmware, self._to_plant = np.zeros((2, MOST_IN_TRANSIT, 3), np.int64)
+        in_transit = FREE_MEMORY.pop() if FREE_MEMORY else np.zeros((2, MOST_IN_TRANSIT, 3), np.int64)
+        weakref.finalize(self, FREE_MEMORY.append, in_transit)
+        self._to_firmware, self._to_plant = in_transit
         self._named = np.zeros(IDENTIFIERS, np.uint8)
         self._columns, self._moves = np.dtype([]), np.zeros((0, 3), np.int64)
         if self._is_closed and "firmware" in nodes.rows:

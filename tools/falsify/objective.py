@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.bus.log.candump_lines import lines_of
 from hil.figures.records import CATALOGUE, Origin
@@ -17,8 +16,8 @@ from hil.record.candump import parse_candump
 from hil.record.run_faults import with_effects
 from hil.record.run_traces import RunTraces
 from hil.record.traces.firmware_trace import fields_of
-from hil.record.traces.precision import TICKED, columns_of
-from hil.record.traces.stored_trace import Columns, is_read_often
+from hil.record.traces.precision import TICKED
+from hil.record.traces.stored_trace import PackedRecords, is_read_often
 from hil.record.traces.trace import columns_of_fields
 from hil.run_files import TRACES
 from hil.runs.job import Job
@@ -113,17 +112,18 @@ def judged(scenario: Scenario, checks: Sequence[Check]) -> tuple[RunVerdict, Run
     """
     needs_bus = any(one.expression is None and CATALOGUE[one.name].origin is Origin.LOG for one in checks)
     job = Job(scenario, scenario.seed, kept=None if needs_bus else kept_for(scenario.checks))
-    rows: dict[str, list[NDArray[np.void]]] = {}
+    kinds: dict[str, np.dtype[np.void]] = {}
+    rows: dict[str, list[bytes]] = {name: [] for name in TRACES}
     lines: list[bytes] = []
     for segment in segments(job):
         lines.append(lines_of(segment.frames))
-        for name, records in segment.rows.items():
-            rows.setdefault(name, []).append(records.copy())
-    found: dict[str, Any] = {}
-    for name in TRACES:
-        if name in rows:
-            records = np.concatenate(rows[name])
-            found[name] = Columns(columns_of(records, exact=name not in TICKED), len(records))
+        for name in rows.keys() & segment.rows.keys():
+            kinds[name] = segment.rows[name].dtype
+            rows[name].append(segment.rows[name].tobytes())  # numpy would copy records column by column
+    found: dict[str, Any] = {
+        name: PackedRecords(np.frombuffer(b"".join(rows[name]), kind), exact=name not in TICKED)
+        for name, kind in kinds.items()
+    }
     note: dict[str, Any] = {
         "scenario": scenario.name,
         "clock": "lockstep",

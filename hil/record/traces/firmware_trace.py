@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Sequence
+from functools import cache
 from operator import attrgetter
 from typing import Any, get_type_hints
 
@@ -56,6 +57,7 @@ def columns_in(columns: Any, precision: Precision) -> Any:
     )
 
 
+@cache
 def moves_to(columns: Any, precision: Precision = "double") -> NDArray[np.int64]:
     """Copies of bytes from the firmware's memory to a packed record: rows of source, destination, length."""
     memory = layout(NodeState, precision)

@@ -77,6 +77,28 @@ class Columns(ByColumn):
         return self._columns[name]
 
 
+class PackedRecords(ByColumn):
+    """Packed records in memory, of which a column is separated at its first use.
+
+    `exact`: as of `StoredTrace`.
+    """
+
+    def __init__(self, records: NDArray[np.void], exact: bool = False) -> None:
+        self.dtype = records.dtype if exact else kept_type(records.dtype)
+        self._records = records
+        self._exact = exact
+        self._columns: dict[str, NDArray[Any]] = {}
+
+    def __len__(self) -> int:
+        return len(self._records)
+
+    def _column(self, name: str) -> NDArray[Any]:
+        if name not in self._columns:
+            values = self._records[name]
+            self._columns[name] = np.ascontiguousarray(values) if self._exact else kept_column(name, values)
+        return self._columns[name]
+
+
 class Selected(ByColumn):
     """A selection of rows of records, by their numbers."""
 
