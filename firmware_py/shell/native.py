@@ -18,9 +18,10 @@ TYPES = {
 
 
 class Native(NamedTuple):
-    """The addresses of `vibro_receive` and `vibro_tick` in this process, and the memory they work on."""
+    """The addresses of the functions of `TYPES` in this process, and the memory they work on."""
 
     receive_address: int
+    advance_address: int
     tick_address: int
     config: Memory
     state: Memory
@@ -64,8 +65,9 @@ class NativeNode(FlatNode):
     @property
     def native(self) -> Native:
         """The node's function and memory; `push_memory` may replace the memory."""
-        receive, tick = (cast(int, ctypes.cast(one, POINTER).value) for one in (self._receive, self._tick))
-        return Native(receive, tick, self._own_config, self._own, self.precision)
+        functions = self._receive, self._advance, self._tick
+        receive, advance, tick = (cast(int, ctypes.cast(one, POINTER).value) for one in functions)
+        return Native(receive, advance, tick, self._own_config, self._own, self.precision)
 
     def receive_rows(self, count: int, rows: Any) -> None:
         """Put `count` frames into the inbox."""

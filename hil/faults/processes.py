@@ -6,7 +6,7 @@ faulty clock would: in lockstep, in the turns of a pacemaker, and in strict time
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple, Protocol
 
@@ -184,13 +184,31 @@ class Turns:
 
     def step(self, slot: int) -> None:
         """Run the steps that are due in this slot of the bench."""
-        t_s = slot * self._period_s
-        own_tick = slot + round(self._clock.offset_s(t_s) / self._period_s)
-        if self._starts_s and t_s >= self._starts_s[0] - TIME_RESOLUTION_S:
+        own_tick = self._own_tick(slot)
+        if self.restarts_in(slot):
             del self._starts_s[0]
             self._runner.restart(own_tick)
             self._clock.restart()
             self._next_tick, self._late_ticks = own_tick, None
+        for tick in self._ticks_until(slot, own_tick):
+            if self._unrecorded is not None:
+                self._runner.record(self._unrecorded, UNTIMED)
+            self._runner.step(tick)
+            self._unrecorded = tick
+
+    def restarts_in(self, slot: int) -> bool:
+        """Whether the runner is replaced in this slot."""
+        return bool(self._starts_s) and slot * self._period_s >= self._starts_s[0] - TIME_RESOLUTION_S
+
+    def ticks_in(self, slot: int) -> Iterator[int]:
+        """The ticks of the steps that are due in this slot, for a caller that runs them itself."""
+        return self._ticks_until(slot, self._own_tick(slot))
+
+    def _own_tick(self, slot: int) -> int:
+        """The tick that the runner's clock shows in this slot."""
+        return slot + round(self._clock.offset_s(slot * self._period_s) / self._period_s)
+
+    def _ticks_until(self, slot: int, own_tick: int) -> Iterator[int]:
         while True:
             if self._late_ticks is None:
                 due_s = self._clock.true_s(self._next_tick * self._period_s)
@@ -201,15 +219,9 @@ class Turns:
             self._late_ticks = None
             # Ticks that passed during a clock jump or a pause of the process are skipped.
             woken_ticks = woken_ticks if woken_ticks >= own_tick - 0.5 else own_tick
-            self._turn(self._next_tick + int(woken_ticks - self._next_tick))
-            self._last_slot = slot
-
-    def _turn(self, tick: int) -> None:
-        if self._unrecorded is not None:
-            self._runner.record(self._unrecorded, UNTIMED)
-        self._runner.step(tick)
-        self._unrecorded = tick
-        self._next_tick = tick + 1
+            tick = self._next_tick + int(woken_ticks - self._next_tick)
+            self._next_tick, self._last_slot = tick + 1, slot
+            yield tick
 
     def is_in_step(self, slot: int) -> bool:
         """Whether the last step ran in the previous slot, and the next is due in this slot, without delay."""

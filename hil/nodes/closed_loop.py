@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from firmware_py.builds.numba_subset import register
 from firmware_py.interface.frame import WordFrame
 from hil.nodes.compiled import kernel
+from hil.nodes.operator.node import RECEIVED_IDS
 from hil.nodes.plant.steps import (
     Due,
     PlantState,
@@ -47,12 +48,16 @@ NUMBER_BYTES = 8
 class Firmware(NamedTuple):
     """The firmware (`firmware_py.shell.native`): addresses of its functions and its memory.
 
-    The addresses are 0 where Python runs it. `sent`: the number of sent frames, and three frames.
-    `record_bytes`: length of a recorded row.
+    The addresses are 0 where Python runs it. `turns`: rows of the bench's tick, counted from the call's
+    first, and the periods since the turn before; a firmware that is paused or whose clock is wrong has none
+    or several in a tick. `sent`: the number of sent frames, and three frames. `record_bytes`: length of a
+    recorded row.
     """
 
     receive: int
+    advance: int
     tick: int
+    turns: Integers
     config: int
     state: int
     sent: Integers
@@ -76,12 +81,14 @@ class Buffers(NamedTuple):
     used: Integers
 
 
-TICKS, FRAMES, TO_PLANT, OPERATOR_TICK, STOP, HELD = range(6)
-"""Indices in `Buffers.used`: completed ticks, frames on the bus, frames in transit to the plant, the tick of
-the operator's next step, whether to stop (1: after this tick, `AT_ONCE`), and from `HELD` on the number of
-frames that faults hold back at each node."""
+TICKS, TURNS, FRAMES, TO_PLANT, TO_OPERATOR, OPERATOR_TICK, STOP, HELD = range(8)
+"""Indices in `Buffers.used`: completed ticks and the firmware's turns, frames on the bus, frames in transit
+to the plant and to the operator, the tick of the operator's next step, whether to stop (1: after this tick,
+`AT_ONCE`), and from `HELD` on the number of frames that faults hold back at each node."""
 USED = HELD + 3
 """Length of `Buffers.used`."""
+WORD_32 = 0xFFFFFFFF
+"""What of a register a result of 32 bits fills."""
 AT_ONCE = 2
 """Value of `Buffers.used[STOP]` after an exception in Python."""
 
@@ -89,11 +96,11 @@ AT_ONCE = 2
 class Bench(NamedTuple):
     """All that ticks work on; it changes through its arrays alone.
 
-    `period_ns`: duration of a tick. `to_firmware`, `to_plant`: frames in transit, rows of identifier, length
-    and word. `noise`: four standard normals for each tick. `named`: for each identifier, whether faults act
-    on its frames. `call_python`: address of a function of a node and of the first row and the end of the
-    frames that leave it, in `to_firmware` or, from the firmware, in `to_plant`; it may change them, and
-    returns their new end.
+    `period_ns`: duration of a tick. `to_firmware`, `to_plant`, `to_operator`: frames in transit, rows of
+    identifier, length and word; of those to the operator, what it receives. `noise`: four standard normals
+    for each tick. `named`: for each identifier, whether faults act on its frames. `call_python`: address of
+    a function of a node and of the first row and the end of the frames that leave it, in `to_firmware` or,
+    from the firmware, in `to_plant`; it may change them, and returns their new end.
     """
 
     period_s: float
@@ -105,6 +112,7 @@ class Bench(NamedTuple):
     noise: Vector
     to_firmware: Integers
     to_plant: Integers
+    to_operator: Integers
     named: Bytes
     firmware: Firmware
     buffers: Buffers
@@ -193,19 +201,30 @@ def operator_turn(bench: Bench, tick: int, count: int) -> int:
 
 
 @subroutine(inline=True)
-def firmware_turn(bench: Bench, tick: int, count: int) -> None:
-    """The firmware at t_k + T/2 ticks on the first `count` frames of its inbox."""
+def firmware_turns(bench: Bench, tick: int, count: int) -> None:
+    """The firmware at t_k + T/2 receives the first `count` frames, and runs its turns of this tick."""
     firmware, buffers, rows = bench.firmware, bench.buffers, bench.to_plant
-    sent = firmware.sent
+    used, turns, sent = buffers.used, firmware.turns, firmware.sent
     call_at(firmware.receive, (firmware.state, count, bench.to_firmware.ctypes.data))
-    call_at(firmware.tick, (firmware.config, firmware.state, sent.ctypes.data))
-    first = end = buffers.used[TO_PLANT]
-    for begin in range(1, 1 + 3 * sent[0], 3):
-        end = put(rows, end, WordFrame(sent[begin], sent[begin + 1], sent[begin + 2]))
-    buffers.used[TO_PLANT] = end = leave(bench, FIRMWARE, rows, first, end)
-    log_rows(buffers, (tick * bench.period_ns + bench.period_ns // 2) // 1000, rows, first, end)
-    row = buffers.used[TICKS]
-    record_firmware(buffers.firmware, row * firmware.record_bytes, firmware.state_bytes, buffers.moves)
+    while used[TURNS] < turns.shape[0] and turns[used[TURNS], 0] == used[TICKS]:
+        elapsed_ticks = turns[used[TURNS], 1]
+        periods = 1
+        if elapsed_ticks != 1:
+            periods = call_at(firmware.advance, (firmware.config, firmware.state, elapsed_ticks)) & WORD_32
+        first = end = used[TO_PLANT]
+        for _ in range(periods):
+            call_at(firmware.tick, (firmware.config, firmware.state, sent.ctypes.data))
+            for begin in range(1, 1 + 3 * sent[0], 3):
+                end = put(rows, end, WordFrame(sent[begin], sent[begin + 1], sent[begin + 2]))
+        used[TO_PLANT] = end = leave(bench, FIRMWARE, rows, first, end)
+        log_rows(buffers, (tick * bench.period_ns + bench.period_ns // 2) // 1000, rows, first, end)
+        for row in range(first, end):
+            if rows[row, 0] in RECEIVED_IDS:
+                frame = WordFrame(rows[row, 0], rows[row, 1], rows[row, 2])
+                used[TO_OPERATOR] = put(bench.to_operator, used[TO_OPERATOR], frame)
+        start = used[TURNS] * firmware.record_bytes
+        record_firmware(buffers.firmware, start, firmware.state_bytes, buffers.moves)
+        used[TURNS] += 1
 
 
 @kernel
@@ -219,7 +238,7 @@ def run(bench: Bench, state: PlantState, ticks: int) -> tuple[PlantState, int]:
         state, count, status = plant_turn(bench, state)
         if status == DONE and bench.firmware.tick != 0:
             count = operator_turn(bench, state.tick, count)
-            firmware_turn(bench, state.tick, count)
+            firmware_turns(bench, state.tick, count)
         if status != DONE or used[STOP] == AT_ONCE:
             return state, status
         used[TICKS] += 1

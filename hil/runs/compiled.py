@@ -26,7 +26,7 @@ from hil.bus.in_process import IdealBus
 from hil.faults.fault import TIME_RESOLUTION_S, Fault
 from hil.faults.line import MOST_HELD_FRAMES, FaultyBus
 from hil.faults.on_bus import FramesFault, LineFault, ModelledFault
-from hil.faults.on_process import HostFault
+from hil.faults.on_process import ClockFault, HostFault, ProcessFault
 from hil.faults.processes import Turns
 from hil.nodes import closed_loop
 from hil.nodes.closed_loop import (
@@ -36,13 +36,16 @@ from hil.nodes.closed_loop import (
     OPERATOR_TICK,
     STOP,
     TICKS,
+    TO_OPERATOR,
     TO_PLANT,
+    TURNS,
     USED,
     Bench,
     Buffers,
     Firmware,
     run,
 )
+from hil.nodes.operator.node import RECEIVED_IDS
 from hil.nodes.plant.steps import PlantState
 from hil.record.traces.firmware_trace import columns_in, moves_to
 from hil.record.traces.plant_trace import PlantRecord
@@ -74,7 +77,9 @@ FROM_COMPILED = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 3)
 NODES = {closed_loop.PLANT: PLANT, closed_loop.OPERATOR: OPERATOR, closed_loop.FIRMWARE: FIRMWARE}
 NO_FIRMWARE = Firmware(
     receive=0,
+    advance=0,
     tick=0,
+    turns=np.zeros((0, 2), np.int64),
     config=0,
     state=0,
     sent=np.zeros(1, np.int64),
@@ -83,23 +88,33 @@ NO_FIRMWARE = Firmware(
 )
 
 
-def is_in_stretches(fault: Fault) -> bool:
-    """Whether stretches of all nodes may contain a fault, between its beginning and its end."""
-    return fault.is_steady or isinstance(fault, FramesFault)
+def delays_firmware(fault: Fault) -> bool:
+    """Whether a fault decides only in which ticks the firmware has its turns."""
+    is_stall = isinstance(fault, ProcessFault) and not (fault.ends_process or fault.starts_anew)
+    return (is_stall or isinstance(fault, ClockFault)) and fault.acts_in == FIRMWARE
 
 
-def quiet_until_s(faults: Sequence[Fault], t_s: float, period_s: float) -> float:
-    """The end of the interval from `t_s` on in which no fault changes or acts; `t_s` if there is none."""
-    until_s = math.inf
+def acts_in_ticks(fault: Fault) -> bool:
+    """Whether a fault acts only at the nodes' instants, and stretches of all nodes may contain it."""
+    return isinstance(fault, FramesFault) or delays_firmware(fault)
+
+
+def quiet_until(faults: Sequence[Fault], tick: int, period_s: float) -> float:
+    """The tick until which no fault begins or ends, or acts so that stretches cannot contain it."""
+    until, t_s = math.inf, tick * period_s
     for fault in faults:
-        if is_in_stretches(fault):
-            edges_s = [edge_s for edge_s in (fault.at_s, fault.end_s) if edge_s > t_s + TIME_RESOLUTION_S]
-            until_s = min([until_s, *edges_s])
+        in_ticks = acts_in_ticks(fault)
+        if in_ticks or fault.is_steady:
+            for edge_s in (fault.at_s, fault.end_s):
+                if edge_s > t_s + TIME_RESOLUTION_S and not math.isinf(edge_s):
+                    share = TIME_RESOLUTION_S / period_s
+                    edge = edge_s / period_s
+                    until = min(until, math.ceil(edge - share) if in_ticks else math.floor(edge + share))
         elif t_s < fault.at_s - period_s:
-            until_s = min(until_s, fault.at_s - period_s)
+            until = min(until, math.floor((fault.at_s - period_s + TIME_RESOLUTION_S) / period_s))
         elif t_s < fault.end_s:
-            return t_s
-    return until_s
+            return tick
+    return until
 
 
 def acts_in_plant(fault: Fault) -> bool:
@@ -142,15 +157,16 @@ class Stretches:
         self._scenario, self._nodes, self._firmware_name = job.scenario, nodes, job.firmware
         self._plant, self._firmware, self._operator = nodes.plant, nodes.firmware, nodes.operator
         self._in_plant = [fault for fault in job.scenario.faults if acts_in_plant(fault)]
+        self._delays = [fault for fault in job.scenario.faults if delays_firmware(fault)]
         self._turns = {name: node for name, node in nodes.turns.items() if isinstance(node, Turns)}
         self._period_ns = round(job.scenario.period_s * NS_PER_S)
         self._run: Callable[..., tuple[PlantState, int]] | None = None
         all_compiled = all(node.has_compiled_turn for node in ROSTER) and job.firmware in NATIVE
         self._is_closed = all_compiled and isinstance(nodes.bus, IdealBus)
         """Whether all nodes have compiled turns, on a bus that needs no work."""
-        in_transit = FREE_MEMORY.pop() if FREE_MEMORY else np.zeros((2, MOST_IN_TRANSIT, 3), np.int64)
+        in_transit = FREE_MEMORY.pop() if FREE_MEMORY else np.zeros((3, MOST_IN_TRANSIT, 3), np.int64)
         weakref.finalize(self, FREE_MEMORY.append, in_transit)
-        self._to_firmware, self._to_plant = in_transit
+        self._to_firmware, self._to_plant, self._to_operator = in_transit
         self._named = np.zeros(IDENTIFIERS, np.uint8)
         self._columns, self._moves = np.dtype([]), np.zeros((0, 3), np.int64)
         if self._is_closed and "firmware" in nodes.rows:
@@ -168,17 +184,34 @@ class Stretches:
         return 0
 
     def closed_ticks_from(self, tick: int) -> int:
-        """Number of ticks of all nodes from `tick` on; one while the operator waits for an answer."""
-        if not self._is_closed or not all(turns.is_in_step(tick) for turns in self._turns.values()):
+        """Number of ticks of all nodes from `tick` on."""
+        turns = self._turns.get(FIRMWARE)
+        in_step = all(one.is_in_step(tick) for name, one in self._turns.items() if name != FIRMWARE)
+        if not self._is_closed or not in_step or (turns is not None and turns.restarts_in(tick)):
             return 0
         until = self._quiet_until(self._scenario.faults, tick)
-        listening_tick = self._operator.node.listening_tick
-        if listening_tick is not None:
-            until = min(until, max(listening_tick, tick + 1))
+        if not self._is_regular(tick) and not any(
+            one.acts(tick * self._scenario.period_s) for one in self._delays
+        ):
+            until = min(until, tick + UNTIL_IN_STEP_TICKS)
         is_asked = self._native_node().whole["pool"][0, IS_CONNECTED] or self._plant.node.has_waiting_fault
-        is_behind = self._plant.node.tick != tick or self._firmware.last_tick != tick - 1
         is_flooded = most_copies(self._acting_on_frames(tick)) > MOST_COPIES
-        return 0 if is_asked or is_behind or is_flooded else until - tick
+        return 0 if is_asked or self._plant.node.tick != tick or is_flooded else until - tick
+
+    def _is_regular(self, tick: int) -> bool:
+        """Whether the firmware has one turn in each tick from this one on, until a fault begins."""
+        turns, t_s = self._turns.get(FIRMWARE), tick * self._scenario.period_s
+        is_behind = self._firmware.last_tick != tick - 1 or (turns is not None and not turns.is_in_step(tick))
+        return not is_behind and not any(one.acts(t_s) for one in self._delays)
+
+    def _firmware_turns(self, tick: int, ticks: int) -> NDArray[np.int64]:
+        """The firmware's turns: rows of the bench's tick and of its own."""
+        if self._is_regular(tick):
+            regular: NDArray[np.int64] = np.arange(tick, tick + ticks)
+            return np.column_stack([regular, regular])
+        slots = range(tick, tick + ticks)
+        turns = [(slot, own) for slot in slots for own in self._nodes.ticks_in(FIRMWARE, slot)]
+        return np.array(turns, np.int64).reshape(-1, 2)
 
     def plant_ticks_from(self, tick: int) -> int:
         """Number of ticks of the plant from `tick` on, until all nodes may be compiled."""
@@ -194,7 +227,7 @@ class Stretches:
         if self._is_closed:
             t_s = tick * self._scenario.period_s
             acting = [fault for fault in self._scenario.faults if fault.acts(t_s)]
-            ends_s = [fault.end_s for fault in acting if not is_in_stretches(fault)]
+            ends_s = [one.end_s for one in acting if not (one.is_steady or acts_in_ticks(one))]
             in_step = tick + UNTIL_IN_STEP_TICKS
             if ends_s and not all(math.isinf(end_s) for end_s in ends_s):
                 in_step = max(tick + 1, math.ceil(min(ends_s) / self._scenario.period_s))
@@ -203,11 +236,7 @@ class Stretches:
 
     def _quiet_until(self, faults: Sequence[Fault], tick: int) -> int:
         """The tick until which none of these faults changes or acts."""
-        scenario = self._scenario
-        quiet_s = quiet_until_s(faults, tick * scenario.period_s, scenario.period_s)
-        if math.isinf(quiet_s):
-            return scenario.ticks
-        return min(scenario.ticks, math.floor((quiet_s + TIME_RESOLUTION_S) / scenario.period_s))
+        return int(min(self._scenario.ticks, quiet_until(faults, tick, self._scenario.period_s)))
 
     def _native_node(self) -> NativeNode:
         """The firmware's present node, which a restart replaces."""
@@ -218,22 +247,29 @@ class Stretches:
     def run(self, tick: int, ticks: int) -> int:
         """Run `ticks` of all nodes, and keep their records and frames, or those before a failure."""
         node, nodes = self._native_node(), self._nodes
-        receive_address, tick_address, config, memory, _ = node.native
+        receive, advance, tick_address, config, memory, _ = node.native
+        is_regular, turns = self._is_regular(tick), self._firmware_turns(tick, ticks)
+        own_ticks = turns[:, 1]
         firmware = Firmware(
-            receive=receive_address,
+            receive=receive,
+            advance=advance,
             tick=tick_address,
+            turns=np.column_stack([turns[:, 0] - tick, np.diff(own_ticks, prepend=self._firmware.last_tick)]),
             config=config.ctypes.data,
             state=memory.ctypes.data,
             sent=np.zeros(1 + 3 * MOST_SENT, np.int64),
             state_bytes=memory.view(np.uint8),
             record_bytes=self._columns.itemsize,
         )
-        own = self._firmware_memory(ticks)
+        own = self._firmware_memory(len(turns))
         held = {which: nodes.lines[name].held_frames for which, name in NODES.items()}
         frames = nodes.frames.room((ticks * FRAMES_A_TICK + sum(held.values())) * self._name_frames(tick))
         buffers = self._buffers(ticks, own, frames)
         used = buffers.used
         used[TO_PLANT] = put_frames(self._to_plant, 0, nodes.joined[PLANT].receive())
+        node.receive(nodes.joined[FIRMWARE].receive())  # a delayed firmware has not taken them yet
+        waiting = [one for one in nodes.joined[OPERATOR].receive() if one.can_id in RECEIVED_IDS]
+        used[TO_OPERATOR] = put_frames(self._to_operator, 0, waiting)
         used[OPERATOR_TICK] = self._operator.due_tick
         for which, count in held.items():
             used[HELD + which] = count
@@ -243,6 +279,8 @@ class Stretches:
             line = nodes.lines[NODES[which]]
             if which == closed_loop.OPERATOR:
                 line.move_to(now * self._scenario.period_s)
+                nodes.joined[OPERATOR].pending += frames_in(self._to_operator[: used[TO_OPERATOR]])
+                used[TO_OPERATOR] = 0
                 frames = self._operator.frames(now)
                 used[OPERATOR_TICK] = self._operator.due_tick
                 end = put_frames(rows, first, line.let_through(frames))
@@ -258,20 +296,20 @@ class Stretches:
         self._plant.node.act(ticks)
         ended = self._call(self._bench(ticks, firmware, buffers), ticks, leave)
         self._keep_plant(tick, buffers)
-        self._keep_firmware(tick, int(used[TICKS]), own)
+        self._keep_firmware(own_ticks[: used[TURNS]], own)
         nodes.frames.count += min(int(used[FRAMES]), len(frames))
         node.pull_state()
         self._resume(ended)
         assert used[FRAMES] <= len(frames) or not len(frames), "a fault made more than its `most_copies`"
         tick += ticks
-        self._firmware.last_tick = tick - 1
-        in_transit = frames_in(self._to_plant[: used[TO_PLANT]])
-        nodes.joined[PLANT].pending += in_transit
-        nodes.joined[OPERATOR].pending += in_transit
+        self._firmware.last_tick = int(own_ticks[-1]) if len(turns) else self._firmware.last_tick
+        nodes.joined[PLANT].pending += frames_in(self._to_plant[: used[TO_PLANT]])
+        nodes.joined[OPERATOR].pending += frames_in(self._to_operator[: used[TO_OPERATOR]])
         for name in (PLANT, FIRMWARE):
             self._move_line(nodes.lines[name], tick - 1)
-        for turns in self._turns.values():
-            turns.resume(tick)
+        for name, node_turns in self._turns.items():
+            if is_regular or name != FIRMWARE:
+                node_turns.resume(tick)
         return ticks
 
     def _name_frames(self, tick: int) -> int:
@@ -345,6 +383,7 @@ class Stretches:
             noise=node.plant.noise.take(ticks),
             to_firmware=self._to_firmware,
             to_plant=self._to_plant,
+            to_operator=self._to_operator,
             named=self._named,
             firmware=firmware,
             buffers=buffers,
@@ -403,16 +442,15 @@ class Stretches:
         leave_untimed(truth)
         rows["plant"].count += ticks
 
-    def _keep_firmware(self, tick: int, ticks: int, records: NDArray[np.void]) -> None:
-        """Complete the firmware's records of a call that began in `tick`, and keep them."""
+    def _keep_firmware(self, numbers: NDArray[np.int64], records: NDArray[np.void]) -> None:
+        """Complete the firmware's records of its ticks with these numbers, and keep them."""
         rows = self._nodes.rows.get("firmware")
         if rows is None:
             return
-        own = rows.room(ticks)
+        own = rows.room(ticks := len(numbers))
         if not np.may_share_memory(records, own):
             for name in self._columns.names or ():
                 own[name] = records[name][:ticks]
-        numbers = np.arange(tick, tick + ticks)
         own["tick"], own["t_s"] = numbers, (numbers + 0.5) * self._scenario.period_s
         leave_untimed(own)
         rows.count += ticks

@@ -6,7 +6,7 @@ frames and the codec between them are those of real time.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from functools import partial
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 from hil.bus.in_process import IdealBus
 from hil.faults.fault import Fault, of_a_node
 from hil.faults.line import FaultyBus
-from hil.faults.processes import ProcessFaults, in_turns
+from hil.faults.processes import ProcessFaults, Turns, in_turns
 from hil.nodes.runner import Making, Pace
 from hil.record.new_file import append_line
 from hil.roster import FIRMWARE, OPERATOR, PLANT, ROSTER, Node, instants, names
@@ -79,6 +79,13 @@ class Lockstep:
                     self._step(node, tick)
             for logged_ns, frames in self.bus.pass_time(t_ns + begin_ns, t_ns + end_ns):
                 self.frames.append(logged_ns // NS_PER_US, frames)
+
+    def ticks_in(self, name: str, slot: int) -> Iterable[int]:
+        """The ticks that a node's process runs in a slot of the bench, for a caller that runs them itself."""
+        if not self._processes.takes_turn(name, slot * self._period_s):
+            return ()
+        turns = self.turns[name]
+        return turns.ticks_in(slot) if isinstance(turns, Turns) else (slot,)
 
     def _step(self, node: Node, tick: int) -> None:
         """Run a node's step in this tick, and record it."""

@@ -126,8 +126,6 @@ def arriving(number: int) -> tuple[list[Asked], list[Sent]]:
 class Senders:
     """All senders of commands in the operator's place; at most one frame a tick, the others as soon after."""
 
-    listening_tick = None
-
     def __init__(self, sent: Sequence[Sent], period_s: float) -> None:
         self._frames: dict[int, Frame] = {}
         tick = -1

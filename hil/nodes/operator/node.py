@@ -101,14 +101,6 @@ class OperatorNode:
         """Whether an E-stop is repeated that no heartbeat has confirmed."""
         return self._estop_since_tick is not None
 
-    @property
-    def listening_tick(self) -> int | None:
-        """The tick from which on received frames matter: that of the present or the next E-stop, or None."""
-        if self._estop_since_tick is not None:
-            return self._estop_since_tick
-        lines = self._lines[self._next_line :]
-        return next((tick for tick, line in lines if line.request is Request.E_STOP), None)
-
     def emergency_stop(self, tick: int) -> None:
         """End the script with an E-stop in `tick`."""
         self.finish(tick, EMERGENCY_STOP)
