@@ -34,6 +34,10 @@ class FaultyBus:
         self._bus = bus
         self._node = node
         self._faults = [fault for fault in faults if isinstance(fault, LineFault)]
+        self._altering, self._foreign_nodes, self._unplugging = (
+            [fault for fault in self._faults if getattr(type(fault), name) is not getattr(LineFault, name)]
+            for name in ("outgoing", "foreign_frames", "unplugs")
+        )
         self._seed = seed
         self._period_s = period_s
         self._step = Step(0.0, 0.0)
@@ -63,7 +67,7 @@ class FaultyBus:
             return
         step = Step(t_s, max(self._step.since_s, t_s - self._period_s))
         foreign: list[Frame] = []
-        for fault in self._faults:
+        for fault in self._foreign_nodes:
             if fault.acts(t_s) and (frames := fault.foreign_frames(step)):
                 fault.count(len(frames))
                 foreign += frames
@@ -82,7 +86,7 @@ class FaultyBus:
         """The frames that leave the node now, if it is connected. Raises TrafficError."""
         passed = list(frames)
         all_held = 0
-        for fault in self._faults:
+        for fault in self._altering:
             if fault.acts(self._step.t_s):
                 passed = fault.outgoing(passed, self._step)
                 held_frames = fault.held_frames
@@ -102,9 +106,10 @@ class FaultyBus:
 
     def _passes(self, frames: Sequence[Frame]) -> bool:
         """Whether the node is connected; otherwise the frames are lost."""
-        if not self._faults:
+        if not self._unplugging:
             return True
-        pulled = [fault for fault in self._faults if fault.acts(self._step.t_s) and fault.unplugs(self._node)]
+        t_s = self._step.t_s
+        pulled = [fault for fault in self._unplugging if fault.acts(t_s) and fault.unplugs(self._node)]
         for fault in pulled:
             fault.count(len(frames))
         return not pulled

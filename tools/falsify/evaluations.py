@@ -15,7 +15,6 @@ from tools.falsify.space import Space
 from tools.progress import Progress
 from tools.study import work
 
-RUNS_A_TASK = 1
 KIND = "runs"
 """Beginning of the names of stored results."""
 
@@ -28,44 +27,37 @@ def folder_of(spaces: Sequence[Space]) -> Path:
 class Evaluations:
     """The results of runs, from memory, from the folder of stored results, or from the workers."""
 
-    def __init__(self, folder: Path, run: "jobs.Run[Task, list[dict[str, Any]]]", progress: Progress) -> None:
-        self.known: dict[tuple[str, tuple[Any, ...]], Result] = {}
+    def __init__(self, folder: Path, run: "jobs.Run[Task, dict[str, Any]]", progress: Progress) -> None:
+        self.known: dict[Task, Result] = {}
         self._folder, self._run, self._progress = folder, run, progress
+        self._smallest = math.inf
         self.taken_over = 0
         """Number of results that were stored before."""
-        self.smallest: float | None = None
-        """The smallest margin so far."""
 
     def results(
         self, space: Space, values: Sequence[tuple[Any, ...]], in_words: str = "repeating runs"
     ) -> list[Result]:
         """The results of runs with these values, in their order."""
-        missing = [one for one in dict.fromkeys(values) if (space.name, one) not in self.known]
-        tasks = [
-            Task(space.name, tuple(missing[k : k + RUNS_A_TASK])) for k in range(0, len(missing), RUNS_A_TASK)
-        ]
-        paths = work.paths_of(KIND, tasks, self._folder)
-        left = []
-        for task, path in zip(tasks, paths, strict=True):
-            stored = work.read_stored(path, task)
-            if stored is None:
-                left.append((task, path))
-                continue
-            self.taken_over += len(stored)
-            self._keep(task, stored)
-        for number, found in self._run([task for task, _ in left]) if left else ():
-            task, path = left[number]
-            work.store(path, task, found)
+        wanted = [Task(space.name, one) for one in values]
+        missing = [task for task in dict.fromkeys(wanted) if task not in self.known]
+        paths = dict(zip(missing, work.paths_of(KIND, missing, self._folder), strict=True))
+        for task, path in paths.items():
+            if (stored := work.read_stored(path, task)) is not None:
+                self.taken_over += 1
+                self._keep(task, stored)
+        left = [task for task in missing if task not in self.known]
+        for number, found in self._run(left) if left else ():
+            task = left[number]
+            work.store(paths[task], task, found)
             self._keep(task, found)
-            best = "" if self.smallest is None else f", smallest margin {self.smallest:.3f}"
+            best = f", smallest margin {self._smallest:.3f}" if self._smallest < math.inf else ""
             self._progress(None, f"{in_words}: {len(self.known)} runs{best}")
-        return [self.known[space.name, one] for one in values]
+        return [self.known[task] for task in wanted]
 
-    def _keep(self, task: Task, found: Sequence[dict[str, Any]]) -> None:
-        for values, one in zip(task.values, found, strict=True):
-            self.known[task.space, values] = result = Result(tuple(one["margins"]), one["why"])
-            if result.margin is not None:
-                self.smallest = min(result.margin, math.inf if self.smallest is None else self.smallest)
+    def _keep(self, task: Task, found: dict[str, Any]) -> None:
+        self.known[task] = result = Result(tuple(found["margins"]), found["why"])
+        if result.margin is not None:
+            self._smallest = min(result.margin, self._smallest)
 
     @property
     def unjudged(self) -> dict[str, int]:
@@ -75,6 +67,6 @@ class Evaluations:
         return {next(one for one in reasons if one.startswith(kind)): n for kind, n in kinds.items()}
 
 
-def runner(spaces: Sequence[Space]) -> Callable[[Task], list[dict[str, Any]]]:
+def runner(spaces: Sequence[Space]) -> Callable[[Task], dict[str, Any]]:
     """The function of the workers."""
     return partial(run_task, {space.name: space for space in spaces})

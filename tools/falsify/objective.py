@@ -58,15 +58,15 @@ class Result:
 
 
 class Task(NamedTuple):
-    """Runs in one call of a worker: a space by its name, and the values of each run."""
+    """A run: its space by its name, and its values."""
 
     space: str
-    values: tuple[tuple[Any, ...], ...]
+    values: tuple[Any, ...]
 
 
-def run_task(spaces: Mapping[str, Space], task: Task) -> list[dict[str, Any]]:
-    """Run all values of a task; return the results as JSON can hold them."""
-    return [asdict(result_at(spaces[task.space], values)) for values in task.values]
+def run_task(spaces: Mapping[str, Space], task: Task) -> dict[str, Any]:
+    """Run a task; return the result as JSON can hold it."""
+    return asdict(result_at(spaces[task.space], task.values))
 
 
 def result_at(space: Space, values: Sequence[Any]) -> Result:
