@@ -2,11 +2,11 @@
 
 A stretch of all nodes ends a tick before a fault begins, because a fault may repeat what was before it, and
 the next one starts when the fault has ended and has left no node behind. Faults that only change the module's
-parts or the drive's configuration, or act on frames that they name, begin and end between two stretches;
-where such frames leave their node, the stretch calls the node's `FaultyBus`. There is no such stretch while a
-node's clock differs from the bench's, with a modelled bus, or with a firmware that is not compiled. There the
-plant alone may be compiled: Python runs the other nodes and the bus in each tick. Frames and records equal
-those of tick-by-tick lockstep, and are kept in the same memory.
+parts or the drive's configuration, act on frames that they name, or stall the firmware or its clock, begin
+and end between two stretches; where such frames leave their node, the stretch calls the node's `FaultyBus`.
+There is no such stretch while the plant's clock differs from the bench's, with a modelled bus, or with a
+firmware that is not compiled. There the plant alone may be compiled: Python runs the other nodes and the bus
+in each tick. Frames and records equal those of tick-by-tick lockstep, and are kept in the same memory.
 """
 
 import ctypes

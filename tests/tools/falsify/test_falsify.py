@@ -271,7 +271,7 @@ def test_the_picture_of_margins_shows_a_single_key_and_choices_of_texts(first, m
 
 def test_each_stored_run_is_taken_over_whatever_the_budget(tmp_path):
     def run(tasks):
-        return enumerate([[{"margins": [0.5], "why": ""} for _ in one.values] for one in tasks])
+        return enumerate([{"margins": [0.5], "why": ""} for _ in tasks])
 
     values, taken_over = [(float(k),) for k in range(12)], []
     for asked in (values[:7], values[2:12]):
