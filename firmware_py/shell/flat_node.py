@@ -1,7 +1,6 @@
 """A node whose firmware is one C function: config, state and frames are in flat memory."""
 
 import ctypes
-import functools
 import struct
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -9,12 +8,10 @@ from typing import Any, cast
 
 from firmware_py.builds.flat import Memory, from_flat, to_flat
 from firmware_py.core.config import Config
-from firmware_py.interface.float32 import float32_bits
 from firmware_py.interface.frame import Frame, bytes_of, word_of
 from firmware_py.interface.zeroed import Record
-from firmware_py.node.memory import INITIAL
+from firmware_py.node.memory import INITIAL, pool_of
 from firmware_py.node.tick import NO_TX
-from firmware_py.node.xcp import PAGE_AT
 from firmware_py.shell.node import Node
 
 FRAME_BYTES = 24
@@ -22,12 +19,6 @@ _TX = struct.Struct("<10q")
 MOST_AT_ONCE = 64
 """Most frames that are handed over in one call."""
 _RX = [struct.Struct(f"<{3 * count}q") for count in range(MOST_AT_ONCE + 1)]
-
-
-@functools.cache
-def initial_memory() -> Memory:
-    """The memory at power-up, with the default parameters as characteristics."""
-    return to_flat(INITIAL)
 
 
 class FlatNode(Node):
@@ -42,10 +33,9 @@ class FlatNode(Node):
 
     def __init__(self, config: Config) -> None:
         super().__init__(config)
-        self.whole: Memory = initial_memory().view("u1").copy().view(initial_memory().dtype)
+        self.whole: Memory = to_flat(INITIAL._replace(pool=tuple(pool_of(self.values.values()))))
         self.memory: Memory = self.whole["node"]
         self.pool = cast("list[int]", self.whole["pool"][0])  # an array, used like a list
-        self.whole["pool"][0, PAGE_AT:] = list(map(float32_bits, self.values.values()))
         self.flat_config = to_flat(config)
         self.tx = to_flat(NO_TX)
         self._sent = memoryview(self.tx.view("u1"))  # type: ignore[arg-type]  # numpy's stubs lack the buffer

@@ -6,11 +6,10 @@ float32, the precision of the bus, so that a bound itself can be written.
 """
 
 import difflib
-import functools
 import math
 import zlib
-from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from collections.abc import Mapping
+from typing import Any
 
 import tomli_w
 
@@ -40,10 +39,6 @@ BY_NAME: dict[str, Parameter] = {parameter.name: parameter for parameter in TABL
 DEFAULTS: dict[str, float] = {parameter.name: parameter.default for parameter in TABLE}
 OF_THE_BUILD = [parameter.name for parameter in TABLE if parameter.tier is ParameterTier.BUILD]
 
-MOST_KEPT = 64
-"""Most results that `once_for_each` keeps."""
-_Kept = TypeVar("_Kept")
-
 DIMENSIONLESS = "1"
 """The unit of a number without one."""
 
@@ -67,24 +62,6 @@ def values_of(p: Parameters) -> dict[str, float]:
     return {one.name: float(getattr(getattr(p, one.table), one.key)) for one in TABLE}
 
 
-def once_for_each(function: Callable[[Mapping[str, Any]], _Kept]) -> Callable[[Mapping[str, Any]], _Kept]:
-    """Keep what a function returns for overrides: a search or a campaign repeats them run after run."""
-    kept: dict[str, _Kept] = {}
-
-    @functools.wraps(function)
-    def found(overrides: Mapping[str, Any]) -> _Kept:
-        key = repr(overrides)
-        if key not in kept:
-            value = function(overrides)
-            if len(kept) >= MOST_KEPT:
-                kept.clear()
-            kept[key] = value
-        return kept[key]
-
-    return found
-
-
-@once_for_each
 def config_from(overrides: Mapping[str, Any]) -> Config:
     """The core's configuration from the defaults with `overrides`."""
     return config_of(parameters_of(with_overrides(overrides)), False)
@@ -247,12 +224,6 @@ def format_file(values: Mapping[str, float]) -> str:
         block, _, name = full_name.partition(".")
         document.setdefault(block, {})[name] = value
     return tomli_w.dumps(document)
-
-
-@once_for_each
-def file_from(overrides: Mapping[str, Any]) -> str:
-    """The parameter file of the defaults with `overrides`."""
-    return format_file(with_overrides(overrides))
 
 
 def parse_file(

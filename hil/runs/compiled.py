@@ -11,7 +11,7 @@ in each tick. Frames and records equal those of tick-by-tick lockstep, and are k
 
 import ctypes
 import math
-import weakref
+import mmap
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -33,6 +33,7 @@ from hil.nodes.closed_loop import (
     AT_ONCE,
     FRAMES,
     HELD,
+    NUMBER_BYTES,
     OPERATOR_TICK,
     STOP,
     TICKS,
@@ -63,9 +64,7 @@ FRAMES_A_TICK = 8
 MOST_SENT = 3
 """Most frames that the firmware sends in a tick."""
 MOST_IN_TRANSIT = 3 * MOST_HELD_FRAMES
-"""Most frames on the way to a node, after faults; memory that is not used costs nothing."""
-FREE_MEMORY: list[NDArray[np.int64]] = []
-"""Memory of frames on the way, of runs that have ended: new one costs as much as a tenth of a short run."""
+"""Most frames on the way to a node, after faults."""
 MOST_COPIES = 100
 """Most frames for one in a stretch; memory is kept for as many. With more the run goes on tick by tick."""
 IDENTIFIERS = 0x800
@@ -164,9 +163,9 @@ class Stretches:
         all_compiled = all(node.has_compiled_turn for node in ROSTER) and job.firmware in NATIVE
         self._is_closed = all_compiled and isinstance(nodes.bus, IdealBus)
         """Whether all nodes have compiled turns, on a bus that needs no work."""
-        in_transit = FREE_MEMORY.pop() if FREE_MEMORY else np.zeros((3, MOST_IN_TRANSIT, 3), np.int64)
-        weakref.finalize(self, FREE_MEMORY.append, in_transit)
-        self._to_firmware, self._to_plant, self._to_operator = in_transit
+        # Small pages, because numpy would ask for huge ones: memory that is not used then costs nothing.
+        in_transit = np.frombuffer(mmap.mmap(-1, 3 * MOST_IN_TRANSIT * 3 * NUMBER_BYTES), np.int64)
+        self._to_firmware, self._to_plant, self._to_operator = in_transit.reshape(3, MOST_IN_TRANSIT, 3)
         self._named = np.zeros(IDENTIFIERS, np.uint8)
         self._columns, self._moves = np.dtype([]), np.zeros((0, 3), np.int64)
         if self._is_closed and "firmware" in nodes.rows:

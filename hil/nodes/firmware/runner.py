@@ -14,7 +14,7 @@ from firmware_py.interface.generated.received import RECEIVED_IDS
 from firmware_py.interface.generated.records import OperatorCommand, SetInputTorque
 from firmware_py.shell.builds import Build, is_build, node_of
 from firmware_py.shell.node import FirmwareNode, MakeNode, power_up
-from firmware_py.shell.parameters import config_from, file_from, select_build
+from firmware_py.shell.parameters import config_from, format_file, select_build, with_overrides
 from hil.faults.fault import Fault
 from hil.faults.line import FaultyBus
 from hil.faults.on_process import MemoryFault
@@ -38,7 +38,7 @@ class ParameterMemory:
 
     def __init__(self, parameters: Mapping[str, Any], faults: Sequence[Fault] = (), seed: int = 1) -> None:
         self.of_the_build = select_build(parameters)
-        self._text = file_from(parameters)
+        self._text = format_file(with_overrides(parameters))
         self._damages = [fault for fault in faults if isinstance(fault, MemoryFault)]
         self._noise = np.random.default_rng([seed, SEED_OF_MEMORY])
 

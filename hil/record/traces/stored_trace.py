@@ -85,8 +85,7 @@ class PackedRecords(ByColumn):
 
     def __init__(self, records: NDArray[np.void], exact: bool = False) -> None:
         self.dtype = records.dtype if exact else kept_type(records.dtype)
-        self._records = records
-        self._exact = exact
+        self._records, self._exact = records, exact
         self._columns: dict[str, NDArray[Any]] = {}
 
     def __len__(self) -> int:

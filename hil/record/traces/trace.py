@@ -90,6 +90,9 @@ def is_record(kind: FieldType) -> bool:
     return isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields")
 
 
+hints_of = cache(get_type_hints)
+
+
 def flatten(name: str, kind: FieldType) -> list[Column]:
     """The columns of one field; with an empty `name` its members have no prefix.
 
@@ -101,19 +104,13 @@ def flatten(name: str, kind: FieldType) -> list[Column]:
     """
     if not is_record(kind):
         return [Column(name, scalar_code(name, kind))]
-    hints = get_type_hints(kind)
+    hints = hints_of(cast(Hashable, kind))
     prefix = f"{name}." if name else ""
     return [column for member in kind._fields for column in flatten(prefix + member, hints[member])]
 
 
 def columns_of_fields(fields: Fields) -> list[Column]:
     """The columns of a record with these fields. Raises TraceError if two have one name."""
-    return list(columns_found(*cast(Sequence[Hashable], fields)))
-
-
-@cache
-def columns_found(*fields: tuple[str, FieldType]) -> list[Column]:
-    """As `columns_of_fields`, once for each record in a process."""
     columns = [column for name, kind in fields for column in flatten(name, kind)]
     names = [column.name for column in columns]
     if len(set(names)) != len(names):
