@@ -14,7 +14,7 @@ from plant_sim.parts.stop import is_rigid, origin_m, stop_position_m
 from plant_sim.parts.walking import Walking
 from plant_sim.result import ElectricalLedger, EnergyLedger, Impact, MotionState, Observation
 from plant_sim.scene import Scene, require_scene
-from plant_sim.sensors.gait import GaitReading, GaitSensors, GaitTruth, gait_at, gaits_at
+from plant_sim.sensors.gait import GaitSensors, GaitTruth, gait_at, gaits_at
 from plant_sim.sensors.readings import Noise, Readers, SensorReading, read_sensors, readers
 from plant_sim.sensors.sampled import SAMPLED
 from plant_sim.sensors.sensing import NO_SENSING, allocate_sensing, sense_jump
@@ -182,8 +182,8 @@ class Plant:
         """Standard normals for the next sample of one of `sampled`, one for each of its signals."""
         return self._sampled_noise[which].standard_normal(signals)
 
-    def sense_gaits(self, times_s: FloatArray) -> list[GaitReading | None]:
-        """Sample the gait sensors at these times, every `GAIT_PERIOD_S`; None where a sample drops out.
+    def sense_gaits(self, times_s: FloatArray) -> FloatArray:
+        """Sample the gait sensors at these times, every `GAIT_PERIOD_S`: rows of `GaitReading`.
 
         The module does not influence the gait, so that future times may be sampled.
         """

@@ -56,12 +56,15 @@ class GaitTruth(NamedTuple):
 
 
 class GaitReading(NamedTuple):
-    """One sample of the IMU on the shank and of the switches under the foot."""
+    """One sample of the IMU on the shank and of the switches under the foot, 1 if closed.
+
+    All are nan in a sample that drops out.
+    """
 
     shank_rate_rad_s: float
     along_m_s2: float
-    heel_contact: bool
-    toe_contact: bool
+    heel_contact: float
+    toe_contact: float
 
 
 @jit
@@ -146,65 +149,71 @@ def _rise(phase: float, begin: float, end: float) -> float:
     return s * s * (3.0 - 2.0 * s)
 
 
-class _Switch:
-    """A switch that closes above a load and bounces after each change."""
+THRESHOLD, WAS, CHANGED_S = range(3)
+"""A switch: the load above which it closes, its last contact (nan before the first), its last change."""
+BEGINS, LASTS, IS_OUT = range(3)
+"""Drop-outs: the chances that one begins and that one lasts in a sample, and whether there is one (1)."""
 
-    def __init__(self, threshold: float, bounce_s: float) -> None:
-        self._threshold = threshold
-        self._bounce_s = bounce_s
-        self._was: bool | None = None
-        self._changed_s = -math.inf
 
-    def read(self, t_s: float, load: float, dice: np.random.Generator) -> bool:
-        closed = load > self._threshold
-        if self._was is not None and closed != self._was:
-            self._changed_s = t_s
-        self._was = closed
-        bounced = bool(dice.random() < 0.5)
-        return bounced if t_s - self._changed_s < self._bounce_s else closed
+@jit
+def _draws(
+    dice: np.random.Generator,
+    times_s: FloatArray,
+    loads: FloatArray,
+    switches: FloatArray,
+    bounce_s: float,
+    drop_outs: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Columns of `out`: noise of rate and force, both contacts under their loads, whether the sample is out.
+
+    A switch bounces after each change.
+    """
+    for index in range(times_s.size):
+        out[index, 0], out[index, 1] = dice.standard_normal(), dice.standard_normal()
+        for which in range(2):
+            switch = switches[which]
+            closed = 1.0 if loads[index, which] > switch[THRESHOLD] else 0.0
+            if closed == 1.0 - switch[WAS]:
+                switch[CHANGED_S] = times_s[index]
+            switch[WAS] = closed
+            bounced = 1.0 if dice.random() < 0.5 else 0.0
+            out[index, 2 + which] = bounced if times_s[index] - switch[CHANGED_S] < bounce_s else closed
+        chance = drop_outs[LASTS] if drop_outs[IS_OUT] != 0.0 else drop_outs[BEGINS]
+        out[index, 4] = drop_outs[IS_OUT] = 1.0 if dice.random() < chance else 0.0
 
 
 class GaitSensors:
-    """IMU and switches, read together each `period_s`; a frame that drops out is None."""
+    """IMU and switches, read together each `period_s`."""
 
     def __init__(self, table: GaitSensorsTable, walking: Walking, seed: int, period_s: float) -> None:
         self._table = table
         self._walking = walking
         self._dice = np.random.default_rng((seed, GAIT_STREAM))
-        self._heel = _Switch(table.heel_threshold, table.bounce_s)
-        self._toe = _Switch(table.toe_threshold, table.bounce_s)
+        thresholds = table.heel_threshold, table.toe_threshold
+        self._switches = np.array([[threshold, math.nan, -math.inf] for threshold in thresholds])
         # Mean number of lost frames over that of received ones between two drop-outs, which is at least 1.
         odds = table.dropout_share / (1.0 - table.dropout_share)
         frames = max(table.dropout_s / period_s, 1.0, odds)
-        self._ends = 1.0 / frames
-        self._begins = odds / frames
-        self._is_out = False
+        self._drop_outs = np.array([odds / frames, 1.0 - 1.0 / frames, 0.0])
 
-    def read(self, times_s: FloatArray) -> list[GaitReading | None]:
-        """A sample at each of these times, with new noise."""
-        truths = gaits_at(self._walking, times_s).tolist()
-        samples = zip(times_s.tolist(), truths, strict=True)
-        return [self._sample(t_s, GaitTruth(*truth)) for t_s, truth in samples]
-
-    def _sample(self, t_s: float, truth: GaitTruth) -> GaitReading | None:
-        table, dice = self._table, self._dice
-        rate_noise, force_noise = dice.standard_normal(2).tolist()
-        heel = self._heel.read(t_s, truth.heel_load, dice)
-        toe = self._toe.read(t_s, truth.toe_load, dice)
-        self._is_out = dice.random() < (1.0 - self._ends if self._is_out else self._begins)
-        if self._is_out:
-            return None
+    def read(self, times_s: FloatArray) -> FloatArray:
+        """A sample at each of these times, with new noise, as rows of `GaitReading`."""
+        table, truth = self._table, GaitTruth(*gaits_at(self._walking, times_s).T)
+        loads, drawn = np.column_stack([truth.heel_load, truth.toe_load]), np.empty((len(times_s), 5))
+        _draws(self._dice, times_s, loads, self._switches, table.bounce_s, self._drop_outs, drawn)
         # An IMU that leans forward by τ within the sagittal plane, and is twisted about the shank.
-        tilt_rad = table.tilt_rad
-        along_m_s2 = truth.up_m_s2 * math.cos(tilt_rad) + truth.forward_m_s2 * math.sin(tilt_rad)
-        return GaitReading(
-            truth.shank_rad_s * math.cos(table.twist_rad)
-            + table.rate_bias_rad_s
-            + table.rate_noise_rad_s * rate_noise,
-            along_m_s2 + table.along_bias_m_s2 + table.along_noise_m_s2 * force_noise,
-            heel,
-            toe,
+        along_m_s2 = truth.up_m_s2 * math.cos(table.tilt_rad) + truth.forward_m_s2 * math.sin(table.tilt_rad)
+        rate_rad_s = truth.shank_rad_s * math.cos(table.twist_rad)
+        readings = np.column_stack(
+            [
+                rate_rad_s + table.rate_bias_rad_s + table.rate_noise_rad_s * drawn[:, 0],
+                along_m_s2 + table.along_bias_m_s2 + table.along_noise_m_s2 * drawn[:, 1],
+                drawn[:, 2:4],
+            ]
         )
+        readings[drawn[:, 4] != 0.0] = math.nan
+        return readings
 
 
 GAIT_STREAM = 10

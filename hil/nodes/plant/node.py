@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_py.builds.numba_subset import register
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated import packing
@@ -58,8 +59,10 @@ from plant_sim.parts.drive import MotorDrive, MotorTable
 from plant_sim.plant import Plant
 from plant_sim.result import Impact
 from plant_sim.scene import Scene
-from plant_sim.sensors.gait import GaitReading, GaitTruth
+from plant_sim.sensors.gait import GaitTruth
 from plant_sim.sensors.readings import SensorReading
+
+register()
 
 _MOVE_ON = kernel(move_on)
 
@@ -105,10 +108,21 @@ def frame_ticks(scene: Scene, period_s: float) -> tuple[Ticks, int]:
     return report_ticks(period_s, heartbeat_s), max(1, round(encoder_s / period_s))
 
 
-def gait_record(reading: GaitReading) -> GaitSensors:
-    """The content of the gait sensors' frame."""
-    heel, toe = int(reading.heel_contact), int(reading.toe_contact)
-    return GaitSensors(reading.shank_rate_rad_s, reading.along_m_s2, heel, toe)
+@kernel
+def pack_gaits(
+    ticks: NDArray[np.int64], ticks_a_frame: int, readings: NDArray[np.float64], frames: NDArray[np.int64]
+) -> int:
+    """Write the gait sensors' frames as rows of `Due.gait`, but of samples that drop out; their number."""
+    count = 0
+    for index in range(ticks.size):
+        reading = readings[index]
+        if not math.isnan(reading[0]):
+            sample = GaitSensors(reading[0], reading[1], int(reading[2]), int(reading[3]))
+            frame = packing.pack_gait_sensors(sample, ticks[index] // ticks_a_frame)[0]
+            row = frames[count]
+            row[0], row[1], row[2], row[3] = ticks[index], frame.can_id, frame.length, frame.word
+            count += 1
+    return count
 
 
 class PlantNode:
@@ -186,14 +200,12 @@ class PlantNode:
             if number != self._last_gait_frame:
                 self._last_gait_frame = number
                 due.append(tick)
-        times_s = np.array(due) * self.period_s - self.began_s
-        readings = self.plant.sense_gaits(times_s) if due else []
-        frames = [
-            (tick, *packing.pack_gait_sensors(gait_record(reading), tick // self._ticks_a_gait_frame)[0])
-            for tick, reading in zip(due, readings, strict=True)
-            if reading is not None
-        ]
-        return np.array(frames, dtype=np.int64).reshape(-1, 4)
+        if not due:
+            return NOTHING_DUE.gait
+        numbers: NDArray[np.int64] = np.array(due)
+        readings = self.plant.sense_gaits(np.array(due) * self.period_s - self.began_s)
+        frames = np.zeros((len(due), 4), np.int64)
+        return frames[: pack_gaits(numbers, self._ticks_a_gait_frame, readings, frames)]
 
     def note_requests(self, frames: Sequence[Frame]) -> bool:
         """Note the requests of clients among frames, which `publish` answers; whether there are any."""

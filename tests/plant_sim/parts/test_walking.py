@@ -325,7 +325,8 @@ def sensed(
     for _ in range(round(until_s / 5e-3)):
         truth = plant.gait_at(plant.t_s)
         assert truth is not None
-        found.append((truth, plant.sense_gaits(np.array([plant.t_s]))[0]))
+        reading = GaitReading(*plant.sense_gaits(np.array([plant.t_s]))[0].tolist())
+        found.append((truth, None if math.isnan(reading.shank_rate_rad_s) else reading))
         plant.advance(0.0, 5e-3)
     return found
 
@@ -335,8 +336,8 @@ def test_quiet_sensors_read_the_truth() -> None:
         assert reading is not None
         assert reading.shank_rate_rad_s == truth.shank_rad_s
         assert reading.along_m_s2 == truth.up_m_s2
-        assert reading.heel_contact is (truth.heel_load > 0.1)
-        assert reading.toe_contact is (truth.toe_load > 0.1)
+        assert reading.heel_contact == (truth.heel_load > 0.1)
+        assert reading.toe_contact == (truth.toe_load > 0.1)
 
 
 def test_switches_close_and_open_in_the_order_of_a_step() -> None:
@@ -388,7 +389,7 @@ def test_as_many_frames_drop_out_as_the_table_says(share: float) -> None:
     walking = walking_of(STEADY)
     table = GaitSensorsTable(dropout_share=share, dropout_s=0.02)
     read = GaitSensors(table, walking, 1, 5e-3).read(5e-3 * np.arange(100_000))
-    assert np.mean([one is None for one in read]) == pytest.approx(share, abs=0.02)
+    assert np.mean(np.isnan(read[:, 0])) == pytest.approx(share, abs=0.02)
 
 
 def test_a_switch_bounces_after_it_changes_and_at_no_other_time() -> None:
