@@ -156,7 +156,7 @@ BEGINS, LASTS, IS_OUT = range(3)
 
 
 @jit
-def _draws(
+def _sample(
     dice: np.random.Generator,
     times_s: FloatArray,
     loads: FloatArray,
@@ -200,19 +200,19 @@ class GaitSensors:
     def read(self, times_s: FloatArray) -> FloatArray:
         """A sample at each of these times, with new noise, as rows of `GaitReading`."""
         table, truth = self._table, GaitTruth(*gaits_at(self._walking, times_s).T)
-        loads, drawn = np.column_stack([truth.heel_load, truth.toe_load]), np.empty((len(times_s), 5))
-        _draws(self._dice, times_s, loads, self._switches, table.bounce_s, self._drop_outs, drawn)
+        loads, sampled = np.column_stack([truth.heel_load, truth.toe_load]), np.empty((len(times_s), 5))
+        _sample(self._dice, times_s, loads, self._switches, table.bounce_s, self._drop_outs, sampled)
         # An IMU that leans forward by τ within the sagittal plane, and is twisted about the shank.
         along_m_s2 = truth.up_m_s2 * math.cos(table.tilt_rad) + truth.forward_m_s2 * math.sin(table.tilt_rad)
         rate_rad_s = truth.shank_rad_s * math.cos(table.twist_rad)
         readings = np.column_stack(
             [
-                rate_rad_s + table.rate_bias_rad_s + table.rate_noise_rad_s * drawn[:, 0],
-                along_m_s2 + table.along_bias_m_s2 + table.along_noise_m_s2 * drawn[:, 1],
-                drawn[:, 2:4],
+                rate_rad_s + table.rate_bias_rad_s + table.rate_noise_rad_s * sampled[:, 0],
+                along_m_s2 + table.along_bias_m_s2 + table.along_noise_m_s2 * sampled[:, 1],
+                sampled[:, 2:4],
             ]
         )
-        readings[drawn[:, 4] != 0.0] = math.nan
+        readings[sampled[:, 4] != 0.0] = math.nan
         return readings
 
 
