@@ -34,8 +34,9 @@ def bring_up(
     """Lead through the first day with hardware, one step after the other, each with its bounds.
 
     Before anything moves the command says what will move and asks; Ctrl-C is an E-stop at any time. The first
-    impacts may use a quarter of limit.force_n, and those of a hard stop a half after another yes. --set
-    firmware.KEY=VALUE gives values of the data sheet, such as striker.mass_kg and striker.rest_length_m.
+    impacts may use a quarter of limit.force_n, and those of a hard stop a half, then the whole, each after
+    another yes. --set firmware.KEY=VALUE gives values of the data sheet, such as striker.mass_kg and
+    striker.rest_length_m.
     """
     from firmware_py.shell.parameters import addresses_from, with_overrides
     from hil.scenario.settings import apply_settings
