@@ -179,11 +179,12 @@ def fit_module(
 def value_with_bounds(found: Identified, key: str) -> tuple[float, float, float]:
     """A value of the fit with 95 % bounds.
 
-    A part of the friction that the chosen law lacks is 0; the law with both parts says how large it may be.
+    A part of the friction that the chosen law lacks is 0. The law with both parts says how large it may be,
+    unless the chosen law is Stribeck's, which it does not contain.
     """
     value, wide = found.values[key], NORMAL_95 * found.spread[key]
     both = found.fits[Law.BOTH]
-    if key in both.spread and key not in found.fit.spread:
+    if found.law != Law.STRIBECK and key in both.spread and key not in found.fit.spread:
         middle, wide = getattr(both.striker, key), NORMAL_95 * both.spread[key]
         return value, min(value, middle - wide), max(value, middle + wide)
     return value, value - wide, value + wide

@@ -27,6 +27,7 @@ from tools import cli
 from tools.bring_up import below_impacts, session
 from tools.bring_up.first_impacts import Watched, approach, hold
 from tools.bring_up.listen import LISTEN
+from tools.bring_up.module_fit import value_with_bounds
 from tools.bring_up.operated import (
     BEGUN_S,
     LatchedFaultError,
@@ -43,6 +44,7 @@ from tools.bring_up.twin import PARAMETER_FILE, SCENE, run_next
 from tools.campaign.campaigns import CAMPAIGNS, trial_of
 from tools.campaign.identified import explain_no_hold, read_spread, refuse_other_axes, settings_on_twin
 from tools.output import EXIT_BAD_INPUT, BadInputError
+from tools.tuning.identification.friction_laws import Law
 from tools.tuning.result import make_value
 
 WIRED = {
@@ -169,6 +171,17 @@ def test_a_striker_that_sticks_twice_in_each_turn_is_measured(mu_s: float, tmp_p
         width = one["high"] - one["low"]
         assert one["low"] - 0.25 * width < truth < one["high"] + 0.25 * width
         assert width < 0.15 * truth
+
+
+@pytest.mark.parametrize(("law", "high"), [(Law.COULOMB, 0.05 + 1.96 * 0.01), (Law.STRIBECK, 0.0)])
+def test_a_viscous_part_may_exist_only_beside_a_law_that_permits_it(law: Law, high: float) -> None:
+    """A start with Stribeck's dry friction and a viscous part that it has instead would have both."""
+    both = SimpleNamespace(spread={"damping_1_s": 0.01}, striker=SimpleNamespace(damping_1_s=0.05))
+    none = {"damping_1_s": 0.0}
+    found: Any = SimpleNamespace(
+        law=law, values=none, spread=none, fits={Law.BOTH: both}, fit=SimpleNamespace(spread={})
+    )
+    assert value_with_bounds(found, "damping_1_s")[2] == pytest.approx(high)
 
 
 def test_a_heavy_striker_on_a_dry_guide_is_no_implausible_load(tmp_path: Path) -> None:
