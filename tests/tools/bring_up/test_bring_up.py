@@ -152,20 +152,27 @@ def test_a_striker_that_friction_holds_in_the_drives_step_shows_its_channel_in_t
     assert result["parameters"]["striker.spring_n_m"]["value"] == pytest.approx(70.0, rel=0.02)
 
 
-@pytest.mark.parametrize("mu_s", [0.08, 0.0708])
-def test_a_striker_that_sticks_twice_in_each_turn_is_measured(mu_s: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "friction",
+    [
+        {"law": "coulomb", "mu": 0.08},
+        {"law": "stribeck", "mu": 0.0545, "mu_s": 0.0708, "v_s_m_s": 0.1, "delta": 1.0},
+    ],
+)
+def test_a_striker_that_sticks_twice_in_each_turn_is_measured(
+    friction: dict[str, Any], tmp_path: Path
+) -> None:
     """Its spring exceeds dry friction by little: of the crank's turn it moves for a part only."""
-    law = {"law": "coulomb", "mu": 0.08} if mu_s == 0.08 else {"law": "stribeck", "mu": 0.0545, "mu_s": mu_s}
     scene = {
         "striker": {"mass_kg": 1.27, "spring_n_m": 66.1},
         "drive": {"amplitude_m": 0.0168},
-        "friction": law if mu_s == 0.08 else law | {"v_s_m_s": 0.1, "delta": 1.0},
+        "friction": friction,
     }
     found = brought_up(bench_of(scene, [], 1), tmp_path / "out", "below-impacts", mass_kg=1.27)["parameters"]
     for name, truth in (
         ("striker.spring_n_m", 66.1),
         ("drive.amplitude_m", 0.0168),
-        ("friction.mu", law["mu"]),
+        ("friction.mu", friction["mu"]),
     ):
         one = found[name]
         width = one["high"] - one["low"]
