@@ -45,8 +45,18 @@ def rounded_anew(value: Any, random: np.random.Generator) -> Any:
         least = 1e-3 * unit * (finite.max(initial=0.0) or 1.0)
         changed = np.where(found == 0.0, least * random.uniform(-1.0, 1.0, found.shape), changed)
         changed = changed.astype(found.dtype)
-        return changed if isinstance(value, np.ndarray) else changed.item()
+        if isinstance(value, np.ndarray):
+            return changed
+        return changed[()] if isinstance(value, np.inexact) else changed.item()
     return value
+
+
+def without_sign(name: str, result: Any) -> Any:
+    """A norm and singular values are zero or positive on every processor; other results stay."""
+    if name == "svd" and isinstance(result, tuple):
+        left, singular, right = result
+        return left, abs(singular), right
+    return abs(result) if name in ("norm", "svd") else result
 
 
 def on_another_processor(function: Callable[..., Any], random: np.random.Generator) -> Callable[..., Any]:
@@ -54,7 +64,7 @@ def on_another_processor(function: Callable[..., Any], random: np.random.Generat
 
     @functools.wraps(function)
     def rounding(*arguments: Any, **named: Any) -> Any:
-        return rounded_anew(function(*arguments, **named), random)
+        return without_sign(function.__name__, rounded_anew(function(*arguments, **named), random))
 
     return rounding
 
