@@ -50,7 +50,14 @@ from hil.nodes.plant.steps import PlantState
 from hil.record.traces.firmware_trace import columns_in, moves_to
 from hil.record.traces.plant_trace import PlantRecord
 from hil.roster import FIRMWARE, OPERATOR, PLANT, ROSTER
-from hil.runs.fault_times import acts_in_plant, acts_in_ticks, delays_firmware, most_copies, quiet_until
+from hil.runs.fault_times import (
+    acts_in_plant,
+    acts_in_ticks,
+    delays_firmware,
+    most_copies,
+    quiet_until,
+    unplugs_firmware,
+)
 from hil.runs.job import Job
 from hil.runs.lockstep import Lockstep
 from hil.runs.rows import FRAME_COLUMNS
@@ -119,6 +126,7 @@ class Stretches:
         self._plant, self._firmware, self._operator = nodes.plant, nodes.firmware, nodes.operator
         self._in_plant = [fault for fault in job.scenario.faults if acts_in_plant(fault)]
         self._delays = [fault for fault in job.scenario.faults if delays_firmware(fault)]
+        self._unplugs = [fault for fault in job.scenario.faults if unplugs_firmware(fault)]
         self._turns = {name: node for name, node in nodes.turns.items() if isinstance(node, Turns)}
         self._period_ns = round(job.scenario.period_s * NS_PER_S)
         self._run: Callable[..., tuple[PlantState, int]] | None = None
@@ -150,11 +158,12 @@ class Stretches:
         in_step = all(one.is_in_step(tick) for name, one in self._turns.items() if name != FIRMWARE)
         if not self._is_closed or not in_step or (turns is not None and turns.restarts_in(tick)):
             return 0
-        until = self._quiet_until(self._scenario.faults, tick)
-        if not self._is_regular(tick) and not any(
-            one.acts(tick * self._scenario.period_s) for one in self._delays
-        ):
-            until = min(until, tick + UNTIL_IN_STEP_TICKS)
+        until, t_s = self._quiet_until(self._scenario.faults, tick), tick * self._scenario.period_s
+        if not self._is_regular(tick):
+            if any(t_s < one.end_s for one in self._unplugs):
+                return 0  # frames that the firmware has not taken may be lost yet
+            if not any(one.acts(t_s) for one in self._delays):
+                until = min(until, tick + UNTIL_IN_STEP_TICKS)
         is_asked = self._native_node().whole["pool"][0, IS_CONNECTED] or self._plant.node.has_waiting_fault
         is_flooded = most_copies(self._acting_on_frames(tick)) > MOST_COPIES
         return 0 if is_asked or self._plant.node.tick != tick or is_flooded else until - tick
@@ -210,12 +219,12 @@ class Stretches:
         node, nodes = self._native_node(), self._nodes
         receive, advance, tick_address, config, memory, _ = node.native
         is_regular, turns = self._is_regular(tick), self._firmware_turns(tick, ticks)
-        own_ticks = turns[:, 1]
+        own_ticks, elapsed_ticks = turns[:, 1], np.diff(turns[:, 1], prepend=self._firmware.last_tick)
         firmware = Firmware(
             receive=receive,
             advance=advance,
             tick=tick_address,
-            turns=np.column_stack([turns[:, 0] - tick, np.diff(own_ticks, prepend=self._firmware.last_tick)]),
+            turns=np.column_stack([turns[:, 0] - tick, elapsed_ticks]),
             config=config.ctypes.data,
             state=memory.ctypes.data,
             sent=np.zeros(1 + 3 * MOST_SENT, np.int64),
@@ -224,7 +233,8 @@ class Stretches:
         )
         own = self._firmware_memory(len(turns))
         held = {which: nodes.lines[name].held_frames for which, name in NODES.items()}
-        frames = nodes.frames.room((ticks * FRAMES_A_TICK + sum(held.values())) * self._name_frames(tick))
+        most = max(ticks, int(np.sum(np.minimum(elapsed_ticks, node.config.catch_up_ticks)))) * FRAMES_A_TICK
+        frames = nodes.frames.room((most + sum(held.values())) * self._name_frames(tick))
         buffers = self._buffers(ticks, own, frames)
         used = buffers.used
         used[TO_PLANT] = put_frames(self._to_plant, 0, nodes.joined[PLANT].receive())
@@ -234,6 +244,7 @@ class Stretches:
         used[OPERATOR_TICK] = self._operator.due_tick
         for which, count in held.items():
             used[HELD + which] = count
+        lines = self._begin_lines(tick)
 
         def leave(which: int, first: int, end: int) -> int:
             now, rows = tick + int(used[TICKS]), self._to_firmware
@@ -246,7 +257,7 @@ class Stretches:
                 used[OPERATOR_TICK] = self._operator.due_tick
                 end = put_frames(rows, first, line.let_through(frames))
             else:
-                self._move_line(line, now)
+                self._move_line(line, now, tick)
                 rows = self._to_plant if which == closed_loop.FIRMWARE else rows
                 frames = frames_in(rows[first:end])
                 if (passed := line.let_through(frames)) != frames:
@@ -262,15 +273,14 @@ class Stretches:
         node.pull_state()
         self._resume(ended)
         assert used[FRAMES] <= len(frames) or not len(frames), "a fault made more than its `most_copies`"
-        tick += ticks
-        self._firmware.last_tick = int(own_ticks[-1]) if len(turns) else self._firmware.last_tick
+        self._firmware.last_tick += int(np.sum(elapsed_ticks))
         nodes.joined[PLANT].pending += frames_in(self._to_plant[: used[TO_PLANT]])
         nodes.joined[OPERATOR].pending += frames_in(self._to_operator[: used[TO_OPERATOR]])
-        for name in (PLANT, FIRMWARE):
-            self._move_line(nodes.lines[name], tick - 1)
+        for line in lines:
+            self._move_line(line, tick + ticks - 1, tick)
         for name, node_turns in self._turns.items():
             if is_regular or name != FIRMWARE:
-                node_turns.resume(tick)
+                node_turns.resume(tick + ticks)
         return ticks
 
     def _name_frames(self, tick: int) -> int:
@@ -286,9 +296,19 @@ class Stretches:
         t_s = tick * self._scenario.period_s
         return [one for one in self._scenario.faults if isinstance(one, FramesFault) and one.acts(t_s)]
 
-    def _move_line(self, line: FaultyBus, tick: int) -> None:
-        """Move a line to a tick, from the tick before; the first tick has none."""
-        line.resume(tick * self._scenario.period_s, max(tick - 1, 0) * self._scenario.period_s)
+    def _begin_lines(self, tick: int) -> list[FaultyBus]:
+        """Move the lines of the nodes that have steps in a stretch to its first tick; return them."""
+        t_s = tick * self._scenario.period_s
+        steps = [name for name in (PLANT, FIRMWARE) if self._nodes.processes.runs(name, t_s)]
+        lines = [self._nodes.lines[name] for name in steps]
+        for line in lines:
+            line.move_to(t_s)
+        return lines
+
+    def _move_line(self, line: FaultyBus, tick: int, first: int) -> None:
+        """Move a line to a tick of the stretch that began in `first`, with a step in each tick."""
+        if tick > first:
+            line.resume(tick * self._scenario.period_s, (tick - 1) * self._scenario.period_s)
 
     def run_plant(self, tick: int, ticks: int) -> int:
         """Run at most `ticks` of the plant, and of the other nodes in Python; return their number.

@@ -15,6 +15,11 @@ def delays_firmware(fault: Fault) -> bool:
     return (is_stall or isinstance(fault, ClockFault)) and fault.acts_in == FIRMWARE
 
 
+def unplugs_firmware(fault: Fault) -> bool:
+    """Whether a fault loses the frames that the firmware takes while it acts."""
+    return isinstance(fault, LineFault) and fault.unplugs(FIRMWARE)
+
+
 def acts_in_ticks(fault: Fault) -> bool:
     """Whether a fault acts only at the nodes' instants, and stretches of all nodes may contain it."""
     return isinstance(fault, FramesFault) or delays_firmware(fault)

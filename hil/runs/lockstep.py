@@ -61,7 +61,7 @@ class Lockstep:
             stack.callback(self.turns[name].close)
         self.plant, self.operator, self.firmware = runners[PLANT], runners[OPERATOR], runners[FIRMWARE]
         stack.callback(self.bus.close)
-        self._processes = ProcessFaults(self.faults[BENCH])
+        self.processes = ProcessFaults(self.faults[BENCH])
         self._period_s, self._period_ns = scenario.period_s, round(scenario.period_s * NS_PER_S)
         self._instants = instants(self._period_ns)
 
@@ -82,7 +82,7 @@ class Lockstep:
 
     def ticks_in(self, name: str, slot: int) -> Iterable[int]:
         """The ticks that a node's process runs in a slot of the bench, for a caller that runs them itself."""
-        if not self._processes.takes_turn(name, slot * self._period_s):
+        if not self.processes.takes_turn(name, slot * self._period_s):
             return ()
         turns = self.turns[name]
         return turns.ticks_in(slot) if isinstance(turns, Turns) else (slot,)
@@ -94,7 +94,7 @@ class Lockstep:
             if stepped.due_tick <= tick:
                 self.lines[name].move_to(t_s)
                 stepped.step(tick)
-        elif self._processes.takes_turn(name, t_s):
+        elif self.processes.takes_turn(name, t_s):
             self.lines[name].move_to(t_s)
             started_ns = time.perf_counter_ns()
             stepped.step(tick)

@@ -43,6 +43,30 @@ LEAPT = {"kind": "clock-jumped", "at_s": 3.4, "by_s": 0.5}
 OPERATOR_AWAY = {"kind": "unplugged", "at_s": 0.584, "duration_s": 0.4548, "node": "operator"}
 THERE_AND_BACK = {"kind": "clock-jumped", "at_s": 1.0, "by_s": 0.6, "duration_s": 0.3}
 """The firmware has no turn while its clock falls back; its frames wait longer than a stretch does."""
+BETWEEN_PERIODS = tuple(
+    {"kind": kind, "frames": ["SetInputTorque"], "at_s": 0.8, "period_s": 0.05, "duration_s": 0.6}
+    for kind in ("thinned", "bundled")
+)
+"""Frames whose period begins while their sender has no turn."""
+LONG_PAUSE = {**PAUSED, "at_s": 1.0, "duration_s": 0.2}
+UNPLUGGED = {"kind": "unplugged", "node": "firmware", "at_s": 1.15, "duration_s": 0.2}
+"""The firmware is unplugged before it takes the frames that have arrived in its pause."""
+REPORTS = ["StrikerEstimate", "FirmwareHeartbeat", "SetInputTorque", "RegimeReport"]
+CAUGHT_UP = (
+    {**PAUSED, "at_s": 0.1, "duration_s": 0.48},
+    {"kind": "duplicated", "frames": REPORTS, "copies": 100, "at_s": 0.58, "duration_s": 0.01},
+    *(
+        {
+            "kind": "dropped",
+            "frames": ["Accelerometer"],
+            "at_s": round(0.04 + 0.06 * number, 3),
+            "duration_s": 0.02,
+        }
+        for number in range(10)
+    ),
+    {"kind": "dropped", "frames": ["Accelerometer"], "at_s": 0.581, "share": 0.1},
+)
+"""Half a second is run in the one tick of a stretch, after short stretches."""
 
 
 BASE = "soft-start-multistable"
@@ -128,6 +152,9 @@ def random_faults(seed: int) -> tuple[dict[str, Any], ...]:
         (BASE, (THERE_AND_BACK,)),
         (BASE, (OPERATOR_AWAY,)),
         (BASE, (FIRMWARE_AWAY, {**PAUSED, "at_s": 1.1, "duration_s": 0.15})),
+        *((BASE, (one, {**LONG_PAUSE, "duration_s": 0.0603})) for one in BETWEEN_PERIODS),
+        (BASE, (LONG_PAUSE, UNPLUGGED)),
+        (BASE, CAUGHT_UP),
         (WALK, ()),
         (WALK, (PLANT_AWAY,)),
         *((BASE, random_faults(seed)) for seed in range(12)),
@@ -143,6 +170,10 @@ def random_faults(seed: int) -> tuple[dict[str, Any], ...]:
         "there-and-back",
         "operator-away",
         "restarted-while-paused",
+        "thinned-while-paused",
+        "bundled-while-paused",
+        "unplugged-while-paused",
+        "caught-up-in-a-tick",
         "walking",
         "walking-restarted",
         *(f"random {seed}" for seed in range(12)),
@@ -165,11 +196,17 @@ def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
 
     monkeypatch.setattr(compiled.Stretches, "run", counted)
     folders = tmp_path / "in-stretches", tmp_path / "tick-by-tick"
+    acted = []
     for folder in folders:
         folder.mkdir()
-        record(Job(scenario, 1, folder=folder))
+        job = Job(scenario, 1, folder=folder)
+        record(job)
+        pairs = zip(scenario.faults, job.outcome.faults_acted, strict=True)
+        # The count of an unplugged node has frames that it does not take, of which stretches keep none.
+        acted.append([count for fault, count in pairs if fault.kind != "unplugged"])
         monkeypatch.setattr(compiled.Stretches, "advance", lambda *_: 0)
     assert sum(lengths) > (0.5 if faults else 0.99) * scenario.ticks
+    assert acted[0] == acted[1]
     ours, wanted = ((folder / "can.log").read_bytes() for folder in folders)
     assert ours == wanted
     for name in ("plant", "impacts", "operator", "firmware"):
