@@ -246,6 +246,15 @@ def test_a_impact_is_fitted_back() -> None:
     assert fitted.restitution == pytest.approx(0.45, abs=2e-3)
 
 
+def test_a_disturbed_sample_that_looks_like_an_impact_is_no_error() -> None:
+    """Its fit ends at a bound, which is narrower for the lower speed with which it is fitted again."""
+    rows_s, excess_m_s2 = np.arange(6) * 1e-3, np.array([0.0, 0.0, 20.0, 0.0, 0.0, 0.0])
+    near = fit_impact(rows_s, excess_m_s2, 0.12, Pull(0.0), BANDWIDTH_HZ)
+    again = fit_impact(rows_s, excess_m_s2, 0.11, Pull(0.0), BANDWIDTH_HZ, near=near)
+    assert near.misfit > 3.0
+    assert again.scale_s < near.scale_s
+
+
 def test_the_contact_time_scales_as_hertz_says() -> None:
     """T ∝ v^−0.2: S is its share at any speed, so that the time at the reference speed is one number."""
     scale_s = 0.003

@@ -6,7 +6,7 @@ import pytest
 from firmware_py.core.estimation.striker_model import free_flight
 from tools.tuning.identification.first_values import Linear, fit_signed, linear
 from tools.tuning.identification.flights import Flight
-from tools.tuning.identification.friction_laws import FITTED, Law, Striker
+from tools.tuning.identification.friction_laws import FITTED, V0, Law, Striker
 from tools.tuning.identification.striker import Fit, Samples, fit, fits, simplest
 
 T = 1e-3
@@ -172,3 +172,12 @@ def test_derivatives_are_differences(law: Law, name: str, sticks: int) -> None:
     # A tick in which v turns has the change of sign itself.
     assert np.median(np.abs(analytic - differences)) < 5e-3 * np.max(np.abs(analytic))
     assert np.quantile(np.abs(analytic - differences), 0.98) < 2e-2 * np.max(np.abs(analytic))
+    if sticks and law == Law.BOTH:  # the striker only stops, without a tick in which v turns
+        assert np.quantile(np.abs(analytic - differences), 0.98) < 1e-4 * np.max(np.abs(analytic))
+
+
+def test_an_initial_speed_of_0_of_a_striker_that_is_held_has_no_effect() -> None:
+    """Friction stops a speed that is slightly larger within v²."""
+    truth, states = STRIKERS[Law.BOTH]._replace(dry_m_s2=1.6), np.zeros((1, 2))
+    rows = Samples([SLOW], [~SLOW.still], states).fly(truth, states, (V0,))[2]
+    assert not rows.any()

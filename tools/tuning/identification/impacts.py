@@ -180,10 +180,11 @@ def fit_impact(
     first = (0.5, start_ms, 0.5)
     if near is not None:
         first = (1e3 * near.touch_down_s, 1e3 * near.scale_s, near.restitution)
+    bounds = (-2.0, 0.1 * start_ms, 0.02), (5.0, 10.0 * start_ms, 0.999)
     found = least_squares(
         residual,
-        first,
-        bounds=((-2.0, 0.1 * start_ms, 0.02), (5.0, 10.0 * start_ms, 0.999)),
+        np.clip(first, *bounds),
+        bounds=bounds,
         diff_step=(1e-3, 1e-3, 1e-3),
         xtol=1e-7,
     )

@@ -124,7 +124,7 @@ def fly(
             if v == 0.0 and abs(k * spring) <= f + h:  # dry friction holds it
                 flown.left[row], rests = readings.z[row] - offset, True
                 for c in range(columns):
-                    flown.rows[row, c] = 1.0 if wanted[c] == OFFSET else 0.0
+                    speed[c], flown.rows[row, c] = 0.0, 1.0 if wanted[c] == OFFSET else 0.0
                 continue
             sign, power, rise, by_speed = np.sign(v if v != 0.0 else -spring), 0.0, 0.0, 0.0
             if h != 0.0:
@@ -158,7 +158,7 @@ def fly(
             )
             rests = moves < 1.0
             if rests:
-                way += 0.5 * moves * readings.period_s * speed
+                way += moves * readings.period_s * speed
                 speed[:] = 0.0
             jump = 1.0
             if np.sign(v) * sign < 0.0:
