@@ -21,8 +21,10 @@ from hil.runs.recording import in_lockstep
 from hil.scenario.scenario import check_scenario
 from plant_sim.scene import read_scene
 from tools import cli
+from tools.bring_up.module_fit import SLOW
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
 from tools.tuning import safety
+from tools.tuning.identification.first_values import StillStrikerError
 from tools.tuning.identification.flights import contacts_of, flights_of, integrals
 from tools.tuning.identification.friction_laws import Law, Striker
 from tools.tuning.identification.identify import Identified, bench_of, identify, tune_identify
@@ -173,6 +175,16 @@ def test_a_long_log_in_which_nothing_moves_is_refused(recorded: Readings) -> Non
     long = [np.tile(reading, 15) for reading in readings]
     with pytest.raises(BadInputError, match="never moves faster"):
         identify(Readings(still.period_s, *long, ((0, len(long[0])),)), BANDWIDTH_HZ)
+
+
+def test_a_striker_whose_best_fit_sticks_is_refused_as_one_that_stands_still() -> None:
+    """The housing shakes it a little: the first fit takes that for motion, which friction then holds."""
+    noise, period_s, rows = np.random.default_rng(24), 5e-3, 4000
+    t_s = np.arange(rows) * period_s
+    z_m_s2 = 0.06 * np.sin(2.0 * np.pi * 0.7 * t_s) + 0.05 * noise.standard_normal(rows)
+    readings = Readings(period_s, z_m_s2, np.zeros(rows), 2.0 * t_s, ((0, rows),))
+    with pytest.raises(StillStrikerError, match="never moves faster"):
+        identify(readings, BANDWIDTH_HZ, True, SLOW)
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:

@@ -36,6 +36,12 @@ OUTLYING = 4.0
 class StillStrikerError(BadInputError):
     """The striker does not move."""
 
+    def __init__(self) -> None:
+        super().__init__(
+            f"the striker never moves faster than {SLOW_M_S:g} m/s in its free flights; "
+            "record some seconds with the crank turning"
+        )
+
 
 class Linear(NamedTuple):
     """The parameters, and each flight's x0 − l0 and v0 (shape (n, 2)), speeds, samples with motion."""
@@ -90,10 +96,7 @@ def linear(
 
     says = np.array([len(rows) > 0 for rows in projected])
     if not says.any():
-        raise StillStrikerError(
-            f"the striker never moves faster than {SLOW_M_S:g} m/s in its free flights; "
-            "record some seconds with the crank turning"
-        )
+        raise StillStrikerError
     found = solved(projected)
     squares = np.array(
         [np.mean((rows[:, -1] - rows[:, :-1] @ found) ** 2) if len(rows) else 0.0 for rows in projected]

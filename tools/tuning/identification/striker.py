@@ -18,7 +18,14 @@ from scipy.optimize import least_squares
 
 from firmware_py.core.estimation.striker_model import free_flight
 from plant_sim.arrays import BoolArray, FloatArray, IntArray
-from tools.tuning.identification.first_values import OUTLYING, SLOW_M_S, Linear, linear
+from tools.tuning.identification.first_values import (
+    FEWEST_SAMPLES,
+    OUTLYING,
+    SLOW_M_S,
+    Linear,
+    StillStrikerError,
+    linear,
+)
 from tools.tuning.identification.flights import Flight
 from tools.tuning.identification.friction_laws import (
     FITTED,
@@ -198,6 +205,7 @@ def fit(samples: Samples, law: Law, first: Striker) -> Fit:
     rows = residual.rows * scale
     normal = rows.T @ rows
     inverse = np.linalg.pinv(normal, 1e-14, hermitian=True)
+    deviation = np.sqrt(np.maximum(np.diag(inverse), 1e-300))  # a parameter that has no effect has 0
     gradients = samples.sums(rows * residual.left[:, None])
     variance = squares / (count - 2 * moving - p)
     noise = variance * np.diag(inverse)
@@ -207,7 +215,7 @@ def fit(samples: Samples, law: Law, first: Striker) -> Fit:
         law=law,
         striker=residual.striker(found.x),
         spread=dict(zip(residual.fitted, spread.tolist(), strict=True)),
-        correlation=inverse / np.sqrt(np.outer(np.diag(inverse), np.diag(inverse))),
+        correlation=inverse / np.outer(deviation, deviation),
         residual_m_s2=math.sqrt(squares / count),
         samples=count,
         criterion=count * math.log(squares / count) + (p + (law == Law.STRIBECK)) * math.log(count),
@@ -242,6 +250,8 @@ def fits(
     """Fit every law to the same samples, without the flights that the chosen law does not fit.
 
     `finds_zero`: the piston's part by the cosine of the crank is fitted too.
+
+    Raises StillStrikerError if the striker moves in hardly any sample.
     """
     plain = {law: linear(flights, first.speeds_m_s, law, finds_zero).striker for law in Law}
     rise = max(FIRST_RISE * abs(plain[Law.STRIBECK].dry_m_s2), LEAST_RISE_M_S2)
@@ -259,6 +269,9 @@ def fits(
     # The linear fit's turns of v may be some ticks off, where a wrong sign of v outweighs all other samples.
     has_sign = np.abs(nearest.motion[:, 1]) > SLOW_M_S
     samples.used = samples.used & has_sign & np.repeat(good, samples.lengths)
+    counts = samples.sums(samples.used.astype(float))
+    if np.sum(counts) < FEWEST_SAMPLES + 2 * np.count_nonzero(counts):
+        raise StillStrikerError  # friction holds what the linear fit has taken for motion
     # Near a turn of v the residual of a flight has several minima: a law may begin at the states of another.
     for _ in range(ROUNDS):
         samples.states = [one.states for one in found.values()]
