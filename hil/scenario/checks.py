@@ -63,7 +63,10 @@ class Limit(Bounds):
     of: str | None = Field(
         default=None, description="a quantity of the scenario, of which `low` and `high` are multiples"
     )
-    ticks: int = Field(default=0, description="control periods added to `high`")
+    ticks: int = Field(
+        default=0,
+        description="control periods added to `high`, and those that the controller is late",
+    )
     when: Mapping[str, Value] = Field(
         default={}, description="what holds in a scenario to which this limit applies, by key"
     )

@@ -12,7 +12,9 @@ from firmware_py.core.config import Config
 from firmware_py.core.conflicts import nominal_rad_s
 from firmware_py.interface.generated.parameters import Drive, Friction, Stop, Striker
 from hil.faults.fault import Fault
+from hil.faults.kinds.clock_jitter import ClockJitter
 from hil.faults.kinds.kick import Kick
+from hil.faults.kinds.paused import Paused
 from hil.figures.records import CATALOGUE
 from hil.scenario.checks import Bounds, Check, requirements
 from hil.scenario.commands import Command
@@ -32,7 +34,8 @@ class Judged(NamedTuple):
 
 def target_rad_s(judged: Judged) -> float:
     """The crank speed that the script last asks for."""
-    ratios = [command.target_ratio for command in judged.commands if command.target_ratio]
+    in_order = sorted(judged.commands, key=lambda command: command.at_s)
+    ratios = [command.target_ratio for command in in_order if command.target_ratio]
     return nominal_rad_s(judged.config.p) * (ratios[-1] if ratios else math.nan)
 
 
@@ -62,6 +65,14 @@ def free_crank_rad_s(judged: Judged) -> float:
     kicks = sum(fault.change_m_s**2 for fault in judged.faults if isinstance(fault, Kick))
     twice_j = scene.striker.spring_n_m * stretch_m**2 + scene.striker.mass_kg * kicks
     return math.sqrt(overspeed_rad_s**2 + twice_j / scene.motor.inertia_kg_m2)
+
+
+def late_ticks(judged: Judged) -> int:
+    """The most control periods by which the script makes the controller late: its pauses and its jitter."""
+    own = [fault for fault in judged.faults if getattr(fault, "process", "") == "firmware"]
+    paused_s = sum(fault.duration_s for fault in own if isinstance(fault, Paused))
+    jitter_s = max((fault.largest_s for fault in own if isinstance(fault, ClockJitter)), default=0.0)
+    return math.ceil(round((paused_s + jitter_s) / judged.config.tick_s, 6))
 
 
 SCALES: Mapping[str, Callable[[Judged], float]] = {
@@ -153,7 +164,8 @@ def required_bounds(check: Check, judged: Judged) -> Bounds | None:
     limit = applying[-1]
     scale = 1.0 if limit.of is None else quantity(limit.of, check, judged)
     low, high = (None if one is None else scale * one for one in (limit.low, limit.high))
-    later_s = check.shows_after_s + limit.ticks * judged.config.tick_s
+    ticks = limit.ticks + late_ticks(judged) if limit.ticks else 0
+    later_s = check.shows_after_s + ticks * judged.config.tick_s
     if high is not None and later_s > 0.0:
         high = round(high + later_s, 9)  # whole nanoseconds, as the figure
     return Bounds(low=low, high=high, equals=limit.equals)

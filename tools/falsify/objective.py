@@ -75,7 +75,8 @@ def result_at(space: Space, values: Sequence[Any]) -> Result:
         scenario = space.scenario(values)
     except TextInputError as error:
         return Result((), f"refused: {error}")
-    verdict, _ = judged(scenario, [scenario.checks[place] for place in space.chosen])
+    checks = [scenario.checks[place] for place in space.chosen]
+    verdict, _ = judged(scenario, checks, space.own_faults)
     if verdict.reasons:
         return Result(tuple(BROKEN for _ in space.chosen))
     results = [verdict.checks[place] for place in space.chosen]
@@ -105,10 +106,13 @@ def kept_for(checks: Sequence[Check]) -> dict[str, Sequence[str] | None]:
     return {"plant": None, "impacts": None, "bus_errors": None, "firmware": used}
 
 
-def judged(scenario: Scenario, checks: Sequence[Check]) -> tuple[RunVerdict, RunTraces]:
+def judged(
+    scenario: Scenario, checks: Sequence[Check], own_faults: int | None = None
+) -> tuple[RunVerdict, RunTraces]:
     """Run in compiled lockstep and judge, with the records in memory.
 
-    The frames are kept only if one of `checks` needs them.
+    The frames are kept only if one of `checks` needs them. Of the faults only the first `own_faults` must
+    act; one of the others may come where another one leaves it nothing.
     """
     needs_bus = any(one.expression is None and CATALOGUE[one.name].origin is Origin.LOG for one in checks)
     job = Job(scenario, scenario.seed, kept=None if needs_bus else kept_for(scenario.checks))
@@ -131,6 +135,8 @@ def judged(scenario: Scenario, checks: Sequence[Check]) -> tuple[RunVerdict, Run
         "faults": [fault.as_record()._asdict() for fault in scenario.faults],
     }
     note["faults"] = with_effects(note, job.outcome.faults_acted)
+    for fault in note["faults"][own_faults:] if own_faults is not None else ():
+        fault["acted"] = fault["acted"] or None
     traces = RunTraces(
         **found,
         bus=parse_candump(b"".join(lines)),

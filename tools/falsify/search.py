@@ -19,8 +19,9 @@ from tools.falsify.evaluations import Evaluations
 from tools.falsify.objective import Result
 from tools.falsify.space import Space
 
-START_SHARE, MOST_START = 0.25, 64
-"""Share of the runs that are Sobol points before an optimiser begins, and their largest number a scenario."""
+START_SHARE, MOST_START, TURN = 0.25, 64, 8
+"""Share of the runs that are Sobol points before an optimiser begins, their largest number a scenario, and
+how many of them a scenario has in turn."""
 TARGETS = 4
 """Most checks on which an optimiser spends its runs."""
 VARIES = 1e-6
@@ -114,13 +115,13 @@ def sobol(space: Space, count: int, seed: int) -> FloatArray:
 
 
 def start_of(hunt: Hunt, spaces: Sequence[Space], seed: int) -> list[Start]:
-    """Run the Sobol points of the start; EndedError once one is a counterexample."""
+    """Run the Sobol points of the start, some of each scenario by turns; EndedError at a counterexample."""
     count = max(min(int(START_SHARE * hunt.budget / len(spaces)), MOST_START), 1)
-    found = []
-    for space in spaces:
-        places = sobol(space, count, seed)
-        found.append(Start(space, places, hunt.results(space, places)))
-    return found
+    starts = [Start(space, sobol(space, count, seed), []) for space in spaces]
+    for begin in range(0, count, TURN):
+        for space, places, results in starts:
+            results.extend(hunt.results(space, places[begin : begin + TURN]))
+    return starts
 
 
 def score(result: Result, check: int) -> float:
@@ -132,7 +133,11 @@ def score(result: Result, check: int) -> float:
 
 
 def targets_of(starts: Sequence[Start]) -> list[Target]:
-    """The checks with the smallest margins that vary, the smallest first, each in one scenario."""
+    """The checks that are the fewest of their ranges from broken, the nearest first, each in one scenario.
+
+    A range: from a check's median to its smallest margin. A limit that each run just keeps has a small margin
+    but no direction.
+    """
     found: dict[str, tuple[float, Target]] = {}
     for start in starts:
         for check, one in enumerate(start.space.checks):
@@ -141,9 +146,10 @@ def targets_of(starts: Sequence[Start]) -> list[Target]:
             if len(judged) == 0 or np.ptp(judged) < VARIES:
                 continue
             lowest = float(judged.min())
-            if one.name not in found or lowest < found[one.name][0]:
+            ranges = lowest / max(float(np.median(judged)) - lowest, VARIES)
+            if one.name not in found or ranges < found[one.name][0]:
                 target = Target(start.space, check, start.places[np.argsort(scores, kind="stable")])
-                found[one.name] = lowest, target
+                found[one.name] = ranges, target
     return [target for _, target in sorted(found.values(), key=lambda one: one[0])[:TARGETS]]
 
 

@@ -2,7 +2,7 @@
 
 The default space holds what the scenario's requirements cover: the instant of its fault as with several
 seeds, smaller sizes of a fault that must not end the motion, the module as campaigns sample it, errors of the
-sensors, and small disturbances beside the fault.
+sensors, and small disturbances beside the fault, which meet at one instant.
 """
 
 import math
@@ -26,6 +26,10 @@ from tools.output import BadInputError
 
 DELAY = "delay_s"
 """The key that delays the first fault, or else the last command, and all that follows."""
+INSTANT = "instant_s"
+"""The key that moves all disturbances of the default space together, so that they meet."""
+MEET_S = 0.05
+"""Longest time from the first disturbance to the last one's beginning."""
 MILDER = ("change_m_s", "share", "duration_s", "bias", "std", "by_m", "largest_s")
 """Keys of faults of which a smaller value disturbs less."""
 MILDEST = 0.1
@@ -114,22 +118,25 @@ class Dimension:
 TICKS = (0.0, 0.001, 0.002, 0.003, 0.004, 0.005)
 SAMPLES = {"frames": ["Accelerometer"]}
 DISTURBANCES = (
-    ({"kind": "kick"}, Dimension("change_m_s", 0.0, -0.1, 0.1)),
+    ({"kind": "kick"}, Dimension("change_m_s", 0.0, -0.3, 0.3)),
     ({"kind": "dropped", **SAMPLES}, Dimension("duration_s", 0.0, choices=TICKS)),
     ({"kind": "corrupted", **SAMPLES}, Dimension("duration_s", 0.0, choices=TICKS)),
     ({"kind": "frozen", **SAMPLES}, Dimension("duration_s", 0.0, choices=(0.0, *TICKS[2:]))),
     ({"kind": "delayed", "duration_s": 0.1, **SAMPLES}, Dimension("delay_s", 0.0, choices=TICKS[:3])),
-    ({"kind": "dropped", "frames": ["EncoderEstimates"]}, Dimension("duration_s", 0.0, choices=TICKS[:4])),
+    ({"kind": "dropped", "frames": ["EncoderEstimates"]}, Dimension("duration_s", 0.0, choices=TICKS)),
     ({"kind": "dropped", "frames": ["DriveHeartbeat"]}, Dimension("duration_s", 0.0, choices=(0.0, 0.1))),
-    ({"kind": "dropped", "frames": ["OperatorCommand"]}, Dimension("duration_s", 0.0, choices=(0.0, 0.1))),
+    (
+        {"kind": "dropped", "frames": ["OperatorCommand"]},
+        Dimension("duration_s", 0.0, choices=(0.0, 0.1, 0.2)),
+    ),
     ({"kind": "paused", "process": "firmware"}, Dimension("duration_s", 0.0, choices=TICKS)),
     (
         {"kind": "clock-jitter", "process": "firmware", "duration_s": 0.1},
-        Dimension("largest_s", 0.0, 0.0, 0.001),
+        Dimension("largest_s", 0.0, 0.0, 0.003),
     ),
 )
-"""Faults beside the scenario's own, each with its size: up to a third of what scenarios ride through. A fault
-of size 0 is left out."""
+"""Faults beside the scenario's own, each with its size, up to what scenarios ride through; those that silence
+the samples together. A fault of size 0 is left out."""
 
 
 @dataclass(frozen=True)
@@ -155,6 +162,12 @@ class Space:
         """The chosen checks, with their limits in the unchanged scenario."""
         return tuple(self.scenario(self.defaults).checks[place] for place in self.chosen)
 
+    @property
+    def own_faults(self) -> int:
+        """The number of the scenario's own faults; those of the default space follow."""
+        added = sum(lines == "faults" for _, lines in self.optional.values())
+        return len(self.document["script"].get("faults", [])) - added
+
     def values(self, place: Sequence[float]) -> tuple[Any, ...]:
         """The values at a place of the unit cube, one number for each dimension."""
         return tuple(one.value(share) for one, share in zip(self.dimensions, place, strict=True))
@@ -164,6 +177,8 @@ class Space:
         pairs = zip(self.dimensions, values, strict=True)
         found = {one.key: value for one, value in pairs if value != one.default}
         out = tuple(f"script.{lines}.{n}." for key, (n, lines) in self.optional.items() if key not in found)
+        if not self.optional.keys() & found.keys():
+            out = (*out, INSTANT)
         return {key: value for key, value in found.items() if not key.startswith(out)}
 
     def kind_of(self, key: str) -> str:
@@ -177,11 +192,13 @@ class Space:
     def tables(self, values: Sequence[Any]) -> dict[str, Any]:
         """The scenario's tables with these values; lines of the script that change nothing are left out."""
         changed = self.changed(values)
-        delay_s = changed.pop(DELAY, 0.0)
+        delay_s, instant_s = changed.pop(DELAY, 0.0), changed.pop(INSTANT, 0.0)
         document = apply_settings(self.document, changed)
         script = document["script"]
         for key, (place, lines) in reversed(list(self.optional.items())):
-            if key not in changed:
+            if key in changed:
+                script[lines][place]["at_s"] = round(script[lines][place]["at_s"] + instant_s, 6)
+            else:
                 del script[lines][place]
         return shift_times(document, self.since_s, delay_s) if delay_s else document
 
@@ -280,6 +297,8 @@ def default_space(
     optional: dict[str, tuple[int, str]] = {}
     if disturbed:
         for size, at, place, lines in disturbances(scenario, document):
+            if not optional:
+                dimensions.append(Dimension(INSTANT, 0.0, 0.0, window_s(scenario, at.low)[1] - at.high))
             dimensions += [size, at]
             optional[size.key] = place, lines
     return Space(scenario.name, document, tuple(dimensions), chosen, since_s(scenario), optional)
@@ -341,7 +360,7 @@ def disturbances(
         place = len(script[name])
         script[name].append({**table, "at_s": window[0], size.key: size.default})
         key = f"script.{name}.{place}"
-        at = Dimension(f"{key}.at_s", window[0], *window)
+        at = Dimension(f"{key}.at_s", window[0], window[0], window[0] + MEET_S)
         yield replace(size, key=f"{key}.{size.key}"), at, place, name
 
 

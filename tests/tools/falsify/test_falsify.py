@@ -3,6 +3,7 @@
 import json
 import tomllib
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,8 +19,17 @@ from tools import cli
 from tools.falsify import evaluations as stored
 from tools.falsify import pictures
 from tools.falsify.objective import BROKEN, Result, result_at
-from tools.falsify.search import OPTIMISERS, Best, most_important, search, sobol
-from tools.falsify.space import DELAY, Dimension, Space, space_of
+from tools.falsify.search import (
+    OPTIMISERS,
+    TURN,
+    Best,
+    Start,
+    most_important,
+    search,
+    sobol,
+    targets_of,
+)
+from tools.falsify.space import DELAY, INSTANT, Dimension, Space, space_of
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, EXIT_PASSED, BadInputError
 
 KICK = "a-kick-towards-the-stop-does-not-lose-the-impacts"
@@ -124,6 +134,21 @@ def test_the_default_space_of_a_kick_varies_kick_module_sensors_and_disturbances
     assert moved.duration_s == scenario.duration_s + 0.5
 
 
+def test_disturbances_meet_at_one_instant() -> None:
+    space = space_of(KICK, [])
+    keys = [one.key for one in space.dimensions]
+    values = list(space.defaults)
+    values[keys.index(INSTANT)] = 0.4
+    assert space.changed(values) == {}  # nothing is there that it could move
+    for place, size in ((2, 0.002), (3, 0.005)):
+        values[keys.index(f"script.faults.{place}.duration_s")] = size
+    values[keys.index("script.faults.3.at_s")] += 0.03
+    assert [(one.kind, one.at_s) for one in space.scenario(values).faults[1:]] == [
+        ("dropped", 6.4),
+        ("corrupted", 6.43),
+    ]
+
+
 def test_a_run_without_a_fault_is_searched_without_disturbances():
     space = space_of("soft-start-multistable", [])
     assert not any("faults" in one.key for one in space.dimensions)
@@ -175,6 +200,25 @@ def test_the_optimisers_find_more_than_sobol_with_the_same_budget():
         assert one.runs <= 400
         assert one.best.margin < 0.5 * baseline.best.margin
     assert baseline.runs == 400  # with those that are not judged
+
+
+def test_a_check_that_varies_towards_its_limit_comes_before_one_that_is_always_near_it() -> None:
+    space = valley()
+    places = sobol(space, 16, 1)
+    results = [Result((0.001 + 1e-5 * one[0], 0.3 + one[1])) for one in places]
+    first, second = targets_of([Start(space, places, results)])
+    assert (first.check, second.check) == (1, 0)
+
+
+def test_a_broken_scenario_at_the_end_of_many_is_found_by_turns() -> None:
+    class LastBreaks(Valley):
+        def results(self, space, values, _=""):
+            return [Result((-1.0 if space.name == "last" else 1.0, None)) for _ in values]
+
+    spaces = [replace(valley(), name=name) for name in ("first", "second", "last")]
+    for one in spaces:
+        vars(one)["checks"] = valley().checks
+    assert search(spaces, 400, 3, LastBreaks())[1].found_after <= 2 * TURN + 1
 
 
 @pytest.mark.usefixtures("in_process")
@@ -319,3 +363,26 @@ def test_no_disturbance_of_the_default_space_acts_on_nothing(name: str) -> None:
     space = space_of(name, [])
     for place in sobol(space, 8, 3):
         assert result_at(space, space.values(place.tolist())).why == ""
+
+
+@pytest.mark.requirement("S-08")
+@pytest.mark.parametrize(
+    "late",
+    [
+        {"script.faults.8.duration_s": 0.005, INSTANT: 0.351},
+        {DELAY: 0.1001681, "script.faults.9.largest_s": 0.00064, INSTANT: 0.2796},
+    ],
+)
+def test_a_controller_that_is_late_as_its_watchdog_ends_keeps_the_requirement(
+    late: dict[str, float],
+) -> None:
+    space = space_of("lost-operator-commands-stop-the-motor", ["S-08"])
+    result = result_at(space, [late.get(one.key, one.default) for one in space.dimensions])
+    assert result.margin > 0.0
+
+
+def test_the_target_is_the_last_in_time_whatever_the_order_of_the_commands() -> None:
+    space = space_of("a-restarted-controller-goes-on-once-it-is-asked-anew", [])
+    key = next(one.key for one in space.dimensions if one.key.endswith("target_ratio"))
+    values = [1.067 if one.key == key else one.default for one in space.dimensions]
+    assert result_at(space, values).margin > 0.0
