@@ -35,6 +35,8 @@ STUCK = (
     "the striker hardly moves although the crank turns: it is stuck, or dry friction exceeds what the spring "
     "gives at this crank radius; free the striker, then repeat the step"
 )
+LEAST_REV = 1.0
+"""A recording in which no part has so much of a turn shows no striker, stuck or free."""
 SLOW_PERIODS, SLOW = 5, Division(longest_s=2.0, still_m_s2=0.03)
 """Below the impacts: periods of which the mean is taken, and how the motion is divided."""
 
@@ -69,8 +71,6 @@ def read_turning(logs: Sequence[Path], values: Mapping[str, float]) -> Readings:
                     ends.append(rows + last + begin)
         parts.append(one)
         rows += len(one.angle_rad)
-    if not begins:
-        raise StepFailedError("the crank has not turned: see the torque and speed in the report")
 
     def joined(name: str) -> FloatArray:
         return np.concatenate([getattr(one, name) for one in parts])
@@ -82,6 +82,21 @@ def read_turning(logs: Sequence[Path], values: Mapping[str, float]) -> Readings:
         joined("angle_rad"),
         tuple(zip(begins, ends, strict=True)),
     )
+
+
+def refuse_pieces(readings: Readings) -> None:
+    """Raise StepFailedError if the crank has not turned, or lost samples have left no part with a turn."""
+    lost = np.count_nonzero(np.isnan(readings.acceleration_m_s2) | np.isnan(readings.angle_rad))
+    ends_rad = readings.angle_rad[np.array(readings.pieces, int).reshape(-1, 2) - [0, 1]]
+    turns_rev = float(np.max(np.abs(np.diff(ends_rad)), initial=0.0)) / (2.0 * math.pi)
+    if lost and turns_rev < LEAST_REV:
+        raise StepFailedError(
+            f"{lost} samples were lost, and between them the crank turns by {turns_rev:.2g} turns at most, "
+            f"wanted {LEAST_REV:g} or more: find what loses frames on the bus (see the step listen), then "
+            "repeat the step"
+        )
+    if not readings.pieces:
+        raise StepFailedError("the crank has not turned: see the torque and speed in the report")
 
 
 def largest_in(log: Path, mass_kg: float) -> Largest:
@@ -142,7 +157,9 @@ def fit_module(
     bandwidth_hz = values["sensor.bandwidth_hz"]
     by, division = (SLOW_PERIODS, SLOW) if is_slow else (1, USUAL)
     try:
-        readings = decimate(read_turning(logs, values), by)
+        recorded = read_turning(logs, values)
+        refuse_pieces(recorded)
+        readings = decimate(recorded, by)
         zero_rad = find_zero(readings, bandwidth_hz, division)
         readings = readings._replace(angle_rad=readings.angle_rad - zero_rad)
         found = identify(readings, bandwidth_hz, True, division)

@@ -22,7 +22,7 @@ from hil.bus.log.can_log import CanLog
 from hil.drive.axis import disarm
 from hil.timing.clock import TICK_S
 from tools.bring_up.lockstep import LockstepBench
-from tools.bring_up.module_fit import SMOOTHED, TURNING_RAD_S, read_turning
+from tools.bring_up.module_fit import SMOOTHED, TURNING_RAD_S, fit_module, read_turning
 from tools.bring_up.operated import ErrorCleared, Operated, operate
 from tools.bring_up.session import Session, User, read_state
 from tools.bring_up.step import Context, Player, StepFailedError
@@ -224,6 +224,19 @@ def test_pieces_between_lost_samples_are_read_where_the_crank_turns(tmp_path: Pa
     pieces = read_turning([log], with_overrides({})).pieces
     assert [begin for begin, _ in pieces] == [0, 451]
     assert [end for _, end in pieces] == [400, 1000]
+
+
+@pytest.mark.parametrize(
+    ("every", "reason"), [(134, "150 samples were lost"), (50, "400 samples"), (10_000, "hardly moves")]
+)
+def test_a_striker_is_not_called_stuck_where_lost_samples_cut_its_motion_to_pieces(
+    every: int, reason: str, tmp_path: Path
+) -> None:
+    """Of pieces in which the crank turns by less than a turn, none shows whether the striker moves."""
+    log = tmp_path / "steps.log"
+    write_motion(log, [0.5e-3 * tick for tick in range(20_000)], set(range(1, 20_000, every)))
+    with pytest.raises(StepFailedError, match=reason):
+        fit_module([log], with_overrides({}), is_slow=True)
 
 
 def test_a_crank_that_only_twitches_does_not_turn(tmp_path: Path) -> None:
