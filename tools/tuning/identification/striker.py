@@ -15,12 +15,12 @@ from functools import cached_property
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.stats import median_abs_deviation
 
 from firmware_py.core.estimation.striker_model import free_flight
 from plant_sim.arrays import BoolArray, FloatArray, IntArray
 from tools.tuning.identification.first_values import (
     FEWEST_SAMPLES,
-    OUTLYING,
     SLOW_M_S,
     Linear,
     StillStrikerError,
@@ -48,6 +48,9 @@ SINGULAR = 1e-9
 """Smallest ratio of the eigenvalues of BᵀB that counts as above 0; in a moving flight it is about 0.01."""
 ROUNDS = 2
 """Number of times that all laws are fitted again from the states that the others have found."""
+WORSE = 5.0
+"""Flights whose mean squared residual is so many standard deviations, by the others' median deviation, above
+the median are left out."""
 FIRST_RISE, LEAST_RISE_M_S2 = 0.3, 0.01
 """First value of Stribeck's rise: a share of f, and at least."""
 EXPONENTS = (1.0, 2.0)
@@ -262,24 +265,33 @@ def fits(
     samples = Samples(flights, first.used, first.states, finds_zero)
 
     found = best_fits(samples, starts)
-    counts = samples.sums(samples.used.astype(float))
-    nearest = found[simplest(found)]
-    mean = samples.sums(nearest.left**2) / np.maximum(counts, 1.0)
-    good = (counts > 0.0) & (mean <= OUTLYING * np.median(mean[counts > 0.0]))
-    # The linear fit's turns of v may be some ticks off, where a wrong sign of v outweighs all other samples.
-    has_sign = np.abs(nearest.motion[:, 1]) > SLOW_M_S
-    samples.used = samples.used & has_sign & np.repeat(good, samples.lengths)
-    counts = samples.sums(samples.used.astype(float))
-    if np.sum(counts) < FEWEST_SAMPLES + 2 * np.count_nonzero(counts):
-        raise StillStrikerError  # friction holds what the linear fit has taken for motion
     # Near a turn of v the residual of a flight has several minima: a law may begin at the states of another.
     for _ in range(ROUNDS):
+        leave_out(samples, found[simplest(found)])
         samples.states = [one.states for one in found.values()]
         rising = found[Law.STRIBECK].striker
         starts = [(law, one.striker) for law, one in found.items() if law != Law.STRIBECK]
         starts += [(Law.STRIBECK, rising._replace(delta=delta)) for delta in EXPONENTS]
         found = best_fits(samples, starts)
     return samples, found
+
+
+def leave_out(samples: Samples, nearest: Fit) -> None:
+    """Compare no sample without a clear sign of v, nor a flight that the law fits worse than all others.
+
+    The linear fit's turns of v may be some ticks off, where a wrong sign of v outweighs all other samples. A
+    flight that grazed the stop, or whose turns are not found, has a residual beyond the others' scatter.
+    """
+    counts = samples.sums(samples.used.astype(float))
+    mean = samples.sums(nearest.left**2) / np.maximum(counts, 1.0)
+    compared = mean[counts > 0.0]
+    most = np.median(compared) + WORSE * median_abs_deviation(compared, scale="normal")
+    good = (counts > 0.0) & (mean <= most)
+    has_sign = np.abs(nearest.motion[:, 1]) > SLOW_M_S
+    samples.used = samples.used & has_sign & np.repeat(good, samples.lengths)
+    counts = samples.sums(samples.used.astype(float))
+    if np.sum(counts) < FEWEST_SAMPLES + 2 * np.count_nonzero(counts):
+        raise StillStrikerError  # friction holds what the linear fit has taken for motion
 
 
 def best_fits(samples: Samples, starts: Sequence[tuple[Law, Striker]]) -> dict[Law, Fit]:
