@@ -5,6 +5,7 @@ import os
 import tracemalloc
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,14 @@ from tools.tuning import safety
 from tools.tuning.identification.first_values import StillStrikerError
 from tools.tuning.identification.flights import contacts_of, flights_of, integrals
 from tools.tuning.identification.friction_laws import Law, Striker
-from tools.tuning.identification.identify import Identified, bench_of, identify, tune_identify
+from tools.tuning.identification.identify import (
+    DRY_M_S2,
+    Identified,
+    bench_of,
+    flight_spread,
+    identify,
+    tune_identify,
+)
 from tools.tuning.identification.impacts import (
     FREE,
     STEP,
@@ -223,6 +231,17 @@ def test_an_unknown_zero_of_the_encoder_leaves_the_radius_as_it_is(recorded: Rea
     found = identify(recorded._replace(angle_rad=recorded.angle_rad - 0.1), BANDWIDTH_HZ, finds_zero=True)
     assert found.values["zero_rad"] == pytest.approx(-0.1, abs=2e-3)
     assert found.values["amplitude_m"] == pytest.approx(tuned.values["drive.amplitude_m"], rel=5e-4)
+
+
+def test_dry_friction_is_known_no_better_than_all_flights_share() -> None:
+    """Its own standard error is beside it; a law without dry friction has none."""
+
+    def fit_with(**spread: float) -> Any:
+        return SimpleNamespace(spread=spread)
+
+    assert flight_spread(fit_with(damping_1_s=0.1))["dry_m_s2"] == 0.0
+    assert flight_spread(fit_with(dry_m_s2=0.0))["dry_m_s2"] == DRY_M_S2
+    assert flight_spread(fit_with(dry_m_s2=1.0))["dry_m_s2"] == pytest.approx(1.0)
 
 
 def test_friction_and_pull_act_during_a_contact_as_an_independent_integration_says() -> None:

@@ -66,6 +66,8 @@ SHARED = {"stop_m": 2e-6, "restitution": 4e-4, "contact_s": 7.5e-6}
 SHORT_S = 0.01
 """Beyond this contact time the shared errors of restitution and contact time grow in proportion to it: from
 50 modules of up to 25 ms (seeds 83078 to 83242)."""
+DRY_M_S2 = 1.5e-4
+"""Standard error of dry friction that all flights of a log share: from 64 modules (seeds 83277 to 83396)."""
 OF_FLIGHTS = ("stiffness_1_s2", "damping_1_s", "dry_m_s2")
 """The striker's parameters that have a value and bounds; a parameter that the law lacks is 0."""
 GRAZING_M_S = 0.1
@@ -153,13 +155,20 @@ def identify(
         values={name: striker[name] if name in fit.spread else 0.0 for name in OF_FLIGHTS}
         | of_crank
         | of_impacts,
-        spread={name: fit.spread.get(name, 0.0) for name in OF_FLIGHTS} | crank_spread | their_spread,
+        spread=flight_spread(fit) | crank_spread | their_spread,
         impacts=tuple(impacts),
         flights=len(flights),
         left_out=len(flights) - int(used),
         samples=samples,
         seconds=fit.samples * readings.period_s,
     )
+
+
+def flight_spread(fit: Fit) -> dict[str, float]:
+    """Standard errors of the flights' parameters; 0 of one that the law lacks."""
+    spread = {name: fit.spread.get(name, 0.0) for name in OF_FLIGHTS}
+    dry = "dry_m_s2"
+    return spread | ({dry: math.hypot(spread[dry], DRY_M_S2)} if dry in fit.spread else {})
 
 
 def crank_of(fit: Fit) -> tuple[dict[str, float], dict[str, float]]:
