@@ -36,7 +36,7 @@ STUCK = (
     "gives at this crank radius; free the striker, then repeat the step"
 )
 LEAST_REV = 1.0
-"""A recording in which no part has so much of a turn shows no striker, stuck or free."""
+"""A recording without a part of this length, in turns of the crank, shows no striker, stuck or free."""
 SLOW_PERIODS, SLOW = 5, Division(longest_s=2.0, still_m_s2=0.03)
 """Below the impacts: periods of which the mean is taken, and how the motion is divided."""
 

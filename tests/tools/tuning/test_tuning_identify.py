@@ -50,7 +50,7 @@ from tools.tuning.recordings.readings import Readings, read, read_ticks, ticks_o
 from tools.tuning.result import Tuning
 
 SPRING_N_PER_M, STOP_M, RESTITUTION = 71.1, 0.1802, 0.47
-BANDWIDTH_HZ = 400.0
+BANDWIDTH_HZ, NOISE_M_S2 = 400.0, 0.0145
 ACCELEROMETER, ENCODER = CODECS[Accelerometer], CODECS[EncoderEstimates]
 SENSED = [ACCELEROMETER.encode(Accelerometer(1.0, 1.0, 0.0)), ENCODER.encode(EncoderEstimates(0.5, 0.0))]
 
@@ -217,6 +217,28 @@ def test_flights_lie_between_contacts(recorded: Readings) -> None:
 def test_a_log_that_begins_with_a_single_tick_has_no_contact_there(recorded: Readings) -> None:
     apart = recorded._replace(pieces=((0, 1), (2, len(recorded.acceleration_m_s2))))
     assert contacts_of(apart) == contacts_of(recorded)
+
+
+@pytest.mark.parametrize("contact_s", [0.003, 0.01, 0.025])
+@pytest.mark.parametrize("speed_m_s", [0.1, 0.3, 1.2])
+def test_a_contact_begins_within_a_period_of_its_touch_down(contact_s: float, speed_m_s: float) -> None:
+    """A soft stop lets a slow striker's reading fall by a few m/s² only, in ten periods."""
+    scale_s = 0.003 * contact_s / contact_time_s(0.003, speed_m_s)
+    rows = np.arange(200) * 1e-3
+    pushes = filter_forces(rows, speed_m_s, Pull(4.0), BANDWIDTH_HZ, 0.0405, scale_s, 0.5)
+    noise = NOISE_M_S2 * np.random.default_rng(3).standard_normal((2, 200))
+    back_m_s2 = np.linspace(12.0 + np.sum(pushes) / 100, -4.0, 200)  # the mean acceleration is 0
+    z = np.concatenate([back_m_s2 + noise[0], -4.0 - pushes + noise[1]])
+    (found,) = contacts_of(Readings(1e-3, z, np.zeros(400), np.zeros(400), ((0, 400),)))
+    assert found.before == pytest.approx(200 + 40.5, abs=1.5 + 0.1 * contact_s / 1e-3)
+    assert z[found.after + 8] == pytest.approx(-4.0, abs=0.1)
+
+
+def test_dry_friction_at_a_turn_is_no_contact() -> None:
+    """It lets the reading fall where the striker turns round at the back, and rise at the front."""
+    t_s = np.arange(2000) * 1e-3
+    z = 8.0 * np.sin(9.0 * t_s) + 2.0 * np.sign(np.cos(9.0 * t_s))
+    assert contacts_of(Readings(1e-3, z, np.zeros(2000), np.zeros(2000), ((0, 2000),))) == []
 
 
 def test_integrals_are_those_of_a_polynomial() -> None:

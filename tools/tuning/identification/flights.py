@@ -9,14 +9,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from plant_sim.arrays import BoolArray, FloatArray
+from plant_sim.arrays import BoolArray, FloatArray, IntArray
 from tools.tuning.recordings.readings import Readings
 
-DROP_M_S2 = 4.0
-"""Smallest fall of the reading within two ticks at a touch-down. Dry friction (5.9 for μ = 0.3) is slower."""
-IMPACT_M_S2 = 8.0
+FALL_M_S2, FALL_TICKS = 0.5, 6
+"""At a touch-down the reading falls by this within these ticks, and by this more than in as many before."""
+ONSET_M_S2 = 0.15
+"""Fall below the line through the ticks before, from which on the contact has begun; ten times the noise."""
+DEPTH_M_S2 = 1.5
 """Smallest fall of the reading over the whole contact."""
 BACK_M_S2 = 1.0
+"""The contact has ended where the reading is this near to that before it."""
 LONGEST_CONTACT_S = 0.08
 RINGING_S = 0.008
 """Time left out after a contact, until the low-pass has settled; before one, a tick or two suffice."""
@@ -72,24 +75,48 @@ class Flight:
 
 def contacts_of(readings: Readings) -> list[Contact]:
     """All impacts on the stop: a steep fall of the reading and its recovery."""
-    z = readings.acceleration_m_s2
-    longest = round(LONGEST_CONTACT_S / readings.period_s)
+    z, longest = readings.acceleration_m_s2, round(LONGEST_CONTACT_S / readings.period_s)
+    at_rest_m_s2 = mean_m_s2(readings)
     found = []
     for begin, end in readings.pieces:
-        steep = np.flatnonzero(z[begin + 2 : end] - z[begin : max(end - 2, begin)] < -DROP_M_S2) + begin
         behind = begin
-        for before in steep.tolist():
-            if before < behind:
+        for first in (begin + steep_falls(z[begin:end], at_rest_m_s2)).tolist():
+            if first < behind:
                 continue
-            back = np.flatnonzero(z[before + 2 : min(before + longest, end)] > z[before] - BACK_M_S2)
-            if len(back) == 0:
-                behind = min(before + longest, end)
-                continue
-            after = before + 2 + int(back[0])
-            behind = after
-            if np.min(z[before:after]) < z[before] - IMPACT_M_S2:
-                found.append(Contact(before, after))
+            before = first + onset(z[first - FALL_TICKS : first + FALL_TICKS + 1])
+            behind = min(before + longest, end)
+            back = np.flatnonzero(z[first + FALL_TICKS : behind] > z[before] - BACK_M_S2)
+            if len(back):
+                behind = first + FALL_TICKS + int(back[0])
+                if np.min(z[before:behind]) < z[before] - DEPTH_M_S2:
+                    found.append(Contact(before, behind))
     return found
+
+
+def mean_m_s2(readings: Readings) -> float:
+    """The reading at rest: the mean acceleration of an oscillation is 0."""
+    return float(np.nanmean(readings.acceleration_m_s2))
+
+
+def steep_falls(z: FloatArray, at_rest_m_s2: float) -> IntArray:
+    """The rows after which the reading falls as no spring lets it fall.
+
+    At the stop the spring pulls the striker back, and its reading is below that at rest. Above it, where the
+    striker turns round at the back, dry friction makes a fall as steep.
+    """
+    if len(z) <= 2 * FALL_TICKS:
+        return np.zeros(0, np.int64)
+    change = z[FALL_TICKS:] - z[:-FALL_TICKS]
+    before, after = change[:-FALL_TICKS], change[FALL_TICKS:]
+    is_steep = (after < -FALL_M_S2) & (after - before < -FALL_M_S2)
+    return np.flatnonzero(is_steep & (z[FALL_TICKS:-FALL_TICKS] < at_rest_m_s2)) + FALL_TICKS
+
+
+def onset(z: FloatArray) -> int:
+    """The last row, from the middle of `z` on, that continues the line through the rows before it."""
+    later = np.arange(FALL_TICKS + 1)
+    line = z[FALL_TICKS] + (z[FALL_TICKS] - z[0]) / FALL_TICKS * later
+    return int(np.argmax(z[FALL_TICKS:] < line - ONSET_M_S2)) - 1
 
 
 def flights_of(
@@ -98,8 +125,7 @@ def flights_of(
     """The free flights between contacts."""
     T = readings.period_s
     ringing, before = round(RINGING_S / T), round(BEFORE_S / T)
-    # The mean acceleration of an oscillation is 0, so the mean reading is the reading at rest.
-    at_rest_m_s2 = float(np.nanmean(readings.acceleration_m_s2))
+    at_rest_m_s2 = mean_m_s2(readings)
     found: list[Flight] = []
     for begin, end in readings.pieces:
         inside = [contact for contact in contacts if begin <= contact.before < end]

@@ -49,8 +49,8 @@ SINGULAR = 1e-9
 ROUNDS = 2
 """Number of times that all laws are fitted again from the states that the others have found."""
 WORSE = 5.0
-"""Flights whose mean squared residual is so many standard deviations, by the others' median deviation, above
-the median are left out."""
+"""Flights whose mean squared residual is above the median by more than this, in standard deviations that
+follow from the median deviation, are left out."""
 FIRST_RISE, LEAST_RISE_M_S2 = 0.3, 0.01
 """First value of Stribeck's rise: a share of f, and at least."""
 EXPONENTS = (1.0, 2.0)
