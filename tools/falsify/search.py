@@ -136,16 +136,16 @@ def targets_of(starts: Sequence[Start]) -> list[Target]:
     """The checks that are the fewest of their ranges from broken, the nearest first, each in one scenario.
 
     A range: from a check's median to its smallest margin. A limit that each run just keeps has a small margin
-    but no direction.
+    but no direction, nor has a count, whose smallest margin several runs share.
     """
     found: dict[str, tuple[float, Target]] = {}
     for start in starts:
         for check, one in enumerate(start.space.checks):
             scores = np.array([score(result, check) for result in start.results])
             judged = scores[scores < UNJUDGED]
-            if len(judged) == 0 or np.ptp(judged) < VARIES:
+            lowest = float(judged.min(initial=UNJUDGED))
+            if len(judged) == 0 or np.ptp(judged) < VARIES or np.sum(judged == lowest) > 1:
                 continue
-            lowest = float(judged.min())
             ranges = lowest / max(float(np.median(judged)) - lowest, VARIES)
             if one.name not in found or ranges < found[one.name][0]:
                 target = Target(start.space, check, start.places[np.argsort(scores, kind="stable")])

@@ -36,6 +36,8 @@ MILDEST = 0.1
 """Smallest size of a fault that must not end the motion, as a share of the scenario's own."""
 RIDDEN_THROUGH = ("regime", "after_fault.impacts_again_after_s", "after_fault.turning_at_end_rad_s")
 """Figures whose checks say that the motion goes on."""
+IN_START_S = 0.5
+"""Least time from the operator's request to a fault that ends the motion: the drive is armed by then."""
 WINDOW_S, WINDOW_SHARE = 1.0, 0.4
 """When disturbances come: within this time after the scenario's fault, or without one in this share of
 the time from RUN to the last command or the end, so that the second half of the hold is steady."""
@@ -305,9 +307,21 @@ def default_space(
 
 
 def instants(scenario: Scenario) -> Iterator[Dimension]:
-    """The delay of the fault, as with several seeds."""
-    if since_s(scenario) > 0.0 and scenario.longest_delay_s > 0.0:
-        yield Dimension(DELAY, 0.0, 0.0, scenario.longest_delay_s)
+    """The delay of the fault, as with several seeds; one that ends the motion may also come in the start.
+
+    It may not where the scenario restricts the delay, so that its fault meets no impact.
+    """
+    since = since_s(scenario)
+    if since > 0.0 and scenario.longest_delay_s > 0.0:
+        is_ridden = not scenario.faults or any(check.name in RIDDEN_THROUGH for check in scenario.checks)
+        is_bound = is_ridden or "longest_delay_s" in scenario.document["script"]
+        earliest_s = since if is_bound else min(first_run_s(scenario) + IN_START_S, since)
+        yield Dimension(DELAY, 0.0, earliest_s - since, scenario.longest_delay_s)
+
+
+def first_run_s(scenario: Scenario) -> float:
+    """The time at which the operator first asks for motion."""
+    return min((one.at_s for one in scenario.commands if one.target_ratio), default=0.0)
 
 
 def sizes(scenario: Scenario) -> Iterator[Dimension]:
@@ -332,9 +346,9 @@ def module(scenario: Scenario, document: Mapping[str, Any]) -> Iterator[Dimensio
 
 
 def window_s(scenario: Scenario, run_s: float) -> tuple[float, float]:
-    """When disturbances come."""
+    """When disturbances come: none before the operator asks for motion."""
     if scenario.faults:
-        from_s = min(one.at_s for one in scenario.faults)
+        from_s = max(min(one.at_s for one in scenario.faults), first_run_s(scenario))
         return from_s, min(from_s + WINDOW_S, scenario.duration_s - WINDOW_S / 10.0)
     later_s = [one.at_s for one in scenario.commands if one.at_s > run_s]
     return run_s, run_s + WINDOW_SHARE * (max(later_s, default=scenario.duration_s) - run_s)

@@ -45,7 +45,9 @@ LEFT_OUT = frozenset(
     (
         # The tree itself breaks a requirement in the default space.
         "a-heavier-striker-than-believed-keeps-the-impacts",
+        "a-guide-that-rubs-eight-times-as-much-keeps-the-impacts",
         "a-rigid-stop-keeps-the-impacts",
+        "a-violent-kick-into-a-weak-stop-stops-the-motor",
         "an-estimate-too-wide-stops-the-motor",
         "instant-start-multistable",
         # Most runs are not judged, because a disturbance acts on nothing.
@@ -178,7 +180,8 @@ def main() -> None:
     asked.out.mkdir(parents=True, exist_ok=True)
     for number, defect in enumerate(tomllib.loads(DEFECTS.read_text("utf-8"))["defects"]):
         path = asked.out / f"{number}.json"
-        if path.exists() or (asked.names and not any(one in defect["name"] for one in asked.names)):
+        is_asked = any(one in defect["name"] for one in asked.names) if asked.names else "suite" not in defect
+        if path.exists() or not is_asked:
             continue
         tree = asked.out.resolve() / f"tree-{number}"
         path.write_text(json.dumps(search_for(defect, tree, asked.budget, asked.workers)))

@@ -149,6 +149,22 @@ def test_disturbances_meet_at_one_instant() -> None:
     ]
 
 
+def test_a_fault_that_ends_the_motion_may_come_in_the_start() -> None:
+    space = space_of("lost-operator-commands-stop-the-motor", [])
+    [delay] = [one for one in space.dimensions if one.key == DELAY]
+    assert delay.low == 1.0 - 6.0003
+    values = [-4.0 if one.key == DELAY else one.default for one in space.dimensions]
+    assert [one.at_s for one in space.scenario(values).faults] == [2.0003]
+    assert result_at(space, values).margin >= 0.0
+    own = space_of("a-violent-kick-stops-the-motor", [])  # it restricts the delay to the flight
+    assert next(one for one in own.dimensions if one.key == DELAY).low == 0.0
+
+
+def test_no_disturbance_comes_before_the_operator_asks_for_motion() -> None:
+    space = space_of("a-start-against-friction-ends-in-a-refusal", [])  # its fault comes at 0.1 s
+    assert min(one.low for one in space.dimensions if one.key.endswith("at_s")) == 0.5
+
+
 def test_a_run_without_a_fault_is_searched_without_disturbances():
     space = space_of("soft-start-multistable", [])
     assert not any("faults" in one.key for one in space.dimensions)
@@ -208,6 +224,8 @@ def test_a_check_that_varies_towards_its_limit_comes_before_one_that_is_always_n
     results = [Result((0.001 + 1e-5 * one[0], 0.3 + one[1])) for one in places]
     first, second = targets_of([Start(space, places, results)])
     assert (first.check, second.check) == (1, 0)
+    counts = [Result((one[0], float(one[1] > 0.5))) for one in places]
+    assert [one.check for one in targets_of([Start(space, places, counts)])] == [0]
 
 
 def test_a_broken_scenario_at_the_end_of_many_is_found_by_turns() -> None:
