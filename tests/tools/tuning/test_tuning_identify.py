@@ -241,6 +241,19 @@ def test_dry_friction_at_a_turn_is_no_contact() -> None:
     assert contacts_of(Readings(1e-3, z, np.zeros(2000), np.zeros(2000), ((0, 2000),))) == []
 
 
+def test_an_impact_at_the_end_of_a_piece_has_no_reading_of_the_next(recorded: Readings) -> None:
+    """The rows after it are of another recording, or come after lost samples."""
+    one = contacts_of(recorded)[5]
+    disturbed = recorded.acceleration_m_s2.copy()
+    disturbed[one.after + 1 : one.after + 4] += 50.0
+    pieces = ((0, one.after + 1), (one.after + 1, len(disturbed)))
+    first, other = (
+        identify(recorded._replace(pieces=pieces[:1], acceleration_m_s2=z), BANDWIDTH_HZ).impacts[-1]
+        for z in (recorded.acceleration_m_s2, disturbed)
+    )
+    assert first == other
+
+
 def test_integrals_are_those_of_a_polynomial() -> None:
     t = np.arange(1001) * 1e-3
     velocity, way = integrals(2.0 - 3.0 * t, 1e-3)

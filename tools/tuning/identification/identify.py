@@ -218,7 +218,8 @@ def fit_contact(
     T = readings.period_s
     k, amplitude, offset, *_ = fit.striker
     since = flight.end - 1
-    end = min(contact.after + AFTER_ROWS, len(readings.acceleration_m_s2))
+    piece_end = next(end for begin, end in readings.pieces if begin <= contact.before < end)
+    end = min(contact.after + AFTER_ROWS, piece_end)
     z = readings.acceleration_m_s2[since:end]
     last = contact.before - since
     velocity, way = integrals(z[: last + 1] - offset, T)
