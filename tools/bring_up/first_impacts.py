@@ -1,8 +1,9 @@
 """Step 5, first impacts: the stop, from the lowest speed with impacts; then the hold at the wanted speed.
 
-The first part raises the speed slowly, with a quarter of the module's force limit, until `ENOUGH` impacts
-have been seen in the raw readings, which need no model. Their direction shows the accelerometers' signs: at
-the stop the striker is pushed back. A striker that swings further than the stop can be has no stop.
+The first part raises the speed slowly, with a quarter of the module's force limit, until `ENOUGH` impacts,
+`FEWEST` of them no grazing ones, have been seen in the raw readings, which need no model. Their direction
+shows the accelerometers' signs: at the stop the striker is pushed back. A striker that swings further than
+the stop can be has no stop.
 """
 
 import math
@@ -32,6 +33,8 @@ ENOUGH, FEWEST = 14, 7
 FIRST_RATIO, LAST_RATIO, STEP_RATIO, STEP_S = 0.65, 1.0, 0.005, 0.3
 STEEP_M_S2, STEEP_TICKS, AGAIN_TICKS = 4.0, 6, 80
 """An impact changes the reading by this within these periods; the next one is at least 80 periods away."""
+CLEAR_M_S = 2.0 * GRAZING_M_S
+"""Change of the striker's speed by an impact that is no grazing one, at any restitution."""
 GAP_MARGIN_M = 0.02
 """A striker that swings this far beyond the data sheet's gap has no stop there."""
 FORCE_SHARES = (FORCE_SHARE, 0.5, 1.0)
@@ -52,7 +55,7 @@ class Watched(Operated):
     def __init__(
         self, commands: Sequence[Command], end_s: float, values: dict[str, float], enough: int
     ) -> None:
-        super().__init__(commands, end_s, lambda _: len(self.seen) >= enough)
+        super().__init__(commands, end_s, lambda _: len(self.seen) >= enough and self.clear >= FEWEST)
         self._exchanged, self._omega_rad_s = values["wiring.low_exchanged"] == 1.0, natural_rad_s(values)
         gap_m = values["stop.position_m"] - values["striker.rest_length_m"]
         self._farthest_m = gap_m + GAP_MARGIN_M
@@ -64,6 +67,12 @@ class Watched(Operated):
         """The last ticks with a swing beyond the stop, backward and forward."""
         self.seen: list[tuple[float, float]] = []
         """The change of the low and of the high range at each impact."""
+        self._changes_m_s: list[float] = []
+
+    @property
+    def clear(self) -> int:
+        """The number of impacts that are no grazing ones."""
+        return sum(abs(one) >= CLEAR_M_S for one in self._changes_m_s)
 
     def _follow(self, frame: Frame) -> None:
         super()._follow(frame)
@@ -83,8 +92,10 @@ class Watched(Operated):
             self._seen_tick = self.tick
             self._before, self._extreme = np.mean(self._last[:-10], axis=0), np.zeros(2)
             self.seen.append((0.0, 0.0))
+            self._changes_m_s.append(0.0)
         if self.seen and self.tick - self._seen_tick < AGAIN_TICKS // 2:
             moved = np.array(self._last[-1]) - self._before
+            self._changes_m_s[-1] += float(moved[0]) * TICK_S
             if abs(moved[0]) > abs(self._extreme[0]):
                 self._extreme = moved
                 self.seen[-1] = (float(moved[0]), float(moved[1]))
@@ -143,10 +154,11 @@ def approach(context: Context, found: Findings) -> tuple[dict[str, float], list[
                 raise
         context.bench.play(Listener(), RESTING_S, context.log("rest"))
     found.notes += player.notes
-    if len(player.seen) < FEWEST:
+    if player.clear < FEWEST:
         raise StepFailedError(
-            f"{len(player.seen)} impacts up to a ratio of {LAST_RATIO:g}: friction keeps the striker from "
-            "the stop, or the stop is further than the data sheet's; this module has no impacts there"
+            f"{len(player.seen)} impacts up to a ratio of {LAST_RATIO:g}, {player.clear} of them more than a "
+            "touch: friction keeps the striker from the stop, or the stop is further than the data sheet's; "
+            "this module has no impacts there"
         )
     values = dict(context.values)
     low, high = np.median(np.array(player.seen), axis=0).tolist()

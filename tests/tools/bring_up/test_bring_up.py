@@ -141,6 +141,27 @@ def test_dry_friction_is_not_taken_for_a_swing_beyond_the_stop(
     assert ("missing or displaced" in reason) == is_missing
 
 
+@pytest.mark.parametrize(("speed_m_s", "ends"), [(0.05, False), (0.3, True)])
+def test_an_approach_goes_on_until_impacts_are_no_grazing_ones(speed_m_s: float, ends: bool) -> None:
+    """Those of a soft stop are seen from a few m/s² on; slow ones do not show where the stop is."""
+    player, contact_s = Watched([], 30.0, with_overrides({}), 14), 0.02
+    beat = FirmwareHeartbeat(*[0] * len(FirmwareHeartbeat._fields))._replace(mode=Mode.RUN)
+    ended_tick = 0
+    for tick in range(20_000):
+        phase = (tick % 1000 - 500) * TICK_S / contact_s
+        push_m_s2 = math.sin(math.pi * phase) * math.pi / 2.0 * 1.5 * speed_m_s / contact_s
+        felt_m_s2 = -2.0 - (push_m_s2 if 0.0 < phase < 1.0 else 0.0)
+        frames = [codec.ACCELEROMETER.encode(Accelerometer(felt_m_s2, felt_m_s2, 0.0), tick % 256)]
+        if tick % 100 == 0:
+            frames.append(codec.FIRMWARE_HEARTBEAT.encode(beat))
+        player.play(tick, frames)
+        if player.ended_tick == tick:
+            ended_tick = tick
+            break
+    assert len(player.seen) >= 14
+    assert bool(ended_tick) == ends
+
+
 def test_a_striker_that_friction_holds_in_the_drives_step_shows_its_channel_in_the_sweep(
     tmp_path: Path,
 ) -> None:

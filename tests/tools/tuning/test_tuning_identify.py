@@ -221,16 +221,19 @@ def test_a_log_that_begins_with_a_single_tick_has_no_contact_there(recorded: Rea
 
 @pytest.mark.parametrize("contact_s", [0.003, 0.01, 0.025])
 @pytest.mark.parametrize("speed_m_s", [0.1, 0.3, 1.2])
-def test_a_contact_begins_within_a_period_of_its_touch_down(contact_s: float, speed_m_s: float) -> None:
+@pytest.mark.parametrize("touch_down_s", 0.04 + 0.0001 * np.arange(10))
+def test_a_contact_begins_within_a_period_of_its_touch_down(
+    touch_down_s: float, contact_s: float, speed_m_s: float
+) -> None:
     """A soft stop lets a slow striker's reading fall by a few m/s² only, in ten periods."""
     scale_s = 0.003 * contact_s / contact_time_s(0.003, speed_m_s)
     rows = np.arange(200) * 1e-3
-    pushes = filter_forces(rows, speed_m_s, Pull(4.0), BANDWIDTH_HZ, 0.0405, scale_s, 0.5)
+    pushes = filter_forces(rows, speed_m_s, Pull(4.0), BANDWIDTH_HZ, touch_down_s, scale_s, 0.5)
     noise = NOISE_M_S2 * np.random.default_rng(3).standard_normal((2, 200))
     back_m_s2 = np.linspace(12.0 + np.sum(pushes) / 100, -4.0, 200)  # the mean acceleration is 0
     z = np.concatenate([back_m_s2 + noise[0], -4.0 - pushes + noise[1]])
     (found,) = contacts_of(Readings(1e-3, z, np.zeros(400), np.zeros(400), ((0, 400),)))
-    assert found.before == pytest.approx(200 + 40.5, abs=1.5 + 0.1 * contact_s / 1e-3)
+    assert found.before == pytest.approx(200 + touch_down_s / 1e-3, abs=1.5 + 0.1 * contact_s / 1e-3)
     assert z[found.after + 8] == pytest.approx(-4.0, abs=0.1)
 
 

@@ -84,12 +84,14 @@ def contacts_of(readings: Readings) -> list[Contact]:
             if first < behind:
                 continue
             before = first + onset(z[first - FALL_TICKS : first + FALL_TICKS + 1])
-            behind = min(before + longest, end)
-            back = np.flatnonzero(z[first + FALL_TICKS : behind] > z[before] - BACK_M_S2)
-            if len(back):
-                behind = first + FALL_TICKS + int(back[0])
-                if np.min(z[before:behind]) < z[before] - DEPTH_M_S2:
-                    found.append(Contact(before, behind))
+            is_away = z[before : min(before + longest, end)] < z[before] - BACK_M_S2
+            away = int(np.argmax(is_away))
+            back = np.flatnonzero(~is_away[away:])
+            if is_away[away] and len(back):
+                after = before + away + int(back[0])
+                if np.min(z[before:after]) < z[before] - DEPTH_M_S2:
+                    found.append(Contact(before, after))
+                    behind = after
     return found
 
 
