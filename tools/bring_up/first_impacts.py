@@ -157,8 +157,8 @@ def approach(context: Context, found: Findings) -> tuple[dict[str, float], list[
     if player.clear < FEWEST:
         raise StepFailedError(
             f"{len(player.seen)} impacts up to a ratio of {LAST_RATIO:g}, {player.clear} of them more than a "
-            "touch: friction keeps the striker from the stop, or the stop is further than the data sheet's; "
-            "this module has no impacts there"
+            "touch: friction keeps the striker from the stop, or the stop is missing, or further than the "
+            "data sheet's; this module has no impacts there"
         )
     values = dict(context.values)
     low, high = np.median(np.array(player.seen), axis=0).tolist()

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 AROUND_S = 1.0
 """Time shown before and after the first fault, or else the instant that explains the check."""
+MEET_S = 0.1
+"""Faults that begin within this time have one label."""
 SIGNALS = {
     "speed": ("omega_rad_s", "crank speed [rad/s]"),
     "largest_speed": ("omega_rad_s", "crank speed [rad/s]"),
@@ -55,13 +57,15 @@ def draw_instant(best: Best, axes: "Axes") -> None:
     t_s, values, label = signal_of(check.name, traces)
     shown = np.abs(t_s - at_s) <= AROUND_S
     axes.plot(t_s[shown], values[shown], lw=1.0)
-    for fault in faults:
-        if abs(fault.from_s - at_s) <= AROUND_S:
-            axes.axvline(fault.from_s, color="tab:red", lw=0.8, ls="--")
-            across = axes.get_xaxis_transform()
-            axes.text(
-                fault.from_s, 1.0, fault.kind, transform=across, rotation=90, size=6, va="top", ha="right"
-            )
+    near = sorted((one for one in faults if abs(one.from_s - at_s) <= AROUND_S), key=lambda one: one.from_s)
+    labelled_s, across = -np.inf, axes.get_xaxis_transform()
+    for fault in near:
+        axes.axvline(fault.from_s, color="tab:red", lw=0.8, ls="--")
+        if fault.from_s - labelled_s > MEET_S:
+            labelled_s = fault.from_s
+            more = sum(0.0 < one.from_s - labelled_s <= MEET_S for one in near)
+            words = f"{fault.kind} + {more} faults" if more else fault.kind
+            axes.text(labelled_s, 1.0, words, transform=across, rotation=90, size=6, va="top", ha="right")
     axes.set(xlabel="time [s]", ylabel=label)
     axes.set_title(f"{check.name}, margin {best.margin:.0%}\n{best.space.name}", fontsize=8)
 
