@@ -20,6 +20,7 @@ from tools.tuning.identification.identify import (
     FEWEST_IMPACTS,
     NORMAL_95,
     Identified,
+    flight_spread,
     identify,
     low_pass_delay_s,
     swing_m_s,
@@ -89,7 +90,9 @@ def refuse_pieces(readings: Readings) -> None:
     lost = np.count_nonzero(np.isnan(readings.acceleration_m_s2) | np.isnan(readings.angle_rad))
     ends_rad = readings.angle_rad[np.array(readings.pieces, int).reshape(-1, 2) - [0, 1]]
     turns_rev = float(np.max(np.abs(np.diff(ends_rad)), initial=0.0)) / (2.0 * math.pi)
-    if lost and turns_rev < LEAST_REV:
+    known_rad = np.unwrap(readings.angle_rad[np.isfinite(readings.angle_rad)])
+    whole_rev = float(np.ptp(known_rad)) / (2.0 * math.pi) if len(known_rad) else 0.0
+    if lost and turns_rev < LEAST_REV <= whole_rev:
         raise StepFailedError(
             f"{lost} samples were lost, and between them the crank turns by {turns_rev:.2g} turns at most, "
             f"wanted {LEAST_REV:g} or more: find what loses frames on the bus (see the step listen), then "
@@ -202,7 +205,7 @@ def value_with_bounds(found: Identified, key: str) -> tuple[float, float, float]
     value, wide = found.values[key], NORMAL_95 * found.spread[key]
     both = found.fits[Law.BOTH]
     if found.law != Law.STRIBECK and key in both.spread and key not in found.fit.spread:
-        middle, wide = getattr(both.striker, key), NORMAL_95 * both.spread[key]
+        middle, wide = getattr(both.striker, key), NORMAL_95 * flight_spread(both)[key]
         return value, min(value, middle - wide), max(value, middle + wide)
     return value, value - wide, value + wide
 

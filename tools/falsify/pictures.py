@@ -63,7 +63,7 @@ def draw_instant(best: Best, axes: "Axes") -> None:
         axes.axvline(fault.from_s, color="tab:red", lw=0.8, ls="--")
         if fault.from_s - labelled_s > MEET_S:
             labelled_s = fault.from_s
-            more = sum(0.0 < one.from_s - labelled_s <= MEET_S for one in near)
+            more = sum(0.0 <= one.from_s - labelled_s <= MEET_S for one in near) - 1
             words = f"{fault.kind} + {more} faults" if more else fault.kind
             axes.text(labelled_s, 1.0, words, transform=across, rotation=90, size=6, va="top", ha="right")
     axes.set(xlabel="time [s]", ylabel=label)

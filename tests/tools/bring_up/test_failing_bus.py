@@ -239,6 +239,13 @@ def test_a_striker_is_not_called_stuck_where_lost_samples_cut_its_motion_to_piec
         fit_module([log], with_overrides({}), is_slow=True)
 
 
+def test_a_lost_sample_is_not_blamed_for_a_crank_that_rests(tmp_path: Path) -> None:
+    log = tmp_path / "rest.log"
+    write_motion(log, [0.25] * 3000, {500})
+    with pytest.raises(StepFailedError, match="the crank has not turned"):
+        fit_module([log], with_overrides({}), is_slow=True)
+
+
 def test_a_crank_that_only_twitches_does_not_turn(tmp_path: Path) -> None:
     """The part in which its averaged speed exceeds the limit is shorter than the average itself."""
     turned_rev, log = 1.1 * TURNING_RAD_S * SMOOTHED * TICK_S / (2.0 * math.pi), tmp_path / "twitch.log"

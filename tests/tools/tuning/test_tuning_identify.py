@@ -244,6 +244,35 @@ def test_dry_friction_at_a_turn_is_no_contact() -> None:
     assert contacts_of(Readings(1e-3, z, np.zeros(2000), np.zeros(2000), ((0, 2000),))) == []
 
 
+@pytest.mark.parametrize("at_touch_down_m_s2", [-0.5, 0.5, 1.5])
+def test_a_stop_within_the_cranks_radius_may_be_met_while_the_spring_still_pushes(
+    at_touch_down_m_s2: float,
+) -> None:
+    rows = np.arange(1000) * 1e-3
+    scale_s = 0.003 * 0.01 / contact_time_s(0.003, 0.3)
+    pushes = filter_forces(rows, 0.3, Pull(0.0), BANDWIDTH_HZ, 0.5, scale_s, 0.5)
+    noise = NOISE_M_S2 * np.random.default_rng(3).standard_normal(1000)
+    z = at_touch_down_m_s2 * np.cos(8.0 * (rows - 0.5)) - pushes + noise
+    z += np.sum(pushes + noise) / 1000 - np.mean(at_touch_down_m_s2 * np.cos(8.0 * (rows - 0.5)))
+    (found,) = contacts_of(Readings(1e-3, z, np.zeros(1000), np.zeros(1000), ((0, 1000),)))
+    assert found.before == pytest.approx(500, abs=2)
+
+
+def test_a_striker_that_sticks_and_slips_at_4_hz_meets_no_stop() -> None:
+    """Of the means over 5 ms, thirty milliseconds are a part of the slip."""
+    k, f, small_s = 631.0, 0.3 * 9.81, 1e-3
+    x, v, felt = 0.0, 0.0, []
+    for tick in range(8000):
+        pull = -k * (x - 0.012 * np.sin(14.0 * tick * small_s))
+        push = 0.0 if v == 0.0 and abs(pull) <= f else pull - f * np.sign(v if v != 0.0 else pull)
+        faster = v + small_s * push
+        x, v = x + small_s * faster, faster if faster * v >= 0.0 else 0.0
+        felt.append(push)
+    z = np.reshape(felt, (-1, 5)).mean(axis=1)
+    rows = len(z)
+    assert contacts_of(Readings(5e-3, z, np.zeros(rows), np.zeros(rows), ((0, rows),))) == []
+
+
 def test_an_impact_at_the_end_of_a_piece_has_no_reading_of_the_next(recorded: Readings) -> None:
     """The rows after it are of another recording, or come after lost samples."""
     one = contacts_of(recorded)[5]

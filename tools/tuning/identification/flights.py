@@ -12,8 +12,10 @@ import numpy as np
 from plant_sim.arrays import BoolArray, FloatArray, IntArray
 from tools.tuning.recordings.readings import Readings
 
-FALL_M_S2, FALL_TICKS = 0.5, 6
-"""At a touch-down the reading falls by this within these ticks, and by this more than in as many before."""
+FALL_M_S2, FALL_S = 0.5, 0.006
+"""At a touch-down the reading falls by this within this time, and by this more than in as long before."""
+HARD_FALL_M_S2 = 8.0
+"""Dry friction (5.9 for μ = 0.3) lets no reading fall by this at once."""
 ONSET_M_S2 = 0.15
 """Fall below the line through the ticks before, from which on the contact has begun; ten times the noise."""
 DEPTH_M_S2 = 1.5
@@ -76,14 +78,15 @@ class Flight:
 def contacts_of(readings: Readings) -> list[Contact]:
     """All impacts on the stop: a steep fall of the reading and its recovery."""
     z, longest = readings.acceleration_m_s2, round(LONGEST_CONTACT_S / readings.period_s)
+    ticks = max(round(FALL_S / readings.period_s), 1)
     at_rest_m_s2 = mean_m_s2(readings)
     found = []
     for begin, end in readings.pieces:
         behind = begin
-        for first in (begin + steep_falls(z[begin:end], at_rest_m_s2)).tolist():
+        for first in (begin + steep_falls(z[begin:end], at_rest_m_s2, ticks)).tolist():
             if first < behind:
                 continue
-            before = first + onset(z[first - FALL_TICKS : first + FALL_TICKS + 1])
+            before = first + onset(z[first - ticks : first + ticks + 1])
             is_away = z[before : min(before + longest, end)] < z[before] - BACK_M_S2
             away = int(np.argmax(is_away))
             back = np.flatnonzero(~is_away[away:])
@@ -100,25 +103,27 @@ def mean_m_s2(readings: Readings) -> float:
     return float(np.nanmean(readings.acceleration_m_s2))
 
 
-def steep_falls(z: FloatArray, at_rest_m_s2: float) -> IntArray:
+def steep_falls(z: FloatArray, at_rest_m_s2: float, ticks: int) -> IntArray:
     """The rows after which the reading falls as no spring lets it fall.
 
-    At the stop the spring pulls the striker back, and its reading is below that at rest. Above it, where the
-    striker turns round at the back, dry friction makes a fall as steep.
+    At a stop beyond the crank's radius the spring pulls the striker back, and its reading is below that at
+    rest. Above it, where the striker turns round at the back, dry friction makes a fall as steep as a soft
+    stop's.
     """
-    if len(z) <= 2 * FALL_TICKS:
+    if len(z) <= 2 * ticks:
         return np.zeros(0, np.int64)
-    change = z[FALL_TICKS:] - z[:-FALL_TICKS]
-    before, after = change[:-FALL_TICKS], change[FALL_TICKS:]
+    change = z[ticks:] - z[:-ticks]
+    before, after = change[:-ticks], change[ticks:]
     is_steep = (after < -FALL_M_S2) & (after - before < -FALL_M_S2)
-    return np.flatnonzero(is_steep & (z[FALL_TICKS:-FALL_TICKS] < at_rest_m_s2)) + FALL_TICKS
+    is_stop = (z[ticks:-ticks] < at_rest_m_s2) | (after < -HARD_FALL_M_S2)
+    return np.flatnonzero(is_steep & is_stop) + ticks
 
 
 def onset(z: FloatArray) -> int:
     """The last row, from the middle of `z` on, that continues the line through the rows before it."""
-    later = np.arange(FALL_TICKS + 1)
-    line = z[FALL_TICKS] + (z[FALL_TICKS] - z[0]) / FALL_TICKS * later
-    return int(np.argmax(z[FALL_TICKS:] < line - ONSET_M_S2)) - 1
+    ticks = len(z) // 2
+    line = z[ticks] + (z[ticks] - z[0]) / ticks * np.arange(ticks + 1)
+    return int(np.argmax(z[ticks:] < line - ONSET_M_S2)) - 1
 
 
 def flights_of(
