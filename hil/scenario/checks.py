@@ -65,7 +65,7 @@ class Limit(Bounds):
     )
     ticks: int = Field(
         default=0,
-        description="control periods added to `high`, and those that the controller is late",
+        description="control periods added to `high`, and those by which the controller is late",
     )
     when: Mapping[str, Value] = Field(
         default={}, description="what holds in a scenario to which this limit applies, by key"
