@@ -17,6 +17,7 @@ from hil.figures import detection, faults
 from hil.figures.estimate_error import estimate_errors
 from hil.figures.gait import gait_figures
 from hil.figures.gaps import gaps_of
+from hil.figures.gate import gate_figures
 from hil.figures.hold import Window, hold_motion, hold_window
 from hil.figures.records import (
     DetectorFigures,
@@ -370,6 +371,7 @@ def figures_from(traces: RunTraces) -> Figures:
         motor_torque_after_stop_n_m=faults.torque_after(plant, end),
         safe_state=faults.safe_state_figures(plant, firmware, impacts, end),
         after_fault=faults.fault_figures(traces, hold),
+        gate=gate_figures(traces),
         energy_residual=energy_residual(plant),
     )
 

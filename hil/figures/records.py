@@ -191,6 +191,14 @@ class FaultFigures:
 
 
 @dataclass(frozen=True, slots=True)
+class GateFigures:
+    """What contacts had reached before the motor's torque ended; those near a fault do not count."""
+
+    passed_n: Annotated[Number, "N", "largest force of a contact until 4 ms before the torque ended"]
+    passed_n_s: Annotated[Number, "N s", "largest impulse of a contact until 4 ms before the torque ended"]
+
+
+@dataclass(frozen=True, slots=True)
 class FeltFigures:
     """The force of ankle spring and damper on the wearer, at the ticks; None without a wearer."""
 
@@ -330,6 +338,7 @@ class Figures:
     ]
     safe_state: Annotated[SafeStateFigures, "", "torque and impacts after the drive must be off"]
     after_fault: Annotated[FaultFigures, "", "torque, speed and impacts after the first fault of the script"]
+    gate: Annotated[GateFigures, "", "what contacts reached before the torque ended"]
     energy_residual: Annotated[
         Number, "", "unbalanced energy of the plant, as a share of the exchanged energy"
     ]

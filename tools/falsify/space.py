@@ -33,21 +33,26 @@ MEET_S = 0.05
 MILDER = ("change_m_s", "share", "duration_s", "bias", "std", "by_m", "largest_s")
 """Keys of faults of which a smaller value disturbs less."""
 MILDEST = 0.1
-"""Smallest size of a fault that must not end the motion, as a share of the scenario's own."""
+"""Smallest size of a fault, as a share of the scenario's own."""
 RIDDEN_THROUGH = ("regime", "after_fault.impacts_again_after_s", "after_fault.turning_at_end_rad_s")
 """Figures whose checks say that the motion goes on."""
+OF_ANY_SIZE = (*RIDDEN_THROUGH, "gate.passed_n")
+"""Figures whose checks hold for smaller faults as well."""
 IN_START_S = 0.5
 """Least time from the operator's request to a fault that ends the motion: the drive is armed by then."""
 WINDOW_S, WINDOW_SHARE = 1.0, 0.4
 """When disturbances come: within this time after the scenario's fault, or without one in this share of
 the time from RUN to the last command or the end, so that the second half of the hold is steady."""
-UNDER_DISTURBANCES = ("S-", "P-07")
+UNDER_DISTURBANCES = ("S-", "P-07", "P-15")
 """Beginnings of the requirements that hold whatever disturbs the motion; the others hold in steady motion."""
 STEADY = ("S-", "P-")
 """Beginnings of those that hold in a run without a fault."""
 BIAS_M_S2 = MISMATCH["mismatch_bias_g"] * STANDARD_GRAVITY_M_S2
 RATIO_STEP = 0.03
 """Largest step of the target's ratio, as a share."""
+
+SEED, WALKS = "seed", 1000
+"""The key of a walk's seed, which samples its strides, and its highest value."""
 
 PHASE = "scene.drive.phase_rad"
 """The crank's first angle; with a fault, `DELAY` varies the angle at which it comes."""
@@ -82,6 +87,9 @@ RANGES: Mapping[str, Ends] = {
     **dict.fromkeys(BIASES, lambda _: (-BIAS_M_S2, BIAS_M_S2)),
     "scene.sensors.striker_low.noise_m_s2_rthz": noise,
     "scene.sensors.encoder.noise_rad_s": noise,
+    "scene.gait.variability": lambda value: (0.0, value),
+    "scene.gait.stance_share": lambda value: (value - 0.02, value + 0.02),
+    "scene.gait.heel_strike_m_s2": lambda value: (0.5 * value, 1.5 * value),
 }
 """What every default space varies of module and sensors, where the scene has it."""
 
@@ -195,7 +203,8 @@ class Space:
         """The scenario's tables with these values; lines of the script that change nothing are left out."""
         changed = self.changed(values)
         delay_s, instant_s = changed.pop(DELAY, 0.0), changed.pop(INSTANT, 0.0)
-        document = apply_settings(self.document, changed)
+        seed = changed.pop(SEED, self.document.get(SEED))
+        document = {**apply_settings(self.document, changed), SEED: seed}
         script = document["script"]
         for key, (place, lines) in reversed(list(self.optional.items())):
             if key in changed:
@@ -325,8 +334,8 @@ def first_run_s(scenario: Scenario) -> float:
 
 
 def sizes(scenario: Scenario) -> Iterator[Dimension]:
-    """The sizes of faults that must not end the motion, up to the scenario's own; kicks both ways."""
-    if not any(check.name in RIDDEN_THROUGH for check in scenario.checks):
+    """The sizes of faults, up to the scenario's own, where smaller ones keep its checks; kicks both ways."""
+    if not any(check.name in OF_ANY_SIZE for check in scenario.checks):
         return
     for place, fault in enumerate(scenario.faults):
         for key in MILDER:
@@ -343,6 +352,8 @@ def module(scenario: Scenario, document: Mapping[str, Any]) -> Iterator[Dimensio
         varies = not scenario.faults if key == PHASE else value or key in BIASES
         if value is not None and varies:
             yield Dimension(key, value, *ends_of(value))
+    if scenario.scene.gait is not None:
+        yield Dimension(SEED, scenario.seed, 0, WALKS)
 
 
 def window_s(scenario: Scenario, run_s: float) -> tuple[float, float]:
