@@ -103,7 +103,7 @@ def show(verdict: "RunVerdict", title: str) -> None:
 
 def show_figures(figures: "Figures") -> None:
     """Print the main figures of a run."""
-    from hil.figures.main_figures import main_figures
+    from hil.figures.text import main_figures
 
     console.print(figure_table(None, main_figures(figures)))
 

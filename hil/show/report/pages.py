@@ -12,9 +12,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from hil.figures.gaps import longest_gaps, longest_holds
-from hil.figures.main_figures import main_figures
 from hil.figures.records import CATALOGUE, Figures, value_of
-from hil.figures.text import figure_text
+from hil.figures.text import figure_text, main_figures
 from hil.judge.failures import failures_of
 from hil.judge.seeds import ScenarioVerdict
 from hil.judge.verdict import BY_GRAVITY, RunVerdict, worst

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from run_folder import records
 
-from hil.figures.main_figures import main_figures
 from hil.figures.moments import moment_of
 from hil.figures.records import TrueImpact
+from hil.figures.text import main_figures
 from hil.judge.judge import judge
 from hil.judge.verdict import CheckResult, FaultEffect, Verdict
 from hil.record.formats import plain

@@ -112,7 +112,7 @@ def test_the_default_space_of_a_kick_varies_kick_module_sensors_and_disturbances
     assert ranges["scene.stop.restitution"] == "0.45 … 0.55"
     assert "scene.drive.phase_rad" not in ranges  # the delay varies the phase of the fault
     assert ranges["script.faults.2.duration_s"].startswith("0.0, 0.001")
-    assert {one.requirement for one in space.checks} == {"S-04", "S-05", "S-06", "P-07"}
+    assert {one.requirement for one in space.checks} == {"S-04", "S-05", "S-06", "P-07", "P-15"}
     # Nothing that is at its default is left in the script, and the requirement's limit counts.
     scenario = load_scenario(KICK)
     assert space.tables(space.defaults)["script"] == scenario.document["script"]
@@ -159,6 +159,26 @@ def test_a_fault_that_ends_the_motion_may_come_in_the_start() -> None:
     assert result_at(space, values).margin >= 0.0
     own = space_of("a-violent-kick-stops-the-motor", [])  # it restricts the delay to the flight
     assert next(one for one in own.dimensions if one.key == DELAY).low == 0.0
+
+
+def test_a_kick_near_a_limit_varies_in_size_because_what_passes_does_not_depend_on_a_trip() -> None:
+    space = space_of("an-impact-beyond-its-limit-is-not-let-pass", [])
+    [size] = [one for one in space.dimensions if one.key == "script.faults.0.change_m_s"]
+    assert (size.low, size.high) == (-2.6, 2.6)
+    assert {"gate.passed_n", "gate.passed_n_s"} < {one.name for one in space.checks}
+    assert "fault" not in {one.name for one in space.checks}
+    other = space_of("a-violent-kick-stops-the-motor", [])
+    assert "script.faults.0.change_m_s" not in {one.key for one in other.dimensions}
+
+
+def test_a_walk_is_searched_over_its_strides() -> None:
+    space = space_of("a-walker-who-stops-gets-no-more-pulses", [])
+    keys = [one.key for one in space.dimensions]
+    assert {"scene.gait.variability", "scene.gait.stance_share", "scene.gait.heel_strike_m_s2"} <= set(keys)
+    values = [7 if one.key == "seed" else one.default for one in space.dimensions]
+    assert space.scenario(values).seed == 7
+    assert space.scenario(space.defaults).seed == load_scenario(space.name).seed
+    assert "seed" not in [one.key for one in space_of(KICK, []).dimensions]
 
 
 def test_no_disturbance_comes_before_the_operator_asks_for_motion() -> None:
