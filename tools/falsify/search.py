@@ -22,7 +22,7 @@ from tools.falsify.space import Space
 START_SHARE, MOST_START, TURN = 0.25, 64, 8
 """Share of the runs that are Sobol points before an optimiser begins, their largest number a scenario, and
 how many of them a scenario has in turn."""
-TARGETS = 4
+TARGETS = 8
 """Most checks on which an optimiser spends its runs."""
 VARIES = 1e-6
 """Smallest range of a margin over the start for a check to give a direction."""
@@ -136,7 +136,7 @@ def targets_of(starts: Sequence[Start]) -> list[Target]:
     """The checks that are the fewest of their ranges from broken, the nearest first, each in one scenario.
 
     A range: from a check's median to its smallest margin. A limit that each run just keeps has a small margin
-    but no direction, nor has a count, whose smallest margin several runs share.
+    but no direction, nor has a count, of which several runs share a margin.
     """
     found: dict[str, tuple[float, Target]] = {}
     for start in starts:
@@ -144,7 +144,7 @@ def targets_of(starts: Sequence[Start]) -> list[Target]:
             scores = np.array([score(result, check) for result in start.results])
             judged = scores[scores < UNJUDGED]
             lowest = float(judged.min(initial=UNJUDGED))
-            if len(judged) == 0 or np.ptp(judged) < VARIES or np.sum(judged == lowest) > 1:
+            if len(judged) == 0 or np.ptp(judged) < VARIES or len(np.unique(judged)) < len(judged):
                 continue
             ranges = lowest / max(float(np.median(judged)) - lowest, VARIES)
             if one.name not in found or ranges < found[one.name][0]:

@@ -6,8 +6,8 @@ Each defect is made in a copy of the committed tree. If a scenario of the suite 
 planted defect, and is not searched for. It is found if a search like `vibrohil falsify` of the default spaces
 finds a run that breaks a requirement there but not in the tree itself; a scenario that breaks it in both is
 left out, and the search goes on without it. One that is not found is shown to be a defect by runs in ranges
-four times as wide; if none of them breaks a requirement either, it may be none. A second start continues after the defects whose result is in
-FOLDER; a table of all results ends it.
+four times as wide; if none of them breaks a requirement either, it may be none. A second start continues
+after the defects whose result is in FOLDER; a table of all results ends it.
 """
 
 import argparse
@@ -38,9 +38,14 @@ from tools.output import progress_console, table_of
 
 ROOT = Path(__file__).parents[3]
 DEFECTS = Path(__file__).with_name("planted.toml")
-FOLDERS = "frames_late", "frames_lost", "kicks", "module", "ordinary", "processes", "walk"
+FOLDERS = "frames_late", "frames_lost", "kicks", "module", "ordinary", "processes"
+WALKS = (
+    "a-steady-walk-has-a-pulse-in-every-push-off",
+    "a-stumble-ends-the-pulses",
+    "a-walker-who-stops-gets-no-more-pulses",
+)
 WIDE, WIDE_RUNS = 4.0, 1000
-"""Factor on the ranges, and number of Sobol points in them, by which a defect that was not found may show itself."""
+"""Factor on the ranges, and Sobol points in them, by which a defect that was not found may show itself."""
 UNMOVED = DELAY, INSTANT, PHASE
 LEFT_OUT = frozenset(
     (
@@ -68,9 +73,9 @@ LEFT_OUT = frozenset(
 
 
 def searched(left_out: Iterable[str] = LEFT_OUT) -> list[Space]:
-    """The spaces that are searched for every defect: of the scenarios of these folders, but some."""
+    """The spaces that are searched for every defect: of scenarios of these folders but some, and walks."""
     folders = [name for name in scenario_names() if locate(name)[0].parent.name in FOLDERS]
-    spaces = [space_of(name, []) for name in folders if name not in left_out]
+    spaces = [space_of(name, []) for name in (*folders, *WALKS) if name not in left_out]
     return [one for one in spaces if one.chosen]
 
 
