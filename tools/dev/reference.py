@@ -196,7 +196,7 @@ def requirement_rows() -> Iterator[str]:
         proofs = [(scenario.name, check) for scenario in scenarios for check in scenario.checks]
         proving = [scenario for scenario, check in proofs if check.requirement == name]
         where = f"[{one.source.partition('#')[0]}]({one.source})"
-        in_scenarios = f"{len(proving)} in {len(set(proving))} scenarios" if proving else "—"
+        in_scenarios = str(len(proving)) if proving else "—"
         tests = "<br>".join(f"`{test}`" for test in of_tests[name]) or "—"
         limits = "<br>".join(limits_in_words(one.limits)) or "—"
         yield row(f'<a id="{name.lower()}"></a>{name}', one.text, limits, where, in_scenarios, tests)
