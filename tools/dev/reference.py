@@ -340,7 +340,10 @@ def scenes() -> str:
     of_scenario: list[type[BaseModel]] = [ScenarioTable, FileTable, SearchTable, ScriptTable, CommandTable]
     for heading, found in (("A scenario", of_scenario), ("A scene", [*tables_in(BenchScene)][1:])):
         parts += [f"## {heading}", *table_sections(found)]
-    parts += ["## Sets of checks", table(["name", "title", "checks: limit, or requirement with it"], check_set_rows())]
+    parts += [
+        "## Sets of checks",
+        table(["name", "title", "checks: limit or (requirement)"], check_set_rows()),
+    ]
     parts.append(
         "## Sizes\n\nThe smallest size of a number above 0, and the largest size. "
         "A number that may be 0 is 0 or at least 1e-15."
