@@ -5,7 +5,6 @@ import numpy as np
 from hil.figures.records import GateFigures, no_figures
 from hil.record.run_faults import faults_of
 from hil.record.run_traces import RunTraces, column
-from plant_sim.arrays import FloatArray
 
 CLEAR_S = 0.013
 """Least time between a contact and a fault of the script. For this time the accelerometer shows a kick: a
@@ -25,20 +24,20 @@ def gate_figures(traces: RunTraces) -> GateFigures:
     plant, firmware, impacts = traces.plant, traces.firmware, traces.impacts
     if len(plant) == 0 or not np.isfinite(column(impacts, "peak_force_n")).all():
         return no_figures(GateFigures)
-    t_s, force_n = column(plant, "t_s"), column(plant, "stop_force_n")
+    t_s, force_n, begins_s = column(plant, "t_s"), column(plant, "stop_force_n"), column(impacts, "t_s")
     driven_s = column(firmware, "t_s")[column(firmware, "outputs.torque_n_m") != 0.0]
+    free = np.append(np.flatnonzero(~(force_n > 0.0)), len(force_n))
+    firsts = np.searchsorted(t_s, begins_s)
+    faults = faults_of(traces.run)
     forces_n, impulses_n_s = [0.0], [0.0]
-    for begin_s in column(impacts, "t_s").tolist():
-        first = int(np.searchsorted(t_s, begin_s))
-        lasts = int(np.argmin(np.append(force_n[first:], 0.0) > 0.0))
-        end_s = begin_s if lasts == 0 else float(t_s[first + lasts - 1])
-        if any(f.from_s - CLEAR_S < end_s and begin_s < f.end_s + CLEAR_S for f in faults_of(traces.run)):
+    for begin_s, first, after in zip(begins_s, firsts, free[np.searchsorted(free, firsts)], strict=True):
+        end_s = max(begin_s, t_s[after - 1])
+        if any(one.from_s - CLEAR_S < end_s and begin_s < one.end_s + CLEAR_S for one in faults):
             continue
-        until_s = driven_s[np.searchsorted(driven_s, begin_s) : np.searchsorted(driven_s, end_s + WATCHED_S)]
-        reached = first + int(
-            np.count_nonzero(t_s[first : first + lasts] <= until_s.max(initial=0.0) - REACTION_S)
-        )
-        part_n: FloatArray = force_n[first:reached]
+        last = np.searchsorted(driven_s, end_s + WATCHED_S) - 1
+        until_s = driven_s[last] - REACTION_S if last >= 0 else 0.0
+        reached = min(after, np.searchsorted(t_s, until_s, side="right"))
+        part_n = force_n[first:reached]
         forces_n.append(float(part_n.max(initial=0.0)))
         impulses_n_s.append(float(np.trapezoid(part_n, t_s[first:reached])))
     return GateFigures(passed_n=max(forces_n), passed_n_s=max(impulses_n_s))
