@@ -3,10 +3,11 @@
     python tests/tools/falsify/planted.py --out FOLDER [--budget N] [--workers N] [NAME…]
 
 Each defect is made in a copy of the committed tree. If a scenario of the suite fails with it, it is not a
-planted defect, and is not searched for. It is found if a search like `vibrohil falsify` of the default spaces
-finds a run that breaks a requirement there but not in the tree itself; a scenario that breaks it in both is
-left out, and the search goes on without it. One that is not found is shown to be a defect by runs in ranges
-four times as wide; if none of them breaks a requirement either, it may be none. A second start continues
+planted defect. It is found if a search like `vibrohil falsify` of default spaces finds a run that breaks a
+requirement there but not in the tree itself; a scenario that breaks it in both is left out, and the search
+goes on without it. Runs in ranges four times as wide, with the defect and without, say first in how many it
+acts, which is where a margin differs, and how many break a requirement only with it: one that never acts is
+not searched for, and one that breaks nothing may be no defect. A second start continues
 after the defects whose result is in FOLDER; a table of all results ends it.
 """
 
@@ -44,8 +45,8 @@ WALKS = (
     "a-stumble-ends-the-pulses",
     "a-walker-who-stops-gets-no-more-pulses",
 )
-WIDE, WIDE_RUNS = 4.0, 1000
-"""Factor on the ranges, and Sobol points in them, by which a defect that was not found may show itself."""
+WIDE, WIDE_RUNS = 4.0, 800
+"""Factor on the ranges, and number of Sobol points in them."""
 UNMOVED = DELAY, INSTANT, PHASE
 LEFT_OUT = frozenset(
     (
@@ -136,7 +137,7 @@ def print_search(budget: int, workers: int, left_out: list[str]) -> None:
 
 
 def print_wide(workers: int) -> None:
-    """Print the runs of wider spaces that break a requirement."""
+    """Print the margins of runs in wider spaces; none for a run that is not judged."""
     spaces = {one.name: one for one in map(widened, searched())}
     count = WIDE_RUNS // len(spaces)
     tasks = [
@@ -145,8 +146,8 @@ def print_wide(workers: int) -> None:
         for place in sobol(one, count, 2)
     ]
     with pool(partial(run_task, spaces), workers) as run:
-        broken = [tasks[n] for n, found in run(tasks) if not found["why"] and least(found["margins"]) < 0.0]
-    print(json.dumps([{"scenario": name, "values": values} for name, values in broken]))
+        found = dict(run(tasks))
+    print(json.dumps([found[n]["margins"] if not found[n]["why"] else [] for n in range(len(tasks))]))
 
 
 def least(margins: Iterable[float | None]) -> float:
@@ -168,33 +169,33 @@ def called(tree: Path, function: str, *arguments: Any) -> Any:
     return json.loads(ended.stdout.splitlines()[-1])
 
 
-def search_for(defect: dict[str, Any], tree: Path, budget: int, workers: int) -> dict[str, Any]:
-    """Plant a defect in a copy of the tree, and search for it if the suite passes."""
+def search_for(
+    defect: dict[str, Any], tree: Path, wide_before: list[list[float | None]], asked: argparse.Namespace
+) -> dict[str, Any]:
+    """Plant a defect in a copy of the tree, and search for it if the suite passes and it changes a margin."""
     copy_of(tree)
     place = tree / defect["file"]
     before = place.read_text("utf-8")
     assert before.count(defect["old"]) == 1, defect["name"]
     place.write_text(before.replace(defect["old"], defect["new"]), "utf-8")
     begin_s = spent_s()
-    said: dict[str, Any] = {"name": defect["name"], "suite": {}}
-    if fails := called(tree, "print_first_failure", workers):
-        return {**said, "suite": fails, "suite_s": spent_s() - begin_s}
-    suite_s = spent_s() - begin_s
+    said: dict[str, Any] = {"name": defect["name"], "suite": {}, "methods": []}
+    if fails := called(tree, "print_first_failure", asked.workers):
+        return {**said, "suite": fails, "spent_s": spent_s() - begin_s}
+    wide = called(tree, "print_wide", asked.workers)
+    pairs = [(least(one), least(other)) for one, other in zip(wide, wide_before, strict=True)]
+    said |= {"acts": sum(one != other for one, other in zip(wide, wide_before, strict=True))}
+    said |= {"shown": sum(one < 0.0 <= other for one, other in pairs)}
     real: list[dict[str, Any]] = []
-    while True:
-        rows = called(tree, "print_search", budget, workers, [one["scenario"] for one in real])
-        broken = [one for one in rows if one["margin"] < 0.0]
+    while said["acts"]:
+        left_out = [one["scenario"] for one in real]
+        said["methods"] = called(tree, "print_search", asked.budget, asked.workers, left_out)
+        broken = [one for one in said["methods"] if one["margin"] < 0.0]
         margins = called(ROOT, "print_margins", broken)
         if not (also := [one for one, margin in zip(broken, margins, strict=True) if margin < 0.0]):
             break
         real += also
-    search_s = spent_s() - begin_s - suite_s
-    shown = len(broken)
-    if not broken:
-        wide = called(tree, "print_wide", workers)
-        shown = sum(one is not None and one >= 0.0 for one in called(ROOT, "print_margins", wide))
-    said |= {"methods": rows, "real": real, "shown": shown}
-    return {**said, "suite_s": suite_s, "search_s": search_s}
+    return {**said, "real": real, "spent_s": spent_s() - begin_s}
 
 
 def spent_s() -> float:
@@ -207,10 +208,9 @@ def cells_of(result: dict[str, Any]) -> list[str]:
     found = {one["method"]: one["found_after"] for one in result.get("methods", ())}
     by_sobol, *others = (found.get(method) for method in (BASELINE, *OPTIMISERS))
     first = min((one for one in others if one is not None), default=None)
-    spent_s = result["suite_s"] + result.get("search_s", 0.0)
     suite = next(iter(result["suite"]), "passes")
-    shown = str(result.get("shown", "—"))
-    return [result["name"], suite, str(first or "—"), str(by_sobol or "—"), shown, f"{spent_s:.0f}"]
+    counts = (str(one or "—") for one in (first, by_sobol, result.get("acts"), result.get("shown")))
+    return [result["name"], suite, *counts, f"{result['spent_s']:.0f}"]
 
 
 def main() -> None:
@@ -222,17 +222,29 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     asked = parser.parse_args()
     asked.out.mkdir(parents=True, exist_ok=True)
+    base = asked.out / "base"
+    if not base.exists():
+        base.write_text(json.dumps(called(ROOT, "print_wide", asked.workers)))
+    wide = json.loads(base.read_text())
     for number, defect in enumerate(tomllib.loads(DEFECTS.read_text("utf-8"))["defects"]):
         path = asked.out / f"{number}.json"
         is_asked = any(one in defect["name"] for one in asked.names) if asked.names else "tuned" not in defect
         if path.exists() or not is_asked:
             continue
         tree = asked.out.resolve() / f"tree-{number}"
-        path.write_text(json.dumps(search_for(defect, tree, asked.budget, asked.workers)))
+        path.write_text(json.dumps(search_for(defect, tree, wide, asked)))
         shutil.rmtree(tree)
         print(path.read_text(), flush=True)
     results = [json.loads(path.read_text()) for path in sorted(asked.out.glob("*.json"))]
-    head = ["planted defect", "suite", "runs to find it: optimisers", "Sobol", "shown by", "CPU [s]"]
+    head = [
+        "planted defect",
+        "suite",
+        "runs to find it: optimisers",
+        "Sobol",
+        "acts in",
+        "shown by",
+        "CPU [s]",
+    ]
     progress_console.print(table_of(head, map(cells_of, results)))
 
 
