@@ -39,7 +39,7 @@ from tools.output import progress_console, table_of
 
 ROOT = Path(__file__).parents[3]
 DEFECTS = Path(__file__).with_name("planted.toml")
-FOLDERS = "frames_late", "frames_lost", "kicks", "module", "ordinary", "processes"
+FOLDERS = "frames_late", "frames_lost", "kicks", "module", "ordinary", "processes", "stops"
 WALKS = (
     "a-steady-walk-has-a-pulse-in-every-push-off",
     "a-stumble-ends-the-pulses",
