@@ -2,13 +2,11 @@
 
     python tests/tools/falsify/planted.py --out FOLDER [--budget N] [--workers N] [NAME…]
 
-Each defect is made in a copy of the committed tree. If a scenario of the suite fails with it, it is not a
-planted defect. It is found if a search like `vibrohil falsify` of default spaces finds a run that breaks a
-requirement there but not in the tree itself; a scenario that breaks it in both is left out, and the search
-goes on without it. Runs in ranges four times as wide, with the defect and without, say first in how many it
-acts, which is where a margin differs, and how many break a requirement only with it: one that never acts is
-not searched for, and one that breaks nothing may be no defect. A second start continues
-after the defects whose result is in FOLDER; a table of all results ends it.
+Each mutation is made in a copy of the committed tree. It is a planted defect if all scenarios of the suite
+pass with it, but some of many runs in ranges four times as wide break a requirement only with it. It is found
+if a search like `vibrohil falsify` of the default spaces finds a run that breaks a requirement there but not
+in the tree itself; a scenario that breaks it in both is left out, and the search goes on without it. A second
+start continues after the defects whose result is in FOLDER; a table of all results ends it.
 """
 
 import argparse
@@ -172,7 +170,7 @@ def called(tree: Path, function: str, *arguments: Any) -> Any:
 def search_for(
     defect: dict[str, Any], tree: Path, wide_before: list[list[float | None]], asked: argparse.Namespace
 ) -> dict[str, Any]:
-    """Plant a defect in a copy of the tree, and search for it if the suite passes and it changes a margin."""
+    """Make a mutation in a copy of the tree, and search for it if it is a planted defect."""
     copy_of(tree)
     place = tree / defect["file"]
     before = place.read_text("utf-8")
@@ -187,7 +185,7 @@ def search_for(
     said |= {"acts": sum(one != other for one, other in zip(wide, wide_before, strict=True))}
     said |= {"shown": sum(one < 0.0 <= other for one, other in pairs)}
     real: list[dict[str, Any]] = []
-    while said["acts"]:
+    while said["shown"]:
         left_out = [one["scenario"] for one in real]
         said["methods"] = called(tree, "print_search", asked.budget, asked.workers, left_out)
         broken = [one for one in said["methods"] if one["margin"] < 0.0]
