@@ -192,10 +192,12 @@ class FaultFigures:
 
 @dataclass(frozen=True, slots=True)
 class GateFigures:
-    """What contacts had reached before the motor's torque ended; those near a fault do not count."""
+    """What contacts had reached before the commanded torque ended; those that a fault hides do not count."""
 
-    passed_n: Annotated[Number, "N", "largest force of a contact until 4 ms before the torque ended"]
-    passed_n_s: Annotated[Number, "N s", "largest impulse of a contact until 4 ms before the torque ended"]
+    passed_n: Annotated[
+        Number, "N", "largest force of a contact until 4 ms before the commanded torque ended"
+    ]
+    passed_n_s: Annotated[Number, "N s", "the same of the impulse"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,7 +340,7 @@ class Figures:
     ]
     safe_state: Annotated[SafeStateFigures, "", "torque and impacts after the drive must be off"]
     after_fault: Annotated[FaultFigures, "", "torque, speed and impacts after the first fault of the script"]
-    gate: Annotated[GateFigures, "", "what contacts reached before the torque ended"]
+    gate: Annotated[GateFigures, "", "what contacts reached before the commanded torque ended"]
     energy_residual: Annotated[
         Number, "", "unbalanced energy of the plant, as a share of the exchanged energy"
     ]

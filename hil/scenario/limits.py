@@ -112,6 +112,8 @@ def is_nearly_described(judged: Judged) -> bool:
     """Whether the firmware's parameters differ from the scene's module, and by no more than P-04 permits."""
     used = {}
     for key in DESCRIBED:
+        if key == "stop.contact_s" and judged.scene.stop.law == "rigid":
+            continue
         firmware, scene = (float(look_up(judged, f"{side}.{key}") or 0.0) for side in ("firmware", "scene"))
         if not math.isclose(firmware, scene, rel_tol=1e-6):
             width = TOLERATED_WIDTHS.get(key, 0.0) + TOLERATED_SHARES.get(key, 0.0) * abs(firmware)

@@ -18,11 +18,15 @@ SEED_OF_FAULT_TIMES = 4000
 def delay_faults(scenario: Scenario, seed: int) -> Scenario:
     """Delay the first fault, all that comes later in script and checks, and the run's end by a sampled time.
 
+    Without a fault the last command is delayed, where the script states its `longest_delay_s`.
+
     The time is less than the script's `longest_delay_s`, and makes no run longer than a day. The scenario
     is unchanged with the seed `AS_WRITTEN`, if a fault begins at time 0, or if the longest delay is less than
     two ticks.
     """
     first_s = min((fault.at_s for fault in scenario.faults), default=0.0)
+    if not scenario.faults and "longest_delay_s" in scenario.document["script"]:
+        first_s = max((command.at_s for command in scenario.commands), default=0.0)
     most_s = min(scenario.longest_delay_s, LONGEST_S - scenario.duration_s)
     most_ticks = int(most_s / scenario.period_s)
     if seed == AS_WRITTEN or first_s == 0.0 or most_ticks < 2:

@@ -38,7 +38,12 @@ def falsify(
     budget: Annotated[
         int, typer.Option(help="Runs of each method, in all scenarios together.", min=4, max=MOST_TRIALS)
     ] = 500,
-    seed: Annotated[int, typer.Option(help="Seed of the search; a run has its scenario's own.", min=0)] = 1,
+    seed: Annotated[
+        int,
+        typer.Option(
+            help="Seed of the search; a run has its scenario's own, or a walk one that is searched.", min=0
+        ),
+    ] = 1,
     change: Change = None,
     out: Annotated[
         Path | None, folder_option("The folder for counterexample and picture; by default under runs/.")

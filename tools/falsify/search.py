@@ -132,11 +132,17 @@ def score(result: Result, check: int) -> float:
     return 1.0 if margin is None else margin
 
 
+def has_ties(margins: FloatArray) -> bool:
+    """Whether two of the smaller half of the margins are equal."""
+    smaller = np.sort(margins)[: (len(margins) + 1) // 2]
+    return len(np.unique(smaller)) < len(smaller)
+
+
 def targets_of(starts: Sequence[Start]) -> list[Target]:
     """The checks that are the fewest of their ranges from broken, the nearest first, each in one scenario.
 
     A range: from a check's median to its smallest margin. A limit that each run just keeps has a small margin
-    but no direction, nor has a count, of which several runs share a margin.
+    but no direction, nor has a count, of which several runs share a small margin.
     """
     found: dict[str, tuple[float, Target]] = {}
     for start in starts:
@@ -144,7 +150,7 @@ def targets_of(starts: Sequence[Start]) -> list[Target]:
             scores = np.array([score(result, check) for result in start.results])
             judged = scores[scores < UNJUDGED]
             lowest = float(judged.min(initial=UNJUDGED))
-            if len(judged) == 0 or np.ptp(judged) < VARIES or len(np.unique(judged)) < len(judged):
+            if len(judged) == 0 or np.ptp(judged) < VARIES or has_ties(judged):
                 continue
             ranges = lowest / max(float(np.median(judged)) - lowest, VARIES)
             if one.name not in found or ranges < found[one.name][0]:

@@ -1,8 +1,8 @@
 """What a search varies: the tables [[search]] of a scenario, or the default space of its kind.
 
 The default space holds what the scenario's requirements cover: the instant of its fault as with several
-seeds, smaller sizes of a fault that must not end the motion, the module as campaigns sample it, errors of the
-sensors, and small disturbances beside the fault, which meet at one instant.
+seeds, smaller sizes where the checks hold for those too, the module as campaigns sample it, errors of the
+sensors, the strides of a walk, and small disturbances beside the fault, which meet at one instant.
 """
 
 import math
@@ -274,7 +274,7 @@ def own_space(
             )
         if one.key in (other.key for other in dimensions):
             raise BadInputError(f"search {one.key!r} is there twice; leave one of them out")
-        if "." not in one.key and one.key != DELAY:
+        if "." not in one.key and one.key not in (DELAY, SEED):
             raise BadInputError(f"search {one.key!r}: it cannot be searched; give a dotted key as in --set")
         dimensions.append(Dimension(one.key, default, one.low, one.high, tuple(one.choices or ())))
     return Space(scenario.name, document, tuple(dimensions), chosen, since_s(scenario))

@@ -12,6 +12,7 @@ start continues after the defects whose result is in FOLDER; a table of all resu
 import argparse
 import io
 import json
+import math
 import os
 import resource
 import shutil
@@ -46,6 +47,9 @@ WALKS = (
 WIDE, WIDE_RUNS = 4.0, 800
 """Factor on the ranges, and number of Sobol points in them."""
 UNMOVED = DELAY, INSTANT, PHASE
+LARGEST = {"share": 1.0, "restitution": 0.95, "stance_share": 0.7, "mu": 0.9, "mu_s": 1.0}
+LEAST_JUDGED = 0.7
+"""Least share of the wider runs that are judged in the tree itself."""
 LEFT_OUT = frozenset(
     (
         # The tree itself breaks a requirement in the default space.
@@ -78,15 +82,17 @@ def searched(left_out: Iterable[str] = LEFT_OUT) -> list[Space]:
 
 
 def widened(space: Space) -> Space:
-    """The space with ranges and sizes that are `WIDE` times as large."""
+    """The space with sizes and ranges up to `WIDE` times as large, as far as a scenario can have them."""
 
     def wide(one: Dimension) -> Dimension:
         if one.choices:
             return replace(one, choices=tuple(WIDE * size for size in one.choices))
         if one.is_whole or one.key in UNMOVED or one.key.endswith("at_s"):
             return one
-        low, high = (one.default + WIDE * (end - one.default) for end in (one.low, one.high))
-        return replace(one, low=low, high=high)
+        middle, half = 0.5 * (one.low + one.high), 0.5 * WIDE * (one.high - one.low)
+        most = LARGEST.get(one.key.rpartition(".")[2], math.inf)
+        smallest = -math.inf if one.low < 0.0 else min(one.low, 1e-4)
+        return replace(one, low=max(middle - half, smallest), high=min(middle + half, most))
 
     return replace(space, dimensions=tuple(map(wide, space.dimensions)))
 
@@ -181,9 +187,9 @@ def search_for(
     if fails := called(tree, "print_first_failure", asked.workers):
         return {**said, "suite": fails, "spent_s": spent_s() - begin_s}
     wide = called(tree, "print_wide", asked.workers)
-    pairs = [(least(one), least(other)) for one, other in zip(wide, wide_before, strict=True)]
-    said |= {"acts": sum(one != other for one, other in zip(wide, wide_before, strict=True))}
-    said |= {"shown": sum(one < 0.0 <= other for one, other in pairs)}
+    both = [(one, other) for one, other in zip(wide, wide_before, strict=True) if one and other]
+    said |= {"judged": len(both), "acts": sum(one != other for one, other in both)}
+    said |= {"shown": sum(least(one) < 0.0 <= least(other) for one, other in both)}
     real: list[dict[str, Any]] = []
     while said["shown"]:
         left_out = [one["scenario"] for one in real]
@@ -207,8 +213,25 @@ def cells_of(result: dict[str, Any]) -> list[str]:
     by_sobol, *others = (found.get(method) for method in (BASELINE, *OPTIMISERS))
     first = min((one for one in others if one is not None), default=None)
     suite = next(iter(result["suite"]), "passes")
-    counts = (str(one or "—") for one in (first, by_sobol, result.get("acts"), result.get("shown")))
-    return [result["name"], suite, *counts, f"{result['spent_s']:.0f}"]
+    counts = [str(result.get(key, "")) for key in ("judged", "acts", "shown")]
+    runs = [str(one or "none") for one in (first, by_sobol)] if result["methods"] else ["not searched"] * 2
+    return [result["name"], suite, *counts, *runs, f"{result['spent_s']:.0f}"]
+
+
+def margins_before(asked: argparse.Namespace) -> list[list[float | None]]:
+    """The margins of the wider runs in the committed tree, from FOLDER if they are there."""
+    of_head = subprocess.run(
+        ["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    path: Path = asked.out / f"before-{of_head.stdout.strip()}"
+    if not path.exists():
+        copy_of(tree := asked.out.resolve() / "tree-before")
+        found = called(tree, "print_wide", asked.workers)
+        if sum(map(bool, found)) < LEAST_JUDGED * len(found):
+            raise RuntimeError(f"only {sum(map(bool, found))} of {len(found)} wider runs are judged")
+        path.write_text(json.dumps(found))
+    wide: list[list[float | None]] = json.loads(path.read_text())
+    return wide
 
 
 def main() -> None:
@@ -220,10 +243,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     asked = parser.parse_args()
     asked.out.mkdir(parents=True, exist_ok=True)
-    base = asked.out / "base"
-    if not base.exists():
-        base.write_text(json.dumps(called(ROOT, "print_wide", asked.workers)))
-    wide = json.loads(base.read_text())
+    wide = margins_before(asked)
     for number, defect in enumerate(tomllib.loads(DEFECTS.read_text("utf-8"))["defects"]):
         path = asked.out / f"{number}.json"
         is_asked = any(one in defect["name"] for one in asked.names) if asked.names else "tuned" not in defect
@@ -234,15 +254,8 @@ def main() -> None:
         shutil.rmtree(tree)
         print(path.read_text(), flush=True)
     results = [json.loads(path.read_text()) for path in sorted(asked.out.glob("*.json"))]
-    head = [
-        "planted defect",
-        "suite",
-        "runs to find it: optimisers",
-        "Sobol",
-        "acts in",
-        "shown by",
-        "CPU [s]",
-    ]
+    of_wide = ["wider runs", "acts in", "broken by it alone"]
+    head = ["mutation", "suite", *of_wide, "runs to find it: optimisers", "Sobol", "CPU [s]"]
     progress_console.print(table_of(head, map(cells_of, results)))
 
 

@@ -162,7 +162,7 @@ def test_a_fault_that_ends_the_motion_may_come_in_the_start() -> None:
 
 
 def test_a_kick_near_a_limit_varies_in_size_because_what_passes_does_not_depend_on_a_trip() -> None:
-    space = space_of("an-impact-beyond-its-limit-is-not-let-pass", [])
+    space = space_of("an-impact-beyond-its-limit-ends-the-torque", [])
     [size] = [one for one in space.dimensions if one.key == "script.faults.0.change_m_s"]
     assert (size.low, size.high) == (-2.6, 2.6)
     assert {"gate.passed_n", "gate.passed_n_s"} < {one.name for one in space.checks}
