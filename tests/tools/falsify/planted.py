@@ -3,7 +3,7 @@
     python tests/tools/falsify/planted.py --out FOLDER [--budget N] [--workers N] [NAME…]
 
 Each mutation is made in a copy of the committed tree. It is a planted defect if all scenarios of the suite
-pass with it, but some of many runs in ranges four times as wide break a requirement only with it. It is found
+pass with it, but some of many runs in ranges twice as wide break a requirement only with it. It is found
 if a search like `vibrohil falsify` of the default spaces finds a run that breaks a requirement there but not
 in the tree itself; a scenario that breaks it in both is left out, and the search goes on without it. A second
 start continues after the defects whose result is in FOLDER; a table of all results ends it.
@@ -44,7 +44,7 @@ WALKS = (
     "a-stumble-ends-the-pulses",
     "a-walker-who-stops-gets-no-more-pulses",
 )
-WIDE, WIDE_RUNS = 4.0, 800
+WIDE, WIDE_RUNS = 2.0, 800
 """Factor on the ranges, and number of Sobol points in them."""
 UNMOVED = DELAY, INSTANT, PHASE
 LARGEST = {"share": 1.0, "restitution": 0.95, "stance_share": 0.7, "mu": 0.9, "mu_s": 1.0}
