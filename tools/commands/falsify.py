@@ -40,9 +40,7 @@ def falsify(
     ] = 500,
     seed: Annotated[
         int,
-        typer.Option(
-            help="Seed of the search; a run has its scenario's own, or a walk one that is searched.", min=0
-        ),
+        typer.Option(help="Seed of the search.", min=0),
     ] = 1,
     change: Change = None,
     out: Annotated[

@@ -108,9 +108,8 @@ def text_of(found: Mapping[str, Best | None], runs: int, judged: int) -> str:
         "[campaigns](campaigns.md#search-for-the-worst-run) says what varies. Of a broken requirement the "
         "table has the values that break it; below −1000 % is −1000 %.",
         table(["requirement", "smallest margin", "figure", "scenario", "values"], rows_of(found)),
-        "S-01 and S-03 are broken in the scenario without a limit of the impulse: four to six samples lost "
-        "within the contact hide its peak of 1,300 N from the limit of the force. With the default limit of "
-        "the impulse it ends in IMPULSE_LIMIT 9 ms after the touch-down. A guide that rubs eight times as "
+        "S-01 and S-03 are broken without a limit of the impulse: lost samples hide a peak of 1,300 N. "
+        "The default one ends it 9 ms after the touch-down. A guide that rubs eight times as "
         "much, and 27 % more before, holds the crank 3 % below its target (P-07).",
         "![The worst run of each requirement around its instant](pictures/worst-cases.png)",
     )

@@ -13,14 +13,20 @@ CONTACTS_S = (0.1, 0.3)
 LASTS_S = 0.02
 
 
-def gate_of(off_from_s: float = 1.0, kick_at_s: float | None = None, force_n: float = 200.0):
+def gate_of(
+    off_from_s: float = 1.0,
+    kick_at_s: float | None = None,
+    force_n: float = 200.0,
+    text: str = "kick",
+    ticks: int = 600,
+):
     """Two contacts of 20 ms with a constant force, 10 N and then 200 N; the torque ends at a time."""
-    t_s = T_S * np.arange(600)
+    t_s = T_S * np.arange(ticks)
     forces_n = [
         one * ((t_s >= at_s) & (t_s < at_s + LASTS_S - 0.5 * T_S))
         for one, at_s in zip((10.0, 200.0), CONTACTS_S, strict=True)
     ]
-    kick = RunFault("kick", None, False, kick_at_s or 0.0, kick_at_s, "kick")._asdict()
+    kick = RunFault("kick", None, False, kick_at_s or 0.0, kick_at_s, text)._asdict()
     traces = RunTraces(
         plant=records(t_s=t_s, stop_force_n=sum(forces_n)),
         firmware=records(t_s=t_s, outputs__torque_n_m=np.where(t_s < off_from_s - 0.5 * T_S, 0.1, 0.0)),
@@ -60,5 +66,18 @@ def test_a_contact_near_a_fault_does_not_count(at_s: float, passed_n: float) -> 
     assert gate_of(kick_at_s=at_s).passed_n == passed_n
 
 
-def test_a_rigid_stop_has_no_force_to_judge() -> None:
+def test_a_fault_of_other_frames_hides_no_contact() -> None:
+    at_s = CONTACTS_S[1]
+    assert gate_of(kick_at_s=at_s, text="dropped (frames OperatorCommand)").passed_n == 200.0
+    assert gate_of(kick_at_s=at_s, text="dropped (frames Accelerometer)").passed_n == 10.0
+
+
+def test_a_contact_that_is_open_at_the_end_counts() -> None:
+    assert gate_of(ticks=305).passed_n == 200.0
+
+
+def test_a_rigid_stop_has_no_force_to_judge_and_no_firmware_no_torque() -> None:
     assert gate_of(force_n=np.nan).passed_n is None
+    assert (
+        gate_figures(RunTraces(plant=records(t_s=np.arange(3.0), stop_force_n=np.ones(3)))).passed_n is None
+    )

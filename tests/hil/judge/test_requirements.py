@@ -271,6 +271,21 @@ def test_p_04_permits_more_of_ripple_wherever_a_search_looks_for_modules(key):
         assert with_check(name, RIPPLE, f"{key}={end!r}")[0].limit == "≤ 0.005"
 
 
+@pytest.mark.parametrize(
+    ("scenario", "settings", "high"),
+    [
+        ("a-rigid-stop-keeps-the-impacts", [], 0.005),
+        ("a-rigid-stop-keeps-the-impacts", ["scene.stop.restitution=0.52"], 0.009),
+        ("soft-start-with-the-d-q-motor", [], 0.005),
+        ("soft-start-with-the-d-q-motor", ["scene.stop.restitution=0.52"], 0.006),
+    ],
+)
+def test_the_ripple_of_a_special_module_that_differs_has_a_limit_of_its_own(scenario, settings, high):
+    [ripple] = [one for one in load_scenario(scenario, settings).checks if one.name == "speed.ripple"]
+    assert ripple.required is not None
+    assert ripple.required.high == high
+
+
 def test_every_limit_names_a_figure_a_quantity_and_conditions_that_exist():
     scenario = load_scenario("an-impulse-asked-for-is-held")
     keys = {"kind", "nearly_described", "whole_counts"} | set(CATALOGUE)

@@ -182,6 +182,15 @@ def test_a_seed_moves_the_fault_and_what_follows_it_within_a_drive_period() -> N
     assert delay_faults(load_scenario("operator-lost"), 7).faults == ()
 
 
+def test_a_seed_moves_a_stop_that_may_come_in_every_stage() -> None:
+    written = load_scenario("an-e-stop-in-the-start-ends-the-torque")
+    times_s = [delay_faults(written, seed).commands[-1].at_s for seed in range(2, 40)]
+    assert min(times_s) < 4.0
+    assert max(times_s) > 11.0
+    operator = load_scenario("e-stop-in-the-hold")  # it states no longest delay
+    assert delay_faults(operator, 7) is operator
+
+
 @pytest.mark.usefixtures("in_process")
 @pytest.mark.parametrize(
     "scenario",

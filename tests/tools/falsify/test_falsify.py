@@ -79,7 +79,7 @@ def test_a_table_that_cannot_be_searched_is_refused(tmp_path, table, said):
     ("keys", "said"),
     [
         (["scene.friction.c"], "no such value"),
-        (["seed"], "cannot be searched"),
+        (["title"], "cannot be searched"),
         (["scene.friction.b_n_s_m"] * 2, "is there twice"),
     ],
 )
@@ -247,6 +247,8 @@ def test_a_check_that_varies_towards_its_limit_comes_before_one_that_is_always_n
     assert (first.check, second.check) == (1, 0)
     counts = [Result((one[0], float(one[1] > 0.5))) for one in places]
     assert [one.check for one in targets_of([Start(space, places, counts)])] == [0]
+    far = [Result((one[0], min(float(one[1]), 0.8))) for one in places]  # equal only far from the limit
+    assert [one.check for one in targets_of([Start(space, places, far)])] == [0, 1]
 
 
 def test_a_broken_scenario_at_the_end_of_many_is_found_by_turns() -> None:
