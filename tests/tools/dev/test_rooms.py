@@ -27,6 +27,12 @@ def test_a_folder_is_seen_at_once() -> None:
     assert {folder: count for folder, count in counts.items() if count > MOST_FILES} == {}
 
 
+def test_no_two_files_of_tests_have_one_name() -> None:
+    """pytest imports them by their names alone, and collects the second one only if it runs without the first."""
+    counts = Counter(path.name for path in FILES if path.name.startswith("test_") and path.suffix == ".py")
+    assert [name for name, count in counts.items() if count > 1] == []
+
+
 def test_a_file_of_code_is_no_longer_than_one_reads() -> None:
     lines = {
         path: path.read_text("utf-8").count("\n")
