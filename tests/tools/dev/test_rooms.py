@@ -28,7 +28,7 @@ def test_a_folder_is_seen_at_once() -> None:
 
 
 def test_no_two_files_of_tests_have_one_name() -> None:
-    """pytest imports them by their names alone, and collects the second one only if it runs without the first."""
+    """pytest imports them by their names alone, and cannot collect the second one."""
     counts = Counter(path.name for path in FILES if path.name.startswith("test_") and path.suffix == ".py")
     assert [name for name, count in counts.items() if count > 1] == []
 
