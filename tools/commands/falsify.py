@@ -38,10 +38,7 @@ def falsify(
     budget: Annotated[
         int, typer.Option(help="Runs of each method, in all scenarios together.", min=4, max=MOST_TRIALS)
     ] = 500,
-    seed: Annotated[
-        int,
-        typer.Option(help="Seed of the search.", min=0),
-    ] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the search.", min=0)] = 1,
     change: Change = None,
     out: Annotated[
         Path | None, folder_option("The folder for counterexample and picture; by default under runs/.")

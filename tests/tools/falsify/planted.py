@@ -47,7 +47,9 @@ WALKS = (
 WIDE, WIDE_RUNS = 2.0, 800
 """Factor on the ranges, and number of Sobol points in them."""
 UNMOVED = DELAY, INSTANT, PHASE
+"""Keys whose ranges are no sizes, and stay."""
 LARGEST = {"share": 1.0, "restitution": 0.95, "stance_share": 0.7, "mu": 0.9, "mu_s": 1.0}
+"""Largest values that a scenario can have, by the keys' last parts."""
 LEAST_JUDGED = 0.7
 """Least share of the wider runs that are judged in the tree itself."""
 LEFT_OUT = frozenset(
