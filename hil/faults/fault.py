@@ -106,7 +106,10 @@ class Fault(Table):
         """The fault as a run records it, before anything is known of its effects."""
         from_s, to_s = self.interval_s
         ends_s = None if math.isinf(to_s) else to_s
-        return RunFault(self.kind, self.acts_in, self.silences, from_s, ends_s, self.in_words)
+        frames = getattr(self, "frames", None) or ()
+        return RunFault(
+            self.kind, self.acts_in, self.silences, from_s, ends_s, self.in_words, frames=tuple(frames)
+        )
 
     def begin(self, noise: np.random.Generator) -> None:
         """Begin anew, as in a process that starts."""

@@ -63,6 +63,13 @@ def is_slept_through(touch_down_s: FloatArray, tick_t_s: FloatArray) -> BoolArra
     return asleep
 
 
+def speed_errors(pairs: Matching, seen: Records, impacts: Records) -> FloatArray:
+    """The reported approach speed of each pair minus the true one, in m/s; shape (pairs,)."""
+    reported_m_s = column(seen, "outputs.impact_speed_m_s")[pairs.detection]
+    errors: FloatArray = reported_m_s - column(impacts, "v_m_s")[pairs.truth]
+    return errors
+
+
 def match(truth_t_s: FloatArray, detection_t_s: FloatArray) -> Matching:
     """Pair each detection, in order of time, with the latest touch-down in its window that has none yet.
 

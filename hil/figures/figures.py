@@ -206,15 +206,12 @@ def detector_figures(plant: Records, impacts: Records, firmware: Records) -> Det
     slept_through = due & ~pairs.found & detection.is_slept_through(touch_down_s, column(firmware, "t_s"))
     due &= ~slept_through
     judged = column(seen, "t_s") <= alive_until_s
-    speed_error = (
-        column(seen, "outputs.impact_speed_m_s")[pairs.detection] - column(impacts, "v_m_s")[pairs.truth]
-    )
     quantiles = np.percentile(1e3 * pairs.latency_s, [50.0, 95.0]) if len(pairs.latency_s) else None
     return DetectorFigures(
         precision=float(np.mean(~pairs.false[judged])) if judged.any() else None,
         recall=float(np.mean(pairs.found[due])) if due.any() else None,
         latency_ms=no_figures(Latency) if quantiles is None else Latency(*map(float, quantiles)),
-        speed_rmse_m_s=rms(speed_error),
+        speed_rmse_m_s=rms(detection.speed_errors(pairs, seen, impacts)),
         slept_through=int(slept_through.sum()),
     )
 

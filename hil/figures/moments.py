@@ -39,12 +39,23 @@ def first_false_alarm(traces: RunTraces) -> float | None:
     return next(iter(detected_s[pairs.false].tolist()), None)
 
 
+def worst_reported_speed(traces: RunTraces) -> float | None:
+    """Time of the touch-down whose reported approach speed is most wrong."""
+    seen, touch_down_s = detection.select_reported(traces.firmware), column(traces.impacts, "t_s")
+    pairs = detection.match(touch_down_s, column(seen, "t_s"))
+    errors_m_s = np.abs(detection.speed_errors(pairs, seen, traces.impacts))
+    if not np.isfinite(errors_m_s).any():
+        return None
+    return float(touch_down_s[pairs.truth[int(np.nanargmax(errors_m_s))]])
+
+
 def moment_of(name: str, traces: RunTraces, figures: Figures) -> float:
     """The time that explains a failed check on the figure `name` best; by default the end of the run."""
     group = name.partition(".")[0]
     looked_up: dict[str, Callable[[], float | None]] = {
         "detector.recall": lambda: first_missed(traces),
         "detector.precision": lambda: first_false_alarm(traces),
+        "detector.speed_rmse_m_s": lambda: worst_reported_speed(traces),
         "fault": lambda: first(traces.firmware, "outputs.fault"),
         "peak_force_n": lambda: largest(traces.impacts, "peak_force_n"),
         "felt": lambda: largest(traces.plant, "felt_force_n") if traces.is_worn else None,

@@ -25,6 +25,8 @@ class RunFault(NamedTuple):
     """Its kind and keys, without its times."""
     acted: int | None = None
     """The number of frames, readings, ticks or starts that it acted on; None if unknown."""
+    frames: Sequence[str] = ()
+    """The frames that it is limited to; none for a fault of all frames, or of something else."""
 
     @property
     def end_s(self) -> float:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hil.figures.detection import select_reported
 from hil.figures.moments import moment_of
 from hil.figures.records import CATALOGUE, Origin
 from hil.record.run_faults import faults_of
@@ -21,9 +22,12 @@ if TYPE_CHECKING:
 
 AROUND_S = 1.0
 """Time shown before and after the first fault, or else the instant that explains the check."""
+DETECTOR = "detector."
+"""Beginning of the figures that compare the reported impacts with the true ones."""
 MEET_S = 0.1
 """Faults that begin within this time have one label."""
 SIGNALS = {
+    DETECTOR: ("v_m_s", "velocity [m/s]"),
     "speed": ("omega_rad_s", "crank speed [rad/s]"),
     "largest_speed": ("omega_rad_s", "crank speed [rad/s]"),
     "turning": ("omega_rad_s", "crank speed [rad/s]"),
@@ -45,6 +49,17 @@ def signal_of(name: str, traces: RunTraces) -> tuple[FloatArray, FloatArray, str
     return column(plant, "t_s"), 1e3 * error_m, label
 
 
+def draw_reports(traces: RunTraces, from_s: float, to_s: float, axes: "Axes") -> None:
+    """Draw the approach speeds of the true impacts and of the reported ones, in an interval."""
+    reports = select_reported(traces.firmware)
+    shown = ((traces.impacts, "v_m_s", "o", "impact"), (reports, "outputs.impact_speed_m_s", "x", "report"))
+    for records, name, mark, label in shown:
+        t_s = column(records, "t_s")
+        at = (from_s <= t_s) & (t_s <= to_s)
+        axes.plot(t_s[at], column(records, name)[at], mark, ms=5, mfc="none", label=label)
+    axes.legend(fontsize=7, loc="lower right")
+
+
 def draw_instant(best: Best, axes: "Axes") -> None:
     """Draw the signal behind the worst check around its instant, with the script's faults."""
     scenario = best.space.scenario(best.values)
@@ -57,6 +72,8 @@ def draw_instant(best: Best, axes: "Axes") -> None:
     t_s, values, label = signal_of(check.name, traces)
     shown = np.abs(t_s - at_s) <= AROUND_S
     axes.plot(t_s[shown], values[shown], lw=1.0)
+    if check.name.startswith(DETECTOR):
+        draw_reports(traces, at_s - AROUND_S, at_s + AROUND_S, axes)
     near = sorted((one for one in faults if abs(one.from_s - at_s) <= AROUND_S), key=lambda one: one.from_s)
     labelled_s, across = -np.inf, axes.get_xaxis_transform()
     for fault in near:

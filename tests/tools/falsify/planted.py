@@ -43,6 +43,7 @@ WALKS = (
     "a-steady-walk-has-a-pulse-in-every-push-off",
     "a-stumble-ends-the-pulses",
     "a-walker-who-stops-gets-no-more-pulses",
+    "silent-gait-sensors-stop-the-motor",
 )
 WIDE, WIDE_RUNS = 2.0, 800
 """Factor on the ranges, and number of Sobol points in them."""
