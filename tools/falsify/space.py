@@ -26,6 +26,16 @@ from tools.output import BadInputError
 
 DELAY = "delay_s"
 """The key that delays the first fault, or else the last command, and all that follows."""
+IDLE = "idle_before_s"
+"""The key of the operator's IDLE, so long before the first fault that ends the motion; 0: none."""
+IDLE_BEFORE_S = (0.0, 0.0, 0.0, 0.05, 0.15, 0.3)
+"""The crank turns on for longer than this."""
+TURNING_S = 1.2
+"""Least time from a request to this IDLE."""
+TORQUE_ENDS, SOON_S = "after_fault.torque_zero_after_s", 0.5
+"""The figure of a fault's deadline; one with a longer deadline may meet a crank that stands."""
+ENDING = "e-stop", "silent"
+"""Requests that end the motion as a fault does."""
 INSTANT = "instant_s"
 """The key that moves all disturbances of the default space together, so that they meet."""
 MEET_S = 0.05
@@ -203,7 +213,7 @@ class Space:
         """The scenario's tables with these values; lines of the script that change nothing are left out."""
         changed = self.changed(values)
         delay_s, instant_s = changed.pop(DELAY, 0.0), changed.pop(INSTANT, 0.0)
-        seed = changed.pop(SEED, self.document.get(SEED))
+        idle_s, seed = changed.pop(IDLE, 0.0), changed.pop(SEED, self.document.get(SEED))
         document = {**apply_settings(self.document, changed), SEED: seed}
         script = document["script"]
         for key, (place, lines) in reversed(list(self.optional.items())):
@@ -211,7 +221,8 @@ class Space:
                 script[lines][place]["at_s"] = round(script[lines][place]["at_s"] + instant_s, 6)
             else:
                 del script[lines][place]
-        return shift_times(document, self.since_s, delay_s) if delay_s else document
+        document = shift_times(document, self.since_s, delay_s) if delay_s else document
+        return with_idle(document, self.since_s + delay_s - idle_s) if idle_s else document
 
     def scenario(self, values: Sequence[Any]) -> Scenario:
         """The checked scenario with these values."""
@@ -315,17 +326,44 @@ def default_space(
     return Space(scenario.name, document, tuple(dimensions), chosen, since_s(scenario), optional)
 
 
+def with_idle(document: dict[str, Any], at_s: float) -> dict[str, Any]:
+    """The tables with an operator who asks for IDLE at a time, and for no motion afterwards.
+
+    Unchanged if the crank hardly turns at that time, and would stand before the fault.
+    """
+    given = document["script"].get("commands", [])
+    if any(at_s - TURNING_S < one["at_s"] <= at_s for one in given):
+        return document
+    kept = [one for one in given if one["at_s"] < at_s or one["request"] != "run"]
+    commands = sorted([*kept, {"at_s": round(at_s, 6), "request": "idle"}], key=lambda one: one["at_s"])
+    return {**document, "script": {**document["script"], "commands": commands}}
+
+
 def instants(scenario: Scenario) -> Iterator[Dimension]:
     """The delay of the fault, as with several seeds; one that ends the motion may also come in the start.
 
     It may not where the scenario restricts the delay, so that its fault meets no impact.
     """
     since = since_s(scenario)
-    if since > 0.0 and scenario.longest_delay_s > 0.0:
-        is_ridden = not scenario.faults or any(check.name in RIDDEN_THROUGH for check in scenario.checks)
-        is_bound = is_ridden or "longest_delay_s" in scenario.document["script"]
-        earliest_s = since if is_bound else min(first_run_s(scenario) + IN_START_S, since)
-        yield Dimension(DELAY, 0.0, earliest_s - since, scenario.longest_delay_s)
+    if not (since > 0.0 and scenario.longest_delay_s > 0.0):
+        return
+    ends = bool(scenario.faults) or scenario.commands[-1].request in ENDING
+    is_ridden = not ends or any(check.name in RIDDEN_THROUGH for check in scenario.checks)
+    if is_ridden or "longest_delay_s" in scenario.document["script"] or scenario.scene.gait is not None:
+        yield Dimension(DELAY, 0.0, 0.0, scenario.longest_delay_s)
+        return
+    armed_s = max((one.at_s for one in scenario.commands if one.at_s < since), default=since) + IN_START_S
+    yield Dimension(DELAY, 0.0, min(armed_s - since, 0.0), scenario.longest_delay_s)
+    shown_s = max((deadline_s(one) for one in scenario.checks), default=0.0)
+    if shown_s <= SOON_S and all(one.request in ("run", *ENDING) for one in scenario.commands):
+        yield Dimension(IDLE, 0.0, choices=IDLE_BEFORE_S)
+
+
+def deadline_s(check: Check) -> float:
+    """The time in which the check's requirement wants the torque to end; 0 for another check."""
+    if check.name != TORQUE_ENDS or check.required is None:
+        return 0.0
+    return check.required.high or 0.0
 
 
 def first_run_s(scenario: Scenario) -> float:

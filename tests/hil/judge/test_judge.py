@@ -87,6 +87,7 @@ IMPACTS = records(
 REPORTED = records(
     t_s=[0.0, 1.01, 4.01, 5.0, 6.0],
     outputs__impact=[0, 1, 1, 1, 0],
+    outputs__impact_speed_m_s=[0.0, 0.7, 2.9, 1.0, 0.0],
     outputs__fault=[0, 0, 0, 9, 3],
     work_us=[np.nan, 7.0, 9.0, 8.0, 1.0],
     wake_latency_us=[4.0, 1.0, 1.0, 1.0, 1.0],
@@ -107,6 +108,7 @@ FIGURES = SimpleNamespace(
     [
         ("detector.recall", 3.0),  # the one at 2 s is too weak
         ("detector.precision", 5.0),
+        ("detector.speed_rmse_m_s", 1.0),  # 0.3 m/s off, at 4 s 0.1 m/s
         ("fault", 5.0),
         ("peak_force_n", 3.0),
         ("felt.peak_n", 1.0),
@@ -129,7 +131,15 @@ def test_a_failed_check_has_the_time_that_explains_it(name, moment_s):
 
 
 @pytest.mark.parametrize(
-    "name", ["detector.recall", "detector.precision", "fault", "peak_force_n", "felt.peak_n"]
+    "name",
+    [
+        "detector.recall",
+        "detector.precision",
+        "detector.speed_rmse_m_s",
+        "fault",
+        "peak_force_n",
+        "felt.peak_n",
+    ],
 )
 def test_a_failed_check_that_nothing_explains_has_the_end_of_the_run(name):
     quiet = REPORTED[:1]

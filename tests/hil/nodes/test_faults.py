@@ -463,6 +463,12 @@ def test_another_digit_is_damage_that_is_found() -> None:
             parse_file(damaged)
 
 
+def test_a_record_names_the_frames_that_its_fault_is_limited_to() -> None:
+    lost = fault("dropped", at_s=1.0, frames=["Accelerometer", "GaitSensors"])
+    assert lost.as_record().frames == ("Accelerometer", "GaitSensors")
+    assert fault("kick", at_s=1.0, change_m_s=1.0).as_record().frames == ()
+
+
 @pytest.mark.parametrize(
     ("peaks_n", "expected_n"), [([90.0, 140.0], 140.0), ([90.0], 0.0), ([90.0, math.nan], None)]
 )

@@ -41,13 +41,18 @@ STATED = [*PROSE, *CAUSES, *LIMITS]
 """All sentences, the causes in the table of faults, and the table of limits."""
 WORDS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 IS_FIGURE = re.compile(rf"\d|\b(?:{'|'.join(WORDS[2:])}|twice|half|halfway|third|quarter)\b", re.IGNORECASE)
-NO_FIGURES = ("between two heartbeats", "two ranges", "between two samples", "the two forces")
+NO_FIGURES = ("between two heartbeats", "two ranges", "between two readings", "the two forces")
 DRIVE_MS, WINDOW = (
     1e3 * DriveConfig._field_defaults["watchdog_s"],
     round(1e3 * DEFAULTS["watchdog.sensor_s"]) + 1,
 )
 MOST_AFTER_A_KICK = next(
     int(limit.high or 0) for limit in requirements()["S-03"].limits_of("after_fault.impacts_after_zero")
+)
+GAIT_SILENT_S = next(
+    limit.high or 0.0
+    for limit in requirements()["S-01"].limits_of("after_fault.torque_zero_after_s")
+    if limit.when == {"frames": "GaitSensors"}
 )
 REACTIONS = list(csv.DictReader(Path("docs/data/reactions.csv").read_text("utf-8").splitlines()))
 CONTACTS = list(csv.DictReader(Path("docs/data/limits.csv").read_text("utf-8").splitlines()))
@@ -85,6 +90,7 @@ BY_CODE = [
     f"From {limits.CLEAN_MS:g} ms up no contact",
     f"below {BELOW_PERCENT['above']:.2f} % and {BELOW_PERCENT['below']:.2f} % (95 %)",
     f"The {LONGEST_SEARCH_S:g} s of START_FAILED",
+    f"{GAIT_SILENT_S:g} s if only the gait's sensors",
     f"STALL judges targets above {monitors.SLOWEST_RAD_S:g} rad/s",
     f"{WORDS[int(DEFAULTS['watchdog.operator_s'] / COMMAND_PERIOD_S) - 1]} of whose commands in a row may be",
     f"its own energy: up to {WORDS[MOST_AFTER_A_KICK]}",

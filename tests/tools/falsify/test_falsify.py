@@ -354,6 +354,17 @@ def test_the_picture_of_margins_shows_a_single_key_and_choices_of_texts(first, m
     assert labels == ({"k0", "k1"} if first.choices else {"k1", f"margin of {space.checks[0].name}"})
 
 
+def test_the_picture_of_a_detector_shows_what_it_reports_beside_what_was():
+    space = space_of("twenty-lost-samples-do-not-stop-it", ["P-15"])
+    best = Best(0.5, space, space.defaults, 0)
+    axes = Figure().subplots()
+    pictures.draw_instant(best, axes)
+    _, impacts, reports, *_ = axes.get_lines()
+    assert axes.get_ylabel() == "velocity [m/s]"
+    assert len(impacts.get_xdata()) >= 2
+    assert reports.get_ydata() == pytest.approx(impacts.get_ydata(), abs=0.2)
+
+
 def test_each_stored_run_is_taken_over_whatever_the_budget(tmp_path):
     def run(tasks):
         return enumerate([{"margins": [0.5], "why": ""} for _ in tasks])
