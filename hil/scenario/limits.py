@@ -137,9 +137,10 @@ def turns_by_whole_counts(judged: Judged) -> bool:
 def holds(key: str, wanted: Any, judged: Judged) -> bool:
     """Whether a condition of a limit holds.
 
-    `kind`: the script has a fault of this kind. `frames`: it has one that is limited to these. `nearly_described`, `whole_counts`: see
-    `is_nearly_described` and `turns_by_whole_counts`. A figure's name: a check of the scenario demands this
-    value. Otherwise a dotted key of `scene.` or `firmware.` has this value.
+    `kind`: the script has a fault of this kind. `frames`: it has one that is limited to these.
+    `nearly_described`, `whole_counts`: see `is_nearly_described` and `turns_by_whole_counts`. A figure's
+    name: a check of the scenario demands this value. Otherwise a dotted key of `scene.` or `firmware.` has
+    this value.
     """
     if key == "kind":
         return any(fault.kind == wanted for fault in judged.faults)

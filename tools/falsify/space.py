@@ -34,8 +34,6 @@ TURNING_S = 1.2
 """Least time from a request to this IDLE."""
 TORQUE_ENDS, SOON_S = "after_fault.torque_zero_after_s", 0.5
 """The figure of a fault's deadline; one with a longer deadline may meet a crank that stands."""
-ENDING = "e-stop", "silent"
-"""Requests that end the motion as a fault does."""
 INSTANT = "instant_s"
 """The key that moves all disturbances of the default space together, so that they meet."""
 MEET_S = 0.05
@@ -327,15 +325,15 @@ def default_space(
 
 
 def with_idle(document: dict[str, Any], at_s: float) -> dict[str, Any]:
-    """The tables with an operator who asks for IDLE at a time, and for no motion afterwards.
+    """The tables with an operator who asks for IDLE at a time, and for nothing afterwards.
 
     Unchanged if the crank hardly turns at that time, and would stand before the fault.
     """
     given = document["script"].get("commands", [])
     if any(at_s - TURNING_S < one["at_s"] <= at_s for one in given):
         return document
-    kept = [one for one in given if one["at_s"] < at_s or one["request"] != "run"]
-    commands = sorted([*kept, {"at_s": round(at_s, 6), "request": "idle"}], key=lambda one: one["at_s"])
+    earlier = [one for one in given if one["at_s"] < at_s]
+    commands = [*earlier, {"at_s": round(at_s, 6), "request": "idle"}]
     return {**document, "script": {**document["script"], "commands": commands}}
 
 
@@ -347,15 +345,14 @@ def instants(scenario: Scenario) -> Iterator[Dimension]:
     since = since_s(scenario)
     if not (since > 0.0 and scenario.longest_delay_s > 0.0):
         return
-    ends = bool(scenario.faults) or scenario.commands[-1].request in ENDING
-    is_ridden = not ends or any(check.name in RIDDEN_THROUGH for check in scenario.checks)
+    is_ridden = not scenario.faults or any(check.name in RIDDEN_THROUGH for check in scenario.checks)
     if is_ridden or "longest_delay_s" in scenario.document["script"] or scenario.scene.gait is not None:
         yield Dimension(DELAY, 0.0, 0.0, scenario.longest_delay_s)
         return
     armed_s = max((one.at_s for one in scenario.commands if one.at_s < since), default=since) + IN_START_S
     yield Dimension(DELAY, 0.0, min(armed_s - since, 0.0), scenario.longest_delay_s)
     shown_s = max((deadline_s(one) for one in scenario.checks), default=0.0)
-    if shown_s <= SOON_S and all(one.request in ("run", *ENDING) for one in scenario.commands):
+    if shown_s <= SOON_S and all(one.request == "run" for one in scenario.commands):
         yield Dimension(IDLE, 0.0, choices=IDLE_BEFORE_S)
 
 

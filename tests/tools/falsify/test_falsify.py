@@ -30,7 +30,7 @@ from tools.falsify.search import (
     sobol,
     targets_of,
 )
-from tools.falsify.space import DELAY, INSTANT, Dimension, Space, space_of
+from tools.falsify.space import DELAY, IDLE, INSTANT, Dimension, Space, space_of
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, EXIT_PASSED, BadInputError
 
 KICK = "a-kick-towards-the-stop-does-not-lose-the-impacts"
@@ -159,6 +159,39 @@ def test_a_fault_that_ends_the_motion_may_come_in_the_start() -> None:
     assert result_at(space, values).margin >= 0.0
     own = space_of("a-violent-kick-stops-the-motor", [])  # it restricts the delay to the flight
     assert next(one for one in own.dimensions if one.key == DELAY).low == 0.0
+
+
+def values_of(space, **given):
+    return [given.get(one.key, one.default) for one in space.dimensions]
+
+
+def test_an_operator_may_ask_for_idle_before_a_fault_that_ends_the_motion() -> None:
+    space = space_of("a-silent-encoder-stops-the-motor", [])
+    values = values_of(space, idle_before_s=0.15, delay_s=0.2)
+    asked = [(one.request, one.at_s) for one in space.scenario(values).commands]
+    assert asked == [("run", 0.5), ("idle", 6.05)]
+    result = result_at(space, values)
+    assert result.margin > 0.0
+    early = space.scenario(values_of(space, idle_before_s=0.3, delay_s=-4.8))
+    assert [one.request for one in early.commands] == ["run"], "the crank would stand before the fault"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "a-jammed-crank-is-let-go-of",  # STALL takes a second, in which a stop ends
+        "a-stop-that-sees-no-standstill-is-given-up",  # it asks for idle itself
+        "twenty-lost-samples-do-not-stop-it",
+        "an-idle-in-the-start-ends-in-a-stop",
+    ],
+)
+def test_idle_is_not_varied_where_the_motion_goes_on_or_ends_before_the_fault(name):
+    assert IDLE not in [one.key for one in space_of(name, []).dimensions]
+
+
+def test_a_fault_of_a_stop_does_not_come_before_it() -> None:
+    space = space_of("a-stop-that-sees-no-standstill-is-given-up", [])
+    assert next(one for one in space.dimensions if one.key == DELAY).low == 0.0
 
 
 def test_a_kick_near_a_limit_varies_in_size_because_what_passes_does_not_depend_on_a_trip() -> None:
