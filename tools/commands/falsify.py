@@ -43,6 +43,9 @@ def falsify(
     out: Annotated[
         Path | None, folder_option("The folder for counterexample and picture; by default under runs/.")
     ] = None,
+    keep: Annotated[
+        bool, typer.Option("--keep", help="Write the worst run, with its log, even if it breaks nothing.")
+    ] = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
     as_json: Json = False,
@@ -85,7 +88,7 @@ def falsify(
         evaluations = Evaluations(folder, run, progress)
         try:
             hunts = search(spaces, budget, seed, evaluations)
-            result = result_of(hunts, evaluations, by_name, out)
+            result = result_of(hunts, evaluations, by_name, out, keep=keep)
         except (Interrupted, WorkerDiedError):
             progress_console.print(
                 f"{len(evaluations.known)} runs have ended; the same command continues after them",
@@ -98,10 +101,10 @@ def falsify(
 def show_result(result: dict[str, Any]) -> None:
     """Print a result, and how a counterexample is repeated and looked at."""
     show_tables(result)
-    if result["found"]:
-        if not result["worst"]["values"]:
-            console.print("the scenario breaks its own check, without any change", soft_wrap=True)
-        path = shlex.quote(result["counterexample"])
+    if result["found"] and not result["worst"]["values"]:
+        console.print("the scenario breaks its own check, without any change", soft_wrap=True)
+    if result["run"]:
+        path = shlex.quote(result["counterexample"] or result["kept"])
         console.print(f"repeat it bit for bit:    vibrohil run {path} --clock lockstep", soft_wrap=True)
         console.print(f"look at every signal:     vibrohil view {shlex.quote(result['run'])}", soft_wrap=True)
 
@@ -140,9 +143,12 @@ def show_space(space: "Space") -> None:
 
 
 def result_of(
-    hunts: "list[Hunt]", evaluations: "Evaluations", by_name: dict[str, str], out: Path
+    hunts: "list[Hunt]", evaluations: "Evaluations", by_name: dict[str, str], out: Path, *, keep: bool
 ) -> dict[str, Any]:
-    """The JSON object of a search, after its counterexample or its picture of margins has been written."""
+    """The JSON object of a search, after its files have been written.
+
+    These are the counterexample or the picture of margins, and with `keep` the worst run in any case.
+    """
     from hil.runs.bench import run_scenario
     from hil.runs.job import RunOptions, silent
     from hil.scenario.scenario import load_scenario
@@ -160,6 +166,7 @@ def result_of(
         "methods": [row_of(one) for one in hunts],
         "worst": None,
         "counterexample": None,
+        "kept": None,
         "run": None,
         "found": False,
         "baseline": {"margin": None if hunts[0].best is None else hunts[0].best.margin},
@@ -171,12 +178,15 @@ def result_of(
     result |= {"found": worst.margin < 0.0, "picture": str(out / "margins.png")}
     if worst.margin < 0.0:
         worst = shrink(worst, evaluations)
-        path = write(worst, by_name[worst.space.name], out / f"{worst.space.name}-worst.toml")
-        run_scenario(found := load_scenario(path), options, out / "run", found.seed, silent)
-        result |= {"counterexample": str(path), "picture": str(out / "instant.png"), "run": str(out / "run")}
+        result["picture"] = str(out / "instant.png")
         plot_instant(worst, out / "instant.png")
     else:
         plot_margins(worst, evaluations, out / "margins.png")
+    if worst.margin < 0.0 or keep:
+        path = write(worst, by_name[worst.space.name], out / f"{worst.space.name}-worst.toml")
+        run_scenario(kept := load_scenario(path), options, out / "run", kept.seed, silent)
+        result["counterexample" if result["found"] else "kept"] = str(path)
+        result["run"] = str(out / "run")
     result["worst"] = {
         "margin": worst.margin,
         "check": worst.name,

@@ -341,6 +341,14 @@ def test_an_interrupted_search_goes_on_and_without_counterexample_shows_the_marg
     assert result["worst"]["margin"] > 0.0
     assert result["baseline"]["margin"] >= result["worst"]["margin"]
     assert Path(result["picture"]).name == "margins.png"
+    assert (result["counterexample"], result["kept"], result["run"]) == (None, None, None)
+    assert cli.run([*command, "--keep"]) == EXIT_PASSED
+    kept = json.loads(capsys.readouterr().out)
+    assert (kept["worst"], kept["counterexample"]) == (result["worst"], None)
+    assert cli.run(["inspect", kept["run"], "--json"]) == EXIT_PASSED
+    [check] = json.loads(capsys.readouterr().out)["checks"]
+    assert check["margin_share"] == kept["worst"]["margin"] > 0.0
+    assert load_scenario(kept["kept"]).checks[0].name == check["name"]
 
 
 @pytest.mark.usefixtures("in_process")
