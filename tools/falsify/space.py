@@ -27,7 +27,7 @@ from tools.output import BadInputError
 DELAY = "delay_s"
 """The key that delays the first fault, or else the last command, and all that follows."""
 IDLE = "idle_before_s"
-"""The key of the operator's IDLE, so long before the first fault that ends the motion; 0: none."""
+"""The key of the time from the operator's IDLE to a fault that ends the motion; 0: no IDLE."""
 IDLE_BEFORE_S = (0.0, 0.0, 0.0, 0.05, 0.15, 0.3)
 """The crank turns on for longer than this."""
 TURNING_S = 1.2

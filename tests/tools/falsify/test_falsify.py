@@ -19,7 +19,7 @@ from hil.scenario.scenario import load_scenario
 from tools import cli
 from tools.falsify import evaluations as stored
 from tools.falsify import pictures
-from tools.falsify.objective import BROKEN, Result, result_at
+from tools.falsify.objective import BROKEN, Result, judged, result_at
 from tools.falsify.search import (
     OPTIMISERS,
     TURN,
@@ -187,6 +187,16 @@ def test_an_operator_may_ask_for_idle_before_a_fault_that_ends_the_motion() -> N
 )
 def test_idle_is_not_varied_where_the_motion_goes_on_or_ends_before_the_fault(name):
     assert IDLE not in [one.key for one in space_of(name, []).dimensions]
+
+
+@pytest.mark.parametrize(("bias_m_s2", "latest_s"), [(0.0, 0.04), (0.2533, 1.2)])
+def test_a_swap_with_a_housing_that_has_an_offset_shows_late(bias_m_s2, latest_s):
+    space = space_of("swapped-accelerometers-stop-the-motor", [])
+    bias = {"scene.sensors.housing.bias_m_s2": bias_m_s2}
+    scenario = space.scenario(values_of(space, delay_s=-2.9212, idle_before_s=0.3, **bias))
+    verdict, _ = judged(scenario, scenario.checks)
+    [ends] = [one for one in verdict.checks if one.name == "after_fault.torque_zero_after_s"]
+    assert 0.8 * latest_s < ends.value < latest_s
 
 
 def test_a_fault_of_a_stop_does_not_come_before_it() -> None:
