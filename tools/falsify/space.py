@@ -53,6 +53,8 @@ WINDOW_S, WINDOW_SHARE = 1.0, 0.4
 the time from RUN to the last command or the end, so that the second half of the hold is steady."""
 UNDER_DISTURBANCES = ("S-", "P-07", "P-15")
 """Beginnings of the requirements that hold whatever disturbs the motion; the others hold in steady motion."""
+DETECTOR, JITTER = "P-15", "clock-jitter"
+"""The requirement on the detector, which holds with a right clock, and the fault without one."""
 STEADY = ("S-", "P-")
 """Beginnings of those that hold in a run without a fault."""
 BIAS_M_S2 = MISMATCH["mismatch_bias_g"] * STANDARD_GRAVITY_M_S2
@@ -149,7 +151,7 @@ DISTURBANCES = (
     ),
     ({"kind": "paused", "process": "firmware"}, Dimension("duration_s", 0.0, choices=TICKS)),
     (
-        {"kind": "clock-jitter", "process": "firmware", "duration_s": 0.1},
+        {"kind": JITTER, "process": "firmware", "duration_s": 0.1},
         Dimension("largest_s", 0.0, 0.0, 0.003),
     ),
 )
@@ -405,7 +407,8 @@ def disturbances(
 ) -> Iterator[tuple[Dimension, Dimension, int, str]]:
     """Add disturbances to the script: size and instant of each, its place, and the list that it is in.
 
-    None loses frames that the scenario loses for good: it would act on nothing.
+    None loses frames that the scenario loses for good, as it would act on nothing; and no clock jitters
+    where the detector is judged.
     """
     runs = [one for one in document["script"].get("commands", []) if one["request"] == "run"]
     if not runs:
@@ -415,7 +418,9 @@ def disturbances(
     ratio = runs[-1]["target_ratio"]
     step = Dimension("target_ratio", ratio, (1.0 - RATIO_STEP) * ratio, (1.0 + RATIO_STEP) * ratio)
     lost = [one["frames"] for one in script["faults"] if "frames" in one and "duration_s" not in one]
-    added = [("faults", *one) for one in DISTURBANCES if one[0].get("frames") not in lost]
+    without = JITTER if any(check.requirement == DETECTOR for check in scenario.checks) else None
+    kept = [one for one in DISTURBANCES if one[0]["kind"] != without and one[0].get("frames") not in lost]
+    added = [("faults", *one) for one in kept]
     for name, table, size in (*added, ("commands", runs[-1], step)):
         place = len(script[name])
         script[name].append({**table, "at_s": window[0], size.key: size.default})

@@ -49,6 +49,9 @@ DRIVE_MS, WINDOW = (
 MOST_AFTER_A_KICK = next(
     int(limit.high or 0) for limit in requirements()["S-03"].limits_of("after_fault.impacts_after_zero")
 )
+HARDER_AFTER_A_STUMBLE = max(
+    limit.high or 0.0 for limit in requirements()["S-12"].limits_of("gait.hardest_after")
+)
 GAIT_SILENT_S = next(
     limit.high or 0.0
     for limit in requirements()["S-01"].limits_of("after_fault.torque_zero_after_s")
@@ -90,6 +93,7 @@ BY_CODE = [
     f"From {limits.CLEAN_MS:g} ms up no contact",
     f"below {BELOW_PERCENT['above']:.2f} % and {BELOW_PERCENT['below']:.2f} % (95 %)",
     f"The {LONGEST_SEARCH_S:g} s of START_FAILED",
+    f"may be up to {HARDER_AFTER_A_STUMBLE:g} × as hard",
     f"{GAIT_SILENT_S:g} s if only the gait's sensors",
     f"STALL judges targets above {monitors.SLOWEST_RAD_S:g} rad/s",
     f"{WORDS[int(DEFAULTS['watchdog.operator_s'] / COMMAND_PERIOD_S) - 1]} of whose commands in a row may be",

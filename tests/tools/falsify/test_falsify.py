@@ -126,13 +126,18 @@ def test_the_default_space_of_a_kick_varies_kick_module_sensors_and_disturbances
     assert space.kind_of("script.faults.2.at_s") == "dropped"
     kinds = {space.kind_of(key) for key in ranges} - {""}
     samples = {"dropped", "corrupted", "frozen", "delayed"}
-    assert kinds == {"kick", *samples, "paused", "clock-jitter", "run"}
+    assert kinds == {"kick", *samples, "paused", "run"}
     # A fault comes with its size, and the delay moves all that follows.
     values = [0.5 if one.key == DELAY else one.default for one in space.dimensions]
     values[[one.key for one in space.dimensions].index("script.faults.2.duration_s")] = 0.002
     moved = space.scenario(values)
     assert [(one.kind, one.at_s) for one in moved.faults] == [("kick", 6.5), ("dropped", 6.5)]
     assert moved.duration_s == scenario.duration_s + 0.5
+
+
+def test_the_clock_jitters_only_where_no_detector_is_judged() -> None:
+    space = space_of("a-silent-encoder-stops-the-motor", [])
+    assert "clock-jitter" in {space.kind_of(one.key) for one in space.dimensions}
 
 
 def test_disturbances_meet_at_one_instant() -> None:
