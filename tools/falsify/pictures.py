@@ -69,6 +69,8 @@ def draw_instant(best: Best, axes: "Axes") -> None:
     moment_s = moment_of(check.name, traces, verdict.figures)
     of_hold = check.name in CATALOGUE and CATALOGUE[check.name].origin is Origin.HOLD
     at_s = min((one.from_s for one in faults), default=moment_s - AROUND_S if of_hold else moment_s)
+    if check.name.startswith(DETECTOR):
+        at_s = moment_s
     t_s, values, label = signal_of(check.name, traces)
     shown = np.abs(t_s - at_s) <= AROUND_S
     axes.plot(t_s[shown], values[shown], lw=1.0)

@@ -27,13 +27,15 @@ from tools.output import BadInputError
 DELAY = "delay_s"
 """The key that delays the first fault, or else the last command, and all that follows."""
 IDLE = "idle_before_s"
-"""The key of the time from the operator's IDLE to a fault that ends the motion; 0: no IDLE."""
+"""The key of the time from an operator's IDLE to a fault that ends the motion; 0: no IDLE."""
 IDLE_BEFORE_S = (0.0, 0.0, 0.0, 0.05, 0.15, 0.3)
-"""The crank turns on for longer than this."""
+"""Its values, so that half of the runs have no IDLE. A stop takes longer than the largest."""
 TURNING_S = 1.2
-"""Least time from a request to this IDLE."""
-TORQUE_ENDS, SOON_S = "after_fault.torque_zero_after_s", 0.5
-"""The figure of a fault's deadline; one with a longer deadline may meet a crank that stands."""
+"""Least time from RUN to this IDLE: the crank is fast enough to turn on until the fault."""
+TORQUE_ENDS = "after_fault.torque_zero_after_s"
+"""The figure that has a fault's deadline as its limit."""
+SOON_S = 0.5
+"""Longest such limit for an IDLE: a later reaction may find the crank at rest."""
 INSTANT = "instant_s"
 """The key that moves all disturbances of the default space together, so that they meet."""
 MEET_S = 0.05
@@ -199,7 +201,21 @@ class Space:
         out = tuple(f"script.{lines}.{n}." for key, (n, lines) in self.optional.items() if key not in found)
         if not self.optional.keys() & found.keys():
             out = (*out, INSTANT)
+        if IDLE in found:
+            is_late = self.idle_at_s(found) >= self.asked_s + TURNING_S
+            ended = (f"script.{lines}.{n}." for n, lines in self.optional.values() if lines == "commands")
+            out = (*out, *ended) if is_late else (*out, IDLE)
         return {key: value for key, value in found.items() if not key.startswith(out)}
+
+    @property
+    def asked_s(self) -> float:
+        """The time of the last command before the fault."""
+        commands = self.document["script"]["commands"]
+        return max(float(one["at_s"]) for one in commands if one["at_s"] < self.since_s)
+
+    def idle_at_s(self, changed: Mapping[str, Any]) -> float:
+        """The time of the operator's IDLE before the delayed fault."""
+        return float(self.since_s + changed.get(DELAY, 0.0) - changed[IDLE])
 
     def kind_of(self, key: str) -> str:
         """The kind of the fault, or the request, to which a key of the script belongs; empty for others."""
@@ -212,9 +228,10 @@ class Space:
     def tables(self, values: Sequence[Any]) -> dict[str, Any]:
         """The scenario's tables with these values; lines of the script that change nothing are left out."""
         changed = self.changed(values)
-        delay_s, instant_s = changed.pop(DELAY, 0.0), changed.pop(INSTANT, 0.0)
-        idle_s, seed = changed.pop(IDLE, 0.0), changed.pop(SEED, self.document.get(SEED))
-        document = {**apply_settings(self.document, changed), SEED: seed}
+        delay_s, instant_s = changed.get(DELAY, 0.0), changed.get(INSTANT, 0.0)
+        seed = changed.get(SEED, self.document.get(SEED))
+        keys = {key: value for key, value in changed.items() if key not in (DELAY, IDLE, INSTANT, SEED)}
+        document = {**apply_settings(self.document, keys), SEED: seed}
         script = document["script"]
         for key, (place, lines) in reversed(list(self.optional.items())):
             if key in changed:
@@ -222,7 +239,7 @@ class Space:
             else:
                 del script[lines][place]
         document = shift_times(document, self.since_s, delay_s) if delay_s else document
-        return with_idle(document, self.since_s + delay_s - idle_s) if idle_s else document
+        return with_idle(document, self.idle_at_s(changed)) if IDLE in changed else document
 
     def scenario(self, values: Sequence[Any]) -> Scenario:
         """The checked scenario with these values."""
@@ -315,10 +332,11 @@ def default_space(
     scenario: Scenario, document: dict[str, Any], chosen: tuple[int, ...], disturbed: bool
 ) -> Space:
     """The default space of a scenario's kind; `disturbed`: with disturbances beside its own faults."""
-    dimensions = [*instants(scenario), *sizes(scenario), *module(scenario, document)]
+    dimensions = [*instants(scenario, disturbed), *sizes(scenario), *module(scenario, document)]
     optional: dict[str, tuple[int, str]] = {}
     if disturbed:
-        for size, at, place, lines in disturbances(scenario, document):
+        without = JITTER if any(scenario.checks[one].requirement == DETECTOR for one in chosen) else None
+        for size, at, place, lines in disturbances(scenario, document, without):
             if not optional:
                 dimensions.append(Dimension(INSTANT, 0.0, 0.0, window_s(scenario, at.low)[1] - at.high))
             dimensions += [size, at]
@@ -327,42 +345,32 @@ def default_space(
 
 
 def with_idle(document: dict[str, Any], at_s: float) -> dict[str, Any]:
-    """The tables with an operator who asks for IDLE at a time, and for nothing afterwards.
-
-    Unchanged if the crank hardly turns at that time, and would stand before the fault.
-    """
-    given = document["script"].get("commands", [])
-    if any(at_s - TURNING_S < one["at_s"] <= at_s for one in given):
-        return document
-    earlier = [one for one in given if one["at_s"] < at_s]
+    """The tables with an operator who asks for IDLE at a time, and for nothing afterwards."""
+    earlier = [one for one in document["script"]["commands"] if one["at_s"] < at_s]
     commands = [*earlier, {"at_s": round(at_s, 6), "request": "idle"}]
     return {**document, "script": {**document["script"], "commands": commands}}
 
 
-def instants(scenario: Scenario) -> Iterator[Dimension]:
-    """The delay of the fault, as with several seeds; one that ends the motion may also come in the start.
+def instants(scenario: Scenario, disturbed: bool) -> Iterator[Dimension]:
+    """The delay of the fault, as with several seeds.
 
-    It may not where the scenario restricts the delay, so that its fault meets no impact.
+    A fault that ends the motion may also come in the start, or in a stop. It may not where the scenario
+    restricts the delay, so that its fault meets no impact, in a walk, whose start comes later, and where the
+    checks judge the hold.
     """
     since = since_s(scenario)
     if not (since > 0.0 and scenario.longest_delay_s > 0.0):
         return
+    asked_s = [one.at_s for one in scenario.commands if one.at_s < since]
     is_ridden = not scenario.faults or any(check.name in RIDDEN_THROUGH for check in scenario.checks)
-    if is_ridden or "longest_delay_s" in scenario.document["script"] or scenario.scene.gait is not None:
+    is_bound = "longest_delay_s" in scenario.document["script"] or scenario.scene.gait is not None
+    if is_ridden or is_bound or not disturbed or not asked_s:
         yield Dimension(DELAY, 0.0, 0.0, scenario.longest_delay_s)
         return
-    armed_s = max((one.at_s for one in scenario.commands if one.at_s < since), default=since) + IN_START_S
-    yield Dimension(DELAY, 0.0, min(armed_s - since, 0.0), scenario.longest_delay_s)
-    shown_s = max((deadline_s(one) for one in scenario.checks), default=0.0)
-    if shown_s <= SOON_S and all(one.request == "run" for one in scenario.commands):
+    yield Dimension(DELAY, 0.0, min(max(asked_s) + IN_START_S - since, 0.0), scenario.longest_delay_s)
+    limit_s = max((one.bounds.high or 0.0 for one in scenario.checks if one.name == TORQUE_ENDS), default=0.0)
+    if 0.0 < limit_s <= SOON_S and all(one.request == "run" for one in scenario.commands):
         yield Dimension(IDLE, 0.0, choices=IDLE_BEFORE_S)
-
-
-def deadline_s(check: Check) -> float:
-    """The time in which the check's requirement wants the torque to end; 0 for another check."""
-    if check.name != TORQUE_ENDS or check.required is None:
-        return 0.0
-    return check.required.high or 0.0
 
 
 def first_run_s(scenario: Scenario) -> float:
@@ -403,12 +411,12 @@ def window_s(scenario: Scenario, run_s: float) -> tuple[float, float]:
 
 
 def disturbances(
-    scenario: Scenario, document: dict[str, Any]
+    scenario: Scenario, document: dict[str, Any], without: str | None
 ) -> Iterator[tuple[Dimension, Dimension, int, str]]:
     """Add disturbances to the script: size and instant of each, its place, and the list that it is in.
 
-    None loses frames that the scenario loses for good, as it would act on nothing; and no clock jitters
-    where the detector is judged.
+    None loses frames that the scenario loses for good: it would act on nothing. `without`: a kind that
+    is left out, the jitter where the detector is judged.
     """
     runs = [one for one in document["script"].get("commands", []) if one["request"] == "run"]
     if not runs:
@@ -418,7 +426,6 @@ def disturbances(
     ratio = runs[-1]["target_ratio"]
     step = Dimension("target_ratio", ratio, (1.0 - RATIO_STEP) * ratio, (1.0 + RATIO_STEP) * ratio)
     lost = [one["frames"] for one in script["faults"] if "frames" in one and "duration_s" not in one]
-    without = JITTER if any(check.requirement == DETECTOR for check in scenario.checks) else None
     kept = [one for one in DISTURBANCES if one[0]["kind"] != without and one[0].get("frames") not in lost]
     added = [("faults", *one) for one in kept]
     for name, table, size in (*added, ("commands", runs[-1], step)):

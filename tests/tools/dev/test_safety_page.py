@@ -120,8 +120,8 @@ BY_CODE = [
 ]
 """Fragments whose figures are constants."""
 BY_TEST = {
-    "offset of 0.25 m/s², its swap with the high range takes up to 1.2 s instead of 40 ms": (
-        "test_a_swap_with_a_housing_that_has_an_offset_shows_late"
+    "of 0.25 m/s², half a count of the high range, hides its swap": (
+        "test_an_offset_of_half_a_count_hides_a_swap_with_the_housing"
     ),
     "a watchdog of up to 51 ms passes, and one of 54 ms + min(⌈51 ms/H⌉ ms, H) or more fails: "
     "55 ms for H = 100 ms, 56 ms for 50 ms, 60 ms for 10 ms, 59 ms for 5 ms": "test_which_watchdogs_pass",
