@@ -137,7 +137,7 @@ def turns_by_whole_counts(judged: Judged) -> bool:
 def holds(key: str, wanted: Any, judged: Judged) -> bool:
     """Whether a condition of a limit holds.
 
-    `kind`: the script has a fault of this kind. `frames`: its faults are all limited to these frames.
+    `kind`: the script has a fault of this kind. `frames`: its first fault is limited to these.
     `nearly_described`, `whole_counts`: see `is_nearly_described` and `turns_by_whole_counts`. A figure's
     name: a check of the scenario demands this value. Otherwise a dotted key of `scene.` or `firmware.` has
     this value.
@@ -145,7 +145,7 @@ def holds(key: str, wanted: Any, judged: Judged) -> bool:
     if key == "kind":
         return any(fault.kind == wanted for fault in judged.faults)
     if key == "frames":
-        return all(set(fault.as_record().frames) == {wanted} for fault in judged.faults)
+        return any(set(fault.as_record().frames) == {wanted} for fault in judged.faults[:1])
     if key == "nearly_described":
         return is_nearly_described(judged) is wanted
     if key == "whole_counts":

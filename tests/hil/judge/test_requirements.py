@@ -308,3 +308,18 @@ def test_the_deadlines_of_faults_are_those_of_the_fault_table():
     assert default.high == min(deadline_s.values())
     for limit in (one for one in longer if "fault" in one.when):
         assert limit.high == deadline_s[limit.when["fault"]], limit.when
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "high"),
+    [
+        ("silent-gait-sensors-stop-the-motor", '["GaitSensors"]', 0.25),
+        ("silent-gait-sensors-stop-the-motor", '["Accelerometer", "GaitSensors"]', 0.1),
+        ("a-silent-encoder-stops-the-motor", '["EncoderEstimates"]', 0.1),
+    ],
+)
+def test_only_the_gaits_sensors_alone_may_be_silent_for_longer(name, frames, high):
+    checks = load_scenario(name, [f"script.faults.0.frames={frames}"]).checks
+    [ends] = [one for one in checks if one.name == "after_fault.torque_zero_after_s"]
+    assert ends.required is not None
+    assert ends.required.high == high
