@@ -55,8 +55,8 @@ WINDOW_S, WINDOW_SHARE = 1.0, 0.4
 the time from RUN to the last command or the end, so that the second half of the hold is steady."""
 UNDER_DISTURBANCES = ("S-", "P-07", "P-15")
 """Beginnings of the requirements that hold whatever disturbs the motion; the others hold in steady motion."""
-DETECTOR, JITTER = "P-15", "clock-jitter"
-"""The requirement on the detector, which holds with a right clock, and the fault without one."""
+RIGHT_CLOCK, JITTER = "P-15", "clock-jitter"
+"""The requirement that holds only while the controller's clock is right, and the fault of that clock."""
 STEADY = ("S-", "P-")
 """Beginnings of those that hold in a run without a fault."""
 BIAS_M_S2 = MISMATCH["mismatch_bias_g"] * STANDARD_GRAVITY_M_S2
@@ -335,7 +335,7 @@ def default_space(
     dimensions = [*instants(scenario, disturbed), *sizes(scenario), *module(scenario, document)]
     optional: dict[str, tuple[int, str]] = {}
     if disturbed:
-        without = JITTER if any(scenario.checks[one].requirement == DETECTOR for one in chosen) else None
+        without = JITTER if any(scenario.checks[one].requirement == RIGHT_CLOCK for one in chosen) else None
         for size, at, place, lines in disturbances(scenario, document, without):
             if not optional:
                 dimensions.append(Dimension(INSTANT, 0.0, 0.0, window_s(scenario, at.low)[1] - at.high))
