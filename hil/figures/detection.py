@@ -87,3 +87,29 @@ def match(truth_t_s: FloatArray, detection_t_s: FloatArray) -> Matching:
             pairs.append((touch_down, number))
     truth, detection = np.array(sorted(pairs), np.int64).reshape(-1, 2).T
     return Matching(truth, detection, detection_t_s[detection] - truth_t_s[truth], found, false)
+
+
+class Comparison(NamedTuple):
+    """The reports of impacts beside the touch-downs, while the firmware ran.
+
+    `seen`: the records of the ticks that report one. Masks of the touch-downs: `due`, which must be detected,
+    and `slept_through`, in whose first half no tick came. `counts`: mask of the reports.
+    """
+
+    seen: Records
+    pairs: Matching
+    due: BoolArray
+    slept_through: BoolArray
+    counts: BoolArray
+
+
+def compare(impacts: Records, firmware: Records) -> Comparison:
+    """Compare the reports, timed by their ticks, with the touch-downs."""
+    tick_t_s, touch_down_s = column(firmware, "t_s"), column(impacts, "t_s")
+    alive_until_s = (tick_t_s[-1] if len(tick_t_s) else -np.inf) - LONGEST_LATENCY_S
+    seen = select_reported(firmware)
+    pairs = match(touch_down_s, column(seen, "t_s"))
+    due = is_due(column(impacts, "v_m_s"), column(impacts, "peak_force_n")) & (touch_down_s <= alive_until_s)
+    slept_through = due & ~pairs.found & is_slept_through(touch_down_s, tick_t_s)
+    counts = column(seen, "t_s") <= alive_until_s
+    return Comparison(seen, pairs, due & ~slept_through, slept_through, counts)

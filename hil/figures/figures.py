@@ -197,18 +197,10 @@ def detector_figures(plant: Records, impacts: Records, firmware: Records) -> Det
     """Compare detections, timed by the reporting tick, with the touch-downs while the firmware ran."""
     if len(plant) == 0 or len(firmware) == 0:
         return no_figures(DetectorFigures)
-    alive_until_s = float(column(firmware, "t_s")[-1]) - detection.LONGEST_LATENCY_S
-    touch_down_s = column(impacts, "t_s")
-    seen = detection.select_reported(firmware)
-    pairs = detection.match(touch_down_s, column(seen, "t_s"))
-    due = detection.is_due(column(impacts, "v_m_s"), column(impacts, "peak_force_n"))
-    due &= touch_down_s <= alive_until_s
-    slept_through = due & ~pairs.found & detection.is_slept_through(touch_down_s, column(firmware, "t_s"))
-    due &= ~slept_through
-    judged = column(seen, "t_s") <= alive_until_s
+    seen, pairs, due, slept_through, counts = detection.compare(impacts, firmware)
     quantiles = np.percentile(1e3 * pairs.latency_s, [50.0, 95.0]) if len(pairs.latency_s) else None
     return DetectorFigures(
-        precision=float(np.mean(~pairs.false[judged])) if judged.any() else None,
+        precision=float(np.mean(~pairs.false[counts])) if counts.any() else None,
         recall=float(np.mean(pairs.found[due])) if due.any() else None,
         latency_ms=no_figures(Latency) if quantiles is None else Latency(*map(float, quantiles)),
         speed_rmse_m_s=rms(detection.speed_errors(pairs, seen, impacts)),

@@ -26,27 +26,23 @@ def largest(records: Records, name: str) -> float | None:
 
 def first_missed(traces: RunTraces) -> float | None:
     """Time of the first touch-down that should have been detected and was not."""
-    touch_down_s = column(traces.impacts, "t_s")
-    pairs = detection.match(touch_down_s, column(detection.select_reported(traces.firmware), "t_s"))
-    due = detection.is_due(column(traces.impacts, "v_m_s"), column(traces.impacts, "peak_force_n"))
-    return next(iter(touch_down_s[due & ~pairs.found].tolist()), None)
+    found = detection.compare(traces.impacts, traces.firmware)
+    return next(iter(column(traces.impacts, "t_s")[found.due & ~found.pairs.found].tolist()), None)
 
 
 def first_false_alarm(traces: RunTraces) -> float | None:
     """Time of the first detection that belongs to no touch-down."""
-    detected_s = column(detection.select_reported(traces.firmware), "t_s")
-    pairs = detection.match(column(traces.impacts, "t_s"), detected_s)
-    return next(iter(detected_s[pairs.false].tolist()), None)
+    found = detection.compare(traces.impacts, traces.firmware)
+    return next(iter(column(found.seen, "t_s")[found.pairs.false & found.counts].tolist()), None)
 
 
 def worst_reported_speed(traces: RunTraces) -> float | None:
     """Time of the touch-down whose reported approach speed is most wrong."""
-    seen, touch_down_s = detection.select_reported(traces.firmware), column(traces.impacts, "t_s")
-    pairs = detection.match(touch_down_s, column(seen, "t_s"))
+    seen, pairs, *_ = detection.compare(traces.impacts, traces.firmware)
     errors_m_s = np.abs(detection.speed_errors(pairs, seen, traces.impacts))
     if not np.isfinite(errors_m_s).any():
         return None
-    return float(touch_down_s[pairs.truth[int(np.nanargmax(errors_m_s))]])
+    return float(column(traces.impacts, "t_s")[pairs.truth[int(np.nanargmax(errors_m_s))]])
 
 
 def moment_of(name: str, traces: RunTraces, figures: Figures) -> float:

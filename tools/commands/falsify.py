@@ -65,7 +65,7 @@ def falsify(
     from tools.campaign.processes import claimed
     from tools.falsify.evaluations import Evaluations, folder_of, runner
     from tools.falsify.search import search
-    from tools.falsify.space import space_of
+    from tools.falsify.space_of_scenario import space_of
 
     sources = list(dict.fromkeys(source for name in scenarios for source in sources_in(name)))
     spaces = [space_of(source, requirement or [], change or []) for source in sources]
@@ -131,7 +131,7 @@ def refuse_nothing_to_search(spaces: "list[Space]") -> None:
 
 def show_space(space: "Space") -> None:
     """Print on standard error what is varied, and the checks that give no direction."""
-    from tools.falsify.space import without_direction
+    from tools.falsify.space_of_scenario import without_direction
 
     rows = ([one.key, space.kind_of(one.key), str(one.default), one.text] for one in space.dimensions)
     progress_console.print(f"{space.name}: {', '.join(one.name for one in space.checks)}", markup=False)

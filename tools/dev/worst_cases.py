@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from hil.scenario.checks import requirements
 from tools import jobs
@@ -19,7 +20,7 @@ from tools.falsify.counterexample import shrink
 from tools.falsify.evaluations import Evaluations, folder_of, runner
 from tools.falsify.pictures import draw_instant
 from tools.falsify.search import Best, EndedError, Hunt, Start, Target, adapt, score, sobol
-from tools.falsify.space import STEADY, space_of
+from tools.falsify.space_of_scenario import STEADY, space_of
 from tools.plots import drawn
 from tools.progress import shown_progress
 
@@ -50,7 +51,14 @@ SCENARIOS = (
 SEED, COLUMNS = 1, 3
 
 
-def worst_of(requirement: str, evaluations: Evaluations, starts: Mapping[str, Start]) -> Best | None:
+class Worst(NamedTuple):
+    """The run with a requirement's smallest margin, and the number of runs in which it was judged."""
+
+    best: Best
+    runs: int
+
+
+def worst_of(requirement: str, evaluations: Evaluations, starts: Mapping[str, Start]) -> Worst | None:
     """The smallest margin of a requirement's checks in all judged runs; 1 where none gives a direction."""
     found = [
         Best(score(result, check), starts[name].space, values, check)
@@ -59,10 +67,11 @@ def worst_of(requirement: str, evaluations: Evaluations, starts: Mapping[str, St
         for check, one in enumerate(starts[name].space.checks)
         if one.requirement == requirement
     ]
-    return min(found, key=lambda one: one.margin, default=None)
+    runs = {(one.space.name, one.values) for one in found}
+    return Worst(min(found, key=lambda one: one.margin), len(runs)) if found else None
 
 
-def search_all(runs: int, evaluations: Evaluations) -> dict[str, Best | None]:
+def search_all(runs: int, evaluations: Evaluations) -> dict[str, Worst | None]:
     """The worst run for each requirement with limits, by Sobol points and then CMA-ES."""
     starts: dict[str, Start] = {}
     for name in SCENARIOS:
@@ -71,46 +80,46 @@ def search_all(runs: int, evaluations: Evaluations) -> dict[str, Best | None]:
         values = [space.values(place.tolist()) for place in places]
         results = evaluations.results(space, values, name)
         starts[name] = Start(space, places, results)
-    found: dict[str, Best | None] = {}
-    for requirement, one in requirements().items():
-        if not (requirement.startswith(STEADY) and one.limits):
+    wanted = [key for key, one in requirements().items() if key.startswith(STEADY) and one.limits]
+    for requirement in wanted:
+        worst = worst_of(requirement, evaluations, starts)
+        if worst is None or not 0.0 <= worst.best.margin < 1.0:
             continue
-        best = found[requirement] = worst_of(requirement, evaluations, starts)
-        if best is None or not 0.0 <= best.margin < 1.0:
-            continue
-        _, places, results = starts[best.space.name]
-        order = sorted(range(len(results)), key=lambda k: score(results[k], best.check))
+        space, check = worst.best.space, worst.best.check
+        _, places, results = starts[space.name]
+        order = sorted(range(len(results)), key=lambda k: score(results[k], check))
         try:
-            adapt(Hunt(requirement, evaluations, runs), Target(best.space, best.check, places[order]), SEED)
+            adapt(Hunt(requirement, evaluations, runs), Target(space, check, places[order]), SEED)
         except EndedError:
-            found[requirement] = worst_of(requirement, evaluations, starts)
-    return found
-
-
-def rows_of(found: Mapping[str, Best | None]) -> Iterator[str]:
-    """A row for each requirement."""
-    for requirement, best in found.items():
-        if best is None:
-            yield row(requirement, "—", "not searched", "", "")
             continue
+    return {requirement: worst_of(requirement, evaluations, starts) for requirement in wanted}
+
+
+def rows_of(found: Mapping[str, Worst | None]) -> Iterator[str]:
+    """A row for each requirement."""
+    for requirement, worst in found.items():
+        if worst is None:
+            yield row(requirement, "—", "0", "", "", "")
+            continue
+        best, runs = worst
         changed = best.space.changed(best.values).items() if best.margin < 0.0 else ()
         values = ", ".join(f"`{key}` {value:.3g}" for key, value in changed)
         margin = f"**{best.margin:.1%}**" if best.margin < 0.0 else f"{best.margin:.0%}"
-        yield row(requirement, margin, f"`{best.name}`", f"`{best.space.name}`", values)
+        yield row(requirement, margin, f"{runs:,}", f"`{best.name}`", f"`{best.space.name}`", values)
 
 
-def text_of(found: Mapping[str, Best | None], runs: int, judged: int) -> str:
+def text_of(found: Mapping[str, Worst | None], runs: int, judged: int) -> str:
     """The page; `runs`: the number of searched runs, of which `judged` were judged."""
     parts = (
         "# Worst cases",
         "<!-- made by `python -m tools.dev.worst_cases` -->",
-        f"The smallest margin that {judged} judged runs of a search have shown for each requirement, as a "
+        f"The smallest margin that {judged:,} judged runs of a search have shown for each requirement, as a "
         "share of its limit: 0 % is at the limit, below it the requirement is broken. A text shows 100 %, or "
-        f"−100 % once it is broken. Runs that were not judged: {runs - judged}. "
+        f"−100 % once it is broken. Runs that were not judged: {runs - judged:,}. "
         "`python -m tools.dev.worst_cases --runs N` makes this page; "
         "[campaigns](campaigns.md#search-for-the-worst-run) says what varies. Of a broken requirement the "
         "table has the values that break it; below −1000 % is −1000 %.",
-        table(["requirement", "smallest margin", "figure", "scenario", "values"], rows_of(found)),
+        table(["requirement", "smallest margin", "runs", "figure", "scenario", "values"], rows_of(found)),
         "S-01, S-03 and S-11 are broken without a limit of the impulse: lost samples hide a peak of 1,300 N. "
         "The default one ends it 9 ms after the touch-down. A guide that rubs eight times as "
         "much, and 27 % more before, holds the crank 3 % below its target (P-07).",
@@ -119,9 +128,9 @@ def text_of(found: Mapping[str, Best | None], runs: int, judged: int) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def draw(found: Mapping[str, Best | None]) -> None:
+def draw(found: Mapping[str, Worst | None]) -> None:
     """Draw the worst run of each requirement with a margin."""
-    shown = [(name, best) for name, best in found.items() if best is not None and best.margin < 1.0]
+    shown = [(name, one.best) for name, one in found.items() if one is not None and one.best.margin < 1.0]
     rows = math.ceil(len(shown) / COLUMNS)
     with drawn(PICTURE, 4.6 * COLUMNS, 2.6 * rows) as figure:
         axes = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
@@ -143,9 +152,9 @@ def main() -> None:
         found = search_all(runs, evaluations)
         judged = sum(not one.why for one in evaluations.known.values())
         page_of = partial(text_of, runs=len(evaluations.known), judged=judged)
-        for requirement, best in found.items():
-            if best is not None and best.margin < 0.0:
-                found[requirement] = shrink(best, evaluations)
+        for requirement, worst in found.items():
+            if worst is not None and worst.best.margin < 0.0:
+                found[requirement] = Worst(shrink(worst.best, evaluations), worst.runs)
     PAGE.write_text(page_of(found), encoding="utf-8")
     draw(found)
 

@@ -22,7 +22,7 @@ from hil.scenario.limits import DESCRIBED, SCALES, look_up
 from hil.scenario.scenario import check_scenario, load_scenario
 from hil.scenario.settings import apply_settings
 from tools.dev.reference import proving_tests
-from tools.falsify.space import RANGES
+from tools.falsify.default_space import RANGES
 
 ROOT = Path(__file__).parents[3]
 

@@ -29,10 +29,12 @@ from typing import Any
 from hil.scenario.files import locate, scenario_names
 from hil.scenario.scenario import load_scenario
 from tools.commands.falsify import row_of
+from tools.falsify.default_space import PHASE
 from tools.falsify.evaluations import Evaluations, folder_of, runner
 from tools.falsify.objective import Task, judged, result_at, run_task
 from tools.falsify.search import BASELINE, OPTIMISERS, search, sobol
-from tools.falsify.space import DELAY, INSTANT, PHASE, Dimension, Space, space_of
+from tools.falsify.space import DELAY, INSTANT, Dimension, Space
+from tools.falsify.space_of_scenario import space_of
 from tools.jobs import pool
 from tools.output import progress_console, table_of
 

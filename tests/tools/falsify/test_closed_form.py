@@ -7,7 +7,7 @@ from scipy.optimize import brentq, minimize
 from hil.scenario.scenario import load_scenario
 from tools.falsify.evaluations import Evaluations, runner
 from tools.falsify.search import EndedError, Hunt, adapt, start_of, targets_of
-from tools.falsify.space import space_of
+from tools.falsify.space_of_scenario import space_of
 
 RATIO, LARGEST_M_S, LIMIT_M_S, FROM_S = 1.1, 0.5, 5.0, 5.3
 SCENARIO = f"""

@@ -32,7 +32,8 @@ from tools.falsify.search import (
     sobol,
     targets_of,
 )
-from tools.falsify.space import DELAY, IDLE, INSTANT, Dimension, Space, space_of
+from tools.falsify.space import DELAY, IDLE, INSTANT, Dimension, Space
+from tools.falsify.space_of_scenario import space_of
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, EXIT_PASSED, BadInputError
 
 KICK = "a-kick-towards-the-stop-does-not-lose-the-impacts"
@@ -145,6 +146,30 @@ def test_the_clock_jitters_where_no_detector_is_judged(name, wanted) -> None:
     assert "clock-jitter" in {space.kind_of(one.key) for one in space.dimensions}
 
 
+@pytest.mark.parametrize("name", ["a-bus-off-of-ten-ticks-is-ridden-through", KICK])
+def test_the_bus_is_disturbed_where_it_is_modelled(name) -> None:
+    space = space_of(name, [])
+    own = {fault.kind for fault in load_scenario(name).faults}
+    kinds = {space.kind_of(one.key) for one in space.dimensions} & {"bus-off", "disturbed", "babbling"}
+    assert kinds == (set() if own == {"kick"} else {"bus-off", "disturbed", "babbling"})
+
+
+def test_faults_of_bus_and_process_at_once_act_and_keep_the_requirements() -> None:
+    space = space_of("a-bus-off-of-ten-ticks-is-ridden-through", [])
+    wanted = {"bus-off": 0.005, "disturbed": 0.002, "babbling": 0.1, "paused": 0.005}
+    values = list(space.defaults)
+    for place, one in enumerate(space.dimensions):
+        if one.default == 0.0 and one.key.endswith(".duration_s"):
+            values[place] = wanted.get(space.kind_of(one.key), 0.0)
+        if one.key.endswith(".at_s") and space.kind_of(one.key) == "disturbed":
+            values[place] = one.high  # the plant is back on the bus
+    scenario = space.scenario(values)
+    assert {fault.kind for fault in scenario.faults} == wanted.keys()
+    verdict, _ = judged(scenario, scenario.checks)
+    assert all(one.acted_on for one in verdict.faults)
+    assert result_at(space, values).margin > 0.0
+
+
 def test_disturbances_meet_at_one_instant() -> None:
     space = space_of(KICK, [])
     keys = [one.key for one in space.dimensions]
@@ -188,6 +213,8 @@ def test_an_operator_may_ask_for_idle_before_a_fault_that_ends_the_motion() -> N
     assert space.changed(early) == {DELAY: -4.8}
     step = {one.key: one.high for one in space.dimensions if one.key.endswith("target_ratio")}
     assert space.changed(values_of(space, idle_before_s=0.15, **step)) == {IDLE: 0.15}
+    # The step is left out, so there is nothing that an instant could move.
+    assert space.changed(values_of(space, idle_before_s=0.15, instant_s=0.4, **step)) == {IDLE: 0.15}
 
 
 def test_no_idle_is_searched_where_the_hold_is_judged() -> None:
