@@ -1,5 +1,6 @@
 """Figures of faults and of the transition to the safe state."""
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -93,18 +94,24 @@ def safe_state_figures(
     )
 
 
-def first_of_the_run(run: Mapping[str, Any]) -> Window | None:
-    """The first fault's beginning, and the time from which impacts count again: its end, if it has one."""
-    first = min(faults_of(run), key=lambda fault: fault.from_s, default=None)
-    if first is None:
+def faults_in(run: Mapping[str, Any], until_s: float) -> Window | None:
+    """From the first fault's beginning to the last one's end, or to its beginning if it does not end.
+
+    Only those that acted count for the end, and that began before `until_s`.
+    """
+    faults = faults_of(run)
+    if not faults:
         return None
-    return Window(first.from_s, first.from_s if first.to_s is None else first.to_s)
+    first_s = min(fault.from_s for fault in faults)
+    counted = [fault for fault in faults if fault.acted != 0 and fault.from_s < until_s]
+    ends_s = [fault.from_s if fault.to_s is None else fault.to_s for fault in counted]
+    return Window(first_s, max(ends_s, default=first_s))
 
 
 def fault_figures(traces: RunTraces, hold: Window | None) -> FaultFigures:
-    """Torque, speed and impacts after the first fault of the script."""
+    """Torque and speed after the first fault of the script, and impacts after the last."""
     plant, impacts = traces.plant, traces.impacts
-    fault = first_of_the_run(traces.run)
+    fault = faults_in(traces.run, math.inf if hold is None else hold.end_s)
     if fault is None or len(plant) == 0 or column(plant, "t_s")[-1] < fault.start_s:
         return no_figures(FaultFigures)
     t_s, torque_n_m = column(plant, "t_s"), column(plant, "motor_torque_n_m")

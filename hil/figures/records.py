@@ -184,7 +184,7 @@ class FaultFigures:
     impacts_again_after_s: Annotated[
         Number,
         "s",
-        "from the fault's end until every drive period of the hold had an impact again",
+        "from the last fault's end until every drive period of the hold had an impact again",
         Origin.HOLD,
     ]
     turning_at_end_rad_s: Annotated[Number, "rad/s", "mean crank speed over the run's last half second"]

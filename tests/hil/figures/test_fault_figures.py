@@ -13,8 +13,8 @@ from hil.figures.faults import (
     DriveEnd,
     drive_end,
     fault_figures,
+    faults_in,
     first_fault,
-    first_of_the_run,
     held_ms,
     latched_figures,
     safe_state_figures,
@@ -160,12 +160,29 @@ def test_the_safe_state_has_the_torque_and_the_impacts_after_its_beginning():
     [
         ([], None),
         ([(3.0, None)], Window(3.0, 3.0)),
-        ([(3.0, 3.5), (2.0, 2.25)], Window(2.0, 2.25)),
+        ([(3.0, 3.5), (2.0, 2.25)], Window(2.0, 3.5)),
+        ([(2.0, 6.0), (3.0, None)], Window(2.0, 6.0)),
+        ([(2.0, 2.25), (3.0, None)], Window(2.0, 3.0)),
+        ([(2.0, 2.25), (9.0, 9.5)], Window(2.0, 2.25)),
     ],
 )
-def test_the_first_fault_of_the_run_is_the_earliest(faults, window):
-    assert first_of_the_run(run_with(*faults)) == window
-    assert first_of_the_run({}) is None
+def test_the_faults_of_a_hold_last_from_the_first_ones_beginning_to_the_last_ones_end(faults, window):
+    assert faults_in(run_with(*faults), until_s=9.0) == window
+
+
+def test_a_fault_that_acted_on_nothing_is_not_waited_for():
+    run = run_with((2.0, 2.25), (3.0, 3.5))
+    run["faults"][1]["acted"] = 0
+    assert faults_in(run, until_s=9.0) == Window(2.0, 2.25)
+    run["faults"][0]["acted"] = 0
+    assert faults_in(run, until_s=9.0) == Window(2.0, 2.0)
+
+
+def test_impacts_are_back_after_the_last_of_two_disturbances():
+    run = run_with((4.0, 4.1), (5.0, 5.5))
+    late = REGULAR[(REGULAR < 4.0) | (REGULAR > 6.0)]
+    found = fault_figures(RunTraces(run=run, plant=plant(1000), impacts=impacts(*late)), HOLD)
+    assert found.impacts_again_after_s == pytest.approx(0.75)
 
 
 def run_with(*intervals_s):
