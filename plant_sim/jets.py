@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from plant_sim.arrays import FloatArray
-from plant_sim.kernels import by_part
+from plant_sim.kernels import by_part, subroutine
 
 
 class State:
@@ -186,7 +186,15 @@ def sine_and_cosine(jet: Jet, angle: float, rate_row: int) -> tuple[float, float
 
 @sine_and_cosine.register(Coefficient)
 def _sine_and_cosine(jet: Coefficient, angle: float, rate_row: int) -> tuple[float, float]:
-    k, rate, sine, cosine = jet.k, jet.rows[rate_row], jet.rows[ROW.sine], jet.rows[ROW.cosine]
+    return rotate(jet, angle, 1.0, rate_row, ROW.sine, ROW.cosine)
+
+
+@subroutine(inline=True)
+def rotate(
+    jet: Coefficient, angle: float, times: float, rate_row: int, sine_row: int, cosine_row: int
+) -> tuple[float, float]:
+    """sin and cos, also into their rows, of an angle whose rate is `times` the quantity at `rate_row`."""
+    k, rate, sine, cosine = jet.k, jet.rows[rate_row], jet.rows[sine_row], jet.rows[cosine_row]
     if k == 0:
         s, c = math.sin(angle), math.cos(angle)
     else:
@@ -195,7 +203,7 @@ def _sine_and_cosine(jet: Coefficient, angle: float, rate_row: int) -> tuple[flo
             back = np.uint64(k - 1 - j)
             rise += rate[j] * cosine[back]
             fall += rate[j] * sine[back]
-        per = 1.0 / k
+        per = times / k
         s, c = per * rise, -per * fall
     sine[k], cosine[k] = s, c
     return s, c
@@ -229,3 +237,13 @@ def at_least(jet: Jet, value: float, least: float) -> float:
 @at_least.register(Coefficient)
 def _at_least(jet: Coefficient, value: float, least: float) -> float:
     return value
+
+
+@subroutine
+def add_sine(amplitude: float, rate_rad_s: float, phase_rad: float, series: FloatArray) -> None:
+    """Add the Taylor coefficients of a sine wave."""
+    sine, cosine = amplitude * math.sin(phase_rad), amplitude * math.cos(phase_rad)
+    for k in range(series.size):
+        series[k] += sine
+        per = rate_rad_s / (k + 1)
+        sine, cosine = per * cosine, -per * sine

@@ -11,8 +11,9 @@ from typing import NamedTuple, TypeAlias
 from pydantic import Field
 
 from plant_sim.arrays import FloatArray
+from plant_sim.jets import add_sine
 from plant_sim.kernels import by_part, one_of, subroutine
-from plant_sim.parts.walking import Walking, along_axis, bump_m_s, leg_at, unbroken_s
+from plant_sim.parts.walking import Walking, along_axis, bump_m_s, expand_leg, leg_at, unbroken_s
 from plant_sim.tables.quantities import Acceleration, Angle, Duration, Frequency
 from plant_sim.tables.table import Table
 
@@ -89,52 +90,35 @@ def steady_m_s2(housing: Housing) -> float:
 
 
 @by_part
-def housing_m_s3(housing: Housing, t_s: float) -> float:
-    """Time derivative of a_b, m/s³."""
-    return 0.0
+def expand_housing(housing: Housing, t_s: float, series: FloatArray, work: FloatArray) -> None:
+    """Taylor coefficients of a_b at `t_s`, into `series`, shape (order + 1,).
+
+    `work` is scratch as for `expand_leg`.
+    """
+    raise NotImplementedError
 
 
-@housing_m_s3.register(Moving)
-def _moving_housing_m_s3(housing: Moving, t_s: float) -> float:
-    rate = housing.harmonic_rad_s
-    value = housing.harmonic_m_s2 * rate * math.cos(rate * t_s + housing.harmonic_phase_rad)
-    into_s = t_s - housing.shock_start_s
-    if -_same_s(t_s) <= into_s < housing.shock_s - _same_s(t_s):
-        rate = math.pi / housing.shock_s
-        value += housing.shock_m_s2 * rate * math.cos(rate * into_s)
-    return value
-
-
-@housing_m_s3.register(Walking)
-def _walking_housing_m_s3(housing: Walking, t_s: float) -> float:
-    leg = leg_at(housing, t_s)
-    return along_axis(housing, leg.up_m_s3, leg.forward_m_s3, leg.outward_m_s3)
-
-
-@subroutine
-def expand_housing(housing: Housing, t_s: float, series: FloatArray) -> None:
-    """Taylor coefficients of a_b at `t_s`, into `series`, shape (order + 1,); a constant has one."""
+@expand_housing.register(Level, Tilted)
+def _expand_still_housing(housing: Level | Tilted, t_s: float, series: FloatArray, work: FloatArray) -> None:
     series[:] = 0.0
-    if not _is_moving(housing):
-        series[0] = housing_m_s2(housing, t_s)
-        return
+    series[0] = housing_m_s2(housing, t_s)
+
+
+@expand_housing.register(Moving)
+def _expand_moving_housing(housing: Moving, t_s: float, series: FloatArray, work: FloatArray) -> None:
+    series[:] = 0.0
     series[0] = housing.along_m_s2
     rate = housing.harmonic_rad_s
-    _add_sine(housing.harmonic_m_s2, rate, rate * t_s + housing.harmonic_phase_rad, series)
+    add_sine(housing.harmonic_m_s2, rate, rate * t_s + housing.harmonic_phase_rad, series)
     into_s = t_s - housing.shock_start_s
     if -_same_s(t_s) <= into_s < housing.shock_s - _same_s(t_s):
         rate = math.pi / housing.shock_s
-        _add_sine(housing.shock_m_s2, rate, rate * into_s, series)
+        add_sine(housing.shock_m_s2, rate, rate * into_s, series)
 
 
-@subroutine
-def _add_sine(amplitude: float, rate_rad_s: float, phase_rad: float, series: FloatArray) -> None:
-    """Add the Taylor coefficients of a sine wave."""
-    sine, cosine = amplitude * math.sin(phase_rad), amplitude * math.cos(phase_rad)
-    for k in range(series.size):
-        series[k] += sine
-        turn = rate_rad_s / (k + 1)
-        sine, cosine = turn * cosine, -turn * sine
+@expand_housing.register(Walking)
+def _expand_walking_housing(housing: Walking, t_s: float, series: FloatArray, work: FloatArray) -> None:
+    expand_leg(housing, t_s, _same_s(t_s), series, work)
 
 
 @by_part
@@ -182,9 +166,6 @@ is_level = one_of(Level)
 
 is_still = one_of(Level, Tilted)
 """Whether a_b is constant."""
-
-housing_has_series = one_of(Level, Tilted, Moving)
-"""Whether a_b has a Taylor series (`expand_housing`)."""
 
 
 class HarmonicTable(Table):

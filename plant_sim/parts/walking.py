@@ -25,11 +25,18 @@ and end.
 import math
 from typing import NamedTuple, TypeAlias
 
+import numpy as np
+
 from plant_sim.arrays import FloatArray
+from plant_sim.jets import NOW, Coefficient, Jet, add_sine, product, rotate, square
 from plant_sim.kernels import subroutine
 
-Derivatives: TypeAlias = tuple[float, float, float, float]
-"""A quantity and its first three derivatives."""
+Derivatives: TypeAlias = tuple[float, float, float]
+"""A quantity and its first two derivatives."""
+Blend: TypeAlias = tuple[float, float, float, float, float, float]
+"""Taylor coefficients in time of the course of a row, from 0 to 1."""
+Harmonics: TypeAlias = tuple[tuple[float, ...], tuple[float, ...]]
+"""cos k α and sin k α, or their coefficients in a curve, k from 0 to ORDER."""
 
 (
     BEGIN_S,
@@ -91,6 +98,17 @@ ANKLE_N_M_KG = (
 )
 """Moment of the calf about the ankle per body mass: −0.1 after heel strike, 1.6 at 47 %, 0 in swing."""
 
+_CURVES: FloatArray = np.array([SHANK_RAD, RISE_M, SWAY_M, TILT_RAD, ADVANCE])
+
+_HERTZ, _SIZE, _STRIDE = range(3)
+"""Rows of a series: first those of the changes in a row of `Walking.rows`, in the order of its columns."""
+_LEAN, _RISE, _SWAY, _TILT, _AHEAD = range(3, 8)
+_LEAN_RATE, _LEAN_SINE, _LEAN_COSINE, _TILT_RATE, _TILT_SINE, _TILT_COSINE, _FORWARD, _FALL = range(8, 16)
+_TURN, _TURN_SINE, _TURN_COSINE, _RATE = range(16, 20)
+"""2π φ' with sin 2π φ and cos 2π φ, and 2π χ'."""
+_SPEED, _BARE, _SINES, _COSINES = 20, 21, 26, 27 + ORDER
+"""L f, and the first rows of the curves of size 1 and of their harmonics."""
+
 
 class Walking(NamedTuple):
     """Housing on a walking leg; `axis_…` is the striker's axis towards the stop, in the shank's directions.
@@ -108,16 +126,13 @@ class Walking(NamedTuple):
 
 
 class Leg(NamedTuple):
-    """The shank: lean and its rates, and the specific force at the housing with its time derivative."""
+    """The shank: lean and its rate, and the specific force at the housing."""
 
     lean_rad: float
     lean_rad_s: float
     up_m_s2: float
     forward_m_s2: float
     outward_m_s2: float
-    up_m_s3: float
-    forward_m_s3: float
-    outward_m_s3: float
 
 
 @subroutine
@@ -147,18 +162,17 @@ def since_strike_s(row: FloatArray, into_s: float, same_s: float) -> float:
 
 
 @subroutine
-def _transition(first: float, last: float, into_s: float, length_s: float) -> Derivatives:
-    """Transition from `first` to `last` by S = 10 s³ − 15 s⁴ + 6 s⁵, with S' = S'' = 0 at both ends."""
-    if first == last or into_s >= length_s:
-        return last, 0.0, 0.0, 0.0
-    s, change = into_s / length_s, last - first
-    rate = change / length_s
+def blend(into_s: float, length_s: float) -> Blend:
+    """Taylor coefficients of S = 10 s³ − 15 s⁴ + 6 s⁵, with S' = S'' = 0 at both ends, in time."""
+    s, per_s = into_s / length_s, 1.0 / length_s
     left = 1.0 - s
     return (
-        first + change * s * s * s * (10.0 - s * (15.0 - 6.0 * s)),
-        rate * 30.0 * s * s * left * left,
-        rate / length_s * 60.0 * s * left * (1.0 - 2.0 * s),
-        rate / (length_s * length_s) * 60.0 * (1.0 - 6.0 * s * left),
+        s * s * s * (10.0 - s * (15.0 - 6.0 * s)),
+        per_s * 30.0 * s * s * left * left,
+        per_s**2 * 30.0 * s * left * (1.0 - 2.0 * s),
+        per_s**3 * 10.0 * (1.0 - 6.0 * s * left),
+        per_s**4 * 15.0 * (2.0 * s - 1.0),
+        per_s**5 * 6.0,
     )
 
 
@@ -175,109 +189,166 @@ def cycles_at(row: FloatArray, t_s: float) -> float:
 
 
 @subroutine
-def _warped(cycles: float, hertz: Derivatives, warp: float) -> Derivatives:
-    """χ = φ + warp · sin² π φ and its derivatives in time."""
-    turn = 2.0 * math.pi
-    phase = cycles - math.floor(cycles)
-    c, s = math.cos(turn * phase), math.sin(turn * phase)
-    # dχ/dφ and on
-    d1 = 1.0 + 0.5 * turn * warp * s
-    d2 = 0.5 * turn * turn * warp * c
-    d3 = -0.5 * turn * turn * turn * warp * s
-    f, f1, f2 = hertz[0], hertz[1], hertz[2]
+def _phase_rad(row: FloatArray, t_s: float) -> float:
+    """2π φ within a cycle."""
+    cycles = cycles_at(row, t_s)
+    return 2.0 * math.pi * (cycles - math.floor(cycles))
+
+
+@subroutine
+def _harmonics(angle: float) -> Harmonics:
+    """cos k α and sin k α at this angle."""
+    c1, s1 = math.cos(angle), math.sin(angle)
+    c2, s2 = c1 * c1 - s1 * s1, 2.0 * s1 * c1
+    c3, s3 = c2 * c1 - s2 * s1, s2 * c1 + c2 * s1
+    c4, s4 = c2 * c2 - s2 * s2, 2.0 * s2 * c2
+    c5, s5 = c4 * c1 - s4 * s1, s4 * c1 + c4 * s1
+    return (1.0, c1, c2, c3, c4, c5, c3 * c3 - s3 * s3), (0.0, s1, s2, s3, s4, s5, 2.0 * s3 * c3)
+
+
+@subroutine
+def _between(first: float, last: float, mix: Blend) -> Derivatives:
+    change = last - first
+    return first + change * mix[0], change * mix[1], 2.0 * change * mix[2]
+
+
+@subroutine
+def _curve(curve: Harmonics, waves: Harmonics, rate: float, growth: float, size: Derivatives) -> Derivatives:
+    """A curve times `size` at an angle with this first and second derivative in time; and its derivatives."""
+    value, slope, bend = 0.0, 0.0, 0.0
+    for k in range(ORDER + 1):
+        a, b, c, s = curve[0][k], curve[1][k], waves[0][k], waves[1][k]
+        value += a * c + b * s
+        slope += k * (b * c - a * s)
+        bend -= k * k * (a * c + b * s)
+    d1, d2 = slope * rate, bend * rate * rate + slope * growth
     return (
-        phase + 0.5 * warp * (1.0 - c),
-        d1 * f,
-        d2 * f * f + d1 * f1,
-        d3 * f * f * f + 3.0 * d2 * f * f1 + d1 * f2,
+        size[0] * value,
+        size[1] * value + size[0] * d1,
+        size[2] * value + 2.0 * size[1] * d1 + size[0] * d2,
     )
 
 
 @subroutine
-def _curve(coefficients: tuple[tuple[float, ...], tuple[float, ...]], phase: Derivatives) -> Derivatives:
-    """A series at χ(t) and its derivatives in time (Faà di Bruno)."""
-    turn = 2.0 * math.pi
-    cosines, sines = coefficients
-    c1, s1 = math.cos(turn * phase[0]), math.sin(turn * phase[0])
-    c, s = 1.0, 0.0
-    value, d1, d2, d3 = cosines[0], 0.0, 0.0, 0.0
-    for k in range(1, ORDER + 1):
-        c, s = c * c1 - s * s1, s * c1 + c * s1
-        rate = turn * k
-        there, slope = cosines[k] * c + sines[k] * s, rate * (sines[k] * c - cosines[k] * s)
-        value += there
-        d1 += slope
-        d2 -= rate * rate * there
-        d3 -= rate * rate * slope
-    p1, p2, p3 = phase[1], phase[2], phase[3]
-    return value, d1 * p1, d2 * p1 * p1 + d1 * p2, d3 * p1 * p1 * p1 + 3.0 * d2 * p1 * p2 + d1 * p3
-
-
-@subroutine
-def _times(p: Derivatives, q: Derivatives) -> Derivatives:
-    """Product of two quantities, by Leibniz' rule."""
-    return (
-        p[0] * q[0],
-        p[1] * q[0] + p[0] * q[1],
-        p[2] * q[0] + 2.0 * p[1] * q[1] + p[0] * q[2],
-        p[3] * q[0] + 3.0 * (p[2] * q[1] + p[1] * q[2]) + p[0] * q[3],
-    )
-
-
-@subroutine
-def _bump(peak: float, into_s: float, length_s: float) -> tuple[float, float]:
-    """peak · sin²(π t/T) for 0 < t < T, and its time derivative."""
+def _bump(peak: float, into_s: float, length_s: float) -> float:
+    """peak · sin²(π t/T) for 0 < t < T."""
     if peak == 0.0 or into_s <= 0.0 or into_s >= length_s:
-        return 0.0, 0.0
-    angle = math.pi * into_s / length_s
-    return peak * math.sin(angle) ** 2, peak * math.pi / length_s * math.sin(2.0 * angle)
+        return 0.0
+    return peak * math.sin(math.pi * into_s / length_s) ** 2
 
 
 @subroutine
 def leg_at(walking: Walking, t_s: float) -> Leg:
     """State of the shank at `t_s`."""
     row = walking.rows[row_at(walking.rows, t_s)]
-    into_s, length_s, g, h = t_s - row[BEGIN_S], row[LENGTH_S], walking.gravity_m_s2, walking.mount_m
-    hertz = _transition(row[FROM_HZ], row[TO_HZ], into_s, length_s)
-    size = _transition(row[FROM_SIZE], row[TO_SIZE], into_s, length_s)
-    stride = _transition(row[FROM_STRIDE_M], row[TO_STRIDE_M], into_s, length_s)
-    phase = _warped(cycles_at(row, t_s), hertz, walking.warp)
-    lean = _times(size, _curve(SHANK_RAD, phase))
-    rise = _times(size, _curve(RISE_M, phase))
-    sway = _times(size, _curve(SWAY_M, phase))
-    tilt = _times(size, _curve(TILT_RAD, phase))
-    ahead = _times(stride, _curve(ADVANCE, phase))
-    speed = _times(stride, hertz)  # p_x = ∫ L f dt + L ξ(χ)
-    x2, x3 = speed[1] + ahead[2], speed[2] + ahead[3]
-    fall, fall1 = rise[2] + g, rise[3]
-    cosine, sine = math.cos(lean[0]), math.sin(lean[0])
-    strike, strike1 = _bump(row[STRIKE_M_S2], since_strike_s(row, into_s, 0.0), STRIKE_S)
-    knock, knock1 = _bump(row[KNOCK_M_S2], into_s, KNOCK_S)
-    return Leg(
-        lean_rad=lean[0],
-        lean_rad_s=lean[1],
-        up_m_s2=x2 * sine + fall * cosine - h * lean[1] * lean[1] + strike,
-        forward_m_s2=x2 * cosine - fall * sine + h * lean[2] - STRIKE_BACKWARD * strike - knock,
-        outward_m_s2=sway[2] - fall * math.sin(tilt[0]) + h * tilt[2],
-        up_m_s3=x3 * sine
-        + fall1 * cosine
-        + (x2 * cosine - fall * sine) * lean[1]
-        - 2.0 * h * lean[1] * lean[2]
-        + strike1,
-        forward_m_s3=x3 * cosine
-        - fall1 * sine
-        - (x2 * sine + fall * cosine) * lean[1]
-        + h * lean[3]
-        - STRIKE_BACKWARD * strike1
-        - knock1,
-        outward_m_s3=sway[3] - fall1 * math.sin(tilt[0]) - fall * math.cos(tilt[0]) * tilt[1] + h * tilt[3],
-    )
+    into_s = t_s - row[BEGIN_S]
+    mix = blend(min(into_s, row[LENGTH_S]), row[LENGTH_S])
+    hertz = _between(row[FROM_HZ], row[TO_HZ], mix)
+    size = _between(row[FROM_SIZE], row[TO_SIZE], mix)
+    stride = _between(row[FROM_STRIDE_M], row[TO_STRIDE_M], mix)
+    phase, warp = _phase_rad(row, t_s), math.pi * walking.warp
+    c, s, turn = math.cos(phase), math.sin(phase), 2.0 * math.pi * hertz[0]
+    waves, rate = _harmonics(phase + warp * (1.0 - c)), turn * (1.0 + warp * s)
+    growth = 2.0 * math.pi * hertz[1] * (1.0 + warp * s) + warp * c * turn * turn
+    lean = _curve(SHANK_RAD, waves, rate, growth, size)
+    rise = _curve(RISE_M, waves, rate, growth, size)
+    sway = _curve(SWAY_M, waves, rate, growth, size)
+    tilt = _curve(TILT_RAD, waves, rate, growth, size)
+    ahead = _curve(ADVANCE, waves, rate, growth, stride)
+    x2 = stride[1] * hertz[0] + stride[0] * hertz[1] + ahead[2]  # p_x = ∫ L f dt + L ξ(χ)
+    ankle = x2, sway[2], rise[2] + walking.gravity_m_s2
+    shank = math.sin(lean[0]), math.cos(lean[0]), lean[1], lean[2]
+    up, forward, outward = _force(NOW, walking.mount_m, ankle, shank, (math.sin(tilt[0]), tilt[2]))
+    strike = _bump(row[STRIKE_M_S2], since_strike_s(row, into_s, 0.0), STRIKE_S)
+    knock = _bump(row[KNOCK_M_S2], into_s, KNOCK_S)
+    return Leg(lean[0], lean[1], up + strike, forward - STRIKE_BACKWARD * strike - knock, outward)
+
+
+@subroutine(inline=True)
+def _force(
+    jet: Jet,
+    h: float,
+    ankle: tuple[float, float, float],
+    shank: tuple[float, float, float, float],
+    tilt: tuple[float, float],
+) -> tuple[float, float, float]:
+    """Specific force up, forward and outward without bumps: from p'' with gravity, sin ψ, cos ψ, ψ', ψ'',
+    sin ρ and ρ''."""
+    (x2, y2, fall), (sine, cosine, rate, growth), (tilt_sine, tilt_growth) = ankle, shank, tilt
+    up = product(jet, _FORWARD, x2, _LEAN_SINE, sine) + product(jet, _FALL, fall, _LEAN_COSINE, cosine)
+    forward = product(jet, _FORWARD, x2, _LEAN_COSINE, cosine) - product(jet, _FALL, fall, _LEAN_SINE, sine)
+    outward = y2 - product(jet, _FALL, fall, _TILT_SINE, tilt_sine)
+    return up - h * square(jet, _LEAN_RATE, rate), forward + h * growth, outward + h * tilt_growth
+
+
+@subroutine
+def expand_leg(walking: Walking, t_s: float, same_s: float, series: FloatArray, work: FloatArray) -> None:
+    """Taylor coefficients of a_b at `t_s`, into `series`, shape (order + 1,).
+
+    `work` is scratch, shape (40, order + 3) and (40, 6) at least. Bumps that begin or end within `same_s` do
+    so at `t_s`.
+    """
+    row = walking.rows[row_at(walking.rows, t_s + same_s)]
+    into_s = t_s - row[BEGIN_S]
+    _expand_curves(walking, row, t_s, series.size + 2, work)
+    for k in range(series.size):
+        jet, once, twice = Coefficient(work, k, 0.0), k + 1, (k + 1) * (k + 2)
+        x2, y2 = once * work[_SPEED, once] + twice * work[_AHEAD, k + 2], twice * work[_SWAY, k + 2]
+        fall = twice * work[_RISE, k + 2] + (walking.gravity_m_s2 if k == 0 else 0.0)
+        sine, cosine = rotate(jet, work[_LEAN, 0], 1.0, _LEAN_RATE, _LEAN_SINE, _LEAN_COSINE)
+        shank = sine, cosine, once * work[_LEAN, once], twice * work[_LEAN, k + 2]
+        tilt_sine, _ = rotate(jet, work[_TILT, 0], 1.0, _TILT_RATE, _TILT_SINE, _TILT_COSINE)
+        work[_TILT_RATE, k] = once * work[_TILT, once]
+        tilt = tilt_sine, twice * work[_TILT, k + 2]
+        series[k] = along_axis(walking, *_force(jet, walking.mount_m, (x2, y2, fall), shank, tilt))
+    since_s = since_strike_s(row, into_s, same_s)
+    if since_s < STRIKE_S - same_s:
+        strike = along_axis(walking, row[STRIKE_M_S2], -STRIKE_BACKWARD * row[STRIKE_M_S2], 0.0)
+        _add_bump(strike, since_s, STRIKE_S, series)
+    if into_s < KNOCK_S - same_s:
+        _add_bump(along_axis(walking, 0.0, -row[KNOCK_M_S2], 0.0), into_s, KNOCK_S, series)
+
+
+@subroutine
+def _expand_curves(walking: Walking, row: FloatArray, t_s: float, terms: int, work: FloatArray) -> None:
+    """The first coefficients of frequency and stride, and of the curves."""
+    mix = blend(t_s - row[BEGIN_S], row[LENGTH_S])
+    work[: _STRIDE + 1] = 0.0
+    for i in range(_STRIDE + 1):
+        first = work[i, 0] = row[FROM_HZ + 2 * i]
+        for k in range(len(mix)):
+            work[i, k] += (row[TO_HZ + 2 * i] - first) * mix[k]
+    phase, warp = _phase_rad(row, t_s), math.pi * walking.warp
+    angle = phase + warp * (1.0 - math.cos(phase))
+    for k in range(terms):
+        jet = Coefficient(work, k, 0.0)
+        for i in range(ORDER + 1):
+            rotate(jet, i * angle, i, _RATE, _SINES + i, _COSINES + i)
+        work[_SPEED, k] = product(jet, _HERTZ, work[_HERTZ, k], _STRIDE, work[_STRIDE, k])
+        rate = work[_RATE, k] = 2.0 * math.pi * work[_HERTZ, k]
+        if warp != 0.0:
+            sine, _ = rotate(jet, phase, 1.0, _TURN, _TURN_SINE, _TURN_COSINE)
+            work[_RATE, k] += warp * product(jet, _TURN, rate, _TURN_SINE, sine)
+        for i in range(_CURVES.shape[0]):
+            bare = 0.0
+            for j in range(ORDER + 1):
+                bare += _CURVES[i, 0, j] * work[_COSINES + j, k] + _CURVES[i, 1, j] * work[_SINES + j, k]
+            size = _STRIDE if _LEAN + i == _AHEAD else _SIZE
+            work[_LEAN + i, k] = product(jet, size, work[size, k], _BARE + i, bare)
+
+
+@subroutine
+def _add_bump(peak: float, into_s: float, length_s: float, series: FloatArray) -> None:
+    """Add peak · sin²(π t/T) = peak/2 · (1 − cos 2π t/T)."""
+    rate = 2.0 * math.pi / length_s
+    series[0] += 0.5 * peak
+    add_sine(-0.5 * peak, rate, rate * into_s + 0.5 * math.pi, series)
 
 
 @subroutine
 def ankle_n_m_kg(phase: float) -> float:
     """Moment of the ankle at χ in natural walking, N m/kg: positive if it pushes the toes down."""
-    return _curve(ANKLE_N_M_KG, (phase, 0.0, 0.0, 0.0))[0]
+    return _curve(ANKLE_N_M_KG, _harmonics(2.0 * math.pi * phase), 0.0, 0.0, (1.0, 0.0, 0.0))[0]
 
 
 @subroutine

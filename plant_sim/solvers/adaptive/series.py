@@ -14,7 +14,7 @@ from plant_sim.jets import ROW, Coefficient
 from plant_sim.kernels import subroutine
 from plant_sim.parts.drive import Drive, is_motor, motor_torque_n_m
 from plant_sim.parts.friction import Friction, damping_n_s_m, friction_has_series, is_stribeck
-from plant_sim.parts.housing import expand_housing, housing_has_series, is_level
+from plant_sim.parts.housing import expand_housing, is_level
 from plant_sim.parts.linkage import is_endless
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import stop_has_series
@@ -65,7 +65,6 @@ def _has_series(parts: Parts, flow: Flow) -> bool:
     """Whether each part has a series in this phase; a motor's depends on the step, too."""
     return (
         is_endless(parts.linkage)
-        and housing_has_series(parts.housing)
         and not is_wound(parts.winding)
         and friction_has_series(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2)
         and has_linear_spring(parts.striker)
@@ -106,7 +105,7 @@ def expand(run: Run, flow: Flow, order: int) -> None:
     y, rows = memory.y, memory.all_series[:]
     torque_n_m = motor_torque_n_m(parts.drive, flow.torque_n_m, y.crank_rad_s)
     if not is_level(parts.housing):
-        expand_housing(parts.housing, flow.time_s, rows[ROW.housing_m_s2, : order + 1])
+        expand_housing(parts.housing, flow.time_s, rows[ROW.housing_m_s2, : order + 1], memory.scratch.stack)
     for index in range(memory.progress.used):
         i = memory.places[index]
         rows[i, 0] = memory.all_y[i]

@@ -10,7 +10,7 @@ from plant_sim.arrays import FloatArray
 from plant_sim.jets import State
 from plant_sim.kernels import subroutine
 from plant_sim.parts.friction import ROUNDING, set_off, static_limit_n
-from plant_sim.parts.housing import housing_m_s2, housing_m_s3, is_still
+from plant_sim.parts.housing import expand_housing, housing_m_s2, is_still
 from plant_sim.parts.linkage import crank_torque_n_m, sine_at
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m
@@ -165,7 +165,9 @@ def _pull_rate(run: Run) -> tuple[float, float]:
     per_rad = crank_torque_n_m(parts.linkage, striker.spring_n_per_m, parts.drive.amplitude_m, y.crank_rad)
     if stands:
         return per_rad * y.crank_rad_s, abs(per_rad) * 2.0 * NEAR_RAD
-    shaken = striker.mass_kg * housing_m_s3(parts.housing, now_s(memory))
+    series = memory.series.housing_m_s2[:2]
+    expand_housing(parts.housing, now_s(memory), series, memory.scratch.stack)
+    shaken = striker.mass_kg * series[1]
     natural = math.sqrt(striker.spring_n_per_m / striker.mass_kg)
     rate = per_rad * y.crank_rad_s - shaken
     return rate, (abs(per_rad) + abs(shaken) / natural) * 2.0 * NEAR_RAD

@@ -5,12 +5,14 @@ import time
 from itertools import pairwise
 from typing import Any
 
+import mpmath
 import numpy as np
 import pytest
 from changed_scenes import changed
 
+from plant_sim.kernels import jit
 from plant_sim.parts import walking as w
-from plant_sim.parts.housing import housing_m_s2, housing_m_s3, shock_m_s, smooth_for_s
+from plant_sim.parts.housing import expand_housing, housing_m_s2, shock_m_s, smooth_for_s
 from plant_sim.parts.walking import KNOCK_M_S2, Walking, leg_at, row_at
 from plant_sim.plant import Plant
 from plant_sim.result import LegState
@@ -103,76 +105,118 @@ def test_the_warp_moves_toe_off_and_nothing_else() -> None:
     assert [at.phase for at in cycle(STEADY | {"stance_share": 0.56}, shares)] == pytest.approx(shares)
 
 
-@pytest.mark.parametrize("axis", ["up", "forward", "outward", "inward"])
-def test_what_is_felt_is_the_second_difference_of_where_the_module_is(axis: str) -> None:
-    """The place of the module written down anew from the curves; without bumps, which are no motion."""
-    walking = walking_of(UNEVEN | {"axis": axis, "heel_strike_m_s2": 0.0, "stumble": []})
-    step_s = 4e-4
-    for t in np.arange(0.3, 14.0, 0.0711):
-        row = walking.rows[row_at(walking.rows, t)]
-        if not row[w.BEGIN_S] + 4 * step_s < t < row[w.BEGIN_S] + row[w.LENGTH_S] - 4 * step_s:
-            continue
-        places = np.array([_place(walking, row, t + i * step_s) for i in range(-3, 4)])
-        second = np.array([2, -27, 270, -490, 270, -27, 2]) / (180.0 * step_s**2)
-        forward, up, outward, lean, tilt = second @ places
-        now = places[3]
-        h, lean_m, tilt_m = walking.mount_m, now[3], now[4]
-        rate = np.array([-1, 9, -45, 0, 45, -9, 1]) @ places[:, 3] / (60.0 * step_s)
-        e, across = np.array([np.sin(lean_m), np.cos(lean_m)]), np.array([np.cos(lean_m), -np.sin(lean_m)])
-        sagittal = np.array([forward, up + G])
-        wanted = {
-            "up": sagittal @ e - h * rate**2,
-            "forward": sagittal @ across + h * lean,
-            "outward": outward - (up + G) * np.sin(tilt_m) + h * tilt,
-        }
-        sign = -1.0 if axis == "inward" else 1.0
-        assert housing_m_s2(walking, t) == pytest.approx(
-            sign * wanted["outward" if axis == "inward" else axis], abs=2e-5
-        )
+@jit
+def _expand(walking, t_s, series, work):
+    expand_housing(walking, t_s, series, work)
 
 
-def _place(walking: Walking, row: np.ndarray, t_s: float) -> np.ndarray:
-    """Ankle forward, up and outward, lean and tilt, by numpy's polynomials and the series as they stand."""
-    s = (t_s - row[w.BEGIN_S]) / row[w.LENGTH_S]
-    blend = np.polynomial.Polynomial([0, 0, 0, 10.0, -15.0, 6.0])
+def expanded(walking: Walking, t_s: float, order: int) -> np.ndarray:
+    """Taylor coefficients of a_b."""
+    series = np.full(order + 1, np.nan)
+    _expand(walking, t_s, series, np.full((40, 19), np.nan))
+    return series
 
-    def between(first: int) -> np.polynomial.Polynomial:
-        return row[first] + (row[first + 1] - row[first]) * blend
 
-    hertz, size, stride = between(w.FROM_HZ), between(w.FROM_SIZE), between(w.FROM_STRIDE_M)
-    phase = row[w.PHASE] + row[w.LENGTH_S] * hertz.integ()(s)
-    chi = phase + walking.warp * np.sin(np.pi * phase) ** 2
+@pytest.mark.parametrize(
+    ("kind", "strides", "later_s", "is_in_bump", "warp"),
+    [
+        ("even", 3.2, 0.0, False, 0.0),
+        ("even", 3.0, 0.01, True, 0.09),
+        ("start", 0.3, 0.0, False, 0.0),
+        ("stride", 0.0, 0.0, True, 0.09),
+        ("stride", 0.0, -1e-13, True, 0.0),
+        ("stride", 0.0, w.STRIKE_S - 1e-13, False, 0.09),
+        ("knock", 0.0, 0.05, True, 0.0),
+        ("knock", 0.0, w.KNOCK_S - 1e-13, False, 0.09),
+        ("stop", 0.9, 0.0, False, 0.09),
+    ],
+)
+def test_the_series_is_that_of_the_motion_of_the_module(
+    kind: str, strides: float, later_s: float, is_in_bump: bool, warp: float
+) -> None:
+    """At these times in a row: within a heel strike or a knock, and at its ends within rounding."""
+    paces = PACES[:3] if kind == "stop" else PACES
+    axis = {"axis_up": 0.36, "axis_forward": 0.48, "axis_outward": -0.8}
+    walking = walking_of(UNEVEN | {"pace": paces})._replace(warp=warp, **axis)
+    sizes, knocks = walking.rows[:, [w.FROM_SIZE, w.TO_SIZE]], walking.rows[:, KNOCK_M_S2]
+    row = {
+        "even": walking.rows[-1],
+        "start": walking.rows[(sizes[:, 0] == 0.0) & (sizes[:, 1] > 0.0)],
+        "stride": walking.rows[2:],
+        "knock": walking.rows[knocks > 0.0],
+        "stop": walking.rows[(sizes[:, 0] > 0.0) & (sizes[:, 1] == 0.0)],
+    }[kind].reshape(-1, w.COLUMNS)[0]
+    strike_s = mpmath.mpf(row[w.BEGIN_S]) + strides / mpmath.mpf(
+        row[w.TO_HZ if kind == "start" else w.FROM_HZ]
+    )
+    t_s = float(strike_s + later_s)
+    circle_s = 5e-3 * np.exp(2j * np.pi * np.arange(32) / 32)
+    with mpmath.workdps(20):
+        bump_s = strike_s if is_in_bump else None
+        felt = [complex(_felt(walking, row, mpmath.mpf(t_s) + complex(after), bump_s)) for after in circle_s]
+    wanted = np.fft.fft(felt).real / 32  # Cauchy's formula: c_k (5 ms)^k
+    for order in (1, 7, 16):
+        got = expanded(walking, t_s, order) * 5e-3 ** np.arange(order + 1)
+        assert got == pytest.approx(wanted[: order + 1], abs=1e-10)
+    assert housing_m_s2(walking, t_s) == pytest.approx(wanted[0], abs=1e-10)
 
-    def series(pair: tuple[tuple[float, ...], tuple[float, ...]]) -> float:
-        angle = 2.0 * np.pi * chi * np.arange(w.ORDER + 1)
-        return float(np.dot(pair[0], np.cos(angle)) + np.dot(pair[1], np.sin(angle)))
 
-    gone_m = row[w.LENGTH_S] * (hertz * stride).integ()(s)
-    return np.array(
-        [
-            gone_m + stride(s) * series(w.ADVANCE),
-            size(s) * series(w.RISE_M),
-            size(s) * series(w.SWAY_M),
-            size(s) * series(w.SHANK_RAD),
-            size(s) * series(w.TILT_RAD),
-        ]
+def _felt(walking: Walking, row: np.ndarray, t: Any, bump_s: Any) -> Any:
+    """a_b from the module's place, h over the ankle, with the bump that begins at `bump_s`."""
+    h, sin, cos = walking.mount_m, mpmath.sin, mpmath.cos
+
+    begin_s, length_s = mpmath.mpf(row[w.BEGIN_S]), mpmath.mpf(row[w.LENGTH_S])
+
+    def between(first: int, t: Any) -> Any:
+        s, change = (t - begin_s) / length_s, mpmath.mpf(row[first + 1]) - mpmath.mpf(row[first])
+        return row[first] + change * s**3 * (10 - 15 * s + 6 * s**2)
+
+    def phase(t: Any) -> Any:
+        s, change = (t - begin_s) / length_s, mpmath.mpf(row[w.TO_HZ]) - mpmath.mpf(row[w.FROM_HZ])
+        grown = change * length_s * s**4 * (2.5 - 3 * s + s**2) if change else 0
+        return row[w.PHASE] + row[w.FROM_HZ] * (t - begin_s) + grown
+
+    def curve(pair: tuple[tuple[float, ...], tuple[float, ...]], t: Any, size: int = w.FROM_SIZE) -> Any:
+        angle = 2 * mpmath.pi * (phase(t) + walking.warp * sin(mpmath.pi * phase(t)) ** 2)
+        waves = [a * cos(k * angle) + b * sin(k * angle) for k, (a, b) in enumerate(zip(*pair, strict=True))]
+        return between(size, t) * sum(waves)
+
+    def forward_m(t: Any) -> Any:
+        return curve(w.ADVANCE, t, w.FROM_STRIDE_M) + h * sin(curve(w.SHANK_RAD, t))
+
+    speed = mpmath.diff(lambda t: between(w.FROM_STRIDE_M, t) * between(w.FROM_HZ, t), t)
+    forward = speed + mpmath.diff(forward_m, t, 2)
+    fall = G + mpmath.diff(lambda t: curve(w.RISE_M, t), t, 2)
+    upward = fall + mpmath.diff(lambda t: h * cos(curve(w.SHANK_RAD, t)), t, 2)
+    outward = mpmath.diff(lambda t: curve(w.SWAY_M, t) + h * curve(w.TILT_RAD, t), t, 2)
+    lean, tilt = curve(w.SHANK_RAD, t), curve(w.TILT_RAD, t)
+    strike, knock = (
+        0 if bump_s is None else row[peak] * sin(mpmath.pi * (t - bump_s) / lasts_s) ** 2
+        for peak, lasts_s in ((w.STRIKE_M_S2, w.STRIKE_S), (KNOCK_M_S2, w.KNOCK_S))
+    )
+    return (
+        walking.axis_up * (forward * sin(lean) + upward * cos(lean) + strike)
+        + walking.axis_forward
+        * (forward * cos(lean) - upward * sin(lean) - w.STRIKE_BACKWARD * strike - knock)
+        + walking.axis_outward * (outward - fall * sin(tilt))
     )
 
 
-@pytest.mark.parametrize("axis", ["up", "forward", "outward"])
-def test_the_growth_is_the_slope_of_what_is_felt(axis: str) -> None:
+@pytest.mark.parametrize("axis", ["up", "forward", "outward", "inward"])
+def test_the_series_goes_on_as_what_is_felt_does(axis: str) -> None:
     walking = walking_of(UNEVEN | {"axis": axis})
-    edge, times = 2e-5, np.arange(0.0003, 20.0, 0.0037)
-    slopes = [(housing_m_s2(walking, t + edge) - housing_m_s2(walking, t - edge)) / (2 * edge) for t in times]
-    growth = np.array([housing_m_s3(walking, t) for t in times])
-    assert np.max(np.abs(growth - slopes)) < 1e-5 * np.max(np.abs(growth))
+    for t in np.arange(0.0003, 20.0, 0.0237):
+        series, longest_s = expanded(walking, t, 16), min(smooth_for_s(walking, t), 5e-3)
+        for after_s in (0.0, 0.6 * longest_s, longest_s):
+            after = np.polynomial.polynomial.polyval(after_s, series)
+            assert housing_m_s2(walking, t + after_s) == pytest.approx(after, abs=1e-9)
 
 
 def test_nothing_jumps_from_stride_to_stride_nor_on_starting_and_stopping() -> None:
     walking = walking_of(UNEVEN)
     for begin in walking.rows[1:20, w.BEGIN_S]:
         before, after = leg_at(walking, np.nextafter(begin, 0.0)), leg_at(walking, begin)
-        assert np.allclose(before[:5], after[:5], rtol=0.0, atol=1e-9)
+        assert np.allclose(before, after, rtol=0.0, atol=1e-9)
 
 
 def test_a_step_ends_where_a_heel_strike_a_knock_or_a_stride_does() -> None:

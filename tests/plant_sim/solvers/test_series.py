@@ -26,6 +26,12 @@ SHAKEN = {
     "harmonic": {"amplitude_m_s2": 0.5, "frequency_hz": 3.0, "phase_rad": 0.4},
     "shock": {"peak_m_s2": 3.0, "start_s": 0.25, "duration_s": 0.2},
 }
+WALK = {
+    "axis": "forward",
+    "pace": [{"at_s": 0.0, "stride_hz": 0.0}, {"at_s": 0.5, "stride_hz": 1.1}],
+    "stumble": [{"at_s": 2.5}],
+    "stance_share": 0.56,
+}
 WEARER = {"wearer": {"plate_kg": 1.0, "ankle_n_m": 5e3, "ankle_n_s_m": 20.0}}
 PRESSED = {"stop": {**KELVIN_VOIGT, "position_m": 0.02}, "initial.x_m": 0.0201}
 """The striker stays in the stop."""
@@ -39,6 +45,7 @@ SCENES: dict[str, tuple[str, dict[str, Any]]] = {
     "stuck": ("table1-coulomb", {"friction.mu": 5.0}),
     "tilted": ("table1-viscous", {"housing": {"tilt_rad": 0.1}}),
     "shaken": ("table1-viscous", {"housing": SHAKEN}),
+    "walking": ("table1-walking", {"gait.stance_share": 0.56}),
     "worn": ("table1-viscous", {"housing": SHAKEN, **WEARER, **PRESSED}),
     "worn-motor": ("table1-motor-soft", WEARER),
     "motor": ("table1-motor-soft", {"stop": KELVIN_VOIGT}),
@@ -47,7 +54,6 @@ SCENES: dict[str, tuple[str, dict[str, Any]]] = {
 }
 WITHOUT = {
     "rod": ("table1-viscous", {"drive.rod_m": 0.2}),
-    "walking": ("walking", {}),
     "windings": ("table1-dq-motor", {}),
     "pressed": ("table1-viscous", {**PRESSED, "stop.law": "hunt-crossley"}),
     "steeper": ("table1-stribeck", {"friction.delta": 1.5}),
@@ -123,6 +129,8 @@ def test_each_kind_of_part_has_a_scene_with_a_series_or_has_none() -> None:
         ("table1-motor-soft", {"solver.accuracy": 1e-11}, 0.05),
         ("table1-viscous", {"stop": KELVIN_VOIGT, **WEARER, "solver.accuracy": 1e-11}, 0.0),
         ("table1-motor-soft", {"housing": SHAKEN, "solver.accuracy": 1e-11}, 0.05),
+        # It starts to walk, trips, and recovers.
+        ("table1-walking", {"gait": WALK, "solver.accuracy": 1e-11}, 0.05),
         # At its dry loss the crank halts and breaks away again.
         ("table1-motor-soft", {"stop": KELVIN_VOIGT, "motor.dry_n_m": 0.019, "solver.accuracy": 1e-11}, 0.02),
     ],
