@@ -116,9 +116,8 @@ def text_of(found: Mapping[str, Worst | None], runs: int, judged: int) -> str:
         f"The smallest margin that {judged:,} judged runs of a search have shown for each requirement, as a "
         "share of its limit: 0 % is at the limit, below it the requirement is broken. A text shows 100 %, or "
         f"−100 % once it is broken. Runs that were not judged: {runs - judged:,}. "
-        "`python -m tools.dev.worst_cases --runs N` makes this page; "
-        "[campaigns](campaigns.md#search-for-the-worst-run) says what varies. Of a broken requirement the "
-        "table has the values that break it; below −1000 % is −1000 %.",
+        "[Campaigns](campaigns.md#search-for-the-worst-run) says what varies. Of a broken requirement the "
+        "table has the values that break it.",
         table(["requirement", "smallest margin", "runs", "figure", "scenario", "values"], rows_of(found)),
         "S-01, S-03 and S-11 are broken without a limit of the impulse: lost samples hide a peak of 1,300 N. "
         "The default one ends it 9 ms after the touch-down. A guide that rubs eight times as "
