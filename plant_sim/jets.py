@@ -191,9 +191,9 @@ def _sine_and_cosine(jet: Coefficient, angle: float, rate_row: int) -> tuple[flo
 
 @subroutine(inline=True)
 def rotate(
-    jet: Coefficient, angle: float, times: float, rate_row: int, sine_row: int, cosine_row: int
+    jet: Coefficient, angle: float, factor: float, rate_row: int, sine_row: int, cosine_row: int
 ) -> tuple[float, float]:
-    """sin and cos, also into their rows, of an angle whose rate is `times` the quantity at `rate_row`."""
+    """sin and cos, also into their rows, of an angle whose rate is `factor` the quantity at `rate_row`."""
     k, rate, sine, cosine = jet.k, jet.rows[rate_row], jet.rows[sine_row], jet.rows[cosine_row]
     if k == 0:
         s, c = math.sin(angle), math.cos(angle)
@@ -203,7 +203,7 @@ def rotate(
             back = np.uint64(k - 1 - j)
             rise += rate[j] * cosine[back]
             fall += rate[j] * sine[back]
-        per = times / k
+        per = factor / k
         s, c = per * rise, -per * fall
     sine[k], cosine[k] = s, c
     return s, c

@@ -1,7 +1,7 @@
 """Figures of faults and of the transition to the safe state."""
 
-import math
 from collections.abc import Mapping
+from itertools import accumulate
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -94,46 +94,59 @@ def safe_state_figures(
     )
 
 
-def faults_in(run: Mapping[str, Any], until_s: float) -> Window | None:
-    """From the first fault's beginning to the last one's end, or to its beginning if it does not end.
+def first_of(run: Mapping[str, Any]) -> float | None:
+    """The time at which the first fault begins."""
+    return min((fault.from_s for fault in faults_of(run)), default=None)
 
-    Only those that acted count for the end, and that began before `until_s`.
+
+def undisturbed(run: Mapping[str, Any], hold: Window) -> list[Window]:
+    """The intervals of the hold in which impacts count again: from each fault's end to the next one's begin.
+
+    A fault that does not end disturbs when it begins. Faults that overlap are one.
     """
-    faults = faults_of(run)
-    if not faults:
-        return None
-    first_s = min(fault.from_s for fault in faults)
-    counted = [fault for fault in faults if fault.acted != 0 and fault.from_s < until_s]
-    ends_s = [fault.from_s if fault.to_s is None else fault.to_s for fault in counted]
-    return Window(first_s, max(ends_s, default=first_s))
+    faults = sorted((one for one in faults_of(run) if one.from_s < hold.end_s), key=lambda one: one.from_s)
+    ends_s = accumulate((one.from_s if one.to_s is None else one.to_s for one in faults), max)
+    nexts_s = [*(one.from_s for one in faults), hold.end_s][1:]
+    return [Window(*pair) for pair in zip(ends_s, nexts_s, strict=True) if pair[1] > pair[0]]
+
+
+def impacts_again(times_s: FloatArray, run: Mapping[str, Any], hold: Window, period_s: float) -> float | None:
+    """The longest time after a fault until every drive period had an impact again, up to the next fault.
+
+    None if there is no such time before the hold's end. So no fault hides that impacts were still missing.
+    """
+    longest_s: float | None = None
+    for window in undisturbed(run, hold):
+        within = times_s[(times_s >= window.start_s) & (times_s <= window.end_s)]
+        again = capture(within, window, period_s)
+        if again is None and window.end_s == hold.end_s:
+            return None
+        longest_s = max(longest_s or 0.0, (window.end_s if again is None else again) - window.start_s)
+    return longest_s
 
 
 def fault_figures(traces: RunTraces, hold: Window | None) -> FaultFigures:
-    """Torque and speed after the first fault of the script, and impacts after the last."""
+    """Torque, speed and impacts after the first fault of the script, and impacts again after each."""
     plant, impacts = traces.plant, traces.impacts
-    fault = faults_in(traces.run, math.inf if hold is None else hold.end_s)
-    if fault is None or len(plant) == 0 or column(plant, "t_s")[-1] < fault.start_s:
+    begin_s = first_of(traces.run)
+    if begin_s is None or len(plant) == 0 or column(plant, "t_s")[-1] < begin_s:
         return no_figures(FaultFigures)
     t_s, torque_n_m = column(plant, "t_s"), column(plant, "motor_torque_n_m")
     speed = column(plant, "omega_rad_s")
-    since = t_s >= fault.start_s
+    since = t_s >= begin_s
     strong = detection.select_strong(impacts)
     strong_t_s, forces = column(strong, "t_s"), column(strong, "peak_force_n")
-    zero_s = zero_after(t_s, torque_n_m, fault.start_s)
-    forces_n = forces[strong_t_s >= fault.start_s]
+    zero_s = zero_after(t_s, torque_n_m, begin_s)
+    forces_n = forces[strong_t_s >= begin_s]
     hit = forces_n[np.isfinite(forces_n)]
     again_s = None
-    if hold is not None and hold.end_s > fault.end_s:
+    if hold is not None:
         turning = np.abs(speed[hold.holds(t_s)])
         period_s = 2.0 * np.pi / float(turning.mean()) if len(turning) and turning.mean() > 0.0 else np.inf
-        late = strong_t_s[(strong_t_s >= fault.end_s) & (strong_t_s <= hold.end_s)]
-        again = capture(late, hold, period_s)
-        again_s = None if again is None else again - fault.end_s
+        again_s = impacts_again(strong_t_s, traces.run, hold, period_s)
     return FaultFigures(
         torque_zero_after_s=zero_s,
-        impacts_after_zero=None
-        if zero_s is None
-        else int(np.count_nonzero(strong_t_s > fault.start_s + zero_s)),
+        impacts_after_zero=None if zero_s is None else int(np.count_nonzero(strong_t_s > begin_s + zero_s)),
         largest_torque_n_m=float(np.max(np.abs(torque_n_m[since]))),
         largest_speed_rad_s=float(np.max(np.abs(speed[since]))),
         peak_force_n=float(hit.max()) if len(hit) else 0.0 if len(forces_n) == 0 else None,

@@ -168,7 +168,7 @@ class SafeStateFigures:
 
 @dataclass(frozen=True, slots=True)
 class FaultFigures:
-    """True torque, speed and impacts after the first fault of the script; None without a fault."""
+    """True torque, speed and impacts from the script's first fault on; None without a fault."""
 
     torque_zero_after_s: Annotated[
         Number, "s", "from the fault's beginning until the motor's torque was finally zero"
@@ -184,7 +184,7 @@ class FaultFigures:
     impacts_again_after_s: Annotated[
         Number,
         "s",
-        "from the last fault's end until every drive period of the hold had an impact again",
+        "longest time from a fault's end until every drive period up to the next fault had an impact again",
         Origin.HOLD,
     ]
     turning_at_end_rad_s: Annotated[Number, "rad/s", "mean crank speed over the run's last half second"]
@@ -339,7 +339,7 @@ class Figures:
         Number, "N m", "largest motor torque from 0.1 s after the drive must be off"
     ]
     safe_state: Annotated[SafeStateFigures, "", "torque and impacts after the drive must be off"]
-    after_fault: Annotated[FaultFigures, "", "torque, speed and impacts after the first fault of the script"]
+    after_fault: Annotated[FaultFigures, "", "torque, speed and impacts from the script's first fault on"]
     gate: Annotated[GateFigures, "", "what contacts reached before the commanded torque ended"]
     energy_residual: Annotated[
         Number, "", "unbalanced energy of the plant, as a share of the exchanged energy"

@@ -162,7 +162,7 @@ def since_strike_s(row: FloatArray, into_s: float, same_s: float) -> float:
 
 
 @subroutine
-def blend(into_s: float, length_s: float) -> Blend:
+def expand_blend(into_s: float, length_s: float) -> Blend:
     """Taylor coefficients of S = 10 s³ − 15 s⁴ + 6 s⁵, with S' = S'' = 0 at both ends, in time."""
     s, per_s = into_s / length_s, 1.0 / length_s
     left = 1.0 - s
@@ -242,7 +242,7 @@ def leg_at(walking: Walking, t_s: float) -> Leg:
     """State of the shank at `t_s`."""
     row = walking.rows[row_at(walking.rows, t_s)]
     into_s = t_s - row[BEGIN_S]
-    mix = blend(min(into_s, row[LENGTH_S]), row[LENGTH_S])
+    mix = expand_blend(min(into_s, row[LENGTH_S]), row[LENGTH_S])
     hertz = _between(row[FROM_HZ], row[TO_HZ], mix)
     size = _between(row[FROM_SIZE], row[TO_SIZE], mix)
     stride = _between(row[FROM_STRIDE_M], row[TO_STRIDE_M], mix)
@@ -292,14 +292,15 @@ def expand_leg(walking: Walking, t_s: float, same_s: float, series: FloatArray, 
     into_s = t_s - row[BEGIN_S]
     _expand_curves(walking, row, t_s, series.size + 2, work)
     for k in range(series.size):
-        jet, once, twice = Coefficient(work, k, 0.0), k + 1, (k + 1) * (k + 2)
-        x2, y2 = once * work[_SPEED, once] + twice * work[_AHEAD, k + 2], twice * work[_SWAY, k + 2]
-        fall = twice * work[_RISE, k + 2] + (walking.gravity_m_s2 if k == 0 else 0.0)
+        jet = Coefficient(work, k, 0.0)
+        first, second = k + 1, (k + 1) * (k + 2)  # factors of the derivatives
+        x2, y2 = first * work[_SPEED, k + 1] + second * work[_AHEAD, k + 2], second * work[_SWAY, k + 2]
+        fall = second * work[_RISE, k + 2] + (walking.gravity_m_s2 if k == 0 else 0.0)
         sine, cosine = rotate(jet, work[_LEAN, 0], 1.0, _LEAN_RATE, _LEAN_SINE, _LEAN_COSINE)
-        shank = sine, cosine, once * work[_LEAN, once], twice * work[_LEAN, k + 2]
+        shank = sine, cosine, first * work[_LEAN, k + 1], second * work[_LEAN, k + 2]
         tilt_sine, _ = rotate(jet, work[_TILT, 0], 1.0, _TILT_RATE, _TILT_SINE, _TILT_COSINE)
-        work[_TILT_RATE, k] = once * work[_TILT, once]
-        tilt = tilt_sine, twice * work[_TILT, k + 2]
+        work[_TILT_RATE, k] = first * work[_TILT, k + 1]
+        tilt = tilt_sine, second * work[_TILT, k + 2]
         series[k] = along_axis(walking, *_force(jet, walking.mount_m, (x2, y2, fall), shank, tilt))
     since_s = since_strike_s(row, into_s, same_s)
     if since_s < STRIKE_S - same_s:
@@ -312,7 +313,7 @@ def expand_leg(walking: Walking, t_s: float, same_s: float, series: FloatArray, 
 @subroutine
 def _expand_curves(walking: Walking, row: FloatArray, t_s: float, terms: int, work: FloatArray) -> None:
     """The first coefficients of frequency and stride, and of the curves."""
-    mix = blend(t_s - row[BEGIN_S], row[LENGTH_S])
+    mix = expand_blend(t_s - row[BEGIN_S], row[LENGTH_S])
     work[: _STRIDE + 1] = 0.0
     for i in range(_STRIDE + 1):
         first = work[i, 0] = row[FROM_HZ + 2 * i]

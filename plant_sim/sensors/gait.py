@@ -20,8 +20,8 @@ from plant_sim.parts.walking import (
     Walking,
     along_axis,
     ankle_n_m_kg,
-    blend,
     cycles_at,
+    expand_blend,
     leg_at,
     row_at,
 )
@@ -100,7 +100,7 @@ def _truth(walking: Walking, t_s: float) -> tuple[float, ...]:
         return float(LegState.STANDING.value), 0.0, math.nan, 0.0, *motion, STANDING_LOAD, STANDING_LOAD, 0.0
     phase = cycles_at(row, t_s) % 1.0
     in_curves = phase + walking.warp * math.sin(math.pi * phase) ** 2
-    passed = blend(min(t_s - row[BEGIN_S], row[LENGTH_S]), row[LENGTH_S])[0]
+    passed = expand_blend(min(t_s - row[BEGIN_S], row[LENGTH_S]), row[LENGTH_S])[0]
     size = row[FROM_SIZE] + (row[TO_SIZE] - row[FROM_SIZE]) * passed
     walks = min(size / (FULL_SHARE * full), 1.0)
     rest = (1.0 - walks) * STANDING_LOAD

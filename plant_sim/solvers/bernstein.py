@@ -70,7 +70,10 @@ _FROM_VALUES: FloatArray = _inverse([_basis(Fraction(float(s))) for s in NODES])
 
 
 class Scratch(NamedTuple):
-    """Scratch arrays of event location: shapes (ORDER + 1,) twice, (DEEPEST_HALVING + 2, ORDER + 3)."""
+    """Scratch arrays: shapes (ORDER + 1,) twice, (DEEPEST_HALVING + 2, ORDER + 3).
+
+    Event location needs them, and between events the series of a walking leg needs the last.
+    """
 
     poly: FloatArray
     press: FloatArray

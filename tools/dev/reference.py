@@ -394,7 +394,7 @@ def faults() -> str:
         '    [[script.faults]]\n    kind = "sensor-stuck"\n    at_s = 15.0\n    sensor = "encoder"',
         "Below each fault stands what its scenarios require of the truth. *Torque 0 within*: from the "
         "fault's beginning. *Command 0 within*: from the time at which the drive must be off until the "
-        "commanded torque is 0. *Impacts within*: from the fault's end until each drive period has an impact"
+        "commanded torque is 0. *Impacts within*: from a fault's end until each drive period has an impact"
         ". *Bounds*: torque, speed and force stay within the scenario's bounds.",
         "Keys of several faults, each of which names those that it has:",
         table(KEYS, iter(shared.values())),

@@ -29,6 +29,7 @@ PAGE, PICTURE = DOCS / "worst-cases.md", DOCS / "pictures/worst-cases.png"
 SCENARIOS = (
     "a-kick-towards-the-stop-does-not-lose-the-impacts",
     "twenty-lost-samples-do-not-stop-it",
+    "a-bus-off-of-ten-ticks-is-ridden-through",
     "a-controller-whose-clock-jitters-goes-on",
     "a-violent-kick-stops-the-motor",
     "a-violent-kick-into-a-weak-stop-stops-the-motor",
@@ -52,7 +53,7 @@ SEED, COLUMNS = 1, 3
 
 
 class Worst(NamedTuple):
-    """The run with a requirement's smallest margin, and the number of runs in which it was judged."""
+    """The run with a requirement's smallest margin, and the number of judged runs that have a check of it."""
 
     best: Best
     runs: int
@@ -117,7 +118,7 @@ def text_of(found: Mapping[str, Worst | None], runs: int, judged: int) -> str:
         "share of its limit: 0 % is at the limit, below it the requirement is broken. A text shows 100 %, or "
         f"−100 % once it is broken. Runs that were not judged: {runs - judged:,}. "
         "[Campaigns](campaigns.md#search-for-the-worst-run) says what varies. Of a broken requirement the "
-        "table has the values that break it.",
+        "table has the values that break it; *runs* are the judged ones with a check of it.",
         table(["requirement", "smallest margin", "runs", "figure", "scenario", "values"], rows_of(found)),
         "S-01, S-03 and S-11 are broken without a limit of the impulse: lost samples hide a peak of 1,300 N. "
         "The default one ends it 9 ms after the touch-down. A guide that rubs eight times as "

@@ -1,7 +1,7 @@
 """A step by a Taylor series, whose coefficients follow from the equations of motion (`plant_sim.jets`).
 
 The length of a step follows from the last two or three coefficients, after Jorba & Zou, Experimental
-Mathematics 14, 2005. There is a series if each part has one (`has_series`) and the supply does not limit a
+Mathematics 14, 2005. There is a series if each part has one (`_has_series`) and the supply does not limit a
 motor's current within the step. All other steps are steps of DOP853. A step that a call makes short, as
 from tick to tick, takes a series of fewer terms if they suffice.
 """

@@ -165,7 +165,7 @@ def _pull_rate(run: Run) -> tuple[float, float]:
     per_rad = crank_torque_n_m(parts.linkage, striker.spring_n_per_m, parts.drive.amplitude_m, y.crank_rad)
     if stands:
         return per_rad * y.crank_rad_s, abs(per_rad) * 2.0 * NEAR_RAD
-    series = memory.series.housing_m_s2[:2]
+    series = memory.scratch.poly[:2]
     expand_housing(parts.housing, now_s(memory), series, memory.scratch.stack)
     shaken = striker.mass_kg * series[1]
     natural = math.sqrt(striker.spring_n_per_m / striker.mass_kg)

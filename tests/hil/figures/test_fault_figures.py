@@ -13,12 +13,12 @@ from hil.figures.faults import (
     DriveEnd,
     drive_end,
     fault_figures,
-    faults_in,
     first_fault,
     held_ms,
     latched_figures,
     safe_state_figures,
     torque_after,
+    undisturbed,
     zero_after,
 )
 from hil.figures.hold import Window
@@ -156,33 +156,39 @@ def test_the_safe_state_has_the_torque_and_the_impacts_after_its_beginning():
 
 
 @pytest.mark.parametrize(
-    ("faults", "window"),
+    ("faults", "windows"),
     [
-        ([], None),
-        ([(3.0, None)], Window(3.0, 3.0)),
-        ([(3.0, 3.5), (2.0, 2.25)], Window(2.0, 3.5)),
-        ([(2.0, 6.0), (3.0, None)], Window(2.0, 6.0)),
-        ([(2.0, 2.25), (3.0, None)], Window(2.0, 3.0)),
-        ([(2.0, 2.25), (9.0, 9.5)], Window(2.0, 2.25)),
+        ([], []),
+        ([(3.0, None)], [(3.0, 9.0)]),
+        ([(3.0, 3.5), (2.0, 2.25)], [(2.25, 3.0), (3.5, 9.0)]),
+        ([(2.0, 6.0), (3.0, None)], [(6.0, 9.0)]),
+        ([(2.0, 3.0), (2.5, 4.0), (3.5, 3.6)], [(4.0, 9.0)]),
+        ([(2.0, 2.25), (9.0, 9.5)], [(2.25, 9.0)]),
+        ([(2.0, 9.5)], []),
     ],
 )
-def test_the_faults_of_a_hold_last_from_the_first_ones_beginning_to_the_last_ones_end(faults, window):
-    assert faults_in(run_with(*faults), until_s=9.0) == window
+def test_impacts_count_between_the_faults_of_the_hold(faults, windows):
+    assert undisturbed(run_with(*faults), Window(0.5, 9.0)) == windows
 
 
-def test_a_fault_that_acted_on_nothing_is_not_waited_for():
-    run = run_with((2.0, 2.25), (3.0, 3.5))
-    run["faults"][1]["acted"] = 0
-    assert faults_in(run, until_s=9.0) == Window(2.0, 2.25)
-    run["faults"][0]["acted"] = 0
-    assert faults_in(run, until_s=9.0) == Window(2.0, 2.0)
-
-
-def test_impacts_are_back_after_the_last_of_two_disturbances():
-    run = run_with((4.0, 4.1), (5.0, 5.5))
-    late = REGULAR[(REGULAR < 4.0) | (REGULAR > 6.0)]
-    found = fault_figures(RunTraces(run=run, plant=plant(1000), impacts=impacts(*late)), HOLD)
-    assert found.impacts_again_after_s == pytest.approx(0.75)
+@pytest.mark.parametrize(
+    ("faults", "missing", "again_s"),
+    [
+        # Two kicks, each with its own outage, and one whose outage a short fault does not hide.
+        ([(4.0, 4.1), (4.6, 5.5)], (4.0, 6.0), 0.75),
+        ([(3.0, 3.1), (6.0, 6.0)], (6.0, 7.0), 1.25),
+        ([(4.0, 4.0), (7.4, 7.401)], (4.0, 7.5), 3.4),
+        ([(4.0, 4.0), (8.99, 9.2)], (4.0, 7.5), 3.75),
+        ([(4.0, 4.0), (5.0, 5.1)], (4.0, 10.0), None),
+    ],
+)
+def test_impacts_are_back_after_each_of_several_faults(faults, missing, again_s):
+    from_s, to_s = missing
+    times_s = REGULAR[(from_s > REGULAR) | (to_s < REGULAR)]
+    found = fault_figures(
+        RunTraces(run=run_with(*faults), plant=plant(1000), impacts=impacts(*times_s)), HOLD
+    )
+    assert found.impacts_again_after_s == (None if again_s is None else pytest.approx(again_s))
 
 
 def run_with(*intervals_s):

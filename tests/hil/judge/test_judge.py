@@ -149,6 +149,14 @@ def test_a_failed_check_that_nothing_explains_has_the_end_of_the_run(name):
     assert moment_of(name, traces, FIGURES) == 10.0
 
 
+def test_a_report_in_the_last_ticks_is_no_false_alarm_yet():
+    reported = records(
+        t_s=[0.0, 5.998, 6.0], outputs__impact=[0, 1, 0], outputs__impact_speed_m_s=[0.0, 1.0, 0.0]
+    )
+    traces = RunTraces(plant=PLANT, firmware=reported, impacts=IMPACTS)
+    assert moment_of("detector.precision", traces, FIGURES) == 10.0
+
+
 def test_the_first_failure_is_the_earliest_of_the_failed_checks():
     checks = [
         {"name": "impact_count", "low": 9},

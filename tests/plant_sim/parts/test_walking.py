@@ -18,6 +18,7 @@ from plant_sim.plant import Plant
 from plant_sim.result import LegState
 from plant_sim.scene import Scene, load_scene
 from plant_sim.sensors.gait import GaitReading, GaitSensors, GaitTruth, gait_at
+from plant_sim.solvers.bernstein import scratch_arrays
 from plant_sim.tables.sensor_tables import GaitSensorsTable
 
 G = 9.80665
@@ -112,8 +113,9 @@ def _expand(walking, t_s, series, work):
 
 def expanded(walking: Walking, t_s: float, order: int) -> np.ndarray:
     """Taylor coefficients of a_b."""
-    series = np.full(order + 1, np.nan)
-    _expand(walking, t_s, series, np.full((40, 19), np.nan))
+    series, work = np.full(order + 1, np.nan), scratch_arrays().stack
+    work[:] = np.nan
+    _expand(walking, t_s, series, work)
     return series
 
 
