@@ -98,6 +98,7 @@ def search_all(runs: int, evaluations: Evaluations) -> dict[str, Worst | None]:
 
 def rows_of(found: Mapping[str, Worst | None]) -> Iterator[str]:
     """A row for each requirement."""
+    shown = ""
     for requirement, worst in found.items():
         if worst is None:
             yield row(requirement, "—", "0", "", "", "")
@@ -105,6 +106,7 @@ def rows_of(found: Mapping[str, Worst | None]) -> Iterator[str]:
         best, runs = worst
         changed = best.space.changed(best.values).items() if best.margin < 0.0 else ()
         values = ", ".join(f"`{key}` {value:.3g}" for key, value in changed)
+        values, shown = ("as above" if values and values == shown else values), values or shown
         margin = f"**{best.margin:.1%}**" if best.margin < 0.0 else f"{best.margin:.0%}"
         yield row(requirement, margin, f"{runs:,}", f"`{best.name}`", f"`{best.space.name}`", values)
 
@@ -115,14 +117,14 @@ def text_of(found: Mapping[str, Worst | None], runs: int, judged: int) -> str:
         "# Worst cases",
         "<!-- made by `python -m tools.dev.worst_cases` -->",
         f"The smallest margin that {judged:,} judged runs of a search have shown for each requirement, as a "
-        "share of its limit: 0 % is at the limit, below it the requirement is broken. A text shows 100 %, or "
-        f"−100 % once it is broken. Runs that were not judged: {runs - judged:,}. "
-        "[Campaigns](campaigns.md#search-for-the-worst-run) says what varies. Of a broken requirement the "
-        "table has the values that break it; *runs* are the judged ones with a check of it.",
+        "share of its limit; below 0 % it is broken. A text shows 100 %, or −100 % once it is broken. "
+        f"Runs that were not judged: {runs - judged:,}. "
+        "[Campaigns](campaigns.md#search-for-the-worst-run) says what varies. *Runs*: the judged ones with a "
+        "check of the requirement. *Values*: what breaks it.",
         table(["requirement", "smallest margin", "runs", "figure", "scenario", "values"], rows_of(found)),
-        "S-01, S-03 and S-11 are broken without a limit of the impulse: lost samples hide a peak of 1,300 N. "
-        "The default one ends it 9 ms after the touch-down. A guide that rubs eight times as "
-        "much, and 27 % more before, holds the crank 3 % below its target (P-07).",
+        "Lost or corrupted samples hide up to 1,300 N where the impulse has no limit (S-01 to S-03, S-11); "
+        "the default one ends it 9 ms after the touch-down. A guide that rubs eight times as much, and 27 % "
+        "more before, holds the crank 3 % below its target (P-07).",
         "![The worst run of each requirement around its instant](pictures/worst-cases.png)",
     )
     return "\n\n".join(parts) + "\n"

@@ -145,8 +145,8 @@ BY_CAMPAIGN = [
     "On the judged seed 20260 23,731 of 24,000 trials were eligible",
     "; 3,320 contacts lay between",
     "Of these contacts 347 of 8,694 were missed and 8 of 389 tripped",
-    "a kick of 3 m/s 2 to 4 ms before the touch-down makes an impact of 890 N read as 470 N, and [four lost "
-    "samples](worst-cases.md) hid 1,300 N",
+    "a kick of 3 m/s 2 to 4 ms before the touch-down makes an impact of 890 N read as 470 N, and lost or "
+    "[corrupted samples](worst-cases.md) hid up to 1,300 N",
     "in 47 scenarios with a latched fault. Of 6,392 runs 1,081 are",
     "refused at power-up, 4 stay at rest, 5,307 end in time, none late",
     "Of the 760 pairs of parameters that conflicts or the safety code read (`--monitors`)",
