@@ -113,15 +113,18 @@ def undisturbed(run: Mapping[str, Any], hold: Window) -> list[Window]:
 def impacts_again(times_s: FloatArray, run: Mapping[str, Any], hold: Window, period_s: float) -> float | None:
     """The longest time after a fault until every drive period had an impact again, up to the next fault.
 
-    None if there is no such time before the hold's end. So no fault hides that impacts were still missing.
+    None if impacts are not back, or a fault still lasts, at the hold's end: no fault hides missing impacts.
     """
-    longest_s: float | None = None
-    for window in undisturbed(run, hold):
+    windows = undisturbed(run, hold)
+    if not windows or windows[-1].end_s < hold.end_s:
+        return None
+    longest_s = 0.0
+    for window in windows:
         within = times_s[(times_s >= window.start_s) & (times_s <= window.end_s)]
-        again = capture(within, window, period_s)
-        if again is None and window.end_s == hold.end_s:
+        again_s = capture(within, window, period_s)
+        if again_s is None and window is windows[-1]:
             return None
-        longest_s = max(longest_s or 0.0, (window.end_s if again is None else again) - window.start_s)
+        longest_s = max(longest_s, (window.end_s if again_s is None else again_s) - window.start_s)
     return longest_s
 
 

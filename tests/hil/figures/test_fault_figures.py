@@ -180,6 +180,8 @@ def test_impacts_count_between_the_faults_of_the_hold(faults, windows):
         ([(4.0, 4.0), (7.4, 7.401)], (4.0, 7.5), 3.4),
         ([(4.0, 4.0), (8.99, 9.2)], (4.0, 7.5), 3.75),
         ([(4.0, 4.0), (5.0, 5.1)], (4.0, 10.0), None),
+        # The last one lasts beyond the hold: nothing shows that impacts came back.
+        ([(2.0, 2.1), (3.0, 10.5)], (3.0, 10.0), None),
     ],
 )
 def test_impacts_are_back_after_each_of_several_faults(faults, missing, again_s):
