@@ -54,6 +54,10 @@ class IdealBus:
 
     breaks: tuple[type, ...] = ()
     """The kinds of faults that act in the bus itself, and not on a node's line to it."""
+    bit_ns = 0
+    """Frames take no time."""
+    is_at_rest = True
+    """No frame is under way, and no error is counted."""
 
     def __init__(self) -> None:
         self._bus = InProcessBus()
@@ -66,6 +70,9 @@ class IdealBus:
     def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
         """Return the frames sent since the last call, logged at `from_ns`."""
         return [(from_ns, self._log.receive())]
+
+    def rest_until(self, t_ns: int) -> None:
+        """Do nothing: no frame is under way."""
 
     def close(self) -> None:
         """Do nothing: the ideal bus has no files."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from firmware_py.builds.numba_subset import register
 from firmware_py.interface.frame import WordFrame
+from hil.bus.model.bits import INTERMISSION_BITS, bits_on_wire
 from hil.nodes.compiled import kernel
 from hil.nodes.operator.node import RECEIVED_IDS
 from hil.nodes.plant.steps import (
@@ -39,8 +40,8 @@ Vector = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 
-PLANT, OPERATOR, FIRMWARE = range(3)
-"""The nodes for which Python is called."""
+PLANT, OPERATOR, FIRMWARE, BUS_BEFORE, BUS_AFTER = range(5)
+"""The nodes for which Python is called, and the bus before and after the firmware's turn."""
 NUMBER_BYTES = 8
 """Length of a number in the firmware's memory."""
 
@@ -65,6 +66,20 @@ class Firmware(NamedTuple):
     record_bytes: int
 
 
+NO_FIRMWARE = Firmware(
+    receive=0,
+    advance=0,
+    tick=0,
+    turns=np.zeros((0, 2), np.int64),
+    config=0,
+    state=0,
+    sent=np.zeros(1, np.int64),
+    state_bytes=np.zeros(0, np.uint8),
+    record_bytes=0,
+)
+"""Of a bench on which Python runs it."""
+
+
 class Buffers(NamedTuple):
     """Memory for the records of one call, and the numbers of what it holds in `used`.
 
@@ -81,10 +96,11 @@ class Buffers(NamedTuple):
     used: Integers
 
 
-TICKS, TURNS, FRAMES, TO_PLANT, TO_OPERATOR, OPERATOR_TICK, STOP, HELD = range(8)
+TICKS, TURNS, FRAMES, TO_PLANT, TO_OPERATOR, OPERATOR_TICK, STOP, BUSY, HELD = range(9)
 """Indices in `Buffers.used`: completed ticks and the firmware's turns, frames on the bus, frames in transit
 to the plant and to the operator, the tick of the operator's next step, whether to stop (1: after this tick,
-`AT_ONCE`), and from `HELD` on the number of frames that faults hold back at each node."""
+`AT_ONCE`), whether Python runs the bus because it does not rest between two turns, and from `HELD` on the
+number of frames that faults hold back at each node."""
 USED = HELD + 3
 """Length of `Buffers.used`."""
 WORD_32 = 0xFFFFFFFF
@@ -96,15 +112,17 @@ AT_ONCE = 2
 class Bench(NamedTuple):
     """All that ticks work on; it changes through its arrays alone.
 
-    `period_ns`: duration of a tick. `to_firmware`, `to_plant`, `to_operator`: frames in transit, rows of
-    identifier, length and word; of those to the operator, what it receives. `noise`: four standard normals
-    for each tick. `named`: for each identifier, whether faults act on its frames. `call_python`: address of
-    a function of a node and of the first row and the end of the frames that leave it, in `to_firmware` or,
-    from the firmware, in `to_plant`; it may change them, and returns their new end.
+    `period_ns`: duration of a tick. `bit_ns`: that of a bit, 0 on a bus without delay. `to_firmware`,
+    `to_plant`, `to_operator`: frames in transit, rows of identifier, length and word; of those to the
+    operator, what it receives. `noise`: four standard normals for each tick. `named`: for each identifier,
+    whether faults act on its frames. `call_python`: address of a function of a node and of the first row and
+    the end of the frames that leave it, in `to_firmware` or, from the firmware, in `to_plant`; it may change
+    them, and returns their new end.
     """
 
     period_s: float
     period_ns: int
+    bit_ns: int
     run: Run
     readers: Readers
     setup: Setup
@@ -154,6 +172,65 @@ def log_rows(buffers: Buffers, t_us: int, rows: Integers, first: int, end: int) 
 
 
 @subroutine
+def sort_by_priority(rows: Integers, first: int, end: int) -> None:
+    """Sort the frames in `rows` by identifier, the lowest first, as a bus sends frames that wait."""
+    for last in range(first + 1, end):
+        row = last
+        while row > first and rows[row - 1, 0] > rows[row, 0]:
+            for column in range(3):
+                rows[row - 1, column], rows[row, column] = rows[row, column], rows[row - 1, column]
+            row -= 1
+
+
+@subroutine
+def arrive(bench: Bench, sent_ns: int, rows: Integers, first: int, end: int) -> bool:
+    """Let the frames in `rows` from `first` to `end` arrive, sent at once on a bus at rest, and log them.
+
+    False if the bus takes longer than half a period: then nothing is logged, and not all arrive in time.
+    """
+    buffers, bit_ns = bench.buffers, bench.bit_ns
+    if bit_ns == 0:
+        log_rows(buffers, sent_ns // 1000, rows, first, end)
+        return True
+    sort_by_priority(rows, first, end)
+    before, idle_ns = buffers.used[FRAMES], sent_ns
+    for row in range(first, end):
+        frame = WordFrame(rows[row, 0], rows[row, 1], rows[row, 2])
+        idle_ns += bits_on_wire(frame.can_id, frame.length, frame.word) * bit_ns
+        log_frame(buffers, (idle_ns - INTERMISSION_BITS * bit_ns) // 1000, frame)
+    is_in_time: bool = idle_ns <= sent_ns + bench.period_ns // 2
+    if not is_in_time:
+        buffers.used[FRAMES] = before
+    return is_in_time
+
+
+@subroutine
+def pass_to_firmware(bench: Bench, tick: int, count: int) -> int:
+    """Let the first `count` frames pass to the firmware; return the number that arrive before its turn."""
+    used = bench.buffers.used
+    if used[BUSY] == 0 and not arrive(bench, tick * bench.period_ns, bench.to_firmware, 0, count):
+        used[BUSY] = 1
+    if used[BUSY] != 0:
+        count = call_at(bench.call_python, (BUS_BEFORE, 0, count))
+    return count
+
+
+@subroutine
+def pass_from_firmware(bench: Bench, tick: int, first: int, end: int) -> None:
+    """Let the firmware's frames in `to_plant`, from `first` to `end`, pass to plant and operator."""
+    rows, used = bench.to_plant, bench.buffers.used
+    used[TO_PLANT] = end
+    if used[BUSY] != 0:
+        call_at(bench.call_python, (BUS_AFTER, first, end))
+        return
+    arrive(bench, tick * bench.period_ns + bench.period_ns // 2, rows, first, end)
+    for row in range(first, end):
+        if rows[row, 0] in RECEIVED_IDS:
+            frame = WordFrame(rows[row, 0], rows[row, 1], rows[row, 2])
+            used[TO_OPERATOR] = put(bench.to_operator, used[TO_OPERATOR], frame)
+
+
+@subroutine
 def leave(bench: Bench, node: int, rows: Integers, first: int, end: int) -> int:
     """Let the frames from `first` to `end` leave a node; the new end, after the faults that act on them."""
     is_faulty = bench.buffers.used[HELD + node] != 0
@@ -177,7 +254,6 @@ def plant_turn(bench: Bench, state: PlantState) -> tuple[PlantState, int, int]:
     sample = encoder_sample(state.drive, reading)
     state, count = publish(setup, bench.due, observed, state, reading, sample, bench.to_firmware)
     count = leave(bench, PLANT, bench.to_firmware, 0, count)
-    log_rows(buffers, tick * bench.period_ns // 1000, bench.to_firmware, 0, count)
     state = obey_frames(setup.drive, state, reading, omega_rad_s, bench.to_plant, buffers.used[TO_PLANT])
     buffers.used[TO_PLANT] = 0
     whole = buffers.plant_whole[row]
@@ -196,7 +272,6 @@ def operator_turn(bench: Bench, tick: int, count: int) -> int:
     for row in range(count, end):
         frame = WordFrame(rows[row, 0], rows[row, 1], rows[row, 2])
         buffers.used[TO_PLANT] = put(bench.to_plant, buffers.used[TO_PLANT], frame)
-    log_rows(buffers, tick * bench.period_ns // 1000, rows, count, end)
     return end
 
 
@@ -216,12 +291,7 @@ def firmware_turns(bench: Bench, tick: int, count: int) -> None:
             call_at(firmware.tick, (firmware.config, firmware.state, sent.ctypes.data))
             for begin in range(1, 1 + 3 * sent[0], 3):
                 end = put(rows, end, WordFrame(sent[begin], sent[begin + 1], sent[begin + 2]))
-        used[TO_PLANT] = end = leave(bench, FIRMWARE, rows, first, end)
-        log_rows(buffers, (tick * bench.period_ns + bench.period_ns // 2) // 1000, rows, first, end)
-        for row in range(first, end):
-            if rows[row, 0] in RECEIVED_IDS:
-                frame = WordFrame(rows[row, 0], rows[row, 1], rows[row, 2])
-                used[TO_OPERATOR] = put(bench.to_operator, used[TO_OPERATOR], frame)
+        pass_from_firmware(bench, tick, first, leave(bench, FIRMWARE, rows, first, end))
         start = used[TURNS] * firmware.record_bytes
         record_firmware(buffers.firmware, start, firmware.state_bytes, buffers.moves)
         used[TURNS] += 1
@@ -238,7 +308,7 @@ def run(bench: Bench, state: PlantState, ticks: int) -> tuple[PlantState, int]:
         state, count, status = plant_turn(bench, state)
         if status == DONE and bench.firmware.tick != 0:
             count = operator_turn(bench, state.tick, count)
-            firmware_turns(bench, state.tick, count)
+            firmware_turns(bench, state.tick, pass_to_firmware(bench, state.tick, count))
         if status != DONE or used[STOP] == AT_ONCE:
             return state, status
         used[TICKS] += 1

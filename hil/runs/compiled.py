@@ -4,34 +4,38 @@ A stretch of all nodes ends a tick before a fault begins, because a fault may re
 the next one starts when the fault has ended and has left no node behind. Faults that only change the module's
 parts or the drive's configuration, act on frames that they name, or stall the firmware or its clock, begin
 and end between two stretches; where such frames leave their node, the stretch calls the node's `FaultyBus`.
-There is no such stretch while the plant's clock differs from the bench's, with a modelled bus, or with a
-firmware that is not compiled. There the plant alone may be compiled: Python runs the other nodes and the bus
-in each tick. Frames and records equal those of tick-by-tick lockstep, and are kept in the same memory.
+On a modelled bus they run while it is at rest and no fault acts on frames: those of half a period then
+arrive within it in order of priority, and Python runs the bus in the ticks in which they do not.
+There is no such stretch while the plant's clock differs from the bench's, or with a firmware that is not
+compiled. There the plant alone may be compiled: Python runs the other nodes and the bus in each tick. Frames
+and records equal those of tick-by-tick lockstep, and are kept in the same memory.
 """
 
 import ctypes
 import math
 import mmap
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from functools import partial
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_py.interface.frame import worst_case_bits
 from firmware_py.node.xcp import IS_CONNECTED
 from firmware_py.shell.builds import NATIVE, is_build
 from firmware_py.shell.native import NativeNode
 from hil.bus.frame_rows import frames_in, put_frames
-from hil.bus.in_process import IdealBus
 from hil.faults.fault import Fault
 from hil.faults.line import MOST_HELD_FRAMES, FaultyBus
-from hil.faults.on_bus import FramesFault
+from hil.faults.on_bus import FramesFault, LineFault
 from hil.faults.processes import Turns
 from hil.nodes import closed_loop
 from hil.nodes.closed_loop import (
     AT_ONCE,
     FRAMES,
     HELD,
+    NO_FIRMWARE,
     NUMBER_BYTES,
     OPERATOR_TICK,
     STOP,
@@ -60,9 +64,9 @@ from hil.runs.fault_times import (
 )
 from hil.runs.job import Job
 from hil.runs.lockstep import Lockstep
-from hil.runs.rows import FRAME_COLUMNS
+from hil.runs.modelled_bus import Transit, pass_half
+from hil.runs.rows import FRAME_COLUMNS, is_whole, leave_untimed
 from hil.timing.clock import NS_PER_S
-from hil.timing.loop import UNTIMED, LoopTiming
 from plant_sim.kernels import entry_point
 from plant_sim.sensors.gait import GaitTruth
 
@@ -77,21 +81,11 @@ MOST_COPIES = 100
 IDENTIFIERS = 0x800
 UNTIL_IN_STEP_TICKS = 20
 """Length of a stretch of the plant while a node is behind, after a fault."""
+_Kind = TypeVar("_Kind", bound=Fault)
 Call = Callable[[int, int, int], int]
 """As of `Bench.call_python`."""
 FROM_COMPILED = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 3)
 NODES = {closed_loop.PLANT: PLANT, closed_loop.OPERATOR: OPERATOR, closed_loop.FIRMWARE: FIRMWARE}
-NO_FIRMWARE = Firmware(
-    receive=0,
-    advance=0,
-    tick=0,
-    turns=np.zeros((0, 2), np.int64),
-    config=0,
-    state=0,
-    sent=np.zeros(1, np.int64),
-    state_bytes=np.zeros(0, np.uint8),
-    record_bytes=0,
-)
 
 
 class PythonCall:
@@ -131,12 +125,15 @@ class Stretches:
         self._period_ns = round(job.scenario.period_s * NS_PER_S)
         self._run: Callable[..., tuple[PlantState, int]] | None = None
         all_compiled = all(node.has_compiled_turn for node in ROSTER) and job.firmware in NATIVE
-        self._is_closed = all_compiled and isinstance(nodes.bus, IdealBus)
-        """Whether all nodes have compiled turns, on a bus that needs no work."""
+        most_ns = MOST_SENT * worst_case_bits(8) * nodes.bus.bit_ns
+        self._is_closed = all_compiled and 2 * most_ns <= self._period_ns
+        """Whether all nodes have compiled turns, and the bus has time for what the firmware sends."""
         # Small pages, because numpy would ask for huge ones: memory that is not used then costs nothing.
         in_transit = np.frombuffer(mmap.mmap(-1, 3 * MOST_IN_TRANSIT * 3 * NUMBER_BYTES), np.int64)
         self._to_firmware, self._to_plant, self._to_operator = in_transit.reshape(3, MOST_IN_TRANSIT, 3)
         self._named = np.zeros(IDENTIFIERS, np.uint8)
+        transit = Transit(self._to_firmware, self._to_plant, self._to_operator)
+        self._pass_bus = partial(pass_half, nodes.bus, nodes.joined, transit, self._period_ns)
         self._columns, self._moves = np.dtype([]), np.zeros((0, 3), np.int64)
         if self._is_closed and "firmware" in nodes.rows:
             precision = self._native_node().native.precision
@@ -159,13 +156,16 @@ class Stretches:
         if not self._is_closed or not in_step or (turns is not None and turns.restarts_in(tick)):
             return 0
         until, t_s = self._quiet_until(self._scenario.faults, tick), tick * self._scenario.period_s
+        bus = self._nodes.bus
+        if bus.bit_ns and not (bus.is_at_rest and self._is_undisturbed(tick)):
+            return 0
         if not self._is_regular(tick):
             if any(t_s < one.end_s for one in self._unplugs):
                 return 0  # frames that the firmware has not taken may be lost yet
             if not any(one.acts(t_s) for one in self._delays):
                 until = min(until, tick + UNTIL_IN_STEP_TICKS)
         is_asked = self._native_node().whole["pool"][0, IS_CONNECTED] or self._plant.node.has_waiting_fault
-        is_flooded = most_copies(self._acting_on_frames(tick)) > MOST_COPIES
+        is_flooded = most_copies(self._acting(FramesFault, tick)) > MOST_COPIES
         return 0 if is_asked or self._plant.node.tick != tick or is_flooded else until - tick
 
     def _is_regular(self, tick: int) -> bool:
@@ -173,6 +173,11 @@ class Stretches:
         turns, t_s = self._turns.get(FIRMWARE), tick * self._scenario.period_s
         is_behind = self._firmware.last_tick != tick - 1 or (turns is not None and not turns.is_in_step(tick))
         return not is_behind and not any(one.acts(t_s) for one in self._delays)
+
+    def _is_undisturbed(self, tick: int) -> bool:
+        """Whether no fault acts on frames or on the firmware's turns in a tick, or holds frames back."""
+        holds = any(line.held_frames for line in self._nodes.lines.values())
+        return self._is_regular(tick) and not holds and not self._acting(LineFault, tick)
 
     def _firmware_turns(self, tick: int, ticks: int) -> NDArray[np.int64]:
         """The firmware's turns: rows of the bench's tick and of its own."""
@@ -248,6 +253,8 @@ class Stretches:
 
         def leave(which: int, first: int, end: int) -> int:
             now, rows = tick + int(used[TICKS]), self._to_firmware
+            if which not in NODES:
+                return self._pass_bus(which, end, now, buffers)
             line = nodes.lines[NODES[which]]
             if which == closed_loop.OPERATOR:
                 line.move_to(now * self._scenario.period_s)
@@ -274,27 +281,33 @@ class Stretches:
         self._resume(ended)
         assert used[FRAMES] <= len(frames) or not len(frames), "a fault made more than its `most_copies`"
         self._firmware.last_tick += int(np.sum(elapsed_ticks))
-        nodes.joined[PLANT].pending += frames_in(self._to_plant[: used[TO_PLANT]])
-        nodes.joined[OPERATOR].pending += frames_in(self._to_operator[: used[TO_OPERATOR]])
         for line in lines:
             self._move_line(line, tick + ticks - 1, tick)
-        for name, node_turns in self._turns.items():
-            if is_regular or name != FIRMWARE:
-                node_turns.resume(tick + ticks)
+        self._hand_over(tick + ticks, used, is_regular)
         return ticks
+
+    def _hand_over(self, tick: int, used: NDArray[np.int64], is_regular: bool) -> None:
+        """Let Python go on at `tick`, with the frames in transit."""
+        joined = self._nodes.joined
+        joined[PLANT].pending += frames_in(self._to_plant[: used[TO_PLANT]])
+        joined[OPERATOR].pending += frames_in(self._to_operator[: used[TO_OPERATOR]])
+        self._nodes.bus.rest_until(tick * self._period_ns)
+        for name, turns in self._turns.items():
+            if is_regular or name != FIRMWARE:
+                turns.resume(tick)
 
     def _name_frames(self, tick: int) -> int:
         """Name the frames on which faults act in `tick`; return the most that then leave for one."""
-        acting = self._acting_on_frames(tick)
+        acting = self._acting(FramesFault, tick)
         self._named[:] = 0
         for fault in acting:
             self._named[list(fault.can_ids)] = 1
         return most_copies(acting)
 
-    def _acting_on_frames(self, tick: int) -> list[FramesFault]:
-        """The faults of named frames that act in a tick."""
+    def _acting(self, kind: type[_Kind], tick: int) -> list[_Kind]:
+        """The faults of a kind that act in a tick."""
         t_s = tick * self._scenario.period_s
-        return [one for one in self._scenario.faults if isinstance(one, FramesFault) and one.acts(t_s)]
+        return [one for one in self._scenario.faults if isinstance(one, kind) and one.acts(t_s)]
 
     def _begin_lines(self, tick: int) -> list[FaultyBus]:
         """Move the lines of the nodes that have steps in a stretch to its first tick; return them."""
@@ -357,6 +370,7 @@ class Stretches:
         return Bench(
             period_s=self._scenario.period_s,
             period_ns=self._period_ns,
+            bit_ns=self._nodes.bus.bit_ns,
             run=node.plant.run,
             readers=node.plant.readers,
             setup=node.setup,
@@ -435,15 +449,3 @@ class Stretches:
         own["tick"], own["t_s"] = numbers, (numbers + 0.5) * self._scenario.period_s
         leave_untimed(own)
         rows.count += ticks
-
-
-def is_whole(columns: "np.dtype[np.void]") -> bool:
-    """Whether records of the plant begin with all columns of `PlantRecord`, and all have eight bytes."""
-    names = columns.names or ()
-    return names[: len(PlantRecord._fields)] == PlantRecord._fields and columns.itemsize == 8 * len(names)
-
-
-def leave_untimed(records: NDArray[np.void]) -> None:
-    """Ticks in compiled code are not timed."""
-    for name in set(LoopTiming._fields) & set(records.dtype.names or ()):
-        records[name] = getattr(UNTIMED, name)

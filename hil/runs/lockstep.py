@@ -21,10 +21,9 @@ from hil.roster import FIRMWARE, OPERATOR, PLANT, ROSTER, Node, instants, names
 from hil.runs.job import Job
 from hil.runs.modelled_bus import BusAsModelled
 from hil.runs.rows import Collected, FrameRows
-from hil.timing.clock import NS_PER_S
+from hil.timing.clock import NS_PER_S, NS_PER_US
 from hil.timing.loop import UNTIMED, LoopTiming
 
-NS_PER_US = 1000
 BENCH = "bench"
 """Name, among those of the nodes, under which faults of processes and of the modelled bus are counted."""
 

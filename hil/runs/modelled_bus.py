@@ -1,17 +1,24 @@
-"""The bus model as the bus of lockstep, if a scenario requests it."""
+"""The bus model as the bus of lockstep, if a scenario requests it, and half a tick of it for stretches."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from firmware_py.interface.frame import Frame
-from hil.bus.in_process import Logged
+from hil.bus.frame_rows import frames_in, put_frames, word_frame
+from hil.bus.in_process import IdealBus, Logged
 from hil.bus.model.fault_confinement import RECORDED, UNTOUCHED, BusErrorRecord, errors_of
 from hil.bus.model.modelled_bus import Delivery, ModelledBus, ModelledNode
 from hil.faults.fault import Fault
 from hil.faults.kinds.babbling import Babbling
 from hil.faults.on_bus import ModelledFault
+from hil.nodes.closed_loop import BUS_BEFORE, BUSY, FRAMES, TO_OPERATOR, TO_PLANT, Buffers
+from hil.nodes.operator.node import RECEIVED_IDS
 from hil.record.traces.trace import OpenTrace
-from hil.roster import names
-from hil.timing.clock import NS_PER_S
+from hil.roster import FIRMWARE, OPERATOR, PLANT, names
+from hil.timing.clock import NS_PER_S, NS_PER_US
 
 STRANGER = "stranger"
 
@@ -55,6 +62,20 @@ class BusAsModelled:
         self._note_errors(to_ns / NS_PER_S)
         return logged
 
+    @property
+    def bit_ns(self) -> int:
+        """The duration of a bit."""
+        return self._bus.bit_ns
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the bus is idle, no frame waits, and no error counter changes as the bench's nodes send."""
+        return self._bus.is_at_rest(silent=(STRANGER,))
+
+    def rest_until(self, t_ns: int) -> None:
+        """Go to a time at which the bus is at rest again; what it did until then has been computed."""
+        self._bus.move_to(t_ns)
+
     def close(self) -> None:
         """Close the trace."""
         if self._errors is not None:
@@ -94,3 +115,51 @@ class BusAsModelled:
             if fault.node_off is not None:
                 self._bus.switch_off(fault.node_off)
         self._bus.destroy(frozenset().union(*(fault.destroyed_ids for fault in acting)))
+
+
+class Transit(NamedTuple):
+    """Frames on their way in compiled code, rows of identifier, length and word."""
+
+    to_firmware: NDArray[np.int64]
+    to_plant: NDArray[np.int64]
+    to_operator: NDArray[np.int64]
+
+
+def pass_half(
+    bus: IdealBus | BusAsModelled,
+    joined: Mapping[str, Any],
+    transit: Transit,
+    period_ns: int,
+    which: int,
+    end: int,
+    tick: int,
+    buffers: Buffers,
+) -> int:
+    """Run a bus that does not rest for a half of `tick`, in which the first `end` rows were sent.
+
+    `which`: `BUS_BEFORE` or `BUS_AFTER` the firmware's turn. Returns the end of the rows that have arrived.
+    """
+    used, is_before, half_ns = buffers.used, which == BUS_BEFORE, period_ns // 2
+    rows = transit.to_firmware if is_before else transit.to_plant
+    begin_ns = tick * period_ns + (0 if is_before else half_ns)
+    sent = frames_in(rows[:end])
+    if is_before:
+        bus.rest_until(begin_ns)
+        commands = frames_in(transit.to_plant[: used[TO_PLANT]])
+        joined[OPERATOR].send_all(commands)
+        joined[PLANT].send_all(frame for frame in sent if frame not in commands)
+    else:
+        joined[FIRMWARE].send_all(sent)
+    passed = bus.pass_time(begin_ns, begin_ns + half_ns)
+    logged = [(t_ns // NS_PER_US, *word_frame(frame)) for t_ns, frames in passed for frame in frames]
+    if logged and len(buffers.frames):
+        buffers.frames[used[FRAMES] :][: len(logged)] = logged
+    used[FRAMES] += len(logged)
+    if is_before:
+        used[TO_PLANT] = 0
+        return put_frames(rows, 0, joined[FIRMWARE].receive())
+    heard = [frame for frame in joined[OPERATOR].receive() if frame.can_id in RECEIVED_IDS]
+    used[TO_OPERATOR] = put_frames(transit.to_operator, used[TO_OPERATOR], heard)
+    used[TO_PLANT] = put_frames(rows, 0, joined[PLANT].receive())
+    used[BUSY] = not bus.is_at_rest or len(joined[FIRMWARE].pending) > 0
+    return int(used[TO_PLANT])

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from firmware_py.interface.frame import Frame
 from hil.bus.frame_rows import word_frame
+from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import NUMPY_CODES, Fields, columns_of_fields, numbers_of
 from hil.runs.job import Kept
+from hil.timing.loop import UNTIMED, LoopTiming
 
 ALWAYS_KEPT = ("tick", "t_s")
 """Columns that every kept trace has, where its records have them."""
@@ -123,3 +125,15 @@ class Collected(dict[str, Rows]):
             return None
         self[name] = Rows(fields, None if self._kept is None else self._kept[name])
         return self[name]
+
+
+def is_whole(columns: "np.dtype[np.void]") -> bool:
+    """Whether records of the plant begin with all columns of `PlantRecord`, and all have eight bytes."""
+    names = columns.names or ()
+    return names[: len(PlantRecord._fields)] == PlantRecord._fields and columns.itemsize == 8 * len(names)
+
+
+def leave_untimed(records: NDArray[np.void]) -> None:
+    """Ticks in compiled code are not timed."""
+    for name in set(LoopTiming._fields) & set(records.dtype.names or ()):
+        records[name] = getattr(UNTIMED, name)

@@ -8,6 +8,7 @@ from typing import Literal, Protocol
 from hil.timing.realtime import libc
 
 NS_PER_S = 1_000_000_000
+NS_PER_US = 1000
 TICK_S = 1e-3
 """Length of a tick: the highest rate that classic CAN at 1 Mbit/s can carry. Lockstep may use another."""
 OPERATOR_PERIOD_S = 0.01

@@ -9,22 +9,22 @@ The usual bound on a frame's length, 55 + 10·n bits for n data bytes, is never 
 length code are fixed, and the checksum depends on the other bits.
 """
 
-import re
-from functools import cache
+from typing import NamedTuple
 
-from firmware_py.interface.frame import Frame
+from firmware_py.interface.frame import Frame, word_of
 from hil.timing.clock import NS_PER_S
+from plant_sim.kernels import jit, subroutine
 from text_input import RefusalError
 
 CRC_POLYNOMIAL = 0x4599
 """x¹⁵ + x¹⁴ + x¹⁰ + x⁸ + x⁷ + x⁴ + x³ + 1 without its leading term."""
 CRC_BITS = 15
 CRC_MASK = 0x7FFF
+HEADER_BITS = 19
+"""Start bit, identifier, RTR, IDE, r0 and length code."""
 
 STUFF_RUN = 5
 """Number of equal bits after which a bit of the opposite value is inserted."""
-STUFFED_RUNS = re.compile("00000(?:11110000)*(?:1111)?|11111(?:00001111)*(?:0000)?")
-"""A run of five equal bits, and the runs of four that follow directly: an inserted bit makes five of each."""
 
 DELIMITERS_AND_ACK_BITS = 3
 """Checksum delimiter, acknowledgement slot, acknowledgement delimiter."""
@@ -60,52 +60,58 @@ def bit_ns_of(bitrate: int) -> int:
     return NS_PER_S // bitrate
 
 
-def crc15(bits: str) -> int:
-    """Return the checksum over unstuffed `bits`.
+class Sent(NamedTuple):
+    """What a transmitter has sent of a frame: its last bit, how many equal ones end with it, and all bits."""
 
-    >>> hex(crc15("".join(f"{byte:08b}" for byte in b"123456789")))
-    '0x59e'
-    """
-    # Zeros before a frame leave the register at 0, so that all bits come in whole bytes.
+    level: int
+    run: int
+    bits: int
+
+
+@subroutine
+def send(sent: Sent, bit: int) -> Sent:
+    """Send a bit, and a stuff bit after five equal ones."""
+    run = sent.run + 1 if bit == sent.level else 1
+    if run == STUFF_RUN:
+        return Sent(1 - bit, 1, sent.bits + 2)
+    return Sent(bit, run, sent.bits + 1)
+
+
+@subroutine
+def content_bit(can_id: int, length: int, word: int, place: int) -> int:
+    """A bit of header and data; `word`: the data, the first byte the lowest."""
+    if place < HEADER_BITS:
+        return (can_id << 7 | length) >> (HEADER_BITS - 1 - place) & 1
+    place -= HEADER_BITS
+    return word >> (place // 8 * 8 + 7 - place % 8) & 1
+
+
+@subroutine
+def checksum(can_id: int, length: int, word: int) -> int:
+    """The checksum of a frame; `word`: its data, the first byte the lowest."""
     register = 0
-    for byte in int(f"0{bits}", 2).to_bytes(-(-len(bits) // 8)):
-        register = (register << 8 & CRC_MASK) ^ crc_table()[register >> 7 ^ byte]
+    for place in range(HEADER_BITS + 8 * length):
+        is_odd = register >> (CRC_BITS - 1) & 1 ^ content_bit(can_id, length, word, place)
+        register = register << 1 & CRC_MASK
+        if is_odd:
+            register ^= CRC_POLYNOMIAL
     return register
 
 
-@cache
-def crc_table() -> tuple[int, ...]:
-    """The register's change by a byte, by its upper 8 bits xor the byte."""
-    table = []
-    for byte in range(256):
-        register = byte << 7
-        for _ in range(8):
-            register = register << 1 ^ (CRC_POLYNOMIAL if register >> 14 & 1 else 0)
-        table.append(register & CRC_MASK)
-    return tuple(table)
+@subroutine
+def bits_on_wire(can_id: int, length: int, word: int) -> int:
+    """The bits of a frame, start bit to intermission, stuff bits included; `word` as of `checksum`."""
+    sent = Sent(1, 0, TAIL_BITS + INTERMISSION_BITS)
+    for place in range(HEADER_BITS + 8 * length):
+        sent = send(sent, content_bit(can_id, length, word, place))
+    register = checksum(can_id, length, word)
+    for place in range(CRC_BITS):
+        sent = send(sent, register >> (CRC_BITS - 1 - place) & 1)
+    return sent.bits
 
 
-def stuff_bits(bits: str) -> int:
-    """Return the number of stuff bits in `bits`, including the one after a final run of five.
-
-    >>> stuff_bits("111110000"), stuff_bits("111110001")
-    (2, 1)
-    """
-    runs = STUFFED_RUNS.findall(bits)  # of 5 bits for one stuff bit, 9 for two, 13 for three …
-    return (len("".join(runs)) - len(runs)) // (STUFF_RUN - 1)
-
-
-def unstuffed_bits(frame: Frame) -> str:
-    """Return start bit, identifier, RTR, IDE, r0, length code, data and checksum, before stuffing."""
-    can_id, data = frame
-    if not 0 <= can_id <= 0x7FF or len(data) > 8:
-        raise ValueError(
-            f"frame 0x{can_id:X} with {len(data)} data bytes is no classic CAN frame; "
-            "wanted an identifier in 0…0x7FF and at most 8 bytes"
-        )
-    content = f"{int.from_bytes(data):0{8 * len(data)}b}" if data else ""
-    body = f"0{can_id:011b}000{len(data):04b}{content}"
-    return f"{body}{crc15(body):0{CRC_BITS}b}"
+count_bits = jit(bits_on_wire)
+"""`bits_on_wire` as Python calls it."""
 
 
 def frame_bits(frame: Frame) -> int:
@@ -114,5 +120,10 @@ def frame_bits(frame: Frame) -> int:
     >>> frame_bits(Frame(0x123, bytes.fromhex("dead")))
     64
     """
-    bits = unstuffed_bits(frame)
-    return len(bits) + stuff_bits(bits) + TAIL_BITS + INTERMISSION_BITS
+    can_id, data = frame
+    if not 0 <= can_id <= 0x7FF or len(data) > 8:
+        raise ValueError(
+            f"frame 0x{can_id:X} with {len(data)} data bytes is no classic CAN frame; "
+            "wanted an identifier in 0…0x7FF and at most 8 bytes"
+        )
+    return count_bits(can_id, len(data), word_of(data))

@@ -88,6 +88,12 @@ class ModelledNode(Inbox):
         """The error state by the node's counters."""
         return self.counters.error_state
 
+    def is_at_rest(self, sends: bool) -> bool:
+        """Whether it has nothing to send, and its counters stay: of errors in sending, too, if it `sends`."""
+        is_ready = self.silent_until_bit * self._bus.bit_ns <= self._bus.t_ns and not self.sequences_left
+        counted = self.counters.receive + (self.counters.transmit if sends else 0)
+        return is_ready and not self.queue and not counted
+
     def switch_off(self, counting_from_bit: int) -> None:
         """Go bus-off with an empty queue, and count recessive bits from `counting_from_bit` on."""
         self.counters = ErrorCounters(max(self.counters.transmit, OFF_FROM), self.counters.receive)
@@ -123,7 +129,8 @@ class ModelledBus:
     def __init__(self, nodes: Sequence[str], bitrate: int = 1_000_000) -> None:
         if len(set(nodes)) != len(nodes):
             raise ValueError(f"node names {list(nodes)}; wanted each once")
-        self._bit_ns = bit_ns_of(bitrate)
+        self.bit_ns = bit_ns_of(bitrate)
+        """The duration of a bit."""
         self._nodes = {name: ModelledNode(self, name) for name in nodes}
         self._under_way: list[Delivery] = []
         self._destroyed_ids: frozenset[int] = frozenset()
@@ -188,15 +195,23 @@ class ModelledBus:
         """The node's error counters, which determine its error state."""
         return self.join(node).counters
 
+    def is_at_rest(self, silent: Collection[str]) -> bool:
+        """Whether the bus is idle, no frame waits, and the counters stay if all nodes but `silent` send."""
+        return (
+            not self._under_way
+            and self._idle_from_bit * self.bit_ns <= self.t_ns
+            and all(node.is_at_rest(name not in silent) for name, node in self._nodes.items())
+        )
+
     # --- time ------------------------------------------------------------------------------------------
 
     def _advance(self, until_ns: int) -> None:
         """Compute the transmissions that start before `until_ns`, even if they end later."""
-        until_bit = -(-until_ns // self._bit_ns)
+        until_bit = -(-until_ns // self.bit_ns)
         if until_bit < self._now_bit:
             raise ValueError(
                 f"time {until_ns} ns, but the bus has already reached "
-                f"{self._now_bit * self._bit_ns} ns; call it in the order of time"
+                f"{self._now_bit * self.bit_ns} ns; call it in the order of time"
             )
         if until_bit == self._now_bit:
             return
@@ -244,7 +259,7 @@ class ModelledBus:
                 node.queue.pop(0)
             node.rest_after(self._idle_from_bit)
         if arrived:
-            t_ns = (self._idle_from_bit - INTERMISSION_BITS) * self._bit_ns
+            t_ns = (self._idle_from_bit - INTERMISSION_BITS) * self.bit_ns
             names = tuple(node.name for node in receivers)
             self._under_way.append(Delivery(t_ns, winners[0].name, pending.frame, names))
 

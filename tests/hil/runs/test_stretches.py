@@ -1,6 +1,7 @@
 """Stretches of lockstep in one compiled call: to the same bits as tick by tick, and where they may be."""
 
 import random
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,14 @@ from hil.bus.log import candump_lines
 from hil.bus.log.can_log import CanLog
 from hil.faults.every import KINDS
 from hil.faults.on_bus import FramesFault
+from hil.nodes.closed_loop import BUS_AFTER, BUS_BEFORE
 from hil.record.run_traces import read_bus
 from hil.record.traces import trace
 from hil.runs import compiled
 from hil.runs.job import Job
 from hil.runs.recording import record
 from hil.scenario.files import read_scenario
-from hil.scenario.scenario import check_scenario
+from hil.scenario.scenario import Scenario, check_scenario
 from hil.scenario.settings import apply_settings
 from plant_sim.solvers.adaptive.adaptive import STEP_TOO_SMALL
 from plant_sim.solvers.cost import SolverError
@@ -72,8 +74,8 @@ CAUGHT_UP = (
 BASE = "soft-start-multistable"
 
 
-def scenario_with(*faults: dict[str, Any], base: str = BASE) -> Any:
-    document = apply_settings(read_scenario(base), SETTINGS)
+def scenario_with(*faults: dict[str, Any], base: str = BASE, **tables: Any) -> Scenario:
+    document = {**apply_settings(read_scenario(base), SETTINGS), **tables}
     document["script"]["faults"] = list(faults)
     return check_scenario(document, "in-stretches")
 
@@ -187,10 +189,75 @@ def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
     base: str, faults: tuple[dict[str, Any], ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scenario = scenario_with(*faults, base=base)
+    lengths = stretches_like_single_ticks(scenario, tmp_path, monkeypatch)
+    assert sum(lengths) > (0.5 if faults else 0.99) * scenario.ticks
+
+
+BUS_OFF = {"kind": "bus-off", "node": "firmware", "at_s": 1.2003, "duration_s": 0.01}
+DISTURBED = {"kind": "disturbed", "frames": ["Accelerometer"], "at_s": 1.6, "duration_s": 0.004}
+BABBLING = {"kind": "babbling", "can_id": 0, "period_s": 4e-4, "at_s": 2.2, "duration_s": 0.02}
+
+
+@pytest.mark.parametrize(
+    ("base", "faults", "share"),
+    [
+        (BASE, (), 0.99),
+        (BASE, (STIFFER, KICK, NOISY, PAUSED), 0.9),
+        (BASE, (BUS_OFF, DISTURBED, BABBLING), 0.9),
+        (BASE, (FIRMWARE_AWAY, BUS_OFF, LEAPT), 0.5),
+        *((BASE, random_faults(seed), 0.5) for seed in range(12, 18)),
+        (BASE, (frames_fault("delayed", True), frames_fault("duplicated", True)), 0.5),
+        (WALK, (), 0.9),
+        (WALK, (DISTURBED, BUS_OFF), 0.9),
+    ],
+    ids=[
+        "undisturbed",
+        "disturbed",
+        "bus-off-disturbed-babbling",
+        "restarted-off-and-ahead",
+        *(f"random {seed}" for seed in range(12, 18)),
+        "late-and-copied",
+        "walking",
+        "walking-disturbed",
+    ],
+)
+def test_so_they_do_on_a_bus_on_which_frames_take_time(
+    base: str,
+    faults: tuple[dict[str, Any], ...],
+    share: float,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Python runs the bus in ticks in which not all frames come before the firmware's turn."""
+    scenario, crowded = scenario_with(*faults, base=base, bus={"bitrate": 1_000_000}), Counter[int]()
+    pass_half = compiled.pass_half
+
+    def counted(bus: Any, joined: Any, transit: Any, period_ns: int, which: int, *others: Any) -> int:
+        end = pass_half(bus, joined, transit, period_ns, which, *others)
+        crowded["late"] += which == BUS_BEFORE and not bus.is_at_rest
+        crowded[which] += 1
+        return end
+
+    monkeypatch.setattr(compiled, "pass_half", counted)
+    lengths = stretches_like_single_ticks(scenario, tmp_path, monkeypatch)
+    assert sum(lengths) > share * scenario.ticks
+    assert 0 < crowded["late"] <= crowded[BUS_BEFORE] == crowded[BUS_AFTER] < 0.2 * scenario.ticks
+
+
+def test_a_slow_bus_has_no_stretches_of_all_nodes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 500 kbit/s, on which half a period has no time for three frames."""
+    scenario = scenario_with(bus={"bitrate": 500_000})
+    assert stretches_like_single_ticks(scenario, tmp_path, monkeypatch) == []
+
+
+def stretches_like_single_ticks(
+    scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> list[int]:
+    """Run in stretches and tick by tick, and compare all bytes; the stretches' lengths."""
     lengths: list[int] = []
     run = compiled.Stretches.run
 
-    def counted(self: compiled.Stretches, tick: int, ticks: int) -> Any:
+    def counted(self: compiled.Stretches, tick: int, ticks: int) -> int:
         lengths.append(ticks)
         return run(self, tick, ticks)
 
@@ -205,16 +272,17 @@ def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
         # The count of an unplugged node has frames that it does not take, of which stretches keep none.
         acted.append([count for fault, count in pairs if fault.kind != "unplugged"])
         monkeypatch.setattr(compiled.Stretches, "advance", lambda *_: 0)
-    assert sum(lengths) > (0.5 if faults else 0.99) * scenario.ticks
     assert acted[0] == acted[1]
     ours, wanted = ((folder / "can.log").read_bytes() for folder in folders)
     assert ours == wanted
-    for name in ("plant", "impacts", "operator", "firmware"):
+    errors = () if scenario.bitrate is None else ("bus_errors",)
+    for name in ("plant", "impacts", "operator", "firmware", *errors):
         one, other = (trace.read(folder / f"{name}.trace") for folder in folders)
         assert len(one) == len(other)
         for column in one.dtype.names or ():
             if column != "work_us":
                 np.testing.assert_array_equal(one[column], other[column], err_msg=f"{name}: {column}")
+    return lengths
 
 
 def test_memory_is_kept_for_the_copies_of_one_frame() -> None:
