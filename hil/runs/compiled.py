@@ -125,8 +125,8 @@ class Stretches:
         self._period_ns = round(job.scenario.period_s * NS_PER_S)
         self._run: Callable[..., tuple[PlantState, int]] | None = None
         all_compiled = all(node.has_compiled_turn for node in ROSTER) and job.firmware in NATIVE
-        most_ns = MOST_SENT * worst_case_bits(8) * nodes.bus.bit_ns
-        self._is_closed = all_compiled and 2 * most_ns <= self._period_ns
+        most_bits = 2 * MOST_SENT * worst_case_bits(8)
+        self._is_closed = all_compiled and most_bits * nodes.bus.bit_ns <= self._period_ns
         """Whether all nodes have compiled turns, and the bus has time for what the firmware sends."""
         # Small pages, because numpy would ask for huge ones: memory that is not used then costs nothing.
         in_transit = np.frombuffer(mmap.mmap(-1, 3 * MOST_IN_TRANSIT * 3 * NUMBER_BYTES), np.int64)

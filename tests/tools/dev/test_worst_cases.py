@@ -3,8 +3,9 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
-from tools.dev.worst_cases import worst_of
+from tools.dev.worst_cases import SCENARIOS, shares, worst_of
 from tools.falsify.objective import Result, Task
 from tools.falsify.search import Start
 from tools.falsify.space_of_scenario import space_of
@@ -31,3 +32,21 @@ def test_the_worst_run_of_a_requirement_is_the_judged_one_with_its_smallest_marg
     assert (worst.best.margin, worst.best.values, worst.best.name) == (0.2, (2.0,), names[again])
     assert worst.runs == 2
     assert worst_of("P-04", evaluations, starts) is None
+
+
+def test_every_requirement_has_its_runs_and_every_scenario_a_fifth_of_them() -> None:
+    """A run counts for all requirements that it has checks of, so there are fewer than one each."""
+    spaces = [space_of(name, []) for name in SCENARIOS]
+    proved = [{check.requirement for check in space.checks} for space in spaces]
+    wanted = sorted(set.union(*proved) - {None, "B-01"})
+    counts = shares(spaces, wanted, 100)
+    assert all(sum(n for n, some in zip(counts, proved, strict=True) if one in some) >= 100 for one in wanted)
+    assert min(counts) == 20
+    assert sum(counts) < 100 * len(wanted)
+    longer = shares(spaces, wanted, 300)
+    assert all(more >= fewer for more, fewer in zip(longer, counts, strict=True))  # it continues
+
+
+def test_a_requirement_without_a_scenario_is_said() -> None:
+    with pytest.raises(ValueError, match="no scenario"):
+        shares([space_of(KICK, [])], ["P-07", "S-09"], 100)
