@@ -8,6 +8,8 @@ It consists of the nodes' own pure steps (`hil.drive.node`, `hil.drive.reports`,
 into the caller's buffers.
 """
 
+import ctypes
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +31,7 @@ from hil.nodes.plant.steps import (
     put,
     record_plant,
 )
+from hil.timing.clock import NS_PER_US
 from plant_sim.kernels import call_at, subroutine
 from plant_sim.sensors.readings import Readers, read_sensors
 from plant_sim.solvers.adaptive.adaptive import DONE
@@ -44,6 +47,27 @@ PLANT, OPERATOR, FIRMWARE, BUS_BEFORE, BUS_AFTER = range(5)
 """The nodes for which Python is called, and the bus before and after the firmware's turn."""
 NUMBER_BYTES = 8
 """Length of a number in the firmware's memory."""
+
+
+Call = Callable[[int, int, int], int]
+"""As of `Bench.call_python`."""
+FROM_COMPILED = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 3)
+
+
+class PythonCall:
+    """A function as compiled code calls it; an exception cannot pass through, but stops it."""
+
+    def __init__(self, function: Call, used: NDArray[np.int64]) -> None:
+        self.error: BaseException | None = None
+        self._function, self._used = function, used
+
+    def __call__(self, node: int, first: int, end: int) -> int:
+        """Call the function, unless it has failed before."""
+        try:
+            return first if self.error else self._function(node, first, end)
+        except BaseException as error:
+            self.error, self._used[STOP] = error, AT_ONCE
+            return first
 
 
 class Firmware(NamedTuple):
@@ -112,7 +136,8 @@ AT_ONCE = 2
 class Bench(NamedTuple):
     """All that ticks work on; it changes through its arrays alone.
 
-    `period_ns`: duration of a tick. `bit_ns`: that of a bit, 0 on a bus without delay. `to_firmware`,
+    `period_ns`: duration of a tick. `middle_ns`: the firmware's turn in it. `bit_ns`: duration of a bit, 0 on
+    a bus without delay. `to_firmware`,
     `to_plant`, `to_operator`: frames in transit, rows of identifier, length and word; of those to the
     operator, what it receives. `noise`: four standard normals for each tick. `named`: for each identifier,
     whether faults act on its frames. `call_python`: address of a function of a node and of the first row and
@@ -122,6 +147,7 @@ class Bench(NamedTuple):
 
     period_s: float
     period_ns: int
+    middle_ns: int
     bit_ns: int
     run: Run
     readers: Readers
@@ -183,22 +209,23 @@ def sort_by_priority(rows: Integers, first: int, end: int) -> None:
 
 
 @subroutine
-def arrive(bench: Bench, sent_ns: int, rows: Integers, first: int, end: int) -> bool:
+def arrive(bench: Bench, sent_ns: int, due_ns: int, rows: Integers, first: int, end: int) -> bool:
     """Let the frames in `rows` from `first` to `end` arrive, sent at once on a bus at rest, and log them.
 
-    False if the bus takes longer than half a period: then nothing is logged, and not all arrive in time.
+    A modelled bus sorts them, and it is busy until after `due_ns` if the result is False; then nothing is
+    logged, and not all frames arrive in time.
     """
     buffers, bit_ns = bench.buffers, bench.bit_ns
     if bit_ns == 0:
-        log_rows(buffers, sent_ns // 1000, rows, first, end)
+        log_rows(buffers, sent_ns // NS_PER_US, rows, first, end)
         return True
     sort_by_priority(rows, first, end)
-    before, idle_ns = buffers.used[FRAMES], sent_ns
+    before, idle_bit = buffers.used[FRAMES], -(-sent_ns // bit_ns)
     for row in range(first, end):
         frame = WordFrame(rows[row, 0], rows[row, 1], rows[row, 2])
-        idle_ns += bits_on_wire(frame.can_id, frame.length, frame.word) * bit_ns
-        log_frame(buffers, (idle_ns - INTERMISSION_BITS * bit_ns) // 1000, frame)
-    is_in_time: bool = idle_ns <= sent_ns + bench.period_ns // 2
+        idle_bit += bits_on_wire(frame.can_id, frame.length, frame.word)
+        log_frame(buffers, (idle_bit - INTERMISSION_BITS) * bit_ns // NS_PER_US, frame)
+    is_in_time: bool = idle_bit * bit_ns <= due_ns
     if not is_in_time:
         buffers.used[FRAMES] = before
     return is_in_time
@@ -208,7 +235,8 @@ def arrive(bench: Bench, sent_ns: int, rows: Integers, first: int, end: int) -> 
 def pass_to_firmware(bench: Bench, tick: int, count: int) -> int:
     """Let the first `count` frames pass to the firmware; return the number that arrive before its turn."""
     used = bench.buffers.used
-    if used[BUSY] == 0 and not arrive(bench, tick * bench.period_ns, bench.to_firmware, 0, count):
+    sent_ns = tick * bench.period_ns
+    if used[BUSY] == 0 and not arrive(bench, sent_ns, sent_ns + bench.middle_ns, bench.to_firmware, 0, count):
         used[BUSY] = 1
     if used[BUSY] != 0:
         count = call_at(bench.call_python, (BUS_BEFORE, 0, count))
@@ -223,7 +251,8 @@ def pass_from_firmware(bench: Bench, tick: int, first: int, end: int) -> None:
     if used[BUSY] != 0:
         call_at(bench.call_python, (BUS_AFTER, first, end))
         return
-    arrive(bench, tick * bench.period_ns + bench.period_ns // 2, rows, first, end)
+    begin_ns = tick * bench.period_ns
+    arrive(bench, begin_ns + bench.middle_ns, begin_ns + bench.period_ns, rows, first, end)
     for row in range(first, end):
         if rows[row, 0] in RECEIVED_IDS:
             frame = WordFrame(rows[row, 0], rows[row, 1], rows[row, 2])

@@ -4,8 +4,9 @@ A stretch of all nodes ends a tick before a fault begins, because a fault may re
 the next one starts when the fault has ended and has left no node behind. Faults that only change the module's
 parts or the drive's configuration, act on frames that they name, or stall the firmware or its clock, begin
 and end between two stretches; where such frames leave their node, the stretch calls the node's `FaultyBus`.
-On a modelled bus they run while it is at rest and no fault acts on frames: those of half a period then
-arrive within it in order of priority, and Python runs the bus in the ticks in which they do not.
+On a modelled bus they run while it is at rest, which it is not as long as a node counts errors, and no fault
+acts on frames: those of half a period then arrive within it in order of priority, and Python runs the bus in
+the ticks in which they do not.
 There is no such stretch while the plant's clock differs from the bench's, or with a firmware that is not
 compiled. There the plant alone may be compiled: Python runs the other nodes and the bus in each tick. Frames
 and records equal those of tick-by-tick lockstep, and are kept in the same memory.
@@ -32,8 +33,8 @@ from hil.faults.on_bus import FramesFault, LineFault
 from hil.faults.processes import Turns
 from hil.nodes import closed_loop
 from hil.nodes.closed_loop import (
-    AT_ONCE,
     FRAMES,
+    FROM_COMPILED,
     HELD,
     NO_FIRMWARE,
     NUMBER_BYTES,
@@ -46,14 +47,17 @@ from hil.nodes.closed_loop import (
     USED,
     Bench,
     Buffers,
+    Call,
     Firmware,
+    PythonCall,
     run,
 )
 from hil.nodes.operator.node import RECEIVED_IDS
+from hil.nodes.plant.node import requests_in
 from hil.nodes.plant.steps import PlantState
 from hil.record.traces.firmware_trace import columns_in, moves_to
 from hil.record.traces.plant_trace import PlantRecord
-from hil.roster import FIRMWARE, OPERATOR, PLANT, ROSTER
+from hil.roster import FIRMWARE, OPERATOR, PLANT, ROSTER, instants
 from hil.runs.fault_times import (
     acts_in_plant,
     acts_in_ticks,
@@ -82,26 +86,7 @@ IDENTIFIERS = 0x800
 UNTIL_IN_STEP_TICKS = 20
 """Length of a stretch of the plant while a node is behind, after a fault."""
 _Kind = TypeVar("_Kind", bound=Fault)
-Call = Callable[[int, int, int], int]
-"""As of `Bench.call_python`."""
-FROM_COMPILED = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 3)
 NODES = {closed_loop.PLANT: PLANT, closed_loop.OPERATOR: OPERATOR, closed_loop.FIRMWARE: FIRMWARE}
-
-
-class PythonCall:
-    """A function as compiled code calls it; an exception cannot pass through, but stops it."""
-
-    def __init__(self, function: Call, used: NDArray[np.int64]) -> None:
-        self.error: BaseException | None = None
-        self._function, self._used = function, used
-
-    def __call__(self, node: int, first: int, end: int) -> int:
-        """Call the function, unless it has failed before."""
-        try:
-            return first if self.error else self._function(node, first, end)
-        except BaseException as error:
-            self.error, self._used[STOP] = error, AT_ONCE
-            return first
 
 
 class RunEnd(NamedTuple):
@@ -125,7 +110,7 @@ class Stretches:
         self._period_ns = round(job.scenario.period_s * NS_PER_S)
         self._run: Callable[..., tuple[PlantState, int]] | None = None
         all_compiled = all(node.has_compiled_turn for node in ROSTER) and job.firmware in NATIVE
-        most_bits = 2 * MOST_SENT * worst_case_bits(8)
+        most_bits = 2 * (MOST_SENT * worst_case_bits(8) + 1)  # frames begin at whole bits
         self._is_closed = all_compiled and most_bits * nodes.bus.bit_ns <= self._period_ns
         """Whether all nodes have compiled turns, and the bus has time for what the firmware sends."""
         # Small pages, because numpy would ask for huge ones: memory that is not used then costs nothing.
@@ -133,7 +118,9 @@ class Stretches:
         self._to_firmware, self._to_plant, self._to_operator = in_transit.reshape(3, MOST_IN_TRANSIT, 3)
         self._named = np.zeros(IDENTIFIERS, np.uint8)
         transit = Transit(self._to_firmware, self._to_plant, self._to_operator)
-        self._pass_bus = partial(pass_half, nodes.bus, nodes.joined, transit, self._period_ns)
+        self._edges_ns = 0, instants(self._period_ns)[-1].begin_ns, self._period_ns
+        """Beginning, middle and end of a tick: the firmware's turn is in the middle."""
+        self._pass_bus = partial(pass_half, nodes.bus, nodes.joined, transit, self._edges_ns)
         self._columns, self._moves = np.dtype([]), np.zeros((0, 3), np.int64)
         if self._is_closed and "firmware" in nodes.rows:
             precision = self._native_node().native.precision
@@ -157,16 +144,22 @@ class Stretches:
             return 0
         until, t_s = self._quiet_until(self._scenario.faults, tick), tick * self._scenario.period_s
         bus = self._nodes.bus
-        if bus.bit_ns and not (bus.is_at_rest and self._is_undisturbed(tick)):
+        if not bus.is_at_rest or (bus.bit_ns and not self._is_undisturbed(tick)):
             return 0
         if not self._is_regular(tick):
             if any(t_s < one.end_s for one in self._unplugs):
                 return 0  # frames that the firmware has not taken may be lost yet
             if not any(one.acts(t_s) for one in self._delays):
                 until = min(until, tick + UNTIL_IN_STEP_TICKS)
-        is_asked = self._native_node().whole["pool"][0, IS_CONNECTED] or self._plant.node.has_waiting_fault
+        is_ready = self._plant.node.tick == tick and not self._plant.node.has_waiting_fault
         is_flooded = most_copies(self._acting(FramesFault, tick)) > MOST_COPIES
-        return 0 if is_asked or self._plant.node.tick != tick or is_flooded else until - tick
+        return until - tick if is_ready and not is_flooded and not self._is_asked() else 0
+
+    def _is_asked(self) -> bool:
+        """Whether a client is connected to the firmware, or has sent the plant a request."""
+        is_connected = bool(self._native_node().whole["pool"][0, IS_CONNECTED])
+        waiting = self._nodes.joined[PLANT].pending
+        return is_connected or self._plant.node.note_requests(()) or bool(requests_in(waiting))
 
     def _is_regular(self, tick: int) -> bool:
         """Whether the firmware has one turn in each tick from this one on, until a fault begins."""
@@ -202,7 +195,9 @@ class Stretches:
         if self._is_closed:
             t_s = tick * self._scenario.period_s
             acting = [fault for fault in self._scenario.faults if fault.acts(t_s)]
-            ends_s = [one.end_s for one in acting if not (one.is_steady or acts_in_ticks(one))]
+            is_ideal = not self._nodes.bus.bit_ns
+            lasting = [one.is_steady or (acts_in_ticks(one) and is_ideal) for one in acting]
+            ends_s = [one.end_s for one, lasts in zip(acting, lasting, strict=True) if not lasts]
             in_step = tick + UNTIL_IN_STEP_TICKS
             if ends_s and not all(math.isinf(end_s) for end_s in ends_s):
                 in_step = max(tick + 1, math.ceil(min(ends_s) / self._scenario.period_s))
@@ -370,6 +365,7 @@ class Stretches:
         return Bench(
             period_s=self._scenario.period_s,
             period_ns=self._period_ns,
+            middle_ns=self._edges_ns[1],
             bit_ns=self._nodes.bus.bit_ns,
             run=node.plant.run,
             readers=node.plant.readers,

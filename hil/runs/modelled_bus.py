@@ -129,7 +129,7 @@ def pass_half(
     bus: IdealBus | BusAsModelled,
     joined: Mapping[str, Any],
     transit: Transit,
-    period_ns: int,
+    edges_ns: tuple[int, int, int],
     which: int,
     end: int,
     tick: int,
@@ -137,23 +137,24 @@ def pass_half(
 ) -> int:
     """Run a bus that does not rest for a half of `tick`, in which the first `end` rows were sent.
 
-    `which`: `BUS_BEFORE` or `BUS_AFTER` the firmware's turn. Returns the end of the rows that have arrived.
+    `edges_ns`: a tick's beginning, the firmware's turn, and its end. `which`: `BUS_BEFORE` or `BUS_AFTER`
+    that turn. Returns the end of the rows that have arrived.
     """
-    used, is_before, half_ns = buffers.used, which == BUS_BEFORE, period_ns // 2
+    used, is_before = buffers.used, which == BUS_BEFORE
     rows = transit.to_firmware if is_before else transit.to_plant
-    begin_ns = tick * period_ns + (0 if is_before else half_ns)
+    begin_ns, end_ns = np.add(edges_ns[:2] if is_before else edges_ns[1:], tick * edges_ns[-1]).tolist()
     sent = frames_in(rows[:end])
     if is_before:
         bus.rest_until(begin_ns)
         commands = frames_in(transit.to_plant[: used[TO_PLANT]])
         joined[OPERATOR].send_all(commands)
-        joined[PLANT].send_all(frame for frame in sent if frame not in commands)
+        joined[PLANT].send_all(frame for frame in sent if frame not in commands)  # no frame is of both
     else:
         joined[FIRMWARE].send_all(sent)
-    passed = bus.pass_time(begin_ns, begin_ns + half_ns)
+    passed = bus.pass_time(begin_ns, end_ns)
     logged = [(t_ns // NS_PER_US, *word_frame(frame)) for t_ns, frames in passed for frame in frames]
-    if logged and len(buffers.frames):
-        buffers.frames[used[FRAMES] :][: len(logged)] = logged
+    if kept := logged[: max(len(buffers.frames) - used[FRAMES], 0)]:
+        buffers.frames[used[FRAMES] :][: len(kept)] = kept
     used[FRAMES] += len(logged)
     if is_before:
         used[TO_PLANT] = 0

@@ -86,12 +86,13 @@ def worst_of(requirement: str, evaluations: Evaluations, starts: Mapping[str, St
 def shares(spaces: Sequence[Space], wanted: Sequence[str], runs: int) -> list[int]:
     """The runs of each space with which every wanted requirement has `runs`, in the least simulated time."""
     proved = [{check.requirement for check in space.checks} for space in spaces]
+    if missing := [key for key in wanted if not any(key in some for some in proved)]:
+        raise ValueError(f"no scenario has a check of {', '.join(missing)}; add one to SCENARIOS")
     has = np.array([[requirement in some for some in proved] for requirement in wanted], float)
     durations_s = [load_scenario(space.name).duration_s for space in spaces]
     bounds = LEAST_SHARE * runs, None
     found = linprog(durations_s, A_ub=-has, b_ub=np.full(len(wanted), -runs), bounds=bounds)
-    if found.x is None:
-        raise ValueError(f"a requirement of {', '.join(wanted)} has no scenario: {found.message}")
+    assert found.x is not None
     return [math.ceil(round(share, 6)) for share in found.x]
 
 

@@ -91,9 +91,9 @@ def checksum(can_id: int, length: int, word: int) -> int:
     """The checksum of a frame; `word`: its data, the first byte the lowest."""
     register = 0
     for place in range(HEADER_BITS + 8 * length):
-        is_odd = register >> (CRC_BITS - 1) & 1 ^ content_bit(can_id, length, word, place)
+        is_fed_back = register >> (CRC_BITS - 1) & 1 ^ content_bit(can_id, length, word, place)
         register = register << 1 & CRC_MASK
-        if is_odd:
+        if is_fed_back:
             register ^= CRC_POLYNOMIAL
     return register
 

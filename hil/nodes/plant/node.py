@@ -108,6 +108,11 @@ def frame_ticks(scene: Scene, period_s: float) -> tuple[Ticks, int]:
     return report_ticks(period_s, heartbeat_s), max(1, round(encoder_s / period_s))
 
 
+def requests_in(frames: Sequence[Frame]) -> list[int]:
+    """The identifiers of the frames by which a client asks the drive."""
+    return [frame.can_id for frame in frames if not frame.data and frame.can_id in REQUEST_IDS]
+
+
 @kernel
 def pack_gaits(
     ticks: NDArray[np.int64], ticks_a_frame: int, readings: NDArray[np.float64], frames: NDArray[np.int64]
@@ -209,7 +214,7 @@ class PlantNode:
 
     def note_requests(self, frames: Sequence[Frame]) -> bool:
         """Note the requests of clients among frames, which `publish` answers; whether there are any."""
-        self._requests += [frame.can_id for frame in frames if not frame.data and frame.can_id in REQUEST_IDS]
+        self._requests += requests_in(frames)
         return bool(self._requests)
 
     def publish(self) -> list[Frame]:

@@ -71,6 +71,17 @@ CAUGHT_UP = (
 """Half a second is run in the one tick of a stretch, after short stretches."""
 
 
+CLIENT = {
+    "kind": "babbling",
+    "can_id": 9,
+    "data_hex": "",
+    "period_s": 1e-3,
+    "at_s": 0.5,
+    "duration_s": 0.02,
+}
+"""Requests of the drive's encoder sample."""
+
+
 BASE = "soft-start-multistable"
 
 
@@ -164,6 +175,7 @@ def random_faults(seed: int) -> tuple[dict[str, Any], ...]:
         *((BASE, ({**frames_fault(kind, False), "at_s": 0.0},)) for kind in FROM_THE_FIRST_TICK),
         (BASE, (frames_fault("delayed", False), frames_fault("duplicated", True), STIFFER, PAUSED)),
         (WALK, ({"kind": "dropped", "frames": ["GaitSensors"], "share": 0.3, "at_s": 1.0},)),
+        (BASE, (CLIENT,)),
     ],
     ids=[
         "undisturbed",
@@ -183,6 +195,7 @@ def random_faults(seed: int) -> tuple[dict[str, Any], ...]:
         *(f"{kind} from the first tick" for kind in FROM_THE_FIRST_TICK),
         "late-and-copied",
         "walking-without-steps",
+        "asked-by-a-client",
     ],
 )
 def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
@@ -207,6 +220,7 @@ BABBLING = {"kind": "babbling", "can_id": 0, "period_s": 4e-4, "at_s": 2.2, "dur
         (BASE, (FIRMWARE_AWAY, BUS_OFF, LEAPT), 0.5),
         *((BASE, random_faults(seed), 0.5) for seed in range(12, 18)),
         (BASE, (frames_fault("delayed", True), frames_fault("duplicated", True)), 0.5),
+        (BASE, ({**CLIENT, "at_s": 0.5004},), 0.9),
         (WALK, (), 0.9),
         (WALK, (DISTURBED, BUS_OFF), 0.9),
     ],
@@ -217,6 +231,7 @@ BABBLING = {"kind": "babbling", "can_id": 0, "period_s": 4e-4, "at_s": 2.2, "dur
         "restarted-off-and-ahead",
         *(f"random {seed}" for seed in range(12, 18)),
         "late-and-copied",
+        "asked-by-a-client",
         "walking",
         "walking-disturbed",
     ],
@@ -232,8 +247,8 @@ def test_so_they_do_on_a_bus_on_which_frames_take_time(
     scenario, crowded = scenario_with(*faults, base=base, bus={"bitrate": 1_000_000}), Counter[int]()
     pass_half = compiled.pass_half
 
-    def counted(bus: Any, joined: Any, transit: Any, period_ns: int, which: int, *others: Any) -> int:
-        end = pass_half(bus, joined, transit, period_ns, which, *others)
+    def counted(bus: Any, joined: Any, transit: Any, edges_ns: Any, which: int, *others: Any) -> int:
+        end = pass_half(bus, joined, transit, edges_ns, which, *others)
         crowded["late"] += which == BUS_BEFORE and not bus.is_at_rest
         crowded[which] += 1
         return end
@@ -242,6 +257,27 @@ def test_so_they_do_on_a_bus_on_which_frames_take_time(
     lengths = stretches_like_single_ticks(scenario, tmp_path, monkeypatch)
     assert sum(lengths) > share * scenario.ticks
     assert 0 < crowded["late"] <= crowded[BUS_BEFORE] == crowded[BUS_AFTER] < 0.2 * scenario.ticks
+
+
+@pytest.mark.parametrize(
+    ("tick_s", "bitrate"),
+    [(0.002, 500_000), (0.0010005, 1_000_000), (0.0011, 781_250), (0.001000003, 1_000_000)],
+)
+def test_so_they_do_at_periods_that_are_no_whole_bits(
+    tick_s: float, bitrate: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = [f"firmware.control.tick_s={tick_s}", "script.duration_s=1.0", "script.commands=[]"]
+    document = apply_settings(read_scenario(BASE), settings) | {"bus": {"bitrate": bitrate}}
+    lengths = stretches_like_single_ticks(check_scenario(document, "of-other-periods"), tmp_path, monkeypatch)
+    assert sum(lengths) > 0.9 / tick_s
+
+
+def test_so_they_do_at_an_odd_period_without_a_modelled_bus(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = ["firmware.control.tick_s=0.001000003", "script.duration_s=1.0", "script.commands=[]"]
+    document = apply_settings(read_scenario(BASE), settings)
+    stretches_like_single_ticks(check_scenario(document, "of-an-odd-period"), tmp_path, monkeypatch)
 
 
 def test_a_slow_bus_has_no_stretches_of_all_nodes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

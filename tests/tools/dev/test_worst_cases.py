@@ -48,5 +48,5 @@ def test_every_requirement_has_its_runs_and_every_scenario_a_fifth_of_them() -> 
 
 
 def test_a_requirement_without_a_scenario_is_said() -> None:
-    with pytest.raises(ValueError, match="no scenario"):
+    with pytest.raises(ValueError, match="no scenario has a check of S-09"):
         shares([space_of(KICK, [])], ["P-07", "S-09"], 100)
