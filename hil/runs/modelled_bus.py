@@ -159,8 +159,8 @@ def pass_half(
     if is_before:
         used[TO_PLANT] = 0
         return put_frames(rows, 0, joined[FIRMWARE].receive())
-    heard = [frame for frame in joined[OPERATOR].receive() if frame.can_id in RECEIVED_IDS]
-    used[TO_OPERATOR] = put_frames(transit.to_operator, used[TO_OPERATOR], heard)
+    received = [frame for frame in joined[OPERATOR].receive() if frame.can_id in RECEIVED_IDS]
+    used[TO_OPERATOR] = put_frames(transit.to_operator, used[TO_OPERATOR], received)
     used[TO_PLANT] = put_frames(rows, 0, joined[PLANT].receive())
     used[BUSY] = not bus.is_at_rest or len(joined[FIRMWARE].pending) > 0
     return int(used[TO_PLANT])
