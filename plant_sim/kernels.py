@@ -4,6 +4,7 @@
 that has one law for each part of a scene.
 """
 
+import ctypes
 import dis
 import functools
 import typing
@@ -114,6 +115,28 @@ call_at = intrinsic(_call_machine_code)
 
 _ENTRY_POINTS: dict[Any, Callable[..., Any]] = {}
 """Machine code by kernel and kinds of its arguments; numba takes a millisecond to find the types again."""
+
+
+FROM_COMPILED = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 3)
+"""Gives a `PythonCall` an address for `call_at`, as long as the result has a name."""
+
+
+class PythonCall:
+    """A function of three integers as compiled code calls it, which an exception stops."""
+
+    def __init__(self, function: Callable[[int, int, int], int], stop: Callable[[], None]) -> None:
+        """`stop`: what lets the compiled code end after an exception, which is then in `error`."""
+        self.error: BaseException | None = None
+        self._function, self._stop = function, stop
+
+    def __call__(self, which: int, first: int, end: int) -> int:
+        """Call the function, unless it has failed before."""
+        try:
+            return first if self.error else self._function(which, first, end)
+        except BaseException as error:
+            self.error = error
+            self._stop()
+            return first
 
 
 def entry_point(kernel: Callable[..., _R], *arguments: object) -> Callable[..., _R]:

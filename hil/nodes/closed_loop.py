@@ -8,8 +8,6 @@ It consists of the nodes' own pure steps (`hil.drive.node`, `hil.drive.reports`,
 into the caller's buffers.
 """
 
-import ctypes
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -47,27 +45,6 @@ PLANT, OPERATOR, FIRMWARE, BUS_BEFORE, BUS_AFTER = range(5)
 """The nodes for which Python is called, and the bus before and after the firmware's turn."""
 NUMBER_BYTES = 8
 """Length of a number in the firmware's memory."""
-
-
-Call = Callable[[int, int, int], int]
-"""As of `Bench.call_python`."""
-FROM_COMPILED = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 3)
-
-
-class PythonCall:
-    """A function as compiled code calls it; an exception cannot pass through, but stops it."""
-
-    def __init__(self, function: Call, used: NDArray[np.int64]) -> None:
-        self.error: BaseException | None = None
-        self._function, self._used = function, used
-
-    def __call__(self, node: int, first: int, end: int) -> int:
-        """Call the function, unless it has failed before."""
-        try:
-            return first if self.error else self._function(node, first, end)
-        except BaseException as error:
-            self.error, self._used[STOP] = error, AT_ONCE
-            return first
 
 
 class Firmware(NamedTuple):

@@ -33,8 +33,8 @@ from hil.faults.on_bus import FramesFault, LineFault
 from hil.faults.processes import Turns
 from hil.nodes import closed_loop
 from hil.nodes.closed_loop import (
+    AT_ONCE,
     FRAMES,
-    FROM_COMPILED,
     HELD,
     NO_FIRMWARE,
     NUMBER_BYTES,
@@ -47,9 +47,7 @@ from hil.nodes.closed_loop import (
     USED,
     Bench,
     Buffers,
-    Call,
     Firmware,
-    PythonCall,
     run,
 )
 from hil.nodes.operator.node import RECEIVED_IDS
@@ -71,7 +69,7 @@ from hil.runs.lockstep import Lockstep
 from hil.runs.modelled_bus import Transit, pass_half
 from hil.runs.rows import FRAME_COLUMNS, is_whole, leave_untimed
 from hil.timing.clock import NS_PER_S
-from plant_sim.kernels import entry_point
+from plant_sim.kernels import FROM_COMPILED, PythonCall, entry_point
 from plant_sim.sensors.gait import GaitTruth
 
 FRAMES_A_TICK = 8
@@ -381,10 +379,10 @@ class Stretches:
             call_python=0,
         )
 
-    def _call(self, bench: Bench, ticks: int, function: Call) -> RunEnd:
+    def _call(self, bench: Bench, ticks: int, function: Callable[[int, int, int], int]) -> RunEnd:
         state = self._plant.node.state
         self._run = self._run or entry_point(run, bench, state, ticks)
-        call = PythonCall(function, bench.buffers.used)
+        call = PythonCall(function, partial(bench.buffers.used.__setitem__, STOP, AT_ONCE))
         called = FROM_COMPILED(call)  # compiled code calls it as long as it has a name here
         address = ctypes.cast(called, ctypes.c_void_p).value or 0
         state, status = self._run(bench._replace(call_python=address), state, ticks)
