@@ -122,7 +122,7 @@ FROM_COMPILED = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 3)
 
 
 class PythonCall:
-    """A function of three integers as compiled code calls it, which an exception stops."""
+    """A function of three integers as compiled code calls it; an exception in it ends that code."""
 
     def __init__(self, function: Callable[[int, int, int], int], stop: Callable[[], None]) -> None:
         """`stop`: what lets the compiled code end after an exception, which is then in `error`."""

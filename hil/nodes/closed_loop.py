@@ -113,13 +113,12 @@ AT_ONCE = 2
 class Bench(NamedTuple):
     """All that ticks work on; it changes through its arrays alone.
 
-    `period_ns`: duration of a tick. `middle_ns`: the firmware's turn in it. `bit_ns`: duration of a bit, 0 on
-    a bus without delay. `to_firmware`,
-    `to_plant`, `to_operator`: frames in transit, rows of identifier, length and word; of those to the
-    operator, what it receives. `noise`: four standard normals for each tick. `named`: for each identifier,
-    whether faults act on its frames. `call_python`: address of a function of a node and of the first row and
-    the end of the frames that leave it, in `to_firmware` or, from the firmware, in `to_plant`; it may change
-    them, and returns their new end.
+    `period_ns`: duration of a tick. `middle_ns`: time of the firmware's turn in it. `bit_ns`: duration of a
+    bit, 0 on a bus without delay. `to_firmware`, `to_plant`, `to_operator`: frames in transit, rows of
+    identifier, length and word; of those to the operator, what it receives. `noise`: four standard normals
+    for each tick. `named`: for each identifier, whether faults act on its frames. `call_python`: address of
+    a function of a node, or of the bus, and of the first row and the end of the frames that leave it, in
+    `to_firmware` or, from the firmware on, in `to_plant`; it may change them, and returns their new end.
     """
 
     period_s: float

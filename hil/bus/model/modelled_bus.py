@@ -89,7 +89,7 @@ class ModelledNode(Inbox):
         return self.counters.error_state
 
     def is_at_rest(self, sends: bool) -> bool:
-        """Whether it has nothing to send, and its counters stay: of errors in sending, too, if it `sends`."""
+        """Whether nothing waits and its error counters stay; `sends`: whether it will send frames."""
         is_ready = self.silent_until_bit * self._bus.bit_ns <= self._bus.t_ns and not self.sequences_left
         counted = self.counters.receive + (self.counters.transmit if sends else 0)
         return is_ready and not self.queue and not counted
