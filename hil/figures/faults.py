@@ -16,8 +16,9 @@ from hil.record.run_traces import RunTraces, column
 from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import FloatArray
 
-NO_TORQUE_N_M = 1e-3
-"""Largest torque of a motor that counts as off: 1/5 of its dry friction, which then holds it."""
+NO_TORQUE_N_M = 1e-5
+"""Largest torque that counts as none. An idle axis exerts exactly none; a torque that is held where
+its sign changes may be half a millinewton metre, and must be seen to end."""
 
 
 SETTLE_S = 0.1
