@@ -117,15 +117,15 @@ def judged(
     needs_bus = any(one.expression is None and CATALOGUE[one.name].origin is Origin.LOG for one in checks)
     job = Job(scenario, scenario.seed, kept=None if needs_bus else kept_for(scenario.checks))
     kinds: dict[str, np.dtype[np.void]] = {}
-    rows: dict[str, list[bytes]] = {name: [] for name in TRACES}
+    rows = {name: bytearray() for name in TRACES}
     lines: list[bytes] = []
     for segment in segments(job):
         lines.append(lines_of(segment.frames))
         for name in rows.keys() & segment.rows.keys():
             kinds[name] = segment.rows[name].dtype
-            rows[name].append(segment.rows[name].tobytes())  # numpy would copy records column by column
+            rows[name] += segment.rows[name].data  # numpy would copy records column by column
     found: dict[str, Any] = {
-        name: PackedRecords(np.frombuffer(b"".join(rows[name]), kind), exact=name not in TICKED)
+        name: PackedRecords(np.frombuffer(rows[name], kind), exact=name not in TICKED)
         for name, kind in kinds.items()
     }
     note: dict[str, Any] = {

@@ -34,6 +34,10 @@ SLOWEST_RAD_S = 1.0
 MOVES_AGAIN = 1.5
 """Factor on the limit above which a standstill ends: noise, a tenth of it for an encoder count, does not."""
 
+TAKEOVER_SHARE = 0.75
+"""Share of `limit.speed_rad_s` above which a free crank is too fast for a start: a swing that grows must not
+reach the overspeed before the drive has closed its axis."""
+
 STOP_MARGIN_S = 1.0
 """Time after the longest stop in which the standstill must be detected."""
 
@@ -195,7 +199,7 @@ def step(
     moving, closed = MODES[now.mode.value].moving, now.axis_state == AxisState.CLOSED_LOOP_CONTROL
     still_rad_s = limits.standstill_rad_s * (MOVES_AGAIN if state.standstill_ticks > 0 else 1.0)
     disagrees = (moving and not closed and not state.enabled) or (closed and not moving)
-    too_fast = not abs(omega_rad_s) <= limits.speed_rad_s
+    too_fast = not abs(omega_rad_s) <= TAKEOVER_SHARE * limits.speed_rad_s
     state = MonitorState(
         held=count_conditions(own, limits, state.held, now),
         standstill_ticks=count(state.standstill_ticks, abs(omega_rad_s) < still_rad_s),
