@@ -17,8 +17,8 @@ from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import FloatArray
 
 NO_TORQUE_N_M = 1e-5
-"""Largest torque that counts as none. An idle axis exerts exactly none; a torque that is held where
-its sign changes may be half a millinewton metre, and must be seen to end."""
+"""Largest torque that counts as none. An idle axis exerts none, the d-q motor less than this within 11 ms;
+a torque that is held where its sign changes may be half a millinewton metre, and must be seen to end."""
 
 
 SETTLE_S = 0.1

@@ -35,8 +35,8 @@ MOVES_AGAIN = 1.5
 """Factor on the limit above which a standstill ends: noise, a tenth of it for an encoder count, does not."""
 
 TAKEOVER_SHARE = 0.75
-"""Share of `limit.speed_rad_s` above which a free crank is too fast for a start: a swing that grows must not
-reach the overspeed before the drive has closed its axis."""
+"""Share of `limit.speed_rad_s` above which a free crank is too fast for a start: a swing that grows
+seldom reaches the overspeed before the drive has closed its axis."""
 
 STOP_MARGIN_S = 1.0
 """Time after the longest stop in which the standstill must be detected."""
