@@ -7,18 +7,19 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import can
 import pytest
-from host import PATIENT, stop
-from waiting import waited_for
+from host import LONGEST_STALL_S, PATIENT, stalled, stop
+from waiting import message_data, waited_for
 
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, Mode
+from firmware_py.interface.generated.records import Accelerometer
 from hil.bus import provide
 from hil.record.traces import trace
 from hil.runs.bench import run_scenario
@@ -35,12 +36,25 @@ SHORT = [
 CREEPING = [*PATIENT, "firmware.start.approach_s=10.0", "firmware.start.rise_s=12.0"]
 """A crank so slow that positions which the host holds back, and delivers at once, are no overspeed."""
 SILENCE = 'script.faults=[{kind="dropped",at_s=2.2,frames=["Accelerometer"]}]'
-E_STOP = 'script.commands=[{at_s=0.2,request="run",target_ratio=1.1},{at_s=2.2,request="e-stop"}]'
+RUN_AT_S = LONGEST_STALL_S + 0.5
+"""A firmware that is not READY by then does not start, and a host stall may have hidden all frames before."""
+START_AT_S = RUN_AT_S + LONGEST_STALL_S
+"""RUN counts once it has been repeated for as long as the firmware's watchdog of the operator."""
+RUN = f'{{at_s={RUN_AT_S},request="run",target_ratio=1.1}}'
+END_AT_S = START_AT_S + 1.0
+"""In motion, frames that come in bundles stop the motor: the less of it, the busier the host may be."""
+E_STOP = [
+    f'script.commands=[{RUN},{{at_s={END_AT_S},request="e-stop"}}]',
+    f"script.duration_s={END_AT_S + 0.5}",
+]
+LEFT_IN_THE_START = [f"script.commands=[{RUN}]", f"script.duration_s={END_AT_S}"]
 DBC_PATH = Path(codec.__file__).with_name("vibro.dbc")
 SUFFIXES = ("log", "asc", "blf")
 PATIENCE_S = 60.0
 STALL_S = 0.1
-"""A pause of the host, several times as long as the firmware's ordinary watchdogs of the sensors."""
+"""A host stall, several times as long as the firmware's ordinary watchdogs of the sensors."""
+LONG_STALL_S = 0.5
+"""A host stall at rest: it hides more frames from the firmware than its inbox holds."""
 
 
 def scenario(*more: str) -> Scenario:
@@ -164,22 +178,35 @@ def test_cantools_monitor_shows_it(live: Live) -> None:
         assert shown in live.shown
 
 
+def decided(firmware_trace: Path, wanted: Callable[[list[Decision]], bool]) -> None:
+    """Wait for decisions as wanted."""
+
+    def so_far() -> list[Decision]:
+        return decisions(firmware_trace) if firmware_trace.exists() else []
+
+    waited_for(lambda: wanted(so_far()), instead=so_far)
+
+
 @pytest.mark.realtime
 @pytest.mark.quiet
 def test_a_log_played_back_gives_the_firmware_the_same_decisions(tmp_path: Path) -> None:
-    run_dir = in_lockstep(Job(scenario(*CREEPING, E_STOP), 1, folder=tmp_path / "run"))
+    """Also where the host pauses it as the log begins, and both of them in the start."""
+    run_dir = in_lockstep(Job(scenario(*CREEPING, *E_STOP), 1, folder=tmp_path / "run"))
     expected = decisions(run_dir / "firmware.trace")
     assert expected[-2:] == [STARTING, Decision("E_STOP", "NONE")]
     with provide("local") as provided:
         firmware = [program(), "firmware", str(run_dir / "scenario.toml")]
         firmware += ["--bus", provided.address, "--out", str(tmp_path)]
-        with running(firmware, stderr=subprocess.PIPE) as process:
+        channel = provided.address.removeprefix("local:")
+        with running(firmware, stderr=subprocess.PIPE) as process, can.Bus(channel, "vibrohil") as listener:
             assert shown(process).startswith(b"running")
-            time.sleep(0.5)  # its loop begins
-            channel = provided.address.removeprefix("local:")
+            decided(tmp_path / "firmware.trace", lambda found: len(found) > 0)
             player = tool("can.player", channel, str(run_dir / "can.log"))
             with subprocess.Popen(player, stdout=subprocess.DEVNULL) as playing:
-                waited_for(lambda: STARTING in decisions(tmp_path / "firmware.trace"))
+                with stalled(process.pid):
+                    message_data(listener, codec.CODECS[Accelerometer].can_id, lambda _: True, PATIENCE_S)
+                    time.sleep(LONG_STALL_S)
+                decided(tmp_path / "firmware.trace", lambda found: STARTING in found)
                 stop([(playing.pid, STALL_S), (process.pid, STALL_S)])
                 assert playing.wait(PATIENCE_S) == 0
     played = decisions(tmp_path / "firmware.trace")
@@ -193,9 +220,7 @@ def test_plant_firmware_and_operator_meet_from_three_processes(tmp_path: Path) -
     out = tmp_path / "deep" / "new"
     with provide("local") as provided, ExitStack() as stack:
         more = ["soft-start-multistable", "--bus", provided.address]
-        change = [
-            word for setting in (*SHORT, *CREEPING, "script.duration_s=1.5") for word in ("--set", setting)
-        ]
+        change = [word for setting in (*CREEPING, *LEFT_IN_THE_START) for word in ("--set", setting)]
         nodes: dict[str, subprocess.Popen[bytes]] = {}
         for node in ("plant", "firmware"):
             command = [program(), node, *more, "--out", str(out), *change]
@@ -204,23 +229,21 @@ def test_plant_firmware_and_operator_meet_from_three_processes(tmp_path: Path) -
         operator = [program(), "operator", *more, *change]
         with subprocess.Popen(operator, stderr=subprocess.PIPE) as playing:
             assert shown(playing).startswith(b"playing")
-            waited_for(lambda: STARTING in decisions(out / "firmware.trace"))
+            decided(out / "firmware.trace", lambda found: STARTING in found)
             stop([(process.pid, STALL_S) for process in (*nodes.values(), playing)])
             assert b"mode: soft-start" in playing.communicate()[1]
             assert playing.returncode == 0
-        waited_for(lambda: decisions(out / "firmware.trace")[-1].mode == "FAULT")
         left = [STARTING, Decision("FAULT", "OPERATOR_TIMEOUT")]
-        assert decisions(out / "firmware.trace")[-2:] == left
+        decided(out / "firmware.trace", lambda found: found[-2:] == left)
         # One who leaves early leaves an E-stop behind.
         with subprocess.Popen(operator, stderr=subprocess.PIPE) as early:
             assert shown(early).startswith(b"playing")
-            time.sleep(0.5)
+            while b"mode: fault, latched fault operator-timeout\n" not in (line := shown(early)):
+                assert line, "the operator ended before it had reported the firmware's mode"
             early.send_signal(signal.SIGINT)
-            said = early.communicate()[1]
-            assert b"mode: fault, latched fault operator-timeout\n" in said
-            assert b"mode: e-stop" in said
+            assert b"mode: e-stop" in early.communicate()[1]
             assert early.returncode == 0
-        waited_for(lambda: decisions(out / "firmware.trace")[-1].mode == "E_STOP")
+        decided(out / "firmware.trace", lambda found: found[-1].mode == "E_STOP")
     plant = trace.read(out / "plant.trace")
     assert abs(plant["motor_torque_n_m"]).max() > 0.001
     assert plant["motor_torque_n_m"][-1] == 0.0

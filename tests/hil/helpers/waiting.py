@@ -12,11 +12,13 @@ from hil.bus import Bus
 T = TypeVar("T")
 
 
-def waited_for(look: Callable[[], T | None], timeout_s: float = 120.0) -> T:
-    """What `look` finds, once it finds something."""
+def waited_for(
+    look: Callable[[], T | None], timeout_s: float = 120.0, instead: Callable[[], object] = lambda: "nothing"
+) -> T:
+    """What `look` finds, once it finds something; else an error with what is there `instead`."""
     deadline_s = time.monotonic() + timeout_s
     while not (found := look()):
-        assert time.monotonic() < deadline_s, "waited in vain"
+        assert time.monotonic() < deadline_s, f"waited in vain; found instead: {instead()}"
         time.sleep(0.02)
     return found
 
