@@ -76,7 +76,8 @@ BY_CODE = [
     f"takes more than {watchdog_proof.LONGEST_S:g} s, or if the crank turns faster than "
     f"{watchdog_proof.STILL_RAD_S:g} rad/s",
     f"repeated every {1e3 * drive_link.REPEAT_S:g} ms until a later heartbeat",
-    f"has been slower than {100 * monitors.TAKEOVER_SHARE:g} % of",
+    f"has been slower than {monitors.TAKEOVER_SHARE * DEFAULTS['limit.speed_rad_s']:g} rad/s, "
+    f"{100 * monitors.TAKEOVER_SHARE:g} % of",
     f"less the {1e3 * consent.ARMING_S:g} ms in which no drive can be armed",
     f"command watchdog ends all torque {DRIVE_MS:g} ms after the firmware's last frame",
     f"watchdog has ended the torque {DRIVE_MS:g} ms after the last torque command",
