@@ -101,6 +101,8 @@ def falsify(
 def show_result(result: dict[str, Any]) -> None:
     """Print a result, and how a counterexample is repeated and looked at."""
     show_tables(result)
+    if result["worst"] and not result["picture"]:
+        console.print("no picture: all runs have the same margin", soft_wrap=True)
     if result["found"] and not result["worst"]["values"]:
         console.print("the scenario breaks its own check, without any change", soft_wrap=True)
     if result["run"]:
@@ -169,19 +171,20 @@ def result_of(
         "kept": None,
         "run": None,
         "found": False,
+        "picture": None,
         "baseline": {"margin": None if hunts[0].best is None else hunts[0].best.margin},
         "passed": None if worst is None else worst.margin >= 0.0,
     }
     if worst is None:
         return result
     out.mkdir(parents=True, exist_ok=True)
-    result |= {"found": worst.margin < 0.0, "picture": str(out / "margins.png")}
+    result["found"] = worst.margin < 0.0
     if worst.margin < 0.0:
         worst = shrink(worst, evaluations)
         result["picture"] = str(out / "instant.png")
         plot_instant(worst, out / "instant.png")
-    else:
-        plot_margins(worst, evaluations, out / "margins.png")
+    elif plot_margins(worst, evaluations, out / "margins.png"):
+        result["picture"] = str(out / "margins.png")
     if worst.margin < 0.0 or keep:
         path = write(worst, by_name[worst.space.name], out / f"{worst.space.name}-worst.toml")
         run_scenario(kept := load_scenario(path), options, out / "run", kept.seed, silent)

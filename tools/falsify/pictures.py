@@ -100,16 +100,21 @@ def number_of(dimension: Dimension, value: Any) -> float:
     return float(value if isinstance(value, int | float) else dimension.choices.index(value))
 
 
-def plot_margins(best: Best, evaluations: Evaluations, path: Path) -> None:
-    """Draw the worst check's margins in all judged runs of its scenario over the two most important keys."""
+def plot_margins(best: Best, evaluations: Evaluations, path: Path) -> bool:
+    """Draw the worst check's margins in all judged runs of its scenario over the two most important keys.
+
+    Return False, without a file, if no margin differs from another.
+    """
     space: Space = best.space
     rows = [
         (values, result.margins[best.check])
         for (name, values), result in evaluations.known.items()
         if name == space.name and not result.why and result.margins[best.check] is not None
     ]
-    numbers = [list(map(number_of, space.dimensions, values)) for values, _ in rows]
-    places, margins = np.array(numbers), np.array([margin for _, margin in rows])
+    margins = np.array([margin for _, margin in rows])
+    if len(np.unique(margins)) < 2:
+        return False
+    places = np.array([list(map(number_of, space.dimensions, values)) for values, _ in rows])
     keys = most_important(places, margins)
     with drawn(path, 7.0, 4.6) as figure:
         axes = figure.subplots()
@@ -120,7 +125,8 @@ def plot_margins(best: Best, evaluations: Evaluations, path: Path) -> None:
             axes.plot(*least[keys], "r+", ms=14, mew=2, label="smallest margin")
             axes.legend(loc="upper right")
             axes.set(xlabel=space.dimensions[keys[0]].key, ylabel=space.dimensions[keys[1]].key)
-        elif keys:
+        else:
             axes.plot(places[:, keys[0]], margins, ".")
             axes.set(xlabel=space.dimensions[keys[0]].key, ylabel=f"margin of {best.name}")
         axes.set_title(f"{space.name}: {len(margins)} runs, smallest margin {best.margin:.0%}", fontsize=8)
+    return True

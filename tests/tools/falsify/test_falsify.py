@@ -416,6 +416,18 @@ def test_an_interrupted_search_goes_on_and_without_counterexample_shows_the_marg
 
 
 @pytest.mark.usefixtures("in_process")
+def test_checks_without_a_direction_pass_without_a_picture_of_margins(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    speed = next(line for line in OWN.splitlines() if "speed_rad_s" in line)
+    command = ["falsify", written(tmp_path, OWN.replace(speed, "").format(high=1.2)), "--budget", "4"]
+    assert cli.run([*command, "--json"]) == EXIT_PASSED
+    result = json.loads(capsys.readouterr().out)
+    assert (result["worst"]["margin"], result["picture"]) == (1.0, None)
+    assert cli.run(command) == EXIT_PASSED
+    assert "no picture: all runs have the same margin" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("in_process")
 @pytest.mark.parametrize(
     ("arguments", "status", "said"),
     [
