@@ -24,7 +24,7 @@ from hil.runs.job import Job
 from hil.runs.segments import segments
 from hil.scenario.checks import Check
 from hil.scenario.scenario import Scenario
-from text_input import TextInputError
+from text_input import RefusalError
 from tools.falsify.space import Space
 
 BROKEN = -1.0
@@ -73,10 +73,9 @@ def result_at(space: Space, values: Sequence[Any]) -> Result:
     """Run a scenario with these values, and give the margins of the chosen checks."""
     try:
         scenario = space.scenario(values)
-    except TextInputError as error:
+        verdict, _ = judged(scenario, [scenario.checks[place] for place in space.chosen], space.own_faults)
+    except RefusalError as error:
         return Result((), f"refused: {error}")
-    checks = [scenario.checks[place] for place in space.chosen]
-    verdict, _ = judged(scenario, checks, space.own_faults)
     if verdict.reasons:
         return Result(tuple(BROKEN for _ in space.chosen))
     results = [verdict.checks[place] for place in space.chosen]

@@ -75,6 +75,10 @@ def own_space(
             raise BadInputError(
                 f"search {one.key!r}: the scenario has no such value; give it, or check the key"
             )
+        if not isinstance(default, int | float | str):
+            raise BadInputError(
+                f"search {one.key!r}: it is no single value; give the key of one of its values"
+            )
         if one.key in (other.key for other in dimensions):
             raise BadInputError(f"search {one.key!r} is there twice; leave one of them out")
         if "." not in one.key and one.key not in (DELAY, SEED):

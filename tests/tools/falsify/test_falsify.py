@@ -83,6 +83,9 @@ def test_a_table_that_cannot_be_searched_is_refused(tmp_path, table, said):
     [
         (["scene.friction.c"], "no such value"),
         (["title"], "cannot be searched"),
+        (["scene.friction"], "no single value"),
+        (["script.commands"], "no single value"),
+        (["firmware.watchdog"], "no single value"),
         (["scene.friction.b_n_s_m"] * 2, "is there twice"),
     ],
 )
@@ -449,14 +452,30 @@ def test_what_proves_nothing_is_no_success(arguments, status, said, tmp_path, mo
 
 
 @pytest.mark.usefixtures("in_process")
-def test_each_run_that_is_not_judged_is_counted_once_with_its_reason(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    ("key", "low", "high", "said"),
+    [
+        ("script.commands.0.target_ratio", 5.0, 6.0, "is not a number of at most 4"),
+        (
+            "firmware.control.tick_s",
+            0.005,
+            0.006,
+            "is out of bounds",
+        ),  # the firmware refuses it, not the scenario
+    ],
+)
+def test_each_run_that_is_not_judged_is_counted_once_with_its_reason(
+    key, low, high, said, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
-    own = OWN.format(limit=14.0, high=6.0).replace("low = 0.8", "low = 5.0")
+    table = f'{{ key = "{key}", low = {low}, high = {high} }}'
+    own = OWN.format(limit=14.0, high=1.2).replace("search = [", f"search = [\n    {table},")
+    own = "\n".join(line for line in own.splitlines() if "low = 0.8" not in line)
     assert cli.run(["falsify", written(tmp_path, own), "--budget", "4", "--json"]) == EXIT_NOTHING_RAN
     result = json.loads(capsys.readouterr().out)
     [why] = result["why_not_judged"]
     assert why["runs"] == result["not_judged"] == result["runs"]
-    assert "target_ratio" in why["reason"]
+    assert said in why["reason"]
 
 
 @pytest.mark.parametrize("first", [Dimension("k0", "a", choices=("a", "b")), Dimension("k0", 0.0, 0.0, 1.0)])
