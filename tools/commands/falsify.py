@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hil.processes.signals import Interrupted
-from tools.commands.options import MOST_TRIALS, Change, Json, Scheduler, Workers
+from tools.commands.options import MOST_SEED, MOST_TRIALS, Change, Json, Scheduler, Workers
 from tools.commands.places import digest, folder_option
 from tools.output import (
     EXIT_CHECK_FAILED,
@@ -38,7 +38,7 @@ def falsify(
     budget: Annotated[
         int, typer.Option(help="Runs of each method, in all scenarios together.", min=4, max=MOST_TRIALS)
     ] = 500,
-    seed: Annotated[int, typer.Option(help="Seed of the search.", min=0)] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the search.", min=0, max=MOST_SEED)] = 1,
     change: Change = None,
     out: Annotated[
         Path | None, folder_option("The folder for counterexample and picture; by default under runs/.")

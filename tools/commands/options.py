@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 MOST_TRIALS = 1_000_000
 """Largest number of trials, modules or seeds: a day of the quickest ones, whose results fit into memory."""
 
+MOST_SEED = 1_000_000_000
+"""Largest seed of a search, as of a scenario; CMA-ES accepts no seed above 2³² − 1."""
+
 
 def number(description: str, low: float | None = None, high: float | None = None) -> Any:
     """A Typer option for a number within bounds, which refuses nan and inf."""

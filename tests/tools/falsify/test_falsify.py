@@ -19,6 +19,7 @@ from hil.scenario import limits
 from hil.scenario.files import ScenarioError, read_file, search_tables
 from hil.scenario.scenario import load_scenario
 from tools import cli
+from tools.commands.options import MOST_SEED
 from tools.falsify import evaluations as stored
 from tools.falsify import pictures
 from tools.falsify.objective import BROKEN, Result, judged, result_at
@@ -330,8 +331,9 @@ def valley() -> Space:
     return space
 
 
-def test_the_optimisers_find_more_than_sobol_with_the_same_budget():
-    baseline, *others = search([valley()], 400, 3, Valley())
+@pytest.mark.parametrize("seed", [0, 3, MOST_SEED])
+def test_the_optimisers_find_more_than_sobol_with_the_same_budget(seed):
+    baseline, *others = search([valley()], 400, seed, Valley())
     assert [one.method for one in others] == list(OPTIMISERS)
     for one in others:
         assert one.runs <= 400
@@ -437,6 +439,7 @@ def test_checks_without_a_direction_pass_without_a_picture_of_margins(tmp_path, 
         (["soft-start-multistable", "--requirement", "S-09"], EXIT_BAD_INPUT, "no check to search"),
         (["own.toml", "other/own.toml"], EXIT_BAD_INPUT, "same name"),
         (["gone.toml"], EXIT_BAD_INPUT, "gone.toml"),
+        (["own.toml", "--seed", str(MOST_SEED + 1)], EXIT_BAD_INPUT, "less than or equal to 1000000000"),
         (["never.toml", "--budget", "4"], EXIT_NOTHING_RAN, "refused"),
     ],
 )
