@@ -1,7 +1,7 @@
 """The runs of a search on workers, stored as they end, so that the same command continues after any end."""
 
 import math
-from collections import Counter
+import re
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -17,6 +17,7 @@ from tools.study import work
 
 KIND = "runs"
 """Beginning of the names of stored results."""
+NUMBER = re.compile(r"\d+(\.\d+)?(e[-+]?\d+)?")
 
 
 def folder_of(spaces: Sequence[Space]) -> Path:
@@ -61,10 +62,12 @@ class Evaluations:
 
     @property
     def unjudged(self) -> dict[str, int]:
-        """The numbers of runs that are not judged, by the first reason of each kind."""
-        reasons = [one.why for one in self.known.values() if one.why]
-        kinds = Counter(one.partition(":")[0] for one in reasons)
-        return {next(one for one in reasons if one.startswith(kind)): n for kind, n in kinds.items()}
+        """The numbers of runs that are not judged, by the first of reasons that differ in numbers."""
+        kinds: dict[str, list[str]] = {}
+        for one in self.known.values():
+            if one.why:
+                kinds.setdefault(NUMBER.sub("#", one.why), []).append(one.why)
+        return {reasons[0]: len(reasons) for reasons in kinds.values()}
 
 
 def runner(spaces: Sequence[Space]) -> Callable[[Task], dict[str, Any]]:

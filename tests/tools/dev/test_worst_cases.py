@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tools.dev.worst_cases import SCENARIOS, shares, worst_of
+from tools.dev.worst_cases import searched, shares, worst_of
 from tools.falsify.objective import Result, Task
 from tools.falsify.search import Start
 from tools.falsify.space_of_scenario import space_of
@@ -36,7 +36,7 @@ def test_the_worst_run_of_a_requirement_is_the_judged_one_with_its_smallest_marg
 
 def test_every_requirement_has_its_runs_and_every_scenario_a_fifth_of_them() -> None:
     """A run counts for all requirements that it has checks of, so there are fewer than one each."""
-    spaces = [space_of(name, []) for name in SCENARIOS]
+    spaces = searched()
     proved = [{check.requirement for check in space.checks} for space in spaces]
     wanted = sorted(set.union(*proved) - {None, "B-01"})
     counts = shares(spaces, wanted, 100)

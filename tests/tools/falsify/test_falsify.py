@@ -481,6 +481,19 @@ def test_each_run_that_is_not_judged_is_counted_once_with_its_reason(
     assert said in why["reason"]
 
 
+def test_reasons_that_differ_only_in_numbers_are_one(tmp_path):
+    evaluations = stored.Evaluations(tmp_path, None, None)
+    whys = (
+        "refused: a = 5.1 m",
+        "refused: a = 6e-07 m",
+        "refused: b = 5.1 m",
+        "3 frames lost",
+        "12 frames lost",
+    )
+    evaluations.known |= {stored.Task("own", (n,)): Result((), why) for n, why in enumerate((*whys, ""))}
+    assert evaluations.unjudged == {whys[0]: 2, whys[2]: 1, whys[3]: 2}
+
+
 @pytest.mark.parametrize("first", [Dimension("k0", "a", choices=("a", "b")), Dimension("k0", 0.0, 0.0, 1.0)])
 def test_the_picture_of_margins_shows_a_single_key_and_choices_of_texts(first, monkeypatch):
     space, figure = valley(), Figure()
