@@ -67,6 +67,8 @@ def compare(
         "compared": both,
         "only_in_a": only[0],
         "only_in_b": only[1],
+        "seeds_only_in_a": sorted({*a["seeds"]} - {*b["seeds"]}),
+        "seeds_only_in_b": sorted({*b["seeds"]} - {*a["seeds"]}),
         "verdicts": verdicts,
         "changes": found,
         "equal": is_same and all(one["equal"] for one in found),

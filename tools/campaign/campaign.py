@@ -20,6 +20,8 @@ from tools.campaign.run import Run
 from tools.output import BadInputError
 
 BASE_SCENE = "table1-motor-soft"
+LARGEST = 1e9
+"""Largest number of a campaign, as of a scenario without a unit."""
 
 Axes = Mapping[str, Collection[Any] | None]
 """The axes that span the cells, by the key of `--set campaign.KEY`: the known values, or None for numbers."""
@@ -82,6 +84,10 @@ def cells_of(
     for name, value in changed.items():
         if not 0.0 <= real(value) < math.inf:
             raise BadInputError(f"campaign.{name} = {value}: wanted a number of at least 0")
+        if value > LARGEST:
+            raise BadInputError(f"campaign.{name} = {value}: wanted at most {LARGEST:g}")
+        if name.startswith("mismatch_") and not name.endswith(("_m", "_g")) and value >= 1.0:
+            raise BadInputError(f"campaign.{name} = {value}: wanted less than 1")
     refuse_swapped_bounds(changed)
     for axis, value in zip(axes, chosen, strict=True):
         if value == []:

@@ -77,9 +77,10 @@ def sample(
     if not at_rest:
         if highest_m < -0.1:
             raise BadInputError(
-                f"scene.stop.position_m = {scene['stop']['position_m']:g}: the striker starts at up to 0.1 m "
-                f"behind scene.striker.rest_length_m = {scene['striker']['rest_length_m']:g}, and this stop "
-                "is behind all starts; give a position further forward"
+                f"scene.stop.position_m = {scene['stop']['position_m']:g}, as sampled "
+                f"{stop['position_m']:g}: the striker starts at up to 0.1 m behind striker.rest_length_m = "
+                f"{striker['rest_length_m']:g}, and this stop is behind all starts; give a position further "
+                "forward, or smaller mismatches"
             )
         sampled["initial"] = {
             "x_m": float(striker["rest_length_m"] + truth.uniform(-0.1, highest_m)),

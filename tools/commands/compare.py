@@ -88,6 +88,9 @@ def show_suites(result: dict[str, Any]) -> None:
     for side in ("a", "b"):
         if result[f"only_in_{side}"]:
             console.print(f"only in {side}: {', '.join(result[f'only_in_{side}'])}", markup=False)
+        if result[f"seeds_only_in_{side}"]:
+            seeds = ", ".join(map(str, result[f"seeds_only_in_{side}"]))
+            console.print(f"seeds only in {side}, not compared: {seeds}", markup=False, soft_wrap=True)
     number = len(result["compared"])
     same = f"{number - len(result['verdicts'])} of {number} scenarios have the same verdict"
     console.print(f"{same} ({' and '.join(result['clocks'])})")

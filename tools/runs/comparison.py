@@ -144,7 +144,7 @@ def first_difference(a: Run, b: Run) -> Difference | None:
     names = [name for name in TRACES if name in a.names or name in b.names]
     notes = (run.traces.run for run in (a, b))
     if not any(note.get("clock") == "real" and note.get("time") != "held" for note in notes):
-        names += [RAW] * (RAW in a.names and RAW in b.names)
+        names += [RAW] * (RAW in a.names or RAW in b.names)
     if not names:
         raise BadInputError(f"{a.log} and {b.log} hold neither traces nor frames to compare")
     found: Difference | None = None

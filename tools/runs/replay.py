@@ -108,7 +108,8 @@ class Replay:
 
     `compared`: frames of a run of the bench, or decisions of another log. `equal`: whether today's firmware
     sends, or decides, what the recorded one did; None if it does not and the log does not show all that the
-    firmware received, as `reason` says, so that a difference proves nothing.
+    firmware received, as `reason` says, so that a difference proves nothing. `reason` also says how much of a
+    run in lockstep the log shows, if it ends early.
     """
 
     source: str
@@ -147,8 +148,11 @@ def replay(source: Path, build: str | None = None, parameters: Sequence[Path] = 
     frames = frames_of_run(log) if is_own else frames_of_log(log)
     overrides = merge_files({}, parameters) if scenario is None else scenario.parameters
     period_s = config_from(overrides).tick_s
+    partly = ""
     if scenario is not None and note.get("clock") == "lockstep":
         sent, ticks = divide_on_grid(frames, period_s, scenario.ticks)
+        if len(ticks) < scenario.ticks:
+            partly = f"the log shows {len(ticks)} of the script's {scenario.ticks} ticks"
     else:
         sent, ticks = divide_at_torques(frames, period_s)
     if not ticks:
@@ -174,7 +178,7 @@ def replay(source: Path, build: str | None = None, parameters: Sequence[Path] = 
         source=str(source),
         compared="frames" if is_own else "decisions",
         equal=None if proves_nothing else equal,
-        reason=hidden if proves_nothing else "",
+        reason=hidden if proves_nothing else partly,
         ticks=len(ticks),
         frames=len(sent),
         different_frames=len(changed_frames),

@@ -27,6 +27,8 @@ FLOORS_M_S2 = (0.8, 1.5, 3.0, 6.0, 12.0, 24.0, 48.0)
 TRIALS = 110
 """Ten for each condition: some 5000 impacts per floor."""
 COST_MISS, COST_FALSE_ALARM = 1.0, 1.0
+MOST_COST = 1e9
+"""Largest cost; its square is a number, and only the ratio of the costs matters."""
 
 
 @dataclass(frozen=True)
@@ -103,9 +105,10 @@ def tune_detector(
     progress: Progress = lambda *_: None,
 ) -> tuple[Tuning, list[Operating]]:
     """The floor for these costs, judged on fresh trials, and the whole characteristic."""
-    if cost_miss <= 0.0 or cost_false_alarm <= 0.0:
+    if not (0.0 < cost_miss <= MOST_COST and 0.0 < cost_false_alarm <= MOST_COST):
         raise BadInputError(
-            f"--cost-miss {cost_miss:g}, --cost-false-alarm {cost_false_alarm:g}: wanted both above 0"
+            f"--cost-miss {cost_miss:g}, --cost-false-alarm {cost_false_alarm:g}: wanted both above 0 and at "
+            f"most {MOST_COST:g}"
         )
     floors_m_s2 = floors_m_s2 or FLOORS_M_S2
 

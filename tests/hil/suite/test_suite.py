@@ -330,6 +330,10 @@ def test_suites_of_other_seeds_or_figures_are_not_equal(
     for command in (["compare", a, b], ["compare", b, a], ["compare", a, b, "--tolerance", "*=0"]):
         assert run([*command, "--must-be-equal", "--json"]) == EXIT_CHECK_FAILED
         assert json.loads(capsys.readouterr().out)["equal"] is False
+    assert run(["compare", a, b]) == EXIT_PASSED
+    shown = capsys.readouterr().out
+    assert ("seeds only in a, not compared: 1\n" in shown) == (1 not in seeds)
+    assert ("seeds only in b, not compared: 2\n" in shown) == (2 in seeds)
 
 
 @pytest.mark.usefixtures("in_process")

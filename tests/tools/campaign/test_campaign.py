@@ -18,7 +18,7 @@ from hil.runs import bench
 from plant_sim.scene import Scene, load_scene
 from tools.campaign import processes
 from tools.campaign.campaign import Cell, Goal, Outcome, Plan
-from tools.campaign.campaigns import CAMPAIGNS
+from tools.campaign.campaigns import CAMPAIGNS, trial_of
 from tools.campaign.paired import compare
 from tools.campaign.reference import goes_on
 from tools.campaign.results import result_of
@@ -137,7 +137,7 @@ def test_settings_that_make_no_sense_are_refused(capsys: pytest.CaptureFixture[s
         (["--set", "campaign.impulses=[0.5, -0.5]"], "campaign.impulses: -0.5 is no number"),
         (["--set", "scene.stop.law='rigid'"], "contact_s"),
         (["--set", "scene.drive.model='dq-motor'"], "set scene.drive.model = 'motor'"),
-        (["--set", "scene.stop.position_m=0.0"], "scene.stop.position_m = 0: the striker starts at up to"),
+        (["--set", "scene.stop.position_m=0.0"], "scene.stop.position_m = 0, as sampled "),
         (["--keep", "1"], "0 … 0"),
         (["--keep", "successes"], "wanted failures, all, or a trial's number"),
     ):
@@ -463,9 +463,30 @@ def test_a_walk_s_cells_can_be_chosen_and_changed() -> None:
         ("campaign.courses=[]", "campaign.courses has no value"),
         ("campaign.mismatch_spring=-1", "campaign.mismatch_spring = -1: wanted a number of at least 0"),
         ("campaign.walk_s=nan", "campaign.walk_s = nan: wanted a number of at least 0"),
+        ("campaign.mismatch_bias_g=1e308", r"mismatch_bias_g = 1e\+308: wanted at most 1e\+09"),
+        ("campaign.mismatch_damping=1.2", r"mismatch_damping = 1\.2: wanted less than 1"),
     ):
         with pytest.raises(BadInputError, match=message):
             plan_of("walk", setting)
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        (
+            "campaign.mismatch_restitution=0.9",
+            r"trial \d+ of estimate, as sampled: stop\.restitution = .*campaign\.",
+        ),
+        (
+            "campaign.mismatch_stop_m=1.0",
+            r"scene\.stop\.position_m = 0\.18, as sampled -.*behind all starts; .*mismatches",
+        ),
+    ],
+)
+def test_a_trial_whose_sampled_values_are_refused_is_named_with_what_to_change(setting, message) -> None:
+    plan = plan_of("estimate", setting)
+    with pytest.raises(BadInputError, match=message):
+        _ = [trial_of(plan, number) for number in range(60)]
 
 
 def test_swapped_bounds_of_a_kick_are_refused() -> None:

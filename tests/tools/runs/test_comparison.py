@@ -1,6 +1,7 @@
 """Two runs side by side: equal where they are, and the first difference named where they are not."""
 
 import json
+import shutil
 from types import SimpleNamespace
 
 import numpy as np
@@ -219,6 +220,15 @@ def test_times_that_come_twice_in_a_damaged_log_are_compared_once():
 def test_frames_differ_in_hexadecimal():
     a, b = table([0.0], data=[b"\x01\x02"]), table([0.0], data=[b"\x01\x03"])
     assert first_in_table("can/raw", a, b) == Difference(0.0, "can/raw.data", "0102", "0103")
+
+
+def test_a_run_without_its_frames_is_not_equal_to_one_that_has_them(runs, tmp_path):
+    without = tmp_path / "without"
+    shutil.copytree(runs / "first", without)
+    (without / "can.log").write_bytes(b"")
+    (without / "run.rrd").unlink()
+    for pair in ((runs / "first", without), (without, runs / "first")):
+        assert cli.run(["compare", *map(str, pair), "--must-be-equal"]) == EXIT_CHECK_FAILED
 
 
 @pytest.mark.parametrize(("other", "expected"), [("again", EXIT_PASSED), ("other", EXIT_CHECK_FAILED)])

@@ -71,6 +71,8 @@ def test_a_run_whose_log_ends_early_is_replayed_to_this_end(run_dir: Path, tmp_p
     result = replay(cut)
     assert result.equal, result
     assert result.ticks == 8000
+    assert result.reason == f"the log shows 8000 of the script's {round(1000 * DURATION_S)} ticks"
+    assert replay(run_dir).reason == ""
 
 
 def run_on_a_modelled_bus(folder: Path, bitrate: int) -> Path:

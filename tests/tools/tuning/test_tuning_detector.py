@@ -61,8 +61,9 @@ def test_what_chooses_does_not_judge() -> None:
     for seed, fresh_seed in ((10_000, 30_000), (41, 9_999)):
         with pytest.raises(BadInputError, match="chosen on a seed below 10000"):
             Sampling(seed, fresh_seed)
-    with pytest.raises(BadInputError, match="wanted both above 0"):
-        tune_detector(cost_miss=0.0)
+    for cost_miss in (0.0, 1e155):  # whose square has no value
+        with pytest.raises(BadInputError, match=r"wanted both above 0 and at most 1e\+09"):
+            tune_detector(cost_miss=cost_miss)
 
 
 def test_candidates_meet_the_same_sampled_modules() -> None:
