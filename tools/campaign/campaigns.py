@@ -25,7 +25,7 @@ def trial_of(plan: Plan, number: int) -> Trial:
     except TextInputError as error:
         raise BadInputError(
             f"trial {number} of {plan.campaign}, as sampled: {error}; "
-            f"give campaign.* numbers that keep all trials within its bounds"
+            "give campaign.* numbers that keep all trials within its bounds"
         ) from error
     return Trial(cell, scenario, (plan.seed, number, 2))
 
