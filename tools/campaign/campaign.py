@@ -86,8 +86,8 @@ def cells_of(
             raise BadInputError(f"campaign.{name} = {value}: wanted a number of at least 0")
         if value > LARGEST:
             raise BadInputError(f"campaign.{name} = {value}: wanted at most {LARGEST:g}")
-        if name.startswith("mismatch_") and not name.endswith(("_m", "_g")) and value >= 1.0:
-            raise BadInputError(f"campaign.{name} = {value}: wanted less than 1")
+        if name.startswith("mismatch_") and not name.endswith(("_m", "_g")) and value > 1.0:
+            raise BadInputError(f"campaign.{name} = {value}: wanted at most 1")
     refuse_swapped_bounds(changed)
     for axis, value in zip(axes, chosen, strict=True):
         if value == []:

@@ -464,7 +464,7 @@ def test_a_walk_s_cells_can_be_chosen_and_changed() -> None:
         ("campaign.mismatch_spring=-1", "campaign.mismatch_spring = -1: wanted a number of at least 0"),
         ("campaign.walk_s=nan", "campaign.walk_s = nan: wanted a number of at least 0"),
         ("campaign.mismatch_bias_g=1e308", r"mismatch_bias_g = 1e\+308: wanted at most 1e\+09"),
-        ("campaign.mismatch_damping=1.2", r"mismatch_damping = 1\.2: wanted less than 1"),
+        ("campaign.mismatch_damping=1.2", r"mismatch_damping = 1\.2: wanted at most 1"),
     ):
         with pytest.raises(BadInputError, match=message):
             plan_of("walk", setting)
