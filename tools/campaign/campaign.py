@@ -15,13 +15,12 @@ from firmware_py.shell.builds import Build
 from hil.scenario.scenario import Scenario, check_scenario
 from hil.scenario.settings import apply_settings
 from hil.timing.clock import TICK_S
+from plant_sim.tables.quantities import NUMBER
 from plant_sim.validation_messages import real
 from tools.campaign.run import Run
 from tools.output import BadInputError
 
 BASE_SCENE = "table1-motor-soft"
-LARGEST = 1e9
-"""Largest number of a campaign, as of a scenario without a unit."""
 
 Axes = Mapping[str, Collection[Any] | None]
 """The axes that span the cells, by the key of `--set campaign.KEY`: the known values, or None for numbers."""
@@ -84,8 +83,8 @@ def cells_of(
     for name, value in changed.items():
         if not 0.0 <= real(value) < math.inf:
             raise BadInputError(f"campaign.{name} = {value}: wanted a number of at least 0")
-        if value > LARGEST:
-            raise BadInputError(f"campaign.{name} = {value}: wanted at most {LARGEST:g}")
+        if value > NUMBER.largest:
+            raise BadInputError(f"campaign.{name} = {value}: wanted at most {NUMBER.largest:g}")
         if name.startswith("mismatch_") and not name.endswith(("_m", "_g")) and value > 1.0:
             raise BadInputError(f"campaign.{name} = {value}: wanted at most 1")
     refuse_swapped_bounds(changed)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from firmware_py.shell.parameters import DEFAULTS
+from plant_sim.tables.quantities import NUMBER
 from tools.campaign.campaign import Outcome
 from tools.campaign.results import shares_of, totals_of, values_of
 from tools.output import BadInputError
@@ -27,8 +28,6 @@ FLOORS_M_S2 = (0.8, 1.5, 3.0, 6.0, 12.0, 24.0, 48.0)
 TRIALS = 110
 """Ten for each condition: some 5000 impacts per floor."""
 COST_MISS, COST_FALSE_ALARM = 1.0, 1.0
-MOST_COST = 1e9
-"""Largest cost; its square is a number, and only the ratio of the costs matters."""
 
 
 @dataclass(frozen=True)
@@ -105,10 +104,10 @@ def tune_detector(
     progress: Progress = lambda *_: None,
 ) -> tuple[Tuning, list[Operating]]:
     """The floor for these costs, judged on fresh trials, and the whole characteristic."""
-    if not (0.0 < cost_miss <= MOST_COST and 0.0 < cost_false_alarm <= MOST_COST):
+    if not (0.0 < cost_miss <= NUMBER.largest and 0.0 < cost_false_alarm <= NUMBER.largest):
         raise BadInputError(
             f"--cost-miss {cost_miss:g}, --cost-false-alarm {cost_false_alarm:g}: wanted both above 0 and at "
-            f"most {MOST_COST:g}"
+            f"most {NUMBER.largest:g}"
         )
     floors_m_s2 = floors_m_s2 or FLOORS_M_S2
 
